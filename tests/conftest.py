@@ -1,0 +1,39 @@
+"""What every test may use: fixed seeds, the recordings beside the checkout, and the device."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+
+
+@pytest.fixture(scope="session")
+def repository() -> Path:
+    """Root of the checkout."""
+    return REPOSITORY
+
+
+@pytest.fixture(scope="session")
+def shared_data() -> Path:
+    """Folder of recordings beside the checkout, or the one named by ``LAGSPLAT_SHARED_DATA``."""
+    folder = Path(os.environ.get("LAGSPLAT_SHARED_DATA", REPOSITORY.parent / "shared" / "data"))
+    if not folder.is_dir():
+        pytest.skip(f"no shared recordings at {folder} (set LAGSPLAT_SHARED_DATA)")
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def fixed_seeds() -> None:
+    """Every test starts from the same random state."""
+    np.random.seed(0)  # noqa: NPY002  third-party code may draw from the legacy generator
+    torch.manual_seed(0)
+
+
+@pytest.fixture(autouse=True)
+def device_or_skip(request: pytest.FixtureRequest) -> None:
+    """Skip tests marked ``gpu`` where no CUDA device is present."""
+    if request.node.get_closest_marker("gpu") and not torch.cuda.is_available():
+        pytest.skip("no CUDA device")
