@@ -1,0 +1,1 @@
+"""The metrics: floor, forecasts, frequency, decay and their aggregation over seeds."""

@@ -1,0 +1,82 @@
+"""Settings of the evaluation protocol. Torch-free, so that planning stays fast."""
+
+from dataclasses import dataclass
+
+
+@dataclass  # not frozen: OmegaConf turns frozen dataclasses into read-only nodes
+class EvaluateConfig:
+    """What is measured on the held-out part, from where, and for how long.
+
+    Every value lives in ``conf/evaluate/*.yaml``. Durations ending in ``_s`` are seconds, those ending in
+    ``_frames`` are frames of the recording, fractions are in [0, 1].
+
+    Raises:
+        ValueError: a value outside its domain.
+
+    Source: facts of the published protocol (0.5 s over 50 starts, two periods, free windows).
+    """
+
+    seed: int
+    """Seed of the window starts and of the bootstrap."""
+    skip_s: float
+    """Start of the held-out part left out of every score."""
+    smooth_frames: float
+    """Gaussian sigma applied to latents and inputs before initial states are read from them."""
+    starts: int
+    """Rollouts per forecast score."""
+    horizon_s: float
+    """Length of the image forecast; the initial state counts as its first state."""
+    periods: float
+    """Length of the latent forecast in natural periods."""
+    period_s: float | None
+    """Imposed natural period; null takes the one measured on the free windows."""
+    floor_frames: int
+    """Most frames the autoencoder floor is averaged over."""
+    divergence_factor: float
+    """A rollout has diverged once its state is longer than this many times the longest encoded one."""
+    bootstrap: int
+    """Resamples of the windows behind each interval."""
+    confidence: float
+    """Coverage of the intervals."""
+    free_rate_fraction: float
+    """Largest input change per frame of a free segment, as a fraction of the input's range."""
+    free_excursion_fraction: float
+    """Largest input excursion over a free segment, as a fraction of the input's range."""
+    free_min_s: float
+    """Shortest free segment."""
+    free_max_segments: int
+    """Free segments kept, longest first."""
+    window_cycles: float
+    """Length of a spectral window in cycles of its segment's own frequency."""
+    window_min_cycles: float
+    """Lowest bin that may hold the peak, in cycles per window."""
+    window_min_amplitude: float
+    """Windows quieter than this fraction of the clip's RMS are left out."""
+    decay_modes: int
+    """Most damped oscillations fitted to one window."""
+
+    def __post_init__(self) -> None:
+        """Check every domain; the message names the key, the value and the remedy."""
+        for key in (
+            "starts floor_frames bootstrap free_max_segments decay_modes horizon_s periods free_min_s "
+            "window_cycles window_min_cycles"
+        ).split():
+            _require(key, getattr(self, key), getattr(self, key) > 0, "must be positive")
+        for key in ("seed", "skip_s", "smooth_frames"):
+            _require(key, getattr(self, key), getattr(self, key) >= 0, "must not be negative")
+        for key in "confidence free_rate_fraction free_excursion_fraction window_min_amplitude".split():
+            value = getattr(self, key)
+            _require(key, value, 0.0 < value < 1.0, "must lie strictly between 0 and 1")
+        _require("period_s", self.period_s, self.period_s is None or self.period_s > 0, "must be positive or null")
+        _require("divergence_factor", self.divergence_factor, self.divergence_factor >= 1, "must be at least 1")
+        _require(
+            "window_cycles",
+            self.window_cycles,
+            self.window_cycles >= 2 * self.window_min_cycles,
+            f"must be at least twice window_min_cycles={self.window_min_cycles}, or no peak can be inside the band",
+        )
+
+
+def _require(key: str, value: object, holds: bool, rule: str) -> None:
+    if not holds:
+        raise ValueError(f"evaluate.{key}={value} {rule}; set it in conf/evaluate or with evaluate.{key}=...")
