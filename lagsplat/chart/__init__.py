@@ -1,0 +1,1 @@
+"""Whitening, visibility and intrinsic dimension: how the latent chart of a frozen autoencoder is read."""

@@ -1,0 +1,1 @@
+"""Latent Lagrangian mechanics: mass, damping, potential and actuation learned in whitened latents."""
