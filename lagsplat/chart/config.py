@@ -7,7 +7,7 @@ from dataclasses import dataclass
 class ChartConfig:
     """Everything that decides the chart, less the autoencoder, the recording and the seed."""
 
-    smoothing_frames: float  # standard deviation of the Gaussian that smooths latents and inputs; 0 leaves them
+    smoothing_frames: float  # sigma of the Gaussian that smooths latents and inputs; 0 for none
     rest_frames: int  # first training frames whose per-pixel median is the rest image
     eigenvalue_floor: float  # smallest latent variance worth a coordinate, as a fraction of the largest
     visibility_frames: int  # training frames over which the visibility metric is averaged
@@ -18,15 +18,17 @@ class ChartConfig:
     def __post_init__(self) -> None:
         if self.smoothing_frames < 0:
             raise ValueError(
-                f"chart.smoothing_frames={self.smoothing_frames} is a standard deviation: 0 (no smoothing) or more"
+                f"chart.smoothing_frames={self.smoothing_frames} is a standard deviation: 0 (none) or more"
             )
         if not 0 < self.eigenvalue_floor < 1:
             raise ValueError(
-                f"chart.eigenvalue_floor={self.eigenvalue_floor} is a fraction of the largest latent variance: "
-                "choose it in (0, 1), such as 1e-5"
+                f"chart.eigenvalue_floor={self.eigenvalue_floor} is a fraction of the largest latent "
+                "variance: choose it in (0, 1), such as 1e-5"
             )
         if self.visibility_step <= 0:
-            raise ValueError(f"chart.visibility_step={self.visibility_step} must be a positive length in whitened units")
+            raise ValueError(
+                f"chart.visibility_step={self.visibility_step} must be a positive length in whitened units"
+            )
         if self.dimension_neighbours < 3:
             raise ValueError(
                 f"chart.dimension_neighbours={self.dimension_neighbours}: the maximum-likelihood dimension "

@@ -29,14 +29,16 @@ class FormConfig:
         }
         for name, allowed in choices.items():
             if getattr(self, name) not in allowed:
-                raise ValueError(f"stage2.form.{name}={getattr(self, name)!r}: choose one of {', '.join(allowed)}")
+                raise ValueError(
+                    f"stage2.form.{name}={getattr(self, name)!r}: choose one of {', '.join(allowed)}"
+                )
         for name in ("matrix_width", "potential_width", "actuation_width", "diffeo_blocks", "diffeo_width"):
             if getattr(self, name) < 1:
                 raise ValueError(f"stage2.form.{name}={getattr(self, name)} must be at least 1")
         if not 0 < self.diffeo_lipschitz < 1:
             raise ValueError(
-                f"stage2.form.diffeo_lipschitz={self.diffeo_lipschitz} must lie in (0, 1): at 1 the residual map "
-                "may fold, and the potential would have several equilibria"
+                f"stage2.form.diffeo_lipschitz={self.diffeo_lipschitz} must lie in (0, 1): at 1 the residual "
+                "map may fold, and the potential would have several equilibria"
             )
 
 
@@ -56,8 +58,8 @@ class FloorConfig:
         for name in ("mass", "damping", "stiffness"):
             if not 0 < getattr(self, name) < 1:
                 raise ValueError(
-                    f"stage2.floor.{name}={getattr(self, name)} must lie in (0, 1): without a floor the energy balance "
-                    "does not hold, and above the fitted scale it replaces the fit"
+                    f"stage2.floor.{name}={getattr(self, name)} must lie in (0, 1): without a floor the energy "
+                    "balance does not hold, and above the fitted scale it replaces the fit"
                 )
 
 
@@ -106,7 +108,9 @@ class ShootConfig:
 
     def __post_init__(self) -> None:
         if self.steps < 0 or self.batch < 1:
-            raise ValueError(f"stage2.shoot.steps={self.steps} must be 0 or more and .batch={self.batch} at least 1")
+            raise ValueError(
+                f"stage2.shoot.steps={self.steps} must be 0 or more and .batch={self.batch} at least 1"
+            )
         if min(self.rate, self.periods) <= 0:
             raise ValueError("stage2.shoot.rate and .periods must be positive")
 
@@ -134,10 +138,13 @@ class Stage2Config:
             raise ValueError(f"stage2.stride_frames={self.stride_frames} must be at least 1 frame")
         if self.ridge <= 0:
             raise ValueError(
-                f"stage2.ridge={self.ridge} must be positive: a direction nothing can see would be left unconstrained"
+                f"stage2.ridge={self.ridge} must be positive: a direction nothing can see "
+                "would be left unconstrained"
             )
         if self.steps < 0 or self.batch < 1:
-            raise ValueError(f"stage2.steps={self.steps} must be 0 or more and stage2.batch={self.batch} at least 1")
+            raise ValueError(
+                f"stage2.steps={self.steps} must be 0 or more and stage2.batch={self.batch} at least 1"
+            )
         if min(self.rate, self.gradient_clip) <= 0 or self.velocity_weight < 0:
             raise ValueError("stage2.rate and .gradient_clip must be positive, .velocity_weight not negative")
         if not 0 < self.final_fraction <= 1:
