@@ -1,0 +1,74 @@
+"""Terms of the reconstruction loss. Each returns a scalar, averaged over what it is computed on."""
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from lagsplat.shapes import Images
+
+SSIM_SIGMA = 1.5  # [px], of the window: Wang et al. 2004, doi:10.1109/TIP.2003.819861
+SSIM_C1, SSIM_C2 = 0.01**2, 0.03**2  # the same, for colours in [0, 1]
+
+
+def ssim_filter(length: int, window: int) -> Float[Tensor, "valid length"]:
+    """Rows that average ``length`` samples under a Gaussian window, without padding.
+
+    A window wider than the image shrinks to the largest odd one that fits.
+    """
+    window = min(window, length - (length + 1) % 2)
+    taps = torch.exp(-0.5 * ((torch.arange(window) - window // 2) / SSIM_SIGMA) ** 2)
+    valid = length - window + 1
+    rows = torch.zeros(valid, length)
+    for first in range(valid):
+        rows[first, first : first + window] = taps / taps.sum()
+    return rows
+
+
+def structural_dissimilarity(drawn: Images, truth: Images, *, window: int) -> Float[Tensor, ""]:
+    """``1 - SSIM``, averaged over the positions where the window fits, channels and images.
+
+    The window is applied as two matrix products, which on a CPU is several times faster than a depthwise
+    convolution for images this small.
+
+    Source: Wang et al. 2004, doi:10.1109/TIP.2003.819861.
+    """
+    rows = ssim_filter(drawn.shape[2], window).to(drawn)
+    columns = ssim_filter(drawn.shape[3], window).to(drawn).T
+    maps = torch.cat((drawn, truth, drawn * drawn, truth * truth, drawn * truth))
+    mean_x, mean_y, xx, yy, xy = (rows @ maps @ columns).chunk(5)
+    variances = (xx - mean_x**2) + (yy - mean_y**2)
+    covariance = xy - mean_x * mean_y
+    similarity = (2 * mean_x * mean_y + SSIM_C1) * (2 * covariance + SSIM_C2)
+    similarity = similarity / ((mean_x**2 + mean_y**2 + SSIM_C1) * (variances + SSIM_C2))
+    return 1 - similarity.mean()
+
+
+def anisotropy(covariance: Float[Tensor, "K 3"], *, limit: float) -> Float[Tensor, ""]:
+    """How far the drawn ellipses are longer than ``limit`` times their width, as a mean log ratio.
+
+    Source: paper, Supervision: the regularizer that caps the aspect ratio of the rendered ellipsoids.
+    """
+    xx, xy, yy = covariance.unbind(1)
+    middle = (xx + yy) / 2
+    # The floor under the root keeps its derivative finite for a circle.
+    spread = torch.sqrt((xx - yy) ** 2 / 4 + xy**2 + 1e-12 * middle**2)
+    log_ratio = 0.5 * torch.log((middle + spread) / (middle - spread).clamp_min(1e-9))
+    return torch.relu(log_ratio - torch.tensor(limit).log()).mean()
+
+
+def nonlocal_filter(filters: list[Float[Tensor, "out in k k"]], *, reach: float = 1.0) -> Float[Tensor, ""]:
+    """Roughness of convolution filters: squared differences of taps, weighted by their closeness.
+
+    ``sum_ab exp(-|x_a - x_b|^2 / reach^2) (w_a - w_b)^2 / 2`` over the taps of each filter, summed over
+    filters; ``reach`` is in pixels.
+
+    Source: paper eq. (recon_loss), the nonlocal filter penalty of Zhu et al. 2025.
+    """
+    side = filters[0].shape[-1]
+    position = torch.arange(side, dtype=filters[0].dtype, device=filters[0].device)
+    along = torch.exp(-((position[:, None] - position[None]) ** 2) / reach**2)
+    taps = torch.cat([bank.flatten(0, 1) for bank in filters])
+    degree = along.sum(1)
+    # The kernel over taps is the product of one over rows and one over columns.
+    own = torch.einsum("fij,i,j->", taps * taps, degree, degree)
+    return own - (taps * (along @ taps @ along)).sum()

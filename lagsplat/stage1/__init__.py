@@ -1,0 +1,1 @@
+"""Stage 1: the encoder and the Gaussian decoder, fitted together on appearance alone."""

@@ -1,0 +1,124 @@
+"""Settings of stage 1: what the autoencoder is, and how it is trained."""
+
+from dataclasses import dataclass
+
+
+@dataclass
+class LossConfig:
+    """Weights of the four terms of the reconstruction loss, and what parametrises them.
+
+    Source: paper eq. (recon_loss) and Implementation Details.
+    """
+
+    l1: float
+    ssim: float
+    nonlocal_filter: float
+    anisotropy: float
+    ssim_window: int  # side of the Gaussian window [px], odd
+    anisotropy_limit: float  # ratio of the axes of a drawn ellipse above which the penalty starts
+
+    def __post_init__(self) -> None:
+        weights = (self.l1, self.ssim, self.nonlocal_filter, self.anisotropy)
+        if min(weights) < 0 or self.l1 + self.ssim <= 0:
+            raise ValueError(
+                f"stage1.loss weights are l1={self.l1}, ssim={self.ssim}, nonlocal_filter={self.nonlocal_filter}, "
+                f"anisotropy={self.anisotropy}; none may be negative and l1 + ssim must be positive, "
+                "else nothing asks the decoder to draw the frames"
+            )
+        if self.ssim_window < 1 or self.ssim_window % 2 == 0:
+            raise ValueError(f"stage1.loss.ssim_window={self.ssim_window} must be an odd number of pixels, at least 1")
+        if self.anisotropy_limit < 1:
+            raise ValueError(f"stage1.loss.anisotropy_limit={self.anisotropy_limit} is a ratio of axes: at least 1")
+
+
+@dataclass
+class RateConfig:
+    """Adam step sizes. A centre is in pixels and wants far larger steps than a logit."""
+
+    encoder: float
+    center: float  # spatial centres and their couplings to the latent [px]
+    gaussian: float  # every other parameter of a Gaussian
+    warmup_steps: int
+    final_fraction: float  # of the rate, reached at the last step on a cosine; 1 keeps it constant
+    gradient_clip: float | None  # global norm, encoder and Gaussians separately
+
+    def __post_init__(self) -> None:
+        if min(self.encoder, self.center, self.gaussian) <= 0:
+            raise ValueError("stage1.rate.encoder, .center and .gaussian must be positive step sizes")
+        if not 0 < self.final_fraction <= 1:
+            raise ValueError(f"stage1.rate.final_fraction={self.final_fraction} must lie in (0, 1]")
+
+
+@dataclass
+class InitConfig:
+    """Where the parameters start."""
+
+    encoder: str  # 'spread': the training frames get unit latent covariance; 'plain': torch's default
+    spatial_sigma: float  # of a Gaussian, as a fraction of the image height
+    latent_sigma: float  # of a Gaussian, in units of the encoded spread
+    opacity: float
+    background: str  # 'learned' or 'black'
+
+    def __post_init__(self) -> None:
+        if self.encoder not in ("spread", "plain"):
+            raise ValueError(f"stage1.init.encoder={self.encoder!r}: choose 'spread' or 'plain'")
+        if self.background not in ("learned", "black"):
+            raise ValueError(f"stage1.init.background={self.background!r}: choose 'learned' or 'black'")
+        if not 0 < self.opacity < 1:
+            raise ValueError(f"stage1.init.opacity={self.opacity} must lie strictly between 0 and 1")
+        if min(self.spatial_sigma, self.latent_sigma) <= 0:
+            raise ValueError("stage1.init.spatial_sigma and .latent_sigma must be positive")
+
+
+@dataclass
+class LifecycleConfig:
+    """When and how a Gaussian that nobody sees gets a second life."""
+
+    every: int  # steps between two reviews; 0 switches the lifecycle off
+    start: float  # fraction of the run before which nothing is recycled
+    stop: float  # fraction of the run after which nothing is recycled
+    peak_opacity: float  # a Gaussian whose opacity stays below this over the whole clip is recycled
+    split_share: float  # of the recycled go to a split, the others are teleported to an error
+
+    def __post_init__(self) -> None:
+        if self.every < 0:
+            raise ValueError(f"stage1.lifecycle.every={self.every} must be 0 (off) or a number of steps")
+        if not 0 <= self.start <= self.stop <= 1:
+            raise ValueError(
+                f"stage1.lifecycle.start={self.start} and .stop={self.stop} are fractions of the run "
+                "with 0 <= start <= stop <= 1"
+            )
+        if not 0 <= self.split_share <= 1:
+            raise ValueError(f"stage1.lifecycle.split_share={self.split_share} must lie in [0, 1]")
+
+
+@dataclass
+class Stage1Config:
+    """Everything that decides the outcome of stage 1, less the recording and the seed."""
+
+    d: int
+    n_gaussians: int
+    kernel: int  # side of the encoder's filters [px]
+    channels: int
+    steps: int
+    batch: int  # frames a step
+    backend: str  # rasteriser: 'auto', 'numba', 'torch' or 'gsplat'
+    checkpoint_every_s: float
+    loss: LossConfig
+    rate: RateConfig
+    init: InitConfig
+    lifecycle: LifecycleConfig
+
+    def __post_init__(self) -> None:
+        counts = {
+            "d": self.d,
+            "n_gaussians": self.n_gaussians,
+            "channels": self.channels,
+            "steps": self.steps,
+            "batch": self.batch,
+        }
+        for name, value in counts.items():
+            if value < 1:
+                raise ValueError(f"stage1.{name}={value} must be at least 1")
+        if self.kernel < 2 or self.kernel % 2:
+            raise ValueError(f"stage1.kernel={self.kernel} must be even, so that stride 2 halves the image exactly")

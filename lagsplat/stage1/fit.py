@@ -1,0 +1,149 @@
+"""The training loop of stage 1."""
+
+import logging
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from tqdm import tqdm
+
+from lagsplat.io.checkpoint import load_checkpoint, save_checkpoint
+from lagsplat.shapes import Frames
+from lagsplat.stage1.autoencoder import Autoencoder, to_images
+from lagsplat.stage1.config import Stage1Config
+from lagsplat.stage1.initialize import initialize
+from lagsplat.stage1.lifecycle import is_due, review
+from lagsplat.stage1.objective import reconstruct
+from lagsplat.stage1.schedule import optimizer_of, set_rates
+
+log = logging.getLogger(__name__)
+
+CURVE_POINTS = 400  # rows of the training curve, whatever the length of the run
+
+
+class CurvePoint(NamedTuple):
+    """Means since the previous point."""
+
+    step: int
+    loss: float
+    l1: float
+    mse: float
+    recycled: int
+
+
+def fit_autoencoder(
+    frames: Frames,
+    config: Stage1Config,
+    *,
+    seed: int,
+    checkpoint: Path | None = None,
+    identity: str = "",
+    device: str = "cpu",
+) -> tuple[Autoencoder, list[CurvePoint]]:
+    """Train encoder and decoder on the training frames.
+
+    Every random draw is a function of the seed and the step, so a run that goes on from ``checkpoint`` ends
+    with the same bits as one that was never interrupted.
+
+    Args:
+        frames: Training part of the recording.
+        config: Settings.
+        seed: Decides initialisation, batches and lifecycle.
+        checkpoint: Where the state is kept while training; None keeps none.
+        identity: Digest of everything that decides the outcome; a checkpoint of another identity is ignored.
+        device: Torch device.
+
+    Raises:
+        FloatingPointError: If the loss stops being finite.
+    """
+    autoencoder = initialize(frames, config, seed=seed).to(device)
+    optimizer = optimizer_of(autoencoder, config.rate)
+    first, curve = restore(autoencoder, optimizer, checkpoint, identity)
+    stored = torch.as_tensor(np.ascontiguousarray(frames)).to(device)
+    sums, counted, recycled, saved_at = np.zeros(3), 0, 0, time.monotonic()
+    with progress(first, config.steps, config.batch) as bar:
+        for step in range(first, config.steps):
+            rng = np.random.default_rng([seed, step])
+            batch = to_images(stored[torch.as_tensor(rng.integers(len(stored), size=config.batch))], device)
+            set_rates(optimizer, config.rate, step=step, steps=config.steps)
+            sums += train_step(autoencoder, optimizer, batch, config, step)
+            counted += 1
+            if is_due(config.lifecycle, step=step, steps=config.steps):
+                recycled += review(autoencoder, optimizer, frames, config.lifecycle, rng=rng)
+            bar.update(config.batch)
+            if (step + 1) % max(1, config.steps // CURVE_POINTS) == 0:
+                curve.append(CurvePoint(step + 1, *(sums / counted).tolist(), recycled))
+                bar.set_postfix(loss=f"{curve[-1].loss:.4g}", mse=f"{curve[-1].mse:.3g}")
+                sums, counted, recycled = np.zeros(3), 0, 0
+                # Only here are the running means empty, so that a checkpoint need not hold them.
+                if checkpoint and time.monotonic() - saved_at > config.checkpoint_every_s:
+                    save(autoencoder, optimizer, curve, checkpoint, identity)
+                    saved_at = time.monotonic()
+    return autoencoder.eval(), curve
+
+
+def train_step(
+    autoencoder: Autoencoder,
+    optimizer: torch.optim.Optimizer,
+    batch: torch.Tensor,
+    config: Stage1Config,
+    step: int,
+) -> np.ndarray:
+    """One descent on one batch; returns its loss, mean absolute and mean squared error."""
+    optimizer.zero_grad(set_to_none=True)
+    scores = reconstruct(autoencoder, batch, config.loss)
+    scores.loss.backward()
+    if config.rate.gradient_clip is not None:
+        for part in (autoencoder.encoder, autoencoder.gaussians):
+            torch.nn.utils.clip_grad_norm_(part.parameters(), config.rate.gradient_clip)
+    optimizer.step()
+    values = np.array([float(score.detach()) for score in scores])
+    if not np.isfinite(values).all():
+        raise FloatingPointError(
+            f"stage 1 lost its footing at step {step}: the loss is {values[0]}. "
+            f"Lower stage1.rate.* (now {config.rate}) or look for broken frames with `lagsplat inspect`"
+        )
+    return values
+
+
+def restore(
+    autoencoder: Autoencoder, optimizer: torch.optim.Optimizer, checkpoint: Path | None, identity: str
+) -> tuple[int, list[CurvePoint]]:
+    """Put back the state of an interrupted run, if there is one; returns the next step and the curve so far."""
+    state = load_checkpoint(checkpoint, identity=identity) if checkpoint else None
+    if state is None:
+        return 0, []
+    autoencoder.load_state_dict(state["autoencoder"])
+    optimizer.load_state_dict(state["optimizer"])
+    curve = [CurvePoint(*row) for row in state["curve"]]
+    log.info("going on from %s at step %d", checkpoint, curve[-1].step)
+    return curve[-1].step, curve
+
+
+def save(
+    autoencoder: Autoencoder,
+    optimizer: torch.optim.Optimizer,
+    curve: list[CurvePoint],
+    checkpoint: Path,
+    identity: str,
+) -> None:
+    """Write the state of a run at the last point of its curve."""
+    state: dict[str, Any] = {
+        "autoencoder": autoencoder.state_dict(),
+        "optimizer": optimizer.state_dict(),
+        "curve": [tuple(point) for point in curve],
+    }
+    save_checkpoint(checkpoint, state, identity=identity)
+
+
+@contextmanager
+def progress(first: int, steps: int, batch: int) -> Iterator[tqdm]:
+    """A bar that counts images, with their rate and the time left."""
+    with tqdm(
+        total=steps * batch, initial=first * batch, unit="image", unit_scale=True, desc="stage 1", mininterval=1.0
+    ) as bar:
+        yield bar

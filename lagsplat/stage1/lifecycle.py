@@ -1,0 +1,138 @@
+"""The Gaussian lifecycle: what nobody sees is split off a busy neighbour, or sent where the error is."""
+
+import math
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from lagsplat.shapes import Frames, Latents
+from lagsplat.splat.gaussians import Gaussians
+from lagsplat.stage1.autoencoder import Autoencoder, to_images
+from lagsplat.stage1.config import LifecycleConfig
+
+SAMPLE = 512  # frames over which the peak opacity is taken
+ERROR_SAMPLE = 64  # frames whose error attracts the teleported
+SPLIT_OFFSET = 0.5  # of the principal standard deviation, each way: the pair keeps the parent's covariance
+NEWBORN_OPACITY = 0.1
+NEWBORN_SIGMA_PX = 1.0
+
+
+def is_due(config: LifecycleConfig, *, step: int, steps: int) -> bool:
+    """Whether the cloud is reviewed after this step."""
+    return config.every > 0 and (step + 1) % config.every == 0 and config.start * steps <= step < config.stop * steps
+
+
+@torch.no_grad()
+def peak_opacity(gaussians: Gaussians, z: Latents) -> Float[Tensor, " K"]:
+    """The largest opacity each Gaussian reaches over the latents."""
+    return gaussians.opacity_logit.sigmoid() * gaussians.gate(z).amax(0)
+
+
+@torch.no_grad()
+def review(
+    autoencoder: Autoencoder,
+    optimizer: torch.optim.Adam,
+    frames: Frames,
+    config: LifecycleConfig,
+    *,
+    rng: np.random.Generator,
+) -> int:
+    """Recycle every Gaussian that stays invisible over a sample of the clip; returns how many there were.
+
+    Source: paper, Implementation Details (training): split along the principal eigenvector of the full
+    covariance, or teleport to a high-error region.
+    """
+    device = autoencoder.gaussians.center.device
+    picked = np.sort(rng.choice(len(frames), min(SAMPLE, len(frames)), replace=False))
+    latents = autoencoder.encode(to_images(np.asarray(frames[picked]), device))
+    dead = peak_opacity(autoencoder.gaussians, latents) < config.peak_opacity
+    if not dead.any() or dead.all():
+        return int(dead.sum())
+    slots = dead.nonzero().flatten().cpu().numpy()
+    n_split = min(round(config.split_share * len(slots)), int((~dead).sum()))
+    parents = busiest(autoencoder.gaussians, optimizer, alive=~dead, count=n_split)
+    split(autoencoder.gaussians, parents, torch.as_tensor(slots[:n_split], device=device))
+    if n_split < len(slots):
+        teleport(autoencoder, frames, torch.as_tensor(slots[n_split:], device=device), rng)
+    forget(autoencoder.gaussians, optimizer, torch.cat((torch.as_tensor(slots, device=device), parents)))
+    return len(slots)
+
+
+def busiest(gaussians: Gaussians, optimizer: torch.optim.Adam, *, alive: Bool[Tensor, " K"], count: int) -> Tensor:
+    """Indices of the visible Gaussians pulled hardest: the largest running mean square gradient of the centre.
+
+    Adam keeps that mean already, so nothing has to be accumulated beside it.
+
+    Source: the densification signal of Kerbl et al. 2023, doi:10.1145/3592433.
+    """
+    state = optimizer.state.get(gaussians.center)
+    pull = state["exp_avg_sq"].sum(1) if state else torch.zeros(gaussians.n, device=alive.device)
+    return torch.where(alive, pull, -1.0).topk(count).indices
+
+
+def split(gaussians: Gaussians, parents: Tensor, slots: Tensor) -> None:
+    """Replace each parent by two along the principal eigenvector of its covariance in (z, x, y).
+
+    The two centres lie half a standard deviation either way and the variance along the axis shrinks by as
+    much, so the pair has the parent's mean and covariance. The two together are as opaque as the parent was.
+    """
+    d = gaussians.d
+    factor = torch.zeros(len(parents), d + 2, d + 2, device=parents.device, dtype=torch.float64)
+    latent = torch.linalg.inv(gaussians.precision_factor()[parents].double())
+    factor[:, :d, :d] = latent
+    factor[:, d:, :d] = gaussians.coupling[parents].double()
+    diagonal = gaussians.shape_log_diagonal[parents].double().exp()
+    factor[:, d, d], factor[:, d + 1, d + 1] = diagonal[:, 0], diagonal[:, 1]
+    factor[:, d + 1, d] = gaussians.shape_below[parents].double()
+    covariance = factor @ factor.mT
+    values, vectors = torch.linalg.eigh(covariance)
+    axis = vectors[..., -1] * values[..., -1:].sqrt() * SPLIT_OFFSET
+    child = torch.linalg.cholesky(covariance - axis[:, :, None] * axis[:, None, :])
+
+    precision = torch.linalg.inv(child[:, :d, :d])
+    row, column = torch.tril_indices(d, d, offset=-1)
+    opacity = 1 - (1 - gaussians.opacity_logit[parents].sigmoid().clamp_max(0.999)).sqrt()
+    middle = torch.cat((gaussians.latent_center[parents], gaussians.center[parents]), dim=1).double()
+    for target, center in ((parents, middle + axis), (slots, middle - axis)):
+        gaussians.latent_center[target] = center[:, :d].float()
+        gaussians.center[target] = center[:, d:].float()
+        gaussians.precision_log_diagonal[target] = precision.diagonal(dim1=1, dim2=2).log().float()
+        gaussians.precision_below[target] = precision[:, row, column].float()
+        gaussians.coupling[target] = child[:, d:, :d].float()
+        gaussians.shape_log_diagonal[target] = child.diagonal(dim1=1, dim2=2)[:, d:].log().float()
+        gaussians.shape_below[target] = child[:, d + 1, d].float()
+        gaussians.opacity_logit[target] = opacity.logit()
+        gaussians.color_logit[target] = gaussians.color_logit[parents]
+
+
+def teleport(autoencoder: Autoencoder, frames: Frames, slots: Tensor, rng: np.random.Generator) -> None:
+    """Send each Gaussian to a pixel of a frame, drawn in proportion to the error there, and to its latent."""
+    gaussians = autoencoder.gaussians
+    picked = np.sort(rng.choice(len(frames), min(ERROR_SAMPLE, len(frames)), replace=False))
+    images = to_images(np.asarray(frames[picked]), slots.device)
+    latents = autoencoder.encode(images)
+    error = (autoencoder.decode(latents) - images).abs().mean(1)
+    weight = error.flatten().double().cpu().numpy() + 1e-12
+    where = rng.choice(len(weight), len(slots), p=weight / weight.sum())
+    frame, row, column = np.unravel_index(where, error.shape)
+    frame_t, row_t, column_t = (torch.as_tensor(axis, device=slots.device) for axis in (frame, row, column))
+    gaussians.center[slots] = torch.stack((column_t, row_t), 1).float() + 0.5
+    gaussians.latent_center[slots] = latents[frame_t]
+    gaussians.precision_log_diagonal[slots] = -latents.std(0).clamp_min(1e-3).log()
+    gaussians.precision_below[slots] = 0
+    gaussians.coupling[slots] = 0
+    gaussians.shape_log_diagonal[slots] = math.log(NEWBORN_SIGMA_PX)
+    gaussians.shape_below[slots] = 0
+    gaussians.opacity_logit[slots] = math.log(NEWBORN_OPACITY / (1 - NEWBORN_OPACITY))
+    gaussians.color_logit[slots] = images[frame_t, :, row_t, column_t].clamp(0.01, 0.99).logit()
+
+
+def forget(gaussians: Gaussians, optimizer: torch.optim.Adam, rows: Tensor) -> None:
+    """Clear Adam's memory of these Gaussians, whose past gradients belonged to another life."""
+    for name, parameter in gaussians.named_parameters():
+        state = optimizer.state.get(parameter)
+        if state and name != "background_logit":
+            state["exp_avg"][rows] = 0
+            state["exp_avg_sq"][rows] = 0
