@@ -1,0 +1,1 @@
+"""Readers and writers: the only code of the package that touches files."""

@@ -1,0 +1,111 @@
+"""Where a recording comes from: the typed form of ``conf/recording/*.yaml``.
+
+``kind`` chooses the maker: ``simulated`` (drawn by ``lagsplat.systems``, every field below but
+``train_fraction`` is then unused), ``krauss`` (an NPZ archive with ``images`` and ``p1..pn``) or ``video``
+(any film OpenCV can open). ``path`` is a file of the user's. A Krauss recording without ``path`` is fetched
+from ``archive``.
+"""
+
+import re
+from dataclasses import dataclass
+
+KINDS = ("simulated", "krauss", "video")
+
+
+@dataclass  # not frozen: OmegaConf turns frozen dataclasses into read-only nodes
+class ArchiveConfig:
+    """A public zip archive and the members of it that are wanted.
+
+    ``folder`` is where the archive and its extracted members are kept; ``~`` stands for the home folder.
+    ``archive_sha256`` may be null where the publisher gives none: the members are checked in any case.
+    ``member_sha256`` maps each member's path inside the archive to its SHA-256.
+    """
+
+    url: str
+    folder: str
+    licence: str
+    archive_sha256: str | None
+    member_sha256: dict[str, str]
+
+    def __post_init__(self) -> None:
+        if not self.url.startswith(("http://", "https://")):
+            raise ValueError(
+                f"recording.archive.url is {self.url!r}, not a web address; start it with https://"
+            )
+        sums = {
+            **self.member_sha256,
+            **({"archive_sha256": self.archive_sha256} if self.archive_sha256 else {}),
+        }
+        for name, digest in sums.items():
+            if not re.fullmatch("[0-9a-f]{64}", digest):
+                raise ValueError(
+                    f"recording.archive: the SHA-256 of {name!r} is {digest!r}; "
+                    "give 64 hexadecimal digits in lower case"
+                )
+
+
+@dataclass  # not frozen, for the same reason
+class RecordingConfig:
+    """One recording: which maker, which file, which part of it.
+
+    ``dt_s`` is the clock of files that carry no timestamps (Krauss NPZ); a video's own timestamps win, so
+    there it is null. ``member`` names the archive's member used when ``path`` is null. ``n_inputs`` is how
+    many pressure channels the system has. ``crop`` is (x, y, width, height) in pixels of the film, null for
+    the whole picture. ``skip_s`` and ``end_s`` cut the film [s from its first frame]; ``end_s`` null keeps
+    everything to the end. ``height`` and ``width`` are the size after resizing [pixel], both null to keep
+    the cropped size. ``train_fraction`` is the contiguous leading share that training may see.
+    """
+
+    kind: str
+    path: str | None
+    archive: ArchiveConfig | None
+    member: str | None
+    dt_s: float | None
+    n_inputs: int
+    crop: list[int] | None
+    skip_s: float
+    end_s: float | None
+    height: int | None
+    width: int | None
+    train_fraction: float
+
+    def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise ValueError(f"recording.kind is {self.kind!r}; choose one of {', '.join(KINDS)}")
+        if not 0.0 < self.train_fraction < 1.0:
+            raise ValueError(
+                f"recording.train_fraction is {self.train_fraction}; it must lie strictly between 0 and 1, "
+                "so that both parts hold frames"
+            )
+        if self.n_inputs < 0:
+            raise ValueError(f"recording.n_inputs is {self.n_inputs}; give 0 for an autonomous system")
+        if self.dt_s is not None and not 0.0 < self.dt_s < float("inf"):
+            raise ValueError(f"recording.dt_s is {self.dt_s}; give the spacing of frames in seconds, above 0")
+        if self.kind == "krauss" and self.dt_s is None:
+            raise ValueError(
+                "recording.dt_s is null, but a Krauss archive carries no timestamps; "
+                "give the spacing of frames in seconds (1001/60000 for the published ones)"
+            )
+        self._check_cut()
+
+    def _check_cut(self) -> None:
+        if self.crop is not None and (
+            len(self.crop) != 4 or min(self.crop[:2]) < 0 or min(self.crop[2:]) < 1
+        ):
+            raise ValueError(f"recording.crop is {self.crop}; give [x, y, width, height] in pixels, or null")
+        if self.skip_s < 0.0:
+            raise ValueError(
+                f"recording.skip_s is {self.skip_s}; give seconds from the first frame, 0 or more"
+            )
+        if self.end_s is not None and self.end_s <= self.skip_s:
+            raise ValueError(
+                f"recording.end_s is {self.end_s}, not after skip_s = {self.skip_s}; nothing would be left"
+            )
+        if (self.height is None) != (self.width is None):
+            raise ValueError(
+                f"recording.height is {self.height} and width is {self.width}; give both, or null for both"
+            )
+        if self.height is not None and self.width is not None and min(self.height, self.width) < 1:
+            raise ValueError(
+                f"recording.height x width is {self.height} x {self.width}; give at least one pixel each"
+            )
