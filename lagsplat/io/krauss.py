@@ -1,0 +1,198 @@
+"""Recordings of the pneumatic arms of Krauss et al.: one NPZ archive with pictures and chamber pressures.
+
+Keys: ``images`` (T, 3, H, W), RGB, uint8 or floating point in [0, 1]; ``p1`` to ``pn`` (T,), chamber
+pressures [atm], one value a frame. The archive has no clock; the published ones run at 60000/1001 frames per
+second.
+
+Pictures are unpacked and converted piece by piece, so that memory holds the uint8 frames and little else.
+"""
+
+import math
+import os
+import re
+import warnings
+import zipfile
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+from jaxtyping import Float64, UInt8
+
+from lagsplat.io.checksum import sha256_of
+from lagsplat.io.recording import Recording
+
+CHUNK_BYTES = 2**24
+REPAIR = "fetch it again, or name another file with recording.path=FILE"
+
+
+def read_krauss_npz(
+    path: str | os.PathLike[str], *, dt_s: float, expected_inputs: int, licence: str = "unknown"
+) -> Recording:
+    """The recording in the NPZ archive at ``path``, as one clip with a frame every ``dt_s`` seconds.
+
+    Floating-point pictures become uint8. Where they are multiples of 1/255, as the published ones, nothing
+    is lost; otherwise a warning gives the largest change. Frames that are entirely black are warned of.
+
+    Raises:
+        FileNotFoundError: nothing is at ``path``.
+        ValueError: the archive is truncated, a key is missing or of the wrong shape, a value is not a number
+        or
+            outside its range, or there are not ``expected_inputs`` pressures.
+
+    Source: DOI 10.5281/zenodo.17812071
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: no such file; check recording.path")
+    with _damage_named(path), zipfile.ZipFile(path) as archive:
+        keys = {name.removesuffix(".npy") for name in archive.namelist()}
+        names = _pressure_names(path, keys, expected_inputs)
+        frames = _read_frames(path, archive)
+        columns = [_read_pressure(path, archive, name, len(frames)) for name in names]
+    return Recording(
+        frames=frames,
+        time_s=dt_s * np.arange(len(frames)),
+        inputs=np.stack(columns, axis=1) if columns else np.zeros((len(frames), 0)),
+        input_names=names,
+        input_units=("atm",) * len(names),
+        meta={"origin": "filmed", "source": path.name, "sha256": sha256_of(path), "licence": licence},
+    )
+
+
+@contextmanager
+def _damage_named(path: Path) -> Iterator[None]:
+    # NotImplementedError: a compression zipfile lacks. RuntimeError: an encrypted member.
+    try:
+        yield
+    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as error:
+        raise ValueError(f"{path}: truncated or not an NPZ archive ({error}); {REPAIR}") from error
+
+
+def _pressure_names(path: Path, keys: set[str], expected: int) -> tuple[str, ...]:
+    if "images" not in keys:
+        raise ValueError(f"{path}: no key 'images', only {sorted(keys)}; {REPAIR}")
+    numbers = sorted(int(key[1:]) for key in keys if re.fullmatch("p[1-9][0-9]*", key))
+    missing = sorted(set(range(1, max([expected, *numbers]) + 1)) - set(numbers))
+    if missing:
+        raise ValueError(
+            f"{path}: pressure channel 'p{missing[0]}' is missing; found "
+            f"{[f'p{n}' for n in numbers]}, the system has {expected}. Check system= and recording.path="
+        )
+    if len(numbers) != expected:
+        raise ValueError(
+            f"{path}: {len(numbers)} pressure channels, 'p1' to 'p{len(numbers)}', but the system has "
+            f"{expected}. "
+            "Check system= and recording.path="
+        )
+    return tuple(f"p{number}" for number in numbers)
+
+
+def _open_array(
+    path: Path, archive: zipfile.ZipFile, key: str
+) -> tuple[IO[bytes], tuple[int, ...], bool, np.dtype]:
+    stream = archive.open(f"{key}.npy")
+    try:
+        major, _ = np.lib.format.read_magic(stream)
+        read_header = {1: np.lib.format.read_array_header_1_0, 2: np.lib.format.read_array_header_2_0}[major]
+        shape, column_major, dtype = read_header(stream)
+    except (ValueError, KeyError) as error:
+        stream.close()
+        raise ValueError(f"{path}: key {key!r} is not a plain NumPy array ({error}); {REPAIR}") from error
+    if dtype.hasobject:
+        stream.close()
+        raise ValueError(
+            f"{path}: key {key!r} holds Python objects, which could execute code and are never loaded; "
+            "save it as numbers"
+        )
+    return stream, shape, column_major, dtype
+
+
+def _read_exactly(path: Path, stream: IO[bytes], key: str, n_bytes: int) -> bytes:
+    data = stream.read(n_bytes)
+    if len(data) < n_bytes:
+        raise ValueError(f"{path}: key {key!r} ends {n_bytes - len(data)} bytes early; {REPAIR}")
+    return data
+
+
+def _chunks(path: Path, archive: zipfile.ZipFile, key: str, shape: tuple[int, ...]) -> Iterator[np.ndarray]:
+    stream, _, column_major, dtype = _open_array(path, archive, key)
+    per_row = max(1, math.prod(shape[1:])) * dtype.itemsize
+    rows = max(1, CHUNK_BYTES // per_row)
+    with stream:
+        if column_major:  # rows are scattered over the whole member then, so there is nothing to stream
+            data = _read_exactly(path, stream, key, shape[0] * per_row)
+            yield np.frombuffer(data, dtype).reshape(shape[::-1]).T
+            return
+        for start in range(0, shape[0], rows):
+            n = min(rows, shape[0] - start)
+            yield np.frombuffer(_read_exactly(path, stream, key, n * per_row), dtype).reshape(n, *shape[1:])
+
+
+def _read_frames(path: Path, archive: zipfile.ZipFile) -> UInt8[np.ndarray, "T H W 3"]:
+    stream, shape, _, dtype = _open_array(path, archive, "images")
+    stream.close()
+    if len(shape) != 4 or shape[1] != 3 or 0 in shape:
+        hint = "channels come second, not last" if shape[-1:] == (3,) else "colour pictures are needed"
+        raise ValueError(f"{path}: 'images' has shape {shape}, not (T, 3, H, W); {hint}")
+    if dtype != np.uint8 and dtype.kind != "f":
+        raise ValueError(f"{path}: 'images' has dtype {dtype}; store uint8, or floating point in [0, 1]")
+    frames = np.empty((shape[0], shape[2], shape[3], 3), np.uint8)
+    start, black, change = 0, 0, 0.0
+    for chunk in _chunks(path, archive, "images", shape):
+        part = frames[start : start + len(chunk)]
+        change = max(change, _store(path, chunk, part, start))
+        black += int((~part.reshape(len(part), -1).any(axis=1)).sum())
+        start += len(chunk)
+    # A number of few digits cannot hold a multiple of 1/255 any closer than this.
+    if dtype.kind == "f" and change > max(0.01, 255.0 * float(np.finfo(dtype).eps)):
+        warnings.warn(
+            f"{path}: 'images' are not multiples of 1/255; rounding to uint8 changed them by up to "
+            f"{change:.2f} of a grey level",
+            stacklevel=3,
+        )
+    if black:
+        warnings.warn(f"{path}: {black} of {len(frames)} frames are entirely black", stacklevel=3)
+    return frames
+
+
+def _store(path: Path, chunk: np.ndarray, out: np.ndarray, first: int) -> float:
+    """Put ``chunk`` (n, 3, H, W) into ``out`` (n, H, W, 3); the largest change by rounding [grey level]."""
+    if chunk.dtype == np.uint8:
+        out[:] = chunk.transpose(0, 2, 3, 1)
+        return 0.0
+    low, high = float(chunk.min()), float(chunk.max())
+    if not (low >= 0.0 and high <= 1.0):  # true for NaN, too
+        with np.errstate(invalid="ignore"):
+            bad = np.argwhere(~((chunk >= 0.0) & (chunk <= 1.0)))[0]
+        raise ValueError(
+            f"{path}: 'images' holds {chunk[tuple(bad)]} at frame {first + bad[0]}, channel {bad[1]}, "
+            f"row {bad[2]}, column {bad[3]}; floating-point colours lie in [0, 1]. Divide by 255, or store uint8"
+        )
+    scaled = 255.0 * chunk.astype(np.float32, copy=False)
+    rounded = np.rint(scaled)
+    out[:] = rounded.transpose(0, 2, 3, 1)
+    return float(np.abs(scaled - rounded).max())
+
+
+def _read_pressure(
+    path: Path, archive: zipfile.ZipFile, key: str, n_frames: int
+) -> Float64[np.ndarray, " T"]:
+    stream, shape, _, dtype = _open_array(path, archive, key)
+    with stream:
+        if shape != (n_frames,) or dtype.kind not in "fiu":
+            raise ValueError(
+                f"{path}: {key!r} has shape {shape} and dtype {dtype}, but there are {n_frames} images; "
+                f"give ({n_frames},) numbers, one pressure [atm] a frame"
+            )
+        data = _read_exactly(path, stream, key, n_frames * dtype.itemsize)
+    values = np.frombuffer(data, dtype).astype(np.float64)
+    bad = np.flatnonzero(~np.isfinite(values))
+    if bad.size:
+        raise ValueError(
+            f"{path}: {key!r} is {values[bad[0]]} at frame {bad[0]} ({bad.size} such values); "
+            "fill the gap or cut the recording there"
+        )
+    return values
