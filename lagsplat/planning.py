@@ -1,0 +1,104 @@
+"""Which runs a command asks for: overrides from the command line, and the identity of every run.
+
+A wildcard of a path is an identity, the name of a file in ``conf/`` or a seed. It wins over the command line,
+so that a path never holds another system's result.
+"""
+
+import shlex
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from lagsplat.config import Config, ConfigError, closest, compose, key_of, options
+
+
+@dataclass(frozen=True)
+class Overrides:
+    """What the user changed: for every system, and for one system alone."""
+
+    shared: tuple[str, ...]
+    of_system: Mapping[str, tuple[str, ...]]
+
+
+@dataclass(frozen=True)
+class Run:
+    """Identity of one trained simulation: the wildcards of its path."""
+
+    profile: str
+    recording: str
+    system: str
+    stage1: str
+    ae: int
+    stage2: str
+    seed: int
+
+
+def read_overrides(command_line: Mapping[str, Any]) -> Overrides:
+    """Overrides given to Snakemake as ``--config hydra="..." hydra_<system>="..."``.
+
+    Words are split as a shell would, so that a path with a blank can be quoted.
+
+    Raises:
+        ConfigError: another key, an unknown system, or ``system=`` (the path of the target names it).
+    """
+    of_system: dict[str, tuple[str, ...]] = {}
+    shared: tuple[str, ...] = ()
+    for key, text in command_line.items():
+        words = tuple(shlex.split(str(text or "")))
+        if bad := [word for word in words if key_of(word) == "system"]:
+            raise ConfigError(
+                f"{key}: {bad[0]} has no effect here; choose systems with systems=[...] instead"
+            )
+        if key == "hydra":
+            shared = words
+        elif key.removeprefix("hydra_") in options("system") and key.startswith("hydra_"):
+            of_system[key.removeprefix("hydra_")] = words
+        else:
+            known = ["hydra", *(f"hydra_{name}" for name in options("system"))]
+            raise ConfigError(
+                f"--config {key}=...: unknown key{closest(key, known)}. Known keys: {', '.join(known)}"
+            )
+    return Overrides(shared, of_system)
+
+
+def compose_for(overrides: Overrides, **choices: str) -> Config:
+    """The experiment of one job: the user's overrides first, then the choices its path makes."""
+    own = overrides.of_system.get(choices.get("system", ""), ())
+    return compose(*overrides.shared, *own, *(f"{group}={name}" for group, name in choices.items()))
+
+
+def planned_runs(overrides: Overrides) -> list[Run]:
+    """Every run behind the tables and figures, each composed, hence checked, before anything is trained.
+
+    Raises:
+        ConfigError: see :func:`lagsplat.config.compose`; also a recording that is not there, or one file for
+            several systems.
+    """
+    experiment = compose(*overrides.shared)
+    for system in overrides.of_system:
+        compose_for(overrides, system=system)
+    files: dict[str, str] = {}
+    runs = []
+    for system in experiment.systems:
+        own = compose_for(overrides, system=system)
+        _check_file(own, system, files)
+        for stage2 in dict.fromkeys([own.choices["stage2"], *own.ablations]):
+            compose_for(overrides, system=system, stage2=stage2)
+            place = (own.choices["profile"], own.choices["recording"], system, own.choices["stage1"])
+            runs += [Run(*place, ae, stage2, seed) for ae in own.autoencoder_seeds for seed in own.seeds]
+    return runs
+
+
+def _check_file(experiment: Config, system: str, files: dict[str, str]) -> None:
+    recording = experiment.recording
+    if recording.kind == "simulated" or recording.path is None:
+        return
+    if not Path(recording.path).expanduser().is_file():
+        raise ConfigError(f"recording.path={recording.path} ({system}): no such file; check the path")
+    if recording.path in files:
+        raise ConfigError(
+            f"recording.path={recording.path} would serve {files[recording.path]} and {system}; choose one "
+            f"with systems=[{system}], or give each its own with hydra_{system}='recording.path=...'"
+        )
+    files[recording.path] = system
