@@ -169,7 +169,8 @@ def _store(path: Path, chunk: np.ndarray, out: np.ndarray, first: int) -> float:
             bad = np.argwhere(~((chunk >= 0.0) & (chunk <= 1.0)))[0]
         raise ValueError(
             f"{path}: 'images' holds {chunk[tuple(bad)]} at frame {first + bad[0]}, channel {bad[1]}, "
-            f"row {bad[2]}, column {bad[3]}; floating-point colours lie in [0, 1]. Divide by 255, or store uint8"
+            f"row {bad[2]}, column {bad[3]}; floating-point colours lie in [0, 1]. Divide by 255, "
+            "or store uint8"
         )
     scaled = 255.0 * chunk.astype(np.float32, copy=False)
     rounded = np.rint(scaled)

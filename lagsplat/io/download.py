@@ -1,0 +1,157 @@
+"""Downloads that go on where they stopped and are checked.
+
+The content collects in a sibling with the suffix ``.part``, which an interruption leaves for the next call.
+Only what is whole gets the final name.
+"""
+
+import hashlib
+import os
+import re
+import shutil
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import requests
+from tqdm import tqdm
+
+from lagsplat.io.checksum import sha256_of
+
+CHUNK_BYTES = 2**16
+ATTEMPTS = 6
+TIMEOUT_S = 30.0
+WORTH_RETRYING = (408, 425, 429)  # the refusals that mean "later"
+
+
+def download(
+    url: str,
+    path: str | os.PathLike[str],
+    *,
+    sha256: str | None,
+    wait: Callable[[float], object] = time.sleep,
+) -> Path:
+    """Fetch ``url`` to ``path``, from where an earlier call stopped, and check it; returns ``path``.
+
+    A file already at ``path`` is never changed: with the right ``sha256`` it is the answer, without
+    ``sha256`` it is taken as it is, and with another sum it is an error. A lost connection is tried again
+    after 1, 2, 4, ... seconds, spent by calling ``wait``; whenever content was gained the count of attempts
+    starts anew. Where the server cannot continue, everything is fetched again. ``sha256`` None leaves the
+    length as the only check.
+
+    Raises:
+        ValueError: the SHA-256 differs; what came is removed, because continuing it could not help.
+        FileExistsError: a file of another SHA-256 is at ``path``.
+        ConnectionError: the server refuses or the connection keeps failing; the part is kept.
+        OSError: the disk has less room than the server announces; the part is kept.
+    """
+    path = Path(path)
+    if path.exists():
+        return _accept_existing(path, sha256)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(path.name + ".part")
+    found = _fetch_patiently(url, part, wait=wait)
+    if sha256 is not None and found != sha256:
+        part.unlink()
+        raise ValueError(
+            f"{path}: SHA-256 of {url} is {found}, expected {sha256}. What came is damaged and was removed; "
+            "run again. If it recurs, the publisher has changed the file"
+        )
+    os.replace(part, path)
+    return path
+
+
+def _accept_existing(path: Path, sha256: str | None) -> Path:
+    if sha256 is not None and (found := sha256_of(path)) != sha256:
+        raise FileExistsError(
+            f"{path}: already there with SHA-256 {found}, expected {sha256}. It is left as it is; "
+            "move it away and run again"
+        )
+    return path
+
+
+def _fetch_patiently(url: str, part: Path, *, wait: Callable[[float], object]) -> str:
+    failures, reached = 0, _size(part)
+    while True:
+        try:
+            return _fetch_rest(url, part)
+        except (requests.RequestException, EOFError) as error:
+            failures = 1 if _size(part) > reached else failures + 1
+            reached = _size(part)
+            if failures >= ATTEMPTS or not _may_pass(error):
+                raise ConnectionError(
+                    f"{url}: {error} ({failures} attempts without progress). {reached} bytes are kept in "
+                    f"{part}; run again to go on, or fetch the file by hand and put it there without the suffix .part"
+                ) from error
+            wait(2.0 ** (failures - 1))
+
+
+def _may_pass(error: Exception) -> bool:
+    if isinstance(error, requests.HTTPError):
+        return error.response.status_code >= 500 or error.response.status_code in WORTH_RETRYING
+    broken = (requests.ConnectionError, requests.Timeout, requests.exceptions.ChunkedEncodingError, EOFError)
+    return isinstance(error, broken)
+
+
+def _fetch_rest(url: str, part: Path) -> str:
+    """Append to ``part`` what it lacks of ``url``; the SHA-256 of the whole.
+
+    Raises:
+        requests.RequestException, EOFError: less came than announced, or nothing; what came is in ``part``.
+    """
+    start = _size(part)
+    # Compression on the way would make byte positions meaningless.
+    headers = {"Accept-Encoding": "identity"} | ({"Range": f"bytes={start}-"} if start else {})
+    with requests.get(url, headers=headers, stream=True, timeout=TIMEOUT_S) as response:
+        begin, total = _range(response)
+        if response.status_code == requests.codes.requested_range_not_satisfiable:
+            if total == start:
+                return sha256_of(part)
+            part.unlink()
+            raise EOFError(f"the part had {start} bytes, but the file has {total}; starting again")
+        response.raise_for_status()
+        if begin not in (0, start):
+            raise EOFError(f"asked for content from byte {start}, got it from byte {begin}")
+        _check_room(part, total, begin)
+        return _append(response, part, begin=begin, total=total)
+
+
+def _append(response: requests.Response, part: Path, *, begin: int, total: int | None) -> str:
+    digest = hashlib.sha256()
+    with open(part, "r+b" if begin else "wb") as file:
+        while begin and (block := file.read(CHUNK_BYTES)):
+            digest.update(block)
+        # disable=None: no bar where nobody watches, as in a log file.
+        with tqdm(total=total, initial=begin, unit="B", unit_scale=True, desc=part.stem, disable=None) as bar:
+            for chunk in response.iter_content(CHUNK_BYTES):
+                file.write(chunk)
+                digest.update(chunk)
+                bar.update(len(chunk))
+        file.flush()
+        os.fsync(file.fileno())
+        size = file.tell()
+    if total is not None and size != total:
+        raise EOFError(f"{size} of {total} bytes came")
+    return digest.hexdigest()
+
+
+def _range(response: requests.Response) -> tuple[int, int | None]:
+    """Where the content of ``response`` begins in the file, and how long the file is, if known."""
+    match = re.fullmatch(r"bytes (?:(\d+)-\d+|\*)/(\d+|\*)", response.headers.get("Content-Range", ""))
+    if match:
+        begin, total = match.groups()
+        return int(begin or 0), None if total == "*" else int(total)
+    length = response.headers.get("Content-Length")
+    return 0, int(length) if length and response.ok else None
+
+
+def _check_room(part: Path, total: int | None, begin: int) -> None:
+    free = shutil.disk_usage(part.parent).free
+    if total is not None and total - begin > free:
+        raise OSError(
+            f"{part}: {total - begin} bytes are to come, but the disk has {free} free; make room, or choose "
+            "another folder"
+        )
+
+
+def _size(path: Path) -> int:
+    return path.stat().st_size if path.exists() else 0

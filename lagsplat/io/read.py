@@ -1,0 +1,50 @@
+"""From a recording's settings to the recording."""
+
+from lagsplat.io.archive import fetch_member
+from lagsplat.io.config import RecordingConfig
+from lagsplat.io.krauss import read_krauss_npz
+from lagsplat.io.recording import Recording
+from lagsplat.io.video import read_video
+
+
+def read_recording(config: RecordingConfig) -> Recording:
+    """The filmed recording that ``config`` describes, downloaded first where no file is given.
+
+    Simulated recordings are not read but made, by `lagsplat.systems`.
+
+    Raises:
+        ValueError, FileNotFoundError, OSError: as the reader of ``config.kind``; or no file is given.
+    """
+    if config.kind not in READERS:
+        raise ValueError(f"recording.kind is {config.kind!r}; only {sorted(READERS)} are read from a file")
+    return READERS[config.kind](config)
+
+
+def _krauss(config: RecordingConfig) -> Recording:
+    if config.dt_s is None:
+        raise ValueError("recording.dt_s is null; give the spacing of frames in seconds")
+    path = config.path
+    if path is None:
+        if config.archive is None or config.member is None:
+            raise ValueError(
+                "recording.path is null and no archive with a member is given; set recording.path=FILE"
+            )
+        path = str(fetch_member(config.archive, config.member))
+    recording = read_krauss_npz(path, dt_s=config.dt_s, expected_inputs=config.n_inputs)
+    return recording
+
+
+def _video(config: RecordingConfig) -> Recording:
+    if config.path is None:
+        raise ValueError("recording.path is null; name the film with recording.path=FILE")
+    if config.n_inputs:
+        raise ValueError(
+            f"recording.n_inputs is {config.n_inputs}, but a film carries no inputs; set it to 0"
+        )
+    size = None
+    if config.height is not None and config.width is not None:
+        size = (config.height, config.width)
+    return read_video(config.path, crop=config.crop, skip_s=config.skip_s, size=size, end_s=config.end_s)
+
+
+READERS = {"krauss": _krauss, "video": _video}
