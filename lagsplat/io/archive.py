@@ -82,7 +82,8 @@ def _extract(source: Path, member: str, target: Path, expected: str) -> None:
                 if digest.hexdigest() != expected:
                     raise ValueError(
                         f"{source}: SHA-256 of member {member!r} is {digest.hexdigest()}, "
-                        f"expected {expected}. Delete the archive and run again; if it recurs, the publisher has changed it"
+                        f"expected {expected}. Delete the archive and run again; if it recurs, "
+                        "the publisher has changed it"
                     )
     except (zipfile.BadZipFile, zlib.error, EOFError) as error:
         raise ValueError(f"{source}: damaged ({error}); delete it and run again") from error

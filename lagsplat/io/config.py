@@ -86,6 +86,11 @@ class RecordingConfig:
                 "recording.dt_s is null, but a Krauss archive carries no timestamps; "
                 "give the spacing of frames in seconds (1001/60000 for the published ones)"
             )
+        if self.kind == "krauss" and (self.crop or self.skip_s or self.end_s or self.height):
+            raise ValueError(
+                "recording.crop, skip_s, end_s, height and width cut a film; a Krauss archive is used whole. "
+                "Set crop, end_s, height and width to null and skip_s to 0"
+            )
         self._check_cut()
 
     def _check_cut(self) -> None:

@@ -80,7 +80,8 @@ def _fetch_patiently(url: str, part: Path, *, wait: Callable[[float], object]) -
             if failures >= ATTEMPTS or not _may_pass(error):
                 raise ConnectionError(
                     f"{url}: {error} ({failures} attempts without progress). {reached} bytes are kept in "
-                    f"{part}; run again to go on, or fetch the file by hand and put it there without the suffix .part"
+                    f"{part}; run again to go on, or fetch the file by hand and put it there "
+                    "without the suffix .part"
                 ) from error
             wait(2.0 ** (failures - 1))
 

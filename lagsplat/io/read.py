@@ -1,5 +1,7 @@
 """From a recording's settings to the recording."""
 
+from dataclasses import replace
+
 from lagsplat.io.archive import fetch_member
 from lagsplat.io.config import RecordingConfig
 from lagsplat.io.krauss import read_krauss_npz
@@ -31,7 +33,12 @@ def _krauss(config: RecordingConfig) -> Recording:
             )
         path = str(fetch_member(config.archive, config.member))
     recording = read_krauss_npz(path, dt_s=config.dt_s, expected_inputs=config.n_inputs)
-    return recording
+    if config.archive is None or recording.meta["sha256"] not in config.archive.member_sha256.values():
+        return recording
+    return replace(
+        recording,
+        meta={**recording.meta, "licence": config.archive.licence, "source": config.archive.url},
+    )
 
 
 def _video(config: RecordingConfig) -> Recording:

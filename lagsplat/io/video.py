@@ -85,13 +85,10 @@ def _decode(
     capture = cv2.VideoCapture(str(path))
     try:
         if not capture.isOpened():
-            raise ValueError(
-                f"{path}: OpenCV cannot open it; it is truncated or not a film. Play it to make sure"
-            )
+            raise ValueError(f"{path}: OpenCV cannot open it; it is truncated or not a film. Fetch it again")
         times: list[float] = []
         while capture.grab():
-            # The position belongs to the frame just grabbed, from OpenCV 4 on; the header's rate does not
-            # enter.
+            # The position is that of the frame just grabbed; the header's frame rate does not enter.
             time_s = capture.get(cv2.CAP_PROP_POS_MSEC) / 1000.0
             if times and not time_s > times[-1]:
                 raise ValueError(
@@ -137,8 +134,8 @@ def _shape(
     x, y, width, height = crop if crop is not None else (0, 0, columns, rows)
     if min(x, y) < 0 or min(width, height) < 1 or x + width > columns or y + height > rows:
         raise ValueError(
-            f"{path}: crop {[x, y, width, height]} (x, y, width, height) reaches outside the picture, which is "
-            f"{columns} wide and {rows} high; make it smaller"
+            f"{path}: crop {[x, y, width, height]} (x, y, width, height) reaches outside the picture, "
+            f"which is {columns} wide and {rows} high; make it smaller"
         )
     picture = picture[y : y + height, x : x + width]
     if size is not None:
