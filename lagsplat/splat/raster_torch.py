@@ -1,0 +1,72 @@
+"""The readable rasteriser: the specification of the image model that the fast ones must agree with."""
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from lagsplat.splat.image_model import ALPHA_MAX, ALPHA_MIN, BLUR_PX2, TRANSMITTANCE_MIN, check_scene
+
+
+def rasterize(
+    means: Float[Tensor, "B K 2"],
+    covariance: Float[Tensor, "K 3"],
+    opacity: Float[Tensor, "B K"],
+    color: Float[Tensor, "K 3"],
+    background: Float[Tensor, " 3"],
+    *,
+    height: int,
+    width: int,
+) -> Float[Tensor, "B 3 H W"]:
+    """Images of B scenes of K Gaussians that share their shapes and colours.
+
+    ``means`` [px] and ``opacity`` are per image; ``covariance`` holds xx, xy, yy [px^2]. Works in the type of its
+    arguments (float64 for checks), differentiates by autograd, and needs memory for a few times B K H W numbers.
+
+    Raises:
+        ValueError: shapes, types or devices do not fit together.
+
+    Source: the image model in `lagsplat.splat.image_model`.
+    """
+    check_scene(means, covariance, opacity, color, background, height=height, width=width)
+    frames = [
+        _render(frame_means, covariance, frame_opacity, color, background, height, width)
+        for frame_means, frame_opacity in zip(means, opacity, strict=True)
+    ]
+    return torch.stack(frames) if frames else means.new_zeros(0, 3, height, width)
+
+
+def _render(means, covariance, opacity, color, background, height, width):
+    alpha = _alpha(means, covariance, opacity, height, width)
+    after = torch.cumprod(1 - alpha, dim=0)
+    # The transmittance only falls, so this keeps exactly the Gaussians in front of the one that finishes the pixel.
+    alpha = torch.where(after > TRANSMITTANCE_MIN, alpha, 0)
+    after = torch.cumprod(1 - alpha, dim=0)
+    ahead = torch.cat([after.new_ones(1, height, width), after])
+    light = torch.einsum("khw,khw,kc->chw", alpha, ahead[:-1], color)
+    return light + ahead[-1] * background[:, None, None]
+
+
+def _alpha(means, covariance, opacity, height, width):
+    """Alpha (K, H, W) of each Gaussian in each pixel, 0 where it is passed over."""
+    xx, xy, yy = covariance.double().unbind(1)
+    xx, yy = xx + BLUR_PX2, yy + BLUR_PX2
+    determinant = xx * yy - xy**2
+    finite = covariance.isfinite().all(1) & means.isfinite().all(1) & opacity.isfinite()
+    drawn = finite & (xx > 0) & (determinant > 0)
+    # Replaced before the division, not after it: autograd would turn an unused infinity into NaN.
+    xx, xy, yy, determinant = (
+        torch.where(drawn, value, fill)
+        for value, fill in ((xx, 1.0), (xy, 0.0), (yy, 1.0), (determinant, 1.0))
+    )
+    conic = torch.stack([yy / determinant, -xy / determinant, xx / determinant])
+    a, b, c = conic.to(means.dtype)[:, :, None, None]
+    means = torch.where(drawn[:, None], means, 0)
+    opacity = torch.where(drawn, opacity, 0)
+
+    x = torch.arange(width, dtype=means.dtype, device=means.device) + 0.5
+    y = torch.arange(height, dtype=means.dtype, device=means.device) + 0.5
+    dx = x[None, None, :] - means[:, 0, None, None]
+    dy = y[None, :, None] - means[:, 1, None, None]
+    sigma = (a * dx**2 + c * dy**2) / 2 + b * dx * dy
+    alpha = torch.clamp(opacity[:, None, None] * torch.exp(-sigma), max=ALPHA_MAX)
+    return torch.where(alpha >= ALPHA_MIN, alpha, 0)
