@@ -1,0 +1,1 @@
+"""Simulated mechanisms whose truth is known: the arms, their inputs, their pictures."""

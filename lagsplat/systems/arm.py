@@ -1,0 +1,164 @@
+"""The arm as a mechanical system: energies, forces, equilibrium and linear modes, all of them the truth."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64
+
+from lagsplat.systems import chain
+from lagsplat.systems.chain import Matrix, Table, Vector
+from lagsplat.systems.config import ArmConfig
+
+N_NODES = 8
+
+
+@dataclass(frozen=True)
+class Modes:
+    """Linear free modes at rest, slowest first.
+
+    ``natural_hz`` is ``|lambda| / 2 pi``, ``damped_hz`` the frequency a decaying record shows,
+    ``decay_per_s`` its envelope's rate and ``damping_ratio = decay / |lambda|``.
+    """
+
+    natural_hz: Vector
+    damped_hz: Vector
+    decay_per_s: Vector
+    damping_ratio: Vector
+
+
+@dataclass(frozen=True)
+class Arm:
+    """A hanging arm with coordinates ``(theta_1, eps_1, ...)``: bending angle [rad] and strain, a segment."""
+
+    table: Table
+    nodes: Float64[np.ndarray, " n_nodes"]
+    weights: Float64[np.ndarray, " n_nodes"]
+    gravity: float
+
+    @property
+    def d(self) -> int:
+        """Number of coordinates, two a segment; also the number of chambers."""
+        return 2 * self.table.shape[0]
+
+    def mass(self, q: Vector) -> Matrix:
+        """Mass matrix; rows and columns in SI units of the coordinates."""
+        return chain.inertia(q, np.zeros_like(q), self.table, self.nodes, self.weights, self.gravity)[0]
+
+    def coriolis(self, q: Vector, v: Vector) -> Vector:
+        """Coriolis and centrifugal force ``C(q, v) v``, the exact one of :meth:`mass`."""
+        return chain.inertia(q, v, self.table, self.nodes, self.weights, self.gravity)[1]
+
+    def damping(self) -> Matrix:
+        """Constant viscous damping matrix."""
+        return np.diag(self.table[:, [chain.C_BEND, chain.C_EXT]].ravel())
+
+    def static_force(self, q: Vector, pressure: Vector) -> Vector:
+        """Generalised weight, elastic and chamber force at rest; ``pressure`` [atm]."""
+        weight = chain.inertia(q, np.zeros_like(q), self.table, self.nodes, self.weights, self.gravity)[2]
+        work = chain.chamber_volumes(q, self.table)[1].T @ pressure
+        return weight + chain.elastic_force(q, self.table) + chain.ATMOSPHERE_PA * work
+
+    def acceleration(self, q: Vector, v: Vector, pressure: Vector) -> Vector:
+        """Second derivative of the coordinates [1/s^2]; ``pressure`` [atm]."""
+        return chain.acceleration(q, v, pressure, self.table, self.nodes, self.weights, self.gravity)
+
+    def volumes(self, q: Vector) -> Vector:
+        """Chamber volumes [m^3], two a segment, the left one first."""
+        return chain.chamber_volumes(q, self.table)[0]
+
+    def potential_energies(self, states: Float64[np.ndarray, "T d"]) -> Float64[np.ndarray, " T"]:
+        """Elastic plus gravitational energy [J] of each state; zero when undeformed at the clamp's height."""
+        x = states.reshape(len(states), -1, 2)
+        k, h = self.table[:, [chain.K_BEND, chain.K_EXT]], self.table[:, [chain.H_BEND, chain.H_EXT]]
+        elastic = np.sum(0.5 * k * x**2 + 0.25 * k * h * x**4, axis=(1, 2))
+        return elastic - self.gravity * self._mass_times_depth(states)
+
+    def potential_energy(self, q: Vector) -> float:
+        """Elastic plus gravitational energy [J] of one state, as `potential_energies`."""
+        return float(self.potential_energies(q[None])[0])
+
+    def kinetic_energy(self, q: Vector, v: Vector) -> float:
+        """Kinetic energy [J]."""
+        return float(0.5 * v @ self.mass(q) @ v)
+
+    def equilibrium(self, pressure: Vector) -> Vector:
+        """Rest pose under constant ``pressure`` [atm], by Newton from the straight arm.
+
+        Raises:
+            ValueError: no equilibrium is found, as under pressures the springs cannot hold.
+        """
+        q = np.zeros(self.d)
+        for _ in range(50):
+            step = np.linalg.solve(self.stiffness(q, pressure), self.static_force(q, pressure))
+            q = q + np.clip(step, -0.3, 0.3)
+            if np.max(np.abs(step)) < 1e-12:
+                return q
+        raise ValueError(
+            f"no rest pose found under pressures {pressure} atm: the arm's stiffness is too low for them; "
+            "lower the pressures or raise arm.bending_stiffness and arm.extension_stiffness."
+        )
+
+    def stiffness(self, q: Vector, pressure: Vector) -> Matrix:
+        """Minus the derivative of the static force, by central differences (relative error near 1e-10)."""
+        step, columns = 1e-5, []
+        for direction in np.eye(self.d):
+            ahead = self.static_force(q + step * direction, pressure)
+            behind = self.static_force(q - step * direction, pressure)
+            columns.append((behind - ahead) / (2 * step))
+        return np.stack(columns, axis=1)
+
+    def modes(self) -> Modes:
+        """Free modes of the arm linearised about its rest pose without pressure."""
+        still = np.zeros(self.d)
+        rest = self.equilibrium(still)
+        inverse = np.linalg.inv(self.mass(rest))
+        lower = np.hstack([-inverse @ self.stiffness(rest, still), -inverse @ self.damping()])
+        upper = np.hstack([np.zeros((self.d, self.d)), np.eye(self.d)])
+        roots = np.linalg.eigvals(np.vstack([upper, lower]))
+        roots = roots[roots.imag > 0]
+        roots = roots[np.argsort(np.abs(roots))]
+        size = np.abs(roots)
+        return Modes(size / (2 * np.pi), roots.imag / (2 * np.pi), -roots.real, -roots.real / size)
+
+    def _mass_times_depth(self, states: Float64[np.ndarray, "T d"]) -> Float64[np.ndarray, " T"]:
+        total, origin = np.zeros(len(states)), np.zeros(len(states), complex)
+        orientation = np.ones(len(states), complex)
+        fine, weights = np.polynomial.legendre.leggauss(N_NODES)
+        for row, bend, ext in zip(self.table, states[:, 0::2].T, states[:, 1::2].T, strict=True):
+            length = row[chain.LENGTH] * (1 + ext)
+            for node, weight in zip(self.nodes, self.weights, strict=True):
+                # Quadrature, not `chain.arc`: a way to the energy that shares nothing with the forces.
+                arc = np.exp(1j * bend[:, None] * node * 0.5 * (fine + 1)) @ weights * 0.5 * node
+                total += row[chain.MASS] * weight * (origin + orientation * length * arc).real
+            arc = np.exp(1j * bend[:, None] * 0.5 * (fine + 1)) @ weights * 0.5
+            origin = origin + orientation * length * arc
+            orientation = orientation * np.exp(1j * bend)
+            link = row[chain.LINK_LENGTH]
+            total += row[chain.LINK_MASS] * (origin + 0.5 * link * orientation).real
+            origin = origin + link * orientation
+        return total
+
+
+def build_arm(config: ArmConfig) -> Arm:
+    """The arm that these values describe. Sections are filled rectangles in the plane of motion."""
+    n = len(config.length)
+    gyration = config.half_width**2 / 3
+    table = np.zeros((n, chain.N_COLUMNS))
+    table[:, chain.LENGTH] = config.length
+    table[:, chain.MASS] = config.mass
+    table[:, chain.GYRATION] = gyration
+    table[:, chain.K_BEND] = config.bending_stiffness
+    table[:, chain.H_BEND] = config.bending_hardening
+    table[:, chain.K_EXT] = config.extension_stiffness
+    table[:, chain.H_EXT] = config.extension_hardening
+    table[:, chain.C_BEND] = config.retardation_s * table[:, chain.K_BEND]
+    table[:, chain.C_EXT] = config.retardation_s * table[:, chain.K_EXT]
+    table[:, chain.AREA] = config.chamber_area
+    table[:, chain.OFFSET] = config.chamber_offset
+    table[:, chain.LIMIT] = config.chamber_limit
+    table[:, chain.LINK_LENGTH] = config.link_length
+    table[:, chain.LINK_MASS] = config.link_mass
+    link = table[:, chain.LINK_LENGTH] ** 2 / 12 + gyration
+    table[:, chain.LINK_INERTIA] = table[:, chain.LINK_MASS] * link
+    nodes, weights = np.polynomial.legendre.leggauss(N_NODES)
+    return Arm(table, 0.5 * (nodes + 1), 0.5 * weights, config.gravity)

@@ -1,0 +1,162 @@
+"""Pictures of the arm: a shaded soft arm before a textured board, antialiased at any resolution.
+
+Every sample of a pixel is carried back to the material coordinates of each part (arc length ``s``, lateral
+offset ``n``), so shading and rings follow the deformation exactly and the picture is a continuous function of
+the state: a part's edge is a linear ramp one sample wide, and the samples of a pixel tile it, so coverage has
+no steps. Lengths in metres; the clamp hangs from the middle of the upper edge.
+"""
+
+from typing import no_type_check
+
+import numpy as np
+from jaxtyping import Float32, Float64
+from numba import njit
+
+from lagsplat.systems.arm import Arm
+from lagsplat.systems.chain import LENGTH, LINK_LENGTH
+
+SAMPLES = 4
+TOP = 0.07
+RINGS = 3.0
+SEGMENT_COLORS = ((0.93, 0.52, 0.20), (0.22, 0.62, 0.72))
+CONNECTOR_COLOR = (0.20, 0.20, 0.24)
+CAP_COLOR = (0.90, 0.86, 0.78)
+CLAMP_COLOR = (0.30, 0.31, 0.35)
+LIGHT_DOWN, LIGHT_RIGHT, LIGHT_OUT = -0.35, -0.45, 0.80
+
+Board = Float32[np.ndarray, "H W 3"]
+
+
+def paint_board(*, height: int, width: int, arm_share: float, generator: np.random.Generator) -> Board:
+    """The static background in [0, 1]: a softly lit, mottled board and the clamp the arm hangs from.
+
+    ``arm_share`` is the arm's half width over the picture's. The mottle is a fixed sum of waves of three to
+    twelve periods across the picture, so one seed shows one board at every resolution.
+    """
+    count, fine = 40, 8
+    direction = generator.uniform(0, 2 * np.pi, count)
+    wave = 2 * np.pi * generator.uniform(3, 12, count)
+    phase = generator.uniform(0, 2 * np.pi, count)
+    tint = generator.uniform(0.6, 1.4, (count, 3)) / np.sqrt(count)
+    x = (np.arange(width * fine) + 0.5) / (width * fine)
+    y = (np.arange(height * fine) + 0.5) / (width * fine)
+    board = np.zeros((y.size, x.size, 3))
+    for k in range(count):
+        along = np.cos(direction[k]) * x[None, :] + np.sin(direction[k]) * y[:, None]
+        board += np.sin(wave[k] * along + phase[k])[..., None] * tint[k]
+    light = 0.60 - 0.16 * x[None, :] - 0.10 * y[:, None]
+    board = light[..., None] * np.array([0.92, 1.0, 0.90]) * (1 + 0.13 * board)
+    clamp = (y[:, None] < TOP) & (np.abs(x[None, :] - 0.5) < 0.75 * arm_share)
+    board[clamp] = np.array(CLAMP_COLOR)
+    pixels = board.reshape(height, fine, width, fine, 3).mean(axis=(1, 3))
+    return np.clip(pixels, 0.0, 1.0).astype(np.float32)
+
+
+@njit(cache=True)
+@no_type_check
+def _material(down, right, part):
+    """Arc length and lateral offset of a point in the frame of a part, smooth through zero curvature."""
+    dx, dy = down - part[0], right - part[1]
+    along, across = dx * part[2] + dy * part[3], dy * part[2] - dx * part[3]
+    curvature = part[4]
+    real, imag = 1 - curvature * across, curvature * along
+    offset = (2 * across - curvature * (along**2 + across**2)) / (1 + np.sqrt(real**2 + imag**2))
+    arc_length = along if abs(curvature) < 1e-9 else np.arctan2(imag, real) / curvature
+    return arc_length, offset
+
+
+@njit(cache=True)
+@no_type_check
+def _lay_out(q, table, parts):
+    """Fill ``parts``: base (down, right), direction (cos, sin), curvature, length; segments, then links."""
+    n = table.shape[0]
+    down, right, angle = 0.0, 0.0, 0.0
+    for i in range(n):
+        length = table[i, LENGTH] * (1 + q[2 * i + 1])
+        parts[i] = np.array((down, right, np.cos(angle), np.sin(angle), q[2 * i] / length, length))
+        half = 0.5 * q[2 * i]
+        chord = length * (np.sin(half) / half if abs(half) > 1e-8 else 1.0)
+        down += chord * np.cos(angle + half)
+        right += chord * np.sin(angle + half)
+        angle += q[2 * i]
+        link = table[i, LINK_LENGTH]
+        parts[n + i] = np.array((down, right, np.cos(angle), np.sin(angle), 0.0, link))
+        down += link * np.cos(angle)
+        right += link * np.sin(angle)
+
+
+@njit(cache=True)
+@no_type_check
+def _shade(arc_length, offset, part, half_width, rings):
+    """Brightness of a lit round arm whose reinforcing rings stretch with it."""
+    across = min(max(offset / half_width, -1.0), 1.0)
+    turn = part[4] * arc_length
+    cosine = part[2] * np.cos(turn) - part[3] * np.sin(turn)
+    sine = part[3] * np.cos(turn) + part[2] * np.sin(turn)
+    facing = across * (cosine * LIGHT_RIGHT - sine * LIGHT_DOWN) + (1 - 0.7 * across**2) * LIGHT_OUT
+    ring = 1 - 0.16 * np.cos(2 * np.pi * rings * arc_length / part[5])
+    return (0.35 + 0.75 * max(facing, 0.0)) * ring
+
+
+@njit(cache=True)
+@no_type_check
+def _paint(states, table, half_width, board, colors, view_width, images):
+    frames, height, width, _ = images.shape
+    n_parts = 2 * table.shape[0]
+    n_segments = table.shape[0]
+    pixel = view_width / width
+    step = pixel / SAMPLES
+    parts = np.zeros((n_parts, 6))
+    sample, total = np.zeros(3), np.zeros(3)
+    for t in range(frames):
+        _lay_out(states[t], table, parts)
+        for row in range(height):
+            for column in range(width):
+                down = (row + 0.5) * pixel - TOP * view_width
+                right = (column + 0.5) * pixel - 0.5 * view_width
+                near = False
+                for k in range(n_parts):
+                    s, n = _material(down, right, parts[k])
+                    reach = 1.3 * half_width + 1.5 * pixel
+                    near = near or (
+                        abs(n) < reach and -2 * pixel - reach < s < parts[k, 5] + reach + 2 * pixel
+                    )
+                if not near:
+                    for c in range(3):
+                        images[t, row, column, c] = board[row, column, c]
+                    continue
+                total[:] = 0.0
+                for a in range(SAMPLES * SAMPLES):
+                    x = right - 0.5 * pixel + (a % SAMPLES + 0.5) * step
+                    y = down - 0.5 * pixel + (a // SAMPLES + 0.5) * step
+                    for c in range(3):
+                        sample[c] = board[row, column, c]
+                    for k in range(n_parts):
+                        link = k >= n_segments
+                        wide = 1.12 * half_width if link else half_width
+                        over = 0.1 * half_width if link else 0.0
+                        s, n = _material(y, x, parts[k])
+                        cover = min(max(0.5 + (wide - abs(n)) / step, 0.0), 1.0)
+                        cover *= min(max(0.5 + (s + over) / step, 0.0), 1.0)
+                        cover *= min(max(0.5 + (parts[k, 5] + over - s) / step, 0.0), 1.0)
+                        if cover > 0:
+                            light = _shade(s, n, parts[k], wide, 0.0 if link else RINGS)
+                            for c in range(3):
+                                sample[c] += cover * (min(light * colors[k, c], 1.0) - sample[c])
+                    for c in range(3):
+                        total[c] += sample[c]
+                for c in range(3):
+                    images[t, row, column, c] = total[c] / (SAMPLES * SAMPLES)
+
+
+def paint(
+    states: Float64[np.ndarray, "T d"], *, arm: Arm, half_width: float, view_width: float, board: Board
+) -> Float32[np.ndarray, "T H W 3"]:
+    """Noise-free pictures in [0, 1] of the arm in these states, at the board's resolution."""
+    n = states.shape[1] // 2
+    segments = [SEGMENT_COLORS[i % len(SEGMENT_COLORS)] for i in range(n)]
+    links = [CONNECTOR_COLOR] * (n - 1) + [CAP_COLOR]
+    images = np.empty((len(states), *board.shape), np.float32)
+    colors = np.array(segments + links)
+    _paint(np.ascontiguousarray(states), arm.table, half_width, board, colors, view_width, images)
+    return images
