@@ -57,24 +57,36 @@ class EvaluateConfig:
 
     def __post_init__(self) -> None:
         """Check every domain; the message names the key, the value and the remedy."""
-        for key in (
-            "starts floor_frames bootstrap free_max_segments decay_modes horizon_s periods free_min_s "
-            "window_cycles window_min_cycles"
-        ).split():
+        for key in _POSITIVE:
             _require(key, getattr(self, key), getattr(self, key) > 0, "must be positive")
         for key in ("seed", "skip_s", "smooth_frames"):
             _require(key, getattr(self, key), getattr(self, key) >= 0, "must not be negative")
-        for key in "confidence free_rate_fraction free_excursion_fraction window_min_amplitude".split():
-            value = getattr(self, key)
-            _require(key, value, 0.0 < value < 1.0, "must lie strictly between 0 and 1")
-        _require("period_s", self.period_s, self.period_s is None or self.period_s > 0, "must be positive or null")
-        _require("divergence_factor", self.divergence_factor, self.divergence_factor >= 1, "must be at least 1")
-        _require(
-            "window_cycles",
-            self.window_cycles,
-            self.window_cycles >= 2 * self.window_min_cycles,
-            f"must be at least twice window_min_cycles={self.window_min_cycles}, or no peak can be inside the band",
-        )
+        for key in _FRACTIONS:
+            _require(
+                key, getattr(self, key), 0.0 < getattr(self, key) < 1.0, "must lie strictly between 0 and 1"
+            )
+        imposed = self.period_s is None or self.period_s > 0
+        _require("period_s", self.period_s, imposed, "must be positive or null")
+        factor = self.divergence_factor
+        _require("divergence_factor", factor, factor >= 1, "must be at least 1")
+        roomy = self.window_cycles >= 2 * self.window_min_cycles
+        rule = f"must be at least twice window_min_cycles={self.window_min_cycles}: no peak fits the band"
+        _require("window_cycles", self.window_cycles, roomy, rule)
+
+
+_POSITIVE = (
+    "starts",
+    "floor_frames",
+    "bootstrap",
+    "free_max_segments",
+    "decay_modes",
+    "horizon_s",
+    "periods",
+    "free_min_s",
+    "window_cycles",
+    "window_min_cycles",
+)
+_FRACTIONS = ("confidence", "free_rate_fraction", "free_excursion_fraction", "window_min_amplitude")
 
 
 def _require(key: str, value: object, holds: bool, rule: str) -> None:

@@ -1,0 +1,102 @@
+"""Several seeds of one experiment in one row, and two experiments window by window."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from lagsplat.evaluate.protocol import bootstrap_interval
+
+SPREAD_OVER_SEEDS = "median and range over seeds"
+SPREAD_OVER_WINDOWS = "one seed, 95 % interval over windows"
+MEASURED = ("ae_floor", "mse_half_second", "frequency_error", "latent_nrmse", "image_ratio")
+SERIES = {"mse_half_second": ("forecast", "per_window"), "image_mse": ("latent", "per_window_image")}
+
+
+def aggregate(runs: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Median and spread of the scores over runs that differ by their seed only.
+
+    With several runs ``low`` and ``high`` are the smallest and the largest value, over all of them; with one
+    they are its own interval over windows. ``spread`` says which. A score that is missing in some runs is the
+    median of the others and ``n`` counts these. Diverged rollouts are summed, never averaged away.
+
+    Raises:
+        ValueError: no run, or runs of different recordings or latent dimensions.
+    """
+    if not runs:
+        raise ValueError("nothing to aggregate: give the metrics of at least one run")
+    for key in ("recording", "d"):
+        values = {str(run[key]) for run in runs}
+        if len(values) > 1:
+            raise ValueError(f"runs of different {key} cannot share a row: {sorted(values)}")
+    reach = sorted({run["scores"]["external_force"] for run in runs})
+    return {
+        "schema": runs[0]["schema"],
+        "recording": runs[0]["recording"],
+        "d": runs[0]["d"],
+        "n_seeds": len(runs),
+        "spread": SPREAD_OVER_SEEDS if len(runs) > 1 else SPREAD_OVER_WINDOWS,
+        "scores": {name: _spread(runs, name) for name in MEASURED},
+        "external_force": " or ".join(reach),
+        "diverged": sum(run["scores"]["diverged"] for run in runs),
+        "rollouts": sum(run["scores"]["rollouts"] for run in runs),
+        "frequency_windows": runs[0]["frequency"]["n_windows"],
+        "frequency_estimator": runs[0]["frequency"]["estimator"],
+    }
+
+
+def _spread(runs: Sequence[dict[str, Any]], name: str) -> dict[str, Any]:
+    values = [run["scores"][name] for run in runs if run["scores"][name] is not None]
+    if not values:
+        return {"median": None, "low": None, "high": None, "n": 0}
+    low, high = min(values), max(values)
+    if len(runs) == 1:
+        low, high = runs[0]["intervals"].get(name, (None, None))
+    elif low == high:
+        low = high = None
+    return {"median": float(np.median(values)), "low": low, "high": high, "n": len(values)}
+
+
+def paired_margin(
+    first: Sequence[dict[str, Any]],
+    second: Sequence[dict[str, Any]],
+    *,
+    score: str,
+    resamples: int = 10000,
+    confidence: float = 0.95,
+    seed: int = 0,
+) -> dict[str, Any]:
+    """How much lower ``first`` errs than ``second`` on the same windows, with a bootstrap interval.
+
+    ``score`` is ``mse_half_second`` or ``image_mse`` (two periods). Windows are paired by their start and
+    averaged over the seeds of each side. ``value`` is ``mean(second) - mean(first)``, positive where
+    ``first`` is better; ``relative`` divides it by ``mean(second)``. ``decided`` says that the interval
+    excludes zero.
+
+    Raises:
+        ValueError: the two sides were not scored on the same windows of the same recording.
+    """
+    block, key = SERIES[score]
+    runs = [*first, *second]
+    if not first or not second or any(key not in run[block] for run in runs):
+        raise ValueError(f"both sides need at least one run with {block}.{key}")
+    if len({str((run["recording"], run[block]["starts"], run[block]["states"])) for run in runs}) > 1:
+        raise ValueError("windows differ between the two sides; evaluate both with the same settings")
+    ours, theirs = (np.mean([run[block][key] for run in side], axis=0) for side in (first, second))
+    low, high = bootstrap_interval(
+        lambda values: values.mean(axis=-1),
+        theirs - ours,
+        resamples=resamples,
+        confidence=confidence,
+        seed=seed,
+    )
+    value = float((theirs - ours).mean())
+    return {
+        "score": score,
+        "value": value,
+        "low": low,
+        "high": high,
+        "relative": value / float(theirs.mean()),
+        "decided": low > 0.0 or high < 0.0,
+        "windows": len(ours),
+    }

@@ -1,0 +1,166 @@
+"""All scores of one run, as plain data."""
+
+import time
+from typing import Any
+
+import numpy as np
+import torch
+
+from lagsplat.chart.chart import Chart
+from lagsplat.evaluate.config import EvaluateConfig
+from lagsplat.evaluate.damping import compare_decay, linear_modes
+from lagsplat.evaluate.floor import autoencoder_floor
+from lagsplat.evaluate.forecast import image_forecast
+from lagsplat.evaluate.free import free_windows
+from lagsplat.evaluate.frequency import compare_frequency
+from lagsplat.evaluate.latent import latent_forecast
+from lagsplat.evaluate.protocol import Integrate, Pictures, Render, held_out
+from lagsplat.io.recording import Recording
+from lagsplat.stage1.autoencoder import Autoencoder, decode_latents, encode_frames
+from lagsplat.stage2.lagrangian import Lagrangian
+from lagsplat.stage2.rollout import rollout
+
+SCHEMA = 1
+PROBED = 8
+
+
+def evaluate(
+    autoencoder: Autoencoder,
+    chart: Chart,
+    lagrangian: Lagrangian,
+    recording: Recording,
+    config: EvaluateConfig,
+) -> dict[str, Any]:
+    """Every score of one trained run on the held-out part of its recording, ready for JSON.
+
+    ``scores`` holds the table's numbers (None where nothing could be measured, and the block of the same
+    name says why), ``intervals`` their 95 % intervals over windows; the other blocks hold the details and
+    the value of every window. Deterministic but for ``wall_time_s``.
+
+    Raises:
+        ValueError: recording, chart and autoencoder do not belong together, or the held-out part is too
+        short for the protocol.
+
+    Source: paper, Metrics.
+    """
+    begin = time.perf_counter()
+    require_same_run(autoencoder, chart, recording)
+    held = held_out(chart, config)
+    pictures, render = recorded(recording, chart), renderer(autoencoder, chart)
+    integrate = integrator(lagrangian, chart.dt_s)
+    floor = autoencoder_floor(held, pictures, render, most=config.floor_frames)
+    forecast = image_forecast(held, pictures, render, integrate, config)
+    windows, reason = free_windows(held, integrate, config)
+    frequency = compare_frequency(windows, reason, dt_s=held.dt_s)
+    period_s = config.period_s or (1.0 / frequency["encoded_hz"] if frequency["encoded_hz"] else None)
+    latent: dict[str, Any] = {"reason": f"no natural period: {frequency['reason']}; set evaluate.period_s"}
+    if period_s is not None:
+        latent = latent_forecast(held, pictures, render, integrate, config, period_s=period_s)
+        latent["period_from"] = "evaluate.period_s" if config.period_s else frequency["estimator"]
+    return {
+        "schema": SCHEMA,
+        "recording": {key: recording.meta.get(key) for key in ("origin", "source", "sha256")},
+        "d": chart.d,
+        "n_held_out": held.n_frames,
+        "skip_frames": held.skip,
+        "dt_s": held.dt_s,
+        "scores": _scores(autoencoder, floor, forecast, frequency, latent),
+        "intervals": {
+            "mse_half_second": [forecast["low"], forecast["high"]],
+            "frequency_error": [frequency["low"], frequency["high"]],
+            "latent_nrmse": list(latent.get("nrmse_interval", (None, None))),
+            "image_ratio": list(latent.get("image_ratio_interval", (None, None))),
+        },
+        "floor": floor,
+        "forecast": forecast,
+        "frequency": frequency,
+        "damping": compare_decay(windows, reason),
+        "linear_modes": linear_modes(lagrangian, chart.rest, n_inputs=held.inputs.shape[1]),
+        "latent": latent,
+        "wall_time_s": time.perf_counter() - begin,
+    }
+
+
+def _scores(
+    autoencoder: Autoencoder,
+    floor: dict[str, Any],
+    forecast: dict[str, Any],
+    frequency: dict[str, Any],
+    latent: dict[str, Any],
+) -> dict[str, Any]:
+    return {
+        "ae_floor": floor["value"],
+        "mse_half_second": forecast["mse"],
+        "frequency_error": frequency["value"],
+        "latent_nrmse": latent.get("nrmse"),
+        "image_ratio": latent.get("image_ratio"),
+        "external_force": external_force(autoencoder),
+        "diverged": forecast["diverged"]
+        + latent.get("diverged", 0)
+        + sum(row["diverged"] for row in frequency["windows"]),
+        "rollouts": forecast["windows"] + latent.get("windows", 0) + len(frequency["windows"]),
+    }
+
+
+def external_force(autoencoder: Autoencoder) -> str:
+    """Where a force given in the image can act: ``anywhere`` or ``none``.
+
+    A force on a drawn primitive reaches the dynamics through the primitive's Jacobian, so it can act wherever
+    something is drawn as soon as the drawn centres move with the latent.
+    """
+    moves = bool((autoencoder.gaussians.jacobian().abs().amax() > 0).item())
+    return "anywhere" if moves else "none"
+
+
+def require_same_run(autoencoder: Autoencoder, chart: Chart, recording: Recording) -> None:
+    """Check that the chart was made by this autoencoder from this recording.
+
+    Raises:
+        ValueError: lengths differ, or freshly encoded frames are not where the chart has them.
+    """
+    if len(chart.latents) != recording.n_frames:
+        raise ValueError(
+            f"the chart holds {len(chart.latents)} latents and the recording {recording.n_frames} frames; "
+            "make the chart again from this recording"
+        )
+    probed = np.linspace(0, recording.n_frames - 1, PROBED).astype(np.int64)
+    fresh = chart.to_whitened(encode_frames(autoencoder, np.asarray(recording.frames[probed])))
+    apart = float(np.abs(fresh - chart.latents[probed]).max())
+    if not apart < 1e-2:
+        raise ValueError(
+            f"freshly encoded frames lie up to {apart:.3g} whitened units from the chart's latents; the "
+            "chart belongs to another autoencoder or recording, make it again"
+        )
+
+
+def recorded(recording: Recording, chart: Chart) -> Pictures:
+    """Recorded held-out images in [0, 1] by held-out frame number."""
+
+    def pictures(frames: np.ndarray) -> np.ndarray:
+        stored = np.asarray(recording.frames[chart.n_train + frames])
+        return np.moveaxis(stored, 3, 1).astype(np.float32) / np.float32(255.0)
+
+    return pictures
+
+
+def renderer(
+    autoencoder: Autoencoder, chart: Chart, *, height: int | None = None, width: int | None = None
+) -> Render:
+    """Images rendered at whitened latents, at the training resolution unless told otherwise."""
+
+    def render(q: np.ndarray) -> np.ndarray:
+        return decode_latents(autoencoder, chart.to_raw(q), height=height, width=width)
+
+    return render
+
+
+def integrator(lagrangian: Lagrangian, dt_s: float) -> Integrate:
+    """Rollouts of the learned dynamics from numpy to numpy."""
+
+    def integrate(q0: np.ndarray, v0: np.ndarray, inputs: np.ndarray) -> np.ndarray:
+        q, _ = rollout(
+            lagrangian, torch.as_tensor(q0), torch.as_tensor(v0), torch.as_tensor(inputs), dt_s=dt_s
+        )
+        return q.double().numpy()
+
+    return integrate

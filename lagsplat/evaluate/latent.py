@@ -1,0 +1,97 @@
+"""Latent and image error over two natural periods, in the visibility metric."""
+
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from lagsplat.evaluate.config import EvaluateConfig
+from lagsplat.evaluate.floor import image_errors
+from lagsplat.evaluate.forecast import window_errors
+from lagsplat.evaluate.protocol import (
+    HeldOut,
+    Integrate,
+    Pictures,
+    Render,
+    bootstrap_interval,
+    draw_starts,
+    initial_states,
+    pin_diverged,
+    windows,
+)
+
+
+def latent_forecast(
+    held: HeldOut,
+    pictures: Pictures,
+    render: Render,
+    integrate: Integrate,
+    config: EvaluateConfig,
+    *,
+    period_s: float,
+) -> dict[str, Any]:
+    """Latent NRMSE and image error over ``config.periods`` natural periods of ``period_s`` seconds.
+
+    ``nrmse`` is the RMS state error over all windows and states (the initial one included) divided by the
+    RMS of the whole encoded held-out series about its mean, both in the visibility metric without ridge: 1 is
+    no better than predicting the mean. ``image_ratio`` divides the image error by the autoencoder floor at
+    the same frames. Diverged states count as in the image forecast, in the latent with the larger error of
+    the pinned state and of the mean state. ``nrmse_hold`` keeps the initial state.
+
+    Source: paper, Metrics, latent and image error.
+    """
+    states = max(round(config.periods * period_s / held.dt_s), 2)
+    starts = draw_starts(held, length=states, margin=3, count=config.starts, seed=config.seed)
+    q0, v0 = initial_states(held, starts)
+    rollouts = integrate(q0, v0, windows(held.forcing, starts, states))
+    pinned, gone = pin_diverged(rollouts, bound=config.divergence_factor * held.reach)
+    encoded = windows(held.encoded, starts, states)
+    mean = held.encoded.mean(axis=0)
+    scale = squared_norm(held.encoded - mean, held.metric).mean()
+    error = squared_norm(pinned - encoded, held.metric)
+    error = np.where(gone, np.maximum(error, squared_norm(mean - encoded, held.metric)), error).mean(axis=1)
+    hold = squared_norm(q0[:, None] - encoded, held.metric).mean(axis=1)
+    mean_frame = pictures(np.linspace(held.skip, held.n_frames - 1, 256).astype(np.int64)).mean(axis=0)
+    image, image_hold, _ = window_errors(pinned, gone, starts, pictures, render, mean_frame)
+    floor = np.array(
+        [
+            image_errors(render(held.latents[frames]), pictures(frames)).mean()
+            for frames in starts[:, None] + np.arange(states)
+        ]
+    )
+
+    def nrmse(errors: np.ndarray) -> np.ndarray:
+        return np.sqrt(errors.mean(axis=-1) / scale)
+
+    def ratio(errors: np.ndarray, floors: np.ndarray) -> np.ndarray:
+        return errors.mean(axis=-1) / floors.mean(axis=-1)
+
+    interval = partial(
+        bootstrap_interval, resamples=config.bootstrap, confidence=config.confidence, seed=config.seed
+    )
+    stayed = ~gone[:, -1]
+    return {
+        "period_s": float(period_s),
+        "horizon_s": states * held.dt_s,
+        "states": states,
+        "windows": len(starts),
+        "nrmse": float(nrmse(error)),
+        "nrmse_interval": interval(nrmse, error),
+        "nrmse_staying": float(nrmse(error[stayed])) if stayed.any() else None,
+        "nrmse_hold": float(nrmse(hold)),
+        "image_mse": float(image.mean()),
+        "image_hold": float(image_hold.mean()),
+        "floor": float(floor.mean()),
+        "image_ratio": float(ratio(image, floor)),
+        "image_ratio_interval": interval(ratio, image, floor),
+        "diverged": int((~stayed).sum()),
+        "starts": starts.tolist(),
+        "per_window": np.sqrt(error / scale).tolist(),
+        "per_window_image": image.tolist(),
+        "per_window_floor": floor.tolist(),
+    }
+
+
+def squared_norm(vectors: np.ndarray, metric: np.ndarray) -> np.ndarray:
+    """Squared length of the vectors on the last axis, ``v^T G v``."""
+    return np.einsum("...i,ij,...j->...", vectors, metric, vectors)

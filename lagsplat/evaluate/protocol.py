@@ -1,0 +1,165 @@
+"""What every score shares: the held-out series, the starts, the treatment of divergence, the intervals.
+
+Series here are whitened latents in float64 and inputs in their own units; frame numbers count from the start
+of the held-out part.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float64, Int64
+
+from lagsplat.chart.chart import Chart
+from lagsplat.chart.smooth import smooth
+from lagsplat.evaluate.config import EvaluateConfig
+
+Latents = Float64[np.ndarray, "N d"]
+Rollouts = Float64[np.ndarray, "B N d"]
+Integrate = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+"""(q0 (B,d), v0 (B,d) per second, inputs (B,N,n_u)) -> q (B,N,d); non-finite where it diverged."""
+Render = Callable[[np.ndarray], np.ndarray]
+"""q (N,d) -> images (N,3,H,W) with colours in [0, 1]."""
+Pictures = Callable[[np.ndarray], np.ndarray]
+"""held-out frame numbers (N,) -> the recorded images (N,3,H,W) with colours in [0, 1]."""
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """The held-out part as the scores see it.
+
+    ``encoded`` and ``forcing`` are smoothed (initial states, references and forcing are read from them),
+    ``latents`` and ``inputs`` are as encoded and measured. Scores begin at frame ``skip``.
+    """
+
+    encoded: Float64[np.ndarray, "T d"]
+    latents: Float64[np.ndarray, "T d"]
+    forcing: Float64[np.ndarray, "T n_u"]
+    inputs: Float64[np.ndarray, "T n_u"]
+    segments: tuple[tuple[int, int], ...]
+    metric: Float64[np.ndarray, "d d"]
+    dt_s: float
+    skip: int
+
+    @property
+    def n_frames(self) -> int:
+        """Frames of the held-out part, skipped ones included."""
+        return self.encoded.shape[0]
+
+    @property
+    def reach(self) -> float:
+        """Length of the longest encoded state, in whitened units."""
+        return float(np.linalg.norm(self.encoded, axis=1).max())
+
+
+def held_out(chart: Chart, config: EvaluateConfig) -> HeldOut:
+    """The held-out part of a chart, smoothed once for every score.
+
+    Raises:
+        ValueError: nothing is left once ``evaluate.skip_s`` is taken off.
+    """
+    part = chart.held_out
+    latents = np.asarray(part.latents, dtype=np.float64)
+    inputs = np.asarray(part.inputs, dtype=np.float64)
+    skip = round(config.skip_s / chart.dt_s)
+    if skip + 3 > latents.shape[0]:
+        raise ValueError(
+            f"the held-out part has {latents.shape[0]} frames and evaluate.skip_s={config.skip_s} takes "
+            f"{skip} of them; lower evaluate.skip_s or hold out a longer part"
+        )
+    segments = tuple((int(start), int(stop)) for start, stop in part.segments)
+    return HeldOut(
+        encoded=_smoothed(latents, config.smooth_frames, segments),
+        latents=latents,
+        forcing=_smoothed(inputs, config.smooth_frames, segments),
+        inputs=inputs,
+        segments=segments,
+        metric=np.asarray(chart.metric, dtype=np.float64),
+        dt_s=float(chart.dt_s),
+        skip=skip,
+    )
+
+
+def _smoothed(series: np.ndarray, sigma_frames: float, segments: tuple[tuple[int, int], ...]) -> np.ndarray:
+    if sigma_frames == 0 or series.shape[1] == 0:
+        return series
+    return smooth(series, sigma_frames=sigma_frames, segments=segments)
+
+
+def draw_starts(held: HeldOut, *, length: int, margin: int, count: int, seed: int) -> Int64[np.ndarray, " B"]:
+    """Random start frames whose ``length`` states and velocity stencil stay within one clip.
+
+    On a single clip these are ``default_rng(seed).integers(skip, T - length - margin, size=count)``. Drawn
+    with replacement, so windows may overlap.
+
+    Raises:
+        ValueError: no clip of the scored part is long enough.
+    """
+    span = max(length + margin, 3)
+    allowed = [np.arange(max(start, held.skip), stop - span) for start, stop in held.segments]
+    valid = np.concatenate(allowed) if allowed else np.arange(0)
+    if valid.size == 0:
+        longest = max((stop - max(start, held.skip) for start, stop in held.segments), default=0)
+        raise ValueError(
+            f"a forecast of {length} frames needs a held-out clip of more than {span} frames after the skip "
+            f"of {held.skip}, the longest has {longest}; shorten the horizon, lower evaluate.skip_s or hold "
+            "out more"
+        )
+    draws = np.random.default_rng(seed).integers(0, valid.size, size=count)
+    return valid[draws].astype(np.int64)
+
+
+def initial_states(
+    held: HeldOut, starts: Int64[np.ndarray, " B"]
+) -> tuple[Float64[np.ndarray, "B d"], Float64[np.ndarray, "B d"]]:
+    """Encoded states and velocities [whitened units per second] at the start frames.
+
+    The velocity is the second-order forward difference, so it looks two frames ahead.
+    """
+    now, next_, later = (held.encoded[starts + ahead] for ahead in range(3))
+    return now, (-3.0 * now + 4.0 * next_ - later) / (2.0 * held.dt_s)
+
+
+def windows(series: Float64[np.ndarray, "T m"], starts: Int64[np.ndarray, " B"], length: int) -> np.ndarray:
+    """The stretches of ``length`` frames that begin at ``starts``, shape (B, length, m)."""
+    return series[starts[:, None] + np.arange(length)]
+
+
+def pin_diverged(rollouts: Rollouts, *, bound: float) -> tuple[Rollouts, Bool[np.ndarray, "B N"]]:
+    """Rollouts with every state from the first divergence on pinned to the bound, and where that happened.
+
+    A state has diverged when it is not finite or longer than ``bound``; so has every state after it, even one
+    that comes back. Pinned states lie at length ``bound`` in the direction of the last finite state, so that
+    they can be rendered and compared. Scores take the larger of a pinned state's error and of the error of
+    the mean prediction: leaving the data never pays.
+    """
+    length = np.linalg.norm(np.nan_to_num(rollouts, nan=np.inf, posinf=np.inf, neginf=np.inf), axis=2)
+    gone = np.logical_or.accumulate(~(length <= bound), axis=1)
+    pinned = rollouts.copy()
+    for row in np.flatnonzero(gone[:, -1]):
+        first = int(np.argmax(gone[row]))
+        last = first if np.isfinite(rollouts[row, first]).all() else max(first - 1, 0)
+        direction = np.nan_to_num(rollouts[row, last], nan=1.0, posinf=1.0, neginf=-1.0)
+        direction = direction / max(np.abs(direction).max(), 1e-300)
+        pinned[row, first:] = bound * direction / max(np.linalg.norm(direction), 1e-300)
+    return pinned, gone
+
+
+def bootstrap_interval(
+    statistic: Callable[..., np.ndarray],
+    *per_window: Float64[np.ndarray, " B"],
+    resamples: int,
+    confidence: float,
+    seed: int,
+) -> tuple[float, float]:
+    """Percentile interval of a statistic over windows drawn with replacement.
+
+    ``statistic`` takes arrays of shape (resamples, B), one for each of ``per_window``, and reduces the last
+    axis. Windows that overlap are treated as independent, so the interval is slightly narrow where they do.
+    """
+    count = per_window[0].shape[0]
+    draws = np.random.default_rng(seed).integers(0, count, size=(resamples, count))
+    values = statistic(*(values[draws] for values in per_window))
+    tail = 50.0 * (1.0 - confidence)
+    low, high = np.percentile(values, [tail, 100.0 - tail])
+    return float(low), float(high)
