@@ -16,7 +16,7 @@ import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO
+from typing import cast
 
 import numpy as np
 from jaxtyping import Float64, UInt8
@@ -92,8 +92,8 @@ def _pressure_names(path: Path, keys: set[str], expected: int) -> tuple[str, ...
 
 def _open_array(
     path: Path, archive: zipfile.ZipFile, key: str
-) -> tuple[IO[bytes], tuple[int, ...], bool, np.dtype]:
-    stream = archive.open(f"{key}.npy")
+) -> tuple[zipfile.ZipExtFile, tuple[int, ...], bool, np.dtype]:
+    stream = cast(zipfile.ZipExtFile, archive.open(f"{key}.npy"))
     try:
         major, _ = np.lib.format.read_magic(stream)
         read_header = {1: np.lib.format.read_array_header_1_0, 2: np.lib.format.read_array_header_2_0}[major]
@@ -110,7 +110,7 @@ def _open_array(
     return stream, shape, column_major, dtype
 
 
-def _read_exactly(path: Path, stream: IO[bytes], key: str, n_bytes: int) -> bytes:
+def _read_exactly(path: Path, stream: zipfile.ZipExtFile, key: str, n_bytes: int) -> bytes:
     data = stream.read(n_bytes)
     if len(data) < n_bytes:
         raise ValueError(f"{path}: key {key!r} ends {n_bytes - len(data)} bytes early; {REPAIR}")

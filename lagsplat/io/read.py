@@ -1,6 +1,7 @@
 """From a recording's settings to the recording."""
 
 from dataclasses import replace
+from pathlib import Path
 
 from lagsplat.io.archive import fetch_member
 from lagsplat.io.config import RecordingConfig
@@ -25,13 +26,14 @@ def read_recording(config: RecordingConfig) -> Recording:
 def _krauss(config: RecordingConfig) -> Recording:
     if config.dt_s is None:
         raise ValueError("recording.dt_s is null; give the spacing of frames in seconds")
-    path = config.path
-    if path is None:
+    if config.path is not None:
+        path = Path(config.path).expanduser()
+    else:
         if config.archive is None or config.member is None:
             raise ValueError(
                 "recording.path is null and no archive with a member is given; set recording.path=FILE"
             )
-        path = str(fetch_member(config.archive, config.member))
+        path = fetch_member(config.archive, config.member)
     recording = read_krauss_npz(path, dt_s=config.dt_s, expected_inputs=config.n_inputs)
     if config.archive is None or recording.meta["sha256"] not in config.archive.member_sha256.values():
         return recording
@@ -51,7 +53,8 @@ def _video(config: RecordingConfig) -> Recording:
     size = None
     if config.height is not None and config.width is not None:
         size = (config.height, config.width)
-    return read_video(config.path, crop=config.crop, skip_s=config.skip_s, size=size, end_s=config.end_s)
+    path = Path(config.path).expanduser()
+    return read_video(path, crop=config.crop, skip_s=config.skip_s, size=size, end_s=config.end_s)
 
 
 READERS = {"krauss": _krauss, "video": _video}

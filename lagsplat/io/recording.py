@@ -12,7 +12,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float64, UInt8
 
 from lagsplat.io.artefact import load_artefact, save_artefact
 
@@ -26,24 +25,25 @@ LEAST_FRAMES = 3  # an acceleration needs three
 class Recording:
     """Frames with times [s], inputs with names and units, clips and origin.
 
-    ``frames`` is uint8, RGB, rows downwards; an array or a memory map. ``time_s`` strictly increases.
-    ``inputs`` has one row a frame and may have no column. ``segments`` are half-open ``(start, stop)`` clips
-    that follow one another and cover all frames; nothing may be continued across their borders; empty means
-    one clip. ``states`` is the truth of a simulation, or None. ``meta`` has ``origin`` (``simulated`` or
-    ``filmed``), ``source``, ``sha256``, ``licence``, and whatever else the maker knows, as plain data.
+    ``frames`` is uint8 (T, H, W, 3), RGB; an array or a memory map. ``time_s`` (T,) strictly increases.
+    ``inputs`` is (T, n_u), one row a frame, and may have no column. ``segments`` are half-open ``(start,
+    stop)`` clips that follow one another and cover all frames; nothing may be continued across their
+    borders; empty means one clip. ``states`` is the truth of a simulation, (T, n_x), or None. Numbers other
+    than frames become float64. ``meta`` has ``origin`` (``simulated`` or ``filmed``), ``source``,
+    ``sha256``, ``licence``, and whatever else the maker knows, as plain data.
 
     Raises:
-        ValueError: a field breaks one of these rules; the message names the recording's source, field and
-        value.
+        ValueError: a field breaks one of these rules; the message names the source, the field and the value.
     """
 
-    frames: UInt8[np.ndarray, "T H W 3"]
-    time_s: Float64[np.ndarray, " T"]
-    inputs: Float64[np.ndarray, "T n_u"]
+    # Shapes are not in the annotations, because they are checked in every run, with messages for users.
+    frames: np.ndarray
+    time_s: np.ndarray
+    inputs: np.ndarray
     input_names: tuple[str, ...]
     input_units: tuple[str, ...]
     segments: tuple[tuple[int, int], ...] = ()
-    states: Float64[np.ndarray, "T n_x"] | None = None
+    states: np.ndarray | None = None
     meta: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

@@ -1,0 +1,80 @@
+"""Settings of a recording: every domain check, and that OmegaConf can fill them."""
+
+from typing import Any
+
+import pytest
+from omegaconf import OmegaConf
+from omegaconf.errors import ConfigKeyError, MissingMandatoryValue
+
+from lagsplat.io.config import ArchiveConfig, RecordingConfig
+
+VIDEO = {
+    "kind": "video",
+    "path": "film.mp4",
+    "archive": None,
+    "member": None,
+    "dt_s": None,
+    "n_inputs": 0,
+    "crop": [0, 0, 250, 360],
+    "skip_s": 1.5,
+    "end_s": None,
+    "height": 92,
+    "width": 64,
+    "train_fraction": 0.8,
+}
+KRAUSS = {
+    **VIDEO,
+    "kind": "krauss",
+    "dt_s": 0.0167,
+    "crop": None,
+    "skip_s": 0.0,
+    "height": None,
+    "width": None,
+}
+ARCHIVE = {
+    "url": "https://example.org/a.zip",
+    "folder": "~",
+    "licence": "CC0",
+    "archive_sha256": None,
+    "member_sha256": {"a.npz": "0" * 64},
+}
+
+
+def fill(values: dict[str, Any]) -> Any:
+    return OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(RecordingConfig), values))
+
+
+def test_omegaconf_fills_and_checks_types() -> None:
+    assert fill(VIDEO) == RecordingConfig(**VIDEO)  # type: ignore[arg-type]
+    assert fill({**KRAUSS, "archive": ARCHIVE}).archive == ArchiveConfig(**ARCHIVE)  # type: ignore[arg-type]
+    with pytest.raises(ConfigKeyError, match="skipp_s"):
+        fill({**VIDEO, "skipp_s": 1.0})
+    with pytest.raises(MissingMandatoryValue, match="n_inputs"):
+        fill({key: value for key, value in VIDEO.items() if key != "n_inputs"})
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({**VIDEO, "kind": "gif"}, "kind is 'gif'; choose one of simulated, krauss, video"),
+        ({**VIDEO, "train_fraction": 1.0}, r"train_fraction is 1\.0"),
+        ({**VIDEO, "train_fraction": 0.0}, r"train_fraction is 0\.0"),
+        ({**VIDEO, "n_inputs": -1}, "n_inputs is -1"),
+        ({**VIDEO, "crop": [0, 0, 250]}, r"crop is \[0, 0, 250\]"),
+        ({**VIDEO, "crop": [-1, 0, 250, 360]}, "crop is"),
+        ({**VIDEO, "crop": [0, 0, 0, 360]}, "crop is"),
+        ({**VIDEO, "skip_s": -0.1}, r"skip_s is -0\.1"),
+        ({**VIDEO, "end_s": 1.5}, r"end_s is 1\.5, not after skip_s = 1\.5"),
+        ({**VIDEO, "width": None}, "give both"),
+        ({**VIDEO, "height": 0}, "at least one pixel"),
+        ({**KRAUSS, "dt_s": None}, "dt_s is null, but a Krauss archive carries no timestamps"),
+        ({**KRAUSS, "dt_s": 0.0}, r"dt_s is 0\.0"),
+        ({**KRAUSS, "skip_s": 1.0}, "cut a film"),
+        ({**KRAUSS, "archive": {**ARCHIVE, "url": "a.zip"}}, "url is 'a.zip'"),
+        ({**KRAUSS, "archive": {**ARCHIVE, "archive_sha256": "abc"}}, "'archive_sha256' is 'abc'; give 64"),
+        ({**KRAUSS, "archive": {**ARCHIVE, "member_sha256": {"a.npz": "F" * 64}}}, "SHA-256 of 'a.npz'"),
+    ],
+)
+def test_values_outside_their_domain(values: dict, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        fill(values)
