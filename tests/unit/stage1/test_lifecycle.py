@@ -1,0 +1,71 @@
+"""Recycling keeps what is drawn where it should, and leaves no trace of a former life in Adam."""
+
+import numpy as np
+import pytest
+import torch
+
+from lagsplat.stage1.config import LifecycleConfig
+from lagsplat.stage1.lifecycle import is_due, peak_opacity, review, split
+from lagsplat.stage1.schedule import optimizer_of
+from tests.unit.splat.test_gaussians import full_covariance, random_gaussians
+from tests.unit.stage1.problems import small_autoencoder, small_config, swinging_bar
+
+
+def test_a_split_pair_has_the_mean_and_covariance_of_its_parent():
+    gaussians = random_gaussians(6, 3).float()
+    parent = gaussians.double()
+    before = full_covariance(parent).detach()[0]
+    middle = torch.cat((parent.latent_center, parent.center), 1).detach()[0].clone()
+    opacity = parent.opacity_logit.sigmoid()[0].item()
+    with torch.no_grad():
+        split(parent, torch.tensor([0]), torch.tensor([4]))
+    after = full_covariance(parent).detach()
+    centers = torch.cat((parent.latent_center, parent.center), 1).detach()
+    offset = centers[0] - middle
+    torch.testing.assert_close((centers[0] + centers[4]) / 2, middle, atol=1e-5, rtol=1e-5)
+    torch.testing.assert_close(after[0] + offset[:, None] * offset[None], before, atol=1e-5, rtol=1e-4)
+    torch.testing.assert_close(after[0], after[4])
+    pair = parent.opacity_logit.sigmoid()[[0, 4]].detach()
+    assert 1 - (1 - pair[0]) * (1 - pair[1]) == pytest.approx(opacity, abs=1e-5)
+
+
+def test_the_split_is_along_the_principal_axis():
+    gaussians = random_gaussians(1, 2)
+    before = torch.linalg.eigh(full_covariance(gaussians).detach()[0])
+    middle = torch.cat((gaussians.latent_center, gaussians.center), 1).detach()[0].clone()
+    with torch.no_grad():
+        split(gaussians, torch.tensor([0]), torch.tensor([0]))
+    offset = torch.cat((gaussians.latent_center, gaussians.center), 1).detach()[0] - middle
+    cosine = (offset @ before.eigenvectors[:, -1]).abs() / offset.norm()
+    assert cosine.item() == pytest.approx(1, abs=1e-5)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
+def test_review_brings_the_invisible_back_and_clears_their_memory(share):
+    frames = swinging_bar(40)
+    autoencoder = small_autoencoder(frames)
+    optimizer = optimizer_of(autoencoder, small_config().rate)
+    from lagsplat.stage1.autoencoder import to_images
+
+    images = to_images(frames)
+    (autoencoder.decode(autoencoder.encode(images)) - images).square().mean().backward()
+    optimizer.step()
+    with torch.no_grad():
+        autoencoder.gaussians.opacity_logit[:5] = -9.0
+    config = LifecycleConfig(every=1, start=0, stop=1, peak_opacity=0.02, split_share=share)
+    assert review(autoencoder, optimizer, frames, config, rng=np.random.default_rng(0)) == 5
+    latents = autoencoder.encode(images)
+    assert (peak_opacity(autoencoder.gaussians, latents)[:5] > 0.02).all()
+    for name, parameter in autoencoder.gaussians.named_parameters():
+        assert torch.isfinite(parameter).all()
+        if name != "background_logit":
+            assert optimizer.state[parameter]["exp_avg"][:5].abs().sum() == 0
+    assert review(autoencoder, optimizer, frames, config, rng=np.random.default_rng(0)) == 0
+
+
+def test_the_last_part_of_training_is_left_alone():
+    config = LifecycleConfig(every=10, start=0.2, stop=0.8, peak_opacity=0.02, split_share=0.5)
+    due = [step for step in range(100) if is_due(config, step=step, steps=100)]
+    assert due == [29, 39, 49, 59, 69, 79]
+    config.every = 0
+    assert not any(is_due(config, step=step, steps=100) for step in range(100))
