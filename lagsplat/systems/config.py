@@ -110,8 +110,8 @@ class SimulationConfig:
         _require(
             self.n_frames > needed,
             f"simulation.n_frames = {self.n_frames} leaves no driven frames beside rest_frames = "
-            f"{self.rest_frames}, two blends of hold_frames = {self.hold_frames} and tail_frames = {self.tail_frames}: "
-            f"use more than {needed} frames or shorten these.",
+            f"{self.rest_frames}, two blends of hold_frames = {self.hold_frames} and tail_frames = "
+            f"{self.tail_frames}: use more than {needed} frames or shorten these.",
         )
         _require(self.dt_s > 0, f"simulation.dt_s = {self.dt_s} s must be positive.")
         _require(

@@ -54,15 +54,21 @@ def paint_board(*, height: int, width: int, arm_share: float, generator: np.rand
 
 @njit(cache=True)
 @no_type_check
-def _material(down, right, part):
-    """Arc length and lateral offset of a point in the frame of a part, smooth through zero curvature."""
+def _material(down, right, part, widest):
+    """Arc length and lateral offset of a point in the frame of a part, smooth through zero curvature.
+
+    The arc length of points further out than ``widest`` is not computed but returned as minus infinity.
+    """
     dx, dy = down - part[0], right - part[1]
     along, across = dx * part[2] + dy * part[3], dy * part[2] - dx * part[3]
     curvature = part[4]
     real, imag = 1 - curvature * across, curvature * along
     offset = (2 * across - curvature * (along**2 + across**2)) / (1 + np.sqrt(real**2 + imag**2))
-    arc_length = along if abs(curvature) < 1e-9 else np.arctan2(imag, real) / curvature
-    return arc_length, offset
+    if abs(offset) > widest:
+        return -np.inf, offset
+    if abs(curvature) < 1e-9:
+        return along, offset
+    return np.arctan2(imag, real) / curvature, offset
 
 
 @njit(cache=True)
@@ -100,51 +106,59 @@ def _shade(arc_length, offset, part, half_width, rings):
 
 @njit(cache=True)
 @no_type_check
+def _blend(down, right, parts, near, n_near, half_width, step, colors, color):
+    """Lay the near parts over ``color`` at one point, the segments first."""
+    n_segments = len(parts) // 2
+    for i in range(n_near):
+        k = near[i]
+        link = k >= n_segments
+        wide = 1.12 * half_width if link else half_width
+        over = 0.1 * half_width if link else 0.0
+        s, n = _material(down, right, parts[k], wide + step)
+        if s < -over - step or s > parts[k, 5] + over + step:
+            continue
+        cover = min(max(0.5 + (wide - abs(n)) / step, 0.0), 1.0)
+        cover *= min(max(0.5 + (s + over) / step, 0.0), 1.0)
+        cover *= min(max(0.5 + (parts[k, 5] + over - s) / step, 0.0), 1.0)
+        light = _shade(s, n, parts[k], wide, 0.0 if link else RINGS)
+        for c in range(3):
+            color[c] += cover * (min(light * colors[k, c], 1.0) - color[c])
+
+
+@njit(cache=True)
+@no_type_check
 def _paint(states, table, half_width, board, colors, view_width, images):
     frames, height, width, _ = images.shape
     n_parts = 2 * table.shape[0]
-    n_segments = table.shape[0]
     pixel = view_width / width
     step = pixel / SAMPLES
+    reach = 1.3 * half_width + 2 * pixel
     parts = np.zeros((n_parts, 6))
-    sample, total = np.zeros(3), np.zeros(3)
+    near = np.zeros(n_parts, np.int64)
+    color, total = np.zeros(3), np.zeros(3)
     for t in range(frames):
         _lay_out(states[t], table, parts)
+        images[t] = board
         for row in range(height):
             for column in range(width):
-                down = (row + 0.5) * pixel - TOP * view_width
-                right = (column + 0.5) * pixel - 0.5 * view_width
-                near = False
+                top, left = row * pixel - TOP * view_width, column * pixel - 0.5 * view_width
+                n_near = 0
                 for k in range(n_parts):
-                    s, n = _material(down, right, parts[k])
-                    reach = 1.3 * half_width + 1.5 * pixel
-                    near = near or (
-                        abs(n) < reach and -2 * pixel - reach < s < parts[k, 5] + reach + 2 * pixel
-                    )
-                if not near:
-                    for c in range(3):
-                        images[t, row, column, c] = board[row, column, c]
+                    s = _material(top + 0.5 * pixel, left + 0.5 * pixel, parts[k], reach)[0]
+                    if -reach < s < parts[k, 5] + reach:
+                        near[n_near] = k
+                        n_near += 1
+                if n_near == 0:
                     continue
-                total[:] = 0.0
+                for c in range(3):
+                    total[c] = 0.0
                 for a in range(SAMPLES * SAMPLES):
-                    x = right - 0.5 * pixel + (a % SAMPLES + 0.5) * step
-                    y = down - 0.5 * pixel + (a // SAMPLES + 0.5) * step
+                    down, right = top + (a // SAMPLES + 0.5) * step, left + (a % SAMPLES + 0.5) * step
                     for c in range(3):
-                        sample[c] = board[row, column, c]
-                    for k in range(n_parts):
-                        link = k >= n_segments
-                        wide = 1.12 * half_width if link else half_width
-                        over = 0.1 * half_width if link else 0.0
-                        s, n = _material(y, x, parts[k])
-                        cover = min(max(0.5 + (wide - abs(n)) / step, 0.0), 1.0)
-                        cover *= min(max(0.5 + (s + over) / step, 0.0), 1.0)
-                        cover *= min(max(0.5 + (parts[k, 5] + over - s) / step, 0.0), 1.0)
-                        if cover > 0:
-                            light = _shade(s, n, parts[k], wide, 0.0 if link else RINGS)
-                            for c in range(3):
-                                sample[c] += cover * (min(light * colors[k, c], 1.0) - sample[c])
+                        color[c] = board[row, column, c]
+                    _blend(down, right, parts, near, n_near, half_width, step, colors, color)
                     for c in range(3):
-                        total[c] += sample[c]
+                        total[c] += color[c]
                 for c in range(3):
                     images[t, row, column, c] = total[c] / (SAMPLES * SAMPLES)
 
