@@ -85,16 +85,19 @@ class Arm:
         """Rest pose under constant ``pressure`` [atm], by Newton from the straight arm.
 
         Raises:
-            ValueError: no equilibrium is found, as under pressures the springs cannot hold.
+            ValueError: no stable equilibrium is found, as under pressures the springs cannot hold.
         """
         q = np.zeros(self.d)
         for _ in range(50):
             step = np.linalg.solve(self.stiffness(q, pressure), self.static_force(q, pressure))
             q = q + np.clip(step, -0.3, 0.3)
             if np.max(np.abs(step)) < 1e-12:
-                return q
+                break
+        stiffness = self.stiffness(q, pressure)
+        if np.max(np.abs(step)) < 1e-12 and np.linalg.eigvalsh(0.5 * (stiffness + stiffness.T))[0] > 0:
+            return q
         raise ValueError(
-            f"no rest pose found under pressures {pressure} atm: the arm's stiffness is too low for them; "
+            f"no stable rest pose found under pressures {pressure} atm: the springs cannot hold the arm; "
             "lower the pressures or raise arm.bending_stiffness and arm.extension_stiffness."
         )
 

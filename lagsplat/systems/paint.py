@@ -40,10 +40,9 @@ def paint_board(*, height: int, width: int, arm_share: float, generator: np.rand
     tint = generator.uniform(0.6, 1.4, (count, 3)) / np.sqrt(count)
     x = (np.arange(width * fine) + 0.5) / (width * fine)
     y = (np.arange(height * fine) + 0.5) / (width * fine)
-    board = np.zeros((y.size, x.size, 3))
-    for k in range(count):
-        along = np.cos(direction[k]) * x[None, :] + np.sin(direction[k]) * y[:, None]
-        board += np.sin(wave[k] * along + phase[k])[..., None] * tint[k]
+    across = np.exp(1j * (wave * np.cos(direction) * x[:, None] + phase))
+    down = np.exp(1j * wave * np.sin(direction) * y[:, None])
+    board = np.stack([((down * shade) @ across.T).imag for shade in tint.T], axis=-1)
     light = 0.60 - 0.16 * x[None, :] - 0.10 * y[:, None]
     board = light[..., None] * np.array([0.92, 1.0, 0.90]) * (1 + 0.13 * board)
     clamp = (y[:, None] < TOP) & (np.abs(x[None, :] - 0.5) < 0.75 * arm_share)

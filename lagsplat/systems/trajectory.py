@@ -47,14 +47,22 @@ def integrate(
     """
     spline = spline_coefficients(pressures, dt_s=dt_s)
     times = np.arange(len(pressures)) * dt_s
-    solution = solve_ivp(
-        _rate, (0.0, times[-1]), np.concatenate([q, v]), method="DOP853", t_eval=times, rtol=rtol, atol=atol,
-        max_step=3 * dt_s, args=(spline, dt_s, arm.table, arm.nodes, arm.weights, arm.gravity),
-    )  # fmt: skip
+    try:
+        solution = solve_ivp(
+            _rate, (0.0, times[-1]), np.concatenate([q, v]), method="DOP853", t_eval=times, rtol=rtol,
+            atol=atol, max_step=3 * dt_s,
+            args=(spline, dt_s, arm.table, arm.nodes, arm.weights, arm.gravity),
+        )  # fmt: skip
+    except np.linalg.LinAlgError as error:
+        raise _out_of_range("the mass matrix is no longer finite") from error
     if not solution.success or not np.all(np.isfinite(solution.y)):
-        raise RuntimeError(
-            f"integration of the arm stopped at t = {solution.t[-1]:.3f} s ({solution.message}): the "
-            "pressures drive it out of its physical range; lower simulation.drive_max_atm or stiffen the arm."
-        )
+        raise _out_of_range(f"at t = {solution.t[-1]:.3f} s, {solution.message}")
     states = np.ascontiguousarray(solution.y.T)
     return states[:, : arm.d].copy(), states[:, arm.d :].copy()
+
+
+def _out_of_range(found: str) -> RuntimeError:
+    return RuntimeError(
+        f"integration of the arm stopped ({found}): it was driven out of its physical range; lower "
+        "simulation.drive_max_atm or stiffen the arm."
+    )

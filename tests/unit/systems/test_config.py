@@ -1,0 +1,34 @@
+import pytest
+
+
+@pytest.mark.parametrize("name", ["toy", "krauss_1seg", "krauss_2seg"])
+def test_the_choices_of_conf_are_valid(load, name):
+    config = load(name)
+    assert config.dt_s == pytest.approx(1001 / 60000, rel=1e-12)
+    assert config.arm.chamber_offset < config.arm.half_width
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"n_frames": 180}, r"n_frames = 180 leaves no driven frames.*use more than 180"),
+        ({"tail_frames": 0}, "tail_frames"),
+        ({"height": 4}, "8 x 8"),
+        ({"drive_high_hz": 40.0}, "half the frame rate"),
+        ({"drive_low_hz": 3.0}, "drive band"),
+        ({"hold_atm": [0.1]}, "hold_atm has 1 pressures for 1 segments"),
+        ({"hold_atm": [0.1, 2.0]}, "drive_max_atm"),
+        ({"camera_noise_levels": -1.0}, "camera_noise_levels"),
+        ({"dt_s": 0.0}, "dt_s"),
+        ({"rtol": 0.0}, "rtol"),
+        ({"view_width": 0.0}, "view_width"),
+        ({"arm": {"mass": [0.1, 0.2]}}, r"arm.mass has 2 values for 1 segments"),
+        ({"arm": {"mass": [-0.1]}}, "arm.mass"),
+        ({"arm": {"chamber_limit": 1.5}}, "chamber_limit"),
+        ({"arm": {"half_width": 0.0}}, "half_width"),
+        ({"arm": {"retardation_s": -0.1}}, "retardation_s"),
+    ],
+)
+def test_nonsense_is_refused_with_its_name(load, changes, message):
+    with pytest.raises(ValueError, match=message):
+        load("toy", **changes)
