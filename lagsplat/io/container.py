@@ -25,6 +25,8 @@ def missing_bytes(path: str | os.PathLike[str]) -> int | None:
         while position < total:
             file.seek(position)
             header = file.read(LONG_BOX_HEADER)
+            if len(header) < BOX_HEADER:
+                return BOX_HEADER - len(header)
             if little_endian:
                 size = int.from_bytes(header[4:8], "little")
                 position += BOX_HEADER + size + size % 2

@@ -106,8 +106,10 @@ def _decode(
                 times.pop()
                 break
             yield time_s, picture
+        if not times:
+            return
         announced = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
-        _warn_if_short(path, n_read=len(times), announced=announced, last_s=times[-1] if times else 0.0)
+        _warn_if_short(path, n_read=len(times), announced=announced, last_s=times[-1])
     finally:
         capture.release()
 
