@@ -76,10 +76,11 @@ def _fetch_patiently(url: str, part: Path, *, wait: Callable[[float], object]) -
             return _fetch_rest(url, part)
         except (requests.RequestException, EOFError) as error:
             failures = 1 if _size(part) > reached else failures + 1
-            reached = _size(part)
+            # The best so far, or a server that starts over each time could keep this going for ever.
+            reached = max(reached, _size(part))
             if failures >= ATTEMPTS or not _may_pass(error):
                 raise ConnectionError(
-                    f"{url}: {error} ({failures} attempts without progress). {reached} bytes are kept in "
+                    f"{url}: {error} ({failures} attempts without progress). {_size(part)} bytes are kept in "
                     f"{part}; run again to go on, or fetch the file by hand and put it there "
                     "without the suffix .part"
                 ) from error

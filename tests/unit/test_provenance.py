@@ -17,13 +17,18 @@ from lagsplat.provenance import code_digest, seed_everything, set_threads, stamp
 
 FILES = {
     "__init__.py": '"""The package."""\n\n__version__ = "1"\n',
-    "top.py": "from lagsplat.room import chair\nfrom lagsplat.tools.saw import cut\n\n\ndef sit():\n    return cut(chair)\n",
+    "top.py": (
+        "from lagsplat.room import chair\nfrom lagsplat.tools.saw import cut\n\n\n"
+        "def sit():\n    return cut(chair)\n"
+    ),
     "late.py": "def sit():\n    import lagsplat.tools.saw\n\n    return lagsplat.tools.saw.cut(1)\n",
     "alone.py": "import os\nimport numpy as np\n\nX = 1\n",
     "room/__init__.py": '"""A room."""\n',
     "room/chair.py": "LEGS = 4\n",
     "tools/__init__.py": '"""Tools."""\n',
-    "tools/saw.py": '"""A saw."""\n\nimport lagsplat.tools.blade as blade\n\n\ndef cut(x):\n    return blade.EDGE * x\n',
+    "tools/saw.py": (
+        '"""A saw."""\n\nimport lagsplat.tools.blade as blade\n\n\ndef cut(x):\n    return blade.EDGE * x\n'
+    ),
     "tools/blade.py": "# sharp\nEDGE = 2  # mm\n",
 }
 
@@ -70,7 +75,7 @@ def changes(package: Path) -> Callable[..., bool]:
             "tools/__init__.py",
             '"""Tools."""',
             "import os",
-        ),  # runs when the module is imported
+        ),  # runs on import
         ("lagsplat.room", "room/__init__.py", '"""A room."""', "X = 1"),
         ("lagsplat.top", "top.py", "import cut\n", "import cut as cut\n"),
     ],
@@ -125,7 +130,7 @@ def test_planning_stays_light(repository: Path) -> None:
     code = (
         "import sys; from lagsplat.provenance import code_digest, stamp; stamp();"
         "code_digest('lagsplat.io.recording'); import lagsplat.io.config;"
-        "heavy = {'torch', 'numba', 'numpy', 'cv2', 'safetensors', 'lagsplat.io.recording'} & set(sys.modules);"
+        "heavy = {'torch', 'numba', 'numpy', 'cv2', 'lagsplat.io.recording'} & set(sys.modules);"
         "assert not heavy, heavy"
     )
     subprocess.run([sys.executable, "-c", code], check=True, cwd=repository)
@@ -177,7 +182,7 @@ def test_threads_reach_torch_and_numba() -> None:
     try:
         set_threads(1)
         assert (torch.get_num_threads(), numba.get_num_threads()) == (1, 1)
-        set_threads(10_000)  # Numba takes what it has
+        set_threads(numba.config.NUMBA_NUM_THREADS + 1)  # Numba takes what it has
         assert numba.get_num_threads() == numba.config.NUMBA_NUM_THREADS
         with pytest.raises(ValueError, match="threads is 0"):
             set_threads(0)

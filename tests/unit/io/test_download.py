@@ -91,6 +91,12 @@ def test_server_that_cannot_continue_starts_over(site: Any, target: Path, announ
     assert target.read_bytes() == site.content
 
 
+def test_server_that_always_starts_over_and_breaks_off_is_given_up(site: Any, target: Path) -> None:
+    site.ranges, site.cut_after = False, [200_000, 100_000] * 20
+    with pytest.raises(ConnectionError, match="without progress"):
+        download(site.url, target, sha256=None, wait=lambda seconds: None)
+
+
 def test_part_that_is_whole_already(site: Any, target: Path) -> None:
     target.parent.mkdir()
     part(target).write_bytes(site.content)
