@@ -180,7 +180,9 @@ def _header_text(path: StrPath, header: Mapping[str, Any]) -> str:
             "give kind as text and schema as an integer"
         )
     try:
-        return json.dumps({"stamp": stamp(), **header}, default=_plain)
+        return json.dumps(
+            {**header, "stamp": header["stamp"] if "stamp" in header else stamp()}, default=_plain
+        )
     except (TypeError, ValueError) as error:
         raise ValueError(
             f"{path}: the header is not JSON ({error}); keep to numbers, text, lists and dicts"

@@ -65,7 +65,7 @@ def test_layout_in_memory_does_not_matter(array: np.ndarray, big_endian: bool) -
         scattered = scattered.astype(array.dtype.newbyteorder(">"))
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "artefact.safetensors"
-        save_artefact(path, {"x": scattered}, {"kind": "law", "schema": 1})
+        save_artefact(path, {"x": scattered}, {"kind": "law", "schema": 1, "stamp": {}})
         loaded, _ = load_artefact(path)
         np.testing.assert_array_equal(loaded["x"], array)
         assert loaded["x"].dtype == array.dtype

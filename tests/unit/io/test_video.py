@@ -140,10 +140,8 @@ def test_film_without_frames(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
 
 def test_real_film_whose_header_lies(shared_data: Path) -> None:
     path = shared_data / "video" / "pendulum_pair" / "video1.mp4"
-    recording = read(path, size=(18, 32))  # the header says 31.47 frames per second and 411 frames
-    assert recording.n_frames == 301
-    assert recording.dt_s == pytest.approx(0.040, abs=1e-9)
-    assert recording.time_s[-1] == pytest.approx(12.0, abs=1e-6)
+    recording = read(path, size=(18, 32), end_s=3.0)  # the header says 31.47 frames per second
+    np.testing.assert_allclose(recording.time_s, 0.040 * np.arange(75), atol=1e-9)
 
 
 def test_real_pendulum(shared_data: Path) -> None:
