@@ -58,8 +58,8 @@ class FloorConfig:
         for name in ("mass", "damping", "stiffness"):
             if not 0 < getattr(self, name) < 1:
                 raise ValueError(
-                    f"stage2.floor.{name}={getattr(self, name)} must lie in (0, 1): without a floor the energy "
-                    "balance does not hold, and above the fitted scale it replaces the fit"
+                    f"stage2.floor.{name}={getattr(self, name)} must lie in (0, 1): without a floor the "
+                    "energy balance does not hold, and above the fitted scale it replaces the fit"
                 )
 
 
@@ -68,7 +68,8 @@ class StartConfig:
     """Initial values of the constant parts of M, C, V and nu."""
 
     source: str  # 'fitted': constant matrices by full-batch L-BFGS; 'isotropic': multiples of the identity
-    iterations: int  # L-BFGS iterations of the constant fit
+    iterations: int  # L-BFGS iterations of the constant fit on one step
+    shooting_iterations: int  # and then on rollouts of one natural period; 0 leaves them out
     time_unit: str  # 'data': rms position / rms velocity, about a period / 2 pi; 'frame': one frame
     damping: float  # of the isotropic start, per time unit, for unit mass
     stiffness: float  # of the isotropic start, per time unit squared, for unit mass
@@ -78,8 +79,11 @@ class StartConfig:
             raise ValueError(f"stage2.start.source={self.source!r}: choose 'fitted' or 'isotropic'")
         if self.time_unit not in ("data", "frame"):
             raise ValueError(f"stage2.start.time_unit={self.time_unit!r}: choose 'data' or 'frame'")
-        if self.iterations < 1:
-            raise ValueError(f"stage2.start.iterations={self.iterations} must be at least 1")
+        if self.iterations < 1 or self.shooting_iterations < 0:
+            raise ValueError(
+                f"stage2.start.iterations={self.iterations} must be at least 1 and "
+                f".shooting_iterations={self.shooting_iterations} not negative"
+            )
         if min(self.damping, self.stiffness) <= 0:
             raise ValueError("stage2.start.damping and .stiffness must be positive")
 

@@ -1,0 +1,59 @@
+"""A latent trajectory: whitened states, the inputs that drove them and the instants they were filmed."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float64
+
+from lagsplat.chart.smooth import smooth
+from lagsplat.shapes import Series
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """Whitened latents with their inputs and times; ``segments`` are half-open clips that do not touch.
+
+    Raises:
+        ValueError: lengths differ, or a segment lies outside the trajectory.
+    """
+
+    latents: Series
+    inputs: Series
+    time_s: Float64[np.ndarray, " T"]
+    segments: tuple[tuple[int, int], ...]
+
+    def __post_init__(self) -> None:
+        lengths = (len(self.latents), len(self.inputs), len(self.time_s))
+        if len(set(lengths)) != 1:
+            raise ValueError(
+                f"a trajectory has {lengths[0]} latents, {lengths[1]} inputs and {lengths[2]} times; "
+                "all three need one row a frame"
+            )
+        for start, stop in self.segments:
+            if not 0 <= start < stop <= lengths[0]:
+                raise ValueError(
+                    f"segment ({start}, {stop}) does not lie within the {lengths[0]} frames of the trajectory"
+                )
+
+    @property
+    def dt_s(self) -> float:
+        """Median time between two frames [s]."""
+        return float(np.median(np.diff(self.time_s)))
+
+    def smoothed(self, sigma_frames: float) -> "Trajectory":
+        """The same with latents and inputs smoothed by `smooth`."""
+        return replace(
+            self,
+            latents=smooth(self.latents, sigma_frames=sigma_frames, segments=self.segments),
+            inputs=smooth(self.inputs, sigma_frames=sigma_frames, segments=self.segments),
+        )
+
+    def part(self, start: int, stop: int) -> "Trajectory":
+        """Frames ``start`` to ``stop``, with the segments cut accordingly and counted from ``start``."""
+        cut = ((max(a, start) - start, min(b, stop) - start) for a, b in self.segments)
+        return Trajectory(
+            latents=self.latents[start:stop],
+            inputs=self.inputs[start:stop],
+            time_s=self.time_s[start:stop],
+            segments=tuple((a, b) for a, b in cut if a < b),
+        )

@@ -1,0 +1,155 @@
+"""Constant positive definite M, C, K and a linear input map, fitted to the data in seconds.
+
+First on the one-step objective, which is nearly convex, then on rollouts of one natural period, which
+see the slow drift that one step hides. A linear rollout is one matrix product a step, so that L-BFGS can
+afford hundreds of passes over the whole clip.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from scipy.optimize import minimize
+from torch import Tensor
+
+from lagsplat.stage2.config import FloorConfig
+from lagsplat.stage2.lagrangian import Coefficients, Floors
+from lagsplat.stage2.objective import square_norm
+from lagsplat.stage2.windows import Shots, Windows
+
+FAST_RATE_WEIGHT = 1e-2
+"""Weight of ``|h M^-1 C|^2`` beside a shooting error of 1: keeps decay rates below the frame rate, where an
+explicit step would be stable by chance only."""
+
+
+class ConstantFit:
+    """The unknowns of a constant system, and their fit to an objective.
+
+    Energy has no observable scale, so that M is held at mean eigenvalue 1; the floors are relative to it and
+    to the mean eigenvalue of K. A given ``mass`` is kept; ``learn_rest`` false keeps ``rest``.
+    """
+
+    def __init__(
+        self,
+        rest: Float[Tensor, " d"],
+        n_inputs: int,
+        *,
+        floor: FloorConfig,
+        learn_rest: bool,
+        mass: Float[Tensor, "d d"] | None = None,
+    ) -> None:
+        d = rest.shape[0]
+        eye = torch.eye(d, dtype=torch.float64)
+        first = {
+            "mass": eye,
+            "damping": 0.5 * eye,
+            "stiffness": eye,
+            "map": torch.zeros(n_inputs, d, dtype=torch.float64),
+            "rest": rest,
+        }
+        self.shapes = {name: value.shape for name, value in first.items()}
+        self.flat = torch.cat([value.reshape(-1) for value in first.values()]).numpy()
+        self.rest, self.floor, self.learn_rest, self.mass = rest, floor, learn_rest, mass
+
+    def coefficients(self, flat: Float[Tensor, " n"]) -> tuple[Coefficients, Floors]:
+        """The matrices that a flat vector of unknowns stands for, and the floors below them."""
+        pieces = flat.split([shape.numel() for shape in self.shapes.values()])
+        part = {n: p.view(s) for (n, s), p in zip(self.shapes.items(), pieces, strict=True)}
+        d = self.rest.shape[0]
+        eye = torch.eye(d, dtype=torch.float64)
+        free = _square(part["mass"])
+        floor = self.floor
+        unit = (free * (d / torch.trace(free)) + floor.mass * eye) / (1.0 + floor.mass)
+        elastic = _square(part["stiffness"])
+        curvature = floor.stiffness * torch.trace(elastic) / d
+        coefficients = Coefficients(
+            mass=unit if self.mass is None else self.mass,
+            damping=_square(part["damping"]) + floor.damping * eye,
+            stiffness=elastic + curvature * eye,
+            pressure_map=part["map"],
+            rest=part["rest"] if self.learn_rest else self.rest,
+        )
+        floors = Floors(floor.mass / (1.0 + floor.mass), floor.damping, float(curvature.detach()))
+        return coefficients, floors
+
+    def minimize(self, objective: Callable[[Coefficients], Tensor], *, iterations: int) -> float:
+        """Full-batch L-BFGS from where the unknowns stand; returns the objective reached."""
+
+        def loss_and_slope(flat: np.ndarray) -> tuple[float, np.ndarray]:
+            variable = torch.from_numpy(flat).requires_grad_()
+            error = objective(self.coefficients(variable)[0])
+            (slope,) = torch.autograd.grad(error, variable)
+            return float(error.detach()) / scale, slope.numpy() / scale
+
+        scale = 1.0
+        scale = max(loss_and_slope(self.flat)[0], 1e-300)
+        limits = {"maxiter": iterations, "maxfun": 2 * iterations, "maxcor": 30, "ftol": 1e-12, "gtol": 1e-9}
+        found = minimize(loss_and_slope, self.flat, jac=True, method="L-BFGS-B", options=limits)
+        self.flat = found.x
+        return float(found.fun) * scale
+
+    def result(self) -> tuple[Coefficients, Floors]:
+        """The fitted matrices and their floors."""
+        with torch.no_grad():
+            return self.coefficients(torch.from_numpy(self.flat))
+
+
+def _square(part: Tensor) -> Tensor:
+    lower = torch.tril(part)
+    return lower @ lower.T
+
+
+def linear_one_step_error(
+    c: Coefficients, windows: Windows, metric: Float[Tensor, "d d"], *, velocity_weight: float
+) -> Float[Tensor, ""]:
+    """`objective.one_step_error` of a constant system, without solving for each sample.
+
+    Source: paper eq. (physics_loss).
+    """
+    inverse = torch.linalg.inv(c.mass)
+    stiff, damp, drive = c.stiffness @ inverse, c.damping @ inverse, c.pressure_map @ inverse
+    push = windows.u @ drive + c.rest @ stiff
+    h = windows.step
+    half = windows.v + (0.5 * h) * (push - windows.q @ stiff - windows.v @ damp)
+    q = windows.q + h * half
+    v = half + (0.5 * h) * (push - q @ stiff - half @ damp)
+    position = square_norm(q - windows.q_next, metric)
+    velocity = square_norm(h * (v - windows.v_next), metric)
+    return (position + velocity_weight * velocity).mean() / metric.shape[0]
+
+
+def step_matrices(c: Coefficients, step: float) -> tuple[Float[Tensor, "2d 2d"], Float[Tensor, "d 2d"]]:
+    """One velocity-Verlet step as ``(q, v) -> (q, v) @ F + p @ P`` with ``p = M^-1 (force + K rest)``."""
+    h = step
+    inverse = torch.linalg.inv(c.mass)
+    stiff, damp = c.stiffness @ inverse, c.damping @ inverse
+    eye = torch.eye(damp.shape[0], dtype=damp.dtype)
+    keep = eye - 0.5 * h * damp
+    half_q, half_v, half_p = -0.5 * h * stiff, keep, 0.5 * h * eye
+    q_q, q_v, q_p = eye + h * half_q, h * half_v, h * half_p
+    v_q = half_q @ keep - 0.5 * h * q_q @ stiff
+    v_v = half_v @ keep - 0.5 * h * q_v @ stiff
+    v_p = half_p @ keep - 0.5 * h * q_p @ stiff + 0.5 * h * eye
+    transition = torch.cat([torch.cat([q_q, v_q], 1), torch.cat([q_v, v_v], 1)], 0)
+    return transition, torch.cat([q_p, v_p], 1)
+
+
+def linear_shooting_error(
+    c: Coefficients, shots: Shots, metric: Float[Tensor, "d d"], *, step: float
+) -> Float[Tensor, ""]:
+    """`objective.shooting_error` of a constant system, plus a small price on rates above the frame rate."""
+    d = metric.shape[0]
+    transition, entry = step_matrices(c, step)
+    inverse = torch.linalg.inv(c.mass)
+    force = shots.inputs[:, :-1] @ c.pressure_map + c.rest @ c.stiffness
+    drive = force @ (inverse @ entry)
+    state = torch.cat([shots.q, shots.v], 1)
+    path = []
+    for i in range(drive.shape[1]):
+        state = torch.addmm(drive[:, i], state, transition)
+        path.append(state)
+    error = torch.stack(path, 1)[:, :, :d] - shots.targets[:, 1:]
+    fast = (step * c.damping @ inverse).square().sum()
+    spread = square_norm(shots.targets[:, 1:] - shots.targets.mean((0, 1)), metric).mean() / d
+    return square_norm(error, metric).mean() / d + FAST_RATE_WEIGHT * spread * fast

@@ -1,0 +1,198 @@
+"""The latent Lagrangian: mass, damping, potential and actuation, and the acceleration they prescribe."""
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from lagsplat.shapes import Inputs, Latents, Spd
+from lagsplat.stage2.config import FormConfig
+from lagsplat.stage2.icnn import Icnn
+from lagsplat.stage2.induced import DecoderGeometry, InducedMass
+from lagsplat.stage2.iresnet import Block, Diffeomorphism, pull, push
+from lagsplat.stage2.matrices import ConstantMatrix, MatrixField, factor_above
+
+
+@dataclass(frozen=True)
+class Coefficients:
+    """Constant matrices of a linear mechanical system in internal time units.
+
+    ``M a + C w + K (q - rest) = pressure_map^T u``.
+    """
+
+    mass: Float[Tensor, "d d"]
+    damping: Float[Tensor, "d d"]
+    stiffness: Float[Tensor, "d d"]
+    pressure_map: Float[Tensor, "n_u d"]
+    rest: Float[Tensor, " d"]
+
+
+@dataclass(frozen=True)
+class Floors:
+    """Lower bounds of M, C and of the curvature of V, in the units of the starting matrices."""
+
+    mass: float
+    damping: float
+    stiffness: float
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """What depends on the parameters only, computed once per optimiser step."""
+
+    blocks: list[Block]
+    stiffness: Float[Tensor, "d d"]
+    rest_image: Float[Tensor, "1 d"]
+    rest_slope: Float[Tensor, "1 d"]
+    between: Tensor | None
+    between_volume: Tensor | None
+
+
+class Lagrangian(nn.Module):
+    """``L = v.M(q) v / 2 - V(q)`` with dissipation ``C(q)`` and chamber volumes ``nu(q)``.
+
+    With ``x = Phi(q)`` (the identity unless the potential is invex) and ``x_r = Phi(q_r)``:
+    ``V = Bregman_g(x, x_r) + (x - x_r).K (x - x_r) / 2`` and ``nu = B (x - x_r) - N(x)``, where ``g`` and
+    ``N`` are convex. Sharing ``Phi`` makes the loaded potential ``V - u.nu`` a strongly convex function of
+    ``x`` for every ``u >= 0``, hence with one equilibrium under any load. ``K``, ``M``, ``C`` have floors.
+    Internally one unit of time is ``time_unit_s`` seconds. Every network starts at zero.
+
+    Source: paper eqs. (EL), (pressure) and Appendix, "Bounded forced response".
+    """
+
+    def __init__(
+        self,
+        start: Coefficients,
+        *,
+        form: FormConfig,
+        floors: Floors,
+        time_unit_s: float,
+        seed: int,
+        geometry: DecoderGeometry | None = None,
+        mass_scale: float = 1.0,
+    ) -> None:
+        super().__init__()
+        generator = torch.Generator().manual_seed(seed)
+        d, n_inputs = start.rest.shape[0], start.pressure_map.shape[0]
+        self.d, self.n_inputs, self.form, self.floors = d, n_inputs, form, floors
+        self.register_buffer("time_unit_s", torch.tensor(time_unit_s, dtype=torch.float64))
+        self.mass_term = _mass(start.mass, form, floors.mass, generator, geometry, mass_scale)
+        self.damping_term = (
+            MatrixField(start.damping, floor=floors.damping, width=form.matrix_width, generator=generator)
+            if form.damping == "learned"
+            else ConstantMatrix(start.damping, floor=floors.damping)
+        )
+        self.stiffness_factor = nn.Parameter(factor_above(start.stiffness, floors.stiffness))
+        self.pressure_map = nn.Parameter(start.pressure_map.clone())
+        self.rest = nn.Parameter(start.rest.clone(), requires_grad=form.rest == "learned")
+        self.diffeo = (
+            Diffeomorphism(
+                d,
+                blocks=form.diffeo_blocks,
+                width=form.diffeo_width,
+                lipschitz=form.diffeo_lipschitz,
+                generator=generator,
+            )
+            if form.potential == "invex"
+            else None
+        )
+        self.convex = (
+            None
+            if form.potential == "quadratic"
+            else Icnn(d, width=form.potential_width, heads=1, generator=generator)
+        )
+        self.volume_net = (
+            Icnn(d, width=form.actuation_width, heads=n_inputs, generator=generator)
+            if form.actuation == "concave" and n_inputs
+            else None
+        )
+
+    def project(self) -> None:
+        """Restore the sign constraints after an optimiser step."""
+        for net in (self.convex, self.volume_net):
+            if net is not None:
+                net.project()
+
+    def prepare(self) -> Prepared:
+        """Normalised weights and rest terms; valid until the parameters change."""
+        blocks = self.diffeo.blocks() if self.diffeo is not None else []
+        rest_image, _ = push(self.rest[None], blocks)
+        between = None if self.convex is None else self.convex.between_weight()
+        slope = (
+            torch.zeros_like(rest_image)
+            if self.convex is None
+            else self.convex.gradient(rest_image, self.convex.head, between)
+        )
+        lower = torch.tril(self.stiffness_factor)
+        stiffness = lower @ lower.T + self.floors.stiffness * torch.eye(self.d, dtype=lower.dtype)
+        between_volume = None if self.volume_net is None else self.volume_net.between_weight()
+        return Prepared(blocks, stiffness, rest_image, slope, between, between_volume)
+
+    def mass(self, q: Latents) -> Spd:
+        """``M(q)``."""
+        return self.mass_term.matrix(q)
+
+    def damping(self, q: Latents) -> Spd:
+        """``C(q)`` per internal time unit."""
+        return self.damping_term.matrix(q)
+
+    def potential(self, q: Latents) -> Float[Tensor, " B"]:
+        """``V(q)``, zero at the rest state and positive elsewhere."""
+        ready = self.prepare()
+        image, _ = push(q, ready.blocks)
+        offset = image - ready.rest_image
+        value = 0.5 * ((offset @ ready.stiffness) * offset).sum(1)
+        if self.convex is None:
+            return value
+        rise = self.convex.value(image)[:, 0] - self.convex.value(ready.rest_image)[:, 0]
+        return value + rise - (offset * ready.rest_slope).sum(1)
+
+    def volume(self, q: Latents) -> Inputs:
+        """``nu(q)``, one latent volume a chamber."""
+        ready = self.prepare()
+        image, _ = push(q, ready.blocks)
+        value = (image - ready.rest_image) @ self.pressure_map.T
+        return value if self.volume_net is None else value - self.volume_net.value(image)
+
+    def conservative_force(self, q: Latents, u: Inputs, ready: Prepared) -> Latents:
+        """``-grad_q (V - u.nu)``: elastic force plus the generalised force of the inputs."""
+        image, hidden = push(q, ready.blocks)
+        slope = torch.addmm(-ready.rest_slope, image - ready.rest_image, ready.stiffness)
+        if self.n_inputs:
+            slope = slope - u @ self.pressure_map
+        if self.convex is not None and ready.between is not None:
+            slope = slope + self.convex.gradient(image, self.convex.head, ready.between)
+        if self.volume_net is not None and ready.between_volume is not None:
+            slope = slope + self.volume_net.gradient(image, u @ self.volume_net.head, ready.between_volume)
+        return -pull(slope, ready.blocks, hidden)
+
+    def acceleration(self, q: Latents, v: Latents, u: Inputs, *, ready: Prepared | None = None) -> Latents:
+        """Solve ``M a = grad T - grad V - (dM/dt) v - C v + grad (u.nu)``, in internal time units.
+
+        A non-finite input gives a non-finite row and never raises. ``ready`` saves `prepare` in a loop.
+        """
+        ready = self.prepare() if ready is None else ready
+        force = self.conservative_force(q, u, ready) - self.damping_term.apply(q, v)
+        return self.mass_term.accelerate(q, v, force)
+
+
+def _mass(
+    start: Tensor,
+    form: FormConfig,
+    floor: float,
+    generator: torch.Generator,
+    geometry: DecoderGeometry | None,
+    scale: float,
+) -> nn.Module:
+    if form.mass == "induced":
+        if geometry is None:
+            raise ValueError(
+                "stage2.form.mass='induced' needs the decoder's geometry; pass geometry=DecoderGeometry(...), "
+                "or choose 'learned' or 'constant'"
+            )
+        return InducedMass(geometry, scale=scale, floor=floor)
+    # one coordinate can be straightened by a change of chart, so that its mass needs no state dependence
+    if form.mass == "constant" or start.shape[0] == 1:
+        return ConstantMatrix(start, floor=floor)
+    return MatrixField(start, floor=floor, width=form.matrix_width, generator=generator)

@@ -1,0 +1,37 @@
+"""Forecasts of the learned dynamics."""
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from lagsplat.shapes import Latents
+from lagsplat.stage2.integrate import verlet_step
+from lagsplat.stage2.lagrangian import Lagrangian
+
+
+@torch.no_grad()
+def rollout(
+    lagrangian: Lagrangian,
+    q0: Latents,
+    v0: Latents,
+    inputs: Float[Tensor, "B N n_u"],
+    *,
+    dt_s: float,
+) -> tuple[Float[Tensor, "B N d"], Float[Tensor, "B N d"]]:
+    """States and velocities (per second) at ``N`` instants ``dt_s`` apart; the first is the given one.
+
+    Input ``i`` is held from state ``i`` to ``i + 1``; the last one is unused. Never raises on divergence: a
+    row that leaves the finite numbers is NaN from there on.
+    """
+    unit = float(lagrangian.time_unit_s)
+    ready = lagrangian.prepare()
+    q, v = q0.double(), v0.double() * unit
+    inputs = inputs.double()
+    positions, velocities = [q], [v]
+    for i in range(inputs.shape[1] - 1):
+        q, v = verlet_step(lagrangian, q, v, inputs[:, i], step=dt_s / unit, ready=ready)
+        finite = torch.isfinite(q).all(1, keepdim=True) & torch.isfinite(v).all(1, keepdim=True)
+        q, v = q.where(finite, torch.nan), v.where(finite, torch.nan)
+        positions.append(q)
+        velocities.append(v)
+    return torch.stack(positions, 1), torch.stack(velocities, 1) / unit
