@@ -68,8 +68,8 @@ def evaluate(
         "intervals": {
             "mse_half_second": [forecast["low"], forecast["high"]],
             "frequency_error": [frequency["low"], frequency["high"]],
-            "latent_nrmse": list(latent.get("nrmse_interval", (None, None))),
-            "image_ratio": list(latent.get("image_ratio_interval", (None, None))),
+            "latent_nrmse": latent.get("nrmse_interval", [None, None]),
+            "image_ratio": latent.get("image_ratio_interval", [None, None]),
         },
         "floor": floor,
         "forecast": forecast,

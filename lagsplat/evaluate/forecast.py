@@ -38,8 +38,7 @@ def image_forecast(
     q0, v0 = initial_states(held, starts)
     rollouts = integrate(q0, v0, windows(held.forcing, starts, states))
     pinned, gone = pin_diverged(rollouts, bound=config.divergence_factor * held.reach)
-    mean_frame = pictures(np.linspace(held.skip, held.n_frames - 1, 256).astype(np.int64)).mean(axis=0)
-    error, hold, mean = window_errors(pinned, gone, starts, pictures, render, mean_frame)
+    error, hold, mean = window_errors(pinned, gone, starts, pictures, render, mean_picture(held, pictures))
     low, high = bootstrap_interval(
         lambda values: values.mean(axis=-1),
         error,
@@ -64,6 +63,11 @@ def image_forecast(
         "per_window": error.tolist(),
         "per_window_hold": hold.tolist(),
     }
+
+
+def mean_picture(held: HeldOut, pictures: Pictures) -> np.ndarray:
+    """Mean of up to 256 evenly spaced recorded frames of the scored part."""
+    return pictures(np.linspace(held.skip, held.n_frames - 1, 256).astype(np.int64)).mean(axis=0)
 
 
 def window_errors(

@@ -1,13 +1,13 @@
 """Latent and image error over two natural periods, in the visibility metric."""
 
-from functools import partial
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from lagsplat.evaluate.config import EvaluateConfig
 from lagsplat.evaluate.floor import image_errors
-from lagsplat.evaluate.forecast import window_errors
+from lagsplat.evaluate.forecast import mean_picture, window_errors
 from lagsplat.evaluate.protocol import (
     HeldOut,
     Integrate,
@@ -45,51 +45,70 @@ def latent_forecast(
     q0, v0 = initial_states(held, starts)
     rollouts = integrate(q0, v0, windows(held.forcing, starts, states))
     pinned, gone = pin_diverged(rollouts, bound=config.divergence_factor * held.reach)
-    encoded = windows(held.encoded, starts, states)
-    mean = held.encoded.mean(axis=0)
-    scale = squared_norm(held.encoded - mean, held.metric).mean()
-    error = squared_norm(pinned - encoded, held.metric)
-    error = np.where(gone, np.maximum(error, squared_norm(mean - encoded, held.metric)), error).mean(axis=1)
-    hold = squared_norm(q0[:, None] - encoded, held.metric).mean(axis=1)
-    mean_frame = pictures(np.linspace(held.skip, held.n_frames - 1, 256).astype(np.int64)).mean(axis=0)
-    image, image_hold, _ = window_errors(pinned, gone, starts, pictures, render, mean_frame)
-    floor = np.array(
-        [
-            image_errors(render(held.latents[frames]), pictures(frames)).mean()
-            for frames in starts[:, None] + np.arange(states)
-        ]
-    )
-
-    def nrmse(errors: np.ndarray) -> np.ndarray:
-        return np.sqrt(errors.mean(axis=-1) / scale)
-
-    def ratio(errors: np.ndarray, floors: np.ndarray) -> np.ndarray:
-        return errors.mean(axis=-1) / floors.mean(axis=-1)
-
-    interval = partial(
-        bootstrap_interval, resamples=config.bootstrap, confidence=config.confidence, seed=config.seed
-    )
+    image, image_hold, _ = window_errors(pinned, gone, starts, pictures, render, mean_picture(held, pictures))
+    frames = starts[:, None] + np.arange(states)
+    floor = np.array([image_errors(render(held.latents[part]), pictures(part)).mean() for part in frames])
     stayed = ~gone[:, -1]
     return {
         "period_s": float(period_s),
         "horizon_s": states * held.dt_s,
         "states": states,
         "windows": len(starts),
-        "nrmse": float(nrmse(error)),
-        "nrmse_interval": interval(nrmse, error),
-        "nrmse_staying": float(nrmse(error[stayed])) if stayed.any() else None,
-        "nrmse_hold": float(nrmse(hold)),
+        "diverged": int((~stayed).sum()),
         "image_mse": float(image.mean()),
         "image_hold": float(image_hold.mean()),
         "floor": float(floor.mean()),
-        "image_ratio": float(ratio(image, floor)),
-        "image_ratio_interval": interval(ratio, image, floor),
-        "diverged": int((~stayed).sum()),
         "starts": starts.tolist(),
+        **_latent_scores(held, starts, q0, pinned, gone, config),
+        **_image_scores(image, floor, config),
+    }
+
+
+def _latent_scores(
+    held: HeldOut,
+    starts: np.ndarray,
+    q0: np.ndarray,
+    pinned: np.ndarray,
+    gone: np.ndarray,
+    config: EvaluateConfig,
+) -> dict[str, Any]:
+    encoded = windows(held.encoded, starts, pinned.shape[1])
+    mean = held.encoded.mean(axis=0)
+    scale = squared_norm(held.encoded - mean, held.metric).mean()
+    error = squared_norm(pinned - encoded, held.metric)
+    error = np.where(gone, np.maximum(error, squared_norm(mean - encoded, held.metric)), error).mean(axis=1)
+    hold = squared_norm(q0[:, None] - encoded, held.metric).mean(axis=1)
+    stayed = ~gone[:, -1]
+
+    def nrmse(errors: np.ndarray) -> Any:
+        return np.sqrt(errors.mean(axis=-1) / scale)
+
+    return {
+        "nrmse": float(nrmse(error)),
+        "nrmse_interval": _interval(nrmse, error, config=config),
+        "nrmse_staying": float(nrmse(error[stayed])) if stayed.any() else None,
+        "nrmse_hold": float(nrmse(hold)),
         "per_window": np.sqrt(error / scale).tolist(),
+    }
+
+
+def _image_scores(image: np.ndarray, floor: np.ndarray, config: EvaluateConfig) -> dict[str, Any]:
+    def ratio(errors: np.ndarray, floors: np.ndarray) -> Any:
+        return errors.mean(axis=-1) / floors.mean(axis=-1)
+
+    return {
+        "image_ratio": float(ratio(image, floor)),
+        "image_ratio_interval": _interval(ratio, image, floor, config=config),
         "per_window_image": image.tolist(),
         "per_window_floor": floor.tolist(),
     }
+
+
+def _interval(statistic: Callable[..., Any], *values: np.ndarray, config: EvaluateConfig) -> list[float]:
+    low, high = bootstrap_interval(
+        statistic, *values, resamples=config.bootstrap, confidence=config.confidence, seed=config.seed
+    )
+    return [low, high]
 
 
 def squared_norm(vectors: np.ndarray, metric: np.ndarray) -> np.ndarray:

@@ -1,0 +1,81 @@
+"""Free segments and windows."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lagsplat.evaluate.free import free_segments, free_windows
+from tests.unit.evaluate.stand_ins import DT_S, cut, integrate, settings, world
+
+
+def ramp_world():
+    """A drive, a pause of 3 s, a drive, a slow ramp of 5 s, and a tail of 4 s."""
+    rng = np.random.default_rng(0)
+    held, _ = world()
+    inputs = np.concatenate(
+        [
+            rng.uniform(size=300),
+            np.full(180, 0.4),
+            rng.uniform(size=300),
+            np.linspace(0.0, 1.0, 300),
+            [0.3, 0.6],
+            np.zeros(240),
+        ]
+    )[:, None]
+    series = {name: getattr(held, name)[: len(inputs)] for name in ("encoded", "latents")}
+    return replace(held, inputs=inputs, forcing=inputs, segments=((0, len(inputs)),), **series)
+
+
+def test_pauses_are_found_longest_first_and_ramps_are_not_free():
+    segments = free_segments(ramp_world(), settings())
+    assert segments == [(1082, 1322), (300, 480)]
+
+
+def test_at_most_so_many():
+    assert free_segments(ramp_world(), settings(free_max_segments=1)) == [(1082, 1322)]
+
+
+def test_without_inputs_every_clip_is_free_from_the_skip_on():
+    held = cut(world(inputs=False)[0], 100, 500)
+    assert free_segments(held, settings()) == [(500, 1500), (100, 500)]
+
+
+def test_excursion_is_limited_within_a_slow_drift():
+    held, _ = world()
+    drift = np.concatenate([np.linspace(0, 1, 1000), np.zeros(500)])[:, None]
+    segments = free_segments(replace(held, inputs=drift), settings(free_min_s=0.5))
+    assert segments[0] == (1000, 1500)
+    assert all(np.ptp(drift[start:stop]) < 0.05 for start, stop in segments)
+
+
+def test_windows_tile_the_tail_and_start_from_the_encoded_state():
+    held, _ = world()
+    windows, reason = free_windows(held, integrate, settings())
+    assert reason == ""
+    assert [len(window.encoded) for window in windows] == [len(windows[0].encoded)] * len(windows)
+    assert len(windows[0].encoded) == pytest.approx(8 / (1.4 * DT_S), rel=0.02)
+    assert windows[0].start == 900
+    assert np.allclose([window.simulated[0] for window in windows], [window.encoded[0] for window in windows])
+    assert windows[0].encoded_peak.visible_hz == pytest.approx(1.4, rel=0.01)
+    assert windows[0].simulated_modes[0].rate_per_s == pytest.approx(0.4, rel=0.02)
+
+
+def test_quiet_windows_are_left_out():
+    """After five seconds the tail is down to e^-2, after ten to e^-4."""
+    held, _ = world(frames=2400, tail=1400)
+    windows, _ = free_windows(held, integrate, settings())
+    assert 1 <= len(windows) <= 2
+    assert windows[0].start == 1000
+
+
+def test_no_window_has_a_reason():
+    held, _ = world()
+    busy = replace(held, inputs=np.random.default_rng(0).uniform(size=(1500, 1)))
+    windows, reason = free_windows(busy, integrate, settings())
+    assert windows == []
+    assert "stands still for 2.0 s" in reason
+    still = replace(held, encoded=held.encoded * np.r_[np.ones(900), np.zeros(600)][:, None])
+    windows, reason = free_windows(still, integrate, settings())
+    assert windows == []
+    assert "none with an oscillation" in reason

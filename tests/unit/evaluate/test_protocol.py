@@ -1,0 +1,58 @@
+"""Starts, initial velocities, pinned divergence and intervals."""
+
+import numpy as np
+import pytest
+
+from lagsplat.evaluate.protocol import bootstrap_interval, draw_starts, initial_states, pin_diverged
+from tests.unit.evaluate.stand_ins import DT_S, cut, world
+
+
+def test_starts_of_one_clip_are_the_published_draw():
+    held, _ = world()
+    starts = draw_starts(held, length=30, margin=0, count=50, seed=0)
+    assert np.array_equal(starts, np.random.default_rng(0).integers(40, 1500 - 30, size=50))
+
+
+def test_starts_never_cross_a_cut_nor_enter_the_skip():
+    held = cut(world()[0], 100, 130, 700)
+    starts = draw_starts(held, length=30, margin=3, count=2000, seed=1)
+    clip = np.searchsorted([100, 130, 700], starts, side="right")
+    assert starts.min() >= held.skip
+    assert np.array_equal(clip, np.searchsorted([100, 130, 700], starts + 32, side="right"))
+    assert not np.any(clip == 1)
+
+
+def test_no_room_is_explained():
+    held = cut(world()[0], 20, 60)
+    with pytest.raises(ValueError, match=r"1600 frames needs .* the longest has 1440"):
+        draw_starts(held, length=1600, margin=3, count=5, seed=0)
+
+
+def test_initial_velocity_is_second_order():
+    held, _ = world()
+    object.__setattr__(held, "encoded", np.stack([held.dt_s * np.arange(9.0)] * 2, axis=1) ** 2)
+    _, velocity = initial_states(held, np.array([0, 3]))
+    assert np.allclose(velocity, 2 * DT_S * np.array([[0.0, 0.0], [3.0, 3.0]]), atol=1e-12)
+
+
+def test_divergence_is_pinned_for_good():
+    rollouts = np.ones((4, 5, 2))
+    rollouts[1, 2:] = np.nan
+    rollouts[2, 3] = (30.0, 40.0)
+    rollouts[3, 4] = (0.0, -np.inf)
+    pinned, gone = pin_diverged(rollouts, bound=10.0)
+    assert gone.sum(axis=1).tolist() == [0, 3, 2, 1]
+    assert np.allclose(np.linalg.norm(pinned[gone], axis=1), 10.0)
+    assert np.allclose(pinned[2, 3], (6.0, 8.0))
+    assert np.allclose(pinned[2, 4], (6.0, 8.0))
+    assert np.array_equal(pinned[~gone], rollouts[~gone])
+
+
+def test_bootstrap_of_a_mean_matches_the_normal_interval():
+    values = np.random.default_rng(0).normal(3.0, 1.0, size=400)
+    low, high = bootstrap_interval(
+        lambda drawn: drawn.mean(axis=-1), values, resamples=4000, confidence=0.95, seed=1
+    )
+    half = 1.96 * values.std() / 20
+    assert low == pytest.approx(values.mean() - half, abs=0.1 * half)
+    assert high == pytest.approx(values.mean() + half, abs=0.1 * half)
