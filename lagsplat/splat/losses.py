@@ -56,7 +56,7 @@ def anisotropy(covariance: Float[Tensor, "K 3"], *, limit: float) -> Float[Tenso
     return torch.relu(log_ratio - torch.tensor(limit).log()).mean()
 
 
-def nonlocal_filter(filters: list[Float[Tensor, "out in k k"]], *, reach: float = 1.0) -> Float[Tensor, ""]:
+def nonlocal_filter(filters: list[Float[Tensor, "_ _ k k"]], *, reach: float = 1.0) -> Float[Tensor, ""]:
     """Roughness of convolution filters: squared differences of taps, weighted by their closeness.
 
     ``sum_ab exp(-|x_a - x_b|^2 / reach^2) (w_a - w_b)^2 / 2`` over the taps of each filter, summed over

@@ -15,7 +15,7 @@ from lagsplat.splat.backend import rasterizer
 from lagsplat.splat.gaussians import Gaussians
 from lagsplat.stage1.encoder import Encoder
 
-KIND = "autoencoder"
+KIND, SCHEMA = "autoencoder", 1
 CHUNK = 256  # images encoded or drawn at once: bounds memory, not results
 
 
@@ -88,7 +88,6 @@ def encode_frames(autoencoder: Autoencoder, frames: Frames) -> Float64[np.ndarra
     return torch.cat(encoded).numpy() if encoded else np.zeros((0, autoencoder.d))
 
 
-@torch.no_grad()
 def decode_chunks(
     autoencoder: Autoencoder, z: Float64[np.ndarray, "T d"], *, height: int | None = None, width: int | None = None
 ) -> Iterator[Float32[np.ndarray, "chunk 3 H W"]]:
@@ -96,7 +95,9 @@ def decode_chunks(
     device = next(autoencoder.parameters()).device
     for first in range(0, len(z), CHUNK):
         chunk = torch.as_tensor(z[first : first + CHUNK], dtype=torch.float32, device=device)
-        yield autoencoder.decode(chunk, height=height, width=width).cpu().numpy()
+        with torch.no_grad():
+            images = autoencoder.decode(chunk, height=height, width=width)
+        yield images.cpu().numpy()
 
 
 def decode_latents(
@@ -109,13 +110,13 @@ def decode_latents(
 
 def save_autoencoder(path: Path, autoencoder: Autoencoder, header: Mapping[str, Any]) -> None:
     """Write the weights and what is needed to build the same module again."""
-    header = {"kind": KIND, **header, "architecture": autoencoder.architecture}
+    header = {"kind": KIND, "schema": SCHEMA, **header, "architecture": autoencoder.architecture}
     save_artefact(path, autoencoder.state_dict(), header)
 
 
 def load_autoencoder(path: Path, *, backend: str = "auto") -> tuple[Autoencoder, dict[str, Any]]:
     """Read an autoencoder and its header; the rasteriser is chosen here since it is no property of the weights."""
-    tensors, header = load_artefact(path, kind=KIND)
+    tensors, header = load_artefact(path, kind=KIND, schema=SCHEMA)
     autoencoder = Autoencoder(**header["architecture"], backend=backend)
     autoencoder.load_state_dict({name: torch.as_tensor(value) for name, value in tensors.items()})
     return autoencoder.eval(), header

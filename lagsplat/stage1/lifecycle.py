@@ -94,17 +94,20 @@ def split(gaussians: Gaussians, parents: Tensor, slots: Tensor) -> None:
     precision = torch.linalg.inv(child[:, :d, :d])
     row, column = torch.tril_indices(d, d, offset=-1)
     opacity = 1 - (1 - gaussians.opacity_logit[parents].sigmoid().clamp_max(0.999)).sqrt()
-    middle = torch.cat((gaussians.latent_center[parents], gaussians.center[parents]), dim=1).double()
+    shared = {
+        "precision_log_diagonal": precision.diagonal(dim1=1, dim2=2).log(),
+        "precision_below": precision[:, row, column],
+        "coupling": child[:, d:, :d],
+        "shape_log_diagonal": child.diagonal(dim1=1, dim2=2)[:, d:].log(),
+        "shape_below": child[:, d + 1, d],
+        "opacity_logit": opacity.logit(),
+        "color_logit": gaussians.color_logit[parents],
+    }
+    middle = torch.cat((gaussians.latent_center[parents], gaussians.center[parents]), dim=1)
     for target, center in ((parents, middle + axis), (slots, middle - axis)):
-        gaussians.latent_center[target] = center[:, :d].float()
-        gaussians.center[target] = center[:, d:].float()
-        gaussians.precision_log_diagonal[target] = precision.diagonal(dim1=1, dim2=2).log().float()
-        gaussians.precision_below[target] = precision[:, row, column].float()
-        gaussians.coupling[target] = child[:, d:, :d].float()
-        gaussians.shape_log_diagonal[target] = child.diagonal(dim1=1, dim2=2)[:, d:].log().float()
-        gaussians.shape_below[target] = child[:, d + 1, d].float()
-        gaussians.opacity_logit[target] = opacity.logit()
-        gaussians.color_logit[target] = gaussians.color_logit[parents]
+        for name, value in {**shared, "latent_center": center[:, :d], "center": center[:, d:]}.items():
+            parameter = getattr(gaussians, name)
+            parameter[target] = value.to(parameter)
 
 
 def teleport(autoencoder: Autoencoder, frames: Frames, slots: Tensor, rng: np.random.Generator) -> None:

@@ -16,7 +16,7 @@ def weights(autoencoder):
 
 def test_training_reduces_the_error_and_opens_the_latent():
     frames = swinging_bar(60)
-    autoencoder, curve = fit_autoencoder(frames, small_config(steps=300), seed=0)
+    autoencoder, curve = fit_autoencoder(frames, small_config(steps=150), seed=0)
     assert curve[-1].mse < 0.15 * curve[0].mse
     latents = encode_frames(autoencoder, frames)[:, 0]
     place = np.sin(np.arange(60) / 3)

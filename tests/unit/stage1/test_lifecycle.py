@@ -52,7 +52,7 @@ def test_review_brings_the_invisible_back_and_clears_their_memory(share):
     optimizer.step()
     with torch.no_grad():
         autoencoder.gaussians.opacity_logit[:5] = -9.0
-    config = LifecycleConfig(every=1, start=0, stop=1, peak_opacity=0.02, split_share=share)
+    config = LifecycleConfig(every=1, start=0.0, stop=1.0, peak_opacity=0.02, split_share=share)
     assert review(autoencoder, optimizer, frames, config, rng=np.random.default_rng(0)) == 5
     latents = autoencoder.encode(images)
     assert (peak_opacity(autoencoder.gaussians, latents)[:5] > 0.02).all()
