@@ -4,6 +4,8 @@ A wildcard of a path is an identity, the name of a file in ``conf/`` or a seed. 
 so that a path never holds another system's result.
 """
 
+import ast
+import hashlib
 import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -11,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from lagsplat.config import Config, ConfigError, closest, compose, key_of, options
+from lagsplat.provenance import code_digest
 
 
 @dataclass(frozen=True)
@@ -90,6 +93,12 @@ def planned_runs(overrides: Overrides) -> list[Run]:
     return runs
 
 
+def files_of(overrides: Overrides, **choices: str) -> list[str]:
+    """The user's file behind a filmed recording; none where it comes from a public archive."""
+    path = compose_for(overrides, **choices).recording.path
+    return [] if path is None else [str(Path(path).expanduser())]
+
+
 def _check_file(experiment: Config, system: str, files: dict[str, str]) -> None:
     recording = experiment.recording
     if recording.kind == "simulated" or recording.path is None:
@@ -102,3 +111,36 @@ def _check_file(experiment: Config, system: str, files: dict[str, str]) -> None:
             f"with systems=[{system}], or give each its own with hydra_{system}='recording.path=...'"
         )
     files[recording.path] = system
+
+
+def script_digest(script: Path) -> str:
+    """SHA-256 of what a workflow script can execute: its own code and all of ``lagsplat`` that it imports.
+
+    Comments and docstrings do not count. Nor does ``lagsplat.job``, the frame around a script: it decides
+    where a result is logged, not what it is.
+    """
+    tree = ast.parse(script.read_text(encoding="utf-8"), filename=str(script))
+    imports = [node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.module]
+    modules = {name for name in imports if name.startswith("lagsplat.")} - {"lagsplat.job"}
+    tree.body = [node for node in tree.body if not isinstance(node, ast.Expr)]
+    return hashlib.sha256((ast.dump(tree) + code_digest(*sorted(modules))).encode()).hexdigest()
+
+
+def lineage(overrides: Overrides, scripts: Path, stage: str, **choices: str) -> str:
+    """Digest of the settings and code of every stage before ``stage``, for the job that ``choices`` name.
+
+    A job carries it because Snakemake compares a job's own settings only: after a stage has failed under new
+    settings, it would take the earlier results further down for up to date.
+    """
+    experiment = compose_for(overrides, **choices)
+    maker = "simulate" if experiment.recording.kind == "simulated" else "ingest"
+    parts = [
+        (experiment.simulation if maker == "simulate" else experiment.recording, maker),
+        (experiment.stage1, "stage1"),
+        (experiment.chart, "chart"),
+        (experiment.stage2, "stage2"),
+        (experiment.evaluate, "evaluate"),
+    ]
+    before = parts[: ("recording", "stage1", "chart", "stage2", "evaluate", "table").index(stage)]
+    text = "\n".join(f"{settings} {script_digest(scripts / f'{script}.py')}" for settings, script in before)
+    return hashlib.sha256(f"{experiment.recording.train_fraction} {text}".encode()).hexdigest()

@@ -1,0 +1,30 @@
+# The two commands of the README. Each sets everything up by itself in .venv; a second call only checks.
+
+PYTHON ?= python3.11
+CORES ?= 2
+BIN := .venv/bin
+# One thread a process: what runs in parallel here are processes, and jobs set their own number.
+export OMP_NUM_THREADS ?= 1
+export OPENBLAS_NUM_THREADS ?= 1
+export MKL_NUM_THREADS ?= 1
+
+.PHONY: krauss test
+.DEFAULT_GOAL := krauss
+
+krauss: .venv/.installed
+	$(BIN)/snakemake -c$(CORES) results/tables/krauss.tex
+
+test: .venv/.installed
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/snakefmt --check Snakefile workflow
+	$(BIN)/snakemake --lint
+	@$(BIN)/python -m pytest -n $(CORES) --dist loadfile
+
+# torch first, by its pin: whichever build of it is chosen here, nothing that follows replaces it.
+.venv/.installed: pyproject.toml
+	test -x $(BIN)/python || $(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet "$$(sed -n 's/^ *"\(torch==[^"]*\)".*/\1/p' pyproject.toml)"
+	$(BIN)/python -m pip install --quiet --editable ".[test]"
+	touch $@

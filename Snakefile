@@ -1,0 +1,28 @@
+from snakemake.utils import min_version
+
+min_version("9.27")
+
+
+report: "workflow/report/workflow.rst"
+
+
+include: "workflow/rules/common.smk"
+include: "workflow/rules/recording.smk"
+include: "workflow/rules/stage1.smk"
+include: "workflow/rules/chart.smk"
+include: "workflow/rules/stage2.smk"
+include: "workflow/rules/evaluate.smk"
+include: "workflow/rules/report.smk"
+
+
+rule all:
+    default_target: True
+    input:
+        rules.table.output,
+        expand(rules.figure.output, system=experiment.systems),
+        [rules.reconstruction.output.figure.format(**run) for run in planned()],
+        [rules.latent.output.figure.format(**run) for run in planned()],
+
+
+onstart:
+    workflow.run_lock = hold(Path(".snakemake") / "run.lock")

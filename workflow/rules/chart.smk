@@ -1,0 +1,62 @@
+rule chart:
+    input:
+        recording=rules.stage1.input.recording,
+        autoencoder=rules.stage1.output.autoencoder,
+        records=[rules.stage1.output.record],
+    output:
+        chart=update(
+            "results/{profile}/{recording}/{system}/{stage1}-{ae}/chart.safetensors"
+        ),
+        record="results/{profile}/{recording}/{system}/{stage1}-{ae}/chart.json",
+    log:
+        "results/{profile}/logs/{recording}/{system}/{stage1}-{ae}/chart.log",
+    benchmark:
+        "results/{profile}/benchmarks/{recording}/{system}/{stage1}-{ae}/chart.tsv"
+    conda:
+        "../envs/lagsplat.yaml"
+    threads: 1
+    resources:
+        mem_mb=3000,
+    params:
+        cfg=section("chart"),
+        train_fraction=section("recording.train_fraction"),
+        before=before("chart"),
+        code=script_digest(SCRIPTS / "chart.py"),
+    message:
+        "Chart: whiten and measure the latents of {wildcards.system} ({wildcards.recording})"
+    script:
+        "../scripts/chart.py"
+
+
+rule latent:
+    input:
+        chart=rules.chart.output.chart,
+        records=[rules.chart.output.record],
+    output:
+        figure=report(
+            "results/{profile}/{recording}/{system}/{stage1}-{ae}/latent.png",
+            caption="../report/latent.rst",
+            category="Chart",
+            labels={
+                "system": "{system}",
+                "recording": "{recording}",
+                "profile": "{profile}",
+            },
+        ),
+    log:
+        "results/{profile}/logs/{recording}/{system}/{stage1}-{ae}/latent.log",
+    benchmark:
+        "results/{profile}/benchmarks/{recording}/{system}/{stage1}-{ae}/latent.tsv"
+    conda:
+        "../envs/lagsplat.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+    params:
+        title=section("system.title"),
+        before=before("stage2"),
+        code=script_digest(SCRIPTS / "latent.py"),
+    message:
+        "Draw the latent trajectory of {wildcards.system} ({wildcards.recording})"
+    script:
+        "../scripts/latent.py"

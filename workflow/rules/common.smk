@@ -1,0 +1,62 @@
+from dataclasses import asdict, is_dataclass
+from operator import attrgetter
+from pathlib import Path
+
+from lagsplat.config import ConfigError, compose, options
+from lagsplat.job import hold
+from lagsplat.planning import (
+    compose_for,
+    files_of,
+    lineage,
+    planned_runs,
+    read_overrides,
+    script_digest,
+)
+
+# snakemake --config hydra="profile=paper stage2.steps=9000" hydra_krauss_2seg="stage1=upstream"
+try:
+    overrides = read_overrides(config)
+    experiment = compose(*overrides.shared)
+    if workflow.is_main_process:  # all is checked once, before the first job
+        planned_runs(overrides)
+except ConfigError as error:
+    raise WorkflowError(str(error))
+
+
+wildcard_constraints:
+    profile="|".join(options("profile")),
+    recording="|".join(options("recording")),
+    system="|".join(options("system")),
+    stage1="|".join(options("stage1")),
+    stage2="|".join(options("stage2")),
+    ae="[0-9]+",
+    seed="[0-9]+",
+
+
+SCRIPTS = Path(workflow.basedir) / "workflow" / "scripts"
+
+
+def choices(wildcards):
+    """The part of a path that names files in conf/."""
+    return {key: name for key, name in wildcards.items() if key not in ("ae", "seed")}
+
+
+def section(name, **fixed):
+    """The resolved part ``name`` of a job's configuration, as plain data."""
+
+    def resolve(wildcards):
+        part = attrgetter(name)(compose_for(overrides, **choices(wildcards), **fixed))
+        return asdict(part) if is_dataclass(part) else part
+
+    return resolve
+
+
+def before(stage):
+    """Digest of the settings and code that made the inputs of a job."""
+    return lambda wildcards: lineage(overrides, SCRIPTS, stage, **choices(wildcards))
+
+
+def planned(**chosen):
+    """Wildcards of every planned run, or of those with the chosen ones."""
+    every = [asdict(run) for run in planned_runs(overrides)]
+    return [run for run in every if chosen.items() <= run.items()]

@@ -1,0 +1,46 @@
+rule simulate:
+    output:
+        recording=update("results/{profile}/simulated/{system}/recording.safetensors"),
+        truth=update("results/{profile}/simulated/{system}/truth.safetensors"),
+        record="results/{profile}/simulated/{system}/recording.json",
+    log:
+        "results/{profile}/logs/simulated/{system}/recording.log",
+    benchmark:
+        "results/{profile}/benchmarks/simulated/{system}/recording.tsv"
+    conda:
+        "../envs/lagsplat.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+    params:
+        cfg=section("simulation", recording="simulated"),
+        train_fraction=section("recording.train_fraction", recording="simulated"),
+        code=script_digest(SCRIPTS / "simulate.py"),
+    message:
+        "Simulate {wildcards.system}"
+    script:
+        "../scripts/simulate.py"
+
+
+rule ingest:
+    input:
+        film=lambda wildcards: files_of(overrides, recording="filmed", **wildcards),
+    output:
+        recording=update("results/{profile}/filmed/{system}/recording.safetensors"),
+        record="results/{profile}/filmed/{system}/recording.json",
+    log:
+        "results/{profile}/logs/filmed/{system}/recording.log",
+    benchmark:
+        "results/{profile}/benchmarks/filmed/{system}/recording.tsv"
+    conda:
+        "../envs/lagsplat.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+    params:
+        cfg=section("recording", recording="filmed"),
+        code=script_digest(SCRIPTS / "ingest.py"),
+    message:
+        "Read and check the recording of {wildcards.system}"
+    script:
+        "../scripts/ingest.py"

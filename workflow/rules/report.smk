@@ -1,0 +1,93 @@
+rule rollout:
+    input:
+        recording=rules.stage1.input.recording,
+        autoencoder=rules.stage1.output.autoencoder,
+        chart=rules.chart.output.chart,
+        dynamics=rules.stage2.output.dynamics,
+        records=[rules.chart.output.record, rules.stage2.output.record],
+    output:
+        pdf="results/{profile}/{recording}/{system}/{stage1}-{ae}/{stage2}-{seed}/rollout.pdf",
+        png="results/{profile}/{recording}/{system}/{stage1}-{ae}/{stage2}-{seed}/rollout.png",
+    log:
+        "results/{profile}/logs/{recording}/{system}/{stage1}-{ae}/{stage2}-{seed}/rollout.log",
+    benchmark:
+        "results/{profile}/benchmarks/{recording}/{system}/{stage1}-{ae}/{stage2}-{seed}/rollout.tsv"
+    conda:
+        "../envs/lagsplat.yaml"
+    threads: 1
+    resources:
+        mem_mb=3000,
+    params:
+        cfg=section("evaluate"),
+        title=section("system.title"),
+        before=before("evaluate"),
+        code=script_digest(SCRIPTS / "rollout.py"),
+    message:
+        "Draw a long rollout of {wildcards.system} ({wildcards.recording}, {wildcards.stage2})"
+    script:
+        "../scripts/rollout.py"
+
+
+rule figure:
+    input:
+        pdf=lambda wildcards: rules.rollout.output.pdf.format(**planned(**wildcards)[0]),
+        png=lambda wildcards: rules.rollout.output.png.format(**planned(**wildcards)[0]),
+    output:
+        pdf="results/figures/rollout_{system}.pdf",
+        png=report(
+            "results/figures/rollout_{system}.png",
+            caption="../report/rollout.rst",
+            category="Rollouts",
+            labels={"system": "{system}"},
+        ),
+    log:
+        "results/logs/rollout_{system}.log",
+    benchmark:
+        "results/benchmarks/rollout_{system}.tsv"
+    conda:
+        "../envs/lagsplat.yaml"
+    threads: 1
+    resources:
+        mem_mb=500,
+    params:
+        before=lambda wildcards: before("evaluate")(planned(**wildcards)[0]),
+        code=script_digest(SCRIPTS / "figure.py"),
+    message:
+        "Show the rollout of {wildcards.system}"
+    script:
+        "../scripts/figure.py"
+
+
+rule table:
+    input:
+        metrics=lambda wildcards: [
+            rules.evaluate.output.metrics.format(**run) for run in planned()
+        ],
+        records=lambda wildcards: [
+            rules.evaluate.output.record.format(**run) for run in planned()
+        ],
+    output:
+        tex="results/tables/krauss.tex",
+        csv=report(
+            "results/tables/krauss.csv",
+            caption="../report/table.rst",
+            category="Tables",
+            labels={"table": "benchmark"},
+        ),
+    log:
+        "results/logs/table.log",
+    benchmark:
+        "results/benchmarks/table.tsv"
+    conda:
+        "../envs/lagsplat.yaml"
+    threads: 1
+    resources:
+        mem_mb=500,
+    params:
+        runs=lambda wildcards: planned(),
+        before=lambda wildcards: [before("table")(run) for run in planned()],
+        code=script_digest(SCRIPTS / "table.py"),
+    message:
+        "Gather the scores of every run in one table"
+    script:
+        "../scripts/table.py"

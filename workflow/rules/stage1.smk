@@ -1,0 +1,66 @@
+rule stage1:
+    input:
+        recording="results/{profile}/{recording}/{system}/recording.safetensors",
+        records=["results/{profile}/{recording}/{system}/recording.json"],
+    output:
+        autoencoder=update(
+            "results/{profile}/{recording}/{system}/{stage1}-{ae}/autoencoder.safetensors"
+        ),
+        curve=update("results/{profile}/{recording}/{system}/{stage1}-{ae}/curve.csv"),
+        record="results/{profile}/{recording}/{system}/{stage1}-{ae}/autoencoder.json",
+    log:
+        "results/{profile}/logs/{recording}/{system}/{stage1}-{ae}/stage1.log",
+    benchmark:
+        "results/{profile}/benchmarks/{recording}/{system}/{stage1}-{ae}/stage1.tsv"
+    conda:
+        "../envs/lagsplat.yaml"
+    threads: 8
+    resources:
+        mem_mb=4000,
+    params:
+        cfg=section("stage1"),
+        train_fraction=section("recording.train_fraction"),
+        before=before("stage1"),
+        code=script_digest(SCRIPTS / "stage1.py"),
+        # Not an output: it must outlive a failed or killed job. A finished one deletes it.
+        checkpoint="results/{profile}/{recording}/{system}/{stage1}-{ae}/checkpoint/state.pt",
+    message:
+        "Stage 1: encoder and Gaussians of {wildcards.system} ({wildcards.recording})"
+    script:
+        "../scripts/stage1.py"
+
+
+rule reconstruction:
+    input:
+        recording=rules.stage1.input.recording,
+        autoencoder=rules.stage1.output.autoencoder,
+        records=[rules.stage1.output.record],
+    output:
+        figure=report(
+            "results/{profile}/{recording}/{system}/{stage1}-{ae}/reconstruction.png",
+            caption="../report/reconstruction.rst",
+            category="Stage 1",
+            labels={
+                "system": "{system}",
+                "recording": "{recording}",
+                "profile": "{profile}",
+            },
+        ),
+    log:
+        "results/{profile}/logs/{recording}/{system}/{stage1}-{ae}/reconstruction.log",
+    benchmark:
+        "results/{profile}/benchmarks/{recording}/{system}/{stage1}-{ae}/reconstruction.tsv"
+    conda:
+        "../envs/lagsplat.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+    params:
+        train_fraction=section("recording.train_fraction"),
+        title=section("system.title"),
+        before=before("chart"),
+        code=script_digest(SCRIPTS / "reconstruction.py"),
+    message:
+        "Draw recorded and reconstructed frames of {wildcards.system} ({wildcards.recording})"
+    script:
+        "../scripts/reconstruction.py"

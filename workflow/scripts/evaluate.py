@@ -1,0 +1,18 @@
+"""Score one run on the held-out part of its recording."""
+
+from lagsplat.chart.chart import load_chart
+from lagsplat.evaluate.config import EvaluateConfig
+from lagsplat.evaluate.evaluate import evaluate
+from lagsplat.io.plain import save_json
+from lagsplat.io.recording import load_recording
+from lagsplat.job import Job
+from lagsplat.stage1.autoencoder import load_autoencoder
+from lagsplat.stage2.fit import load_dynamics
+
+with Job(snakemake) as job:
+    autoencoder, _ = load_autoencoder(job.input.autoencoder)
+    chart, _ = load_chart(job.input.chart)
+    lagrangian, _ = load_dynamics(job.input.dynamics)
+    recording = load_recording(job.input.recording)
+    metrics = evaluate(autoencoder, chart, lagrangian, recording, job.section(EvaluateConfig))
+    save_json(job.output.metrics, metrics | {"made_by": job.header})

@@ -1,0 +1,18 @@
+"""Draw a long rollout beside the recording."""
+
+from lagsplat.chart.chart import load_chart
+from lagsplat.evaluate.config import EvaluateConfig
+from lagsplat.io.recording import load_recording
+from lagsplat.job import Job
+from lagsplat.report.figures import draw_rollout, roll_out, save_figure
+from lagsplat.stage1.autoencoder import load_autoencoder
+from lagsplat.stage2.fit import load_dynamics
+
+with Job(snakemake) as job:
+    autoencoder, _ = load_autoencoder(job.input.autoencoder)
+    chart, _ = load_chart(job.input.chart)
+    lagrangian, _ = load_dynamics(job.input.dynamics)
+    recording = load_recording(job.input.recording)
+    view = roll_out(autoencoder, chart, lagrangian, recording, job.section(EvaluateConfig))
+    for path in (job.output.pdf, job.output.png):
+        save_figure(path, draw_rollout(view, title=job.title(f"Rollout, {job.wildcards.stage2} dynamics")))

@@ -1,0 +1,18 @@
+"""Fit the Lagrangian to the training part of a chart."""
+
+from dataclasses import asdict
+
+from lagsplat.chart.chart import load_chart
+from lagsplat.io.plain import save_csv
+from lagsplat.job import Job
+from lagsplat.stage1.autoencoder import load_autoencoder
+from lagsplat.stage2.config import Stage2Config
+from lagsplat.stage2.fit import fit_dynamics, save_dynamics
+
+with Job(snakemake) as job:
+    autoencoder, _ = load_autoencoder(job.input.autoencoder)
+    chart, _ = load_chart(job.input.chart)
+    config, train = job.section(Stage2Config), chart.train.smoothed(chart.smoothing_frames)
+    lagrangian, report = fit_dynamics(train, chart.metric, config, job.seed, rest=chart.rest)
+    save_dynamics(job.output.dynamics, lagrangian, job.header)
+    save_csv(job.output.curve, [asdict(row) for row in report.curve])
