@@ -1,5 +1,6 @@
 """A simulated recording of a pneumatic arm, and the truth behind it."""
 
+import hashlib
 from dataclasses import asdict
 
 import numpy as np
@@ -23,7 +24,7 @@ def simulate(config: SimulationConfig, *, seed: int) -> tuple[Recording, Truth]:
     The recording holds what a laboratory would have: frames with camera noise and pressures with gauge
     noise. Its ``states`` are None; the truth is apart. One seed gives one recording, bit for bit on one
     machine; pressures, gauge, camera and background draw from streams of their own, so that changing the
-    picture leaves the motion as it was.
+    picture leaves the motion as it was. ``meta["sha256"]`` is that of the frames' and the inputs' bytes.
 
     Raises:
         ValueError, RuntimeError: the arm has no rest pose, or its drive takes it out of its physical range.
@@ -37,23 +38,31 @@ def simulate(config: SimulationConfig, *, seed: int) -> tuple[Recording, Truth]:
         generator=scene,
     )  # fmt: skip
     frames = film(states, arm=arm, board=board, config=config, generator=camera)
+    inputs = pressures + config.pressure_noise_atm * gauge.standard_normal(pressures.shape)
     n_u = pressures.shape[1]
     recording = Recording(
         frames=frames,
         time_s=np.arange(config.n_frames) * config.dt_s,
-        inputs=pressures + config.pressure_noise_atm * gauge.standard_normal(pressures.shape),
+        inputs=inputs,
         input_names=tuple(f"p{i + 1}" for i in range(n_u)),
         input_units=("atm",) * n_u,
         meta={
             "origin": "simulated",
             "source": f"lagsplat.systems.simulate, {n_u // 2} segment(s), seed {seed}",
-            "sha256": None,
+            "sha256": _sha256(frames, inputs),
             "licence": "BSD-3-Clause",
             "simulation": asdict(config),
             "seed": seed,
         },
     )
     return recording, truth_of(arm, states, velocities, pressures, mass_stride_frames=MASS_STRIDE_FRAMES)
+
+
+def _sha256(*arrays: np.ndarray) -> str:
+    digest = hashlib.sha256()
+    for array in arrays:
+        digest.update(np.ascontiguousarray(array).data)
+    return digest.hexdigest()
 
 
 def film(

@@ -48,6 +48,7 @@ def integrate(
     spline = spline_coefficients(pressures, dt_s=dt_s)
     times = np.arange(len(pressures)) * dt_s
     try:
+        # At rest the solver would stretch its step over the whole beginning of the drive, hence `max_step`.
         solution = solve_ivp(
             _rate, (0.0, times[-1]), np.concatenate([q, v]), method="DOP853", t_eval=times, rtol=rtol,
             atol=atol, max_step=3 * dt_s,

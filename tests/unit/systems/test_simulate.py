@@ -20,6 +20,7 @@ def test_schema_of_the_recording(toy):
     assert recording.input_units == ("atm", "atm")
     assert recording.meta["origin"] == "simulated"
     assert recording.states is None
+    assert len(recording.meta["sha256"]) == 64
 
 
 def test_one_seed_one_recording(load, toy):
@@ -30,6 +31,7 @@ def test_one_seed_one_recording(load, toy):
     assert np.array_equal(truth.states, truth_again.states)
     other = simulate(load("toy"), seed=4)[0]
     assert not np.array_equal(recording.inputs, other.inputs)
+    assert recording.meta["sha256"] == again.meta["sha256"] != other.meta["sha256"]
 
 
 def test_noise_of_gauge_and_camera_has_its_size_and_spares_the_arm(load, toy):
