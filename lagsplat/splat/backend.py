@@ -17,10 +17,10 @@ MODULES = {
 
 
 def rasterizer(name: str, device: torch.device | str) -> Rasterizer:
-    """The function ``rasterize(means, covariance, opacity, color, background, *, height, width)`` called ``name``.
+    """The ``rasterize(means, covariance, opacity, color, background, *, height, width)`` of that name.
 
-    ``"auto"`` takes gsplat on a CUDA device where it is installed, Numba on the CPU, and torch anywhere else. Only
-    the chosen module is imported.
+    ``"auto"`` takes gsplat on a CUDA device where it is installed, Numba on the CPU, and torch anywhere
+    else. Only the chosen module is imported.
 
     Raises:
         ValueError: unknown name, or one that cannot draw on ``device``.
@@ -32,8 +32,6 @@ def rasterizer(name: str, device: torch.device | str) -> Rasterizer:
         raise ValueError(f"there is no rasteriser {name!r}: choose one of auto, {', '.join(MODULES)}")
     needed = {"numba": "cpu", "gsplat": "cuda"}.get(name, kind)
     if kind != needed:
-        raise ValueError(
-            f"the rasteriser {name!r} draws on {needed}, not on {kind}: choose 'auto' or 'torch'"
-        )
+        raise ValueError(f"the rasteriser {name!r} draws on {needed}, not {kind}: choose 'auto' or 'torch'")
     rasterize: Rasterizer = import_module(MODULES[name]).rasterize
     return rasterize

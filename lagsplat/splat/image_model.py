@@ -1,13 +1,15 @@
 """Numbers and argument checks of the one image model that every rasteriser implements.
 
 A Gaussian with centre ``m``, covariance ``S`` and opacity ``o`` covers the pixel centred at ``x`` with
-``alpha = min(0.999, o exp(-sigma))``, ``sigma = (x - m)^T (S + 0.3 I)^-1 (x - m) / 2``. Gaussians are composited
-front to back in the order of their index; one with ``alpha < 1/255`` is passed over, and a pixel is finished by the
-first Gaussian that would bring its transmittance to 1e-4 or less, which is not composited any more. What is left of
-the transmittance shows the background. This is the "classic" mode of gsplat in two dimensions.
+``alpha = min(0.999, o exp(-sigma))``, ``sigma = (x - m)^T (S + 0.3 I)^-1 (x - m) / 2``. Gaussians are
+composited front to back in the order of their index. One with ``alpha < 1/255`` is passed over. A pixel is
+finished by the first Gaussian that would bring its transmittance to 1e-4 or less; that one is not
+composited any more. What is left of the transmittance shows the background. This is the "classic" mode of
+gsplat in two dimensions, and as there the clamp at 0.999 passes no gradient on.
 
-A Gaussian is drawn nowhere, and receives no gradient, when one of its centre, covariance and opacity is not finite,
-when its opacity is below 1/255, or when its blurred covariance is not positive definite. Opacities belong in [0, 1].
+A Gaussian is drawn nowhere, and receives no gradient, when its centre, covariance or opacity is not finite,
+when its opacity is below 1/255, or when its blurred covariance is not positive definite. Opacities belong
+in [0, 1].
 
 Source: Kerbl et al. 2023, doi:10.1145/3592433; constants as in gsplat 1.5.
 """
@@ -36,9 +38,7 @@ def check_scene(
         ValueError: names the argument, what it is and what it should be.
     """
     if height < 1 or width < 1:
-        raise ValueError(
-            f"an image of {height} x {width} pixels has no pixels: height and width must be at least 1"
-        )
+        raise ValueError(f"cannot draw an image of {height} x {width} pixels: both must be at least 1")
     batch, count = means.shape[:2] if means.ndim == 3 else ("B", "K")
     expected = {
         "means": (means, (batch, count, 2)),
@@ -50,14 +50,8 @@ def check_scene(
     for name, (tensor, shape) in expected.items():
         if tuple(tensor.shape) != shape:
             wanted = ", ".join(str(size) for size in shape)
-            raise ValueError(
-                f"{name} has shape {tuple(tensor.shape)}, expected ({wanted}) to fit means (B, K, 2)"
-            )
+            raise ValueError(f"{name} has shape {tuple(tensor.shape)}, expected ({wanted})")
         if not tensor.is_floating_point() or tensor.dtype != means.dtype:
-            raise ValueError(
-                f"{name} is {tensor.dtype}, means are {means.dtype}: all five must be one floating type"
-            )
+            raise ValueError(f"{name} is {tensor.dtype}, means {means.dtype}: use one floating type")
         if tensor.device != means.device:
-            raise ValueError(
-                f"{name} is on {tensor.device}, means on {means.device}: move them to one device"
-            )
+            raise ValueError(f"{name} is on {tensor.device}, means on {means.device}: use one device")

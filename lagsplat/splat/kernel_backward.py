@@ -1,35 +1,38 @@
+# mypy: ignore-errors
+# (Numba infers the types of kernels.)
 """Backward kernel: each Gaussian, back to front, is taken out of the pixels it covers.
 
-The transmittance before a Gaussian is the one after it divided by ``1 - alpha``, and the light from behind it is
-summed on the way; so nothing per pair needs to be stored by the forward pass.
+The transmittance in front of a Gaussian is the one behind it divided by ``1 - alpha``, and the light from
+behind is summed on the way; so the forward pass need not store anything per pair of Gaussian and pixel.
 """
 
-import math
-
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
+from lagsplat.splat.compiled import compiled
 from lagsplat.splat.image_model import ALPHA_MAX
 from lagsplat.splat.kernel_tile import (
-    COLUMNS,
+    BASE,
+    CROSSING,
     CUTOFF,
-    HALF,
-    HALF_HEIGHT,
-    JIT,
+    END,
+    FIRST,
+    HEIGHT,
+    OFFSET,
     OPACITY,
     PITCH,
     PRECISION_X,
     PRECISION_Y,
-    RIM,
     ROWS,
     SLOPE,
     STOP,
-    X,
-    Y,
+    TWO,
     ZERO,
+    cross,
     exp_minus,
-    meets,
-    span,
+    meeting,
+    place,
+    tiles,
 )
 from lagsplat.splat.lanes import WIDTH, count_up, least, load, select, spread, store, total
 
@@ -40,133 +43,134 @@ BEHIND = 5 * PITCH
 STRIDE = 6 * PITCH
 
 
-@njit(**JIT)
+@compiled(parallel=True)
+def backward(spots, slices, color, background, state, grad, workers):
+    """Gradients of the loss with respect to the spots' X, Y, OPACITY, and to the slices and colours.
+
+    The former come as (S, B, K, 3) and the latter, SLOPE, PRECISION_X, PRECISION_Y, red, green, blue, as
+    (workers, K, 6); the first axis of each is still to be summed. A frame is split among S workers only where
+    there are fewer frames than workers.
+    """
+    batch, count = len(spots), len(slices)
+    height, width = grad.shape[2:]
+    number = tiles(height, width)
+    shares = min(number, (workers + batch - 1) // max(batch, 1))
+    spot_grad = np.zeros((shares, batch, count, 3), np.float32)
+    shared_grad = np.zeros((workers, count, 6), np.float32)
+    for worker in prange(workers):
+        for task in range(worker, batch * shares, workers):
+            frame, share = task // shares, task % shares
+            for part in range(share, number, shares):
+                top, left, rows, columns = place(part, height, width)
+                tile = fill(state[frame], grad[frame], background, top, left, rows, columns)
+                undraw(
+                    spot_grad[share, frame],
+                    shared_grad[worker],
+                    tile,
+                    spots[frame],
+                    slices,
+                    color,
+                    top,
+                    left,
+                    rows,
+                    columns,
+                )
+    return spot_grad, shared_grad
+
+
+@compiled()
+def fill(state, grad, background, top, left, rows, columns):
+    """A tile as the forward kernel left it, with the gradient of the loss in its pixels."""
+    tile = np.zeros(ROWS * STRIDE, np.float32)
+    for row in range(rows):
+        for column in range(columns):
+            at = row * STRIDE + column
+            y, x = top + row, left + column
+            red, green, blue = grad[0, y, x], grad[1, y, x], grad[2, y, x]
+            tile[at] = state[0, y, x]
+            tile[at + STOP] = state[1, y, x]
+            tile[at + RED] = red
+            tile[at + GREEN] = green
+            tile[at + BLUE] = blue
+            light = background[0] * red + background[1] * green + background[2] * blue
+            tile[at + BEHIND] = state[0, y, x] * light
+    return tile
+
+
+@compiled()
+def undraw(spot_grad, shared_grad, tile, spots, slices, color, top, left, rows, columns):
+    """Take the spots (6, K) of a frame out of one of its tiles, adding to both gradients."""
+    crossing = np.empty(CROSSING, np.float32)
+    for group in range(spots.shape[1] - WIDTH, -1, -WIDTH):
+        met = meeting(spots, group, top, left, rows, columns)
+        for lane in range(WIDTH - 1, -1, -1):
+            if met >> lane & 1:
+                k = group + lane
+                spot, shape = spots[:, k], slices[k]
+                first_row, count, widest = cross(crossing, spot, shape, top, left, rows, columns)
+                undraw_spot(
+                    spot_grad[k],
+                    shared_grad[k],
+                    tile,
+                    crossing,
+                    first_row,
+                    count,
+                    widest,
+                    spot,
+                    shape,
+                    color[k],
+                    np.float32(k),
+                )
+
+
+@compiled()
+def undraw_spot(spot_grad, shared_grad, tile, crossing, first_row, count, widest, spot, shape, color, index):
+    """Take one spot out of the rows of a tile that it crosses."""
+    red, green, blue = color[0], color[1], color[2]
+    # Moments of g = dL/dsigma over the pixels: u is the distance from the axis, h the height above the
+    # centre.
+    g = g_u = g_h = g_uu = g_uh = g_hh = spread(ZERO)
+    to_red = to_green = to_blue = spread(ZERO)
+    for shift in range(0, widest, WIDTH):
+        for row in range(count):
+            column = crossing[row + FIRST] + np.float32(shift)
+            if column < crossing[row + END]:
+                u = count_up() + (crossing[row + OFFSET] + np.float32(shift))
+                h = crossing[row + HEIGHT]
+                sigma = u * u * shape[PRECISION_X] + crossing[row + BASE]
+                at = (first_row + row) * STRIDE + int(column)
+                here, weight = unblend(tile, at, sigma, spot[OPACITY], spot[CUTOFF], index, red, green, blue)
+                to_red = to_red + weight * load(tile, at + RED)
+                to_green = to_green + weight * load(tile, at + GREEN)
+                to_blue = to_blue + weight * load(tile, at + BLUE)
+                here_u, here_h = here * u, here * h
+                g, g_u, g_h = g + here, g_u + here_u, g_h + here_h
+                g_uu, g_uh, g_hh = g_uu + here_u * u, g_uh + here_u * h, g_hh + here_h * h
+    pull_x = TWO * shape[PRECISION_X] * total(g_u)
+    spot_grad[0] -= pull_x
+    spot_grad[1] += shape[SLOPE] * pull_x - TWO * shape[PRECISION_Y] * total(g_h)
+    spot_grad[2] -= total(g) / spot[OPACITY]
+    shared_grad[0] -= TWO * shape[PRECISION_X] * total(g_uh)
+    shared_grad[1] += total(g_uu)
+    shared_grad[2] += total(g_hh)
+    shared_grad[3] += total(to_red)
+    shared_grad[4] += total(to_green)
+    shared_grad[5] += total(to_blue)
+
+
+@compiled()
 def unblend(tile, at, sigma, opacity, cutoff, index, red, green, blue):
-    """Undo `blend`; returns ``dL/dsigma``, and ``dL/dcolor`` as three, each per pixel."""
+    """Take one Gaussian out of the ``WIDTH`` pixels from ``at``; returns dL/dsigma and its weight in each."""
     covered = opacity * exp_minus(sigma)
     live = (sigma <= cutoff) & (index < load(tile, at + STOP))
     alpha = select(live, least(covered, spread(ALPHA_MAX)), spread(ZERO))
     inverse = 1.0 / (1.0 - alpha)
     before = load(tile, at) * inverse
     weight = alpha * before
-    grad_red = load(tile, at + RED)
-    grad_green = load(tile, at + GREEN)
-    grad_blue = load(tile, at + BLUE)
-    own = red * grad_red + green * grad_green + blue * grad_blue
+    own = red * load(tile, at + RED) + green * load(tile, at + GREEN) + blue * load(tile, at + BLUE)
     behind = load(tile, at + BEHIND)
     store(tile, at, before)
     store(tile, at + BEHIND, behind + weight * own)
-    # The clamp passes no gradient on. Lanes that are not live have alpha 0 here, but perhaps an infinite `covered`.
-    grad_sigma = select(covered < ALPHA_MAX, alpha * (behind * inverse - before * own), spread(ZERO))
-    return grad_sigma, weight * grad_red, weight * grad_green, weight * grad_blue
-
-
-@njit(**JIT)
-def undraw(tile, spots, slices, color, left, top, columns, rows, spot_grad, slice_grad):
-    """Take all spots out of a tile again, adding their gradients to ``spot_grad`` (K, 3) and ``slice_grad`` (K, 6)."""
-    for k in range(spots.shape[0] - 1, -1, -1):
-        spot = spots[k]
-        if not meets(spot, left, top, columns, rows):
-            continue
-        x = spot[X] - left - HALF
-        y = spot[Y] - top - HALF
-        cutoff = spot[CUTOFF]
-        opacity = spot[OPACITY]
-        slope = slices[k, SLOPE]
-        precision_x = slices[k, PRECISION_X]
-        precision_y = slices[k, PRECISION_Y]
-        red, green, blue = color[k, 0], color[k, 1], color[k, 2]
-        p = spread(ZERO)
-        p_u = spread(ZERO)
-        p_uu = spread(ZERO)
-        p_dy = spread(ZERO)
-        p_u_dy = spread(ZERO)
-        p_dy_dy = spread(ZERO)
-        sum_red = spread(ZERO)
-        sum_green = spread(ZERO)
-        sum_blue = spread(ZERO)
-        first_row, end_row = span(y, spot[HALF_HEIGHT], rows)
-        for row in range(first_row, end_row):
-            dy = np.float32(row) - y
-            base = dy * dy * precision_y
-            centre = x + slope * dy
-            reach = math.sqrt(max(cutoff - base, ZERO) / precision_x) + RIM
-            first, end = span(centre, reach, columns)
-            for column in range(first, end, WIDTH):
-                u = count_up() + (np.float32(column) - centre)
-                sigma = u * u * precision_x + base
-                g, r, gr, b = unblend(
-                    tile, row * STRIDE + column, sigma, opacity, cutoff, np.float32(k), red, green, blue
-                )
-                sum_red = sum_red + r
-                sum_green = sum_green + gr
-                sum_blue = sum_blue + b
-                gu = g * u
-                gdy = g * dy
-                p = p + g
-                p_u = p_u + gu
-                p_dy = p_dy + gdy
-                p_uu = p_uu + gu * u
-                p_u_dy = p_u_dy + gu * dy
-                p_dy_dy = p_dy_dy + gdy * dy
-        pu = total(p_u)
-        spot_grad[k, 0] += -np.float32(2.0) * precision_x * pu
-        spot_grad[k, 1] += np.float32(2.0) * (slope * precision_x * pu - precision_y * total(p_dy))
-        spot_grad[k, 2] += -total(p) / opacity
-        slice_grad[k, 0] += -np.float32(2.0) * precision_x * total(p_u_dy)
-        slice_grad[k, 1] += total(p_uu)
-        slice_grad[k, 2] += total(p_dy_dy)
-        slice_grad[k, 3] += total(sum_red)
-        slice_grad[k, 4] += total(sum_green)
-        slice_grad[k, 5] += total(sum_blue)
-
-
-@njit(**JIT)
-def fill(tile, state, grad, background, left, top, columns, rows):
-    """A tile as `forward` left it, with the gradient of the loss in its pixels."""
-    tile[:] = ZERO
-    for row in range(rows):
-        for column in range(columns):
-            at = row * STRIDE + column
-            y, x = top + row, left + column
-            tile[at] = state[0, y, x]
-            tile[at + STOP] = state[1, y, x]
-            tile[at + RED] = grad[0, y, x]
-            tile[at + GREEN] = grad[1, y, x]
-            tile[at + BLUE] = grad[2, y, x]
-            light = (
-                background[0] * grad[0, y, x] + background[1] * grad[1, y, x] + background[2] * grad[2, y, x]
-            )
-            tile[at + BEHIND] = state[0, y, x] * light
-
-
-@njit(parallel=True, **JIT)
-def backward(spots, slices, color, background, state, grad, workers):
-    batch, count = spots.shape[:2]
-    height, width = grad.shape[2:]
-    across = (width + COLUMNS - 1) // COLUMNS
-    down = (height + ROWS - 1) // ROWS
-    spot_grad = np.zeros((batch, count, 3), np.float32)
-    slice_grad = np.zeros((workers, count, 6), np.float32)
-    for worker in prange(workers):
-        tile = np.empty(ROWS * STRIDE, np.float32)
-        for frame in range(worker, batch, workers):
-            for task in range(down * across):
-                top = task // across * ROWS
-                left = task % across * COLUMNS
-                rows = min(ROWS, height - top)
-                columns = min(COLUMNS, width - left)
-                fill(tile, state[frame], grad[frame], background, left, top, columns, rows)
-                undraw(
-                    tile,
-                    spots[frame],
-                    slices,
-                    color,
-                    np.float32(left),
-                    np.float32(top),
-                    np.float32(columns),
-                    np.float32(rows),
-                    spot_grad[frame],
-                    slice_grad[worker],
-                )
-    return spot_grad, slice_grad
+    # The clamp passes no gradient on, nor do pixels far outside, where `covered` may be anything but alpha
+    # is 0.
+    return select(covered < ALPHA_MAX, alpha * (behind * inverse - before * own), spread(ZERO)), weight

@@ -1,34 +1,33 @@
+# mypy: ignore-errors
+# (Numba infers the types of kernels.)
 """Forward kernel: each Gaussian, front to back, is blended into the pixels it covers."""
 
-import math
-
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
+from lagsplat.splat.compiled import compiled
 from lagsplat.splat.image_model import ALPHA_MAX, TRANSMITTANCE_MIN
 from lagsplat.splat.kernel_tile import (
-    COLUMNS,
+    BASE,
+    CROSSING,
     CUTOFF,
-    HALF,
-    HALF_HEIGHT,
-    JIT,
+    END,
+    FIRST,
+    OFFSET,
     ONE,
     OPACITY,
     PITCH,
     PRECISION_X,
-    PRECISION_Y,
-    RIM,
     ROWS,
-    SLOPE,
     STOP,
-    X,
-    Y,
     ZERO,
+    cross,
     exp_minus,
-    meets,
-    span,
+    meeting,
+    place,
+    tiles,
 )
-from lagsplat.splat.lanes import WIDTH, count_up, least, load, select, spread, store
+from lagsplat.splat.lanes import WIDTH, bits, count_up, least, load, select, spread, store
 
 RED = 2 * PITCH
 GREEN = 3 * PITCH
@@ -36,88 +35,17 @@ BLUE = 4 * PITCH
 STRIDE = 5 * PITCH
 
 
-@njit(**JIT)
-def blend(tile, at, sigma, opacity, cutoff, index, red, green, blue):
-    """Blend one Gaussian into the ``WIDTH`` pixels from ``at``."""
-    alpha = least(opacity * exp_minus(sigma), spread(ALPHA_MAX))
-    before = load(tile, at)
-    weight = alpha * before
-    after = before - weight
-    stop = load(tile, at + STOP)
-    live = (sigma <= cutoff) & (index < stop)
-    composited = live & (TRANSMITTANCE_MIN < after)
-    weight = select(composited, weight, spread(ZERO))
-    store(tile, at, select(composited, after, before))
-    store(tile, at + STOP, select(live & (after <= TRANSMITTANCE_MIN), spread(index), stop))
-    store(tile, at + RED, load(tile, at + RED) + weight * red)
-    store(tile, at + GREEN, load(tile, at + GREEN) + weight * green)
-    store(tile, at + BLUE, load(tile, at + BLUE) + weight * blue)
-
-
-@njit(**JIT)
-def draw(tile, spots, slices, color, left, top, columns, rows):
-    """Draw all spots of a frame into a tile whose first pixel is (left, top)."""
-    for k in range(spots.shape[0]):
-        spot = spots[k]
-        if not meets(spot, left, top, columns, rows):
-            continue
-        x = spot[X] - left - HALF
-        y = spot[Y] - top - HALF
-        cutoff = spot[CUTOFF]
-        opacity = spot[OPACITY]
-        slope = slices[k, SLOPE]
-        precision_x = slices[k, PRECISION_X]
-        precision_y = slices[k, PRECISION_Y]
-        red, green, blue = color[k, 0], color[k, 1], color[k, 2]
-        first_row, end_row = span(y, spot[HALF_HEIGHT], rows)
-        for row in range(first_row, end_row):
-            dy = np.float32(row) - y
-            base = dy * dy * precision_y
-            centre = x + slope * dy
-            reach = math.sqrt(max(cutoff - base, ZERO) / precision_x) + RIM
-            first, end = span(centre, reach, columns)
-            for column in range(first, end, WIDTH):
-                u = count_up() + (np.float32(column) - centre)
-                sigma = u * u * precision_x + base
-                blend(tile, row * STRIDE + column, sigma, opacity, cutoff, np.float32(k), red, green, blue)
-
-
-@njit(**JIT)
-def blank(tile, columns, count):
-    """A tile before anything is drawn; only its first ``columns`` columns can be drawn upon."""
-    tile[:] = ZERO
-    for row in range(ROWS):
-        for column in range(columns):
-            tile[row * STRIDE + column] = ONE
-            tile[row * STRIDE + STOP + column] = np.float32(count)
-
-
-@njit(parallel=True, **JIT)
+@compiled(parallel=True)
 def forward(spots, slices, color, background, height, width):
-    """Images (B, 3, H, W), and per pixel the final transmittance and the index that finished it, (B, 2, H, W)."""
-    batch, count = spots.shape[:2]
-    across = (width + COLUMNS - 1) // COLUMNS
-    down = (height + ROWS - 1) // ROWS
+    """Images (B, 3, H, W); final transmittance of each pixel and the index that finished it (B, 2, H, W)."""
+    batch, count = len(spots), len(slices)
     images = np.empty((batch, 3, height, width), np.float32)
     state = np.empty((batch, 2, height, width), np.float32)
-    for task in prange(batch * down * across):
-        frame = task // (down * across)
-        top = task // across % down * ROWS
-        left = task % across * COLUMNS
-        rows = min(ROWS, height - top)
-        columns = min(COLUMNS, width - left)
-        tile = np.empty(ROWS * STRIDE, np.float32)
-        blank(tile, columns, count)
-        draw(
-            tile,
-            spots[frame],
-            slices,
-            color,
-            np.float32(left),
-            np.float32(top),
-            np.float32(columns),
-            np.float32(rows),
-        )
+    for task in prange(batch * tiles(height, width)):
+        frame = task // tiles(height, width)
+        top, left, rows, columns = place(task % tiles(height, width), height, width)
+        tile = blank(columns, count)
+        draw(tile, spots[frame], slices, color, top, left, rows, columns)
         for row in range(rows):
             for column in range(columns):
                 at = row * STRIDE + column
@@ -128,3 +56,60 @@ def forward(spots, slices, color, background, height, width):
                 images[frame, 1, y, x] = tile[at + GREEN] + tile[at] * background[1]
                 images[frame, 2, y, x] = tile[at + BLUE] + tile[at] * background[2]
     return images, state
+
+
+@compiled()
+def blank(columns, count):
+    """A tile before ``count`` Gaussians are drawn; only its first ``columns`` columns can be drawn upon."""
+    tile = np.zeros(ROWS * STRIDE, np.float32)
+    for row in range(ROWS):
+        for column in range(columns):
+            tile[row * STRIDE + column] = ONE
+            tile[row * STRIDE + STOP + column] = np.float32(count)
+    return tile
+
+
+@compiled()
+def draw(tile, spots, slices, color, top, left, rows, columns):
+    """Draw the spots (6, K) of a frame into one of its tiles."""
+    crossing = np.empty(CROSSING, np.float32)
+    for group in range(0, spots.shape[1], WIDTH):
+        met = meeting(spots, group, top, left, rows, columns)
+        for lane in range(WIDTH):
+            if met >> lane & 1:
+                k = group + lane
+                spot, shape = spots[:, k], slices[k]
+                first_row, count, widest = cross(crossing, spot, shape, top, left, rows, columns)
+                draw_spot(tile, crossing, first_row, count, widest, spot, shape, color[k], np.float32(k))
+
+
+@compiled()
+def draw_spot(tile, crossing, first_row, count, widest, spot, shape, color, index):
+    """Draw one spot where it crosses the rows of a tile."""
+    red, green, blue = color[0], color[1], color[2]
+    for shift in range(0, widest, WIDTH):
+        for row in range(count):
+            column = crossing[row + FIRST] + np.float32(shift)
+            if column < crossing[row + END]:
+                u = count_up() + (crossing[row + OFFSET] + np.float32(shift))
+                sigma = u * u * shape[PRECISION_X] + crossing[row + BASE]
+                at = (first_row + row) * STRIDE + int(column)
+                blend(tile, at, sigma, spot[OPACITY], spot[CUTOFF], index, red, green, blue)
+
+
+@compiled()
+def blend(tile, at, sigma, opacity, cutoff, index, red, green, blue):
+    """Blend one Gaussian into the ``WIDTH`` pixels from ``at``."""
+    alpha = least(opacity * exp_minus(sigma), spread(ALPHA_MAX))
+    before = load(tile, at)
+    stop = load(tile, at + STOP)
+    after = before - alpha * before
+    live = (sigma <= cutoff) & (index < stop)
+    finished = live & (after <= TRANSMITTANCE_MIN)
+    weight = select(live & (after > TRANSMITTANCE_MIN), alpha * before, spread(ZERO))
+    store(tile, at, before - weight)
+    store(tile, at + RED, load(tile, at + RED) + weight * red)
+    store(tile, at + GREEN, load(tile, at + GREEN) + weight * green)
+    store(tile, at + BLUE, load(tile, at + BLUE) + weight * blue)
+    if bits(finished):
+        store(tile, at + STOP, select(finished, spread(index), stop))

@@ -1,9 +1,12 @@
+# mypy: ignore-errors
+# (Numba infers the types of kernels.)
 """Eight float32 side by side, as one value inside Numba functions.
 
-Whether LLVM turns a loop into vector instructions depends on alias checks, trip counts and cost tables; a rasteriser
-must not be six times slower because one of them changed. So the width is written down: ``Lanes`` supports ``+ - * /``,
-``<`` and ``<=`` with each other and with scalars (constants are rounded to float32), comparisons give a ``Mask`` that
-knows ``&``, and the functions below do the rest. Processors with narrower registers split the operations by themselves.
+Whether LLVM turns a loop into vector instructions depends on alias checks, trip counts and cost tables; a
+rasteriser must not be six times slower because one of them changed. So the width is written down: ``Lanes``
+knows ``+ - * /``, ``<``, ``<=`` and ``>`` with each other and with scalars (rounded to float32), a
+comparison gives a ``Mask`` that knows ``&``, and the functions below do the rest. Processors with narrower
+registers split the operations by themselves.
 
 Numba functions only: none of this can be called from the interpreter.
 """
@@ -89,7 +92,7 @@ def load(typing, array, index):
 
 @intrinsic
 def store(typing, array, index, value):
-    """Write ``value`` to the ``WIDTH`` places of a contiguous float32 array from ``index``; nothing is checked."""
+    """Write ``WIDTH`` values to a contiguous float32 array from ``index`` on; nothing is checked."""
 
     def build(context, builder, signature, arguments):
         pointer = _address(context, builder, signature.args[0], *arguments[:2])
@@ -117,6 +120,44 @@ def least(typing, left, right):
         return builder.select(builder.fcmp_ordered("<", *arguments), *arguments)
 
     return lanes_t(lanes_t, lanes_t), build
+
+
+@intrinsic
+def greatest(typing, left, right):
+    """The larger of two Lanes, place by place; ``right`` where ``left`` is NaN."""
+
+    def build(context, builder, signature, arguments):
+        return builder.select(builder.fcmp_ordered(">", *arguments), *arguments)
+
+    return lanes_t(lanes_t, lanes_t), build
+
+
+def _function(name):
+    @intrinsic
+    def operation(typing, value):
+        def build(context, builder, signature, arguments):
+            kind = ir.FunctionType(_FLOATS, [_FLOATS])
+            function = cgutils.get_or_insert_function(builder.module, kind, f"llvm.{name}.v{WIDTH}f32")
+            return builder.call(function, arguments)
+
+        return lanes_t(lanes_t), build
+
+    return operation
+
+
+square_root = _function("sqrt")
+floor = _function("floor")
+
+
+@intrinsic
+def bits(typing, mask):
+    """The mask as an integer: bit i tells whether it holds in lane i."""
+
+    def build(context, builder, signature, arguments):
+        word = builder.bitcast(arguments[0], ir.IntType(WIDTH))
+        return builder.zext(word, ir.IntType(64))
+
+    return types.int64(mask_t), build
 
 
 @intrinsic
@@ -184,6 +225,7 @@ _overload(operator.mul, _arithmetic("fmul"))
 _overload(operator.truediv, _arithmetic("fdiv"))
 _overload(operator.lt, _comparison("<"))
 _overload(operator.le, _comparison("<="))
+_overload(operator.gt, _comparison(">"))
 
 
 @overload(operator.and_)

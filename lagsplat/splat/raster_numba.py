@@ -1,5 +1,7 @@
 """The rasteriser for processors: Numba kernels, forward and backward, parallel over the frames of a batch."""
 
+from typing import Any
+
 import numba
 import torch
 from jaxtyping import Float
@@ -23,9 +25,9 @@ def rasterize(
 ) -> Float[Tensor, "B 3 H W"]:
     """Images of B scenes of K Gaussians that share their shapes and colours, on the CPU in float32.
 
-    ``means`` [px] and ``opacity`` are per image; ``covariance`` holds xx, xy, yy [px^2]. Differentiable once, in all
-    five tensors. Uses as many threads as ``numba.get_num_threads()`` says. The first call on a machine compiles the
-    kernels (seconds); later processes load them from the cache.
+    ``means`` [px] and ``opacity`` are per image; ``covariance`` holds xx, xy, yy [px^2]. Differentiable
+    once, in all five tensors. Uses as many threads as ``numba.get_num_threads()`` says. The first call on a
+    machine compiles the kernels (seconds); later processes load them from the disk cache.
 
     Raises:
         ValueError: shapes, types or devices do not fit together, or the tensors are not float32 on the CPU.
@@ -43,7 +45,7 @@ def rasterize(
 
 
 def _slices(covariance: Float[Tensor, "K 3"]) -> Float[Tensor, "K 5"]:
-    """Slope, 1 / (2 v), 1 / (2 S_yy), 2 S_xx, 2 S_yy of each blurred covariance, see `kernel_tile`.
+    """The slices of the blurred covariances, as `kernel_tile` defines them.
 
     NaN where there is nothing to draw; the gradient there is zero.
     """
@@ -52,17 +54,28 @@ def _slices(covariance: Float[Tensor, "K 3"]) -> Float[Tensor, "K 5"]:
     drawn = covariance.isfinite().all(1) & (xx > 0) & (xx * yy - xy**2 > 0)
     xx, xy, yy = torch.where(drawn, xx, 1.0), torch.where(drawn, xy, 0.0), torch.where(drawn, yy, 1.0)
     slope = xy / yy
-    slices = torch.stack([slope, 0.5 / (xx - slope * xy), 0.5 / yy, 2 * xx, 2 * yy], dim=1)
+    extents = (2 * torch.stack([xx, yy])).sqrt().detach()
+    slices = torch.stack([slope, 0.5 / (xx - slope * xy), 0.5 / yy, *extents], dim=1)
     return torch.where(drawn[:, None], slices, torch.nan).float()
 
 
 class _Rasterize(torch.autograd.Function):
     @staticmethod
-    def forward(ctx, means, slices, opacity, color, background, height, width):
+    def forward(
+        ctx: Any,
+        means: Tensor,
+        slices: Tensor,
+        opacity: Tensor,
+        color: Tensor,
+        background: Tensor,
+        height: int,
+        width: int,
+    ) -> Tensor:
         means, slices, opacity, color, background = (
             tensor.detach().contiguous() for tensor in (means, slices, opacity, color, background)
         )
-        spots = find_spots(means.numpy(), opacity.numpy(), slices.numpy())
+        cutoff = (opacity * 255.0).log()
+        spots = find_spots(means.numpy(), opacity.numpy(), cutoff.numpy(), slices.numpy())
         images, state = forward(spots, slices.numpy(), color.numpy(), background.numpy(), height, width)
         ctx.save_for_backward(slices, color, background)
         ctx.spots, ctx.state = spots, state
@@ -70,10 +83,10 @@ class _Rasterize(torch.autograd.Function):
 
     @staticmethod
     @torch.autograd.function.once_differentiable
-    def backward(ctx, grad):
+    def backward(ctx: Any, grad: Tensor) -> tuple[Tensor | None, ...]:
         slices, color, background = ctx.saved_tensors
         grad = grad.contiguous()
-        spot_grad, slice_grad = backward(
+        spot_grad, shared_grad = backward(
             ctx.spots,
             slices.numpy(),
             color.numpy(),
@@ -82,8 +95,8 @@ class _Rasterize(torch.autograd.Function):
             grad.numpy(),
             numba.get_num_threads(),
         )
-        spots = torch.from_numpy(spot_grad)
-        shared = torch.from_numpy(slice_grad.sum(0))
+        spots = torch.from_numpy(spot_grad.sum(0) if len(spot_grad) > 1 else spot_grad[0])
+        shared = torch.from_numpy(shared_grad.sum(0))
         transmittance = torch.from_numpy(ctx.state[:, 0])
         return (
             spots[..., :2],

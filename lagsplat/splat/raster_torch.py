@@ -19,8 +19,9 @@ def rasterize(
 ) -> Float[Tensor, "B 3 H W"]:
     """Images of B scenes of K Gaussians that share their shapes and colours.
 
-    ``means`` [px] and ``opacity`` are per image; ``covariance`` holds xx, xy, yy [px^2]. Works in the type of its
-    arguments (float64 for checks), differentiates by autograd, and needs memory for a few times B K H W numbers.
+    ``means`` [px] and ``opacity`` are per image; ``covariance`` holds xx, xy, yy [px^2]. Works in the type
+    of its arguments (float64 for checks), differentiates by autograd, and needs memory for some ten times B
+    K H W numbers.
 
     Raises:
         ValueError: shapes, types or devices do not fit together.
@@ -35,10 +36,18 @@ def rasterize(
     return torch.stack(frames) if frames else means.new_zeros(0, 3, height, width)
 
 
-def _render(means, covariance, opacity, color, background, height, width):
+def _render(
+    means: Float[Tensor, "K 2"],
+    covariance: Float[Tensor, "K 3"],
+    opacity: Float[Tensor, " K"],
+    color: Float[Tensor, "K 3"],
+    background: Float[Tensor, " 3"],
+    height: int,
+    width: int,
+) -> Float[Tensor, "3 H W"]:
     alpha = _alpha(means, covariance, opacity, height, width)
     after = torch.cumprod(1 - alpha, dim=0)
-    # The transmittance only falls, so this keeps exactly the Gaussians in front of the one that finishes the pixel.
+    # The transmittance only falls, so what this keeps lies in front of the Gaussian that finishes the pixel.
     alpha = torch.where(after > TRANSMITTANCE_MIN, alpha, 0)
     after = torch.cumprod(1 - alpha, dim=0)
     ahead = torch.cat([after.new_ones(1, height, width), after])
@@ -46,7 +55,13 @@ def _render(means, covariance, opacity, color, background, height, width):
     return light + ahead[-1] * background[:, None, None]
 
 
-def _alpha(means, covariance, opacity, height, width):
+def _alpha(
+    means: Float[Tensor, "K 2"],
+    covariance: Float[Tensor, "K 3"],
+    opacity: Float[Tensor, " K"],
+    height: int,
+    width: int,
+) -> Float[Tensor, "K H W"]:
     """Alpha (K, H, W) of each Gaussian in each pixel, 0 where it is passed over."""
     xx, xy, yy = covariance.double().unbind(1)
     xx, yy = xx + BLUR_PX2, yy + BLUR_PX2
