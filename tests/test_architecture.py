@@ -1,0 +1,242 @@
+"""The rules of the house, checked on the source itself."""
+
+import ast
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+
+import pytest
+
+from lagsplat.config import Config
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = ROOT / "lagsplat"
+MODULES = sorted(PACKAGE.rglob("*.py"))
+CODE = [*MODULES, *sorted((ROOT / "workflow").rglob("*.py"))]
+PAGES = [
+    path
+    for pattern in ("**/*.py", "**/*.smk", "**/*.yaml", "**/*.md", "**/*.rst", "**/*.toml", "Makefile")
+    for folder in ("", "lagsplat", "workflow", "conf", "tests", "profiles", "benchmarks")
+    for path in ((ROOT / folder).glob(pattern) if folder else ROOT.glob(pattern.removeprefix("**/")))
+]
+LAYERS = (
+    {"shapes", "provenance"},
+    {"io"},
+    {"systems", "views"},
+    {"splat"},
+    {"stage1"},
+    {"chart"},
+    {"stage2", "baselines"},
+    {"evaluate", "forces"},
+    {"diagnose"},
+    {"report", "viewer"},
+    {"config", "planning", "job", "cli"},
+)
+
+
+def layer_of(module: str) -> int:
+    room = module.split(".")[1] if "." in module else ""
+    return next((number for number, rooms in enumerate(LAYERS) if room in rooms), -1)
+
+
+def name_of(path: Path) -> str:
+    return ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+
+
+def short(path: Path) -> str:
+    return str(path.relative_to(ROOT))
+
+
+def imports_of(tree: ast.AST) -> Iterator[str]:
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node.module:
+            yield node.module
+        elif isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+
+
+@pytest.fixture(scope="module")
+def trees() -> dict[Path, ast.Module]:
+    return {path: ast.parse(path.read_text(encoding="utf-8")) for path in CODE}
+
+
+def test_every_module_has_a_layer() -> None:
+    assert [short(path) for path in MODULES if path.parent == PACKAGE and name_of(path) != "lagsplat"
+            and layer_of(name_of(path)) < 0] == []  # fmt: skip
+    assert [room.name for room in PACKAGE.iterdir() if room.is_dir() and list(room.glob("*.py"))
+            and layer_of(f"lagsplat.{room.name}") < 0] == []  # fmt: skip
+
+
+def test_data_flows_one_way(trees: dict[Path, ast.Module]) -> None:
+    wrong = [
+        f"{short(path)} imports {target}"
+        for path in MODULES
+        for target in imports_of(trees[path])
+        if target.startswith("lagsplat.") and layer_of(target) > layer_of(name_of(path))
+    ]
+    # `config` joins the torch-free settings of every room; those settings know no other module.
+    assert not wrong, "\n".join(wrong)
+
+
+def test_rooms_of_one_layer_do_not_know_each_other(trees: dict[Path, ast.Module]) -> None:
+    wrong = [
+        f"{short(path)} imports {target}"
+        for path in MODULES
+        for target in imports_of(trees[path])
+        if target.startswith("lagsplat.")
+        and layer_of(target) == layer_of(name_of(path)) not in (0, len(LAYERS) - 1)
+        and target.split(".")[1] != name_of(path).split(".")[1]
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
+@pytest.mark.parametrize("path", [*CODE, *sorted((ROOT / "workflow").rglob("*.smk"))], ids=short)
+def test_files_are_short(path: Path) -> None:
+    assert len(path.read_text(encoding="utf-8").splitlines()) < 300
+
+
+def test_functions_are_short(trees: dict[Path, ast.Module]) -> None:
+    long = [
+        f"{short(path)}:{node.lineno} {node.name} has {node.end_lineno - node.lineno + 1} lines"
+        for path, tree in trees.items()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.FunctionDef) and (node.end_lineno or 0) - node.lineno + 1 >= 60
+    ]
+    assert not long, "\n".join(long)
+
+
+def test_no_drawers_and_no_relative_imports(trees: dict[Path, ast.Module]) -> None:
+    assert [short(path) for path in MODULES if path.stem in ("utils", "helpers", "_helpers", "misc")] == []
+    relative = [
+        short(path)
+        for path, tree in trees.items()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom) and node.level
+    ]
+    assert not relative, "\n".join(relative)
+
+
+def test_packages_hold_a_docstring_and_import_nothing(trees: dict[Path, ast.Module]) -> None:
+    for path in MODULES:
+        if path.name == "__init__.py":
+            body = trees[path].body
+            assert ast.get_docstring(trees[path]), short(path)
+            assert not any(isinstance(node, ast.Import | ast.ImportFrom) for node in body), short(path)
+    rooms = {path.parent for path in MODULES}
+    assert [str(room) for room in rooms if not (room / "__init__.py").is_file()] == []
+
+
+def is_definition(node: ast.stmt) -> bool:
+    if isinstance(node, ast.Import | ast.ImportFrom | ast.FunctionDef | ast.ClassDef):
+        return True
+    if isinstance(node, ast.Expr) and isinstance(node.value, ast.Call):
+        # To teach the compiler what + means for a type is a definition, whatever its syntax.
+        return ast.unparse(node.value.func) == "_overload"
+    if isinstance(node, ast.Expr):
+        return isinstance(node.value, ast.Constant)  # a docstring
+    if isinstance(node, ast.If):
+        return ast.unparse(node.test) in ("TYPE_CHECKING", "__name__ == '__main__'")
+    return isinstance(node, ast.Assign | ast.AnnAssign)
+
+
+def test_importing_defines_and_does_nothing(trees: dict[Path, ast.Module]) -> None:
+    active = [
+        f"{short(path)}:{node.lineno}"
+        for path in MODULES
+        for node in trees[path].body
+        if not is_definition(node)
+    ]
+    assert not active, "\n".join(active)
+
+
+def test_no_globals(trees: dict[Path, ast.Module]) -> None:
+    found = [
+        short(path) for path, tree in trees.items() for node in ast.walk(tree) if isinstance(node, ast.Global)
+    ]
+    assert found == []
+
+
+@pytest.mark.parametrize("module", ["lagsplat.config", "lagsplat.planning", "lagsplat.job"])
+def test_planning_loads_no_heavy_library(module: str) -> None:
+    heavy = ("torch", "numba", "cv2", "pandas", "scipy", "matplotlib", "skimage")
+    program = f"import sys, {module}; print([name for name in {heavy} if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def is_public(node: ast.AST) -> bool:
+    return isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_")
+
+
+def test_everything_public_is_explained(trees: dict[Path, ast.Module]) -> None:
+    bare = [short(path) for path, tree in trees.items() if not ast.get_docstring(tree)]
+    for path in MODULES:
+        owners = [
+            trees[path],
+            *(node for node in trees[path].body if isinstance(node, ast.ClassDef) and is_public(node)),
+        ]
+        bare += [
+            f"{short(path)}:{node.lineno} {node.name}"
+            for owner in owners
+            for node in owner.body
+            if isinstance(node, ast.FunctionDef | ast.ClassDef)
+            and is_public(node)
+            and not ast.get_docstring(node)
+            and not any("overload" in ast.unparse(decorator) for decorator in node.decorator_list)
+        ]
+    assert not bare, "\n".join(bare)
+
+
+def config_fields(schema: type) -> Iterator[tuple[str, str]]:
+    for field in fields(schema):
+        kinds = [field.type, *getattr(field.type, "__args__", ())]
+        below = [kind for kind in kinds if is_dataclass(kind)]
+        for kind in below:
+            assert isinstance(kind, type)
+            yield from config_fields(kind)
+        if not below:
+            yield schema.__name__, field.name
+
+
+def test_every_setting_is_read(trees: dict[Path, ast.Module]) -> None:
+    read = set()
+    for path, tree in trees.items():
+        if path.name == "config.py" and path.parent != PACKAGE:
+            continue  # a check of its domain does not use a setting
+        read |= {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
+    others = [*(ROOT / "workflow/rules").glob("*.smk"), *(ROOT / "conf").rglob("*.yaml")]
+    rules = "".join(path.read_text(encoding="utf-8") for path in others)
+    unread = [
+        f"{schema}.{name}"
+        for schema, name in config_fields(Config)
+        if name not in read and f".{name}" not in rules
+    ]
+    assert not unread, "\n".join(unread)
+
+
+def test_every_module_is_tested() -> None:
+    tests = [path for path in (ROOT / "tests").rglob("test_*.py") if path != Path(__file__)]
+    text = "".join(path.read_text(encoding="utf-8") for path in tests)
+    named = {path.stem.removeprefix("test_") for path in tests}
+    untested = [
+        name_of(path)
+        for path in MODULES
+        if path.name not in ("__init__.py", "shapes.py")
+        and name_of(path) not in text
+        and path.stem not in named
+    ]
+    assert not untested, "\n".join(untested)
+
+
+@pytest.mark.parametrize("path", PAGES, ids=short)
+def test_nothing_unfinished_and_nothing_of_one_machine(path: Path) -> None:
+    text = path.read_text(encoding="utf-8")
+    if path == Path(__file__):
+        return
+    found = re.findall(
+        r"\b(?:TODO|FIXME|XXX|HACK)\b|NotImplementedError\(|(?<![\w.])/(?:work|root|home)/\S*", text
+    )
+    assert found == []

@@ -1,0 +1,122 @@
+"""Overrides of the command line, and the runs they ask for."""
+
+from pathlib import Path
+
+import pytest
+
+from lagsplat.config import ConfigError
+from lagsplat.planning import (
+    Overrides,
+    compose_for,
+    files_of,
+    lineage,
+    planned_runs,
+    read_overrides,
+    script_digest,
+)
+
+SCRIPTS = Path(__file__).resolve().parents[2] / "workflow" / "scripts"
+
+
+def given(**command_line: str) -> Overrides:
+    return read_overrides(command_line)
+
+
+def test_words_are_split_as_a_shell_would() -> None:
+    overrides = given(hydra="profile=toy 'recording.path=a film.mp4'", hydra_toy="stage1.steps=3")
+    assert overrides.shared == ("profile=toy", "recording.path=a film.mp4")
+    assert overrides.of_system == {"toy": ("stage1.steps=3",)}
+    assert given().shared == ()
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "words"),
+    [
+        ("hydra_toi", "stage1.steps=3", "did you mean 'hydra_toy'"),
+        ("hidra", "profile=toy", "did you mean 'hydra'"),
+        ("hydra", "system=toy", r"systems=\[\.\.\.\]"),
+    ],
+)
+def test_unknown_keys_are_refused(key: str, value: str, words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        read_overrides({key: value})
+
+
+def test_a_path_wins_over_the_command_line() -> None:
+    overrides = given(hydra="profile=paper stage2=paper")
+    assert compose_for(overrides, profile="toy").choices["profile"] == "toy"
+    assert compose_for(overrides, stage2="constant").choices["stage2"] == "constant"
+
+
+def test_one_system_alone_can_be_changed() -> None:
+    overrides = given(hydra="stage2.steps=70", hydra_krauss_2seg="stage2.steps=71")
+    assert compose_for(overrides, system="krauss_1seg").stage2.steps == 70
+    assert compose_for(overrides, system="krauss_2seg").stage2.steps == 71
+
+
+def test_the_toy_profile_plans_its_runs() -> None:
+    runs = planned_runs(given(hydra="profile=toy seeds=[0,3]"))
+    assert {(run.profile, run.recording, run.system) for run in runs} == {("toy", "simulated", "toy")}
+    assert {run.stage2 for run in runs} >= {"default"}
+    assert {run.seed for run in runs} == {0, 3}
+    assert len(set(runs)) == len(runs)
+
+
+def test_the_chosen_dynamics_and_image_model_are_in_the_runs() -> None:
+    runs = planned_runs(given(hydra="profile=toy stage1=upstream stage2=paper"))
+    assert {run.stage1 for run in runs} == {"upstream"}
+    assert runs[0].stage2 == "paper"
+
+
+def test_the_paper_profile_has_five_seeds_and_its_ablations() -> None:
+    runs = planned_runs(given(hydra="profile=paper"))
+    assert {run.seed for run in runs} == {0, 1, 2, 3, 4}
+    assert {run.stage2 for run in runs} >= {"default", "constant_mass", "induced_mass"}
+
+
+def test_typos_for_one_system_stop_planning() -> None:
+    with pytest.raises(ConfigError, match="stepz"):
+        planned_runs(given(hydra="profile=toy", hydra_krauss_1seg="stage1.stepz=3"))
+
+
+def test_a_file_must_be_there_and_serve_one_system(tmp_path: Path) -> None:
+    film = tmp_path / "film.npz"
+    one = f"recording=filmed recording.path={film}"
+    with pytest.raises(ConfigError, match=r"film\.npz.*no such file"):
+        planned_runs(given(hydra=f"{one} systems=[krauss_2seg]"))
+    film.touch()
+    with pytest.raises(ConfigError, match=r"would serve krauss_1seg and krauss_2seg"):
+        planned_runs(given(hydra=f"{one} systems=[krauss_1seg,krauss_2seg]"))
+    overrides = given(hydra="systems=[krauss_1seg,krauss_2seg]", hydra_krauss_2seg=one)
+    assert [run.recording for run in planned_runs(overrides) if run.seed == 0] == ["simulated", "filmed"]
+    assert files_of(overrides, recording="filmed", system="krauss_2seg") == [str(film)]
+
+
+def test_a_public_archive_needs_no_file() -> None:
+    overrides = given(hydra="recording=filmed systems=[krauss_2seg]")
+    assert [run.recording for run in planned_runs(overrides)] == ["filmed"]
+    assert files_of(overrides, recording="filmed", system="krauss_2seg") == []
+
+
+def test_a_script_is_known_by_its_code_and_not_by_its_comments(tmp_path: Path) -> None:
+    script = tmp_path / "job.py"
+    code = "from lagsplat.stage1.config import Stage1Config\nfrom lagsplat.job import Job\nx = 1\n"
+    script.write_text(f'"""What it does."""\n{code}', encoding="utf-8")
+    digest = script_digest(script)
+    script.write_text(f'"""Said differently."""\n# and a comment\n{code}', encoding="utf-8")
+    assert script_digest(script) == digest
+    script.write_text(code.replace("x = 1", "x = 2"), encoding="utf-8")
+    assert script_digest(script) != digest
+
+
+def test_every_script_has_a_digest_of_its_own() -> None:
+    digests = {script_digest(path) for path in SCRIPTS.glob("*.py")}
+    assert len(digests) == len(list(SCRIPTS.glob("*.py")))
+
+
+def test_a_lineage_holds_what_lies_upstream_and_nothing_else() -> None:
+    path = {"profile": "toy", "recording": "simulated", "system": "toy", "stage1": "default"}
+    plain, other = given(hydra="profile=toy"), given(hydra="stage2.batch=33")
+    for stage, changes in [("stage1", False), ("stage2", False), ("evaluate", True), ("table", True)]:
+        same = lineage(plain, SCRIPTS, stage, **path) == lineage(other, SCRIPTS, stage, **path)
+        assert same is not changes, stage
