@@ -10,7 +10,7 @@ from lagsplat.shapes import Latents
 
 
 class Slice(NamedTuple):
-    """Planar Gaussians, ready to be drawn: one batch of images shares shape and colour, not place and opacity."""
+    """Planar Gaussians, ready to be drawn: a batch shares their shapes and colours, not their places."""
 
     means: Float[Tensor, "B K 2"]  # [px]
     covariance: Float[Tensor, "K 3"]  # xx, xy, yy [px^2]

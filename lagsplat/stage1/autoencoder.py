@@ -89,7 +89,11 @@ def encode_frames(autoencoder: Autoencoder, frames: Frames) -> Float64[np.ndarra
 
 
 def decode_chunks(
-    autoencoder: Autoencoder, z: Float64[np.ndarray, "T d"], *, height: int | None = None, width: int | None = None
+    autoencoder: Autoencoder,
+    z: Float64[np.ndarray, "T d"],
+    *,
+    height: int | None = None,
+    width: int | None = None,
 ) -> Iterator[Float32[np.ndarray, "chunk 3 H W"]]:
     """Images drawn at raw latents, a bounded number at a time."""
     device = next(autoencoder.parameters()).device
@@ -101,11 +105,17 @@ def decode_chunks(
 
 
 def decode_latents(
-    autoencoder: Autoencoder, z: Float64[np.ndarray, "T d"], *, height: int | None = None, width: int | None = None
+    autoencoder: Autoencoder,
+    z: Float64[np.ndarray, "T d"],
+    *,
+    height: int | None = None,
+    width: int | None = None,
 ) -> Float32[np.ndarray, "T 3 H W"]:
     """Images drawn at raw latents, all at once; see `decode_chunks` for long series."""
     shape = (0, 3, height or autoencoder.height, width or autoencoder.width)
-    return np.concatenate([np.zeros(shape, np.float32), *decode_chunks(autoencoder, z, height=height, width=width)])
+    return np.concatenate(
+        [np.zeros(shape, np.float32), *decode_chunks(autoencoder, z, height=height, width=width)]
+    )
 
 
 def save_autoencoder(path: Path, autoencoder: Autoencoder, header: Mapping[str, Any]) -> None:
@@ -115,7 +125,7 @@ def save_autoencoder(path: Path, autoencoder: Autoencoder, header: Mapping[str, 
 
 
 def load_autoencoder(path: Path, *, backend: str = "auto") -> tuple[Autoencoder, dict[str, Any]]:
-    """Read an autoencoder and its header; the rasteriser is chosen here since it is no property of the weights."""
+    """Read an autoencoder and its header; the rasteriser is no part of the weights, and chosen here."""
     tensors, header = load_artefact(path, kind=KIND, schema=SCHEMA)
     autoencoder = Autoencoder(**header["architecture"], backend=backend)
     autoencoder.load_state_dict({name: torch.as_tensor(value) for name, value in tensors.items()})

@@ -21,14 +21,18 @@ class LossConfig:
         weights = (self.l1, self.ssim, self.nonlocal_filter, self.anisotropy)
         if min(weights) < 0 or self.l1 + self.ssim <= 0:
             raise ValueError(
-                f"stage1.loss weights are l1={self.l1}, ssim={self.ssim}, nonlocal_filter={self.nonlocal_filter}, "
-                f"anisotropy={self.anisotropy}; none may be negative and l1 + ssim must be positive, "
-                "else nothing asks the decoder to draw the frames"
+                f"stage1.loss weights are l1={self.l1}, ssim={self.ssim}, "
+                f"nonlocal_filter={self.nonlocal_filter}, anisotropy={self.anisotropy}; "
+                "none may be negative and l1 + ssim must be positive, else nothing asks the decoder to draw the frames"
             )
         if self.ssim_window < 1 or self.ssim_window % 2 == 0:
-            raise ValueError(f"stage1.loss.ssim_window={self.ssim_window} must be an odd number of pixels, at least 1")
+            raise ValueError(
+                f"stage1.loss.ssim_window={self.ssim_window} must be an odd number of pixels, at least 1"
+            )
         if self.anisotropy_limit < 1:
-            raise ValueError(f"stage1.loss.anisotropy_limit={self.anisotropy_limit} is a ratio of axes: at least 1")
+            raise ValueError(
+                f"stage1.loss.anisotropy_limit={self.anisotropy_limit} is a ratio of axes: at least 1"
+            )
 
 
 @dataclass
@@ -121,4 +125,6 @@ class Stage1Config:
             if value < 1:
                 raise ValueError(f"stage1.{name}={value} must be at least 1")
         if self.kernel < 2 or self.kernel % 2:
-            raise ValueError(f"stage1.kernel={self.kernel} must be even, so that stride 2 halves the image exactly")
+            raise ValueError(
+                f"stage1.kernel={self.kernel} must be even, so that stride 2 halves the image exactly"
+            )

@@ -1,6 +1,9 @@
-"""The continuity-preserving encoder: few, large filters, so that the latent follows the motion without steps."""
+"""The continuity-preserving encoder: few, large filters, so that the latent follows motion without steps."""
+
+from itertools import pairwise
 
 import torch
+from jaxtyping import Float
 from torch import Tensor, nn
 from torch.nn import functional
 
@@ -22,9 +25,13 @@ class Encoder(nn.Module):
         widths = (3, channels, channels, channels)
         self.convolutions = nn.ModuleList(
             nn.Conv2d(n_in, n_out, kernel, stride=2, padding=(kernel - 2) // 2)
-            for n_in, n_out in zip(widths[:-1], widths[1:], strict=True)
+            for n_in, n_out in pairwise(widths)
         )
         self.head = nn.Linear(channels * POOLED**2, d)
+
+    def filters(self) -> list[Float[Tensor, "_ _ k k"]]:
+        """Weights of the convolutions, first layer first."""
+        return [convolution.weight for convolution in self.convolutions]  # type: ignore[misc]
 
     def features(self, images: Images) -> Tensor:
         """What the linear layer reads: (B, channels * 16)."""
@@ -40,11 +47,11 @@ class Encoder(nn.Module):
 
 @torch.no_grad()
 def spread_latents(encoder: Encoder, images: Images) -> None:
-    """Set the linear layer, in place, so that ``images`` get zero mean and unit covariance in the latent.
+    """Set the linear layer, in place, so that ``images`` get latents of zero mean and unit covariance.
 
-    The latent axes become the leading principal components of the untrained features. Started from its default,
-    the encoder sends every frame to nearly the same latent, and training idles for thousands of steps until
-    the latent opens. With fewer distinct images than axes the remaining axes start closed.
+    The latent axes become the leading principal components of the untrained features. Started from its
+    default, the encoder sends every frame to nearly the same latent, and training idles for thousands of
+    steps until the latent opens. With fewer distinct images than axes the remaining axes start closed.
 
     Source: data-dependent initialisation, Krähenbühl et al. 2016, arXiv:1511.06856.
     """

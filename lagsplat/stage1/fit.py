@@ -76,7 +76,8 @@ def fit_autoencoder(
                 recycled += review(autoencoder, optimizer, frames, config.lifecycle, rng=rng)
             bar.update(config.batch)
             if (step + 1) % max(1, config.steps // CURVE_POINTS) == 0:
-                curve.append(CurvePoint(step + 1, *(sums / counted).tolist(), recycled))
+                loss, l1, mse = (sums / counted).tolist()
+                curve.append(CurvePoint(step + 1, loss, l1, mse, recycled))
                 bar.set_postfix(loss=f"{curve[-1].loss:.4g}", mse=f"{curve[-1].mse:.3g}")
                 sums, counted, recycled = np.zeros(3), 0, 0
                 # Only here are the running means empty, so that a checkpoint need not hold them.
@@ -113,7 +114,7 @@ def train_step(
 def restore(
     autoencoder: Autoencoder, optimizer: torch.optim.Optimizer, checkpoint: Path | None, identity: str
 ) -> tuple[int, list[CurvePoint]]:
-    """Put back the state of an interrupted run, if there is one; returns the next step and the curve so far."""
+    """Put back the state of an interrupted run, if there is one; the next step and the curve so far."""
     state = load_checkpoint(checkpoint, identity=identity) if checkpoint else None
     if state is None:
         return 0, []
@@ -144,6 +145,11 @@ def save(
 def progress(first: int, steps: int, batch: int) -> Iterator[tqdm]:
     """A bar that counts images, with their rate and the time left."""
     with tqdm(
-        total=steps * batch, initial=first * batch, unit="image", unit_scale=True, desc="stage 1", mininterval=1.0
+        total=steps * batch,
+        initial=first * batch,
+        unit="image",
+        unit_scale=True,
+        desc="stage 1",
+        mininterval=1.0,
     ) as bar:
         yield bar

@@ -47,7 +47,7 @@ def place(
     config: InitConfig,
     rng: np.random.Generator,
 ) -> None:
-    """Scatter the Gaussians over ``reference`` (H, W, 3) in [0, 1] and over the cloud of ``latents`` (T, d)."""
+    """Scatter the Gaussians over ``reference`` (H, W, 3), in [0, 1], and over the ``latents`` (T, d)."""
     height, width, _ = reference.shape
     edges = np.abs(np.stack(np.gradient(np.pad(reference.mean(-1), 1, mode="edge")))).sum(0)[1:-1, 1:-1]
     density = (1 - FLAT_SHARE) * edges / max(edges.sum(), 1e-12) + FLAT_SHARE / edges.size

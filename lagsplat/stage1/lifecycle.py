@@ -21,7 +21,11 @@ NEWBORN_SIGMA_PX = 1.0
 
 def is_due(config: LifecycleConfig, *, step: int, steps: int) -> bool:
     """Whether the cloud is reviewed after this step."""
-    return config.every > 0 and (step + 1) % config.every == 0 and config.start * steps <= step < config.stop * steps
+    return (
+        config.every > 0
+        and (step + 1) % config.every == 0
+        and config.start * steps <= step < config.stop * steps
+    )
 
 
 @torch.no_grad()
@@ -60,8 +64,10 @@ def review(
     return len(slots)
 
 
-def busiest(gaussians: Gaussians, optimizer: torch.optim.Adam, *, alive: Bool[Tensor, " K"], count: int) -> Tensor:
-    """Indices of the visible Gaussians pulled hardest: the largest running mean square gradient of the centre.
+def busiest(
+    gaussians: Gaussians, optimizer: torch.optim.Adam, *, alive: Bool[Tensor, " K"], count: int
+) -> Tensor:
+    """The visible Gaussians pulled hardest: those of the largest running mean square gradient of the centre.
 
     Adam keeps that mean already, so nothing has to be accumulated beside it.
 

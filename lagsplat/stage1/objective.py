@@ -34,6 +34,5 @@ def reconstruct(autoencoder: Autoencoder, images: Images, config: LossConfig) ->
             autoencoder.gaussians.covariance(), limit=config.anisotropy_limit
         )
     if config.nonlocal_filter:
-        filters = [convolution.weight for convolution in autoencoder.encoder.convolutions]
-        loss = loss + config.nonlocal_filter * nonlocal_filter(filters)
+        loss = loss + config.nonlocal_filter * nonlocal_filter(autoencoder.encoder.filters())
     return Reconstruction(loss, l1.detach(), error.detach().square().mean())

@@ -15,7 +15,10 @@ def optimizer_of(autoencoder: Autoencoder, config: RateConfig) -> torch.optim.Ad
     groups = [
         {"params": list(autoencoder.encoder.parameters()), "peak": config.encoder},
         {"params": [gaussians[name] for name in in_pixels], "peak": config.center},
-        {"params": [value for name, value in gaussians.items() if name not in in_pixels], "peak": config.gaussian},
+        {
+            "params": [value for name, value in gaussians.items() if name not in in_pixels],
+            "peak": config.gaussian,
+        },
     ]
     return torch.optim.Adam(groups, fused=True)
 

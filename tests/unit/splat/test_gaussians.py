@@ -38,7 +38,9 @@ def test_slice_is_the_schur_complement(d):
         schur = sigma[:, d:, d:] - gain @ sigma[:, :d, d:]
         distance = (offset[..., None, :] @ torch.linalg.inv(sigma[:, :d, :d]) @ offset[..., None])[..., 0, 0]
     torch.testing.assert_close(drawn.means, means)
-    torch.testing.assert_close(drawn.covariance, torch.stack((schur[:, 0, 0], schur[:, 0, 1], schur[:, 1, 1]), 1))
+    torch.testing.assert_close(
+        drawn.covariance, torch.stack((schur[:, 0, 0], schur[:, 0, 1], schur[:, 1, 1]), 1)
+    )
     torch.testing.assert_close(drawn.opacity, gaussians.opacity_logit.sigmoid() * torch.exp(-distance / 2))
     torch.testing.assert_close(gaussians.jacobian(), gain)
 

@@ -42,7 +42,9 @@ def test_anisotropy_counts_only_beyond_the_limit():
 
 def test_anisotropy_does_not_depend_on_the_orientation():
     angle = torch.tensor(0.7)
-    rotation = torch.stack((torch.stack((angle.cos(), -angle.sin())), torch.stack((angle.sin(), angle.cos()))))
+    rotation = torch.stack(
+        (torch.stack((angle.cos(), -angle.sin())), torch.stack((angle.sin(), angle.cos())))
+    )
     turned = rotation @ torch.diag(torch.tensor([100.0, 1.0])) @ rotation.T
     rows = torch.stack((turned[0, 0], turned[0, 1], turned[1, 1]))[None]
     assert anisotropy(rows, limit=5.0).item() == pytest.approx(np.log(2), rel=1e-3)
@@ -50,8 +52,10 @@ def test_anisotropy_does_not_depend_on_the_orientation():
 
 def test_nonlocal_penalty_is_the_double_sum():
     bank = torch.randn(2, 3, 4, 4, dtype=torch.float64)
-    place = torch.stack(torch.meshgrid(torch.arange(4.0), torch.arange(4.0), indexing="ij"), -1).reshape(-1, 2)
-    kernel = torch.exp(-torch.cdist(place, place).double() ** 2)
+    place = torch.stack(torch.meshgrid(torch.arange(4.0), torch.arange(4.0), indexing="ij"), -1).reshape(
+        -1, 2
+    )
+    kernel = torch.exp(-(torch.cdist(place, place).double() ** 2))
     taps = bank.flatten(0, 1).flatten(1)
     expected = 0.5 * (kernel * (taps[:, :, None] - taps[:, None, :]) ** 2).sum()
     torch.testing.assert_close(nonlocal_filter([bank]), expected, rtol=1e-6, atol=1e-9)

@@ -42,9 +42,10 @@ def test_a_killed_run_goes_on_to_the_same_bits(tmp_path, monkeypatch):
         return step_of(autoencoder, optimizer, batch, config, step)
 
     checkpoint = tmp_path / "state.pt"
-    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+    with monkeypatch.context() as patch:
         patch.setattr(fit_module, "train_step", killed_at_37)
-        fit_autoencoder(frames, config, seed=1, checkpoint=checkpoint, identity="a")
+        with pytest.raises(KeyboardInterrupt):
+            fit_autoencoder(frames, config, seed=1, checkpoint=checkpoint, identity="a")
     assert checkpoint.exists()
     steps = []
     with monkeypatch.context() as patch:
