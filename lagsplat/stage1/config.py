@@ -23,7 +23,7 @@ class LossConfig:
             raise ValueError(
                 f"stage1.loss weights are l1={self.l1}, ssim={self.ssim}, "
                 f"nonlocal_filter={self.nonlocal_filter}, anisotropy={self.anisotropy}; "
-                "none may be negative and l1 + ssim must be positive, else nothing asks the decoder to draw the frames"
+                "none may be negative and l1 + ssim must be positive, else nothing draws the frames"
             )
         if self.ssim_window < 1 or self.ssim_window % 2 == 0:
             raise ValueError(
