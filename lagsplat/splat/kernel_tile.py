@@ -144,7 +144,7 @@ def clip(position, size):
 
 @compiled()
 def exp_minus(sigma):
-    """``exp(-sigma)`` for sigma in [0, 5.6] to 1e-6 relative: a quintic for its eighth root, squared thrice."""
+    """``exp(-sigma)`` for sigma in [0, 5.6] to 1e-6: a quintic for the eighth root, squared thrice."""
     t = 0.125 * sigma
     p = 0.03977256130783281 - 0.005846759903538654 * t
     p = p * t - 0.1659739751367811

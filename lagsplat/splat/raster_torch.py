@@ -65,14 +65,11 @@ def _alpha(
     """Alpha (K, H, W) of each Gaussian in each pixel, 0 where it is passed over."""
     xx, xy, yy = covariance.double().unbind(1)
     xx, yy = xx + BLUR_PX2, yy + BLUR_PX2
-    determinant = xx * yy - xy**2
     finite = covariance.isfinite().all(1) & means.isfinite().all(1) & opacity.isfinite()
-    drawn = finite & (xx > 0) & (determinant > 0)
+    drawn = finite & (xx > 0) & (xx * yy - xy**2 > 0)
     # Replaced before the division, not after it: autograd would turn an unused infinity into NaN.
-    xx, xy, yy, determinant = (
-        torch.where(drawn, value, fill)
-        for value, fill in ((xx, 1.0), (xy, 0.0), (yy, 1.0), (determinant, 1.0))
-    )
+    xx, xy, yy = torch.where(drawn, xx, 1.0), torch.where(drawn, xy, 0.0), torch.where(drawn, yy, 1.0)
+    determinant = xx * yy - xy**2
     conic = torch.stack([yy / determinant, -xy / determinant, xx / determinant])
     a, b, c = conic.to(means.dtype)[:, :, None, None]
     means = torch.where(drawn[:, None], means, 0)
