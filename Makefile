@@ -7,6 +7,8 @@ BIN := .venv/bin
 export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 export MKL_NUM_THREADS ?= 1
+# A waiting thread sleeps: one that spins takes the core from whoever it waits for.
+export OMP_WAIT_POLICY ?= PASSIVE
 
 .PHONY: krauss test
 .DEFAULT_GOAL := krauss

@@ -1,3 +1,4 @@
+import os
 from dataclasses import asdict, is_dataclass
 from operator import attrgetter
 from pathlib import Path
@@ -12,6 +13,9 @@ from lagsplat.planning import (
     read_overrides,
     script_digest,
 )
+
+# torch and Numba bring an OpenMP pool each. A thread that spins while it waits takes the core from the other pool.
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 # snakemake --config hydra="profile=paper stage2.steps=9000" hydra_krauss_2seg="stage1=upstream"
 try:
