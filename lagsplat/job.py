@@ -98,9 +98,9 @@ class Job:
         path = self.wildcards
         return f"{what} · {self.params.title} · {path.recording} recording · profile {path.profile}"
 
-    def say(self, what: str) -> None:
+    def say(self, what: object) -> None:
         """Tell the screen and the log."""
-        log.info(what)
+        log.info("%s", what)
         print(f"{self.rule}: {what}", file=sys.stderr)
 
     @property

@@ -85,6 +85,9 @@ rule table:
         mem_mb=500,
     params:
         runs=lambda wildcards: planned(),
+        titles=lambda wildcards: {
+            run["system"]: section("system.title")(run) for run in planned()
+        },
         before=lambda wildcards: [before("table")(run) for run in planned()],
         code=script_digest(SCRIPTS / "table.py"),
     message:

@@ -2,12 +2,14 @@
 
 from lagsplat.chart.chart import load_chart
 from lagsplat.evaluate.config import EvaluateConfig
+from lagsplat.evaluate.damping import compare_with_truth
 from lagsplat.evaluate.evaluate import evaluate
 from lagsplat.io.plain import save_json
 from lagsplat.io.recording import load_recording
 from lagsplat.job import Job
 from lagsplat.stage1.autoencoder import load_autoencoder
 from lagsplat.stage2.fit import load_dynamics
+from lagsplat.systems.truth import load_truth
 
 with Job(snakemake) as job:
     autoencoder, _ = load_autoencoder(job.input.autoencoder)
@@ -15,4 +17,10 @@ with Job(snakemake) as job:
     lagrangian, _ = load_dynamics(job.input.dynamics)
     recording = load_recording(job.input.recording)
     metrics = evaluate(autoencoder, chart, lagrangian, recording, job.section(EvaluateConfig))
+    if job.input.truth:
+        truth, _ = load_truth(job.input.truth)
+        frequencies, rates = truth.damped_frequencies_hz, truth.decay_rates_per_s
+        metrics["truth"] = compare_with_truth(
+            metrics, damped_frequencies_hz=frequencies, decay_rates_per_s=rates
+        )
     save_json(job.output.metrics, metrics | {"made_by": job.header})

@@ -8,11 +8,20 @@ from lagsplat.job import Job
 from lagsplat.stage1.autoencoder import load_autoencoder
 from lagsplat.stage2.config import Stage2Config
 from lagsplat.stage2.fit import fit_dynamics, save_dynamics
+from lagsplat.stage2.geometry import decoder_geometry
 
 with Job(snakemake) as job:
     autoencoder, _ = load_autoencoder(job.input.autoencoder)
     chart, _ = load_chart(job.input.chart)
-    config, train = job.section(Stage2Config), chart.train.smoothed(chart.smoothing_frames)
-    lagrangian, report = fit_dynamics(train, chart.metric, config, job.seed, rest=chart.rest)
-    save_dynamics(job.output.dynamics, lagrangian, job.header)
+    train, geometry = chart.train.smoothed(chart.smoothing_frames), decoder_geometry(autoencoder, chart)
+    lagrangian, report = fit_dynamics(
+        train,
+        chart.metric,
+        job.section(Stage2Config),
+        job.seed,
+        rest=chart.rest,
+        geometry=geometry,
+        listen=job.say,
+    )
+    save_dynamics(job.output.dynamics, lagrangian, {**job.header, "report": asdict(report)})
     save_csv(job.output.curve, [asdict(row) for row in report.curve])

@@ -1,8 +1,11 @@
 """Gather the scores of every run in one table."""
 
-from lagsplat.evaluate.aggregate import aggregate
+from lagsplat.io.atomic import write_text
 from lagsplat.io.plain import load_json
 from lagsplat.job import Job
+from lagsplat.report.tables import benchmark_table, latex_table, rows_of
 
 with Job(snakemake) as job:
-    aggregate([load_json(path) for path in job.input.metrics])
+    rows = rows_of(job.params.runs, [load_json(path) for path in job.input.metrics])
+    write_text(job.output.csv, benchmark_table(rows).to_csv(index=False))
+    write_text(job.output.tex, latex_table(rows, titles=job.params.titles))
