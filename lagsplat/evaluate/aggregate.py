@@ -21,11 +21,11 @@ def aggregate(runs: Sequence[dict[str, Any]]) -> dict[str, Any]:
     median of the others and ``n`` counts these. Diverged rollouts are summed, never averaged away.
 
     Raises:
-        ValueError: no run, or runs of different recordings or latent dimensions.
+        ValueError: no run, or runs of different recordings, latent dimensions or kinds of dynamics.
     """
     if not runs:
         raise ValueError("nothing to aggregate: give the metrics of at least one run")
-    for key in ("recording", "d"):
+    for key in ("recording", "d", "dynamics"):
         values = {str(run[key]) for run in runs}
         if len(values) > 1:
             raise ValueError(f"runs of different {key} cannot share a row: {sorted(values)}")
@@ -34,6 +34,7 @@ def aggregate(runs: Sequence[dict[str, Any]]) -> dict[str, Any]:
         "schema": runs[0]["schema"],
         "recording": runs[0]["recording"],
         "d": runs[0]["d"],
+        "dynamics": runs[0]["dynamics"],
         "n_seeds": len(runs),
         "spread": SPREAD_OVER_SEEDS if len(runs) > 1 else SPREAD_OVER_WINDOWS,
         "scores": {name: _spread(runs, name) for name in MEASURED},

@@ -20,8 +20,6 @@ class EvaluateConfig:
     """Seed of the window starts and of the bootstrap."""
     skip_s: float
     """Start of the held-out part left out of every score."""
-    smooth_frames: float
-    """Gaussian sigma applied to latents and inputs before initial states are read from them."""
     starts: int
     """Rollouts per forecast score."""
     horizon_s: float
@@ -59,7 +57,7 @@ class EvaluateConfig:
         """Check every domain; the message names the key, the value and the remedy."""
         for key in _POSITIVE:
             _require(key, getattr(self, key), getattr(self, key) > 0, "must be positive")
-        for key in ("seed", "skip_s", "smooth_frames"):
+        for key in ("seed", "skip_s"):
             _require(key, getattr(self, key), getattr(self, key) >= 0, "must not be negative")
         for key in _FRACTIONS:
             _require(

@@ -10,9 +10,7 @@ from jaxtyping import Float64
 from lagsplat.evaluate.free import FreeWindow
 from lagsplat.evaluate.modes import Mode
 from lagsplat.stage2.lagrangian import Lagrangian
-
-DIFFERENCE = 1e-4
-NEWTON_STEPS = 20
+from lagsplat.stage2.modes import modes
 
 
 def compare_decay(windows: Sequence[FreeWindow], reason: str) -> dict[str, Any]:
@@ -62,46 +60,16 @@ def _mode(modes: tuple[Mode, ...]) -> dict[str, float] | None:
     }
 
 
-def linear_modes(
-    lagrangian: Lagrangian, rest: Float64[np.ndarray, " d"], *, n_inputs: int
-) -> list[dict[str, float]]:
-    """Oscillations of the learned law linearised about its equilibrium without inputs, slowest first.
+def linear_modes(lagrangian: Lagrangian) -> list[dict[str, float]]:
+    """Modes of the learned law linearised about its equilibrium without inputs, slowest first.
 
-    The equilibrium is sought by Newton's method from ``rest``; derivatives are central differences in
-    float64. Overdamped directions are listed with ``frequency_hz`` 0 and their slower rate.
+    An overdamped direction appears as two entries of frequency 0.
     """
-    unit, d = float(torch.as_tensor(lagrangian.time_unit_s)), len(rest)
-
-    def acceleration(q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        with torch.no_grad():
-            inputs = torch.zeros(len(q), n_inputs, dtype=torch.float64)
-            value = lagrangian.acceleration(torch.as_tensor(q), torch.as_tensor(v), inputs)
-        return value.double().numpy()
-
-    def slopes(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        steps = DIFFERENCE * np.eye(d)
-        still = np.zeros((d, d))
-        along_q = acceleration(q + steps, still) - acceleration(q - steps, still)
-        along_v = acceleration(q + still, steps) - acceleration(q + still, -steps)
-        return along_q.T / (2 * DIFFERENCE), along_v.T / (2 * DIFFERENCE)
-
-    q = np.array(rest, dtype=np.float64)
-    for _ in range(NEWTON_STEPS):
-        step = np.linalg.lstsq(slopes(q)[0], -acceleration(q[None], np.zeros((1, d)))[0], rcond=None)[0]
-        q = q + step
-        if not np.isfinite(q).all():
-            return []
-        if np.abs(step).max() < 1e-10:
-            break
-    along_q, along_v = slopes(q)
-    system = np.block([[np.zeros((d, d)), np.eye(d)], [along_q, along_v]])
-    poles = np.linalg.eigvals(system) / unit
-    modes = [
-        {"frequency_hz": float(abs(pole.imag) / (2 * np.pi)), "rate_per_s": float(-pole.real)}
-        for pole in poles
-        if pole.imag >= 0
+    found = modes(lagrangian, torch.zeros(lagrangian.n_inputs, dtype=torch.float64))
+    return [
+        {"frequency_hz": frequency_hz, "rate_per_s": rate_per_s}
+        for frequency_hz, rate_per_s in zip(found.frequency_hz, found.decay_per_s, strict=True)
     ]
-    return sorted(modes, key=lambda mode: (mode["frequency_hz"], mode["rate_per_s"]))
 
 
 def compare_with_truth(

@@ -61,6 +61,7 @@ def evaluate(
         "schema": SCHEMA,
         "recording": {key: recording.meta.get(key) for key in ("origin", "source", "sha256")},
         "d": chart.d,
+        "dynamics": dynamics_form(lagrangian),
         "n_held_out": held.n_frames,
         "skip_frames": held.skip,
         "dt_s": held.dt_s,
@@ -75,7 +76,7 @@ def evaluate(
         "forecast": forecast,
         "frequency": frequency,
         "damping": compare_decay(windows, reason),
-        "linear_modes": linear_modes(lagrangian, chart.rest, n_inputs=held.inputs.shape[1]),
+        "linear_modes": linear_modes(lagrangian),
         "latent": latent,
         "wall_time_s": time.perf_counter() - begin,
     }
@@ -100,6 +101,16 @@ def _scores(
         + sum(row["diverged"] for row in frequency["windows"]),
         "rollouts": forecast["windows"] + latent.get("windows", 0) + len(frequency["windows"]),
     }
+
+
+def dynamics_form(lagrangian: Lagrangian) -> str:
+    """What kind of law it is: ``linear``, or ``nonlinear`` with its mass named where that is not learned."""
+    form = lagrangian.form
+    constant = lagrangian.d == 1 or form.mass == "constant"
+    plain = form.damping == "constant" and form.potential == "quadratic" and form.actuation == "linear"
+    if constant and plain:
+        return "linear"
+    return "nonlinear" if form.mass == "learned" else f"nonlinear, {form.mass} mass"
 
 
 def external_force(autoencoder: Autoencoder) -> str:

@@ -11,7 +11,6 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
 from lagsplat.chart.chart import Chart
-from lagsplat.chart.smooth import smooth
 from lagsplat.evaluate.config import EvaluateConfig
 
 Latents = Float64[np.ndarray, "N d"]
@@ -53,37 +52,29 @@ class HeldOut:
 
 
 def held_out(chart: Chart, config: EvaluateConfig) -> HeldOut:
-    """The held-out part of a chart, smoothed once for every score.
+    """The held-out part of a chart, smoothed once for every score as the chart says.
 
     Raises:
         ValueError: nothing is left once ``evaluate.skip_s`` is taken off.
     """
     part = chart.held_out
-    latents = np.asarray(part.latents, dtype=np.float64)
-    inputs = np.asarray(part.inputs, dtype=np.float64)
+    smooth = part.smoothed(chart.smoothing_frames)
     skip = round(config.skip_s / chart.dt_s)
-    if skip + 3 > latents.shape[0]:
+    if skip + 3 > len(part.latents):
         raise ValueError(
-            f"the held-out part has {latents.shape[0]} frames and evaluate.skip_s={config.skip_s} takes "
+            f"the held-out part has {len(part.latents)} frames and evaluate.skip_s={config.skip_s} takes "
             f"{skip} of them; lower evaluate.skip_s or hold out a longer part"
         )
-    segments = tuple((int(start), int(stop)) for start, stop in part.segments)
     return HeldOut(
-        encoded=_smoothed(latents, config.smooth_frames, segments),
-        latents=latents,
-        forcing=_smoothed(inputs, config.smooth_frames, segments),
-        inputs=inputs,
-        segments=segments,
-        metric=np.asarray(chart.metric, dtype=np.float64),
-        dt_s=float(chart.dt_s),
+        encoded=smooth.latents,
+        latents=part.latents,
+        forcing=smooth.inputs,
+        inputs=part.inputs,
+        segments=part.segments,
+        metric=chart.metric,
+        dt_s=chart.dt_s,
         skip=skip,
     )
-
-
-def _smoothed(series: np.ndarray, sigma_frames: float, segments: tuple[tuple[int, int], ...]) -> np.ndarray:
-    if sigma_frames == 0 or series.shape[1] == 0:
-        return series
-    return smooth(series, sigma_frames=sigma_frames, segments=segments)
 
 
 def draw_starts(held: HeldOut, *, length: int, margin: int, count: int, seed: int) -> Int64[np.ndarray, " B"]:

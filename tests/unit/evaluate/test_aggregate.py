@@ -15,6 +15,7 @@ def run(mse: float, *, frequency_error: float | None = 0.05, diverged: int = 0, 
         "schema": 1,
         "recording": {"origin": "simulated", "source": "arm", "sha256": "0"},
         "d": 4,
+        "dynamics": "nonlinear",
         "scores": {
             "ae_floor": 4e-5,
             "mse_half_second": mse,

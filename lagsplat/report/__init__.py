@@ -1,0 +1,1 @@
+"""Figures and tables, each saying what it is of."""

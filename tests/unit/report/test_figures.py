@@ -1,0 +1,146 @@
+"""Figures of a run in miniature: drawn without a warning, and labelled with what they are of."""
+
+from dataclasses import replace
+
+import matplotlib as mpl
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.ndimage import gaussian_filter, shift
+
+from lagsplat.report import figures
+from lagsplat.report.latents import visibility_order
+from lagsplat.report.rollout import choose_inset, measured_shift
+from tests.unit.evaluate import tiny_run
+from tests.unit.evaluate.stand_ins import settings
+
+TITLE = figures.caption_line("Rollout", system="toy arm", origin="simulated", profile="toy")
+
+
+@pytest.fixture(scope="module")
+def parts():
+    film, model = tiny_run.recording(), tiny_run.autoencoder()
+    return model, tiny_run.chart(model, film), tiny_run.lagrangian(), film
+
+
+@pytest.fixture(scope="module")
+def view(parts):
+    return figures.roll_out(*parts, settings(), duration_s=3.0)
+
+
+def texts(figure) -> str:
+    return " | ".join(text.get_text() for text in figure.findobj(mpl.text.Text))
+
+
+def save(figure, folder):
+    """Both formats, twice: the same bytes, and nothing global has moved."""
+    before = dict(mpl.rcParams)
+    for suffix in ("png", "pdf"):
+        first, second = (folder / f"{name}.{suffix}" for name in "ab")
+        figures.save_figure(first, figure)
+        figures.save_figure(second, figure)
+        assert first.read_bytes() == second.read_bytes()
+    assert dict(mpl.rcParams) == before
+    assert b"/Type3" not in (folder / "a.pdf").read_bytes()
+
+
+def test_caption_line_names_system_recording_and_profile():
+    assert TITLE == "Rollout · toy arm · simulated recording · profile toy"
+
+
+def test_reconstruction(parts, tmp_path):
+    model, _, _, film = parts
+    figure = figures.draw_reconstruction(model, film.part(300, 400), title=TITLE)
+    save(figure, tmp_path)
+    for part in (TITLE, "recorded", "rendered", "|error|", "worst", "MSE "):
+        assert part in texts(figure)
+
+
+def test_latents(parts, tmp_path):
+    chart = parts[1]
+    figure = figures.draw_latents(chart, title=TITLE)
+    save(figure, tmp_path)
+    order, share = visibility_order(chart.metric)
+    words = texts(figure)
+    assert TITLE in words
+    assert words.index(f"$q_{{{order[0] + 1}}}$") < words.index(f"$q_{{{order[1] + 1}}}$")
+    assert f"{100 * share[0]:.1f} % of tr G" in words
+    assert share[0] >= share[1]
+    assert share.sum() == pytest.approx(1.0)
+
+
+def test_latents_without_inputs(parts, tmp_path):
+    bare = replace(parts[1], inputs=np.zeros((600, 0)))
+    assert len(figures.draw_latents(bare, title=TITLE).axes) == 4
+
+
+def test_rollout(view, tmp_path):
+    figure = figures.draw_rollout(view, title=TITLE)
+    save(figure, tmp_path)
+    words = texts(figure)
+    for part in (
+        TITLE,
+        "encoded frames",
+        "predicted",
+        "recorded (16×16)",
+        "(256×256)",
+        "% of tr G",
+        "shift ",
+    ):
+        assert part in words
+
+
+def test_rollout_is_long_unanchored_and_starts_from_the_encoding(view):
+    assert view.time_s[-1] == pytest.approx(3.0)
+    assert np.allclose(view.predicted[0], view.encoded[0])
+    assert view.at_encoded.shape == (256, 256, 3)
+    assert view.lost_s is None
+
+
+def test_rollout_is_cut_to_the_clip_and_shows_a_divergence(parts, tmp_path):
+    model, chart, _, film = parts
+    wild = tiny_run.lagrangian(frequency_hz=60.0)  # beyond the integrator's stability at this frame rate
+    view = figures.roll_out(model, chart, wild, film, settings(), duration_s=30.0)
+    assert len(view.time_s) == 300
+    assert view.lost_s is not None
+    assert np.isnan(view.predicted[-1]).all()
+    assert np.isfinite(view.at_predicted).all()
+    figure = figures.draw_rollout(view, title=TITLE)
+    save(figure, tmp_path)
+    assert f"diverged at {view.lost_s:.1f} s" in texts(figure)
+
+
+def test_curves(tmp_path):
+    curve = pd.DataFrame({"step": [1, 2, 3], "loss": [1.0, 0.1, 0.01], "mse": [1e-2, 0.0, 1e-4]})
+    figure = figures.draw_curves(curve, title=TITLE, columns=["loss", "mse"], labels={"mse": "MSE"})
+    save(figure, tmp_path)
+    assert "MSE" in texts(figure)
+    with pytest.raises(ValueError, match="no column"):
+        figures.draw_curves(curve, title=TITLE, columns=["lost"], labels={})
+
+
+def blob(row: float, column: float) -> np.ndarray:
+    image = np.zeros((64, 64))
+    image[20:44, 28:36] = 1.0
+    return gaussian_filter(shift(image, (row, column), order=1), 1.5)
+
+
+@pytest.mark.parametrize("moved", [(0.0, 0.0), (3.0, -2.0), (-0.5, 1.25)])
+def test_shift_is_measured_below_a_pixel(moved):
+    assert measured_shift(blob(0, 0), blob(*moved)) == pytest.approx(moved, abs=0.25)
+
+
+def test_no_structure_no_shift():
+    assert measured_shift(np.zeros((16, 16)), blob(0, 0)[:16, :16]) == (0.0, 0.0)
+
+
+def test_inset_looks_at_the_motion_and_not_at_the_floor():
+    """Upper left the model is blind to something recorded; lower right the prediction has moved."""
+    encoded = np.zeros((64, 64, 3))
+    encoded[44:56, 40:48] = 1.0
+    real = encoded.copy()
+    real[4:16, 4:16] = 1.0
+    inset = choose_inset(real, encoded, np.roll(encoded, 3, axis=1))
+    assert 44 <= inset.row + inset.side / 2 <= 56
+    assert 36 <= inset.column + inset.side / 2 <= 56
+    assert inset.shift_px == pytest.approx((0.0, 3.0), abs=0.6)
