@@ -61,8 +61,8 @@ class Job:
         self.params, self.wildcards = snakemake.params, snakemake.wildcards
         self.threads: int = snakemake.threads
         self.log_file = str(snakemake.log[0])
-        names = dict(self.wildcards.items())
-        self.seed = int(names.get("seed", names.get("ae", 0)))
+        names: dict[str, str] = dict(self.wildcards.items())
+        self.seed = int(names.get("seed", names.get("ae", "0")))
         self.started = time.monotonic()
 
     def __enter__(self) -> Self:

@@ -33,7 +33,7 @@ LAYERS = (
     {"evaluate", "forces"},
     {"diagnose"},
     {"report", "viewer"},
-    {"config", "planning", "job", "cli"},
+    {"config", "planning", "job", "pipeline", "cli"},
 )
 
 

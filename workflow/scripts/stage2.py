@@ -8,7 +8,7 @@ from lagsplat.job import Job
 from lagsplat.stage1.autoencoder import load_autoencoder
 from lagsplat.stage2.config import Stage2Config
 from lagsplat.stage2.fit import fit_dynamics, save_dynamics
-from lagsplat.stage2.geometry import decoder_geometry
+from lagsplat.stage2.induced import decoder_geometry
 
 with Job(snakemake) as job:
     autoencoder, _ = load_autoencoder(job.input.autoencoder)

@@ -1,0 +1,142 @@
+"""The command line ``lagsplat VERB key=value ...``; keys of the configuration follow Hydra's grammar.
+
+    lagsplat inspect FILE [key=value ...]                       what is in a recording
+    lagsplat fit out=FOLDER [key=value ...]                     every stage, in one process
+    lagsplat simulate run=FOLDER out=q.csv [input=u.csv | seconds=10] [frame=N]
+    lagsplat evaluate run=FOLDER out=metrics.json [key=value ...]
+
+``input`` is a CSV with columns ``t`` [s] and ``u0, u1, ...``; between its rows inputs are interpolated.
+``out`` then has columns ``t``, ``q0, ...`` (whitened) and ``v0, ...`` [1/s]. Exit code 2: the command or its
+input is invalid, and the reason stands on stderr.
+"""
+
+import logging
+import sys
+import zipfile
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+from lagsplat.config import Config, ConfigError, closest, compose
+
+OWN = ("run", "out", "input", "seconds", "frame")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command; returns the exit code."""
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stderr)
+    if not words or words[0] in ("-h", "--help", "help"):
+        print(__doc__)
+        return 0
+    try:
+        if words[0] not in VERBS:
+            raise ConfigError(
+                f"{words[0]!r} is no verb{closest(words[0], list(VERBS))}; choose {', '.join(VERBS)}"
+            )
+        VERBS[words[0]](words[1:])
+    except (ValueError, OSError) as error:
+        print(f"lagsplat {words[0]}: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+def _inspect(words: list[str]) -> None:
+    if not words or "=" in words[0]:
+        raise ConfigError("name a file: lagsplat inspect FILE")
+    from lagsplat.io.read import read_recording
+    from lagsplat.io.recording import load_recording
+    from lagsplat.report.inspection import describe
+
+    path = Path(words[0])
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: no such file; check the path")
+    experiment = _experiment([*_reading(path), *words[1:]])
+    kept = path.suffix == ".safetensors"
+    recording = load_recording(path) if kept else read_recording(experiment.recording)
+    fraction = experiment.recording.train_fraction
+    print(describe(recording, train_fraction=fraction, config=experiment.evaluate))
+
+
+def _reading(path: Path) -> list[str]:
+    """How a file is read unless told otherwise: an archive by its pressures, anything else as a film."""
+    source = ["recording=filmed", f"recording.path={str(path)!r}"]
+    if path.suffix == ".safetensors":
+        return source
+    if path.suffix != ".npz":
+        return [*source, "recording.kind=video", "recording.n_inputs=0", "recording.dt_s=null"]
+    names = zipfile.ZipFile(path).namelist() if zipfile.is_zipfile(path) else []
+    pressures = sum(name.removesuffix(".npy")[1:].isdigit() for name in names if name.startswith("p"))
+    return [*source, "recording.kind=krauss", f"recording.n_inputs={pressures}"]
+
+
+def _fit(words: list[str]) -> None:
+    from lagsplat.pipeline import fit
+    from lagsplat.provenance import code_digest
+
+    own, rest = _split(words, needed=("out",), allowed=("out",))
+    experiment = _experiment(rest)
+    header = {"config": asdict(experiment), "code": code_digest("lagsplat.pipeline")}
+    fit(experiment, out=Path(own["out"]), header=header)
+    print(own["out"])
+
+
+def _evaluate(words: list[str]) -> None:
+    from lagsplat.io.plain import save_json
+    from lagsplat.pipeline import open_run, score
+
+    own, rest = _split(words, needed=("run", "out"), allowed=("run", "out"))
+    save_json(own["out"], score(open_run(Path(own["run"])), _experiment(rest)))
+    print(own["out"])
+
+
+def _simulate(words: list[str]) -> None:
+    import numpy as np
+
+    from lagsplat.io.plain import load_inputs, save_csv
+    from lagsplat.pipeline import open_run, push
+
+    own, rest = _split(words, needed=("run", "out"), allowed=OWN)
+    if rest:
+        raise ConfigError(f"simulate takes {', '.join(OWN)} alone, not {rest[0]!r}: a run keeps its settings")
+    if "input" in own and "seconds" in own:
+        raise ConfigError("input= and seconds= exclude each other: a file of inputs has its own length")
+    run = open_run(Path(own["run"]))
+    dt_s, n_u = run.chart.dt_s, run.chart.inputs.shape[1]
+    if "input" in own:
+        time_s, inputs = load_inputs(own["input"], dt_s=dt_s)
+    else:
+        time_s = np.arange(0.0, float(own.get("seconds", "10")), dt_s)
+        inputs = np.zeros((len(time_s), n_u))
+    q, v = push(run, inputs, frame=int(own["frame"]) if "frame" in own else None)
+    rows = [
+        {"t": t}
+        | {f"q{i}": value for i, value in enumerate(state)}
+        | {f"v{i}": value for i, value in enumerate(velocity)}
+        for t, state, velocity in zip(time_s, q, v, strict=True)
+    ]
+    save_csv(own["out"], rows)
+    print(own["out"])
+
+
+def _experiment(words: list[str]) -> Config:
+    return compose(*words)
+
+
+def _split(
+    words: list[str], *, needed: tuple[str, ...], allowed: tuple[str, ...]
+) -> tuple[dict[str, str], list[str]]:
+    """The command's own keys, and the overrides of the configuration."""
+    pairs = [(word, *word.partition("=")[::2]) for word in words]
+    own = {key: value for _, key, value in pairs if key in allowed}
+    if missing := [key for key in needed if not own.get(key)]:
+        raise ConfigError(f"{missing[0]}=... is missing")
+    return own, [word for word, key, _ in pairs if key not in allowed]
+
+
+VERBS: dict[str, Callable[[list[str]], None]] = {
+    "inspect": _inspect,
+    "fit": _fit,
+    "simulate": _simulate,
+    "evaluate": _evaluate,
+}

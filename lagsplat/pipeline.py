@@ -1,0 +1,138 @@
+"""The road from a recording to its scores in one process, for the command line.
+
+The workflow walks the same functions one job at a time and keeps what it can; this module suits a single run.
+A run is a folder with the artefacts of every stage; in the workflow's results they stand up to two folders
+higher, where several runs share them.
+"""
+
+import logging
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Float64
+
+from lagsplat.chart.chart import Chart, fit_chart, load_chart, save_chart
+from lagsplat.config import Config
+from lagsplat.evaluate.evaluate import evaluate
+from lagsplat.io.read import read_recording
+from lagsplat.io.recording import Recording, load_recording, save_recording
+from lagsplat.stage1.autoencoder import Autoencoder, load_autoencoder, save_autoencoder
+from lagsplat.stage1.fit import fit_autoencoder
+from lagsplat.stage2.fit import fit_dynamics, load_dynamics, save_dynamics
+from lagsplat.stage2.induced import decoder_geometry
+from lagsplat.stage2.lagrangian import Lagrangian
+from lagsplat.stage2.rollout import rollout
+from lagsplat.systems.simulate import simulate as simulate_arm
+
+log = logging.getLogger(__name__)
+FILES = ("recording", "autoencoder", "chart", "dynamics")
+
+
+@dataclass(frozen=True)
+class Run:
+    """The artefacts of one trained simulation."""
+
+    recording: Recording
+    autoencoder: Autoencoder
+    chart: Chart
+    lagrangian: Lagrangian
+
+
+def obtain(experiment: Config) -> Recording:
+    """The recording an experiment is about: simulated, read from a file or fetched."""
+    if experiment.recording.kind != "simulated":
+        return read_recording(experiment.recording)
+    assert experiment.simulation is not None, "composition refuses a simulated recording without a simulation"
+    recording, _ = simulate_arm(experiment.simulation, seed=0)
+    return recording
+
+
+def fit(experiment: Config, *, out: Path, header: Mapping[str, Any]) -> Run:
+    """Fit every stage to the experiment's recording and keep the artefacts in ``out``.
+
+    Seeds are the experiment's first. A stopped fit goes on where stage 1 was.
+
+    Raises:
+        ValueError: the recording is unreadable, or too short for the split.
+    """
+    recording, fraction = obtain(experiment), experiment.recording.train_fraction
+    train, _ = recording.split(fraction)
+    save_recording(out / "recording.safetensors", recording)
+    checkpoint, seed = out / "checkpoint" / "state.pt", experiment.autoencoder_seeds[0]
+    identity = f"{header} {recording.meta.get('sha256')} {fraction} {seed}"
+    autoencoder, _ = fit_autoencoder(
+        train.frames, experiment.stage1, seed=seed, checkpoint=checkpoint, identity=identity
+    )
+    save_autoencoder(out / "autoencoder.safetensors", autoencoder, header)
+    chart = fit_chart(autoencoder, recording, experiment.chart, train_fraction=fraction, seed=seed)
+    save_chart(out / "chart.safetensors", chart, header)
+    lagrangian, report = fit_dynamics(
+        chart.train.smoothed(chart.smoothing_frames),
+        chart.metric,
+        experiment.stage2,
+        experiment.seeds[0],
+        rest=chart.rest,
+        geometry=decoder_geometry(autoencoder, chart),
+        listen=lambda row: log.info("%s", row),
+    )
+    save_dynamics(out / "dynamics.safetensors", lagrangian, {**header, "report": asdict(report)})
+    checkpoint.unlink(missing_ok=True)
+    return Run(recording, autoencoder, chart, lagrangian)
+
+
+def open_run(folder: Path) -> Run:
+    """A run that `fit` or the workflow left in ``folder``.
+
+    Raises:
+        FileNotFoundError: an artefact is neither there nor in the two folders above.
+    """
+    found = {name: _locate(folder, f"{name}.safetensors") for name in FILES}
+    autoencoder, _ = load_autoencoder(found["autoencoder"])
+    chart, _ = load_chart(found["chart"])
+    lagrangian, _ = load_dynamics(found["dynamics"])
+    return Run(load_recording(found["recording"]), autoencoder, chart, lagrangian)
+
+
+def _locate(folder: Path, name: str) -> Path:
+    places = [folder, *folder.resolve().parents[:2]]
+    for place in places:
+        if (place / name).is_file():
+            return place / name
+    raise FileNotFoundError(
+        f"{folder}: no {name} there or up to two folders above; give run=FOLDER of a finished fit"
+    )
+
+
+def score(run: Run, experiment: Config) -> dict[str, Any]:
+    """Every score of a run under the experiment's protocol."""
+    return evaluate(run.autoencoder, run.chart, run.lagrangian, run.recording, experiment.evaluate)
+
+
+def push(
+    run: Run, inputs: Float64[np.ndarray, "N n_u"], *, frame: int | None
+) -> tuple[Float64[np.ndarray, "N d"], Float64[np.ndarray, "N d"]]:
+    """Whitened states and velocities [1/s] under ``inputs``, one a frame of the recording.
+
+    From rest at the encoded rest image, or with the encoded state and velocity of ``frame``.
+
+    Raises:
+        ValueError: the number of inputs is not the run's, or the frame is not in the recording.
+    """
+    chart = run.chart
+    if inputs.shape[1] != chart.inputs.shape[1]:
+        raise ValueError(
+            f"{inputs.shape[1]} input columns, but the run was trained with {chart.inputs.shape[1]}"
+        )
+    if frame is not None and not 0 <= frame < len(chart.latents) - 1:
+        raise ValueError(f"frame={frame}: the recording has frames 0 to {len(chart.latents) - 1}")
+    q0, v0 = chart.rest, np.zeros(chart.d)
+    if frame is not None:
+        smooth = chart.whole.smoothed(chart.smoothing_frames).latents
+        q0, v0 = smooth[frame], (smooth[frame + 1] - smooth[frame]) / chart.dt_s
+    start = (torch.as_tensor(x[None]) for x in (q0, v0, inputs))
+    q, v = rollout(run.lagrangian, *start, dt_s=chart.dt_s)
+    return q[0].double().numpy(), v[0].double().numpy()
