@@ -1,7 +1,6 @@
 """Choice of the rasteriser: a name and a device in, a function out."""
 
 from collections.abc import Callable
-from importlib import import_module
 from importlib.util import find_spec
 
 import torch
@@ -9,11 +8,8 @@ from torch import Tensor
 
 Rasterizer = Callable[..., Tensor]
 
-MODULES = {
-    "torch": "lagsplat.splat.raster_torch",
-    "numba": "lagsplat.splat.raster_numba",
-    "gsplat": "lagsplat.splat.raster_gsplat",
-}
+# The kind of device each rasteriser draws on; torch draws on any.
+DEVICES = {"torch": None, "numba": "cpu", "gsplat": "cuda"}
 
 
 def rasterizer(name: str, device: torch.device | str) -> Rasterizer:
@@ -28,10 +24,21 @@ def rasterizer(name: str, device: torch.device | str) -> Rasterizer:
     kind = torch.device(device).type
     if name == "auto":
         name = {"cpu": "numba", "cuda": "gsplat" if find_spec("gsplat") else "torch"}.get(kind, "torch")
-    if name not in MODULES:
-        raise ValueError(f"there is no rasteriser {name!r}: choose one of auto, {', '.join(MODULES)}")
-    needed = {"numba": "cpu", "gsplat": "cuda"}.get(name, kind)
-    if kind != needed:
-        raise ValueError(f"the rasteriser {name!r} draws on {needed}, not {kind}: choose 'auto' or 'torch'")
-    rasterize: Rasterizer = import_module(MODULES[name]).rasterize
-    return rasterize
+    if name not in DEVICES:
+        raise ValueError(f"there is no rasteriser {name!r}: choose one of auto, {', '.join(DEVICES)}")
+    if DEVICES[name] not in (None, kind):
+        raise ValueError(
+            f"the rasteriser {name!r} draws on {DEVICES[name]}, not {kind}: choose 'auto' or 'torch'"
+        )
+    # Written as statements, since results depend on these modules and only a statement shows it.
+    if name == "numba":
+        from lagsplat.splat.raster_numba import rasterize as on_cpu
+
+        return on_cpu
+    if name == "gsplat":
+        from lagsplat.splat.raster_gsplat import rasterize as on_cuda
+
+        return on_cuda
+    from lagsplat.splat.raster_torch import rasterize as anywhere
+
+    return anywhere

@@ -1,0 +1,36 @@
+"""The choice of a rasteriser, and what the workflow knows of it."""
+
+import pytest
+import torch
+
+from lagsplat import provenance
+from lagsplat.splat import raster_numba, raster_torch
+from lagsplat.splat.backend import rasterizer
+
+
+def test_the_device_decides_what_auto_means():
+    assert rasterizer("auto", "cpu") is raster_numba.rasterize
+    assert rasterizer("torch", torch.device("cpu")) is raster_torch.rasterize
+
+
+@pytest.mark.parametrize(
+    ("name", "device", "message"),
+    [
+        ("numpy", "cpu", "choose one of auto"),
+        ("gsplat", "cpu", "draws on cuda"),
+        ("numba", "cuda", "draws on cpu"),
+    ],
+)
+def test_an_impossible_choice_is_refused(name, device, message):
+    with pytest.raises(ValueError, match=message):
+        rasterizer(name, device)
+
+
+def test_a_result_depends_on_every_rasteriser():
+    pending, seen = ["lagsplat.splat.backend"], set()
+    while pending:
+        module = pending.pop()
+        if module not in seen:
+            seen.add(module)
+            pending += provenance._digest_and_imports(module)[1]
+    assert {"lagsplat.splat.raster_gsplat", "lagsplat.splat.kernel_forward", "lagsplat.splat.lanes"} <= seen
