@@ -34,7 +34,7 @@ def load_checkpoint(path: Path, *, identity: str) -> dict[str, Any] | None:
     if not path.exists():
         return None
     try:
-        content = torch.load(path, weights_only=True)
+        content = torch.load(path, map_location="cpu", weights_only=True)
     except Exception as error:
         log.warning("%s cannot be read (%s); training starts from the beginning", path, error)
         return None

@@ -75,7 +75,7 @@ class Autoencoder(nn.Module):
 
 def to_images(frames: Frames | Tensor, device: torch.device | str = "cpu") -> Images:
     """A batch of stored frames as torch images in [0, 1]."""
-    batch = torch.as_tensor(np.ascontiguousarray(frames)) if isinstance(frames, np.ndarray) else frames
+    batch = torch.from_numpy(np.array(frames)) if isinstance(frames, np.ndarray) else frames
     return batch.to(device).permute(0, 3, 1, 2).float().div_(255).contiguous()
 
 
@@ -121,7 +121,7 @@ def decode_latents(
 def save_autoencoder(path: Path, autoencoder: Autoencoder, header: Mapping[str, Any]) -> None:
     """Write the weights and what is needed to build the same module again."""
     header = {"kind": KIND, "schema": SCHEMA, **header, "architecture": autoencoder.architecture}
-    save_artefact(path, autoencoder.state_dict(), header)
+    save_artefact(path, {name: value.cpu() for name, value in autoencoder.state_dict().items()}, header)
 
 
 def load_autoencoder(path: Path, *, backend: str = "auto") -> tuple[Autoencoder, dict[str, Any]]:

@@ -13,6 +13,7 @@ from tqdm import tqdm
 
 from lagsplat.io.checkpoint import load_checkpoint, save_checkpoint
 from lagsplat.shapes import Frames
+from lagsplat.splat.backend import device_of
 from lagsplat.stage1.autoencoder import Autoencoder, to_images
 from lagsplat.stage1.config import Stage1Config
 from lagsplat.stage1.initialize import initialize
@@ -42,7 +43,6 @@ def fit_autoencoder(
     seed: int,
     checkpoint: Path | None = None,
     identity: str = "",
-    device: str = "cpu",
 ) -> tuple[Autoencoder, list[CurvePoint]]:
     """Train encoder and decoder on the training frames.
 
@@ -55,15 +55,15 @@ def fit_autoencoder(
         seed: Decides initialisation, batches and lifecycle.
         checkpoint: Where the state is kept while training; None keeps none.
         identity: Digest of everything that decides the outcome; a checkpoint of another identity is ignored.
-        device: Torch device.
 
     Raises:
         FloatingPointError: If the loss stops being finite.
     """
+    device = device_of(config.backend)
     autoencoder = initialize(frames, config, seed=seed).to(device)
     optimizer = optimizer_of(autoencoder, config.rate)
     first, curve = restore(autoencoder, optimizer, checkpoint, identity)
-    stored = torch.as_tensor(np.ascontiguousarray(frames)).to(device)
+    stored = torch.from_numpy(np.array(frames)).to(device)  # a copy: the file is mapped read-only
     sums, counted, recycled, saved_at = np.zeros(3), 0, 0, time.monotonic()
     with progress(first, config.steps, config.batch) as bar:
         for step in range(first, config.steps):

@@ -5,7 +5,12 @@ import torch
 
 from lagsplat import provenance
 from lagsplat.splat import raster_numba, raster_torch
-from lagsplat.splat.backend import rasterizer
+from lagsplat.splat.backend import device_of, rasterizer
+
+
+def test_training_goes_where_the_rasteriser_draws():
+    assert [device_of(name) for name in ("numba", "torch", "gsplat")] == ["cpu", "cpu", "cuda"]
+    assert device_of("auto") in ("cpu", "cuda")
 
 
 def test_the_device_decides_what_auto_means():
