@@ -6,7 +6,6 @@ import numpy as np
 from jaxtyping import Float64
 
 from lagsplat.chart.smooth import smooth
-from lagsplat.shapes import Series
 
 
 @dataclass(frozen=True)
@@ -14,25 +13,20 @@ class Trajectory:
     """Whitened latents with their inputs and times; ``segments`` are half-open clips that do not touch.
 
     Raises:
-        ValueError: lengths differ, or a segment lies outside the trajectory.
+        ValueError: a segment lies outside the trajectory.
     """
 
-    latents: Series
-    inputs: Series
+    latents: Float64[np.ndarray, "T d"]
+    inputs: Float64[np.ndarray, "T n_u"]
     time_s: Float64[np.ndarray, " T"]
     segments: tuple[tuple[int, int], ...]
 
     def __post_init__(self) -> None:
-        lengths = (len(self.latents), len(self.inputs), len(self.time_s))
-        if len(set(lengths)) != 1:
-            raise ValueError(
-                f"a trajectory has {lengths[0]} latents, {lengths[1]} inputs and {lengths[2]} times; "
-                "all three need one row a frame"
-            )
         for start, stop in self.segments:
-            if not 0 <= start < stop <= lengths[0]:
+            if not 0 <= start < stop <= len(self.latents):
                 raise ValueError(
-                    f"segment ({start}, {stop}) does not lie within the {lengths[0]} frames of the trajectory"
+                    f"segment ({start}, {stop}) does not lie within the {len(self.latents)} frames of the "
+                    "trajectory; give half-open ranges of frames"
                 )
 
     @property

@@ -107,16 +107,13 @@ def linear_one_step_error(
 
     Source: paper eq. (physics_loss).
     """
-    inverse = torch.linalg.inv(c.mass)
-    stiff, damp, drive = c.stiffness @ inverse, c.damping @ inverse, c.pressure_map @ inverse
-    push = windows.u @ drive + c.rest @ stiff
-    h = windows.step
-    half = windows.v + (0.5 * h) * (push - windows.q @ stiff - windows.v @ damp)
-    q = windows.q + h * half
-    v = half + (0.5 * h) * (push - q @ stiff - half @ damp)
-    position = square_norm(q - windows.q_next, metric)
-    velocity = square_norm(h * (v - windows.v_next), metric)
-    return (position + velocity_weight * velocity).mean() / metric.shape[0]
+    d, h = metric.shape[0], windows.step
+    transition, entry = step_matrices(c, h)
+    push = (windows.u @ c.pressure_map + c.rest @ c.stiffness) @ torch.linalg.inv(c.mass)
+    state = torch.cat([windows.q, windows.v], 1) @ transition + push @ entry
+    position = square_norm(state[:, :d] - windows.q_next, metric)
+    velocity = square_norm(h * (state[:, d:] - windows.v_next), metric)
+    return (position + velocity_weight * velocity).mean() / d
 
 
 def step_matrices(c: Coefficients, step: float) -> tuple[Float[Tensor, "2d 2d"], Float[Tensor, "d 2d"]]:
@@ -125,12 +122,12 @@ def step_matrices(c: Coefficients, step: float) -> tuple[Float[Tensor, "2d 2d"],
     inverse = torch.linalg.inv(c.mass)
     stiff, damp = c.stiffness @ inverse, c.damping @ inverse
     eye = torch.eye(damp.shape[0], dtype=damp.dtype)
-    keep = eye - 0.5 * h * damp
-    half_q, half_v, half_p = -0.5 * h * stiff, keep, 0.5 * h * eye
+    half_q, half_v, half_p = -0.5 * h * stiff, eye - 0.5 * h * damp, 0.5 * h * eye
+    end_q, end_v, end_p = -h * stiff, eye - h * damp, h * eye
     q_q, q_v, q_p = eye + h * half_q, h * half_v, h * half_p
-    v_q = half_q @ keep - 0.5 * h * q_q @ stiff
-    v_v = half_v @ keep - 0.5 * h * q_v @ stiff
-    v_p = half_p @ keep - 0.5 * h * q_p @ stiff + 0.5 * h * eye
+    v_q = half_q - 0.5 * h * (q_q @ stiff + end_q @ damp)
+    v_v = half_v - 0.5 * h * (q_v @ stiff + end_v @ damp)
+    v_p = half_p - 0.5 * h * (q_p @ stiff + end_p @ damp) + 0.5 * h * eye
     transition = torch.cat([torch.cat([q_q, v_q], 1), torch.cat([q_v, v_v], 1)], 0)
     return transition, torch.cat([q_p, v_p], 1)
 

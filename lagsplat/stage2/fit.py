@@ -1,75 +1,32 @@
-"""Stage 2: from a latent trajectory to its Lagrangian."""
+"""Stage 2: from a latent trajectory to its Lagrangian, and to a file."""
 
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 from jaxtyping import Float
-from torch import Tensor
 
 from lagsplat.chart.trajectory import Trajectory
-from lagsplat.stage2.config import Stage2Config
-from lagsplat.stage2.constant import ConstantFit, linear_one_step_error, linear_shooting_error
-from lagsplat.stage2.induced import DecoderGeometry, InducedMass
-from lagsplat.stage2.lagrangian import Floors, Lagrangian
-from lagsplat.stage2.modes import Modes, modes
-from lagsplat.stage2.objective import one_step_error, ridged, shooting_error
-from lagsplat.stage2.select import Champion, Examination, examination
-from lagsplat.stage2.start import isotropic, natural_time_unit
-from lagsplat.stage2.windows import central_velocity, one_step_windows, shots, starts_of
+from lagsplat.io.artefact import load_artefact, save_artefact
+from lagsplat.stage2.config import FormConfig, Stage2Config
+from lagsplat.stage2.induced import DecoderGeometry
+from lagsplat.stage2.lagrangian import Coefficients, Floors, Lagrangian
+from lagsplat.stage2.modes import modes
+from lagsplat.stage2.stages import (
+    CurveRow,
+    FitReport,
+    one_step_stage,
+    open_run,
+    shooting_stage,
+    start_stage,
+)
 
-
-@dataclass(frozen=True)
-class CurveRow:
-    """One line of the training curve."""
-
-    stage: str  # 'start', 'one_step' or 'shooting'
-    step: int
-    loss: float
-    score: float
-    seconds: float
-
-
-@dataclass
-class FitReport:
-    """What a fit did: the selection score after each stage (rms rollout error over the rms of the training
-    clip; the best up to there), the learned physics, and the curve behind them.
-    """
-
-    scores: dict[str, float] = field(default_factory=dict)
-    curve: list[CurveRow] = field(default_factory=list)
-    rejected: int = 0
-    time_unit_s: float = 0.0
-    n_parameters: int = 0
-    wall_s: float = 0.0
-    at_rest: Modes | None = None
-    under_mean_input: Modes | None = None
-
-
-@dataclass
-class _Run:
-    """What the stages of one fit share."""
-
-    trajectory: Trajectory
-    metric: Tensor
-    config: Stage2Config
-    time_unit_s: float
-    period_frames: int
-    exam: Examination
-    champion: Champion
-    report: FitReport
-    rng: np.random.Generator
-    listen: Callable[[CurveRow], None]
-    began: float
-
-    def grade(self, lagrangian: Lagrangian, stage: str, step: int, loss: float) -> None:
-        score = self.exam.score(lagrangian)
-        self.champion.consider(lagrangian, score)
-        row = CurveRow(stage, step, loss, score, time.perf_counter() - self.began)
-        self.report.curve.append(row)
-        self.listen(row)
+KIND = "dynamics"
+SCHEMA = 1
 
 
 def fit_dynamics(
@@ -95,13 +52,13 @@ def fit_dynamics(
     Source: paper, "Stage 2: Latent Lagrangian Dynamics".
     """
     torch.manual_seed(seed)
-    run = _open(trajectory, metric, config, seed, listen)
-    lagrangian = _start(run, torch.from_numpy(rest), seed, geometry)
+    run = open_run(trajectory, metric, config, seed, listen)
+    lagrangian = start_stage(run, torch.from_numpy(rest), seed, geometry)
     run.grade(lagrangian, "start", 0, float("nan"))
     run.report.scores["start"] = run.champion.score
-    _one_step_stage(run, lagrangian)
+    one_step_stage(run, lagrangian)
     run.report.scores["one_step"] = run.champion.score
-    _shooting_stage(run, lagrangian)
+    shooting_stage(run, lagrangian)
     run.report.scores["shooting"] = run.champion.score
     run.champion.restore(lagrangian)
     report = run.report
@@ -114,167 +71,46 @@ def fit_dynamics(
     return lagrangian, report
 
 
-def _open(
-    trajectory: Trajectory,
-    metric: np.ndarray,
-    config: Stage2Config,
-    seed: int,
-    listen: Callable[[CurveRow], None],
-) -> _Run:
-    unit = natural_time_unit(trajectory, metric)
-    period_frames = max(4, round(2.0 * np.pi * unit / trajectory.dt_s))
-    bare = torch.from_numpy(metric)
-    exam = examination(
-        trajectory,
-        bare,
-        starts=config.select.starts,
-        n_states=round(config.select.periods * period_frames) + 1,
-    )
-    if config.start.time_unit == "frame":
-        unit = trajectory.dt_s
-    return _Run(
-        trajectory,
-        ridged(bare, ridge=config.ridge),
-        config,
-        unit,
-        period_frames,
-        exam,
-        Champion(),
-        FitReport(time_unit_s=unit),
-        np.random.default_rng(seed),
-        listen,
-        time.perf_counter(),
+def save_dynamics(path: Path | str, lagrangian: Lagrangian, header: Mapping[str, Any]) -> None:
+    """Write the parameters with all that decides the system: form, floors and unit of time."""
+    geometry = getattr(lagrangian.mass_term, "n_primitives", None)
+    settings = {
+        "d": lagrangian.d,
+        "n_inputs": lagrangian.n_inputs,
+        "form": asdict(lagrangian.form),
+        "floors": asdict(lagrangian.floors),
+        "time_unit_s": float(lagrangian.time_unit_s),
+        "n_primitives": geometry,
+    }
+    save_artefact(
+        path, lagrangian.state_dict(), {**header, "kind": KIND, "schema": SCHEMA, "dynamics": settings}
     )
 
 
-def _start(run: _Run, rest: Tensor, seed: int, geometry: DecoderGeometry | None) -> Lagrangian:
-    config, trajectory = run.config, run.trajectory
-    d, n_inputs = trajectory.latents.shape[1], trajectory.inputs.shape[1]
-    mass, scale = None, 1.0
-    if config.form.mass == "induced" and geometry is not None:
-        mass, scale = _mean_induced(geometry, trajectory, config.floor.mass)
-    if config.start.source == "isotropic":
-        start = isotropic(
-            d, n_inputs, damping=config.start.damping, stiffness=config.start.stiffness, rest=rest
+def load_dynamics(path: Path | str) -> tuple[Lagrangian, dict[str, Any]]:
+    """Read a Lagrangian and its header; every setting comes from the file.
+
+    Raises:
+        ValueError: the file is no dynamics, or one of another schema.
+    """
+    tensors, header = load_artefact(path, kind=KIND, schema=SCHEMA)
+    settings = header["dynamics"]
+    d, n_inputs, k = settings["d"], settings["n_inputs"], settings["n_primitives"]
+    eye = torch.eye(d, dtype=torch.float64)
+    blank = torch.zeros(d, dtype=torch.float64)
+    geometry = None
+    if k is not None:
+        zeros = torch.zeros(k, 2, d, dtype=torch.float64)
+        geometry = DecoderGeometry(
+            zeros, zeros[:, 0], eye.expand(k, d, d), torch.ones(k, dtype=torch.float64)
         )
-        floor = config.floor
-        floors = Floors(floor.mass, floor.damping, floor.stiffness * config.start.stiffness)
-    else:
-        fit = ConstantFit(
-            rest, n_inputs, floor=config.floor, learn_rest=config.form.rest == "learned", mass=mass
-        )
-        windows = one_step_windows(
-            trajectory, stride_frames=config.stride_frames, time_unit_s=run.time_unit_s
-        )
-        fit.minimize(
-            lambda c: linear_one_step_error(c, windows, run.metric, velocity_weight=config.velocity_weight),
-            iterations=config.start.iterations,
-        )
-        if config.start.shooting_iterations:
-            _shoot_constant(run, fit)
-        start, floors = fit.result()
-    return Lagrangian(
-        start,
-        form=config.form,
-        floors=floors,
-        time_unit_s=run.time_unit_s,
-        seed=seed,
+    lagrangian = Lagrangian(
+        Coefficients(eye, eye, eye, torch.zeros(n_inputs, d, dtype=torch.float64), blank),
+        form=FormConfig(**settings["form"]),
+        floors=Floors(**settings["floors"]),
+        time_unit_s=settings["time_unit_s"],
+        seed=0,
         geometry=geometry,
-        mass_scale=scale,
     )
-
-
-def _shoot_constant(run: _Run, fit: ConstantFit) -> None:
-    n_states = _horizon(run, 1.0)
-    at = starts_of(run.trajectory, before=2, after=n_states)[:: max(1, n_states // 2)]
-    taken = shots(
-        run.trajectory,
-        at,
-        central_velocity(run.trajectory, at),
-        n_states=n_states,
-        time_unit_s=run.time_unit_s,
-    )
-    step = run.trajectory.dt_s / run.time_unit_s
-    fit.minimize(
-        lambda c: linear_shooting_error(c, taken, run.metric, step=step),
-        iterations=run.config.start.shooting_iterations,
-    )
-
-
-def _horizon(run: _Run, periods: float) -> int:
-    longest = max(b - a for a, b in run.trajectory.segments)
-    return max(4, min(round(periods * run.period_frames) + 1, longest - 4))
-
-
-def _mean_induced(geometry: DecoderGeometry, trajectory: Trajectory, floor: float) -> tuple[Tensor, float]:
-    # energy has no observable scale: a unit mean mass fixes it, and the fitted stiffness the frequency
-    q = torch.from_numpy(trajectory.latents[:: max(1, len(trajectory.latents) // 500)])
-    bare = InducedMass(geometry, scale=1.0, floor=0.0).matrix(q).mean(0)
-    scale = (1.0 - floor) * bare.shape[0] / float(torch.trace(bare))
-    return scale * bare + floor * torch.eye(bare.shape[0], dtype=bare.dtype), scale
-
-
-def _one_step_stage(run: _Run, lagrangian: Lagrangian) -> None:
-    config = run.config
-    if not config.steps:
-        return
-    windows = one_step_windows(
-        run.trajectory, stride_frames=config.stride_frames, time_unit_s=run.time_unit_s
-    )
-
-    def loss(step: int) -> Tensor:
-        pick = torch.from_numpy(run.rng.integers(0, len(windows), config.batch))
-        return one_step_error(
-            lagrangian, windows.pick(pick), run.metric, velocity_weight=config.velocity_weight
-        )
-
-    _descend(
-        run, lagrangian, loss, "one_step", steps=config.steps, rate=config.rate, every=config.select.every
-    )
-
-
-def _shooting_stage(run: _Run, lagrangian: Lagrangian) -> None:
-    shoot = run.config.shoot
-    if not shoot.steps:
-        return
-    run.champion.restore(lagrangian)
-    step = run.trajectory.dt_s / run.time_unit_s
-
-    def loss(i: int) -> Tensor:
-        n_states = _horizon(run, shoot.periods * (0.25, 0.5, 1.0, 1.0)[4 * i // shoot.steps])
-        at = run.rng.choice(starts_of(run.trajectory, before=2, after=n_states), shoot.batch)
-        velocity = central_velocity(run.trajectory, at)
-        taken = shots(run.trajectory, at, velocity, n_states=n_states, time_unit_s=run.time_unit_s)
-        return shooting_error(lagrangian, taken, run.metric, step=step)
-
-    _descend(
-        run, lagrangian, loss, "shooting", steps=shoot.steps, rate=shoot.rate, every=max(1, shoot.steps // 20)
-    )
-
-
-def _descend(
-    run: _Run,
-    lagrangian: Lagrangian,
-    loss: Callable[[int], Tensor],
-    stage: str,
-    *,
-    steps: int,
-    rate: float,
-    every: int,
-) -> None:
-    config = run.config
-    parameters = [p for p in lagrangian.parameters() if p.requires_grad]
-    optimizer = torch.optim.Adam(parameters, rate, fused=True)
-    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps, rate * config.final_fraction)
-    for i in range(steps):
-        optimizer.zero_grad()
-        value = loss(i)
-        value.backward()
-        size = torch.nn.utils.clip_grad_norm_(parameters, config.gradient_clip)
-        # a rollout that leaves the finite numbers teaches nothing; the next batch will
-        if torch.isfinite(size):
-            optimizer.step()
-            lagrangian.project()
-        schedule.step()
-        if (i + 1) % every == 0 or i + 1 == steps:
-            run.grade(lagrangian, stage, i + 1, float(value.detach()))
+    lagrangian.load_state_dict({name: torch.as_tensor(np.array(value)) for name, value in tensors.items()})
+    return lagrangian.eval(), header

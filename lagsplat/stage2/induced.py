@@ -6,7 +6,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from lagsplat.chart.chart import Chart
 from lagsplat.shapes import Latents, Spd
+from lagsplat.stage1.autoencoder import Autoencoder
 from lagsplat.stage2.matrices import solve
 
 
@@ -24,27 +26,20 @@ class DecoderGeometry:
     opacity: Float[Tensor, " K"]
 
 
-def whitened_geometry(
-    jacobian: Float[Tensor, "K n d"],
-    center: Float[Tensor, "K d"],
-    precision_factor: Float[Tensor, "K d d"],
-    opacity: Float[Tensor, " K"],
-    *,
-    mean: Float[Tensor, " d"],
-    whiten: Float[Tensor, "d d"],
-    unwhiten: Float[Tensor, "d d"],
-) -> DecoderGeometry:
-    """Transport raw decoder geometry to whitened coordinates, ``z = mean + q @ unwhiten``.
+def decoder_geometry(autoencoder: Autoencoder, chart: Chart) -> DecoderGeometry:
+    """Geometry of a decoder's Gaussians in the whitened coordinates of a chart.
 
     A raw column vector is ``unwhiten^T`` times the whitened one, hence the transpose on both maps.
     """
-    mean, whiten, unwhiten = (x.double() for x in (mean, whiten, unwhiten))
-    return DecoderGeometry(
-        jacobian=jacobian.double() @ unwhiten.T,
-        center=(center.double() - mean) @ whiten,
-        precision_factor=precision_factor.double() @ unwhiten.T,
-        opacity=opacity.double(),
-    )
+    gaussians = autoencoder.gaussians
+    mean, whiten, unwhiten = (torch.from_numpy(x) for x in (chart.mean, chart.whiten, chart.unwhiten))
+    with torch.no_grad():
+        return DecoderGeometry(
+            jacobian=gaussians.jacobian().cpu().double() @ unwhiten.T,
+            center=(gaussians.latent_center.cpu().double() - mean) @ whiten,
+            precision_factor=gaussians.precision_factor().cpu().double() @ unwhiten.T,
+            opacity=gaussians.opacity_logit.cpu().double().sigmoid(),
+        )
 
 
 class InducedMass(nn.Module):
@@ -56,6 +51,10 @@ class InducedMass(nn.Module):
 
     Source: paper eq. (latent-metric) and Appendix, "The same map carries the inertia".
     """
+
+    features: Tensor
+    moments: Tensor
+    scale: Tensor
 
     def __init__(self, geometry: DecoderGeometry, *, scale: float, floor: float) -> None:
         super().__init__()

@@ -61,6 +61,8 @@ class Lagrangian(nn.Module):
     Source: paper eqs. (EL), (pressure) and Appendix, "Bounded forced response".
     """
 
+    time_unit_s: Tensor
+
     def __init__(
         self,
         start: Coefficients,
@@ -78,7 +80,7 @@ class Lagrangian(nn.Module):
         self.d, self.n_inputs, self.form, self.floors = d, n_inputs, form, floors
         self.register_buffer("time_unit_s", torch.tensor(time_unit_s, dtype=torch.float64))
         self.mass_term = _mass(start.mass, form, floors.mass, generator, geometry, mass_scale)
-        self.damping_term = (
+        self.damping_term: MatrixField | ConstantMatrix = (
             MatrixField(start.damping, floor=floors.damping, width=form.matrix_width, generator=generator)
             if form.damping == "learned"
             else ConstantMatrix(start.damping, floor=floors.damping)
@@ -118,12 +120,10 @@ class Lagrangian(nn.Module):
         """Normalised weights and rest terms; valid until the parameters change."""
         blocks = self.diffeo.blocks() if self.diffeo is not None else []
         rest_image, _ = push(self.rest[None], blocks)
-        between = None if self.convex is None else self.convex.between_weight()
-        slope = (
-            torch.zeros_like(rest_image)
-            if self.convex is None
-            else self.convex.gradient(rest_image, self.convex.head, between)
-        )
+        between, slope = None, torch.zeros_like(rest_image)
+        if self.convex is not None:
+            between = self.convex.between_weight()
+            slope = self.convex.gradient(rest_image, self.convex.head, between)
         lower = torch.tril(self.stiffness_factor)
         stiffness = lower @ lower.T + self.floors.stiffness * torch.eye(self.d, dtype=lower.dtype)
         between_volume = None if self.volume_net is None else self.volume_net.between_weight()
@@ -172,8 +172,8 @@ class Lagrangian(nn.Module):
 
         A non-finite input gives a non-finite row and never raises. ``ready`` saves `prepare` in a loop.
         """
-        ready = self.prepare() if ready is None else ready
-        force = self.conservative_force(q, u, ready) - self.damping_term.apply(q, v)
+        ready = ready or self.prepare()
+        force = self.conservative_force(q, u, ready) - self.damping_term.product(q, v)
         return self.mass_term.accelerate(q, v, force)
 
 
@@ -184,11 +184,11 @@ def _mass(
     generator: torch.Generator,
     geometry: DecoderGeometry | None,
     scale: float,
-) -> nn.Module:
+) -> MatrixField | ConstantMatrix | InducedMass:
     if form.mass == "induced":
         if geometry is None:
             raise ValueError(
-                "stage2.form.mass='induced' needs the decoder's geometry; pass geometry=DecoderGeometry(...), "
+                "stage2.form.mass='induced' needs the decoder's geometry; pass geometry=DecoderGeometry(...) "
                 "or choose 'learned' or 'constant'"
             )
         return InducedMass(geometry, scale=scale, floor=floor)

@@ -47,7 +47,7 @@ class ConstantMatrix(nn.Module):
         value = lower @ lower.T + self.floor * torch.eye(q.shape[1], dtype=q.dtype)
         return value.expand(q.shape[0], -1, -1)
 
-    def apply(self, q: Latents, v: Latents) -> Latents:
+    def product(self, q: Latents, v: Latents) -> Latents:
         """``S(q) v``."""
         lower = torch.tril(self.factor)
         return (v @ lower) @ lower.T + self.floor * v
@@ -62,6 +62,9 @@ class MatrixField(nn.Module):
 
     Tanh saturates away from the data, so that velocity forces, quadratic in ``v``, cannot grow with ``q``.
     """
+
+    mask: Tensor
+    identity: Tensor
 
     def __init__(
         self, start: Float[Tensor, "d d"], *, floor: float, width: int, generator: torch.Generator
@@ -96,7 +99,7 @@ class MatrixField(nn.Module):
         whole = torch.tril(self.factor) @ (self.identity + self._lower(self._hidden(q)[1]))
         return whole @ whole.mT + self.floor * self.identity
 
-    def apply(self, q: Latents, v: Latents) -> Latents:
+    def product(self, q: Latents, v: Latents) -> Latents:
         """``S(q) v``."""
         lower = torch.tril(self.factor)
         e = self.identity + self._lower(self._hidden(q)[1])
@@ -106,8 +109,8 @@ class MatrixField(nn.Module):
     def inertia(self, q: Latents, v: Latents) -> tuple[Spd, Latents]:
         """``S`` and the velocity forces ``grad_q (v.S v / 2) - (dS/dt) v``.
 
-        With ``y = L0^T v`` and ``p = E^T y`` the energy is ``|p|^2 / 2``: its gradient is one reverse sweep of
-        the network from ``y p^T``, and ``dE/dt`` one forward sweep along ``v``.
+        With ``y = L0^T v`` and ``p = E^T y`` the energy is ``|p|^2 / 2``: its gradient is one reverse sweep
+        of the network from ``y p^T``, and ``dE/dt`` one forward sweep along ``v``.
         """
         lower = torch.tril(self.factor)
         h1, h2 = self._hidden(q)

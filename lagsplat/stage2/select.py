@@ -32,7 +32,8 @@ class Examination:
 def examination(trajectory: Trajectory, metric: Tensor, *, starts: int, n_states: int) -> Examination:
     """Rollouts of ``n_states`` from ``starts`` frames spread evenly over the clip.
 
-    Initial velocities are those a forecast may use. A horizon longer than every segment is cut to the longest.
+    Initial velocities are those a forecast may use. A horizon longer than every segment is cut to
+    the longest.
 
     Source: paper, "Fitting the dynamics": models are selected on multi-step rollout error.
     """

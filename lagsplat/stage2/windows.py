@@ -27,8 +27,14 @@ class Windows:
 
     def pick(self, index: Int[Tensor, " b"]) -> "Windows":
         """The windows at ``index``."""
-        parts = (self.q, self.v, self.u, self.q_next, self.v_next)
-        return Windows(*(part[index] for part in parts), step=self.step)
+        return Windows(
+            q=self.q[index],
+            v=self.v[index],
+            u=self.u[index],
+            q_next=self.q_next[index],
+            v_next=self.v_next[index],
+            step=self.step,
+        )
 
 
 def starts_of(trajectory: Trajectory, *, before: int, after: int) -> Int[np.ndarray, " n"]:

@@ -7,63 +7,8 @@ import torch
 from torch import Tensor, nn
 from torch.autograd.functional import jacobian
 
-from lagsplat.stage2.config import FormConfig
-from lagsplat.stage2.induced import DecoderGeometry
 from lagsplat.stage2.lagrangian import Coefficients, Floors, Lagrangian
-
-
-def form(**changes: object) -> FormConfig:
-    values = {
-        "mass": "learned",
-        "damping": "learned",
-        "potential": "invex",
-        "actuation": "concave",
-        "rest": "learned",
-        "matrix_width": 16,
-        "potential_width": 16,
-        "actuation_width": 8,
-        "diffeo_blocks": 2,
-        "diffeo_width": 16,
-        "diffeo_lipschitz": 0.9,
-    }
-    return FormConfig(**(values | changes))
-
-
-def random_lagrangian(d: int, n_inputs: int, seed: int, **changes: object) -> Lagrangian:
-    """A Lagrangian whose every parameter is random, so that no term is at its silent start."""
-    generator = torch.Generator().manual_seed(seed)
-    square = torch.randn(3, d, d, generator=generator, dtype=torch.float64)
-    spd = square @ square.mT + torch.eye(d, dtype=torch.float64)
-    start = Coefficients(
-        spd[0],
-        0.2 * spd[1],
-        spd[2],
-        torch.randn(n_inputs, d, generator=generator, dtype=torch.float64),
-        torch.randn(d, generator=generator, dtype=torch.float64),
-    )
-    geometry = None
-    if changes.get("mass") == "induced":
-        k = 30
-        geometry = DecoderGeometry(
-            torch.randn(k, 2, d, generator=generator, dtype=torch.float64),
-            torch.randn(k, d, generator=generator, dtype=torch.float64),
-            0.5 * torch.randn(k, d, d, generator=generator, dtype=torch.float64),
-            torch.rand(k, generator=generator, dtype=torch.float64),
-        )
-    lagrangian = Lagrangian(
-        start,
-        form=form(**changes),
-        floors=Floors(0.05, 0.02, 0.03),
-        time_unit_s=0.1,
-        seed=seed,
-        geometry=geometry,
-    )
-    with torch.no_grad():
-        for parameter in lagrangian.parameters():
-            noise = torch.randn(parameter.shape, generator=generator, dtype=torch.float64)
-            parameter.add_(0.3 * noise)
-    lagrangian.project()
-    return lagrangian
+from tests.stage2_problems import form, random_lagrangian
 
 
 def euler_lagrange(lagrangian: Lagrangian, q: Tensor, v: Tensor, u: Tensor) -> Tensor:
@@ -111,7 +56,7 @@ class DoublePendulumMass(nn.Module):
 
 
 def test_written_inertia_matches_that_of_a_double_pendulum() -> None:
-    """The learned field, given the double pendulum's mass at a point with its slope, gives its velocity forces.
+    """A field fitted to the double pendulum's mass and slope at a point gives its velocity forces.
 
     The closed form is ``-sin(a - b) (w_b^2, -w_a^2)``; the formula under test is evaluated on the same M and
     dM/dq through `inertia` of a field fitted exactly at one state by its last layer.

@@ -1,0 +1,170 @@
+"""The chart: everything later stages know of a recording and of how its pictures are encoded."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Float64
+
+from lagsplat.chart.config import ChartConfig
+from lagsplat.chart.dimension import intrinsic_dimension
+from lagsplat.chart.trajectory import Trajectory
+from lagsplat.chart.visibility import visibility
+from lagsplat.chart.whitening import fit_whitening
+from lagsplat.io.artefact import load_artefact, save_artefact
+from lagsplat.io.recording import Recording
+from lagsplat.shapes import Images, Latents, Series
+from lagsplat.stage1.autoencoder import Autoencoder, encode_frames
+
+KIND = "chart"
+SCHEMA = 1
+ARRAYS = ("mean", "whiten", "unwhiten", "metric", "latents", "inputs", "time_s", "rest")
+
+
+@dataclass(frozen=True)
+class Chart:
+    """Whitened latents of a whole recording, not smoothed, with the metric they are measured in.
+
+    ``q = (z - mean) @ whiten``, ``z = mean + q @ unwhiten``. ``metric`` has trace ``d`` and no ridge;
+    ``metric * metric_scale`` is the mean squared image change per whitened unit, summed over pixels and
+    channels. ``rest`` encodes the rest image. The first ``n_train`` frames are for training.
+    ``smoothing_frames`` is the sigma with which later stages smooth latents and inputs.
+    """
+
+    mean: Float64[np.ndarray, " d"]
+    whiten: Float64[np.ndarray, "d d"]
+    unwhiten: Float64[np.ndarray, "d d"]
+    metric: Float64[np.ndarray, "d d"]
+    metric_scale: float
+    latents: Float64[np.ndarray, "T d"]
+    inputs: Float64[np.ndarray, "T n_u"]
+    time_s: Float64[np.ndarray, " T"]
+    rest: Float64[np.ndarray, " d"]
+    n_train: int
+    segments: tuple[tuple[int, int], ...]
+    smoothing_frames: float
+    condition: float
+    intrinsic_dimension: float
+
+    @property
+    def d(self) -> int:
+        """Latent dimension."""
+        return len(self.mean)
+
+    @property
+    def dt_s(self) -> float:
+        """Median time between two frames [s]."""
+        return float(np.median(np.diff(self.time_s)))
+
+    @property
+    def whole(self) -> Trajectory:
+        """The trajectory of the whole recording."""
+        return Trajectory(self.latents, self.inputs, self.time_s, self.segments)
+
+    @property
+    def train(self) -> Trajectory:
+        """The training part, not smoothed."""
+        return self.whole.part(0, self.n_train)
+
+    @property
+    def held_out(self) -> Trajectory:
+        """The part no fit sees, not smoothed."""
+        return self.whole.part(self.n_train, len(self.latents))
+
+    def to_raw(self, q: Series) -> Series:
+        """Raw latents at whitened ones."""
+        return self.mean + q @ self.unwhiten
+
+    def to_whitened(self, z: Series) -> Series:
+        """Whitened latents of raw ones."""
+        return (z - self.mean) @ self.whiten
+
+
+def rest_image(recording: Recording, *, n_train: int, rest_frames: int) -> np.ndarray:
+    """Per-pixel median of the first training frames, uint8 (1, H, W, 3)."""
+    frames = np.asarray(recording.frames[: min(rest_frames, n_train)])
+    return np.round(np.median(frames, axis=0, keepdims=True)).astype(np.uint8)
+
+
+def fit_chart(
+    autoencoder: Autoencoder,
+    recording: Recording,
+    config: ChartConfig,
+    *,
+    train_fraction: float,
+    seed: int = 0,
+) -> Chart:
+    """Encode a recording, whiten its latents and measure what of them can be seen.
+
+    Only training frames decide the whitening, the metric and the dimension.
+
+    Raises:
+        ValueError: a latent axis without variance, an empty split, or a metric that cannot be measured.
+
+    Source: paper, "Reading the chart" and Implementation Details.
+    """
+    n_train = int(train_fraction * recording.n_frames)
+    if not 0 < n_train < recording.n_frames:
+        raise ValueError(
+            f"train_fraction={train_fraction} of {recording.n_frames} frames leaves {n_train} for training "
+            f"and {recording.n_frames - n_train} held out: both need some"
+        )
+    z = encode_frames(autoencoder, recording.frames)
+    white = fit_whitening(z[:n_train], eigenvalue_floor=config.eigenvalue_floor)
+    q = (z - white.mean) @ white.whiten
+
+    def decode(batch: Latents) -> Images:
+        raw = torch.from_numpy(white.mean) + batch @ torch.from_numpy(white.unwhiten)
+        return autoencoder.decode(raw.to(next(autoencoder.parameters()))).cpu()
+
+    rng = np.random.default_rng(seed)
+    seen = rng.choice(n_train, min(config.visibility_frames, n_train), replace=False)
+    visible = visibility(decode, q[np.sort(seen)], step=config.visibility_step)
+    rest = encode_frames(autoencoder, rest_image(recording, n_train=n_train, rest_frames=config.rest_frames))
+    return Chart(
+        mean=white.mean,
+        whiten=white.whiten,
+        unwhiten=white.unwhiten,
+        metric=visible.metric,
+        metric_scale=visible.scale,
+        latents=q,
+        inputs=np.asarray(recording.inputs, dtype=np.float64),
+        time_s=np.asarray(recording.time_s, dtype=np.float64),
+        rest=((rest - white.mean) @ white.whiten)[0],
+        n_train=n_train,
+        segments=tuple((int(a), int(b)) for a, b in recording.segments),
+        smoothing_frames=config.smoothing_frames,
+        condition=visible.condition,
+        intrinsic_dimension=intrinsic_dimension(
+            q[:n_train], frames=config.dimension_frames, neighbours=config.dimension_neighbours, seed=seed
+        ),
+    )
+
+
+def save_chart(path: Path | str, chart: Chart, header: Mapping[str, Any]) -> None:
+    """Write a chart; ``header`` says how it was made."""
+    settings = {
+        "n_train": chart.n_train,
+        "segments": [list(segment) for segment in chart.segments],
+        "metric_scale": chart.metric_scale,
+        "smoothing_frames": chart.smoothing_frames,
+        "condition": chart.condition,
+        "intrinsic_dimension": chart.intrinsic_dimension,
+    }
+    tensors = {name: getattr(chart, name) for name in ARRAYS}
+    save_artefact(path, tensors, {**header, "kind": KIND, "schema": SCHEMA, "chart": settings})
+
+
+def load_chart(path: Path | str) -> tuple[Chart, dict[str, Any]]:
+    """Read a chart and its header.
+
+    Raises:
+        ValueError: the file is no chart, or one of another schema.
+    """
+    tensors, header = load_artefact(path, kind=KIND, schema=SCHEMA)
+    settings: dict[str, Any] = {name: tensors[name] for name in ARRAYS} | header["chart"]
+    settings["segments"] = tuple((int(a), int(b)) for a, b in settings["segments"])
+    return Chart(**settings), header

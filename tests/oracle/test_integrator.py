@@ -1,0 +1,67 @@
+"""The fixed-step integrator against its claimed order and against an adaptive one."""
+
+import numpy as np
+import torch
+from torch import Tensor
+from torchdiffeq import odeint
+
+from lagsplat.stage2.rollout import rollout
+from tests.stage2_problems import random_lagrangian
+
+
+def exact(lagrangian, q: Tensor, v: Tensor, u: Tensor, end: float) -> Tensor:
+    """Position after ``end`` internal time units under a constant input, by dopri5."""
+    d = q.shape[1]
+    ready = lagrangian.prepare()
+
+    def rate(_: Tensor, state: Tensor) -> Tensor:
+        x, w = state[:, :d], state[:, d:]
+        return torch.cat([w, lagrangian.acceleration(x, w, u, ready=ready)], 1)
+
+    with torch.no_grad():
+        times = torch.tensor([0.0, end], dtype=torch.float64)
+        return odeint(rate, torch.cat([q, v], 1), times, rtol=1e-10, atol=1e-12)[-1, :, :d]
+
+
+def test_error_against_dopri5_falls_as_the_square_of_the_step() -> None:
+    lagrangian = random_lagrangian(3, 2, 1, amount=0.2)
+    unit = float(lagrangian.time_unit_s)
+    q, v = 0.5 * torch.randn(2, 4, 3, dtype=torch.float64)
+    u = torch.rand(4, 2, dtype=torch.float64)
+    truth = exact(lagrangian, q, v, u, 0.5)
+    steps = np.array([0.02, 0.01, 0.005])
+    errors = []
+    for step in steps:
+        n = round(0.5 / step)
+        path, _ = rollout(lagrangian, q, v / unit, u[:, None].expand(-1, n + 1, -1), dt_s=float(step) * unit)
+        errors.append(float((path[:, -1] - truth).norm()))
+    slope = np.polyfit(np.log(steps), np.log(errors), 1)[0]
+    assert abs(slope - 2.0) < 0.15
+    assert errors[-1] < 1e-3
+
+
+def test_inputs_are_held_over_the_step_that_follows_them() -> None:
+    lagrangian = random_lagrangian(2, 1, 2)
+    q = torch.zeros(1, 2, dtype=torch.float64)
+    inputs = torch.zeros(1, 3, 1, dtype=torch.float64)
+    changed = inputs.clone()
+    changed[0, 1] = 1.0
+    a, _ = rollout(lagrangian, q, q, inputs, dt_s=1e-3)
+    b, _ = rollout(lagrangian, q, q, changed, dt_s=1e-3)
+    torch.testing.assert_close(a[:, :2], b[:, :2])
+    assert float((a[:, 2] - b[:, 2]).norm()) > 0
+    changed[0, 1], changed[0, 2] = 0.0, 5.0
+    torch.testing.assert_close(rollout(lagrangian, q, q, changed, dt_s=1e-3)[0], a)
+
+
+def test_a_diverged_row_is_nan_from_there_on_and_spares_the_others() -> None:
+    lagrangian = random_lagrangian(2, 0, 3, amount=0.05)
+    q = torch.tensor([[0.1, 0.2], [1e200, 1e200]], dtype=torch.float64)
+    path, speed = rollout(lagrangian, q, 1e200 * q, torch.zeros(2, 5, 0, dtype=torch.float64), dt_s=1e3)
+    broken = torch.isnan(path).any(2)
+    assert bool(broken[1, -1])
+    first = int(broken[1].long().argmax())
+    assert bool(torch.isnan(path[1, first:]).all())
+    assert bool(torch.isnan(speed[1, first:]).all())
+    calm, _ = rollout(lagrangian, q[:1], 0 * q[:1], torch.zeros(1, 5, 0, dtype=torch.float64), dt_s=1e-3)
+    assert bool(torch.isfinite(calm).all())
