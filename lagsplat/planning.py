@@ -48,7 +48,7 @@ def read_overrides(command_line: Mapping[str, Any]) -> Overrides:
     of_system: dict[str, tuple[str, ...]] = {}
     shared: tuple[str, ...] = ()
     for key, text in command_line.items():
-        words = tuple(shlex.split(str(text or "")))
+        words = _words(key, str(text or ""))
         if bad := [word for word in words if key_of(word) == "system"]:
             raise ConfigError(
                 f"{key}: {bad[0]} has no effect here; choose systems with systems=[...] instead"
@@ -63,6 +63,16 @@ def read_overrides(command_line: Mapping[str, Any]) -> Overrides:
                 f"--config {key}=...: unknown key{closest(key, known)}. Known keys: {', '.join(known)}"
             )
     return Overrides(shared, of_system)
+
+
+def _words(key: str, text: str) -> tuple[str, ...]:
+    try:
+        return tuple(shlex.split(text))
+    except ValueError as error:
+        raise ConfigError(
+            f"--config {key}={text!r}: {error}. Snakemake drops a quote at the very end: "
+            "put another override there"
+        ) from error
 
 
 def compose_for(overrides: Overrides, **choices: str) -> Config:

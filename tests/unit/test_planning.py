@@ -34,6 +34,7 @@ def test_words_are_split_as_a_shell_would() -> None:
     [
         ("hydra_toi", "stage1.steps=3", "did you mean 'hydra_toy'"),
         ("hidra", "profile=toy", "did you mean 'hydra'"),
+        ("hydra", "stage1.steps=3 'recording.path=a b", "drops a quote"),
         ("hydra", "system=toy", r"systems=\[\.\.\.\]"),
     ],
 )

@@ -1,0 +1,102 @@
+"""The frame of a workflow job: log, record, failure, lock."""
+
+import json
+import logging
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from snakemake.iocontainers import InputFiles, OutputFiles, Params, Wildcards
+
+from lagsplat.io.config import RecordingConfig
+from lagsplat.job import Job, hold
+
+
+@pytest.fixture(autouse=True)
+def quiet_logging() -> Iterator[None]:
+    """The job takes over the root logger of its process; give it back afterwards."""
+    root = logging.getLogger()
+    level, handlers, shown = root.level, root.handlers[:], warnings.showwarning
+    yield
+    logging.captureWarnings(False)
+    warnings.showwarning = shown
+    for handler in root.handlers:
+        if handler not in handlers:
+            handler.close()
+    root.handlers[:] = handlers
+    root.setLevel(level)
+
+
+def context(folder: Path, **params: object) -> SimpleNamespace:
+    (folder / "in.txt").write_text("frames", encoding="utf-8")
+    (folder / "made.json").write_text("{}", encoding="utf-8")
+    return SimpleNamespace(
+        rule="stage1",
+        input=InputFiles(
+            fromdict={"recording": str(folder / "in.txt"), "records": str(folder / "made.json")}
+        ),
+        output=OutputFiles(fromdict={"record": str(folder / "out.json")}),
+        params=Params(fromdict={"cfg": {"steps": 3}, "title": "toy arm", **params}),
+        wildcards=Wildcards(fromdict={"profile": "toy", "recording": "simulated", "ae": "7"}),
+        threads=1,
+        log=[str(folder / "job.log")],
+    )
+
+
+def test_a_finished_job_leaves_a_record_and_a_log(tmp_path: Path) -> None:
+    with Job(context(tmp_path)) as job:
+        assert job.seed == 7
+        assert job.title("Frames") == "Frames · toy arm · simulated recording · profile toy"
+        job.say("half way")
+    record = json.loads((tmp_path / "out.json").read_text(encoding="utf-8"))
+    assert record["rule"] == "stage1"
+    assert record["settings"]["cfg"] == {"steps": 3}
+    assert record["stamp"]["python"]
+    assert record["wall_s"] >= 0
+    assert "half way" in (tmp_path / "job.log").read_text(encoding="utf-8")
+
+
+def test_a_failed_job_says_why_in_one_line_and_leaves_no_record(tmp_path: Path) -> None:
+    with (
+        pytest.raises(SystemExit, match=r"^stage1: no frames \(traceback: .*job\.log\)$"),
+        Job(context(tmp_path)),
+    ):
+        raise ValueError("no frames")
+    assert not (tmp_path / "out.json").exists()
+    assert "Traceback" in (tmp_path / "job.log").read_text(encoding="utf-8")
+
+
+def test_a_stopped_job_is_not_a_failed_one(tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt), Job(context(tmp_path)):
+        raise KeyboardInterrupt
+    assert not (tmp_path / "out.json").exists()
+
+
+def test_the_identity_follows_settings_and_inputs_but_not_records(tmp_path: Path) -> None:
+    identity = Job(context(tmp_path)).identity
+    assert Job(context(tmp_path)).identity == identity
+    assert Job(context(tmp_path, code="changed")).identity != identity
+    given = context(tmp_path)
+    (tmp_path / "made.json").write_text('{"wall_s": 3}', encoding="utf-8")
+    assert Job(given).identity == identity
+    (tmp_path / "in.txt").write_text("other frames", encoding="utf-8")
+    assert Job(given).identity != identity
+
+
+def test_a_section_is_typed_again(tmp_path: Path) -> None:
+    values = dict.fromkeys(RecordingConfig.__dataclass_fields__)
+    values |= {"kind": "video", "n_inputs": 0, "skip_s": 1.5, "train_fraction": 0.5}
+    section = Job(context(tmp_path, cfg=values)).section(RecordingConfig)
+    assert isinstance(section, RecordingConfig)
+    assert section.skip_s == 1.5
+
+
+def test_one_run_at_a_time_and_the_lock_dies_with_its_holder(tmp_path: Path) -> None:
+    path = tmp_path / "below" / "run.lock"
+    first = hold(path)
+    with pytest.raises(BlockingIOError, match="another run is at work"):
+        hold(path)
+    first.close()
+    hold(path).close()

@@ -1,0 +1,127 @@
+"""What the workflow would do: every target plans, everything lints, and nothing that cannot run begins."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from lagsplat.config import options
+
+ROOT = Path(__file__).resolve().parents[2]
+ORDER = [
+    "input",
+    "output",
+    "log",
+    "benchmark",
+    "conda",
+    "threads",
+    "resources",
+    "params",
+    "message",
+    "script",
+]
+RUN = "{system}/default-0/default-0"
+TARGETS = (
+    "results/tables/krauss.tex",
+    "results/tables/krauss.csv",
+    "results/figures/rollout_{system}.pdf",
+    "results/{profile}/simulated/" + RUN + "/rollout.png",
+    "results/{profile}/simulated/" + RUN + "/metrics.json",
+    "results/{profile}/simulated/{system}/default-0/reconstruction.png",
+    "results/{profile}/simulated/{system}/default-0/latent.png",
+    "results/{profile}/simulated/{system}/recording.safetensors",
+)
+
+
+def snakemake(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "snakemake", "--snakefile", str(ROOT / "Snakefile")]
+    return subprocess.run(
+        [*command, "--directory", str(folder), "--cores", "2", *arguments],
+        capture_output=True,
+        text=True,
+        env={**os.environ, "OMP_NUM_THREADS": "1"},
+        check=False,
+    )
+
+
+def planned(folder: Path, *arguments: str) -> str:
+    done = snakemake(folder, "--dry-run", *arguments)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("profile", options("profile"))
+def test_every_target_plans(tmp_path: Path, profile: str) -> None:
+    system = "toy" if profile == "toy" else "krauss_2seg"
+    targets = [target.format(profile=profile, system=system) for target in TARGETS]
+    told = planned(tmp_path, "all", *targets, "--config", f"hydra=profile={profile}")
+    for rule in ("simulate", "stage1", "chart", "stage2", "evaluate", "table", "rollout", "figure"):
+        assert f"\n{rule} " in told, rule
+    assert not list(tmp_path.glob("results/*"))
+
+
+def test_the_paper_profile_trains_one_image_model_a_system_and_five_dynamics(tmp_path: Path) -> None:
+    told = planned(tmp_path, "--config", "hydra=profile=paper ablations=[]")
+    counts = {line.split()[0]: line.split()[1] for line in told.splitlines() if len(line.split()) == 2}
+    assert (counts["stage1"], counts["stage2"]) == ("2", "10")
+
+
+def test_a_file_takes_the_place_of_a_simulation(tmp_path: Path) -> None:
+    film = tmp_path / "a film.npz"
+    film.touch()
+    file = f"'recording.path={film}' recording=filmed"
+    told = planned(tmp_path, "results/tables/krauss.tex", "--config", f"hydra={file} systems=[krauss_2seg]")
+    assert "\ningest " in told
+    assert "\nsimulate " not in told
+    told = planned(tmp_path, "results/tables/krauss.tex", "--config", f"hydra_krauss_2seg={file}")
+    assert "\ningest " in told
+    assert "\nsimulate " in told
+
+
+def test_the_film_of_a_pendulum_plans(tmp_path: Path) -> None:
+    film = tmp_path / "film.mp4"
+    film.touch()
+    told = planned(tmp_path, "--config", f"hydra=systems=[pendulum_pair] recording.path={film}")
+    assert "Read and check the recording of pendulum_pair" in told
+
+
+@pytest.mark.parametrize(
+    ("config", "words"),
+    [
+        ("hydra=stage2.stepz=3", ["stepz", "did you mean 'steps'"]),
+        ("hydra=stage2=nope", ["stage2/nope", "constant_mass"]),
+        ("hydra=system=toy", ["systems=["]),
+        ("hydra_toi=stage2.steps=3", ["hydra_toi", "did you mean 'hydra_toy'"]),
+        (
+            "hydra=systems=[krauss_2seg] recording=filmed recording.path=gone.npz",
+            ["gone.npz", "no such file"],
+        ),
+    ],
+)
+def test_what_cannot_be_run_stops_at_planning(tmp_path: Path, config: str, words: list[str]) -> None:
+    done = snakemake(tmp_path, "--config", config)
+    assert done.returncode != 0
+    for word in words:
+        assert word in done.stdout + done.stderr
+    assert not (tmp_path / "results").exists()
+
+
+def test_the_workflow_lints(tmp_path: Path) -> None:
+    done = snakemake(tmp_path, "--lint")
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_every_rule_says_what_it_does_where_it_logs_and_what_it_costs() -> None:
+    for path in sorted((ROOT / "workflow" / "rules").glob("*.smk")):
+        for text in f"\n{path.read_text(encoding='utf-8')}".split("\nrule ")[1:]:
+            found = re.findall(r"^    (\w+):", text, flags=re.MULTILINE)
+            assert found == [key for key in ORDER if key in found], text[:40]
+            assert set(ORDER) - set(found) <= {"input"}, text[:40]
+
+
+def test_scripts_are_thin() -> None:
+    for path in sorted((ROOT / "workflow" / "scripts").glob("*.py")):
+        assert len(path.read_text(encoding="utf-8").splitlines()) <= 35, path.name

@@ -1,0 +1,169 @@
+"""The toy profile from nothing to the report, and what a second call then does."""
+
+import csv
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+TOY = "hydra=profile=toy"
+HERE = Path("results/toy/simulated/toy")
+SCORES = {"ae_floor", "mse_half_second", "frequency_error", "latent_nrmse", "image_ratio", "external_force"}
+COLUMNS = {"robot", "method", "dynamics", "d", "diverged", "recording", "profile", "n_seeds"} | SCORES
+
+pytestmark = pytest.mark.slow
+
+
+def snakemake(source: Path, folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "snakemake", "--snakefile", str(source / "Snakefile")]
+    environment = {**os.environ, "PYTHONPATH": str(source)}
+    return subprocess.run(
+        [*command, "--directory", str(folder), "--cores", "2", *arguments],
+        capture_output=True,
+        text=True,
+        env=environment,
+        check=False,
+    )
+
+
+@pytest.fixture(scope="module")
+def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of the code, so that it can be edited."""
+    copy = tmp_path_factory.mktemp("source")
+    for name in ("Snakefile", "conf", "lagsplat", "profiles", "workflow"):
+        place = ROOT / name
+        if place.is_dir():
+            shutil.copytree(place, copy / name, ignore=shutil.ignore_patterns("__pycache__"))
+        else:
+            shutil.copy(place, copy / name)
+    return copy
+
+
+@pytest.fixture(scope="module")
+def results(source: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder in which the toy profile has run from nothing."""
+    folder = tmp_path_factory.mktemp("toy")
+    done = snakemake(source, folder, "--config", TOY)
+    assert done.returncode == 0, (done.stdout + done.stderr)[-6000:]
+    return folder
+
+
+def jobs(source: Path, folder: Path, *config: str) -> set[str]:
+    """Rules that a dry run would run."""
+    done = snakemake(source, folder, "--dry-run", "--config", *config)
+    assert done.returncode == 0, done.stdout + done.stderr
+    lines = (done.stdout + done.stderr).splitlines()
+    start = next((i for i, line in enumerate(lines) if line.startswith("Job stats")), len(lines))
+    names = [line.split() for line in lines[start + 3 :]]
+    found = set()
+    for words in names:
+        if len(words) != 2 or words[0] == "total":
+            break
+        found.add(words[0])
+    return found - {"all"}
+
+
+def test_every_artefact_is_there(results: Path) -> None:
+    expected = [
+        "recording.safetensors",
+        "truth.safetensors",
+        "default-0/autoencoder.safetensors",
+        "default-0/curve.csv",
+        "default-0/reconstruction.png",
+        "default-0/chart.safetensors",
+        "default-0/latent.png",
+        "default-0/default-0/dynamics.safetensors",
+        "default-0/default-0/curve.csv",
+        "default-0/default-0/metrics.json",
+        "default-0/default-0/rollout.pdf",
+        "default-0/default-0/rollout.png",
+    ]
+    missing = [name for name in expected if not (results / HERE / name).stat().st_size]
+    assert missing == []
+    assert not (results / HERE / "default-0/checkpoint/state.pt").exists()
+    assert (results / "results/figures/rollout_toy.pdf").stat().st_size
+
+
+def test_the_table_says_what_it_is_of(results: Path) -> None:
+    with (results / "results/tables/krauss.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert set(rows[0]) >= COLUMNS
+    ours = [row for row in rows if row["robot"] == "toy"]
+    assert {(row["recording"], row["profile"], row["d"]) for row in ours} == {("simulated", "toy", "2")}
+    assert all(0 < float(row["ae_floor"]) < 0.05 for row in ours)
+    tex = (results / "results/tables/krauss.tex").read_text(encoding="utf-8")
+    assert "simulated" in tex
+    assert "toy" in tex
+
+
+def test_metrics_and_records_say_what_made_them(results: Path) -> None:
+    metrics = json.loads((results / HERE / "default-0/default-0/metrics.json").read_text(encoding="utf-8"))
+    assert metrics["scores"]["diverged"] >= 0
+    assert metrics["made_by"]["wildcards"]["system"] == "toy"
+    record = json.loads((results / HERE / "default-0/autoencoder.json").read_text(encoding="utf-8"))
+    assert record["settings"]["cfg"]["steps"] > 0
+    assert record["stamp"]["versions"]["torch"]
+
+
+def test_a_second_call_does_nothing(source: Path, results: Path) -> None:
+    done = snakemake(source, results, "--config", TOY)
+    assert "Nothing to be done" in done.stdout + done.stderr
+
+
+def test_the_report_builds(source: Path, results: Path) -> None:
+    done = snakemake(source, results, "--report", "report.html", "--config", TOY)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert (results / "report.html").stat().st_size > 10_000
+
+
+def test_an_edited_comment_runs_nothing(source: Path, results: Path) -> None:
+    for name in ("lagsplat/stage1/fit.py", "lagsplat/stage2/lagrangian.py", "workflow/scripts/stage1.py"):
+        path = source / name
+        path.write_text("# reworded\n" + path.read_text(encoding="utf-8"), encoding="utf-8")
+    assert jobs(source, results, TOY) == set()
+
+
+def test_a_setting_of_stage_2_runs_stage_2_and_what_follows(source: Path, results: Path) -> None:
+    rules = jobs(source, results, TOY + " stage2.gradient_clip=99")
+    assert rules == {"stage2", "evaluate", "rollout", "figure", "table"}
+
+
+def test_a_setting_of_the_scores_trains_nothing(source: Path, results: Path) -> None:
+    assert jobs(source, results, TOY + " evaluate.starts=9") == {"evaluate", "rollout", "figure", "table"}
+
+
+def test_a_setting_of_one_system_leaves_the_others(source: Path, results: Path) -> None:
+    assert jobs(source, results, TOY, "hydra_krauss_1seg=stage1.steps=9") == set()
+    assert "stage1" in jobs(source, results, TOY, "hydra_toy=stage1.steps=9")
+
+
+def test_edited_code_runs_what_depends_on_it(source: Path, results: Path) -> None:
+    path = source / "lagsplat/evaluate/forecast.py"
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text + "\nUNUSED = 1\n", encoding="utf-8")
+    rules = jobs(source, results, TOY)
+    path.write_text(text, encoding="utf-8")
+    assert "evaluate" in rules
+    assert not rules & {"simulate", "stage1", "chart", "stage2"}
+
+
+def test_a_failed_run_leaves_earlier_results_whole_and_is_tried_again(source: Path, results: Path) -> None:
+    path = source / "lagsplat/stage2/fit.py"
+    text = path.read_text(encoding="utf-8")
+    broken = text.replace("    torch.manual_seed(seed)\n", "    raise ValueError('no luck')\n", 1)
+    assert broken != text
+    path.write_text(broken, encoding="utf-8")
+    dynamics = results / HERE / "default-0/default-0/dynamics.safetensors"
+    before = dynamics.read_bytes()
+    done = snakemake(source, results, "results/tables/krauss.tex", "--config", TOY)
+    assert done.returncode != 0
+    assert "stage2: no luck" in done.stdout + done.stderr
+    assert dynamics.read_bytes() == before
+    assert (results / "results/tables/krauss.tex").exists()
+    assert "stage2" in jobs(source, results, TOY)
+    path.write_text(text, encoding="utf-8")
