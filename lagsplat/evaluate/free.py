@@ -8,7 +8,7 @@ from jaxtyping import Float64
 from lagsplat.evaluate.config import EvaluateConfig
 from lagsplat.evaluate.latent import squared_norm
 from lagsplat.evaluate.modes import Mode, fit_modes
-from lagsplat.evaluate.protocol import HeldOut, Integrate, initial_states
+from lagsplat.evaluate.protocol import HeldOut, Integrate, beyond, initial_states
 from lagsplat.evaluate.spectrum import Peak, spectral_peak
 
 LEAST_WINDOW = 16
@@ -126,7 +126,7 @@ def _roll_out(
     kept = []
     for start, simulated in zip(starts, rollouts, strict=True):
         encoded = held.encoded[start : start + length]
-        diverged = not bool((np.linalg.norm(simulated, axis=1) <= bound).all())
+        diverged = bool(beyond(simulated, bound).any())
         kept.append(
             FreeWindow(
                 start=int(start),

@@ -116,6 +116,13 @@ def windows(series: Float64[np.ndarray, "T m"], starts: Int64[np.ndarray, " B"],
     return series[starts[:, None] + np.arange(length)]
 
 
+def beyond(states: Float64[np.ndarray, "*N d"], bound: float) -> Bool[np.ndarray, "*N"]:
+    """Which states are not finite or longer than ``bound``."""
+    # Squares of what a diverging rollout passes through overflow long before the rollout itself does.
+    tame = np.clip(np.nan_to_num(states, nan=np.inf), -1e100, 1e100)
+    return np.linalg.norm(tame, axis=-1) > bound
+
+
 def pin_diverged(rollouts: Rollouts, *, bound: float) -> tuple[Rollouts, Bool[np.ndarray, "B N"]]:
     """Rollouts with every state from the first divergence on pinned to the bound, and where that happened.
 
@@ -124,8 +131,7 @@ def pin_diverged(rollouts: Rollouts, *, bound: float) -> tuple[Rollouts, Bool[np
     they can be rendered and compared. Scores take the larger of a pinned state's error and of the error of
     the mean prediction: leaving the data never pays.
     """
-    length = np.linalg.norm(np.nan_to_num(rollouts, nan=np.inf, posinf=np.inf, neginf=np.inf), axis=2)
-    gone = np.logical_or.accumulate(~(length <= bound), axis=1)
+    gone = np.logical_or.accumulate(beyond(rollouts, bound), axis=1)
     pinned = rollouts.copy()
     for row in np.flatnonzero(gone[:, -1]):
         first = int(np.argmax(gone[row]))

@@ -33,7 +33,7 @@ def draw_rollout(view: LongRollout, *, title: str) -> Figure:
     """
     panels = view.encoded.shape[1] + int(view.inputs.shape[1] > 0)
     with paper_style():
-        top_in, bottom_in = 0.62 * panels + 0.3, 1.75
+        top_in, bottom_in = 0.62 * panels + 0.3, 2.1
         figure = new_figure(PAGE_IN, top_in + bottom_in + 0.3, title=title)
         above, below = figure.subfigures(2, 1, height_ratios=[top_in, bottom_in], squeeze=False)[:, 0]
         _series(above, view)

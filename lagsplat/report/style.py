@@ -65,4 +65,8 @@ def save_figure(path: str | os.PathLike[str], figure: Figure) -> None:
     suffix = os.fspath(path).rpartition(".")[2]
     dates: dict[str, None] = {"CreationDate": None} if suffix == "pdf" else {}
     with paper_style(), replacing(path) as temporary:
+        if figure.get_layout_engine() is not None:
+            figure.draw_without_rendering()
+            # The layout refines itself at every drawing; one pass, and every format shows the same picture.
+            figure.set_layout_engine("none")
         figure.savefig(temporary, metadata=dates)
