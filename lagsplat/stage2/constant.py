@@ -116,7 +116,7 @@ def linear_one_step_error(
     return (position + velocity_weight * velocity).mean() / d
 
 
-def step_matrices(c: Coefficients, step: float) -> tuple[Float[Tensor, "2d 2d"], Float[Tensor, "d 2d"]]:
+def step_matrices(c: Coefficients, step: float) -> tuple[Float[Tensor, "s s"], Float[Tensor, "d s"]]:
     """One velocity-Verlet step as ``(q, v) -> (q, v) @ F + p @ P`` with ``p = M^-1 (force + K rest)``."""
     h = step
     inverse = torch.linalg.inv(c.mass)

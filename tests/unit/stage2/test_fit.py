@@ -1,0 +1,96 @@
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from lagsplat.chart.trajectory import Trajectory
+from lagsplat.stage2.config import FloorConfig, SelectConfig, ShootConfig, Stage2Config, StartConfig
+from lagsplat.stage2.fit import fit_dynamics, load_dynamics, save_dynamics
+from lagsplat.stage2.rollout import rollout
+from lagsplat.stage2.start import natural_time_unit
+from tests.stage2_problems import form
+
+DT_S, FREQUENCY_HZ, DECAY_PER_S = 1.0 / 60.0, 1.5, 0.4
+
+
+def oscillator(n: int, *, driven: bool) -> Trajectory:
+    """One damped coordinate of known frequency and decay, under a slow random input."""
+    omega, rng = 2 * np.pi * FREQUENCY_HZ, np.random.default_rng(0)
+    u = np.convolve(rng.normal(size=n + 60), np.hanning(61), mode="valid") if driven else np.zeros(n)
+    fine, q, v, path = 20, 1.0, 0.0, []
+    for i in range(n):
+        path.append(q)
+        for _ in range(fine):
+            v += DT_S / fine * (-(omega**2) * (q - 0.05 * u[i]) - 2 * DECAY_PER_S * v)
+            q += DT_S / fine * v
+    inputs = u[:, None] if driven else np.zeros((n, 0))
+    return Trajectory(np.array(path)[:, None], inputs, DT_S * np.arange(n), ((0, n),))
+
+
+def config(**changes: object) -> Stage2Config:
+    values = {
+        "form": form(matrix_width=8, potential_width=8, diffeo_width=8),
+        "floor": FloorConfig(1e-2, 1e-3, 1e-2),
+        "start": StartConfig("fitted", 60, 60, "data", 0.2, 1.0),
+        "stride_frames": 1,
+        "ridge": 1.0,
+        "velocity_weight": 1.0,
+        "steps": 4,
+        "batch": 16,
+        "rate": 1e-3,
+        "final_fraction": 0.1,
+        "gradient_clip": 10.0,
+        "select": SelectConfig(8, 1.0, 2),
+        "shoot": ShootConfig(4, 8, 1e-3, 0.3),
+    }
+    return Stage2Config(**(values | changes))
+
+
+@pytest.mark.parametrize("driven", [False, True])
+def test_frequency_and_decay_of_a_known_system_are_found(driven: bool) -> None:
+    trajectory = oscillator(500, driven=driven)
+    lagrangian, report = fit_dynamics(trajectory, np.eye(1), config(), 0, rest=np.zeros(1))
+    assert report.at_rest is not None
+    assert report.at_rest.frequency_hz[0] == pytest.approx(FREQUENCY_HZ, rel=0.01)
+    assert report.at_rest.decay_per_s[0] == pytest.approx(DECAY_PER_S, rel=0.1)
+    assert report.scores["shooting"] <= report.scores["one_step"] <= report.scores["start"] < 0.05
+    assert lagrangian.n_inputs == int(driven)
+
+
+def test_same_seed_same_result_and_a_file_gives_the_same_forecast(tmp_path: Path) -> None:
+    trajectory = oscillator(200, driven=True)
+    first, _ = fit_dynamics(trajectory, np.eye(1), config(), 3, rest=np.zeros(1))
+    second, _ = fit_dynamics(trajectory, np.eye(1), config(), 3, rest=np.zeros(1))
+    for a, b in zip(first.parameters(), second.parameters(), strict=True):
+        assert torch.equal(a, b)
+    save_dynamics(tmp_path / "dynamics.safetensors", first, {"seed": 3})
+    again, header = load_dynamics(tmp_path / "dynamics.safetensors")
+    assert header["dynamics"]["time_unit_s"] == pytest.approx(float(first.time_unit_s))
+    q, v = torch.randn(2, 3, 1, dtype=torch.float64)
+    inputs = torch.rand(3, 10, 1, dtype=torch.float64)
+    torch.testing.assert_close(
+        rollout(again, q, v, inputs, dt_s=DT_S), rollout(first, q, v, inputs, dt_s=DT_S), rtol=0, atol=0
+    )
+
+
+def test_a_fixed_rest_stays_and_the_published_start_runs() -> None:
+    trajectory = oscillator(200, driven=False)
+    fixed = config(
+        form=replace(form(matrix_width=8), rest="fixed", potential="icnn"), shoot=ShootConfig(0, 1, 1e-3, 1.0)
+    )
+    lagrangian, _ = fit_dynamics(trajectory, np.eye(1), fixed, 0, rest=np.array([0.1]))
+    assert float(lagrangian.rest[0]) == 0.1
+    published = config(start=StartConfig("isotropic", 1, 0, "frame", 0.5, 0.05))
+    lagrangian, report = fit_dynamics(trajectory, np.eye(1), published, 0, rest=np.zeros(1))
+    assert float(lagrangian.time_unit_s) == pytest.approx(DT_S)
+    assert np.isfinite(report.scores["shooting"])
+
+
+def test_time_unit_is_the_period_over_two_pi_and_still_latents_are_refused() -> None:
+    trajectory = oscillator(400, driven=False)
+    unit = natural_time_unit(trajectory, np.eye(1))
+    assert unit == pytest.approx(1.0 / (2 * np.pi * FREQUENCY_HZ), rel=0.05)
+    with pytest.raises(ValueError, match="do not move"):
+        natural_time_unit(replace(trajectory, latents=np.ones((400, 1))), np.eye(1))

@@ -1,0 +1,34 @@
+import torch
+from torch.autograd.functional import jacobian
+
+from lagsplat.stage2.iresnet import Diffeomorphism, contract, pull, push
+
+
+def test_contract_caps_the_largest_singular_value_and_leaves_small_matrices() -> None:
+    wide = torch.stack([5.0 * torch.randn(3, 9), 0.01 * torch.randn(3, 9)]).double()
+    got = contract(wide)
+    assert float(torch.linalg.matrix_norm(got[0], 2)) <= 1.0 + 1e-12
+    torch.testing.assert_close(got[1], wide[1])
+    torch.testing.assert_close(contract(wide.mT.contiguous()), got.mT)
+
+
+def test_pull_is_the_transpose_of_the_jacobian_and_the_map_never_folds() -> None:
+    diffeo = Diffeomorphism(3, blocks=2, width=8, lipschitz=0.9, generator=torch.Generator().manual_seed(1))
+    q = torch.randn(1, 3, dtype=torch.float64)
+    torch.testing.assert_close(push(q, diffeo.blocks())[0], q)
+    with torch.no_grad():
+        diffeo.outer.normal_(0.0, 3.0)
+    blocks = diffeo.blocks()
+    slope = jacobian(lambda x: push(x[None], blocks)[0][0], q[0])
+    covector = torch.randn(1, 3, dtype=torch.float64)
+    got = pull(covector, blocks, push(q, blocks)[1])
+    torch.testing.assert_close(got[0], covector[0] @ slope)
+    # each block keeps at least a tenth of every length
+    assert float(torch.linalg.svdvals(slope).min()) >= 0.01
+
+
+def test_no_block_is_the_identity() -> None:
+    q = torch.randn(2, 3, dtype=torch.float64)
+    image, hidden = push(q, [])
+    torch.testing.assert_close(image, q)
+    torch.testing.assert_close(pull(q, [], hidden), q)

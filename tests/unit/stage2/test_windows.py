@@ -1,0 +1,47 @@
+import numpy as np
+import pytest
+import torch
+
+from lagsplat.chart.trajectory import Trajectory
+from lagsplat.stage2.windows import (
+    central_velocity,
+    forward_velocity,
+    one_step_windows,
+    shots,
+    starts_of,
+)
+
+
+def parabola(n: int, segments: tuple[tuple[int, int], ...]) -> Trajectory:
+    """Position t^2, for which every stencil used is exact."""
+    t = 0.1 * np.arange(n)
+    return Trajectory((t**2)[:, None], t[:, None].copy(), t, segments)
+
+
+def test_windows_hold_states_one_stride_apart_with_exact_velocities() -> None:
+    windows = one_step_windows(parabola(30, ((0, 30),)), stride_frames=2, time_unit_s=0.5)
+    assert windows.step == pytest.approx(0.4)
+    t = windows.u[:, 0]
+    torch.testing.assert_close(windows.q[:, 0], t**2)
+    torch.testing.assert_close(windows.v[:, 0], 2 * t * 0.5)
+    torch.testing.assert_close(windows.q_next[:, 0], (t + 0.2) ** 2)
+    torch.testing.assert_close(windows.v_next[:, 0], 2 * (t + 0.2) * 0.5)
+    assert len(windows) == 30 - 6
+    assert len(windows.pick(torch.tensor([3, 4]))) == 2
+
+
+def test_nothing_crosses_a_cut() -> None:
+    at = starts_of(parabola(20, ((0, 8), (8, 20))), before=2, after=3)
+    np.testing.assert_array_equal(at, [2, 3, 4, 10, 11, 12, 13, 14, 15, 16])
+    with pytest.raises(ValueError, match="needs 7"):
+        one_step_windows(parabola(10, ((0, 5), (5, 10))), stride_frames=2, time_unit_s=1.0)
+
+
+def test_shots_follow_the_trajectory() -> None:
+    trajectory = parabola(30, ((0, 30),))
+    at = np.array([4, 9])
+    for velocity in (forward_velocity, central_velocity):
+        torch.testing.assert_close(velocity(trajectory, at)[:, 0], torch.from_numpy(0.2 * at))
+    taken = shots(trajectory, at, forward_velocity(trajectory, at), n_states=5, time_unit_s=0.5)
+    torch.testing.assert_close(taken.targets[1, :, 0], torch.from_numpy((0.1 * np.arange(9, 14)) ** 2))
+    torch.testing.assert_close(taken.v[:, 0], torch.from_numpy(0.1 * at))
