@@ -1,0 +1,220 @@
+"""The rasterisers side by side on this machine, as ratios.
+
+Usage: ``OMP_WAIT_POLICY=PASSIVE python benchmarks/raster.py [threads]``. Without that variable the idle
+threads of torch and of Numba spin, and take the cores from each other.
+
+A pair is a Gaussian and a pixel that it covers with alpha of at least 1/255. All rivals draw the same scene
+in the same run, taking turns, so that other work on the machine hits them alike; the slow ones are given
+fewer frames, and times are per frame. Processor time is that of all threads together.
+
+gsplat's pure-torch compositing (``gsplat.cuda._torch_impl.accumulate``) is timed without the search for
+pairs, which exists only in CUDA, as do the two segmented products that it takes from nerfacc, which are
+done in torch here. Both favour gsplat. It knows no end of a pixel at transmittance 1e-4.
+"""
+
+import os
+import statistics
+import sys
+import time
+import types
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numba
+import torch
+from torch import Tensor
+
+from lagsplat.provenance import set_threads
+from lagsplat.splat import raster_numba, raster_torch
+
+Scene = list[Tensor]
+SLOW_FRAMES = 1
+
+
+def gated_scene(batch: int, count: int, size: int, *, gate: float) -> Scene:
+    """Gaussians of 1.4 to 1.9 px, their opacity gated in four latent dimensions as a decoder does it."""
+    generator = torch.Generator().manual_seed(0)
+    sigma = 1.65 * (0.85 + 0.3 * torch.rand(count, 2, generator=generator))
+    correlation = torch.rand(count, generator=generator) - 0.5
+    distance = torch.randn(batch, count, 4, generator=generator).square().sum(2)
+    return [
+        size * torch.rand(batch, count, 2, generator=generator),
+        torch.stack([sigma[:, 0] ** 2, correlation * sigma.prod(1), sigma[:, 1] ** 2], 1),
+        (0.2 + 0.75 * torch.rand(count, generator=generator)) * torch.exp(-0.5 * gate * distance),
+        torch.rand(count, 3, generator=generator),
+        torch.full((3,), 0.2),
+    ]
+
+
+def pairs_of(scene: Scene, size: int, frame: int) -> Tensor:
+    """Covered (pixel, Gaussian) index pairs of a frame, pixel by pixel and front to back."""
+    means, covariance, opacity = scene[:3]
+    found = []
+    for start in range(0, len(covariance), 256):
+        part = slice(start, start + 256)
+        alpha = raster_torch._alpha(means[frame, part], covariance[part], opacity[frame, part], size, size)
+        pairs = alpha.flatten(1).T.nonzero()
+        found.append(pairs + torch.tensor([0, start]))
+    pairs = torch.cat(found)
+    return pairs[torch.argsort(pairs[:, 0] * len(covariance) + pairs[:, 1])]
+
+
+def stand_in_for_nerfacc() -> types.ModuleType:
+    """The two functions that gsplat takes from nerfacc, on any device."""
+
+    def render_weight_from_alpha(alphas: Tensor, ray_indices: Tensor, n_rays: int) -> tuple[Tensor, Tensor]:
+        passed = torch.log1p(-alphas)
+        before = torch.cumsum(passed, 0) - passed
+        first = torch.searchsorted(ray_indices, torch.arange(n_rays)).clamp(max=len(alphas) - 1)
+        transmittance = torch.exp(before - before[first][ray_indices])
+        return transmittance * alphas, transmittance
+
+    def accumulate_along_rays(
+        weights: Tensor, values: Tensor | None, ray_indices: Tensor, n_rays: int
+    ) -> Tensor:
+        light = weights[:, None] if values is None else weights[:, None] * values
+        return torch.zeros(n_rays, light.shape[1]).index_add(0, ray_indices, light)
+
+    module = types.ModuleType("nerfacc")
+    module.render_weight_from_alpha = render_weight_from_alpha  # type: ignore[attr-defined]
+    module.accumulate_along_rays = accumulate_along_rays  # type: ignore[attr-defined]
+    return module
+
+
+def gsplat_in_torch(size: int) -> Callable[[Scene], Tensor] | None:
+    """gsplat's pure-torch compositing of the first frames of a scene; None where gsplat is not installed."""
+    try:
+        from gsplat.cuda import _torch_impl
+    except ImportError:
+        return None
+    sys.modules["nerfacc"] = stand_in_for_nerfacc()
+    known: dict[int, list[Tensor]] = {}
+
+    def draw(scene: Scene) -> Tensor:
+        means, covariance, opacity, color, background = scene
+        frames = len(means)
+        if frames not in known:
+            found = [pairs_of([tensor.detach() for tensor in scene], size, frame) for frame in range(frames)]
+            images = torch.cat([torch.full((len(pairs),), frame) for frame, pairs in enumerate(found)])
+            known[frames] = [*torch.cat(found).unbind(1), images]
+        pixels, gaussians, images = known[frames]
+        blurred = covariance + torch.tensor([0.3, 0.0, 0.3])
+        determinant = blurred[:, 0] * blurred[:, 2] - blurred[:, 1] ** 2
+        conics = blurred[:, [2, 1, 0]] * torch.tensor([1.0, -1.0, 1.0]) / determinant[:, None]
+        count = len(covariance)
+        light, covered = _torch_impl.accumulate(
+            means,
+            conics.expand(frames, count, 3),
+            opacity,
+            color.expand(frames, count, 3),
+            gaussians,
+            pixels,
+            images,
+            size,
+            size,
+        )
+        return (light + (1 - covered) * background).permute(0, 3, 1, 2)
+
+    return draw
+
+
+class Time(NamedTuple):
+    """Seconds per frame on the clock, and of all processors together."""
+
+    wall: float
+    processor: float
+
+
+def time_of(draw: Callable[[Scene], Tensor], scene: Scene, *, backward: bool) -> Time:
+    """Time of one forward, or one forward and backward, per frame."""
+    inputs = [tensor.clone().requires_grad_(backward) for tensor in scene]
+    begin, begin_processor = time.perf_counter(), time.process_time()
+    images = draw(inputs)
+    if backward:
+        images.backward(torch.ones_like(images))
+    frames = len(scene[0])
+    return Time(
+        (time.perf_counter() - begin) / frames,
+        (time.process_time() - begin_processor) / frames,
+    )
+
+
+def report(name: str, times: list[Time], pairs: float, ours: list[Time] | None = None) -> None:
+    """Time per frame with its spread, pairs per second, ratio to ours by medians and by the best."""
+    wall = [t.wall for t in times]
+    processor = statistics.median(t.processor for t in times)
+    median, least = statistics.median(wall), min(wall)
+    print(f"  {name}, {len(times)} times:")
+    print(f"    {1e3 * median:.3f} ms a frame ({1e3 * least:.3f} to {1e3 * max(wall):.3f})", end=", ")
+    print(f"{1e3 * processor:.3f} ms of processor time")
+    print(f"    {pairs / median / 1e6:.2f} million pairs/s (best {pairs / least / 1e6:.2f})", flush=True)
+    if ours is not None:
+        by_median = median / statistics.median(t.wall for t in ours)
+        by_processor = processor / statistics.median(t.processor for t in ours)
+        print(
+            f"    {by_median:.0f} times as long as numba (best against best {least / min(ours).wall:.0f},",
+            end=" ",
+        )
+        print(f"processor time {by_processor:.0f})", flush=True)
+
+
+def compare(size: int, batch: int, count: int, *, gate: float, rounds: int) -> None:
+    scene = gated_scene(batch, count, size, gate=gate)
+    few = [tensor[:SLOW_FRAMES] if tensor.ndim > 1 and len(tensor) == batch else tensor for tensor in scene]
+    pairs = sum(len(pairs_of(few, size, frame)) for frame in range(SLOW_FRAMES)) / SLOW_FRAMES
+    print(
+        f"{batch} frames x {count} Gaussians x {size}x{size}, {pairs:.0f} pairs a frame, forward + backward:"
+    )
+
+    def with_module(module: types.ModuleType) -> Callable[[Scene], Tensor]:
+        return lambda inputs: module.rasterize(*inputs, height=size, width=size)
+
+    rivals = {
+        "numba": (with_module(raster_numba), scene),
+        "torch reference": (with_module(raster_torch), few),
+    }
+    gsplat = gsplat_in_torch(size)
+    if gsplat is None:
+        print("  gsplat is not installed: its pure-torch compositing is left out")
+    else:
+        rivals["gsplat in pure torch"] = (gsplat, few)
+        apart = (gsplat(few) - with_module(raster_torch)(few)).abs().max()
+        print(f"  gsplat in pure torch and the torch reference differ by at most {apart:.1e}")
+    times: dict[str, list[Time]] = {name: [] for name in rivals}
+    for turn in range(rounds + 1):
+        for name, (draw, frames) in rivals.items():
+            for _ in range(10 if name == "numba" else 1):
+                elapsed = time_of(draw, frames, backward=True)
+                if turn:
+                    times[name].append(elapsed)
+    for name in rivals:
+        report(name, times[name], pairs, None if name == "numba" else times["numba"])
+
+
+def single_frame(size: int, count: int, *, gate: float, repeat: int) -> None:
+    scene = gated_scene(1, count, size, gate=gate)
+    pairs = len(pairs_of(scene, size, 0))
+    print(f"1 frame x {count} Gaussians x {size}x{size}, {pairs} pairs, forward only:")
+
+    def draw(inputs: Scene) -> Tensor:
+        return raster_numba.rasterize(*inputs, height=size, width=size)
+
+    times = [time_of(draw, scene, backward=False) for _ in range(repeat + 3)][3:]
+    report("numba", times, pairs)
+    wall = [t.wall for t in times]
+    print(f"    {1 / statistics.median(wall):.0f} frames/s (best {1 / min(wall):.0f})")
+
+
+def main(threads: int) -> None:
+    set_threads(threads)
+    policy = os.environ.get("OMP_WAIT_POLICY", "not set")
+    print(
+        f"threads: numba {numba.get_num_threads()}, torch {torch.get_num_threads()}; OMP_WAIT_POLICY {policy}"
+    )
+    print(f"load of the machine over the last minute: {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
+    compare(32, 64, 2048, gate=1.5, rounds=3)
+    single_frame(256, 15_000, gate=0.5, repeat=100)
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]) if len(sys.argv) > 1 else 2)
