@@ -103,7 +103,7 @@ class _Rasterize(torch.autograd.Function):
             torch.nn.functional.pad(shared[:, :3], (0, 2)),
             spots[..., 2],
             shared[:, 3:],
-            torch.einsum("bchw,bhw->c", grad, transmittance),
+            (grad * transmittance[:, None]).sum(dim=(0, 2, 3)),
             None,
             None,
         )
