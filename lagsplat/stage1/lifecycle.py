@@ -1,6 +1,7 @@
 """The Gaussian lifecycle: what nobody sees is split off a busy neighbour, or sent where the error is."""
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 import torch
@@ -17,6 +18,7 @@ ERROR_SAMPLE = 64  # frames whose error attracts the teleported
 SPLIT_OFFSET = 0.5  # of the principal standard deviation, each way: the pair keeps the parent's covariance
 NEWBORN_OPACITY = 0.1
 NEWBORN_SIGMA_PX = 1.0
+NEWBORN_REACH = 0.5  # of the latent spread: it answers for one state, and must not blot out the others
 
 
 def is_due(config: LifecycleConfig, *, step: int, steps: int) -> bool:
@@ -54,13 +56,15 @@ def review(
     dead = peak_opacity(autoencoder.gaussians, latents) < config.peak_opacity
     if not dead.any() or dead.all():
         return int(dead.sum())
-    slots = dead.nonzero().flatten().cpu().numpy()
+    slots = dead.nonzero().flatten()
     n_split = min(round(config.split_share * len(slots)), int((~dead).sum()))
     parents = busiest(autoencoder.gaussians, optimizer, alive=~dead, count=n_split)
-    split(autoencoder.gaussians, parents, torch.as_tensor(slots[:n_split], device=device))
-    if n_split < len(slots):
-        teleport(autoencoder, frames, torch.as_tensor(slots[n_split:], device=device), rng)
-    forget(autoencoder.gaussians, optimizer, torch.cat((torch.as_tensor(slots, device=device), parents)))
+    children, strays = slots[:n_split], slots[n_split:]
+    split(autoencoder.gaussians, parents, children)
+    if len(strays):
+        teleport(autoencoder, frames, strays, rng)
+    remember(autoencoder.gaussians, optimizer, parents=parents, children=children, strays=strays)
+    reorder(autoencoder.gaussians, optimizer, behind(autoencoder.gaussians.n, parents, children))
     return len(slots)
 
 
@@ -129,7 +133,7 @@ def teleport(autoencoder: Autoencoder, frames: Frames, slots: Tensor, rng: np.ra
     frame_t, row_t, column_t = (torch.as_tensor(axis, device=slots.device) for axis in (frame, row, column))
     gaussians.center[slots] = torch.stack((column_t, row_t), 1).float() + 0.5
     gaussians.latent_center[slots] = latents[frame_t]
-    gaussians.precision_log_diagonal[slots] = -latents.std(0).clamp_min(1e-3).log()
+    gaussians.precision_log_diagonal[slots] = -(NEWBORN_REACH * latents.std(0).clamp_min(1e-3)).log()
     gaussians.precision_below[slots] = 0
     gaussians.coupling[slots] = 0
     gaussians.shape_log_diagonal[slots] = math.log(NEWBORN_SIGMA_PX)
@@ -138,10 +142,46 @@ def teleport(autoencoder: Autoencoder, frames: Frames, slots: Tensor, rng: np.ra
     gaussians.color_logit[slots] = images[frame_t, :, row_t, column_t].clamp(0.01, 0.99).logit()
 
 
-def forget(gaussians: Gaussians, optimizer: torch.optim.Adam, rows: Tensor) -> None:
-    """Clear Adam's memory of these Gaussians, whose past gradients belonged to another life."""
+def behind(n: int, parents: Tensor, children: Tensor) -> Tensor:
+    """The order of ``n`` Gaussians in which each child comes right after its parent.
+
+    Gaussians are drawn in the order of their index. A half that keeps the index of the dead one it replaces
+    would be drawn in front of what covered its parent, or behind what its parent covered.
+    """
+    depth = torch.arange(n, dtype=torch.float64, device=parents.device)
+    depth[children] = depth[parents] + 0.5
+    return depth.argsort(stable=True)
+
+
+def reorder(gaussians: Gaussians, optimizer: torch.optim.Adam, order: Tensor) -> None:
+    """Number the Gaussians anew, and Adam's memory of them with it."""
+    for parameter, state in per_gaussian(gaussians, optimizer):
+        parameter.copy_(parameter[order])
+        for moment in state:
+            moment.copy_(moment[order])
+
+
+def remember(
+    gaussians: Gaussians, optimizer: torch.optim.Adam, *, parents: Tensor, children: Tensor, strays: Tensor
+) -> None:
+    """Give the recycled the memory of Adam that fits them.
+
+    A child takes over the scale of its parent's gradients. A stray has nobody's. None of them keeps a
+    direction, which belonged to another life.
+    """
+    for _, moments in per_gaussian(gaussians, optimizer):
+        if moments:
+            mean, square = moments
+            mean[torch.cat((parents, children, strays))] = 0
+            square[children] = square[parents]
+            square[strays] = 0
+
+
+def per_gaussian(
+    gaussians: Gaussians, optimizer: torch.optim.Adam
+) -> Iterator[tuple[Tensor, tuple[Tensor, ...]]]:
+    """Each parameter that has one row a Gaussian, with Adam's two moments of it, if there are any yet."""
     for name, parameter in gaussians.named_parameters():
-        state = optimizer.state.get(parameter)
-        if state and name != "background_logit":
-            state["exp_avg"][rows] = 0
-            state["exp_avg_sq"][rows] = 0
+        if name != "background_logit":
+            state = optimizer.state.get(parameter)
+            yield parameter, (state["exp_avg"], state["exp_avg_sq"]) if state else ()
