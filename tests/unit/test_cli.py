@@ -1,0 +1,71 @@
+"""The command line: what it prints, and how it refuses."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lagsplat.cli import main
+
+
+@pytest.fixture
+def archive(tmp_path: Path) -> Path:
+    path = tmp_path / "arm.npz"
+    rng = np.random.default_rng(0)
+    pressure = np.linspace(0, 0.9, 60)
+    np.savez(path, images=rng.integers(0, 256, (60, 3, 8, 8), dtype=np.uint8), p1=pressure, p2=pressure[::-1])
+    return path
+
+
+def refused(capsys: pytest.CaptureFixture[str], *words: str) -> str:
+    assert main(list(words)) == 2
+    told = capsys.readouterr()
+    assert told.out == ""
+    return told.err
+
+
+def test_inspect_says_what_an_archive_holds(archive: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["inspect", str(archive)]) == 0
+    told = capsys.readouterr().out
+    assert "60, 8 x 8 px" in told
+    assert "input p2   0 to 0.9 atm" in told
+    assert "48 frames to train on, 12 held out" in told
+
+
+def test_help_is_the_whole_grammar(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--help"]) == 0
+    told = capsys.readouterr().out
+    for verb in ("inspect", "fit", "simulate", "evaluate"):
+        assert f"lagsplat {verb} " in told
+
+
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        (["inspec", "a.npz"], "did you mean 'inspect'"),
+        (["inspect"], "name a file"),
+        (["inspect", "gone.npz"], "gone.npz: no such file"),
+        (["fit", "system=toy"], "out=... is missing"),
+        (["fit", "out=a", "stage1.stepz=3"], "did you mean 'steps'"),
+        (["evaluate", "run=a"], "out=... is missing"),
+        (["evaluate", "run=nowhere", "out=m.json"], "no recording.safetensors"),
+        (["simulate", "run=a", "out=q.csv", "stage2.steps=3"], "a run keeps its settings"),
+        (["simulate", "run=a", "out=q.csv", "input=u.csv", "seconds=3"], "exclude each other"),
+        (["simulate", "run=nowhere", "out=q.csv"], "no recording.safetensors"),
+    ],
+)
+def test_what_is_invalid_is_refused(
+    words: list[str],
+    reason: str,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert reason in refused(capsys, *words)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_truncated_archive_is_refused(archive: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    archive.write_bytes(archive.read_bytes()[:2000])
+    assert "arm.npz" in refused(capsys, "inspect", str(archive))

@@ -1,0 +1,49 @@
+"""A whole fit in one process, opened again, pushed and scored."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lagsplat.config import compose
+from lagsplat.pipeline import fit, open_run, push, score
+
+SMALL = (
+    "profile=toy",
+    "system=toy",
+    "system.n_gaussians=32",
+    "simulation.n_frames=300",
+    "stage1.steps=20",
+    "chart.visibility_frames=4",
+    "stage2.steps=0",
+    "stage2.shoot.steps=0",
+    "stage2.start.iterations=10",
+    "stage2.start.shooting_iterations=0",
+    "evaluate.starts=2",
+)
+
+
+@pytest.mark.slow
+def test_a_fit_can_be_opened_pushed_and_scored(tmp_path: Path) -> None:
+    experiment = compose(*SMALL)
+    made = fit(experiment, out=tmp_path / "run", header={"config": "small"})
+    assert not (tmp_path / "run" / "checkpoint" / "state.pt").exists()
+    (tmp_path / "run" / "below").mkdir()
+    run = open_run(tmp_path / "run" / "below")
+    np.testing.assert_array_equal(run.chart.latents, made.chart.latents)
+
+    q, v = push(run, np.zeros((9, 2)), frame=None)
+    assert q.shape == v.shape == (9, 2)
+    np.testing.assert_array_equal(q[0], run.chart.rest)
+    np.testing.assert_array_equal(v[0], 0)
+    assert np.ptp(push(run, np.ones((9, 2)), frame=5)[0], axis=0).max() > 0
+    with pytest.raises(ValueError, match="trained with 2"):
+        push(run, np.zeros((9, 1)), frame=None)
+    with pytest.raises(ValueError, match="frame=300"):
+        push(run, np.zeros((9, 2)), frame=300)
+    assert score(run, experiment)["scores"]["ae_floor"] > 0
+
+
+def test_a_folder_without_a_run_is_named(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError, match=r"no recording\.safetensors"):
+        open_run(tmp_path)
