@@ -1,7 +1,7 @@
 """Training state on disk: enough to go on after a kill as if nothing had happened.
 
-A checkpoint is not an artefact. It belongs to one run, is named by the run's identity (a digest of what decides
-its outcome) and is deleted when the run has ended.
+A checkpoint is not an artefact. It belongs to one run, is named by the run's identity (a digest of what
+decides its outcome) and is deleted when the run has ended.
 """
 
 import logging
