@@ -70,7 +70,7 @@ def _words(key: str, text: str) -> tuple[str, ...]:
         return tuple(shlex.split(text))
     except ValueError as error:
         raise ConfigError(
-            f"--config {key}={text!r}: {error}. Snakemake drops a quote at the very end: "
+            f"--config {key}={text!r}: {error}. Snakemake drops a quote at either end: "
             "put another override there"
         ) from error
 

@@ -72,7 +72,7 @@ def test_the_paper_profile_trains_one_image_model_a_system_and_five_dynamics(tmp
 def test_a_file_takes_the_place_of_a_simulation(tmp_path: Path) -> None:
     film = tmp_path / "a film.npz"
     film.touch()
-    file = f"'recording.path={film}' recording=filmed"
+    file = f"recording=filmed 'recording.path={film}' recording.skip_s=0"
     told = planned(tmp_path, "results/tables/krauss.tex", "--config", f"hydra={file} systems=[krauss_2seg]")
     assert "\ningest " in told
     assert "\nsimulate " not in told
