@@ -108,7 +108,7 @@ class ShootConfig:
     steps: int
     batch: int  # windows a step
     rate: float
-    periods: float  # final length of a window, in natural periods; it grows to this from a quarter
+    periods: float  # final length of a window, in natural periods; it grows to this from half
 
     def __post_init__(self) -> None:
         if self.steps < 0 or self.batch < 1:

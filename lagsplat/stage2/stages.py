@@ -1,5 +1,6 @@
 """The three stages of a fit, each started from the best candidate before it."""
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -18,6 +19,10 @@ from lagsplat.stage2.objective import one_step_error, ridged, shooting_error
 from lagsplat.stage2.select import Champion, Examination, examination
 from lagsplat.stage2.start import isotropic, natural_time_unit
 from lagsplat.stage2.windows import central_velocity, one_step_windows, shots, starts_of
+
+CONSTANT_PARTS = ("factor", "stiffness_factor", "pressure_map", "rest")
+CONSTANT_SHARE = 0.1
+"""Of the learning rate, for the parts that start fitted."""
 
 
 @dataclass(frozen=True)
@@ -203,7 +208,7 @@ def shooting_stage(run: Run, lagrangian: Lagrangian) -> None:
     step = run.trajectory.dt_s / run.time_unit_s
 
     def loss(i: int) -> Tensor:
-        n_states = _horizon(run, shoot.periods * (0.25, 0.5, 1.0, 1.0)[4 * i // shoot.steps])
+        n_states = _horizon(run, shoot.periods * (0.5, 1.0, 1.0, 1.0)[4 * i // shoot.steps])
         at = run.rng.choice(starts_of(run.trajectory, before=2, after=n_states), shoot.batch)
         velocity = central_velocity(run.trajectory, at)
         taken = shots(run.trajectory, at, velocity, n_states=n_states, time_unit_s=run.time_unit_s)
@@ -226,8 +231,10 @@ def _descend(
 ) -> None:
     config = run.config
     parameters = [p for p in lagrangian.parameters() if p.requires_grad]
-    optimizer = torch.optim.Adam(parameters, rate, fused=True)
-    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps, rate * config.final_fraction)
+    optimizer = torch.optim.Adam(_rates(lagrangian, rate), fused=True)
+    schedule = torch.optim.lr_scheduler.LambdaLR(
+        optimizer, lambda i: _schedule(i / steps, final_fraction=config.final_fraction)
+    )
     for i in range(steps):
         optimizer.zero_grad()
         value = loss(i)
@@ -240,3 +247,18 @@ def _descend(
         schedule.step()
         if (i + 1) % every == 0 or i + 1 == steps:
             run.grade(lagrangian, stage, i + 1, float(value.detach()))
+
+
+def _rates(lagrangian: Lagrangian, rate: float) -> list[dict[str, object]]:
+    # the constant parts start at the optimum of a stiff problem, where steps fit for a network throw them off
+    parts: dict[bool, list[Tensor]] = {True: [], False: []}
+    for name, parameter in lagrangian.named_parameters():
+        if parameter.requires_grad:
+            parts[name.split(".")[-1] in CONSTANT_PARTS].append(parameter)
+    return [{"params": parts[False], "lr": rate}, {"params": parts[True], "lr": CONSTANT_SHARE * rate}]
+
+
+def _schedule(progress: float, *, final_fraction: float) -> float:
+    warm = min(1.0, (progress + 1e-3) / 0.05)
+    cosine = 0.5 * (1.0 + math.cos(math.pi * progress))
+    return warm * (final_fraction + (1.0 - final_fraction) * cosine)
