@@ -46,9 +46,9 @@ def main(threads: int) -> None:
     autoencoder, curve = fit_autoencoder(np.asarray(recording.frames), config, seed=0)
     print(f"{WARM_STEPS} steps from nothing: {time.perf_counter() - begin:.1f} s, mse {curve[-1].mse:.2e}")
 
-    optimizer = optimizer_of(autoencoder, config.rate)
-    set_rates(optimizer, config.rate, step=WARM_STEPS, steps=FULL_STEPS)
     images = to_images(np.asarray(recording.frames)[:: len(recording.frames) // config.batch][: config.batch])
+    optimizer = optimizer_of(autoencoder, config.rate, images[:8])
+    set_rates(optimizer, config.rate, step=WARM_STEPS, steps=FULL_STEPS)
     latents = autoencoder.encode(images).detach()
     parts = {
         "whole step": lambda: train_step(autoencoder, optimizer, images, config, 0),

@@ -46,12 +46,15 @@ class SystemConfig:
     d: int
     """Latent dimension: its number of degrees of freedom."""
     n_gaussians: int
+    batch: int
+    """Frames a step of stage 1: fewer where frames are large."""
 
     def __post_init__(self) -> None:
         """Check the counts; stage 1 checks them again where they are used."""
-        if min(self.d, self.n_gaussians) < 1:
+        if min(self.d, self.n_gaussians, self.batch) < 1:
             raise ValueError(
-                f"system.d={self.d} and system.n_gaussians={self.n_gaussians} must be at least 1"
+                f"system.d={self.d}, system.n_gaussians={self.n_gaussians} and system.batch={self.batch} "
+                "must be at least 1"
             )
 
 

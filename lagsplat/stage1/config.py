@@ -40,6 +40,7 @@ class RateConfig:
     """Adam step sizes. A centre is in pixels and wants far larger steps than a logit."""
 
     encoder: float
+    latent_step: float | None  # cap on how far one step can move a latent; lowers the encoder's rate to it
     center: float  # spatial centres and their couplings to the latent [px]
     gaussian: float  # every other parameter of a Gaussian
     warmup_steps: int
@@ -49,6 +50,10 @@ class RateConfig:
     def __post_init__(self) -> None:
         if min(self.encoder, self.center, self.gaussian) <= 0:
             raise ValueError("stage1.rate.encoder, .center and .gaussian must be positive step sizes")
+        if self.latent_step is not None and self.latent_step <= 0:
+            raise ValueError(
+                f"stage1.rate.latent_step={self.latent_step} must be positive, or null for no cap"
+            )
         if not 0 < self.final_fraction <= 1:
             raise ValueError(f"stage1.rate.final_fraction={self.final_fraction} must lie in (0, 1]")
 

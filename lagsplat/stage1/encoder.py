@@ -64,3 +64,19 @@ def spread_latents(encoder: Encoder, images: Images) -> None:
     weight[:open_axes] = axes[:open_axes] / sigma[:open_axes, None]
     encoder.head.weight.copy_(weight)
     encoder.head.bias.copy_(-weight @ mean)
+
+
+def sensitivity(encoder: Encoder, images: Images) -> float:
+    """How far the latents move when every weight moves by one against them: the 1-norm of dz/dweights.
+
+    A mean over images and latent axes. Adam moves every weight by about its rate, so the rate times this
+    bounds the first steps of a latent. It differs by a factor of ten between recordings: the smaller the part
+    of the image that moves, the more `spread_latents` has to amplify it.
+    """
+    parameters = list(encoder.parameters())
+    norms = [
+        sum(float(slope.abs().sum()) for slope in torch.autograd.grad(axis, parameters, retain_graph=True))
+        for image in images
+        for axis in encoder(image[None])[0]
+    ]
+    return sum(norms) / len(norms)

@@ -24,6 +24,7 @@ from lagsplat.stage1.schedule import optimizer_of, set_rates
 log = logging.getLogger(__name__)
 
 CURVE_POINTS = 400  # rows of the training curve, whatever the length of the run
+PROBED = 8  # frames on which the encoder's sensitivity is measured
 
 
 class CurvePoint(NamedTuple):
@@ -61,7 +62,8 @@ def fit_autoencoder(
     """
     device = device_of(config.backend)
     autoencoder = initialize(frames, config, seed=seed).to(device)
-    optimizer = optimizer_of(autoencoder, config.rate)
+    few = np.asarray(frames)[:: max(1, len(frames) // PROBED)][:PROBED]
+    optimizer = optimizer_of(autoencoder, config.rate, to_images(few, device))
     first, curve = restore(autoencoder, optimizer, checkpoint, identity)
     stored = torch.from_numpy(np.array(frames)).to(device)  # a copy: the file is mapped read-only
     sums, counted, recycled, saved_at = np.zeros(3), 0, 0, time.monotonic()

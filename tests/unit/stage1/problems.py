@@ -32,7 +32,13 @@ def small_config(**changes: object) -> Stage1Config:
             l1=0.8, ssim=0.2, nonlocal_filter=1e-4, anisotropy=0.01, ssim_window=7, anisotropy_limit=5.0
         ),
         "rate": RateConfig(
-            encoder=1e-3, center=5e-2, gaussian=2e-2, warmup_steps=5, final_fraction=0.05, gradient_clip=None
+            encoder=1e-3,
+            latent_step=3.0,
+            center=5e-2,
+            gaussian=2e-2,
+            warmup_steps=5,
+            final_fraction=0.05,
+            gradient_clip=None,
         ),
         "init": InitConfig(
             encoder="spread", spatial_sigma=0.1, latent_sigma=1.5, opacity=0.5, background="learned"

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from lagsplat.stage1.encoder import Encoder, spread_latents
+from lagsplat.stage1.encoder import Encoder, sensitivity, spread_latents
 
 
 @pytest.mark.parametrize(("d", "expected"), [(1, 2055), (2, 2088), (4, 2154)])
@@ -31,3 +31,16 @@ def test_a_single_frame_leaves_the_latent_closed_but_finite():
     encoder = Encoder(2, kernel=12, channels=2)
     spread_latents(encoder, torch.rand(1, 3, 16, 16))
     assert torch.isfinite(encoder.head.weight).all()
+
+
+def test_sensitivity_bounds_a_step_of_adam():
+    torch.manual_seed(1)
+    images = torch.rand(4, 3, 16, 16)
+    encoder = Encoder(2, kernel=12, channels=2)
+    spread_latents(encoder, images)
+    before, bound, rate = encoder(images).detach(), sensitivity(encoder, images), 1e-6
+    optimizer = torch.optim.Adam(encoder.parameters(), lr=rate)
+    encoder(images)[:, 0].sum().backward()
+    optimizer.step()
+    moved = (encoder(images) - before).abs()[:, 0].mean().item()
+    assert 0.2 * rate * bound < moved < 2 * rate * bound

@@ -71,7 +71,7 @@ def test_a_checkpoint_of_another_run_is_ignored(tmp_path, caplog):
 def test_a_diverging_loss_stops_with_advice():
     frames = swinging_bar(10)
     config = small_config()
-    config.rate.encoder = 1e30
+    config.rate.encoder, config.rate.latent_step = 1e30, None
     with pytest.raises(FloatingPointError, match=r"Lower stage1\.rate"):
         fit_autoencoder(frames, config, seed=0)
 
