@@ -107,7 +107,7 @@ class ShootConfig:
 
     steps: int
     batch: int  # windows a step
-    rate: float
+    lr: float
     periods: float  # final length of a window, in natural periods; it grows to this from half
 
     def __post_init__(self) -> None:
@@ -115,8 +115,8 @@ class ShootConfig:
             raise ValueError(
                 f"stage2.shoot.steps={self.steps} must be 0 or more and .batch={self.batch} at least 1"
             )
-        if min(self.rate, self.periods) <= 0:
-            raise ValueError("stage2.shoot.rate and .periods must be positive")
+        if min(self.lr, self.periods) <= 0:
+            raise ValueError("stage2.shoot.lr and .periods must be positive")
 
 
 @dataclass
@@ -131,7 +131,7 @@ class Stage2Config:
     velocity_weight: float  # of the velocity term against the position term
     steps: int  # of the one-step objective
     batch: int  # windows a step
-    rate: float  # Adam
+    lr: float  # Adam
     final_fraction: float  # of the rate, reached at the last step on a cosine; 1 keeps it constant
     gradient_clip: float
     select: SelectConfig
@@ -149,7 +149,7 @@ class Stage2Config:
             raise ValueError(
                 f"stage2.steps={self.steps} must be 0 or more and stage2.batch={self.batch} at least 1"
             )
-        if min(self.rate, self.gradient_clip) <= 0 or self.velocity_weight < 0:
-            raise ValueError("stage2.rate and .gradient_clip must be positive, .velocity_weight not negative")
+        if min(self.lr, self.gradient_clip) <= 0 or self.velocity_weight < 0:
+            raise ValueError("stage2.lr and .gradient_clip must be positive, .velocity_weight not negative")
         if not 0 < self.final_fraction <= 1:
             raise ValueError(f"stage2.final_fraction={self.final_fraction} must lie in (0, 1]")

@@ -195,7 +195,7 @@ def one_step_stage(run: Run, lagrangian: Lagrangian) -> None:
         )
 
     _descend(
-        run, lagrangian, loss, "one_step", steps=config.steps, rate=config.rate, every=config.select.every
+        run, lagrangian, loss, "one_step", steps=config.steps, lr=config.lr, every=config.select.every
     )
 
 
@@ -215,7 +215,7 @@ def shooting_stage(run: Run, lagrangian: Lagrangian) -> None:
         return shooting_error(lagrangian, taken, run.metric, step=step)
 
     _descend(
-        run, lagrangian, loss, "shooting", steps=shoot.steps, rate=shoot.rate, every=max(1, shoot.steps // 20)
+        run, lagrangian, loss, "shooting", steps=shoot.steps, lr=shoot.lr, every=max(1, shoot.steps // 20)
     )
 
 
@@ -226,12 +226,12 @@ def _descend(
     stage: str,
     *,
     steps: int,
-    rate: float,
+    lr: float,
     every: int,
 ) -> None:
     config = run.config
     parameters = [p for p in lagrangian.parameters() if p.requires_grad]
-    optimizer = torch.optim.Adam(_rates(lagrangian, rate), fused=True)
+    optimizer = torch.optim.Adam(_rates(lagrangian, lr), fused=True)
     schedule = torch.optim.lr_scheduler.LambdaLR(
         optimizer, lambda i: _schedule(i / steps, final_fraction=config.final_fraction)
     )
@@ -249,13 +249,13 @@ def _descend(
             run.grade(lagrangian, stage, i + 1, float(value.detach()))
 
 
-def _rates(lagrangian: Lagrangian, rate: float) -> list[dict[str, object]]:
+def _rates(lagrangian: Lagrangian, lr: float) -> list[dict[str, object]]:
     # the constant parts start at the optimum of a stiff problem, where steps fit for a network throw them off
     parts: dict[bool, list[Tensor]] = {True: [], False: []}
     for name, parameter in lagrangian.named_parameters():
         if parameter.requires_grad:
             parts[name.split(".")[-1] in CONSTANT_PARTS].append(parameter)
-    return [{"params": parts[False], "lr": rate}, {"params": parts[True], "lr": CONSTANT_SHARE * rate}]
+    return [{"params": parts[False], "lr": lr}, {"params": parts[True], "lr": CONSTANT_SHARE * lr}]
 
 
 def _schedule(progress: float, *, final_fraction: float) -> float:

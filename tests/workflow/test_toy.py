@@ -27,6 +27,7 @@ def snakemake(source: Path, folder: Path, *arguments: str) -> subprocess.Complet
         capture_output=True,
         text=True,
         env=environment,
+        cwd=folder,  # `python -m` looks for modules there first, and must find those of the copy
         check=False,
     )
 

@@ -39,7 +39,7 @@ def config(**changes: object) -> Stage2Config:
         "velocity_weight": 1.0,
         "steps": 4,
         "batch": 16,
-        "rate": 1e-3,
+        "lr": 1e-3,
         "final_fraction": 0.1,
         "gradient_clip": 10.0,
         "select": SelectConfig(8, 1.0, 2),
