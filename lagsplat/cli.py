@@ -18,12 +18,14 @@ from dataclasses import asdict
 from pathlib import Path
 
 from lagsplat.config import Config, ConfigError, closest, compose
+from lagsplat.provenance import let_waiting_threads_sleep
 
 OWN = ("run", "out", "input", "seconds", "frame")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit code."""
+    let_waiting_threads_sleep()
     words = list(sys.argv[1:] if arguments is None else arguments)
     logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stderr)
     if not words or words[0] in ("-h", "--help", "help"):

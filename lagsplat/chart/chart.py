@@ -102,16 +102,11 @@ def fit_chart(
     Only training frames decide the whitening, the metric and the dimension.
 
     Raises:
-        ValueError: a latent axis without variance, an empty split, or a metric that cannot be measured.
+        ValueError: a latent axis without variance, too short a split, or a metric that cannot be measured.
 
     Source: paper, "Reading the chart" and Implementation Details.
     """
-    n_train = int(train_fraction * recording.n_frames)
-    if not 0 < n_train < recording.n_frames:
-        raise ValueError(
-            f"train_fraction={train_fraction} of {recording.n_frames} frames leaves {n_train} for training "
-            f"and {recording.n_frames - n_train} held out: both need some"
-        )
+    n_train = recording.split(train_fraction)[0].n_frames
     z = encode_frames(autoencoder, recording.frames)
     white = fit_whitening(z[:n_train], eigenvalue_floor=config.eigenvalue_floor)
     q = (z - white.mean) @ white.whiten

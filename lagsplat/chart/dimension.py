@@ -13,17 +13,19 @@ def intrinsic_dimension(q: Series, *, frames: int, neighbours: int, seed: int) -
     the neighbourhood: noise raises it, a coordinate that hardly moves lowers it.
 
     Raises:
-        ValueError: fewer frames than neighbours.
+        ValueError: fewer different frames than neighbours.
 
     Source: Levina and Bickel 2004; https://doi.org/10.3390/e23101368 (scikit-dimension).
     """
     if q.shape[1] == 1:
         return 1.0
-    if len(q) <= neighbours:
-        raise ValueError(
-            f"{len(q)} training frames are too few for chart.dimension_neighbours={neighbours}: lower it"
-        )
     rng = np.random.default_rng(seed)
-    sample = q[rng.choice(len(q), min(frames, len(q)), replace=False)]
+    # Equal frames, at rest say, have no distance to take the logarithm of.
+    sample = np.unique(q[rng.choice(len(q), min(frames, len(q)), replace=False)], axis=0)
+    if len(sample) <= neighbours:
+        raise ValueError(
+            f"{len(sample)} different training frames are too few for "
+            f"chart.dimension_neighbours={neighbours}: lower it"
+        )
     local = MLE().fit_transform_pw(sample, n_neighbors=neighbours)
     return float(1.0 / np.mean(1.0 / local[np.isfinite(local) & (local > 0)]))

@@ -65,6 +65,7 @@ def table_row(
         "n_seeds": aggregated["n_seeds"],
         "rollouts": aggregated["rollouts"],
         "spread": aggregated["spread"],
+        "source": aggregated["recording"].get("source"),
     }
     for name in MEASURED:
         row[f"{name}_low"], row[f"{name}_high"] = scores[name]["low"], scores[name]["high"]
@@ -128,17 +129,23 @@ def latex_table(rows: Sequence[Mapping[str, Any]], *, titles: Mapping[str, str])
 
 
 def _caption(rows: Sequence[Mapping[str, Any]], frame: pd.DataFrame) -> str:
-    recordings = " and ".join(sorted({str(row["recording"]) for row in rows}))
+    recordings = " and ".join(sorted({_named(row) for row in rows}))
     profiles = " and ".join(sorted({str(row["profile"]) for row in rows}))
     spreads = "; ".join(sorted({f"{row['spread']} ({row['n_seeds']})" for row in rows}))
     text = (
         f"Half-second forecasts, free oscillation and two-period forecasts on the held-out part of the "
-        f"{recordings} recording, profile {profiles}. Values and brackets: {spreads}. A rollout that "
+        f"{recordings}, profile {profiles}. Values and brackets: {spreads}. A rollout that "
         "diverges stays in every mean, scored no better than the mean prediction. Rows marked as the "
         "paper's are its own numbers, measured on its filmed recordings, and are not comparable with a "
         "simulated one."
     )
     return _escape(text)
+
+
+def _named(row: Mapping[str, Any]) -> str:
+    """A recording as the caption calls it: a file that a user gave need not be what a camera saw."""
+    source = row.get("source")
+    return f"{row['recording']} recording" + (f" ({source})" if source else "")
 
 
 def _line(row: Mapping[Any, Any], rollouts: Mapping[tuple[str, str, str], int]) -> str:

@@ -194,9 +194,7 @@ def one_step_stage(run: Run, lagrangian: Lagrangian) -> None:
             lagrangian, windows.pick(pick), run.metric, velocity_weight=config.velocity_weight
         )
 
-    _descend(
-        run, lagrangian, loss, "one_step", steps=config.steps, lr=config.lr, every=config.select.every
-    )
+    _descend(run, lagrangian, loss, "one_step", steps=config.steps, lr=config.lr, every=config.select.every)
 
 
 def shooting_stage(run: Run, lagrangian: Lagrangian) -> None:

@@ -1,5 +1,6 @@
 """The digest follows code and nothing else; the stamp tells the truth; planning stays light."""
 
+import os
 import random
 import shutil
 import subprocess
@@ -13,7 +14,13 @@ import pytest
 import torch
 
 from lagsplat import provenance
-from lagsplat.provenance import code_digest, seed_everything, set_threads, stamp
+from lagsplat.provenance import (
+    code_digest,
+    let_waiting_threads_sleep,
+    seed_everything,
+    set_threads,
+    stamp,
+)
 
 FILES = {
     "__init__.py": '"""The package."""\n\n__version__ = "1"\n',
@@ -189,3 +196,12 @@ def test_threads_reach_torch_and_numba() -> None:
     finally:
         torch.set_num_threads(before[0])
         numba.set_num_threads(before[1])
+
+
+def test_waiting_threads_sleep_unless_told_otherwise(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("OMP_WAIT_POLICY", raising=False)
+    let_waiting_threads_sleep()
+    assert os.environ["OMP_WAIT_POLICY"] == "PASSIVE"
+    monkeypatch.setenv("OMP_WAIT_POLICY", "ACTIVE")
+    let_waiting_threads_sleep()
+    assert os.environ["OMP_WAIT_POLICY"] == "ACTIVE"

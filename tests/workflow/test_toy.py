@@ -102,6 +102,20 @@ def test_the_table_says_what_it_is_of(results: Path) -> None:
     assert "toy" in tex
 
 
+def test_the_scores_are_where_they_were(results: Path) -> None:
+    """The bands are wide enough for another processor, and narrow enough to notice a stage that got worse."""
+    golden = json.loads((ROOT / "tests" / "golden" / "toy.json").read_text(encoding="utf-8"))
+    scores = json.loads((results / HERE / "default-0/default-0/metrics.json").read_text(encoding="utf-8"))[
+        "scores"
+    ]
+    outside = {
+        name: (scores[name], band)
+        for name, band in golden.items()
+        if scores[name] is None or not band["low"] <= scores[name] <= band["high"]
+    }
+    assert not outside
+
+
 def test_metrics_and_records_say_what_made_them(results: Path) -> None:
     metrics = json.loads((results / HERE / "default-0/default-0/metrics.json").read_text(encoding="utf-8"))
     assert metrics["scores"]["diverged"] >= 0

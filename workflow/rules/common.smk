@@ -1,4 +1,3 @@
-import os
 from dataclasses import asdict, is_dataclass
 from operator import attrgetter
 from pathlib import Path
@@ -13,9 +12,9 @@ from lagsplat.planning import (
     read_overrides,
     script_digest,
 )
+from lagsplat.provenance import let_waiting_threads_sleep
 
-# torch and Numba bring an OpenMP pool each. A thread that spins while it waits takes the core from the other pool.
-os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+let_waiting_threads_sleep()  # the jobs inherit it
 
 # snakemake --config hydra="profile=paper stage2.steps=9000" hydra_krauss_2seg="stage1=upstream"
 try:
