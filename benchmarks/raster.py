@@ -207,6 +207,7 @@ def single_frame(size: int, count: int, *, gate: float, repeat: int) -> None:
 
 def main(threads: int) -> None:
     set_threads(threads)
+    torch.set_num_threads(threads)  # its rivals are written in torch
     policy = os.environ.get("OMP_WAIT_POLICY", "not set")
     print(
         f"threads: numba {numba.get_num_threads()}, torch {torch.get_num_threads()}; OMP_WAIT_POLICY {policy}"

@@ -4,6 +4,7 @@ Usage: ``python benchmarks/stage1.py [threads]``. Trains briefly on a short simu
 so that the Gaussians have the sizes of a real run, then times whole steps and their parts side by side.
 """
 
+import os
 import resource
 import statistics
 import sys
@@ -12,7 +13,6 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-import torch
 
 from lagsplat.config import compose
 from lagsplat.provenance import set_threads
@@ -69,4 +69,4 @@ def main(threads: int) -> None:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else torch.get_num_threads())
+    main(int(sys.argv[1]) if len(sys.argv) > 1 else os.cpu_count() or 1)

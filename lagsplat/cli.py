@@ -11,6 +11,7 @@ input is invalid, and the reason stands on stderr.
 """
 
 import logging
+import os
 import sys
 import zipfile
 from collections.abc import Callable, Sequence
@@ -74,9 +75,10 @@ def _reading(path: Path) -> list[str]:
 
 def _fit(words: list[str]) -> None:
     from lagsplat.pipeline import fit
-    from lagsplat.provenance import code_digest
+    from lagsplat.provenance import code_digest, set_threads
 
     own, rest = _split(words, needed=("out",), allowed=("out",))
+    set_threads(os.cpu_count() or 1)
     experiment = _experiment(rest)
     header = {"config": asdict(experiment), "code": code_digest("lagsplat.pipeline")}
     fit(experiment, out=Path(own["out"]), header=header)

@@ -20,7 +20,6 @@ from lagsplat.config import Config
 from lagsplat.evaluate.evaluate import evaluate
 from lagsplat.io.read import read_recording
 from lagsplat.io.recording import Recording, load_recording, save_recording
-from lagsplat.provenance import set_threads
 from lagsplat.stage1.autoencoder import Autoencoder, load_autoencoder, save_autoencoder
 from lagsplat.stage1.fit import fit_autoencoder
 from lagsplat.stage2.fit import fit_dynamics, load_dynamics, save_dynamics
@@ -71,7 +70,6 @@ def fit(experiment: Config, *, out: Path, header: Mapping[str, Any]) -> Run:
     save_autoencoder(out / "autoencoder.safetensors", autoencoder, header)
     chart = fit_chart(autoencoder, recording, experiment.chart, train_fraction=fraction, seed=seed)
     save_chart(out / "chart.safetensors", chart, header)
-    set_threads(1)  # the tensors of stage 2 are so small that a second thread only costs
     lagrangian, report = fit_dynamics(
         chart.train.smoothed(chart.smoothing_frames),
         chart.metric,

@@ -205,9 +205,12 @@ def let_waiting_threads_sleep() -> None:
 
 
 def set_threads(n: int) -> None:
-    """Let torch and Numba use ``n`` threads each.
+    """Let Numba use ``n`` threads, and torch one.
 
-    Numba cannot go above the number of threads it was started with; it then takes that number.
+    The rasteriser is parallel over frames. What torch is left with are many small operations, which gain a
+    quarter from a second thread on an idle machine and lose a factor of two to twenty to its hand-overs as
+    soon as another program wants a core. Numba cannot go above the number of threads it was started with; it
+    then takes that number.
 
     Raises:
         ValueError: ``n`` is below one.
@@ -217,5 +220,5 @@ def set_threads(n: int) -> None:
     import numba
     import torch
 
-    torch.set_num_threads(n)
+    torch.set_num_threads(1)
     numba.set_num_threads(min(n, numba.config.NUMBA_NUM_THREADS))  # type: ignore[attr-defined]
