@@ -36,7 +36,8 @@ def visibility(decode: Decode, q: Series, *, step: float) -> Visibility:
 
     Differences of width ``step`` and ``2 step`` are combined by Richardson's rule, exact to fourth order. The
     rasteriser drops a Gaussian below 1/255 of opacity: the square of such a jump over a short step grows as
-    the step shrinks (a tenth too much at 0.01 whitened units, a hundredth at 0.1), so prefer a long one.
+    the step shrinks, while over a long one the picture bends. On 2048 trained Gaussians at 32x32 the trace
+    is level within 2 % between 0.01 and 0.04 whitened units and 9 % low at 0.16.
 
     Raises:
         ValueError: the metric of the two steps differs by more than a tenth, or the picture does not change.
