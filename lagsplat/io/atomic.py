@@ -28,7 +28,10 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     target.parent.mkdir(parents=True, exist_ok=True)
     temporary = target.with_name(f".{target.stem}.{secrets.token_hex(6)}{target.suffix}")
     try:
+        temporary.touch()
+        mode = temporary.stat().st_mode  # the user's umask; some writers make their files private
         yield temporary
+        temporary.chmod(mode)
         _flush(temporary)
         os.replace(temporary, target)
         _flush(target.parent)

@@ -114,3 +114,9 @@ def test_failed_write_leaves_the_earlier_file(path: Path) -> None:
         save_artefact(path, {"big": np.zeros(100_000)}, HEADER)
     assert path.read_bytes() == before
     assert list(path.parent.iterdir()) == [path]
+
+
+def test_an_artefact_is_as_readable_as_any_other_file(tmp_path: Path) -> None:
+    save_artefact(tmp_path / "a.safetensors", {"x": np.zeros(1)}, {"kind": "test", "schema": 1})
+    (tmp_path / "other").touch()
+    assert (tmp_path / "a.safetensors").stat().st_mode == (tmp_path / "other").stat().st_mode

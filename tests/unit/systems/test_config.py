@@ -11,7 +11,7 @@ def test_the_choices_of_conf_are_valid(load, name):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"n_frames": 180}, r"n_frames = 180 leaves no driven frames.*use more than 180"),
+        ({"n_frames": 225}, r"n_frames = 225 leaves no driven frames.*use more than 225"),
         ({"tail_frames": 0}, "tail_frames"),
         ({"height": 4}, "8 x 8"),
         ({"drive_high_hz": 40.0}, "half the frame rate"),
