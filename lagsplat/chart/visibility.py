@@ -40,7 +40,7 @@ def visibility(decode: Decode, q: Series, *, step: float) -> Visibility:
     is level within 2 % between 0.01 and 0.04 whitened units and 9 % low at 0.16.
 
     Raises:
-        ValueError: the metric of the two steps differs by more than three tenths, or the picture does not change.
+        ValueError: the two steps give metrics that differ by three tenths, or the picture does not change.
 
     Source: paper eq. (visibility).
     """
