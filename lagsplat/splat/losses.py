@@ -1,5 +1,7 @@
 """Terms of the reconstruction loss. Each returns a scalar, averaged over what it is computed on."""
 
+from functools import cache
+
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -10,6 +12,7 @@ SSIM_SIGMA = 1.5  # [px], of the window: Wang et al. 2004, doi:10.1109/TIP.2003.
 SSIM_C1, SSIM_C2 = 0.01**2, 0.03**2  # the same, for colours in [0, 1]
 
 
+@cache
 def ssim_filter(length: int, window: int) -> Float[Tensor, "valid length"]:
     """Rows that average ``length`` samples under a Gaussian window, without padding.
 
