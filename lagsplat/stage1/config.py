@@ -40,7 +40,7 @@ class RateConfig:
     """Adam step sizes. A centre is in pixels and wants far larger steps than a logit."""
 
     encoder: float
-    latent_step: float | None  # cap on how far one step can move a latent; lowers the encoder's rate to it
+    latent_step: float | None  # times d: cap on how far one step can move a latent, by a lower encoder rate
     center: float  # spatial centres and their couplings to the latent [px]
     gaussian: float  # every other parameter of a Gaussian
     warmup_steps: int
@@ -62,15 +62,15 @@ class RateConfig:
 class InitConfig:
     """Where the parameters start."""
 
-    encoder: str  # 'spread': the training frames get unit latent covariance; 'plain': torch's default
+    encoder: str  # 'unfolded': latents start along the motion, see `unfold`; 'plain': torch's default
     spatial_sigma: float  # of a Gaussian, as a fraction of the image height
     latent_sigma: float  # of a Gaussian, in units of the encoded spread
     opacity: float
     background: str  # 'learned' or 'black'
 
     def __post_init__(self) -> None:
-        if self.encoder not in ("spread", "plain"):
-            raise ValueError(f"stage1.init.encoder={self.encoder!r}: choose 'spread' or 'plain'")
+        if self.encoder not in ("unfolded", "plain"):
+            raise ValueError(f"stage1.init.encoder={self.encoder!r}: choose 'unfolded' or 'plain'")
         if self.background not in ("learned", "black"):
             raise ValueError(f"stage1.init.background={self.background!r}: choose 'learned' or 'black'")
         if not 0 < self.opacity < 1:

@@ -45,33 +45,12 @@ class Encoder(nn.Module):
         return self.head(self.features(images))
 
 
-@torch.no_grad()
-def spread_latents(encoder: Encoder, images: Images) -> None:
-    """Set the linear layer, in place, so that ``images`` get latents of zero mean and unit covariance.
-
-    The latent axes become the leading principal components of the untrained features. Started from its
-    default, the encoder sends every frame to nearly the same latent, and training idles for thousands of
-    steps until the latent opens. With fewer distinct images than axes the remaining axes start closed.
-
-    Source: data-dependent initialisation, Krähenbühl et al. 2016, arXiv:1511.06856.
-    """
-    features = encoder.features(images).double()
-    mean = features.mean(0)
-    _, deviations, axes = torch.linalg.svd(features - mean, full_matrices=False)
-    sigma = deviations[: encoder.head.out_features] / max(len(images) - 1, 1) ** 0.5
-    open_axes = int((sigma > 1e-6 * sigma[0].clamp_min(1e-30)).sum())
-    weight = torch.zeros(encoder.head.out_features, features.shape[1], dtype=torch.float64)
-    weight[:open_axes] = axes[:open_axes] / sigma[:open_axes, None]
-    encoder.head.weight.copy_(weight)
-    encoder.head.bias.copy_(-weight @ mean)
-
-
 def sensitivity(encoder: Encoder, images: Images) -> float:
     """How far the latents move when every weight moves by one against them: the 1-norm of dz/dweights.
 
     A mean over images and latent axes. Adam moves every weight by about its rate, so the rate times this
     bounds the first steps of a latent. It differs by a factor of ten between recordings: the smaller the part
-    of the image that moves, the more `spread_latents` has to amplify it.
+    of the image that moves, the more `lagsplat.stage1.unfold.unfold` has to amplify it.
     """
     parameters = list(encoder.parameters())
     norms = [

@@ -1,4 +1,4 @@
-"""Where stage 1 starts: Gaussians on the edges of one frame, latents already spread."""
+"""Where stage 1 starts: Gaussians on the edges of one frame, latents already unfolded."""
 
 import math
 
@@ -9,7 +9,7 @@ from lagsplat.shapes import Frames
 from lagsplat.splat.gaussians import Gaussians
 from lagsplat.stage1.autoencoder import Autoencoder, encode_frames, to_images
 from lagsplat.stage1.config import InitConfig, Stage1Config
-from lagsplat.stage1.encoder import spread_latents
+from lagsplat.stage1.unfold import unfold
 
 SAMPLE = 1024  # frames whose encodings set the latent scale
 FLAT_SHARE = 0.2  # probability given to every pixel, edges taking the rest
@@ -31,8 +31,8 @@ def initialize(frames: Frames, config: Stage1Config, *, seed: int) -> Autoencode
         backend=config.backend,
     )
     sample = np.asarray(frames[np.sort(rng.choice(len(frames), min(SAMPLE, len(frames)), replace=False))])
-    if config.init.encoder == "spread":
-        spread_latents(autoencoder.encoder, to_images(sample))
+    if config.init.encoder == "unfolded":
+        unfold(autoencoder.encoder, to_images(sample))
     latents = encode_frames(autoencoder, sample)
     reference = np.asarray(frames[0]) / 255.0
     place(autoencoder.gaussians, reference, latents, config.init, rng)

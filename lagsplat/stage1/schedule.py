@@ -17,7 +17,8 @@ def optimizer_of(autoencoder: Autoencoder, config: RateConfig, images: Images) -
     """
     encoder_rate = config.encoder
     if config.latent_step is not None:
-        encoder_rate = min(encoder_rate, config.latent_step / sensitivity(autoencoder.encoder, images))
+        allowed = config.latent_step * autoencoder.d
+        encoder_rate = min(encoder_rate, allowed / sensitivity(autoencoder.encoder, images))
     in_pixels = ("center", "coupling")
     gaussians = dict(autoencoder.gaussians.named_parameters())
     groups = [

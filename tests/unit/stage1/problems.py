@@ -41,7 +41,7 @@ def small_config(**changes: object) -> Stage1Config:
             gradient_clip=None,
         ),
         "init": InitConfig(
-            encoder="spread", spatial_sigma=0.1, latent_sigma=1.5, opacity=0.5, background="learned"
+            encoder="unfolded", spatial_sigma=0.1, latent_sigma=1.5, opacity=0.5, background="learned"
         ),
         "lifecycle": LifecycleConfig(every=20, start=0.2, stop=0.8, peak_opacity=0.02, split_share=0.5),
     }

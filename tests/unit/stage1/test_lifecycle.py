@@ -51,6 +51,7 @@ def test_review_brings_the_invisible_back_and_clears_their_memory(share):
     (autoencoder.decode(autoencoder.encode(images)) - images).square().mean().backward()
     optimizer.step()
     with torch.no_grad():
+        autoencoder.gaussians.precision_log_diagonal.fill_(-3.0)  # all the others are seen everywhere
         autoencoder.gaussians.opacity_logit[:5] = -9.0
     config = LifecycleConfig(every=1, start=0.0, stop=1.0, peak_opacity=0.02, split_share=share)
     assert review(autoencoder, optimizer, frames, config, rng=np.random.default_rng(0)) == 5

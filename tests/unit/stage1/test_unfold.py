@@ -1,0 +1,86 @@
+"""The encoder's start: smooth filters, and latents that follow a motion wider than what moves."""
+
+import numpy as np
+import pytest
+import torch
+from scipy.stats import spearmanr
+
+from lagsplat.stage1.encoder import Encoder
+from lagsplat.stage1.unfold import geodesic_coordinates, smooth_filters, unfold
+
+
+def travelling_blob(positions, *, height=24, width=40):
+    """A bright spot of 2 px on a grey ground, its column given, its row fixed."""
+    rows, columns = np.mgrid[:height, :width] + 0.5
+    spots = [np.exp(-((columns - x) ** 2 + (rows - 12) ** 2) / 8) for x in positions]
+    return torch.as_tensor(np.repeat(0.3 + 0.6 * np.stack(spots)[:, None], 3, axis=1), dtype=torch.float32)
+
+
+@pytest.fixture
+def motion():
+    positions = np.random.default_rng(0).uniform(5, 35, 200)
+    return positions, travelling_blob(positions)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_motion_wider_than_the_object_is_not_folded(motion, seed):
+    positions, images = motion
+    torch.manual_seed(seed)
+    encoder = Encoder(1, kernel=12, channels=2)
+    unfold(encoder, images)
+    latents = encoder(images).detach().numpy()[:, 0]
+    assert abs(spearmanr(positions, latents).statistic) > 0.98
+    assert latents.std() == pytest.approx(1.0, abs=0.1)
+
+
+def test_geodesic_coordinates_are_positions_along_the_motion(motion):
+    positions, images = motion
+    coordinates = geodesic_coordinates(images, 1)[:, 0]
+    assert abs(np.corrcoef(positions, coordinates)[0, 1]) > 0.99
+    assert coordinates.mean() == pytest.approx(0, abs=1e-9)
+    assert coordinates.std() == pytest.approx(1)
+
+
+def test_the_start_is_the_same_for_the_same_seed(motion):
+    _, images = motion
+    weights = []
+    for _ in range(2):
+        torch.manual_seed(3)
+        encoder = Encoder(1, kernel=12, channels=2)
+        unfold(encoder, images)
+        weights.append(encoder.head.weight.detach().clone())
+    assert torch.equal(*weights)
+
+
+def test_blurred_filters_are_smoother_and_as_large():
+    torch.manual_seed(0)
+    encoder = Encoder(2, kernel=12, channels=2)
+    before = [bank.detach().clone() for bank in encoder.filters()]
+    smooth_filters(encoder)
+    after = [bank.detach() for bank in encoder.filters()]
+    for bank, rough in zip(after, before, strict=True):
+        assert bank.norm() == pytest.approx(rough.norm().item(), rel=1e-5)
+        assert bank.diff(dim=-1).norm() < 0.5 * rough.diff(dim=-1).norm()
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_fewer_frames_than_axes_leave_axes_closed_but_finite(count):
+    images = travelling_blob(np.linspace(10, 30, count))
+    encoder = Encoder(4, kernel=12, channels=2)
+    unfold(encoder, images)
+    assert torch.isfinite(encoder.head.weight).all()
+    assert (encoder.head.weight.abs().amax(1) > 0).sum() <= count - 1
+
+
+def test_repeated_frames_count_once():
+    images = travelling_blob(np.full(30, 20.0))
+    encoder = Encoder(2, kernel=12, channels=2)
+    unfold(encoder, images)
+    assert not encoder.head.weight.any()
+
+
+def test_large_frames_are_compared_small():
+    positions = np.linspace(10, 190, 400)
+    images = travelling_blob(positions, height=120, width=200)
+    coordinates = geodesic_coordinates(images, 1)[:, 0]
+    assert abs(spearmanr(positions, coordinates).statistic) > 0.98
