@@ -47,7 +47,7 @@ def main(threads: int) -> None:
     print(f"{WARM_STEPS} steps from nothing: {time.perf_counter() - begin:.1f} s, mse {curve[-1].mse:.2e}")
 
     images = to_images(np.asarray(recording.frames)[:: len(recording.frames) // config.batch][: config.batch])
-    optimizer = optimizer_of(autoencoder, config.rate, images[:8])
+    optimizer = optimizer_of(autoencoder, config.rate)
     set_rates(optimizer, config.rate, step=WARM_STEPS, steps=FULL_STEPS)
     latents = autoencoder.encode(images).detach()
     parts = {

@@ -40,7 +40,7 @@ class RateConfig:
     """Adam step sizes. A centre is in pixels and wants far larger steps than a logit."""
 
     encoder: float
-    latent_step: float | None  # times d: cap on how far one step can move a latent, by a lower encoder rate
+    latent_step: float | None  # cap on how far one step moves the latents, over their spread; null for none
     center: float  # spatial centres and their couplings to the latent [px]
     gaussian: float  # every other parameter of a Gaussian
     warmup_steps: int

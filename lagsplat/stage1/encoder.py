@@ -1,5 +1,7 @@
 """The continuity-preserving encoder: few, large filters, so that the latent follows motion without steps."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from itertools import pairwise
 
 import torch
@@ -45,17 +47,23 @@ class Encoder(nn.Module):
         return self.head(self.features(images))
 
 
-def sensitivity(encoder: Encoder, images: Images) -> float:
-    """How far the latents move when every weight moves by one against them: the 1-norm of dz/dweights.
+@contextmanager
+def small_moves(encoder: Encoder, images: Images, *, limit: float | None) -> Iterator[None]:
+    """Shorten a step of the optimiser that moves the latents of ``images`` by more than ``limit``.
 
-    A mean over images and latent axes. Adam moves every weight by about its rate, so the rate times this
-    bounds the first steps of a latent. It differs by a factor of ten between recordings: the smaller the part
-    of the image that moves, the more `lagsplat.stage1.unfold.unfold` has to amplify it.
+    ``limit`` is the rms move over the rms distance of these latents from their mean; None allows any step.
+    Without it, one step that agrees in all weights can throw every latent out of the cloud of Gaussians. Then
+    nothing is drawn, no gradient comes back, and training is over.
     """
-    parameters = list(encoder.parameters())
-    norms = [
-        sum(float(slope.abs().sum()) for slope in torch.autograd.grad(axis, parameters, retain_graph=True))
-        for image in images
-        for axis in encoder(image[None])[0]
-    ]
-    return sum(norms) / len(norms)
+    if limit is None:
+        yield
+        return
+    with torch.no_grad():
+        start = [parameter.clone() for parameter in encoder.parameters()]
+        before = encoder(images)
+        yield
+        move = (encoder(images) - before).square().mean().sqrt()
+        allowed = limit * (before - before.mean(0)).square().mean().sqrt()
+        if move > allowed:
+            for parameter, origin in zip(encoder.parameters(), start, strict=True):
+                parameter.lerp_(origin, float(1 - allowed / move))

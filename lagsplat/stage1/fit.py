@@ -16,6 +16,7 @@ from lagsplat.shapes import Frames
 from lagsplat.splat.backend import device_of
 from lagsplat.stage1.autoencoder import Autoencoder, to_images
 from lagsplat.stage1.config import Stage1Config
+from lagsplat.stage1.encoder import small_moves
 from lagsplat.stage1.initialize import initialize
 from lagsplat.stage1.lifecycle import is_due, review
 from lagsplat.stage1.objective import reconstruct
@@ -24,7 +25,7 @@ from lagsplat.stage1.schedule import optimizer_of, set_rates
 log = logging.getLogger(__name__)
 
 CURVE_POINTS = 400  # rows of the training curve, whatever the length of the run
-PROBED = 8  # frames on which the encoder's sensitivity is measured
+PROBED = 16  # frames of a batch on which the move of the latents is measured
 
 
 class CurvePoint(NamedTuple):
@@ -62,8 +63,7 @@ def fit_autoencoder(
     """
     device = device_of(config.backend)
     autoencoder = initialize(frames, config, seed=seed).to(device)
-    few = np.asarray(frames)[:: max(1, len(frames) // PROBED)][:PROBED]
-    optimizer = optimizer_of(autoencoder, config.rate, to_images(few, device))
+    optimizer = optimizer_of(autoencoder, config.rate)
     first, curve = restore(autoencoder, optimizer, checkpoint, identity)
     stored = torch.from_numpy(np.array(frames)).to(device)  # a copy: the file is mapped read-only
     sums, counted, recycled, saved_at = np.zeros(3), 0, 0, time.monotonic()
@@ -103,7 +103,8 @@ def train_step(
     if config.rate.gradient_clip is not None:
         for part in (autoencoder.encoder, autoencoder.gaussians):
             torch.nn.utils.clip_grad_norm_(part.parameters(), config.rate.gradient_clip)
-    optimizer.step()
+    with small_moves(autoencoder.encoder, batch[:PROBED], limit=config.rate.latent_step):
+        optimizer.step()
     values = np.array([float(score.detach()) for score in scores])
     if not np.isfinite(values).all():
         raise FloatingPointError(

@@ -96,10 +96,13 @@ def split(gaussians: Gaussians, parents: Tensor, slots: Tensor) -> None:
     diagonal = gaussians.shape_log_diagonal[parents].double().exp()
     factor[:, d, d], factor[:, d + 1, d + 1] = diagonal[:, 0], diagonal[:, 1]
     factor[:, d + 1, d] = gaussians.shape_below[parents].double()
-    covariance = factor @ factor.mT
-    values, vectors = torch.linalg.eigh(covariance)
-    axis = vectors[..., -1] * values[..., -1:].sqrt() * SPLIT_OFFSET
-    child = torch.linalg.cholesky(covariance - axis[:, :, None] * axis[:, None, :])
+    # From the factor itself, never from the covariance, which may be singular to rounding.
+    vectors, deviations, _ = torch.linalg.svd(factor)
+    axis = vectors[..., 0] * deviations[..., :1] * SPLIT_OFFSET
+    deviations = deviations.clamp_min(1e-9 * deviations[..., :1])
+    deviations[..., 0] *= math.sqrt(1 - SPLIT_OFFSET**2)
+    upper = torch.linalg.qr((vectors * deviations[..., None, :]).mT).R
+    child = (upper * upper.diagonal(dim1=1, dim2=2).sign()[..., None]).mT
 
     precision = torch.linalg.inv(child[:, :d, :d])
     row, column = torch.tril_indices(d, d, offset=-1)

@@ -4,25 +4,16 @@ import math
 
 import torch
 
-from lagsplat.shapes import Images
 from lagsplat.stage1.autoencoder import Autoencoder
 from lagsplat.stage1.config import RateConfig
-from lagsplat.stage1.encoder import sensitivity
 
 
-def optimizer_of(autoencoder: Autoencoder, config: RateConfig, images: Images) -> torch.optim.Adam:
-    """Adam with one group for the encoder, one for what is measured in pixels, one for the rest.
-
-    ``images`` are a few of the training frames, from which the cap on the encoder's rate is worked out.
-    """
-    encoder_rate = config.encoder
-    if config.latent_step is not None:
-        allowed = config.latent_step * autoencoder.d
-        encoder_rate = min(encoder_rate, allowed / sensitivity(autoencoder.encoder, images))
+def optimizer_of(autoencoder: Autoencoder, config: RateConfig) -> torch.optim.Adam:
+    """Adam with one group for the encoder, one for what is measured in pixels, one for the rest."""
     in_pixels = ("center", "coupling")
     gaussians = dict(autoencoder.gaussians.named_parameters())
     groups = [
-        {"params": list(autoencoder.encoder.parameters()), "peak": encoder_rate},
+        {"params": list(autoencoder.encoder.parameters()), "peak": config.encoder},
         {"params": [gaussians[name] for name in in_pixels], "peak": config.center},
         {
             "params": [value for name, value in gaussians.items() if name not in in_pixels],

@@ -15,7 +15,7 @@ from lagsplat.shapes import Images
 from lagsplat.stage1.encoder import Encoder
 
 BLUR_SHARE = 1 / 6  # standard deviation of the blur of a starting filter, in sides of the filter
-NEIGHBORS = 10  # frames that count as close, from which distances along the film are added up
+NEIGHBORS = 15  # frames that count as close, from which distances along the film are added up
 COMPARED_PX = 48  # longer side of the frames that are compared
 RIDGE = 1e-4  # of the readout, relative to the strongest feature
 

@@ -33,7 +33,7 @@ def small_config(**changes: object) -> Stage1Config:
         ),
         "rate": RateConfig(
             encoder=1e-3,
-            latent_step=3.0,
+            latent_step=0.1,
             center=5e-2,
             gaussian=2e-2,
             warmup_steps=5,

@@ -1,9 +1,9 @@
-"""The encoder's size, and how far its latents move in a step."""
+"""The encoder's size, and how far a step may move its latents."""
 
 import pytest
 import torch
 
-from lagsplat.stage1.encoder import Encoder, sensitivity
+from lagsplat.stage1.encoder import Encoder, small_moves
 from lagsplat.stage1.unfold import unfold
 
 
@@ -18,14 +18,30 @@ def test_any_image_size_is_encoded(shape):
     assert Encoder(3, kernel=12, channels=2)(torch.rand(2, 3, *shape)).shape == (2, 3)
 
 
-def test_sensitivity_bounds_a_step_of_adam():
+def started_encoder():
     torch.manual_seed(1)
-    images = torch.rand(4, 3, 16, 16)
+    images = torch.rand(16, 3, 16, 16)
     encoder = Encoder(2, kernel=12, channels=2)
     unfold(encoder, images)
-    before, bound, rate = encoder(images).detach(), sensitivity(encoder, images), 1e-6
-    optimizer = torch.optim.Adam(encoder.parameters(), lr=rate)
-    encoder(images)[:, 0].sum().backward()
-    optimizer.step()
-    moved = (encoder(images) - before).abs()[:, 0].mean().item()
-    assert 0.2 * rate * bound < moved < 2 * rate * bound
+    return encoder, images
+
+
+@pytest.mark.parametrize("limit", [1e-3, 1e-2])
+def test_a_step_that_would_move_the_latents_too_far_is_shortened(limit):
+    encoder, images = started_encoder()
+    before = encoder(images).detach()
+    with small_moves(encoder, images, limit=limit), torch.no_grad():
+        for parameter in encoder.parameters():
+            parameter.add_(1e-3)
+    move = (encoder(images) - before).square().mean().sqrt().item()
+    spread = (before - before.mean(0)).square().mean().sqrt().item()
+    assert move == pytest.approx(limit * spread, rel=0.3)
+
+
+@pytest.mark.parametrize("limit", [None, 1e3])
+def test_a_step_within_the_limit_is_left_alone(limit):
+    encoder, images = started_encoder()
+    weight = encoder.head.weight.detach().clone()
+    with small_moves(encoder, images, limit=limit), torch.no_grad():
+        encoder.head.weight.add_(1e-3)
+    torch.testing.assert_close(encoder.head.weight.detach(), weight + 1e-3, rtol=0, atol=0)

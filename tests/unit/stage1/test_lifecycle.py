@@ -46,7 +46,7 @@ def test_the_split_is_along_the_principal_axis():
 def test_review_brings_the_invisible_back_and_clears_their_memory(share):
     frames = swinging_bar(40)
     autoencoder = small_autoencoder(frames)
-    optimizer = optimizer_of(autoencoder, small_config().rate, to_images(frames))
+    optimizer = optimizer_of(autoencoder, small_config().rate)
     images = to_images(frames)
     (autoencoder.decode(autoencoder.encode(images)) - images).square().mean().backward()
     optimizer.step()
@@ -68,7 +68,7 @@ def test_review_brings_the_invisible_back_and_clears_their_memory(share):
 def test_a_split_hardly_changes_the_picture():
     frames = swinging_bar(40)
     autoencoder, _ = fit_autoencoder(frames, small_config(steps=100), seed=0)
-    optimizer = optimizer_of(autoencoder, small_config().rate, to_images(frames))
+    optimizer = optimizer_of(autoencoder, small_config().rate)
     images = to_images(frames)
     with torch.no_grad():
         # the dead ones come first in the order of drawing, where a careless child would cover everything
