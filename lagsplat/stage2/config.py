@@ -70,7 +70,7 @@ class StartConfig:
     source: str  # 'fitted': constant matrices by full-batch L-BFGS; 'isotropic': multiples of the identity
     iterations: int  # L-BFGS iterations of the constant fit on one step
     shooting_iterations: int  # and then on rollouts of one natural period; 0 leaves them out
-    time_unit: str  # 'data': rms position / rms velocity, about a period / 2 pi; 'frame': one frame
+    time_unit: str  # 'data': rms velocity / rms acceleration, a period / 2 pi; 'frame': one frame
     damping: float  # of the isotropic start, per time unit, for unit mass
     stiffness: float  # of the isotropic start, per time unit squared, for unit mass
 
@@ -106,9 +106,9 @@ class ShootConfig:
     """Refinement by multi-step shooting from encoded states; ``steps: 0`` leaves it out."""
 
     steps: int
-    batch: int  # windows a step
+    batch: int  # windows a step of the last leg; shorter windows come in larger batches
     lr: float
-    periods: float  # final length of a window, in natural periods; it grows to this from half
+    periods: float  # final length of a window, in natural periods; it grows to this from a quarter
 
     def __post_init__(self) -> None:
         if self.steps < 0 or self.batch < 1:

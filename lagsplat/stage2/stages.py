@@ -18,11 +18,14 @@ from lagsplat.stage2.modes import Modes
 from lagsplat.stage2.objective import one_step_error, ridged, shooting_error
 from lagsplat.stage2.select import Champion, Examination, examination
 from lagsplat.stage2.start import isotropic, natural_time_unit
+from lagsplat.stage2.undo import Undo
 from lagsplat.stage2.windows import central_velocity, one_step_windows, shots, starts_of
 
 CONSTANT_PARTS = ("factor", "stiffness_factor", "pressure_map", "rest")
 CONSTANT_SHARE = 0.1
 """Of the learning rate, for the parts that start fitted."""
+SHORTENED_LEGS = (4, 2, 1)
+"""Of the final length of a rollout, which training reaches in as many equal legs."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +48,7 @@ class FitReport:
     scores: dict[str, float] = field(default_factory=dict)
     curve: list[CurveRow] = field(default_factory=list)
     rejected: int = 0
+    taken_back: int = 0  # steps after which the loss exploded
     time_unit_s: float = 0.0
     n_parameters: int = 0
     wall_s: float = 0.0
@@ -85,7 +89,7 @@ def open_run(
     listen: Callable[[CurveRow], None],
 ) -> Run:
     """Unit of time, metric and examination of a fit."""
-    unit = natural_time_unit(trajectory, metric)
+    unit = natural_time_unit(trajectory, metric, stride_frames=config.stride_frames)
     period_frames = max(4, round(2.0 * np.pi * unit / trajectory.dt_s))
     bare = torch.from_numpy(metric)
     exam = examination(
@@ -152,13 +156,8 @@ def start_stage(run: Run, rest: Tensor, seed: int, geometry: DecoderGeometry | N
 def _shoot_constant(run: Run, fit: ConstantFit) -> None:
     n_states = _horizon(run, 1.0)
     at = starts_of(run.trajectory, before=2, after=n_states)[:: max(1, n_states // 2)]
-    taken = shots(
-        run.trajectory,
-        at,
-        central_velocity(run.trajectory, at),
-        n_states=n_states,
-        time_unit_s=run.time_unit_s,
-    )
+    velocity = central_velocity(run.trajectory, at)
+    taken = shots(run.trajectory, at, velocity, n_states=n_states, time_unit_s=run.time_unit_s)
     step = run.trajectory.dt_s / run.time_unit_s
     fit.minimize(
         lambda c: linear_shooting_error(c, taken, run.metric, step=step),
@@ -198,23 +197,30 @@ def one_step_stage(run: Run, lagrangian: Lagrangian) -> None:
 
 
 def shooting_stage(run: Run, lagrangian: Lagrangian) -> None:
-    """Train the best candidate so far on rollouts that grow to `ShootConfig.periods`."""
+    """Train the best candidate so far on rollouts, whose length doubles up to `ShootConfig.periods`.
+
+    The batch halves meanwhile. A step costs much the same, and each leg starts where the one before it has
+    the fast part of the law right.
+    """
     shoot = run.config.shoot
     if not shoot.steps:
         return
     run.champion.restore(lagrangian)
     step = run.trajectory.dt_s / run.time_unit_s
+    for leg, shortened in enumerate(SHORTENED_LEGS):
+        n_states = _horizon(run, shoot.periods / shortened)
+        starts = starts_of(run.trajectory, before=2, after=n_states)
+        batch = shoot.batch * shortened
 
-    def loss(i: int) -> Tensor:
-        n_states = _horizon(run, shoot.periods * (0.5, 1.0, 1.0, 1.0)[4 * i // shoot.steps])
-        at = run.rng.choice(starts_of(run.trajectory, before=2, after=n_states), shoot.batch)
-        velocity = central_velocity(run.trajectory, at)
-        taken = shots(run.trajectory, at, velocity, n_states=n_states, time_unit_s=run.time_unit_s)
-        return shooting_error(lagrangian, taken, run.metric, step=step)
+        def loss(_: int, starts: np.ndarray = starts, batch: int = batch, n_states: int = n_states) -> Tensor:
+            at = run.rng.choice(starts, batch)
+            velocity = central_velocity(run.trajectory, at)
+            taken = shots(run.trajectory, at, velocity, n_states=n_states, time_unit_s=run.time_unit_s)
+            return shooting_error(lagrangian, taken, run.metric, step=step)
 
-    _descend(
-        run, lagrangian, loss, "shooting", steps=shoot.steps, lr=shoot.lr, every=max(1, shoot.steps // 20)
-    )
+        steps = shoot.steps * (leg + 1) // len(SHORTENED_LEGS) - shoot.steps * leg // len(SHORTENED_LEGS)
+        if steps:
+            _descend(run, lagrangian, loss, "shooting", steps=steps, lr=shoot.lr, every=max(1, steps // 10))
 
 
 def _descend(
@@ -229,22 +235,26 @@ def _descend(
 ) -> None:
     config = run.config
     parameters = [p for p in lagrangian.parameters() if p.requires_grad]
+    undo = Undo(parameters)
     optimizer = torch.optim.Adam(_rates(lagrangian, lr), fused=True)
-    schedule = torch.optim.lr_scheduler.LambdaLR(
-        optimizer, lambda i: _schedule(i / steps, final_fraction=config.final_fraction)
-    )
+    peaks = [group["lr"] for group in optimizer.param_groups]
     for i in range(steps):
+        factor = undo.shortening * _schedule(i / steps, final_fraction=config.final_fraction)
+        for group, peak in zip(optimizer.param_groups, peaks, strict=True):
+            group["lr"] = peak * factor
         optimizer.zero_grad()
         value = loss(i)
-        value.backward()
-        size = torch.nn.utils.clip_grad_norm_(parameters, config.gradient_clip)
-        # a rollout that leaves the finite numbers teaches nothing; the next batch will
-        if torch.isfinite(size):
-            optimizer.step()
-            lagrangian.project()
-        schedule.step()
+        if undo.accepts(float(value.detach())):
+            value.backward()
+            size = torch.nn.utils.clip_grad_norm_(parameters, config.gradient_clip)
+            if torch.isfinite(size):
+                optimizer.step()
+                lagrangian.project()
+        else:
+            optimizer.state.clear()
         if (i + 1) % every == 0 or i + 1 == steps:
             run.grade(lagrangian, stage, i + 1, float(value.detach()))
+    run.report.taken_back += undo.taken_back
 
 
 def _rates(lagrangian: Lagrangian, lr: float) -> list[dict[str, object]]:

@@ -10,20 +10,25 @@ from lagsplat.stage2.lagrangian import Coefficients
 from lagsplat.stage2.windows import starts_of
 
 
-def natural_time_unit(trajectory: Trajectory, metric: Float[np.ndarray, "d d"]) -> float:
-    """Ratio of the rms position to the rms velocity in the metric [s]: about a period over 2 pi.
+def natural_time_unit(
+    trajectory: Trajectory, metric: Float[np.ndarray, "d d"], *, stride_frames: int
+) -> float:
+    """Ratio of the rms velocity to the rms acceleration in the metric [s]: about a period over 2 pi.
+
+    From differences over ``stride_frames``. The ratio of position to velocity would be the same for a free
+    oscillation, but a slow drive lengthens it to the drive's own time, several times that of the mechanism.
 
     Raises:
         ValueError: the latents do not move.
     """
-    at = starts_of(trajectory, before=1, after=1)
+    k = stride_frames
+    at = starts_of(trajectory, before=k, after=k)
     q = trajectory.latents
-    rate = (q[at + 1] - q[at - 1]) / (2.0 * trajectory.dt_s)
-    offset = q[at] - q[at].mean(0)
-    moved, speed = (float(np.einsum("ti,ij,tj->", x, metric, x)) for x in (offset, rate))
-    if not speed > 0.0:
+    moved, bent = q[at + k] - q[at - k], q[at + k] - 2.0 * q[at] + q[at - k]
+    speed, change = (float(np.einsum("ti,ij,tj->", x, metric, x)) for x in (moved / 2.0, bent))
+    if not change > 0.0:
         raise ValueError("the latents of the training clip do not move: there is no dynamics to learn")
-    return float(np.sqrt(moved / speed))
+    return float(np.sqrt(speed / change)) * k * trajectory.dt_s
 
 
 def isotropic(d: int, n_inputs: int, *, damping: float, stiffness: float, rest: Tensor) -> Coefficients:

@@ -88,9 +88,16 @@ def test_a_fixed_rest_stays_and_the_published_start_runs() -> None:
     assert np.isfinite(report.scores["shooting"])
 
 
+def test_time_unit_is_that_of_the_mechanism_under_a_slow_drive() -> None:
+    trajectory = oscillator(400, driven=False)
+    drift = 50.0 * np.sin(2 * np.pi * np.arange(400) / 400)[:, None] * trajectory.latents.std()
+    slow = replace(trajectory, latents=trajectory.latents + drift)
+    assert natural_time_unit(slow, np.eye(1), stride_frames=2) < 4.0 / (2 * np.pi * FREQUENCY_HZ)
+
+
 def test_time_unit_is_the_period_over_two_pi_and_still_latents_are_refused() -> None:
     trajectory = oscillator(400, driven=False)
-    unit = natural_time_unit(trajectory, np.eye(1))
+    unit = natural_time_unit(trajectory, np.eye(1), stride_frames=2)
     assert unit == pytest.approx(1.0 / (2 * np.pi * FREQUENCY_HZ), rel=0.05)
     with pytest.raises(ValueError, match="do not move"):
-        natural_time_unit(replace(trajectory, latents=np.ones((400, 1))), np.eye(1))
+        natural_time_unit(replace(trajectory, latents=np.ones((400, 1))), np.eye(1), stride_frames=2)
