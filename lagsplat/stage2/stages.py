@@ -24,7 +24,7 @@ from lagsplat.stage2.windows import central_velocity, one_step_windows, shots, s
 CONSTANT_PARTS = ("factor", "stiffness_factor", "pressure_map", "rest")
 CONSTANT_SHARE = 0.1
 """Of the learning rate, for the parts that start fitted."""
-SHORTENED_LEGS = (4, 2, 1)
+SHORTENED_LEGS = (2, 1)
 """Of the final length of a rollout, which training reaches in as many equal legs."""
 
 
