@@ -19,7 +19,9 @@ rule all:
     default_target: True
     input:
         rules.table.output,
+        rules.margins.output,
         expand(rules.figure.output, system=experiment.systems),
+        [rules.curve.output.figure.format(**run) for run in planned()],
         [rules.reconstruction.output.figure.format(**run) for run in planned()],
         [rules.latent.output.figure.format(**run) for run in planned()],
 

@@ -5,5 +5,4 @@ from lagsplat.report.latents import draw_latents as draw_latents
 from lagsplat.report.reconstruction import draw_reconstruction as draw_reconstruction
 from lagsplat.report.rollout import roll_out as roll_out
 from lagsplat.report.rollout_figure import draw_rollout as draw_rollout
-from lagsplat.report.style import caption_line as caption_line
 from lagsplat.report.style import save_figure as save_figure

@@ -55,11 +55,6 @@ def new_figure(width_in: float, height_in: float, *, title: str) -> Figure:
     return figure
 
 
-def caption_line(what: str, *, system: str, origin: str, profile: str) -> str:
-    """The line every figure carries: what is drawn, of which system, from which recording and profile."""
-    return f"{what} · {system} · {origin} recording · profile {profile}"
-
-
 def save_figure(path: str | os.PathLike[str], figure: Figure) -> None:
     """Write a figure, whole or not at all, in the format of its suffix and without a date inside."""
     suffix = os.fspath(path).rpartition(".")[2]

@@ -94,3 +94,33 @@ rule table:
         "Gather the scores of every run in one table"
     script:
         "../scripts/table.py"
+
+
+rule margins:
+    input:
+        metrics=rules.table.input.metrics,
+        records=rules.table.input.records,
+    output:
+        csv=report(
+            "results/tables/margins.csv",
+            caption="../report/margins.rst",
+            category="Tables",
+            labels={"table": "margins over constant coefficients"},
+        ),
+    log:
+        "results/logs/margins.log",
+    benchmark:
+        "results/benchmarks/margins.tsv"
+    conda:
+        "../envs/lagsplat.yaml"
+    threads: 1
+    resources:
+        mem_mb=500,
+    params:
+        runs=lambda wildcards: planned(),
+        before=lambda wildcards: [before("table")(run) for run in planned()],
+        code=script_digest(SCRIPTS / "margins.py"),
+    message:
+        "Compare the dynamics with constant coefficients"
+    script:
+        "../scripts/margins.py"

@@ -64,3 +64,37 @@ rule reconstruction:
         "Draw recorded and reconstructed frames of {wildcards.system} ({wildcards.recording})"
     script:
         "../scripts/reconstruction.py"
+
+
+rule curve:
+    input:
+        curve=rules.stage1.output.curve,
+        records=[rules.stage1.output.record],
+    output:
+        figure=report(
+            "results/{profile}/{recording}/{system}/{stage1}-{ae}/curve.png",
+            caption="../report/curve.rst",
+            category="Stage 1",
+            labels={
+                "system": "{system}",
+                "recording": "{recording}",
+                "profile": "{profile}",
+            },
+        ),
+    log:
+        "results/{profile}/logs/{recording}/{system}/{stage1}-{ae}/curve.log",
+    benchmark:
+        "results/{profile}/benchmarks/{recording}/{system}/{stage1}-{ae}/curve.tsv"
+    conda:
+        "../envs/lagsplat.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+    params:
+        title=section("system.title"),
+        before=before("chart"),
+        code=script_digest(SCRIPTS / "curve.py"),
+    message:
+        "Draw the training curve of {wildcards.system} ({wildcards.recording})"
+    script:
+        "../scripts/curve.py"

