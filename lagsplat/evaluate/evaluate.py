@@ -106,7 +106,7 @@ def _scores(
 def dynamics_form(lagrangian: Lagrangian) -> str:
     """What kind of law it is: ``linear``, or ``nonlinear`` with its mass named where that is not learned."""
     form = lagrangian.form
-    constant = lagrangian.d == 1 or form.mass == "constant"
+    constant = form.mass == "constant"
     plain = form.damping == "constant" and form.potential == "quadratic" and form.actuation == "linear"
     if constant and plain:
         return "linear"

@@ -192,7 +192,6 @@ def _mass(
                 "or choose 'learned' or 'constant'"
             )
         return InducedMass(geometry, scale=scale, floor=floor)
-    # one coordinate can be straightened by a change of chart, so that its mass needs no state dependence
-    if form.mass == "constant" or start.shape[0] == 1:
+    if form.mass == "constant":
         return ConstantMatrix(start, floor=floor)
     return MatrixField(start, floor=floor, width=form.matrix_width, generator=generator)

@@ -12,6 +12,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 TOY = "hydra=profile=toy"
+SCORED = {"evaluate", "rollout", "figure", "table", "margins"}
 HERE = Path("results/toy/simulated/toy")
 SCORES = {"ae_floor", "mse_half_second", "frequency_error", "latent_nrmse", "image_ratio", "external_force"}
 COLUMNS = {"robot", "method", "dynamics", "d", "diverged", "recording", "profile", "n_seeds"} | SCORES
@@ -102,6 +103,15 @@ def test_the_table_says_what_it_is_of(results: Path) -> None:
     assert "toy" in tex
 
 
+def test_the_learned_law_is_compared_with_constant_coefficients(results: Path) -> None:
+    with (results / "results/tables/margins.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert {(row["robot"], row["dynamics"], row["baseline"]) for row in rows} == {
+        ("toy", "default", "constant")
+    }
+    assert all(float(row["low"]) <= float(row["value"]) <= float(row["high"]) for row in rows)
+
+
 def test_the_scores_are_where_they_were(results: Path) -> None:
     """The bands are wide enough for another processor, and narrow enough to notice a stage that got worse."""
     golden = json.loads((ROOT / "tests" / "golden" / "toy.json").read_text(encoding="utf-8"))
@@ -145,11 +155,11 @@ def test_an_edited_comment_runs_nothing(source: Path, results: Path) -> None:
 
 def test_a_setting_of_stage_2_runs_stage_2_and_what_follows(source: Path, results: Path) -> None:
     rules = jobs(source, results, TOY + " stage2.gradient_clip=99")
-    assert rules == {"stage2", "evaluate", "rollout", "figure", "table"}
+    assert rules == {"stage2", *SCORED}
 
 
 def test_a_setting_of_the_scores_trains_nothing(source: Path, results: Path) -> None:
-    assert jobs(source, results, TOY + " evaluate.starts=9") == {"evaluate", "rollout", "figure", "table"}
+    assert jobs(source, results, TOY + " evaluate.starts=9") == SCORED
 
 
 def test_a_setting_of_one_system_leaves_the_others(source: Path, results: Path) -> None:
