@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from lagsplat.report.style import COLUMN_IN, INPUTS, new_figure, paper_style
+from lagsplat.report.style import INPUTS, PAGE_IN, new_figure, paper_style
 
 
 def draw_curves(
@@ -22,7 +22,7 @@ def draw_curves(
         raise ValueError(f"the curve has no column {missing}; it has {list(curve.columns)}")
     step = curve.columns[0]
     with paper_style():
-        figure = new_figure(COLUMN_IN, 2.0, title=title)
+        figure = new_figure(PAGE_IN, 2.4, title=title)
         axis = figure.subplots()
         for name, colour in zip(columns, INPUTS, strict=False):
             values = curve[name].to_numpy(dtype=float)
@@ -30,5 +30,5 @@ def draw_curves(
                 curve[step], np.where(values > 0, values, np.nan), color=colour, label=labels.get(name, name)
             )
         axis.set(yscale="log", xlabel=step)
-        axis.legend()
+        axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
     return figure

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Float64
-from scipy.ndimage import gaussian_filter, zoom
+from scipy.ndimage import gaussian_filter
 from scipy.ndimage import shift as translate
 from skimage.registration import phase_cross_correlation
 
@@ -98,7 +98,7 @@ def roll_out(
         floor_mse=float(image_errors(plain[:1], real)[0]),
         predicted_mse=float(image_errors(plain[1:], real)[0]),
         lost_s=float(held.dt_s * np.argmax(gone[0])) if gone.any() else None,
-        inset=choose_inset(picture, sharp[0], sharp[1]),
+        inset=choose_inset(sharp[0], sharp[1]),
     )
 
 
@@ -109,20 +109,17 @@ def _longest(held: HeldOut, states: int) -> tuple[int, int]:
     return start, min(states, stop - start)
 
 
-def choose_inset(recorded_: Picture, at_encoded: Picture, at_predicted: Picture) -> Inset:
-    """The window where the two renders differ most in excess of the autoencoder's error there.
+def choose_inset(at_encoded: Picture, at_predicted: Picture) -> Inset:
+    """The window where the two renders differ most; the autoencoder's own error is in both.
 
     The shift is that of the prediction against the encoding within the window, by phase correlation with
     sub-pixel upsampling, in render pixels.
     """
     height, width = at_encoded.shape[:2]
     side = max(round(INSET * min(height, width)), 8)
-    factors = (height / recorded_.shape[0], width / recorded_.shape[1], 1)
-    floor = np.abs(at_encoded - np.clip(zoom(recorded_, factors, order=1), 0.0, 1.0)).mean(axis=2)
-    moved = np.abs(at_predicted - at_encoded).mean(axis=2)
-    excess = gaussian_filter(moved - floor, side / 4)
+    moved = gaussian_filter(np.abs(at_predicted - at_encoded).mean(axis=2), side / 4)
     half = side // 2
-    inner = excess[half : height - side + half + 1, half : width - side + half + 1]
+    inner = moved[half : height - side + half + 1, half : width - side + half + 1]
     row, column = np.unravel_index(int(np.argmax(inner)), inner.shape)
     window = (slice(row, row + side), slice(column, column + side))
     shift = measured_shift(at_encoded[window].mean(axis=2), at_predicted[window].mean(axis=2))

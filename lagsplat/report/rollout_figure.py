@@ -26,7 +26,7 @@ def draw_rollout(view: LongRollout, *, title: str) -> Figure:
     """Encoded against predicted coordinates, most visible first, and the last state as images.
 
     Below: the recorded image, the render at the encoded state (the image model's own floor) and at the
-    predicted one, with the window where the two renders differ most in excess of that floor, magnified. The
+    predicted one, with the window where the two renders differ most, magnified. The
     arrow gives the direction of the measured shift there, not its length.
 
     Source: paper, figures of rollouts.

@@ -129,13 +129,13 @@ def test_no_structure_no_shift():
     assert measured_shift(np.zeros((16, 16)), blob(0, 0)[:16, :16]) == (0.0, 0.0)
 
 
-def test_inset_looks_at_the_motion_and_not_at_the_floor():
-    """Upper left the model is blind to something recorded; lower right the prediction has moved."""
+def test_inset_looks_at_what_moved():
+    """Upper left something stands still; lower right the prediction has moved."""
     encoded = np.zeros((64, 64, 3))
     encoded[44:56, 40:48] = 1.0
-    real = encoded.copy()
-    real[4:16, 4:16] = 1.0
-    inset = choose_inset(real, encoded, np.roll(encoded, 3, axis=1))
+    predicted = np.roll(encoded, 3, axis=1)
+    encoded[4:16, 4:16] = predicted[4:16, 4:16] = 1.0
+    inset = choose_inset(encoded, predicted)
     assert 44 <= inset.row + inset.side / 2 <= 56
     assert 36 <= inset.column + inset.side / 2 <= 56
     assert inset.shift_px == pytest.approx((0.0, 3.0), abs=0.6)
