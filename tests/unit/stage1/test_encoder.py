@@ -3,8 +3,10 @@
 import pytest
 import torch
 
+from lagsplat.stage1.autoencoder import to_images
 from lagsplat.stage1.encoder import Encoder, small_moves
 from lagsplat.stage1.unfold import unfold
+from tests.unit.stage1.problems import swinging_bar
 
 
 @pytest.mark.parametrize(("d", "expected"), [(1, 2055), (2, 2088), (4, 2154)])
@@ -20,8 +22,8 @@ def test_any_image_size_is_encoded(shape):
 
 def started_encoder():
     torch.manual_seed(1)
-    images = torch.rand(16, 3, 16, 16)
-    encoder = Encoder(2, kernel=12, channels=2)
+    images = to_images(swinging_bar(16))
+    encoder = Encoder(1, kernel=12, channels=2)
     unfold(encoder, images)
     return encoder, images
 
