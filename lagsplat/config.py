@@ -48,6 +48,8 @@ class SystemConfig:
     n_gaussians: int
     batch: int
     """Frames a step of stage 1: fewer where frames are large."""
+    encoder_rate: float = 2e-3
+    """Step size of the encoder in stage 1: smaller where fast steps would bend the chart."""
 
     def __post_init__(self) -> None:
         """Check the counts; stage 1 checks them again where they are used."""
