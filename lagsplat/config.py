@@ -48,7 +48,7 @@ class SystemConfig:
     n_gaussians: int
     batch: int
     """Frames a step of stage 1: fewer where frames are large."""
-    encoder_rate: float = 2e-3
+    encoder_rate: float
     """Step size of the encoder in stage 1: smaller where fast steps would bend the chart."""
 
     def __post_init__(self) -> None:

@@ -10,7 +10,6 @@ from matplotlib.figure import Figure
 
 from lagsplat.io.atomic import replacing
 
-COLUMN_IN = 3.35
 PAGE_IN = 7.0
 # Okabe and Ito's palette: told apart by readers with any common colour vision.
 ENCODED, PREDICTED, MARK, QUIET = "#0072B2", "#D55E00", "#009E73", "#7F7F7F"
