@@ -16,6 +16,7 @@ import torch
 from jaxtyping import Float64
 
 from lagsplat.chart.chart import Chart, fit_chart, load_chart, save_chart
+from lagsplat.chart.trained import require_trained
 from lagsplat.config import Config
 from lagsplat.evaluate.evaluate import evaluate
 from lagsplat.io.read import read_recording
@@ -57,7 +58,7 @@ def fit(experiment: Config, *, out: Path, header: Mapping[str, Any]) -> Run:
     Seeds are the experiment's first. A stopped fit goes on where stage 1 was.
 
     Raises:
-        ValueError: the recording is unreadable, or too short for the split.
+        ValueError: the recording is unreadable or too short for the split, or stage 1 learned nothing.
     """
     recording, fraction = obtain(experiment), experiment.recording.train_fraction
     train, _ = recording.split(fraction)
@@ -68,6 +69,7 @@ def fit(experiment: Config, *, out: Path, header: Mapping[str, Any]) -> Run:
         train.frames, experiment.stage1, seed=seed, checkpoint=checkpoint, identity=identity
     )
     save_autoencoder(out / "autoencoder.safetensors", autoencoder, header)
+    require_trained(autoencoder, train.frames)
     chart = fit_chart(autoencoder, recording, experiment.chart, train_fraction=fraction, seed=seed)
     save_chart(out / "chart.safetensors", chart, header)
     lagrangian, report = fit_dynamics(

@@ -6,6 +6,7 @@ from typing import Any
 import pandas as pd
 
 from lagsplat.evaluate.aggregate import SERIES, paired_margin
+from lagsplat.report.runs import grouped
 
 BASELINE = "constant"  # conf/stage2/constant.yaml
 COLUMNS = (
@@ -17,16 +18,12 @@ COLUMNS = (
 def margin_table(runs: Sequence[Mapping[str, Any]], metrics: Sequence[dict[str, Any]]) -> pd.DataFrame:
     """A row for each score and each variant that has a constant-coefficient run beside it.
 
-    ``runs`` are the wildcards of each run's path, with the scores of each in ``metrics``. ``value`` is how
-    much lower the variant errs, with its bootstrap interval over windows, seeds averaged on both sides;
-    ``decided`` says that the interval excludes zero. Without a constant-coefficient run the table is empty.
+    ``runs`` and ``metrics`` as in `grouped`. ``value`` is how much lower the variant errs, with its bootstrap
+    interval over windows, seeds averaged on both sides; ``decided`` says that the interval excludes zero.
+    Without a constant-coefficient run the table is empty.
     """
-    groups: dict[tuple[str, ...], dict[str, list[dict[str, Any]]]] = {}
-    for run, scores in zip(runs, metrics, strict=True):
-        place = tuple(str(run[name]) for name in ("system", "recording", "profile", "stage1"))
-        groups.setdefault(place, {}).setdefault(str(run["stage2"]), []).append(scores)
     rows: list[dict[str, Any]] = []
-    for (system, recording, profile, _), variants in groups.items():
+    for (system, recording, profile, _), variants in grouped(runs, metrics).items():
         baseline = variants.pop(BASELINE, [])
         for name, members in variants.items() if baseline else ():
             for score, (block, key) in SERIES.items():

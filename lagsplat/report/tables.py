@@ -7,6 +7,7 @@ import pandas as pd
 
 from lagsplat.evaluate.aggregate import aggregate
 from lagsplat.report.published import paper_rows
+from lagsplat.report.runs import grouped
 
 MEASURED = ("ae_floor", "mse_half_second", "frequency_error", "latent_nrmse", "image_ratio")
 COLUMNS = (
@@ -188,18 +189,13 @@ def _escape(text: str) -> str:
 def rows_of(runs: Sequence[Mapping[str, Any]], metrics: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """One row for each group of runs that differ by their seeds only, in the order of their first run.
 
-    ``runs`` are the wildcards of each run's path (profile, recording, system, stage1, ae, stage2, seed), with
-    the scores of each in ``metrics``. Dynamics other than the default are named with the method.
+    ``runs`` and ``metrics`` as in `grouped`. Dynamics other than the default are named with the method.
     """
-    groups: dict[tuple[str, ...], list[dict[str, Any]]] = {}
-    for run, scores in zip(runs, metrics, strict=True):
-        key = tuple(str(run[name]) for name in ("system", "recording", "profile", "stage1", "stage2"))
-        groups.setdefault(key, []).append(scores)
     rows = []
-    for (system, recording, profile, stage1, stage2), members in groups.items():
-        variants = [name for name in (stage1, stage2) if name != "default"]
-        method = f"LaGSplat ({', '.join(variants)})" if variants else "LaGSplat"
-        rows.append(
-            table_row(aggregate(members), robot=system, method=method, recording=recording, profile=profile)
-        )
+    for (system, recording, profile, stage1), variants in grouped(runs, metrics).items():
+        for stage2, members in variants.items():
+            changed = [name for name in (stage1, stage2) if name != "default"]
+            method = f"LaGSplat ({', '.join(changed)})" if changed else "LaGSplat"
+            scores = aggregate(members)
+            rows.append(table_row(scores, robot=system, method=method, recording=recording, profile=profile))
     return rows

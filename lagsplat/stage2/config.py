@@ -108,7 +108,8 @@ class ShootConfig:
     steps: int
     batch: int  # windows a step of the last leg; shorter windows come in larger batches
     lr: float
-    periods: float  # final length of a window, in natural periods; it grows to this from a quarter
+    periods: float  # final length of a window, in natural periods; it grows to this from half
+    anchor: float  # price on leaving the start where the clip says nothing; 0 for none
 
     def __post_init__(self) -> None:
         if self.steps < 0 or self.batch < 1:
@@ -117,6 +118,8 @@ class ShootConfig:
             )
         if min(self.lr, self.periods) <= 0:
             raise ValueError("stage2.shoot.lr and .periods must be positive")
+        if self.anchor < 0:
+            raise ValueError(f"stage2.shoot.anchor={self.anchor} must be 0 (none) or a positive price")
 
 
 @dataclass

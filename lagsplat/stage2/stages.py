@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from lagsplat.chart.trajectory import Trajectory
+from lagsplat.stage2.anchor import anchor
 from lagsplat.stage2.config import Stage2Config
 from lagsplat.stage2.constant import ConstantFit, linear_one_step_error, linear_shooting_error
 from lagsplat.stage2.induced import DecoderGeometry, InducedMass
@@ -19,7 +20,7 @@ from lagsplat.stage2.objective import one_step_error, ridged, shooting_error
 from lagsplat.stage2.select import Champion, Examination, examination
 from lagsplat.stage2.start import isotropic, natural_time_unit
 from lagsplat.stage2.undo import Undo
-from lagsplat.stage2.windows import central_velocity, one_step_windows, shots, starts_of
+from lagsplat.stage2.windows import Shots, central_velocity, one_step_windows, shots, starts_of
 
 CONSTANT_PARTS = ("factor", "stiffness_factor", "pressure_map", "rest")
 CONSTANT_SHARE = 0.1
@@ -79,6 +80,11 @@ class Run:
         row = CurveRow(stage, step, loss, score, time.perf_counter() - self.began)
         self.report.curve.append(row)
         self.listen(row)
+
+    def stretches(self, at: np.ndarray, *, n_states: int) -> Shots:
+        """Rollouts to make from the frames ``at``, with the quieter velocities of training."""
+        velocity = central_velocity(self.trajectory, at)
+        return shots(self.trajectory, at, velocity, n_states=n_states, time_unit_s=self.time_unit_s)
 
 
 def open_run(
@@ -156,8 +162,7 @@ def start_stage(run: Run, rest: Tensor, seed: int, geometry: DecoderGeometry | N
 def _shoot_constant(run: Run, fit: ConstantFit) -> None:
     n_states = _horizon(run, 1.0)
     at = starts_of(run.trajectory, before=2, after=n_states)[:: max(1, n_states // 2)]
-    velocity = central_velocity(run.trajectory, at)
-    taken = shots(run.trajectory, at, velocity, n_states=n_states, time_unit_s=run.time_unit_s)
+    taken = run.stretches(at, n_states=n_states)
     step = run.trajectory.dt_s / run.time_unit_s
     fit.minimize(
         lambda c: linear_shooting_error(c, taken, run.metric, step=step),
@@ -206,6 +211,7 @@ def shooting_stage(run: Run, lagrangian: Lagrangian) -> None:
     if not shoot.steps:
         return
     run.champion.restore(lagrangian)
+    held = anchor(lagrangian, run.trajectory)
     step = run.trajectory.dt_s / run.time_unit_s
     for leg, shortened in enumerate(SHORTENED_LEGS):
         n_states = _horizon(run, shoot.periods / shortened)
@@ -213,10 +219,9 @@ def shooting_stage(run: Run, lagrangian: Lagrangian) -> None:
         batch = shoot.batch * shortened
 
         def loss(_: int, starts: np.ndarray = starts, batch: int = batch, n_states: int = n_states) -> Tensor:
-            at = run.rng.choice(starts, batch)
-            velocity = central_velocity(run.trajectory, at)
-            taken = shots(run.trajectory, at, velocity, n_states=n_states, time_unit_s=run.time_unit_s)
-            return shooting_error(lagrangian, taken, run.metric, step=step)
+            taken = run.stretches(run.rng.choice(starts, batch), n_states=n_states)
+            error = shooting_error(lagrangian, taken, run.metric, step=step)
+            return error + shoot.anchor * held.price(lagrangian, run.metric, run.rng)
 
         steps = shoot.steps * (leg + 1) // len(SHORTENED_LEGS) - shoot.steps * leg // len(SHORTENED_LEGS)
         if steps:

@@ -2,6 +2,7 @@
 
 from lagsplat.chart.chart import fit_chart, save_chart
 from lagsplat.chart.config import ChartConfig
+from lagsplat.chart.trained import require_trained
 from lagsplat.io.recording import load_recording
 from lagsplat.job import Job
 from lagsplat.stage1.autoencoder import load_autoencoder
@@ -10,6 +11,7 @@ with Job(snakemake) as job:
     recording = load_recording(job.input.recording)
     autoencoder, _ = load_autoencoder(job.input.autoencoder)
     config, fraction = job.section(ChartConfig), job.params.train_fraction
+    require_trained(autoencoder, recording.split(fraction)[0].frames)
     chart = fit_chart(autoencoder, recording, config, train_fraction=fraction, seed=job.seed)
     job.say(f"condition {chart.condition:.0f}; dimension {chart.intrinsic_dimension:.2f}, chosen {chart.d}")
     save_chart(job.output.chart, chart, job.header)

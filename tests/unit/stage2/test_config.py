@@ -20,7 +20,9 @@ def test_a_value_outside_its_domain_is_named_with_its_choices() -> None:
     with pytest.raises(ValueError, match=r"stage2\.start\.source='random'"):
         StartConfig("random", 1, 0, "data", 0.2, 1.0)
     with pytest.raises(ValueError, match=r"stage2\.shoot\.steps=-1"):
-        ShootConfig(-1, 1, 1e-3, 1.0)
+        ShootConfig(-1, 1, 1e-3, 1.0, 0.0)
+    with pytest.raises(ValueError, match=r"stage2\.shoot\.anchor=-1"):
+        ShootConfig(1, 1, 1e-3, 1.0, -1.0)
     with pytest.raises(ValueError, match=r"stage2\.select\.starts"):
         SelectConfig(0, 1.0, 1)
 

@@ -43,7 +43,7 @@ def config(**changes: object) -> Stage2Config:
         "final_fraction": 0.1,
         "gradient_clip": 10.0,
         "select": SelectConfig(8, 1.0, 2),
-        "shoot": ShootConfig(4, 8, 1e-3, 0.3),
+        "shoot": ShootConfig(4, 8, 1e-3, 0.3, 0.0),
     }
     return Stage2Config(**(values | changes))
 
@@ -78,7 +78,8 @@ def test_same_seed_same_result_and_a_file_gives_the_same_forecast(tmp_path: Path
 def test_a_fixed_rest_stays_and_the_published_start_runs() -> None:
     trajectory = oscillator(200, driven=False)
     fixed = config(
-        form=replace(form(matrix_width=8), rest="fixed", potential="icnn"), shoot=ShootConfig(0, 1, 1e-3, 1.0)
+        form=replace(form(matrix_width=8), rest="fixed", potential="icnn"),
+        shoot=ShootConfig(0, 1, 1e-3, 1.0, 0.0),
     )
     lagrangian, _ = fit_dynamics(trajectory, np.eye(1), fixed, 0, rest=np.array([0.1]))
     assert float(lagrangian.rest[0]) == 0.1

@@ -1,0 +1,61 @@
+"""A price on leaving the constant law where the clip has nothing to say."""
+
+import copy
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from lagsplat.chart.trajectory import Trajectory
+from lagsplat.stage2.lagrangian import Lagrangian
+from lagsplat.stage2.objective import square_norm
+
+REACH = 2.5
+"""Spread of the positions asked about, over that of the clip: few lie among its frames, most outside."""
+DRAWN = 256
+"""States a price."""
+
+
+@dataclass(frozen=True)
+class Anchor:
+    """The law a descent began with, and the states on which later laws are compared with it.
+
+    Networks are free wherever no frame contradicts them, above all just outside the clip, where a released
+    mechanism comes to rest. There the law a descent began with, which has few coefficients and hence knows
+    them from all frames, is the better guess. Among the frames the price is small against their evidence.
+    """
+
+    start: Lagrangian
+    inputs: Float[np.ndarray, "T n_u"]
+    middle: Float[Tensor, " d"]
+    spread: Float[Tensor, " d"]
+    speed: Float[Tensor, " d"]  # rms, per internal time unit
+
+    def price(
+        self, lagrangian: Lagrangian, metric: Float[Tensor, "d d"], rng: np.random.Generator
+    ) -> Float[Tensor, ""]:
+        """Mean square difference of the accelerations of the two laws, over normal positions and velocities
+        and over inputs of the clip, each drawn by itself.
+        """
+        draw = torch.from_numpy(rng.standard_normal((2, DRAWN, len(self.middle))))
+        q = self.middle + REACH * self.spread * draw[0]
+        v = self.speed * draw[1]
+        u = torch.from_numpy(self.inputs[rng.integers(len(self.inputs), size=DRAWN)])
+        with torch.no_grad():
+            known = self.start.acceleration(q, v, u)
+        return square_norm(lagrangian.acceleration(q, v, u) - known, metric).mean() / metric.shape[0]
+
+
+def anchor(lagrangian: Lagrangian, trajectory: Trajectory) -> Anchor:
+    """Hold on to ``lagrangian`` as it now is."""
+    q = torch.from_numpy(trajectory.latents)
+    steps = torch.cat([q[a + 1 : b] - q[a : b - 1] for a, b in trajectory.segments])
+    return Anchor(
+        start=copy.deepcopy(lagrangian).requires_grad_(False),
+        inputs=trajectory.inputs,
+        middle=q.mean(0),
+        spread=q.std(0),
+        speed=steps.square().mean(0).sqrt() * float(lagrangian.time_unit_s) / trajectory.dt_s,
+    )
