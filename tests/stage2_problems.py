@@ -12,7 +12,7 @@ def form(**changes: object) -> FormConfig:
         "mass": "learned",
         "damping": "learned",
         "potential": "invex",
-        "actuation": "concave",
+        "actuation": "bounded",
         "rest": "learned",
         "matrix_width": 16,
         "potential_width": 16,
@@ -22,6 +22,12 @@ def form(**changes: object) -> FormConfig:
         "diffeo_lipschitz": 0.9,
     }
     return FormConfig(**(values | changes))
+
+
+def bent(n_inputs: int, d: int, generator: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:
+    """Curvatures of chamber volumes of either sign, and the largest input they are made for, 1."""
+    factor = torch.randn(n_inputs, d, d, generator=generator, dtype=torch.float64)
+    return 0.3 * (factor + factor.mT), torch.ones(n_inputs, dtype=torch.float64)
 
 
 def random_lagrangian(
@@ -43,6 +49,7 @@ def random_lagrangian(
         spd[2],
         torch.randn(n_inputs, d, generator=generator, dtype=torch.float64),
         torch.randn(d, generator=generator, dtype=torch.float64),
+        *bent(n_inputs, d, generator),
     )
     geometry = None
     if changes.get("mass") == "induced":

@@ -10,7 +10,7 @@ class FormConfig:
     mass: str  # 'learned' M(q), 'constant' matrix, or 'induced' by the decoder's Jacobians
     damping: str  # 'learned' C(q) or 'constant' matrix
     potential: str  # 'quadratic', 'icnn' (convex) or 'invex' (convex after a learned diffeomorphism)
-    actuation: str  # 'linear' or 'concave' chamber volumes
+    actuation: str  # chamber volumes 'linear', 'concave', or 'bounded': convex, too, as far as K carries it
     rest: str  # 'learned' rest state, or 'fixed' at the encoding of the rest image
     matrix_width: int  # of the two hidden layers behind M and C
     potential_width: int
@@ -24,7 +24,7 @@ class FormConfig:
             "mass": ("learned", "constant", "induced"),
             "damping": ("learned", "constant"),
             "potential": ("quadratic", "icnn", "invex"),
-            "actuation": ("linear", "concave"),
+            "actuation": ("linear", "concave", "bounded"),
             "rest": ("learned", "fixed"),
         }
         for name, allowed in choices.items():

@@ -1,8 +1,8 @@
-"""Constant positive definite M, C, K and a linear input map, fitted to the data in seconds.
+"""Constant positive definite M, C, K and chamber volumes of first or second order, fitted in seconds.
 
 First on the one-step objective, which is nearly convex, then on rollouts of one natural period, which
-see the slow drift that one step hides. A linear rollout is one matrix product a step, so that L-BFGS can
-afford hundreds of passes over the whole clip.
+see the slow drift that one step hides, and last, where the volumes may bend, with their curvatures. All of it
+is a few matrix products a step, so that L-BFGS can afford hundreds of passes over the whole clip.
 """
 
 from collections.abc import Callable
@@ -14,20 +14,27 @@ from scipy.optimize import minimize
 from torch import Tensor
 
 from lagsplat.stage2.config import FloorConfig
-from lagsplat.stage2.lagrangian import Coefficients, Floors
+from lagsplat.stage2.curvature import payment
+from lagsplat.stage2.lagrangian import Coefficients, Floors, stiffened
 from lagsplat.stage2.objective import square_norm
 from lagsplat.stage2.windows import Shots, Windows
 
 FAST_RATE_WEIGHT = 1e-2
 """Weight of ``|h M^-1 C|^2`` beside a shooting error of 1: keeps decay rates below the frame rate, where an
 explicit step would be stable by chance only."""
+FIRST_BEND = 0.05
+"""Deviation of the random factors of the curvatures from which the fit bends the volumes: at zero they would
+have no slope."""
+UNUSABLE = 1e6
+"""Times the first objective: what a candidate counts whose rollouts overflow."""
 
 
 class ConstantFit:
     """The unknowns of a constant system, and their fit to an objective.
 
     Energy has no observable scale, so that M is held at mean eigenvalue 1; the floors are relative to it and
-    to the mean eigenvalue of K. A given ``mass`` is kept; ``learn_rest`` false keeps ``rest``.
+    to the mean eigenvalue of K. A given ``mass`` is kept; ``learn_rest`` false keeps ``rest``. The volumes
+    are linear until `bend`.
     """
 
     def __init__(
@@ -47,10 +54,23 @@ class ConstantFit:
             "stiffness": eye,
             "map": torch.zeros(n_inputs, d, dtype=torch.float64),
             "rest": rest,
+            "stiffening": torch.zeros(n_inputs, d, d, dtype=torch.float64),
+            "softening": torch.zeros(n_inputs, d, d, dtype=torch.float64),
         }
+        self.largest_input: Tensor | None = None
+        self.softens = False
         self.shapes = {name: value.shape for name, value in first.items()}
         self.flat = torch.cat([value.reshape(-1) for value in first.values()]).numpy()
         self.rest, self.floor, self.learn_rest, self.mass = rest, floor, learn_rest, mass
+
+    def bend(
+        self, largest_input: Float[Tensor, " n_u"], *, softening: bool, rng: np.random.Generator
+    ) -> None:
+        """Let the volumes be of second order from now on, with inputs that ``softening`` lets soften, too."""
+        self.largest_input, self.softens = largest_input, softening
+        bent = sum(self.shapes[name].numel() for name in ("stiffening", "softening"))
+        self.flat = self.flat.copy()
+        self.flat[-bent:] = FIRST_BEND * rng.standard_normal(bent)
 
     def coefficients(self, flat: Float[Tensor, " n"]) -> tuple[Coefficients, Floors]:
         """The matrices that a flat vector of unknowns stands for, and the floors below them."""
@@ -62,15 +82,24 @@ class ConstantFit:
         floor = self.floor
         unit = (free * (d / torch.trace(free)) + floor.mass * eye) / (1.0 + floor.mass)
         elastic = _square(part["stiffness"])
-        curvature = floor.stiffness * torch.trace(elastic) / d
+        least = floor.stiffness * torch.trace(elastic) / d
+        stiffness, curvature = elastic + least * eye, None
+        if self.largest_input is not None:
+            curvature = _square(part["stiffening"])
+            if self.softens:
+                softer = _square(part["softening"])
+                curvature = curvature - softer
+                stiffness = stiffness + payment(softer, self.largest_input)
         coefficients = Coefficients(
             mass=unit if self.mass is None else self.mass,
             damping=_square(part["damping"]) + floor.damping * eye,
-            stiffness=elastic + curvature * eye,
+            stiffness=stiffness,
             pressure_map=part["map"],
             rest=part["rest"] if self.learn_rest else self.rest,
+            curvature=curvature,
+            largest_input=self.largest_input,
         )
-        floors = Floors(floor.mass / (1.0 + floor.mass), floor.damping, float(curvature.detach()))
+        floors = Floors(floor.mass / (1.0 + floor.mass), floor.damping, float(least.detach()))
         return coefficients, floors
 
     def minimize(self, objective: Callable[[Coefficients], Tensor], *, iterations: int) -> float:
@@ -80,6 +109,8 @@ class ConstantFit:
             variable = torch.from_numpy(flat).requires_grad_()
             error = objective(self.coefficients(variable)[0])
             (slope,) = torch.autograd.grad(error, variable)
+            if not (torch.isfinite(error) and torch.isfinite(slope).all()):
+                return UNUSABLE, np.zeros_like(flat)
             return float(error.detach()) / scale, slope.numpy() / scale
 
         scale = 1.0
@@ -97,7 +128,7 @@ class ConstantFit:
 
 def _square(part: Tensor) -> Tensor:
     lower = torch.tril(part)
-    return lower @ lower.T
+    return lower @ lower.mT
 
 
 def linear_one_step_error(
@@ -146,7 +177,41 @@ def linear_shooting_error(
     for i in range(drive.shape[1]):
         state = torch.addmm(drive[:, i], state, transition)
         path.append(state)
-    error = torch.stack(path, 1)[:, :, :d] - shots.targets[:, 1:]
-    fast = (step * c.damping @ inverse).square().sum()
-    spread = square_norm(shots.targets[:, 1:] - shots.targets.mean((0, 1)), metric).mean() / d
-    return square_norm(error, metric).mean() / d + FAST_RATE_WEIGHT * spread * fast
+    return _priced(torch.stack(path, 1)[:, :, :d], c, shots, metric, step=step)
+
+
+def bent_shooting_error(
+    c: Coefficients, shots: Shots, metric: Float[Tensor, "d d"], *, step: float
+) -> Float[Tensor, ""]:
+    """The same where the volumes have curvatures: velocity-Verlet steps with one constant mass."""
+    assert c.curvature is not None, "call `ConstantFit.bend` first"
+    inverse, bent = torch.linalg.inv(c.mass), c.curvature
+    drive = shots.inputs @ c.pressure_map
+
+    def acceleration(q: Tensor, v: Tensor, i: int) -> Tensor:
+        offset = q - c.rest
+        elastic = offset @ c.stiffness + stiffened(shots.inputs[:, i], bent, offset)
+        return (drive[:, i] - elastic - v @ c.damping) @ inverse
+
+    q, v = shots.q, shots.v
+    path = []
+    for i in range(shots.targets.shape[1] - 1):
+        first = acceleration(q, v, i)
+        q = q + step * (v + 0.5 * step * first)
+        v = v + 0.5 * step * (first + acceleration(q, v + step * first, i))
+        path.append(q)
+    return _priced(torch.stack(path, 1), c, shots, metric, step=step)
+
+
+def _priced(
+    path: Float[Tensor, "B n d"],
+    c: Coefficients,
+    shots: Shots,
+    metric: Float[Tensor, "d d"],
+    *,
+    step: float,
+) -> Float[Tensor, ""]:
+    targets, d = shots.targets[:, 1:], metric.shape[0]
+    fast = (step * c.damping @ torch.linalg.inv(c.mass)).square().sum()
+    spread = square_norm(targets - shots.targets.mean((0, 1)), metric).mean() / d
+    return square_norm(path - targets, metric).mean() / d + FAST_RATE_WEIGHT * spread * fast

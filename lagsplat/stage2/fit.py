@@ -26,7 +26,7 @@ from lagsplat.stage2.stages import (
 )
 
 KIND = "dynamics"
-SCHEMA = 1
+SCHEMA = 2
 
 
 def fit_dynamics(
@@ -81,6 +81,7 @@ def save_dynamics(path: Path | str, lagrangian: Lagrangian, header: Mapping[str,
         "floors": asdict(lagrangian.floors),
         "time_unit_s": float(lagrangian.time_unit_s),
         "n_primitives": geometry,
+        "curved": lagrangian.curvature is not None,
     }
     save_artefact(
         path, lagrangian.state_dict(), {**header, "kind": KIND, "schema": SCHEMA, "dynamics": settings}
@@ -98,6 +99,10 @@ def load_dynamics(path: Path | str) -> tuple[Lagrangian, dict[str, Any]]:
     d, n_inputs, k = settings["d"], settings["n_inputs"], settings["n_primitives"]
     eye = torch.eye(d, dtype=torch.float64)
     blank = torch.zeros(d, dtype=torch.float64)
+    bent = {}
+    if settings["curved"]:
+        largest = torch.zeros(n_inputs, dtype=torch.float64)
+        bent = {"curvature": 0.0 * eye.expand(n_inputs, d, d), "largest_input": largest}
     geometry = None
     if k is not None:
         zeros = torch.zeros(k, 2, d, dtype=torch.float64)
@@ -105,7 +110,7 @@ def load_dynamics(path: Path | str) -> tuple[Lagrangian, dict[str, Any]]:
             zeros, zeros[:, 0], eye.expand(k, d, d), torch.ones(k, dtype=torch.float64)
         )
     lagrangian = Lagrangian(
-        Coefficients(eye, eye, eye, torch.zeros(n_inputs, d, dtype=torch.float64), blank),
+        Coefficients(eye, eye, eye, torch.zeros(n_inputs, d, dtype=torch.float64), blank, **bent),
         form=FormConfig(**settings["form"]),
         floors=Floors(**settings["floors"]),
         time_unit_s=settings["time_unit_s"],

@@ -8,6 +8,7 @@ from torch import Tensor, nn
 
 from lagsplat.shapes import Inputs, Latents, Spd
 from lagsplat.stage2.config import FormConfig
+from lagsplat.stage2.curvature import Curvature
 from lagsplat.stage2.icnn import Icnn
 from lagsplat.stage2.induced import DecoderGeometry, InducedMass
 from lagsplat.stage2.iresnet import Block, Diffeomorphism, pull, push
@@ -16,9 +17,10 @@ from lagsplat.stage2.matrices import ConstantMatrix, MatrixField, factor_above
 
 @dataclass(frozen=True)
 class Coefficients:
-    """Constant matrices of a linear mechanical system in internal time units.
+    """Constant matrices of a mechanical system in internal time units.
 
-    ``M a + C w + K (q - rest) = pressure_map^T u``.
+    ``M a + C w + K (q - rest) = sum_c u_c (pressure_map_c - curvature_c (q - rest))``; without ``curvature``
+    the system is linear. ``largest_input`` is the load up to which it has one equilibrium.
     """
 
     mass: Float[Tensor, "d d"]
@@ -26,6 +28,8 @@ class Coefficients:
     stiffness: Float[Tensor, "d d"]
     pressure_map: Float[Tensor, "n_u d"]
     rest: Float[Tensor, " d"]
+    curvature: Float[Tensor, "n_u d d"] | None = None
+    largest_input: Float[Tensor, " n_u"] | None = None
 
 
 @dataclass(frozen=True)
@@ -47,16 +51,19 @@ class Prepared:
     rest_slope: Float[Tensor, "1 d"]
     between: Tensor | None
     between_volume: Tensor | None
+    curvature: Float[Tensor, "n_u d d"] | None
 
 
 class Lagrangian(nn.Module):
     """``L = v.M(q) v / 2 - V(q)`` with dissipation ``C(q)`` and chamber volumes ``nu(q)``.
 
     With ``x = Phi(q)`` (the identity unless the potential is invex) and ``x_r = Phi(q_r)``:
-    ``V = Bregman_g(x, x_r) + (x - x_r).K (x - x_r) / 2`` and ``nu = B (x - x_r) - N(x)``, where ``g`` and
-    ``N`` are convex. Sharing ``Phi`` makes the loaded potential ``V - u.nu`` a strongly convex function of
-    ``x`` for every ``u >= 0``, hence with one equilibrium under any load. ``K``, ``M``, ``C`` have floors.
-    Internally one unit of time is ``time_unit_s`` seconds. Every network starts at zero.
+    ``V = Bregman_g(x, x_r) + (x - x_r).K (x - x_r) / 2`` and
+    ``nu = B (x - x_r) - (x - x_r).Q (x - x_r) / 2 - N(x)``, where ``g`` and ``N`` are convex and ``Q`` is a
+    `Curvature`. Sharing ``Phi`` makes the loaded potential ``V - u.nu`` a strongly convex function of ``x``
+    for every ``u >= 0`` up to the largest input, hence with one equilibrium under any such load, and under
+    any load at all where the volumes are concave. ``K``, ``M``, ``C`` have floors. Internally one unit of
+    time is ``time_unit_s`` seconds. Every network starts at zero.
 
     Source: paper eqs. (EL), (pressure) and Appendix, "Bounded forced response".
     """
@@ -85,7 +92,9 @@ class Lagrangian(nn.Module):
             if form.damping == "learned"
             else ConstantMatrix(start.damping, floor=floors.damping)
         )
-        self.stiffness_factor = nn.Parameter(factor_above(start.stiffness, floors.stiffness))
+        self.curvature = _curvature(start, form)
+        paid = 0.0 if self.curvature is None else self.curvature.matrices()[1].detach()
+        self.stiffness_factor = nn.Parameter(factor_above(start.stiffness - paid, floors.stiffness))
         self.pressure_map = nn.Parameter(start.pressure_map.clone())
         self.rest = nn.Parameter(start.rest.clone(), requires_grad=form.rest == "learned")
         self.diffeo = (
@@ -106,7 +115,7 @@ class Lagrangian(nn.Module):
         )
         self.volume_net = (
             Icnn(d, width=form.actuation_width, heads=n_inputs, generator=generator)
-            if form.actuation == "concave" and n_inputs
+            if form.actuation != "linear" and n_inputs
             else None
         )
 
@@ -126,8 +135,12 @@ class Lagrangian(nn.Module):
             slope = self.convex.gradient(rest_image, self.convex.head, between)
         lower = torch.tril(self.stiffness_factor)
         stiffness = lower @ lower.T + self.floors.stiffness * torch.eye(self.d, dtype=lower.dtype)
+        curvature = None
+        if self.curvature is not None:
+            curvature, paid = self.curvature.matrices()
+            stiffness = stiffness + paid
         between_volume = None if self.volume_net is None else self.volume_net.between_weight()
-        return Prepared(blocks, stiffness, rest_image, slope, between, between_volume)
+        return Prepared(blocks, stiffness, rest_image, slope, between, between_volume, curvature)
 
     def mass(self, q: Latents) -> Spd:
         """``M(q)``."""
@@ -152,15 +165,21 @@ class Lagrangian(nn.Module):
         """``nu(q)``, one latent volume a chamber."""
         ready = self.prepare()
         image, _ = push(q, ready.blocks)
-        value = (image - ready.rest_image) @ self.pressure_map.T
+        offset = image - ready.rest_image
+        value = offset @ self.pressure_map.T
+        if ready.curvature is not None:
+            value = value - 0.5 * torch.einsum("bi,cij,bj->bc", offset, ready.curvature, offset)
         return value if self.volume_net is None else value - self.volume_net.value(image)
 
     def conservative_force(self, q: Latents, u: Inputs, ready: Prepared) -> Latents:
         """``-grad_q (V - u.nu)``: elastic force plus the generalised force of the inputs."""
         image, hidden = push(q, ready.blocks)
-        slope = torch.addmm(-ready.rest_slope, image - ready.rest_image, ready.stiffness)
+        offset = image - ready.rest_image
+        slope = torch.addmm(-ready.rest_slope, offset, ready.stiffness)
         if self.n_inputs:
             slope = slope - u @ self.pressure_map
+        if ready.curvature is not None:
+            slope = slope + stiffened(u, ready.curvature, offset)
         if self.convex is not None and ready.between is not None:
             slope = slope + self.convex.gradient(image, self.convex.head, ready.between)
         if self.volume_net is not None and ready.between_volume is not None:
@@ -175,6 +194,18 @@ class Lagrangian(nn.Module):
         ready = ready or self.prepare()
         force = self.conservative_force(q, u, ready) - self.damping_term.product(q, v)
         return self.mass_term.accelerate(q, v, force)
+
+
+def stiffened(u: Inputs, curvature: Float[Tensor, "n_u d d"], offset: Latents) -> Latents:
+    """``sum_c u_c Q_c offset``, sample by sample."""
+    matrices = (u @ curvature.flatten(1)).view(-1, *curvature.shape[1:])
+    return (matrices @ offset[:, :, None])[:, :, 0]
+
+
+def _curvature(start: Coefficients, form: FormConfig) -> Curvature | None:
+    if start.curvature is None or start.largest_input is None or form.actuation == "linear":
+        return None
+    return Curvature(start.curvature, start.largest_input, softening=form.actuation == "bounded")
 
 
 def _mass(

@@ -12,7 +12,12 @@ from torch import Tensor
 from lagsplat.chart.trajectory import Trajectory
 from lagsplat.stage2.anchor import anchor
 from lagsplat.stage2.config import Stage2Config
-from lagsplat.stage2.constant import ConstantFit, linear_one_step_error, linear_shooting_error
+from lagsplat.stage2.constant import (
+    ConstantFit,
+    bent_shooting_error,
+    linear_one_step_error,
+    linear_shooting_error,
+)
 from lagsplat.stage2.induced import DecoderGeometry, InducedMass
 from lagsplat.stage2.lagrangian import Floors, Lagrangian
 from lagsplat.stage2.modes import Modes
@@ -22,7 +27,7 @@ from lagsplat.stage2.start import isotropic, natural_time_unit
 from lagsplat.stage2.undo import Undo
 from lagsplat.stage2.windows import Shots, central_velocity, one_step_windows, shots, starts_of
 
-CONSTANT_PARTS = ("factor", "stiffness_factor", "pressure_map", "rest")
+CONSTANT_PARTS = ("factor", "stiffness_factor", "pressure_map", "rest", "stiffening", "softening")
 CONSTANT_SHARE = 0.1
 """Of the learning rate, for the parts that start fitted."""
 SHORTENED_LEGS = (2, 1)
@@ -164,10 +169,12 @@ def _shoot_constant(run: Run, fit: ConstantFit) -> None:
     at = starts_of(run.trajectory, before=2, after=n_states)[:: max(1, n_states // 2)]
     taken = run.stretches(at, n_states=n_states)
     step = run.trajectory.dt_s / run.time_unit_s
-    fit.minimize(
-        lambda c: linear_shooting_error(c, taken, run.metric, step=step),
-        iterations=run.config.start.shooting_iterations,
-    )
+    iterations, actuation = run.config.start.shooting_iterations, run.config.form.actuation
+    fit.minimize(lambda c: linear_shooting_error(c, taken, run.metric, step=step), iterations=iterations)
+    if actuation != "linear" and run.trajectory.inputs.shape[1]:
+        largest = torch.from_numpy(run.trajectory.inputs.max(0)).clamp(min=0.0)
+        fit.bend(largest, softening=actuation == "bounded", rng=run.rng)
+        fit.minimize(lambda c: bent_shooting_error(c, taken, run.metric, step=step), iterations=iterations)
 
 
 def _horizon(run: Run, periods: float) -> int:

@@ -1,14 +1,19 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
 import torch
 
 from lagsplat.stage2.config import FloorConfig
 from lagsplat.stage2.constant import (
     ConstantFit,
+    bent_shooting_error,
     linear_one_step_error,
     linear_shooting_error,
     step_matrices,
 )
 from lagsplat.stage2.integrate import verlet_step
-from lagsplat.stage2.lagrangian import Coefficients
+from lagsplat.stage2.lagrangian import Coefficients, Lagrangian
 from lagsplat.stage2.rollout import rollout
 from lagsplat.stage2.windows import Shots, Windows
 from tests.stage2_problems import random_lagrangian
@@ -16,7 +21,7 @@ from tests.stage2_problems import random_lagrangian
 CONSTANT = {"mass": "constant", "damping": "constant", "potential": "quadratic", "actuation": "linear"}
 
 
-def coefficients_of(lagrangian) -> Coefficients:
+def coefficients_of(lagrangian: Lagrangian) -> Coefficients:
     q = torch.zeros(1, lagrangian.d, dtype=torch.float64)
     return Coefficients(
         lagrangian.mass(q)[0].detach(),
@@ -24,7 +29,18 @@ def coefficients_of(lagrangian) -> Coefficients:
         lagrangian.prepare().stiffness.detach(),
         lagrangian.pressure_map.detach(),
         lagrangian.rest.detach(),
+        lagrangian.prepare().curvature,
+        torch.ones(lagrangian.n_inputs, dtype=torch.float64),
     )
+
+
+def own_shots(lagrangian: Lagrangian, batch: int, n: int) -> Shots:
+    """Rollouts of a system itself from random states under random inputs, 0.05 units apart."""
+    unit, rng = float(lagrangian.time_unit_s), torch.Generator().manual_seed(0)
+    q, v = torch.randn(2, batch, lagrangian.d, generator=rng, dtype=torch.float64)
+    inputs = torch.rand(batch, n, lagrangian.n_inputs, generator=rng, dtype=torch.float64)
+    path, _ = rollout(lagrangian, q, v / unit, inputs, dt_s=0.05 * unit)
+    return Shots(q, v, inputs, path)
 
 
 def test_step_matrices_are_the_verlet_step_of_a_constant_system() -> None:
@@ -62,15 +78,56 @@ def test_fit_recovers_the_step_of_a_constant_system_and_keeps_its_floors() -> No
     assert float(torch.linalg.eigvalsh(found.damping)[0]) >= floors.damping
 
 
-def test_shooting_error_vanishes_on_its_own_rollout() -> None:
+@pytest.mark.parametrize("bent", [False, True])
+def test_shooting_error_vanishes_on_its_own_rollout(bent: bool) -> None:
+    lagrangian = random_lagrangian(2, 1, 1, **CONSTANT | ({"actuation": "bounded"} if bent else {}))
+    if lagrangian.volume_net is not None:
+        torch.nn.init.zeros_(lagrangian.volume_net.head)
+    shots, metric = own_shots(lagrangian, 3, 12), torch.eye(2, dtype=torch.float64)
+    error = bent_shooting_error if bent else linear_shooting_error
+    off = replace(shots, targets=shots.targets + 1.0)
+    own, wrong = (
+        float(error(coefficients_of(lagrangian), s, metric, step=0.05).detach()) for s in (shots, off)
+    )
+    assert own < 0.05 * wrong
 
+
+def test_bending_finds_what_a_linear_map_cannot() -> None:
+    """A system whose input softens it, from a start that knows no curvature."""
+    eye = torch.eye(2, dtype=torch.float64)
+    start = Coefficients(
+        eye, 0.3 * eye, 3 * eye, 2 * torch.ones(1, 2, dtype=torch.float64), 0 * eye[0],
+        torch.diag(torch.tensor([-1.5, 2.0], dtype=torch.float64))[None], torch.ones(1, dtype=torch.float64),
+    )  # fmt: skip
+    lagrangian = random_lagrangian(
+        2, 1, 0, start=start, amount=0.0, **CONSTANT | {"actuation": "bounded", "damping": "constant"}
+    )
+    shots, metric = own_shots(lagrangian, 60, 40), torch.eye(2, dtype=torch.float64)
+    fit = ConstantFit(start.rest, 1, floor=FloorConfig(1e-3, 1e-4, 1e-3), learn_rest=True)
+    linear = fit.minimize(lambda c: linear_shooting_error(c, shots, metric, step=0.05), iterations=200)
+    fit.bend(torch.ones(1, dtype=torch.float64), softening=True, rng=np.random.default_rng(0))
+    bent = fit.minimize(lambda c: bent_shooting_error(c, shots, metric, step=0.05), iterations=200)
+    found, floors = fit.result()
+    assert bent < 0.1 * linear
+    assert found.curvature is not None
+    assert float(torch.linalg.eigvalsh(found.curvature[0])[0]) < -0.5
+    # one equilibrium up to the largest load
+    assert float(torch.linalg.eigvalsh(found.stiffness + found.curvature[0])[0]) > floors.stiffness
+
+
+def test_rollouts_that_overflow_do_not_end_the_fit() -> None:
     lagrangian = random_lagrangian(2, 1, 1, **CONSTANT)
-    unit = float(lagrangian.time_unit_s)
-    q, v = torch.randn(2, 3, 2, dtype=torch.float64)
-    inputs = torch.rand(3, 12, 1, dtype=torch.float64)
-    path, _ = rollout(lagrangian, q, v / unit, inputs, dt_s=0.05 * unit)
-    c = coefficients_of(lagrangian)
-    metric = torch.eye(2, dtype=torch.float64)
-    own = linear_shooting_error(c, Shots(q, v, inputs, path), metric, step=0.05)
-    off = linear_shooting_error(c, Shots(q, v, inputs, path + 1.0), metric, step=0.05)
-    assert float(own) < 0.05 * float(off)
+    shots, metric = own_shots(lagrangian, 3, 12), torch.eye(2, dtype=torch.float64)
+    fit = ConstantFit(
+        torch.zeros(2, dtype=torch.float64), 1, floor=FloorConfig(1e-3, 1e-4, 1e-3), learn_rest=True
+    )
+    calls = []
+
+    def sometimes_overflows(c: Coefficients) -> torch.Tensor:
+        calls.append(0)
+        error = linear_shooting_error(c, shots, metric, step=0.05)
+        return error * float("inf") if len(calls) == 4 else error
+
+    reached = fit.minimize(sometimes_overflows, iterations=30)
+    assert len(calls) > 6
+    assert np.isfinite(reached)

@@ -1,0 +1,46 @@
+import pytest
+import torch
+
+from lagsplat.stage2.curvature import SMALLEST, Curvature, payment, softened
+from lagsplat.stage2.lagrangian import stiffened
+from tests.stage2_problems import bent
+
+
+def problem() -> tuple[torch.Tensor, torch.Tensor]:
+    return bent(3, 2, torch.Generator().manual_seed(0))
+
+
+def test_a_curvature_is_kept_and_its_softening_paid_for() -> None:
+    curvature, largest = problem()
+    got, paid = Curvature(curvature, 2 * largest, softening=True).matrices()
+    torch.testing.assert_close(got, curvature, atol=3 * SMALLEST, rtol=0)
+    torch.testing.assert_close(paid, payment(softened(curvature), 2 * largest), atol=10 * SMALLEST, rtol=0)
+    for u in (torch.zeros(3), torch.tensor([2.0, 0.0, 1.0]), 2 * torch.ones(3)):
+        loaded = paid + (u[:, None, None].double() * got).sum(0)
+        assert float(torch.linalg.eigvalsh(loaded.detach())[0]) > -1e-9
+
+
+def test_without_softening_every_volume_is_concave_and_nothing_is_paid() -> None:
+    curvature, largest = problem()
+    got, paid = Curvature(curvature, largest, softening=False).matrices()
+    assert float(torch.linalg.eigvalsh(got.detach()).min()) > 0
+    assert float(paid.abs().max()) == 0
+
+
+def test_zero_curvature_can_still_move() -> None:
+    curvature, largest = problem()
+    module = Curvature(0 * curvature, largest, softening=True)
+    matrices, paid = module.matrices()
+    (matrices[0, 0, 1] + paid[0, 1]).backward()
+    assert module.softening is not None
+    for factor in (module.stiffening, module.softening):
+        assert factor.grad is not None
+        assert float(factor.grad.abs().max()) > 1e-3
+
+
+def test_the_force_is_that_of_the_sum_of_the_loaded_curvatures() -> None:
+    curvature, _ = problem()
+    u = torch.tensor([[1.0, 2.0, 0.5]], dtype=torch.float64)
+    offset = torch.tensor([[0.3, -0.7]], dtype=torch.float64)
+    want = (u[0, 0] * curvature[0] + u[0, 1] * curvature[1] + u[0, 2] * curvature[2]) @ offset[0]
+    assert stiffened(u, curvature, offset)[0].numpy() == pytest.approx(want.numpy())
