@@ -11,9 +11,9 @@ from lagsplat.pipeline import fit, open_run, push, score
 SMALL = (
     "profile=toy",
     "system=toy",
-    "system.n_gaussians=32",
+    "system.n_gaussians=128",
     "simulation.n_frames=300",
-    "stage1.steps=20",
+    "stage1.steps=300",
     "chart.visibility_frames=4",
     "stage2.steps=0",
     "stage2.shoot.steps=0",
