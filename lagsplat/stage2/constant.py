@@ -22,6 +22,9 @@ from lagsplat.stage2.windows import Shots, Windows
 FAST_RATE_WEIGHT = 1e-2
 """Weight of ``|h M^-1 C|^2`` beside a shooting error of 1: keeps decay rates below the frame rate, where an
 explicit step would be stable by chance only."""
+BEND_WEIGHT = 1e-4
+"""Weight of ``sum_c |M^-1 u_max,c Q_c|^2`` in the same way: keeps curvatures from growing where no load tells
+them apart, and the problem well enough conditioned to be finished."""
 FIRST_BEND = 0.05
 """Deviation of the random factors of the curvatures from which the fit bends the volumes: at zero they would
 have no slope."""
@@ -166,7 +169,7 @@ def step_matrices(c: Coefficients, step: float) -> tuple[Float[Tensor, "s s"], F
 def linear_shooting_error(
     c: Coefficients, shots: Shots, metric: Float[Tensor, "d d"], *, step: float
 ) -> Float[Tensor, ""]:
-    """`objective.shooting_error` of a constant system, plus a small price on rates above the frame rate."""
+    """`objective.shooting_error` of a constant system, plus a small price on rates near the frame rate."""
     d = metric.shape[0]
     transition, entry = step_matrices(c, step)
     inverse = torch.linalg.inv(c.mass)
@@ -214,4 +217,8 @@ def _priced(
     targets, d = shots.targets[:, 1:], metric.shape[0]
     fast = (step * c.damping @ torch.linalg.inv(c.mass)).square().sum()
     spread = square_norm(targets - shots.targets.mean((0, 1)), metric).mean() / d
-    return square_norm(path - targets, metric).mean() / d + FAST_RATE_WEIGHT * spread * fast
+    price = FAST_RATE_WEIGHT * fast
+    if c.curvature is not None and c.largest_input is not None:
+        loaded = torch.linalg.inv(c.mass) @ (c.largest_input[:, None, None] * c.curvature)
+        price = price + BEND_WEIGHT * loaded.square().sum()
+    return square_norm(path - targets, metric).mean() / d + spread * price

@@ -35,10 +35,10 @@ def coefficients_of(lagrangian: Lagrangian) -> Coefficients:
 
 
 def own_shots(lagrangian: Lagrangian, batch: int, n: int) -> Shots:
-    """Rollouts of a system itself from random states under random inputs, 0.05 units apart."""
+    """Rollouts of a system itself from random states under steady random inputs, 0.05 units apart."""
     unit, rng = float(lagrangian.time_unit_s), torch.Generator().manual_seed(0)
     q, v = torch.randn(2, batch, lagrangian.d, generator=rng, dtype=torch.float64)
-    inputs = torch.rand(batch, n, lagrangian.n_inputs, generator=rng, dtype=torch.float64)
+    inputs = torch.rand(batch, 1, lagrangian.n_inputs, generator=rng, dtype=torch.float64).expand(-1, n, -1)
     path, _ = rollout(lagrangian, q, v / unit, inputs, dt_s=0.05 * unit)
     return Shots(q, v, inputs, path)
 
