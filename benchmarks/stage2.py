@@ -25,7 +25,7 @@ def published_size() -> Lagrangian:
         mass="learned",
         damping="learned",
         potential="invex",
-        actuation="concave",
+        actuation="bounded",
         rest="learned",
         matrix_width=64,
         potential_width=64,
@@ -34,7 +34,9 @@ def published_size() -> Lagrangian:
         diffeo_width=64,
         diffeo_lipschitz=0.9,
     )
-    start = Coefficients(eye, 0.2 * eye, eye, torch.ones(N_INPUTS, D, dtype=torch.float64), 0.0 * eye[0])
+    ones = torch.ones(N_INPUTS, D, dtype=torch.float64)
+    curvature = 0.1 * eye.expand(N_INPUTS, D, D)
+    start = Coefficients(eye, 0.2 * eye, eye, ones, 0.0 * eye[0], curvature, ones[:, 0])
     return Lagrangian(start, form=form, floors=Floors(1e-2, 1e-3, 1e-2), time_unit_s=0.1, seed=0)
 
 
