@@ -14,8 +14,8 @@ from scipy.optimize import minimize
 from torch import Tensor
 
 from lagsplat.stage2.config import FloorConfig
-from lagsplat.stage2.curvature import payment
-from lagsplat.stage2.lagrangian import Coefficients, Floors, stiffened
+from lagsplat.stage2.curvature import payment, stiffened
+from lagsplat.stage2.lagrangian import Coefficients, Floors
 from lagsplat.stage2.objective import square_norm
 from lagsplat.stage2.windows import Shots, Windows
 
@@ -215,10 +215,11 @@ def _priced(
     step: float,
 ) -> Float[Tensor, ""]:
     targets, d = shots.targets[:, 1:], metric.shape[0]
-    fast = (step * c.damping @ torch.linalg.inv(c.mass)).square().sum()
+    inverse = torch.linalg.inv(c.mass)
+    fast = (step * c.damping @ inverse).square().sum()
     spread = square_norm(targets - shots.targets.mean((0, 1)), metric).mean() / d
     price = FAST_RATE_WEIGHT * fast
     if c.curvature is not None and c.largest_input is not None:
-        loaded = torch.linalg.inv(c.mass) @ (c.largest_input[:, None, None] * c.curvature)
+        loaded = inverse @ (c.largest_input[:, None, None] * c.curvature)
         price = price + BEND_WEIGHT * loaded.square().sum()
     return square_norm(path - targets, metric).mean() / d + spread * price

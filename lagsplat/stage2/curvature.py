@@ -4,6 +4,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from lagsplat.shapes import Inputs, Latents
+
 SMALLEST = 1e-4
 """Eigenvalue that a part of a curvature keeps, so that its factor can still move."""
 
@@ -45,10 +47,10 @@ def payment(softer: Float[Tensor, "n_u d d"], largest_input: Float[Tensor, " n_u
     return (largest_input[:, None, None] * softer).sum(0)
 
 
-def softened(curvature: Float[Tensor, "n_u d d"]) -> Float[Tensor, "n_u d d"]:
-    """The part of each curvature that softens: its negative eigenvalues, turned positive."""
-    values, vectors = torch.linalg.eigh(curvature)
-    return (vectors * (-values).clamp(min=0.0)[..., None, :]) @ vectors.mT
+def stiffened(u: Inputs, curvature: Float[Tensor, "n_u d d"], offset: Latents) -> Latents:
+    """``sum_c u_c Q_c offset``, sample by sample."""
+    matrices = (u @ curvature.flatten(1)).view(-1, *curvature.shape[1:])
+    return (matrices @ offset[:, :, None])[:, :, 0]
 
 
 def _factor(values: Tensor, vectors: Tensor) -> Tensor:

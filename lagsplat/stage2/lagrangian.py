@@ -8,7 +8,7 @@ from torch import Tensor, nn
 
 from lagsplat.shapes import Inputs, Latents, Spd
 from lagsplat.stage2.config import FormConfig
-from lagsplat.stage2.curvature import Curvature
+from lagsplat.stage2.curvature import Curvature, stiffened
 from lagsplat.stage2.icnn import Icnn
 from lagsplat.stage2.induced import DecoderGeometry, InducedMass
 from lagsplat.stage2.iresnet import Block, Diffeomorphism, pull, push
@@ -194,12 +194,6 @@ class Lagrangian(nn.Module):
         ready = ready or self.prepare()
         force = self.conservative_force(q, u, ready) - self.damping_term.product(q, v)
         return self.mass_term.accelerate(q, v, force)
-
-
-def stiffened(u: Inputs, curvature: Float[Tensor, "n_u d d"], offset: Latents) -> Latents:
-    """``sum_c u_c Q_c offset``, sample by sample."""
-    matrices = (u @ curvature.flatten(1)).view(-1, *curvature.shape[1:])
-    return (matrices @ offset[:, :, None])[:, :, 0]
 
 
 def _curvature(start: Coefficients, form: FormConfig) -> Curvature | None:
