@@ -49,6 +49,7 @@ def _inspect(words: list[str]) -> None:
         raise ConfigError("name a file: lagsplat inspect FILE")
     from lagsplat.io.read import read_recording
     from lagsplat.io.recording import load_recording
+    from lagsplat.io.split import divide
     from lagsplat.report.inspection import describe
 
     path = Path(words[0])
@@ -57,8 +58,7 @@ def _inspect(words: list[str]) -> None:
     experiment = _experiment([*_reading(path), *words[1:]])
     kept = path.suffix == ".safetensors"
     recording = load_recording(path) if kept else read_recording(experiment.recording)
-    fraction = experiment.recording.train_fraction
-    print(describe(recording, train_fraction=fraction, config=experiment.evaluate))
+    print(describe(divide(recording, experiment.recording.split), config=experiment.evaluate))
 
 
 def _reading(path: Path) -> list[str]:

@@ -89,9 +89,9 @@ class Job:
             save_json(record, {**self.header, "stamp": stamp(), "wall_s": seconds})
         log.info("%s done in %.1f s", self.rule, seconds)
 
-    def section(self, schema: type[Section]) -> Section:
-        """The rule's slice of the configuration, typed and checked."""
-        return rebuild(schema, self.params.cfg)
+    def section(self, schema: type[Section], name: str = "cfg") -> Section:
+        """A slice of the configuration that the rule carries as a parameter, typed and checked."""
+        return rebuild(schema, self.params[name])
 
     def title(self, what: str) -> str:
         """The caption line of a figure: what, of which system, from which recording and profile."""

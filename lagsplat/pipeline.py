@@ -21,6 +21,7 @@ from lagsplat.config import Config
 from lagsplat.evaluate.evaluate import evaluate
 from lagsplat.io.read import read_recording
 from lagsplat.io.recording import Recording, load_recording, save_recording
+from lagsplat.io.split import divide
 from lagsplat.stage1.autoencoder import Autoencoder, load_autoencoder, save_autoencoder
 from lagsplat.stage1.fit import fit_autoencoder
 from lagsplat.stage2.fit import fit_dynamics, load_dynamics, save_dynamics
@@ -60,17 +61,17 @@ def fit(experiment: Config, *, out: Path, header: Mapping[str, Any]) -> Run:
     Raises:
         ValueError: the recording is unreadable or too short for the split, or stage 1 learned nothing.
     """
-    recording, fraction = obtain(experiment), experiment.recording.train_fraction
-    train, _ = recording.split(fraction)
+    recording = divide(obtain(experiment), experiment.recording.split)
+    train, _ = recording.split()
     save_recording(out / "recording.safetensors", recording)
     checkpoint, seed = out / "checkpoint" / "state.pt", experiment.autoencoder_seeds[0]
-    identity = f"{header} {recording.meta.get('sha256')} {fraction} {seed}"
+    identity = f"{header} {recording.meta.get('sha256')} {recording.n_train} {seed}"
     autoencoder, _ = fit_autoencoder(
         train.frames, experiment.stage1, seed=seed, checkpoint=checkpoint, identity=identity
     )
     save_autoencoder(out / "autoencoder.safetensors", autoencoder, header)
     require_trained(autoencoder, train.frames)
-    chart = fit_chart(autoencoder, recording, experiment.chart, train_fraction=fraction, seed=seed)
+    chart = fit_chart(autoencoder, recording, experiment.chart, seed=seed)
     save_chart(out / "chart.safetensors", chart, header)
     lagrangian, report = fit_dynamics(
         chart.train.smoothed(chart.smoothing_frames),

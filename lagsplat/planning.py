@@ -153,4 +153,4 @@ def lineage(overrides: Overrides, scripts: Path, stage: str, **choices: str) -> 
     ]
     before = parts[: ("recording", "stage1", "chart", "stage2", "evaluate", "table").index(stage)]
     text = "\n".join(f"{settings} {script_digest(scripts / f'{script}.py')}" for settings, script in before)
-    return hashlib.sha256(f"{experiment.recording.train_fraction} {text}".encode()).hexdigest()
+    return hashlib.sha256(f"{experiment.recording.split} {text}".encode()).hexdigest()

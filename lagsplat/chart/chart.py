@@ -94,7 +94,6 @@ def fit_chart(
     recording: Recording,
     config: ChartConfig,
     *,
-    train_fraction: float,
     seed: int = 0,
 ) -> Chart:
     """Encode a recording, whiten its latents and measure what of them can be seen.
@@ -102,11 +101,12 @@ def fit_chart(
     Only training frames decide the whitening, the metric and the dimension.
 
     Raises:
-        ValueError: a latent axis without variance, too short a split, or a metric that cannot be measured.
+        ValueError: a latent axis without variance, a recording that is not divided, or a metric that
+        cannot be measured.
 
     Source: paper, "Reading the chart" and Implementation Details.
     """
-    n_train = recording.split(train_fraction)[0].n_frames
+    n_train = recording.split()[0].n_frames
     z = encode_frames(autoencoder, recording.frames)
     white = fit_whitening(z[:n_train], eigenvalue_floor=config.eigenvalue_floor)
     q = (z - white.mean) @ white.whiten

@@ -1,7 +1,7 @@
 """Where a recording comes from: the typed form of ``conf/recording/*.yaml``.
 
 ``kind`` chooses the maker: ``simulated`` (drawn by ``lagsplat.systems``, every field below but
-``train_fraction`` is then unused), ``krauss`` (an NPZ archive with ``images`` and ``p1..pn``) or ``video``
+``split`` is then unused), ``krauss`` (an NPZ archive with ``images`` and ``p1..pn``) or ``video``
 (any film OpenCV can open). ``path`` is a file of the user's. A Krauss recording without ``path`` is fetched
 from ``archive``.
 """
@@ -45,6 +45,35 @@ class ArchiveConfig:
 
 
 @dataclass  # not frozen, for the same reason
+class SplitConfig:
+    """What is held out of every fit: exactly one of three, the others null.
+
+    ``train_fraction`` trains on the leading share of all frames, ``held_out_frames`` on all but the last
+    ones, ``held_out_clips`` on all but the last clips.
+    """
+
+    train_fraction: float | None
+    held_out_frames: int | None
+    held_out_clips: int | None
+
+    def __post_init__(self) -> None:
+        given = {name: value for name, value in vars(self).items() if value is not None}
+        if len(given) != 1:
+            raise ValueError(
+                f"recording.split is {vars(self)}; give exactly one of train_fraction, held_out_frames and "
+                "held_out_clips, and null for the others"
+            )
+        name, value = next(iter(given.items()))
+        if name == "train_fraction" and not 0.0 < value < 1.0:
+            raise ValueError(
+                f"recording.split.train_fraction is {value}; it must lie strictly between 0 and 1, "
+                "so that both parts hold frames"
+            )
+        if value <= 0:
+            raise ValueError(f"recording.split.{name} is {value}; hold out at least one")
+
+
+@dataclass  # not frozen, for the same reason
 class RecordingConfig:
     """One recording: which maker, which file, which part of it.
 
@@ -53,7 +82,7 @@ class RecordingConfig:
     many pressure channels the system has. ``crop`` is (x, y, width, height) in pixels of the film, null for
     the whole picture. ``skip_s`` and ``end_s`` cut the film [s from its first frame]; ``end_s`` null keeps
     everything to the end. ``height`` and ``width`` are the size after resizing [pixel], both null to keep
-    the cropped size. ``train_fraction`` is the contiguous leading share that training may see.
+    the cropped size. ``split`` says what is held out.
     """
 
     kind: str
@@ -67,16 +96,11 @@ class RecordingConfig:
     end_s: float | None
     height: int | None
     width: int | None
-    train_fraction: float
+    split: SplitConfig
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
             raise ValueError(f"recording.kind is {self.kind!r}; choose one of {', '.join(KINDS)}")
-        if not 0.0 < self.train_fraction < 1.0:
-            raise ValueError(
-                f"recording.train_fraction is {self.train_fraction}; it must lie strictly between 0 and 1, "
-                "so that both parts hold frames"
-            )
         if self.n_inputs < 0:
             raise ValueError(f"recording.n_inputs is {self.n_inputs}; give 0 for an autonomous system")
         if self.dt_s is not None and not 0.0 < self.dt_s < float("inf"):

@@ -5,7 +5,6 @@ artefact of kind ``recording``. Frames may be a memory map, so that a long recor
 is used.
 """
 
-import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -16,7 +15,7 @@ import numpy as np
 from lagsplat.io.artefact import load_artefact, save_artefact
 
 KIND = "recording"
-SCHEMA = 1
+SCHEMA = 2
 ORIGINS = ("simulated", "filmed")
 LEAST_FRAMES = 3  # an acceleration needs three
 
@@ -29,7 +28,8 @@ class Recording:
     ``inputs`` is (T, n_u), one row a frame, and may have no column. ``segments`` are half-open ``(start,
     stop)`` clips that follow one another and cover all frames; nothing may be continued across their
     borders; empty means one clip. ``states`` is the truth of a simulation, (T, n_x), or None. Numbers other
-    than frames become float64. ``meta`` has ``origin`` (``simulated`` or ``filmed``), ``source``,
+    than frames become float64. The first ``n_train`` frames are for training; None before it was decided.
+    ``meta`` has ``origin`` (``simulated`` or ``filmed``), ``source``,
     ``sha256``, ``licence``, and whatever else the maker knows, as plain data.
 
     Raises:
@@ -45,6 +45,7 @@ class Recording:
     segments: tuple[tuple[int, int], ...] = ()
     states: np.ndarray | None = None
     meta: Mapping[str, Any] = field(default_factory=dict)
+    n_train: int | None = None
 
     def __post_init__(self) -> None:
         shape, dtype = np.shape(self.frames), getattr(self.frames, "dtype", None)
@@ -94,7 +95,8 @@ class Recording:
         return float(np.median(spacing))
 
     def part(self, start: int, stop: int) -> "Recording":
-        """Frames ``start`` to ``stop`` (exclusive), with their times and clips; frames are a view."""
+        """Frames ``start`` to ``stop`` (exclusive), with their times and clips; frames are a view. It is not
+        divided."""
         if not 0 <= start < stop <= self.n_frames:
             raise self._error(
                 "part",
@@ -111,27 +113,18 @@ class Recording:
             inputs=self.inputs[start:stop],
             states=None if self.states is None else self.states[start:stop],
             segments=tuple(clips),
+            n_train=None,
         )
 
-    def split(self, train_fraction: float) -> tuple["Recording", "Recording"]:
-        """The leading ``floor(train_fraction * T)`` frames for training, and the rest, held out. Both
-        contiguous.
+    def split(self) -> tuple["Recording", "Recording"]:
+        """The leading ``n_train`` frames, for training, and the rest, held out.
 
         Raises:
-            ValueError: either part would have fewer than three frames.
-
-        Source: paper section "Real actuated soft robot", contiguous split.
+            ValueError: the recording was never divided (`lagsplat.io.split.divide`).
         """
-        # 0.29 * 100 is 28.999..., and the floor of that is not what anyone means.
-        n_train = math.floor(train_fraction * self.n_frames + 1e-9)
-        if n_train < LEAST_FRAMES or self.n_frames - n_train < LEAST_FRAMES:
-            raise self._error(
-                "frames",
-                f"{self.n_frames} in number, split into {n_train} and {self.n_frames - n_train} "
-                f"by train_fraction = {train_fraction}",
-                f"each part needs {LEAST_FRAMES} or more; give a longer recording or another fraction",
-            )
-        return self.part(0, n_train), self.part(n_train, self.n_frames)
+        if self.n_train is None:
+            raise self._error("n_train", "None", "divide the recording first")
+        return self.part(0, self.n_train), self.part(self.n_train, self.n_frames)
 
     def _error(self, name: str, found: str, remedy: str) -> ValueError:
         return ValueError(f"recording {self.meta.get('source', '(unnamed)')}: {name} {found}; {remedy}")
@@ -204,6 +197,7 @@ def save_recording(path: str | os.PathLike[str], recording: Recording) -> None:
         "input_units": recording.input_units,
         "segments": recording.segments,
         "meta": dict(recording.meta),
+        "n_train": recording.n_train,
     }
     save_artefact(path, tensors, header)
 
@@ -227,4 +221,5 @@ def load_recording(path: str | os.PathLike[str]) -> Recording:
         segments=tuple((start, stop) for start, stop in header["segments"]),
         states=tensors.get("states"),
         meta=header["meta"],
+        n_train=header["n_train"],
     )

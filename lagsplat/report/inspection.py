@@ -11,16 +11,16 @@ GAP = 1.5  # spacings above this many medians are gaps
 SHOWN = 5
 
 
-def describe(recording: Recording, *, train_fraction: float, config: EvaluateConfig) -> str:
+def describe(recording: Recording, *, config: EvaluateConfig) -> str:
     """Origin, size, clock, inputs, gaps, free segments and split, a line each.
 
     A gap is a spacing of more than 1.5 medians within a clip. Free segments are those of the whole recording,
     by the same rule as the evaluation's.
 
     Raises:
-        ValueError: the recording is too short for the split.
+        ValueError: the recording is not divided.
     """
-    train, held_out = recording.split(train_fraction)
+    train, held_out = recording.split()
     duration_s = recording.time_s[-1] - recording.time_s[0]
     lines = [
         f"source     {recording.meta.get('source')} ({recording.meta.get('origin')})",
@@ -33,7 +33,7 @@ def describe(recording: Recording, *, train_fraction: float, config: EvaluateCon
         *([] if recording.inputs.shape[1] else ["inputs     none"]),
         f"gaps       {_gaps(recording)}",
         f"free       {_free(recording, config)}",
-        f"split      {train.n_frames} frames to train on, {held_out.n_frames} held out ({train_fraction:g})",
+        f"split      {train.n_frames} frames to train on, {held_out.n_frames} held out",
     ]
     return "\n".join(lines)
 

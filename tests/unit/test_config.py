@@ -52,7 +52,7 @@ def test_numbers_written_as_powers_of_ten_are_numbers() -> None:
 
 def test_the_published_split_and_clock() -> None:
     recording = compose("system=krauss_2seg", "recording=filmed").recording
-    assert recording.train_fraction == 0.8
+    assert recording.split.train_fraction == 0.8
     assert recording.dt_s == pytest.approx(1001 / 60000, rel=1e-15)
     assert recording.archive is not None
     assert recording.member in recording.archive.member_sha256

@@ -87,7 +87,8 @@ def test_the_identity_follows_settings_and_inputs_but_not_records(tmp_path: Path
 
 def test_a_section_is_typed_again(tmp_path: Path) -> None:
     values = dict.fromkeys(RecordingConfig.__dataclass_fields__)
-    values |= {"kind": "video", "n_inputs": 0, "skip_s": 1.5, "train_fraction": 0.5}
+    split = {"train_fraction": 0.5, "held_out_frames": None, "held_out_clips": None}
+    values |= {"kind": "video", "n_inputs": 0, "skip_s": 1.5, "split": split}
     section = Job(context(tmp_path, cfg=values)).section(RecordingConfig)
     assert isinstance(section, RecordingConfig)
     assert section.skip_s == 1.5

@@ -19,7 +19,6 @@ rule chart:
         mem_mb=3000,
     params:
         cfg=section("chart"),
-        train_fraction=section("recording.train_fraction"),
         before=before("chart"),
         code=script_digest(SCRIPTS / "chart.py"),
     message:

@@ -14,7 +14,7 @@ rule simulate:
         mem_mb=2000,
     params:
         cfg=section("simulation", recording="simulated"),
-        train_fraction=section("recording.train_fraction", recording="simulated"),
+        split=section("recording.split", recording="simulated"),
         code=script_digest(SCRIPTS / "simulate.py"),
     message:
         "Simulate {wildcards.system}"

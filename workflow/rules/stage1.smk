@@ -19,7 +19,6 @@ rule stage1:
         mem_mb=4000,
     params:
         cfg=section("stage1"),
-        train_fraction=section("recording.train_fraction"),
         before=before("stage1"),
         code=script_digest(SCRIPTS / "stage1.py"),
         # Not an output: it must outlive a failed or killed job. A finished one deletes it.
@@ -56,7 +55,6 @@ rule reconstruction:
     resources:
         mem_mb=2000,
     params:
-        train_fraction=section("recording.train_fraction"),
         title=section("system.title"),
         before=before("chart"),
         code=script_digest(SCRIPTS / "reconstruction.py"),

@@ -10,8 +10,7 @@ from lagsplat.stage1.autoencoder import load_autoencoder
 with Job(snakemake) as job:
     recording = load_recording(job.input.recording)
     autoencoder, _ = load_autoencoder(job.input.autoencoder)
-    config, fraction = job.section(ChartConfig), job.params.train_fraction
-    require_trained(autoencoder, recording.split(fraction)[0].frames)
-    chart = fit_chart(autoencoder, recording, config, train_fraction=fraction, seed=job.seed)
+    require_trained(autoencoder, recording.split()[0].frames)
+    chart = fit_chart(autoencoder, recording, job.section(ChartConfig), seed=job.seed)
     job.say(f"condition {chart.condition:.0f}; dimension {chart.intrinsic_dimension:.2f}, chosen {chart.d}")
     save_chart(job.output.chart, chart, job.header)

@@ -3,10 +3,9 @@
 from lagsplat.io.config import RecordingConfig
 from lagsplat.io.read import read_recording
 from lagsplat.io.recording import save_recording
+from lagsplat.io.split import divide
 from lagsplat.job import Job
 
 with Job(snakemake) as job:
     config = job.section(RecordingConfig)
-    recording = read_recording(config)
-    recording.split(config.train_fraction)  # too short a recording stops here, before training
-    save_recording(job.output.recording, recording)
+    save_recording(job.output.recording, divide(read_recording(config), config.split))

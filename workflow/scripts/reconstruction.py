@@ -6,7 +6,7 @@ from lagsplat.report.figures import draw_reconstruction, save_figure
 from lagsplat.stage1.autoencoder import load_autoencoder
 
 with Job(snakemake) as job:
-    _, held_out = load_recording(job.input.recording).split(job.params.train_fraction)
+    _, held_out = load_recording(job.input.recording).split()
     autoencoder, _ = load_autoencoder(job.input.autoencoder)
     figure = draw_reconstruction(autoencoder, held_out, title=job.title("Held-out frames"))
     save_figure(job.output.figure, figure)

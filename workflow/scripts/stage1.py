@@ -10,7 +10,7 @@ from lagsplat.stage1.config import Stage1Config
 from lagsplat.stage1.fit import fit_autoencoder
 
 with Job(snakemake) as job:
-    train, _ = load_recording(job.input.recording).split(job.params.train_fraction)
+    train, _ = load_recording(job.input.recording).split()
     config, checkpoint = job.section(Stage1Config), Path(job.params.checkpoint)
     autoencoder, curve = fit_autoencoder(
         train.frames, config, seed=job.seed, checkpoint=checkpoint, identity=job.identity

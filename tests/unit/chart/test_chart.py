@@ -1,3 +1,4 @@
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -39,8 +40,9 @@ def made() -> tuple[Autoencoder, Recording, Chart]:
         input_units=("atm",),
         segments=((0, 50), (50, 80)),
         meta={"origin": "simulated", "source": "test", "sha256": None, "licence": None},
+        n_train=60,
     )
-    return autoencoder, recording, fit_chart(autoencoder, recording, CONFIG, train_fraction=0.75)
+    return autoencoder, recording, fit_chart(autoencoder, recording, CONFIG)
 
 
 def test_chart_describes_the_recording_and_survives_a_file(tmp_path: Path) -> None:
@@ -66,16 +68,7 @@ def test_held_out_frames_do_not_touch_the_chart() -> None:
     autoencoder, recording, chart = made()
     frames = np.array(recording.frames)
     frames[60:] = 255 - frames[60:]
-    other = Recording(
-        frames=frames,
-        time_s=recording.time_s,
-        inputs=recording.inputs,
-        input_names=recording.input_names,
-        input_units=recording.input_units,
-        segments=recording.segments,
-        meta=recording.meta,
-    )
-    again = fit_chart(autoencoder, other, CONFIG, train_fraction=0.75)
+    again = fit_chart(autoencoder, replace(recording, frames=frames), CONFIG)
     np.testing.assert_array_equal(again.whiten, chart.whiten)
     np.testing.assert_array_equal(again.metric, chart.metric)
     assert not np.array_equal(again.latents, chart.latents)
@@ -88,7 +81,7 @@ def test_rest_image_is_a_median_over_the_first_frames() -> None:
     np.testing.assert_array_equal(got[0], np.median(recording.frames[:3], axis=0))
 
 
-def test_an_empty_split_is_refused() -> None:
+def test_a_recording_that_is_not_divided_is_refused() -> None:
     autoencoder, recording, _ = made()
-    with pytest.raises(ValueError, match=r"train_fraction ?= ?1\.0"):
-        fit_chart(autoencoder, recording, CONFIG, train_fraction=1.0)
+    with pytest.raises(ValueError, match="divide the recording first"):
+        fit_chart(autoencoder, replace(recording, n_train=None), CONFIG)

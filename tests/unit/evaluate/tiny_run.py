@@ -37,6 +37,7 @@ def recording(frames: int = 600, *, tail: int = 200, side: int = 16) -> Recordin
         input_names=("push",),
         input_units=("N",),
         meta={"origin": "simulated", "source": "swinging square", "sha256": "0", "licence": "none"},
+        n_train=frames // 2,
     )
 
 
@@ -77,7 +78,7 @@ def chart(model: Autoencoder, film: Recording) -> Chart:
         dimension_frames=200,
         dimension_neighbours=10,
     )
-    return fit_chart(model, film, settings, train_fraction=0.5)
+    return fit_chart(model, film, settings)
 
 
 def lagrangian(d: int = 2, *, n_inputs: int = 1, frequency_hz: float = FREQUENCY_HZ) -> Lagrangian:

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from lagsplat.io.config import ArchiveConfig, RecordingConfig
+from lagsplat.io.config import ArchiveConfig, RecordingConfig, SplitConfig
 from lagsplat.io.read import read_recording
 
 
@@ -31,7 +31,7 @@ def krauss(tmp_path: Path) -> RecordingConfig:
         end_s=None,
         height=None,
         width=None,
-        train_fraction=0.8,
+        split=SplitConfig(train_fraction=0.8, held_out_frames=None, held_out_clips=None),
     )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lagsplat.io.artefact import load_artefact, save_artefact
-from lagsplat.io.recording import Recording, load_recording, save_recording
+from lagsplat.io.recording import SCHEMA, Recording, load_recording, save_recording
 
 
 @pytest.fixture
@@ -34,7 +34,7 @@ def test_round_trip_with_lazy_frames(recording: Recording, tmp_path: Path) -> No
         np.testing.assert_array_equal(getattr(loaded, name), getattr(recording, name))
     for name in ("input_names", "input_units", "segments", "meta"):
         assert getattr(loaded, name) == getattr(recording, name)
-    assert isinstance(loaded.split(0.5)[1].frames, np.memmap)
+    assert isinstance(loaded.part(10, 20).frames, np.memmap)
 
 
 def test_recording_without_inputs_and_states(recording: Recording, tmp_path: Path) -> None:
@@ -47,7 +47,7 @@ def test_recording_without_inputs_and_states(recording: Recording, tmp_path: Pat
 
 def test_incomplete_artefact_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "r.safetensors"
-    save_artefact(path, {"frames": np.zeros((2, 2, 2, 3), np.uint8)}, {"kind": "recording", "schema": 1})
+    save_artefact(path, {"frames": np.zeros((2, 2, 2, 3), np.uint8)}, {"kind": "recording", "schema": SCHEMA})
     with pytest.raises(ValueError, match=r"without \['inputs', 'time_s'\]"):
         load_recording(path)
     save_artefact(path, {}, {"kind": "chart", "schema": 1})
@@ -86,33 +86,16 @@ def test_part_outside_is_refused(recording: Recording, start: int, stop: int) ->
         recording.part(start, stop)
 
 
-@pytest.mark.parametrize(("fraction", "n_train"), [(0.8, 16), (0.5, 10), (0.79, 15), (0.15, 3), (0.85, 17)])
-def test_split_is_contiguous_and_leaves_nothing(recording: Recording, fraction: float, n_train: int) -> None:
-    train, held_out = recording.split(fraction)
-    assert (train.n_frames, held_out.n_frames) == (n_train, 20 - n_train)
+def test_split_is_contiguous_and_leaves_nothing(recording: Recording) -> None:
+    train, held_out = replace(recording, n_train=13).split()
+    assert (train.n_frames, held_out.n_frames) == (13, 7)
+    assert train.n_train is None
     np.testing.assert_array_equal(np.concatenate([train.frames, held_out.frames]), recording.frames)
 
 
-def test_split_counts_as_published() -> None:
-    n = 54_840
-    long = Recording(
-        frames=np.broadcast_to(np.uint8(1), (n, 1, 1, 3)),
-        time_s=np.arange(n) * 1001 / 60000,
-        inputs=np.zeros((n, 0)),
-        input_names=(),
-        input_units=(),
-        meta={"origin": "filmed"},
-    )
-    train, held_out = long.split(0.8)
-    assert (train.n_frames, held_out.n_frames) == (43_872, 10_968)
-
-
-@pytest.mark.parametrize("fraction", [0.05, 0.95])
-def test_too_few_frames_for_the_split(recording: Recording, fraction: float) -> None:
-    with pytest.raises(
-        ValueError, match=rf"twin\.npz: frames 20 .*train_fraction = {fraction}; each part needs 3"
-    ):
-        recording.split(fraction)
+def test_a_recording_that_is_not_divided_has_no_parts(recording: Recording) -> None:
+    with pytest.raises(ValueError, match=r"twin\.npz: n_train None; divide"):
+        recording.split()
 
 
 @pytest.mark.parametrize(

@@ -21,11 +21,12 @@ def recording(n: int = 400) -> Recording:
         input_names=("p1",),
         input_units=("atm",),
         meta={"origin": "simulated", "source": "by hand", "sha256": None, "licence": "none"},
+        n_train=3 * n // 4,
     )
 
 
 def test_every_fact_is_said() -> None:
-    text = describe(recording(), train_fraction=0.75, config=compose("system=toy").evaluate)
+    text = describe(recording(), config=compose("system=toy").evaluate)
     assert "by hand (simulated)" in text
     assert "400, 8 x 6 px, 1 clip(s)" in text
     assert "50.0000 frames/s" in text
@@ -36,6 +37,6 @@ def test_every_fact_is_said() -> None:
     assert "to 400 (4.0 s)" in free
 
 
-def test_too_short_for_a_split_is_an_error() -> None:
-    with pytest.raises(ValueError, match="longer recording"):
-        describe(recording(300).part(0, 5), train_fraction=0.8, config=compose("system=toy").evaluate)
+def test_a_recording_that_is_not_divided_is_refused() -> None:
+    with pytest.raises(ValueError, match="divide the recording first"):
+        describe(recording(300).part(0, 5), config=compose("system=toy").evaluate)
