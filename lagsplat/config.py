@@ -25,9 +25,10 @@ from lagsplat.io.config import RecordingConfig
 from lagsplat.stage1.config import Stage1Config
 from lagsplat.stage2.config import Stage2Config
 from lagsplat.systems.config import SimulationConfig
+from lagsplat.systems.release_config import ReleaseConfig
 
 CONF = Path(__file__).resolve().parents[1] / "conf"
-GROUPS = ("profile", "recording", "system", "simulation", "stage1", "chart", "stage2", "evaluate")
+GROUPS = ("profile", "recording", "system", "simulation", "release", "stage1", "chart", "stage2", "evaluate")
 Section = TypeVar("Section")
 
 
@@ -77,7 +78,9 @@ class Config:
     system: SystemConfig
     recording: RecordingConfig
     simulation: SimulationConfig | None
-    """The simulated stand-in; null where there is none."""
+    """The simulated stand-in of a driven arm; null where there is none."""
+    release: ReleaseConfig | None
+    """The simulated stand-in of a mechanism that is let go; null where there is none."""
     stage1: Stage1Config
     chart: ChartConfig
     stage2: Stage2Config
@@ -101,10 +104,12 @@ class Config:
 
     def _check_source(self) -> None:
         system, recording = self.choices["system"], self.recording
-        if recording.kind == "simulated" and self.simulation is None:
+        if self.simulation is not None and self.release is not None:
+            raise ValueError(f"conf/system/{system}.yaml has a simulation and a release; set one to null")
+        if recording.kind == "simulated" and self.simulation is None and self.release is None:
             raise ValueError(
-                f"recording=simulated: conf/system/{system}.yaml has no simulation; give recording=filmed "
-                "recording.path=FILE, or another system"
+                f"recording=simulated: conf/system/{system}.yaml has no simulation and no release; "
+                "give recording=filmed recording.path=FILE, or another system"
             )
         if recording.kind != "simulated" and recording.path is None and recording.archive is None:
             raise ValueError(

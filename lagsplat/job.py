@@ -93,6 +93,10 @@ class Job:
         """A slice of the configuration that the rule carries as a parameter, typed and checked."""
         return rebuild(schema, self.params[name])
 
+    def choice(self, schema: type[Section], name: str) -> Section | None:
+        """The same for a slice that may be null."""
+        return None if self.params[name] is None else self.section(schema, name)
+
     def title(self, what: str) -> str:
         """The caption line of a figure: what, of which system, from which recording and profile."""
         path = self.wildcards

@@ -28,7 +28,7 @@ from lagsplat.stage2.fit import fit_dynamics, load_dynamics, save_dynamics
 from lagsplat.stage2.induced import decoder_geometry
 from lagsplat.stage2.lagrangian import Lagrangian
 from lagsplat.stage2.rollout import rollout
-from lagsplat.systems.simulate import simulate as simulate_arm
+from lagsplat.systems.stand_in import stand_in
 
 log = logging.getLogger(__name__)
 FILES = ("recording", "autoencoder", "chart", "dynamics")
@@ -48,9 +48,7 @@ def obtain(experiment: Config) -> Recording:
     """The recording an experiment is about: simulated, read from a file or fetched."""
     if experiment.recording.kind != "simulated":
         return read_recording(experiment.recording)
-    assert experiment.simulation is not None, "composition refuses a simulated recording without a simulation"
-    recording, _ = simulate_arm(experiment.simulation, seed=0)
-    return recording
+    return stand_in(experiment.simulation, experiment.release, seed=0)[0]
 
 
 def fit(experiment: Config, *, out: Path, header: Mapping[str, Any]) -> Run:

@@ -145,7 +145,7 @@ def lineage(overrides: Overrides, scripts: Path, stage: str, **choices: str) -> 
     experiment = compose_for(overrides, **choices)
     maker = "simulate" if experiment.recording.kind == "simulated" else "ingest"
     parts = [
-        (experiment.simulation if maker == "simulate" else experiment.recording, maker),
+        ((experiment.simulation, experiment.release) if maker == "simulate" else experiment.recording, maker),
         (experiment.stage1, "stage1"),
         (experiment.chart, "chart"),
         (experiment.stage2, "stage2"),

@@ -25,7 +25,8 @@ PAGES = [
 LAYERS = (
     {"shapes", "provenance"},
     {"io"},
-    {"systems", "views"},
+    {"views"},
+    {"systems"},
     {"splat"},
     {"stage1"},
     {"chart"},

@@ -8,22 +8,9 @@ from jaxtyping import Float64
 from lagsplat.systems import chain
 from lagsplat.systems.chain import Matrix, Table, Vector
 from lagsplat.systems.config import ArmConfig
+from lagsplat.systems.modes import Modes, linear_modes
 
 N_NODES = 8
-
-
-@dataclass(frozen=True)
-class Modes:
-    """Linear free modes at rest, slowest first.
-
-    ``natural_hz`` is ``|lambda| / 2 pi``, ``damped_hz`` the frequency a decaying record shows,
-    ``decay_per_s`` its envelope's rate and ``damping_ratio = decay / |lambda|``.
-    """
-
-    natural_hz: Vector
-    damped_hz: Vector
-    decay_per_s: Vector
-    damping_ratio: Vector
 
 
 @dataclass(frozen=True)
@@ -39,6 +26,12 @@ class Arm:
     def d(self) -> int:
         """Number of coordinates, two a segment; also the number of chambers."""
         return 2 * self.table.shape[0]
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Bending angle and strain of each segment."""
+        segments = range(1, self.table.shape[0] + 1)
+        return tuple(name for i in segments for name in (f"bend {i} [rad]", f"strain {i}"))
 
     def mass(self, q: Vector) -> Matrix:
         """Mass matrix; rows and columns in SI units of the coordinates."""
@@ -114,14 +107,7 @@ class Arm:
         """Free modes of the arm linearised about its rest pose without pressure."""
         still = np.zeros(self.d)
         rest = self.equilibrium(still)
-        inverse = np.linalg.inv(self.mass(rest))
-        lower = np.hstack([-inverse @ self.stiffness(rest, still), -inverse @ self.damping()])
-        upper = np.hstack([np.zeros((self.d, self.d)), np.eye(self.d)])
-        roots = np.linalg.eigvals(np.vstack([upper, lower]))
-        roots = roots[roots.imag > 0]
-        roots = roots[np.argsort(np.abs(roots))]
-        size = np.abs(roots)
-        return Modes(size / (2 * np.pi), roots.imag / (2 * np.pi), -roots.real, -roots.real / size)
+        return linear_modes(self.mass(rest), self.damping(), self.stiffness(rest, still))
 
     def _mass_times_depth(self, states: Float64[np.ndarray, "T d"]) -> Float64[np.ndarray, " T"]:
         total, origin = np.zeros(len(states)), np.zeros(len(states), complex)

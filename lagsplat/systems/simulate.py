@@ -1,11 +1,11 @@
 """A simulated recording of a pneumatic arm, and the truth behind it."""
 
-import hashlib
 from dataclasses import asdict
 
 import numpy as np
 from jaxtyping import Float64, UInt8
 
+from lagsplat.io.checksum import sha256_of_arrays
 from lagsplat.io.recording import Recording
 from lagsplat.systems.arm import Arm, build_arm
 from lagsplat.systems.config import SimulationConfig
@@ -15,7 +15,6 @@ from lagsplat.systems.trajectory import integrate
 from lagsplat.systems.truth import Truth, truth_of
 
 CHUNK_FRAMES = 1024
-MASS_STRIDE_FRAMES = 20
 
 
 def simulate(config: SimulationConfig, *, seed: int) -> tuple[Recording, Truth]:
@@ -49,20 +48,22 @@ def simulate(config: SimulationConfig, *, seed: int) -> tuple[Recording, Truth]:
         meta={
             "origin": "simulated",
             "source": f"lagsplat.systems.simulate, {n_u // 2} segment(s), seed {seed}",
-            "sha256": _sha256(frames, inputs),
+            "sha256": sha256_of_arrays(frames, inputs),
             "licence": "BSD-3-Clause",
             "simulation": asdict(config),
             "seed": seed,
         },
     )
-    return recording, truth_of(arm, states, velocities, pressures, mass_stride_frames=MASS_STRIDE_FRAMES)
-
-
-def _sha256(*arrays: np.ndarray) -> str:
-    digest = hashlib.sha256()
-    for array in arrays:
-        digest.update(np.ascontiguousarray(array).data)
-    return digest.hexdigest()
+    truth = truth_of(
+        arm,
+        states,
+        velocities,
+        pressures=pressures,
+        forces=np.zeros_like(states),
+        rest=arm.equilibrium(np.zeros(arm.d)),
+        modes=arm.modes(),
+    )
+    return recording, truth
 
 
 def film(

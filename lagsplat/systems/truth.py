@@ -2,33 +2,37 @@
 
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
-from typing import Any
+from dataclasses import asdict, dataclass
+from typing import Any, Protocol
 
 import numpy as np
 from jaxtyping import Float64, Int64
 
 from lagsplat.io.artefact import load_artefact, save_artefact
-from lagsplat.systems.arm import Arm
+from lagsplat.systems.modes import Modes
 
 KIND = "truth"
-SCHEMA = 1
+SCHEMA = 2
+MASS_STRIDE_FRAMES = 20
 
 
 @dataclass(frozen=True)
 class Truth:
-    """States of the arm at the frames, and what its equations say about them.
+    """States at the frames, and what the system's equations say about them.
 
-    ``states`` are ``(theta_1 [rad], eps_1, ...)``, ``velocities`` the same per second, ``pressures`` [atm]
-    free of noise, energies [J], ``mass_matrices`` those of the frames ``mass_frames``. Free modes linearised
+    ``coordinates`` names each column of ``states`` with its unit, ``velocities`` are the same per second.
+    ``pressures`` [atm] are free of noise and have no column without chambers; ``forces`` are generalised ones
+    from outside. Energies [J], ``mass_matrices`` of the frames ``mass_frames``. Free modes linearised
     about ``rest``, slowest first: ``damped_frequencies_hz`` is what a decaying record shows,
     ``natural_frequencies_hz`` the modulus of the eigenvalue over 2 pi, ``decay_rates_per_s`` the rate of the
     envelope.
     """
 
+    coordinates: tuple[str, ...]
     states: Float64[np.ndarray, "T d"]
     velocities: Float64[np.ndarray, "T d"]
     pressures: Float64[np.ndarray, "T n_u"]
+    forces: Float64[np.ndarray, "T d"]
     kinetic_energy: Float64[np.ndarray, " T"]
     potential_energy: Float64[np.ndarray, " T"]
     mass_frames: Int64[np.ndarray, " S"]
@@ -40,26 +44,45 @@ class Truth:
     damping_ratios: Float64[np.ndarray, " n_modes"]
 
 
+class Energetic(Protocol):
+    """What the truth asks of a system."""
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Name and unit of each coordinate."""
+
+    def mass(self, q: Float64[np.ndarray, " d"]) -> Float64[np.ndarray, "d d"]:
+        """Mass matrix."""
+
+    def potential_energies(self, states: Float64[np.ndarray, "T d"]) -> Float64[np.ndarray, " T"]:
+        """Potential energy [J] of each state."""
+
+
 def truth_of(
-    arm: Arm,
+    system: Energetic,
     states: Float64[np.ndarray, "T d"],
     velocities: Float64[np.ndarray, "T d"],
-    pressures: Float64[np.ndarray, "T n_u"],
     *,
-    mass_stride_frames: int,
+    pressures: Float64[np.ndarray, "T n_u"],
+    forces: Float64[np.ndarray, "T d"],
+    rest: Float64[np.ndarray, " d"],
+    modes: Modes,
 ) -> Truth:
-    """All that the arm's equations say of this trajectory; mass matrices every ``mass_stride_frames``."""
-    modes = arm.modes()
-    frames = np.arange(0, len(states), mass_stride_frames)
+    """All that the equations of ``system`` say of this trajectory."""
+    frames = np.arange(0, len(states), MASS_STRIDE_FRAMES)
     return Truth(
+        coordinates=system.coordinates,
         states=states,
         velocities=velocities,
         pressures=pressures,
-        kinetic_energy=np.array([arm.kinetic_energy(q, v) for q, v in zip(states, velocities, strict=True)]),
-        potential_energy=arm.potential_energies(states),
+        forces=forces,
+        kinetic_energy=np.array(
+            [0.5 * v @ system.mass(q) @ v for q, v in zip(states, velocities, strict=True)]
+        ),
+        potential_energy=system.potential_energies(states),
         mass_frames=frames,
-        mass_matrices=np.stack([arm.mass(q) for q in states[frames]]),
-        rest=arm.equilibrium(np.zeros(arm.d)),
+        mass_matrices=np.stack([system.mass(q) for q in states[frames]]),
+        rest=rest,
         natural_frequencies_hz=modes.natural_hz,
         damped_frequencies_hz=modes.damped_hz,
         decay_rates_per_s=modes.decay_per_s,
@@ -69,7 +92,9 @@ def truth_of(
 
 def save_truth(path: str | os.PathLike[str], truth: Truth, header: Mapping[str, Any]) -> None:
     """Keep ``truth`` at ``path`` as an artefact of kind ``truth``, with the configuration in ``header``."""
-    save_artefact(path, asdict(truth), {**header, "kind": KIND, "schema": SCHEMA})
+    tensors = asdict(truth)
+    names = {"coordinates": tensors.pop("coordinates")}
+    save_artefact(path, tensors, {**header, **names, "kind": KIND, "schema": SCHEMA})
 
 
 def load_truth(path: str | os.PathLike[str]) -> tuple[Truth, dict[str, Any]]:
@@ -79,4 +104,4 @@ def load_truth(path: str | os.PathLike[str]) -> tuple[Truth, dict[str, Any]]:
         FileNotFoundError, ValueError: as `load_artefact`.
     """
     tensors, header = load_artefact(path, kind=KIND, schema=SCHEMA)
-    return Truth(**{field.name: tensors[field.name] for field in fields(Truth)}), header
+    return Truth(coordinates=tuple(header["coordinates"]), **tensors), header

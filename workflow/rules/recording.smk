@@ -13,7 +13,8 @@ rule simulate:
     resources:
         mem_mb=2000,
     params:
-        cfg=section("simulation", recording="simulated"),
+        simulation=section("simulation", recording="simulated"),
+        release=section("release", recording="simulated"),
         split=section("recording.split", recording="simulated"),
         code=script_digest(SCRIPTS / "simulate.py"),
     message:

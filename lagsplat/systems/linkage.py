@@ -1,0 +1,78 @@
+"""Hanging rigid links in a plane: a pendulum, a double pendulum, a bag on its strap."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64
+
+from lagsplat.systems.mechanism import Matrix, Poses, Series, Vector
+
+
+@dataclass(frozen=True)
+class Linkage:
+    """Links that hang from one another; the coordinates are their angles from the vertical [rad].
+
+    Per link, from the pivot on: ``length`` [m] to the next hinge, ``mass`` [kg], ``center`` [m] of mass from
+    its hinge, ``inertia`` [kg m^2] about it, and of its hinge ``friction`` [N m s/rad] and ``spring``
+    [N m/rad], both on the angle relative to the link before.
+    """
+
+    length: Float64[np.ndarray, " d"]
+    masses: Float64[np.ndarray, " d"]
+    center: Float64[np.ndarray, " d"]
+    inertia: Float64[np.ndarray, " d"]
+    friction: Float64[np.ndarray, " d"]
+    spring: Float64[np.ndarray, " d"]
+    gravity: float
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Angles of the links."""
+        return tuple(f"angle {i + 1} [rad]" for i in range(len(self.length)))
+
+    @property
+    def _arms(self) -> Float64[np.ndarray, "d d"]:
+        """Row k: how far link i carries the centre of mass of link k."""
+        d = len(self.length)
+        return np.where(np.tri(d, k=-1, dtype=bool), self.length, np.diag(self.center))
+
+    @property
+    def _moments(self) -> Matrix:
+        """``sum_k m_k a_ki a_kj``, and the inertias: the mass matrix of links in line."""
+        return self._arms.T @ (self.masses[:, None] * self._arms) + np.diag(self.inertia)
+
+    def _joints(self, values: Float64[np.ndarray, " d"]) -> Matrix:
+        """A quadratic form of the relative angles as one of the angles."""
+        relative = np.eye(len(values)) - np.eye(len(values), k=-1)
+        return relative.T @ (values[:, None] * relative)
+
+    def mass(self, q: Vector) -> Matrix:
+        """Mass matrix [kg m^2]."""
+        return self._moments * np.cos(q[:, None] - q[None, :])
+
+    def damping(self) -> Matrix:
+        """Constant viscous damping matrix [N m s/rad]."""
+        return self._joints(self.friction)
+
+    def static_force(self, q: Vector) -> Vector:
+        """Moments of weight and springs [N m]."""
+        weight = self.gravity * (self.masses @ self._arms)
+        return -weight * np.sin(q) - self._joints(self.spring) @ q
+
+    def acceleration(self, q: Vector, v: Vector, push: Vector) -> Vector:
+        """Angular accelerations [rad/s^2]; the centrifugal term is the exact one of :meth:`mass`."""
+        centrifugal = (self._moments * np.sin(q[:, None] - q[None, :])) @ v**2
+        force = self.static_force(q) - centrifugal - self.damping() @ v + push
+        return np.linalg.solve(self.mass(q), force)
+
+    def potential_energies(self, states: Series) -> Float64[np.ndarray, " T"]:
+        """Energy [J], zero where all hangs straight down."""
+        weight = self.gravity * (self.masses @ self._arms)
+        elastic = 0.5 * np.einsum("ti,ij,tj->t", states, self._joints(self.spring), states)
+        return (1 - np.cos(states)) @ weight + elastic
+
+    def poses(self, states: Series) -> Poses:
+        """Hinges of the links, from the pivot at (0, 0) on. A positive angle swings to the right."""
+        along = np.stack([np.sin(states), np.cos(states)], axis=2) * self.length[:, None]
+        hinges = np.concatenate([np.zeros_like(along[:, :1]), np.cumsum(along, axis=1)[:, :-1]], axis=1)
+        return np.concatenate([hinges, -states[:, :, None]], axis=2)

@@ -1,0 +1,65 @@
+"""Pictures of flat bodies before a photograph, through a camera.
+
+A body is a sprite on a plane parallel to the plane of motion; one with a thickness is a pile of them, painted
+from the back to the front, so that a camera from the side sees its flank.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from jaxtyping import Float32, Float64
+
+from lagsplat.systems.sprites import Sprite
+from lagsplat.views.camera import Camera, Homography
+
+Picture = Float32[np.ndarray, "H W 3"]
+FLANK = 0.72
+"""Brightness of a pile's inner layers, which only its flank shows."""
+
+
+@dataclass(frozen=True)
+class Body:
+    """A sprite and how thick it is [m]; ``layers`` sprites make a pile, one none."""
+
+    sprite: Sprite
+    thickness: float
+    layers: int
+
+
+def backdrop(
+    photo: Picture, camera: Camera, *, middle: tuple[float, float], behind: float, width: float
+) -> Picture:
+    """A photograph ``width`` [m] wide around ``middle``, on a wall ``behind`` [m] the plane of motion."""
+    rows, columns = photo.shape[:2]
+    size = width / columns
+    right, down = size * np.eye(3)[0], size * np.eye(3)[1]
+    corner = np.array([middle[0] - 0.5 * width, middle[1] - 0.5 * size * rows, behind])
+    return _warp(photo, camera.of_plane(corner, right, down), camera, cv2.BORDER_REFLECT_101)
+
+
+def paint(
+    background: Picture, bodies: list[Body], poses: Float64[np.ndarray, "n_bodies 3"], camera: Camera
+) -> Picture:
+    """Bodies in their poses over the background, in [0, 1]; later bodies over earlier ones."""
+    picture = background
+    for body, (x, y, angle) in zip(bodies, poses, strict=True):
+        right = np.array([np.cos(angle), np.sin(angle), 0.0]) / body.sprite.scale
+        down = np.array([-np.sin(angle), np.cos(angle), 0.0]) / body.sprite.scale
+        left_px, top_px = body.sprite.origin
+        for layer in range(body.layers):
+            depth = body.thickness * (0.5 - (layer + 1) / body.layers) if body.layers > 1 else 0.0
+            corner = np.array([x, y, depth]) - left_px * right - top_px * down
+            rgba = _warp(body.sprite.rgba, camera.of_plane(corner, right, down), camera, cv2.BORDER_CONSTANT)
+            light = 1.0 if layer == body.layers - 1 else FLANK
+            picture = picture * (1 - rgba[:, :, 3:]) + light * rgba[:, :, :3]
+    return picture
+
+
+def _warp(image: np.ndarray, plane: Homography, camera: Camera, border: int) -> np.ndarray:
+    # OpenCV counts pixel centres from 0, the camera from 0.5.
+    half = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1.0]])
+    map_ = np.linalg.inv(half) @ plane @ half
+    return cv2.warpPerspective(
+        image, map_, (camera.width, camera.height), flags=cv2.INTER_LINEAR, borderMode=border
+    )

@@ -1,0 +1,1 @@
+"""Cameras and the views they give."""
