@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from lagsplat.stage2.config import FormConfig
+from lagsplat.stage2.curvature import Bend, Reach
 from lagsplat.stage2.lagrangian import Coefficients, Floors, Lagrangian
 from lagsplat.stage2.objective import one_step_error
 from lagsplat.stage2.rollout import rollout
@@ -36,7 +37,8 @@ def published_size() -> Lagrangian:
     )
     ones = torch.ones(N_INPUTS, D, dtype=torch.float64)
     curvature = 0.1 * eye.expand(N_INPUTS, D, D)
-    start = Coefficients(eye, 0.2 * eye, eye, ones, 0.0 * eye[0], curvature, ones[:, 0])
+    bend = Bend(curvature, 0.0 * curvature, Reach(ones[:, 0], 0.0 * ones[:, 0]))
+    start = Coefficients(eye, 0.2 * eye, eye, ones, 0.0 * eye[0], bend)
     return Lagrangian(start, form=form, floors=Floors(1e-2, 1e-3, 1e-2), time_unit_s=0.1, seed=0)
 
 

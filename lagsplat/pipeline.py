@@ -118,22 +118,37 @@ def push(
 ) -> tuple[Float64[np.ndarray, "N d"], Float64[np.ndarray, "N d"]]:
     """Whitened states and velocities [1/s] under ``inputs``, one a frame of the recording.
 
-    From rest at the encoded rest image, or with the encoded state and velocity of ``frame``.
+    From rest at the encoded rest image, or with the encoded state and velocity of ``frame``, the latter by
+    the true times of frames of its clip. Inputs are the median spacing of the recording apart.
 
     Raises:
-        ValueError: the number of inputs is not the run's, or the frame is not in the recording.
+        ValueError: the number of inputs is not the run's, the frame is not in the recording, or its clip has
+        less than three frames.
     """
     chart = run.chart
     if inputs.shape[1] != chart.inputs.shape[1]:
         raise ValueError(
             f"{inputs.shape[1]} input columns, but the run was trained with {chart.inputs.shape[1]}"
         )
-    if frame is not None and not 0 <= frame < len(chart.latents) - 1:
+    if frame is not None and not 0 <= frame < len(chart.latents):
         raise ValueError(f"frame={frame}: the recording has frames 0 to {len(chart.latents) - 1}")
     q0, v0 = chart.rest, np.zeros(chart.d)
     if frame is not None:
         smooth = chart.whole.smoothed(chart.smoothing_frames).latents
-        q0, v0 = smooth[frame], (smooth[frame + 1] - smooth[frame]) / chart.dt_s
+        at = np.array([frame])
+        q0, v0 = smooth[frame], chart.whole.clock.slope(smooth, at, _stencil(chart, frame))[0]
     start = (torch.as_tensor(x[None]) for x in (q0, v0, inputs))
     q, v = rollout(run.lagrangian, *start, dt_s=chart.dt_s)
     return q[0].double().numpy(), v[0].double().numpy()
+
+
+def _stencil(chart: Chart, frame: int) -> tuple[int, int]:
+    """Two neighbours within the frame's clip that give its velocity to second order, later ones first."""
+    start, stop = next((a, b) for a, b in chart.segments if a <= frame < b)
+    for pair in ((1, 2), (-1, 1), (-2, -1)):
+        if start <= frame + pair[0] and frame + pair[1] < stop:
+            return pair
+    raise ValueError(
+        f"frame={frame} lies in a clip of {stop - start} frame(s) and a velocity needs three; choose a frame "
+        "of a longer clip"
+    )

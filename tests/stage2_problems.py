@@ -3,6 +3,7 @@
 import torch
 
 from lagsplat.stage2.config import FormConfig
+from lagsplat.stage2.curvature import Bend, Reach
 from lagsplat.stage2.induced import DecoderGeometry
 from lagsplat.stage2.lagrangian import Coefficients, Floors, Lagrangian
 
@@ -24,10 +25,18 @@ def form(**changes: object) -> FormConfig:
     return FormConfig(**(values | changes))
 
 
-def bent(n_inputs: int, d: int, generator: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:
-    """Curvatures of chamber volumes of either sign, and the largest input they are made for, 1."""
+def bent(n_inputs: int, d: int, generator: torch.Generator, *, negative: float = 0.0) -> Bend:
+    """Curvatures of chamber volumes of either sign, and the largest inputs they are made for."""
     factor = torch.randn(n_inputs, d, d, generator=generator, dtype=torch.float64)
-    return 0.3 * (factor + factor.mT), torch.ones(n_inputs, dtype=torch.float64)
+    largest = torch.ones(n_inputs, dtype=torch.float64)
+    return split(0.3 * (factor + factor.mT), Reach(largest, negative * largest))
+
+
+def split(curvature: torch.Tensor, reach: Reach) -> Bend:
+    """Curvatures as the sum of what their positive and their negative eigenvalues do."""
+    values, vectors = torch.linalg.eigh(curvature)
+    stiffer, softer = ((vectors * part.clamp(min=0)[..., None, :]) @ vectors.mT for part in (values, -values))
+    return Bend(stiffer, softer, reach)
 
 
 def random_lagrangian(
@@ -37,6 +46,7 @@ def random_lagrangian(
     *,
     start: Coefficients | None = None,
     amount: float = 0.3,
+    negative: float = 0.0,
     **changes: object,
 ) -> Lagrangian:
     """A Lagrangian whose every parameter is moved by ``amount``, so that no term is at its silent start."""
@@ -49,7 +59,7 @@ def random_lagrangian(
         spd[2],
         torch.randn(n_inputs, d, generator=generator, dtype=torch.float64),
         torch.randn(d, generator=generator, dtype=torch.float64),
-        *bent(n_inputs, d, generator),
+        bent(n_inputs, d, generator, negative=negative),
     )
     geometry = None
     if changes.get("mass") == "induced":

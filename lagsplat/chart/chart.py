@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +32,7 @@ class Chart:
     ``q = (z - mean) @ whiten``, ``z = mean + q @ unwhiten``. ``metric`` has trace ``d`` and no ridge;
     ``metric * metric_scale`` is the mean squared image change per whitened unit, summed over pixels and
     channels. ``rest`` encodes the rest image. The first ``n_train`` frames are for training.
-    ``smoothing_frames`` is the sigma with which later stages smooth latents and inputs.
+    ``smoothing_frames`` is the sigma with which later stages smooth latents and inputs, in median spacings.
     """
 
     mean: Float64[np.ndarray, " d"]
@@ -56,10 +57,10 @@ class Chart:
 
     @property
     def dt_s(self) -> float:
-        """Median time between two frames [s]."""
-        return float(np.median(np.diff(self.time_s)))
+        """Median time between two frames of one clip [s]."""
+        return self.whole.dt_s
 
-    @property
+    @cached_property
     def whole(self) -> Trajectory:
         """The trajectory of the whole recording."""
         return Trajectory(self.latents, self.inputs, self.time_s, self.segments)

@@ -2,22 +2,57 @@
 
 from collections.abc import Sequence
 
+import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
+from lagsplat.chart.clock import Clock
 from lagsplat.shapes import Series
 
+TRUNCATE = 4.0
 
-def smooth(series: Series, *, sigma_frames: float, segments: Sequence[tuple[int, int]]) -> Series:
+
+def smooth(
+    series: Series,
+    *,
+    sigma_frames: float,
+    segments: Sequence[tuple[int, int]],
+    clock: Clock | None = None,
+) -> Series:
     """Each column smoothed by a Gaussian of ``sigma_frames``, cut at 4 sigma, every segment on its own.
 
     The first and the last sample of a segment are repeated beyond its ends. The filter is not causal.
-    ``sigma_frames = 0`` returns a copy. Samples outside every segment are returned as they are.
+    ``sigma_frames = 0`` returns a copy. Samples outside every segment are returned as they are. On an uneven
+    ``clock`` sigma is that many median spacings, the weights are those of the true times, and the value is
+    that of a line fitted with them; on an even one this is the plain filter.
     """
     smoothed = series.copy()
     if sigma_frames == 0.0 or series.shape[1] == 0:
         return smoothed
     for start, stop in segments:
-        smoothed[start:stop] = gaussian_filter1d(
-            series[start:stop], sigma_frames, axis=0, mode="nearest", truncate=4.0
-        )
+        part = slice(start, stop)
+        if clock is None or clock.time_s is None:
+            smoothed[part] = gaussian_filter1d(
+                series[part], sigma_frames, axis=0, mode="nearest", truncate=TRUNCATE
+            )
+        else:
+            smoothed[part] = _local_lines(series[part], clock.time_s[part] / clock.dt_s, sigma_frames)
     return smoothed
+
+
+def _local_lines(series: Series, time: np.ndarray, sigma: float) -> Series:
+    """Values at ``time`` (in median spacings) of lines fitted around each sample with Gaussian weights."""
+    reach = int(TRUNCATE * sigma + 0.5)
+    beyond = np.arange(1, reach + 1)
+    time = np.concatenate([time[0] - beyond[::-1], time, time[-1] + beyond])
+    padded = np.pad(series, ((reach, reach), (0, 0)), mode="edge")
+    taps = np.arange(len(series))[:, None] + np.arange(2 * reach + 1)
+    x = time[taps] - time[reach : len(time) - reach, None]
+    weight = np.exp(-0.5 * (x / sigma) ** 2)
+    # A plain weighted mean belongs to the mean of its times, which on an uneven clock is not the frame's own:
+    # it would turn the jitter of the clock into jitter of the state. The line takes that out; weights in
+    # frames would have the same fault, and a length that changes with the clock on top.
+    zeroth, first, second = (np.sum(weight * x**power, axis=1, keepdims=True) for power in range(3))
+    spread = zeroth * second - first**2
+    lone = spread <= 1e-12 * zeroth**2
+    share = np.where(lone, x == 0.0, weight * (second - first * x) / np.where(lone, 1.0, spread))
+    return np.einsum("tk,tkm->tm", share, padded[taps])

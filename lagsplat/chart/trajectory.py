@@ -1,10 +1,12 @@
 """A latent trajectory: whitened states, the inputs that drove them and the instants they were filmed."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float64
 
+from lagsplat.chart.clock import Clock, read_clock
 from lagsplat.chart.smooth import smooth
 
 
@@ -29,17 +31,23 @@ class Trajectory:
                     "trajectory; give half-open ranges of frames"
                 )
 
+    @cached_property
+    def clock(self) -> Clock:
+        """The instants of the frames, even or not."""
+        return read_clock(self.time_s, self.segments)
+
     @property
     def dt_s(self) -> float:
-        """Median time between two frames [s]."""
-        return float(np.median(np.diff(self.time_s)))
+        """Median time between two frames of one clip [s]."""
+        return self.clock.dt_s
 
     def smoothed(self, sigma_frames: float) -> "Trajectory":
-        """The same with latents and inputs smoothed by `smooth`."""
+        """The same with latents and inputs smoothed by `smooth`, by their true times."""
+        clock = self.clock
         return replace(
             self,
-            latents=smooth(self.latents, sigma_frames=sigma_frames, segments=self.segments),
-            inputs=smooth(self.inputs, sigma_frames=sigma_frames, segments=self.segments),
+            latents=smooth(self.latents, sigma_frames=sigma_frames, segments=self.segments, clock=clock),
+            inputs=smooth(self.inputs, sigma_frames=sigma_frames, segments=self.segments, clock=clock),
         )
 
     def part(self, start: int, stop: int) -> "Trajectory":

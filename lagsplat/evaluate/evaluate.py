@@ -47,7 +47,7 @@ def evaluate(
     require_same_run(autoencoder, chart, recording)
     held = held_out(chart, config)
     pictures, render = recorded(recording, chart), renderer(autoencoder, chart)
-    integrate = integrator(lagrangian, chart.dt_s)
+    integrate = integrator(lagrangian)
     floor = autoencoder_floor(held, pictures, render, most=config.floor_frames)
     forecast = image_forecast(held, pictures, render, integrate, config)
     windows, reason = free_windows(held, integrate, config)
@@ -165,10 +165,13 @@ def renderer(
     return render
 
 
-def integrator(lagrangian: Lagrangian, dt_s: float) -> Integrate:
+def integrator(lagrangian: Lagrangian) -> Integrate:
     """Rollouts of the learned dynamics from numpy to numpy."""
 
-    def integrate(q0: np.ndarray, v0: np.ndarray, inputs: np.ndarray) -> np.ndarray:
+    def integrate(
+        q0: np.ndarray, v0: np.ndarray, inputs: np.ndarray, steps_s: float | np.ndarray
+    ) -> np.ndarray:
+        dt_s = torch.as_tensor(steps_s) if isinstance(steps_s, np.ndarray) else steps_s
         q, _ = rollout(
             lagrangian, torch.as_tensor(q0), torch.as_tensor(v0), torch.as_tensor(inputs), dt_s=dt_s
         )

@@ -36,7 +36,8 @@ def image_forecast(
     states = round(config.horizon_s / held.dt_s)
     starts = draw_starts(held, length=states, margin=0, count=config.starts, seed=config.seed)
     q0, v0 = initial_states(held, starts)
-    rollouts = integrate(q0, v0, windows(held.forcing, starts, states))
+    steps_s = held.clock.steps_s(starts, states)
+    rollouts = integrate(q0, v0, windows(held.forcing, starts, states), steps_s)
     pinned, gone = pin_diverged(rollouts, bound=config.divergence_factor * held.reach)
     error, hold, mean = window_errors(pinned, gone, starts, pictures, render, mean_picture(held, pictures))
     low, high = bootstrap_interval(

@@ -9,6 +9,7 @@ from lagsplat.evaluate.config import EvaluateConfig
 from lagsplat.evaluate.latent import squared_norm
 from lagsplat.evaluate.modes import Mode, fit_modes
 from lagsplat.evaluate.protocol import HeldOut, Integrate, beyond, initial_states
+from lagsplat.evaluate.resample import evenly_spaced
 from lagsplat.evaluate.spectrum import Peak, spectral_peak
 
 LEAST_WINDOW = 16
@@ -75,7 +76,8 @@ def free_windows(held: HeldOut, integrate: Integrate, config: EvaluateConfig) ->
     A window lasts ``window_cycles`` cycles of its segment's own frequency, at least sixteen frames and at
     most the segment; windows tile it. A segment whose spectrum shows no peak takes that of its strongest
     fitted oscillation. Windows whose RMS motion is below ``window_min_amplitude`` of the clip's are left out:
-    they show the encoder's jitter.
+    they show the encoder's jitter. The estimators of frequency and decay need even spacing: on an uneven
+    clock they see each window resampled by `evenly_spaced`, the encoded and the rolled-out one alike.
     """
     segments = free_segments(held, config)
     if not segments:
@@ -86,7 +88,7 @@ def free_windows(held: HeldOut, integrate: Integrate, config: EvaluateConfig) ->
     scale = _rms(held.encoded, held.metric)
     kept: list[FreeWindow] = []
     for start, stop in segments:
-        frequency = _segment_frequency(held.encoded[start:stop], held, config)
+        frequency = _segment_frequency(_even(held.encoded[start:stop], held, start), held, config)
         if frequency is None:
             continue
         length = min(max(round(config.window_cycles / (frequency * held.dt_s)), LEAST_WINDOW), stop - start)
@@ -121,25 +123,31 @@ def _roll_out(
     # A window may end with the clip: its velocity stencil then still has its three frames inside it.
     q0, v0 = initial_states(held, starts)
     frozen = np.repeat(held.forcing[starts][:, None], length, axis=1)
-    rollouts = integrate(q0, v0, frozen)
+    rollouts = integrate(q0, v0, frozen, held.clock.steps_s(starts, length))
     bound = config.divergence_factor * held.reach
     kept = []
     for start, simulated in zip(starts, rollouts, strict=True):
         encoded = held.encoded[start : start + length]
         diverged = bool(beyond(simulated, bound).any())
+        seen = _even(encoded, held, start)
+        said = simulated if diverged else _even(simulated, held, start)
         kept.append(
             FreeWindow(
                 start=int(start),
                 encoded=encoded,
                 simulated=simulated,
-                encoded_peak=_peak(encoded, held, config),
-                simulated_peak=Peak(None, None, None) if diverged else _peak(simulated, held, config),
-                encoded_modes=_modes(encoded, held, config),
-                simulated_modes=() if diverged else _modes(simulated, held, config),
+                encoded_peak=_peak(seen, held, config),
+                simulated_peak=Peak(None, None, None) if diverged else _peak(said, held, config),
+                encoded_modes=_modes(seen, held, config),
+                simulated_modes=() if diverged else _modes(said, held, config),
                 diverged=diverged,
             )
         )
     return kept
+
+
+def _even(series: np.ndarray, held: HeldOut, start: int) -> np.ndarray:
+    return evenly_spaced(series, held.clock, start=int(start))
 
 
 def _peak(series: np.ndarray, held: HeldOut, config: EvaluateConfig) -> Peak:

@@ -11,12 +11,14 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
 from lagsplat.chart.chart import Chart
+from lagsplat.chart.clock import Clock
 from lagsplat.evaluate.config import EvaluateConfig
 
 Latents = Float64[np.ndarray, "N d"]
 Rollouts = Float64[np.ndarray, "B N d"]
-Integrate = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
-"""(q0 (B,d), v0 (B,d) per second, inputs (B,N,n_u)) -> q (B,N,d); non-finite where it diverged."""
+Integrate = Callable[[np.ndarray, np.ndarray, np.ndarray, float | np.ndarray], np.ndarray]
+"""(q0 (B,d), v0 (B,d) per second, inputs (B,N,n_u), steps [s], a number or (B,N-1)) -> q (B,N,d); non-finite
+where it diverged."""
 Render = Callable[[np.ndarray], np.ndarray]
 """q (N,d) -> images (N,3,H,W) with colours in [0, 1]."""
 Pictures = Callable[[np.ndarray], np.ndarray]
@@ -28,7 +30,9 @@ class HeldOut:
     """The held-out part as the scores see it.
 
     ``encoded`` and ``forcing`` are smoothed (initial states, references and forcing are read from them),
-    ``latents`` and ``inputs`` are as encoded and measured. Scores begin at frame ``skip``.
+    ``latents`` and ``inputs`` are as encoded and measured. Scores begin at frame ``skip``. ``dt_s`` is the
+    median spacing, by which horizons are counted in frames; ``time_s`` [s] are the instants of the frames
+    where these are not evenly spaced, and velocities and rollouts are of these.
     """
 
     encoded: Float64[np.ndarray, "T d"]
@@ -39,6 +43,12 @@ class HeldOut:
     metric: Float64[np.ndarray, "d d"]
     dt_s: float
     skip: int
+    time_s: Float64[np.ndarray, " T"] | None = None
+
+    @property
+    def clock(self) -> Clock:
+        """The instants of the frames."""
+        return Clock(self.dt_s, self.time_s)
 
     @property
     def n_frames(self) -> int:
@@ -74,6 +84,7 @@ def held_out(chart: Chart, config: EvaluateConfig) -> HeldOut:
         metric=chart.metric,
         dt_s=chart.dt_s,
         skip=skip,
+        time_s=None if chart.whole.clock.time_s is None else part.time_s,
     )
 
 
@@ -105,10 +116,9 @@ def initial_states(
 ) -> tuple[Float64[np.ndarray, "B d"], Float64[np.ndarray, "B d"]]:
     """Encoded states and velocities [whitened units per second] at the start frames.
 
-    The velocity is the second-order forward difference, so it looks two frames ahead.
+    The velocity is the second-order forward difference on true times, so it looks two frames ahead.
     """
-    now, next_, later = (held.encoded[starts + ahead] for ahead in range(3))
-    return now, (-3.0 * now + 4.0 * next_ - later) / (2.0 * held.dt_s)
+    return held.encoded[starts], held.clock.slope(held.encoded, starts, (1, 2))
 
 
 def windows(series: Float64[np.ndarray, "T m"], starts: Int64[np.ndarray, " B"], length: int) -> np.ndarray:

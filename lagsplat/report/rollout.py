@@ -74,7 +74,8 @@ def roll_out(
     held = held_out(chart, config)
     start, states = _longest(held, round(duration_s / held.dt_s) + 1)
     q0, v0 = initial_states(held, np.array([start]))
-    rollouts = integrator(lagrangian, held.dt_s)(q0, v0, held.forcing[None, start : start + states])
+    time_s, steps_s = held.clock.instants_s(start, states), held.clock.steps_s(np.array([start]), states)
+    rollouts = integrator(lagrangian)(q0, v0, held.forcing[None, start : start + states], steps_s)
     pinned, gone = pin_diverged(rollouts, bound=config.divergence_factor * held.reach)
     last = start + states - 1
     scale = RENDER_PX / max(recording.height, recording.width)
@@ -85,7 +86,7 @@ def roll_out(
     plain = renderer(autoencoder, chart)(ends)
     picture = np.moveaxis(real[0], 0, 2)
     return LongRollout(
-        time_s=held.dt_s * np.arange(states),
+        time_s=time_s,
         encoded=held.encoded[start : start + states],
         predicted=np.where(gone[0][:, None], np.nan, rollouts[0]),
         inputs=held.inputs[start : start + states],
@@ -97,7 +98,7 @@ def roll_out(
         scale=scale,
         floor_mse=float(image_errors(plain[:1], real)[0]),
         predicted_mse=float(image_errors(plain[1:], real)[0]),
-        lost_s=float(held.dt_s * np.argmax(gone[0])) if gone.any() else None,
+        lost_s=float(time_s[np.argmax(gone[0])]) if gone.any() else None,
         inset=choose_inset(sharp[0], sharp[1]),
     )
 

@@ -11,6 +11,7 @@ from torch import Tensor
 from lagsplat.chart.trajectory import Trajectory
 from lagsplat.stage2.lagrangian import Lagrangian
 from lagsplat.stage2.objective import square_norm
+from lagsplat.stage2.windows import starts_of
 
 REACH = 2.5
 """Spread of the positions asked about, over that of the clip: few lie among its frames, most outside."""
@@ -51,11 +52,12 @@ class Anchor:
 def anchor(lagrangian: Lagrangian, trajectory: Trajectory) -> Anchor:
     """Hold on to ``lagrangian`` as it now is."""
     q = torch.from_numpy(trajectory.latents)
-    steps = torch.cat([q[a + 1 : b] - q[a : b - 1] for a, b in trajectory.segments])
+    at = starts_of(trajectory, before=0, after=1)
+    velocity = trajectory.clock.slope(trajectory.latents, at, (1,))
     return Anchor(
         start=copy.deepcopy(lagrangian).requires_grad_(False),
         inputs=trajectory.inputs,
         middle=q.mean(0),
         spread=q.std(0),
-        speed=steps.square().mean(0).sqrt() * float(lagrangian.time_unit_s) / trajectory.dt_s,
+        speed=torch.from_numpy(velocity).square().mean(0).sqrt() * float(lagrangian.time_unit_s),
     )

@@ -2,7 +2,8 @@
 
 First on the one-step objective, which is nearly convex, then on rollouts of one natural period, which
 see the slow drift that one step hides, and last, where the volumes may bend, with their curvatures. All of it
-is a few matrix products a step, so that L-BFGS can afford hundreds of passes over the whole clip.
+is a few matrix products a step, so that L-BFGS can afford hundreds of passes over the whole clip. Steps of
+one length are one linear map, made once; on an uneven clock they are written out.
 """
 
 from collections.abc import Callable
@@ -14,7 +15,8 @@ from scipy.optimize import minimize
 from torch import Tensor
 
 from lagsplat.stage2.config import FloorConfig
-from lagsplat.stage2.curvature import payment, stiffened
+from lagsplat.stage2.curvature import Bend, Reach, payment, stiffened
+from lagsplat.stage2.integrate import Step, step_of
 from lagsplat.stage2.lagrangian import Coefficients, Floors
 from lagsplat.stage2.objective import square_norm
 from lagsplat.stage2.windows import Shots, Windows
@@ -60,17 +62,15 @@ class ConstantFit:
             "stiffening": torch.zeros(n_inputs, d, d, dtype=torch.float64),
             "softening": torch.zeros(n_inputs, d, d, dtype=torch.float64),
         }
-        self.largest_input: Tensor | None = None
+        self.reach: Reach | None = None
         self.softens = False
         self.shapes = {name: value.shape for name, value in first.items()}
         self.flat = torch.cat([value.reshape(-1) for value in first.values()]).numpy()
         self.rest, self.floor, self.learn_rest, self.mass = rest, floor, learn_rest, mass
 
-    def bend(
-        self, largest_input: Float[Tensor, " n_u"], *, softening: bool, rng: np.random.Generator
-    ) -> None:
+    def bend(self, reach: Reach, *, softening: bool, rng: np.random.Generator) -> None:
         """Let the volumes be of second order from now on, with inputs that ``softening`` lets soften, too."""
-        self.largest_input, self.softens = largest_input, softening
+        self.reach, self.softens = reach, softening
         bent = sum(self.shapes[name].numel() for name in ("stiffening", "softening"))
         self.flat = self.flat.copy()
         self.flat[-bent:] = FIRST_BEND * rng.standard_normal(bent)
@@ -86,21 +86,19 @@ class ConstantFit:
         unit = (free * (d / torch.trace(free)) + floor.mass * eye) / (1.0 + floor.mass)
         elastic = _square(part["stiffness"])
         least = floor.stiffness * torch.trace(elastic) / d
-        stiffness, curvature = elastic + least * eye, None
-        if self.largest_input is not None:
-            curvature = _square(part["stiffening"])
-            if self.softens:
-                softer = _square(part["softening"])
-                curvature = curvature - softer
-                stiffness = stiffness + payment(softer, self.largest_input)
+        stiffness, bend = elastic + least * eye, None
+        if self.reach is not None:
+            stiffer, softer = _square(part["stiffening"]), _square(part["softening"]) * float(self.softens)
+            stiffness = stiffness + payment(softer, self.reach.positive)
+            stiffness = stiffness + payment(stiffer, self.reach.negative)
+            bend = Bend(stiffer, softer, self.reach)
         coefficients = Coefficients(
             mass=unit if self.mass is None else self.mass,
             damping=_square(part["damping"]) + floor.damping * eye,
             stiffness=stiffness,
             pressure_map=part["map"],
             rest=part["rest"] if self.learn_rest else self.rest,
-            curvature=curvature,
-            largest_input=self.largest_input,
+            bend=bend,
         )
         floors = Floors(floor.mass / (1.0 + floor.mass), floor.damping, float(least.detach()))
         return coefficients, floors
@@ -142,11 +140,15 @@ def linear_one_step_error(
     Source: paper eq. (physics_loss).
     """
     d, h = metric.shape[0], windows.step
-    transition, entry = step_matrices(c, h)
-    push = (windows.u @ c.pressure_map + c.rest @ c.stiffness) @ torch.linalg.inv(c.mass)
-    state = torch.cat([windows.q, windows.v], 1) @ transition + push @ entry
-    position = square_norm(state[:, :d] - windows.q_next, metric)
-    velocity = square_norm(h * (state[:, d:] - windows.v_next), metric)
+    if isinstance(h, Tensor):
+        q, v = _Law(c).step(windows.q, windows.v, windows.u, windows.u @ c.pressure_map, h)
+    else:
+        transition, entry = step_matrices(c, h)
+        push = (windows.u @ c.pressure_map + c.rest @ c.stiffness) @ torch.linalg.inv(c.mass)
+        state = torch.cat([windows.q, windows.v], 1) @ transition + push @ entry
+        q, v = state.split(d, 1)
+    position = square_norm(q - windows.q_next, metric)
+    velocity = square_norm(h * (v - windows.v_next), metric)
     return (position + velocity_weight * velocity).mean() / d
 
 
@@ -166,12 +168,12 @@ def step_matrices(c: Coefficients, step: float) -> tuple[Float[Tensor, "s s"], F
     return transition, torch.cat([q_p, v_p], 1)
 
 
-def linear_shooting_error(
-    c: Coefficients, shots: Shots, metric: Float[Tensor, "d d"], *, step: float
-) -> Float[Tensor, ""]:
+def linear_shooting_error(c: Coefficients, shots: Shots, metric: Float[Tensor, "d d"]) -> Float[Tensor, ""]:
     """`objective.shooting_error` of a constant system, plus a small price on rates near the frame rate."""
     d = metric.shape[0]
-    transition, entry = step_matrices(c, step)
+    if isinstance(shots.steps, Tensor):
+        return _priced(_path(c, shots), c, shots, metric)
+    transition, entry = step_matrices(c, shots.steps)
     inverse = torch.linalg.inv(c.mass)
     force = shots.inputs[:, :-1] @ c.pressure_map + c.rest @ c.stiffness
     drive = force @ (inverse @ entry)
@@ -180,46 +182,58 @@ def linear_shooting_error(
     for i in range(drive.shape[1]):
         state = torch.addmm(drive[:, i], state, transition)
         path.append(state)
-    return _priced(torch.stack(path, 1)[:, :, :d], c, shots, metric, step=step)
+    return _priced(torch.stack(path, 1)[:, :, :d], c, shots, metric)
 
 
-def bent_shooting_error(
-    c: Coefficients, shots: Shots, metric: Float[Tensor, "d d"], *, step: float
-) -> Float[Tensor, ""]:
+def bent_shooting_error(c: Coefficients, shots: Shots, metric: Float[Tensor, "d d"]) -> Float[Tensor, ""]:
     """The same where the volumes have curvatures: velocity-Verlet steps with one constant mass."""
-    assert c.curvature is not None, "call `ConstantFit.bend` first"
-    inverse, bent = torch.linalg.inv(c.mass), c.curvature
-    drive = shots.inputs @ c.pressure_map
+    assert c.bend is not None, "call `ConstantFit.bend` first"
+    return _priced(_path(c, shots), c, shots, metric)
 
-    def acceleration(q: Tensor, v: Tensor, i: int) -> Tensor:
-        offset = q - c.rest
-        elastic = offset @ c.stiffness + stiffened(shots.inputs[:, i], bent, offset)
-        return (drive[:, i] - elastic - v @ c.damping) @ inverse
 
+def _path(c: Coefficients, shots: Shots) -> Float[Tensor, "B n d"]:
+    """States after the first, step by step."""
+    law = _Law(c)
     q, v = shots.q, shots.v
+    drive = shots.inputs @ c.pressure_map
     path = []
     for i in range(shots.targets.shape[1] - 1):
-        first = acceleration(q, v, i)
-        q = q + step * (v + 0.5 * step * first)
-        v = v + 0.5 * step * (first + acceleration(q, v + step * first, i))
+        q, v = law.step(q, v, shots.inputs[:, i], drive[:, i], step_of(shots.steps, i))
         path.append(q)
-    return _priced(torch.stack(path, 1), c, shots, metric, step=step)
+    return torch.stack(path, 1)
+
+
+class _Law:
+    """Velocity-Verlet steps of a constant system with what all of them share."""
+
+    def __init__(self, c: Coefficients) -> None:
+        self.c, self.inverse = c, torch.linalg.inv(c.mass)
+        self.curvature = None if c.bend is None else c.bend.curvature
+
+    def step(self, q: Tensor, v: Tensor, u: Tensor, drive: Tensor, step: Step) -> tuple[Tensor, Tensor]:
+        first = self._acceleration(q, v, u, drive)
+        q = q + step * (v + 0.5 * step * first)
+        return q, v + 0.5 * step * (first + self._acceleration(q, v + step * first, u, drive))
+
+    def _acceleration(self, q: Tensor, v: Tensor, u: Tensor, drive: Tensor) -> Tensor:
+        offset = q - self.c.rest
+        elastic = offset @ self.c.stiffness
+        if self.curvature is not None:
+            elastic = elastic + stiffened(u, self.curvature, offset)
+        return (drive - elastic - v @ self.c.damping) @ self.inverse
 
 
 def _priced(
-    path: Float[Tensor, "B n d"],
-    c: Coefficients,
-    shots: Shots,
-    metric: Float[Tensor, "d d"],
-    *,
-    step: float,
+    path: Float[Tensor, "B n d"], c: Coefficients, shots: Shots, metric: Float[Tensor, "d d"]
 ) -> Float[Tensor, ""]:
     targets, d = shots.targets[:, 1:], metric.shape[0]
     inverse = torch.linalg.inv(c.mass)
+    step = shots.steps.mean() if isinstance(shots.steps, Tensor) else shots.steps
     fast = (step * c.damping @ inverse).square().sum()
     spread = square_norm(targets - shots.targets.mean((0, 1)), metric).mean() / d
     price = FAST_RATE_WEIGHT * fast
-    if c.curvature is not None and c.largest_input is not None:
-        loaded = inverse @ (c.largest_input[:, None, None] * c.curvature)
+    if c.bend is not None:
+        largest = torch.maximum(c.bend.reach.positive, c.bend.reach.negative)
+        loaded = inverse @ (largest[:, None, None] * c.bend.curvature)
         price = price + BEND_WEIGHT * loaded.square().sum()
     return square_norm(path - targets, metric).mean() / d + spread * price

@@ -13,6 +13,7 @@ from jaxtyping import Float
 from lagsplat.chart.trajectory import Trajectory
 from lagsplat.io.artefact import load_artefact, save_artefact
 from lagsplat.stage2.config import FormConfig, Stage2Config
+from lagsplat.stage2.curvature import Bend, Reach
 from lagsplat.stage2.induced import DecoderGeometry
 from lagsplat.stage2.lagrangian import Coefficients, Floors, Lagrangian
 from lagsplat.stage2.modes import modes
@@ -82,6 +83,8 @@ def save_dynamics(path: Path | str, lagrangian: Lagrangian, header: Mapping[str,
         "time_unit_s": float(lagrangian.time_unit_s),
         "n_primitives": geometry,
         "curved": lagrangian.curvature is not None,
+        # only where it is so: a file of one-signed inputs says nothing of signs
+        **({"signed": True} if lagrangian.signed else {}),
     }
     save_artefact(
         path, lagrangian.state_dict(), {**header, "kind": KIND, "schema": SCHEMA, "dynamics": settings}
@@ -99,10 +102,11 @@ def load_dynamics(path: Path | str) -> tuple[Lagrangian, dict[str, Any]]:
     d, n_inputs, k = settings["d"], settings["n_inputs"], settings["n_primitives"]
     eye = torch.eye(d, dtype=torch.float64)
     blank = torch.zeros(d, dtype=torch.float64)
-    bent = {}
+    signed, bend = settings.get("signed", False), None
     if settings["curved"]:
-        largest = torch.zeros(n_inputs, dtype=torch.float64)
-        bent = {"curvature": 0.0 * eye.expand(n_inputs, d, d), "largest_input": largest}
+        none = torch.zeros(n_inputs, dtype=torch.float64)
+        flat = 0.0 * eye.expand(n_inputs, d, d)
+        bend = Bend(flat, flat, Reach(none, none + float(signed)))
     geometry = None
     if k is not None:
         zeros = torch.zeros(k, 2, d, dtype=torch.float64)
@@ -110,12 +114,13 @@ def load_dynamics(path: Path | str) -> tuple[Lagrangian, dict[str, Any]]:
             zeros, zeros[:, 0], eye.expand(k, d, d), torch.ones(k, dtype=torch.float64)
         )
     lagrangian = Lagrangian(
-        Coefficients(eye, eye, eye, torch.zeros(n_inputs, d, dtype=torch.float64), blank, **bent),
+        Coefficients(eye, eye, eye, torch.zeros(n_inputs, d, dtype=torch.float64), blank, bend),
         form=FormConfig(**settings["form"]),
         floors=Floors(**settings["floors"]),
         time_unit_s=settings["time_unit_s"],
         seed=0,
         geometry=geometry,
+        signed=signed,
     )
     lagrangian.load_state_dict({name: torch.as_tensor(np.array(value)) for name, value in tensors.items()})
     return lagrangian.eval(), header

@@ -8,7 +8,7 @@ from torch import Tensor, nn
 
 from lagsplat.shapes import Inputs, Latents, Spd
 from lagsplat.stage2.config import FormConfig
-from lagsplat.stage2.curvature import Curvature, stiffened
+from lagsplat.stage2.curvature import Bend, Curvature, stiffened
 from lagsplat.stage2.icnn import Icnn
 from lagsplat.stage2.induced import DecoderGeometry, InducedMass
 from lagsplat.stage2.iresnet import Block, Diffeomorphism, pull, push
@@ -19,8 +19,8 @@ from lagsplat.stage2.matrices import ConstantMatrix, MatrixField, factor_above
 class Coefficients:
     """Constant matrices of a mechanical system in internal time units.
 
-    ``M a + C w + K (q - rest) = sum_c u_c (pressure_map_c - curvature_c (q - rest))``; without ``curvature``
-    the system is linear. ``largest_input`` is the load up to which it has one equilibrium.
+    ``M a + C w + K (q - rest) = sum_c u_c (pressure_map_c - bend.curvature_c (q - rest))``; without ``bend``
+    the system is linear.
     """
 
     mass: Float[Tensor, "d d"]
@@ -28,8 +28,7 @@ class Coefficients:
     stiffness: Float[Tensor, "d d"]
     pressure_map: Float[Tensor, "n_u d"]
     rest: Float[Tensor, " d"]
-    curvature: Float[Tensor, "n_u d d"] | None = None
-    largest_input: Float[Tensor, " n_u"] | None = None
+    bend: Bend | None = None
 
 
 @dataclass(frozen=True)
@@ -62,7 +61,9 @@ class Lagrangian(nn.Module):
     ``nu = B (x - x_r) - (x - x_r).Q (x - x_r) / 2 - N(x)``, where ``g`` and ``N`` are convex and ``Q`` is a
     `Curvature`. Sharing ``Phi`` makes the loaded potential ``V - u.nu`` a strongly convex function of ``x``
     for every ``u >= 0`` up to the largest input, hence with one equilibrium under any such load, and under
-    any load at all where the volumes are concave. ``K``, ``M``, ``C`` have floors. Internally one unit of
+    any load at all where the volumes are concave. If inputs are ``signed`` (torques, currents) this holds
+    from the largest negative to the largest positive input: a negative one has a convex network of its own,
+    which acts with its size, so that ``-u.nu`` stays convex. ``K``, ``M``, ``C`` have floors. Internally one unit of
     time is ``time_unit_s`` seconds. Every network starts at zero.
 
     Source: paper eqs. (EL), (pressure) and Appendix, "Bounded forced response".
@@ -80,11 +81,14 @@ class Lagrangian(nn.Module):
         seed: int,
         geometry: DecoderGeometry | None = None,
         mass_scale: float = 1.0,
+        signed: bool = False,
     ) -> None:
         super().__init__()
         generator = torch.Generator().manual_seed(seed)
         d, n_inputs = start.rest.shape[0], start.pressure_map.shape[0]
         self.d, self.n_inputs, self.form, self.floors = d, n_inputs, form, floors
+        signed = signed or (start.bend is not None and start.bend.reach.signed)
+        self.signed = signed and form.actuation != "linear" and n_inputs > 0
         self.register_buffer("time_unit_s", torch.tensor(time_unit_s, dtype=torch.float64))
         self.mass_term = _mass(start.mass, form, floors.mass, generator, geometry, mass_scale)
         self.damping_term: MatrixField | ConstantMatrix = (
@@ -114,7 +118,7 @@ class Lagrangian(nn.Module):
             else Icnn(d, width=form.potential_width, heads=1, generator=generator)
         )
         self.volume_net = (
-            Icnn(d, width=form.actuation_width, heads=n_inputs, generator=generator)
+            Icnn(d, width=form.actuation_width, heads=n_inputs * (1 + self.signed), generator=generator)
             if form.actuation != "linear" and n_inputs
             else None
         )
@@ -161,15 +165,23 @@ class Lagrangian(nn.Module):
         rise = self.convex.value(image)[:, 0] - self.convex.value(ready.rest_image)[:, 0]
         return value + rise - (offset * ready.rest_slope).sum(1)
 
-    def volume(self, q: Latents) -> Inputs:
-        """``nu(q)``, one latent volume a chamber."""
+    def volume(self, q: Latents, u: Inputs | None = None) -> Inputs:
+        """``nu(q)``, one latent volume a chamber; a signed input sees the one of the sign it has in ``u``,
+        the positive one if none is given.
+        """
         ready = self.prepare()
         image, _ = push(q, ready.blocks)
         offset = image - ready.rest_image
         value = offset @ self.pressure_map.T
         if ready.curvature is not None:
             value = value - 0.5 * torch.einsum("bi,cij,bj->bc", offset, ready.curvature, offset)
-        return value if self.volume_net is None else value - self.volume_net.value(image)
+        if self.volume_net is None:
+            return value
+        net = self.volume_net.value(image)
+        if self.signed:
+            above, below = net.split(self.n_inputs, 1)
+            net = above if u is None else torch.where(u < 0, -below, above)
+        return value - net
 
     def conservative_force(self, q: Latents, u: Inputs, ready: Prepared) -> Latents:
         """``-grad_q (V - u.nu)``: elastic force plus the generalised force of the inputs."""
@@ -183,6 +195,8 @@ class Lagrangian(nn.Module):
         if self.convex is not None and ready.between is not None:
             slope = slope + self.convex.gradient(image, self.convex.head, ready.between)
         if self.volume_net is not None and ready.between_volume is not None:
+            if self.signed:
+                u = torch.cat([u.clamp(min=0.0), (-u).clamp(min=0.0)], 1)
             slope = slope + self.volume_net.gradient(image, u @ self.volume_net.head, ready.between_volume)
         return -pull(slope, ready.blocks, hidden)
 
@@ -197,9 +211,9 @@ class Lagrangian(nn.Module):
 
 
 def _curvature(start: Coefficients, form: FormConfig) -> Curvature | None:
-    if start.curvature is None or start.largest_input is None or form.actuation == "linear":
+    if start.bend is None or form.actuation == "linear":
         return None
-    return Curvature(start.curvature, start.largest_input, softening=form.actuation == "bounded")
+    return Curvature(start.bend, softening=form.actuation == "bounded")
 
 
 def _mass(

@@ -27,7 +27,7 @@ def equilibrium(lagrangian: Lagrangian, u: Float[Tensor, " n_u"]) -> Float[Tenso
     def energy_and_slope(flat: np.ndarray) -> tuple[float, np.ndarray]:
         q = torch.from_numpy(flat)[None]
         with torch.no_grad():
-            value = lagrangian.potential(q)[0] - (lagrangian.volume(q)[0] * u).sum()
+            value = lagrangian.potential(q)[0] - (lagrangian.volume(q, u[None])[0] * u).sum()
             slope = -lagrangian.conservative_force(q, u[None], lagrangian.prepare())[0]
         return float(value), slope.numpy()
 

@@ -4,7 +4,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from lagsplat.stage2.integrate import verlet_step
+from lagsplat.stage2.integrate import step_of, verlet_step
 from lagsplat.stage2.lagrangian import Lagrangian
 from lagsplat.stage2.windows import Shots, Windows
 
@@ -43,14 +43,13 @@ def one_step_error(
     return (position + velocity_weight * velocity).mean() / metric.shape[0]
 
 
-def shooting_error(
-    lagrangian: Lagrangian, shots: Shots, metric: Float[Tensor, "d d"], *, step: float
-) -> Float[Tensor, ""]:
+def shooting_error(lagrangian: Lagrangian, shots: Shots, metric: Float[Tensor, "d d"]) -> Float[Tensor, ""]:
     """Mean position error of a rollout over every state after the first."""
     ready = lagrangian.prepare()
     q, v = shots.q, shots.v
     path = []
     for i in range(shots.targets.shape[1] - 1):
+        step = step_of(shots.steps, i)
         q, v = verlet_step(lagrangian, q, v, shots.inputs[:, i], step=step, ready=ready)
         path.append(q)
     return square_norm(torch.stack(path, 1) - shots.targets[:, 1:], metric).mean() / metric.shape[0]

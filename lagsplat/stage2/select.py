@@ -20,11 +20,10 @@ class Examination:
     shots: Shots
     metric: Tensor
     rms: float
-    dt_s: float
 
     def score(self, lagrangian: Lagrangian) -> float:
         """Rms rollout error over the rms of the clip; infinite as soon as one rollout diverges."""
-        q, _ = rollout(lagrangian, self.shots.q, self.shots.v, self.shots.inputs, dt_s=self.dt_s)
+        q, _ = rollout(lagrangian, self.shots.q, self.shots.v, self.shots.inputs, dt_s=self.shots.steps)
         error = float(square_norm(q - self.shots.targets, self.metric).mean().sqrt()) / self.rms
         return error if np.isfinite(error) else float("inf")
 
@@ -45,7 +44,7 @@ def examination(trajectory: Trajectory, metric: Tensor, *, starts: int, n_states
     offset = torch.from_numpy(trajectory.latents - trajectory.latents.mean(0))
     rms = float(square_norm(offset, metric).mean().sqrt())
     taken = shots(trajectory, at, velocity, n_states=n_states, time_unit_s=1.0)
-    return Examination(taken, metric, rms, trajectory.dt_s)
+    return Examination(taken, metric, rms)
 
 
 @dataclass

@@ -18,6 +18,7 @@ from lagsplat.stage2.constant import (
     linear_one_step_error,
     linear_shooting_error,
 )
+from lagsplat.stage2.curvature import reach_of
 from lagsplat.stage2.induced import DecoderGeometry, InducedMass
 from lagsplat.stage2.lagrangian import Floors, Lagrangian
 from lagsplat.stage2.modes import Modes
@@ -161,6 +162,7 @@ def start_stage(run: Run, rest: Tensor, seed: int, geometry: DecoderGeometry | N
         seed=seed,
         geometry=geometry,
         mass_scale=scale,
+        signed=reach_of(trajectory.inputs).signed,
     )
 
 
@@ -168,13 +170,11 @@ def _shoot_constant(run: Run, fit: ConstantFit) -> None:
     n_states = _horizon(run, 1.0)
     at = starts_of(run.trajectory, before=2, after=n_states)[:: max(1, n_states // 2)]
     taken = run.stretches(at, n_states=n_states)
-    step = run.trajectory.dt_s / run.time_unit_s
     iterations, actuation = run.config.start.shooting_iterations, run.config.form.actuation
-    fit.minimize(lambda c: linear_shooting_error(c, taken, run.metric, step=step), iterations=iterations)
+    fit.minimize(lambda c: linear_shooting_error(c, taken, run.metric), iterations=iterations)
     if actuation != "linear" and run.trajectory.inputs.shape[1]:
-        largest = torch.from_numpy(run.trajectory.inputs.max(0)).clamp(min=0.0)
-        fit.bend(largest, softening=actuation == "bounded", rng=run.rng)
-        fit.minimize(lambda c: bent_shooting_error(c, taken, run.metric, step=step), iterations=iterations)
+        fit.bend(reach_of(run.trajectory.inputs), softening=actuation == "bounded", rng=run.rng)
+        fit.minimize(lambda c: bent_shooting_error(c, taken, run.metric), iterations=iterations)
 
 
 def _horizon(run: Run, periods: float) -> int:
@@ -218,8 +218,7 @@ def shooting_stage(run: Run, lagrangian: Lagrangian) -> None:
     if not shoot.steps:
         return
     run.champion.restore(lagrangian)
-    held = anchor(lagrangian, run.trajectory)
-    step = run.trajectory.dt_s / run.time_unit_s
+    held = anchor(lagrangian, run.trajectory) if shoot.anchor else None
     for leg, shortened in enumerate(SHORTENED_LEGS):
         n_states = _horizon(run, shoot.periods / shortened)
         starts = starts_of(run.trajectory, before=2, after=n_states)
@@ -227,7 +226,9 @@ def shooting_stage(run: Run, lagrangian: Lagrangian) -> None:
 
         def loss(_: int, starts: np.ndarray = starts, batch: int = batch, n_states: int = n_states) -> Tensor:
             taken = run.stretches(run.rng.choice(starts, batch), n_states=n_states)
-            error = shooting_error(lagrangian, taken, run.metric, step=step)
+            error = shooting_error(lagrangian, taken, run.metric)
+            if held is None:
+                return error
             return error + shoot.anchor * held.price(lagrangian, run.metric, run.rng)
 
         steps = shoot.steps * (leg + 1) // len(SHORTENED_LEGS) - shoot.steps * leg // len(SHORTENED_LEGS)

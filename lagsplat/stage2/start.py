@@ -15,7 +15,7 @@ def natural_time_unit(
 ) -> float:
     """Ratio of the rms velocity to the rms acceleration in the metric [s]: about a period over 2 pi.
 
-    From differences over ``stride_frames``. The ratio of position to velocity would be the same for a free
+    From differences over ``stride_frames`` by their true times. The ratio of position to velocity would be the same for a free
     oscillation, but a slow drive lengthens it to the drive's own time, several times that of the mechanism.
 
     Raises:
@@ -23,9 +23,12 @@ def natural_time_unit(
     """
     k = stride_frames
     at = starts_of(trajectory, before=k, after=k)
-    q = trajectory.latents
-    moved, bent = q[at + k] - q[at - k], q[at + k] - 2.0 * q[at] + q[at - k]
-    speed, change = (float(np.einsum("ti,ij,tj->", x, metric, x)) for x in (moved / 2.0, bent))
+    q, clock = trajectory.latents, trajectory.clock
+    # in strides of the median step, of which the ratio is a number
+    before, after = (clock.elapsed_s(at, ahead) / (k * clock.dt_s) for ahead in (-k, k))
+    moved = clock.slope(q, at, (-k, k)) * (k * clock.dt_s)
+    bent = 2.0 * ((q[at + k] - q[at]) / after - (q[at - k] - q[at]) / before) / (after - before)
+    speed, change = (float(np.einsum("ti,ij,tj->", x, metric, x)) for x in (moved, bent))
     if not change > 0.0:
         raise ValueError("the latents of the training clip do not move: there is no dynamics to learn")
     return float(np.sqrt(speed / change)) * k * trajectory.dt_s

@@ -9,18 +9,22 @@ from torch import Tensor
 
 from lagsplat.chart.trajectory import Trajectory
 from lagsplat.shapes import Inputs, Latents
+from lagsplat.stage2.integrate import Step, Steps
 
 
 @dataclass(frozen=True)
 class Windows:
-    """Pairs of consecutive states ``step`` internal time units apart, and the input held between them."""
+    """Pairs of consecutive states ``step`` internal time units apart, and the input held between them.
+
+    ``step`` is one number, or each pair's own where frames are not evenly spaced.
+    """
 
     q: Latents
     v: Latents
     u: Inputs
     q_next: Latents
     v_next: Latents
-    step: float
+    step: Step
 
     def __len__(self) -> int:
         return self.q.shape[0]
@@ -33,7 +37,7 @@ class Windows:
             u=self.u[index],
             q_next=self.q_next[index],
             v_next=self.v_next[index],
-            step=self.step,
+            step=self.step[index] if isinstance(self.step, Tensor) else self.step,
         )
 
 
@@ -46,7 +50,8 @@ def starts_of(trajectory: Trajectory, *, before: int, after: int) -> Int[np.ndar
 def one_step_windows(trajectory: Trajectory, *, stride_frames: int, time_unit_s: float) -> Windows:
     """Windows of four samples ``stride_frames`` apart: two states with central velocities.
 
-    The sample 1 and its velocity (2 minus 0) are the state, sample 2 and (3 minus 1) the target.
+    The sample 1 and its velocity (2 minus 0) are the state, sample 2 and (3 minus 1) the target; velocities
+    and steps are those of the true times.
 
     Raises:
         ValueError: no segment is as long as a window.
@@ -61,43 +66,48 @@ def one_step_windows(trajectory: Trajectory, *, stride_frames: int, time_unit_s:
             f"the longest training segment has {longest} frames and a one-step window needs {3 * k + 1}: "
             "record longer clips or lower stage2.stride_frames"
         )
-    step = k * trajectory.dt_s / time_unit_s
-    q = torch.from_numpy(trajectory.latents)
+    clock, latents = trajectory.clock, trajectory.latents
+    q = torch.from_numpy(latents)
     u = torch.from_numpy(trajectory.inputs)
     index = torch.from_numpy(at)
     return Windows(
         q=q[index],
-        v=(q[index + k] - q[index - k]) / (2.0 * step),
+        v=torch.from_numpy(clock.slope(latents, at, (-k, k))) * time_unit_s,
         u=u[index],
         q_next=q[index + k],
-        v_next=(q[index + 2 * k] - q[index]) / (2.0 * step),
-        step=step,
+        v_next=torch.from_numpy(clock.slope(latents, at + k, (-k, k))) * time_unit_s,
+        step=in_units(clock.elapsed_s(at, k), time_unit_s),
     )
 
 
 @dataclass(frozen=True)
 class Shots:
-    """Initial states, and the inputs and latents that follow them, one frame apart."""
+    """Initial states, the inputs and latents that follow them frame by frame, and the times between these
+    (in the units of the velocities): one number, or each row its own.
+    """
 
     q: Latents
     v: Latents
     inputs: Float[Tensor, "B N n_u"]
     targets: Float[Tensor, "B N d"]
+    steps: Steps
+
+
+def in_units(time_s: float | Float[np.ndarray, "B n"], time_unit_s: float) -> float | Float[Tensor, "B n"]:
+    """Times [s] in units of time."""
+    if isinstance(time_s, np.ndarray):
+        return torch.from_numpy(time_s / time_unit_s)
+    return time_s / time_unit_s
 
 
 def forward_velocity(trajectory: Trajectory, at: Int[np.ndarray, " B"]) -> Latents:
     """Velocity [1/s] from a frame and the two after it: what a forecast may use."""
-    q = torch.from_numpy(trajectory.latents)
-    i = torch.from_numpy(at)
-    return (-3.0 * q[i] + 4.0 * q[i + 1] - q[i + 2]) / (2.0 * trajectory.dt_s)
+    return torch.from_numpy(trajectory.clock.slope(trajectory.latents, at, (1, 2)))
 
 
 def central_velocity(trajectory: Trajectory, at: Int[np.ndarray, " B"]) -> Latents:
     """Velocity [1/s] from two frames on either side: the quieter one, for training."""
-    q = torch.from_numpy(trajectory.latents)
-    i = torch.from_numpy(at)
-    near, far = q[i + 1] - q[i - 1], q[i + 2] - q[i - 2]
-    return (8.0 * near - far) / (12.0 * trajectory.dt_s)
+    return torch.from_numpy(trajectory.clock.slope(trajectory.latents, at, (-2, -1, 1, 2)))
 
 
 def shots(
@@ -111,4 +121,5 @@ def shots(
     """Stretches of ``n_states`` frames from the frames ``at``, with initial velocities [1/s]."""
     rows = torch.from_numpy(at)[:, None] + torch.arange(n_states)
     q = torch.from_numpy(trajectory.latents)[rows]
-    return Shots(q[:, 0], velocity * time_unit_s, torch.from_numpy(trajectory.inputs)[rows], q)
+    steps = in_units(trajectory.clock.steps_s(at, n_states), time_unit_s)
+    return Shots(q[:, 0], velocity * time_unit_s, torch.from_numpy(trajectory.inputs)[rows], q, steps)

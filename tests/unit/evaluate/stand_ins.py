@@ -30,7 +30,7 @@ def transition(scale: float = 1.0) -> np.ndarray:
     return expm(system * DT_S)
 
 
-def integrate(q0, v0, inputs, *, scale: float = 1.0):
+def integrate(q0, v0, inputs, steps_s=DT_S, *, scale: float = 1.0):
     """The true law: the input pushes the velocity of both coordinates."""
     step, state = transition(scale), np.concatenate([q0, v0], axis=1)
     states = [state]

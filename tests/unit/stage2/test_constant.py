@@ -12,25 +12,28 @@ from lagsplat.stage2.constant import (
     linear_shooting_error,
     step_matrices,
 )
+from lagsplat.stage2.curvature import Reach
 from lagsplat.stage2.integrate import verlet_step
 from lagsplat.stage2.lagrangian import Coefficients, Lagrangian
 from lagsplat.stage2.rollout import rollout
 from lagsplat.stage2.windows import Shots, Windows
-from tests.stage2_problems import random_lagrangian
+from tests.stage2_problems import random_lagrangian, split
 
 CONSTANT = {"mass": "constant", "damping": "constant", "potential": "quadratic", "actuation": "linear"}
+ONE_SIGN = Reach(torch.ones(1, dtype=torch.float64), torch.zeros(1, dtype=torch.float64))
 
 
 def coefficients_of(lagrangian: Lagrangian) -> Coefficients:
     q = torch.zeros(1, lagrangian.d, dtype=torch.float64)
+    bent, none = lagrangian.prepare().curvature, torch.zeros(lagrangian.n_inputs, dtype=torch.float64)
+    reach = Reach(none + 1.0, none)
     return Coefficients(
         lagrangian.mass(q)[0].detach(),
         lagrangian.damping(q)[0].detach(),
         lagrangian.prepare().stiffness.detach(),
         lagrangian.pressure_map.detach(),
         lagrangian.rest.detach(),
-        lagrangian.prepare().curvature,
-        torch.ones(lagrangian.n_inputs, dtype=torch.float64),
+        None if bent is None else split(bent.detach(), reach),
     )
 
 
@@ -40,7 +43,7 @@ def own_shots(lagrangian: Lagrangian, batch: int, n: int) -> Shots:
     q, v = torch.randn(2, batch, lagrangian.d, generator=rng, dtype=torch.float64)
     inputs = torch.rand(batch, 1, lagrangian.n_inputs, generator=rng, dtype=torch.float64).expand(-1, n, -1)
     path, _ = rollout(lagrangian, q, v / unit, inputs, dt_s=0.05 * unit)
-    return Shots(q, v, inputs, path)
+    return Shots(q, v, inputs, path, 0.05)
 
 
 def test_step_matrices_are_the_verlet_step_of_a_constant_system() -> None:
@@ -86,9 +89,7 @@ def test_shooting_error_vanishes_on_its_own_rollout(bent: bool) -> None:
     shots, metric = own_shots(lagrangian, 3, 12), torch.eye(2, dtype=torch.float64)
     error = bent_shooting_error if bent else linear_shooting_error
     off = replace(shots, targets=shots.targets + 1.0)
-    own, wrong = (
-        float(error(coefficients_of(lagrangian), s, metric, step=0.05).detach()) for s in (shots, off)
-    )
+    own, wrong = (float(error(coefficients_of(lagrangian), s, metric).detach()) for s in (shots, off))
     assert own < 0.05 * wrong
 
 
@@ -97,22 +98,22 @@ def test_bending_finds_what_a_linear_map_cannot() -> None:
     eye = torch.eye(2, dtype=torch.float64)
     start = Coefficients(
         eye, 0.3 * eye, 3 * eye, 2 * torch.ones(1, 2, dtype=torch.float64), 0 * eye[0],
-        torch.diag(torch.tensor([-1.5, 2.0], dtype=torch.float64))[None], torch.ones(1, dtype=torch.float64),
+        split(torch.diag(torch.tensor([-1.5, 2.0], dtype=torch.float64))[None], ONE_SIGN),
     )  # fmt: skip
     lagrangian = random_lagrangian(
         2, 1, 0, start=start, amount=0.0, **CONSTANT | {"actuation": "bounded", "damping": "constant"}
     )
     shots, metric = own_shots(lagrangian, 60, 40), torch.eye(2, dtype=torch.float64)
     fit = ConstantFit(start.rest, 1, floor=FloorConfig(1e-3, 1e-4, 1e-3), learn_rest=True)
-    linear = fit.minimize(lambda c: linear_shooting_error(c, shots, metric, step=0.05), iterations=200)
-    fit.bend(torch.ones(1, dtype=torch.float64), softening=True, rng=np.random.default_rng(0))
-    bent = fit.minimize(lambda c: bent_shooting_error(c, shots, metric, step=0.05), iterations=200)
+    linear = fit.minimize(lambda c: linear_shooting_error(c, shots, metric), iterations=200)
+    fit.bend(ONE_SIGN, softening=True, rng=np.random.default_rng(0))
+    bent = fit.minimize(lambda c: bent_shooting_error(c, shots, metric), iterations=200)
     found, floors = fit.result()
     assert bent < 0.1 * linear
-    assert found.curvature is not None
-    assert float(torch.linalg.eigvalsh(found.curvature[0])[0]) < -0.5
+    assert found.bend is not None
+    assert float(torch.linalg.eigvalsh(found.bend.curvature[0])[0]) < -0.5
     # one equilibrium up to the largest load
-    assert float(torch.linalg.eigvalsh(found.stiffness + found.curvature[0])[0]) > floors.stiffness
+    assert float(torch.linalg.eigvalsh(found.stiffness + found.bend.curvature[0])[0]) > floors.stiffness
 
 
 def test_rollouts_that_overflow_do_not_end_the_fit() -> None:
@@ -125,7 +126,7 @@ def test_rollouts_that_overflow_do_not_end_the_fit() -> None:
 
     def sometimes_overflows(c: Coefficients) -> torch.Tensor:
         calls.append(0)
-        error = linear_shooting_error(c, shots, metric, step=0.05)
+        error = linear_shooting_error(c, shots, metric)
         return error * float("inf") if len(calls) == 4 else error
 
     reached = fit.minimize(sometimes_overflows, iterations=30)

@@ -1,17 +1,18 @@
 import pytest
 import torch
 
-from lagsplat.stage2.curvature import SMALLEST, Curvature, payment, stiffened
-from tests.stage2_problems import bent
+from lagsplat.stage2.curvature import SMALLEST, Curvature, Reach, payment, stiffened
+from tests.stage2_problems import bent, split
 
 
 def problem() -> tuple[torch.Tensor, torch.Tensor]:
-    return bent(3, 2, torch.Generator().manual_seed(0))
+    bend = bent(3, 2, torch.Generator().manual_seed(0))
+    return bend.curvature, bend.reach.positive
 
 
 def test_a_curvature_is_kept_and_its_softening_paid_for() -> None:
     curvature, largest = problem()
-    got, paid = Curvature(curvature, 2 * largest, softening=True).matrices()
+    got, paid = Curvature(split(curvature, Reach(2 * largest, 0 * largest)), softening=True).matrices()
     torch.testing.assert_close(got, curvature, atol=3 * SMALLEST, rtol=0)
     values, vectors = torch.linalg.eigh(curvature)
     softer = (vectors * (-values).clamp(min=0)[..., None, :]) @ vectors.mT
@@ -23,14 +24,14 @@ def test_a_curvature_is_kept_and_its_softening_paid_for() -> None:
 
 def test_without_softening_every_volume_is_concave_and_nothing_is_paid() -> None:
     curvature, largest = problem()
-    got, paid = Curvature(curvature, largest, softening=False).matrices()
+    got, paid = Curvature(split(curvature, Reach(largest, 0 * largest)), softening=False).matrices()
     assert float(torch.linalg.eigvalsh(got.detach()).min()) > 0
     assert float(paid.abs().max()) == 0
 
 
 def test_zero_curvature_can_still_move() -> None:
     curvature, largest = problem()
-    module = Curvature(0 * curvature, largest, softening=True)
+    module = Curvature(split(0 * curvature, Reach(largest, 0 * largest)), softening=True)
     matrices, paid = module.matrices()
     (matrices[0, 0, 1] + paid[0, 1]).backward()
     assert module.softening is not None

@@ -26,4 +26,4 @@ def test_both_errors_vanish_on_the_systems_own_motion() -> None:
     metric = torch.eye(2, dtype=torch.float64)
     windows = Windows(q=q, v=v, u=inputs[:, 0], q_next=path[:, 1], v_next=speed[:, 1] * unit, step=0.1)
     assert float(one_step_error(lagrangian, windows, metric, velocity_weight=1.0).detach()) < 1e-20
-    assert float(shooting_error(lagrangian, Shots(q, v, inputs, path), metric, step=0.1).detach()) < 1e-20
+    assert float(shooting_error(lagrangian, Shots(q, v, inputs, path, 0.1), metric).detach()) < 1e-20
