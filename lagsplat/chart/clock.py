@@ -68,8 +68,8 @@ def read_clock(time_s: Float64[np.ndarray, " T"], segments: Sequence[tuple[int, 
     steps = np.concatenate([np.diff(time_s[a:b]) for a, b in segments] or [np.zeros(0)])
     if steps.size == 0:
         raise ValueError(
-            f"{len(time_s)} frame(s) and no two of them in one clip: they have no spacing in time; give longer "
-            "clips or another split"
+            f"{len(time_s)} frame(s) and no two of them in one clip: they have no spacing in time; give "
+            "longer clips or another split"
         )
     dt_s = float(np.median(steps))
     even = float(np.abs(steps - dt_s).max()) <= EVEN * dt_s

@@ -38,10 +38,11 @@ def fit_modes(
 ) -> tuple[Mode, ...]:
     """Damped oscillations of a free motion about a constant, the strongest first; empty if none is found.
 
-    Samples are ``dt_s`` apart; see `evenly_spaced` for those that are not. At most ``most`` oscillations; non-oscillating relaxations are fitted along and not returned, nor are
-    oscillations of less than half a cycle over the window or damped within a third of a cycle. The
-    covariance is that of least squares, with the residual's own spectral level in the fitted band as noise,
-    so that smoothed jitter is not taken for many independent samples.
+    Samples are ``dt_s`` apart; see `evenly_spaced` for those that are not. At most ``most`` oscillations;
+    non-oscillating relaxations are fitted along and not returned, nor are oscillations of less than half
+    a cycle over the window or damped within a third of a cycle. The covariance is that of least squares,
+    with the residual's own spectral level in the fitted band as noise, so that smoothed jitter is not
+    taken for many independent samples.
 
     Source: DOI 10.1109/29.32276 (ESPRIT); DOI 10.1137/0710036 (variable projection).
     """

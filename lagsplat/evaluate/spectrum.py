@@ -33,9 +33,10 @@ def spectral_peak(
 ) -> Peak:
     """Peak frequency of one window, its mean removed, under a symmetric Hann window and without padding.
 
-    Samples are ``dt_s`` apart; see `evenly_spaced` for those that are not. Bins below ``min_cycles`` per window are ignored. The uncertainty comes from five sub-windows of three
-    quarters of the length: their smaller length and their overlap nearly cancel in its size, and it also sees
-    a frequency that moves as the motion dies out.
+    Samples are ``dt_s`` apart; see `evenly_spaced` for those that are not. Bins below ``min_cycles`` per
+    window are ignored. The uncertainty comes from five sub-windows of three quarters of the length: their
+    smaller length and their overlap nearly cancel in its size, and it also sees a frequency that moves as
+    the motion dies out.
 
     Source: paper, Metrics, the windowed spectral estimator.
     """

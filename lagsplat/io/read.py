@@ -5,6 +5,7 @@ from pathlib import Path
 
 from lagsplat.io.archive import fetch_member
 from lagsplat.io.config import RecordingConfig
+from lagsplat.io.gaps import cut_at_gaps
 from lagsplat.io.krauss import read_krauss_npz
 from lagsplat.io.recording import Recording
 from lagsplat.io.video import read_video
@@ -13,6 +14,7 @@ from lagsplat.io.video import read_video
 def read_recording(config: RecordingConfig) -> Recording:
     """The filmed recording that ``config`` describes, downloaded first where no file is given.
 
+    Clips are cut at gaps in time by `cut_at_gaps`; a Krauss archive carries no times and has none.
     Simulated recordings are not read but made, by `lagsplat.systems`.
 
     Raises:
@@ -20,7 +22,7 @@ def read_recording(config: RecordingConfig) -> Recording:
     """
     if config.kind not in READERS:
         raise ValueError(f"recording.kind is {config.kind!r}; only {sorted(READERS)} are read from a file")
-    return READERS[config.kind](config)
+    return cut_at_gaps(READERS[config.kind](config))
 
 
 def _krauss(config: RecordingConfig) -> Recording:

@@ -40,8 +40,8 @@ def reach_of(inputs: Float64[np.ndarray, "T n_u"]) -> Reach:
 
 @dataclass(frozen=True)
 class Bend:
-    """By how much a unit of each input stiffens and softens, both positive semidefinite, and up to which inputs
-    there is to be one equilibrium.
+    """By how much a unit of each input stiffens and softens, both positive semidefinite, and up to which
+    inputs there is to be one equilibrium.
     """
 
     stiffer: Float[Tensor, "n_u d d"]

@@ -6,7 +6,6 @@ from torch import Tensor
 from lagsplat.shapes import Inputs, Latents
 from lagsplat.stage2.lagrangian import Lagrangian, Prepared
 
-
 Step = float | Float[Tensor, "#B 1"]
 """Length of one step (internal time units): the same for all samples, or each its own."""
 Steps = float | Float[Tensor, "*B n"]

@@ -63,8 +63,8 @@ class Lagrangian(nn.Module):
     for every ``u >= 0`` up to the largest input, hence with one equilibrium under any such load, and under
     any load at all where the volumes are concave. If inputs are ``signed`` (torques, currents) this holds
     from the largest negative to the largest positive input: a negative one has a convex network of its own,
-    which acts with its size, so that ``-u.nu`` stays convex. ``K``, ``M``, ``C`` have floors. Internally one unit of
-    time is ``time_unit_s`` seconds. Every network starts at zero.
+    which acts with its size, so that ``-u.nu`` stays convex. ``K``, ``M``, ``C`` have floors. Internally one
+    unit of time is ``time_unit_s`` seconds. Every network starts at zero.
 
     Source: paper eqs. (EL), (pressure) and Appendix, "Bounded forced response".
     """

@@ -21,8 +21,8 @@ def rollout(
     """States and velocities (per second) at ``N`` instants ``dt_s`` apart; the first is the given one.
 
     ``dt_s`` is one number, or where frames are not evenly spaced ``N - 1`` of them, the same for all rows or
-    each row its own: every interval is one step. Input ``i`` is held from state ``i`` to ``i + 1``; the last one is unused. Never raises on divergence: a
-    row that leaves the finite numbers is NaN from there on.
+    each row its own: every interval is one step. Input ``i`` is held from state ``i`` to ``i + 1``; the last
+    one is unused. Never raises on divergence: a row that leaves the finite numbers is NaN from there on.
     """
     unit = float(lagrangian.time_unit_s)
     ready = lagrangian.prepare()

@@ -15,8 +15,9 @@ def natural_time_unit(
 ) -> float:
     """Ratio of the rms velocity to the rms acceleration in the metric [s]: about a period over 2 pi.
 
-    From differences over ``stride_frames`` by their true times. The ratio of position to velocity would be the same for a free
-    oscillation, but a slow drive lengthens it to the drive's own time, several times that of the mechanism.
+    From differences over ``stride_frames`` by their true times. The ratio of position to velocity would be
+    the same for a free oscillation, but a slow drive lengthens it to the drive's own time, several times
+    that of the mechanism.
 
     Raises:
         ValueError: the latents do not move.

@@ -40,6 +40,28 @@ def test_error_against_dopri5_falls_as_the_square_of_the_step() -> None:
     assert errors[-1] < 1e-3
 
 
+def test_uneven_steps_are_of_second_order_too_for_each_row_its_own() -> None:
+    lagrangian = random_lagrangian(3, 2, 1, amount=0.2)
+    unit, rng = float(lagrangian.time_unit_s), np.random.default_rng(0)
+    q, v = 0.5 * torch.randn(2, 4, 3, dtype=torch.float64)
+    u = torch.rand(4, 2, dtype=torch.float64)
+    ends = torch.linspace(0.3, 0.5, 4, dtype=torch.float64)
+    truth = torch.cat([exact(lagrangian, q[[i]], v[[i]], u[[i]], float(ends[i])) for i in range(4)])
+    counts, errors = np.array([25, 50, 100]), []
+    for n in counts:
+        share = torch.from_numpy(rng.uniform(0.8, 1.2, (4, n)))
+        share[:, ::10] *= 2.0  # a dropped frame
+        steps = share / share.sum(1, keepdim=True) * ends[:, None]
+        path, _ = rollout(lagrangian, q, v / unit, u[:, None].expand(-1, n + 1, -1), dt_s=steps * unit)
+        errors.append(float((path[:, -1] - truth).norm()))
+    assert abs(np.polyfit(np.log(counts), np.log(errors), 1)[0] + 2.0) < 0.2
+    assert errors[-1] < 1e-3
+    even, _ = rollout(lagrangian, q, v / unit, u[:, None].expand(-1, 9, -1), dt_s=0.01 * unit)
+    for steps in (torch.full((8,), 0.01), torch.full((4, 8), 0.01)):
+        same, _ = rollout(lagrangian, q, v / unit, u[:, None].expand(-1, 9, -1), dt_s=steps.double() * unit)
+        torch.testing.assert_close(same, even, rtol=1e-6, atol=1e-8)
+
+
 def test_inputs_are_held_over_the_step_that_follows_them() -> None:
     lagrangian = random_lagrangian(2, 1, 2)
     q = torch.zeros(1, 2, dtype=torch.float64)

@@ -1,5 +1,6 @@
 import numpy as np
 
+from lagsplat.chart.clock import Clock
 from lagsplat.chart.smooth import smooth
 
 
@@ -32,3 +33,34 @@ def test_no_columns_and_no_smoothing_pass_through() -> None:
     assert smooth(np.zeros((5, 0)), sigma_frames=1.0, segments=((0, 5),)).shape == (5, 0)
     series = np.arange(6.0)[:, None]
     np.testing.assert_array_equal(smooth(series, sigma_frames=0.0, segments=((0, 6),)), series)
+
+
+def test_true_times_reduce_to_frames_on_an_even_clock() -> None:
+    series, time_s = np.random.default_rng(0).normal(size=(50, 2)), 0.02 * np.arange(50)
+    cuts = ((0, 20), (20, 50))
+    plain, timed = (
+        smooth(series, sigma_frames=1.5, segments=cuts, clock=Clock(0.02, instants))
+        for instants in (None, time_s)
+    )
+    np.testing.assert_allclose(timed, plain, atol=1e-12)
+
+
+def test_an_uneven_clock_does_not_shake_a_steady_motion() -> None:
+    rng = np.random.default_rng(1)
+    time_s = 0.02 * (np.arange(80) + rng.uniform(-0.2, 0.2, 80))[rng.uniform(size=80) > 0.05]
+    segments = ((0, len(time_s)),)
+    timed, framed = (
+        smooth(time_s[:, None], sigma_frames=1.0, segments=segments, clock=Clock(0.02, instants))[:, 0]
+        for instants in (time_s, None)
+    )
+    inner = slice(5, -5)
+    np.testing.assert_allclose(timed[inner], time_s[inner], atol=1e-12)
+    assert np.abs(framed - time_s)[inner].max() > 1e-3
+
+
+def test_a_frame_alone_in_time_stays() -> None:
+    time_s = np.array([0.0, 0.02, 0.04, 9.0, 18.0, 18.02, 18.04])
+    series = np.arange(7.0)[:, None] ** 2
+    got = smooth(series, sigma_frames=1.0, segments=((0, 7),), clock=Clock(0.02, time_s))
+    assert got[3] == series[3]
+    assert np.isfinite(got).all()

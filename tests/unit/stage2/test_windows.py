@@ -45,3 +45,22 @@ def test_shots_follow_the_trajectory() -> None:
     taken = shots(trajectory, at, forward_velocity(trajectory, at), n_states=5, time_unit_s=0.5)
     torch.testing.assert_close(taken.targets[1, :, 0], torch.from_numpy((0.1 * np.arange(9, 14)) ** 2))
     torch.testing.assert_close(taken.v[:, 0], torch.from_numpy(0.1 * at))
+
+
+def test_on_an_uneven_clock_everything_goes_by_the_true_times() -> None:
+    rng = np.random.default_rng(0)
+    t = 0.1 * (np.arange(40) + rng.uniform(-0.2, 0.2, 40))[rng.uniform(size=40) > 0.1]
+    trajectory = Trajectory((t**2)[:, None], t[:, None].copy(), t, ((0, len(t)),))
+    windows = one_step_windows(trajectory, stride_frames=2, time_unit_s=0.5)
+    assert isinstance(windows.step, torch.Tensor)
+    now, ahead = windows.u, windows.q_next.sqrt()
+    torch.testing.assert_close(windows.step, (ahead - now) / 0.5)
+    torch.testing.assert_close(windows.v, 2 * now * 0.5)
+    torch.testing.assert_close(windows.v_next, 2 * ahead * 0.5)
+    torch.testing.assert_close(windows.pick(torch.tensor([3, 4])).step, windows.step[3:5])
+    at = np.array([4, 9])
+    for velocity in (forward_velocity, central_velocity):
+        torch.testing.assert_close(velocity(trajectory, at)[:, 0], torch.from_numpy(2 * t[at]))
+    taken = shots(trajectory, at, forward_velocity(trajectory, at), n_states=5, time_unit_s=0.5)
+    assert isinstance(taken.steps, torch.Tensor)
+    torch.testing.assert_close(taken.steps[1], torch.from_numpy(np.diff(t[9:14]) / 0.5))
