@@ -126,14 +126,14 @@ def _roll_out(
     rollouts = integrate(q0, v0, frozen, held.clock.steps_s(starts, length))
     bound = config.divergence_factor * held.reach
     kept = []
-    for start, simulated in zip(starts, rollouts, strict=True):
+    for start, simulated in zip(starts.tolist(), rollouts, strict=True):
         encoded = held.encoded[start : start + length]
         diverged = bool(beyond(simulated, bound).any())
         seen = _even(encoded, held, start)
         said = simulated if diverged else _even(simulated, held, start)
         kept.append(
             FreeWindow(
-                start=int(start),
+                start=start,
                 encoded=encoded,
                 simulated=simulated,
                 encoded_peak=_peak(seen, held, config),
@@ -147,7 +147,7 @@ def _roll_out(
 
 
 def _even(series: np.ndarray, held: HeldOut, start: int) -> np.ndarray:
-    return evenly_spaced(series, held.clock, start=int(start))
+    return evenly_spaced(series, held.clock, start=start)
 
 
 def _peak(series: np.ndarray, held: HeldOut, config: EvaluateConfig) -> Peak:

@@ -83,7 +83,7 @@ class Curvature(nn.Module):
     def matrices(self) -> tuple[Float[Tensor, "n_u d d"], Float[Tensor, "d d"]]:
         """The curvatures, and the stiffness that pays for what the inputs soften."""
         curvature = self.stiffening @ self.stiffening.mT
-        paid = torch.zeros_like(curvature[0])
+        paid = curvature.new_zeros(curvature.shape[1:])
         if self.largest_negative is not None:
             paid = payment(curvature, self.largest_negative)
         if self.softening is None:

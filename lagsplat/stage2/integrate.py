@@ -6,7 +6,7 @@ from torch import Tensor
 from lagsplat.shapes import Inputs, Latents
 from lagsplat.stage2.lagrangian import Lagrangian, Prepared
 
-Step = float | Float[Tensor, "#B 1"]
+Step = float | Float[Tensor, "#B 1"] | Float[Tensor, "1"]
 """Length of one step (internal time units): the same for all samples, or each its own."""
 Steps = float | Float[Tensor, "*B n"]
 """Lengths of the steps of a rollout: one number, one a step, or one a sample and step."""

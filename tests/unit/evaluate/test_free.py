@@ -79,3 +79,36 @@ def test_no_window_has_a_reason():
     windows, reason = free_windows(still, integrate, settings())
     assert windows == []
     assert "none with an oscillation" in reason
+
+
+def test_an_uneven_clock_is_seen_through() -> None:
+    """The same tail filmed with a fifth of jitter and every twentieth frame dropped: the same oscillation."""
+    rng = np.random.default_rng(0)
+    time_s = DT_S * (np.arange(600) + rng.uniform(-0.2, 0.2, 600))[rng.uniform(size=600) > 0.05]
+    omega, rate = 2 * np.pi * 1.4, 0.4
+    q = np.exp(-rate * time_s) * np.cos(omega * time_s)
+    series, n = np.stack([np.zeros_like(q), q], axis=1), len(q)
+    still = np.zeros((n, 0))
+    film = replace(
+        world()[0], encoded=series, latents=series, forcing=still, inputs=still, segments=((0, n),), skip=0
+    )
+
+    def simulate(q0, v0, inputs, steps_s):
+        later = np.concatenate([np.zeros((len(q0), 1)), np.cumsum(steps_s, axis=1)], axis=1)[..., None]
+        size = (v0 + rate * q0)[:, None] / omega
+        return np.exp(-rate * later) * (q0[:, None] * np.cos(omega * later) + size * np.sin(omega * later))
+
+    windows, _ = free_windows(replace(film, time_s=time_s), simulate, settings())
+    assert windows
+    for window in windows:
+        for modes in (window.encoded_modes, window.simulated_modes):
+            assert modes[0].frequency_hz == pytest.approx(1.4, rel=0.005)
+            assert modes[0].rate_per_s == pytest.approx(0.4, rel=0.02)
+        assert window.encoded_peak.visible_hz == pytest.approx(1.4, rel=0.01)
+        np.testing.assert_allclose(window.simulated, window.encoded, atol=0.05 * np.abs(window.encoded).max())
+
+    def even(q0, v0, inputs, dt_s):
+        return simulate(q0, v0, inputs, np.full((len(q0), inputs.shape[1] - 1), dt_s))
+
+    taken_for_even, _ = free_windows(film, even, settings())
+    assert abs(taken_for_even[0].encoded_modes[0].frequency_hz / 1.4 - 1) > 0.02

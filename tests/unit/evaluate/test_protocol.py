@@ -1,10 +1,20 @@
 """Starts, initial velocities, pinned divergence and intervals."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from lagsplat.evaluate.protocol import bootstrap_interval, draw_starts, initial_states, pin_diverged
+from lagsplat.evaluate.evaluate import integrator
+from lagsplat.evaluate.protocol import (
+    bootstrap_interval,
+    draw_starts,
+    initial_states,
+    pin_diverged,
+    windows,
+)
 from tests.unit.evaluate.stand_ins import DT_S, cut, world
+from tests.unit.evaluate.tiny_run import lagrangian
 
 
 def test_starts_of_one_clip_are_the_published_draw():
@@ -56,3 +66,18 @@ def test_bootstrap_of_a_mean_matches_the_normal_interval():
     half = 1.96 * values.std() / 20
     assert low == pytest.approx(values.mean() - half, abs=0.1 * half)
     assert high == pytest.approx(values.mean() + half, abs=0.1 * half)
+
+
+def test_an_even_clock_written_out_changes_nothing():
+    held, _ = world()
+    written = replace(held, time_s=DT_S * np.arange(held.n_frames))
+    starts = draw_starts(held, length=30, margin=0, count=50, seed=0)
+    for ours, theirs in zip(initial_states(written, starts), initial_states(held, starts), strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=1e-9, atol=1e-9)
+    law = lagrangian()
+    q0, v0 = initial_states(held, starts)
+    pushed = windows(held.forcing, starts, 30)
+    with_times, plain = (
+        integrator(law)(q0, v0, pushed, clip.clock.steps_s(starts, 30)) for clip in (written, held)
+    )
+    np.testing.assert_allclose(with_times, plain, rtol=1e-9, atol=1e-9)
