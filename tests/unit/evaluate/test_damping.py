@@ -20,7 +20,7 @@ def test_decay_of_the_true_law_is_read_on_both_sides():
 def test_a_law_that_stands_still_is_missing_and_not_perfect():
     held, _ = world()
 
-    def still(q0, v0, inputs):
+    def still(q0, v0, inputs, steps_s):
         return np.tile(q0[:, None], (1, inputs.shape[1], 1))
 
     result = compare_decay(*free_windows(held, still, settings()))

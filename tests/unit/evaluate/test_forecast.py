@@ -47,8 +47,8 @@ def test_true_law_beats_holding_the_first_frame_a_hundredfold():
 def test_divergence_is_counted_and_never_pays(loss):
     held, pictures = world()
 
-    def some_diverge(q0, v0, inputs):
-        rollouts = integrate(q0, v0, inputs)
+    def some_diverge(q0, v0, inputs, steps_s):
+        rollouts = integrate(q0, v0, inputs, steps_s)
         rollouts[:5, 10:] = loss
         return rollouts
 
@@ -65,7 +65,7 @@ def test_divergence_is_counted_and_never_pays(loss):
 def test_a_law_that_always_diverges_scores_worse_than_the_mean_frame_after_its_first_state():
     held, pictures = world()
 
-    def lost(q0, v0, inputs):
+    def lost(q0, v0, inputs, steps_s):
         rollouts = np.full((len(q0), inputs.shape[1], 2), np.nan)
         rollouts[:, 0] = q0
         return rollouts

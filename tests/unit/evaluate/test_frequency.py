@@ -41,7 +41,7 @@ def test_several_windows_are_all_listed():
 
 @pytest.mark.parametrize("fate", ["still", "lost"])
 def test_a_rollout_without_an_oscillation_errs_by_one(fate):
-    def law(q0, v0, inputs):
+    def law(q0, v0, inputs, steps_s):
         rollouts = np.tile(q0[:, None], (1, inputs.shape[1], 1))
         rollouts[:, 100:] = np.nan if fate == "lost" else rollouts[:, :1]
         return rollouts

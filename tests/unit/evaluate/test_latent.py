@@ -18,7 +18,7 @@ def test_perfect_prediction_has_no_error():
     """The encoded states themselves, found by their start: NRMSE 0 and the image error at the floor."""
 
     def oracle(held):
-        def law(q0, v0, inputs):
+        def law(q0, v0, inputs, steps_s):
             starts = [int(np.argmin(np.abs(held.encoded - q).sum(axis=1))) for q in q0]
             return np.stack([held.encoded[s : s + inputs.shape[1]] for s in starts])
 
@@ -33,7 +33,9 @@ def test_perfect_prediction_has_no_error():
 
 def test_predicting_the_mean_scores_about_one():
     def mean(held):
-        return lambda q0, v0, inputs: np.tile(held.encoded.mean(axis=0), (len(q0), inputs.shape[1], 1))
+        return lambda q0, v0, inputs, steps_s: np.tile(
+            held.encoded.mean(axis=0), (len(q0), inputs.shape[1], 1)
+        )
 
     result = score(mean)
     assert result["nrmse"] == pytest.approx(1.0, abs=0.15)
@@ -49,7 +51,7 @@ def test_true_law_is_far_better_than_holding():
 
 def test_divergence_never_beats_the_mean_prediction():
     def lost(held):
-        return lambda q0, v0, inputs: np.full((len(q0), inputs.shape[1], 2), np.nan)
+        return lambda q0, v0, inputs, steps_s: np.full((len(q0), inputs.shape[1], 2), np.nan)
 
     result = score(lost)
     assert result["diverged"] == result["windows"] == 60
