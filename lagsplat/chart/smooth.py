@@ -20,7 +20,8 @@ def smooth(
 ) -> Series:
     """Each column smoothed by a Gaussian of ``sigma_frames``, cut at 4 sigma, every segment on its own.
 
-    The first and the last sample of a segment are repeated beyond its ends. The filter is not causal.
+    Beyond its ends a segment goes on turned about them, so that a steady motion stays steady: repeating the
+    last sample would slow it down. The filter is not causal.
     ``sigma_frames = 0`` returns a copy. Samples outside every segment are returned as they are. On an uneven
     ``clock`` sigma is that many median spacings, the weights are those of the true times, and the value is
     that of a line fitted with them; on an even one this is the plain filter.
@@ -31,9 +32,10 @@ def smooth(
     for start, stop in segments:
         part = slice(start, stop)
         if clock is None or clock.time_s is None:
-            smoothed[part] = gaussian_filter1d(
-                series[part], sigma_frames, axis=0, mode="nearest", truncate=TRUNCATE
-            )
+            reach = int(TRUNCATE * sigma_frames + 0.5)
+            longer = _beyond(series[part], reach)
+            found = gaussian_filter1d(longer, sigma_frames, axis=0, truncate=TRUNCATE)
+            smoothed[part] = found[reach : len(longer) - reach]
         else:
             smoothed[part] = _local_lines(series[part], clock.time_s[part] / clock.dt_s, sigma_frames)
     return smoothed
@@ -42,9 +44,8 @@ def smooth(
 def _local_lines(series: Series, time: np.ndarray, sigma: float) -> Series:
     """Values at ``time`` (in median spacings) of lines fitted around each sample with Gaussian weights."""
     reach = int(TRUNCATE * sigma + 0.5)
-    beyond = np.arange(1, reach + 1)
-    time = np.concatenate([time[0] - beyond[::-1], time, time[-1] + beyond])
-    padded = np.pad(series, ((reach, reach), (0, 0)), mode="edge")
+    time = _beyond(time[:, None], reach)[:, 0]
+    padded = _beyond(series, reach)
     taps = np.arange(len(series))[:, None] + np.arange(2 * reach + 1)
     x = time[taps] - time[reach : len(time) - reach, None]
     weight = np.exp(-0.5 * (x / sigma) ** 2)
@@ -56,3 +57,11 @@ def _local_lines(series: Series, time: np.ndarray, sigma: float) -> Series:
     lone = spread <= 1e-12 * zeroth**2
     share = np.where(lone, x == 0.0, weight * (second - first * x) / np.where(lone, 1.0, spread))
     return np.einsum("tk,tkm->tm", share, padded[taps])
+
+
+def _beyond(series: np.ndarray, reach: int) -> np.ndarray:
+    """``series`` with ``reach`` more samples at either end, point reflections of those inside."""
+    around = ((reach, reach), (0, 0))
+    if len(series) == 1:
+        return np.pad(series, around, mode="edge")
+    return np.pad(series, around, mode="reflect", reflect_type="odd")

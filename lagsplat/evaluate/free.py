@@ -41,8 +41,7 @@ def free_segments(held: HeldOut, config: EvaluateConfig) -> list[tuple[int, int]
     scored = held.inputs[held.skip :]
     amplitude = float(np.ptp(scored, axis=0).max()) if held.inputs.shape[1] else 0.0
     found: list[tuple[int, int]] = []
-    for start, stop in held.segments:
-        clip = (max(start, held.skip), stop)
+    for clip in held.clips:
         if clip[1] - clip[0] < least:
             continue
         if amplitude == 0.0:

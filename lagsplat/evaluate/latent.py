@@ -17,6 +17,7 @@ from lagsplat.evaluate.protocol import (
     draw_starts,
     initial_states,
     pin_diverged,
+    shortage,
     windows,
 )
 
@@ -36,11 +37,14 @@ def latent_forecast(
     RMS of the whole encoded held-out series about its mean, both in the visibility metric without ridge: 1 is
     no better than predicting the mean. ``image_ratio`` divides the image error by the autoencoder floor at
     the same frames. Diverged states count as in the image forecast, in the latent with the larger error of
-    the pinned state and of the mean state. ``nrmse_hold`` keeps the initial state.
+    the pinned state and of the mean state. ``nrmse_hold`` keeps the initial state. Where no scored clip is as
+    long as the horizon there is a ``reason`` and nothing else.
 
     Source: paper, Metrics, latent and image error.
     """
     states = max(round(config.periods * period_s / held.dt_s), 2)
+    if why := shortage(held, length=states, margin=3):
+        return {"reason": why}
     starts = draw_starts(held, length=states, margin=3, count=config.starts, seed=config.seed)
     q0, v0 = initial_states(held, starts)
     steps_s = held.clock.steps_s(starts, states)
@@ -55,6 +59,7 @@ def latent_forecast(
         "horizon_s": states * held.dt_s,
         "states": states,
         "windows": len(starts),
+        "distinct": len(np.unique(starts)),
         "diverged": int((~stayed).sum()),
         "image_mse": float(image.mean()),
         "image_hold": float(image_hold.mean()),

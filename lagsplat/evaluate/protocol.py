@@ -25,6 +25,9 @@ Pictures = Callable[[np.ndarray], np.ndarray]
 """held-out frame numbers (N,) -> the recorded images (N,3,H,W) with colours in [0, 1]."""
 
 
+STENCILS = {"forward": (1, 2), "central": (-1, 1)}
+
+
 @dataclass(frozen=True)
 class HeldOut:
     """The held-out part as the scores see it.
@@ -32,7 +35,8 @@ class HeldOut:
     ``encoded`` and ``forcing`` are smoothed (initial states, references and forcing are read from them),
     ``latents`` and ``inputs`` are as encoded and measured. Scores begin at frame ``skip``. ``dt_s`` is the
     median spacing, by which horizons are counted in frames; ``time_s`` [s] are the instants of the frames
-    where these are not evenly spaced, and velocities and rollouts are of these.
+    where these are not evenly spaced, and velocities and rollouts are of these. ``stencil`` are the frames,
+    counted from a start, whose states give the initial velocity together with the start's own.
     """
 
     encoded: Float64[np.ndarray, "T d"]
@@ -44,6 +48,14 @@ class HeldOut:
     dt_s: float
     skip: int
     time_s: Float64[np.ndarray, " T"] | None = None
+    stencil: tuple[int, ...] = STENCILS["forward"]
+
+    @property
+    def clips(self) -> list[tuple[int, int]]:
+        """First frame a rollout may start from, and end, of every clip that is scored."""
+        back = max(0, -min(self.stencil))
+        scored = ((max(start + back, self.skip), stop) for start, stop in self.segments)
+        return [(start, stop) for start, stop in scored if start < stop]
 
     @property
     def clock(self) -> Clock:
@@ -85,6 +97,19 @@ def held_out(chart: Chart, config: EvaluateConfig) -> HeldOut:
         dt_s=chart.dt_s,
         skip=skip,
         time_s=None if chart.whole.clock.time_s is None else part.time_s,
+        stencil=STENCILS[config.velocity],
+    )
+
+
+def shortage(held: HeldOut, *, length: int, margin: int) -> str:
+    """Why no rollout of ``length`` states fits into a scored clip; empty where one does."""
+    span = max(length + margin, 3)
+    longest = max((stop - start for start, stop in held.clips), default=0)
+    if longest > span:
+        return ""
+    return (
+        f"a forecast of {length} frames needs a held-out clip of more than {span} frames after the skip of "
+        f"{held.skip}, the longest has {longest}; shorten the horizon, lower evaluate.skip_s or hold out more"
     )
 
 
@@ -98,15 +123,9 @@ def draw_starts(held: HeldOut, *, length: int, margin: int, count: int, seed: in
         ValueError: no clip of the scored part is long enough.
     """
     span = max(length + margin, 3)
-    allowed = [np.arange(max(start, held.skip), stop - span) for start, stop in held.segments]
-    valid = np.concatenate(allowed) if allowed else np.arange(0)
-    if valid.size == 0:
-        longest = max((stop - max(start, held.skip) for start, stop in held.segments), default=0)
-        raise ValueError(
-            f"a forecast of {length} frames needs a held-out clip of more than {span} frames after the skip "
-            f"of {held.skip}, the longest has {longest}; shorten the horizon, lower evaluate.skip_s or hold "
-            "out more"
-        )
+    if why := shortage(held, length=length, margin=margin):
+        raise ValueError(why)
+    valid = np.concatenate([np.arange(start, stop - span) for start, stop in held.clips])
     draws = np.random.default_rng(seed).integers(0, valid.size, size=count)
     return valid[draws].astype(np.int64)
 
@@ -116,9 +135,9 @@ def initial_states(
 ) -> tuple[Float64[np.ndarray, "B d"], Float64[np.ndarray, "B d"]]:
     """Encoded states and velocities [whitened units per second] at the start frames.
 
-    The velocity is the second-order forward difference on true times, so it looks two frames ahead.
+    The velocity is the second-order difference over the stencil, on true times.
     """
-    return held.encoded[starts], held.clock.slope(held.encoded, starts, (1, 2))
+    return held.encoded[starts], held.clock.slope(held.encoded, starts, held.stencil)
 
 
 def windows(series: Float64[np.ndarray, "T m"], starts: Int64[np.ndarray, " B"], length: int) -> np.ndarray:

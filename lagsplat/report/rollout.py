@@ -105,8 +105,7 @@ def roll_out(
 
 def _longest(held: HeldOut, states: int) -> tuple[int, int]:
     """First frame and length of the rollout."""
-    clips = [(max(start, held.skip), stop) for start, stop in held.segments]
-    start, stop = max(clips, key=lambda clip: clip[1] - clip[0])
+    start, stop = max(held.clips, key=lambda clip: clip[1] - clip[0])
     return start, min(states, stop - start)
 
 

@@ -20,13 +20,19 @@ def test_kernel_is_a_gaussian_cut_at_four_sigma() -> None:
     assert got[:12].sum() == 0.0
 
 
-def test_edges_are_repeated_and_nothing_is_written_in_place() -> None:
+def test_a_steady_motion_stays_steady_to_its_ends_and_nothing_is_written_in_place() -> None:
     series = np.linspace(1.0, 2.0, 30)[:, None]
     before = series.copy()
-    got = smooth(series, sigma_frames=1.0, segments=((0, 30),))
+    got = smooth(series, sigma_frames=2.0, segments=((0, 12), (12, 30)))
     np.testing.assert_array_equal(series, before)
-    assert got[0, 0] > series[0, 0]
-    np.testing.assert_allclose(got[5:25], series[5:25], atol=1e-12)
+    np.testing.assert_allclose(got, series, atol=1e-12)
+
+
+def test_segments_shorter_than_the_filter_are_smoothed() -> None:
+    series = np.array([[1.0], [3.0], [2.0], [7.0]])
+    got = smooth(series, sigma_frames=3.0, segments=((0, 3), (3, 4)))
+    assert np.isfinite(got).all()
+    assert got[3, 0] == 7.0
 
 
 def test_no_columns_and_no_smoothing_pass_through() -> None:
