@@ -82,14 +82,14 @@ class Curvature(nn.Module):
 
     def matrices(self) -> tuple[Float[Tensor, "n_u d d"], Float[Tensor, "d d"]]:
         """The curvatures, and the stiffness that pays for what the inputs soften."""
-        curvature = self.stiffening @ self.stiffening.mT
-        paid = curvature.new_zeros(curvature.shape[1:])
+        stiffer = self.stiffening @ self.stiffening.mT
+        curvature, paid = stiffer, stiffer.new_zeros(stiffer.shape[1:])
+        if self.softening is not None:
+            softer = self.softening @ self.softening.mT
+            curvature, paid = stiffer - softer, payment(softer, self.largest_input)
         if self.largest_negative is not None:
-            paid = payment(curvature, self.largest_negative)
-        if self.softening is None:
-            return curvature, paid
-        softer = self.softening @ self.softening.mT
-        return curvature - softer, paid + payment(softer, self.largest_input)
+            paid = paid + payment(stiffer, self.largest_negative)
+        return curvature, paid
 
 
 def payment(softer: Float[Tensor, "n_u d d"], largest_input: Float[Tensor, " n_u"]) -> Float[Tensor, "d d"]:
