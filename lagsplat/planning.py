@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from lagsplat.config import Config, ConfigError, closest, compose, key_of, options
+from lagsplat.io.clips import find_clips
 from lagsplat.provenance import code_digest
 
 
@@ -104,17 +105,31 @@ def planned_runs(overrides: Overrides) -> list[Run]:
 
 
 def files_of(overrides: Overrides, **choices: str) -> list[str]:
-    """The user's file behind a filmed recording; none where it comes from a public archive."""
-    path = compose_for(overrides, **choices).recording.path
-    return [] if path is None else [str(Path(path).expanduser())]
+    """The user's files behind a filmed recording; none where it comes from a public archive.
+
+    Raises:
+        ConfigError: nothing is there, or a folder without a recording.
+    """
+    recording = compose_for(overrides, **choices).recording
+    return [] if recording.path is None else _files_behind(recording.kind, recording.path)
+
+
+def _files_behind(kind: str, path: str) -> list[str]:
+    if kind != "video":
+        return [str(Path(path).expanduser())]
+    try:
+        return [str(file) for clip in find_clips(path) for file in clip.files]
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"recording.path={path}: {error}") from error
 
 
 def _check_file(experiment: Config, system: str, files: dict[str, str]) -> None:
     recording = experiment.recording
     if recording.kind == "simulated" or recording.path is None:
         return
-    if not Path(recording.path).expanduser().is_file():
-        raise ConfigError(f"recording.path={recording.path} ({system}): no such file; check the path")
+    for file in _files_behind(recording.kind, recording.path):
+        if not Path(file).is_file():
+            raise ConfigError(f"recording.path={recording.path} ({system}): no such file; check the path")
     if recording.path in files:
         raise ConfigError(
             f"recording.path={recording.path} would serve {files[recording.path]} and {system}; choose one "

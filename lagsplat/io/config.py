@@ -2,14 +2,15 @@
 
 ``kind`` chooses the maker: ``simulated`` (drawn by ``lagsplat.systems``, every field below but
 ``split`` is then unused), ``krauss`` (an NPZ archive with ``images`` and ``p1..pn``) or ``video``
-(any film OpenCV can open). ``path`` is a file of the user's. A Krauss recording without ``path`` is fetched
-from ``archive``.
+(any film OpenCV can open, or images). ``path`` is a file or folder of the user's. A Krauss recording
+without ``path`` is fetched from ``archive``.
 """
 
 import re
 from dataclasses import dataclass
 
 KINDS = ("simulated", "krauss", "video")
+TURNS = (0, 90, 180, 270)
 
 
 @dataclass  # not frozen: OmegaConf turns frozen dataclasses into read-only nodes
@@ -77,10 +78,13 @@ class SplitConfig:
 class RecordingConfig:
     """One recording: which maker, which file, which part of it.
 
-    ``dt_s`` is the clock of files that carry no timestamps (Krauss NPZ); a video's own timestamps win, so
-    there it is null. ``member`` names the archive's member used when ``path`` is null. ``n_inputs`` is how
-    many pressure channels the system has. ``crop`` is (x, y, width, height) in pixels of the film, null for
-    the whole picture. ``skip_s`` and ``end_s`` cut the film [s from its first frame]; ``end_s`` null keeps
+    ``path`` is a file, or for films also a folder: each film in it is a clip, or all images together are one.
+    ``dt_s`` is the clock of files that carry no timestamps (Krauss NPZ, images); a film's own timestamps win,
+    so there it is null. ``member`` names the archive's member used when ``path`` is null. ``n_inputs`` is how
+    many pressure channels the system has. ``rotate`` turns a film clockwise [degree], on top of the rotation
+    its file asks for. ``stabilise`` shifts its pictures back onto the first by the motion of the background.
+    ``grey`` drops its colours. ``crop`` is (x, y, width, height) in pixels of the turned film, null for the
+    whole picture. ``skip_s`` and ``end_s`` cut the film [s from its first frame]; ``end_s`` null keeps
     everything to the end. ``height`` and ``width`` are the size after resizing [pixel], both null to keep
     the cropped size. ``split`` says what is held out.
     """
@@ -91,6 +95,9 @@ class RecordingConfig:
     member: str | None
     dt_s: float | None
     n_inputs: int
+    rotate: int
+    stabilise: bool
+    grey: bool
     crop: list[int] | None
     skip_s: float
     end_s: float | None
@@ -110,14 +117,18 @@ class RecordingConfig:
                 "recording.dt_s is null, but a Krauss archive carries no timestamps; "
                 "give the spacing of frames in seconds (1001/60000 for the published ones)"
             )
-        if self.kind == "krauss" and (self.crop or self.skip_s or self.end_s or self.height):
+        treated = self.rotate or self.stabilise or self.grey
+        if self.kind == "krauss" and (self.crop or self.skip_s or self.end_s or self.height or treated):
             raise ValueError(
-                "recording.crop, skip_s, end_s, height and width cut a film; a Krauss archive is used whole. "
-                "Set crop, end_s, height and width to null and skip_s to 0"
+                "recording.crop, skip_s, end_s, height and width cut a film, and rotate, stabilise and grey "
+                "change its pictures; a Krauss archive is used whole. Set crop, end_s, height and width to "
+                "null, skip_s and rotate to 0, stabilise and grey to false"
             )
         self._check_cut()
 
     def _check_cut(self) -> None:
+        if self.rotate not in TURNS:
+            raise ValueError(f"recording.rotate is {self.rotate}; choose one of {TURNS} degrees clockwise")
         if self.crop is not None and (
             len(self.crop) != 4 or min(self.crop[:2]) < 0 or min(self.crop[2:]) < 1
         ):

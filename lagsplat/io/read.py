@@ -55,8 +55,17 @@ def _video(config: RecordingConfig) -> Recording:
     size = None
     if config.height is not None and config.width is not None:
         size = (config.height, config.width)
-    path = Path(config.path).expanduser()
-    return read_video(path, crop=config.crop, skip_s=config.skip_s, size=size, end_s=config.end_s)
+    return read_video(
+        config.path,
+        crop=config.crop,
+        skip_s=config.skip_s,
+        size=size,
+        end_s=config.end_s,
+        dt_s=config.dt_s,
+        rotate=config.rotate,
+        grey=config.grey,
+        stabilise=config.stabilise,
+    )
 
 
 READERS = {"krauss": _krauss, "video": _video}

@@ -1,22 +1,57 @@
-"""Recordings from a film, by OpenCV.
+"""Recordings from films and from folders of images, by OpenCV.
 
-Times are the container's presentation timestamps, read for every frame. The frame rate and frame count in a
-file's header are averages at best and often wrong, so neither is used. The picture is turned as the file's
-rotation tag says, which is OpenCV's default; crops are given in the turned picture.
+Pictures are turned, stabilised, cropped, averaged over areas and checked one after another as they are
+decoded, so that no film is held at its full size. Crops are given in the turned picture.
 """
 
+import hashlib
 import os
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
-from jaxtyping import UInt8
+from jaxtyping import Float64, UInt8
 
 from lagsplat.io.checksum import sha256_of
-from lagsplat.io.container import missing_bytes
+from lagsplat.io.clips import Clip, find_clips
+from lagsplat.io.decode import Pictures, decode, picture_size
+from lagsplat.io.footage import Footage, check_footage
+from lagsplat.io.leading import duplicates_at_start
+from lagsplat.io.picture import shape_picture, turn_picture
 from lagsplat.io.recording import Recording
+from lagsplat.io.stabilise import path_to_undo, shift_back
+from lagsplat.io.thumbnails import Thumbnails
+
+CLIP_GAP_S = 1.0  # between the last frame of a clip and the first of the next
+SAME_SHAPE = 0.01  # relative difference of aspect ratios, and of frame spacings, that is none
+
+
+@dataclass(frozen=True)
+class _Treatment:
+    """What is done to every picture and clip; fields as in `read_video`."""
+
+    crop: Sequence[int] | None
+    skip_s: float
+    size: tuple[int, int] | None
+    end_s: float | None
+    dt_s: float | None
+    rotate: int
+    grey: bool
+    stabilise: bool
+
+
+@dataclass(frozen=True)
+class _Film:
+    """One clip as read: frames, their times [s] and the time of the clip's first frame."""
+
+    frames: UInt8[np.ndarray, "T H W 3"]
+    time_s: Float64[np.ndarray, " T"]
+    footage: Footage
+    meta: dict[str, Any]
 
 
 def read_video(
@@ -26,120 +61,169 @@ def read_video(
     skip_s: float,
     size: tuple[int, int] | None,
     end_s: float | None = None,
+    dt_s: float | None = None,
+    rotate: int = 0,
+    grey: bool = False,
+    stabilise: bool = False,
     licence: str = "unknown",
 ) -> Recording:
-    """The film at ``path`` as one clip without inputs.
+    """The film, folder of films or folder of images at ``path``, without inputs.
 
-    ``crop`` is (x, y, width, height) [pixel of the film]. Frames from ``skip_s`` up to ``end_s`` (exclusive)
-    seconds after the first frame are kept; their times stay those of the container. ``size`` is (height,
-    width) after averaging over areas; None keeps the cropped size. A film that is cut short gives the frames
-    that are whole, with a warning.
+    Each film of a folder is a clip of its own. ``crop`` is (x, y, width, height) [pixel of the film]. Frames
+    from ``skip_s`` up to ``end_s`` (exclusive) seconds after each clip's first frame are kept. Times are
+    those of the container; later clips are shifted as a whole, to 1 s after the one before. ``size`` is
+    (height, width) after averaging over areas; None keeps the cropped size. ``dt_s`` is the spacing of
+    images that have no times.csv, and is None for films. ``rotate`` turns clockwise [degree], on top of the
+    file's own tag. ``grey`` makes the three channels equal. ``stabilise`` shifts every picture back onto the
+    clip's first by the motion of the background. Leading duplicates are dropped. What breaks the method is
+    warned of and kept in ``meta["footage"]``, a mapping for each clip.
 
     Raises:
         FileNotFoundError: nothing is at ``path``.
-        ValueError: the file cannot be decoded, holds no frame in the range, goes backwards in time, or is
-        smaller
-            than the crop.
+        ValueError: a file cannot be decoded, holds no frame in the range, goes backwards in time, is smaller
+            than the crop, or its clips differ in shape; the times of images are not known; or there is no
+            background to stabilise on.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise FileNotFoundError(f"{path}: no such file; check recording.path")
-    times, frames = [], []
-    first_s = last_s = 0.0
-    n_read = 0
-    for time_s, picture in _decode(path, skip_s=skip_s, end_s=end_s):
-        first_s = time_s if n_read == 0 else first_s
-        last_s = time_s
-        n_read += 1
-        if picture is not None:
-            times.append(time_s)
-            frames.append(_shape(path, picture, crop=crop, size=size))
-    if not frames:
-        raise ValueError(
-            f"{path}: no frame to keep; {n_read} were read, from {first_s:.3f} s to {last_s:.3f} s, with "
-            f"skip_s = {skip_s} and end_s = {end_s}. Check the cut, or the file if none was read"
-        )
+    path = Path(path).expanduser()
+    clips = find_clips(path)
+    treatment = _Treatment(crop, skip_s, size, end_s, dt_s, rotate, grey, stabilise)
+    treatment = _with_common_size(clips, treatment)
+    films = [_read_clip(clip, treatment) for clip in clips]
+    _warn_of_spacings(clips, films)
+    times, stops = _one_clock(films)
     return Recording(
-        frames=np.stack(frames),
-        time_s=np.array(times),
-        inputs=np.zeros((len(frames), 0)),
+        frames=films[0].frames if len(films) == 1 else np.concatenate([film.frames for film in films]),
+        time_s=times,
+        inputs=np.zeros((len(times), 0)),
         input_names=(),
         input_units=(),
+        segments=tuple(zip([0, *stops[:-1]], stops, strict=True)),
         meta={
             "origin": "filmed",
             "source": path.name,
-            "sha256": sha256_of(path),
+            "sha256": _sha256_of_all(clips),
             "licence": licence,
             "crop": None if crop is None else list(crop),
             "skip_s": skip_s,
             "end_s": end_s,
+            "rotate": rotate,
+            "grey": grey,
+            "stabilise": stabilise,
+            "clip_gap_s": CLIP_GAP_S if len(clips) > 1 else None,
+            "clips": [film.meta for film in films],
+            "footage": [film.footage.numbers for film in films],
         },
     )
 
 
-def _decode(
-    path: Path, *, skip_s: float, end_s: float | None
-) -> Iterator[tuple[float, UInt8[np.ndarray, "H W 3"] | None]]:
-    """Time [s] and picture (BGR) of each frame up to ``end_s``; None in place of pictures before
-    ``skip_s``."""
-    capture = cv2.VideoCapture(str(path))
-    try:
-        if not capture.isOpened():
-            raise ValueError(f"{path}: OpenCV cannot open it; it is truncated or not a film. Fetch it again")
-        times: list[float] = []
-        while capture.grab():
-            # The position is that of the frame just grabbed; the header's frame rate does not enter.
-            time_s = capture.get(cv2.CAP_PROP_POS_MSEC) / 1000.0
-            if times and not time_s > times[-1]:
-                raise ValueError(
-                    f"{path}: frame {len(times)} is at {time_s:.6f} s, not after frame {len(times) - 1} at "
-                    f"{times[-1]:.6f} s; times must strictly increase. Remux the film, or cut it with end_s"
-                )
-            times.append(time_s)
-            if end_s is not None and time_s - times[0] >= end_s:
-                return
-            if time_s - times[0] < skip_s:
-                yield time_s, None
-                continue
-            whole, picture = capture.retrieve()
-            if not whole:
-                times.pop()
-                break
-            yield time_s, picture
-        if not times:
-            return
-        announced = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
-        _warn_if_short(path, n_read=len(times), announced=announced, last_s=times[-1])
-    finally:
-        capture.release()
-
-
-def _warn_if_short(path: Path, *, n_read: int, announced: int, last_s: float) -> None:
-    lacking = missing_bytes(path)
-    if lacking is None and n_read < announced:
-        reason = f"its header announces {announced}"
-    elif lacking:
-        reason = f"{lacking} bytes are missing at the end of the file"
-    else:
-        return
-    warnings.warn(f"{path}: only {n_read} frames are whole, up to {last_s:.3f} s; {reason}", stacklevel=4)
-
-
-def _shape(
-    path: Path,
-    picture: UInt8[np.ndarray, "h w 3"],
-    *,
-    crop: Sequence[int] | None,
-    size: tuple[int, int] | None,
-) -> UInt8[np.ndarray, "H W 3"]:
-    rows, columns = picture.shape[:2]
-    x, y, width, height = crop if crop is not None else (0, 0, columns, rows)
-    if min(x, y) < 0 or min(width, height) < 1 or x + width > columns or y + height > rows:
-        raise ValueError(
-            f"{path}: crop {[x, y, width, height]} (x, y, width, height) reaches outside the picture, "
-            f"which is {columns} wide and {rows} high; make it smaller"
+def _read_clip(clip: Clip, treatment: _Treatment) -> _Film:
+    source, crop = str(clip.path), treatment.crop
+    undo = _measure_path(clip, treatment) if treatment.stabilise else None
+    thumbnails = Thumbnails()
+    clock: list[float] = []
+    times, frames = [], []
+    for time_s, picture in _decode(clip, treatment):
+        clock.append(time_s)
+        if picture is None:
+            continue
+        picture = turn_picture(picture, treatment.rotate)
+        if undo is not None:
+            picture = shift_back(picture, undo[len(frames)])
+        thumbnails.add(picture)
+        times.append(time_s)
+        frames.append(
+            shape_picture(picture, crop=crop, size=treatment.size, source=source, grey=treatment.grey)
         )
-    picture = picture[y : y + height, x : x + width]
-    if size is not None:
-        picture = cv2.resize(picture, (size[1], size[0]), interpolation=cv2.INTER_AREA)
-    return cv2.cvtColor(picture, cv2.COLOR_BGR2RGB)
+    if not frames:
+        raise ValueError(
+            f"{source}: no frame to keep; {len(clock)} were read, from {min(clock, default=0.0):.3f} s to "
+            f"{max(clock, default=0.0):.3f} s, with skip_s = {treatment.skip_s} and end_s = "
+            f"{treatment.end_s}. Check the cut, or the file if none was read"
+        )
+    n_same = duplicates_at_start(frames)
+    if n_same:
+        warnings.warn(f"{source}: the first {n_same} frames only repeat the next one; dropped", stacklevel=4)
+    whole, time_s = np.stack(frames[n_same:]), np.array(times[n_same:])
+    width = thumbnails.width if crop is None else crop[2]
+    footage = check_footage(
+        whole, time_s - clock[0], thumbnails, film_per_frame=max(1.0, width / whole.shape[2])
+    )
+    for sentence in footage.warnings:
+        warnings.warn(f"{source}: {sentence}", stacklevel=4)
+    meta = {"source": clip.path.name, "frames": len(whole), "first_s": clock[0], "start_s": times[n_same]}
+    return _Film(whole, time_s, footage, {**meta, "duplicates": n_same})
+
+
+def _decode(clip: Clip, treatment: _Treatment) -> Pictures:
+    return decode(clip, skip_s=treatment.skip_s, end_s=treatment.end_s, dt_s=treatment.dt_s)
+
+
+def _measure_path(clip: Clip, treatment: _Treatment) -> Float64[np.ndarray, "T 2"]:
+    """Where the background of each kept picture has gone: a first pass over the whole clip."""
+    pictures = (
+        cv2.cvtColor(turn_picture(picture, treatment.rotate), cv2.COLOR_BGR2GRAY)
+        for _, picture in _decode(clip, treatment)
+        if picture is not None
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # what is missing is said by the second pass
+        return path_to_undo(pictures, source=str(clip.path))
+
+
+def _with_common_size(clips: Sequence[Clip], treatment: _Treatment) -> _Treatment:
+    """The same treatment, with a size that suits all clips."""
+    if len(clips) == 1:
+        return treatment
+    sizes = [picture_size(clip, dt_s=treatment.dt_s) for clip in clips]
+    if treatment.rotate % 180:
+        sizes = [(columns, rows) for rows, columns in sizes]
+    if len(set(sizes)) == 1:
+        return treatment
+    listed = ", ".join(
+        f"{clip.path.name} {columns} x {rows}" for clip, (rows, columns) in zip(clips, sizes, strict=True)
+    )
+    if treatment.crop is not None:
+        warnings.warn(
+            f"clips differ in size ({listed} px); recording.crop takes the same pixels from each, whatever "
+            "they show there",
+            stacklevel=4,
+        )
+        return treatment
+    aspects = [columns / rows for rows, columns in sizes]
+    if max(aspects) / min(aspects) > 1.0 + SAME_SHAPE:
+        raise ValueError(
+            f"clips differ in shape ({listed} px), and resizing would distort some of them; give a "
+            "recording.crop that lies within all, or keep clips of one shape in the folder"
+        )
+    size = treatment.size or min(sizes)
+    warnings.warn(
+        f"clips differ in size ({listed} px); all are resized to {size[1]} x {size[0]} px", stacklevel=4
+    )
+    return replace(treatment, size=size)
+
+
+def _warn_of_spacings(clips: Sequence[Clip], films: Sequence[_Film]) -> None:
+    spacing = [float(np.median(np.diff(film.time_s))) if len(film.time_s) > 1 else np.nan for film in films]
+    if np.nanmax(spacing) > (1.0 + SAME_SHAPE) * np.nanmin(spacing):
+        listed = ", ".join(
+            f"{clip.path.name} {1.0 / step:.3f}" for clip, step in zip(clips, spacing, strict=True)
+        )
+        warnings.warn(
+            f"clips differ in frame rate ({listed} frames/s); their own times are kept, but whatever counts "
+            "in frames treats them alike. Give clips of one rate",
+            stacklevel=3,
+        )
+
+
+def _one_clock(films: Sequence[_Film]) -> tuple[Float64[np.ndarray, " T"], list[int]]:
+    """Times [s] of all frames, each clip's after the one before it, and where each clip ends."""
+    times = [films[0].time_s]
+    for film in films[1:]:
+        times.append(film.time_s - film.time_s[0] + times[-1][-1] + CLIP_GAP_S)
+    return np.concatenate(times), [int(stop) for stop in np.cumsum([len(part) for part in times])]
+
+
+def _sha256_of_all(clips: Sequence[Clip]) -> str:
+    """The file's own digest; of several files, the digest of theirs in order."""
+    digests = [sha256_of(file) for clip in clips for file in clip.files]
+    return digests[0] if len(digests) == 1 else hashlib.sha256("".join(digests).encode()).hexdigest()
