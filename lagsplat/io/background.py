@@ -75,15 +75,14 @@ def measure_path(path: Float64[np.ndarray, "T 2"]) -> CameraMotion:
 def _follow(
     pictures: Iterable[UInt8[np.ndarray, "h w"]],
 ) -> tuple[Float64[np.ndarray, "T N 2"] | None, tuple[int, int]]:
-    first, start, found = None, None, []
-    for picture in pictures:
-        if first is None:
-            first = picture
-            distance = max(4, max(picture.shape) // 30)
-            start = cv2.goodFeaturesToTrack(picture, MOST_CORNERS, 0.02, distance)
-            if start is None or len(start) < FEWEST:
-                return None, (picture.shape[0], picture.shape[1])
-            last = start.copy()
+    following = iter(pictures)
+    first = next(following)
+    shape = (first.shape[0], first.shape[1])
+    start = cv2.goodFeaturesToTrack(first, MOST_CORNERS, 0.02, max(4, max(shape) // 30))
+    if start is None or len(start) < FEWEST:
+        return None, shape
+    found, last = [start[:, 0].astype(np.float64)], start.copy()
+    for picture in following:
         # Followed from the first picture each time, so that errors do not add up.
         now, status, residual = cv2.calcOpticalFlowPyrLK(
             first, picture, start, last.copy(), winSize=(WINDOW, WINDOW), maxLevel=3,
@@ -93,8 +92,7 @@ def _follow(
         lost = (status[:, 0] == 0) | (residual[:, 0] > LARGEST_RESIDUAL)
         last = np.where(lost[:, None, None], last, now)
         found.append(np.where(lost[:, None], np.nan, now[:, 0].astype(np.float64)))
-    assert first is not None, "a clip holds a frame"
-    return np.stack(found), (first.shape[0], first.shape[1])
+    return np.stack(found), shape
 
 
 def _stillest_group(

@@ -59,11 +59,16 @@ def _film(path: Path, skip_s: float, end_s: float | None, dt_s: float | None) ->
     capture = cv2.VideoCapture(str(path))
     try:
         if not capture.isOpened():
+            lacking = missing_bytes(path)
+            why = f": {lacking} bytes and with them its index are missing at its end" if lacking else ""
             raise ValueError(
-                f"{path}: OpenCV cannot open it; it is truncated or not a film, or its codec is unknown. "
+                f"{path}: OpenCV cannot open it; it is truncated or not a film, or its codec is unknown{why}. "
                 "Fetch it again, or re-encode it (ffmpeg -i FILE -c:v libx264 -crf 12 NEW.mp4)"
             )
         times: list[float] = []
+        # The last frame of a file that breaks off may be half a picture, and no decoder tells.
+        doubtful = bool(missing_bytes(path))
+        held: tuple[float, UInt8[np.ndarray, "H W 3"]] | None = None
         while capture.grab():
             # The position is that of the frame just grabbed; the header's frame rate does not enter.
             time_s = capture.get(cv2.CAP_PROP_POS_MSEC) / 1000.0
@@ -73,6 +78,9 @@ def _film(path: Path, skip_s: float, end_s: float | None, dt_s: float | None) ->
                     f"{times[-1]:.6f} s; times must strictly increase. Remux the film, or cut it with end_s"
                 )
             times.append(time_s)
+            if held is not None:
+                yield held
+                held = None
             if end_s is not None and time_s - times[0] >= end_s:
                 return
             if time_s - times[0] < skip_s:
@@ -82,7 +90,12 @@ def _film(path: Path, skip_s: float, end_s: float | None, dt_s: float | None) ->
             if not whole:
                 times.pop()
                 break
-            yield time_s, picture
+            if doubtful:
+                held = time_s, picture
+            else:
+                yield time_s, picture
+        if held is not None:
+            times.pop()
         if times:
             announced = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
             _warn_if_short(path, n_read=len(times), announced=announced, last_s=times[-1])
@@ -95,7 +108,9 @@ def _warn_if_short(path: Path, *, n_read: int, announced: int, last_s: float) ->
     if lacking is None and n_read < announced:
         reason = f"its header announces {announced}"
     elif lacking:
-        reason = f"{lacking} bytes are missing at the end of the file"
+        reason = (
+            f"{lacking} bytes are missing at the end of the file, and the frame before the break is left out"
+        )
     else:
         return
     warnings.warn(f"{path}: only {n_read} frames are whole, up to {last_s:.3f} s; {reason}", stacklevel=4)

@@ -78,9 +78,9 @@ class Footage:
         if self.camera is not None and self.camera.rms_px > self.camera_limit_px:
             said.append(
                 f"the camera moves by {self.camera.rms_px:.2f} px rms and up to {self.camera.max_px:.2f} px "
-                f"of the film (drift {self.camera.drift_px:.2f}, jitter {self.camera.jitter_px:.2f}), measured "
-                f"on the background; more than {self.camera_limit_px:.2f} px rms will be learned as motion of "
-                "the system. Set recording.stabilise=true, or film from a tripod"
+                f"of the film (drift {self.camera.drift_px:.2f}, jitter {self.camera.jitter_px:.2f}), "
+                f"measured on the background; more than {self.camera_limit_px:.2f} px rms will be learned as "
+                "motion of the system. Set recording.stabilise=true, or film from a tripod"
             )
         if self.flicker is not None and self.flicker.rms_percent > FLICKER_PERCENT:
             said.append(
@@ -101,8 +101,8 @@ class Footage:
         if self.repeat is not None:
             said.append(
                 f"the film repeats itself: from {self.repeat.start_s:.2f} s to {self.repeat.stop_s:.2f} s "
-                f"its frames are those from {self.repeat.original_s:.2f} s on, so that nothing new is held out. "
-                f"Set recording.end_s={self.end_s:g}"
+                f"its frames are those from {self.repeat.original_s:.2f} s on, so that nothing new is held "
+                f"out. Set recording.end_s={self.end_s:g}"
             )
         if self.visit is not None and self.visit.gone_s is not None:
             said.append(

@@ -19,8 +19,8 @@ def path_to_undo(pictures: Iterable[UInt8[np.ndarray, "h w"]], *, source: str) -
     if path is None:
         raise ValueError(
             f"{source}: recording.stabilise needs a background that can be followed, and too few corners "
-            "that stand still or move alike were found over the picture; set recording.stabilise=false, or film "
-            "with something textured behind the system"
+            "that stand still or move alike were found over the picture; set recording.stabilise=false, or "
+            "film with something textured behind the system"
         )
     hidden = np.flatnonzero(np.isnan(path[:, 0]))
     if hidden.size:

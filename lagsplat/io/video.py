@@ -121,7 +121,8 @@ def _read_clip(clip: Clip, treatment: _Treatment) -> _Film:
     undo = _measure_path(clip, treatment) if treatment.stabilise else None
     thumbnails = Thumbnails()
     clock: list[float] = []
-    times, frames = [], []
+    times: list[float] = []
+    frames: list[UInt8[np.ndarray, "H W 3"]] = []
     for time_s, picture in _decode(clip, treatment):
         clock.append(time_s)
         if picture is None:
@@ -143,15 +144,15 @@ def _read_clip(clip: Clip, treatment: _Treatment) -> _Film:
     n_same = duplicates_at_start(frames)
     if n_same:
         warnings.warn(f"{source}: the first {n_same} frames only repeat the next one; dropped", stacklevel=4)
-    whole, time_s = np.stack(frames[n_same:]), np.array(times[n_same:])
+    whole, kept_s = np.stack(frames[n_same:]), np.array(times[n_same:])
     width = thumbnails.width if crop is None else crop[2]
     footage = check_footage(
-        whole, time_s - clock[0], thumbnails, film_per_frame=max(1.0, width / whole.shape[2])
+        whole, kept_s - clock[0], thumbnails, film_per_frame=max(1.0, width / whole.shape[2])
     )
     for sentence in footage.warnings:
         warnings.warn(f"{source}: {sentence}", stacklevel=4)
     meta = {"source": clip.path.name, "frames": len(whole), "first_s": clock[0], "start_s": times[n_same]}
-    return _Film(whole, time_s, footage, {**meta, "duplicates": n_same})
+    return _Film(whole, kept_s, footage, {**meta, "duplicates": n_same})
 
 
 def _decode(clip: Clip, treatment: _Treatment) -> Pictures:
