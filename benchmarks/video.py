@@ -12,12 +12,14 @@ import time
 import warnings
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 
 from lagsplat.io.clips import Clip
 from lagsplat.io.decode import decode
+from lagsplat.io.overlap import overlapped
 from lagsplat.io.picture import shape_picture
 from lagsplat.io.video import read_video
 
@@ -50,9 +52,11 @@ def decode_alone(path: Path) -> None:
 
 
 def decode_and_shape(path: Path) -> None:
-    for _, picture in decode(Clip(path), dt_s=None):
-        assert picture is not None, "nothing is skipped"
-        shape_picture(picture, crop=CROP, size=SIZE, source=str(path))
+    def shape(item: Any) -> np.ndarray:
+        return shape_picture(item[1], crop=CROP, size=SIZE, source=str(path))
+
+    for _ in overlapped(decode(Clip(path), dt_s=None), shape):
+        pass
 
 
 def read_whole(path: Path) -> None:

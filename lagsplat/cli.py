@@ -1,6 +1,6 @@
 """The command line ``lagsplat VERB key=value ...``; keys of the configuration follow Hydra's grammar.
 
-    lagsplat inspect FILE [key=value ...]                       what is in a recording
+    lagsplat inspect FILE|FOLDER [key=value ...]                what is in a recording
     lagsplat fit out=FOLDER [key=value ...]                     every stage, in one process
     lagsplat simulate run=FOLDER out=q.csv [input=u.csv | seconds=10] [frame=N]
     lagsplat evaluate run=FOLDER out=metrics.json [key=value ...]
@@ -13,6 +13,7 @@ input is invalid, and the reason stands on stderr.
 import logging
 import os
 import sys
+import warnings
 import zipfile
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
@@ -46,19 +47,29 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _inspect(words: list[str]) -> None:
     if not words or "=" in words[0]:
-        raise ConfigError("name a file: lagsplat inspect FILE")
+        raise ConfigError("name a file: lagsplat inspect FILE, or a folder of films or images")
     from lagsplat.io.read import read_recording
     from lagsplat.io.recording import load_recording
     from lagsplat.io.split import divide
+    from lagsplat.report.footage import describe_footage, propose_system
     from lagsplat.report.inspection import describe
 
-    path = Path(words[0])
-    if not path.is_file():
-        raise FileNotFoundError(f"{path}: no such file; check the path")
+    path = Path(words[0]).expanduser()
+    if not path.exists():
+        raise FileNotFoundError(f"{path}: no such file or folder; check the path")
     experiment = _experiment([*_reading(path), *words[1:]])
     kept = path.suffix == ".safetensors"
-    recording = load_recording(path) if kept else read_recording(experiment.recording)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        recording = load_recording(path) if kept else read_recording(experiment.recording)
     print(describe(divide(recording, experiment.recording.split), config=experiment.evaluate))
+    if recording.meta.get("footage"):
+        told = describe_footage(recording)
+        print(told)
+        said = [str(warning.message) for warning in caught]
+        for text in (text for text in said if text.partition(": ")[2] not in told):
+            print(f"warning    {text}")
+        print(propose_system(recording, path=path, settings=experiment.recording))
 
 
 def _reading(path: Path) -> list[str]:

@@ -62,8 +62,8 @@ def _film(path: Path, skip_s: float, end_s: float | None, dt_s: float | None) ->
             lacking = missing_bytes(path)
             why = f": {lacking} bytes and with them its index are missing at its end" if lacking else ""
             raise ValueError(
-                f"{path}: OpenCV cannot open it; it is truncated or not a film, or its codec is unknown{why}. "
-                "Fetch it again, or re-encode it (ffmpeg -i FILE -c:v libx264 -crf 12 NEW.mp4)"
+                f"{path}: OpenCV cannot open it; it is truncated or not a film, or its codec is unknown"
+                f"{why}. Fetch it again, or re-encode it (ffmpeg -i FILE -c:v libx264 -crf 12 NEW.mp4)"
             )
         times: list[float] = []
         # The last frame of a file that breaks off may be half a picture, and no decoder tells.

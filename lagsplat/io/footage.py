@@ -44,8 +44,9 @@ class Footage:
 
     @property
     def numbers(self) -> dict[str, Any]:
-        """The same as plain data, for a recording's ``meta``."""
-        return {**asdict(self), "cuts": [asdict(cut) for cut in self.cuts]}
+        """All of it as plain data, for a recording's ``meta``, with what follows from it."""
+        suggested = {"skip_s": self.skip_s, "end_s": self.end_s, "warnings": list(self.warnings)}
+        return {**asdict(self), "cuts": [asdict(cut) for cut in self.cuts], **suggested}
 
     @property
     def skip_s(self) -> float | None:

@@ -21,11 +21,13 @@ from lagsplat.io.clips import Clip, find_clips
 from lagsplat.io.decode import Pictures, decode, picture_size
 from lagsplat.io.footage import Footage, check_footage
 from lagsplat.io.leading import duplicates_at_start
+from lagsplat.io.overlap import overlapped
 from lagsplat.io.picture import shape_picture, turn_picture
 from lagsplat.io.recording import Recording
 from lagsplat.io.stabilise import path_to_undo, shift_back
 from lagsplat.io.thumbnails import Thumbnails
 
+Frame = UInt8[np.ndarray, "H W 3"]
 CLIP_GAP_S = 1.0  # between the last frame of a clip and the first of the next
 SAME_SHAPE = 0.01  # relative difference of aspect ratios, and of frame spacings, that is none
 
@@ -118,23 +120,29 @@ def read_video(
 
 def _read_clip(clip: Clip, treatment: _Treatment) -> _Film:
     source, crop = str(clip.path), treatment.crop
-    undo = _measure_path(clip, treatment) if treatment.stabilise else None
+    undo = iter(_measure_path(clip, treatment)) if treatment.stabilise else None
     thumbnails = Thumbnails()
-    clock: list[float] = []
-    times: list[float] = []
-    frames: list[UInt8[np.ndarray, "H W 3"]] = []
-    for time_s, picture in _decode(clip, treatment):
-        clock.append(time_s)
+
+    def treat(item: tuple[float, UInt8[np.ndarray, "h w 3"] | None]) -> tuple[float, Frame | None]:
+        time_s, picture = item
         if picture is None:
-            continue
+            return time_s, None
         picture = turn_picture(picture, treatment.rotate)
         if undo is not None:
-            picture = shift_back(picture, undo[len(frames)])
+            picture = shift_back(picture, next(undo))
         thumbnails.add(picture)
-        times.append(time_s)
-        frames.append(
-            shape_picture(picture, crop=crop, size=treatment.size, source=source, grey=treatment.grey)
+        return time_s, shape_picture(
+            picture, crop=crop, size=treatment.size, source=source, grey=treatment.grey
         )
+
+    clock: list[float] = []
+    times: list[float] = []
+    frames: list[Frame] = []
+    for time_s, frame in overlapped(_decode(clip, treatment), treat):
+        clock.append(time_s)
+        if frame is not None:
+            times.append(time_s)
+            frames.append(frame)
     if not frames:
         raise ValueError(
             f"{source}: no frame to keep; {len(clock)} were read, from {min(clock, default=0.0):.3f} s to "
