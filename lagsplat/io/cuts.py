@@ -9,6 +9,8 @@ from jaxtyping import Float32, Float64
 RATIO = 5.0  # a jump changes the picture this many times as much as the frames around it...
 SHARE = 0.25  # ...and at least this share of the change between two frames taken anywhere
 AROUND = 2  # frames on either side
+SLIGHT = 0.02  # share of that change below which a film stands still
+NOISES, LEVELS = 5.0, 2.0  # medians of the change, and levels of 255, that a pixel may change by noise
 
 
 @dataclass(frozen=True)
@@ -24,13 +26,20 @@ def find_cuts(grey: Float32[np.ndarray, "T h w"], time_s: Float64[np.ndarray, " 
 
     A single bright or broken frame is none: the film goes on where it was.
     """
-    change = np.array([np.abs(b - a).mean(dtype=np.float64) for a, b in pairwise(grey)])
     half = len(grey) // 2
-    anywhere = np.median([np.abs(grey[i + half] - grey[i]).mean(dtype=np.float64) for i in range(half)])
+    usual_change = np.median([np.median(np.abs(later - earlier)) for earlier, later in pairwise(grey)])
+    limit = NOISES * float(usual_change) + LEVELS
+    change = np.array([_excess(later - earlier, limit) for earlier, later in pairwise(grey)])
+    anywhere = float(np.median([_excess(grey[i + half] - grey[i], limit) for i in range(half)]))
     found = []
     for i, now in enumerate(change):
         around = np.concatenate([change[max(0, i - AROUND) : i], change[i + 1 : i + 1 + AROUND]])
-        usual = max(float(around.max()), 1e-6)
+        usual = max(float(around.max()), SLIGHT * anywhere, 1e-6)
         if now > RATIO * usual and now > SHARE * anywhere:
             found.append(Cut(time_s=float(time_s[i + 1]), ratio=float(now / usual)))
     return tuple(found)
+
+
+def _excess(difference: Float32[np.ndarray, "h w"], limit: float) -> float:
+    """Mean change beyond ``limit``, which noise and compression make of a picture that stands still."""
+    return float(np.maximum(np.abs(difference) - limit, 0.0).mean(dtype=np.float64))

@@ -21,7 +21,8 @@ CAMERA_PX = 0.25  # rms [pixel of a frame] that a learner would have to explain.
 CAMERA_ERROR = 0.1  # ...and rms [pixel of a thumbnail] that can be measured
 FLICKER_PERCENT = 2.0
 SAMPLES, NYQUIST_SAMPLES = 8.0, 3.0
-SAME_S = 0.1  # a visit that ends this close to a cut is the cut
+SAME_S = 0.1  # a visit that ends this close to a cut is one event with it...
+CUT_SHARE = 0.25  # ...which is a cut if more of the still pixels look otherwise
 
 
 @dataclass(frozen=True)
@@ -157,13 +158,14 @@ def check_footage(
     if gain is not None:
         grey /= gain[:, None, None].astype(np.float32)
     moves = camera is not None and camera.rms_px > limit
+    # A moving camera covers and uncovers everything.
+    cuts, visit = (cuts, None) if moves else _cut_or_visit(cuts, find_visit(grey, time_s))
     return Footage(
         camera=camera,
         flicker=None if gain is None else exposure_flicker(gain, time_s),
         cuts=cuts,
         repeat=find_repeat(grey, time_s),
-        # A moving camera covers and uncovers everything, and a cut is none who comes or goes.
-        visit=None if moves else _apart_from(cuts, find_visit(grey, time_s)),
+        visit=visit,
         sampling=samples_per_period(grey, time_s),
         camera_limit_px=limit,
         start_s=start_s,
@@ -171,9 +173,12 @@ def check_footage(
     )
 
 
-def _apart_from(cuts: tuple[Cut, ...], visit: Visit | None) -> Visit | None:
+def _cut_or_visit(cuts: tuple[Cut, ...], visit: Visit | None) -> tuple[tuple[Cut, ...], Visit | None]:
+    """What happens at one time is either: a cut changes most of the picture, a visitor a part of it."""
     if visit is None:
-        return None
+        return cuts, None
     borders = [time_s for time_s in (visit.gone_s, visit.back_s) if time_s is not None]
-    at_a_cut = any(abs(cut.time_s - border) < SAME_S for cut in cuts for border in borders)
-    return None if at_a_cut else visit
+    others = tuple(cut for cut in cuts if all(abs(cut.time_s - border) >= SAME_S for border in borders))
+    if len(others) < len(cuts) and visit.share > CUT_SHARE:
+        return cuts, None
+    return others, visit

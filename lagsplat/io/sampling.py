@@ -31,7 +31,8 @@ def samples_per_period(
 
     Energy is power times squared frequency: a slow push may be large and still not be the motion. A small
     object that crosses many pixels has overtones, so a half or a third of the frequency is preferred where
-    it has power. None where nothing stands out of the noise.
+    it has power; near the Nyquist limit such overtones fold back and can hide the period. None where nothing
+    stands out of the noise.
     """
     grey, time_s = grey[:MOST_FRAMES], time_s[:MOST_FRAMES]
     small = np.stack([cv2.resize(frame, (SIDE, SIDE), interpolation=cv2.INTER_AREA) for frame in grey])

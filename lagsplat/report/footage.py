@@ -38,8 +38,8 @@ def propose_system(recording: Recording, *, path: Path, settings: RecordingConfi
     split = settings.split
     images = "" if settings.dt_s is None else f"\n  dt_s: {settings.dt_s:g}"
     return f"""
-# conf/system/{name}.yaml, then: lagsplat fit system={name} out=FOLDER
 # @package _global_
+# To be kept as conf/system/{name}.yaml, then: lagsplat fit system={name} out=FOLDER
 defaults:
   - override /recording: filmed
   - override /simulation: null

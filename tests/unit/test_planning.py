@@ -122,3 +122,17 @@ def test_a_lineage_holds_what_lies_upstream_and_nothing_else() -> None:
     for stage, changes in [("stage1", False), ("stage2", False), ("evaluate", True), ("table", True)]:
         same = lineage(plain, SCRIPTS, stage, **path) == lineage(other, SCRIPTS, stage, **path)
         assert same is not changes, stage
+
+
+def test_every_clip_of_a_folder_is_an_input(tmp_path: Path) -> None:
+    one = f"recording=filmed recording.path={tmp_path} systems=[pendulum_pair]"
+    with pytest.raises(ConfigError, match=r"recording\.path=.*holds neither a film"):
+        planned_runs(given(hydra=one))
+    for name in ("b10.mp4", "b9.mp4"):
+        (tmp_path / name).touch()
+    assert {run.recording for run in planned_runs(given(hydra=one))} == {"filmed"}
+    found = files_of(given(hydra=one), recording="filmed", system="pendulum_pair")
+    assert found == [str(tmp_path / "b9.mp4"), str(tmp_path / "b10.mp4")]
+    gone = given(hydra=f"recording=filmed recording.path={tmp_path}/gone.mp4 systems=[pendulum_pair]")
+    with pytest.raises(ConfigError, match=r"gone\.mp4: no such file"):
+        planned_runs(gone)

@@ -146,9 +146,32 @@ def test_real_film_whose_header_lies(shared_data: Path) -> None:
     np.testing.assert_allclose(recording.time_s, 0.040 * np.arange(75), atol=1e-9)
 
 
+def test_real_pendulum_without_its_repetition(shared_data: Path) -> None:
+    path = shared_data / "video" / "pendulum_pair" / "video2.mp4"
+    (found,) = read(path, crop=(0, 0, 250, 360), skip_s=1.5, end_s=12.27, size=(92, 64)).meta["footage"]
+    assert found["warnings"] == []
+    assert found["sampling"]["period_s"] == pytest.approx(1.603, rel=0.02)
+    with pytest.warns(UserWarning, match=r"a hand perhaps, is in the picture until 0\.[56]"):
+        read(path, crop=(0, 0, 250, 360), end_s=12.27, size=(92, 64))
+
+
+def test_real_building_with_few_frames_a_period(shared_data: Path) -> None:
+    path = shared_data / "video" / "building_sway" / "building_sway_650x1022.mp4"
+    with pytest.warns(UserWarning, match=r"only 3\.\d frames a period of 0\.13") as warned:
+        (found,) = read(path, size=(102, 65)).meta["footage"]
+    assert len(warned) == 1  # the base moves by 2 of 1300 pixels, and pushes are no cuts
+    assert 1.0 / found["sampling"]["period_s"] == pytest.approx(7.2, rel=0.03)
+    assert found["camera"]["max_px"] < 1.0
+
+
 def test_real_pendulum(shared_data: Path) -> None:
     path = shared_data / "video" / "pendulum_pair" / "video2.mp4"
-    recording = read(path, crop=(0, 0, 250, 360), skip_s=1.5, size=(92, 64))
+    with pytest.warns(UserWarning) as warned:
+        recording = read(path, crop=(0, 0, 250, 360), skip_s=1.5, size=(92, 64))
+    said = [str(warning.message) for warning in warned]
+    assert len(said) == 2  # the film jumps and begins again; the hand has gone, and the camera stands still
+    assert "the film jumps at 12.279 s" in said[0]
+    assert "the film repeats itself: from 12.2" in said[1]
     assert recording.frames.shape == (536, 92, 64, 3)
     assert recording.dt_s == pytest.approx(1001 / 30000, rel=1e-6)
     assert recording.time_s[0] == pytest.approx(1.5015, abs=1e-4)
