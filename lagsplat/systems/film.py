@@ -5,16 +5,14 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from jaxtyping import UInt8
 
+from lagsplat.io.recording import Recording
 from lagsplat.io.video import read_video
 from lagsplat.systems.mechanism import Poses
 from lagsplat.systems.painting import Body, backdrop, paint
 from lagsplat.systems.release_config import ReleaseConfig
 from lagsplat.systems.sprites import SHAPES, photograph
 from lagsplat.views.camera import Camera, look_at
-
-Frames = UInt8[np.ndarray, "T H W 3"]
 
 
 def camera_of(config: ReleaseConfig, *, yaw_deg: float = 0.0, pitch_deg: float = 0.0) -> Camera:
@@ -33,11 +31,11 @@ def camera_of(config: ReleaseConfig, *, yaw_deg: float = 0.0, pitch_deg: float =
 
 def film_clips(
     config: ReleaseConfig, poses: list[Poses], *, seed: int, camera: Camera | None = None
-) -> list[Frames]:
-    """The frames of every clip at the recording's size, as the scene's camera, or another one, delivers them.
+) -> Recording:
+    """Every clip as the scene's camera, or another one, delivers it: a film each, read back as any films are.
 
     Raises:
-        ValueError: OpenCV cannot write the codec into the container.
+        ValueError: OpenCV cannot write the codec into the container, or gives back fewer frames.
     """
     camera = camera or camera_of(config)
     scene, generator = config.scene, np.random.default_rng(seed)
@@ -50,13 +48,18 @@ def film_clips(
     )
     scale = camera.focal / scene.distance
     bodies = [Body(SHAPES[b.shape](b.size_m, scale), b.thickness_m, b.layers) for b in config.bodies]
-    films = []
     with tempfile.TemporaryDirectory() as folder:
         for index, clip in enumerate(poses):
             path = Path(folder) / f"{index}.{scene.container}"
             _write(path, config, camera, wall, bodies, clip, generator)
-            films.append(read_video(path, crop=None, skip_s=0.0, size=(config.height, config.width)).frames)
-    return films
+        recording = read_video(folder, crop=None, skip_s=0.0, size=(config.height, config.width))
+    filmed = sum(len(clip) for clip in poses)
+    if recording.n_frames != filmed:
+        raise ValueError(
+            f"{filmed} frames were filmed and {recording.n_frames} came back; choose another "
+            "release.scene.codec"
+        )
+    return recording
 
 
 def _write(

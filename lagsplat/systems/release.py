@@ -1,7 +1,6 @@
 """A simulated recording of a mechanism that is let go: its motion, its film, and the truth behind both."""
 
-from dataclasses import asdict
-from itertools import pairwise
+from dataclasses import asdict, replace
 
 import numpy as np
 from jaxtyping import Float64
@@ -23,9 +22,6 @@ from lagsplat.systems.mechanism import (
 from lagsplat.systems.release_config import PushConfig, ReleaseConfig
 from lagsplat.systems.rocker import Rocker
 from lagsplat.systems.truth import Truth, truth_of
-
-CLIP_GAP_S = 1.0
-"""Between the last frame of a clip and the first of the next, on the recording's clock."""
 
 
 def mechanism_of(config: ReleaseConfig) -> Mechanism:
@@ -50,31 +46,25 @@ def release(config: ReleaseConfig, *, seed: int) -> tuple[Recording, Truth]:
     mechanism = mechanism_of(config)
     motions = [_move(mechanism, config, i) for i in range(len(config.clips))]
     states, velocities, forces = (np.concatenate(part) for part in zip(*motions, strict=True))
-    frames = np.concatenate(film_clips(config, [mechanism.poses(clip[0]) for clip in motions], seed=seed))
-    starts = np.cumsum([0, *(clip.n_frames for clip in config.clips)])
-    before = np.repeat(np.arange(len(config.clips)), np.diff(starts))
+    film = film_clips(config, [mechanism.poses(clip[0]) for clip in motions], seed=seed)
     looks = " and ".join(body.shape for body in config.bodies)
-    recording = Recording(
-        frames=frames,
-        time_s=np.arange(len(frames)) * config.dt_s + before * CLIP_GAP_S,
-        inputs=np.zeros((len(frames), 0)),
-        input_names=(),
-        input_units=(),
-        segments=tuple((int(a), int(b)) for a, b in pairwise(starts)),
+    recording = replace(
+        film,
         meta={
             "origin": "simulated",
             "source": f"lagsplat.systems.release, {looks}, seed {seed}",
-            "sha256": sha256_of_arrays(frames),
+            "sha256": sha256_of_arrays(film.frames),
             "licence": "BSD-3-Clause",
             "simulation": asdict(config),
             "seed": seed,
+            "footage": film.meta["footage"],
         },
     )
     truth = truth_of(
         mechanism,
         states,
         velocities,
-        pressures=recording.inputs,
+        pressures=film.inputs,
         forces=forces,
         rest=equilibrium(mechanism),
         modes=free_modes(mechanism),

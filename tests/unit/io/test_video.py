@@ -166,7 +166,7 @@ def test_real_building_with_few_frames_a_period(shared_data: Path) -> None:
 
 def test_real_pendulum(shared_data: Path) -> None:
     path = shared_data / "video" / "pendulum_pair" / "video2.mp4"
-    with pytest.warns(UserWarning) as warned:
+    with pytest.warns(UserWarning, match="the film") as warned:
         recording = read(path, crop=(0, 0, 250, 360), skip_s=1.5, size=(92, 64))
     said = [str(warning.message) for warning in warned]
     assert len(said) == 2  # the film jumps and begins again; the hand has gone, and the camera stands still
