@@ -51,7 +51,7 @@ def average_areas(picture: UInt8[np.ndarray, "h w *c"], size: tuple[int, int]) -
     """``picture`` resized to ``size`` (height, width) by averaging over areas.
 
     Even sides that shrink fourfold or more are halved first, by whole pixels: OpenCV does that many times
-    faster than by fractions of pixels, and a frame of noise differs by less than a level of 255 on average.
+    faster than by fractions of pixels, and frames of noise differ by less than one of 255 levels on average.
     """
     rows, columns = picture.shape[:2]
     if not rows % 2 and not columns % 2 and min(rows / size[0], columns / size[1]) >= HALVED_FROM:

@@ -78,7 +78,7 @@ def read_video(
     images that have no times.csv, and is None for films. ``rotate`` turns clockwise [degree], on top of the
     file's own tag. ``grey`` makes the three channels equal. ``stabilise`` shifts every picture back onto the
     clip's first by the motion of the background. Leading duplicates are dropped. What breaks the method is
-    warned of and kept in ``meta["footage"]``, a mapping for each clip.
+    warned of and kept in ``meta["footage"]``, by clip.
 
     Raises:
         FileNotFoundError: nothing is at ``path``.
@@ -86,7 +86,6 @@ def read_video(
             than the crop, or its clips differ in shape; the times of images are not known; or there is no
             background to stabilise on.
     """
-    path = Path(path).expanduser()
     clips = find_clips(path)
     treatment = _Treatment(crop, skip_s, size, end_s, dt_s, rotate, grey, stabilise)
     treatment = _with_common_size(clips, treatment)
@@ -102,7 +101,7 @@ def read_video(
         segments=tuple(zip([0, *stops[:-1]], stops, strict=True)),
         meta={
             "origin": "filmed",
-            "source": path.name,
+            "source": Path(path).name,
             "sha256": _sha256_of_all(clips),
             "licence": licence,
             "crop": None if crop is None else list(crop),

@@ -123,7 +123,9 @@ def test_films_that_cannot_be_opened(tmp_path: Path) -> None:
     path.write_bytes(b"")
     with pytest.raises(ValueError, match="cannot open it"):
         read(path)
-    with pytest.raises(FileNotFoundError, match=r"absent\.mp4: no such file; check recording\.path"):
+    with pytest.raises(
+        FileNotFoundError, match=r"absent\.mp4: no such file or folder; check recording\.path"
+    ):
         read(tmp_path / "absent.mp4")
 
 
