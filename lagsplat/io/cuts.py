@@ -24,7 +24,8 @@ class Cut:
 def find_cuts(grey: Float32[np.ndarray, "T h w"], time_s: Float64[np.ndarray, " T"]) -> tuple[Cut, ...]:
     """Jumps that the running motion does not explain; ``grey`` should be free of flicker.
 
-    A single bright or broken frame is none: the film goes on where it was.
+    A single bright or broken frame is none: the film goes on where it was. A small object that jumps while it
+    moves by a third of its own size a frame changes hardly more pixels than before, and goes unseen.
     """
     half = len(grey) // 2
     usual_change = np.median([np.median(np.abs(later - earlier)) for earlier, later in pairwise(grey)])

@@ -65,7 +65,7 @@ def test_flicker_is_measured() -> None:
 
 
 def test_a_jump_is_found_where_it_is() -> None:
-    found = checked(phase=lambda t: 2.5 if t >= 4.0 else 0.0)
+    found = checked(phase=lambda t: 2.5 if t >= 4.0 else 0.0, period_s=4.0)
     assert [cut.time_s for cut in found.cuts] == pytest.approx([4.0])
     assert found.end_s == 4.0
     assert len(found.warnings) == 1
