@@ -1,16 +1,18 @@
 """Where a recording comes from: the typed form of ``conf/recording/*.yaml``.
 
 ``kind`` chooses the maker: ``simulated`` (drawn by ``lagsplat.systems``, every field below but
-``split`` is then unused), ``krauss`` (an NPZ archive with ``images`` and ``p1..pn``) or ``video``
-(any film OpenCV can open, or images). ``path`` is a file or folder of the user's. A Krauss recording
-without ``path`` is fetched from ``archive``.
+``split`` is then unused), ``krauss`` (an NPZ archive with ``images`` and ``p1..pn``), ``video``
+(any film OpenCV can open, or images) or ``mcap`` (a robot's log with a camera, see `McapConfig`). ``path`` is
+a file or folder of the user's. A Krauss recording without ``path`` is fetched from ``archive``.
 """
 
 import re
 from dataclasses import dataclass
 
-KINDS = ("simulated", "krauss", "video")
+KINDS = ("simulated", "krauss", "video", "mcap")
 TURNS = (0, 90, 180, 270)
+CLOCKS = ("header", "log")
+FIELD_PATH = re.compile(r"[^.\[\]]+(\[[^\[\]]+\])*(\.[^.\[\]]+(\[[^\[\]]+\])*)*")
 
 
 @dataclass  # not frozen: OmegaConf turns frozen dataclasses into read-only nodes
@@ -75,6 +77,56 @@ class SplitConfig:
 
 
 @dataclass  # not frozen, for the same reason
+class McapInputConfig:
+    """One number of a log that drives the mechanism.
+
+    ``field`` leads to it inside a message of ``topic``: ``wrench.force.x``, ``data[2]``, or by a joint's
+    name, ``position[elbow]``. ``name`` and ``unit`` are those of the recording's input.
+    """
+
+    topic: str
+    field: str
+    name: str
+    unit: str
+
+    def __post_init__(self) -> None:
+        if not self.topic or not self.name:
+            raise ValueError(
+                f"recording.mcap.inputs: topic {self.topic!r} and name {self.name!r} must not be empty"
+            )
+        if not FIELD_PATH.fullmatch(self.field):
+            raise ValueError(
+                f"recording.mcap.inputs: field {self.field!r} is no path; write names with dots and indices "
+                "in brackets, such as wrench.force.x, data[2] or position[elbow]"
+            )
+
+
+@dataclass  # not frozen, for the same reason
+class McapConfig:
+    """What of an MCAP file makes the recording.
+
+    ``camera`` is the topic of the pictures, null where the recording is no MCAP file. ``inputs`` are
+    interpolated linearly to the frames. ``clock`` is ``header`` (the stamps in the messages) or ``log`` (when
+    they were written). A gap of more than ``max_gap_s`` [s] in the camera or in an input is never bridged:
+    frames inside it are dropped and the recording is cut into clips there.
+    """
+
+    camera: str | None
+    inputs: list[McapInputConfig]
+    clock: str
+    max_gap_s: float
+
+    def __post_init__(self) -> None:
+        if self.clock not in CLOCKS:
+            raise ValueError(f"recording.mcap.clock is {self.clock!r}; choose one of {', '.join(CLOCKS)}")
+        if not self.max_gap_s > 0.0:
+            raise ValueError(f"recording.mcap.max_gap_s is {self.max_gap_s}; give seconds, above 0")
+        names = [each.name for each in self.inputs]
+        if len(set(names)) < len(names):
+            raise ValueError(f"recording.mcap.inputs are named {names}; give each a name of its own")
+
+
+@dataclass  # not frozen, for the same reason
 class RecordingConfig:
     """One recording: which maker, which file, which part of it.
 
@@ -87,6 +139,7 @@ class RecordingConfig:
     whole picture. ``skip_s`` and ``end_s`` cut the film [s from its first frame]; ``end_s`` null keeps
     everything to the end. ``height`` and ``width`` are the size after resizing [pixel], both null to keep
     the cropped size. ``split`` says what is held out.
+    ``mcap`` says which topics of an MCAP file are used, its list of inputs in place of ``n_inputs``.
     """
 
     kind: str
@@ -104,6 +157,7 @@ class RecordingConfig:
     height: int | None
     width: int | None
     split: SplitConfig
+    mcap: McapConfig | None
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
@@ -123,6 +177,13 @@ class RecordingConfig:
                 "recording.crop, skip_s, end_s, height and width cut a film, and rotate, stabilise and grey "
                 "change its pictures; a Krauss archive is used whole. Set crop, end_s, height and width to "
                 "null, skip_s and rotate to 0, stabilise and grey to false"
+            )
+        if self.kind == "mcap" and self.stabilise:
+            raise ValueError("recording.stabilise needs a film; export the camera's topic as one, or set it to false")
+        if self.kind == "mcap" and (self.mcap is None or self.mcap.camera is None):
+            raise ValueError(
+                "recording.mcap.camera is null; name the topic of the pictures, `lagsplat inspect FILE.mcap` "
+                "lists them"
             )
         self._check_cut()
 

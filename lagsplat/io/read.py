@@ -2,11 +2,13 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from lagsplat.io.archive import fetch_member
 from lagsplat.io.config import RecordingConfig
 from lagsplat.io.gaps import cut_at_gaps
 from lagsplat.io.krauss import read_krauss_npz
+from lagsplat.io.mcap_read import read_mcap
 from lagsplat.io.recording import Recording
 from lagsplat.io.video import read_video
 
@@ -52,14 +54,11 @@ def _video(config: RecordingConfig) -> Recording:
         raise ValueError(
             f"recording.n_inputs is {config.n_inputs}, but a film carries no inputs; set it to 0"
         )
-    size = None
-    if config.height is not None and config.width is not None:
-        size = (config.height, config.width)
     return read_video(
         config.path,
         crop=config.crop,
         skip_s=config.skip_s,
-        size=size,
+        size=_size(config),
         end_s=config.end_s,
         dt_s=config.dt_s,
         rotate=config.rotate,
@@ -68,4 +67,21 @@ def _video(config: RecordingConfig) -> Recording:
     )
 
 
-READERS = {"krauss": _krauss, "video": _video}
+def _mcap(config: RecordingConfig) -> Recording:
+    if config.path is None or config.mcap is None:
+        raise ValueError(
+            "recording.path or recording.mcap is null; name the file with recording.path=FILE.mcap"
+        )
+    path = Path(config.path).expanduser()
+    cut: dict[str, Any] = {"crop": config.crop, "skip_s": config.skip_s, "end_s": config.end_s}
+    cut |= {"rotate": config.rotate, "grey": config.grey}
+    return read_mcap(path, config.mcap, size=_size(config), **cut)
+
+
+def _size(config: RecordingConfig) -> tuple[int, int] | None:
+    if config.height is None or config.width is None:
+        return None
+    return config.height, config.width
+
+
+READERS = {"krauss": _krauss, "video": _video, "mcap": _mcap}

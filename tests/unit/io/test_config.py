@@ -24,6 +24,7 @@ VIDEO = {
     "height": 92,
     "width": 64,
     "split": SplitConfig(train_fraction=0.8, held_out_frames=None, held_out_clips=None),
+    "mcap": None,
 }
 KRAUSS = {
     **VIDEO,
@@ -59,7 +60,7 @@ def test_omegaconf_fills_and_checks_types() -> None:
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({**VIDEO, "kind": "gif"}, "kind is 'gif'; choose one of simulated, krauss, video"),
+        ({**VIDEO, "kind": "gif"}, "kind is 'gif'; choose one of simulated, krauss, video, mcap"),
         ({**VIDEO, "n_inputs": -1}, "n_inputs is -1"),
         ({**VIDEO, "rotate": 45}, "rotate is 45; choose one of"),
         ({**KRAUSS, "rotate": 90}, "a Krauss archive is used whole"),

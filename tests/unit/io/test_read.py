@@ -35,6 +35,7 @@ def krauss(tmp_path: Path) -> RecordingConfig:
         height=None,
         width=None,
         split=SplitConfig(train_fraction=0.8, held_out_frames=None, held_out_clips=None),
+        mcap=None,
     )
 
 

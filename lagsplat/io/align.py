@@ -1,0 +1,118 @@
+"""Logged numbers at the instants of the frames, and clips where either has a gap.
+
+Between two samples a number is interpolated linearly. Nothing is extrapolated, and a gap is never bridged:
+frames outside a log or inside a gap are dropped, with a warning that counts them, and the recording is cut
+into clips at every gap.
+"""
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from jaxtyping import Bool, Float64
+
+
+@dataclass(frozen=True)
+class Log:
+    """Samples of one number; times [s] strictly increase, on the clock of the frames."""
+
+    name: str
+    time_s: Float64[np.ndarray, " N"]
+    values: Float64[np.ndarray, " N"]
+
+
+@dataclass(frozen=True)
+class Aligned:
+    """Which frames have every number, those numbers, and the half-open clips of the frames kept."""
+
+    kept: Bool[np.ndarray, " T"]
+    inputs: Float64[np.ndarray, "K n_u"]
+    segments: tuple[tuple[int, int], ...]
+
+
+def align(
+    frame_s: Float64[np.ndarray, " T"], logs: Sequence[Log], *, max_gap_s: float, source: str
+) -> Aligned:
+    """The ``logs`` at the frames taken at ``frame_s`` [s], which strictly increase.
+
+    A spacing of more than ``max_gap_s`` [s] is a gap, in a log or in the frames. ``source`` names the
+    recording in warnings and errors.
+
+    Raises:
+        ValueError: a log has fewer than two samples, or no frame has every number; the message gives the
+        ranges.
+    """
+    for log in logs:
+        _require_overlap(frame_s, log, source)
+    outside = np.zeros(len(frame_s), bool)
+    inside_gap = np.zeros(len(frame_s), bool)
+    gaps = [(log, *_gaps(log.time_s, max_gap_s)) for log in logs]
+    for log, before, after in gaps:
+        outside |= (frame_s < log.time_s[0]) | (frame_s > log.time_s[-1])
+        for a, b in zip(before, after, strict=True):
+            inside_gap |= (frame_s > a) & (frame_s < b)
+    kept = ~(outside | inside_gap)
+    if not kept.any():
+        raise ValueError(
+            f"{source}: none of the {len(frame_s)} frames has a value of every input; "
+            + _ranges(frame_s, logs)
+            + f". Raise recording.mcap.max_gap_s={max_gap_s:g}, or leave an input out"
+        )
+    _warn(frame_s, outside, inside_gap & ~outside, logs, max_gap_s=max_gap_s, source=source)
+    times = frame_s[kept]
+    cuts = set(np.flatnonzero(np.diff(times) > max_gap_s) + 1)
+    for _, before, _ in gaps:
+        cuts |= set(np.searchsorted(times, before, side="right"))
+    borders = [0, *sorted(int(cut) for cut in cuts if 0 < cut < len(times)), len(times)]
+    columns = [np.interp(times, log.time_s, log.values) for log in logs]
+    inputs = np.stack(columns, axis=1) if columns else np.zeros((len(times), 0))
+    return Aligned(kept, inputs, tuple(pairwise(borders)))
+
+
+def _gaps(
+    time_s: Float64[np.ndarray, " N"], max_gap_s: float
+) -> tuple[Float64[np.ndarray, " G"], Float64[np.ndarray, " G"]]:
+    wide = np.flatnonzero(np.diff(time_s) > max_gap_s)
+    return time_s[wide], time_s[wide + 1]
+
+
+def _require_overlap(frame_s: Float64[np.ndarray, " T"], log: Log, source: str) -> None:
+    if len(log.time_s) < 2:
+        raise ValueError(
+            f"{source}: input {log.name!r} has {len(log.time_s)} samples, and to interpolate takes two; "
+            "choose another field"
+        )
+    if log.time_s[-1] < frame_s[0] or log.time_s[0] > frame_s[-1]:
+        raise ValueError(
+            f"{source}: camera and input {log.name!r} do not overlap; {_ranges(frame_s, [log])}. Check "
+            "recording.mcap.clock and the topics"
+        )
+
+
+def _ranges(frame_s: Float64[np.ndarray, " T"], logs: Sequence[Log]) -> str:
+    spans = [("the camera", frame_s), *((repr(log.name), log.time_s) for log in logs)]
+    return ", ".join(f"{name} runs from {times[0]:.3f} s to {times[-1]:.3f} s" for name, times in spans)
+
+
+def _warn(
+    frame_s: Float64[np.ndarray, " T"],
+    outside: Bool[np.ndarray, " T"],
+    inside_gap: Bool[np.ndarray, " T"],
+    logs: Sequence[Log],
+    *,
+    max_gap_s: float,
+    source: str,
+) -> None:
+    told = []
+    if outside.any():
+        told.append(f"{outside.sum()} lie outside the inputs ({_ranges(frame_s, logs)})")
+    if inside_gap.any():
+        told.append(f"{inside_gap.sum()} lie inside gaps of the inputs of more than {max_gap_s:g} s")
+    if told:
+        warnings.warn(
+            f"{source}: {(outside | inside_gap).sum()} of {len(frame_s)} frames are dropped: "
+            + ", ".join(told),
+            stacklevel=4,
+        )

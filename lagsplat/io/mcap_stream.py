@@ -1,0 +1,117 @@
+"""Messages of an MCAP file that may be damaged: what is whole is read, what is lost is said.
+
+A log is cut short when its recorder is killed, and then has no index. So the index is never used: the records
+are walked from the start, and the walk ends before the first record that is not whole.
+
+Source: MCAP format specification, https://mcap.dev/spec
+"""
+
+import os
+import struct
+from collections.abc import Callable, Iterator
+from io import BufferedReader, BytesIO
+from pathlib import Path
+
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, Message, Schema
+from mcap.stream_reader import breakup_chunk
+
+MAGIC = b"\x89MCAP0\r\n"
+RECORD_HEAD = struct.Struct("<BQ")  # what it is, and how many bytes follow
+COMPRESSIONS = ("", "lz4", "zstd")
+PARSERS: dict[int, Callable[[ReadDataStream], Schema | Channel | Chunk]] = {
+    Opcode.SCHEMA: Schema.read,
+    Opcode.CHANNEL: Channel.read,
+    Opcode.CHUNK: Chunk.read,
+}
+
+
+def whole_messages(
+    path: str | os.PathLike[str], losses: list[str]
+) -> Iterator[tuple[Schema | None, Channel, Message]]:
+    """Every whole message with its channel and schema, in the order of the file.
+
+    What cannot be read is put into ``losses``, a sentence each: bytes after the last whole record, and chunks
+    whose checksum does not match.
+
+    Raises:
+        FileNotFoundError: nothing is at ``path``.
+        ValueError: the file is no MCAP, or is compressed with an unknown codec.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: no such file; check the path")
+    with path.open("rb") as file:
+        if file.read(len(MAGIC)) != MAGIC:
+            raise ValueError(f"{path}: it does not begin as an MCAP file does; check which file was given")
+        size = path.stat().st_size
+        schemas: dict[int, Schema] = {}
+        channels: dict[int, Channel] = {}
+        # The summary repeats schemas and channels, so that losing their chunk does not lose the topic.
+        for record in _top_level(file, size, (Opcode.SCHEMA, Opcode.CHANNEL), []):
+            _learn(record, schemas, channels)
+        orphans = 0
+        for record in _records(path, file, size, losses):
+            if not isinstance(record, Message):
+                _learn(record, schemas, channels)
+            elif record.channel_id in channels:
+                channel = channels[record.channel_id]
+                yield schemas.get(channel.schema_id), channel, record
+            else:
+                orphans += 1
+        if orphans:
+            losses.append(f"{orphans} messages belong to a channel that is lost")
+
+
+def _learn(record: object, schemas: dict[int, Schema], channels: dict[int, Channel]) -> None:
+    if isinstance(record, Schema):
+        schemas[record.id] = record
+    elif isinstance(record, Channel):
+        channels[record.id] = record
+
+
+def _records(
+    path: Path, file: BufferedReader, size: int, losses: list[str]
+) -> Iterator[Schema | Channel | Message]:
+    wanted = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK)
+    for record in _top_level(file, size, wanted, losses):
+        if not isinstance(record, Chunk):
+            yield record
+            continue
+        if record.compression not in COMPRESSIONS:
+            raise ValueError(
+                f"{path}: compressed with {record.compression!r}; those read are lz4, zstd and none. "
+                "Rewrite it with `mcap compress`"
+            )
+        try:
+            inner = breakup_chunk(record, validate_crc=True)
+        except Exception as error:  # every codec raises errors of its own
+            span_s = (record.message_end_time - record.message_start_time) / 1e9
+            losses.append(f"a chunk of {span_s:.3f} s is damaged ({error})")
+            continue
+        yield from (each for each in inner if isinstance(each, Schema | Channel | Message))
+
+
+def _top_level(
+    file: BufferedReader, size: int, wanted: tuple[Opcode, ...], losses: list[str]
+) -> Iterator[Schema | Channel | Message | Chunk]:
+    position, opcode = len(MAGIC), 0
+    while opcode != Opcode.FOOTER:
+        file.seek(position)
+        head = file.read(RECORD_HEAD.size)
+        opcode, length = RECORD_HEAD.unpack(head) if len(head) == RECORD_HEAD.size else (0, 0)
+        # Zero is no record: a preallocated file is filled up with it.
+        if opcode == 0 or position + RECORD_HEAD.size + length > size:
+            losses.append(
+                f"the file ends without its footer, and the {size - position} bytes after its last whole "
+                "record cannot be read"
+            )
+            return
+        if opcode in wanted:
+            stream = ReadDataStream(BytesIO(file.read(length)))
+            if opcode == Opcode.MESSAGE:
+                yield Message.read(stream, length)
+            else:
+                yield PARSERS[opcode](stream)
+        position += RECORD_HEAD.size + length

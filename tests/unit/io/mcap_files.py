@@ -1,0 +1,125 @@
+"""One mechanism's log, written three ways: by this package, by rosbags (ROS 2 CDR), by Foxglove's own writer."""
+
+import shutil
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import foxglove
+import numpy as np
+from foxglove.channels import CompressedImageChannel, JointStatesChannel
+from foxglove.messages import CompressedImage, JointState, JointStates, Timestamp
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from lagsplat.io.config import McapConfig, McapInputConfig
+from lagsplat.io.mcap_write import NumberTopic, PictureTopic, write_mcap
+
+START_NS = 1_700_000_000_000_000_000
+NAMES = ("shoulder", "elbow")
+
+
+@dataclass
+class Take:
+    """Pictures (T, H, W, 3) RGB at ``frame_ns``, angles (N, 2) at ``joint_ns`` [ns from the start]."""
+
+    frames: np.ndarray
+    frame_ns: np.ndarray
+    angles: np.ndarray
+    joint_ns: np.ndarray
+
+
+def take(frames: int = 12) -> Take:
+    """Pictures at 20 Hz with jitter, angles at 100 Hz that begin before and end after them."""
+    rng = np.random.default_rng(0)
+    frame_ns = 50_000_000 * np.arange(frames) + rng.integers(0, 9_000_000, frames)
+    joint_ns = 10_000_000 * np.arange(-2, 5 * frames + 4) + 3
+    angles = np.stack([np.sin(3e-9 * joint_ns), 1e-9 * joint_ns], axis=1)
+    return Take(rng.integers(0, 256, (frames, 6, 8, 3), np.uint8), frame_ns, angles, joint_ns)
+
+
+def topics(camera: str = "/camera", **changes: Any) -> McapConfig:
+    fields = changes.pop("fields", tuple(f"position[{name}]" for name in NAMES))
+    inputs = [
+        McapInputConfig("/joints", field, name, "rad") for field, name in zip(fields, NAMES, strict=True)
+    ]
+    return McapConfig(**{"camera": camera, "inputs": inputs, "clock": "header", "max_gap_s": 0.5, **changes})
+
+
+def png(picture: np.ndarray) -> bytes:
+    return cv2.imencode(".png", picture[..., ::-1])[1].tobytes()
+
+
+def by_this_package(path: Path, film: Take) -> McapConfig:
+    joints = {name: film.angles[:, i] for i, name in enumerate(NAMES)}
+    write_mcap(
+        path,
+        pictures=[PictureTopic("/camera", film.frame_ns / 1e9, list(film.frames))],
+        numbers=[NumberTopic("/joints", film.joint_ns / 1e9, joints, {})],
+        metadata={},
+        start_ns=START_NS,
+    )
+    return topics(fields=NAMES)
+
+
+def by_rosbags(
+    path: Path, film: Take, *, raw: bool = False, header_ns: Sequence[int] | None = None
+) -> McapConfig:
+    """``header_ns`` replaces the stamps of the pictures; their log times stay."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    types = store.types
+    stamps = film.frame_ns + START_NS if header_ns is None else header_ns
+
+    def header(ns: int) -> Any:
+        time = types["builtin_interfaces/msg/Time"](sec=int(ns) // 10**9, nanosec=int(ns) % 10**9)
+        return types["std_msgs/msg/Header"](stamp=time, frame_id="camera")
+
+    kind = "sensor_msgs/msg/Image" if raw else "sensor_msgs/msg/CompressedImage"
+    rows = []
+    for stamp, ns, picture in zip(stamps, film.frame_ns, film.frames, strict=True):
+        height, width = picture.shape[:2]
+        fields: dict[str, Any] = {"format": "png", "data": np.frombuffer(png(picture), np.uint8)}
+        if raw:
+            padded = np.pad(picture.reshape(height, -1), ((0, 0), (0, 5)))
+            fields = {"height": height, "width": width, "encoding": "rgb8", "is_bigendian": 0}
+            fields |= {"step": 3 * width + 5, "data": padded.reshape(-1)}
+        rows.append((int(ns), kind, types[kind](header=header(stamp), **fields)))
+    joint = "sensor_msgs/msg/JointState"
+    none = np.zeros(0)
+    for ns, angles in zip(film.joint_ns, film.angles, strict=True):
+        # A driver may list the joints in any order.
+        state = types[joint](header(ns + START_NS), list(NAMES[::-1]), angles[::-1].copy(), none, none)
+        rows.append((int(ns), joint, state))
+    folder = path.with_suffix(".bag")
+    with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        places = {
+            kind: writer.add_connection("/camera", kind, typestore=store),
+            joint: writer.add_connection("/joints", joint, typestore=store),
+        }
+        for ns, name, message in sorted(rows, key=lambda row: row[0]):
+            writer.write(places[name], ns + START_NS, store.serialize_cdr(message, name))
+    shutil.move(next(folder.glob("*.mcap")), path)
+    return topics()
+
+
+def by_foxglove(path: Path, film: Take) -> McapConfig:
+    context = foxglove.Context()
+    with foxglove.open_mcap(path, context=context):
+        camera = CompressedImageChannel("/camera", context=context)
+        joints = JointStatesChannel("/joints", context=context)
+        for ns, picture in zip(film.frame_ns + START_NS, film.frames, strict=True):
+            image = CompressedImage(timestamp=stamp(ns), frame_id="c", data=png(picture), format="png")
+            camera.log(image, log_time=int(ns) + 7)
+        for ns, angles in zip(film.joint_ns + START_NS, film.angles, strict=True):
+            states = [JointState(name=name, position=x) for name, x in zip(NAMES, angles, strict=True)]
+            joints.log(JointStates(timestamp=stamp(ns), joints=states), log_time=int(ns) + 7)
+    return topics(fields=tuple(f"joints[{name}].position" for name in NAMES))
+
+
+def stamp(ns: int) -> Timestamp:
+    return Timestamp(sec=int(ns) // 10**9, nsec=int(ns) % 10**9)
+
+
+WRITERS = {"lagsplat": by_this_package, "rosbags": by_rosbags, "foxglove": by_foxglove}
