@@ -57,6 +57,14 @@ def _inspect(words: list[str]) -> None:
     path = Path(words[0]).expanduser()
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such file or folder; check the path")
+    if path.suffix == ".mcap":
+        from lagsplat.io.mcap_topics import survey
+        from lagsplat.report.log import describe_log
+
+        print(describe_log(survey(path)))
+        if not any(word.startswith("recording.mcap.camera=") for word in words):
+            return
+        print()
     experiment = _experiment([*_reading(path), *words[1:]])
     kept = path.suffix == ".safetensors"
     with warnings.catch_warnings(record=True) as caught:
@@ -69,14 +77,18 @@ def _inspect(words: list[str]) -> None:
         said = [str(warning.message) for warning in caught]
         for text in (text for text in said if text.partition(": ")[2] not in told):
             print(f"warning    {text}")
-        print(propose_system(recording, path=path, settings=experiment.recording))
+        if experiment.recording.kind == "video":
+            print(propose_system(recording, path=path, settings=experiment.recording))
 
 
 def _reading(path: Path) -> list[str]:
-    """How a file is read unless told otherwise: an archive by its pressures, anything else as a film."""
+    """How a file is read unless told otherwise: an archive by its pressures, a log by what is said of it,
+    anything else as a film."""
     source = ["recording=filmed", f"recording.path={str(path)!r}"]
     if path.suffix == ".safetensors":
         return source
+    if path.suffix == ".mcap":
+        return [*source, "recording.kind=mcap"]
     if path.suffix != ".npz":
         return [*source, "recording.kind=video", "recording.n_inputs=0", "recording.dt_s=null"]
     names = zipfile.ZipFile(path).namelist() if zipfile.is_zipfile(path) else []

@@ -200,7 +200,8 @@ def _keys_of(name: str) -> list[str]:
         schema = waiting.pop()
         if schema.__name__ == name:
             return [field.name for field in fields(schema)]
-        waiting += [f.type for f in fields(schema) if isinstance(f.type, type) and is_dataclass(f.type)]
+        kinds = [kind for f in fields(schema) for kind in (f.type, *getattr(f.type, "__args__", ()))]
+        waiting += [kind for kind in kinds if isinstance(kind, type) and is_dataclass(kind)]
     return []
 
 

@@ -101,6 +101,7 @@ def read_mcap(
             "start_ns": log.start_ns,
             "rotate": rotate,
             "grey": grey,
+            "clips": [{"source": path.name, "frames": len(frames), "start_s": float(time_s[0])}],
             "footage": [footage.numbers],
         },
     )

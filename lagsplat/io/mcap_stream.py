@@ -1,7 +1,8 @@
 """Messages of an MCAP file that may be damaged: what is whole is read, what is lost is said.
 
 A log is cut short when its recorder is killed, and then has no index. So the index is never used: the records
-are walked from the start, and the walk ends before the first record that is not whole.
+are walked from the start up to the first one that is not whole; of a chunk that is cut, what can be
+decompressed is read.
 
 Source: MCAP format specification, https://mcap.dev/spec
 """
@@ -9,9 +10,13 @@ Source: MCAP format specification, https://mcap.dev/spec
 import os
 import struct
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from io import BufferedReader, BytesIO
 from pathlib import Path
+from typing import IO
 
+import lz4.frame
+import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Message, Schema
@@ -19,12 +24,18 @@ from mcap.stream_reader import breakup_chunk
 
 MAGIC = b"\x89MCAP0\r\n"
 RECORD_HEAD = struct.Struct("<BQ")  # what it is, and how many bytes follow
-COMPRESSIONS = ("", "lz4", "zstd")
+CONTENT = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK)
 PARSERS: dict[int, Callable[[ReadDataStream], Schema | Channel | Chunk]] = {
     Opcode.SCHEMA: Schema.read,
     Opcode.CHANNEL: Channel.read,
     Opcode.CHUNK: Chunk.read,
 }
+PARTS: dict[str, Callable[[bytes], bytes]] = {
+    "": bytes,
+    "lz4": lambda data: lz4.frame.LZ4FrameDecompressor().decompress(data),
+    "zstd": lambda data: zstandard.ZstdDecompressor().decompressobj().decompress(data),
+}
+"""As much as the start of a compressed stream gives."""
 
 
 def whole_messages(
@@ -49,7 +60,7 @@ def whole_messages(
         schemas: dict[int, Schema] = {}
         channels: dict[int, Channel] = {}
         # The summary repeats schemas and channels, so that losing their chunk does not lose the topic.
-        for record in _top_level(file, size, (Opcode.SCHEMA, Opcode.CHANNEL), []):
+        for record in _walk(file, len(MAGIC), size, (Opcode.SCHEMA, Opcode.CHANNEL), []):
             _learn(record, schemas, channels)
         orphans = 0
         for record in _records(path, file, size, losses):
@@ -74,29 +85,55 @@ def _learn(record: object, schemas: dict[int, Schema], channels: dict[int, Chann
 def _records(
     path: Path, file: BufferedReader, size: int, losses: list[str]
 ) -> Iterator[Schema | Channel | Message]:
-    wanted = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK)
-    for record in _top_level(file, size, wanted, losses):
-        if not isinstance(record, Chunk):
+    for record in _walk(file, len(MAGIC), size, CONTENT, losses):
+        if isinstance(record, _Torn):
+            yield from _whole_part(record, losses)
+        elif not isinstance(record, Chunk):
             yield record
-            continue
-        if record.compression not in COMPRESSIONS:
+        elif record.compression not in PARTS:
             raise ValueError(
                 f"{path}: compressed with {record.compression!r}; those read are lz4, zstd and none. "
                 "Rewrite it with `mcap compress`"
             )
-        try:
-            inner = breakup_chunk(record, validate_crc=True)
-        except Exception as error:  # every codec raises errors of its own
-            span_s = (record.message_end_time - record.message_start_time) / 1e9
-            losses.append(f"a chunk of {span_s:.3f} s is damaged ({error})")
-            continue
-        yield from (each for each in inner if isinstance(each, Schema | Channel | Message))
+        else:
+            try:
+                inner = breakup_chunk(record, validate_crc=True)
+            except Exception as error:  # every codec raises errors of its own
+                span_s = (record.message_end_time - record.message_start_time) / 1e9
+                losses.append(f"a chunk of {span_s:.3f} s is damaged ({error})")
+                continue
+            yield from (each for each in inner if isinstance(each, Schema | Channel | Message))
 
 
-def _top_level(
-    file: BufferedReader, size: int, wanted: tuple[Opcode, ...], losses: list[str]
-) -> Iterator[Schema | Channel | Message | Chunk]:
-    position, opcode = len(MAGIC), 0
+def _whole_part(chunk: "_Torn", losses: list[str]) -> Iterator[Schema | Channel | Message]:
+    """Records of a chunk that is cut short, as far as its codec can be followed."""
+    try:
+        # A stream that ends early gives short reads; the data are all there is.
+        start = Chunk.read(ReadDataStream(BytesIO(chunk.content)))
+        data = PARTS[start.compression](start.data)
+    except Exception as error:  # cut within its head, or within the first block of its codec
+        losses.append(f"nothing of the last chunk can be read ({type(error).__name__})")
+        return
+    count = 0
+    for record in _walk(BytesIO(data), 0, len(data), CONTENT, []):
+        if isinstance(record, Schema | Channel | Message):
+            count += isinstance(record, Message)
+            yield record
+    losses.append(f"{count} messages of the last chunk, which is cut short, are whole")
+
+
+@dataclass(frozen=True)
+class _Torn:
+    """What there is of a chunk that the end of the file cuts short."""
+
+    content: bytes
+
+
+def _walk(
+    file: IO[bytes], position: int, size: int, wanted: tuple[Opcode, ...], losses: list[str]
+) -> Iterator[Schema | Channel | Message | Chunk | _Torn]:
+    """Records outside chunks, from ``position`` up to the footer or to the first one that is not whole."""
+    opcode = 0
     while opcode != Opcode.FOOTER:
         file.seek(position)
         head = file.read(RECORD_HEAD.size)
@@ -104,14 +141,12 @@ def _top_level(
         # Zero is no record: a preallocated file is filled up with it.
         if opcode == 0 or position + RECORD_HEAD.size + length > size:
             losses.append(
-                f"the file ends without its footer, and the {size - position} bytes after its last whole "
-                "record cannot be read"
+                f"the file ends without its footer, {size - position} bytes after its last whole record"
             )
+            if opcode == Opcode.CHUNK in wanted:
+                yield _Torn(file.read())
             return
         if opcode in wanted:
             stream = ReadDataStream(BytesIO(file.read(length)))
-            if opcode == Opcode.MESSAGE:
-                yield Message.read(stream, length)
-            else:
-                yield PARSERS[opcode](stream)
+            yield Message.read(stream, length) if opcode == Opcode.MESSAGE else PARSERS[opcode](stream)
         position += RECORD_HEAD.size + length

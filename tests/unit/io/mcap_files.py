@@ -1,4 +1,4 @@
-"""One mechanism's log, written three ways: by this package, by rosbags (ROS 2 CDR), by Foxglove's own writer."""
+"""One mechanism's log, written by this package, by rosbags (ROS 2 CDR) and by Foxglove's own writer."""
 
 import shutil
 from collections.abc import Sequence
