@@ -20,7 +20,7 @@ UNITS = {
 
 
 def describe_log(survey: Survey) -> str:
-    """Topics with type, encoding, count, rate, longest gap and time; what is wrong; and what to type to use it.
+    """Topics with type, encoding, count, rate, longest gap and time; what is wrong; and what to type.
 
     Times count from the first message logged in the file.
     """
@@ -73,7 +73,7 @@ def _advice(survey: Survey) -> list[str]:
         "to use it  lagsplat fit out=FOLDER system=SYSTEM \\",
         *(f"           {shlex.quote(word)} \\" for word in words[:-1]),
         f"           {shlex.quote(words[-1])}",
-        "           leave out inputs that do not drive the mechanism; units are those ROS prescribes, or unknown",
+        "           leave out inputs that do not drive the mechanism; units are those of ROS, or unknown",
     ]
     if varying > MOST_INPUTS:
         lines.append(f"           {varying} numbers vary; the first {MOST_INPUTS} are listed")
