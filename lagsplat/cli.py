@@ -1,9 +1,10 @@
 """The command line ``lagsplat VERB key=value ...``; keys of the configuration follow Hydra's grammar.
 
-    lagsplat inspect FILE|FOLDER [key=value ...]                what is in a recording
+    lagsplat inspect FILE|FOLDER [key=value ...]                what is in a recording, a film or a log
     lagsplat fit out=FOLDER [key=value ...]                     every stage, in one process
     lagsplat simulate run=FOLDER out=q.csv [input=u.csv | seconds=10] [frame=N]
     lagsplat evaluate run=FOLDER out=metrics.json [key=value ...]
+    lagsplat export FOLDER --mcap [out=run.mcap] [key=value ...]  a run for Foxglove
 
 ``input`` is a CSV with columns ``t`` [s] and ``u0, u1, ...``; between its rows inputs are interpolated.
 ``out`` then has columns ``t``, ``q0, ...`` (whitened) and ``v0, ...`` [1/s]. Exit code 2: the command or its
@@ -117,6 +118,21 @@ def _evaluate(words: list[str]) -> None:
     print(own["out"])
 
 
+def _export(words: list[str]) -> None:
+    folders = [word for word in words if "=" not in word and not word.startswith("--")]
+    formats = [word for word in words if word.startswith("--")]
+    if len(folders) != 1 or formats != ["--mcap"]:
+        raise ConfigError("name one run and the format: lagsplat export FOLDER --mcap [out=FILE]")
+    from lagsplat.export import export_mcap
+    from lagsplat.pipeline import open_run
+
+    own, rest = _split([word for word in words if "=" in word], needed=(), allowed=("out",))
+    folder = Path(folders[0])
+    out = Path(own.get("out", str(folder / "run.mcap")))
+    export_mcap(open_run(folder), _experiment(rest).evaluate, out)
+    print(out)
+
+
 def _simulate(words: list[str]) -> None:
     import numpy as np
 
@@ -166,4 +182,5 @@ VERBS: dict[str, Callable[[list[str]], None]] = {
     "fit": _fit,
     "simulate": _simulate,
     "evaluate": _evaluate,
+    "export": _export,
 }

@@ -34,7 +34,7 @@ LAYERS = (
     {"evaluate", "forces"},
     {"diagnose"},
     {"report", "viewer"},
-    {"config", "planning", "job", "pipeline", "cli"},
+    {"config", "planning", "job", "pipeline", "export", "cli"},
 )
 
 

@@ -105,6 +105,8 @@ def _pictures(writer: Writer, source: PictureTopic, start_ns: int) -> Iterator[t
 
 
 def _numbers(writer: Writer, source: NumberTopic, start_ns: int) -> Iterator[tuple[int, int, bytes]]:
+    if "timestamp" in source.columns:
+        raise ValueError(f"topic {source.topic}: a column may not be called 'timestamp', as the stamp is")
     schema = writer.register_schema(
         name="lagsplat" + source.topic.replace("/", "."),
         encoding=SchemaEncoding.JSONSchema,

@@ -8,7 +8,7 @@ import pytest
 
 from lagsplat.io.mcap_read import read_mcap
 from lagsplat.io.recording import Recording
-from tests.unit.io.mcap_files import WRITERS, Take, by_foxglove, by_rosbags, by_this_package, take, topics
+from tests.unit.io.mcap_files import WRITERS, Take, by_rosbags, take
 
 
 def read(path: Path, config: Any, **changes: Any) -> Recording:
