@@ -13,7 +13,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from io import BufferedReader, BytesIO
 from pathlib import Path
-from typing import IO
 
 import lz4.frame
 import zstandard
@@ -130,7 +129,7 @@ class _Torn:
 
 
 def _walk(
-    file: IO[bytes], position: int, size: int, wanted: tuple[Opcode, ...], losses: list[str]
+    file: BufferedReader | BytesIO, position: int, size: int, wanted: tuple[Opcode, ...], losses: list[str]
 ) -> Iterator[Schema | Channel | Message | Chunk | _Torn]:
     """Records outside chunks, from ``position`` up to the footer or to the first one that is not whole."""
     opcode = 0

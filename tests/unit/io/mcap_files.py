@@ -1,5 +1,7 @@
 """One mechanism's log, written by this package, by rosbags (ROS 2 CDR) and by Foxglove's own writer."""
 
+import base64
+import json
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,6 +13,7 @@ import foxglove
 import numpy as np
 from foxglove.channels import CompressedImageChannel, JointStatesChannel
 from foxglove.messages import CompressedImage, JointState, JointStates, Timestamp
+from mcap.writer import Writer as RecordWriter
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
@@ -123,3 +126,47 @@ def stamp(ns: int) -> Timestamp:
 
 
 WRITERS = {"lagsplat": by_this_package, "rosbags": by_rosbags, "foxglove": by_foxglove}
+
+
+def by_json(
+    path: Path, rows: Sequence[tuple[str, int, dict[str, Any]]], *, chunk_size: int = 1 << 20
+) -> None:
+    """(topic, log time [ns], message) as JSON, in this order; topics named /camera are CompressedImage."""
+    with path.open("wb") as file:
+        writer = RecordWriter(file, chunk_size=chunk_size)
+        writer.start()
+        places: dict[str, int] = {}
+        for topic, ns, message in rows:
+            if topic not in places:
+                name = "foxglove.CompressedImage" if topic == "/camera" else "some.Numbers"
+                schema = writer.register_schema(name, "jsonschema", b"{}")
+                places[topic] = writer.register_channel(topic, "json", schema)
+            writer.add_message(places[topic], ns, json.dumps(message).encode(), ns)
+        writer.finish()
+
+
+def json_picture(picture: np.ndarray, ns: int | None) -> dict[str, Any]:
+    data = base64.b64encode(png(picture)).decode()
+    stamped = {} if ns is None else {"timestamp": {"sec": ns // 10**9, "nsec": ns % 10**9}}
+    return {**stamped, "format": "png", "data": data}
+
+
+def json_take(
+    film: Take,
+    *,
+    header_ns: Sequence[int | None] | None = None,
+    log_ns: Sequence[int] | None = None,
+    value: float = 1.0,
+) -> list[tuple[str, int, dict[str, Any]]]:
+    """Pictures, then one number /joints x at the samples' times; stamps and log times may be replaced."""
+    frame_ns = [int(ns) + START_NS for ns in film.frame_ns]
+    headers = frame_ns if header_ns is None else header_ns
+    logs = frame_ns if log_ns is None else log_ns
+    rows = [
+        ("/camera", int(logged), json_picture(picture, stamped))
+        for picture, stamped, logged in zip(film.frames, headers, logs, strict=True)
+    ]
+    for ns in film.joint_ns + START_NS:
+        time = {"sec": int(ns) // 10**9, "nsec": int(ns) % 10**9}
+        rows.append(("/joints", int(ns), {"timestamp": time, "x": value}))
+    return rows
