@@ -112,12 +112,15 @@ def by_foxglove(path: Path, film: Take) -> McapConfig:
     with foxglove.open_mcap(path, context=context):
         camera = CompressedImageChannel("/camera", context=context)
         joints = JointStatesChannel("/joints", context=context)
+        rows: list[tuple[int, Any, Any]] = []
         for ns, picture in zip(film.frame_ns + START_NS, film.frames, strict=True):
             image = CompressedImage(timestamp=stamp(ns), frame_id="c", data=png(picture), format="png")
-            camera.log(image, log_time=int(ns) + 7)
+            rows.append((int(ns), camera, image))
         for ns, angles in zip(film.joint_ns + START_NS, film.angles, strict=True):
             states = [JointState(name=name, position=x) for name, x in zip(NAMES, angles, strict=True)]
-            joints.log(JointStates(timestamp=stamp(ns), joints=states), log_time=int(ns) + 7)
+            rows.append((int(ns), joints, JointStates(timestamp=stamp(ns), joints=states)))
+        for ns, channel, message in sorted(rows, key=lambda row: row[0]):
+            channel.log(message, log_time=ns + 7)
     return topics(fields=tuple(f"joints[{name}].position" for name in NAMES))
 
 
