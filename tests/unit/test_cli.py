@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from lagsplat.cli import main
+from lagsplat.io.mcap_write import NumberTopic, PictureTopic, write_mcap
 
 
 @pytest.fixture
@@ -32,10 +33,29 @@ def test_inspect_says_what_an_archive_holds(archive: Path, capsys: pytest.Captur
     assert "48 frames to train on, 12 held out" in told
 
 
+def test_inspect_lists_a_log_and_describes_what_is_chosen_of_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "log.mcap"
+    times, frames = np.arange(60) / 30, np.zeros((60, 8, 8, 3), np.uint8)
+    load = NumberTopic("/load", times, {"p": times}, {})
+    write_mcap(path, pictures=[PictureTopic("/eye", times, frames)], numbers=[load], metadata={})
+    assert main(["inspect", str(path)]) == 0
+    told = capsys.readouterr().out
+    assert "/load" in told
+    assert "recording.mcap.camera=/eye" in told
+    assert "to train on" not in told
+    inputs = "recording.mcap.inputs=[{topic: /load, field: p, name: p, unit: atm}]"
+    assert main(["inspect", str(path), "recording.mcap.camera=/eye", inputs]) == 0
+    told = capsys.readouterr().out
+    assert "input p    0 to 1.967 atm" in told
+    assert "48 frames to train on, 12 held out" in told
+
+
 def test_help_is_the_whole_grammar(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--help"]) == 0
     told = capsys.readouterr().out
-    for verb in ("inspect", "fit", "simulate", "evaluate"):
+    for verb in ("inspect", "fit", "simulate", "evaluate", "export"):
         assert f"lagsplat {verb} " in told
 
 
@@ -51,6 +71,7 @@ def test_help_is_the_whole_grammar(capsys: pytest.CaptureFixture[str]) -> None:
         (["evaluate", "run=nowhere", "out=m.json"], "no recording.safetensors"),
         (["simulate", "run=a", "out=q.csv", "stage2.steps=3"], "a run keeps its settings"),
         (["simulate", "run=a", "out=q.csv", "input=u.csv", "seconds=3"], "exclude each other"),
+        (["export", "nowhere", "--mcap"], "no recording.safetensors"),
         (["simulate", "run=nowhere", "out=q.csv"], "no recording.safetensors"),
     ],
 )

@@ -35,6 +35,9 @@ KRAUSS = {
     "height": None,
     "width": None,
 }
+INPUT = {"topic": "/joints", "field": "position[elbow]", "name": "elbow", "unit": "rad"}
+MCAP = {"camera": "/camera", "inputs": [INPUT], "clock": "header", "max_gap_s": 0.5}
+LOG = {**VIDEO, "kind": "mcap", "mcap": MCAP}
 ARCHIVE = {
     "url": "https://example.org/a.zip",
     "folder": "~",
@@ -51,6 +54,7 @@ def fill(values: dict[str, Any]) -> Any:
 def test_omegaconf_fills_and_checks_types() -> None:
     assert fill(VIDEO) == RecordingConfig(**VIDEO)  # type: ignore[arg-type]
     assert fill({**KRAUSS, "archive": ARCHIVE}).archive == ArchiveConfig(**ARCHIVE)  # type: ignore[arg-type]
+    assert fill(LOG).mcap.inputs[0].field == "position[elbow]"
     with pytest.raises(ConfigKeyError, match="skipp_s"):
         fill({**VIDEO, "skipp_s": 1.0})
     with pytest.raises(MissingMandatoryValue, match="n_inputs"):
@@ -61,6 +65,14 @@ def test_omegaconf_fills_and_checks_types() -> None:
     ("values", "message"),
     [
         ({**VIDEO, "kind": "gif"}, "kind is 'gif'; choose one of simulated, krauss, video, mcap"),
+        ({**LOG, "mcap": None}, r"mcap\.camera is null; name the topic"),
+        ({**LOG, "mcap": {**MCAP, "camera": None}}, r"mcap\.camera is null; name the topic"),
+        ({**LOG, "mcap": {**MCAP, "clock": "wall"}}, "clock is 'wall'; choose one of header, log"),
+        ({**LOG, "mcap": {**MCAP, "max_gap_s": 0.0}}, r"max_gap_s is 0\.0"),
+        ({**LOG, "mcap": {**MCAP, "inputs": [INPUT, INPUT]}}, "a name of its own"),
+        ({**LOG, "mcap": {**MCAP, "inputs": [{**INPUT, "field": "a[0"}]}}, r"field 'a\[0' is no path"),
+        ({**LOG, "mcap": {**MCAP, "inputs": [{**INPUT, "field": ""}]}}, "field '' is no path"),
+        ({**LOG, "mcap": {**MCAP, "inputs": [{**INPUT, "topic": ""}]}}, "must not be empty"),
         ({**VIDEO, "n_inputs": -1}, "n_inputs is -1"),
         ({**VIDEO, "rotate": 45}, "rotate is 45; choose one of"),
         ({**KRAUSS, "rotate": 90}, "a Krauss archive is used whole"),
