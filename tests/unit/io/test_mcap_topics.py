@@ -1,7 +1,6 @@
 """What a survey finds, and that what it suggests can be typed and read."""
 
 import shlex
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -32,10 +31,8 @@ def test_what_is_suggested_makes_the_recording(tmp_path: Path, writer: str) -> N
     assert words == suggested(found)
     recording = read_recording(compose(*words).recording)
     np.testing.assert_array_equal(recording.frames, film.frames)
-    names = sorted(recording.input_names)
-    expected = {np.interp(film.frame_ns[3], film.joint_ns, column) for column in film.angles.T}
-    assert set(recording.inputs[3]) == pytest.approx(expected)
-    assert len(names) == 2
+    expected = [np.interp(film.frame_ns[3], film.joint_ns, column) for column in film.angles.T]
+    assert sorted(recording.inputs[3]) == pytest.approx(sorted(expected))
 
 
 def test_clocks_and_damage_are_told(tmp_path: Path) -> None:
@@ -74,11 +71,9 @@ def test_a_log_without_pictures_has_no_recording(tmp_path: Path) -> None:
 
 def test_a_message_that_cannot_be_decoded_is_told(tmp_path: Path) -> None:
     path, film = tmp_path / "log.mcap", take()
-    config = by_rosbags(path, film)
+    by_rosbags(path, film)
     content = path.read_bytes()
     assert content.count(b"ros2msg") > 1
     path.write_bytes(content.replace(b"ros2msg", b"ros2idx"))
-    assert config.camera == "/camera"
     told = describe_log(survey(path))
     assert "with a schema in 'ros2idx'; those read are ROS 2 CDR" in told
-    assert replace(survey(path).topics[0]).problem
