@@ -60,6 +60,7 @@ def export_mcap(run: Run, config: EvaluateConfig, out: Path) -> None:
         columns = {name: recording.inputs[:, i] for i, name in enumerate(recording.input_names)}
         units = dict(zip(recording.input_names, recording.input_units, strict=True))
         numbers.append(NumberTopic("/inputs", time_s, columns, units))
+    meta = {**recording.meta, "segments": recording.segments, "dt_s": chart.dt_s}
     write_mcap(
         out,
         pictures=[
@@ -68,7 +69,7 @@ def export_mcap(run: Run, config: EvaluateConfig, out: Path) -> None:
             PictureTopic("/camera/prediction", time_s[predicted.frames], _rendered(run, predicted.q)),
         ],
         numbers=numbers,
-        metadata={key: json.dumps(value) for key, value in recording.meta.items()},
+        metadata={key: json.dumps(value) for key, value in meta.items()},
         start_ns=int(recording.meta.get("start_ns", 0)),
     )
 

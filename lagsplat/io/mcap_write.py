@@ -73,7 +73,8 @@ def write_mcap(
         writer = Writer(file)
         writer.start(profile="", library="lagsplat")
         writer.add_metadata("lagsplat", dict(metadata))
-        streams = [_pictures(writer, each, start_ns) for each in pictures]
+        shown = register_schema(writer, CompressedImage) if pictures else 0
+        streams = [_pictures(writer, shown, each, start_ns) for each in pictures]
         streams += [_numbers(writer, each, start_ns) for each in numbers]
         for sequence, (time_ns, channel, data) in enumerate(heapq.merge(*streams, key=lambda item: item[0])):
             writer.add_message(channel, log_time=time_ns, publish_time=time_ns, data=data, sequence=sequence)
@@ -90,8 +91,9 @@ def _instants(topic: str, time_s: Float64[np.ndarray, " N"], start_ns: int) -> l
     return times
 
 
-def _pictures(writer: Writer, source: PictureTopic, start_ns: int) -> Iterator[tuple[int, int, bytes]]:
-    schema = register_schema(writer, CompressedImage)
+def _pictures(
+    writer: Writer, schema: int, source: PictureTopic, start_ns: int
+) -> Iterator[tuple[int, int, bytes]]:
     channel = writer.register_channel(source.topic, MessageEncoding.Protobuf, schema)
     frame = source.topic.strip("/").replace("/", "_")
     times = _instants(source.topic, source.time_s, start_ns)

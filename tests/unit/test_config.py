@@ -64,6 +64,7 @@ def test_the_published_split_and_clock() -> None:
     [
         ("stage1.stepz=3", ["stepz", "Stage1Config", "did you mean 'steps'"]),
         ("stage1.loss.l11=3", ["l11", "LossConfig", "did you mean 'l1'"]),
+        ("recording.mcap.camra=/eye", ["camra", "McapConfig", "did you mean 'camera'"]),
         ("stage3=default", ["stage3", "did you mean"]),
         ("stage2=nope", ["stage2/nope", "constant_mass", "induced_mass"]),
         ("system=nope", ["system/nope", "krauss_2seg"]),

@@ -5,10 +5,15 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
+import foxglove
 import numpy as np
 import pytest
+from foxglove.channels import CompressedVideoChannel
+from foxglove.messages import CompressedVideo, Timestamp
 
+from lagsplat.io.mcap_read import read_mcap
 from lagsplat.io.mcap_video import PacketFile
+from tests.unit.io.mcap_files import topics
 
 N = 12
 
@@ -41,6 +46,18 @@ def test_vp9(vp9: list[bytes], packets: PacketFile) -> None:
         packets.add(packet, format="vp9")
     brightness = [picture.mean() for picture in packets.pictures()]
     np.testing.assert_allclose(brightness, 20.0 * np.arange(N), atol=6)
+
+
+def test_a_film_in_a_log_is_cut_by_the_stamps_of_its_packets(tmp_path: Path, vp9: list[bytes]) -> None:
+    path, context = tmp_path / "log.mcap", foxglove.Context()
+    with foxglove.open_mcap(path, context=context):
+        camera = CompressedVideoChannel("/camera", context=context)
+        for i, packet in enumerate(vp9):
+            stamped = Timestamp(sec=100, nsec=40_000_000 * i)
+            camera.log(CompressedVideo(timestamp=stamped, data=packet, format="vp9"), log_time=i)
+    recording = read_mcap(path, topics(inputs=[]), crop=None, skip_s=0.1, end_s=0.3, size=(6, 8))
+    np.testing.assert_allclose(recording.time_s, 0.04 * np.arange(3, 8), atol=1e-9)
+    np.testing.assert_allclose(recording.frames.mean(axis=(1, 2, 3)), 20.0 * np.arange(3, 8), atol=6)
 
 
 class Bits:
