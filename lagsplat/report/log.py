@@ -119,7 +119,11 @@ def _name(path: str) -> str:
 
 def _quoted(text: str) -> str:
     """As Hydra's grammar wants it: brackets and spaces need quotes."""
-    return text if re.fullmatch(r"[\w/.-]+( [\w/.-]+)*", text) else '"' + text.replace('"', '\\"') + '"'
+    return (
+        text
+        if re.fullmatch(r"[\w/.-]+( [\w/.-]+)*", text, re.ASCII)
+        else '"' + text.replace('"', '\\"') + '"'
+    )
 
 
 def _unit(path: str) -> str:
