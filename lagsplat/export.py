@@ -103,11 +103,16 @@ def predict(run: Run, config: EvaluateConfig) -> Motion:
         )
     q0, v0 = initial_states(held, np.array([start]))
     first = (torch.as_tensor(x) for x in (q0, v0, held.forcing[None, start:stop]))
-    q, v = (x[0].double().numpy() for x in rollout(run.lagrangian, *first, dt_s=held.dt_s))
+    steps = held.clock.steps_s(np.array([start]), stop - start)
+    dt_s = torch.as_tensor(steps) if isinstance(steps, np.ndarray) else steps
+    q, v = (x[0].double().numpy() for x in rollout(run.lagrangian, *first, dt_s=dt_s))
     gone = beyond(q, config.divergence_factor * held.reach)
     states = int(np.argmax(gone)) if gone.any() else len(q)
     if states < len(q):
-        log.warning("the prediction diverges after %.3f s and ends there", held.dt_s * states)
+        log.warning(
+            "the prediction diverges after %.3f s and ends there",
+            held.clock.instants_s(start, states + 1)[-1],
+        )
     return Motion(chart.n_train + start + np.arange(states), q[:states], v[:states])
 
 
