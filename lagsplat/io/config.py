@@ -179,7 +179,9 @@ class RecordingConfig:
                 "null, skip_s and rotate to 0, stabilise and grey to false"
             )
         if self.kind == "mcap" and self.stabilise:
-            raise ValueError("recording.stabilise needs a film; export the camera's topic as one, or set it to false")
+            raise ValueError(
+                "recording.stabilise needs a film; export the camera's topic as one, or set it to false"
+            )
         if self.kind == "mcap" and (self.mcap is None or self.mcap.camera is None):
             raise ValueError(
                 "recording.mcap.camera is null; name the topic of the pictures, `lagsplat inspect FILE.mcap` "
