@@ -27,8 +27,9 @@ class EvaluateConfig:
     periods: float
     """Length of the latent forecast in natural periods."""
     velocity: str
-    """Initial velocity of a rollout: ``forward`` over two later frames, ``central`` over a neighbour on
-    either side, which is quieter and agrees with the integrator however few samples a period has."""
+    """Initial velocity of a rollout: ``forward`` over two later frames (as published), ``central`` over two on
+    either side, which is quieter, or ``neighbours``, over one on either side, which agrees with an integrator
+    of one step a frame however few frames a period has."""
     period_s: float | None
     """Imposed natural period; null takes the one measured on the free windows."""
     floor_frames: int
@@ -68,8 +69,8 @@ class EvaluateConfig:
             )
         imposed = self.period_s is None or self.period_s > 0
         _require("period_s", self.period_s, imposed, "must be positive or null")
-        known = self.velocity in ("forward", "central")
-        _require("velocity", self.velocity, known, "must be forward or central")
+        known = self.velocity in ("forward", "central", "neighbours")
+        _require("velocity", self.velocity, known, "must be forward, central or neighbours")
         factor = self.divergence_factor
         _require("divergence_factor", factor, factor >= 1, "must be at least 1")
         roomy = self.window_cycles >= 2 * self.window_min_cycles

@@ -43,9 +43,10 @@ def latent_forecast(
     Source: paper, Metrics, latent and image error.
     """
     states = max(round(config.periods * period_s / held.dt_s), 2)
-    if why := shortage(held, length=states, margin=3):
+    margin = 3 if config.velocity == "forward" else 0  # as published
+    if why := shortage(held, length=states, margin=margin):
         return {"reason": why}
-    starts = draw_starts(held, length=states, margin=3, count=config.starts, seed=config.seed)
+    starts = draw_starts(held, length=states, margin=margin, count=config.starts, seed=config.seed)
     q0, v0 = initial_states(held, starts)
     steps_s = held.clock.steps_s(starts, states)
     rollouts = integrate(q0, v0, windows(held.forcing, starts, states), steps_s)

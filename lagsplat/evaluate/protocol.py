@@ -25,7 +25,7 @@ Pictures = Callable[[np.ndarray], np.ndarray]
 """held-out frame numbers (N,) -> the recorded images (N,3,H,W) with colours in [0, 1]."""
 
 
-STENCILS = {"forward": (1, 2), "central": (-1, 1)}
+STENCILS = {"forward": (1, 2), "central": (-2, -1, 1, 2), "neighbours": (-1, 1)}
 
 
 @dataclass(frozen=True)

@@ -130,6 +130,7 @@ class Stage2Config:
     floor: FloorConfig
     start: StartConfig
     stride_frames: int  # between the four samples of a one-step window
+    longest_step: float  # of the integrator, in time units; frames further apart take several steps
     ridge: float  # rho: caps the ratio of weights between two latent directions at 1 / rho
     velocity_weight: float  # of the velocity term against the position term
     steps: int  # of the one-step objective
@@ -143,6 +144,8 @@ class Stage2Config:
     def __post_init__(self) -> None:
         if self.stride_frames < 1:
             raise ValueError(f"stage2.stride_frames={self.stride_frames} must be at least 1 frame")
+        if self.longest_step <= 0:
+            raise ValueError(f"stage2.longest_step={self.longest_step} must be a positive time")
         if self.ridge <= 0:
             raise ValueError(
                 f"stage2.ridge={self.ridge} must be positive: a direction nothing can see "

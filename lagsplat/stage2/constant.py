@@ -6,6 +6,7 @@ is a few matrix products a step, so that L-BFGS can afford hundreds of passes ov
 one length are one linear map, made once; on an uneven clock they are written out.
 """
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -16,7 +17,7 @@ from torch import Tensor
 
 from lagsplat.stage2.config import FloorConfig
 from lagsplat.stage2.curvature import Bend, Reach, payment, stiffened
-from lagsplat.stage2.integrate import Step, step_of
+from lagsplat.stage2.integrate import Step, pieces_of, step_of
 from lagsplat.stage2.lagrangian import Coefficients, Floors
 from lagsplat.stage2.objective import square_norm
 from lagsplat.stage2.windows import Shots, Windows
@@ -168,12 +169,18 @@ def step_matrices(c: Coefficients, step: float) -> tuple[Float[Tensor, "s s"], F
     return transition, torch.cat([q_p, v_p], 1)
 
 
-def linear_shooting_error(c: Coefficients, shots: Shots, metric: Float[Tensor, "d d"]) -> Float[Tensor, ""]:
+def linear_shooting_error(
+    c: Coefficients, shots: Shots, metric: Float[Tensor, "d d"], *, longest_step: float = math.inf
+) -> Float[Tensor, ""]:
     """`objective.shooting_error` of a constant system, plus a small price on rates near the frame rate."""
     d = metric.shape[0]
     if isinstance(shots.steps, Tensor):
-        return _priced(_path(c, shots), c, shots, metric)
-    transition, entry = step_matrices(c, shots.steps)
+        return _priced(_path(c, shots, longest_step), c, shots, metric)
+    pieces = pieces_of(shots.steps, longest_step)
+    once, enter = step_matrices(c, shots.steps / pieces)
+    transition, entry = once, enter
+    for _ in range(pieces - 1):
+        transition, entry = transition @ once, entry @ once + enter
     inverse = torch.linalg.inv(c.mass)
     force = shots.inputs[:, :-1] @ c.pressure_map + c.rest @ c.stiffness
     drive = force @ (inverse @ entry)
@@ -185,20 +192,25 @@ def linear_shooting_error(c: Coefficients, shots: Shots, metric: Float[Tensor, "
     return _priced(torch.stack(path, 1)[:, :, :d], c, shots, metric)
 
 
-def bent_shooting_error(c: Coefficients, shots: Shots, metric: Float[Tensor, "d d"]) -> Float[Tensor, ""]:
+def bent_shooting_error(
+    c: Coefficients, shots: Shots, metric: Float[Tensor, "d d"], *, longest_step: float = math.inf
+) -> Float[Tensor, ""]:
     """The same where the volumes have curvatures: velocity-Verlet steps with one constant mass."""
     assert c.bend is not None, "call `ConstantFit.bend` first"
-    return _priced(_path(c, shots), c, shots, metric)
+    return _priced(_path(c, shots, longest_step), c, shots, metric)
 
 
-def _path(c: Coefficients, shots: Shots) -> Float[Tensor, "B n d"]:
+def _path(c: Coefficients, shots: Shots, longest_step: float) -> Float[Tensor, "B n d"]:
     """States after the first, step by step."""
     law = _Law(c)
     q, v = shots.q, shots.v
     drive = shots.inputs @ c.pressure_map
     path = []
     for i in range(shots.targets.shape[1] - 1):
-        q, v = law.step(q, v, shots.inputs[:, i], drive[:, i], step_of(shots.steps, i))
+        step = step_of(shots.steps, i)
+        pieces = pieces_of(step, longest_step)
+        for _ in range(pieces):
+            q, v = law.step(q, v, shots.inputs[:, i], drive[:, i], step / pieces)
         path.append(q)
     return torch.stack(path, 1)
 

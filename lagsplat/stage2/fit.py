@@ -27,7 +27,7 @@ from lagsplat.stage2.stages import (
 )
 
 KIND = "dynamics"
-SCHEMA = 2
+SCHEMA = 3
 
 
 def fit_dynamics(
@@ -81,6 +81,7 @@ def save_dynamics(path: Path | str, lagrangian: Lagrangian, header: Mapping[str,
         "form": asdict(lagrangian.form),
         "floors": asdict(lagrangian.floors),
         "time_unit_s": float(lagrangian.time_unit_s),
+        "longest_step": lagrangian.longest_step,
         "n_primitives": geometry,
         "curved": lagrangian.curvature is not None,
         # only where it is so: a file of one-signed inputs says nothing of signs
@@ -121,6 +122,7 @@ def load_dynamics(path: Path | str) -> tuple[Lagrangian, dict[str, Any]]:
         seed=0,
         geometry=geometry,
         signed=signed,
+        longest_step=settings["longest_step"],
     )
     lagrangian.load_state_dict({name: torch.as_tensor(np.array(value)) for name, value in tensors.items()})
     return lagrangian.eval(), header

@@ -1,5 +1,6 @@
 """The latent Lagrangian: mass, damping, potential and actuation, and the acceleration they prescribe."""
 
+import math
 from dataclasses import dataclass
 
 import torch
@@ -64,7 +65,8 @@ class Lagrangian(nn.Module):
     any load at all where the volumes are concave. If inputs are ``signed`` (torques, currents) this holds
     from the largest negative to the largest positive input: a negative one has a convex network of its own,
     which acts with its size, so that ``-u.nu`` stays convex. ``K``, ``M``, ``C`` have floors. Internally one
-    unit of time is ``time_unit_s`` seconds. Every network starts at zero.
+    unit of time is ``time_unit_s`` seconds, and a step of the integrator no longer than ``longest_step`` of
+    them. Every network starts at zero.
 
     Source: paper eqs. (EL), (pressure) and Appendix, "Bounded forced response".
     """
@@ -82,11 +84,13 @@ class Lagrangian(nn.Module):
         geometry: DecoderGeometry | None = None,
         mass_scale: float = 1.0,
         signed: bool = False,
+        longest_step: float = math.inf,
     ) -> None:
         super().__init__()
         generator = torch.Generator().manual_seed(seed)
         d, n_inputs = start.rest.shape[0], start.pressure_map.shape[0]
         self.d, self.n_inputs, self.form, self.floors = d, n_inputs, form, floors
+        self.longest_step = longest_step
         signed = signed or (start.bend is not None and start.bend.reach.signed)
         self.signed = signed and form.actuation != "linear" and n_inputs > 0
         self.register_buffer("time_unit_s", torch.tensor(time_unit_s, dtype=torch.float64))

@@ -4,7 +4,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from lagsplat.stage2.integrate import step_of, verlet_step
+from lagsplat.stage2.integrate import advance, step_of, verlet_step
 from lagsplat.stage2.lagrangian import Lagrangian
 from lagsplat.stage2.windows import Shots, Windows
 
@@ -50,6 +50,6 @@ def shooting_error(lagrangian: Lagrangian, shots: Shots, metric: Float[Tensor, "
     path = []
     for i in range(shots.targets.shape[1] - 1):
         step = step_of(shots.steps, i)
-        q, v = verlet_step(lagrangian, q, v, shots.inputs[:, i], step=step, ready=ready)
+        q, v = advance(lagrangian, q, v, shots.inputs[:, i], step=step, ready=ready)
         path.append(q)
     return square_norm(torch.stack(path, 1) - shots.targets[:, 1:], metric).mean() / metric.shape[0]

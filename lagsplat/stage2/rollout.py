@@ -5,7 +5,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from lagsplat.shapes import Latents
-from lagsplat.stage2.integrate import Steps, step_of, verlet_step
+from lagsplat.stage2.integrate import Steps, advance, step_of
 from lagsplat.stage2.lagrangian import Lagrangian
 
 
@@ -21,7 +21,7 @@ def rollout(
     """States and velocities (per second) at ``N`` instants ``dt_s`` apart; the first is the given one.
 
     ``dt_s`` is one number, or where frames are not evenly spaced ``N - 1`` of them, the same for all rows or
-    each row its own: every interval is one step. Input ``i`` is held from state ``i`` to ``i + 1``; the last
+    each row its own. Input ``i`` is held from state ``i`` to ``i + 1``; the last
     one is unused. Never raises on divergence: a row that leaves the finite numbers is NaN from there on.
     """
     unit = float(lagrangian.time_unit_s)
@@ -30,7 +30,7 @@ def rollout(
     inputs = inputs.double()
     positions, velocities = [q], [v]
     for i in range(inputs.shape[1] - 1):
-        q, v = verlet_step(lagrangian, q, v, inputs[:, i], step=step_of(steps, i), ready=ready)
+        q, v = advance(lagrangian, q, v, inputs[:, i], step=step_of(steps, i), ready=ready)
         finite = torch.isfinite(q).all(1, keepdim=True) & torch.isfinite(v).all(1, keepdim=True)
         q, v = q.where(finite, torch.nan), v.where(finite, torch.nan)
         positions.append(q)

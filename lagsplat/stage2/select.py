@@ -10,7 +10,7 @@ from lagsplat.chart.trajectory import Trajectory
 from lagsplat.stage2.lagrangian import Lagrangian
 from lagsplat.stage2.objective import square_norm
 from lagsplat.stage2.rollout import rollout
-from lagsplat.stage2.windows import Shots, forward_velocity, shots, starts_of
+from lagsplat.stage2.windows import Shots, central_velocity, shots, starts_of
 
 
 @dataclass(frozen=True)
@@ -31,16 +31,16 @@ class Examination:
 def examination(trajectory: Trajectory, metric: Tensor, *, starts: int, n_states: int) -> Examination:
     """Rollouts of ``n_states`` from ``starts`` frames spread evenly over the clip.
 
-    Initial velocities are those a forecast may use. A horizon longer than every segment is cut to
+    Initial velocities are those of training. A horizon longer than every segment is cut to
     the longest.
 
     Source: paper, "Fitting the dynamics": models are selected on multi-step rollout error.
     """
     longest = max(b - a for a, b in trajectory.segments)
-    n_states = max(3, min(n_states, longest - 3))
-    at = starts_of(trajectory, before=0, after=max(n_states, 3))
+    n_states = max(3, min(n_states, longest - 5))
+    at = starts_of(trajectory, before=2, after=max(n_states, 3))
     at = at[np.unique(np.linspace(0, len(at) - 1, starts).astype(int))]
-    velocity = forward_velocity(trajectory, at)
+    velocity = central_velocity(trajectory, at)
     offset = torch.from_numpy(trajectory.latents - trajectory.latents.mean(0))
     rms = float(square_norm(offset, metric).mean().sqrt())
     taken = shots(trajectory, at, velocity, n_states=n_states, time_unit_s=1.0)

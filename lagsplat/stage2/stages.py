@@ -163,6 +163,7 @@ def start_stage(run: Run, rest: Tensor, seed: int, geometry: DecoderGeometry | N
         geometry=geometry,
         mass_scale=scale,
         signed=reach_of(trajectory.inputs).signed,
+        longest_step=config.longest_step,
     )
 
 
@@ -171,10 +172,15 @@ def _shoot_constant(run: Run, fit: ConstantFit) -> None:
     at = starts_of(run.trajectory, before=2, after=n_states)[:: max(1, n_states // 2)]
     taken = run.stretches(at, n_states=n_states)
     iterations, actuation = run.config.start.shooting_iterations, run.config.form.actuation
-    fit.minimize(lambda c: linear_shooting_error(c, taken, run.metric), iterations=iterations)
+    longest = run.config.longest_step
+    fit.minimize(
+        lambda c: linear_shooting_error(c, taken, run.metric, longest_step=longest), iterations=iterations
+    )
     if actuation != "linear" and run.trajectory.inputs.shape[1]:
         fit.bend(reach_of(run.trajectory.inputs), softening=actuation == "bounded", rng=run.rng)
-        fit.minimize(lambda c: bent_shooting_error(c, taken, run.metric), iterations=iterations)
+        fit.minimize(
+            lambda c: bent_shooting_error(c, taken, run.metric, longest_step=longest), iterations=iterations
+        )
 
 
 def _horizon(run: Run, periods: float) -> int:
