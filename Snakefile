@@ -13,12 +13,15 @@ include: "workflow/rules/chart.smk"
 include: "workflow/rules/stage2.smk"
 include: "workflow/rules/evaluate.smk"
 include: "workflow/rules/report.smk"
+include: "workflow/rules/tables.smk"
 
 
 rule all:
     default_target: True
     input:
-        rules.table.output,
+        rules.physical.output,
+        rules.table.output if krauss_runs() else [],
+        rules.truth.output if true_runs() else [],
         rules.margins.output,
         expand(rules.figure.output, system=experiment.systems),
         [rules.curve.output.figure.format(**run) for run in planned()],

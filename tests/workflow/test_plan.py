@@ -27,6 +27,10 @@ RUN = "{system}/default-0/default-0"
 TARGETS = (
     "results/tables/krauss.tex",
     "results/tables/krauss.csv",
+    "results/tables/physical.tex",
+    "results/tables/physical.csv",
+    "results/tables/truth.tex",
+    "results/tables/truth.csv",
     "results/figures/rollout_{system}.pdf",
     "results/{profile}/simulated/" + RUN + "/rollout.png",
     "results/{profile}/simulated/" + RUN + "/metrics.json",
@@ -58,7 +62,18 @@ def test_every_target_plans(tmp_path: Path, profile: str) -> None:
     system = "toy" if profile == "toy" else "krauss_2seg"
     targets = [target.format(profile=profile, system=system) for target in TARGETS]
     told = planned(tmp_path, "all", *targets, "--config", f"hydra=profile={profile}")
-    for rule in ("simulate", "stage1", "chart", "stage2", "evaluate", "table", "rollout", "figure"):
+    for rule in (
+        "simulate",
+        "stage1",
+        "chart",
+        "stage2",
+        "evaluate",
+        "table",
+        "physical",
+        "truth",
+        "rollout",
+        "figure",
+    ):
         assert f"\n{rule} " in told, rule
     assert not list(tmp_path.glob("results/*"))
 
@@ -81,11 +96,40 @@ def test_a_file_takes_the_place_of_a_simulation(tmp_path: Path) -> None:
     assert "\nsimulate " in told
 
 
-def test_the_film_of_a_pendulum_plans(tmp_path: Path) -> None:
-    film = tmp_path / "film.mp4"
-    film.touch()
-    told = planned(tmp_path, "--config", f"hydra=systems=[pendulum_pair] recording.path={film}")
+@pytest.fixture
+def film(tmp_path: Path) -> str:
+    path = tmp_path / "film.mp4"
+    path.touch()
+    return f"hydra_pendulum_pair=recording.path={path}"
+
+
+def test_the_film_of_a_pendulum_plans(tmp_path: Path, film: str) -> None:
+    told = planned(tmp_path, "--config", "hydra=systems=[pendulum_pair]", film)
     assert "Read and check the recording of pendulum_pair" in told
+    assert "\nphysical " in told
+    assert "\ntable " not in told
+    assert "\ntruth " not in told
+
+
+def test_each_table_trains_what_stands_in_it(tmp_path: Path, film: str) -> None:
+    """Of arms alone for the benchmark; without ablations for the other two; simulated alone for the truth."""
+    config = ("--config", "hydra=systems=[toy,pendulum_pair] ablations=[constant]", film)
+    runs = {
+        name: set(re.findall(r"Evaluate (\w+) dynamics of (\w+)", planned(tmp_path, target, *config)))
+        for name in ("krauss", "physical", "truth")
+        for target in [f"results/tables/{name}.tex"]
+    }
+    assert runs["krauss"] == {("default", "toy"), ("constant", "toy")}
+    assert runs["physical"] == {("default", "toy"), ("default", "pendulum_pair")}
+    assert runs["truth"] == {("default", "toy")}
+
+
+@pytest.mark.parametrize(("table", "kind"), [("krauss", "a pneumatic arm"), ("truth", "simulated")])
+def test_a_table_of_nothing_is_refused(tmp_path: Path, film: str, table: str, kind: str) -> None:
+    target = f"results/tables/{table}.tex"
+    done = snakemake(tmp_path, "--dry-run", target, "--config", "hydra=systems=[pendulum_pair]", film)
+    assert done.returncode != 0
+    assert f"no system of systems=['pendulum_pair'] is {kind}" in done.stdout + done.stderr
 
 
 @pytest.mark.parametrize(

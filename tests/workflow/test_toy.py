@@ -12,7 +12,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 TOY = "hydra=profile=toy"
-SCORED = {"evaluate", "rollout", "figure", "table", "margins"}
+SCORED = {"evaluate", "rollout", "figure", "table", "physical", "truth", "margins"}
 HERE = Path("results/toy/simulated/toy")
 SCORES = {"ae_floor", "mse_half_second", "frequency_error", "latent_nrmse", "image_ratio", "external_force"}
 COLUMNS = {"robot", "method", "dynamics", "d", "diverged", "recording", "profile", "n_seeds"} | SCORES
@@ -101,6 +101,18 @@ def test_the_table_says_what_it_is_of(results: Path) -> None:
     tex = (results / "results/tables/krauss.tex").read_text(encoding="utf-8")
     assert "simulated" in tex
     assert "toy" in tex
+
+
+def test_every_system_has_its_free_rollouts_and_its_truth(results: Path) -> None:
+    tables = {}
+    for name in ("physical", "truth"):
+        with (results / f"results/tables/{name}.csv").open(encoding="utf-8") as file:
+            tables[name] = list(csv.DictReader(file))
+        assert (results / f"results/tables/{name}.tex").stat().st_size
+    (row,) = tables["physical"]
+    assert (row["system"], row["d"], row["n_seeds"]) == ("toy", "2", "1")
+    quantities = {row["quantity"].partition(",")[0] for row in tables["truth"]}
+    assert quantities >= {"frequency of mode 1", "decay rate of mode 1", "equilibrium"}
 
 
 def test_the_learned_law_is_compared_with_constant_coefficients(results: Path) -> None:

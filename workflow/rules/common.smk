@@ -63,3 +63,44 @@ def planned(**chosen):
     """Wildcards of every planned run, or of those with the chosen ones."""
     every = [asdict(run) for run in planned_runs(overrides)]
     return [run for run in every if chosen.items() <= run.items()]
+
+
+def krauss_runs():
+    """Planned runs of the pneumatic arms, whose benchmark has a table of its own."""
+    return [run for run in planned() if section("system.film")(run) == "krauss"]
+
+
+def main_runs():
+    """Planned runs of the dynamics that a system is shown with, hence no ablation."""
+    own = {
+        name: compose_for(overrides, system=name).choices for name in experiment.systems
+    }
+    return [run for run in planned() if run["stage2"] == own[run["system"]]["stage2"]]
+
+
+def true_runs():
+    """Those among them of which the truth is known, because they are simulated."""
+    return [run for run in main_runs() if run["recording"] == "simulated"]
+
+
+def gathered(chosen, output):
+    """An input function: one output of rule evaluate for all the runs that ``chosen`` gives."""
+
+    def files(wildcards):
+        if not chosen():
+            kinds = {
+                krauss_runs: "a pneumatic arm (system.film=krauss)",
+                true_runs: "simulated",
+            }
+            raise WorkflowError(
+                f"this table would be empty: no system of systems={experiment.systems} is "
+                f"{kinds[chosen]}; choose others with systems=[...], or make results/tables/physical.tex"
+            )
+        return [rules.evaluate.output[output].format(**run) for run in chosen()]
+
+    return files
+
+
+def titles(runs):
+    """How tables call the systems of these runs."""
+    return {run["system"]: section("system.title")(run) for run in runs}

@@ -2,8 +2,8 @@
 
 from lagsplat.chart.chart import load_chart
 from lagsplat.evaluate.config import EvaluateConfig
-from lagsplat.evaluate.damping import compare_with_truth
 from lagsplat.evaluate.evaluate import evaluate
+from lagsplat.evaluate.truth import compare_with_truth
 from lagsplat.io.plain import save_json
 from lagsplat.io.recording import load_recording
 from lagsplat.job import Job
@@ -19,8 +19,7 @@ with Job(snakemake) as job:
     metrics = evaluate(autoencoder, chart, lagrangian, recording, job.section(EvaluateConfig))
     if job.input.truth:
         truth, _ = load_truth(job.input.truth)
-        frequencies, rates = truth.damped_frequencies_hz, truth.decay_rates_per_s
-        metrics["truth"] = compare_with_truth(
-            metrics, damped_frequencies_hz=frequencies, decay_rates_per_s=rates
-        )
+        names = tuple(f"q{i + 1}" for i in range(truth.states.shape[1]))
+        coordinates = getattr(truth, "coordinates", names)
+        metrics["truth"] = compare_with_truth(metrics, truth, chart, lagrangian, coordinates=coordinates)
     save_json(job.output.metrics, metrics | {"made_by": job.header})

@@ -3,7 +3,8 @@
 from lagsplat.io.atomic import write_text
 from lagsplat.io.plain import load_json
 from lagsplat.job import Job
-from lagsplat.report.tables import benchmark_table, latex_table, rows_of
+from lagsplat.report.rows import rows_of
+from lagsplat.report.tables import benchmark_table, latex_table
 
 with Job(snakemake) as job:
     rows = rows_of(job.params.runs, [load_json(path) for path in job.input.metrics])

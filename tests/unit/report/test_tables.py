@@ -7,7 +7,9 @@ import subprocess
 import numpy as np
 import pytest
 
-from lagsplat.report.tables import COLUMNS, _digits, benchmark_table, latex_table, rows_of, table_row
+from lagsplat.report.latex import digits
+from lagsplat.report.rows import rows_of, table_row
+from lagsplat.report.tables import COLUMNS, benchmark_table, latex_table
 
 SPREAD = "median and range over seeds"
 
@@ -137,7 +139,7 @@ def test_toy_rows_need_no_paper(rows):
     [(0.44, "0.44"), (12.345, "12.3"), (1234.5, "1234"), (0.00001234, "0.000012"), (0.0, "0")],
 )
 def test_digits_are_plain(value, text):
-    assert _digits(value) == text
+    assert digits(value) == text
 
 
 def test_table_row_carries_what_the_caption_needs(rows):

@@ -1,0 +1,183 @@
+"""Learned physics against the truth of a simulated recording, which no training saw."""
+
+from collections.abc import Sequence
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+import torch
+from jaxtyping import Float64
+from scipy.optimize import linear_sum_assignment
+
+from lagsplat.chart.chart import Chart
+from lagsplat.evaluate.damping import plain_mode
+from lagsplat.evaluate.modes import fit_modes
+from lagsplat.evaluate.polynomial import fit_polynomial
+from lagsplat.stage2.lagrangian import Lagrangian
+from lagsplat.stage2.modes import equilibrium
+
+VISIBLE = 0.05  # least share of the energy of a free window with which a mode counts as excited
+SAME = (
+    0.25  # most relative distance in frequency between a fitted true oscillation and a mode of the equations
+)
+Mode = dict[str, float]
+Triple = tuple[Mode, Mode | None, Mode | None]
+"""One oscillation as the true motion, the rollout and the encoded motion show it."""
+RATES = (("frequency_hz", "frequency", "Hz"), ("rate_per_s", "decay rate", "1/s"))
+
+
+@runtime_checkable
+class Known(Protocol):
+    """What is needed of the truth: states at the frames, the rest state and the modes about it.
+
+    Modes are slowest first; one that does not oscillate has frequency 0.
+    """
+
+    states: Float64[np.ndarray, "T n"]
+    rest: Float64[np.ndarray, " n"]
+    damped_frequencies_hz: Float64[np.ndarray, " m"]
+    decay_rates_per_s: Float64[np.ndarray, " m"]
+
+
+def compare_with_truth(
+    metrics: dict[str, Any],
+    truth: Known,
+    chart: Chart,
+    lagrangian: Lagrangian,
+    *,
+    coordinates: Sequence[str],
+) -> dict[str, Any]:
+    """Frequency and decay of every excited mode, and the equilibrium, each learned and true.
+
+    ``metrics`` are those of `evaluate` for this run; ``coordinates`` name the true ones with their units.
+    Each of ``rows`` has ``quantity``, ``learned``, ``truth``, ``error`` (relative, or of an equilibrium as a
+    fraction of the motion's rms), ``encoded`` (what the same estimator reads off the encoded motion: an
+    error there is the chart's) and ``residual`` (of the map from latents to coordinates, likewise as a
+    fraction). None where nothing was measured.
+
+    Modes are numbered as in ``truth``; where no free window shows one, the slowest is compared.
+    ``free rollout`` is fitted on windows of free motion, as is the true motion that it is compared with: a
+    frequency depends on the amplitude, and a fit has a bias of its own. ``linearised law`` is compared with
+    the eigenvalues of the true equations.
+
+    Raises:
+        ValueError: truth and chart are of recordings of different length.
+    """
+    if len(truth.states) != len(chart.latents):
+        raise ValueError(
+            f"the truth has {len(truth.states)} states and the chart {len(chart.latents)} latents: they are "
+            "of different recordings; simulate and train again"
+        )
+    windows = _free_windows(metrics, truth, chart)
+    oscillating = np.flatnonzero(truth.damped_frequencies_hz > 0).tolist()
+    excited = sorted({number for window in windows for number in window}) or oscillating[:1]
+    turning = [mode for mode in metrics["linear_modes"] if mode["frequency_hz"] > 0]
+    law = _matched(turning, [float(truth.damped_frequencies_hz[number]) for number in excited])
+    rows = []
+    for number, mode in zip(excited, law, strict=True):
+        name = f" of mode {number + 1}" if len(oscillating) > 1 else ""
+        rows += _rolled_out([window[number] for window in windows if number in window], name)
+        rows += _linearised(mode, truth, number, name)
+    return {"rows": rows + _equilibrium_rows(truth, chart, lagrangian, coordinates)}
+
+
+def _free_windows(metrics: dict[str, Any], truth: Known, chart: Chart) -> list[dict[int, Triple]]:
+    """Of each window of free motion the visible true oscillations by number, with what stands for them.
+
+    Coordinates are weighed by their motion in the whole recording, so that one which hardly moves in a window
+    says little of it.
+    """
+    metric = np.diag(np.maximum(truth.states.std(axis=0), 1e-12) ** -2.0)
+    found = []
+    for row in metrics["damping"]["windows"]:
+        first = chart.n_train + row["start"]
+        series = truth.states[first : first + row["frames"]]
+        modes = fit_modes(series, dt_s=chart.dt_s, metric=metric, most=series.shape[1] + 1)
+        true: dict[int, dict[str, float]] = {}
+        for mode in _visible([plain_mode(mode) for mode in modes]):
+            apart = np.abs(mode["frequency_hz"] / np.maximum(truth.damped_frequencies_hz, 1e-300) - 1.0)
+            if apart.min() < SAME:
+                true.setdefault(int(apart.argmin()), mode)
+        frequencies = [mode["frequency_hz"] for mode in true.values()]
+        sides = [_matched(_visible(row[f"{side}_modes"]), frequencies) for side in ("rollout", "encoded")]
+        found.append(dict(zip(true, zip(true.values(), *sides, strict=True), strict=True)))
+    return found
+
+
+def _visible(modes: Sequence[Mode]) -> list[Mode]:
+    return [mode for mode in modes if mode["share"] >= VISIBLE]
+
+
+def _matched(modes: Sequence[Mode], frequencies_hz: Sequence[float]) -> list[Mode | None]:
+    """The mode that stands for each frequency, by the least distance in octaves; none stands for two."""
+    apart = np.array(
+        [[abs(np.log(mode["frequency_hz"] / frequency)) for mode in modes] for frequency in frequencies_hz]
+    ).reshape(len(frequencies_hz), len(modes))
+    rows, columns = linear_sum_assignment(apart)
+    places = dict(zip(rows.tolist(), columns.tolist(), strict=True))
+    return [modes[places[i]] if i in places else None for i in range(len(frequencies_hz))]
+
+
+def _rolled_out(triples: Sequence[Triple], name: str) -> list[dict[str, Any]]:
+    """Medians over the windows in which the true mode is visible; of a side, over those where it is, too."""
+    sides = [[mode for mode in side if mode is not None] for side in zip(*triples, strict=True)]
+    rows = []
+    for key, quantity, unit in RATES:
+        true, learned, encoded = (_median([mode[key] for mode in side]) for side in sides or ([], [], []))
+        rows.append(
+            _row(f"{quantity}{name}, free rollout [{unit}]", learned=learned, truth=true, encoded=encoded)
+        )
+    return rows
+
+
+def _linearised(mode: Mode | None, truth: Known, number: int, name: str) -> list[dict[str, Any]]:
+    true = {"frequency_hz": truth.damped_frequencies_hz, "rate_per_s": truth.decay_rates_per_s}
+    return [
+        _row(
+            f"{quantity}{name}, linearised law [{unit}]",
+            learned=None if mode is None else mode[key],
+            truth=float(true[key][number]),
+        )
+        for key, quantity, unit in RATES
+    ]
+
+
+def _equilibrium_rows(
+    truth: Known, chart: Chart, lagrangian: Lagrangian, coordinates: Sequence[str]
+) -> list[dict[str, Any]]:
+    """The learned equilibrium in the true coordinates, through a map fitted on the training frames."""
+    smooth = chart.whole.smoothed(chart.smoothing_frames).latents
+    known, unseen = slice(None, chart.n_train), slice(chart.n_train, None)
+    to_states = fit_polynomial(smooth[known], truth.states[known])
+    motion = truth.states.std(axis=0)
+    missed = np.sqrt(np.mean((to_states(smooth[unseen]) - truth.states[unseen]) ** 2, axis=0))
+    latent = equilibrium(lagrangian, torch.zeros(lagrangian.n_inputs, dtype=torch.float64)).numpy()
+    learned = to_states(latent[None])[0]
+    return [
+        {
+            **_row(f"equilibrium, {name}", learned=float(value), truth=float(rest)),
+            "error": float(abs(value - rest) / rms),
+            "residual": float(residual / rms),
+        }
+        for name, value, rest, rms, residual in zip(
+            coordinates, learned, truth.rest, motion, missed, strict=True
+        )
+    ]
+
+
+def _row(
+    quantity: str, *, learned: float | None, truth: float | None, encoded: float | None = None
+) -> dict[str, Any]:
+    measured = learned is not None and truth is not None and truth != 0.0
+    error = abs(learned / truth - 1.0) if measured else None  # type: ignore[operator]
+    return {
+        "quantity": quantity,
+        "learned": learned,
+        "truth": truth,
+        "error": error,
+        "encoded": encoded,
+        "residual": None,
+    }
+
+
+def _median(values: Sequence[float]) -> float | None:
+    return float(np.median(values)) if values else None

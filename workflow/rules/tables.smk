@@ -1,0 +1,124 @@
+rule table:
+    input:
+        metrics=gathered(krauss_runs, "metrics"),
+        records=gathered(krauss_runs, "record"),
+    output:
+        tex="results/tables/krauss.tex",
+        csv=report(
+            "results/tables/krauss.csv",
+            caption="../report/table.rst",
+            category="Tables",
+            labels={"table": "benchmark"},
+        ),
+    log:
+        "results/logs/table.log",
+    benchmark:
+        "results/benchmarks/table.tsv"
+    conda:
+        "../envs/lagsplat.yaml"
+    threads: 1
+    resources:
+        mem_mb=500,
+    params:
+        runs=lambda wildcards: krauss_runs(),
+        titles=lambda wildcards: titles(krauss_runs()),
+        before=lambda wildcards: [before("table")(run) for run in krauss_runs()],
+        code=script_digest(SCRIPTS / "table.py"),
+    message:
+        "Gather the scores of every arm in one table"
+    script:
+        "../scripts/table.py"
+
+
+rule physical:
+    input:
+        metrics=gathered(main_runs, "metrics"),
+        records=gathered(main_runs, "record"),
+    output:
+        tex="results/tables/physical.tex",
+        csv=report(
+            "results/tables/physical.csv",
+            caption="../report/physical.rst",
+            category="Tables",
+            labels={"table": "free rollouts"},
+        ),
+    log:
+        "results/logs/physical.log",
+    benchmark:
+        "results/benchmarks/physical.tsv"
+    conda:
+        "../envs/lagsplat.yaml"
+    threads: 1
+    resources:
+        mem_mb=500,
+    params:
+        runs=lambda wildcards: main_runs(),
+        titles=lambda wildcards: titles(main_runs()),
+        before=lambda wildcards: [before("table")(run) for run in main_runs()],
+        code=script_digest(SCRIPTS / "physical.py"),
+    message:
+        "Gather the free rollouts of every system in one table"
+    script:
+        "../scripts/physical.py"
+
+
+rule truth:
+    input:
+        metrics=gathered(true_runs, "metrics"),
+        records=gathered(true_runs, "record"),
+    output:
+        tex="results/tables/truth.tex",
+        csv=report(
+            "results/tables/truth.csv",
+            caption="../report/truth.rst",
+            category="Tables",
+            labels={"table": "against the truth"},
+        ),
+    log:
+        "results/logs/truth.log",
+    benchmark:
+        "results/benchmarks/truth.tsv"
+    conda:
+        "../envs/lagsplat.yaml"
+    threads: 1
+    resources:
+        mem_mb=500,
+    params:
+        runs=lambda wildcards: true_runs(),
+        titles=lambda wildcards: titles(true_runs()),
+        before=lambda wildcards: [before("table")(run) for run in true_runs()],
+        code=script_digest(SCRIPTS / "truth.py"),
+    message:
+        "Compare what was learned of every simulated system with its truth"
+    script:
+        "../scripts/truth.py"
+
+
+rule margins:
+    input:
+        metrics=gathered(planned, "metrics"),
+        records=gathered(planned, "record"),
+    output:
+        csv=report(
+            "results/tables/margins.csv",
+            caption="../report/margins.rst",
+            category="Tables",
+            labels={"table": "margins over constant coefficients"},
+        ),
+    log:
+        "results/logs/margins.log",
+    benchmark:
+        "results/benchmarks/margins.tsv"
+    conda:
+        "../envs/lagsplat.yaml"
+    threads: 1
+    resources:
+        mem_mb=500,
+    params:
+        runs=lambda wildcards: planned(),
+        before=lambda wildcards: [before("table")(run) for run in planned()],
+        code=script_digest(SCRIPTS / "margins.py"),
+    message:
+        "Compare the dynamics with constant coefficients"
+    script:
+        "../scripts/margins.py"
