@@ -4,6 +4,29 @@ from dataclasses import dataclass
 
 
 @dataclass  # not frozen: OmegaConf turns frozen dataclasses into read-only nodes
+class FigureConfig:
+    """The one rollout that is drawn.
+
+    Raises:
+        ValueError: a value outside its domain.
+
+    Source: paper, the figures of rollouts.
+    """
+
+    start: str
+    """``held_out``: at the first scored frame of the longest held-out clip; ``boundary``: in the training
+    part, so that the rollout crosses into the held-out end of the same clip."""
+    duration_s: float
+    """Longest rollout drawn; a clip's end cuts it."""
+
+    def __post_init__(self) -> None:
+        """Check both domains."""
+        known = self.start in ("held_out", "boundary")
+        _require("figure.start", self.start, known, "must be held_out or boundary")
+        _require("figure.duration_s", self.duration_s, self.duration_s > 0, "must be positive")
+
+
+@dataclass  # not frozen, for the same reason
 class EvaluateConfig:
     """What is measured on the held-out part, from where, and for how long.
 
@@ -56,6 +79,7 @@ class EvaluateConfig:
     """Windows quieter than this fraction of the clip's RMS are left out."""
     decay_modes: int
     """Most damped oscillations fitted to one window."""
+    figure: FigureConfig
 
     def __post_init__(self) -> None:
         """Check every domain; the message names the key, the value and the remedy."""

@@ -12,7 +12,7 @@ from lagsplat.evaluate.damping import compare_decay, linear_modes
 from lagsplat.evaluate.floor import autoencoder_floor
 from lagsplat.evaluate.forecast import image_forecast
 from lagsplat.evaluate.free import free_windows
-from lagsplat.evaluate.frequency import compare_frequency
+from lagsplat.evaluate.frequency import compare_frequency, natural_period
 from lagsplat.evaluate.latent import latent_forecast
 from lagsplat.evaluate.protocol import Integrate, Pictures, Render, held_out
 from lagsplat.io.recording import Recording
@@ -52,7 +52,7 @@ def evaluate(
     forecast = image_forecast(held, pictures, render, integrate, config)
     windows, reason = free_windows(held, integrate, config)
     frequency = compare_frequency(windows, reason, dt_s=held.dt_s)
-    period_s = config.period_s or (1.0 / frequency["encoded_hz"] if frequency["encoded_hz"] else None)
+    period_s = natural_period(frequency, config)
     latent: dict[str, Any] = {"reason": f"no natural period: {frequency['reason']}; set evaluate.period_s"}
     if period_s is not None:
         latent = latent_forecast(held, pictures, render, integrate, config, period_s=period_s)

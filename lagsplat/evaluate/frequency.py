@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from lagsplat.evaluate.config import EvaluateConfig
 from lagsplat.evaluate.free import FreeWindow
 
 RESOLVED = 0.1
@@ -41,6 +42,12 @@ def compare_frequency(windows: Sequence[FreeWindow], reason: str, *, dt_s: float
         "others": {name: score for name, score in scores.items() if score is not None and name != chosen},
         "windows": rows,
     }
+
+
+def natural_period(frequency: dict[str, Any], config: EvaluateConfig) -> float | None:
+    """The natural period [s], imposed or else measured by `compare_frequency`; None without either."""
+    measured = frequency["encoded_hz"]
+    return config.period_s or (1.0 / measured if measured else None)
 
 
 def _row(window: FreeWindow, dt_s: float) -> dict[str, Any]:

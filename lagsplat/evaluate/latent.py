@@ -80,10 +80,8 @@ def _latent_scores(
     config: EvaluateConfig,
 ) -> dict[str, Any]:
     encoded = windows(held.encoded, starts, pinned.shape[1])
-    mean = held.encoded.mean(axis=0)
-    scale = squared_norm(held.encoded - mean, held.metric).mean()
-    error = squared_norm(pinned - encoded, held.metric)
-    error = np.where(gone, np.maximum(error, squared_norm(mean - encoded, held.metric)), error).mean(axis=1)
+    scale = spread(held)
+    error = state_errors(held, pinned, gone, encoded).mean(axis=1)
     hold = squared_norm(q0[:, None] - encoded, held.metric).mean(axis=1)
     stayed = ~gone[:, -1]
 
@@ -97,6 +95,18 @@ def _latent_scores(
         "nrmse_hold": float(nrmse(hold)),
         "per_window": np.sqrt(error / scale).tolist(),
     }
+
+
+def spread(held: HeldOut) -> float:
+    """Mean squared distance of the encoded states from their mean, in the visibility metric."""
+    return float(squared_norm(held.encoded - held.encoded.mean(axis=0), held.metric).mean())
+
+
+def state_errors(held: HeldOut, pinned: np.ndarray, gone: np.ndarray, encoded: np.ndarray) -> np.ndarray:
+    """Squared error of each state; of a diverged one the larger of the pinned and of the mean state's."""
+    error = squared_norm(pinned - encoded, held.metric)
+    mean = squared_norm(held.encoded.mean(axis=0) - encoded, held.metric)
+    return np.where(gone, np.maximum(error, mean), error)
 
 
 def _image_scores(image: np.ndarray, floor: np.ndarray, config: EvaluateConfig) -> dict[str, Any]:

@@ -1,45 +1,36 @@
 """What the rollout figure shows, computed: one long forecast and its last image."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Float64
-from scipy.ndimage import gaussian_filter
-from scipy.ndimage import shift as translate
-from skimage.registration import phase_cross_correlation
+from jaxtyping import Float64
 
 from lagsplat.chart.chart import Chart
 from lagsplat.evaluate.config import EvaluateConfig
-from lagsplat.evaluate.evaluate import integrator, recorded, renderer
+from lagsplat.evaluate.evaluate import integrator, renderer
 from lagsplat.evaluate.floor import image_errors
-from lagsplat.evaluate.protocol import HeldOut, held_out, initial_states, pin_diverged
+from lagsplat.evaluate.free import free_windows
+from lagsplat.evaluate.frequency import compare_frequency, natural_period
+from lagsplat.evaluate.latent import spread, state_errors
+from lagsplat.evaluate.protocol import held_out, initial_states, pin_diverged
 from lagsplat.io.recording import Recording
+from lagsplat.report.inset import Inset, Picture, choose_inset
+from lagsplat.report.stretch import choose_stretch, held_from
 from lagsplat.stage1.autoencoder import Autoencoder
 from lagsplat.stage2.lagrangian import Lagrangian
 
 RENDER_PX = 256
-INSET = 0.28
-UPSAMPLING = 50
-ALIGNMENTS = 5
-Picture = Float[np.ndarray, "H W 3"]
-
-
-@dataclass(frozen=True)
-class Inset:
-    """Window (row, column, side in render pixels) and the shift (down, right) of the prediction in it."""
-
-    row: int
-    column: int
-    side: int
-    shift_px: tuple[float, float]
 
 
 @dataclass(frozen=True)
 class LongRollout:
     """One rollout of the learned dynamics, never re-anchored, and its last state as images.
 
-    ``lost_s`` is when it diverged, or None. Renders are at ``scale`` times the recorded resolution; the mean
-    squared errors are at the recorded one, the floor's from unsmoothed latents.
+    ``held_s`` is when the held-out part begins, or None where all of it is; ``lost_s`` is when the rollout
+    diverged, or None. ``nrmse`` is the latent error over the whole stretch and ``held_nrmse`` over its
+    held-out end. Renders are at ``scale`` times the resolution that the latents were encoded at; the mean
+    squared errors are at the resolution of ``recorded``, the floor's from unsmoothed latents.
     """
 
     time_s: Float64[np.ndarray, " N"]
@@ -48,13 +39,17 @@ class LongRollout:
     inputs: Float64[np.ndarray, "N n_u"]
     input_units: tuple[str, ...]
     metric: Float64[np.ndarray, "d d"]
+    nrmse: float
+    held_nrmse: float
+    period_s: float | None
+    held_s: float | None
+    lost_s: float | None
     recorded: Picture
     at_encoded: Picture
     at_predicted: Picture
     scale: float
     floor_mse: float
     predicted_mse: float
-    lost_s: float | None
     inset: Inset
 
 
@@ -64,84 +59,69 @@ def roll_out(
     lagrangian: Lagrangian,
     recording: Recording,
     config: EvaluateConfig,
-    *,
-    duration_s: float = 30.0,
 ) -> LongRollout:
-    """Roll out from the first scored frame of the longest held-out clip, for at most ``duration_s``.
+    """Roll out over the stretch that ``config.figure`` asks for.
 
     Source: paper, Reading the rollout figures.
     """
+    stretch = choose_stretch(chart, config)
+    series, frames = stretch.series, stretch.frames
+    integrate, start, n_states = integrator(lagrangian), np.array([stretch.start]), stretch.stop - stretch.start
+    q0, v0 = initial_states(series, start)
+    time_s = series.clock.instants_s(stretch.start, n_states)
+    rollouts = integrate(q0, v0, series.forcing[None, frames], series.clock.steps_s(start, n_states))
     held = held_out(chart, config)
-    start, states = _longest(held, round(duration_s / held.dt_s) + 1)
-    q0, v0 = initial_states(held, np.array([start]))
-    time_s, steps_s = held.clock.instants_s(start, states), held.clock.steps_s(np.array([start]), states)
-    rollouts = integrator(lagrangian)(q0, v0, held.forcing[None, start : start + states], steps_s)
-    pinned, gone = pin_diverged(rollouts, bound=config.divergence_factor * held.reach)
-    last = start + states - 1
-    scale = RENDER_PX / max(recording.height, recording.width)
-    size = {"height": round(scale * recording.height), "width": round(scale * recording.width)}
-    ends = np.stack([held.latents[last], pinned[0, -1]])
-    sharp = np.moveaxis(np.clip(renderer(autoencoder, chart, **size)(ends), 0.0, 1.0), 1, 3)
-    real = recorded(recording, chart)(np.array([last]))
-    plain = renderer(autoencoder, chart)(ends)
-    picture = np.moveaxis(real[0], 0, 2)
+    reach = max(held.reach, series.reach)
+    pinned, gone = pin_diverged(rollouts, bound=config.divergence_factor * reach)
+    error = state_errors(held, pinned[0], gone[0], series.encoded[frames]) / spread(held)
+    first = held_from(stretch, chart) or 0
+    ends = np.stack([chart.latents[stretch.last], pinned[0, -1]])
+    images = _last_images(autoencoder, chart, recording, ends, frame=stretch.last)
+    frequency = compare_frequency(*free_windows(held, integrate, config), dt_s=held.dt_s)
     return LongRollout(
         time_s=time_s,
-        encoded=held.encoded[start : start + states],
+        encoded=series.encoded[frames],
         predicted=np.where(gone[0][:, None], np.nan, rollouts[0]),
-        inputs=held.inputs[start : start + states],
+        inputs=series.inputs[frames],
         input_units=tuple(dict.fromkeys(recording.input_units)),
-        metric=held.metric,
-        recorded=picture,
-        at_encoded=sharp[0],
-        at_predicted=sharp[1],
-        scale=scale,
-        floor_mse=float(image_errors(plain[:1], real)[0]),
-        predicted_mse=float(image_errors(plain[1:], real)[0]),
+        metric=series.metric,
+        nrmse=float(np.sqrt(error.mean())),
+        held_nrmse=float(np.sqrt(error[first:].mean())),
+        period_s=natural_period(frequency, config),
+        held_s=float(time_s[first]) if first else None,
         lost_s=float(time_s[np.argmax(gone[0])]) if gone.any() else None,
-        inset=choose_inset(sharp[0], sharp[1]),
+        **images._asdict(),
     )
 
 
-def _longest(held: HeldOut, states: int) -> tuple[int, int]:
-    """First frame and length of the rollout."""
-    start, stop = max(held.clips, key=lambda clip: clip[1] - clip[0])
-    return start, min(states, stop - start)
+class _Images(NamedTuple):
+    recorded: Picture
+    at_encoded: Picture
+    at_predicted: Picture
+    scale: float
+    floor_mse: float
+    predicted_mse: float
+    inset: Inset
 
 
-def choose_inset(at_encoded: Picture, at_predicted: Picture) -> Inset:
-    """The window where the two renders differ most; the autoencoder's own error is in both.
-
-    The shift is that of the prediction against the encoding within the window, by phase correlation with
-    sub-pixel upsampling, in render pixels.
-    """
-    height, width = at_encoded.shape[:2]
-    side = max(round(INSET * min(height, width)), 8)
-    moved = gaussian_filter(np.abs(at_predicted - at_encoded).mean(axis=2), side / 4)
-    half = side // 2
-    inner = moved[half : height - side + half + 1, half : width - side + half + 1]
-    row, column = np.unravel_index(int(np.argmax(inner)), inner.shape)
-    window = (slice(row, row + side), slice(column, column + side))
-    shift = measured_shift(at_encoded[window].mean(axis=2), at_predicted[window].mean(axis=2))
-    return Inset(int(row), int(column), side, shift)
-
-
-def measured_shift(
-    reference: Float[np.ndarray, "h w"], moved: Float[np.ndarray, "h w"]
-) -> tuple[float, float]:
-    """How far (down, right) ``moved`` lies from ``reference``, in pixels; zero without any structure.
-
-    The taper that hides the window's edges also pulls the estimate towards zero, so ``moved`` is shifted back
-    by what was found and the rest is measured again.
-    """
-    taper = np.outer(np.hanning(reference.shape[0]), np.hanning(reference.shape[1]))
-    first = (reference - reference.mean()) * taper
-    total = np.zeros(2)
-    for _ in range(ALIGNMENTS):
-        back = translate(moved, -total, order=1, mode="nearest")
-        second = (back - back.mean()) * taper
-        if min(np.ptp(first), np.ptp(second)) < 1e-6:
-            return 0.0, 0.0
-        step, _, _ = phase_cross_correlation(first, second, upsample_factor=UPSAMPLING, normalization=None)
-        total = total - step
-    return float(total[0]), float(total[1])
+def _last_images(
+    autoencoder: Autoencoder, chart: Chart, recording: Recording, ends: np.ndarray, *, frame: int
+) -> _Images:
+    """The images of one frame: recorded, and rendered at its encoded and at its predicted state."""
+    height, width = recording.height, recording.width
+    scale = max(RENDER_PX / max(height, width), 1.0)
+    size = {"height": round(scale * height), "width": round(scale * width)}
+    fine = np.moveaxis(np.clip(renderer(autoencoder, chart, **size)(ends), 0.0, 1.0), 1, 3)
+    plain = renderer(autoencoder, chart)(ends)
+    picture = np.asarray(recording.frames[frame]).astype(np.float32) / np.float32(255.0)
+    real = np.moveaxis(picture, 2, 0)[None]
+    wrong = np.abs(np.clip(plain[0], 0.0, 1.0) - real[0]).mean(axis=0)
+    return _Images(
+        recorded=picture,
+        at_encoded=fine[0],
+        at_predicted=fine[1],
+        scale=scale,
+        floor_mse=float(image_errors(plain[:1], real)[0]),
+        predicted_mse=float(image_errors(plain[1:], real)[0]),
+        inset=choose_inset(fine[0], fine[1], wrong),
+    )

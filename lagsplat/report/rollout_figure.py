@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
+from matplotlib.patheffects import Normal, Stroke
 
 from lagsplat.report.latents import visibility_order
 from lagsplat.report.rollout import LongRollout
@@ -20,25 +21,38 @@ from lagsplat.report.style import (
 )
 
 LEAST_SHIFT_PX = 0.25
+SHADE = "#E6E6E6"
 
 
 def draw_rollout(view: LongRollout, *, title: str) -> Figure:
     """Encoded against predicted coordinates, most visible first, and the last state as images.
 
     Below: the recorded image, the render at the encoded state (the image model's own floor) and at the
-    predicted one, with the window where the two renders differ most, magnified. The
-    arrow gives the direction of the measured shift there, not its length.
+    predicted one, with the window where the two renders differ most in excess of the image model's error,
+    magnified. The arrow gives the direction of the measured shift there, not its length. Held-out frames are
+    shaded where the stretch begins with training frames.
 
-    Source: paper, figures of rollouts.
+    Source: paper, Reading the rollout figures.
     """
     panels = view.encoded.shape[1] + int(view.inputs.shape[1] > 0)
     with paper_style():
-        top_in, bottom_in = 0.62 * panels + 0.3, 2.1
-        figure = new_figure(PAGE_IN, top_in + bottom_in + 0.3, title=title)
+        top_in, bottom_in = 0.62 * panels + 0.3, 2.0
+        figure = new_figure(PAGE_IN, top_in + bottom_in + 0.45, title=f"{title}\n{_measured(view)}")
         above, below = figure.subfigures(2, 1, height_ratios=[top_in, bottom_in], squeeze=False)[:, 0]
         _series(above, view)
         _images(below, view)
     return figure
+
+
+def _measured(view: LongRollout) -> str:
+    """What the caption line says of the drawn stretch."""
+    length = view.time_s[-1]
+    text = f"latent NRMSE {view.nrmse:.3f} over {length:.1f} s"
+    if view.period_s is not None:
+        text += f", {length / view.period_s:.1f} natural periods of {view.period_s:.2f} s"
+    if view.held_s is not None:
+        text += f"; {view.held_nrmse:.3f} over the held-out {length - view.held_s:.1f} s (shaded)"
+    return text
 
 
 def _series(figure: Any, view: LongRollout) -> None:
@@ -56,6 +70,8 @@ def _series(figure: Any, view: LongRollout) -> None:
         low, high = view.encoded[:, index].min(), view.encoded[:, index].max()
         room = 0.35 * max(high - low, 1e-9)
         axis.set_ylim(low - room, high + room)
+        if view.held_s is not None:
+            axis.axvspan(view.held_s, view.time_s[-1], color=SHADE, linewidth=0, zorder=0)
         if view.lost_s is not None:
             axis.axvline(view.lost_s, color=MARK, linestyle=":")
     axes[0].legend(loc="lower left", bbox_to_anchor=(0.0, 0.98), ncols=2, borderaxespad=0.0)
@@ -75,8 +91,21 @@ def _lost(view: LongRollout) -> str:
 
 
 def _images(figure: Any, view: LongRollout) -> None:
-    height, width = view.at_encoded.shape[:2]
     axes = figure.subplots(1, 5)
+    _whole(axes[:3], view)
+    _windows(axes[3:], view)
+    for axis in axes:
+        axis.set(xticks=[], yticks=[])
+        axis.spines[:].set_visible(True)
+        axis.spines[:].set_color(QUIET)
+    for axis in axes[3:]:
+        axis.spines[:].set_color(MARK)
+        axis.spines[:].set_linewidth(1.2)
+
+
+def _whole(axes: Any, view: LongRollout) -> None:
+    """Each panel adds one source of error to the one before."""
+    height, width = view.at_encoded.shape[:2]
     rows, columns = view.recorded.shape[:2]
     axes[0].imshow(view.recorded, extent=(0, width, height, 0))
     axes[0].set_title(f"recorded\n{columns}×{rows}, at {view.time_s[-1]:.1f} s")
@@ -88,37 +117,36 @@ def _images(figure: Any, view: LongRollout) -> None:
     ratio = view.predicted_mse / view.floor_mse if view.floor_mse > 0 else np.inf
     axes[2].set_xlabel(f"MSE {view.predicted_mse:.2e}\n({ratio:.1f} × encoded)")
     inset = view.inset
-    window = (slice(inset.row, inset.row + inset.side), slice(inset.column, inset.column + inset.side))
-    axes[3].imshow(view.at_encoded[window])
-    axes[4].imshow(view.at_predicted[window])
-    axes[3].set_title("window\nat encoded q")
-    axes[4].set_title("window\nat predicted q")
-    length = float(np.hypot(*inset.shift_px))
-    axes[4].set_xlabel(f"shift {length:.1f} px\n({length / view.scale:.2f} px as recorded)")
-    for axis in axes[1:3]:
-        axis.add_patch(
-            Rectangle(
-                (inset.column, inset.row), inset.side, inset.side, fill=False, color=MARK, linewidth=0.9
-            )
-        )
-    if length >= LEAST_SHIFT_PX:
-        _arrow(axes[4], inset.side, np.array(inset.shift_px) / length)
     for axis in axes:
-        axis.set(xticks=[], yticks=[])
-        axis.spines[:].set_visible(True)
-        axis.spines[:].set_color(QUIET)
-    for axis in axes[3:]:
-        axis.spines[:].set_color(MARK)
+        corner = (inset.column, inset.row)
+        axis.add_patch(Rectangle(corner, inset.side, inset.side, fill=False, color=MARK, linewidth=0.9))
+
+
+def _windows(axes: Any, view: LongRollout) -> None:
+    """The two renders in the window, and how far the prediction lies off there."""
+    inset = view.inset
+    window = (slice(inset.row, inset.row + inset.side), slice(inset.column, inset.column + inset.side))
+    for axis, picture, state in zip(
+        axes, (view.at_encoded, view.at_predicted), ("encoded", "predicted"), strict=True
+    ):
+        axis.imshow(picture[window])
+        axis.set_title(f"window\nat {state} q")
+    length = float(np.hypot(*inset.shift_px))
+    axes[1].set_xlabel(
+        f"shift {length / view.scale:.2f} recorded px\n{inset.ratio:.1f} × the local\nreconstruction error"
+    )
+    if length >= LEAST_SHIFT_PX:
+        _arrow(axes[1], inset.side, np.array(inset.shift_px) / length)
 
 
 def _arrow(axis: Any, side: int, direction: np.ndarray) -> None:
-    """An arrow of fixed length through the middle; white under it keeps it visible on any ground."""
+    """An arrow of fixed length through the middle; a white rim keeps it visible on any ground."""
     down, right = 0.2 * side * direction
     middle = 0.5 * (side - 1)
-    for colour, line in (("white", 3.0), (PREDICTED, 1.3)):
-        axis.annotate(
-            "",
-            xy=(middle + right, middle + down),
-            xytext=(middle - right, middle - down),
-            arrowprops={"arrowstyle": "-|>", "color": colour, "linewidth": line, "mutation_scale": 7},
-        )
+    arrow = axis.annotate(
+        "",
+        xy=(middle + right, middle + down),
+        xytext=(middle - right, middle - down),
+        arrowprops={"arrowstyle": "-|>", "color": PREDICTED, "linewidth": 1.3, "mutation_scale": 8},
+    )
+    arrow.arrow_patch.set_path_effects([Stroke(linewidth=3.0, foreground="white"), Normal()])

@@ -8,9 +8,11 @@ import pandas as pd
 import pytest
 from scipy.ndimage import gaussian_filter, shift
 
+from lagsplat.evaluate.protocol import held_out
 from lagsplat.report import figures
+from lagsplat.report.inset import choose_inset, measured_shift
 from lagsplat.report.latents import visibility_order
-from lagsplat.report.rollout import choose_inset, measured_shift
+from lagsplat.report.stretch import choose_stretch, held_from
 from tests.unit.evaluate import tiny_run
 from tests.unit.evaluate.stand_ins import settings
 
@@ -25,7 +27,7 @@ def parts():
 
 @pytest.fixture(scope="module")
 def view(parts):
-    return figures.roll_out(*parts, settings(), duration_s=3.0)
+    return figures.roll_out(*parts, settings(figure={"duration_s": 3.0}))
 
 
 def texts(figure) -> str:
@@ -78,7 +80,10 @@ def test_rollout(view, tmp_path):
         "recorded\n16×16, at 3.0 s",
         "256×256",
         "% of tr G",
-        "shift ",
+        f"latent NRMSE {view.nrmse:.3f} over 3.0 s",
+        "natural periods of 0.50 s",
+        "recorded px",
+        f"{view.inset.ratio:.1f} × the local\nreconstruction error",
     ):
         assert part in words
 
@@ -90,10 +95,54 @@ def test_rollout_is_long_unanchored_and_starts_from_the_encoding(view):
     assert view.lost_s is None
 
 
+def test_rollout_crosses_the_boundary(parts, tmp_path):
+    """600 frames of one clip, half of them held out; the last five seconds are drawn."""
+    crossing = settings(figure={"start": "boundary", "duration_s": 7.0})
+    view = figures.roll_out(*parts, crossing)
+    assert len(view.time_s) == 421
+    assert view.held_s == pytest.approx((421 - 300) * tiny_run.DT_S)
+    chart = parts[1]
+    smooth = chart.whole.smoothed(chart.smoothing_frames).latents
+    assert np.array_equal(view.encoded, smooth[179:])
+    figure = figures.draw_rollout(view, title=TITLE)
+    save(figure, tmp_path)
+    assert f"{view.held_nrmse:.3f} over the held-out 5.0 s (shaded)" in texts(figure)
+
+
+@pytest.mark.parametrize(
+    ("duration_s", "begin", "end"), [(100.0, 0, 600), (7.0, 179, 600), (3.0, 210, 391), (5.0, 149, 450)]
+)
+def test_the_boundary_is_in_the_figure(parts, duration_s, begin, end):
+    config = settings(figure={"start": "boundary", "duration_s": duration_s})
+    stretch = choose_stretch(parts[1], config)
+    assert (stretch.start, stretch.stop) == (begin, end)
+    assert held_from(stretch, parts[1]) == 300 - begin
+
+
+def test_an_unseen_clip_cannot_be_crossed_into(parts):
+    clips = replace(parts[1], segments=((0, 300), (300, 600)))
+    with pytest.raises(ValueError, match="use held_out"):
+        choose_stretch(clips, settings(figure={"start": "boundary"}))
+    whole = choose_stretch(clips, settings())
+    assert (whole.offset, whole.start, whole.stop, whole.last) == (300, 0, 300, 599)
+    assert held_from(whole, clips) is None
+
+
+def test_latent_error_is_that_of_the_protocol(view, parts):
+    """Over the stretch: rms in the metric, over that of the held-out states about their mean."""
+    held = held_out(parts[1], settings())
+    off = view.predicted - view.encoded
+    error = np.einsum("ti,ij,tj->t", off, held.metric, off)
+    about = held.encoded - held.encoded.mean(axis=0)
+    scale = np.einsum("ti,ij,tj->t", about, held.metric, about)
+    assert view.nrmse == pytest.approx(np.sqrt(error.mean() / scale.mean()))
+    assert view.held_nrmse == view.nrmse
+
+
 def test_rollout_is_cut_to_the_clip_and_shows_a_divergence(parts, tmp_path):
     model, chart, _, film = parts
     wild = tiny_run.lagrangian(frequency_hz=60.0)  # beyond the integrator's stability at this frame rate
-    view = figures.roll_out(model, chart, wild, film, settings(), duration_s=30.0)
+    view = figures.roll_out(model, chart, wild, film, settings())
     assert len(view.time_s) == 300
     assert view.lost_s is not None
     assert np.isnan(view.predicted[-1]).all()
@@ -135,7 +184,24 @@ def test_inset_looks_at_what_moved():
     encoded[44:56, 40:48] = 1.0
     predicted = np.roll(encoded, 3, axis=1)
     encoded[4:16, 4:16] = predicted[4:16, 4:16] = 1.0
-    inset = choose_inset(encoded, predicted)
+    inset = choose_inset(encoded, predicted, np.zeros((16, 16)))
     assert 44 <= inset.row + inset.side / 2 <= 56
     assert 36 <= inset.column + inset.side / 2 <= 56
     assert inset.shift_px == pytest.approx((0.0, 3.0), abs=0.6)
+
+
+def test_inset_leaves_out_what_the_image_model_gets_wrong():
+    """On the left both renders differ more, but there the render at the encoded state is wrong anyway."""
+    encoded = np.zeros((64, 64, 3))
+    encoded[24:40, 8:24] = 1.0
+    encoded[24:40, 44:52] = 0.5
+    predicted = np.roll(encoded, 2, axis=1)
+    assert choose_inset(encoded, predicted, np.zeros((64, 64))).column < 20
+    wrong = np.zeros((64, 64))
+    wrong[20:44, 4:28] = 1.0
+    inset = choose_inset(encoded, predicted, wrong)
+    assert 40 <= inset.column + inset.side / 2 <= 56
+    assert inset.ratio > 100
+    window = (slice(inset.row, inset.row + inset.side), slice(inset.column, inset.column + inset.side))
+    moved = np.abs(predicted - encoded)[window].mean()
+    assert choose_inset(encoded, predicted, wrong + 0.01).ratio == pytest.approx(moved / 0.01)
