@@ -22,13 +22,24 @@ from omegaconf.errors import OmegaConfBaseException
 from lagsplat.chart.config import ChartConfig
 from lagsplat.evaluate.config import EvaluateConfig
 from lagsplat.io.config import RecordingConfig
-from lagsplat.stage1.config import Stage1Config
+from lagsplat.stage1.config import RenderConfig, Stage1Config
 from lagsplat.stage2.config import Stage2Config
 from lagsplat.systems.config import SimulationConfig
 from lagsplat.systems.release_config import ReleaseConfig
 
 CONF = Path(__file__).resolve().parents[1] / "conf"
-GROUPS = ("profile", "recording", "system", "simulation", "release", "stage1", "chart", "stage2", "evaluate")
+GROUPS = (
+    "profile",
+    "recording",
+    "system",
+    "simulation",
+    "release",
+    "stage1",
+    "chart",
+    "stage2",
+    "evaluate",
+    "render",
+)
 Section = TypeVar("Section")
 
 
@@ -85,6 +96,8 @@ class Config:
     chart: ChartConfig
     stage2: Stage2Config
     evaluate: EvaluateConfig
+    render: RenderConfig | None
+    """A finer decoder for the figures; null draws them with the one that was trained."""
 
     def __post_init__(self) -> None:
         """Check that every name and seed of the protocol can be run."""

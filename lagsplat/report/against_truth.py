@@ -74,9 +74,9 @@ def latex_truth(table: pd.DataFrame, *, titles: Mapping[str, str]) -> str:
     brackets = " Brackets: range over seeds." if "learned_low" in table else ""
     caption = (
         f"Learned physics of the simulated systems against their truth, which no training saw; profile "
-        f"{profiles}, median of {seeds} seed(s).{brackets} A free rollout is compared with the true motion "
-        "over the same frames, both measured by the same fit, which also reads the encoded motion; the "
-        "linearised law with the eigenvalues of the true equations. Errors are relative; that of an "
+        f"{profiles}; medians over seeds ({seeds}).{brackets} A free rollout is compared with the true "
+        "motion over the same frames, both measured by the same fit, which also reads the encoded motion; "
+        "the linearised law with the eigenvalues of the true equations. Errors are relative; that of an "
         "equilibrium, and the residual of the map by which a latent is read in true coordinates, are "
         "fractions of the motion's rms."
     )

@@ -3,6 +3,7 @@
 from lagsplat.report.curves import draw_curves as draw_curves
 from lagsplat.report.latents import draw_latents as draw_latents
 from lagsplat.report.reconstruction import draw_reconstruction as draw_reconstruction
+from lagsplat.report.rollout import Fine as Fine
 from lagsplat.report.rollout import roll_out as roll_out
 from lagsplat.report.rollout_figure import draw_rollout as draw_rollout
 from lagsplat.report.style import save_figure as save_figure

@@ -24,6 +24,14 @@ RENDER_PX = 256
 
 
 @dataclass(frozen=True)
+class Fine:
+    """A finer decoder over the same chart, and the finer recording it was fitted to, frame by frame."""
+
+    decoder: Autoencoder
+    recording: Recording
+
+
+@dataclass(frozen=True)
 class LongRollout:
     """One rollout of the learned dynamics, never re-anchored, and its last state as images.
 
@@ -59,8 +67,13 @@ def roll_out(
     lagrangian: Lagrangian,
     recording: Recording,
     config: EvaluateConfig,
+    *,
+    fine: Fine | None = None,
 ) -> LongRollout:
-    """Roll out over the stretch that ``config.figure`` asks for.
+    """Roll out over the stretch that ``config.figure`` asks for; ``fine`` draws it where one was fitted.
+
+    Raises:
+        ValueError: no such stretch, or ``fine`` is of another recording.
 
     Source: paper, Reading the rollout figures.
     """
@@ -76,7 +89,14 @@ def roll_out(
     error = state_errors(held, pinned[0], gone[0], series.encoded[frames]) / spread(held)
     first = held_from(stretch, chart) or 0
     ends = np.stack([chart.latents[stretch.last], pinned[0, -1]])
-    images = _last_images(autoencoder, chart, recording, ends, frame=stretch.last)
+    shown = fine or Fine(autoencoder, recording)
+    if shown.recording.n_frames != recording.n_frames:
+        raise ValueError(
+            f"the finer recording has {shown.recording.n_frames} frames and the recording "
+            f"{recording.n_frames}; read both in the same way"
+        )
+    images = _last_images(shown, chart, ends, frame=stretch.last)
+    pixels = images.at_encoded.shape[0] / recording.height
     frequency = compare_frequency(*free_windows(held, integrate, config), dt_s=held.dt_s)
     return LongRollout(
         time_s=time_s,
@@ -90,6 +110,7 @@ def roll_out(
         period_s=natural_period(frequency, config),
         held_s=float(time_s[first]) if first else None,
         lost_s=float(time_s[np.argmax(gone[0])]) if gone.any() else None,
+        scale=pixels,
         **images._asdict(),
     )
 
@@ -98,21 +119,19 @@ class _Images(NamedTuple):
     recorded: Picture
     at_encoded: Picture
     at_predicted: Picture
-    scale: float
     floor_mse: float
     predicted_mse: float
     inset: Inset
 
 
-def _last_images(
-    autoencoder: Autoencoder, chart: Chart, recording: Recording, ends: np.ndarray, *, frame: int
-) -> _Images:
+def _last_images(shown: Fine, chart: Chart, ends: np.ndarray, *, frame: int) -> _Images:
     """The images of one frame: recorded, and rendered at its encoded and at its predicted state."""
+    decoder, recording = shown.decoder, shown.recording
     height, width = recording.height, recording.width
     scale = max(RENDER_PX / max(height, width), 1.0)
     size = {"height": round(scale * height), "width": round(scale * width)}
-    fine = np.moveaxis(np.clip(renderer(autoencoder, chart, **size)(ends), 0.0, 1.0), 1, 3)
-    plain = renderer(autoencoder, chart)(ends)
+    fine = np.moveaxis(np.clip(renderer(decoder, chart, **size)(ends), 0.0, 1.0), 1, 3)
+    plain = renderer(decoder, chart)(ends)
     picture = np.asarray(recording.frames[frame]).astype(np.float32) / np.float32(255.0)
     real = np.moveaxis(picture, 2, 0)[None]
     wrong = np.abs(np.clip(plain[0], 0.0, 1.0) - real[0]).mean(axis=0)
@@ -120,7 +139,6 @@ def _last_images(
         recorded=picture,
         at_encoded=fine[0],
         at_predicted=fine[1],
-        scale=scale,
         floor_mse=float(image_errors(plain[:1], real)[0]),
         predicted_mse=float(image_errors(plain[1:], real)[0]),
         inset=choose_inset(fine[0], fine[1], wrong),

@@ -102,6 +102,31 @@ class LifecycleConfig:
 
 
 @dataclass
+class RenderConfig:
+    """A second, finer decoder over the frozen chart; what is not said here is as in stage 1.
+
+    Source: paper, Implementation Details (high-resolution renders).
+    """
+
+    factor: float  # of the recorded resolution, both ways
+    n_gaussians: int
+    steps: int
+    batch: int
+
+    def __post_init__(self) -> None:
+        if self.factor <= 1:
+            raise ValueError(
+                f"render.factor={self.factor} must exceed 1: at the recorded resolution the trained decoder "
+                "serves; take render=none"
+            )
+        if min(self.n_gaussians, self.steps, self.batch) < 1:
+            raise ValueError(
+                f"render.n_gaussians={self.n_gaussians}, render.steps={self.steps} and "
+                f"render.batch={self.batch} must be at least 1"
+            )
+
+
+@dataclass
 class Stage1Config:
     """Everything that decides the outcome of stage 1, less the recording and the seed."""
 

@@ -12,7 +12,7 @@ import torch
 from tqdm import tqdm
 
 from lagsplat.io.checkpoint import load_checkpoint, save_checkpoint
-from lagsplat.shapes import Frames
+from lagsplat.shapes import Frames, Latents, Series
 from lagsplat.splat.backend import device_of
 from lagsplat.stage1.autoencoder import Autoencoder, to_images
 from lagsplat.stage1.config import Stage1Config
@@ -45,8 +45,9 @@ def fit_autoencoder(
     seed: int,
     checkpoint: Path | None = None,
     identity: str = "",
+    latents: Series | None = None,
 ) -> tuple[Autoencoder, list[CurvePoint]]:
-    """Train encoder and decoder on the training frames.
+    """Train encoder and decoder on the training frames, or the decoder alone over given latents.
 
     Every random draw is a function of the seed and the step, so a run that goes on from ``checkpoint`` ends
     with the same bits as one that was never interrupted.
@@ -57,25 +58,28 @@ def fit_autoencoder(
         seed: Decides initialisation, batches and lifecycle.
         checkpoint: Where the state is kept while training; None keeps none.
         identity: Digest of everything that decides the outcome; a checkpoint of another identity is ignored.
+        latents: Raw latents of the frames, which stay as they are; None trains an encoder.
 
     Raises:
         FloatingPointError: If the loss stops being finite.
     """
     device = device_of(config.backend)
-    autoencoder = initialize(frames, config, seed=seed).to(device)
+    autoencoder = initialize(frames, config, seed=seed, latents=latents).to(device)
     optimizer = optimizer_of(autoencoder, config.rate)
     first, curve = restore(autoencoder, optimizer, checkpoint, identity)
     stored = torch.from_numpy(np.array(frames)).to(device)  # a copy: the file is mapped read-only
+    table = None if latents is None else torch.as_tensor(latents, dtype=torch.float32, device=device)
     sums, counted, recycled, saved_at = np.zeros(3), 0, 0, time.monotonic()
     with progress(first, config.steps, config.batch) as bar:
         for step in range(first, config.steps):
             rng = np.random.default_rng([seed, step])
-            batch = to_images(stored[torch.as_tensor(rng.integers(len(stored), size=config.batch))], device)
+            picked = torch.as_tensor(rng.integers(len(stored), size=config.batch))
+            batch, known = to_images(stored[picked], device), None if table is None else table[picked]
             set_rates(optimizer, config.rate, step=step, steps=config.steps)
-            sums += train_step(autoencoder, optimizer, batch, config, step)
+            sums += train_step(autoencoder, optimizer, batch, config, step, known)
             counted += 1
             if is_due(config.lifecycle, step=step, steps=config.steps):
-                recycled += review(autoencoder, optimizer, frames, config.lifecycle, rng=rng)
+                recycled += review(autoencoder, optimizer, frames, config.lifecycle, rng=rng, table=table)
             bar.update(config.batch)
             if (step + 1) % max(1, config.steps // CURVE_POINTS) == 0:
                 loss, l1, mse = (sums / counted).tolist()
@@ -95,15 +99,17 @@ def train_step(
     batch: torch.Tensor,
     config: Stage1Config,
     step: int,
+    latents: Latents | None = None,
 ) -> np.ndarray:
     """One descent on one batch; returns its loss, mean absolute and mean squared error."""
     optimizer.zero_grad(set_to_none=True)
-    scores = reconstruct(autoencoder, batch, config.loss)
+    scores = reconstruct(autoencoder, batch, config.loss, latents=latents)
     scores.loss.backward()
     if config.rate.gradient_clip is not None:
         for part in (autoencoder.encoder, autoencoder.gaussians):
             torch.nn.utils.clip_grad_norm_(part.parameters(), config.rate.gradient_clip)
-    with small_moves(autoencoder.encoder, batch[:PROBED], limit=config.rate.latent_step):
+    limit = config.rate.latent_step if latents is None else None
+    with small_moves(autoencoder.encoder, batch[:PROBED], limit=limit):
         optimizer.step()
     values = np.array([float(score.detach()) for score in scores])
     if not np.isfinite(values).all():

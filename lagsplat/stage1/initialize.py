@@ -5,7 +5,7 @@ import math
 import numpy as np
 import torch
 
-from lagsplat.shapes import Frames
+from lagsplat.shapes import Frames, Series
 from lagsplat.splat.gaussians import Gaussians
 from lagsplat.stage1.autoencoder import Autoencoder, encode_frames, to_images
 from lagsplat.stage1.config import InitConfig, Stage1Config
@@ -15,8 +15,13 @@ SAMPLE = 1024  # frames whose encodings set the latent scale
 FLAT_SHARE = 0.2  # probability given to every pixel, edges taking the rest
 
 
-def initialize(frames: Frames, config: Stage1Config, *, seed: int) -> Autoencoder:
-    """An untrained autoencoder for these training frames, the same for the same seed."""
+def initialize(
+    frames: Frames, config: Stage1Config, *, seed: int, latents: Series | None = None
+) -> Autoencoder:
+    """An untrained autoencoder for these training frames, the same for the same seed.
+
+    With ``latents`` of the frames given, its Gaussians spread over these and its encoder serves nothing.
+    """
     torch.manual_seed(seed)
     rng = np.random.default_rng(seed)
     _, height, width, _ = frames.shape
@@ -30,10 +35,12 @@ def initialize(frames: Frames, config: Stage1Config, *, seed: int) -> Autoencode
         background=config.init.background,
         backend=config.backend,
     )
-    sample = np.asarray(frames[np.sort(rng.choice(len(frames), min(SAMPLE, len(frames)), replace=False))])
-    if config.init.encoder == "unfolded":
-        unfold(autoencoder.encoder, to_images(sample))
-    latents = encode_frames(autoencoder, sample)
+    picked = np.sort(rng.choice(len(frames), min(SAMPLE, len(frames)), replace=False))
+    if latents is None:
+        sample = np.asarray(frames[picked])
+        if config.init.encoder == "unfolded":
+            unfold(autoencoder.encoder, to_images(sample))
+        latents = encode_frames(autoencoder, sample)
     reference = np.asarray(frames[0]) / 255.0
     place(autoencoder.gaussians, reference, latents, config.init, rng)
     return autoencoder

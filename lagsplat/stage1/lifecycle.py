@@ -8,7 +8,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from lagsplat.shapes import Frames, Latents
+from lagsplat.shapes import Frames, Images, Latents
 from lagsplat.splat.gaussians import Gaussians
 from lagsplat.stage1.autoencoder import Autoencoder, to_images
 from lagsplat.stage1.config import LifecycleConfig
@@ -44,15 +44,18 @@ def review(
     config: LifecycleConfig,
     *,
     rng: np.random.Generator,
+    table: Latents | None = None,
 ) -> int:
     """Recycle every Gaussian that stays invisible over a sample of the clip; returns how many there were.
+
+    ``table`` holds the latents of all frames where no encoder makes them.
 
     Source: paper, Implementation Details (training): split along the principal eigenvector of the full
     covariance, or teleport to a high-error region.
     """
     device = autoencoder.gaussians.center.device
     picked = np.sort(rng.choice(len(frames), min(SAMPLE, len(frames)), replace=False))
-    latents = autoencoder.encode(to_images(np.asarray(frames[picked]), device))
+    latents = latents_of(autoencoder, to_images(np.asarray(frames[picked]), device), picked, table)
     dead = peak_opacity(autoencoder.gaussians, latents) < config.peak_opacity
     if not dead.any() or dead.all():
         return int(dead.sum())
@@ -62,7 +65,7 @@ def review(
     children, strays = slots[:n_split], slots[n_split:]
     split(autoencoder.gaussians, parents, children)
     if len(strays):
-        teleport(autoencoder, frames, strays, rng)
+        teleport(autoencoder, frames, strays, rng, table)
     remember(autoencoder.gaussians, optimizer, parents=parents, children=children, strays=strays)
     reorder(autoencoder.gaussians, optimizer, behind(autoencoder.gaussians.n, parents, children))
     return len(slots)
@@ -123,12 +126,25 @@ def split(gaussians: Gaussians, parents: Tensor, slots: Tensor) -> None:
             parameter[target] = value.to(parameter)
 
 
-def teleport(autoencoder: Autoencoder, frames: Frames, slots: Tensor, rng: np.random.Generator) -> None:
+def latents_of(
+    autoencoder: Autoencoder, images: Images, picked: np.ndarray, table: Latents | None
+) -> Latents:
+    """Latents of the picked frames: encoded, or looked up."""
+    return autoencoder.encode(images) if table is None else table[torch.as_tensor(picked)]
+
+
+def teleport(
+    autoencoder: Autoencoder,
+    frames: Frames,
+    slots: Tensor,
+    rng: np.random.Generator,
+    table: Latents | None = None,
+) -> None:
     """Send each Gaussian to a pixel of a frame, drawn in proportion to the error there, and to its latent."""
     gaussians = autoencoder.gaussians
     picked = np.sort(rng.choice(len(frames), min(ERROR_SAMPLE, len(frames)), replace=False))
     images = to_images(np.asarray(frames[picked]), slots.device)
-    latents = autoencoder.encode(images)
+    latents = latents_of(autoencoder, images, picked, table)
     error = (autoencoder.decode(latents) - images).abs().mean(1)
     weight = error.flatten().double().cpu().numpy() + 1e-12
     where = rng.choice(len(weight), len(slots), p=weight / weight.sum())

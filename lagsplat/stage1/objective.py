@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from torch import Tensor
 
-from lagsplat.shapes import Images
+from lagsplat.shapes import Images, Latents
 from lagsplat.splat.losses import anisotropy, nonlocal_filter, structural_dissimilarity
 from lagsplat.stage1.autoencoder import Autoencoder
 from lagsplat.stage1.config import LossConfig
@@ -18,12 +18,14 @@ class Reconstruction(NamedTuple):
     mse: Tensor
 
 
-def reconstruct(autoencoder: Autoencoder, images: Images, config: LossConfig) -> Reconstruction:
-    """Encode, draw and score a batch.
+def reconstruct(
+    autoencoder: Autoencoder, images: Images, config: LossConfig, *, latents: Latents | None
+) -> Reconstruction:
+    """Encode, draw and score a batch; with ``latents`` given, these are drawn instead.
 
     Source: paper eq. (recon_loss).
     """
-    drawn = autoencoder.decode(autoencoder.encode(images))
+    drawn = autoencoder.decode(autoencoder.encode(images) if latents is None else latents)
     error = drawn - images
     l1 = error.abs().mean()
     loss = config.l1 * l1

@@ -124,6 +124,14 @@ def test_each_table_trains_what_stands_in_it(tmp_path: Path, film: str) -> None:
     assert runs["truth"] == {("default", "toy")}
 
 
+def test_a_finer_decoder_is_fitted_only_where_it_is_asked_for(tmp_path: Path) -> None:
+    told = planned(tmp_path, "results/figures/rollout_toy.pdf", "--config", "hydra=profile=toy render=sharp")
+    assert "\nrefine " in told
+    assert "\nsharpen " in told
+    told = planned(tmp_path, "all", "--config", "hydra=profile=toy")
+    assert "\nsharpen " not in told
+
+
 @pytest.mark.parametrize(("table", "kind"), [("krauss", "a pneumatic arm"), ("truth", "simulated")])
 def test_a_table_of_nothing_is_refused(tmp_path: Path, film: str, table: str, kind: str) -> None:
     target = f"results/tables/{table}.tex"

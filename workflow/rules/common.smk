@@ -65,6 +65,11 @@ def planned(**chosen):
     return [run for run in every if chosen.items() <= run.items()]
 
 
+def refined(wildcards):
+    """Whether figures of this run are drawn by a finer decoder of their own."""
+    return section("render")(wildcards) is not None
+
+
 def krauss_runs():
     """Planned runs of the pneumatic arms, whose benchmark has a table of its own."""
     return [run for run in planned() if section("system.film")(run) == "krauss"]

@@ -4,6 +4,8 @@ rule rollout:
         autoencoder=rules.stage1.output.autoencoder,
         chart=rules.chart.output.chart,
         dynamics=rules.stage2.output.dynamics,
+        decoder=branch(refined, then=rules.sharpen.output.decoder, otherwise=[]),
+        fine=branch(refined, then=rules.refine.output.fine, otherwise=[]),
         records=[rules.chart.output.record, rules.stage2.output.record],
     output:
         pdf="results/{profile}/{recording}/{system}/{stage1}-{ae}/{stage2}-{seed}/rollout.pdf",

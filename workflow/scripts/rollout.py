@@ -4,7 +4,7 @@ from lagsplat.chart.chart import load_chart
 from lagsplat.evaluate.config import EvaluateConfig
 from lagsplat.io.recording import load_recording
 from lagsplat.job import Job
-from lagsplat.report.figures import draw_rollout, roll_out, save_figure
+from lagsplat.report.figures import Fine, draw_rollout, roll_out, save_figure
 from lagsplat.stage1.autoencoder import load_autoencoder
 from lagsplat.stage2.fit import load_dynamics
 
@@ -13,6 +13,9 @@ with Job(snakemake) as job:
     chart, _ = load_chart(job.input.chart)
     lagrangian, _ = load_dynamics(job.input.dynamics)
     recording = load_recording(job.input.recording)
-    view = roll_out(autoencoder, chart, lagrangian, recording, job.section(EvaluateConfig))
+    fine = None
+    if job.input.decoder:
+        fine = Fine(load_autoencoder(job.input.decoder)[0], load_recording(job.input.fine))
+    view = roll_out(autoencoder, chart, lagrangian, recording, job.section(EvaluateConfig), fine=fine)
     for path in (job.output.pdf, job.output.png):
         save_figure(path, draw_rollout(view, title=job.title(f"Rollout, {job.wildcards.stage2} dynamics")))

@@ -110,7 +110,7 @@ def test_rollout_crosses_the_boundary(parts, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("duration_s", "begin", "end"), [(100.0, 0, 600), (7.0, 179, 600), (3.0, 210, 391), (5.0, 149, 450)]
+    ("duration_s", "begin", "end"), [(100.0, 0, 600), (7.0, 179, 600), (3.0, 210, 391), (5.0, 150, 451)]
 )
 def test_the_boundary_is_in_the_figure(parts, duration_s, begin, end):
     config = settings(figure={"start": "boundary", "duration_s": duration_s})
@@ -126,6 +126,19 @@ def test_an_unseen_clip_cannot_be_crossed_into(parts):
     whole = choose_stretch(clips, settings())
     assert (whole.offset, whole.start, whole.stop, whole.last) == (300, 0, 300, 599)
     assert held_from(whole, clips) is None
+
+
+def test_a_finer_decoder_draws_its_own_recording(parts):
+    """Twice the resolution; the shift is still told in pixels that the latents were encoded at."""
+    film = parts[3]
+    larger = replace(film, frames=film.frames.repeat(2, axis=1).repeat(2, axis=2))
+    finer = figures.Fine(tiny_run.autoencoder(side=32), larger)
+    view = figures.roll_out(*parts, settings(figure={"duration_s": 0.5}), fine=finer)
+    assert view.recorded.shape == (32, 32, 3)
+    assert view.scale == 16.0
+    with pytest.raises(ValueError, match="500 frames and the recording 600"):
+        short = figures.Fine(finer.decoder, larger.part(0, 500))
+        figures.roll_out(*parts, settings(figure={"duration_s": 0.5}), fine=short)
 
 
 def test_latent_error_is_that_of_the_protocol(view, parts):

@@ -36,10 +36,10 @@ def test_a_killed_run_goes_on_to_the_same_bits(tmp_path, monkeypatch):
 
     step_of = fit_module.train_step
 
-    def killed_at_37(autoencoder, optimizer, batch, config, step):
+    def killed_at_37(autoencoder, optimizer, batch, config, step, latents):
         if step == 37:
             raise KeyboardInterrupt
-        return step_of(autoencoder, optimizer, batch, config, step)
+        return step_of(autoencoder, optimizer, batch, config, step, latents)
 
     checkpoint = tmp_path / "state.pt"
     with monkeypatch.context() as patch:
@@ -49,7 +49,7 @@ def test_a_killed_run_goes_on_to_the_same_bits(tmp_path, monkeypatch):
     assert checkpoint.exists()
     steps = []
     with monkeypatch.context() as patch:
-        patch.setattr(fit_module, "train_step", lambda *a: (steps.append(a[-1]), step_of(*a))[1])
+        patch.setattr(fit_module, "train_step", lambda *a: (steps.append(a[4]), step_of(*a))[1])
         resumed, curve = fit_autoencoder(frames, config, seed=1, checkpoint=checkpoint, identity="a")
     assert steps[0] > 20
     assert torch.equal(weights(whole), weights(resumed))

@@ -1,0 +1,60 @@
+rule refine:
+    input:
+        film=lambda wildcards: files_of(overrides, **wildcards),
+        recording=rules.stage1.input.recording,
+        records=rules.stage1.input.records,
+    output:
+        fine=update("results/{profile}/{recording}/{system}/fine.safetensors"),
+        record="results/{profile}/{recording}/{system}/fine.json",
+    log:
+        "results/{profile}/logs/{recording}/{system}/fine.log",
+    benchmark:
+        "results/{profile}/benchmarks/{recording}/{system}/fine.tsv"
+    conda:
+        "../envs/lagsplat.yaml"
+    threads: 1
+    resources:
+        mem_mb=8000,
+    params:
+        cfg=section("recording"),
+        simulation=section("simulation"),
+        render=section("render"),
+        before=before("stage1"),
+        code=script_digest(SCRIPTS / "refine.py"),
+    message:
+        "Make the recording of {wildcards.system} ({wildcards.recording}) once more, with finer frames"
+    script:
+        "../scripts/refine.py"
+
+
+rule sharpen:
+    input:
+        fine=rules.refine.output.fine,
+        chart=rules.chart.output.chart,
+        records=[rules.refine.output.record, rules.chart.output.record],
+    output:
+        decoder=update(
+            "results/{profile}/{recording}/{system}/{stage1}-{ae}/decoder.safetensors"
+        ),
+        curve=update("results/{profile}/{recording}/{system}/{stage1}-{ae}/decoder.csv"),
+        record="results/{profile}/{recording}/{system}/{stage1}-{ae}/decoder.json",
+    log:
+        "results/{profile}/logs/{recording}/{system}/{stage1}-{ae}/sharpen.log",
+    benchmark:
+        "results/{profile}/benchmarks/{recording}/{system}/{stage1}-{ae}/sharpen.tsv"
+    conda:
+        "../envs/lagsplat.yaml"
+    threads: 8
+    resources:
+        mem_mb=8000,
+    params:
+        cfg=section("stage1"),
+        render=section("render"),
+        before=before("stage2"),
+        code=script_digest(SCRIPTS / "sharpen.py"),
+        # Not an output: it must outlive a failed or killed job. A finished one deletes it.
+        checkpoint="results/{profile}/{recording}/{system}/{stage1}-{ae}/checkpoint/decoder.pt",
+    message:
+        "A finer decoder over the frozen chart of {wildcards.system} ({wildcards.recording})"
+    script:
+        "../scripts/sharpen.py"

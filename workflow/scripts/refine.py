@@ -1,0 +1,22 @@
+"""Make a recording once more with finer frames: the same film or the same motion at a higher resolution."""
+
+from dataclasses import replace
+
+from lagsplat.io.config import RecordingConfig
+from lagsplat.io.read import read_recording
+from lagsplat.io.recording import load_recording, save_recording
+from lagsplat.job import Job
+from lagsplat.stage1.config import RenderConfig
+from lagsplat.stage1.sharpen import finer
+from lagsplat.systems.config import SimulationConfig
+from lagsplat.systems.simulate import simulate
+
+with Job(snakemake) as job:
+    recording, config = load_recording(job.input.recording), job.section(RecordingConfig)
+    height, width = finer(recording.height, recording.width, job.section(RenderConfig, "render"))
+    if config.kind == "simulated":
+        simulation = job.section(SimulationConfig, "simulation")
+        fine, _ = simulate(replace(simulation, height=height, width=width), seed=job.seed)
+    else:
+        fine = read_recording(replace(config, height=height, width=width))
+    save_recording(job.output.fine, replace(fine, n_train=recording.n_train))
