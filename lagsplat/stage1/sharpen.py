@@ -3,7 +3,10 @@
 from dataclasses import replace
 from pathlib import Path
 
-from lagsplat.shapes import Frames, Series
+import numpy as np
+from jaxtyping import Float64
+
+from lagsplat.shapes import Frames
 from lagsplat.stage1.autoencoder import Autoencoder
 from lagsplat.stage1.config import RenderConfig, Stage1Config
 from lagsplat.stage1.fit import CurvePoint, fit_autoencoder
@@ -11,7 +14,7 @@ from lagsplat.stage1.fit import CurvePoint, fit_autoencoder
 
 def fit_decoder(
     frames: Frames,
-    latents: Series,
+    latents: Float64[np.ndarray, "N d"],
     stage1: Stage1Config,
     render: RenderConfig,
     *,

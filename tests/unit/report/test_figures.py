@@ -136,8 +136,8 @@ def test_a_finer_decoder_draws_its_own_recording(parts):
     view = figures.roll_out(*parts, settings(figure={"duration_s": 0.5}), fine=finer)
     assert view.recorded.shape == (32, 32, 3)
     assert view.scale == 16.0
+    short = figures.Fine(finer.decoder, larger.part(0, 500))
     with pytest.raises(ValueError, match="500 frames and the recording 600"):
-        short = figures.Fine(finer.decoder, larger.part(0, 500))
         figures.roll_out(*parts, settings(figure={"duration_s": 0.5}), fine=short)
 
 

@@ -10,7 +10,7 @@ from lagsplat.stage1.fit import fit_autoencoder
 from lagsplat.stage1.sharpen import finer, fit_decoder
 from tests.unit.stage1.problems import small_config
 
-RENDER = RenderConfig(factor=3.0, n_gaussians=60, steps=200, batch=8)
+RENDER = RenderConfig(factor=3.0, n_gaussians=120, steps=400, batch=8)
 
 
 def fine_film(n: int) -> np.ndarray:
@@ -39,8 +39,8 @@ def test_the_finer_decoder_beats_the_first_one_at_its_resolution():
     z = encode_frames(first, coarse(frames))
     before = [value.clone() for value in first.state_dict().values()]
     sharp, curve = fit_decoder(frames, z, small_config(), RENDER, seed=0)
-    assert (sharp.height, sharp.width, sharp.gaussians.n) == (36, 48, 60)
-    assert curve[-1].step == 200
+    assert (sharp.height, sharp.width, sharp.gaussians.n) == (36, 48, 120)
+    assert curve[-1].step == 400
     assert error(sharp, z, frames) < 0.5 * error(first, z, frames)
     assert all(torch.equal(a, b) for a, b in zip(before, first.state_dict().values(), strict=True))
 
