@@ -132,8 +132,11 @@ def _windows(axes: Any, view: LongRollout) -> None:
         axis.imshow(picture[window])
         axis.set_title(f"window\nat {state} q")
     length = float(np.hypot(*inset.shift_px))
+    # A finer decoder may be shown, but the motion was read off frames of this size.
+    height, width = (round(side / view.scale) for side in view.at_encoded.shape[:2])
     axes[1].set_xlabel(
-        f"shift {length / view.scale:.2f} recorded px\n{inset.ratio:.1f} × the local\nreconstruction error"
+        f"shift {length / view.scale:.2f} px (of {width}×{height})\n"
+        f"{inset.ratio:.1f} × the local\nreconstruction error"
     )
     if length >= LEAST_SHIFT_PX:
         _arrow(axes[1], inset.side, np.array(inset.shift_px) / length)

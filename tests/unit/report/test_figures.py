@@ -82,7 +82,7 @@ def test_rollout(view, tmp_path):
         "% of tr G",
         f"latent NRMSE {view.nrmse:.3f} over 3.0 s",
         "natural periods of 0.50 s",
-        "recorded px",
+        "px (of 16×16)",
         f"{view.inset.ratio:.1f} × the local\nreconstruction error",
     ):
         assert part in words
