@@ -50,9 +50,9 @@ class EvaluateConfig:
     periods: float
     """Length of the latent forecast in natural periods."""
     velocity: str
-    """Initial velocity of a rollout: ``forward`` over two later frames (as published), ``central`` over two on
-    either side, which is quieter, or ``neighbours``, over one on either side, which agrees with an integrator
-    of one step a frame however few frames a period has."""
+    """Initial velocity of a rollout: ``forward`` over two later frames (as published), ``central`` over two
+    on either side, which is quieter, or ``neighbours``, over one on either side, which agrees with an
+    integrator of one step a frame however few frames a period has."""
     period_s: float | None
     """Imposed natural period; null takes the one measured on the free windows."""
     floor_frames: int

@@ -27,11 +27,13 @@ RATES = (("frequency_hz", "frequency", "Hz"), ("rate_per_s", "decay rate", "1/s"
 
 @runtime_checkable
 class Known(Protocol):
-    """What is needed of the truth: states at the frames, the rest state and the modes about it.
+    """What is needed of the truth: states at the frames with their names and units, the rest state and the
+    modes about it.
 
     Modes are slowest first; one that does not oscillate has frequency 0.
     """
 
+    coordinates: tuple[str, ...]
     states: Float64[np.ndarray, "T n"]
     rest: Float64[np.ndarray, " n"]
     damped_frequencies_hz: Float64[np.ndarray, " m"]
@@ -43,12 +45,10 @@ def compare_with_truth(
     truth: Known,
     chart: Chart,
     lagrangian: Lagrangian,
-    *,
-    coordinates: Sequence[str],
 ) -> dict[str, Any]:
     """Frequency and decay of every excited mode, and the equilibrium, each learned and true.
 
-    ``metrics`` are those of `evaluate` for this run; ``coordinates`` name the true ones with their units.
+    ``metrics`` are those of `evaluate` for this run.
     Each of ``rows`` has ``quantity``, ``learned``, ``truth``, ``error`` (relative, or of an equilibrium as a
     fraction of the motion's rms), ``encoded`` (what the same estimator reads off the encoded motion: an
     error there is the chart's) and ``residual`` (of the map from latents to coordinates, likewise as a
@@ -77,7 +77,7 @@ def compare_with_truth(
         name = f" of mode {number + 1}" if len(oscillating) > 1 else ""
         rows += _rolled_out([window[number] for window in windows if number in window], name)
         rows += _linearised(mode, truth, number, name)
-    return {"rows": rows + _equilibrium_rows(truth, chart, lagrangian, coordinates)}
+    return {"rows": rows + _equilibrium_rows(truth, chart, lagrangian)}
 
 
 def _free_windows(metrics: dict[str, Any], truth: Known, chart: Chart) -> list[dict[int, Triple]]:
@@ -141,9 +141,7 @@ def _linearised(mode: Mode | None, truth: Known, number: int, name: str) -> list
     ]
 
 
-def _equilibrium_rows(
-    truth: Known, chart: Chart, lagrangian: Lagrangian, coordinates: Sequence[str]
-) -> list[dict[str, Any]]:
+def _equilibrium_rows(truth: Known, chart: Chart, lagrangian: Lagrangian) -> list[dict[str, Any]]:
     """The learned equilibrium in the true coordinates, through a map fitted on the training frames."""
     smooth = chart.whole.smoothed(chart.smoothing_frames).latents
     known, unseen = slice(None, chart.n_train), slice(chart.n_train, None)
@@ -159,7 +157,7 @@ def _equilibrium_rows(
             "residual": float(residual / rms),
         }
         for name, value, rest, rms, residual in zip(
-            coordinates, learned, truth.rest, motion, missed, strict=True
+            truth.coordinates, learned, truth.rest, motion, missed, strict=True
         )
     ]
 

@@ -79,7 +79,8 @@ def roll_out(
     """
     stretch = choose_stretch(chart, config)
     series, frames = stretch.series, stretch.frames
-    integrate, start, n_states = integrator(lagrangian), np.array([stretch.start]), stretch.stop - stretch.start
+    integrate, start = integrator(lagrangian), np.array([stretch.start])
+    n_states = stretch.stop - stretch.start
     q0, v0 = initial_states(series, start)
     time_s = series.clock.instants_s(stretch.start, n_states)
     rollouts = integrate(q0, v0, series.forcing[None, frames], series.clock.steps_s(start, n_states))

@@ -1,5 +1,6 @@
 """What is learned of a motion does not depend on when it was looked at."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -27,6 +28,7 @@ def learned(trajectory: Trajectory) -> tuple[float, float]:
         floor=FloorConfig(1e-2, 1e-4, 1e-2),
         start=StartConfig("fitted", 100, 100, "data", 0.2, 1.0),
         stride_frames=1,
+        longest_step=math.inf,
         ridge=1.0,
         velocity_weight=1.0,
         steps=0,

@@ -18,6 +18,7 @@ rule refine:
     params:
         cfg=section("recording"),
         simulation=section("simulation"),
+        release=section("release"),
         render=section("render"),
         before=before("stage1"),
         code=script_digest(SCRIPTS / "refine.py"),

@@ -19,7 +19,5 @@ with Job(snakemake) as job:
     metrics = evaluate(autoencoder, chart, lagrangian, recording, job.section(EvaluateConfig))
     if job.input.truth:
         truth, _ = load_truth(job.input.truth)
-        names = tuple(f"q{i + 1}" for i in range(truth.states.shape[1]))
-        coordinates = getattr(truth, "coordinates", names)
-        metrics["truth"] = compare_with_truth(metrics, truth, chart, lagrangian, coordinates=coordinates)
+        metrics["truth"] = compare_with_truth(metrics, truth, chart, lagrangian)
     save_json(job.output.metrics, metrics | {"made_by": job.header})

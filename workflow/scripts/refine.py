@@ -9,14 +9,15 @@ from lagsplat.job import Job
 from lagsplat.stage1.config import RenderConfig
 from lagsplat.stage1.sharpen import finer
 from lagsplat.systems.config import SimulationConfig
-from lagsplat.systems.simulate import simulate
+from lagsplat.systems.release_config import ReleaseConfig
+from lagsplat.systems.stand_in import resized, stand_in
 
 with Job(snakemake) as job:
     recording, config = load_recording(job.input.recording), job.section(RecordingConfig)
     height, width = finer(recording.height, recording.width, job.section(RenderConfig, "render"))
     if config.kind == "simulated":
-        simulation = job.section(SimulationConfig, "simulation")
-        fine, _ = simulate(replace(simulation, height=height, width=width), seed=job.seed)
+        driven, released = job.choice(SimulationConfig, "simulation"), job.choice(ReleaseConfig, "release")
+        fine, _ = stand_in(*resized(driven, released, height=height, width=width), seed=job.seed)
     else:
         fine = read_recording(replace(config, height=height, width=width))
     save_recording(job.output.fine, replace(fine, n_train=recording.n_train))

@@ -44,16 +44,20 @@ def known():
     )
     frequencies, rates = np.array([TRUE_HZ, 4.1]), np.array([TRUE_RATE, 0.9])
     truth = SimpleNamespace(
-        states=states, rest=REST, damped_frequencies_hz=frequencies, decay_rates_per_s=rates
+        coordinates=("a [rad]", "b [rad]"),
+        states=states,
+        rest=REST,
+        damped_frequencies_hz=frequencies,
+        decay_rates_per_s=rates,
     )
     return chart, truth
 
 
 def compared(chart, truth, *, frequency_hz: float = 2.0):
     law = tiny_run.lagrangian(n_inputs=0, frequency_hz=frequency_hz)
-    windows = free_windows(held_out(chart, settings()), integrator(law, DT_S), settings())
+    windows = free_windows(held_out(chart, settings()), integrator(law), settings())
     metrics = {"damping": compare_decay(*windows), "linear_modes": linear_modes(law)}
-    rows = compare_with_truth(metrics, truth, chart, law, coordinates=("a [rad]", "b [rad]"))["rows"]
+    rows = compare_with_truth(metrics, truth, chart, law)["rows"]
     return {row["quantity"]: row for row in rows}
 
 
@@ -101,7 +105,7 @@ def test_without_free_motion_the_law_alone_is_compared(known):
     chart, truth = known
     law = tiny_run.lagrangian(n_inputs=0)
     metrics = {"damping": {"windows": []}, "linear_modes": linear_modes(law)}
-    rows = compare_with_truth(metrics, truth, chart, law, coordinates=("a", "b"))["rows"]
+    rows = compare_with_truth(metrics, truth, chart, law)["rows"]
     found = {row["quantity"]: row for row in rows}
     assert found["frequency of mode 1, free rollout [Hz]"]["learned"] is None
     assert found["frequency of mode 1, linearised law [Hz]"]["error"] == pytest.approx(2 / 1.9 - 1, rel=1e-3)

@@ -35,6 +35,7 @@ def config(**changes: object) -> Stage2Config:
         "floor": FloorConfig(1e-2, 1e-3, 1e-2),
         "start": StartConfig("fitted", 60, 60, "data", 0.2, 1.0),
         "stride_frames": 1,
+        "longest_step": 0.25,
         "ridge": 1.0,
         "velocity_weight": 1.0,
         "steps": 4,
