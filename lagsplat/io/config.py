@@ -137,7 +137,8 @@ class RecordingConfig:
     its file asks for. ``stabilise`` shifts its pictures back onto the first by the motion of the background.
     ``grey`` drops its colours. ``crop`` is (x, y, width, height) in pixels of the turned film, null for the
     whole picture. ``skip_s`` and ``end_s`` cut the film [s from its first frame]; ``end_s`` null keeps
-    everything to the end. ``height`` and ``width`` are the size after resizing [pixel], both null to keep
+    everything to the end. ``spans_s`` keeps these [start, stop] alone [s from the first frame kept], each
+    as a clip of its own. ``height`` and ``width`` are the size after resizing [pixel], both null to keep
     the cropped size. ``split`` says what is held out.
     ``mcap`` says which topics of an MCAP file are used, its list of inputs in place of ``n_inputs``.
     """
@@ -154,6 +155,7 @@ class RecordingConfig:
     crop: list[int] | None
     skip_s: float
     end_s: float | None
+    spans_s: list[list[float]] | None
     height: int | None
     width: int | None
     split: SplitConfig
@@ -200,6 +202,8 @@ class RecordingConfig:
             raise ValueError(
                 f"recording.skip_s is {self.skip_s}; give seconds from the first frame, 0 or more"
             )
+        if self.spans_s is not None and not all(len(span) == 2 for span in self.spans_s or [[]]):
+            raise ValueError(f"recording.spans_s is {self.spans_s}; give [[start, stop], ...] [s], or null")
         if self.end_s is not None and self.end_s <= self.skip_s:
             raise ValueError(
                 f"recording.end_s is {self.end_s}, not after skip_s = {self.skip_s}; nothing would be left"

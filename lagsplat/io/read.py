@@ -10,13 +10,15 @@ from lagsplat.io.gaps import cut_at_gaps
 from lagsplat.io.krauss import read_krauss_npz
 from lagsplat.io.mcap_read import read_mcap
 from lagsplat.io.recording import Recording
+from lagsplat.io.spans import cut_spans
 from lagsplat.io.video import read_video
 
 
 def read_recording(config: RecordingConfig) -> Recording:
     """The filmed recording that ``config`` describes, downloaded first where no file is given.
 
-    Clips are cut at gaps in time by `cut_at_gaps`; a Krauss archive carries no times and has none.
+    Where ``spans_s`` is given, only these are kept. Clips are cut at gaps in time by `cut_at_gaps`; a Krauss
+    archive carries no times and has none.
     Simulated recordings are not read but made, by `lagsplat.systems`.
 
     Raises:
@@ -24,7 +26,10 @@ def read_recording(config: RecordingConfig) -> Recording:
     """
     if config.kind not in READERS:
         raise ValueError(f"recording.kind is {config.kind!r}; only {sorted(READERS)} are read from a file")
-    return cut_at_gaps(READERS[config.kind](config))
+    recording = READERS[config.kind](config)
+    if config.spans_s is not None:
+        recording = cut_spans(recording, config.spans_s)
+    return cut_at_gaps(recording)
 
 
 def _krauss(config: RecordingConfig) -> Recording:

@@ -32,6 +32,7 @@ def krauss(tmp_path: Path) -> RecordingConfig:
         crop=None,
         skip_s=0.0,
         end_s=None,
+        spans_s=None,
         height=None,
         width=None,
         split=SplitConfig(train_fraction=0.8, held_out_frames=None, held_out_clips=None),
