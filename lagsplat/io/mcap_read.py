@@ -9,11 +9,12 @@ import difflib
 import os
 import warnings
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Int64, UInt8
+from jaxtyping import Bool, Float64, Int64, UInt8
 
 from lagsplat.io.align import Log, align
 from lagsplat.io.checksum import sha256_of
@@ -54,27 +55,14 @@ def read_mcap(
     """
     path = Path(path)
     thumbnails = Thumbnails()
-
-    def shape(picture: UInt8[np.ndarray, "h w 3"]) -> UInt8[np.ndarray, "H W 3"]:
-        turned = turn_picture(picture, rotate)
-        thumbnails.add(turned)
-        return shape_picture(turned, crop=crop, size=size, source=str(path), grey=grey)
-
-    with CameraReader(str(topics.camera), shape) as camera:
+    given: dict[str, Any] = {"crop": crop, "size": size, "grey": grey, "source": str(path)}
+    with CameraReader(str(topics.camera), partial(_shaped, rotate, thumbnails, given)) as camera:
         log = _Log(path, topics, camera, skip_s=skip_s, end_s=end_s)
         log.read()
-    frame_ns, fresh = log.instants(camera.topic)
-    numbers = np.flatnonzero(fresh)
-    shown = np.array([int(number) in camera.pictures for number in numbers], bool)
-    if not shown.any():
-        raise ValueError(
-            f"{path}: no frame to keep; topic {camera.topic} has {len(log.stamps[camera.topic].log_ns)} "
-            f"messages, with skip_s = {skip_s} and end_s = {end_s}. Check the cut"
-        )
-    frame_s = (frame_ns[shown] - log.start_ns) / 1e9
+    numbers, frame_s = log.shown()
     samples = [log.samples(each) for each in topics.inputs]
     aligned = align(frame_s, samples, max_gap_s=topics.max_gap_s, source=str(path))
-    frames = _stacked(path, [camera.pictures.pop(int(number)) for number in numbers[shown][aligned.kept]])
+    frames = _stacked(path, [camera.pictures.pop(int(number)) for number in numbers[aligned.kept]])
     time_s = frame_s[aligned.kept]
     width = thumbnails.width if crop is None else crop[2]
     footage = check_footage(frames, time_s, thumbnails, film_per_frame=max(1.0, width / frames.shape[2]))
@@ -107,6 +95,14 @@ def read_mcap(
     )
 
 
+def _shaped(
+    rotate: int, thumbnails: Thumbnails, given: dict[str, Any], picture: UInt8[np.ndarray, "h w 3"]
+) -> UInt8[np.ndarray, "H W 3"]:
+    turned = turn_picture(picture, rotate)
+    thumbnails.add(turned)
+    return shape_picture(turned, **given)
+
+
 def _stacked(path: Path, pictures: list[np.ndarray]) -> np.ndarray:
     sizes = {picture.shape[:2] for picture in pictures}
     if len(sizes) > 1:
@@ -125,6 +121,7 @@ class _Log:
     ) -> None:
         self.path, self.topics, self.camera = path, topics, camera
         self.start_ns = 0
+        self.cut = f"with skip_s = {skip_s} and end_s = {end_s}"
         self.stamps = {
             topic: Stamps(topic) for topic in [camera.topic, *(each.topic for each in topics.inputs)]
         }
@@ -134,6 +131,18 @@ class _Log:
             (each.topic, each.field): [] for each in topics.inputs
         }
         self._instants: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+
+    def shown(self) -> tuple[Int64[np.ndarray, " T"], Float64[np.ndarray, " T"]]:
+        """Numbers of the camera's messages that gave a picture to keep, and their times [s]."""
+        frame_ns, fresh = self.instants(self.camera.topic)
+        numbers = np.flatnonzero(fresh)
+        kept = np.array([int(number) in self.camera.pictures for number in numbers], bool)
+        if not kept.any():
+            raise ValueError(
+                f"{self.path}: no frame to keep; topic {self.camera.topic} has "
+                f"{len(self.stamps[self.camera.topic].log_ns)} messages, {self.cut}. Check the cut"
+            )
+        return numbers[kept], (frame_ns[kept] - self.start_ns) / 1e9
 
     def read(self) -> None:
         """Go through the file once."""

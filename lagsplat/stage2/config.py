@@ -133,6 +133,7 @@ class Stage2Config:
     longest_step: float  # of the integrator, in time units; frames further apart take several steps
     ridge: float  # rho: caps the ratio of weights between two latent directions at 1 / rho
     velocity_weight: float  # of the velocity term against the position term
+    effort: float  # share of all steps below that is taken: a profile's, where the others are a system's
     steps: int  # of the one-step objective
     batch: int  # windows a step
     lr: float  # Adam
@@ -144,6 +145,8 @@ class Stage2Config:
     def __post_init__(self) -> None:
         if self.stride_frames < 1:
             raise ValueError(f"stage2.stride_frames={self.stride_frames} must be at least 1 frame")
+        if not 0 < self.effort <= 1:
+            raise ValueError(f"stage2.effort={self.effort} is a share of the steps: choose it in (0, 1]")
         if self.longest_step <= 0:
             raise ValueError(f"stage2.longest_step={self.longest_step} must be a positive time")
         if self.ridge <= 0:

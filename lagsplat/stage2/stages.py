@@ -197,9 +197,9 @@ def _mean_induced(geometry: DecoderGeometry, trajectory: Trajectory, floor: floa
 
 
 def one_step_stage(run: Run, lagrangian: Lagrangian) -> None:
-    """Train on single velocity-Verlet steps, `Stage2Config.steps` times."""
-    config = run.config
-    if not config.steps:
+    """Train on single velocity-Verlet steps, `Stage2Config.steps` times its effort."""
+    config, steps = run.config, round(run.config.effort * run.config.steps)
+    if not steps:
         return
     windows = one_step_windows(
         run.trajectory, stride_frames=config.stride_frames, time_unit_s=run.time_unit_s
@@ -211,7 +211,7 @@ def one_step_stage(run: Run, lagrangian: Lagrangian) -> None:
             lagrangian, windows.pick(pick), run.metric, velocity_weight=config.velocity_weight
         )
 
-    _descend(run, lagrangian, loss, "one_step", steps=config.steps, lr=config.lr, every=config.select.every)
+    _descend(run, lagrangian, loss, "one_step", steps=steps, lr=config.lr, every=config.select.every)
 
 
 def shooting_stage(run: Run, lagrangian: Lagrangian) -> None:
@@ -220,8 +220,8 @@ def shooting_stage(run: Run, lagrangian: Lagrangian) -> None:
     The batch halves meanwhile. A step costs much the same, and each leg starts where the one before it has
     the fast part of the law right.
     """
-    shoot = run.config.shoot
-    if not shoot.steps:
+    shoot, total = run.config.shoot, round(run.config.effort * run.config.shoot.steps)
+    if not total:
         return
     run.champion.restore(lagrangian)
     held = anchor(lagrangian, run.trajectory) if shoot.anchor else None
@@ -237,7 +237,7 @@ def shooting_stage(run: Run, lagrangian: Lagrangian) -> None:
                 return error
             return error + shoot.anchor * held.price(lagrangian, run.metric, run.rng)
 
-        steps = shoot.steps * (leg + 1) // len(SHORTENED_LEGS) - shoot.steps * leg // len(SHORTENED_LEGS)
+        steps = total * (leg + 1) // len(SHORTENED_LEGS) - total * leg // len(SHORTENED_LEGS)
         if steps:
             _descend(run, lagrangian, loss, "shooting", steps=steps, lr=shoot.lr, every=max(1, steps // 10))
 

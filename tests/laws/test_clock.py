@@ -29,6 +29,7 @@ def learned(trajectory: Trajectory) -> tuple[float, float]:
         start=StartConfig("fitted", 100, 100, "data", 0.2, 1.0),
         stride_frames=1,
         longest_step=math.inf,
+        effort=1.0,
         ridge=1.0,
         velocity_weight=1.0,
         steps=0,

@@ -36,6 +36,7 @@ def config(**changes: object) -> Stage2Config:
         "start": StartConfig("fitted", 60, 60, "data", 0.2, 1.0),
         "stride_frames": 1,
         "longest_step": 0.25,
+        "effort": 1.0,
         "ridge": 1.0,
         "velocity_weight": 1.0,
         "steps": 4,
