@@ -43,9 +43,9 @@ def read_mcap(
 ) -> Recording:
     """The recording in the MCAP file at ``path``.
 
-    Pictures are turned, cut, shrunk and checked as in `lagsplat.io.video`. Stamps
-    that repeat, pictures that cannot be decoded, numbers that are not finite, and frames that lie outside the
-    inputs or in a gap are dropped, each with a warning that counts them.
+    Pictures are turned, cut, shrunk and checked as in `lagsplat.io.video`. Repeated stamps, pictures that
+    cannot be decoded, numbers that are not finite, and frames outside the inputs or in a gap are dropped,
+    each with a warning that counts them.
 
     Raises:
         FileNotFoundError: nothing is at ``path``.
@@ -57,17 +57,12 @@ def read_mcap(
     thumbnails = Thumbnails()
     given: dict[str, Any] = {"crop": crop, "size": size, "grey": grey, "source": str(path)}
     with CameraReader(str(topics.camera), partial(_shaped, rotate, thumbnails, given)) as camera:
-        log = _Log(path, topics, camera, skip_s=skip_s, end_s=end_s)
-        log.read()
+        log = _Log(path, topics, camera, skip_s=skip_s, end_s=end_s).read()
     numbers, frame_s = log.shown()
-    samples = [log.samples(each) for each in topics.inputs]
-    aligned = align(frame_s, samples, max_gap_s=topics.max_gap_s, source=str(path))
-    frames = _stacked(path, [camera.pictures.pop(int(number)) for number in numbers[aligned.kept]])
+    logs = [log.samples(each) for each in topics.inputs]
+    aligned = align(frame_s, logs, max_gap_s=topics.max_gap_s, source=str(path))
     time_s = frame_s[aligned.kept]
-    width = thumbnails.width if crop is None else crop[2]
-    footage = check_footage(frames, time_s, thumbnails, film_per_frame=max(1.0, width / frames.shape[2]))
-    for sentence in footage.warnings:
-        warnings.warn(f"{path}: {sentence}", stacklevel=2)
+    frames = _stacked(path, [camera.pictures.pop(int(number)) for number in numbers[aligned.kept]])
     return Recording(
         frames=frames,
         time_s=time_s,
@@ -90,7 +85,7 @@ def read_mcap(
             "rotate": rotate,
             "grey": grey,
             "clips": [{"source": path.name, "frames": len(frames), "start_s": float(time_s[0])}],
-            "footage": [footage.numbers],
+            "footage": [_footage(path, frames, time_s, thumbnails, crop)],
         },
     )
 
@@ -101,6 +96,16 @@ def _shaped(
     turned = turn_picture(picture, rotate)
     thumbnails.add(turned)
     return shape_picture(turned, **given)
+
+
+def _footage(
+    path: Path, frames: np.ndarray, time_s: np.ndarray, thumbnails: Thumbnails, crop: Sequence[int] | None
+) -> dict[str, Any]:
+    width = thumbnails.width if crop is None else crop[2]
+    found = check_footage(frames, time_s, thumbnails, film_per_frame=max(1.0, width / frames.shape[2]))
+    for sentence in found.warnings:
+        warnings.warn(f"{path}: {sentence}", stacklevel=3)
+    return found.numbers
 
 
 def _stacked(path: Path, pictures: list[np.ndarray]) -> np.ndarray:
@@ -144,8 +149,8 @@ class _Log:
             )
         return numbers[kept], (frame_ns[kept] - self.start_ns) / 1e9
 
-    def read(self) -> None:
-        """Go through the file once."""
+    def read(self) -> "_Log":
+        """Go through the file once; returns itself."""
         decoders, losses, last_ns = Decoders(), list[str](), 0
         there: dict[str, int] = {}
         for schema, channel, message in whole_messages(self.path, losses):
@@ -171,6 +176,7 @@ class _Log:
             self._warn(
                 f"{len(damaged)} pictures cannot be decoded and are dropped; the first is {damaged[0]}"
             )
+        return self
 
     def instants(self, topic: str) -> tuple[Int64[np.ndarray, " K"], Bool[np.ndarray, " N"]]:
         """The instants of a topic [ns] and the messages they belong to, up to the first one after the cut."""
