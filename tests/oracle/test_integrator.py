@@ -1,10 +1,13 @@
 """The fixed-step integrator against its claimed order and against an adaptive one."""
 
+import math
+
 import numpy as np
 import torch
 from torch import Tensor
 from torchdiffeq import odeint
 
+from lagsplat.stage2.integrate import pieces_of
 from lagsplat.stage2.rollout import rollout
 from tests.stage2_problems import random_lagrangian
 
@@ -87,3 +90,19 @@ def test_a_diverged_row_is_nan_from_there_on_and_spares_the_others() -> None:
     assert bool(torch.isnan(speed[1, first:]).all())
     calm, _ = rollout(lagrangian, q[:1], 0 * q[:1], torch.zeros(1, 5, 0, dtype=torch.float64), dt_s=1e-3)
     assert bool(torch.isfinite(calm).all())
+
+
+def test_frames_far_apart_take_steps_enough_to_keep_the_frequency() -> None:
+    """Five frames a radian: one step a frame is off by two thousandths of the phase, eight are not."""
+    lagrangian = random_lagrangian(3, 2, 1, amount=0.2)
+    unit = float(lagrangian.time_unit_s)
+    q, v = 0.5 * torch.randn(2, 4, 3, dtype=torch.float64)
+    u = torch.rand(4, 2, dtype=torch.float64)
+    truth, errors = exact(lagrangian, q, v, u, 0.8), []
+    for longest in (math.inf, 0.2, 0.025):
+        lagrangian.longest_step = longest
+        path, _ = rollout(lagrangian, q, v / unit, u[:, None].expand(-1, 5, -1), dt_s=0.2 * unit)
+        errors.append(float((path[:, -1] - truth).norm()))
+    assert errors[0] == errors[1]
+    assert errors[2] < errors[1] / 40
+    assert [pieces_of(0.2, longest) for longest in (math.inf, 0.2, 0.19, 0.025)] == [1, 1, 2, 8]

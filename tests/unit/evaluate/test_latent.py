@@ -61,3 +61,10 @@ def test_divergence_never_beats_the_mean_prediction():
 
 def test_norm_is_taken_in_the_metric():
     assert squared_norm(np.array([[1.0, 0.0], [0.0, 2.0]]), METRIC) == pytest.approx([0.1, 7.6])
+
+
+def test_a_horizon_longer_than_the_clip_is_a_reason_and_no_failure():
+    held, pictures = world()
+    found = latent_forecast(held, pictures, render, integrate, settings(), period_s=1000.0)
+    assert list(found) == ["reason"]
+    assert "shorten the horizon" in found["reason"]

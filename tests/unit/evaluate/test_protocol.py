@@ -7,10 +7,12 @@ import pytest
 
 from lagsplat.evaluate.evaluate import integrator
 from lagsplat.evaluate.protocol import (
+    STENCILS,
     bootstrap_interval,
     draw_starts,
     initial_states,
     pin_diverged,
+    shortage,
     windows,
 )
 from tests.unit.evaluate.stand_ins import DT_S, cut, world
@@ -81,3 +83,30 @@ def test_an_even_clock_written_out_changes_nothing():
         integrator(law)(q0, v0, pushed, clip.clock.steps_s(starts, 30)) for clip in (written, held)
     )
     np.testing.assert_allclose(with_times, plain, rtol=1e-9, atol=1e-9)
+
+
+def test_central_velocities_are_of_fourth_order_and_need_frames_on_either_side():
+    held = replace(cut(world()[0], 100, 104), stencil=STENCILS["central"], skip=0)
+    cubic = (held.dt_s * np.arange(float(held.n_frames)))[:, None] ** 4 * np.ones(2)
+    object.__setattr__(held, "encoded", cubic)
+    _, velocity = initial_states(held, np.array([40]))
+    np.testing.assert_allclose(velocity, 4 * (40 * DT_S) ** 3, rtol=1e-9)
+    assert [start for start, _ in held.clips] == [2, 102, 106]
+    starts = draw_starts(held, length=30, margin=0, count=500, seed=0)
+    assert starts.min() >= 2
+    assert not np.any((starts >= 98) & (starts < 106))
+
+
+def test_neighbours_agree_with_a_coarse_step():
+    """A harmonic law of one Verlet step a frame, three frames a period, continues exactly from them."""
+    step, turn = 1.9, 2 * np.arcsin(0.95)
+    path = np.cos(turn * np.arange(12.0))
+    velocity = (path[2:] - path[:-2]) / (2 * step)
+    half = velocity - 0.5 * step * path[1:-1]
+    np.testing.assert_allclose(path[1:-1] + step * half, path[2:], atol=1e-12)
+
+
+def test_a_shortage_is_told_before_it_is_an_error():
+    held, _ = world()
+    assert shortage(held, length=30, margin=0) == ""
+    assert "needs a held-out clip of more than 9000 frames" in shortage(held, length=9000, margin=0)

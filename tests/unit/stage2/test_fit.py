@@ -1,3 +1,4 @@
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -104,3 +105,25 @@ def test_time_unit_is_the_period_over_two_pi_and_still_latents_are_refused() -> 
     assert unit == pytest.approx(1.0 / (2 * np.pi * FREQUENCY_HZ), rel=0.05)
     with pytest.raises(ValueError, match="do not move"):
         natural_time_unit(replace(trajectory, latents=np.ones((400, 1))), np.eye(1), stride_frames=2)
+
+
+def test_effort_is_a_share_of_the_steps() -> None:
+    _, whole = fit_dynamics(oscillator(200, driven=False), np.eye(1), config(), 0, rest=np.zeros(1))
+    _, half = fit_dynamics(oscillator(200, driven=False), np.eye(1), config(effort=0.5), 0, rest=np.zeros(1))
+    for report, steps in ((whole, 4), (half, 2)):
+        assert max(row.step for row in report.curve if row.stage == "one_step") == steps
+
+
+def test_coarse_frames_do_not_bend_the_physics() -> None:
+    """Ten frames a period: one step a frame would be off by more than a per cent in frequency."""
+    fine = oscillator(800, driven=False)
+    trajectory = Trajectory(fine.latents[::4], fine.inputs[::4], fine.time_s[::4], ((0, 200),))
+    found = {}
+    for longest in (0.1, math.inf):
+        _, report = fit_dynamics(
+            trajectory, np.eye(1), config(longest_step=longest, effort=0.01), 0, rest=np.zeros(1)
+        )
+        assert report.at_rest is not None
+        found[longest] = abs(report.at_rest.frequency_hz[0] / FREQUENCY_HZ - 1)
+    assert found[0.1] < 0.005
+    assert found[math.inf] > 3 * found[0.1]

@@ -12,7 +12,7 @@ from lagsplat.systems.painting import Body, paint
 from lagsplat.systems.release import mechanism_of, release
 from lagsplat.systems.release_config import ClipConfig, PushConfig, ReleaseConfig
 from lagsplat.systems.sprites import SHAPES, photograph
-from lagsplat.systems.stand_in import stand_in
+from lagsplat.systems.stand_in import resized, stand_in
 from lagsplat.systems.truth import load_truth, save_truth
 
 
@@ -139,3 +139,13 @@ def test_values_that_cannot_be_filmed_are_refused(changes: dict[str, object], me
 def test_nothing_to_stand_in_is_an_error() -> None:
     with pytest.raises(ValueError, match="neither a simulation nor a release"):
         stand_in(None, None, seed=0)
+
+
+def test_a_finer_recording_is_of_the_same_film() -> None:
+    config = short("rainbow_rocker")
+    _, finer = resized(None, config, height=2 * config.height, width=2 * config.width)
+    assert finer is not None
+    assert finer.scene.film_scale * finer.height == config.scene.film_scale * config.height
+    (film, _), (fine, _) = release(config, seed=0), release(finer, seed=0)
+    blocks = fine.frames.reshape(6, config.height, 2, config.width, 2, 3).mean(axis=(2, 4))
+    assert np.abs(blocks - film.frames).max() <= 2, "the same pixels of the same film, averaged"
