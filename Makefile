@@ -1,4 +1,4 @@
-# The two commands of the README. Each sets everything up by itself in .venv; a second call only checks.
+# The commands of the README. Each sets everything up by itself in .venv; a second call only checks.
 
 PYTHON ?= python3.11
 CORES ?= 2
@@ -10,11 +10,14 @@ export MKL_NUM_THREADS ?= 1
 # A waiting thread sleeps: one that spins takes the core from whoever it waits for.
 export OMP_WAIT_POLICY ?= PASSIVE
 
-.PHONY: krauss test
+.PHONY: krauss physical test
 .DEFAULT_GOAL := krauss
 
 krauss: .venv/.installed
 	$(BIN)/snakemake -c$(CORES) results/tables/krauss.tex
+
+physical: .venv/.installed
+	$(BIN)/snakemake -c$(CORES) results/tables/physical.tex results/tables/truth.tex
 
 test: .venv/.installed
 	$(BIN)/ruff check .

@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float64, Int64
 
 from lagsplat.chart.chart import Chart
 from lagsplat.chart.clock import Clock
+from lagsplat.chart.trajectory import Trajectory
 from lagsplat.evaluate.config import EvaluateConfig
 
 Latents = Float64[np.ndarray, "N d"]
@@ -80,13 +81,18 @@ def held_out(chart: Chart, config: EvaluateConfig) -> HeldOut:
         ValueError: nothing is left once ``evaluate.skip_s`` is taken off.
     """
     part = chart.held_out
-    smooth = part.smoothed(chart.smoothing_frames)
     skip = round(config.skip_s / chart.dt_s)
     if skip + 3 > len(part.latents):
         raise ValueError(
             f"the held-out part has {len(part.latents)} frames and evaluate.skip_s={config.skip_s} takes "
             f"{skip} of them; lower evaluate.skip_s or hold out a longer part"
         )
+    return series_of(chart, part, config, skip=skip)
+
+
+def series_of(chart: Chart, part: Trajectory, config: EvaluateConfig, *, skip: int) -> HeldOut:
+    """A part of a chart as the scores see it."""
+    smooth = part.smoothed(chart.smoothing_frames)
     return HeldOut(
         encoded=smooth.latents,
         latents=part.latents,

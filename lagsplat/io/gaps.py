@@ -1,7 +1,6 @@
 """Where a clip is torn: gaps in time that no step of the dynamics can bridge."""
 
 import warnings
-from dataclasses import replace
 
 import numpy as np
 
@@ -52,21 +51,4 @@ def cut_at_gaps(recording: Recording) -> Recording:
         f"{left_out if dropped else ''}",
         stacklevel=2,
     )
-    return _only(recording, pieces)
-
-
-def _only(recording: Recording, pieces: list[tuple[int, int]]) -> Recording:
-    lengths = [stop - start for start, stop in pieces]
-    ends = np.cumsum(lengths).tolist()
-    segments = tuple(zip((0, *ends[:-1]), ends, strict=True))
-    if ends[-1] == recording.n_frames:
-        return replace(recording, segments=segments)
-    kept = np.concatenate([np.arange(start, stop) for start, stop in pieces])
-    return replace(
-        recording,
-        frames=recording.frames[kept],
-        time_s=recording.time_s[kept],
-        inputs=recording.inputs[kept],
-        states=None if recording.states is None else recording.states[kept],
-        segments=segments,
-    )
+    return recording.pieces(pieces)

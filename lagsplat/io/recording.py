@@ -6,7 +6,7 @@ is used.
 """
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -113,6 +113,21 @@ class Recording:
             inputs=self.inputs[start:stop],
             states=None if self.states is None else self.states[start:stop],
             segments=tuple(clips),
+            n_train=None,
+        )
+
+    def pieces(self, clips: Sequence[tuple[int, int]]) -> "Recording":
+        """The half-open ranges of frames ``clips`` alone, in order, each a clip of its own. Not divided."""
+        stops = np.cumsum([stop - start for start, stop in clips]).tolist()
+        whole = stops[-1] == self.n_frames
+        kept = slice(None) if whole else np.concatenate([np.arange(start, stop) for start, stop in clips])
+        return replace(
+            self,
+            frames=self.frames[kept],
+            time_s=self.time_s[kept],
+            inputs=self.inputs[kept],
+            states=None if self.states is None else self.states[kept],
+            segments=tuple(zip([0, *stops[:-1]], stops, strict=True)),
             n_train=None,
         )
 

@@ -18,7 +18,7 @@ def cut_spans(recording: Recording, spans_s: Sequence[Sequence[float]]) -> Recor
         ValueError: spans overlap or are not in order, or one holds fewer than three frames.
     """
     since = recording.time_s - recording.time_s[0]
-    pieces: list[np.ndarray] = []
+    pieces: list[tuple[int, int]] = []
     ended = -np.inf
     for start, stop in spans_s:
         if not ended <= start < stop:
@@ -34,19 +34,7 @@ def cut_spans(recording: Recording, spans_s: Sequence[Sequence[float]]) -> Recor
                 f"{since[-1]:.3f} s; a clip needs {LEAST_FRAMES}"
             )
         for a, b in recording.segments:
-            piece = a + np.flatnonzero(inside[a:b])
-            pieces += [piece] if len(piece) else []
-    kept = np.concatenate(pieces)
-    stops = np.cumsum([len(piece) for piece in pieces])
-    return replace(
-        recording,
-        frames=recording.frames[kept],
-        time_s=recording.time_s[kept],
-        inputs=recording.inputs[kept],
-        states=None if recording.states is None else recording.states[kept],
-        segments=tuple(
-            (int(stop - len(piece)), int(stop)) for piece, stop in zip(pieces, stops, strict=True)
-        ),
-        meta={**recording.meta, "spans_s": [list(map(float, span)) for span in spans_s]},
-        n_train=None,
-    )
+            within = a + np.flatnonzero(inside[a:b])
+            pieces += [(int(within[0]), int(within[-1]) + 1)] if len(within) else []
+    cut = recording.pieces(pieces)
+    return replace(cut, meta={**recording.meta, "spans_s": [list(map(float, span)) for span in spans_s]})

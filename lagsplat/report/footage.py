@@ -9,6 +9,7 @@ from lagsplat.io.config import RecordingConfig
 from lagsplat.io.recording import Recording
 
 LONGEST_SIDE = 96  # pixels of a frame: enough for a filmed mechanism, and quick to learn
+NO_PERIOD = 20.0  # frames a period where none was found: smoothing over one frame
 
 
 def describe_footage(recording: Recording) -> str:
@@ -36,6 +37,8 @@ def propose_system(recording: Recording, *, path: Path, settings: RecordingConfi
     skip_s = max([settings.skip_s, *skips])
     end_s = min([end for end in ends if end > skip_s], default=settings.end_s)
     split = settings.split
+    samples = [clip["sampling"]["samples"] for clip in found if clip["sampling"] is not None]
+    smoothing = min(samples, default=NO_PERIOD) / 20
     images = "" if settings.dt_s is None else f"\n  dt_s: {settings.dt_s:g}"
     return f"""
 # @package _global_
@@ -67,7 +70,10 @@ recording:
   split:
     train_fraction: {_given(split.train_fraction)}
     held_out_frames: {_given(split.held_out_frames)}
-    held_out_clips: {_given(split.held_out_clips)}"""
+    held_out_clips: {_given(split.held_out_clips)}
+
+chart:
+  smoothing_frames: {smoothing:.2g} # a twentieth of a period"""
 
 
 def _given(value: float | None) -> str:

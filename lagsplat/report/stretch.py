@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from lagsplat.chart.chart import Chart
 from lagsplat.evaluate.config import EvaluateConfig
-from lagsplat.evaluate.protocol import HeldOut, held_out
+from lagsplat.evaluate.protocol import HeldOut, held_out, series_of
 
 
 @dataclass(frozen=True)
@@ -40,19 +40,7 @@ def choose_stretch(chart: Chart, config: EvaluateConfig) -> Stretch:
     if config.figure.start == "held_out":
         start, stop = max(held.clips, key=lambda clip: clip[1] - clip[0])
         return Stretch(held, chart.n_train, start, min(start + most, stop))
-    whole = chart.whole.smoothed(chart.smoothing_frames)
-    series = HeldOut(
-        encoded=whole.latents,
-        latents=chart.latents,
-        forcing=whole.inputs,
-        inputs=chart.inputs,
-        segments=chart.segments,
-        metric=chart.metric,
-        dt_s=chart.dt_s,
-        skip=0,
-        time_s=chart.whole.clock.time_s,
-        stencil=held.stencil,
-    )
+    series = series_of(chart, chart.whole, config, skip=0)
     crossing = [clip for clip in series.clips if clip[0] < chart.n_train < clip[1]]
     if not crossing:
         raise ValueError(

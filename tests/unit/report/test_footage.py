@@ -26,6 +26,9 @@ def test_a_film_is_told_and_its_proposal_composes(tmp_path: Path, capsys: pytest
     tree = OmegaConf.create(proposal)
     assert tree.recording.skip_s == pytest.approx(1.0, abs=0.1)
     assert (tree.recording.height, tree.recording.width) == (72, 96)  # 120 x 160
+    assert 0.5 < tree.chart.smoothing_frames < 4.0
+    split = tree.recording.pop("split")
+    assert split.train_fraction == 0.8
     given = [f"recording.{key}={value!r}" for key, value in tree.recording.items() if value is not None]
     settings = compose("system=pendulum_pair", "recording.crop=null", "recording.end_s=null", *given)
     assert settings.recording.path == str(path)
