@@ -81,7 +81,7 @@ def test_every_target_plans(tmp_path: Path, profile: str) -> None:
 def test_the_paper_profile_trains_one_image_model_a_system_and_five_dynamics(tmp_path: Path) -> None:
     told = planned(tmp_path, "--config", "hydra=profile=paper ablations=[]")
     counts = {line.split()[0]: line.split()[1] for line in told.splitlines() if len(line.split()) == 2}
-    assert (counts["stage1"], counts["stage2"]) == ("2", "10")
+    assert (counts["stage1"], counts["stage2"]) == ("7", "35")
 
 
 def test_a_file_takes_the_place_of_a_simulation(tmp_path: Path) -> None:

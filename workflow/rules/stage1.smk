@@ -14,7 +14,8 @@ rule stage1:
         "results/{profile}/benchmarks/{recording}/{system}/{stage1}-{ae}/stage1.tsv"
     conda:
         "../envs/lagsplat.yaml"
-    threads: 8
+    # The rasteriser shares out the frames of a batch: with few of them a second core would idle.
+    threads: lambda wildcards: 8 if section("stage1.batch")(wildcards) >= 16 else 1
     resources:
         mem_mb=4000,
     params:
