@@ -96,7 +96,7 @@ def planned_runs(overrides: Overrides) -> list[Run]:
     runs = []
     for system in experiment.systems:
         own = compose_for(overrides, system=system)
-        _check_file(own, system, files)
+        _check_file(own, system, files, meant=system in overrides.of_system)
         for stage2 in dict.fromkeys([own.choices["stage2"], *own.ablations]):
             compose_for(overrides, system=system, stage2=stage2)
             place = (own.choices["profile"], own.choices["recording"], system, own.choices["stage1"])
@@ -123,14 +123,15 @@ def _files_behind(kind: str, path: str) -> list[str]:
         raise ConfigError(f"recording.path={path}: {error}") from error
 
 
-def _check_file(experiment: Config, system: str, files: dict[str, str]) -> None:
+def _check_file(experiment: Config, system: str, files: dict[str, str], *, meant: bool) -> None:
+    """A file for all systems is a slip; one that a system was given by name may be another part of it."""
     recording = experiment.recording
     if recording.kind == "simulated" or recording.path is None:
         return
     for file in _files_behind(recording.kind, recording.path):
         if not Path(file).is_file():
             raise ConfigError(f"recording.path={recording.path} ({system}): no such file; check the path")
-    if recording.path in files:
+    if recording.path in files and not meant:
         raise ConfigError(
             f"recording.path={recording.path} would serve {files[recording.path]} and {system}; choose one "
             f"with systems=[{system}], or give each its own with hydra_{system}='recording.path=...'"

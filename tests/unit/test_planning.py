@@ -91,6 +91,8 @@ def test_a_file_must_be_there_and_serve_one_system(tmp_path: Path) -> None:
     overrides = given(hydra="systems=[krauss_1seg,krauss_2seg]", hydra_krauss_2seg=one)
     planned = [run.recording for run in planned_runs(overrides) if run.stage2 == "default"]
     assert planned == ["simulated", "filmed"]
+    both = given(hydra="systems=[krauss_1seg,krauss_2seg]", hydra_krauss_1seg=one, hydra_krauss_2seg=one)
+    assert {run.recording for run in planned_runs(both)} == {"filmed"}
     assert files_of(overrides, recording="filmed", system="krauss_2seg") == [str(film)]
 
 
