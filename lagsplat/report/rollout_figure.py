@@ -36,7 +36,9 @@ def draw_rollout(view: LongRollout, *, title: str) -> Figure:
     """
     panels = view.encoded.shape[1] + int(view.inputs.shape[1] > 0)
     with paper_style():
-        top_in, bottom_in = 0.62 * panels + 0.3, 2.0
+        height, width = view.at_encoded.shape[:2]
+        # five pictures side by side, upright or not, between two lines of title and three of numbers
+        top_in, bottom_in = 0.62 * panels + 0.3, 0.85 + PAGE_IN / 5.2 * max(height / width, 1.0)
         figure = new_figure(PAGE_IN, top_in + bottom_in + 0.45, title=f"{title}\n{_measured(view)}")
         above, below = figure.subfigures(2, 1, height_ratios=[top_in, bottom_in], squeeze=False)[:, 0]
         _series(above, view)
