@@ -3,7 +3,7 @@
     lagsplat inspect FILE|FOLDER [key=value ...]                what is in a recording, a film or a log
     lagsplat fit out=FOLDER [key=value ...]                     every stage, in one process
     lagsplat simulate run=FOLDER out=q.csv [input=u.csv | seconds=10] [frame=N]
-    lagsplat evaluate run=FOLDER out=metrics.json [key=value ...]
+    lagsplat evaluate run=FOLDER out=metrics.json [evaluate.key=value ...]
     lagsplat export FOLDER --mcap [out=run.mcap] [key=value ...]  a run for Foxglove
 
 ``input`` is a CSV with columns ``t`` [s] and ``u0, u1, ...``; between its rows inputs are interpolated.
@@ -111,10 +111,12 @@ def _fit(words: list[str]) -> None:
 
 def _evaluate(words: list[str]) -> None:
     from lagsplat.io.plain import save_json
-    from lagsplat.pipeline import open_run, score
+    from lagsplat.pipeline import open_run, protocol, score
 
-    own, rest = _split(words, needed=("run", "out"), allowed=("run", "out"))
-    save_json(own["out"], score(open_run(Path(own["run"])), _experiment(rest)))
+    own, changes = _split(words, needed=("run", "out"), allowed=("run", "out"))
+    folder = Path(own["run"])
+    run = open_run(folder)
+    save_json(own["out"], score(run, protocol(folder, changes)))
     print(own["out"])
 
 
@@ -124,12 +126,12 @@ def _export(words: list[str]) -> None:
     if len(folders) != 1 or formats != ["--mcap"]:
         raise ConfigError("name one run and the format: lagsplat export FOLDER --mcap [out=FILE]")
     from lagsplat.export import export_mcap
-    from lagsplat.pipeline import open_run
+    from lagsplat.pipeline import open_run, protocol
 
-    own, rest = _split([word for word in words if "=" in word], needed=(), allowed=("out",))
+    own, changes = _split([word for word in words if "=" in word], needed=(), allowed=("out",))
     folder = Path(folders[0])
     out = Path(own.get("out", str(folder / "run.mcap")))
-    export_mcap(open_run(folder), _experiment(rest).evaluate, out)
+    export_mcap(open_run(folder), protocol(folder, changes), out)
     print(out)
 
 

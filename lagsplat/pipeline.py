@@ -6,7 +6,7 @@ higher, where several runs share them.
 """
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -14,11 +14,14 @@ from typing import Any
 import numpy as np
 import torch
 from jaxtyping import Float64
+from omegaconf import OmegaConf
 
 from lagsplat.chart.chart import Chart, fit_chart, load_chart, save_chart
 from lagsplat.chart.trained import require_trained
-from lagsplat.config import Config
+from lagsplat.config import Config, ConfigError, rebuild
+from lagsplat.evaluate.config import EvaluateConfig
 from lagsplat.evaluate.evaluate import evaluate
+from lagsplat.io.plain import load_json
 from lagsplat.io.read import read_recording
 from lagsplat.io.recording import Recording, load_recording, save_recording
 from lagsplat.io.split import divide
@@ -108,9 +111,32 @@ def _locate(folder: Path, name: str) -> Path:
     )
 
 
-def score(run: Run, experiment: Config) -> dict[str, Any]:
-    """Every score of a run under the experiment's protocol."""
-    return evaluate(run.autoencoder, run.chart, run.lagrangian, run.recording, experiment.evaluate)
+def protocol(folder: Path, changes: Sequence[str] = ()) -> EvaluateConfig:
+    """How the run in ``folder`` is scored: by its own settings, with changes such as ``evaluate.starts=20``.
+
+    They stand in the dynamics that `fit` writes, and beside the scores that the workflow makes.
+
+    Raises:
+        FileNotFoundError: the folder holds neither.
+        ConfigError: a change is of something else than ``evaluate``, or unknown.
+    """
+    if other := [change for change in changes if not change.startswith("evaluate.")]:
+        raise ConfigError(f"{other[0]!r}: a run keeps its settings; only evaluate.KEY=VALUE can be changed")
+    _, header = load_dynamics(_locate(folder, FILES[-1] + ".safetensors"))
+    record = folder / "evaluate.json"
+    if "config" in header:
+        own = header["config"]["evaluate"]
+    elif record.is_file():
+        own = load_json(record)["settings"]["cfg"]
+    else:
+        raise FileNotFoundError(f"{folder}: no evaluate.json says how this run is scored; evaluate it first")
+    changed = OmegaConf.from_dotlist([change.removeprefix("evaluate.") for change in changes])
+    return rebuild(EvaluateConfig, OmegaConf.to_container(OmegaConf.merge(own, changed)))  # type: ignore[arg-type]
+
+
+def score(run: Run, config: EvaluateConfig) -> dict[str, Any]:
+    """Every score of a run under a protocol."""
+    return evaluate(run.autoencoder, run.chart, run.lagrangian, run.recording, config)
 
 
 def push(

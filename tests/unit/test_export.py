@@ -1,6 +1,7 @@
 """A run as an MCAP file: read back, opened by the library's own reader, with energies that obey physics."""
 
 import json
+from dataclasses import asdict
 from pathlib import Path
 
 import cv2
@@ -112,7 +113,7 @@ def test_velocities_are_those_of_each_clip(run: Run) -> None:
 def test_the_command_writes_once_and_overwrites_nothing(
     run: Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    header = {"config": "tiny"}
+    header = {"config": asdict(compose())}
     save_recording(tmp_path / "recording.safetensors", run.recording)
     save_autoencoder(tmp_path / "autoencoder.safetensors", run.autoencoder, header)
     save_chart(tmp_path / "chart.safetensors", run.chart, header)

@@ -1,12 +1,13 @@
 """A whole fit in one process, opened again, pushed and scored."""
 
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from lagsplat.config import compose
-from lagsplat.pipeline import fit, open_run, push, score
+from lagsplat.pipeline import fit, open_run, protocol, push, score
 
 SMALL = (
     "profile=toy",
@@ -26,7 +27,7 @@ SMALL = (
 @pytest.mark.slow
 def test_a_fit_can_be_opened_pushed_and_scored(tmp_path: Path) -> None:
     experiment = compose(*SMALL)
-    made = fit(experiment, out=tmp_path / "run", header={"config": "small"})
+    made = fit(experiment, out=tmp_path / "run", header={"config": asdict(experiment)})
     assert not (tmp_path / "run" / "checkpoint" / "state.pt").exists()
     (tmp_path / "run" / "below").mkdir()
     run = open_run(tmp_path / "run" / "below")
@@ -41,7 +42,11 @@ def test_a_fit_can_be_opened_pushed_and_scored(tmp_path: Path) -> None:
         push(run, np.zeros((9, 1)), frame=None)
     with pytest.raises(ValueError, match="frame=300"):
         push(run, np.zeros((9, 2)), frame=300)
-    assert score(run, experiment)["scores"]["ae_floor"] > 0
+    settings = protocol(tmp_path / "run", ["evaluate.starts=3"])
+    assert settings == replace(experiment.evaluate, starts=3)
+    assert score(run, settings)["scores"]["ae_floor"] > 0
+    with pytest.raises(ValueError, match="a run keeps its settings"):
+        protocol(tmp_path / "run", ["stage2.steps=3"])
 
 
 def test_a_folder_without_a_run_is_named(tmp_path: Path) -> None:
