@@ -4,13 +4,15 @@ import json
 import logging
 import warnings
 from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 from snakemake.iocontainers import InputFiles, OutputFiles, Params, Wildcards
 
-from lagsplat.io.config import RecordingConfig
+from lagsplat.config import compose
+from lagsplat.io.config import RecordingConfig, SplitConfig
 from lagsplat.job import Job, hold
 
 
@@ -86,12 +88,12 @@ def test_the_identity_follows_settings_and_inputs_but_not_records(tmp_path: Path
 
 
 def test_a_section_is_typed_again(tmp_path: Path) -> None:
-    values = dict.fromkeys(RecordingConfig.__dataclass_fields__)
-    split = {"train_fraction": 0.5, "held_out_frames": None, "held_out_clips": None}
-    values |= {"kind": "video", "n_inputs": 0, "skip_s": 1.5, "split": split}
-    section = Job(context(tmp_path, cfg=values)).section(RecordingConfig)
-    assert isinstance(section, RecordingConfig)
-    assert section.skip_s == 1.5
+    values = asdict(compose("system=pendulum_pair", "recording.path=film.mp4").recording)
+    job = Job(context(tmp_path, cfg=values, other=None))
+    section = job.section(RecordingConfig)
+    assert isinstance(section.split, SplitConfig)
+    assert asdict(section) == values
+    assert job.choice(RecordingConfig, "other") is None
 
 
 def test_one_run_at_a_time_and_the_lock_dies_with_its_holder(tmp_path: Path) -> None:
