@@ -110,9 +110,10 @@ def test_rollout_crosses_the_boundary(parts, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("duration_s", "begin", "end"), [(100.0, 0, 600), (7.0, 179, 600), (3.0, 210, 391), (5.0, 150, 451)]
+    ("duration_s", "begin", "end"), [(100.0, 2, 600), (7.0, 179, 600), (3.0, 210, 391), (5.0, 150, 451)]
 )
 def test_the_boundary_is_in_the_figure(parts, duration_s, begin, end):
+    """The two first frames of a clip are spent on the velocity of the third."""
     config = settings(figure={"start": "boundary", "duration_s": duration_s})
     stretch = choose_stretch(parts[1], config)
     assert (stretch.start, stretch.stop) == (begin, end)
@@ -124,7 +125,7 @@ def test_an_unseen_clip_cannot_be_crossed_into(parts):
     with pytest.raises(ValueError, match="use held_out"):
         choose_stretch(clips, settings(figure={"start": "boundary"}))
     whole = choose_stretch(clips, settings())
-    assert (whole.offset, whole.start, whole.stop, whole.last) == (300, 0, 300, 599)
+    assert (whole.offset, whole.start, whole.stop, whole.last) == (300, 2, 300, 599)
     assert held_from(whole, clips) is None
 
 
@@ -156,7 +157,7 @@ def test_rollout_is_cut_to_the_clip_and_shows_a_divergence(parts, tmp_path):
     model, chart, _, film = parts
     wild = tiny_run.lagrangian(frequency_hz=60.0)  # beyond the integrator's stability at this frame rate
     view = figures.roll_out(model, chart, wild, film, settings())
-    assert len(view.time_s) == 300
+    assert len(view.time_s) == 298
     assert view.lost_s is not None
     assert np.isnan(view.predicted[-1]).all()
     assert np.isfinite(view.at_predicted).all()
