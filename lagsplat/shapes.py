@@ -9,8 +9,9 @@ Latents. ``z`` is raw: what the encoder returns. ``q`` is whitened, with the row
 ``q = (z - mean) @ whiten`` and ``z = mean + q @ unwhiten``. Everything after the chart is written in ``q``
 and computed in ``float64``.
 
-Time. Every public signature takes seconds (``dt_s``), and velocities are whitened units per second. Inside
-the Lagrangian one time unit is ``time_unit_s`` seconds; it is stored with the dynamics.
+Time. Every public signature takes seconds (``dt_s``), and velocities are whitened units per second. Frames
+need not be evenly spaced: ``dt_s`` is then their median spacing, and steps and velocities are of their true
+times. Inside the Lagrangian one time unit is ``time_unit_s`` seconds; it is stored with the dynamics.
 
 Inputs. ``u`` has shape ``(T, n_u)``; ``n_u = 0`` means an autonomous system. Chamber pressures are in atm.
 Input ``i`` is held over the step from frame ``i`` to frame ``i + 1``.
