@@ -94,7 +94,7 @@ def predict(run: Run, config: EvaluateConfig) -> Motion:
     """
     chart = run.chart
     held = held_out(chart, config)
-    start, stop = max(held.clips, key=lambda clip: clip[1] - clip[0], default=(0, 0))
+    start, stop = held.longest
     if stop - start < LEAST_STATES:
         raise ValueError(
             f"the longest held-out clip has {max(0, stop - start)} scored frames, and a prediction takes "

@@ -59,6 +59,11 @@ class HeldOut:
         return [(start, stop) for start, stop in scored if start < stop]
 
     @property
+    def longest(self) -> tuple[int, int]:
+        """The longest of `clips`; an empty one if there is none."""
+        return max(self.clips, key=lambda clip: clip[1] - clip[0], default=(0, 0))
+
+    @property
     def clock(self) -> Clock:
         """The instants of the frames."""
         return Clock(self.dt_s, self.time_s)
@@ -110,12 +115,13 @@ def series_of(chart: Chart, part: Trajectory, config: EvaluateConfig, *, skip: i
 def shortage(held: HeldOut, *, length: int, margin: int) -> str:
     """Why no rollout of ``length`` states fits into a scored clip; empty where one does."""
     span = max(length + margin, 3)
-    longest = max((stop - start for start, stop in held.clips), default=0)
-    if longest > span:
+    start, stop = held.longest
+    if stop - start > span:
         return ""
     return (
         f"a forecast of {length} frames needs a held-out clip of more than {span} frames after the skip of "
-        f"{held.skip}, the longest has {longest}; shorten the horizon, lower evaluate.skip_s or hold out more"
+        f"{held.skip}, the longest has {stop - start}; shorten the horizon, lower evaluate.skip_s or hold "
+        "out more"
     )
 
 

@@ -38,7 +38,7 @@ def choose_stretch(chart: Chart, config: EvaluateConfig) -> Stretch:
     held = held_out(chart, config)
     most = round(config.figure.duration_s / chart.dt_s) + 1
     if config.figure.start == "held_out":
-        start, stop = max(held.clips, key=lambda clip: clip[1] - clip[0])
+        start, stop = held.longest
         return Stretch(held, chart.n_train, start, min(start + most, stop))
     series = series_of(chart, chart.whole, config, skip=0)
     crossing = [clip for clip in series.clips if clip[0] < chart.n_train < clip[1]]

@@ -100,11 +100,6 @@ def in_units(time_s: float | Float[np.ndarray, "B n"], time_unit_s: float) -> fl
     return time_s / time_unit_s
 
 
-def forward_velocity(trajectory: Trajectory, at: Int[np.ndarray, " B"]) -> Latents:
-    """Velocity [1/s] from a frame and the two after it: what a forecast may use."""
-    return torch.from_numpy(trajectory.clock.slope(trajectory.latents, at, (1, 2)))
-
-
 def central_velocity(trajectory: Trajectory, at: Int[np.ndarray, " B"]) -> Latents:
     """Velocity [1/s] from two frames on either side: the quieter one, for training."""
     return torch.from_numpy(trajectory.clock.slope(trajectory.latents, at, (-2, -1, 1, 2)))

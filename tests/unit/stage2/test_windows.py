@@ -5,7 +5,6 @@ import torch
 from lagsplat.chart.trajectory import Trajectory
 from lagsplat.stage2.windows import (
     central_velocity,
-    forward_velocity,
     one_step_windows,
     shots,
     starts_of,
@@ -35,6 +34,10 @@ def test_nothing_crosses_a_cut() -> None:
     np.testing.assert_array_equal(at, [2, 3, 4, 10, 11, 12, 13, 14, 15, 16])
     with pytest.raises(ValueError, match="needs 7"):
         one_step_windows(parabola(10, ((0, 5), (5, 10))), stride_frames=2, time_unit_s=1.0)
+
+
+def forward_velocity(trajectory: Trajectory, at: np.ndarray) -> torch.Tensor:
+    return torch.from_numpy(trajectory.clock.slope(trajectory.latents, at, (1, 2)))
 
 
 def test_shots_follow_the_trajectory() -> None:
