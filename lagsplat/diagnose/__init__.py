@@ -1,0 +1,1 @@
+"""Why a simulation and the real thing disagree: where the gap lies, which effect causes it, how far it shrinks."""

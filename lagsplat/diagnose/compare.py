@@ -1,0 +1,261 @@
+"""Hypotheses against a record: which effects can explain it, and how well each does.
+
+A quick score test ranks all of them; the best are fitted by shooting; evidence compares the fits.
+"""
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float64
+
+from lagsplat.diagnose.effects.effect import HalfNormal, Instance, Noise
+from lagsplat.diagnose.record import Windows
+from lagsplat.diagnose.shoot import Belief, Data, Fit, derivatives, eliminate, shoot
+from lagsplat.diagnose.simulate import Bench
+
+
+@dataclass(frozen=True)
+class Contest:
+    """A bench, the windows to be explained, and the noise (d,) of a sample."""
+
+    bench: Bench
+    windows: Windows
+    sigma: Float64[np.ndarray, " d"]
+    iterations: int
+    tolerance: float
+
+    @cached_property
+    def data(self) -> Data:
+        """The windows' samples in units of the noise."""
+        record = self.bench.record
+        return Data(
+            self.windows.take(record.q),
+            self.windows.mask()[..., None] / self.sigma,
+            1e-4 * np.concatenate([np.std(record.q, axis=0), np.std(record.v, axis=0)]),
+        )
+
+    @property
+    def freedom(self) -> float:
+        """Samples less what the starts take."""
+        w = self.windows
+        return float(w.length.sum() * self.bench.record.d - 2 * self.bench.record.d * len(w.first))
+
+    @cached_property
+    def begun(self) -> np.ndarray:
+        """Where the windows start by the smoothed record, (W, 2 d)."""
+        return np.concatenate([self.bench.smooth, self.bench.record.v], axis=1)[self.windows.first]
+
+    def predict(self, effects: Sequence[Instance]) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+        """Predictions of a set of effects."""
+        return lambda x, starts: self.bench.rollouts(effects, x, starts, self.windows)[0]
+
+    def fit(self, effects: Sequence[Instance], x: np.ndarray, starts: np.ndarray | None = None) -> Fit:
+        """The best parameters from ``x``, those of the effects followed by the uncertainties."""
+        return shoot(
+            self.predict(effects), x, self.begun if starts is None else starts, self.data,
+            belief(effects, self.bench), iterations=self.iterations, tolerance=self.tolerance,
+        )  # fmt: skip
+
+
+def belief(effects: Sequence[Instance], bench: Bench) -> Belief:
+    """Prior of the unknowns of ``effects`` followed by the uncertainties."""
+    priors = [p.prior for e in effects for p in e.effect.parameters]
+    spare = bench.nuisance.deviation
+    deviation = np.concatenate([[p.deviation for p in priors], spare])
+    return Belief(
+        np.concatenate([[p.mean for p in priors], np.zeros(len(spare))]),
+        deviation,
+        np.concatenate([[p.lowest for p in priors], np.full(len(spare), -np.inf)]),
+        np.concatenate([1e-3 * np.minimum(deviation[: len(priors)], 1.0), 1e-2 * spare]),
+    )
+
+
+@dataclass(frozen=True)
+class Lead:
+    """What the score test promises of one effect: the misfit it takes away, and where to begin."""
+
+    instance: Instance
+    gain: float
+    starts: tuple[np.ndarray, ...]
+    """Unknowns of the effect to begin from, the best first."""
+
+
+@dataclass(frozen=True)
+class Plain:
+    """The best fit without a further effect, and the slopes about it."""
+
+    effects: tuple[Instance, ...]
+    fit: Fit
+    residual: np.ndarray
+    slopes: np.ndarray
+    begun: np.ndarray
+    inner: np.ndarray
+    """Factor of what the uncertainties and starts may absorb."""
+
+
+def screen(
+    contest: Contest, effects: tuple[Instance, ...], fit: Fit, offers: Sequence[Instance]
+) -> list[Lead]:
+    """How much misfit each of ``offers`` would take away beside ``effects``, to first order; best first.
+
+    Source: the score (Lagrange multiplier) test, Rao, 1948, doi:10.1017/S0305004100023987.
+    """
+    prior = belief(effects, contest.bench)
+    residual, slopes, begun = derivatives(
+        contest.predict(effects), fit.x, fit.starts, contest.data, prior.step
+    )
+    leads = []
+    for offer in offers:
+        if isinstance(offer.effect, Noise):
+            continue
+        guesses, columns = _guesses(contest, effects, fit, offer)
+        tried = []
+        for guess, group in zip(guesses, columns, strict=True):
+            gain, amount = _gain(fit, residual, slopes, begun, prior, group, offer)
+            x = guess.copy()
+            n = offer.effect.amplitudes
+            if n:
+                x[:n] = amount
+            tried.append((gain, x))
+        tried.sort(key=lambda row: -row[0])
+        if tried:
+            leads.append(Lead(offer, tried[0][0], tuple(x for _, x in tried[:3])))
+    return sorted(leads, key=lambda lead: -lead.gain)
+
+
+def _guesses(
+    contest: Contest, effects: tuple[Instance, ...], fit: Fit, offer: Instance
+) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Unknowns on a grid of shapes, and what each of their amplitudes changes, (W, M, amplitudes)."""
+    effect = offer.effect
+    shapes = [p.grid for p in effect.parameters[effect.amplitudes :]]
+    if offer.grid is not None:
+        shapes[0] = tuple(row[0] for row in offer.grid)
+    grid = list(itertools.product(*shapes))
+    n = effect.amplitudes
+    guesses = [
+        np.array([0.0] * n + [p.prior.unknown(g) for p, g in zip(effect.parameters[n:], point, strict=True)])
+        for point in grid
+    ]
+    step = [0.1 * p.prior.deviation for p in effect.parameters[:n]]
+    sets = []
+    for guess in guesses:
+        for i in range(max(n, 1)):
+            x = guess.copy()
+            if n:
+                x[i] += step[i]
+            sets.append(x)
+    known = sum(len(e.effect.parameters) for e in effects)
+    whole = np.stack([np.concatenate([fit.x[:known], x, fit.x[known:]]) for x in sets])
+    starts = np.repeat(fit.starts[None], len(whole), axis=0)
+    y = contest.predict((*effects, offer))(whole, starts)
+    y0 = contest.predict(effects)(fit.x[None], fit.starts[None])
+    change = (y - y0) * contest.data.weight
+    if n:
+        change /= np.tile(step, len(guesses))[:, None, None, None]
+    change = np.where(np.isfinite(change), change, 0.0)
+    each = max(n, 1)
+    flat = change.reshape(len(guesses), each, len(fit.starts), -1).transpose(0, 2, 3, 1)
+    return guesses, list(flat)
+
+
+def _gain(
+    fit: Fit, residual: np.ndarray, slopes: np.ndarray, begun: np.ndarray, prior: Belief,
+    group: np.ndarray, offer: Instance,
+) -> tuple[float, np.ndarray]:  # fmt: skip
+    """Misfit taken away by the best amount of a change, and that amount."""
+    k = slopes.shape[2]
+    both = np.concatenate([slopes, group], axis=2)
+    curvature, gradient, *_ = eliminate(residual, both, begun)
+    # what a moved uncertainty costs counts too: an effect that lets it go back gains that
+    gradient[:k] -= (fit.x - prior.mean) / prior.deviation**2
+    n = offer.effect.amplitudes
+    inverse = np.concatenate(
+        [1.0 / prior.deviation**2, [1.0 / p.prior.deviation**2 for p in offer.effect.parameters[:n]] or [1.0]]
+    )
+    h = curvature + np.diag(inverse)
+    spare = np.linalg.solve(h[:k, :k], np.concatenate([h[:k, k:], gradient[:k, None]], axis=1))
+    own = h[k:, k:] - h[k:, :k] @ spare[:, :-1]
+    pull = gradient[k:] - h[k:, :k] @ spare[:, -1]
+    amount = np.linalg.lstsq(own, pull, rcond=1e-10)[0]
+    if n == 0:
+        amount = np.clip(amount, 0.0, 1.0)
+    for i, p in enumerate(offer.effect.parameters[:n]):
+        if isinstance(p.prior, HalfNormal):
+            amount[i] = max(amount[i], 1e-3 * p.prior.deviation)
+        amount[i] = np.clip(amount[i], -3.0 * p.prior.deviation, 3.0 * p.prior.deviation)
+    return float(2.0 * amount @ pull - amount @ own @ amount), amount
+
+
+@dataclass(frozen=True)
+class Explained:
+    """One hypothesis after its fit."""
+
+    effects: tuple[Instance, ...]
+    fit: Fit
+    log_evidence: float = float("nan")
+
+    @property
+    def n_own(self) -> int:
+        """Number of unknowns that belong to the effects."""
+        return sum(len(e.effect.parameters) for e in self.effects)
+
+
+def log_evidence(one: Explained, bench: Bench, temper: float) -> float:
+    """Laplace's approximation of the logarithm of the evidence, with the noise widened by ``temper``.
+
+    Source: MacKay, "Information Theory, Inference, and Learning Algorithms", 2003, ch. 28.
+    """
+    prior, fit = belief(one.effects, bench), one.fit
+    effect_priors = [p.prior for e in one.effects for p in e.effect.parameters]
+    own = sum(p.log_density(float(x)) for p, x in zip(effect_priors, fit.x, strict=False))
+    spare = fit.x[one.n_own :] / prior.deviation[one.n_own :]
+    spare_density = -0.5 * float(spare @ spare) - float(np.log(prior.deviation[one.n_own :]).sum())
+    spare_density -= 0.5 * len(spare) * np.log(2.0 * np.pi)
+    h = fit.curvature / temper + np.diag(1.0 / prior.deviation**2)
+    sign, log_det = np.linalg.slogdet(h)
+    if sign <= 0:
+        log_det = float(np.log(np.maximum(np.linalg.eigvalsh(h), 1e-12)).sum())
+    k = len(fit.x)
+    return (
+        -0.5 * fit.misfit / temper
+        + own
+        + spare_density
+        + 0.5 * k * np.log(2.0 * np.pi)
+        - 0.5 * log_det
+        - 0.5 * fit.log_det_starts
+    )
+
+
+def pursue(
+    contest: Contest, effects: tuple[Instance, ...], base: Fit, lead: Lead, *, starts: int
+) -> Explained:
+    """The best fit of ``effects`` and the lead's one, from the best few beginnings."""
+    known = sum(len(e.effect.parameters) for e in effects)
+    best: Fit | None = None
+    for x in lead.starts[:starts]:
+        whole = np.concatenate([base.x[:known], x, base.x[known:]])
+        fit = contest.fit((*effects, lead.instance), whole, base.starts)
+        if best is None or fit.misfit + fit.penalty < best.misfit + best.penalty:
+            best = fit
+    assert best is not None
+    return Explained((*effects, lead.instance), best)
+
+
+def jitter(contest: Contest, one: Explained, offer: Instance, v: np.ndarray) -> tuple[float, float]:
+    """Log evidence that noise which grows with speed gains over even noise, and its size in frames."""
+    mask = contest.data.weight > 0.0
+    r, speed = one.fit.residual[mask], (v / contest.sigma)[mask] * offer.scales.frame_s
+    sizes = np.geomspace(0.003, 2.0, 60)
+    level = max(1.0, float(np.median(r * r)) / 0.455)
+    likelihood = np.array(
+        [
+            -0.5 * np.sum(r * r / (level + (s * speed) ** 2) + np.log1p((s * speed) ** 2 / level))
+            for s in sizes
+        ]
+    )
+    base = -0.5 * np.sum(r * r / level)
+    return float(likelihood.max() - base), float(sizes[np.argmax(likelihood)])

@@ -1,0 +1,23 @@
+"""A constant force: tilt, preload, an offset of an actuator."""
+
+from typing import no_type_check
+
+from lagsplat.diagnose.effects.effect import Force, Normal, Parameter
+from lagsplat.diagnose.kernel import law
+
+
+@law
+@no_type_check
+def force(t, s, v, spring, drive, memory, theta, d_memory):
+    """``acceleration``."""
+    return theta[0]
+
+
+EFFECT = Force(
+    name="constant_force",
+    group="A",
+    equation="a = acceleration",
+    parameters=(Parameter("acceleration", "acceleration", Normal(0.3)),),
+    needs="a stretch at rest",
+    law=force,
+)

@@ -1,0 +1,261 @@
+"""What an effect is: a name, parameters with priors, and the place where it enters the sim.
+
+Every parameter is counted in a unit of the motion at hand (its rms, its speed, its period, the rms of an
+input), so that the same prior serves any mechanism in any coordinates. The leading parameters, usually one,
+are *amplitudes*: with amplitude zero the effect is not there.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from jaxtyping import Float64
+
+Kind = Literal[
+    "acceleration",
+    "coordinate",
+    "velocity",
+    "time",
+    "rate",
+    "frame",
+    "input",
+    "reach",
+    "ratio",
+    "log_ratio",
+    "frequency",
+    "per_coordinate",
+    "cubic",
+    "drift",
+    "per_duration",
+]
+UNITS: Mapping[Kind, str] = {
+    "acceleration": "{q}/s^2",
+    "coordinate": "{q}",
+    "velocity": "{q}/s",
+    "time": "s",
+    "rate": "1/s",
+    "frame": "s",
+    "input": "{u}",
+    "reach": "{q}",
+    "ratio": "1",
+    "log_ratio": "1",
+    "frequency": "Hz",
+    "per_coordinate": "1/{q}",
+    "cubic": "1/({q}^2 s^2)",
+    "drift": "{q}/s",
+    "per_duration": "1/s",
+}
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Size of a motion along one direction and of the input of one channel."""
+
+    coordinate: float
+    """Root mean square of the distance from rest."""
+    velocity: float
+    """Root mean square of its rate [1/s]."""
+    reach: float
+    """Largest distance from rest that is reached on the side in question."""
+    frame_s: float
+    duration_s: float
+    input: float = 1.0
+    """Root mean square of the input."""
+    input_reach: float = 1.0
+
+    def of(self, kind: Kind) -> float:
+        """The size of one unit of a parameter of ``kind``, in the units of the recording."""
+        s, v = self.coordinate, self.velocity
+        return {
+            "acceleration": v * v / s,
+            "coordinate": s,
+            "velocity": v,
+            "time": s / v,
+            "rate": v / s,
+            "frame": self.frame_s,
+            "input": self.input,
+            "reach": self.reach,
+            "ratio": 1.0,
+            "log_ratio": 1.0,
+            "frequency": v / s,
+            "per_coordinate": 1.0 / s,
+            "cubic": v * v / s**4,
+            "drift": s / self.duration_s,
+            "per_duration": 1.0 / self.duration_s,
+        }[kind]
+
+
+@dataclass(frozen=True)
+class Normal:
+    """A priori normal about ``mean``; the unknown is the parameter itself."""
+
+    deviation: float
+    mean: float = 0.0
+    lowest: float = -math.inf
+
+    def value(self, x: Any) -> Any:
+        """The parameter of unknown ``x``."""
+        return x
+
+    def unknown(self, value: float) -> float:
+        """The unknown of a parameter."""
+        return value
+
+    def log_density(self, x: float) -> float:
+        """Logarithm of the density of the unknown."""
+        z = (x - self.mean) / self.deviation
+        return -0.5 * z * z - math.log(self.deviation * math.sqrt(2.0 * math.pi))
+
+
+@dataclass(frozen=True)
+class HalfNormal(Normal):
+    """A priori half-normal: never negative."""
+
+    lowest: float = 0.0
+
+    def log_density(self, x: float) -> float:
+        """Logarithm of the density of the unknown."""
+        return Normal.log_density(self, x) + math.log(2.0)
+
+
+@dataclass(frozen=True)
+class LogNormal(Normal):
+    """A priori log-normal; the unknown is the logarithm. ``mean`` is that of the logarithm."""
+
+    def value(self, x: Any) -> Any:
+        """The parameter of unknown ``x``."""
+        return np.exp(x)
+
+    def unknown(self, value: float) -> float:
+        """The unknown of a parameter."""
+        return math.log(value)
+
+
+def about(median: float, spread: float) -> LogNormal:
+    """Log-normal with this median and this standard deviation of the logarithm."""
+    return LogNormal(spread, math.log(median))
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter: its key in a diagnosis, what it is counted in, what is believed of it beforehand."""
+
+    name: str
+    kind: Kind
+    prior: Normal
+    grid: tuple[float, ...] = ()
+    """Values that the search tries first; empty for an amplitude."""
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One entry of the catalogue."""
+
+    name: str
+    group: str
+    """A parameter, B dissipation, C actuation, D memory, E contact or external, F structure, G camera."""
+    equation: str
+    parameters: tuple[Parameter, ...]
+    needs: str = ""
+    """What a recording must contain to show it."""
+    amplitudes: int = 1
+    passive: bool = False
+    """Never feeds energy into the mechanism."""
+    variants: tuple[str, ...] = ("",)
+    along: Literal["coordinates", "whole", "both", "channels"] = "coordinates"
+    reports: Callable[[Mapping[str, float]], dict[str, Any]] | None = None
+    """From the fitted parameters to those of a diagnosis, where they differ."""
+
+
+@dataclass(frozen=True)
+class Force(Effect):
+    """An effect that is a force along one direction: see `lagsplat.diagnose.kernel` for the law."""
+
+    law: Any = None
+    n_memory: int = 0
+    memory_start: tuple[str, ...] = ()
+    """What each memory holds where a clip begins: ``zero``, ``s`` or ``v``."""
+    constants: Callable[[Scales, str], tuple[float, ...]] = field(default=lambda scales, variant: ())
+    """What the law gets after its parameters."""
+    whole: Any = None
+    """``whole(fields, theta (P, k), model)``: the same on all coordinates at once, as a change of the sim."""
+
+
+@dataclass(frozen=True)
+class Fields:
+    """Coefficients of the sim for ``P`` sets of parameters at once; the names are those of `Model`."""
+
+    mass: Float64[np.ndarray, "P Km d d"]
+    damping: Float64[np.ndarray, "P Kc d d"]
+    potential: Float64[np.ndarray, "P Kv"]
+    input_map: Float64[np.ndarray, "P Kb n_u d"]
+    dry: Float64[np.ndarray, "P d"]
+    drag: Float64[np.ndarray, "P d"]
+
+
+@dataclass(frozen=True)
+class ModelChange(Effect):
+    """An effect that changes the sim's own coefficients: ``change(fields, theta (P, k), instance, model)``."""
+
+    change: Any = None
+
+
+@dataclass(frozen=True)
+class InputChange(Effect):
+    """An effect on the way of an input: ``change(signal, channel, theta (P, k)) -> (P, M)`` samples."""
+
+    change: Any = None
+
+
+@dataclass(frozen=True)
+class Observation(Effect):
+    """An effect of camera or clock: ``observe(y, v, t, theta (P, k), instance) -> y``."""
+
+    observe: Any = None
+
+
+@dataclass(frozen=True)
+class Noise(Effect):
+    """An effect that only widens the noise: ``variance(v, theta) -> `` added variance of a sample."""
+
+    variance: Any = None
+
+
+@dataclass(frozen=True)
+class Direction:
+    """A way to push: the covector ``p`` with its reference inertia, ``s = p.(q - rest)``."""
+
+    name: str | None
+    covector: Float64[np.ndarray, " d"]
+    inertia: float
+    rest: float = 0.0
+    """``p.rest``."""
+
+
+@dataclass(frozen=True)
+class Instance:
+    """One effect at one place: along a direction, on a channel, or on the whole."""
+
+    effect: Effect
+    scales: Scales
+    variant: str = ""
+    direction: Direction | None = None
+    channel: int | None = None
+    input_name: str | None = None
+    grid: tuple[tuple[float, ...], ...] | None = None
+    """Values that the search tries first in place of the parameters' own."""
+
+    @property
+    def label(self) -> str:
+        """For people: the effect and its place."""
+        place = [self.direction.name if self.direction else None, self.input_name, self.variant or None]
+        return " ".join([self.effect.name, *(p for p in place if p)])
+
+    def physical(self, x: Float64[np.ndarray, "P k"]) -> Float64[np.ndarray, "P k"]:
+        """Parameters in the units of the recording, for unknowns ``x``."""
+        columns = [
+            p.prior.value(x[:, i]) * self.scales.of(p.kind) for i, p in enumerate(self.effect.parameters)
+        ]
+        return np.stack(columns, axis=1) if columns else np.zeros((len(x), 0))

@@ -1,0 +1,38 @@
+"""A stop on one side: beyond ``position`` a stiff spring pushes back."""
+
+import math
+from typing import no_type_check
+
+from lagsplat.diagnose.effects.effect import Force, Parameter, Scales, about
+from lagsplat.diagnose.kernel import law
+
+
+@law
+@no_type_check
+def force(t, s, v, spring, drive, memory, theta, d_memory):
+    """``-stiffness_ratio omega^2 depth``, the depth smooth within a small width."""
+    side, width = theta[3], theta[4]
+    x = (side * s - theta[1]) / width
+    depth = width * (x if x > 30.0 else math.log1p(math.exp(x)))
+    return -side * theta[0] * theta[2] * depth
+
+
+def _constants(scales: Scales, variant: str) -> tuple[float, ...]:
+    return scales.of("rate") ** 2, (1.0 if variant == "upper" else -1.0), 0.01 * scales.coordinate
+
+
+EFFECT = Force(
+    name="end_stop",
+    group="E",
+    equation="a = -stiffness_ratio omega^2 max(s - position, 0)",
+    parameters=(
+        Parameter("stiffness_ratio", "ratio", about(10.0, 1.5), (10.0,)),
+        Parameter("position", "reach", about(0.8, 0.25), (0.3, 0.5, 0.65, 0.8, 0.9)),
+    ),
+    needs="motion past the stop at three speeds",
+    amplitudes=0,
+    passive=True,
+    variants=("upper", "lower"),
+    law=force,
+    constants=_constants,
+)

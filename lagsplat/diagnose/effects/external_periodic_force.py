@@ -1,0 +1,33 @@
+"""A periodic disturbance at a frequency of its own, also while the mechanism rests."""
+
+import math
+from typing import no_type_check
+
+from lagsplat.diagnose.effects.effect import Force, Normal, Parameter, about
+from lagsplat.diagnose.kernel import law
+
+
+@law
+@no_type_check
+def force(t, s, v, spring, drive, memory, theta, d_memory):
+    """``cosine cos(omega t) + sine sin(omega t)``."""
+    return theta[0] * math.cos(theta[2] * t) + theta[1] * math.sin(theta[2] * t)
+
+
+EFFECT = Force(
+    name="external_periodic_force",
+    group="E",
+    equation="a = acceleration cos(2 pi frequency t + phase)",
+    parameters=(
+        Parameter("cosine", "acceleration", Normal(0.2)),
+        Parameter("sine", "acceleration", Normal(0.2)),
+        Parameter("angular_frequency", "rate", about(1.0, 1.0), (0.5, 1.0, 1.5, 2.0, 3.0)),
+    ),
+    needs="a stretch at rest of ten cycles",
+    amplitudes=2,
+    law=force,
+    reports=lambda p: {
+        "frequency_hz": p["angular_frequency"] / (2.0 * math.pi),
+        "acceleration": math.hypot(p["cosine"], p["sine"]),
+    },
+)

@@ -1,0 +1,24 @@
+"""An input that arrives late as a whole: ``u(t) = u_logged(t - delay)``."""
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float64
+
+from lagsplat.diagnose.effects.effect import HalfNormal, InputChange, Parameter
+
+
+def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray, "P M"]:
+    """The input as it was ``delay`` ago; before the first sample of a clip, that sample."""
+    return np.stack([signal.at(signal.time - delay) for delay in theta[:, 0]])
+
+
+EFFECT = InputChange(
+    name="input_delay",
+    group="C",
+    equation="u(t) = u_logged(t - delay)",
+    parameters=(Parameter("delay", "time", HalfNormal(0.5)),),
+    needs="an input with steps, and an event that starts without it",
+    along="channels",
+    change=change,
+)

@@ -1,0 +1,24 @@
+"""Free play about rest: within ``gap`` of it the spring does not act."""
+
+from typing import no_type_check
+
+from lagsplat.diagnose.effects.effect import Force, HalfNormal, Parameter
+from lagsplat.diagnose.kernel import law
+
+
+@law
+@no_type_check
+def force(t, s, v, spring, drive, memory, theta, d_memory):
+    """``omega^2 (s - s beyond the gap)``: takes the spring away within the gap, and the gap beyond it."""
+    return theta[1] * min(max(s, -theta[0]), theta[0])
+
+
+EFFECT = Force(
+    name="joint_backlash",
+    group="D",
+    equation="a = omega^2 clip(s, -gap, gap)",
+    parameters=(Parameter("gap", "coordinate", HalfNormal(0.3)),),
+    needs="a decay through small amplitudes",
+    law=force,
+    constants=lambda scales, variant: (scales.of("rate") ** 2,),
+)

@@ -1,0 +1,40 @@
+"""Stribeck friction: stronger at rest than in motion.
+
+Source: Armstrong-Helouvry, Dupont and Canudas de Wit, doi:10.1016/0005-1098(94)90209-7.
+"""
+
+import math
+from typing import no_type_check
+
+from lagsplat.diagnose.effects.effect import Force, HalfNormal, Parameter, about
+from lagsplat.diagnose.kernel import law
+
+
+@law
+@no_type_check
+def force(t, s, v, spring, drive, memory, theta, d_memory):
+    """``-(coulomb + excess exp(-(v/velocity)^2)) sign(v)``."""
+    ratio = v / theta[2]
+    return -(theta[1] + theta[0] * math.exp(-ratio * ratio)) * math.tanh(v / theta[3])
+
+
+EFFECT = Force(
+    name="stribeck_friction",
+    group="B",
+    equation="a = -(coulomb + (static - coulomb) exp(-(v/velocity)^2)) sign(v)",
+    parameters=(
+        Parameter("excess", "acceleration", HalfNormal(0.2)),
+        Parameter("coulomb", "acceleration", HalfNormal(0.2)),
+        Parameter("velocity", "velocity", about(0.3, 0.8), (0.1, 0.3, 0.8)),
+    ),
+    needs="a tenth of the samples slower than the Stribeck velocity",
+    amplitudes=2,
+    passive=True,
+    law=force,
+    constants=lambda scales, variant: (0.02 * scales.velocity,),
+    reports=lambda p: {
+        "coulomb": p["coulomb"],
+        "static": p["coulomb"] + p["excess"],
+        "velocity": p["velocity"],
+    },
+)

@@ -1,0 +1,28 @@
+"""Clocks of motion and inputs that disagree: ``u(t) = u_logged(t - offset)`` for every input at once.
+
+A late camera looks like an early input, so that the offset may have either sign; a positive one cannot be
+told from a delay of every input.
+"""
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float64
+
+from lagsplat.diagnose.effects.effect import InputChange, Normal, Parameter
+
+
+def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray, "P M"]:
+    """The input as it was ``offset`` ago, or will be."""
+    return np.stack([signal.at(signal.time - offset) for offset in theta[:, 0]])
+
+
+EFFECT = InputChange(
+    name="time_offset",
+    group="G",
+    equation="y(t) = q(t + offset)",
+    parameters=(Parameter("offset", "time", Normal(0.5)),),
+    needs="an input with steps, and an event that starts without it",
+    along="whole",
+    change=change,
+)

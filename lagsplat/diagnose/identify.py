@@ -1,0 +1,328 @@
+"""From recordings of a simulator to its model: structure by weak regression, coefficients by shooting."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float64
+
+from lagsplat.diagnose.basis import Basis, polynomial, with_angles
+from lagsplat.diagnose.model import Model
+from lagsplat.diagnose.nuisance import Nuisance
+from lagsplat.diagnose.record import Record, Windows, cut_windows
+from lagsplat.diagnose.shoot import Belief, Data, Fit, Predict, derivatives, eliminate, shoot
+from lagsplat.diagnose.simulate import Bench
+from lagsplat.diagnose.weak import Form, model_of, observe, regressors, solve
+
+COEFFICIENTS = ("mass", "damping", "potential", "input_map", "dry", "drag")
+
+
+@dataclass(frozen=True)
+class Identified:
+    """A model, how well it tells the sim's own recordings, and what they leave open."""
+
+    model: Model
+    form: Form
+    misfit: float
+    """Mean square of the residual over its own windows, in units of the noise."""
+    freedom: Float64[np.ndarray, "R K"]
+    """Changes of all coefficients of one standard deviation each, the largest first."""
+    fit: Fit
+    windows: Windows
+
+
+@dataclass(frozen=True)
+class Setting:
+    """How a sim is identified: what `conf/diagnose` says of it."""
+
+    window_periods: float
+    steps_per_period: float
+    ridge: float
+    iterations: int
+    tolerance: float
+    test_s: float = 0.0
+
+
+def bases(q: np.ndarray, *, degree: int) -> list[Basis]:
+    """Candidate bases over the region of ``q``: polynomials, and angles where the range allows them."""
+    low, high = q.min(axis=0), q.max(axis=0)
+    centre, scale = 0.5 * (low + high), np.maximum(0.5 * (high - low), 1e-9)
+    out = [polynomial(degree, centre=centre, scale=scale)]
+    if (high - low > 0.6).all():
+        d = len(low)
+        multiples = [np.eye(d, dtype=np.int64)]
+        for i in range(d):
+            for j in range(i + 1, d):
+                difference = np.zeros((2, d), dtype=np.int64)
+                difference[:, i] = 1
+                difference[0, j], difference[1, j] = -1, 1
+                multiples.append(difference)
+        out.append(with_angles(polynomial(2, centre=centre, scale=scale), np.concatenate(multiples)))
+    return out
+
+
+def degrees(basis: Basis) -> list[int]:
+    """Sizes at which a field may end: after each degree of the polynomials, and after the angles."""
+    total = np.where(basis.kind == 0, basis.order.sum(axis=1), 99)
+    return [int(np.sum(total <= level)) for level in np.unique(total)]
+
+
+def grown(form: Form, basis: Basis, *, driven: bool) -> list[Form]:
+    """The forms that are one step larger."""
+    ends = degrees(basis)
+
+    def larger(size: int) -> list[int]:
+        return [end for end in ends if end > size][:2]
+
+    out = [replace(form, potential=end) for end in larger(form.potential)]
+    out += [replace(form, mass=end) for end in larger(form.mass) if end <= form.potential]
+    out += [replace(form, damping=end) for end in larger(form.damping)[:2] if end <= form.potential]
+    if driven:
+        out += [replace(form, input_map=end) for end in larger(form.input_map) if end <= form.potential]
+    if not form.dry:
+        out.append(replace(form, dry=True))
+    if not form.drag:
+        out.append(replace(form, drag=True))
+    return out
+
+
+def enlarged(model: Model, form: Form) -> Model:
+    """The same model with room for the coefficients of a larger form."""
+
+    def pad(value: np.ndarray, size: int) -> np.ndarray:
+        return np.concatenate([value, np.zeros((max(size - len(value), 0), *value.shape[1:]))])
+
+    return replace(
+        model,
+        mass=pad(model.mass, form.mass),
+        damping=pad(model.damping, form.damping),
+        potential=pad(model.potential, form.potential),
+        input_map=pad(model.input_map, form.input_map),
+    )
+
+
+def free_directions(model: Model, form: Form, speed: np.ndarray) -> np.ndarray:
+    """Moves (K_free, K) of all coefficients of a model of this form, one for each number that is free.
+
+    Each is in a unit of its field, so that one size of step suits all: the inertia, the potential at the
+    edge of the region, and the damping, friction and drag that take a twentieth of it at the rms speed.
+    """
+    d, rows = model.d, []
+    blank = {name: np.zeros_like(getattr(model, name)) for name in COEFFICIENTS}
+    height = float(np.abs(model.potential).max()) or 1.0
+    reach = float(np.abs(model.input_map).max()) if model.input_map.size else 0.0
+    loss = 0.05 * height / float(np.mean(speed * model.basis.scale))
+
+    def add(name: str, value: float, *places: tuple[int, ...], minus: tuple[int, ...] | None = None) -> None:
+        field = np.zeros_like(blank[name])
+        for place in places:
+            field[place] = value
+        if minus is not None:
+            field[minus] = -value
+        rows.append(np.concatenate([(blank | {name: field})[n].ravel() for n in COEFFICIENTS]))
+
+    pairs = [(i, j) for i in range(d) for j in range(i, d)]
+    for k in range(form.mass):
+        for i, j in pairs:
+            size = float(np.sqrt(model.mass[0, i, i] * model.mass[0, j, j]))
+            last = (0, d - 1, d - 1)
+            if k == 0 and i == j == d - 1:
+                continue  # the scale of inertia is fixed by the trace
+            add("mass", size, (k, i, j), (k, j, i), minus=last if k == 0 and i == j else None)
+    for k in range(1, form.potential):
+        add("potential", height, (k,))
+    for k in range(form.damping):
+        for i, j in pairs:
+            add("damping", loss, (k, i, j), (k, j, i))
+    for k in range(form.input_map):
+        for c in range(model.n_u):
+            for i in range(d):
+                add("input_map", reach or 1.0, (k, c, i))
+    for name, flag, size in (("dry", form.dry, loss * speed), ("drag", form.drag, loss / speed)):
+        for i in range(d) if flag else ():
+            add(name, float(size[i]), (i,))
+    return np.array(rows)
+
+
+def moved(model: Model, change: np.ndarray) -> Model:
+    """The model with all its coefficients changed."""
+    values, at = {}, 0
+    for name in COEFFICIENTS:
+        value = getattr(model, name)
+        values[name] = value + change[at : at + value.size].reshape(value.shape)
+        at += value.size
+    return replace(model, **values)
+
+
+def still(d: int, n_u: int, directions: np.ndarray) -> Nuisance:
+    """No uncertainty but along ``directions``."""
+    return Nuisance(1.0, 1.0, 1.0, np.ones(d), 1.0, n_u, directions)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """The recordings of a sim, ready for shooting."""
+
+    record: Record
+    smooth: Float64[np.ndarray, "N d"]
+    speed: Float64[np.ndarray, " d"]
+    windows: Windows
+    data: Data
+    steps: int
+    held: bool
+    setting: Setting
+
+    @property
+    def n_data(self) -> float:
+        """Number of samples less what the starts take."""
+        w = self.windows
+        return float(w.length.sum() * self.record.d - 2 * self.record.d * len(w.first))
+
+    def predictor(self, model: Model, moves: np.ndarray) -> Predict:
+        """Predictions for changes of a model along ``moves``."""
+        nuisance = still(model.d, model.n_u, moves)
+        bench = Bench(model, self.record, nuisance, self.steps, self.held, self.smooth)
+        fixed = nuisance.size - len(moves)
+
+        def predict(x: np.ndarray, starts: np.ndarray) -> np.ndarray:
+            padded = np.concatenate([np.zeros((len(x), fixed)), x], axis=1)
+            return bench.rollouts((), padded, starts, self.windows)[0]
+
+        return predict
+
+    def refine(self, model: Model, form: Form, starts: np.ndarray) -> tuple[Model, Fit, np.ndarray]:
+        """Coefficients by shooting; the fit, and the moves that its unknowns mean."""
+        moves = free_directions(model, form, self.speed)
+        fit = shoot(
+            self.predictor(model, moves), np.zeros(len(moves)), starts, self.data, loose(len(moves)),
+            iterations=self.setting.iterations, tolerance=self.setting.tolerance,
+        )  # fmt: skip
+        return moved(model, fit.x @ moves), fit, moves
+
+
+def loose(n: int) -> Belief:
+    """Hardly any belief about ``n`` coefficients."""
+    return Belief(np.zeros(n), np.full(n, 3.0), np.full(n, -np.inf), np.full(n, 1e-5))
+
+
+def promised(
+    trial: Trial, model: Model, form: Form, larger: list[Form], fit: Fit
+) -> list[tuple[float, Form]]:
+    """How much misfit each larger form would take away to first order, from one set of slopes for all."""
+    union = Form(*(max(sizes) for sizes in zip(*(f.order[:1] + (f.damping, f.potential, f.input_map)
+                 for f in larger), strict=True)), dry=True, drag=True)  # fmt: skip
+    roomy = enlarged(model, union)
+    moves = free_directions(roomy, union, trial.speed)
+    predict = trial.predictor(roomy, moves)
+    residual, slopes, begun = derivatives(
+        predict, np.zeros(len(moves)), fit.starts, trial.data, np.full(len(moves), 1e-5)
+    )
+    curvature, gradient, *_ = eliminate(residual, slopes, begun)
+    out = []
+    for candidate in larger:
+        own = free_directions(enlarged(model, candidate), candidate, trial.speed)
+        kept = np.flatnonzero(_within(roomy, own, moves, enlarged(model, candidate)))
+        h = curvature[np.ix_(kept, kept)] + np.eye(len(kept)) / 9.0
+        out.append((float(gradient[kept] @ np.linalg.lstsq(h, gradient[kept], rcond=1e-12)[0]), candidate))
+    return out
+
+
+def _within(roomy: Model, own: np.ndarray, moves: np.ndarray, small: Model) -> np.ndarray:
+    """Which of ``moves`` of the roomy model change only what the small one has and its form frees."""
+    touched = np.zeros(moves.shape[1], dtype=bool)
+    at, at_small = 0, 0
+    freed = (own != 0.0).any(axis=0)
+    for name in COEFFICIENTS:
+        size, size_small = getattr(roomy, name).size, getattr(small, name).size
+        touched[at : at + size_small] = freed[at_small : at_small + size_small]
+        at, at_small = at + size, at_small + size_small
+    return np.array([touched[row != 0.0].all() for row in moves])
+
+
+def grow(
+    trial: Trial, basis: Basis, *, driven: bool, width: np.ndarray
+) -> tuple[float, Model, Form, Fit, np.ndarray]:
+    """From a linear system, by the form that promises most, as long as it keeps its promise.
+
+    The cost is that of the Bayesian information criterion.
+    """
+    record, smooth = trial.record, trial.smooth
+    form = Form(1, 1, degrees(basis)[2], 1 if driven else 0)
+    samples = observe(basis, record, smooth, record.v, width_s=trial.setting.test_s, speed=width)
+    rows, known, names = regressors(samples, form)
+    model = model_of(
+        samples, form, solve(rows, known, trial.setting.ridge), names, np.median(record.q, axis=0)
+    )
+    if np.linalg.eigvalsh(model.mass[0]).min() < 0.05:
+        rows, known, names = regressors(samples, form)
+        model = model_of(samples, form, solve(rows, known, 0.1), names, np.median(record.q, axis=0))
+    begun = np.concatenate([smooth, record.v], axis=1)[trial.windows.first]
+    model, fit, moves = trial.refine(model, form, begun)
+
+    def cost(fit: Fit, n: int) -> float:
+        return trial.n_data * np.log(max(fit.misfit / trial.n_data, 0.5)) + n * np.log(trial.n_data)
+
+    best, refused = cost(fit, len(moves)), set()
+    while True:
+        larger = [f for f in grown(form, basis, driven=driven) if f not in refused]
+        if not larger or fit.misfit < 0.6 * trial.n_data:
+            return best, model, form, fit, moves
+        gains = promised(trial, model, form, larger, fit)
+        after = [
+            (trial.n_data * np.log(max((fit.misfit - gain) / trial.n_data, 0.5))
+             + len(free_directions(enlarged(model, f), f, trial.speed)) * np.log(trial.n_data), f.order, f)
+            for gain, f in gains
+        ]  # fmt: skip
+        hoped, _, candidate = min(after, key=lambda row: row[:2])
+        if hoped > best:
+            return best, model, form, fit, moves
+        tried = trial.refine(enlarged(model, candidate), candidate, fit.starts)
+        if cost(tried[1], len(tried[2])) < best:
+            (model, fit, moves), form = tried, candidate
+            best = cost(fit, len(moves))
+            refused.clear()
+        else:
+            refused.add(candidate)
+
+
+def identify(
+    record: Record,
+    smooth: Float64[np.ndarray, "N d"],
+    sigma: Float64[np.ndarray, " d"],
+    period_s: float,
+    setting: Setting,
+    *,
+    held: bool,
+) -> Identified:
+    """The model of a sim from its recordings.
+
+    Raises:
+        ValueError: no clip is long enough for a window.
+    """
+    windows = cut_windows(record, length_s=setting.window_periods * period_s, least=12)
+    data = Data(
+        windows.take(record.q),
+        windows.mask()[..., None] / sigma,
+        1e-4 * np.concatenate([np.std(record.q, axis=0), np.std(record.v, axis=0)]),
+    )
+    steps = max(1, int(np.ceil(record.dt_s * setting.steps_per_period / period_s)))
+    speed = np.std(record.v, axis=0)
+    trial = Trial(record, smooth, speed, windows, data, steps, held, replace(setting, test_s=0.5 * period_s))
+    driven = record.u.shape[1] > 0
+    degree = {1: 7, 2: 5}.get(record.d, 3)
+    options = []
+    for basis in bases(record.q, degree=degree):
+        options.append(grow(trial, basis, driven=driven, width=0.02 * speed))
+        if options[-1][3].misfit < 1.1 * trial.n_data:
+            break
+    _, model, form, fit, moves = min(options, key=lambda option: option[0])
+    model = replace(
+        model,
+        basis=model.basis.first(
+            max(len(model.mass), len(model.damping), len(model.potential), len(model.input_map))
+        ),
+    )
+    misfit = fit.misfit / max(trial.n_data - len(moves), 1.0)
+    scatter = np.linalg.inv(fit.curvature / max(misfit, 1.0) + np.eye(len(moves)) / 9.0)
+    values, vectors = np.linalg.eigh(scatter)
+    freedom = (vectors * np.sqrt(np.maximum(values, 0.0))).T[::-1] @ moves
+    return Identified(model, form, misfit, freedom, fit, windows)

@@ -1,0 +1,256 @@
+"""Many rollouts of a sim with up to three unmodelled forces, by the classical Runge-Kutta method.
+
+A batch is ``P`` sets of parameters times ``W`` windows of a recording. A force acts along one direction ``p``:
+with ``s = p.(q - rest)`` its law says an acceleration ``f(t, s, ds/dt, ...)``, and ``p m f`` is added to the
+generalised forces, ``m`` being the reference inertia along ``p``. Laws are compiled one by one and handed
+over as functions, so that a new effect compiles alone.
+"""
+
+import math
+from typing import Any, no_type_check
+
+import numpy as np
+from numba import float64, njit, prange, types
+
+from lagsplat.diagnose.basis import evaluate
+
+LAW = float64(float64, float64, float64, float64, float64, float64[::1], float64[::1], float64[::1])
+"""``law(t, s, v, spring, drive, memory, theta, d_memory) -> acceleration``; writes the rate of its memory."""
+SLOTS = 3
+FAR = 1e6  # in units of the scale of the coordinates: a rollout that has left for good
+
+
+def law(function: Any) -> Any:
+    """Decorator: compile a law of force under the one signature all of them share."""
+    return njit(LAW, cache=True)(function)
+
+
+@law
+@no_type_check
+def nothing(t, s, v, spring, drive, memory, theta, d_memory):
+    """No force: fills the slots that are not needed."""
+    return 0.0
+
+
+@njit(cache=True)
+@no_type_check
+def _solve(a, b, d):
+    """Overwrite ``b`` with ``a^-1 b`` for a symmetric positive ``a``, which is overwritten too."""
+    for j in range(d):
+        for k in range(j):
+            a[j, j] -= a[j, k] * a[j, k]
+        a[j, j] = math.sqrt(max(a[j, j], 1e-12))
+        for i in range(j + 1, d):
+            for k in range(j):
+                a[i, j] -= a[i, k] * a[j, k]
+            a[i, j] /= a[j, j]
+    for i in range(d):
+        for k in range(i):
+            b[i] -= a[i, k] * b[k]
+        b[i] /= a[i, i]
+    for i in range(d - 1, -1, -1):
+        for k in range(i + 1, d):
+            b[i] -= a[k, i] * b[k]
+        b[i] /= a[i, i]
+
+
+@njit(
+    (
+        types.Tuple((types.int64[::1], types.int64[:, ::1], float64[::1], float64[::1])),
+        types.Tuple(
+            (
+                float64[:, :, ::1],
+                float64[:, :, ::1],
+                float64[::1],
+                float64[:, :, ::1],
+                float64[::1],
+                float64[::1],
+                float64[::1],
+                float64[::1],
+            )
+        ),
+        types.UniTuple(types.FunctionType(LAW), SLOTS),
+        float64[:, ::1],
+        float64[::1],
+        float64[:, ::1],
+        float64,
+        float64[::1],
+        float64[::1],
+        float64[:, ::1],
+        float64[::1],
+        float64[:, ::1],
+        float64[:, ::1],
+        float64[:, ::1],
+        float64[::1],
+        float64[:, ::1],
+    ),
+    cache=True,
+    error_model="numpy",
+)
+@no_type_check
+def _rate(
+    basis, fields, laws, along, inertia, theta, t, state, u, memory, rate, d_memory, phi, slope, work, m
+):
+    """Write the rate of ``state`` (q, v) and of the memories."""
+    kind, order, centre, scale = basis
+    mass, damping, potential, input_map, dry, drag, width, rest = fields
+    d, n_u = rest.shape[0], input_map.shape[1]
+    evaluate(kind, order, centre, scale, state[:d], phi[0], slope)
+    force = rate[d:]
+    spring, drive = work[:d], work[d : 2 * d]
+    for i in range(d):
+        rate[i] = state[d + i]
+        force[i] = -dry[i] * math.tanh(state[d + i] / width[i]) - drag[i] * abs(state[d + i]) * state[d + i]
+        spring[i] = 0.0
+        drive[i] = 0.0
+        for j in range(d):
+            m[i, j] = 0.0
+    for k in range(potential.shape[0]):
+        for i in range(d):
+            spring[i] -= potential[k] * slope[k, i]
+    for k in range(mass.shape[0]):
+        swing = 0.0
+        for i in range(d):
+            swing += slope[k, i] * state[d + i]
+        for i in range(d):
+            for j in range(d):
+                m[i, j] += phi[0, k] * mass[k, i, j]
+                push = mass[k, i, j] * state[d + j]
+                force[i] -= swing * push
+                for n in range(d):
+                    force[n] += 0.5 * slope[k, n] * push * state[d + i]
+    for k in range(damping.shape[0]):
+        for i in range(d):
+            for j in range(d):
+                force[i] -= phi[0, k] * damping[k, i, j] * state[d + j]
+    for k in range(input_map.shape[0]):
+        for c in range(n_u):
+            for i in range(d):
+                drive[i] += phi[0, k] * input_map[k, c, i] * u[c]
+    for i in range(d):
+        force[i] += spring[i] + drive[i]
+    for slot in range(SLOTS):
+        if inertia[slot] == 0.0:
+            continue
+        s, v, pull, push = 0.0, 0.0, 0.0, 0.0
+        for i in range(d):
+            s += along[slot, i] * (state[i] - rest[i])
+            v += along[slot, i] * state[d + i]
+            pull += along[slot, i] * spring[i]
+            push += along[slot, i] * drive[i]
+        heavy = inertia[slot]
+        f = laws[slot](t, s, v, pull / heavy, push / heavy, memory[slot], theta[slot], d_memory[slot])
+        for i in range(d):
+            force[i] += along[slot, i] * heavy * f
+    _solve(m, force, d)
+
+
+@njit(parallel=True, cache=True, error_model="numpy")
+@no_type_check
+def rollouts(
+    basis, mass, damping, potential, input_map, dry, drag, width, rest, laws, along, inertia, theta, memory,
+    starts, first, length, time, u, u_of, steps, out,
+):  # fmt: skip
+    """Write the states (P, W, L, 2 d) at the frames of every window, for every set of parameters.
+
+    ``u`` (S, N, steps, 3, n_u) holds the inputs at the beginning, middle and end of every substep; ``u_of``
+    (P,) says which of them a set uses. ``memory`` (P, W, 3, Z) is the laws' memory at the windows' starts.
+    """
+    n_sets, n_windows, two_d = starts.shape
+    d = two_d // 2
+    for job in prange(n_sets * n_windows):
+        p, w = job // n_windows, job % n_windows
+        fields = (mass[p], damping[p], potential[p], input_map[p], dry[p], drag[p], width, rest)
+        phi, slope = np.empty((1, basis[0].shape[0])), np.empty((basis[0].shape[0], d))
+        work, m = np.empty(2 * d), np.empty((d, d))
+        x, y, total = starts[p, w].copy(), np.empty(two_d), np.empty(two_d)
+        rate, n_z = np.zeros(two_d), memory.shape[3]
+        z, zy = memory[p, w].copy(), np.empty_like(memory[p, w])
+        d_z, z_total = np.zeros_like(z), np.empty_like(z)
+        lost = False
+        for frame in range(length[w]):
+            for i in range(two_d):
+                out[p, w, frame, i] = x[i]
+            if frame == length[w] - 1:
+                break
+            n = first[w] + frame
+            h = (time[n + 1] - time[n]) / steps
+            for step in range(steps):
+                if lost:
+                    break
+                t = time[n] + step * h
+                for stage in range(4):
+                    ahead = 0.0 if stage == 0 else (h if stage == 3 else 0.5 * h)
+                    for i in range(two_d):
+                        y[i] = x[i] + ahead * rate[i]
+                    for slot in range(SLOTS):
+                        for i in range(n_z):
+                            zy[slot, i] = z[slot, i] + ahead * d_z[slot, i]
+                    at = 0 if stage == 0 else (2 if stage == 3 else 1)
+                    _rate(
+                        basis, fields, laws, along, inertia, theta[p], t + ahead, y, u[u_of[p], n, step, at],
+                        zy, rate, d_z, phi, slope, work, m,
+                    )  # fmt: skip
+                    weight = h / 6.0 if stage == 0 or stage == 3 else h / 3.0
+                    for i in range(two_d):
+                        total[i] = weight * rate[i] + (0.0 if stage == 0 else total[i])
+                    for slot in range(SLOTS):
+                        for i in range(n_z):
+                            z_total[slot, i] = weight * d_z[slot, i] + (
+                                0.0 if stage == 0 else z_total[slot, i]
+                            )
+                for i in range(two_d):
+                    x[i] += total[i]
+                for slot in range(SLOTS):
+                    for i in range(n_z):
+                        z[slot, i] += z_total[slot, i]
+                for i in range(d):
+                    if not abs(x[i] - rest[i]) < FAR * basis[3][i]:
+                        lost = True
+                if lost:
+                    for i in range(d):
+                        x[i] = rest[i] + FAR * basis[3][i]
+                        x[d + i] = 0.0
+
+
+@njit(
+    (
+        types.FunctionType(LAW), float64[:, ::1], float64[::1], float64[::1], float64[::1], float64[::1],
+        float64[::1], types.int64[:, ::1], float64[:, ::1], float64[:, :, ::1],
+    ),
+    cache=True,
+)  # fmt: skip
+@no_type_check
+def memories(force, theta, time, s, v, spring, drive, clips, begin, out):
+    """Write a law's memory (P, N, Z) along a motion that is given, from ``begin`` (C, Z) at the start of every clip.
+
+    ``s``, ``v``, ``spring``, ``drive`` are (N,); between frames they are interpolated linearly. The memory
+    steps by the explicit midpoint rule, eight times a frame.
+    """
+    n_sets, _, n_z = out.shape
+    rate, y = np.zeros(n_z), np.zeros(n_z)
+    for p in range(n_sets):
+        for clip in range(clips.shape[0]):
+            z = begin[clip].copy()
+            for n in range(clips[clip, 0], clips[clip, 1]):
+                out[p, n] = z
+                if n + 1 == clips[clip, 1]:
+                    break
+                h = (time[n + 1] - time[n]) / 8.0
+                for step in range(8):
+                    for half in range(2):
+                        share = (step + 0.5 * half) / 8.0
+                        y[:] = z
+                        if half == 1:
+                            y[:] += 0.5 * h * rate
+                        force(
+                            time[n] + share * 8.0 * h,
+                            s[n] + share * (s[n + 1] - s[n]),
+                            v[n] + share * (v[n + 1] - v[n]),
+                            spring[n] + share * (spring[n + 1] - spring[n]),
+                            drive[n] + share * (drive[n + 1] - drive[n]),
+                            y,
+                            theta[p],
+                            rate,
+                        )
+                    z = z + h * rate

@@ -1,0 +1,99 @@
+"""What a simulation is held against: motions joined clip by clip, cut into windows."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64, Int64
+
+from lagsplat.io.motion import Motion
+
+
+@dataclass(frozen=True)
+class Record:
+    """Files joined along time: ``time`` (N,) [s] counts from the start of each file; clips never touch."""
+
+    time: Float64[np.ndarray, " N"]
+    q: Float64[np.ndarray, "N d"]
+    v: Float64[np.ndarray, "N d"]
+    """Velocity estimates to start from [1/s]; see `lagsplat.diagnose.noise.local_cubic`."""
+    u: Float64[np.ndarray, "N n_u"]
+    clips: Int64[np.ndarray, "C 2"]
+    files: tuple[str, ...]
+    file_of: Int64[np.ndarray, " C"]
+    """Number of the file of each clip."""
+
+    @property
+    def d(self) -> int:
+        """Number of coordinates."""
+        return self.q.shape[1]
+
+    @property
+    def dt_s(self) -> float:
+        """Median time between frames [s]."""
+        return float(np.median(np.concatenate([np.diff(self.time[a:b]) for a, b in self.clips])))
+
+
+@dataclass(frozen=True)
+class Windows:
+    """Stretches of a record that are simulated each from a state of its own."""
+
+    first: Int64[np.ndarray, " W"]
+    length: Int64[np.ndarray, " W"]
+
+    @property
+    def longest(self) -> int:
+        """Frames of the longest window."""
+        return int(self.length.max())
+
+    def mask(self) -> Float64[np.ndarray, "W L"]:
+        """One where a window has a frame, zero beyond its end."""
+        return (np.arange(self.longest)[None, :] < self.length[:, None]).astype(np.float64)
+
+    def take(self, values: np.ndarray) -> np.ndarray:
+        """Samples (W, L, ...) of the windows; beyond a window's end its last one stands."""
+        index = self.first[:, None] + np.minimum(np.arange(self.longest)[None, :], self.length[:, None] - 1)
+        return values[index]
+
+    def only(self, chosen: np.ndarray) -> "Windows":
+        """Those of the windows that are ``chosen``, a mask or an index."""
+        return Windows(self.first[chosen], self.length[chosen])
+
+
+def join(motions: Sequence[Motion], velocities: Sequence[np.ndarray]) -> Record:
+    """One record of ``motions`` with their velocity estimates."""
+    clips, file_of, offset = [], [], 0
+    for number, motion in enumerate(motions):
+        for start, stop in motion.segments:
+            clips.append((offset + start, offset + stop))
+            file_of.append(number)
+        offset += motion.n
+    return Record(
+        time=np.concatenate([m.time_s - m.time_s[0] for m in motions]),
+        q=np.concatenate([m.q for m in motions]),
+        v=np.concatenate(list(velocities)),
+        u=np.concatenate([m.u for m in motions]),
+        clips=np.array(clips, dtype=np.int64),
+        files=tuple(m.source for m in motions),
+        file_of=np.array(file_of, dtype=np.int64),
+    )
+
+
+def cut_windows(record: Record, *, length_s: float, least: int) -> Windows:
+    """Windows of about ``length_s``, end to end, none across a cut and none below ``least`` frames.
+
+    Neighbours share their border frame.
+    """
+    first, length = [], []
+    for start, stop in record.clips:
+        span = record.time[stop - 1] - record.time[start]
+        wanted = max(1, int(span / length_s + 0.5))
+        number = max(1, min(wanted, (stop - start - 1) // max(least - 1, 1)))
+        if stop - start < least:
+            continue
+        borders = np.round(np.linspace(start, stop - 1, number + 1)).astype(int)
+        first += borders[:-1].tolist()
+        length += (np.diff(borders) + 1).tolist()
+    if not first:
+        raise ValueError(f"no clip has {least} frames; record longer stretches without a cut")
+    return Windows(np.array(first, dtype=np.int64), np.array(length, dtype=np.int64))
