@@ -70,27 +70,28 @@ def with_angles(basis: Basis, multiples: Int64[np.ndarray, "A d"]) -> Basis:
 
 @njit(cache=True, error_model="numpy")
 @no_type_check
-def evaluate(kind, order, centre, scale, q, value, slope):
-    """Write ``phi`` (K,) and its gradient (K, d) at one ``q`` (d,)."""
+def evaluate(kind, order, centre, scale, q, powers, value, slope):
+    """Write ``phi`` (K,) and its gradient (K, d) at one ``q`` (d,); ``powers`` (d, 1 + highest) is scratch."""
     n, d = order.shape
+    for i in range(d):
+        x = (q[i] - centre[i]) / scale[i]
+        powers[i, 0] = 1.0
+        for e in range(1, powers.shape[1]):
+            powers[i, e] = powers[i, e - 1] * x
     for k in range(n):
         if kind[k] == POWER:
             whole = 1.0
             for i in range(d):
-                x = (q[i] - centre[i]) / scale[i]
-                for _ in range(order[k, i]):
-                    whole *= x
+                whole *= powers[i, order[k, i]]
             value[k] = whole
             for i in range(d):
                 e = order[k, i]
-                if e == 0:
-                    slope[k, i] = 0.0
-                    continue
-                part = e / scale[i]
-                for j in range(d):
-                    x = (q[j] - centre[j]) / scale[j]
-                    for _ in range(order[k, j] - (1 if i == j else 0)):
-                        part *= x
+                part = 0.0
+                if e > 0:
+                    part = e / scale[i] * powers[i, e - 1]
+                    for j in range(d):
+                        if j != i:
+                            part *= powers[j, order[k, j]]
                 slope[k, i] = part
         else:
             angle = 0.0
@@ -105,9 +106,22 @@ def evaluate(kind, order, centre, scale, q, value, slope):
 
 @njit(cache=True)
 @no_type_check
+def highest_power(kind, order):
+    """The highest power of one coordinate in any monomial."""
+    highest = 0
+    for k in range(order.shape[0]):
+        if kind[k] == POWER:
+            for i in range(order.shape[1]):
+                highest = max(highest, order[k, i])
+    return highest
+
+
+@njit(cache=True)
+@no_type_check
 def _values(kind, order, centre, scale, q):
     n, d, size = q.shape[0], q.shape[1], kind.shape[0]
     value, slope = np.empty((n, size)), np.empty((n, size, d))
+    powers = np.empty((d, highest_power(kind, order) + 1))
     for m in range(n):
-        evaluate(kind, order, centre, scale, q[m], value[m], slope[m])
+        evaluate(kind, order, centre, scale, q[m], powers, value[m], slope[m])
     return value, slope

@@ -7,7 +7,7 @@ from pkgutil import iter_modules
 
 import numpy as np
 from jaxtyping import Float64
-from scipy.signal import find_peaks, lombscargle
+from scipy.signal import find_peaks
 
 from lagsplat.diagnose import effects
 from lagsplat.diagnose.effects.effect import (
@@ -72,8 +72,8 @@ def instances(
 def _along(
     effect: Effect, variant: str, bench: Bench, places: list[Direction], residual: np.ndarray
 ) -> list[Instance]:
-    if variant == "weight" or (effect.name == "mass_change" and bench.model.d == 1):
-        return []
+    if variant == "weight" or (effect.name == "mass_change" and len(bench.model.mass) == 1 == bench.model.d):
+        return []  # weight acts on the whole; a constant mass of one coordinate is the whole
     out = []
     for i, place in enumerate(places):
         one = Instance(effect, scales(bench, place, variant), variant, place)
@@ -110,16 +110,22 @@ def scales(bench: Bench, place: Direction, variant: str = "") -> Scales:
         coordinate=size,
         velocity=max(float(np.sqrt(np.mean(v * v))), 1e-6 * size),
         reach=float(reach) if reach > 0.3 * size else 0.0,
+        stiffness=_stiffness(bench, place),
         frame_s=bench.record.dt_s,
         duration_s=float(max(bench.record.time[b - 1] for _, b in bench.record.clips)),
     )
+
+
+def _stiffness(bench: Bench, place: Direction) -> float:
+    p = place.covector
+    return float(p @ bench.model.stiffness @ p) / float(p @ bench.model.inertia @ p)
 
 
 def whole_scales(bench: Bench) -> Scales:
     """Sizes of the coordinate that moves most, by its kinetic energy."""
     energy = np.diag(bench.model.inertia) * np.mean(bench.record.v**2, axis=0)
     i = int(np.argmax(energy))
-    return scales(bench, Direction(None, np.eye(bench.model.d)[i], 1.0))
+    return scales(bench, Direction(None, np.eye(bench.model.d)[i], float(bench.model.inertia[i, i])))
 
 
 def events(bench: Bench, residual: np.ndarray, size: Scales) -> list[float]:
@@ -133,14 +139,21 @@ def events(bench: Bench, residual: np.ndarray, size: Scales) -> list[float]:
 
 
 def lines(bench: Bench, residual: np.ndarray, size: Scales) -> list[float]:
-    """The angular frequencies at which the residual is largest, in units of the motion's own rate."""
-    time, span = bench.record.time, size.duration_s
-    if len(np.unique(bench.record.file_of)) > 1:
-        first = bench.record.clips[bench.record.file_of == 0]
-        keep = slice(0, first[-1, 1])
-        time, residual = time[keep], residual[keep]
-    grid = 2.0 * np.pi * np.arange(0.5 / span, 0.2 / bench.record.dt_s, 0.25 / span)
-    power = lombscargle(time, residual - residual.mean(), grid)
-    peaks, found = find_peaks(power, height=0.0)
-    best = peaks[np.argsort(found["peak_heights"])[::-1][:LINES]]
+    """The angular frequencies at which the residual is largest, in units of the motion's own rate.
+
+    From the longest file, at even instants.
+    """
+    record = bench.record
+    spans = [
+        (record.clips[record.file_of == n][0, 0], record.clips[record.file_of == n][-1, 1])
+        for n in range(len(record.files))
+    ]
+    start, stop = max(spans, key=lambda span: span[1] - span[0])
+    time = np.arange(record.time[start], record.time[stop - 1], record.dt_s)
+    x = np.interp(time, record.time[start:stop], residual[start:stop])
+    spectrum = np.abs(np.fft.rfft((x - x.mean()) * np.hanning(len(x)), 4 * len(x)))
+    grid = 2.0 * np.pi * np.fft.rfftfreq(4 * len(x), record.dt_s)
+    power = np.where(grid < 2.0 * np.pi * 0.2 / record.dt_s, spectrum, 0.0)
+    peaks, found = find_peaks(power[2:], height=0.0)
+    best = peaks[np.argsort(found["peak_heights"])[::-1][:LINES]] + 2
     return [float(grid[i] / size.of("rate")) for i in best]

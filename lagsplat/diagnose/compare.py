@@ -5,7 +5,7 @@ A quick score test ranks all of them; the best are fitted by shooting; evidence 
 
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -52,11 +52,20 @@ class Contest:
         """Predictions of a set of effects."""
         return lambda x, starts: self.bench.rollouts(effects, x, starts, self.windows)[0]
 
-    def fit(self, effects: Sequence[Instance], x: np.ndarray, starts: np.ndarray | None = None) -> Fit:
-        """The best parameters from ``x``, those of the effects followed by the uncertainties."""
+    def fit(
+        self,
+        effects: Sequence[Instance],
+        x: np.ndarray,
+        starts: np.ndarray | None = None,
+        known: tuple[np.ndarray, np.ndarray] | None = None,
+    ) -> Fit:
+        """The best parameters from ``x``, those of the effects followed by the uncertainties.
+
+        ``known`` are slopes of a fit nearby by the uncertainties and by the starts.
+        """
         return shoot(
             self.predict(effects), x, self.begun if starts is None else starts, self.data,
-            belief(effects, self.bench), iterations=self.iterations, tolerance=self.tolerance,
+            belief(effects, self.bench), iterations=self.iterations, tolerance=self.tolerance, known=known,
         )  # fmt: skip
 
 
@@ -81,19 +90,6 @@ class Lead:
     gain: float
     starts: tuple[np.ndarray, ...]
     """Unknowns of the effect to begin from, the best first."""
-
-
-@dataclass(frozen=True)
-class Plain:
-    """The best fit without a further effect, and the slopes about it."""
-
-    effects: tuple[Instance, ...]
-    fit: Fit
-    residual: np.ndarray
-    slopes: np.ndarray
-    begun: np.ndarray
-    inner: np.ndarray
-    """Factor of what the uncertainties and starts may absorb."""
 
 
 def screen(
@@ -197,6 +193,9 @@ class Explained:
     effects: tuple[Instance, ...]
     fit: Fit
     log_evidence: float = float("nan")
+    """Over `none` [nat]."""
+    noise: dict[str, float] = field(default_factory=dict)
+    """Parameters of an effect that only moves single samples."""
 
     @property
     def n_own(self) -> int:
@@ -235,27 +234,12 @@ def pursue(
 ) -> Explained:
     """The best fit of ``effects`` and the lead's one, from the best few beginnings."""
     known = sum(len(e.effect.parameters) for e in effects)
+    near = (base.slopes[..., known:], base.start_slopes)
     best: Fit | None = None
     for x in lead.starts[:starts]:
         whole = np.concatenate([base.x[:known], x, base.x[known:]])
-        fit = contest.fit((*effects, lead.instance), whole, base.starts)
+        fit = contest.fit((*effects, lead.instance), whole, base.starts, near)
         if best is None or fit.misfit + fit.penalty < best.misfit + best.penalty:
             best = fit
     assert best is not None
     return Explained((*effects, lead.instance), best)
-
-
-def jitter(contest: Contest, one: Explained, offer: Instance, v: np.ndarray) -> tuple[float, float]:
-    """Log evidence that noise which grows with speed gains over even noise, and its size in frames."""
-    mask = contest.data.weight > 0.0
-    r, speed = one.fit.residual[mask], (v / contest.sigma)[mask] * offer.scales.frame_s
-    sizes = np.geomspace(0.003, 2.0, 60)
-    level = max(1.0, float(np.median(r * r)) / 0.455)
-    likelihood = np.array(
-        [
-            -0.5 * np.sum(r * r / (level + (s * speed) ** 2) + np.log1p((s * speed) ** 2 / level))
-            for s in sizes
-        ]
-    )
-    base = -0.5 * np.sum(r * r / level)
-    return float(likelihood.max() - base), float(sizes[np.argmax(likelihood)])

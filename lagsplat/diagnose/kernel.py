@@ -12,7 +12,7 @@ from typing import Any, no_type_check
 import numpy as np
 from numba import float64, njit, prange, types
 
-from lagsplat.diagnose.basis import evaluate
+from lagsplat.diagnose.basis import evaluate, highest_power
 
 LAW = float64(float64, float64, float64, float64, float64, float64[::1], float64[::1], float64[::1])
 """``law(t, s, v, spring, drive, memory, theta, d_memory) -> acceleration``; writes the rate of its memory."""
@@ -35,7 +35,7 @@ def nothing(t, s, v, spring, drive, memory, theta, d_memory):
 @njit(cache=True)
 @no_type_check
 def _solve(a, b, d):
-    """Overwrite ``b`` with ``a^-1 b`` for a symmetric positive ``a``, which is overwritten too."""
+    """Overwrite the second half of ``b`` (2 d,) with ``a^-1`` of it, for a symmetric positive ``a``, overwritten too."""
     for j in range(d):
         for k in range(j):
             a[j, j] -= a[j, k] * a[j, k]
@@ -46,89 +46,73 @@ def _solve(a, b, d):
             a[i, j] /= a[j, j]
     for i in range(d):
         for k in range(i):
-            b[i] -= a[i, k] * b[k]
-        b[i] /= a[i, i]
+            b[d + i] -= a[i, k] * b[d + k]
+        b[d + i] /= a[i, i]
     for i in range(d - 1, -1, -1):
         for k in range(i + 1, d):
-            b[i] -= a[k, i] * b[k]
-        b[i] /= a[i, i]
+            b[d + i] -= a[k, i] * b[d + k]
+        b[d + i] /= a[i, i]
 
 
-@njit(
-    (
-        types.Tuple((types.int64[::1], types.int64[:, ::1], float64[::1], float64[::1])),
-        types.Tuple(
-            (
-                float64[:, :, ::1],
-                float64[:, :, ::1],
-                float64[::1],
-                float64[:, :, ::1],
-                float64[::1],
-                float64[::1],
-                float64[::1],
-                float64[::1],
-            )
-        ),
-        types.UniTuple(types.FunctionType(LAW), SLOTS),
-        float64[:, ::1],
-        float64[::1],
-        float64[:, ::1],
-        float64,
-        float64[::1],
-        float64[::1],
-        float64[:, ::1],
-        float64[::1],
-        float64[:, ::1],
-        float64[:, ::1],
-        float64[:, ::1],
-        float64[::1],
-        float64[:, ::1],
-    ),
-    cache=True,
-    error_model="numpy",
-)
+@njit(cache=True, error_model="numpy", inline="always")
 @no_type_check
 def _rate(
-    basis, fields, laws, along, inertia, theta, t, state, u, memory, rate, d_memory, phi, slope, work, m
+    basis,
+    fields,
+    laws,
+    along,
+    inertia,
+    theta,
+    t,
+    state,
+    u,
+    memory,
+    rate,
+    d_memory,
+    phi,
+    slope,
+    work,
+    m,
+    powers,
 ):
     """Write the rate of ``state`` (q, v) and of the memories."""
     kind, order, centre, scale = basis
     mass, damping, potential, input_map, dry, drag, width, rest = fields
     d, n_u = rest.shape[0], input_map.shape[1]
-    evaluate(kind, order, centre, scale, state[:d], phi[0], slope)
-    force = rate[d:]
-    spring, drive = work[:d], work[d : 2 * d]
+    evaluate(kind, order, centre, scale, state, powers, phi, slope)
     for i in range(d):
         rate[i] = state[d + i]
-        force[i] = -dry[i] * math.tanh(state[d + i] / width[i]) - drag[i] * abs(state[d + i]) * state[d + i]
-        spring[i] = 0.0
-        drive[i] = 0.0
+        rate[d + i] = -drag[i] * abs(state[d + i]) * state[d + i]
+        if dry[i] != 0.0:
+            rate[d + i] -= dry[i] * math.tanh(state[d + i] / width[i])
+        work[i] = 0.0
+        work[d + i] = 0.0
         for j in range(d):
             m[i, j] = 0.0
     for k in range(potential.shape[0]):
         for i in range(d):
-            spring[i] -= potential[k] * slope[k, i]
+            work[i] -= potential[k] * slope[k, i]
     for k in range(mass.shape[0]):
         swing = 0.0
         for i in range(d):
             swing += slope[k, i] * state[d + i]
         for i in range(d):
             for j in range(d):
-                m[i, j] += phi[0, k] * mass[k, i, j]
+                m[i, j] += phi[k] * mass[k, i, j]
                 push = mass[k, i, j] * state[d + j]
-                force[i] -= swing * push
+                rate[d + i] -= swing * push
                 for n in range(d):
-                    force[n] += 0.5 * slope[k, n] * push * state[d + i]
+                    rate[d + n] += 0.5 * slope[k, n] * push * state[d + i]
     for k in range(damping.shape[0]):
         for i in range(d):
             for j in range(d):
-                force[i] -= phi[0, k] * damping[k, i, j] * state[d + j]
+                rate[d + i] -= phi[k] * damping[k, i, j] * state[d + j]
     for k in range(input_map.shape[0]):
         for c in range(n_u):
             for i in range(d):
-                drive[i] += phi[0, k] * input_map[k, c, i] * u[c]
+                work[d + i] += phi[k] * input_map[k, c, i] * u[c]
     for i in range(d):
-        force[i] += spring[i] + drive[i]
+        rate[d + i] += work[i] + work[d + i]
     for slot in range(SLOTS):
         if inertia[slot] == 0.0:
             continue
@@ -136,13 +120,13 @@ def _rate(
         for i in range(d):
             s += along[slot, i] * (state[i] - rest[i])
             v += along[slot, i] * state[d + i]
-            pull += along[slot, i] * spring[i]
-            push += along[slot, i] * drive[i]
+            pull += along[slot, i] * work[i]
+            push += along[slot, i] * work[d + i]
         heavy = inertia[slot]
         f = laws[slot](t, s, v, pull / heavy, push / heavy, memory[slot], theta[slot], d_memory[slot])
         for i in range(d):
-            force[i] += along[slot, i] * heavy * f
-    _solve(m, force, d)
+            rate[d + i] += along[slot, i] * heavy * f
+    _solve(m, rate, d)
 
 
 @njit(parallel=True, cache=True, error_model="numpy")
@@ -161,8 +145,9 @@ def rollouts(
     for job in prange(n_sets * n_windows):
         p, w = job // n_windows, job % n_windows
         fields = (mass[p], damping[p], potential[p], input_map[p], dry[p], drag[p], width, rest)
-        phi, slope = np.empty((1, basis[0].shape[0])), np.empty((basis[0].shape[0], d))
+        phi, slope = np.empty(basis[0].shape[0]), np.empty((basis[0].shape[0], d))
         work, m = np.empty(2 * d), np.empty((d, d))
+        powers = np.empty((d, highest_power(basis[0], basis[1]) + 1))
         x, y, total = starts[p, w].copy(), np.empty(two_d), np.empty(two_d)
         rate, n_z = np.zeros(two_d), memory.shape[3]
         z, zy = memory[p, w].copy(), np.empty_like(memory[p, w])
@@ -189,7 +174,7 @@ def rollouts(
                     at = 0 if stage == 0 else (2 if stage == 3 else 1)
                     _rate(
                         basis, fields, laws, along, inertia, theta[p], t + ahead, y, u[u_of[p], n, step, at],
-                        zy, rate, d_z, phi, slope, work, m,
+                        zy, rate, d_z, phi, slope, work, m, powers,
                     )  # fmt: skip
                     weight = h / 6.0 if stage == 0 or stage == 3 else h / 3.0
                     for i in range(two_d):

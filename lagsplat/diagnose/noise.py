@@ -64,4 +64,7 @@ def noise_level(
         residuals.append((q[start:stop] - smooth)[half : n - half] / np.sqrt(kept))
     if not residuals:
         return np.full(q.shape[1], np.nan)
-    return 1.4826 * np.median(np.abs(np.concatenate(residuals)), axis=0)
+    every = np.concatenate(residuals)
+    middle = 1.4826 * np.median(np.abs(every), axis=0)
+    inside = np.abs(every) <= 4.0 * middle
+    return np.sqrt(np.sum(np.where(inside, every, 0.0) ** 2, axis=0) / np.maximum(inside.sum(axis=0), 1))

@@ -53,6 +53,19 @@ class Nuisance:
             ]
         )
 
+    def pinned(self) -> "Nuisance":
+        """The same with nothing left uncertain."""
+        tiny = 1e-6
+        return replace(
+            self,
+            potential=tiny * self.potential,
+            damping=tiny * self.damping,
+            inputs=tiny * self.inputs,
+            offset=tiny * self.offset,
+            warp=tiny * self.warp,
+            directions=tiny * self.directions,
+        )
+
     def names(self) -> tuple[str, ...]:
         """What each of them is."""
         return (

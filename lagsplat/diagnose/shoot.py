@@ -39,18 +39,6 @@ class Data:
 
 
 @dataclass(frozen=True)
-class Linear:
-    """A least-squares problem about one point, the starting states already eliminated."""
-
-    residual: Float64[np.ndarray, "W L d"]
-    slopes: Float64[np.ndarray, "W M k"]
-    start_slopes: Float64[np.ndarray, "W M s"]
-    curvature: Float64[np.ndarray, "k k"]
-    gradient: Float64[np.ndarray, " k"]
-    log_det_starts: float
-
-
-@dataclass(frozen=True)
 class Fit:
     """Parameters ``x``, starts, the weighted residual there and the Gauss-Newton curvature of half the cost."""
 
@@ -65,6 +53,9 @@ class Fit:
     """Of the data alone, starts eliminated."""
     log_det_starts: float
     iterations: int
+    slopes: Float64[np.ndarray, "W M k"]
+    """Of the weighted prediction by the parameters."""
+    start_slopes: Float64[np.ndarray, "W M s"]
 
 
 def penalty(x: Float64[np.ndarray, "P k"], belief: Belief) -> Float64[np.ndarray, " P"]:
@@ -83,10 +74,23 @@ def derivatives(
     for i in range(s):
         begun[1 + k + i, :, i] += data.start_step[i]
     y = predict(many, begun)
-    moved = np.concatenate([step, data.start_step])[:, None, None, None]
-    slopes = (y[1:] - y[0]) / moved * data.weight
-    flat = slopes.reshape(k + s, len(starts), -1).transpose(1, 2, 0)
-    return (data.y - y[0]) * data.weight, flat[..., :k], flat[..., k:]
+    slopes = _quotients(y, np.concatenate([step, data.start_step]), data)
+    return (data.y - y[0]) * data.weight, slopes[..., :k], slopes[..., k:]
+
+
+def leading(
+    predict: Predict, x: np.ndarray, starts: np.ndarray, data: Data, step: np.ndarray, n: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Weighted residual, and slopes by the first ``n`` parameters alone."""
+    many = np.repeat(x[None], 1 + n, axis=0)
+    many[1 + np.arange(n), np.arange(n)] += step[:n]
+    y = predict(many, np.repeat(starts[None], 1 + n, axis=0))
+    return (data.y - y[0]) * data.weight, _quotients(y, step[:n], data)
+
+
+def _quotients(y: np.ndarray, step: np.ndarray, data: Data) -> np.ndarray:
+    slopes = (y[1:] - y[0]) / step[:, None, None, None] * data.weight
+    return slopes.reshape(len(step), y.shape[1], -1).transpose(1, 2, 0)
 
 
 def eliminate(
@@ -105,6 +109,10 @@ def eliminate(
     return curvature, gradient, float(np.linalg.slogdet(own)[1].sum()), solved[..., :-1], solved[..., -1]
 
 
+REFRESH = 4
+"""Steps after which all slopes are taken anew."""
+
+
 def shoot(
     predict: Predict,
     x: Float64[np.ndarray, " k"],
@@ -114,37 +122,72 @@ def shoot(
     *,
     iterations: int,
     tolerance: float,
+    known: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Fit:
-    """Minimise from ``x`` and ``starts``; stops when a step gains less than ``tolerance`` of the cost."""
+    """Minimise from ``x`` and ``starts``; stops when a step gains less than ``tolerance`` of the cost.
+
+    ``known`` are slopes by the last parameters and by the starts from a fit nearby: those of the first
+    parameters are then taken anew after every step and the rest now and then, for they change little.
+    """
+    n_own = 0 if known is None else len(x) - known[0].shape[2]
     damping = 1e-3
     inverse = 1.0 / belief.deviation**2
-    cost, done = np.inf, 0
-    residual, slopes, begun = derivatives(predict, x, starts, data, belief.step)
+    done, age = 0, 0
+    if known is None:
+        residual, slopes, begun = derivatives(predict, x, starts, data, belief.step)
+    else:
+        residual, own = leading(predict, x, starts, data, belief.step, n_own)
+        slopes, begun = np.concatenate([own, known[0]], axis=2), known[1]
+        age = 1
     misfit, paid = float(np.sum(residual**2)), float(penalty(x[None], belief)[0])
     cost = misfit + paid
-    for done in range(1, iterations + 1):  # noqa: B007
-        gained = False
-        for _ in range(6):
-            curvature, gradient, _, back, own = eliminate(residual, slopes, begun, damping)
-            h = curvature + np.diag(inverse + damping * (np.diag(curvature) + inverse))
-            g = gradient - (x - belief.mean) * inverse
-            move = np.linalg.lstsq(h, g, rcond=1e-13)[0] if len(x) else g
-            new = np.maximum(x + move, belief.lowest)
-            new_starts = starts + own - np.einsum("wak,k->wa", back, new - x)
-            tried = (data.y - predict(new[None], new_starts[None])[0]) * data.weight
-            new_misfit = float(np.sum(tried**2))
-            new_paid = float(penalty(new[None], belief)[0])
-            if np.isfinite(new_misfit) and new_misfit + new_paid < cost:
-                gained = True
-                break
-            damping = min(damping * 8.0 + 1e-6, 1e9)
-        if not gained:
+    while done < iterations:
+        done += 1
+        step = _step(predict, x, starts, data, belief, (residual, slopes, begun), cost, damping, inverse)
+        if step is None and age == 0:
             break
-        gain = cost - new_misfit - new_paid
-        x, starts, cost, misfit, paid = new, new_starts, new_misfit + new_paid, new_misfit, new_paid
-        damping = max(damping * 0.2, 1e-9)
+        gain = 0.0
+        if step is not None:
+            x, starts, misfit, paid, damping = step
+            gain, cost = cost - misfit - paid, misfit + paid
+        if gain >= tolerance * cost + 1e-9 and known is not None and age < REFRESH:
+            residual, own = leading(predict, x, starts, data, belief.step, n_own)
+            slopes = np.concatenate([own, slopes[..., n_own:]], axis=2)
+            age += 1
+            continue
+        fresh = age == 0
         residual, slopes, begun = derivatives(predict, x, starts, data, belief.step)
-        if gain < tolerance * cost + 1e-9:
+        age = 0
+        if gain < tolerance * cost + 1e-9 and fresh:
             break
+    if age:
+        residual, slopes, begun = derivatives(predict, x, starts, data, belief.step)
     curvature, _, log_det, _, _ = eliminate(residual, slopes, begun)
-    return Fit(x, starts, residual, misfit, paid, curvature, log_det, done)
+    return Fit(x, starts, residual, misfit, paid, curvature, log_det, done, slopes, begun)
+
+
+def _step(
+    predict: Predict,
+    x: np.ndarray,
+    starts: np.ndarray,
+    data: Data,
+    belief: Belief,
+    linear: tuple[np.ndarray, np.ndarray, np.ndarray],
+    cost: float,
+    damping: float,
+    inverse: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, float, float, float] | None:
+    """A step that lowers the cost, with its misfit, its penalty and the next damping; None if six fail."""
+    for _ in range(6):
+        curvature, gradient, _, back, own = eliminate(*linear, damping)
+        h = curvature + np.diag(inverse + damping * (np.diag(curvature) + inverse))
+        g = gradient - (x - belief.mean) * inverse
+        move = np.linalg.lstsq(h, g, rcond=1e-13)[0] if len(x) else g
+        new = np.maximum(x + move, belief.lowest)
+        new_starts = starts + own - np.einsum("wak,k->wa", back, new - x)
+        tried = (data.y - predict(new[None], new_starts[None])[0]) * data.weight
+        misfit, paid = float(np.sum(tried**2)), float(penalty(new[None], belief)[0])
+        if np.isfinite(misfit) and misfit + paid < cost:
+            return new, new_starts, misfit, paid, max(damping * 0.2, 1e-9)
+        damping = min(damping * 8.0 + 1e-6, 1e9)
+    return None

@@ -28,5 +28,5 @@ EFFECT = Force(
     law=force,
     n_memory=1,
     memory_start=("s",),
-    constants=lambda scales, variant: (scales.of("rate") ** 2,),
+    constants=lambda scales, variant: (scales.stiffness,),
 )

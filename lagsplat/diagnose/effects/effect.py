@@ -61,6 +61,8 @@ class Scales:
     """Largest distance from rest that is reached on the side in question."""
     frame_s: float
     duration_s: float
+    stiffness: float = 1.0
+    """Second derivative of the potential at rest over the reference inertia [1/s^2]."""
     input: float = 1.0
     """Root mean square of the input."""
     input_reach: float = 1.0
@@ -218,9 +220,13 @@ class Observation(Effect):
 
 @dataclass(frozen=True)
 class Noise(Effect):
-    """An effect that only widens the noise: ``variance(v, theta) -> `` added variance of a sample."""
+    """An effect that moves single samples and nothing else.
 
-    variance: Any = None
+    ``explain(residual, speed) -> (gain, parameters)``: by how much the log likelihood of a fit's residual (n,)
+    grows [nat] if it is there, both in units of the noise, ``speed`` a frame; and its best parameters.
+    """
+
+    explain: Any = None
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
 
 
 def _constants(scales: Scales, variant: str) -> tuple[float, ...]:
-    return scales.of("rate") ** 2, (1.0 if variant == "upper" else -1.0), 0.01 * scales.coordinate
+    return scales.stiffness, (1.0 if variant == "upper" else -1.0), 0.01 * scales.coordinate
 
 
 EFFECT = Force(

@@ -20,5 +20,5 @@ EFFECT = Force(
     parameters=(Parameter("gap", "coordinate", HalfNormal(0.3)),),
     needs="a decay through small amplitudes",
     law=force,
-    constants=lambda scales, variant: (scales.of("rate") ** 2,),
+    constants=lambda scales, variant: (scales.stiffness,),
 )

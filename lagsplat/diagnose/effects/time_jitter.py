@@ -1,13 +1,27 @@
 """Instants of the frames that are only known roughly: noise that grows with the speed."""
 
-from typing import Any
+import numpy as np
+from jaxtyping import Float64
 
 from lagsplat.diagnose.effects.effect import HalfNormal, Noise, Parameter
 
+SIZES = np.geomspace(0.003, 3.0, 80)
+LEVELS = np.geomspace(0.3, 1.0, 12)
 
-def variance(v: Any, theta: float) -> Any:
-    """``(std v)^2``."""
-    return (theta * v) ** 2
+
+def explain(
+    residual: Float64[np.ndarray, " n"], speed: Float64[np.ndarray, " n"]
+) -> tuple[float, dict[str, float]]:
+    """Noise of variance ``level + (std speed)^2`` against even noise of the best level."""
+    even = float(np.mean(residual**2))
+    best, found = 0.0, 0.0
+    for level in even * LEVELS:
+        for size in SIZES:
+            variance = level + (size * speed) ** 2
+            gain = -0.5 * float(np.sum(residual**2 / variance + np.log(variance / even) - 1.0))
+            if gain > best:
+                best, found = gain, float(size)
+    return best, {"std": found}
 
 
 EFFECT = Noise(
@@ -17,5 +31,5 @@ EFFECT = Noise(
     parameters=(Parameter("std", "frame", HalfNormal(0.5)),),
     needs="fast and slow stretches",
     along="whole",
-    variance=variance,
+    explain=explain,
 )

@@ -1,0 +1,66 @@
+"""From motions to a record that can be shot through: noise, velocities and natural period."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64
+
+from lagsplat.diagnose.noise import local_cubic, noise_level
+from lagsplat.diagnose.record import Record, join
+from lagsplat.io.motion import Motion
+
+QUIET = 2e-4
+"""Noise that is assumed at least, in fractions of the rms: integration and rounding of a noise-free sim."""
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A record with its smoothed coordinates, accelerations and noise."""
+
+    record: Record
+    smooth: Float64[np.ndarray, "N d"]
+    acceleration: Float64[np.ndarray, "N d"]
+    sigma: Float64[np.ndarray, " d"]
+
+
+def prepare(motions: Sequence[Motion], *, period_s: float) -> Prepared:
+    """Noise from a local cubic over a seventh of the period, velocities over more where there is more noise."""
+    clips = [np.array(m.segments, dtype=np.int64) for m in motions]
+    levels = [
+        noise_level(m.time_s, m.q, clip, width_s=0.15 * period_s)
+        for m, clip in zip(motions, clips, strict=True)
+    ]
+    known = np.array([level for level in levels if np.isfinite(level).all()])
+    rms = np.std(np.concatenate([m.q for m in motions]), axis=0)
+    sigma = np.median(known, axis=0) if len(known) else QUIET * rms
+    worst = float(np.max(sigma / np.maximum(rms, 1e-300)))
+    width = (0.12 if worst < 0.004 else 0.2 if worst < 0.015 else 0.28) * period_s
+    cubics = [local_cubic(m.time_s, m.q, clip, width_s=width) for m, clip in zip(motions, clips, strict=True)]
+    return Prepared(
+        join(motions, [slope for _, slope, _ in cubics]),
+        np.concatenate([smooth for smooth, _, _ in cubics]),
+        np.concatenate([bend for _, _, bend in cubics]),
+        np.maximum(sigma, QUIET * rms),
+    )
+
+
+def rough_period_s(motions: Sequence[Motion]) -> float:
+    """The rms period of the motion's spectrum, from the part of it that stands above noise [s]."""
+    weighted = total = 0.0
+    for motion in motions:
+        for start, stop in motion.segments:
+            x = motion.q[start:stop] - motion.q[start:stop].mean(axis=0)
+            if len(x) < 16 or not (x.std(axis=0) > 0.0).all():
+                continue
+            step = (motion.time_s[stop - 1] - motion.time_s[start]) / (len(x) - 1)
+            power = np.abs(np.fft.rfft(x * np.hanning(len(x))[:, None], axis=0)) ** 2 / x.var(axis=0)
+            whole = power.sum(axis=1)
+            whole[0] = 0.0
+            whole[whole < 0.02 * whole.max()] = 0.0
+            omega = 2.0 * np.pi * np.fft.rfftfreq(len(x), step)
+            weighted += float((whole * omega**2).sum())
+            total += float(whole.sum())
+    if weighted <= 0.0:
+        raise ValueError("nothing moves in any clip of sixteen samples; record a motion")
+    return float(2.0 * np.pi / np.sqrt(weighted / total))

@@ -1,0 +1,121 @@
+"""Which effects explain a record best: screen all, fit the promising, then look for a second and a third."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lagsplat.diagnose.compare import Contest, Explained, Lead, log_evidence, pursue, screen
+from lagsplat.diagnose.effects.effect import Instance, Noise
+
+Tell = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How far the search goes: families and places fitted in full, and beginnings of each fit."""
+
+    families: int
+    places: int
+    starts: int
+    always: tuple[str, ...]
+    """Families that are fitted whatever the score test says."""
+    temper: float
+    """Over how many samples of the residual an independent one comes, at least."""
+
+
+@dataclass(frozen=True)
+class Ranking:
+    """`none`, and every hypothesis that was fitted, the most evident first."""
+
+    none: Explained
+    found: tuple[Explained, ...]
+    temper: float
+    """By how much the noise is widened so that the best hypothesis fits."""
+
+    def best_of(self, name: str) -> Explained | None:
+        """The most evident fit of one family."""
+        return next((one for one in self.found if one.effects[-1].effect.name == name), None)
+
+
+def rank(
+    contest: Contest,
+    offers: Sequence[Instance],
+    effort: Effort,
+    *,
+    known: Explained | None = None,
+    tell: Tell = lambda name: None,
+) -> Ranking:
+    """Every family of ``offers`` beside the ``known`` effects; without these, beside none.
+
+    Leads come from two score tests: where the uncertainties have moved to make up for the gap, and where
+    they have not. The first is blind to an effect that they imitate.
+    """
+    n = contest.bench.nuisance.size
+    base = known or Explained((), contest.fit((), np.zeros(n)))
+    beginnings = [base.fit]
+    if known is None:
+        frozen = replace(contest, bench=replace(contest.bench, nuisance=contest.bench.nuisance.pinned()))
+        unmoved = frozen.fit((), np.zeros(n))
+        if unmoved.misfit > 1.02 * base.fit.misfit:
+            beginnings.append(replace(unmoved, x=np.zeros(n)))
+    by_family: dict[str, list[tuple[Lead, Explained]]] = {}
+    orders = []
+    for fit in beginnings:
+        leads = screen(contest, base.effects, fit, offers)
+        order = list(dict.fromkeys(lead.instance.effect.name for lead in leads))
+        orders.append(order[: effort.families])
+        for lead in leads:
+            family = by_family.setdefault(lead.instance.effect.name, [])
+            if (
+                sum(one.instance is lead.instance for one, _ in family) == 0
+                and len(family) < effort.places * 2
+            ):
+                family.append((lead, Explained(base.effects, fit)))
+    chosen = list(dict.fromkeys([name for row in zip(*orders, strict=False) for name in row]
+                                + [name for order in orders for name in order]
+                                + [name for name in effort.always if name in by_family]))  # fmt: skip
+    found = []
+    for name in chosen:
+        tell(name)
+        family = sorted(by_family[name], key=lambda pair: -pair[0].gain)[: effort.places]
+        for lead, start in family:
+            found.append(pursue(contest, base.effects, start.fit, lead, starts=effort.starts))
+    return graded(contest, base, found, offers, effort, first=known is None)
+
+
+def graded(
+    contest: Contest,
+    base: Explained,
+    found: Sequence[Explained],
+    offers: Sequence[Instance],
+    effort: Effort,
+    *,
+    first: bool,
+) -> Ranking:
+    """Evidence of each fit over the base, under noise as wide as the best of them needs."""
+    least = min([one.fit.misfit for one in found] + [base.fit.misfit])
+    noisy = _noisy(contest, base, offers) if first else []
+    share = [gain for gain, _ in noisy]
+    explained = base.fit.misfit * np.exp(-2.0 * max(share, default=0.0) / contest.freedom)
+    temper = max(1.0, min(least, explained) / contest.freedom) * effort.temper
+    floor = log_evidence(base, contest.bench, temper)
+    rows = [replace(one, log_evidence=log_evidence(one, contest.bench, temper) - floor) for one in found]
+    rows += [replace(one, log_evidence=gain / effort.temper - 4.0) for gain, one in noisy]
+    rows.sort(key=lambda one: -one.log_evidence)
+    return Ranking(replace(base, log_evidence=0.0), tuple(rows), temper)
+
+
+def _noisy(contest: Contest, base: Explained, offers: Sequence[Instance]) -> list[tuple[float, Explained]]:
+    """Effects that only move single samples, judged by the residual of the base."""
+    out = []
+    mask = contest.data.weight > 0.0
+    for offer in offers:
+        if not isinstance(offer.effect, Noise):
+            continue
+        v = contest.windows.take(contest.bench.record.v) / contest.sigma * contest.bench.record.dt_s
+        gain, parameters = offer.effect.explain(base.fit.residual[mask], v[mask])
+        misfit = base.fit.misfit * float(np.exp(-2.0 * gain / mask.sum()))
+        fit = replace(base.fit, misfit=misfit)
+        out.append((gain, Explained((*base.effects, offer), fit, noise=parameters)))
+    return out

@@ -1,0 +1,114 @@
+"""A sim beside a real recording, ready to be compared."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float64
+
+from lagsplat.diagnose.compare import Contest, belief
+from lagsplat.diagnose.config import DiagnoseConfig
+from lagsplat.diagnose.identify import Setting, identify
+from lagsplat.diagnose.model import Model
+from lagsplat.diagnose.nuisance import Nuisance
+from lagsplat.diagnose.prepare import Prepared, prepare, rough_period_s
+from lagsplat.diagnose.record import cut_windows
+from lagsplat.diagnose.shoot import derivatives, eliminate
+from lagsplat.diagnose.simulate import Bench
+from lagsplat.io.motion import Motion
+
+OPEN = 6
+"""Directions at most that the sim's identification leaves open."""
+
+
+@dataclass(frozen=True)
+class Sim:
+    """A model and what is not known about it."""
+
+    model: Model
+    freedom: Float64[np.ndarray, "R K"]
+    """Changes of all coefficients of one standard deviation each."""
+    misfit: float
+    """Mean square residual on its own recordings in units of their noise."""
+
+
+@dataclass(frozen=True)
+class Periods:
+    """Natural periods of the sim about rest [s]; the rms period of the motion where it has none."""
+
+    longest_s: float
+    shortest_s: float
+
+
+def sim_of(motions: Sequence[Motion], config: DiagnoseConfig) -> Sim:
+    """The sim that made these recordings.
+
+    Raises:
+        ValueError: nothing moves, or no clip is long enough for a window.
+    """
+    period_s = rough_period_s(motions)
+    ready = prepare(motions, period_s=period_s)
+    setting = Setting(
+        config.window_periods,
+        config.steps_per_period,
+        config.identify_ridge,
+        config.identify_iterations,
+        1e-4,
+    )
+    found = identify(
+        ready.record, ready.smooth, ready.sigma, period_s, setting, held=config.input_hold == "zoh"
+    )
+    return Sim(found.model, found.freedom, found.misfit)
+
+
+def periods(model: Model, fallback_s: float) -> Periods:
+    """Natural periods by the model's stiffness and inertia at rest, no further than threefold from the motion's."""
+    values = np.linalg.eigvals(np.linalg.solve(model.inertia, model.stiffness)).real
+    values = values[values > 0.0]
+    if not len(values):
+        return Periods(fallback_s, fallback_s)
+    low, high = (float(2.0 * np.pi / np.sqrt(values.min())), float(2.0 * np.pi / np.sqrt(values.max())))
+    return Periods(
+        min(max(low, fallback_s / 3.0), 3.0 * fallback_s), min(max(high, fallback_s / 5.0), fallback_s * 3.0)
+    )
+
+
+def stand(sim: Sim, real: Sequence[Motion], config: DiagnoseConfig) -> tuple[Contest, Prepared, Periods]:
+    """The contest of all hypotheses about ``real``."""
+    model = sim.model
+    natural = periods(model, rough_period_s(real))
+    ready = prepare(real, period_s=natural.shortest_s)
+    record = ready.record
+    omega = 2.0 * np.pi / natural.longest_s
+    force = np.var(record.v, axis=0) / np.maximum(np.std(ready.smooth, axis=0), 1e-12)
+    nuisance = Nuisance(
+        config.potential,
+        config.damping * omega,
+        config.inputs,
+        config.offset * force,
+        config.warp,
+        record.u.shape[1],
+        sim.freedom,
+    )
+    steps = max(1, int(np.ceil(record.dt_s * config.steps_per_period / natural.shortest_s)))
+    windows = cut_windows(record, length_s=config.window_periods * natural.longest_s, least=20)
+    if len(windows.first) < 4:
+        windows = cut_windows(record, length_s=natural.longest_s, least=20)
+    bench = Bench(model, record, nuisance, steps, config.input_hold == "zoh", ready.smooth)
+    contest = Contest(bench, windows, ready.sigma, config.iterations, config.tolerance)
+    kept = relevant(contest, sim.freedom)
+    return replace(contest, bench=replace(bench, nuisance=replace(nuisance, directions=kept))), ready, natural
+
+
+def relevant(contest: Contest, freedom: Float64[np.ndarray, "R K"]) -> Float64[np.ndarray, "r K"]:
+    """The few combinations of open directions that this recording can see at all, the most visible first."""
+    if not len(freedom):
+        return freedom
+    prior, n = belief((), contest.bench), contest.bench.nuisance.size
+    step = prior.step.copy()
+    step[n - len(freedom) :] = 0.1
+    residual, slopes, begun = derivatives(contest.predict(()), np.zeros(n), contest.begun, contest.data, step)
+    curvature, *_ = eliminate(residual, slopes, begun)
+    values, vectors = np.linalg.eigh(curvature[n - len(freedom) :, n - len(freedom) :])
+    chosen = np.argsort(values)[::-1][:OPEN]
+    return vectors[:, chosen[values[chosen] > 0.3]].T @ freedom

@@ -1,0 +1,133 @@
+"""From evidence to probabilities, and from probabilities to a verdict."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lagsplat.diagnose.catalogue import catalogue
+from lagsplat.diagnose.compare import Explained
+from lagsplat.diagnose.config import DiagnoseConfig
+from lagsplat.diagnose.result import Verdict
+from lagsplat.diagnose.select import Ranking
+
+CLASSES = (
+    ("input_delay", "time_offset", "input_lag"),
+    ("mass_change", "linear_stiffness", "input_gain", "viscous_damping"),
+    ("camera_change", "input_gain", "constant_force"),
+    ("coulomb_friction", "stribeck_friction", "load_dependent_friction", "hysteresis"),
+    ("creep", "viscous_damping", "linear_stiffness", "parameter_drift"),
+    ("end_stop", "cubic_stiffness"),
+    ("external_periodic_force", "hidden_mode"),
+    ("quadratic_drag", "viscous_damping"),
+    ("input_dead_zone", "input_backlash", "coulomb_friction"),
+    ("input_saturation", "input_gain"),
+    ("hidden_mode", "mass_change"),
+    ("parameter_drift", "camera_drift"),
+)
+"""Effects that some recordings cannot tell apart."""
+NEAR = 3.0
+"""Nats within which two members of one class count as not told apart."""
+SURE = 0.99
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Probabilities of all names, the names of the most probable explanation, and the verdict."""
+
+    verdict: Verdict
+    probabilities: Mapping[str, float]
+    equivalent: tuple[tuple[str, ...], ...]
+    left: float
+    """Share of the excess misfit that the best explanation leaves."""
+
+
+def judge(ranking: Ranking, best: Explained | None, freedom: float, config: DiagnoseConfig) -> Judgement:
+    """Probabilities by evidence and prior; the share that is left unexplained speaks for `unknown`."""
+    names = [name for name in catalogue() if name not in config.without]
+    prior = np.log((1.0 - config.prior_none - config.prior_unknown) / len(names))
+    scores = {"none": float(np.log(config.prior_none))}
+    places: dict[str, int] = {}
+    for one in ranking.found:
+        name = one.effects[-1].effect.name
+        places[name] = places.get(name, 0) + 1
+        scores.setdefault(name, prior + one.log_evidence)
+    for name, n in places.items():
+        scores[name] -= float(np.log(n))
+    top = max(scores.values())
+    weights = {name: float(np.exp(score - top)) for name, score in scores.items()}
+    left, strange = unexplained(ranking, best, freedom, config)
+    total = sum(weights.values())
+    probabilities = {name: weight / total * (1.0 - strange) for name, weight in weights.items()}
+    probabilities["unknown"] = strange
+    for name in names:
+        probabilities.setdefault(name, 0.0)
+    probabilities = _tempered(probabilities)
+    return Judgement(_verdict(probabilities), probabilities, equivalents(ranking), left)
+
+
+def unexplained(
+    ranking: Ranking, best: Explained | None, freedom: float, config: DiagnoseConfig
+) -> tuple[float, float]:
+    """Share of the excess misfit over the noise that the best explanation leaves, and P(unknown).
+
+    The excess counts where it stands out of the scatter of a mean square; the probability is logistic in
+    the logarithm of the share over ``config.unexplained``.
+    """
+    scatter = np.sqrt(2.0 * config.temper / max(freedom, 1.0))
+    before = ranking.none.fit.misfit / freedom - 1.0
+    after = (best or ranking.none).fit.misfit / freedom - 1.0 if best is not None else before
+    loud = after - 2.5 * scatter - 0.03
+    if loud <= 0.0:
+        return max(after, 0.0) / max(before, 1e-9), 0.02
+    share = min(loud / max(before, loud), 1.0)
+    odds = (
+        np.log(config.prior_unknown)
+        + 2.0 * np.log(share / config.unexplained)
+        - np.log(1 - config.prior_unknown)
+    )
+    odds += 2.2
+    return share, float(1.0 / (1.0 + np.exp(-odds)))
+
+
+def _tempered(probabilities: Mapping[str, float]) -> dict[str, float]:
+    """No name gets more than `SURE`; what is cut off is spread over the rest."""
+    size = len(probabilities)
+    mixed = {name: p * (SURE - 1.0 / size * SURE) + (1.0 - SURE) / size for name, p in probabilities.items()}
+    total = sum(mixed.values())
+    return dict(sorted(((n, p / total) for n, p in mixed.items()), key=lambda row: -row[1]))
+
+
+def _verdict(probabilities: Mapping[str, float]) -> Verdict:
+    first = next(iter(probabilities))
+    if first in ("none", "unknown"):
+        return first  # type: ignore[return-value]
+    return "effect"
+
+
+def equivalents(ranking: Ranking) -> tuple[tuple[str, ...], ...]:
+    """The best effect with those that are as evident: of its class, or within the same nats."""
+    if not ranking.found or ranking.found[0].log_evidence <= 0.0:
+        return ()
+    best = ranking.found[0]
+    name = best.effects[-1].effect.name
+    kin = {other for group in CLASSES if name in group for other in group}
+    near: list[str] = [name]
+    for one in ranking.found[1:]:
+        other = one.effects[-1].effect.name
+        behind = best.log_evidence - one.log_evidence
+        if other not in near and behind < (NEAR if other not in kin else 2.0 * NEAR):
+            near.append(other)
+    return (tuple(near),) if len(near) > 1 else ()
+
+
+def interval(
+    one: Explained, bench_deviation: np.ndarray, prior: Sequence, temper: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Unknowns of the effects at both ends of their 90 % intervals, by Laplace's approximation."""
+    n = one.n_own
+    deviation = np.concatenate([[p.deviation for p in prior], bench_deviation])
+    h = one.fit.curvature / temper + np.diag(1.0 / deviation**2)
+    spread = np.sqrt(np.maximum(np.diag(np.linalg.pinv(h))[:n], 0.0))
+    lowest = np.array([p.lowest for p in prior])
+    return np.maximum(one.fit.x[:n] - 1.645 * spread, lowest), one.fit.x[:n] + 1.645 * spread
