@@ -1,1 +1,1 @@
-"""Why a simulation and the real thing disagree: where the gap lies, which effect causes it, how far it shrinks."""
+"""The gap between a simulation and a recording: where it lies, what causes it, how far it closes."""

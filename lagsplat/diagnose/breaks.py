@@ -1,0 +1,287 @@
+"""Places where a motion is not continued: cuts that nobody declared, gaps in time, a hand that lets go."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lagsplat.diagnose.finding import Finding
+from lagsplat.diagnose.local_fit import fit_locally
+from lagsplat.io.motion import Motion
+
+SIDE = 8  # samples of the polynomial on either side of a border...
+PERIODS = 0.15  # ...and natural periods that they last at most
+CERTAIN = 8.0  # standard errors of a jump
+BENT = 2.0  # times what a knock between two samples could displace
+UNUSUAL, USUAL = (
+    3.0,
+    0.9,
+)  # times the quantile of the mismatches around, which the bending of the motion makes
+AROUND = 6  # lengths of the polynomial that count as around
+VISIBLE = 0.03  # of the range of the motion around
+SAME_RATE = 0.4  # times the typical speed by which the rates on both sides may differ
+MOST_MISSING = 10.5  # frames that a camera loses at once
+TURNS = (2.0 * np.pi, 360.0)
+LONG_STEPS, LONG_PERIODS = 3.0, 0.125  # a gap is longer than both
+HOLD_PERIODS = 0.4  # that a hold lasts at least
+OFF_CENTRE = 0.7  # times the swing that follows: how far from its middle a hold is
+STILL = 0.2  # times that swing: how far it may wander
+CLEARLY = 12.0  # times the noise: how large that swing must be
+
+
+@dataclass(frozen=True)
+class _Jump:
+    """A mismatch between both sides of the border before sample ``at``, in units of the coordinate."""
+
+    at: int
+    coordinate: int
+    size: float
+    error: float
+    rate: float
+    rate_change: float
+
+
+def unwrap(motion: Motion) -> tuple[Motion, tuple[Finding, ...]]:
+    """The motion with angles continued where a sensor starts again from the other end of a turn.
+
+    A step of a whole turn, in radians or degrees, to within a quarter of it counts, where no other step is a
+    tenth as long; rates are not touched.
+    """
+    q, found = motion.q.copy(), []
+    inside = _inside(motion)
+    for i in range(motion.d):
+        step = np.diff(q[:, i])
+        for turn in TURNS:
+            jumps = np.flatnonzero(inside & (np.abs(np.abs(step) - turn) < 0.25 * turn))
+            others = np.delete(np.abs(step), jumps)
+            span = np.ptp(q[:, i])
+            if not jumps.size or span > 1.1 * turn or (others[np.delete(inside, jumps)] > 0.1 * turn).any():
+                continue
+            shift = np.zeros(motion.n)
+            for start, stop in motion.segments:
+                own = jumps[(jumps >= start) & (jumps < stop - 1)]
+                for at in own:
+                    shift[at + 1 : stop] -= turn * np.sign(step[at])
+            q[:, i] += shift
+            found.append(
+                Finding(
+                    "warn",
+                    "wrapped",
+                    motion.source,
+                    f"{motion.q_names[i]} steps by a whole turn ({turn:.4g}) {len(jumps)} time(s)",
+                    "an angle that starts again is no motion",
+                    "it is continued here; record it unwrapped if that is wrong",
+                    (motion.q_names[i],),
+                )
+            )
+            break
+    return replace(motion, q=q), tuple(found)
+
+
+def cut_gaps(motion: Motion, *, period_s: float | None) -> tuple[Motion, tuple[Finding, ...]]:
+    """The motion cut where samples are missing for longer than the motion can be followed."""
+    step = np.diff(motion.time_s)
+    limit = max(LONG_STEPS * motion.dt_s, LONG_PERIODS * (period_s or 0.0))
+    torn = 1 + np.flatnonzero(_inside(motion) & (step > limit))
+    if not torn.size:
+        return motion, ()
+    where = ", ".join(f"{step[k - 1]:.3g} s after {motion.time_s[k - 1]:.6g} s" for k in torn[:4])
+    return motion.cut(torn.tolist()), (
+        Finding(
+            "warn",
+            "gap",
+            motion.source,
+            f"{len(torn)} gap(s) of more than {limit:.3g} s ({where}{', ...' if len(torn) > 4 else ''})",
+            "what acted in between is not known",
+            "it is cut there and nothing is continued across",
+        ),
+    )
+
+
+def cut_jumps(
+    motion: Motion, *, sigma: np.ndarray, period_s: float | None
+) -> tuple[Motion, tuple[Finding, ...]]:
+    """The motion cut where position jumps by more than its velocity and its noise allow.
+
+    ``sigma`` (d,) is the noise. Polynomials through the samples on either side of each border are compared in
+    the middle. A knock, an end stop or a push changes the rate alone, and is no cut. Where a jump goes along
+    with the motion by some frames' worth and the rate stays, frames are missing; that is said, not cut.
+    Jumps more frequent than half-periods are left alone, and said: then they are how the thing moves.
+    """
+    jumps = _jumps(motion, sigma, period_s)
+    if not jumps:
+        return motion, ()
+    speed = np.array([np.std(np.diff(motion.q[:, i])) / motion.dt_s for i in range(motion.d)])
+    lost = [jump for jump in jumps if _is_loss(jump, motion, float(speed[jump.coordinate]), period_s)]
+    cuts = sorted({jump.at for jump in jumps if jump not in lost})
+    found = []
+    if lost:
+        found.append(
+            Finding(
+                "warn",
+                "missing frames",
+                motion.source,
+                f"{len({jump.at for jump in lost})} jump(s) along the motion, the first at "
+                f"{motion.time_s[lost[0].at]:.6g} s",
+                "frames are missing there although the times go on evenly",
+                "it is not cut, and `frame_drops` is among the candidates",
+            )
+        )
+    if period_s is not None and len(cuts) > 2.0 * motion.duration_s / period_s:
+        found.append(_frequent(motion, cuts))
+        cuts = []
+    if not cuts:
+        return motion, tuple(found)
+    where = ", ".join(f"{motion.time_s[k]:.6g} s" for k in cuts[:5])
+    found.append(
+        Finding(
+            "warn",
+            "undeclared cut",
+            motion.source,
+            f"{len(cuts)} jump(s) that no velocity explains, at {where}{', ...' if len(cuts) > 5 else ''}",
+            "to continue across them would invent memory",
+            "it is cut there; declare cuts in a column `segment`",
+        )
+    )
+    return motion.cut(cuts), tuple(found)
+
+
+def drop_holds(
+    motion: Motion, *, sigma: np.ndarray, period_s: float | None
+) -> tuple[Motion, tuple[Finding, ...]]:
+    """The motion without stretches in which it is held away from its middle and then let go.
+
+    Only where inputs are constant: an input that moves is reason enough to start. A clip that rests in the
+    middle of its later swing is no hold, nor is one that never moves again.
+    """
+    if period_s is None or (motion.n_u and np.ptp(motion.u, axis=0).any()):
+        return motion, ()
+    kept, dropped = [], []
+    for start, stop in motion.segments:
+        holds = _holds(motion, start, stop, sigma, period_s)
+        edges = [start, *(edge for hold in holds for edge in hold), stop]
+        kept += [(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= SIDE]
+        dropped += holds
+    if not dropped or not kept:
+        return motion, ()
+    where = ", ".join(f"{motion.time_s[a]:.4g} to {motion.time_s[b - 1]:.4g} s" for a, b in dropped[:4])
+    return motion.pieces(kept), (
+        Finding(
+            "warn",
+            "hold",
+            motion.source,
+            f"held still away from the middle of its swing, then let go ({where})",
+            "a hand that holds is a force that is not recorded",
+            "these stretches are left out and the motion is cut there",
+        ),
+    )
+
+
+def _inside(motion: Motion) -> np.ndarray:
+    """Which steps between neighbouring samples lie inside one clip."""
+    inside = np.ones(max(motion.n - 1, 0), dtype=bool)
+    inside[[start - 1 for start, _ in motion.segments[1:]]] = False
+    return inside
+
+
+def _jumps(motion: Motion, sigma: np.ndarray, period_s: float | None) -> list[_Jump]:
+    """The largest significant mismatch of each neighbourhood, over all clips and coordinates."""
+    side = SIDE if period_s is None else int(np.clip(PERIODS * period_s / motion.dt_s, 4, SIDE))
+    degree = 2 if side >= 5 else 1
+    found: list[_Jump] = []
+    for start, stop in motion.segments:
+        if stop - start < 2 * side + 2:
+            continue
+        at = np.arange(start + side, stop - side + 1)
+        window = at[:, None] + np.arange(-side, side)
+        middle = 0.5 * (motion.time_s[at] + motion.time_s[at - 1])
+        offset = (motion.time_s[window] - middle[:, None]) / motion.dt_s
+        ends = [
+            np.linalg.pinv(half[..., None] ** np.arange(degree + 1))[:, :2]
+            for half in (offset[:, :side], offset[:, side:])
+        ]
+        noise = np.sqrt(sum((end[:, 0] ** 2).sum(axis=1) for end in ends))
+        for i in range(motion.d):
+            values = motion.q[window, i]
+            left, right = (
+                np.einsum("nck,nk->nc", end, part)
+                for end, part in zip(ends, (values[:, :side], values[:, side:]), strict=True)
+            )
+            size = right[:, 0] - left[:, 0]
+            error = noise * max(float(sigma[i]) if np.isfinite(sigma[i]) else 0.0, 1e-12 * np.ptp(values))
+            change = right[:, 1] - left[:, 1]
+            usual, span = _around(np.abs(size), motion.q[at, i], side)
+            limit = np.maximum.reduce(
+                [CERTAIN * error, UNUSUAL * usual, VISIBLE * span, BENT * np.abs(change)]
+            )
+            beyond = np.abs(size) / np.maximum(limit, np.finfo(float).tiny)
+            for k in _peaks(beyond, side):
+                rate = 0.5 * (left[k, 1] + right[k, 1])
+                found.append(_Jump(int(at[k]), i, size[k], error[k], rate, float(change[k])))
+    return found
+
+
+def _around(size: np.ndarray, q: np.ndarray, side: int) -> tuple[np.ndarray, np.ndarray]:
+    """Usual mismatch and range of the motion around each border, the neighbourhood of the border left out."""
+    reach = AROUND * side
+    index = np.concatenate([np.arange(-reach, -side), np.arange(side + 1, reach + 1)])
+    index = np.clip(np.arange(len(size))[:, None] + index, 0, len(size) - 1)
+    return np.quantile(size[index], USUAL, axis=1), np.ptp(q[index], axis=1)
+
+
+def _peaks(score: np.ndarray, distance: int) -> list[int]:
+    """Samples above one that no other within ``distance`` exceeds, the largest first."""
+    peaks: list[int] = []
+    for k in np.argsort(-score):
+        if score[k] <= 1.0:
+            break
+        if all(abs(k - other) > distance for other in peaks):
+            peaks.append(int(k))
+    return peaks
+
+
+def _is_loss(jump: _Jump, motion: Motion, speed: float, period_s: float | None) -> bool:
+    """Whether lost frames explain a jump: whole steps along a motion whose rate goes on as it must."""
+    frames = jump.size / jump.rate if jump.rate else np.inf
+    bends = 2.0 * np.pi * frames * motion.dt_s / period_s if period_s is not None else 0.0
+    allowed = (SAME_RATE + 1.5 * bends) * speed * motion.dt_s + jump.error
+    return 0.5 < frames < MOST_MISSING and abs(jump.rate_change) < allowed
+
+
+def _frequent(motion: Motion, cuts: Sequence[int]) -> Finding:
+    return Finding(
+        "warn",
+        "frequent jumps",
+        motion.source,
+        f"{len(cuts)} jumps in position, more than one each half period",
+        "so many are no cuts: the sensor jumps, or the motion is sampled too coarsely",
+        "nothing is cut; look at the recording",
+    )
+
+
+def _holds(
+    motion: Motion, start: int, stop: int, sigma: np.ndarray, period_s: float
+) -> list[tuple[int, int]]:
+    least = max(int(HOLD_PERIODS * period_s / motion.dt_s), 2 * SIDE)
+    if stop - start < 2 * least:
+        return []
+    clip = motion.pieces([(start, stop)])
+    half = max(2, min(SIDE, least // 4))
+    fit = fit_locally(clip, half_width=half)
+    typical = clip.q.std(axis=0)
+    noise = np.where(np.isfinite(sigma), sigma, 0.0)
+    still_rate = np.maximum(4.0 * noise * fit.rate_gain[:, None], 0.02 * typical * 2.0 * np.pi / period_s)
+    still = (np.abs(fit.v) < still_rate).all(axis=1)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(int), [0]])))
+    holds = []
+    for first, last in zip(edges[::2], edges[1::2], strict=True):
+        after = clip.q[last : last + int(2.0 * period_s / motion.dt_s)]
+        if last - first < least or len(after) < least:
+            continue
+        swing = 0.5 * np.ptp(after, axis=0)
+        held = fit.q[first:last]
+        away = np.abs(np.median(held, axis=0) - 0.5 * (after.max(axis=0) + after.min(axis=0)))
+        moves = swing > np.maximum(CLEARLY * noise, 0.1 * typical)
+        if (moves & (away > OFF_CENTRE * swing) & (np.ptp(held, axis=0) < STILL * swing)).any():
+            holds.append((start + int(first), start + int(last)))
+    return holds

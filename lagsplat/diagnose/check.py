@@ -1,0 +1,120 @@
+"""Everything that can be known of the data before anything is fitted."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lagsplat.diagnose.breaks import cut_gaps, cut_jumps, drop_holds, unwrap
+from lagsplat.diagnose.constant_inputs import check_inputs
+from lagsplat.diagnose.coverage import check_coordinates, check_region
+from lagsplat.diagnose.driven_law import check_offset
+from lagsplat.diagnose.feedback import check_feedback
+from lagsplat.diagnose.finding import Finding, refuse
+from lagsplat.diagnose.measurement_noise import Noise, measure_noise
+from lagsplat.diagnose.period import natural_period_s
+from lagsplat.diagnose.samples import check_length, check_samples, count_blocks
+from lagsplat.io.motion import Motion
+
+ASTRAY = 2.0  # times the sim's period, or one by it: a driven motion whose own period is not believed
+
+
+@dataclass(frozen=True)
+class Side:
+    """The motions of one side, unwrapped and cut where they are not continued, with what was found.
+
+    ``period_s`` is the natural period [s], None where nothing swings; ``blocks`` counts what can be divided
+    into fit and test.
+    """
+
+    motions: tuple[Motion, ...]
+    findings: tuple[Finding, ...]
+    period_s: float | None
+    noise: Noise
+    blocks: int
+
+
+@dataclass(frozen=True)
+class Checked:
+    """Both sides as they are to be used; ``sim`` is None where the sim is no motion but a model."""
+
+    sim: Side | None
+    real: Side
+    findings: tuple[Finding, ...]
+
+    @property
+    def undetermined(self) -> tuple[str, ...]:
+        """Why any name would be a guess; empty where the data allow a verdict."""
+        return tuple(finding.text for finding in self.findings if finding.level == "undetermined")
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What to keep in mind, those that forbid a verdict first."""
+        return self.undetermined + tuple(found.text for found in self.findings if found.level == "warn")
+
+    @property
+    def closed_loop(self) -> tuple[str, ...]:
+        """Inputs of the real side that answer the motion."""
+        found = [finding.columns for finding in self.findings if finding.check == "closed_loop"]
+        return tuple(sorted({name for columns in found for name in columns}))
+
+
+def check(sim: Sequence[Motion], real: Sequence[Motion]) -> Checked:
+    """Both sides checked; ``sim`` is empty where the sim is a model without motions of its own.
+
+    Raises:
+        ValueError: no real motion, or sides that cannot be compared: other coordinates, or a missing input.
+    """
+    if not real:
+        raise ValueError("real: no motion at all; name at least one recording with real=FILE")
+    agreed = check_coordinates(sim, real)
+    refuse(agreed)
+    nominal = prepare(sim) if sim else None
+    seen = prepare(real, nominal_period_s=nominal.period_s if nominal else None)
+    found = [*agreed]
+    if nominal:
+        found += check_region(nominal.motions, seen.motions)
+        found += check_length(nominal.motions, period_s=nominal.period_s, noise=nominal.noise, side="sim")
+        found += nominal.findings
+    found += check_length(seen.motions, period_s=seen.period_s, noise=seen.noise, side="real")
+    found += seen.findings
+    found += check_inputs(nominal.motions if nominal else (), seen.motions)
+    known_s = nominal.period_s if nominal and nominal.period_s else seen.period_s
+    found += check_offset(seen.motions, period_s=known_s)
+    found += check_feedback(seen.motions, period_s=seen.period_s)
+    return Checked(nominal, seen, tuple(_once(found)))
+
+
+def prepare(motions: Sequence[Motion], *, nominal_period_s: float | None = None) -> Side:
+    """One side unwrapped and cut, with its natural period, its noise and what was found on the way.
+
+    ``nominal_period_s`` stands in for the own period of a driven motion where the two differ by more than
+    `ASTRAY` times: then inputs and coordinates do not belong together, or too little of them is there.
+    """
+    found: list[Finding] = []
+
+    def apply(step: tuple[Motion, tuple[Finding, ...]]) -> Motion:
+        found.extend(step[1])
+        return step[0]
+
+    ready = [apply(unwrap(motion)) for motion in motions]
+    period_s = natural_period_s(ready)
+    ready = [apply(cut_gaps(motion, period_s=period_s)) for motion in ready]
+    sigma = measure_noise(ready, period_s=period_s).sigma
+    ready = [apply(cut_jumps(motion, sigma=sigma, period_s=period_s)) for motion in ready]
+    ready = [apply(drop_holds(motion, sigma=sigma, period_s=period_s)) for motion in ready]
+    period_s = natural_period_s(ready)
+    if nominal_period_s is not None and any(
+        motion.n_u and np.ptp(motion.u, axis=0).any() for motion in ready
+    ):
+        ratio = (period_s or np.inf) / nominal_period_s
+        period_s = period_s if 1.0 / ASTRAY < ratio < ASTRAY else nominal_period_s
+    noise = measure_noise(ready, period_s=period_s)
+    for motion in ready:
+        found += check_samples(motion, period_s=period_s, noise=noise)
+    blocks = count_blocks(ready, period_s=period_s) if period_s is not None else 0
+    return Side(tuple(ready), tuple(found), period_s, noise, blocks)
+
+
+def _once(findings: Sequence[Finding]) -> list[Finding]:
+    return list(dict.fromkeys(findings))

@@ -1,0 +1,153 @@
+"""How noisy coordinates are, and whether one sample's error resembles the next one's."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64
+from scipy.stats import chi2
+
+from lagsplat.io.motion import Motion
+
+DEGREE = 5  # of the polynomial that stands for the motion inside a window
+SHORTEST, LONGEST = 9, 24  # samples of a window
+PERIODS = 0.25  # and what a window covers at most, in natural periods
+WINDOWS = 600  # windows looked at, evenly over the motions
+FREEDOM = 4.0  # of Student's t: kinks of the motion fall into some windows
+CORRELATIONS = np.linspace(-0.6, 0.9, 16)
+AGREE = 1.25  # times the noise in the shortest windows, beyond which longer ones hold motion
+CLEAR = 6.0  # nats by which correlated noise must beat white noise
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Standard deviation of each coordinate's error [its unit], correlation of neighbouring errors, and the
+    quantisation step [its unit], 0 where there is none."""
+
+    sigma: Float64[np.ndarray, " d"]
+    correlation: Float64[np.ndarray, " d"]
+    step: Float64[np.ndarray, " d"]
+
+
+def measure_noise(motions: Sequence[Motion], *, period_s: float | None) -> Noise:
+    """Noise of motions that one sensor took: what no polynomial over a part of a period explains.
+
+    Contrasts of a window that are orthogonal to polynomials of degree `DEGREE` are Gaussian with the
+    covariance of a first-order autoregression; Student's t makes windows with a kink harmless. Correlation
+    is 0 unless the data ask for it by `CLEAR` nats. Without a period windows are the shortest. Sigma is NaN
+    where no clip has `SHORTEST` samples; it is at least that of rounding to the quantisation step.
+
+    Source: marginal likelihood over contrasts as in REML, Patterson and Thompson 1971.
+    """
+    d = motions[0].d
+    sigma, correlation = np.full(d, np.nan), np.zeros(d)
+    step = np.array(
+        [quantisation_step(np.concatenate([motion.q[:, i] for motion in motions])) for i in range(d)]
+    )
+    dt_s = np.median([motion.dt_s for motion in motions])
+    longest = SHORTEST if period_s is None else int(np.clip(PERIODS * period_s / dt_s, SHORTEST, LONGEST))
+    shortest = _estimates(motions, SHORTEST, dt_s)
+    for i in range(d if shortest else 0):
+        sigma[i], correlation[i] = shortest[i][:2]
+    for width in sorted({longest, (SHORTEST + longest) // 2} - {SHORTEST}):
+        for i, (size, rho, plain) in enumerate(_estimates(motions, width, dt_s)):
+            if plain < AGREE * shortest[i][2]:
+                sigma[i], correlation[i] = size, rho
+    return Noise(np.maximum(sigma, step / np.sqrt(12.0)), correlation, step)
+
+
+def quantisation_step(values: Float64[np.ndarray, " T"]) -> float:
+    """The step of which all differences are whole multiples; 0 where there is none or too few repeats.
+
+    Digits of a text are a step too; whether a step matters is seen beside the noise.
+    """
+    levels = np.unique(values)
+    if len(levels) < 2 or len(levels) > 0.7 * len(values):
+        return 0.0
+    gaps = np.diff(levels)
+    span = float(levels[-1] - levels[0])
+    gaps = gaps[gaps > 1e-9 * span]  # the same number, rounded twice
+    step = float(gaps.min())
+    counts = gaps / step
+    exact = np.abs(counts - np.rint(counts)) < 0.05
+    return step if exact.mean() > 0.98 and span < 1e5 * step else 0.0
+
+
+def _windows(motions: Sequence[Motion], width: int) -> list[tuple[int, int]]:
+    found = [
+        (m, k)
+        for m, motion in enumerate(motions)
+        for start, stop in motion.segments
+        for k in range(start, stop - width + 1, width)
+    ]
+    chosen = np.unique(np.linspace(0, len(found) - 1, min(len(found), WINDOWS)).astype(int)) if found else []
+    return [found[k] for k in chosen]
+
+
+def _estimates(motions: Sequence[Motion], width: int, dt_s: float) -> list[tuple[float, float, float]]:
+    """Per coordinate: standard deviation, correlation, and the standard deviation if it were white."""
+    windows = _windows(motions, width)
+    if not windows:
+        return []
+    time = np.stack([motions[m].time_s[k : k + width] for m, k in windows]) / dt_s
+    values = np.stack([motions[m].q[k : k + width] for m, k in windows])
+    contrasts = _contrasts(time)
+    lags = np.abs(time[:, :, None] - time[:, None, :])
+    seen = np.einsum("wkc,wkd->dwc", contrasts, values - values.mean(axis=1, keepdims=True))
+    rounding = 1e-14 * np.abs(values).max(axis=(0, 1))
+    return [
+        (0.0, 0.0, 0.0) if np.abs(observed).max() <= least else _autoregression(observed, contrasts, lags)
+        for observed, least in zip(seen, rounding, strict=True)
+    ]
+
+
+def _contrasts(time: np.ndarray) -> Float64[np.ndarray, "W K c"]:
+    """An orthonormal basis of what polynomials over each window leave."""
+    offset = time - time.mean(axis=1, keepdims=True)
+    offset = offset / np.abs(offset).max(axis=1, keepdims=True)
+    powers = offset[..., None] ** np.arange(DEGREE + 1)
+    return np.linalg.qr(powers, mode="complete")[0][..., DEGREE + 1 :]
+
+
+def _autoregression(
+    observed: np.ndarray, contrasts: np.ndarray, lags: np.ndarray
+) -> tuple[float, float, float]:
+    """Standard deviation and correlation of the likeliest first-order autoregression, and of white noise."""
+    scores = []
+    size = observed.shape[1]
+    for rho in np.where(np.abs(CORRELATIONS) < 1e-9, 0.0, CORRELATIONS):
+        # A negative correlation alternates from sample to sample, whatever the time between two.
+        signs = np.where(np.rint(lags) % 2, -1.0, 1.0) if rho < 0 else 1.0
+        errors = signs * np.abs(rho) ** lags if rho else (lags == 0).astype(float)
+        covariance = np.einsum("wkc,wkl,wld->wcd", contrasts, errors, contrasts, optimize=True)
+        distance = (observed * np.linalg.solve(covariance, observed[..., None])[..., 0]).sum(axis=1)
+        variance = _student_variance(distance, size)
+        fitted = np.log1p(distance / (FREEDOM * variance)).sum() * (FREEDOM + size) / 2.0
+        volume = np.linalg.slogdet(covariance)[1].sum() / 2.0 + observed.size * np.log(variance) / 2.0
+        # Noise that wanders for longer than a window cannot be told from motion: a prior keeps it small.
+        prior = 3.0 * np.log1p(-(rho**2))
+        scores.append((float(prior - fitted - volume), variance, float(rho)))
+    white = next(score for score in scores if score[2] == 0.0)
+    best = max(scores)
+    chosen = best if best[0] - white[0] > CLEAR else white
+    # Student's scale is below the variance of the Gaussian it stands for, by a fixed factor.
+    factor = _gaussian_factor(size)
+    return float(np.sqrt(chosen[1] * factor)), chosen[2], float(np.sqrt(white[1] * factor))
+
+
+def _student_variance(distance: np.ndarray, size: int) -> float:
+    """Scale of Student's t that makes ``distance`` (W,) likeliest, by reweighting."""
+    variance = max(float(np.median(distance)), 1e-9 * float(distance.mean())) / size
+    for _ in range(50):
+        weight = (FREEDOM + size) / (FREEDOM + distance / variance)
+        following = float((weight * distance).mean()) / size
+        if abs(following - variance) < 1e-6 * variance:
+            break
+        variance = following
+    return variance
+
+
+def _gaussian_factor(size: int) -> float:
+    """Variance of Gaussian errors over the scale that Student's t finds for them."""
+    distance = chi2.ppf((np.arange(2000) + 0.5) / 2000, size)
+    return 1.0 / _student_variance(distance, size)

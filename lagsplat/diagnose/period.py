@@ -1,0 +1,180 @@
+"""The natural period of a mechanism, seen in how it moves: free or driven, damped, drifting or noisy."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64
+from scipy.signal import oaconvolve
+
+from lagsplat.io.motion import Motion
+
+PER_DECADE = 14  # lengths of test functions tried
+LEAST_SAMPLES = 9  # of a test function
+MOST_SAMPLES = 6000  # of all clips together; longer ones are thinned
+FITS = 0.3  # share of the weighted accelerations that a linear law must explain to be believed
+HEARD = 0.08  # share of the motion that the slowest mode must carry to count
+
+
+@dataclass(frozen=True)
+class _Clip:
+    """A clip on an even grid of ``dt_s``, centred and scaled."""
+
+    q: Float64[np.ndarray, "N d"]
+    u: Float64[np.ndarray, "N n_u"]
+    dt_s: float
+
+
+def natural_period_s(motions: Sequence[Motion]) -> float | None:
+    """Undamped period [s] of the slowest mode that carries `HEARD` of the motion; None where none swings.
+
+    As `natural_periods_s`, whose first value this is.
+    """
+    periods = natural_periods_s(motions)
+    return float(periods[0]) if len(periods) else None
+
+
+def natural_periods_s(motions: Sequence[Motion]) -> Float64[np.ndarray, " m"]:
+    """Undamped periods [s] of the modes, slowest first, m at most d; empty where nothing swings.
+
+    A linear law ``a = -K q - C v + B u + c + e t`` is fitted in the weak form: with test functions that
+    vanish at both ends, derivatives fall on them and noise is not differenced. Inputs are part of the law, so
+    that a driven motion shows the mechanism's own period and not its driver's. Test functions should last about one
+    period: of all lengths, that one is taken which agrees best with the period it finds. Where no law fits,
+    as where two potential wells are visited, half-periods between crossings of the mean are counted instead.
+    For large amplitudes the period is the one of an oscillation as large as those seen.
+
+    Source: weak form, Messenger and Bortz 2021.
+    """
+    clips = _even_clips(motions)
+    if not clips:
+        return np.zeros(0)
+    longest_s = max(len(clip.q) * clip.dt_s for clip in clips)
+    shortest_s = LEAST_SAMPLES * min(clip.dt_s for clip in clips)
+    if longest_s <= shortest_s:
+        return _crossing_period(clips)
+    count = max(2, round(PER_DECADE * np.log10(longest_s / shortest_s)))
+    best, found = -np.inf, np.zeros(0)
+    for length_s in np.geomspace(shortest_s, longest_s, count):
+        periods, doubt = _weak_law(clips, length_s)
+        if len(periods) == 0:
+            continue
+        # A period much longer than the test function is not seen by it, a much shorter one is averaged away.
+        score = -np.log(doubt) - 4.0 * np.log(periods[0] / length_s) ** 2
+        if score > best:
+            best, found = score, periods
+    return found if len(found) else _crossing_period(clips)
+
+
+def _even_clips(motions: Sequence[Motion]) -> list[_Clip]:
+    """Clips long enough for a test function, interpolated onto even grids, in units of the whole motion."""
+    total = sum(motion.n for motion in motions)
+    thin = max(1, total // MOST_SAMPLES)
+    q = np.concatenate([motion.q for motion in motions])
+    u = np.concatenate([motion.u for motion in motions])
+    centre, size = q.mean(axis=0), np.maximum(q.std(axis=0), np.finfo(float).tiny)
+    u_centre, u_size = u.mean(axis=0), u.std(axis=0)
+    moving = u_size > 1e-9 * (np.abs(u_centre) + u_size)
+    clips = []
+    for motion in motions:
+        for start, stop in motion.segments:
+            if stop - start < 2 * LEAST_SAMPLES or not q.std(axis=0).any():
+                continue
+            time = motion.time_s[start:stop]
+            dt_s = thin * motion.dt_s if stop - start >= 2 * LEAST_SAMPLES * thin else motion.dt_s
+            grid = np.arange(time[0], time[-1], dt_s)
+            if len(grid) < LEAST_SAMPLES + 2:
+                continue
+            swing = [np.interp(grid, time, column) for column in motion.q[start:stop].T]
+            drive = [np.interp(grid, time, column) for column in motion.u[start:stop].T[moving]]
+            drive = [*drive, np.zeros_like(grid)][: max(1, len(drive))]
+            scale = np.where(u_size[moving] > 0, u_size[moving], 1.0) if moving.any() else np.ones(1)
+            mean = u_centre[moving] if moving.any() else np.zeros(1)
+            clips.append(
+                _Clip((np.stack(swing, 1) - centre) / size, (np.stack(drive, 1) - mean) / scale, dt_s)
+            )
+    return clips
+
+
+def _weak_law(clips: Sequence[_Clip], length_s: float) -> tuple[Float64[np.ndarray, " m"], float]:
+    """Periods of the linear law seen by test functions of ``length_s``, and the first one's relative error."""
+    left, right = [], []
+    d = clips[0].q.shape[1]
+    for number, clip in enumerate(clips):
+        n = round(length_s / clip.dt_s)
+        if n < LEAST_SAMPLES or n > len(clip.q):
+            continue
+        s = np.linspace(-1.0, 1.0, n)
+        half_s = 0.5 * (n - 1) * clip.dt_s
+        tests = (
+            (1 - s**2) ** 4,
+            -8 * s * (1 - s**2) ** 3 / half_s,
+            (56 * s**2 - 8) * (1 - s**2) ** 2 / half_s**2,
+        )
+        seen = [_correlate(np.hstack([clip.q, clip.u]), test) for test in tests]
+        stride = max(1, n // 8)
+        value, slope, bend = (part[::stride] for part in seen)
+        own = np.zeros((len(value), 2 * len(clips)))
+        own[:, 2 * number] = tests[0].sum()
+        own[:, 2 * number + 1] = tests[0].sum() * np.linspace(-1.0, 1.0, len(value))
+        weight = 1.0 / tests[0].sum()
+        left.append(weight * np.hstack([-value[:, :d], slope[:, :d], value[:, d:], own]))
+        right.append(weight * bend[:, :d])
+    if not left or sum(map(len, left)) < 4 * d + 4:
+        return np.zeros(0), np.inf
+    rows, target = np.concatenate(left), np.concatenate(right)
+    constants = rows[:, 2 * d + clips[0].u.shape[1] :]
+    solution, _, rank, _ = np.linalg.lstsq(rows, target, rcond=1e-10)
+    plain = target - constants @ np.linalg.lstsq(constants, target, rcond=1e-10)[0]
+    rest = ((target - rows @ solution) ** 2).sum(axis=0)
+    if rest.sum() > (1.0 - FITS) * (plain**2).sum():
+        return np.zeros(0), np.inf
+    # Test functions overlap: four neighbours tell about as much as one.
+    variance = (rest + 1e-12 * (target**2).sum(axis=0)) / max(len(rows) / 4.0 - rank, 0.5)
+    return _heard(solution[:d].T, np.linalg.pinv(rows.T @ rows, rcond=1e-12)[:d, :d], variance, clips)
+
+
+def _correlate(series: np.ndarray, test: np.ndarray) -> np.ndarray:
+    return oaconvolve(series, test[::-1, None], mode="valid", axes=0)
+
+
+def _heard(
+    stiffness: np.ndarray, spread: np.ndarray, variance: np.ndarray, clips: Sequence[_Clip]
+) -> tuple[Float64[np.ndarray, " m"], float]:
+    """Periods of the modes of ``a = -K q`` that carry their share of the motion, slowest first, and the
+    relative standard error of the first; ``spread`` and ``variance`` are those of the fit of K."""
+    values, shapes = np.linalg.eig(stiffness)
+    if np.linalg.cond(shapes) > 1e8:
+        return np.zeros(0), np.inf
+    q = np.concatenate([clip.q - clip.q.mean(axis=0) for clip in clips])
+    rows = np.linalg.inv(shapes)
+    carried = (np.abs(q @ rows.T) ** 2).mean(axis=0) * (np.abs(shapes) ** 2).sum(axis=0)
+    swings = (values.real > 0) & (np.abs(values.imag) < 0.5 * values.real)
+    kept = np.flatnonzero(swings & (carried > HEARD * carried.sum()))
+    if not kept.size:
+        return np.zeros(0), np.inf
+    kept = kept[np.argsort(values.real[kept])]
+    slowest = kept[0]
+    error = (np.abs(rows[slowest]) ** 2 @ variance) * (
+        shapes[:, slowest].conj() @ spread @ shapes[:, slowest]
+    )
+    periods = 2.0 * np.pi / np.sqrt(values.real[kept])
+    return periods, float(np.sqrt(error.real)) / float(values.real[slowest])
+
+
+def _crossing_period(clips: Sequence[_Clip]) -> Float64[np.ndarray, " m"]:
+    """Twice the median time between crossings of a straight line through each clip, by its largest motion."""
+    halves = []
+    for clip in clips:
+        time = clip.dt_s * np.arange(len(clip.q))
+        trend = np.polynomial.polynomial.polyfit(time, clip.q, 1)
+        swing = clip.q - np.polynomial.polynomial.polyval(time, trend).T
+        swing = swing[:, np.argmax(swing.std(axis=0))]
+        if not swing.std():
+            continue
+        # Noise crosses often; only half-periods that reach beyond a third of the motion count.
+        sides = np.sign(swing) * (np.abs(swing) > swing.std() / 3.0)
+        known = np.flatnonzero(sides)
+        turns = known[1:][np.diff(sides[known]) != 0]
+        halves += np.diff(time[turns]).tolist()
+    return np.array([2.0 * float(np.median(halves))]) if len(halves) >= 2 else np.zeros(0)
