@@ -276,8 +276,8 @@ RULES = {
     for rule in (
         viscous_damping, linear_stiffness, mass_change, constant_force, cubic_stiffness, coulomb_friction,
         stribeck_friction, load_dependent_friction, quadratic_drag, hysteresis, creep, joint_backlash,
-        end_stop, external_push, external_periodic_force, parameter_drift, hidden_mode, time_jitter, frame_drops,
-        camera_change, camera_drift, exposure_blur,
+        end_stop, external_push, external_periodic_force, parameter_drift, hidden_mode, time_jitter,
+        frame_drops, camera_change, camera_drift, exposure_blur,
     )
 }  # fmt: skip
 INPUT_RULES = {

@@ -80,8 +80,8 @@ def _windows(motions: Sequence[Motion], width: int) -> list[tuple[int, int]]:
         for start, stop in motion.segments
         for k in range(start, stop - width + 1, width)
     ]
-    chosen = np.unique(np.linspace(0, len(found) - 1, min(len(found), WINDOWS)).astype(int)) if found else []
-    return [found[k] for k in chosen]
+    chosen = np.unique(np.linspace(0, len(found) - 1, min(len(found), WINDOWS)).astype(int))
+    return [found[k] for k in chosen] if found else []
 
 
 def _estimates(motions: Sequence[Motion], width: int, dt_s: float) -> list[tuple[float, float, float]]:
@@ -137,10 +137,12 @@ def _autoregression(
 
 def _student_variance(distance: np.ndarray, size: int) -> float:
     """Scale of Student's t that makes ``distance`` (W,) likeliest, by reweighting."""
-    variance = max(float(np.median(distance)), 1e-9 * float(distance.mean())) / size
+    # Where most windows are exactly at rest the scale goes to zero, as it should, but not all the way.
+    floor = 1e-12 * float(distance.mean()) / size
+    variance = max(float(np.median(distance)) / size, floor)
     for _ in range(50):
         weight = (FREEDOM + size) / (FREEDOM + distance / variance)
-        following = float((weight * distance).mean()) / size
+        following = max(float((weight * distance).mean()) / size, floor)
         if abs(following - variance) < 1e-6 * variance:
             break
         variance = following

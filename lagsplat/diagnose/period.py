@@ -39,8 +39,9 @@ def natural_periods_s(motions: Sequence[Motion]) -> Float64[np.ndarray, " m"]:
 
     A linear law ``a = -K q - C v + B u + c + e t`` is fitted in the weak form: with test functions that
     vanish at both ends, derivatives fall on them and noise is not differenced. Inputs are part of the law, so
-    that a driven motion shows the mechanism's own period and not its driver's. Test functions should last about one
-    period: of all lengths, that one is taken which agrees best with the period it finds. Where no law fits,
+    that a driven motion shows the mechanism's own period and not its driver's. Test functions should last
+    about one period: of all lengths that one is taken which finds a period near itself and is surest of it.
+    Where no law fits,
     as where two potential wells are visited, half-periods between crossings of the mean are counted instead.
     For large amplitudes the period is the one of an oscillation as large as those seen.
 
@@ -97,7 +98,7 @@ def _even_clips(motions: Sequence[Motion]) -> list[_Clip]:
 
 
 def _weak_law(clips: Sequence[_Clip], length_s: float) -> tuple[Float64[np.ndarray, " m"], float]:
-    """Periods of the linear law seen by test functions of ``length_s``, and the first one's relative error."""
+    """Periods of the linear law seen by test functions of ``length_s``, and the first's relative error."""
     left, right = [], []
     d = clips[0].q.shape[1]
     for number, clip in enumerate(clips):

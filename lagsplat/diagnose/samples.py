@@ -15,7 +15,7 @@ ROUGH = 0.1  # of a coordinate's rms: a quantisation step worth mentioning
 CLIPPED, RUN = 0.02, 4  # share of samples at an extreme, and samples in a row there
 AT_REST = 3.0  # standard deviations of noise below which nothing moves
 BLOCK_PERIODS, BLOCK_FRAMES, BLOCKS = 1.5, 60, 8
-LEAST_PERIODS = 3.0
+LEAST_PERIODS = 2.5
 
 
 def count_blocks(motions: Sequence[Motion], *, period_s: float) -> int:

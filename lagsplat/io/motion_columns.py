@@ -3,7 +3,7 @@
 import difflib
 import re
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from lagsplat.io.motion_table import Table
@@ -20,14 +20,14 @@ USUAL = {
 """What other tools call such columns: used to propose a setting, never to read one."""
 
 
-def name_columns(table: Table, columns: Mapping[str, str]) -> Table:
+def name_columns(table: Table, columns: Mapping[str, str], *, needed: Sequence[str] = (TIME, "q0")) -> Table:
     """The table under the names of the contract; ``columns`` maps these to the file's own.
 
     Columns of other names are left out, with a warning that lists them.
 
     Raises:
-        ValueError: a name that is none of the contract's, a column that the file lacks, no ``t`` or no
-            ``q0``; the message lists the columns found and proposes the setting that is nearest.
+        ValueError: a name that is none of the contract's, a column that the file lacks, or one of ``needed``
+            that is missing; the message lists the columns found and proposes the setting that is nearest.
     """
     found = list(table.columns)
     for name, own in columns.items():
@@ -41,7 +41,7 @@ def name_columns(table: Table, columns: Mapping[str, str]) -> Table:
     taken = set(columns.values())
     named = {name: table.columns[name] for name in found if _is_contract(name) and name not in taken}
     named |= {name: table.columns[own] for name, own in columns.items()}
-    missing = [name for name in (TIME, "q0") if name not in named]
+    missing = [name for name in needed if name not in named]
     if missing:
         raise ValueError(
             f"{table.source}: no column {' and no '.join(missing)}; the columns are {found}, and "
