@@ -7,7 +7,7 @@ import numpy as np
 from lagsplat.diagnose.finding import Finding
 from lagsplat.io.motion import Motion
 
-REACH = 1.5  # times the farthest sample of the sim (its 99.9 % quantile) that still counts as its region
+REACH = 1.5  # times the farthest sample of the sim (its 99 % quantile) that still counts as its region
 OUTSIDE, APART = 0.05, 0.5  # shares of the real samples outside it
 ELSEWHERE = 6.0  # times the sim's own spread by which the middle of the real motion lies off
 UNITS = {
@@ -113,7 +113,7 @@ def check_region(sim: Sequence[Motion], real: Sequence[Motion]) -> list[Finding]
         finding for i in range(sim[0].d) if (finding := _units(nominal[:, i], seen[:, i], sim[0].q_names[i]))
     ]
     centre, root = _robust(nominal)
-    reach = np.quantile(np.linalg.norm((nominal - centre) @ root, axis=1), 0.999)
+    reach = np.quantile(np.linalg.norm((nominal - centre) @ root, axis=1), 0.99)
     distance = np.linalg.norm((seen - centre) @ root, axis=1)
     outside = float((distance > REACH * reach).mean())
     middle = np.linalg.norm((np.median(seen, axis=0) - centre) @ root) / max(float(reach), 1e-300)

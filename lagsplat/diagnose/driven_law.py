@@ -10,7 +10,8 @@ from lagsplat.io.motion import Motion
 REACH = 3.0  # natural periods that inputs are shifted by, at most
 STEPS = 16  # shifts a period
 GROSS = 0.5  # of a period: what no delay of a mechanism or a line is
-POOR, BETTER = 0.6, 0.35  # share explained below which the given times are doubted; gain that settles it
+POOR, GAIN = 0.6, 0.35  # share explained below which the given times are doubted; a gain that settles it
+FAIR, SHRINK = 0.85, 4.0  # the same where what is not explained shrinks by so many times
 
 
 def explained_by_shift(motion: Motion, *, period_s: float) -> tuple[np.ndarray, np.ndarray]:
@@ -82,7 +83,9 @@ def check_offset(motions: Sequence[Motion], *, period_s: float | None) -> list[F
         near = np.abs(shifts) <= GROSS * period_s
         best = int(np.argmax(shares))
         usual = float(shares[near].max())
-        if not near[best] and usual < POOR and shares[best] > usual + BETTER:
+        better = usual < POOR and shares[best] > usual + GAIN
+        better |= usual < FAIR and 1.0 - usual > SHRINK * (1.0 - shares[best])
+        if not near[best] and better:
             found.append(
                 Finding(
                     "undetermined",

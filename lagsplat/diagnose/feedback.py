@@ -12,10 +12,11 @@ from lagsplat.io.motion import Motion
 
 ORDER = 6  # of the differences that leave errors and take the motion away
 ROUGH = 1.2  # power that one more difference must add; white noise adds 3.7, anything smooth loses
+STEP = 8.0  # times the usual change between two samples
 LAGS = 4  # samples that a controller may take to answer
 SHARE, CHANCE = 0.1, 1e-6  # of an input's own error that errors of q must explain, and the chance of it
-STATIC = 0.98  # share of an input that its dependence on q and v must explain where there is no noise
-QUASI_STATIC = 0.3  # of the restoring acceleration: below it a slow motion follows any input
+STATIC = 0.95  # share of an input that its dependence on q and v must explain where there is no noise
+QUASI_STATIC = 0.5  # of the restoring acceleration: below it a slow motion follows any input
 ONE_LINE = 0.9  # share of an input's power in one line: then q and v follow whatever the cause
 
 
@@ -48,10 +49,11 @@ def _error_share(motion: Motion, channel: int) -> float:
             continue
         own, errors = motion.u[start:stop, channel], motion.q[start:stop]
         fine = np.diff(own, ORDER)
-        # Steps and corners of an input are no errors: what is far beyond the usual is left out.
-        usual = 6.0 * np.median(np.abs(fine))
+        # Steps of an input are no errors: differences across one are left out.
+        change = np.abs(np.diff(own))
+        step = np.convolve(change > STEP * np.median(change), np.ones(ORDER), mode="valid") > 0.5
         rows = np.arange(LAGS, len(fine) - LAGS)
-        rows = rows[np.abs(fine[rows]) <= usual]
+        rows = rows[~step[rows]]
         if len(rows) < 60 or not (_is_rough(own) and any(_is_rough(column) for column in errors.T)):
             continue
         rough = np.diff(errors, ORDER, axis=0)

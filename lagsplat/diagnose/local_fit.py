@@ -54,7 +54,8 @@ def _weights(time_s: np.ndarray, at: np.ndarray, window: np.ndarray) -> Float64[
     """Rows that turn the samples of a window into value, rate and acceleration at sample ``at``."""
     degree = min(3, window.shape[1] - 1)
     offset = time_s[window] - time_s[at][:, None]
-    scale = np.maximum(np.abs(offset).max(axis=1, keepdims=True), np.finfo(float).tiny)
+    scale = np.abs(offset).max(axis=1, keepdims=True)
+    scale[scale == 0.0] = 1.0  # a clip of one sample: it has a value and nothing else
     powers = (offset / scale)[..., None] ** np.arange(degree + 1)
     normal = np.einsum("nki,nkj->nij", powers, powers)
     solved = np.linalg.solve(normal, powers.transpose(0, 2, 1))

@@ -13,6 +13,7 @@ MOVING = 4.0  # standard deviations of noise that a step must exceed before a re
 COARSE, HOPELESS = 8.0, 4.0  # samples a period
 ROUGH = 0.1  # of a coordinate's rms: a quantisation step worth mentioning
 CLIPPED, RUN = 0.02, 4  # share of samples at an extreme, and samples in a row there
+FROZEN = 10  # most repeats in a row that are a lost frame; more are a rest
 AT_REST = 3.0  # standard deviations of noise below which nothing moves
 BLOCK_PERIODS, BLOCK_FRAMES, BLOCKS = 1.5, 60, 8
 LEAST_PERIODS = 2.5
@@ -177,6 +178,9 @@ def _repeated(motion: Motion, noise: Noise) -> list[Finding]:
     speed = np.abs(fit_locally(motion, half_width=4).v[1:]) * np.diff(motion.time_s)[:, None]
     sigma = np.where(np.isfinite(noise.sigma), noise.sigma, 0.0)
     moves = speed > MOVING * np.maximum(sigma, noise.step) + 1e-9 * np.ptp(motion.q, axis=0)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(int), [0]])))
+    for start, stop in zip(edges[::2], edges[1::2], strict=True):
+        same[start:stop] &= stop - start <= FROZEN
     frozen = np.flatnonzero(same & moves.any(axis=1))
     if not frozen.size:
         return []

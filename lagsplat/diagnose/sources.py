@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from lagsplat.io.artefact import read_header
-from lagsplat.io.clips import FILMS, IMAGES
+from lagsplat.io.clips import FILMS, IMAGES, natural_order
 from lagsplat.io.input_log import read_input_log
 from lagsplat.io.motion import Motion, read_motion
 from lagsplat.io.recording import Recording
@@ -37,7 +37,8 @@ def find_sources(argument: str) -> tuple[Source, ...]:
     """The things that ``a.csv``, ``[a.csv,b.csv]``, ``runs/*.csv``, a folder or ``module:attribute`` name.
 
     A folder is a fitted run where it holds ``dynamics.safetensors``, a film where it holds pictures, and else
-    all that can be read in it, in the order of names. A table of the same stem as a film beside it holds
+    all that can be read in it, in the order in which a person counts
+    names. A table of the same stem as a film beside it holds
     the film's inputs and is no trajectory. Of the names of archives and artefacts the content decides.
 
     Raises:
@@ -152,13 +153,13 @@ def _expand(path: Path) -> list[Path]:
     if not path.exists():
         root = Path(path.anchor or ".")
         pattern = str(path.relative_to(path.anchor)) if path.anchor else str(path)
-        matches = sorted(root.glob(pattern)) if re.search(r"[*?\[]", pattern) else []
+        matches = sorted(root.glob(pattern), key=natural_order) if re.search(r"[*?\[]", pattern) else []
         if not matches:
             raise FileNotFoundError(f"{path}: no such file or folder, and no pattern that matches; check it")
         return [file for match in matches for file in ([match] if match.is_file() else _expand(match))]
     if path.is_file() or (path / "dynamics.safetensors").is_file():
         return [path]
-    inside = sorted(item for item in path.iterdir() if item.is_file())
+    inside = sorted((item for item in path.iterdir() if item.is_file()), key=natural_order)
     if any(item.suffix.lower() in IMAGES for item in inside):
         return [path]
     known = [item for item in inside if item.suffix.lower() in (*TABLES, *FILMS, ".npz", ".mcap")]

@@ -1,0 +1,113 @@
+"""Cuts that nobody declared are found; knocks, stops, friction and lost frames are not taken for them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lagsplat.diagnose.breaks import cut_gaps, cut_jumps, drop_holds, unwrap
+from lagsplat.diagnose.measurement_noise import measure_noise
+from lagsplat.io.motion import Motion
+from tests.unit.diagnose.motions import PERIOD_S, glued, swing
+
+
+def cut(motion: Motion) -> tuple[Motion, list[str]]:
+    sigma = measure_noise([motion], period_s=PERIOD_S).sigma
+    found, findings = cut_jumps(motion, sigma=sigma, period_s=PERIOD_S)
+    return found, [finding.check for finding in findings]
+
+
+def stepped(force, *, seconds: float = 15.0, noise: float = 0.0, start: float = 1.0) -> Motion:
+    """A unit mass under ``force(t, q, v)``, by small symplectic steps."""
+    n, sub = round(seconds * 60.0), 40
+    q, v, seen = start, 0.0, []
+    for k in range(n):
+        seen.append(q)
+        for j in range(sub):
+            v += force((k + j / sub) / 60.0, q, v) / (60.0 * sub)
+            q += v / (60.0 * sub)
+    values = np.array(seen)
+    values = values + noise * values.std() * np.random.default_rng(0).normal(size=n)
+    return Motion(time_s=np.arange(n) / 60.0, q=values[:, None], u=np.zeros((n, 0)), source="stepped.csv")
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.003, 0.03])
+def test_glued_releases_are_cut_where_they_were_glued(noise: float) -> None:
+    parts = [
+        swing(seconds=5.0, start=(size,), noise=noise, seed=k) for k, size in enumerate((1.0, 0.7, -0.8))
+    ]
+    found, said = cut(glued(*parts))
+    assert found.segments == ((0, 300), (300, 600), (600, 900))
+    assert said == ["undeclared cut"]
+    two = [swing(seconds=5.0, start=start, noise=noise) for start in ((1.0, 0.5), (-0.3, 0.9))]
+    assert cut(glued(*two))[0].segments == ((0, 300), (300, 600))
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.003, 0.01, 0.03])
+@pytest.mark.parametrize(
+    "force",
+    [
+        lambda t, q, v: -33.0 * q - 0.3 * v,
+        lambda t, q, v: -33.0 * q - 0.3 * v - 4000.0 * max(q - 0.4, 0.0),
+        lambda t, q, v: -33.0 * q - 3.0 * np.tanh(v / 1e-3),
+        lambda t, q, v: -33.0 * q - 0.6 * v + 300.0 * (abs(t - 6.0) < 0.02),
+    ],
+    ids=["decay", "end stop", "friction", "push"],
+)
+def test_how_things_move_is_no_cut(force, noise: float) -> None:
+    motion = stepped(force, noise=noise)
+    found, said = cut(motion)
+    assert (found.segments, said) == (((0, motion.n),), [])
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.003])
+def test_lost_frames_are_said_and_not_cut(noise: float) -> None:
+    motion = swing(noise=noise, damping=0.005)
+    fastest = 264 + int(np.argmax(np.abs(np.diff(motion.q[264:300, 0]))))
+    kept = np.delete(np.arange(motion.n), np.arange(fastest, fastest + 4))
+    lost = Motion(time_s=motion.time_s[: len(kept)], q=motion.q[kept], u=motion.u[kept])
+    found, said = cut(lost)
+    assert found.segments == ((0, len(kept)),)
+    assert said == ["missing frames"]
+
+
+def test_a_sensor_that_jumps_all_the_time_is_not_cut_to_shreds() -> None:
+    parts = [swing(seconds=0.5, start=((-1.0) ** k,), seed=k) for k in range(30)]
+    found, said = cut(glued(*parts))
+    assert len(found.segments) < 5 or said == ["undeclared cut"]
+
+
+def test_gaps_are_cut_and_short_ones_are_not() -> None:
+    motion = swing()
+    late = np.where(np.arange(motion.n) < 500, 0.0, 0.5) + np.where(np.arange(motion.n) < 200, 0.0, 0.02)
+    found, findings = cut_gaps(replace(motion, time_s=motion.time_s + late), period_s=PERIOD_S)
+    assert found.segments == ((0, 500), (500, 900))
+    assert [finding.check for finding in findings] == ["gap"]
+    assert cut_gaps(motion, period_s=None) == (motion, ())
+
+
+@pytest.mark.parametrize("turn", [2.0 * np.pi, 360.0])
+def test_angles_are_continued_over_the_end_of_a_turn(turn: float) -> None:
+    motion = swing(noise=0.001)
+    about = replace(motion, q=turn / 2.0 + 0.3 * turn * motion.q)
+    wrapped = replace(about, q=np.mod(about.q, turn))
+    found, findings = unwrap(wrapped)
+    np.testing.assert_allclose(found.q, about.q, atol=1e-9 * turn)
+    assert [finding.check for finding in findings] == (["wrapped"] if np.ptp(wrapped.q - about.q) else [])
+    assert unwrap(about)[1] == ()
+
+
+def test_a_hand_that_holds_is_left_out_and_a_rest_is_not() -> None:
+    swinging = swing(seconds=10.0, noise=0.003)
+    noise = 0.001 * np.random.default_rng(1).normal(size=(120, 1))
+    rest = replace(swinging, time_s=swinging.time_s[:120], u=swinging.u[:120], q=noise, segments=((0, 120),))
+    sigma = measure_noise([swinging], period_s=PERIOD_S).sigma
+    held, findings = drop_holds(glued(replace(rest, q=1.0 + noise), swinging), sigma=sigma, period_s=PERIOD_S)
+    assert [finding.check for finding in findings] == ["hold"]
+    assert held.n == pytest.approx(swinging.n, abs=12)
+    assert len(held.segments) == 1
+    pushed = stepped(
+        lambda t, q, v: -33.0 * q - 0.6 * v + 200.0 * (abs(t - 3.0) < 0.02), start=0.0, noise=0.003
+    )
+    for motion in (glued(swinging, rest), pushed, swinging):
+        assert drop_holds(motion, sigma=sigma, period_s=PERIOD_S) == (motion, ())

@@ -1,0 +1,140 @@
+"""What the arguments name: one file, a list, a pattern, a folder, a run, a model, an object."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lagsplat.diagnose.sources import Source, find_sources, motion_of, read_sources
+from lagsplat.io.artefact import save_artefact
+from lagsplat.io.recording import Recording, save_recording
+
+
+def kinds(argument: object) -> list[tuple[str, str]]:
+    return [(source.kind, Path(source.path).name) for source in find_sources(str(argument))]
+
+
+def film(n: int = 10, **fields: object) -> Recording:
+    given = {
+        "frames": np.zeros((n, 2, 2, 3), np.uint8),
+        "time_s": np.arange(n) / 10.0,
+        "inputs": np.zeros((n, 0)),
+        "input_names": (),
+        "input_units": (),
+        "meta": {"origin": "filmed"},
+    }
+    return Recording(**(given | fields))  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    for name in ("take10.csv", "take2.csv", "notes.md"):
+        (tmp_path / name).write_text("t,q0\n0,1\n0.1,2\n0.2,4\n")
+    return tmp_path
+
+
+def test_files_lists_patterns_and_folders(folder: Path) -> None:
+    two = [("trajectory", "take2.csv"), ("trajectory", "take10.csv")]
+    assert kinds(folder / "take2.csv") == two[:1]
+    assert kinds(f"[{folder / 'take2.csv'}, '{folder / 'take10.csv'}']") == two
+    assert kinds(folder / "take*.csv") == two
+    assert kinds(folder) == two
+    assert kinds(f"[{folder / 'take2.csv'},{folder / '*.csv'}]") == two
+    motions = read_sources(find_sources(str(folder)))
+    assert [motion.source for motion in motions] == ["take2.csv", "take10.csv"]
+
+
+def test_a_pattern_is_taken_from_here(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(folder)
+    assert kinds("take?.csv") == [("trajectory", "take2.csv")]
+    assert os.fspath(find_sources("take2.csv")[0].path) == "take2.csv"
+
+
+def test_content_decides_about_archives_and_artefacts(tmp_path: Path) -> None:
+    np.savez(tmp_path / "arm.npz", images=np.zeros((1, 3, 2, 2)), p1=np.zeros(1))
+    np.savez(tmp_path / "log.npz", t=np.arange(3.0), q0=np.arange(3.0))
+    save_recording(tmp_path / "recording.safetensors", film())
+    save_artefact(tmp_path / "augmented.safetensors", {"x": np.zeros(1)}, {"kind": "augmented", "schema": 1})
+    assert kinds(tmp_path / "arm.npz") == [("krauss", "arm.npz")]
+    assert kinds(tmp_path / "log.npz") == [("trajectory", "log.npz")]
+    assert kinds(tmp_path / "recording.safetensors") == [("recording", "recording.safetensors")]
+    assert kinds(tmp_path / "augmented.safetensors") == [("model", "augmented.safetensors")]
+    save_artefact(tmp_path / "dynamics.safetensors", {"x": np.zeros(1)}, {"kind": "dynamics", "schema": 1})
+    assert kinds(tmp_path) == [("run", tmp_path.name)]
+    assert kinds(tmp_path / "dynamics.safetensors") == [("run", tmp_path.name)]
+
+
+def test_films_take_the_table_of_their_name_along(tmp_path: Path) -> None:
+    for name in ("bag.mp4", "log.mcap", "arm.xml", "bag.csv", "other.csv"):
+        (tmp_path / name).write_text("")
+    assert find_sources(str(tmp_path / "bag.mp4")) == (
+        Source("video", str(tmp_path / "bag.mp4"), str(tmp_path / "bag.csv")),
+    )
+    assert kinds(tmp_path) == [("video", "bag.mp4"), ("mcap", "log.mcap"), ("trajectory", "other.csv")]
+    assert kinds(tmp_path / "arm.xml") == [("mujoco", "arm.xml")]
+    pictures = tmp_path / "frames"
+    pictures.mkdir()
+    (pictures / "img1.png").write_text("")
+    assert kinds(pictures) == [("video", "frames")]
+
+
+def test_objects_are_named_by_module_and_attribute() -> None:
+    assert kinds("my_model:build") == [("python", "my_model:build")]
+    assert kinds("models/arm.py:build") == [("python", "arm.py:build")]
+
+
+@pytest.mark.parametrize("argument", ["nothing.csv", "no*.csv", "[nothing.csv]"])
+def test_what_is_not_there_is_said(argument: str) -> None:
+    with pytest.raises(FileNotFoundError, match="no such file or folder, and no pattern"):
+        find_sources(argument)
+
+
+def test_what_is_not_known_is_said(tmp_path: Path) -> None:
+    (tmp_path / "a.mat").write_text("")
+    (tmp_path / "a.npz").write_text("")
+    with pytest.raises(ValueError, match=r"\.mat is neither a trajectory"):
+        find_sources(str(tmp_path / "a.mat"))
+    with pytest.raises(ValueError, match="damaged or not an NPZ"):
+        find_sources(str(tmp_path / "a.npz"))
+    with pytest.raises(ValueError, match="an empty list"):
+        find_sources("[]")
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(FileNotFoundError, match="a folder without"):
+        find_sources(str(tmp_path / "empty"))
+    with pytest.raises(ValueError, match="is a model and has no motion"):
+        read_sources([Source("mujoco", "arm.xml")])
+    with pytest.raises(ValueError, match="needs the encoder of a fitted run"):
+        read_sources([Source("video", "bag.mp4")])
+
+
+def test_films_become_motions_through_an_encoder(tmp_path: Path) -> None:
+    (tmp_path / "bag.csv").write_text("t,u0,u1\n-1,0,1\n0.6,1.6,1\n2,3,1\n")
+    asked = []
+
+    def encode(frames: np.ndarray) -> np.ndarray:
+        asked.append(frames.shape)
+        return np.arange(len(frames), dtype=float)[:, None]
+
+    source = Source("video", "films/bag.mp4", str(tmp_path / "bag.csv"))
+    cut = film(segments=((0, 4), (4, 10)))
+    (motion,) = read_sources([source], record=lambda given: cut, encode=encode)
+    assert asked == [(10, 2, 2, 3)]
+    assert (motion.source, motion.segments, motion.u_names) == ("bag.mp4", ((0, 4), (4, 10)), ("u0", "u1"))
+    np.testing.assert_allclose(motion.u, np.stack([1.0 + motion.time_s, np.ones(10)], axis=1))
+
+
+def test_frames_without_inputs_are_left_out() -> None:
+    latents = np.arange(10.0)[:, None]
+    log = (np.array([0.3, 0.7]), np.array([[1.0], [2.0]]))
+    with pytest.warns(UserWarning, match="5 frames without inputs"):
+        motion = motion_of(film(), latents, log=log, source="bag.mp4")
+    np.testing.assert_array_equal(motion.q[:, 0], [3, 4, 5, 6, 7])
+    with pytest.raises(ValueError, match="give both on one clock"):
+        motion_of(film(), latents, log=(log[0] + 9.0, log[1]), source="bag.mp4")
+    driven = film(inputs=np.ones((10, 1)), input_names=("p1",), input_units=("atm",))
+    assert motion_of(driven, latents, source="arm.npz").u_names == ("u0",)
+    with pytest.raises(ValueError, match="in the film and in a table"):
+        motion_of(driven, latents, log=log, source="bag.mp4")
+    with pytest.raises(ValueError, match="for 10 frames"):
+        motion_of(film(), latents[:4], source="bag.mp4")
