@@ -64,6 +64,11 @@ class Smoothed:
         """Standard deviation of ``residual``, (T, d)."""
         return np.sqrt(np.maximum(np.diagonal(self.covariance, axis1=1, axis2=2), 0.0))
 
+    @property
+    def active(self) -> Bool[np.ndarray, " d"]:
+        """Coordinates whose force was kept, because its evidence pays for it."""
+        return self.evidence >= ADMITTED
+
 
 def smooth(
     mechanics: Mechanics,

@@ -1,0 +1,161 @@
+"""Which kind of term the residual is: shares of what groups of features predict on blocks left out."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from math import factorial
+
+import numpy as np
+from jaxtyping import Float64
+from sklearn.kernel_ridge import KernelRidge
+
+from lagsplat.diagnose.residual_features import FOLDS, GROUPS, Features
+
+RIDGES = (1e-5, 1e-3, 1e-1)
+WIDTHS = (1.0, 3.0)  # of the kernel, over the root of the number of features
+MOST_SAMPLES = 400
+
+
+@dataclass(frozen=True)
+class Components:
+    """``shares`` of the residual by group, and ``unexplained``, summing to one; ``memory_index``: what the
+    past adds to a prediction from the present, without assuming a form; both over all coordinates."""
+
+    shares: dict[str, float]
+    memory_index: float
+
+    @property
+    def largest(self) -> str:
+        """The group of largest share."""
+        return max(GROUPS, key=lambda name: self.shares[name])
+
+
+def components(found: Features, coordinate_share: Float64[np.ndarray, " d"]) -> Components:
+    """Shares of every group, coordinates weighted by their own share of the residual.
+
+    Groups share what they explain together by Shapley's rule (LMG), but memory gets only what no present
+    quantity explains: in a swing, a quarter of a period ago looks like the velocity now.
+
+    Source: Lindeman, Merenda, Gold (1980) and Groemping (2007) for the shares.
+    """
+    shares = dict.fromkeys((*GROUPS, "unexplained"), 0.0)
+    index = 0.0
+    for i in np.flatnonzero(coordinate_share > 0.01):
+        own = _shapley(found, int(i))
+        shares = {name: shares[name] + coordinate_share[i] * own[name] for name in shares}
+        index += coordinate_share[i] * memory_index(found, int(i))
+    total = sum(shares.values())
+    if total <= 0.0:
+        return Components(shares | {"unexplained": 1.0}, 0.0)
+    return Components({name: float(share / total) for name, share in shares.items()}, float(index))
+
+
+def explained(found: Features, coordinate: int, columns: Float64[np.ndarray, "n k"]) -> float:
+    """Share of the residual's square that a ridge regression on ``columns`` predicts on left-out blocks.
+
+    Against zero, not the mean: a constant force is a finding. At least zero; the best of three ridges.
+    """
+    return _Folded(found, coordinate, columns).score(np.arange(columns.shape[1]))
+
+
+def memory_index(found: Features, coordinate: int) -> float:
+    """How much better lags predict the residual on left-out blocks than the present alone, in [0, 1].
+
+    By kernel regression, which needs no form of the dependence.
+    """
+    groups = found.groups[coordinate]
+    present = np.concatenate(
+        [
+            groups["conservative"][:, 1:2],
+            groups["dissipative"][:, :1],
+            groups["actuation"],
+            groups["exogenous"],
+        ],
+        axis=1,
+    )
+    wide = np.concatenate([present, groups["memory"]], axis=1)
+    return max(0.0, _kernel_score(found, coordinate, wide) - _kernel_score(found, coordinate, present))
+
+
+class _Folded:
+    """Normal equations of one coordinate's regression, fold by fold."""
+
+    def __init__(self, found: Features, coordinate: int, columns: np.ndarray) -> None:
+        weight = found.weight[:, coordinate]
+        weight = weight / weight.sum()
+        rms = np.sqrt(weight @ columns**2)
+        x = np.sqrt(weight)[:, None] * columns / np.where(rms > 0.0, rms, 1.0)
+        y = np.sqrt(weight) * found.target[:, coordinate]
+        folds = [found.fold == fold for fold in range(FOLDS)]
+        self.gram = np.stack([x[fold].T @ x[fold] for fold in folds])
+        self.moment = np.stack([x[fold].T @ y[fold] for fold in folds])
+        self.square = float(y @ y)
+
+    def score(self, chosen: np.ndarray) -> float:
+        if not len(chosen) or self.square <= 0.0:
+            return 0.0
+        gram = self.gram[:, chosen][:, :, chosen]
+        moment = self.moment[:, chosen]
+        best = 0.0
+        for ridge in RIDGES:
+            learnt = gram.sum(axis=0) - gram + ridge * np.eye(len(chosen))
+            beta = np.linalg.solve(learnt, (moment.sum(axis=0) - moment)[..., None])[..., 0]
+            error = np.einsum("fa,fab,fb->", beta, gram, beta) - 2.0 * np.sum(beta * moment)
+            best = max(best, float(-error / self.square))
+        return best
+
+
+def _shapley(found: Features, coordinate: int) -> dict[str, float]:
+    groups = found.groups[coordinate]
+    present = [name for name in GROUPS[:-1] if groups[name].shape[1]]
+    sizes = np.cumsum([0, *(groups[name].shape[1] for name in (*present, "memory"))])
+    columns = {
+        name: np.arange(a, b) for name, a, b in zip((*present, "memory"), sizes[:-1], sizes[1:], strict=True)
+    }
+    fit = _Folded(found, coordinate, np.concatenate([groups[name] for name in columns], axis=1))
+
+    def value(names: Sequence[str]) -> float:
+        return fit.score(np.concatenate([columns[name] for name in names])) if names else 0.0
+
+    values = {
+        frozenset(names): value(names)
+        for count in range(len(present) + 1)
+        for names in combinations(present, count)
+    }
+    n = len(present)
+    shares = dict.fromkeys(GROUPS, 0.0)
+    for name in present:
+        others = [other for other in present if other != name]
+        for count in range(n):
+            factor = factorial(count) * factorial(n - count - 1) / factorial(n)
+            for names in combinations(others, count):
+                shares[name] += factor * (values[frozenset((*names, name))] - values[frozenset(names)])
+    now = values[frozenset(present)]
+    shares["memory"] = max(0.0, value((*present, "memory")) - now)
+    positive = {name: max(0.0, share) for name, share in shares.items()}
+    # A group that only confuses the others has a negative share: the rest must sum to what is explained.
+    sum_now = sum(positive[name] for name in present)
+    for name in present:
+        positive[name] *= now / sum_now if sum_now > 0.0 else 0.0
+    return positive | {"unexplained": max(0.0, 1.0 - sum(positive.values()))}
+
+
+def _kernel_score(found: Features, coordinate: int, columns: np.ndarray) -> float:
+    picked = slice(None, None, max(1, int(np.ceil(len(columns) / MOST_SAMPLES))))
+    x, y = columns[picked], found.target[picked, coordinate]
+    spread = np.std(x, axis=0)
+    x = (x / np.where(spread > 0.0, spread, 1.0))[:, spread > 0.0]
+    scale = np.std(y)
+    if not x.shape[1] or scale == 0.0:
+        return 0.0
+    fold, scores = found.fold[picked], []
+    for width in WIDTHS:
+        gamma = 0.5 / (width**2 * x.shape[1])
+        error = 0.0
+        for left_out in range(FOLDS):
+            test = fold == left_out
+            if test.any() and not test.all():
+                model = KernelRidge(alpha=1e-3, kernel="rbf", gamma=gamma).fit(x[~test], y[~test] / scale)
+                error += float(np.sum((y[test] / scale - model.predict(x[test])) ** 2))
+        scores.append(1.0 - error / float(np.sum((y / scale) ** 2)))
+    return max(0.0, *scores)

@@ -1,0 +1,149 @@
+"""Where a force lies that was put in on purpose, and that none is found where none was."""
+
+import numpy as np
+import pytest
+
+from lagsplat.diagnose.where import Where, locate
+from lagsplat.io.motion import Motion
+from tests.unit.diagnose.mechanisms import Chain, Duffing, TwoLink, film
+
+
+def inputs(t):
+    return np.sin(2.3 * t) + 0.5 * np.sin(8.2 * t + 1) + 0.6 * np.sin(5.2 * t)
+
+
+def looked(force, *, forced: bool = True, seconds: float = 16.0, **kinds) -> Where:
+    mechanism = Duffing(n_u=int(forced))
+    motion = film(
+        mechanism, seconds, force=force, inputs=inputs if forced else None, noise=0.01, finer=2, **kinds
+    )
+    return locate(mechanism, [motion])
+
+
+def friction(t, q, v, u):
+    return -2.0 * np.tanh(v / 0.05)
+
+
+def quiet(t, q, v, u):
+    return np.zeros(1)
+
+
+@pytest.mark.parametrize(
+    ("force", "component", "level"),
+    [
+        (friction, "dissipative", "dynamics"),
+        (lambda t, q, v, u: -0.3 * np.abs(v) * v, "dissipative", "dynamics"),
+        (lambda t, q, v, u: -40.0 * q**3, "conservative", "dynamics"),
+        (lambda t, q, v, u: np.array([3.0]), "conservative", "dynamics"),
+        (lambda t, q, v, u: -2000.0 * np.maximum(q - 0.3, 0.0), "conservative", "dynamics"),
+        (lambda t, q, v, u: -0.6 * u, "actuation", "actuation"),
+        (lambda t, q, v, u: 3.0 * (np.clip(u, -0.7, 0.7) - u), "actuation", "actuation"),
+        (lambda t, q, v, u: 3.0 * np.reshape(inputs(t - 0.08) - inputs(t), 1), "actuation", "actuation"),
+        (lambda t, q, v, u: np.array([1.5 * np.sin(2 * np.pi * 2.3 * t)]), "exogenous", "dynamics"),
+        (lambda t, q, v, u: np.array([6.0 * (5.0 < t < 5.5)]), "exogenous", "dynamics"),
+    ],
+    ids=["friction", "drag", "hardening", "tilt", "stop", "gain", "saturation", "delay", "hum", "push"],
+)
+def test_component_and_level(force, component, level):
+    found = looked(force)
+    kinds = {name: share for name, share in found.components.items() if name != "unexplained"}
+    assert max(kinds, key=lambda name: kinds[name]) == component
+    assert found.level == level
+    assert sum(found.components.values()) == pytest.approx(1.0)
+    assert found.coordinates == {"q0": 1.0}
+
+
+def test_a_push_has_its_time():
+    file, start, end, share = looked(lambda t, q, v, u: np.array([6.0 * (5.0 < t < 5.5)])).time_s[0]
+    assert (file, start, end) == ("film 0", pytest.approx(5.0, abs=0.1), pytest.approx(5.5, abs=0.1))
+    assert share > 0.9
+
+
+def test_a_hum_has_its_frequency():
+    found = looked(lambda t, q, v, u: np.array([1.5 * np.sin(2 * np.pi * 2.3 * t)]), forced=False)
+    low, high, share = found.frequency_hz[0]
+    assert low < 2.3 < high
+    assert share > 0.8
+    assert found.spectrum.lines[0].frequency_hz == pytest.approx(2.3, abs=0.03)
+
+
+def test_a_stop_has_its_place():
+    found = looked(lambda t, q, v, u: -2000.0 * np.maximum(q - 0.3, 0.0))
+    box = found.state_region["q0"][0]
+    assert 0.1 < box["position"][0] < 0.32
+    assert box["share"] > 0.9
+    assert box["mean"] < 0.0
+
+
+def test_friction_of_one_joint_lies_in_that_joint():
+    def one_joint(t, q, v, u):
+        return np.array([0.0, -0.05 * np.tanh(v[1] / 0.02)])
+
+    motion = film(TwoLink(), 12.0, start=(0.3, 0.4), force=one_joint, noise=0.005, finer=4)
+    found = locate(TwoLink(), [motion])
+    assert found.coordinates["q1"] > 0.9
+    kinds = {name: share for name, share in found.components.items() if name != "unexplained"}
+    assert max(kinds, key=lambda name: kinds[name]) == "dissipative"
+
+
+@pytest.mark.parametrize("forced", [True, False])
+def test_a_perfect_sim_has_no_place(forced):
+    mechanism = Duffing(n_u=int(forced))
+    base = film(mechanism, 8.0, inputs=inputs if forced else None, finer=2)
+    told = 0
+    for seed in range(40):
+        noise = 0.02 * base.q.std() * np.random.default_rng(seed).standard_normal(base.q.shape)
+        found = locate(mechanism, [Motion(time_s=base.time_s, q=base.q + noise, u=base.u)])
+        told += bool(found.time_s or found.state_region or found.level != "dynamics" or found.frequency_hz)
+    assert told <= 4  # five in a hundred, given four chances to speak
+
+
+def seen(motion: Motion, times: np.ndarray) -> Motion:
+    q = np.interp(times, motion.time_s, motion.q[:, 0])
+    noise = 0.005 * q.std() * np.random.default_rng(0).standard_normal(motion.n)
+    return Motion(time_s=motion.time_s, q=(q + noise)[:, None], u=motion.u)
+
+
+def test_bad_time_stamps_are_perception():
+    motion = film(Duffing(), 16.0, inputs=inputs, finer=2)
+    stamps = motion.time_s + 0.01 * np.random.default_rng(1).standard_normal(motion.n)
+    assert locate(Duffing(), [seen(motion, stamps)]).level == "perception"
+
+
+def test_bent_positions_are_the_chart():
+    motion = film(Duffing(), 16.0, inputs=inputs, finer=2)
+    bent = Motion(time_s=motion.time_s, q=motion.q + 0.15 / motion.q.std() * motion.q**2, u=motion.u)
+    assert locate(Duffing(), [seen(bent, bent.time_s)]).level == "chart"
+
+
+def test_suspect_pictures_are_perception_whatever_the_forces_say():
+    motion = film(Duffing(), 6.0, inputs=inputs, force=friction, noise=0.01, finer=2)
+    assert locate(Duffing(), [motion], perception_suspect=True).level == "perception"
+
+
+def test_shift_of_the_clock_and_units_change_nothing():
+    motion = film(Duffing(n_u=0), 10.0, force=friction, noise=0.01, finer=2)
+    later = Motion(time_s=motion.time_s + 1000.0, q=motion.q, u=motion.u)
+    one, two = (locate(Duffing(n_u=0), [each]) for each in (motion, later))
+    for name, share in one.components.items():
+        assert two.components[name] == pytest.approx(share, abs=0.02)
+    assert two.time_s[0][1] - one.time_s[0][1] == pytest.approx(1000.0, abs=1e-6)
+    assert two.level == one.level
+    finer = Duffing(n_u=0, hard=20.0 / 100.0**2)  # the same thing in hundredths
+    small = locate(finer, [Motion(time_s=motion.time_s, q=100.0 * motion.q, u=motion.u)])
+    for name, share in one.components.items():
+        assert small.components[name] == pytest.approx(share, abs=0.02)
+
+
+def test_four_coordinates_two_files_and_cuts():
+    def pull(t, q, v, u):
+        return np.array([0.0, 0.0, -3.0 * np.tanh(v[2] / 0.05), 0.0])
+
+    motions = [
+        film(Chain(), 10.0, start=(0.3, s, 0.1, 0.4), force=pull, noise=0.01, finer=2, seed=seed)
+        for seed, s in enumerate((0.2, -0.3))
+    ]
+    motions[1] = motions[1].cut([240])
+    found = locate(Chain(), motions)
+    assert found.coordinates["q2"] > 0.9
+    assert {event[0] for event in found.time_s} == {"film 0", "film 1"}
