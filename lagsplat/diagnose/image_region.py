@@ -1,0 +1,155 @@
+"""Where on the picture the gap lies: excess error of the sim's pictures, and the point that a force acts on.
+
+A point p of the body moves by ``J_p`` (d, 2) pixels for a step of the coordinates (row i: of coordinate i),
+so that a force f on it is felt as ``J_p f``. A force by one of two laws is sought for each point; the
+coordinates may be too few to tell points apart, and then nothing is localised.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float64
+from scipy.ndimage import label
+
+LAWS = ("constant", "drag")
+CONTRAST = 0.05  # between the best point and the worst that moves, below which none is told
+NEAR = 0.02  # points within this of the best explain as well
+LEVEL = 6.0  # robust standard deviations at which a pixel stands out
+SMALLEST = 4  # pixels of a part
+MOST = 5
+
+
+@dataclass(frozen=True)
+class Excess:
+    """``map`` (H, W) of squared error beyond what decoding leaves; ``parts`` of connected pixels as
+    (left, top, right, bottom, share), the largest share first."""
+
+    map: np.ndarray
+    parts: tuple[tuple[int, int, int, int, float], ...]
+
+
+@dataclass(frozen=True)
+class Localisation:
+    """How well a force on each point explains the residual.
+
+    ``explained`` (P,) share by the best law of each point and ``law`` (P,) its name; ``localisable`` False
+    where the kinematics cannot tell points apart, and then ``point`` is None; else ``point`` is the best,
+    ``near`` all that explain as well, and ``force`` (T, 2) the force on it, in units of the coordinates'
+    forces a pixel.
+    """
+
+    explained: np.ndarray
+    law: tuple[str, ...]
+    localisable: bool
+    point: int | None
+    near: tuple[int, ...]
+    force: np.ndarray | None
+
+
+def excess_error(
+    real: Float64[np.ndarray, "T H W C"],
+    sim: Float64[np.ndarray, "T H W C"],
+    encoded: Float64[np.ndarray, "T H W C"],
+) -> Excess:
+    """Error of the sim's pictures beyond that of pictures decoded from the encoded frames themselves.
+
+    Raises:
+        ValueError: pictures of different shapes.
+    """
+    if not real.shape == sim.shape == encoded.shape:
+        raise ValueError(
+            f"pictures of shapes {real.shape} (real), {sim.shape} (sim) and {encoded.shape} (encoded); "
+            "render all three alike"
+        )
+    by_frame = np.mean((sim - real) ** 2 - (encoded - real) ** 2, axis=3)
+    excess = np.mean(by_frame, axis=0)
+    centre = np.median(excess)
+    spread = 1.4826 * np.median(np.abs(excess - centre))
+    numbers, count = label(excess > centre + max(LEVEL * spread, 1e-3 * np.max(np.abs(excess)) + 1e-300))
+    total = np.maximum(excess, 0.0).sum()
+    parts = []
+    for number in range(1, count + 1):
+        rows, columns = np.nonzero(numbers == number)
+        if len(rows) >= SMALLEST:
+            share = float(np.maximum(excess, 0.0)[rows, columns].sum() / total)
+            left, right = int(columns.min()), int(columns.max()) + 1
+            parts.append((left, int(rows.min()), right, int(rows.max()) + 1, share))
+    parts.sort(key=lambda part: -part[4])
+    return Excess(excess, tuple(parts[:MOST]))
+
+
+def localise(
+    force: Float64[np.ndarray, "T d"],
+    covariance: Float64[np.ndarray, "T d d"],
+    jacobian: Float64[np.ndarray, "T P d 2"],
+    velocity: Float64[np.ndarray, "T d"],
+) -> Localisation:
+    """The material point whose force explains generalised forces ``force`` best.
+
+    Laws: a constant force, and drag against the point's velocity and its square. A free force at every
+    instant is not among them: with one or two coordinates it would explain anything at any point.
+
+    Raises:
+        ValueError: a force that is zero throughout.
+    """
+    weight = np.linalg.inv(covariance)
+    total = np.einsum("ta,tab,tb->", force, weight, force)
+    if not total > 0.0:
+        raise ValueError("the residual force is zero throughout: there is nothing to place on the picture")
+    best, laws, forces = [], [], []
+    for p in range(jacobian.shape[1]):
+        fits = [
+            _fit(force, weight, jacobian[:, p], columns)
+            for columns in _laws(np.einsum("tac,ta->tc", jacobian[:, p], velocity))
+        ]
+        number = int(np.argmin([error for error, _ in fits]))
+        best.append(1.0 - fits[number][0] / total)
+        laws.append(LAWS[number])
+        forces.append(fits[number][1])
+    explained = np.array(best)
+    moves = np.abs(jacobian).max(axis=(0, 2, 3)) > 0.0
+    localisable = bool(explained.max() - explained[moves].min() >= CONTRAST)
+    point = int(np.argmax(explained))
+    near = tuple(int(p) for p in np.flatnonzero(explained >= explained.max() - NEAR))
+    return Localisation(
+        explained, tuple(laws), localisable, point if localisable else None,
+        near if localisable else (), forces[point] if localisable else None,
+    )  # fmt: skip
+
+
+def image_region(
+    excess: Excess | None, place: Localisation | None, points: Float64[np.ndarray, "T P 2"] | None
+) -> dict[str, Any]:
+    """Both findings as plain values: boxes in pixels, and the mean place of the point a force acts on."""
+    told: dict[str, Any] = {"localisable": False if place is None else place.localisable}
+    if excess is not None:
+        told["excess"] = [{"box": list(part[:4]), "share": part[4]} for part in excess.parts]
+    if place is not None and place.point is not None and points is not None:
+        told["point"] = points[:, place.point].mean(axis=0).tolist()
+        told["law"] = place.law[place.point]
+        told["explained"] = float(place.explained[place.point])
+        told["as_good"] = points[:, list(place.near)].mean(axis=0).tolist()
+    return told
+
+
+def _laws(velocity: Float64[np.ndarray, "T 2"]) -> list[Float64[np.ndarray, "T 2 k"]]:
+    """Forces on a point of this velocity that each law is a weighted sum of."""
+    speed = np.linalg.norm(velocity, axis=1, keepdims=True)
+    still = np.broadcast_to(np.eye(2), (len(velocity), 2, 2))
+    return [still, np.stack([velocity, speed * velocity], axis=2)]
+
+
+def _fit(
+    force: np.ndarray, weight: np.ndarray, jacobian: np.ndarray, columns: np.ndarray
+) -> tuple[float, Float64[np.ndarray, "T 2"]]:
+    """Squared error, whitened, of the best sum of ``columns`` felt through ``jacobian``, and that sum."""
+    felt = np.einsum("tac,tck->tak", jacobian, columns)
+    size = np.sqrt(np.mean(felt**2, axis=(0, 1)))
+    felt = felt / np.where(size > 0.0, size, 1.0)
+    gram = np.einsum("tak,tab,tbl->kl", felt, weight, felt)
+    moment = np.einsum("tak,tab,tb->k", felt, weight, force)
+    solution = np.linalg.lstsq(gram, moment, rcond=1e-12)[0]
+    left = force - felt @ solution
+    solution = solution / np.where(size > 0.0, size, 1.0)
+    return float(np.einsum("ta,tab,tb->", left, weight, left)), columns @ solution
