@@ -24,6 +24,7 @@ FASTEST = 12.0  # times the natural frequency: what is faster is not told
 LINE_RATE = 0.01  # of false lines
 DROP = 0.1  # a band reaches to where the power falls to this part of its peak
 SMALLEST = 0.05
+FAINT = 1e-3  # of the largest power: below it, coherence says nothing
 MOST = 5
 
 
@@ -90,7 +91,9 @@ def spectrum(smoothed: Sequence[Smoothed], *, period_s: float) -> Spectrum | Non
     power = np.where(active, own[:, :d], 0.0)
     with np.errstate(invalid="ignore", divide="ignore"):
         coherence = np.abs(cross[..., d:]) ** 2 / (own[:, :d, None] * own[:, None, d:])
-    coherence = np.where(active[:, None], np.nan_to_num(coherence), 0.0)
+    # Where the residual has no power of its own, leakage of what is strong elsewhere would seem coherent.
+    loud = power > FAINT * power.max(axis=0)
+    coherence = np.where(loud[..., None], np.nan_to_num(coherence), 0.0)
     first = smoothed[0].motion
     return Spectrum(
         frequency_hz=frequency[kept],

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from jaxtyping import Float64, Int64
@@ -26,7 +27,7 @@ class Region:
 
     ``position`` and ``velocity`` (low, high) of the box around it (velocity None for a profile over position
     alone); ``mean`` residual acceleration inside; ``share`` of the coordinate's residual inside; ``p``, the
-    chance of as heavy a cluster anywhere if blocks had random signs.
+    chance of as heavy a cluster in any map if blocks had random signs.
     """
 
     coordinate: int
@@ -57,8 +58,8 @@ def regions(
 ) -> tuple[list[Region], list[Map]]:
     """Regions of all coordinates by falling share, and the maps in which they were found.
 
-    Every coordinate with a kept force has a map over position and velocity and a profile over position; one
-    distribution of the heaviest cluster, over all maps of a flip, bounds false findings at 5 in 100 together.
+    Every coordinate with a kept force has a map over position and velocity and a profile over position. Each
+    has its own distribution of the heaviest cluster; false findings are 5 in 100 over all of them together.
     No region is told from fewer than six blocks of three quarters of a period.
 
     Source: Maris and Oostenveld (2007), cluster-based permutation.
@@ -67,33 +68,25 @@ def regions(
     signs = np.random.default_rng(seed).choice([-1.0, 1.0], (FLIPS, block.max() + 1))
     weight = np.concatenate([sample_weights(one) for one in smoothed])
     square = np.concatenate(energies(smoothed))
-    maps, heaviest, observed = [], np.zeros(FLIPS), []
-    for i in np.flatnonzero(smoothed[0].active):
-        q, v, r = (
-            np.concatenate([getattr(one, name)[:, i] for one in smoothed]) for name in ("q", "v", "residual")
-        )
-        for shape in ((BINS, BINS), (PROFILE_BINS, 1)):
-            edges = [_edges(values, count) for values, count in zip((q, v), shape, strict=True)]
-            at = np.ravel_multi_index(
-                [_bin(values, edge) for values, edge in zip((q, v), edges, strict=True)], shape
-            )
-            sums, visits = _block_sums(block, at, weight * r, int(np.prod(shape)))
-            spread = np.sqrt(np.sum(sums**2, axis=0))
-            spread[visits < 2] = np.inf
-            score = (sums.sum(axis=0) / np.maximum(spread, 1e-300)).reshape(shape)
-            time_s = np.bincount(at, weight, minlength=score.size).reshape(shape)
-            with np.errstate(invalid="ignore", divide="ignore"):
-                mean = np.where(
-                    np.isfinite(spread.reshape(shape)), sums.sum(axis=0).reshape(shape) / time_s, np.nan
-                )
-            maps.append(Map(int(i), edges[0], edges[1], mean, score))
-            share = np.bincount(at, weight * square[:, i], minlength=score.size).reshape(shape)
-            observed.append((maps[-1], share / share.sum()))
-            flipped = (signs @ sums / np.maximum(spread, 1e-300)).reshape(FLIPS, *shape)
-            heaviest = np.maximum(heaviest, [_heaviest(one) for one in flipped])
-    if block.max() + 1 < FEWEST_BLOCKS:
-        return [], maps
-    found = [region for one, share in observed for region in _found(one, share, heaviest)]
+    state = [np.concatenate([getattr(one, name) for one in smoothed]) for name in ("q", "v", "residual")]
+    coordinates = np.flatnonzero(smoothed[0].active)
+    shapes = ((BINS, BINS), (PROFILE_BINS, 1))
+    maps, found = [], []
+    for i, shape in product(coordinates, shapes):
+        q, v, r = (values[:, i] for values in state)
+        edges = _edges(q, shape[0]), _edges(v, shape[1])
+        at = np.ravel_multi_index([_bin(q, edges[0]), _bin(v, edges[1])], shape)
+        sums, visits = _block_sums(block, at, weight * r, int(np.prod(shape)))
+        spread = np.maximum(np.sqrt(np.sum(sums**2, axis=0)), 1e-300)
+        spread[visits < 2] = np.inf
+        time_s = np.bincount(at, weight, minlength=len(spread))
+        mean = np.divide(sums.sum(axis=0), time_s, out=np.full(len(spread), np.nan), where=visits >= 2)
+        score = sums.sum(axis=0) / spread
+        maps.append(Map(int(i), *edges, mean.reshape(shape), score.reshape(shape)))
+        share = np.bincount(at, weight * square[:, i], minlength=len(spread)).reshape(shape)
+        if block.max() + 1 >= FEWEST_BLOCKS:
+            heaviest = np.array([_heaviest(one) for one in (signs @ sums / spread).reshape(FLIPS, *shape)])
+            found += _found(maps[-1], share / share.sum(), heaviest, len(coordinates) * len(shapes))
     return sorted(found, key=lambda region: -region.share), maps
 
 
@@ -147,10 +140,10 @@ def _heaviest(score: np.ndarray) -> float:
     return max(mass for _, mass in _clusters(score))
 
 
-def _found(one: Map, share: np.ndarray, heaviest: np.ndarray) -> list[Region]:
+def _found(one: Map, share: np.ndarray, heaviest: np.ndarray, tests: int) -> list[Region]:
     found = []
     for inside, mass in _clusters(one.score):
-        p = (1.0 + np.sum(heaviest >= mass)) / (1.0 + len(heaviest))
+        p = min(1.0, tests * (1.0 + np.sum(heaviest >= mass)) / (1.0 + len(heaviest)))
         if p > LEVEL:
             continue
         rows, columns = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))

@@ -48,11 +48,11 @@ def events(smoothed: Sequence[Smoothed], *, period_s: float) -> list[Event]:
     spans = [
         (number, start, stop)
         for number, (one, square) in enumerate(zip(smoothed, squares, strict=True))
-        for start, stop in _divided(one, square, period_s)
+        for start, stop in _divided(one, square, swing_acceleration(smoothed), period_s)
     ]
     if not spans or total <= 0.0:
         return []
-    p = [_chance(smoothed[number], start, stop) for number, start, stop in spans]
+    p = [_chance(smoothed[number], start, stop, period_s) for number, start, stop in spans]
     kept = [span for span, q in zip(spans, false_discovery_control(p), strict=True) if q < RATE]
     found = []
     for number, start, stop in _joined(kept, squares):
@@ -80,14 +80,14 @@ def _integral(one: Smoothed, square: np.ndarray) -> float:
     return float(sample_weights(one) @ square)
 
 
-def _divided(one: Smoothed, square: np.ndarray, period_s: float) -> list[tuple[int, int]]:
+def _divided(one: Smoothed, square: np.ndarray, unit: np.ndarray, period_s: float) -> list[tuple[int, int]]:
     """Half-open spans between change points, clip by clip; none where no force was kept."""
     if not one.active.any():
         return []
     dt_s = one.motion.dt_s
     stride = max(1, round(STRIDE * period_s / dt_s))
     width = max(1, round(WINDOW * period_s / dt_s))
-    uncertain = np.where(one.active, one.std / swing_acceleration([one]), 0.0) ** 2
+    uncertain = np.where(one.active, one.std / unit, 0.0) ** 2
     floor = np.mean(uncertain.sum(axis=1)) + np.finfo(float).tiny
     spans = []
     for start, stop in one.motion.segments:
@@ -101,9 +101,15 @@ def _divided(one: Smoothed, square: np.ndarray, period_s: float) -> list[tuple[i
     return spans
 
 
-def _chance(one: Smoothed, start: int, stop: int) -> float:
-    """Probability of as large a residual between two samples if there were none (an upper bound)."""
+def _chance(one: Smoothed, start: int, stop: int, period_s: float) -> float:
+    """Probability of as large a residual between two samples if there were none (an upper bound).
+
+    What the windows of a long span's ends share with its neighbours is left out of it.
+    """
     active: Bool[np.ndarray, " d"] = one.active
+    edge = round((0.5 * WINDOW + STRIDE) * period_s / one.motion.dt_s)
+    if stop - start > 4 * edge:
+        start, stop = start + edge, stop - edge
     spacing = max(1, round(one.length_s / one.motion.dt_s))
     picked = np.arange(start, stop)[:: min(spacing, stop - start)]
     residual = one.residual[np.ix_(picked, active)]

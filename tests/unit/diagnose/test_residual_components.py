@@ -1,0 +1,97 @@
+"""Shares of groups of features, the past's part in a residual, and distortions of what was measured."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from lagsplat.diagnose.observation import apparent_forces, noise_with_speed
+from lagsplat.diagnose.residual_components import components, explained, memory_index
+from lagsplat.diagnose.residual_features import FOLDS, GROUPS, features
+from lagsplat.diagnose.smoother import smooth
+from lagsplat.io.motion import Motion
+from tests.unit.diagnose.mechanisms import Duffing, TwoLink, film
+from tests.unit.diagnose.residuals import made
+
+MECHANISM = Duffing(hard=0.0)
+
+
+def of(residual, **kinds):
+    one = made(residual, **kinds)
+    return features(MECHANISM, [one], period_s=1.0)
+
+
+def largest(residual) -> str:
+    return components(of(residual), np.ones(1)).largest
+
+
+@pytest.mark.parametrize(
+    ("residual", "group"),
+    [
+        (lambda t, q, v, u: -2.0 * q**3, "conservative"),
+        (lambda t, q, v, u: 1.0 + 0.0 * q, "conservative"),
+        (lambda t, q, v, u: -0.4 * v, "dissipative"),
+        (lambda t, q, v, u: -np.sign(v), "dissipative"),
+        (lambda t, q, v, u: np.clip(u, -0.5, 0.5), "actuation"),
+        (lambda t, q, v, u: 0.2 * t + 0.0 * q, "exogenous"),
+    ],
+)
+def test_each_group_is_found(residual, group):
+    assert largest(residual) == group
+
+
+def test_shares_are_a_division_of_the_whole():
+    found = components(of(lambda t, q, v, u: -0.2 * v - 0.5 * q**3 + 0.5 * u), np.ones(1))
+    assert sum(found.shares.values()) == pytest.approx(1.0)
+    assert min(found.shares.values()) >= 0.0
+    assert set(found.shares) == {*GROUPS, "unexplained"}
+    assert found.shares["unexplained"] < 0.1
+
+
+def test_noise_is_unexplained():
+    for seed in range(10):
+        found = components(of(lambda t, q, v, u: 0.0 * q, seed=seed), np.ones(1))
+        assert found.shares["unexplained"] > 0.8
+        assert found.memory_index < 0.1
+    assert components(of(lambda t, q, v, u: 0.0 * q), np.zeros(1)).shares["unexplained"] == 1.0
+
+
+def test_features_that_know_nothing_explain_nothing_on_left_out_blocks():
+    found = of(lambda t, q, v, u: -0.4 * v)
+    rng = np.random.default_rng(0)
+    assert explained(found, 0, rng.standard_normal((len(found.target), 20))) < 0.05
+    assert explained(found, 0, found.groups[0]["dissipative"]) > 0.9
+    assert set(found.fold) == set(range(FOLDS))
+
+
+def test_the_past_matters_where_a_force_lags_and_only_there():
+    def lagging(t, q, v, u):
+        slow = lfilter([0.02], [1.0, -0.98], q[:, 0])[:, None]
+        return 3.0 * np.roll(q, 30, axis=0) + 10.0 * slow
+
+    assert memory_index(of(lagging), 0) > 0.1
+    assert memory_index(of(lambda t, q, v, u: -np.tanh(v / 0.5)), 0) < 0.1
+    assert memory_index(of(lambda t, q, v, u: -q + 0.5 * u), 0) < 0.1
+
+
+def test_bent_positions_feign_the_force_that_the_smoother_finds():
+    clean = film(TwoLink(), 8.0, start=(0.6, -0.4), finer=4)
+    bend = 0.05 * clean.q**2 * np.array([1.0, 0.0])
+    bent = Motion(time_s=clean.time_s, q=clean.q + bend, u=clean.u)
+    smoothed = smooth(TwoLink(), [bent], period_s=1.6)
+    for i in (0, 1):
+        expected = 0.05 * apparent_forces(TwoLink(), smoothed, i)[30:-30, 0]
+        found = smoothed[0].residual[30:-30, i]
+        assert np.corrcoef(expected, found)[0, 1] > 0.9
+        assert np.std(found) == pytest.approx(np.std(expected), rel=0.25)
+
+
+def test_noise_that_grows_with_speed_is_told_from_noise_that_does_not():
+    even = [made(lambda t, q, v, u: 0.0 * q, seed=seed) for seed in range(100)]
+    told = sum(noise_with_speed([one], period_s=1.0, seed=7).p < 0.05 for one in even)
+    assert told <= 11
+    one = even[0]
+    late = 0.02 * one.v * np.random.default_rng(0).standard_normal(one.v.shape)
+    worse = type(one)(**{**vars(one), "innovation": one.innovation * 0.1 + late})
+    found = noise_with_speed([worse], period_s=1.0)
+    assert found.p < 0.01
+    assert found.share > 0.3
