@@ -58,7 +58,7 @@ def linear_steps(
     steps = len(path.h)
     inertia = rest_inertia(mechanics)
     response = np.stack(
-        [np.linalg.solve(mechanics.mass(q), np.diag(inertia)) for q in (path.q, path.middle, path.end)],
+        [np.linalg.solve(mechanics.mass_at(q), np.diag(inertia)) for q in (path.q, path.middle, path.end)],
         axis=1,
     )
     outside = np.einsum("sjab,sjb->sja", response, path.r)
@@ -117,7 +117,10 @@ def _runge_kutta(
     def slope(x: np.ndarray, phase: float) -> np.ndarray:
         q, v = x[..., :d], x[..., d:]
         inputs = np.broadcast_to(at(u, phase), (*x.shape[:-1], u.shape[-1]))
-        return np.concatenate([v, mechanics.acceleration(q, v, inputs) + at(outside, phase)], axis=-1)
+        rows = int(np.prod(x.shape[:-1]))  # stated, because none can be inferred without inputs
+        flat = (values.reshape(rows, values.shape[-1]) for values in (q, v, inputs))
+        own = mechanics.acceleration(*flat)
+        return np.concatenate([v, own.reshape(q.shape) + at(outside, phase)], axis=-1)
 
     for step in range(count):
         start, middle, end = ((step + part_) / count for part_ in (0.0, 0.5, 1.0))

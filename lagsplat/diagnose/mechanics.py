@@ -2,7 +2,7 @@
 
     M(q) a = force(q, v, u),
 
-with ``force`` everything but the inertial term. All functions take leading axes and return them.
+with ``force`` everything but the inertial term. All functions take N states at once.
 """
 
 from typing import Protocol
@@ -26,17 +26,17 @@ class Mechanics(Protocol):
     def rest(self) -> np.ndarray:
         """Equilibrium without inputs, (d,)."""
 
-    def mass(self, q: np.ndarray) -> np.ndarray:
-        """Inertia at ``q`` (..., d), as (..., d, d)."""
+    def mass_at(self, q: np.ndarray) -> np.ndarray:
+        """Inertia at ``q`` (N, d), as (N, d, d)."""
 
     def force(self, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """Every generalised force but the inertial one, (..., d)."""
+        """Every generalised force but the inertial one, (N, d)."""
 
     def acceleration(self, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """``M(q)^-1 force(q, v, u)``, (..., d)."""
+        """``M(q)^-1 force(q, v, u)``, (N, d)."""
 
     def inverse_dynamics(self, q: np.ndarray, v: np.ndarray, a: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """``M(q) a - force(q, v, u)``: the force that the mechanism lacks, (..., d)."""
+        """``M(q) a - force(q, v, u)``: the force that the mechanism lacks, (N, d)."""
 
 
 def rest_inertia(mechanics: Mechanics) -> Float64[np.ndarray, " d"]:
@@ -45,4 +45,4 @@ def rest_inertia(mechanics: Mechanics) -> Float64[np.ndarray, " d"]:
     The diagonal, so that a force on one coordinate stays a number of that coordinate alone where inertia
     couples them.
     """
-    return np.diagonal(mechanics.mass(np.asarray(mechanics.rest, dtype=float))).copy()
+    return np.diagonal(mechanics.mass_at(np.asarray(mechanics.rest, dtype=float)[None])[0]).copy()

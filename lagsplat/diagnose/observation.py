@@ -81,7 +81,9 @@ def _apparent(mechanics: Mechanics, one: Smoothed) -> Float64[np.ndarray, "n d 3
                 for sign in (1.0, -1.0)
             )
             lacking = bend * own - (up - down) / (2.0 * eps)
-            columns.append(np.einsum("nab,nb->na", mechanics.mass(one.q), lacking) / rest_inertia(mechanics))
+            columns.append(
+                np.einsum("nab,nb->na", mechanics.mass_at(one.q), lacking) / rest_inertia(mechanics)
+            )
     return np.stack(columns, axis=2)
 
 

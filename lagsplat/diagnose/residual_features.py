@@ -2,8 +2,8 @@
 
 inertial: the whole force of the sim (a wrong inertia divides it by another number; the measured acceleration
 would contain the residual itself). conservative: powers and kinks of position. dissipative: odd functions of
-velocity. actuation: the inputs, their rates and bent inputs. exogenous: time, and sinusoids at lines that no
-input drives. memory: what inputs and positions were earlier.
+velocity. actuation: the inputs, their rates, bent inputs and what inputs were earlier. exogenous: time, and
+sinusoids at lines that no input drives. memory: what positions were earlier.
 """
 
 from collections.abc import Sequence
@@ -61,9 +61,9 @@ def features(
     velocity = v / np.sqrt(np.mean(v**2, axis=0))
     whole = mechanics.force(q, v, u) / rest_inertia(mechanics)
     driven = _scaled(u)
-    bent = np.concatenate(
-        [driven, _scaled(rates), driven**3, np.abs(driven) * driven, np.tanh(3 * driven)], axis=1
-    )
+    bends = (driven**3, np.abs(driven) * driven, np.tanh(3 * driven))
+    earlier = lagged[:, mechanics.d * len(LAGS) :]
+    actuated = np.concatenate([driven, _scaled(rates), *bends, earlier], axis=1)
     outside = _outside(time_s, elapsed / elapsed.max(), lines_hz)
     groups = []
     for i in range(mechanics.d):
@@ -74,9 +74,9 @@ def features(
             "dissipative": np.concatenate(
                 [_resisting(velocity[:, i], position[:, i]), velocity[:, other]], axis=1
             ),
-            "actuation": bent,
+            "actuation": actuated,
             "exogenous": np.concatenate([outside, _drifting(elapsed, position[:, i])], axis=1),
-            "memory": lagged,
+            "memory": lagged[:, : mechanics.d * len(LAGS)],
         }
         groups.append({name: matrix[picked] for name, matrix in members.items()})
     return Features(
@@ -135,8 +135,8 @@ def _lagged(one: Smoothed, period_s: float) -> np.ndarray:
     for start, stop in one.motion.segments:
         time_s = one.motion.time_s[start:stop]
         for i in range(lagged.shape[1]):
-            lag = LAGS[i // columns.shape[1]] * period_s
-            lagged[start:stop, i] = np.interp(time_s - lag, time_s, columns[start:stop, i % columns.shape[1]])
+            lag = LAGS[i % len(LAGS)] * period_s
+            lagged[start:stop, i] = np.interp(time_s - lag, time_s, columns[start:stop, i // len(LAGS)])
     return _scaled(lagged - lagged.mean(axis=0))
 
 

@@ -76,15 +76,15 @@ def smooth(
     *,
     period_s: float,
     ar1: float = 0.0,
-    hold: str = "foh",
+    hold: str = "linear",
     noise: Float64[np.ndarray, " d"] | None = None,
 ) -> list[Smoothed]:
     """Smooth all ``motions`` under one set of variances.
 
     ``period_s`` is the natural period; ``ar1`` in [0, 1) the correlation of the measurement noise from one
-    sample to the next; ``hold`` "foh" for inputs linear between samples, "zoh" for held ones. ``noise`` (d,)
-    fixes the noise's standard deviation, which is otherwise estimated. Measured velocities are left aside:
-    most are filtered positions, delayed and smoothed by a law that nobody states.
+    sample to the next; ``hold`` "linear" for inputs linear between samples, "zoh" for held ones. ``noise``
+    (d,) fixes the noise's standard deviation, which is otherwise estimated. Measured velocities are left
+    aside: most are filtered positions, delayed and smoothed by a law that nobody states.
 
     Raises:
         ValueError: another number of coordinates or inputs than the sim has, or a motion that stands still.
@@ -182,7 +182,7 @@ def _split(
         part = slice(start, start + motion.n)
         start += motion.n
         q, v, r = path.q[part], path.v[part], path.force[part]
-        response = np.linalg.solve(mechanics.mass(q), (inertia * r)[..., None])[..., 0]
+        response = np.linalg.solve(mechanics.mass_at(q), (inertia * r)[..., None])[..., 0]
         results.append(
             Smoothed(
                 motion=motion,

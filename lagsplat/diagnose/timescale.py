@@ -27,7 +27,7 @@ def rest_frequencies_hz(
     inputs = np.zeros((d, mechanics.n_u))
     rise = mechanics.force(rest + step, zero, inputs) - mechanics.force(rest - step, zero, inputs)
     stiffness = -(rise / (2.0 * STEP * scale[:, None])).T
-    squares = eig(stiffness, mechanics.mass(rest), right=False)
+    squares = eig(stiffness, mechanics.mass_at(rest[None])[0], right=False)
     # A stiffness not symmetric (a learned one) may have a small imaginary part: its real part swings.
     real = np.sort(squares.real[squares.real > 0.0])
     if not real.size:

@@ -12,13 +12,14 @@ from lagsplat.diagnose.residual_components import Components, components, explai
 from lagsplat.diagnose.residual_features import GROUPS, Features, features
 from lagsplat.diagnose.residual_frequency import Spectrum, spectrum
 from lagsplat.diagnose.residual_region import Map, Region, regions
-from lagsplat.diagnose.residual_size import coordinate_shares
+from lagsplat.diagnose.residual_size import coordinate_shares, energies
 from lagsplat.diagnose.residual_time import Event, events
 from lagsplat.diagnose.smoother import Smoothed, smooth
 from lagsplat.diagnose.timescale import rest_period_s
 from lagsplat.io.motion import Motion
 
-ACTUATION = 0.4  # share of the residual that functions of the inputs must explain
+ACTUATION = 0.4  # share of all that is explained which functions of the inputs must explain,
+LEAST = 0.1  # and of the residual
 CHART = 0.5  # share that distorted positions must explain,
 CLEARLY = 0.1  # and more than any kind of force by this much
 SPEED_NOISE = 0.3  # share of the noise that must grow with speed
@@ -35,8 +36,9 @@ class Where:
     (file, start, end, share); ``frequency_hz`` (low, high, share); ``state_region`` by coordinate, the boxes
     in which the residual keeps its sign; ``image_region`` as of `image_region`, None without pictures;
     ``components`` share by kind of term, with "unexplained"; ``memory_index`` in [0, 1]; ``evidence`` nats by
-    which each coordinate's residual force makes the recording more likely. For figures: ``smoothed`` of every
-    motion, ``spectrum`` (None for short clips), ``maps`` of state.
+    which each coordinate's residual force makes the recording more likely; ``size`` rms of the residual over
+    the swing's acceleration: of a hundredth or less, all else says little. For figures: ``smoothed`` of
+    every motion, ``spectrum`` (None for short clips), ``maps`` of state.
     """
 
     level: str
@@ -48,6 +50,7 @@ class Where:
     components: dict[str, float]
     memory_index: float
     evidence: dict[str, float]
+    size: float
     smoothed: tuple[Smoothed, ...]
     spectrum: Spectrum | None
     maps: tuple[Map, ...]
@@ -59,7 +62,7 @@ def locate(
     *,
     period_s: float | None = None,
     ar1: float = 0.0,
-    hold: str = "foh",
+    hold: str = "linear",
     noise: np.ndarray | None = None,
     perception_suspect: bool = False,
     image_region: dict[str, Any] | None = None,
@@ -80,7 +83,7 @@ def locate(
     seen = spectrum(smoothed, period_s=period)
     found = features(mechanics, smoothed, period_s=period, lines_hz=_outside_lines(seen, motions[0].n_u))
     happened = events(smoothed, period_s=period)
-    parts = _with_brief_events(components(found, share), happened, motions)
+    parts = _with_brief_events(components(found, share), happened, smoothed)
     boxes, maps = regions(smoothed, period_s=period)
     names = motions[0].q_names
     return Where(
@@ -93,6 +96,7 @@ def locate(
         components=parts.shares,
         memory_index=parts.memory_index,
         evidence=dict(zip(names, smoothed[0].evidence.tolist(), strict=True)),
+        size=float(np.sqrt(np.mean(np.concatenate(energies(smoothed))))),
         smoothed=tuple(smoothed),
         spectrum=seen,
         maps=tuple(maps),
@@ -112,17 +116,36 @@ def _outside_lines(seen: Spectrum | None, n_u: int) -> list[float]:
     return free[:3]
 
 
-def _with_brief_events(parts: Components, happened: Sequence[Event], motions: Sequence[Motion]) -> Components:
-    """What nothing explains and acts briefly came from outside: blocks left out cannot foretell it."""
+def _with_brief_events(
+    parts: Components, happened: Sequence[Event], smoothed: Sequence[Smoothed]
+) -> Components:
+    """What nothing explains and acts briefly came from outside, since left-out blocks cannot foretell it.
+
+    Unless it acts where the motion goes at no other time: then position may be its cause.
+    """
     lasted = sum(one.end_s - one.start_s for one in happened)
     held = sum(one.share for one in happened)
     moved = parts.shares["unexplained"] + parts.shares["memory"]
-    brief = lasted < BRIEF * sum(motion.duration_s for motion in motions)
+    brief = lasted < BRIEF * sum(one.motion.duration_s for one in smoothed)
     if moved < 0.5 or held < HOLD_MOST or not brief:
         return parts
-    exogenous = parts.shares["exogenous"] + held * moved
-    left = {"exogenous": exogenous, "memory": 0.0, "unexplained": (1.0 - held) * moved}
+    cause = "conservative" if _far_out(happened, smoothed) else "exogenous"
+    left = {"memory": 0.0, "unexplained": (1.0 - held) * moved, cause: parts.shares[cause] + held * moved}
     return Components(parts.shares | left, parts.memory_index)
+
+
+def _far_out(happened: Sequence[Event], smoothed: Sequence[Smoothed]) -> bool:
+    """Whether most of the events' residual acts beyond the positions of all other times."""
+    inside = [np.zeros(one.motion.n, dtype=bool) for one in smoothed]
+    for event in happened:
+        time_s = smoothed[event.motion].motion.time_s
+        inside[event.motion] |= (time_s >= event.start_s) & (time_s <= event.end_s)
+    within, square = np.concatenate(inside), np.concatenate(energies(smoothed))
+    main = int(np.argmax(square.sum(axis=0)))
+    q = np.concatenate([one.q[:, main] for one in smoothed])
+    low, high = np.quantile(q[~within], [0.005, 0.995])
+    beyond = within & ((q < low) | (q > high))
+    return bool(square[beyond, main].sum() > 0.5 * square[within, main].sum())
 
 
 def _boxes(found: Sequence[Region], names: Sequence[str]) -> dict[str, Any]:
@@ -161,6 +184,7 @@ def _level(
         forces = max(explained(found, main, found.groups[main][name]) for name in GROUPS)
         if distorted > CHART and distorted > forces + CLEARLY:
             return "chart"
-    if parts.shares["actuation"] > ACTUATION and parts.largest == "actuation":
+    explained_share = 1.0 - parts.shares["unexplained"]
+    if parts.shares["actuation"] > max(ACTUATION * explained_share, LEAST) and parts.largest == "actuation":
         return "actuation"
     return "dynamics"

@@ -27,7 +27,7 @@ class Duffing:
     def rest(self):
         return np.zeros(1)
 
-    def mass(self, q):
+    def mass_at(self, q):
         return np.broadcast_to(np.full((1, 1), self.m), (*q.shape, 1))
 
     def force(self, q, v, u):
@@ -54,7 +54,7 @@ class TwoLink:
     def rest(self):
         return np.zeros(2)
 
-    def mass(self, q):
+    def mass_at(self, q):
         c = np.cos(q[..., 1])
         return np.stack(
             [
@@ -74,10 +74,10 @@ class TwoLink:
         return -coriolis - gravity - self.damp * v
 
     def acceleration(self, q, v, u):
-        return np.linalg.solve(self.mass(q), self.force(q, v, u)[..., None])[..., 0]
+        return np.linalg.solve(self.mass_at(q), self.force(q, v, u)[..., None])[..., 0]
 
     def inverse_dynamics(self, q, v, a, u):
-        return np.einsum("...ab,...b->...a", self.mass(q), a) - self.force(q, v, u)
+        return np.einsum("...ab,...b->...a", self.mass_at(q), a) - self.force(q, v, u)
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ class Chain:
     def rest(self):
         return np.zeros(4)
 
-    def mass(self, q):
+    def mass_at(self, q):
         return np.broadcast_to(np.eye(4), (*q.shape, 4))
 
     def force(self, q, v, u):
@@ -134,7 +134,7 @@ def film(
     def slope(now, x):
         at = np.array([np.interp(now, t, u[:, j]) for j in range(u.shape[1])])
         q, v = x[:d], x[d:]
-        extra = np.linalg.solve(mechanism.mass(q), force(now, q, v, at))
+        extra = np.linalg.solve(mechanism.mass_at(q), force(now, q, v, at))
         return np.concatenate([v, mechanism.acceleration(q, v, at) + extra])
 
     states = [state]

@@ -95,7 +95,7 @@ def test_a_linear_step_is_that_of_a_finer_integrator(beside, error):
     rng = np.random.default_rng(3)
     q, v = rng.uniform(-1, 1, (2, 4, 2))
     r = rng.uniform(-2, 2, (4, 1, 2)) * np.ones((1, 3, 1))
-    push = np.linalg.solve(mechanism.mass(q), (rest_inertia(mechanism) * r[:, 0])[..., None])[..., 0]
+    push = np.linalg.solve(mechanism.mass_at(q), (rest_inertia(mechanism) * r[:, 0])[..., None])[..., 0]
     a = mechanism.acceleration(q, v, np.zeros((4, 0))) + push
     later = [q + h * v + 0.5 * h**2 * a for h in (0.005, 0.01)]
     path = Path(np.full(4, 0.01), q, v, *later, np.zeros((4, 3, 0)), r)
@@ -103,7 +103,7 @@ def test_a_linear_step_is_that_of_a_finer_integrator(beside, error):
     move = beside * rng.standard_normal((4, 4))
 
     def slope(t, x, force):
-        push = np.linalg.solve(mechanism.mass(x[:2]), rest_inertia(mechanism) * force)
+        push = np.linalg.solve(mechanism.mass_at(x[:2]), rest_inertia(mechanism) * force)
         return np.concatenate([x[2:], mechanism.acceleration(x[:2], x[2:], np.zeros(0)) + push])
 
     for i in range(4):
@@ -138,11 +138,11 @@ def test_acceleration_balances_force_and_residual():
 @pytest.mark.parametrize("mechanism", [Duffing(), Duffing(n_u=0)], ids=["forced", "free"])
 def test_nothing_is_found_where_nothing_is(mechanism):
     found = []
-    for seed in range(40):
+    for seed in range(24):
         motion = film(mechanism, 8.0, inputs=swing if mechanism.n_u else None, noise=0.02, seed=seed, finer=2)
         (one,) = smooth(mechanism, [motion], period_s=1.0)
         found.append(one.evidence[0] > 0 and np.any(one.residual != 0) and one.amplitude[0] > 1e-3)
-    assert np.sum(found) <= 3
+    assert np.sum(found) <= 2
 
 
 def test_the_force_stays_in_its_coordinate():

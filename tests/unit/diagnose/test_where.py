@@ -91,11 +91,11 @@ def test_a_perfect_sim_has_no_place(forced):
     mechanism = Duffing(n_u=int(forced))
     base = film(mechanism, 8.0, inputs=inputs if forced else None, finer=2)
     told = 0
-    for seed in range(40):
+    for seed in range(24):
         noise = 0.02 * base.q.std() * np.random.default_rng(seed).standard_normal(base.q.shape)
         found = locate(mechanism, [Motion(time_s=base.time_s, q=base.q + noise, u=base.u)])
         told += bool(found.time_s or found.state_region or found.level != "dynamics" or found.frequency_hz)
-    assert told <= 4  # five in a hundred, given four chances to speak
+    assert told <= 3  # 1 in 100, given four chances to speak
 
 
 def seen(motion: Motion, times: np.ndarray) -> Motion:
