@@ -1,13 +1,11 @@
 """Every effect at every place where it may act on the mechanism at hand."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pkgutil import iter_modules
 
 import numpy as np
-from jaxtyping import Float64
-from scipy.signal import find_peaks
 
 from lagsplat.diagnose import effects
 from lagsplat.diagnose.effects.effect import (
@@ -18,10 +16,8 @@ from lagsplat.diagnose.effects.effect import (
     Instance,
     Scales,
 )
+from lagsplat.diagnose.effects.external_push import N_PUSHES
 from lagsplat.diagnose.simulate import Bench
-
-EVENTS = 4
-LINES = 5
 
 
 def catalogue() -> dict[str, Effect]:
@@ -43,15 +39,23 @@ def directions(bench: Bench, names: Sequence[str]) -> list[Direction]:
     ]
 
 
+@dataclass(frozen=True)
+class Hints:
+    """Where to begin the search for disturbances: pushes (start, end) [s] in the first file, and lines [Hz]."""
+
+    pushes: tuple[tuple[float, float], ...]
+    lines_hz: tuple[float, ...]
+
+
 def instances(
     bench: Bench,
-    residual: Float64[np.ndarray, "N d"],
+    hints: Sequence[Hints],
     *,
     q_names: Sequence[str],
     u_names: Sequence[str],
     without: Sequence[str],
 ) -> list[Instance]:
-    """The catalogue at every place; ``residual`` [1/s^2] is where pushes and lines are looked for."""
+    """The catalogue at every place; ``hints`` hold one entry a coordinate."""
     places = directions(bench, q_names)
     out: list[Instance] = []
     for effect in catalogue().values():
@@ -63,26 +67,43 @@ def instances(
             elif effect.along == "whole":
                 out.append(Instance(effect, whole_scales(bench), variant))
             else:
-                out += _along(effect, variant, bench, places, residual)
+                out += _along(effect, variant, bench, places, hints)
                 if effect.along == "both" and (bench.model.d > 1 or not isinstance(effect, Force)):
                     out.append(Instance(effect, whole_scales(bench), variant))
     return [one for one in out if one.scales.reach > 0.0]
 
 
 def _along(
-    effect: Effect, variant: str, bench: Bench, places: list[Direction], residual: np.ndarray
+    effect: Effect, variant: str, bench: Bench, places: list[Direction], hints: Sequence[Hints]
 ) -> list[Instance]:
     if variant == "weight" or (effect.name == "mass_change" and len(bench.model.mass) == 1 == bench.model.d):
         return []  # weight acts on the whole; a constant mass of one coordinate is the whole
     out = []
-    for i, place in enumerate(places):
+    for place, hint in zip(places, hints, strict=True):
         one = Instance(effect, scales(bench, place, variant), variant, place)
         if effect.name == "external_push":
-            one = replace(one, grid=tuple((time,) for time in events(bench, residual[:, i], one.scales)))
+            one = replace(one, grid=_push_grid(hint, one.scales))
         if effect.name == "external_periodic_force":
-            one = replace(one, grid=tuple((line,) for line in lines(bench, residual[:, i], one.scales)))
-        out.append(one)
+            unit = one.scales.of("rate")
+            one = replace(one, grid=tuple((2.0 * np.pi * line / unit,) for line in hint.lines_hz))
+        if one.grid is None or one.grid:
+            out.append(one)
     return out
+
+
+def _push_grid(hint: Hints, size: Scales) -> tuple[tuple[float, ...], ...]:
+    """The strongest pushes together, each as long as its event, or half of it."""
+    unit, chosen = size.of("time"), hint.pushes[:N_PUSHES]
+    if not chosen:
+        return ()
+    rows = []
+    for share in (1.0, 0.5):
+        middle = [0.5 * (start + end) / unit for start, end in chosen]
+        lasts = [share * max(end - start, size.frame_s) / unit for start, end in chosen]
+        # a push that is not needed stands where no window is
+        absent = N_PUSHES - len(chosen)
+        rows.append((*middle, *[-1e3] * absent, *lasts, *[1.0] * absent))
+    return tuple(rows)
 
 
 def _on_inputs(effect: Effect, bench: Bench, u_names: Sequence[str]) -> list[Instance]:
@@ -126,34 +147,3 @@ def whole_scales(bench: Bench) -> Scales:
     energy = np.diag(bench.model.inertia) * np.mean(bench.record.v**2, axis=0)
     i = int(np.argmax(energy))
     return scales(bench, Direction(None, np.eye(bench.model.d)[i], float(bench.model.inertia[i, i])))
-
-
-def events(bench: Bench, residual: np.ndarray, size: Scales) -> list[float]:
-    """The instants at which the residual acceleration, averaged over a radian, is largest; in units of time."""
-    record, unit = bench.record, size.of("time")
-    width = max(3, round(unit / record.dt_s))
-    mean = np.convolve(residual, np.ones(width) / width, mode="same")
-    peaks, found = find_peaks(np.abs(mean), distance=2 * width, height=0.0)
-    best = peaks[np.argsort(found["peak_heights"])[::-1][:EVENTS]]
-    return [float(record.time[n] / unit) for n in best]
-
-
-def lines(bench: Bench, residual: np.ndarray, size: Scales) -> list[float]:
-    """The angular frequencies at which the residual is largest, in units of the motion's own rate.
-
-    From the longest file, at even instants.
-    """
-    record = bench.record
-    spans = [
-        (record.clips[record.file_of == n][0, 0], record.clips[record.file_of == n][-1, 1])
-        for n in range(len(record.files))
-    ]
-    start, stop = max(spans, key=lambda span: span[1] - span[0])
-    time = np.arange(record.time[start], record.time[stop - 1], record.dt_s)
-    x = np.interp(time, record.time[start:stop], residual[start:stop])
-    spectrum = np.abs(np.fft.rfft((x - x.mean()) * np.hanning(len(x)), 4 * len(x)))
-    grid = 2.0 * np.pi * np.fft.rfftfreq(4 * len(x), record.dt_s)
-    power = np.where(grid < 2.0 * np.pi * 0.2 / record.dt_s, spectrum, 0.0)
-    peaks, found = find_peaks(power[2:], height=0.0)
-    best = peaks[np.argsort(found["peak_heights"])[::-1][:LINES]] + 2
-    return [float(grid[i] / size.of("rate")) for i in best]

@@ -128,9 +128,7 @@ def _guesses(
     """Unknowns on a grid of shapes, and what each of their amplitudes changes, (W, M, amplitudes)."""
     effect = offer.effect
     shapes = [p.grid for p in effect.parameters[effect.amplitudes :]]
-    if offer.grid is not None:
-        shapes[0] = tuple(row[0] for row in offer.grid)
-    grid = list(itertools.product(*shapes))
+    grid = list(itertools.product(*shapes)) if offer.grid is None else list(offer.grid)
     n = effect.amplitudes
     guesses = [
         np.array([0.0] * n + [p.prior.unknown(g) for p, g in zip(effect.parameters[n:], point, strict=True)])

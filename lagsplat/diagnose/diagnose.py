@@ -12,8 +12,10 @@ from lagsplat.diagnose.compare import Contest, Explained
 from lagsplat.diagnose.config import DiagnoseConfig
 from lagsplat.diagnose.effects.effect import UNITS, Instance, Noise
 from lagsplat.diagnose.forecast import Held, close_alone, hold_out
+from lagsplat.diagnose.hints import hints
 from lagsplat.diagnose.result import Candidate, Diagnosis, Parameter
 from lagsplat.diagnose.select import Effort, Ranking, rank
+from lagsplat.diagnose.smoother import smooth
 from lagsplat.diagnose.stand import Sim, stand
 from lagsplat.diagnose.verdict import Judgement, interval, judge
 from lagsplat.io.motion import Motion
@@ -37,11 +39,10 @@ def diagnose(
         ValueError: the motions are too short for a single window.
     """
     contest, ready, natural = stand(sim, real, config)
-    model, record = sim.model, ready.record
-    missing = model.inverse_dynamics(ready.smooth, record.v, ready.acceleration, record.u)
+    smoothed = smooth(sim.model, real, period_s=natural.longest_s, hold=config.input_hold)
     offers = instances(
         contest.bench,
-        missing / np.diag(model.inertia),
+        hints(smoothed, period_s=natural.longest_s),
         q_names=real[0].q_names,
         u_names=real[0].u_names,
         without=config.without,

@@ -96,8 +96,7 @@ def graded(
     """Evidence of each fit over the base, under noise as wide as the best of them needs."""
     least = min([one.fit.misfit for one in found] + [base.fit.misfit])
     noisy = _noisy(contest, base, offers) if first else []
-    share = [gain for gain, _ in noisy]
-    explained = base.fit.misfit * np.exp(-2.0 * max(share, default=0.0) / contest.freedom)
+    explained = max(noisy, key=lambda row: row[0], default=(0.0, base))[1].fit.misfit
     temper = max(1.0, min(least, explained) / contest.freedom) * effort.temper
     floor = log_evidence(base, contest.bench, temper)
     rows = [replace(one, log_evidence=log_evidence(one, contest.bench, temper) - floor) for one in found]
@@ -114,8 +113,7 @@ def _noisy(contest: Contest, base: Explained, offers: Sequence[Instance]) -> lis
         if not isinstance(offer.effect, Noise):
             continue
         v = contest.windows.take(contest.bench.record.v) / contest.sigma * contest.bench.record.dt_s
-        gain, parameters = offer.effect.explain(base.fit.residual[mask], v[mask])
-        misfit = base.fit.misfit * float(np.exp(-2.0 * gain / mask.sum()))
+        gain, parameters, misfit = offer.effect.explain(base.fit.residual[mask], v[mask])
         fit = replace(base.fit, misfit=misfit)
         out.append((gain, Explained((*base.effects, offer), fit, noise=parameters)))
     return out

@@ -29,6 +29,8 @@ CLASSES = (
 NEAR = 3.0
 """Nats within which two members of one class count as not told apart."""
 SURE = 0.99
+RARER = {"camera_change": 4.0, "external_push": 3.0, "hidden_mode": 3.0}
+"""Nats by which a flexible effect is held less likely beforehand, for it imitates many others."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,7 @@ def judge(ranking: Ranking, best: Explained | None, freedom: float, config: Diag
     for one in ranking.found:
         name = one.effects[-1].effect.name
         places[name] = places.get(name, 0) + 1
-        scores.setdefault(name, prior + one.log_evidence)
+        scores.setdefault(name, prior + one.log_evidence - RARER.get(name, 0.0))
     for name, n in places.items():
         scores[name] -= float(np.log(n))
     top = max(scores.values())

@@ -29,6 +29,7 @@ Kind = Literal[
     "cubic",
     "drift",
     "per_duration",
+    "slowness",
 ]
 UNITS: Mapping[Kind, str] = {
     "acceleration": "{q}/s^2",
@@ -46,6 +47,7 @@ UNITS: Mapping[Kind, str] = {
     "cubic": "1/({q}^2 s^2)",
     "drift": "{q}/s",
     "per_duration": "1/s",
+    "slowness": "s/{q}",
 }
 
 
@@ -86,6 +88,7 @@ class Scales:
             "cubic": v * v / s**4,
             "drift": s / self.duration_s,
             "per_duration": 1.0 / self.duration_s,
+            "slowness": 1.0 / v,
         }[kind]
 
 
@@ -222,8 +225,9 @@ class Observation(Effect):
 class Noise(Effect):
     """An effect that moves single samples and nothing else.
 
-    ``explain(residual, speed) -> (gain, parameters)``: by how much the log likelihood of a fit's residual (n,)
-    grows [nat] if it is there, both in units of the noise, ``speed`` a frame; and its best parameters.
+    ``explain(residual, speed) -> (gain, parameters, misfit)``: by how much the log likelihood of a fit's
+    residual (n,) grows [nat] if it is there, both in units of the noise, ``speed`` a frame; its best
+    parameters; and the sum of squares that it leaves.
     """
 
     explain: Any = None
@@ -251,7 +255,7 @@ class Instance:
     channel: int | None = None
     input_name: str | None = None
     grid: tuple[tuple[float, ...], ...] | None = None
-    """Values that the search tries first in place of the parameters' own."""
+    """Values of all parameters but the amplitudes that the search tries first, in place of their own grids."""
 
     @property
     def label(self) -> str:

@@ -1,20 +1,23 @@
-"""A stop on one side: beyond ``position`` a stiff spring pushes back."""
+"""A stop on one side: beyond ``position`` a stiff spring pushes back, and loses energy.
+
+Source: Hunt and Crossley, doi:10.1115/1.3423596.
+"""
 
 import math
 from typing import no_type_check
 
-from lagsplat.diagnose.effects.effect import Force, Parameter, Scales, about
+from lagsplat.diagnose.effects.effect import Force, HalfNormal, Parameter, Scales, about
 from lagsplat.diagnose.kernel import law
 
 
 @law
 @no_type_check
 def force(t, s, v, spring, drive, memory, theta, d_memory):
-    """``-stiffness_ratio omega^2 depth``, the depth smooth within a small width."""
-    side, width = theta[3], theta[4]
+    """``-stiffness_ratio omega^2 depth (1 + loss v)``, never pulling; the depth is smooth within a width."""
+    side, width = theta[4], theta[5]
     x = (side * s - theta[1]) / width
     depth = width * (x if x > 30.0 else math.log1p(math.exp(x)))
-    return -side * theta[0] * theta[2] * depth
+    return -side * theta[0] * theta[3] * depth * max(1.0 + theta[2] * side * v, 0.0)
 
 
 def _constants(scales: Scales, variant: str) -> tuple[float, ...]:
@@ -28,7 +31,9 @@ EFFECT = Force(
     parameters=(
         Parameter("stiffness_ratio", "ratio", about(10.0, 1.5), (10.0,)),
         Parameter("position", "reach", about(0.8, 0.25), (0.3, 0.5, 0.65, 0.8, 0.9)),
+        Parameter("loss", "slowness", HalfNormal(1.0), (0.05,)),
     ),
+    reports=lambda p: {"position": p["position"], "stiffness_ratio": p["stiffness_ratio"]},
     needs="motion past the stop at three speeds",
     amplitudes=0,
     passive=True,

@@ -1,4 +1,4 @@
-"""Frames that show again what the camera saw one to three frames before."""
+"""Frames that show again what the camera saw a few frames before."""
 
 import numpy as np
 from jaxtyping import Float64
@@ -6,13 +6,13 @@ from jaxtyping import Float64
 from lagsplat.diagnose.effects.effect import HalfNormal, Noise, Parameter
 
 SHARES = np.geomspace(0.0005, 0.3, 30)
-LATE = (0.5, 0.25, 0.25)
-"""How often a late frame is one, two and three frames late."""
+LATE = (0.4, 0.25, 0.15, 0.1, 0.06, 0.04)
+"""How often a late frame is one, two, three ... frames late."""
 
 
 def explain(
     residual: Float64[np.ndarray, " n"], speed: Float64[np.ndarray, " n"]
-) -> tuple[float, dict[str, float]]:
+) -> tuple[float, dict[str, float], float]:
     """A share of the samples is late by whole frames, against even noise of the best level.
 
     The level of the noise in the mixture is that of the middle half of the residuals.
@@ -30,7 +30,8 @@ def explain(
         gain = float(np.sum(np.log(mixed))) - 0.5 * residual.size * np.log(level) - plain
         if gain > best:
             best, count = gain, float(np.sum(share * late / mixed))
-    return best, {"count": count}
+    aligned = np.min([np.abs(residual + k * speed) for k in range(len(LATE) + 1)], axis=0)
+    return best, {"count": count}, float(np.sum(aligned**2))
 
 
 EFFECT = Noise(

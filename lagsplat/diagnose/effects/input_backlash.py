@@ -9,22 +9,23 @@ import numpy as np
 from jaxtyping import Float64
 from numba import njit
 
-from lagsplat.diagnose.effects.effect import HalfNormal, InputChange, Parameter
+from lagsplat.diagnose.effects.effect import InputChange, Normal, Parameter, about
 
 
 @njit(cache=True)
 @no_type_check
-def _play(values, begins, half, out):
+def _play(values, begins, half, start, out):
     for p in range(half.shape[0]):
         for n in range(values.shape[0]):
-            last = values[n] if begins[n] else out[p, n - 1]
+            last = values[n] + start[p] * half[p] if begins[n] else out[p, n - 1]
             out[p, n] = min(max(last, values[n] - half[p]), values[n] + half[p])
 
 
-def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray, "P M"]:
-    """The play operator on the input, centred where a clip begins."""
+def change(signal: Any, theta: Float64[np.ndarray, "P 2"]) -> Float64[np.ndarray, "P M"]:
+    """The play operator on the input; ``start`` says where in the gap a clip begins, from -1 to 1."""
     out = np.empty((len(theta), len(signal.values)))
-    _play(signal.values, signal.begins, np.ascontiguousarray(0.5 * np.abs(theta[:, 0])), out)
+    half, start = 0.5 * theta[:, 0], np.clip(theta[:, 1], -1.0, 1.0)
+    _play(signal.values, signal.begins, half, start, out)
     return out
 
 
@@ -32,8 +33,13 @@ EFFECT = InputChange(
     name="input_backlash",
     group="C",
     equation="u = play of u_logged with a gap of width",
-    parameters=(Parameter("width", "input", HalfNormal(0.5)),),
+    parameters=(
+        Parameter("width", "input", about(0.5, 1.0), (0.1, 0.3, 0.8, 1.6, 2.6)),
+        Parameter("start", "ratio", Normal(0.7), (-0.9, 0.0, 0.9)),
+    ),
+    reports=lambda p: {"width": p["width"]},
     needs="slow reversals of the input at two amplitudes",
+    amplitudes=0,
     along="channels",
     change=change,
 )

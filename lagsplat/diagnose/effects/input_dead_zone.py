@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.effects.effect import HalfNormal, InputChange, Parameter
+from lagsplat.diagnose.effects.effect import InputChange, Parameter, about
 
 
 def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray, "P M"]:
@@ -18,8 +18,9 @@ EFFECT = InputChange(
     name="input_dead_zone",
     group="C",
     equation="u = sign(u_logged) max(|u_logged| - half_width, 0)",
-    parameters=(Parameter("half_width", "input", HalfNormal(0.4)),),
+    parameters=(Parameter("half_width", "input", about(0.3, 1.0), (0.05, 0.2, 0.5, 1.0)),),
     needs="slow, small inputs through zero",
+    amplitudes=0,
     along="channels",
     change=change,
 )

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.effects.effect import HalfNormal, InputChange, Parameter
+from lagsplat.diagnose.effects.effect import InputChange, Parameter, about
 
 
 def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray, "P M"]:
@@ -17,8 +17,9 @@ EFFECT = InputChange(
     name="input_delay",
     group="C",
     equation="u(t) = u_logged(t - delay)",
-    parameters=(Parameter("delay", "time", HalfNormal(0.5)),),
+    parameters=(Parameter("delay", "time", about(0.3, 1.0), (0.05, 0.2, 0.6, 1.2)),),
     needs="an input with steps, and an event that starts without it",
+    amplitudes=0,
     along="channels",
     change=change,
 )

@@ -2,7 +2,7 @@
 
 from typing import no_type_check
 
-from lagsplat.diagnose.effects.effect import Force, HalfNormal, Parameter
+from lagsplat.diagnose.effects.effect import Force, Parameter, about
 from lagsplat.diagnose.kernel import law
 
 
@@ -17,8 +17,9 @@ EFFECT = Force(
     name="joint_backlash",
     group="D",
     equation="a = omega^2 clip(s, -gap, gap)",
-    parameters=(Parameter("gap", "coordinate", HalfNormal(0.3)),),
+    parameters=(Parameter("gap", "coordinate", about(0.2, 1.0), (0.05, 0.15, 0.4, 0.8)),),
     needs="a decay through small amplitudes",
+    amplitudes=0,
     law=force,
     constants=lambda scales, variant: (scales.stiffness,),
 )

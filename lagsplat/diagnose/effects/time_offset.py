@@ -21,8 +21,9 @@ EFFECT = InputChange(
     name="time_offset",
     group="G",
     equation="y(t) = q(t + offset)",
-    parameters=(Parameter("offset", "time", Normal(0.5)),),
+    parameters=(Parameter("offset", "time", Normal(0.5), (-1.2, -0.6, -0.2, -0.05, 0.05, 0.2, 0.6, 1.2)),),
     needs="an input with steps, and an event that starts without it",
+    amplitudes=0,
     along="whole",
     change=change,
 )

@@ -1,0 +1,38 @@
+"""Where to look for disturbances: the spans and the lines of the force that a sim lacks."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float64
+from scipy.signal import find_peaks
+
+from lagsplat.diagnose.catalogue import Hints
+from lagsplat.diagnose.residual_time import events
+from lagsplat.diagnose.smoother import Smoothed
+
+LINES = 5
+HIGHEST = 0.2
+"""Highest line, as a share of the rate of frames."""
+
+
+def hints(smoothed: Sequence[Smoothed], *, period_s: float) -> tuple[Hints, ...]:
+    """The loudest spans of the first file, and the loudest lines of the longest, for each coordinate."""
+    first = smoothed[0].motion
+    spans = [event for event in events(smoothed, period_s=period_s) if event.motion == 0]
+    pushes = tuple((one.start_s - first.time_s[0], one.end_s - first.time_s[0]) for one in spans)
+    longest = max(smoothed, key=lambda one: one.motion.n)
+    return tuple(Hints(pushes, lines(longest, i)) for i in range(first.d))
+
+
+def lines(one: Smoothed, coordinate: int) -> tuple[float, ...]:
+    """The frequencies [Hz] of the highest peaks in the spectrum of the residual."""
+    motion = one.motion
+    time = np.arange(motion.time_s[0], motion.time_s[-1], motion.dt_s)
+    x: Float64[np.ndarray, " n"] = np.interp(time, motion.time_s, one.residual[:, coordinate])
+    size = 4 * len(x)
+    power = np.abs(np.fft.rfft((x - x.mean()) * np.hanning(len(x)), size))
+    frequency = np.fft.rfftfreq(size, motion.dt_s)
+    power[frequency > HIGHEST / motion.dt_s] = 0.0
+    peaks, found = find_peaks(power[2:], height=0.0)
+    best = peaks[np.argsort(found["peak_heights"])[::-1][:LINES]] + 2
+    return tuple(float(frequency[i]) for i in best)
