@@ -1,0 +1,151 @@
+"""The truth about a recording in the words and units of the diagnosis: causes, classes, places, identifiability."""
+
+from typing import Any
+
+import numpy as np
+
+from benchmarks.gapgen.drawing import Recording, Stratum
+from benchmarks.gapgen.effects import ACTUATION, CAMERA, NEEDS_INPUT, OUTSIDE, Effect
+
+COMPONENTS = {
+    "viscous_damping": "dissipative",
+    "linear_stiffness": "conservative",
+    "mass_change": "inertial",
+    "constant_force": "conservative",
+    "input_gain": "actuation",
+    "cubic_stiffness": "conservative",
+    "coulomb_friction": "dissipative",
+    "stribeck_friction": "dissipative",
+    "load_dependent_friction": "dissipative",
+    "quadratic_drag": "dissipative",
+    **{name: "actuation" for name in ACTUATION},
+    "hysteresis": "memory",
+    "creep": "memory",
+    "joint_backlash": "conservative",
+    "end_stop": "conservative",
+    "external_periodic_force": "exogenous",
+    "external_push": "exogenous",
+    "parameter_drift": "exogenous",
+    "hidden_mode": "memory",
+}
+
+
+def reported(name: str) -> str:
+    """The name a diagnosis can give: ``unknown`` for what no catalogue holds."""
+    return "unknown" if name in OUTSIDE else name
+
+
+def equivalent(effect: Effect, s: Stratum, truth: dict[str, Any]) -> list[str]:
+    """Names that this recording cannot tell from the effect, itself included, by the structural classes."""
+    name, p = effect.name, effect.parameters
+    same = {reported(name)}
+    i = effect.coordinate or 0
+    w = 2.0 * np.pi * truth["natural_hz"][0]
+    linear = s.system == "linear_cart"
+    if name in ("coulomb_friction", "stribeck_friction"):
+        same |= {"coulomb_friction", "stribeck_friction"}
+    if name in ("input_delay", "time_offset"):
+        sign = p.get("delay", -p.get("offset", 0.0))
+        same |= {"input_delay", "time_offset"} if sign > 0 else {"time_offset"}
+        if 0 < sign * w < 0.35:
+            same |= {"input_lag"}
+    if name == "input_lag" and p["time_constant"] * w < 0.35:
+        same |= {"input_delay", "time_offset"}
+    if name in ("mass_change", "input_gain"):
+        same |= {"mass_change", "input_gain"} if s.forced else set()
+    if name in ("mass_change", "linear_stiffness") and not s.forced:
+        same |= {"mass_change", "linear_stiffness"}
+    if name == "hysteresis" and p["displacement"] < 0.06 * truth["rms"][i]:
+        same |= {"coulomb_friction", "stribeck_friction"}
+    if name == "creep":
+        if p["time_constant"] * w < 0.5 or (not s.forced and len(truth["rms"]) == 1):
+            same |= {"viscous_damping"}
+        if p["time_constant"] * w > 15.0:
+            same |= {"linear_stiffness"}
+        if truth["span_s"] < 2.0 * p["time_constant"]:
+            same |= {"parameter_drift"}
+    near = name in ("external_periodic_force", "hidden_mode") and min(
+        abs(p["frequency_hz"] / f - 1.0) for f in truth["natural_hz"]
+    )
+    if name in ("external_periodic_force", "hidden_mode") and near < 0.15:
+        same |= {"external_periodic_force", "hidden_mode"}
+    if name == "hidden_mode" and p["frequency_hz"] > 2.5 * truth["natural_hz"][-1]:
+        same |= {"mass_change"} | ({"linear_stiffness"} if not s.forced else set())
+    if name == "constant_force" or (name == "camera_change" and abs(p["zoom"] - 1.0) < 0.1):
+        same |= {"constant_force", "camera_change"}
+    if name == "camera_change" and linear and s.forced and abs(p["zoom"] - 1.0) >= 0.1:
+        same |= {"input_gain", "mass_change"}
+    if name in ("viscous_damping", "quadratic_drag") and not s.forced and s.duration_s < 6.0:
+        same |= {"viscous_damping", "quadratic_drag"}
+    return sorted(same)
+
+
+def identifiable(effect: Effect, s: Stratum, truth: dict[str, Any], ratio: float) -> tuple[bool, str]:
+    """Whether physics lets this recording name the effect's class, and the reason if not."""
+    if not ratio >= 1.4:
+        return False, "the effect is below the noise at one period"
+    if effect.name == "exposure_blur":
+        return False, "a moving mean of coordinates is a change of amplitude and a shift in time"
+    if effect.name in NEEDS_INPUT and not s.forced:
+        return False, "no input"
+    if s.duration_s < 6.0 and effect.name in ("creep", "parameter_drift", "camera_drift"):
+        return False, "too short for a slow effect"
+    if s.duration_s < 6.0 and ratio < 3.0:
+        return False, "too short for so small a gap"
+    if effect.name == "camera_change" and not s.forced and s.system == "linear_cart":
+        return False, "the scale of a linear free motion is arbitrary"
+    return True, ""
+
+
+def answer(identity: str, s: Stratum, recording: Recording, split: str) -> dict[str, Any]:
+    """One line of the answers."""
+    truth = dict(recording.truth)
+    effects: list[Effect] = truth.pop("found")
+    ratios = truth.pop("targets")
+    items = []
+    for effect, ratio in zip(effects, ratios, strict=True):
+        possible, reason = identifiable(effect, s, truth, ratio)
+        items.append(
+            {
+                "name": reported(effect.name),
+                "kind": effect.name,
+                "parameters": effect.parameters,
+                "coordinate": None if effect.coordinate is None else f"q{effect.coordinate}",
+                "input": None if effect.input is None else f"u{effect.input}",
+                "class": equivalent(effect, s, truth),
+                "component": COMPONENTS.get(effect.name),
+                "level": _level(effect.name),
+                "time_s": effect.time_s,
+                "frequency_hz": effect.frequency_hz,
+                "ratio": ratio,
+                "identifiable": possible,
+                "why_not": reason,
+            }
+        )
+    gaps = truth["gap"]
+    return {
+        "id": identity,
+        "split": split,
+        "effects": [item["name"] for item in items] or ["none"],
+        "truth": items,
+        "system": s.system,
+        "d": len(truth["rms"]),
+        "forced": s.forced,
+        "noise": s.noise,
+        "duration_s": s.duration_s,
+        "bin_drawn": s.bin,
+        "bin": _bin(gaps["before"] / gaps["floor"]),
+        "gap_ratio": gaps["before"] / gaps["floor"],
+        "identifiable": all(item["identifiable"] for item in items),
+        **truth,
+    }
+
+
+def _bin(ratio: float) -> str:
+    return "none" if ratio < 1.5 else "low" if ratio < 3.0 else "middle" if ratio < 10.0 else "high"
+
+
+def _level(name: str) -> str:
+    if name in CAMERA:
+        return "chart" if name in ("camera_change", "camera_drift", "exposure_blur") else "perception"
+    return "actuation" if COMPONENTS.get(name) == "actuation" else "dynamics"

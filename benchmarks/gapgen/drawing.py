@@ -1,0 +1,333 @@
+"""One recording from one seed: mechanism, excitation, effect at the drawn gap, noise, and the truth about it."""
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.gapgen.effects import NEEDS_INPUT, Effect, Setting, maker
+from benchmarks.gapgen.inputs import KINDS, excitation
+from benchmarks.gapgen.mechanisms import Mechanism, draw_mechanism, terms
+from benchmarks.gapgen.motion import BURN, Clip, Plan, World, gap, reseen, seen, unseen
+
+Array = NDArray[np.float64]
+BINS = {"low": (1.5, 3.0), "middle": (3.0, 10.0), "high": (10.0, 40.0)}
+
+
+@dataclass(frozen=True)
+class Stratum:
+    """What is laid down for a recording before anything is drawn."""
+
+    label: tuple[str, ...]
+    system: str
+    forced: bool
+    noise: float
+    duration_s: float
+    bin: str
+
+
+@dataclass
+class Recording:
+    """One recording: files' columns by name and the truth."""
+
+    files: dict[str, dict[str, Array]]
+    truth: dict[str, Any]
+    plan: Plan = field(repr=False, default=None)  # type: ignore[assignment]
+    clips: list[Clip] = field(repr=False, default_factory=list)
+
+
+def _free_plan(m: Mechanism, dt: float, span: float, f1: float, rng: np.random.Generator) -> Plan:
+    n_clips = int(np.clip(round(span * f1 / 7.0), 1, 6))
+    if span < 6.0 and rng.random() < 0.5:
+        n_clips = 2
+    levels = rng.permutation(np.geomspace(1.0, 0.3, n_clips)) if n_clips > 1 else np.array([1.0])
+    plan = Plan(dt, [], [], [], [])
+    start = 0.0
+    shares = rng.dirichlet(np.full(n_clips, 30.0))
+    for k in range(n_clips):
+        n = max(int(round(shares[k] * span / dt)), 20)
+        shape = rng.uniform(-1.0, 1.0, m.d)
+        shape = shape / np.abs(shape).max()
+        v0 = rng.normal(0.0, 0.02, m.d) * m.size * 2.0 * np.pi * f1
+        plan.start_s.append(start)
+        plan.x0.append(np.concatenate([levels[k] * m.size * shape, v0]))
+        plan.lead.append(0)
+        plan.inputs.append(np.zeros((n, m.n_u)))
+        start += (n - 1) * dt + rng.uniform(0.5, 2.0)
+    return plan
+
+
+def _forced_plan(
+    m: Mechanism, dt: float, span: float, f1: float, rng: np.random.Generator, kinds: tuple[str, ...]
+) -> Plan:
+    """One clip whose response reaches the size of the mechanism; inputs in the mechanism's present units."""
+    lead, n = int(round(4.0 / dt)), int(round(span / dt)) + 1
+    t = (np.arange(lead + n) - lead) * dt
+    shape = np.concatenate(
+        [excitation(t[:lead], f1, m.n_u, rng, kinds=("multisine",)), excitation(t[lead:], f1, m.n_u, rng, kinds=kinds)]
+    )
+    # a static push to the full reach is the first guess
+    per_input = np.abs(np.linalg.solve(m.stiffness_at_rest(), m.b)) / m.size[:, None]
+    amount = 0.3 / np.maximum(per_input.max(0), 1e-12)
+    world = World(m)
+    for _ in range(4):
+        plan = Plan(dt, [0.0], [np.zeros(2 * m.d)], [lead], [shape * amount])
+        try:
+            top = np.abs(world.move(plan)[0].x[:, : m.d] / m.size).max()
+        except FloatingPointError:
+            top = 6.0
+        amount = amount * np.clip(0.98 / top, 0.2, 4.0)
+        if 0.9 < top < 1.1:
+            break
+    return plan
+
+
+def _rescale_inputs(m: Mechanism, plan: Plan, rng: np.random.Generator) -> tuple[Mechanism, Array]:
+    """Inputs in units of their own: the mechanism in them and the factor (n_u,) to apply to every input."""
+    peak = np.abs(np.concatenate(plan.inputs)).max(0)
+    factor = np.exp(rng.uniform(np.log(0.2), np.log(5.0))) / np.maximum(peak, 1e-9).max() * np.ones(m.n_u)
+    return replace(m, b=m.b / factor), factor
+
+
+def _setting(m: Mechanism, clips: list[Clip], plan: Plan, *, forced: bool, span: float) -> Setting:
+    x = np.concatenate([c.x for c in clips])
+    q, v = x[:, : m.d], x[:, m.d : 2 * m.d]
+    u = np.concatenate([c.u for c in clips])
+    inertia, stiffness = np.diag(m.inertia_at_rest()), np.diag(m.stiffness_at_rest())
+    w = np.sqrt(stiffness / inertia)
+    work = [np.zeros((m.d, m.d)), np.zeros(m.d), np.zeros(m.d), np.zeros(m.d)]
+    terms(m.kind, m.p, np.zeros(m.d), np.ones(m.d), *work)
+    return Setting(
+        f1_hz=w / (2.0 * np.pi),
+        x=np.sqrt((q**2).mean(0)),
+        v=np.sqrt((v**2).mean(0)),
+        top=np.abs(q).max(0),
+        v_top=np.abs(v).max(0),
+        u=np.sqrt((u**2).mean(0)) + 1e-12,
+        u_top=np.abs(u).max(0) + 1e-12,
+        zeta=work[2] / (2.0 * w * inertia),
+        span_s=span,
+        dt_s=plan.dt_s,
+        forced=forced,
+        system=m.system,
+    )
+
+
+@dataclass
+class _Bench:
+    """What the search for a magnitude needs."""
+
+    nominal: World
+    base: Mechanism
+    plan: Plan
+    rms: Array
+    floor: float
+    horizon: int
+
+    def clean_gap(self, effects: list[Effect]) -> float:
+        """Gap of the nominal mechanism on the noise-free real motion; infinite where that escapes."""
+        try:
+            clips = World(self.base, effects).move(self.plan)
+        except FloatingPointError:
+            return float("inf")
+        ys = seen(clips, effects, self.base.d, self.plan.dt_s)
+        rms = np.sqrt((np.concatenate(ys) ** 2).mean(0))
+        found = self.nominal.forecast(bare(clips, self.base.d), ys, self.plan.dt_s, self.horizon, 14)
+        return gap(found, ys, np.maximum(rms, 0.2 * self.rms))
+
+    def ratio(self, effects: list[Effect]) -> float:
+        """Gap over floor."""
+        return float(np.hypot(self.clean_gap(effects), self.floor) / self.floor)
+
+
+def bare(clips: list[Clip], d: int) -> list[Clip]:
+    """The clips without internal states and with the inputs as logged."""
+    return [replace(c, x=c.x[:, : 2 * d], n_sub=-1) for c in clips]
+
+
+def _to_target(bench: _Bench, make: Any, target: float) -> tuple[Effect, float]:
+    """The effect at the magnitude whose ratio is the target, by bisection on its logarithm."""
+    low, high = 2e-3, 1.0
+    best, best_ratio = make(0.1), float("nan")
+    for k in range(9):
+        a = float(np.sqrt(low * high)) if k else 0.12
+        effect = make(a)
+        ratio = bench.ratio([effect])
+        if np.isfinite(ratio) and not abs(np.log(ratio / target)) > abs(np.log(best_ratio / target)):
+            best, best_ratio = effect, ratio
+        if abs(np.log(ratio / target)) < 0.06:
+            break
+        if ratio > target:
+            high = a
+        else:
+            low = a
+    return best, best_ratio
+
+
+def _identification_error(
+    m: Mechanism, bench: _Bench, rng: np.random.Generator, *, most: float
+) -> tuple[Mechanism, float]:
+    size = 0.01 * rng.beta(1.2, 2.5)
+    seed = int(rng.integers(2**31))
+    for _ in range(6):
+        base = m.perturbed(np.random.default_rng(seed), size)
+        there = replace(bench, base=base)
+        excess = there.clean_gap([]) / (most * bench.floor)
+        if excess <= 1.0:
+            break
+        size /= 1.1 * excess
+    return base, size
+
+
+def noisy(ys: list[Array], sigma: Array, rng: np.random.Generator) -> list[Array]:
+    """Samples with independent Gaussian noise of deviation ``sigma`` (d,)."""
+    return [y + sigma * rng.standard_normal(y.shape) for y in ys]
+
+
+def _oracle(
+    bench: _Bench, effects: list[Effect], clips: list[Clip], ys: list[Array], sigma: Array, rng: np.random.Generator
+) -> dict[str, float]:
+    """Gaps of the sim as delivered, with the effect added, of the true mechanism, and of the true one on average."""
+    d, dt, n = bench.base.d, bench.plan.dt_s, bench.horizon
+    rms = np.sqrt((np.concatenate(ys) ** 2).mean(0))
+    out = {"before": gap(bench.nominal.forecast(bare(clips, d), ys, dt, n, 40), ys, rms)}
+    times = [c.t0 + np.arange(len(y)) * dt for c, y in zip(clips, ys, strict=True)]
+
+    def by(world: World, samples: list[Array]) -> float:
+        inner = [unseen(y, t, effects) for y, t in zip(samples, times, strict=True)]
+        found = world.forecast(clips, inner, dt, n, 40)
+        shown = [
+            (k, starts, reseen(p, np.stack([times[k][a : a + n] for a in starts]), effects)) for k, starts, p in found
+        ]
+        return gap(shown, samples, rms)
+
+    truth = World(bench.base, effects)
+    clean = [c.x[:, :d] for c in clips]
+    clean = [reseen(q, t, effects) for q, t in zip(clean, times, strict=True)]
+    out["after"] = by(truth, ys)
+    out["after_sim_plus_effect"] = by(World(bench.nominal.mechanism, effects), ys)
+    draws = [by(truth, noisy(clean, sigma, rng)) for _ in range(2)]
+    out["floor"] = float(np.sqrt(np.mean(np.square(draws))))
+    return out
+
+
+def _columns(clips: list[Clip], ys: list[Array], dt: float, *, inputs: bool, offset: Array | None) -> dict[str, Array]:
+    t = np.concatenate([c.t0 + np.arange(len(y)) * dt for c, y in zip(clips, ys, strict=True)])
+    columns = {"t": t}
+    y = np.concatenate(ys)
+    columns |= {f"q{i}": y[:, i] for i in range(y.shape[1])}
+    if inputs:
+        u = np.concatenate([c.u for c in clips]) + (0.0 if offset is None else offset)
+        columns |= {f"u{j}": u[:, j] for j in range(u.shape[1])}
+    if len(clips) > 1:
+        columns["segment"] = np.concatenate([np.full(len(y), k) for k, y in enumerate(ys)])
+    return columns
+
+
+def _sim_files(
+    m: Mechanism, s: Stratum, f1: float, offset: Array | None, rng: np.random.Generator
+) -> tuple[dict[str, dict[str, Array]], float]:
+    """One to three nominal recordings under excitations of their own."""
+    noise = s.noise if rng.random() < 0.7 else 0.0
+    with_v = rng.random() < 0.3
+    files = {}
+    n_files = int(rng.integers(1, 4)) if s.forced else int(rng.integers(1, 3))
+    for k in range(n_files):
+        dt = 1.0 / 60.0 if rng.random() < 0.8 else 1.0 / float(rng.choice([50.0, 100.0, 120.0]))
+        span = float(rng.uniform(14.0, 30.0)) if n_files < 3 else float(rng.uniform(9.0, 16.0))
+        if s.forced and (k == 0 or rng.random() < 0.7):
+            kinds = tuple(rng.permutation(["multisine", "chirp", "steps"])[: int(rng.integers(2, 4))])
+            plan = _forced_plan(m, dt, span, f1, rng, kinds)
+        else:
+            plan = _free_plan(m, dt, span, f1, rng)
+        clips = World(m).move(plan)
+        qs = [c.x[:, : m.d] for c in clips]
+        rms = np.sqrt((np.concatenate(qs) ** 2).mean(0))
+        columns = _columns(clips, noisy(qs, noise * rms, rng), dt, inputs=s.forced, offset=offset)
+        if with_v:
+            v = np.concatenate([c.x[:, m.d : 2 * m.d] for c in clips])
+            v = v + noise * np.sqrt((v**2).mean(0)) * rng.standard_normal(v.shape)
+            columns |= {f"v{i}": v[:, i] for i in range(m.d)}
+        files[f"sim_{k}.csv"] = columns
+    return files, noise
+
+
+def draw(s: Stratum, rng: np.random.Generator) -> Recording:
+    """A recording of the stratum and its truth, whatever the generator ``rng`` draws."""
+    m = draw_mechanism(s.system, rng)
+    f1 = float(m.frequencies_hz()[0])
+    dt = 1.0 / (60.0 if rng.random() < 0.8 else float(rng.choice([30.0, 50.0, 100.0, 120.0])))
+    if s.forced:
+        kinds = tuple(rng.permutation(list(KINDS))) if s.duration_s > 6.0 else ("multisine", "triangle")
+        plan = _forced_plan(m, dt, s.duration_s, f1, rng, kinds)
+        m, factor = _rescale_inputs(m, plan, rng)
+        plan = replace(plan, inputs=[u * factor for u in plan.inputs])
+    else:
+        plan = _free_plan(m, dt, s.duration_s, f1, rng)
+    nominal = World(m)
+    clips = nominal.move(plan)
+    span = plan.start_s[-1] + len(plan.inputs[-1]) * dt
+    setting = _setting(m, clips, plan, forced=s.forced, span=span)
+    ys = [c.x[:, : m.d] for c in clips]
+    shortest = max(len(y) for y in ys)
+    horizon = min(BURN + int(round(1.0 / f1 / dt)), shortest)
+    found = nominal.forecast(clips, noisy(ys, s.noise * setting.x, rng), dt, horizon, 14)
+    floor = gap(found, noisy(ys, s.noise * setting.x, rng), setting.x)
+    bench = _Bench(nominal, m, plan, setting.x, floor, horizon)
+    generous = rng.random() < 0.2 and s.label != ("none",)
+    base, size = _identification_error(m, bench, rng, most=1.0 if generous else 0.5)
+    bench = replace(bench, base=base)
+    effects, targets, clips = _effects(s, bench, setting, rng)
+    clean = seen(clips, effects, m.d, dt)
+    sigma = s.noise * np.sqrt((np.concatenate(clean) ** 2).mean(0))
+    samples = noisy(clean, sigma, rng)
+    gaps = _oracle(bench, effects, clips, samples, sigma, rng)
+    offset = None
+    if s.system == "soft_robot" and s.forced:
+        offset = np.full(m.n_u, 1.1 * max(np.abs(u).max() for u in plan.inputs))
+    files, sim_noise = _sim_files(m, s, f1, offset, rng)
+    files["real_0.csv"] = _columns(clips, samples, dt, inputs=s.forced, offset=offset)
+    truth = {
+        "targets": targets,
+        "base_error": size,
+        "sim_noise": sim_noise,
+        "gap": gaps,
+        "horizon_s": (horizon - 1) * dt,
+        "natural_hz": m.frequencies_hz().tolist(),
+        "rate_hz": 1.0 / dt,
+        "rms": np.sqrt((np.concatenate(clean) ** 2).mean(0)).tolist(),
+        "v_rms": setting.v.tolist(),
+        "top": setting.top.tolist(),
+        "u_rms": setting.u.tolist() if s.forced else [],
+        "inertia_at_rest": np.diag(m.inertia_at_rest()).tolist(),
+        "span_s": span,
+    }
+    return Recording(files, truth | {"found": effects}, plan, clips)
+
+
+def _effects(
+    s: Stratum, bench: _Bench, setting: Setting, rng: np.random.Generator
+) -> tuple[list[Effect], list[float], list[Clip]]:
+    """The effects of a stratum at their magnitudes, the ratios reached, and the true motion."""
+    effects: list[Effect] = []
+    ratios: list[float] = []
+    m = bench.base
+    for name in s.label:
+        if name == "none":
+            continue
+        if name in NEEDS_INPUT and not s.forced:
+            raise ValueError(f"{name} needs inputs; the stratum is free")
+        low, high = BINS[s.bin]
+        target = float(np.exp(rng.uniform(np.log(low * 1.05), np.log(high * 0.95))))
+        i, j = int(rng.integers(m.d)), int(rng.integers(m.n_u))
+        effect, ratio = _to_target(bench, maker(name, setting, i, j, rng), target)
+        effects.append(effect)
+        ratios.append(ratio)
+    for _ in range(6):
+        try:
+            return effects, ratios, World(m, effects).move(bench.plan)
+        except FloatingPointError:
+            effects = effects[:-1] if len(effects) > 1 else []
+            ratios = ratios[: len(effects)]
+    raise FloatingPointError("the mechanism escapes even without an effect")

@@ -1,0 +1,109 @@
+"""Make a split of recordings: ``python -m benchmarks.gapgen.make --split dev --key KEY --n 200 --out DIR``.
+
+Writes ``DIR/data/<id>/sim_*.csv`` and ``real_0.csv``, and ``DIR/answers.jsonl`` with the truth. Names are random, files
+are written in their order and all carry the same time stamp.
+"""
+
+import argparse
+import json
+import os
+import sys
+import time
+from multiprocessing import Pool
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.gapgen.answers import answer
+from benchmarks.gapgen.drawing import Recording, Stratum, draw
+from benchmarks.gapgen.strata import SYSTEMS, identities, seed_of, strata
+
+# one moment for every file: the first second of 2001
+STAMP = 978_307_200
+Task = tuple[str, Stratum, int, str, str]
+
+
+def write_columns(path: Path, columns: dict[str, Any]) -> None:
+    """Write equally long columns as CSV."""
+    table = np.column_stack(list(columns.values()))
+    whole = [name == "segment" for name in columns]
+    fmt = ["%d" if w else "%.9g" for w in whole]
+    np.savetxt(path, table, fmt=fmt, delimiter=",", header=",".join(columns), comments="")
+    os.utime(path, (STAMP, STAMP))
+
+
+def drawn(stratum: Stratum, seed: int) -> Recording:
+    """The recording of a seed; a draw whose mechanism escapes is drawn anew.
+
+    Raises:
+        RuntimeError: if five draws in a row escape.
+    """
+    for attempt in range(5):
+        try:
+            return draw(stratum, np.random.default_rng([seed, attempt]))
+        except FloatingPointError:
+            continue
+    raise RuntimeError(f"{stratum}: five draws in a row left every bound")
+
+
+def make_one(task: Task) -> dict[str, Any]:
+    """Write the files of one recording and return its answer."""
+    identity, stratum, seed, split, folder = task
+    recording = drawn(stratum, seed)
+    place = Path(folder) / "data" / identity
+    place.mkdir(parents=True, exist_ok=True)
+    for name, columns in sorted(recording.files.items()):
+        write_columns(place / name, columns)
+    os.utime(place, (STAMP, STAMP))
+    return answer(identity, stratum, recording, split)
+
+
+def plain(value: object) -> object:
+    """A NumPy number or array as JSON holds it.
+
+    Raises:
+        TypeError: for anything else.
+    """
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    raise TypeError(f"{type(value).__name__} is not of JSON")
+
+
+def make(split: str, key: str, n: int, out: Path, *, systems: str, jobs: int) -> list[dict[str, Any]]:
+    """Make a split and return its answers in the order of the names."""
+    secret = key.encode()
+    names = identities(secret, split, n)
+    tasks: list[Task] = [
+        (name, stratum, seed_of(secret, name), split, str(out))
+        for name, stratum in zip(names, strata(secret, split, n, systems), strict=True)
+    ]
+    tasks.sort(key=lambda task: task[0])
+    out.mkdir(parents=True, exist_ok=True)
+    answers = []
+    began = time.perf_counter()
+    with Pool(jobs) as pool:
+        for k, item in enumerate(pool.imap(make_one, tasks)):
+            answers.append(item)
+            if (k + 1) % 10 == 0 or k + 1 == n:
+                print(f"{k + 1}/{n} recordings, {time.perf_counter() - began:.0f} s", file=sys.stderr)
+    text = "".join(json.dumps(item, default=plain) + "\n" for item in answers)
+    (out / "answers.jsonl").write_text(text, encoding="utf-8")
+    return answers
+
+
+def main(argv: list[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--split", required=True, help="name of the split, as dev or blind-1")
+    parser.add_argument("--key", required=True, help="secret from which every seed is derived")
+    parser.add_argument("--n", type=int, required=True, help="number of recordings")
+    parser.add_argument("--out", type=Path, required=True, help="folder to write")
+    parser.add_argument("--tier", choices=("T0",), default="T0", help="T0: trajectories")
+    parser.add_argument("--systems", choices=sorted(SYSTEMS), default="all", help="group of mechanisms")
+    parser.add_argument("--jobs", type=int, default=1, help="processes")
+    args = parser.parse_args(argv)
+    make(args.split, args.key, args.n, args.out, systems=args.systems, jobs=args.jobs)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,240 @@
+"""Mechanisms whose recordings are made: open chains, a rocker, a cart on a spring, an elastic pendulum.
+
+Each is ``M(q) a = f - h(q, v) - C v - grad V(q) + B u`` with its rest at ``q = 0``. Angles are in radians,
+lengths in metres, and every parameter is drawn anew for every recording.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+CHAIN, ROCKER, CART, BAG = 0, 1, 2, 3
+
+
+@dataclass(frozen=True)
+class Mechanism:
+    """Parameters of one mechanism.
+
+    ``kind`` picks the equations, ``p`` (n_p,) holds their parameters, ``b`` (d, n_u) maps inputs to
+    generalised forces, ``size`` (d,) is the reach of each coordinate that a user would drive it to.
+    """
+
+    system: str
+    kind: int
+    d: int
+    p: Array
+    b: Array
+    size: Array
+
+    @property
+    def n_u(self) -> int:
+        """Number of inputs."""
+        return int(self.b.shape[1])
+
+    def inertia_at_rest(self) -> Array:
+        """Inertia matrix at rest, (d, d)."""
+        return self._linear()[0]
+
+    def stiffness_at_rest(self) -> Array:
+        """Hessian of the potential at rest, (d, d)."""
+        return self._linear()[1]
+
+    def frequencies_hz(self) -> Array:
+        """Natural frequencies at rest in hertz, ascending, (d,)."""
+        inertia, stiffness = self._linear()
+        squares = np.linalg.eigvals(np.linalg.solve(inertia, stiffness)).real
+        return np.sqrt(np.sort(np.maximum(squares, 1e-12))) / (2.0 * np.pi)
+
+    def _linear(self) -> tuple[Array, Array]:
+        d = self.d
+        mass, bias, drag, grad = np.zeros((d, d)), np.zeros(d), np.zeros(d), np.zeros(d)
+        v = np.zeros(d)
+        stiffness = np.zeros((d, d))
+        for j in range(d):
+            h = 1e-4 * self.size[j]
+            for sign in (1.0, -1.0):
+                q = np.zeros(d)
+                q[j] = sign * h
+                terms(self.kind, self.p, q, v, mass, bias, drag, grad)
+                stiffness[:, j] += sign * grad / (2.0 * h)
+        terms(self.kind, self.p, np.zeros(d), v, mass, bias, drag, grad)
+        return mass.copy(), stiffness
+
+    def perturbed(self, rng: np.random.Generator, size: float) -> "Mechanism":
+        """The same mechanism with every parameter off by about ``size`` (relative), damping by four times it."""
+        factor = np.exp(rng.normal(0.0, size, len(self.p)))
+        c = damping_slots(self.kind, self.d)
+        factor[c] = np.exp(rng.normal(0.0, min(4.0 * size, 0.1), len(c)))
+        if self.kind == CHAIN:
+            factor[0] = 1.0
+        b = self.b * np.exp(rng.normal(0.0, size, self.b.shape))
+        return replace(self, p=self.p * factor, b=b)
+
+
+def damping_slots(kind: int, d: int) -> list[int]:
+    """Positions of the damping coefficients in the parameters."""
+    if kind == CHAIN:
+        return list(range(1 + 4 * d, 1 + 5 * d))
+    return {ROCKER: [2], CART: [1], BAG: [4, 5]}[kind]
+
+
+@njit(cache=True)
+def _chain(p, q, v, mass, bias, drag, grad):
+    n = len(q)
+    g = p[1 + 5 * n]
+    angle, rate = np.zeros(n), np.zeros(n)
+    a, w = 0.0, 0.0
+    for i in range(n):
+        a += q[i]
+        w += v[i]
+        angle[i] = a
+        rate[i] = w
+    absolute, turning, pull = np.zeros((n, n)), np.zeros(n), np.zeros(n)
+    for i in range(n):
+        below_i = 0.0
+        for k in range(i, n):
+            below_i += p[1 + k]
+        for j in range(n):
+            below = 0.0
+            for k in range(max(i, j), n):
+                below += p[1 + k]
+            arm = below * p[1 + n + i] * p[1 + n + j]
+            absolute[i, j] = arm * np.cos(angle[i] - angle[j])
+            turning[i] += arm * np.sin(angle[i] - angle[j]) * rate[j] * rate[j]
+        absolute[i, i] += p[1 + 2 * n + i]
+        pull[i] = below_i * g * p[1 + n + i] * np.sin(angle[i])
+    for i in range(n):
+        bias[i] = 0.0
+        grad[i] = p[1 + 3 * n + i] * q[i]
+        drag[i] = p[1 + 4 * n + i] * v[i]
+        for k in range(i, n):
+            bias[i] += turning[k]
+            grad[i] += pull[k]
+        for j in range(n):
+            total = 0.0
+            for k in range(i, n):
+                for m in range(j, n):
+                    total += absolute[k, m]
+            mass[i, j] = total
+
+
+@njit(cache=True)
+def terms(kind, p, q, v, mass, bias, drag, grad):
+    """Fill inertia (d, d), centrifugal and Coriolis force, damping force and gradient of the potential (d,)."""
+    if kind == CHAIN:
+        _chain(p, q, v, mass, bias, drag, grad)
+    elif kind == ROCKER:
+        mass[0, 0] = p[0] * (1.0 + p[1] * (1.0 - np.cos(q[0])))
+        bias[0] = 0.5 * p[0] * p[1] * np.sin(q[0]) * v[0] * v[0]
+        drag[0] = p[2] * v[0]
+        grad[0] = p[3] * np.sin(q[0])
+    elif kind == CART:
+        mass[0, 0] = p[0]
+        bias[0] = 0.0
+        drag[0] = p[1] * v[0]
+        grad[0] = p[2] * q[0] + p[3] * q[0] ** 3
+    else:
+        m, g, k, length = p[0], p[1], p[2], p[3]
+        reach = length + q[1]
+        mass[0, 0] = m * reach * reach
+        mass[0, 1] = 0.0
+        mass[1, 0] = 0.0
+        mass[1, 1] = m
+        bias[0] = 2.0 * m * reach * v[0] * v[1]
+        bias[1] = -m * reach * v[0] * v[0]
+        drag[0] = p[4] * v[0]
+        drag[1] = p[5] * v[1]
+        grad[0] = m * g * reach * np.sin(q[0])
+        grad[1] = k * q[1] + m * g * (1.0 - np.cos(q[0]))
+
+
+def _spread(rng: np.random.Generator, value: float, share: float) -> float:
+    return float(value * np.exp(rng.uniform(-share, share)))
+
+
+def _pendulum(rng: np.random.Generator) -> Mechanism:
+    mass, length = _spread(rng, 0.6, 0.6), _spread(rng, 0.28, 0.3)
+    inertia = mass * length**2 * rng.uniform(0.0, 0.3)
+    total = mass * length**2 + inertia
+    omega = np.sqrt(9.81 * mass * length / total)
+    c = 2.0 * rng.uniform(0.008, 0.04) * omega * total
+    p = np.array([1.0, mass, length, inertia, 0.0, c, 9.81])
+    return Mechanism("pendulum", CHAIN, 1, p, np.array([[1.0]]), np.array([rng.uniform(0.5, 1.0)]))
+
+
+def _rocker(rng: np.random.Generator) -> Mechanism:
+    inertia, omega = _spread(rng, 0.05, 0.7), 2.0 * np.pi * rng.uniform(0.75, 1.4)
+    c = 2.0 * rng.uniform(0.008, 0.04) * omega * inertia
+    p = np.array([inertia, rng.uniform(0.5, 2.0), c, inertia * omega**2])
+    return Mechanism("rocker", ROCKER, 1, p, np.array([[1.0]]), np.array([rng.uniform(0.3, 0.7)]))
+
+
+def _cart(rng: np.random.Generator, *, cubic: bool) -> Mechanism:
+    mass, omega = _spread(rng, 0.8, 0.7), 2.0 * np.pi * rng.uniform(0.7, 1.4)
+    size = _spread(rng, 0.12, 0.7)
+    c = 2.0 * rng.uniform(0.01, 0.05) * omega * mass
+    k = mass * omega**2
+    k3 = k * rng.uniform(0.15, 0.6) / size**2 if cubic else 0.0
+    p = np.array([mass, c, k, k3])
+    name = "duffing_cart" if cubic else "linear_cart"
+    return Mechanism(name, CART, 1, p, np.array([[1.0]]), np.array([size]))
+
+
+def _two_link(rng: np.random.Generator) -> Mechanism:
+    masses = np.array([_spread(rng, 0.8, 0.3), _spread(rng, 0.4, 0.3)])
+    lengths = np.array([_spread(rng, 0.22, 0.2), _spread(rng, 0.16, 0.2)])
+    springs = np.array([rng.uniform(0.0, 0.5), rng.uniform(0.0, 0.2)])
+    inertia = 0.1 * masses * lengths**2
+    reference = np.array([(masses.sum()) * lengths.sum() ** 2, masses[1] * lengths[1] ** 2])
+    c = 2.0 * rng.uniform(0.01, 0.03, 2) * 6.0 * reference
+    p = np.concatenate([[2.0], masses, lengths, inertia, springs, c, [9.81]])
+    b = np.diag(reference / reference[0])
+    size = np.array([rng.uniform(0.2, 0.4), rng.uniform(0.25, 0.5)])
+    return Mechanism("two_link", CHAIN, 2, p, b, size)
+
+
+def _bag(rng: np.random.Generator) -> Mechanism:
+    mass, length = _spread(rng, 2.0, 0.5), _spread(rng, 0.35, 0.3)
+    swing = np.sqrt(9.81 / length)
+    bounce = swing * (rng.uniform(1.45, 1.75) if rng.random() < 0.5 else rng.uniform(2.4, 3.0))
+    c = 2.0 * rng.uniform(0.01, 0.04, 2) * np.array([swing * mass * length**2, bounce * mass])
+    p = np.array([mass, 9.81, mass * bounce**2, length, c[0], c[1]])
+    size = np.array([rng.uniform(0.2, 0.4), length * rng.uniform(0.04, 0.1)])
+    return Mechanism("bag", BAG, 2, p, np.diag([length, 1.0]), size)
+
+
+def _soft_robot(rng: np.random.Generator) -> Mechanism:
+    masses = np.array([_spread(rng, 0.06, 0.2) for _ in range(4)])
+    lengths = np.array([_spread(rng, 0.07, 0.1) for _ in range(4)])
+    inertia = 0.3 * masses * lengths**2
+    hanging = np.array([masses[i:].sum() * lengths[i:].sum() ** 2 / 2.0 for i in range(4)])
+    springs = hanging * (2.0 * np.pi * rng.uniform(0.8, 1.1)) ** 2 * np.array([1.0, 1.2, 1.5, 2.0])
+    c = 2.0 * rng.uniform(0.04, 0.1, 4) * 2.0 * np.pi * hanging
+    p = np.concatenate([[4.0], masses, lengths, inertia, springs, c, [9.81]])
+    share = rng.uniform(0.8, 1.2, 4) * springs / springs[0]
+    b = np.zeros((4, 4))
+    b[:2, 0], b[:2, 1], b[2:, 2], b[2:, 3] = share[:2], -share[:2], share[2:], -share[2:]
+    return Mechanism("soft_robot", CHAIN, 4, p, b, rng.uniform(0.15, 0.3, 4))
+
+
+def draw_mechanism(system: str, rng: np.random.Generator) -> Mechanism:
+    """A nominal mechanism of the named system.
+
+    Raises:
+        ValueError: if no such system exists.
+    """
+    if system in ("duffing_cart", "linear_cart"):
+        return _cart(rng, cubic=system == "duffing_cart")
+    makers = {
+        "pendulum": _pendulum,
+        "rocker": _rocker,
+        "two_link": _two_link,
+        "bag": _bag,
+        "soft_robot": _soft_robot,
+    }
+    if system not in makers:
+        raise ValueError(f"system {system!r}: none such; choose from {sorted(makers)} and the two carts")
+    return makers[system](rng)
