@@ -33,7 +33,7 @@ def _solve(a, b, n):
     for j in range(n):
         for k in range(j):
             a[j, j] -= a[j, k] * a[j, k]
-        a[j, j] = np.sqrt(a[j, j])
+        a[j, j] = np.sqrt(max(a[j, j], 1e-30))
         for i in range(j + 1, n):
             for k in range(j):
                 a[i, j] -= a[i, k] * a[j, k]
@@ -183,8 +183,10 @@ def start_state(kind, p, b, inertia, which, how, x0, t0, dt, n_sub, u, y):
             jacobian[:, j] = ((there[:, :d] - base[:, :d]) / step).ravel()
         normal = jacobian.T @ jacobian
         right = jacobian.T @ residual
+        # a mechanism that sticks does not feel its first speed
+        ridge = 1e-8 * np.trace(normal)
         for j in range(2 * d):
-            normal[j, j] *= 1.0 + 1e-9
+            normal[j, j] += ridge
         _solve(normal, right, 2 * d)
         x[: 2 * d] += right
     return x
