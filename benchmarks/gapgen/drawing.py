@@ -136,10 +136,6 @@ class _Bench:
         found = self.nominal.forecast(bare(clips, self.base.d), ys, self.plan.dt_s, self.horizon, 14)
         return gap(found, ys, np.maximum(rms, 0.2 * self.rms))
 
-    def ratio(self, effects: list[Effect]) -> float:
-        """Gap over floor."""
-        return float(np.hypot(self.clean_gap(effects), self.floor) / self.floor)
-
 
 def bare(clips: list[Clip], d: int) -> list[Clip]:
     """The clips without internal states and with the inputs as logged."""
@@ -147,21 +143,22 @@ def bare(clips: list[Clip], d: int) -> list[Clip]:
 
 
 def _to_target(bench: _Bench, make: Any, target: float) -> tuple[Effect, float]:
-    """The effect at the magnitude whose ratio is the target, by bisection on its logarithm."""
-    low, high = 2e-3, 1.0
-    best, best_ratio = make(0.1), float("nan")
-    for k in range(9):
-        a = float(np.sqrt(low * high)) if k else 0.12
+    """The effect at the magnitude whose ratio is the target: gaps grow about in proportion, else bisection."""
+    low, high, a = 1e-3, 1.0, 0.1
+    wanted = np.sqrt(target**2 - 1.0) * bench.floor
+    best, best_ratio = make(a), float("nan")
+    for _ in range(9):
         effect = make(a)
-        ratio = bench.ratio([effect])
+        found = bench.clean_gap([effect])
+        ratio = float(np.hypot(found, bench.floor) / bench.floor)
         if np.isfinite(ratio) and not abs(np.log(ratio / target)) > abs(np.log(best_ratio / target)):
             best, best_ratio = effect, ratio
-        if abs(np.log(ratio / target)) < 0.06:
+        if abs(np.log(ratio / target)) < 0.08 or low > 0.97 * high:
             break
-        if ratio > target:
-            high = a
-        else:
-            low = a
+        low, high = (low, a) if ratio > target else (a, high)
+        a = a * wanted / found if np.isfinite(found) and found > 0.0 else np.sqrt(low * high)
+        if not low < a < high:
+            a = float(np.sqrt(low * high))
     return best, best_ratio
 
 
@@ -207,7 +204,8 @@ def _oracle(
     clean = [reseen(q, t, effects) for q, t in zip(clean, times, strict=True)]
     out["after"] = by(truth, ys)
     out["after_sim_plus_effect"] = by(World(bench.nominal.mechanism, effects), ys)
-    draws = [by(truth, noisy(clean, sigma, rng)) for _ in range(2)]
+    n_blocks = sum(len(y) // n + 1 for y in ys)
+    draws = [by(truth, noisy(clean, sigma, rng)) for _ in range(int(np.clip(40 // n_blocks, 2, 10)))]
     out["floor"] = float(np.sqrt(np.mean(np.square(draws))))
     return out
 

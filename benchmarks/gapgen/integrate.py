@@ -164,17 +164,26 @@ def run(kind, p, b, inertia, which, how, x0, t0, dt, n, n_sub, u):
 
 @njit(cache=True)
 def start_state(kind, p, b, inertia, which, how, x0, t0, dt, n_sub, u, y):
-    """State whose motion fits the samples ``y`` (m, d) best: three Gauss-Newton steps from ``x0``.
+    """State whose motion fits the samples ``y`` (m, d) best: Gauss-Newton steps from ``x0``.
 
     Internal states are kept as ``x0`` has them.
     """
     m, d = y.shape
     x = x0.copy()
+    best, least = x0.copy(), np.inf
     jacobian = np.zeros((m * d, 2 * d))
     residual = np.zeros(m * d)
-    for _ in range(3):
+    for k in range(4):
         base = run(kind, p, b, inertia, which, how, x, t0, dt, m, n_sub, u)
         residual[:] = (y - base[:, :d]).ravel()
+        cost = (residual**2).sum()
+        if not cost < least:
+            # back half way: the step crossed a corner of a law
+            x[:] = 0.5 * (x + best)
+            continue
+        best[:], least = x, cost
+        if k == 3:
+            break
         for j in range(2 * d):
             step = 1e-5 * (1.0 + abs(x[j]))
             moved = x.copy()
@@ -184,12 +193,12 @@ def start_state(kind, p, b, inertia, which, how, x0, t0, dt, n_sub, u, y):
         normal = jacobian.T @ jacobian
         right = jacobian.T @ residual
         # a mechanism that sticks does not feel its first speed
-        ridge = 1e-8 * np.trace(normal)
+        ridge = 1e-5 * np.trace(normal) * min(dt * m, 1.0) ** 2
         for j in range(2 * d):
             normal[j, j] += ridge
         _solve(normal, right, 2 * d)
         x[: 2 * d] += right
-    return x
+    return best
 
 
 @njit(cache=True)

@@ -85,40 +85,41 @@ def damping_slots(kind: int, d: int) -> list[int]:
 def _chain(p, q, v, mass, bias, drag, grad):
     n = len(q)
     g = p[1 + 5 * n]
-    angle, rate = np.zeros(n), np.zeros(n)
-    a, w = 0.0, 0.0
+    # cosine, sine, rate and carried mass of every link
+    link = np.empty((4, n))
+    angle, rate = 0.0, 0.0
     for i in range(n):
-        a += q[i]
-        w += v[i]
-        angle[i] = a
-        rate[i] = w
-    absolute, turning, pull = np.zeros((n, n)), np.zeros(n), np.zeros(n)
-    for i in range(n):
-        below_i = 0.0
-        for k in range(i, n):
-            below_i += p[1 + k]
-        for j in range(n):
-            below = 0.0
-            for k in range(max(i, j), n):
-                below += p[1 + k]
-            arm = below * p[1 + n + i] * p[1 + n + j]
-            absolute[i, j] = arm * np.cos(angle[i] - angle[j])
-            turning[i] += arm * np.sin(angle[i] - angle[j]) * rate[j] * rate[j]
-        absolute[i, i] += p[1 + 2 * n + i]
-        pull[i] = below_i * g * p[1 + n + i] * np.sin(angle[i])
+        angle += q[i]
+        rate += v[i]
+        link[0, i], link[1, i], link[2, i] = np.cos(angle), np.sin(angle), rate * rate
+    carried = 0.0
+    for i in range(n - 1, -1, -1):
+        carried += p[1 + i]
+        link[3, i] = carried
     for i in range(n):
         bias[i] = 0.0
-        grad[i] = p[1 + 3 * n + i] * q[i]
+        grad[i] = link[3, i] * g * p[1 + n + i] * link[1, i]
         drag[i] = p[1 + 4 * n + i] * v[i]
-        for k in range(i, n):
-            bias[i] += turning[k]
-            grad[i] += pull[k]
+    for i in range(n):
+        mass[i, i] = p[1 + 2 * n + i] + link[3, i] * p[1 + n + i] ** 2
+        for j in range(i):
+            arm = link[3, i] * p[1 + n + i] * p[1 + n + j]
+            mass[i, j] = arm * (link[0, i] * link[0, j] + link[1, i] * link[1, j])
+            mass[j, i] = mass[i, j]
+            sine = arm * (link[1, i] * link[0, j] - link[0, i] * link[1, j])
+            bias[i] += sine * link[2, j]
+            bias[j] -= sine * link[2, i]
+    # from angles of links to angles of joints: everything below moves along
+    for i in range(n - 2, -1, -1):
+        bias[i] += bias[i + 1]
+        grad[i] += grad[i + 1]
         for j in range(n):
-            total = 0.0
-            for k in range(i, n):
-                for m in range(j, n):
-                    total += absolute[k, m]
-            mass[i, j] = total
+            mass[i, j] += mass[i + 1, j]
+    for j in range(n - 2, -1, -1):
+        for i in range(n):
+            mass[i, j] += mass[i, j + 1]
+    for i in range(n):
+        grad[i] += p[1 + 3 * n + i] * q[i]
 
 
 @njit(cache=True)

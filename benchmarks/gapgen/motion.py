@@ -13,7 +13,8 @@ from benchmarks.gapgen.integrate import forecasts, run
 from benchmarks.gapgen.mechanisms import Mechanism
 
 Array = NDArray[np.float64]
-SHARP = (laws.FRICTION, laws.BRISTLE, laws.STOP, laws.SLIP_CHAIN, laws.FREE_PLAY)
+SHARP = (laws.FRICTION, laws.BRISTLE, laws.STOP)
+CORNERED = (laws.SLIP_CHAIN, laws.FREE_PLAY, laws.SWITCH, laws.ONE_WAY)
 BURN = 10
 
 
@@ -59,15 +60,21 @@ class World:
             self.how[e, : len(numbers)] = numbers
             self.n_z += laws.n_states(law)
         self.inertia = np.diag(self.mechanism.inertia_at_rest()).copy()
+        stiffness = np.diag(self.mechanism.stiffness_at_rest())
+        self.own_hz = np.sqrt(stiffness / self.inertia) / (2.0 * np.pi)
         self.top_hz = float(self.mechanism.frequencies_hz()[-1])
         for effect in self.effects:
             self.top_hz = max([self.top_hz, *effect.frequency_hz])
 
     def n_sub(self, dt_s: float) -> int:
         """Integration steps in a sample."""
-        sharp = bool(np.isin(self.which[:, 0], SHARP).any())
-        step = 2.5e-4 if sharp else (1e-3 if len(self.which) else 2e-3)
-        return max(2, int(np.ceil(dt_s * self.top_hz / step)))
+        step = (4e-3 if self.effects else 8e-3) / self.top_hz
+        for law, i, _, _ in self.which:
+            if law in SHARP:
+                step = min(step, 4e-4 / self.own_hz[i])
+            elif law in CORNERED:
+                step = min(step, 1e-3 / self.own_hz[i])
+        return max(2, int(np.ceil(dt_s / step)))
 
     def state(self, x0: Array) -> Array:
         """A state with internal states at what a long hold at ``x0`` (2 d,) leaves."""
