@@ -122,7 +122,9 @@ def aggregate(items: list[Item]) -> dict[str, Any]:
     confidence = np.array([i.confidence(whole_class=True) for i in named])
     family = np.array([i.among(1, whole_class=False) for i in named], float)
     family_confidence = np.array([i.confidence(whole_class=False) for i in named])
-    found = [c for c in map(closures, [*single, *(i for i in pairs if i.truth["identifiable"])]) if c is not None]
+    found = [
+        c for c in map(closures, [*single, *(i for i in pairs if i.truth["identifiable"])]) if c is not None
+    ]
     ece, curve = calibration(confidence, right)
     return {
         "recordings": len(items),
@@ -131,13 +133,19 @@ def aggregate(items: list[Item]) -> dict[str, Any]:
         "top2_class": share(single, lambda i: i.among(2, whole_class=True)),
         "top1_family": share(single, lambda i: i.among(1, whole_class=False)),
         "top2_family": share(single, lambda i: i.among(2, whole_class=False)),
-        "top1_class_named": share(single, lambda i: i.said.verdict == "effect" and i.among(1, whole_class=True)),
+        "top1_class_named": share(
+            single, lambda i: i.said.verdict == "effect" and i.among(1, whole_class=True)
+        ),
         "top1_class_answered": share(answered, lambda i: i.among(1, whole_class=True)),
         "top1_class_every": share(every, lambda i: i.among(1, whole_class=True)),
         "macro_f1": macro_f1(single),
         "false_alarms": share([i for i in items if i.kind == "none"], lambda i: i.said.verdict == "effect"),
-        "abstention_outside": share([i for i in items if i.kind == "outside"], lambda i: i.said.verdict in ABSTAINED),
-        "unknown_outside": share([i for i in items if i.kind == "outside"], lambda i: i.said.verdict == "unknown"),
+        "abstention_outside": share(
+            [i for i in items if i.kind == "outside"], lambda i: i.said.verdict in ABSTAINED
+        ),
+        "unknown_outside": share(
+            [i for i in items if i.kind == "outside"], lambda i: i.said.verdict == "unknown"
+        ),
         "false_abstention": share(single, lambda i: i.said.verdict in ABSTAINED),
         "missed": share(single, lambda i: i.said.verdict == "none"),
         "ece_class": ece,
@@ -161,7 +169,9 @@ def by_stratum(items: list[Item]) -> dict[str, dict[str, Any]]:
         for value in sorted({i.truth[name] for i in items}, key=str):
             whole = aggregate([i for i in items if i.truth[name] == value])
             wanted = ("recordings", "top1_class", "top2_class", "false_alarms", "abstention_outside")
-            out[f"{name}={value}"] = {key: whole[key] for key in (*wanted, "false_abstention", "closure_over_oracle")}
+            out[f"{name}={value}"] = {
+                key: whole[key] for key in (*wanted, "false_abstention", "closure_over_oracle")
+            }
     return out
 
 
@@ -169,7 +179,9 @@ def by_effect(items: list[Item]) -> dict[str, dict[str, float]]:
     """Top-1 at class level for every true name."""
     kinds = {i.label for i in items if i.kind != "pair"}
     return {
-        kind: share([i for i in items if i.kind != "pair" and i.label == kind], lambda i: i.among(1, whole_class=True))
+        kind: share(
+            [i for i in items if i.kind != "pair" and i.label == kind], lambda i: i.among(1, whole_class=True)
+        )
         for kind in sorted(kinds)
     }
 

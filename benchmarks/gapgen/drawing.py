@@ -65,7 +65,10 @@ def _forced_plan(
     lead, n = int(round(4.0 / dt)), int(round(span / dt)) + 1
     t = (np.arange(lead + n) - lead) * dt
     shape = np.concatenate(
-        [excitation(t[:lead], f1, m.n_u, rng, kinds=("multisine",)), excitation(t[lead:], f1, m.n_u, rng, kinds=kinds)]
+        [
+            excitation(t[:lead], f1, m.n_u, rng, kinds=("multisine",)),
+            excitation(t[lead:], f1, m.n_u, rng, kinds=kinds),
+        ]
     )
     # a static push to the full reach is the first guess
     per_input = np.abs(np.linalg.solve(m.stiffness_at_rest(), m.b)) / m.size[:, None]
@@ -183,7 +186,12 @@ def noisy(ys: list[Array], sigma: Array, rng: np.random.Generator) -> list[Array
 
 
 def _oracle(
-    bench: _Bench, effects: list[Effect], clips: list[Clip], ys: list[Array], sigma: Array, rng: np.random.Generator
+    bench: _Bench,
+    effects: list[Effect],
+    clips: list[Clip],
+    ys: list[Array],
+    sigma: Array,
+    rng: np.random.Generator,
 ) -> dict[str, float]:
     """Gaps of the sim as delivered, with the effect added, of the true mechanism, and of the true one on average."""
     d, dt, n = bench.base.d, bench.plan.dt_s, bench.horizon
@@ -195,7 +203,8 @@ def _oracle(
         inner = [unseen(y, t, effects) for y, t in zip(samples, times, strict=True)]
         found = world.forecast(clips, inner, dt, n, 40)
         shown = [
-            (k, starts, reseen(p, np.stack([times[k][a : a + n] for a in starts]), effects)) for k, starts, p in found
+            (k, starts, reseen(p, np.stack([times[k][a : a + n] for a in starts]), effects))
+            for k, starts, p in found
         ]
         return gap(shown, samples, rms)
 
@@ -210,7 +219,9 @@ def _oracle(
     return out
 
 
-def _columns(clips: list[Clip], ys: list[Array], dt: float, *, inputs: bool, offset: Array | None) -> dict[str, Array]:
+def _columns(
+    clips: list[Clip], ys: list[Array], dt: float, *, inputs: bool, offset: Array | None
+) -> dict[str, Array]:
     t = np.concatenate([c.t0 + np.arange(len(y)) * dt for c, y in zip(clips, ys, strict=True)])
     columns = {"t": t}
     y = np.concatenate(ys)

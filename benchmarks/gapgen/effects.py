@@ -12,7 +12,14 @@ from benchmarks.gapgen import laws
 Array = NDArray[np.float64]
 Row = tuple[int, int, int, list[float]]  # law, coordinate, input, numbers
 
-IN_CLASS = ("viscous_damping", "linear_stiffness", "mass_change", "constant_force", "input_gain", "cubic_stiffness")
+IN_CLASS = (
+    "viscous_damping",
+    "linear_stiffness",
+    "mass_change",
+    "constant_force",
+    "input_gain",
+    "cubic_stiffness",
+)
 DISSIPATION = ("coulomb_friction", "stribeck_friction", "load_dependent_friction", "quadratic_drag")
 ACTUATION = ("input_lag", "input_delay", "input_dead_zone", "input_saturation", "input_backlash")
 MEMORY = ("hysteresis", "creep", "joint_backlash")
@@ -91,7 +98,11 @@ def in_class(name: str, s: Setting, i: int, j: int, rng: np.random.Generator) ->
     def make(a: float) -> Effect:
         if name == "viscous_damping":
             up = 2.0 * s.zeta[i] * 2.0 * np.pi * s.f1_hz[i]
-            rate = a * 3.0 * 2.0 * np.pi * s.f1_hz[i] * 0.3 if sign > 0 or pick < 0.5 else -0.85 * min(a * 4, 1) * up
+            rate = (
+                a * 3.0 * 2.0 * np.pi * s.f1_hz[i] * 0.3
+                if sign > 0 or pick < 0.5
+                else -0.85 * min(a * 4, 1) * up
+            )
             return Effect(name, [(laws.VISCOUS, i, j, [rate, power, s.v[i]])], parameters={"rate": rate})
         if name == "linear_stiffness":
             ratio = 1.0 + a if sign > 0 else 1.0 / (1.0 + a)
@@ -204,7 +215,10 @@ def contact(name: str, s: Setting, i: int, j: int, rng: np.random.Generator) -> 
     f_mode = s.f1_hz[i] * rng.uniform(1.25, 3.0)
     zeta, phase, bend = rng.uniform(0.015, 0.06), rng.uniform(0.0, 6.2), rng.uniform(0.0, 0.1)
     when = np.sort(rng.uniform(0.08, 0.92, 3)) * s.span_s
-    long, sizes = rng.uniform(0.15, 0.5, 3) / s.f1_hz[i], rng.choice([-1.0, 1.0], 3) * rng.uniform(0.6, 1.0, 3)
+    long, sizes = (
+        rng.uniform(0.15, 0.5, 3) / s.f1_hz[i],
+        rng.choice([-1.0, 1.0], 3) * rng.uniform(0.6, 1.0, 3),
+    )
     n_push = int(rng.integers(1, 4)) if s.span_s > 8.0 else 1
 
     def make(a: float) -> Effect:
@@ -233,8 +247,15 @@ def contact(name: str, s: Setting, i: int, j: int, rng: np.random.Generator) -> 
             return Effect(name, [row], parameters=truth, frequency_hz=[float(f_mode)])
         numbers: list[float] = []
         for k in range(3):
-            numbers += [float(when[k]), float(long[k]), float(sizes[k]) * a * 8.0 * w**2 * s.x[i] * (k < n_push)]
-        truth = {"times": when[:n_push].tolist(), "accelerations": [numbers[3 * k + 2] for k in range(n_push)]}
+            numbers += [
+                float(when[k]),
+                float(long[k]),
+                float(sizes[k]) * a * 8.0 * w**2 * s.x[i] * (k < n_push),
+            ]
+        truth = {
+            "times": when[:n_push].tolist(),
+            "accelerations": [numbers[3 * k + 2] for k in range(n_push)],
+        }
         spans = [[float(when[k]), float(when[k] + long[k])] for k in range(n_push)]
         return Effect(name, [(laws.PUSH, i, j, numbers)], parameters=truth, time_s=spans)
 

@@ -104,14 +104,18 @@ def table(scores: dict[str, dict[str, Any]], out: Path) -> None:
         lines.append((label, [_cell(one.get(key)) for one in scores.values()]))
     for key, label in NUMBERS:
         lines.append((label, [_cell(one.get(key)) for one in scores.values()]))
-    lines.append(("closure over oracle, median", [_cell(one["closure_over_oracle"]) for one in scores.values()]))
+    lines.append(
+        ("closure over oracle, median", [_cell(one["closure_over_oracle"]) for one in scores.values()])
+    )
     lines.append(("two effects, set F1", [_cell(one["set_f1_class"].get("mean")) for one in scores.values()]))
     for key in ("level", "component", "coordinate"):
         lines.append((f"where: {key}", [_cell(one["where"][key]) for one in scores.values()]))
     lines.append(
         ("parameter error, median", [_cell(one["parameters"]["relative_error"]) for one in scores.values()]),
     )
-    lines.append(("90 \\% interval covers", [_cell(one["parameters"]["coverage"]) for one in scores.values()]))
+    lines.append(
+        ("90 \\% interval covers", [_cell(one["parameters"]["coverage"]) for one in scores.values()])
+    )
     with (out / "table.csv").open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream)
         writer.writerow(["metric", *scores])

@@ -93,7 +93,9 @@ def make(split: str, key: str, n: int, out: Path, *, systems: str, jobs: int) ->
 
 
 def main(argv: list[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--split", required=True, help="name of the split, as dev or blind-1")
     parser.add_argument("--key", required=True, help="secret from which every seed is derived")
     parser.add_argument("--n", type=int, required=True, help="number of recordings")

@@ -100,12 +100,18 @@ def share(items: Iterable[Item], right: Callable[[Item], bool]) -> dict[str, flo
     return {"value": value, "low": low, "high": high, "n": len(marks)}
 
 
-def calibration(confidence: Array, right: Array, *, bins: int = 15) -> tuple[float, list[tuple[float, float, int]]]:
-    """Expected calibration error over bins of equal mass, and (mean confidence, accuracy, count) of every bin."""
+def calibration(
+    confidence: Array, right: Array, *, bins: int = 15
+) -> tuple[float, list[tuple[float, float, int]]]:
+    """Expected calibration error over bins of equal mass, and (mean confidence, accuracy, count) of every bin.
+
+    Equal confidences stand in one bin.
+    """
     if not len(confidence):
         return float("nan"), []
-    order = np.argsort(confidence, kind="stable")
-    groups = [g for g in np.array_split(order, min(bins, len(order))) if len(g)]
+    edges = np.unique(np.quantile(confidence, np.linspace(0.0, 1.0, bins + 1)))
+    place = np.searchsorted(edges[1:-1], confidence, side="left")
+    groups = [np.flatnonzero(place == k) for k in np.unique(place)]
     curve = [(float(confidence[g].mean()), float(right[g].mean()), len(g)) for g in groups]
     error = sum(n * abs(c - a) for c, a, n in curve) / len(confidence)
     return float(error), curve
@@ -172,7 +178,9 @@ def parameter_errors(item: Item) -> list[tuple[str, float, float, bool]]:
         wrong = abs(found["value"] - true)
         change = abs(true - 1.0) if name == "ratio" else abs(true)
         low, high = sorted((found["low"], found["high"]))
-        out.append((f"{item.first}.{name}", wrong / abs(true), wrong / max(change, 1e-12), low <= true <= high))
+        out.append(
+            (f"{item.first}.{name}", wrong / abs(true), wrong / max(change, 1e-12), low <= true <= high)
+        )
     return out
 
 

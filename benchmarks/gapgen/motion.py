@@ -133,7 +133,11 @@ class World:
             starts = np.arange(0, len(y) - n + 1, stride)
             if not len(starts):
                 continue
-            z = clip.x[starts, 2 * d :] if clip.x.shape[1] == 2 * d + self.n_z else np.zeros((len(starts), self.n_z))
+            z = (
+                clip.x[starts, 2 * d :]
+                if clip.x.shape[1] == 2 * d + self.n_z
+                else np.zeros((len(starts), self.n_z))
+            )
             x0 = np.concatenate([y[starts], _slope(y, starts, dt_s), z], 1)
             fine = clip.fine if self.effects and clip.n_sub == n_sub else self.drive(clip.u, dt_s, n_sub)
             y_hat = forecasts(

@@ -66,12 +66,17 @@ def per_item(items: list[Item]) -> list[dict[str, Any]]:
                 "true": [entry["kind"] for entry in i.truth["truth"]] or ["none"],
                 "class": sorted(i.accepted),
                 "verdict": i.said.verdict,
-                "ranking": [[name, round(i.said.probability.get(name, 0.0), 4)] for name in i.said.ranking[:4]],
+                "ranking": [
+                    [name, round(i.said.probability.get(name, 0.0), 4)] for name in i.said.ranking[:4]
+                ],
                 "combination": list(i.said.combination),
                 "right": i.among(1, whole_class=True) if i.kind != "pair" else set_f1(i, whole_class=True),
                 "closure": found[0] if found else None,
                 "oracle": found[1] if found else None,
-                **{name: i.truth[name] for name in ("identifiable", "system", "forced", "noise", "duration_s")},
+                **{
+                    name: i.truth[name]
+                    for name in ("identifiable", "system", "forced", "noise", "duration_s")
+                },
                 "gap_ratio": i.truth["gap_ratio"],
             }
         )
@@ -94,7 +99,12 @@ def log_submission(seal_path: Path, predictions: Path, tree: str, scores: dict[s
 
 
 def score(
-    answers: list[dict[str, Any]], predictions: Path, out: Path, *, also: dict[str, Path], without: Path | None
+    answers: list[dict[str, Any]],
+    predictions: Path,
+    out: Path,
+    *,
+    also: dict[str, Path],
+    without: Path | None,
 ) -> tuple[dict[str, Any], list[Item]]:
     """Write figures, tables and ``scores.json``'s content for the predictions and the other methods.
 
@@ -124,7 +134,9 @@ def _summary(scores: dict[str, Any]) -> str:
     lines = []
     for name, found in scores.items():
         if isinstance(found, dict) and "low" in found:
-            lines.append(f"{name:22s} {found['value']:.3f} [{found['low']:.3f}, {found['high']:.3f}] n={found['n']}")
+            lines.append(
+                f"{name:22s} {found['value']:.3f} [{found['low']:.3f}, {found['high']:.3f}] n={found['n']}"
+            )
         elif isinstance(found, dict) and "median" in found:
             lines.append(f"{name:22s} median {found['median']:.3f} p10 {found['p10']:.3f} n={found['n']}")
         elif isinstance(found, float | int):
@@ -133,22 +145,30 @@ def _summary(scores: dict[str, Any]) -> str:
 
 
 def main(argv: list[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--predictions", type=Path, required=True, help="folder of <id>/diagnosis.json")
     parser.add_argument("--answers", type=Path, required=True, help="answers.jsonl or SEAL.json")
     parser.add_argument("--key", help="key of a sealed split, or @FILE")
     parser.add_argument("--out", type=Path, required=True, help="folder for scores, figures and tables")
-    parser.add_argument("--also", action="append", default=[], metavar="NAME=DIR", help="another method's predictions")
+    parser.add_argument(
+        "--also", action="append", default=[], metavar="NAME=DIR", help="another method's predictions"
+    )
     parser.add_argument("--left-out", type=Path, help="predictions made without the true effect")
     parser.add_argument("--runs-to-make", type=Path, help="write the runs without the true effect here")
     parser.add_argument("--tree", default="unknown", help="git tree of the diagnoser, for the log")
-    parser.add_argument("--reveal", action="store_true", help="write per-item results of a sealed split: it is spent")
+    parser.add_argument(
+        "--reveal", action="store_true", help="write per-item results of a sealed split: it is spent"
+    )
     args = parser.parse_args(argv)
     answers = read_answers(args.answers, args.key)
     sealed = args.answers.name == "SEAL.json"
     also = {name: Path(folder) for name, folder in (pair.split("=", 1) for pair in args.also)}
     if args.runs_to_make:
-        args.runs_to_make.write_text("".join(json.dumps(run) + "\n" for run in runs_to_make(answers)), encoding="utf-8")
+        args.runs_to_make.write_text(
+            "".join(json.dumps(run) + "\n" for run in runs_to_make(answers)), encoding="utf-8"
+        )
     scores, items = score(answers, args.predictions, args.out, also=also, without=args.left_out)
     if sealed:
         scores["submissions"] = log_submission(args.answers, args.predictions, args.tree, scores)

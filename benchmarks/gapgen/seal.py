@@ -38,7 +38,9 @@ def merkle_root(folder: Path) -> str:
     Leaves and knots are hashed apart, and an odd knot rises unchanged.
     """
     level = [
-        hashlib.sha256(b"\0" + str(path.relative_to(folder).as_posix()).encode() + b"\0" + path.read_bytes()).digest()
+        hashlib.sha256(
+            b"\0" + str(path.relative_to(folder).as_posix()).encode() + b"\0" + path.read_bytes()
+        ).digest()
         for path in sorted(folder.rglob("*"))
         if path.is_file()
     ]
@@ -46,7 +48,9 @@ def merkle_root(folder: Path) -> str:
         return hashlib.sha256(b"").hexdigest()
     while len(level) > 1:
         pairs = [level[k : k + 2] for k in range(0, len(level), 2)]
-        level = [hashlib.sha256(b"\1" + b"".join(pair)).digest() if len(pair) == 2 else pair[0] for pair in pairs]
+        level = [
+            hashlib.sha256(b"\1" + b"".join(pair)).digest() if len(pair) == 2 else pair[0] for pair in pairs
+        ]
     return level[0].hex()
 
 
@@ -64,7 +68,9 @@ def seal(split: str, key: str, folder: Path) -> dict[str, Any]:
         ValueError: if the key is short enough to be guessed.
     """
     if len(key) < SHORTEST_KEY:
-        raise ValueError(f"a key of {len(key)} characters can be guessed; take {SHORTEST_KEY} random ones or more")
+        raise ValueError(
+            f"a key of {len(key)} characters can be guessed; take {SHORTEST_KEY} random ones or more"
+        )
     clear = folder / "answers.jsonl"
     text = clear.read_bytes()
     salt, nonce = os.urandom(SALT_BYTES), os.urandom(NONCE_BYTES)
@@ -108,7 +114,9 @@ def unseal(key: str, folder: Path) -> str:
 
 
 def main(argv: list[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--split", required=True, help="name of the split")
     parser.add_argument("--key", required=True, help="secret key, or @PATH of a file that holds it")
     parser.add_argument("--dir", type=Path, required=True, help="folder that make has written")
