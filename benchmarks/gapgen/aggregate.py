@@ -110,8 +110,8 @@ def _share_of(marks: list[bool]) -> dict[str, float]:
 def aggregate(items: list[Item]) -> dict[str, Any]:
     """Every metric over the items; shares come with Wilson's interval and their number.
 
-    ``top1`` and its like are over identifiable recordings of one effect of the catalogue; calibration and Brier score
-    over all recordings but pairs.
+    ``top1`` and its like are over identifiable recordings of one effect of the catalogue; calibration and
+    Brier score over all recordings but pairs.
     """
     single = [i for i in items if i.kind == "single" and i.truth["identifiable"]]
     every = [i for i in items if i.kind == "single"]

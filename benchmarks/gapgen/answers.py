@@ -1,4 +1,4 @@
-"""The truth about a recording in the words and units of the diagnosis: causes, classes, places, identifiability."""
+"""The truth about a recording in the words and units of the diagnosis."""
 
 from typing import Any
 
@@ -18,7 +18,7 @@ COMPONENTS = {
     "stribeck_friction": "dissipative",
     "load_dependent_friction": "dissipative",
     "quadratic_drag": "dissipative",
-    **{name: "actuation" for name in ACTUATION},
+    **dict.fromkeys(ACTUATION, "actuation"),
     "hysteresis": "memory",
     "creep": "memory",
     "joint_backlash": "conservative",

@@ -1,4 +1,4 @@
-"""One recording from one seed: mechanism, excitation, effect at the drawn gap, noise, and the truth about it."""
+"""One recording from one seed: mechanism, excitation, effect at the drawn gap, noise, and the truth."""
 
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -46,7 +46,7 @@ def _free_plan(m: Mechanism, dt: float, span: float, f1: float, rng: np.random.G
     start = 0.0
     shares = rng.dirichlet(np.full(n_clips, 30.0))
     for k in range(n_clips):
-        n = max(int(round(shares[k] * span / dt)), 20)
+        n = max(round(shares[k] * span / dt), 20)
         shape = rng.uniform(-1.0, 1.0, m.d)
         shape = shape / np.abs(shape).max()
         v0 = rng.normal(0.0, 0.02, m.d) * m.size * 2.0 * np.pi * f1
@@ -62,7 +62,7 @@ def _forced_plan(
     m: Mechanism, dt: float, span: float, f1: float, rng: np.random.Generator, kinds: tuple[str, ...]
 ) -> Plan:
     """One clip whose response reaches the size of the mechanism; inputs in the mechanism's present units."""
-    lead, n = int(round(4.0 / dt)), int(round(span / dt)) + 1
+    lead, n = round(4.0 / dt), round(span / dt) + 1
     t = (np.arange(lead + n) - lead) * dt
     shape = np.concatenate(
         [
@@ -146,7 +146,7 @@ def bare(clips: list[Clip], d: int) -> list[Clip]:
 
 
 def _to_target(bench: _Bench, make: Any, target: float) -> tuple[Effect, float]:
-    """The effect at the magnitude whose ratio is the target: gaps grow about in proportion, else bisection."""
+    """The effect whose ratio is the target: gaps grow about in proportion, else bisection."""
     low, high, a = 1e-3, 1.0, 0.1
     wanted = np.sqrt(target**2 - 1.0) * bench.floor
     best, best_ratio = make(a), float("nan")
@@ -193,7 +193,7 @@ def _oracle(
     sigma: Array,
     rng: np.random.Generator,
 ) -> dict[str, float]:
-    """Gaps of the sim as delivered, with the effect added, of the true mechanism, and of the true one on average."""
+    """Gaps of the sim as delivered, with the effect added, and of the true mechanism here and on average."""
     d, dt, n = bench.base.d, bench.plan.dt_s, bench.horizon
     rms = np.sqrt((np.concatenate(ys) ** 2).mean(0))
     out = {"before": gap(bench.nominal.forecast(bare(clips, d), ys, dt, n, 40), ys, rms)}
@@ -280,7 +280,7 @@ def draw(s: Stratum, rng: np.random.Generator) -> Recording:
     setting = _setting(m, clips, plan, forced=s.forced, span=span)
     ys = [c.x[:, : m.d] for c in clips]
     shortest = max(len(y) for y in ys)
-    horizon = min(BURN + int(round(1.0 / f1 / dt)), shortest)
+    horizon = min(BURN + round(1.0 / f1 / dt), shortest)
     found = nominal.forecast(clips, noisy(ys, s.noise * setting.x, rng), dt, horizon, 14)
     floor = gap(found, noisy(ys, s.noise * setting.x, rng), setting.x)
     bench = _Bench(nominal, m, plan, setting.x, floor, horizon)

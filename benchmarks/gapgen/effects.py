@@ -1,4 +1,4 @@
-"""The withheld effects: what each does at a magnitude between 0 and 1, and its truth in the units of the report."""
+"""The withheld effects: what each does at a magnitude from 0 to 1, and its truth in the report's units."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -48,9 +48,10 @@ NEEDS_INPUT = (*ACTUATION, "input_gain", "time_offset", *OUTSIDE_FORCED)
 class Setting:
     """What the nominal motion is like: the scales by which magnitudes are chosen.
 
-    ``f1_hz`` (d,) the frequency of each coordinate, ``x`` and ``v`` (d,) rms of coordinate and speed, ``top`` (d,)
-    and ``v_top`` (d,) their peaks, ``u`` (n_u,) rms and ``u_top`` peaks of the inputs, ``span_s`` and ``dt_s`` the
-    recording, ``zeta`` (d,) damping ratio, ``start_s`` (n_clips,) and ``end_s`` the clips.
+    ``f1_hz`` (d,) the frequency of each coordinate, ``x`` and ``v`` (d,) rms of coordinate and speed,
+    ``top`` (d,) and ``v_top`` (d,) their peaks, ``u`` (n_u,) rms and ``u_top`` peaks of the inputs,
+    ``span_s`` and ``dt_s`` the recording, ``zeta`` (d,) damping ratio, ``start_s`` (n_clips,) and ``end_s``
+    the clips.
     """
 
     f1_hz: Array

@@ -1,5 +1,7 @@
 """Excitations a careful user would record, and what an imperfect actuation path makes of them."""
 
+from itertools import pairwise
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -50,7 +52,7 @@ def excitation(t: Array, f1: float, n_u: int, rng: np.random.Generator, *, kinds
     edges = np.linspace(0, len(t), n + 1).astype(int)
     levels = rng.permutation(np.resize([1.0, 0.45, 0.75, 1.0, 0.25], n))
     levels[0] = max(levels[0], 0.45)
-    for k, (a, z) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
+    for k, (a, z) in enumerate(pairwise(edges)):
         for j in range(n_u):
             kind = kinds[(k + j) % len(kinds)]
             out[a:z, j] = levels[k] * makers[kind](t[a:z], f1, rng)

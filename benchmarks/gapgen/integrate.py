@@ -1,4 +1,4 @@
-"""Motion by the classical fourth-order Runge-Kutta rule in fine steps, set-valued friction by symmetric splitting.
+"""Motion by the classical Runge-Kutta rule in fine steps, set-valued friction by symmetric splitting.
 
 The state is ``x = (q, v, z)`` with the internal states of the laws last. Inputs are given at every half step.
 """
@@ -80,7 +80,7 @@ def _rates(kind, p, b, inertia, which, how, t, x, u, dx, work):
             extra = conservative(law, th, q[i])
         elif law == INPUT_STIFFNESS:
             extra = -th[0] * u[which[e, 3]] * q[i]
-        elif law == FRICTION or law == SCALED_POTENTIAL or law == DRIFT_POTENTIAL or law == INERTIA:
+        elif law in (FRICTION, SCALED_POTENTIAL, DRIFT_POTENTIAL, INERTIA):
             extra = 0.0
         else:
             extra = resistive(law, th, t, q[i], v[i])
@@ -90,7 +90,7 @@ def _rates(kind, p, b, inertia, which, how, t, x, u, dx, work):
 
 @njit(cache=True)
 def _rub(kind, p, b, inertia, which, how, t, x, u, dx, work, h):
-    """Set-valued friction over a time ``h``: an impulse within its limit that brings the speed towards zero."""
+    """Set-valued friction over a time ``h``: an impulse within its limit that takes speed away."""
     d = b.shape[0]
     for e in range(which.shape[0]):
         if which[e, 0] != FRICTION:
@@ -205,7 +205,8 @@ def start_state(kind, p, b, inertia, which, how, x0, t0, dt, n_sub, u, y):
 def forecasts(kind, p, b, inertia, which, how, x0, starts, t0, dt, burn, n, n_sub, u, y):
     """Forecasts (n_blocks, n, d) from states estimated on the first ``burn`` samples of each block.
 
-    ``x0`` (n_blocks, n_x) are first guesses with the internal states, ``starts`` the first samples in the clip.
+    ``x0`` (n_blocks, n_x) are first guesses with the internal states, ``starts`` the first samples in the
+    clip.
     """
     d = y.shape[1]
     out = np.empty((len(starts), n, d))

@@ -1,10 +1,11 @@
 """Constitutive laws of the withheld effects, as they enter the equations of motion.
 
 Every law is another one than a catalogue of textbook terms would hold where physics offers one: friction is
-set-valued or a bristle model, hysteresis a Maxwell-slip chain, contact Hunt and Crossley's, creep two branches,
-hardening a hyperbolic sine. Magnitudes are accelerations: a force divided by the inertia at rest.
+set-valued or a bristle model, hysteresis a Maxwell-slip chain, contact Hunt and Crossley's, creep two
+branches, hardening a hyperbolic sine. Magnitudes are accelerations: a force divided by the inertia at rest.
 
-A row of ``which`` (n_e, 4) is law, coordinate, first internal state, input; a row of ``how`` (n_e, 16) its numbers.
+A row of ``which`` (n_e, 4) is law, coordinate, first internal state, input; a row of ``how`` (n_e, 16) its
+numbers.
 """
 
 import numpy as np
@@ -149,24 +150,16 @@ def resistive(law, th, t, q, v):
 @njit(cache=True)
 def is_exogenous(law):
     """Whether the law depends on time alone."""
-    return law == PUSH or law == PERIODIC or law == DRIFT_FORCE or law == RUMBLE
+    return law in (PUSH, PERIODIC, DRIFT_FORCE, RUMBLE)
 
 
 @njit(cache=True)
 def is_memory(law):
     """Whether the law has internal states."""
-    return law == BRISTLE or law == SLIP_CHAIN or law == CREEP or law == ABSORBER
+    return law in (BRISTLE, SLIP_CHAIN, CREEP, ABSORBER)
 
 
 @njit(cache=True)
 def is_conservative(law):
     """Whether the law is a function of the coordinate alone."""
-    return (
-        law == SPRING
-        or law == CONSTANT
-        or law == TILT
-        or law == HARDENING
-        or law == FREE_PLAY
-        or law == COGGING
-        or law == BUMP
-    )
+    return law in (SPRING, CONSTANT, TILT, HARDENING, FREE_PLAY, COGGING, BUMP)

@@ -1,7 +1,7 @@
 """Make a split of recordings: ``python -m benchmarks.gapgen.make --split dev --key KEY --n 200 --out DIR``.
 
-Writes ``DIR/data/<id>/sim_*.csv`` and ``real_0.csv``, and ``DIR/answers.jsonl`` with the truth. Names are random, files
-are written in their order and all carry the same time stamp.
+Writes ``DIR/data/<id>/sim_*.csv`` and ``real_0.csv``, and ``DIR/answers.jsonl`` with the truth. Names are
+random, files are written in their order and all carry the same time stamp.
 """
 
 import argparse

@@ -64,7 +64,7 @@ class Mechanism:
         return mass.copy(), stiffness
 
     def perturbed(self, rng: np.random.Generator, size: float) -> "Mechanism":
-        """The same mechanism with every parameter off by about ``size`` (relative), damping by four times it."""
+        """The same mechanism, every parameter off by about ``size`` (relative), damping by four times it."""
         factor = np.exp(rng.normal(0.0, size, len(self.p)))
         c = damping_slots(self.kind, self.d)
         factor[c] = np.exp(rng.normal(0.0, min(4.0 * size, 0.1), len(c)))
@@ -124,7 +124,7 @@ def _chain(p, q, v, mass, bias, drag, grad):
 
 @njit(cache=True)
 def terms(kind, p, q, v, mass, bias, drag, grad):
-    """Fill inertia (d, d), centrifugal and Coriolis force, damping force and gradient of the potential (d,)."""
+    """Fill inertia (d, d) and, each (d,), centrifugal force, damping force and gradient of the potential."""
     if kind == CHAIN:
         _chain(p, q, v, mass, bias, drag, grad)
     elif kind == ROCKER:

@@ -1,7 +1,8 @@
-"""Metrics of a blind check: ranks, false alarms, abstention, calibration, sets, closure, places, parameters."""
+"""Metrics of a blind check: ranks, abstention, calibration, sets, closure, places, parameters."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -103,7 +104,7 @@ def share(items: Iterable[Item], right: Callable[[Item], bool]) -> dict[str, flo
 def calibration(
     confidence: Array, right: Array, *, bins: int = 15
 ) -> tuple[float, list[tuple[float, float, int]]]:
-    """Expected calibration error over bins of equal mass, and (mean confidence, accuracy, count) of every bin.
+    """Expected calibration error over bins of equal mass; (mean confidence, accuracy, count) of each.
 
     Equal confidences stand in one bin.
     """
@@ -162,7 +163,7 @@ def closures(item: Item) -> tuple[float, float] | None:
 
 
 def parameter_errors(item: Item) -> list[tuple[str, float, float, bool]]:
-    """(parameter, relative error, error over the change, truth inside the interval) where the family is right.
+    """(parameter, relative error, error over the change, truth inside the interval) of a right family.
 
     The change of a ratio is its distance from one; other parameters change from zero.
     """
@@ -194,7 +195,7 @@ def overlap(said: list[list[Any]], true: list[list[float]]) -> float:
     spans = [tuple(float(x) for x in row[-3:-1]) if len(row) >= 3 else tuple(map(float, row)) for row in said]
     edges = sorted({x for span in [*spans, *map(tuple, true)] for x in span})
     both = either = 0.0
-    for a, z in zip(edges[:-1], edges[1:], strict=True):
+    for a, z in pairwise(edges):
         middle = 0.5 * (a + z)
         inside = [any(s[0] <= middle <= s[1] for s in group) for group in (spans, true)]
         both += (z - a) * all(inside)

@@ -156,7 +156,7 @@ def _slope(y: Array, starts: NDArray[np.int64], dt_s: float) -> Array:
 
 
 def gap(forecast: list[tuple], ys: list[Array], rms: Array) -> float:
-    """RMS of forecast minus sample past the burn-in, as a fraction of each coordinate's rms; nan without blocks."""
+    """RMS of forecast minus sample past the burn-in, in each coordinate's rms; nan without blocks."""
     errors = []
     for k, starts, y_hat in forecast:
         truth = np.stack([ys[k][a : a + y_hat.shape[1]] for a in starts])
@@ -168,7 +168,7 @@ def gap(forecast: list[tuple], ys: list[Array], rms: Array) -> float:
 
 
 def seen(clips: list[Clip], effects: list[Effect], d: int, dt_s: float) -> list[Array]:
-    """Noise-free coordinates (n, d) per clip as clock and camera give them; counts of lost frames are noted."""
+    """Noise-free coordinates (n, d) per clip as clock and camera give them; lost frames are counted."""
     out = [clip.x[:, :d].copy() for clip in clips]
     for effect in effects:
         if effect.camera is None:

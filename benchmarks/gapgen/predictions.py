@@ -16,9 +16,9 @@ BURN = 10
 class Prediction:
     """What was said about one recording.
 
-    ``verdict`` is ``missing`` where nothing was said. ``ranking`` holds names from the most probable down, the verdicts
-    ``none`` and ``unknown`` first where they were given. ``gaps`` are (before, after) recomputed from the rollouts
-    as fractions of the given rms, or None without rollouts.
+    ``verdict`` is ``missing`` where nothing was said. ``ranking`` holds names from the most probable down,
+    the verdicts ``none`` and ``unknown`` first where they were given. ``gaps`` are (before, after)
+    recomputed from the rollouts as fractions of the given rms, or None without rollouts.
     """
 
     verdict: str
@@ -32,7 +32,7 @@ class Prediction:
 
 
 def read_prediction(folder: Path, rms: list[float]) -> Prediction:
-    """The prediction in a folder that holds ``diagnosis.json`` and ``rollouts.csv``; ``missing`` without the first.
+    """The prediction in a folder of ``diagnosis.json`` and ``rollouts.csv``; ``missing`` without the first.
 
     Raises:
         ValueError: if probabilities are negative or do not sum to one.
@@ -69,8 +69,8 @@ def read_prediction(folder: Path, rms: list[float]) -> Prediction:
 def recomputed_gaps(path: Path, rms: list[float]) -> tuple[float, float] | None:
     """RMS of real minus sim and of real minus augmented over every block past its first ten samples, or None.
 
-    Both are fractions of each coordinate's ``rms`` (d,) in the units of the answers, or of the rollouts' own where their
-    number of coordinates is another.
+    Both are fractions of each coordinate's ``rms`` (d,) in the units of the answers, or of the rollouts'
+    own where their number of coordinates is another.
     """
     if not path.is_file():
         return None

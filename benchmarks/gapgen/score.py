@@ -1,9 +1,9 @@
-"""Score predictions: ``python -m benchmarks.gapgen.score --predictions DIR --answers FILE [--key KEY] --out OUT``.
+"""Score: ``python -m benchmarks.gapgen.score --predictions DIR --answers FILE [--key KEY] --out OUT``.
 
-``FILE`` is ``answers.jsonl`` of a public split, or ``SEAL.json`` of a sealed one, which then is checked, opened with the
-key and counted in ``submissions.log`` beside it; a sealed split yields aggregates only, until ``--reveal``. Other
-methods join the table by ``--also NAME=DIR``. ``--left-out DIR`` holds the diagnoses made without the true effect;
-``--runs-to-make FILE`` writes the list of those runs.
+``FILE`` is ``answers.jsonl`` of a public split, or ``SEAL.json`` of a sealed one, which then is checked,
+opened with the key and counted in ``submissions.log`` beside it; a sealed split yields aggregates only,
+until ``--reveal``. Other methods join the table by ``--also NAME=DIR``. ``--left-out DIR`` holds the
+diagnoses made without the true effect; ``--runs-to-make FILE`` writes the list of those runs.
 """
 
 import argparse

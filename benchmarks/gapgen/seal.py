@@ -1,8 +1,9 @@
 """Seal the answers of a split: ``python -m benchmarks.gapgen.seal --split blind-1 --key @KEYFILE --dir DIR``.
 
-``SEAL.json`` is what is published before any prediction: the SHA-256 of salt and answers, the Merkle root of the data
-files, the generator's commit and the version of the metrics. The answers are encrypted with AES-256-GCM beside it as
-``answers.jsonl.enc``, the salt within, and the clear text is removed. A key of the form ``@PATH`` is read from a file.
+``SEAL.json`` is what is published before any prediction: the SHA-256 of salt and answers, the Merkle root
+of the data files, the generator's commit and the version of the metrics. The answers are encrypted with
+AES-256-GCM beside it as ``answers.jsonl.enc``, the salt within, and the clear text is removed. A key of the
+form ``@PATH`` is read from a file.
 """
 
 import argparse
@@ -33,7 +34,7 @@ def _cipher(key: str) -> AESGCM:
 
 
 def merkle_root(folder: Path) -> str:
-    """Root of the Merkle tree over all files of a folder, by relative path and content, as hexadecimal digits.
+    """Root of the Merkle tree over all files of a folder, by relative path and content, in hexadecimal.
 
     Leaves and knots are hashed apart, and an odd knot rises unchanged.
     """

@@ -1,4 +1,4 @@
-"""Which recordings a split holds: labels in fixed shares, everything else balanced and shuffled by the key."""
+"""Which recordings a split holds: labels in fixed shares, the rest balanced and shuffled by the key."""
 
 import hashlib
 import hmac
@@ -19,7 +19,7 @@ SYSTEMS["all"] = SYSTEMS["d1"] * 2 + ("two_link", "bag", "soft_robot")
 NOISE, DURATION_S = (0.003, 0.01, 0.01, 0.03), (4.0, 18.0, 18.0, 60.0)
 # camera and timing count as two families, unlogged pushes as half of one
 WEIGHTS = {
-    **{name: 1.0 for name in FAMILIES},
+    **dict.fromkeys(FAMILIES, 1.0),
     "external_push": 0.5,
     "time_offset": 0.6,
     "time_jitter": 0.3,
