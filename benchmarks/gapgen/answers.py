@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.gapgen.drawing import Recording, Stratum
-from benchmarks.gapgen.effects import ACTUATION, CAMERA, NEEDS_INPUT, OUTSIDE, Effect
+from benchmarks.gapgen.effect import ACTUATION, CAMERA, NEEDS_INPUT, OUTSIDE, Effect
 
 COMPONENTS = {
     "viscous_damping": "dissipative",

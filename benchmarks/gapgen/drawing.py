@@ -6,10 +6,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.gapgen.effects import NEEDS_INPUT, Effect, Setting, maker
-from benchmarks.gapgen.inputs import KINDS, excitation
-from benchmarks.gapgen.mechanisms import Mechanism, draw_mechanism, terms
+from benchmarks.gapgen.effect import NEEDS_INPUT, Effect, Setting
+from benchmarks.gapgen.effects import maker
+from benchmarks.gapgen.inputs import KINDS
+from benchmarks.gapgen.mechanisms import Mechanism, draw_mechanism
 from benchmarks.gapgen.motion import BURN, Clip, Plan, World, gap, reseen, seen, unseen
+from benchmarks.gapgen.plans import forced_plan, free_plan, rescale_inputs, setting_of
 
 Array = NDArray[np.float64]
 BINS = {"low": (1.5, 3.0), "middle": (3.0, 10.0), "high": (10.0, 40.0)}
@@ -29,92 +31,15 @@ class Stratum:
 
 @dataclass
 class Recording:
-    """One recording: files' columns by name and the truth."""
+    """One recording: columns of its files by name, the truth, and what a film of it needs.
+
+    ``reels`` (stem, start [s], coordinates (T, d), inputs (T, n_u) or None, whether real) are in order.
+    """
 
     files: dict[str, dict[str, Array]]
     truth: dict[str, Any]
-    plan: Plan = field(repr=False, default=None)  # type: ignore[assignment]
-    clips: list[Clip] = field(repr=False, default_factory=list)
-
-
-def _free_plan(m: Mechanism, dt: float, span: float, f1: float, rng: np.random.Generator) -> Plan:
-    n_clips = int(np.clip(round(span * f1 / 7.0), 1, 6))
-    if span < 6.0 and rng.random() < 0.5:
-        n_clips = 2
-    levels = rng.permutation(np.geomspace(1.0, 0.3, n_clips)) if n_clips > 1 else np.array([1.0])
-    plan = Plan(dt, [], [], [], [])
-    start = 0.0
-    shares = rng.dirichlet(np.full(n_clips, 30.0))
-    for k in range(n_clips):
-        n = max(round(shares[k] * span / dt), 20)
-        shape = rng.uniform(-1.0, 1.0, m.d)
-        shape = shape / np.abs(shape).max()
-        v0 = rng.normal(0.0, 0.02, m.d) * m.size * 2.0 * np.pi * f1
-        plan.start_s.append(start)
-        plan.x0.append(np.concatenate([levels[k] * m.size * shape, v0]))
-        plan.lead.append(0)
-        plan.inputs.append(np.zeros((n, m.n_u)))
-        start += (n - 1) * dt + rng.uniform(0.5, 2.0)
-    return plan
-
-
-def _forced_plan(
-    m: Mechanism, dt: float, span: float, f1: float, rng: np.random.Generator, kinds: tuple[str, ...]
-) -> Plan:
-    """One clip whose response reaches the size of the mechanism; inputs in the mechanism's present units."""
-    lead, n = round(4.0 / dt), round(span / dt) + 1
-    t = (np.arange(lead + n) - lead) * dt
-    shape = np.concatenate(
-        [
-            excitation(t[:lead], f1, m.n_u, rng, kinds=("multisine",)),
-            excitation(t[lead:], f1, m.n_u, rng, kinds=kinds),
-        ]
-    )
-    # a static push to the full reach is the first guess
-    per_input = np.abs(np.linalg.solve(m.stiffness_at_rest(), m.b)) / m.size[:, None]
-    amount = 0.3 / np.maximum(per_input.max(0), 1e-12)
-    world = World(m)
-    for _ in range(4):
-        plan = Plan(dt, [0.0], [np.zeros(2 * m.d)], [lead], [shape * amount])
-        try:
-            top = np.abs(world.move(plan)[0].x[:, : m.d] / m.size).max()
-        except FloatingPointError:
-            top = 6.0
-        amount = amount * np.clip(0.98 / top, 0.2, 4.0)
-        if 0.9 < top < 1.1:
-            break
-    return plan
-
-
-def _rescale_inputs(m: Mechanism, plan: Plan, rng: np.random.Generator) -> tuple[Mechanism, Array]:
-    """Inputs in units of their own: the mechanism in them and the factor (n_u,) to apply to every input."""
-    peak = np.abs(np.concatenate(plan.inputs)).max(0)
-    factor = np.exp(rng.uniform(np.log(0.2), np.log(5.0))) / np.maximum(peak, 1e-9).max() * np.ones(m.n_u)
-    return replace(m, b=m.b / factor), factor
-
-
-def _setting(m: Mechanism, clips: list[Clip], plan: Plan, *, forced: bool, span: float) -> Setting:
-    x = np.concatenate([c.x for c in clips])
-    q, v = x[:, : m.d], x[:, m.d : 2 * m.d]
-    u = np.concatenate([c.u for c in clips])
-    inertia, stiffness = np.diag(m.inertia_at_rest()), np.diag(m.stiffness_at_rest())
-    w = np.sqrt(stiffness / inertia)
-    work = [np.zeros((m.d, m.d)), np.zeros(m.d), np.zeros(m.d), np.zeros(m.d)]
-    terms(m.kind, m.p, np.zeros(m.d), np.ones(m.d), *work)
-    return Setting(
-        f1_hz=w / (2.0 * np.pi),
-        x=np.sqrt((q**2).mean(0)),
-        v=np.sqrt((v**2).mean(0)),
-        top=np.abs(q).max(0),
-        v_top=np.abs(v).max(0),
-        u=np.sqrt((u**2).mean(0)) + 1e-12,
-        u_top=np.abs(u).max(0) + 1e-12,
-        zeta=work[2] / (2.0 * w * inertia),
-        span_s=span,
-        dt_s=plan.dt_s,
-        forced=forced,
-        system=m.system,
-    )
+    reels: list[tuple[str, float, Array, Array | None, bool]] = field(default_factory=list)
+    nominal: Mechanism | None = None
 
 
 @dataclass
@@ -234,23 +159,31 @@ def _columns(
     return columns
 
 
-def _sim_files(
-    m: Mechanism, s: Stratum, f1: float, offset: Array | None, rng: np.random.Generator
-) -> tuple[dict[str, dict[str, Array]], float]:
-    """One to three nominal recordings under excitations of their own."""
-    noise = s.noise if rng.random() < 0.7 else 0.0
-    with_v = rng.random() < 0.3
-    files = {}
+def _sims(m: Mechanism, s: Stratum, f1: float, rate: float | None, rng: np.random.Generator) -> list[Any]:
+    """(clips, sample interval) of one to three nominal recordings under excitations of their own."""
+    out = []
     n_files = int(rng.integers(1, 4)) if s.forced else int(rng.integers(1, 3))
     for k in range(n_files):
         dt = 1.0 / 60.0 if rng.random() < 0.8 else 1.0 / float(rng.choice([50.0, 100.0, 120.0]))
+        dt = dt if rate is None else 1.0 / rate
         span = float(rng.uniform(14.0, 30.0)) if n_files < 3 else float(rng.uniform(9.0, 16.0))
         if s.forced and (k == 0 or rng.random() < 0.7):
             kinds = tuple(rng.permutation(["multisine", "chirp", "steps"])[: int(rng.integers(2, 4))])
-            plan = _forced_plan(m, dt, span, f1, rng, kinds)
+            plan = forced_plan(m, dt, span, f1, rng, kinds)
         else:
-            plan = _free_plan(m, dt, span, f1, rng)
-        clips = World(m).move(plan)
+            plan = free_plan(m, dt, span, f1, rng)
+        out.append((World(m).move(plan), dt))
+    return out
+
+
+def _sim_files(
+    m: Mechanism, s: Stratum, sims: list[Any], offset: Array | None, rng: np.random.Generator
+) -> tuple[dict[str, dict[str, Array]], float]:
+    """Columns of the nominal recordings and their noise: the real one's or none."""
+    noise = s.noise if rng.random() < 0.7 else 0.0
+    with_v = rng.random() < 0.3
+    files = {}
+    for k, (clips, dt) in enumerate(sims):
         qs = [c.x[:, : m.d] for c in clips]
         rms = np.sqrt((np.concatenate(qs) ** 2).mean(0))
         columns = _columns(clips, noisy(qs, noise * rms, rng), dt, inputs=s.forced, offset=offset)
@@ -262,22 +195,41 @@ def _sim_files(
     return files, noise
 
 
-def draw(s: Stratum, rng: np.random.Generator) -> Recording:
-    """A recording of the stratum and its truth, whatever the generator ``rng`` draws."""
+def _reels(
+    sims: list[Any], clips: list[Clip], clean: list[Array], s: Stratum, offset: Array | None
+) -> list[Any]:
+    """What is filmed: every nominal clip and every real one apart."""
+    nominal = [c for group, _ in sims for c in group]
+    d = clean[0].shape[1]
+    shown = [("sim", c.t0, c.x[:, :d], c.u, False) for c in nominal]
+    shown += [("real", c.t0, q, c.u, True) for c, q in zip(clips, clean, strict=True)]
+    count = {"sim": 0, "real": 0}
+    out = []
+    for stem, t0, q, u, real in shown:
+        lifted = u + (0.0 if offset is None else offset) if s.forced else None
+        out.append((f"{stem}_{count[stem]}", t0, q, lifted, real))
+        count[stem] += 1
+    return out
+
+
+def draw(s: Stratum, rng: np.random.Generator, *, film_hz: float | None = None) -> Recording:
+    """A recording of the stratum and its truth; to be filmed at ``film_hz`` where that is given."""
     m = draw_mechanism(s.system, rng)
     f1 = float(m.frequencies_hz()[0])
     dt = 1.0 / (60.0 if rng.random() < 0.8 else float(rng.choice([30.0, 50.0, 100.0, 120.0])))
+    dt = dt if film_hz is None else 1.0 / film_hz
     if s.forced:
         kinds = tuple(rng.permutation(list(KINDS))) if s.duration_s > 6.0 else ("multisine", "triangle")
-        plan = _forced_plan(m, dt, s.duration_s, f1, rng, kinds)
-        m, factor = _rescale_inputs(m, plan, rng)
+        plan = forced_plan(m, dt, s.duration_s, f1, rng, kinds)
+        m, factor = rescale_inputs(m, plan, rng)
         plan = replace(plan, inputs=[u * factor for u in plan.inputs])
     else:
-        plan = _free_plan(m, dt, s.duration_s, f1, rng)
+        plan = free_plan(m, dt, s.duration_s, f1, rng)
     nominal = World(m)
     clips = nominal.move(plan)
     span = plan.start_s[-1] + len(plan.inputs[-1]) * dt
-    setting = _setting(m, clips, plan, forced=s.forced, span=span)
+    setting = setting_of(m, clips, plan, forced=s.forced, span=span)
+    setting = replace(setting, film=film_hz is not None)
     ys = [c.x[:, : m.d] for c in clips]
     shortest = max(len(y) for y in ys)
     horizon = min(BURN + round(1.0 / f1 / dt), shortest)
@@ -295,7 +247,8 @@ def draw(s: Stratum, rng: np.random.Generator) -> Recording:
     offset = None
     if s.system == "soft_robot" and s.forced:
         offset = np.full(m.n_u, 1.1 * max(np.abs(u).max() for u in plan.inputs))
-    files, sim_noise = _sim_files(m, s, f1, offset, rng)
+    sims = _sims(m, s, f1, film_hz, rng)
+    files, sim_noise = _sim_files(m, s, sims, offset, rng)
     files["real_0.csv"] = _columns(clips, samples, dt, inputs=s.forced, offset=offset)
     truth = {
         "targets": targets,
@@ -312,7 +265,9 @@ def draw(s: Stratum, rng: np.random.Generator) -> Recording:
         "inertia_at_rest": np.diag(m.inertia_at_rest()).tolist(),
         "span_s": span,
     }
-    return Recording(files, truth | {"found": effects}, plan, clips)
+    blurred = any(e.camera and e.camera[0] == "blur" for e in effects)
+    shown = [c.x[:, : m.d] for c in clips] if blurred else clean
+    return Recording(files, truth | {"found": effects}, _reels(sims, clips, shown, s, offset), m)
 
 
 def _effects(
@@ -330,7 +285,12 @@ def _effects(
         low, high = BINS[s.bin]
         target = float(np.exp(rng.uniform(np.log(low * 1.05), np.log(high * 0.95))))
         i, j = int(rng.integers(m.d)), int(rng.integers(m.n_u))
-        effect, ratio = _to_target(bench, maker(name, setting, i, j, rng), target)
+        make = maker(name, setting, i, j, rng)
+        if setting.film and name in ("camera_change", "camera_drift"):
+            # coordinates have no gap that a picture's displacement could be sized by
+            effect, ratio = make(min(target / 20.0, 1.0)), target
+        else:
+            effect, ratio = _to_target(bench, make, target)
         effects.append(effect)
         ratios.append(ratio)
     for _ in range(6):

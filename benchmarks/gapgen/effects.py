@@ -1,91 +1,23 @@
 """The withheld effects: what each does at a magnitude from 0 to 1, and its truth in the report's units."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.gapgen import laws
-
-Array = NDArray[np.float64]
-Row = tuple[int, int, int, list[float]]  # law, coordinate, input, numbers
-
-IN_CLASS = (
-    "viscous_damping",
-    "linear_stiffness",
-    "mass_change",
-    "constant_force",
-    "input_gain",
-    "cubic_stiffness",
+from benchmarks.gapgen.effect import (
+    ACTUATION,
+    CAMERA,
+    CONTACT,
+    DISSIPATION,
+    EXTRA,
+    IN_CLASS,
+    MEMORY,
+    OUTSIDE,
+    OUTSIDE_FORCED,
+    Effect,
+    Setting,
 )
-DISSIPATION = ("coulomb_friction", "stribeck_friction", "load_dependent_friction", "quadratic_drag")
-ACTUATION = ("input_lag", "input_delay", "input_dead_zone", "input_saturation", "input_backlash")
-MEMORY = ("hysteresis", "creep", "joint_backlash")
-CONTACT = ("end_stop", "external_periodic_force", "parameter_drift", "hidden_mode")
-FAMILIES = IN_CLASS + DISSIPATION + ACTUATION + MEMORY + CONTACT
-EXTRA = ("external_push",)
-CAMERA = ("time_offset", "time_jitter", "frame_drops", "camera_change", "camera_drift", "exposure_blur")
-OUTSIDE = (
-    "cogging",
-    "parametric_excitation",
-    "local_damping",
-    "potential_bump",
-    "one_way_damping",
-    "sudden_change",
-    "random_force",
-    "self_excitation",
-    "input_stiffness",
-    "input_rectification",
-    "resonant_actuator",
-)
-OUTSIDE_FORCED = ("input_stiffness", "input_rectification", "resonant_actuator")
-NEEDS_INPUT = (*ACTUATION, "input_gain", "time_offset", *OUTSIDE_FORCED)
-
-
-@dataclass(frozen=True)
-class Setting:
-    """What the nominal motion is like: the scales by which magnitudes are chosen.
-
-    ``f1_hz`` (d,) the frequency of each coordinate, ``x`` and ``v`` (d,) rms of coordinate and speed,
-    ``top`` (d,) and ``v_top`` (d,) their peaks, ``u`` (n_u,) rms and ``u_top`` peaks of the inputs,
-    ``span_s`` and ``dt_s`` the recording, ``zeta`` (d,) damping ratio, ``start_s`` (n_clips,) and ``end_s``
-    the clips.
-    """
-
-    f1_hz: Array
-    x: Array
-    v: Array
-    top: Array
-    v_top: Array
-    u: Array
-    u_top: Array
-    zeta: Array
-    span_s: float
-    dt_s: float
-    forced: bool
-    system: str
-
-
-@dataclass
-class Effect:
-    """One effect at one magnitude.
-
-    ``rows`` enter the equations of motion, ``operators`` (input, name, numbers) the inputs, ``camera`` (name,
-    numbers) the observation; ``parameters`` is the truth in the units of the report.
-    """
-
-    name: str
-    rows: list[Row] = field(default_factory=list)
-    operators: list[tuple[int, str, dict[str, float]]] = field(default_factory=list)
-    camera: tuple[str, dict[str, Any]] | None = None
-    parameters: dict[str, Any] = field(default_factory=dict)
-    coordinate: int | None = None
-    input: int | None = None
-    time_s: list[list[float]] = field(default_factory=list)
-    frequency_hz: list[float] = field(default_factory=list)
-
 
 Maker = Callable[[float], Effect]
 
@@ -310,6 +242,7 @@ def watching(name: str, s: Setting, i: int, j: int, rng: np.random.Generator) ->
     phase, seed = rng.uniform(0.0, 6.0), int(rng.integers(2**31))
     way, tilt = rng.normal(size=d), rng.normal(size=d)
     zoomed = rng.random() < 0.5
+    way2 = rng.normal(size=2)
 
     def make(a: float) -> Effect:
         if name == "time_offset":
@@ -322,6 +255,16 @@ def watching(name: str, s: Setting, i: int, j: int, rng: np.random.Generator) ->
         if name == "frame_drops":
             numbers = {"share": min(0.7 * a, 0.6), "longest": 1 + int(25.0 * a), "seed": seed}
             return Effect(name, camera=("drops", numbers))
+        if s.film and name == "camera_change":
+            numbers = {
+                "shift_px": (5.0 * a * way2 / np.abs(way2).max()).tolist(),
+                "rotation_deg": sign * 10.0 * a * abs(tilt[0]) / (1.0 + abs(tilt[0])),
+                "zoom": 1.0 + 0.15 * a * sign,
+            }
+            return Effect(name, camera=("image", numbers), parameters=dict(numbers))
+        if s.film and name == "camera_drift":
+            numbers = {"px_per_s": (10.0 * a * way2 / np.abs(way2).max() / s.span_s).tolist()}
+            return Effect(name, camera=("image", numbers), parameters=dict(numbers))
         if name == "camera_change":
             zoom = 1.0 + a * (0.8 if zoomed else 0.05) * sign
             shift = a * (0.2 if zoomed else 1.5) * s.x * way / np.abs(way).max()

@@ -1,6 +1,7 @@
 """Make a split of recordings: ``python -m benchmarks.gapgen.make --split dev --key KEY --n 200 --out DIR``.
 
-Writes ``DIR/data/<id>/sim_*.csv`` and ``real_0.csv``, and ``DIR/answers.jsonl`` with the truth. Names are
+Writes ``DIR/data/<id>/sim_*.csv`` and ``real_0.csv``, with ``--tier T1`` one film a clip as ``sim_*.npz`` and
+``real_*.npz`` (keys ``images`` and ``p1`` to ``pn``), and ``DIR/answers.jsonl`` with the truth. Names are
 random, files are written in their order and all carry the same time stamp.
 """
 
@@ -9,6 +10,7 @@ import json
 import os
 import sys
 import time
+from dataclasses import replace
 from multiprocessing import Pool
 from pathlib import Path
 from typing import Any
@@ -17,11 +19,13 @@ import numpy as np
 
 from benchmarks.gapgen.answers import answer
 from benchmarks.gapgen.drawing import Recording, Stratum, draw
+from benchmarks.gapgen.keys import read_key
+from benchmarks.gapgen.render import FRAME_S, Camera, draw_look, film
 from benchmarks.gapgen.strata import SYSTEMS, identities, seed_of, strata
 
 # one moment for every file: the first second of 2001
 STAMP = 978_307_200
-Task = tuple[str, Stratum, int, str, str]
+Task = tuple[str, Stratum, int, str, str, str]
 
 
 def write_columns(path: Path, columns: dict[str, Any]) -> None:
@@ -33,7 +37,28 @@ def write_columns(path: Path, columns: dict[str, Any]) -> None:
     os.utime(path, (STAMP, STAMP))
 
 
-def drawn(stratum: Stratum, seed: int) -> Recording:
+def write_films(place: Path, recording: Recording, noise: float, rng: np.random.Generator) -> list[str]:
+    """Write every clip as an archive of frames and inputs, and return their names."""
+    look = draw_look(rng)
+    camera = Camera()
+    for effect in recording.truth["found"]:
+        if effect.camera and effect.camera[0] == "image":
+            camera = replace(camera, **effect.camera[1])
+        elif effect.camera and effect.camera[0] == "blur":
+            camera = replace(camera, exposure_s=effect.camera[1]["exposure"])
+    names = []
+    for stem, t0, q, u, real in recording.reels:
+        view = camera if real else Camera()
+        frames = film(recording.nominal, q, t0=t0, look=look, camera=view, noise=noise, rng=rng)
+        inputs = {} if u is None else {f"p{j + 1}": u[:, j] for j in range(u.shape[1])}
+        path = place / f"{stem}.npz"
+        np.savez_compressed(path, images=frames, **inputs)
+        os.utime(path, (STAMP, STAMP))
+        names.append(path.name)
+    return names
+
+
+def drawn(stratum: Stratum, seed: int, *, film_hz: float | None = None) -> Recording:
     """The recording of a seed; a draw whose mechanism escapes is drawn anew.
 
     Raises:
@@ -41,7 +66,7 @@ def drawn(stratum: Stratum, seed: int) -> Recording:
     """
     for attempt in range(5):
         try:
-            return draw(stratum, np.random.default_rng([seed, attempt]))
+            return draw(stratum, np.random.default_rng([seed, attempt]), film_hz=film_hz)
         except FloatingPointError:
             continue
     raise RuntimeError(f"{stratum}: five draws in a row left every bound")
@@ -49,14 +74,17 @@ def drawn(stratum: Stratum, seed: int) -> Recording:
 
 def make_one(task: Task) -> dict[str, Any]:
     """Write the files of one recording and return its answer."""
-    identity, stratum, seed, split, folder = task
-    recording = drawn(stratum, seed)
+    identity, stratum, seed, split, folder, tier = task
+    recording = drawn(stratum, seed, film_hz=1.0 / FRAME_S if tier == "T1" else None)
     place = Path(folder) / "data" / identity
     place.mkdir(parents=True, exist_ok=True)
-    for name, columns in sorted(recording.files.items()):
-        write_columns(place / name, columns)
+    if tier == "T1":
+        write_films(place, recording, stratum.noise, np.random.default_rng([seed, 1000]))
+    else:
+        for name, columns in sorted(recording.files.items()):
+            write_columns(place / name, columns)
     os.utime(place, (STAMP, STAMP))
-    return answer(identity, stratum, recording, split)
+    return answer(identity, stratum, recording, split) | {"tier": tier}
 
 
 def plain(value: object) -> object:
@@ -70,12 +98,14 @@ def plain(value: object) -> object:
     raise TypeError(f"{type(value).__name__} is not of JSON")
 
 
-def make(split: str, key: str, n: int, out: Path, *, systems: str, jobs: int) -> list[dict[str, Any]]:
+def make(
+    split: str, key: str, n: int, out: Path, *, systems: str, jobs: int, tier: str = "T0"
+) -> list[dict[str, Any]]:
     """Make a split and return its answers in the order of the names."""
     secret = key.encode()
     names = identities(secret, split, n)
     tasks: list[Task] = [
-        (name, stratum, seed_of(secret, name), split, str(out))
+        (name, stratum, seed_of(secret, name), split, str(out), tier)
         for name, stratum in zip(names, strata(secret, split, n, systems), strict=True)
     ]
     tasks.sort(key=lambda task: task[0])
@@ -97,14 +127,16 @@ def main(argv: list[str] | None = None) -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--split", required=True, help="name of the split, as dev or blind-1")
-    parser.add_argument("--key", required=True, help="secret from which every seed is derived")
+    parser.add_argument("--key", required=True, help="secret of every seed, or @PATH of its file")
     parser.add_argument("--n", type=int, required=True, help="number of recordings")
     parser.add_argument("--out", type=Path, required=True, help="folder to write")
-    parser.add_argument("--tier", choices=("T0",), default="T0", help="T0: trajectories")
+    parser.add_argument("--tier", choices=("T0", "T1"), default="T0", help="trajectories or films")
     parser.add_argument("--systems", choices=sorted(SYSTEMS), default="all", help="group of mechanisms")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     args = parser.parse_args(argv)
-    make(args.split, args.key, args.n, args.out, systems=args.systems, jobs=args.jobs)
+    make(
+        args.split, read_key(args.key), args.n, args.out, systems=args.systems, jobs=args.jobs, tier=args.tier
+    )
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from benchmarks.gapgen import laws
-from benchmarks.gapgen.effects import Effect
+from benchmarks.gapgen.effect import Effect
 from benchmarks.gapgen.inputs import on_half_steps, through_actuator
 from benchmarks.gapgen.integrate import forecasts, run
 from benchmarks.gapgen.mechanisms import Mechanism
@@ -171,7 +171,7 @@ def seen(clips: list[Clip], effects: list[Effect], d: int, dt_s: float) -> list[
     """Noise-free coordinates (n, d) per clip as clock and camera give them; lost frames are counted."""
     out = [clip.x[:, :d].copy() for clip in clips]
     for effect in effects:
-        if effect.camera is None:
+        if effect.camera is None or effect.camera[0] == "image":
             continue
         name, numbers = effect.camera
         count = 0

@@ -14,9 +14,10 @@ from typing import Any
 
 from benchmarks.gapgen.aggregate import aggregate, by_effect, by_stratum, permuted_top1
 from benchmarks.gapgen.figures import confusion, reliability, risk, table
+from benchmarks.gapgen.keys import read_key
 from benchmarks.gapgen.metrics import ABSTAINED, Item, closures, set_f1, share
 from benchmarks.gapgen.predictions import read_prediction
-from benchmarks.gapgen.seal import METRICS_VERSION, merkle_root, read_key, unseal
+from benchmarks.gapgen.seal import METRICS_VERSION, merkle_root, unseal
 
 
 def read_answers(path: Path, key: str | None) -> list[dict[str, Any]]:

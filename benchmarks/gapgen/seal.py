@@ -19,13 +19,10 @@ from cryptography.hazmat.primitives.ciphers.aead import AESGCM
 from cryptography.hazmat.primitives.hashes import SHA256
 from cryptography.hazmat.primitives.kdf.hkdf import HKDF
 
+from benchmarks.gapgen.keys import read_key
+
 METRICS_VERSION = "1"
 SALT_BYTES, NONCE_BYTES, SHORTEST_KEY = 32, 12, 16
-
-
-def read_key(text: str) -> str:
-    """The key itself, or the content of the file that ``@PATH`` names."""
-    return Path(text[1:]).read_text(encoding="utf-8").strip() if text.startswith("@") else text
 
 
 def _cipher(key: str) -> AESGCM:

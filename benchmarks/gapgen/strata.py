@@ -6,7 +6,7 @@ import hmac
 import numpy as np
 
 from benchmarks.gapgen.drawing import BINS, Stratum
-from benchmarks.gapgen.effects import CAMERA, FAMILIES, MEMORY, NEEDS_INPUT, OUTSIDE
+from benchmarks.gapgen.effect import CAMERA, FAMILIES, MEMORY, NEEDS_INPUT, OUTSIDE
 
 NONE_SHARE, OUTSIDE_SHARE, PAIR_SHARE = 0.15, 0.12, 0.10
 SYSTEMS = {

@@ -9,7 +9,8 @@ import pytest
 from benchmarks.gapgen import laws
 from benchmarks.gapgen.answers import equivalent
 from benchmarks.gapgen.drawing import Stratum, draw
-from benchmarks.gapgen.effects import CAMERA, FAMILIES, NEEDS_INPUT, OUTSIDE, Effect, Setting, maker
+from benchmarks.gapgen.effect import CAMERA, FAMILIES, NEEDS_INPUT, OUTSIDE, Effect, Setting
+from benchmarks.gapgen.effects import maker
 from benchmarks.gapgen.make import STAMP, main
 from benchmarks.gapgen.mechanisms import CART, Mechanism
 from benchmarks.gapgen.motion import Plan, World, reseen, seen, unseen

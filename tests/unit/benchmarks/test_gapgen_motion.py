@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from benchmarks.gapgen import laws
-from benchmarks.gapgen.effects import Effect
+from benchmarks.gapgen.effect import Effect
 from benchmarks.gapgen.inputs import through_actuator
 from benchmarks.gapgen.mechanisms import CART, Mechanism, draw_mechanism, terms
 from benchmarks.gapgen.motion import Plan, World

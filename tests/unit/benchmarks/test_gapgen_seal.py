@@ -5,8 +5,9 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.gapgen.keys import read_key
 from benchmarks.gapgen.score import log_submission, read_answers
-from benchmarks.gapgen.seal import merkle_root, read_key, seal, unseal
+from benchmarks.gapgen.seal import merkle_root, seal, unseal
 
 KEY = "0123456789abcdef"
 TEXT = '{"id": "a", "effects": ["none"]}\n{"id": "b", "effects": ["creep"]}\n'

@@ -10,8 +10,8 @@ import pytest
 ROOT = Path(__file__).resolve().parents[3]
 GENERATOR = sorted((ROOT / "benchmarks" / "gapgen").glob("*.py"))
 ALLOWED = {"numpy", "scipy", "numba", "benchmarks"}
-# sealing needs a cipher, scoring draws, rendering writes films
-MORE = {"seal.py": {"cryptography"}, "figures.py": {"matplotlib"}, "render.py": {"cv2"}}
+# sealing needs a cipher, scoring draws
+MORE = {"seal.py": {"cryptography"}, "figures.py": {"matplotlib"}}
 
 
 def roots(path: Path) -> Iterator[str]:

@@ -1,0 +1,85 @@
+"""Names of the effects, what is known of a recording when one is sized, and one effect at one magnitude."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Row = tuple[int, int, int, list[float]]  # law, coordinate, input, numbers
+
+IN_CLASS = (
+    "viscous_damping",
+    "linear_stiffness",
+    "mass_change",
+    "constant_force",
+    "input_gain",
+    "cubic_stiffness",
+)
+DISSIPATION = ("coulomb_friction", "stribeck_friction", "load_dependent_friction", "quadratic_drag")
+ACTUATION = ("input_lag", "input_delay", "input_dead_zone", "input_saturation", "input_backlash")
+MEMORY = ("hysteresis", "creep", "joint_backlash")
+CONTACT = ("end_stop", "external_periodic_force", "parameter_drift", "hidden_mode")
+FAMILIES = IN_CLASS + DISSIPATION + ACTUATION + MEMORY + CONTACT
+EXTRA = ("external_push",)
+CAMERA = ("time_offset", "time_jitter", "frame_drops", "camera_change", "camera_drift", "exposure_blur")
+OUTSIDE = (
+    "cogging",
+    "parametric_excitation",
+    "local_damping",
+    "potential_bump",
+    "one_way_damping",
+    "sudden_change",
+    "random_force",
+    "self_excitation",
+    "input_stiffness",
+    "input_rectification",
+    "resonant_actuator",
+)
+OUTSIDE_FORCED = ("input_stiffness", "input_rectification", "resonant_actuator")
+NEEDS_INPUT = (*ACTUATION, "input_gain", "time_offset", *OUTSIDE_FORCED)
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What the nominal motion is like: the scales by which magnitudes are chosen.
+
+    ``f1_hz`` (d,) the frequency of each coordinate, ``x`` and ``v`` (d,) rms of coordinate and speed,
+    ``top`` (d,) and ``v_top`` (d,) their peaks, ``u`` (n_u,) rms and ``u_top`` peaks of the inputs,
+    ``span_s`` and ``dt_s`` the recording, ``zeta`` (d,) damping ratio, ``film`` whether cameras
+    matter as such.
+    """
+
+    f1_hz: Array
+    x: Array
+    v: Array
+    top: Array
+    v_top: Array
+    u: Array
+    u_top: Array
+    zeta: Array
+    span_s: float
+    dt_s: float
+    forced: bool
+    system: str
+    film: bool = False
+
+
+@dataclass
+class Effect:
+    """One effect at one magnitude.
+
+    ``rows`` enter the equations of motion, ``operators`` (input, name, numbers) the inputs, ``camera`` (name,
+    numbers) the observation; ``parameters`` is the truth in the units of the report.
+    """
+
+    name: str
+    rows: list[Row] = field(default_factory=list)
+    operators: list[tuple[int, str, dict[str, float]]] = field(default_factory=list)
+    camera: tuple[str, dict[str, Any]] | None = None
+    parameters: dict[str, Any] = field(default_factory=dict)
+    coordinate: int | None = None
+    input: int | None = None
+    time_s: list[list[float]] = field(default_factory=list)
+    frequency_hz: list[float] = field(default_factory=list)
