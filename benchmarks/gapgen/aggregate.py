@@ -12,6 +12,7 @@ from benchmarks.gapgen.metrics import (
     calibration,
     closures,
     largest,
+    log_score,
     macro_f1,
     overlap,
     parameter_errors,
@@ -151,6 +152,7 @@ def aggregate(items: list[Item]) -> dict[str, Any]:
         "ece_class": ece,
         "ece_family": calibration(family_confidence, family)[0],
         "brier_class": brier(named, whole_class=True),
+        "log_score_class": log_score(named),
         "brier_family": brier(named, whole_class=False),
         "reliability": curve,
         "set_f1_class": _spread([set_f1(i, whole_class=True) for i in pairs])

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from benchmarks.gapgen.effect import NEEDS_INPUT, Effect, Setting
 from benchmarks.gapgen.effects import maker
+from benchmarks.gapgen.files import Stratum, columns_of, noisy, reels, sim_files, sims
 from benchmarks.gapgen.inputs import KINDS
 from benchmarks.gapgen.mechanisms import Mechanism, draw_mechanism
 from benchmarks.gapgen.motion import BURN, Clip, Plan, World, gap, reseen, seen, unseen
@@ -15,18 +16,6 @@ from benchmarks.gapgen.plans import forced_plan, free_plan, rescale_inputs, sett
 
 Array = NDArray[np.float64]
 BINS = {"low": (1.5, 3.0), "middle": (3.0, 10.0), "high": (10.0, 40.0)}
-
-
-@dataclass(frozen=True)
-class Stratum:
-    """What is laid down for a recording before anything is drawn."""
-
-    label: tuple[str, ...]
-    system: str
-    forced: bool
-    noise: float
-    duration_s: float
-    bin: str
 
 
 @dataclass
@@ -105,11 +94,6 @@ def _identification_error(
     return base, size
 
 
-def noisy(ys: list[Array], sigma: Array, rng: np.random.Generator) -> list[Array]:
-    """Samples with independent Gaussian noise of deviation ``sigma`` (d,)."""
-    return [y + sigma * rng.standard_normal(y.shape) for y in ys]
-
-
 def _oracle(
     bench: _Bench,
     effects: list[Effect],
@@ -141,74 +125,6 @@ def _oracle(
     n_blocks = sum(len(y) // n + 1 for y in ys)
     draws = [by(truth, noisy(clean, sigma, rng)) for _ in range(int(np.clip(40 // n_blocks, 2, 10)))]
     out["floor"] = float(np.sqrt(np.mean(np.square(draws))))
-    return out
-
-
-def _columns(
-    clips: list[Clip], ys: list[Array], dt: float, *, inputs: bool, offset: Array | None
-) -> dict[str, Array]:
-    t = np.concatenate([c.t0 + np.arange(len(y)) * dt for c, y in zip(clips, ys, strict=True)])
-    columns = {"t": t}
-    y = np.concatenate(ys)
-    columns |= {f"q{i}": y[:, i] for i in range(y.shape[1])}
-    if inputs:
-        u = np.concatenate([c.u for c in clips]) + (0.0 if offset is None else offset)
-        columns |= {f"u{j}": u[:, j] for j in range(u.shape[1])}
-    if len(clips) > 1:
-        columns["segment"] = np.concatenate([np.full(len(y), k) for k, y in enumerate(ys)])
-    return columns
-
-
-def _sims(m: Mechanism, s: Stratum, f1: float, rate: float | None, rng: np.random.Generator) -> list[Any]:
-    """(clips, sample interval) of one to three nominal recordings under excitations of their own."""
-    out = []
-    n_files = int(rng.integers(1, 4)) if s.forced else int(rng.integers(1, 3))
-    for k in range(n_files):
-        dt = 1.0 / 60.0 if rng.random() < 0.8 else 1.0 / float(rng.choice([50.0, 100.0, 120.0]))
-        dt = dt if rate is None else 1.0 / rate
-        span = float(rng.uniform(14.0, 30.0)) if n_files < 3 else float(rng.uniform(9.0, 16.0))
-        if s.forced and (k == 0 or rng.random() < 0.7):
-            kinds = tuple(rng.permutation(["multisine", "chirp", "steps"])[: int(rng.integers(2, 4))])
-            plan = forced_plan(m, dt, span, f1, rng, kinds)
-        else:
-            plan = free_plan(m, dt, span, f1, rng)
-        out.append((World(m).move(plan), dt))
-    return out
-
-
-def _sim_files(
-    m: Mechanism, s: Stratum, sims: list[Any], offset: Array | None, rng: np.random.Generator
-) -> tuple[dict[str, dict[str, Array]], float]:
-    """Columns of the nominal recordings and their noise: the real one's or none."""
-    noise = s.noise if rng.random() < 0.7 else 0.0
-    with_v = rng.random() < 0.3
-    files = {}
-    for k, (clips, dt) in enumerate(sims):
-        qs = [c.x[:, : m.d] for c in clips]
-        rms = np.sqrt((np.concatenate(qs) ** 2).mean(0))
-        columns = _columns(clips, noisy(qs, noise * rms, rng), dt, inputs=s.forced, offset=offset)
-        if with_v:
-            v = np.concatenate([c.x[:, m.d : 2 * m.d] for c in clips])
-            v = v + noise * np.sqrt((v**2).mean(0)) * rng.standard_normal(v.shape)
-            columns |= {f"v{i}": v[:, i] for i in range(m.d)}
-        files[f"sim_{k}.csv"] = columns
-    return files, noise
-
-
-def _reels(
-    sims: list[Any], clips: list[Clip], clean: list[Array], s: Stratum, offset: Array | None
-) -> list[Any]:
-    """What is filmed: every nominal clip and every real one apart."""
-    nominal = [c for group, _ in sims for c in group]
-    d = clean[0].shape[1]
-    shown = [("sim", c.t0, c.x[:, :d], c.u, False) for c in nominal]
-    shown += [("real", c.t0, q, c.u, True) for c, q in zip(clips, clean, strict=True)]
-    count = {"sim": 0, "real": 0}
-    out = []
-    for stem, t0, q, u, real in shown:
-        lifted = u + (0.0 if offset is None else offset) if s.forced else None
-        out.append((f"{stem}_{count[stem]}", t0, q, lifted, real))
-        count[stem] += 1
     return out
 
 
@@ -247,9 +163,9 @@ def draw(s: Stratum, rng: np.random.Generator, *, film_hz: float | None = None) 
     offset = None
     if s.system == "soft_robot" and s.forced:
         offset = np.full(m.n_u, 1.1 * max(np.abs(u).max() for u in plan.inputs))
-    sims = _sims(m, s, f1, film_hz, rng)
-    files, sim_noise = _sim_files(m, s, sims, offset, rng)
-    files["real_0.csv"] = _columns(clips, samples, dt, inputs=s.forced, offset=offset)
+    nominal_runs = sims(m, s, f1, film_hz, rng)
+    files, sim_noise = sim_files(m, s, nominal_runs, offset, rng)
+    files["real_0.csv"] = columns_of(clips, samples, dt, inputs=s.forced, offset=offset)
     truth = {
         "targets": targets,
         "base_error": size,
@@ -267,7 +183,7 @@ def draw(s: Stratum, rng: np.random.Generator, *, film_hz: float | None = None) 
     }
     blurred = any(e.camera and e.camera[0] == "blur" for e in effects)
     shown = [c.x[:, : m.d] for c in clips] if blurred else clean
-    return Recording(files, truth | {"found": effects}, _reels(sims, clips, shown, s, offset), m)
+    return Recording(files, truth | {"found": effects}, reels(nominal_runs, clips, shown, s, offset), m)
 
 
 def _effects(

@@ -1,5 +1,6 @@
 """Names of the effects, what is known of a recording when one is sized, and one effect at one magnitude."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -83,3 +84,6 @@ class Effect:
     input: int | None = None
     time_s: list[list[float]] = field(default_factory=list)
     frequency_hz: list[float] = field(default_factory=list)
+
+
+Maker = Callable[[float], Effect]

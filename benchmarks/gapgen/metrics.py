@@ -129,6 +129,12 @@ def brier(items: list[Item], *, whole_class: bool) -> float:
     return float(np.mean(scores)) if scores else float("nan")
 
 
+def log_score(items: list[Item]) -> float:
+    """Mean of minus the logarithm of the probability given to the true class, at least one in a million."""
+    given = [sum(p for name, p in i.said.probability.items() if name in i.accepted) for i in items]
+    return float(-np.log(np.clip(given, 1e-6, 1.0)).mean()) if given else float("nan")
+
+
 def set_f1(item: Item, *, whole_class: bool) -> float:
     """F1 of the named set against the true one, each true effect matched by at most one name."""
     left = list(dict.fromkeys(item.said.combination))
