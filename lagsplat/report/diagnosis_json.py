@@ -1,0 +1,149 @@
+"""``diagnosis.json``: written whole and checked, read back as a `Diagnosis`."""
+
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from lagsplat.diagnose.result import SCHEMA, Block, Candidate, Diagnosis, Gap, Interval, Parameter
+from lagsplat.io.atomic import write_text
+from lagsplat.report.diagnosis_schema import GAP_UNIT, check_diagnosis
+from lagsplat.report.diagnosis_where import FURTHER, located, not_computed
+from lagsplat.report.plain_data import plain
+
+
+def save_diagnosis(path: str | os.PathLike[str], diagnosis: Diagnosis) -> None:
+    """Write ``diagnosis`` to ``path``, whole or not at all; rollouts and figures have files of their own.
+
+    Raises:
+        ValueError: it breaks a rule of the format, such as probabilities that do not sum to one.
+        OSError: as of `write_text`.
+    """
+    content = diagnosis_content(diagnosis)
+    check_diagnosis(content)
+    write_text(path, json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+def load_diagnosis(path: str | os.PathLike[str], *, blocks: tuple[Block, ...] = ()) -> Diagnosis:
+    """Read a diagnosis back; ``where`` and ``checks`` are then plain mappings. ``blocks`` come from
+    `load_rollouts`.
+
+    Raises:
+        ValueError: the file is no JSON or no diagnosis.
+    """
+    try:
+        content = json.loads(Path(path).read_text(encoding="utf-8"))
+    except json.JSONDecodeError as error:
+        raise ValueError(f"{os.fspath(path)} is not JSON: {error}") from error
+    try:
+        check_diagnosis(content)
+    except ValueError as error:
+        raise ValueError(f"{os.fspath(path)}: {error}") from error
+    return Diagnosis(
+        verdict=content["verdict"],
+        candidates=tuple(_candidate(effect) for effect in content["effects"]),
+        combination=tuple(content["combination"]),
+        gap=_gap(content["gap"]),
+        where=content["where"],
+        equivalent=tuple(tuple(names) for names in content["equivalent"]),
+        excitation=tuple(content["excitation"]),
+        warnings=tuple(content["warnings"]),
+        absorbed=tuple(content.get("absorbed", ())),
+        blocks=blocks,
+        checks=content.get("checks", {}),
+        q_names=tuple(content.get("q_names", ())),
+        u_names=tuple(content.get("u_names", ())),
+    )
+
+
+def diagnosis_content(diagnosis: Diagnosis) -> dict[str, Any]:
+    """The content of the file as plain data."""
+    return {
+        "schema": SCHEMA,
+        "verdict": diagnosis.verdict,
+        "effects": [_effect(candidate) for candidate in diagnosis.candidates],
+        "combination": list(diagnosis.combination),
+        "where": where_content(diagnosis.where),
+        "gap": _gap_content(diagnosis.gap),
+        "equivalent": plain(diagnosis.equivalent),
+        "excitation": list(diagnosis.excitation),
+        "warnings": list(diagnosis.warnings),
+        "absorbed": list(diagnosis.absorbed),
+        "checks": plain(diagnosis.checks),
+        "q_names": list(diagnosis.q_names),
+        "u_names": list(diagnosis.u_names),
+    }
+
+
+def where_content(where: Any) -> dict[str, Any]:
+    """Where the gap lies as plain data; empty, and listed as ``not_computed``, where a part is missing."""
+    content = {
+        "level": located(where, "level"),
+        "coordinates": plain(located(where, "coordinates") or {}),
+        "time_s": plain(located(where, "time_s") or []),
+        "frequency_hz": plain(located(where, "frequency_hz") or []),
+        "state_region": plain(located(where, "state_region") or {}),
+        "image_region": plain(located(where, "image_region")),
+    }
+    further = {name: plain(located(where, name)) for name in FURTHER if located(where, name) is not None}
+    return content | further | {"not_computed": list(not_computed(where))}
+
+
+def _effect(candidate: Candidate) -> dict[str, Any]:
+    return {
+        "name": candidate.name,
+        "probability": plain(candidate.probability),
+        "coordinate": candidate.coordinate,
+        "input": candidate.input,
+        "parameters": plain(candidate.parameters),
+        "closure": plain(candidate.closure or Interval(None, None, None)),
+        "log_evidence": plain(candidate.log_evidence),
+        "misfit": plain(candidate.misfit),
+    }
+
+
+def _gap_content(gap: Gap | None) -> dict[str, Any]:
+    # Without a gap the keys stand all the same, so that readers find what they look for.
+    names = ("before", "refit", "after", "floor", "horizon_s")
+    numbers = {name: None if gap is None else plain(getattr(gap, name)) for name in names}
+    closure = Interval(None, None, None) if gap is None else gap.closure
+    return numbers | {"unit": GAP_UNIT, "closure": plain(closure)}
+
+
+def _candidate(effect: Mapping[str, Any]) -> Candidate:
+    evidence = effect.get("log_evidence")
+    closure = _interval(effect["closure"])
+    return Candidate(
+        name=effect["name"],
+        probability=effect["probability"],
+        coordinate=effect["coordinate"],
+        input=effect["input"],
+        parameters={
+            name: Parameter(one["value"], one["low"], one["high"], one["unit"])
+            for name, one in effect["parameters"].items()
+        },
+        closure=None if closure.value is None and closure.low is None else closure,
+        log_evidence=float("nan") if evidence is None else evidence,
+        misfit=effect.get("misfit"),
+    )
+
+
+def _gap(content: Mapping[str, Any]) -> Gap | None:
+    if content["before"] is None or content["after"] is None:
+        return None
+    # A floor that could not be computed stays visible as not a number.
+    floor = float("nan") if content["floor"] is None else content["floor"]
+    refit = content.get("refit")
+    return Gap(
+        before=content["before"],
+        refit=float("nan") if refit is None else refit,
+        after=content["after"],
+        floor=floor,
+        horizon_s=float("nan") if content["horizon_s"] is None else content["horizon_s"],
+        closure=_interval(content.get("closure") or {}),
+    )
+
+
+def _interval(content: Mapping[str, Any]) -> Interval:
+    return Interval(content.get("value"), content.get("low"), content.get("high"))

@@ -1,0 +1,143 @@
+"""The paragraph says what the diagnosis says, in words, for every verdict."""
+
+import re
+from dataclasses import replace
+
+import pytest
+
+from lagsplat.diagnose.catalogue import catalogue
+from lagsplat.diagnose.result import Candidate, Interval
+from lagsplat.report.diagnosis_text import chosen, estimates, headline, paragraph, place, shares_of_closure
+from lagsplat.report.effect_words import WORDS, words_of
+from lagsplat.report.rounding import percent
+from tests.unit.report import made_diagnoses
+
+KINDS = made_diagnoses.every_kind()
+DESIGNED = (
+    "none, viscous_damping, linear_stiffness, mass_change, constant_force, input_gain, cubic_stiffness, "
+    "coulomb_friction, stribeck_friction, load_dependent_friction, quadratic_drag, input_lag, input_delay, "
+    "input_dead_zone, input_saturation, input_backlash, hysteresis, creep, joint_backlash, end_stop, "
+    "external_push, external_periodic_force, parameter_drift, hidden_mode, time_offset, time_jitter, "
+    "frame_drops, camera_change, camera_drift, exposure_blur, unknown"
+).split(", ")
+
+
+def test_every_name_has_words():
+    assert set(WORDS) == set(DESIGNED)
+    assert set(catalogue()) <= set(WORDS)
+    with pytest.raises(ValueError, match="magnetism"):
+        words_of("magnetism")
+
+
+def test_kinds_follow_the_groups_of_the_catalogue():
+    for name, effect in catalogue().items():
+        assert (words_of(name).kind == "parameter") == (effect.group == "A"), name
+        assert (words_of(name).kind == "observation") == (effect.group == "G"), name
+
+
+@pytest.mark.parametrize("name", WORDS)
+def test_words_are_sentences(name):
+    words = words_of(name)
+    for sentence in (words.what, words.seen, words.do):
+        assert re.fullmatch(r"[A-Z][^.]+\.", sentence), sentence
+    assert not words.title.endswith(".")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_paragraph_is_clean(kind):
+    text = paragraph(KINDS[kind])
+    assert text.endswith(".")
+    assert not re.search(r"None|nan|inf\b|  |\.\.|_|\(\)|0\.99\d|1\.00", text), text
+    assert len(text) < 1400
+    assert headline(KINDS[kind])
+
+
+def test_a_single_cause():
+    text = paragraph(KINDS["single"])
+    gap = KINDS["single"].gap
+    for part in ("The cause is dry friction at q1 (probability 0.99)", "0.801\u00a0q1/s²", "0.771 to 0.832",
+                 f"from {percent(gap.before)} to {percent(gap.after)}", "refitting alone removes 20 %",
+                 "mostly in q1 (96 %)", "a loss of energy (83 %)"):  # fmt: skip
+        assert part in text
+
+
+def test_a_combination():
+    text = paragraph(KINDS["combination"])
+    assert "2 effects act together: dry friction at q1 and a delay of an input on u0" in text
+    assert "delay 0.083\u00a0s" in text
+
+
+def test_a_class_is_never_one_cause():
+    text = paragraph(KINDS["class"])
+    assert "cannot tell apart: dry friction (0.50) or dry friction that sticks (0.35)" in text
+    assert "together they have probability 0.85" in text
+    assert "The cause is dry friction" not in text
+    assert headline(KINDS["class"]) == "Coulomb friction or Stribeck friction"
+
+
+def test_what_is_undecided_is_not_named():
+    text = paragraph(KINDS["undecided"])
+    assert "undecided" in text
+    assert "cause is dry" not in text
+
+
+def test_likely_below_four_fifths():
+    assert "The likely cause is clocks" in paragraph(KINDS["observation"])
+    assert "camera or timing" in paragraph(KINDS["observation"])
+
+
+def test_a_parameter_change():
+    text = paragraph(KINDS["parameter"])
+    assert "a refit suffices" in text
+    assert "ratio 1.123 (90 % interval 1.110 to 1.137)" in text
+    assert "a refit suffices" not in paragraph(KINDS["single"])
+
+
+def test_none_says_what_it_could_not_see():
+    text = paragraph(KINDS["none"])
+    assert text.startswith("The sim agrees with the recording")
+    assert "could not have shown input lag or input delay" in text
+
+
+def test_unknown_names_no_cause():
+    text = paragraph(KINDS["unknown"])
+    assert "No effect of the catalogue explains it (probability 0.90)" in text
+    assert "should not be taken for the cause" in text
+    assert "cause is" not in text
+
+
+def test_undetermined_gives_its_reason():
+    made = KINDS["undetermined"]
+    assert "the recording lasts only 1.4 periods" in paragraph(made)
+    found = [{"level": "undetermined", "source": "a.csv", "what": "it is at rest", "why": "nothing moves"}]
+    assert "it is at rest; nothing moves" in paragraph(replace(made, checks={"findings": found}))
+    assert "about equally well" in paragraph(replace(made, checks={}, warnings=()))
+
+
+def test_what_remains_is_said():
+    made = KINDS["single"]
+    worse = replace(made, gap=replace(made.gap, after=2.0 * made.gap.floor))
+    assert "2.0 times what noise leaves" in paragraph(worse)
+    assert "something else is missing" not in paragraph(made)
+
+
+def test_a_closure_that_is_not_defined():
+    made = KINDS["single"]
+    vague = replace(made, gap=replace(made.gap, closure=Interval(None, None, None)))
+    assert "cannot be told" in paragraph(vague)
+
+
+def test_shares_of_closure_add_up():
+    gap = KINDS["single"].gap
+    refit, effect = shares_of_closure(gap)
+    assert refit + effect == pytest.approx(gap.closure.value)
+    assert shares_of_closure(replace(gap, before=gap.floor)) is None
+
+
+def test_several_pushes_and_bare_bounds():
+    push = chosen(KINDS["push"])[0]
+    assert estimates(push)[0] == "times 3.21, 7.40\u00a0s"
+    assert place(push) == "external push at q1"
+    bare = Candidate("creep", 1.0, parameters={"time_constant": replace(push.parameters["times"], value=2.0,
+                     low=None, high=None)})  # fmt: skip
+    assert estimates(bare) == ["time constant 2.00\u00a0s"]
