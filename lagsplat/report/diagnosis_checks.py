@@ -67,7 +67,9 @@ def reasons(diagnosis: Diagnosis) -> list[str]:
         told = (told,)
     grave = [one for one in findings(diagnosis) if one.level == "undetermined"]
     found = [str(one) for one in told] or [f"{one.what}; {one.why}" for one in grave]
-    return found or list(diagnosis.warnings[:1]) or ["the candidates explain the recording about equally well"]
+    return (
+        found or list(diagnosis.warnings[:1]) or ["the candidates explain the recording about equally well"]
+    )
 
 
 def _fields(row: Any) -> Mapping[str, Any]:

@@ -51,8 +51,7 @@ def load_rollouts(path: str | os.PathLike[str]) -> tuple[tuple[Block, ...], tupl
     Raises:
         ValueError: the columns are not those of rollouts.
     """
-    # The default parser of pandas is off by a last digit.
-    table = pd.read_csv(path, float_precision="round_trip", dtype={"file": str}, keep_default_na=True)
+    table = pd.read_csv(path, dtype={"file": str})
     names = tuple(str(name).removesuffix("_real") for name in table.columns if str(name).endswith("_real"))
     wanted = ["file", "block", "t", *(f"{name}_{kind}" for kind in KINDS for name in names)]
     if list(table.columns) != wanted or not names:

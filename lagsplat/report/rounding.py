@@ -46,11 +46,11 @@ def spread(value: float, low: float | None, high: float | None) -> tuple[str, st
 
 
 def percent(share: float) -> str:
-    """A share in percent: whole numbers, one digit more below ten."""
+    """A share in percent: whole numbers, and a decimal below ten."""
     if not math.isfinite(share):
         return number(share)
     value = 100.0 * share
-    text = f"{value:.0f}" if abs(value) >= 9.95 else f"{value:.1f}".removesuffix(".0")
+    text = f"{value:.0f}" if abs(value) >= 9.95 or value == 0.0 else f"{value:.1f}"
     if float(text) == 0.0 and value != 0.0:
         return "< 0.1 %" if value > 0.0 else f"> {MINUS}0.1 %"
     return f"{text.replace('-', MINUS)} %"

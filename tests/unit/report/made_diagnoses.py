@@ -134,7 +134,10 @@ def where():
 
 def state_map(q, v, residual, bins=8):
     edges = [np.linspace(x.min(), x.max(), bins + 1) for x in (q, v)]
-    at = [np.clip(np.searchsorted(e, x, side="right") - 1, 0, bins - 1) for e, x in zip(edges, (q, v), strict=True)]
+    at = [
+        np.clip(np.searchsorted(e, x, side="right") - 1, 0, bins - 1)
+        for e, x in zip(edges, (q, v), strict=True)
+    ]
     flat = np.ravel_multi_index(at, (bins, bins))
     count = np.bincount(flat, minlength=bins * bins)
     with np.errstate(invalid="ignore"):

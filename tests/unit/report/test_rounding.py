@@ -47,7 +47,7 @@ def test_no_probability_is_certain(p):
 
 def test_shares_and_units():
     assert [percent(x) for x in (0.314, 0.0421, 0.05, 0.0, 1e-5, -0.2)] == [
-        "31 %", "4.2 %", "5 %", "0 %", "< 0.1 %", f"{MINUS}20 %"]  # fmt: skip
+        "31 %", "4.2 %", "5.0 %", "0 %", "< 0.1 %", f"{MINUS}20 %"]  # fmt: skip
     assert unit("1/({q}^2 s^2)") == "1/({q}² s²)"
     assert with_unit("3", "1") == "3"
     assert with_unit("3", "q1/s^2") == "3\u00a0q1/s²"
