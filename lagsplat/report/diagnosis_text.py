@@ -80,7 +80,8 @@ def _effect(diagnosis: Diagnosis) -> list[str]:
 def _none(diagnosis: Diagnosis) -> list[str]:
     gap = diagnosis.gap
     chance = chance_of(diagnosis, "none")
-    opening = f"The simulation agrees with the recording: nothing has to be added (probability {probability(chance)})."
+    agrees = "The simulation agrees with the recording: nothing has to be added"
+    opening = f"{agrees} (probability {probability(chance)})."
     size = ""
     if gap is not None:
         floor = (

@@ -34,7 +34,7 @@ WORDS: dict[str, Words] = {
         "verdict",
         "A gap is there, and no effect of the catalogue explains it.",
         "Even the best candidate leaves more than noise behind.",
-        "Look at where the residual acts, in time and along the motion, before adding anything to the simulation.",
+        "Look at where the residual acts, in time and along the motion, before anything is added.",
     ),
     "viscous_damping": Words(
         "another viscous damping than the simulation's",
@@ -60,7 +60,7 @@ WORDS: dict[str, Words] = {
     "constant_force": Words(
         "a constant force or a tilt",
         "parameter",
-        "A steady pull that the simulation does not know: a tilted base, a preload, an offset of an actuator.",
+        "A steady pull unknown to the simulation: a tilted base, a preload, an offset of an actuator.",
         "The mechanism comes to rest somewhere else than predicted.",
         "Level the base, take out the offset, or add it to the simulation.",
     ),

@@ -161,7 +161,10 @@ FITS = {
     },
     "time_offset": {"offset": Parameter(-0.041, -0.052, -0.029, "s")},
     "quadratic_drag": {"coefficient": Parameter(0.1, 0.05, 0.15, "1/q1")},
-    "hysteresis": {"acceleration": Parameter(0.7, 0.5, 0.9, "q1/s^2"), "displacement": Parameter(0.02, 0.005, 0.1, "q1")},
+    "hysteresis": {
+        "acceleration": Parameter(0.7, 0.5, 0.9, "q1/s^2"),
+        "displacement": Parameter(0.02, 0.005, 0.1, "q1"),
+    },
     "none": {},
     "unknown": {},
 }  # fmt: skip
@@ -209,7 +212,9 @@ def checks():
                 "remedy": "write a column segment", "columns": ["q1"],
             }
         ],
-        "excitation": [dict(zip(("effect", "excited", "reason", "record"), row, strict=True)) for row in rows],
+        "excitation": [
+            dict(zip(("effect", "excited", "reason", "record"), row, strict=True)) for row in rows
+        ],
     }  # fmt: skip
 
 
@@ -241,14 +246,14 @@ def every_kind():
     """A diagnosis of every verdict and kind of cause, by name."""
     alike = candidates(coulomb_friction=0.5, stribeck_friction=0.35, hysteresis=0.05, none=0.04, unknown=0.06)
     two = candidates(coulomb_friction=0.9, input_delay=0.04, quadratic_drag=0.03, none=0.01, unknown=0.02)
+    open_ = candidates(coulomb_friction=0.4, quadratic_drag=0.3, none=0.2, unknown=0.1)
     bare = {"level": "dynamics", "coordinates": {"q0": 0.1, "q1": 0.9}}
     return {
         "single": friction(),
         "combination": base("effect", two, ("coulomb_friction", "input_delay")),
         "class": base("effect", alike, ("coulomb_friction",),
                       equivalent=(("coulomb_friction", "stribeck_friction"),)),
-        "undecided": base("effect", candidates(coulomb_friction=0.4, quadratic_drag=0.3, none=0.2, unknown=0.1),
-                          ("coulomb_friction",)),
+        "undecided": base("effect", open_, ("coulomb_friction",)),
         "parameter": base("effect", candidates(linear_stiffness=0.95, none=0.03, unknown=0.02),
                           ("linear_stiffness",)),
         "observation": base("effect", candidates(time_offset=0.7, input_delay=0.2, none=0.05, unknown=0.05),

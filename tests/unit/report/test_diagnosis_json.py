@@ -140,7 +140,8 @@ def test_the_gap_can_be_computed_again_from_the_file(tmp_path):
     save_rollouts(tmp_path / "rollouts.csv", made.blocks, q_names=made.q_names)
     table = pd.read_csv(tmp_path / "rollouts.csv")
     assert list(table.columns) == [
-        "file", "block", "t", "q0_real", "q1_real", "q0_sim", "q1_sim", "q0_augmented", "q1_augmented"]  # fmt: skip
+        "file", "block", "t", "q0_real", "q1_real", "q0_sim", "q1_sim",
+        "q0_augmented", "q1_augmented"]  # fmt: skip
     scale = table[["q0_real", "q1_real"]].std(ddof=0).to_numpy()
     for kind, told in (("sim", made.gap.before), ("augmented", made.gap.after)):
         off = table[[f"q0_{kind}", f"q1_{kind}"]].to_numpy() - table[["q0_real", "q1_real"]].to_numpy()

@@ -1,0 +1,121 @@
+"""The figures of a diagnosis, in the order of its report."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from matplotlib.figure import Figure
+
+from lagsplat.diagnose.result import Diagnosis
+from lagsplat.report.diagnosis_bars import draw_components, draw_posterior
+from lagsplat.report.diagnosis_exhibits import Exhibits
+from lagsplat.report.diagnosis_ladder import draw_ladder, draw_waterfall
+from lagsplat.report.diagnosis_matrices import draw_fingerprint, draw_profiles, draw_separability
+from lagsplat.report.diagnosis_picture import draw_picture
+from lagsplat.report.diagnosis_spectrum import draw_spectrum
+from lagsplat.report.diagnosis_state import draw_state_maps
+from lagsplat.report.diagnosis_time import draw_side_by_side, draw_time_strip
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A figure with what it is of; ``figure`` is None where what it needs was not computed."""
+
+    key: str
+    title: str
+    caption: str
+    figure: Figure | None
+
+
+def draw_all(diagnosis: Diagnosis, exhibits: Exhibits) -> list[Shown]:
+    """Every figure, drawn or found missing."""
+    return [
+        Shown(key, title, caption, draw(diagnosis, exhibits)) for key, title, caption, draw in _catalogue()
+    ]
+
+
+def _catalogue() -> list[tuple[str, str, str, Callable[[Diagnosis, Exhibits], Figure | None]]]:
+    return [
+        (
+            "waterfall",
+            "How far the gap closes",
+            "Root mean square error of held-out forecasts over one natural period, over each coordinate's own "
+            "size. From the sim as delivered, over the sim with its own numbers moved within their "
+            "uncertainty, to the sim with the chosen effects (whisker: 95 % interval). The dashed floor is "
+            "what the true model would leave, given the noise.",
+            draw_waterfall,
+        ),
+        (
+            "posterior",
+            "Which effect",
+            "Probability of every candidate; the chosen ones in orange; “none” and “unknown” hatched. To the "
+            "right, how much more likely the data are under it than under no effect.",
+            lambda diagnosis, _: draw_posterior(diagnosis),
+        ),
+        (
+            "rollouts",
+            "Forecasts before and after",
+            "Held-out blocks that the sim forecasts worst, in the middle and best, each from a state estimated "
+            "on its first ten samples. Grey: measured.",
+            lambda diagnosis, _: draw_side_by_side(diagnosis),
+        ),
+        (
+            "time",
+            "Where in time",
+            "The acceleration that the sim lacks, with twice its standard deviation; shaded: spans in which it "
+            "stands out, with their share. Below, the stretch between the dotted lines: forecasts of "
+            "held-out blocks (vertical lines: new starts).",
+            lambda diagnosis, _: draw_time_strip(diagnosis),
+        ),
+        (
+            "components",
+            "What kind of term",
+            "Share of the residual that each kind of term predicts on blocks left out.",
+            lambda diagnosis, _: draw_components(diagnosis),
+        ),
+        (
+            "state",
+            "At which positions and velocities",
+            "Mean acceleration that the sim lacks. Dots: two standard errors from zero; frames: regions in "
+            "which it keeps its sign; grey: hardly visited.",
+            draw_state_maps,
+        ),
+        (
+            "spectrum",
+            "At which frequencies",
+            "Left: spectrum of the residual, lines dotted. Right: its coherence with inputs and velocities.",
+            lambda diagnosis, _: draw_spectrum(diagnosis),
+        ),
+        (
+            "ladder",
+            "At which stage",
+            "Error of each stage from the picture to the forecast, over its floor (dashed), with its 95 % interval.",
+            lambda _, exhibits: draw_ladder(exhibits),
+        ),
+        (
+            "picture",
+            "Where on the picture",
+            "Left: squared error of the sim's pictures beyond what drawing leaves. Right: how well a force on "
+            "each point of the body explains the residual, with the force on the best.",
+            lambda _, exhibits: draw_picture(exhibits),
+        ),
+        (
+            "separability",
+            "What this recording tells apart",
+            "Nats by which the recording would prefer the effect of the row, were it there, over that of the "
+            "column. Below three, the two cannot be told apart.",
+            lambda _, exhibits: draw_separability(exhibits),
+        ),
+        (
+            "profiles",
+            "How sharply the numbers are known",
+            "Log-likelihood along each parameter, the others fitted anew; dashed: where a 90 % interval ends. "
+            "A flat side is a number without a bound. Orange: fitted value and interval.",
+            draw_profiles,
+        ),
+        (
+            "fingerprint",
+            "What the residual goes with",
+            "Correlation tests of the one-step residual; a white dot marks a statistic above its 5 % bound.",
+            lambda _, exhibits: draw_fingerprint(exhibits),
+        ),
+    ]

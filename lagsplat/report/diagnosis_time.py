@@ -1,0 +1,173 @@
+"""A diagnosis along time: the residual of a whole file, and a stretch of it with both forecasts."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from lagsplat.diagnose.result import Block, Diagnosis
+from lagsplat.report.diagnosis_where import located, main_coordinate
+from lagsplat.report.rounding import percent
+from lagsplat.report.style import ENCODED, PAGE_IN, PREDICTED, QUIET, new_figure, paper_style
+
+POINTS = 3000  # of a line at most: more than a page can show
+BLOCKS = 8  # held-out blocks of the stretch
+EVENT = "#F0E442"
+INK = "#222222"
+
+
+def coordinate_number(diagnosis: Diagnosis) -> int:
+    """The coordinate with the largest share of the residual; the first where none is known."""
+    name = main_coordinate(diagnosis.where)
+    return diagnosis.q_names.index(name) if name in diagnosis.q_names else 0
+
+
+def coordinate_name(diagnosis: Diagnosis, number: int) -> str:
+    """Its name."""
+    return diagnosis.q_names[number] if number < len(diagnosis.q_names) else f"q{number}"
+
+
+def draw_time_strip(diagnosis: Diagnosis) -> Figure | None:
+    """Residual acceleration over one file, then measured and forecast motion of a stretch; None without any."""
+    at = coordinate_number(diagnosis)
+    smoothed = _smoothed(diagnosis)
+    blocks = _stretch(diagnosis, None if smoothed is None else smoothed.motion.source)
+    if smoothed is None and not blocks:
+        return None
+    rows = [name for name, there in (("whole", smoothed), ("motion", blocks), ("near", smoothed)) if there]
+    if "motion" not in rows:
+        rows = ["whole"]
+    with paper_style():
+        figure = new_figure(PAGE_IN, 0.35 + 1.2 * len(rows), title="")
+        axes = dict(zip(rows, np.atleast_1d(figure.subplots(len(rows), 1)), strict=True))
+        name = coordinate_name(diagnosis, at)
+        span = (float(blocks[0].time_s[0]), float(blocks[-1].time_s[-1])) if blocks else None
+        if "whole" in axes:
+            _residual(axes["whole"], smoothed, at, name)
+            _events(axes["whole"], diagnosis, smoothed.motion.source)
+            _legend(axes["whole"])
+            if span and "near" in axes:
+                for edge in span:
+                    axes["whole"].axvline(edge, color=INK, linestyle=":", linewidth=0.7)
+        if "motion" in axes:
+            _motions(axes["motion"], blocks, at, name)
+            axes["motion"].set_xlim(*span)
+            if "near" in axes:
+                axes["motion"].tick_params(labelbottom=False)
+        if "near" in axes:
+            _residual(axes["near"], smoothed, at, name, span=span)
+            axes["near"].set_xlim(*span)
+        list(axes.values())[-1].set_xlabel(f"time in {_source(smoothed, blocks)} (s)")
+        figure.align_ylabels(list(axes.values()))
+        return figure
+
+
+def _smoothed(diagnosis: Diagnosis) -> Any:
+    """The file in which most of the residual was found."""
+    several = located(diagnosis.where, "smoothed") or ()
+    told = located(diagnosis.where, "time_s") or ()
+    first = next((one for one in several if told and one.motion.source == told[0][0]), None)
+    return first if first is not None else next(iter(several), None)
+
+
+def _stretch(diagnosis: Diagnosis, source: str | None) -> list[Block]:
+    """Blocks that follow one another, about the one that the sim forecasts worst."""
+    blocks = [one for one in diagnosis.blocks if source is None or one.file == source]
+    blocks = blocks or list(diagnosis.blocks)
+    if not blocks:
+        return []
+    blocks = [one for one in blocks if one.file == blocks[0].file]
+    blocks.sort(key=lambda one: float(one.time_s[0]))
+    errors = [np.nan_to_num(np.mean((one.sim - one.real) ** 2), nan=np.inf) for one in blocks]
+    first = min(max(int(np.argmax(errors)) - BLOCKS // 2, 0), max(len(blocks) - BLOCKS, 0))
+    return blocks[first : first + BLOCKS]
+
+
+def _source(smoothed: Any, blocks: Sequence[Block]) -> str:
+    name = smoothed.motion.source if smoothed is not None else blocks[0].file
+    # A dollar would start a formula.
+    return str(name).replace("\\", "/").rpartition("/")[2].replace("$", r"\$")
+
+
+def _residual(axis: Any, one: Any, at: int, name: str, span: tuple[float, float] | None = None) -> None:
+    time_s, residual, std = one.motion.time_s, one.residual[:, at], one.std[:, at]
+    inside = np.ones(len(time_s), dtype=bool) if span is None else (time_s >= span[0]) & (time_s <= span[1])
+    stride = max(1, int(inside.sum()) // POINTS)
+    for start, stop in one.motion.segments:
+        part = np.arange(start, stop)[inside[start:stop]][::stride]
+        if not len(part):
+            continue
+        label = "residual acceleration, ±2 σ" if start == 0 and span is None else None
+        low, high = residual[part] - 2 * std[part], residual[part] + 2 * std[part]
+        axis.fill_between(time_s[part], low, high, color=ENCODED, alpha=0.3, linewidth=0)
+        axis.plot(time_s[part], residual[part], color=ENCODED, label=label)
+    axis.axhline(0.0, color=INK, linewidth=0.5)
+    if span is None:
+        axis.set_xlim(time_s[0], time_s[-1])
+    axis.set_ylabel(f"real − sim\n({name}/s²)")
+
+
+def _events(axis: Any, diagnosis: Diagnosis, source: str) -> None:
+    label: str | None = "events, with their share"
+    for file, start, end, share in located(diagnosis.where, "time_s") or ():
+        if file != source:
+            continue
+        axis.axvspan(start, end, color=EVENT, alpha=0.45, linewidth=0, zorder=0, label=label)
+        middle = 0.5 * (start + end)
+        axis.annotate(
+            percent(share), (middle, 0.97), xycoords=("data", "axes fraction"), ha="center", va="top", fontsize=6
+        )
+        label = None
+
+
+def _motions(axis: Any, blocks: Sequence[Block], at: int, name: str) -> None:
+    for number, one in enumerate(blocks):
+        labels = ("measured", "sim", "sim with effects") if number == 0 else (None, None, None)
+        axis.plot(one.time_s, one.real[:, at], color=INK, linewidth=1.6, alpha=0.35, label=labels[0])
+        axis.plot(one.time_s, one.sim[:, at], color=PREDICTED, linestyle=(0, (4, 1.5)), label=labels[1])
+        axis.plot(one.time_s, one.augmented[:, at], color=ENCODED, label=labels[2])
+        axis.axvline(one.time_s[0], color=QUIET, linewidth=0.4)
+    real = np.concatenate([one.real[:, at] for one in blocks])
+    room = 0.6 * max(np.ptp(real), 1e-12)
+    # A forecast that runs away must not flatten the motion.
+    axis.set_ylim(real.min() - room, real.max() + room)
+    axis.set_ylabel(f"{name}")
+    _legend(axis)
+
+
+def _legend(axis: Any) -> None:
+    axis.legend(loc="lower right", bbox_to_anchor=(1.0, 0.99), ncols=3, borderaxespad=0.0)
+
+
+def draw_side_by_side(diagnosis: Diagnosis) -> Figure | None:
+    """Forecasts of the worst, the median and the best block: the sim on the left, with effects on the right."""
+    blocks = [one for one in diagnosis.blocks if len(one.time_s) > 1]
+    if not blocks:
+        return None
+    at = coordinate_number(diagnosis)
+    scale = float(np.std(np.concatenate([one.real[:, at] for one in blocks]))) or 1.0
+    order = sorted(blocks, key=lambda one: -_miss(one, "sim", at, scale))
+    picked = [order[0], order[len(order) // 2], order[-1]] if len(order) > 2 else order
+    with paper_style():
+        figure = new_figure(PAGE_IN, 0.4 + 1.0 * len(picked), title="")
+        axes = figure.subplots(len(picked), 2, sharey="row", squeeze=False)
+        for row, one in zip(axes, picked, strict=True):
+            low, high = one.real[:, at].min(), one.real[:, at].max()
+            room = 0.4 * max(high - low, 1e-12)
+            for axis, kind, color in zip(row, ("sim", "augmented"), (PREDICTED, ENCODED), strict=True):
+                axis.plot(one.time_s, one.real[:, at], color=INK, linewidth=1.6, alpha=0.35, label="measured")
+                axis.plot(one.time_s, getattr(one, kind)[:, at], color=color, label="forecast")
+                axis.set_title(f"off by {percent(_miss(one, kind, at, scale))}", loc="right", pad=1)
+                axis.set_title(f"block {one.index}", loc="left", pad=1)
+                axis.set(xlim=(one.time_s[0], one.time_s[-1]), ylim=(low - room, high + room))
+            row[0].set_ylabel(coordinate_name(diagnosis, at))
+        for axis, title in zip(axes[-1], ("sim as delivered", "sim with effects"), strict=True):
+            axis.set_xlabel(f"time (s) · {title}")
+        axes[0, 0].legend(loc="best", ncols=1)
+        return figure
+
+
+def _miss(one: Block, kind: str, at: int, scale: float) -> float:
+    off = getattr(one, kind)[:, at] - one.real[:, at]
+    return float(np.nan_to_num(np.sqrt(np.mean(off**2)) / scale, nan=np.inf))
