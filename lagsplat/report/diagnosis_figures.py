@@ -14,6 +14,7 @@ from lagsplat.report.diagnosis_picture import draw_picture
 from lagsplat.report.diagnosis_spectrum import draw_spectrum
 from lagsplat.report.diagnosis_state import draw_state_maps
 from lagsplat.report.diagnosis_time import draw_side_by_side, draw_time_strip
+from lagsplat.report.style import paper_style
 
 
 @dataclass(frozen=True)
@@ -28,9 +29,15 @@ class Shown:
 
 def draw_all(diagnosis: Diagnosis, exhibits: Exhibits) -> list[Shown]:
     """Every figure, drawn or found missing."""
-    return [
+    shown = [
         Shown(key, title, caption, draw(diagnosis, exhibits)) for key, title, caption, draw in _catalogue()
     ]
+    with paper_style():
+        for one in shown:
+            if one.figure is not None:
+                # Long labels are given their room at the first drawing only.
+                one.figure.draw_without_rendering()
+    return shown
 
 
 def _catalogue() -> list[tuple[str, str, str, Callable[[Diagnosis, Exhibits], Figure | None]]]:

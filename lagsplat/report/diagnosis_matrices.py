@@ -17,6 +17,7 @@ TELLS = 3.0  # nats below which two effects are not told apart
 FALL = 1.353  # nats at the ends of a 90 % interval
 COLOURS = "cividis"
 MOST = 6  # profiles
+WIDE = 20.0  # from the smallest to the largest value: then the axis is logarithmic
 DEEPEST = 12.0  # nats shown
 
 
@@ -98,6 +99,8 @@ def draw_profiles(diagnosis: Diagnosis, exhibits: Exhibits) -> Figure | None:
 
 def _profile(axis: Any, diagnosis: Diagnosis, one: Profile) -> None:
     fall = one.log_likelihood - np.max(one.log_likelihood)
+    if np.min(one.values) > 0.0 and np.max(one.values) > WIDE * np.min(one.values):
+        axis.set_xscale("log")
     axis.plot(one.values, fall, "o-", color=ENCODED, markersize=2.5)
     axis.axhline(-FALL, color=QUIET, linestyle="--", linewidth=0.6)
     for candidate in [*chosen(diagnosis), *diagnosis.candidates]:

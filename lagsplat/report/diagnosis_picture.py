@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import UInt8
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
+from matplotlib.patheffects import Normal, Stroke
 
 from lagsplat.report.diagnosis_exhibits import Exhibits, Film, PictureForce, PictureGap
 from lagsplat.report.rounding import percent
@@ -88,6 +89,7 @@ def _excess(figure: Figure, axis: Any, gap: PictureGap) -> None:
         axis.annotate(
             percent(share), (left, top if above else bottom), (0, 2 if above else -2), color=PREDICTED,
             textcoords="offset points", va="bottom" if above else "top", fontsize=6,
+            path_effects=[Stroke(linewidth=1.5, foreground="white"), Normal()],
         )  # fmt: skip
     axis.set_title("excess error of the sim's pictures", loc="left", pad=2)
     _bar(figure, axis, picture, "of its maximum")

@@ -44,10 +44,12 @@ def _power(axis: Any, found: Any, at: int, name: str) -> None:
             ha="center", va="top", fontsize=6,
         )  # fmt: skip
         label = None
+    others: str | None = "of the others"
     for i in range(found.power.shape[1]):
         if found.power[:, i].max() > 0.0:
             color, width = (ENCODED, 1.0) if i == at else (QUIET, 0.5)
-            shown = f"residual of {name}" if i == at else None
+            shown = f"residual of {name}" if i == at else others
+            others = others if i == at else None
             axis.plot(found.frequency_hz, found.power[:, i], color=color, linewidth=width, label=shown)
     for line in found.lines:
         axis.axvline(line.frequency_hz, color=MARK, linestyle=":")
@@ -57,8 +59,9 @@ def _power(axis: Any, found: Any, at: int, name: str) -> None:
         )  # fmt: skip
     if (found.power > 0.0).any():
         axis.set_yscale("log")
+        axis.set_ylim(top=3.0 * found.power.max())
     axis.set_ylabel("power over the swing's (1/Hz)")
-    _legend(axis, 2)
+    _legend(axis, 3)
 
 
 def _coherence(axis: Any, found: Any, at: int) -> None:

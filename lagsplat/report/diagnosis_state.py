@@ -105,7 +105,7 @@ def _profile(axis: Any, before: Sequence[Any], after: Sequence[Any], name: str) 
             axis.set_xlabel(f"{name} rate (1/s)")
     axis.axhline(0.0, color="black", linewidth=0.5)
     axis.set_ylabel(f"real − sim ({name}/s²)")
-    axis.legend(loc="best")
+    axis.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.0)
 
 
 def _steps(axis: Any, edges: np.ndarray, mean: np.ndarray, label: str, color: str, line: Any) -> None:

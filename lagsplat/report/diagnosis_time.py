@@ -45,6 +45,7 @@ def draw_time_strip(diagnosis: Diagnosis) -> Figure | None:
         span = (float(blocks[0].time_s[0]), float(blocks[-1].time_s[-1])) if blocks else None
         if "whole" in axes:
             _residual(axes["whole"], smoothed, at, name)
+            axes["whole"].margins(y=0.16)
             _events(axes["whole"], diagnosis, smoothed.motion.source)
             _legend(axes["whole"])
             if span and "near" in axes:

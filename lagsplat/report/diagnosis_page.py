@@ -1,0 +1,186 @@
+"""``report.html``: a diagnosis on one page that needs nothing else, neither files nor a network."""
+
+import math
+import os
+from collections.abc import Mapping
+from typing import Any
+
+from jinja2 import Environment, StrictUndefined
+
+from lagsplat.diagnose.result import Candidate, Diagnosis, Interval
+from lagsplat.io.atomic import write_text
+from lagsplat.report.diagnosis_checks import TOLD_APART, effects_shown, excitations, findings, measures
+from lagsplat.report.diagnosis_exhibits import Exhibits
+from lagsplat.report.diagnosis_figures import draw_all
+from lagsplat.report.diagnosis_names import estimates, place
+from lagsplat.report.diagnosis_picture import film_uri
+from lagsplat.report.diagnosis_template import PAGE, STYLE
+from lagsplat.report.diagnosis_text import headline, paragraph
+from lagsplat.report.diagnosis_where import not_computed
+from lagsplat.report.effect_words import WORDS, short_title
+from lagsplat.report.inline_svg import inline_svg
+from lagsplat.report.rounding import number, percent, probability
+
+EXPLAINED = 0.02  # probability from which a candidate is explained
+GRADES = {"yes": "Shown well", "weak": "Shown weakly", "no": "Cannot be shown"}
+LABELS = {
+    "period_s": "natural period (s)",
+    "periods": "natural periods recorded",
+    "blocks": "blocks to divide into fit and test",
+    "noise": "noise (rms, largest)",
+    "duration_s": "seconds recorded",
+}
+
+
+def save_page(path: str | os.PathLike[str], diagnosis: Diagnosis, exhibits: Exhibits) -> None:
+    """Write the page, whole or not at all.
+
+    Raises:
+        ValueError: as of `diagnosis_page`.
+        OSError: as of `write_text`.
+    """
+    write_text(path, diagnosis_page(diagnosis, exhibits))
+
+
+def diagnosis_page(diagnosis: Diagnosis, exhibits: Exhibits) -> str:
+    """The page as HTML. Every text that comes from data is escaped; what is missing is said to be.
+
+    Raises:
+        ValueError: a name that no diagnosis gives, or a film that cannot be encoded.
+    """
+    drawn = draw_all(diagnosis, exhibits)
+    rows = excitations(diagnosis)
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=False)
+    environment.filters["sentence"] = _sentence
+    return environment.from_string(PAGE).render(
+        style=STYLE,
+        headline=headline(diagnosis),
+        verdict=diagnosis.verdict,
+        paragraph=paragraph(diagnosis),
+        files=_files(diagnosis),
+        tiles=_tiles(diagnosis),
+        findings=findings(diagnosis),
+        checked="findings" in diagnosis.checks,
+        shown=_shown(diagnosis),
+        equivalent=[[short_title(name) for name in names] for names in diagnosis.equivalent],
+        excitations=[_named(row) for row in rows],
+        advice=diagnosis.excitation,
+        warnings=diagnosis.warnings,
+        absorbed=[short_title(name) for name in diagnosis.absorbed],
+        figures=[
+            {
+                "key": one.key,
+                "title": one.title,
+                "caption": one.caption,
+                "svg": inline_svg(one.figure, key=one.key, title=one.title),
+            }
+            for one in drawn
+            if one.figure is not None
+        ],
+        film=None if exhibits.film is None else film_uri(exhibits.film),
+        missing=_missing(diagnosis, [one.title for one in drawn if one.figure is None]),
+        candidates=[_candidate(one, diagnosis) for one in diagnosis.candidates],
+        explained=_explained(diagnosis),
+        command=exhibits.command,
+        provenance=_provenance(exhibits),
+    )
+
+
+def _sentence(text: str) -> str:
+    """With a capital and a full stop."""
+    return text[:1].upper() + text[1:].rstrip(".") + "." if text else ""
+
+
+def _files(diagnosis: Diagnosis) -> list[str]:
+    return list(dict.fromkeys(os.path.basename(block.file) for block in diagnosis.blocks))
+
+
+def _tiles(diagnosis: Diagnosis) -> list[dict[str, str]]:
+    tiles = []
+    for name, value in measures(diagnosis).items():
+        if isinstance(value, Mapping):
+            numbers = [one for one in value.values() if isinstance(one, int | float)]
+            value = max(numbers) if numbers and len(numbers) == len(value) else None
+        if isinstance(value, bool):
+            value = "yes" if value else "no"
+        elif isinstance(value, int | float):
+            value = str(value) if isinstance(value, int) else number(value, digits=3)
+        if isinstance(value, str):
+            tiles.append({"label": LABELS.get(name, name.replace("_", " ")), "value": value})
+    if diagnosis.blocks:
+        tiles.append({"label": "held-out blocks forecast", "value": str(len(diagnosis.blocks))})
+    return tiles
+
+
+def _shown(diagnosis: Diagnosis) -> list[dict[str, Any]]:
+    rows = excitations(diagnosis)
+    shown = []
+    for grade in TOLD_APART:
+        names = [short_title(name) for name in effects_shown(rows, grade)]
+        if names:
+            shown.append({"label": GRADES[grade], "grade": grade, "names": names})
+    return shown
+
+
+def _named(row: Any) -> dict[str, str]:
+    return {
+        "effect": short_title(row.effect),
+        "excited": row.excited,
+        "reason": row.reason,
+        "record": row.record,
+    }
+
+
+def _missing(diagnosis: Diagnosis, titles: list[str]) -> list[str]:
+    fields = [name.removesuffix("_s").removesuffix("_hz").replace("_", " ") for name in not_computed(diagnosis.where)]
+    figures = [f"“{title}”" for title in titles]
+    return ([f"of where the gap lies: {', '.join(fields)}"] if fields else []) + (
+        [f"figures that need more than was computed: {', '.join(figures)}"] if figures else []
+    )
+
+
+def _candidate(one: Candidate, diagnosis: Diagnosis) -> dict[str, Any]:
+    kind = "chosen" if one.name in diagnosis.combination else ""
+    if one.name in ("none", "unknown"):
+        kind = "verdict"
+    known = math.isfinite(one.log_evidence) and one.name != "none"
+    return {
+        "kind": kind,
+        "place": place(one),
+        "probability": probability(one.probability),
+        "parameters": estimates(one),
+        "closure": _interval(one.closure),
+        "evidence": number(one.log_evidence, digits=3) if known else "–",
+        "misfit": "–" if one.misfit is None else number(one.misfit, digits=3),
+    }
+
+
+def _interval(closure: Interval | None) -> str:
+    if closure is None or closure.value is None:
+        return "–"
+    if closure.low is None or closure.high is None:
+        return percent(closure.value)
+    return f"{percent(closure.value)} [{percent(closure.low)}, {percent(closure.high)}]"
+
+
+def _explained(diagnosis: Diagnosis) -> list[dict[str, Any]]:
+    alike = {name for group in diagnosis.equivalent for name in group}
+    names = [
+        one.name
+        for one in diagnosis.candidates
+        if one.probability >= EXPLAINED or one.name in diagnosis.combination or one.name in alike
+    ]
+    return [{"name": short_title(name), "words": WORDS[name]} for name in dict.fromkeys(names)]
+
+
+def _provenance(exhibits: Exhibits) -> list[dict[str, str]]:
+    stamp = exhibits.stamp
+    rows = [(f"SHA-256 of {name}", digest) for name, digest in exhibits.digests.items()]
+    if stamp.get("commit"):
+        changed = " with changes that are not committed" if stamp.get("dirty") else ""
+        rows.append(("commit", f"{stamp['commit']}{changed}"))
+    versions = {"python": stamp.get("python"), **(stamp.get("versions") or {})}
+    told = ", ".join(f"{name} {version}" for name, version in versions.items() if version)
+    rows += [("versions", told)] if told else []
+    rows += [("made", str(stamp["time_utc"]))] if stamp.get("time_utc") else []
+    return [{"label": label, "value": value} for label, value in rows]
