@@ -3,12 +3,17 @@
     lagsplat inspect FILE|FOLDER [key=value ...]                what is in a recording, a film or a log
     lagsplat fit out=FOLDER [key=value ...]                     every stage, in one process
     lagsplat simulate run=FOLDER out=q.csv [input=u.csv | seconds=10] [frame=N]
+    lagsplat simulate run=OUT/augmented.safetensors out=q.csv [input=u.csv | seconds=10]
+        [initial=q0,..,v0,.. | initial=state.csv] [input_hold=linear|zoh]
+    lagsplat apply diagnosis=OUT/diagnosis.json out=augmented.safetensors [sim=SIM]
     lagsplat evaluate run=FOLDER out=metrics.json [evaluate.key=value ...]
     lagsplat export FOLDER --mcap [out=run.mcap] [key=value ...]  a run for Foxglove
 
 ``input`` is a CSV with columns ``t`` [s] and ``u0, u1, ...``; between its rows inputs are interpolated.
-``out`` then has columns ``t``, ``q0, ...`` (whitened) and ``v0, ...`` [1/s]. Exit code 2: the command or its
-input is invalid, and the reason stands on stderr.
+``out`` then has columns ``t``, ``q0, ...`` (whitened) and ``v0, ...`` [1/s]. A sim with its diagnosed effects
+also takes pushes ``f0, f1, ...`` along its coordinates: the accelerations they would give. ``apply`` adds the
+effects of a diagnosis to a sim (a MuJoCo ``.xml``, ``file.py:attribute``, a run), by default to its own. Exit
+code 2: the command or its input is invalid, and the reason stands on stderr.
 """
 
 import logging
@@ -19,9 +24,13 @@ import zipfile
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from lagsplat.config import Config, ConfigError, closest, compose
 from lagsplat.provenance import let_waiting_threads_sleep
+
+if TYPE_CHECKING:
+    import numpy as np
 
 OWN = ("run", "out", "input", "seconds", "frame")
 
@@ -138,9 +147,12 @@ def _export(words: list[str]) -> None:
 def _simulate(words: list[str]) -> None:
     import numpy as np
 
-    from lagsplat.io.plain import load_inputs, save_csv
+    from lagsplat.io.plain import load_inputs
     from lagsplat.pipeline import open_run, push
 
+    if any(Path(word[4:]).is_file() for word in words if word.startswith("run=")):
+        _play(words)
+        return
     own, rest = _split(words, needed=("run", "out"), allowed=OWN)
     if rest:
         raise ConfigError(f"simulate takes {', '.join(OWN)} alone, not {rest[0]!r}: a run keeps its settings")
@@ -154,14 +166,67 @@ def _simulate(words: list[str]) -> None:
         time_s = np.arange(0.0, float(own.get("seconds", "10")), dt_s)
         inputs = np.zeros((len(time_s), n_u))
     q, v = push(run, inputs, frame=int(own["frame"]) if "frame" in own else None)
+    _save_motion(own["out"], time_s, q, v)
+
+
+def _play(words: list[str]) -> None:
+    import numpy as np
+
+    from lagsplat.diagnose.augmented import load_augmented
+    from lagsplat.diagnose.play import Drive, play
+    from lagsplat.io.drive import read_drive, read_state
+
+    allowed = ("run", "out", "input", "seconds", "initial", "input_hold")
+    own, rest = _split(words, needed=("run", "out"), allowed=allowed)
+    if rest:
+        raise ConfigError(f"simulate takes {', '.join(allowed)} for such a file, not {rest[0]!r}")
+    if "input" in own and "seconds" in own:
+        raise ConfigError("input= and seconds= exclude each other: a file of inputs has its own length")
+    hold = own.get("input_hold")
+    if hold not in (None, "linear", "zoh"):
+        raise ConfigError(f"input_hold={hold}: choose linear or zoh")
+    sim = load_augmented(own["run"])
+    if "input" in own:
+        time_s, u, push = read_drive(own["input"])
+    else:
+        time_s = np.arange(0.0, float(own.get("seconds", "10")), sim.dt_s)
+        u, push = np.zeros((len(time_s), sim.model.n_u)), np.zeros((len(time_s), 0))
+    start = read_state(own["initial"], sim.model.d) if "initial" in own else (None, None)
+    held = None if hold is None else hold == "zoh"
+    drive = Drive(time_s, u, push if push.shape[1] else None)
+    q, v = play(sim, drive, q=start[0], v=start[1], held=held)
+    _save_motion(own["out"], time_s, q, v)
+
+
+def _save_motion(out: str, time_s: "np.ndarray", q: "np.ndarray", v: "np.ndarray") -> None:
+    from lagsplat.io.plain import save_csv
+
     rows = [
         {"t": t}
         | {f"q{i}": value for i, value in enumerate(state)}
         | {f"v{i}": value for i, value in enumerate(velocity)}
         for t, state, velocity in zip(time_s, q, v, strict=True)
     ]
-    save_csv(own["out"], rows)
+    save_csv(out, rows)
+    print(out)
+
+
+def _apply(words: list[str]) -> None:
+    from lagsplat.diagnose.apply import apply
+
+    allowed = ("diagnosis", "sim", "out", "diagnose.joints", "diagnose.actuators")
+    own, rest = _split(words, needed=("diagnosis", "out"), allowed=allowed)
+    if rest:
+        raise ConfigError(f"apply takes {', '.join(allowed)}, not {rest[0]!r}")
+    names = {key: _names(own.get(f"diagnose.{key}")) for key in ("joints", "actuators")}
+    apply(Path(own["diagnosis"]), own.get("sim"), out=Path(own["out"]), **names)
     print(own["out"])
+
+
+def _names(text: str | None) -> list[str] | None:
+    if text is None:
+        return None
+    return [name.strip() for name in text.strip("[]").split(",") if name.strip()]
 
 
 def _experiment(words: list[str]) -> Config:
@@ -185,4 +250,5 @@ VERBS: dict[str, Callable[[list[str]], None]] = {
     "simulate": _simulate,
     "evaluate": _evaluate,
     "export": _export,
+    "apply": _apply,
 }

@@ -18,12 +18,12 @@ from lagsplat.diagnose.model import Model
 from lagsplat.diagnose.region import Region
 
 TOLERANCE = 0.003
-"""Error of the acceleration, relative to its root mean square over the region, below which nothing is added."""
+"""Error of the acceleration, in units of its root mean square, below which nothing is added."""
 POOR = 0.02
 """Error above which a user is warned."""
 EXACT = 1e-6
 SLOW = 0.02
-"""Width of the smooth dry friction, in units of the root mean square of the speed, unless another fits better."""
+"""Width of the smooth dry friction, in units of the rms of the speed, unless another fits better."""
 WIDTHS = (0.02, 0.05, 0.1, 0.2)
 TOP = {1: 9, 2: 6, 3: 4}
 """Highest degree of the polynomials by number of coordinates."""
@@ -98,7 +98,7 @@ class Seen:
 
 
 def sample_mechanics(mechanics: Mechanics, region: Region, *, what: str) -> Sampled:
-    """The model of a sim whose mass, potential, damping and input map are given; ``what`` names it in warnings.
+    """The model of a sim whose mass, potential, damping and input map are given; ``what`` names it to people.
 
     Raises:
         ValueError: a field is not finite in the region, or the mass matrix is not positive there.
@@ -138,9 +138,9 @@ def checked(one: Sampled, *, what: str) -> Sampled:
     """The same, cut to the functions it uses and with its point of rest; warns where it is poor."""
     if one.error > POOR:
         warnings.warn(
-            f"{what}: its acceleration could be written in mass, damping, potential and inputs only to within "
-            f"{100.0 * one.error:.1f} % over the region of the recording; what is missing (a contact, a limit, "
-            "an input that does not act linearly) may be taken for an effect",
+            f"{what}: its acceleration could be written in mass, damping, potential and inputs only to "
+            f"within {100.0 * one.error:.1f} % over the region of the recording; what is missing (a "
+            "contact, a limit, an input that does not act linearly) may be taken for an effect",
             stacklevel=3,
         )
     model = one.model
@@ -226,7 +226,7 @@ def _fitted(seen: Seen, basis: Basis) -> Model:
 def _smallest(
     fit: Callable[[int], np.ndarray], error: Callable[[np.ndarray], float], ends: list[int]
 ) -> np.ndarray:
-    """The coefficients with the fewest functions that leave a tenth of the tolerance, or the best there are."""
+    """The coefficients with the fewest functions that leave a tenth of the tolerance, or the best."""
     best, lowest = np.zeros(0), np.inf
     for end in ends:
         tried = fit(end)

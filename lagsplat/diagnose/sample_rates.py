@@ -63,8 +63,8 @@ def sample_acceleration(
         n = int(np.argmax(bad))
         at = ", ".join(f"{k} = {getattr(region, k)[n].tolist()}" for k in ("q", "v", "u"))
         raise ValueError(
-            f"{what}: the acceleration is not finite at {at}, which the recording comes near; check units and "
-            "the range in which the sim is defined"
+            f"{what}: the acceleration is not finite at {at}, which the recording comes near; check units "
+            "and the range in which the sim is defined"
         )
     if not known.any():
         raise ValueError(f"{what}: the acceleration is zero everywhere; nothing would ever move")
