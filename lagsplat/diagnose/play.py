@@ -82,17 +82,17 @@ def _pushable(one: Augmented) -> Augmented:
     reach = np.zeros((rows, n_u + d, d))
     reach[: len(model.input_map), :n_u] = model.input_map
     reach[0, n_u:] = np.diag(np.diag(model.inertia))
-    moves = []
+    moves, n = [], len(spare.directions)
     at = 0
     for name in Fields.__dataclass_fields__:
         value = getattr(model, name)
-        part = spare.directions[:, at : at + value.size].reshape(-1, *value.shape)
+        part = spare.directions[:, at : at + value.size].reshape(n, *value.shape)
         at += value.size
         if name == "input_map":
-            whole = np.zeros((len(part), *reach.shape))
+            whole = np.zeros((n, *reach.shape))
             whole[:, : len(model.input_map), :n_u] = part
             part = whole
-        moves.append(part.reshape(len(part), -1))
+        moves.append(part.reshape(n, int(np.prod(part.shape[1:]))))
     effects, own = [], []
     at = 0
     for effect in one.effects:

@@ -106,6 +106,12 @@ def encoded(autoencoder: Autoencoder, chart: Chart, recording: Recording) -> Mot
             f"{source}: {recording.inputs.shape[1]} input(s), but the run was fitted with {n_u}; give the "
             "inputs in a CSV of the same stem with columns t, u0, ..."
         )
+    size, own = recording.frames.shape[1:3], (autoencoder.height, autoencoder.width)
+    if tuple(size) != own:
+        raise ValueError(
+            f"{source}: pictures of {size[0]} x {size[1]} px, but the run was fitted to {own[0]} x {own[1]}; "
+            "read the recording with the run's own settings"
+        )
     latents = encode_frames(autoencoder, recording.frames)
     return Motion(
         time_s=np.asarray(recording.time_s, dtype=np.float64),
