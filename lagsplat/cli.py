@@ -6,6 +6,7 @@
     lagsplat simulate run=OUT/augmented.safetensors out=q.csv [input=u.csv | seconds=10]
         [initial=q0,..,v0,.. | initial=state.csv] [input_hold=linear|zoh]
     lagsplat apply diagnosis=OUT/diagnosis.json out=augmented.safetensors [sim=SIM]
+    lagsplat diagnose sim=SIM real=FILES [out=FOLDER] [diagnose.key=value ...]
     lagsplat evaluate run=FOLDER out=metrics.json [evaluate.key=value ...]
     lagsplat export FOLDER --mcap [out=run.mcap] [key=value ...]  a run for Foxglove
 
@@ -211,6 +212,20 @@ def _save_motion(out: str, time_s: "np.ndarray", q: "np.ndarray", v: "np.ndarray
     print(out)
 
 
+def _diagnose(words: list[str]) -> None:
+    from lagsplat.gap import diagnose_files
+    from lagsplat.report.diagnosis_text import paragraph
+
+    own, rest = _split(words, needed=("sim", "real"), allowed=("sim", "real", "out"))
+    if other := [word for word in rest if not word.startswith("diagnose")]:
+        raise ConfigError(f"diagnose takes sim, real, out and diagnose.key=value, not {other[0]!r}")
+    out = Path(own.get("out", "diagnosis"))
+    command = " ".join(["lagsplat diagnose", *words])
+    found = diagnose_files(own["sim"], own["real"], out, _experiment(rest).diagnose, command=command)
+    print(paragraph(found))
+    print(out / "report.html")
+
+
 def _apply(words: list[str]) -> None:
     from lagsplat.diagnose.apply import apply
 
@@ -248,6 +263,7 @@ VERBS: dict[str, Callable[[list[str]], None]] = {
     "inspect": _inspect,
     "fit": _fit,
     "simulate": _simulate,
+    "diagnose": _diagnose,
     "evaluate": _evaluate,
     "export": _export,
     "apply": _apply,

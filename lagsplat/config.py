@@ -20,6 +20,7 @@ from omegaconf import OmegaConf, open_dict
 from omegaconf.errors import OmegaConfBaseException
 
 from lagsplat.chart.config import ChartConfig
+from lagsplat.diagnose.config import DiagnoseConfig
 from lagsplat.evaluate.config import EvaluateConfig
 from lagsplat.io.config import RecordingConfig
 from lagsplat.stage1.config import RenderConfig, Stage1Config
@@ -39,6 +40,7 @@ GROUPS = (
     "stage2",
     "evaluate",
     "render",
+    "diagnose",
 )
 Section = TypeVar("Section")
 
@@ -98,6 +100,7 @@ class Config:
     evaluate: EvaluateConfig
     render: RenderConfig | None
     """A finer decoder for the figures; null draws them with the one that was trained."""
+    diagnose: DiagnoseConfig
 
     def __post_init__(self) -> None:
         """Check that every name and seed of the protocol can be run."""

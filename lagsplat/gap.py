@@ -1,25 +1,38 @@
 """The road from two arguments to a diagnosis on disk, for the command line and the workflow."""
 
-import logging
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from tqdm import tqdm
 
+from lagsplat.diagnose.apply import FILE
+from lagsplat.diagnose.augmented import Augmented, augment, save_augmented
 from lagsplat.diagnose.check import Checked, check
 from lagsplat.diagnose.config import DiagnoseConfig
-from lagsplat.diagnose.diagnose import diagnose
+from lagsplat.diagnose.diagnose import Found, diagnose
+from lagsplat.diagnose.effects.effect import Noise
 from lagsplat.diagnose.excitation import Excitation, excitation
-from lagsplat.diagnose.result import Candidate, Diagnosis
+from lagsplat.diagnose.prepare import prepare, rough_period_s
+from lagsplat.diagnose.region import region_of
+from lagsplat.diagnose.result import Diagnosis
+from lagsplat.diagnose.sims import sampled_sim
 from lagsplat.diagnose.sources import Source, find_sources, read_sources
-from lagsplat.diagnose.stand import Sim, sim_of
+from lagsplat.diagnose.stand import Sim, nominal_misfit, sim_of
 from lagsplat.diagnose.where import locate
 from lagsplat.io.motion import Motion
+from lagsplat.provenance import stamp
+from lagsplat.report.diagnosis_exhibits import Exhibits
+from lagsplat.report.diagnosis_json import save_diagnosis
+from lagsplat.report.diagnosis_page import save_page
+from lagsplat.report.diagnosis_rollouts import save_rollouts
 
-log = logging.getLogger(__name__)
 UNSURE = 0.4
 """Probability that no name exceeds where the data forbid a verdict."""
+MODELS = ("run", "model", "mujoco", "python")
+LEVELS = {"C": "actuation", "G": "perception"}
+"""Where an effect of a group lies; everywhere else in the dynamics."""
 
 
 @dataclass(frozen=True)
@@ -29,6 +42,8 @@ class Pair:
     sim: Sim
     checked: Checked
     rows: tuple[Excitation, ...]
+    own: bool
+    """The sim was fitted to the very recording."""
 
     @property
     def real(self) -> tuple[Motion, ...]:
@@ -39,16 +54,28 @@ class Pair:
 def open_pair(sim: str, real: str, config: DiagnoseConfig) -> Pair:
     """What the arguments name, read and checked, and the sim's model.
 
+    ``real`` is a fitted run's own held-out part where it is ``held_out``.
+
     Raises:
         FileNotFoundError, ValueError: nothing is there, it cannot be read, or the sides cannot be compared.
     """
-    sims, reals = find_sources(sim), find_sources(real)
-    sim_motions, real_motions = read_sources(sims), read_sources(reals)
-    checked = check(sim_motions, real_motions)
-    assert checked.sim is not None
-    model = sim_of(checked.sim.motions, config)
-    period_s = checked.real.period_s or checked.sim.period_s
+    sims = find_sources(sim)
+    models = [source for source in sims if source.kind in MODELS]
+    if models and len(sims) > 1:
+        raise ValueError(f"sim={sim}: name one model, or recordings; {models[0].path} is a {models[0].kind}")
+    nominal: tuple[Motion, ...] = ()
+    own = False
+    if models and models[0].kind == "run":
+        from lagsplat.films import motions_of_run  # torch, which the other sims do without
+
+        nominal, motions, own = motions_of_run(Path(models[0].path), real)
+    else:
+        motions = read_sources(find_sources(real), columns=config.columns)
+        if not models:
+            nominal = read_sources(sims, columns=config.columns)
+    checked = check(nominal, motions)
     rows: tuple[Excitation, ...] = ()
+    period_s = checked.real.period_s or (checked.sim.period_s if checked.sim else None)
     if period_s is not None:
         rows = excitation(
             checked.real.motions,
@@ -56,24 +83,68 @@ def open_pair(sim: str, real: str, config: DiagnoseConfig) -> Pair:
             noise=checked.real.noise,
             closed_loop=checked.closed_loop,
         )
-    return Pair(model, checked, rows)
+    return Pair(_model(models, checked, config), checked, rows, own)
 
 
-def examine(pair: Pair, config: DiagnoseConfig, *, tell: Callable[[str], None]) -> Diagnosis:
-    """The diagnosis of a checked pair, with where the gap lies and what to record next."""
+def _model(models: Sequence[Source], checked: Checked, config: DiagnoseConfig) -> Sim:
+    if not models:
+        assert checked.sim is not None
+        return sim_of(checked.sim.motions, config)
+    real = checked.real.motions
+    ready = prepare(real, period_s=rough_period_s(real))
+    sampled = sampled_sim(
+        models[0].path, region_of(ready.record), joints=config.joints, actuators=config.actuators
+    )
+    bare = Sim.exact(sampled.model)
+    if checked.sim is None:
+        return bare
+    return replace(bare, misfit=nominal_misfit(bare, checked.sim.motions, config))
+
+
+def examine(pair: Pair, config: DiagnoseConfig, *, tell: Callable[[str], None]) -> Found:
+    """The diagnosis of a checked pair, with where the gap lies and what to record next.
+
+    Raises:
+        ValueError: the motions are too short for a single window.
+    """
+    if pair.own:
+        config = replace(
+            config,
+            **{name: min(config.own * getattr(config, name), 0.5) for name in
+               ("potential", "damping", "inputs", "offset", "warp")},
+        )  # fmt: skip
     found = diagnose(pair.sim, pair.real, config, tell=tell)
     tell("where")
-    where = locate(
-        pair.sim.model, pair.real, period_s=found.checks["natural_period_s"], hold=config.input_hold
-    )
-    found = replace(
-        found,
+    natural_s = found.diagnosis.checks["natural_period_s"]
+    where = locate(pair.sim.model, pair.real, period_s=natural_s, hold=config.input_hold)
+    if found.diagnosis.combination and found.chosen.effects:
+        where = replace(where, level=LEVELS.get(found.chosen.effects[0].effect.group, "dynamics"))
+    diagnosis = replace(
+        found.diagnosis,
         where=where,
-        warnings=(*pair.checked.warnings, *found.warnings),
+        warnings=(*pair.checked.warnings, *found.diagnosis.warnings),
         excitation=tuple(f"{row.effect}: {row.record}" for row in pair.rows if row.record),
-        checks={**found.checks, "excitation": [asdict(row) for row in pair.rows]},
+        absorbed=absorbed() if pair.own else (),
+        checks={
+            **found.diagnosis.checks,
+            "excitation": [asdict(row) for row in pair.rows],
+            "findings": [asdict(finding) for finding in pair.checked.findings],
+        },
     )
-    return undecided(found) if pair.checked.undetermined else found
+    diagnosis = undecided(diagnosis) if pair.checked.undetermined else diagnosis
+    return replace(found, diagnosis=diagnosis)
+
+
+def absorbed() -> tuple[str, ...]:
+    """Effects that a sim fitted to the same recording has already taken up in its own terms."""
+    return (
+        "viscous_damping",
+        "linear_stiffness",
+        "mass_change",
+        "constant_force",
+        "input_gain",
+        "cubic_stiffness",
+    )
 
 
 def undecided(found: Diagnosis) -> Diagnosis:
@@ -85,19 +156,40 @@ def undecided(found: Diagnosis) -> Diagnosis:
     return replace(found, verdict="undetermined", candidates=flat, combination=())
 
 
-class Bar:
-    """A progress bar that names what is being tried."""
+def diagnose_files(sim: str, real: str, out: Path, config: DiagnoseConfig, *, command: str) -> Diagnosis:
+    """Diagnose, and write ``diagnosis.json``, ``rollouts.csv``, ``augmented.safetensors`` and ``report.html``.
 
-    def __init__(self, total: int) -> None:
-        self.bar = tqdm(total=total, unit="effect", leave=False)
+    Raises:
+        FileNotFoundError, ValueError: as `open_pair`; nothing is written then.
+    """
+    pair = open_pair(sim, real, config)
+    with tqdm(unit="effect", leave=False) as bar:
 
-    def __call__(self, name: str) -> None:
-        self.bar.set_description(name)
-        self.bar.update()
+        def tell(name: str) -> None:
+            bar.set_description(name)
+            bar.update()
 
-    def close(self) -> None:
-        """Take the bar away."""
-        self.bar.close()
+        found = examine(pair, config, tell=tell)
+    diagnosis = found.diagnosis
+    out.mkdir(parents=True, exist_ok=True)
+    settings: dict[str, Any] = {"sim": sim, "real": real, "config": asdict(config), "stamp": stamp()}
+    save_augmented(out / FILE, augmented(pair, found), settings)
+    if diagnosis.blocks:
+        save_rollouts(out / "rollouts.csv", diagnosis.blocks, q_names=diagnosis.q_names)
+    save_page(out / "report.html", diagnosis, Exhibits(command=command, stamp=stamp()))
+    save_diagnosis(out / "diagnosis.json", diagnosis)
+    return diagnosis
 
 
-__all__ = ["Candidate", "Path", "Sequence", "Source", "examine", "open_pair"]
+def augmented(pair: Pair, found: Found) -> Augmented:
+    """The sim with the effects that were chosen, or with its own parameters re-anchored alone."""
+    bench, chosen = found.contest.bench, found.chosen
+    effects = [effect for effect in chosen.effects if not isinstance(effect.effect, Noise)]
+    return augment(
+        bench,
+        effects,
+        chosen.fit.x,
+        q_names=pair.real[0].q_names,
+        u_names=pair.real[0].u_names,
+        region=region_of(bench.record),
+    )

@@ -38,9 +38,9 @@ def combine(
         if all(one.effects[-1].effect.name != other.effects[-1].effect.name for other in firsts):
             firsts.append(one)
     narrow = replace(effort, families=max(3, effort.families // 2), places=1, starts=1, always=())
-    excess = max(ranking.none.fit.misfit / contest.freedom - 1.0, 1e-9)
+    excess = max(ranking.none.fit.misfit / contest.freedom - effort.nominal, 1e-9)
     for size in range(2, MOST + 1):
-        left = best.fit.misfit / contest.freedom - 1.0
+        left = best.fit.misfit / contest.freedom - effort.nominal
         if left < 0.15 or left < 0.02 * excess:
             break
         tried = []
@@ -52,10 +52,10 @@ def combine(
         if not tried:
             break
         pair = min(tried, key=lambda one: one.fit.misfit + one.fit.penalty)
-        if pair.fit.misfit / contest.freedom - 1.0 > (1.0 - config.further) * left:
+        if pair.fit.misfit / contest.freedom - effort.nominal > (1.0 - config.further) * left:
             break
         best = pair
-    temper = max(1.0, best.fit.misfit / contest.freedom) * effort.temper
+    temper = max(effort.nominal, best.fit.misfit / contest.freedom) * effort.temper
     floor = log_evidence(ranking.none, contest.bench, temper)
     if len(best.effects) > 1:
         best = replace(best, log_evidence=log_evidence(best, contest.bench, temper) - floor)

@@ -8,6 +8,11 @@ class DiagnoseConfig:
     """Everything that decides a diagnosis, less the recordings."""
 
     input_hold: str  # how inputs act between samples: linear or zoh
+    columns: dict[
+        str, str
+    ]  # names of a trajectory's columns where they differ: {t: time, q0: angle, u0: torque}
+    joints: list[str] | None  # of a MuJoCo model: those that are the coordinates, null for all
+    actuators: list[str] | None  # of a MuJoCo model: those that are the inputs, null for all
     without: list[str]  # effects that are left out of the catalogue
     window_periods: float  # length of the stretches that are simulated, in natural periods
     steps_per_period: float  # least number of integration steps in one natural period
@@ -25,6 +30,7 @@ class DiagnoseConfig:
     inputs: float  # how far the gain of each input, as a share
     offset: float  # how large an offset force, as a share of the motion's rms acceleration
     warp: float  # how much the coordinates may be bent over their range, as a share of it
+    own: float  # by how much larger all these are where the sim was fitted to the very recording
     materiality: float  # least share of the gap that an effect must take away to be named
     prior_none: float  # probability, before the data, that nothing is missing
     prior_unknown: float  # probability, before the data, that what is missing is not in the catalogue

@@ -1,12 +1,12 @@
 """A diagnosis from end to end: a sim and real motions in, the verdict with all it rests on out."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from lagsplat.diagnose.catalogue import catalogue, instances
+from lagsplat.diagnose.catalogue import instances
 from lagsplat.diagnose.combine import combine
 from lagsplat.diagnose.compare import Contest, Explained
 from lagsplat.diagnose.config import DiagnoseConfig
@@ -26,13 +26,22 @@ CLOSED = 4
 """Candidates whose own closure is worked out."""
 
 
+@dataclass(frozen=True)
+class Found:
+    """A diagnosis, with the bench it was made on and the fit it chose."""
+
+    diagnosis: Diagnosis
+    contest: Contest
+    chosen: Explained
+
+
 def diagnose(
     sim: Sim,
     real: Sequence[Motion],
     config: DiagnoseConfig,
     *,
     tell: Callable[[str], None] = lambda name: None,
-) -> Diagnosis:
+) -> Found:
     """Why ``sim`` and the motions ``real`` disagree; ``tell`` hears the name of every effect that is tried.
 
     Raises:
@@ -47,16 +56,23 @@ def diagnose(
         u_names=real[0].u_names,
         without=config.without,
     )
-    effort = Effort(config.families, config.places, config.starts, tuple(config.always), config.temper)
+    effort = Effort(
+        config.families,
+        config.places,
+        config.starts,
+        tuple(config.always),
+        config.temper,
+        max(1.0, sim.misfit),
+    )
     ranking = rank(contest, offers, effort, tell=tell)
     best = combine(contest, ranking, offers, effort, config, tell=tell)
-    judgement = judge(ranking, best, contest.freedom, config)
+    judgement = judge(ranking, best, contest.freedom, effort.nominal, config)
     named = judgement.verdict == "effect" and best is not None
     chosen = best if named and best is not None else ranking.none
     held, warnings = _held(contest, ranking, chosen, natural.longest_s)
     if named and held is not None and best is not None and _immaterial(held, best, config):
         judgement = replace(judgement, verdict="none")
-    return Diagnosis(
+    diagnosis = Diagnosis(
         verdict=judgement.verdict,
         candidates=_candidates(contest, ranking, best, judgement, held, natural.longest_s),
         combination=tuple(e.effect.name for e in chosen.effects) if judgement.verdict == "effect" else (),
@@ -80,6 +96,7 @@ def diagnose(
         q_names=real[0].q_names,
         u_names=real[0].u_names,
     )
+    return Found(diagnosis, contest, chosen)
 
 
 def _held(
@@ -173,6 +190,3 @@ def _told(instance: Instance, row: np.ndarray) -> dict[str, Any]:
         for p, value in zip(effect.parameters, row, strict=True)
     }
     return effect.reports(plain) if effect.reports is not None else plain
-
-
-__all__ = ["catalogue", "diagnose"]

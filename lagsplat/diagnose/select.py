@@ -22,6 +22,8 @@ class Effort:
     """Families that are fitted whatever the score test says."""
     temper: float
     """Over how many samples of the residual an independent one comes, at least."""
+    nominal: float
+    """Mean square of the residual, in units of the noise, that the sim leaves of its own recordings."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +99,7 @@ def graded(
     least = min([one.fit.misfit for one in found] + [base.fit.misfit])
     noisy = _noisy(contest, base, offers) if first else []
     explained = max(noisy, key=lambda row: row[0], default=(0.0, base))[1].fit.misfit
-    temper = max(1.0, min(least, explained) / contest.freedom) * effort.temper
+    temper = max(effort.nominal, min(least, explained) / contest.freedom) * effort.temper
     floor = log_evidence(base, contest.bench, temper)
     rows = [replace(one, log_evidence=log_evidence(one, contest.bench, temper) - floor) for one in found]
     rows += [replace(one, log_evidence=gain / effort.temper - 4.0) for gain, one in noisy]

@@ -8,7 +8,7 @@ from jaxtyping import Float64
 
 from lagsplat.diagnose.compare import Contest, belief
 from lagsplat.diagnose.config import DiagnoseConfig
-from lagsplat.diagnose.identify import Setting, identify
+from lagsplat.diagnose.identify import COEFFICIENTS, Setting, identify
 from lagsplat.diagnose.model import Model
 from lagsplat.diagnose.nuisance import Nuisance
 from lagsplat.diagnose.prepare import Prepared, prepare, rough_period_s
@@ -30,6 +30,12 @@ class Sim:
     """Changes of all coefficients of one standard deviation each."""
     misfit: float
     """Mean square residual on its own recordings in units of their noise."""
+
+    @classmethod
+    def exact(cls, model: Model) -> "Sim":
+        """A sim that is given, so that nothing about it was estimated."""
+        size = sum(getattr(model, name).size for name in COEFFICIENTS)
+        return cls(model, np.zeros((0, size)), 1.0)
 
 
 @dataclass(frozen=True)
@@ -112,3 +118,10 @@ def relevant(contest: Contest, freedom: Float64[np.ndarray, "R K"]) -> Float64[n
     values, vectors = np.linalg.eigh(curvature[n - len(freedom) :, n - len(freedom) :])
     chosen = np.argsort(values)[::-1][:OPEN]
     return vectors[:, chosen[values[chosen] > 0.3]].T @ freedom
+
+
+def nominal_misfit(sim: Sim, motions: Sequence[Motion], config: DiagnoseConfig) -> float:
+    """Mean square residual, in units of the noise, that a given sim leaves of the recordings it is true to."""
+    contest, _, _ = stand(sim, motions, config)
+    fit = contest.fit((), np.zeros(contest.bench.nuisance.size))
+    return fit.misfit / contest.freedom

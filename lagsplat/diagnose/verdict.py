@@ -44,7 +44,9 @@ class Judgement:
     """Share of the excess misfit that the best explanation leaves."""
 
 
-def judge(ranking: Ranking, best: Explained | None, freedom: float, config: DiagnoseConfig) -> Judgement:
+def judge(
+    ranking: Ranking, best: Explained | None, freedom: float, nominal: float, config: DiagnoseConfig
+) -> Judgement:
     """Probabilities by evidence and prior; the share that is left unexplained speaks for `unknown`."""
     names = [name for name in catalogue() if name not in config.without]
     prior = np.log((1.0 - config.prior_none - config.prior_unknown) / len(names))
@@ -58,7 +60,7 @@ def judge(ranking: Ranking, best: Explained | None, freedom: float, config: Diag
         scores[name] -= float(np.log(n))
     top = max(scores.values())
     weights = {name: float(np.exp(score - top)) for name, score in scores.items()}
-    left, strange = unexplained(ranking, best, freedom, config)
+    left, strange = unexplained(ranking, best, freedom, nominal, config)
     total = sum(weights.values())
     probabilities = {name: weight / total * (1.0 - strange) for name, weight in weights.items()}
     probabilities["unknown"] = strange
@@ -69,16 +71,16 @@ def judge(ranking: Ranking, best: Explained | None, freedom: float, config: Diag
 
 
 def unexplained(
-    ranking: Ranking, best: Explained | None, freedom: float, config: DiagnoseConfig
+    ranking: Ranking, best: Explained | None, freedom: float, nominal: float, config: DiagnoseConfig
 ) -> tuple[float, float]:
     """Share of the excess misfit over the noise that the best explanation leaves, and P(unknown).
 
     The excess counts where it stands out of the scatter of a mean square; the probability is logistic in
     the logarithm of the share over ``config.unexplained``.
     """
-    scatter = np.sqrt(2.0 * config.temper / max(freedom, 1.0))
-    before = ranking.none.fit.misfit / freedom - 1.0
-    after = (best or ranking.none).fit.misfit / freedom - 1.0 if best is not None else before
+    scatter = nominal * np.sqrt(2.0 * config.temper / max(freedom, 1.0))
+    before = ranking.none.fit.misfit / freedom - nominal
+    after = (best or ranking.none).fit.misfit / freedom - nominal if best is not None else before
     loud = after - 2.5 * scatter - 0.03
     if loud <= 0.0:
         return max(after, 0.0) / max(before, 1e-9), 0.02

@@ -35,7 +35,9 @@ def draw_components(diagnosis: Diagnosis) -> Figure | None:
         for row, name in enumerate(names):
             plain = name == "unexplained"
             color = QUIET if plain else PREDICTED if name == largest else ENCODED
-            axis.barh(row, shares[name], color=color, height=0.7, hatch="////" if plain else None, edgecolor="w")
+            axis.barh(
+                row, shares[name], color=color, height=0.7, hatch="////" if plain else None, edgecolor="w"
+            )
             axis.annotate(
                 percent(shares[name]), (max(shares[name], 0.0), row), (3, 0), textcoords="offset points",
                 va="center",

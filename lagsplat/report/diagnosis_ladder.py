@@ -54,9 +54,7 @@ def draw_waterfall(diagnosis: Diagnosis, exhibits: Exhibits) -> Figure | None:
             axis.bar(column, value - level, bottom=level, color=color, width=0.6)
             axis.plot([column - 0.7, column + 0.3], [level, level], color=INK, linewidth=0.5)
             shift = f"{'' if value > level else '−'}{percent(abs(value - level))}"
-            axis.annotate(
-                shift, (column, max(level, value)), (0, 2), textcoords="offset points", ha="center"
-            )
+            axis.annotate(shift, (column, max(level, value)), (0, 2), textcoords="offset points", ha="center")
             level = value
         last = len(steps) + 1
         axis.bar(last, gap.after, color=PREDICTED, width=0.6)

@@ -67,7 +67,9 @@ def draw_fingerprint(exhibits: Exhibits) -> Figure | None:
         picture = axis.imshow(shown, cmap=COLOURS, vmin=-2.0, vmax=4.0, aspect="auto")
         for i, j in np.argwhere(found.score > 1.0):
             axis.plot(j, i, "o", color="white", markeredgecolor="black", markersize=4.0, markeredgewidth=0.6)
-        axis.set_xticks(range(columns), list(found.regressors), rotation=35, ha="right", rotation_mode="anchor")
+        axis.set_xticks(
+            range(columns), list(found.regressors), rotation=35, ha="right", rotation_mode="anchor"
+        )
         axis.set_yticks(range(rows), list(found.coordinates))
         axis.spines[:].set_visible(False)
         axis.tick_params(length=0)

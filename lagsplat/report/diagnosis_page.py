@@ -132,7 +132,10 @@ def _named(row: Any) -> dict[str, str]:
 
 
 def _missing(diagnosis: Diagnosis, titles: list[str]) -> list[str]:
-    fields = [name.removesuffix("_s").removesuffix("_hz").replace("_", " ") for name in not_computed(diagnosis.where)]
+    fields = [
+        name.removesuffix("_s").removesuffix("_hz").replace("_", " ")
+        for name in not_computed(diagnosis.where)
+    ]
     figures = [f"“{title}”" for title in titles]
     return ([f"of where the gap lies: {', '.join(fields)}"] if fields else []) + (
         [f"figures that need more than was computed: {', '.join(figures)}"] if figures else []

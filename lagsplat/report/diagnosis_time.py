@@ -117,7 +117,12 @@ def _events(axis: Any, diagnosis: Diagnosis, source: str) -> None:
         axis.axvspan(start, end, color=EVENT, alpha=0.45, linewidth=0, zorder=0, label=label)
         middle = 0.5 * (start + end)
         axis.annotate(
-            percent(share), (middle, 0.97), xycoords=("data", "axes fraction"), ha="center", va="top", fontsize=6
+            percent(share),
+            (middle, 0.97),
+            xycoords=("data", "axes fraction"),
+            ha="center",
+            va="top",
+            fontsize=6,
         )
         label = None
 
