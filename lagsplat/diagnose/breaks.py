@@ -1,6 +1,5 @@
 """Places where a motion is not continued: cuts that nobody declared, gaps in time, a hand that lets go."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +17,7 @@ UNUSUAL, USUAL = (
     0.9,
 )  # times the quantile of the mismatches around, which the bending of the motion makes
 AROUND = 6  # lengths of the polynomial that count as around
+SUDDEN = 0.5  # of a jump that lies between two neighbouring samples; a fast swing takes more of them
 VISIBLE = 0.03  # of the range of the motion around
 SAME_RATE = 0.4  # times the typical speed by which the rates on both sides may differ
 MOST_MISSING = 10.5  # frames that a camera loses at once
@@ -31,7 +31,10 @@ CLEARLY = 12.0  # times the noise: how large that swing must be
 
 @dataclass(frozen=True)
 class _Jump:
-    """A mismatch between both sides of the border before sample ``at``, in units of the coordinate."""
+    """A mismatch between both sides of the border before sample ``at``, in units of the coordinate.
+
+    Its sign is taken out: ``rate``, a sample, is along the jump.
+    """
 
     at: int
     coordinate: int
@@ -39,6 +42,8 @@ class _Jump:
     error: float
     rate: float
     rate_change: float
+    span: float
+    """Range of the motion around."""
 
 
 def unwrap(motion: Motion) -> tuple[Motion, tuple[Finding, ...]]:
@@ -121,8 +126,8 @@ def cut_jumps(
                 "warn",
                 "missing frames",
                 motion.source,
-                f"{len({jump.at for jump in lost})} jump(s) along the motion, the first at "
-                f"{motion.time_s[lost[0].at]:.6g} s",
+                f"{len(lost)} jump(s) along the motion, the first at "
+                f"{motion.time_s[min(jump.at for jump in lost)]:.6g} s",
                 "frames are missing there although the times go on evenly",
                 "it is not cut, and `frame_drops` is among the candidates",
             )
@@ -185,7 +190,7 @@ def _inside(motion: Motion) -> np.ndarray:
 
 
 def _jumps(motion: Motion, sigma: np.ndarray, period_s: float | None) -> list[_Jump]:
-    """The largest significant mismatch of each neighbourhood, over all clips and coordinates."""
+    """The largest significant mismatch of each neighbourhood."""
     side = SIDE if period_s is None else int(np.clip(PERIODS * period_s / motion.dt_s, 4, SIDE))
     degree = 2 if side >= 5 else 1
     found: list[_Jump] = []
@@ -214,11 +219,18 @@ def _jumps(motion: Motion, sigma: np.ndarray, period_s: float | None) -> list[_J
             limit = np.maximum.reduce(
                 [CERTAIN * error, UNUSUAL * usual, VISIBLE * span, BENT * np.abs(change)]
             )
-            beyond = np.abs(size) / np.maximum(limit, np.finfo(float).tiny)
-            for k in _peaks(beyond, side):
-                rate = 0.5 * (left[k, 1] + right[k, 1])
-                found.append(_Jump(int(at[k]), i, size[k], error[k], rate, float(change[k])))
-    return found
+            rate = 0.5 * (left[:, 1] + right[:, 1])
+            step = values[:, side] - values[:, side - 1] - rate
+            sudden = step * np.sign(size) > SUDDEN * np.abs(size)
+            beyond = sudden * np.abs(size) / np.maximum(limit, np.finfo(float).tiny)
+            numbers = np.stack([np.abs(size), error, rate * np.sign(size), np.abs(change), span], axis=1)
+            found += [_Jump(int(at[k]), i, *numbers[k].tolist()) for k in _peaks(beyond, side)]
+    # One event shows in several coordinates: the one where it is largest speaks.
+    kept: list[_Jump] = []
+    for jump in sorted(found, key=lambda jump: -jump.size / max(jump.span, np.finfo(float).tiny)):
+        if all(abs(jump.at - other.at) > side for other in kept):
+            kept.append(jump)
+    return kept
 
 
 def _around(size: np.ndarray, q: np.ndarray, side: int) -> tuple[np.ndarray, np.ndarray]:
@@ -243,12 +255,13 @@ def _peaks(score: np.ndarray, distance: int) -> list[int]:
 def _is_loss(jump: _Jump, motion: Motion, speed: float, period_s: float | None) -> bool:
     """Whether lost frames explain a jump: whole steps along a motion whose rate goes on as it must."""
     frames = jump.size / jump.rate if jump.rate else np.inf
-    bends = 2.0 * np.pi * frames * motion.dt_s / period_s if period_s is not None else 0.0
-    allowed = (SAME_RATE + 1.5 * bends) * speed * motion.dt_s + jump.error
-    return 0.5 < frames < MOST_MISSING and abs(jump.rate_change) < allowed
+    angle = 2.0 * np.pi * motion.dt_s / period_s if period_s is not None else 0.0
+    usual = max(speed * motion.dt_s, 0.5 * jump.span * angle)
+    allowed = (SAME_RATE + 1.5 * angle * frames) * usual + jump.error
+    return 0.5 < frames < MOST_MISSING and jump.rate_change < allowed
 
 
-def _frequent(motion: Motion, cuts: Sequence[int]) -> Finding:
+def _frequent(motion: Motion, cuts: list[int]) -> Finding:
     return Finding(
         "warn",
         "frequent jumps",

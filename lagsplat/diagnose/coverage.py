@@ -116,7 +116,8 @@ def check_region(sim: Sequence[Motion], real: Sequence[Motion]) -> list[Finding]
     reach = np.quantile(np.linalg.norm((nominal - centre) @ root, axis=1), 0.99)
     distance = np.linalg.norm((seen - centre) @ root, axis=1)
     outside = float((distance > REACH * reach).mean())
-    middle = np.linalg.norm((np.median(seen, axis=0) - centre) @ root) / max(float(reach), 1e-300)
+    off = float(np.linalg.norm((np.median(seen, axis=0) - centre) @ root))
+    middle = off / max(float(reach), 1e-6 * off, np.finfo(float).tiny)
     if outside > APART and middle > ELSEWHERE / 3.0:
         found.append(
             Finding(

@@ -11,6 +11,7 @@ REACH = 3.0  # natural periods that inputs are shifted by, at most
 STEPS = 16  # shifts a period
 GROSS = 0.5  # of a period: what no delay of a mechanism or a line is
 POOR, GAIN = 0.6, 0.35  # share explained below which the given times are doubted; a gain that settles it
+LEAST_PERIODS = 6.0  # of a recording, for less than which chance fits some shift
 FAIR, SHRINK = 0.85, 4.0  # the same where what is not explained shrinks by so many times
 
 
@@ -76,6 +77,8 @@ def check_offset(motions: Sequence[Motion], *, period_s: float | None) -> list[F
     found: list[Finding] = []
     for motion in motions:
         if period_s is None or not motion.n_u or not np.ptp(motion.u, axis=0).any():
+            continue
+        if motion.duration_s < LEAST_PERIODS * period_s:
             continue
         shifts, shares = explained_by_shift(motion, period_s=period_s)
         if not len(shifts):

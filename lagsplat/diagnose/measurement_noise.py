@@ -115,8 +115,10 @@ def _autoregression(
     """Standard deviation and correlation of the likeliest first-order autoregression, and of white noise."""
     scores = []
     size = observed.shape[1]
+    even = bool(np.abs(lags - np.rint(lags)).max() < 0.2)
     for rho in np.where(np.abs(CORRELATIONS) < 1e-9, 0.0, CORRELATIONS):
-        # A negative correlation alternates from sample to sample, whatever the time between two.
+        if rho < 0.0 and not even:  # it alternates from sample to sample, which uneven ones cannot
+            continue
         signs = np.where(np.rint(lags) % 2, -1.0, 1.0) if rho < 0 else 1.0
         errors = signs * np.abs(rho) ** lags if rho else (lags == 0).astype(float)
         covariance = np.einsum("wkc,wkl,wld->wcd", contrasts, errors, contrasts, optimize=True)

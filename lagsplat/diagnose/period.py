@@ -13,6 +13,9 @@ PER_DECADE = 14  # lengths of test functions tried
 LEAST_SAMPLES = 9  # of a test function
 MOST_SAMPLES = 6000  # of all clips together; longer ones are thinned
 FITS = 0.3  # share of the weighted accelerations that a linear law must explain to be believed
+SPARE = 2.0  # independent test functions beyond the unknowns: with fewer, any law fits
+DOUBTFUL = 0.15  # relative error of a stiffness that says nothing
+TURN = 0.1  # standard deviations of the motion that it must come back by to have turned
 HEARD = 0.08  # share of the motion that the slowest mode must carry to count
 
 
@@ -41,8 +44,8 @@ def natural_periods_s(motions: Sequence[Motion]) -> Float64[np.ndarray, " m"]:
     vanish at both ends, derivatives fall on them and noise is not differenced. Inputs are part of the law, so
     that a driven motion shows the mechanism's own period and not its driver's. Test functions should last
     about one period: of all lengths that one is taken which finds a period near itself and is surest of it.
-    Where no law fits,
-    as where two potential wells are visited, half-periods between crossings of the mean are counted instead.
+    Where no law fits, as where a pendulum goes over the top, half-periods between turning points are counted
+    instead.
     For large amplitudes the period is the one of an oscillation as large as those seen.
 
     Source: weak form, Messenger and Bortz 2021.
@@ -53,18 +56,18 @@ def natural_periods_s(motions: Sequence[Motion]) -> Float64[np.ndarray, " m"]:
     longest_s = max(len(clip.q) * clip.dt_s for clip in clips)
     shortest_s = LEAST_SAMPLES * min(clip.dt_s for clip in clips)
     if longest_s <= shortest_s:
-        return _crossing_period(clips)
+        return _turning_period(clips)
     count = max(2, round(PER_DECADE * np.log10(longest_s / shortest_s)))
     best, found = -np.inf, np.zeros(0)
     for length_s in np.geomspace(shortest_s, longest_s, count):
         periods, doubt = _weak_law(clips, length_s)
-        if len(periods) == 0:
+        if len(periods) == 0 or doubt > DOUBTFUL:
             continue
         # A period much longer than the test function is not seen by it, a much shorter one is averaged away.
         score = -np.log(doubt) - 4.0 * np.log(periods[0] / length_s) ** 2
         if score > best:
             best, found = score, periods
-    return found if len(found) else _crossing_period(clips)
+    return found if len(found) else _turning_period(clips)
 
 
 def _even_clips(motions: Sequence[Motion]) -> list[_Clip]:
@@ -121,7 +124,7 @@ def _weak_law(clips: Sequence[_Clip], length_s: float) -> tuple[Float64[np.ndarr
         weight = 1.0 / tests[0].sum()
         left.append(weight * np.hstack([-value[:, :d], slope[:, :d], value[:, d:], own]))
         right.append(weight * bend[:, :d])
-    if not left or sum(map(len, left)) < 4 * d + 4:
+    if not left:
         return np.zeros(0), np.inf
     rows, target = np.concatenate(left), np.concatenate(right)
     constants = rows[:, 2 * d + clips[0].u.shape[1] :]
@@ -131,7 +134,10 @@ def _weak_law(clips: Sequence[_Clip], length_s: float) -> tuple[Float64[np.ndarr
     if rest.sum() > (1.0 - FITS) * (plain**2).sum():
         return np.zeros(0), np.inf
     # Test functions overlap: four neighbours tell about as much as one.
-    variance = (rest + 1e-12 * (target**2).sum(axis=0)) / max(len(rows) / 4.0 - rank, 0.5)
+    freedom = len(rows) / 4.0 - rank
+    if freedom < SPARE:
+        return np.zeros(0), np.inf
+    variance = (rest + 1e-12 * (target**2).sum(axis=0)) / freedom
     return _heard(solution[:d].T, np.linalg.pinv(rows.T @ rows, rcond=1e-12)[:d, :d], variance, clips)
 
 
@@ -163,19 +169,30 @@ def _heard(
     return periods, float(np.sqrt(error.real)) / float(values.real[slowest])
 
 
-def _crossing_period(clips: Sequence[_Clip]) -> Float64[np.ndarray, " m"]:
-    """Twice the median time between crossings of a straight line through each clip, by its largest motion."""
-    halves = []
-    for clip in clips:
-        time = clip.dt_s * np.arange(len(clip.q))
-        trend = np.polynomial.polynomial.polyfit(time, clip.q, 1)
-        swing = clip.q - np.polynomial.polynomial.polyval(time, trend).T
-        swing = swing[:, np.argmax(swing.std(axis=0))]
-        if not swing.std():
-            continue
-        # Noise crosses often; only half-periods that reach beyond a third of the motion count.
-        sides = np.sign(swing) * (np.abs(swing) > swing.std() / 3.0)
-        known = np.flatnonzero(sides)
-        turns = known[1:][np.diff(sides[known]) != 0]
-        halves += np.diff(time[turns]).tolist()
-    return np.array([2.0 * float(np.median(halves))]) if len(halves) >= 2 else np.zeros(0)
+def _turning_period(clips: Sequence[_Clip]) -> Float64[np.ndarray, " m"]:
+    """Twice the median time between turning points, by the coordinate that turns most often."""
+    found = []
+    for i in range(clips[0].q.shape[1] if clips else 0):
+        halves = [np.diff(_turns(clip.q[:, i])) * clip.dt_s for clip in clips]
+        found.append(np.concatenate(halves))
+    often = max(found, key=len, default=np.zeros(0))
+    return np.array([2.0 * float(np.median(often))]) if len(often) >= 2 else np.zeros(0)
+
+
+def _turns(q: np.ndarray) -> list[int]:
+    """Samples at which a column turns round, by more than `TURN` of its standard deviation over all clips."""
+    turns: list[int] = []
+    low = high = 0
+    rising = None
+    for k, value in enumerate(q):
+        low = k if value < q[low] else low
+        high = k if value > q[high] else high
+        if rising is not False and q[high] - value > TURN:
+            turns += [high] if rising else []
+            rising, low = False, k
+            high = k
+        elif rising is not True and value - q[low] > TURN:
+            turns += [low] if rising is False else []
+            rising, high = True, k
+            low = k
+    return turns

@@ -64,8 +64,13 @@ def check_length(
                 names,
             )
         )
+    return found + _too_little(motions, period_s, side)
+
+
+def _too_little(motions: Sequence[Motion], period_s: float, side: str) -> list[Finding]:
     duration_s = sum(motion.duration_s for motion in motions)
     periods, blocks = duration_s / period_s, count_blocks(motions, period_s=period_s)
+    found = []
     if periods < LEAST_PERIODS:
         found.append(
             Finding(

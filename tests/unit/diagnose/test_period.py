@@ -66,11 +66,21 @@ def test_releases_of_several_sizes_are_one_mechanism() -> None:
     assert natural_period_s(several) == pytest.approx(PERIOD_S, rel=0.02)
 
 
-def test_two_wells_have_the_time_between_crossings() -> None:
-    """Hops between two places, which no linear law explains."""
-    hops = np.tanh(8.0 * np.sin(2.0 * np.pi * TIME / 3.0))
-    motion = Motion(time_s=TIME, q=hops[:, None], u=np.zeros((900, 0)))
-    assert natural_period_s([motion]) == pytest.approx(3.0, rel=0.4)
+def test_over_the_top_the_time_between_turning_points_counts() -> None:
+    """Swings, then whole turns at rising speed: no linear law holds for both."""
+    angle = np.where(TIME < 9.0, np.sin(2.0 * np.pi * TIME / 1.5), 2.5 * (TIME - 9.0) ** 2)
+    motion = Motion(time_s=TIME, q=angle[:, None], u=np.zeros((900, 0)))
+    assert natural_period_s([motion.pieces([(0, 540)])]) == pytest.approx(1.5, rel=0.02)
+    assert natural_period_s([motion]) == pytest.approx(1.5, rel=0.4)
+
+
+def test_one_long_test_function_fits_any_law_and_is_not_believed() -> None:
+    """Releases much shorter than the whole, with a constant of their own each."""
+    several = [
+        swing(seconds=3.0 + k, start=(1.0, 0.6), seed=k, damping=0.02 + 0.02 * k, noise=0.01)
+        for k in range(3)
+    ]
+    assert natural_period_s(several) == pytest.approx(PERIOD_S, rel=0.05)
 
 
 def test_what_does_not_move_has_none() -> None:
