@@ -147,7 +147,9 @@ def _guesses(
     starts = np.repeat(fit.starts[None], len(whole), axis=0)
     y = contest.predict((*effects, offer))(whole, starts)
     y0 = contest.predict(effects)(fit.x[None], fit.starts[None])
-    change = (y - y0) * contest.data.weight
+    # a trial that has left for good says nothing of small amounts
+    change = np.clip(y - y0, -1e3 * contest.bench.model.basis.scale, 1e3 * contest.bench.model.basis.scale)
+    change = change * contest.data.weight
     if n:
         change /= np.tile(step, len(guesses))[:, None, None, None]
     change = np.where(np.isfinite(change), change, 0.0)
@@ -227,6 +229,25 @@ def log_evidence(one: Explained, bench: Bench, temper: float) -> float:
     )
 
 
+SHARES = (1.0, 0.5, 0.25, 0.1, 0.03)
+
+
+def _damped(
+    contest: Contest, effects: tuple[Instance, ...], base: Fit, offer: Instance, x: np.ndarray
+) -> np.ndarray:
+    """Unknowns to begin from: as much of the promised amplitude as the full rollouts welcome."""
+    known, n = sum(len(e.effect.parameters) for e in effects), offer.effect.amplitudes
+    tried = np.repeat(x[None], len(SHARES) if n else 1, axis=0)
+    if n:
+        tried[:, :n] *= np.array(SHARES)[:, None]
+    whole = np.stack([np.concatenate([base.x[:known], row, base.x[known:]]) for row in tried])
+    if not n:
+        return whole[0]
+    y = contest.predict((*effects, offer))(whole, np.repeat(base.starts[None], len(whole), axis=0))
+    misfit = np.sum(((contest.data.y - y) * contest.data.weight) ** 2, axis=(1, 2, 3))
+    return whole[int(np.argmin(np.where(np.isfinite(misfit), misfit, np.inf)))]
+
+
 def pursue(
     contest: Contest, effects: tuple[Instance, ...], base: Fit, lead: Lead, *, starts: int
 ) -> Explained:
@@ -235,7 +256,7 @@ def pursue(
     near = (base.slopes[..., known:], base.start_slopes)
     best: Fit | None = None
     for x in lead.starts[:starts]:
-        whole = np.concatenate([base.x[:known], x, base.x[known:]])
+        whole = _damped(contest, effects, base, lead.instance, x)
         fit = contest.fit((*effects, lead.instance), whole, base.starts, near)
         if best is None or fit.misfit + fit.penalty < best.misfit + best.penalty:
             best = fit

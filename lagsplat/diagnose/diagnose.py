@@ -65,7 +65,8 @@ def diagnose(
         max(1.0, sim.misfit),
     )
     ranking = rank(contest, offers, effort, tell=tell)
-    best = combine(contest, ranking, offers, effort, config, tell=tell)
+    chain = combine(contest, ranking, offers, effort, config, tell=tell)
+    best = chain[-1] if chain else None
     judgement = judge(ranking, best, contest.freedom, effort.nominal, config)
     named = judgement.verdict == "effect" and best is not None
     chosen = best if named and best is not None else ranking.none
@@ -89,6 +90,10 @@ def diagnose(
             "misfit_none": ranking.none.fit.misfit / contest.freedom,
             "misfit_best": (best or ranking.none).fit.misfit / contest.freedom,
             "unexplained": judgement.left,
+            "chain": [
+                {"effects": [e.effect.name for e in one.effects], "misfit": one.fit.misfit / contest.freedom}
+                for one in chain
+            ],
             "sim_misfit": sim.misfit,
             "windows": len(contest.windows.first),
             "temper": ranking.temper,
@@ -125,7 +130,7 @@ def _candidates(
     held: Held | None,
     period_s: float,
 ) -> tuple[Candidate, ...]:
-    fits = {}
+    fits: dict[str, tuple[Explained, Instance]] = {}
     for one in ranking.found:
         fits.setdefault(one.effects[-1].effect.name, (one, one.effects[-1]))
     if best is not None:

@@ -56,29 +56,12 @@ def _solve(a, b, d):
 
 @njit(cache=True, error_model="numpy", inline="always")
 @no_type_check
-def _rate(
-    basis,
-    fields,
-    laws,
-    along,
-    inertia,
-    theta,
-    t,
-    state,
-    u,
-    memory,
-    rate,
-    d_memory,
-    phi,
-    slope,
-    work,
-    m,
-    powers,
-):
-    """Write the rate of ``state`` (q, v) and of the memories."""
+def _rate(basis, fields, laws, along, inertia, theta, t, state, u, rate, phi, slope, work, m, powers):
+    """Write the rate of ``state``: coordinates, velocities and the laws' memories, slot after slot."""
     kind, order, centre, scale = basis
     mass, damping, potential, input_map, dry, drag, width, rest = fields
     d, n_u = rest.shape[0], input_map.shape[1]
+    n_z = (state.shape[0] - 2 * d) // SLOTS
     evaluate(kind, order, centre, scale, state, powers, phi, slope)
     for i in range(d):
         rate[i] = state[d + i]
@@ -123,7 +106,8 @@ def _rate(
             pull += along[slot, i] * work[i]
             push += along[slot, i] * work[d + i]
         heavy = inertia[slot]
-        f = laws[slot](t, s, v, pull / heavy, push / heavy, memory[slot], theta[slot], d_memory[slot])
+        at = slice(2 * d + slot * n_z, 2 * d + (slot + 1) * n_z)
+        f = laws[slot](t, s, v, pull / heavy, push / heavy, state[at], theta[slot], rate[at])
         for i in range(d):
             rate[d + i] += along[slot, i] * heavy * f
     _solve(m, rate, d)
@@ -148,54 +132,36 @@ def rollouts(
         phi, slope = np.empty(basis[0].shape[0]), np.empty((basis[0].shape[0], d))
         work, m = np.empty(2 * d), np.empty((d, d))
         powers = np.empty((d, highest_power(basis[0], basis[1]) + 1))
-        x, y, total = starts[p, w].copy(), np.empty(two_d), np.empty(two_d)
-        rate, n_z = np.zeros(two_d), memory.shape[3]
-        z, zy = memory[p, w].copy(), np.empty_like(memory[p, w])
-        d_z, z_total = np.zeros_like(z), np.empty_like(z)
+        size = two_d + memory.shape[2] * memory.shape[3]
+        x, y, total, rate = np.empty(size), np.empty(size), np.empty(size), np.zeros(size)
+        x[:two_d] = starts[p, w]
+        x[two_d:] = memory[p, w].ravel()
         lost = False
         for frame in range(length[w]):
             for i in range(two_d):
                 out[p, w, frame, i] = x[i]
-            if frame == length[w] - 1:
-                break
             n = first[w] + frame
-            h = (time[n + 1] - time[n]) / steps
-            for step in range(steps):
-                if lost:
-                    break
-                t = time[n] + step * h
+            for step in range(steps if frame < length[w] - 1 and not lost else 0):
+                h = (time[n + 1] - time[n]) / steps
                 for stage in range(4):
-                    ahead = 0.0 if stage == 0 else (h if stage == 3 else 0.5 * h)
-                    for i in range(two_d):
-                        y[i] = x[i] + ahead * rate[i]
-                    for slot in range(SLOTS):
-                        for i in range(n_z):
-                            zy[slot, i] = z[slot, i] + ahead * d_z[slot, i]
                     at = 0 if stage == 0 else (2 if stage == 3 else 1)
+                    for i in range(size):
+                        y[i] = x[i] + 0.5 * at * h * rate[i]
                     _rate(
-                        basis, fields, laws, along, inertia, theta[p], t + ahead, y, u[u_of[p], n, step, at],
-                        zy, rate, d_z, phi, slope, work, m, powers,
+                        basis, fields, laws, along, inertia, theta[p], time[n] + (step + 0.5 * at) * h, y,
+                        u[u_of[p], n, step, at], rate, phi, slope, work, m, powers,
                     )  # fmt: skip
-                    weight = h / 6.0 if stage == 0 or stage == 3 else h / 3.0
-                    for i in range(two_d):
-                        total[i] = weight * rate[i] + (0.0 if stage == 0 else total[i])
-                    for slot in range(SLOTS):
-                        for i in range(n_z):
-                            z_total[slot, i] = weight * d_z[slot, i] + (
-                                0.0 if stage == 0 else z_total[slot, i]
-                            )
-                for i in range(two_d):
-                    x[i] += total[i]
-                for slot in range(SLOTS):
-                    for i in range(n_z):
-                        z[slot, i] += z_total[slot, i]
+                    for i in range(size):
+                        total[i] = (0.0 if stage == 0 else total[i]) + rate[i] * (2.0 if at == 1 else 1.0)
+                for i in range(size):
+                    x[i] += h / 6.0 * total[i]
                 for i in range(d):
                     if not abs(x[i] - rest[i]) < FAR * basis[3][i]:
                         lost = True
-                if lost:
-                    for i in range(d):
-                        x[i] = rest[i] + FAR * basis[3][i]
-                        x[d + i] = 0.0
+            if lost:
+                for i in range(d):
+                    x[i] = rest[i] + FAR * basis[3][i]
+                    x[d + i] = 0.0
 
 
 @njit(

@@ -8,7 +8,8 @@ from jaxtyping import Float64
 
 from lagsplat.diagnose.compare import Contest, belief
 from lagsplat.diagnose.config import DiagnoseConfig
-from lagsplat.diagnose.identify import COEFFICIENTS, Setting, identify
+from lagsplat.diagnose.forms import COEFFICIENTS
+from lagsplat.diagnose.identify import Setting, identify
 from lagsplat.diagnose.model import Model
 from lagsplat.diagnose.nuisance import Nuisance
 from lagsplat.diagnose.prepare import Prepared, prepare, rough_period_s
