@@ -1,6 +1,6 @@
 """Places where a motion is not continued: cuts that nobody declared, gaps in time, a hand that lets go."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,11 +17,11 @@ UNUSUAL, USUAL = (
     0.9,
 )  # times the quantile of the mismatches around, which the bending of the motion makes
 AROUND = 6  # lengths of the polynomial that count as around
-SUDDEN = 0.5  # of a jump that lies between two neighbouring samples; a fast swing takes more of them
+SUDDEN = 0.5  # of a jump, by which the step stands out from those before and after; a swing takes several
 VISIBLE = 0.03  # of the range of the motion around
 SAME_RATE = 0.4  # times the typical speed by which the rates on both sides may differ
+OFTEN = 0.5  # cuts a period that are too many to be cuts
 MOST_MISSING = 10.5  # frames that a camera loses at once
-TURNS = (2.0 * np.pi, 360.0)
 LONG_STEPS, LONG_PERIODS = 3.0, 0.125  # a gap is longer than both
 HOLD_PERIODS = 0.4  # that a hold lasts at least
 OFF_CENTRE = 0.7  # times the swing that follows: how far from its middle a hold is
@@ -46,48 +46,11 @@ class _Jump:
     """Range of the motion around."""
 
 
-def unwrap(motion: Motion) -> tuple[Motion, tuple[Finding, ...]]:
-    """The motion with angles continued where a sensor starts again from the other end of a turn.
-
-    A step of a whole turn, in radians or degrees, to within a quarter of it counts, where no other step is a
-    tenth as long; rates are not touched.
-    """
-    q, found = motion.q.copy(), []
-    inside = _inside(motion)
-    for i in range(motion.d):
-        step = np.diff(q[:, i])
-        for turn in TURNS:
-            jumps = np.flatnonzero(inside & (np.abs(np.abs(step) - turn) < 0.25 * turn))
-            others = np.delete(np.abs(step), jumps)
-            span = np.ptp(q[:, i])
-            if not jumps.size or span > 1.1 * turn or (others[np.delete(inside, jumps)] > 0.1 * turn).any():
-                continue
-            shift = np.zeros(motion.n)
-            for start, stop in motion.segments:
-                own = jumps[(jumps >= start) & (jumps < stop - 1)]
-                for at in own:
-                    shift[at + 1 : stop] -= turn * np.sign(step[at])
-            q[:, i] += shift
-            found.append(
-                Finding(
-                    "warn",
-                    "wrapped",
-                    motion.source,
-                    f"{motion.q_names[i]} steps by a whole turn ({turn:.4g}) {len(jumps)} time(s)",
-                    "an angle that starts again is no motion",
-                    "it is continued here; record it unwrapped if that is wrong",
-                    (motion.q_names[i],),
-                )
-            )
-            break
-    return replace(motion, q=q), tuple(found)
-
-
 def cut_gaps(motion: Motion, *, period_s: float | None) -> tuple[Motion, tuple[Finding, ...]]:
     """The motion cut where samples are missing for longer than the motion can be followed."""
     step = np.diff(motion.time_s)
     limit = max(LONG_STEPS * motion.dt_s, LONG_PERIODS * (period_s or 0.0))
-    torn = 1 + np.flatnonzero(_inside(motion) & (step > limit))
+    torn = 1 + np.flatnonzero(motion.joined & (step > limit))
     if not torn.size:
         return motion, ()
     where = ", ".join(f"{step[k - 1]:.3g} s after {motion.time_s[k - 1]:.6g} s" for k in torn[:4])
@@ -111,7 +74,7 @@ def cut_jumps(
     ``sigma`` (d,) is the noise. Polynomials through the samples on either side of each border are compared in
     the middle. A knock, an end stop or a push changes the rate alone, and is no cut. Where a jump goes along
     with the motion by some frames' worth and the rate stays, frames are missing; that is said, not cut.
-    Jumps more frequent than half-periods are left alone, and said: then they are how the thing moves.
+    Jumps more frequent than `OFTEN` a period are left alone, and said: then they are how the thing moves.
     """
     jumps = _jumps(motion, sigma, period_s)
     if not jumps:
@@ -132,7 +95,7 @@ def cut_jumps(
                 "it is not cut, and `frame_drops` is among the candidates",
             )
         )
-    if period_s is not None and len(cuts) > 2.0 * motion.duration_s / period_s:
+    if period_s is not None and len(cuts) > max(3.0, OFTEN * motion.duration_s / period_s):
         found.append(_frequent(motion, cuts))
         cuts = []
     if not cuts:
@@ -182,13 +145,6 @@ def drop_holds(
     )
 
 
-def _inside(motion: Motion) -> np.ndarray:
-    """Which steps between neighbouring samples lie inside one clip."""
-    inside = np.ones(max(motion.n - 1, 0), dtype=bool)
-    inside[[start - 1 for start, _ in motion.segments[1:]]] = False
-    return inside
-
-
 def _jumps(motion: Motion, sigma: np.ndarray, period_s: float | None) -> list[_Jump]:
     """The largest significant mismatch of each neighbourhood."""
     side = SIDE if period_s is None else int(np.clip(PERIODS * period_s / motion.dt_s, 4, SIDE))
@@ -220,8 +176,8 @@ def _jumps(motion: Motion, sigma: np.ndarray, period_s: float | None) -> list[_J
                 [CERTAIN * error, UNUSUAL * usual, VISIBLE * span, BENT * np.abs(change)]
             )
             rate = 0.5 * (left[:, 1] + right[:, 1])
-            step = values[:, side] - values[:, side - 1] - rate
-            sudden = step * np.sign(size) > SUDDEN * np.abs(size)
+            before, step, after = (np.diff(values[:, side - 2 : side + 2]) * np.sign(size)[:, None]).T
+            sudden = step - np.maximum(before, after) > SUDDEN * np.abs(size)
             beyond = sudden * np.abs(size) / np.maximum(limit, np.finfo(float).tiny)
             numbers = np.stack([np.abs(size), error, rate * np.sign(size), np.abs(change), span], axis=1)
             found += [_Jump(int(at[k]), i, *numbers[k].tolist()) for k in _peaks(beyond, side)]
@@ -266,7 +222,7 @@ def _frequent(motion: Motion, cuts: list[int]) -> Finding:
         "warn",
         "frequent jumps",
         motion.source,
-        f"{len(cuts)} jumps in position, more than one each half period",
+        f"{len(cuts)} jumps in position, more than one in two periods",
         "so many are no cuts: the sensor jumps, or the motion is sampled too coarsely",
         "nothing is cut; look at the recording",
     )

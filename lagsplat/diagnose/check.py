@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lagsplat.diagnose.breaks import cut_gaps, cut_jumps, drop_holds, unwrap
+from lagsplat.diagnose.breaks import cut_gaps, cut_jumps, drop_holds
 from lagsplat.diagnose.constant_inputs import check_inputs
 from lagsplat.diagnose.coverage import check_coordinates, check_region
 from lagsplat.diagnose.driven_law import check_offset
@@ -14,6 +14,7 @@ from lagsplat.diagnose.finding import Finding, refuse
 from lagsplat.diagnose.measurement_noise import Noise, measure_noise
 from lagsplat.diagnose.period import natural_period_s
 from lagsplat.diagnose.samples import check_length, check_samples, count_blocks
+from lagsplat.diagnose.wrapping import unwrap
 from lagsplat.io.motion import Motion
 
 ASTRAY = 2.0  # times the sim's period, or one by it: a driven motion whose own period is not believed

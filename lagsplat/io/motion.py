@@ -95,6 +95,13 @@ class Motion:
         """Time covered by the clips together [s]; what lies between two clips does not count."""
         return float(sum(self.time_s[stop - 1] - self.time_s[start] for start, stop in self.segments))
 
+    @property
+    def joined(self) -> np.ndarray:
+        """Which steps between neighbouring samples (T - 1,) lie inside one clip."""
+        inside = np.ones(self.n - 1, dtype=bool)
+        inside[[start - 1 for start, _ in self.segments[1:]]] = False
+        return inside
+
     def clips(self) -> tuple["Motion", ...]:
         """Each clip as a motion of its own, with its own times."""
         return tuple(self.pieces([clip]) for clip in self.segments)

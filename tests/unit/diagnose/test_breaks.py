@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.breaks import cut_gaps, cut_jumps, drop_holds, unwrap
+from lagsplat.diagnose.breaks import cut_gaps, cut_jumps, drop_holds
 from lagsplat.diagnose.measurement_noise import measure_noise
+from lagsplat.diagnose.wrapping import unwrap
 from lagsplat.io.motion import Motion
 from tests.unit.diagnose.motions import PERIOD_S, glued, swing
 
@@ -72,9 +73,18 @@ def test_lost_frames_are_said_and_not_cut(noise: float) -> None:
 
 
 def test_a_sensor_that_jumps_all_the_time_is_not_cut_to_shreds() -> None:
-    parts = [swing(seconds=0.5, start=((-1.0) ** k,), seed=k) for k in range(30)]
+    parts = [swing(seconds=1.0, start=(1.0 + 0.1 * (k % 3),), damping=0.1, seed=k) for k in range(30)]
     found, said = cut(glued(*parts))
-    assert len(found.segments) < 5 or said == ["undeclared cut"]
+    assert (len(found.segments), said) == (1, ["frequent jumps"])
+
+
+def test_a_fast_mode_is_no_cut() -> None:
+    """Six samples a period, set off by a kick."""
+    force = lambda t, q, v: -3900.0 * q - 5.0 * v + 3000.0 * (abs(t - 6.0) < 0.02)  # noqa: E731
+    motion = stepped(force, noise=0.003, start=0.3)
+    slow = swing(noise=0.0, damping=0.0)
+    found, said = cut(replace(motion, q=0.5 * motion.q / motion.q.max() + slow.q))
+    assert (found.segments, said) == (((0, motion.n),), [])
 
 
 def test_gaps_are_cut_and_short_ones_are_not() -> None:
