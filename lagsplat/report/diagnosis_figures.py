@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from lagsplat.diagnose.result import Diagnosis
@@ -14,6 +15,7 @@ from lagsplat.report.diagnosis_picture import draw_picture
 from lagsplat.report.diagnosis_spectrum import draw_spectrum
 from lagsplat.report.diagnosis_state import draw_state_maps
 from lagsplat.report.diagnosis_time import draw_side_by_side, draw_time_strip
+from lagsplat.report.diagnosis_where import located
 from lagsplat.report.style import paper_style
 
 
@@ -29,15 +31,23 @@ class Shown:
 
 def draw_all(diagnosis: Diagnosis, exhibits: Exhibits) -> list[Shown]:
     """Every figure, drawn or found missing."""
-    shown = [
-        Shown(key, title, caption, draw(diagnosis, exhibits)) for key, title, caption, draw in _catalogue()
-    ]
-    with paper_style():
+    # A dollar in the name of a column or a file is no formula.
+    with paper_style(), mpl.rc_context({"text.parse_math": False}):
+        shown = [
+            Shown(key, title, _caption(key, caption, diagnosis), draw(diagnosis, exhibits))
+            for key, title, caption, draw in _catalogue()
+        ]
         for one in shown:
             if one.figure is not None:
                 # Long labels are given their room at the first drawing only.
                 one.figure.draw_without_rendering()
     return shown
+
+
+def _caption(key: str, caption: str, diagnosis: Diagnosis) -> str:
+    if key == "time" and not located(diagnosis.where, "smoothed"):
+        return "Forecasts of held-out blocks (vertical lines: new starts); the residual was not computed."
+    return caption
 
 
 def _catalogue() -> list[tuple[str, str, str, Callable[[Diagnosis, Exhibits], Figure | None]]]:

@@ -44,7 +44,8 @@ def draw_waterfall(diagnosis: Diagnosis, exhibits: Exhibits) -> Figure | None:
         return None
     steps = _steps(diagnosis, gap, exhibits)
     with paper_style():
-        figure = new_figure(0.75 * PAGE_IN, 2.1, title="")
+        lines = max(label.count("\n") for label, _ in steps) if steps else 1
+        figure = new_figure(0.75 * PAGE_IN, 2.0 + 0.12 * lines, title="")
         axis = figure.subplots()
         axis.bar(0, gap.before, color=QUIET, width=0.6)
         axis.annotate(percent(gap.before), (0, gap.before), (0, 2), textcoords="offset points", ha="center")
@@ -71,7 +72,7 @@ def draw_waterfall(diagnosis: Diagnosis, exhibits: Exhibits) -> Figure | None:
             )  # fmt: skip
         axis.set_ylim(0.0, 1.12 * max(gap.before, top, *(value for _, value in steps)))
         axis.yaxis.set_major_formatter(lambda y, _: f"{100 * y:g} %")
-        axis.set_ylabel("gap (share of each coordinate's rms)")
+        axis.set_ylabel("gap (share of rms)")
         return figure
 
 

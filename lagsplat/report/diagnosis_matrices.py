@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from lagsplat.diagnose.result import Diagnosis
+from lagsplat.report.decades import plain_decades
 from lagsplat.report.diagnosis_exhibits import Exhibits, Profile
 from lagsplat.report.diagnosis_names import chosen
 from lagsplat.report.effect_words import short_title
@@ -103,6 +104,7 @@ def _profile(axis: Any, diagnosis: Diagnosis, one: Profile) -> None:
     fall = one.log_likelihood - np.max(one.log_likelihood)
     if np.min(one.values) > 0.0 and np.max(one.values) > WIDE * np.min(one.values):
         axis.set_xscale("log")
+        plain_decades(axis.xaxis)
     axis.plot(one.values, fall, "o-", color=ENCODED, markersize=2.5)
     axis.axhline(-FALL, color=QUIET, linestyle="--", linewidth=0.6)
     for candidate in [*chosen(diagnosis), *diagnosis.candidates]:

@@ -32,6 +32,11 @@ def chance_of(diagnosis: Diagnosis, name: str) -> float:
     return sum(one.probability for one in diagnosis.candidates if one.name == name)
 
 
+def second_forecast(diagnosis: Diagnosis) -> str:
+    """What the augmented forecasts are of: the sim with its effects, or refit where none was chosen."""
+    return "sim with effects" if diagnosis.combination else "sim, refit"
+
+
 def place(candidate: Candidate) -> str:
     """An effect and where it acts, such as "Coulomb friction at q1"."""
     at = [f"at {candidate.coordinate}"] if candidate.coordinate else []

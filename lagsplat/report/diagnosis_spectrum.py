@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from lagsplat.diagnose.result import Diagnosis
+from lagsplat.report.decades import plain_decades
 from lagsplat.report.diagnosis_time import EVENT, coordinate_name, coordinate_number
 from lagsplat.report.diagnosis_where import located
 from lagsplat.report.rounding import number
@@ -29,8 +30,7 @@ def draw_spectrum(diagnosis: Diagnosis) -> Figure | None:
         for axis in (power, coherence):
             axis.set_xscale("log")
             axis.set_xlim(found.frequency_hz[0], found.frequency_hz[-1])
-            axis.xaxis.set_major_formatter(lambda x, _: f"{x:g}")
-            axis.xaxis.set_minor_formatter(lambda x, _: "")
+            plain_decades(axis.xaxis)
             axis.set_xlabel("frequency (Hz)")
         return figure
 
@@ -59,6 +59,7 @@ def _power(axis: Any, found: Any, at: int, name: str) -> None:
         )  # fmt: skip
     if (found.power > 0.0).any():
         axis.set_yscale("log")
+        plain_decades(axis.yaxis)
         axis.set_ylim(top=3.0 * found.power.max())
     axis.set_ylabel("power over the swing's (1/Hz)")
     _legend(axis, 3)

@@ -56,7 +56,7 @@ def headline(diagnosis: Diagnosis) -> str:
     if sum(chance_of(diagnosis, name) for name in names) < LIKELY:
         return "A gap whose cause is undecided"
     if len(diagnosis.combination) > 1:
-        return joined([_capital(place(one)) for one in chosen(diagnosis)], "and")
+        return _capital(joined([place(one) for one in chosen(diagnosis)], "and"))
     if len(names) > 1:
         return _capital(joined([short_title(name) for name in names], "or"))
     return _capital(place(chosen(diagnosis)[0]))

@@ -7,6 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from lagsplat.diagnose.result import Block, Diagnosis
+from lagsplat.report.diagnosis_names import second_forecast
 from lagsplat.report.diagnosis_where import located, main_coordinate
 from lagsplat.report.rounding import percent
 from lagsplat.report.style import ENCODED, PAGE_IN, PREDICTED, QUIET, new_figure, paper_style
@@ -52,7 +53,7 @@ def draw_time_strip(diagnosis: Diagnosis) -> Figure | None:
                 for edge in span:
                     axes["whole"].axvline(edge, color=INK, linestyle=":", linewidth=0.7)
         if "motion" in axes:
-            _motions(axes["motion"], blocks, at, name)
+            _motions(axes["motion"], blocks, at, (name, second_forecast(diagnosis)))
             axes["motion"].set_xlim(*span)
             if "near" in axes:
                 axes["motion"].tick_params(labelbottom=False)
@@ -87,8 +88,7 @@ def _stretch(diagnosis: Diagnosis, source: str | None) -> list[Block]:
 
 def _source(smoothed: Any, blocks: Sequence[Block]) -> str:
     name = smoothed.motion.source if smoothed is not None else blocks[0].file
-    # A dollar would start a formula.
-    return str(name).replace("\\", "/").rpartition("/")[2].replace("$", r"\$")
+    return str(name).replace("\\", "/").rpartition("/")[2]
 
 
 def _residual(axis: Any, one: Any, at: int, name: str, span: tuple[float, float] | None = None) -> None:
@@ -127,9 +127,9 @@ def _events(axis: Any, diagnosis: Diagnosis, source: str) -> None:
         label = None
 
 
-def _motions(axis: Any, blocks: Sequence[Block], at: int, name: str) -> None:
+def _motions(axis: Any, blocks: Sequence[Block], at: int, names: tuple[str, str]) -> None:
     for number, one in enumerate(blocks):
-        labels = ("measured", "sim", "sim with effects") if number == 0 else (None, None, None)
+        labels = ("measured", "sim", names[1]) if number == 0 else (None, None, None)
         axis.plot(one.time_s, one.real[:, at], color=INK, linewidth=1.6, alpha=0.35, label=labels[0])
         axis.plot(one.time_s, one.sim[:, at], color=PREDICTED, linestyle=(0, (4, 1.5)), label=labels[1])
         axis.plot(one.time_s, one.augmented[:, at], color=ENCODED, label=labels[2])
@@ -138,7 +138,7 @@ def _motions(axis: Any, blocks: Sequence[Block], at: int, name: str) -> None:
     room = 0.6 * max(np.ptp(real), 1e-12)
     # A forecast that runs away must not flatten the motion.
     axis.set_ylim(real.min() - room, real.max() + room)
-    axis.set_ylabel(f"{name}")
+    axis.set_ylabel(names[0])
     _legend(axis)
 
 
@@ -168,7 +168,7 @@ def draw_side_by_side(diagnosis: Diagnosis) -> Figure | None:
                 axis.set_title(f"block {one.index}", loc="left", pad=1)
                 axis.set(xlim=(one.time_s[0], one.time_s[-1]), ylim=(low - room, high + room))
             row[0].set_ylabel(coordinate_name(diagnosis, at))
-        for axis, title in zip(axes[-1], ("sim as delivered", "sim with effects"), strict=True):
+        for axis, title in zip(axes[-1], ("sim as delivered", second_forecast(diagnosis)), strict=True):
             axis.set_xlabel(f"time (s) · {title}")
         axes[0, 0].legend(loc="best", ncols=1)
         return figure

@@ -17,6 +17,11 @@ def inline_svg(figure: Figure, *, key: str, title: str) -> str:
     who cannot see it. The same figure gives the same text.
     """
     buffer = io.StringIO()
+    with paper_style():
+        if figure.get_layout_engine() is not None:
+            figure.draw_without_rendering()
+            # The layout refines itself at every drawing; one pass, and the same figure stays the same.
+            figure.set_layout_engine("none")
     nothing = {"Date": None, "Creator": None, "Format": None, "Type": None}
     with paper_style(), mpl.rc_context({"svg.fonttype": "path", "svg.hashsalt": key}):
         figure.savefig(buffer, format="svg", metadata=nothing)

@@ -22,7 +22,7 @@ def number(value: float, *, digits: int = 2) -> str:
         text = f"{rounded:.{max(places, 0)}f}"
     else:
         mantissa, _, exponent = f"{rounded:.{digits - 1}e}".partition("e")
-        text = f"{mantissa}·10{_raised(int(exponent))}"
+        text = f"{mantissa}·{power_of_ten(int(exponent))}"
     return text.replace("-", MINUS)
 
 
@@ -73,6 +73,11 @@ def unit(name: str) -> str:
 def with_unit(text: str, name: str) -> str:
     """A number and its unit, on one line."""
     return f"{text}\N{NO-BREAK SPACE}{unit(name)}" if unit(name) else text
+
+
+def power_of_ten(power: int) -> str:
+    """Such as 10⁻³."""
+    return f"10{_raised(power)}"
 
 
 def values(value: Any) -> list[float]:

@@ -18,8 +18,9 @@ from tests.unit.report import made_diagnoses
 KINDS = made_diagnoses.every_kind()
 DESIGNED = """
 none viscous_damping linear_stiffness mass_change constant_force input_gain cubic_stiffness coulomb_friction
-stribeck_friction load_dependent_friction quadratic_drag input_lag input_delay input_dead_zone input_saturation
-input_backlash hysteresis creep joint_backlash end_stop external_push external_periodic_force parameter_drift
+stribeck_friction load_dependent_friction quadratic_drag input_lag input_delay input_dead_zone
+input_saturation input_backlash hysteresis creep joint_backlash end_stop external_push
+external_periodic_force parameter_drift
 hidden_mode time_offset time_jitter frame_drops camera_change camera_drift exposure_blur unknown
 """
 
