@@ -79,7 +79,8 @@ def test_checks_come_first(full):
 
 def test_everything_is_told(full):
     for part in ("lagsplat diagnose sim=sim.csv real=swing.csv", "ab" * 32, "0" * 40, "scipy 1.17.1",
-                 "the motion jumps by 0.3 at 10 s", "0.771 to 0.832", "input lag", "data:image/webp"):  # fmt: skip
+                 "the motion jumps by 0.3 at 10 s", "0.771 to 0.832", "input lag", "data:image/webp",
+    ):  # fmt: skip
         assert part in full
     assert ", gsplat" not in full
 
