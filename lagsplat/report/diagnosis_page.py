@@ -22,12 +22,13 @@ from lagsplat.report.inline_svg import inline_svg
 from lagsplat.report.rounding import number, percent, probability
 
 EXPLAINED = 0.02  # probability from which a candidate is explained
+FEW = 6  # numbers that a tile holds
 GRADES = {"yes": "Shown well", "weak": "Shown weakly", "no": "Cannot be shown"}
 LABELS = {
     "period_s": "natural period (s)",
     "periods": "natural periods recorded",
     "blocks": "blocks to divide into fit and test",
-    "noise": "noise (rms, largest)",
+    "noise": "noise of each coordinate (rms)",
     "duration_s": "seconds recorded",
 }
 
@@ -96,20 +97,29 @@ def _files(diagnosis: Diagnosis) -> list[str]:
 
 
 def _tiles(diagnosis: Diagnosis) -> list[dict[str, str]]:
-    tiles = []
-    for name, value in measures(diagnosis).items():
-        if isinstance(value, Mapping):
-            numbers = [one for one in value.values() if isinstance(one, int | float)]
-            value = max(numbers) if numbers and len(numbers) == len(value) else None
-        if isinstance(value, bool):
-            value = "yes" if value else "no"
-        elif isinstance(value, int | float):
-            value = str(value) if isinstance(value, int) else number(value, digits=3)
-        if isinstance(value, str):
-            tiles.append({"label": LABELS.get(name, name.replace("_", " ")), "value": value})
+    tiles = [
+        {"label": LABELS.get(name, name.replace("_", " ")), "value": told}
+        for name, value in measures(diagnosis).items()
+        if (told := _told(value))
+    ]
     if diagnosis.blocks:
         tiles.append({"label": "held-out blocks forecast", "value": str(len(diagnosis.blocks))})
     return tiles
+
+
+def _told(value: Any) -> str:
+    """A check in a few letters; nothing for one that does not fit."""
+    if isinstance(value, Mapping):
+        # Noise is told by its size; whether it is white stands among the findings.
+        return _told(value["sigma"] if "sigma" in value else list(value.values()))
+    if isinstance(value, list):
+        several = [_told(one) for one in value]
+        return ", ".join(several) if all(several) and len(several) <= FEW else ""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, int):
+        return str(value)
+    return number(value) if isinstance(value, float) else value if isinstance(value, str) else ""
 
 
 def _shown(diagnosis: Diagnosis) -> list[dict[str, Any]]:

@@ -87,26 +87,36 @@ def _boxes(axis: Any, regions: Sequence[Any]) -> None:
 
 
 def _profile(axis: Any, before: Sequence[Any], after: Sequence[Any], name: str) -> None:
-    for maps, label, color, line in (
-        (before, "sim", PREDICTED, (0, (4, 1.5))),
-        (after, "sim with effects", ENCODED, "-"),
+    """Mean along position or along velocity, whichever the sim's residual varies with more."""
+    first = _along(before)
+    along = max(first, key=lambda key: float(np.ptp(first[key][1])) if len(first[key][1]) else 0.0)
+    for marginals, label, color, line in (
+        (first, "sim", PREDICTED, (0, (4, 1.5))),
+        (_along(after) if after else {}, "sim with effects", ENCODED, "-"),
     ):
-        if not maps:
-            continue
-        one = min(maps, key=lambda one: len(one.velocity_edges))
-        if len(one.velocity_edges) == 2:
-            _steps(axis, one.position_edges, one.mean[:, 0], label, color, line)
-            axis.set_xlabel(name)
-        else:
-            # Without a profile of its own, the map's mean along position tells how force goes with speed.
-            with np.errstate(invalid="ignore"):
-                mean = np.ma.masked_invalid(one.mean).mean(axis=0).filled(np.nan)
-            _steps(axis, one.velocity_edges, mean, label, color, line)
-            axis.set_xlabel(f"{name} rate (1/s)")
+        if along in marginals:
+            _steps(axis, *marginals[along], label, color, line)
     axis.axhline(0.0, color="black", linewidth=0.5)
-    axis.set_ylabel(f"real − sim ({name}/s²)")
+    axis.set(xlabel=name if along == "position" else f"{name} rate (1/s)", ylabel=f"real − sim ({name}/s²)")
     axis.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.0)
 
 
-def _steps(axis: Any, edges: np.ndarray, mean: np.ndarray, label: str, color: str, line: Any) -> None:
-    axis.stairs(np.asarray(mean, dtype=float), edges, baseline=None, label=label, color=color, linestyle=line)
+def _along(maps: Sequence[Any]) -> dict[str, tuple[np.ndarray, np.ma.MaskedArray]]:
+    """Edges and mean residual along position, and along velocity where a map has both."""
+    one = max(maps, key=lambda one: len(one.velocity_edges))
+    mean = np.ma.masked_invalid(one.mean)
+    found = {"position": (one.position_edges, mean.mean(axis=1))}
+    if len(one.velocity_edges) > 2:
+        found["velocity"] = (one.velocity_edges, mean.mean(axis=0))
+    return found
+
+
+def _steps(axis: Any, edges: np.ndarray, mean: np.ma.MaskedArray, label: str, color: str, line: Any) -> None:
+    axis.stairs(
+        np.ma.filled(mean.astype(float), np.nan),
+        edges,
+        baseline=None,
+        label=label,
+        color=color,
+        linestyle=line,
+    )

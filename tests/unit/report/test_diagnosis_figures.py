@@ -119,6 +119,16 @@ def texts_of(axis):
     return axis.get_title(loc="right")
 
 
+def test_the_profile_follows_what_the_residual_varies_with(drawn):
+    """Dry friction is a step in velocity, and flat along position."""
+    axis = next(one for one in drawn["state"].axes if one.get_legend())
+    assert axis.get_xlabel() == "q1 rate (1/s)"
+    sim = next(one for one in axis.patches if one.get_label() == "sim")
+    values = sim.get_data().values
+    assert values[0] > 0.5
+    assert values[-1] < -0.5
+
+
 def test_pairs_below_three_nats_are_framed(drawn):
     exhibits = made_exhibits.exhibits()
     off_diagonal = exhibits.separability.nats[~np.eye(5, dtype=bool)]

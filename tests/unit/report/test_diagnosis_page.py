@@ -96,6 +96,14 @@ def test_every_verdict_has_a_page(kind, tmp_path):
     assert "Not computed" in visible
 
 
+def test_noise_is_told_by_coordinate(full):
+    assert "<b>0.011, 0.0098</b>noise of each coordinate" in full
+    made = replace(KINDS["single"], checks={"noise": {"sigma": [0.25, 0.5], "ar1": [0.1, 0.2]}, "blocks": 16})
+    page = diagnosis_page(made, Exhibits())
+    assert "<b>0.25, 0.50</b>" in page
+    assert "The quality of the data was not checked." in page
+
+
 def test_an_unknown_place_is_said(tmp_path):
     page = diagnosis_page(KINDS["undetermined"], Exhibits())
     assert "level, coordinates, time, frequency, state region, image region, components" in page
