@@ -18,6 +18,9 @@ from lagsplat.report.diagnosis_time import draw_side_by_side, draw_time_strip
 from lagsplat.report.diagnosis_where import located
 from lagsplat.report.style import paper_style
 
+Entry = tuple[str, str, str, Callable[[Diagnosis, Exhibits], Figure | None]]
+"""Key, title, caption and how it is drawn."""
+
 
 @dataclass(frozen=True)
 class Shown:
@@ -39,7 +42,7 @@ def draw_all(diagnosis: Diagnosis, exhibits: Exhibits) -> list[Shown]:
         ]
         for one in shown:
             if one.figure is not None:
-                # Long labels are given their room at the first drawing only.
+                # Labels of ticks are made at the first drawing, which must fall under these settings.
                 one.figure.draw_without_rendering()
     return shown
 
@@ -50,7 +53,12 @@ def _caption(key: str, caption: str, diagnosis: Diagnosis) -> str:
     return caption
 
 
-def _catalogue() -> list[tuple[str, str, str, Callable[[Diagnosis, Exhibits], Figure | None]]]:
+def _catalogue() -> list[Entry]:
+    return [*_verdict(), *_place(), *_certainty()]
+
+
+def _verdict() -> list[Entry]:
+    """What was found and how far it goes."""
     return [
         (
             "waterfall",
@@ -75,6 +83,12 @@ def _catalogue() -> list[tuple[str, str, str, Callable[[Diagnosis, Exhibits], Fi
             "on its first ten samples. Grey: measured.",
             lambda diagnosis, _: draw_side_by_side(diagnosis),
         ),
+    ]
+
+
+def _place() -> list[Entry]:
+    """Where the gap lies."""
+    return [
         (
             "time",
             "Where in time",
@@ -115,6 +129,12 @@ def _catalogue() -> list[tuple[str, str, str, Callable[[Diagnosis, Exhibits], Fi
             "each point of the body explains the residual, with the force on the best.",
             lambda _, exhibits: draw_picture(exhibits),
         ),
+    ]
+
+
+def _certainty() -> list[Entry]:
+    """What the recording can tell."""
+    return [
         (
             "separability",
             "What this recording tells apart",

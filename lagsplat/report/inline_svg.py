@@ -6,8 +6,12 @@ import re
 
 import matplotlib as mpl
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from lagsplat.report.style import paper_style
+
+SETTLES = 3
+PAD_IN = 0.09
 
 
 def inline_svg(figure: Figure, *, key: str, title: str) -> str:
@@ -18,9 +22,14 @@ def inline_svg(figure: Figure, *, key: str, title: str) -> str:
     """
     buffer = io.StringIO()
     with paper_style():
-        if figure.get_layout_engine() is not None:
-            figure.draw_without_rendering()
-            # The layout refines itself at every drawing; one pass, and the same figure stays the same.
+        layout = figure.get_layout_engine()
+        if isinstance(layout, ConstrainedLayoutEngine):
+            # Outlines of letters are a little wider than the pixels they are measured by.
+            layout.set(w_pad=PAD_IN)
+            # The layout refines itself at every drawing: long labels have their room after a few, and once
+            # it is fixed the same figure stays the same.
+            for _ in range(SETTLES):
+                figure.draw_without_rendering()
             figure.set_layout_engine("none")
     nothing = {"Date": None, "Creator": None, "Format": None, "Type": None}
     with paper_style(), mpl.rc_context({"svg.fonttype": "path", "svg.hashsalt": key}):
