@@ -1,5 +1,6 @@
 """A sim that is a fitted run: its Lagrangian in whitened latents and seconds, and recordings in these."""
 
+from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 
@@ -8,9 +9,8 @@ import torch
 
 from lagsplat.chart.chart import Chart
 from lagsplat.diagnose.region import Region
-from lagsplat.diagnose.sample import Mechanics, Sampled, sample_mechanics
+from lagsplat.diagnose.sample import FieldFunctions, Sampled, sample_mechanics
 from lagsplat.io.motion import Motion
-from lagsplat.io.recording import Recording
 from lagsplat.stage1.autoencoder import Autoencoder, encode_frames
 from lagsplat.stage2.fit import load_dynamics
 from lagsplat.stage2.lagrangian import Lagrangian
@@ -47,7 +47,7 @@ def sample_run(lagrangian: Lagrangian, region: Region, *, what: str) -> Sampled:
     return sample_mechanics(mechanics(lagrangian, region), region, what=what)
 
 
-def mechanics(lagrangian: Lagrangian, region: Region) -> Mechanics:
+def mechanics(lagrangian: Lagrangian, region: Region) -> FieldFunctions:
     """Mass, forces and input map of a Lagrangian in seconds; energies keep the Lagrangian's own unit.
 
     With ``t = time_unit_s tau`` the mass takes the square of the unit and the damping the unit itself. The
@@ -90,36 +90,26 @@ def mechanics(lagrangian: Lagrangian, region: Region) -> Mechanics:
         parts = [lagrangian.damping(torch.as_tensor(a)) for a in _batches(q)]
         return unit * np.einsum("nij,nj->ni", torch.cat(parts).double().numpy(), v)
 
-    return Mechanics(mass, still, reach, loss)
+    return FieldFunctions(mass, still, reach, loss)
 
 
-def encoded(autoencoder: Autoencoder, chart: Chart, recording: Recording) -> Motion:
-    """A recording as whitened latents of a run, not smoothed, with its own clips, times and inputs.
+def encoder(autoencoder: Autoencoder, chart: Chart, *, what: str) -> Callable[[np.ndarray], np.ndarray]:
+    """From frames (T, H, W, 3), uint8, to whitened latents (T, d) of a run, not smoothed.
 
     Raises:
-        ValueError: the recording has another number of inputs, or pictures of another size.
+        ValueError: on frames of another size than the run's.
     """
-    n_u = chart.inputs.shape[1]
-    source = str(recording.meta.get("source", "recording"))
-    if recording.inputs.shape[1] != n_u:
-        raise ValueError(
-            f"{source}: {recording.inputs.shape[1]} input(s), but the run was fitted with {n_u}; give the "
-            "inputs in a CSV of the same stem with columns t, u0, ..."
-        )
-    size, own = recording.frames.shape[1:3], (autoencoder.height, autoencoder.width)
-    if tuple(size) != own:
-        raise ValueError(
-            f"{source}: pictures of {size[0]} x {size[1]} px, but the run was fitted to {own[0]} x {own[1]}; "
-            "read the recording with the run's own settings"
-        )
-    latents = encode_frames(autoencoder, recording.frames)
-    return Motion(
-        time_s=np.asarray(recording.time_s, dtype=np.float64),
-        q=chart.to_whitened(latents),
-        u=np.asarray(recording.inputs, dtype=np.float64),
-        segments=tuple((int(a), int(b)) for a, b in recording.segments),
-        source=source,
-    )
+
+    def encode(frames: np.ndarray) -> np.ndarray:
+        size, own = tuple(frames.shape[1:3]), (autoencoder.height, autoencoder.width)
+        if size != own:
+            raise ValueError(
+                f"{what}: was fitted to pictures of {own[0]} x {own[1]} px, but these are "
+                f"{size[0]} x {size[1]}; read the film with the run's own settings"
+            )
+        return chart.to_whitened(encode_frames(autoencoder, frames))
+
+    return encode
 
 
 def charted(chart: Chart, *, held_out: bool) -> Motion:
