@@ -1,0 +1,216 @@
+"""MuJoCo models as sims: what MuJoCo itself simulates against the sampled model, and patched files."""
+
+import builtins
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lagsplat.diagnose.augmented import Augmented, bare
+from lagsplat.diagnose.catalogue import catalogue
+from lagsplat.diagnose.effects.effect import Direction, Instance, LogNormal, Scales
+from lagsplat.diagnose.model import Model
+from lagsplat.diagnose.mujoco_counterparts import COUNTERPARTS
+from lagsplat.diagnose.mujoco_patch import patch_augmented, patch_xml
+from lagsplat.diagnose.mujoco_sim import load_mujoco, sample_mujoco
+from lagsplat.diagnose.play import Drive, play
+from lagsplat.diagnose.region import Region
+from lagsplat.diagnose.result import Candidate, Parameter
+
+mujoco = pytest.importorskip("mujoco")
+
+ARM = """
+<mujoco>
+  <option timestep="0.001" integrator="RK4" gravity="0 0 -9.81"><flag contact="disable"/></option>
+  <worldbody>
+    <body name="upper">
+      <joint name="shoulder" type="hinge" axis="0 1 0" damping="0.05" armature="0.01" stiffness="0.4"/>
+      <geom type="capsule" fromto="0 0 0 0 0 -0.4" size="0.02" mass="0.6"/>
+      {fore}
+    </body>
+  </worldbody>
+  <actuator>
+    <motor name="drive" joint="shoulder" gear="0.8"/>
+    {servo}
+  </actuator>
+</mujoco>
+"""
+FORE = """<body pos="0 0 -0.4"><joint name="elbow" type="hinge" axis="0 1 0" damping="0.02"/>
+<geom type="capsule" fromto="0 0 0 0 0 -0.3" size="0.02" mass="0.4"/></body>"""
+SERVO = '<position name="hold" joint="elbow" kp="2" kv="0.05"/>'
+SCALES = Scales(coordinate=0.5, velocity=3.0, reach=1.0, frame_s=0.01, duration_s=4.0, stiffness=36.0)
+
+
+def arm(folder: Path, d: int) -> Path:
+    path = folder / f"arm{d}.xml"
+    path.write_text(ARM.format(fore=FORE if d == 2 else "", servo=SERVO if d == 2 else ""))
+    return path
+
+
+def region(d: int, n_u: int) -> Region:
+    rng = np.random.default_rng(0)
+    return Region(*(s * rng.uniform(-1.0, 1.0, (500, k)) for s, k in ((0.9, d), (5.0, d), (1.0, n_u))))
+
+
+def drive(n_u: int) -> Drive:
+    time = np.arange(400) * 0.005
+    return Drive(time, 0.8 * np.sin(np.outer(time, 5.0 * np.arange(1.0, n_u + 1.0))))
+
+
+def simulated(path: Path, by: Drive, q: np.ndarray) -> np.ndarray:
+    """MuJoCo's own rollout; inputs are interpolated at the middle of its steps."""
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data, out = mujoco.MjData(model), [q]
+    data.qpos[:] = q
+    begin = np.array([np.interp(0.0, by.time_s, column) for column in by.u.T])
+    data.act[:] = begin[: model.na]
+    while len(out) < len(by.time_s):
+        data.ctrl[:] = [np.interp(data.time + 0.5 * model.opt.timestep, by.time_s, c) for c in by.u.T]
+        mujoco.mj_step(model, data)
+        if data.time > by.time_s[len(out)] - 1e-6:
+            out.append(data.qpos.copy())
+    return np.array(out)
+
+
+def kept(model: Model, d: int, n_u: int) -> Augmented:
+    names = tuple(f"q{i}" for i in range(d)), tuple(f"u{i}" for i in range(n_u))
+    return bare(
+        model, held=False, step_s=0.001, dt_s=0.005, q_names=names[0], u_names=names[1], region=region(d, n_u)
+    )
+
+
+@pytest.mark.parametrize("d", [1, 2])
+def test_a_model_file_moves_as_mujoco_moves_it(tmp_path: Path, d: int) -> None:
+    path = arm(tmp_path, d)
+    found = sample_mujoco(path, region(d, d))
+    assert found.error < 0.003
+    start = np.array([0.6, -0.4])[:d]
+    ours, _ = play(kept(found.model, d, d), drive(d), q=start)
+    theirs = simulated(path, drive(d), start)
+    assert np.abs(ours - theirs).max() < 0.01 * np.ptp(theirs)
+
+
+def test_joints_and_actuators_can_be_chosen(tmp_path: Path) -> None:
+    path = arm(tmp_path, 2)
+    chosen = load_mujoco(path, joints=["elbow"], actuators=["hold"])
+    assert (chosen.joints, chosen.actuators) == (("elbow",), ("hold",))
+    model = sample_mujoco(path, region(1, 1), joints=["elbow"], actuators=["hold"]).model
+    # the forearm alone: gravity and the servo's stiffness over the inertia of a rod about its end
+    data = mujoco.MjData(chosen.model)
+    mujoco.mj_forward(chosen.model, data)
+    full = np.zeros((2, 2))
+    mujoco.mj_fullM(chosen.model, data, full)
+    push = model.acceleration(np.zeros((1, 1)), np.zeros((1, 1)), np.ones((1, 1)))
+    assert push[0, 0] == pytest.approx(2.0 / full[1, 1], rel=1e-3)
+    with pytest.raises(ValueError, match=r"no joint 'wrist', only \['shoulder', 'elbow'\]"):
+        load_mujoco(path, joints=["wrist"])
+    with pytest.raises(ValueError, match=r"2 joints .* 1 column\(s\) q"):
+        sample_mujoco(path, region(1, 2))
+
+
+def test_what_is_no_model_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(FileNotFoundError, match="no such file"):
+        load_mujoco(tmp_path / "gone.xml")
+    (tmp_path / "bad.xml").write_text("<mujoco><nonsense/></mujoco>")
+    with pytest.raises(ValueError, match="MuJoCo cannot read it"):
+        load_mujoco(tmp_path / "bad.xml")
+    real = builtins.__import__
+
+    def without(name: str, *rest: object) -> object:
+        if name == "mujoco":
+            raise ImportError(name)
+        return real(name, *rest)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    with pytest.raises(ValueError, match=r"pip install 'lagsplat\[mujoco\]'"):
+        load_mujoco(arm(tmp_path, 1))
+
+
+def added(one: Augmented, name: str, values: dict[str, float], variant: str) -> Augmented:
+    """The sim with one effect of given parameters, on its only joint or input."""
+    effect = catalogue()[name]
+    along = Direction("q0", np.ones(1), float(one.model.inertia[0, 0]), float(one.model.rest[0]))
+    channel = 0 if name.startswith("input") else None
+    place = Instance(effect, SCALES, variant, along if channel is None else None, channel)
+    x = []
+    for p in effect.parameters:
+        value = values.get(p.name, 0.0)
+        if p.kind == "log_ratio":
+            x.append(np.log(value))
+        elif isinstance(p.prior, LogNormal):
+            x.append(p.prior.unknown(value / SCALES.of(p.kind)))
+        else:
+            x.append(value / SCALES.of(p.kind))
+    return replace(one, effects=(place,), x=np.concatenate([x, one.x]))
+
+
+CASES = [
+    ("viscous_damping", {"rate": 1.5}, "", 0.01),
+    ("quadratic_drag", {"coefficient": 0.5}, "", 0.01),
+    ("coulomb_friction", {"acceleration": 3.0}, "", 0.03),
+    ("constant_force", {"acceleration": 6.0}, "", 0.01),
+    ("cubic_stiffness", {"coefficient": 30.0}, "", 0.01),
+    ("linear_stiffness", {"ratio": 1.3}, "", 0.01),
+    ("mass_change", {"ratio": 1.4}, "", 0.01),
+    ("input_gain", {"ratio": 0.7}, "", 0.01),
+    ("input_lag", {"time_constant": 0.15}, "", 0.01),
+    ("input_delay", {"delay": 0.1}, "", 0.02),
+    ("input_saturation", {"limit": 0.3}, "", 0.01),
+    ("end_stop", {"stiffness_ratio": 20.0, "position": 0.3}, "upper", 0.03),
+]
+
+
+@pytest.mark.parametrize(("name", "values", "variant", "bound"), CASES, ids=[case[0] for case in CASES])
+def test_a_patched_file_moves_as_the_augmented_sim(
+    tmp_path: Path, name: str, values: dict[str, float], variant: str, bound: float
+) -> None:
+    path, out = arm(tmp_path, 1), tmp_path / "patched" / "arm.xml"
+    one = kept(sample_mujoco(path, region(1, 1)).model, 1, 1)
+    changed = added(one, name, values, variant)
+    assert patch_augmented(path, out, changed)
+    start = np.array([0.6])
+    ours, _ = play(changed, drive(1), q=start)
+    before, theirs = simulated(path, drive(1), start), simulated(out, drive(1), start)
+    size = np.ptp(before)
+    assert np.abs(theirs - before).max() > 0.05 * size
+    assert np.abs(ours - theirs).max() < bound * size
+
+
+def test_every_counterpart_is_tried() -> None:
+    assert {case[0] for case in CASES} == set(COUNTERPARTS)
+
+
+def test_one_effect_of_a_diagnosis_is_patched_by_names(tmp_path: Path) -> None:
+    path, out = arm(tmp_path, 2), tmp_path / "out.xml"
+    rate = Parameter(2.0, 1.5, 2.5, "1/s")
+    damped = Candidate("viscous_damping", 0.9, "q1", None, {"rate": rate})
+    (told,) = patch_xml(path, out, damped, "elbow", None, rest=[0.0, 0.0])
+    assert told.startswith("joint elbow: damping")
+    chosen, new = load_mujoco(path), mujoco.MjModel.from_xml_path(str(out))
+    data, full = mujoco.MjData(chosen.model), np.zeros((2, 2))
+    mujoco.mj_forward(chosen.model, data)
+    mujoco.mj_fullM(chosen.model, data, full)
+    np.testing.assert_allclose(new.dof_damping, [0.05, 0.02 + 2.0 * full[1, 1]], rtol=1e-5)
+    out.unlink()
+    assert patch_xml(path, out, replace(damped, name="creep"), "elbow", None) == ()
+    assert not out.exists()
+    feeding = replace(damped, parameters={"rate": replace(rate, value=-50.0)})
+    assert patch_xml(path, out, feeding, "elbow", None) == ()
+
+
+def test_a_heavier_whole_keeps_its_free_motion(tmp_path: Path) -> None:
+    path, out = arm(tmp_path, 2), tmp_path / "out.xml"
+    heavier = Candidate("mass_change", 0.9, None, None, {"ratio": Parameter(1.5, 1.4, 1.6, "1")})
+    assert patch_xml(path, out, heavier, None, None)
+    old, new = (mujoco.MjModel.from_xml_path(str(p)) for p in (path, out))
+    masses, forces = [], []
+    for model in (old, new):
+        data, full = mujoco.MjData(model), np.zeros((2, 2))
+        data.qpos[:] = [0.4, -0.7]
+        mujoco.mj_forward(model, data)
+        mujoco.mj_fullM(model, data, full)
+        masses.append(full)
+        forces.append(data.qfrc_bias - data.qfrc_passive)
+    np.testing.assert_allclose(masses[1], 1.5 * masses[0], rtol=1e-5)
+    np.testing.assert_allclose(forces[1], forces[0], rtol=1e-5)
