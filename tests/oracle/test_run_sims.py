@@ -1,0 +1,109 @@
+"""Fitted runs as sims: their Lagrangian in seconds, their latents as motions."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from lagsplat.chart.chart import Chart
+from lagsplat.diagnose.region import Region
+from lagsplat.diagnose.run_sim import charted, encoder, sample_run
+from lagsplat.diagnose.sims import sampled, sim_of_model
+from lagsplat.diagnose.sources import Source
+from lagsplat.io.motion import Motion
+from lagsplat.stage1.autoencoder import Autoencoder
+from lagsplat.stage2.fit import save_dynamics
+from lagsplat.stage2.lagrangian import Lagrangian
+from tests.stage2_problems import random_lagrangian
+
+UNIT = 0.25
+
+
+def lagrangian(d: int, n_u: int, **changes: object) -> Lagrangian:
+    made = random_lagrangian(d, n_u, 3, amount=0.05, **changes)
+    made.time_unit_s.fill_(UNIT)
+    return made
+
+
+def region(d: int, n_u: int) -> Region:
+    rng = np.random.default_rng(0)
+    return Region(rng.uniform(-1, 1, (500, d)), rng.uniform(-4, 4, (500, d)), rng.uniform(0, 1, (500, n_u)))
+
+
+@torch.no_grad()
+def per_second(made: Lagrangian, where: Region) -> np.ndarray:
+    """The Lagrangian's own acceleration, asked in its unit of time, in seconds."""
+    q, v, u = (torch.as_tensor(x) for x in (where.q, UNIT * where.v, where.u))
+    return made.acceleration(q, v, u).numpy() / UNIT**2
+
+
+@pytest.mark.parametrize(("d", "n_u"), [(1, 1), (2, 2), (2, 0)])
+def test_a_run_accelerates_as_its_lagrangian(d: int, n_u: int) -> None:
+    made, where = lagrangian(d, n_u), region(d, n_u)
+    found = sample_run(made, where, what="run")
+    truth = per_second(made, where)
+    wrong = found.model.acceleration(where.q, where.v, where.u) - truth
+    assert found.error < 0.02
+    assert np.sqrt(np.mean(wrong**2)) < 0.02 * np.sqrt(np.mean(truth**2))
+
+
+def test_a_run_is_found_by_its_folder_and_must_fit(tmp_path: Path) -> None:
+    made, where = lagrangian(1, 1), region(1, 1)
+    save_dynamics(tmp_path / "dynamics.safetensors", made, {})
+    (tmp_path / "below").mkdir()
+    found = sampled(Source("run", str(tmp_path / "below")), where)
+    np.testing.assert_array_equal(found.model.potential, sample_run(made, where, what="run").model.potential)
+    with pytest.raises(ValueError, match=r"1 latent\(s\) and 1 input\(s\), but the recording 2 and 1"):
+        sample_run(made, region(2, 1), what="run")
+    with pytest.raises(FileNotFoundError, match=r"no dynamics\.safetensors"):
+        sampled(Source("run", str(tmp_path.parent / "nowhere")), where)
+    with pytest.raises(ValueError, match="is identified and not sampled"):
+        sampled(Source("trajectory", "a.csv"), where)
+    time = np.arange(400) / 60.0
+    real = Motion(time_s=time, q=np.cos(6.0 * time)[:, None], u=np.sin(time)[:, None])
+    sim = sim_of_model(Source("run", str(tmp_path)), [real])
+    assert sim.model.d == 1
+    assert sim.freedom.shape[0] == 0
+
+
+def chart() -> Chart:
+    time = np.arange(30) / 60.0
+    return Chart(
+        mean=np.array([0.5]),
+        whiten=np.array([[2.0]]),
+        unwhiten=np.array([[0.5]]),
+        metric=np.eye(1),
+        metric_scale=1.0,
+        latents=np.arange(30.0)[:, None],
+        inputs=10.0 + np.arange(30.0)[:, None],
+        time_s=time,
+        rest=np.zeros(1),
+        n_train=16,
+        segments=((0, 10), (12, 24), (24, 30)),
+        smoothing_frames=1.0,
+        condition=1.0,
+        intrinsic_dimension=1.0,
+    )
+
+
+def test_a_run_is_held_against_what_no_fit_saw() -> None:
+    held = charted(chart(), held_out=True)
+    assert held.segments == ((0, 8), (8, 14))
+    np.testing.assert_array_equal(held.q[:, 0], np.arange(16.0, 30.0))
+    np.testing.assert_array_equal(held.u[:, 0], np.arange(26.0, 40.0))
+    seen = charted(chart(), held_out=False)
+    assert seen.segments == ((0, 10), (10, 14))
+    np.testing.assert_array_equal(seen.q[8:12, 0], [8.0, 9.0, 12.0, 13.0])
+    np.testing.assert_allclose(seen.time_s[10], 12 / 60.0)
+
+
+def test_frames_become_whitened_latents_of_the_run() -> None:
+    seeing = Autoencoder(d=1, n_gaussians=4, kernel=3, channels=2, height=32, width=32, background="black")
+    frames = np.random.default_rng(0).integers(0, 256, (5, 32, 32, 3), dtype=np.uint8)
+    encode = encoder(seeing, chart(), what="run")
+    with torch.no_grad():
+        raw = seeing.encode(torch.as_tensor(frames).permute(0, 3, 1, 2).float() / 255.0).double().numpy()
+    np.testing.assert_allclose(encode(frames), (raw - 0.5) * 2.0, atol=1e-6)
+    with pytest.raises(ValueError, match="pictures of 32 x 32 px, but these are 20 x 32"):
+        encode(frames[:, :20])
