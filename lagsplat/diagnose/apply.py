@@ -4,7 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from lagsplat.diagnose.augmented import Augmented, grafted, load_augmented, save_augmented
-from lagsplat.diagnose.sims import sampled_sim, sim_kind
+from lagsplat.diagnose.sims import sampled_sim
+from lagsplat.diagnose.sources import find_sources
 from lagsplat.io.artefact import read_header
 from lagsplat.io.plain import load_json
 
@@ -37,14 +38,15 @@ def apply(
         )
     one, header = load_augmented(beside), read_header(beside)
     if sim is not None:
-        if sim_kind(sim) == "recording":
+        kinds = {source.kind for source in find_sources(sim)}
+        if not kinds <= {"mujoco", "python", "run", "model"}:
             raise ValueError(
                 f"sim={sim}: a sim known by its recordings was identified by the diagnosis and is in "
                 f"{beside}; leave sim= out to get it with its effects"
             )
-        sampled = sampled_sim(sim, one.region, joints=joints, actuators=actuators)
-        one = grafted(one, sampled.model)
-        header = {**header, "sim": sim, "sim_error": sampled.error}
+        found = sampled_sim(sim, one.region, joints=joints, actuators=actuators)
+        one = grafted(one, found.model)
+        header = {**header, "sim": sim, "sim_error": found.error}
     header.pop("stamp", None)
     save_augmented(out, one, {**header, "diagnosis": str(diagnosis)})
     return one

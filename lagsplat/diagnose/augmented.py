@@ -14,7 +14,7 @@ from jaxtyping import Float64
 
 from lagsplat.diagnose.basis import Basis
 from lagsplat.diagnose.catalogue import catalogue
-from lagsplat.diagnose.effects.effect import Direction, Force, Instance, ModelChange, Scales
+from lagsplat.diagnose.effects.effect import Direction, Force, Instance, ModelChange, Noise, Scales
 from lagsplat.diagnose.model import Model
 from lagsplat.diagnose.nuisance import Nuisance
 from lagsplat.diagnose.region import Region
@@ -51,9 +51,12 @@ class Augmented:
         """Parameters of effect number ``n`` in the units of the recording."""
         before = sum(len(e.effect.parameters) for e in self.effects[:n])
         effect = self.effects[n]
-        known = [p.name for p in effect.effect.parameters]
-        values = effect.physical(self.x[None, before : before + len(known)])[0]
-        return dict(zip(known, values.tolist(), strict=True))
+        specs = effect.effect.parameters
+        values = effect.physical(self.x[None, before : before + len(specs)])[0]
+        return {
+            p.name: float(np.exp(value) if p.kind == "log_ratio" else value)
+            for p, value in zip(specs, values, strict=True)
+        }
 
     @property
     def bounded(self) -> bool:
@@ -96,10 +99,14 @@ def augment(
     u_names: Sequence[str],
     region: Region,
 ) -> Augmented:
-    """What a fit on a bench found, ``x`` being its unknowns: the effects' own, then the uncertainties'."""
+    """What a fit on a bench found, ``x`` being its unknowns: the effects' own, then the uncertainties'.
+
+    Effects that only widen the noise move nothing, have no unknowns in ``x`` and are left out.
+    """
+    moving = tuple(e for e in effects if not isinstance(e.effect, Noise))
     step_s = bench.record.dt_s / bench.steps
     return Augmented(
-        bench.model, bench.nuisance, tuple(effects), np.asarray(x, dtype=np.float64), bench.held,
+        bench.model, bench.nuisance, moving, np.asarray(x, dtype=np.float64), bench.held,
         step_s, bench.record.dt_s, tuple(q_names), tuple(u_names), region,
     )  # fmt: skip
 

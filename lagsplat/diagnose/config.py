@@ -34,7 +34,8 @@ class DiagnoseConfig:
     materiality: float  # least share of the gap that an effect must take away to be named
     prior_none: float  # probability, before the data, that nothing is missing
     prior_unknown: float  # probability, before the data, that what is missing is not in the catalogue
-    unexplained: float  # share of the excess misfit that an adequate explanation may leave
+    unexplained: float  # share of the excess misfit left at which `unknown` is as likely as not
+    further_from: float  # share left from which a further effect is believed, if it leaves next to nothing
     further: float  # share of the excess misfit that a second effect must take away
 
     def __post_init__(self) -> None:
@@ -51,7 +52,7 @@ class DiagnoseConfig:
         for name in ("potential", "damping", "inputs", "offset", "warp"):
             if not 0 < getattr(self, name) < 1:
                 raise ValueError(f"diagnose.{name}={getattr(self, name)} is a share in (0, 1)")
-        for name in ("materiality", "prior_none", "prior_unknown", "unexplained", "further"):
+        for name in ("materiality", "prior_none", "prior_unknown", "unexplained", "further", "further_from"):
             if not 0 < getattr(self, name) < 1:
                 raise ValueError(f"diagnose.{name}={getattr(self, name)} is a share in (0, 1)")
         if self.prior_none + self.prior_unknown >= 1:

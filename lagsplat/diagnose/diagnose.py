@@ -66,8 +66,8 @@ def diagnose(
     )
     ranking = rank(contest, offers, effort, tell=tell)
     chain = combine(contest, ranking, offers, effort, config, tell=tell)
-    best = chain[-1] if chain else None
-    judgement = judge(ranking, best, contest.freedom, effort.nominal, config)
+    judgement = judge(ranking, chain, contest.freedom, effort.nominal, config)
+    best = judgement.best
     named = judgement.verdict == "effect" and best is not None
     chosen = best if named and best is not None else ranking.none
     held, warnings = _held(contest, ranking, chosen, natural.longest_s)

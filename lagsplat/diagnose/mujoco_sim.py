@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from lagsplat.diagnose.region import Region
-from lagsplat.diagnose.sample import Mechanics, Sampled, sample_mechanics
+from lagsplat.diagnose.sample import FieldFunctions, Sampled, sample_mechanics
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,7 @@ def sample_mujoco(
     return sample_mechanics(mechanics(chosen), region, what=path.name)
 
 
-def mechanics(chosen: Choice) -> Mechanics:
+def mechanics(chosen: Choice) -> FieldFunctions:
     """Mass, forces and input map of the chosen joints as functions of many points."""
     mujoco = require_mujoco()
     model, data, at_v = chosen.model, chosen.data, chosen.at_v
@@ -180,7 +180,7 @@ def mechanics(chosen: Choice) -> Mechanics:
                 out[n, c] = (actuation() - still) / size
         return out
 
-    return Mechanics(mass, slope, reach, loss)
+    return FieldFunctions(mass, slope, reach, loss)
 
 
 def _settle(mujoco: Any, model: Any, data: Any) -> None:

@@ -20,16 +20,10 @@ from typing import Any
 import numpy as np
 
 from lagsplat.diagnose.region import Region
-from lagsplat.diagnose.sample import Mechanics, Sampled, sample_mechanics
+from lagsplat.diagnose.sample import FieldFunctions, Sampled, sample_mechanics
 from lagsplat.diagnose.sample_rates import sample_acceleration
 
 SHOWN = "mass(q), potential_gradient(q) or potential(q), damping(q), friction(q, v), input_map(q)"
-
-
-def is_python_sim(name: str) -> bool:
-    """Whether ``name`` reads like ``module:attribute`` or ``file.py:attribute``."""
-    place, _, attribute = name.rpartition(":")
-    return bool(place) and attribute.isidentifier() and len(place) > 1
 
 
 def load_python(name: str) -> Any:
@@ -167,7 +161,7 @@ class Pointwise:
         return np.asarray(torch.as_tensor(value).detach().cpu().numpy(), dtype=np.float64)
 
 
-def _mechanics(sim: Any, region: Region, what: str) -> Mechanics:
+def _mechanics(sim: Any, region: Region, what: str) -> FieldFunctions:
     q, v, d = region.q, region.v, region.d
 
     def field(name: str, shape: tuple[int, ...], *points: np.ndarray) -> Pointwise:
@@ -197,7 +191,7 @@ def _mechanics(sim: Any, region: Region, what: str) -> Mechanics:
         out = np.zeros_like(q) if damping is None else np.einsum("nij,nj->ni", damping(q), v)
         return out if friction is None else out + friction(q, v)
 
-    return Mechanics(mass, slope, reach or (lambda q: np.zeros((len(q), n_u, d))), loss)
+    return FieldFunctions(mass, slope, reach or (lambda q: np.zeros((len(q), n_u, d))), loss)
 
 
 @dataclass

@@ -10,7 +10,9 @@ import torch
 from lagsplat.chart.chart import Chart
 from lagsplat.diagnose.region import Region
 from lagsplat.diagnose.sample import FieldFunctions, Sampled, sample_mechanics
+from lagsplat.diagnose.sources import motion_of
 from lagsplat.io.motion import Motion
+from lagsplat.io.recording import Recording
 from lagsplat.stage1.autoencoder import Autoencoder, encode_frames
 from lagsplat.stage2.fit import load_dynamics
 from lagsplat.stage2.lagrangian import Lagrangian
@@ -110,6 +112,22 @@ def encoder(autoencoder: Autoencoder, chart: Chart, *, what: str) -> Callable[[n
         return chart.to_whitened(encode_frames(autoencoder, frames))
 
     return encode
+
+
+def encoded(autoencoder: Autoencoder, chart: Chart, recording: Recording) -> Motion:
+    """A film as whitened latents of a run, not smoothed, with its own clips, times and inputs.
+
+    Raises:
+        ValueError: the film has another number of inputs than the run, or pictures of another size.
+    """
+    n_u, source = chart.inputs.shape[1], str(recording.meta.get("source", "recording"))
+    if recording.inputs.shape[1] != n_u:
+        raise ValueError(
+            f"{source}: {recording.inputs.shape[1]} input(s), but the run was fitted with {n_u}; give the "
+            "inputs in a CSV of the same stem with columns t, u0, ..."
+        )
+    latents = encoder(autoencoder, chart, what="the run")(np.asarray(recording.frames[:]))
+    return motion_of(recording, latents, source=source)
 
 
 def charted(chart: Chart, *, held_out: bool) -> Motion:

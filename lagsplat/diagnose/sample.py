@@ -30,7 +30,7 @@ TOP = {1: 9, 2: 6, 3: 4}
 
 
 @dataclass(frozen=True)
-class Mechanics:
+class FieldFunctions:
     """``M(q) a + c(q, v) + loss(q, v) + slope(q) = input_map(q)^T u`` as functions of many points at once.
 
     ``c`` is the one that belongs to ``M``. Any unit of force serves.
@@ -73,7 +73,7 @@ class Sampled:
 
 @dataclass(frozen=True)
 class Seen:
-    """Mechanics at the points of a region, and the size of the forces there."""
+    """FieldFunctions at the points of a region, and the size of the forces there."""
 
     region: Region
     mass: np.ndarray
@@ -97,7 +97,7 @@ class Seen:
         return float(np.max(np.sqrt(np.mean(wrong**2, axis=0)) / self.force))
 
 
-def sample_mechanics(mechanics: Mechanics, region: Region, *, what: str) -> Sampled:
+def sample_mechanics(mechanics: FieldFunctions, region: Region, *, what: str) -> Sampled:
     """The model of a sim whose mass, potential, damping and input map are given; ``what`` names it to people.
 
     Raises:
@@ -164,7 +164,7 @@ def rest_of(model: Model) -> Float64[np.ndarray, " d"]:
     return model.rest
 
 
-def _look(mechanics: Mechanics, region: Region, what: str) -> Seen:
+def _look(mechanics: FieldFunctions, region: Region, what: str) -> Seen:
     q, v = region.q, region.v
     seen = Seen(
         region, mechanics.mass(q), mechanics.turning(q, v), mechanics.slope(q), mechanics.input_map(q),

@@ -1,24 +1,14 @@
-"""What ``sim=`` may be, and how each becomes a `Model`; sims known by recordings alone are identified."""
+"""Sims that are models and no recordings: sampled where the real mechanism was seen."""
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Literal
 
+from lagsplat.diagnose.augmented import load_augmented
 from lagsplat.diagnose.mujoco_sim import sample_mujoco
-from lagsplat.diagnose.python_sim import is_python_sim, load_python, sample_python
+from lagsplat.diagnose.python_sim import load_python, sample_python
 from lagsplat.diagnose.region import Region
 from lagsplat.diagnose.sample import Sampled
-
-Kind = Literal["mujoco", "python", "run", "recording"]
-
-
-def sim_kind(name: str) -> Kind:
-    """A MuJoCo file (``.xml``, ``.mjcf``), a Python attribute, the folder of a fitted run, or a recording."""
-    if Path(name).suffix.lower() in (".xml", ".mjcf"):
-        return "mujoco"
-    if is_python_sim(name) and not Path(name).exists():
-        return "python"
-    return "run" if Path(name).is_dir() else "recording"
+from lagsplat.diagnose.sources import find_sources
 
 
 def sampled_sim(
@@ -28,19 +18,25 @@ def sampled_sim(
     joints: Sequence[str] | None = None,
     actuators: Sequence[str] | None = None,
 ) -> Sampled:
-    """The model of a sim that is not given by recordings, over a region of states and inputs.
+    """The model that ``sim=name`` gives over a region, with the error of its acceleration there.
+
+    Of an augmented sim its own model is taken, without the effects.
 
     Raises:
         FileNotFoundError: nothing is there.
-        ValueError: the sim is one of recordings, or does not fit the region's coordinates and inputs.
+        ValueError: it is a recording, or does not fit the region's coordinates and inputs.
     """
-    kind = sim_kind(name)
-    if kind == "mujoco":
-        return sample_mujoco(Path(name), region, joints=joints, actuators=actuators)
-    if kind == "python":
-        return sample_python(load_python(name), region, what=name)
-    if kind == "run":
+    source, *more = find_sources(name)
+    if more:
+        raise ValueError(f"sim={name}: {1 + len(more)} things; name one model")
+    if source.kind == "mujoco":
+        return sample_mujoco(Path(source.path), region, joints=joints, actuators=actuators)
+    if source.kind == "python":
+        return sample_python(load_python(source.path), region, what=source.path)
+    if source.kind == "run":
         from lagsplat.diagnose.run_sim import open_dynamics, sample_run  # torch, which the others do without
 
-        return sample_run(open_dynamics(Path(name)), region, what=name)
-    raise ValueError(f"{name}: a recording; it is identified and not sampled")
+        return sample_run(open_dynamics(Path(source.path)), region, what=source.path)
+    if source.kind == "model":
+        return Sampled(load_augmented(source.path).model, 0.0)
+    raise ValueError(f"{source.path}: a recording, which is identified and not sampled")

@@ -29,6 +29,13 @@ CLASSES = (
 NEAR = 3.0
 """Nats within which two members of one class count as not told apart."""
 SURE = 0.99
+ADEQUATE = 0.15
+"""Excess of the mean square residual, in units of what the sim leaves of its own recordings, of a good set."""
+LEAST_UNKNOWN = 0.02
+STEEP = 2.5
+"""Power of the share left unexplained in the odds of `unknown`."""
+CERTAIN = 5.0
+"""Nats by which the members of a set that explains everything stand above any single effect."""
 RARER = {"camera_change": 4.0, "external_push": 3.0, "hidden_mode": 3.0}
 """Nats by which a flexible effect is held less likely beforehand, for it imitates many others."""
 
@@ -42,10 +49,44 @@ class Judgement:
     equivalent: tuple[tuple[str, ...], ...]
     left: float
     """Share of the excess misfit that the best explanation leaves."""
+    best: Explained | None
+    """The best explanation, whether or not the verdict names it."""
+
+
+def explain(
+    ranking: Ranking, chain: Sequence[Explained], freedom: float, nominal: float, config: DiagnoseConfig
+) -> tuple[Explained | None, float, float]:
+    """The single effect or the set that explains the gap, the share of the excess it leaves, P(unknown).
+
+    A set is believed only if it leaves next to nothing, for two or three wrong effects imitate most of
+    anything. Otherwise the best single effect stands, and the more it leaves, the likelier is something that
+    the catalogue lacks: logistic in the logarithm of that share over ``config.unexplained``. An excess counts
+    where it stands out of the scatter of a mean square.
+    """
+    if not chain:
+        before = ranking.none.fit.misfit / freedom - nominal
+        return None, 1.0, _strange(before, before, freedom, nominal, config)
+    before = ranking.none.fit.misfit / freedom - nominal
+    left = [one.fit.misfit / freedom - nominal for one in chain]
+    share = [max(rest, 0.0) / max(before, rest, 1e-9) for rest in left]
+    if share[0] > config.further_from:
+        for one, rest, part in zip(chain[1:], left[1:], share[1:], strict=True):
+            if rest < ADEQUATE * nominal or part < config.further_from:
+                return one, part, LEAST_UNKNOWN
+    return chain[0], share[0], _strange(left[0], before, freedom, nominal, config)
+
+
+def _strange(left: float, before: float, freedom: float, nominal: float, config: DiagnoseConfig) -> float:
+    scatter = nominal * np.sqrt(2.0 * config.temper / max(freedom, 1.0))
+    loud = left - 2.5 * scatter - 0.03
+    if loud <= 0.0:
+        return LEAST_UNKNOWN
+    share = min(loud / max(before, loud), 1.0)
+    return max(float(1.0 / (1.0 + (config.unexplained / share) ** STEEP)), LEAST_UNKNOWN)
 
 
 def judge(
-    ranking: Ranking, best: Explained | None, freedom: float, nominal: float, config: DiagnoseConfig
+    ranking: Ranking, chain: Sequence[Explained], freedom: float, nominal: float, config: DiagnoseConfig
 ) -> Judgement:
     """Probabilities by evidence and prior; the share that is left unexplained speaks for `unknown`."""
     names = [name for name in catalogue() if name not in config.without]
@@ -58,40 +99,20 @@ def judge(
         scores.setdefault(name, prior + one.log_evidence - RARER.get(name, 0.0))
     for name, n in places.items():
         scores[name] -= float(np.log(n))
+    best, left, strange = explain(ranking, chain, freedom, nominal, config)
+    if best is not None and len(best.effects) > 1:
+        top = max(scores.values())
+        own = sorted((e.effect.name for e in best.effects), key=lambda n: -scores.get(n, -np.inf))
+        scores |= {name: top + CERTAIN - i for i, name in enumerate(own)}
     top = max(scores.values())
     weights = {name: float(np.exp(score - top)) for name, score in scores.items()}
-    left, strange = unexplained(ranking, best, freedom, nominal, config)
     total = sum(weights.values())
     probabilities = {name: weight / total * (1.0 - strange) for name, weight in weights.items()}
     probabilities["unknown"] = strange
     for name in names:
         probabilities.setdefault(name, 0.0)
     probabilities = _tempered(probabilities)
-    return Judgement(_verdict(probabilities), probabilities, equivalents(ranking), left)
-
-
-def unexplained(
-    ranking: Ranking, best: Explained | None, freedom: float, nominal: float, config: DiagnoseConfig
-) -> tuple[float, float]:
-    """Share of the excess misfit over the noise that the best explanation leaves, and P(unknown).
-
-    The excess counts where it stands out of the scatter of a mean square; the probability is logistic in
-    the logarithm of the share over ``config.unexplained``.
-    """
-    scatter = nominal * np.sqrt(2.0 * config.temper / max(freedom, 1.0))
-    before = ranking.none.fit.misfit / freedom - nominal
-    after = (best or ranking.none).fit.misfit / freedom - nominal if best is not None else before
-    loud = after - 2.5 * scatter - 0.03
-    if loud <= 0.0:
-        return max(after, 0.0) / max(before, 1e-9), 0.02
-    share = min(loud / max(before, loud), 1.0)
-    odds = (
-        np.log(config.prior_unknown)
-        + 2.0 * np.log(share / config.unexplained)
-        - np.log(1 - config.prior_unknown)
-    )
-    odds += 2.2
-    return share, float(1.0 / (1.0 + np.exp(-odds)))
+    return Judgement(_verdict(probabilities), probabilities, equivalents(ranking), left, best)
 
 
 def _tempered(probabilities: Mapping[str, float]) -> dict[str, float]:

@@ -216,8 +216,9 @@ def test_apply_adds_the_effects_to_a_sim_of_python(tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text("def rates(q, v, u):\n    return -40.0 * q - 0.4 * v + 12.0 * u\n")
     made = apply(tmp_path / "diagnosis.json", f"{tmp_path / 'mine.py'}:rates", out=tmp_path / "b.safetensors")
     np.testing.assert_allclose(play(made, uneven())[0], play(one, uneven())[0], atol=1e-5)
+    (tmp_path / "real.csv").write_text("t,q0\n0,0\n1,1\n")
     with pytest.raises(ValueError, match="leave sim= out"):
-        apply(tmp_path / "diagnosis.json", "real.csv", out=tmp_path / "c.safetensors")
+        apply(tmp_path / "diagnosis.json", str(tmp_path / "real.csv"), out=tmp_path / "c.safetensors")
     (tmp_path / "alone").mkdir()
     save_json(tmp_path / "alone" / "diagnosis.json", {"verdict": "none"})
     with pytest.raises(FileNotFoundError, match="or diagnose again"):

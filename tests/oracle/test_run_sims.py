@@ -1,5 +1,6 @@
 """Fitted runs as sims: their Lagrangian in seconds, their latents as motions."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,10 +9,9 @@ import torch
 
 from lagsplat.chart.chart import Chart
 from lagsplat.diagnose.region import Region
-from lagsplat.diagnose.run_sim import charted, encoder, sample_run
-from lagsplat.diagnose.sims import sampled, sim_of_model
-from lagsplat.diagnose.sources import Source
-from lagsplat.io.motion import Motion
+from lagsplat.diagnose.run_sim import charted, encoded, encoder, open_dynamics, sample_run
+from lagsplat.diagnose.sims import sampled_sim
+from lagsplat.io.recording import Recording
 from lagsplat.stage1.autoencoder import Autoencoder
 from lagsplat.stage2.fit import save_dynamics
 from lagsplat.stage2.lagrangian import Lagrangian
@@ -51,20 +51,17 @@ def test_a_run_accelerates_as_its_lagrangian(d: int, n_u: int) -> None:
 def test_a_run_is_found_by_its_folder_and_must_fit(tmp_path: Path) -> None:
     made, where = lagrangian(1, 1), region(1, 1)
     save_dynamics(tmp_path / "dynamics.safetensors", made, {})
-    (tmp_path / "below").mkdir()
-    found = sampled(Source("run", str(tmp_path / "below")), where)
+    found = sampled_sim(str(tmp_path), where)
     np.testing.assert_array_equal(found.model.potential, sample_run(made, where, what="run").model.potential)
     with pytest.raises(ValueError, match=r"1 latent\(s\) and 1 input\(s\), but the recording 2 and 1"):
         sample_run(made, region(2, 1), what="run")
+    (tmp_path / "below" / "deeper" / "still").mkdir(parents=True)
+    open_dynamics(tmp_path / "below" / "deeper")
     with pytest.raises(FileNotFoundError, match=r"no dynamics\.safetensors"):
-        sampled(Source("run", str(tmp_path.parent / "nowhere")), where)
+        open_dynamics(tmp_path / "below" / "deeper" / "still")
+    (tmp_path / "a.csv").write_text("t,q0\n0,0\n1,1\n")
     with pytest.raises(ValueError, match="is identified and not sampled"):
-        sampled(Source("trajectory", "a.csv"), where)
-    time = np.arange(400) / 60.0
-    real = Motion(time_s=time, q=np.cos(6.0 * time)[:, None], u=np.sin(time)[:, None])
-    sim = sim_of_model(Source("run", str(tmp_path)), [real])
-    assert sim.model.d == 1
-    assert sim.freedom.shape[0] == 0
+        sampled_sim(str(tmp_path / "a.csv"), where)
 
 
 def chart() -> Chart:
@@ -107,3 +104,19 @@ def test_frames_become_whitened_latents_of_the_run() -> None:
     np.testing.assert_allclose(encode(frames), (raw - 0.5) * 2.0, atol=1e-6)
     with pytest.raises(ValueError, match="pictures of 32 x 32 px, but these are 20 x 32"):
         encode(frames[:, :20])
+
+
+def test_a_film_becomes_a_motion_of_the_run() -> None:
+    seeing = Autoencoder(d=1, n_gaussians=4, kernel=3, channels=2, height=32, width=32, background="black")
+    frames = np.random.default_rng(0).integers(0, 256, (6, 32, 32, 3), dtype=np.uint8)
+    film = Recording(
+        frames=frames, time_s=np.arange(6) / 30.0, inputs=np.arange(6.0)[:, None], input_names=("p",),
+        input_units=("atm",), segments=((0, 4), (4, 6)), meta={},
+    )  # fmt: skip
+    motion = encoded(seeing, chart(), film)
+    np.testing.assert_array_equal(motion.q, encoder(seeing, chart(), what="run")(frames))
+    assert motion.segments == ((0, 4), (4, 6))
+    np.testing.assert_array_equal(motion.u, film.inputs)
+    undriven = replace(film, inputs=np.zeros((6, 0)), input_names=(), input_units=())
+    with pytest.raises(ValueError, match=r"0 input\(s\), but the run was fitted with 1"):
+        encoded(seeing, chart(), undriven)

@@ -5,7 +5,7 @@ import pytest
 
 from lagsplat.diagnose.record import Record
 from lagsplat.diagnose.region import MARGIN, Region, region_of
-from lagsplat.diagnose.sample import Mechanics, Sampled, sample_mechanics
+from lagsplat.diagnose.sample import FieldFunctions, Sampled, sample_mechanics
 from lagsplat.diagnose.sample_rates import sample_acceleration
 
 LENGTH, GRAVITY = 0.35, 9.81
@@ -21,14 +21,14 @@ def swing(d: int, n_u: int, reach: float) -> Record:
     return Record(time, q, np.gradient(q, time, axis=0), u, clips, ("a",), np.zeros(1, dtype=np.int64))
 
 
-def double_pendulum() -> Mechanics:
+def double_pendulum() -> FieldFunctions:
     """Two equal points on rods of equal length, absolute angles, a motor between the rods."""
 
     def mass(q: np.ndarray) -> np.ndarray:
         c = np.cos(q[:, 0] - q[:, 1])
         return LENGTH**2 * np.moveaxis(np.array([[2.0 + 0.0 * c, c], [c, 1.0 + 0.0 * c]]), 2, 0)
 
-    return Mechanics(
+    return FieldFunctions(
         mass=mass,
         slope=lambda q: GRAVITY * LENGTH * np.sin(q) * np.array([2.0, 1.0]),
         input_map=lambda q: np.tile([[[1.0, -1.0]]], (len(q), 1, 1)),
@@ -110,7 +110,7 @@ def test_what_cannot_be_written_is_told() -> None:
     with pytest.raises(ValueError, match="zero everywhere"):
         sample_acceleration(lambda q, v, u: 0.0 * q, region, what="sim")
     heavy = double_pendulum()
-    without = Mechanics(lambda q: -heavy.mass(q), heavy.slope, heavy.input_map, heavy.loss)
+    without = FieldFunctions(lambda q: -heavy.mass(q), heavy.slope, heavy.input_map, heavy.loss)
     with pytest.raises(ValueError, match="not positive at q"):
         sample_mechanics(without, region_of(swing(2, 1, 0.7)), what="sim")
 
