@@ -20,7 +20,7 @@ from lagsplat.diagnose.result import Diagnosis
 from lagsplat.diagnose.sims import sampled_sim
 from lagsplat.diagnose.sources import Source, find_sources, read_sources
 from lagsplat.diagnose.stand import Sim, nominal_misfit, sim_of
-from lagsplat.diagnose.where import locate
+from lagsplat.diagnose.where import Where, locate
 from lagsplat.io.motion import Motion
 from lagsplat.provenance import stamp
 from lagsplat.report.diagnosis_exhibits import Exhibits
@@ -31,8 +31,6 @@ from lagsplat.report.diagnosis_rollouts import save_rollouts
 UNSURE = 0.4
 """Probability that no name exceeds where the data forbid a verdict."""
 MODELS = ("run", "model", "mujoco", "python")
-LEVELS = {"C": "actuation", "G": "perception"}
-"""Where an effect of a group lies; everywhere else in the dynamics."""
 
 
 @dataclass(frozen=True)
@@ -118,7 +116,7 @@ def examine(pair: Pair, config: DiagnoseConfig, *, tell: Callable[[str], None]) 
     natural_s = found.diagnosis.checks["natural_period_s"]
     where = locate(pair.sim.model, pair.real, period_s=natural_s, hold=config.input_hold)
     if found.diagnosis.combination and found.chosen.effects:
-        where = replace(where, level=LEVELS.get(found.chosen.effects[0].effect.group, "dynamics"))
+        where = placed(where, found)
     diagnosis = replace(
         found.diagnosis,
         where=where,
@@ -133,6 +131,17 @@ def examine(pair: Pair, config: DiagnoseConfig, *, tell: Callable[[str], None]) 
     )
     diagnosis = undecided(diagnosis) if pair.checked.undetermined else diagnosis
     return replace(found, diagnosis=diagnosis)
+
+
+def placed(where: Where, found: Found) -> Where:
+    """Where the gap lies, given what it was found to be: as sure as the name, the rest by the residual."""
+    chosen = [effect.effect for effect in found.chosen.effects]
+    sure = found.diagnosis.candidates[0].probability
+    own = [effect.component for effect in chosen if effect.component is not None]
+    shares = {name: (1.0 - sure if own else 1.0) * share for name, share in where.components.items()}
+    for name in own:
+        shares[name] = shares.get(name, 0.0) + sure / len(own)
+    return replace(where, level=chosen[0].level, components=shares)
 
 
 def absorbed() -> tuple[str, ...]:

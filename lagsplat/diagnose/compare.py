@@ -148,11 +148,10 @@ def _guesses(
     y = contest.predict((*effects, offer))(whole, starts)
     y0 = contest.predict(effects)(fit.x[None], fit.starts[None])
     # a trial that has left for good says nothing of small amounts
-    change = np.clip(y - y0, -1e3 * contest.bench.model.basis.scale, 1e3 * contest.bench.model.basis.scale)
-    change = change * contest.data.weight
+    far = 1e3 * contest.bench.model.basis.scale
+    change = np.clip(np.where(np.isfinite(y), y - y0, 0.0), -far, far) * contest.data.weight
     if n:
         change /= np.tile(step, len(guesses))[:, None, None, None]
-    change = np.where(np.isfinite(change), change, 0.0)
     each = max(n, 1)
     flat = change.reshape(len(guesses), each, len(fit.starts), -1).transpose(0, 2, 3, 1)
     return guesses, list(flat)
@@ -194,8 +193,8 @@ class Explained:
     fit: Fit
     log_evidence: float = float("nan")
     """Over `none` [nat]."""
-    noise: dict[str, float] = field(default_factory=dict)
-    """Parameters of an effect that only moves single samples."""
+    noise: dict[str, tuple[float, float, float]] = field(default_factory=dict)
+    """Parameters of an effect that only moves single samples, each with its 90 % interval."""
 
     @property
     def n_own(self) -> int:

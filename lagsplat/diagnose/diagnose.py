@@ -163,10 +163,11 @@ def parameters(contest: Contest, one: Explained, instance: Instance, temper: flo
     effect, scales = instance.effect, instance.scales
     if isinstance(effect, Noise):
         spec = {p.name: p for p in effect.parameters}
-        return {
-            name: Parameter(value * scales.of(spec[name].kind), None, None, UNITS[spec[name].kind])
-            for name, value in one.noise.items()
-        }
+        out = {}
+        for name, values in one.noise.items():
+            kind = spec[name].kind
+            out[name] = Parameter(*(value * scales.of(kind) for value in values), UNITS[kind])
+        return out
     known = [e for e in one.effects if not isinstance(e.effect, Noise)]
     prior = [p.prior for e in known for p in e.effect.parameters]
     low, high = interval(replace(one, effects=tuple(known)), contest.bench.nuisance.deviation, prior, temper)

@@ -21,6 +21,7 @@ def observe(y: Any, v: Any, t: Any, theta: Float64[np.ndarray, "P 2"], instance:
 EFFECT = Observation(
     name="camera_change",
     group="G",
+    level="chart",
     equation="y = q + zoom (q - rest) + shift",
     parameters=(
         Parameter("zoom", "ratio", Normal(0.1)),

@@ -19,6 +19,7 @@ def observe(y: Any, v: Any, t: Any, theta: Float64[np.ndarray, "P 1"], instance:
 EFFECT = Observation(
     name="camera_drift",
     group="G",
+    level="chart",
     equation="y = q + rate t",
     parameters=(Parameter("rate", "drift", Normal(0.2)),),
     needs="a background that stands still, or the same motion early and late",

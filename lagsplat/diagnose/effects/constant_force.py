@@ -16,6 +16,7 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
 EFFECT = Force(
     name="constant_force",
     group="A",
+    component="conservative",
     equation="a = acceleration",
     parameters=(Parameter("acceleration", "acceleration", Normal(0.3)),),
     needs="a stretch at rest",

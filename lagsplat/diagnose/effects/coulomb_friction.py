@@ -17,6 +17,7 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
 EFFECT = Force(
     name="coulomb_friction",
     group="B",
+    component="dissipative",
     equation="a = -acceleration sign(v)",
     parameters=(Parameter("acceleration", "acceleration", HalfNormal(0.2)),),
     needs="a decay down to rest, or slow reversals",

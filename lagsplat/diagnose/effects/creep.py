@@ -18,6 +18,7 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
 EFFECT = Force(
     name="creep",
     group="D",
+    component="memory",
     equation="a = -stiffness_ratio omega^2 (s - x), time_constant dx/dt = s - x",
     parameters=(
         Parameter("stiffness_ratio", "ratio", HalfNormal(0.3)),

@@ -16,6 +16,7 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
 EFFECT = Force(
     name="cubic_stiffness",
     group="A",
+    component="conservative",
     equation="a = -coefficient s^3",
     parameters=(Parameter("coefficient", "cubic", Normal(0.3)),),
     needs="two amplitudes, one at least twice the other",

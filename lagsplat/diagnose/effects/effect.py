@@ -31,6 +31,7 @@ Kind = Literal[
     "per_duration",
     "slowness",
 ]
+Component = Literal["inertial", "conservative", "dissipative", "actuation", "exogenous", "memory"]
 UNITS: Mapping[Kind, str] = {
     "acceleration": "{q}/s^2",
     "coordinate": "{q}",
@@ -166,6 +167,10 @@ class Effect:
     needs: str = ""
     """What a recording must contain to show it."""
     amplitudes: int = 1
+    component: Component | None = None
+    """The term of the equations of motion that it belongs to; None for camera and clock."""
+    level: Literal["perception", "chart", "actuation", "dynamics"] = "dynamics"
+    """Where on the way from picture to motion it acts."""
     passive: bool = False
     """Never feeds energy into the mechanism."""
     variants: tuple[str, ...] = ("",)

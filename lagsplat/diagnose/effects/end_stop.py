@@ -27,6 +27,7 @@ def _constants(scales: Scales, variant: str) -> tuple[float, ...]:
 EFFECT = Force(
     name="end_stop",
     group="E",
+    component="conservative",
     equation="a = -stiffness_ratio omega^2 max(s - position, 0)",
     parameters=(
         Parameter("stiffness_ratio", "ratio", about(10.0, 1.5), (10.0,)),

@@ -17,6 +17,7 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
 EFFECT = Force(
     name="external_periodic_force",
     group="E",
+    component="exogenous",
     equation="a = acceleration cos(2 pi frequency t + phase)",
     parameters=(
         Parameter("cosine", "acceleration", Normal(0.2)),

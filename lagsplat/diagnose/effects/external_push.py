@@ -36,6 +36,7 @@ def _told(parameters: Mapping[str, float]) -> dict[str, Any]:
 EFFECT = Force(
     name="external_push",
     group="E",
+    component="exogenous",
     equation="a = acceleration for a duration about a time, up to three times",
     parameters=(
         *(Parameter(f"acceleration {n}", "acceleration", Normal(1.0)) for n in range(N_PUSHES)),

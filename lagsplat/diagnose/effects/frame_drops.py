@@ -12,7 +12,7 @@ LATE = (0.4, 0.25, 0.15, 0.1, 0.06, 0.04)
 
 def explain(
     residual: Float64[np.ndarray, " n"], speed: Float64[np.ndarray, " n"]
-) -> tuple[float, dict[str, float], float]:
+) -> tuple[float, dict[str, tuple[float, float, float]], float]:
     """A share of the samples is late by whole frames, against even noise of the best level.
 
     The level of the noise in the mixture is that of the middle half of the residuals.
@@ -31,12 +31,14 @@ def explain(
         if gain > best:
             best, count = gain, float(np.sum(share * late / mixed))
     aligned = np.min([np.abs(residual + k * speed) for k in range(len(LATE) + 1)], axis=0)
-    return best, {"count": count}, float(np.sum(aligned**2))
+    about = 1.645 * count**0.5
+    return best, {"count": (count, max(count - about, 0.0), count + about)}, float(np.sum(aligned**2))
 
 
 EFFECT = Noise(
     name="frame_drops",
     group="G",
+    level="perception",
     equation="y_k = q(t_{k-1}) for some frames k",
     parameters=(Parameter("count", "ratio", HalfNormal(100.0)),),
     needs="motion that is fast against the noise",

@@ -20,6 +20,7 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
 EFFECT = Force(
     name="hidden_mode",
     group="F",
+    component="memory",
     equation="a = mass_ratio (omega^2 (s2 - s) + 2 damping_ratio omega (v2 - v)), s2'' minus the same",
     parameters=(
         Parameter("mass_ratio", "ratio", HalfNormal(0.15)),

@@ -21,6 +21,7 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
 EFFECT = Force(
     name="hysteresis",
     group="D",
+    component="memory",
     equation="a = -acceleration z, displacement dz/dt = v - |v| z / 2 - v |z| / 2",
     parameters=(
         Parameter("acceleration", "acceleration", HalfNormal(0.3)),

@@ -32,6 +32,8 @@ def change(signal: Any, theta: Float64[np.ndarray, "P 2"]) -> Float64[np.ndarray
 EFFECT = InputChange(
     name="input_backlash",
     group="C",
+    component="actuation",
+    level="actuation",
     equation="u = play of u_logged with a gap of width",
     parameters=(
         Parameter("width", "input", about(0.5, 1.0), (0.1, 0.3, 0.8, 1.6, 2.6)),

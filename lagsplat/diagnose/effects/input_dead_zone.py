@@ -17,6 +17,8 @@ def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray
 EFFECT = InputChange(
     name="input_dead_zone",
     group="C",
+    component="actuation",
+    level="actuation",
     equation="u = sign(u_logged) max(|u_logged| - half_width, 0)",
     parameters=(Parameter("half_width", "input", about(0.3, 1.0), (0.05, 0.2, 0.5, 1.0)),),
     needs="slow, small inputs through zero",

@@ -16,6 +16,8 @@ def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray
 EFFECT = InputChange(
     name="input_delay",
     group="C",
+    component="actuation",
+    level="actuation",
     equation="u(t) = u_logged(t - delay)",
     parameters=(Parameter("delay", "time", about(0.3, 1.0), (0.05, 0.2, 0.6, 1.2)),),
     needs="an input with steps, and an event that starts without it",

@@ -16,6 +16,8 @@ def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray
 EFFECT = InputChange(
     name="input_gain",
     group="A",
+    component="actuation",
+    level="actuation",
     equation="u = ratio u_logged",
     parameters=(Parameter("ratio", "log_ratio", Normal(0.3)),),
     needs="the input logged, with free motion beside it",

@@ -38,6 +38,8 @@ def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray
 EFFECT = InputChange(
     name="input_lag",
     group="C",
+    component="actuation",
+    level="actuation",
     equation="time_constant du/dt = u_logged - u",
     parameters=(Parameter("time_constant", "time", about(0.3, 1.0), (0.03, 0.1, 0.3, 1.0)),),
     needs="an input with steps or with frequencies above the lag's",

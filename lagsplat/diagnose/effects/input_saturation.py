@@ -16,6 +16,8 @@ def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray
 EFFECT = InputChange(
     name="input_saturation",
     group="C",
+    component="actuation",
+    level="actuation",
     equation="u = clip(u_logged, -limit, limit)",
     parameters=(Parameter("limit", "input", about(1.0, 0.5), (0.4, 0.7, 1.0, 1.4, 2.0)),),
     needs="inputs on both sides of the limit",

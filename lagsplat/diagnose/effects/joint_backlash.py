@@ -16,6 +16,7 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
 EFFECT = Force(
     name="joint_backlash",
     group="D",
+    component="conservative",
     equation="a = omega^2 clip(s, -gap, gap)",
     parameters=(Parameter("gap", "coordinate", about(0.2, 1.0), (0.05, 0.15, 0.4, 0.8)),),
     needs="a decay through small amplitudes",

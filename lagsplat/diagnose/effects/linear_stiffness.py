@@ -26,6 +26,7 @@ def whole(fields: Fields, theta: Float64[np.ndarray, "P 1"], model: Any) -> Fiel
 EFFECT = Force(
     name="linear_stiffness",
     group="A",
+    component="conservative",
     equation="V = ratio V_sim",
     parameters=(Parameter("ratio", "log_ratio", Normal(0.3)),),
     needs="free motion, or a static hold under a known input",

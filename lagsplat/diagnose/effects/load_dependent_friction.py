@@ -20,6 +20,7 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
 EFFECT = Force(
     name="load_dependent_friction",
     group="B",
+    component="dissipative",
     equation="a = -(acceleration + load_factor |load|) sign(v)",
     parameters=(
         Parameter("load_factor", "ratio", HalfNormal(0.2)),

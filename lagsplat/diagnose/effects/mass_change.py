@@ -27,6 +27,7 @@ def change(fields: Fields, theta: Float64[np.ndarray, "P 1"], instance: Instance
 EFFECT = ModelChange(
     name="mass_change",
     group="A",
+    component="inertial",
     equation="M = ratio M_sim (and V = ratio V_sim where the mass hangs)",
     parameters=(Parameter("ratio", "log_ratio", Normal(0.3)),),
     needs="a static hold and a motion, both under known inputs",

@@ -20,6 +20,7 @@ def _constants(scales: Scales, variant: str) -> tuple[float, ...]:
 EFFECT = Force(
     name="parameter_drift",
     group="E",
+    component="exogenous",
     equation="V = (1 + rate t) V_sim, or a = rate t",
     parameters=(Parameter("rate", "per_duration", Normal(0.15)),),
     needs="the same motion early and late",

@@ -16,6 +16,7 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
 EFFECT = Force(
     name="quadratic_drag",
     group="B",
+    component="dissipative",
     equation="a = -coefficient |v| v",
     parameters=(Parameter("coefficient", "per_coordinate", HalfNormal(0.2)),),
     needs="amplitudes that differ threefold",

@@ -21,6 +21,7 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
 EFFECT = Force(
     name="stribeck_friction",
     group="B",
+    component="dissipative",
     equation="a = -(coulomb + (static - coulomb) exp(-(v/velocity)^2)) sign(v)",
     parameters=(
         Parameter("excess", "acceleration", HalfNormal(0.2)),

@@ -20,6 +20,7 @@ def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray
 EFFECT = InputChange(
     name="time_offset",
     group="G",
+    level="perception",
     equation="y(t) = q(t + offset)",
     parameters=(Parameter("offset", "time", Normal(0.5), (-1.2, -0.6, -0.2, -0.05, 0.05, 0.2, 0.6, 1.2)),),
     needs="an input with steps, and an event that starts without it",

@@ -27,6 +27,7 @@ def whole(fields: Fields, theta: Float64[np.ndarray, "P 1"], model: Any) -> Fiel
 EFFECT = Force(
     name="viscous_damping",
     group="A",
+    component="dissipative",
     equation="a = -rate v",
     parameters=(Parameter("rate", "rate", Normal(0.2)),),
     needs="ring-downs at two amplitudes",
