@@ -166,7 +166,7 @@ def undecided(found: Diagnosis) -> Diagnosis:
 
 
 def diagnose_files(sim: str, real: str, out: Path, config: DiagnoseConfig, *, command: str) -> Diagnosis:
-    """Diagnose, and write ``diagnosis.json``, ``rollouts.csv``, ``augmented.safetensors`` and ``report.html``.
+    """Write ``diagnosis.json``, ``rollouts.csv``, ``augmented.safetensors`` and ``report.html``.
 
     Raises:
         FileNotFoundError, ValueError: as `open_pair`; nothing is written then.

@@ -34,7 +34,7 @@ LAYERS = (
     {"evaluate", "forces"},
     {"diagnose"},
     {"report", "viewer"},
-    {"config", "planning", "job", "pipeline", "export", "cli"},
+    {"config", "planning", "job", "pipeline", "export", "films", "gap", "cli"},
 )
 
 
@@ -231,6 +231,8 @@ def test_every_module_is_tested(trees: dict[Path, ast.Module]) -> None:
             reached.add(name)
             room = name.rpartition(".")[0] + "."
             pending += [target for target in imports_of(trees[names[name]]) if target.startswith(room)]
+    if "lagsplat.diagnose.catalogue" in reached:  # it finds its entries by looking into their folder
+        reached |= {name for name in names if name.startswith("lagsplat.diagnose.effects.")}
     untested = sorted(set(names) - reached - {"lagsplat.shapes"})
     assert not untested, "\n".join(untested)
 

@@ -17,7 +17,7 @@ POWER, COSINE, SINE = 0, 1, 2
 
 @dataclass(frozen=True)
 class Basis:
-    """``kind`` (K,), ``order`` (K, d): powers of a monomial, or multiples of the angles; ``centre``, ``scale``."""
+    """``kind`` (K,); ``order`` (K, d): powers of a monomial, or multiples of the angles."""
 
     kind: Int64[np.ndarray, " K"]
     order: Int64[np.ndarray, "K d"]
@@ -71,7 +71,7 @@ def with_angles(basis: Basis, multiples: Int64[np.ndarray, "A d"]) -> Basis:
 @njit(cache=True, error_model="numpy")
 @no_type_check
 def evaluate(kind, order, centre, scale, q, powers, value, slope):
-    """Write ``phi`` (K,) and its gradient (K, d) at one ``q`` (d,); ``powers`` (d, 1 + highest) is scratch."""
+    """Write ``phi`` (K,) and its gradient (K, d) at ``q`` (d,); ``powers`` (d, 1 + highest) is scratch."""
     n, d = order.shape
     for i in range(d):
         x = (q[i] - centre[i]) / scale[i]

@@ -24,7 +24,7 @@ def combine(
     *,
     tell: Tell,
 ) -> tuple[Explained, ...]:
-    """The best single effect, the best pair and the best triple, as far as there is something left to explain.
+    """The best single effect, the best pair and the best triple, while there is something left to explain.
 
     The second is looked for beside each of the best few first ones, so that the first may turn out to be
     another (swap). Empty where nothing beats `none`.

@@ -17,7 +17,7 @@ from lagsplat.diagnose.result import Candidate, Diagnosis, Parameter
 from lagsplat.diagnose.select import Effort, Ranking, rank
 from lagsplat.diagnose.smoother import smooth
 from lagsplat.diagnose.stand import Sim, stand
-from lagsplat.diagnose.verdict import Judgement, interval, judge
+from lagsplat.diagnose.verdict import Judgement, denied, interval, judge
 from lagsplat.io.motion import Motion
 
 OBVIOUS = 30.0
@@ -56,52 +56,55 @@ def diagnose(
         u_names=real[0].u_names,
         without=config.without,
     )
-    effort = Effort(
-        config.families,
-        config.places,
-        config.starts,
-        tuple(config.always),
-        config.temper,
-        max(1.0, sim.misfit),
-    )
+    effort = Effort.of(config, nominal=max(1.0, sim.misfit))
     ranking = rank(contest, offers, effort, tell=tell)
     chain = combine(contest, ranking, offers, effort, config, tell=tell)
     judgement = judge(ranking, chain, contest.freedom, effort.nominal, config)
     best = judgement.best
-    named = judgement.verdict == "effect" and best is not None
-    chosen = best if named and best is not None else ranking.none
+    chosen = best if best is not None and judgement.verdict == "effect" else ranking.none
     held, warnings = _held(contest, ranking, chosen, natural.longest_s)
-    if named and held is not None and best is not None and _immaterial(held, best, config):
-        judgement = replace(judgement, verdict="none")
+    if held is not None and chosen is best and best is not None and _immaterial(held, best, config):
+        judgement, chosen = denied(judgement), ranking.none
+    told = {
+        "natural_period_s": natural.longest_s,
+        "noise": ready.sigma.tolist(),
+        "sim_misfit": sim.misfit,
+        **_measures(contest, ranking, chain, judgement),
+    }
     diagnosis = Diagnosis(
         verdict=judgement.verdict,
         candidates=_candidates(contest, ranking, best, judgement, held, natural.longest_s),
-        combination=tuple(e.effect.name for e in chosen.effects) if judgement.verdict == "effect" else (),
+        combination=tuple(e.effect.name for e in chosen.effects),
         gap=held.gap if held else None,
         where=None,
-        equivalent=judgement.equivalent if named else (),
+        equivalent=judgement.equivalent if chosen.effects else (),
         excitation=(),
         warnings=tuple(warnings),
         absorbed=(),
         blocks=held.blocks if held else (),
-        checks={
-            "natural_period_s": natural.longest_s,
-            "noise": ready.sigma.tolist(),
-            "misfit_none": ranking.none.fit.misfit / contest.freedom,
-            "misfit_best": (best or ranking.none).fit.misfit / contest.freedom,
-            "unexplained": judgement.left,
-            "chain": [
-                {"effects": [e.effect.name for e in one.effects], "misfit": one.fit.misfit / contest.freedom}
-                for one in chain
-            ],
-            "sim_misfit": sim.misfit,
-            "windows": len(contest.windows.first),
-            "temper": ranking.temper,
-        },
+        checks=told,
         q_names=real[0].q_names,
         u_names=real[0].u_names,
     )
     return Found(diagnosis, contest, chosen)
+
+
+def _measures(
+    contest: Contest, ranking: Ranking, chain: Sequence[Explained], judgement: Judgement
+) -> dict[str, Any]:
+    """How well each explanation fits: mean square residuals in units of the noise."""
+    best = judgement.best or ranking.none
+    return {
+        "misfit_none": ranking.none.fit.misfit / contest.freedom,
+        "misfit_best": best.fit.misfit / contest.freedom,
+        "unexplained": judgement.left,
+        "chain": [
+            {"effects": [e.effect.name for e in one.effects], "misfit": one.fit.misfit / contest.freedom}
+            for one in chain
+        ],
+        "windows": len(contest.windows.first),
+        "temper": ranking.temper,
+    }
 
 
 def _held(
@@ -161,31 +164,27 @@ def _candidates(
 def parameters(contest: Contest, one: Explained, instance: Instance, temper: float) -> dict[str, Parameter]:
     """The fitted parameters of one of the effects, with 90 % intervals, under their published keys."""
     effect, scales = instance.effect, instance.scales
+    kinds = {p.name: p.kind for p in effect.parameters}
     if isinstance(effect, Noise):
-        spec = {p.name: p for p in effect.parameters}
-        out = {}
-        for name, values in one.noise.items():
-            kind = spec[name].kind
-            out[name] = Parameter(*(value * scales.of(kind) for value in values), UNITS[kind])
-        return out
+        sized = {name: [v * scales.of(kinds[name]) for v in values] for name, values in one.noise.items()}
+        return {name: Parameter(v[0], v[1], v[2], UNITS[kinds[name]]) for name, v in sized.items()}
     known = [e for e in one.effects if not isinstance(e.effect, Noise)]
     prior = [p.prior for e in known for p in e.effect.parameters]
     low, high = interval(replace(one, effects=tuple(known)), contest.bench.nuisance.deviation, prior, temper)
     at = sum(len(e.effect.parameters) for e in known[: known.index(instance)])
     cut = slice(at, at + len(effect.parameters))
-    rows = instance.physical(np.stack([one.fit.x[cut], low[cut], high[cut]]))
-    values = [_told(instance, row) for row in rows]
-    units = {p.name: UNITS[p.kind] for p in effect.parameters}
-    fallback = UNITS[effect.parameters[0].kind]
+    best, *ends = (
+        _told(instance, row) for row in instance.physical(np.stack([one.fit.x[cut], low[cut], high[cut]]))
+    )
+    where = {"q": (instance.direction.name if instance.direction else None) or "q"}
+    where["u"] = instance.input_name or "u"
     out = {}
-    for key, value in values[0].items():
-        ends = (
-            sorted((values[1][key], values[2][key]))
-            if not isinstance(value, list)
-            else [values[1][key], values[2][key]]
-        )
-        out[key] = Parameter(value, ends[0], ends[1], units.get(key, fallback).format(
-            q=instance.direction.name if instance.direction else "q", u=instance.input_name or "u"))  # fmt: skip
+    for key, value in best.items():
+        first, second = (end.get(key, value) for end in ends)
+        if not isinstance(value, list) and first > second:
+            first, second = second, first
+        unit = UNITS[kinds.get(key, effect.parameters[0].kind)].format(**where)
+        out[key] = Parameter(value, first, second, unit)
     return out
 
 

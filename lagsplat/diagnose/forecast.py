@@ -24,7 +24,7 @@ LEAST = 20
 
 @dataclass(frozen=True)
 class Forecast:
-    """Forecasts (B, L, d) of every block and their errors' expected variance (B, L, d) if the model is true."""
+    """Forecasts (B, L, d) of every block, and the variance of their errors if the model is true."""
 
     y: Float64[np.ndarray, "B L d"]
     expected: Float64[np.ndarray, "B L d"]
@@ -122,7 +122,7 @@ class Held:
 
 
 def hold_out(contest: Contest, none: Explained, chosen: Explained, *, period_s: float) -> Held:
-    """The gap before, after a refit alone and after the ``chosen`` effects, on windows they were not fitted to.
+    """The gap before, after a refit alone and after the ``chosen`` effects, on windows held out.
 
     Raises:
         ValueError: the held-out part has no stretch of one period.

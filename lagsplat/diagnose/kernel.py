@@ -1,6 +1,6 @@
 """Many rollouts of a sim with up to three unmodelled forces, by the classical Runge-Kutta method.
 
-A batch is ``P`` sets of parameters times ``W`` windows of a recording. A force acts along one direction ``p``:
+A batch is ``P`` sets of parameters times ``W`` windows of a recording. A force acts along a direction ``p``:
 with ``s = p.(q - rest)`` its law says an acceleration ``f(t, s, ds/dt, ...)``, and ``p m f`` is added to the
 generalised forces, ``m`` being the reference inertia along ``p``. Laws are compiled one by one and handed
 over as functions, so that a new effect compiles alone.
@@ -35,7 +35,7 @@ def nothing(t, s, v, spring, drive, memory, theta, d_memory):
 @njit(cache=True)
 @no_type_check
 def _solve(a, b, d):
-    """Overwrite the second half of ``b`` (2 d,) with ``a^-1`` of it, for a symmetric positive ``a``, overwritten too."""
+    """Overwrite the second half of ``b`` (2 d,) with ``a^-1`` of it; ``a`` is symmetric and overwritten."""
     for j in range(d):
         for k in range(j):
             a[j, j] -= a[j, k] * a[j, k]
@@ -173,7 +173,7 @@ def rollouts(
 )  # fmt: skip
 @no_type_check
 def memories(force, theta, time, s, v, spring, drive, clips, begin, out):
-    """Write a law's memory (P, N, Z) along a motion that is given, from ``begin`` (C, Z) at the start of every clip.
+    """Write a law's memory (P, N, Z) along a given motion, from ``begin`` (C, Z) where a clip starts.
 
     ``s``, ``v``, ``spring``, ``drive`` are (N,); between frames they are interpolated linearly. The memory
     steps by the explicit midpoint rule, eight times a frame.

@@ -25,7 +25,7 @@ class Prepared:
 
 
 def prepare(motions: Sequence[Motion], *, period_s: float) -> Prepared:
-    """Noise from a local cubic over a seventh of the period, velocities over more where there is more noise."""
+    """Noise from a local cubic over a seventh of the period, velocities over more if noise is strong."""
     clips = [np.array(m.segments, dtype=np.int64) for m in motions]
     levels = [
         noise_level(m.time_s, m.q, clip, width_s=0.15 * period_s)

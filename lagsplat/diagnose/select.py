@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lagsplat.diagnose.compare import Contest, Explained, Lead, log_evidence, pursue, screen
+from lagsplat.diagnose.config import DiagnoseConfig
 from lagsplat.diagnose.effects.effect import Instance, Noise
 
 Tell = Callable[[str], None]
@@ -24,6 +25,13 @@ class Effort:
     """Over how many samples of the residual an independent one comes, at least."""
     nominal: float
     """Mean square of the residual, in units of the noise, that the sim leaves of its own recordings."""
+
+    @classmethod
+    def of(cls, config: DiagnoseConfig, *, nominal: float) -> "Effort":
+        """What the settings say."""
+        return cls(
+            config.families, config.places, config.starts, tuple(config.always), config.temper, nominal
+        )
 
 
 @dataclass(frozen=True)

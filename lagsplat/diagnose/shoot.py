@@ -40,7 +40,7 @@ class Data:
 
 @dataclass(frozen=True)
 class Fit:
-    """Parameters ``x``, starts, the weighted residual there and the Gauss-Newton curvature of half the cost."""
+    """Parameters ``x``, starts, the weighted residual and the Gauss-Newton curvature of half the cost."""
 
     x: Float64[np.ndarray, " k"]
     starts: Float64[np.ndarray, "W s"]
@@ -66,7 +66,7 @@ def penalty(x: Float64[np.ndarray, "P k"], belief: Belief) -> Float64[np.ndarray
 def derivatives(
     predict: Predict, x: np.ndarray, starts: np.ndarray, data: Data, step: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Weighted residual (W, L, d), slopes of the prediction by parameters (W, M, k) and by starts (W, M, s)."""
+    """Weighted residual (W, L, d), slopes by parameters (W, M, k) and by starts (W, M, s)."""
     k, s = len(x), starts.shape[1]
     many = np.repeat(x[None], 1 + k + s, axis=0)
     begun = np.repeat(starts[None], 1 + k + s, axis=0)

@@ -69,7 +69,7 @@ def sim_of(motions: Sequence[Motion], config: DiagnoseConfig) -> Sim:
 
 
 def periods(model: Model, fallback_s: float) -> Periods:
-    """Natural periods by the model's stiffness and inertia at rest, no further than threefold from the motion's."""
+    """Natural periods by stiffness and inertia at rest, no further than threefold from the motion's."""
     values = np.linalg.eigvals(np.linalg.solve(model.inertia, model.stiffness)).real
     values = values[values > 0.0]
     if not len(values):
@@ -122,7 +122,7 @@ def relevant(contest: Contest, freedom: Float64[np.ndarray, "R K"]) -> Float64[n
 
 
 def nominal_misfit(sim: Sim, motions: Sequence[Motion], config: DiagnoseConfig) -> float:
-    """Mean square residual, in units of the noise, that a given sim leaves of the recordings it is true to."""
+    """Mean square residual, in units of the noise, that a sim leaves of recordings it is true to."""
     contest, _, _ = stand(sim, motions, config)
     fit = contest.fit((), np.zeros(contest.bench.nuisance.size))
     return fit.misfit / contest.freedom

@@ -1,7 +1,7 @@
 """From evidence to probabilities, and from probabilities to a verdict."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -30,12 +30,12 @@ NEAR = 3.0
 """Nats within which two members of one class count as not told apart."""
 SURE = 0.97
 ADEQUATE = 0.15
-"""Excess of the mean square residual, in units of what the sim leaves of its own recordings, of a good set."""
+"""Excess of the mean square residual of a good set, over what the sim leaves of its own recordings."""
 LEAST_UNKNOWN = 0.02
 STEEP = 2.5
 """Power of the share left unexplained in the odds of `unknown`."""
 WIDER, ROUGH = 1.5, 0.01
-"""Factor on the standard deviation of a parameter, and what is added: laws of effects are never quite right."""
+"""Factor on a parameter's standard deviation, and what is added: laws are never quite right."""
 CERTAIN = 5.0
 """Nats by which the members of a set that explains everything stand above any single effect."""
 ROUGHLY = 200.0
@@ -133,6 +133,15 @@ def judge(
         probabilities.setdefault(name, 0.0)
     probabilities = _tempered(probabilities)
     return Judgement(_verdict(probabilities), probabilities, equivalents(ranking), left, best)
+
+
+def denied(judgement: Judgement) -> Judgement:
+    """The verdict `none` after all: it changes places with the most probable effect."""
+    probabilities = dict(judgement.probabilities)
+    first = next(iter(probabilities))
+    probabilities["none"], probabilities[first] = probabilities[first], probabilities["none"]
+    ordered = dict(sorted(probabilities.items(), key=lambda row: -row[1]))
+    return replace(judgement, verdict="none", probabilities=ordered, equivalent=())
 
 
 def _tempered(probabilities: Mapping[str, float]) -> dict[str, float]:

@@ -27,7 +27,8 @@ def draw_components(diagnosis: Diagnosis) -> Figure | None:
     shares = located(diagnosis.where, "components")
     if not shares:
         return None
-    names = [name for name in TERMS if name in shares] + [name for name in shares if name not in TERMS]
+    names: list[str] = [name for name in TERMS if name in shares]
+    names += [name for name in shares if name not in TERMS]
     with paper_style():
         figure = new_figure(0.6 * PAGE_IN, 0.5 + 0.17 * len(names), title="")
         axis = figure.subplots()
@@ -42,7 +43,7 @@ def draw_components(diagnosis: Diagnosis) -> Figure | None:
                 percent(shares[name]), (max(shares[name], 0.0), row), (3, 0), textcoords="offset points",
                 va="center",
             )  # fmt: skip
-        axis.set_yticks(range(len(names)), [TERMS.get(name, name) for name in names])
+        axis.set_yticks(range(len(names)), [TERMS.get(name) or name for name in names])
         axis.set(ylim=(len(names) - 0.4, -0.6), xlim=(0.0, 1.1), xlabel="share of the residual's square")
         axis.set_xticks([0.0, 0.25, 0.5, 0.75, 1.0], ["0", "25 %", "50 %", "75 %", "100 %"])
         return figure

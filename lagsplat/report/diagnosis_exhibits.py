@@ -38,7 +38,7 @@ class Fingerprint:
 
 @dataclass(frozen=True)
 class PictureGap:
-    """Excess error (H, W) of the sim's pictures over one ``picture``; parts (left, top, right, bottom, share)."""
+    """Excess error (H, W) of the sim's pictures over one; parts (left, top, right, bottom, share)."""
 
     picture: UInt8[np.ndarray, "H W 3"]
     excess: Float64[np.ndarray, "H W"]

@@ -63,8 +63,8 @@ def _verdict() -> list[Entry]:
         (
             "waterfall",
             "How far the gap closes",
-            "Root mean square error of held-out forecasts over one natural period, over each coordinate's own "
-            "size. From the sim as delivered, over the sim with its own numbers moved within their "
+            "Root mean square error of held-out forecasts over one natural period, over each coordinate's "
+            "own size. From the sim as delivered, over the sim with its own numbers moved within their "
             "uncertainty, to the sim with the chosen effects (whisker: 95 % interval). The dashed floor is "
             "what the true model would leave, given the noise.",
             draw_waterfall,
@@ -79,8 +79,8 @@ def _verdict() -> list[Entry]:
         (
             "rollouts",
             "Forecasts before and after",
-            "Held-out blocks that the sim forecasts worst, in the middle and best, each from a state estimated "
-            "on its first ten samples. Grey: measured.",
+            "Held-out blocks that the sim forecasts worst, in the middle and best, each from a state "
+            "estimated on its first ten samples. Grey: measured.",
             lambda diagnosis, _: draw_side_by_side(diagnosis),
         ),
     ]
@@ -92,8 +92,8 @@ def _place() -> list[Entry]:
         (
             "time",
             "Where in time",
-            "The acceleration that the sim lacks, with twice its standard deviation; shaded: spans in which it "
-            "stands out, with their share. Below, the stretch between the dotted lines: forecasts of "
+            "The acceleration that the sim lacks, with twice its standard deviation; shaded: spans in which "
+            "it stands out, with their share. Below, the stretch between the dotted lines: forecasts of "
             "held-out blocks (vertical lines: new starts).",
             lambda diagnosis, _: draw_time_strip(diagnosis),
         ),
@@ -119,14 +119,15 @@ def _place() -> list[Entry]:
         (
             "ladder",
             "At which stage",
-            "Error of each stage from the picture to the forecast, over its floor (dashed), with its 95 % interval.",
+            "Error of each stage from the picture to the forecast, over its floor (dashed), with its 95 % "
+            "interval.",
             lambda _, exhibits: draw_ladder(exhibits),
         ),
         (
             "picture",
             "Where on the picture",
-            "Left: squared error of the sim's pictures beyond what drawing leaves. Right: how well a force on "
-            "each point of the body explains the residual, with the force on the best.",
+            "Left: squared error of the sim's pictures beyond what drawing leaves. Right: how well a force "
+            "on each point of the body explains the residual, with the force on the best.",
             lambda _, exhibits: draw_picture(exhibits),
         ),
     ]
@@ -145,8 +146,8 @@ def _certainty() -> list[Entry]:
         (
             "profiles",
             "How sharply the numbers are known",
-            "Log-likelihood along each parameter, the others fitted anew; dashed: where a 90 % interval ends. "
-            "A flat side is a number without a bound. Orange: fitted value and interval.",
+            "Log-likelihood along each parameter, the others fitted anew; dashed: where a 90 % interval "
+            "ends. A flat side is a number without a bound. Orange: fitted value and interval.",
             draw_profiles,
         ),
         (

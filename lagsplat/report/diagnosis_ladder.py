@@ -77,7 +77,7 @@ def draw_waterfall(diagnosis: Diagnosis, exhibits: Exhibits) -> Figure | None:
 
 
 def _leading(x: float) -> int:
-    return int(round(x / 10.0 ** math.floor(math.log10(x))))
+    return round(x / 10.0 ** math.floor(math.log10(x)))
 
 
 def _steps(diagnosis: Diagnosis, gap: Gap, exhibits: Exhibits) -> list[tuple[str, float]]:

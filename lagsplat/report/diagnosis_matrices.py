@@ -1,4 +1,4 @@
-"""Which effects a recording can tell apart, what its residual goes with, and how sharply it bounds numbers."""
+"""Which effects a recording tells apart, what its residual goes with, how sharply it bounds numbers."""
 
 from typing import Any
 
@@ -39,7 +39,7 @@ def draw_separability(exhibits: Exhibits) -> Figure | None:
             if not np.isfinite(nats[i, j]):
                 continue
             dark = shown[i, j] < 1.0
-            axis.text(j, i, number(nats[i, j]), ha="center", va="center", fontsize=6,
+            axis.text(j, i, number(float(nats[i, j])), ha="center", va="center", fontsize=6,
                       color="white" if dark else "black")  # fmt: skip
             if nats[i, j] < TELLS:
                 axis.add_patch(Rectangle((j - 0.46, i - 0.44), 0.92, 0.88, fill=False, edgecolor=PREDICTED,

@@ -2,6 +2,7 @@
 
 import math
 import os
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -52,7 +53,7 @@ def diagnosis_page(diagnosis: Diagnosis, exhibits: Exhibits) -> str:
     drawn = draw_all(diagnosis, exhibits)
     rows = excitations(diagnosis)
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=False)
-    environment.filters["sentence"] = _sentence
+    environment.filters |= {"sentence": _sentence, "unbroken": _unbroken}
     return environment.from_string(PAGE).render(
         style=STYLE,
         headline=headline(diagnosis),
@@ -66,7 +67,7 @@ def diagnosis_page(diagnosis: Diagnosis, exhibits: Exhibits) -> str:
         equivalent=[[short_title(name) for name in names] for names in diagnosis.equivalent],
         excitations=[_named(row) for row in rows],
         advice=diagnosis.excitation,
-        warnings=diagnosis.warnings,
+        warnings=_further(diagnosis),
         absorbed=[short_title(name) for name in diagnosis.absorbed],
         figures=[
             {
@@ -88,8 +89,21 @@ def diagnosis_page(diagnosis: Diagnosis, exhibits: Exhibits) -> str:
 
 
 def _sentence(text: str) -> str:
-    """With a capital and a full stop."""
-    return text[:1].upper() + text[1:].rstrip(".") + "." if text else ""
+    """With a full stop, and a capital unless it begins with the name of a file or a column."""
+    first = text.partition(" ")[0]
+    capital = text[:1].upper() + text[1:] if first.isalpha() else text
+    return _unbroken(capital.rstrip(".") + ".") if text else ""
+
+
+def _unbroken(text: str) -> str:
+    """With numbers and their per cent signs on one line."""
+    return re.sub(r"(?<=\d) %", "\N{NO-BREAK SPACE}%", text)
+
+
+def _further(diagnosis: Diagnosis) -> list[str]:
+    """Warnings that the findings about the data do not hold already."""
+    told = [one.what for one in findings(diagnosis) if one.what]
+    return [text for text in diagnosis.warnings if not any(what in text for what in told)]
 
 
 def _files(diagnosis: Diagnosis) -> list[str]:
@@ -142,10 +156,8 @@ def _named(row: Any) -> dict[str, str]:
 
 
 def _missing(diagnosis: Diagnosis, titles: list[str]) -> list[str]:
-    fields = [
-        name.removesuffix("_s").removesuffix("_hz").replace("_", " ")
-        for name in not_computed(diagnosis.where)
-    ]
+    names = (name.removesuffix("_s").removesuffix("_hz") for name in not_computed(diagnosis.where))
+    fields = [name.replace("_", " ") for name in names]
     figures = [f"“{title}”" for title in titles]
     return ([f"of where the gap lies: {', '.join(fields)}"] if fields else []) + (
         [f"figures that need more than was computed: {', '.join(figures)}"] if figures else []

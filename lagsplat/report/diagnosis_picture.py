@@ -1,6 +1,7 @@
 """Where on the picture the gap lies, and the stretch itself as a film."""
 
 import base64
+import math
 from typing import Any
 
 import cv2
@@ -44,7 +45,7 @@ def draw_picture(exhibits: Exhibits) -> Figure | None:
 def film_uri(film: Film) -> str:
     """The three films side by side as one looping animation (WebP) in a data URI.
 
-    Reduced to 150 frames and 480 pixels a picture at most.
+    Reduced to 150 frames and 480 pixels a picture at most; small pictures are enlarged pixel by pixel.
 
     Raises:
         ValueError: films of different shapes, or none that can be encoded.
@@ -69,11 +70,13 @@ def film_uri(film: Film) -> str:
 
 def _row(pictures: tuple[UInt8[np.ndarray, "H W 3"], ...]) -> UInt8[np.ndarray, "h w 3"]:
     height, width = pictures[0].shape[:2]
-    scale = min(1.0, SIDE / max(height, width))
+    scale = SIDE / max(height, width)
+    scale = float(math.floor(scale)) if scale > 1.0 else scale
+    way = cv2.INTER_AREA if scale < 1.0 else cv2.INTER_NEAREST
     size = (max(1, round(width * scale)), max(1, round(height * scale)))
     rule = np.full((size[1], RULE, 3), 255, dtype=np.uint8)
-    small = [cv2.resize(one, size, interpolation=cv2.INTER_AREA) if scale < 1.0 else one for one in pictures]
-    joined = np.concatenate([small[0], rule, small[1], rule, small[2]], axis=1)
+    sized = [cv2.resize(one, size, interpolation=way) for one in pictures]
+    joined = np.concatenate([sized[0], rule, sized[1], rule, sized[2]], axis=1)
     return np.ascontiguousarray(joined[..., ::-1])  # OpenCV's order of colours
 
 

@@ -17,7 +17,7 @@ STYLES = ("-", (0, (5, 1)), (0, (1, 1)), (0, (4, 1, 1, 1)), (0, (2, 1)), (0, (6,
 
 
 def draw_spectrum(diagnosis: Diagnosis) -> Figure | None:
-    """Power of the residual with bands and lines, and its coherence with inputs and velocities; None without."""
+    """Power of the residual with bands and lines, its coherence with inputs and velocities; None without."""
     found = located(diagnosis.where, "spectrum")
     if found is None:
         return None

@@ -67,7 +67,7 @@ def _map(axis: Any, maps: Sequence[Any], reach: float, name: str, title: str) ->
     reach = reach or 1.0
     picture = axis.pcolormesh(
         one.position_edges, one.velocity_edges, np.ma.masked_invalid(one.mean).T, cmap=COLOURS,
-        vmin=-reach, vmax=reach, rasterized=False, edgecolors="face", linewidth=0.1,
+        vmin=-reach, vmax=reach, antialiased=False,
     )  # fmt: skip
     rows, columns = np.nonzero((np.abs(one.score) > STANDS_OUT) & np.isfinite(one.mean))
     middle = [0.5 * (edges[1:] + edges[:-1]) for edges in (one.position_edges, one.velocity_edges)]

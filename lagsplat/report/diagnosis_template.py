@@ -12,9 +12,11 @@ h1 { font-size: 19pt; line-height: 1.2; margin: 0 0 .2rem; }
 h2 { font-size: 13pt; margin: 2rem 0 .5rem; padding-bottom: .15rem; border-bottom: 1px solid var(--rule); }
 h3 { font-size: 10.5pt; margin: 1.4rem 0 .3rem; }
 .kicker { font: 9.5pt "Helvetica Neue", Arial, sans-serif; color: var(--soft); margin-bottom: .4rem; }
-.lead { font-size: 12pt; border-left: 3px solid var(--orange); padding: .1rem 0 .1rem .9rem; margin: 1.2rem 0; }
+.lead { font-size: 12pt; border-left: 3px solid var(--orange); padding: .1rem 0 .1rem .9rem;
+  margin: 1.2rem 0; }
 .lead.none { border-color: var(--green); } .lead.undetermined, .lead.unknown { border-color: var(--soft); }
-.tiles { display: grid; grid-template-columns: repeat(auto-fit, minmax(1.4in, 1fr)); gap: .5rem; margin: .6rem 0; }
+.tiles { display: grid; grid-template-columns: repeat(auto-fit, minmax(1.15in, 1fr)); gap: .5rem;
+  margin: .6rem 0; }
 .tile { background: var(--ground); padding: .45rem .6rem; font-size: 9pt; color: var(--soft); }
 .tile b { display: block; font-size: 12.5pt; color: var(--ink); font-weight: 600; }
 .row { font: 9.5pt/1.7 "Helvetica Neue", Arial, sans-serif; margin: .25rem 0; }
@@ -32,7 +34,8 @@ th, td { padding: .22rem .5rem .22rem 0; } td { border-bottom: 1px solid var(--r
 td.n, th.n { text-align: right; white-space: nowrap; font-variant-numeric: tabular-nums; }
 tr.chosen td { background: #fdf1e7; } tr.verdict td { color: var(--soft); }
 .wide { overflow-x: auto; }
-figure { margin: 1.3rem 0; break-inside: avoid; } figure svg, figure img { max-width: 100%; height: auto; display: block; }
+figure { margin: 1.3rem 0; break-inside: avoid; }
+figure svg, figure img { max-width: 100%; height: auto; display: block; }
 figcaption { font-size: 8.8pt; color: var(--soft); margin-top: .3rem; } figcaption b { color: var(--ink); }
 pre, code { font: 8.5pt/1.4 Menlo, Consolas, monospace; } pre { background: var(--ground); padding: .6rem;
   white-space: pre-wrap; overflow-wrap: anywhere; margin: .4rem 0; }
@@ -74,12 +77,13 @@ PAGE = """<!DOCTYPE html>
 {% for name in row.names %}<span class="chip {{ row.grade }}">{{ name }}</span>{% endfor %}</div>
 {% endfor %}{% if not shown %}<div class="row">What this recording can show was not computed.</div>{% endif %}
 {% for names in equivalent %}<div class="row"><b>Not told apart</b>
-{% for name in names %}<span class="chip">{{ name }}</span>{% if not loop.last %} or {% endif %}{% endfor %}</div>
+{% for name in names %}<span class="chip">{{ name }}</span>{% if not loop.last %} or {% endif %}
+{% endfor %}</div>
 {% endfor %}</section>
 
 <section aria-label="The verdict">
 <h2>What was found</h2>
-<p class="lead {{ verdict }}">{{ paragraph }}</p>
+<p class="lead {{ verdict }}">{{ paragraph | unbroken }}</p>
 {% if advice %}<h3>Record this next</h3>
 <ul>{% for one in advice %}<li>{{ one | sentence }}</li>{% endfor %}</ul>{% endif %}
 {% if warnings %}<h3>Keep in mind</h3>
@@ -93,11 +97,11 @@ the sim was fitted on the same recording and has taken these up.</div>{% endif %
 <h2>What it rests on</h2>
 {% for one in figures %}<figure id="{{ one.key }}">
 {{ one.svg | safe }}
-<figcaption><b>Figure {{ loop.index }}. {{ one.title }}.</b> {{ one.caption }}</figcaption>
+<figcaption><b>Figure {{ loop.index }}. {{ one.title }}.</b> {{ one.caption | unbroken }}</figcaption>
 </figure>
 {% endfor %}
-{% if film %}<figure class="film" id="film"><img src="{{ film | safe }}" alt="The stretch as measured, as forecast
-by the sim, and as forecast with the effects, side by side">
+{% if film %}<figure class="film" id="film"><img src="{{ film | safe }}"
+alt="The stretch as measured, as forecast by the sim, and as forecast with the effects, side by side">
 <span>measured</span><span>sim</span><span>sim with effects</span>
 <figcaption><b>Film.</b> The same stretch side by side.</figcaption></figure>{% endif %}
 {% if missing %}<div class="row"><b>Not computed</b> {{ missing | join("; ") }}.</div>{% endif %}
@@ -107,15 +111,19 @@ by the sim, and as forecast with the effects, side by side">
 <h2>All candidates</h2>
 <div class="wide"><table>
 <thead><tr><th>effect</th><th class="n">probability</th><th>parameters, with 90 % intervals</th>
-<th class="n">closes</th><th class="n">log evidence<br>over none (nat)</th><th class="n">misfit</th></tr></thead>
+<th class="n">closes</th><th class="n">log evidence<br>over none (nat)</th><th class="n">misfit</th></tr>
+</thead>
 <tbody>
-{% for one in candidates %}<tr class="{{ one.kind }}"><td>{{ one.place }}</td><td class="n">{{ one.probability }}</td>
-<td>{% for text in one.parameters %}{{ text }}{% if not loop.last %}<br>{% endif %}{% endfor %}</td>
-<td class="n">{{ one.closure }}</td><td class="n">{{ one.evidence }}</td><td class="n">{{ one.misfit }}</td></tr>
+{% for one in candidates %}<tr class="{{ one.kind }}"><td>{{ one.place }}</td>
+<td class="n">{{ one.probability }}</td>
+<td>{% for text in one.parameters %}{{ text | unbroken }}{% if not loop.last %}<br>{% endif %}
+{% endfor %}</td>
+<td class="n">{{ one.closure }}</td><td class="n">{{ one.evidence }}</td>
+<td class="n">{{ one.misfit }}</td></tr>
 {% endfor %}</tbody></table></div>
-<div class="row">Closes: share of the gap above its floor, with the 95 % interval; a wrong effect may close much,
-so that it is no proof of a cause. Misfit: mean square of the residual in units of the noise, about 1 where an
-effect explains everything.</div>
+<div class="row">Closes: share of the gap above its floor, with the 95 % interval; a wrong effect may close
+much, so that it is no proof of a cause. Misfit: mean square of the residual in units of the noise, about 1
+where an effect explains everything.</div>
 <h3>What the likely ones are</h3>
 <ul>{% for one in explained %}<li><b>{{ one.name }}</b>: {{ one.words.what }} <em>How one sees it:</em>
 {{ one.words.seen }} <em>What to do:</em> {{ one.words.do }}</li>{% endfor %}</ul>
@@ -123,7 +131,8 @@ effect explains everything.</div>
 
 {% if excitations %}<section aria-label="What the recording can show">
 <h2>What this recording can show, effect by effect</h2>
-<div class="wide"><table><thead><tr><th>effect</th><th>shown</th><th>because of</th><th>record instead</th></tr></thead>
+<div class="wide"><table>
+<thead><tr><th>effect</th><th>shown</th><th>because of</th><th>record instead</th></tr></thead>
 <tbody>{% for one in excitations %}<tr><td>{{ one.effect }}</td><td><span class="chip {{ one.excited }}">
 {{ one.excited }}</span></td><td>{{ one.reason }}</td><td>{{ one.record }}</td></tr>
 {% endfor %}</tbody></table></div></section>{% endif %}
@@ -134,8 +143,8 @@ effect explains everything.</div>
 <div class="wide"><table><tbody>
 {% for one in provenance %}<tr><td>{{ one.label }}</td><td><code>{{ one.value }}</code></td></tr>
 {% endfor %}</tbody></table></div>
-<div class="row">Beside this page: <code>diagnosis.json</code> holds these numbers, <code>rollouts.csv</code> every
-held-out forecast from which the gap can be computed again.</div>
+<div class="row">Beside this page: <code>diagnosis.json</code> holds these numbers, <code>rollouts.csv</code>
+every held-out forecast from which the gap can be computed again.</div>
 </section>
 </body>
 </html>

@@ -15,7 +15,7 @@ from lagsplat.report.diagnosis_names import (
     titled,
 )
 from lagsplat.report.diagnosis_where import located, main_coordinate
-from lagsplat.report.effect_words import WORDS, short_title, words_of
+from lagsplat.report.effect_words import WORDS, Kind, short_title, words_of
 from lagsplat.report.rounding import number, percent, probability
 
 SURE, LIKELY = 0.8, 0.5  # probability of a class from which it is called the cause, and the likely cause
@@ -184,7 +184,7 @@ def _cause(diagnosis: Diagnosis, named: list[Candidate], names: list[str], toget
     return f"{verb} {titled(named[0])} (probability {chance}). {words_of(named[0].name).what}"
 
 
-def _consequence(kinds: set[str]) -> str:
+def _consequence(kinds: set[Kind]) -> str:
     if kinds == {"parameter"}:
         return "This is a parameter change: the simulation lacks no physics, and a refit suffices."
     if kinds == {"observation"}:
@@ -202,7 +202,7 @@ def _estimated(candidate: Candidate, together: int, alike_: int) -> str:
     return f"{opening}{'; '.join(estimates(candidate))}."
 
 
-def _act(kinds: set[str], together: int, names: list[str]) -> str:
+def _act(kinds: set[Kind], together: int, names: list[str]) -> str:
     if len(names) > 1:
         return f"Adding {short_title(names[0])} to the simulation"
     if together > 1:

@@ -30,7 +30,7 @@ def coordinate_name(diagnosis: Diagnosis, number: int) -> str:
 
 
 def draw_time_strip(diagnosis: Diagnosis) -> Figure | None:
-    """Residual acceleration over one file, then measured and forecast motion of a stretch; None without any."""
+    """Residual over one file, then measured and forecast motion of a stretch; None without either."""
     at = coordinate_number(diagnosis)
     smoothed = _smoothed(diagnosis)
     blocks = _stretch(diagnosis, None if smoothed is None else smoothed.motion.source)
@@ -43,13 +43,13 @@ def draw_time_strip(diagnosis: Diagnosis) -> Figure | None:
         figure = new_figure(PAGE_IN, 0.35 + 1.2 * len(rows), title="")
         axes = dict(zip(rows, np.atleast_1d(figure.subplots(len(rows), 1)), strict=True))
         name = coordinate_name(diagnosis, at)
-        span = (float(blocks[0].time_s[0]), float(blocks[-1].time_s[-1])) if blocks else None
+        span = _span(blocks)
         if "whole" in axes:
             _residual(axes["whole"], smoothed, at, name)
             axes["whole"].margins(y=0.16)
             _events(axes["whole"], diagnosis, smoothed.motion.source)
             _legend(axes["whole"])
-            if span and "near" in axes:
+            if "near" in axes:
                 for edge in span:
                     axes["whole"].axvline(edge, color=INK, linestyle=":", linewidth=0.7)
         if "motion" in axes:
@@ -63,6 +63,10 @@ def draw_time_strip(diagnosis: Diagnosis) -> Figure | None:
         list(axes.values())[-1].set_xlabel(f"time in {_source(smoothed, blocks)} (s)")
         figure.align_ylabels(list(axes.values()))
         return figure
+
+
+def _span(blocks: Sequence[Block]) -> tuple[float, float]:
+    return (float(blocks[0].time_s[0]), float(blocks[-1].time_s[-1])) if blocks else (0.0, 0.0)
 
 
 def _smoothed(diagnosis: Diagnosis) -> Any:
@@ -147,7 +151,7 @@ def _legend(axis: Any) -> None:
 
 
 def draw_side_by_side(diagnosis: Diagnosis) -> Figure | None:
-    """Forecasts of the worst, the median and the best block: the sim on the left, with effects on the right."""
+    """Forecasts of the worst, the median and the best block: of the sim, and of the sim with effects."""
     blocks = [one for one in diagnosis.blocks if len(one.time_s) > 1]
     if not blocks:
         return None

@@ -1,4 +1,4 @@
-"""Viscoelastic creep: a spring in series with a dashpot beside the mechanism's own (standard linear solid)."""
+"""Viscoelastic creep: a spring in series with a dashpot beside the mechanism's own (linear solid)."""
 
 from typing import no_type_check
 

@@ -207,7 +207,7 @@ class Fields:
 
 @dataclass(frozen=True)
 class ModelChange(Effect):
-    """An effect that changes the sim's own coefficients: ``change(fields, theta (P, k), instance, model)``."""
+    """An effect that changes the sim's coefficients: ``change(fields, theta (P, k), instance, model)``."""
 
     change: Any = None
 
@@ -260,7 +260,7 @@ class Instance:
     channel: int | None = None
     input_name: str | None = None
     grid: tuple[tuple[float, ...], ...] | None = None
-    """Values of all parameters but the amplitudes that the search tries first, in place of their own grids."""
+    """Values of all but the amplitudes that the search tries first, in place of their own grids."""
 
     @property
     def label(self) -> str:

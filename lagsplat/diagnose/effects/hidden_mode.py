@@ -9,7 +9,7 @@ from lagsplat.diagnose.kernel import law
 @law
 @no_type_check
 def force(t, s, v, spring, drive, memory, theta, d_memory):
-    """``mass_ratio (omega^2 x + 2 zeta omega dx/dt)``, ``x`` the distance of the second mass from the first."""
+    """``mass_ratio (omega^2 x + 2 zeta omega dx/dt)``, ``x`` from the first mass to the second."""
     omega = theta[1]
     pull = omega * omega * (memory[0] - s) + 2.0 * theta[2] * omega * (memory[1] - v)
     d_memory[0] = memory[1]

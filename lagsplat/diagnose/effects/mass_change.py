@@ -1,4 +1,4 @@
-"""Another inertia than the sim's: ``M -> ratio M``; a payload that hangs also has weight, ``V -> ratio V``."""
+"""Another inertia than the sim's: ``M -> ratio M``; what hangs has weight too, ``V -> ratio V``."""
 
 from dataclasses import replace
 from typing import Any

@@ -74,13 +74,15 @@ def exhibits():
         maps_after=(after,),
         separability=Separability(names, nats),
         profiles=(
-            Profile("coulomb_friction", "acceleration", "q1/s^2", grid, -0.5 * ((grid - 0.801) / 0.0185) ** 2),
+            Profile("coulomb_friction", "acceleration", "q1/s^2", grid,
+                    -0.5 * ((grid - 0.801) / 0.0185) ** 2),
             Profile("stribeck_friction", "velocity", "q1/s", np.geomspace(0.002, 0.5, 11),
                     -np.maximum(np.linspace(-3, 3, 11), 0.0) ** 2),
         ),
         fingerprint=Fingerprint(
             ("q0", "q1"), ("u0", "du0", "q", "v", "sign v", "|v| v", "q²", "q³", "t"),
-            np.array([[0.4, 0.5, 0.7, 0.9, 0.6, 0.5, 0.3, 0.2, 0.8], [0.3, 0.4, 0.6, 5.2, 9.1, 3.8, 0.7, 0.5, 0.9]]),
+            np.array([[0.4, 0.5, 0.7, 0.9, 0.6, 0.5, 0.3, 0.2, 0.8],
+                      [0.3, 0.4, 0.6, 5.2, 9.1, 3.8, 0.7, 0.5, 0.9]]),
         ),
         picture=picture_gap(),
         force=picture_force(),
