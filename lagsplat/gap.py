@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from tqdm import tqdm
 
@@ -28,6 +28,9 @@ from lagsplat.report.diagnosis_json import save_diagnosis
 from lagsplat.report.diagnosis_page import save_page
 from lagsplat.report.diagnosis_rollouts import save_rollouts
 
+if TYPE_CHECKING:
+    from lagsplat.films import Films
+
 UNSURE = 0.4
 """Probability that no name exceeds where the data forbid a verdict."""
 MODELS = ("run", "model", "mujoco", "python")
@@ -42,6 +45,8 @@ class Pair:
     rows: tuple[Excitation, ...]
     own: bool
     """The sim was fitted to the very recording."""
+    films: "Films | None" = None
+    """The pictures of both sides, where the sim is a fitted run."""
 
     @property
     def real(self) -> tuple[Motion, ...]:
@@ -62,16 +67,19 @@ def open_pair(sim: str, real: str, config: DiagnoseConfig) -> Pair:
     if models and len(sims) > 1:
         raise ValueError(f"sim={sim}: name one model, or recordings; {models[0].path} is a {models[0].kind}")
     nominal: tuple[Motion, ...] = ()
-    own = False
+    own, films = False, None
     if models and models[0].kind == "run":
-        from lagsplat.films import motions_of_run  # torch, which the other sims do without
+        from lagsplat.films import open_films  # torch, which the other sims do without
 
-        nominal, motions, own = motions_of_run(Path(models[0].path), real)
+        films = open_films(Path(models[0].path), real, columns=config.columns)
+        nominal, motions, own = films.nominal, films.real, films.own
     else:
         motions = read_sources(find_sources(real), columns=config.columns)
         if not models:
             nominal = read_sources(sims, columns=config.columns)
     checked = check(nominal, motions)
+    if films is not None:
+        checked = replace(checked, findings=(*films.findings, *checked.findings))
     rows: tuple[Excitation, ...] = ()
     period_s = checked.real.period_s or (checked.sim.period_s if checked.sim else None)
     if period_s is not None:
@@ -81,7 +89,7 @@ def open_pair(sim: str, real: str, config: DiagnoseConfig) -> Pair:
             noise=checked.real.noise,
             closed_loop=checked.closed_loop,
         )
-    return Pair(_model(models, checked, config), checked, rows, own)
+    return Pair(_model(models, checked, config), checked, rows, own, films)
 
 
 def _model(models: Sequence[Source], checked: Checked, config: DiagnoseConfig) -> Sim:

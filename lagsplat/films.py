@@ -1,0 +1,230 @@
+"""A fitted run as the sim, and what it is held against: films, logs and tables in its whitened latents."""
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lagsplat.config import rebuild
+from lagsplat.diagnose.film_findings import CameraShift, camera_findings, camera_shift, keep_whole
+from lagsplat.diagnose.finding import Finding
+from lagsplat.diagnose.run_sim import charted
+from lagsplat.diagnose.sources import FILMED, Source, find_sources, motion_of
+from lagsplat.io.artefact import read_header
+from lagsplat.io.config import McapConfig, RecordingConfig, SplitConfig
+from lagsplat.io.input_log import read_input_log
+from lagsplat.io.motion import Motion, read_motion
+from lagsplat.io.plain import load_json
+from lagsplat.io.read import read_recording
+from lagsplat.io.recording import Recording, load_recording
+from lagsplat.pipeline import Run, open_run
+from lagsplat.stage1.autoencoder import encode_frames
+
+HELD_OUT = "held_out"
+"""The name of a run's own recording, of which the part that no fit saw is taken."""
+KINDS = {"video": "video", "mcap": "mcap", "krauss": "krauss"}
+
+
+@dataclass(frozen=True)
+class Films:
+    """A run with its training part and the real motions, all in its whitened latents.
+
+    ``own`` says that the real motions are the held-out part of the very recording the run was fitted to.
+    """
+
+    run: Run
+    nominal: tuple[Motion, ...]
+    sides: tuple["Side", ...]
+    own: bool
+
+    @property
+    def real(self) -> tuple[Motion, ...]:
+        """The real motions."""
+        return tuple(side.motion for side in self.sides)
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Those of the films themselves."""
+        return tuple(finding for side in self.sides for finding in side.findings)
+
+    @property
+    def camera_share(self) -> float:
+        """Share of a latent's spread that motion of the camera passes for at most."""
+        return max((side.camera.share for side in self.sides if side.camera is not None), default=0.0)
+
+
+@dataclass(frozen=True)
+class Side:
+    """One real motion; ``recording`` with the frames behind it and ``camera`` are None for latents."""
+
+    motion: Motion
+    recording: Recording | None = None
+    camera: CameraShift | None = None
+    findings: tuple[Finding, ...] = ()
+
+
+def open_films(folder: Path, real: str, *, columns: Mapping[str, str] | None = None) -> Films:
+    """The run in ``folder`` beside the real thing that ``real`` names.
+
+    Films and logs are turned, cropped and resized as the run's own recording was; the cuts in time of that
+    one are not theirs. Their inputs stand in a table of the same stem, unless they carry them. ``held_out``,
+    the run's own film or its ``recording.safetensors`` stand for its held-out part. ``columns`` names the
+    columns of tables of latents.
+
+    Raises:
+        FileNotFoundError: no run, or nothing where ``real`` points.
+        ValueError: a file that cannot be read, the run's own recording beside others, a model, or a number of
+            latents, inputs or pixels that is not the run's.
+    """
+    run = open_run(folder)
+    names = tuple(run.recording.input_names)
+    nominal = (_named(charted(run.chart, held_out=False), names),)
+    found = () if real == HELD_OUT else find_sources(real)
+    sides = [_read(folder, run, source, columns) for source in found]
+    own = [side is None for side in sides]
+    if any(own) and not all(own):
+        raise ValueError(
+            f"real={real}: some of these are the recording the run was fitted to, and others are not; give "
+            "one kind at a time"
+        )
+    if not sides or any(own):
+        return Films(run, nominal, (_held_out(run, names),), own=True)
+    kept = [side for side in sides if side is not None]
+    named = tuple(replace(side, motion=_named(side.motion, names)) for side in kept)
+    return Films(run, nominal, named, own=False)
+
+
+def _held_out(run: Run, names: tuple[str, ...]) -> Side:
+    motion = _named(charted(run.chart, held_out=True), names)
+    train, held = run.recording.split()
+    shift = camera_shift(held, train, run.autoencoder, run.chart)
+    return Side(motion, held, shift, tuple(camera_findings(shift, source=motion.source)))
+
+
+def _read(folder: Path, run: Run, source: Source, columns: Mapping[str, str] | None) -> Side | None:
+    """One real motion with its frames, or None where it is the run's own recording."""
+    if source.kind == "trajectory":
+        motion = read_motion(source.path, columns=columns)
+        _check_size(run, motion.d, motion.n_u, source.path)
+        return Side(motion)
+    if source.kind not in FILMED:
+        raise ValueError(
+            f"{source.path}: a {source.kind} has no motion to hold a run against; name a film, a log or a "
+            "table of its latents"
+        )
+    recording = _record(folder, run, source)
+    if recording.meta.get("sha256") == run.recording.meta.get("sha256"):
+        return None
+    size, own = recording.frames.shape[1:3], run.recording.frames.shape[1:3]
+    if size != own:
+        raise ValueError(
+            f"{source.path}: pictures of {size[0]} x {size[1]} px, but the run was fitted to {own[0]} x "
+            f"{own[1]}; give a recording that was read as the run's own was"
+        )
+    recording, findings = keep_whole(recording)
+    shift = camera_shift(recording, run.recording.split()[0], run.autoencoder, run.chart)
+    findings += camera_findings(shift, source=Path(source.path).name)
+    log = read_input_log(source.inputs) if source.inputs else None
+    latents = run.chart.to_whitened(encode_frames(run.autoencoder, recording.frames))
+    motion = motion_of(recording, latents, log=log, source=source.path)
+    _check_size(run, motion.d, motion.n_u, source.path)
+    return Side(motion, recording, shift, tuple(findings))
+
+
+def _record(folder: Path, run: Run, source: Source) -> Recording:
+    if source.kind == "recording":
+        return load_recording(source.path)
+    settings = _settings(folder, run, source)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        recording = read_recording(settings)
+    footage = recording.meta.get("footage") or []
+    known = [sentence for clip in footage for sentence in clip["warnings"]]
+    for one in caught:  # those of the footage become findings
+        if not any(str(one.message).endswith(sentence) for sentence in known):
+            warnings.warn(str(one.message), one.category, stacklevel=4)
+    return recording
+
+
+def _settings(folder: Path, run: Run, source: Source) -> RecordingConfig:
+    """How another film, log or archive is read for this run."""
+    meta, chart = run.recording.meta, run.chart
+    height, width = run.recording.frames.shape[1:3]
+    own = _own_settings(folder)
+    filmed = source.kind != "krauss"
+    mcap = None
+    if source.kind == "mcap":
+        if not (own.get("mcap") or {}).get("camera"):
+            raise ValueError(
+                f"{source.path}: the run was not fitted to a log, so that nothing says which topics hold "
+                "pictures and inputs; export the camera as a film, with its inputs in a CSV of the same stem"
+            )
+        mcap = rebuild(McapConfig, own["mcap"])
+    return RecordingConfig(
+        kind=KINDS[source.kind],
+        path=source.path,
+        archive=None,
+        member=None,
+        dt_s=_spacing(source, own, chart.dt_s),
+        n_inputs=0 if filmed else chart.inputs.shape[1],
+        rotate=int(meta.get("rotate", 0)) if filmed else 0,
+        stabilise=bool(meta.get("stabilise", False)) and source.kind == "video",
+        grey=bool(meta.get("grey", False)) if filmed else False,
+        crop=meta.get("crop") if filmed else None,
+        skip_s=0.0,
+        end_s=None,
+        spans_s=None,
+        height=height if filmed else None,
+        width=width if filmed else None,
+        split=SplitConfig(0.5, None, None),
+        mcap=mcap,
+    )
+
+
+def _spacing(source: Source, own: Mapping[str, Any], dt_s: float) -> float | None:
+    """Seconds between frames of files without times: archives, and images without a table of times."""
+    if source.kind == "krauss":
+        return own.get("dt_s") or dt_s
+    return own.get("dt_s") if Path(source.path).is_dir() and own.get("kind") == "video" else None
+
+
+def _own_settings(folder: Path) -> dict[str, Any]:
+    """What was set for the run's own recording, as far as its files tell."""
+    for place in (folder, *folder.resolve().parents[:2]):
+        if (place / "dynamics.safetensors").is_file():
+            header = read_header(place / "dynamics.safetensors")
+            if "config" in header:
+                return dict(header["config"]["recording"])
+        if (place / "recording.json").is_file():
+            return dict(load_json(place / "recording.json")["settings"].get("cfg") or {})
+    return {}
+
+
+def _check_size(run: Run, d: int, n_u: int, source: str) -> None:
+    wanted = run.chart.d, run.chart.inputs.shape[1]
+    if d != wanted[0]:
+        raise ValueError(
+            f"{source}: {d} coordinate(s), but the run has {wanted[0]} whitened latent(s); give a film, or "
+            "latents that this run's autoencoder encoded"
+        )
+    if n_u < wanted[1]:
+        raise ValueError(
+            f"{source}: {n_u} input(s), but the run was fitted with {wanted[1]}; give the inputs in a CSV of "
+            "the same stem with columns t, u0, ..., with zeros if nothing acted"
+        )
+
+
+def _named(motion: Motion, names: Sequence[str]) -> Motion:
+    """Inputs by the names of the run's own, as far as these go."""
+    own = (*names[: motion.n_u], *(f"u{i}" for i in range(len(names), motion.n_u)))
+    return replace(motion, u_names=own)
+
+
+def frames_at(recording: Recording, time_s: np.ndarray) -> np.ndarray:
+    """Numbers of the frames nearest to ``time_s`` (n,) [s] on the recording's own clock."""
+    after = np.clip(np.searchsorted(recording.time_s, time_s), 1, recording.n_frames - 1)
+    nearer = np.abs(recording.time_s[after - 1] - time_s) <= np.abs(recording.time_s[after] - time_s)
+    return np.where(nearer, after - 1, after)
