@@ -2,7 +2,8 @@
 
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,9 @@ import numpy as np
 from lagsplat.config import rebuild
 from lagsplat.diagnose.film_findings import CameraShift, camera_findings, camera_shift, keep_whole
 from lagsplat.diagnose.finding import Finding
+from lagsplat.diagnose.ladder import SUSPECT_RATIO, Perception, perception
+from lagsplat.diagnose.pictures import drawing_errors, evenly
+from lagsplat.diagnose.result import Diagnosis
 from lagsplat.diagnose.run_sim import charted
 from lagsplat.diagnose.sources import FILMED, Source, find_sources, motion_of
 from lagsplat.io.artefact import read_header
@@ -25,6 +29,9 @@ from lagsplat.stage1.autoencoder import encode_frames
 
 HELD_OUT = "held_out"
 """The name of a run's own recording, of which the part that no fit saw is taken."""
+MOST_LATENTS = 4000  # of the training part, that say where latents usually lie
+CAMERA_EFFECTS = {"camera_change", "camera_drift"}
+CAMERA_GAP = 0.5  # of the gap: a camera that passes for more forbids every other name
 KINDS = {"video": "video", "mcap": "mcap", "krauss": "krauss"}
 
 
@@ -50,10 +57,68 @@ class Films:
         """Those of the films themselves."""
         return tuple(finding for side in self.sides for finding in side.findings)
 
+    @cached_property
+    def sight(self) -> "Sight | None":
+        """How well the real pictures are drawn and where their latents lie; None without pictures.
+
+        The yardstick is the part of the run's own recording that no fit saw, or its training part where that
+        part is what is diagnosed.
+        """
+        recordings = [side.recording for side in self.sides if side.recording is not None]
+        if not recordings:
+            return None
+        run = self.run
+        train, held = run.recording.split()
+        nominal = drawing_errors(run.autoencoder, run.chart, train if self.own else held)
+        real = np.concatenate([drawing_errors(run.autoencoder, run.chart, one) for one in recordings])
+        latents = np.concatenate([motion.q for motion in self.real])
+        seen = self.nominal[0].q[evenly(self.nominal[0].n, MOST_LATENTS)]
+        return Sight(real, nominal, perception(real, nominal, latents, seen))
+
+    def judge(self, found: Diagnosis) -> Diagnosis:
+        """The diagnosis with what the pictures say of it.
+
+        It is conditional on perception where the real pictures are drawn worse than the nominal ones, or show
+        latents that these never had. It is undetermined where a moved camera passes for half of the gap and
+        the name is not that of a camera.
+        """
+        warnings_, checks = list(found.warnings), dict(found.checks)
+        if self.sight is not None:
+            seen = self.sight.perception
+            checks |= {"perception": asdict(seen), "conditional_on_perception": seen.suspect}
+            if seen.suspect:
+                warnings_.append(
+                    f"conditional on perception: the real pictures are drawn {seen.ratio:.2g} times as badly "
+                    f"as the run's own, and {100 * seen.outside:.2g} % of the frames lie where it was never "
+                    "trained; what follows holds only if the encoder is right there"
+                )
+        gap = found.gap.before if found.gap is not None else np.inf
+        named = found.combination and not set(found.combination) & CAMERA_EFFECTS
+        if named and self.camera_share > CAMERA_GAP * gap:
+            checks["undetermined"] = [
+                f"the camera moved, which alone passes for {100 * self.camera_share:.2g} % of the motion's "
+                f"size while the gap is {100 * gap:.2g} %; no effect can be told from that"
+            ]
+        return replace(found, warnings=tuple(warnings_), checks=checks)
+
     @property
     def camera_share(self) -> float:
         """Share of a latent's spread that motion of the camera passes for at most."""
         return max((side.camera.share for side in self.sides if side.camera is not None), default=0.0)
+
+
+@dataclass(frozen=True)
+class Sight:
+    """Mean squared errors of drawing the real frames (T,) and the nominal ones (N,), and the judgement."""
+
+    error_real: np.ndarray
+    error_nominal: np.ndarray
+    perception: Perception
+
+    @property
+    def drawn_badly(self) -> bool:
+        """The pictures themselves are strange to the run, not only the places they show."""
+        return self.perception.ratio > SUSPECT_RATIO
 
 
 @dataclass(frozen=True)

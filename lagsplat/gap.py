@@ -122,7 +122,14 @@ def examine(pair: Pair, config: DiagnoseConfig, *, tell: Callable[[str], None]) 
     found = diagnose(pair.sim, pair.real, config, tell=tell)
     tell("where")
     natural_s = found.diagnosis.checks["natural_period_s"]
-    where = locate(pair.sim.model, pair.real, period_s=natural_s, hold=config.input_hold)
+    sight = pair.films.sight if pair.films is not None else None
+    where = locate(
+        pair.sim.model,
+        pair.real,
+        period_s=natural_s,
+        hold=config.input_hold,
+        perception_suspect=sight is not None and sight.drawn_badly,
+    )
     if found.diagnosis.combination and found.chosen.effects:
         where = placed(where, found)
     diagnosis = replace(
@@ -137,7 +144,10 @@ def examine(pair: Pair, config: DiagnoseConfig, *, tell: Callable[[str], None]) 
             "findings": [asdict(finding) for finding in pair.checked.findings],
         },
     )
-    diagnosis = undecided(diagnosis) if pair.checked.undetermined else diagnosis
+    if pair.films is not None:
+        diagnosis = pair.films.judge(diagnosis)
+    if pair.checked.undetermined or "undetermined" in diagnosis.checks:
+        diagnosis = undecided(diagnosis)
     return replace(found, diagnosis=diagnosis)
 
 
@@ -187,13 +197,19 @@ def diagnose_files(sim: str, real: str, out: Path, config: DiagnoseConfig, *, co
             bar.update()
 
         found = examine(pair, config, tell=tell)
+        exhibits = Exhibits()
+        if pair.films is not None:
+            from lagsplat.exhibits import picture_exhibits
+
+            tell("pictures")
+            found, exhibits = picture_exhibits(pair, found)
     diagnosis = found.diagnosis
     out.mkdir(parents=True, exist_ok=True)
     settings: dict[str, Any] = {"sim": sim, "real": real, "config": asdict(config), "stamp": stamp()}
     save_augmented(out / FILE, augmented(pair, found), settings)
     if diagnosis.blocks:
         save_rollouts(out / "rollouts.csv", diagnosis.blocks, q_names=diagnosis.q_names)
-    save_page(out / "report.html", diagnosis, Exhibits(command=command, stamp=stamp()))
+    save_page(out / "report.html", diagnosis, replace(exhibits, command=command, stamp=stamp()))
     save_diagnosis(out / "diagnosis.json", diagnosis)
     return diagnosis
 

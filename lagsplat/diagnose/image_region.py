@@ -35,8 +35,8 @@ class Localisation:
 
     ``explained`` (P,) share by the best law of each point and ``law`` (P,) its name; ``localisable`` False
     where the kinematics cannot tell points apart, and then ``point`` is None; else ``point`` is the best,
-    ``near`` all that explain as well, and ``force`` (T, 2) the force on it, in units of the coordinates'
-    forces a pixel.
+    ``near`` all that explain as well, and ``forces`` (n, T, 2) the force on each of these, in units of the
+    coordinates' forces a pixel.
     """
 
     explained: np.ndarray
@@ -44,7 +44,12 @@ class Localisation:
     localisable: bool
     point: int | None
     near: tuple[int, ...]
-    force: np.ndarray | None
+    forces: np.ndarray
+
+    @property
+    def force(self) -> np.ndarray | None:
+        """The force (T, 2) on the best point."""
+        return None if self.point is None else self.forces[self.near.index(self.point)]
 
 
 def excess_error(
@@ -112,10 +117,9 @@ def localise(
     localisable = bool(explained.max() - explained[moves].min() >= CONTRAST)
     point = int(np.argmax(explained))
     near = tuple(int(p) for p in np.flatnonzero(explained >= explained.max() - NEAR))
-    return Localisation(
-        explained, tuple(laws), localisable, point if localisable else None,
-        near if localisable else (), forces[point] if localisable else None,
-    )  # fmt: skip
+    if not localisable:
+        return Localisation(explained, tuple(laws), False, None, (), np.zeros((0, len(force), 2)))
+    return Localisation(explained, tuple(laws), True, point, near, np.stack([forces[p] for p in near]))
 
 
 def image_region(

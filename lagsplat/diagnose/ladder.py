@@ -4,6 +4,7 @@ Perception (how well pictures are drawn), chart (how well positions are read), o
 a horizon. The latter three are fractions of each coordinate's rms; errors of pictures keep their own unit.
 """
 
+import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -120,6 +121,27 @@ def one_step_rung(
     return forecast_rung(
         mechanics, smoothed, horizon_s=horizon_s, nominal=nominal, name="one step", seed=seed
     )
+
+
+def climb(
+    mechanics: Mechanics,
+    smoothed: Sequence[Smoothed],
+    nominal: Sequence[Smoothed] | None,
+    *,
+    horizon_s: float,
+    pictures: tuple[Float64[np.ndarray, " T"], Float64[np.ndarray, " N"]] | None = None,
+    block: int = 1,
+) -> tuple[Rung, ...]:
+    """All rungs from the picture on; without ``pictures`` (errors, nominal errors) those from the chart on.
+
+    A forecast that no clip is long enough for is left out.
+    """
+    rungs = [] if pictures is None else [perception_rung(*pictures, block=block)]
+    rungs.append(chart_rung(smoothed, nominal))
+    with contextlib.suppress(ValueError):
+        rungs.append(one_step_rung(mechanics, smoothed, nominal=nominal))
+        rungs.append(forecast_rung(mechanics, smoothed, horizon_s=horizon_s, nominal=nominal))
+    return tuple(rungs)
 
 
 def stage_shares(

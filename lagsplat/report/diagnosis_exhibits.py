@@ -61,12 +61,14 @@ class PictureForce:
 
 @dataclass(frozen=True)
 class Film:
-    """Pictures (T, H, W, 3) of one stretch: measured, forecast by the sim, and with the effects."""
+    """Pictures (T, H, W, 3) of one stretch: measured, forecast by the sim, and with the effects; shown
+    ``slowed`` times slower than they were filmed."""
 
     real: UInt8[np.ndarray, "T H W 3"]
     sim: UInt8[np.ndarray, "T H W 3"]
     augmented: UInt8[np.ndarray, "T H W 3"]
     frames_per_s: float
+    slowed: float = 1.0
 
 
 @dataclass(frozen=True)

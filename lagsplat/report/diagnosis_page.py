@@ -80,6 +80,7 @@ def diagnosis_page(diagnosis: Diagnosis, exhibits: Exhibits) -> str:
             if one.figure is not None
         ],
         film=None if exhibits.film is None else film_uri(exhibits.film),
+        slowed=1.0 if exhibits.film is None else exhibits.film.slowed,
         missing=_missing(diagnosis, [one.title for one in drawn if one.figure is None]),
         candidates=[_candidate(one, diagnosis) for one in diagnosis.candidates],
         explained=_explained(diagnosis),

@@ -1,0 +1,92 @@
+"""Pictures that a run draws of its latents, how well it draws those of a recording, and its body's points."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float64
+from sklearn.cluster import KMeans
+
+from lagsplat.chart.chart import Chart
+from lagsplat.evaluate.floor import image_errors
+from lagsplat.io.recording import Recording
+from lagsplat.stage1.autoencoder import Autoencoder, decode_latents, encode_frames
+
+JUDGED = 240  # frames of a recording on which its drawing is judged
+POINTS = 64
+PRESENT = 0.02  # of the most visible moving Gaussian: others are no part of the body
+
+
+def evenly(n: int, most: int) -> np.ndarray:
+    """At most ``most`` numbers of ``n`` frames, evenly spaced, the first and the last among them."""
+    return np.unique(np.linspace(0, n - 1, min(most, n)).round().astype(int))
+
+
+def measured(recording: Recording, at: np.ndarray) -> Float64[np.ndarray, "T H W 3"]:
+    """Frames of these numbers, colours in [0, 1]."""
+    if not len(at):
+        return np.zeros((0, *recording.frames.shape[1:]))
+    return np.stack([np.asarray(recording.frames[i]) for i in at]) / 255.0
+
+
+def drawn(
+    autoencoder: Autoencoder, chart: Chart, q: Float64[np.ndarray, "T d"]
+) -> Float64[np.ndarray, "T H W 3"]:
+    """Pictures at whitened latents, colours in [0, 1]; a latent that is not finite is drawn far away."""
+    images = decode_latents(autoencoder, chart.to_raw(np.nan_to_num(np.clip(q, -1e3, 1e3))))
+    return np.clip(np.moveaxis(images, 1, 3).astype(np.float64), 0.0, 1.0)
+
+
+def drawing_errors(autoencoder: Autoencoder, chart: Chart, recording: Recording) -> Float64[np.ndarray, " T"]:
+    """Mean squared error of evenly spaced frames, each drawn at its own latents."""
+    at = evenly(recording.n_frames, JUDGED)
+    frames = np.stack([np.asarray(recording.frames[i]) for i in at])
+    q = chart.to_whitened(encode_frames(autoencoder, frames))
+    return image_errors(drawn(autoencoder, chart, q), frames / 255.0)
+
+
+@dataclass(frozen=True)
+class Body:
+    """Points of what moves: ``rest`` (P, 2) [pixel, x to the right and y down] at the latents' mean, and
+    ``jacobian`` (P, d, 2), the pixels by which each whitened latent moves them."""
+
+    rest: np.ndarray
+    jacobian: np.ndarray
+
+    def at(self, q: Float64[np.ndarray, "T d"]) -> Float64[np.ndarray, "T P 2"]:
+        """The points at whitened latents."""
+        return self.rest + np.einsum("td,pdc->tpc", q, self.jacobian)
+
+
+def body_points(autoencoder: Autoencoder, chart: Chart, *, seed: int = 0) -> Body:
+    """The material points that a force may act on: clusters of Gaussians that move alike, by their presence.
+
+    Gaussians count by their presence along the training part, by their area and by how far they move.
+
+    Raises:
+        ValueError: no Gaussian moves.
+
+    Source: paper, eqs. (schur-mean) and (latent_opacity).
+    """
+    gaussians = autoencoder.gaussians
+    latents = chart.train.latents
+    z = torch.as_tensor(chart.to_raw(latents[evenly(len(latents), 64)]), dtype=torch.float32)
+    with torch.no_grad():
+        presence = (torch.sigmoid(gaussians.opacity_logit) * gaussians.gate(z)).mean(0).double().numpy()
+        raw = gaussians.jacobian().double().numpy()
+        centre = gaussians.center.double().numpy()
+        own = gaussians.latent_center.double().numpy()
+        area = gaussians.shape_log_diagonal.sum(1).exp().double().numpy()
+    jacobian = np.einsum("kcj,ij->kic", raw, chart.unwhiten)
+    rest = centre + np.einsum("kcj,kj->kc", raw, chart.mean - own)
+    moves = np.sqrt((jacobian**2).sum(axis=(1, 2)))
+    weight = presence * area * moves
+    inside = np.all((rest > 0.0) & (rest < [autoencoder.width, autoencoder.height]), axis=1)
+    kept = inside & (weight > PRESENT * weight[inside].max(initial=0.0))
+    if not kept.any():
+        raise ValueError("no visible Gaussian of the run moves with its latents; check what stage 1 learned")
+    features = np.concatenate([rest, jacobian.reshape(len(rest), -1)], axis=1)[kept]
+    number = min(POINTS, len(features))
+    found = KMeans(number, n_init=1, random_state=seed).fit(features, sample_weight=weight[kept])
+    middle = found.cluster_centers_
+    return Body(middle[:, :2].copy(), middle[:, 2:].reshape(number, -1, 2))
