@@ -42,6 +42,8 @@ GROUPS = (
     "render",
     "diagnose",
 )
+OPEN_TABLES = ("diagnose.columns",)
+"""Tables of ``conf/`` whose keys are the user's own."""
 Section = TypeVar("Section")
 
 
@@ -157,7 +159,7 @@ def compose(*overrides: str) -> Config:
     kept = list({key_of(item): item for item in overrides}.values())
     try:
         with initialize_config_dir(str(CONF), version_base="1.3"):
-            tree = hydra_compose("config", kept, return_hydra_config=True)
+            tree = hydra_compose("config", [_opened(item) for item in kept], return_hydra_config=True)
         choices = {group: str(tree.hydra.runtime.choices[group]) for group in GROUPS}
         with open_dict(tree):
             tree.pop("hydra")
@@ -172,6 +174,13 @@ def compose(*overrides: str) -> Config:
 def key_of(override: str) -> str:
     """The key that an override ``key=value`` sets."""
     return override.partition("=")[0]
+
+
+def _opened(override: str) -> str:
+    """The override in Hydra's words: a table whose keys the user chooses takes keys that conf/ lacks."""
+    key = override.partition("=")[0]
+    free = any(key == name or key.startswith(f"{name}.") for name in OPEN_TABLES)
+    return f"++{override}" if free else override
 
 
 def rebuild(schema: type[Section], values: Mapping[str, Any]) -> Section:
