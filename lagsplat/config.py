@@ -20,6 +20,7 @@ from omegaconf import OmegaConf, open_dict
 from omegaconf.errors import OmegaConfBaseException
 
 from lagsplat.chart.config import ChartConfig
+from lagsplat.diagnose.blind_config import BlindConfig
 from lagsplat.diagnose.config import DiagnoseConfig
 from lagsplat.evaluate.config import EvaluateConfig
 from lagsplat.io.config import RecordingConfig
@@ -41,6 +42,7 @@ GROUPS = (
     "evaluate",
     "render",
     "diagnose",
+    "blind",
 )
 OPEN_TABLES = ("diagnose.columns",)
 """Tables of ``conf/`` whose keys are the user's own."""
@@ -103,6 +105,7 @@ class Config:
     render: RenderConfig | None
     """A finer decoder for the figures; null draws them with the one that was trained."""
     diagnose: DiagnoseConfig
+    blind: BlindConfig
 
     def __post_init__(self) -> None:
         """Check that every name and seed of the protocol can be run."""

@@ -9,6 +9,8 @@ import fcntl
 import hashlib
 import json
 import logging
+import os
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -61,6 +63,7 @@ class Job:
         self.params, self.wildcards = snakemake.params, snakemake.wildcards
         self.threads: int = snakemake.threads
         self.log_file = str(snakemake.log[0])
+        self.scripts: str = getattr(snakemake, "scriptdir", ".")
         names: dict[str, str] = dict(self.wildcards.items())
         self.seed = int(names.get("seed", names.get("ae", "0")))
         self.started = time.monotonic()
@@ -106,6 +109,25 @@ class Job:
         """Tell the screen and the log."""
         log.info("%s", what)
         print(f"{self.rule}: {what}", file=sys.stderr)
+
+    def command(self, module: str, *words: object) -> str:
+        """Run ``python -m module words`` of the checkout this workflow stands in; returns what it printed.
+
+        Raises:
+            RuntimeError: it failed; its last words are in the message, all of them in the log.
+        """
+        root = str(Path(self.scripts).parents[1])
+        done = subprocess.run(
+            [sys.executable, "-m", module, *map(str, words)],
+            env={**os.environ, "PYTHONPATH": os.pathsep.join([root, os.environ.get("PYTHONPATH", "")])},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        log.info("%s\n%s%s", module, done.stdout, done.stderr)
+        if done.returncode:
+            raise RuntimeError(f"{module} failed: {(done.stderr.strip() or 'no reason given')[-600:]}")
+        return done.stdout
 
     @property
     def header(self) -> dict[str, Any]:

@@ -139,8 +139,9 @@ def _check_file(experiment: Config, system: str, files: dict[str, str], *, meant
     files[recording.path] = system
 
 
-def script_digest(script: Path) -> str:
-    """SHA-256 of what a workflow script can execute: its own code and all of ``lagsplat`` that it imports.
+def script_digest(script: Path, *commands: str) -> str:
+    """SHA-256 of what a workflow script can execute: its own code and all of ``lagsplat`` that it imports,
+    and the modules that it runs as ``commands``.
 
     Comments and docstrings do not count. Nor does ``lagsplat.job``, the frame around a script: it decides
     where a result is logged, not what it is.
@@ -149,7 +150,7 @@ def script_digest(script: Path) -> str:
     imports = [node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.module]
     modules = {name for name in imports if name.startswith("lagsplat.")} - {"lagsplat.job"}
     tree.body = [node for node in tree.body if not isinstance(node, ast.Expr)]
-    return hashlib.sha256((ast.dump(tree) + code_digest(*sorted(modules))).encode()).hexdigest()
+    return hashlib.sha256((ast.dump(tree) + code_digest(*sorted(modules), *commands)).encode()).hexdigest()
 
 
 def lineage(overrides: Overrides, scripts: Path, stage: str, **choices: str) -> str:

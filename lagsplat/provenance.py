@@ -19,13 +19,15 @@ from pathlib import Path
 from typing import Any
 
 PACKAGE = "lagsplat"
+BESIDE = ("benchmarks",)
+"""Folders of modules beside the package whose code makes results, too."""
 ROOT = Path(__file__).resolve().parent
 LIBRARIES = ("numpy", "scipy", "torch", "numba", "safetensors", "opencv-python-headless", "gsplat")
 
 
 def code_digest(*modules: str) -> str:
-    """SHA-256 of what the named modules can execute: their code and that of all `lagsplat` modules they
-    import.
+    """SHA-256 of what the named modules can execute: their code and that of all modules they import from
+    `lagsplat` and from the folders `BESIDE` it.
 
     Comments, docstrings and formatting do not enter; everything else does, the ``__init__`` of sub-packages
     included. Imports inside functions are followed too. The modules are parsed, never imported, and the
@@ -52,9 +54,9 @@ def code_digest(*modules: str) -> str:
 def _source(name: str) -> Path | None:
     # What importlib.util.find_spec would answer, which imports the parent packages to do so.
     head, *rest = name.split(".")
-    if head != PACKAGE:
+    if head != PACKAGE and head not in BESIDE:
         return None
-    base = ROOT.joinpath(*rest)
+    base = (ROOT if head == PACKAGE else ROOT.parent / head).joinpath(*rest)
     module, package = base.with_name(base.name + ".py"), base / "__init__.py"
     if package.is_file():
         return package
@@ -114,16 +116,17 @@ def _is_text(statement: ast.stmt) -> bool:
 def stamp() -> dict[str, Any]:
     """The state of code, libraries and machine at this moment, as plain data.
 
-    ``commit`` is None outside a git checkout, and ``dirty`` is then None too; ``dirty`` tells whether
-    tracked files differ from the commit. ``threads`` and ``device`` are those of torch where torch is
+    ``commit`` and ``tree``, the content of that commit, are None outside a git checkout, and ``dirty`` is
+    then None too; ``dirty`` tells whether tracked files differ from the commit. ``threads`` and ``device`` are those of torch where torch is
     loaded, else None: asking must not load it. ``time_utc`` is ISO 8601.
     """
-    commit, dirty = _commit()
+    commit, tree, dirty = _commit()
     torch = sys.modules.get("torch")
     loaded = torch is not None and hasattr(torch, "get_num_threads")
     return {
         "package": PACKAGE,
         "commit": commit,
+        "tree": tree,
         "dirty": dirty,
         "python": platform.python_version(),
         "platform": platform.platform(),
@@ -135,7 +138,7 @@ def stamp() -> dict[str, Any]:
     }
 
 
-def _commit() -> tuple[str | None, bool | None]:
+def _commit() -> tuple[str | None, str | None, bool | None]:
     git = ["git", "-C", str(ROOT)]
     try:
         # An installed copy may lie inside somebody else's checkout; its commit would say nothing about this
@@ -144,8 +147,10 @@ def _commit() -> tuple[str | None, bool | None]:
             [*git, "ls-files", "--error-unmatch", __file__], capture_output=True, timeout=10
         )
         if tracked.returncode:
-            return None, None
-        head = subprocess.run([*git, "rev-parse", "HEAD"], capture_output=True, text=True, timeout=10)
+            return None, None, None
+        head = subprocess.run(
+            [*git, "rev-parse", "HEAD", "HEAD^{tree}"], capture_output=True, text=True, timeout=10
+        )
         status = subprocess.run(
             [*git, "status", "--porcelain", "--untracked-files=no"],
             capture_output=True,
@@ -153,10 +158,11 @@ def _commit() -> tuple[str | None, bool | None]:
             timeout=10,
         )
     except (OSError, subprocess.TimeoutExpired):
-        return None, None
+        return None, None, None
     if head.returncode or status.returncode:
-        return None, None
-    return head.stdout.strip(), bool(status.stdout.strip())
+        return None, None, None
+    commit, tree = head.stdout.split()
+    return commit, tree, bool(status.stdout.strip())
 
 
 @cache

@@ -97,25 +97,33 @@ def _cell(found: Any) -> tuple[str, str]:
     return ("", "--") if found is None or found != found else (f"{found:.3f}", f"{found:.3f}")
 
 
+def lines_of(
+    scores: dict[str, dict[str, Any] | None],
+) -> list[tuple[str, list[tuple[str, str]]]]:
+    """The rows of a table: a label, and for each method its cell as plain text and as LaTeX."""
+
+    def row(label: str, *path: str) -> tuple[str, list[tuple[str, str]]]:
+        cells = []
+        for one in scores.values():
+            found: Any = one
+            for key in path:
+                found = found.get(key) if found is not None else None
+            cells.append(_cell(found))
+        return label, cells
+
+    return [
+        *(row(label, key) for key, label in (*ROWS, *NUMBERS)),
+        row("closure over oracle, median", "closure_over_oracle"),
+        row("two effects, set F1", "set_f1_class", "mean"),
+        *(row(f"where: {key}", "where", key) for key in ("level", "component", "coordinate")),
+        row("parameter error, median", "parameters", "relative_error"),
+        row("90 \\% interval covers", "parameters", "coverage"),
+    ]
+
+
 def table(scores: dict[str, dict[str, Any]], out: Path) -> None:
     """``table.csv`` and ``table.tex``: metrics down, methods across."""
-    lines = []
-    for key, label in ROWS:
-        lines.append((label, [_cell(one.get(key)) for one in scores.values()]))
-    for key, label in NUMBERS:
-        lines.append((label, [_cell(one.get(key)) for one in scores.values()]))
-    lines.append(
-        ("closure over oracle, median", [_cell(one["closure_over_oracle"]) for one in scores.values()])
-    )
-    lines.append(("two effects, set F1", [_cell(one["set_f1_class"].get("mean")) for one in scores.values()]))
-    for key in ("level", "component", "coordinate"):
-        lines.append((f"where: {key}", [_cell(one["where"][key]) for one in scores.values()]))
-    lines.append(
-        ("parameter error, median", [_cell(one["parameters"]["relative_error"]) for one in scores.values()]),
-    )
-    lines.append(
-        ("90 \\% interval covers", [_cell(one["parameters"]["coverage"]) for one in scores.values()])
-    )
+    lines = lines_of(dict(scores))
     with (out / "table.csv").open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream)
         writer.writerow(["metric", *scores])

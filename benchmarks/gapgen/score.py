@@ -36,8 +36,11 @@ def read_answers(path: Path, key: str | None) -> list[dict[str, Any]]:
 
 
 def items_of(answers: list[dict[str, Any]], folder: Path) -> list[Item]:
-    """Truth and prediction of every recording."""
-    return [Item(truth, read_prediction(folder / truth["id"], truth["rms"])) for truth in answers]
+    """Truth and prediction of every recording; those of films are in coordinates of their own."""
+    return [
+        Item(truth, read_prediction(folder / truth["id"], [] if truth.get("tier") == "T1" else truth["rms"]))
+        for truth in answers
+    ]
 
 
 def runs_to_make(answers: list[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -173,6 +176,8 @@ def main(argv: list[str] | None = None) -> None:
     scores, items = score(answers, args.predictions, args.out, also=also, without=args.left_out)
     if sealed:
         scores["submissions"] = log_submission(args.answers, args.predictions, args.tree, scores)
+        scores["split"] = json.loads(args.answers.read_text(encoding="utf-8"))["split"]
+    scores["tree"] = args.tree
     if not sealed or args.reveal:
         rows = "".join(json.dumps(row) + "\n" for row in per_item(items))
         (args.out / "per_item.jsonl").write_text(rows, encoding="utf-8")

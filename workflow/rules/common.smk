@@ -41,7 +41,8 @@ SCRIPTS = Path(workflow.basedir) / "workflow" / "scripts"
 
 def choices(wildcards):
     """The part of a path that names files in conf/."""
-    return {key: name for key, name in wildcards.items() if key not in ("ae", "seed")}
+    groups = ("profile", "recording", "system", "stage1", "stage2")
+    return {key: name for key, name in wildcards.items() if key in groups}
 
 
 def section(name, **fixed):

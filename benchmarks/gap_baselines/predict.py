@@ -1,0 +1,53 @@
+"""Predictions: ``python -m benchmarks.gap_baselines.predict --method chance --out DIR FOLDER ...``.
+
+Each ``FOLDER`` holds ``sim_*.csv`` and ``real_*.csv``; ``DIR/<its name>/diagnosis.json`` gets the prediction.
+Where a method fails the reason stands in ``failed.txt`` instead.
+"""
+
+import argparse
+import json
+import sys
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+
+from benchmarks.gap_baselines.case import Case, open_case
+from benchmarks.gap_baselines.chance import chance
+from benchmarks.gap_baselines.said import Said, write
+from lagsplat.config import compose, rebuild
+from lagsplat.diagnose.config import DiagnoseConfig
+
+METHODS: dict[str, Callable[[Case, DiagnoseConfig], Said]] = {"chance": chance}
+
+
+def predict(method: str, place: Path, out: Path, config: DiagnoseConfig) -> bool:
+    """Write one method's prediction of the recording in ``place`` to ``out``; False where it failed."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of every method's own numerics; what it says is judged
+            said = METHODS[method](open_case(place), config)
+    except Exception as error:  # a recording that one method cannot take must not end the others
+        out.mkdir(parents=True, exist_ok=True)
+        (out / "failed.txt").write_text(f"{type(error).__name__}: {error}\n", encoding="utf-8")
+        print(f"{place.name}: {type(error).__name__}: {error}", file=sys.stderr)
+        return False
+    write(said, out)
+    return True
+
+
+def main(argv: list[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--method", choices=sorted(METHODS), required=True, help="who predicts")
+    parser.add_argument("--out", type=Path, required=True, help="folder to write")
+    parser.add_argument("--settings", help="settings of a diagnosis as JSON; default: those of conf/")
+    parser.add_argument("folders", type=Path, nargs="*", help="recordings")
+    args = parser.parse_args(argv)
+    config = rebuild(DiagnoseConfig, json.loads(args.settings)) if args.settings else compose().diagnose
+    for place in args.folders:
+        predict(args.method, place, args.out / place.name, config)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,318 @@
+GENERATOR = (
+    "benchmarks.gapgen.keys",
+    "benchmarks.gapgen.make",
+    "benchmarks.gapgen.seal",
+)
+SCORER = (
+    "benchmarks.gapgen.gather",
+    "benchmarks.gapgen.runs",
+    "benchmarks.gapgen.score",
+)
+SPLIT = "results/{profile}/gap_blind/{split}/{tier}"
+SPLIT_LOG = SPLIT.replace("{profile}", "{profile}/logs")
+SPLIT_COST = SPLIT.replace("{profile}", "{profile}/benchmarks")
+
+
+wildcard_constraints:
+    split="[A-Za-z0-9-]+",
+    tier="T[01]",
+    method="(?!diagnosis|left_out)[a-z_]+",
+    batch="[0-9]+",
+
+
+def made_of(script, *commands):
+    """Digest of a script and of what it runs, taken when a job is planned and not before."""
+    return lambda wildcards: script_digest(SCRIPTS / f"{script}.py", *commands)
+
+
+def key_file(wildcards):
+    """Where the secret of a split stands."""
+    return str(Path(section("blind.keys")(wildcards)) / f"{wildcards.split}.key")
+
+
+def recordings(wildcards):
+    """Number of recordings of a split."""
+    return section(f"blind.{wildcards.tier.lower()}")(wildcards)
+
+
+def in_batches(output, number):
+    """An input function: an output of as many batches as ``number`` of the wildcards' recordings fill."""
+
+    def files(wildcards):
+        n = -(-number(wildcards) // section("blind.batch")(wildcards))
+        return [output.format(**wildcards, batch=k) for k in range(n)]
+
+    return files
+
+
+def left_out_runs(wildcards):
+    """Number of recordings that are diagnosed again without their effect, as long as there are so many."""
+    return min(section("blind.left_out")(wildcards), recordings(wildcards))
+
+
+def motions(wildcards):
+    """Folder of the trajectories of a batch: as they were made, or as a frozen encoder sees the films."""
+    return (
+        rules.gap_make.output.data
+        if wildcards.tier == "T0"
+        else rules.gap_encode.output.motions
+    ).format(**wildcards)
+
+
+def own_number(wildcards):
+    """Which batch of the folder that ``motions`` gives is meant."""
+    return int(wildcards.batch) if wildcards.tier == "T0" else 0
+
+
+def planned_tiers():
+    """The tiers that the experiment asks for."""
+    return [tier for tier in ("T0", "T1") if getattr(experiment.blind, tier.lower())]
+
+
+rule gap_make:
+    output:
+        data=directory(SPLIT + "/data"),
+        answers=SPLIT + "/answers.jsonl.enc",
+        seal=report(
+            SPLIT + "/SEAL.json",
+            caption="../report/gap_seal.rst",
+            category="Blind check",
+            labels={"file": "seal", "split": "{split}", "tier": "{tier}"},
+        ),
+        record=SPLIT + "/gap_make.json",
+    log:
+        SPLIT_LOG + "/gap_make.log",
+    benchmark:
+        SPLIT_COST + "/gap_make.tsv"
+    conda:
+        "../envs/lagsplat.yaml"
+    threads: 2
+    resources:
+        mem_mb=2000,
+    params:
+        key=key_file,
+        n=recordings,
+        systems=section("blind.systems"),
+        code=made_of("gap_make", *GENERATOR),
+    message:
+        "Draw split {wildcards.split} ({wildcards.tier}) of recordings with withheld effects, and seal it"
+    script:
+        "../scripts/gap_make.py"
+
+
+rule gap_encode:
+    input:
+        data=rules.gap_make.output.data,
+        seal=rules.gap_make.output.seal,
+    output:
+        motions=directory(SPLIT + "/motions/{batch}"),
+        record=SPLIT + "/motions/{batch}.json",
+    log:
+        SPLIT_LOG + "/motions/{batch}.log",
+    benchmark:
+        SPLIT_COST + "/motions/{batch}.tsv"
+    conda:
+        "../envs/lagsplat.yaml"
+    threads: 1
+    resources:
+        mem_mb=4000,
+    params:
+        stage1=section("stage1"),
+        chart=section("chart"),
+        size=section("blind.batch"),
+        code=made_of("gap_encode"),
+    message:
+        "An autoencoder of each nominal film in batch {wildcards.batch} of {wildcards.split}, and what it sees"
+    script:
+        "../scripts/gap_encode.py"
+
+
+rule gap_predict:
+    input:
+        data=motions,
+        seal=rules.gap_make.output.seal,
+    output:
+        said=directory(SPLIT + "/predictions/diagnosis/{batch}"),
+    log:
+        SPLIT_LOG + "/predictions/diagnosis/{batch}.log",
+    benchmark:
+        SPLIT_COST + "/predictions/diagnosis/{batch}.tsv"
+    conda:
+        "../envs/lagsplat.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+    params:
+        cfg=section("diagnose"),
+        number=own_number,
+        size=section("blind.batch"),
+        code=made_of("gap_predict"),
+    message:
+        "Diagnose batch {wildcards.batch} of split {wildcards.split} ({wildcards.tier})"
+    script:
+        "../scripts/gap_predict.py"
+
+
+rule gap_baseline:
+    input:
+        data=motions,
+        seal=rules.gap_make.output.seal,
+    output:
+        said=directory(SPLIT + "/predictions/{method}/{batch}"),
+    log:
+        SPLIT_LOG + "/predictions/{method}/{batch}.log",
+    benchmark:
+        SPLIT_COST + "/predictions/{method}/{batch}.tsv"
+    conda:
+        "../envs/lagsplat.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+    params:
+        cfg=section("diagnose"),
+        number=own_number,
+        size=section("blind.batch"),
+        code=made_of("gap_baseline", "benchmarks.gap_baselines.predict"),
+    message:
+        "Let {wildcards.method} name the effects of batch {wildcards.batch} of {wildcards.split}"
+    script:
+        "../scripts/gap_baseline.py"
+
+
+rule gap_open:
+    input:
+        seal=rules.gap_make.output.seal,
+        said=in_batches(rules.gap_predict.output.said, recordings),
+    output:
+        runs=SPLIT + "/left_out.jsonl",
+    log:
+        SPLIT_LOG + "/gap_open.log",
+    benchmark:
+        SPLIT_COST + "/gap_open.tsv"
+    conda:
+        "../envs/lagsplat.yaml"
+    threads: 1
+    resources:
+        mem_mb=500,
+    params:
+        key=key_file,
+        most=left_out_runs,
+        code=made_of("gap_open", *SCORER),
+    message:
+        "Choose what is diagnosed again without its effect, now that {wildcards.split} is predicted"
+    script:
+        "../scripts/gap_open.py"
+
+
+rule gap_left_out:
+    input:
+        data=branch(
+            lambda wildcards: wildcards.tier == "T0",
+            then=rules.gap_make.output.data,
+            otherwise=in_batches(rules.gap_encode.output.motions, recordings),
+        ),
+        runs=rules.gap_open.output.runs,
+        seal=rules.gap_make.output.seal,
+    output:
+        said=directory(SPLIT + "/predictions/left_out/{batch}"),
+    log:
+        SPLIT_LOG + "/predictions/left_out/{batch}.log",
+    benchmark:
+        SPLIT_COST + "/predictions/left_out/{batch}.tsv"
+    conda:
+        "../envs/lagsplat.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+    params:
+        cfg=section("diagnose"),
+        size=section("blind.batch"),
+        code=made_of("gap_left_out"),
+    message:
+        "Diagnose batch {wildcards.batch} of {wildcards.split} with the true effects left out"
+    script:
+        "../scripts/gap_left_out.py"
+
+
+rule gap_score:
+    input:
+        seal=rules.gap_make.output.seal,
+        answers=rules.gap_make.output.answers,
+        data=rules.gap_make.output.data,
+        diagnosis=in_batches(rules.gap_predict.output.said, recordings),
+        left_out=in_batches(rules.gap_left_out.output.said, left_out_runs),
+        others=lambda wildcards: [
+            path.format(method=method)
+            for method in section("blind.baselines")(wildcards)
+            for path in in_batches(
+                rules.gap_baseline.output.said.replace("{method}", "{{method}}"),
+                recordings,
+            )(wildcards)
+        ],
+    output:
+        scores=SPLIT + "/score/scores.json",
+        table=SPLIT + "/score/table.csv",
+        figures=report(
+            expand(
+                SPLIT + "/score/{name}.png",
+                name=["confusion", "calibration", "risk_coverage"],
+                allow_missing=True,
+            ),
+            caption="../report/gap_blind.rst",
+            category="Blind check",
+            labels={"split": "{split}", "tier": "{tier}"},
+        ),
+    log:
+        SPLIT_LOG + "/gap_score.log",
+    benchmark:
+        SPLIT_COST + "/gap_score.tsv"
+    conda:
+        "../envs/lagsplat.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+    params:
+        key=key_file,
+        baselines=section("blind.baselines"),
+        reveal=section("blind.reveal"),
+        code=made_of("gap_score", *SCORER),
+    message:
+        "Open split {wildcards.split} ({wildcards.tier}) and score its predictions"
+    script:
+        "../scripts/gap_score.py"
+
+
+rule gap_blind:
+    input:
+        scores=lambda wildcards: [
+            rules.gap_score.output.scores.format(
+                profile=experiment.choices["profile"],
+                split=experiment.blind.split,
+                tier=tier,
+            )
+            for tier in planned_tiers()
+        ],
+    output:
+        tex="results/tables/gap_blind.tex",
+        csv=report(
+            "results/tables/gap_blind.csv",
+            caption="../report/gap_blind.rst",
+            category="Tables",
+            labels={"table": "blind check of the diagnosis"},
+        ),
+    log:
+        "results/logs/gap_blind.log",
+    benchmark:
+        "results/benchmarks/gap_blind.tsv"
+    conda:
+        "../envs/lagsplat.yaml"
+    threads: 1
+    resources:
+        mem_mb=500,
+    params:
+        tiers=lambda wildcards: planned_tiers(),
+        code=made_of("gap_blind", "benchmarks.gapgen.tiers"),
+    message:
+        "Gather the blind check in one table"
+    script:
+        "../scripts/gap_blind.py"

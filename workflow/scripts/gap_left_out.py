@@ -1,0 +1,14 @@
+"""Diagnose a batch of recordings with their true effect left out of the catalogue."""
+
+from pathlib import Path
+
+from lagsplat.blind import predict, runs_of, sign
+from lagsplat.diagnose.config import DiagnoseConfig
+from lagsplat.job import Job
+
+with Job(snakemake) as job:
+    config, out = job.section(DiagnoseConfig), Path(job.output.said)
+    folders = [Path(folder) for folder in job.input.data]
+    for run in runs_of(Path(job.input.runs), folders, int(job.wildcards.batch), job.params.size):
+        predict(run.place, out / run.place.name, config, without=run.without)
+    sign(out, Path(job.input.seal), job.header)
