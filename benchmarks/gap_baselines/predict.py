@@ -13,11 +13,20 @@ from pathlib import Path
 
 from benchmarks.gap_baselines.case import Case, open_case
 from benchmarks.gap_baselines.chance import chance
+from benchmarks.gap_baselines.lowest_error import lowest_error
+from benchmarks.gap_baselines.mujoco_fit import mujoco_sysid
 from benchmarks.gap_baselines.said import Said, write
+from benchmarks.gap_baselines.sindy import ensemble_sindy, weak_sindy
 from lagsplat.config import compose, rebuild
 from lagsplat.diagnose.config import DiagnoseConfig
 
-METHODS: dict[str, Callable[[Case, DiagnoseConfig], Said]] = {"chance": chance}
+METHODS: dict[str, Callable[[Case, DiagnoseConfig], Said]] = {
+    "chance": chance,
+    "weak_sindy": weak_sindy,
+    "ensemble_sindy": ensemble_sindy,
+    "lowest_error": lowest_error,
+    "mujoco_sysid": mujoco_sysid,
+}
 
 
 def predict(method: str, place: Path, out: Path, config: DiagnoseConfig) -> bool:

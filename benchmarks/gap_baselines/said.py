@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from lagsplat.diagnose.catalogue import catalogue
+from lagsplat.diagnose.result import Block
+from lagsplat.report.diagnosis_rollouts import save_rollouts
 
 APART = ("none", "unknown")
 
@@ -22,6 +24,8 @@ class Said:
     coordinate: str | None = None
     input: str | None = None
     parameters: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    blocks: tuple[Block, ...] = ()
+    """Its forecasts, where it makes any."""
 
     @property
     def first(self) -> str:
@@ -68,6 +72,8 @@ def content(said: Said) -> dict[str, Any]:
 
 
 def write(said: Said, out: Path) -> None:
-    """Write ``diagnosis.json`` into the folder ``out``."""
+    """Write ``diagnosis.json``, and ``rollouts.csv`` where there are forecasts, into the folder ``out``."""
     out.mkdir(parents=True, exist_ok=True)
+    if said.blocks:
+        save_rollouts(out / "rollouts.csv", said.blocks)
     (out / "diagnosis.json").write_text(json.dumps(content(said), indent=1) + "\n", encoding="utf-8")

@@ -1,0 +1,92 @@
+"""Fit every effect, and take the one whose forecasts of the held-out half err least.
+
+So friction models of servo motors are chosen, for instance (Duclusaud et al., 2024, arXiv:2410.08650). Fits and
+forecasts are those of the diagnosis; its evidence, its priors over effects and its calibration are not used.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from benchmarks.gap_baselines.case import Case
+from benchmarks.gap_baselines.said import Said
+from lagsplat.diagnose.catalogue import instances
+from lagsplat.diagnose.compare import Contest, pursue, screen
+from lagsplat.diagnose.config import DiagnoseConfig
+from lagsplat.diagnose.effects.effect import Instance
+from lagsplat.diagnose.forecast import BURN_IN, Forecast, blocks_of, forecast, halves
+from lagsplat.diagnose.hints import hints
+from lagsplat.diagnose.record import Windows
+from lagsplat.diagnose.result import Block
+from lagsplat.diagnose.smoother import smooth
+from lagsplat.diagnose.stand import sim_of, stand
+
+
+def lowest_error(case: Case, config: DiagnoseConfig) -> Said:
+    """The effect, or ``none``, with the lowest mean square error over the held-out blocks.
+
+    As probabilities stand likelihoods of the blocks, each counted once, under errors as large as the best's.
+
+    Raises:
+        ValueError: the motions are too short for a single window or block.
+    """
+    contest, _, natural = stand(sim_of(case.sim, config), case.real, config)
+    half, held = halves(contest)
+    blocks = blocks_of(contest, held, period_s=natural.longest_s)
+    offers = _offers(contest, case, natural.longest_s, config)
+    fit = half.fit((), np.zeros(contest.bench.nuisance.size))
+    error, sims = {"none": _error(contest, blocks, (), fit.x)}, forecast(contest, blocks, (), 0.0 * fit.x)
+    place: dict[str, Instance] = {}
+    told: dict[str, Forecast] = {}
+    for lead in screen(half, (), fit, offers):
+        name = lead.instance.effect.name
+        if name in place:
+            continue  # its best place stands first
+        place[name] = lead.instance
+        x = pursue(half, (), fit, lead, starts=1).fit.x
+        told[name] = forecast(contest, blocks, (lead.instance,), x)
+        error[name] = _square(contest, blocks, told[name])
+    least = min(error.values())
+    scores = {n: -0.5 * len(blocks.first) * np.log(e / least) for n, e in error.items() if np.isfinite(e)}
+    total = sum(np.exp(list(scores.values())))
+    probability = {name: float(np.exp(score) / total) for name, score in scores.items()}
+    first = max(probability, key=lambda name: probability[name])
+    if first == "none":
+        return Said(probability, blocks=_blocks(contest, blocks, sims, sims))
+    at = place[first]
+    coordinate = at.direction.name if at.direction else None
+    return Said(probability, coordinate, at.input_name, blocks=_blocks(contest, blocks, sims, told[first]))
+
+
+def _offers(contest: Contest, case: Case, period_s: float, config: DiagnoseConfig) -> list[Instance]:
+    smoothed = smooth(contest.bench.model, case.real, period_s=period_s, hold=config.input_hold)
+    return instances(
+        contest.bench,
+        hints(smoothed, period_s=period_s),
+        q_names=case.real[0].q_names,
+        u_names=case.real[0].u_names,
+        without=config.without,
+    )
+
+
+def _error(contest: Contest, blocks: Windows, effects: tuple[Instance, ...], x: np.ndarray) -> float:
+    return _square(contest, blocks, forecast(contest, blocks, effects, x))
+
+
+def _square(contest: Contest, blocks: Windows, said: Forecast) -> float:
+    """Mean square past the burn-in, in each coordinate's rms; infinite where a forecast escapes."""
+    q = contest.bench.record.q
+    wrong = ((said.y - blocks.take(q)) / np.std(q, axis=0))[:, BURN_IN:]
+    return float(np.mean(wrong**2)) if np.isfinite(wrong).all() else float("inf")
+
+
+def _blocks(contest: Contest, blocks: Windows, sim: Forecast, augmented: Forecast) -> tuple[Block, ...]:
+    record = contest.bench.record
+    real = blocks.take(record.q)
+    whole = []
+    for k, (start, length) in enumerate(zip(blocks.first, blocks.length, strict=True)):
+        clip = int(np.searchsorted(record.clips[:, 1], start, side="right"))
+        time = record.time[start : start + length]
+        one = Block(record.files[record.file_of[clip]], k, time, real[k], sim.y[k], augmented.y[k])
+        whole.append(replace(one, **{n: getattr(one, n)[:length] for n in ("real", "sim", "augmented")}))
+    return tuple(whole)

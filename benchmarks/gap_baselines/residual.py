@@ -1,0 +1,130 @@
+"""What a sim fitted to the nominal motions leaves unexplained of the real ones, and terms that might.
+
+Everything is an acceleration along one coordinate. Nothing is differentiated twice: the unexplained part
+comes as a speed, the measured one less the integral of the sim's acceleration.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64, Int64
+from scipy.integrate import cumulative_trapezoid
+
+from benchmarks.gap_baselines.case import Case
+from lagsplat.diagnose.config import DiagnoseConfig
+from lagsplat.diagnose.model import Model
+from lagsplat.diagnose.prepare import prepare, rough_period_s
+from lagsplat.diagnose.record import Record
+from lagsplat.diagnose.stand import sim_of
+
+SLOW = 0.05
+"""Share of the rms speed below which a sign is not one."""
+FAR = 0.7
+"""Share of the largest value beyond which an end or a limit would show."""
+
+
+@dataclass(frozen=True)
+class Term:
+    """A candidate term: the name of the effect it stands for, its values (N,), and the input it acts on."""
+
+    name: str
+    values: Float64[np.ndarray, " N"]
+    input: str | None = None
+
+
+@dataclass(frozen=True)
+class Residual:
+    """Unexplained speed (N, d) over time (N,) in clips (C, 2), the terms of each coordinate, and its scale (d,).
+
+    ``scale`` is the rms of the sim's own acceleration, ``period_s`` the rms period of the motion.
+    """
+
+    time_s: Float64[np.ndarray, " N"]
+    clips: Int64[np.ndarray, "C 2"]
+    speed: Float64[np.ndarray, "N d"]
+    terms: tuple[tuple[Term, ...], ...]
+    scale: Float64[np.ndarray, " d"]
+    period_s: float
+
+
+def residual_of(case: Case, config: DiagnoseConfig) -> Residual:
+    """The residual of a case, its sim identified from the nominal motions alone.
+
+    Raises:
+        ValueError: nothing moves, or no clip is long enough for a window.
+    """
+    model = sim_of(case.sim, config).model
+    period_s = rough_period_s(case.real)
+    ready = prepare(case.real, period_s=period_s)
+    record, q = ready.record, ready.smooth
+    nominal = model.acceleration(q, record.v, record.u)
+    speed = record.v.copy()
+    for start, stop in record.clips:
+        cut = slice(start, stop)
+        speed[cut] -= cumulative_trapezoid(nominal[cut], record.time[cut], axis=0, initial=0.0)
+    terms = tuple(tuple(_terms(model, record, q, nominal, speed, i)) for i in range(case.d))
+    return Residual(record.time, record.clips, speed, terms, np.sqrt(np.mean(nominal**2, axis=0)), period_s)
+
+
+def _terms(
+    model: Model, record: Record, q: np.ndarray, nominal: np.ndarray, speed: np.ndarray, i: int
+) -> list[Term]:
+    """Every term that a static library can hold for coordinate ``i``."""
+    v, s = record.v[:, i], q[:, i] - model.rest[i]
+    sign = np.tanh(v / (SLOW * np.sqrt(np.mean(v**2)) + 1e-12))
+    quick = np.exp(-((v / (0.3 * np.sqrt(np.mean(v**2)) + 1e-12)) ** 2))
+    spring = np.linalg.solve(model.mass_at(q), model.spring(q)[..., None])[:, i, 0]
+    far = FAR * np.abs(s).max()
+    out = [
+        Term("viscous_damping", v),
+        Term("quadratic_drag", np.abs(v) * v),
+        Term("coulomb_friction", sign),
+        Term("stribeck_friction", sign * quick),
+        Term("load_dependent_friction", sign * np.abs(spring)),
+        Term("linear_stiffness", spring),
+        Term("cubic_stiffness", s**3),
+        Term("constant_force", np.ones_like(v)),
+        Term("mass_change", nominal[:, i]),
+        Term("parameter_drift", record.time * spring),
+        Term("end_stop", np.maximum(s - far, 0.0)),
+        Term("end_stop", np.maximum(-s - far, 0.0)),
+    ]
+    out += _line(record, speed[:, i])
+    for j in range(record.u.shape[1]):
+        out += _driven(model, record, q, i, j)
+    return [term for term in out if np.ptp(term.values) > 0.0 or term.name == "constant_force"]
+
+
+def _driven(model: Model, record: Record, q: np.ndarray, i: int, j: int) -> list[Term]:
+    """Terms of input ``j``: its gain, its rate, what a dead zone and a limit take from it."""
+    alone = np.zeros_like(record.u)
+    alone[:, j] = record.u[:, j]
+    u = np.linalg.solve(model.mass_at(q), model.drive(q, alone)[..., None])[:, i, 0]
+    size = float(np.sqrt(np.mean(u**2)))
+    if size <= 0.0:
+        return []
+    rate = np.concatenate([np.gradient(u[a:b], record.time[a:b]) for a, b in record.clips])
+    name = f"u{j}"
+    return [
+        Term("input_gain", u, name),
+        Term("input_lag", rate, name),
+        Term("input_dead_zone", np.tanh(u / (0.2 * size)), name),
+        Term("input_saturation", np.sign(u) * np.maximum(np.abs(u) - FAR * np.abs(u).max(), 0.0), name),
+    ]
+
+
+def _line(record: Record, speed: np.ndarray) -> list[Term]:
+    """The force of the strongest line in the spectrum of the longest clip's unexplained speed."""
+    start, stop = max(record.clips, key=lambda clip: clip[1] - clip[0])
+    time, y = record.time[start:stop], speed[start:stop]
+    if stop - start < 32:
+        return []
+    y = y - np.polyval(np.polyfit(time, y, 1), time)
+    even = np.linspace(time[0], time[-1], len(time))
+    power = np.abs(np.fft.rfft(np.interp(even, time, y) * np.hanning(len(y)), 4 * len(y)))
+    k = 4 + int(np.argmax(power[4:]))
+    omega = 2.0 * np.pi * np.fft.rfftfreq(4 * len(y), even[1] - even[0])[k]
+    wave = np.stack([np.cos(omega * time), np.sin(omega * time)], axis=1)
+    a, b = np.linalg.lstsq(wave, y, rcond=None)[0]
+    force = omega * (b * np.cos(omega * record.time) - a * np.sin(omega * record.time))
+    return [Term("external_periodic_force", force)]
