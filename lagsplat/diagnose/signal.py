@@ -50,6 +50,8 @@ def stage_times(record: Record, steps: int) -> tuple[np.ndarray, np.ndarray]:
 def signals(record: Record, *, steps: int, held: bool) -> tuple[Signal, ...]:
     """The inputs of a record, one signal a channel."""
     time, clip = stage_times(record, steps)
+    if held:  # the end of a substep is still under the input that was held during it, however late that acts
+        time[:, :, 2] -= 1e-7
     per_frame = time.shape[1] * 3
     flat, clips = time.reshape(-1), np.repeat(clip, per_frame)
     begins = np.zeros(len(flat), dtype=bool)
@@ -58,8 +60,5 @@ def signals(record: Record, *, steps: int, held: bool) -> tuple[Signal, ...]:
     for column in record.u.T:
         logged = tuple((record.time[a:b], np.ascontiguousarray(column[a:b])) for a, b in record.clips)
         blank = Signal(flat, np.zeros(len(flat)), begins, clips, logged, held)
-        early = flat.reshape(time.shape).copy()
-        if held:  # the end of a substep is still under the input that was held during it
-            early[:, :, 2] -= 1e-7
-        out.append(replace(blank, values=blank.at(early.reshape(-1))))
+        out.append(replace(blank, values=blank.at(flat)))
     return tuple(out)
