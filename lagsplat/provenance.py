@@ -117,8 +117,8 @@ def stamp() -> dict[str, Any]:
     """The state of code, libraries and machine at this moment, as plain data.
 
     ``commit`` and ``tree``, the content of that commit, are None outside a git checkout, and ``dirty`` is
-    then None too; ``dirty`` tells whether tracked files differ from the commit. ``threads`` and ``device`` are those of torch where torch is
-    loaded, else None: asking must not load it. ``time_utc`` is ISO 8601.
+    then None too; ``dirty`` tells whether tracked files differ from the commit. ``threads`` and ``device``
+    are those of torch where torch is loaded, else None: asking must not load it. ``time_utc`` is ISO 8601.
     """
     commit, tree, dirty = _commit()
     torch = sys.modules.get("torch")

@@ -41,7 +41,10 @@ def tiers(folders: dict[str, Path], out: Path) -> None:
     with out.with_suffix(".csv").open("w", newline="", encoding="utf-8") as stream:
         csv.writer(stream).writerows([["tier", "metric", *methods], *rows])
     tex = [
-        *(f"% {heading(tier, scores)}; diagnoser {scores.get('tree', 'unknown')}" for tier, scores in read.items()),
+        *(
+            f"% {heading(tier, scores)}; diagnoser {scores.get('tree', 'unknown')}"
+            for tier, scores in read.items()
+        ),
         r"\begin{tabular}{l" + "r" * len(methods) + "}",
         r"\toprule",
         " & " + " & ".join(name.replace("_", " ") for name in methods) + r" \\",

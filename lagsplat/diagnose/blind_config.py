@@ -13,14 +13,18 @@ class BlindConfig:
     t0: int  # recordings that are trajectories; 0 leaves this tier out
     t1: int  # recordings that are films; 0 leaves this tier out
     batch: int  # recordings a job
-    left_out: int  # recordings at most that are diagnosed once more with their effect left out of the catalogue
+    left_out: (
+        int  # recordings at most that are diagnosed once more with their effect left out of the catalogue
+    )
     baselines: list[str]  # other methods in the table
     reveal: bool  # write the outcome of every recording, after which the split is spent
 
     def __post_init__(self) -> None:
         for name in ("t0", "t1", "left_out"):
             if getattr(self, name) < 0:
-                raise ValueError(f"blind.{name}={getattr(self, name)} is a number of recordings; give 0 or more")
+                raise ValueError(
+                    f"blind.{name}={getattr(self, name)} is a number of recordings; give 0 or more"
+                )
         if self.t0 + self.t1 == 0:
             raise ValueError("blind.t0=0 and blind.t1=0 leave no recording; give one of them a number")
         if self.batch < 1:

@@ -194,4 +194,4 @@ def _told(instance: Instance, row: np.ndarray) -> dict[str, Any]:
         p.name: float(np.exp(value) if p.kind == "log_ratio" else value)
         for p, value in zip(effect.parameters, row, strict=True)
     }
-    return effect.reports(plain) if effect.reports is not None else plain
+    return effect.reports(plain, instance) if effect.reports is not None else plain

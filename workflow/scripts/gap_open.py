@@ -5,5 +5,12 @@ from pathlib import Path
 from lagsplat.job import Job
 
 with Job(snakemake) as job:
-    words = ["--answers", job.input.seal, "--key", f"@{Path(job.params.key).expanduser()}", "--most", job.params.most]
+    words = [
+        "--answers",
+        job.input.seal,
+        "--key",
+        f"@{Path(job.params.key).expanduser()}",
+        "--most",
+        job.params.most,
+    ]
     job.command("benchmarks.gapgen.runs", *words, "--out", job.output.runs)

@@ -12,7 +12,9 @@ with Job(snakemake) as job:
     trees = {}
     for name, folders in said.items():
         place = out / "said" / name
-        trees[name] = job.command("benchmarks.gapgen.gather", "--seal", job.input.seal, "--out", place, *folders)
+        trees[name] = job.command(
+            "benchmarks.gapgen.gather", "--seal", job.input.seal, "--out", place, *folders
+        )
     also = [f"--also={name}={out / 'said' / name}" for name in job.params.baselines]
     key = ["--answers", job.input.seal, "--key", f"@{Path(job.params.key).expanduser()}"]
     job.command("benchmarks.gapgen.score", *key, *also, "--predictions", out / "said" / "diagnosis",

@@ -30,4 +30,5 @@ EFFECT = Observation(
     needs="a background that stands still",
     amplitudes=2,
     observe=observe,
+    reports=lambda p, instance: {"zoom": 1.0 + p["zoom"], "shift": p["shift"]},
 )

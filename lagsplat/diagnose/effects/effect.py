@@ -175,7 +175,7 @@ class Effect:
     """Never feeds energy into the mechanism."""
     variants: tuple[str, ...] = ("",)
     along: Literal["coordinates", "whole", "both", "channels"] = "coordinates"
-    reports: Callable[[Mapping[str, float]], dict[str, Any]] | None = None
+    reports: Callable[[Mapping[str, float], "Instance"], dict[str, Any]] | None = None
     """From the fitted parameters to those of a diagnosis, where they differ."""
 
 

@@ -4,9 +4,10 @@ Source: Hunt and Crossley, doi:10.1115/1.3423596.
 """
 
 import math
-from typing import no_type_check
+from collections.abc import Mapping
+from typing import Any, no_type_check
 
-from lagsplat.diagnose.effects.effect import Force, HalfNormal, Parameter, Scales, about
+from lagsplat.diagnose.effects.effect import Force, HalfNormal, Instance, Parameter, Scales, about
 from lagsplat.diagnose.kernel import law
 
 
@@ -24,6 +25,16 @@ def _constants(scales: Scales, variant: str) -> tuple[float, ...]:
     return scales.stiffness, (1.0 if variant == "upper" else -1.0), 0.01 * scales.coordinate
 
 
+def _told(parameters: Mapping[str, float], instance: Instance) -> dict[str, Any]:
+    """The position as a value of the coordinate, on either side of rest."""
+    assert instance.direction is not None
+    away = parameters["position"] * (1.0 if instance.variant == "upper" else -1.0)
+    return {
+        "position": instance.direction.rest + away,
+        "stiffness_ratio": parameters["stiffness_ratio"],
+    }
+
+
 EFFECT = Force(
     name="end_stop",
     group="E",
@@ -34,7 +45,7 @@ EFFECT = Force(
         Parameter("position", "reach", about(0.8, 0.25), (0.3, 0.5, 0.65, 0.8, 0.9)),
         Parameter("loss", "slowness", HalfNormal(1.0), (0.05,)),
     ),
-    reports=lambda p: {"position": p["position"], "stiffness_ratio": p["stiffness_ratio"]},
+    reports=_told,
     needs="motion past the stop at three speeds",
     amplitudes=0,
     passive=True,

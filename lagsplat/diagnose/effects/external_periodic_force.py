@@ -27,7 +27,7 @@ EFFECT = Force(
     needs="a stretch at rest of ten cycles",
     amplitudes=2,
     law=force,
-    reports=lambda p: {
+    reports=lambda p, instance: {
         "frequency_hz": p["angular_frequency"] / (2.0 * math.pi),
         "acceleration": math.hypot(p["cosine"], p["sine"]),
     },

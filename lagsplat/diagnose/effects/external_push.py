@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, no_type_check
 
-from lagsplat.diagnose.effects.effect import Force, Normal, Parameter, about
+from lagsplat.diagnose.effects.effect import Force, Instance, Normal, Parameter, about
 from lagsplat.diagnose.kernel import law
 
 N_PUSHES = 3
@@ -22,7 +22,7 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
     return total
 
 
-def _told(parameters: Mapping[str, float]) -> dict[str, Any]:
+def _told(parameters: Mapping[str, float], instance: Instance) -> dict[str, Any]:
     """Pushes that are there at all, in the order of time."""
     strongest = max(abs(parameters[f"acceleration {n}"]) for n in range(N_PUSHES))
     rows = sorted(

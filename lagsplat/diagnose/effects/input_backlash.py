@@ -39,7 +39,7 @@ EFFECT = InputChange(
         Parameter("width", "input", about(0.5, 1.0), (0.1, 0.3, 0.8, 1.6, 2.6)),
         Parameter("start", "ratio", Normal(0.7), (-0.9, 0.0, 0.9)),
     ),
-    reports=lambda p: {"width": p["width"]},
+    reports=lambda p, instance: {"width": p["width"]},
     needs="slow reversals of the input at two amplitudes",
     amplitudes=0,
     along="channels",

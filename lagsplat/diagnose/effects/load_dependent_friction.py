@@ -31,5 +31,5 @@ EFFECT = Force(
     passive=True,
     law=force,
     constants=lambda scales, variant: (0.02 * scales.velocity,),
-    reports=lambda p: {"acceleration": p["acceleration"], "load_factor": p["load_factor"]},
+    reports=lambda p, instance: {"acceleration": p["acceleration"], "load_factor": p["load_factor"]},
 )

@@ -27,4 +27,7 @@ EFFECT = Force(
     variants=("", "load"),
     law=force,
     constants=_constants,
+    reports=lambda p, instance: {
+        "rate": p["rate"] * (_constants(instance.scales, instance.variant)[0] or 1.0)
+    },
 )

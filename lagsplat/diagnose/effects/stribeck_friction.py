@@ -33,7 +33,7 @@ EFFECT = Force(
     passive=True,
     law=force,
     constants=lambda scales, variant: (0.02 * scales.velocity,),
-    reports=lambda p: {
+    reports=lambda p, instance: {
         "coulomb": p["coulomb"],
         "static": p["coulomb"] + p["excess"],
         "velocity": p["velocity"],
