@@ -206,12 +206,25 @@ def diagnose_files(sim: str, real: str, out: Path, config: DiagnoseConfig, *, co
     diagnosis = found.diagnosis
     out.mkdir(parents=True, exist_ok=True)
     settings: dict[str, Any] = {"sim": sim, "real": real, "config": asdict(config), "stamp": stamp()}
-    save_augmented(out / FILE, augmented(pair, found), settings)
+    added = augmented(pair, found)
+    save_augmented(out / FILE, added, settings)
+    diagnosis = patched(sim, out / "patched.xml", added, diagnosis, config)
     if diagnosis.blocks:
         save_rollouts(out / "rollouts.csv", diagnosis.blocks, q_names=diagnosis.q_names)
     save_page(out / "report.html", diagnosis, replace(exhibits, command=command, stamp=stamp()))
     save_diagnosis(out / "diagnosis.json", diagnosis)
     return diagnosis
+
+
+def patched(sim: str, out: Path, added: Augmented, diagnosis: Diagnosis, config: DiagnoseConfig) -> Diagnosis:
+    """For a MuJoCo sim, its file with the effects that have a counterpart there; the diagnosis says which."""
+    if Path(sim).suffix.lower() not in (".xml", ".mjcf") or not added.effects:
+        return diagnosis
+    from lagsplat.diagnose.mujoco_patch import patch_augmented
+
+    changes = patch_augmented(Path(sim), out, added, joints=config.joints, actuators=config.actuators)
+    told = list(changes) or ["MuJoCo has no counterpart of what was found; the file was left as it is"]
+    return replace(diagnosis, checks={**diagnosis.checks, "mujoco": told})
 
 
 def augmented(pair: Pair, found: Found) -> Augmented:
