@@ -82,6 +82,8 @@ def cut_jumps(
     speed = np.array([np.std(np.diff(motion.q[:, i])) / motion.dt_s for i in range(motion.d)])
     lost = [jump for jump in jumps if _is_loss(jump, motion, float(speed[jump.coordinate]), period_s)]
     cuts = sorted({jump.at for jump in jumps if jump not in lost})
+    if len(lost) > len(cuts):  # some losses are too long, or too slow, to be known as such one by one
+        lost, cuts = jumps, []
     found = []
     if lost:
         found.append(

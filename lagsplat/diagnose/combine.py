@@ -3,10 +3,13 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
+from lagsplat.diagnose.catalogue import catalogue
 from lagsplat.diagnose.compare import Contest, Explained
 from lagsplat.diagnose.config import DiagnoseConfig
 from lagsplat.diagnose.effects.effect import Instance, Noise
 from lagsplat.diagnose.select import Effort, Ranking, Tell, rank
+from lagsplat.diagnose.standing import leaders
+from lagsplat.diagnose.verdict import moved
 
 MOST = 3
 FIRST = 3
@@ -29,18 +32,15 @@ def combine(
     The second is looked for beside each of the best few first ones, so that the first may turn out to be
     another (swap). Empty where nothing beats `none`.
     """
-    singles = [one for one in ranking.found if one.log_evidence > 0.0]
+    singles = leaders(ranking, [name for name in catalogue() if name not in config.without], config)
     if not singles:
         return ()
-    firsts: list[Explained] = []
-    for one in singles:
-        if isinstance(one.effects[-1].effect, Noise):
-            continue
-        if all(one.effects[-1].effect.name != other.effects[-1].effect.name for other in firsts):
-            firsts.append(one)
+    firsts = [one for one in singles if not isinstance(one.effects[-1].effect, Noise)]
     narrow = replace(effort, families=max(3, effort.families // 2), places=1, starts=1, always=())
     chain = [singles[0]]
-    while len(chain) < MOST and excess(chain[-1], contest, effort.nominal) > ENOUGH:
+    while len(chain) < MOST and (
+        excess(chain[-1], contest, effort.nominal) > ENOUGH or moved(chain[-1], effort.nominal, config)
+    ):
         beside = firsts[:FIRST] if len(chain) == 1 else chain[-1:]
         tried = []
         for held in beside:
@@ -49,13 +49,18 @@ def combine(
             tried += [one for one in more.found if not isinstance(one.effects[-1].effect, Noise)][:1]
         if not tried:
             break
-        best = min(tried, key=lambda one: one.fit.misfit + one.fit.penalty)
-        if excess(best, contest, effort.nominal) > (1.0 - config.further) * excess(
-            chain[-1], contest, effort.nominal
-        ):
+        best = min(tried, key=cost)
+        # of what stands above the noise, what the moved uncertainties cost included
+        floor = effort.nominal * contest.freedom
+        if cost(best) - floor > (1.0 - config.further) * (cost(chain[-1]) - floor):
             break
         chain.append(best)
     return tuple(chain)
+
+
+def cost(one: Explained) -> float:
+    """Misfit, and what the moved uncertainties cost."""
+    return one.fit.misfit + one.fit.penalty
 
 
 def excess(one: Explained, contest: Contest, nominal: float) -> float:

@@ -10,6 +10,7 @@ from lagsplat.diagnose.compare import Explained
 from lagsplat.diagnose.config import DiagnoseConfig
 from lagsplat.diagnose.result import Verdict
 from lagsplat.diagnose.select import Ranking
+from lagsplat.diagnose.standing import standings, trust
 
 CLASSES = (
     ("input_delay", "time_offset", "input_lag"),
@@ -38,15 +39,8 @@ WIDER, ROUGH = 1.5, 0.01
 """Factor on a parameter's standard deviation, and what is added: laws are never quite right."""
 CERTAIN = 5.0
 """Nats by which the members of a set that explains everything stand above any single effect."""
-ROUGHLY = 200.0
-RARER = {
-    "camera_change": 4.0,
-    "external_push": 3.0,
-    "hidden_mode": 3.0,
-    "stribeck_friction": 2.0,
-    "load_dependent_friction": 2.0,
-}
-"""Nats by which a flexible effect is held less likely beforehand, for it imitates many others."""
+PAID = 40.0
+"""Square of the moved uncertainties, over the temper, that asks for a further effect."""
 
 
 @dataclass(frozen=True)
@@ -78,11 +72,16 @@ def explain(
     before = ranking.none.fit.misfit / freedom - nominal
     left = [one.fit.misfit / freedom - nominal for one in chain]
     share = [max(rest, 0.0) / max(before, rest, 1e-9) for rest in left]
-    if share[0] > config.further_from:
+    if share[0] > config.further_from or moved(chain[0], nominal, config):
         for one, rest, part in zip(chain[1:], left[1:], share[1:], strict=True):
             if rest < ADEQUATE * nominal or part < config.further_from:
                 return one, part, LEAST_UNKNOWN
     return chain[0], share[0], _strange(left[0], before, freedom, nominal, config)
+
+
+def moved(one: Explained, nominal: float, config: DiagnoseConfig) -> bool:
+    """Whether the sim's own uncertainties had to move further than they are believed to."""
+    return one.fit.penalty > PAID * nominal * config.temper
 
 
 def _strange(left: float, before: float, freedom: float, nominal: float, config: DiagnoseConfig) -> float:
@@ -94,31 +93,12 @@ def _strange(left: float, before: float, freedom: float, nominal: float, config:
     return max(float(1.0 / (1.0 + (config.unexplained / share) ** STEEP)), LEAST_UNKNOWN)
 
 
-def trust(ranking: Ranking) -> float:
-    """What a nat is worth: the laws of the catalogue are never quite those of nature.
-
-    Where thousands of nats stand between `none` and the best, a per cent of them between two effects may be
-    the fault of a law, so that no more than `ROUGHLY` nats count in all.
-    """
-    most = max((one.log_evidence for one in ranking.found), default=0.0)
-    return 1.0 / (1.0 + max(most, 0.0) / ROUGHLY)
-
-
 def judge(
     ranking: Ranking, chain: Sequence[Explained], freedom: float, nominal: float, config: DiagnoseConfig
 ) -> Judgement:
     """Probabilities by evidence and prior; the share that is left unexplained speaks for `unknown`."""
     names = [name for name in catalogue() if name not in config.without]
-    prior = np.log((1.0 - config.prior_none - config.prior_unknown) / len(names))
-    scores = {"none": float(np.log(config.prior_none))}
-    places: dict[str, int] = {}
-    strength = trust(ranking)
-    for one in ranking.found:
-        name = one.effects[-1].effect.name
-        places[name] = places.get(name, 0) + 1
-        scores.setdefault(name, prior + strength * one.log_evidence - RARER.get(name, 0.0))
-    for name, n in places.items():
-        scores[name] -= float(np.log(n))
+    scores = standings(ranking, names, config)
     best, left, strange = explain(ranking, chain, freedom, nominal, config)
     if best is not None and len(best.effects) > 1:
         top = max(scores.values())

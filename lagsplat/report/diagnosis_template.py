@@ -103,8 +103,8 @@ the sim was fitted on the same recording and has taken these up.</div>{% endif %
 {% if film %}<figure class="film" id="film"><img src="{{ film | safe }}"
 alt="The stretch as measured, as forecast by the sim, and as forecast with the effects, side by side">
 <span>measured</span><span>sim</span><span>sim with effects</span>
-<figcaption><b>Film.</b> The same stretch side by side{% if slowed > 1.05 %}, slowed down {{ "%.2g" | format(slowed) }}
-times{% endif %}. Forecasts begin anew every natural period.</figcaption></figure>{% endif %}
+<figcaption><b>Film.</b> The same stretch side by side{% if slowed > 1.05 %},
+slowed down {{ "%.2g" | format(slowed) }} times{% endif %}. Forecasts begin anew every natural period.</figcaption></figure>{% endif %}
 {% if missing %}<div class="row"><b>Not computed</b> {{ missing | join("; ") }}.</div>{% endif %}
 </section>
 
