@@ -46,7 +46,8 @@ def combine(
         for held in beside:
             others = [o for o in offers if o.effect.name not in {e.effect.name for e in held.effects}]
             more = rank(contest, others, narrow, known=held, tell=tell)
-            tried += [one for one in more.found if not isinstance(one.effects[-1].effect, Noise)][:1]
+            found = [one for one in more.found if not isinstance(one.effects[-1].effect, Noise)][:1]
+            tried += [replace(one, log_evidence=held.log_evidence + one.log_evidence) for one in found]
         if not tried:
             break
         best = min(tried, key=cost)
