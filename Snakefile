@@ -16,6 +16,7 @@ include: "workflow/rules/evaluate.smk"
 include: "workflow/rules/report.smk"
 include: "workflow/rules/tables.smk"
 include: "workflow/rules/gap_blind.smk"
+include: "workflow/rules/gap.smk"
 
 
 rule all:

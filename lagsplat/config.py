@@ -27,6 +27,7 @@ from lagsplat.io.config import RecordingConfig
 from lagsplat.stage1.config import RenderConfig, Stage1Config
 from lagsplat.stage2.config import Stage2Config
 from lagsplat.systems.config import SimulationConfig
+from lagsplat.systems.planted_config import PlantsConfig
 from lagsplat.systems.release_config import ReleaseConfig
 
 CONF = Path(__file__).resolve().parents[1] / "conf"
@@ -43,6 +44,7 @@ GROUPS = (
     "render",
     "diagnose",
     "blind",
+    "planted",
 )
 OPEN_TABLES = ("diagnose.columns",)
 """Tables of ``conf/`` whose keys are the user's own."""
@@ -106,6 +108,8 @@ class Config:
     """A finer decoder for the figures; null draws them with the one that was trained."""
     diagnose: DiagnoseConfig
     blind: BlindConfig
+    planted: PlantsConfig
+    """Effects to be found again: what the second recordings of a simulated arm have."""
 
     def __post_init__(self) -> None:
         """Check that every name and seed of the protocol can be run."""

@@ -96,8 +96,9 @@ def _model(models: Sequence[Source], checked: Checked, config: DiagnoseConfig) -
     if not models:
         assert checked.sim is not None
         return sim_of(checked.sim.motions, config)
-    real = checked.real.motions
-    ready = prepare(real, period_s=rough_period_s(real))
+    # Where its own recordings went too, the sim must be itself: there its misfit is measured.
+    seen = (*checked.real.motions, *(checked.sim.motions if checked.sim is not None else ()))
+    ready = prepare(seen, period_s=rough_period_s(checked.real.motions))
     sampled = sampled_sim(
         models[0].path, region_of(ready.record), joints=config.joints, actuators=config.actuators
     )

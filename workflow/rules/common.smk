@@ -34,6 +34,8 @@ wildcard_constraints:
     stage2="|".join(options("stage2")),
     ae="[0-9]+",
     seed="[0-9]+",
+    effect="|".join(experiment.planted.effects),
+    real="held_out|" + "|".join(experiment.planted.effects),
 
 
 SCRIPTS = Path(workflow.basedir) / "workflow" / "scripts"
@@ -87,6 +89,21 @@ def main_runs():
 def true_runs():
     """Those among them of which the truth is known, because they are simulated."""
     return [run for run in main_runs() if run["recording"] == "simulated"]
+
+
+def diagnosed():
+    """What is diagnosed, with its wildcards: one run of every system against its own held-out part, and of
+    every simulated arm against its second recordings."""
+    seeds = (experiment.autoencoder_seeds[0], experiment.seeds[0])
+    runs = [run for run in main_runs() if (run["ae"], run["seed"]) == seeds]
+    arms = [
+        run
+        for run in runs
+        if run["recording"] == "simulated" and section("simulation")(run) is not None
+    ]
+    return [{**run, "real": "held_out"} for run in runs] + [
+        {**run, "real": effect} for run in arms for effect in experiment.planted.effects
+    ]
 
 
 def gathered(chosen, output):

@@ -1,0 +1,11 @@
+"""Gather the diagnoses of every system in one table."""
+
+from lagsplat.io.atomic import write_text
+from lagsplat.io.plain import load_json
+from lagsplat.job import Job
+from lagsplat.report.gap_table import gap_rows, gap_table, latex_gap
+
+with Job(snakemake) as job:
+    rows = gap_rows(job.params.runs, [load_json(path) for path in job.input.diagnoses])
+    write_text(job.output.csv, gap_table(rows).to_csv(index=False))
+    write_text(job.output.tex, latex_gap(rows, titles=job.params.titles))

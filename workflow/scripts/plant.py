@@ -1,0 +1,15 @@
+"""Film a simulated arm once more, with an effect that is withheld from the sim."""
+
+from dataclasses import replace
+
+from lagsplat.io.recording import save_recording
+from lagsplat.job import Job
+from lagsplat.systems.config import SimulationConfig
+from lagsplat.systems.planted import simulate_planted
+from lagsplat.systems.planted_config import PlantedConfig
+
+with Job(snakemake) as job:
+    config = replace(job.section(SimulationConfig, "simulation"), n_frames=job.params.n_frames)
+    planted = job.section(PlantedConfig, "planted")
+    recording = simulate_planted(config, planted, seed=job.params.drive, scene=job.seed)
+    save_recording(job.output.recording, recording)
