@@ -15,7 +15,7 @@ from lagsplat.diagnose.pictures import Body, body_points, drawn, evenly, measure
 from lagsplat.diagnose.result import Block
 from lagsplat.diagnose.smoother import Smoothed, smooth
 from lagsplat.evaluate.floor import image_errors
-from lagsplat.films import Films, Side, frames_at
+from lagsplat.films import Films, Side, frames_at, leading
 from lagsplat.io.motion import Motion
 from lagsplat.report.diagnosis_exhibits import Exhibits, Film, PictureForce, PictureGap
 
@@ -121,7 +121,7 @@ class _Drawer:
 
     def _seen(self, side: Side, blocks: Sequence[Block], most: int) -> Seen:
         assert side.recording is not None
-        time_s = np.concatenate([block.time_s for block in blocks]) + self._start_s(side)
+        time_s = np.concatenate([block.time_s for block in blocks])
         chosen = evenly(len(time_s), most)
         at = frames_at(side.recording, time_s[chosen])
         q = {name: np.concatenate([getattr(b, name) for b in blocks])[chosen]
@@ -130,10 +130,6 @@ class _Drawer:
             side, at, q["real"], measured(side.recording, at),
             self.draw(q["sim"]), self.draw(q["augmented"]), self.draw(q["real"]),
         )  # fmt: skip
-
-    def _start_s(self, side: Side) -> float:
-        """When the motion begins on the recording's clock, as it was diagnosed."""
-        return next(float(m.time_s[0]) for m in self.pair.real if m.source == side.motion.source)
 
     def image_gap(self, seen: Seen) -> dict[str, Any]:
         """Root mean squared errors of the pictures: what drawing leaves, the sim's, and with the effects."""
@@ -224,18 +220,12 @@ class _Drawer:
 
 
 def _leading(motions: Sequence[Motion], length_s: float) -> list[Motion]:
-    """The motions' first clips, as many as last ``length_s`` together."""
+    """The first of all motions, as much as lasts ``length_s`` together."""
     kept: list[Motion] = []
-    left = length_s
     for motion in motions:
-        pieces = []
-        for start, stop in motion.segments:
-            end = start + int(np.searchsorted(motion.time_s[start:stop] - motion.time_s[start], left))
-            if end - start >= 20:
-                pieces.append((start, end))
-                left -= float(motion.time_s[end - 1] - motion.time_s[start])
-        if pieces:
-            kept.append(motion.pieces(pieces))
+        if length_s > 0.0:
+            kept.append(leading(motion, length_s))
+            length_s -= kept[-1].duration_s
     return kept
 
 

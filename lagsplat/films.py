@@ -2,7 +2,7 @@
 
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -85,7 +85,11 @@ class Films:
         warnings_, checks = list(found.warnings), dict(found.checks)
         if self.sight is not None:
             seen = self.sight.perception
-            checks |= {"perception": asdict(seen), "conditional_on_perception": seen.suspect}
+            checks |= {
+                "drawn_over_nominal": seen.ratio,
+                "outside_nominal": seen.outside,
+                "conditional_on_perception": seen.suspect,
+            }
             if seen.suspect:
                 warnings_.append(
                     f"conditional on perception: the real pictures are drawn {seen.ratio:.2g} times as badly "
@@ -131,13 +135,15 @@ class Side:
     findings: tuple[Finding, ...] = ()
 
 
-def open_films(folder: Path, real: str, *, columns: Mapping[str, str] | None = None) -> Films:
+def open_films(
+    folder: Path, real: str, *, columns: Mapping[str, str] | None = None, longest_s: float = np.inf
+) -> Films:
     """The run in ``folder`` beside the real thing that ``real`` names.
 
     Films and logs are turned, cropped and resized as the run's own recording was; the cuts in time of that
     one are not theirs. Their inputs stand in a table of the same stem, unless they carry them. ``held_out``,
-    the run's own film or its ``recording.safetensors`` stand for its held-out part. ``columns`` names the
-    columns of tables of latents.
+    the run's own film or its ``recording.safetensors`` stand for its held-out part, of which the first
+    ``longest_s`` are taken. ``columns`` names the columns of tables of latents.
 
     Raises:
         FileNotFoundError: no run, or nothing where ``real`` points.
@@ -156,14 +162,14 @@ def open_films(folder: Path, real: str, *, columns: Mapping[str, str] | None = N
             "one kind at a time"
         )
     if not sides or any(own):
-        return Films(run, nominal, (_held_out(run, names),), own=True)
+        return Films(run, nominal, (_held_out(run, names, longest_s),), own=True)
     kept = [side for side in sides if side is not None]
     named = tuple(replace(side, motion=_named(side.motion, names)) for side in kept)
     return Films(run, nominal, named, own=False)
 
 
-def _held_out(run: Run, names: tuple[str, ...]) -> Side:
-    motion = _named(charted(run.chart, held_out=True), names)
+def _held_out(run: Run, names: tuple[str, ...], longest_s: float) -> Side:
+    motion = _named(leading(charted(run.chart, held_out=True), longest_s), names)
     train, held = run.recording.split()
     shift = camera_shift(held, train, run.autoencoder, run.chart)
     return Side(motion, held, shift, tuple(camera_findings(shift, source=motion.source)))
@@ -293,3 +299,17 @@ def frames_at(recording: Recording, time_s: np.ndarray) -> np.ndarray:
     after = np.clip(np.searchsorted(recording.time_s, time_s), 1, recording.n_frames - 1)
     nearer = np.abs(recording.time_s[after - 1] - time_s) <= np.abs(recording.time_s[after] - time_s)
     return np.where(nearer, after - 1, after)
+
+
+def leading(motion: Motion, length_s: float) -> Motion:
+    """The first clips of a motion, as many as last ``length_s`` [s] together, the last of them cut."""
+    pieces, left = [], length_s
+    for start, stop in motion.segments:
+        own = motion.time_s[start:stop] - motion.time_s[start]
+        end = start + int(np.searchsorted(own, left, side="right"))
+        if end - start > 1 or not pieces:
+            pieces.append((start, end))
+        left -= float(own[end - start - 1])
+        if left <= 0.0:
+            break
+    return motion.pieces(pieces)

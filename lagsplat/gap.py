@@ -71,7 +71,7 @@ def open_pair(sim: str, real: str, config: DiagnoseConfig) -> Pair:
     if models and models[0].kind == "run":
         from lagsplat.films import open_films  # torch, which the other sims do without
 
-        films = open_films(Path(models[0].path), real, columns=config.columns)
+        films = open_films(Path(models[0].path), real, columns=config.columns, longest_s=config.own_longest_s)
         nominal, motions, own = films.nominal, films.real, films.own
     else:
         motions = read_sources(find_sources(real), columns=config.columns)

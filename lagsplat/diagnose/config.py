@@ -31,6 +31,7 @@ class DiagnoseConfig:
     offset: float  # how large an offset force, as a share of the motion's rms acceleration
     warp: float  # how much the coordinates may be bent over their range, as a share of it
     own: float  # by how much larger all these are where the sim was fitted to the very recording
+    own_longest_s: float  # of the held-out part of that recording, how many seconds are looked at
     materiality: float  # least share of the gap that an effect must take away to be named
     prior_none: float  # probability, before the data, that nothing is missing
     prior_unknown: float  # probability, before the data, that what is missing is not in the catalogue
@@ -43,7 +44,14 @@ class DiagnoseConfig:
             raise ValueError(
                 f"diagnose.input_hold={self.input_hold!r} is linear or zoh (held between samples)"
             )
-        for name in ("window_periods", "steps_per_period", "tolerance", "temper", "identify_ridge"):
+        for name in (
+            "own_longest_s",
+            "window_periods",
+            "steps_per_period",
+            "tolerance",
+            "temper",
+            "identify_ridge",
+        ):
             if getattr(self, name) <= 0:
                 raise ValueError(f"diagnose.{name}={getattr(self, name)} must be positive")
         for name in ("families", "places", "starts", "iterations", "identify_iterations"):

@@ -165,8 +165,8 @@ def _blocks(
     out = []
     for i, (start, length) in enumerate(zip(blocks.first, blocks.length, strict=True)):
         clip = int(np.searchsorted(record.clips[:, 1], start, side="right"))
-        file = record.files[record.file_of[clip]]
+        number = record.file_of[clip]
         cut = slice(0, length)
-        time = record.time[start : start + length]
-        out.append(Block(file, i, time, real[i, cut], sim[i, cut], augmented[i, cut]))
+        time = record.time[start : start + length] + (record.began_s[number] if record.began_s else 0.0)
+        out.append(Block(record.files[number], i, time, real[i, cut], sim[i, cut], augmented[i, cut]))
     return tuple(out)

@@ -14,7 +14,7 @@ from lagsplat.stage1.autoencoder import Autoencoder, decode_latents, encode_fram
 
 JUDGED = 240  # frames of a recording on which its drawing is judged
 POINTS = 64
-PRESENT = 0.02  # of the most visible moving Gaussian: others are no part of the body
+PRESENT = 0.9  # of all that is seen to move, for which the fewest Gaussians make up the body
 
 
 def evenly(n: int, most: int) -> np.ndarray:
@@ -82,8 +82,11 @@ def body_points(autoencoder: Autoencoder, chart: Chart, *, seed: int = 0) -> Bod
     moves = np.sqrt((jacobian**2).sum(axis=(1, 2)))
     weight = presence * area * moves
     inside = np.all((rest > 0.0) & (rest < [autoencoder.width, autoencoder.height]), axis=1)
-    kept = inside & (weight > PRESENT * weight[inside].max(initial=0.0))
-    if not kept.any():
+    weight = np.where(inside, weight, 0.0)
+    order = np.argsort(-weight)
+    enough = 1 + int(np.searchsorted(np.cumsum(weight[order]), PRESENT * weight.sum()))
+    kept = order[:enough][weight[order[:enough]] > 0.0]
+    if not len(kept):
         raise ValueError("no visible Gaussian of the run moves with its latents; check what stage 1 learned")
     features = np.concatenate([rest, jacobian.reshape(len(rest), -1)], axis=1)[kept]
     number = min(POINTS, len(features))

@@ -22,6 +22,8 @@ class Record:
     files: tuple[str, ...]
     file_of: Int64[np.ndarray, " C"]
     """Number of the file of each clip."""
+    began_s: tuple[float, ...] = ()
+    """Time [s] at which each file begins, on its own clock; zero where it is not given."""
 
     @property
     def d(self) -> int:
@@ -76,6 +78,7 @@ def join(motions: Sequence[Motion], velocities: Sequence[np.ndarray]) -> Record:
         clips=np.array(clips, dtype=np.int64),
         files=tuple(m.source for m in motions),
         file_of=np.array(file_of, dtype=np.int64),
+        began_s=tuple(float(m.time_s[0]) for m in motions),
     )
 
 
