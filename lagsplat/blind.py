@@ -2,7 +2,7 @@
 
 import json
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -51,22 +51,34 @@ def sign(out: Path, seal: Path, header: Mapping[str, Any]) -> None:
 
 
 def predict(place: Path, out: Path, config: DiagnoseConfig, *, without: Sequence[str] = ()) -> bool:
-    """Write ``diagnosis.json`` and ``rollouts.csv`` of the recording in ``place`` to ``out``.
+    """Write ``diagnosis.json`` and ``rollouts.csv`` of the recording in ``place`` to ``out``, see `each`.
 
     Its sim is ``sim_*.csv`` and its real side ``real_*.csv``; effects named ``without`` are left out of the
-    catalogue. A recording that is refused, or at which the diagnosis fails, must not end the others: the
-    reason then stands in ``out/failed.txt`` and in the log instead, and the answer is False.
+    catalogue.
+    """
+    chosen = replace(config, without=[*config.without, *without])
+    return each(place, out, lambda place, out: _diagnose(place, out, chosen))
+
+
+def each(place: Path, out: Path, work: Callable[[Path, Path], None]) -> bool:
+    """Do ``work`` on the recording in ``place``, into ``out``.
+
+    A recording that is refused, or at which the work fails, must not end the others: the reason then stands
+    in ``out/failed.txt`` and in the log, and the answer is False.
     """
     out.mkdir(parents=True, exist_ok=True)
-    config = replace(config, without=[*config.without, *without])
     try:
-        pair = open_pair(str(place / SIM), str(place / REAL), config)
-        found = examine(pair, config, tell=lambda name: None).diagnosis
+        work(place, out)
     except Exception as error:
-        log.exception("%s is not diagnosed", place.name)
+        log.exception("nothing comes of %s", place.name)
         write_text(out / "failed.txt", f"{type(error).__name__}: {error}\n")
         return False
+    return True
+
+
+def _diagnose(place: Path, out: Path, config: DiagnoseConfig) -> None:
+    pair = open_pair(str(place / SIM), str(place / REAL), config)
+    found = examine(pair, config, tell=lambda name: None).diagnosis
     if found.blocks:
         save_rollouts(out / "rollouts.csv", found.blocks, q_names=found.q_names)
     save_diagnosis(out / "diagnosis.json", found)
-    return True

@@ -1,7 +1,8 @@
 """Fit every effect, and take the one whose forecasts of the held-out half err least.
 
-So friction models of servo motors are chosen, for instance (Duclusaud et al., 2024, arXiv:2410.08650). Fits and
-forecasts are those of the diagnosis; its evidence, its priors over effects and its calibration are not used.
+So friction models of servo motors are chosen, for instance (Duclusaud et al., 2024, arXiv:2410.08650). Fits
+and forecasts are those of the diagnosis; its evidence, its priors over effects and its calibration are not
+used.
 """
 
 from dataclasses import replace

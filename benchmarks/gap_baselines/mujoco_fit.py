@@ -1,10 +1,12 @@
 """Fit everything with MuJoCo's own identification toolbox; its largest significant change is its answer.
 
-A mechanism is identified on the nominal motions and then frozen. On the real ones every joint may gain damping,
-drag, dry friction, stiffness, hardening and armature, every motor may change its gain, and a delay may lie
-between inputs and coordinates. How large a change is, is how large its force gets on the real motion.
+A mechanism is identified on the nominal motions and then frozen. On the real ones every joint may gain
+damping, drag, dry friction, stiffness, hardening and armature, every motor may change its gain, and a delay
+may lie between inputs and coordinates. How large a change is, is how large its force gets on the real motion.
 """
 
+import contextlib
+import io
 from dataclasses import dataclass, replace
 
 import mujoco
@@ -118,9 +120,10 @@ def _fit(
         return np.where(np.isfinite(wrong), wrong, 1e3), moved, shown
 
     residual = sysid.build_residual_fn(models_sequences=parts, modify_residual=compare, n_threads=1)
-    found, result = sysid.optimize(
-        parameters, residual, optimizer="mujoco", verbose=False, max_iters=ITERATIONS
-    )
+    with contextlib.redirect_stdout(io.StringIO()):  # it prints every iteration, whatever it is told
+        found, result = sysid.optimize(
+            parameters, residual, optimizer="mujoco", verbose=False, max_iters=ITERATIONS
+        )
     left = [part.ravel() for part in residual(found.as_vector(), found.copy())[0]]
     _, half_width = sysid.calculate_intervals(left, np.asarray(result.jac), alpha=0.05)
     flat = np.concatenate(left)
@@ -188,7 +191,7 @@ def _inertia(model: mujoco.MjModel, ready: Prepared) -> np.ndarray:
     data.qpos[:] = np.median(ready.smooth, axis=0)
     mujoco.mj_forward(model, data)
     whole = np.zeros((model.nv, model.nv))
-    mujoco.mj_fullM(model, whole, data.qM)
+    mujoco.mj_fullM(model, data, whole)
     return np.diag(whole).copy()
 
 
@@ -237,7 +240,7 @@ def _published(
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     whole = np.zeros((model.nv, model.nv))
-    mujoco.mj_fullM(model, whole, data.qM)
+    mujoco.mj_fullM(model, data, whole)
     unit = whole[change.joint, change.joint]
     moved, width = (value - change.reference) / unit, half / unit
     return {keys[change.effect]: (moved, moved - width, moved + width)}

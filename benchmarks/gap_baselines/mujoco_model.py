@@ -1,7 +1,7 @@
 """Mechanisms as a user of MuJoCo would write them down, from the number of coordinates and inputs alone.
 
-A point mass on every link; every input may drive every joint by a motor of its own. ``guess_s`` is the rms period
-of the motion, which sizes lengths and springs to begin from.
+A point mass on every link; every input may drive every joint by a motor of its own. Lengths and springs to
+begin from follow from the rms period of the motion.
 """
 
 from collections.abc import Callable
@@ -29,12 +29,14 @@ class Drawn:
 def draw(kind: str, d: int, n_u: int, *, guess_s: float, dt_s: float, size: float) -> Drawn:
     """The mechanism ``kind`` with ``d`` joints ``q0 ...`` and ``n_u`` inputs, motors ``m<i>_<j>``.
 
-    ``size`` is the reach of the coordinates, by which bounds are set.
+    ``guess_s`` is the rms period of the motion, ``dt_s`` the time between its samples, ``size`` the reach of its
+    coordinates, by which bounds are set.
     """
     stiffness = (2.0 * np.pi / guess_s) ** 2
     length = GRAVITY / stiffness
     maker = {"chain": _chain, "cart": _cart, "bag": _bag}[kind]
     bodies = maker(d, length)
+    step_s = dt_s / np.ceil(dt_s / STEP_S)
     motors = "".join(
         f'<motor name="m{i}_{j}" joint="q{i}" gear="{1.0 if i == j % d else 0.0}"/>'
         for i in range(d) for j in range(n_u)
@@ -42,7 +44,7 @@ def draw(kind: str, d: int, n_u: int, *, guess_s: float, dt_s: float, size: floa
     sensors = "".join(f'<jointpos name="q{i}" joint="q{i}"/>' for i in range(d))
     spec = mujoco.MjSpec.from_string(
         f'<mujoco><compiler angle="radian" inertiafromgeom="false"/>'
-        f'<option gravity="0 0 -{GRAVITY}" timestep="{dt_s / np.ceil(dt_s / STEP_S)}" integrator="implicitfast">'
+        f'<option gravity="0 0 -{GRAVITY}" timestep="{step_s}" integrator="implicitfast">'
         f'<flag contact="disable"/></option><worldbody>{bodies}</worldbody>'
         f"<actuator>{motors}</actuator><sensor>{sensors}</sensor></mujoco>"
     )

@@ -12,29 +12,41 @@ from collections.abc import Callable
 from pathlib import Path
 
 from benchmarks.gap_baselines.case import Case, open_case
-from benchmarks.gap_baselines.chance import chance
-from benchmarks.gap_baselines.lowest_error import lowest_error
-from benchmarks.gap_baselines.mujoco_fit import mujoco_sysid
 from benchmarks.gap_baselines.said import Said, write
-from benchmarks.gap_baselines.sindy import ensemble_sindy, weak_sindy
 from lagsplat.config import compose, rebuild
 from lagsplat.diagnose.config import DiagnoseConfig
 
-METHODS: dict[str, Callable[[Case, DiagnoseConfig], Said]] = {
-    "chance": chance,
-    "weak_sindy": weak_sindy,
-    "ensemble_sindy": ensemble_sindy,
-    "lowest_error": lowest_error,
-    "mujoco_sysid": mujoco_sysid,
-}
+METHODS = ("chance", "ensemble_sindy", "lowest_error", "mujoco_sysid", "weak_sindy")
+Method = Callable[[Case, DiagnoseConfig], Said]
 
 
-def predict(method: str, place: Path, out: Path, config: DiagnoseConfig) -> bool:
+def method_of(name: str) -> Method:
+    """One of `METHODS`; its libraries are loaded with it and no others.
+
+    Raises:
+        ValueError: none such.
+    """
+    if name == "chance":
+        from benchmarks.gap_baselines.chance import chance as method
+    elif name == "weak_sindy":
+        from benchmarks.gap_baselines.sindy import weak_sindy as method
+    elif name == "ensemble_sindy":
+        from benchmarks.gap_baselines.sindy import ensemble_sindy as method
+    elif name == "mujoco_sysid":
+        from benchmarks.gap_baselines.mujoco_fit import mujoco_sysid as method
+    elif name == "lowest_error":
+        from benchmarks.gap_baselines.lowest_error import lowest_error as method
+    else:
+        raise ValueError(f"no method {name!r}; choose from {', '.join(METHODS)}")
+    return method
+
+
+def predict(method: Method, place: Path, out: Path, config: DiagnoseConfig) -> bool:
     """Write one method's prediction of the recording in ``place`` to ``out``; False where it failed."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of every method's own numerics; what it says is judged
-            said = METHODS[method](open_case(place), config)
+            said = method(open_case(place), config)
     except Exception as error:  # a recording that one method cannot take must not end the others
         out.mkdir(parents=True, exist_ok=True)
         (out / "failed.txt").write_text(f"{type(error).__name__}: {error}\n", encoding="utf-8")
@@ -48,14 +60,15 @@ def main(argv: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--method", choices=sorted(METHODS), required=True, help="who predicts")
+    parser.add_argument("--method", choices=METHODS, required=True, help="who predicts")
     parser.add_argument("--out", type=Path, required=True, help="folder to write")
     parser.add_argument("--settings", help="settings of a diagnosis as JSON; default: those of conf/")
     parser.add_argument("folders", type=Path, nargs="*", help="recordings")
     args = parser.parse_args(argv)
     config = rebuild(DiagnoseConfig, json.loads(args.settings)) if args.settings else compose().diagnose
+    method = method_of(args.method)
     for place in args.folders:
-        predict(args.method, place, args.out / place.name, config)
+        predict(method, place, args.out / place.name, config)
 
 
 if __name__ == "__main__":

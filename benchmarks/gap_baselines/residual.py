@@ -34,9 +34,9 @@ class Term:
 
 @dataclass(frozen=True)
 class Residual:
-    """Unexplained speed (N, d) over time (N,) in clips (C, 2), the terms of each coordinate, and its scale (d,).
+    """Unexplained speed (N, d) over time (N,) in clips (C, 2), and the terms of each coordinate.
 
-    ``scale`` is the rms of the sim's own acceleration, ``period_s`` the rms period of the motion.
+    ``scale`` (d,) is the rms of the sim's own acceleration, ``period_s`` the rms period of the motion.
     """
 
     time_s: Float64[np.ndarray, " N"]

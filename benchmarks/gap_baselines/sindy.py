@@ -1,7 +1,7 @@
 """Sparse regression of the residual on a library of terms, in the weak form, by PySINDy.
 
-Sources: Messenger and Bortz, "Weak SINDy", 2021, doi:10.1137/20M1343166; Fasel et al., "Ensemble-SINDy", 2022,
-doi:10.1098/rspa.2021.0904. Neither can hold a delay, play, hysteresis, creep or a hidden mode.
+Sources: Messenger and Bortz, "Weak SINDy", 2021, doi:10.1137/20M1343166; Fasel et al., "Ensemble-SINDy",
+2022, doi:10.1098/rspa.2021.0904. Neither can hold a delay, play, hysteresis, creep or a hidden mode.
 """
 
 from dataclasses import dataclass
@@ -96,7 +96,7 @@ def weak_sindy(case: Case, config: DiagnoseConfig) -> Said:
 
 
 def ensemble_sindy(case: Case, config: DiagnoseConfig) -> Said:
-    """The strongest term of those that most models of a bagged ensemble keep; ``none`` if they keep nothing."""
+    """The strongest of the terms that most models of a bagged ensemble keep; ``none`` if they keep nothing."""
     residual, forms = weak_forms(case, config)
     found: list[tuple[float, str, str, str | None, np.ndarray]] = []
     for i, weak in enumerate(forms):

@@ -1,8 +1,9 @@
 """Make a split of recordings: ``python -m benchmarks.gapgen.make --split dev --key KEY --n 200 --out DIR``.
 
 Writes ``DIR/data/<id>/sim_*.csv`` and ``real_0.csv``, with ``--tier T1`` one film a clip as ``sim_*.npz`` and
-``real_*.npz`` (keys ``images`` and ``p1`` to ``pn``), and ``DIR/answers.jsonl`` with the truth. Names are
-random, files are written in their order and all carry the same time stamp.
+``real_*.npz`` (keys ``images`` and ``p1`` to ``pn``) and ``about.json`` with what whoever films a mechanism
+knows, its number of coordinates and the seconds between frames. ``DIR/answers.jsonl`` gets the truth. Names
+are random, files are written in their order and all carry the same time stamp.
 """
 
 import argparse
@@ -55,6 +56,10 @@ def write_films(place: Path, recording: Recording, noise: float, rng: np.random.
         np.savez_compressed(path, images=frames, **inputs)
         os.utime(path, (STAMP, STAMP))
         names.append(path.name)
+    about = place / "about.json"
+    coordinates = recording.reels[0][2].shape[1]
+    about.write_text(json.dumps({"coordinates": coordinates, "frame_s": FRAME_S}) + "\n", encoding="utf-8")
+    os.utime(about, (STAMP, STAMP))
     return names
 
 

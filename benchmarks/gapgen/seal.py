@@ -33,14 +33,15 @@ def _cipher(key: str) -> AESGCM:
 def merkle_root(folder: Path) -> str:
     """Root of the Merkle tree over all files of a folder, by relative path and content, in hexadecimal.
 
-    Leaves and knots are hashed apart, and an odd knot rises unchanged.
+    Leaves and knots are hashed apart, and an odd knot rises unchanged. Hidden files are a workflow's marks
+    and no data.
     """
     level = [
         hashlib.sha256(
             b"\0" + str(path.relative_to(folder).as_posix()).encode() + b"\0" + path.read_bytes()
         ).digest()
         for path in sorted(folder.rglob("*"))
-        if path.is_file()
+        if path.is_file() and not path.name.startswith(".")
     ]
     if not level:
         return hashlib.sha256(b"").hexdigest()

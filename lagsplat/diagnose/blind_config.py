@@ -12,6 +12,8 @@ class BlindConfig:
     systems: str  # group of mechanisms that the generator draws from
     t0: int  # recordings that are trajectories; 0 leaves this tier out
     t1: int  # recordings that are films; 0 leaves this tier out
+    film_steps: int  # of stage 1 on each nominal film
+    film_gaussians: int  # that draw it
     batch: int  # recordings a job
     left_out: (
         int  # recordings at most that are diagnosed once more with their effect left out of the catalogue
@@ -27,7 +29,8 @@ class BlindConfig:
                 )
         if self.t0 + self.t1 == 0:
             raise ValueError("blind.t0=0 and blind.t1=0 leave no recording; give one of them a number")
-        if self.batch < 1:
-            raise ValueError(f"blind.batch={self.batch} must be at least 1")
+        for name in ("batch", "film_steps", "film_gaussians"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"blind.{name}={getattr(self, name)} must be at least 1")
         if not self.split.replace("-", "").isalnum():
             raise ValueError(f"blind.split={self.split!r} names a folder; take letters, digits and hyphens")

@@ -31,6 +31,8 @@ TARGETS = (
     "results/tables/physical.csv",
     "results/tables/truth.tex",
     "results/tables/truth.csv",
+    "results/tables/gap_blind.tex",
+    "results/tables/gap_blind.csv",
     "results/figures/rollout_{system}.pdf",
     "results/{profile}/simulated/" + RUN + "/rollout.png",
     "results/{profile}/simulated/" + RUN + "/metrics.json",
@@ -73,6 +75,13 @@ def test_every_target_plans(tmp_path: Path, profile: str) -> None:
         "truth",
         "rollout",
         "figure",
+        "gap_make",
+        "gap_predict",
+        "gap_baseline",
+        "gap_open",
+        "gap_left_out",
+        "gap_score",
+        "gap_blind",
     ):
         assert f"\n{rule} " in told, rule
     assert not list(tmp_path.glob("results/*"))
@@ -132,6 +141,37 @@ def test_a_finer_decoder_is_fitted_only_where_it_is_asked_for(tmp_path: Path) ->
     assert "\nsharpen " not in told
 
 
+def counts(told: str) -> dict[str, int]:
+    rows = [line.split() for line in told.splitlines()]
+    return {row[0]: int(row[1]) for row in rows if len(row) == 2 and row[1].isdigit()}
+
+
+def test_the_blind_check_predicts_every_batch_once_and_films_are_encoded_first(tmp_path: Path) -> None:
+    size = "blind.t0=12 blind.t1=7 blind.batch=5 blind.left_out=6 blind.baselines=[chance,weak_sindy]"
+    told = planned(tmp_path, "results/tables/gap_blind.tex", "--config", f"hydra=profile=toy {size}")
+    found = counts(told)
+    assert {name: found[name] for name in found if name.startswith("gap")} == {
+        "gap_make": 2,
+        "gap_encode": 2,
+        "gap_predict": 5,
+        "gap_baseline": 10,
+        "gap_open": 2,
+        "gap_left_out": 4,
+        "gap_score": 2,
+        "gap_blind": 1,
+    }
+
+
+def test_a_prediction_is_told_neither_the_key_nor_the_answers() -> None:
+    text = (ROOT / "workflow/rules/gap_blind.smk").read_text(encoding="utf-8")
+    rules = dict(part.split(":", 1) for part in text.split("\nrule ")[1:])
+    for name in ("gap_predict", "gap_baseline", "gap_encode"):
+        told = rules[name].split("output:")[0] + rules[name].split("params:")[1]
+        assert "key" not in told
+        assert "answers" not in told
+    assert "key=key_file" in rules["gap_score"]
+
+
 @pytest.mark.parametrize(("table", "kind"), [("krauss", "a pneumatic arm"), ("truth", "simulated")])
 def test_a_table_of_nothing_is_refused(tmp_path: Path, film: str, table: str, kind: str) -> None:
     target = f"results/tables/{table}.tex"
@@ -146,6 +186,7 @@ def test_a_table_of_nothing_is_refused(tmp_path: Path, film: str, table: str, ki
         ("hydra=stage2.stepz=3", ["stepz", "did you mean 'steps'"]),
         ("hydra=stage2=nope", ["stage2/nope", "constant_mass"]),
         ("hydra=system=toy", ["systems=["]),
+        ("hydra=blind.t0=0 blind.t1=0", ["blind.t0", "leave no recording"]),
         ("hydra_toi=stage2.steps=3", ["hydra_toi", "did you mean 'hydra_toy'"]),
         (
             "hydra=systems=[krauss_2seg] recording=filmed recording.path=gone.npz",

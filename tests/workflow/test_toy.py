@@ -37,7 +37,7 @@ def snakemake(source: Path, folder: Path, *arguments: str) -> subprocess.Complet
 def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A copy of the code, so that it can be edited."""
     copy = tmp_path_factory.mktemp("source")
-    for name in ("Snakefile", "conf", "lagsplat", "profiles", "workflow"):
+    for name in ("Snakefile", "benchmarks", "conf", "lagsplat", "profiles", "workflow"):
         place = ROOT / name
         if place.is_dir():
             shutil.copytree(place, copy / name, ignore=shutil.ignore_patterns("__pycache__"))

@@ -118,6 +118,10 @@ rule gap_encode:
         mem_mb=4000,
     params:
         stage1=section("stage1"),
+        film=lambda wildcards: {
+            "steps": section("blind.film_steps")(wildcards),
+            "n_gaussians": section("blind.film_gaussians")(wildcards),
+        },
         chart=section("chart"),
         size=section("blind.batch"),
         code=made_of("gap_encode"),

@@ -1,6 +1,18 @@
-"""Train an autoencoder on each nominal film, freeze it, and write what it sees in all films."""
+"""Train an autoencoder on each nominal film of a batch, freeze it, and write what it sees in every film."""
 
+from dataclasses import replace
+from pathlib import Path
+
+from lagsplat.blind import batch_of, each, sign
+from lagsplat.blind_films import encode
+from lagsplat.chart.config import ChartConfig
 from lagsplat.job import Job
+from lagsplat.stage1.config import Stage1Config
 
 with Job(snakemake) as job:
-    raise RuntimeError("films are not encoded")
+    size, out = job.params.film, Path(job.output.motions)
+    stage1 = replace(job.section(Stage1Config, "stage1"), **size)
+    chart = job.section(ChartConfig, "chart")
+    for place in batch_of(Path(job.input.data), int(job.wildcards.batch), job.params.size):
+        each(place, out / place.name, lambda place, out: encode(place, out, stage1, chart))
+    sign(out, Path(job.input.seal), job.header)

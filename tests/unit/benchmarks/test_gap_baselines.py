@@ -1,0 +1,112 @@
+"""Other methods on a cart whose change is known beforehand, and what they cannot say."""
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks.gap_baselines.predict import METHODS, main, method_of
+from benchmarks.gap_baselines.said import Said, content, names
+from benchmarks.gapgen.predictions import read_prediction
+from lagsplat.report.diagnosis_schema import check_diagnosis
+from tests.unit.benchmarks.cases import move, recording
+
+CHANGES: dict[str, dict[str, Any]] = {
+    "viscous_damping": {"rate": 1.5},
+    "coulomb_friction": {"extra": lambda q, v: -0.8 * np.tanh(v / 0.01)},
+    "linear_stiffness": {"stiffness": 44.0},
+    "none": {},
+}
+FITTING = [name for name in METHODS if name != "chance"]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recording of each change."""
+    place = tmp_path_factory.mktemp("cases")
+    for name, change in CHANGES.items():
+        recording(place / name, move(**change))
+    return place
+
+
+@pytest.fixture(scope="module")
+def said(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What every method says of every recording."""
+    out = tmp_path_factory.mktemp("said")
+    for method in METHODS:
+        main(["--method", method, "--out", str(out / method), *(str(folder / name) for name in CHANGES)])
+    return out
+
+
+def read(place: Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads((place / "diagnosis.json").read_text(encoding="utf-8"))
+    return found
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_every_prediction_has_the_form_of_a_diagnosis(said: Path, method: str) -> None:
+    for name in CHANGES:
+        document = read(said / method / name)
+        check_diagnosis(document)
+        prediction = read_prediction(said / method / name, [1.0])
+        assert set(prediction.probability) == {*names(), "none", "unknown"}
+
+
+@pytest.mark.parametrize("method", FITTING)
+@pytest.mark.parametrize("name", [name for name in CHANGES if name != "none"])
+def test_what_a_method_can_express_it_names(said: Path, method: str, name: str) -> None:
+    document = read(said / method / name)
+    assert document["effects"][0]["name"] == name
+    assert document["effects"][0]["coordinate"] in ("q0", None)
+
+
+def test_only_those_who_can_say_none_do(said: Path) -> None:
+    first = {method: read(said / method / "none")["verdict"] for method in FITTING}
+    assert first["weak_sindy"] == "effect"
+    assert first["ensemble_sindy"] == "none"
+
+
+@pytest.mark.parametrize("method", ["ensemble_sindy", "mujoco_sysid"])
+def test_the_parameter_is_the_change_that_was_made(said: Path, method: str) -> None:
+    found = read(said / method / "viscous_damping")["effects"][0]["parameters"]["rate"]
+    assert found["value"] == pytest.approx(1.2, rel=0.15)
+    assert found["low"] < found["value"] < found["high"]
+
+
+def test_forecasts_are_kept_by_who_makes_them(said: Path) -> None:
+    prediction = read_prediction(said / "lowest_error" / "viscous_damping", [1.0])
+    assert prediction.gaps is not None
+    assert prediction.gaps[1] < 0.4 * prediction.gaps[0]
+
+
+@pytest.mark.parametrize("method", ["chance", "weak_sindy", "ensemble_sindy"])
+def test_a_prediction_depends_on_the_content_alone(
+    folder: Path, said: Path, tmp_path: Path, method: str
+) -> None:
+    other = tmp_path / "renamed"
+    shutil.copytree(folder / "linear_stiffness", other, copy_function=shutil.copyfile)
+    main(["--method", method, "--out", str(tmp_path / "said"), str(folder / "none"), str(other)])
+    assert read(tmp_path / "said" / "renamed") == read(said / method / "linear_stiffness")
+
+
+def test_a_recording_that_is_not_one_is_passed_over(folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    main(
+        ["--method", "chance", "--out", str(tmp_path / "out"), str(tmp_path / "empty"), str(folder / "none")]
+    )
+    assert "needs sim_*.csv" in (tmp_path / "out" / "empty" / "failed.txt").read_text()
+    assert read(tmp_path / "out" / "none")["effects"]
+
+
+def test_equals_keep_the_order_in_which_they_are_said() -> None:
+    document = content(Said({"creep": 0.5, "none": 0.5}))
+    assert (document["verdict"], document["effects"][0]["name"]) == ("effect", "creep")
+    assert content(Said({"none": 1.0}))["combination"] == []
+
+
+def test_an_unknown_method_is_refused() -> None:
+    with pytest.raises(ValueError, match="choose from"):
+        method_of("guess")
