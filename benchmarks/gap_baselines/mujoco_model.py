@@ -29,8 +29,8 @@ class Drawn:
 def draw(kind: str, d: int, n_u: int, *, guess_s: float, dt_s: float, size: float) -> Drawn:
     """The mechanism ``kind`` with ``d`` joints ``q0 ...`` and ``n_u`` inputs, motors ``m<i>_<j>``.
 
-    ``guess_s`` is the rms period of the motion, ``dt_s`` the time between its samples, ``size`` the reach of its
-    coordinates, by which bounds are set.
+    ``guess_s`` is the rms period of the motion, ``dt_s`` the time between its samples, ``size`` the reach of
+    its coordinates, by which bounds are set.
     """
     stiffness = (2.0 * np.pi / guess_s) ** 2
     length = GRAVITY / stiffness

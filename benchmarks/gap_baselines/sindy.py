@@ -96,7 +96,7 @@ def weak_sindy(case: Case, config: DiagnoseConfig) -> Said:
 
 
 def ensemble_sindy(case: Case, config: DiagnoseConfig) -> Said:
-    """The strongest of the terms that most models of a bagged ensemble keep; ``none`` if they keep nothing."""
+    """The strongest of the terms that most models of a bagged ensemble keep; ``none`` if they keep none."""
     residual, forms = weak_forms(case, config)
     found: list[tuple[float, str, str, str | None, np.ndarray]] = []
     for i, weak in enumerate(forms):

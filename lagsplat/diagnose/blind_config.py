@@ -15,18 +15,14 @@ class BlindConfig:
     film_steps: int  # of stage 1 on each nominal film
     film_gaussians: int  # that draw it
     batch: int  # recordings a job
-    left_out: (
-        int  # recordings at most that are diagnosed once more with their effect left out of the catalogue
-    )
+    left_out: int  # recordings at most that are diagnosed again with their effect left out of the catalogue
     baselines: list[str]  # other methods in the table
     reveal: bool  # write the outcome of every recording, after which the split is spent
 
     def __post_init__(self) -> None:
         for name in ("t0", "t1", "left_out"):
             if getattr(self, name) < 0:
-                raise ValueError(
-                    f"blind.{name}={getattr(self, name)} is a number of recordings; give 0 or more"
-                )
+                raise ValueError(f"blind.{name}={getattr(self, name)} counts recordings; give 0 or more")
         if self.t0 + self.t1 == 0:
             raise ValueError("blind.t0=0 and blind.t1=0 leave no recording; give one of them a number")
         for name in ("batch", "film_steps", "film_gaussians"):

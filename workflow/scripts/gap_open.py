@@ -5,12 +5,5 @@ from pathlib import Path
 from lagsplat.job import Job
 
 with Job(snakemake) as job:
-    words = [
-        "--answers",
-        job.input.seal,
-        "--key",
-        f"@{Path(job.params.key).expanduser()}",
-        "--most",
-        job.params.most,
-    ]
-    job.command("benchmarks.gapgen.runs", *words, "--out", job.output.runs)
+    answers = ["--answers", job.input.seal, "--key", f"@{Path(job.params.key).expanduser()}"]
+    job.command("benchmarks.gapgen.runs", *answers, "--most", job.params.most, "--out", job.output.runs)

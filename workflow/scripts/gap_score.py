@@ -11,10 +11,8 @@ with Job(snakemake) as job:
         said[name] = [path for path in job.input.others if Path(path).parent.name == name]
     trees = {}
     for name, folders in said.items():
-        place = out / "said" / name
-        trees[name] = job.command(
-            "benchmarks.gapgen.gather", "--seal", job.input.seal, "--out", place, *folders
-        )
+        words = ["--seal", job.input.seal, "--out", out / "said" / name]
+        trees[name] = job.command("benchmarks.gapgen.gather", *words, *folders)
     also = [f"--also={name}={out / 'said' / name}" for name in job.params.baselines]
     key = ["--answers", job.input.seal, "--key", f"@{Path(job.params.key).expanduser()}"]
     job.command("benchmarks.gapgen.score", *key, *also, "--predictions", out / "said" / "diagnosis",
