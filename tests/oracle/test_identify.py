@@ -1,0 +1,74 @@
+"""Mechanisms whose equations are known, identified from their motions: the error of the acceleration."""
+
+import numpy as np
+import pytest
+
+from lagsplat.diagnose.stand import Sim, periods, sim_of
+from lagsplat.io.motion import Motion
+from tests.unit.diagnose.mechanisms import Chain, Duffing, TwoLink, film
+from tests.unit.diagnose.toys import settings
+
+
+class Pendulum(Duffing):
+    """a = -30 sin q - 0.1 v."""
+
+    def force(self, q, v, u):
+        return -30.0 * self.m * np.sin(q) - 0.1 * self.m * v
+
+
+def swing(t: np.ndarray) -> np.ndarray:
+    return (
+        np.sin(2.0 * np.pi * 0.37 * t)
+        + 0.8 * np.sin(2.0 * np.pi * 1.3 * t + 1.0)
+        + 0.5 * np.sin(2.0 * np.pi * 0.83 * t)
+    )
+
+
+def error(mechanism, sim: Sim, motions: list[Motion]) -> float:
+    """Of the acceleration where the motions went, in fractions of its rms."""
+    q = np.concatenate([m.q for m in motions])[::3]
+    v = np.concatenate([np.gradient(m.q, m.time_s, axis=0) for m in motions])[::3]
+    u = np.concatenate([m.u for m in motions])[::3]
+    true = mechanism.acceleration(q, v, u)
+    return float(np.sqrt(np.mean((sim.model.acceleration(q, v, u) - true) ** 2) / np.mean(true**2)))
+
+
+CASES = {
+    "pendulum": (Pendulum(n_u=0), [{"start": (1.6,)}, {"start": (0.5,)}], None, 8.0),
+    "duffing": (Duffing(), [{"start": (0.4,)}], lambda t: 15.0 * swing(t), 14.0),
+    "two links": (TwoLink(), [{"start": (0.7, -0.5)}, {"start": (-0.3, 0.6)}], None, 6.0),
+    "chain": (Chain(n_u=1), [{"start": (0.4, -0.2, 0.3, 0.1)}], lambda t: 25.0 * swing(2.3 * t), 10.0),
+}
+
+
+@pytest.mark.parametrize(("noise", "bound"), [(0.0, 0.01), (0.01, 0.05)])
+@pytest.mark.parametrize("name", CASES)
+def test_the_acceleration_is_found_where_the_motion_went(name: str, noise: float, bound: float) -> None:
+    mechanism, begun, inputs, seconds = CASES[name]
+    made = [film(mechanism, seconds, inputs=inputs, finer=2, **one) for one in begun]
+    rng = np.random.default_rng(1)
+    seen = [
+        Motion(m.time_s, m.q + noise * m.q.std(axis=0) * rng.standard_normal(m.q.shape), m.u, source=m.source)
+        for m in made
+    ]
+    sim = sim_of(seen, settings())
+    assert error(mechanism, sim, made) < bound
+    assert sim.misfit < 1.5
+    if name == "duffing":
+        assert periods(sim.model, 1.0).longest_s == pytest.approx(1.0, rel=0.03)
+
+
+def test_what_the_recordings_leave_open_is_what_they_do_not_show() -> None:
+    """Small swings tell the stiffness at rest, but not the hardening."""
+    mechanism = Duffing(n_u=0)
+    small, large = (film(mechanism, 6.0, start=(size,), finer=2, noise=0.01) for size in (0.05, 1.2))
+    told = []
+    for motion in (small, large):
+        sim = sim_of([motion], settings())
+        q = np.linspace(-1.0, 1.0, 21)[:, None] * np.ptp(motion.q) / 2
+        stiff = -mechanism.force(q, 0 * q, np.zeros((21, 1))) / mechanism.m
+        off = -sim.model.spring(q) / sim.model.mass_at(q)[:, 0] - stiff
+        told.append(np.abs(off).max() / np.abs(stiff).max())
+        assert np.isfinite(sim.freedom).all()
+        assert (np.diff(np.linalg.norm(sim.freedom, axis=1)) <= 1e-9).all()
+    assert max(told) < 0.05

@@ -1,0 +1,116 @@
+"""Evidence: against an integral that is known, and in the order that the truth demands."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from lagsplat.diagnose.catalogue import instances
+from lagsplat.diagnose.compare import Contest, Explained, belief, log_evidence, pursue, screen
+from lagsplat.diagnose.effects.effect import Instance, Noise
+from lagsplat.diagnose.shoot import Fit, eliminate
+from tests.unit.diagnose.toys import contest, film, own, wave
+
+TRIED = (
+    "coulomb_friction",
+    "quadratic_drag",
+    "cubic_stiffness",
+    "constant_force",
+    "linear_stiffness",
+    "input_lag",
+)
+
+
+def offers(one: Contest) -> list[Instance]:
+    hints = [SimpleNamespace(pushes=(), lines_hz=())]
+    found = instances(one.bench, hints, q_names=("q0",), u_names=("u0",), without=())
+    return [offer for offer in found if offer.effect.name in TRIED]
+
+
+def drag(t: float, q: float, v: float, u: float, z: np.ndarray) -> tuple[float, list[float]]:
+    """With quadratic drag of 0.25 a unit."""
+    return own(q, v, u) - 0.25 * abs(v) * v, []
+
+
+@pytest.fixture(scope="module")
+def dragged() -> Contest:
+    return contest([film(drag, u=wave(), noise=0.005, seconds=16.0)])
+
+
+@pytest.fixture(scope="module")
+def faithful() -> Contest:
+    return contest([film(u=wave(), noise=0.005, seconds=16.0)])
+
+
+def none_of(one: Contest) -> Explained:
+    return Explained((), one.fit((), np.zeros(one.bench.nuisance.size)))
+
+
+def evidences(one: Contest) -> dict[str, float]:
+    """Over `none`, of every effect that is tried."""
+    none = none_of(one)
+    leads = screen(one, (), none.fit, offers(one))
+    fits = [pursue(one, (), none.fit, lead, starts=1) for lead in leads]
+    floor = log_evidence(none, one.bench, 1.0)
+    return {fit.effects[0].effect.name: log_evidence(fit, one.bench, 1.0) - floor for fit in fits}
+
+
+def test_the_true_effect_has_the_most_evidence_and_the_score_test_leads_to_it(dragged: Contest) -> None:
+    told = evidences(dragged)
+    assert max(told, key=lambda name: told[name]) == "quadratic_drag"
+    assert told["quadratic_drag"] > 50.0
+    lead = screen(dragged, (), none_of(dragged).fit, offers(dragged))[0]
+    assert lead.instance.effect.name == "quadratic_drag"
+
+
+def test_where_nothing_is_missing_every_effect_costs_evidence(faithful: Contest) -> None:
+    told = evidences(faithful)
+    assert set(told) == set(TRIED)
+    assert max(told.values()) < 1.5
+    assert np.median(list(told.values())) < 0.0
+
+
+def test_the_amplitude_is_found_to_a_few_hundredths(dragged: Contest) -> None:
+    none = none_of(dragged)
+    lead = screen(dragged, (), none.fit, offers(dragged))[0]
+    found = pursue(dragged, (), none.fit, lead, starts=1)
+    assert lead.instance.physical(found.fit.x[None, :1])[0, 0] == pytest.approx(0.25, rel=0.08)
+    assert found.fit.misfit / dragged.freedom == pytest.approx(1.0, abs=0.15)
+
+
+def test_evidence_is_the_integral_over_parameters_and_starts_where_all_is_linear() -> None:
+    """Differences of evidence between priors, against the density of what the starts cannot reach."""
+    rng = np.random.default_rng(0)
+    slopes, begun, y = rng.normal(size=(3, 12, 2)), rng.normal(size=(3, 12, 2)), rng.normal(size=(3, 12, 1))
+    design, free = slopes.reshape(36, 2), np.zeros((36, 6))
+    for w in range(3):
+        free[12 * w : 12 * w + 12, 2 * w : 2 * w + 2] = begun[w]
+    beyond = np.linalg.svd(free)[0][:, 6:].T  # an orthonormal basis of what no start explains
+
+    def told(deviation: np.ndarray) -> float:
+        curvature, gradient, log_det, back, own_ = eliminate(y, slopes, begun)
+        x = np.linalg.solve(curvature + np.diag(deviation**-2.0), gradient)
+        residual = (y[..., 0] - slopes @ x - np.einsum("wma,wa->wm", begun, own_ - back @ x))[..., None]
+        misfit, starts = float((residual**2).sum()), np.zeros((3, 2))
+        fit = Fit(x, starts, residual, misfit, 0.0, curvature, log_det, 1, slopes, begun)
+        bench = SimpleNamespace(nuisance=SimpleNamespace(deviation=deviation))
+        return log_evidence(Explained((), fit), bench, 1.0)  # type: ignore[arg-type]
+
+    def truth(deviation: np.ndarray) -> float:
+        seen = beyond @ design
+        covariance = np.eye(30) + seen * deviation**2 @ seen.T
+        return float(multivariate_normal(np.zeros(30), covariance).logpdf(beyond @ y.ravel()))
+
+    narrow, wide = np.array([0.05, 0.3]), np.array([2.0, 0.7])
+    assert told(wide) - told(narrow) == pytest.approx(truth(wide) - truth(narrow), rel=1e-9)
+
+
+def test_unknowns_stand_in_the_order_effects_then_uncertainties(faithful: Contest) -> None:
+    chosen = [o for o in offers(faithful) if not isinstance(o.effect, Noise)][:2]
+    prior = belief(chosen, faithful.bench)
+    own_ = [p.prior for o in chosen for p in o.effect.parameters]
+    assert prior.mean[: len(own_)].tolist() == [p.mean for p in own_]
+    assert prior.lowest[: len(own_)].tolist() == [p.lowest for p in own_]
+    assert np.array_equal(prior.deviation[len(own_) :], faithful.bench.nuisance.deviation)
+    assert (prior.step > 0.0).all()

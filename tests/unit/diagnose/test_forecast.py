@@ -1,0 +1,119 @@
+"""Held-out forecasts: what is held out, and that the gap is what its blocks say."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lagsplat.diagnose.catalogue import scales
+from lagsplat.diagnose.compare import Contest, Explained
+from lagsplat.diagnose.effects import linear_stiffness
+from lagsplat.diagnose.effects.effect import Direction, Instance
+from lagsplat.diagnose.forecast import blocks_of, closure, forecast, half_fit, halves, hold_out, relative
+from tests.unit.diagnose.toys import OMEGA, RATE, contest, film, own, wave
+
+PERIOD_S = 1.0
+STIFFER = 1.3
+
+
+def stiff(t: float, q: float, v: float, u: float, z: np.ndarray) -> tuple[float, list[float]]:
+    """The whole potential thirty per cent steeper."""
+    return STIFFER * own(q, 0.0, 0.0) + own(q, v, u) - own(q, 0.0, 0.0), []
+
+
+@pytest.fixture(scope="module")
+def made() -> tuple[Contest, Explained, Explained]:
+    """A contest with noise, the sim re-anchored, and the sim with what it lacks."""
+    films = [film(stiff, u=wave(i), noise=0.01, seconds=16.0 - 4.0 * i, seed=i) for i in (0, 1)]
+    one = contest(films)
+    along = Direction("q0", np.ones(1), 1.0)
+    effect = Instance(linear_stiffness.EFFECT, scales(one.bench, along), direction=along)
+    n = one.bench.nuisance.size
+    none = Explained((), one.fit((), np.zeros(n)))
+    true = Explained((effect,), one.fit((effect,), np.concatenate([[np.log(STIFFER)], np.zeros(n)])))
+    return one, none, true
+
+
+def test_what_is_held_out_is_not_fitted_to(made: tuple[Contest, Explained, Explained]) -> None:
+    half, held = halves(made[0])
+    fitted = {(f, n) for f, n in zip(half.windows.first, half.windows.length, strict=True)}
+    out = {(f, n) for f, n in zip(held.first, held.length, strict=True)}
+    assert not fitted & out
+    assert len(fitted) + len(out) == len(made[0].windows.first)
+    assert abs(len(fitted) - len(out)) <= 1
+    blocks = blocks_of(made[0], held, period_s=PERIOD_S)
+    assert (blocks.length == blocks.length[0]).all()
+    for start in blocks.first:
+        home = held.first[(held.first <= start) & (start + blocks.length[0] <= held.first + held.length)]
+        assert len(home) == 1
+        clips = made[0].bench.record.clips
+        assert ((clips[:, 0] <= start) & (start + blocks.length[0] <= clips[:, 1])).sum() == 1
+
+
+def test_the_gap_is_that_of_its_blocks(made: tuple[Contest, Explained, Explained]) -> None:
+    one, none, true = made
+    held = hold_out(one, none, true, period_s=PERIOD_S)
+    rms = one.bench.record.q.std(axis=0)
+    for kind, size in (("sim", held.gap.before), ("augmented", held.gap.after)):
+        squares = [np.mean(((getattr(b, kind) - b.real) / rms) ** 2) for b in held.blocks]
+        assert size == pytest.approx(np.sqrt(np.mean(squares)), rel=1e-12)
+    assert {b.file for b in held.blocks} == {"film 0", "film 1"}
+    assert [b.index for b in held.blocks] == list(range(len(held.blocks)))
+    assert all(np.array_equal(b.time_s, np.sort(b.time_s)) for b in held.blocks)
+
+
+def test_the_true_effect_closes_the_gap_down_to_the_floor(made: tuple[Contest, Explained, Explained]) -> None:
+    gap = hold_out(*made, period_s=PERIOD_S).gap
+    assert gap.before > 5.0 * gap.floor
+    assert gap.after == pytest.approx(gap.floor, rel=0.25)
+    assert gap.refit > 3.0 * gap.after
+    assert gap.closure.value == pytest.approx(1.0, abs=0.03)
+    assert gap.closure.low <= gap.closure.value <= gap.closure.high
+
+
+def test_a_forecast_looks_at_ten_samples_only(made: tuple[Contest, Explained, Explained]) -> None:
+    one, none, _ = made
+    blocks = blocks_of(one, halves(one)[1], period_s=PERIOD_S)
+    told = forecast(one, blocks, (), half_fit(halves(one)[0], none))
+    record = one.bench.record
+    changed = record.q.copy()
+    for start, length in zip(blocks.first, blocks.length, strict=True):
+        changed[start + 10 : start + length - 1] += 7.0
+    other = replace(one, bench=replace(one.bench, record=replace(record, q=changed)))
+    again = forecast(other, blocks, (), half_fit(halves(one)[0], none))
+    assert np.abs(again.y - told.y).max() < 1e-6
+
+
+def test_the_floor_is_the_error_that_the_true_model_makes(made: tuple[Contest, Explained, Explained]) -> None:
+    one, _, true = made
+    blocks = blocks_of(one, halves(one)[1], period_s=PERIOD_S)
+    told = forecast(one, blocks, true.effects, true.fit.x)
+    errors = relative(told.y - blocks.take(one.bench.record.q), np.ones(1))
+    assert errors.mean() == pytest.approx(told.expected.mean(), rel=0.35)
+
+
+def test_a_block_longer_than_what_is_held_out_is_refused(made: tuple[Contest, Explained, Explained]) -> None:
+    with pytest.raises(ValueError, match="record longer"):
+        blocks_of(made[0], halves(made[0])[1], period_s=50.0)
+
+
+def test_closure_is_one_at_the_floor_zero_where_nothing_changed_and_nothing_without_a_gap() -> None:
+    rng = np.random.default_rng(0)
+    before, floor = rng.uniform(0.5, 1.5, 20), rng.uniform(0.005, 0.015, 20)
+    assert closure(before, floor, floor).value == pytest.approx(1.0)
+    assert closure(before, before, floor).value == 0.0
+    assert closure(before, 4.0 * before, floor).value < -0.9
+    half = closure(before, (0.5 * (np.sqrt(before.mean()) + np.sqrt(floor.mean()))) ** 2 * np.ones(20), floor)
+    assert half.value == pytest.approx(0.5, abs=1e-9)
+    assert half.low < 0.5 < half.high
+    noisy = floor * rng.uniform(0.8, 1.2, 20)
+    assert closure(noisy, floor, floor).value is None
+    assert closure(0.5 * floor, floor, floor).value is None
+
+
+def test_constants_of_the_toy_are_those_of_the_sim() -> None:
+    model = contest([film(u=wave(), seconds=8.0)]).bench.model
+    q, v, u = np.array([[0.4]]), np.array([[-0.7]]), np.array([[0.2]])
+    assert model.acceleration(q, v, u)[0, 0] == pytest.approx(own(0.4, -0.7, 0.2))
+    assert model.stiffness[0, 0] == pytest.approx(OMEGA**2, rel=1e-6)
+    assert model.damping_at(q)[0, 0, 0] == RATE

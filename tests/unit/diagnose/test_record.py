@@ -1,0 +1,72 @@
+"""Records and their windows: nothing goes across a cut, and every frame of a clip is used."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lagsplat.diagnose.record import Record, Windows, cut_windows, join
+from lagsplat.io.motion import Motion
+
+
+def record(lengths: list[int], *, dt: float = 0.02) -> Record:
+    n, ends = sum(lengths), np.cumsum(lengths)
+    clips = np.stack([ends - lengths, ends], axis=1)
+    time = dt * np.arange(n)
+    q = np.arange(n, dtype=float)[:, None]
+    return Record(time, q, np.ones((n, 1)), np.zeros((n, 0)), clips, ("a",), np.zeros(len(lengths), np.int64))
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.lists(st.integers(2, 90), min_size=1, max_size=6),
+    st.floats(0.05, 3.0),
+    st.integers(5, 25),
+)
+def test_windows_never_cross_a_cut_and_leave_no_frame_of_a_long_clip_out(
+    lengths: list[int], length_s: float, least: int
+) -> None:
+    whole = record(lengths)
+    if max(lengths) < least:
+        with pytest.raises(ValueError, match=f"no clip has {least} frames"):
+            cut_windows(whole, length_s=length_s, least=least)
+        return
+    windows = cut_windows(whole, length_s=length_s, least=least)
+    covered = np.zeros(len(whole.time), int)
+    for first, length in zip(windows.first, windows.length, strict=True):
+        home = [(a, b) for a, b in whole.clips if a <= first < b]
+        assert len(home) == 1
+        assert first + length <= home[0][1]
+        assert length >= least
+        covered[first : first + length] += 1
+    for start, stop in whole.clips:
+        if stop - start < least:
+            assert not covered[start:stop].any()
+        else:
+            assert (covered[start:stop] >= 1).all()
+            assert covered[start] == covered[stop - 1] == 1
+    assert covered.max() <= 2
+    assert (covered == 2).sum() == len(windows.first) - sum(length >= least for length in lengths)
+
+
+def test_samples_of_a_short_window_repeat_its_last_and_count_for_nothing() -> None:
+    windows = Windows(np.array([0, 6]), np.array([5, 3]))
+    taken = windows.take(record([10]).q)[..., 0]
+    assert taken.tolist() == [[0, 1, 2, 3, 4], [6, 7, 8, 8, 8]]
+    assert windows.mask().tolist() == [[1, 1, 1, 1, 1], [1, 1, 1, 0, 0]]
+    assert windows.only(np.array([False, True])).first.tolist() == [6]
+
+
+def test_files_are_joined_each_with_its_own_clock_and_their_clips_stay_apart() -> None:
+    def motion(start: float, n: int, segments: tuple[tuple[int, int], ...], name: str) -> Motion:
+        time, q, u = start + 0.1 * np.arange(n), np.full((n, 2), start), np.zeros((n, 1))
+        return Motion(time_s=time, q=q, u=u, segments=segments, source=name)
+
+    both = [motion(7.0, 12, ((0, 5), (5, 12)), "a.csv"), motion(100.0, 8, (), "b.csv")]
+    whole = join(both, [m.q for m in both])
+    assert whole.clips.tolist() == [[0, 5], [5, 12], [12, 20]]
+    assert whole.file_of.tolist() == [0, 0, 1]
+    assert whole.files == ("a.csv", "b.csv")
+    assert whole.time[[0, 12]].tolist() == [0.0, 0.0]
+    assert whole.dt_s == pytest.approx(0.1)
+    assert whole.d == 2

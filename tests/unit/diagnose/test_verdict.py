@@ -1,0 +1,131 @@
+"""From evidence that is made up to probabilities and a verdict."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lagsplat.diagnose.catalogue import catalogue
+from lagsplat.diagnose.compare import Explained
+from lagsplat.diagnose.effects.effect import HalfNormal, Instance, Normal, Scales
+from lagsplat.diagnose.select import Ranking
+from lagsplat.diagnose.shoot import Fit
+from lagsplat.diagnose.verdict import SURE, equivalents, interval, judge
+from tests.unit.diagnose.toys import settings
+
+FREEDOM = 1000.0
+UNIT = Scales(1.0, 1.0, 1.0, 0.02, 10.0)
+
+
+def fitted(misfit: float, k: int = 0) -> Fit:
+    empty = np.zeros((1, 1, 1))
+    return Fit(
+        np.zeros(k), np.zeros((1, 2)), empty, misfit * FREEDOM, 0.0, np.eye(k), 0.0, 1, empty[..., :0], empty
+    )  # fmt: skip
+
+
+def one(name: str, evidence: float, misfit: float = 1.0, *others: str) -> Explained:
+    effects = tuple(Instance(catalogue()[other], UNIT) for other in (*others, name))
+    return Explained(effects, fitted(misfit), evidence)
+
+
+def ranking(*found: Explained, none: float) -> Ranking:
+    ordered = sorted(found, key=lambda row: -row.log_evidence)
+    return Ranking(Explained((), fitted(none), 0.0), tuple(ordered), 2.0)
+
+
+def told(rows: Ranking, *chain: Explained):  # the judgement under the usual settings
+    return judge(rows, chain, FREEDOM, 1.0, settings())
+
+
+def test_a_gap_that_one_effect_explains_is_that_effect() -> None:
+    best, other = one("coulomb_friction", 400.0), one("hysteresis", 350.0, 1.2)
+    said = told(ranking(best, other, none=3.0), best)
+    assert said.verdict == "effect"
+    assert next(iter(said.probabilities)) == "coulomb_friction"
+    assert said.best is best
+    assert said.left == pytest.approx(0.0, abs=1e-9)
+
+
+def test_no_gap_is_none_whatever_little_an_effect_gains() -> None:
+    weak = one("coulomb_friction", 0.5, 0.999)
+    said = told(ranking(weak, none=1.0), weak)
+    assert said.verdict == "none"
+    assert told(ranking(one("creep", -3.0), none=1.0)).verdict == "none"
+
+
+def test_a_gap_that_nothing_explains_is_unknown() -> None:
+    poor = one("coulomb_friction", 900.0, 6.0)
+    said = told(ranking(poor, none=10.0), poor)
+    assert said.verdict == "unknown"
+    assert said.left == pytest.approx(5.0 / 9.0)
+    assert told(ranking(one("creep", -3.0, 10.0), none=10.0)).verdict == "unknown"
+
+
+def test_unknown_grows_with_what_is_left() -> None:
+    shares = []
+    for misfit in (1.0, 1.3, 2.0, 4.0, 8.0):
+        best = one("coulomb_friction", 900.0, misfit)
+        shares.append(told(ranking(best, none=10.0), best).probabilities["unknown"])
+    assert shares == sorted(shares)
+    assert shares[0] < 0.1
+    assert shares[-1] > 0.9
+
+
+def test_a_set_that_explains_what_no_single_one_does_is_named_whole() -> None:
+    single = one("coulomb_friction", 500.0, 4.0)
+    pair = one("input_lag", 900.0, 1.0, "coulomb_friction")
+    said = told(ranking(single, one("creep", 480.0, 4.2), none=10.0), single, pair)
+    assert said.verdict == "effect"
+    assert said.best is pair
+    assert set(list(said.probabilities)[:2]) == {"coulomb_friction", "input_lag"}
+
+
+def test_a_set_that_still_leaves_much_is_not_believed() -> None:
+    single = one("coulomb_friction", 500.0, 6.0)
+    pair = one("input_lag", 700.0, 3.0, "coulomb_friction")
+    said = told(ranking(single, none=10.0), single, pair)
+    assert said.best is single
+    assert said.verdict == "unknown"
+
+
+def test_probabilities_are_a_distribution_over_the_catalogue_none_and_unknown() -> None:
+    best = one("coulomb_friction", 1e4)
+    probabilities = told(ranking(best, none=30.0), best).probabilities
+    assert sum(probabilities.values()) == pytest.approx(1.0)
+    assert set(probabilities) == {*catalogue(), "none", "unknown"}
+    assert min(probabilities.values()) > 0.0
+    assert max(probabilities.values()) <= SURE
+    assert list(probabilities.values()) == sorted(probabilities.values(), reverse=True)
+
+
+def test_what_is_left_out_of_the_catalogue_gets_no_probability() -> None:
+    config = replace(settings(), without=["creep"])
+    best = one("coulomb_friction", 50.0)
+    said = judge(ranking(best, none=2.0), [best], FREEDOM, 1.0, config)
+    assert "creep" not in said.probabilities
+
+
+def test_the_same_effect_at_many_places_is_not_the_likelier_for_it() -> None:
+    many = [one("coulomb_friction", 50.0 - 0.01 * i) for i in range(4)]
+    few = one("creep", 49.5)
+    said = told(ranking(*many, few, none=2.0), many[0])
+    assert said.probabilities["creep"] > said.probabilities["coulomb_friction"]
+
+
+def test_what_evidence_cannot_separate_is_reported_as_a_class() -> None:
+    delay, lag, gain = one("input_delay", 80.0), one("input_lag", 76.0), one("creep", 75.0)
+    assert equivalents(ranking(delay, lag, gain, none=3.0)) == (("input_delay", "input_lag"),)
+    assert equivalents(ranking(delay, one("input_lag", 60.0), none=3.0)) == ()
+    assert equivalents(ranking(delay, one("creep", 78.5), none=3.0)) == (("input_delay", "creep"),)
+    assert equivalents(ranking(one("input_delay", -1.0), none=1.0)) == ()
+
+
+def test_intervals_are_laplaces_and_respect_the_bound() -> None:
+    fit = replace(fitted(1.0, 3), x=np.array([0.1, 2.0, 0.0]), curvature=np.diag([400.0, 100.0, 1.0]))
+    low, high = interval(
+        Explained((Instance(catalogue()["external_periodic_force"], UNIT),), fit), np.zeros(0),
+        [HalfNormal(1e3), Normal(1e3), Normal(1e3)], temper=4.0,
+    )  # fmt: skip
+    assert high[:2] == pytest.approx([0.1 + 1.645 * 0.1, 2.0 + 1.645 * 0.2], rel=1e-4)
+    assert low[:2] == pytest.approx([0.0, 2.0 - 1.645 * 0.2], rel=1e-4)

@@ -1,0 +1,117 @@
+"""The weak equations hold of a true motion, and their regression gives the coefficients back."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from lagsplat.diagnose.basis import polynomial, with_angles
+from lagsplat.diagnose.forms import bases, degrees, enlarged, free_directions, grown, moved
+from lagsplat.diagnose.model import Model
+from lagsplat.diagnose.nuisance import flat
+from lagsplat.diagnose.record import Record
+from lagsplat.diagnose.weak import Form, model_of, observe, regressors, solve
+from tests.unit.diagnose.toys import GAIN, HARD, OMEGA, RATE, coupled, film, oscillator, wave
+
+
+def recorded(model: Model, start: list[float], *, seconds: float, u: list) -> Record:
+    """A true motion of a model with smooth inputs, and its true velocities."""
+    d, time = model.d, np.arange(round(seconds * 100)) / 100
+
+    def rate(t: float, x: np.ndarray) -> np.ndarray:
+        now = np.array([[one(t) for one in u]])
+        return np.concatenate([x[d:], model.acceleration(x[None, :d], x[None, d:], now)[0]])
+
+    y = solve_ivp(rate, (0.0, time[-1]), start, t_eval=time, rtol=1e-9, atol=1e-9).y.T
+    inputs = np.array([[one(t) for one in u] for t in time])
+    cut = len(time) // 2 - 7
+    clips = np.array([[0, cut], [cut, len(time)]])
+    return Record(time, y[:, :d], y[:, d:], inputs, clips, ("made",), np.zeros(2, np.int64))
+
+
+def test_test_functions_stay_within_clips_and_integrate_to_nothing_in_their_rate() -> None:
+    record = recorded(oscillator(), [0.8, 0.0], seconds=8.0, u=[wave()])
+    samples = observe(
+        polynomial(4, centre=np.zeros(1), scale=np.ones(1)),
+        record,
+        record.q,
+        record.v,
+        width_s=0.5,
+        speed=np.ones(1),
+    )
+    assert len(samples.tests) > 20
+    for at, psi, rate in samples.tests:
+        assert sum(start <= at.start and at.stop <= stop for start, stop in record.clips) == 1
+        assert psi.min() >= 0.0
+        assert abs(rate.sum()) < 1e-6
+        times = record.time[at]
+        assert rate @ times == pytest.approx(-psi.sum(), rel=1e-6)  # by parts
+
+
+def test_the_weak_equations_hold_of_a_coupled_mechanism_with_every_kind_of_loss() -> None:
+    model = coupled()
+    record = recorded(model, [0.5, -0.4, 0.0, 0.6], seconds=8.0, u=[wave(), wave(1)])
+    samples = observe(model.basis, record, record.q, record.v, width_s=0.6, speed=model.width)
+    form = Form(model.basis.size, 3, model.basis.size, 3, dry=True, drag=True)
+    rows, known, names = regressors(samples, form)
+    # in units in which the trace of the constant inertia is d
+    unit = np.trace(model.mass[0]) / 2
+    truth = []
+    for name, *at in names:
+        truth.append(getattr(model, name)[tuple(at)] / unit)
+    left = rows @ np.array(truth) - known
+    assert np.abs(left).max() < 2e-4 * np.abs(known).max()
+
+
+def test_an_oscillator_is_given_back_from_its_motion() -> None:
+    model = oscillator()
+    record = recorded(model, [0.8, 0.0], seconds=12.0, u=[wave()])
+    samples = observe(model.basis, record, record.q, record.v, width_s=0.5, speed=np.ones(1))
+    form = Form(1, 1, model.basis.size, 1)
+    rows, known, names = regressors(samples, form)
+    found = model_of(samples, form, solve(rows, known, 1e-10), names, np.zeros(1))
+    assert found.mass[0, 0, 0] == 1.0
+    assert found.damping[0, 0, 0] == pytest.approx(RATE, rel=1e-3)
+    assert found.input_map[0, 0, 0] == pytest.approx(GAIN, rel=1e-3)
+    assert found.potential == pytest.approx([0.0, 0.0, 0.5 * OMEGA**2, 0.0, 0.25 * HARD], abs=0.02)
+
+
+def test_ridge_shrinks_and_vanishes() -> None:
+    rng = np.random.default_rng(0)
+    rows, truth = rng.normal(size=(200, 3)) * [1.0, 1e3, 1e-3], np.array([1.0, 2e-3, -3e3])
+    assert solve(rows, rows @ truth, 1e-12) == pytest.approx(truth, rel=1e-6)
+    shrunk = solve(rows, rows @ truth, 1.0)
+    assert (np.abs(shrunk) < 0.7 * np.abs(truth)).all()
+
+
+def test_fields_grow_by_whole_degrees_and_stay_what_they_were() -> None:
+    q = np.random.default_rng(0).uniform(-1.0, 1.0, (50, 2))
+    plain, angles = bases(q, degree=3)
+    assert degrees(plain) == [1, 3, 6, 10]
+    assert degrees(angles)[-1] == angles.size
+    model, form = coupled(), Form(1, 1, 6, 1)
+    for larger in grown(form, with_angles(plain, np.array([[1, 0]])), driven=True):
+        assert larger.order > form.order
+    roomy = enlarged(model, Form(12, 6, 12, 6))
+    states = q, np.ones((50, 2)), np.ones((50, 2))
+    assert roomy.acceleration(*states) == pytest.approx(model.acceleration(*states), rel=1e-12)
+    assert len(bases(0.2 * q, degree=3)) == 1  # over a small range angles are as good as polynomials
+
+
+def test_every_free_direction_moves_the_acceleration_and_no_two_the_same_way() -> None:
+    """The trace of the inertia, the constant of the potential and its scale are not free."""
+    model, form = coupled(), Form(3, 3, 6, 3, dry=True, drag=True)
+    moves = free_directions(model, form, np.ones(2))
+    assert moves.shape[1] == len(flat(model))
+    rng = np.random.default_rng(0)
+    q, v, u = (rng.normal(0.0, 0.6, (60, 2)) for _ in range(3))
+    still = model.acceleration(q, v, u)
+    effect = np.array([(moved(model, 1e-5 * move).acceleration(q, v, u) - still).ravel() for move in moves])
+    size = np.linalg.norm(effect, axis=1)
+    assert (size > 0.0).all()
+    assert np.linalg.matrix_rank(effect / size[:, None], tol=1e-4) == len(moves)
+
+
+def test_a_film_of_the_toy_is_that_of_the_model() -> None:
+    """Two ways to the same motion: scipy on the written law, and the model's own acceleration."""
+    record = recorded(oscillator(), [0.8, 0.0], seconds=4.0, u=[wave()])
+    assert record.q[::2] == pytest.approx(film(u=wave(), seconds=4.0).q, abs=1e-5)
