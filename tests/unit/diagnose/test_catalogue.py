@@ -1,0 +1,103 @@
+"""Which effects are tried where, and how they are found."""
+
+import numpy as np
+import pytest
+
+from lagsplat.diagnose.catalogue import Hints, catalogue, directions, instances, scales
+from lagsplat.diagnose.compare import Contest
+from lagsplat.diagnose.effects.effect import Force, InputChange
+from lagsplat.diagnose.hints import hints, lines
+from lagsplat.diagnose.smoother import smooth
+from tests.unit.diagnose.residuals import made
+from tests.unit.diagnose.toys import OMEGA, contest, film, oscillator, own, wave
+
+
+@pytest.fixture(scope="module")
+def driven() -> Contest:
+    return contest([film(u=wave(), seconds=8.0)])
+
+
+def offered(one: Contest, *, without: tuple[str, ...] = (), hint: Hints | None = None):
+    known = [hint or Hints(((1.0, 1.4), (3.0, 3.2)), (0.7,))]
+    names = tuple(f"u{i}" for i in range(one.bench.record.u.shape[1]))
+    return instances(one.bench, known, q_names=("q0",), u_names=names, without=without)
+
+
+def test_every_effect_has_a_place_where_inputs_are_logged(driven: Contest) -> None:
+    assert {one.effect.name for one in offered(driven)} == set(catalogue())
+    labels = [one.label for one in offered(driven)]
+    assert len(labels) == len(set(labels))
+
+
+def test_without_inputs_none_of_their_effects_is_offered() -> None:
+    for quiet in (film(seconds=8.0), film(seconds=8.0, command=lambda t: 0.4)):
+        found = offered(contest([quiet], model=oscillator(n_u=quiet.n_u)))
+        assert found
+        assert not [one.label for one in found if isinstance(one.effect, InputChange)]
+
+
+def test_what_is_left_out_is_not_offered(driven: Contest) -> None:
+    names = {one.effect.name for one in offered(driven, without=("creep", "time_offset"))}
+    assert names == set(catalogue()) - {"creep", "time_offset"}
+
+
+def test_a_disturbance_is_looked_for_where_the_hints_say(driven: Contest) -> None:
+    found = {one.effect.name: one for one in offered(driven)}
+    periodic = found["external_periodic_force"]
+    assert periodic.grid is not None
+    assert periodic.grid[0][0] * periodic.scales.of("rate") == pytest.approx(2.0 * np.pi * 0.7)
+    push = found["external_push"]
+    assert push.grid is not None
+    unit = push.scales.of("time")
+    times, lasts = np.array(push.grid[0][:3]) * unit, np.array(push.grid[0][3:]) * unit
+    assert times[:2] == pytest.approx([1.2, 3.1])
+    assert lasts[:2] == pytest.approx([0.4, 0.2])
+    assert times[2] < 0.0  # a push that is not there stands where no window is
+    none = {one.effect.name for one in offered(driven, hint=Hints((), ()))}
+    assert none == set(catalogue()) - {"external_push", "external_periodic_force"}
+
+
+def test_a_stop_is_not_looked_for_on_a_side_that_is_not_reached() -> None:
+    def shifted(t: float, q: float, v: float, u: float, z: np.ndarray) -> tuple[float, list[float]]:
+        return own(q, v, u) + 60.0, []
+
+    one_sided = contest([film(shifted, seconds=8.0, start=(1.6, 0.0))], model=oscillator(n_u=0))
+    stops = [one.variant for one in offered(one_sided) if one.effect.name == "end_stop"]
+    assert stops == ["upper"]
+
+
+def test_sizes_are_those_of_the_motion(driven: Contest) -> None:
+    record, model = driven.bench.record, driven.bench.model
+    place = directions(driven.bench, ("q0",))[0]
+    size = scales(driven.bench, place)
+    assert size.coordinate == pytest.approx(np.sqrt(np.mean(record.q**2)), rel=1e-3)
+    assert size.velocity == pytest.approx(np.sqrt(np.mean(record.v**2)), rel=1e-6)
+    assert size.stiffness == pytest.approx(OMEGA**2, rel=1e-6)
+    assert size.frame_s == pytest.approx(0.02)
+    assert place.inertia == model.inertia[0, 0]
+    assert scales(driven.bench, place, "upper").reach == pytest.approx(record.q.max(), rel=1e-3)
+    assert scales(driven.bench, place, "lower").reach == pytest.approx(-record.q.min(), rel=1e-3)
+
+
+def test_every_law_that_remembers_says_from_what() -> None:
+    for effect in catalogue().values():
+        if isinstance(effect, Force):
+            assert len(effect.memory_start) == effect.n_memory
+            assert set(effect.memory_start) <= {"zero", "s", "v"}
+
+
+def test_the_line_of_a_residual_is_the_first_hint() -> None:
+    one = made(lambda t, q, v, u: 3.0 * np.sin(2.0 * np.pi * 1.62 * t))
+    assert lines(one, 0)[0] == pytest.approx(1.62, abs=0.02)
+
+
+def test_a_push_is_a_hint() -> None:
+    def pushed(t: float, q: float, v: float, u: float, z: np.ndarray) -> tuple[float, list[float]]:
+        return own(q, v, u) + 25.0 * (4.0 < t < 4.3), []
+
+    motion = film(pushed, u=wave(), seconds=8.0, noise=0.003)
+    found = hints(smooth(oscillator(), [motion], period_s=1.0, hold="linear"), period_s=1.0)
+    assert len(found) == 1
+    start, end = found[0].pushes[0]
+    assert start < 4.2 < end
+    assert end - start < 1.2

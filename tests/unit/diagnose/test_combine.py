@@ -1,0 +1,65 @@
+"""Two effects at once, and one that must not be made into two."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lagsplat.diagnose.catalogue import catalogue
+from lagsplat.diagnose.config import DiagnoseConfig
+from lagsplat.diagnose.diagnose import diagnose
+from lagsplat.diagnose.result import Diagnosis
+from lagsplat.diagnose.stand import Sim
+from lagsplat.io.motion import Motion
+from tests.unit.diagnose.toys import film, oscillator, own, settings, wave
+
+RIVALS = (
+    "coulomb_friction",
+    "cubic_stiffness",
+    "input_saturation",
+    "quadratic_drag",
+    "input_lag",
+    "constant_force",
+)
+U = wave(4)
+
+
+def few() -> DiagnoseConfig:
+    left_out = sorted(set(catalogue()) - set(RIVALS))
+    return replace(settings(), without=left_out, always=[], families=5, starts=1, places=1)
+
+
+def told(real: Motion) -> Diagnosis:
+    return diagnose(Sim.exact(oscillator()), [real], few()).diagnosis
+
+
+def test_two_planted_effects_are_both_named() -> None:
+    def both(t: float, q: float, v: float, u: float, z: np.ndarray) -> tuple[float, list[float]]:
+        return own(q, v, u) - 3.0 * math.tanh(v / 0.02) - 12.0 * q**3, []
+
+    found = told(film(both, u=U, noise=0.005, seconds=16.0))
+    assert found.verdict == "effect"
+    assert set(found.combination) == {"coulomb_friction", "cubic_stiffness"}
+    named = {one.name: one for one in found.candidates}
+    assert named["coulomb_friction"].parameters["acceleration"].value == pytest.approx(3.0, rel=0.1)
+    assert named["cubic_stiffness"].parameters["coefficient"].value == pytest.approx(12.0, rel=0.1)
+    assert {one.name for one in found.candidates[:2]} == set(found.combination)
+    assert found.gap is not None
+    assert found.gap.closure.value == pytest.approx(1.0, abs=0.03)
+    assert found.checks["misfit_best"] == pytest.approx(1.0, abs=0.15)
+
+
+def test_an_effect_of_an_input_and_one_of_the_mechanism_are_both_named() -> None:
+    def sticky(t: float, q: float, v: float, u: float, z: np.ndarray) -> tuple[float, list[float]]:
+        return own(q, v, u) - 0.5 * abs(v) * v, []
+
+    found = told(film(sticky, u=lambda t: min(max(U(t), -0.8), 0.8), command=U, noise=0.005, seconds=16.0))
+    assert set(found.combination) == {"quadratic_drag", "input_saturation"}
+
+
+def test_one_effect_stays_one() -> None:
+    def one(t: float, q: float, v: float, u: float, z: np.ndarray) -> tuple[float, list[float]]:
+        return own(q, v, u) - 0.4 * abs(v) * v, []
+
+    assert told(film(one, u=U, noise=0.01, seconds=16.0)).combination == ("quadratic_drag",)

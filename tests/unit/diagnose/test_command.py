@@ -1,0 +1,122 @@
+"""``lagsplat diagnose`` on files: what it writes, and how it refuses."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from lagsplat.cli import main
+from lagsplat.diagnose.catalogue import catalogue
+from lagsplat.diagnose.result import Candidate, Diagnosis
+from lagsplat.gap import UNSURE, undecided
+from lagsplat.io.motion import Motion
+from tests.unit.diagnose.toys import film, own, wave
+
+RIVALS = ("coulomb_friction", "quadratic_drag", "cubic_stiffness", "input_lag")
+QUICK = (
+    f"diagnose.without=[{','.join(sorted(set(catalogue()) - set(RIVALS)))}]",
+    "diagnose.families=2",
+    "diagnose.starts=1",
+    "diagnose.places=1",
+    "diagnose.always=[]",
+)
+
+
+def written(motion: Motion, path: Path, **changes: Sequence[float] | float) -> Path:
+    table = pd.DataFrame({"t": motion.time_s, "q0": motion.q[:, 0], "u0": motion.u[:, 0]})
+    table.assign(**changes).to_csv(path, index=False)
+    return path
+
+
+def dragged(t: float, q: float, v: float, u: float, z: np.ndarray) -> tuple[float, list[float]]:
+    """With quadratic drag."""
+    return own(q, v, u) - 0.4 * abs(v) * v, []
+
+
+@pytest.fixture(scope="module")
+def pair(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    folder = tmp_path_factory.mktemp("pair")
+    sim = written(film(u=wave(7), seconds=14.0, noise=0.003), folder / "sim.csv")
+    return sim, written(film(dragged, u=wave(4), seconds=14.0, noise=0.003, seed=1), folder / "real.csv")
+
+
+def test_a_pair_of_tables_becomes_a_verdict_with_its_files(
+    pair: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sim, real = pair
+    assert main(["diagnose", f"sim={sim}", f"real={real}", f"out={tmp_path / 'd'}", *QUICK]) == 0
+    told = json.loads((tmp_path / "d" / "diagnosis.json").read_text())
+    assert told["verdict"] == "effect"
+    assert told["candidates"][0]["name"] == "quadratic_drag"
+    assert sum(one["probability"] for one in told["candidates"]) == pytest.approx(1.0, abs=1e-6)
+    coefficient = told["candidates"][0]["parameters"]["coefficient"]["value"]
+    assert coefficient == pytest.approx(0.4, rel=0.1)
+    assert {path.name for path in (tmp_path / "d").iterdir()} >= {
+        "diagnosis.json", "report.html", "rollouts.csv", "augmented.safetensors"
+    }  # fmt: skip
+    said = capsys.readouterr().out
+    assert "drag" in said
+    assert str(tmp_path / "d" / "report.html") in said
+
+
+def refused(capsys: pytest.CaptureFixture[str], out: Path, *words: str) -> str:
+    assert main(["diagnose", *words, f"out={out}", *QUICK]) == 2
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert not (out / "diagnosis.json").exists()
+    assert "Traceback" not in told.err
+    return told.err
+
+
+def test_what_is_not_there_is_refused_by_name(
+    pair: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sim, real = pair
+    out = tmp_path / "d"
+    assert "nowhere.csv" in refused(capsys, out, f"sim={sim}", f"real={tmp_path / 'nowhere.csv'}")
+    assert "real=" in refused(capsys, out, f"sim={sim}")
+    assert "sim=" in refused(capsys, out, f"real={real}")
+    assert "stage2.epochs" in refused(capsys, out, f"sim={sim}", f"real={real}", "stage2.epochs=3")
+
+
+def test_other_coordinates_than_the_sims_are_refused(
+    pair: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sim, _ = pair
+    motion = film(u=wave(4), seconds=8.0)
+    two = written(motion, tmp_path / "two.csv", q1=motion.q[:, 0])
+    assert "coordinate" in refused(capsys, tmp_path / "d", f"sim={sim}", f"real={two}")
+    mute = tmp_path / "mute.csv"
+    pd.DataFrame({"t": motion.time_s, "q0": motion.q[:, 0]}).to_csv(mute, index=False)
+    assert "input" in refused(capsys, tmp_path / "d", f"sim={sim}", f"real={mute}")
+
+
+def test_tables_that_hold_no_motion_are_refused(
+    pair: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sim, _ = pair
+    motion = film(u=wave(4), seconds=8.0)
+    empty = written(motion, tmp_path / "empty.csv", q0=np.nan)
+    assert "q0" in refused(capsys, tmp_path / "d", f"sim={sim}", f"real={empty}")
+    short = written(motion.pieces([(0, 6)]), tmp_path / "short.csv")
+    assert "6 samples" in refused(capsys, tmp_path / "d", f"sim={sim}", f"real={short}")
+    words = written(motion, tmp_path / "words.csv", u0="on")
+    assert "u0" in refused(capsys, tmp_path / "d", f"sim={sim}", f"real={words}")
+    back = written(motion, tmp_path / "back.csv", t=motion.time_s[::-1])
+    assert "increase" in refused(capsys, tmp_path / "d", f"sim={sim}", f"real={back}")
+    still = written(motion, tmp_path / "still.csv", q0=0.3)
+    assert "still.csv" in refused(capsys, tmp_path / "d", f"sim={sim}", f"real={still}")
+
+
+def test_a_verdict_that_the_data_forbid_keeps_no_name_above_the_rest() -> None:
+    rows = (Candidate("coulomb_friction", 0.97), Candidate("creep", 0.02), Candidate("none", 0.01))
+    sure = Diagnosis("effect", rows, ("coulomb_friction",), None, None, (), (), (), (), (), {})
+    flat = undecided(sure)
+    assert flat.verdict == "undetermined"
+    assert flat.combination == ()
+    assert sum(one.probability for one in flat.candidates) == pytest.approx(1.0)
+    assert [one.name for one in flat.candidates] == [one.name for one in rows]
+    assert max(one.probability for one in flat.candidates) <= UNSURE

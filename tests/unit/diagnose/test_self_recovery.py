@@ -1,0 +1,128 @@
+"""Effects put in by laws written here come out under their own names, from short noise-free films."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lagsplat.diagnose.catalogue import catalogue
+from lagsplat.diagnose.diagnose import diagnose
+from lagsplat.diagnose.stand import Sim
+from lagsplat.io.motion import Motion
+from tests.unit.diagnose.toys import GAIN, HARD, OMEGA, film, oscillator, own, settings, wave
+
+RIVALS = (
+    "coulomb_friction",
+    "quadratic_drag",
+    "viscous_damping",
+    "linear_stiffness",
+    "cubic_stiffness",
+    "constant_force",
+    "mass_change",
+    "input_gain",
+    "input_lag",
+    "input_delay",
+    "input_saturation",
+    "input_dead_zone",
+    "creep",
+    "hidden_mode",
+    "external_periodic_force",
+)
+U = wave(4)
+
+
+def acting(extra, *, u=U, command=None, start=(0.8, 0.0), seconds=12.0) -> Motion:
+    """The oscillator, driven, with a further acceleration of (t, q, v, u)."""
+    return film(
+        lambda t, q, v, now, z: (own(q, v, now) + extra(t, q, v, now), []),
+        u=u,
+        command=command or u,
+        start=start,
+        seconds=seconds,
+    )
+
+
+def nothing(t: float, q: float, v: float, u: float) -> float:
+    return 0.0
+
+
+def creeping() -> Motion:
+    """A Maxwell branch of a fifth of the stiffness and 0.3 s."""
+    return film(
+        lambda t, q, v, u, z: (own(q, v, u) - 0.2 * OMEGA**2 * (q - z[0]), [(q - z[0]) / 0.3]),
+        u=U,
+        start=(0.8, 0.0, 0.8),
+    )
+
+
+def lagging() -> Motion:
+    """The command reaches the mechanism through 0.1 s, from where it begins."""
+    return film(
+        lambda t, q, v, u, z: (own(q, v, 0.0) + GAIN * z[0], [(u - z[0]) / 0.1]),
+        u=U,
+        start=(0.8, 0.0, U(0.0)),
+    )
+
+
+def carrying() -> Motion:
+    """A second mass, an eighth of the first, on a spring that swings at 2.2 Hz."""
+    w = 2.0 * np.pi * 2.2
+
+    def law(t, q, v, u, z):
+        pull = w * w * (z[0] - q) + 2.0 * 0.03 * w * (z[1] - v)
+        return own(q, v, u) + 0.125 * pull, [z[1], -pull]
+
+    return film(law, u=U, start=(0.8, 0.0, 0.8, 0.0))
+
+
+CASES = {
+    "coulomb_friction": (
+        lambda: acting(lambda t, q, v, u: -2.5 * math.tanh(v / 0.02)),
+        {"acceleration": 2.5},
+    ),
+    "quadratic_drag": (lambda: acting(lambda t, q, v, u: -0.4 * abs(v) * v), {"coefficient": 0.4}),
+    "viscous_damping": (lambda: acting(lambda t, q, v, u: -1.0 * v), {"rate": 1.0}),
+    "linear_stiffness": (
+        lambda: acting(lambda t, q, v, u: -0.2 * (OMEGA**2 * q + HARD * q**3)),
+        {"ratio": 1.2},
+    ),
+    "cubic_stiffness": (lambda: acting(lambda t, q, v, u: -9.0 * q**3), {"coefficient": 9.0}),
+    "constant_force": (lambda: acting(lambda t, q, v, u: 6.0), {"acceleration": 6.0}),
+    "mass_change": (
+        lambda: film(lambda t, q, v, u, z: (own(q, v, u) / 1.3, []), u=U, start=(0.8, 0.0)),
+        {"ratio": 1.3},
+    ),
+    "input_gain": (lambda: acting(nothing, u=lambda t: 0.7 * U(t), command=U), {"ratio": 0.7}),
+    "input_lag": (lagging, {"time_constant": 0.1}),
+    "input_saturation": (
+        lambda: acting(nothing, u=lambda t: min(max(U(t), -0.9), 0.9), command=U),
+        {"limit": 0.9},
+    ),
+    "input_dead_zone": (
+        lambda: acting(nothing, u=lambda t: math.copysign(max(abs(U(t)) - 0.3, 0.0), U(t)), command=U),
+        {"half_width": 0.3},
+    ),
+    "creep": (creeping, {"stiffness_ratio": 0.2, "time_constant": 0.3}),
+    "hidden_mode": (carrying, {"mass_ratio": 0.125, "frequency_hz": 2.2}),
+    "external_periodic_force": (
+        lambda: acting(lambda t, q, v, u: 8.0 * math.sin(2.0 * math.pi * 1.6 * t + 0.4)),
+        {"frequency_hz": 1.6, "acceleration": 8.0},
+    ),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_an_effect_recovers_itself_with_its_parameters(name: str) -> None:
+    make, parameters = CASES[name]
+    left_out = sorted(set(catalogue()) - set(RIVALS))
+    config = replace(settings(), without=left_out, always=[], families=4, starts=1, places=1)
+    found = diagnose(Sim.exact(oscillator()), [make()], config).diagnosis
+    assert found.verdict == "effect"
+    assert found.candidates[0].name == name
+    assert found.combination == (name,)
+    assert found.candidates[0].probability > 0.5
+    for key, value in parameters.items():
+        assert found.candidates[0].parameters[key].value == pytest.approx(value, rel=0.05), key
+    assert found.gap is not None
+    assert found.gap.closure.value == pytest.approx(1.0, abs=0.05)
