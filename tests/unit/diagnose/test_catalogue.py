@@ -70,13 +70,13 @@ def test_sizes_are_those_of_the_motion(driven: Contest) -> None:
     record, model = driven.bench.record, driven.bench.model
     place = directions(driven.bench, ("q0",))[0]
     size = scales(driven.bench, place)
-    assert size.coordinate == pytest.approx(np.sqrt(np.mean(record.q**2)), rel=1e-3)
+    assert size.coordinate == pytest.approx(np.sqrt(np.mean(record.q**2)), rel=5e-3)
     assert size.velocity == pytest.approx(np.sqrt(np.mean(record.v**2)), rel=1e-6)
     assert size.stiffness == pytest.approx(OMEGA**2, rel=1e-6)
     assert size.frame_s == pytest.approx(0.02)
     assert place.inertia == model.inertia[0, 0]
-    assert scales(driven.bench, place, "upper").reach == pytest.approx(record.q.max(), rel=1e-3)
-    assert scales(driven.bench, place, "lower").reach == pytest.approx(-record.q.min(), rel=1e-3)
+    assert scales(driven.bench, place, "upper").reach == pytest.approx(record.q.max(), rel=1e-2)
+    assert scales(driven.bench, place, "lower").reach == pytest.approx(-record.q.min(), rel=1e-2)
 
 
 def test_every_law_that_remembers_says_from_what() -> None:

@@ -125,4 +125,4 @@ def test_an_effect_recovers_itself_with_its_parameters(name: str) -> None:
     for key, value in parameters.items():
         assert found.candidates[0].parameters[key].value == pytest.approx(value, rel=0.05), key
     assert found.gap is not None
-    assert found.gap.closure.value == pytest.approx(1.0, abs=0.05)
+    assert found.gap.closure.value > 0.95

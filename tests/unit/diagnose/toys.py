@@ -14,7 +14,7 @@ from lagsplat.diagnose.model import Model
 from lagsplat.diagnose.stand import Sim, stand
 from lagsplat.io.motion import Motion
 
-OMEGA, RATE, GAIN = 2.0 * np.pi, 0.3, 40.0
+OMEGA, RATE, GAIN = 2.0 * np.pi, 0.3, 8.0
 """Natural angular frequency [1/s], damping rate [1/s] and gain of the input of the oscillator."""
 HARD = 6.0
 """Its cubic stiffness [1/s^2]."""
