@@ -15,6 +15,7 @@ include: "workflow/rules/stage2.smk"
 include: "workflow/rules/evaluate.smk"
 include: "workflow/rules/report.smk"
 include: "workflow/rules/tables.smk"
+include: "workflow/rules/gap_paths.smk"
 include: "workflow/rules/gap_blind.smk"
 include: "workflow/rules/gap.smk"
 

@@ -11,12 +11,13 @@ from lagsplat.diagnose.diagnose import Found
 from lagsplat.diagnose.image_region import Localisation, excess_error, image_region, localise
 from lagsplat.diagnose.ladder import Rung, climb, forecast, stage_shares
 from lagsplat.diagnose.mechanics import rest_inertia
-from lagsplat.diagnose.pictures import Body, body_points, drawn, evenly, measured
+from lagsplat.diagnose.pictures import Body, body_points, drawn, evenly, frames_at, measured
 from lagsplat.diagnose.result import Block
 from lagsplat.diagnose.smoother import Smoothed, smooth
 from lagsplat.evaluate.floor import image_errors
-from lagsplat.films import Films, Side, frames_at, leading
+from lagsplat.films import Films, Side
 from lagsplat.io.motion import Motion
+from lagsplat.io.motion_part import leading
 from lagsplat.report.diagnosis_exhibits import Exhibits, Film, PictureForce, PictureGap
 
 if TYPE_CHECKING:

@@ -93,3 +93,10 @@ def body_points(autoencoder: Autoencoder, chart: Chart, *, seed: int = 0) -> Bod
     found = KMeans(number, n_init=1, random_state=seed).fit(features, sample_weight=weight[kept])
     middle = found.cluster_centers_
     return Body(middle[:, :2].copy(), middle[:, 2:].reshape(number, -1, 2))
+
+
+def frames_at(recording: Recording, time_s: np.ndarray) -> np.ndarray:
+    """Numbers of the frames nearest to ``time_s`` (n,) [s] on the recording's own clock."""
+    after = np.clip(np.searchsorted(recording.time_s, time_s), 1, recording.n_frames - 1)
+    nearer = np.abs(recording.time_s[after - 1] - time_s) <= np.abs(recording.time_s[after] - time_s)
+    return np.where(nearer, after - 1, after)

@@ -104,7 +104,8 @@ the sim was fitted on the same recording and has taken these up.</div>{% endif %
 alt="The stretch as measured, as forecast by the sim, and as forecast with the effects, side by side">
 <span>measured</span><span>sim</span><span>sim with effects</span>
 <figcaption><b>Film.</b> The same stretch side by side{% if slowed > 1.05 %},
-slowed down {{ "%.2g" | format(slowed) }} times{% endif %}. Forecasts begin anew every natural period.</figcaption></figure>{% endif %}
+slowed down {{ "%.2g" | format(slowed) }} times{% endif %}. Forecasts
+begin anew every natural period.</figcaption></figure>{% endif %}
 {% if missing %}<div class="row"><b>Not computed</b> {{ missing | join("; ") }}.</div>{% endif %}
 </section>
 

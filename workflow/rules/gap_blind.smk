@@ -1,89 +1,18 @@
-GENERATOR = (
-    "benchmarks.gapgen.keys",
-    "benchmarks.gapgen.make",
-    "benchmarks.gapgen.seal",
-)
-SCORER = (
-    "benchmarks.gapgen.gather",
-    "benchmarks.gapgen.runs",
-    "benchmarks.gapgen.score",
-)
-SPLIT = "results/{profile}/gap_blind/{split}/{tier}"
-SPLIT_LOG = SPLIT.replace("{profile}", "{profile}/logs")
-SPLIT_COST = SPLIT.replace("{profile}", "{profile}/benchmarks")
-
-
-wildcard_constraints:
-    split="[A-Za-z0-9-]+",
-    tier="T[01]",
-    method="(?!diagnosis|left_out)[a-z_]+",
-    batch="[0-9]+",
-
-
-def made_of(script, *commands):
-    """Digest of a script and of what it runs, taken when a job is planned and not before."""
-    return lambda wildcards: script_digest(SCRIPTS / f"{script}.py", *commands)
-
-
-def key_file(wildcards):
-    """Where the secret of a split stands."""
-    return str(Path(section("blind.keys")(wildcards)) / f"{wildcards.split}.key")
-
-
-def recordings(wildcards):
-    """Number of recordings of a split."""
-    return section(f"blind.{wildcards.tier.lower()}")(wildcards)
-
-
-def in_batches(output, number):
-    """An input function: an output of as many batches as ``number`` of the wildcards' recordings fill."""
-
-    def files(wildcards):
-        n = -(-number(wildcards) // section("blind.batch")(wildcards))
-        return [output.format(**wildcards, batch=k) for k in range(n)]
-
-    return files
-
-
-def left_out_runs(wildcards):
-    """Number of recordings that are diagnosed again without their effect, as long as there are so many."""
-    return min(section("blind.left_out")(wildcards), recordings(wildcards))
-
-
-def motions(wildcards):
-    """Folder of the trajectories of a batch: as they were made, or as a frozen encoder sees the films."""
-    return (
-        rules.gap_make.output.data
-        if wildcards.tier == "T0"
-        else rules.gap_encode.output.motions
-    ).format(**wildcards)
-
-
-def own_number(wildcards):
-    """Which batch of the folder that ``motions`` gives is meant."""
-    return int(wildcards.batch) if wildcards.tier == "T0" else 0
-
-
-def planned_tiers():
-    """The tiers that the experiment asks for."""
-    return [tier for tier in ("T0", "T1") if getattr(experiment.blind, tier.lower())]
-
-
 rule gap_make:
     output:
-        data=directory(SPLIT + "/data"),
-        answers=SPLIT + "/answers.jsonl.enc",
+        data=directory(f"{SPLIT}/data"),
+        answers=f"{SPLIT}/answers.jsonl.enc",
         seal=report(
-            SPLIT + "/SEAL.json",
+            f"{SPLIT}/SEAL.json",
             caption="../report/gap_seal.rst",
             category="Blind check",
             labels={"file": "seal", "split": "{split}", "tier": "{tier}"},
         ),
-        record=SPLIT + "/gap_make.json",
+        record=f"{SPLIT}/gap_make.json",
     log:
-        SPLIT_LOG + "/gap_make.log",
+        f"{SPLIT_LOG}/gap_make.log",
     benchmark:
-        SPLIT_COST + "/gap_make.tsv"
+        f"{SPLIT_COST}/gap_make.tsv"
     conda:
         "../envs/lagsplat.yaml"
     threads: 2
@@ -105,12 +34,12 @@ rule gap_encode:
         data=rules.gap_make.output.data,
         seal=rules.gap_make.output.seal,
     output:
-        motions=directory(SPLIT + "/motions/{batch}"),
-        record=SPLIT + "/motions/{batch}.json",
+        motions=directory(f"{SPLIT}/motions/{{batch}}"),
+        record=f"{SPLIT}/motions/{{batch}}.json",
     log:
-        SPLIT_LOG + "/motions/{batch}.log",
+        f"{SPLIT_LOG}/motions/{{batch}}.log",
     benchmark:
-        SPLIT_COST + "/motions/{batch}.tsv"
+        f"{SPLIT_COST}/motions/{{batch}}.tsv"
     conda:
         "../envs/lagsplat.yaml"
     threads: 1
@@ -136,11 +65,11 @@ rule gap_predict:
         data=motions,
         seal=rules.gap_make.output.seal,
     output:
-        said=directory(SPLIT + "/predictions/diagnosis/{batch}"),
+        said=directory(f"{SPLIT}/predictions/diagnosis/{{batch}}"),
     log:
-        SPLIT_LOG + "/predictions/diagnosis/{batch}.log",
+        f"{SPLIT_LOG}/predictions/diagnosis/{{batch}}.log",
     benchmark:
-        SPLIT_COST + "/predictions/diagnosis/{batch}.tsv"
+        f"{SPLIT_COST}/predictions/diagnosis/{{batch}}.tsv"
     conda:
         "../envs/lagsplat.yaml"
     threads: 1
@@ -162,11 +91,11 @@ rule gap_baseline:
         data=motions,
         seal=rules.gap_make.output.seal,
     output:
-        said=directory(SPLIT + "/predictions/{method}/{batch}"),
+        said=directory(f"{SPLIT}/predictions/{{method}}/{{batch}}"),
     log:
-        SPLIT_LOG + "/predictions/{method}/{batch}.log",
+        f"{SPLIT_LOG}/predictions/{{method}}/{{batch}}.log",
     benchmark:
-        SPLIT_COST + "/predictions/{method}/{batch}.tsv"
+        f"{SPLIT_COST}/predictions/{{method}}/{{batch}}.tsv"
     conda:
         "../envs/lagsplat.yaml"
     threads: 1
@@ -188,11 +117,11 @@ rule gap_open:
         seal=rules.gap_make.output.seal,
         said=in_batches(rules.gap_predict.output.said, recordings),
     output:
-        runs=SPLIT + "/left_out.jsonl",
+        runs=f"{SPLIT}/left_out.jsonl",
     log:
-        SPLIT_LOG + "/gap_open.log",
+        f"{SPLIT_LOG}/gap_open.log",
     benchmark:
-        SPLIT_COST + "/gap_open.tsv"
+        f"{SPLIT_COST}/gap_open.tsv"
     conda:
         "../envs/lagsplat.yaml"
     threads: 1
@@ -218,11 +147,11 @@ rule gap_left_out:
         runs=rules.gap_open.output.runs,
         seal=rules.gap_make.output.seal,
     output:
-        said=directory(SPLIT + "/predictions/left_out/{batch}"),
+        said=directory(f"{SPLIT}/predictions/left_out/{{batch}}"),
     log:
-        SPLIT_LOG + "/predictions/left_out/{batch}.log",
+        f"{SPLIT_LOG}/predictions/left_out/{{batch}}.log",
     benchmark:
-        SPLIT_COST + "/predictions/left_out/{batch}.tsv"
+        f"{SPLIT_COST}/predictions/left_out/{{batch}}.tsv"
     conda:
         "../envs/lagsplat.yaml"
     threads: 1
@@ -254,11 +183,11 @@ rule gap_score:
             )(wildcards)
         ],
     output:
-        scores=SPLIT + "/score/scores.json",
-        table=SPLIT + "/score/table.csv",
+        scores=f"{SPLIT}/score/scores.json",
+        table=f"{SPLIT}/score/table.csv",
         figures=report(
             expand(
-                SPLIT + "/score/{name}.png",
+                f"{SPLIT}/score/{{name}}.png",
                 name=["confusion", "calibration", "risk_coverage"],
                 allow_missing=True,
             ),
@@ -267,9 +196,9 @@ rule gap_score:
             labels={"split": "{split}", "tier": "{tier}"},
         ),
     log:
-        SPLIT_LOG + "/gap_score.log",
+        f"{SPLIT_LOG}/gap_score.log",
     benchmark:
-        SPLIT_COST + "/gap_score.tsv"
+        f"{SPLIT_COST}/gap_score.tsv"
     conda:
         "../envs/lagsplat.yaml"
     threads: 1
