@@ -177,9 +177,9 @@ def absorbed() -> tuple[str, ...]:
 
 def undecided(found: Diagnosis) -> Diagnosis:
     """The same without a verdict: no name keeps more than `UNSURE`, the rest is spread evenly."""
-    top = found.candidates[0].probability
-    share = min(1.0, UNSURE / top)
-    spread = (1.0 - share) / len(found.candidates)
+    top, even = found.candidates[0].probability, 1.0 / len(found.candidates)
+    share = 1.0 if top <= UNSURE else max(UNSURE - even, 0.0) / (top - even)
+    spread = (1.0 - share) * even
     flat = tuple(replace(c, probability=share * c.probability + spread) for c in found.candidates)
     return replace(found, verdict="undetermined", candidates=flat, combination=())
 

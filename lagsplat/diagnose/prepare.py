@@ -13,6 +13,9 @@ from lagsplat.io.motion import Motion
 QUIET = 2e-4
 """Noise that is assumed at least, in fractions of the rms: integration and rounding of a noise-free sim."""
 
+LEAST = 16
+"""Samples of the shortest clip whose spectrum is taken."""
+
 
 @dataclass(frozen=True)
 class Prepared:
@@ -46,12 +49,16 @@ def prepare(motions: Sequence[Motion], *, period_s: float) -> Prepared:
 
 
 def rough_period_s(motions: Sequence[Motion]) -> float:
-    """The rms period of the motion's spectrum, from the part of it that stands above noise [s]."""
+    """The rms period of the motion's spectrum, from the part of it that stands above noise [s].
+
+    Raises:
+        ValueError: no clip is long enough, or nothing moves.
+    """
     weighted = total = 0.0
     for motion in motions:
         for start, stop in motion.segments:
             x = motion.q[start:stop] - motion.q[start:stop].mean(axis=0)
-            if len(x) < 16 or not (x.std(axis=0) > 0.0).all():
+            if len(x) < LEAST or not (x.std(axis=0) > 0.0).all():
                 continue
             step = (motion.time_s[stop - 1] - motion.time_s[start]) / (len(x) - 1)
             power = np.abs(np.fft.rfft(x * np.hanning(len(x))[:, None], axis=0)) ** 2 / x.var(axis=0)
@@ -61,6 +68,14 @@ def rough_period_s(motions: Sequence[Motion]) -> float:
             omega = 2.0 * np.pi * np.fft.rfftfreq(len(x), step)
             weighted += float((whole * omega**2).sum())
             total += float(whole.sum())
+    longest = max(stop - start for motion in motions for start, stop in motion.segments)
+    if longest < LEAST:
+        raise ValueError(
+            f"{motions[0].source}: the longest clip has {longest} samples, too few to tell how it swings; "
+            f"record at least {LEAST} without a cut, and better ten periods"
+        )
     if weighted <= 0.0:
-        raise ValueError("nothing moves in any clip of sixteen samples; record a motion")
+        raise ValueError(
+            f"{motions[0].source}: nothing moves in any clip of {LEAST} samples; record a motion"
+        )
     return float(2.0 * np.pi / np.sqrt(weighted / total))
