@@ -10,7 +10,7 @@ from lagsplat.diagnose.compare import Explained
 from lagsplat.diagnose.effects.effect import HalfNormal, Instance, Normal, Scales
 from lagsplat.diagnose.select import Ranking
 from lagsplat.diagnose.shoot import Fit
-from lagsplat.diagnose.verdict import SURE, equivalents, interval, judge
+from lagsplat.diagnose.verdict import ROUGH, SURE, WIDER, equivalents, interval, judge
 from tests.unit.diagnose.toys import settings
 
 FREEDOM = 1000.0
@@ -121,11 +121,12 @@ def test_what_evidence_cannot_separate_is_reported_as_a_class() -> None:
     assert equivalents(ranking(one("input_delay", -1.0), none=1.0)) == ()
 
 
-def test_intervals_are_laplaces_and_respect_the_bound() -> None:
+def test_intervals_are_laplaces_made_wider_and_respect_the_bound() -> None:
     fit = replace(fitted(1.0, 3), x=np.array([0.1, 2.0, 0.0]), curvature=np.diag([400.0, 100.0, 1.0]))
     low, high = interval(
         Explained((Instance(catalogue()["external_periodic_force"], UNIT),), fit), np.zeros(0),
         [HalfNormal(1e3), Normal(1e3), Normal(1e3)], temper=4.0,
     )  # fmt: skip
-    assert high[:2] == pytest.approx([0.1 + 1.645 * 0.1, 2.0 + 1.645 * 0.2], rel=1e-4)
-    assert low[:2] == pytest.approx([0.0, 2.0 - 1.645 * 0.2], rel=1e-4)
+    near, far = (1.645 * (WIDER * spread + ROUGH) for spread in (0.1, 0.2))
+    assert high[:2] == pytest.approx([0.1 + near, 2.0 + far], rel=1e-4)
+    assert low[:2] == pytest.approx([0.0, 2.0 - far], rel=1e-4)
