@@ -117,7 +117,8 @@ rule gap_open:
         seal=rules.gap_make.output.seal,
         said=in_batches(rules.gap_predict.output.said, recordings),
     output:
-        runs=f"{SPLIT}/left_out.jsonl",
+        # It says which effects are in there: gone as soon as it has served.
+        runs=temp(f"{SPLIT}/left_out.jsonl"),
     log:
         f"{SPLIT_LOG}/gap_open.log",
     benchmark:
