@@ -222,6 +222,8 @@ def _diagnose(words: list[str]) -> None:
     out = Path(own.get("out", "diagnosis"))
     command = " ".join(["lagsplat diagnose", *words])
     found = diagnose_files(own["sim"], own["real"], out, _experiment(rest).diagnose, command=command)
+    for text in found.warnings:
+        print(f"warning: {text}", file=sys.stderr)
     print(paragraph(found))
     print(out / "report.html")
 

@@ -1,10 +1,13 @@
 """The road from two arguments to a diagnosis on disk, for the command line and the workflow."""
 
+import os
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from tqdm import tqdm
 
 from lagsplat.diagnose.apply import FILE
@@ -188,22 +191,17 @@ def diagnose_files(sim: str, real: str, out: Path, config: DiagnoseConfig, *, co
     """Write ``diagnosis.json``, ``rollouts.csv``, ``augmented.safetensors`` and ``report.html``.
 
     Raises:
-        FileNotFoundError, ValueError: as `open_pair`; nothing is written then.
+        OSError: ``out`` cannot be written to.
+        FileNotFoundError, ValueError: as `open_pair`; nothing is written then, and an older
+            ``diagnosis.json`` in ``out`` is gone.
     """
-    pair = open_pair(sim, real, config)
-    with tqdm(unit="effect", leave=False) as bar:
-
-        def tell(name: str) -> None:
-            bar.set_description(name)
-            bar.update()
-
-        found = examine(pair, config, tell=tell)
-        exhibits = Exhibits()
-        if pair.films is not None:
-            from lagsplat.exhibits import picture_exhibits
-
-            tell("pictures")
-            found, exhibits = picture_exhibits(pair, found)
+    require_writable(out)
+    (out / "diagnosis.json").unlink(missing_ok=True)  # an older one must not pass for this one
+    with warnings.catch_warnings(record=True) as caught, np.errstate(all="ignore"):
+        # Rollouts of a wrong hypothesis leave for good; what is not finite is refused where it is compared.
+        warnings.simplefilter("always")
+        pair, found, exhibits = _searched(sim, real, config)
+    found = replace(found, diagnosis=_told(found.diagnosis, caught))
     diagnosis = found.diagnosis
     out.mkdir(parents=True, exist_ok=True)
     settings: dict[str, Any] = {"sim": sim, "real": real, "config": asdict(config), "stamp": stamp()}
@@ -215,6 +213,45 @@ def diagnose_files(sim: str, real: str, out: Path, config: DiagnoseConfig, *, co
     save_page(out / "report.html", diagnosis, replace(exhibits, command=command, stamp=stamp()))
     save_diagnosis(out / "diagnosis.json", diagnosis)
     return diagnosis
+
+
+def _searched(sim: str, real: str, config: DiagnoseConfig) -> tuple[Pair, Found, Exhibits]:
+    pair = open_pair(sim, real, config)
+    with tqdm(unit="effect", leave=False) as bar:
+
+        def tell(name: str) -> None:
+            bar.set_description(name)
+            bar.update()
+
+        found = examine(pair, config, tell=tell)
+        if pair.films is None:
+            return pair, found, Exhibits()
+        from lagsplat.exhibits import picture_exhibits
+
+        tell("pictures")
+        return pair, *picture_exhibits(pair, found)
+
+
+def _told(diagnosis: Diagnosis, caught: Sequence[warnings.WarningMessage]) -> Diagnosis:
+    """The diagnosis with what was warned of on the way, which a user must know and not a programmer."""
+    said = [str(one.message) for one in caught if one.category is UserWarning]
+    new = [text for text in dict.fromkeys(said) if text not in diagnosis.warnings]
+    return replace(diagnosis, warnings=(*diagnosis.warnings, *new))
+
+
+def require_writable(out: Path) -> None:
+    """Refuse a place for results before minutes are spent on them.
+
+    Raises:
+        OSError: ``out`` is a file, lies below one, or cannot be written to.
+    """
+    if out.exists() and not out.is_dir():
+        raise NotADirectoryError(f"out={out}: a file stands there; name a folder")
+    place = next(place for place in (out, *out.absolute().parents) if place.exists())
+    if not place.is_dir():
+        raise NotADirectoryError(f"out={out}: {place} is a file; name another folder")
+    if not os.access(place, os.W_OK):
+        raise PermissionError(f"out={out}: {place} cannot be written to; name another folder")
 
 
 def patched(sim: str, out: Path, added: Augmented, diagnosis: Diagnosis, config: DiagnoseConfig) -> Diagnosis:

@@ -12,9 +12,10 @@ from lagsplat.io.motion import Motion
 
 QUIET = 2e-4
 """Noise that is assumed at least, in fractions of the rms: integration and rounding of a noise-free sim."""
-
 LEAST = 16
 """Samples of the shortest clip whose spectrum is taken."""
+STEPPED = 1.6
+"""Times by which the period of the coordinates exceeds that of their rates where they step."""
 
 
 @dataclass(frozen=True)
@@ -51,9 +52,28 @@ def prepare(motions: Sequence[Motion], *, period_s: float) -> Prepared:
 def rough_period_s(motions: Sequence[Motion]) -> float:
     """The rms period of the motion's spectrum, from the part of it that stands above noise [s].
 
+    Where a mechanism goes over the top or is held for long, its steps outweigh its swings; there the spectrum
+    of its rate is taken, which weighs both alike.
+
     Raises:
         ValueError: no clip is long enough, or nothing moves.
     """
+    longest = max(stop - start for motion in motions for start, stop in motion.segments)
+    if longest < LEAST:
+        raise ValueError(
+            f"{motions[0].source}: the longest clip has {longest} samples, too few to tell how it swings; "
+            f"record at least {LEAST} without a cut, and better ten periods"
+        )
+    swing_s, rate_s = _rms_period_s(motions, 0), _rms_period_s(motions, 1)
+    if swing_s is None or rate_s is None:
+        raise ValueError(
+            f"{motions[0].source}: nothing moves in any clip of {LEAST} samples; record a motion"
+        )
+    return rate_s if swing_s > STEPPED * rate_s else swing_s
+
+
+def _rms_period_s(motions: Sequence[Motion], order: int) -> float | None:
+    """The rms period of the spectrum of the ``order``-th derivative; None where nothing moves."""
     weighted = total = 0.0
     for motion in motions:
         for start, stop in motion.segments:
@@ -61,21 +81,12 @@ def rough_period_s(motions: Sequence[Motion]) -> float:
             if len(x) < LEAST or not (x.std(axis=0) > 0.0).all():
                 continue
             step = (motion.time_s[stop - 1] - motion.time_s[start]) / (len(x) - 1)
+            omega = 2.0 * np.pi * np.fft.rfftfreq(len(x), step)
             power = np.abs(np.fft.rfft(x * np.hanning(len(x))[:, None], axis=0)) ** 2 / x.var(axis=0)
             whole = power.sum(axis=1)
             whole[0] = 0.0
-            whole[whole < 0.02 * whole.max()] = 0.0
-            omega = 2.0 * np.pi * np.fft.rfftfreq(len(x), step)
+            whole[whole < (0.02 if order == 0 else 0.002) * whole.max()] = 0.0
+            whole = whole * omega ** (2 * order)
             weighted += float((whole * omega**2).sum())
             total += float(whole.sum())
-    longest = max(stop - start for motion in motions for start, stop in motion.segments)
-    if longest < LEAST:
-        raise ValueError(
-            f"{motions[0].source}: the longest clip has {longest} samples, too few to tell how it swings; "
-            f"record at least {LEAST} without a cut, and better ten periods"
-        )
-    if weighted <= 0.0:
-        raise ValueError(
-            f"{motions[0].source}: nothing moves in any clip of {LEAST} samples; record a motion"
-        )
-    return float(2.0 * np.pi / np.sqrt(weighted / total))
+    return float(2.0 * np.pi / np.sqrt(weighted / total)) if weighted > 0.0 else None
