@@ -223,13 +223,24 @@ def _searched(sim: str, real: str, config: DiagnoseConfig) -> tuple[Pair, Found,
             bar.set_description(name)
             bar.update()
 
-        found = examine(pair, config, tell=tell)
+        try:
+            found = examine(pair, config, tell=tell)
+        except ValueError as error:
+            raise ValueError(_why(pair.checked, error)) from error
         if pair.films is None:
             return pair, found, Exhibits()
         from lagsplat.exhibits import picture_exhibits
 
         tell("pictures")
         return pair, *picture_exhibits(pair, found)
+
+
+def _why(checked: Checked, error: ValueError) -> str:
+    """Why nothing could be fitted, what was seen of the data beforehand coming first."""
+    text = str(error)
+    if isinstance(error, np.linalg.LinAlgError) or "infs or NaNs" in text:
+        text = "The sim cannot follow the real motions, its numbers overflow; check units and signs"
+    return " ".join([*checked.warnings, text])
 
 
 def _told(diagnosis: Diagnosis, caught: Sequence[warnings.WarningMessage]) -> Diagnosis:

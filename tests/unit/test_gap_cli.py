@@ -19,16 +19,16 @@ HEADER = "t,q0,u0"
 
 def swing(n: int = 400, *, seed: int = 0) -> np.ndarray:
     """A driven pendulum of 16/s^2 at 40 Hz, (n, 3): t, q0, u0; with a little noise."""
-    rng, dt = np.random.default_rng(seed), 1 / 40
+    phases, dt = np.random.default_rng(seed).uniform(0, 6, 3), 1 / 40
     t = np.arange(n) * dt
-    u = sum(np.sin(2 * np.pi * f * t + phase) for f, phase in zip((0.23, 0.67, 1.3), rng.uniform(0, 6, 3)))
+    u = sum(np.sin(2 * np.pi * f * t + phase) for f, phase in zip((0.23, 0.67, 1.3), phases, strict=True))
     q, v, x, y = np.zeros(n), np.zeros(n), 0.0, 0.0
     for i in range(n):
         q[i], v[i] = x, y
         for _ in range(10):
             y += dt / 10 * (2 * u[i] - 16 * np.sin(x) - 0.2 * y)
             x += dt / 10 * y
-    return np.stack([t, q + 0.002 * rng.standard_normal(n), u], axis=1)
+    return np.stack([t, q + 0.002 * np.random.default_rng(seed).standard_normal(n), u], axis=1)
 
 
 def write(path: Path, rows: np.ndarray, header: str = HEADER) -> Path:
