@@ -1,8 +1,9 @@
 """Fit every effect, and take the one whose forecasts of the held-out half err least.
 
 So friction models of servo motors are chosen, for instance (Duclusaud et al., 2024, arXiv:2410.08650). Fits
-and forecasts are those of the diagnosis; its evidence, its priors over effects and its calibration are not
-used.
+and forecasts are those of the diagnosis; its evidence, its priors over effects, its calibration and its
+doubts about the sim are not used. Free to move, the sim's own parameters would take up most changes, and the
+error of ``none`` would be the lowest.
 """
 
 from dataclasses import replace
@@ -32,6 +33,8 @@ def lowest_error(case: Case, config: DiagnoseConfig) -> Said:
         ValueError: the motions are too short for a single window or block.
     """
     contest, _, natural = stand(sim_of(case.sim, config), case.real, config)
+    bench = replace(contest.bench, nuisance=contest.bench.nuisance.pinned())
+    contest = replace(contest, bench=bench)
     half, held = halves(contest)
     blocks = blocks_of(contest, held, period_s=natural.longest_s)
     offers = _offers(contest, case, natural.longest_s, config)

@@ -1,13 +1,12 @@
 """What a method says about a recording, in the form of the diagnosis."""
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from lagsplat.diagnose.catalogue import catalogue
-from lagsplat.diagnose.result import Block
+from lagsplat.diagnose.result import Block, Candidate, Diagnosis, Parameter, Verdict
+from lagsplat.report.diagnosis_json import save_diagnosis
 from lagsplat.report.diagnosis_rollouts import save_rollouts
 
 APART = ("none", "unknown")
@@ -38,42 +37,47 @@ def names() -> list[str]:
     return sorted(catalogue())
 
 
-def content(said: Said) -> dict[str, Any]:
-    """The content of ``diagnosis.json``; names that were not thought of get nothing."""
+def diagnosis(said: Said) -> Diagnosis:
+    """The diagnosis that says just this; names that were not thought of get nothing."""
     first = said.first
+    named = first not in APART
     order = sorted(said.probability, key=lambda name: -said.probability[name])
     order += [name for name in [*names(), *APART] if name not in said.probability]
-    effects = [
-        {
-            "name": name,
-            "probability": said.probability.get(name, 0.0),
-            "coordinate": said.coordinate if name == first else None,
-            "input": said.input if name == first else None,
-            "parameters": {
-                key: {"value": value, "low": low, "high": high, "unit": ""}
-                for key, (value, low, high) in (said.parameters.items() if name == first else ())
+    candidates = tuple(
+        Candidate(
+            name,
+            said.probability.get(name, 0.0),
+            coordinate=said.coordinate if name == first else None,
+            input=said.input if name == first else None,
+            parameters={
+                key: Parameter(*values, "")
+                for key, values in (said.parameters.items() if name == first else ())
             },
-            "closure": {"value": None, "low": None, "high": None},
-        }
+        )
         for name in order
-    ]
-    named = first not in APART
-    return {
-        "schema": 1,
-        "verdict": "effect" if named else first,
-        "effects": effects,
-        "combination": [first] if named else [],
-        "where": {"coordinates": {said.coordinate: 1.0} if named and said.coordinate else {}},
-        "gap": {},
-        "equivalent": [],
-        "excitation": [],
-        "warnings": [],
-    }
+    )
+    verdict: Verdict = "effect" if named else "none" if first == "none" else "unknown"
+    return Diagnosis(
+        verdict=verdict,
+        candidates=candidates,
+        combination=(first,) if named else (),
+        gap=None,
+        where={"coordinates": {said.coordinate: 1.0}} if named and said.coordinate else None,
+        equivalent=(),
+        excitation=(),
+        warnings=(),
+        absorbed=(),
+        blocks=said.blocks,
+        checks={},
+    )
 
 
 def write(said: Said, out: Path) -> None:
-    """Write ``diagnosis.json``, and ``rollouts.csv`` where there are forecasts, into the folder ``out``."""
-    out.mkdir(parents=True, exist_ok=True)
+    """Write ``diagnosis.json``, and ``rollouts.csv`` where there are forecasts, into the folder ``out``.
+
+    Raises:
+        ValueError: probabilities that are no shares of one.
+    """
     if said.blocks:
         save_rollouts(out / "rollouts.csv", said.blocks)
-    (out / "diagnosis.json").write_text(json.dumps(content(said), indent=1) + "\n", encoding="utf-8")
+    save_diagnosis(out / "diagnosis.json", diagnosis(said))

@@ -1,4 +1,4 @@
-"""The sealed check of the toy profile, from a key that is drawn to the table."""
+"""The sealed check of the toy profile, from its key to the table."""
 
 import csv
 import json
@@ -34,6 +34,9 @@ def snakemake(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
 def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder in which the check has run from nothing."""
     folder = tmp_path_factory.mktemp("blind")
+    (folder / "keys").mkdir()
+    # a key of its own would draw other recordings every time, and other scores
+    (folder / "keys" / "toy.key").write_text("a key for tests, which hides nothing\n", encoding="utf-8")
     done = snakemake(folder)
     assert done.returncode == 0, (done.stdout + done.stderr)[-6000:]
     return folder
@@ -47,7 +50,7 @@ def scores(results: Path) -> dict[str, Any]:
 def test_nothing_of_the_answers_is_in_the_clear(results: Path) -> None:
     assert not list((results / SPLIT).glob("*.jsonl"))
     assert (results / SPLIT / "answers.jsonl.enc").stat().st_size
-    key = (results / "keys" / "toy.key").read_text().strip()
+    key = (results / "keys" / "toy.key").read_text(encoding="utf-8").strip()
     clear = [path for path in results.rglob("*") if path.is_file() and path.suffix != ".key"]
     assert [path for path in clear if key.encode() in path.read_bytes()] == []
 
@@ -56,7 +59,7 @@ def test_every_recording_is_predicted_by_everyone(results: Path) -> None:
     found = scores(results)
     assert found["recordings"] == 20
     assert found["missing"] == 0
-    assert set(found["others"]) == {"chance", "weak_sindy", "mujoco_sysid"}
+    assert set(found["others"]) == {"chance", "weak_sindy"}
     assert found["others"]["chance"]["missing"] == found["others"]["weak_sindy"]["missing"] == 0
     assert found["abstention_left_out"]["n"] == 2
     assert found["submissions"] == 1
@@ -72,7 +75,7 @@ def test_the_diagnosis_beats_chance_and_dealt_out_answers(results: Path) -> None
 def test_the_table_has_every_method(results: Path) -> None:
     with (results / f"{TABLE}.csv").open(encoding="utf-8") as stream:
         rows = list(csv.DictReader(stream))
-    assert {"tier", "metric", "diagnosis", "chance", "weak_sindy", "mujoco_sysid"} == set(rows[0])
+    assert {"tier", "metric", "diagnosis", "chance", "weak_sindy"} == set(rows[0])
     tex = (results / f"{TABLE}.tex").read_text(encoding="utf-8")
     assert "T0, trajectories: 20 recordings, split toy-T0, opened 1 time" in tex
 
