@@ -13,7 +13,6 @@ GROSS = 0.5  # of a period: what no delay of a mechanism or a line is
 POOR, GAIN = 0.6, 0.35  # share explained below which the given times are doubted; a gain that settles it
 LEAST_PERIODS = 6.0  # of a recording, for less than which chance fits some shift
 FAIR, SHRINK = 0.85, 4.0  # the same where what is not explained shrinks by so many times
-SURE = 0.8  # share that the shift must explain: less, and something else is wrong that a shift imitates
 
 
 def explained_by_shift(motion: Motion, *, period_s: float) -> tuple[np.ndarray, np.ndarray]:
@@ -89,7 +88,7 @@ def check_offset(motions: Sequence[Motion], *, period_s: float | None) -> list[F
         usual = float(shares[near].max())
         better = usual < POOR and shares[best] > usual + GAIN
         better |= usual < FAIR and 1.0 - usual > SHRINK * (1.0 - shares[best])
-        if not near[best] and better and shares[best] > SURE:
+        if not near[best] and better:
             found.append(
                 Finding(
                     "undetermined",

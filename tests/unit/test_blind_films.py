@@ -11,7 +11,7 @@ from lagsplat.config import compose
 from lagsplat.io.motion import Motion, read_motion
 
 FRAME_S, SIDE = 0.02, 16
-STEPS = 150
+STEPS = 500
 
 
 def film(path: Path, place: np.ndarray, *, shade: int = 255) -> None:
@@ -61,7 +61,7 @@ def test_latents_follow_the_motion_on_both_sides(motions: dict[str, Motion]) -> 
     for motion in motions.values():
         assert motion.d == 1
         assert abs(np.corrcoef(motion.q[:, 0], motion.u[:, 0])[0, 1]) > 0.9
-    assert motions["sim"].q.std() == pytest.approx(1.0, rel=1e-3)
+    assert motions["sim"].q.std() == pytest.approx(1.0, rel=1e-2)
 
 
 def test_real_films_teach_the_encoder_nothing(

@@ -9,10 +9,20 @@ from lagsplat.diagnose.effects.effect import HalfNormal, Instance, Observation, 
 
 
 def observe(y: Any, v: Any, t: Any, theta: Float64[np.ndarray, "P 1"], instance: Instance) -> Any:
-    """``y + exposure^2 / 24 d^2y/dt^2``, to second order in the exposure."""
-    step = np.gradient(t, axis=1)
-    # beyond a window's end its last instant stands
-    bend = np.gradient(v, axis=2) / np.where(step > 0.0, step, np.inf)[None, :, :, None]
+    """``y + exposure^2 / 24 d^2y/dt^2``, to second order in the exposure.
+
+    Beyond the end of a window time stands still; nothing is differenced across that.
+    """
+    gap = np.diff(t, axis=1)
+    real = gap > 0.0
+    slope = np.diff(v, axis=2) * (real / np.where(real, gap, 1.0))[None, :, :, None]
+    sides = np.zeros_like(v)
+    sides[:, :, :-1] += slope
+    sides[:, :, 1:] += slope
+    count = np.zeros(t.shape)
+    count[:, :-1] += real
+    count[:, 1:] += real
+    bend = sides / np.maximum(count, 1.0)[None, :, :, None]
     return y + theta[:, 0, None, None, None] ** 2 / 24.0 * bend
 
 
