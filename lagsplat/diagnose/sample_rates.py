@@ -14,18 +14,8 @@ from lagsplat.diagnose.basis import Basis
 from lagsplat.diagnose.identify import bases, degrees, grown
 from lagsplat.diagnose.model import Model
 from lagsplat.diagnose.region import Region
-from lagsplat.diagnose.sample import (
-    EXACT,
-    SLOW,
-    TOLERANCE,
-    WIDTHS,
-    Sampled,
-    acceleration_error,
-    checked,
-    friction_columns,
-    merit,
-    symmetric,
-)
+from lagsplat.diagnose.sample import EXACT, Sampled, acceleration_error, checked, merit
+from lagsplat.diagnose.sample_fields import SLOW, TOLERANCE, WIDTHS, friction_columns, symmetric
 from lagsplat.diagnose.weak import Form
 
 RIDGE = 1e-10

@@ -1,22 +1,63 @@
-"""The table of the gaps of every system."""
+"""The table of gaps from made-up diagnoses."""
 
+import math
+
+from lagsplat.report.diagnosis_json import diagnosis_content
 from lagsplat.report.gap_table import COLUMNS, gap_rows, gap_table, latex_gap
+from tests.unit.report import made_diagnoses
 
-RUN = {"system": "toy", "profile": "toy", "recording": "simulated", "real": "held_out"}
-FOUND = {
-    "verdict": "none",
-    "combination": [],
-    "effects": [{"name": "none", "probability": 0.9}],
-    "where": {"level": "dynamics"},
-    "gap": {"before": 0.1, "refit": 0.1, "after": 0.1, "floor": 0.09, "horizon_s": 1.0,
-            "closure": {"value": None, "low": None, "high": None}},
-    "checks": {},
-}  # fmt: skip
+RUN = {"recording": "simulated", "profile": "quick", "stage2": "default", "seed": 0}
 
 
-def test_one_row_a_diagnosis_with_its_place():
-    rows = gap_rows([RUN], [FOUND])
-    table = gap_table(rows)
-    assert list(table.columns) == list(COLUMNS)
-    assert table.loc[0, ["system", "verdict", "before"]].tolist() == ["toy", "none", 0.1]
-    assert "Toy of a test" in latex_gap(rows, titles={"toy": "Toy of a test"})
+def rows():
+    made = made_diagnoses.every_kind()
+    image = {"before": 0.02, "after": 0.012, "floor": 0.01, "closure": 0.8}
+    own = made_diagnoses.base(
+        "none", made["none"].candidates, gap=made["none"].gap, checks={"image": image, "windows": 4}
+    )
+    runs = [
+        {**RUN, "system": "arm", "real": "held_out"},
+        {**RUN, "system": "arm", "real": "coulomb_friction"},
+        {**RUN, "system": "arm", "real": "none"},
+        {**RUN, "system": "bag", "real": "held_out", "recording": "filmed"},
+    ]
+    found = [own, made["combination"], made["unknown"], made["undetermined"]]
+    return gap_rows(runs, [diagnosis_content(one) for one in found])
+
+
+def test_every_diagnosis_has_a_row_that_says_of_what_it_is():
+    table = gap_table(rows())
+    assert tuple(table.columns) == COLUMNS
+    assert table["system"].tolist() == ["arm", "arm", "arm", "bag"]
+    assert table["planted"].tolist()[1:3] == ["coulomb_friction", "none"]
+    assert table["planted"].isna().tolist() == [True, False, False, True]
+    assert table["found"].tolist() == ["", "coulomb_friction+input_delay", "", ""]
+    assert table["verdict"].tolist() == ["none", "effect", "unknown", "undetermined"]
+    assert table["recording"].tolist()[-1] == "filmed"
+
+
+def test_numbers_are_those_of_the_diagnoses():
+    first, second, _, last = rows()
+    assert first["probability"] == 0.96
+    assert (first["image_before"], first["image_floor"]) == (0.02, 0.01)
+    assert second["probability"] == 0.9
+    gap = made_diagnoses.gap()
+    assert math.isclose(second["before"], gap.before)
+    assert math.isclose(second["closure"], gap.closure.value)
+    assert last["before"] is None
+    assert last["closure"] is None
+
+
+def test_the_latex_says_what_was_planted_and_what_was_found():
+    text = latex_gap(rows(), titles={"arm": "An arm", "bag": "A bag"})
+    lines = [line for line in text.splitlines() if line.endswith(r"\\") and "&" in line]
+    assert len(lines) == 2 + 4
+    planted = next(line for line in lines if "with Coulomb friction" in line)
+    assert "Coulomb friction; input delay" in planted
+    assert "nothing planted" in text
+    assert "undetermined" in lines[-1]
+    assert lines[-1].count("--") == 5  # chance, three sizes and what is closed
+    assert "Filmed" in text or "filmed and simulated" in text
+    assert "second simulated recording" in text
+    alone = latex_gap(rows()[-1:], titles={})
+    assert "second simulated" not in alone

@@ -1,0 +1,104 @@
+"""Pictures of a small run that was diagnosed: their numbers and shapes, not their quality."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from lagsplat.diagnose.diagnose import Found
+from lagsplat.diagnose.region import Region
+from lagsplat.diagnose.result import Block
+from lagsplat.diagnose.run_sim import charted, sample_run
+from lagsplat.diagnose.where import locate
+from lagsplat.exhibits import picture_exhibits
+from lagsplat.films import Films, Side
+from lagsplat.pipeline import Run
+from tests.unit.evaluate import tiny_run
+from tests.unit.report import made_diagnoses
+
+PERIOD_S = 0.5
+
+
+@pytest.fixture(scope="module")
+def films():
+    film = tiny_run.recording(400, tail=100)
+    model = tiny_run.autoencoder()
+    run = Run(film, model, tiny_run.chart(model, film), tiny_run.lagrangian())
+    real, nominal = (charted(run.chart, held_out=held) for held in (True, False))
+    return Films(run, (nominal,), (Side(real, film.split()[1]),), own=True)
+
+
+@pytest.fixture(scope="module")
+def mechanics(films):
+    motion = films.nominal[0]
+    v = np.gradient(motion.q, motion.time_s, axis=0)
+    return sample_run(films.run.lagrangian, Region(motion.q, v, motion.u), what="run").model
+
+
+def diagnosed(films, mechanics):
+    """A pair and a finding, of which only what the pictures need is there."""
+    real = films.real[0]
+    blocks = tuple(
+        Block(real.source, i, real.time_s[a : a + 31], real.q[a : a + 31], real.q[a : a + 31] + 0.4,
+              real.q[a : a + 31] + 0.05)
+        for i, a in enumerate((20, 50, 110))
+    )  # fmt: skip
+    where = locate(mechanics, films.real, period_s=PERIOD_S)
+    made = replace(
+        made_diagnoses.friction(), blocks=blocks, where=where, checks={"natural_period_s": PERIOD_S}
+    )
+    pair = SimpleNamespace(
+        films=films,
+        sim=SimpleNamespace(model=mechanics),
+        real=films.real,
+        checked=SimpleNamespace(sim=SimpleNamespace(motions=films.nominal)),
+    )
+    contest = SimpleNamespace(bench=SimpleNamespace(held=False))
+    return pair, SimpleNamespace(diagnosis=made, contest=contest)
+
+
+@pytest.fixture(scope="module")
+def shown(films, mechanics):
+    pair, found = diagnosed(films, mechanics)
+    return picture_exhibits(pair, Found(found.diagnosis, found.contest, None))
+
+
+def test_the_ladder_has_every_rung_with_its_floor(shown):
+    rungs = {rung.name: rung for rung in shown[1].rungs}
+    assert list(rungs) == ["perception", "chart", "one step", "rollout"]
+    assert all(rung.floor > 0.0 and rung.low <= rung.value <= rung.high for rung in rungs.values())
+
+
+def test_errors_of_pictures_stand_beside_those_of_latents(shown):
+    image = shown[0].diagnosis.checks["image"]
+    assert image["floor"] > 0.0
+    assert image["after"] < image["before"]
+    assert image["closure"] is None or image["closure"] > 0.5
+    assert set(image["stages"]) == {"perception", "chart", "one step", "rollout"}
+
+
+def test_the_picture_shows_where_the_sim_draws_wrongly(shown):
+    _, exhibits = shown
+    assert exhibits.picture.excess.shape == exhibits.picture.picture.shape[:2] == (16, 16)
+    assert exhibits.picture.excess.max() > 0.0
+    assert exhibits.picture.picture.dtype == np.uint8
+    region = shown[0].diagnosis.where.image_region
+    assert region["localisable"] in (True, False)
+
+
+def test_the_film_shows_the_blocks_side_by_side(shown, films):
+    film = shown[1].film
+    assert film.real.shape == film.sim.shape == film.augmented.shape == (93, 16, 16, 3)
+    np.testing.assert_array_equal(film.real[0], films.sides[0].recording.frames[20])
+    assert film.slowed == pytest.approx(1.0 / PERIOD_S)
+    assert film.frames_per_s == pytest.approx(60.0 * PERIOD_S)
+
+
+def test_latents_without_pictures_have_a_ladder_alone(films, mechanics):
+    bare = Films(films.run, films.nominal, (Side(films.real[0]),), own=False)
+    pair, found = diagnosed(bare, mechanics)
+    found, exhibits = picture_exhibits(pair, Found(found.diagnosis, found.contest, None))
+    assert [rung.name for rung in exhibits.rungs] == ["chart", "one step", "rollout"]
+    assert exhibits.film is None
+    assert "image" not in found.diagnosis.checks

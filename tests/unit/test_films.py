@@ -1,0 +1,185 @@
+"""A small run on disk, held against films, logs and tables of latents."""
+
+import csv
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from lagsplat.chart.chart import save_chart
+from lagsplat.diagnose.ladder import Perception
+from lagsplat.diagnose.result import Gap, Interval
+from lagsplat.films import Films, Side, Sight, frames_at, leading, open_films
+from lagsplat.io.motion import Motion
+from lagsplat.io.recording import save_recording
+from lagsplat.stage1.autoencoder import encode_frames, save_autoencoder
+from lagsplat.stage2.fit import save_dynamics
+from tests.unit.evaluate import tiny_run
+from tests.unit.report import made_diagnoses
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    """A run with one input, 150 frames of training and 150 held out."""
+    place = tmp_path_factory.mktemp("run")
+    film = tiny_run.recording(300, tail=100)
+    model = tiny_run.autoencoder()
+    save_recording(place / "recording.safetensors", film)
+    save_autoencoder(place / "autoencoder.safetensors", model, {})
+    save_chart(place / "chart.safetensors", tiny_run.chart(model, film), {})
+    save_dynamics(place / "dynamics.safetensors", tiny_run.lagrangian(), {"report": {}})
+    return place
+
+
+def another(**changes):
+    """The same mechanism under the same push, but not the same recording."""
+    film = tiny_run.recording(200, tail=100)
+    return replace(film, meta={**film.meta, "sha256": "another"}, n_train=None, **changes)
+
+
+def latents(path, *, d=2, n_u=1, n=60):
+    with path.open("w", newline="", encoding="utf-8") as file:
+        rows = csv.writer(file)
+        rows.writerow(["t", *(f"q{i}" for i in range(d)), *(f"u{i}" for i in range(n_u))])
+        for k in range(n):
+            rows.writerow([k / 60, *(np.sin(0.2 * k + i) for i in range(d)), *(0.1 for _ in range(n_u))])
+    return path
+
+
+def write_film(path, frames):
+    size = frames.shape[2], frames.shape[1]
+    film = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 60.0, size)
+    for frame in frames:
+        film.write(cv2.cvtColor(frame, cv2.COLOR_RGB2BGR))
+    film.release()
+    return path
+
+
+def test_a_run_against_itself_is_its_own_held_out_part(folder):
+    films = open_films(folder, "held_out")
+    assert films.own
+    assert films.nominal[0].n == films.real[0].n == 150
+    np.testing.assert_allclose(films.real[0].time_s, films.run.recording.time_s[150:])
+    np.testing.assert_allclose(films.real[0].q, films.run.chart.latents[150:])
+    assert films.real[0].u_names == films.nominal[0].u_names == ("push",)
+    assert films.sides[0].recording.n_frames == 150
+    again = open_films(folder, str(folder / "recording.safetensors"))
+    assert again.own
+    np.testing.assert_array_equal(again.real[0].q, films.real[0].q)
+
+
+def test_of_a_long_held_out_part_the_start_is_taken(folder):
+    films = open_films(folder, "held_out", longest_s=1.0)
+    assert films.real[0].n == 61
+
+
+def test_another_recording_is_encoded_by_the_run(folder, tmp_path):
+    other = another()
+    save_recording(tmp_path / "other.safetensors", other)
+    films = open_films(folder, str(tmp_path / "other.safetensors"))
+    assert not films.own
+    raw = encode_frames(films.run.autoencoder, other.frames)
+    np.testing.assert_allclose(films.real[0].q, films.run.chart.to_whitened(raw))
+    np.testing.assert_allclose(films.real[0].u, other.inputs)
+    assert films.real[0].source == "other.safetensors"
+    assert films.sight.perception.ratio > 0.0
+
+
+def test_a_film_takes_its_inputs_from_the_table_beside_it(folder, tmp_path):
+    path = write_film(tmp_path / "swing.avi", another().frames)
+    with pytest.raises(ValueError, match="CSV of the same stem"):
+        open_films(folder, str(path))
+    with path.with_suffix(".csv").open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file).writerows([["t", "u0"], *([k / 10, 0.5 * k] for k in range(40))])
+    films = open_films(folder, str(path))
+    assert (films.real[0].d, films.real[0].n_u) == (2, 1)
+    np.testing.assert_allclose(films.real[0].u[:, 0], 5.0 * films.real[0].time_s, atol=1e-6)
+
+
+def test_latents_are_taken_as_they_are(folder, tmp_path):
+    films = open_films(folder, str(latents(tmp_path / "q.csv")))
+    assert films.sides[0].recording is None
+    assert films.sight is None
+    assert films.real[0].u_names == ("push",)
+    assert films.camera_share == 0.0
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda place: latents(place / "q.csv", d=3), "3 coordinate"),
+        (lambda place: latents(place / "q.csv", n_u=0), "0 input"),
+        (lambda place: place / "gone.mp4", "no such file"),
+    ],
+)
+def test_what_does_not_fit_the_run_is_refused(folder, tmp_path, make, words):
+    with pytest.raises((ValueError, FileNotFoundError), match=words):
+        open_films(folder, str(make(tmp_path)))
+
+
+def test_pictures_of_another_size_are_refused(folder, tmp_path):
+    save_recording(tmp_path / "large.safetensors", replace(another(), frames=tiny_run.recording(
+        200, tail=100, side=20).frames))  # fmt: skip
+    with pytest.raises(ValueError, match="20 x 20 px"):
+        open_films(folder, str(tmp_path / "large.safetensors"))
+
+
+def test_the_own_recording_and_others_are_not_mixed(folder, tmp_path):
+    q = latents(tmp_path / "q.csv")
+    with pytest.raises(ValueError, match="one kind at a time"):
+        open_films(folder, f"[{folder / 'recording.safetensors'},{q}]")
+
+
+def test_frames_are_found_by_their_times():
+    film = tiny_run.recording(100, tail=30)
+    np.testing.assert_array_equal(frames_at(film, film.time_s[[0, 7, 99]] + 0.004), [0, 7, 99])
+
+
+def test_leading_clips_last_as_long_as_asked():
+    motion = Motion(
+        np.arange(100) / 10, np.zeros((100, 1)), np.zeros((100, 0)), segments=((0, 40), (40, 100))
+    )
+    assert leading(motion, 100.0).segments == motion.segments
+    assert leading(motion, 2.0).segments == ((0, 21),)
+    assert leading(motion, 5.0).segments == ((0, 40), (40, 52))
+
+
+class Judged(Films):
+    """Films whose pictures need not be drawn."""
+
+    seen = Sight(np.ones(1), np.ones(1), Perception(1.0, 0.0, False))
+
+    @property
+    def sight(self):
+        return self.seen
+
+
+def judged(folder, *, share, perception=None):
+    made = open_films(folder, "held_out")
+    camera = replace(made.sides[0].camera, share=share)
+    side = Side(made.sides[0].motion, made.sides[0].recording, camera)
+    films = Judged(made.run, made.nominal, (side,), True)
+    if perception is not None:
+        object.__setattr__(films, "seen", Sight(np.ones(1), np.ones(1), perception))
+    return films
+
+
+def test_a_moved_camera_forbids_a_name_that_it_passes_for(folder):
+    gap = Gap(0.1, 0.1, 0.02, 0.01, 1.0, Interval(0.9, 0.8, 1.0))
+    friction = replace(made_diagnoses.friction(), gap=gap)
+    assert "undetermined" not in judged(folder, share=0.04).judge(friction).checks
+    found = judged(folder, share=0.06).judge(friction)
+    assert "camera moved" in found.checks["undetermined"][0]
+    named = replace(friction, combination=("camera_change",))
+    assert "undetermined" not in judged(folder, share=0.06).judge(named).checks
+
+
+def test_strange_pictures_make_a_verdict_conditional(folder):
+    fine = judged(folder, share=0.0).judge(made_diagnoses.friction())
+    assert fine.checks["conditional_on_perception"] is False
+    strange = Perception(3.0, 0.2, True)
+    found = judged(folder, share=0.0, perception=strange).judge(made_diagnoses.friction())
+    assert found.checks["conditional_on_perception"] is True
+    assert any("conditional on perception" in text for text in found.warnings)
