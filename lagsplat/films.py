@@ -21,6 +21,7 @@ from lagsplat.io.artefact import read_header
 from lagsplat.io.config import McapConfig, RecordingConfig, SplitConfig
 from lagsplat.io.input_log import read_input_log
 from lagsplat.io.motion import Motion, read_motion
+from lagsplat.io.motion_part import leading
 from lagsplat.io.plain import load_json
 from lagsplat.io.read import read_recording
 from lagsplat.io.recording import Recording, load_recording
@@ -104,6 +105,12 @@ class Films:
                 f"size while the gap is {100 * gap:.2g} %; no effect can be told from that"
             ]
         return replace(found, warnings=tuple(warnings_), checks=checks)
+
+    @property
+    def camera_stood_still(self) -> bool:
+        """Every film shows a background, and it did not move."""
+        seen = [side.camera for side in self.sides]
+        return all(one is not None and one.stood_still for one in seen)
 
     @property
     def camera_share(self) -> float:
@@ -292,25 +299,3 @@ def _named(motion: Motion, names: Sequence[str]) -> Motion:
     """Inputs by the names of the run's own, as far as these go."""
     own = (*names[: motion.n_u], *(f"u{i}" for i in range(len(names), motion.n_u)))
     return replace(motion, u_names=own)
-
-
-def frames_at(recording: Recording, time_s: np.ndarray) -> np.ndarray:
-    """Numbers of the frames nearest to ``time_s`` (n,) [s] on the recording's own clock."""
-    after = np.clip(np.searchsorted(recording.time_s, time_s), 1, recording.n_frames - 1)
-    nearer = np.abs(recording.time_s[after - 1] - time_s) <= np.abs(recording.time_s[after] - time_s)
-    return np.where(nearer, after - 1, after)
-
-
-def leading(motion: Motion, length_s: float) -> Motion:
-    """The first clips of a motion, as many as last ``length_s`` [s] together, the last of them cut."""
-    pieces: list[tuple[int, int]] = []
-    left = length_s
-    for start, stop in motion.segments:
-        own = motion.time_s[start:stop] - motion.time_s[start]
-        end = start + int(np.searchsorted(own, left, side="right"))
-        if end - start > 1 or not pieces:
-            pieces.append((start, end))
-        left -= float(own[end - start - 1])
-        if left <= 0.0:
-            break
-    return motion.pieces(pieces)

@@ -22,7 +22,7 @@ from lagsplat.diagnose.region import region_of
 from lagsplat.diagnose.result import Diagnosis
 from lagsplat.diagnose.sims import sampled_sim
 from lagsplat.diagnose.sources import Source, find_sources, read_sources
-from lagsplat.diagnose.stand import Sim, nominal_misfit, sim_of
+from lagsplat.diagnose.stand import Sim, held_to, sim_of
 from lagsplat.diagnose.where import Where, locate
 from lagsplat.io.motion import Motion
 from lagsplat.provenance import stamp
@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 
 UNSURE = 0.4
 """Probability that no name exceeds where the data forbid a verdict."""
+CAMERA = ("camera_change", "camera_drift")
+"""Effects that a background which stood still rules out."""
 MODELS = ("run", "model", "mujoco", "python")
 
 
@@ -108,7 +110,7 @@ def _model(models: Sequence[Source], checked: Checked, config: DiagnoseConfig) -
     bare = Sim.exact(sampled.model)
     if checked.sim is None:
         return bare
-    return replace(bare, misfit=nominal_misfit(bare, checked.sim.motions, config))
+    return held_to(bare, checked.sim.motions, config)
 
 
 def examine(pair: Pair, config: DiagnoseConfig, *, tell: Callable[[str], None]) -> Found:
@@ -117,9 +119,13 @@ def examine(pair: Pair, config: DiagnoseConfig, *, tell: Callable[[str], None]) 
     Raises:
         ValueError: the motions are too short for a single window.
     """
+    config = replace(config, temper=max(config.temper, pair.sim.correlation))
+    if pair.films is not None and pair.films.camera_stood_still:
+        config = replace(config, without=[*config.without, *CAMERA])
     if pair.own:
         config = replace(
             config,
+            without=[*config.without, *absorbed()],
             **{name: min(config.own * getattr(config, name), 0.5) for name in
                ("potential", "damping", "inputs", "offset", "warp")},
         )  # fmt: skip

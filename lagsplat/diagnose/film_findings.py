@@ -34,6 +34,11 @@ class CameraShift:
     share: float
 
     @property
+    def stood_still(self) -> bool:
+        """Both were measured, and neither is more than can be told from none."""
+        return self.within_px is not None and self.between_px is not None and not self.moved
+
+    @property
     def moved(self) -> bool:
         """Whether either is more than can be told from none."""
         far = [self.within_px or 0.0, float(np.hypot(*(self.between_px or (0.0, 0.0))))]

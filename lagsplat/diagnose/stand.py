@@ -31,6 +31,8 @@ class Sim:
     """Changes of all coefficients of one standard deviation each."""
     misfit: float
     """Mean square residual on its own recordings in units of their noise."""
+    correlation: float = 1.0
+    """Samples of that residual that count as one."""
 
     @classmethod
     def exact(cls, model: Model) -> "Sim":
@@ -121,8 +123,31 @@ def relevant(contest: Contest, freedom: Float64[np.ndarray, "R K"]) -> Float64[n
     return vectors[:, chosen[values[chosen] > 0.3]].T @ freedom
 
 
-def nominal_misfit(sim: Sim, motions: Sequence[Motion], config: DiagnoseConfig) -> float:
-    """Mean square residual, in units of the noise, that a sim leaves of recordings it is true to."""
+def held_to(sim: Sim, motions: Sequence[Motion], config: DiagnoseConfig) -> Sim:
+    """A given sim with the misfit, and its correlation, that it leaves of the recordings it is true to.
+
+    What a sim has wrong stays wrong for a part of a period, so that many samples count as one.
+    """
     contest, _, _ = stand(sim, motions, config)
     fit = contest.fit((), np.zeros(contest.bench.nuisance.size))
-    return fit.misfit / contest.freedom
+    return replace(
+        sim,
+        misfit=fit.misfit / contest.freedom,
+        correlation=correlation(fit.residual, contest.windows.length),
+    )
+
+
+def correlation(residual: Float64[np.ndarray, "W L d"], length: np.ndarray) -> float:
+    """Samples that count as one: the sum of the autocorrelation up to its first zero, both ways.
+
+    Source: the integrated autocorrelation time with the initial positive sequence (Geyer 1992).
+    """
+    power = float(sum((row[:n] ** 2).sum() for row, n in zip(residual, length, strict=True)))
+    total = 1.0
+    for lag in range(1, residual.shape[1]):
+        rows = [row[: n - lag] * row[lag:n] for row, n in zip(residual, length, strict=True) if n > lag]
+        share = float(sum(row.sum() for row in rows)) / max(power, 1e-300)
+        if share <= 0.0:
+            break
+        total += 2.0 * share
+    return total

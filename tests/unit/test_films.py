@@ -10,9 +10,11 @@ import pytest
 
 from lagsplat.chart.chart import save_chart
 from lagsplat.diagnose.ladder import Perception
+from lagsplat.diagnose.pictures import frames_at
 from lagsplat.diagnose.result import Gap, Interval
-from lagsplat.films import Films, Side, Sight, frames_at, leading, open_films
+from lagsplat.films import Films, Side, Sight, open_films
 from lagsplat.io.motion import Motion
+from lagsplat.io.motion_part import leading
 from lagsplat.io.recording import save_recording
 from lagsplat.stage1.autoencoder import encode_frames, save_autoencoder
 from lagsplat.stage2.fit import save_dynamics
