@@ -150,6 +150,7 @@ def examine(pair: Pair, config: DiagnoseConfig, *, tell: Callable[[str], None]) 
         absorbed=absorbed() if pair.own else (),
         checks={
             **found.diagnosis.checks,
+            "samples_as_one": config.temper,
             "excitation": [asdict(row) for row in pair.rows],
             "findings": [asdict(finding) for finding in pair.checked.findings],
         },
