@@ -9,6 +9,7 @@ from lagsplat.diagnose.record import Record
 
 MARGIN = 0.15
 """How far beyond what was visited a sim is asked, as a share of half the range."""
+POINTS = 600
 
 
 @dataclass(frozen=True)
@@ -35,14 +36,15 @@ class Region:
         return np.sqrt(np.mean(self.v**2, axis=0))
 
 
-def region_of(record: Record, *, n: int = 1200, seed: int = 0) -> Region:
-    """About ``n`` points in the region of a record and `MARGIN` around it.
+def region_of(record: Record, *, n: int | None = None, seed: int = 0) -> Region:
+    """About ``n`` points in the region of a record and `MARGIN` around it, by default `POINTS` and as many more
+    for each coordinate.
 
     An input or a rate that never changes is varied by its own size, or by one, so that what it does can be
     told.
     """
     rng = np.random.default_rng(seed)
-    half = max(n // 2, 1)
+    half = max((POINTS * (1 + record.d) if n is None else n) // 2, 1)
     visited = np.linspace(0, len(record.q) - 1, min(half, len(record.q))).astype(int)
     drawn = rng.integers(len(record.q), size=(3, half))
 

@@ -19,7 +19,7 @@ from lagsplat.diagnose.sample_fields import TOLERANCE, Seen, fitted
 POOR = 0.02
 """Error above which a user is warned."""
 EXACT = 1e-6
-TOP = {1: 9, 2: 6, 3: 4}
+TOP = {1: 9, 2: 8, 3: 4}
 """Highest degree of the polynomials by number of coordinates."""
 
 
