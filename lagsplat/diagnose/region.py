@@ -37,8 +37,8 @@ class Region:
 
 
 def region_of(record: Record, *, n: int | None = None, seed: int = 0) -> Region:
-    """About ``n`` points in the region of a record and `MARGIN` around it, by default `POINTS` and as many more
-    for each coordinate.
+    """About ``n`` points in the region of a record and `MARGIN` around it, by default `POINTS` and as many
+    more for each coordinate.
 
     An input or a rate that never changes is varied by its own size, or by one, so that what it does can be
     told.

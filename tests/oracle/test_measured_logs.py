@@ -3,7 +3,7 @@
 Source: MultiArm pendulum, Kaheman et al. 2022, arXiv:2205.06231; an arm that swings freely on a locked cart.
 """
 
-import itertools
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -55,7 +55,7 @@ def decay(swing: np.ndarray) -> dict[str, float]:
     time, q = swing[:, 0], swing[:, 1] - np.pi
     rise = np.flatnonzero((q[:-1] < 0) & (q[1:] >= 0))
     cross = time[rise] - q[rise] * np.diff(time)[rise] / (q[rise + 1] - q[rise])
-    top = np.array([np.ptp(q[a:b]) / 2 for a, b in itertools.pairwise(rise)])
+    top = np.array([np.ptp(q[a:b]) / 2 for a, b in pairwise(rise)])
     small = top < 0.8
     w = float(np.median(4 * ellipk(np.sin(top / 2) ** 2)[small] / np.diff(cross)[small]))
     middle = 0.5 * (cross[1:] + cross[:-1])
