@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.gap_baselines.predict import METHODS, main, method_of
-from benchmarks.gap_baselines.said import Said, diagnosis, names
+from benchmarks.gap_baselines.predict import METHODS, main
+from benchmarks.gap_baselines.said import names
 from benchmarks.gapgen.predictions import read_prediction
 from lagsplat.report.diagnosis_schema import check_diagnosis
 from tests.unit.benchmarks.cases import move, recording
@@ -20,6 +20,8 @@ CHANGES: dict[str, dict[str, Any]] = {
     "linear_stiffness": {"stiffness": 44.0},
     "none": {},
 }
+pytestmark = pytest.mark.slow
+
 FITTING = [name for name in METHODS if name != "chance"]
 
 
@@ -90,23 +92,3 @@ def test_a_prediction_depends_on_the_content_alone(
     shutil.copytree(folder / "linear_stiffness", other, copy_function=shutil.copyfile)
     main(["--method", method, "--out", str(tmp_path / "said"), str(folder / "none"), str(other)])
     assert read(tmp_path / "said" / "renamed") == read(said / method / "linear_stiffness")
-
-
-def test_a_recording_that_is_not_one_is_passed_over(folder: Path, tmp_path: Path) -> None:
-    (tmp_path / "empty").mkdir()
-    main(
-        ["--method", "chance", "--out", str(tmp_path / "out"), str(tmp_path / "empty"), str(folder / "none")]
-    )
-    assert "needs sim_*.csv" in (tmp_path / "out" / "empty" / "failed.txt").read_text()
-    assert read(tmp_path / "out" / "none")["effects"]
-
-
-def test_equals_keep_the_order_in_which_they_are_said() -> None:
-    found = diagnosis(Said({"creep": 0.5, "none": 0.5}))
-    assert (found.verdict, found.candidates[0].name) == ("effect", "creep")
-    assert diagnosis(Said({"none": 1.0})).combination == ()
-
-
-def test_an_unknown_method_is_refused() -> None:
-    with pytest.raises(ValueError, match="choose from"):
-        method_of("guess")
