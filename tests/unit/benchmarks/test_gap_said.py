@@ -1,6 +1,7 @@
 """What a method may say, and recordings that are none."""
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -29,13 +30,13 @@ def chance(folder: Path, out: Path) -> list[str]:
 
 def test_chance_depends_on_the_content_and_has_no_favourites(folder: Path, tmp_path: Path) -> None:
     first = set()
+    lines = (folder / "none" / "real_0.csv").read_text().splitlines(keepends=True)
     for k in range(12):
-        columns = move()[: 100 + k]
-        recording(tmp_path / f"{k}", columns)
-        said = chance(tmp_path / f"{k}", tmp_path / "a")
-        (tmp_path / f"{k}").rename(tmp_path / "renamed")
-        assert chance(tmp_path / "renamed", tmp_path / "b") == said
-        (tmp_path / "renamed").rename(tmp_path / f"{k}")
+        for name in (f"{k}", f"renamed {k}"):
+            shutil.copytree(folder / "none", tmp_path / name)
+            (tmp_path / name / "real_0.csv").write_text("".join(lines[: 100 + k]))
+        said = chance(tmp_path / f"{k}", tmp_path / "out")
+        assert chance(tmp_path / f"renamed {k}", tmp_path / "out") == said
         first.add(said[0])
     assert len(first) > 5
 

@@ -62,6 +62,15 @@ def test_the_root_is_of_names_and_contents(folder: Path) -> None:
     assert merkle_root(folder / "data") == root
 
 
+def test_marks_of_a_workflow_are_no_data(folder: Path) -> None:
+    seal("blind", KEY, folder)
+    (folder / "data" / ".snakemake_timestamp").touch()
+    assert unseal(KEY, folder) == TEXT
+    (folder / "data" / "a" / "more.csv").touch()
+    with pytest.raises(ValueError, match="data files"):
+        unseal(KEY, folder)
+
+
 def test_a_key_that_can_be_guessed_is_refused(folder: Path) -> None:
     with pytest.raises(ValueError, match="guessed"):
         seal("blind", "short", folder)
