@@ -28,8 +28,7 @@ from lagsplat.io.recording import Recording, load_recording
 from lagsplat.pipeline import Run, open_run
 from lagsplat.stage1.autoencoder import encode_frames
 
-HELD_OUT = "held_out"
-"""The name of a run's own recording, of which the part that no fit saw is taken."""
+HELD_OUT = "held_out"  # names a run's own recording, of which the part that no fit saw is taken
 MOST_LATENTS = 4000  # of the training part, that say where latents usually lie
 CAMERA_EFFECTS = {"camera_change", "camera_drift"}
 CAMERA_GAP = 0.5  # of the gap: a camera that passes for more forbids every other name
