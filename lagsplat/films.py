@@ -30,7 +30,6 @@ from lagsplat.stage1.autoencoder import encode_frames
 
 HELD_OUT = "held_out"  # names a run's own recording, of which the part that no fit saw is taken
 MOST_LATENTS = 4000  # of the training part, that say where latents usually lie
-CAMERA_EFFECTS = {"camera_change", "camera_drift"}
 CAMERA_GAP = 0.5  # of the gap: a camera that passes for more forbids every other name
 KINDS = {"video": "video", "mcap": "mcap", "krauss": "krauss"}
 
@@ -97,7 +96,7 @@ class Films:
                     "trained; what follows holds only if the encoder is right there"
                 )
         gap = found.gap.before if found.gap is not None else np.inf
-        named = found.combination and not set(found.combination) & CAMERA_EFFECTS
+        named = found.combination and not set(found.combination) & {"camera_change", "camera_drift"}
         if named and self.camera_share > CAMERA_GAP * gap:
             checks["undetermined"] = [
                 f"the camera moved, which alone passes for {100 * self.camera_share:.2g} % of the motion's "

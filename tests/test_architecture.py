@@ -34,7 +34,19 @@ LAYERS = (
     {"evaluate", "forces"},
     {"diagnose"},
     {"report", "viewer"},
-    {"config", "planning", "job", "pipeline", "export", "films", "blind", "blind_films", "exhibits", "gap", "cli"},
+    {
+        "config",
+        "planning",
+        "job",
+        "pipeline",
+        "export",
+        "films",
+        "blind",
+        "blind_films",
+        "exhibits",
+        "gap",
+        "cli",
+    },
 )
 
 

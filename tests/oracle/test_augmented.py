@@ -130,7 +130,9 @@ def test_a_file_gives_the_same_sim_again(tmp_path: Path) -> None:
         np.testing.assert_array_equal(a, b)
     assert np.ptp(play(one, drive)[0]) > 0.1
     header = read_header(tmp_path / "a.safetensors", kind="augmented")
-    assert header["augmented"]["effects"][0]["parameters"] == {"delay": pytest.approx(np.exp(0.3) * 0.5 / 3.0)}
+    assert header["augmented"]["effects"][0]["parameters"] == {
+        "delay": pytest.approx(np.exp(0.3) * 0.5 / 3.0)
+    }
 
 
 def test_a_push_is_an_acceleration_and_no_effect_touches_it() -> None:
