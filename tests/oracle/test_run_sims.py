@@ -111,7 +111,7 @@ def test_a_film_becomes_a_motion_of_the_run() -> None:
     frames = np.random.default_rng(0).integers(0, 256, (6, 32, 32, 3), dtype=np.uint8)
     film = Recording(
         frames=frames, time_s=np.arange(6) / 30.0, inputs=np.arange(6.0)[:, None], input_names=("p",),
-        input_units=("atm",), segments=((0, 4), (4, 6)), meta={},
+        input_units=("atm",), segments=((0, 4), (4, 6)), meta={"origin": "filmed"},
     )  # fmt: skip
     motion = encoded(seeing, chart(), film)
     np.testing.assert_array_equal(motion.q, encoder(seeing, chart(), what="run")(frames))

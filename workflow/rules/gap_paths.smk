@@ -40,7 +40,9 @@ def in_batches(output, number):
 
     def files(wildcards):
         n = -(-number(wildcards) // section("blind.batch")(wildcards))
-        return [output.format(**wildcards, batch=k) for k in range(n)]
+        return [
+            output.format(**{**dict(wildcards.items()), "batch": k}) for k in range(n)
+        ]
 
     return files
 
