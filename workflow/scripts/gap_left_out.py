@@ -8,7 +8,8 @@ from lagsplat.job import Job
 
 with Job(snakemake) as job:
     config, out = job.section(DiagnoseConfig), Path(job.output.said)
-    folders = [Path(folder) for folder in job.input.data]
+    data = job.input.data  # one folder of trajectories, or one for each batch of films
+    folders = [Path(folder) for folder in ([data] if isinstance(data, str) else data)]
     for run in runs_of(Path(job.input.runs), folders, int(job.wildcards.batch), job.params.size):
         predict(run.place, out / run.place.name, config, without=run.without)
     sign(out, Path(job.input.seal), job.header)
