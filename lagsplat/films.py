@@ -5,24 +5,20 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from lagsplat.config import rebuild
 from lagsplat.diagnose.film_findings import CameraShift, camera_findings, camera_shift, keep_whole
+from lagsplat.diagnose.film_settings import settings_for
 from lagsplat.diagnose.finding import Finding
 from lagsplat.diagnose.ladder import SUSPECT_RATIO, Perception, perception
 from lagsplat.diagnose.pictures import drawing_errors, evenly
 from lagsplat.diagnose.result import Diagnosis
 from lagsplat.diagnose.run_sim import charted
 from lagsplat.diagnose.sources import FILMED, Source, find_sources, motion_of
-from lagsplat.io.artefact import read_header
-from lagsplat.io.config import McapConfig, RecordingConfig, SplitConfig
 from lagsplat.io.input_log import read_input_log
 from lagsplat.io.motion import Motion, read_motion
 from lagsplat.io.motion_part import leading
-from lagsplat.io.plain import load_json
 from lagsplat.io.read import read_recording
 from lagsplat.io.recording import Recording, load_recording
 from lagsplat.pipeline import Run, open_run
@@ -31,7 +27,6 @@ from lagsplat.stage1.autoencoder import encode_frames
 HELD_OUT = "held_out"  # names a run's own recording, of which the part that no fit saw is taken
 MOST_LATENTS = 4000  # of the training part, that say where latents usually lie
 CAMERA_GAP = 0.5  # of the gap: a camera that passes for more forbids every other name
-KINDS = {"video": "video", "mcap": "mcap", "krauss": "krauss"}
 
 
 @dataclass(frozen=True)
@@ -213,7 +208,7 @@ def _read(folder: Path, run: Run, source: Source, columns: Mapping[str, str] | N
 def _record(folder: Path, run: Run, source: Source) -> Recording:
     if source.kind == "recording":
         return load_recording(source.path)
-    settings = _settings(folder, run, source)
+    settings = settings_for(source, folder, run.recording, dt_s=run.chart.dt_s)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         recording = read_recording(settings)
@@ -223,60 +218,6 @@ def _record(folder: Path, run: Run, source: Source) -> Recording:
         if not any(str(one.message).endswith(sentence) for sentence in known):
             warnings.warn(str(one.message), one.category, stacklevel=4)
     return recording
-
-
-def _settings(folder: Path, run: Run, source: Source) -> RecordingConfig:
-    """How another film, log or archive is read for this run."""
-    meta, chart = run.recording.meta, run.chart
-    height, width = run.recording.frames.shape[1:3]
-    own = _own_settings(folder)
-    filmed = source.kind != "krauss"
-    mcap = None
-    if source.kind == "mcap":
-        if not (own.get("mcap") or {}).get("camera"):
-            raise ValueError(
-                f"{source.path}: the run was not fitted to a log, so that nothing says which topics hold "
-                "pictures and inputs; export the camera as a film, with its inputs in a CSV of the same stem"
-            )
-        mcap = rebuild(McapConfig, own["mcap"])
-    return RecordingConfig(
-        kind=KINDS[source.kind],
-        path=source.path,
-        archive=None,
-        member=None,
-        dt_s=_spacing(source, own, chart.dt_s),
-        n_inputs=0 if filmed else chart.inputs.shape[1],
-        rotate=int(meta.get("rotate", 0)) if filmed else 0,
-        stabilise=bool(meta.get("stabilise", False)) and source.kind == "video",
-        grey=bool(meta.get("grey", False)) if filmed else False,
-        crop=meta.get("crop") if filmed else None,
-        skip_s=0.0,
-        end_s=None,
-        spans_s=None,
-        height=height if filmed else None,
-        width=width if filmed else None,
-        split=SplitConfig(0.5, None, None),
-        mcap=mcap,
-    )
-
-
-def _spacing(source: Source, own: Mapping[str, Any], dt_s: float) -> float | None:
-    """Seconds between frames of files without times: archives, and images without a table of times."""
-    if source.kind == "krauss":
-        return own.get("dt_s") or dt_s
-    return own.get("dt_s") if Path(source.path).is_dir() and own.get("kind") == "video" else None
-
-
-def _own_settings(folder: Path) -> dict[str, Any]:
-    """What was set for the run's own recording, as far as its files tell."""
-    for place in (folder, *folder.resolve().parents[:2]):
-        if (place / "dynamics.safetensors").is_file():
-            header = read_header(place / "dynamics.safetensors")
-            if "config" in header:
-                return dict(header["config"]["recording"])
-        if (place / "recording.json").is_file():
-            return dict(load_json(place / "recording.json")["settings"].get("cfg") or {})
-    return {}
 
 
 def _check_size(run: Run, d: int, n_u: int, source: str) -> None:

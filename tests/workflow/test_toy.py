@@ -115,6 +115,24 @@ def test_every_system_has_its_free_rollouts_and_its_truth(results: Path) -> None
     assert quantities >= {"frequency of mode 1", "decay rate of mode 1", "equilibrium"}
 
 
+def test_the_gap_of_every_diagnosis_stands_in_a_table(source: Path, results: Path) -> None:
+    done = snakemake(source, results, "results/tables/gap.tex", "--config", TOY)
+    assert done.returncode == 0, (done.stdout + done.stderr)[-6000:]
+    with (results / "results/tables/gap.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["planted"] for row in rows] == ["", "none", "mass_change"]
+    assert {row["recording"] for row in rows} == {"simulated"}
+    assert all(row["verdict"] in ("none", "effect", "unknown", "undetermined") for row in rows)
+    own, again, loaded = (float(row["before"]) for row in rows)
+    assert loaded > 1.5 * max(own, again)
+    for against in ("held_out", "none", "mass_change"):
+        place = results / HERE / "default-0/default-0/gap" / against
+        assert {path.name for path in place.iterdir()} >= {
+            "diagnosis.json", "report.html", "rollouts.csv", "augmented.safetensors", "diagnose.json",
+        }  # fmt: skip
+        assert "data:image/webp" in (place / "report.html").read_text(encoding="utf-8")
+
+
 def test_the_learned_law_is_compared_with_constant_coefficients(results: Path) -> None:
     with (results / "results/tables/margins.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
