@@ -100,10 +100,16 @@ class Films:
         return replace(found, warnings=tuple(warnings_), checks=checks)
 
     @property
-    def camera_stood_still(self) -> bool:
-        """Every film shows a background, and it did not move."""
+    def ruled_out(self) -> tuple[str, ...]:
+        """Effects of a camera that the background forbids: in every film it was seen not to move.
+
+        What stood still during the run's own recording did not move between its two parts either.
+        """
         seen = [side.camera for side in self.sides]
-        return all(one is not None and one.stood_still for one in seen)
+        still = all(one is not None and one.still_within for one in seen)
+        there = still and self.own
+        there = there or all(one is not None and one.still_between for one in seen)
+        return (*(["camera_drift"] if still else []), *(["camera_change"] if there else []))
 
     @property
     def camera_share(self) -> float:

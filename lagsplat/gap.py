@@ -36,8 +36,6 @@ if TYPE_CHECKING:
 
 UNSURE = 0.4
 """Probability that no name exceeds where the data forbid a verdict."""
-CAMERA = ("camera_change", "camera_drift")
-"""Effects that a background which stood still rules out."""
 MODELS = ("run", "model", "mujoco", "python")
 
 
@@ -120,8 +118,8 @@ def examine(pair: Pair, config: DiagnoseConfig, *, tell: Callable[[str], None]) 
         ValueError: the motions are too short for a single window.
     """
     config = replace(config, temper=max(config.temper, pair.sim.correlation))
-    if pair.films is not None and pair.films.camera_stood_still:
-        config = replace(config, without=[*config.without, *CAMERA])
+    if pair.films is not None:
+        config = replace(config, without=[*config.without, *pair.films.ruled_out])
     if pair.own:
         config = replace(
             config,

@@ -34,9 +34,14 @@ class CameraShift:
     share: float
 
     @property
-    def stood_still(self) -> bool:
-        """Both were measured, and neither is more than can be told from none."""
-        return self.within_px is not None and self.between_px is not None and not self.moved
+    def still_within(self) -> bool:
+        """The camera was seen not to move during the recording."""
+        return self.within_px is not None and self.within_px <= CAMERA_PX
+
+    @property
+    def still_between(self) -> bool:
+        """The camera was seen where it had been for the nominal recording."""
+        return self.between_px is not None and float(np.hypot(*self.between_px)) <= CAMERA_PX
 
     @property
     def moved(self) -> bool:

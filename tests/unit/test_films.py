@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from lagsplat.chart.chart import save_chart
+from lagsplat.diagnose.film_findings import CameraShift
 from lagsplat.diagnose.ladder import Perception
 from lagsplat.diagnose.pictures import frames_at
 from lagsplat.diagnose.result import Gap, Interval
@@ -185,3 +186,22 @@ def test_strange_pictures_make_a_verdict_conditional(folder):
     found = judged(folder, share=0.0, perception=strange).judge(made_diagnoses.friction())
     assert found.checks["conditional_on_perception"] is True
     assert any("conditional on perception" in text for text in found.warnings)
+
+
+@pytest.mark.parametrize(
+    ("within", "between", "own", "names"),
+    [
+        (0.01, (0.0, 0.1), False, {"camera_drift", "camera_change"}),
+        (0.01, None, False, {"camera_drift"}),
+        (0.01, None, True, {"camera_drift", "camera_change"}),
+        (None, (0.0, 0.1), False, {"camera_change"}),
+        (0.5, (2.0, 0.0), False, set()),
+        (None, None, True, set()),
+    ],
+)
+def test_a_background_that_stood_still_rules_cameras_out(folder, within, between, own, names):
+    made = open_films(folder, "held_out")
+    side = replace(made.sides[0], camera=CameraShift(within, between, 0.0))
+    assert set(replace(made, sides=(side,), own=own).ruled_out) == names
+    bare = replace(made, sides=(side, Side(made.sides[0].motion)))
+    assert bare.ruled_out == ()

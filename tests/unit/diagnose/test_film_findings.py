@@ -60,6 +60,8 @@ def reader():
 def test_a_camera_that_stood_still_is_not_told_of(reader):
     shift = camera_shift(film(still()), film(still()), *reader)
     assert not shift.moved
+    assert shift.still_within
+    assert shift.still_between
     assert shift.share == 0.0
     assert camera_findings(shift, source="film") == []
 
@@ -68,6 +70,8 @@ def test_a_camera_moved_since_the_nominal_film_is_measured(reader):
     shift = camera_shift(film(still((2.0, -1.0))), film(still()), *reader)
     np.testing.assert_allclose(shift.between_px, (2.0, -1.0), atol=0.15)
     assert shift.within_px < 0.1
+    assert shift.still_within
+    assert not shift.still_between
     assert shift.share > 0.0
     (found,) = camera_findings(shift, source="film.mp4")
     assert found.level == "warn"
