@@ -17,7 +17,7 @@ rule plant:
         simulation=section("simulation", recording="simulated"),
         n_frames=section("planted.n_frames", recording="simulated"),
         drive=section("planted.seed", recording="simulated"),
-        planted=lambda wildcards: section("planted.effects")(wildcards)[
+        planted=lambda wildcards: section("planted")(wildcards)["effects"][
             wildcards.effect
         ],
         code=script_digest(SCRIPTS / "plant.py"),
