@@ -118,8 +118,6 @@ def examine(pair: Pair, config: DiagnoseConfig, *, tell: Callable[[str], None]) 
         ValueError: the motions are too short for a single window.
     """
     config = replace(config, temper=max(config.temper, pair.sim.correlation))
-    if pair.films is not None:
-        config = replace(config, without=[*config.without, *pair.films.ruled_out])
     if pair.own:
         config = replace(
             config,
@@ -127,6 +125,8 @@ def examine(pair: Pair, config: DiagnoseConfig, *, tell: Callable[[str], None]) 
             **{name: min(config.own * getattr(config, name), 0.5) for name in
                ("potential", "damping", "inputs", "offset", "warp")},
         )  # fmt: skip
+    if pair.films is not None:
+        config = pair.films.doubted(config, pair.sim, pair.real, tell=tell)
     found = diagnose(pair.sim, pair.real, config, tell=tell)
     tell("where")
     natural_s = found.diagnosis.checks["natural_period_s"]
@@ -149,6 +149,7 @@ def examine(pair: Pair, config: DiagnoseConfig, *, tell: Callable[[str], None]) 
         checks={
             **found.diagnosis.checks,
             "samples_as_one": config.temper,
+            "prior_none": config.prior_none,
             "excitation": [asdict(row) for row in pair.rows],
             "findings": [asdict(finding) for finding in pair.checked.findings],
         },
