@@ -50,10 +50,10 @@ def test_a_load_hangs_deeper(config):
 def test_dry_friction_stills_the_tail(config):
     bare, rubbing = (
         simulate_planted(config, replace(NOTHING, dry_friction=amount), seed=1, scene=0).frames.astype(float)
-        for amount in (0.0, 0.05)
+        for amount in (0.0, 0.2)
     )
     moves = [np.abs(np.diff(film[-30:], axis=0)).mean() for film in (bare, rubbing)]
-    assert moves[1] < 0.5 * moves[0]
+    assert moves[1] < 0.1 * moves[0]
 
 
 def test_a_lag_is_that_of_its_differential_equation():
