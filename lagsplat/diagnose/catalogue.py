@@ -41,7 +41,7 @@ def directions(bench: Bench, names: Sequence[str]) -> list[Direction]:
 
 @dataclass(frozen=True)
 class Hints:
-    """Where to look for disturbances: pushes (start, end) [s] in the first file, and lines [Hz]."""
+    """Where to look for disturbances: pushes (start, end) [s] on the joint clock, and lines [Hz]."""
 
     pushes: tuple[tuple[float, float], ...]
     lines_hz: tuple[float, ...]

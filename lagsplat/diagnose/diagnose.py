@@ -10,9 +10,10 @@ from lagsplat.diagnose.catalogue import instances
 from lagsplat.diagnose.combine import combine
 from lagsplat.diagnose.compare import Contest, Explained
 from lagsplat.diagnose.config import DiagnoseConfig
-from lagsplat.diagnose.effects.effect import UNITS, Instance, Noise
+from lagsplat.diagnose.effects.effect import UNITS, Effect, Instance, Noise
 from lagsplat.diagnose.forecast import Held, close_alone, hold_out
 from lagsplat.diagnose.hints import hints
+from lagsplat.diagnose.record import Record
 from lagsplat.diagnose.result import Candidate, Diagnosis, Parameter
 from lagsplat.diagnose.select import Effort, Ranking, rank
 from lagsplat.diagnose.smoother import smooth
@@ -173,25 +174,39 @@ def parameters(contest: Contest, one: Explained, instance: Instance, temper: flo
     low, high = interval(replace(one, effects=tuple(known)), contest.bench.nuisance.deviation, prior, temper)
     at = sum(len(e.effect.parameters) for e in known[: known.index(instance)])
     cut = slice(at, at + len(effect.parameters))
-    best, *ends = (
-        _told(instance, row) for row in instance.physical(np.stack([one.fit.x[cut], low[cut], high[cut]]))
-    )
+    rows = instance.physical(np.stack([one.fit.x[cut], low[cut], high[cut]]))
+    best, *ends = (_told(instance, row, contest.bench.record) for row in rows)
     where = {"q": (instance.direction.name if instance.direction else None) or "q"}
     where["u"] = instance.input_name or "u"
     out = {}
     for key, value in best.items():
         first, second = (end.get(key, value) for end in ends)
-        if not isinstance(value, list) and first > second:
+        if isinstance(value, list) and not len(first) == len(second) == len(value):
+            first = second = value
+        elif not isinstance(value, list) and first > second:
             first, second = second, first
-        unit = UNITS[kinds.get(key, effect.parameters[0].kind)].format(**where)
-        out[key] = Parameter(value, first, second, unit)
+        out[key] = Parameter(value, first, second, _unit(effect, key).format(**where))
     return out
 
 
-def _told(instance: Instance, row: np.ndarray) -> dict[str, Any]:
+def _unit(effect: Effect, key: str) -> str:
+    """Of what a parameter is told in: its own, that of the first of a list, or that of the effect's first."""
+    kinds = {p.name: p.kind for p in effect.parameters}
+    if key == "files":
+        return "1"
+    return UNITS[kinds.get(key, kinds.get(f"{key.removesuffix('s')} 0", effect.parameters[0].kind))]
+
+
+def _told(instance: Instance, row: np.ndarray, record: Record) -> dict[str, Any]:
     effect = instance.effect
     plain = {
         p.name: float(np.exp(value) if p.kind == "log_ratio" else value)
         for p, value in zip(effect.parameters, row, strict=True)
     }
-    return effect.reports(plain, instance) if effect.reports is not None else plain
+    told = effect.reports(plain, instance) if effect.reports is not None else plain
+    if "times" in told:
+        places = [record.own_time(time) for time in told["times"]]
+        told["times"] = [time for _, time in places]
+        if len(record.files) > 1:
+            told["files"] = [number for number, _ in places]
+    return told

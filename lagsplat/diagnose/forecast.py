@@ -167,6 +167,6 @@ def _blocks(
         clip = int(np.searchsorted(record.clips[:, 1], start, side="right"))
         number = record.file_of[clip]
         cut = slice(0, length)
-        time = record.time[start : start + length] + (record.began_s[number] if record.began_s else 0.0)
+        time = record.time[start : start + length] + record.shifts_s[number]
         out.append(Block(record.files[number], i, time, real[i, cut], sim[i, cut], augmented[i, cut]))
     return tuple(out)

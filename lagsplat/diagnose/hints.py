@@ -7,6 +7,7 @@ from jaxtyping import Float64
 from scipy.signal import find_peaks
 
 from lagsplat.diagnose.catalogue import Hints
+from lagsplat.diagnose.record import clock_shifts
 from lagsplat.diagnose.residual_time import events
 from lagsplat.diagnose.smoother import Smoothed
 
@@ -16,12 +17,14 @@ HIGHEST = 0.2
 
 
 def hints(smoothed: Sequence[Smoothed], *, period_s: float) -> tuple[Hints, ...]:
-    """The loudest spans of the first file, and the loudest lines of the longest, for each coordinate."""
-    first = smoothed[0].motion
-    spans = [event for event in events(smoothed, period_s=period_s) if event.motion == 0]
-    pushes = tuple((one.start_s - first.time_s[0], one.end_s - first.time_s[0]) for one in spans)
+    """The loudest spans, on the joint clock, and lines of the longest file, for each coordinate."""
+    shifts = clock_shifts([one.motion for one in smoothed])
+    pushes = tuple(
+        (one.start_s - shifts[one.motion], one.end_s - shifts[one.motion])
+        for one in events(smoothed, period_s=period_s)
+    )
     longest = max(smoothed, key=lambda one: one.motion.n)
-    return tuple(Hints(pushes, lines(longest, i)) for i in range(first.d))
+    return tuple(Hints(pushes, lines(longest, i)) for i in range(longest.motion.d))
 
 
 def lines(one: Smoothed, coordinate: int) -> tuple[float, ...]:

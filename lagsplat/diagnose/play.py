@@ -66,6 +66,7 @@ def play(
         clips=np.array([[0, n]]),
         files=("",),
         file_of=np.zeros(1, dtype=np.int64),
+        shifts_s=(0.0,),
     )
     steps = max(1, int(np.ceil(np.diff(drive.time_s).max() / one.step_s - 1e-9)))
     bench = Bench(one.model, record, one.nuisance, steps, one.held if held is None else held, record.q)

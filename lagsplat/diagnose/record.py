@@ -8,10 +8,13 @@ from jaxtyping import Float64, Int64
 
 from lagsplat.io.motion import Motion
 
+BREAK_S = 10.0
+"""Between files whose own clocks do not go on from one to the next."""
+
 
 @dataclass(frozen=True)
 class Record:
-    """Files joined along time: ``time`` (N,) [s] counts from the start of each file; clips never touch."""
+    """Files joined along one clock: ``time`` (N,) [s] counts from the first's start; clips never touch."""
 
     time: Float64[np.ndarray, " N"]
     q: Float64[np.ndarray, "N d"]
@@ -22,8 +25,8 @@ class Record:
     files: tuple[str, ...]
     file_of: Int64[np.ndarray, " C"]
     """Number of the file of each clip."""
-    began_s: tuple[float, ...] = ()
-    """Time [s] at which each file begins, on its own clock; zero where it is not given."""
+    shifts_s: tuple[float, ...]
+    """What each file's own clock shows at zero of the joint one [s]."""
 
     @property
     def d(self) -> int:
@@ -34,6 +37,12 @@ class Record:
     def dt_s(self) -> float:
         """Median time between frames [s]."""
         return float(np.median(np.concatenate([np.diff(self.time[a:b]) for a, b in self.clips])))
+
+    def own_time(self, time_s: float) -> tuple[int, float]:
+        """The file that an instant of the joint clock falls into or after, and its own clock then [s]."""
+        begun = self.time[self.clips[:, 0]] <= time_s
+        number = int(self.file_of[np.flatnonzero(begun)[-1]]) if begun.any() else 0
+        return number, time_s + self.shifts_s[number]
 
 
 @dataclass(frozen=True)
@@ -64,22 +73,36 @@ class Windows:
 
 def join(motions: Sequence[Motion], velocities: Sequence[np.ndarray]) -> Record:
     """One record of ``motions`` with their velocity estimates."""
-    clips, file_of, offset = [], [], 0
+    clips, file_of, offset, shifts = [], [], 0, clock_shifts(motions)
     for number, motion in enumerate(motions):
         for start, stop in motion.segments:
             clips.append((offset + start, offset + stop))
             file_of.append(number)
         offset += motion.n
     return Record(
-        time=np.concatenate([m.time_s - m.time_s[0] for m in motions]),
+        time=np.concatenate([m.time_s - shift for m, shift in zip(motions, shifts, strict=True)]),
         q=np.concatenate([m.q for m in motions]),
         v=np.concatenate(list(velocities)),
         u=np.concatenate([m.u for m in motions]),
         clips=np.array(clips, dtype=np.int64),
         files=tuple(m.source for m in motions),
         file_of=np.array(file_of, dtype=np.int64),
-        began_s=tuple(float(m.time_s[0]) for m in motions),
+        shifts_s=shifts,
     )
+
+
+def clock_shifts(motions: Sequence[Motion]) -> tuple[float, ...]:
+    """What each file's own clock shows at zero of a joint one [s], which starts with the first file.
+
+    Files whose clocks go on from one to the next keep them, where no pause is longer than all that was
+    recorded; others follow each other after a break.
+    """
+    first, last = (np.array([m.time_s[i] for m in motions]) for i in (0, -1))
+    pauses = first[1:] - last[:-1]
+    if ((pauses > 0.0) & (pauses < (last - first).sum())).all():
+        return (float(first[0]),) * len(motions)
+    begins = np.append(0.0, np.cumsum(last - first + BREAK_S)[:-1])
+    return tuple((first - begins).tolist())
 
 
 def cut_windows(record: Record, *, length_s: float, least: int) -> Windows:

@@ -18,7 +18,9 @@ def swing(d: int, n_u: int, reach: float) -> Record:
     q = reach * np.cos(np.outer(time, rate) + np.arange(d)) * np.exp(-time / 20.0)[:, None]
     u = np.sin(np.outer(time, 3.0 * np.arange(1.0, n_u + 1.0)))
     clips = np.array([[0, len(time)]])
-    return Record(time, q, np.gradient(q, time, axis=0), u, clips, ("a",), np.zeros(1, dtype=np.int64))
+    return Record(
+        time, q, np.gradient(q, time, axis=0), u, clips, ("a",), np.zeros(1, dtype=np.int64), (0.0,)
+    )
 
 
 def double_pendulum() -> FieldFunctions:

@@ -103,9 +103,6 @@ def test_a_push_is_a_hint() -> None:
     assert end - start < 1.2
 
 
-@pytest.mark.xfail(
-    reason="a push is known by its time from the start of a file, which every file has", strict=True
-)
 def test_a_push_in_the_first_file_leaves_the_second_alone() -> None:
     both = contest([film(u=wave(), seconds=8.0), film(u=wave(1), seconds=8.0, seed=1)])
     push = next(one for one in offered(both) if one.effect.name == "external_push")

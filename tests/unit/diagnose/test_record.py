@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lagsplat.diagnose.record import Record, Windows, cut_windows, join
+from lagsplat.diagnose.record import BREAK_S, Record, Windows, cut_windows, join
 from lagsplat.io.motion import Motion
 
 
@@ -14,7 +14,9 @@ def record(lengths: list[int], *, dt: float = 0.02) -> Record:
     clips = np.stack([ends - lengths, ends], axis=1)
     time = dt * np.arange(n)
     q = np.arange(n, dtype=float)[:, None]
-    return Record(time, q, np.ones((n, 1)), np.zeros((n, 0)), clips, ("a",), np.zeros(len(lengths), np.int64))
+    return Record(
+        time, q, np.ones((n, 1)), np.zeros((n, 0)), clips, ("a",), np.zeros(len(lengths), np.int64), (0.0,)
+    )
 
 
 @settings(max_examples=60, deadline=None)
@@ -57,16 +59,27 @@ def test_samples_of_a_short_window_repeat_its_last_and_count_for_nothing() -> No
     assert windows.only(np.array([False, True])).first.tolist() == [6]
 
 
-def test_files_are_joined_each_with_its_own_clock_and_their_clips_stay_apart() -> None:
-    def motion(start: float, n: int, segments: tuple[tuple[int, int], ...], name: str) -> Motion:
-        time, q, u = start + 0.1 * np.arange(n), np.full((n, 2), start), np.zeros((n, 1))
-        return Motion(time_s=time, q=q, u=u, segments=segments, source=name)
+def motion(start: float, n: int, segments: tuple[tuple[int, int], ...], name: str) -> Motion:
+    time, q, u = start + 0.1 * np.arange(n), np.full((n, 2), start), np.zeros((n, 1))
+    return Motion(time_s=time, q=q, u=u, segments=segments, source=name)
 
+
+def test_files_are_joined_after_a_break_and_their_clips_stay_apart() -> None:
     both = [motion(7.0, 12, ((0, 5), (5, 12)), "a.csv"), motion(100.0, 8, (), "b.csv")]
     whole = join(both, [m.q for m in both])
     assert whole.clips.tolist() == [[0, 5], [5, 12], [12, 20]]
     assert whole.file_of.tolist() == [0, 0, 1]
     assert whole.files == ("a.csv", "b.csv")
-    assert whole.time[[0, 12]].tolist() == [0.0, 0.0]
+    assert whole.time[[0, 12]] == pytest.approx([0.0, 1.1 + BREAK_S])
+    assert whole.own_time(float(whole.time[14])) == (1, pytest.approx(100.2))
+    assert whole.own_time(0.3) == (0, pytest.approx(7.3))
     assert whole.dt_s == pytest.approx(0.1)
     assert whole.d == 2
+
+
+def test_clocks_that_go_on_from_file_to_file_are_kept() -> None:
+    both = [motion(7.0, 12, (), "a.csv"), motion(9.0, 8, (), "b.csv")]
+    whole = join(both, [m.q for m in both])
+    assert whole.time[[0, 12]] == pytest.approx([0.0, 2.0])
+    assert whole.shifts_s == (7.0, 7.0)
+    assert join(both[::-1], [m.q for m in both]).time[8] > 0.0

@@ -14,7 +14,7 @@ CLIPS = np.array([[0, 4], [4, 7]])
 
 def record() -> Record:
     blank = np.zeros((7, 1))
-    return Record(TIME, blank, blank, U[:, None], CLIPS, ("a", "b"), np.array([0, 1]))
+    return Record(TIME, blank, blank, U[:, None], CLIPS, ("a", "b"), np.array([0, 1]), (0.0, 0.0))
 
 
 def test_stages_are_the_beginning_middle_and_end_of_every_substep() -> None:
@@ -47,7 +47,7 @@ def test_a_lag_answers_a_held_step_as_an_exponential() -> None:
     time = 0.05 * np.arange(20)
     u = np.where(time < 0.099, 0.0, 2.0)[:, None]
     blank = np.zeros((20, 1))
-    whole = Record(time, blank, blank, u, np.array([[0, 20]]), ("a",), np.zeros(1, np.int64))
+    whole = Record(time, blank, blank, u, np.array([[0, 20]]), ("a",), np.zeros(1, np.int64), (0.0,))
     signal = signals(whole, steps=3, held=True)[0]
     out = input_lag.change(signal, np.array([[0.2]])).reshape(20, 3, 3)[:, 0, 0]
     assert out == pytest.approx(2.0 * -np.expm1(-np.maximum(time - 0.1, 0.0) / 0.2), abs=1e-5)

@@ -25,7 +25,7 @@ def recorded(model: Model, start: list[float], *, seconds: float, u: list) -> Re
     inputs = np.array([[one(t) for one in u] for t in time])
     cut = len(time) // 2 - 7
     clips = np.array([[0, cut], [cut, len(time)]])
-    return Record(time, y[:, :d], y[:, d:], inputs, clips, ("made",), np.zeros(2, np.int64))
+    return Record(time, y[:, :d], y[:, d:], inputs, clips, ("made",), np.zeros(2, np.int64), (0.0,))
 
 
 def test_test_functions_stay_within_clips_and_integrate_to_nothing_in_their_rate() -> None:
