@@ -123,5 +123,7 @@ def test_a_region_covers_the_record_and_a_margin() -> None:
     half = 0.5 * np.ptp(record.q, axis=0)
     assert (np.ptp(region.q, axis=0) > 2.0 * half).all()
     assert (np.ptp(region.q, axis=0) < 2.0 * half * (1.0 + 2.0 * MARGIN)).all()
-    still = Record(record.time, record.q, record.v, 0.0 * record.u, record.clips, ("a",), record.file_of)
+    still = Record(
+        record.time, record.q, record.v, 0.0 * record.u, record.clips, ("a",), record.file_of, (0.0,)
+    )
     assert np.ptp(region_of(still).u) > 0.5
