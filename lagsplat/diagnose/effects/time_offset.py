@@ -1,7 +1,6 @@
-"""Clocks of motion and inputs that disagree: ``u(t) = u_logged(t - offset)`` for every input at once.
+"""Clocks of motion and inputs that disagree: ``u(t) = u_logged(t + offset)`` for every input at once.
 
-A late camera looks like an early input, so that the offset may have either sign; a positive one cannot be
-told from a delay of every input.
+Motion that is stamped late, a negative offset, cannot be told from a delay of every input.
 """
 
 from typing import Any
@@ -13,8 +12,8 @@ from lagsplat.diagnose.effects.effect import InputChange, Normal, Parameter
 
 
 def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray, "P M"]:
-    """The input as it was ``offset`` ago, or will be."""
-    return np.stack([signal.at(signal.time - offset) for offset in theta[:, 0]])
+    """The input as it will be in ``offset``, or was."""
+    return np.stack([signal.at(signal.time + offset) for offset in theta[:, 0]])
 
 
 EFFECT = InputChange(

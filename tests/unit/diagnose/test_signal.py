@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.effects import input_backlash, input_delay, input_lag
+from lagsplat.diagnose.effects import input_backlash, input_delay, input_lag, time_offset
 from lagsplat.diagnose.record import Record
 from lagsplat.diagnose.signal import signals, stage_times
 
@@ -41,6 +41,12 @@ def test_a_delayed_input_is_the_earlier_one_and_does_not_look_into_another_clip(
     assert late[1, 1, 0, 0] == 1.0  # before the first sample, that sample
     assert late[1, 4, 0, 0] == 10.0
     assert late[1, 2, 0, 0] == pytest.approx(3.0 if held else 3.0 - 5.0 * 0.03 / 0.15)
+
+
+def test_motion_that_is_stamped_late_looks_like_a_late_input() -> None:
+    signal = signals(record(), steps=2, held=False)[0]
+    late = input_delay.change(signal, np.array([[0.12]]))
+    assert np.array_equal(time_offset.change(signal, np.array([[-0.12]])), late)
 
 
 def test_a_lag_answers_a_held_step_as_an_exponential() -> None:
