@@ -101,12 +101,21 @@ def augment(
 ) -> Augmented:
     """What a fit on a bench found, ``x`` being its unknowns: the effects' own, then the uncertainties'.
 
-    Effects that only widen the noise move nothing, have no unknowns in ``x`` and are left out.
+    Effects that only widen the noise move nothing, have no unknowns in ``x`` and are left out; so is where
+    the memory of others began in the recording.
     """
-    moving = tuple(e for e in effects if not isinstance(e.effect, Noise))
+    moving, kept, at = [], [], 0
+    for one in (e for e in effects if not isinstance(e.effect, Noise)):
+        size = len(one.effect.parameters)
+        effect = one.effect.begun(()) if isinstance(one.effect, Force) else one.effect
+        kept += list(range(at, at + len(effect.parameters)))
+        moving.append(replace(one, effect=effect))
+        at += size
+    x = np.asarray(x, dtype=np.float64)
+    x = x[[*kept, *range(at, len(x))]]
     step_s = bench.record.dt_s / bench.steps
     return Augmented(
-        bench.model, bench.nuisance, moving, np.asarray(x, dtype=np.float64), bench.held,
+        bench.model, bench.nuisance, tuple(moving), x, bench.held,
         step_s, bench.record.dt_s, tuple(q_names), tuple(u_names), region,
     )  # fmt: skip
 

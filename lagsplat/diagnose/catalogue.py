@@ -19,6 +19,9 @@ from lagsplat.diagnose.effects.effect import (
 from lagsplat.diagnose.effects.external_push import N_PUSHES
 from lagsplat.diagnose.simulate import Bench
 
+FREE_CLIPS = 3
+"""Clips, the longest, in which a hidden memory may begin anywhere."""
+
 
 def catalogue() -> dict[str, Effect]:
     """All effects by name."""
@@ -78,6 +81,8 @@ def _along(
 ) -> list[Instance]:
     if variant == "weight" or (effect.name == "mass_change" and len(bench.model.mass) == 1 == bench.model.d):
         return []  # weight acts on the whole; a constant mass of one coordinate is the whole
+    if isinstance(effect, Force) and effect.memory_kinds:
+        effect = effect.begun(_longest(bench))
     out = []
     for place, hint in zip(places, hints, strict=True):
         one = Instance(effect, scales(bench, place, variant), variant, place)
@@ -89,6 +94,12 @@ def _along(
         if one.grid is None or one.grid:
             out.append(one)
     return out
+
+
+def _longest(bench: Bench) -> list[int]:
+    """The clips that tell most of where a memory begins."""
+    order = np.argsort(np.diff(bench.record.clips, axis=1)[:, 0], kind="stable")[::-1]
+    return sorted(order[:FREE_CLIPS].tolist())
 
 
 def _push_grid(hint: Hints, size: Scales) -> tuple[tuple[float, ...], ...]:

@@ -202,8 +202,9 @@ def _told(instance: Instance, row: np.ndarray, record: Record) -> dict[str, Any]
     plain = {
         p.name: float(np.exp(value) if p.kind == "log_ratio" else value)
         for p, value in zip(effect.parameters, row, strict=True)
+        if not p.name.startswith("memory ")
     }
-    told = effect.reports(plain, instance) if effect.reports is not None else plain
+    told: dict[str, Any] = effect.reports(plain, instance) if effect.reports is not None else dict(plain)
     if "times" in told:
         places = [record.own_time(time) for time in told["times"]]
         told["times"] = [time for _, time in places]

@@ -167,13 +167,13 @@ def rollouts(
 @njit(
     (
         types.FunctionType(LAW), float64[:, ::1], float64[::1], float64[::1], float64[::1], float64[::1],
-        float64[::1], types.int64[:, ::1], float64[:, ::1], float64[:, :, ::1],
+        float64[::1], types.int64[:, ::1], float64[:, :, ::1], float64[:, :, ::1],
     ),
     cache=True,
 )  # fmt: skip
 @no_type_check
 def memories(force, theta, time, s, v, spring, drive, clips, begin, out):
-    """Write a law's memory (P, N, Z) along a given motion, from ``begin`` (C, Z) where a clip starts.
+    """Write a law's memory (P, N, Z) along a given motion, from ``begin`` (P, C, Z) where a clip starts.
 
     ``s``, ``v``, ``spring``, ``drive`` are (N,); between frames they are interpolated linearly. The memory
     steps by the explicit midpoint rule, eight times a frame.
@@ -182,7 +182,7 @@ def memories(force, theta, time, s, v, spring, drive, clips, begin, out):
     rate, y = np.zeros(n_z), np.zeros(n_z)
     for p in range(n_sets):
         for clip in range(clips.shape[0]):
-            z = begin[clip].copy()
+            z = begin[p, clip].copy()
             for n in range(clips[clip, 0], clips[clip, 1]):
                 out[p, n] = z
                 if n + 1 == clips[clip, 1]:

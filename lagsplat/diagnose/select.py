@@ -9,6 +9,14 @@ from lagsplat.diagnose.compare import Contest, Explained, Lead, log_evidence, pu
 from lagsplat.diagnose.config import DiagnoseConfig
 from lagsplat.diagnose.effects.effect import Instance, Noise
 
+SETTLED = 3
+"""Best fits that are carried on to their end."""
+LONGER = 5
+"""Steps they may take beside those of every fit, in multiples of these."""
+
+FINER = 0.03
+"""Gain that still is worth a step, in multiples of what every fit thinks so."""
+
 Tell = Callable[[str], None]
 
 
@@ -62,7 +70,7 @@ def rank(
     they have not. The first is blind to an effect that they imitate.
     """
     n = contest.bench.nuisance.size
-    base = known or Explained((), contest.fit((), np.zeros(n)))
+    base = known or settled(contest, Explained((), contest.fit((), np.zeros(n))))
     beginnings = [base.fit]
     if known is None:
         frozen = replace(contest, bench=replace(contest.bench, nuisance=contest.bench.nuisance.pinned()))
@@ -91,7 +99,16 @@ def rank(
         family = sorted(by_family[name], key=lambda pair: -pair[0].gain)[: effort.places]
         for lead, start in family:
             found.append(pursue(contest, base.effects, start.fit, lead, starts=effort.starts))
+    found.sort(key=lambda one: one.fit.misfit + one.fit.penalty)
+    found[:SETTLED] = [settled(contest, one) for one in found[:SETTLED]]
     return graded(contest, base, found, offers, effort, first=known is None)
+
+
+def settled(contest: Contest, one: Explained) -> Explained:
+    """A fit carried on to its end, beyond the steps and the gain with which every fit must make do."""
+    longer = replace(contest, iterations=LONGER * contest.iterations, tolerance=FINER * contest.tolerance)
+    near = (one.fit.slopes[..., one.n_own :], one.fit.start_slopes) if one.effects else None
+    return replace(one, fit=longer.fit(one.effects, one.fit.x, one.fit.starts, near))
 
 
 def graded(

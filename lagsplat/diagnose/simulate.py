@@ -165,16 +165,19 @@ class Bench:
             assert direction is not None
             laws[slot], along[slot], inertia[slot] = effect.law, direction.covector, direction.inertia
             fixed = np.array(effect.constants(instance.scales, instance.variant))
-            tables.append(np.concatenate([theta, np.repeat(fixed[None], n_sets, axis=0)], axis=1))
+            own, begun = theta[:, : effect.n_law], theta[:, effect.n_law :]
+            tables.append(np.concatenate([own, np.repeat(fixed[None], n_sets, axis=0)], axis=1))
             size = max(size, tables[-1].shape[1])
             if effect.n_memory:
-                memory[:, :, slot, : effect.n_memory] = self._memory(instance, tables[-1], windows)
+                memory[:, :, slot, : effect.n_memory] = self._memory(instance, tables[-1], begun, windows)
         table = np.zeros((n_sets, SLOTS, size))
         for slot, values in enumerate(tables):
             table[:, slot, : values.shape[1]] = values
         return tuple(laws), along, inertia, table, memory
 
-    def _memory(self, instance: Instance, theta: np.ndarray, windows: Windows) -> np.ndarray:
+    def _memory(
+        self, instance: Instance, theta: np.ndarray, begun: np.ndarray, windows: Windows
+    ) -> np.ndarray:
         """Memory (P, W, Z) where the windows begin, carried along the recorded motion."""
         effect, direction = instance.effect, instance.direction
         assert isinstance(effect, Force)
@@ -182,14 +185,16 @@ class Bench:
         p, record = direction.covector, self.record
         spring, drive = self.forces
         s, v = (self.smooth - self.model.rest) @ p, record.v @ p
-        distinct, which = np.unique(theta, axis=0, return_inverse=True)
+        distinct, which = np.unique(np.concatenate([theta, begun], axis=1), axis=0, return_inverse=True)
+        own, beside = distinct[:, : theta.shape[1]], distinct[:, theta.shape[1] :]
         out = np.zeros((len(distinct), len(s), effect.n_memory))
-        begin = np.zeros((len(record.clips), effect.n_memory))
+        begin = np.zeros((len(distinct), len(record.clips), effect.n_memory))
         for i, name in enumerate(effect.memory_start):
             values = {"zero": np.zeros_like(s), "s": s, "v": v}[name]
-            begin[:, i] = values[record.clips[:, 0]]
+            begin[:, :, i] = values[record.clips[:, 0]]
+        begin[:, list(effect.free_clips)] += beside.reshape(len(beside), -1, effect.n_memory)
         memories(
-            effect.law, np.ascontiguousarray(distinct), record.time, s, v,
+            effect.law, np.ascontiguousarray(own), record.time, s, v,
             spring @ p / direction.inertia, drive @ p / direction.inertia, record.clips, begin, out,
         )  # fmt: skip
         return out[which.reshape(-1)][:, windows.first]

@@ -29,5 +29,6 @@ EFFECT = Force(
     law=force,
     n_memory=1,
     memory_start=("s",),
+    memory_kinds=("coordinate",),
     constants=lambda scales, variant: (scales.stiffness,),
 )

@@ -6,8 +6,8 @@ are *amplitudes*: with amplitude zero the effect is not there.
 """
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -187,10 +187,28 @@ class Force(Effect):
     n_memory: int = 0
     memory_start: tuple[str, ...] = ()
     """What each memory holds where a clip begins: ``zero``, ``s`` or ``v``."""
+    memory_kinds: tuple[Kind, ...] = ()
+    """What each memory is counted in, if it may begin elsewhere where a clip begins in mid-motion."""
+    free_clips: tuple[int, ...] = ()
+    """Clips whose memory begins by as much beside ``memory_start`` as the last parameters say."""
     constants: Callable[[Scales, str], tuple[float, ...]] = field(default=lambda scales, variant: ())
     """What the law gets after its parameters."""
     whole: Any = None
     """``whole(fields, theta (P, k), model)``: the same on all coordinates at once, as a change of the sim."""
+
+    @property
+    def n_law(self) -> int:
+        """Number of parameters that the law takes; those after them say where its memory begins."""
+        return len(self.parameters) - self.n_memory * len(self.free_clips)
+
+    def begun(self, clips: Sequence[int]) -> "Force":
+        """The same with a memory that begins anywhere in ``clips``."""
+        own = (
+            Parameter(f"memory {i} of clip {c}", kind, Normal(1.0), (0.0,))
+            for c in clips
+            for i, kind in enumerate(self.memory_kinds)
+        )
+        return replace(self, parameters=(*self.parameters[: self.n_law], *own), free_clips=tuple(clips))
 
 
 @dataclass(frozen=True)

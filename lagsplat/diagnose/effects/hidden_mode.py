@@ -32,6 +32,7 @@ EFFECT = Force(
     law=force,
     n_memory=2,
     memory_start=("s", "v"),
+    memory_kinds=("coordinate", "velocity"),
     reports=lambda p, instance: {
         "frequency_hz": p["angular_frequency"] / 6.283185307179586,
         "mass_ratio": p["mass_ratio"],
