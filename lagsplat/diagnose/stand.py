@@ -18,6 +18,10 @@ from lagsplat.diagnose.shoot import derivatives, eliminate
 from lagsplat.diagnose.simulate import Bench
 from lagsplat.io.motion import Motion
 
+LOST = 50.0
+"""Mean square residual, in units of the noise, beyond which a window is too long to be followed."""
+SHORTER = 0.35
+"""Share of a window that can be followed where it passes an unstable rest, as an upright pendulum's."""
 OPEN = 6
 """Directions at most that the sim's identification leaves open."""
 
@@ -33,6 +37,8 @@ class Sim:
     """Mean square residual on its own recordings in units of their noise."""
     correlation: float = 1.0
     """Samples of that residual that count as one."""
+    reach: float = 1.0
+    """How far ahead it can be run, in windows as long as the settings say."""
 
     @classmethod
     def exact(cls, model: Model) -> "Sim":
@@ -64,10 +70,26 @@ def sim_of(motions: Sequence[Motion], config: DiagnoseConfig) -> Sim:
         config.identify_iterations,
         1e-4,
     )
-    found = identify(
-        ready.record, ready.smooth, ready.sigma, period_s, setting, held=config.input_hold == "zoh"
+
+    def told(reach: float) -> Sim:
+        shorter = replace(setting, window_periods=reach * config.window_periods)
+        found = identify(
+            ready.record, ready.smooth, ready.sigma, period_s, shorter, held=config.input_hold == "zoh"
+        )
+        return Sim(rested(found.model, ready.smooth), found.freedom, found.misfit, reach=reach)
+
+    sim = told(1.0)
+    return sim if sim.misfit < LOST else min(sim, told(SHORTER), key=lambda one: one.misfit)
+
+
+def rested(model: Model, q: Float64[np.ndarray, "N d"]) -> Model:
+    """The model at rest where its potential is lowest along the motion, if it would not stay where it rests."""
+    if np.linalg.eigvalsh(model.stiffness).min() > 0.0:
+        return model
+    return replace(
+        model,
+        rest=q[int(np.argmin(model.basis.first(len(model.potential)).values(q) @ model.potential))].copy(),
     )
-    return Sim(found.model, found.freedom, found.misfit)
 
 
 def periods(model: Model, fallback_s: float) -> Periods:
@@ -100,7 +122,8 @@ def stand(sim: Sim, real: Sequence[Motion], config: DiagnoseConfig) -> tuple[Con
         sim.freedom,
     )
     steps = max(1, int(np.ceil(record.dt_s * config.steps_per_period / natural.shortest_s)))
-    windows = cut_windows(record, length_s=config.window_periods * natural.longest_s, least=20)
+    reach_s = config.window_periods * sim.reach * natural.longest_s
+    windows = cut_windows(record, length_s=reach_s, least=20)
     if len(windows.first) < 4:
         windows = cut_windows(record, length_s=natural.longest_s, least=20)
     bench = Bench(model, record, nuisance, steps, config.input_hold == "zoh", ready.smooth)
