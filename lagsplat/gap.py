@@ -17,12 +17,13 @@ from lagsplat.diagnose.config import DiagnoseConfig
 from lagsplat.diagnose.diagnose import Found, diagnose
 from lagsplat.diagnose.effects.effect import Noise
 from lagsplat.diagnose.excitation import Excitation, excitation
+from lagsplat.diagnose.finding import Finding
 from lagsplat.diagnose.prepare import prepare, rough_period_s
 from lagsplat.diagnose.region import region_of
 from lagsplat.diagnose.result import Diagnosis
 from lagsplat.diagnose.sims import sampled_sim
 from lagsplat.diagnose.sources import Source, find_sources, read_sources
-from lagsplat.diagnose.stand import Sim, held_to, sim_of
+from lagsplat.diagnose.stand import LOST, Sim, held_to, sim_of
 from lagsplat.diagnose.where import Where, locate
 from lagsplat.io.motion import Motion
 from lagsplat.provenance import stamp
@@ -92,7 +93,23 @@ def open_pair(sim: str, real: str, config: DiagnoseConfig) -> Pair:
             noise=checked.real.noise,
             closed_loop=checked.closed_loop,
         )
-    return Pair(_model(models, checked, config), checked, rows, own, films)
+    known = _model(models, checked, config)
+    if not models and known.misfit > LOST:
+        checked = replace(checked, findings=(*checked.findings, _lost(known, nominal)))
+    return Pair(known, checked, rows, own, films)
+
+
+def _lost(sim: Sim, nominal: Sequence[Motion]) -> Finding:
+    return Finding(
+        "undetermined",
+        "law of the sim",
+        "sim",
+        f"the law found from {', '.join(m.source for m in nominal)} misses these recordings themselves by "
+        f"{np.sqrt(sim.misfit):.0f} times their noise within two periods",
+        "something acted there that no column tells, as a push by hand, or the law is not smooth; what the "
+        "sim lacks already cannot be told from what the real mechanism adds",
+        "cut the recordings to stretches in which only the logged inputs act, or give the sim as a program",
+    )
 
 
 def _model(models: Sequence[Source], checked: Checked, config: DiagnoseConfig) -> Sim:

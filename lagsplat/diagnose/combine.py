@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from lagsplat.diagnose.catalogue import catalogue
-from lagsplat.diagnose.compare import Contest, Explained
+from lagsplat.diagnose.compare import Contest, Explained, log_evidence
 from lagsplat.diagnose.config import DiagnoseConfig
 from lagsplat.diagnose.effects.effect import Instance, Noise
 from lagsplat.diagnose.select import Effort, Ranking, Tell, rank
@@ -50,7 +50,9 @@ def combine(
             tried += [replace(one, log_evidence=held.log_evidence + one.log_evidence) for one in found]
         if not tried:
             break
-        best = min(tried, key=cost)
+        least = min(one.fit.misfit for one in tried) / contest.freedom
+        temper = max(effort.nominal, least) * effort.temper
+        best = max(tried, key=lambda one: log_evidence(one, contest.bench, temper))
         # of what stands above the noise, what the moved uncertainties cost included
         floor = effort.nominal * contest.freedom
         if cost(best) - floor > (1.0 - config.further) * (cost(chain[-1]) - floor):

@@ -134,7 +134,7 @@ def _guesses(
         np.array([0.0] * n + [p.prior.unknown(g) for p, g in zip(effect.parameters[n:], point, strict=True)])
         for point in grid
     ]
-    step = [0.001 * p.prior.deviation for p in effect.parameters[:n]]
+    step = [0.01 * p.prior.deviation for p in effect.parameters[:n]]
     sets = []
     for guess in guesses:
         for i in range(max(n, 1)):

@@ -10,8 +10,8 @@ from lagsplat.diagnose.noise import local_cubic, noise_level
 from lagsplat.diagnose.record import Record, join
 from lagsplat.io.motion import Motion
 
-QUIET = 2e-4
-"""Noise that is assumed at least, in fractions of the rms: integration and rounding of a noise-free sim."""
+QUIET = 1e-3
+"""Noise that is assumed at least, in fractions of the rms: less of a motion is not worth explaining."""
 LEAST = 16
 """Samples of the shortest clip whose spectrum is taken."""
 STEPPED = 1.6

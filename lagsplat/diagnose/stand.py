@@ -21,7 +21,7 @@ from lagsplat.io.motion import Motion
 LOST = 50.0
 """Mean square residual, in units of the noise, beyond which a window is too long to be followed."""
 SHORTER = 0.35
-"""Share of a window that can be followed where it passes an unstable rest, as an upright pendulum's."""
+"""Share of a window that can be followed past an unstable rest, as an upright pendulum's."""
 OPEN = 6
 """Directions at most that the sim's identification leaves open."""
 
@@ -83,7 +83,7 @@ def sim_of(motions: Sequence[Motion], config: DiagnoseConfig) -> Sim:
 
 
 def rested(model: Model, q: Float64[np.ndarray, "N d"]) -> Model:
-    """The model at rest where its potential is lowest along the motion, if it would not stay where it rests."""
+    """The model at rest where its potential is lowest along the motion, if its rest is unstable."""
     if np.linalg.eigvalsh(model.stiffness).min() > 0.0:
         return model
     return replace(

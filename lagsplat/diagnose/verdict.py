@@ -61,10 +61,10 @@ def explain(
 ) -> tuple[Explained | None, float, float]:
     """The single effect or the set that explains the gap, the share of the excess it leaves, P(unknown).
 
-    A set is believed only if it leaves next to nothing, for two or three wrong effects imitate most of
-    anything. Otherwise the best single effect stands, and the more it leaves, the likelier is something that
-    the catalogue lacks: logistic in the logarithm of that share over ``config.unexplained``. An excess counts
-    where it stands out of the scatter of a mean square.
+    A set is believed only if it leaves next to nothing, for two wrong effects imitate most of anything, and
+    three all the more. Otherwise the best single effect stands, and the more it leaves, the likelier is
+    something that the catalogue lacks: logistic in the logarithm of that share over ``config.unexplained``.
+    An excess counts where it stands out of the scatter of a mean square.
     """
     if not chain:
         before = ranking.none.fit.misfit / freedom - nominal
@@ -74,7 +74,8 @@ def explain(
     share = [max(rest, 0.0) / max(before, rest, 1e-9) for rest in left]
     if share[0] > config.further_from or moved(chain[0], nominal, config):
         for one, rest, part in zip(chain[1:], left[1:], share[1:], strict=True):
-            if rest < ADEQUATE * nominal or part < config.further_from:
+            enough = (rest < ADEQUATE * nominal, part < config.further_from)
+            if all(enough) if len(one.effects) > 2 else any(enough):
                 return one, part, LEAST_UNKNOWN
     return chain[0], share[0], _strange(left[0], before, freedom, nominal, config)
 

@@ -13,9 +13,9 @@ from lagsplat.diagnose.kernel import law
 @law
 @no_type_check
 def force(t, s, v, spring, drive, memory, theta, d_memory):
-    """``-(coulomb + excess exp(-(v/velocity)^2)) sign(v)``."""
+    """``-coulomb (1 + excess exp(-(v/velocity)^2)) sign(v)``."""
     ratio = v / theta[2]
-    return -(theta[1] + theta[0] * math.exp(-ratio * ratio)) * math.tanh(v / theta[3])
+    return -theta[0] * (1.0 + theta[1] * math.exp(-ratio * ratio)) * math.tanh(v / theta[3])
 
 
 EFFECT = Force(
@@ -24,18 +24,17 @@ EFFECT = Force(
     component="dissipative",
     equation="a = -(coulomb + (static - coulomb) exp(-(v/velocity)^2)) sign(v)",
     parameters=(
-        Parameter("excess", "acceleration", HalfNormal(0.2)),
         Parameter("coulomb", "acceleration", HalfNormal(0.2)),
+        Parameter("excess", "ratio", HalfNormal(1.0), (0.3, 1.0)),
         Parameter("velocity", "velocity", about(0.3, 0.8), (0.1, 0.3, 0.8)),
     ),
     needs="a tenth of the samples slower than the Stribeck velocity",
-    amplitudes=2,
     passive=True,
     law=force,
     constants=lambda scales, variant: (0.02 * scales.velocity,),
     reports=lambda p, instance: {
         "coulomb": p["coulomb"],
-        "static": p["coulomb"] + p["excess"],
+        "static": p["coulomb"] * (1.0 + p["excess"]),
         "velocity": p["velocity"],
     },
 )
