@@ -29,10 +29,10 @@ CLASSES = (
 """Effects that some recordings cannot tell apart."""
 NEAR = 3.0
 """Nats within which two members of one class count as not told apart."""
-SURE = 0.97
+SURE = 0.98
 ADEQUATE = 0.15
 """Excess of the mean square residual of a good set, over what the sim leaves of its own recordings."""
-LEAST_UNKNOWN = 0.02
+LEAST_UNKNOWN = 0.015
 STEEP = 2.5
 """Power of the share left unexplained in the odds of `unknown`."""
 WIDER, ROUGH = 1.5, 0.01

@@ -8,7 +8,7 @@ from lagsplat.diagnose.result import Diagnosis
 from lagsplat.report.plain_data import plain
 
 TOLD_APART = ("yes", "weak", "no")
-SEPARATE = ("findings", "excitation", "undetermined")
+SEPARATE = ("findings", "excitation", "undetermined", "chain")
 
 
 @dataclass(frozen=True)

@@ -221,10 +221,10 @@ def _closure(diagnosis: Diagnosis, act: str) -> str:
     interval = ""
     if gap.closure.low is not None and gap.closure.high is not None:
         interval = f" (95 % interval {percent(gap.closure.low)} to {percent(gap.closure.high)})"
-    text = (
-        f"{act} shrinks the miss from {percent(gap.before)} to {percent(gap.after)}, which is "
-        f"{percent(gap.closure.value)} of what can be removed{interval}"
-    )
+    share = f"{percent(gap.closure.value)} of what can be removed{interval}"
+    if gap.closure.value >= 1.0:
+        share = "as little as can be asked of forecasts from noisy beginnings"
+    text = f"{act} shrinks the miss from {percent(gap.before)} to {percent(gap.after)}, which is {share}"
     shares = shares_of_closure(gap)
     moved = "moving the simulation's own numbers within their uncertainty would remove"
     text += f"; {moved} {percent(shares[0])}." if shares else "."
