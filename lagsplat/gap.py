@@ -35,6 +35,7 @@ from lagsplat.report.diagnosis_rollouts import save_rollouts
 if TYPE_CHECKING:
     from lagsplat.films import Films
 
+NOWHERE = "Where the gap lies cannot be told: along the real motion the sim's forces are not finite."
 UNSURE = 0.4
 """Probability that no name exceeds where the data forbid a verdict."""
 MODELS = ("run", "model", "mujoco", "python")
@@ -148,19 +149,24 @@ def examine(pair: Pair, config: DiagnoseConfig, *, tell: Callable[[str], None]) 
     tell("where")
     natural_s = found.diagnosis.checks["natural_period_s"]
     sight = pair.films.sight if pair.films is not None else None
-    where = locate(
-        pair.sim.model,
-        pair.real,
-        period_s=natural_s,
-        hold=config.input_hold,
-        perception_suspect=sight is not None and sight.drawn_badly,
-    )
-    if found.diagnosis.combination and found.chosen.effects:
+    where: Where | None = None
+    blind: tuple[str, ...] = ()
+    try:
+        where = locate(
+            pair.sim.model,
+            pair.real,
+            period_s=natural_s,
+            hold=config.input_hold,
+            perception_suspect=sight is not None and sight.drawn_badly,
+        )
+    except np.linalg.LinAlgError:
+        blind = (NOWHERE,)
+    if where is not None and found.diagnosis.combination and found.chosen.effects:
         where = placed(where, found)
     diagnosis = replace(
         found.diagnosis,
         where=where,
-        warnings=(*pair.checked.warnings, *found.diagnosis.warnings),
+        warnings=(*pair.checked.warnings, *found.diagnosis.warnings, *blind),
         excitation=tuple(f"{row.effect}: {row.record}" for row in pair.rows if row.record),
         absorbed=absorbed() if pair.own else (),
         checks={

@@ -8,6 +8,8 @@ from lagsplat.diagnose.basis import Basis, polynomial, with_angles
 from lagsplat.diagnose.model import Model
 from lagsplat.diagnose.weak import Form
 
+FEW = 2
+"""Coordinates up to which a field may grow by two degrees at once."""
 COEFFICIENTS = ("mass", "damping", "potential", "input_map", "dry", "drag")
 
 
@@ -42,13 +44,14 @@ def degrees(basis: Basis) -> list[int]:
 def grown(form: Form, basis: Basis, *, driven: bool) -> list[Form]:
     """The forms that are one step larger."""
     ends = degrees(basis)
+    ahead = 2 if basis.order.shape[1] <= FEW else 1
 
     def larger(size: int) -> list[int]:
-        return [end for end in ends if end > size][:2]
+        return [end for end in ends if end > size][:ahead]
 
     out = [replace(form, potential=end) for end in larger(form.potential)]
     out += [replace(form, mass=end) for end in larger(form.mass) if end <= form.potential]
-    out += [replace(form, damping=end) for end in larger(form.damping)[:2] if end <= form.potential]
+    out += [replace(form, damping=end) for end in larger(form.damping) if end <= form.potential]
     if driven:
         out += [replace(form, input_map=end) for end in larger(form.input_map) if end <= form.potential]
     if not form.dry:

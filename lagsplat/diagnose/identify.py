@@ -14,6 +14,11 @@ from lagsplat.diagnose.shoot import Belief, Data, Fit, Predict, derivatives, eli
 from lagsplat.diagnose.simulate import Bench
 from lagsplat.diagnose.weak import Form, model_of, observe, regressors, solve
 
+WORTH = 0.2
+"""Share of the misfit that a larger form must take away where each costs minutes."""
+FEW = 2
+"""Coordinates up to which slopes are taken anew at every step of a fit."""
+
 
 @dataclass(frozen=True)
 class Identified:
@@ -77,12 +82,26 @@ class Trial:
 
         return predict
 
-    def refine(self, model: Model, form: Form, starts: np.ndarray) -> tuple[Model, Fit, np.ndarray]:
-        """Coefficients by shooting; the fit, and the moves that its unknowns mean."""
+    @property
+    def many(self) -> bool:
+        """Whether there are so many coefficients that slopes are worth keeping for some steps."""
+        return self.record.d > FEW
+
+    def refine(
+        self,
+        model: Model,
+        form: Form,
+        starts: np.ndarray,
+        known: tuple[np.ndarray, np.ndarray] | None = None,
+    ) -> tuple[Model, Fit, np.ndarray]:
+        """Coefficients by shooting; the fit, and the moves that its unknowns mean.
+
+        ``known`` are slopes by the coefficients and by the starts where it begins.
+        """
         moves = free_directions(model, form, self.speed)
         fit = shoot(
             self.predictor(model, moves), np.zeros(len(moves)), starts, self.data, loose(len(moves)),
-            iterations=self.setting.iterations, tolerance=self.setting.tolerance,
+            iterations=self.setting.iterations, tolerance=self.setting.tolerance, known=known,
         )  # fmt: skip
         return moved(model, fit.x @ moves), fit, moves
 
@@ -92,10 +111,17 @@ def loose(n: int) -> Belief:
     return Belief(np.zeros(n), np.full(n, 3.0), np.full(n, -np.inf), np.full(n, 1e-5))
 
 
-def promised(
-    trial: Trial, model: Model, form: Form, larger: list[Form], fit: Fit
-) -> list[tuple[float, Form]]:
-    """How much misfit each larger form would take away to first order, from one set of slopes for all."""
+@dataclass(frozen=True)
+class Promise:
+    """A larger form, the misfit it would take away to first order, and the slopes that say so."""
+
+    gain: float
+    form: Form
+    known: tuple[np.ndarray, np.ndarray]
+
+
+def promised(trial: Trial, model: Model, form: Form, larger: list[Form], fit: Fit) -> list[Promise]:
+    """What each larger form promises, from one set of slopes for all."""
     union = Form(
         mass=max(f.mass for f in larger),
         damping=max(f.damping for f in larger),
@@ -116,7 +142,8 @@ def promised(
         own = free_directions(enlarged(model, candidate), candidate, trial.speed)
         kept = np.flatnonzero(_within(roomy, own, moves, enlarged(model, candidate)))
         h = curvature[np.ix_(kept, kept)] + np.eye(len(kept)) / 9.0
-        out.append((float(gradient[kept] @ np.linalg.lstsq(h, gradient[kept], rcond=1e-12)[0]), candidate))
+        gain = float(gradient[kept] @ np.linalg.lstsq(h, gradient[kept], rcond=1e-12)[0])
+        out.append(Promise(gain, candidate, (slopes[..., kept], begun)))
     return out
 
 
@@ -160,19 +187,23 @@ def grow(
         larger = [f for f in grown(form, basis, driven=driven) if f not in refused]
         if not larger or fit.misfit < 0.6 * trial.n_data:
             return best, model, form, fit, moves
-        gains = promised(trial, model, form, larger, fit)
         after = [
-            (trial.n_data * np.log(max((fit.misfit - gain) / trial.n_data, 0.5))
-             + len(free_directions(enlarged(model, f), f, trial.speed)) * np.log(trial.n_data), f.order, f)
-            for gain, f in gains
+            (trial.n_data * np.log(max((fit.misfit - one.gain) / trial.n_data, 0.5))
+             + one.known[0].shape[2] * np.log(trial.n_data), one.form.order, one)
+            for one in promised(trial, model, form, larger, fit)
         ]  # fmt: skip
-        hoped, _, candidate = min(after, key=lambda row: row[:2])
+        hoped, _, chosen = min(after, key=lambda row: row[:2])
         if hoped > best:
             return best, model, form, fit, moves
-        tried = trial.refine(enlarged(model, candidate), candidate, fit.starts)
+        candidate = chosen.form
+        slopes = chosen.known if trial.many else None
+        tried = trial.refine(enlarged(model, candidate), candidate, fit.starts, slopes)
         if cost(tried[1], len(tried[2])) < best:
+            worth = tried[1].misfit < (1.0 - WORTH) * fit.misfit
             (model, fit, moves), form = tried, candidate
             best = cost(fit, len(moves))
+            if trial.many and not worth:
+                return best, model, form, fit, moves
             refused.clear()
         else:
             refused.add(candidate)

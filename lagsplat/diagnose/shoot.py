@@ -82,6 +82,9 @@ def leading(
     predict: Predict, x: np.ndarray, starts: np.ndarray, data: Data, step: np.ndarray, n: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Weighted residual, and slopes by the first ``n`` parameters alone."""
+    if n == 0:
+        residual = (data.y - predict(x[None], starts[None])[0]) * data.weight
+        return residual, np.zeros((len(starts), residual[0].size, 0))
     many = np.repeat(x[None], 1 + n, axis=0)
     many[1 + np.arange(n), np.arange(n)] += step[:n]
     y = predict(many, np.repeat(starts[None], 1 + n, axis=0))
@@ -98,14 +101,17 @@ def eliminate(
 ) -> tuple[np.ndarray, np.ndarray, float, np.ndarray, np.ndarray]:
     """Curvature and gradient of the parameters with the starts eliminated, and what gives the starts back."""
     flat = residual.reshape(len(residual), -1)
-    own = np.einsum("wma,wmb->wab", start_slopes, start_slopes)
+    across = start_slopes.transpose(0, 2, 1)
+    own = across @ start_slopes
     diagonal = np.einsum("waa->wa", own)
     diagonal += damping * diagonal + 1e-12 * (diagonal.max(axis=1, keepdims=True) + 1e-30)
-    cross = np.einsum("wma,wmk->wak", start_slopes, slopes)
-    pull = np.einsum("wma,wm->wa", start_slopes, flat)
+    cross = across @ slopes
+    pull = (across @ flat[..., None])[..., 0]
     solved = np.linalg.solve(own, np.concatenate([cross, pull[..., None]], axis=2))
-    curvature = np.einsum("wmk,wml->kl", slopes, slopes) - np.einsum("wak,wal->kl", cross, solved[..., :-1])
-    gradient = np.einsum("wmk,wm->k", slopes, flat) - np.einsum("wak,wa->k", cross, solved[..., -1])
+    k = slopes.shape[2]
+    every, shared = (x.transpose(2, 0, 1).reshape(k, len(x) * x.shape[1]) for x in (slopes, cross))
+    curvature = every @ every.T - shared @ solved[..., :-1].reshape(shared.shape[1], k)
+    gradient = every @ flat.reshape(-1) - shared @ solved[..., -1].reshape(-1)
     return curvature, gradient, float(np.linalg.slogdet(own)[1].sum()), solved[..., :-1], solved[..., -1]
 
 
