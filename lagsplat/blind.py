@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from lagsplat.diagnose.config import DiagnoseConfig
-from lagsplat.gap import examine, open_pair
+from lagsplat.gap import examine
 from lagsplat.io.atomic import write_text
 from lagsplat.io.checksum import sha256_of
 from lagsplat.io.plain import save_json
+from lagsplat.pair import open_pair
 from lagsplat.provenance import stamp
 from lagsplat.report.diagnosis_json import save_diagnosis
 from lagsplat.report.diagnosis_rollouts import save_rollouts

@@ -21,7 +21,7 @@ from lagsplat.io.motion_part import leading
 from lagsplat.report.diagnosis_exhibits import Exhibits, Film, PictureForce, PictureGap
 
 if TYPE_CHECKING:
-    from lagsplat.gap import Pair
+    from lagsplat.pair import Pair
 
 COMPARED = 240  # frames of held-out blocks that are drawn
 CLIMBED = 40  # natural periods of the training part by which the floors of the ladder are told

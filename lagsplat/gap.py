@@ -3,7 +3,7 @@
 import os
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,20 +12,14 @@ from tqdm import tqdm
 
 from lagsplat.diagnose.apply import FILE
 from lagsplat.diagnose.augmented import Augmented, augment, save_augmented
-from lagsplat.diagnose.check import Checked, check
+from lagsplat.diagnose.check import Checked
 from lagsplat.diagnose.config import DiagnoseConfig
 from lagsplat.diagnose.diagnose import Found, diagnose
 from lagsplat.diagnose.effects.effect import Noise
-from lagsplat.diagnose.excitation import Excitation, excitation
-from lagsplat.diagnose.finding import Finding
-from lagsplat.diagnose.prepare import prepare, rough_period_s
 from lagsplat.diagnose.region import region_of
 from lagsplat.diagnose.result import Diagnosis
-from lagsplat.diagnose.sims import sampled_sim
-from lagsplat.diagnose.sources import Source, find_sources, read_sources
-from lagsplat.diagnose.stand import LOST, Sim, held_to, sim_of
 from lagsplat.diagnose.where import Where, locate
-from lagsplat.io.motion import Motion
+from lagsplat.pair import Pair, open_pair
 from lagsplat.provenance import stamp
 from lagsplat.report.diagnosis_exhibits import Exhibits
 from lagsplat.report.diagnosis_json import save_diagnosis
@@ -33,100 +27,11 @@ from lagsplat.report.diagnosis_page import save_page
 from lagsplat.report.diagnosis_rollouts import save_rollouts
 
 if TYPE_CHECKING:
-    from lagsplat.films import Films
+    pass
 
 NOWHERE = "Where the gap lies cannot be told: along the real motion the sim's forces are not finite."
 UNSURE = 0.4
 """Probability that no name exceeds where the data forbid a verdict."""
-MODELS = ("run", "model", "mujoco", "python")
-
-
-@dataclass(frozen=True)
-class Pair:
-    """A sim and the motions it is held against, checked."""
-
-    sim: Sim
-    checked: Checked
-    rows: tuple[Excitation, ...]
-    own: bool
-    """The sim was fitted to the very recording."""
-    films: "Films | None" = None
-    """The pictures of both sides, where the sim is a fitted run."""
-
-    @property
-    def real(self) -> tuple[Motion, ...]:
-        """The real motions, cut where they are not continued."""
-        return self.checked.real.motions
-
-
-def open_pair(sim: str, real: str, config: DiagnoseConfig) -> Pair:
-    """What the arguments name, read and checked, and the sim's model.
-
-    ``real`` is a fitted run's own held-out part where it is ``held_out``.
-
-    Raises:
-        FileNotFoundError, ValueError: nothing is there, it cannot be read, or the sides cannot be compared.
-    """
-    sims = find_sources(sim)
-    models = [source for source in sims if source.kind in MODELS]
-    if models and len(sims) > 1:
-        raise ValueError(f"sim={sim}: name one model, or recordings; {models[0].path} is a {models[0].kind}")
-    nominal: tuple[Motion, ...] = ()
-    own, films = False, None
-    if models and models[0].kind == "run":
-        from lagsplat.films import open_films  # torch, which the other sims do without
-
-        films = open_films(Path(models[0].path), real, columns=config.columns, longest_s=config.own_longest_s)
-        nominal, motions, own = films.nominal, films.real, films.own
-    else:
-        motions = read_sources(find_sources(real), columns=config.columns)
-        if not models:
-            nominal = read_sources(sims, columns=config.columns)
-    checked = check(nominal, motions)
-    if films is not None:
-        checked = replace(checked, findings=(*films.findings, *checked.findings))
-    rows: tuple[Excitation, ...] = ()
-    period_s = checked.real.period_s or (checked.sim.period_s if checked.sim else None)
-    if period_s is not None:
-        rows = excitation(
-            checked.real.motions,
-            period_s=period_s,
-            noise=checked.real.noise,
-            closed_loop=checked.closed_loop,
-        )
-    known = _model(models, checked, config)
-    if not models and known.misfit > LOST:
-        checked = replace(checked, findings=(*checked.findings, _lost(known, nominal)))
-    return Pair(known, checked, rows, own, films)
-
-
-def _lost(sim: Sim, nominal: Sequence[Motion]) -> Finding:
-    return Finding(
-        "undetermined",
-        "law of the sim",
-        "sim",
-        f"the law found from {', '.join(m.source for m in nominal)} misses these recordings themselves by "
-        f"{np.sqrt(sim.misfit):.0f} times their noise within two periods",
-        "something acted there that no column tells, as a push by hand, or the law is not smooth; what the "
-        "sim lacks already cannot be told from what the real mechanism adds",
-        "cut the recordings to stretches in which only the logged inputs act, or give the sim as a program",
-    )
-
-
-def _model(models: Sequence[Source], checked: Checked, config: DiagnoseConfig) -> Sim:
-    if not models:
-        assert checked.sim is not None
-        return sim_of(checked.sim.motions, config)
-    # Where its own recordings went too, the sim must be itself: there its misfit is measured.
-    seen = (*checked.real.motions, *(checked.sim.motions if checked.sim is not None else ()))
-    ready = prepare(seen, period_s=rough_period_s(checked.real.motions))
-    sampled = sampled_sim(
-        models[0].path, region_of(ready.record), joints=config.joints, actuators=config.actuators
-    )
-    bare = Sim.exact(sampled.model)
-    if checked.sim is None:
-        return bare
-    return held_to(bare, checked.sim.motions, config)
 
 
 def examine(pair: Pair, config: DiagnoseConfig, *, tell: Callable[[str], None]) -> Found:

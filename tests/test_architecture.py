@@ -44,6 +44,7 @@ LAYERS = (
         "blind",
         "blind_films",
         "exhibits",
+        "pair",
         "gap",
         "cli",
     },

@@ -145,7 +145,6 @@ def test_names_are_names(real: Motion, usual: Diagnosis) -> None:
     assert "elbow" in found.candidates[0].parameters["acceleration"].unit
 
 
-@pytest.mark.xfail(reason="in bent coordinates a second effect is added beside the friction", strict=True)
 def test_a_mild_bend_of_the_coordinate_moves_nothing(real: Motion) -> None:
     """Where the sim is known from its own recordings in the same coordinates."""
     nominal = film(u=wave(7), seconds=14.0, noise=0.005, seed=3)

@@ -130,7 +130,14 @@ def rolled(
     """What the kernel says, beginning at the recorded states."""
     d = model.d
     record = Record(
-        time, states[:, :d], states[:, d:], u, np.array([[0, len(time)]]), ("made",), np.zeros(1, np.int64)
+        time,
+        states[:, :d],
+        states[:, d:],
+        u,
+        np.array([[0, len(time)]]),
+        ("made",),
+        np.zeros(1, np.int64),
+        (0.0,),
     )
     known = Nuisance(1.0, 1.0, 1.0, np.ones(d), 1.0, u.shape[1], np.zeros((0, 0)))
     bench = Bench(model, record, known, steps, held, states[:, :d])
@@ -305,7 +312,7 @@ def test_every_set_of_a_batch_is_what_it_is_alone() -> None:
     time, u = uneven(20, 1)
     states = np.random.default_rng(0).normal(0.0, 0.4, (20, 4))
     record = Record(
-        time, states[:, :2], states[:, 2:], u, np.array([[0, 20]]), ("made",), np.zeros(1, np.int64)
+        time, states[:, :2], states[:, 2:], u, np.array([[0, 20]]), ("made",), np.zeros(1, np.int64), (0.0,)
     )
     spare = Nuisance(1.0, 1.0, 1.0, np.ones(2), 1.0, 1, np.zeros((0, 0)))
     bench = Bench(model, record, spare, 2, False, states[:, :2])

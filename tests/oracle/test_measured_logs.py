@@ -12,7 +12,8 @@ from scipy.io import loadmat
 from scipy.special import ellipk
 
 from lagsplat.config import compose
-from lagsplat.gap import diagnose_files, open_pair
+from lagsplat.gap import diagnose_files
+from lagsplat.pair import open_pair
 
 FRICTION = {
     "coulomb_friction",

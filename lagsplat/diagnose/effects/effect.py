@@ -32,6 +32,8 @@ Kind = Literal[
     "slowness",
 ]
 Component = Literal["inertial", "conservative", "dissipative", "actuation", "exogenous", "memory"]
+FARTHEST = 690.0
+"""Largest logarithm whose exponential is neither zero nor infinite."""
 UNITS: Mapping[Kind, str] = {
     "acceleration": "{q}/s^2",
     "coordinate": "{q}",
@@ -131,8 +133,8 @@ class LogNormal(Normal):
     """A priori log-normal; the unknown is the logarithm. ``mean`` is that of the logarithm."""
 
     def value(self, x: Any) -> Any:
-        """The parameter of unknown ``x``."""
-        return np.exp(x)
+        """The parameter of unknown ``x``; never zero, since laws divide by it."""
+        return np.exp(np.clip(x, -FARTHEST, FARTHEST))
 
     def unknown(self, value: float) -> float:
         """The unknown of a parameter."""
