@@ -6,8 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lagsplat.diagnose.augmented import augment
 from lagsplat.diagnose.catalogue import catalogue
 from lagsplat.diagnose.diagnose import diagnose
+from lagsplat.diagnose.region import region_of
 from lagsplat.diagnose.stand import Sim
 from lagsplat.io.motion import Motion
 from tests.unit.diagnose.toys import GAIN, HARD, OMEGA, film, oscillator, own, settings, wave
@@ -134,10 +136,17 @@ def test_a_second_mass_may_swing_already_where_the_recording_begins() -> None:
     clean = carrying(away=2.0)
     noise = 0.005 * clean.q.std() * np.random.default_rng(0).standard_normal(clean.q.shape)
     config = replace(settings(), without=sorted(set(catalogue()) - {"hidden_mode"}), always=[], starts=2)
-    found = diagnose(Sim.exact(oscillator()), [replace(clean, q=clean.q + noise)], config).diagnosis
+    whole = diagnose(Sim.exact(oscillator()), [replace(clean, q=clean.q + noise)], config)
+    found, bench = whole.diagnosis, whole.contest.bench
     assert found.candidates[0].parameters["mass_ratio"].value == pytest.approx(0.125, rel=0.05)
     assert found.candidates[0].misfit == pytest.approx(1.0, abs=0.15)
     assert set(found.candidates[0].parameters) == {"mass_ratio", "frequency_hz", "damping_ratio"}
+    kept = augment(
+        bench, whole.chosen.effects, whole.chosen.fit.x, q_names=["q0"], u_names=["u0"],
+        region=region_of(bench.record),
+    )  # fmt: skip
+    assert set(kept.parameters(0)) == {"mass_ratio", "angular_frequency", "damping_ratio"}
+    assert len(kept.x) == 3 + bench.nuisance.size
 
 
 def test_without_any_noise_the_parameter_is_found_as_well() -> None:
