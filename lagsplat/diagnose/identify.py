@@ -16,6 +16,8 @@ from lagsplat.diagnose.weak import Form, model_of, observe, regressors, solve
 
 WORTH = 0.2
 """Share of the misfit that a larger form must take away where each costs minutes."""
+TESTS = (1.0, 0.5, 0.25)
+"""Lengths of test functions, in multiples of the usual one."""
 FEW = 2
 """Coordinates up to which slopes are taken anew at every step of a fit."""
 
@@ -81,6 +83,20 @@ class Trial:
             return bench.rollouts((), padded, starts, self.windows)[0]
 
         return predict
+
+    @property
+    def begun(self) -> Float64[np.ndarray, "W s"]:
+        """Where the windows start by the smoothed record."""
+        return np.concatenate([self.smooth, self.record.v], axis=1)[self.windows.first]
+
+    def missed(self, model: Model) -> float:
+        """Misfit of a model where only the starts of the windows are fitted."""
+        nothing = np.zeros((0, sum(getattr(model, name).size for name in COEFFICIENTS)))
+        fit = shoot(
+            self.predictor(model, nothing), np.zeros(0), self.begun, self.data, loose(0),
+            iterations=4, tolerance=self.setting.tolerance,
+        )  # fmt: skip
+        return fit.misfit if np.isfinite(fit.misfit) else np.inf
 
     @property
     def many(self) -> bool:
@@ -159,6 +175,27 @@ def _within(roomy: Model, own: np.ndarray, moves: np.ndarray, small: Model) -> n
     return np.array([touched[row != 0.0].all() for row in moves])
 
 
+def first_model(trial: Trial, basis: Basis, form: Form, width: np.ndarray) -> Model:
+    """A model by the weak equations.
+
+    Of many coordinates some swing so much faster than others that no one test function suits all, and weigh
+    so little that a ridge would outweigh them: there the models by several of them compete.
+    """
+    record, rest = trial.record, np.median(trial.record.q, axis=0)
+
+    def told(share: float, *ridges: float) -> list[Model]:
+        test_s = share * trial.setting.test_s
+        samples = observe(basis, record, trial.smooth, record.v, width_s=test_s, speed=width)
+        rows, known, names = regressors(samples, form)
+        return [model_of(samples, form, solve(rows, known, ridge), names, rest) for ridge in ridges]
+
+    ridge = trial.setting.ridge
+    if trial.many:
+        return min((m for share in TESTS for m in told(share, ridge, 1e-3 * ridge)), key=trial.missed)
+    model, stiff = told(1.0, ridge, 0.1)
+    return model if np.linalg.eigvalsh(model.mass[0]).min() >= 0.05 else stiff
+
+
 def grow(
     trial: Trial, basis: Basis, *, driven: bool, width: np.ndarray
 ) -> tuple[float, Model, Form, Fit, np.ndarray]:
@@ -166,18 +203,8 @@ def grow(
 
     The cost is that of the Bayesian information criterion.
     """
-    record, smooth = trial.record, trial.smooth
     form = Form(1, 1, degrees(basis)[2], 1 if driven else 0)
-    samples = observe(basis, record, smooth, record.v, width_s=trial.setting.test_s, speed=width)
-    rows, known, names = regressors(samples, form)
-    model = model_of(
-        samples, form, solve(rows, known, trial.setting.ridge), names, np.median(record.q, axis=0)
-    )
-    if np.linalg.eigvalsh(model.mass[0]).min() < 0.05:
-        rows, known, names = regressors(samples, form)
-        model = model_of(samples, form, solve(rows, known, 0.1), names, np.median(record.q, axis=0))
-    begun = np.concatenate([smooth, record.v], axis=1)[trial.windows.first]
-    model, fit, moves = trial.refine(model, form, begun)
+    model, fit, moves = trial.refine(first_model(trial, basis, form, width), form, trial.begun)
 
     def cost(fit: Fit, n: int) -> float:
         return trial.n_data * np.log(max(fit.misfit / trial.n_data, 0.5)) + n * np.log(trial.n_data)
