@@ -142,8 +142,8 @@ def diagnose_files(sim: str, real: str, out: Path, config: DiagnoseConfig, *, co
     added = augmented(pair, found)
     save_augmented(out / FILE, added, settings)
     diagnosis = patched(sim, out / "patched.xml", added, diagnosis, config)
-    if diagnosis.blocks:
-        save_rollouts(out / "rollouts.csv", diagnosis.blocks, q_names=diagnosis.q_names)
+    # without a row where nothing could be held out, so that an older file does not pass for this one's
+    save_rollouts(out / "rollouts.csv", diagnosis.blocks, q_names=diagnosis.q_names)
     save_page(out / "report.html", diagnosis, replace(exhibits, command=command, stamp=stamp()))
     save_diagnosis(out / "diagnosis.json", diagnosis)
     return diagnosis
