@@ -18,6 +18,8 @@ from lagsplat.diagnose.shoot import Belief, Data, derivatives, shoot
 
 BURN_IN = 10
 """Samples that a starting state is fitted to."""
+HARDLY = 0.9
+"""Share of a period from which on a stretch counts as one."""
 LEAST = 20
 """Samples of the shortest block."""
 
@@ -39,12 +41,15 @@ def halves(contest: Contest) -> tuple[Contest, Windows]:
 
 
 def blocks_of(contest: Contest, held: Windows, *, period_s: float) -> Windows:
-    """One natural period after the other within the held-out windows.
+    """One natural period after the other within the held-out windows, or a window that is hardly shorter.
 
     Raises:
         ValueError: none of them is as long as a period.
     """
     frames = max(LEAST, round(period_s / contest.bench.record.dt_s) + 1)
+    longest = int(held.length.max(initial=0))
+    if HARDLY * frames <= longest < frames:
+        frames = longest
     first = [
         start + k * (frames - 1)
         for start, length in zip(held.first, held.length, strict=True)
