@@ -55,15 +55,10 @@ def combine(
         best = max(tried, key=lambda one: log_evidence(one, contest.bench, temper))
         # of what stands above the noise, what the moved uncertainties cost included
         floor = effort.nominal * contest.freedom
-        if cost(best) - floor > (1.0 - config.further) * (cost(chain[-1]) - floor):
+        if best.fit.cost - floor > (1.0 - config.further) * (chain[-1].fit.cost - floor):
             break
         chain.append(best)
     return tuple(chain)
-
-
-def cost(one: Explained) -> float:
-    """Misfit, and what the moved uncertainties cost."""
-    return one.fit.misfit + one.fit.penalty
 
 
 def excess(one: Explained, contest: Contest, nominal: float) -> float:

@@ -257,7 +257,7 @@ def pursue(
     for x in lead.starts[:starts]:
         whole = _damped(contest, effects, base, lead.instance, x)
         fit = contest.fit((*effects, lead.instance), whole, base.starts, near)
-        if best is None or fit.misfit + fit.penalty < best.misfit + best.penalty:
+        if best is None or fit.cost < best.cost:
             best = fit
     assert best is not None
     return Explained((*effects, lead.instance), best)

@@ -9,7 +9,7 @@ from lagsplat.diagnose.model import Model
 from lagsplat.diagnose.weak import Form
 
 FEW = 2
-"""Coordinates up to which a field may grow by two degrees at once."""
+"""Coordinates up to which fields grow by two degrees at once and all slopes are taken at every step."""
 COEFFICIENTS = ("mass", "damping", "potential", "input_map", "dry", "drag")
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from lagsplat.diagnose.basis import Basis
-from lagsplat.diagnose.forms import COEFFICIENTS, bases, degrees, enlarged, free_directions, grown, moved
+from lagsplat.diagnose.forms import COEFFICIENTS, FEW, bases, degrees, enlarged, free_directions, grown, moved
 from lagsplat.diagnose.model import Model
 from lagsplat.diagnose.nuisance import Nuisance
 from lagsplat.diagnose.record import Record, Windows, cut_windows
@@ -18,8 +18,6 @@ WORTH = 0.2
 """Share of the misfit that a larger form must take away where each costs minutes."""
 TESTS = (1.0, 0.5, 0.25)
 """Lengths of test functions, in multiples of the usual one."""
-FEW = 2
-"""Coordinates up to which slopes are taken anew at every step of a fit."""
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,6 @@ SETTLED = 3
 """Best fits that are carried on to their end."""
 LONGER = 5
 """Steps they may take beside those of every fit, in multiples of these."""
-
 FINER = 0.03
 """Gain that still is worth a step, in multiples of what every fit thinks so."""
 
@@ -99,7 +98,7 @@ def rank(
         family = sorted(by_family[name], key=lambda pair: -pair[0].gain)[: effort.places]
         for lead, start in family:
             found.append(pursue(contest, base.effects, start.fit, lead, starts=effort.starts))
-    found.sort(key=lambda one: one.fit.misfit + one.fit.penalty)
+    found.sort(key=lambda one: one.fit.cost)
     found[:SETTLED] = [settled(contest, one) for one in found[:SETTLED]]
     return graded(contest, base, found, offers, effort, first=known is None)
 

@@ -57,6 +57,11 @@ class Fit:
     """Of the weighted prediction by the parameters."""
     start_slopes: Float64[np.ndarray, "W M s"]
 
+    @property
+    def cost(self) -> float:
+        """Misfit, and what the moved parameters cost."""
+        return self.misfit + self.penalty
+
 
 def penalty(x: Float64[np.ndarray, "P k"], belief: Belief) -> Float64[np.ndarray, " P"]:
     """Sum of squares of the standardised parameters."""

@@ -18,6 +18,7 @@ from lagsplat.systems.drive import draw_pressures, spline_coefficients
 from lagsplat.systems.paint import paint_board
 from lagsplat.systems.planted_config import PlantedConfig
 from lagsplat.systems.simulate import film
+from lagsplat.systems.trajectory import rate
 
 CREEP_RAD_S = 0.05
 """Bending rate from which on dry friction is nearly whole; below, it is viscous and can be integrated."""
@@ -79,13 +80,8 @@ def lagged(
 @no_type_check
 def _rate(t, state, spline, dt_s, friction, table, nodes, weights, gravity):
     d = state.size // 2
-    i = min(max(int(t / dt_s), 0), spline.shape[1] - 1)
-    x = t - i * dt_s
-    pressure = ((spline[0, i] * x + spline[1, i]) * x + spline[2, i]) * x + spline[3, i]
     q, v = state[:d], state[d:]
-    out = np.empty(2 * d)
-    out[:d] = v
-    out[d:] = chain.acceleration(q, v, pressure, table, nodes, weights, gravity)
+    out = rate(t, state, spline, dt_s, table, nodes, weights, gravity)
     rubbing = -friction * np.tanh(v / CREEP_RAD_S)
     out[d:] += np.linalg.solve(chain.inertia(q, v, table, nodes, weights, gravity)[0], rubbing)
     return out

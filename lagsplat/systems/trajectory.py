@@ -14,7 +14,8 @@ from lagsplat.systems.drive import spline_coefficients
 
 @njit(cache=True)
 @no_type_check
-def _rate(t, state, spline, dt_s, table, nodes, weights, gravity):
+def rate(t, state, spline, dt_s, table, nodes, weights, gravity):
+    """Velocities and accelerations of the arm under the spline of its pressures [atm]."""
     d = state.size // 2
     i = min(max(int(t / dt_s), 0), spline.shape[1] - 1)
     x = t - i * dt_s
@@ -50,7 +51,7 @@ def integrate(
     try:
         # At rest the solver would stretch its step over the whole beginning of the drive, hence `max_step`.
         solution = solve_ivp(
-            _rate, (0.0, times[-1]), np.concatenate([q, v]), method="DOP853", t_eval=times, rtol=rtol,
+            rate, (0.0, times[-1]), np.concatenate([q, v]), method="DOP853", t_eval=times, rtol=rtol,
             atol=atol, max_step=3 * dt_s,
             args=(spline, dt_s, arm.table, arm.nodes, arm.weights, arm.gravity),
         )  # fmt: skip
