@@ -22,6 +22,8 @@ HARDLY = 0.9
 """Share of a period from which on a stretch counts as one."""
 LEAST = 20
 """Samples of the shortest block."""
+DIVERGED = 10.0
+"""Error, in rms of a coordinate, from which on a forecast no longer says anything of the measurement."""
 
 
 @dataclass(frozen=True)
@@ -96,6 +98,11 @@ def relative(error: Float64[np.ndarray, "B L d"], rms: Float64[np.ndarray, " d"]
     return np.mean((error / rms) ** 2, axis=(1, 2))
 
 
+def diverged(error: Float64[np.ndarray, "B L d"], rms: Float64[np.ndarray, " d"]) -> int:
+    """How many forecasts end up farther from the measurement than `DIVERGED` rms."""
+    return int((~(np.abs(error / rms) <= DIVERGED)).any(axis=(1, 2)).sum())
+
+
 def closure(before: np.ndarray, after: np.ndarray, floor: np.ndarray, *, seed: int = 0) -> Interval:
     """Share of the gap above the floor that is closed, from mean squares of blocks; 95 % by bootstrap.
 
@@ -141,11 +148,18 @@ def hold_out(contest: Contest, none: Explained, chosen: Explained, *, period_s: 
     sim = forecast(contest, blocks, (), np.zeros(n))
     refit = forecast(contest, blocks, (), half_fit(half, none))
     after = forecast(contest, blocks, chosen.effects, half_fit(half, chosen))
-    squares = [relative(one.y - real, rms) for one in (sim, refit, after)]
-    floor = np.mean(after.expected / rms**2, axis=(1, 2))
-    sizes = [float(np.sqrt(np.mean(values))) for values in (*squares, floor)]
-    gap = Gap(sizes[0], sizes[1], sizes[2], sizes[3], period_s, closure(squares[0], squares[2], floor))
-    return Held(gap, _blocks(contest, blocks, real, sim.y, after.y), squares[0], floor)
+    errors = {"before": sim.y - real, "refit": refit.y - real, "after": after.y - real}
+    squares = {name: relative(error, rms) for name, error in errors.items()}
+    squares["floor"] = np.mean(after.expected / rms**2, axis=(1, 2))
+    gap = Gap(
+        **{name: float(np.sqrt(np.mean(values))) for name, values in squares.items()},
+        horizon_s=period_s,
+        closure=closure(squares["before"], squares["after"], squares["floor"]),
+        blocks=len(real),
+        diverged={name: diverged(error, rms) for name, error in errors.items()},
+    )
+    shown = _blocks(contest, blocks, real, sim.y, after.y)
+    return Held(gap, shown, squares["before"], squares["floor"])
 
 
 def half_fit(half: Contest, one: Explained) -> np.ndarray:

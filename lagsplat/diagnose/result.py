@@ -61,6 +61,11 @@ class Gap:
     horizon_s: float
     closure: Interval
     """Share of what is above the floor that the chosen effects and the refit take away."""
+    blocks: int = 0
+    """Forecasts that were made, each over the horizon."""
+    diverged: Mapping[str, int] = field(default_factory=dict)
+    """How many of them left the measurement for good, by ``before``, ``refit`` and ``after``; all of them
+    stand in the root mean squares."""
 
 
 @dataclass(frozen=True)

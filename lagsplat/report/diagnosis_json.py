@@ -108,7 +108,8 @@ def _gap_content(gap: Gap | None) -> dict[str, Any]:
     names = ("before", "refit", "after", "floor", "horizon_s")
     numbers = {name: None if gap is None else plain(getattr(gap, name)) for name in names}
     closure = Interval(None, None, None) if gap is None else gap.closure
-    return numbers | {"unit": GAP_UNIT, "closure": plain(closure)}
+    counts = {"blocks": gap.blocks if gap else 0, "diverged": dict(gap.diverged) if gap else {}}
+    return numbers | {"unit": GAP_UNIT, "closure": plain(closure)} | counts
 
 
 def _candidate(effect: Mapping[str, Any]) -> Candidate:
@@ -142,6 +143,8 @@ def _gap(content: Mapping[str, Any]) -> Gap | None:
         floor=floor,
         horizon_s=float("nan") if content["horizon_s"] is None else content["horizon_s"],
         closure=_interval(content.get("closure") or {}),
+        blocks=content.get("blocks", 0),
+        diverged=content.get("diverged", {}),
     )
 
 

@@ -132,7 +132,18 @@ def _size(diagnosis: Diagnosis) -> str:
     floor = f"; noise alone would leave {percent(gap.floor)}" if math.isfinite(gap.floor) else ""
     return (
         f"{_over(gap)}, the simulation's forecasts miss the measurement by {percent(gap.before)} of the size "
-        f"of the motion{floor}."
+        f"of the motion{floor}.{_runaways(gap)}"
+    )
+
+
+def _runaways(gap: Gap) -> str:
+    """What forecasts that left the measurement do to the numbers, if any did."""
+    lost, added = gap.diverged.get("before", 0), gap.diverged.get("after", 0)
+    if not lost and not added:
+        return ""
+    with_it = f" and {added} with what is added to it" if added else ""
+    return (
+        f" Of {gap.blocks} forecasts {lost} of the simulation{with_it} left the motion for good; all count."
     )
 
 

@@ -24,6 +24,9 @@ COLUMNS = (
     "closure",
     "closure_low",
     "closure_high",
+    "blocks",
+    "diverged_before",
+    "diverged_after",
     "image_before",
     "image_after",
     "image_floor",
@@ -63,13 +66,13 @@ def latex_gap(rows: Sequence[Mapping[str, Any]], *, titles: Mapping[str, str]) -
             chance = "--" if row["probability"] is None else f"${row['probability']:.2f}$"
             texts = (escape(text) for text in (against, answer, row["recording"]))
             held, told, recording = texts
-            body.append(cells(name, held, told, chance, *sizes, closure, recording))
+            body.append(cells(name, held, told, chance, *sizes, closure, _runaways(row), recording))
     head = [
-        r"System & Held against & Found & $p$ & Gap & After & Floor & Closed & Recording \\",
-        r" & & & & (\%) & (\%) & (\%) & (\%) & \\",
+        r"System & Held against & Found & $p$ & Gap & After & Floor & Closed & Diverged & Recording \\",
+        r" & & & & (\%) & (\%) & (\%) & (\%) & & \\",
     ]
     return latex_float(
-        head=head, body=body, columns="@{}lllcccccl@{}", caption=_caption(rows), label="tab:gap"
+        head=head, body=body, columns="@{}lllccccccl@{}", caption=_caption(rows), label="tab:gap"
     )
 
 
@@ -82,6 +85,7 @@ def _row(run: Mapping[str, Any], found: Mapping[str, Any]) -> dict[str, Any]:
     top = likely.get(name)
     # Of an effect its own interval; of no effect that of the refit alone.
     closed = (gap.get("closure") or {}) if gap else {}
+    lost = (gap.get("diverged") or {}) if gap else {}
     own = run["real"] == HELD_OUT
     return {
         "system": run["system"],
@@ -96,6 +100,8 @@ def _row(run: Mapping[str, Any], found: Mapping[str, Any]) -> dict[str, Any]:
         "closure": closed.get("value"),
         "closure_low": closed.get("low"),
         "closure_high": closed.get("high"),
+        "blocks": gap.get("blocks") if gap else None,
+        **{f"diverged_{key}": lost.get(key) for key in ("before", "after")},
         **{f"image_{key}": image.get(key) for key in ("before", "after", "floor")},
         "conditional_on_perception": checks.get("conditional_on_perception"),
         "recording": run["recording"],
@@ -105,6 +111,13 @@ def _row(run: Mapping[str, Any], found: Mapping[str, Any]) -> dict[str, Any]:
 
 def _named(name: str) -> str:
     return "nothing planted" if name == "none" else short_title(name)
+
+
+def _runaways(row: Mapping[str, Any]) -> str:
+    """Forecasts that diverged, of the sim and of the sim with what was found, among all."""
+    if not row["blocks"]:
+        return "--"
+    return f"{row['diverged_before']}, {row['diverged_after']} of {row['blocks']}"
 
 
 def _percent(value: float | None) -> float | None:
@@ -125,6 +138,7 @@ def _caption(rows: Sequence[Mapping[str, Any]]) -> str:
         "The gap between each fitted system and the held-out part of its own recording "
         f"({recordings}; profile {profiles}): what a diagnosis found, with its probability p, and the root "
         "mean square error of held-out forecasts over one natural period, as a share of each latent's rms: "
-        "of the sim as fitted, with what was found added, and of the true model given the noise. Effects "
+        "of the sim as fitted, with what was found added, and of the true model given the noise. Every "
+        "forecast counts, also those that diverged (of the sim, with what was found, of how many). Effects "
         f"that a fit takes up in its own terms cannot be found in its own recording.{second}"
     )

@@ -9,7 +9,16 @@ from lagsplat.diagnose.catalogue import scales
 from lagsplat.diagnose.compare import Contest, Explained
 from lagsplat.diagnose.effects import linear_stiffness
 from lagsplat.diagnose.effects.effect import Direction, Instance
-from lagsplat.diagnose.forecast import blocks_of, closure, forecast, half_fit, halves, hold_out, relative
+from lagsplat.diagnose.forecast import (
+    blocks_of,
+    closure,
+    diverged,
+    forecast,
+    half_fit,
+    halves,
+    hold_out,
+    relative,
+)
 from tests.unit.diagnose.toys import OMEGA, RATE, contest, film, own, wave
 
 PERIOD_S = 1.0
@@ -58,6 +67,8 @@ def test_the_gap_is_that_of_its_blocks(made: tuple[Contest, Explained, Explained
         squares = [np.mean(((getattr(b, kind) - b.real) / rms) ** 2) for b in held.blocks]
         assert size == pytest.approx(np.sqrt(np.mean(squares)), rel=1e-12)
     assert {b.file for b in held.blocks} == {"film 0", "film 1"}
+    assert held.gap.blocks == len(held.blocks)
+    assert held.gap.diverged == {"before": 0, "refit": 0, "after": 0}
     assert [b.index for b in held.blocks] == list(range(len(held.blocks)))
     assert all(np.array_equal(b.time_s, np.sort(b.time_s)) for b in held.blocks)
 
@@ -109,6 +120,14 @@ def test_closure_is_one_at_the_floor_zero_where_nothing_changed_and_nothing_with
     noisy = floor * rng.uniform(0.8, 1.2, 20)
     assert closure(noisy, floor, floor).value is None
     assert closure(0.5 * floor, floor, floor).value is None
+
+
+def test_a_forecast_that_leaves_or_is_no_number_is_counted() -> None:
+    error = np.zeros((4, 30, 2))
+    error[1, -1, 0] = 11.0 * 0.3
+    error[2, 5, 1] = np.nan
+    error[3, :, 1] = 9.0 * 2.0
+    assert diverged(error, np.array([0.3, 2.0])) == 2
 
 
 def test_constants_of_the_toy_are_those_of_the_sim() -> None:

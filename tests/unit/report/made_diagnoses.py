@@ -92,7 +92,9 @@ def gap():
     floor = 0.9 * after
     refit = before - 0.2 * (before - floor)
     closed = (before - after) / (before - floor)
-    return Gap(before, refit, after, floor, 1.2, Interval(closed, closed - 0.06, min(closed + 0.02, 1.0)))
+    closure = Interval(closed, closed - 0.06, min(closed + 0.02, 1.0))
+    lost = {"before": 0, "refit": 0, "after": 0}
+    return Gap(before, refit, after, floor, 1.2, closure, blocks=len(blocks()), diverged=lost)
 
 
 @cache

@@ -137,6 +137,13 @@ def test_a_closure_that_is_not_defined():
     assert "cannot be told" in paragraph(vague)
 
 
+def test_forecasts_that_diverged_are_told():
+    made = KINDS["single"]
+    lost = replace(made, gap=replace(made.gap, blocks=8, diverged={"before": 2, "refit": 1, "after": 0}))
+    assert "Of 8 forecasts 2 of the simulation left the motion for good; all count." in paragraph(lost)
+    assert "left the motion" not in paragraph(made)
+
+
 def test_shares_of_closure_add_up():
     gap = KINDS["single"].gap
     refit, effect = shares_of_closure(gap)

@@ -44,6 +44,7 @@ def test_numbers_are_those_of_the_diagnoses():
     gap = made_diagnoses.gap()
     assert math.isclose(second["before"], gap.before)
     assert math.isclose(second["closure"], gap.closure.value)
+    assert (second["blocks"], second["diverged_before"], second["diverged_after"]) == (8, 0, 0)
     assert last["before"] is None
     assert last["closure"] is None
 
@@ -56,7 +57,8 @@ def test_the_latex_says_what_was_planted_and_what_was_found():
     assert "Coulomb friction; input delay" in planted
     assert "nothing planted" in text
     assert "undetermined" in lines[-1]
-    assert lines[-1].count("--") == 5  # chance, three sizes and what is closed
+    assert "0, 0 of 8" in planted
+    assert lines[-1].count("--") == 6  # chance, three sizes, what is closed and what diverged
     assert "Filmed" in text or "filmed and simulated" in text
     assert "second simulated recording" in text
     alone = latex_gap(rows()[-1:], titles={})
