@@ -29,6 +29,23 @@ COMPONENTS = {
     "hidden_mode": "memory",
 }
 
+HOLDING = {
+    # creep that yields at once is damping, and one that hardly yields is stiffness; a mass scales both
+    "viscous_damping": ("creep", "mass_change"),
+    "linear_stiffness": ("creep", "mass_change"),
+    # a mass within, held so stiffly that it moves along
+    "mass_change": ("hidden_mode",),
+    # a zoom, in small motions, and beside a gain what bends in large ones
+    "input_gain": ("camera_change",),
+    "camera_change": ("input_gain",),
+    "cubic_stiffness": ("camera_change",),
+    # friction without excess, without load, without give
+    "coulomb_friction": ("stribeck_friction", "load_dependent_friction", "hysteresis"),
+    # a light oscillator within that was swinging already
+    "external_periodic_force": ("hidden_mode",),
+}
+"""Families that hold an effect as a limit: with them in the catalogue it is not left out."""
+
 
 def reported(name: str) -> str:
     """The name a diagnosis can give: ``unknown`` for what no catalogue holds."""
@@ -73,11 +90,24 @@ def equivalent(effect: Effect, s: Stratum, truth: dict[str, Any]) -> list[str]:
         same |= {"mass_change"} | ({"linear_stiffness"} if not s.forced else set())
     if name == "constant_force" or (name == "camera_change" and abs(p["zoom"] - 1.0) < 0.1):
         same |= {"constant_force", "camera_change"}
+    if name == "input_gain" and linear and s.forced:
+        same |= {"camera_change"}
     if name == "camera_change" and linear and s.forced and abs(p["zoom"] - 1.0) >= 0.1:
         same |= {"input_gain", "mass_change"}
+    slow = name == "camera_drift" or (name == "parameter_drift" and p["of"] == "force")
+    if slow and linear:
+        same |= {"camera_drift", "parameter_drift"}
+    if name == "cubic_stiffness" and s.system == "duffing_cart":
+        # zoom changes what a cube weighs beside the coordinate, and the input's gain with it
+        same |= set() if s.forced else {"camera_change"}
     if name in ("viscous_damping", "quadratic_drag") and not s.forced and s.duration_s < 6.0:
         same |= {"viscous_damping", "quadratic_drag"}
     return sorted(same)
+
+
+def left_out(same: list[str]) -> list[str]:
+    """What must go for an effect of the class ``same`` to be none of the catalogue's."""
+    return sorted({*same, *(name for one in same for name in HOLDING.get(one, ()))})
 
 
 def identifiable(effect: Effect, s: Stratum, truth: dict[str, Any], ratio: float) -> tuple[bool, str]:

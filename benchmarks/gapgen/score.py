@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.gapgen.aggregate import aggregate, by_effect, by_stratum, permuted_top1
+from benchmarks.gapgen.answers import left_out as struck
 from benchmarks.gapgen.figures import confusion, reliability, risk, table
 from benchmarks.gapgen.keys import read_key
 from benchmarks.gapgen.metrics import ABSTAINED, Item, closures, set_f1, share
@@ -44,9 +45,9 @@ def items_of(answers: list[dict[str, Any]], folder: Path) -> list[Item]:
 
 
 def runs_to_make(answers: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Recordings to diagnose again with the true effect, and what cannot be told from it, left out."""
+    """Recordings to diagnose again with the true effect, and all that it can pass for, left out."""
     return [
-        {"id": truth["id"], "without": truth["truth"][0]["class"]}
+        {"id": truth["id"], "without": struck(truth["truth"][0]["class"])}
         for truth in answers
         if len(truth["truth"]) == 1 and truth["identifiable"] and truth["effects"] != ["unknown"]
     ]

@@ -21,7 +21,7 @@ from cryptography.hazmat.primitives.kdf.hkdf import HKDF
 
 from benchmarks.gapgen.keys import read_key
 
-METRICS_VERSION = "1"
+METRICS_VERSION = "2"
 SALT_BYTES, NONCE_BYTES, SHORTEST_KEY = 32, 12, 16
 
 

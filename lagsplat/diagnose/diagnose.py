@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from lagsplat.diagnose.catalogue import instances
 from lagsplat.diagnose.combine import combine
 from lagsplat.diagnose.compare import Contest, Explained
 from lagsplat.diagnose.config import DiagnoseConfig
+from lagsplat.diagnose.doubt import doubt
 from lagsplat.diagnose.effects.effect import UNITS, Effect, Instance, Noise
 from lagsplat.diagnose.forecast import Held, close_alone, hold_out
 from lagsplat.diagnose.hints import hints
@@ -60,7 +62,8 @@ def diagnose(
     effort = Effort.of(config, nominal=max(1.0, sim.misfit))
     ranking = rank(contest, offers, effort, tell=tell)
     chain = combine(contest, ranking, offers, effort, config, tell=tell)
-    judgement = judge(ranking, chain, contest.freedom, effort.nominal, config)
+    doubts = partial(doubt, contest, ranking, nominal=effort.nominal)
+    judgement = judge(ranking, chain, contest.freedom, effort.nominal, config, doubt=doubts)
     best = judgement.best
     chosen = best if best is not None and judgement.verdict == "effect" else ranking.none
     held, warnings = _held(contest, ranking, chosen, natural.longest_s)

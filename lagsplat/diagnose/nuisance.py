@@ -66,6 +66,16 @@ class Nuisance:
             directions=tiny * self.directions,
         )
 
+    def loosened(self, factor: float) -> "Nuisance":
+        """The same with the mechanism's own parameters ``factor`` times as uncertain; what is seen is not."""
+        return replace(
+            self,
+            potential=factor * self.potential,
+            damping=factor * self.damping,
+            inputs=factor * self.inputs,
+            offset=factor * self.offset,
+        )
+
     def names(self) -> tuple[str, ...]:
         """What each of them is."""
         return (

@@ -1,6 +1,6 @@
 """From evidence to probabilities, and from probabilities to a verdict."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,8 +30,8 @@ CLASSES = (
 NEAR = 3.0
 """Nats within which two members of one class count as not told apart."""
 SURE = 0.98
-ADEQUATE = 0.15
-"""Excess of the mean square residual of a good set, over what the sim leaves of its own recordings."""
+WRONG_BY = 0.03
+"""Share of the mean square residual by which a right law may be wrong."""
 LEAST_UNKNOWN = 0.015
 STEEP = 2.5
 """Power of the share left unexplained in the odds of `unknown`."""
@@ -64,7 +64,7 @@ def explain(
     A set is believed only if it leaves next to nothing, for two wrong effects imitate most of anything, and
     three all the more. Otherwise the best single effect stands, and the more it leaves, the likelier is
     something that the catalogue lacks: logistic in the logarithm of that share over ``config.unexplained``.
-    An excess counts where it stands out of the scatter of a mean square.
+    An excess counts where it is `audible`.
     """
     if not chain:
         before = ranking.none.fit.misfit / freedom - nominal
@@ -74,7 +74,7 @@ def explain(
     share = [max(rest, 0.0) / max(before, rest, 1e-9) for rest in left]
     if share[0] > config.further_from or moved(chain[0], nominal, config):
         for one, rest, part in zip(chain[1:], left[1:], share[1:], strict=True):
-            enough = (rest < ADEQUATE * nominal, part < config.further_from)
+            enough = (rest < audible(freedom, nominal, config), part < config.further_from)
             if all(enough) if len(one.effects) > 2 else any(enough):
                 return one, part, LEAST_UNKNOWN
     return chain[0], share[0], _strange(left[0], before, freedom, nominal, config)
@@ -85,9 +85,13 @@ def moved(one: Explained, nominal: float, config: DiagnoseConfig) -> bool:
     return one.fit.penalty > PAID * nominal * config.temper
 
 
+def audible(freedom: float, nominal: float, config: DiagnoseConfig) -> float:
+    """Excess of a mean square residual that stands out of its scatter, and of what laws are wrong by."""
+    return float(WRONG_BY * nominal + 2.5 * nominal * np.sqrt(2.0 * config.temper / max(freedom, 1.0)))
+
+
 def _strange(left: float, before: float, freedom: float, nominal: float, config: DiagnoseConfig) -> float:
-    scatter = nominal * np.sqrt(2.0 * config.temper / max(freedom, 1.0))
-    loud = left - 2.5 * scatter - 0.03
+    loud = left - audible(freedom, nominal, config)
     if loud <= 0.0:
         return LEAST_UNKNOWN
     share = min(loud / max(before, loud), 1.0)
@@ -95,12 +99,22 @@ def _strange(left: float, before: float, freedom: float, nominal: float, config:
 
 
 def judge(
-    ranking: Ranking, chain: Sequence[Explained], freedom: float, nominal: float, config: DiagnoseConfig
+    ranking: Ranking,
+    chain: Sequence[Explained],
+    freedom: float,
+    nominal: float,
+    config: DiagnoseConfig,
+    *,
+    doubt: Callable[[Explained], float] = lambda one: 0.0,
 ) -> Judgement:
-    """Probabilities by evidence and prior; the share that is left unexplained speaks for `unknown`."""
+    """Probabilities by evidence and prior; the share that is left unexplained speaks for `unknown`.
+
+    So does the ``doubt`` in it, the least P(unknown) if an explanation is the best.
+    """
     names = [name for name in catalogue() if name not in config.without]
     scores = standings(ranking, names, config)
     best, left, strange = explain(ranking, chain, freedom, nominal, config)
+    strange = max(strange, doubt(best or ranking.none))
     if best is not None and len(best.effects) > 1:
         top = max(scores.values())
         own = sorted((e.effect.name for e in best.effects), key=lambda n: -scores.get(n, -np.inf))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks.gapgen import laws
-from benchmarks.gapgen.answers import equivalent
+from benchmarks.gapgen.answers import equivalent, left_out
 from benchmarks.gapgen.drawing import Stratum, draw
 from benchmarks.gapgen.effect import CAMERA, FAMILIES, NEEDS_INPUT, OUTSIDE, Effect, Setting
 from benchmarks.gapgen.effects import maker
@@ -121,3 +121,16 @@ def test_classes_hold_their_own_name_and_merge_only_what_physics_merges() -> Non
     ]
     odd = Effect("cogging", [(laws.COGGING, 0, 0, [1.0])])
     assert equivalent(odd, stratum("cogging"), truth) == ["unknown"]
+    gain = equivalent(Effect("input_gain"), stratum("input_gain"), truth)
+    assert gain == ["camera_change", "input_gain", "mass_change"]
+
+
+def test_what_holds_an_effect_as_a_limit_is_left_out_with_it() -> None:
+    assert left_out(["coulomb_friction"]) == [
+        "coulomb_friction", "hysteresis", "load_dependent_friction", "stribeck_friction"
+    ]  # fmt: skip
+    assert left_out(["linear_stiffness", "mass_change"]) == [
+        "creep", "hidden_mode", "linear_stiffness", "mass_change"
+    ]  # fmt: skip
+    assert left_out(["input_gain"]) == ["camera_change", "input_gain"]
+    assert left_out(["end_stop"]) == ["end_stop"]

@@ -72,6 +72,18 @@ def test_unknown_grows_with_what_is_left() -> None:
     assert shares[-1] > 0.9
 
 
+def test_doubt_in_the_best_explanation_or_in_none_speaks_for_unknown() -> None:
+    best = one("coulomb_friction", 400.0)
+    said = judge(ranking(best, none=3.0), [best], FREEDOM, 1.0, settings(), doubt=lambda one: 0.8)
+    assert said.verdict == "unknown"
+    assert said.probabilities["unknown"] == pytest.approx(0.8, abs=0.02)
+    nothing = ranking(one("creep", -3.0), none=1.0)
+    asked = []
+    said = judge(nothing, [], FREEDOM, 1.0, settings(), doubt=lambda one: asked.append(one) or 0.9)
+    assert said.verdict == "unknown"
+    assert asked == [nothing.none]
+
+
 def test_a_set_that_explains_what_no_single_one_does_is_named_whole() -> None:
     single = one("coulomb_friction", 500.0, 4.0)
     pair = one("input_lag", 900.0, 1.0, "coulomb_friction")

@@ -1,0 +1,25 @@
+"""What speaks against an explanation that leaves nothing unexplained: that it would explain anything."""
+
+import numpy as np
+
+from lagsplat.diagnose.compare import Contest, Explained
+from lagsplat.diagnose.exogenous import repeated
+from lagsplat.diagnose.loosened import rival
+from lagsplat.diagnose.select import Ranking
+
+UNSHOWN = 0.7
+"""P(unknown) where nothing shows that what is named for an outer force comes from outside."""
+SHAPELESS = ("external_push", "external_periodic_force", "hidden_mode", "creep")
+"""Effects with times, frequencies or states of their own, of which two together fit most of anything."""
+FITTING = 0.6
+"""P(unknown) where two of these are needed."""
+AHEAD, SCATTER = 5.0, 2.0
+"""Nats ahead of the explanation at which a sim with loose parameters is as credible, and their scatter."""
+
+
+def doubt(contest: Contest, ranking: Ranking, one: Explained, *, nominal: float) -> float:
+    """P(unknown), at the least, if ``one`` explains the gap."""
+    ahead = rival(contest, ranking.none, one, nominal=nominal, temper=ranking.temper)
+    loose = 1.0 / (1.0 + np.exp(np.clip((AHEAD - ahead) / SCATTER, -50.0, 50.0)))
+    free = sum(instance.effect.name in SHAPELESS for instance in one.effects)
+    return max(UNSHOWN * (1.0 - repeated(one, contest)), FITTING if free > 1 else 0.0, float(loose))

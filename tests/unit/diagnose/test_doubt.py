@@ -1,0 +1,113 @@
+"""Explanations that would explain anything: outer forces that nothing repeats, and sims that are loose."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from lagsplat.diagnose.catalogue import catalogue, scales, whole_scales
+from lagsplat.diagnose.compare import Contest, Explained
+from lagsplat.diagnose.diagnose import diagnose
+from lagsplat.diagnose.doubt import FITTING, doubt
+from lagsplat.diagnose.effects.effect import Direction, Instance
+from lagsplat.diagnose.exogenous import repeated
+from lagsplat.diagnose.loosened import rival
+from lagsplat.diagnose.select import Ranking
+from lagsplat.diagnose.stand import Sim
+from tests.unit.diagnose.toys import GAIN, OMEGA, RATE, contest, film, oscillator, own, settings, wave
+
+U = wave(2)
+ALONG = Direction("q0", np.ones(1), 1.0, 0.0)
+
+
+def explained(one: Contest, name: str, **unknowns: float) -> Explained:
+    """The effect with parameters as given in their own units, whatever the data say."""
+    instance = Instance(catalogue()[name], scales(one.bench, ALONG), direction=ALONG)
+    parameters = instance.effect.parameters
+    x = [
+        p.prior.unknown(unknowns.get(p.name.replace(" ", "_"), 0.0) / instance.scales.of(p.kind))
+        if p.name.replace(" ", "_") in unknowns
+        else p.prior.mean
+        for p in parameters
+    ]
+    fit = one.fit((), np.zeros(one.bench.nuisance.size))
+    return Explained((instance,), replace(fit, x=np.concatenate([x, fit.x])))
+
+
+def test_a_push_comes_from_outside_only_where_its_state_is_passed_again() -> None:
+    one = contest([film(u=lambda t: math.sin(2.0 * np.pi * 0.5 * t), seconds=20.0, start=(0.0, 0.0))])
+    # halfway through a motion that repeats every two seconds
+    among = explained(one, "external_push", acceleration_0=2.0, time_0=10.3, duration_0=0.2)
+    assert repeated(among, one) == 1.0
+    swing = contest([film(seconds=12.0, start=(0.8, 0.0))])
+    # the first swing, which a decaying motion never reaches again
+    first = explained(swing, "external_push", acceleration_0=2.0, time_0=0.1, duration_0=0.3)
+    assert repeated(first, swing) < 0.5
+
+
+def test_a_periodic_force_shows_only_where_it_repeats() -> None:
+    one = contest([film(seconds=12.0)])
+    slow = explained(one, "external_periodic_force", cosine=1.0, angular_frequency=2.0 * np.pi / 12.0)
+    quick = explained(one, "external_periodic_force", cosine=1.0, angular_frequency=2.0 * np.pi)
+    assert repeated(slow, one) < 0.3
+    assert repeated(quick, one) == 1.0
+
+
+def test_what_depends_on_the_state_needs_no_repetition() -> None:
+    one = contest([film(seconds=6.0)])
+    assert repeated(explained(one, "coulomb_friction"), one) == 1.0
+
+
+def several(t: float, q: float, v: float, u: float, z: np.ndarray) -> tuple[float, list[float]]:
+    """An oscillator whose stiffness, damping and gain are all a little off."""
+    return -1.1 * OMEGA**2 * q - 6.0 * q**3 - 1.8 * RATE * v + 0.9 * GAIN * u + 0.8, []
+
+
+def dry(t: float, q: float, v: float, u: float, z: np.ndarray) -> tuple[float, list[float]]:
+    return own(q, v, u) - 3.0 * math.tanh(v / 0.02), []
+
+
+def gain_only(t: float, q: float, v: float, u: float, z: np.ndarray) -> tuple[float, list[float]]:
+    return own(q, v, 0.8 * u), []
+
+
+def test_a_loose_sim_beats_an_effect_where_several_parameters_are_off() -> None:
+    one = contest([film(several, u=U, noise=0.005, seconds=16.0)])
+    none = Explained((), one.fit((), np.zeros(one.bench.nuisance.size)))
+    instance = Instance(catalogue()["coulomb_friction"], scales(one.bench, ALONG), direction=ALONG)
+    start = np.concatenate([np.zeros(1), none.fit.x])
+    wrong = Explained((instance,), one.fit((instance,), start))
+    assert rival(one, none, wrong, nominal=1.0, temper=2.0) > 50.0
+
+
+def test_a_loose_sim_loses_against_the_one_parameter_that_is_off() -> None:
+    one = contest([film(gain_only, u=U, noise=0.005, seconds=16.0)])
+    none = Explained((), one.fit((), np.zeros(one.bench.nuisance.size)))
+    gain = Instance(catalogue()["input_gain"], whole_scales(one.bench), channel=0, input_name="u0")
+    right = Explained((gain,), one.fit((gain,), np.concatenate([np.zeros(1), none.fit.x])))
+    assert rival(one, none, right, nominal=1.0, temper=2.0) < 0.0
+
+
+def test_a_loose_sim_that_explains_less_is_no_rival() -> None:
+    one = contest([film(dry, u=U, noise=0.005, seconds=12.0)])
+    none = Explained((), one.fit((), np.zeros(one.bench.nuisance.size)))
+    instance = Instance(catalogue()["coulomb_friction"], scales(one.bench, ALONG), direction=ALONG)
+    right = Explained((instance,), one.fit((instance,), np.concatenate([[0.1], none.fit.x])))
+    assert rival(one, none, right, nominal=1.0, temper=2.0) == -np.inf
+
+
+def test_two_shapes_that_fit_anything_are_doubted_and_one_is_not() -> None:
+    one = contest([film(dry, u=U, noise=0.005, seconds=6.0)])
+    rows = Ranking(Explained((), one.fit((), np.zeros(one.bench.nuisance.size))), (), 2.0)
+    alone = explained(one, "hidden_mode")
+    alone = replace(alone, fit=replace(alone.fit, misfit=0.0))
+    both = replace(alone, effects=(*alone.effects, *explained(one, "creep").effects))
+    assert doubt(one, rows, alone, nominal=1.0) < 0.1
+    assert doubt(one, rows, both, nominal=1.0) >= FITTING
+
+
+def test_parameters_that_are_off_together_are_not_called_an_effect() -> None:
+    known = ("coulomb_friction", "creep", "hysteresis")
+    config = replace(settings(), without=sorted(set(catalogue()) - set(known)), always=[])
+    real = film(several, u=U, noise=0.005, seconds=16.0)
+    assert diagnose(Sim.exact(oscillator()), [real], config).diagnosis.verdict == "unknown"
