@@ -102,6 +102,7 @@ def _measures(
         "misfit_none": ranking.none.fit.misfit / contest.freedom,
         "misfit_best": best.fit.misfit / contest.freedom,
         "unexplained": judgement.left,
+        "doubt": judgement.doubted,
         "chain": [
             {"effects": [e.effect.name for e in one.effects], "misfit": one.fit.misfit / contest.freedom}
             for one in chain

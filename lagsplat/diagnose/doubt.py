@@ -1,5 +1,8 @@
 """What speaks against an explanation that leaves nothing unexplained: that it would explain anything."""
 
+from dataclasses import dataclass
+from typing import Literal
+
 import numpy as np
 
 from lagsplat.diagnose.compare import Contest, Explained
@@ -17,9 +20,26 @@ AHEAD, SCATTER = 5.0, 2.0
 """Nats ahead of the explanation at which a sim with loose parameters is as credible, and their scatter."""
 
 
-def doubt(contest: Contest, ranking: Ranking, one: Explained, *, nominal: float) -> float:
-    """P(unknown), at the least, if ``one`` explains the gap."""
+@dataclass(frozen=True)
+class Doubt:
+    """P(unknown), at the least, for one reason.
+
+    ``unrepeated``: an outer force in states that the record passes only with it. ``shapeless``: several
+    effects that fit anything. ``loose``: the sim's own parameters, all moved, are more evident.
+    """
+
+    chance: float
+    why: Literal["unrepeated", "shapeless", "loose"]
+
+
+def doubt(contest: Contest, ranking: Ranking, one: Explained, *, nominal: float) -> Doubt:
+    """The strongest doubt in ``one``, if it explains the gap."""
     ahead = rival(contest, ranking.none, one, nominal=nominal, temper=ranking.temper)
     loose = 1.0 / (1.0 + np.exp(np.clip((AHEAD - ahead) / SCATTER, -50.0, 50.0)))
-    free = sum(instance.effect.name in SHAPELESS for instance in one.effects)
-    return max(UNSHOWN * (1.0 - repeated(one, contest)), FITTING if free > 1 else 0.0, float(loose))
+    shapes = sum(instance.effect.name in SHAPELESS for instance in one.effects)
+    reasons = (
+        Doubt(UNSHOWN * (1.0 - repeated(one, contest)), "unrepeated"),
+        Doubt(FITTING if shapes > 1 else 0.0, "shapeless"),
+        Doubt(float(loose), "loose"),
+    )
+    return max(reasons, key=lambda reason: reason.chance)

@@ -8,6 +8,7 @@ import numpy as np
 from lagsplat.diagnose.catalogue import catalogue
 from lagsplat.diagnose.compare import Explained
 from lagsplat.diagnose.config import DiagnoseConfig
+from lagsplat.diagnose.doubt import Doubt
 from lagsplat.diagnose.result import Verdict
 from lagsplat.diagnose.select import Ranking
 from lagsplat.diagnose.standing import standings, trust
@@ -54,6 +55,8 @@ class Judgement:
     """Share of the excess misfit that the best explanation leaves."""
     best: Explained | None
     """The best explanation, whether or not the verdict names it."""
+    doubted: str | None = None
+    """Why it is not believed although it explains the gap."""
 
 
 def explain(
@@ -105,16 +108,18 @@ def judge(
     nominal: float,
     config: DiagnoseConfig,
     *,
-    doubt: Callable[[Explained], float] = lambda one: 0.0,
+    doubt: Callable[[Explained], Doubt] = lambda one: Doubt(0.0, "loose"),
 ) -> Judgement:
     """Probabilities by evidence and prior; the share that is left unexplained speaks for `unknown`.
 
-    So does the ``doubt`` in it, the least P(unknown) if an explanation is the best.
+    So does ``doubt``, the doubt in an explanation if it is the best.
     """
     names = [name for name in catalogue() if name not in config.without]
     scores = standings(ranking, names, config)
     best, left, strange = explain(ranking, chain, freedom, nominal, config)
-    strange = max(strange, doubt(best or ranking.none))
+    doubted = doubt(best or ranking.none)
+    told = doubted.why if doubted.chance > strange else None
+    strange = max(strange, doubted.chance)
     if best is not None and len(best.effects) > 1:
         top = max(scores.values())
         own = sorted((e.effect.name for e in best.effects), key=lambda n: -scores.get(n, -np.inf))
@@ -127,7 +132,9 @@ def judge(
     for name in names:
         probabilities.setdefault(name, 0.0)
     probabilities = _tempered(probabilities)
-    return Judgement(_verdict(probabilities), probabilities, equivalents(ranking), left, best)
+    verdict = _verdict(probabilities)
+    why = told if verdict == "unknown" else None
+    return Judgement(verdict, probabilities, equivalents(ranking), left, best, why)
 
 
 def denied(judgement: Judgement) -> Judgement:

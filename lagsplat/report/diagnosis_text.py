@@ -95,13 +95,18 @@ def _none(diagnosis: Diagnosis) -> list[str]:
 
 def _unknown(diagnosis: Diagnosis) -> list[str]:
     chance = chance_of(diagnosis, "unknown")
+    known = [one for one in diagnosis.candidates if one.name not in ("none", "unknown")]
+    doubt = diagnosis.checks.get("doubt")
+    verb = "can be held responsible for" if doubt else "explains"
     sentences = [
         _size(diagnosis),
         _located(diagnosis),
-        f"No effect of the catalogue explains it (probability {probability(chance)}).",
+        f"No effect of the catalogue {verb} it (probability {probability(chance)}).",
     ]
-    known = [one for one in diagnosis.candidates if one.name not in ("none", "unknown")]
-    if known:
+    if doubt:
+        nearest = _capital(place(known[0])) if known else "An outer force"
+        sentences.append(DOUBTS[doubt].format(nearest=nearest))
+    elif known:
         closes = known[0].closure
         much = (
             f" would close {percent(closes.value)} of it but" if closes and closes.value is not None else ""
@@ -111,6 +116,17 @@ def _unknown(diagnosis: Diagnosis) -> list[str]:
             "for the cause, since a wrong effect often closes much of a gap."
         )
     return [*sentences, WORDS["unknown"].do, _next(diagnosis)]
+
+
+DOUBTS = {
+    "unrepeated": "{nearest} would fit, but nothing shows that it comes from outside: in this recording the "
+    "mechanism never passes through the same states without it, or not often enough.",
+    "shapeless": "Only effects with times, frequencies or states of their own, several of them together, "
+    "would fit; such effects fit almost anything.",
+    "loose": "The simulation's own stiffness, damping, gains and loads, all moved together, fit better than "
+    "any effect does: identify the simulation anew before looking for physics that it lacks.",
+}
+"""Why what leaves nothing unexplained is not believed all the same."""
 
 
 def _undetermined(diagnosis: Diagnosis) -> list[str]:

@@ -8,7 +8,7 @@ import numpy as np
 from lagsplat.diagnose.catalogue import catalogue, scales, whole_scales
 from lagsplat.diagnose.compare import Contest, Explained
 from lagsplat.diagnose.diagnose import diagnose
-from lagsplat.diagnose.doubt import FITTING, doubt
+from lagsplat.diagnose.doubt import FITTING, Doubt, doubt
 from lagsplat.diagnose.effects.effect import Direction, Instance
 from lagsplat.diagnose.exogenous import repeated
 from lagsplat.diagnose.loosened import rival
@@ -102,12 +102,13 @@ def test_two_shapes_that_fit_anything_are_doubted_and_one_is_not() -> None:
     alone = explained(one, "hidden_mode")
     alone = replace(alone, fit=replace(alone.fit, misfit=0.0))
     both = replace(alone, effects=(*alone.effects, *explained(one, "creep").effects))
-    assert doubt(one, rows, alone, nominal=1.0) < 0.1
-    assert doubt(one, rows, both, nominal=1.0) >= FITTING
+    assert doubt(one, rows, alone, nominal=1.0).chance < 0.1
+    assert doubt(one, rows, both, nominal=1.0) == Doubt(FITTING, "shapeless")
 
 
 def test_parameters_that_are_off_together_are_not_called_an_effect() -> None:
     known = ("coulomb_friction", "creep", "hysteresis")
     config = replace(settings(), without=sorted(set(catalogue()) - set(known)), always=[])
     real = film(several, u=U, noise=0.005, seconds=16.0)
-    assert diagnose(Sim.exact(oscillator()), [real], config).diagnosis.verdict == "unknown"
+    found = diagnose(Sim.exact(oscillator()), [real], config).diagnosis
+    assert (found.verdict, found.checks["doubt"]) == ("unknown", "loose")

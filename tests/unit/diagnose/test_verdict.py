@@ -7,6 +7,7 @@ import pytest
 
 from lagsplat.diagnose.catalogue import catalogue
 from lagsplat.diagnose.compare import Explained
+from lagsplat.diagnose.doubt import Doubt
 from lagsplat.diagnose.effects.effect import HalfNormal, Instance, Normal, Scales
 from lagsplat.diagnose.select import Ranking
 from lagsplat.diagnose.shoot import Fit
@@ -74,12 +75,16 @@ def test_unknown_grows_with_what_is_left() -> None:
 
 def test_doubt_in_the_best_explanation_or_in_none_speaks_for_unknown() -> None:
     best = one("coulomb_friction", 400.0)
-    said = judge(ranking(best, none=3.0), [best], FREEDOM, 1.0, settings(), doubt=lambda one: 0.8)
-    assert said.verdict == "unknown"
+    said = judge(
+        ranking(best, none=3.0), [best], FREEDOM, 1.0, settings(), doubt=lambda one: Doubt(0.8, "loose")
+    )
+    assert (said.verdict, said.doubted) == ("unknown", "loose")
     assert said.probabilities["unknown"] == pytest.approx(0.8, abs=0.02)
     nothing = ranking(one("creep", -3.0), none=1.0)
     asked = []
-    said = judge(nothing, [], FREEDOM, 1.0, settings(), doubt=lambda one: asked.append(one) or 0.9)
+    said = judge(
+        nothing, [], FREEDOM, 1.0, settings(), doubt=lambda one: asked.append(one) or Doubt(0.9, "loose")
+    )
     assert said.verdict == "unknown"
     assert asked == [nothing.none]
 

@@ -10,7 +10,7 @@ import pytest
 from lagsplat.diagnose import effects
 from lagsplat.diagnose.result import Candidate, Interval
 from lagsplat.report.diagnosis_names import chosen, estimates, place, shares_of_closure
-from lagsplat.report.diagnosis_text import headline, paragraph
+from lagsplat.report.diagnosis_text import DOUBTS, headline, paragraph
 from lagsplat.report.effect_words import WORDS, words_of
 from lagsplat.report.rounding import percent
 from tests.unit.report import made_diagnoses
@@ -114,6 +114,14 @@ def test_unknown_names_no_cause():
     assert "No effect of the catalogue explains it (probability 0.90)" in text
     assert "should not be taken for the cause" in text
     assert "cause is" not in text
+
+
+@pytest.mark.parametrize("why", sorted(DOUBTS))
+def test_unknown_says_what_makes_a_fitting_effect_doubtful(why):
+    made = KINDS["unknown"]
+    text = paragraph(replace(made, checks={**made.checks, "doubt": why}))
+    assert DOUBTS[why].partition("}")[2][-60:] in text
+    assert "more than noise" not in text
 
 
 def test_undetermined_gives_its_reason():
