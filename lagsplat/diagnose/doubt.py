@@ -16,7 +16,7 @@ SHAPELESS = ("external_push", "external_periodic_force", "hidden_mode", "creep")
 """Effects with times, frequencies or states of their own, of which two together fit most of anything."""
 FITTING = 0.6
 """P(unknown) where two of these are needed."""
-AHEAD, SCATTER = 5.0, 2.0
+AHEAD, SCATTER = 0.0, 2.0
 """Nats ahead of the explanation at which a sim with loose parameters is as credible, and their scatter."""
 
 
