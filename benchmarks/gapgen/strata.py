@@ -15,7 +15,7 @@ SYSTEMS = {
     "d2": ("two_link", "bag"),
     "d4": ("soft_robot",),
 }
-SYSTEMS["to2"] = SYSTEMS["d1"] + SYSTEMS["d2"]
+SYSTEMS["to2"] = SYSTEMS["d1"] * 2 + SYSTEMS["d2"]
 SYSTEMS["all"] = SYSTEMS["d1"] * 2 + ("two_link", "bag", "soft_robot")
 NOISE, DURATION_S = (0.003, 0.01, 0.01, 0.03), (4.0, 18.0, 18.0, 60.0)
 # camera and timing count as two families, unlogged pushes as half of one

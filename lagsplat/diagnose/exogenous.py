@@ -11,11 +11,12 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from lagsplat.diagnose.compare import Contest, Explained
+from lagsplat.diagnose.effects.effect import Instance
 from lagsplat.diagnose.effects.external_push import N_PUSHES
 from lagsplat.diagnose.record import Record
 
-ALIKE = 0.2
-"""Distance between like states, in rms of each coordinate and velocity, per square root of their number."""
+ALIKE = 0.3
+"""Distance between like states, in rms of the coordinate and of its velocity."""
 APART = 0.25
 """Natural periods between a push and what counts as another passage."""
 CYCLES = 4.0
@@ -35,7 +36,8 @@ def repeated(one: Explained, contest: Contest) -> float:
         if instance.effect.name in ("external_push", "external_periodic_force") and not one.noise:
             row = instance.physical(one.fit.x[None, at : at + size])[0]
             named = {p.name: float(v) for p, v in zip(instance.effect.parameters, row, strict=True)}
-            shown = min(shown, _lone(named, record) if "time 0" in named else _cycles(named, record))
+            seen = _lone(named, record, instance) if "time 0" in named else _cycles(named, record)
+            shown = min(shown, seen)
         at += size
     return shown
 
@@ -45,11 +47,16 @@ def _cycles(named: Mapping[str, float], record: Record) -> float:
     return min(1.0, abs(named["angular_frequency"]) * longest / (2.0 * np.pi) / CYCLES)
 
 
-def _lone(named: Mapping[str, float], record: Record) -> float:
-    """Share of the pushed states that the record passes through without a push at another time, too."""
+def _lone(named: Mapping[str, float], record: Record, instance: Instance) -> float:
+    """Share of the pushed states that the record passes through without a push at another time, too.
+
+    Of several coordinates the one that is pushed: all of them together hardly ever come back.
+    """
+    assert instance.direction is not None
     strength = np.abs([named[f"acceleration {n}"] for n in range(N_PUSHES)])
-    rms_q, rms_v = np.std(record.q, axis=0), np.maximum(np.std(record.v, axis=0), 1e-12)
-    pause_s = APART * 2.0 * np.pi * float((rms_q / rms_v).min())
+    s, v = record.q @ instance.direction.covector, record.v @ instance.direction.covector
+    rms_s, rms_v = max(float(np.std(s)), 1e-12), max(float(np.std(v)), 1e-12)
+    pause_s = APART * 2.0 * np.pi * rms_s / rms_v
     pushed, free = np.zeros(len(record.time), dtype=bool), np.ones(len(record.time), dtype=bool)
     for n in np.flatnonzero(strength > FELT * strength.max()):
         off_s = np.abs(record.time - named[f"time {n}"]) - 0.5 * named[f"duration {n}"]
@@ -57,6 +64,6 @@ def _lone(named: Mapping[str, float], record: Record) -> float:
         free &= off_s > max(pause_s, record.dt_s)
     if not pushed.any() or not free.any():
         return 0.0
-    state = np.concatenate([record.q / np.maximum(rms_q, 1e-12), record.v / rms_v], axis=1)
+    state = np.stack([s / rms_s, v / rms_v], axis=1)
     apart, _ = cKDTree(state[free]).query(state[pushed])
-    return float(np.mean(apart < ALIKE * np.sqrt(state.shape[1])))
+    return float(np.mean(apart < ALIKE))
