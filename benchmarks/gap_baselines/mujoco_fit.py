@@ -24,7 +24,7 @@ from lagsplat.diagnose.record import cut_windows
 from lagsplat.io.motion import Motion
 
 ITERATIONS = 25
-WINDOWS = 24
+WINDOWS = 10
 """Stretches that a fit looks at, at most."""
 EXPRESSED = 0.1
 """RMS of the nominal residual, in the coordinates' rms, beyond which no mechanism of MuJoCo is the sim."""
