@@ -9,22 +9,19 @@ import numpy as np
 
 from lagsplat.diagnose.diagnose import Found
 from lagsplat.diagnose.image_region import Localisation, excess_error, image_region, localise
-from lagsplat.diagnose.ladder import Rung, climb, forecast, stage_shares
+from lagsplat.diagnose.ladder import forecast, stage_shares
 from lagsplat.diagnose.mechanics import rest_inertia
 from lagsplat.diagnose.pictures import Body, body_points, drawn, evenly, frames_at, measured
 from lagsplat.diagnose.result import Block
-from lagsplat.diagnose.smoother import Smoothed, smooth
+from lagsplat.diagnose.smoother import Smoothed
 from lagsplat.evaluate.floor import image_errors
 from lagsplat.films import Films, Side
-from lagsplat.io.motion import Motion
-from lagsplat.io.motion_part import leading
 from lagsplat.report.diagnosis_exhibits import Exhibits, Film, PictureForce, PictureGap
 
 if TYPE_CHECKING:
     from lagsplat.pair import Pair
 
 COMPARED = 240  # frames of held-out blocks that are drawn
-CLIMBED = 40  # natural periods of the training part by which the floors of the ladder are told
 FILMED = 8  # blocks in a row that the film shows
 FILMED_FRAMES = 300
 SLOWEST_S = 1.0  # a period takes this long on the film at least
@@ -49,14 +46,13 @@ class Seen:
 def picture_exhibits(pair: "Pair", found: Found) -> tuple[Found, Exhibits]:
     """The diagnosis with its region of the picture and its errors in pictures, and the figures of both.
 
-    Of tables of latents there are no pictures: then the ladder alone is shown.
+    Of tables of latents there are no pictures, and none are shown.
     """
     assert pair.films is not None, "the sim is no fitted run"
     drawer = _Drawer(pair.films, pair, found)
-    rungs = drawer.rungs()
     seen = drawer.seen()
     if seen is None:
-        return found, Exhibits(rungs=rungs)
+        return found, Exhibits()
     excess = excess_error(seen.real, seen.sim, seen.encoded)
     place, body = drawer.place()
     where = replace(
@@ -67,7 +63,6 @@ def picture_exhibits(pair: "Pair", found: Found) -> tuple[Found, Exhibits]:
     diagnosis = replace(found.diagnosis, where=where, checks=checks)
     worst = int(np.argmax(np.mean((seen.sim - seen.real) ** 2, axis=(1, 2, 3))))
     exhibits = Exhibits(
-        rungs=rungs,
         picture=PictureGap(_bytes(seen.real[worst]), np.maximum(excess.map, 0.0), excess.parts),
         force=None if place is None or body is None else drawer.force(seen, place, body),
         film=drawer.film(),
@@ -91,24 +86,6 @@ class _Drawer:
     def draw(self, q: np.ndarray) -> np.ndarray:
         """Pictures of latents."""
         return drawn(self.run.autoencoder, self.run.chart, q)
-
-    def rungs(self) -> tuple[Rung, ...]:
-        """The ladder; its floors are those of the training part, held-out pictures apart."""
-        checked = self.pair.checked.sim
-        nominal = None
-        if checked is not None:
-            part = _leading(checked.motions, CLIMBED * self.period_s)
-            model, hold = self.pair.sim.model, self.found.contest.bench.held
-            nominal = smooth(model, part, period_s=self.period_s, hold="zoh" if hold else "linear")
-        sight = self.films.sight
-        return climb(
-            self.pair.sim.model,
-            self.smoothed,
-            nominal,
-            horizon_s=self.period_s,
-            pictures=None if sight is None else (sight.error_real, sight.error_nominal),
-            block=10,
-        )
 
     def seen(self) -> Seen | None:
         """Held-out blocks, drawn; None where no block has pictures."""
@@ -218,16 +195,6 @@ class _Drawer:
             films = (_bytes(seen.real), _bytes(seen.sim), _bytes(seen.augmented))
             return Film(*films, frames_per_s=1.0 / (step_s * slowed), slowed=slowed)
         return None
-
-
-def _leading(motions: Sequence[Motion], length_s: float) -> list[Motion]:
-    """The first of all motions, as much as lasts ``length_s`` together."""
-    kept: list[Motion] = []
-    for motion in motions:
-        if length_s > 0.0:
-            kept.append(leading(motion, length_s))
-            length_s -= kept[-1].duration_s
-    return kept
 
 
 def _bytes(picture: np.ndarray) -> np.ndarray:

@@ -25,6 +25,7 @@ from lagsplat.report.diagnosis_exhibits import Exhibits
 from lagsplat.report.diagnosis_json import save_diagnosis
 from lagsplat.report.diagnosis_page import save_page
 from lagsplat.report.diagnosis_rollouts import save_rollouts
+from lagsplat.shown import shown
 
 if TYPE_CHECKING:
     pass
@@ -161,12 +162,15 @@ def _searched(sim: str, real: str, config: DiagnoseConfig) -> tuple[Pair, Found,
             found = examine(pair, config, tell=tell)
         except ValueError as error:
             raise ValueError(_why(pair.checked, error)) from error
+        tell("figures")
+        figures = shown(pair, found)
         if pair.films is None:
-            return pair, found, Exhibits()
+            return pair, found, figures
         from lagsplat.exhibits import picture_exhibits
 
         tell("pictures")
-        return pair, *picture_exhibits(pair, found)
+        found, seen = picture_exhibits(pair, found)
+        return pair, found, replace(figures, picture=seen.picture, force=seen.force, film=seen.film)
 
 
 def _why(checked: Checked, error: ValueError) -> str:

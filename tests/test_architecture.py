@@ -44,6 +44,7 @@ LAYERS = (
         "blind",
         "blind_films",
         "exhibits",
+        "shown",
         "pair",
         "gap",
         "cli",

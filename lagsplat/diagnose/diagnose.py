@@ -1,26 +1,24 @@
 """A diagnosis from end to end: a sim and real motions in, the verdict with all it rests on out."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
-
-import numpy as np
 
 from lagsplat.diagnose.catalogue import instances
 from lagsplat.diagnose.combine import combine
 from lagsplat.diagnose.compare import Contest, Explained
 from lagsplat.diagnose.config import DiagnoseConfig
 from lagsplat.diagnose.doubt import doubt
-from lagsplat.diagnose.effects.effect import UNITS, Effect, Instance, Noise
+from lagsplat.diagnose.effects.effect import Instance, Noise
 from lagsplat.diagnose.forecast import Held, close_alone, hold_out
 from lagsplat.diagnose.hints import hints
-from lagsplat.diagnose.record import Record
-from lagsplat.diagnose.result import Candidate, Diagnosis, Parameter
+from lagsplat.diagnose.reported import parameters
+from lagsplat.diagnose.result import Candidate, Diagnosis
 from lagsplat.diagnose.select import Effort, Ranking, rank
 from lagsplat.diagnose.smoother import smooth
 from lagsplat.diagnose.stand import Sim, stand
-from lagsplat.diagnose.verdict import Judgement, denied, interval, judge
+from lagsplat.diagnose.verdict import Judgement, denied, judge
 from lagsplat.io.motion import Motion
 
 OBVIOUS = 30.0
@@ -31,10 +29,11 @@ CLOSED = 4
 
 @dataclass(frozen=True)
 class Found:
-    """A diagnosis, with the bench it was made on and the fit it chose."""
+    """A diagnosis, with the bench it was made on, all that was fitted and the fit it chose."""
 
     diagnosis: Diagnosis
     contest: Contest
+    ranking: Ranking
     chosen: Explained
 
 
@@ -90,7 +89,7 @@ def diagnose(
         q_names=real[0].q_names,
         u_names=real[0].u_names,
     )
-    return Found(diagnosis, contest, chosen)
+    return Found(diagnosis, contest, ranking, chosen)
 
 
 def _measures(
@@ -164,54 +163,3 @@ def _candidates(
             )
         )
     return tuple(out)
-
-
-def parameters(contest: Contest, one: Explained, instance: Instance, temper: float) -> dict[str, Parameter]:
-    """The fitted parameters of one of the effects, with 90 % intervals, under their published keys."""
-    effect, scales = instance.effect, instance.scales
-    kinds = {p.name: p.kind for p in effect.parameters}
-    if isinstance(effect, Noise):
-        sized = {name: [v * scales.of(kinds[name]) for v in values] for name, values in one.noise.items()}
-        return {name: Parameter(v[0], v[1], v[2], UNITS[kinds[name]]) for name, v in sized.items()}
-    known = [e for e in one.effects if not isinstance(e.effect, Noise)]
-    prior = [p.prior for e in known for p in e.effect.parameters]
-    low, high = interval(replace(one, effects=tuple(known)), contest.bench.nuisance.deviation, prior, temper)
-    at = sum(len(e.effect.parameters) for e in known[: known.index(instance)])
-    cut = slice(at, at + len(effect.parameters))
-    rows = instance.physical(np.stack([one.fit.x[cut], low[cut], high[cut]]))
-    best, *ends = (_told(instance, row, contest.bench.record) for row in rows)
-    where = {"q": (instance.direction.name if instance.direction else None) or "q"}
-    where["u"] = instance.input_name or "u"
-    out = {}
-    for key, value in best.items():
-        first, second = (end.get(key, value) for end in ends)
-        if isinstance(value, list) and not len(first) == len(second) == len(value):
-            first = second = value
-        elif not isinstance(value, list) and first > second:
-            first, second = second, first
-        out[key] = Parameter(value, first, second, _unit(effect, key).format(**where))
-    return out
-
-
-def _unit(effect: Effect, key: str) -> str:
-    """Of what a parameter is told in: its own, that of the first of a list, or that of the effect's first."""
-    kinds = {p.name: p.kind for p in effect.parameters}
-    if key == "files":
-        return "1"
-    return UNITS[kinds.get(key, kinds.get(f"{key.removesuffix('s')} 0", effect.parameters[0].kind))]
-
-
-def _told(instance: Instance, row: np.ndarray, record: Record) -> dict[str, Any]:
-    effect = instance.effect
-    plain = {
-        p.name: float(np.exp(value) if p.kind == "log_ratio" else value)
-        for p, value in zip(effect.parameters, row, strict=True)
-        if not p.name.startswith("memory ")
-    }
-    told: dict[str, Any] = effect.reports(plain, instance) if effect.reports is not None else dict(plain)
-    if "times" in told:
-        places = [record.own_time(time) for time in told["times"]]
-        told["times"] = [time for _, time in places]
-        if len(record.files) > 1:
-            told["files"] = [number for number, _ in places]
-    return told

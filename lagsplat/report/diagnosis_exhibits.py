@@ -7,24 +7,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64, UInt8
 
-
-@dataclass(frozen=True)
-class Profile:
-    """How likely the data are along one parameter, the others fitted anew: nats below the best fit."""
-
-    effect: str
-    parameter: str
-    unit: str
-    values: Float64[np.ndarray, " n"]
-    log_likelihood: Float64[np.ndarray, " n"]
-
-
-@dataclass(frozen=True)
-class Separability:
-    """Nats (n, n) by which this recording would prefer the effect of a row over that of a column."""
-
-    names: tuple[str, ...]
-    nats: Float64[np.ndarray, "n n"]
+from lagsplat.diagnose.profile import Profile
+from lagsplat.diagnose.separability import Separability
 
 
 @dataclass(frozen=True)

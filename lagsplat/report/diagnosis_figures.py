@@ -139,15 +139,16 @@ def _certainty() -> list[Entry]:
         (
             "separability",
             "What this recording tells apart",
-            "Nats by which the recording would prefer the effect of the row, were it there, over that of the "
-            "column. Below three, the two cannot be told apart.",
+            "Nats by which the recording would prefer the effect of the row, were it there as fitted, over that "
+            "of the column, to first order about the fits. Below three, the two cannot be told apart.",
             lambda _, exhibits: draw_separability(exhibits),
         ),
         (
             "profiles",
             "How sharply the numbers are known",
             "Log-likelihood along each parameter, the others fitted anew; dashed: where a 90 % interval "
-            "ends. A flat side is a number without a bound. Orange: fitted value and interval.",
+            "ends. A flat side is a number without a bound. Orange: fitted value, and the interval that is "
+            "told, which is wider, for no law is quite nature's.",
             draw_profiles,
         ),
         (

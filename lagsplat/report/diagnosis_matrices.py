@@ -6,9 +6,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
+from lagsplat.diagnose.profile import Profile
 from lagsplat.diagnose.result import Diagnosis
 from lagsplat.report.decades import plain_decades
-from lagsplat.report.diagnosis_exhibits import Exhibits, Profile
+from lagsplat.report.diagnosis_exhibits import Exhibits
 from lagsplat.report.diagnosis_names import chosen
 from lagsplat.report.effect_words import short_title
 from lagsplat.report.rounding import number, unit, values

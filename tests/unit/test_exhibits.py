@@ -14,6 +14,7 @@ from lagsplat.diagnose.where import locate
 from lagsplat.exhibits import picture_exhibits
 from lagsplat.films import Films, Side
 from lagsplat.pipeline import Run
+from lagsplat.shown import rungs as ladder
 from tests.unit.evaluate import tiny_run
 from tests.unit.report import made_diagnoses
 
@@ -61,11 +62,11 @@ def diagnosed(films, mechanics):
 @pytest.fixture(scope="module")
 def shown(films, mechanics):
     pair, found = diagnosed(films, mechanics)
-    return picture_exhibits(pair, Found(found.diagnosis, found.contest, None))
+    return picture_exhibits(pair, Found(found.diagnosis, found.contest, None, None))
 
 
-def test_the_ladder_has_every_rung_with_its_floor(shown):
-    rungs = {rung.name: rung for rung in shown[1].rungs}
+def test_the_ladder_has_every_rung_with_its_floor(films, mechanics):
+    rungs = {rung.name: rung for rung in ladder(*diagnosed(films, mechanics))}
     assert list(rungs) == ["perception", "chart", "one step", "rollout"]
     assert all(rung.floor > 0.0 and rung.low <= rung.value <= rung.high for rung in rungs.values())
 
@@ -95,10 +96,10 @@ def test_the_film_shows_the_blocks_side_by_side(shown, films):
     assert film.frames_per_s == pytest.approx(60.0 * PERIOD_S)
 
 
-def test_latents_without_pictures_have_a_ladder_alone(films, mechanics):
+def test_latents_without_pictures_have_a_ladder_without_them(films, mechanics):
     bare = Films(films.run, films.nominal, (Side(films.real[0]),), own=False)
     pair, found = diagnosed(bare, mechanics)
-    found, exhibits = picture_exhibits(pair, Found(found.diagnosis, found.contest, None))
-    assert [rung.name for rung in exhibits.rungs] == ["chart", "one step", "rollout"]
+    assert [rung.name for rung in ladder(pair, found)] == ["chart", "one step", "rollout"]
+    found, exhibits = picture_exhibits(pair, Found(found.diagnosis, found.contest, None, None))
     assert exhibits.film is None
     assert "image" not in found.diagnosis.checks

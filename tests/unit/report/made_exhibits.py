@@ -4,14 +4,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lagsplat.diagnose.profile import Profile
+from lagsplat.diagnose.separability import Separability
 from lagsplat.report.diagnosis_exhibits import (
     Exhibits,
     Film,
     Fingerprint,
     PictureForce,
     PictureGap,
-    Profile,
-    Separability,
 )
 from tests.unit.report import made_diagnoses
 

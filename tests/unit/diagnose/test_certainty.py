@@ -1,0 +1,77 @@
+"""What a recording tells apart, and how sharply it bounds a number, on oscillators that are known."""
+
+import numpy as np
+import pytest
+
+from lagsplat.diagnose.catalogue import catalogue, scales, whole_scales
+from lagsplat.diagnose.compare import Contest, Explained
+from lagsplat.diagnose.effects.effect import Direction, Instance
+from lagsplat.diagnose.profile import POINTS, profiles
+from lagsplat.diagnose.reported import parameters
+from lagsplat.diagnose.separability import separability
+from tests.unit.diagnose.toys import contest, film, own, wave
+
+ALONG = Direction("q0", np.ones(1), 1.0, 0.0)
+TEMPER = 2.0
+
+
+def stiff(t: float, q: float, v: float, u: float, z: np.ndarray) -> tuple[float, list[float]]:
+    return own(q, v, u) - 3.0 * q - 0.2 * v, []
+
+
+def fitted(one: Contest, name: str) -> Explained:
+    effect = catalogue()[name]
+    if effect.along == "channels":
+        instance = Instance(effect, whole_scales(one.bench), channel=0, input_name="u0")
+    else:
+        instance = Instance(effect, scales(one.bench, ALONG), direction=ALONG)
+    start = [p.prior.mean for p in effect.parameters]
+    begun = np.concatenate([start, np.zeros(one.bench.nuisance.size)])
+    return Explained((instance,), one.fit((instance,), begun))
+
+
+@pytest.fixture(scope="module")
+def driven() -> Contest:
+    return contest([film(stiff, u=wave(3), noise=0.005, seconds=16.0)])
+
+
+def test_stiffness_and_damping_are_told_apart_and_each_not_from_itself(driven: Contest) -> None:
+    fits = [fitted(driven, name) for name in ("linear_stiffness", "viscous_damping")]
+    told = separability(driven, fits, temper=TEMPER)
+    assert told is not None
+    assert told.names == ("linear_stiffness", "viscous_damping")
+    assert np.diag(told.nats) == pytest.approx(0.0, abs=0.5)
+    assert min(told.nats[0, 1], told.nats[1, 0]) > 10.0
+
+
+def test_mass_and_stiffness_of_a_free_motion_are_not_told_apart() -> None:
+    free = contest([film(stiff, noise=0.01, seconds=12.0)])
+    told = separability(
+        free, [fitted(free, name) for name in ("linear_stiffness", "mass_change")], temper=TEMPER
+    )
+    assert told is not None
+    assert told.nats[0, 1] < 3.0
+
+
+def test_one_effect_alone_has_nothing_to_be_told_from(driven: Contest) -> None:
+    assert separability(driven, [fitted(driven, "linear_stiffness")], temper=TEMPER) is None
+
+
+def test_a_profile_peaks_at_the_fit_and_falls_by_its_interval(driven: Contest) -> None:
+    one = fitted(driven, "linear_stiffness")
+    (profile,) = profiles(driven, one, temper=TEMPER)
+    assert (profile.effect, profile.parameter) == ("linear_stiffness", "ratio")
+    assert len(profile.values) == 2 * POINTS + 1
+    assert (np.diff(profile.values) > 0.0).all()
+    best = int(np.argmax(profile.log_likelihood))
+    assert best == POINTS
+    told = parameters(driven, one, one.effects[0], TEMPER)["ratio"]
+    assert profile.values[best] == pytest.approx(told.value)
+    # a normal likelihood loses half of the square of the standard deviations walked
+    assert profile.log_likelihood[0] == pytest.approx(-0.5 * 3.5**2, rel=0.3)
+    assert profile.log_likelihood[-1] == pytest.approx(-0.5 * 3.5**2, rel=0.3)
+
+
+def test_numbers_that_no_single_unknown_makes_have_no_profile(driven: Contest) -> None:
+    told = {one.parameter for one in profiles(driven, fitted(driven, "stribeck_friction"), temper=TEMPER)}
+    assert told <= {"coulomb", "velocity"}
