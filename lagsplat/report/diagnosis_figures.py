@@ -139,8 +139,8 @@ def _certainty() -> list[Entry]:
         (
             "separability",
             "What this recording tells apart",
-            "Nats by which the recording would prefer the effect of the row, were it there as fitted, over that "
-            "of the column, to first order about the fits. Below three, the two cannot be told apart.",
+            "Nats by which the recording would prefer the effect of the row, were it there as fitted, over "
+            "that of the column, to first order about the fits. Below three, the two cannot be told apart.",
             lambda _, exhibits: draw_separability(exhibits),
         ),
         (
