@@ -23,8 +23,8 @@ from lagsplat.diagnose.prepare import Prepared, prepare, rough_period_s
 from lagsplat.diagnose.record import cut_windows
 from lagsplat.io.motion import Motion
 
-ITERATIONS = 25
-WINDOWS = 10
+ITERATIONS = 12
+WINDOWS = 6
 """Stretches that a fit looks at, at most."""
 EXPRESSED = 0.1
 """RMS of the nominal residual, in the coordinates' rms, beyond which no mechanism of MuJoCo is the sim."""
