@@ -1,7 +1,10 @@
 """What the report of any diagnosis shows beside its verdict: the ladder, and how much the recording tells."""
 
+import contextlib
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from lagsplat.diagnose.diagnose import Found
 from lagsplat.diagnose.ladder import Rung, climb
@@ -40,7 +43,8 @@ def rungs(pair: "Pair", found: Found) -> tuple[Rung, ...]:
     if checked is not None:
         part = _leading(checked.motions, CLIMBED * period_s)
         hold = "zoh" if found.contest.bench.held else "linear"
-        nominal = smooth(pair.sim.model, part, period_s=period_s, hold=hold)
+        with contextlib.suppress(np.linalg.LinAlgError):  # a sim that cannot follow even its own motions
+            nominal = smooth(pair.sim.model, part, period_s=period_s, hold=hold)
     sight = None if pair.films is None else pair.films.sight
     return climb(
         pair.sim.model,

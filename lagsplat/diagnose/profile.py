@@ -39,6 +39,8 @@ def profiles(contest: Contest, one: Explained, *, temper: float) -> Iterator[Pro
     Source: profile likelihood, Raue et al., 2009, doi:10.1093/bioinformatics/btp358.
     """
     effects = tuple(e for e in one.effects if not isinstance(e.effect, Noise))
+    if not np.isfinite(one.fit.curvature).all():
+        return
     curvature = one.fit.curvature / temper + np.diag(1.0 / belief(effects, contest.bench).deviation ** 2)
     spread = np.sqrt(np.maximum(np.diag(np.linalg.pinv(curvature)), 0.0))
     known, count = 0, 0

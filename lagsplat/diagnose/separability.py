@@ -31,7 +31,9 @@ def separability(contest: Contest, found: Sequence[Explained], *, temper: float)
     """
     best: dict[str, Explained] = {}
     for one in found:
-        if len(one.effects) == 1 and not isinstance(one.effects[0].effect, Noise):
+        # what moves nothing, or overflows, has no slopes to lay out anything by
+        lone = len(one.effects) == 1 and not isinstance(one.effects[0].effect, Noise)
+        if lone and np.isfinite(one.fit.slopes).all() and np.isfinite(one.fit.start_slopes).all():
             best.setdefault(one.effects[0].effect.name, one)
     fits = list(best.values())[:MOST]
     if len(fits) < 2:
@@ -53,7 +55,7 @@ def _mark(contest: Contest, one: Explained) -> Float64[np.ndarray, "W L d"]:
     x, starts = one.fit.x[None], one.fit.starts[None]
     with_it = contest.predict(one.effects)(x, starts)[0]
     without = contest.predict(())(x[:, one.n_own :], starts)[0]
-    return (with_it - without) * contest.data.weight
+    return np.nan_to_num((with_it - without) * contest.data.weight)
 
 
 def _left(contest: Contest, mark: np.ndarray, other: Explained) -> float:
