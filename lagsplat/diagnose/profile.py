@@ -66,6 +66,7 @@ def _walk(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Unknowns to both sides of the best, and the nats that the best fit beside each loses."""
     best, held = one.fit.x[at], belief(one.effects, contest.bench)
+    near = (one.fit.slopes[..., one.n_own :], one.fit.start_slopes)
     rows = [(best, 0.0)]
     for side in (-1.0, 1.0):
         x, starts = one.fit.x, one.fit.starts
@@ -80,7 +81,7 @@ def _walk(
             moved[at] = value
             fit = shoot(
                 contest.predict(one.effects), moved, starts, contest.data, pinned,
-                iterations=STEPS, tolerance=contest.tolerance,
+                iterations=STEPS, tolerance=contest.tolerance, known=near,
             )  # fmt: skip
             x, starts = fit.x, fit.starts
             paid = (fit.x - held.mean) / held.deviation
