@@ -16,6 +16,7 @@ from lagsplat.diagnose.effects.effect import (
     Instance,
     Scales,
 )
+from lagsplat.diagnose.effects.external_periodic_force import repeating
 from lagsplat.diagnose.effects.external_push import N_PUSHES
 from lagsplat.diagnose.simulate import Bench
 
@@ -90,7 +91,8 @@ def _along(
             one = replace(one, grid=_push_grid(hint, one.scales))
         if effect.name == "external_periodic_force":
             unit = one.scales.of("rate")
-            one = replace(one, grid=tuple((2.0 * np.pi * line / unit,) for line in hint.lines_hz))
+            lines = tuple((2.0 * np.pi * line / unit,) for line in hint.lines_hz)
+            one = replace(one, effect=repeating(effect, one.scales), grid=lines)
         if one.grid is None or one.grid:
             out.append(one)
     return out

@@ -42,9 +42,13 @@ def unit(instance: Instance, key: str) -> str:
     kinds = {p.name: p.kind for p in instance.effect.parameters}
     if key == "files":
         return "1"
+    if key.endswith("_hz"):
+        return "Hz"
     first = instance.effect.parameters[0].kind
     raw = UNITS[kinds.get(key, kinds.get(f"{key.removesuffix('s')} 0", first))]
     coordinate = instance.direction.name if instance.direction else None
+    if instance.effect.name == "parameter_drift" and instance.variant == "load":
+        raw = "{q}/s^3"
     return raw.format(q=coordinate or "q", u=instance.input_name or "u")
 
 

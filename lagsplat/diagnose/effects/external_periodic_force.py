@@ -1,9 +1,10 @@
 """A periodic disturbance at a frequency of its own, also while the mechanism rests."""
 
 import math
+from dataclasses import replace
 from typing import no_type_check
 
-from lagsplat.diagnose.effects.effect import Force, Normal, Parameter, about
+from lagsplat.diagnose.effects.effect import Effect, Force, Normal, Parameter, Scales, about
 from lagsplat.diagnose.kernel import law
 
 
@@ -12,6 +13,17 @@ from lagsplat.diagnose.kernel import law
 def force(t, s, v, spring, drive, memory, theta, d_memory):
     """``cosine cos(omega t) + sine sin(omega t)``."""
     return theta[0] * math.cos(theta[2] * t) + theta[1] * math.sin(theta[2] * t)
+
+
+def repeating(effect: Effect, scales: Scales) -> Effect:
+    """The effect with a period of at most the recording's length: a part of a wave is a drift."""
+    slowest = math.log(2.0 * math.pi / scales.duration_s / scales.of("rate"))
+    known = effect.parameters
+    bounded = tuple(
+        replace(p, prior=replace(p.prior, lowest=slowest)) if p.name == "angular_frequency" else p
+        for p in known
+    )
+    return replace(effect, parameters=bounded)
 
 
 EFFECT = Force(

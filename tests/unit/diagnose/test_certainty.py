@@ -6,8 +6,9 @@ import pytest
 from lagsplat.diagnose.catalogue import catalogue, scales, whole_scales
 from lagsplat.diagnose.compare import Contest, Explained
 from lagsplat.diagnose.effects.effect import Direction, Instance
+from lagsplat.diagnose.effects.external_periodic_force import repeating
 from lagsplat.diagnose.profile import POINTS, profiles
-from lagsplat.diagnose.reported import parameters
+from lagsplat.diagnose.reported import parameters, unit
 from lagsplat.diagnose.separability import separability
 from tests.unit.diagnose.toys import contest, film, own, wave
 
@@ -70,6 +71,29 @@ def test_a_profile_peaks_at_the_fit_and_falls_by_its_interval(driven: Contest) -
     # a normal likelihood loses half of the square of the standard deviations walked
     assert profile.log_likelihood[0] == pytest.approx(-0.5 * 3.5**2, rel=0.3)
     assert profile.log_likelihood[-1] == pytest.approx(-0.5 * 3.5**2, rel=0.3)
+
+
+def test_a_periodic_force_shows_a_whole_period() -> None:
+    short = contest([film(seconds=8.0)])
+    along = scales(short.bench, ALONG)
+    effect = repeating(catalogue()["external_periodic_force"], along)
+    slowest = {p.name: p.prior for p in effect.parameters}["angular_frequency"]
+    period_s = 2.0 * np.pi / (slowest.value(slowest.lowest) * along.of("rate"))
+    assert period_s == pytest.approx(along.duration_s)
+
+
+@pytest.mark.parametrize(
+    ("name", "variant", "key", "expected"),
+    [
+        ("external_periodic_force", "", "frequency_hz", "Hz"),
+        ("external_periodic_force", "", "acceleration", "q0/s^2"),
+        ("parameter_drift", "", "rate", "1/s"),
+        ("parameter_drift", "load", "rate", "q0/s^3"),
+    ],
+)
+def test_every_number_has_its_unit(driven: Contest, name: str, variant: str, key: str, expected: str) -> None:
+    one = Instance(catalogue()[name], scales(driven.bench, ALONG), variant, direction=ALONG)
+    assert unit(one, key) == expected
 
 
 def test_numbers_that_no_single_unknown_makes_have_no_profile(driven: Contest) -> None:
