@@ -3,8 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Int64
 
 from lagsplat.diagnose.finding import Finding
+from lagsplat.diagnose.frozen import frozen
 from lagsplat.diagnose.local_fit import fit_locally
 from lagsplat.io.motion import Motion
 
@@ -73,14 +75,21 @@ def cut_jumps(
 
     ``sigma`` (d,) is the noise. Polynomials through the samples on either side of each border are compared in
     the middle. A knock, an end stop or a push changes the rate alone, and is no cut. Where a jump goes along
-    with the motion by some frames' worth and the rate stays, frames are missing; that is said, not cut.
+    with the motion by some frames' worth and the rate stays, or catches up after a standstill, frames are
+    missing; that is said, not cut.
     Jumps more frequent than `OFTEN` a period are left alone, and said: then they are how the thing moves.
     """
     jumps = _jumps(motion, sigma, period_s)
     if not jumps:
         return motion, ()
     speed = np.array([np.std(np.diff(motion.q[:, i])) / motion.dt_s for i in range(motion.d)])
-    lost = [jump for jump in jumps if _is_loss(jump, motion, float(speed[jump.coordinate]), period_s)]
+    caught_up = _thaws(motion, sigma)
+    lost = [
+        jump
+        for jump in jumps
+        if np.abs(caught_up - jump.at).min(initial=2) < 2
+        or _is_loss(jump, motion, float(speed[jump.coordinate]), period_s)
+    ]
     cuts = sorted({jump.at for jump in jumps if jump not in lost})
     if len(lost) > len(cuts):  # some losses are too long, or too slow, to be known as such one by one
         lost, cuts = jumps, []
@@ -145,6 +154,12 @@ def drop_holds(
             "these stretches are left out and the motion is cut there",
         ),
     )
+
+
+def _thaws(motion: Motion, sigma: np.ndarray) -> Int64[np.ndarray, " J"]:
+    """First samples after a picture that stood still."""
+    late = frozen(motion.q, np.array(motion.segments), np.where(np.isfinite(sigma), sigma, 0.0))
+    return np.flatnonzero(late[:-1] & ~late[1:]) + 1
 
 
 def _jumps(motion: Motion, sigma: np.ndarray, period_s: float | None) -> list[_Jump]:

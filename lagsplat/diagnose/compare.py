@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64
 
 from lagsplat.diagnose.effects.effect import HalfNormal, Instance, Noise
 from lagsplat.diagnose.record import Windows
@@ -26,6 +26,14 @@ class Contest:
     sigma: Float64[np.ndarray, " d"]
     iterations: int
     tolerance: float
+    late: Bool[np.ndarray, " N"] | None = None
+    """Samples that repeat an earlier one, on which nothing is fitted."""
+
+    @cached_property
+    def repeats(self) -> Bool[np.ndarray, "W L"]:
+        """Where the windows hold such samples."""
+        inside = self.windows.mask() > 0.0
+        return np.zeros_like(inside) if self.late is None else inside & self.windows.take(self.late)
 
     @cached_property
     def data(self) -> Data:
@@ -33,15 +41,15 @@ class Contest:
         record = self.bench.record
         return Data(
             self.windows.take(record.q),
-            self.windows.mask()[..., None] / self.sigma,
+            (self.windows.mask() * ~self.repeats)[..., None] / self.sigma,
             1e-4 * np.concatenate([np.std(record.q, axis=0), np.std(record.v, axis=0)]),
         )
 
     @property
     def freedom(self) -> float:
         """Samples less what the starts take."""
-        w = self.windows
-        return float(w.length.sum() * self.bench.record.d - 2 * self.bench.record.d * len(w.first))
+        w, d = self.windows, self.bench.record.d
+        return float((w.length.sum() - self.repeats.sum()) * d - 2 * d * len(w.first))
 
     @cached_property
     def begun(self) -> np.ndarray:

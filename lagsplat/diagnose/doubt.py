@@ -6,6 +6,7 @@ from typing import Literal
 import numpy as np
 
 from lagsplat.diagnose.compare import Contest, Explained
+from lagsplat.diagnose.effects.effect import Noise
 from lagsplat.diagnose.exogenous import repeated
 from lagsplat.diagnose.loosened import rival
 from lagsplat.diagnose.select import Ranking
@@ -33,7 +34,9 @@ class Doubt:
 
 
 def doubt(contest: Contest, ranking: Ranking, one: Explained, *, nominal: float) -> Doubt:
-    """The strongest doubt in ``one``, if it explains the gap."""
+    """The strongest doubt in ``one``, if it explains the gap; none in what only moves single samples."""
+    if any(isinstance(instance.effect, Noise) for instance in one.effects):
+        return Doubt(0.0, "loose")
     ahead = rival(contest, ranking.none, one, nominal=nominal, temper=ranking.temper)
     loose = 1.0 / (1.0 + np.exp(np.clip((AHEAD - ahead) / SCATTER, -50.0, 50.0)))
     shapes = sum(instance.effect.name in SHAPELESS for instance in one.effects)

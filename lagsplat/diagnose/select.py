@@ -131,6 +131,13 @@ def graded(
     return Ranking(replace(base, log_evidence=0.0), tuple(rows), temper)
 
 
+def _repeated(contest: Contest, base: Explained) -> tuple[float, int]:
+    """By how much samples that repeat an earlier one miss what should have been seen, and their number."""
+    predicted = contest.predict(base.effects)(base.fit.x[None], base.fit.starts[None])[0]
+    wrong = ((contest.data.y - predicted) / contest.sigma)[contest.repeats]
+    return float(np.nan_to_num(wrong**2 - 1.0).sum()), int(contest.repeats.sum())
+
+
 def _noisy(contest: Contest, base: Explained, offers: Sequence[Instance]) -> list[tuple[float, Explained]]:
     """Effects that only move single samples, judged by the residual of the base."""
     out = []
@@ -140,6 +147,10 @@ def _noisy(contest: Contest, base: Explained, offers: Sequence[Instance]) -> lis
             continue
         v = contest.windows.take(contest.bench.record.v) / contest.sigma * contest.bench.record.dt_s
         gain, parameters, misfit = offer.effect.explain(base.fit.residual[mask], v[mask])
+        if offer.effect.name == "frame_drops":
+            missed, n = _repeated(contest, base)
+            gain += 0.5 * missed
+            parameters = {key: tuple(value + n for value in row) for key, row in parameters.items()}
         fit = replace(base.fit, misfit=misfit)
         out.append((gain, Explained((*base.effects, offer), fit, noise=parameters)))
     return out

@@ -9,6 +9,7 @@ from jaxtyping import Float64
 from lagsplat.diagnose.compare import Contest, belief
 from lagsplat.diagnose.config import DiagnoseConfig
 from lagsplat.diagnose.forms import COEFFICIENTS
+from lagsplat.diagnose.frozen import frozen
 from lagsplat.diagnose.identify import Setting, identify
 from lagsplat.diagnose.model import Model
 from lagsplat.diagnose.nuisance import Nuisance
@@ -127,7 +128,8 @@ def stand(sim: Sim, real: Sequence[Motion], config: DiagnoseConfig) -> tuple[Con
     if len(windows.first) < 4:
         windows = cut_windows(record, length_s=natural.longest_s, least=20)
     bench = Bench(model, record, nuisance, steps, config.input_hold == "zoh", ready.smooth)
-    contest = Contest(bench, windows, ready.sigma, config.iterations, config.tolerance)
+    late = frozen(record.q, record.clips, ready.sigma)
+    contest = Contest(bench, windows, ready.sigma, config.iterations, config.tolerance, late)
     kept = relevant(contest, sim.freedom)
     return replace(contest, bench=replace(bench, nuisance=replace(nuisance, directions=kept))), ready, natural
 

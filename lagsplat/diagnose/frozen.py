@@ -1,0 +1,46 @@
+"""Frames that show again what an earlier one showed: the motion stands still, then catches up in one step."""
+
+import numpy as np
+from jaxtyping import Bool, Float64, Int64
+from numpy.polynomial import Polynomial
+
+STILL, JUMP = 3.0, 6.0
+"""Steps, in those that noise makes, up to which a picture is the same, and from which it has jumped."""
+BESIDE, DEGREE = 5, 3
+"""Samples to either side, and the degree of the polynomial that is laid through them."""
+CLEAR = 5.0
+"""Steps of noise by which what stands still must miss that polynomial somewhere."""
+SMOOTH = 0.1
+"""Of that, what the samples beside may miss it by, or a step of noise."""
+
+
+def frozen(
+    q: Float64[np.ndarray, "N d"], clips: Int64[np.ndarray, "C 2"], sigma: Float64[np.ndarray, " d"]
+) -> Bool[np.ndarray, " N"]:
+    """Which samples repeat an earlier one.
+
+    A mechanism that sticks moves on from where it stood; it does not appear where it would have been by now.
+    """
+    late = np.zeros(len(q), dtype=bool)
+    step = np.sqrt(2.0) * np.maximum(sigma, 1e-300)
+    for start, stop in clips:
+        z = q[start:stop] / step
+        for jump in map(int, np.flatnonzero((np.abs(np.diff(z, axis=0)) > JUMP).any(axis=1)) + 1):
+            stays = (np.abs(z[:jump] - z[jump - 1]) <= STILL).all(axis=1)
+            first = 0 if stays.all() else int(np.flatnonzero(~stays)[-1]) + 1
+            if jump - first >= 2 and _misses(z, first, jump):
+                late[start + first + 1 : start + jump] = True
+    return late
+
+
+def _misses(z: np.ndarray, first: int, jump: int) -> bool:
+    """Whether the motion before and after goes on smoothly past what stands still from ``first`` on."""
+    if first + 1 < BESIDE or jump + BESIDE > len(z):
+        return False
+    i = int(np.argmax(np.abs(z[jump] - z[jump - 1])))
+    beside = np.r_[first + 1 - BESIDE : first + 1, jump : jump + BESIDE]
+    path = Polynomial.fit(beside, z[beside, i], DEGREE)
+    late = np.arange(first + 1, jump)
+    missed = float(np.abs(z[late, i] - path(late)).max())
+    left = float(np.sqrt(np.mean((z[beside, i] - path(beside)) ** 2)))
+    return missed > CLEAR and left < max(1.0, SMOOTH * missed)

@@ -1,0 +1,73 @@
+"""Frames that repeat an earlier one, and what merely looks like it."""
+
+import numpy as np
+import pytest
+
+from lagsplat.diagnose.breaks import cut_jumps
+from lagsplat.diagnose.catalogue import catalogue, whole_scales
+from lagsplat.diagnose.compare import Explained
+from lagsplat.diagnose.diagnose import diagnose
+from lagsplat.diagnose.doubt import doubt
+from lagsplat.diagnose.effects.effect import Instance
+from lagsplat.diagnose.frozen import frozen
+from lagsplat.diagnose.select import Ranking
+from lagsplat.diagnose.stand import Sim
+from lagsplat.io.motion import Motion
+from tests.unit.diagnose.toys import contest, film, oscillator, settings, wave
+
+SIGMA = 0.005
+RUNS = ((61, 66), (140, 148), (262, 270), (390, 396))
+
+
+def swing(*, stuck: bool = True) -> Motion:
+    """A driven motion; in the runs the camera shows what it saw before them."""
+    clean = film(u=wave(5), seconds=12.0)
+    q = clean.q.copy()
+    for start, stop in RUNS if stuck else ():
+        q[start:stop] = q[start - 1]
+    q = q + SIGMA * np.std(q) * np.random.default_rng(0).standard_normal(q.shape)
+    return Motion(time_s=clean.time_s, q=q, u=clean.u, source="film")
+
+
+def marked(motion: Motion) -> np.ndarray:
+    return frozen(motion.q, np.array(motion.segments), SIGMA * motion.q.std(axis=0))
+
+
+def test_repeated_frames_are_found() -> None:
+    late = np.zeros(len(swing().time_s), dtype=bool)
+    for start, stop in RUNS:
+        late[start:stop] = True
+    found = marked(swing())
+    assert found[late].mean() > 0.7
+    assert found[~late].mean() < 0.01
+
+
+def test_a_motion_that_turns_or_sticks_repeats_nothing() -> None:
+    assert marked(swing(stuck=False)).mean() < 0.01
+    t = np.arange(400) / 50.0
+    held = np.where(t < 4.0, 0.3, 0.3 * np.cos(2.0 * np.pi * (t - 4.0)))[:, None]
+    noisy = held + 0.001 * np.random.default_rng(1).standard_normal(held.shape)
+    assert not frozen(noisy, np.array([[0, 400]]), np.array([0.001])).any()
+
+
+def test_a_picture_that_catches_up_is_no_cut() -> None:
+    motion = swing()
+    cut, found = cut_jumps(motion, sigma=SIGMA * motion.q.std(axis=0), period_s=1.0)
+    assert cut.segments == motion.segments
+    assert [one.check for one in found] == ["missing frames"]
+
+
+def test_long_repeats_are_frame_drops_and_leave_the_rest_as_it_was() -> None:
+    found = diagnose(Sim.exact(oscillator()), [swing()], settings()).diagnosis
+    assert (found.verdict, found.combination) == ("effect", ("frame_drops",))
+    count = found.candidates[0].parameters["count"].value
+    assert count == pytest.approx(sum(stop - start for start, stop in RUNS), rel=0.35)
+    assert found.checks["misfit_none"] < 3.0
+
+
+def test_what_only_moves_single_samples_is_not_doubted() -> None:
+    one = contest([film(u=wave(5), noise=SIGMA, seconds=8.0)])
+    none = Explained((), one.fit((), np.zeros(one.bench.nuisance.size)))
+    drops = Instance(catalogue()["frame_drops"], whole_scales(one.bench))
+    said = Explained((drops,), none.fit, noise={"count": (3.0, 0.0, 6.0)})
+    assert doubt(one, Ranking(none, (), 2.0), said, nominal=1.0).chance == 0.0
