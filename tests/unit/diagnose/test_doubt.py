@@ -106,6 +106,13 @@ def test_two_shapes_that_fit_anything_are_doubted_and_one_is_not() -> None:
     assert doubt(one, rows, both, nominal=1.0) == Doubt(FITTING, "shapeless")
 
 
+def test_a_sim_that_misses_its_own_recordings_is_no_rival_either() -> None:
+    one = contest([film(several, u=U, noise=0.005, seconds=8.0)])
+    none = Explained((), one.fit((), np.zeros(one.bench.nuisance.size)))
+    assert rival(one, none, none, nominal=1.0, temper=2.0) > 50.0
+    assert rival(one, none, none, nominal=50.0, temper=2.0) == -np.inf
+
+
 def test_parameters_that_are_off_together_are_not_called_an_effect() -> None:
     known = ("coulomb_friction", "creep", "hysteresis")
     config = replace(settings(), without=sorted(set(catalogue()) - set(known)), always=[])
