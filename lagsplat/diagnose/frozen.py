@@ -6,10 +6,14 @@ from numpy.polynomial import Polynomial
 
 STILL, JUMP = 3.0, 6.0
 """Steps, in those that noise makes, up to which a picture is the same, and from which it has jumped."""
+LAG, USUAL = 3, 0.95
+"""Samples over which the motion bends, and the quantile that tells how sharply it mostly does."""
 BESIDE, DEGREE = 5, 3
 """Samples to either side, and the degree of the polynomial that is laid through them."""
 CLEAR = 5.0
 """Steps of noise by which what stands still must miss that polynomial somewhere."""
+SHARPER = 1.3
+"""How much more sharply than it mostly does the motion may have bent meanwhile."""
 SMOOTH = 0.1
 """Of that, what the samples beside may miss it by, or a step of noise."""
 
@@ -43,4 +47,7 @@ def _misses(z: np.ndarray, first: int, jump: int) -> bool:
     late = np.arange(first + 1, jump)
     missed = float(np.abs(z[late, i] - path(late)).max())
     left = float(np.sqrt(np.mean((z[beside, i] - path(beside)) ** 2)))
-    return missed > CLEAR and left < max(1.0, SMOOTH * missed)
+    bent = float(np.abs(path.deriv(2)(np.arange(first, jump + 1))).max())
+    usual = np.abs(z[2 * LAG :, i] - 2.0 * z[LAG:-LAG, i] + z[: -2 * LAG, i]) / LAG**2
+    allowed = SHARPER * float(np.quantile(usual, USUAL))
+    return missed > CLEAR and left < max(1.0, SMOOTH * missed) and bent < allowed
