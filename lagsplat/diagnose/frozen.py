@@ -6,6 +6,8 @@ from numpy.polynomial import Polynomial
 
 STILL, JUMP = 3.0, 6.0
 """Steps, in those that noise makes, up to which a picture is the same, and from which it has jumped."""
+LONGEST = 200
+"""Samples that a picture may stand still."""
 LAG, USUAL = 3, 0.95
 """Samples over which the motion bends, and the quantile that tells how sharply it mostly does."""
 BESIDE, DEGREE = 5, 3
@@ -29,9 +31,11 @@ def frozen(
     step = np.sqrt(2.0) * np.maximum(sigma, 1e-300)
     for start, stop in clips:
         z = q[start:stop] / step
-        for jump in map(int, np.flatnonzero((np.abs(np.diff(z, axis=0)) > JUMP).any(axis=1)) + 1):
-            stays = (np.abs(z[:jump] - z[jump - 1]) <= STILL).all(axis=1)
-            first = 0 if stays.all() else int(np.flatnonzero(~stays)[-1]) + 1
+        moved = np.abs(np.diff(z, axis=0)).max(axis=1)
+        for jump in map(int, np.flatnonzero((moved[1:] > JUMP) & (moved[:-1] <= STILL)) + 2):
+            back = max(0, jump - LONGEST)
+            stays = (np.abs(z[back:jump] - z[jump - 1]) <= STILL).all(axis=1)
+            first = back if stays.all() else back + int(np.flatnonzero(~stays)[-1]) + 1
             if jump - first >= 2 and _misses(z, first, jump):
                 late[start + first + 1 : start + jump] = True
     return late
