@@ -97,9 +97,9 @@ def equivalent(effect: Effect, s: Stratum, truth: dict[str, Any]) -> list[str]:
     slow = name == "camera_drift" or (name == "parameter_drift" and p["of"] == "force")
     if slow and linear:
         same |= {"camera_drift", "parameter_drift"}
-    if name == "cubic_stiffness" and s.system == "duffing_cart":
-        # zoom changes what a cube weighs beside the coordinate, and the input's gain with it
-        same |= set() if s.forced else {"camera_change"}
+    if name == "cubic_stiffness" and s.system == "duffing_cart" and not s.forced:
+        # zoom changes what a cube weighs beside the coordinate; of a driven one the input's gain, too
+        same |= {"camera_change"}
     if name in ("viscous_damping", "quadratic_drag") and not s.forced and s.duration_s < 6.0:
         same |= {"viscous_damping", "quadratic_drag"}
     return sorted(same)

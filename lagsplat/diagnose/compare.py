@@ -209,6 +209,12 @@ class Explained:
         """Number of unknowns that belong to the effects."""
         return sum(len(e.effect.parameters) for e in self.effects)
 
+    def own(self, instance: Instance) -> slice:
+        """Where the unknowns of one of the effects stand; what only moves single samples has none."""
+        fitted = [e for e in self.effects if not isinstance(e.effect, Noise)]
+        at = sum(len(e.effect.parameters) for e in fitted[: fitted.index(instance)])
+        return slice(at, at + len(instance.effect.parameters))
+
 
 def log_evidence(one: Explained, bench: Bench, temper: float) -> float:
     """Laplace's approximation of the logarithm of the evidence, with the noise widened by ``temper``.

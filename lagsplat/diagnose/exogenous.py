@@ -30,15 +30,13 @@ def repeated(one: Explained, contest: Contest) -> float:
 
     One where there are none of them.
     """
-    record, shown, at = contest.bench.record, 1.0, 0
+    record, shown = contest.bench.record, 1.0
     for instance in one.effects:
-        size = len(instance.effect.parameters)
-        if instance.effect.name in ("external_push", "external_periodic_force") and not one.noise:
-            row = instance.physical(one.fit.x[None, at : at + size])[0]
+        if instance.effect.name in ("external_push", "external_periodic_force"):
+            row = instance.physical(one.fit.x[None, one.own(instance)])[0]
             named = {p.name: float(v) for p, v in zip(instance.effect.parameters, row, strict=True)}
             seen = _lone(named, record, instance) if "time 0" in named else _cycles(named, record)
             shown = min(shown, seen)
-        at += size
     return shown
 
 

@@ -9,7 +9,7 @@ from jaxtyping import Float64
 from lagsplat.diagnose.compare import Contest, Explained, belief
 from lagsplat.diagnose.effects.effect import Noise
 from lagsplat.diagnose.reported import told, unit
-from lagsplat.diagnose.shoot import shoot
+from lagsplat.diagnose.shoot import penalty, shoot
 
 POINTS = 4
 """To each side of the best value."""
@@ -43,22 +43,22 @@ def profiles(contest: Contest, one: Explained, *, temper: float) -> Iterator[Pro
         return
     curvature = one.fit.curvature / temper + np.diag(1.0 / belief(effects, contest.bench).deviation ** 2)
     spread = np.sqrt(np.maximum(np.diag(np.linalg.pinv(curvature)), 0.0))
-    known, count = 0, 0
+    count = 0
     for instance in effects:
-        size = len(instance.effect.parameters)
+        own = one.own(instance)
+        keys = told(instance, instance.physical(one.fit.x[None, own])[0], contest.bench.record)
         for i, parameter in enumerate(instance.effect.parameters):
-            row = instance.physical(one.fit.x[None, known : known + size])[0]
-            if parameter.name not in told(instance, row, contest.bench.record) or count == MOST:
+            if parameter.name not in keys or count == MOST:
                 continue
             count += 1
-            x, fall = _walk(contest, replace(one, effects=effects), known + i, spread[known + i], temper)
-            rows = np.repeat(one.fit.x[None, known : known + size], len(x), axis=0)
+            at = own.start + i
+            x, fall = _walk(contest, replace(one, effects=effects), at, spread[at], temper)
+            rows = np.repeat(one.fit.x[None, own], len(x), axis=0)
             rows[:, i] = x
             physical = instance.physical(rows)
             values = [told(instance, row, contest.bench.record)[parameter.name] for row in physical]
             where = unit(instance, parameter.name)
             yield Profile(instance.effect.name, parameter.name, where, np.array(values), fall)
-        known += size
 
 
 def _walk(
@@ -84,9 +84,8 @@ def _walk(
                 iterations=STEPS, tolerance=contest.tolerance, known=near,
             )  # fmt: skip
             x, starts = fit.x, fit.starts
-            paid = (fit.x - held.mean) / held.deviation
-            lost = 0.5 * (fit.misfit - one.fit.misfit) / temper
-            lost += 0.5 * float(paid @ paid) - 0.5 * one.fit.penalty
+            paid = float(penalty(fit.x[None], held)[0])
+            lost = 0.5 * (fit.misfit - one.fit.misfit) / temper + 0.5 * (paid - one.fit.penalty)
             rows.append((float(value), -lost))
     rows.sort()
     values, fall = np.array(rows).T

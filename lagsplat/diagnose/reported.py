@@ -22,8 +22,7 @@ def parameters(contest: Contest, one: Explained, instance: Instance, temper: flo
     known = [e for e in one.effects if not isinstance(e.effect, Noise)]
     prior = [p.prior for e in known for p in e.effect.parameters]
     low, high = interval(replace(one, effects=tuple(known)), contest.bench.nuisance.deviation, prior, temper)
-    at = sum(len(e.effect.parameters) for e in known[: known.index(instance)])
-    cut = slice(at, at + len(effect.parameters))
+    cut = one.own(instance)
     rows = instance.physical(np.stack([one.fit.x[cut], low[cut], high[cut]]))
     best, *ends = (told(instance, row, contest.bench.record) for row in rows)
     out = {}
