@@ -5,7 +5,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from tqdm import tqdm
@@ -26,9 +26,6 @@ from lagsplat.report.diagnosis_json import save_diagnosis
 from lagsplat.report.diagnosis_page import save_page
 from lagsplat.report.diagnosis_rollouts import save_rollouts
 from lagsplat.shown import shown
-
-if TYPE_CHECKING:
-    pass
 
 NOWHERE = "Where the gap lies cannot be told: along the real motion the sim's forces are not finite."
 UNSURE = 0.4

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lagsplat.diagnose.diagnose import Found
+from lagsplat.diagnose.fingerprint import fingerprint
 from lagsplat.diagnose.ladder import Rung, climb
 from lagsplat.diagnose.profile import profiles
 from lagsplat.diagnose.separability import separability
@@ -22,10 +23,12 @@ CLIMBED = 40  # natural periods of the sim's own motions by which the floors of 
 
 
 def shown(pair: "Pair", found: Found) -> Exhibits:
-    """The ladder from picture to forecast, what this recording tells apart, how sharply numbers are known."""
-    temper = found.ranking.temper
+    """The ladder, what the residual goes with, what is told apart, how sharply numbers are known."""
+    temper, real = found.ranking.temper, pair.real[0]
+    where = found.diagnosis.where
     return Exhibits(
         rungs=rungs(pair, found),
+        fingerprint=where and fingerprint(where.smoothed, q_names=real.q_names, u_names=real.u_names),
         separability=separability(found.contest, found.ranking.found, temper=temper),
         profiles=tuple(profiles(found.contest, found.chosen, temper=temper)),
     )

@@ -53,7 +53,7 @@ def features(
     time_s = np.concatenate([one.motion.time_s for one in smoothed])
     elapsed = np.concatenate([one.motion.time_s - one.motion.time_s[0] for one in smoothed])
     variance = np.concatenate([one.std for one in smoothed]) ** 2 + (0.05 * np.std(residual, axis=0)) ** 2
-    rates = np.concatenate([_rates(one) for one in smoothed])
+    rates = np.concatenate([input_rates(one) for one in smoothed])
     fold = _folds(smoothed, period_s)
     picked = np.arange(0, len(q), max(1, int(np.ceil(len(q) / MOST_SAMPLES))))
     lagged = np.concatenate([_lagged(one, period_s) for one in smoothed])
@@ -82,6 +82,16 @@ def features(
     return Features(
         picked, residual[picked], 1.0 / np.maximum(variance[picked], 1e-300), fold[picked], tuple(groups)
     )
+
+
+def input_rates(one: Smoothed) -> Float64[np.ndarray, "T n_u"]:
+    """Rates of the inputs, clip by clip: they are known, so that differencing them adds no noise."""
+    rates = np.zeros_like(one.motion.u)
+    for start, stop in one.motion.segments:
+        if stop - start > 1 and one.motion.n_u:
+            rates[start:stop] = np.gradient(one.motion.u[start:stop], one.motion.time_s[start:stop], axis=0)
+    # what differencing makes of a constant is rounding
+    return np.where(np.ptp(one.motion.u, axis=0) > 0.0, rates, 0.0)
 
 
 def _series(one: Smoothed, name: str) -> np.ndarray:
@@ -117,15 +127,6 @@ def _drifting(elapsed: np.ndarray, position: np.ndarray) -> Float64[np.ndarray, 
     """A stiffness that changes in time, less the constant one it looks like."""
     changing = elapsed * position
     return (changing - position * (changing @ position) / (position @ position))[:, None]
-
-
-def _rates(one: Smoothed) -> np.ndarray:
-    """Rates of the inputs, clip by clip: they are known, so that differencing them adds no noise."""
-    rates = np.zeros_like(one.motion.u)
-    for start, stop in one.motion.segments:
-        if stop - start > 1 and one.motion.n_u:
-            rates[start:stop] = np.gradient(one.motion.u[start:stop], one.motion.time_s[start:stop], axis=0)
-    return rates
 
 
 def _lagged(one: Smoothed, period_s: float) -> np.ndarray:

@@ -7,17 +7,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64, UInt8
 
+from lagsplat.diagnose.fingerprint import Fingerprint
 from lagsplat.diagnose.profile import Profile
 from lagsplat.diagnose.separability import Separability
-
-
-@dataclass(frozen=True)
-class Fingerprint:
-    """Tests of what the residual goes with: ``score`` (coordinates, regressors) over its 5 % bound."""
-
-    coordinates: tuple[str, ...]
-    regressors: tuple[str, ...]
-    score: Float64[np.ndarray, "d k"]
 
 
 @dataclass(frozen=True)

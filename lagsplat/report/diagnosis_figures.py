@@ -154,7 +154,9 @@ def _certainty() -> list[Entry]:
         (
             "fingerprint",
             "What the residual goes with",
-            "Correlation tests of the one-step residual; a white dot marks a statistic above its 5 % bound.",
+            "Correlation of the residual force with what may drive it; a white dot marks one that chance "
+            "reaches in fewer than 1 of 20 recordings. The largest of a row hints at the kind of effect: "
+            "sign v at dry friction, |v| v at drag, q³ at a stiffness that grows, an input at its gain.",
             lambda _, exhibits: draw_fingerprint(exhibits),
         ),
     ]

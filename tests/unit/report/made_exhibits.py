@@ -4,12 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lagsplat.diagnose.fingerprint import Fingerprint
 from lagsplat.diagnose.profile import Profile
 from lagsplat.diagnose.separability import Separability
 from lagsplat.report.diagnosis_exhibits import (
     Exhibits,
     Film,
-    Fingerprint,
     PictureForce,
     PictureGap,
 )
