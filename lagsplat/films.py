@@ -1,25 +1,21 @@
 """A fitted run as the sim, and what it is held against: films, logs and tables in its whitened latents."""
 
-import contextlib
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
-from lagsplat.diagnose.config import DiagnoseConfig
 from lagsplat.diagnose.film_findings import CameraShift, camera_findings, camera_shift, keep_whole
 from lagsplat.diagnose.film_settings import settings_for
 from lagsplat.diagnose.finding import Finding
 from lagsplat.diagnose.ladder import SUSPECT_RATIO, Perception, perception
-from lagsplat.diagnose.null_evidence import null_evidence, sceptical
 from lagsplat.diagnose.pictures import drawing_errors, evenly
 from lagsplat.diagnose.result import Diagnosis
 from lagsplat.diagnose.run_sim import charted
 from lagsplat.diagnose.sources import FILMED, Source, find_sources, motion_of
-from lagsplat.diagnose.stand import Sim
 from lagsplat.io.input_log import read_input_log
 from lagsplat.io.motion import Motion, read_motion
 from lagsplat.io.motion_part import leading
@@ -122,16 +118,6 @@ class Films:
         there = still and self.own
         there = there or all(one is not None and one.still_between for one in seen)
         return (*(["camera_drift"] if still else []), *(["camera_change"] if there else []))
-
-    def doubted(
-        self, config: DiagnoseConfig, sim: Sim, real: Sequence[Motion], *, tell: Callable[[str], None]
-    ) -> DiagnoseConfig:
-        """Settings for this run: without cameras that are ruled out, and sceptical of every effect that the
-        sim's own errors pass for."""
-        config = replace(config, without=[*config.without, *self.ruled_out])
-        with contextlib.suppress(ValueError):  # too short a recording says nothing of the sim's errors
-            return sceptical(config, null_evidence(sim, self.null, real, config, tell=tell))
-        return config
 
     @property
     def camera_share(self) -> float:

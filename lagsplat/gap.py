@@ -1,5 +1,6 @@
 """The road from two arguments to a diagnosis on disk, for the command line and the workflow."""
 
+import contextlib
 import os
 import warnings
 from collections.abc import Callable, Sequence
@@ -16,6 +17,7 @@ from lagsplat.diagnose.check import Checked
 from lagsplat.diagnose.config import DiagnoseConfig
 from lagsplat.diagnose.diagnose import Found, diagnose
 from lagsplat.diagnose.effects.effect import Noise
+from lagsplat.diagnose.null_evidence import null_evidence, sceptical
 from lagsplat.diagnose.region import region_of
 from lagsplat.diagnose.result import Diagnosis
 from lagsplat.diagnose.where import Where, locate
@@ -47,7 +49,11 @@ def examine(pair: Pair, config: DiagnoseConfig, *, tell: Callable[[str], None]) 
                ("potential", "damping", "inputs", "offset", "warp")},
         )  # fmt: skip
     if pair.films is not None:
-        config = pair.films.doubted(config, pair.sim, pair.real, tell=tell)
+        config = replace(config, without=[*config.without, *pair.films.ruled_out])
+    if pair.null is not None:
+        with contextlib.suppress(ValueError):  # too short a recording says nothing of the sim's errors
+            nats = null_evidence(pair.sim, pair.null, pair.real, config, tell=tell)
+            config = sceptical(config, nats)
     found = diagnose(pair.sim, pair.real, config, tell=tell)
     tell("where")
     natural_s = found.diagnosis.checks["natural_period_s"]

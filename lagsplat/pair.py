@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from lagsplat.films import Films
 
 MODELS = ("run", "model", "mujoco", "python")
+MISSED = 1.5
+"""Mean square residual, in units of the noise, above which a sim misses its own recordings."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,15 @@ class Pair:
     def real(self) -> tuple[Motion, ...]:
         """The real motions, cut where they are not continued."""
         return self.checked.real.motions
+
+    @property
+    def null(self) -> Motion | None:
+        """A motion without any effect that the sim misses all the same, as fitted runs always do; or None."""
+        if self.films is not None:
+            return self.films.null
+        if self.checked.sim is None or self.sim.misfit < MISSED:
+            return None
+        return max(self.checked.sim.motions, key=lambda motion: motion.duration_s)
 
 
 def open_pair(sim: str, real: str, config: DiagnoseConfig) -> Pair:

@@ -12,11 +12,10 @@ from lagsplat.diagnose.config import DiagnoseConfig
 from lagsplat.diagnose.doubt import doubt
 from lagsplat.diagnose.effects.effect import Instance, Noise
 from lagsplat.diagnose.forecast import Held, close_alone, hold_out
-from lagsplat.diagnose.hints import hints
+from lagsplat.diagnose.hints import sought
 from lagsplat.diagnose.reported import parameters
 from lagsplat.diagnose.result import Candidate, Diagnosis
 from lagsplat.diagnose.select import Effort, Ranking, rank
-from lagsplat.diagnose.smoother import smooth
 from lagsplat.diagnose.stand import Sim, stand
 from lagsplat.diagnose.verdict import Judgement, denied, judge
 from lagsplat.io.motion import Motion
@@ -50,10 +49,9 @@ def diagnose(
         ValueError: the motions are too short for a single window.
     """
     contest, ready, natural = stand(sim, real, config)
-    smoothed = smooth(sim.model, real, period_s=natural.longest_s, hold=config.input_hold)
     offers = instances(
         contest.bench,
-        hints(smoothed, period_s=natural.longest_s),
+        sought(sim.model, real, period_s=natural.longest_s, hold=config.input_hold),
         q_names=real[0].q_names,
         u_names=real[0].u_names,
         without=config.without,

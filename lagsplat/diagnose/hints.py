@@ -7,9 +7,11 @@ from jaxtyping import Float64
 from scipy.signal import find_peaks
 
 from lagsplat.diagnose.catalogue import Hints
+from lagsplat.diagnose.model import Model
 from lagsplat.diagnose.record import clock_shifts
 from lagsplat.diagnose.residual_time import events
-from lagsplat.diagnose.smoother import Smoothed
+from lagsplat.diagnose.smoother import Smoothed, smooth
+from lagsplat.io.motion import Motion
 
 LINES = 5
 HIGHEST = 0.2
@@ -25,6 +27,14 @@ def hints(smoothed: Sequence[Smoothed], *, period_s: float) -> tuple[Hints, ...]
     )
     longest = max(smoothed, key=lambda one: one.motion.n)
     return tuple(Hints(pushes, lines(longest, i)) for i in range(longest.motion.d))
+
+
+def sought(model: Model, motions: Sequence[Motion], *, period_s: float, hold: str) -> tuple[Hints, ...]:
+    """Hints from the force that the sim lacks; none where it cannot follow the motions at all."""
+    try:
+        return hints(smooth(model, motions, period_s=period_s, hold=hold), period_s=period_s)
+    except np.linalg.LinAlgError:
+        return (Hints((), ()),) * model.d
 
 
 def lines(one: Smoothed, coordinate: int) -> tuple[float, ...]:

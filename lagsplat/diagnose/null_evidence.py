@@ -11,9 +11,8 @@ import numpy as np
 
 from lagsplat.diagnose.catalogue import instances
 from lagsplat.diagnose.config import DiagnoseConfig
-from lagsplat.diagnose.hints import hints
+from lagsplat.diagnose.hints import sought
 from lagsplat.diagnose.select import Effort, rank
-from lagsplat.diagnose.smoother import smooth
 from lagsplat.diagnose.stand import Sim, stand
 from lagsplat.io.motion import Motion
 from lagsplat.io.motion_part import leading
@@ -37,10 +36,9 @@ def null_evidence(
     wanted_s = sum(motion.duration_s for motion in real)
     null = [leading(own, wanted_s)]
     contest, _, natural = stand(sim, null, config)
-    smoothed = smooth(sim.model, null, period_s=natural.longest_s, hold=config.input_hold)
     offers = instances(
         contest.bench,
-        hints(smoothed, period_s=natural.longest_s),
+        sought(sim.model, null, period_s=natural.longest_s, hold=config.input_hold),
         q_names=own.q_names,
         u_names=own.u_names,
         without=config.without,

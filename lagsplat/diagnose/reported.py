@@ -46,8 +46,7 @@ def unit(instance: Instance, key: str) -> str:
     first = instance.effect.parameters[0].kind
     raw = UNITS[kinds.get(key, kinds.get(f"{key.removesuffix('s')} 0", first))]
     coordinate = instance.direction.name if instance.direction else None
-    if instance.effect.name == "parameter_drift" and instance.variant == "load":
-        raw = "{q}/s^3"
+    raw = instance.effect.variant_units.get(instance.variant, raw)
     return raw.format(q=coordinate or "q", u=instance.input_name or "u")
 
 

@@ -147,7 +147,7 @@ def _noisy(contest: Contest, base: Explained, offers: Sequence[Instance]) -> lis
             continue
         v = contest.windows.take(contest.bench.record.v) / contest.sigma * contest.bench.record.dt_s
         gain, parameters, misfit = offer.effect.explain(base.fit.residual[mask], v[mask])
-        if offer.effect.name == "frame_drops":
+        if offer.effect.repeats:
             missed, n = _repeated(contest, base)
             gain += 0.5 * missed
             parameters = {key: tuple(value + n for value in row) for key, row in parameters.items()}

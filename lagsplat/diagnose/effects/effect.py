@@ -176,6 +176,7 @@ class Effect:
     passive: bool = False
     """Never feeds energy into the mechanism."""
     variants: tuple[str, ...] = ("",)
+    variant_units: Mapping[str, str] = field(default_factory=dict)  # where not of the parameters' kind
     along: Literal["coordinates", "whole", "both", "channels"] = "coordinates"
     reports: Callable[[Mapping[str, float], "Instance"], dict[str, Any]] | None = None
     """From the fitted parameters to those of a diagnosis, where they differ."""
@@ -252,10 +253,12 @@ class Noise(Effect):
 
     ``explain(residual, speed) -> (gain, parameters, misfit)``: by how much the log likelihood of a fit's
     residual (n,) grows [nat] if it is there, both in units of the noise, ``speed`` a frame; its best
-    parameters; and the sum of squares that it leaves.
+    parameters; and the sum of squares that it leaves. ``repeats`` says that samples are its making which show
+    again what an earlier one showed.
     """
 
     explain: Any = None
+    repeats: bool = False
 
 
 @dataclass(frozen=True)

@@ -44,4 +44,5 @@ EFFECT = Noise(
     needs="motion that is fast against the noise",
     along="whole",
     explain=explain,
+    repeats=True,
 )

@@ -29,6 +29,7 @@ EFFECT = Force(
     amplitudes=2,
     needs="the same motion early and late",
     variants=("", "load"),
+    variant_units={"load": "{q}/s^3"},
     law=force,
     constants=_constants,
     reports=lambda p, instance: {

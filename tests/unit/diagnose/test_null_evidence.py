@@ -1,0 +1,53 @@
+"""What effects gain on a sim's own recording they must gain more elsewhere; a lost sim gives no hints."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lagsplat.diagnose.hints import sought
+from lagsplat.diagnose.null_evidence import null_evidence, sceptical
+from lagsplat.diagnose.stand import Sim
+from tests.unit.diagnose.toys import HARD, film, oscillator, own, settings, wave
+
+
+@pytest.fixture(scope="module")
+def motion():
+    return film(u=wave(3), noise=0.01, seed=3)
+
+
+def test_an_exact_sim_passes_for_nothing_and_a_wrong_one_for_much(motion) -> None:
+    exact = null_evidence(Sim.exact(oscillator()), motion, [motion], settings())
+    wrong = null_evidence(Sim.exact(oscillator(hard=3.0 * HARD)), motion, [motion], settings())
+    assert exact < 4.0
+    assert wrong > 50.0
+
+
+def test_longer_real_motions_let_the_errors_pass_for_more(motion) -> None:
+    sim = Sim.exact(oscillator(hard=3.0 * HARD))
+    once = null_evidence(sim, motion, [motion], settings())
+    twice = null_evidence(sim, motion, [motion, motion], settings())
+    assert twice == pytest.approx(2.0 * once)
+
+
+def test_scepticism_is_so_many_nats_of_odds() -> None:
+    config = settings()
+    doubting = sceptical(config, 5.0)
+    effects = 1.0 - config.prior_unknown - config.prior_none
+    left = 1.0 - config.prior_unknown - doubting.prior_none
+    gained = np.log(doubting.prior_none / left) - np.log(config.prior_none / effects)
+    assert gained == pytest.approx(5.0)
+    assert sceptical(config, 0.0).prior_none == pytest.approx(config.prior_none)
+
+
+def test_a_sim_that_overflows_gives_no_hints() -> None:
+    real = film(u=wave(3), noise=0.01, seed=3)
+    lost = replace(oscillator(), potential=np.array([0.0, 0.0, 1.0, 0.0, 1e305]))
+    with np.errstate(all="ignore"):  # as every diagnosis runs
+        (hint,) = sought(lost, [real], period_s=1.0, hold="linear")
+    assert (hint.pushes, hint.lines_hz) == ((), ())
+    (hint,) = sought(
+        oscillator(), [film(lambda t, q, v, u, z: (own(q, v, u) + 9.0 * (5.0 < t < 5.3), []), u=wave(3))],
+        period_s=1.0, hold="linear",
+    )  # fmt: skip
+    assert any(start < 5.3 and end > 5.0 for start, end in hint.pushes)
