@@ -19,6 +19,7 @@ from hydra.errors import HydraException
 from omegaconf import OmegaConf, open_dict
 from omegaconf.errors import OmegaConfBaseException
 
+from lagsplat.baselines.config import BaselineConfig
 from lagsplat.chart.config import ChartConfig
 from lagsplat.diagnose.blind_config import BlindConfig
 from lagsplat.diagnose.config import DiagnoseConfig
@@ -40,6 +41,7 @@ GROUPS = (
     "stage1",
     "chart",
     "stage2",
+    "baseline",
     "evaluate",
     "render",
     "diagnose",
@@ -88,6 +90,8 @@ class Config:
     """Systems of the tables and figures."""
     ablations: list[str]
     """Choices of ``conf/stage2`` that get a row beside the chosen dynamics."""
+    baselines: list[str]
+    """Choices of ``conf/baseline`` that get a row in the benchmark table of the arms."""
     autoencoder_seeds: list[int]
     """Seeds of stage 1."""
     seeds: list[int]
@@ -103,6 +107,7 @@ class Config:
     stage1: Stage1Config
     chart: ChartConfig
     stage2: Stage2Config
+    baseline: BaselineConfig
     evaluate: EvaluateConfig
     render: RenderConfig | None
     """A finer decoder for the figures; null draws them with the one that was trained."""
@@ -116,6 +121,7 @@ class Config:
         for key, names, group in (
             ("systems", self.systems, "system"),
             ("ablations", self.ablations, "stage2"),
+            ("baselines", self.baselines, "baseline"),
         ):
             for name in names:
                 if name not in options(group):

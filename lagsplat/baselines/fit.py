@@ -1,0 +1,211 @@
+"""The training loop of a baseline."""
+
+import logging
+import time
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from jaxtyping import Float32, Int64
+from tqdm import tqdm
+
+from lagsplat.baselines.config import BaselineConfig
+from lagsplat.baselines.delays import delayed
+from lagsplat.baselines.model import Architecture, Baseline
+from lagsplat.baselines.objective import Scene, terms_of, total
+from lagsplat.baselines.schedule import closing_weight, optimizer_of, set_rates
+from lagsplat.io.checkpoint import load_checkpoint, save_checkpoint
+from lagsplat.io.recording import Recording
+from lagsplat.stage1.autoencoder import to_images
+
+log = logging.getLogger(__name__)
+CURVE_POINTS = 400  # rows of the training curve, whatever the length of the run
+
+
+class CurvePoint(NamedTuple):
+    """Means since the previous point; ``seconds`` of training in all, interruptions not counted."""
+
+    step: int
+    loss: float
+    reconstruction: float
+    divergence: float
+    ahead: float
+    latent: float
+    steady: float
+    attention: float
+    closing: float
+    seconds: float
+
+
+class Footage(NamedTuple):
+    """The training frames as the loop reads them."""
+
+    frames: torch.Tensor  # uint8 (T, H, W, 3)
+    inputs: torch.Tensor  # delayed, (T, m)
+    starts: Int64[np.ndarray, " batches"]
+    rest_frames: int
+
+
+def architecture_of(config: BaselineConfig, recording: Recording) -> Architecture:
+    """The shape of a baseline for this recording."""
+    return Architecture(
+        decoder=config.decoder,
+        dynamics=config.dynamics,
+        d=config.d,
+        n_inputs=recording.inputs.shape[1],
+        samples=config.samples,
+        height=recording.height,
+        width=recording.width,
+        dt_s=recording.dt_s,
+        background=config.background,
+        noise=config.noise,
+    )
+
+
+def fit_baseline(
+    train: Recording,
+    config: BaselineConfig,
+    *,
+    seed: int,
+    checkpoint: Path | None = None,
+    identity: str = "",
+) -> tuple[Baseline, list[CurvePoint]]:
+    """Train a baseline on the training part of a recording.
+
+    Every random draw is a function of the seed and the step, so a run that goes on from ``checkpoint`` ends
+    with the same bits as one that was never interrupted. The law steps once a median spacing of frames.
+
+    Raises:
+        ValueError: no clip is as long as a batch, the inputs or the frames do not suit the models.
+        FloatingPointError: the loss stops being finite.
+
+    Source: see `lagsplat.baselines.objective`; the published runs trained for 300 passes.
+    """
+    footage = footage_of(train, config)
+    torch.manual_seed(seed)
+    baseline = Baseline(architecture_of(config, train))
+    optimizer = optimizer_of(baseline, config.rate)
+    first, curve = _restore(baseline, optimizer, checkpoint, identity)
+    sums, counted, saved_at = np.zeros(8), 0, time.monotonic()
+    spent, resumed_at = curve[-1].seconds if curve else 0.0, time.monotonic()
+    with tqdm(total=config.n_steps, initial=first, unit="step", desc="baseline", mininterval=1.0) as bar:
+        for step in range(first, config.n_steps):
+            set_rates(optimizer, config.rate, step=step, steps=config.n_steps)
+            sums += train_step(baseline, optimizer, footage, config, seed=seed, step=step)
+            counted += 1
+            bar.update()
+            if (step + 1) % max(1, config.n_steps // CURVE_POINTS) == 0 or step + 1 == config.n_steps:
+                seconds = spent + time.monotonic() - resumed_at
+                curve.append(CurvePoint._make([step + 1, *(sums / counted).tolist(), seconds]))
+                bar.set_postfix(loss=f"{curve[-1].loss:.4g}", mse=f"{curve[-1].reconstruction:.3g}")
+                sums, counted = np.zeros(8), 0
+                # Only here are the running means empty, so that a checkpoint need not hold them.
+                if checkpoint and time.monotonic() - saved_at > config.checkpoint_every_s:
+                    _save(baseline, optimizer, curve, checkpoint, identity)
+                    saved_at = time.monotonic()
+    return baseline.eval(), curve
+
+
+def footage_of(train: Recording, config: BaselineConfig) -> Footage:
+    """The training part cut into batches of consecutive frames, clip by clip; a shorter rest is left out.
+
+    Raises:
+        ValueError: no clip is as long as a batch, there are no inputs, or fewer frames than at rest.
+    """
+    if not train.inputs.shape[1]:
+        raise ValueError(
+            f"recording {train.meta.get('source')}: no inputs, but the baselines are driven models; leave "
+            "this system out of the baselines"
+        )
+    starts = [np.arange(a, b - config.batch + 1, config.batch) for a, b in train.segments]
+    if not sum(map(len, starts)) or config.rest_frames > train.n_frames:
+        raise ValueError(
+            f"recording {train.meta.get('source')}: {train.n_frames} training frames in "
+            f"{len(train.segments)} clip(s) hold no batch of {config.batch} frames or no "
+            f"{config.rest_frames} frames at rest; lower baseline.batch or baseline.rest_frames"
+        )
+    fed = delayed(train.inputs, samples=config.samples, segments=train.segments)
+    return Footage(
+        frames=torch.from_numpy(np.array(train.frames)),  # a copy: the file is mapped read-only
+        inputs=torch.from_numpy(fed.astype(np.float32)),
+        starts=np.concatenate(starts).astype(np.int64),
+        rest_frames=config.rest_frames,
+    )
+
+
+def train_step(
+    baseline: Baseline,
+    optimizer: torch.optim.Optimizer,
+    footage: Footage,
+    config: BaselineConfig,
+    *,
+    seed: int,
+    step: int,
+) -> Float32[np.ndarray, " terms"]:
+    """One descent on one batch; returns its loss and the unweighted terms."""
+    rng = np.random.default_rng([seed, step])
+    generator = torch.Generator().manual_seed(int(rng.integers(2**62)))
+    scene = _scene(footage, config, _start(footage, config, seed=seed, step=step), rng)
+    optimizer.zero_grad(set_to_none=True)
+    terms = terms_of(baseline, scene, generator=generator, closing_gradient=config.loss.closing_gradient)
+    closing = closing_weight(config.loss, step=step, steps=config.n_steps)
+    loss = total(terms, config.loss, closing=closing)
+    loss.backward()
+    torch.nn.utils.clip_grad_norm_(baseline.parameters(), config.rate.gradient_clip)
+    optimizer.step()
+    values = torch.stack([loss, *terms]).detach().numpy()
+    if not np.isfinite(values).all():
+        raise FloatingPointError(
+            f"the baseline lost its footing at step {step}: the loss is {values[0]}. "
+            "Lower baseline.rate.peak or look for broken frames with `lagsplat inspect`"
+        )
+    return values
+
+
+def _start(footage: Footage, config: BaselineConfig, *, seed: int, step: int) -> int:
+    """First frame of this step's batch: in order, or in another order on every pass."""
+    count = len(footage.starts)
+    turn, place = divmod(step, count)
+    if config.order == "sequential":
+        return int(footage.starts[place])
+    return int(np.random.default_rng([seed, turn, count]).permutation(footage.starts)[place])
+
+
+def _scene(footage: Footage, config: BaselineConfig, start: int, rng: np.random.Generator) -> Scene:
+    frames = slice(start, start + config.batch)
+    at_rest = rng.permutation(footage.rest_frames)[: config.batch]
+    return Scene(
+        images=to_images(footage.frames[frames]),
+        inputs=footage.inputs[frames],
+        rest_images=to_images(footage.frames[at_rest]),
+        rest_inputs=footage.inputs[at_rest],
+    )
+
+
+def _restore(
+    baseline: Baseline, optimizer: torch.optim.Optimizer, checkpoint: Path | None, identity: str
+) -> tuple[int, list[CurvePoint]]:
+    state = load_checkpoint(checkpoint, identity=identity) if checkpoint else None
+    if state is None:
+        return 0, []
+    baseline.load_state_dict(state["baseline"])
+    optimizer.load_state_dict(state["optimizer"])
+    curve = [CurvePoint(*row) for row in state["curve"]]
+    log.info("going on from %s at step %d", checkpoint, curve[-1].step)
+    return curve[-1].step, curve
+
+
+def _save(
+    baseline: Baseline,
+    optimizer: torch.optim.Optimizer,
+    curve: list[CurvePoint],
+    checkpoint: Path,
+    identity: str,
+) -> None:
+    state: dict[str, Any] = {
+        "baseline": baseline.state_dict(),
+        "optimizer": optimizer.state_dict(),
+        "curve": [tuple(point) for point in curve],
+    }
+    save_checkpoint(checkpoint, state, identity=identity)

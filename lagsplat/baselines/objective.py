@@ -1,0 +1,139 @@
+"""The loss of one batch of consecutive frames."""
+
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+from torch.nn import functional
+
+from lagsplat.baselines.abcd import AttentionDecoder
+from lagsplat.baselines.attention_terms import closing_rates, disagreement, unwarranted_change
+from lagsplat.baselines.centres import moving_centres
+from lagsplat.baselines.config import BaselineLossConfig
+from lagsplat.baselines.model import Baseline
+from lagsplat.baselines.oscillators import Oscillators
+from lagsplat.baselines.tangent import along
+from lagsplat.shapes import Images, Inputs, Latents
+
+Scalar = Float[Tensor, ""]
+
+
+class Scene(NamedTuple):
+    """Consecutive frames with their delayed inputs, and frames at rest with theirs."""
+
+    images: Images
+    inputs: Inputs
+    rest_images: Images
+    rest_inputs: Inputs
+
+
+class Terms(NamedTuple):
+    """The unweighted terms of the loss, all means; those that a model lacks are zero."""
+
+    reconstruction: Scalar
+    divergence: Scalar
+    ahead: Scalar
+    latent: Scalar
+    steady: Scalar
+    attention: Scalar
+    closing: Scalar
+
+
+def image_rates(images: Images, dt_s: float) -> Images:
+    """Rates of change [1/s] of consecutive images: central differences, one-sided at both ends."""
+    (rates,) = torch.gradient(images, spacing=dt_s, dim=0)
+    return rates
+
+
+def terms_of(
+    baseline: Baseline,
+    scene: Scene,
+    *,
+    generator: torch.Generator | None,
+    closing_gradient: float = 1.0,
+) -> Terms:
+    """Every term for one batch. Without a generator nothing is sampled: latents are means, maps noiseless.
+
+    The encoded velocity is a constant to the law and to its targets. It is differentiated only where it moves
+    the attention maps.
+    """
+    dt_s = baseline.architecture.dt_s
+    rates = image_rates(scene.images, dt_s)
+    mean, log_variance, moving = baseline.encoder.moving(scene.images, rates)
+    velocity = moving.detach()
+    later, later_velocity = baseline.step(mean, velocity, scene.inputs)
+    zero = mean.new_zeros(())
+    attention = closing = steady = zero
+    if isinstance(baseline.decoder, AttentionDecoder):
+        attention, closing = _attention_terms(
+            baseline.decoder, mean, moving, rates, closing_gradient=closing_gradient
+        )
+    if isinstance(baseline.dynamics, Oscillators):
+        rest, _ = baseline.encoder(scene.rest_images)
+        steady = steadiness(baseline.dynamics, rest, scene.rest_inputs)
+    return Terms(
+        reconstruction=functional.mse_loss(
+            draw(baseline, sampled(mean, log_variance, generator), generator), scene.images
+        ),
+        divergence=-0.5 * (1.0 + log_variance - mean.square() - log_variance.exp()).mean(),
+        ahead=functional.mse_loss(draw(baseline, later[:-1], generator), scene.images[1:]),
+        latent=functional.mse_loss(later[:-1], mean[1:])
+        + dt_s**2 * functional.mse_loss(later_velocity[:-1], velocity[1:]),
+        steady=steady,
+        attention=attention,
+        closing=closing,
+    )
+
+
+def draw(baseline: Baseline, z: Latents, generator: torch.Generator | None) -> Images:
+    """Images as training draws them: with noise on the attention, where there is attention."""
+    if isinstance(baseline.decoder, AttentionDecoder):
+        return baseline.decoder(z, generator=generator)
+    return baseline.decoder(z)
+
+
+def sampled(mean: Latents, log_variance: Latents, generator: torch.Generator | None) -> Latents:
+    """A draw from the encoded distribution, or its mean without a generator."""
+    if generator is None:
+        return mean
+    return mean + (0.5 * log_variance).exp() * torch.randn(mean.shape, generator=generator)
+
+
+def steadiness(law: Oscillators, z: Latents, u: Inputs) -> Scalar:
+    """How far frames at rest lie from the rest of the law, and what one step from standstill makes of it."""
+    later, velocity = law(z, torch.zeros_like(z), u)
+    off = (z - law.rest).square().mean() + (later - law.rest).square().mean()
+    return off + law.dt_s**2 * velocity.square().mean()
+
+
+def _attention_terms(
+    decoder: AttentionDecoder, z: Latents, velocity: Latents, rates: Images, *, closing_gradient: float
+) -> tuple[Scalar, Scalar]:
+    (maps,), (map_rates,) = along(lambda z: (decoder.maps(z),), z, velocity)
+    attention = unwarranted_change(map_rates, rates)
+    if decoder.group != 2:
+        return attention, z.new_zeros(())
+    drawn = moving_centres(
+        softened(maps, closing_gradient), softened(map_rates, closing_gradient), decoder.places
+    )
+    planar = (z.unflatten(1, (-1, 2)), velocity.detach().unflatten(1, (-1, 2)))
+    return attention, disagreement(closing_rates(*planar), closing_rates(*drawn))
+
+
+def softened(value: Tensor, share: float) -> Tensor:
+    """The same value, with a ``share`` of its gradient."""
+    return share * value + (1.0 - share) * value.detach()
+
+
+def total(terms: Terms, weights: BaselineLossConfig, *, closing: float) -> Scalar:
+    """The loss; ``closing`` is the present weight of that term."""
+    return (
+        terms.reconstruction
+        + weights.divergence * terms.divergence
+        + weights.ahead * terms.ahead
+        + weights.latent * terms.latent
+        + weights.steady * terms.steady
+        + weights.attention * terms.attention
+        + closing * terms.closing
+    )
