@@ -13,6 +13,7 @@ include: "workflow/rules/chart.smk"
 include: "workflow/rules/render.smk"
 include: "workflow/rules/stage2.smk"
 include: "workflow/rules/evaluate.smk"
+include: "workflow/rules/baselines.smk"
 include: "workflow/rules/report.smk"
 include: "workflow/rules/tables.smk"
 include: "workflow/rules/gap_paths.smk"
@@ -31,6 +32,7 @@ rule all:
         [rules.curve.output.figure.format(**run) for run in planned()],
         [rules.reconstruction.output.figure.format(**run) for run in planned()],
         [rules.latent.output.figure.format(**run) for run in planned()],
+        [rules.baseline_curve.output.figure.format(**run) for run in baseline_runs()],
 
 
 onstart:

@@ -8,6 +8,7 @@
     lagsplat apply diagnosis=OUT/diagnosis.json out=augmented.safetensors [sim=SIM]
     lagsplat diagnose sim=SIM real=FILES [out=FOLDER] [diagnose.key=value ...]
     lagsplat evaluate run=FOLDER out=metrics.json [evaluate.key=value ...]
+    lagsplat weights --download [out=FOLDER]                    published weights, for baseline.weights=FOLDER
     lagsplat export FOLDER --mcap [out=run.mcap] [key=value ...]  a run for Foxglove
 
 ``input`` is a CSV with columns ``t`` [s] and ``u0, u1, ...``; between its rows inputs are interpolated.
@@ -128,6 +129,22 @@ def _evaluate(words: list[str]) -> None:
     run = open_run(folder)
     save_json(own["out"], score(run, protocol(folder, changes)))
     print(own["out"])
+
+
+def _weights(words: list[str]) -> None:
+    from lagsplat.baselines.publication import FILES, NOTICE, fetch_weights
+
+    own, rest = _split([word for word in words if word != "--download"], needed=(), allowed=("out",))
+    if rest:
+        raise ConfigError(f"weights takes out=FOLDER and --download, not {rest[0]!r}")
+    if "--download" not in words:
+        raise ConfigError(
+            f"{NOTICE}. Nothing was fetched; add --download to fetch {len(FILES)} files of 10 MB"
+        )
+    folder = Path(own.get("out", "~/.cache/lagsplat/baselines")).expanduser()
+    print(NOTICE, file=sys.stderr)
+    fetch_weights(folder)
+    print(folder)
 
 
 def _export(words: list[str]) -> None:
@@ -268,5 +285,6 @@ VERBS: dict[str, Callable[[list[str]], None]] = {
     "diagnose": _diagnose,
     "evaluate": _evaluate,
     "export": _export,
+    "weights": _weights,
     "apply": _apply,
 }

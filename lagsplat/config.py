@@ -92,6 +92,8 @@ class Config:
     """Choices of ``conf/stage2`` that get a row beside the chosen dynamics."""
     baselines: list[str]
     """Choices of ``conf/baseline`` that get a row in the benchmark table of the arms."""
+    baseline_seeds: list[int]
+    """Seeds of the baselines."""
     autoencoder_seeds: list[int]
     """Seeds of stage 1."""
     seeds: list[int]
@@ -126,7 +128,11 @@ class Config:
             for name in names:
                 if name not in options(group):
                     raise ValueError(f"{key}={names}: {name!r} is not one of {options(group)} (conf/{group})")
-        for key, seeds in (("autoencoder_seeds", self.autoencoder_seeds), ("seeds", self.seeds)):
+        for key, seeds in (
+            ("autoencoder_seeds", self.autoencoder_seeds),
+            ("seeds", self.seeds),
+            ("baseline_seeds", self.baseline_seeds),
+        ):
             if not seeds or min(seeds) < 0 or len(set(seeds)) < len(seeds):
                 raise ValueError(f"{key}={seeds} must be distinct integers, none negative, at least one")
         if not self.systems:

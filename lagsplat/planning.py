@@ -38,6 +38,17 @@ class Run:
     seed: int
 
 
+@dataclass(frozen=True)
+class BaselineRun:
+    """Identity of one baseline on one recording: the wildcards of its path."""
+
+    profile: str
+    recording: str
+    system: str
+    baseline: str
+    seed: int
+
+
 def read_overrides(command_line: Mapping[str, Any]) -> Overrides:
     """Overrides given to Snakemake as ``--config hydra="..." hydra_<system>="..."``.
 
@@ -104,6 +115,44 @@ def planned_runs(overrides: Overrides) -> list[Run]:
     return runs
 
 
+def planned_baselines(overrides: Overrides) -> list[BaselineRun]:
+    """Every baseline of the benchmark table: on the recordings of the pneumatic arms, each composed.
+
+    Raises:
+        ConfigError: see :func:`lagsplat.config.compose`; also weights that are not there.
+    """
+    runs = []
+    for system in compose(*overrides.shared).systems:
+        own = compose_for(overrides, system=system)
+        if own.system.film != "krauss":
+            continue
+        for name in dict.fromkeys(own.baselines):
+            weights_of(overrides, system=system, baseline=name)
+            place = (own.choices["profile"], own.choices["recording"], system, name)
+            runs += [BaselineRun(*place, seed) for seed in own.baseline_seeds]
+    return runs
+
+
+def weights_of(overrides: Overrides, **choices: str) -> str | None:
+    """The file of published weights that stands for a training, or None where there is a training.
+
+    Raises:
+        ConfigError: ``baseline.weights`` is neither that file nor a folder that holds it.
+    """
+    given = compose_for(overrides, **choices).baseline.weights
+    if given is None:
+        return None
+    path = Path(given).expanduser()
+    if path.is_dir():
+        path = path / choices["system"] / f"{choices['baseline']}.pt"
+    if not path.is_file():
+        raise ConfigError(
+            f"baseline.weights={given}: no file {path}; give a file for one baseline, or a folder with "
+            "SYSTEM/BASELINE.pt as `lagsplat weights` makes it"
+        )
+    return str(path)
+
+
 def files_of(overrides: Overrides, **choices: str) -> list[str]:
     """The user's files behind a filmed recording; none where it comes from a public archive.
 
@@ -161,13 +210,22 @@ def lineage(overrides: Overrides, scripts: Path, stage: str, **choices: str) -> 
     """
     experiment = compose_for(overrides, **choices)
     maker = "simulate" if experiment.recording.kind == "simulated" else "ingest"
-    parts = [
-        ((experiment.simulation, experiment.release) if maker == "simulate" else experiment.recording, maker),
-        (experiment.stage1, "stage1"),
-        (experiment.chart, "chart"),
-        (experiment.stage2, "stage2"),
-        (experiment.evaluate, "evaluate"),
-    ]
-    before = parts[: ("recording", "stage1", "chart", "stage2", "evaluate", "table").index(stage)]
+    source = (experiment.simulation, experiment.release) if maker == "simulate" else experiment.recording
+    road: dict[str, tuple[object, str]] = {
+        "recording": (source, maker),
+        "stage1": (experiment.stage1, "stage1"),
+        "chart": (experiment.chart, "chart"),
+        "stage2": (experiment.stage2, "stage2"),
+        "evaluate": (experiment.evaluate, "evaluate"),
+        "table": (None, "table"),
+    }
+    if stage.startswith("baseline"):
+        road = {
+            "recording": (source, maker),
+            "baseline": (experiment.baseline, "baseline"),
+            "baseline_evaluate": (experiment.evaluate, "baseline_evaluate"),
+            "baseline_table": (None, "table"),
+        }
+    before = list(road.values())[: list(road).index(stage)]
     text = "\n".join(f"{settings} {script_digest(scripts / f'{script}.py')}" for settings, script in before)
     return hashlib.sha256(f"{experiment.recording.split} {text}".encode()).hexdigest()

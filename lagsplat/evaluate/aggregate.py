@@ -9,7 +9,7 @@ from lagsplat.evaluate.protocol import bootstrap_interval
 
 SPREAD_OVER_SEEDS = "median and range over seeds"
 SPREAD_OVER_WINDOWS = "one seed, 95 % interval over windows"
-MEASURED = ("ae_floor", "mse_half_second", "frequency_error", "latent_nrmse", "image_ratio")
+MEASURED = ("ae_floor", "mse_half_second", "mse_ahead", "frequency_error", "latent_nrmse", "image_ratio")
 SERIES = {"mse_half_second": ("forecast", "per_window"), "image_mse": ("latent", "per_window_image")}
 
 
@@ -41,8 +41,20 @@ def aggregate(runs: Sequence[dict[str, Any]]) -> dict[str, Any]:
         "external_force": " or ".join(reach),
         "diverged": sum(run["scores"]["diverged"] for run in runs),
         "rollouts": sum(run["scores"]["rollouts"] for run in runs),
+        "training": _training(runs),
         "frequency_windows": runs[0]["frequency"]["n_windows"],
         "frequency_estimator": runs[0]["frequency"]["estimator"],
+    }
+
+
+def _training(runs: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """What each run was trained with: steps and frames of the first, mean wall time; None where unknown."""
+    told = [run.get("training") or {} for run in runs]
+    wall_s = [spent["wall_s"] for spent in told if spent.get("wall_s") is not None]
+    return {
+        "steps": told[0].get("steps"),
+        "frames_seen": told[0].get("frames_seen"),
+        "wall_s": float(np.mean(wall_s)) if wall_s else None,
     }
 
 

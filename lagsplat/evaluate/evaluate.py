@@ -1,4 +1,4 @@
-"""All scores of one run, as plain data."""
+"""All scores of one trained run, as plain data."""
 
 import time
 from typing import Any
@@ -8,19 +8,14 @@ import torch
 
 from lagsplat.chart.chart import Chart
 from lagsplat.evaluate.config import EvaluateConfig
-from lagsplat.evaluate.damping import compare_decay, linear_modes
-from lagsplat.evaluate.floor import autoencoder_floor
-from lagsplat.evaluate.forecast import image_forecast
-from lagsplat.evaluate.free import free_windows
-from lagsplat.evaluate.frequency import compare_frequency, natural_period
-from lagsplat.evaluate.latent import latent_forecast
+from lagsplat.evaluate.damping import linear_modes
 from lagsplat.evaluate.protocol import Integrate, Pictures, Render, held_out
+from lagsplat.evaluate.score import Subject, score
 from lagsplat.io.recording import Recording
 from lagsplat.stage1.autoencoder import Autoencoder, decode_latents, encode_frames
 from lagsplat.stage2.lagrangian import Lagrangian
 from lagsplat.stage2.rollout import rollout
 
-SCHEMA = 1
 PROBED = 8
 
 
@@ -45,61 +40,19 @@ def evaluate(
     """
     begin = time.perf_counter()
     require_same_run(autoencoder, chart, recording)
-    held = held_out(chart, config)
-    pictures, render = recorded(recording, chart), renderer(autoencoder, chart)
-    integrate = integrator(lagrangian)
-    floor = autoencoder_floor(held, pictures, render, most=config.floor_frames)
-    forecast = image_forecast(held, pictures, render, integrate, config)
-    windows, reason = free_windows(held, integrate, config)
-    frequency = compare_frequency(windows, reason, dt_s=held.dt_s)
-    period_s = natural_period(frequency, config)
-    latent: dict[str, Any] = {"reason": f"no natural period: {frequency['reason']}; set evaluate.period_s"}
-    if period_s is not None:
-        latent = latent_forecast(held, pictures, render, integrate, config, period_s=period_s)
-        latent["period_from"] = "evaluate.period_s" if config.period_s else frequency["estimator"]
+    subject = Subject(
+        d=chart.d,
+        dynamics=dynamics_form(lagrangian),
+        external_force=external_force(autoencoder),
+        held=held_out(chart, config),
+        pictures=recorded(recording, first=chart.n_train),
+        render=renderer(autoencoder, chart),
+        integrate=integrator(lagrangian),
+    )
     return {
-        "schema": SCHEMA,
-        "recording": {key: recording.meta.get(key) for key in ("origin", "source", "sha256")},
-        "d": chart.d,
-        "dynamics": dynamics_form(lagrangian),
-        "n_held_out": held.n_frames,
-        "skip_frames": held.skip,
-        "dt_s": held.dt_s,
-        "scores": _scores(autoencoder, floor, forecast, frequency, latent),
-        "intervals": {
-            "mse_half_second": [forecast["low"], forecast["high"]],
-            "frequency_error": [frequency["low"], frequency["high"]],
-            "latent_nrmse": latent.get("nrmse_interval", [None, None]),
-            "image_ratio": latent.get("image_ratio_interval", [None, None]),
-        },
-        "floor": floor,
-        "forecast": forecast,
-        "frequency": frequency,
-        "damping": compare_decay(windows, reason),
+        **score(subject, recording, config),
         "linear_modes": linear_modes(lagrangian),
-        "latent": latent,
         "wall_time_s": time.perf_counter() - begin,
-    }
-
-
-def _scores(
-    autoencoder: Autoencoder,
-    floor: dict[str, Any],
-    forecast: dict[str, Any],
-    frequency: dict[str, Any],
-    latent: dict[str, Any],
-) -> dict[str, Any]:
-    return {
-        "ae_floor": floor["value"],
-        "mse_half_second": forecast["mse"],
-        "frequency_error": frequency["value"],
-        "latent_nrmse": latent.get("nrmse"),
-        "image_ratio": latent.get("image_ratio"),
-        "external_force": external_force(autoencoder),
-        "diverged": forecast["diverged"]
-        + latent.get("diverged", 0)
-        + sum(row["diverged"] for row in frequency["windows"]),
-        "rollouts": forecast["windows"] + latent.get("windows", 0) + len(frequency["windows"]),
     }
 
 
@@ -144,11 +97,11 @@ def require_same_run(autoencoder: Autoencoder, chart: Chart, recording: Recordin
         )
 
 
-def recorded(recording: Recording, chart: Chart) -> Pictures:
-    """Recorded held-out images in [0, 1] by held-out frame number."""
+def recorded(recording: Recording, *, first: int) -> Pictures:
+    """Recorded held-out images in [0, 1] by held-out frame number; ``first`` is the first of them."""
 
     def pictures(frames: np.ndarray) -> np.ndarray:
-        stored = np.asarray(recording.frames[chart.n_train + frames])
+        stored = np.asarray(recording.frames[first + frames])
         return np.moveaxis(stored, 3, 1).astype(np.float32) / np.float32(255.0)
 
     return pictures

@@ -27,7 +27,8 @@ def image_forecast(
     ``mse`` averages over every window. From the moment a rollout diverges its states are scored with the
     larger of two errors, of its state pinned at the divergence bound and of the mean frame, so that no
     divergence is dropped and none lowers the mean; ``diverged`` counts such windows and ``mse_staying`` is
-    the mean over the others (the published treatment). ``hold`` repeats the recorded first frame: a forecast
+    the mean over the others (the published treatment). ``mse_ahead`` counts as many states after the initial
+    one, which is not scored: all of them are forecasts. ``hold`` repeats the recorded first frame: a forecast
     that does not beat it has learned nothing. ``per_window`` belongs to ``starts`` one to one, for paired
     comparisons.
 
@@ -36,10 +37,14 @@ def image_forecast(
     states = round(config.horizon_s / held.dt_s)
     starts = draw_starts(held, length=states, margin=0, count=config.starts, seed=config.seed)
     q0, v0 = initial_states(held, starts)
-    steps_s = held.clock.steps_s(starts, states)
-    rollouts = integrate(q0, v0, windows(held.forcing, starts, states), steps_s)
+    # One state more than the horizon has, for the other way of counting; starts leave room for it.
+    steps_s = held.clock.steps_s(starts, states + 1)
+    rollouts = integrate(q0, v0, windows(held.forcing, starts, states + 1), steps_s)
     pinned, gone = pin_diverged(rollouts, bound=config.divergence_factor * held.reach)
-    error, hold, mean = window_errors(pinned, gone, starts, pictures, render, mean_picture(held, pictures))
+    average = mean_picture(held, pictures)
+    parts = frame_errors(pinned, gone, starts, pictures, render, average)
+    error, hold, mean = (part[:, :states].mean(axis=1) for part in parts)
+    ahead, gone = parts[0][:, 1:].mean(axis=1), gone[:, :states]
     low, high = bootstrap_interval(
         lambda values: values.mean(axis=-1),
         error,
@@ -56,12 +61,14 @@ def image_forecast(
         "low": low,
         "high": high,
         "standard_error": standard_error(error),
+        "mse_ahead": float(ahead.mean()),
         "diverged": int((~stayed).sum()),
         "mse_staying": float(error[stayed].mean()) if stayed.any() else None,
         "hold": float(hold.mean()),
         "mean_frame": float(mean.mean()),
         "starts": starts.tolist(),
         "per_window": error.tolist(),
+        "per_window_ahead": ahead.tolist(),
         "per_window_hold": hold.tolist(),
     }
 
@@ -80,6 +87,20 @@ def window_errors(
     mean_frame: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Image errors of each window: of the rollout, of holding the first frame, of the mean frame."""
+    parts = frame_errors(pinned, gone, starts, pictures, render, mean_frame)
+    error, hold, mean = (part.mean(axis=1) for part in parts)
+    return error, hold, mean
+
+
+def frame_errors(
+    pinned: np.ndarray,
+    gone: np.ndarray,
+    starts: np.ndarray,
+    pictures: Pictures,
+    render: Render,
+    mean_frame: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The same for each frame of each window, (B, N) each."""
     rows = []
     for states, lost, start in zip(pinned, gone, starts, strict=True):
         recorded = pictures(start + np.arange(len(states)))
@@ -87,8 +108,8 @@ def window_errors(
         error = image_errors(render(states), recorded)
         error = np.where(lost, np.maximum(error, mean), error)
         hold = image_errors(np.broadcast_to(recorded[:1], recorded.shape), recorded)
-        rows.append((error.mean(), hold.mean(), mean.mean()))
-    error, hold, mean = np.array(rows, dtype=np.float64).T
+        rows.append((error, hold, mean))
+    error, hold, mean = np.moveaxis(np.array(rows, dtype=np.float64), 1, 0)
     return error, hold, mean
 
 

@@ -121,7 +121,8 @@ def _roll_out(
 ) -> list[FreeWindow]:
     # A window may end with the clip: its velocity stencil then still has its three frames inside it.
     q0, v0 = initial_states(held, starts)
-    frozen = np.repeat(held.forcing[starts][:, None], length, axis=1)
+    forcing = held.forcing if held.standing is None else held.standing
+    frozen = np.repeat(forcing[starts][:, None], length, axis=1)
     rollouts = integrate(q0, v0, frozen, held.clock.steps_s(starts, length))
     bound = config.divergence_factor * held.reach
     kept = []

@@ -24,7 +24,8 @@ Render = Callable[[np.ndarray], np.ndarray]
 """q (N,d) -> images (N,3,H,W) with colours in [0, 1]."""
 Pictures = Callable[[np.ndarray], np.ndarray]
 """held-out frame numbers (N,) -> the recorded images (N,3,H,W) with colours in [0, 1]."""
-
+Velocities = Callable[[np.ndarray], np.ndarray]
+"""held-out frame numbers (N,) -> velocities (N,d) per second, of a model that measures them itself."""
 
 STENCILS = {"forward": (1, 2), "central": (-2, -1, 1, 2), "neighbours": (-1, 1)}
 
@@ -37,12 +38,14 @@ class HeldOut:
     ``latents`` and ``inputs`` are as encoded and measured. Scores begin at frame ``skip``. ``dt_s`` is the
     median spacing, by which horizons are counted in frames; ``time_s`` [s] are the instants of the frames
     where these are not evenly spaced, and velocities and rollouts are of these. ``stencil`` are the frames,
-    counted from a start, whose states give the initial velocity together with the start's own.
+    counted from a start, whose states give the initial velocity together with the start's own, unless a model
+    measures velocities itself: then they are ``velocities``. Where ``forcing`` holds more than this frame's
+    inputs, ``standing`` is what it would be had they always stood still.
     """
 
     encoded: Float64[np.ndarray, "T d"]
     latents: Float64[np.ndarray, "T d"]
-    forcing: Float64[np.ndarray, "T n_u"]
+    forcing: Float64[np.ndarray, "T n_f"]
     inputs: Float64[np.ndarray, "T n_u"]
     segments: tuple[tuple[int, int], ...]
     metric: Float64[np.ndarray, "d d"]
@@ -50,6 +53,8 @@ class HeldOut:
     skip: int
     time_s: Float64[np.ndarray, " T"] | None = None
     stencil: tuple[int, ...] = STENCILS["forward"]
+    velocities: Velocities | None = None
+    standing: Float64[np.ndarray, "T n_f"] | None = None
 
     @property
     def clips(self) -> list[tuple[int, int]]:
@@ -147,8 +152,10 @@ def initial_states(
 ) -> tuple[Float64[np.ndarray, "B d"], Float64[np.ndarray, "B d"]]:
     """Encoded states and velocities [whitened units per second] at the start frames.
 
-    The velocity is the second-order difference over the stencil, on true times.
+    The velocity is the second-order difference over the stencil, on true times, or the model's own.
     """
+    if held.velocities is not None:
+        return held.encoded[starts], held.velocities(starts)
     return held.encoded[starts], held.clock.slope(held.encoded, starts, held.stencil)
 
 

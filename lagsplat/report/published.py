@@ -18,6 +18,48 @@ SYSTEMS: dict[str, tuple[float | None, ...]] = {
 }
 
 
+# Table "Krauss": latent dimension, floor, half-second error, frequency error. The released one-segment models
+# have eight coordinates, not six.
+BASELINES: dict[str, dict[str, tuple[float, ...]]] = {
+    "krauss_1seg": {
+        "Osc. + deconv": (6, 1.03e-5, 0.246e-3, 0.371),
+        "Osc. + ABCD": (6, 3.93e-5, 0.574e-3, 0.550),
+        "Koopman + deconv": (6, 1.15e-5, 0.503e-3, 0.103),
+        "Koopman + ABCD": (6, 0.67e-5, 0.504e-3, 0.088),
+    },
+    "krauss_2seg": {
+        "Osc. + deconv": (10, 5.43e-5, 22.7e-3, 0.768),
+        "Osc. + ABCD": (10, 14.5e-5, 6.56e-3, 0.314),
+        "Koopman + deconv": (10, 3.95e-5, 5.66e-3, 0.183),
+        "Koopman + ABCD": (10, 5.17e-5, 0.984e-3, 0.083),
+    },
+}
+BASELINE_SCORES = ("d", "ae_floor", "mse_half_second", "frequency_error")
+PUSHES = {"Osc. + deconv": "latent only", "Osc. + ABCD": "at d/2 centres"}
+
+
+def paper_baselines(robots: set[str]) -> list[dict[str, Any]]:
+    """The paper's rows of the published baselines, on its filmed recordings.
+
+    Source: paper, Table "Krauss".
+    """
+    return [
+        {
+            "robot": robot,
+            "method": f"{name} (paper)",
+            "dynamics": "linear",
+            **dict(zip(BASELINE_SCORES, values, strict=True)),
+            "external_force": PUSHES.get(name, "none"),
+            "recording": RECORDING,
+            "profile": "the paper's",
+            "n_seeds": 1,
+        }
+        for robot, rows in BASELINES.items()
+        if robot in robots
+        for name, values in rows.items()
+    ]
+
+
 def paper_rows(robots: set[str]) -> list[dict[str, Any]]:
     """The paper's own LaGSplat rows for these systems, measured on its filmed recordings.
 

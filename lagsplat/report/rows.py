@@ -1,6 +1,6 @@
 """What every table is made of: one row for each group of runs, the paper's beside it, and their cells."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import pandas as pd
@@ -59,14 +59,19 @@ def table_row(
         "rollouts": aggregated["rollouts"],
         "spread": aggregated["spread"],
         "source": aggregated["recording"].get("source"),
+        **aggregated["training"],
     }
     for name in MEASURED:
         row[f"{name}_low"], row[f"{name}_high"] = scores[name]["low"], scores[name]["high"]
     return row
 
 
-def beside_paper(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
+def beside_paper(
+    rows: Sequence[Mapping[str, Any]], paper: Callable[[set[str]], list[dict[str, Any]]] = paper_rows
+) -> pd.DataFrame:
     """Every column of the rows and of the paper's own, robot by robot in the order of the rows.
+
+    ``paper`` gives the paper's rows of some robots.
 
     Raises:
         ValueError: no row.
@@ -74,7 +79,7 @@ def beside_paper(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
     if not rows:
         raise ValueError("a table needs at least one row; evaluate a run first")
     robots = list(dict.fromkeys(row["robot"] for row in rows))
-    everything = pd.DataFrame([*rows, *paper_rows(set(robots))], dtype=object)
+    everything = pd.DataFrame([*rows, *paper(set(robots))], dtype=object)
     everything = everything.sort_values("robot", key=lambda names: names.map(robots.index), kind="stable")
     return everything.reset_index(drop=True)
 

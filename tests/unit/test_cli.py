@@ -33,6 +33,20 @@ def test_inspect_says_what_an_archive_holds(archive: Path, capsys: pytest.Captur
     assert "48 frames to train on, 12 held out" in told
 
 
+def test_weights_are_fetched_only_when_asked_for(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fetched: list[Path] = []
+    monkeypatch.setattr("lagsplat.baselines.publication.fetch_weights", fetched.append)
+    told = refused(capsys, "weights", f"out={tmp_path}")
+    assert "no licence" in told
+    assert "add --download" in told
+    assert not fetched
+    assert main(["weights", f"out={tmp_path}", "--download"]) == 0
+    assert fetched == [tmp_path]
+    assert "no licence" in capsys.readouterr().err
+
+
 def test_inspect_lists_a_log_and_describes_what_is_chosen_of_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

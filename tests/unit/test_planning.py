@@ -10,9 +10,11 @@ from lagsplat.planning import (
     compose_for,
     files_of,
     lineage,
+    planned_baselines,
     planned_runs,
     read_overrides,
     script_digest,
+    weights_of,
 )
 
 SCRIPTS = Path(__file__).resolve().parents[2] / "workflow" / "scripts"
@@ -61,6 +63,24 @@ def test_the_toy_profile_plans_its_runs() -> None:
     assert {run.stage2 for run in runs} >= {"default"}
     assert {run.seed for run in runs} == {0, 3}
     assert len(set(runs)) == len(runs)
+
+
+def test_baselines_are_planned_for_arms_and_their_weights_must_be_there(tmp_path: Path) -> None:
+    one = "profile=toy systems=[toy,pendulum] baselines=[osc_abcd] baseline_seeds=[0,2]"
+    runs = planned_baselines(given(hydra=one))
+    assert [(run.system, run.baseline, run.seed) for run in runs] == [
+        ("toy", "osc_abcd", seed) for seed in (0, 2)
+    ]
+    folder = tmp_path / "weights"
+    (folder / "toy").mkdir(parents=True)
+    with pytest.raises(ConfigError, match=r"toy/osc_abcd\.pt"):
+        planned_baselines(given(hydra=f"{one} baseline.weights={folder}"))
+    (folder / "toy" / "osc_abcd.pt").touch()
+    there = given(hydra=f"{one} baseline.weights={folder}")
+    assert len(planned_baselines(there)) == 2
+    assert weights_of(there, system="toy", baseline="osc_abcd") == str(folder / "toy" / "osc_abcd.pt")
+    with pytest.raises(ConfigError, match="baselines="):
+        planned_baselines(given(hydra="profile=toy baselines=[osc]"))
 
 
 def test_the_chosen_dynamics_and_image_model_are_in_the_runs() -> None:

@@ -14,7 +14,15 @@ ROOT = Path(__file__).resolve().parents[2]
 TOY = "hydra=profile=toy"
 SCORED = {"evaluate", "rollout", "figure", "table", "physical", "truth", "margins"}
 HERE = Path("results/toy/simulated/toy")
-SCORES = {"ae_floor", "mse_half_second", "frequency_error", "latent_nrmse", "image_ratio", "external_force"}
+SCORES = {
+    "ae_floor",
+    "mse_half_second",
+    "mse_ahead",
+    "frequency_error",
+    "latent_nrmse",
+    "image_ratio",
+    "external_force",
+}
 COLUMNS = {"robot", "method", "dynamics", "d", "diverged", "recording", "profile", "n_seeds"} | SCORES
 
 pytestmark = pytest.mark.slow

@@ -8,9 +8,11 @@ from lagsplat.planning import (
     compose_for,
     files_of,
     lineage,
+    planned_baselines,
     planned_runs,
     read_overrides,
     script_digest,
+    weights_of,
 )
 from lagsplat.provenance import let_waiting_threads_sleep
 
@@ -22,6 +24,7 @@ try:
     experiment = compose(*overrides.shared)
     if workflow.is_main_process:  # all is checked once, before the first job
         planned_runs(overrides)
+        planned_baselines(overrides)
 except ConfigError as error:
     raise WorkflowError(str(error))
 
@@ -32,6 +35,7 @@ wildcard_constraints:
     system="|".join(options("system")),
     stage1="|".join(options("stage1")),
     stage2="|".join(options("stage2")),
+    baseline="|".join(options("baseline")),
     ae="[0-9]+",
     seed="[0-9]+",
     effect="|".join(experiment.planted.effects),
@@ -43,7 +47,7 @@ SCRIPTS = Path(workflow.basedir) / "workflow" / "scripts"
 
 def choices(wildcards):
     """The part of a path that names files in conf/."""
-    groups = ("profile", "recording", "system", "stage1", "stage2")
+    groups = ("profile", "recording", "system", "stage1", "stage2", "baseline")
     return {key: name for key, name in wildcards.items() if key in groups}
 
 
@@ -76,6 +80,11 @@ def refined(wildcards):
 def krauss_runs():
     """Planned runs of the pneumatic arms, whose benchmark has a table of its own."""
     return [run for run in planned() if section("system.film")(run) == "krauss"]
+
+
+def baseline_runs():
+    """Wildcards of every baseline beside them."""
+    return [asdict(run) for run in planned_baselines(overrides)]
 
 
 def main_runs():

@@ -9,7 +9,11 @@ rule evaluate:
         autoencoder=rules.stage1.output.autoencoder,
         chart=rules.chart.output.chart,
         dynamics=rules.stage2.output.dynamics,
-        records=[rules.chart.output.record, rules.stage2.output.record],
+        records=[
+            rules.stage1.output.record,
+            rules.chart.output.record,
+            rules.stage2.output.record,
+        ],
     output:
         metrics=update(
             "results/{profile}/{recording}/{system}/{stage1}-{ae}/{stage2}-{seed}/metrics.json"

@@ -1,7 +1,15 @@
 rule table:
     input:
         metrics=gathered(krauss_runs, "metrics"),
+        baselines=lambda wildcards: [
+            rules.baseline_evaluate.output.metrics.format(**run)
+            for run in baseline_runs()
+        ],
         records=gathered(krauss_runs, "record"),
+        baseline_records=lambda wildcards: [
+            rules.baseline_evaluate.output.record.format(**run)
+            for run in baseline_runs()
+        ],
     output:
         tex="results/tables/krauss.tex",
         csv=report(
@@ -21,8 +29,12 @@ rule table:
         mem_mb=500,
     params:
         runs=lambda wildcards: krauss_runs(),
+        baselines=lambda wildcards: baseline_runs(),
         titles=lambda wildcards: titles(krauss_runs()),
-        before=lambda wildcards: [before("table")(run) for run in krauss_runs()],
+        before=lambda wildcards: [
+            *(before("table")(run) for run in krauss_runs()),
+            *(before("baseline_table")(run) for run in baseline_runs()),
+        ],
         code=script_digest(SCRIPTS / "table.py"),
     message:
         "Gather the scores of every arm in one table"

@@ -4,7 +4,7 @@ from lagsplat.chart.chart import load_chart
 from lagsplat.evaluate.config import EvaluateConfig
 from lagsplat.evaluate.evaluate import evaluate
 from lagsplat.evaluate.truth import compare_with_truth
-from lagsplat.io.plain import save_json
+from lagsplat.io.plain import load_json, save_json
 from lagsplat.io.recording import load_recording
 from lagsplat.job import Job
 from lagsplat.stage1.autoencoder import load_autoencoder
@@ -12,7 +12,7 @@ from lagsplat.stage2.fit import load_dynamics
 from lagsplat.systems.truth import load_truth
 
 with Job(snakemake) as job:
-    autoencoder, _ = load_autoencoder(job.input.autoencoder)
+    autoencoder, header = load_autoencoder(job.input.autoencoder)
     chart, _ = load_chart(job.input.chart)
     lagrangian, _ = load_dynamics(job.input.dynamics)
     recording = load_recording(job.input.recording)
@@ -20,4 +20,7 @@ with Job(snakemake) as job:
     if job.input.truth:
         truth, _ = load_truth(job.input.truth)
         metrics["truth"] = compare_with_truth(metrics, truth, chart, lagrangian)
+    made = header["settings"]["cfg"]
+    spent = {"steps": made["steps"], "frames_seen": made["steps"] * made["batch"]}
+    metrics["training"] = {**spent, "wall_s": sum(load_json(path)["wall_s"] for path in job.input.records)}
     save_json(job.output.metrics, metrics | {"made_by": job.header})

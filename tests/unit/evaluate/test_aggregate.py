@@ -19,6 +19,7 @@ def run(mse: float, *, frequency_error: float | None = 0.05, diverged: int = 0, 
         "scores": {
             "ae_floor": 4e-5,
             "mse_half_second": mse,
+            "mse_ahead": 1.1 * mse,
             "frequency_error": frequency_error,
             "latent_nrmse": 0.2,
             "image_ratio": 12.0,

@@ -12,6 +12,7 @@ from lagsplat.report.rows import rows_of, table_row
 from lagsplat.report.tables import COLUMNS, benchmark_table, latex_table
 
 SPREAD = "median and range over seeds"
+PAPERS = [f"{law} + {decoder} (paper)" for law in ("Osc.", "Koopman") for decoder in ("deconv", "ABCD")]
 
 
 def run(seed: int, *, origin: str = "simulated", d: int = 4, frequency_error: float | None = 0.02) -> dict:
@@ -24,6 +25,7 @@ def run(seed: int, *, origin: str = "simulated", d: int = 4, frequency_error: fl
         "scores": {
             "ae_floor": 4.1e-5,
             "mse_half_second": 4e-4 + 1e-5 * seed,
+            "mse_ahead": 5e-4,
             "frequency_error": frequency_error,
             "latent_nrmse": 0.19,
             "image_ratio": 12.5,
@@ -65,13 +67,15 @@ def test_columns_are_those_agreed_then_the_spreads(rows):
 
 def test_rows_group_seeds_and_stand_beside_the_paper(rows):
     frame = benchmark_table(rows)
-    assert frame["robot"].tolist() == ["krauss_2seg"] * 3 + ["krauss_1seg"] * 2
+    assert frame["robot"].tolist() == ["krauss_2seg"] * 7 + ["krauss_1seg"] * 6
     assert frame["method"].tolist() == [
         "LaGSplat",
         "LaGSplat (constant_mass)",
         "LaGSplat (paper)",
+        *PAPERS,
         "LaGSplat",
         "LaGSplat (paper)",
+        *PAPERS,
     ]
     ours, papers = frame.iloc[0], frame.iloc[2]
     assert (
@@ -81,11 +85,11 @@ def test_rows_group_seeds_and_stand_beside_the_paper(rows):
     ) == pytest.approx((4.1e-4, 4e-4, 4.2e-4))
     assert (ours["n_seeds"], ours["diverged"], ours["recording"]) == (3, 3, "simulated")
     assert (papers["mse_half_second"], papers["recording"]) == (0.769e-3, "filmed, the paper's")
-    assert frame["recording"].iloc[[1, 3]].tolist() == ["simulated", "simulated"]
+    assert frame["recording"].iloc[[1, 7]].tolist() == ["simulated", "simulated"]
 
 
 def test_unmeasured_is_empty_in_csv_and_a_dash_in_latex(rows):
-    assert benchmark_table(rows)["frequency_error"].iloc[3] is None
+    assert benchmark_table(rows)["frequency_error"].iloc[7] is None
     line = next(
         line
         for line in latex_table(rows, titles={}).splitlines()
@@ -100,14 +104,14 @@ def test_caption_says_recording_profile_and_spread(rows):
         assert part in caption
 
 
-def test_latex_is_balanced_and_every_line_has_eleven_cells(rows):
+def test_latex_is_balanced_and_every_line_has_fourteen_cells(rows):
     text = latex_table(rows, titles={"krauss_2seg": "Two segments & co_1"})
     assert r"\emph{Two segments \& co\_1}" in text
     assert text.count(r"\begin{") == text.count(r"\end{")
     plain = re.sub(r"\\[{}]", "", text)
     assert plain.count("{") == plain.count("}")
     lines = [line for line in text.splitlines() if line.endswith(r"\\") and "multicolumn" not in line]
-    assert all(len(re.findall(r"(?<!\\)&", line)) == 10 for line in lines)
+    assert all(len(re.findall(r"(?<!\\)&", line)) == 13 for line in lines)
     assert not re.search(r"(?<!\\)_(?![{\\])", re.sub(r"\$[^$]*\$|\\label\{.*\}", "", text))
 
 

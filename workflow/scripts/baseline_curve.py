@@ -1,0 +1,14 @@
+"""Draw the training curve of a baseline."""
+
+import pandas as pd
+
+from lagsplat.io.artefact import read_header
+from lagsplat.job import Job
+from lagsplat.report.figures import draw_curves, save_figure
+
+with Job(snakemake) as job:
+    names = ["loss", "reconstruction", "ahead", "latent"]
+    curve = pd.DataFrame(read_header(job.input.model)["training"]["curve"], columns=["step", *names])
+    labels = {"reconstruction": "a frame, squared error", "ahead": "the next frame", "latent": "its state"}
+    figure = draw_curves(curve, title=job.title("Baseline"), columns=names, labels=labels)
+    save_figure(job.output.figure, figure)
