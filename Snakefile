@@ -26,6 +26,7 @@ rule all:
     input:
         rules.physical.output,
         rules.table.output if krauss_runs() else [],
+        rules.mass.output if krauss_runs() else [],
         rules.truth.output if true_runs() else [],
         rules.margins.output,
         expand(rules.figure.output, system=experiment.systems),

@@ -143,6 +143,6 @@ class Job:
     @property
     def identity(self) -> str:
         """Digest of all that decides the outcome: settings, code, seed and the content of the inputs."""
-        inputs = {name: sha256_of(path) for name, path in self.input.items() if name != "records"}
+        inputs = {name: sha256_of(path) for name, path in self.input.items() if path and name != "records"}
         parts = [dict(self.params.items()), self.seed, inputs]
         return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()

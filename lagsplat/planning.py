@@ -8,13 +8,16 @@ import ast
 import hashlib
 import shlex
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from lagsplat.config import Config, ConfigError, closest, compose, key_of, options
 from lagsplat.io.clips import find_clips
 from lagsplat.provenance import code_digest
+
+MASSES = ("induced_mass", "constant_mass")
+"""Choices of ``conf/stage2`` that differ from the default in the form of the mass alone."""
 
 
 @dataclass(frozen=True)
@@ -112,6 +115,18 @@ def planned_runs(overrides: Overrides) -> list[Run]:
             compose_for(overrides, system=system, stage2=stage2)
             place = (own.choices["profile"], own.choices["recording"], system, own.choices["stage1"])
             runs += [Run(*place, ae, stage2, seed) for ae in own.autoencoder_seeds for seed in own.seeds]
+    return runs
+
+
+def planned_masses(overrides: Overrides) -> list[Run]:
+    """Every run behind the table of mass ablations: the arms, with the chosen dynamics and `MASSES`."""
+    runs = []
+    for run in planned_runs(overrides):
+        own = compose_for(overrides, system=run.system)
+        if own.system.film == "krauss" and run.stage2 == own.choices["stage2"]:
+            runs += [replace(run, stage2=name) for name in dict.fromkeys([run.stage2, *MASSES])]
+    for run in runs:
+        compose_for(overrides, system=run.system, stage2=run.stage2)
     return runs
 
 

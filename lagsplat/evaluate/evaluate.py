@@ -9,6 +9,7 @@ import torch
 from lagsplat.chart.chart import Chart
 from lagsplat.evaluate.config import EvaluateConfig
 from lagsplat.evaluate.damping import linear_modes
+from lagsplat.evaluate.inertia import inertia_along
 from lagsplat.evaluate.protocol import Integrate, Pictures, Render, held_out
 from lagsplat.evaluate.score import Subject, score
 from lagsplat.io.recording import Recording
@@ -52,6 +53,7 @@ def evaluate(
     return {
         **score(subject, recording, config),
         "linear_modes": linear_modes(lagrangian),
+        "inertia": inertia_along(lagrangian, subject.held.encoded[subject.held.skip :]),
         "wall_time_s": time.perf_counter() - begin,
     }
 

@@ -27,6 +27,8 @@ RUN = "{system}/default-0/default-0"
 TARGETS = (
     "results/tables/krauss.tex",
     "results/tables/krauss.csv",
+    "results/tables/mass.tex",
+    "results/tables/mass.csv",
     "results/tables/physical.tex",
     "results/tables/physical.csv",
     "results/tables/truth.tex",
@@ -41,6 +43,8 @@ TARGETS = (
     "results/{profile}/simulated/{system}/default-0/reconstruction.png",
     "results/{profile}/simulated/{system}/default-0/latent.png",
     "results/{profile}/simulated/{system}/recording.safetensors",
+    "results/{profile}/simulated/{system}/baselines/osc_abcd-0/metrics.json",
+    "results/{profile}/simulated/{system}/baselines/koopman_deconv-0/curve.png",
 )
 
 
@@ -72,7 +76,11 @@ def test_every_target_plans(tmp_path: Path, profile: str) -> None:
         "chart",
         "stage2",
         "evaluate",
+        "baseline",
+        "baseline_evaluate",
+        "baseline_curve",
         "table",
+        "mass",
         "physical",
         "truth",
         "rollout",
@@ -175,6 +183,19 @@ def test_a_prediction_is_told_neither_the_key_nor_the_answers() -> None:
         assert "key" not in told
         assert "answers" not in told
     assert "key=key_file" in rules["gap_score"]
+
+
+def test_published_weights_take_the_place_of_a_training(tmp_path: Path) -> None:
+    place = tmp_path / "weights" / "krauss_2seg"
+    place.mkdir(parents=True)
+    (place / "osc_abcd.pt").touch()
+    config = f"hydra=systems=[krauss_2seg] baselines=[osc_abcd] baseline.weights={tmp_path / 'weights'}"
+    assert "weights/krauss_2seg/osc_abcd.pt" in planned(
+        tmp_path, "results/tables/krauss.tex", "--config", config
+    )
+    done = snakemake(tmp_path, "--dry-run", "--config", config.replace("osc_abcd", "koopman_abcd"))
+    assert done.returncode != 0
+    assert "koopman_abcd.pt" in done.stdout + done.stderr
 
 
 @pytest.mark.parametrize(("table", "kind"), [("krauss", "a pneumatic arm"), ("truth", "simulated")])

@@ -12,7 +12,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 TOY = "hydra=profile=toy"
-SCORED = {"evaluate", "rollout", "figure", "table", "physical", "truth", "margins"}
+SCORED = {"evaluate", "rollout", "figure", "table", "mass", "physical", "truth", "margins"}
 HERE = Path("results/toy/simulated/toy")
 SCORES = {
     "ae_floor",
@@ -92,6 +92,9 @@ def test_every_artefact_is_there(results: Path) -> None:
         "default-0/default-0/metrics.json",
         "default-0/default-0/rollout.pdf",
         "default-0/default-0/rollout.png",
+        "baselines/osc_abcd-0/model.safetensors",
+        "baselines/osc_abcd-0/curve.png",
+        "baselines/koopman_deconv-0/metrics.json",
     ]
     missing = [name for name in expected if not (results / HERE / name).stat().st_size]
     assert missing == []
@@ -104,7 +107,15 @@ def test_the_table_says_what_it_is_of(results: Path) -> None:
         rows = list(csv.DictReader(file))
     assert set(rows[0]) >= COLUMNS
     ours = [row for row in rows if row["robot"] == "toy"]
-    assert {(row["recording"], row["profile"], row["d"]) for row in ours} == {("simulated", "toy", "2")}
+    assert {(row["recording"], row["profile"]) for row in ours} == {("simulated", "toy")}
+    said = {row["method"]: (row["d"], row["external_force"]) for row in ours}
+    assert said == {
+        "LaGSplat": ("2", "anywhere"),
+        "LaGSplat (constant)": ("2", "anywhere"),
+        "Osc. + ABCD": ("4", "at 2 centres"),
+        "Koopman + deconv": ("4", "none"),
+    }
+    assert all(row["margin_low"] for row in ours if row["d"] == "4")
     assert all(0 < float(row["ae_floor"]) < 0.05 for row in ours)
     tex = (results / "results/tables/krauss.tex").read_text(encoding="utf-8")
     assert "simulated" in tex
@@ -197,7 +208,12 @@ def test_a_setting_of_stage_2_runs_stage_2_and_what_follows(source: Path, result
 
 
 def test_a_setting_of_the_scores_trains_nothing(source: Path, results: Path) -> None:
-    assert jobs(source, results, TOY + " evaluate.starts=9") == SCORED
+    assert jobs(source, results, TOY + " evaluate.starts=9") == {*SCORED, "baseline_evaluate"}
+
+
+def test_a_setting_of_a_baseline_trains_it_alone(source: Path, results: Path) -> None:
+    rules = jobs(source, results, TOY + " baseline.rate.peak=2e-3")
+    assert rules == {"baseline", "baseline_evaluate", "baseline_curve", "table"}
 
 
 def test_a_setting_of_one_system_leaves_the_others(source: Path, results: Path) -> None:

@@ -9,6 +9,7 @@ from lagsplat.planning import (
     files_of,
     lineage,
     planned_baselines,
+    planned_masses,
     planned_runs,
     read_overrides,
     script_digest,
@@ -87,6 +88,11 @@ def baseline_runs():
     return [asdict(run) for run in planned_baselines(overrides)]
 
 
+def mass_runs():
+    """Wildcards of the runs of the arms that differ in the form of their mass, ordered by it."""
+    return [asdict(run) for run in planned_masses(overrides)]
+
+
 def main_runs():
     """Planned runs of the dynamics that a system is shown with, hence no ablation."""
     own = {
@@ -122,6 +128,7 @@ def gathered(chosen, output):
         if not chosen():
             kinds = {
                 krauss_runs: "a pneumatic arm (system.film=krauss)",
+                mass_runs: "a pneumatic arm (system.film=krauss)",
                 true_runs: "simulated",
             }
             raise WorkflowError(

@@ -42,6 +42,38 @@ rule table:
         "../scripts/table.py"
 
 
+rule mass:
+    input:
+        metrics=gathered(mass_runs, "metrics"),
+        records=gathered(mass_runs, "record"),
+    output:
+        tex="results/tables/mass.tex",
+        csv=report(
+            "results/tables/mass.csv",
+            caption="../report/mass.rst",
+            category="Tables",
+            labels={"table": "forms of the mass"},
+        ),
+    log:
+        "results/logs/mass.log",
+    benchmark:
+        "results/benchmarks/mass.tsv"
+    conda:
+        "../envs/lagsplat.yaml"
+    threads: 1
+    resources:
+        mem_mb=500,
+    params:
+        runs=lambda wildcards: mass_runs(),
+        titles=lambda wildcards: titles(mass_runs()),
+        before=lambda wildcards: [before("table")(run) for run in mass_runs()],
+        code=script_digest(SCRIPTS / "mass.py"),
+    message:
+        "Compare the forms of the mass of every arm"
+    script:
+        "../scripts/mass.py"
+
+
 rule physical:
     input:
         metrics=gathered(main_runs, "metrics"),
