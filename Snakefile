@@ -30,6 +30,10 @@ rule all:
         rules.truth.output if true_runs() else [],
         rules.margins.output,
         expand(rules.figure.output, system=experiment.systems),
+        expand(
+            rules.horizon.output,
+            system=dict.fromkeys(run["system"] for run in krauss_runs()),
+        ),
         [rules.curve.output.figure.format(**run) for run in planned()],
         [rules.reconstruction.output.figure.format(**run) for run in planned()],
         [rules.latent.output.figure.format(**run) for run in planned()],

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 @dataclass  # not frozen: OmegaConf turns frozen dataclasses into read-only nodes
 class FigureConfig:
-    """The one rollout that is drawn.
+    """The one rollout that is drawn, and the rollouts behind the figure of errors over time.
 
     Raises:
         ValueError: a value outside its domain.
@@ -18,12 +18,17 @@ class FigureConfig:
     part, so that the rollout crosses into the held-out end of the same clip."""
     duration_s: float
     """Longest rollout drawn; a clip's end cuts it."""
+    horizon_s: float
+    """Length of the rollouts whose error is drawn over time; the longest clip's length cuts it."""
+    horizon_starts: int
+    """How many of them."""
 
     def __post_init__(self) -> None:
-        """Check both domains."""
+        """Check the domains."""
         known = self.start in ("held_out", "boundary")
         _require("figure.start", self.start, known, "must be held_out or boundary")
-        _require("figure.duration_s", self.duration_s, self.duration_s > 0, "must be positive")
+        for key in ("duration_s", "horizon_s", "horizon_starts"):
+            _require(f"figure.{key}", getattr(self, key), getattr(self, key) > 0, "must be positive")
 
 
 @dataclass  # not frozen, for the same reason

@@ -9,6 +9,7 @@ from lagsplat.evaluate.floor import autoencoder_floor
 from lagsplat.evaluate.forecast import image_forecast
 from lagsplat.evaluate.free import free_windows
 from lagsplat.evaluate.frequency import compare_frequency, natural_period
+from lagsplat.evaluate.horizon import error_along
 from lagsplat.evaluate.latent import latent_forecast
 from lagsplat.evaluate.protocol import HeldOut, Integrate, Pictures, Render
 from lagsplat.io.recording import Recording
@@ -72,6 +73,7 @@ def score(
         "frequency": frequency,
         "damping": compare_decay(windows, reason),
         "latent": latent,
+        "horizon": error_along(held, pictures, render, integrate, config),
     }
 
 

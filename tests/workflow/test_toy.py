@@ -12,7 +12,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 TOY = "hydra=profile=toy"
-SCORED = {"evaluate", "rollout", "figure", "table", "mass", "physical", "truth", "margins"}
+SCORED = {"evaluate", "rollout", "figure", "horizon", "table", "mass", "physical", "truth", "margins"}
 HERE = Path("results/toy/simulated/toy")
 SCORES = {
     "ae_floor",
@@ -213,7 +213,7 @@ def test_a_setting_of_the_scores_trains_nothing(source: Path, results: Path) -> 
 
 def test_a_setting_of_a_baseline_trains_it_alone(source: Path, results: Path) -> None:
     rules = jobs(source, results, TOY + " baseline.rate.peak=2e-3")
-    assert rules == {"baseline", "baseline_evaluate", "baseline_curve", "table"}
+    assert rules == {"baseline", "baseline_evaluate", "baseline_curve", "horizon", "table"}
 
 
 def test_a_setting_of_one_system_leaves_the_others(source: Path, results: Path) -> None:

@@ -88,6 +88,16 @@ def baseline_runs():
     return [asdict(run) for run in planned_baselines(overrides)]
 
 
+def first_baselines(system):
+    """Wildcards of the baselines of one system with their first seed."""
+    seed = experiment.baseline_seeds[0]
+    return [
+        run
+        for run in baseline_runs()
+        if run["system"] == system and run["seed"] == seed
+    ]
+
+
 def mass_runs():
     """Wildcards of the runs of the arms that differ in the form of their mass, ordered by it."""
     return [asdict(run) for run in planned_masses(overrides)]

@@ -58,3 +58,52 @@ rule figure:
         "Show the rollout of {wildcards.system}"
     script:
         "../scripts/figure.py"
+
+
+rule horizon:
+    input:
+        metrics=lambda wildcards: [
+            rules.evaluate.output.metrics.format(**planned(**wildcards)[0])
+        ],
+        baselines=lambda wildcards: [
+            rules.baseline_evaluate.output.metrics.format(**run)
+            for run in first_baselines(wildcards.system)
+        ],
+        records=lambda wildcards: [
+            rules.evaluate.output.record.format(**planned(**wildcards)[0]),
+            *(
+                rules.baseline_evaluate.output.record.format(**run)
+                for run in first_baselines(wildcards.system)
+            ),
+        ],
+    output:
+        pdf="results/figures/horizon_{system}.pdf",
+        png=report(
+            "results/figures/horizon_{system}.png",
+            caption="../report/horizon.rst",
+            category="Rollouts",
+            labels={"system": "{system}"},
+        ),
+    log:
+        "results/logs/horizon_{system}.log",
+    benchmark:
+        "results/benchmarks/horizon_{system}.tsv"
+    conda:
+        "../envs/lagsplat.yaml"
+    threads: 1
+    resources:
+        mem_mb=500,
+    params:
+        names=lambda wildcards: [
+            "LaGSplat",
+            *(run["baseline"] for run in first_baselines(wildcards.system)),
+        ],
+        title=lambda wildcards: "Image error over time · {recording} recording of {system}, profile {profile}".format(
+            **planned(**wildcards)[0]
+        ),
+        before=lambda wildcards: before("evaluate")(planned(**wildcards)[0]),
+        code=script_digest(SCRIPTS / "horizon.py"),
+    message:
+        "Draw the image error of every model of {wildcards.system} over time"
+    script:
+        "../scripts/horizon.py"
