@@ -96,6 +96,16 @@ def compose_for(overrides: Overrides, **choices: str) -> Config:
     return compose(*overrides.shared, *own, *(f"{group}={name}" for group, name in choices.items()))
 
 
+def shared_experiment(overrides: Overrides) -> Config:
+    """What holds for all systems, composed with the first: what suits films alone is no fault among films.
+
+    Raises:
+        ConfigError: see :func:`lagsplat.config.compose`.
+    """
+    chosen = [item for item in overrides.shared if key_of(item) in ("systems", "profile")]
+    return compose(*overrides.shared, f"system={compose(*chosen).systems[0]}")
+
+
 def planned_runs(overrides: Overrides) -> list[Run]:
     """Every run behind the tables and figures, each composed, hence checked, before anything is trained.
 
@@ -103,7 +113,7 @@ def planned_runs(overrides: Overrides) -> list[Run]:
         ConfigError: see :func:`lagsplat.config.compose`; also a recording that is not there, or one file for
             several systems.
     """
-    experiment = compose(*overrides.shared)
+    experiment = shared_experiment(overrides)
     for system in overrides.of_system:
         compose_for(overrides, system=system)
     files: dict[str, str] = {}
@@ -137,7 +147,7 @@ def planned_baselines(overrides: Overrides) -> list[BaselineRun]:
         ConfigError: see :func:`lagsplat.config.compose`; also weights that are not there.
     """
     runs = []
-    for system in compose(*overrides.shared).systems:
+    for system in shared_experiment(overrides).systems:
         own = compose_for(overrides, system=system)
         if own.system.film != "krauss":
             continue

@@ -14,6 +14,7 @@ from lagsplat.planning import (
     planned_runs,
     read_overrides,
     script_digest,
+    shared_experiment,
     weights_of,
 )
 
@@ -29,6 +30,13 @@ def test_words_are_split_as_a_shell_would() -> None:
     assert overrides.shared == ("profile=toy", "recording.path=a film.mp4")
     assert overrides.of_system == {"toy": ("stage1.steps=3",)}
     assert given().shared == ()
+
+
+def test_a_setting_that_suits_films_alone_may_be_shared_among_films() -> None:
+    film = "systems=[pendulum_pair] recording=filmed recording.path=film.mp4 recording.height=96"
+    assert shared_experiment(given(hydra=film)).recording.height == 96
+    with pytest.raises(ConfigError, match="a Krauss archive is used whole"):
+        shared_experiment(given(hydra=film.replace("pendulum_pair", "krauss_2seg")))
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,7 @@ from dataclasses import asdict, is_dataclass
 from operator import attrgetter
 from pathlib import Path
 
-from lagsplat.config import ConfigError, compose, options
+from lagsplat.config import ConfigError, options
 from lagsplat.job import hold
 from lagsplat.planning import (
     compose_for,
@@ -13,6 +13,7 @@ from lagsplat.planning import (
     planned_runs,
     read_overrides,
     script_digest,
+    shared_experiment,
     weights_of,
 )
 from lagsplat.provenance import let_waiting_threads_sleep
@@ -22,7 +23,7 @@ let_waiting_threads_sleep()  # the jobs inherit it
 # snakemake --config hydra="profile=paper stage2.steps=9000" hydra_krauss_2seg="stage1=upstream"
 try:
     overrides = read_overrides(config)
-    experiment = compose(*overrides.shared)
+    experiment = shared_experiment(overrides)
     if workflow.is_main_process:  # all is checked once, before the first job
         planned_runs(overrides)
         planned_baselines(overrides)
