@@ -17,7 +17,7 @@ from lagsplat.diagnose.check import Checked
 from lagsplat.diagnose.config import DiagnoseConfig
 from lagsplat.diagnose.diagnose import Found, diagnose
 from lagsplat.diagnose.effects.effect import Noise
-from lagsplat.diagnose.null_evidence import null_evidence, sceptical
+from lagsplat.diagnose.null_evidence import null_evidence
 from lagsplat.diagnose.region import region_of
 from lagsplat.diagnose.result import Diagnosis
 from lagsplat.diagnose.where import Where, locate
@@ -50,11 +50,11 @@ def examine(pair: Pair, config: DiagnoseConfig, *, tell: Callable[[str], None]) 
         )  # fmt: skip
     if pair.films is not None:
         config = replace(config, without=[*config.without, *pair.films.ruled_out])
+    nats = 0.0
     if pair.null is not None:
         with contextlib.suppress(ValueError):  # too short a recording says nothing of the sim's errors
             nats = null_evidence(pair.sim, pair.null, pair.real, config, tell=tell)
-            config = sceptical(config, nats)
-    found = diagnose(pair.sim, pair.real, config, tell=tell)
+    found = diagnose(pair.sim, pair.real, config, null=nats, tell=tell)
     tell("where")
     natural_s = found.diagnosis.checks["natural_period_s"]
     sight = pair.films.sight if pair.films is not None else None
@@ -81,7 +81,7 @@ def examine(pair: Pair, config: DiagnoseConfig, *, tell: Callable[[str], None]) 
         checks={
             **found.diagnosis.checks,
             "samples_as_one": config.temper,
-            "prior_none": config.prior_none,
+            "null_evidence": nats,
             "excitation": [asdict(row) for row in pair.rows],
             "findings": [asdict(finding) for finding in pair.checked.findings],
         },

@@ -41,9 +41,12 @@ def diagnose(
     real: Sequence[Motion],
     config: DiagnoseConfig,
     *,
+    null: float = 0.0,
     tell: Callable[[str], None] = lambda name: None,
 ) -> Found:
     """Why ``sim`` and the motions ``real`` disagree; ``tell`` hears the name of every effect that is tried.
+
+    ``null`` is what effects gain by the sim's own errors [nat], and must gain more (`null_evidence`).
 
     Raises:
         ValueError: the motions are too short for a single window.
@@ -56,7 +59,7 @@ def diagnose(
         u_names=real[0].u_names,
         without=config.without,
     )
-    effort = Effort.of(config, nominal=max(1.0, sim.misfit))
+    effort = Effort.of(config, nominal=max(1.0, sim.misfit), null=null)
     ranking = rank(contest, offers, effort, tell=tell)
     chain = combine(contest, ranking, offers, effort, config, tell=tell)
     doubts = partial(doubt, contest, ranking, nominal=effort.nominal)

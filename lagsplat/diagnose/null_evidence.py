@@ -5,9 +5,6 @@ mechanism it was fitted to, they gain by these errors, and on another recording 
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
-
-import numpy as np
 
 from lagsplat.diagnose.catalogue import instances
 from lagsplat.diagnose.config import DiagnoseConfig
@@ -47,10 +44,3 @@ def null_evidence(
     found = rank(contest, offers, effort, tell=tell).found
     gained = max((one.log_evidence for one in found), default=0.0)
     return max(gained, 0.0) * max(1.0, wanted_s / null[0].duration_s)
-
-
-def sceptical(config: DiagnoseConfig, nats: float) -> DiagnoseConfig:
-    """The same with ``none`` so much likelier beforehand that effects must gain ``nats`` more."""
-    rest = 1.0 - config.prior_unknown
-    odds = np.log(config.prior_none / (rest - config.prior_none)) + nats
-    return replace(config, prior_none=float(rest / (1.0 + np.exp(-min(odds, 30.0)))))

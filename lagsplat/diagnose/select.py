@@ -32,12 +32,14 @@ class Effort:
     """Over how many samples of the residual an independent one comes, at least."""
     nominal: float
     """Mean square of the residual, in units of the noise, that the sim leaves of its own recordings."""
+    null: float = 0.0
+    """Nats that effects gain where there are none, by the sim's own errors; so much counts for nothing."""
 
     @classmethod
-    def of(cls, config: DiagnoseConfig, *, nominal: float) -> "Effort":
+    def of(cls, config: DiagnoseConfig, *, nominal: float, null: float = 0.0) -> "Effort":
         """What the settings say."""
         return cls(
-            config.families, config.places, config.starts, tuple(config.always), config.temper, nominal
+            config.families, config.places, config.starts, tuple(config.always), config.temper, nominal, null
         )
 
 
@@ -124,9 +126,9 @@ def graded(
     noisy = _noisy(contest, base, offers) if first else []
     explained = max(noisy, key=lambda row: row[0], default=(0.0, base))[1].fit.misfit
     temper = max(effort.nominal, min(least, explained) / contest.freedom) * effort.temper
-    floor = log_evidence(base, contest.bench, temper)
+    floor = log_evidence(base, contest.bench, temper) + (effort.null if first else 0.0)
     rows = [replace(one, log_evidence=log_evidence(one, contest.bench, temper) - floor) for one in found]
-    rows += [replace(one, log_evidence=gain / effort.temper - 4.0) for gain, one in noisy]
+    rows += [replace(one, log_evidence=gain / effort.temper - 4.0 - effort.null) for gain, one in noisy]
     rows.sort(key=lambda one: -one.log_evidence)
     return Ranking(replace(base, log_evidence=0.0), tuple(rows), temper)
 

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lagsplat.diagnose.diagnose import diagnose
 from lagsplat.diagnose.hints import sought
-from lagsplat.diagnose.null_evidence import null_evidence, sceptical
+from lagsplat.diagnose.null_evidence import null_evidence
 from lagsplat.diagnose.stand import Sim
 from tests.unit.diagnose.toys import HARD, film, oscillator, own, settings, wave
 
@@ -30,14 +31,16 @@ def test_longer_real_motions_let_the_errors_pass_for_more(motion) -> None:
     assert twice == pytest.approx(2.0 * once)
 
 
-def test_scepticism_is_so_many_nats_of_odds() -> None:
-    config = settings()
-    doubting = sceptical(config, 5.0)
-    effects = 1.0 - config.prior_unknown - config.prior_none
-    left = 1.0 - config.prior_unknown - doubting.prior_none
-    gained = np.log(doubting.prior_none / left) - np.log(config.prior_none / effects)
-    assert gained == pytest.approx(5.0)
-    assert sceptical(config, 0.0).prior_none == pytest.approx(config.prior_none)
+def test_what_the_errors_pass_for_counts_for_nothing(motion) -> None:
+    sim = Sim.exact(oscillator(hard=1.5 * HARD))
+    plain = diagnose(sim, [motion], settings())
+    less = diagnose(sim, [motion], settings(), null=25.0)
+    first, same = plain.ranking.found[0], less.ranking.found[0]
+    assert first.effects[0].effect.name == same.effects[0].effect.name
+    assert same.log_evidence == pytest.approx(first.log_evidence - 25.0)
+    beyond = diagnose(sim, [motion], settings(), null=2.0 * first.log_evidence)
+    assert plain.diagnosis.verdict == "effect"
+    assert beyond.diagnosis.verdict != "effect"
 
 
 def test_a_sim_that_overflows_gives_no_hints() -> None:
