@@ -42,14 +42,14 @@ def examine(pair: Pair, config: DiagnoseConfig, *, tell: Callable[[str], None]) 
     """
     config = replace(config, temper=max(config.temper, pair.sim.correlation))
     if pair.own:
+        config = replace(config, without=[*config.without, *absorbed()])
+    if pair.films is not None:
         config = replace(
             config,
-            without=[*config.without, *absorbed()],
-            **{name: min(config.own * getattr(config, name), 0.5) for name in
+            without=[*config.without, *pair.films.ruled_out],
+            **{name: min(config.learned * getattr(config, name), 0.5) for name in
                ("potential", "damping", "inputs", "offset", "warp")},
         )  # fmt: skip
-    if pair.films is not None:
-        config = replace(config, without=[*config.without, *pair.films.ruled_out])
     nats = 0.0
     if pair.null is not None:
         with contextlib.suppress(ValueError):  # too short a recording says nothing of the sim's errors

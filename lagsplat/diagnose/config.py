@@ -30,7 +30,7 @@ class DiagnoseConfig:
     inputs: float  # how far the gain of each input, as a share
     offset: float  # how large an offset force, as a share of the motion's rms acceleration
     warp: float  # how much the coordinates may be bent over their range, as a share of it
-    own: float  # by how much larger all these are where the sim was fitted to the very recording
+    learned: float  # by how much larger all these are where the sim was learned from a film
     own_longest_s: float  # of the held-out part of that recording, how many seconds are looked at
     materiality: float  # least share of the gap that an effect must take away to be named
     prior_none: float  # probability, before the data, that nothing is missing
