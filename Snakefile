@@ -15,6 +15,7 @@ include: "workflow/rules/stage2.smk"
 include: "workflow/rules/evaluate.smk"
 include: "workflow/rules/baselines.smk"
 include: "workflow/rules/report.smk"
+include: "workflow/rules/models.smk"
 include: "workflow/rules/tables.smk"
 include: "workflow/rules/gap_paths.smk"
 include: "workflow/rules/gap_blind.smk"
@@ -26,13 +27,19 @@ rule all:
     input:
         rules.physical.output,
         rules.table.output if krauss_runs() else [],
-        rules.mass.output if krauss_runs() else [],
+        rules.mass.output if masses_are_ablations() else [],
         rules.truth.output if true_runs() else [],
         rules.margins.output,
         expand(rules.figure.output, system=experiment.systems),
         expand(
-            rules.horizon.output,
+            [*rules.horizon.output, *rules.gallery.output],
             system=dict.fromkeys(run["system"] for run in krauss_runs()),
+        ),
+        expand(
+            rules.attention.output,
+            system=dict.fromkeys(
+                run["system"] for run in baseline_runs() if "abcd" in run["baseline"]
+            ),
         ),
         [rules.curve.output.figure.format(**run) for run in planned()],
         [rules.reconstruction.output.figure.format(**run) for run in planned()],

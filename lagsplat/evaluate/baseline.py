@@ -33,11 +33,25 @@ def evaluate_baseline(baseline: Baseline, recording: Recording, config: Evaluate
         ValueError: the model is for frames or inputs of another shape, or the held-out part is too short.
     """
     begin = time.perf_counter()
+    subject = baseline_subject(baseline, recording, config)
+    return {
+        **score(subject, recording, config),
+        "linear_modes": modes_of(baseline),
+        "wall_time_s": time.perf_counter() - begin,
+    }
+
+
+def baseline_subject(baseline: Baseline, recording: Recording, config: EvaluateConfig) -> Subject:
+    """A baseline on the held-out part of a recording, as the scores know it.
+
+    Raises:
+        ValueError: the model is for frames or inputs of another shape.
+    """
     require_same_shape(baseline, recording)
     pictures = recorded(recording, first=recording.split()[0].n_frames)
     held = held_out_of(baseline, recording, pictures, config)
     asked = torch.from_numpy(held.latents[:: max(1, held.n_frames // ASKED)]).float()
-    subject = Subject(
+    return Subject(
         d=baseline.architecture.d,
         dynamics="linear",
         external_force=reach(baseline, asked),
@@ -46,11 +60,6 @@ def evaluate_baseline(baseline: Baseline, recording: Recording, config: Evaluate
         render=renderer(baseline),
         integrate=integrator(baseline),
     )
-    return {
-        **score(subject, recording, config),
-        "linear_modes": modes_of(baseline),
-        "wall_time_s": time.perf_counter() - begin,
-    }
 
 
 def require_same_shape(baseline: Baseline, recording: Recording) -> None:

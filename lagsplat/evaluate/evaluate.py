@@ -40,8 +40,29 @@ def evaluate(
     Source: paper, Metrics.
     """
     begin = time.perf_counter()
+    subject = run_subject(autoencoder, chart, lagrangian, recording, config)
+    return {
+        **score(subject, recording, config),
+        "linear_modes": linear_modes(lagrangian),
+        "inertia": inertia_along(lagrangian, subject.held.encoded[subject.held.skip :]),
+        "wall_time_s": time.perf_counter() - begin,
+    }
+
+
+def run_subject(
+    autoencoder: Autoencoder,
+    chart: Chart,
+    lagrangian: Lagrangian,
+    recording: Recording,
+    config: EvaluateConfig,
+) -> Subject:
+    """A trained run on the held-out part of its recording, as the scores know it.
+
+    Raises:
+        ValueError: recording, chart and autoencoder do not belong together.
+    """
     require_same_run(autoencoder, chart, recording)
-    subject = Subject(
+    return Subject(
         d=chart.d,
         dynamics=dynamics_form(lagrangian),
         external_force=external_force(autoencoder),
@@ -50,12 +71,6 @@ def evaluate(
         render=renderer(autoencoder, chart),
         integrate=integrator(lagrangian),
     )
-    return {
-        **score(subject, recording, config),
-        "linear_modes": linear_modes(lagrangian),
-        "inertia": inertia_along(lagrangian, subject.held.encoded[subject.held.skip :]),
-        "wall_time_s": time.perf_counter() - begin,
-    }
 
 
 def dynamics_form(lagrangian: Lagrangian) -> str:

@@ -12,7 +12,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 TOY = "hydra=profile=toy"
-SCORED = {"evaluate", "rollout", "figure", "horizon", "table", "mass", "physical", "truth", "margins"}
+SCORED = {"evaluate", "rollout", "figure", "horizon", "gallery", "table", "physical", "truth", "margins"}
 HERE = Path("results/toy/simulated/toy")
 SCORES = {
     "ae_floor",
@@ -99,7 +99,8 @@ def test_every_artefact_is_there(results: Path) -> None:
     missing = [name for name in expected if not (results / HERE / name).stat().st_size]
     assert missing == []
     assert not (results / HERE / "default-0/checkpoint/state.pt").exists()
-    assert (results / "results/figures/rollout_toy.pdf").stat().st_size
+    for figure in ("rollout", "horizon", "gallery", "attention"):
+        assert (results / f"results/figures/{figure}_toy.pdf").stat().st_size
 
 
 def test_the_table_says_what_it_is_of(results: Path) -> None:
@@ -213,7 +214,15 @@ def test_a_setting_of_the_scores_trains_nothing(source: Path, results: Path) -> 
 
 def test_a_setting_of_a_baseline_trains_it_alone(source: Path, results: Path) -> None:
     rules = jobs(source, results, TOY + " baseline.rate.peak=2e-3")
-    assert rules == {"baseline", "baseline_evaluate", "baseline_curve", "horizon", "table"}
+    assert rules == {
+        "baseline",
+        "baseline_evaluate",
+        "baseline_curve",
+        "horizon",
+        "gallery",
+        "attention",
+        "table",
+    }
 
 
 def test_a_setting_of_one_system_leaves_the_others(source: Path, results: Path) -> None:

@@ -99,9 +99,39 @@ def first_baselines(system):
     ]
 
 
+def baseline_files(system, output):
+    """One output for each of them."""
+    return [output.format(**run) for run in first_baselines(system)]
+
+
+def baseline_names(system):
+    """How figures call them."""
+    return [run["baseline"] for run in first_baselines(system)]
+
+
+def shown_as(system):
+    """What a figure of all models is of."""
+    run = planned(system=system)[0]
+    return "{recording} recording of {system} · profile {profile}".format(**run)
+
+
+def before_figures(system):
+    """Digest of the settings and code behind all the models of a system."""
+    return [
+        before("evaluate")(planned(system=system)[0]),
+        *(before("baseline_table")(run) for run in first_baselines(system)),
+    ]
+
+
 def mass_runs():
     """Wildcards of the runs of the arms that differ in the form of their mass, ordered by it."""
     return [asdict(run) for run in planned_masses(overrides)]
+
+
+def masses_are_ablations():
+    """Whether their table asks for no run that is not made anyway."""
+    every = planned()
+    return bool(mass_runs()) and all(run in every for run in mass_runs())
 
 
 def main_runs():

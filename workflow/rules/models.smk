@@ -1,0 +1,129 @@
+rule horizon:
+    input:
+        metrics=lambda wildcards: [
+            rules.evaluate.output.metrics.format(**planned(**wildcards)[0])
+        ],
+        baselines=lambda wildcards: baseline_files(
+            wildcards.system, rules.baseline_evaluate.output.metrics
+        ),
+        records=lambda wildcards: [
+            rules.evaluate.output.record.format(**planned(**wildcards)[0]),
+            *baseline_files(wildcards.system, rules.baseline_evaluate.output.record),
+        ],
+    output:
+        pdf="results/figures/horizon_{system}.pdf",
+        png=report(
+            "results/figures/horizon_{system}.png",
+            caption="../report/horizon.rst",
+            category="Rollouts",
+            labels={"system": "{system}"},
+        ),
+    log:
+        "results/logs/horizon_{system}.log",
+    benchmark:
+        "results/benchmarks/horizon_{system}.tsv"
+    conda:
+        "../envs/lagsplat.yaml"
+    threads: 1
+    resources:
+        mem_mb=500,
+    params:
+        names=lambda wildcards: ["LaGSplat", *baseline_names(wildcards.system)],
+        title=lambda wildcards: f"Image error over time · {shown_as(wildcards.system)}",
+        before=lambda wildcards: before_figures(wildcards.system),
+        code=script_digest(SCRIPTS / "horizon.py"),
+    message:
+        "Draw the image error of every model of {wildcards.system} over time"
+    script:
+        "../scripts/horizon.py"
+
+
+rule gallery:
+    input:
+        recording=lambda wildcards: rules.stage1.input.recording.format(
+            **planned(**wildcards)[0]
+        ),
+        run=lambda wildcards: [
+            output.format(**planned(**wildcards)[0])
+            for output in (
+                rules.stage1.output.autoencoder,
+                rules.chart.output.chart,
+                rules.stage2.output.dynamics,
+            )
+        ],
+        models=lambda wildcards: baseline_files(
+            wildcards.system, rules.baseline.output.model
+        ),
+        records=lambda wildcards: [
+            rules.stage2.output.record.format(**planned(**wildcards)[0]),
+            *baseline_files(wildcards.system, rules.baseline.output.record),
+        ],
+    output:
+        pdf="results/figures/gallery_{system}.pdf",
+        png=report(
+            "results/figures/gallery_{system}.png",
+            caption="../report/gallery.rst",
+            category="Rollouts",
+            labels={"system": "{system}"},
+        ),
+    log:
+        "results/logs/gallery_{system}.log",
+    benchmark:
+        "results/benchmarks/gallery_{system}.tsv"
+    conda:
+        "../envs/lagsplat.yaml"
+    threads: 1
+    resources:
+        mem_mb=3000,
+    params:
+        cfg=lambda wildcards: section("evaluate")(planned(**wildcards)[0]),
+        names=lambda wildcards: baseline_names(wildcards.system),
+        title=lambda wildcards: shown_as(wildcards.system),
+        before=lambda wildcards: before_figures(wildcards.system),
+        code=script_digest(SCRIPTS / "gallery.py"),
+    message:
+        "Draw every model of {wildcards.system} from the same start"
+    script:
+        "../scripts/gallery.py"
+
+
+rule attention:
+    input:
+        recording=lambda wildcards: rules.stage1.input.recording.format(
+            **planned(**wildcards)[0]
+        ),
+        models=lambda wildcards: baseline_files(
+            wildcards.system, rules.baseline.output.model
+        ),
+        records=lambda wildcards: baseline_files(
+            wildcards.system, rules.baseline.output.record
+        ),
+    output:
+        pdf="results/figures/attention_{system}.pdf",
+        png=report(
+            "results/figures/attention_{system}.png",
+            caption="../report/attention.rst",
+            category="Baselines",
+            labels={"system": "{system}"},
+        ),
+    log:
+        "results/logs/attention_{system}.log",
+    benchmark:
+        "results/benchmarks/attention_{system}.tsv"
+    conda:
+        "../envs/lagsplat.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+    params:
+        names=lambda wildcards: baseline_names(wildcards.system),
+        title=lambda wildcards: f"Attention maps · {shown_as(wildcards.system)}",
+        before=lambda wildcards: [
+            before("baseline_evaluate")(run)
+            for run in first_baselines(wildcards.system)
+        ],
+        code=script_digest(SCRIPTS / "attention.py"),
+    message:
+        "Draw the attention maps of the baselines of {wildcards.system}"
+    script:
+        "../scripts/attention.py"

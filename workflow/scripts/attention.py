@@ -1,0 +1,18 @@
+"""Draw the attention maps of the baselines that have them, at the first held-out frame."""
+
+import numpy as np
+
+from lagsplat.baselines.model import load_baseline
+from lagsplat.evaluate.evaluate import recorded
+from lagsplat.io.recording import load_recording
+from lagsplat.job import Job
+from lagsplat.report.figures import draw_attention, save_figure
+from lagsplat.report.gallery import attention_of
+
+with Job(snakemake) as job:
+    recording = load_recording(job.input.recording)
+    (picture,) = recorded(recording, first=recording.split()[0].n_frames)(np.zeros(1, np.int64))
+    models = zip(job.params.names, job.input.models, strict=True)
+    maps = [attention_of(name, load_baseline(path)[0], picture) for name, path in models]
+    for path in job.output:
+        save_figure(path, draw_attention([found for found in maps if found], title=job.params.title))
