@@ -88,6 +88,7 @@ def smooth(
 
     Raises:
         ValueError: another number of coordinates or inputs than the sim has, or a motion that stands still.
+        LinAlgError: the sim's forces along the motion are not finite.
 
     Source: method of latent forces (Alvarez, Luengo, Lawrence 2009) by state-space smoothing (Hartikainen and
     Sarkka 2012), iterated as by Bell (1994).
@@ -126,7 +127,10 @@ def smooth(
         before, path = path, estimate(record, steps(path, with_force=True), best)
         if np.max(np.sqrt(np.mean((path.q - before.q) ** 2, axis=0)) / record.scale) < SETTLED:
             break
-    return _split(mechanics, motions, record, path, gained)
+    found = _split(mechanics, motions, record, path, gained)
+    if not all(np.isfinite(part).all() for one in found for part in (one.v, one.a, one.residual, one.std)):
+        raise np.linalg.LinAlgError("the sim's forces are not finite along the motion; check units and signs")
+    return found
 
 
 def _record(mechanics: Mechanics, motions: Sequence[Motion], period_s: float, ar1: float) -> Record:

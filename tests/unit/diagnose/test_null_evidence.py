@@ -1,15 +1,11 @@
-"""What effects gain on a sim's own recording they must gain more elsewhere; a lost sim gives no hints."""
+"""What effects gain on a sim's own recording they must gain more elsewhere."""
 
-from dataclasses import replace
-
-import numpy as np
 import pytest
 
 from lagsplat.diagnose.diagnose import diagnose
-from lagsplat.diagnose.hints import sought
 from lagsplat.diagnose.null_evidence import null_evidence
 from lagsplat.diagnose.stand import Sim
-from tests.unit.diagnose.toys import HARD, film, oscillator, own, settings, wave
+from tests.unit.diagnose.toys import HARD, film, oscillator, settings, wave
 
 
 @pytest.fixture(scope="module")
@@ -41,16 +37,3 @@ def test_what_the_errors_pass_for_counts_for_nothing(motion) -> None:
     beyond = diagnose(sim, [motion], settings(), null=2.0 * first.log_evidence)
     assert plain.diagnosis.verdict == "effect"
     assert beyond.diagnosis.verdict != "effect"
-
-
-def test_a_sim_that_overflows_gives_no_hints() -> None:
-    real = film(u=wave(3), noise=0.01, seed=3)
-    lost = replace(oscillator(), potential=np.array([0.0, 0.0, 1.0, 0.0, 1e305]))
-    with np.errstate(all="ignore"):  # as every diagnosis runs
-        (hint,) = sought(lost, [real], period_s=1.0, hold="linear")
-    assert (hint.pushes, hint.lines_hz) == ((), ())
-    (hint,) = sought(
-        oscillator(), [film(lambda t, q, v, u, z: (own(q, v, u) + 9.0 * (5.0 < t < 5.3), []), u=wave(3))],
-        period_s=1.0, hold="linear",
-    )  # fmt: skip
-    assert any(start < 5.3 and end > 5.0 for start, end in hint.pushes)

@@ -1,0 +1,45 @@
+"""A sim whose forces overflow along the real motion: no hints, no place, but a verdict."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lagsplat.diagnose.diagnose import diagnose
+from lagsplat.diagnose.hints import sought
+from lagsplat.diagnose.smoother import smooth
+from lagsplat.diagnose.stand import Sim
+from tests.unit.diagnose.toys import film, oscillator, own, settings, wave
+
+
+def lost():
+    return replace(oscillator(), potential=np.array([0.0, 0.0, 1.0, 0.0, 1e305]))
+
+
+@pytest.fixture(autouse=True)
+def _as_every_diagnosis_runs():
+    with np.errstate(all="ignore"):
+        yield
+
+
+def test_it_is_told_from_the_real_thing() -> None:
+    real = film(u=wave(3), noise=0.01, seed=3, seconds=8.0)
+    found = diagnose(Sim.exact(lost()), [real], settings()).diagnosis
+    assert found.verdict == "unknown"
+    assert found.candidates[0].name == "unknown"
+
+
+def test_it_cannot_be_smoothed() -> None:
+    with pytest.raises(np.linalg.LinAlgError):
+        smooth(lost(), [film(u=wave(3), noise=0.01, seed=3)], period_s=1.0)
+
+
+def test_a_sim_that_overflows_gives_no_hints() -> None:
+    real = film(u=wave(3), noise=0.01, seed=3)
+    (hint,) = sought(lost(), [real], period_s=1.0, hold="linear")
+    assert (hint.pushes, hint.lines_hz) == ((), ())
+    (hint,) = sought(
+        oscillator(), [film(lambda t, q, v, u, z: (own(q, v, u) + 9.0 * (5.0 < t < 5.3), []), u=wave(3))],
+        period_s=1.0, hold="linear",
+    )  # fmt: skip
+    assert any(start < 5.3 and end > 5.0 for start, end in hint.pushes)
