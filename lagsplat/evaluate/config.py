@@ -19,7 +19,7 @@ class FigureConfig:
     duration_s: float
     """Longest rollout drawn; a clip's end cuts it."""
     horizon_s: float
-    """Length of the rollouts whose error is drawn over time; the longest clip's length cuts it."""
+    """Length of the rollouts whose error is drawn over time; half the longest clip cuts it."""
     horizon_starts: int
     """How many of them."""
 

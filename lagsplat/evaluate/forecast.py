@@ -45,12 +45,15 @@ def image_forecast(
     parts = frame_errors(pinned, gone, starts, pictures, render, average)
     error, hold, mean = (part[:, :states].mean(axis=1) for part in parts)
     ahead, gone = parts[0][:, 1:].mean(axis=1), gone[:, :states]
-    low, high = bootstrap_interval(
-        lambda values: values.mean(axis=-1),
-        error,
-        resamples=config.bootstrap,
-        confidence=config.confidence,
-        seed=config.seed,
+    (low, high), ahead_interval = (
+        bootstrap_interval(
+            lambda values: values.mean(axis=-1),
+            values,
+            resamples=config.bootstrap,
+            confidence=config.confidence,
+            seed=config.seed,
+        )
+        for values in (error, ahead)
     )
     stayed = ~gone[:, -1]
     return {
@@ -62,6 +65,7 @@ def image_forecast(
         "high": high,
         "standard_error": standard_error(error),
         "mse_ahead": float(ahead.mean()),
+        "ahead_interval": list(ahead_interval),
         "diverged": int((~stayed).sum()),
         "mse_staying": float(error[stayed].mean()) if stayed.any() else None,
         "hold": float(hold.mean()),

@@ -64,6 +64,7 @@ def score(
         "scores": _scores(subject, floor, forecast, frequency, latent),
         "intervals": {
             "mse_half_second": [forecast["low"], forecast["high"]],
+            "mse_ahead": forecast["ahead_interval"],
             "frequency_error": [frequency["low"], frequency["high"]],
             "latent_nrmse": latent.get("nrmse_interval", [None, None]),
             "image_ratio": latent.get("image_ratio_interval", [None, None]),
