@@ -1,15 +1,13 @@
-"""A sim whose forces overflow along the real motion: no hints, no place, but a verdict."""
+"""A sim whose forces overflow along the real motion: it cannot be smoothed, and there are no hints."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.diagnose import diagnose
 from lagsplat.diagnose.hints import sought
 from lagsplat.diagnose.smoother import smooth
-from lagsplat.diagnose.stand import Sim
-from tests.unit.diagnose.toys import film, oscillator, own, settings, wave
+from tests.unit.diagnose.toys import film, oscillator, own, wave
 
 
 def lost():
@@ -20,13 +18,6 @@ def lost():
 def _as_every_diagnosis_runs():
     with np.errstate(all="ignore"):
         yield
-
-
-def test_it_is_told_from_the_real_thing() -> None:
-    real = film(u=wave(3), noise=0.01, seed=3, seconds=8.0)
-    found = diagnose(Sim.exact(lost()), [real], settings()).diagnosis
-    assert found.verdict == "unknown"
-    assert found.candidates[0].name == "unknown"
 
 
 def test_it_cannot_be_smoothed() -> None:
