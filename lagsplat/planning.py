@@ -97,13 +97,18 @@ def compose_for(overrides: Overrides, **choices: str) -> Config:
 
 
 def shared_experiment(overrides: Overrides) -> Config:
-    """What holds for all systems, composed with the first: what suits films alone is no fault among films.
+    """What holds for all systems; as the first one has it where it makes no sense without a system.
+
+    A crop, for one, suits films alone, and what is composed for no system in particular is an arm.
 
     Raises:
         ConfigError: see :func:`lagsplat.config.compose`.
     """
-    chosen = [item for item in overrides.shared if key_of(item) in ("systems", "profile")]
-    return compose(*overrides.shared, f"system={compose(*chosen).systems[0]}")
+    try:
+        return compose(*overrides.shared)
+    except ConfigError:
+        chosen = [item for item in overrides.shared if key_of(item) in ("systems", "profile")]
+        return compose_for(overrides, system=compose(*chosen).systems[0])
 
 
 def planned_runs(overrides: Overrides) -> list[Run]:
