@@ -15,6 +15,8 @@ LONGER = 5
 """Steps they may take beside those of every fit, in multiples of these."""
 FINER = 0.03
 """Gain that still is worth a step, in multiples of what every fit thinks so."""
+SMOOTH = 0.5
+"""Correlation between neighbouring samples of a residual that no effect on single samples leaves."""
 
 Tell = Callable[[str], None]
 
@@ -140,6 +142,12 @@ def _repeated(contest: Contest, base: Explained) -> tuple[float, int]:
     return float(np.nan_to_num(wrong**2 - 1.0).sum()), int(contest.repeats.sum())
 
 
+def _alike(residual: np.ndarray, mask: np.ndarray) -> float:
+    """Correlation of the residual (windows, samples, d) from one sample to the next."""
+    seen = np.where(mask, residual, 0.0)
+    return float((seen[:, 1:] * seen[:, :-1]).sum() / max((seen**2).sum(), np.finfo(float).tiny))
+
+
 def _noisy(contest: Contest, base: Explained, offers: Sequence[Instance]) -> list[tuple[float, Explained]]:
     """Effects that only move single samples, judged by the residual of the base."""
     out = []
@@ -149,6 +157,7 @@ def _noisy(contest: Contest, base: Explained, offers: Sequence[Instance]) -> lis
             continue
         v = contest.windows.take(contest.bench.record.v) / contest.sigma * contest.bench.record.dt_s
         gain, parameters, misfit = offer.effect.explain(base.fit.residual[mask], v[mask])
+        gain *= max(0.0, 1.0 - _alike(base.fit.residual, mask) / SMOOTH)
         if offer.effect.repeats:
             missed, n = _repeated(contest, base)
             gain += 0.5 * missed
