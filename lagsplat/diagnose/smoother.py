@@ -127,7 +127,10 @@ def smooth(
         before, path = path, estimate(record, steps(path, with_force=True), best)
         if np.max(np.sqrt(np.mean((path.q - before.q) ** 2, axis=0)) / record.scale) < SETTLED:
             break
-    found = _split(mechanics, motions, record, path, gained)
+    return _finite(_split(mechanics, motions, record, path, gained))
+
+
+def _finite(found: list[Smoothed]) -> list[Smoothed]:
     if not all(np.isfinite(part).all() for one in found for part in (one.v, one.a, one.residual, one.std)):
         raise np.linalg.LinAlgError("the sim's forces are not finite along the motion; check units and signs")
     return found
