@@ -157,7 +157,7 @@ def _noisy(contest: Contest, base: Explained, offers: Sequence[Instance]) -> lis
             continue
         v = contest.windows.take(contest.bench.record.v) / contest.sigma * contest.bench.record.dt_s
         gain, parameters, misfit = offer.effect.explain(base.fit.residual[mask], v[mask])
-        gain *= max(0.0, 1.0 - _alike(base.fit.residual, mask) / SMOOTH)
+        gain *= min(max(0.0, 1.0 - _alike(base.fit.residual, mask) / SMOOTH), 1.0)
         if offer.effect.repeats:
             missed, n = _repeated(contest, base)
             gain += 0.5 * missed
