@@ -93,7 +93,13 @@ def _words(key: str, text: str) -> tuple[str, ...]:
 def compose_for(overrides: Overrides, **choices: str) -> Config:
     """The experiment of one job: the user's overrides first, then the choices its path makes."""
     own = overrides.of_system.get(choices.get("system", ""), ())
-    return compose(*overrides.shared, *own, *(f"{group}={name}" for group, name in choices.items()))
+    shared = (*overrides.shared, *own)
+    if "system" in choices:
+        # A path repeats what is chosen anyway. Without it, all the jobs of one run share one composition.
+        shared = (*shared, f"system={choices['system']}")
+        usual = compose(*shared).choices
+        choices = {group: name for group, name in choices.items() if usual.get(group) != name}
+    return compose(*shared, *(f"{group}={name}" for group, name in sorted(choices.items())))
 
 
 def shared_experiment(overrides: Overrides) -> Config:

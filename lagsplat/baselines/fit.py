@@ -1,9 +1,8 @@
 """The training loop of a baseline."""
 
-import logging
 import time
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -15,11 +14,10 @@ from lagsplat.baselines.delays import delayed
 from lagsplat.baselines.model import Architecture, Baseline
 from lagsplat.baselines.objective import Scene, terms_of, total
 from lagsplat.baselines.schedule import closing_weight, optimizer_of, set_rates
-from lagsplat.io.checkpoint import load_checkpoint, save_checkpoint
+from lagsplat.io.checkpoint import keep_training, resume_training
 from lagsplat.io.recording import Recording
 from lagsplat.stage1.autoencoder import to_images
 
-log = logging.getLogger(__name__)
 CURVE_POINTS = 400  # rows of the training curve, whatever the length of the run
 
 
@@ -86,7 +84,7 @@ def fit_baseline(
     torch.manual_seed(seed)
     baseline = Baseline(architecture_of(config, train))
     optimizer = optimizer_of(baseline, config.rate)
-    first, curve = _restore(baseline, optimizer, checkpoint, identity)
+    first, curve = resume_training(checkpoint, baseline, optimizer, CurvePoint, identity=identity)
     sums, counted, saved_at = np.zeros(8), 0, time.monotonic()
     spent, resumed_at = curve[-1].seconds if curve else 0.0, time.monotonic()
     with tqdm(total=config.n_steps, initial=first, unit="step", desc="baseline", mininterval=1.0) as bar:
@@ -102,7 +100,7 @@ def fit_baseline(
                 sums, counted = np.zeros(8), 0
                 # Only here are the running means empty, so that a checkpoint need not hold them.
                 if checkpoint and time.monotonic() - saved_at > config.checkpoint_every_s:
-                    _save(baseline, optimizer, curve, checkpoint, identity)
+                    keep_training(checkpoint, baseline, optimizer, curve, identity=identity)
                     saved_at = time.monotonic()
     return baseline.eval(), curve
 
@@ -181,31 +179,3 @@ def _scene(footage: Footage, config: BaselineConfig, start: int, rng: np.random.
         rest_images=to_images(footage.frames[at_rest]),
         rest_inputs=footage.inputs[at_rest],
     )
-
-
-def _restore(
-    baseline: Baseline, optimizer: torch.optim.Optimizer, checkpoint: Path | None, identity: str
-) -> tuple[int, list[CurvePoint]]:
-    state = load_checkpoint(checkpoint, identity=identity) if checkpoint else None
-    if state is None:
-        return 0, []
-    baseline.load_state_dict(state["baseline"])
-    optimizer.load_state_dict(state["optimizer"])
-    curve = [CurvePoint(*row) for row in state["curve"]]
-    log.info("going on from %s at step %d", checkpoint, curve[-1].step)
-    return curve[-1].step, curve
-
-
-def _save(
-    baseline: Baseline,
-    optimizer: torch.optim.Optimizer,
-    curve: list[CurvePoint],
-    checkpoint: Path,
-    identity: str,
-) -> None:
-    state: dict[str, Any] = {
-        "baseline": baseline.state_dict(),
-        "optimizer": optimizer.state_dict(),
-        "curve": [tuple(point) for point in curve],
-    }
-    save_checkpoint(checkpoint, state, identity=identity)

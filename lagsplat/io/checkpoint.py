@@ -6,12 +6,52 @@ decides its outcome) and is deleted when the run has ended.
 
 import logging
 import os
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import torch
 
 log = logging.getLogger(__name__)
+
+
+P = TypeVar("P", bound=tuple[Any, ...])  # a row of a training curve, which begins with the steps done
+
+
+def keep_training(
+    path: Path,
+    model: torch.nn.Module,
+    optimizer: torch.optim.Optimizer,
+    curve: Sequence[P],
+    *,
+    identity: str,
+) -> None:
+    """Write the state of a training at the last point of its curve."""
+    state = {
+        "model": model.state_dict(),
+        "optimizer": optimizer.state_dict(),
+        "curve": [tuple(point) for point in curve],
+    }
+    save_checkpoint(path, state, identity=identity)
+
+
+def resume_training(
+    path: Path | None,
+    model: torch.nn.Module,
+    optimizer: torch.optim.Optimizer,
+    point: Callable[..., P],
+    *,
+    identity: str,
+) -> tuple[int, list[P]]:
+    """Put back what :func:`keep_training` wrote, if it did; the steps done and the curve so far."""
+    state = load_checkpoint(path, identity=identity) if path else None
+    if state is None:
+        return 0, []
+    model.load_state_dict(state["model"])
+    optimizer.load_state_dict(state["optimizer"])
+    curve = [point(*row) for row in state["curve"]]
+    log.info("going on from %s at step %d", path, curve[-1][0])
+    return curve[-1][0], curve
 
 
 def save_checkpoint(path: Path, state: dict[str, Any], *, identity: str) -> None:

@@ -1,17 +1,16 @@
 """The training loop of stage 1."""
 
-import logging
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import torch
 from tqdm import tqdm
 
-from lagsplat.io.checkpoint import load_checkpoint, save_checkpoint
+from lagsplat.io.checkpoint import keep_training, resume_training
 from lagsplat.shapes import Frames, Latents, Series
 from lagsplat.splat.backend import device_of
 from lagsplat.stage1.autoencoder import Autoencoder, to_images
@@ -21,8 +20,6 @@ from lagsplat.stage1.initialize import initialize
 from lagsplat.stage1.lifecycle import is_due, review
 from lagsplat.stage1.objective import reconstruct
 from lagsplat.stage1.schedule import optimizer_of, set_rates
-
-log = logging.getLogger(__name__)
 
 CURVE_POINTS = 400  # rows of the training curve, whatever the length of the run
 PROBED = 16  # frames of a batch on which the move of the latents is measured
@@ -66,7 +63,7 @@ def fit_autoencoder(
     device = device_of(config.backend)
     autoencoder = initialize(frames, config, seed=seed, latents=latents).to(device)
     optimizer = optimizer_of(autoencoder, config.rate)
-    first, curve = restore(autoencoder, optimizer, checkpoint, identity)
+    first, curve = resume_training(checkpoint, autoencoder, optimizer, CurvePoint, identity=identity)
     stored = torch.from_numpy(np.array(frames)).to(device)  # a copy: the file is mapped read-only
     table = None if latents is None else torch.as_tensor(latents, dtype=torch.float32, device=device)
     sums, counted, recycled, saved_at = np.zeros(3), 0, 0, time.monotonic()
@@ -88,7 +85,7 @@ def fit_autoencoder(
                 sums, counted, recycled = np.zeros(3), 0, 0
                 # Only here are the running means empty, so that a checkpoint need not hold them.
                 if checkpoint and time.monotonic() - saved_at > config.checkpoint_every_s:
-                    save(autoencoder, optimizer, curve, checkpoint, identity)
+                    keep_training(checkpoint, autoencoder, optimizer, curve, identity=identity)
                     saved_at = time.monotonic()
     return autoencoder.eval(), curve
 
@@ -118,36 +115,6 @@ def train_step(
             f"Lower stage1.rate.* (now {config.rate}) or look for broken frames with `lagsplat inspect`"
         )
     return values
-
-
-def restore(
-    autoencoder: Autoencoder, optimizer: torch.optim.Optimizer, checkpoint: Path | None, identity: str
-) -> tuple[int, list[CurvePoint]]:
-    """Put back the state of an interrupted run, if there is one; the next step and the curve so far."""
-    state = load_checkpoint(checkpoint, identity=identity) if checkpoint else None
-    if state is None:
-        return 0, []
-    autoencoder.load_state_dict(state["autoencoder"])
-    optimizer.load_state_dict(state["optimizer"])
-    curve = [CurvePoint(*row) for row in state["curve"]]
-    log.info("going on from %s at step %d", checkpoint, curve[-1].step)
-    return curve[-1].step, curve
-
-
-def save(
-    autoencoder: Autoencoder,
-    optimizer: torch.optim.Optimizer,
-    curve: list[CurvePoint],
-    checkpoint: Path,
-    identity: str,
-) -> None:
-    """Write the state of a run at the last point of its curve."""
-    state: dict[str, Any] = {
-        "autoencoder": autoencoder.state_dict(),
-        "optimizer": optimizer.state_dict(),
-        "curve": [tuple(point) for point in curve],
-    }
-    save_checkpoint(checkpoint, state, identity=identity)
 
 
 @contextmanager
