@@ -41,6 +41,12 @@ rule all:
                 run["system"] for run in baseline_runs() if "abcd" in run["baseline"]
             ),
         ),
+        expand(
+            rules.inertia.output,
+            system=dict.fromkeys(
+                run["system"] for run in mass_runs() if masses_are_ablations()
+            ),
+        ),
         [rules.curve.output.figure.format(**run) for run in planned()],
         [rules.reconstruction.output.figure.format(**run) for run in planned()],
         [rules.latent.output.figure.format(**run) for run in planned()],

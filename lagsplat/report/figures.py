@@ -4,6 +4,7 @@ from lagsplat.report.curves import draw_curves as draw_curves
 from lagsplat.report.gallery import draw_attention as draw_attention
 from lagsplat.report.gallery import draw_gallery as draw_gallery
 from lagsplat.report.horizon import draw_horizon as draw_horizon
+from lagsplat.report.inertia import draw_inertia as draw_inertia
 from lagsplat.report.latents import draw_latents as draw_latents
 from lagsplat.report.reconstruction import draw_reconstruction as draw_reconstruction
 from lagsplat.report.rollout import Fine as Fine

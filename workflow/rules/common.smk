@@ -128,6 +128,13 @@ def mass_runs():
     return [asdict(run) for run in planned_masses(overrides)]
 
 
+def first_masses(system):
+    """Those of one system with its first seeds."""
+    runs = [run for run in mass_runs() if run["system"] == system]
+    seeds = [(run["ae"], run["seed"]) for run in runs]
+    return [run for run, seed in zip(runs, seeds) if seed == seeds[0]]
+
+
 def masses_are_ablations():
     """Whether their table asks for no run that is not made anyway."""
     every = planned()

@@ -127,3 +127,48 @@ rule attention:
         "Draw the attention maps of the baselines of {wildcards.system}"
     script:
         "../scripts/attention.py"
+
+
+rule inertia:
+    input:
+        chart=lambda wildcards: rules.chart.output.chart.format(
+            **planned(**wildcards)[0]
+        ),
+        dynamics=lambda wildcards: [
+            rules.stage2.output.dynamics.format(**run)
+            for run in first_masses(wildcards.system)
+        ],
+        records=lambda wildcards: [
+            rules.stage2.output.record.format(**run)
+            for run in first_masses(wildcards.system)
+        ],
+    output:
+        pdf="results/figures/inertia_{system}.pdf",
+        png=report(
+            "results/figures/inertia_{system}.png",
+            caption="../report/inertia.rst",
+            category="Dynamics",
+            labels={"system": "{system}"},
+        ),
+    log:
+        "results/logs/inertia_{system}.log",
+    benchmark:
+        "results/benchmarks/inertia_{system}.tsv"
+    conda:
+        "../envs/lagsplat.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+    params:
+        names=lambda wildcards: [
+            run["stage2"] for run in first_masses(wildcards.system)
+        ],
+        title=lambda wildcards: f"Inertia along the held-out motion · {shown_as(wildcards.system)}",
+        before=lambda wildcards: [
+            before("evaluate")(run) for run in first_masses(wildcards.system)
+        ],
+        code=script_digest(SCRIPTS / "inertia.py"),
+    message:
+        "Draw the forms of the mass of {wildcards.system}"
+    script:
+        "../scripts/inertia.py"

@@ -1,0 +1,20 @@
+"""Draw the mass matrices of one system along its held-out motion, one form beside the other."""
+
+import torch
+
+from lagsplat.chart.chart import load_chart
+from lagsplat.job import Job
+from lagsplat.report.figures import draw_inertia, save_figure
+from lagsplat.report.mass import LEARNED, MASSES
+from lagsplat.stage2.fit import load_dynamics
+
+with Job(snakemake) as job:
+    chart, _ = load_chart(job.input.chart)
+    states = chart.latents[chart.n_train :].astype("float64")
+    forms = []
+    for name, path in zip(job.params.names, job.input.dynamics, strict=True):
+        with torch.no_grad():
+            matrices = load_dynamics(path)[0].mass(torch.from_numpy(states)).double().numpy()
+        forms.append((MASSES.get(name, LEARNED), matrices))
+    for path in job.output:
+        save_figure(path, draw_inertia(forms, states, title=job.params.title))
