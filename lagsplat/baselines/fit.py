@@ -1,5 +1,6 @@
 """The training loop of a baseline."""
 
+import logging
 import time
 from pathlib import Path
 from typing import NamedTuple
@@ -18,6 +19,8 @@ from lagsplat.io.checkpoint import keep_training, resume_training
 from lagsplat.io.recording import Recording
 from lagsplat.stage1.autoencoder import to_images
 
+log = logging.getLogger(__name__)
+PATIENCE = 10  # batches in a row without a finite gradient
 CURVE_POINTS = 400  # rows of the training curve, whatever the length of the run
 
 
@@ -76,7 +79,8 @@ def fit_baseline(
 
     Raises:
         ValueError: no clip is as long as a batch, the inputs or the frames do not suit the models.
-        FloatingPointError: the loss stops being finite.
+        FloatingPointError: the gradient is not finite for `PATIENCE` batches in a row. The variance that the
+            encoder gives a frame is unbounded and can overflow; such a batch teaches nothing, and is logged.
 
     Source: see `lagsplat.baselines.objective`; the published runs trained for 300 passes.
     """
@@ -85,17 +89,21 @@ def fit_baseline(
     baseline = Baseline(architecture_of(config, train))
     optimizer = optimizer_of(baseline, config.rate)
     first, curve = resume_training(checkpoint, baseline, optimizer, CurvePoint, identity=identity)
-    sums, counted, saved_at = np.zeros(8), 0, time.monotonic()
+    sums, counted, lost, saved_at = np.zeros(8), 0, 0, time.monotonic()
     spent, resumed_at = curve[-1].seconds if curve else 0.0, time.monotonic()
     with tqdm(total=config.n_steps, initial=first, unit="step", desc="baseline", mininterval=1.0) as bar:
         for step in range(first, config.n_steps):
             set_rates(optimizer, config.rate, step=step, steps=config.n_steps)
-            sums += train_step(baseline, optimizer, footage, config, seed=seed, step=step)
-            counted += 1
+            terms = train_step(baseline, optimizer, footage, config, seed=seed, step=step)
+            if terms is None:
+                lost = _lost(lost + 1, step)
+            else:
+                sums, counted, lost = sums + terms, counted + 1, 0
             bar.update()
             if (step + 1) % max(1, config.n_steps // CURVE_POINTS) == 0 or step + 1 == config.n_steps:
                 seconds = spent + time.monotonic() - resumed_at
-                curve.append(CurvePoint._make([step + 1, *(sums / counted).tolist(), seconds]))
+                means = sums / counted if counted else np.full(8, np.nan)
+                curve.append(CurvePoint._make([step + 1, *means.tolist(), seconds]))
                 bar.set_postfix(loss=f"{curve[-1].loss:.4g}", mse=f"{curve[-1].reconstruction:.3g}")
                 sums, counted = np.zeros(8), 0
                 # Only here are the running means empty, so that a checkpoint need not hold them.
@@ -140,8 +148,8 @@ def train_step(
     *,
     seed: int,
     step: int,
-) -> Float32[np.ndarray, " terms"]:
-    """One descent on one batch; returns its loss and the unweighted terms."""
+) -> Float32[np.ndarray, " terms"] | None:
+    """One descent on one batch; its loss and the unweighted terms, or None where nothing could be learned."""
     rng = np.random.default_rng([seed, step])
     generator = torch.Generator().manual_seed(int(rng.integers(2**62)))
     scene = _scene(footage, config, _start(footage, config, seed=seed, step=step), rng)
@@ -150,15 +158,21 @@ def train_step(
     closing = closing_weight(config.loss, step=step, steps=config.n_steps)
     loss = total(terms, config.loss, closing=closing)
     loss.backward()
-    torch.nn.utils.clip_grad_norm_(baseline.parameters(), config.rate.gradient_clip)
+    norm = torch.nn.utils.clip_grad_norm_(baseline.parameters(), config.rate.gradient_clip)
+    if not torch.isfinite(norm):
+        return None
     optimizer.step()
-    values = torch.stack([loss, *terms]).detach().numpy()
-    if not np.isfinite(values).all():
+    return torch.stack([loss, *terms]).detach().numpy()
+
+
+def _lost(in_a_row: int, step: int) -> int:
+    if in_a_row >= PATIENCE:
         raise FloatingPointError(
-            f"the baseline lost its footing at step {step}: the loss is {values[0]}. "
-            "Lower baseline.rate.peak or look for broken frames with `lagsplat inspect`"
+            f"the baseline lost its footing before step {step}: {in_a_row} batches in a row have no finite "
+            "gradient. Lower baseline.rate.peak or look for broken frames with `lagsplat inspect`"
         )
-    return values
+    log.warning("step %d: the gradient is not finite, nothing is learned from this batch", step)
+    return in_a_row
 
 
 def _start(footage: Footage, config: BaselineConfig, *, seed: int, step: int) -> int:

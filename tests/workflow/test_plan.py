@@ -41,6 +41,7 @@ TARGETS = (
     "results/figures/horizon_{system}.pdf",
     "results/figures/gallery_{system}.pdf",
     "results/figures/attention_{system}.pdf",
+    "results/figures/inertia_{system}.pdf",
     "results/{profile}/simulated/" + RUN + "/rollout.png",
     "results/{profile}/simulated/" + RUN + "/metrics.json",
     "results/{profile}/simulated/{system}/default-0/reconstruction.png",
@@ -196,9 +197,20 @@ def test_published_weights_take_the_place_of_a_training(tmp_path: Path) -> None:
     place.mkdir(parents=True)
     (place / "osc_abcd.pt").touch()
     config = f"hydra=systems=[krauss_2seg] baselines=[osc_abcd] baseline.weights={tmp_path / 'weights'}"
-    assert "weights/krauss_2seg/osc_abcd.pt" in planned(
-        tmp_path, "results/tables/krauss.tex", "--config", config
+    target = "results/quick/simulated/krauss_2seg/baselines/osc_abcd-0/model.safetensors"
+    made = tmp_path / target
+    made.parent.mkdir(parents=True)
+    recording = made.parents[2] / "recording"
+    others = [recording.with_name("truth.safetensors"), made.with_suffix(".json"), made]
+    for age_s, file in enumerate(
+        (recording.with_suffix(".json"), recording.with_suffix(".safetensors"), *others)
+    ):
+        file.touch()
+        os.utime(file, (1e9 + age_s, 1e9 + age_s))
+    (reason,) = (
+        line for line in planned(tmp_path, target, "--config", config).splitlines() if "Updated input" in line
     )
+    assert reason.endswith("weights/krauss_2seg/osc_abcd.pt")
     done = snakemake(tmp_path, "--dry-run", "--config", config.replace("osc_abcd", "koopman_abcd"))
     assert done.returncode != 0
     assert "koopman_abcd.pt" in done.stdout + done.stderr

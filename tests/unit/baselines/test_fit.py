@@ -72,6 +72,39 @@ def test_a_killed_run_goes_on_to_the_same_bits(train, tmp_path, monkeypatch):
     assert torch.equal(weights(whole), weights(fresh))
 
 
+def overflowing_in(steps, monkeypatch):
+    """Training whose encoder claims a variance beyond single precision in these steps."""
+    step_of = fit_module.train_step
+
+    def stumbling(baseline, *parts, seed, step):
+        bias = baseline.encoder.head.bias
+        kept = bias.detach().clone()
+        with torch.no_grad():
+            bias += 1e3 * (step in steps)
+        terms = step_of(baseline, *parts, seed=seed, step=step)
+        if terms is None:
+            with torch.no_grad():
+                bias.copy_(kept)
+        return terms
+
+    monkeypatch.setattr(fit_module, "train_step", stumbling)
+
+
+def test_a_batch_without_a_finite_gradient_teaches_nothing(train, monkeypatch, caplog):
+    overflowing_in({5, 6}, monkeypatch)
+    baseline, curve = fit_baseline(train, settings("koopman_deconv"), seed=1)
+    assert torch.isfinite(weights(baseline)).all()
+    assert np.isnan(curve[5].loss)
+    assert np.isfinite(curve[-1].loss)
+    assert [record.args for record in caplog.records] == [(5,), (6,)]
+
+
+def test_ten_of_them_in_a_row_end_the_training(train, monkeypatch):
+    overflowing_in(range(3, 99), monkeypatch)
+    with pytest.raises(FloatingPointError, match="before step 12: 10 batches in a row"):
+        fit_baseline(train, settings("koopman_deconv"), seed=1)
+
+
 def test_rates_climb_in_stairs_and_drop_once():
     config = settings("osc_abcd").rate
     baseline = Baseline(architecture())
