@@ -18,6 +18,7 @@ from lagsplat.diagnose.mechanics import Mechanics, rest_inertia
 
 STEP = 1e-5
 FINEST = 0.5  # a Runge-Kutta step spans at most this many radians of the fastest mode
+MOST_PARTS = 300  # Runge-Kutta steps that a sample is worth
 
 
 @dataclass(frozen=True)
@@ -53,9 +54,11 @@ def linear_steps(
 
     ``scale`` (d,) is how far each coordinate usually moves and ``period_s`` the shortest natural period: they
     set the differences taken and how many Runge-Kutta steps a sample step needs.
+
+    Raises:
+        LinAlgError: the fastest mode takes more than `MOST_PARTS` of these.
     """
     d = mechanics.d
-    steps = len(path.h)
     inertia = rest_inertia(mechanics)
     response = np.stack(
         [np.linalg.solve(mechanics.mass_at(q), np.diag(inertia)) for q in (path.q, path.middle, path.end)],
@@ -65,12 +68,23 @@ def linear_steps(
     state = np.concatenate([path.q, path.v], axis=1)
     eps = STEP * np.concatenate([scale, scale * 2.0 * np.pi / period_s])
     moves = np.concatenate([np.zeros((1, 2 * d)), np.diag(eps), -np.diag(eps)])
-    count = max(1, int(np.ceil(path.h.max() * 2.0 * np.pi / period_s / FINEST))) if steps else 1
+    count = _parts(path.h, period_s)
     reached = _runge_kutta(mechanics, state + moves[:, None, :], path.h, path.u, outside, count)
     phi = np.moveaxis((reached[1 : 2 * d + 1] - reached[2 * d + 1 :]) / (2.0 * eps[:, None, None]), 0, 2)
     gamma = _simpson(response, path.h)
     offset = reached[0] - np.einsum("sab,sb->sa", phi, state) - np.einsum("sjab,sjb->sa", gamma, path.r)
     return Steps(np.ascontiguousarray(phi), gamma, offset)
+
+
+def _parts(h: np.ndarray, period_s: float) -> int:
+    """How many Runge-Kutta steps the longest sample step takes."""
+    parts = float(np.ceil(h.max(initial=0.0) * 2.0 * np.pi / period_s / FINEST))
+    if not parts <= MOST_PARTS:
+        raise np.linalg.LinAlgError(
+            f"the sim's fastest mode, {1.0 / period_s:.3g} Hz, needs {parts:.3g} integration steps a sample; "
+            "check its units and signs"
+        )
+    return max(1, int(parts))
 
 
 def kinematic_steps(h: Float64[np.ndarray, " S"], d: int) -> Steps:

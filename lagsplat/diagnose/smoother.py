@@ -88,7 +88,7 @@ def smooth(
 
     Raises:
         ValueError: another number of coordinates or inputs than the sim has, or a motion that stands still.
-        LinAlgError: the sim's forces along the motion are not finite.
+        LinAlgError: the sim's forces along the motion are not finite, or its fastest mode is far too fast.
 
     Source: method of latent forces (Alvarez, Luengo, Lawrence 2009) by state-space smoothing (Hartikainen and
     Sarkka 2012), iterated as by Bell (1994).
