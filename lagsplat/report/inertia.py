@@ -63,7 +63,7 @@ def _line(axis: Any, q: np.ndarray, mass: np.ndarray) -> None:
 
 
 def _plane(axis: Any, states: np.ndarray, matrices: np.ndarray) -> None:
-    axis.plot(*states.T, color=ENCODED, linewidth=0.3, alpha=0.35)
+    axis.plot(*states.T, color=ENCODED, linewidth=0.3, alpha=0.12)
     chosen = _apart(states, ELLIPSES)
     half = 1.0 / np.sqrt(np.linalg.eigvalsh(matrices))
     scale = SIZE * float(np.ptp(states, axis=0).max()) / float(np.median(half))
@@ -85,7 +85,7 @@ def _plane(axis: Any, states: np.ndarray, matrices: np.ndarray) -> None:
                 linewidths=0.7,
             )
         )
-    axis.margins(0.12)
+    axis.margins(0.18)
     axis.set_aspect("equal", adjustable="box")
 
 

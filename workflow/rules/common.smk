@@ -17,6 +17,7 @@ from lagsplat.planning import (
     weights_of,
 )
 from lagsplat.provenance import let_waiting_threads_sleep
+from lagsplat.report.baseline_rows import METHODS
 
 let_waiting_threads_sleep()  # the jobs inherit it
 
@@ -106,7 +107,9 @@ def baseline_files(system, output):
 
 def baseline_names(system):
     """How figures call them."""
-    return [run["baseline"] for run in first_baselines(system)]
+    return [
+        METHODS.get(run["baseline"], run["baseline"]) for run in first_baselines(system)
+    ]
 
 
 def shown_as(system):
