@@ -16,6 +16,11 @@ include: "workflow/rules/evaluate.smk"
 include: "workflow/rules/baselines.smk"
 include: "workflow/rules/report.smk"
 include: "workflow/rules/models.smk"
+include: "workflow/rules/extrapolation.smk"
+include: "workflow/rules/authors.smk"
+include: "workflow/rules/extrapolation_paths.smk"
+include: "workflow/rules/extrapolation_tables.smk"
+include: "workflow/rules/deformation.smk"
 include: "workflow/rules/tables.smk"
 include: "workflow/rules/gap_paths.smk"
 include: "workflow/rules/gap_blind.smk"
@@ -47,6 +52,14 @@ rule all:
                 run["system"] for run in mass_runs() if masses_are_ablations()
             ),
         ),
+        [
+            rules.extrapolation.output,
+            rules.equilibrium.output,
+            rules.deformation.output,
+            rules.jacobian_field.output,
+        ]
+        if extrapolated()[0]
+        else [],
         [rules.curve.output.figure.format(**run) for run in planned()],
         [rules.reconstruction.output.figure.format(**run) for run in planned()],
         [rules.latent.output.figure.format(**run) for run in planned()],

@@ -19,13 +19,18 @@ from hydra.errors import HydraException
 from omegaconf import OmegaConf, open_dict
 from omegaconf.errors import OmegaConfBaseException
 
+from lagsplat.baselines.authors.config import AuthorsConfig
 from lagsplat.baselines.config import BaselineConfig
+from lagsplat.baselines.keypoints.config import ForecasterConfig
+from lagsplat.baselines.neural.config import OdeConfig
 from lagsplat.chart.config import ChartConfig
 from lagsplat.diagnose.blind_config import BlindConfig
 from lagsplat.diagnose.config import DiagnoseConfig
 from lagsplat.evaluate.config import EvaluateConfig
+from lagsplat.evaluate.extrapolation_config import ExtrapolationConfig
 from lagsplat.io.config import RecordingConfig
 from lagsplat.stage1.config import RenderConfig, Stage1Config
+from lagsplat.stage1.field_config import FieldConfig
 from lagsplat.stage2.config import Stage2Config
 from lagsplat.systems.config import SimulationConfig
 from lagsplat.systems.planted_config import PlantsConfig
@@ -42,7 +47,12 @@ GROUPS = (
     "chart",
     "stage2",
     "baseline",
+    "forecaster",
+    "ode",
+    "authors",
+    "deformation",
     "evaluate",
+    "extrapolation",
     "render",
     "diagnose",
     "blind",
@@ -94,6 +104,12 @@ class Config:
     """Choices of ``conf/baseline`` that get a row in the benchmark table of the arms."""
     baseline_seeds: list[int]
     """Seeds of the baselines."""
+    extrapolated: list[str]
+    """Systems of the table of extrapolation: they move freely, and the end of a clip is held out."""
+    forecasters: list[str]
+    """Choices of ``conf/forecaster`` that stand in it."""
+    forecaster_seeds: list[int]
+    """Seeds of the forecasters and of the free differential equation."""
     autoencoder_seeds: list[int]
     """Seeds of stage 1."""
     seeds: list[int]
@@ -110,7 +126,12 @@ class Config:
     chart: ChartConfig
     stage2: Stage2Config
     baseline: BaselineConfig
+    forecaster: ForecasterConfig
+    ode: OdeConfig
+    authors: AuthorsConfig
+    deformation: FieldConfig
     evaluate: EvaluateConfig
+    extrapolation: ExtrapolationConfig
     render: RenderConfig | None
     """A finer decoder for the figures; null draws them with the one that was trained."""
     diagnose: DiagnoseConfig
@@ -124,6 +145,8 @@ class Config:
             ("systems", self.systems, "system"),
             ("ablations", self.ablations, "stage2"),
             ("baselines", self.baselines, "baseline"),
+            ("extrapolated", self.extrapolated, "system"),
+            ("forecasters", self.forecasters, "forecaster"),
         ):
             for name in names:
                 if name not in options(group):
@@ -132,6 +155,7 @@ class Config:
             ("autoencoder_seeds", self.autoencoder_seeds),
             ("seeds", self.seeds),
             ("baseline_seeds", self.baseline_seeds),
+            ("forecaster_seeds", self.forecaster_seeds),
         ):
             if not seeds or min(seeds) < 0 or len(set(seeds)) < len(seeds):
                 raise ValueError(f"{key}={seeds} must be distinct integers, none negative, at least one")

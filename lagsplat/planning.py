@@ -8,7 +8,7 @@ import ast
 import hashlib
 import shlex
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +50,26 @@ class BaselineRun:
     system: str
     baseline: str
     seed: int
+
+
+@dataclass(frozen=True)
+class ForecastRun:
+    """Identity of one forecaster or free differential equation: the wildcards of its path.
+
+    ``model`` is a choice of ``conf/forecaster``, or of ``conf/ode`` where ``kind`` says so; ``trial`` is its
+    seed. It is read in the chart of the system's first run, whose wildcards are the others.
+    """
+
+    profile: str
+    recording: str
+    system: str
+    stage1: str
+    ae: int
+    stage2: str
+    seed: int
+    kind: str
+    model: str
+    trial: int
 
 
 def read_overrides(command_line: Mapping[str, Any]) -> Overrides:
@@ -169,6 +189,37 @@ def planned_baselines(overrides: Overrides) -> list[BaselineRun]:
     return runs
 
 
+def planned_extrapolations(overrides: Overrides) -> tuple[list[Run], list[ForecastRun]]:
+    """Every run of the table of extrapolation, and every forecaster read in the chart of its system's first.
+
+    Raises:
+        ConfigError: see :func:`lagsplat.config.compose`; also a system that is driven.
+    """
+    runs: list[Run] = []
+    others: list[ForecastRun] = []
+    for system in shared_experiment(overrides).extrapolated:
+        own = compose_for(overrides, system=system)
+        if own.system.film != "video":
+            raise ConfigError(
+                f"extrapolated={own.extrapolated}: {system} is driven by its inputs, which a forecaster of "
+                "pictures does not know; choose systems that move freely"
+            )
+        place = (own.choices["profile"], own.choices["recording"], system, own.choices["stage1"])
+        mine = [
+            Run(*place, ae, own.choices["stage2"], seed) for ae in own.autoencoder_seeds for seed in own.seeds
+        ]
+        runs += mine
+        models = [("forecaster", name) for name in dict.fromkeys(own.forecasters)]
+        models.append(("ode", own.choices["ode"]))
+        if own.authors.checkout is not None or own.authors.frames is not None:
+            models.append(("authors", own.choices["authors"]))
+        for kind, name in models:
+            compose_for(overrides, system=system, **{kind: name})
+            trials = own.forecaster_seeds if kind != "authors" else [0]
+            others += [ForecastRun(**asdict(mine[0]), kind=kind, model=name, trial=n) for n in trials]
+    return runs, others
+
+
 def weights_of(overrides: Overrides, **choices: str) -> str | None:
     """The file of published weights that stands for a training, or None where there is a training.
 
@@ -236,32 +287,3 @@ def script_digest(script: Path, *commands: str) -> str:
     modules = {name for name in imports if name.startswith("lagsplat.")} - {"lagsplat.job"}
     tree.body = [node for node in tree.body if not isinstance(node, ast.Expr)]
     return hashlib.sha256((ast.dump(tree) + code_digest(*sorted(modules), *commands)).encode()).hexdigest()
-
-
-def lineage(overrides: Overrides, scripts: Path, stage: str, **choices: str) -> str:
-    """Digest of the settings and code of every stage before ``stage``, for the job that ``choices`` name.
-
-    A job carries it because Snakemake compares a job's own settings only: after a stage has failed under new
-    settings, it would take the earlier results further down for up to date.
-    """
-    experiment = compose_for(overrides, **choices)
-    maker = "simulate" if experiment.recording.kind == "simulated" else "ingest"
-    source = (experiment.simulation, experiment.release) if maker == "simulate" else experiment.recording
-    road: dict[str, tuple[object, str]] = {
-        "recording": (source, maker),
-        "stage1": (experiment.stage1, "stage1"),
-        "chart": (experiment.chart, "chart"),
-        "stage2": (experiment.stage2, "stage2"),
-        "evaluate": (experiment.evaluate, "evaluate"),
-        "table": (None, "table"),
-    }
-    if stage.startswith("baseline"):
-        road = {
-            "recording": (source, maker),
-            "baseline": (experiment.baseline, "baseline"),
-            "baseline_evaluate": (experiment.evaluate, "baseline_evaluate"),
-            "baseline_table": (None, "table"),
-        }
-    before = list(road.values())[: list(road).index(stage)]
-    text = "\n".join(f"{settings} {script_digest(scripts / f'{script}.py')}" for settings, script in before)
-    return hashlib.sha256(f"{experiment.recording.split} {text}".encode()).hexdigest()

@@ -37,6 +37,7 @@ LAYERS = (
     {
         "config",
         "planning",
+        "lineage",
         "job",
         "pipeline",
         "export",

@@ -1,6 +1,7 @@
 """Which frames of a recording are held out."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 from lagsplat.io.config import SplitConfig
@@ -39,3 +40,18 @@ def divide(recording: Recording, split: SplitConfig) -> Recording:
             "longer recording or another split"
         )
     return replace(recording, n_train=n_train)
+
+
+def crossing_frames(segments: Sequence[tuple[int, int]], n_train: int) -> tuple[int, int, int]:
+    """Start, first held-out frame and end of the clip that holds both training and held-out frames.
+
+    Raises:
+        ValueError: the held-out part begins with a clip of its own.
+    """
+    for start, stop in segments:
+        if start < n_train < stop:
+            return start, n_train, stop
+    raise ValueError(
+        "the held-out part begins with a new clip, so that no forecast can cross into it; hold out the end "
+        "of a clip (recording.split.held_out_frames)"
+    )

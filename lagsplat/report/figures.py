@@ -1,6 +1,7 @@
 """The figures, by name."""
 
 from lagsplat.report.curves import draw_curves as draw_curves
+from lagsplat.report.equilibrium import draw_equilibrium as draw_equilibrium
 from lagsplat.report.gallery import draw_attention as draw_attention
 from lagsplat.report.gallery import draw_gallery as draw_gallery
 from lagsplat.report.horizon import draw_horizon as draw_horizon

@@ -25,8 +25,12 @@ def optimizer_of(autoencoder: Autoencoder, config: RateConfig) -> torch.optim.Ad
 
 def set_rates(optimizer: torch.optim.Optimizer, config: RateConfig, *, step: int, steps: int) -> None:
     """Linear warm-up, then a half cosine from each group's peak rate down to its final fraction."""
+    for group in optimizer.param_groups:
+        group["lr"] = group["peak"] * factor_at(config, step=step, steps=steps)
+
+
+def factor_at(config: RateConfig, *, step: int, steps: int) -> float:
+    """The share of its peak that every rate has at a step."""
     warmup = min(1.0, (step + 1) / max(config.warmup_steps, 1))
     cosine = 0.5 * (1 + math.cos(math.pi * step / steps))
-    factor = warmup * (config.final_fraction + (1 - config.final_fraction) * cosine)
-    for group in optimizer.param_groups:
-        group["lr"] = group["peak"] * factor
+    return warmup * (config.final_fraction + (1 - config.final_fraction) * cosine)

@@ -5,11 +5,11 @@ from pathlib import Path
 import pytest
 
 from lagsplat.config import ConfigError
+from lagsplat.lineage import lineage
 from lagsplat.planning import (
     Overrides,
     compose_for,
     files_of,
-    lineage,
     planned_baselines,
     planned_runs,
     read_overrides,

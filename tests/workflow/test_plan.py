@@ -33,6 +33,10 @@ TARGETS = (
     "results/tables/physical.csv",
     "results/tables/truth.tex",
     "results/tables/truth.csv",
+    "results/tables/extrapolation.tex",
+    "results/tables/extrapolation.csv",
+    "results/tables/deformation.tex",
+    "results/tables/deformation.csv",
     "results/tables/gap.tex",
     "results/tables/gap.csv",
     "results/tables/gap_blind.tex",
@@ -42,6 +46,8 @@ TARGETS = (
     "results/figures/gallery_{system}.pdf",
     "results/figures/attention_{system}.pdf",
     "results/figures/inertia_{system}.pdf",
+    "results/figures/equilibrium.pdf",
+    "results/figures/jacobian_field.pdf",
     "results/{profile}/simulated/" + RUN + "/rollout.png",
     "results/{profile}/simulated/" + RUN + "/metrics.json",
     "results/{profile}/simulated/{system}/default-0/reconstruction.png",
@@ -92,6 +98,17 @@ def test_every_target_plans(tmp_path: Path, profile: str) -> None:
         "horizon",
         "gallery",
         "attention",
+        "forecaster",
+        "ode",
+        "extrapolate",
+        "extrapolate_forecaster",
+        "extrapolate_ode",
+        "extrapolation",
+        "equilibrium",
+        "field",
+        "velocity_field",
+        "deformation",
+        "jacobian_field",
         "plant",
         "diagnose",
         "gap",
@@ -214,6 +231,26 @@ def test_published_weights_take_the_place_of_a_training(tmp_path: Path) -> None:
     done = snakemake(tmp_path, "--dry-run", "--config", config.replace("osc_abcd", "koopman_abcd"))
     assert done.returncode != 0
     assert "koopman_abcd.pt" in done.stdout + done.stderr
+
+
+def test_five_forecasters_stand_in_the_paper_profile_and_the_authors_only_where_they_are_given(
+    tmp_path: Path,
+) -> None:
+    target = "results/tables/extrapolation.tex"
+    config = "hydra=profile=paper extrapolated=[rainbow_rocker]"
+    found = counts(planned(tmp_path, target, "--config", config))
+    assert (found["forecaster"], found["extrapolate_forecaster"], found["extrapolate"]) == (5, 5, 5)
+    assert "authors" not in found
+    frames = tmp_path / "frames"
+    frames.mkdir()
+    told = planned(tmp_path, target, "--config", config, f"hydra_rainbow_rocker=authors.frames={frames}")
+    assert (counts(told)["authors"], counts(told)["extrapolate_authors"]) == (1, 1)
+
+
+def test_a_driven_system_is_not_extrapolated(tmp_path: Path) -> None:
+    done = snakemake(tmp_path, "--dry-run", "--config", "hydra=extrapolated=[krauss_2seg]")
+    assert done.returncode != 0
+    assert "krauss_2seg is driven by its inputs" in done.stdout + done.stderr
 
 
 @pytest.mark.parametrize(("table", "kind"), [("krauss", "a pneumatic arm"), ("truth", "simulated")])

@@ -13,7 +13,9 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 TOY = "hydra=profile=toy"
 SCORED = {"evaluate", "rollout", "figure", "horizon", "gallery", "table", "physical", "truth", "margins"}
+EXTRAPOLATED = {"extrapolate", "extrapolate_forecaster", "extrapolate_ode", "extrapolation", "equilibrium"}
 HERE = Path("results/toy/simulated/toy")
+THERE = Path("results/toy/simulated/toy_swing")
 SCORES = {
     "ae_floor",
     "mse_half_second",
@@ -135,6 +137,32 @@ def test_every_system_has_its_free_rollouts_and_its_truth(results: Path) -> None
     assert quantities >= {"frequency of mode 1", "decay rate of mode 1", "equilibrium"}
 
 
+def test_every_model_is_followed_past_its_training_frames(results: Path) -> None:
+    with (results / "results/tables/extrapolation.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    models = {row["model"] for row in rows}
+    assert {"LaGSplat", "key-point forecaster (re-implementation)", "neural ODE"} == models
+    ours = {row["measure"]: row for row in rows if row["model"] == "LaGSplat"}
+    assert 10.0 < float(ours["psnr_mean"]["value"]) <= float(ours["floor"]["value"]) + 3.0
+    found = json.loads((results / THERE / "default-0/default-0/extrapolation/run.json").read_text("utf-8"))
+    assert found["guarantee"]["free_diverged"] == found["guarantee"]["held_diverged"] == 0
+    with (results / "results/tables/deformation.csv").open(encoding="utf-8") as file:
+        decoders = {row["decoder"]: row for row in csv.DictReader(file)}
+    assert set(decoders) == {"conditioned", "deformed"}
+    assert int(decoders["deformed"]["parameters"]) > int(decoders["conditioned"]["parameters"])
+    for name in ("equilibrium", "jacobian_field"):
+        assert (results / f"results/figures/{name}.pdf").stat().st_size
+        assert (results / f"results/figures/{name}.png").stat().st_size
+    tex = (results / "results/tables/extrapolation.tex").read_text(encoding="utf-8")
+    assert "The authors' code needs CUDA" in tex
+    assert not (results / THERE / "forecasters/keypoints-0/checkpoint/state.pt").exists()
+
+
+def test_a_setting_of_the_forecaster_trains_it_alone(source: Path, results: Path) -> None:
+    rules = jobs(source, results, TOY + " forecaster.rate.colour=2e-2")
+    assert rules == {"forecaster", "extrapolate_forecaster", "extrapolation", "equilibrium"}
+
+
 def test_the_gap_of_every_diagnosis_stands_in_a_table(source: Path, results: Path) -> None:
     done = snakemake(source, results, "results/tables/gap.tex", "--config", TOY)
     assert done.returncode == 0, (done.stdout + done.stderr)[-6000:]
@@ -205,7 +233,7 @@ def test_an_edited_comment_runs_nothing(source: Path, results: Path) -> None:
 
 def test_a_setting_of_stage_2_runs_stage_2_and_what_follows(source: Path, results: Path) -> None:
     rules = jobs(source, results, TOY + " stage2.gradient_clip=99")
-    assert rules == {"stage2", *SCORED}
+    assert rules == {"stage2", *SCORED, *EXTRAPOLATED}
 
 
 def test_a_setting_of_the_scores_trains_nothing(source: Path, results: Path) -> None:

@@ -4,11 +4,12 @@ from pathlib import Path
 
 from lagsplat.config import ConfigError, options
 from lagsplat.job import hold
+from lagsplat.lineage import lineage
 from lagsplat.planning import (
     compose_for,
     files_of,
-    lineage,
     planned_baselines,
+    planned_extrapolations,
     planned_masses,
     planned_runs,
     read_overrides,
@@ -28,6 +29,7 @@ try:
     if workflow.is_main_process:  # all is checked once, before the first job
         planned_runs(overrides)
         planned_baselines(overrides)
+        planned_extrapolations(overrides)
 except ConfigError as error:
     raise WorkflowError(str(error))
 
@@ -39,6 +41,10 @@ wildcard_constraints:
     stage1="|".join(options("stage1")),
     stage2="|".join(options("stage2")),
     baseline="|".join(options("baseline")),
+    forecaster="|".join(options("forecaster")),
+    ode="|".join(options("ode")),
+    trial="[0-9]+",
+    field="conditioned|deformed",
     ae="[0-9]+",
     seed="[0-9]+",
     effect="|".join(experiment.planted.effects),
@@ -50,7 +56,16 @@ SCRIPTS = Path(workflow.basedir) / "workflow" / "scripts"
 
 def choices(wildcards):
     """The part of a path that names files in conf/."""
-    groups = ("profile", "recording", "system", "stage1", "stage2", "baseline")
+    groups = (
+        "profile",
+        "recording",
+        "system",
+        "stage1",
+        "stage2",
+        "baseline",
+        "forecaster",
+        "ode",
+    )
     return {key: name for key, name in wildcards.items() if key in groups}
 
 
@@ -123,6 +138,14 @@ def before_figures(system):
     return [
         before("evaluate")(planned(system=system)[0]),
         *(before("baseline_table")(run) for run in first_baselines(system)),
+    ]
+
+
+def extrapolated():
+    """Wildcards of the runs of the table of extrapolation, and of the models beside them."""
+    runs, others = planned_extrapolations(overrides)
+    return [asdict(run) for run in runs], [
+        {**asdict(run), run.kind: run.model} for run in others
     ]
 
 

@@ -1,0 +1,164 @@
+"""The phases of training a forecaster: what is fitted in each, by which loss, at which step sizes."""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from lagsplat.baselines.keypoints.config import PHASES, ForecasterConfig, GraphConfig
+from lagsplat.baselines.keypoints.forecast import fitted_path, on_circle
+from lagsplat.baselines.keypoints.model import Forecaster
+from lagsplat.splat.losses import structural_dissimilarity
+from lagsplat.stage1.autoencoder import to_images
+
+FRESH_NEIGHBOURS = 100  # steps after which it is looked up again which key points a Gaussian follows
+
+
+class Moment(NamedTuple):
+    """A step of the training: its phase, and how many steps of this are done and to be done in all."""
+
+    phase: str
+    inner: int
+    length: int
+
+
+def moment_of(config: ForecasterConfig, step: int) -> Moment:
+    """The phase in which a step of the whole training lies."""
+    for phase in PHASES:
+        if step < config.steps[phase]:
+            return Moment(phase, step, config.steps[phase])
+        step -= config.steps[phase]
+    raise ValueError(f"step {step} lies past the end of the training")
+
+
+@dataclass
+class Fitting:
+    """A forecaster in training, with what lives as long as a phase: optimiser, neighbours, series."""
+
+    forecaster: Forecaster
+    frames: Tensor  # uint8 (T, H, W, 3)
+    config: ForecasterConfig
+    seed: int
+    optimizer: torch.optim.Optimizer
+    nearest: Tensor | None = None
+    series: tuple[Tensor, Tensor] | None = None
+
+
+def open_phase(fitting: Fitting, moment: Moment) -> None:
+    """Begin a phase, or go on within it: a fresh optimiser, and the key points where they begin."""
+    forecaster = fitting.forecaster
+    if moment.phase == "keys" and moment.inner == 0:
+        scene = forecaster.scene
+        forecaster.keys.gather(scene.place.detach(), scene.feature.detach(), seed=fitting.seed)
+    fitting.nearest = forecaster.nearest() if moment.phase in ("keys", "joint") else None
+    if moment.phase == "graph":
+        path = fitted_path(forecaster, np.arange(len(fitting.frames), dtype=np.float64))
+        fitting.series = tuple(torch.from_numpy(part).flatten(1) for part in path)  # type: ignore[assignment]
+    fitting.optimizer = _optimizer(forecaster, fitting.config, moment.phase)
+
+
+def _optimizer(forecaster: Forecaster, config: ForecasterConfig, phase: str) -> torch.optim.Optimizer:
+    scene, keys, rate = forecaster.scene, forecaster.keys, config.rate
+    looks = [
+        {"params": [scene.place], "ends": list(rate.place)},
+        {"params": [scene.color_logit, scene.background_logit], "ends": [rate.colour, rate.colour]},
+        {"params": [scene.opacity_logit], "ends": [rate.opacity, rate.opacity]},
+        {"params": [scene.log_scale, scene.angle], "ends": [rate.scale, rate.scale]},
+    ]
+    moves = [{"params": list(forecaster.motion.parameters()), "ends": list(rate.motion)}]
+    own = [{"params": [scene.feature], "ends": list(rate.motion)}]
+    points = [
+        {"params": [keys.place, keys.feature], "ends": list(rate.motion)},
+        {"params": [keys.blend_logit], "ends": [rate.blend, rate.blend]},
+    ]
+    nets = [*forecaster.places.parameters(), *forecaster.turns.parameters()]
+    groups = {
+        "warm_up": looks,
+        "free": [*looks, *moves, *own],
+        "keys": [*moves, *points],
+        "joint": [*looks, *moves, *points],
+        "graph": [{"params": nets, "ends": list(config.graph.rate)}],
+    }[phase]
+    return torch.optim.Adam(groups, lr=1e-3, eps=1e-15)
+
+
+def set_rates(fitting: Fitting, moment: Moment) -> None:
+    """Step sizes of this step: a half cosine for graph networks, a constant factor a step for pictures."""
+    config = fitting.config
+    pictures = sum(config.steps[name] for name in PHASES[:-1])
+    before = sum(config.steps[name] for name in PHASES[: PHASES.index(moment.phase)])
+    for group in fitting.optimizer.param_groups:
+        first, last = group["ends"]
+        if moment.phase == "graph":
+            wave = 0.5 * (1 + math.cos(math.pi * moment.inner / moment.length))
+            group["lr"] = last + (first - last) * wave
+        else:
+            group["lr"] = first * (last / first) ** ((before + moment.inner) / pictures)
+
+
+def loss_of(fitting: Fitting, moment: Moment, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
+    """The loss of one step, and what of it is an error: mean absolute colour, or half widths."""
+    if moment.phase == "graph":
+        return graph_loss(fitting, moment, rng)
+    config, forecaster = fitting.config, fitting.forecaster
+    frame = int(rng.integers(len(fitting.frames)))
+    truth = to_images(fitting.frames[frame : frame + 1])
+    scene, keys = forecaster.scene, forecaster.keys
+    if moment.phase == "warm_up":
+        still = torch.zeros(len(scene.place), 3)
+        drawn = forecaster.draw((still[:, :2], still[:, 2:]))
+    elif moment.phase == "free":
+        drawn = forecaster.draw(
+            forecaster.free_shift(float(frame), noise=_noise(scene.place, fitting, moment, rng))
+        )
+    else:
+        if moment.inner % FRESH_NEIGHBOURS == 0 or fitting.nearest is None:
+            fitting.nearest = forecaster.nearest()
+        noise = _noise(keys.place, fitting, moment, rng) if moment.phase == "keys" else 0.0
+        drawn = forecaster.draw_keys(forecaster.key_shift(float(frame), noise=noise), fitting.nearest)
+    error = (drawn - truth).abs().mean()
+    loss = config.l1 * error
+    if config.ssim:
+        loss = loss + config.ssim * structural_dissimilarity(drawn, truth, window=config.ssim_window)
+    if moment.phase == "free":
+        loss = loss + config.motion.feature_penalty * scene.feature.abs().mean()
+    return loss, error.detach()
+
+
+def _noise(place: nn.Parameter, fitting: Fitting, moment: Moment, rng: np.random.Generator) -> Tensor | float:
+    """Noise on the places that the network is told; gone after the first third of a phase."""
+    sigma = fitting.config.motion.place_noise * max(0.0, 1 - 3 * moment.inner / moment.length)
+    if sigma == 0.0:
+        return 0.0
+    return torch.as_tensor(sigma * rng.standard_normal(tuple(place.shape)), dtype=place.dtype)
+
+
+def graph_loss(fitting: Fitting, moment: Moment, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
+    """Mean distance of the predicted key points, and of the ends of their turned unit vectors."""
+    assert fitting.series is not None, "the phase was opened"
+    config, forecaster = fitting.config.graph, fitting.forecaster
+    places, turns = fitting.series
+    starts = rng.integers(len(places) - config.history, size=config.batch)
+    taps = starts[:, None] + np.arange(config.history + 1)
+    noise = _input_noise(config, moment)
+    errors = []
+    for net, series, share in ((forecaster.places, places, 1.0), (forecaster.turns, turns, 0.5)):
+        windows = series[torch.from_numpy(taps)]
+        past, truth = windows[:, :-1], windows[:, -1]
+        if noise:
+            drawn = rng.uniform(-noise * share, noise * share, tuple(past.shape))
+            past = past + torch.as_tensor(drawn, dtype=past.dtype)
+        predicted = net(past)
+        if net is forecaster.turns:
+            predicted = on_circle(predicted)
+        # the root's own derivative at nothing is not finite
+        apart = (predicted - truth).unflatten(1, (-1, 2)).square().sum(-1)
+        errors.append((apart + 1e-12).sqrt().mean())
+    return errors[0] + errors[1], errors[0].detach()
+
+
+def _input_noise(config: GraphConfig, moment: Moment) -> float:
+    return config.noise * max(0.0, 1 - moment.inner / (config.noise_until * moment.length))

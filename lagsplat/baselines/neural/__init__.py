@@ -1,0 +1,1 @@
+"""A free neural differential equation on the same chart: a law of motion without any structure."""

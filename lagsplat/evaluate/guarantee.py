@@ -1,0 +1,145 @@
+"""What a law of this class cannot do otherwise, seen on a trained one: energy falls, all settles."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Float64
+
+from lagsplat.evaluate.extrapolation_config import GuaranteeConfig
+from lagsplat.evaluate.mechanical_energy import energy_of
+from lagsplat.stage2.frozen import FrozenLaw, roll_out_free
+from lagsplat.stage2.lagrangian import Lagrangian
+from lagsplat.stage2.modes import equilibrium
+
+HALVINGS = 6
+STRETCH = 400  # states between two looks at whether everything has settled
+NOISE = 1e-9  # rise of the energy, over where it began, that is rounding
+ORDER = 2  # of the integrator: at half the step a rise that is its own falls to a quarter
+
+
+@dataclass(frozen=True)
+class Settling:
+    """Rollouts that were carried on until they had settled or their time was over.
+
+    ``rise`` is how far the energy ever rose above where it had been, over where it began; the largest of all.
+    ``settled`` counts rollouts that came within the tolerance of where they belong, ``diverged`` those that
+    left the finite numbers, ``step_s`` is the step it took to keep the scheme from adding energy.
+    """
+
+    ends: Float64[np.ndarray, "B d"]
+    settled: int
+    diverged: int
+    rise: float
+    time_s: float
+    step_s: float
+
+
+def guarantee(
+    lagrangian: Lagrangian, *, reach: float, dt_s: float, config: GuaranteeConfig, seed: int = 0
+) -> dict[str, Any]:
+    """Whether a trained law comes to rest from anywhere, under no load and under held forces; plain data.
+
+    ``reach`` is the length of the longest encoded state, ``dt_s`` [s] the step. ``free`` starts at ``far``
+    times that length on all sides, at rest and moving, and must end at the minimum of the potential. ``held``
+    is pushed by forces that balance ``dV/dq`` at states of the data's size, and must end where they do.
+    ``rise`` and ``rise_at_half_step`` are of the free rollouts at the workflow's own step and at half of it:
+    what the integrator adds falls to a quarter, what the law added would stay. ``holds`` sums it up.
+
+    Source: paper, Appendix "Bounded forced response".
+    """
+    law = FrozenLaw(lagrangian)
+    rest = equilibrium(lagrangian, torch.zeros(lagrangian.n_inputs, dtype=torch.float64)).numpy()
+    rng = np.random.default_rng(seed)
+    sides = _sides(rng, config.starts, lagrangian.d)
+    start = rest + config.far * reach * sides
+    speed = config.far * reach / law.time_unit_s * _sides(rng, config.starts, lagrangian.d)
+    moving = np.arange(config.starts)[:, None] % 2 * speed
+    tolerance = config.settled * reach
+    free = _settle(
+        lagrangian, law, start, moving, np.broadcast_to(rest, start.shape), dt_s, config, tolerance
+    )
+    half = _rise(lagrangian, law, start, moving, dt_s=free.step_s / 2)
+    held_at = rest + config.force * reach * sides
+    force = law.slope_of_potential(held_at)
+    still = np.zeros_like(held_at)
+    begin = np.broadcast_to(rest, held_at.shape).copy()
+    held = _settle(lagrangian, law, begin, still, held_at, dt_s, config, tolerance, force=force)
+    missed = np.abs(law.slope_of_potential(held.ends) - force).max() / max(np.abs(force).max(), 1e-300)
+    order = free.rise <= NOISE or half <= max(NOISE, 1.5 * free.rise / 2**ORDER)
+    return {
+        "starts": config.starts,
+        "far": config.far,
+        "step_s": free.step_s,
+        "rise": free.rise,
+        "rise_at_half_step": half,
+        "free_settled": free.settled,
+        "free_diverged": free.diverged,
+        "free_time_s": free.time_s,
+        "held_settled": held.settled,
+        "held_diverged": held.diverged,
+        "held_time_s": held.time_s,
+        "held_force_error": float(missed),
+        "holds": bool(order and free.settled == held.settled == config.starts),
+    }
+
+
+def _sides(rng: np.random.Generator, count: int, d: int) -> np.ndarray:
+    """Unit vectors all around; in one dimension the two sides in turn."""
+    if d == 1:
+        return np.where(np.arange(count)[:, None] // 2 % 2 == 0, 1.0, -1.0)
+    drawn = rng.normal(size=(count, d))
+    return drawn / np.linalg.norm(drawn, axis=1, keepdims=True)
+
+
+def _settle(
+    lagrangian: Lagrangian,
+    law: FrozenLaw,
+    q: np.ndarray,
+    v: np.ndarray,
+    goal: np.ndarray,
+    dt_s: float,
+    config: GuaranteeConfig,
+    tolerance: float,
+    *,
+    force: np.ndarray | float = 0.0,
+) -> Settling:
+    """Carry on until all are at their goal; a step at which the scheme adds energy from afar is halved."""
+    for _ in range(HALVINGS):
+        if _rise(lagrangian, law, q, v, dt_s=dt_s, force=force) < 0.1:
+            break
+        dt_s /= 2
+    rise, elapsed_s = _rise(lagrangian, law, q, v, dt_s=dt_s, force=force), 0.0
+    while elapsed_s < config.duration_s:
+        paths, speeds = roll_out_free(law, q, v, states=STRETCH + 1, dt_s=dt_s, force=force)
+        q, v, elapsed_s = paths[:, -1], speeds[:, -1], elapsed_s + STRETCH * dt_s
+        # a passage through the goal is no rest there: the whole stretch must lie at it
+        apart = np.linalg.norm(paths - goal[:, None], axis=2).max(axis=1)
+        if not np.isfinite(q).all() or (apart < tolerance).all():
+            break
+    finite = np.isfinite(q).all(axis=1)
+    near = finite & (np.nan_to_num(apart, nan=np.inf) < tolerance)
+    return Settling(q, int(near.sum()), int((~finite).sum()), rise, elapsed_s, dt_s)
+
+
+def _rise(
+    lagrangian: Lagrangian,
+    law: FrozenLaw,
+    q: np.ndarray,
+    v: np.ndarray,
+    *,
+    dt_s: float,
+    force: np.ndarray | float = 0.0,
+) -> float:
+    """Largest rise of the energy over an earlier moment, over where it began; infinite on divergence."""
+    paths, speeds = roll_out_free(law, q, v, states=STRETCH + 1, dt_s=dt_s, force=force)
+    if not (np.isfinite(paths).all() and np.isfinite(speeds).all()):
+        return float("inf")
+    push = np.broadcast_to(force, q.shape)
+    worst = 0.0
+    for path, speed, held in zip(paths, speeds, push, strict=True):
+        energy = energy_of(lagrangian, path, speed) - (path - path[0]) @ held
+        scale = max(float(energy[0]), float(np.ptp(energy)), 1e-300)
+        worst = max(worst, float((energy - np.minimum.accumulate(energy)).max()) / scale)
+    return worst

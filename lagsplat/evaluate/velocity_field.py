@@ -1,0 +1,129 @@
+"""How the primitives of a decoder move at one state: with the matter they draw, or each for itself."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float32, Float64
+from scipy.spatial import cKDTree
+
+from lagsplat.chart.chart import Chart
+from lagsplat.shapes import Frames
+from lagsplat.splat.backend import rasterizer
+from lagsplat.splat.image_model import ALPHA_MIN
+from lagsplat.splat.losses import structural_dissimilarity
+from lagsplat.stage1.autoencoder import to_images
+from lagsplat.stage1.field import Field
+
+STILL = 1.5  # spreads of the quietest pixels within which a pixel counts as background
+AT_ONCE = 32
+
+
+@dataclass(frozen=True)
+class Moment:
+    """The training frame of the fastest motion: its raw latent and the rate of change of it [1/s]."""
+
+    frame: int
+    z: Float64[np.ndarray, " d"]
+    rate: Float64[np.ndarray, " d"]
+
+
+def fastest_moment(chart: Chart) -> Moment:
+    """Where the encoded training motion, smoothed, is fastest in the metric; never at the end of a clip."""
+    train = chart.train.smoothed(chart.smoothing_frames)
+    inner = np.concatenate([np.arange(start + 1, stop - 1) for start, stop in train.segments])
+    slopes = train.clock.slope(train.latents, inner, (-1, 1))
+    speed = np.einsum("ti,ij,tj->t", slopes, chart.metric, slopes)
+    best = int(np.argmax(speed))
+    frame = int(inner[best])
+    return Moment(frame, chart.to_raw(train.latents[[frame]])[0], slopes[best] @ chart.unwhiten)
+
+
+def background_of(frames: Frames) -> Bool[np.ndarray, "H W"]:
+    """Pixels that do not change over the frames beyond their noise.
+
+    The spread over time of the quietest half of the pixels says what noise is.
+    """
+    chosen = np.asarray(frames[:: max(1, len(frames) // 100)], dtype=np.float64)
+    spread = chosen.std(axis=0).mean(axis=-1)
+    return spread <= max(STILL * float(np.quantile(spread, 0.25)), 1.0)
+
+
+@torch.no_grad()
+def velocity_field(
+    field: Field,
+    frames: Frames,
+    latents: Float64[np.ndarray, "T d"],
+    moment: Moment,
+    *,
+    window: int,
+    neighbours: int,
+    backend: str = "auto",
+) -> tuple[dict[str, Any], dict[str, Float32[np.ndarray, "..."]]]:
+    """Measures of a decoder, and its picture and painted speeds at a moment.
+
+    ``l1`` and ``dissimilarity`` (1 - SSIM) are over all the frames it was fitted to. ``roughness`` is the
+    median over visible primitives of the mean difference of their velocity from those of their nearest
+    visible ``neighbours`` [px/s], ``speed`` the median of their own. ``painted_still`` and
+    ``painted_moving`` are the mean speeds [px/s] where the primitives' speeds are drawn like colours, over
+    the still background and over the rest. The maps are ``picture`` (3,H,W) and ``speed`` (H,W).
+
+    Source: paper, Appendix "Deformation-Field Decoder at Equal Budget".
+    """
+    z = torch.as_tensor(moment.z, dtype=torch.float32)
+    rate = torch.as_tensor(moment.rate, dtype=torch.float32)
+    velocity = (field.jacobian(z) @ rate).double().numpy()
+    scene = field.slices(z[None])[0]
+    rough, visible = _roughness(scene.means[0], scene.opacity[0], velocity, field, neighbours)
+    speeds = np.linalg.norm(velocity, axis=1)
+    colour = torch.as_tensor(np.repeat(speeds[:, None], 3, axis=1), dtype=torch.float32)
+    rasterize = rasterizer(backend, "cpu")
+    painted = rasterize(
+        scene.means, scene.covariance, scene.opacity, colour, torch.zeros(3),
+        height=field.height, width=field.width,
+    )[0, 0].numpy()  # fmt: skip
+    still = background_of(frames)
+    picture = field.draw([scene], backend=backend)[0].clamp(0, 1).numpy()
+    return {
+        **_reconstruction(field, frames, latents, window=window, backend=backend),
+        "roughness": rough,
+        "speed": float(np.median(speeds[visible])) if visible.any() else None,
+        "visible": int(visible.sum()),
+        "painted_still": float(painted[still].mean()) if still.any() else None,
+        "painted_moving": float(painted[~still].mean()) if (~still).any() else None,
+        "parameters": field.n_parameters,
+        "n_gaussians": len(velocity),
+        "frame": moment.frame,
+    }, {"picture": picture, "speed": painted}
+
+
+def _roughness(
+    means: torch.Tensor, opacity: torch.Tensor, velocity: np.ndarray, field: Field, neighbours: int
+) -> tuple[float | None, np.ndarray]:
+    at = means.double().numpy()
+    inside = (at >= 0).all(axis=1) & (at[:, 0] <= field.width) & (at[:, 1] <= field.height)
+    visible = inside & (opacity.numpy() >= ALPHA_MIN)
+    if visible.sum() < 2:
+        return None, visible
+    count = min(neighbours, int(visible.sum()) - 1)
+    near = cKDTree(at[visible]).query(at[visible], k=count + 1)[1][:, 1:]
+    mine = velocity[visible]
+    apart = np.linalg.norm(mine[near] - mine[:, None], axis=2).mean(axis=1)
+    return float(np.median(apart)), visible
+
+
+def _reconstruction(
+    field: Field, frames: Frames, latents: np.ndarray, *, window: int, backend: str
+) -> dict[str, float]:
+    l1, dissimilarity = [], []
+    for first in range(0, len(frames), AT_ONCE):
+        truth = to_images(np.asarray(frames[first : first + AT_ONCE]))
+        z = torch.as_tensor(latents[first : first + AT_ONCE], dtype=torch.float32)
+        drawn = field.draw(field.slices(z), backend=backend)
+        l1.append((drawn - truth).abs().mean(dim=(1, 2, 3)))
+        dissimilarity += [
+            structural_dissimilarity(a[None], b[None], window=window)
+            for a, b in zip(drawn, truth, strict=True)
+        ]
+    return {"l1": float(torch.cat(l1).mean()), "dissimilarity": float(torch.stack(dissimilarity).mean())}

@@ -1,0 +1,242 @@
+"""What is measured past the training window, on a swing whose law is known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from scipy.linalg import expm
+
+from lagsplat.baselines.keypoints.model import Forecaster, architecture_of
+from lagsplat.baselines.keypoints.scene import scatter
+from lagsplat.baselines.neural.model import NeuralOde
+from lagsplat.evaluate.crossing import crossing_clip
+from lagsplat.evaluate.evaluate import renderer
+from lagsplat.evaluate.extrapolate_ode import extrapolate_ode
+from lagsplat.evaluate.extrapolate_pictures import (
+    PicturePredictor,
+    extrapolate_forecaster,
+    extrapolate_frames,
+)
+from lagsplat.evaluate.extrapolate_run import extrapolate_run, free_rollouts
+from lagsplat.evaluate.extrapolation import extrapolation, looked_at, open_scene
+from lagsplat.evaluate.in_range import read, told
+from lagsplat.evaluate.mechanical_energy import energy_along
+from lagsplat.evaluate.oscillation import amplitude, compare_oscillations, oscillation
+from lagsplat.evaluate.predictor import fitted_start, law_predictor
+from lagsplat.evaluate.psnr import aligned_psnr, decibels, held_out_psnr
+from tests.unit.baselines import key_points
+from tests.unit.evaluate import swing
+
+EYE = np.eye(1)
+
+
+@pytest.fixture(scope="module")
+def scene():
+    film = swing.recording()
+    autoencoder, chart, lagrangian = swing.run(film)
+    return film, autoencoder, chart, lagrangian
+
+
+def test_an_oscillation_is_read_with_its_uncertainty() -> None:
+    series = swing.motion(133)[:, None] + 0.01 * np.random.default_rng(0).normal(size=(133, 1))
+    found = oscillation(series, dt_s=swing.DT_S, metric=EYE)
+    assert found is not None
+    assert abs(found["frequency_hz"] - swing.FREQUENCY_HZ) < 4 * found["frequency_sigma"] < 0.05
+    assert abs(found["rate_per_s"] - swing.RATE_PER_S) < 4 * found["rate_sigma"] < 0.2
+    assert amplitude(swing.motion(100)[:, None], EYE) == pytest.approx(0.94, abs=0.03)
+
+
+def test_errors_keep_their_sign_and_nothing_is_made_up() -> None:
+    one = {"frequency_hz": 2.0, "frequency_sigma": 0.01, "rate_per_s": 0.5, "rate_sigma": 0.05}
+    other = one | {"frequency_hz": 1.9, "rate_per_s": 0.2}
+    found = compare_oscillations(one, other)
+    assert (found["frequency_error"], found["rate_error"]) == pytest.approx((-0.05, -0.6))
+    assert found["rate_error_sigma"] == pytest.approx(np.hypot(0.05, 0.02) / 0.5)
+    assert compare_oscillations(one, None)["rate_error"] is None
+    assert "predicted" in compare_oscillations(one, None)["reason"]
+    assert oscillation(np.zeros((50, 1)), dt_s=0.1, metric=EYE) is None
+    assert oscillation(np.full((50, 1), np.nan), dt_s=0.1, metric=EYE) is None
+
+
+def test_a_lag_costs_decibels_until_it_is_taken_out() -> None:
+    truth, ahead = swing.pictures(swing.motion(40)), np.arange(40.0)
+
+    def late(at: np.ndarray) -> np.ndarray:
+        time_s = swing.DT_S * (at - 1.0)
+        swung = np.exp(-swing.RATE_PER_S * time_s) * np.cos(2 * np.pi * swing.FREQUENCY_HZ * time_s)
+        return swing.pictures(swung)
+
+    plain = held_out_psnr(late, truth, ahead)
+    aligned = aligned_psnr(late, truth, ahead, shifts=np.linspace(-2, 2, 9))
+    assert plain["mean"] < 35
+    assert aligned["mean"] > 60
+    assert np.median(aligned["shift"]) == 1.0
+    assert plain["first"] == plain["per_frame"][0]
+    np.testing.assert_allclose(decibels(np.array([0.01, 0.0])), [20.0, 100.0])
+
+
+def test_the_clip_that_crosses_is_found_or_the_reason_given(scene) -> None:
+    _, _, chart, _ = scene
+    crossing = crossing_clip(chart)
+    assert (crossing.n_train, crossing.stop) == (80, 120)
+    assert crossing.period_s == pytest.approx(1 / swing.FREQUENCY_HZ, rel=0.03)
+    np.testing.assert_allclose(crossing.ahead, np.arange(1.0, 41.0), atol=1e-9)
+    with pytest.raises(ValueError, match="held_out_frames"):
+        crossing_clip(replace(chart, segments=((0, 80), (80, 120))))
+    with pytest.raises(ValueError, match="driven"):
+        crossing_clip(replace(chart, inputs=np.arange(120.0)[:, None]))
+    with pytest.raises(ValueError, match="no oscillation"):
+        crossing_clip(replace(chart, latents=np.zeros((120, 1))))
+
+
+def linear_law(q0: np.ndarray, v0: np.ndarray, states: int) -> np.ndarray:
+    omega, rate = 2 * np.pi * swing.FREQUENCY_HZ, swing.RATE_PER_S
+    step = expm(np.array([[0.0, 1.0], [-(omega**2) - rate**2, -2 * rate]]) * swing.DT_S)
+    path = [np.concatenate([q0, v0], axis=1)]
+    for _ in range(states - 1):
+        path.append(path[-1] @ step.T)
+    return np.stack(path, axis=1)[:, :, :1]
+
+
+def test_a_start_is_found_from_training_frames_alone(scene) -> None:
+    _, _, chart, _ = scene
+    path = linear_law(np.array([[1.0]]), np.array([[3.0]]), 120)[0]
+    crossing = replace(crossing_clip(chart), latents=path)
+    crossing.latents[80:] = np.nan
+    q, v = fitted_start(linear_law, crossing, at=0, frames=15)
+    np.testing.assert_allclose([q[0, 0], v[0, 0]], [1.0, 3.0], rtol=1e-5)
+    q, v = fitted_start(linear_law, crossing, at=65, frames=15)
+    assert np.isfinite([q, v]).all()
+
+
+def test_frames_of_another_kind_are_out_of_range(scene) -> None:
+    film, autoencoder, chart, _ = scene
+    _, known, pictures = open_scene(autoencoder, chart, film)
+    config = swing.settings()
+    reading = read(known, pictures(np.arange(30)), config)
+    np.testing.assert_allclose(reading.states, chart.latents[:30], atol=1e-6)
+    assert told([reading])["inside"] == 1.0
+    assert reading.distance.max() < 1e-6
+    noise = np.random.default_rng(0).random((5, 3, swing.SIDE, swing.SIDE)).astype(np.float32)
+    assert not read(known, noise, config).inside.any()
+    with pytest.raises(ValueError, match="20 x 16 pixels"):
+        read(known, np.zeros((2, 3, 20, 16), dtype=np.float32), config)
+
+
+def test_a_run_is_measured_whole(scene) -> None:
+    film, autoencoder, chart, lagrangian = scene
+    found = extrapolate_run(autoencoder, chart, lagrangian, film, swing.settings())
+    assert found["recording"]["held_out"] == len(found["psnr"]["per_frame"]) == 40
+    assert abs(found["psnr"]["mean"] - found["floor"]["mean"]) < 1.0
+    assert found["aligned"]["mean"] >= found["psnr"]["mean"]
+    assert abs(found["physics"]["frequency_error"]) < 0.03
+    assert abs(found["physics"]["rate_error"]) < 0.4
+    assert 0.0 <= found["left"] < 0.01
+    assert found["looks"][-1]["first"] + len(found["looks"][-1]["states"]) == 600
+    energies = [np.mean(look["energy"]) for look in found["looks"]]
+    assert energies[-1] < 1e-3 * energies[0]
+    assert found["guarantee"]["holds"]
+    assert found["range"]["inside"] == 1.0
+
+
+def test_a_model_that_is_never_in_range_gets_no_physics(scene) -> None:
+    film, autoencoder, chart, lagrangian = scene
+    crossing, known, pictures = open_scene(autoencoder, chart, film)
+    config = swing.settings()
+    rng = np.random.default_rng(0)
+
+    def noise(at: np.ndarray) -> np.ndarray:
+        return rng.random((len(at), 3, swing.SIDE, swing.SIDE)).astype(np.float32)
+
+    fitted = pictures(np.arange(crossing.n_train))
+    predictor = PicturePredictor(known, config, crossing, fitted, noise, between_frames=False)
+    found = extrapolation(predictor, crossing, known, pictures, config, energy_along(lagrangian))
+    assert found["left"] is None
+    assert found["physics"]["frequency_error"] is None
+    assert "of the kind the encoder knows" in found["reason"]
+    assert found["psnr"]["mean"] < 10
+
+
+def test_pictures_of_the_truth_are_as_good_as_the_film(scene) -> None:
+    film, autoencoder, chart, lagrangian = scene
+    crossing, known, pictures = open_scene(autoencoder, chart, film)
+    config = swing.settings()
+
+    def truth(at: np.ndarray) -> np.ndarray:
+        return np.concatenate([swing.pictures(swing.motion(1, first=79 + int(t))) for t in at])
+
+    fitted = pictures(np.arange(crossing.n_train))
+    predictor = PicturePredictor(known, config, crossing, fitted, truth, between_frames=False)
+    found = extrapolation(predictor, crossing, known, pictures, config, energy_along(lagrangian))
+    assert found["psnr"]["mean"] > 45
+    assert abs(found["physics"]["rate_error"]) < 0.02
+    assert abs(found["held_out"]["frequency_error"]) < 0.02
+    assert found["left"] < 0.01
+
+
+def test_a_forecaster_and_a_free_equation_are_measured_alike(scene) -> None:
+    film, autoencoder, chart, lagrangian = scene
+    config = swing.settings()
+    torch.manual_seed(0)
+    settings = key_points.settings()
+    of = architecture_of(settings, height=swing.SIDE, width=swing.SIDE, frames=80)
+    forecaster = Forecaster(of, backend="torch")
+    scatter(forecaster.scene, film.frames[:80], sigma=0.1, opacity=0.5, rng=np.random.default_rng(0))
+    forecaster.keys.gather(forecaster.scene.place.detach(), forecaster.scene.feature.detach(), seed=0)
+    pictures = extrapolate_forecaster(autoencoder, chart, lagrangian, forecaster.eval(), film, config)
+    ode = NeuralOde(1, hidden=8, layers=1, method="rk4", time_unit_s=0.1)
+    with torch.no_grad():
+        ode.head.weight.zero_()
+        ode.head.bias.zero_()
+    still = extrapolate_ode(autoencoder, chart, lagrangian, ode, film, config)
+    assert set(still) < set(pictures)
+    assert pictures["own"]["fitted_psnr"] > 0
+    assert len(pictures["own"]["in_time"]["per_frame"]) == 40
+    # nothing moves where nothing changes: no amplitude, hence no oscillation
+    assert still["left"] == 0.0
+    assert still["physics"]["frequency_error"] is None
+    longer, other = swing.recording(held_out=30), replace(chart, n_train=90)
+    with pytest.raises(ValueError, match="trained on 80 frames of 16 x 16, the clip has 90"):
+        extrapolate_forecaster(autoencoder, other, lagrangian, forecaster, longer, config)
+
+
+def test_frames_of_another_program_are_read_and_what_they_do_not_hold_is_not_said(scene) -> None:
+    film, autoencoder, chart, lagrangian = scene
+    config = swing.settings()
+    truth = np.moveaxis(swing.pictures(swing.motion(200, first=80)), 1, 3)
+    frames = np.round(255 * truth).astype(np.uint8)
+    found = extrapolate_frames(autoencoder, chart, lagrangian, frames, film, config)
+    assert found["psnr"]["mean"] > 45
+    assert found["left"] is None
+    assert "were predicted, not the 20 s" in found["reason"]
+    assert found["physics"]["frequency_error"] is None
+    assert abs(found["held_out"]["frequency_error"]) < 0.01
+    with pytest.raises(ValueError, match="20 predicted frames, but 40"):
+        extrapolate_frames(autoencoder, chart, lagrangian, frames[:20], film, config)
+    with pytest.raises(ValueError, match="8 x 16 pixels"):
+        extrapolate_frames(autoencoder, chart, lagrangian, frames[:, :8], film, config)
+
+
+def test_looks_end_at_the_horizon_and_never_overlap_what_is_shown(scene) -> None:
+    crossing = crossing_clip(scene[2])
+    looks = looked_at(crossing, swing.settings())
+    assert looks[0] == (0, 120)
+    assert looks[-1][1] == 600
+    assert all(first >= 120 for first, _ in looks[1:])
+
+
+def test_a_law_that_blows_up_is_measured_and_not_dropped(scene) -> None:
+    film, autoencoder, chart, _ = scene
+    crossing, known, pictures = open_scene(autoencoder, chart, film)
+    config = swing.settings()
+
+    def runaway(q0: np.ndarray, v0: np.ndarray, states: int) -> np.ndarray:
+        with np.errstate(over="ignore"):
+            return q0[:, None] * np.exp(8.0 * np.arange(states))[None, :, None]
+
+    predictor = law_predictor(runaway, known, renderer(autoencoder, chart), crossing, config)
+    found = extrapolation(predictor, crossing, known, pictures, config, energy_along(scene[3]))
+    assert found["left"] is None
+    assert found["psnr"]["mean"] < found["floor"]["mean"]
+    assert len(free_rollouts(scene[3], swing.DT_S)(np.zeros((1, 1)), np.ones((1, 1)), 5)[0]) == 5

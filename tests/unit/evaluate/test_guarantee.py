@@ -1,0 +1,38 @@
+"""What no trained law can break, and that a broken one is told from it."""
+
+import pytest
+import torch
+
+from lagsplat.evaluate.guarantee import guarantee
+from lagsplat.stage2.lagrangian import Lagrangian
+from tests.stage2_problems import random_lagrangian
+from tests.unit.evaluate import swing
+
+
+def asked(lagrangian: Lagrangian, **changes: object) -> dict:
+    config = swing.settings(guarantee={"duration_s": 100.0, "starts": 4, **changes}).guarantee
+    return guarantee(lagrangian, reach=2.0, dt_s=0.02, config=config)
+
+
+@pytest.mark.parametrize(("d", "mass"), [(1, "learned"), (1, "constant"), (2, "learned")])
+def test_every_law_of_the_class_comes_to_rest(d: int, mass: str) -> None:
+    found = asked(random_lagrangian(d, 0, 7, mass=mass), far=2.0)
+    assert found["holds"], found
+    assert found["free_settled"] == found["held_settled"] == 4
+    assert found["held_force_error"] < 0.01
+    assert found["rise_at_half_step"] <= found["rise"] + 1e-9
+
+
+def test_a_law_that_feeds_its_motion_is_found_out() -> None:
+    lagrangian = random_lagrangian(1, 0, 7, damping="constant")
+    with torch.no_grad():
+        lagrangian.damping_term.factor.zero_()
+    lagrangian.damping_term.floor = -0.05
+    found = asked(lagrangian, duration_s=1.0)
+    assert not found["holds"]
+    assert found["free_settled"] == 0
+
+
+def test_time_that_is_too_short_is_not_called_settled() -> None:
+    found = asked(random_lagrangian(1, 0, 7), duration_s=0.5)
+    assert not found["holds"]

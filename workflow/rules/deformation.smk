@@ -1,0 +1,140 @@
+rule field:
+    input:
+        recording=rules.stage1.input.recording,
+        chart=rules.chart.output.chart,
+        records=[rules.chart.output.record],
+    output:
+        model=update(
+            "results/{profile}/{recording}/{system}/{stage1}-{ae}/fields/{field}.safetensors"
+        ),
+        record="results/{profile}/{recording}/{system}/{stage1}-{ae}/fields/{field}.json",
+    log:
+        "results/{profile}/logs/{recording}/{system}/{stage1}-{ae}/fields/{field}.log",
+    benchmark:
+        "results/{profile}/benchmarks/{recording}/{system}/{stage1}-{ae}/fields/{field}.tsv"
+    conda:
+        "../envs/lagsplat.yaml"
+    threads: 1
+    resources:
+        mem_mb=3000,
+    params:
+        cfg=section("deformation"),
+        stage1=section("stage1"),
+        before=before("field"),
+        code=script_digest(SCRIPTS / "field.py"),
+    message:
+        "The {wildcards.field} decoder of {wildcards.system} ({wildcards.recording})"
+    script:
+        "../scripts/field.py"
+
+
+rule velocity_field:
+    input:
+        recording=rules.stage1.input.recording,
+        chart=rules.chart.output.chart,
+        models=[
+            "results/{profile}/{recording}/{system}/{stage1}-{ae}/fields/conditioned.safetensors",
+            "results/{profile}/{recording}/{system}/{stage1}-{ae}/fields/deformed.safetensors",
+        ],
+        records=[
+            rules.chart.output.record,
+            "results/{profile}/{recording}/{system}/{stage1}-{ae}/fields/conditioned.json",
+            "results/{profile}/{recording}/{system}/{stage1}-{ae}/fields/deformed.json",
+        ],
+    output:
+        maps=update(
+            "results/{profile}/{recording}/{system}/{stage1}-{ae}/velocity_field.safetensors"
+        ),
+        record="results/{profile}/{recording}/{system}/{stage1}-{ae}/velocity_field.json",
+    log:
+        "results/{profile}/logs/{recording}/{system}/{stage1}-{ae}/velocity_field.log",
+    benchmark:
+        "results/{profile}/benchmarks/{recording}/{system}/{stage1}-{ae}/velocity_field.tsv"
+    conda:
+        "../envs/lagsplat.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+    params:
+        cfg=section("deformation"),
+        window=section("stage1.loss.ssim_window"),
+        before=before("field_read"),
+        code=script_digest(SCRIPTS / "velocity_field.py"),
+    message:
+        "Read the velocities of both decoders of {wildcards.system} ({wildcards.recording})"
+    script:
+        "../scripts/velocity_field.py"
+
+
+rule deformation:
+    input:
+        maps=[rules.velocity_field.output.maps.format(**run) for run in field_runs()],
+        records=[
+            rules.velocity_field.output.record.format(**run) for run in field_runs()
+        ],
+    output:
+        tex="results/tables/deformation.tex",
+        csv=report(
+            "results/tables/deformation.csv",
+            caption="../report/deformation.rst",
+            category="Tables",
+            labels={"table": "two decoders"},
+        ),
+    log:
+        "results/logs/deformation.log",
+    benchmark:
+        "results/benchmarks/deformation.tsv"
+    conda:
+        "../envs/lagsplat.yaml"
+    threads: 1
+    resources:
+        mem_mb=500,
+    params:
+        runs=lambda wildcards: field_runs(),
+        titles=lambda wildcards: titles(field_runs()),
+        before=lambda wildcards: [before("field_table")(run) for run in field_runs()],
+        code=script_digest(SCRIPTS / "deformation.py"),
+    message:
+        "Compare two decoders at an equal number of primitives"
+    script:
+        "../scripts/deformation.py"
+
+
+rule jacobian_field:
+    input:
+        maps=[
+            rules.velocity_field.output.maps.format(**run) for run in field_runs()[:1]
+        ],
+        records=[
+            rules.velocity_field.output.record.format(**run)
+            for run in field_runs()[:1]
+        ],
+    output:
+        pdf="results/figures/jacobian_field.pdf",
+        png=report(
+            "results/figures/jacobian_field.png",
+            caption="../report/jacobian_field.rst",
+            category="Rollouts",
+            labels={"figure": "velocities of the primitives"},
+        ),
+    log:
+        "results/logs/jacobian_field.log",
+    benchmark:
+        "results/benchmarks/jacobian_field.tsv"
+    conda:
+        "../envs/lagsplat.yaml"
+    threads: 1
+    resources:
+        mem_mb=500,
+    params:
+        title=lambda wildcards: "The same motion read off two decoders · {title} · {recording} recording · profile {profile}".format(
+            title=titles(field_runs())[field_runs()[0]["system"]], **field_runs()[0]
+        ),
+        before=lambda wildcards: [
+            before("field_table")(run) for run in field_runs()[:1]
+        ],
+        code=script_digest(SCRIPTS / "jacobian_field.py"),
+    message:
+        "Draw the velocities of the primitives of two decoders"
+    script:
+        "../scripts/jacobian_field.py"

@@ -1,0 +1,174 @@
+rule forecaster:
+    input:
+        recording=rules.stage1.input.recording,
+        records=rules.stage1.input.records,
+    output:
+        model=update(
+            "results/{profile}/{recording}/{system}/forecasters/{forecaster}-{seed}/model.safetensors"
+        ),
+        curve=update(
+            "results/{profile}/{recording}/{system}/forecasters/{forecaster}-{seed}/curve.csv"
+        ),
+        record="results/{profile}/{recording}/{system}/forecasters/{forecaster}-{seed}/model.json",
+    log:
+        "results/{profile}/logs/{recording}/{system}/forecasters/{forecaster}-{seed}/forecaster.log",
+    benchmark:
+        "results/{profile}/benchmarks/{recording}/{system}/forecasters/{forecaster}-{seed}/forecaster.tsv"
+    conda:
+        "../envs/lagsplat.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+    params:
+        cfg=section("forecaster"),
+        before=before("forecaster"),
+        code=script_digest(SCRIPTS / "forecaster.py"),
+        # Not an output: it must outlive a failed or killed job. A finished one deletes it.
+        checkpoint="results/{profile}/{recording}/{system}/forecasters/{forecaster}-{seed}/checkpoint/state.pt",
+    message:
+        "Forecaster {wildcards.forecaster} of {wildcards.system} ({wildcards.recording}), seed {wildcards.seed}"
+    script:
+        "../scripts/forecaster.py"
+
+
+rule ode:
+    input:
+        chart=rules.chart.output.chart,
+        records=[rules.chart.output.record],
+    output:
+        model=update(
+            "results/{profile}/{recording}/{system}/{stage1}-{ae}/odes/{ode}-{seed}/model.safetensors"
+        ),
+        curve=update(
+            "results/{profile}/{recording}/{system}/{stage1}-{ae}/odes/{ode}-{seed}/curve.csv"
+        ),
+        record="results/{profile}/{recording}/{system}/{stage1}-{ae}/odes/{ode}-{seed}/model.json",
+    log:
+        "results/{profile}/logs/{recording}/{system}/{stage1}-{ae}/odes/{ode}-{seed}/ode.log",
+    benchmark:
+        "results/{profile}/benchmarks/{recording}/{system}/{stage1}-{ae}/odes/{ode}-{seed}/ode.tsv"
+    conda:
+        "../envs/lagsplat.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+    params:
+        cfg=section("ode"),
+        before=before("ode"),
+        code=script_digest(SCRIPTS / "ode.py"),
+        checkpoint="results/{profile}/{recording}/{system}/{stage1}-{ae}/odes/{ode}-{seed}/checkpoint/state.pt",
+    message:
+        "Free differential equation of {wildcards.system} ({wildcards.recording}), seed {wildcards.seed}"
+    script:
+        "../scripts/ode.py"
+
+
+rule extrapolate:
+    input:
+        recording=rules.stage1.input.recording,
+        autoencoder=rules.stage1.output.autoencoder,
+        chart=rules.chart.output.chart,
+        dynamics=rules.stage2.output.dynamics,
+        records=[
+            rules.stage1.output.record,
+            rules.chart.output.record,
+            rules.stage2.output.record,
+        ],
+    output:
+        found=update(
+            "results/{profile}/{recording}/{system}/{stage1}-{ae}/{stage2}-{seed}/extrapolation/run.json"
+        ),
+        record="results/{profile}/{recording}/{system}/{stage1}-{ae}/{stage2}-{seed}/extrapolation/run_record.json",
+    log:
+        "results/{profile}/logs/{recording}/{system}/{stage1}-{ae}/{stage2}-{seed}/extrapolate.log",
+    benchmark:
+        "results/{profile}/benchmarks/{recording}/{system}/{stage1}-{ae}/{stage2}-{seed}/extrapolate.tsv"
+    conda:
+        "../envs/lagsplat.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+    params:
+        cfg=section("extrapolation"),
+        before=before("extrapolate"),
+        code=script_digest(SCRIPTS / "extrapolate.py"),
+    message:
+        "Roll {wildcards.system} ({wildcards.recording}) out far past its training frames, seed {wildcards.seed}"
+    script:
+        "../scripts/extrapolate.py"
+
+
+rule extrapolate_forecaster:
+    input:
+        recording=rules.stage1.input.recording,
+        autoencoder=rules.stage1.output.autoencoder,
+        chart=rules.chart.output.chart,
+        dynamics=rules.stage2.output.dynamics,
+        model="results/{profile}/{recording}/{system}/forecasters/{forecaster}-{trial}/model.safetensors",
+        records=[
+            rules.stage2.output.record,
+            "results/{profile}/{recording}/{system}/forecasters/{forecaster}-{trial}/model.json",
+        ],
+    output:
+        found=update(
+            "results/{profile}/{recording}/{system}/{stage1}-{ae}/{stage2}-{seed}/extrapolation/{forecaster}-{trial}.json"
+        ),
+        record="results/{profile}/{recording}/{system}/{stage1}-{ae}/{stage2}-{seed}/extrapolation/{forecaster}-{trial}_record.json",
+    log:
+        "results/{profile}/logs/{recording}/{system}/{stage1}-{ae}/{stage2}-{seed}/extrapolate_{forecaster}-{trial}.log",
+    benchmark:
+        "results/{profile}/benchmarks/{recording}/{system}/{stage1}-{ae}/{stage2}-{seed}/extrapolate_{forecaster}-{trial}.tsv"
+    conda:
+        "../envs/lagsplat.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+    params:
+        cfg=section("extrapolation"),
+        before=lambda wildcards: [
+            before("extrapolate")(wildcards),
+            before("forecaster_read")(wildcards),
+        ],
+        code=script_digest(SCRIPTS / "extrapolate_forecaster.py"),
+    message:
+        "Carry forecaster {wildcards.forecaster}-{wildcards.trial} of {wildcards.system} ({wildcards.recording}) on"
+    script:
+        "../scripts/extrapolate_forecaster.py"
+
+
+rule extrapolate_ode:
+    input:
+        recording=rules.stage1.input.recording,
+        autoencoder=rules.stage1.output.autoencoder,
+        chart=rules.chart.output.chart,
+        dynamics=rules.stage2.output.dynamics,
+        model="results/{profile}/{recording}/{system}/{stage1}-{ae}/odes/{ode}-{trial}/model.safetensors",
+        records=[
+            rules.stage2.output.record,
+            "results/{profile}/{recording}/{system}/{stage1}-{ae}/odes/{ode}-{trial}/model.json",
+        ],
+    output:
+        found=update(
+            "results/{profile}/{recording}/{system}/{stage1}-{ae}/{stage2}-{seed}/extrapolation/ode_{ode}-{trial}.json"
+        ),
+        record="results/{profile}/{recording}/{system}/{stage1}-{ae}/{stage2}-{seed}/extrapolation/ode_{ode}-{trial}_record.json",
+    log:
+        "results/{profile}/logs/{recording}/{system}/{stage1}-{ae}/{stage2}-{seed}/extrapolate_ode_{ode}-{trial}.log",
+    benchmark:
+        "results/{profile}/benchmarks/{recording}/{system}/{stage1}-{ae}/{stage2}-{seed}/extrapolate_ode_{ode}-{trial}.tsv"
+    conda:
+        "../envs/lagsplat.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+    params:
+        cfg=section("extrapolation"),
+        before=lambda wildcards: [
+            before("extrapolate")(wildcards),
+            before("ode_read")(wildcards),
+        ],
+        code=script_digest(SCRIPTS / "extrapolate_ode.py"),
+    message:
+        "Carry the free differential equation of {wildcards.system} ({wildcards.recording}) on, {wildcards.trial}"
+    script:
+        "../scripts/extrapolate_ode.py"

@@ -1,0 +1,89 @@
+rule extrapolation:
+    input:
+        runs=extrapolation_files("run", rules.extrapolate.output.found),
+        forecasters=extrapolation_files(
+            "forecaster", rules.extrapolate_forecaster.output.found
+        ),
+        odes=extrapolation_files("ode", rules.extrapolate_ode.output.found),
+        authors=extrapolation_files("authors", rules.extrapolate_authors.output.found),
+        records=[
+            *extrapolation_files("run", rules.extrapolate.output.record),
+            *extrapolation_files(
+                "forecaster", rules.extrapolate_forecaster.output.record
+            ),
+            *extrapolation_files("ode", rules.extrapolate_ode.output.record),
+            *extrapolation_files("authors", rules.extrapolate_authors.output.record),
+        ],
+    output:
+        tex="results/tables/extrapolation.tex",
+        csv=report(
+            "results/tables/extrapolation.csv",
+            caption="../report/extrapolation.rst",
+            category="Tables",
+            labels={"table": "extrapolation"},
+        ),
+    log:
+        "results/logs/extrapolation.log",
+    benchmark:
+        "results/benchmarks/extrapolation.tsv"
+    conda:
+        "../envs/lagsplat.yaml"
+    threads: 1
+    resources:
+        mem_mb=500,
+    params:
+        runs=lambda wildcards: extrapolated()[0],
+        others=lambda wildcards: extrapolated()[1],
+        titles=lambda wildcards: titles(extrapolated()[0]),
+        before=lambda wildcards: before_extrapolations(),
+        code=script_digest(SCRIPTS / "extrapolation.py"),
+    message:
+        "Compare the models past their training frames"
+    script:
+        "../scripts/extrapolation.py"
+
+
+rule equilibrium:
+    input:
+        runs=[
+            rules.extrapolate.output.found.format(**run)
+            for run in first_extrapolated("run")
+        ],
+        forecasters=[
+            rules.extrapolate_forecaster.output.found.format(**run)
+            for run in first_extrapolated("forecaster")
+        ],
+        odes=[
+            rules.extrapolate_ode.output.found.format(**run)
+            for run in first_extrapolated("ode")
+        ],
+    output:
+        pdf="results/figures/equilibrium.pdf",
+        png=report(
+            "results/figures/equilibrium.png",
+            caption="../report/equilibrium.rst",
+            category="Rollouts",
+            labels={"figure": "free extrapolation"},
+        ),
+    log:
+        "results/logs/equilibrium.log",
+    benchmark:
+        "results/benchmarks/equilibrium.tsv"
+    conda:
+        "../envs/lagsplat.yaml"
+    threads: 1
+    resources:
+        mem_mb=500,
+    params:
+        title=lambda wildcards: "Free extrapolation far past the clip · {title} · {recording} recording · profile {profile}".format(
+            title=titles(first_extrapolated("run"))[
+                first_extrapolated("run")[0]["system"]
+            ],
+            **first_extrapolated("run")[0],
+        ),
+        before=lambda wildcards: before_extrapolations(),
+        code=script_digest(SCRIPTS / "equilibrium.py"),
+    message:
+        "Draw where long rollouts end"
+    script:
+        "../scripts/equilibrium.py"

@@ -1,0 +1,22 @@
+"""Frames that the authors' own tool predicts, from a checkout of the user's or read from a folder."""
+
+from pathlib import Path
+
+from lagsplat.baselines.authors.config import AuthorsConfig
+from lagsplat.baselines.authors.predict import predicted_frames
+from lagsplat.io.artefact import save_artefact
+from lagsplat.io.recording import load_recording
+from lagsplat.io.split import crossing_frames
+from lagsplat.job import Job
+
+with Job(snakemake) as job:
+    recording = load_recording(job.input.recording)
+    start, boundary, stop = crossing_frames(recording.segments, recording.split()[0].n_frames)
+    frames = predicted_frames(
+        recording.frames[start:stop],
+        job.section(AuthorsConfig),
+        n_train=boundary - start,
+        place=Path(job.params.place),
+        say=job.say,
+    )
+    save_artefact(job.output.frames, {"frames": frames}, {"kind": "predicted", "schema": 1, **job.header})

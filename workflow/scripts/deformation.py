@@ -1,0 +1,11 @@
+"""Compare two decoders at an equal number of primitives."""
+
+from lagsplat.evaluate.velocity_maps import load_maps
+from lagsplat.io.atomic import write_text
+from lagsplat.job import Job
+from lagsplat.report.deformation import deformation_table, latex_deformation
+
+with Job(snakemake) as job:
+    table = deformation_table(job.params.runs, [load_maps(path)[1] for path in job.input.maps])
+    write_text(job.output.csv, table.to_csv(index=False))
+    write_text(job.output.tex, latex_deformation(table, titles=job.params.titles))

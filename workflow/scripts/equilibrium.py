@@ -1,0 +1,14 @@
+"""Draw where the long rollouts of all models end."""
+
+from lagsplat.io.plain import load_json
+from lagsplat.job import Job
+from lagsplat.report.figures import draw_equilibrium, save_figure
+
+with Job(snakemake) as job:
+    run, *_ = (load_json(path) for path in job.input.runs)
+    models = {
+        "key-point forecaster": [load_json(path) for path in job.input.forecasters],
+        "neural ODE": [load_json(path) for path in job.input.odes],
+    }
+    for path in (job.output.pdf, job.output.png):
+        save_figure(path, draw_equilibrium(run, models, title=job.params.title))

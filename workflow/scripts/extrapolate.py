@@ -1,0 +1,18 @@
+"""Measure a trained run far past its training frames."""
+
+from lagsplat.chart.chart import load_chart
+from lagsplat.evaluate.extrapolate_run import extrapolate_run
+from lagsplat.evaluate.extrapolation_config import ExtrapolationConfig
+from lagsplat.io.plain import save_json
+from lagsplat.io.recording import load_recording
+from lagsplat.job import Job
+from lagsplat.stage1.autoencoder import load_autoencoder
+from lagsplat.stage2.fit import load_dynamics
+
+with Job(snakemake) as job:
+    autoencoder, _ = load_autoencoder(job.input.autoencoder)
+    chart, _ = load_chart(job.input.chart)
+    lagrangian, _ = load_dynamics(job.input.dynamics)
+    recording = load_recording(job.input.recording)
+    found = extrapolate_run(autoencoder, chart, lagrangian, recording, job.section(ExtrapolationConfig))
+    save_json(job.output.found, found | {"made_by": job.header})

@@ -1,0 +1,22 @@
+"""Measure a key-point forecaster far past its training frames."""
+
+from lagsplat.baselines.keypoints.model import load_forecaster
+from lagsplat.chart.chart import load_chart
+from lagsplat.evaluate.extrapolate_pictures import extrapolate_forecaster
+from lagsplat.evaluate.extrapolation_config import ExtrapolationConfig
+from lagsplat.io.plain import save_json
+from lagsplat.io.recording import load_recording
+from lagsplat.job import Job
+from lagsplat.stage1.autoencoder import load_autoencoder
+from lagsplat.stage2.fit import load_dynamics
+
+with Job(snakemake) as job:
+    run = (
+        load_autoencoder(job.input.autoencoder)[0],
+        load_chart(job.input.chart)[0],
+        load_dynamics(job.input.dynamics)[0],
+    )
+    model, header = load_forecaster(job.input.model)
+    recording, config = load_recording(job.input.recording), job.section(ExtrapolationConfig)
+    found = extrapolate_forecaster(*run, model, recording, config)
+    save_json(job.output.found, found | {"training_wall_s": header["wall_s"], "made_by": job.header})

@@ -1,0 +1,15 @@
+"""Compare the models past their training frames in one table."""
+
+from lagsplat.io.atomic import write_text
+from lagsplat.io.plain import load_json
+from lagsplat.job import Job
+from lagsplat.report.extrapolation_rows import extrapolation_rows, gathered_models
+from lagsplat.report.extrapolation_table import latex_extrapolation
+
+with Job(snakemake) as job:
+    kinds = {"forecaster": job.input.forecasters, "ode": job.input.odes, "authors": job.input.authors}
+    found = [load_json(path) for path in [*job.input.runs, *(path for own in kinds.values() for path in own)]]
+    others = sorted(job.params.others, key=lambda run: list(kinds).index(run["kind"]))
+    table = extrapolation_rows(gathered_models(job.params.runs, others, found))
+    write_text(job.output.csv, table.to_csv(index=False))
+    write_text(job.output.tex, latex_extrapolation(table, titles=job.params.titles))
