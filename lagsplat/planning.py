@@ -197,7 +197,11 @@ def planned_extrapolations(overrides: Overrides) -> tuple[list[Run], list[Foreca
     """
     runs: list[Run] = []
     others: list[ForecastRun] = []
-    for system in shared_experiment(overrides).extrapolated:
+    experiment = shared_experiment(overrides)
+    chosen = {key_of(item) for item in overrides.shared}
+    for system in experiment.extrapolated:
+        if "systems" in chosen and "extrapolated" not in chosen and system not in experiment.systems:
+            continue  # who chooses systems, and files for them, means no others
         own = compose_for(overrides, system=system)
         if own.system.film != "video":
             raise ConfigError(

@@ -11,6 +11,7 @@ from lagsplat.planning import (
     compose_for,
     files_of,
     planned_baselines,
+    planned_extrapolations,
     planned_runs,
     read_overrides,
     script_digest,
@@ -166,3 +167,15 @@ def test_every_clip_of_a_folder_is_an_input(tmp_path: Path) -> None:
     gone = given(hydra=f"recording=filmed recording.path={tmp_path}/gone.mp4 systems=[pendulum_pair]")
     with pytest.raises(ConfigError, match=r"gone\.mp4: no such file"):
         planned_runs(gone)
+
+
+def test_who_chooses_systems_gets_no_table_of_others() -> None:
+    def systems(words: str) -> list[str]:
+        return [run.system for run in planned_extrapolations(given(hydra=words))[0]]
+
+    assert systems("profile=toy") == ["toy_swing"]
+    assert systems("systems=[rainbow_rocker,pendulum]") == ["rainbow_rocker"]
+    assert systems("recording=filmed systems=[krauss_1seg,krauss_2seg]") == []
+    assert systems("systems=[pendulum] extrapolated=[rocking_chair]") == ["rocking_chair"]
+    with pytest.raises(ConfigError, match="krauss_1seg is driven by its inputs"):
+        systems("extrapolated=[krauss_1seg]")

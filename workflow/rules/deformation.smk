@@ -68,7 +68,9 @@ rule velocity_field:
 
 rule deformation:
     input:
-        maps=[rules.velocity_field.output.maps.format(**run) for run in field_runs()],
+        maps=lambda wildcards: some(
+            [rules.velocity_field.output.maps.format(**run) for run in field_runs()]
+        ),
         records=[
             rules.velocity_field.output.record.format(**run) for run in field_runs()
         ],
@@ -102,9 +104,12 @@ rule deformation:
 
 rule jacobian_field:
     input:
-        maps=[
-            rules.velocity_field.output.maps.format(**run) for run in field_runs()[:1]
-        ],
+        maps=lambda wildcards: some(
+            [
+                rules.velocity_field.output.maps.format(**run)
+                for run in field_runs()[:1]
+            ]
+        ),
         records=[
             rules.velocity_field.output.record.format(**run)
             for run in field_runs()[:1]

@@ -25,3 +25,13 @@ def field_runs():
     """The first run of every system of the table of decoders: dynamics play no part in it."""
     seen = {run["system"]: run for run in reversed(extrapolated()[0])}
     return list(reversed(seen.values()))
+
+
+def some(files):
+    """These files; a table or a figure of none is refused."""
+    if not files:
+        raise WorkflowError(
+            f"this would be empty: none of extrapolated={experiment.extrapolated} is among "
+            f"systems={experiment.systems}; choose others with extrapolated=[...]"
+        )
+    return files

@@ -1,6 +1,8 @@
 rule extrapolation:
     input:
-        runs=extrapolation_files("run", rules.extrapolate.output.found),
+        runs=lambda wildcards: some(
+            extrapolation_files("run", rules.extrapolate.output.found)
+        ),
         forecasters=extrapolation_files(
             "forecaster", rules.extrapolate_forecaster.output.found
         ),
@@ -45,10 +47,12 @@ rule extrapolation:
 
 rule equilibrium:
     input:
-        runs=[
-            rules.extrapolate.output.found.format(**run)
-            for run in first_extrapolated("run")
-        ],
+        runs=lambda wildcards: some(
+            [
+                rules.extrapolate.output.found.format(**run)
+                for run in first_extrapolated("run")
+            ]
+        ),
         forecasters=[
             rules.extrapolate_forecaster.output.found.format(**run)
             for run in first_extrapolated("forecaster")
