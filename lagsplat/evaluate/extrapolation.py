@@ -78,7 +78,12 @@ def extrapolation(
     shifts = _shifts(predictor, config)
     result = {
         "schema": SCHEMA,
-        "recording": {"frames": len(crossing.latents), "held_out": len(held), "dt_s": crossing.dt_s},
+        "recording": {
+            "frames": len(crossing.latents),
+            "held_out": len(held),
+            "dt_s": crossing.dt_s,
+            "period_s": crossing.period_s,
+        },
         "psnr": held_out_psnr(predictor.draw, recorded, ahead),
         "aligned": aligned_psnr(predictor.draw, recorded, ahead, shifts=shifts),
         "floor": held_out_psnr(lambda _: floor, recorded, ahead),

@@ -10,6 +10,7 @@ from jaxtyping import Float64
 from lagsplat.evaluate.extrapolation_config import GuaranteeConfig
 from lagsplat.evaluate.mechanical_energy import energy_of
 from lagsplat.stage2.frozen import FrozenLaw, roll_out_free
+from lagsplat.stage2.integrate import pieces_of
 from lagsplat.stage2.lagrangian import Lagrangian
 from lagsplat.stage2.modes import equilibrium
 
@@ -50,6 +51,9 @@ def guarantee(
     Source: paper, Appendix "Bounded forced response".
     """
     law = FrozenLaw(lagrangian)
+    # The workflow divides a long step into equal pieces; here a step is what the scheme really takes.
+    dt_s = dt_s / pieces_of(dt_s / law.time_unit_s, law.longest_step)
+    law.longest_step = np.inf
     rest = equilibrium(lagrangian, torch.zeros(lagrangian.n_inputs, dtype=torch.float64)).numpy()
     rng = np.random.default_rng(seed)
     sides = _sides(rng, config.starts, lagrangian.d)
@@ -60,7 +64,7 @@ def guarantee(
     free = _settle(
         lagrangian, law, start, moving, np.broadcast_to(rest, start.shape), dt_s, config, tolerance
     )
-    half = _rise(lagrangian, law, start, moving, dt_s=free.step_s / 2)
+    half = _rise(lagrangian, law, start, moving, dt_s=free.step_s / 2, states=2 * STRETCH + 1)
     held_at = rest + config.force * reach * sides
     force = law.slope_of_potential(held_at)
     still = np.zeros_like(held_at)
@@ -131,9 +135,10 @@ def _rise(
     *,
     dt_s: float,
     force: np.ndarray | float = 0.0,
+    states: int = STRETCH + 1,
 ) -> float:
     """Largest rise of the energy over an earlier moment, over where it began; infinite on divergence."""
-    paths, speeds = roll_out_free(law, q, v, states=STRETCH + 1, dt_s=dt_s, force=force)
+    paths, speeds = roll_out_free(law, q, v, states=states, dt_s=dt_s, force=force)
     if not (np.isfinite(paths).all() and np.isfinite(speeds).all()):
         return float("inf")
     push = np.broadcast_to(force, q.shape)

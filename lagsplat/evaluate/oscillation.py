@@ -4,27 +4,71 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float64
+from scipy.optimize import least_squares
 
-from lagsplat.evaluate.damping import plain_mode
 from lagsplat.evaluate.modes import fit_modes
 
-NAMES = ("frequency_hz", "frequency_sigma", "rate_per_s", "rate_sigma")
+LEAST_CYCLES = 1.0
+STRONGEST = 0.2  # share of a series' energy below which the fitted oscillation is not its motion
+LAGS = 0.25  # of a series, up to which its residual is looked at for memory
 
 
 def oscillation(
     series: Float64[np.ndarray, "N d"], *, dt_s: float, metric: Float64[np.ndarray, "d d"]
 ) -> dict[str, float] | None:
-    """The one damped oscillation of a series, evenly spaced by ``dt_s``, with one-sigma uncertainties.
+    """The damped oscillation of a series, evenly spaced by ``dt_s``, with one-sigma uncertainties.
 
-    ``rate_per_s`` is the decay rate of the envelope, 1 / tau. None where nothing oscillates.
+    ``rate_per_s`` is the decay rate of the envelope, 1 / tau, and ``frequency_hz`` the mean frequency: one
+    exponential envelope and one phase, whose frequency may drift linearly, as that of a pendulum does while
+    it dies out. Two fixed frequencies would share such a drift and each show a decay that is not the
+    motion's. None where nothing oscillates. Uncertainties are those of least squares, with the memory of the
+    residual counted.
     """
-    if not np.isfinite(series).all():
+    if len(series) < 12 or not np.isfinite(series).all():
         return None
-    modes = fit_modes(series, dt_s=dt_s, metric=metric, most=1)
+    visible = series @ np.linalg.eigh(metric)[1][:, -1]
+    scale = float(np.ptp(visible))
+    modes = fit_modes(series, dt_s=dt_s, metric=metric, most=1) if scale > 0 else ()
     if not modes:
         return None
-    plain = plain_mode(modes[0])
-    return {name: plain[name] for name in NAMES}
+    signal, span_s = (visible - visible.mean()) / scale, (len(visible) - 1) * dt_s
+    time = np.linspace(-0.5, 0.5, len(signal))  # in spans, about the middle: there its terms are independent
+    start = np.array([_envelope(signal), 2 * np.pi * modes[0].frequency_hz * span_s, 0.0])
+    found = least_squares(lambda x: _missed(x, signal, time), start, method="lm", max_nfev=400)
+    rate, omega, _ = found.x
+    left = float(np.sum(found.fun**2) / np.sum(signal**2))
+    if abs(omega) / (2 * np.pi) < LEAST_CYCLES or left > 1 - STRONGEST:
+        return None
+    spread = np.sqrt(np.diag(np.linalg.pinv(found.jac.T @ found.jac)) * _noise(found.fun))
+    return {
+        "frequency_hz": float(abs(omega) / (2 * np.pi * span_s)),
+        "frequency_sigma": float(spread[1] / (2 * np.pi * span_s)),
+        "rate_per_s": float(rate / span_s),
+        "rate_sigma": float(spread[0] / span_s),
+    }
+
+
+def _envelope(signal: np.ndarray) -> float:
+    """Decay over the span, from the energies of its two halves."""
+    first, second = (float(np.mean(half**2)) for half in np.array_split(signal, 2))
+    return float(np.clip(np.log(max(first, 1e-12) / max(second, 1e-12)), -8.0, 8.0))
+
+
+def _missed(parameters: np.ndarray, signal: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """What an oscillation of given (decay, phase, drift of the frequency) over the span leaves."""
+    rate, omega, drift = parameters
+    wave = np.exp(np.clip(-rate * time, -50.0, 50.0)) * np.exp(1j * (omega * time + drift * time**2))
+    basis = np.linalg.qr(np.stack([np.ones_like(time), wave.real, wave.imag], axis=1))[0]
+    return signal - basis @ (basis.T @ signal)
+
+
+def _noise(residual: np.ndarray) -> float:
+    """Variance of a residual as that of its mean counts it: times one plus twice its correlations."""
+    variance = float(np.sum(residual**2)) / max(len(residual) - 6, 1)
+    most = max(1, int(LAGS * len(residual)))
+    power = float(np.sum(residual**2)) or 1.0
+    memory = [float(residual[:-lag] @ residual[lag:]) / power for lag in range(1, most)]
+    return variance * max(1.0, 1.0 + 2.0 * float(np.sum(np.clip(memory, 0.0, None))))
 
 
 def compare_oscillations(

@@ -57,7 +57,8 @@ def _trajectory(axis: Axes, run: Found, found: Sequence[Found], name: str, colou
         alpha, width = (0.25, 0.4) if index else (1.0, 0.7)
         axis.plot(time_s, path, color=colour, alpha=alpha, linewidth=width)
     axis.plot(np.arange(frames) * dt_s, _coordinate(run["clip"]), color=ENCODED, linewidth=0.6)
-    axis.set_title(name, loc="left", color=colour, pad=2)
+    told = f"{name}: out of the range that the encoder knows" if found[0]["reason"] else name
+    axis.set_title(told, loc="left", color=colour, pad=2)
     ends = np.ptp(_coordinate(run["clip"])) * 0.62
     middle = run["equilibrium"][0]
     axis.set_ylim(middle - ends, middle + ends)
@@ -65,11 +66,10 @@ def _trajectory(axis: Axes, run: Found, found: Sequence[Found], name: str, colou
         axis.annotate(
             "the clip", (0.5 * frames * dt_s, middle + 0.93 * ends), ha="center", va="top", color=ENCODED
         )
-        last = axis.get_xlim()[1]
-        axis.annotate(
-            "minimum of V", (last, middle), ha="right", va="bottom", color=MARK, xytext=(0, 2),
-            textcoords="offset points",
-        )  # fmt: skip
+        last = (boundary - 1 + len(found[0]["looks"][0]["states"])) * dt_s
+        paper = {"facecolor": "white", "edgecolor": "none", "pad": 0.5, "alpha": 0.7}
+        place = {"xytext": (0, 1), "textcoords": "offset points", "ha": "right", "va": "bottom"}
+        axis.annotate("minimum of V", (last, middle), color=MARK, bbox=paper, **place)
 
 
 def _phase_plane(axis: Axes, run: Found, shown: Mapping[str, Sequence[Found]], colours: Any) -> None:
@@ -78,6 +78,8 @@ def _phase_plane(axis: Axes, run: Found, shown: Mapping[str, Sequence[Found]], c
     clip = _coordinate(run["clip"])
     axis.plot(clip, np.gradient(clip, dt_s), color=ENCODED, alpha=0.25, linewidth=0.5)
     for name, found in shown.items():
+        if found[0]["reason"]:
+            continue
         path = _coordinate(found[0]["looks"][0]["states"])
         late = path[-max(len(path) // 8, 8) :]
         if name == RUNS:
@@ -85,7 +87,7 @@ def _phase_plane(axis: Axes, run: Found, shown: Mapping[str, Sequence[Found]], c
             axis.plot(late[-1], 0.0, "o", color=colours[name], markersize=4, zorder=5)
         else:
             axis.plot(late, np.gradient(late, dt_s), color=colours[name], linewidth=0.7)
-    axis.set_title("where they are in the end, and the way of LaGSplat", loc="left", pad=2)
+    axis.set_title("state and velocity in the end", loc="left", pad=2)
     axis.set(xlabel="state", ylabel="velocity [1/s]")
     reach, speed = np.abs(clip - run["equilibrium"][0]).max(), np.abs(np.gradient(clip, dt_s)).max()
     axis.set_xlim(run["equilibrium"][0] - 1.25 * reach, run["equilibrium"][0] + 1.25 * reach)
@@ -95,20 +97,27 @@ def _phase_plane(axis: Axes, run: Found, shown: Mapping[str, Sequence[Found]], c
 def _what_is_left(axis: Axes, shown: Mapping[str, Sequence[Found]], colours: Any) -> None:
     for name, found in shown.items():
         for index, one in enumerate(found):
-            dt_s, start = one["recording"]["dt_s"], one["start_amplitude"]
-            first, *later = one["looks"]
-            span_s = len(first["states"]) * dt_s
-            points = [(span_s, first["late_amplitude"])]
-            points += [(look["time_s"] + len(look["states"]) * dt_s, look["amplitude"]) for look in later]
-            time_s, left = np.array([*points]).T
+            if one["reason"]:
+                continue
+            time_s, share = _envelope(one)
             alpha, width = (0.3, 0.5) if index else (1.0, 1.0)
-            share = np.clip(np.nan_to_num(left / start, nan=np.inf), FLOOR, 10.0)
-            axis.plot(
-                np.concatenate([[dt_s], time_s]), np.concatenate([[1.0], share]),
-                color=colours[name], marker="o", markersize=2, label=None if index else name,
-                alpha=alpha, linewidth=width,
-            )  # fmt: skip
+            label = None if index else name
+            axis.plot(time_s, share, color=colours[name], label=label, alpha=alpha, linewidth=width)
+            later = len(one["looks"]) - 1
+            axis.plot(time_s[-later:], share[-later:], "o", color=colours[name], markersize=2, alpha=alpha)
     axis.set(xscale="log", yscale="log", xlabel="time past the training frames [s]")
     axis.set_ylim(FLOOR / 1.5, 3.0)
     axis.set_title("amplitude left, as a share of the clip's first", loc="left", pad=2)
     axis.legend(loc="lower left")
+
+
+def _envelope(found: Found) -> tuple[np.ndarray, np.ndarray]:
+    """Amplitudes over the clip's first: along the shown part, two periods at a time, then of every look."""
+    dt_s, start = found["recording"]["dt_s"], found["start_amplitude"]
+    first, *later = found["looks"]
+    path, width = _coordinate(first["states"]), max(round(2 * found["recording"]["period_s"] / dt_s), 4)
+    cuts = range(0, len(path) - width + 1, width)
+    points = [((cut + width / 2) * dt_s, float(np.ptp(path[cut : cut + width])) / 2) for cut in cuts]
+    points += [(look["time_s"] + len(look["states"]) * dt_s, look["amplitude"]) for look in later]
+    time_s, left = np.array(points).T
+    return time_s, np.clip(np.nan_to_num(left / start, nan=10.0, posinf=10.0), FLOOR, 10.0)

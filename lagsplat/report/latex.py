@@ -71,7 +71,7 @@ def scaled(value: float | None, scale: float) -> float | None:
 def digits(value: float) -> str:
     """Three significant digits in plain notation, so that columns can be compared by eye."""
     text = f"{value:.3g}"
-    return f"{value:.0f}" if "e+" in text else f"{value:.6f}".rstrip("0") if "e" in text else text
+    return f"{value:.0f}" if "e+" in text else f"{value:.6f}".rstrip("0").rstrip(".") if "e" in text else text
 
 
 def escape(text: str) -> str:

@@ -47,6 +47,19 @@ def test_an_oscillation_is_read_with_its_uncertainty() -> None:
     assert amplitude(swing.motion(100)[:, None], EYE) == pytest.approx(0.94, abs=0.03)
 
 
+def test_a_frequency_that_drifts_as_the_motion_dies_leaves_its_decay_alone() -> None:
+    time_s = swing.DT_S * np.arange(133)
+    phase = 2 * np.pi * (2.0 * time_s + 0.03 * time_s**2)
+    series = np.exp(-0.25 * time_s) * np.cos(phase)
+    series = series + 0.02 * np.random.default_rng(1).normal(size=133) + 0.05 * series**2
+    found = oscillation(series[:, None], dt_s=swing.DT_S, metric=EYE)
+    assert found is not None
+    assert found["rate_per_s"] == pytest.approx(0.25, abs=0.03)
+    assert found["frequency_hz"] == pytest.approx(2.0 + 0.03 * time_s[-1], abs=0.01)
+    noise = np.random.default_rng(2).normal(size=(133, 1))
+    assert oscillation(noise, dt_s=swing.DT_S, metric=EYE) is None
+
+
 def test_errors_keep_their_sign_and_nothing_is_made_up() -> None:
     one = {"frequency_hz": 2.0, "frequency_sigma": 0.01, "rate_per_s": 0.5, "rate_sigma": 0.05}
     other = one | {"frequency_hz": 1.9, "rate_per_s": 0.2}

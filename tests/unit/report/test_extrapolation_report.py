@@ -42,7 +42,8 @@ def found(*, decay: float = 0.25, level: float = 30.0, diverged: bool = False, r
     physics = {"frequency_error": None if nothing else -0.004, "frequency_error_sigma": 0.001,
                "rate_error": error, "rate_error_sigma": 0.05, "reason": reason}  # fmt: skip
     return {
-        "recording": {"frames": 133, "held_out": 33, "dt_s": DT_S}, "psnr": psnr, "aligned": psnr,
+        "recording": {"frames": 133, "held_out": 33, "dt_s": DT_S, "period_s": 0.44},
+        "psnr": psnr, "aligned": psnr,
         "floor": {"mean": 33.0}, "physics": physics, "left": None if nothing else looks[1]["amplitude"],
         "left_shown": None if nothing else 0.1, "range": {"inside": 0.99, "frames": 400}, "reason": reason,
         "diverged": diverged, "looks": looks, "start_amplitude": 1.0, "clip": clip[:, None].tolist(),
