@@ -31,7 +31,8 @@ LAYERS = (
     {"stage1"},
     {"chart"},
     {"stage2", "baselines"},
-    {"evaluate", "forces"},
+    {"forces"},
+    {"evaluate"},
     {"diagnose"},
     {"report", "viewer"},
     {

@@ -13,8 +13,8 @@ from lagsplat.chart.visibility import visibility
 from lagsplat.evaluate.config import EvaluateConfig
 from lagsplat.evaluate.evaluate import recorded
 from lagsplat.evaluate.protocol import STENCILS, HeldOut, Integrate, Pictures, Render, Velocities
-from lagsplat.evaluate.push import ASKED, reach
 from lagsplat.evaluate.score import Subject, score
+from lagsplat.forces.of_baselines import ASKED, reach
 from lagsplat.io.recording import Recording
 
 CHUNK = 128  # images encoded or drawn at once: bounds memory, not results

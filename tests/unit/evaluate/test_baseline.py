@@ -9,7 +9,7 @@ from lagsplat.baselines.model import Baseline
 from lagsplat.evaluate.baseline import evaluate_baseline, held_out_of, modes_of, velocities_of
 from lagsplat.evaluate.evaluate import evaluate, recorded
 from lagsplat.evaluate.protocol import initial_states
-from lagsplat.evaluate.push import accelerated, pulled_back, reach
+from lagsplat.forces.of_baselines import accelerated, pulled_back, reach
 from tests.unit.baselines.problems import architecture
 from tests.unit.baselines.problems import settings as baseline_settings
 from tests.unit.evaluate import tiny_run

@@ -1,0 +1,199 @@
+"""What holds for forces on whatever the networks have learned."""
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import minimize
+from torch.autograd.functional import jacobian
+
+from lagsplat.forces.equilibrium import energy, settle
+from lagsplat.forces.grip import brush
+from lagsplat.forces.kinematics import Kinematics
+from lagsplat.forces.loaded import Edits, Loaded
+from lagsplat.forces.rollout import push_along
+from lagsplat.stage2.induced import DecoderGeometry
+from lagsplat.stage2.lagrangian import Lagrangian
+from lagsplat.stage2.modes import equilibrium
+from lagsplat.stage2.rollout import rollout
+from tests.stage2_problems import random_lagrangian
+
+seeds = st.integers(0, 2**31 - 1)
+dims = st.integers(1, 4)
+sizes = st.sampled_from([1e-3, 1.0, 30.0, 1e4])
+many = settings(max_examples=4, deadline=None)
+
+
+def scene(d: int, generator: torch.Generator, *, n: int = 40) -> Kinematics:
+    """Gaussians all over a picture of 20 by 10 px, each moving in its own way."""
+
+    def normal(*shape: int) -> torch.Tensor:
+        return torch.randn(*shape, generator=generator, dtype=torch.float64)
+
+    places = torch.rand(n, 2, generator=generator, dtype=torch.float64) * torch.tensor([20.0, 10.0])
+    opacity = 0.5 + 0.5 * torch.rand(n, generator=generator, dtype=torch.float64)
+    return Kinematics(
+        DecoderGeometry(normal(n, 2, d), 0.1 * normal(n, d), 0.3 * normal(n, d, d), opacity), places, 10, 20
+    )
+
+
+def problem(d: int, seed: int, *, n_inputs: int = 1) -> tuple[Lagrangian, Kinematics, torch.Tensor]:
+    generator = torch.Generator().manual_seed(seed)
+    u = torch.rand(1, n_inputs, generator=generator, dtype=torch.float64)
+    return random_lagrangian(d, n_inputs, seed), scene(d, generator), u
+
+
+@many
+@given(seed=seeds, d=dims, size=sizes)
+def test_a_held_force_is_balanced_where_the_energy_is_least(seed: int, d: int, size: float) -> None:
+    law, _, u = problem(d, seed)
+    load = size * torch.randn(5, d, dtype=torch.float64)
+    q = settle(law, u.expand(5, -1), load)
+    loaded = Loaded(law, load)
+    with torch.no_grad():
+        left = loaded.conservative_force(q, u.expand(5, -1), loaded.prepare())
+        least = energy(loaded, q, u.expand(5, -1))
+        around = torch.stack(
+            [energy(loaded, q + 0.05 * torch.randn(5, d), u.expand(5, -1)) for _ in range(9)]
+        )
+    assert float(left.norm(dim=1).max()) < 1e-7 * max(1.0, size)
+    assert bool((around >= least - 1e-9 * least.abs()).all())
+
+
+@many
+@given(seed=seeds, d=dims)
+def test_without_a_force_it_is_the_rest_state_under_the_inputs(seed: int, d: int) -> None:
+    law, _, u = problem(d, seed)
+    q = settle(law, u, torch.zeros(1, d, dtype=torch.float64))
+    torch.testing.assert_close(q[0], equilibrium(law, u[0]), atol=1e-5, rtol=1e-5)
+    where = settle(law, u, torch.zeros(1, d, dtype=torch.float64), start=q[0])
+    torch.testing.assert_close(where, q, atol=0.0, rtol=0.0)
+
+
+@many
+@given(seed=seeds, d=dims)
+def test_the_force_is_the_slope_of_the_energy(seed: int, d: int) -> None:
+    law, _, u = problem(d, seed)
+    loaded = Loaded(law, torch.randn(d, dtype=torch.float64), edits=Edits(2.0, 3.0, 0.5))
+    q = torch.randn(d, dtype=torch.float64)
+    slope = jacobian(lambda x: energy(loaded, x[None], u)[0], q)
+    with torch.no_grad():
+        force = loaded.conservative_force(q[None], u, loaded.prepare())[0]
+    torch.testing.assert_close(force, -slope)
+
+
+@many
+@given(seed=seeds, d=dims)
+def test_edits_scale_damping_inertia_and_stiffness(seed: int, d: int) -> None:
+    law, _, u = problem(d, seed)
+    q, v = torch.randn(2, 1, d, dtype=torch.float64)
+    load, edits = torch.randn(1, d, dtype=torch.float64), Edits(damping=0.5, inertia=2.0, stiffness=3.0)
+    loaded = Loaded(law, load, edits=edits)
+    with torch.no_grad():
+        ready = law.prepare()
+        elastic = law.conservative_force(q, torch.zeros_like(u), ready)
+        pressed = law.conservative_force(q, u, ready) - elastic
+        still = torch.zeros_like(v)
+        curving = (
+            law.mass(q) @ (law.acceleration(q, v, u) - law.acceleration(q, still, u))[:, :, None]
+            + law.damping(q) @ v[:, :, None]
+        )  # the velocity forces
+        force = (3.0 * elastic + pressed + load)[:, :, None] - 0.5 * law.damping(q) @ v[:, :, None]
+        expected = torch.linalg.solve(2.0 * law.mass(q), force + 2.0 * curving)[:, :, 0]
+        torch.testing.assert_close(loaded.acceleration(q, v, u), expected)
+        torch.testing.assert_close(loaded.mass(q), 2.0 * law.mass(q))
+        torch.testing.assert_close(loaded.damping(q), 0.5 * law.damping(q))
+
+
+@many
+@given(seed=seeds, d=dims)
+def test_a_held_force_loses_energy_until_it_is_balanced(seed: int, d: int) -> None:
+    law, _, u = problem(d, seed)
+    load = torch.randn(1, d, dtype=torch.float64)
+    steps = 300
+    with torch.no_grad():
+        q, v = push_along(
+            law, law.rest.detach()[None], torch.zeros(1, d), u.expand(steps, -1)[None],
+            load.expand(steps, -1)[None], dt_s=0.01, edits=Edits(damping=3.0),
+        )  # fmt: skip
+        w = v[0, ::30] * float(law.time_unit_s)
+        kinetic = 0.5 * torch.einsum("bi,bij,bj->b", w, law.mass(q[0, ::30]), w)
+        total = kinetic + energy(Loaded(law, load), q[0, ::30], u.expand(len(w), -1))
+    assert bool((total.diff() < 1e-6 * total.abs().max()).all())
+    assert float(total[-1]) < float(total[0])
+
+
+@many
+@given(seed=seeds, d=dims)
+def test_motion_without_a_force_is_the_law_s_own(seed: int, d: int) -> None:
+    law, _, u = problem(d, seed)
+    q0, v0 = torch.randn(2, 3, d, dtype=torch.float64)
+    inputs = u.expand(20, -1).expand(3, -1, -1)
+    free = rollout(law, q0, v0, inputs, dt_s=0.01)
+    for got, expected in zip(
+        push_along(law, q0, v0, inputs, torch.zeros(3, 20, d, dtype=torch.float64), dt_s=0.01),
+        free,
+        strict=True,
+    ):
+        torch.testing.assert_close(got, expected)
+
+
+@many
+@given(seed=seeds, d=dims)
+def test_the_pulled_back_force_does_the_work_of_the_force_and_adds_up(seed: int, d: int) -> None:
+    _, kinematics, _ = problem(d, seed)
+    q = torch.zeros(d, dtype=torch.float64)
+    grip = brush(kinematics, q, (9.0, 4.0), radius=2.0)
+    force, other = torch.randn(2, 2, dtype=torch.float64)
+    moved = 0.3 * torch.randn(d, dtype=torch.float64)
+    carried = (grip.weights[:, None] * (kinematics.places(moved[None]) - kinematics.places(q[None]))[0]).sum(
+        0
+    )
+    torch.testing.assert_close(grip.place(moved) - grip.at, carried)
+    torch.testing.assert_close(grip.pull_back(force) @ moved, force @ carried)
+    torch.testing.assert_close(
+        grip.pull_back(force + other), grip.pull_back(force) + grip.pull_back(other), rtol=1e-12, atol=1e-12
+    )
+
+
+@many
+@given(seed=seeds, d=dims)
+def test_the_answer_does_not_depend_on_the_chart(seed: int, d: int) -> None:
+    """The same kinematics and energy in bent coordinates ``q = psi(x)``, with a solver of another kind."""
+    law, kinematics, u = problem(d, seed)
+    generator = torch.Generator().manual_seed(seed)
+    turn = torch.linalg.qr(torch.randn(d, d, generator=generator, dtype=torch.float64))[0]
+    force = torch.tensor([0.4, -0.7], dtype=torch.float64)
+    grip = brush(kinematics, torch.zeros(d, dtype=torch.float64), (9.0, 4.0), radius=2.0)
+    q = settle(law, u, grip.pull_back(force)[None])[0]
+
+    def psi(x: torch.Tensor) -> torch.Tensor:
+        return (x + 0.1 * x**3) @ turn * 1.7 + 0.2
+
+    def work_and_slope(flat: np.ndarray) -> tuple[float, np.ndarray]:
+        x = torch.from_numpy(flat)
+        stretch = jacobian(psi, x)
+        with torch.no_grad():
+            elastic = law.conservative_force(psi(x)[None], u, law.prepare())[0] @ stretch
+            value = energy(law, psi(x)[None], u)[0] - force @ grip.place(psi(x))
+        bent = grip.jacobian @ stretch  # the Jacobian of the matter in the new chart
+        return float(value), -(elastic + bent.T @ force).numpy()
+
+    found = minimize(work_and_slope, np.zeros(d), jac=True, method="BFGS", options={"gtol": 1e-9})
+    torch.testing.assert_close(psi(torch.from_numpy(found.x)), q, atol=1e-5, rtol=1e-5)
+
+
+def test_a_force_that_is_not_finite_is_refused() -> None:
+    law, _, u = problem(2, 0)
+    with pytest.raises(ValueError, match="not finite"):
+        settle(law, u, torch.tensor([[torch.nan, 0.0]], dtype=torch.float64))
+
+
+def test_a_force_beyond_the_numbers_is_refused_and_a_huge_one_is_answered() -> None:
+    law, _, u = problem(2, 0)
+    huge = settle(law, u, torch.full((1, 2), 1e8, dtype=torch.float64))
+    assert bool(torch.isfinite(huge).all())
+    assert float(huge.norm()) > 1e6
+    with pytest.raises(ValueError, match="lower the force"):
+        settle(law, u, torch.full((1, 2), 1e200, dtype=torch.float64))
