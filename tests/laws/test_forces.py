@@ -68,7 +68,7 @@ def test_without_a_force_it_is_the_rest_state_under_the_inputs(seed: int, d: int
     q = settle(law, u, torch.zeros(1, d, dtype=torch.float64))
     torch.testing.assert_close(q[0], equilibrium(law, u[0]), atol=1e-5, rtol=1e-5)
     where = settle(law, u, torch.zeros(1, d, dtype=torch.float64), start=q[0])
-    torch.testing.assert_close(where, q, atol=0.0, rtol=0.0)
+    torch.testing.assert_close(where, q, atol=1e-12, rtol=1e-12)
 
 
 @many

@@ -1,0 +1,160 @@
+"""The law for one state at a time, in numpy: what an interactive loop asks for between two pictures.
+
+On vectors of a few numbers torch spends its time on calls. The same formulas as in `lagsplat.stage2`, whose
+tensors stay the specification; `tests/oracle/test_single.py` holds the two together.
+"""
+
+import numpy as np
+import torch
+from jaxtyping import Float64
+from torch import Tensor
+
+from lagsplat.forces.loaded import UNTOUCHED, Edits
+from lagsplat.stage2.icnn import Icnn
+from lagsplat.stage2.integrate import pieces_of
+from lagsplat.stage2.lagrangian import Lagrangian
+from lagsplat.stage2.matrices import ConstantMatrix, MatrixField
+
+Vector = Float64[np.ndarray, " d"]
+Matrix = Float64[np.ndarray, "d d"]
+
+
+class Single:
+    """A law as it is now, with its edits; later changes of the law's parameters do not enter.
+
+    Raises:
+        ValueError: the law's mass is induced by a decoder, whose sums over Gaussians gain nothing here.
+
+    Source: paper eq. (forced-eom).
+    """
+
+    def __init__(self, law: Lagrangian, *, edits: Edits = UNTOUCHED) -> None:
+        with torch.no_grad():
+            ready = law.prepare()
+        if not isinstance(law.mass_term, MatrixField | ConstantMatrix):
+            raise ValueError("a mass induced by the decoder is integrated by lagsplat.forces.rollout alone")
+        self.edits, self.signed, self.longest_step = edits, law.signed, law.longest_step
+        self.unit_s = float(law.time_unit_s)
+        self.mass, self.damping = _Field(law.mass_term), _Field(law.damping_term)
+        self.blocks = [tuple(_array(part) for part in block) for block in ready.blocks]
+        self.stiffness, self.rest_image = _array(ready.stiffness), _array(ready.rest_image)[0]
+        self.rest_slope, self.pressure_map = _array(ready.rest_slope)[0], _array(law.pressure_map)
+        self.curvature = None if ready.curvature is None else _array(ready.curvature)
+        self.convex = None if law.convex is None else _Convex(law.convex, ready.between)
+        self.volume = None if law.volume_net is None else _Convex(law.volume_net, ready.between_volume)
+
+    def conservative_force(self, q: Vector, u: Float64[np.ndarray, " n_u"]) -> Vector:
+        """``-grad (k V - u.nu)`` with the edit ``k`` of the stiffness."""
+        image, hidden = q, []
+        for inner, inner_bias, outer, outer_bias in self.blocks:
+            h = np.tanh(inner @ image + inner_bias)
+            image = image + outer @ h + outer_bias
+            hidden.append(h)
+        offset = image - self.rest_image
+        slope = self.stiffness @ offset - self.rest_slope
+        if self.convex is not None:
+            slope = slope + self.convex.gradient(image, self.convex.head[0])
+        slope = self.edits.stiffness * slope
+        if len(u):
+            slope = slope - u @ self.pressure_map
+            if self.curvature is not None:
+                slope = slope + np.tensordot(u, self.curvature, 1) @ offset
+            if self.volume is not None:
+                shares = np.concatenate([np.maximum(u, 0.0), np.maximum(-u, 0.0)]) if self.signed else u
+                slope = slope + self.volume.gradient(image, shares @ self.volume.head)
+        for (inner, _, outer, _), h in zip(reversed(self.blocks), reversed(hidden), strict=True):
+            slope = slope + ((slope @ outer) * (1.0 - h * h)) @ inner
+        return -slope
+
+    def acceleration(self, q: Vector, v: Vector, u: Float64[np.ndarray, " n_u"], load: Vector) -> Vector:
+        """In internal time units, under the generalised force ``load``."""
+        force = self.conservative_force(q, u) + load - self.edits.damping * self.damping.product(q, v)
+        mass, velocity_force = self.mass.inertia(q, v)
+        return np.linalg.solve(mass, force / self.edits.inertia + velocity_force)
+
+    def step(
+        self, q: Vector, v: Vector, u: Float64[np.ndarray, " n_u"], load: Vector, *, dt_s: float
+    ) -> tuple[Vector, Vector]:
+        """State and velocity [1/s] ``dt_s`` later, input and load held, by as many Verlet steps as
+        `lagsplat.stage2.integrate.advance` takes.
+        """
+        pieces = pieces_of(dt_s / self.unit_s, self.longest_step)
+        h, w = dt_s / self.unit_s / pieces, v * self.unit_s
+        for _ in range(pieces):
+            a = self.acceleration(q, w, u, load)
+            half = w + 0.5 * h * a
+            q = q + h * half
+            w = half + 0.5 * h * self.acceleration(q, half + 0.5 * h * a, u, load)
+        return q, w / self.unit_s
+
+
+class _Convex:
+    """`lagsplat.stage2.icnn.Icnn` at one point."""
+
+    def __init__(self, net: Icnn, between: Tensor | None) -> None:
+        assert between is not None, "prepared together with the net"
+        self.first, self.first_bias = _array(net.first), _array(net.first_bias)
+        self.second, self.second_bias = _array(net.second), _array(net.second_bias)
+        self.between, self.head = _array(between), _array(net.head)
+
+    def gradient(self, x: Vector, head: Float64[np.ndarray, " h"]) -> Vector:
+        z1 = self.first @ x + self.first_bias
+        z2 = self.second @ x + self.second_bias + self.between @ np.logaddexp(0.0, z1)
+        g2 = _sigmoid(z2) * head
+        return g2 @ self.second + ((g2 @ self.between) * _sigmoid(z1)) @ self.first
+
+
+class _Field:
+    """`lagsplat.stage2.matrices.MatrixField` or a constant matrix at one point."""
+
+    def __init__(self, term: MatrixField | ConstantMatrix) -> None:
+        self.lower, self.floor = np.tril(_array(term.factor)), term.floor
+        self.identity = np.eye(len(self.lower))
+        self.net = None
+        if isinstance(term, MatrixField):
+            weights = (term.first, term.first_bias, term.second, term.second_bias, term.third)
+            self.net = tuple(_array(weight) for weight in weights)
+            self.mask = np.tril(np.ones_like(self.lower))
+
+    def product(self, q: Vector, v: Vector) -> Vector:
+        """``S(q) v``."""
+        y = self.lower.T @ v
+        if self.net is not None:
+            _, _, e = self._at(q, *self.net)
+            y = e @ (e.T @ y)
+        return self.lower @ y + self.floor * v
+
+    def inertia(self, q: Vector, v: Vector) -> tuple[Matrix, Vector]:
+        """``S`` and the velocity forces ``grad_q (v.S v / 2) - (dS/dt) v``."""
+        if self.net is None:
+            return self.lower @ self.lower.T + self.floor * self.identity, np.zeros_like(v)
+        h1, h2, e = self._at(q, *self.net)
+        first, _, second, _, third = self.net
+        s1, s2, y = 1.0 - h1 * h1, 1.0 - h2 * h2, self.lower.T @ v
+        p = e.T @ y
+        rate = (third @ (s2 * (second @ (s1 * (first @ v))))).reshape(e.shape) * self.mask
+        change = self.lower @ (rate @ p + e @ (rate.T @ y))
+        gradient = (((((np.outer(y, p) * self.mask).ravel() @ third) * s2) @ second) * s1) @ first
+        whole = self.lower @ e
+        return whole @ whole.T + self.floor * self.identity, gradient - change
+
+    def _at(
+        self,
+        q: Vector,
+        first: np.ndarray,
+        first_bias: np.ndarray,
+        second: np.ndarray,
+        second_bias: np.ndarray,
+        third: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray, Matrix]:
+        h1 = np.tanh(first @ q + first_bias)
+        h2 = np.tanh(second @ h1 + second_bias)
+        return h1, h2, self.identity + (third @ h2).reshape(self.lower.shape) * self.mask
+
+
+def _array(tensor: Tensor) -> np.ndarray:
+    return tensor.detach().double().cpu().numpy().copy()
+
+
+def _sigmoid(x: np.ndarray) -> np.ndarray:
+    return 0.5 * (1.0 + np.tanh(0.5 * x))  # without overflow on either side
