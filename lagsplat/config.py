@@ -28,6 +28,7 @@ from lagsplat.diagnose.blind_config import BlindConfig
 from lagsplat.diagnose.config import DiagnoseConfig
 from lagsplat.evaluate.config import EvaluateConfig
 from lagsplat.evaluate.extrapolation_config import ExtrapolationConfig
+from lagsplat.forces.config import ForcesConfig
 from lagsplat.io.config import RecordingConfig
 from lagsplat.stage1.config import RenderConfig, Stage1Config
 from lagsplat.stage1.field_config import FieldConfig
@@ -53,6 +54,7 @@ GROUPS = (
     "deformation",
     "evaluate",
     "extrapolation",
+    "forces",
     "render",
     "diagnose",
     "blind",
@@ -132,6 +134,8 @@ class Config:
     deformation: FieldConfig
     evaluate: EvaluateConfig
     extrapolation: ExtrapolationConfig
+    forces: ForcesConfig
+    """How forces given in the image take hold, and which ones are shown and checked."""
     render: RenderConfig | None
     """A finer decoder for the figures; null draws them with the one that was trained."""
     diagnose: DiagnoseConfig

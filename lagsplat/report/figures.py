@@ -2,6 +2,8 @@
 
 from lagsplat.report.curves import draw_curves as draw_curves
 from lagsplat.report.equilibrium import draw_equilibrium as draw_equilibrium
+from lagsplat.report.force_figure import draw_forces as draw_forces
+from lagsplat.report.force_map import draw_force_map as draw_force_map
 from lagsplat.report.gallery import draw_attention as draw_attention
 from lagsplat.report.gallery import draw_gallery as draw_gallery
 from lagsplat.report.horizon import draw_horizon as draw_horizon

@@ -1,0 +1,40 @@
+"""Settings of forces given in the image. Torch-free, so that planning stays fast."""
+
+from dataclasses import dataclass
+
+
+@dataclass  # not frozen: OmegaConf turns frozen dataclasses into read-only nodes
+class ForcesConfig:
+    """How a force takes hold of the picture, and how large the shown and the checked ones are.
+
+    Raises:
+        ValueError: a value outside its domain.
+    """
+
+    brush: float
+    """Radius of the brush, as a fraction of the picture's width."""
+    response: float
+    """Of the range that the training frames visit: how far the figure's force drives the state."""
+    points: int
+    """Material points a body along each direction at which the truth is asked."""
+    directions: int
+    """Directions of the force at each point, evenly spaced."""
+    levels: list[float]
+    """Of the visited range: how far the forces drive the true state."""
+    periods: float
+    """Length of the answer in time to a sudden force, in slowest natural periods."""
+
+    def __post_init__(self) -> None:
+        """Check the domains."""
+        for key in ("brush", "response"):
+            _require(key, getattr(self, key), 0.0 < getattr(self, key) <= 1.0, "must lie in (0, 1]")
+        for key, least in (("points", 2), ("directions", 2)):
+            _require(key, getattr(self, key), getattr(self, key) >= least, f"must be at least {least}")
+        _require("periods", self.periods, self.periods > 0, "must be positive")
+        fine = len(self.levels) > 0 and min(self.levels) > 0 and self.levels == sorted(set(self.levels))
+        _require("levels", self.levels, fine, "must be positive and increasing, at least one")
+
+
+def _require(key: str, value: object, holds: bool, rule: str) -> None:
+    if not holds:
+        raise ValueError(f"forces.{key}={value} {rule}; set it in conf/forces or with forces.{key}=...")

@@ -1,0 +1,55 @@
+"""Runs in miniature whose kinematics is known: a disc that rocks about its lower edge, an arm that hangs."""
+
+import numpy as np
+import torch
+
+from lagsplat.chart.chart import Chart
+from lagsplat.forces.held import Held, hold
+from lagsplat.stage1.autoencoder import Autoencoder
+from tests.unit.evaluate.tiny_run import lagrangian
+
+HEIGHT, WIDTH = 24, 32
+CONTACT = (16.0, 19.0)
+CLAMP = (16.0, 2.0)
+
+
+def rocking(*, frames: int = 60) -> Held:
+    """A disc of radius 7 px around (16, 12) that turns about `CONTACT`, before a wall that stands still."""
+    places = torch.tensor([(x, y) for y in np.arange(1.0, 24, 2) for x in np.arange(1.0, 32, 2)])
+    on = (places - torch.tensor([16.0, 12.0])).norm(dim=1) < 7.0
+    arm = places - torch.tensor(CONTACT)
+    turn = torch.stack([-arm[:, 1], arm[:, 0]], 1)[:, :, None]
+    return _held(places, torch.where(on[:, None, None], 0.1 * turn, 0.0), on, frames=frames)
+
+
+def hanging(*, frames: int = 60) -> Held:
+    """A strip 4 px wide that hangs from `CLAMP`: one coordinate bends it, the other stretches it."""
+    places = torch.tensor([(x, y) for y in np.arange(1.0, 24, 1.5) for x in np.arange(1.0, 32, 1.5)])
+    down = places[:, 1] - CLAMP[1]
+    on = ((places[:, 0] - CLAMP[0]).abs() < 2.5) & (down > 0) & (down < 21)
+    bend = torch.stack([0.01 * down**2, 0.0 * down], 1)
+    stretch = torch.stack([0.0 * down, 0.08 * down], 1)
+    jacobian = torch.stack([bend, stretch], 2)
+    return _held(places, torch.where(on[:, None, None], jacobian, 0.0), on, frames=frames)
+
+
+def _held(places: torch.Tensor, jacobian: torch.Tensor, on: torch.Tensor, *, frames: int) -> Held:
+    n, d = len(places), jacobian.shape[2]
+    size = {"height": HEIGHT, "width": WIDTH}
+    model = Autoencoder(d=d, n_gaussians=n, kernel=12, channels=2, background="black", backend="auto", **size)
+    gaussians = model.gaussians
+    with torch.no_grad():
+        gaussians.center.copy_(places)
+        gaussians.precision_log_diagonal.fill_(np.log(0.2))
+        gaussians.coupling.copy_(jacobian / 0.2)
+        gaussians.opacity_logit.fill_(3.0)
+        gaussians.color_logit.copy_(torch.where(on[:, None], 2.0, -1.0).expand(-1, 3))
+    eye, time_s = np.eye(d), np.arange(frames) / 60
+    swing = np.stack([np.sin((3.0 + 2.0 * i) * time_s) for i in range(d)], 1)
+    chart = Chart(
+        mean=np.zeros(d), whiten=eye, unwhiten=eye, metric=eye, metric_scale=1.0, latents=swing,
+        inputs=np.zeros((frames, 1)), time_s=time_s, rest=np.zeros(d), n_train=frames,
+        segments=((0, frames),),
+        smoothing_frames=1.0, condition=1.0, intrinsic_dimension=float(d),
+    )  # fmt: skip
+    return hold(model.eval(), chart, lagrangian(d))
