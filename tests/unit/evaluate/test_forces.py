@@ -1,0 +1,188 @@
+"""A model that is right, and the same model made wrong in ways the errors must tell."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from lagsplat.config import compose
+from lagsplat.evaluate.force_invariants import centre_of_rotation, force_invariants
+from lagsplat.evaluate.force_motion import at_once, easiest, in_time
+from lagsplat.evaluate.force_truth import alike, compare, grips_at, matter
+from lagsplat.evaluate.forces import reader
+from lagsplat.evaluate.pokes import Pokes, poke
+from lagsplat.forces.grip import brush
+from lagsplat.forces.held import Held
+from lagsplat.forces.scale import NoScaleError, energy_scale
+from lagsplat.systems.pushable import Pushable
+from tests.unit.evaluate.tiny_run import FREQUENCY_HZ, RATE_PER_S
+from tests.unit.forces.rocking import CONTACT, hanging, rocking
+
+SETTINGS = replace(compose().forces, points=3, directions=4, levels=[0.1, 0.3, 1.0, 2.0])
+JOULE = 7.0  # of the law's energy
+OMEGA2 = (2 * np.pi * FREQUENCY_HZ) ** 2 + RATE_PER_S**2
+
+
+def twin(held: Held, *, stiffening: float = 0.0) -> Pushable:
+    """The system that `held` models without error, in seconds and joule; stiffer further out if asked."""
+    places = np.array([(x, y) for x in (13.0, 16.0, 19.0) for y in (9.0, 12.0, 15.0)])
+    if held.law.d == 2:
+        places = np.array([(16.0, y) for y in (6.0, 10.0, 14.0, 18.0)])
+    grips = [brush(held.kinematics, held.rest, (x, y), radius=0.96) for x, y in places]
+    field = np.stack([grip.jacobian.numpy() for grip in grips])
+    eye, unit = np.eye(held.law.d), float(held.law.time_unit_s) ** 2 / JOULE
+
+    def force(q: np.ndarray) -> np.ndarray:
+        return -unit * OMEGA2 * q * (1.0 + stiffening * q @ q)
+
+    def acceleration(q: np.ndarray, v: np.ndarray, push: np.ndarray) -> np.ndarray:
+        return (force(q) + push) / unit - 2 * RATE_PER_S * v
+
+    return Pushable(
+        rest=np.zeros(held.law.d),
+        force=force,
+        acceleration=acceleration,
+        mass=lambda q: unit * eye,
+        pixels=lambda states: places + np.einsum("pcd,td->tpc", field, states),
+        share=np.ones(len(places)),
+    )
+
+
+def poked(held: Held, system: Pushable) -> Pokes:
+    return poke(system, held.chart.latents, SETTINGS)
+
+
+@pytest.mark.parametrize("build", [rocking, hanging], ids=["rocking", "hanging"])
+def test_a_perfect_model_has_no_error_but_that_of_its_scale(build) -> None:
+    held = build()
+    system = twin(held)
+    pokes = poked(held, system)
+    found = compare(held, pokes, radius=0.96, read=lambda q: system.pixels(q))
+    inside = found["brush"]["inside"]
+    assert found["brush"]["scale"] == pytest.approx(JOULE, rel=1e-2)
+    assert inside["direction_deg"] < 0.1
+    assert inside["shape"] < 1e-3
+    assert inside["amplitude_p90"] < 0.02
+    assert inside["pictured_shape"] < 1e-3
+    assert found["brush"]["scale_of_others"] == pytest.approx([1.0, 1.0, 1.0], abs=0.02)
+    assert [row["level"] for row in found["levels"]] == SETTINGS.levels
+    assert found["missed"] == found["tipped"] == 0
+    assert {len(row["place"]) for row in found["map"]} == {2}
+
+
+def test_a_system_that_stiffens_is_answered_ever_more_wrongly() -> None:
+    held = rocking()
+    pokes = poked(held, twin(held, stiffening=0.5))
+    rows = compare(held, pokes, radius=0.96, read=lambda q: twin(held).pixels(q))["levels"]
+    amplitudes = [row["amplitude"] for row in rows]
+    assert amplitudes[1] < 0.05 < amplitudes[2] < amplitudes[3]
+    assert all(row["shape"] < 1e-3 for row in rows), "the way is right, its length is not"
+
+
+def test_another_body_is_told_by_shape_and_direction() -> None:
+    held = hanging()
+    system = twin(held)
+    places, turned = system.pixels(np.zeros((1, 2)))[0], np.exp(1j * np.radians(40.0))
+    uneven = np.array([1.0, 0.3, 1.0, 0.3])[:, None]
+
+    def pixels(states: np.ndarray) -> np.ndarray:
+        ways = system.pixels(states) - places
+        ways = (ways @ [1.0, 1.0j]) * turned
+        return places + uneven * np.stack([ways.real, ways.imag], axis=2)
+
+    found = compare(held, poked(held, replace(system, pixels=pixels)), radius=0.96, read=pixels)
+    assert found["brush"]["inside"]["shape"] > 0.3
+    assert found["brush"]["inside"]["direction_deg"] > 20
+
+
+def test_an_answer_the_wrong_way_has_no_scale() -> None:
+    held = rocking()
+    grip = brush(held.kinematics, held.rest, (20.0, 12.0), radius=1.0)
+    load = grip.pull_back(torch.tensor([0.0, 1.0], dtype=torch.float64)).numpy()
+    way = 0.1 * grip.jacobian.numpy()[None, :, 0]
+    scale = energy_scale(held, load, grip.jacobian.numpy()[None], way)
+    q = held.settled(scale * torch.from_numpy(load)[None])
+    assert float(q[0, 0]) == pytest.approx(0.1, rel=1e-2)
+    with pytest.raises(NoScaleError, match="against the measured way"):
+        energy_scale(held, load, grip.jacobian.numpy()[None], -way)
+
+
+def test_the_motion_in_time_is_that_of_the_system() -> None:
+    held = rocking()
+    system = twin(held)
+    pokes = poked(held, system)
+    grips = grips_at(held, pokes.places, radius=0.96)
+    usable, field = matter(grips, 1)
+    right, wrong = (
+        in_time(held, system, pokes, grips, field, usable, scale=scale, length_s=0.5)
+        for scale in (JOULE, 2 * JOULE)
+    )
+    assert right["error"] < 0.02
+    assert wrong["error"] == pytest.approx(1.0, rel=0.05)
+    assert wrong["shape"] < 0.02
+
+
+def test_the_first_motion_tells_a_wrong_mass() -> None:
+    held = hanging()
+    system = twin(held)
+    pokes = poked(held, system)
+    pokes = replace(pokes, direction=np.full_like(pokes.direction, np.sqrt(0.5)))  # on both coordinates
+    grips = grips_at(held, pokes.places, radius=0.96)
+    usable, field = matter(grips, 2)
+    found = at_once(held, system, pokes, grips, field, usable)
+    assert found["learned"] < 1e-6
+    assert min(found["uniform"], found["true"]) > 1e-3, "points of equal mass are not the law's mass here"
+    assert pokes.reference == 1
+    assert len(easiest(pokes, grips, 1)) == len(np.unique(pokes.point))
+
+
+def test_points_outside_the_picture_are_missed() -> None:
+    held = rocking()
+    grips = grips_at(held, np.array([[16.0, 12.0], [-3.0, 12.0]]), radius=1.0)
+    assert grips[0] is not None
+    assert grips[1] is None
+    usable, field = matter(grips, 1)
+    assert usable.tolist() == [True, False]
+    assert not field[1].any()
+
+
+def test_likeness_is_one_for_the_same_way_however_long() -> None:
+    way = np.random.default_rng(0).standard_normal((2, 1, 3, 2))
+    cosine, factor = alike(3.0 * way, way)
+    assert cosine == pytest.approx(np.ones((2, 1)))
+    assert factor == pytest.approx(3.0 * np.ones((2, 1)))
+
+
+def test_the_invariants_hold_on_a_rocker() -> None:
+    held = rocking()
+    found = force_invariants(held, SETTINGS)
+    assert found["lever"]["rank"] > 0.95
+    assert found["lever"]["sign"] > 0.9
+    assert found["lever"]["left"] * found["lever"]["right"] < 0
+    assert found["background"]["ratio"] > 70
+    assert found["superposition"]["force"] < 1e-12
+    assert found["superposition"]["small_answer"] < 1e-6
+    assert found["chart"]["state"] < 1e-6
+    assert found["chart"]["picture"] < 1e-5
+    assert found["across"] < 1e-12
+    grips = [brush(held.kinematics, held.rest, (x, 12.0), radius=1.0) for x in (12.0, 16.0, 20.0)]
+    assert centre_of_rotation(grips) == pytest.approx(CONTACT, abs=0.7)
+
+
+def test_the_invariants_of_an_arm_have_no_lever() -> None:
+    found = force_invariants(hanging(), SETTINGS)
+    assert found["lever"] is None
+    assert found["across"] is None
+    assert found["background"]["ratio"] > 70
+    assert found["chart"]["state"] < 1e-6
+
+
+def test_places_are_read_off_latents() -> None:
+    held = rocking()
+    system = twin(held)
+    states = np.concatenate([held.chart.latents, held.chart.latents])
+
+    read = reader(held, system, states)
+    q = held.chart.train.smoothed(1.0).latents[5:9]
+    assert read(q) == pytest.approx(system.pixels(held.chart.latents[5:9]), abs=0.1)
