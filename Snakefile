@@ -13,6 +13,7 @@ include: "workflow/rules/chart.smk"
 include: "workflow/rules/render.smk"
 include: "workflow/rules/stage2.smk"
 include: "workflow/rules/evaluate.smk"
+include: "workflow/rules/forces.smk"
 include: "workflow/rules/baselines.smk"
 include: "workflow/rules/report.smk"
 include: "workflow/rules/models.smk"
@@ -35,6 +36,12 @@ rule all:
         rules.mass.output if masses_are_ablations() else [],
         rules.truth.output if true_runs() else [],
         rules.margins.output,
+        rules.force_invariants.output,
+        rules.force_truth.output if true_runs() else [],
+        expand(rules.force.output, mechanism=pushed_mechanisms()),
+        expand(rules.force_map.output, mechanism=pushed_mechanisms())
+        if true_runs()
+        else [],
         expand(rules.figure.output, system=experiment.systems),
         expand(
             [*rules.horizon.output, *rules.gallery.output],

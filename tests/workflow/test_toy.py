@@ -14,6 +14,7 @@ ROOT = Path(__file__).resolve().parents[2]
 TOY = "hydra=profile=toy"
 SCORED = {"evaluate", "rollout", "figure", "horizon", "gallery", "table", "physical", "truth", "margins"}
 EXTRAPOLATED = {"extrapolate", "extrapolate_forecaster", "extrapolate_ode", "extrapolation", "equilibrium"}
+FORCES = {"forces", "force", "force_map", "force_invariants", "force_truth"}
 HERE = Path("results/toy/simulated/toy")
 THERE = Path("results/toy/simulated/toy_swing")
 SCORES = {
@@ -163,6 +164,23 @@ def test_a_setting_of_the_forecaster_trains_it_alone(source: Path, results: Path
     assert rules == {"forecaster", "extrapolate_forecaster", "extrapolation", "equilibrium"}
 
 
+def test_the_arm_is_pushed_in_the_picture_and_held_against_the_truth(results: Path) -> None:
+    tables = {}
+    for name in ("force_invariants", "force_truth"):
+        with (results / f"results/tables/{name}.csv").open(encoding="utf-8") as file:
+            tables[name] = list(csv.DictReader(file))
+        assert (results / f"results/tables/{name}.tex").stat().st_size
+    (row,) = tables["force_invariants"]
+    assert (row["system"], row["method"], row["recording"]) == ("toy", "ours", "simulated")
+    assert float(row["force_sum"]) < 1e-6
+    assert float(row["small_answer_sum"]) < 1e-2
+    assert float(row["chart_picture"]) < 1e-3
+    said = [row["what"] for row in tables["force_truth"]]
+    assert said[0] in ("visited, brush", "nothing measured"), "a toy's law may answer the wrong way"
+    for figure in ("force", "force_map"):
+        assert (results / f"results/figures/{figure}_toy.pdf").stat().st_size
+
+
 def test_the_gap_of_every_diagnosis_stands_in_a_table(source: Path, results: Path) -> None:
     done = snakemake(source, results, "results/tables/gap.tex", "--config", TOY)
     assert done.returncode == 0, (done.stdout + done.stderr)[-6000:]
@@ -233,11 +251,15 @@ def test_an_edited_comment_runs_nothing(source: Path, results: Path) -> None:
 
 def test_a_setting_of_stage_2_runs_stage_2_and_what_follows(source: Path, results: Path) -> None:
     rules = jobs(source, results, TOY + " stage2.gradient_clip=99")
-    assert rules == {"stage2", *SCORED, *EXTRAPOLATED}
+    assert rules == {"stage2", *SCORED, *EXTRAPOLATED, *FORCES}
 
 
 def test_a_setting_of_the_scores_trains_nothing(source: Path, results: Path) -> None:
     assert jobs(source, results, TOY + " evaluate.starts=9") == {*SCORED, "baseline_evaluate"}
+
+
+def test_a_setting_of_the_forces_pushes_again_and_nothing_else(source: Path, results: Path) -> None:
+    assert jobs(source, results, TOY + " forces.brush=0.1") == FORCES
 
 
 def test_a_setting_of_a_baseline_trains_it_alone(source: Path, results: Path) -> None:

@@ -34,6 +34,10 @@ except ConfigError as error:
     raise WorkflowError(str(error))
 
 
+SHORT = {"rocker": "rainbow_rocker", "krauss": "krauss_2seg"}
+"""Systems whose figures of forces have a name of their own."""
+
+
 wildcard_constraints:
     profile="|".join(options("profile")),
     recording="|".join(options("recording")),
@@ -45,6 +49,7 @@ wildcard_constraints:
     ode="|".join(options("ode")),
     trial="[0-9]+",
     field="conditioned|deformed",
+    mechanism="|".join([*SHORT, *options("system")]),
     ae="[0-9]+",
     seed="[0-9]+",
     effect="|".join(experiment.planted.effects),
@@ -178,6 +183,30 @@ def main_runs():
 def true_runs():
     """Those among them of which the truth is known, because they are simulated."""
     return [run for run in main_runs() if run["recording"] == "simulated"]
+
+
+def pushed(mechanism):
+    """The planned run behind a figure of forces."""
+    return planned(system=SHORT.get(mechanism, mechanism))[0]
+
+
+def pushed_mechanisms():
+    """Names of the figures of forces: of the systems that the paper pushes, or of all where there are few."""
+    names = {system: name for name, system in SHORT.items()}
+    shown = [names[system] for system in experiment.systems if system in names]
+    return shown or experiment.systems
+
+
+def forces_before(runs):
+    """Digest of all that made the answers to forces of these runs."""
+    return [
+        [
+            before("evaluate")(run),
+            section("forces")(run),
+            script_digest(SCRIPTS / "forces.py"),
+        ]
+        for run in runs
+    ]
 
 
 def diagnosed():

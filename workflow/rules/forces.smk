@@ -1,0 +1,187 @@
+rule forces:
+    input:
+        truth=branch(
+            lambda wildcards: wildcards.recording == "simulated",
+            then=rules.simulate.output.truth,
+            otherwise=[],
+        ),
+        autoencoder=rules.stage1.output.autoencoder,
+        chart=rules.chart.output.chart,
+        dynamics=rules.stage2.output.dynamics,
+        records=[rules.chart.output.record, rules.stage2.output.record],
+    output:
+        metrics=update(
+            "results/{profile}/{recording}/{system}/{stage1}-{ae}/{stage2}-{seed}/forces.json"
+        ),
+    log:
+        "results/{profile}/logs/{recording}/{system}/{stage1}-{ae}/{stage2}-{seed}/forces.log",
+    benchmark:
+        "results/{profile}/benchmarks/{recording}/{system}/{stage1}-{ae}/{stage2}-{seed}/forces.tsv"
+    conda:
+        "../envs/lagsplat.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+    params:
+        cfg=section("forces"),
+        simulation=section("simulation"),
+        release=section("release"),
+        before=before("evaluate"),
+        code=script_digest(SCRIPTS / "forces.py"),
+    message:
+        "Push {wildcards.system} ({wildcards.recording}, {wildcards.stage2}, seed {wildcards.seed}) in the picture"
+    script:
+        "../scripts/forces.py"
+
+
+rule force:
+    input:
+        run=lambda wildcards: [
+            output.format(**pushed(wildcards.mechanism))
+            for output in (
+                rules.stage1.output.autoencoder,
+                rules.chart.output.chart,
+                rules.stage2.output.dynamics,
+            )
+        ],
+        records=lambda wildcards: [
+            rules.stage2.output.record.format(**pushed(wildcards.mechanism))
+        ],
+    output:
+        pdf="results/figures/force_{mechanism}.pdf",
+        png=report(
+            "results/figures/force_{mechanism}.png",
+            caption="../report/force.rst",
+            category="Forces",
+            labels={"system": "{mechanism}"},
+        ),
+    log:
+        "results/logs/force_{mechanism}.log",
+    benchmark:
+        "results/benchmarks/force_{mechanism}.tsv"
+    conda:
+        "../envs/lagsplat.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+    params:
+        cfg=lambda wildcards: section("forces")(pushed(wildcards.mechanism)),
+        hanging=lambda wildcards: section("system.film")(pushed(wildcards.mechanism))
+        == "krauss",
+        title=lambda wildcards: "Forces in the picture · {recording} recording of {system} · profile {profile}".format(
+            **pushed(wildcards.mechanism)
+        ),
+        before=lambda wildcards: before("evaluate")(pushed(wildcards.mechanism)),
+        code=script_digest(SCRIPTS / "force.py"),
+    message:
+        "Draw {wildcards.mechanism} under forces given in the picture"
+    script:
+        "../scripts/force.py"
+
+
+rule force_map:
+    input:
+        metrics=lambda wildcards: rules.forces.output.metrics.format(
+            **pushed(wildcards.mechanism)
+        ),
+        run=lambda wildcards: [
+            output.format(**pushed(wildcards.mechanism))
+            for output in (
+                rules.stage1.output.autoencoder,
+                rules.chart.output.chart,
+                rules.stage2.output.dynamics,
+            )
+        ],
+    output:
+        pdf="results/figures/force_map_{mechanism}.pdf",
+        png=report(
+            "results/figures/force_map_{mechanism}.png",
+            caption="../report/force_map.rst",
+            category="Forces",
+            labels={"system": "{mechanism}"},
+        ),
+    log:
+        "results/logs/force_map_{mechanism}.log",
+    benchmark:
+        "results/benchmarks/force_map_{mechanism}.tsv"
+    conda:
+        "../envs/lagsplat.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+    params:
+        title=lambda wildcards: "Errors of the answers, by where the force acts · {recording} recording of {system} · profile {profile}".format(
+            **pushed(wildcards.mechanism)
+        ),
+        before=lambda wildcards: forces_before([pushed(wildcards.mechanism)]),
+        code=script_digest(SCRIPTS / "force_map.py"),
+    message:
+        "Draw where on {wildcards.mechanism} forces are answered wrongly"
+    script:
+        "../scripts/force_map.py"
+
+
+rule force_invariants:
+    input:
+        metrics=lambda wildcards: [
+            rules.forces.output.metrics.format(**run) for run in main_runs()
+        ],
+    output:
+        tex="results/tables/force_invariants.tex",
+        csv=report(
+            "results/tables/force_invariants.csv",
+            caption="../report/force_invariants.rst",
+            category="Tables",
+            labels={"table": "invariants of forces"},
+        ),
+    log:
+        "results/logs/force_invariants.log",
+    benchmark:
+        "results/benchmarks/force_invariants.tsv"
+    conda:
+        "../envs/lagsplat.yaml"
+    threads: 1
+    resources:
+        mem_mb=500,
+    params:
+        runs=lambda wildcards: main_runs(),
+        titles=lambda wildcards: titles(main_runs()),
+        before=lambda wildcards: forces_before(main_runs()),
+        code=script_digest(SCRIPTS / "force_invariants.py"),
+    message:
+        "Gather what holds of forces whatever the energy scale is"
+    script:
+        "../scripts/force_invariants.py"
+
+
+rule force_truth:
+    input:
+        metrics=lambda wildcards: [
+            rules.forces.output.metrics.format(**run) for run in true_runs()
+        ],
+    output:
+        tex="results/tables/force_truth.tex",
+        csv=report(
+            "results/tables/force_truth.csv",
+            caption="../report/force_truth.rst",
+            category="Tables",
+            labels={"table": "forces against the truth"},
+        ),
+    log:
+        "results/logs/force_truth.log",
+    benchmark:
+        "results/benchmarks/force_truth.tsv"
+    conda:
+        "../envs/lagsplat.yaml"
+    threads: 1
+    resources:
+        mem_mb=500,
+    params:
+        runs=lambda wildcards: true_runs(),
+        titles=lambda wildcards: titles(true_runs()),
+        before=lambda wildcards: forces_before(true_runs()),
+        code=script_digest(SCRIPTS / "force_truth.py"),
+    message:
+        "Compare the answers to known forces with the true ones"
+    script:
+        "../scripts/force_truth.py"

@@ -1,0 +1,17 @@
+"""Push a fitted run in the picture and draw where it comes to rest."""
+
+from lagsplat.chart.chart import load_chart
+from lagsplat.forces.config import ForcesConfig
+from lagsplat.forces.held import hold
+from lagsplat.job import Job
+from lagsplat.report.figures import draw_forces, save_figure
+from lagsplat.report.force_panels import push_panels
+from lagsplat.stage1.autoencoder import load_autoencoder
+from lagsplat.stage2.fit import load_dynamics
+
+with Job(snakemake) as job:
+    loads = (load_autoencoder, load_chart, load_dynamics)
+    held = hold(*(load(path)[0] for load, path in zip(loads, job.input.run, strict=True)))
+    panels = push_panels(held, job.section(ForcesConfig), hanging=job.params.hanging)
+    for path in job.output:
+        save_figure(path, draw_forces(panels, title=job.params.title))

@@ -1,0 +1,11 @@
+"""Gather what holds of forces whatever the energy scale is."""
+
+from lagsplat.io.atomic import write_text
+from lagsplat.io.plain import load_json
+from lagsplat.job import Job
+from lagsplat.report.force_invariants import invariants_rows, invariants_table, latex_invariants
+
+with Job(snakemake) as job:
+    rows = invariants_rows(job.params.runs, [load_json(path) for path in job.input.metrics])
+    write_text(job.output.csv, invariants_table(rows).to_csv(index=False))
+    write_text(job.output.tex, latex_invariants(rows, titles=job.params.titles))

@@ -1,0 +1,17 @@
+"""Draw where on the object forces are answered wrongly."""
+
+from lagsplat.chart.chart import load_chart
+from lagsplat.forces.held import hold
+from lagsplat.io.plain import load_json
+from lagsplat.job import Job
+from lagsplat.report.figures import draw_force_map, save_figure
+from lagsplat.stage1.autoencoder import load_autoencoder
+from lagsplat.stage2.fit import load_dynamics
+
+with Job(snakemake) as job:
+    loads = (load_autoencoder, load_chart, load_dynamics)
+    held = hold(*(load(path)[0] for load, path in zip(loads, job.input.run, strict=True)))
+    unknown = {"refused": "true answers are known of simulated recordings alone"}
+    truth = load_json(job.input.metrics)["truth"] or unknown
+    for path in job.output:
+        save_figure(path, draw_force_map(held.pictures(held.rest[None])[0], truth, title=job.params.title))

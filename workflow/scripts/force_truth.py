@@ -1,0 +1,11 @@
+"""Compare the answers to known forces with the true ones, system by system."""
+
+from lagsplat.io.atomic import write_text
+from lagsplat.io.plain import load_json
+from lagsplat.job import Job
+from lagsplat.report.force_truth import force_rows, force_table, latex_forces
+
+with Job(snakemake) as job:
+    rows = force_rows(job.params.runs, [load_json(path) for path in job.input.metrics])
+    write_text(job.output.csv, force_table(rows).to_csv(index=False))
+    write_text(job.output.tex, latex_forces(rows, titles=job.params.titles))
