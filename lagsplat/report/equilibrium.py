@@ -68,8 +68,10 @@ def _trajectory(axis: Axes, run: Found, found: Sequence[Found], name: str, colou
         )
         last = (boundary - 1 + len(found[0]["looks"][0]["states"])) * dt_s
         paper = {"facecolor": "white", "edgecolor": "none", "pad": 0.5, "alpha": 0.7}
-        place = {"xytext": (0, 1), "textcoords": "offset points", "ha": "right", "va": "bottom"}
-        axis.annotate("minimum of V", (last, middle), color=MARK, bbox=paper, **place)
+        axis.annotate(
+            "minimum of V", (last, middle), (0, 1), textcoords="offset points", ha="right", va="bottom",
+            color=MARK, bbox=paper,
+        )  # fmt: skip
 
 
 def _phase_plane(axis: Axes, run: Found, shown: Mapping[str, Sequence[Found]], colours: Any) -> None:
