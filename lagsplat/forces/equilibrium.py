@@ -14,7 +14,8 @@ TOLERANCE = 1e-10
 LEAST_CURVATURE = 1e-6
 """Relative to the largest: below it, or negative, a curvature is replaced before the step."""
 DECREASE = 1e-4
-ROUNDING = 1e-13
+UNRESOLVED = 1e-12
+"""Of the energy, or of one: gains below it drown in rounding, and Newton's step is taken as it is."""
 SHORTEST = 2.0**-40
 
 
@@ -92,10 +93,11 @@ def _descend(
     step = (vectors @ ((vectors.mT @ force[:, :, None])[:, :, 0] / size)[:, :, None])[:, :, 0]
     gain = (step * force).sum(1)
     before = energy(law, q, u)
+    fine = gain <= UNRESOLVED * (1.0 + before.abs())
     length = torch.ones_like(gain)
     while True:
         after = energy(law, q + length[:, None] * step, u)
-        falls: Bool[Tensor, " B"] = after <= before - DECREASE * length * gain + ROUNDING * before.abs()
+        falls: Bool[Tensor, " B"] = fine | (after <= before - DECREASE * length * gain)
         if bool(falls.all()) or float(length.min()) < SHORTEST:
             return torch.where(falls[:, None], q + length[:, None] * step, q)
         length = torch.where(falls, length, 0.5 * length)

@@ -7,7 +7,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patheffects import Normal, Stroke
 
-from lagsplat.forces.scene import OUTLINE
 from lagsplat.report.force_panels import Panel, Panels
 from lagsplat.report.style import PAGE_IN, new_figure, paper_style
 
@@ -22,7 +21,7 @@ def draw_forces(shown: Panels, *, title: str) -> Figure:
 
     Source: paper, figures of interactive forces.
     """
-    height, width = shown.object.shape
+    height, width = shown.size
     largest = max(float(np.linalg.norm(panel.arrows[:, 1], axis=1).max()) for panel in shown.panels)
     scale = LONGEST * min(height, width) / largest
     with paper_style():
@@ -32,7 +31,7 @@ def draw_forces(shown: Panels, *, title: str) -> Figure:
         axes = figure.subplots(rows, 3, squeeze=False).ravel()
         for axis, letter, panel in zip(axes, ascii_lowercase, shown.panels, strict=False):
             axis.imshow(panel.picture.clip(0.0, 1.0), extent=(0, width, height, 0))
-            _outline(axis, shown.object)
+            _outline(axis, shown)
             for foot, force in panel.arrows:
                 _arrow(axis, foot, scale * force)
             axis.set_title(f"({letter}) {panel.name}: {_answer(panel)}", loc="left")
@@ -46,13 +45,16 @@ def draw_forces(shown: Panels, *, title: str) -> Figure:
 def _answer(panel: Panel) -> str:
     way = rf", {panel.moved_px:.1f} px"
     if len(panel.shift) == 1:
-        return rf"$\Delta q = {panel.shift[0]:+.2g}$" + way
+        return rf"$\Delta q = {panel.shift[0]:+.{2 if abs(panel.shift[0]) > 0.05 else 4}f}$" + way
     return rf"$|\Delta q| = {np.linalg.norm(panel.shift):.2f}$" + way
 
 
-def _outline(axis: Axes, share: np.ndarray) -> None:
-    rows, columns = (np.arange(size) + 0.5 for size in share.shape)
-    axis.contour(columns, rows, share, levels=[OUTLINE], colors="white", linewidths=0.8, linestyles="dashed")
+def _outline(axis: Axes, shown: Panels) -> None:
+    fine = shown.object.astype(float)
+    rows, columns = (
+        size * (np.arange(count) + 0.5) / count for size, count in zip(shown.size, fine.shape, strict=True)
+    )
+    axis.contour(columns, rows, fine, levels=[0.5], colors="white", linewidths=0.8, linestyles="dashed")
 
 
 def _arrow(axis: Axes, foot: np.ndarray, way: np.ndarray) -> None:
