@@ -22,6 +22,7 @@ include: "workflow/rules/authors.smk"
 include: "workflow/rules/extrapolation_paths.smk"
 include: "workflow/rules/extrapolation_tables.smk"
 include: "workflow/rules/deformation.smk"
+include: "workflow/rules/guarantee.smk"
 include: "workflow/rules/tables.smk"
 include: "workflow/rules/gap_paths.smk"
 include: "workflow/rules/gap_blind.smk"
@@ -42,6 +43,7 @@ rule all:
         expand(rules.force_map.output, mechanism=pushed_mechanisms())
         if true_runs()
         else [],
+        rules.guarantee.output,
         expand(rules.figure.output, system=experiment.systems),
         expand(
             [*rules.horizon.output, *rules.gallery.output],

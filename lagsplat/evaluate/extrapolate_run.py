@@ -8,7 +8,7 @@ from lagsplat.chart.chart import Chart
 from lagsplat.evaluate.evaluate import renderer, require_same_run
 from lagsplat.evaluate.extrapolation import extrapolation, open_scene
 from lagsplat.evaluate.extrapolation_config import ExtrapolationConfig
-from lagsplat.evaluate.guarantee import guarantee
+from lagsplat.evaluate.guarantee import guarantee_of
 from lagsplat.evaluate.mechanical_energy import energy_along
 from lagsplat.evaluate.predictor import RollOut, law_predictor
 from lagsplat.io.recording import Recording
@@ -37,11 +37,10 @@ def extrapolate_run(
     predictor = law_predictor(free_rollouts(lagrangian, crossing.dt_s), known, render, crossing, config)
     found = extrapolation(predictor, crossing, known, pictures, config, energy_along(lagrangian))
     still = lagrangian.rest.new_zeros(lagrangian.n_inputs)
-    reach = float(np.linalg.norm(chart.latents - chart.rest, axis=1).max())
     return found | {
         "clip": crossing.latents.tolist(),
         "equilibrium": equilibrium(lagrangian, still).tolist(),
-        "guarantee": guarantee(lagrangian, reach=reach, dt_s=crossing.dt_s, config=config.guarantee),
+        "guarantee": guarantee_of(lagrangian, chart, config.guarantee),
     }
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import torch
 from jaxtyping import Float64
 
+from lagsplat.chart.chart import Chart
 from lagsplat.evaluate.extrapolation_config import GuaranteeConfig
 from lagsplat.evaluate.mechanical_energy import energy_of
 from lagsplat.stage2.frozen import FrozenLaw, roll_out_free
@@ -18,6 +19,14 @@ HALVINGS = 6
 STRETCH = 400  # states between two looks at whether everything has settled
 NOISE = 1e-9  # rise of the energy, over where it began, that is rounding
 ORDER = 2  # of the integrator: at half the step a rise that is its own falls to a quarter
+
+
+def guarantee_of(lagrangian: Lagrangian, chart: Chart, config: GuaranteeConfig) -> dict[str, Any]:
+    """`guarantee` of a law on the chart it was learned on, or the ``reason`` why it cannot be asked."""
+    if lagrangian.form.mass == "induced":
+        return {"reason": "a decoder-induced mass has no closed form to roll out for so long"}
+    reach = float(np.linalg.norm(chart.latents - chart.rest, axis=1).max())
+    return {"reason": "", **guarantee(lagrangian, reach=reach, dt_s=chart.dt_s, config=config)}
 
 
 @dataclass(frozen=True)

@@ -147,6 +147,10 @@ def test_every_model_is_followed_past_its_training_frames(results: Path) -> None
     assert 10.0 < float(ours["psnr_mean"]["value"]) <= float(ours["floor"]["value"]) + 3.0
     found = json.loads((results / THERE / "default-0/default-0/extrapolation/run.json").read_text("utf-8"))
     assert found["guarantee"]["free_diverged"] == found["guarantee"]["held_diverged"] == 0
+    with (results / "results/tables/guarantee.csv").open(encoding="utf-8") as file:
+        asked = list(csv.DictReader(file))
+    assert {row["stage2"] for row in asked} == {"default", "constant"}
+    assert all(row["free_diverged"] == row["held_diverged"] == "0" for row in asked)
     with (results / "results/tables/deformation.csv").open(encoding="utf-8") as file:
         decoders = {row["decoder"]: row for row in csv.DictReader(file)}
     assert set(decoders) == {"conditioned", "deformed"}
@@ -251,7 +255,7 @@ def test_an_edited_comment_runs_nothing(source: Path, results: Path) -> None:
 
 def test_a_setting_of_stage_2_runs_stage_2_and_what_follows(source: Path, results: Path) -> None:
     rules = jobs(source, results, TOY + " stage2.gradient_clip=99")
-    assert rules == {"stage2", *SCORED, *EXTRAPOLATED, *FORCES}
+    assert rules == {"stage2", "guarantee", *SCORED, *EXTRAPOLATED, *FORCES}
 
 
 def test_a_setting_of_the_scores_trains_nothing(source: Path, results: Path) -> None:

@@ -3,10 +3,14 @@
 import pytest
 import torch
 
-from lagsplat.evaluate.guarantee import guarantee
+from lagsplat.evaluate.guarantee import guarantee, guarantee_of
+from lagsplat.report.guarantees import guarantee_table
 from lagsplat.stage2.lagrangian import Lagrangian
 from tests.stage2_problems import random_lagrangian
-from tests.unit.evaluate import swing
+from tests.unit.evaluate import swing, tiny_run
+
+PATH = ("system", "recording", "profile", "stage1", "ae", "stage2", "seed")
+RUN = dict.fromkeys(PATH, "swing")
 
 
 def asked(lagrangian: Lagrangian, **changes: object) -> dict:
@@ -31,6 +35,18 @@ def test_a_law_that_feeds_its_motion_is_found_out() -> None:
     found = asked(lagrangian, duration_s=1.0)
     assert not found["holds"]
     assert found["free_settled"] == 0
+
+
+def test_an_induced_mass_cannot_be_asked_and_says_so() -> None:
+    chart = tiny_run.chart(tiny_run.autoencoder(1, swing.SIDE), swing.recording())
+    config = swing.settings().guarantee
+    found = guarantee_of(random_lagrangian(1, 0, 1, mass="induced"), chart, config)
+    table = guarantee_table([RUN, RUN], [found, guarantee_of(swing.lagrangian(), chart, config)])
+    assert "decoder-induced" in table["reason"][0]
+    assert table["holds"][1]
+    assert table["free_settled"][1] == 4
+    with pytest.raises(ValueError, match="no law to ask"):
+        guarantee_table([], [])
 
 
 def test_time_that_is_too_short_is_not_called_settled() -> None:

@@ -1,0 +1,36 @@
+rule guarantee:
+    input:
+        dynamics=lambda wildcards: [
+            rules.stage2.output.dynamics.format(**run) for run in planned()
+        ],
+        charts=lambda wildcards: [
+            rules.chart.output.chart.format(**run) for run in planned()
+        ],
+        records=lambda wildcards: [
+            rules.stage2.output.record.format(**run) for run in planned()
+        ],
+    output:
+        csv=report(
+            "results/tables/guarantee.csv",
+            caption="../report/guarantee.rst",
+            category="Tables",
+            labels={"table": "what no law can break"},
+        ),
+    log:
+        "results/logs/guarantee.log",
+    benchmark:
+        "results/benchmarks/guarantee.tsv"
+    conda:
+        "../envs/lagsplat.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+    params:
+        runs=lambda wildcards: planned(),
+        cfg=lambda wildcards: section("extrapolation.guarantee")(planned()[0]),
+        before=lambda wildcards: [before("evaluate")(run) for run in planned()],
+        code=script_digest(SCRIPTS / "guarantee.py"),
+    message:
+        "Ask every trained law whether it comes to rest from anywhere"
+    script:
+        "../scripts/guarantee.py"

@@ -1,0 +1,16 @@
+"""Ask every trained law whether it comes to rest from anywhere."""
+
+from lagsplat.chart.chart import load_chart
+from lagsplat.evaluate.extrapolation_config import GuaranteeConfig
+from lagsplat.evaluate.guarantee import guarantee_of
+from lagsplat.io.atomic import write_text
+from lagsplat.job import Job
+from lagsplat.report.guarantees import guarantee_table
+from lagsplat.stage2.fit import load_dynamics
+
+with Job(snakemake) as job:
+    config, found = job.section(GuaranteeConfig), []
+    for dynamics, chart in zip(job.input.dynamics, job.input.charts, strict=True):
+        found.append(guarantee_of(load_dynamics(dynamics)[0], load_chart(chart)[0], config))
+        job.say(f"{dynamics}: {found[-1]}")
+    write_text(job.output.csv, guarantee_table(job.params.runs, found).to_csv(index=False))
