@@ -13,10 +13,10 @@ from lagsplat.forces.grip import Grip, NothingThereError, Point, brush
 from lagsplat.forces.held import Held
 from lagsplat.forces.scene import Scene, background_points, scene_at
 
-GRID = 12
-"""Points over the picture's longer side at which the object is pushed."""
+POINTS = 60
+"""Pixels of the object, evenly among them, at which it is pushed."""
 BACKGROUND = 9
-SMALL = 1e-4
+SMALL = 1e-5
 ANGLES = (0.7, 2.3)
 
 
@@ -64,11 +64,11 @@ def centre_of_rotation(grips: list[Grip]) -> Float64[np.ndarray, "2"]:
 
 
 def _on(held: Held, scene: Scene, radius: float) -> list[Grip]:
-    step = max(1, max(scene.motion.shape) // GRID)
-    found = []
-    for row, column in np.argwhere(scene.object):
-        if row % step == step // 2 and column % step == step // 2:
-            found += _taken(held, (column + 0.5, row + 0.5), radius)
+    places = np.argwhere(scene.object)
+    chosen = places[
+        np.unique(np.linspace(0, max(0, len(places) - 1), POINTS).round().astype(int))[: len(places)]
+    ]
+    found = [grip for row, column in chosen for grip in _taken(held, (column + 0.5, row + 0.5), radius)]
     if not found:
         raise ValueError("no point of the object can be taken hold of: nothing moves in the picture")
     return found

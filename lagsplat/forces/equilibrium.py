@@ -71,6 +71,11 @@ def energy(law: Lagrangian, q: Latents, u: Inputs) -> Float[Tensor, " B"]:
     return law.potential(q) - (law.volume(q, u) * u).sum(1)
 
 
+def stiffness(law: Lagrangian, q: Latents, u: Inputs) -> Float[Tensor, "B d d"]:
+    """The symmetric Hessian of the energy at ``q``."""
+    return _slopes(law, q, u, law.prepare())[1]
+
+
 def _slopes(
     law: Lagrangian, q: Latents, u: Inputs, ready: Prepared
 ) -> tuple[Latents, Float[Tensor, "B d d"]]:

@@ -71,10 +71,10 @@ def latex_invariants(rows: Sequence[Mapping[str, Any]], *, titles: Mapping[str, 
         f"{profiles}; one force a system. Lever: rank correlation of the answer to a downward force with the "
         "lever arm about the centre of rotation, points with its sign, answers at the outermost points "
         "(one coordinate only). Background: typical answer on the object over the largest off it. Sums: "
-        "relative error of a sum of two forces as pulled back, and of the answers to forces a ten thousandth "
-        "as large. Chart: largest change of a colour when solved in bent coordinates. Across: share that is "
-        "felt of a force across the motion. The paper's row holds its own numbers, on its film of its "
-        "rocker; its last is of a force in three dimensions, which is not built here."
+        "relative error of a sum of two forces as pulled back, and of the answers to forces a hundred "
+        "thousandth as large. Chart: largest change of a colour when solved in bent coordinates. Across: "
+        "share that is felt of a force across the motion. The paper's row holds its own numbers, on its "
+        "film of its rocker; its last is of a force in three dimensions, which is not built here."
     )
     return latex_float(
         head=head, body=body, columns="@{}lcccccccc@{}", caption=caption, label="tab:force-invariants"

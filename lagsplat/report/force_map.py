@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 from lagsplat.report.style import PAGE_IN, new_figure, paper_style
 
 SHOWN = (
-    ("direction_deg", "direction of the pushed point (degrees)", 1.0, 20.0),
-    ("shape", "shape of the answer (%)", 100.0, 30.0),
-    ("amplitude", "amplitude after one poke (%)", 100.0, 30.0),
+    ("direction_deg", "direction of the pushed point (degrees)", 1.0, 60.0),
+    ("shape", "shape of the answer (%)", 100.0, 100.0),
+    ("amplitude", "amplitude after one poke (%)", 100.0, 100.0),
 )
 
 

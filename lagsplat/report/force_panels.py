@@ -117,8 +117,8 @@ def outlined(picture: Float[np.ndarray, "h w 3"], scene: Scene) -> Bool[np.ndarr
         return near > OUTLINE
     cv2.setRNGSeed(0)
     levels = (255 * picture.clip(0.0, 1.0)).astype(np.uint8)
-    models = np.zeros((1, 65)), np.zeros((1, 65))
-    cv2.grabCut(levels, labels, None, *models, CUTS, cv2.GC_INIT_WITH_MASK)
+    ground, thing = np.zeros((1, 65)), np.zeros((1, 65))
+    cv2.grabCut(levels, labels, (0, 0, 1, 1), ground, thing, CUTS, cv2.GC_INIT_WITH_MASK)
     return np.isin(labels, FOREGROUND)
 
 

@@ -18,7 +18,7 @@ ERRORS = (
     "pictured_amplitude",
 )
 COLUMNS = ("system", "what", "n", *(f"{name}{end}" for name in ERRORS for end in ("", "_p90")), "error",
-           "scale_low", "scale_high", "refused", "recording", "profile", "n_seeds")  # fmt: skip
+           "span", "scale_low", "scale_high", "refused", "recording", "profile", "n_seeds")  # fmt: skip
 
 
 def force_rows(runs: Sequence[Mapping[str, Any]], metrics: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -63,7 +63,8 @@ def latex_forces(rows: Sequence[Mapping[str, Any]], *, titles: Mapping[str, str]
         "points; amplitude: that factor, less one. Levels: how far the force drives the true state, in "
         "visited ranges. In time: rms error of all ways under a force switched on at rest. First motion: "
         "shape of the acceleration with a mass that is learned, induced by equally heavy Gaussians, or by "
-        "the true masses."
+        "the true masses. Span of energies: largest over smallest eigenvalue relative to the true matrix; "
+        "one factor makes all energies true where it is 1."
     )
     return latex_float(
         head=head, body=body, columns="@{}lcccccccc@{}", caption=caption, label="tab:force-truth"
@@ -81,6 +82,7 @@ def _line(row: Mapping[Any, Any]) -> str:
 
     spread = [number(row[name]) for name in ("scale_low", "scale_high")]
     what = escape(str(row["what"])) + ("" if "--" in spread else f" [{', '.join(spread)}]")
+    what += "" if pd.isna(row["span"]) else f": {number(row['span'])}"
     n = "--" if pd.isna(row["n"]) else f"{row['n']:.0f}"
     return cells(what, n, *(cell(name) for name in ERRORS), number(scaled(row["error"], 100.0)))
 
@@ -104,6 +106,8 @@ def _rows(truth: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     told[f"in time, {moved['length_s']:.2g} s"] = {
         "n": moved["n"], "error": moved["error"], "shape": moved["shape"], "shape_p90": moved["shape_p90"]
     }  # fmt: skip
+    if spans := truth["energy_spans"]:
+        told |= {f"span of energies, {name}": {"span": value} for name, value in spans.items()}
     for name, shape in (truth["at_once"] or {}).items():
         told[f"first motion, {name} mass"] = {"shape": shape}
     return told

@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from lagsplat.config import compose
+from lagsplat.evaluate.force_energies import energy_spans
 from lagsplat.evaluate.force_invariants import centre_of_rotation, force_invariants
 from lagsplat.evaluate.force_motion import at_once, easiest, in_time
 from lagsplat.evaluate.force_truth import alike, compare, grips_at, matter
@@ -135,6 +136,20 @@ def test_the_first_motion_tells_a_wrong_mass() -> None:
     assert min(found["uniform"], found["true"]) > 1e-3, "points of equal mass are not the law's mass here"
     assert pokes.reference == 1
     assert len(easiest(pokes, grips, 1)) == len(np.unique(pokes.point))
+
+
+def test_energies_are_spanned_by_what_no_common_factor_explains() -> None:
+    held = hanging()
+    system, eye = twin(held), np.eye(2)
+    right = energy_spans(held, system, eye)
+    assert right is not None
+    assert right["mass"] == pytest.approx(1.0)
+    assert right["stiffness"] == pytest.approx(1.0, rel=1e-4)
+    assert right["induced"] > 1.1
+    uneven = energy_spans(held, system, np.diag([1.0, 3.0]))
+    assert uneven is not None
+    assert uneven["mass"] == pytest.approx(9.0)
+    assert energy_spans(rocking(), twin(rocking()), np.eye(1)) is None
 
 
 def test_points_outside_the_picture_are_missed() -> None:

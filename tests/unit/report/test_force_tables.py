@@ -28,7 +28,8 @@ TRUTH = {
     "levels": [{**BLOCK, "level": 0.3, "distance": 0.31}, {**BLOCK, "n": 0, "level": 2.0, "distance": None}],
     "map": [{"place": [1.0, 2.0], **ERRORS}, {"place": [3.0, 2.0], **ERRORS, "shape": None}],
     "in_time": {"n": 4, "length_s": 0.5, "error": 0.3, "shape": 0.2, "shape_p90": 0.25},
-    "at_once": None,
+    "at_once": {"learned": 0.9},
+    "energy_spans": {"mass": 30.0},
 }
 
 
@@ -62,11 +63,13 @@ def test_small_numbers_are_told_by_their_order() -> None:
 def test_every_kind_of_answer_has_a_row() -> None:
     rows = force_rows([RUN], [{"truth": TRUTH}])
     assert [row["what"] for row in rows] == [
-        "visited, brush", "visited, one Gaussian", "level 0.3", "in time, 0.5 s"
+        "visited, brush", "visited, one Gaussian", "level 0.3", "in time, 0.5 s",
+        "span of energies, mass", "first motion, learned mass",
     ]  # fmt: skip
     frame = force_table(rows)
     assert frame["scale_high"][0] == 1.2
     assert frame["error"][3] == 0.3
+    assert frame["span"][4] == 30.0
     tex = latex_forces(rows, titles={"rainbow_rocker": "rocker"})
     assert "the wrong way" in tex
     assert r"$2$ ($4$)" in tex
