@@ -17,7 +17,7 @@ from lagsplat.diagnose.result import Block, Gap, Interval
 from lagsplat.diagnose.shoot import Belief, Data, derivatives, shoot
 
 BURN_IN = 10
-"""Samples that a starting state is fitted to."""
+"""Samples that a starting state is fitted to; those that repeat an earlier one do not count."""
 HARDLY = 0.9
 """Share of a period from which on a stretch counts as one."""
 LEAST = 20
@@ -73,8 +73,8 @@ def forecast(contest: Contest, blocks: Windows, effects: Sequence[Instance], x: 
     def predict(_: np.ndarray, starts: np.ndarray) -> np.ndarray:
         return here.predict(real)(np.repeat(x[None], len(starts), axis=0), starts)
 
-    early = here.data.weight.copy()
-    early[:, BURN_IN:] = 0.0
+    seen_so_far = (here.data.weight > 0.0).any(axis=2).cumsum(axis=1)
+    early = here.data.weight * (seen_so_far <= BURN_IN)[..., None]
     data = Data(here.data.y, early, here.data.start_step)
     nobody = Belief(*(np.zeros(0) for _ in range(4)))
     fit = shoot(predict, np.zeros(0), here.begun, data, nobody, iterations=8, tolerance=1e-6)
@@ -150,6 +150,10 @@ def hold_out(contest: Contest, none: Explained, chosen: Explained, *, period_s: 
     refit = forecast(contest, blocks, (), half_fit(half, none))
     after = forecast(contest, blocks, chosen.effects, half_fit(half, chosen))
     errors = {"before": sim.y - real, "refit": refit.y - real, "after": after.y - real}
+    if contest.late is not None and any(
+        isinstance(e.effect, Noise) and e.effect.repeats for e in chosen.effects
+    ):
+        errors["after"][blocks.take(contest.late)] = 0.0  # what repeats an earlier sample is explained
     squares = {name: relative(error, rms) for name, error in errors.items()}
     squares["floor"] = np.mean(after.expected / rms**2, axis=(1, 2))
     gap = Gap(

@@ -18,6 +18,9 @@ SHARPER = 1.3
 """How much more sharply than it mostly does the motion may have bent meanwhile."""
 SMOOTH = 0.1
 """Of that, what the samples beside may miss it by, or a step of noise."""
+OFTEN = 5
+"""Repeats beyond doubt from which on what stands still for `SHORTEST` samples or up to a jump is one."""
+SHORTEST = 4
 
 
 def frozen(
@@ -31,14 +34,37 @@ def frozen(
     step = np.sqrt(2.0) * np.maximum(sigma, 1e-300)
     for start, stop in clips:
         z = q[start:stop] / step
-        moved = np.abs(np.diff(z, axis=0)).max(axis=1)
-        for jump in map(int, np.flatnonzero((moved[1:] > JUMP) & (moved[:-1] <= STILL)) + 2):
-            back = max(0, jump - LONGEST)
-            stays = (np.abs(z[back:jump] - z[jump - 1]) <= STILL).all(axis=1)
-            first = back if stays.all() else back + int(np.flatnonzero(~stays)[-1]) + 1
-            if jump - first >= 2 and _misses(z, first, jump):
-                late[start + first + 1 : start + jump] = True
+        stood = _before_jumps(z)
+        sure = [run for run in stood if _misses(z, *run)]
+        # samples beside a repeat may be repeats, too, and a motion that turns catches up without a jump
+        for first, end in [*stood, *_standstills(z)] if len(sure) >= OFTEN else sure:
+            late[start + first + 1 : start + end] = True
     return late
+
+
+def _before_jumps(z: np.ndarray) -> list[tuple[int, int]]:
+    """First sample of each picture that stands still, and the sample that has jumped away from it."""
+    moved = np.abs(np.diff(z, axis=0)).max(axis=1)
+    found = []
+    for jump in map(int, np.flatnonzero((moved[1:] > JUMP) & (moved[:-1] <= STILL)) + 2):
+        back = max(0, jump - LONGEST)
+        stays = (np.abs(z[back:jump] - z[jump - 1]) <= STILL).all(axis=1)
+        first = back if stays.all() else back + int(np.flatnonzero(~stays)[-1]) + 1
+        if jump - first >= 2:
+            found.append((first, jump))
+    return found
+
+
+def _standstills(z: np.ndarray) -> list[tuple[int, int]]:
+    """First sample and end of all that stays within noise of where it begins, one after the other."""
+    found, first = [], 0
+    while first < len(z):
+        stays = (np.abs(z[first : first + LONGEST] - z[first]) <= STILL).all(axis=1)
+        end = first + (len(stays) if stays.all() else int(np.argmin(stays)))
+        if end - first >= SHORTEST:
+            found.append((first, end))
+        first = end
+    return found
 
 
 def _misses(z: np.ndarray, first: int, jump: int) -> bool:

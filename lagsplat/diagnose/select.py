@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.ndimage import label, mean
 
 from lagsplat.diagnose.compare import Contest, Explained, Lead, log_evidence, pursue, screen
 from lagsplat.diagnose.config import DiagnoseConfig
@@ -17,6 +18,8 @@ FINER = 0.03
 """Gain that still is worth a step, in multiples of what every fit thinks so."""
 SMOOTH = 0.5
 """Correlation between neighbouring samples of a residual that no effect on single samples leaves."""
+SEEN = 4.0
+"""Mean square, in units of the noise, by which repeats of a sample must miss the motion to be seen."""
 
 Tell = Callable[[str], None]
 
@@ -136,10 +139,14 @@ def graded(
 
 
 def _repeated(contest: Contest, base: Explained) -> tuple[float, int]:
-    """By how much samples that repeat an earlier one miss what should have been seen, and their number."""
+    """By how much repeats of an earlier sample miss what should have been seen, and how many do."""
     predicted = contest.predict(base.effects)(base.fit.x[None], base.fit.starts[None])[0]
-    wrong = ((contest.data.y - predicted) / contest.sigma)[contest.repeats]
-    return float(np.nan_to_num(wrong**2 - 1.0).sum()), int(contest.repeats.sum())
+    wrong = np.nan_to_num(((contest.data.y - predicted) / contest.sigma) ** 2).mean(axis=2)
+    runs, n = label(contest.repeats, structure=[[0, 0, 0], [1, 1, 1], [0, 0, 0]])
+    number = np.arange(1, n + 1)
+    seen = runs * np.isin(runs, number[mean(wrong, runs, number) > SEEN])
+    missed = (wrong - 1.0)[contest.repeats].sum() * contest.data.y.shape[2]
+    return float(missed), int(np.count_nonzero(seen))
 
 
 def _alike(residual: np.ndarray, mask: np.ndarray) -> float:

@@ -65,6 +65,24 @@ def test_long_repeats_are_frame_drops_and_leave_the_rest_as_it_was() -> None:
     assert found.checks["misfit_none"] < 3.0
 
 
+def test_where_repeats_are_many_those_about_a_turn_are_found_too() -> None:
+    clean = film(u=wave(5), seconds=30.0)
+    rng = np.random.default_rng(3)
+    q, late, start = clean.q.copy(), np.zeros(len(clean.q), dtype=bool), 20
+    while start < len(q) - 30:
+        stop = start + int(rng.integers(4, 14))
+        q[start:stop], late[start:stop] = q[start - 1], True
+        start = stop + int(rng.integers(8, 30))
+    q = q + SIGMA * np.std(q) * rng.standard_normal(q.shape)
+    motion = Motion(time_s=clean.time_s, q=q, u=clean.u, source="film")
+    assert marked(motion)[late].mean() > 0.9
+    found = diagnose(Sim.exact(oscillator()), [motion], settings()).diagnosis
+    assert (found.verdict, found.combination) == ("effect", ("frame_drops",))
+    assert found.candidates[0].parameters["count"].value == pytest.approx(int(late.sum()), rel=0.3)
+    assert found.gap is not None
+    assert found.gap.after < 0.2 * found.gap.before
+
+
 def test_what_only_moves_single_samples_is_not_doubted() -> None:
     one = contest([film(u=wave(5), noise=SIGMA, seconds=8.0)])
     none = Explained((), one.fit((), np.zeros(one.bench.nuisance.size)))
