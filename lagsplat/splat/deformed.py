@@ -26,7 +26,7 @@ class DeformedGaussians(nn.Module):
         self.shift_limit, self.shape_limit = shift_limit, shape_limit
         self.center = nn.Parameter(torch.zeros(n, 2))
         self.shape_log_diagonal = nn.Parameter(torch.zeros(n, 2))
-        self.shape_below = nn.Parameter(torch.zeros(n))
+        self.shape_below = nn.Parameter(torch.zeros(n, 1))
         self.opacity_logit = nn.Parameter(torch.zeros(n))
         self.color_logit = nn.Parameter(torch.zeros(n, 3))
         self.background_logit = nn.Parameter(torch.zeros(3))
@@ -48,7 +48,7 @@ class DeformedGaussians(nn.Module):
         found = []
         for shift, change in zip(shifts, changes, strict=True):
             a, c = (self.shape_log_diagonal + change[:, :2]).exp().unbind(1)
-            b = self.shape_below + change[:, 2]
+            b = self.shape_below[:, 0] + change[:, 2]
             covariance = torch.stack((a * a, a * b, b * b + c * c), dim=1)
             background = torch.sigmoid(self.background_logit)
             found.append(Slice((self.center + shift)[None], covariance, opacity, color, background))

@@ -1,5 +1,7 @@
-"""The (2+d)-dimensional Gaussians that tile the space--state volume, and their slice at a latent."""
+"""The (n+d)-dimensional Gaussians that tile the space--state volume, and their slice at a latent."""
 
+from functools import reduce
+from operator import add
 from typing import NamedTuple
 
 import torch
@@ -10,17 +12,23 @@ from lagsplat.shapes import Latents
 
 
 class Slice(NamedTuple):
-    """Planar Gaussians, ready to be drawn: a batch shares their shapes and colours, not their places."""
+    """Gaussians of the plane, ready to be drawn, or of space, ready to be projected.
 
-    means: Float[Tensor, "B K 2"]  # [px]
-    covariance: Float[Tensor, "K 3"]  # xx, xy, yy [px^2]
+    A batch shares their shapes and colours, not their places; once projected, each image has its own (S = B).
+    ``covariance`` holds the lower triangle row by row: xx, xy, yy and, in space, xz, yz, zz [px^2].
+    """
+
+    means: Float[Tensor, "B K n"]  # [px]
+    covariance: Float[Tensor, "*S K m"]
     opacity: Float[Tensor, "B K"]
-    color: Float[Tensor, "K 3"]
+    color: Float[Tensor, "*S K 3"]
     background: Float[Tensor, "3"]
 
 
 class Gaussians(nn.Module):
-    """``K`` Gaussians in (x, y, z), each with a fixed centre and covariance, an opacity and a colour.
+    """``K`` Gaussians in space and state, each with a fixed centre and covariance, an opacity and a colour.
+
+    ``space`` is the number n of spatial dimensions: 2, the picture, or 3, what several cameras see.
 
     The covariance is ``Sigma = L L^T`` with ``L`` lower triangular in the order latent, space::
 
@@ -29,20 +37,21 @@ class Gaussians(nn.Module):
 
     In this order the Schur complement needs no inverse: with ``w = P (z - center_z)`` the slice at ``z`` has
     its mean at ``center + B w``, the covariance ``S S^T`` and the gate ``exp(-w.w / 2)``, so the Jacobian of
-    the mean is ``J = B P``. Lengths are in pixels of the training image.
+    the mean is ``J = B P``. Lengths are in pixels of the training image; in space one is what a pixel of the
+    reference camera covers at its pivot, see `lagsplat.views.stage`.
 
     Source: paper eqs. (schur-mean), (schur-cov), (latent_opacity).
     """
 
-    def __init__(self, n: int, d: int, *, background: str = "learned") -> None:
+    def __init__(self, n: int, d: int, *, space: int = 2, background: str = "learned") -> None:
         super().__init__()
-        self.center = nn.Parameter(torch.zeros(n, 2))
+        self.center = nn.Parameter(torch.zeros(n, space))
         self.latent_center = nn.Parameter(torch.zeros(n, d))
         self.precision_log_diagonal = nn.Parameter(torch.zeros(n, d))
         self.precision_below = nn.Parameter(torch.zeros(n, d * (d - 1) // 2))
-        self.coupling = nn.Parameter(torch.zeros(n, 2, d))
-        self.shape_log_diagonal = nn.Parameter(torch.zeros(n, 2))
-        self.shape_below = nn.Parameter(torch.zeros(n))
+        self.coupling = nn.Parameter(torch.zeros(n, space, d))
+        self.shape_log_diagonal = nn.Parameter(torch.zeros(n, space))
+        self.shape_below = nn.Parameter(torch.zeros(n, space * (space - 1) // 2))
         self.opacity_logit = nn.Parameter(torch.zeros(n))
         self.color_logit = nn.Parameter(torch.zeros(n, 3))
         self.background_logit = nn.Parameter(torch.zeros(3)) if background == "learned" else None
@@ -57,13 +66,20 @@ class Gaussians(nn.Module):
         """Dimension of the latent."""
         return self.latent_center.shape[1]
 
+    @property
+    def space(self) -> int:
+        """Number of spatial dimensions."""
+        return self.center.shape[1]
+
     def precision_factor(self) -> Float[Tensor, "K d d"]:
         """``P``, lower triangular with a positive diagonal: ``Sigma_zz^-1 = P^T P``."""
-        factor = torch.diag_embed(self.precision_log_diagonal.exp())
-        row, column = torch.tril_indices(self.d, self.d, offset=-1)
-        return factor.index_put((torch.arange(self.n)[:, None], row, column), self.precision_below)
+        return _lower(self.precision_log_diagonal, self.precision_below)
 
-    def jacobian(self) -> Float[Tensor, "K 2 d"]:
+    def shape_factor(self) -> Float[Tensor, "K n n"]:
+        """``S``, lower triangular with a positive diagonal [px]."""
+        return _lower(self.shape_log_diagonal, self.shape_below)
+
+    def jacobian(self) -> Float[Tensor, "K n d"]:
         """``J``, by which each drawn centre follows the latent [px per unit of z]; constant."""
         return self.coupling @ self.precision_factor()
 
@@ -74,24 +90,37 @@ class Gaussians(nn.Module):
         whitened = torch.addmm(-offset, z, factor.flatten(0, 1).T).unflatten(1, (self.n, self.d))
         return torch.exp(-0.5 * whitened.square().sum(-1))
 
-    def covariance(self) -> Float[Tensor, "K 3"]:
-        """Drawn covariance ``S S^T`` as xx, xy, yy [px^2]; the same at every latent."""
-        a, c = self.shape_log_diagonal.exp().unbind(1)
-        b = self.shape_below
-        return torch.stack((a * a, a * b, b * b + c * c), dim=1)
+    def covariance(self) -> Float[Tensor, "K m"]:
+        """Drawn covariance ``S S^T``, its lower triangle row by row [px^2]; the same at every latent."""
+        diagonal, below = self.shape_log_diagonal.exp().unbind(1), self.shape_below.unbind(1)
+        rows = [[*below[i * (i - 1) // 2 :][:i], diagonal[i]] for i in range(self.space)]
+        entries = [
+            reduce(add, (a * b for a, b in zip(rows[i], rows[j], strict=False)))
+            for i in range(self.space)
+            for j in range(i + 1)
+        ]
+        return torch.stack(entries, dim=1)
 
     def background(self) -> Float[Tensor, "3"]:
         """What is seen where nothing is drawn: one learned colour, or black."""
         return self.center.new_zeros(3) if self.background_logit is None else self.background_logit.sigmoid()
 
     def condition(self, z: Latents) -> Slice:
-        """The planar Gaussians at each latent of the batch."""
+        """The Gaussians of the plane, or of space, at each latent of the batch."""
         jacobian = self.jacobian()
         rest = self.center - (jacobian @ self.latent_center[..., None])[..., 0]
         return Slice(
-            means=torch.addmm(rest.flatten(), z, jacobian.flatten(0, 1).T).unflatten(1, (self.n, 2)),
+            means=torch.addmm(rest.flatten(), z, jacobian.flatten(0, 1).T).unflatten(1, (self.n, self.space)),
             covariance=self.covariance(),
             opacity=torch.sigmoid(self.opacity_logit) * self.gate(z),
             color=torch.sigmoid(self.color_logit),
             background=self.background(),
         )
+
+
+def _lower(log_diagonal: Float[Tensor, "K m"], below: Float[Tensor, "K _"]) -> Float[Tensor, "K m m"]:
+    """Lower triangular matrices of their diagonals' logarithms and, row by row, what stands below."""
+    count, size = log_diagonal.shape
+    row, column = torch.tril_indices(size, size, offset=-1)
+    factor = torch.diag_embed(log_diagonal.exp())
+    return factor.index_put((torch.arange(count)[:, None], row, column), below)

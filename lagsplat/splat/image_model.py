@@ -5,7 +5,8 @@ A Gaussian with centre ``m``, covariance ``S`` and opacity ``o`` covers the pixe
 composited front to back in the order of their index. One with ``alpha < 1/255`` is passed over. A pixel is
 finished by the first Gaussian that would bring its transmittance to 1e-4 or less; that one is not
 composited any more. What is left of the transmittance shows the background. This is the "classic" mode of
-gsplat in two dimensions, and as there the clamp at 0.999 passes no gradient on.
+gsplat in two dimensions, and as there the clamp at 0.999 passes no gradient on. Gaussians in space are first
+projected and put in order of depth, by `lagsplat.splat.projection`.
 
 A Gaussian is drawn nowhere, and receives no gradient, when its centre, covariance or opacity is not finite,
 when its opacity is below 1/255, or when its blurred covariance is not positive definite. Opacities belong
@@ -40,17 +41,22 @@ def check_scene(
     if height < 1 or width < 1:
         raise ValueError(f"cannot draw an image of {height} x {width} pixels: both must be at least 1")
     batch, count = means.shape[:2] if means.ndim == 3 else ("B", "K")
+    shared = (count, 3)
+    look = (batch, *shared) if covariance.shape[:-1] == (batch, count) else shared
     expected = {
         "means": (means, (batch, count, 2)),
-        "covariance": (covariance, (count, 3)),
+        "covariance": (covariance, look),
         "opacity": (opacity, (batch, count)),
-        "color": (color, (count, 3)),
+        "color": (color, look),
         "background": (background, (3,)),
     }
     for name, (tensor, shape) in expected.items():
         if tuple(tensor.shape) != shape:
             wanted = ", ".join(str(size) for size in shape)
-            raise ValueError(f"{name} has shape {tuple(tensor.shape)}, expected ({wanted})")
+            other = (
+                ", or one for each image, as covariance and color have it together" if shape == shared else ""
+            )
+            raise ValueError(f"{name} has shape {tuple(tensor.shape)}, expected ({wanted}){other}")
         if not tensor.is_floating_point() or tensor.dtype != means.dtype:
             raise ValueError(f"{name} is {tensor.dtype}, means {means.dtype}: use one floating type")
         if tensor.device != means.device:

@@ -47,29 +47,32 @@ STRIDE = 6 * PITCH
 def backward(spots, slices, color, background, state, grad, workers):
     """Gradients of the loss with respect to the spots' X, Y, OPACITY, and to the slices and colours.
 
-    The former come as (S, B, K, 3) and the latter, SLOPE, PRECISION_X, PRECISION_Y, red, green, blue, as
-    (workers, K, 6); the first axis of each is still to be summed. A frame is split among S workers only where
-    there are fewer frames than workers.
+    The former come as (shares, B, K, 3) and the latter, SLOPE, PRECISION_X, PRECISION_Y, red, green, blue, as
+    (workers, 1, K, 6), or (shares, B, K, 6) where each frame has slices of its own; the first axis of each is
+    still to be summed. A frame is split into shares only where there are fewer frames than workers.
     """
-    batch, count = len(spots), len(slices)
+    batch, count = len(spots), slices.shape[1]
     height, width = grad.shape[2:]
     number = tiles(height, width)
     shares = min(number, (workers + batch - 1) // max(batch, 1))
     spot_grad = np.zeros((shares, batch, count, 3), np.float32)
-    shared_grad = np.zeros((workers, count, 6), np.float32)
-    for worker in prange(workers):
+    single = len(slices) == 1
+    shared_grad = np.zeros((workers if single else shares, len(slices), count, 6), np.float32)
+    for thread in prange(workers):
+        worker = np.int64(thread)
         for task in range(worker, batch * shares, workers):
             frame, share = task // shares, task % shares
+            own = frame % len(slices)
             for part in range(share, number, shares):
                 top, left, rows, columns = place(part, height, width)
                 tile = fill(state[frame], grad[frame], background, top, left, rows, columns)
                 undraw(
                     spot_grad[share, frame],
-                    shared_grad[worker],
+                    shared_grad[worker if single else share, own],
                     tile,
                     spots[frame],
-                    slices,
-                    color,
+                    slices[own],
+                    color[own],
                     top,
                     left,
                     rows,

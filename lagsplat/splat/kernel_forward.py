@@ -38,14 +38,15 @@ STRIDE = 5 * PITCH
 @compiled(parallel=True)
 def forward(spots, slices, color, background, height, width):
     """Images (B, 3, H, W); final transmittance of each pixel and the index that finished it (B, 2, H, W)."""
-    batch, count = len(spots), len(slices)
+    batch, count = len(spots), slices.shape[1]
     images = np.empty((batch, 3, height, width), np.float32)
     state = np.empty((batch, 2, height, width), np.float32)
     for task in prange(batch * tiles(height, width)):
         frame = task // tiles(height, width)
         top, left, rows, columns = place(task % tiles(height, width), height, width)
         tile = blank(columns, count)
-        draw(tile, spots[frame], slices, color, top, left, rows, columns)
+        own = frame % len(slices)
+        draw(tile, spots[frame], slices[own], color[own], top, left, rows, columns)
         for row in range(rows):
             for column in range(columns):
                 at = row * STRIDE + column

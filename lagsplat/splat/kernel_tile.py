@@ -42,7 +42,8 @@ STOP = PITCH
 
 # Rows of the spots (6, K) of a frame: what each Gaussian is there. K is filled up to a multiple of WIDTH.
 X, Y, OPACITY, CUTOFF, HALF_WIDTH, HALF_HEIGHT = range(6)
-# Columns of a slice: what all frames share: slope, 1 / (2 v), 1 / (2 S_yy), sqrt(2 S_xx), sqrt(2 S_yy).
+# Columns of a slice (S, K, 5), S = 1 where all frames share their shapes:
+# slope, 1 / (2 v), 1 / (2 S_yy), sqrt(2 S_xx), sqrt(2 S_yy).
 SLOPE, PRECISION_X, PRECISION_Y, EXTENT_X, EXTENT_Y = range(5)
 # Strips of a crossing: per row, first column covered and one past the last; for the former the distance
 # from the Gaussian's axis; height above its centre; sigma on the axis.
@@ -66,6 +67,7 @@ def find_spots(means, opacity, cutoff, slices):
     batch, count = opacity.shape
     spots = np.full((batch, 6, (count + WIDTH - 1) // WIDTH * WIDTH), np.nan, np.float32)
     for frame in prange(batch):
+        own = slices[frame % len(slices)]
         for k in range(count):
             x, y, limit = means[frame, k, 0], means[frame, k, 1], cutoff[frame, k]
             drawn = math.isfinite(x) and math.isfinite(y) and math.isfinite(limit) and limit >= ZERO
@@ -74,8 +76,8 @@ def find_spots(means, opacity, cutoff, slices):
             spots[frame, Y, k] = y
             spots[frame, OPACITY, k] = opacity[frame, k]
             spots[frame, CUTOFF, k] = limit
-            spots[frame, HALF_WIDTH, k] = root * slices[k, EXTENT_X]
-            spots[frame, HALF_HEIGHT, k] = root * slices[k, EXTENT_Y]
+            spots[frame, HALF_WIDTH, k] = root * own[k, EXTENT_X]
+            spots[frame, HALF_HEIGHT, k] = root * own[k, EXTENT_Y]
     return spots
 
 

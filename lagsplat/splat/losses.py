@@ -1,5 +1,6 @@
 """Terms of the reconstruction loss. Each returns a scalar, averaged over what it is computed on."""
 
+import math
 from functools import cache
 
 import torch
@@ -9,6 +10,7 @@ from torch import Tensor
 from lagsplat.shapes import Images
 
 SSIM_SIGMA = 1.5  # [px], of the window: Wang et al. 2004, doi:10.1109/TIP.2003.819861
+EQUAL_AXES = 1e-9  # of a cosine that is one where two axes of an ellipsoid are equal
 SSIM_C1, SSIM_C2 = 0.01**2, 0.03**2  # the same, for colours in [0, 1]
 
 
@@ -46,17 +48,44 @@ def structural_dissimilarity(drawn: Images, truth: Images, *, window: int) -> Fl
     return 1 - similarity.mean()
 
 
-def anisotropy(covariance: Float[Tensor, "K 3"], *, limit: float) -> Float[Tensor, ""]:
-    """How far the drawn ellipses are longer than ``limit`` times their width, as a mean log ratio.
+def anisotropy(covariance: Float[Tensor, "K m"], *, limit: float) -> Float[Tensor, ""]:
+    """How far what is drawn is longer than ``limit`` times its width, as a mean log ratio.
+
+    ``covariance`` holds lower triangles row by row, m = 3 in the plane and 6 in space.
 
     Source: paper, Supervision: the regularizer that caps the aspect ratio of the rendered ellipsoids.
     """
+    largest, smallest = _extremes_of_plane(covariance) if covariance.shape[1] == 3 else _extremes(covariance)
+    log_ratio = 0.5 * torch.log(largest / smallest.clamp_min(1e-9))
+    return torch.relu(log_ratio - torch.tensor(limit).log()).mean()
+
+
+def _extremes_of_plane(covariance: Float[Tensor, "K 3"]) -> tuple[Tensor, Tensor]:
+    """Largest and smallest variance along an axis."""
     xx, xy, yy = covariance.unbind(1)
     middle = (xx + yy) / 2
     # The floor under the root keeps its derivative finite for a circle.
     spread = torch.sqrt((xx - yy) ** 2 / 4 + xy**2 + 1e-12 * middle**2)
-    log_ratio = 0.5 * torch.log((middle + spread) / (middle - spread).clamp_min(1e-9))
-    return torch.relu(log_ratio - torch.tensor(limit).log()).mean()
+    return middle + spread, middle - spread
+
+
+def _extremes(covariance: Float[Tensor, "K 6"]) -> tuple[Tensor, Tensor]:
+    """The same in space, by the trigonometric solution of the cubic: eigenvalues of a batch take far longer.
+
+    In float64, for the smallest is a difference of large numbers.
+
+    Source: Smith 1961, doi:10.1145/355578.366316.
+    """
+    xx, xy, yy, xz, yz, zz = covariance.double().unbind(1)
+    middle = (xx + yy + zz) / 3
+    a, b, c = xx - middle, yy - middle, zz - middle
+    # The floor under the root and the bound on the cosine keep derivatives finite where axes are equal.
+    spread = torch.sqrt((a * a + b * b + c * c + 2 * (xy * xy + xz * xz + yz * yz)) / 6 + 1e-12 * middle**2)
+    determinant = a * (b * c - yz * yz) - xy * (xy * c - yz * xz) + xz * (xy * yz - b * xz)
+    cosine = (determinant / (2 * spread**3)).clamp(-1 + EQUAL_AXES, 1 - EQUAL_AXES)
+    angle = torch.acos(cosine) / 3
+    ends = (middle + 2 * spread * torch.cos(angle), middle + 2 * spread * torch.cos(angle + 2 * math.pi / 3))
+    return ends[0].to(covariance), ends[1].to(covariance)
 
 
 def nonlocal_filter(filters: list[Float[Tensor, "_ _ k k"]], *, reach: float = 1.0) -> Float[Tensor, ""]:

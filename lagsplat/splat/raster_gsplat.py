@@ -29,15 +29,15 @@ class Scene(NamedTuple):
 
 def rasterize(
     means: Float[Tensor, "B K 2"],
-    covariance: Float[Tensor, "K 3"],
+    covariance: Float[Tensor, "*S K 3"],
     opacity: Float[Tensor, "B K"],
-    color: Float[Tensor, "K 3"],
+    color: Float[Tensor, "*S K 3"],
     background: Float[Tensor, " 3"],
     *,
     height: int,
     width: int,
 ) -> Float[Tensor, "B 3 H W"]:
-    """Images of B scenes of K Gaussians that share their shapes and colours, on a CUDA device in float32.
+    """Images of B scenes of K Gaussians, shapes and colours shared or one an image, on CUDA in float32.
 
     ``means`` [px] and ``opacity`` are per image; ``covariance`` holds xx, xy, yy [px^2]. Differentiable
     once, in all five tensors.
@@ -80,23 +80,23 @@ def rasterize(
 
 def embed(
     means: Float[Tensor, "B K 2"],
-    covariance: Float[Tensor, "K 3"],
+    covariance: Float[Tensor, "*S K 3"],
     opacity: Float[Tensor, "B K"],
-    color: Float[Tensor, "K 3"],
+    color: Float[Tensor, "*S K 3"],
 ) -> Scene:
     """The Gaussians as gsplat wants them after its projection; one that is not drawn gets radius 0."""
     batch, count = opacity.shape
-    xx, xy, yy = covariance.double().unbind(1)
+    xx, xy, yy = covariance.double().unbind(-1)
     xx, yy = xx + BLUR_PX2, yy + BLUR_PX2
-    proper = covariance.isfinite().all(1) & (xx > 0) & (xx * yy - xy**2 > 0)
+    proper = covariance.isfinite().all(-1) & (xx > 0) & (xx * yy - xy**2 > 0)
     # Replaced before the division: autograd would turn an unused infinity into NaN.
     xx, xy, yy = torch.where(proper, xx, 1.0), torch.where(proper, xy, 0.0), torch.where(proper, yy, 1.0)
     determinant = xx * yy - xy**2
-    conics = torch.stack([yy / determinant, -xy / determinant, xx / determinant], dim=1).float()
+    conics = torch.stack([yy / determinant, -xy / determinant, xx / determinant], dim=-1).float()
     drawn = proper & means.isfinite().all(2) & opacity.isfinite() & (opacity >= ALPHA_MIN)
     means, opacity = torch.where(drawn[..., None], means, 0.0), torch.where(drawn, opacity, 0.0)
     reach = (2.0 * (opacity.detach() / ALPHA_MIN).clamp(min=1.0).log()).sqrt()
-    extent = torch.stack([xx, yy], dim=1).sqrt().float().detach()
+    extent = torch.stack([xx, yy], dim=-1).sqrt().float().detach()
     radii = (reach[..., None] * extent).clamp(max=2.0**24).ceil().clamp(min=1.0)
     return Scene(
         means=means,

@@ -15,15 +15,15 @@ from lagsplat.splat.kernel_tile import find_spots
 
 def rasterize(
     means: Float[Tensor, "B K 2"],
-    covariance: Float[Tensor, "K 3"],
+    covariance: Float[Tensor, "*S K 3"],
     opacity: Float[Tensor, "B K"],
-    color: Float[Tensor, "K 3"],
+    color: Float[Tensor, "*S K 3"],
     background: Float[Tensor, " 3"],
     *,
     height: int,
     width: int,
 ) -> Float[Tensor, "B 3 H W"]:
-    """Images of B scenes of K Gaussians that share their shapes and colours, on the CPU in float32.
+    """Images of B scenes of K Gaussians, shapes and colours shared or one an image, on the CPU in float32.
 
     ``means`` [px] and ``opacity`` are per image; ``covariance`` holds xx, xy, yy [px^2]. Differentiable
     once, in all five tensors. Uses as many threads as ``numba.get_num_threads()`` says. The first call on a
@@ -40,23 +40,24 @@ def rasterize(
             f"the numba rasteriser draws float32 tensors on the CPU, got {means.dtype} on {means.device}: "
             "convert them, or choose the backend 'torch' (float64) or 'gsplat' (CUDA)"
         )
-    images: Tensor = _Rasterize.apply(means, _slices(covariance), opacity, color, background, height, width)
+    slices, color = (each if each.ndim == 3 else each[None] for each in (_slices(covariance), color))
+    images: Tensor = _Rasterize.apply(means, slices, opacity, color, background, height, width)
     return images
 
 
-def _slices(covariance: Float[Tensor, "K 3"]) -> Float[Tensor, "K 5"]:
+def _slices(covariance: Float[Tensor, "*S K 3"]) -> Float[Tensor, "*S K 5"]:
     """The slices of the blurred covariances, as `kernel_tile` defines them.
 
     NaN where there is nothing to draw; the gradient there is zero.
     """
-    xx, xy, yy = covariance.double().unbind(1)
+    xx, xy, yy = covariance.double().unbind(-1)
     xx, yy = xx + BLUR_PX2, yy + BLUR_PX2
-    drawn = covariance.isfinite().all(1) & (xx > 0) & (xx * yy - xy**2 > 0)
+    drawn = covariance.isfinite().all(-1) & (xx > 0) & (xx * yy - xy**2 > 0)
     xx, xy, yy = torch.where(drawn, xx, 1.0), torch.where(drawn, xy, 0.0), torch.where(drawn, yy, 1.0)
     slope = xy / yy
     extents = (2 * torch.stack([xx, yy])).sqrt().detach()
-    slices = torch.stack([slope, 0.5 / (xx - slope * xy), 0.5 / yy, *extents], dim=1)
-    return torch.where(drawn[:, None], slices, torch.nan).float()
+    slices = torch.stack([slope, 0.5 / (xx - slope * xy), 0.5 / yy, *extents], dim=-1)
+    return torch.where(drawn[..., None], slices, torch.nan).float()
 
 
 class _Rasterize(torch.autograd.Function):
@@ -96,13 +97,13 @@ class _Rasterize(torch.autograd.Function):
             numba.get_num_threads(),
         )
         spots = torch.from_numpy(spot_grad.sum(0) if len(spot_grad) > 1 else spot_grad[0])
-        shared = torch.from_numpy(shared_grad.sum(0))
+        shared = torch.from_numpy(shared_grad.sum(0) if len(shared_grad) > 1 else shared_grad[0])
         transmittance = torch.from_numpy(ctx.state[:, 0])
         return (
             spots[..., :2],
-            torch.nn.functional.pad(shared[:, :3], (0, 2)),
+            torch.nn.functional.pad(shared[..., :3], (0, 2)),
             spots[..., 2],
-            shared[:, 3:],
+            shared[..., 3:],
             (grad * transmittance[:, None]).sum(dim=(0, 2, 3)),
             None,
             None,

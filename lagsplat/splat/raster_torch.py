@@ -9,15 +9,15 @@ from lagsplat.splat.image_model import ALPHA_MAX, ALPHA_MIN, BLUR_PX2, TRANSMITT
 
 def rasterize(
     means: Float[Tensor, "B K 2"],
-    covariance: Float[Tensor, "K 3"],
+    covariance: Float[Tensor, "*S K 3"],
     opacity: Float[Tensor, "B K"],
-    color: Float[Tensor, "K 3"],
+    color: Float[Tensor, "*S K 3"],
     background: Float[Tensor, " 3"],
     *,
     height: int,
     width: int,
 ) -> Float[Tensor, "B 3 H W"]:
-    """Images of B scenes of K Gaussians that share their shapes and colours.
+    """Images of B scenes of K Gaussians, whose shapes and colours are shared or one an image (S = B).
 
     ``means`` [px] and ``opacity`` are per image; ``covariance`` holds xx, xy, yy [px^2]. Works in the type
     of its arguments (float64 for checks), differentiates by autograd, and needs memory for some ten times B
@@ -30,8 +30,14 @@ def rasterize(
     """
     check_scene(means, covariance, opacity, color, background, height=height, width=width)
     frames = [
-        _render(frame_means, covariance, frame_opacity, color, background, height, width)
-        for frame_means, frame_opacity in zip(means, opacity, strict=True)
+        _render(*scene, background, height, width)
+        for scene in zip(
+            means,
+            covariance.expand(len(means), -1, -1),
+            opacity,
+            color.expand(len(means), -1, -1),
+            strict=True,
+        )
     ]
     return torch.stack(frames) if frames else means.new_zeros(0, 3, height, width)
 

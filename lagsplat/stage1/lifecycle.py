@@ -86,19 +86,16 @@ def busiest(
 
 
 def split(gaussians: Gaussians, parents: Tensor, slots: Tensor) -> None:
-    """Replace each parent by two along the principal eigenvector of its covariance in (z, x, y).
+    """Replace each parent by two along the principal eigenvector of its covariance in latent and space.
 
     The two centres lie half a standard deviation either way and the variance along the axis shrinks by as
     much, so the pair has the parent's mean and covariance. The two together are as opaque as the parent was.
     """
-    d = gaussians.d
-    factor = torch.zeros(len(parents), d + 2, d + 2, device=parents.device, dtype=torch.float64)
-    latent = torch.linalg.inv(gaussians.precision_factor()[parents].double())
-    factor[:, :d, :d] = latent
+    d, size = gaussians.d, gaussians.d + gaussians.space
+    factor = torch.zeros(len(parents), size, size, device=parents.device, dtype=torch.float64)
+    factor[:, :d, :d] = torch.linalg.inv(gaussians.precision_factor()[parents].double())
     factor[:, d:, :d] = gaussians.coupling[parents].double()
-    diagonal = gaussians.shape_log_diagonal[parents].double().exp()
-    factor[:, d, d], factor[:, d + 1, d + 1] = diagonal[:, 0], diagonal[:, 1]
-    factor[:, d + 1, d] = gaussians.shape_below[parents].double()
+    factor[:, d:, d:] = gaussians.shape_factor()[parents].double()
     # From the factor itself, never from the covariance, which may be singular to rounding.
     vectors, deviations, _ = torch.linalg.svd(factor)
     axis = vectors[..., 0] * deviations[..., :1] * SPLIT_OFFSET
@@ -109,13 +106,14 @@ def split(gaussians: Gaussians, parents: Tensor, slots: Tensor) -> None:
 
     precision = torch.linalg.inv(child[:, :d, :d])
     row, column = torch.tril_indices(d, d, offset=-1)
+    below, left = torch.tril_indices(gaussians.space, gaussians.space, offset=-1) + d
     opacity = 1 - (1 - gaussians.opacity_logit[parents].sigmoid().clamp_max(0.999)).sqrt()
     shared = {
         "precision_log_diagonal": precision.diagonal(dim1=1, dim2=2).log(),
         "precision_below": precision[:, row, column],
         "coupling": child[:, d:, :d],
         "shape_log_diagonal": child.diagonal(dim1=1, dim2=2)[:, d:].log(),
-        "shape_below": child[:, d + 1, d],
+        "shape_below": child[:, below, left],
         "opacity_logit": opacity.logit(),
         "color_logit": gaussians.color_logit[parents],
     }

@@ -46,7 +46,7 @@ def film_clips(
         behind=scene.behind,
         width=scene.background_width,
     )
-    scale = camera.focal / scene.distance
+    scale = camera.focal[0] / scene.distance
     bodies = [Body(SHAPES[b.shape](b.size_m, scale), b.thickness_m, b.layers) for b in config.bodies]
     with tempfile.TemporaryDirectory() as folder:
         for index, clip in enumerate(poses):

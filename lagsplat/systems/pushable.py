@@ -139,7 +139,7 @@ def _mechanism(config: ReleaseConfig, points: int) -> Pushable:
     assert masses is not None, "the configuration gives one of the two"
     bodies, places, depth, share = [], [], [], []
     for number, (body, mass) in enumerate(zip(config.bodies, masses, strict=True)):
-        on = _covered(SHAPES[body.shape](body.size_m, camera.focal / config.scene.distance), points)
+        on = _covered(SHAPES[body.shape](body.size_m, camera.focal[0] / config.scene.distance), points)
         bodies += [number] * len(on)
         places += on
         depth += [-0.5 * body.thickness_m if body.layers > 1 else 0.0] * len(on)

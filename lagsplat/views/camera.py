@@ -1,47 +1,109 @@
-"""A pinhole camera, and how it sees a plane.
+"""A pinhole camera, and how it sees points and planes.
 
-World coordinates are metres, x to the right, y down, z away from the frontal camera: the plane of motion of a
-planar mechanism is z = 0. Image coordinates follow `lagsplat.shapes`: the first pixel's centre is (0.5, 0.5).
+The convention is OpenCV's: camera coordinates have x to the right, y down and z ahead, and a world point is
+``R (x - position)`` there. The simulated scenes' world is in metres, x to the right, y down, z away from the
+frontal camera: the plane of motion of a planar mechanism is z = 0. Image coordinates follow
+`lagsplat.shapes`: the first pixel's centre is (0.5, 0.5).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float64
 
 Point = Float64[np.ndarray, "3"]
 Homography = Float64[np.ndarray, "3 3"]
+ROUNDING = 1e-4
+"""By how much a rotation may miss orthonormality: files keep some six digits."""
 
 
 @dataclass(frozen=True)
 class Camera:
     """Where a camera stands and how it projects.
 
-    ``rotation`` turns world into camera coordinates (x right, y down, z ahead), ``position`` is in the world
-    [m], ``focal`` [pixel], ``height`` and ``width`` [pixel]; the principal point is the middle.
+    ``rotation`` turns world into camera coordinates, ``position`` is in the world [unit of length]. ``focal``
+    and ``middle``, the principal point, are (x, y) [pixel]; ``height`` and ``width`` [pixel].
+
+    Raises:
+        ValueError: the rotation is none, a focal length or size is not positive, or something is not finite.
     """
 
     rotation: Float64[np.ndarray, "3 3"]
     position: Point
-    focal: float
+    focal: tuple[float, float]
+    middle: tuple[float, float]
     height: int
     width: int
 
+    def __post_init__(self) -> None:
+        turn = self.rotation
+        if turn.shape != (3, 3) or self.position.shape != (3,):
+            raise ValueError(
+                f"a camera's rotation is 3 x 3 and its position has 3 entries, got shapes {turn.shape} and "
+                f"{self.position.shape}"
+            )
+        if not (np.isfinite(turn).all() and np.isfinite(self.position).all()):
+            raise ValueError("a camera's pose is not finite; calibrate it again")
+        off = float(np.abs(turn @ turn.T - np.eye(3)).max())
+        if off > ROUNDING or np.linalg.det(turn) < 0:
+            raise ValueError(
+                f"a camera's rotation is not one: R R^T misses the identity by {off:.2g} and its determinant "
+                f"is {np.linalg.det(turn):.4g}; give the world-to-camera rotation in OpenCV's axes (x right, "
+                "y down, z ahead), orthonormal and with determinant 1"
+            )
+        if (
+            not min(*self.focal, self.height, self.width) > 0
+            or not np.isfinite([*self.focal, *self.middle]).all()
+        ):
+            raise ValueError(
+                f"a camera of {self.height} x {self.width} pixels, focal lengths {self.focal} and principal "
+                f"point {self.middle}: sizes and focal lengths are positive, in pixels"
+            )
+
+    def within(self, points: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, "N 3"]:
+        """World points in camera coordinates; the third is their depth."""
+        return (points - self.position) @ self.rotation.T
+
     def project(self, points: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, "N 2"]:
-        """Image coordinates [pixel] of world points [m]; meaningless for points behind the camera."""
-        seen = (points - self.position) @ self.rotation.T
-        return self.focal * seen[:, :2] / seen[:, 2:] + 0.5 * np.array([self.width, self.height])
+        """Image coordinates [pixel] of world points; meaningless for points behind the camera."""
+        seen = self.within(points)
+        return np.array(self.focal) * seen[:, :2] / seen[:, 2:] + np.array(self.middle)
+
+    def ray(self, pixel: tuple[float, float]) -> Point:
+        """Direction, in the world, of what is seen at an image point; its depth grows by one along it."""
+        ahead = [(at - mid) / focal for at, mid, focal in zip(pixel, self.middle, self.focal, strict=True)]
+        return self.rotation.T @ np.array([*ahead, 1.0])
+
+    def resized(self, height: int, width: int) -> "Camera":
+        """The same camera with another number of pixels over the same picture."""
+        across, down = width / self.width, height / self.height
+        return replace(
+            self,
+            focal=(across * self.focal[0], down * self.focal[1]),
+            middle=(across * self.middle[0], down * self.middle[1]),
+            height=height,
+            width=width,
+        )
 
     def of_plane(self, origin: Point, right: Point, down: Point) -> Homography:
         """From (a, b, 1) on the plane ``origin + a right + b down`` to homogeneous image coordinates.
 
         Source: Hartley and Zisserman, Multiple View Geometry, section 8.1.
         """
-        middle = np.array(
-            [[self.focal, 0, 0.5 * self.width], [0, self.focal, 0.5 * self.height], [0, 0, 1.0]]
-        )
         columns = [self.rotation @ right, self.rotation @ down, self.rotation @ (origin - self.position)]
-        return middle @ np.stack(columns, axis=1)
+        return self.matrix() @ np.stack(columns, axis=1)
+
+    def matrix(self) -> Float64[np.ndarray, "3 3"]:
+        """The intrinsic matrix ``K`` [pixel]."""
+        (across, down), (x, y) = self.focal, self.middle
+        return np.array([[across, 0, x], [0, down, y], [0, 0, 1.0]])
+
+
+def centred(
+    rotation: Float64[np.ndarray, "3 3"], position: Point, *, focal: float, height: int, width: int
+) -> Camera:
+    """A camera with square pixels whose principal point is the middle of the picture."""
+    return Camera(rotation, position, (focal, focal), (0.5 * width, 0.5 * height), height, width)
 
 
 def look_at(
@@ -59,8 +121,23 @@ def look_at(
     ``yaw_deg`` moves it to the right around the target, ``pitch_deg`` up; both zero is the frontal view.
     ``view_width`` [m] is what fills the picture's width at the target's distance.
     """
+    turn = turned(yaw_deg, pitch_deg)
+    focal = width * distance / view_width
+    return centred(turn, target - distance * turn[2], focal=focal, height=height, width=width)
+
+
+def turned(yaw_deg: float, pitch_deg: float) -> Float64[np.ndarray, "3 3"]:
+    """World-to-camera rotation of a camera that has gone right by ``yaw_deg`` and up by ``pitch_deg`` around
+    what it looks at; both zero is the identity.
+    """
     yaw, pitch = np.deg2rad([yaw_deg, pitch_deg])
     ahead = np.array([-np.sin(yaw) * np.cos(pitch), np.sin(pitch), np.cos(yaw) * np.cos(pitch)])
     right = np.array([np.cos(yaw), 0.0, np.sin(yaw)])
-    rotation = np.stack([right, np.cross(ahead, right), ahead])
-    return Camera(rotation, target - distance * ahead, width * distance / view_width, height, width)
+    return np.stack([right, np.cross(ahead, right), ahead])
+
+
+def orbit(camera: Camera, depth: float, *, yaw_deg: float, pitch_deg: float) -> Camera:
+    """``camera`` moved right and up around the point ``depth`` ahead of it, which it keeps in place."""
+    pivot = camera.position + depth * camera.rotation[2]
+    rotation = turned(yaw_deg, pitch_deg) @ camera.rotation
+    return replace(camera, rotation=rotation, position=pivot - depth * rotation[2])

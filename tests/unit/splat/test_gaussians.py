@@ -1,4 +1,4 @@
-"""The slice of the (2+d)-dimensional Gaussians, against the block formulas of the paper."""
+"""The slice of the (n+d)-dimensional Gaussians, against the block formulas of the paper."""
 
 import pytest
 import torch
@@ -6,8 +6,8 @@ import torch
 from lagsplat.splat.gaussians import Gaussians
 
 
-def random_gaussians(n: int, d: int) -> Gaussians:
-    gaussians = Gaussians(n, d).double()
+def random_gaussians(n: int, d: int, space: int = 2) -> Gaussians:
+    gaussians = Gaussians(n, d, space=space).double()
     with torch.no_grad():
         for parameter in gaussians.parameters():
             parameter.copy_(0.5 * torch.randn_like(parameter))
@@ -15,19 +15,22 @@ def random_gaussians(n: int, d: int) -> Gaussians:
 
 
 def full_covariance(gaussians: Gaussians) -> torch.Tensor:
-    """Sigma in the order (z, x, y), assembled from its Cholesky-like factor."""
-    n, d = gaussians.n, gaussians.d
-    factor = torch.zeros(n, d + 2, d + 2, dtype=torch.float64)
+    """Sigma in the order latent, space, assembled from its Cholesky-like factor."""
+    n, d, space = gaussians.n, gaussians.d, gaussians.space
+    factor = torch.zeros(n, d + space, d + space, dtype=torch.float64)
     factor[:, :d, :d] = torch.linalg.inv(gaussians.precision_factor())
     factor[:, d:, :d] = gaussians.coupling
-    factor[:, d, d], factor[:, d + 1, d + 1] = gaussians.shape_log_diagonal.exp().unbind(1)
-    factor[:, d + 1, d] = gaussians.shape_below
+    for i in range(space):
+        factor[:, d + i, d + i] = gaussians.shape_log_diagonal[:, i].exp()
+        for j in range(i):
+            factor[:, d + i, d + j] = gaussians.shape_below[:, i * (i - 1) // 2 + j]
     return factor @ factor.mT
 
 
+@pytest.mark.parametrize("space", [2, 3])
 @pytest.mark.parametrize("d", [1, 2, 4])
-def test_slice_is_the_schur_complement(d):
-    gaussians = random_gaussians(7, d)
+def test_slice_is_the_schur_complement(d, space):
+    gaussians = random_gaussians(7, d, space)
     z = torch.randn(3, d, dtype=torch.float64)
     with torch.no_grad():
         sigma = full_covariance(gaussians)
@@ -38,9 +41,8 @@ def test_slice_is_the_schur_complement(d):
         schur = sigma[:, d:, d:] - gain @ sigma[:, :d, d:]
         distance = (offset[..., None, :] @ torch.linalg.inv(sigma[:, :d, :d]) @ offset[..., None])[..., 0, 0]
     torch.testing.assert_close(drawn.means, means)
-    torch.testing.assert_close(
-        drawn.covariance, torch.stack((schur[:, 0, 0], schur[:, 0, 1], schur[:, 1, 1]), 1)
-    )
+    row, column = torch.tril_indices(space, space)
+    torch.testing.assert_close(drawn.covariance, schur[:, row, column])
     torch.testing.assert_close(drawn.opacity, gaussians.opacity_logit.sigmoid() * torch.exp(-distance / 2))
     torch.testing.assert_close(gaussians.jacobian(), gain)
 

@@ -50,6 +50,27 @@ def test_anisotropy_does_not_depend_on_the_orientation():
     assert anisotropy(rows, limit=5.0).item() == pytest.approx(np.log(2), rel=1e-3)
 
 
+def test_anisotropy_of_ellipsoids_is_that_of_their_eigenvalues():
+    factor = torch.randn(50, 3, 3, dtype=torch.float64) * torch.tensor([8.0, 1.0, 0.2])
+    full = factor @ factor.mT
+    row, column = torch.tril_indices(3, 3)
+    values = torch.linalg.eigvalsh(full)
+    expected = torch.relu(0.5 * (values[:, 2] / values[:, 0]).log() - np.log(5.0)).mean()
+    assert expected > 0.5
+    torch.testing.assert_close(anisotropy(full[:, row, column], limit=5.0), expected, rtol=1e-5, atol=0)
+
+
+@pytest.mark.parametrize("axes", [(2.0, 2.0, 2.0), (900.0, 1.0, 1.0), (900.0, 900.0, 1.0)])
+def test_equal_axes_of_an_ellipsoid_give_finite_gradients(axes):
+    xx, yy, zz = axes
+    covariance = torch.tensor([[xx, 0.0, yy, 0.0, 0.0, zz]], requires_grad=True)
+    value = anisotropy(covariance, limit=5.0)
+    assert value.item() == pytest.approx(max(0.0, np.log(max(axes) / min(axes)) / 2 - np.log(5)), abs=1e-2)
+    value.backward()
+    assert covariance.grad.isfinite().all()
+    assert covariance.grad.abs().max() < 10
+
+
 def test_nonlocal_penalty_is_the_double_sum():
     bank = torch.randn(2, 3, 4, 4, dtype=torch.float64)
     place = torch.stack(torch.meshgrid(torch.arange(4.0), torch.arange(4.0), indexing="ij"), -1).reshape(

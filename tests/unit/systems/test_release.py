@@ -63,7 +63,7 @@ def test_a_larger_picture_shows_the_same_motion() -> None:
 def test_the_ball_is_where_the_truth_says_to_a_hundredth_of_its_path() -> None:
     config = short("pendulum", n_frames=40)
     camera = camera_of(config)
-    sprite = SHAPES["bob"](config.bodies[0].size_m, camera.focal / config.scene.distance)
+    sprite = SHAPES["bob"](config.bodies[0].size_m, camera.focal[0] / config.scene.distance)
     black = np.zeros((camera.height, camera.width, 3), np.float32)
     angles = np.linspace(-0.4, 0.4, 9)[:, None]
     mechanism = mechanism_of(config)

@@ -1,0 +1,129 @@
+"""Gaussians of space as cameras see them: planar ones, one set an image, nearest first.
+
+A Gaussian with centre ``m`` and covariance ``S`` in camera coordinates is drawn where ``m`` is projected to.
+Its shape is that of the projection linearised at the centre, ``A S A^T`` with
+
+    A = [[f_x / z, 0, -f_x x / z^2],
+         [0, f_y / z, -f_y y / z^2]]
+
+in which ``x / z`` and ``y / z`` stop at `MARGIN` of half the picture beyond its edges, for the linearisation
+explodes there. What is nearer than `NEAR` is not drawn. After that a Gaussian of space is one of the plane,
+and `lagsplat.splat.image_model` holds, with the order of depth as that of the index.
+
+Source: Zwicker et al. 2002, doi:10.1109/TVCG.2002.1021576; limits as in gsplat 1.5, classic mode.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from lagsplat.splat.gaussians import Slice
+from lagsplat.views.camera import Camera
+
+NEAR = 0.01
+"""[unit of length]"""
+MARGIN = 0.3
+SQUARE = (0, 1, 3, 1, 2, 4, 3, 4, 5)
+"""Where the entries of a symmetric matrix stand in its lower triangle, row by row."""
+
+
+class View(NamedTuple):
+    """Cameras of a batch of images: world-to-camera ``R x + t``, focal lengths and principal points [px]."""
+
+    rotation: Float[Tensor, "B 3 3"]
+    translation: Float[Tensor, "B 3"]
+    focal: Float[Tensor, "B 2"]
+    middle: Float[Tensor, "B 2"]
+
+    def resized(self, across: float, down: float) -> "View":
+        """The same cameras with these times as many pixels over the same pictures."""
+        factor = self.focal.new_tensor([across, down])
+        return self._replace(focal=self.focal * factor, middle=self.middle * factor)
+
+    def of(self, images: Tensor) -> "View":
+        """The cameras with these numbers."""
+        return View(*(part[images] for part in self))
+
+
+def view_of(cameras: Sequence[Camera]) -> View:
+    """Cameras as tensors (float32)."""
+    parts = [
+        np.stack([camera.rotation for camera in cameras]),
+        np.stack([-camera.rotation @ camera.position for camera in cameras]),
+        np.array([camera.focal for camera in cameras]),
+        np.array([camera.middle for camera in cameras]),
+    ]
+    return View(*(torch.as_tensor(part, dtype=torch.float32) for part in parts))
+
+
+def project(scene: Slice, view: View, *, height: int, width: int) -> Slice:
+    """The planar Gaussians that each image's camera sees, nearest first.
+
+    ``view`` has one camera an image, or one for all. Differentiable in all but the order.
+
+    Raises:
+        ValueError: the Gaussians are planar already, or cameras and images differ in number.
+    """
+    if scene.means.shape[2] != 3 or len(view.rotation) not in (1, len(scene.means)):
+        raise ValueError(
+            f"{len(view.rotation)} cameras for {len(scene.means)} images of Gaussians in "
+            f"{scene.means.shape[2]} dimensions: give Gaussians of space, and one camera an image or for all"
+        )
+    seen, drawn = _within(scene.means, view)
+    flat = torch.addcmul(view.middle[:, None], view.focal[:, None], seen[..., :2] / seen[..., 2:])
+    shape = _flattened(scene.covariance, seen, view, height, width)
+    opacity = torch.where(drawn, scene.opacity, 0)
+    order = torch.where(drawn, seen[..., 2], torch.inf).detach().argsort(dim=1, stable=True)
+    color = scene.color.expand(*opacity.shape, 3)
+    return Slice(
+        means=_sorted(flat, order),
+        covariance=_sorted(shape, order),
+        opacity=opacity.gather(1, order),
+        color=_sorted(color, order),
+        background=scene.background,
+    )
+
+
+def depths(means: Float[Tensor, "B K 3"], view: View) -> Float[Tensor, "B K"]:
+    """How far ahead of its camera each centre is."""
+    return (
+        torch.einsum("bki,bi->bk", means, view.rotation[:, 2].expand(len(means), 3)) + view.translation[:, 2:]
+    )
+
+
+def _within(means: Float[Tensor, "B K 3"], view: View) -> tuple[Float[Tensor, "B K 3"], Tensor]:
+    """Centres in camera coordinates, and which of them are drawn; the others are put one unit ahead."""
+    seen = torch.baddbmm(view.translation[:, None], means, view.rotation.mT.expand(len(means), 3, 3))
+    drawn = (seen[..., 2] >= NEAR) & seen.isfinite().all(2)
+    # Replaced before the division: autograd would turn an unused infinity into NaN.
+    return torch.where(drawn[..., None], seen, seen.new_tensor([0.0, 0.0, 1.0])), drawn
+
+
+def _flattened(
+    covariance: Float[Tensor, "K 6"], seen: Float[Tensor, "B K 3"], view: View, height: int, width: int
+) -> Float[Tensor, "B K 3"]:
+    """Covariance of the pictures of Gaussians [px^2], as xx, xy, yy."""
+    size = seen.new_tensor([width, height])
+    slack = MARGIN * 0.5 * size
+    slope = seen[..., :2] / seen[..., 2:]
+    slope = torch.minimum(slope, ((size - view.middle + slack) / view.focal)[:, None])
+    slope = torch.maximum(slope, (-(view.middle + slack) / view.focal)[:, None])
+    scale = view.focal[:, None] / seen[..., 2:]
+    # The two rows of A R: a row of R, less the slope times its last.
+    right, down = (
+        scale[..., i, None] * (view.rotation[:, None, i] - slope[..., i, None] * view.rotation[:, None, 2])
+        for i in range(2)
+    )
+    full = covariance[:, SQUARE].unflatten(1, (3, 3))
+    spread_right, spread_down = (torch.einsum("kij,bkj->bki", full, row) for row in (right, down))
+    return torch.stack(
+        [(right * spread_right).sum(2), (right * spread_down).sum(2), (down * spread_down).sum(2)], dim=2
+    )
+
+
+def _sorted(values: Float[Tensor, "B K c"], order: Tensor) -> Float[Tensor, "B K c"]:
+    return values.gather(1, order[..., None].expand(*order.shape, values.shape[2]))
