@@ -36,6 +36,7 @@ from lagsplat.stage2.config import Stage2Config
 from lagsplat.systems.config import SimulationConfig
 from lagsplat.systems.planted_config import PlantsConfig
 from lagsplat.systems.release_config import ReleaseConfig
+from lagsplat.views.config import ViewsConfig
 
 CONF = Path(__file__).resolve().parents[1] / "conf"
 GROUPS = (
@@ -56,6 +57,7 @@ GROUPS = (
     "extrapolation",
     "forces",
     "render",
+    "views",
     "diagnose",
     "blind",
     "planted",
@@ -138,6 +140,8 @@ class Config:
     """How forces given in the image take hold, and which ones are shown and checked."""
     render: RenderConfig | None
     """A finer decoder for the figures; null draws them with the one that was trained."""
+    views: ViewsConfig | None
+    """Pictures from other sides, by which Gaussians live in space; null trains on the film alone."""
     diagnose: DiagnoseConfig
     blind: BlindConfig
     planted: PlantsConfig

@@ -38,7 +38,7 @@ class Gaussians(nn.Module):
     In this order the Schur complement needs no inverse: with ``w = P (z - center_z)`` the slice at ``z`` has
     its mean at ``center + B w``, the covariance ``S S^T`` and the gate ``exp(-w.w / 2)``, so the Jacobian of
     the mean is ``J = B P``. Lengths are in pixels of the training image; in space one is what a pixel of the
-    reference camera covers at its pivot, see `lagsplat.views.stage`.
+    reference camera covers at its pivot, see `lagsplat.views.space`.
 
     Source: paper eqs. (schur-mean), (schur-cov), (latent_opacity).
     """

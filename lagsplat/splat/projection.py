@@ -48,6 +48,12 @@ class View(NamedTuple):
         """The cameras with these numbers."""
         return View(*(part[images] for part in self))
 
+    def unproject(self, pixels: Float[Tensor, "B 2"], depth: Float[Tensor, " B"]) -> Float[Tensor, "B 3"]:
+        """Where in the world an image point of each camera lies, this far ahead of it."""
+        ahead = torch.cat([(pixels - self.middle) / self.focal, torch.ones_like(pixels[:, :1])], dim=1)
+        inside = depth[:, None] * ahead - self.translation
+        return (self.rotation.mT @ inside[..., None])[..., 0]
+
 
 def view_of(cameras: Sequence[Camera]) -> View:
     """Cameras as tensors (float32)."""

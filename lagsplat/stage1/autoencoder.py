@@ -1,6 +1,6 @@
 """The autoencoder: a small encoder and a cloud of Gaussians that a rasteriser draws."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,8 @@ from torch import Tensor, nn
 from lagsplat.io.artefact import load_artefact, save_artefact
 from lagsplat.shapes import Frames, Images, Latents
 from lagsplat.splat.backend import rasterizer
-from lagsplat.splat.gaussians import Gaussians
+from lagsplat.splat.gaussians import Gaussians, Slice
+from lagsplat.splat.projection import View, project
 from lagsplat.stage1.encoder import Encoder
 
 KIND, SCHEMA = "autoencoder", 1
@@ -28,6 +29,8 @@ class Autoencoder(nn.Module):
         kernel, channels: Side [px] and number of the encoder's filters.
         height, width: Training resolution [px].
         background: 'learned' or 'black'.
+        lens: Focal lengths and principal point (x, y, x, y) [px] of the film's camera, where the Gaussians
+            live in space (`lagsplat.views.space`); None where they live in the picture.
         backend: Rasteriser, see `lagsplat.splat.backend.rasterizer`.
     """
 
@@ -41,6 +44,7 @@ class Autoencoder(nn.Module):
         height: int,
         width: int,
         background: str,
+        lens: Sequence[float] | None = None,
         backend: str = "auto",
     ) -> None:
         super().__init__()
@@ -52,25 +56,55 @@ class Autoencoder(nn.Module):
             "height": height,
             "width": width,
             "background": background,
+            "lens": None if lens is None else list(lens),
         }
         self.d, self.height, self.width, self.backend = d, height, width, backend
+        self.lens = None if lens is None else list(lens)
         self.encoder = Encoder(d, kernel=kernel, channels=channels)
-        self.gaussians = Gaussians(n_gaussians, d, background=background)
+        space = 2 if lens is None else 3
+        self.gaussians = Gaussians(n_gaussians, d, space=space, background=background)
 
     def encode(self, images: Images) -> Latents:
         """Raw latents of a batch of images at the training resolution."""
         return self.encoder(images)
 
-    def decode(self, z: Latents, *, height: int | None = None, width: int | None = None) -> Images:
+    def decode(
+        self, z: Latents, *, view: View | None = None, height: int | None = None, width: int | None = None
+    ) -> Images:
         """Images drawn at the latents, in [0, 1]; at any resolution, since no Gaussian is tied to a pixel."""
+        return self.draw(self.gaussians.condition(z), view=view, height=height, width=width)
+
+    def draw(
+        self, scene: Slice, *, view: View | None = None, height: int | None = None, width: int | None = None
+    ) -> Images:
+        """Images of slices, in [0, 1], or of what stands in place of their colours.
+
+        Gaussians of space are seen by the cameras of ``view``, one an image, of the training resolution; by
+        the film's own where none is given.
+
+        Raises:
+            ValueError: a view of Gaussians that live in the picture.
+        """
         height, width = height or self.height, width or self.width
-        means, covariance, opacity, color, background = self.gaussians.condition(z)
-        if (height, width) != (self.height, self.width):
-            x, y = width / self.width, height / self.height
-            means = means * means.new_tensor([x, y])
-            covariance = covariance * covariance.new_tensor([x * x, x * y, y * y])
-        draw = rasterizer(self.backend, z.device)
-        return draw(means, covariance, opacity, color, background, height=height, width=width)
+        across, down = width / self.width, height / self.height
+        if self.gaussians.space == 3:
+            view = (self.filmed_view(scene.means) if view is None else view).resized(across, down)
+            scene = project(scene, view, height=height, width=width)
+        elif view is not None:
+            raise ValueError(
+                "these Gaussians live in the picture and have no other side; train with novel views, for "
+                "instance views=simulated"
+            )
+        elif (across, down) != (1, 1):
+            scale = scene.means.new_tensor([across * across, across * down, down * down])
+            scene = scene._replace(means=scene.means * scale[::2].sqrt(), covariance=scene.covariance * scale)
+        return rasterizer(self.backend, scene.means.device)(*scene, height=height, width=width)
+
+    def filmed_view(self, like: Tensor) -> View:
+        """The film's own camera, of which the coordinates of space are."""
+        assert self.lens is not None, "only Gaussians of space are seen by cameras"
+        lens = like.new_tensor(self.lens)[None]
+        return View(torch.eye(3).to(like)[None], like.new_zeros(1, 3), lens[:, :2], lens[:, 2:])
 
 
 def to_images(frames: Frames | Tensor, device: torch.device | str = "cpu") -> Images:

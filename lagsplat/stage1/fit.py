@@ -13,13 +13,16 @@ from tqdm import tqdm
 from lagsplat.io.checkpoint import keep_training, resume_training
 from lagsplat.shapes import Frames, Latents, Series
 from lagsplat.splat.backend import device_of
-from lagsplat.stage1.autoencoder import Autoencoder, to_images
+from lagsplat.stage1.autoencoder import Autoencoder
 from lagsplat.stage1.config import Stage1Config
 from lagsplat.stage1.encoder import small_moves
+from lagsplat.stage1.footage import Footage
 from lagsplat.stage1.initialize import initialize
 from lagsplat.stage1.lifecycle import is_due, review
-from lagsplat.stage1.objective import reconstruct
+from lagsplat.stage1.objective import Sides, reconstruct
 from lagsplat.stage1.schedule import optimizer_of, set_rates
+from lagsplat.views.config import SupervisionConfig
+from lagsplat.views.novel import NovelViews
 
 CURVE_POINTS = 400  # rows of the training curve, whatever the length of the run
 PROBED = 16  # frames of a batch on which the move of the latents is measured
@@ -43,6 +46,8 @@ def fit_autoencoder(
     checkpoint: Path | None = None,
     identity: str = "",
     latents: Series | None = None,
+    novel: NovelViews | None = None,
+    supervision: SupervisionConfig | None = None,
 ) -> tuple[Autoencoder, list[CurvePoint]]:
     """Train encoder and decoder on the training frames, or the decoder alone over given latents.
 
@@ -56,27 +61,29 @@ def fit_autoencoder(
         checkpoint: Where the state is kept while training; None keeps none.
         identity: Digest of everything that decides the outcome; a checkpoint of another identity is ignored.
         latents: Raw latents of the frames, which stay as they are; None trains an encoder.
+        novel: The frames' instants from other sides; with them Gaussians live in space.
+        supervision: What these views teach.
 
     Raises:
         FloatingPointError: If the loss stops being finite.
+        ValueError: If the views are of other frames.
     """
     device = device_of(config.backend)
-    autoencoder = initialize(frames, config, seed=seed, latents=latents).to(device)
+    footage = Footage(frames, device=device, latents=latents, novel=novel, supervision=supervision)
+    autoencoder = initialize(footage, config, seed=seed).to(device)
     optimizer = optimizer_of(autoencoder, config.rate)
     first, curve = resume_training(checkpoint, autoencoder, optimizer, CurvePoint, identity=identity)
-    stored = torch.from_numpy(np.array(frames)).to(device)  # a copy: the file is mapped read-only
-    table = None if latents is None else torch.as_tensor(latents, dtype=torch.float32, device=device)
     sums, counted, recycled, saved_at = np.zeros(3), 0, 0, time.monotonic()
     with progress(first, config.steps, config.batch) as bar:
         for step in range(first, config.steps):
             rng = np.random.default_rng([seed, step])
-            picked = torch.as_tensor(rng.integers(len(stored), size=config.batch))
-            batch, known = to_images(stored[picked], device), None if table is None else table[picked]
+            picked = rng.integers(len(footage), size=config.batch)
+            batch, known, sides = footage.images(picked), footage.known(picked), footage.sides(picked, rng)
             set_rates(optimizer, config.rate, step=step, steps=config.steps)
-            sums += train_step(autoencoder, optimizer, batch, config, step, known)
+            sums += train_step(autoencoder, optimizer, batch, config, step, known, sides)
             counted += 1
             if is_due(config.lifecycle, step=step, steps=config.steps):
-                recycled += review(autoencoder, optimizer, frames, config.lifecycle, rng=rng, table=table)
+                recycled += review(autoencoder, optimizer, footage, config.lifecycle, rng=rng)
             bar.update(config.batch)
             if (step + 1) % max(1, config.steps // CURVE_POINTS) == 0:
                 loss, l1, mse = (sums / counted).tolist()
@@ -97,10 +104,11 @@ def train_step(
     config: Stage1Config,
     step: int,
     latents: Latents | None = None,
+    sides: Sides | None = None,
 ) -> np.ndarray:
     """One descent on one batch; returns its loss, mean absolute and mean squared error."""
     optimizer.zero_grad(set_to_none=True)
-    scores = reconstruct(autoencoder, batch, config.loss, latents=latents)
+    scores = reconstruct(autoencoder, batch, config.loss, latents=latents, sides=sides)
     scores.loss.backward()
     if config.rate.gradient_clip is not None:
         for part in (autoencoder.encoder, autoencoder.gaussians):

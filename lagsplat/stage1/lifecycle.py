@@ -8,10 +8,13 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from lagsplat.shapes import Frames, Images, Latents
+from lagsplat.shapes import Latents
 from lagsplat.splat.gaussians import Gaussians
-from lagsplat.stage1.autoencoder import Autoencoder, to_images
+from lagsplat.splat.projection import View
+from lagsplat.stage1.autoencoder import Autoencoder
 from lagsplat.stage1.config import LifecycleConfig
+from lagsplat.stage1.depth import seen_depth
+from lagsplat.stage1.footage import Footage
 
 SAMPLE = 512  # frames over which the peak opacity is taken
 ERROR_SAMPLE = 64  # frames whose error attracts the teleported
@@ -40,22 +43,18 @@ def peak_opacity(gaussians: Gaussians, z: Latents) -> Float[Tensor, " K"]:
 def review(
     autoencoder: Autoencoder,
     optimizer: torch.optim.Adam,
-    frames: Frames,
+    footage: Footage,
     config: LifecycleConfig,
     *,
     rng: np.random.Generator,
-    table: Latents | None = None,
 ) -> int:
     """Recycle every Gaussian that stays invisible over a sample of the clip; returns how many there were.
-
-    ``table`` holds the latents of all frames where no encoder makes them.
 
     Source: paper, Implementation Details (training): split along the principal eigenvector of the full
     covariance, or teleport to a high-error region.
     """
-    device = autoencoder.gaussians.center.device
-    picked = np.sort(rng.choice(len(frames), min(SAMPLE, len(frames)), replace=False))
-    latents = latents_of(autoencoder, to_images(np.asarray(frames[picked]), device), picked, table)
+    picked = np.sort(rng.choice(len(footage), min(SAMPLE, len(footage)), replace=False))
+    latents = footage.latents_of(autoencoder, picked)
     dead = peak_opacity(autoencoder.gaussians, latents) < config.peak_opacity
     if not dead.any() or dead.all():
         return int(dead.sum())
@@ -65,7 +64,7 @@ def review(
     children, strays = slots[:n_split], slots[n_split:]
     split(autoencoder.gaussians, parents, children)
     if len(strays):
-        teleport(autoencoder, frames, strays, rng, table)
+        teleport(autoencoder, footage, strays, rng)
     remember(autoencoder.gaussians, optimizer, parents=parents, children=children, strays=strays)
     reorder(autoencoder.gaussians, optimizer, behind(autoencoder.gaussians.n, parents, children))
     return len(slots)
@@ -124,31 +123,27 @@ def split(gaussians: Gaussians, parents: Tensor, slots: Tensor) -> None:
             parameter[target] = value.to(parameter)
 
 
-def latents_of(
-    autoencoder: Autoencoder, images: Images, picked: np.ndarray, table: Latents | None
-) -> Latents:
-    """Latents of the picked frames: encoded, or looked up."""
-    return autoencoder.encode(images) if table is None else table[torch.as_tensor(picked)]
+def teleport(autoencoder: Autoencoder, footage: Footage, slots: Tensor, rng: np.random.Generator) -> None:
+    """Send each Gaussian to a pixel of a frame, drawn in proportion to the error there, and to its latent.
 
-
-def teleport(
-    autoencoder: Autoencoder,
-    frames: Frames,
-    slots: Tensor,
-    rng: np.random.Generator,
-    table: Latents | None = None,
-) -> None:
-    """Send each Gaussian to a pixel of a frame, drawn in proportion to the error there, and to its latent."""
+    In space frames are of all sides, and the Gaussian goes to the depth of what is seen in the pixel.
+    """
     gaussians = autoencoder.gaussians
-    picked = np.sort(rng.choice(len(frames), min(ERROR_SAMPLE, len(frames)), replace=False))
-    images = to_images(np.asarray(frames[picked]), slots.device)
-    latents = latents_of(autoencoder, images, picked, table)
-    error = (autoencoder.decode(latents) - images).abs().mean(1)
+    picked = np.sort(rng.choice(len(footage), min(ERROR_SAMPLE, len(footage)), replace=False))
+    images, latents, view = footage.shots(autoencoder, picked, rng)
+    error = (autoencoder.decode(latents, view=view) - images).abs().mean(1)
     weight = error.flatten().double().cpu().numpy() + 1e-12
     where = rng.choice(len(weight), len(slots), p=weight / weight.sum())
     frame, row, column = np.unravel_index(where, error.shape)
     frame_t, row_t, column_t = (torch.as_tensor(axis, device=slots.device) for axis in (frame, row, column))
-    gaussians.center[slots] = torch.stack((column_t, row_t), 1).float() + 0.5
+    pixels = torch.stack((column_t, row_t), 1).float() + 0.5
+    if gaussians.space == 3:
+        view = View(
+            *(part.expand(len(latents), *part.shape[1:]) for part in view or autoencoder.filmed_view(latents))
+        )
+        depth = seen_depth(autoencoder, latents, view)[frame_t, row_t, column_t]
+        pixels = view.of(frame_t).unproject(pixels, depth)
+    gaussians.center[slots] = pixels
     gaussians.latent_center[slots] = latents[frame_t]
     gaussians.precision_log_diagonal[slots] = -(NEWBORN_REACH * latents.std(0).clamp_min(1e-3)).log()
     gaussians.precision_below[slots] = 0

@@ -2,10 +2,13 @@
 
 from typing import NamedTuple
 
+import torch
+from jaxtyping import Float
 from torch import Tensor
 
 from lagsplat.shapes import Images, Latents
 from lagsplat.splat.losses import anisotropy, nonlocal_filter, structural_dissimilarity
+from lagsplat.splat.projection import View
 from lagsplat.stage1.autoencoder import Autoencoder
 from lagsplat.stage1.config import LossConfig
 
@@ -18,23 +21,61 @@ class Reconstruction(NamedTuple):
     mse: Tensor
 
 
+class Sides(NamedTuple):
+    """The same instants from another camera each, and what an error there counts."""
+
+    images: Images
+    cover: Float[Tensor, "B 1 H W"] | None  # in [0, 1], how much of a pixel is known; None where all is
+    view: View
+    weight: float
+
+
 def reconstruct(
-    autoencoder: Autoencoder, images: Images, config: LossConfig, *, latents: Latents | None
+    autoencoder: Autoencoder,
+    images: Images,
+    config: LossConfig,
+    *,
+    latents: Latents | None,
+    sides: Sides | None = None,
 ) -> Reconstruction:
     """Encode, draw and score a batch; with ``latents`` given, these are drawn instead.
 
-    Source: paper eq. (recon_loss).
+    With ``sides`` the photometric terms count on these views, too, at the latents of the filmed pictures.
+
+    Source: paper eq. (recon_loss) and "Supervision".
     """
-    drawn = autoencoder.decode(autoencoder.encode(images) if latents is None else latents)
-    error = drawn - images
-    l1 = error.abs().mean()
-    loss = config.l1 * l1
-    if config.ssim:
-        loss = loss + config.ssim * structural_dissimilarity(drawn, images, window=config.ssim_window)
+    z = autoencoder.encode(images) if latents is None else latents
+    if sides is None:
+        drawn = autoencoder.decode(z)
+        loss = photometric(drawn, images, config)
+    else:
+        own = autoencoder.filmed_view(z)
+        view = View(
+            *(torch.cat([a.expand(len(z), *a.shape[1:]), b]) for a, b in zip(own, sides.view, strict=True))
+        )
+        drawn, aside = autoencoder.decode(z.repeat(2, 1), view=view).chunk(2)
+        loss = photometric(drawn, images, config)
+        loss = loss + sides.weight * photometric(aside, _filled(sides, aside), config)
     if config.anisotropy:
         loss = loss + config.anisotropy * anisotropy(
             autoencoder.gaussians.covariance(), limit=config.anisotropy_limit
         )
     if config.nonlocal_filter:
         loss = loss + config.nonlocal_filter * nonlocal_filter(autoencoder.encoder.filters())
-    return Reconstruction(loss, l1.detach(), error.detach().square().mean())
+    error = (drawn - images).detach()
+    return Reconstruction(loss, error.abs().mean(), error.square().mean())
+
+
+def photometric(drawn: Images, images: Images, config: LossConfig) -> Tensor:
+    """Weighted absolute error and structural dissimilarity."""
+    loss = config.l1 * (drawn - images).abs().mean()
+    if config.ssim:
+        loss = loss + config.ssim * structural_dissimilarity(drawn, images, window=config.ssim_window)
+    return loss
+
+
+def _filled(sides: Sides, drawn: Images) -> Images:
+    """What is wanted of a side; where nothing is known, what is drawn there, and nothing is learned."""
+    if sides.cover is None:
+        return sides.images
+    return torch.lerp(drawn.detach(), sides.images, sides.cover)

@@ -20,7 +20,8 @@ def test_every_group_has_choices(group: str) -> None:
 def test_every_choice_composes(group: str) -> None:
     alone = ["system=pendulum"] if group == "release" else []  # a system is driven or let go, never both
     for name in options(group):
-        experiment = compose(f"{group}={name}", FILE, *alone)
+        cameras = ["views.rig=rig.json"] if (group, name) == ("views", "rig") else []
+        experiment = compose(f"{group}={name}", FILE, *alone, *cameras)
         assert experiment.choices[group] == name
 
 

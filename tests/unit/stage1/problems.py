@@ -4,6 +4,7 @@ import numpy as np
 
 from lagsplat.stage1.autoencoder import Autoencoder
 from lagsplat.stage1.config import InitConfig, LifecycleConfig, LossConfig, RateConfig, Stage1Config
+from lagsplat.stage1.footage import Footage
 from lagsplat.stage1.initialize import initialize
 
 
@@ -50,4 +51,4 @@ def small_config(**changes: object) -> Stage1Config:
 
 def small_autoencoder(frames: np.ndarray, **changes: object) -> Autoencoder:
     """An untrained autoencoder for these frames."""
-    return initialize(frames, small_config(**changes), seed=0)
+    return initialize(Footage(frames), small_config(**changes), seed=0)

@@ -36,10 +36,10 @@ def test_a_killed_run_goes_on_to_the_same_bits(tmp_path, monkeypatch):
 
     step_of = fit_module.train_step
 
-    def killed_at_37(autoencoder, optimizer, batch, config, step, latents):
+    def killed_at_37(autoencoder, optimizer, batch, config, step, *known):
         if step == 37:
             raise KeyboardInterrupt
-        return step_of(autoencoder, optimizer, batch, config, step, latents)
+        return step_of(autoencoder, optimizer, batch, config, step, *known)
 
     checkpoint = tmp_path / "state.pt"
     with monkeypatch.context() as patch:

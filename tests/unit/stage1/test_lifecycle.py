@@ -7,6 +7,7 @@ import torch
 from lagsplat.stage1.autoencoder import to_images
 from lagsplat.stage1.config import LifecycleConfig
 from lagsplat.stage1.fit import fit_autoencoder
+from lagsplat.stage1.footage import Footage
 from lagsplat.stage1.lifecycle import is_due, peak_opacity, review, split
 from lagsplat.stage1.schedule import optimizer_of
 from tests.unit.splat.test_gaussians import full_covariance, random_gaussians
@@ -54,7 +55,7 @@ def test_review_brings_the_invisible_back_and_clears_their_memory(share):
         autoencoder.gaussians.precision_log_diagonal.fill_(-3.0)  # all the others are seen everywhere
         autoencoder.gaussians.opacity_logit[:5] = -9.0
     config = LifecycleConfig(every=1, start=0.0, stop=1.0, peak_opacity=0.02, split_share=share)
-    assert review(autoencoder, optimizer, frames, config, rng=np.random.default_rng(0)) == 5
+    assert review(autoencoder, optimizer, Footage(frames), config, rng=np.random.default_rng(0)) == 5
     latents = autoencoder.encode(images)
     assert (peak_opacity(autoencoder.gaussians, latents) > 0.02).all()
     for name, parameter in autoencoder.gaussians.named_parameters():
@@ -62,7 +63,7 @@ def test_review_brings_the_invisible_back_and_clears_their_memory(share):
         if name != "background_logit":
             idle = (optimizer.state[parameter]["exp_avg"].reshape(len(parameter), -1) == 0).all(1)
             assert idle.sum() >= 5
-    assert review(autoencoder, optimizer, frames, config, rng=np.random.default_rng(0)) == 0
+    assert review(autoencoder, optimizer, Footage(frames), config, rng=np.random.default_rng(0)) == 0
 
 
 def test_a_split_hardly_changes_the_picture():
@@ -78,7 +79,7 @@ def test_a_split_hardly_changes_the_picture():
         autoencoder.gaussians.opacity_logit[:8] = -9.0
         before = autoencoder.decode(autoencoder.encode(images))
         config = LifecycleConfig(every=1, start=0.0, stop=1.0, peak_opacity=0.02, split_share=1.0)
-        assert review(autoencoder, optimizer, frames, config, rng=np.random.default_rng(0)) == 8
+        assert review(autoencoder, optimizer, Footage(frames), config, rng=np.random.default_rng(0)) == 8
         after = autoencoder.decode(autoencoder.encode(images))
     assert (after - before).square().mean() < 0.05 * before.var()
 

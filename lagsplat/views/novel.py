@@ -1,0 +1,136 @@
+"""A recording's instants from other sides: pictures, what of them is known, and their cameras."""
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float64, UInt8
+
+from lagsplat.io.artefact import load_artefact, save_artefact
+from lagsplat.views.camera import Camera
+from lagsplat.views.space import Space
+
+KIND, SCHEMA = "views", 1
+KNOWN = 0.5
+"""Cover above which a pixel says what is there; below it there are holes."""
+
+
+@dataclass(frozen=True)
+class NovelViews:
+    """``images`` (T, V, H, W, 3) of V cameras at the T instants of a recording, whose own camera is the
+    reference of ``space``.
+
+    ``cover`` (T, V, H, W) in [0, 255] is how much of a pixel is known, None where all is. Training sees all
+    cameras but those ``held_out``, which score what it learned.
+
+    Raises:
+        ValueError: pictures, cover, cameras and names do not fit together.
+    """
+
+    images: UInt8[np.ndarray, "T V H W 3"]
+    cover: UInt8[np.ndarray, "T V H W"] | None
+    cameras: tuple[Camera, ...]
+    names: tuple[str, ...]
+    held_out: Bool[np.ndarray, " V"]
+    space: Space
+
+    def __post_init__(self) -> None:
+        count, height, width = self.images.shape[1:4]
+        if not len(self.cameras) == len(self.names) == len(self.held_out) == count:
+            raise ValueError(
+                f"{count} pictures an instant, but {len(self.cameras)} cameras, {len(self.names)} names and "
+                f"{len(self.held_out)} marks of what is held out: give one of each a picture"
+            )
+        for name, camera in zip(self.names, self.cameras, strict=True):
+            if (camera.height, camera.width) != (height, width):
+                raise ValueError(
+                    f"camera {name!r} is of {camera.height} x {camera.width} pixels and its pictures of "
+                    f"{height} x {width}: resize one of them, the camera with `resized`"
+                )
+        if self.cover is not None and self.cover.shape != self.images.shape[:4]:
+            raise ValueError(f"cover of shape {self.cover.shape} for pictures of shape {self.images.shape}")
+        if self.held_out.all():
+            raise ValueError(f"all {count} cameras are held out; leave some to train on")
+
+    @property
+    def seen(self) -> tuple[int, ...]:
+        """Numbers of the cameras that training sees."""
+        return tuple(np.flatnonzero(~self.held_out).tolist())
+
+    def first(self, count: int) -> "NovelViews":
+        """The views of the first instants."""
+        cover = None if self.cover is None else self.cover[:count]
+        return NovelViews(self.images[:count], cover, self.cameras, self.names, self.held_out, self.space)
+
+
+def require_views(views: NovelViews, frames: UInt8[np.ndarray, "T H W 3"]) -> None:
+    """Refuse views that are not of these frames' instants and reference camera.
+
+    Raises:
+        ValueError: says what differs.
+    """
+    count, height, width, _ = frames.shape
+    reference = views.space.reference
+    if len(views.images) != count:
+        raise ValueError(
+            f"novel views of {len(views.images)} instants for {count} frames: make them again from this "
+            "recording"
+        )
+    if (reference.height, reference.width) != (height, width):
+        raise ValueError(
+            f"the views' reference camera is of {reference.height} x {reference.width} pixels and the film "
+            f"of {height} x {width}: make the views again from this recording"
+        )
+
+
+def save_views(path: str | os.PathLike[str], views: NovelViews, header: Mapping[str, Any]) -> None:
+    """Keep ``views`` at ``path`` as an artefact of kind ``views``."""
+    tensors = {"images": views.images, "held_out": views.held_out}
+    if views.cover is not None:
+        tensors["cover"] = views.cover
+    about = {
+        "names": views.names,
+        "cameras": [asdict(camera) for camera in views.cameras],
+        "reference": asdict(views.space.reference),
+        "depth": views.space.depth,
+    }
+    save_artefact(path, tensors, {**header, **about, "kind": KIND, "schema": SCHEMA})
+
+
+def load_views(path: str | os.PathLike[str]) -> NovelViews:
+    """The views kept at ``path``; pictures are a read-only memory map.
+
+    Raises:
+        FileNotFoundError, ValueError: as `lagsplat.io.artefact.load_artefact`.
+    """
+    tensors, header = load_artefact(path, kind=KIND, schema=SCHEMA, mapped=("images",))
+    return NovelViews(
+        images=tensors["images"],
+        cover=tensors.get("cover"),
+        cameras=tuple(camera_of(values) for values in header["cameras"]),
+        names=tuple(header["names"]),
+        held_out=tensors["held_out"],
+        space=Space(camera_of(header["reference"]), header["depth"]),
+    )
+
+
+def camera_of(values: Mapping[str, Any]) -> Camera:
+    """A camera from plain data, as `dataclasses.asdict` leaves it."""
+    return Camera(
+        rotation=np.array(values["rotation"], dtype=np.float64),
+        position=np.array(values["position"], dtype=np.float64),
+        focal=(float(values["focal"][0]), float(values["focal"][1])),
+        middle=(float(values["middle"][0]), float(values["middle"][1])),
+        height=values["height"],
+        width=values["width"],
+    )
+
+
+def cameras_bytes(cameras: Sequence[Camera]) -> bytes:
+    """All that decides what cameras see, for a digest."""
+    rows: list[Float64[np.ndarray, " n"]] = [
+        np.array([*c.rotation.ravel(), *c.position, *c.focal, *c.middle, c.height, c.width]) for c in cameras
+    ]
+    return np.stack(rows).tobytes()
