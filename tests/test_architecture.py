@@ -48,6 +48,7 @@ LAYERS = (
         "exhibits",
         "shown",
         "pair",
+        "sides",
         "gap",
         "cli",
     },

@@ -12,6 +12,7 @@ from lagsplat.forces.equilibrium import settle
 from lagsplat.forces.grip import Grip
 from lagsplat.forces.kinematics import Kinematics, kinematics_of
 from lagsplat.shapes import Latents
+from lagsplat.splat.projection import View
 from lagsplat.stage1.autoencoder import Autoencoder
 from lagsplat.stage2.lagrangian import Lagrangian
 
@@ -41,16 +42,18 @@ class Held:
         """Equilibria under generalised forces, one a row."""
         return settle(self.law, self.u.expand(len(loads), -1), loads, start=self.rest)
 
-    def pictures(self, q: Latents, *, scale: int = 1) -> Float[np.ndarray, "B H W 3"]:
-        """The pictures at whitened states, ``scale`` times as large as in training."""
+    def pictures(
+        self, q: Latents, *, scale: int = 1, view: View | None = None
+    ) -> Float[np.ndarray, "B H W 3"]:
+        """Pictures at whitened states, ``scale`` times as large as in training; in space of any camera."""
         raw = torch.from_numpy(self.chart.to_raw(q.numpy())).to(self.autoencoder.gaussians.center)
         with torch.no_grad():
             drawn = self.autoencoder.decode(
-                raw, height=scale * self.kinematics.height, width=scale * self.kinematics.width
+                raw, view=view, height=scale * self.kinematics.height, width=scale * self.kinematics.width
             )
         return np.moveaxis(drawn.cpu().numpy(), 1, 3)
 
-    def magnitude(self, grip: Grip, direction: Float64[np.ndarray, "2"], *, share: float) -> float:
+    def magnitude(self, grip: Grip, direction: Float64[np.ndarray, " n"], *, share: float) -> float:
         """The force along ``direction`` on ``grip`` that drives the state ``share`` of the reach away.
 
         In the law's own units of energy per pixel. Found among forces four decades apart at most, around what

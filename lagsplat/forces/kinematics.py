@@ -17,13 +17,14 @@ class Kinematics:
     """The map from a whitened latent to the centre of each Gaussian, affine and hence of constant Jacobian.
 
     ``center`` [px] is where a Gaussian stands at its own latent centre, ``geometry`` holds its Jacobian and
-    its gate; ``height`` and ``width`` [px] are those of the picture.
+    its gate; ``height`` and ``width`` [px] are those of the picture. In space a pixel is a length, see
+    `lagsplat.views.space`.
 
     Source: paper, Appendix "Forces and inertia from the learned kinematics".
     """
 
     geometry: DecoderGeometry
-    center: Float[Tensor, "K 2"]
+    center: Float[Tensor, "K n"]
     height: int
     width: int
 
@@ -32,8 +33,13 @@ class Kinematics:
         """Latent dimension."""
         return self.geometry.center.shape[1]
 
-    def places(self, q: Latents) -> Float[Tensor, "B K 2"]:
-        """Centres [px], x to the right and y down."""
+    @property
+    def space(self) -> int:
+        """Number of spatial dimensions: 2 in the picture, or 3."""
+        return self.center.shape[1]
+
+    def places(self, q: Latents) -> Float[Tensor, "B K n"]:
+        """Centres [px], x to the right, y down and, in space, z ahead of the film's camera."""
         away = q[:, None] - self.geometry.center
         return self.center + (self.geometry.jacobian @ away[..., None])[..., 0]
 

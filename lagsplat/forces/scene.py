@@ -7,11 +7,9 @@ import numpy as np
 import torch
 from jaxtyping import Bool, Float64
 from scipy.ndimage import binary_dilation, gaussian_filter, label, maximum_filter
-from torch import Tensor
 
 from lagsplat.chart.chart import Chart
 from lagsplat.forces.grip import Point
-from lagsplat.splat.backend import rasterizer
 from lagsplat.stage1.autoencoder import Autoencoder
 
 OUTLINE = 0.5
@@ -32,11 +30,11 @@ TIP = 0.85
 
 @dataclass(frozen=True)
 class Scene:
-    """What the picture shows at a state: ``jacobian`` (H, W, 2, d) is how far the matter seen in each pixel
+    """What the picture shows at a state: ``jacobian`` (H, W, n, d) is how far the matter seen in each pixel
     moves per whitened unit [px], ``motion`` (H, W) its size relative to the 98th percentile.
     """
 
-    jacobian: Float64[np.ndarray, "H W 2 d"]
+    jacobian: Float64[np.ndarray, "H W n d"]
     motion: Float64[np.ndarray, "H W"]
 
     @cached_property
@@ -74,21 +72,13 @@ def scene_at(autoencoder: Autoencoder, chart: Chart, q: Float64[np.ndarray, " d"
     jacobian = model.jacobian() @ torch.from_numpy(chart.unwhiten).to(model.center).T
     channels = jacobian.flatten(1)
     padded = torch.nn.functional.pad(channels, (0, -channels.shape[1] % 3))
-    draw = rasterizer(autoencoder.backend, z.device)
-    size = {"height": autoencoder.height, "width": autoencoder.width}
-    parts: list[Tensor] = [
-        draw(
-            drawn.means,
-            drawn.covariance,
-            drawn.opacity,
-            part.contiguous(),
-            torch.zeros_like(drawn.background),
-            **size,
-        )[0]
+    nothing = torch.zeros_like(drawn.background)
+    parts = [
+        autoencoder.draw(drawn._replace(color=part.contiguous(), background=nothing))[0]
         for part in padded.split(3, 1)
     ]
     seen = torch.cat(parts)[: channels.shape[1]].double().cpu().numpy()
-    field = np.moveaxis(seen, 0, 2).reshape(autoencoder.height, autoencoder.width, 2, -1)
+    field = np.moveaxis(seen, 0, 2).reshape(autoencoder.height, autoencoder.width, model.space, -1)
     motion = np.linalg.norm(field, axis=(2, 3))
     return Scene(field, motion / max(float(np.quantile(motion, 0.98)), 1e-12))
 

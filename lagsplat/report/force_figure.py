@@ -33,7 +33,7 @@ def draw_forces(shown: Panels, *, title: str) -> Figure:
             axis.imshow(panel.picture.clip(0.0, 1.0), extent=(0, width, height, 0))
             _outline(axis, shown)
             for foot, force in panel.arrows:
-                _arrow(axis, foot, scale * force)
+                draw_arrow(axis, foot, scale * force)
             axis.set_title(f"({letter}) {panel.name}: {_answer(panel)}", loc="left")
         for axis in axes:
             axis.set(xticks=[], yticks=[], xlim=(0, width), ylim=(height, 0))
@@ -57,7 +57,8 @@ def _outline(axis: Axes, shown: Panels) -> None:
     axis.contour(columns, rows, fine, levels=[0.5], colors="white", linewidths=0.8, linestyles="dashed")
 
 
-def _arrow(axis: Axes, foot: np.ndarray, way: np.ndarray) -> None:
+def draw_arrow(axis: Axes, foot: np.ndarray, way: np.ndarray) -> None:
+    """A red arrow with a white rim, its foot marked [px]."""
     arrow = axis.annotate(
         "",
         xy=tuple(foot + way),

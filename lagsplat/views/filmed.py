@@ -1,33 +1,35 @@
 """Novel views from the films of a rig."""
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 
+from lagsplat.io.clips import find_clips
+from lagsplat.io.decode import picture_size
 from lagsplat.io.recording import Recording
 from lagsplat.views.camera import Camera
 from lagsplat.views.novel import NovelViews
 from lagsplat.views.rig import Rig, RigCamera
 
-SAME_ASPECT = 0.01
 
+def filmed_views(rig: Rig, recording: Recording, film: Path, read: Callable[[Path], Recording]) -> NovelViews:
+    """The rig's films beside ``recording``, which was read from the reference camera's ``film``.
 
-def filmed_views(rig: Rig, recording: Recording, read: Callable[[str], Recording]) -> NovelViews:
-    """The rig's films beside ``recording``, its reference camera's, in the recording's size.
-
-    ``read`` reads a film as the recording was read, frames and times alike.
+    ``read`` reads another film as the recording was read, in its size.
 
     Raises:
-        ValueError: a film has another shape than its camera says, other instants or another number of them.
+        ValueError: a film has another size than its camera says, other instants or another number of them.
     """
-    height, width = recording.height, recording.width
-    _require_shape("the reference", rig.space.reference, height, width)
+    _require_size("the reference", rig.space.reference, film)
     pictures = []
     for each in rig.others:
-        film = read(str(each.video))
-        _require_shape(f"camera {each.name!r}", each.camera, film.height, film.width)
-        _require_instants(each, film, recording)
-        pictures.append(np.asarray(film.frames))
+        assert each.video is not None, "the rig names a video for every other camera"
+        _require_size(f"camera {each.name!r}", each.camera, each.video)
+        other = read(each.video)
+        _require_instants(each, other, recording)
+        pictures.append(np.asarray(other.frames))
+    height, width = recording.height, recording.width
     return NovelViews(
         images=np.stack(pictures, axis=1),
         cover=None,
@@ -38,12 +40,12 @@ def filmed_views(rig: Rig, recording: Recording, read: Callable[[str], Recording
     )
 
 
-def _require_shape(who: str, camera: Camera, height: int, width: int) -> None:
-    ratio = (camera.width / camera.height) / (width / height)
-    if abs(ratio - 1.0) > SAME_ASPECT:
+def _require_size(who: str, camera: Camera, film: Path) -> None:
+    height, width = picture_size(find_clips(film)[0], dt_s=None)
+    if (height, width) != (camera.height, camera.width):
         raise ValueError(
-            f"{who} was calibrated on {camera.width} x {camera.height} pixels and its film is of {width} x "
-            f"{height}: another shape; do not crop or turn films of a rig, or calibrate again"
+            f"{who} was calibrated on pictures of {camera.width} x {camera.height} pixels and {film} has "
+            f"{width} x {height}: give the film it was calibrated for, or calibrate again"
         )
 
 

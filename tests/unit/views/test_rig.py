@@ -9,8 +9,11 @@ import cv2
 import numpy as np
 import pytest
 
-from lagsplat.io.recording import Recording
-from lagsplat.views.filmed import filmed_views
+from lagsplat.config import compose
+from lagsplat.io.config import RecordingConfig
+from lagsplat.io.read import read_recording
+from lagsplat.sides import obtain_views
+from lagsplat.views.novel import NovelViews
 from lagsplat.views.rig import read_rig
 
 LENS = [[50.0, 0.0, 31.5], [0.0, 48.0, 23.5], [0.0, 0.0, 1.0]]
@@ -83,46 +86,61 @@ def test_a_missing_key_and_a_missing_video_are_named(tmp_path: Path) -> None:
         read_rig(written(tmp_path, rig))
 
 
-def film(frames: int = 5, height: int = 24, width: int = 32, late_s: float = 0.0) -> Recording:
-    time_s = np.arange(frames) / 30
-    time_s[2:] += late_s
-    pictures = np.random.default_rng(frames).integers(0, 255, (frames, height, width, 3), dtype=np.uint8)
-    return Recording(
-        frames=pictures,
-        time_s=time_s,
-        inputs=np.zeros((frames, 0)),
-        input_names=(),
-        input_units=(),
-        meta={"origin": "filmed"},
+def film(path: Path, frames: int = 5, *, height: int = 48, width: int = 64, rate: float = 30.0) -> Path:
+    """A film whose pictures brighten with time."""
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), rate, (width, height))
+    for i in range(frames):
+        writer.write(np.full((height, width, 3), 40 + 20 * i, np.uint8))
+    writer.release()
+    return path
+
+
+def source(path: Path) -> RecordingConfig:
+    return replace(
+        compose("system=pendulum", "recording=filmed", f"recording.path={path}").recording,
+        height=24,
+        width=32,
     )
 
 
+def views_of(folder: Path, **changes: object) -> NovelViews:
+    rig = written(folder, RIG)
+    film(folder / "left.mp4", **changes)
+    config = compose("system=pendulum", "views=rig", f"views.rig={rig}").views
+    front = source(film(folder / "front.mp4"))
+    assert config is not None
+    return obtain_views(config, read_recording(front), front, released=None, states=None)
+
+
 def test_films_become_views_of_the_recordings_size(tmp_path: Path) -> None:
-    rig = read_rig(written(tmp_path, RIG))
-    aside = film()
-    views = filmed_views(rig, film(), lambda path: aside)
+    views = views_of(tmp_path)
     assert views.images.shape == (5, 1, 24, 32, 3)
-    np.testing.assert_array_equal(views.images[:, 0], aside.frames)
+    np.testing.assert_allclose(views.images[:, 0].mean((1, 2, 3)), 40 + 20 * np.arange(5), atol=4)
     assert views.cameras[0].focal == (25.0, 24.0)
     assert (views.space.reference.height, views.space.reference.width) == (24, 32)
 
 
 @pytest.mark.parametrize(
-    ("other", "message"),
+    ("changes", "message"),
     [
-        (film(frames=4), "filmed 4 frames and the reference 5"),
-        (film(late_s=0.03), "up to 0.0300 s off the reference"),
-        (film(height=32), "calibrated on 64 x 48 pixels and its film is of 32 x 32"),
+        ({"frames": 4}, "filmed 4 frames and the reference 5"),
+        ({"rate": 20.0}, "s off the reference, whose frames are 0.0333 s apart"),
+        ({"height": 64}, "calibrated on pictures of 64 x 48 pixels and .*left.mp4 has 64 x 64"),
     ],
 )
-def test_films_that_do_not_fit_their_cameras_are_refused(
-    tmp_path: Path, other: Recording, message: str
-) -> None:
+def test_films_that_do_not_fit_their_cameras_are_refused(tmp_path: Path, changes: dict, message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        filmed_views(read_rig(written(tmp_path, RIG)), film(), lambda path: other)
+        views_of(tmp_path, **changes)
 
 
-def test_a_recording_of_another_shape_than_the_reference_camera_is_refused(tmp_path: Path) -> None:
-    square = replace(film(), frames=np.zeros((5, 32, 32, 3), np.uint8))
-    with pytest.raises(ValueError, match="the reference was calibrated on 64 x 48 pixels"):
-        filmed_views(read_rig(written(tmp_path, RIG)), square, lambda path: film())
+def test_a_rig_wants_whole_films(tmp_path: Path) -> None:
+    config = compose("system=pendulum", "views=rig", f"views.rig={written(tmp_path, RIG)}").views
+    front = source(film(tmp_path / "front.mp4"))
+    recording = read_recording(front)
+    assert config is not None
+    for wrong, message in (
+        (replace(front, kind="simulated"), "not of kind simulated"),
+        (replace(front, crop=[0, 0, 32, 24]), "use whole pictures"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            obtain_views(config, recording, wrong, released=None, states=None)
