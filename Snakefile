@@ -8,11 +8,13 @@ report: "workflow/report/workflow.rst"
 
 include: "workflow/rules/common.smk"
 include: "workflow/rules/recording.smk"
+include: "workflow/rules/views.smk"
 include: "workflow/rules/stage1.smk"
 include: "workflow/rules/chart.smk"
 include: "workflow/rules/render.smk"
 include: "workflow/rules/stage2.smk"
 include: "workflow/rules/evaluate.smk"
+include: "workflow/rules/space.smk"
 include: "workflow/rules/forces.smk"
 include: "workflow/rules/baselines.smk"
 include: "workflow/rules/report.smk"
@@ -43,6 +45,11 @@ rule all:
         expand(rules.force_map.output, mechanism=pushed_mechanisms())
         if true_runs()
         else [],
+        expand(rules.force_space.output, solid=planned_spatial(overrides)),
+        [
+            rules.sides.output.figure.format(**asdict(run))
+            for run in planned_spatial(overrides).values()
+        ],
         rules.guarantee.output,
         expand(rules.figure.output, system=experiment.systems),
         expand(

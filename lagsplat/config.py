@@ -108,6 +108,8 @@ class Config:
     """Choices of ``conf/baseline`` that get a row in the benchmark table of the arms."""
     baseline_seeds: list[int]
     """Seeds of the baselines."""
+    spatial: list[str]
+    """Systems that are pushed in space: they have novel views."""
     extrapolated: list[str]
     """Systems of the table of extrapolation: they move freely, and the end of a clip is held out."""
     forecasters: list[str]
@@ -154,6 +156,7 @@ class Config:
             ("ablations", self.ablations, "stage2"),
             ("baselines", self.baselines, "baseline"),
             ("extrapolated", self.extrapolated, "system"),
+            ("spatial", self.spatial, "system"),
             ("forecasters", self.forecasters, "forecaster"),
         ):
             for name in names:

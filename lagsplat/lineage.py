@@ -32,6 +32,7 @@ def road_to(stage: str, experiment: Config) -> Road:
     source = (experiment.simulation, experiment.release) if maker == "simulate" else experiment.recording
     trunk: Road = {
         "recording": (source, maker),
+        **({"views": (experiment.views, "views")} if experiment.views is not None else {}),
         "stage1": (experiment.stage1, "stage1"),
         "chart": (experiment.chart, "chart"),
         "stage2": (experiment.stage2, "stage2"),

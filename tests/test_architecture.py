@@ -49,6 +49,7 @@ LAYERS = (
         "shown",
         "pair",
         "sides",
+        "spatial",
         "gap",
         "cli",
     },

@@ -1,7 +1,7 @@
 rule authors:
     input:
         recording=rules.stage1.input.recording,
-        records=rules.stage1.input.records,
+        records=rules.views.input.records,
     output:
         frames=update(
             "results/{profile}/{recording}/{system}/authors/predicted.safetensors"

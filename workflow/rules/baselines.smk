@@ -2,7 +2,7 @@ rule baseline:
     input:
         recording=rules.stage1.input.recording,
         weights=lambda wildcards: weights_of(overrides, **choices(wildcards)) or [],
-        records=rules.stage1.input.records,
+        records=rules.views.input.records,
     output:
         model=update(
             "results/{profile}/{recording}/{system}/baselines/{baseline}-{seed}/model.safetensors"

@@ -19,6 +19,7 @@ from lagsplat.planning import (
 )
 from lagsplat.provenance import let_waiting_threads_sleep
 from lagsplat.report.baseline_rows import METHODS
+from lagsplat.spatial import files_of_rig, planned_spatial
 
 let_waiting_threads_sleep()  # the jobs inherit it
 
@@ -50,6 +51,7 @@ wildcard_constraints:
     trial="[0-9]+",
     field="conditioned|deformed",
     mechanism="|".join([*SHORT, *options("system")]),
+    solid="|".join(planned_spatial(overrides)),
     ae="[0-9]+",
     seed="[0-9]+",
     effect="|".join(experiment.planted.effects),

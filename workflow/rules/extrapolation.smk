@@ -1,7 +1,7 @@
 rule forecaster:
     input:
         recording=rules.stage1.input.recording,
-        records=rules.stage1.input.records,
+        records=rules.views.input.records,
     output:
         model=update(
             "results/{profile}/{recording}/{system}/forecasters/{forecaster}-{seed}/model.safetensors"

@@ -2,7 +2,7 @@ rule refine:
     input:
         film=lambda wildcards: files_of(overrides, **wildcards),
         recording=rules.stage1.input.recording,
-        records=rules.stage1.input.records,
+        records=rules.views.input.records,
     output:
         fine=update("results/{profile}/{recording}/{system}/fine.safetensors"),
         record="results/{profile}/{recording}/{system}/fine.json",

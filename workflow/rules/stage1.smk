@@ -1,7 +1,14 @@
 rule stage1:
     input:
         recording="results/{profile}/{recording}/{system}/recording.safetensors",
-        records=["results/{profile}/{recording}/{system}/recording.json"],
+        views=branch(sided, then=rules.views.output.views, otherwise=[]),
+        records=lambda wildcards: [
+            path.format(**wildcards)
+            for path in (
+                rules.views.input.records[0],
+                *([rules.views.output.record] if sided(wildcards) else []),
+            )
+        ],
     output:
         autoencoder=update(
             "results/{profile}/{recording}/{system}/{stage1}-{ae}/autoencoder.safetensors"
@@ -20,6 +27,7 @@ rule stage1:
         mem_mb=4000,
     params:
         cfg=section("stage1"),
+        views=section("views"),
         before=before("stage1"),
         code=script_digest(SCRIPTS / "stage1.py"),
         # Not an output: it must outlive a failed or killed job. A finished one deletes it.

@@ -1,0 +1,19 @@
+"""Push a fitted run in space, and draw it from three sides."""
+
+from lagsplat.chart.chart import load_chart
+from lagsplat.evaluate.force_space import push_in_space
+from lagsplat.forces.config import ForcesConfig
+from lagsplat.forces.held import hold
+from lagsplat.io.plain import save_json
+from lagsplat.job import Job
+from lagsplat.report.figures import draw_space_push, save_figure
+from lagsplat.stage1.autoencoder import load_autoencoder
+from lagsplat.stage2.fit import load_dynamics
+
+with Job(snakemake) as job:
+    loads = (load_autoencoder, load_chart, load_dynamics)
+    held = hold(*(load(path)[0] for load, path in zip(loads, job.input.run, strict=True)))
+    push = push_in_space(held, job.section(ForcesConfig))
+    save_json(job.output.metrics, push.numbers() | {"made_by": job.header})
+    for path in (job.output.pdf, job.output.png):
+        save_figure(path, draw_space_push(held, push, title=job.params.title))
