@@ -10,6 +10,7 @@
     lagsplat evaluate run=FOLDER out=metrics.json [evaluate.key=value ...]
     lagsplat weights --download [out=FOLDER]                    published weights, for baseline.weights=FOLDER
     lagsplat export FOLDER --mcap [out=run.mcap] [key=value ...]  a run for Foxglove
+    lagsplat export FOLDER --ply [out=run.ply] [frame=N | q=0.5,..]  a state for viewers of Gaussians
 
 ``input`` is a CSV with columns ``t`` [s] and ``u0, u1, ...``; between its rows inputs are interpolated.
 ``out`` then has columns ``t``, ``q0, ...`` (whitened) and ``v0, ...`` [1/s]. A sim with its diagnosed effects
@@ -150,15 +151,22 @@ def _weights(words: list[str]) -> None:
 def _export(words: list[str]) -> None:
     folders = [word for word in words if "=" not in word and not word.startswith("--")]
     formats = [word for word in words if word.startswith("--")]
-    if len(folders) != 1 or formats != ["--mcap"]:
-        raise ConfigError("name one run and the format: lagsplat export FOLDER --mcap [out=FILE]")
+    if len(folders) != 1 or formats not in (["--mcap"], ["--ply"]):
+        raise ConfigError("name one run and the format: lagsplat export FOLDER --mcap|--ply [out=FILE]")
     from lagsplat.export import export_mcap
-    from lagsplat.pipeline import open_run, protocol
+    from lagsplat.export_ply import export_ply
+    from lagsplat.pipeline import open_run, protocol, state_of
 
-    own, changes = _split([word for word in words if "=" in word], needed=(), allowed=("out",))
-    folder = Path(folders[0])
-    out = Path(own.get("out", str(folder / "run.mcap")))
-    export_mcap(open_run(folder), protocol(folder, changes), out)
+    folder, kind = Path(folders[0]), formats[0].removeprefix("--")
+    allowed = ("out", "frame", "q") if kind == "ply" else ("out",)
+    own, changes = _split([word for word in words if "=" in word], needed=(), allowed=allowed)
+    out, run = Path(own.get("out", str(folder / f"run.{kind}"))), open_run(folder)
+    if kind == "mcap":
+        export_mcap(run, protocol(folder, changes), out)
+    elif changes:
+        raise ConfigError(f"export --ply takes {', '.join(allowed)}, not {changes[0]!r}")
+    else:
+        export_ply(run.autoencoder, run.chart, state_of(run, own.get("frame"), own.get("q")), out)
     print(out)
 
 

@@ -25,6 +25,7 @@ from lagsplat.io.plain import load_json
 from lagsplat.io.read import read_recording
 from lagsplat.io.recording import Recording, load_recording, save_recording
 from lagsplat.io.split import divide
+from lagsplat.sides import obtain_views
 from lagsplat.stage1.autoencoder import Autoencoder, load_autoencoder, save_autoencoder
 from lagsplat.stage1.fit import fit_autoencoder
 from lagsplat.stage2.fit import fit_dynamics, load_dynamics, save_dynamics
@@ -32,6 +33,8 @@ from lagsplat.stage2.induced import decoder_geometry
 from lagsplat.stage2.lagrangian import Lagrangian
 from lagsplat.stage2.rollout import rollout
 from lagsplat.systems.stand_in import stand_in
+from lagsplat.systems.truth import Truth
+from lagsplat.views.novel import save_views
 
 log = logging.getLogger(__name__)
 FILES = ("recording", "autoencoder", "chart", "dynamics")
@@ -47,11 +50,11 @@ class Run:
     lagrangian: Lagrangian
 
 
-def obtain(experiment: Config) -> Recording:
-    """The recording an experiment is about: simulated, read from a file or fetched."""
+def obtain(experiment: Config) -> tuple[Recording, Truth | None]:
+    """The recording an experiment is about, read from a file or fetched, or simulated with its truth."""
     if experiment.recording.kind != "simulated":
-        return read_recording(experiment.recording)
-    return stand_in(experiment.simulation, experiment.release, seed=0)[0]
+        return read_recording(experiment.recording), None
+    return stand_in(experiment.simulation, experiment.release, seed=0)
 
 
 def fit(experiment: Config, *, out: Path, header: Mapping[str, Any]) -> Run:
@@ -62,14 +65,24 @@ def fit(experiment: Config, *, out: Path, header: Mapping[str, Any]) -> Run:
     Raises:
         ValueError: the recording is unreadable or too short for the split, or stage 1 learned nothing.
     """
-    recording = divide(obtain(experiment), experiment.recording.split)
+    made, truth = obtain(experiment)
+    recording = divide(made, experiment.recording.split)
     train, _ = recording.split()
     save_recording(out / "recording.safetensors", recording)
     checkpoint, seed = out / "checkpoint" / "state.pt", experiment.autoencoder_seeds[0]
     identity = f"{header} {recording.meta.get('sha256')} {recording.n_train} {seed}"
+    novel = None
+    if experiment.views is not None:
+        novel = obtain_views(
+            experiment.views, recording, experiment.recording, released=experiment.release,
+            states=None if truth is None else truth.states,
+        )  # fmt: skip
+        save_views(out / "views.safetensors", novel, header)
     autoencoder, _ = fit_autoencoder(
-        train.frames, experiment.stage1, seed=seed, checkpoint=checkpoint, identity=identity
-    )
+        train.frames, experiment.stage1, seed=seed, checkpoint=checkpoint, identity=identity,
+        novel=None if novel is None else novel.first(train.n_frames),
+        supervision=None if experiment.views is None else experiment.views.supervision,
+    )  # fmt: skip
     save_autoencoder(out / "autoencoder.safetensors", autoencoder, header)
     require_trained(autoencoder, train.frames)
     chart = fit_chart(autoencoder, recording, experiment.chart, seed=seed)
@@ -166,6 +179,27 @@ def push(
     start = (torch.as_tensor(x[None]) for x in (q0, v0, inputs))
     q, v = rollout(run.lagrangian, *start, dt_s=chart.dt_s)
     return q[0].double().numpy(), v[0].double().numpy()
+
+
+def state_of(run: Run, frame: str | None, q: str | None) -> Float64[np.ndarray, " d"]:
+    """The whitened state that a command names: that of a frame as it was encoded, given numbers, or rest.
+
+    Raises:
+        ValueError: both are given, what is given is no number, or the recording has no such frame.
+    """
+    if frame is not None and q is not None:
+        raise ValueError(f"frame={frame} and q={q} exclude each other: a frame has its own state")
+    try:
+        if q is not None:
+            return np.array([float(number) for number in q.split(",")])
+        if frame is None:
+            return run.chart.rest
+        number = int(frame)
+    except ValueError as error:
+        raise ValueError(f"frame={frame} q={q}: give a frame's number, or q=q0,q1,... ({error})") from error
+    if not 0 <= number < len(run.chart.latents):
+        raise ValueError(f"frame={frame}: the recording has frames 0 to {len(run.chart.latents) - 1}")
+    return run.chart.latents[number]
 
 
 def _stencil(chart: Chart, frame: int) -> tuple[int, int]:

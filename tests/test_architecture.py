@@ -42,6 +42,7 @@ LAYERS = (
         "job",
         "pipeline",
         "export",
+        "export_ply",
         "films",
         "blind",
         "blind_films",

@@ -129,7 +129,7 @@ def test_the_command_writes_once_and_overwrites_nothing(
     assert (tmp_path / "other.mcap").is_file()
 
 
-@pytest.mark.parametrize("words", [["a"], ["--mcap"], ["a", "--ply"], ["a", "b", "--mcap"]])
+@pytest.mark.parametrize("words", [["a"], ["--mcap"], ["a", "--obj"], ["a", "b", "--mcap"]])
 def test_what_is_no_export_is_refused(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["export", *words]) == 2
     assert "lagsplat export FOLDER --mcap" in capsys.readouterr().err
