@@ -21,9 +21,9 @@ FLAT = 1e-9
 def export_ply(autoencoder: Autoencoder, chart: Chart, q: Float64[np.ndarray, " d"], out: Path) -> None:
     """Write the Gaussians that are present at the whitened state ``q``.
 
-    Coordinates are those of the film's camera, x to the right, y down, z ahead, in units of its pivot's depth;
-    Gaussians of the picture lie on a plane there, in the order in which they cover each other. The background
-    colour is not a Gaussian and is left out.
+    Coordinates are those of the film's camera, x to the right, y down, z ahead, in units of the depth of its
+    pivot; Gaussians of the picture lie on a plane there, in the order in which they cover each other. The
+    background colour is not a Gaussian and is left out.
 
     Raises:
         ValueError: the state has another dimension, is not finite, or nothing is present there.

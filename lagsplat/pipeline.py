@@ -75,7 +75,7 @@ def fit(experiment: Config, *, out: Path, header: Mapping[str, Any]) -> Run:
     if experiment.views is not None:
         novel = obtain_views(
             experiment.views, recording, experiment.recording, released=experiment.release,
-            states=None if truth is None else truth.states,
+            states=None if truth is None else truth.states, cache=out / "sharp",
         )  # fmt: skip
         save_views(out / "views.safetensors", novel, header)
     autoencoder, _ = fit_autoencoder(

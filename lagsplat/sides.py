@@ -7,6 +7,7 @@ from pathlib import Path
 from lagsplat.io.config import RecordingConfig
 from lagsplat.io.read import read_recording
 from lagsplat.io.recording import Recording
+from lagsplat.lifted import sharp_views
 from lagsplat.shapes import Series
 from lagsplat.systems.release_config import ReleaseConfig
 from lagsplat.systems.sides import true_views
@@ -25,10 +26,12 @@ def obtain_views(
     *,
     released: ReleaseConfig | None,
     states: Series | None,
+    cache: Path,
 ) -> NovelViews:
     """Novel views of ``recording``, which ``source`` describes.
 
-    ``released`` and ``states`` are the stand-in and its true states, where the recording is simulated.
+    ``released`` and ``states`` are the stand-in and its true states, where the recording is simulated;
+    ``cache`` is the folder for lifted frames unless the settings name another.
 
     Raises:
         ValueError: the kind of views does not suit the recording, or as the source of the views.
@@ -41,6 +44,10 @@ def obtain_views(
                 "recording=simulated and such a system, or views=rig or views=none"
             )
         return true_views(released, states, config.arrangement)
+    if config.sharp is not None and config.kind == "sharp":
+        assert config.arrangement is not None, "checked with the settings"
+        folder = cache if config.sharp.cache is None else Path(config.sharp.cache).expanduser()
+        return sharp_views(recording, config.sharp, config.arrangement, folder)
     assert config.rig is not None, "checked with the settings"
     if source.kind != "video" or source.path is None:
         raise ValueError(

@@ -49,6 +49,7 @@ LAYERS = (
         "exhibits",
         "shown",
         "pair",
+        "lifted",
         "sides",
         "spatial",
         "gap",

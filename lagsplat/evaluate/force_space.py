@@ -49,12 +49,12 @@ class SpacePush:
             "depth": self.hit.depth,
             "cover": self.hit.cover,
             "size": self.size,
-            "across": self.directions[0],
+            "across": self.directions[0].tolist(),
             "felt_across": pulled / float(torch.linalg.matrix_norm(self.grip.jacobian, 2)),
             "pulled_across": self.size * pulled,
             "shift_across": float(shifts[0]),
             "shift_down": float(shifts[1]),
-            "state_down": self.states[2],
+            "state_down": self.states[2].tolist(),
         }
 
 

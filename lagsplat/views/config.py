@@ -42,20 +42,51 @@ class SupervisionConfig:
 
 
 @dataclass
+class SharpConfig:
+    """The user's own installation of SHARP, and how its scenes become views.
+
+    Its weights may be used for research only: they are neither part of this project nor fetched by it.
+    """
+
+    command: str | None
+    """Program and first words of the command line, such as `sharp`; null asks for it."""
+    checkpoint: str | None
+    """File of the weights; null asks for it."""
+    cache: str | None
+    """Folder of the lifted frames and views; null keeps them beside the recording's results."""
+    focal_35mm: float
+    """Focal length of the film's camera as for 35 mm film, by which depths are metric."""
+    upscale: int
+    """Frames are enlarged this many times before they are lifted."""
+    keep_clouds: bool
+    """Whether the lifted frames, 66 MB each, stay in the cache once their views are drawn."""
+    blur_px2: float
+    """Variance that is added to drawn covariances; the network's own renders add none."""
+
+    def __post_init__(self) -> None:
+        """Check the domains."""
+        _require("sharp.focal_35mm", self.focal_35mm, self.focal_35mm > 0, "must be positive [mm]")
+        _require("sharp.upscale", self.upscale, self.upscale >= 1, "must be at least 1")
+        _require("sharp.blur_px2", self.blur_px2, self.blur_px2 >= 0, "must not be negative")
+
+
+@dataclass
 class ViewsConfig:
     """Where pictures from other sides come from, and what they teach."""
 
     kind: str
-    """``simulated``: the stand-in's own scene; ``rig``: calibrated cameras."""
+    """``simulated``: the stand-in's own scene; ``rig``: calibrated cameras; ``sharp``: a network's guess."""
     rig: str | None
     """For kind rig: the JSON that describes the cameras, see `lagsplat.views.rig`."""
+    sharp: SharpConfig | None
+    """For kind sharp: how the network is run."""
     arrangement: ArrangementConfig | None
-    """For kind simulated: where the cameras stand."""
+    """For the other two: where the cameras stand."""
     supervision: SupervisionConfig
 
     def __post_init__(self) -> None:
         """Check the kind and what it needs."""
-        needs = {"simulated": ["arrangement"], "rig": ["rig"]}
+        needs = {"simulated": ["arrangement"], "rig": ["rig"], "sharp": ["sharp", "arrangement"]}
         _require("kind", self.kind, self.kind in needs, f"is none of {', '.join(needs)}")
         for key in needs[self.kind]:
             _require(key, None, getattr(self, key) is not None, f"but kind {self.kind} needs it")

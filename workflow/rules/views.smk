@@ -42,6 +42,8 @@ rule views:
         release=section("release"),
         before=before("views"),
         code=script_digest(SCRIPTS / "views.py"),
+        # Not an output: lifted frames took long and outlive a failed or killed job.
+        cache="results/{profile}/{recording}/{system}/sharp",
     message:
         "Views of {wildcards.system} ({wildcards.recording}) from other sides"
     script:

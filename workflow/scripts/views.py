@@ -1,5 +1,7 @@
 """Make pictures of a recording's instants from other sides."""
 
+from pathlib import Path
+
 from lagsplat.io.config import RecordingConfig
 from lagsplat.io.recording import load_recording
 from lagsplat.job import Job
@@ -16,5 +18,6 @@ with Job(snakemake) as job:
         job.section(RecordingConfig, "source"),
         released=job.choice(ReleaseConfig, "release"),
         states=load_truth(job.input.truth)[0].states if job.input.truth else None,
+        cache=Path(job.params.cache),
     )
     save_views(job.output.views, views, job.header)

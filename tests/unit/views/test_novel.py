@@ -8,7 +8,7 @@ import pytest
 
 from lagsplat.views.arrangement import arrange
 from lagsplat.views.camera import look_at
-from lagsplat.views.config import ArrangementConfig, SupervisionConfig, ViewsConfig
+from lagsplat.views.config import ArrangementConfig, SharpConfig, SupervisionConfig, ViewsConfig
 from lagsplat.views.novel import NovelViews, load_views, require_views, save_views
 from lagsplat.views.space import Space
 
@@ -119,7 +119,9 @@ def test_settings_outside_their_domain_are_named() -> None:
     ):
         with pytest.raises(ValueError, match=rf"views\.{key}="):
             replace(ARRANGEMENT, **values)
-    with pytest.raises(ValueError, match=r"views\.kind=photos is none of simulated, rig"):
-        ViewsConfig("photos", None, ARRANGEMENT, supervision)
+    with pytest.raises(ValueError, match=r"views\.sharp\.focal_35mm=0"):
+        SharpConfig(None, None, None, focal_35mm=0.0, upscale=1, keep_clouds=False, blur_px2=0.3)
+    with pytest.raises(ValueError, match=r"views\.kind=photos is none of simulated, rig, sharp"):
+        ViewsConfig("photos", None, None, ARRANGEMENT, supervision)
     with pytest.raises(ValueError, match=r"views\.rig=None but kind rig needs it"):
-        ViewsConfig("rig", None, None, supervision)
+        ViewsConfig("rig", None, None, None, supervision)

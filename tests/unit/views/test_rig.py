@@ -109,7 +109,7 @@ def views_of(folder: Path, **changes: object) -> NovelViews:
     config = compose("system=pendulum", "views=rig", f"views.rig={rig}").views
     front = source(film(folder / "front.mp4"))
     assert config is not None
-    return obtain_views(config, read_recording(front), front, released=None, states=None)
+    return obtain_views(config, read_recording(front), front, released=None, states=None, cache=Path())
 
 
 def test_films_become_views_of_the_recordings_size(tmp_path: Path) -> None:
@@ -143,4 +143,4 @@ def test_a_rig_wants_whole_films(tmp_path: Path) -> None:
         (replace(front, crop=[0, 0, 32, 24]), "use whole pictures"),
     ):
         with pytest.raises(ValueError, match=message):
-            obtain_views(config, recording, wrong, released=None, states=None)
+            obtain_views(config, recording, wrong, released=None, states=None, cache=Path())
