@@ -25,9 +25,15 @@ PAPER = {
 
 
 def invariants_rows(
-    runs: Sequence[Mapping[str, Any]], metrics: Sequence[dict[str, Any]]
+    runs: Sequence[Mapping[str, Any]],
+    metrics: Sequence[dict[str, Any]],
+    *,
+    solid: Sequence[tuple[Mapping[str, Any], dict[str, Any]]] = (),
 ) -> list[dict[str, Any]]:
-    """A row for each system, medians over seeds, and the paper's own for the system it gives them of."""
+    """A row for each system, medians over seeds, and the paper's own for the system it gives them of.
+
+    ``solid`` are runs with Gaussians in space and the numbers of `lagsplat.evaluate.force_space`: a row each.
+    """
     rows: list[dict[str, Any]] = []
     for place, variants in grouped(runs, metrics).items():
         for members in variants.values():
@@ -42,6 +48,16 @@ def invariants_rows(
                 {"system": place.system, "method": "paper", "recording": RECORDING, "profile": "the paper's"}
                 | PAPER
             )
+    for run, numbers in solid:
+        rows.append(
+            {
+                "system": run["system"],
+                "method": "ours, in space",
+                "across": numbers["felt_across"],
+                "n_seeds": 1,
+            }
+            | {key: run[key] for key in ("recording", "profile")}
+        )
     return rows
 
 
@@ -63,7 +79,7 @@ def latex_invariants(rows: Sequence[Mapping[str, Any]], *, titles: Mapping[str, 
         r"& \multicolumn{3}{c}{Lever} & Background & \multicolumn{2}{c}{Sums} & Chart & Across \\",
         r"& rank & sign (\%) & ends & on / off & forces & answers & picture & \\",
     ]
-    ours = frame[frame["method"] == "ours"]
+    ours = frame[frame["method"] != "paper"]
     shown = " and ".join(sorted(set(ours["recording"].astype(str))))
     profiles = " and ".join(sorted(set(ours["profile"].astype(str))))
     caption = (
@@ -73,8 +89,9 @@ def latex_invariants(rows: Sequence[Mapping[str, Any]], *, titles: Mapping[str, 
         "(one coordinate only). Background: typical answer on the object over the largest off it. Sums: "
         "relative error of a sum of two forces as pulled back, and of the answers to forces a hundred "
         "thousandth as large. Chart: largest change of a colour when solved in bent coordinates. Across: "
-        "share that is felt of a force across the motion. The paper's row holds its own numbers, on its "
-        "film of its rocker; its last is of a force in three dimensions, which is not built here."
+        "share that is felt of a force across the motion, in the picture or, for a system in space, "
+        "on what a ray met first. The paper's row holds its own numbers, on its film of its rocker; its last "
+        "is of a force in space, and not a share but the force itself."
     )
     return latex_float(
         head=head, body=body, columns="@{}lcccccccc@{}", caption=caption, label="tab:force-invariants"

@@ -9,7 +9,7 @@ import numpy as np
 from lagsplat.io.recording import Recording
 from lagsplat.io.video import read_video
 from lagsplat.systems.mechanism import Poses
-from lagsplat.systems.painting import Body, backdrop, paint
+from lagsplat.systems.painting import Body, Picture, backdrop, paint
 from lagsplat.systems.release_config import ReleaseConfig
 from lagsplat.systems.sprites import SHAPES, photograph
 from lagsplat.views.camera import Camera, look_at
@@ -39,15 +39,7 @@ def film_clips(
     """
     camera = camera or camera_of(config)
     scene, generator = config.scene, np.random.default_rng(seed)
-    wall = backdrop(
-        photograph(scene.background),
-        camera,
-        middle=(scene.target[0], scene.target[1]),
-        behind=scene.behind,
-        width=scene.background_width,
-    )
-    scale = camera.focal[0] / scene.distance
-    bodies = [Body(SHAPES[b.shape](b.size_m, scale), b.thickness_m, b.layers) for b in config.bodies]
+    wall, bodies = set_up(config, camera)
     with tempfile.TemporaryDirectory() as folder:
         for index, clip in enumerate(poses):
             path = Path(folder) / f"{index}.{scene.container}"
@@ -60,6 +52,19 @@ def film_clips(
             "release.scene.codec"
         )
     return recording
+
+
+def set_up(config: ReleaseConfig, camera: Camera) -> tuple[Picture, list[Body]]:
+    """The wall as a camera sees it, and the bodies at its scale."""
+    scene, scale = config.scene, camera.focal[0] / config.scene.distance
+    wall = backdrop(
+        photograph(scene.background),
+        camera,
+        middle=(scene.target[0], scene.target[1]),
+        behind=scene.behind,
+        width=scene.background_width,
+    )
+    return wall, [Body(SHAPES[b.shape](b.size_m, scale), b.thickness_m, b.layers) for b in config.bodies]
 
 
 def _write(

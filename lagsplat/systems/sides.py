@@ -4,12 +4,11 @@ import cv2
 import numpy as np
 from jaxtyping import UInt8
 
-from lagsplat.systems.film import camera_of
+from lagsplat.systems.film import camera_of, set_up
 from lagsplat.systems.mechanism import Poses, Series
-from lagsplat.systems.painting import Body, backdrop, paint
+from lagsplat.systems.painting import paint
 from lagsplat.systems.release import mechanism_of
 from lagsplat.systems.release_config import ReleaseConfig
-from lagsplat.systems.sprites import SHAPES, photograph
 from lagsplat.views.arrangement import arrange
 from lagsplat.views.camera import Camera
 from lagsplat.views.config import ArrangementConfig
@@ -39,16 +38,8 @@ def true_views(config: ReleaseConfig, states: Series, arrangement: ArrangementCo
 
 def photograph_scene(config: ReleaseConfig, poses: Poses, camera: Camera) -> UInt8[np.ndarray, "T H W 3"]:
     """What a camera sees of the bodies in their poses."""
-    scene, fine = config.scene, camera.resized(FINE * camera.height, FINE * camera.width)
-    wall = backdrop(
-        photograph(scene.background),
-        fine,
-        middle=(scene.target[0], scene.target[1]),
-        behind=scene.behind,
-        width=scene.background_width,
-    )
-    scale = fine.focal[0] / scene.distance
-    bodies = [Body(SHAPES[b.shape](b.size_m, scale), b.thickness_m, b.layers) for b in config.bodies]
+    fine = camera.resized(FINE * camera.height, FINE * camera.width)
+    wall, bodies = set_up(config, fine)
     return np.stack([_small(paint(wall, bodies, pose, fine), camera) for pose in poses])
 
 

@@ -126,6 +126,7 @@ rule force_invariants:
         metrics=lambda wildcards: [
             rules.forces.output.metrics.format(**run) for run in main_runs()
         ],
+        solid=expand(rules.force_space.output.metrics, solid=planned_spatial(overrides)),
     output:
         tex="results/tables/force_invariants.tex",
         csv=report(
@@ -145,8 +146,17 @@ rule force_invariants:
         mem_mb=500,
     params:
         runs=lambda wildcards: main_runs(),
-        titles=lambda wildcards: titles(main_runs()),
-        before=lambda wildcards: forces_before(main_runs()),
+        solid=[asdict(run) for run in planned_spatial(overrides).values()],
+        titles=lambda wildcards: titles(
+            [
+                *main_runs(),
+                *(asdict(run) for run in planned_spatial(overrides).values()),
+            ]
+        ),
+        before=lambda wildcards: [
+            forces_before(main_runs()),
+            [before("evaluate")(spatial(name)) for name in planned_spatial(overrides)],
+        ],
         code=script_digest(SCRIPTS / "force_invariants.py"),
     message:
         "Gather what holds of forces whatever the energy scale is"

@@ -6,6 +6,8 @@ from lagsplat.job import Job
 from lagsplat.report.force_invariants import invariants_rows, invariants_table, latex_invariants
 
 with Job(snakemake) as job:
-    rows = invariants_rows(job.params.runs, [load_json(path) for path in job.input.metrics])
+    solid = zip(job.params.solid, [load_json(path) for path in job.input.solid], strict=True)
+    metrics = [load_json(path) for path in job.input.metrics]
+    rows = invariants_rows(job.params.runs, metrics, solid=list(solid))
     write_text(job.output.csv, invariants_table(rows).to_csv(index=False))
     write_text(job.output.tex, latex_invariants(rows, titles=job.params.titles))

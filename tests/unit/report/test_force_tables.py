@@ -47,6 +47,14 @@ def test_the_paper_s_values_stand_beside_ours_and_say_so() -> None:
     assert math.isnan(invariants_table(other).astype({"left": float})["left"][0])
 
 
+def test_a_run_in_space_has_a_row_of_what_is_felt_across() -> None:
+    solid = [({**RUN, "system": "rocker_3d"}, {"felt_across": 7e-19})]
+    rows = invariants_rows([RUN], [{"invariants": INVARIANTS}], solid=solid)
+    assert [row["method"] for row in rows] == ["ours", "paper", "ours, in space"]
+    assert rows[-1]["across"] == 7e-19
+    assert r"$7\cdot 10^{-19}$" in latex_invariants(rows, titles={"rocker_3d": "rocker in space"})
+
+
 def test_seeds_are_brought_together_by_their_median() -> None:
     other = {**INVARIANTS, "background": {"largest": 0.003, "typical": 0.5, "ratio": 100.0}}
     rows = invariants_rows([RUN, {**RUN, "seed": 1}], [{"invariants": INVARIANTS}, {"invariants": other}])
