@@ -76,9 +76,11 @@ def body_points(autoencoder: Autoencoder, chart: Chart, *, seed: int = 0) -> Bod
         raw = gaussians.jacobian().double().numpy()
         centre = gaussians.center.double().numpy()
         own = gaussians.latent_center.double().numpy()
-        area = gaussians.shape_log_diagonal.sum(1).exp().double().numpy()
-    jacobian = np.einsum("kcj,ij->kic", raw, chart.unwhiten)
+        area = gaussians.shape_log_diagonal[:, :2].sum(1).exp().double().numpy()
     rest = centre + np.einsum("kcj,kj->kc", raw, chart.mean - own)
+    if gaussians.space == 3:
+        rest, raw = _pictured(autoencoder, rest, raw)
+    jacobian = np.einsum("kcj,ij->kic", raw, chart.unwhiten)
     moves = np.sqrt((jacobian**2).sum(axis=(1, 2)))
     weight = presence * area * moves
     inside = np.all((rest > 0.0) & (rest < [autoencoder.width, autoencoder.height]), axis=1)
@@ -93,6 +95,17 @@ def body_points(autoencoder: Autoencoder, chart: Chart, *, seed: int = 0) -> Bod
     found = KMeans(number, n_init=1, random_state=seed).fit(features, sample_weight=weight[kept])
     middle = found.cluster_centers_
     return Body(middle[:, :2].copy(), middle[:, 2:].reshape(number, -1, 2))
+
+
+def _pictured(
+    autoencoder: Autoencoder, places: np.ndarray, jacobian: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Where the film shows points of space (K, 3), and how they move in it for their Jacobians (K, 3, d)."""
+    view = autoencoder.filmed_view(autoencoder.gaussians.center)
+    focal, middle = (part[0].double().numpy() for part in (view.focal, view.middle))
+    slope = places[:, :2] / places[:, 2:]
+    moved = jacobian[:, :2] - slope[:, :, None] * jacobian[:, 2:]
+    return focal * slope + middle, focal[:, None] * moved / places[:, 2:, None]
 
 
 def frames_at(recording: Recording, time_s: np.ndarray) -> np.ndarray:

@@ -17,7 +17,7 @@ from lagsplat.views.camera import Camera, orbit
 
 SIDES = ((0.0, 0.0), (-12.0, 4.0), (12.0, -4.0))
 """Yaw and pitch of the columns [degree], about the pivot."""
-ARROW = 0.3
+ARROW = 0.4
 """Of the picture's smaller side, at the pivot's depth."""
 FAINT = 1e-3
 """A shift below it is told by its order of magnitude."""
@@ -37,7 +37,6 @@ def draw_space_push(held: Held, push: SpacePush, *, title: str) -> Figure:
     length = ARROW * min(height, width)
     cameras = [sideways(held, yaw, pitch) for yaw, pitch in SIDES]
     q = torch.from_numpy(push.states)
-    shifts = push.states - push.states[0]
     names = ("no force", "a force across the motion", "a force downwards")
     with paper_style():
         side = PAGE_IN / 3.0
@@ -50,7 +49,7 @@ def draw_space_push(held: Held, push: SpacePush, *, title: str) -> Figure:
                 if row:
                     foot = push.grip.place(q[row]).numpy()
                     _arrow(axis, camera, foot, length * push.directions[row - 1])
-                told = f"yaw {yaw:+.0f}°, pitch {pitch:+.0f}°" if row == 0 else _moved(shifts[row])
+                told = f"yaw {yaw:+.0f}°, pitch {pitch:+.0f}°" if row == 0 else _moved(push, row)
                 axis.set_title(f"({ascii_lowercase[3 * row + column]}) {told}", loc="left")
                 axis.set(xticks=[], yticks=[], xlim=(0, width), ylim=(height, 0))
         for axis, name in zip(axes[:, 0], names, strict=True):
@@ -73,11 +72,14 @@ def sideways(held: Held, yaw_deg: float, pitch_deg: float) -> Camera:
     return orbit(front, focal[0], yaw_deg=yaw_deg, pitch_deg=pitch_deg)
 
 
-def _moved(shift: Float64[np.ndarray, " d"]) -> str:
-    size = float(np.linalg.norm(shift))
-    if size < FAINT:
-        return r"$|\Delta q|$ = " + (f"{size:.0e}" if size else "0")
-    return r"$\Delta q$ = " + ", ".join(f"{x:+.2f}" for x in shift)
+def _moved(push: SpacePush, row: int) -> str:
+    """The pull-back of the row's force, and how far it moves the state."""
+    shift = push.states[row] - push.states[0]
+    load = push.size * push.grip.pull_back(torch.from_numpy(push.directions[row - 1])).norm()
+    pulled, size = (f"{value:.0e}" if value else "0" for value in (float(load), float(np.linalg.norm(shift))))
+    if np.linalg.norm(shift) < FAINT:
+        return rf"$|J^T f|$ = {pulled}, $|\Delta q|$ = {size}"
+    return rf"$|J^T f|$ = {pulled}, $\Delta q$ = " + ", ".join(f"{x:+.2f}" for x in shift)
 
 
 def _arrow(axis: Axes, camera: Camera, foot: Float64[np.ndarray, "3"], way: Float64[np.ndarray, "3"]) -> None:

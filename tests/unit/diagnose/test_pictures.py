@@ -5,7 +5,9 @@ import pytest
 import torch
 
 from lagsplat.diagnose.pictures import body_points, drawing_errors, drawn, evenly, measured
+from lagsplat.report.force_space import sideways
 from tests.unit.evaluate import tiny_run
+from tests.unit.forces.solid import turning
 
 
 @pytest.fixture(scope="module")
@@ -60,3 +62,17 @@ def test_a_run_in_which_nothing_moves_is_refused(parts):
         body_points(model, chart)
     with torch.no_grad():
         model.gaussians.coupling.copy_(kept)
+
+
+def test_points_in_space_stand_and_move_where_the_film_shows_them():
+    held = turning()
+    body = body_points(held.autoencoder, held.chart)
+    camera = sideways(held, 0.0, 0.0)
+    places = held.kinematics.places(torch.tensor([[0.0], [1e-4]], dtype=torch.float64)).numpy()
+    on = held.kinematics.geometry.jacobian[:, :, 0].norm(dim=1).numpy() > 0
+    seen = np.stack([camera.project(at[on]) for at in places])
+    moved = (seen[1] - seen[0]) / 1e-4
+    for place, jacobian in zip(body.rest, body.jacobian[:, 0], strict=True):
+        near = np.linalg.norm(seen[0] - place, axis=1).argmin()
+        assert np.linalg.norm(seen[0][near] - place) < 2.5
+        assert np.linalg.norm(moved[near] - jacobian) < 0.4
