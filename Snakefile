@@ -8,6 +8,7 @@ report: "workflow/report/workflow.rst"
 
 include: "workflow/rules/common.smk"
 include: "workflow/rules/recording.smk"
+include: "workflow/rules/views_paths.smk"
 include: "workflow/rules/views.smk"
 include: "workflow/rules/stage1.smk"
 include: "workflow/rules/chart.smk"
