@@ -36,6 +36,7 @@ from lagsplat.stage2.config import Stage2Config
 from lagsplat.systems.config import SimulationConfig
 from lagsplat.systems.planted_config import PlantsConfig
 from lagsplat.systems.release_config import ReleaseConfig
+from lagsplat.viewer.config import ViewerConfig
 from lagsplat.views.config import ViewsConfig
 
 CONF = Path(__file__).resolve().parents[1] / "conf"
@@ -61,6 +62,7 @@ GROUPS = (
     "diagnose",
     "blind",
     "planted",
+    "viewer",
 )
 OPEN_TABLES = ("diagnose.columns",)
 """Tables of ``conf/`` whose keys are the user's own."""
@@ -148,6 +150,7 @@ class Config:
     blind: BlindConfig
     planted: PlantsConfig
     """Effects to be found again: what the second recordings of a simulated arm have."""
+    viewer: ViewerConfig
 
     def __post_init__(self) -> None:
         """Check that every name and seed of the protocol can be run."""

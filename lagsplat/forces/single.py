@@ -72,6 +72,29 @@ class Single:
         mass, velocity_force = self.mass.inertia(q, v)
         return np.linalg.solve(mass, force / self.edits.inertia + velocity_force)
 
+    def potential(self, q: Vector) -> float:
+        """``k V(q)``, zero at the rest state of the law."""
+        image = q
+        for inner, inner_bias, outer, outer_bias in self.blocks:
+            image = image + outer @ np.tanh(inner @ image + inner_bias) + outer_bias
+        offset = image - self.rest_image
+        value = 0.5 * offset @ self.stiffness @ offset
+        if self.convex is not None:
+            head = self.convex.head[0]
+            rise = self.convex.value(image, head) - self.convex.value(self.rest_image, head)
+            value = value + rise - offset @ self.rest_slope
+        return float(self.edits.stiffness * value)
+
+    def kinetic(self, q: Vector, v: Vector) -> float:
+        """``m v.M v / 2`` at a velocity in 1/s."""
+        w = v * self.unit_s
+        return float(0.5 * self.edits.inertia * w @ self.mass.product(q, w))
+
+    def dissipated_power(self, q: Vector, v: Vector) -> float:
+        """``c v.C v`` per second, at a velocity in 1/s."""
+        w = v * self.unit_s
+        return float(self.edits.damping * w @ self.damping.product(q, w) / self.unit_s)
+
     def step(
         self, q: Vector, v: Vector, u: Float64[np.ndarray, " n_u"], load: Vector, *, dt_s: float
     ) -> tuple[Vector, Vector]:
@@ -96,6 +119,10 @@ class _Convex:
         self.first, self.first_bias = _array(net.first), _array(net.first_bias)
         self.second, self.second_bias = _array(net.second), _array(net.second_bias)
         self.between, self.head = _array(between), _array(net.head)
+
+    def value(self, x: Vector, head: Float64[np.ndarray, " h"]) -> float:
+        h1 = np.logaddexp(0.0, self.first @ x + self.first_bias)
+        return np.logaddexp(0.0, self.second @ x + self.second_bias + self.between @ h1) @ head
 
     def gradient(self, x: Vector, head: Float64[np.ndarray, " h"]) -> Vector:
         z1 = self.first @ x + self.first_bias

@@ -40,12 +40,12 @@ def rasterize(
             f"the numba rasteriser draws float32 tensors on the CPU, got {means.dtype} on {means.device}: "
             "convert them, or choose the backend 'torch' (float64) or 'gsplat' (CUDA)"
         )
-    slices, color = (each if each.ndim == 3 else each[None] for each in (_slices(covariance), color))
+    slices, color = (each if each.ndim == 3 else each[None] for each in (slices_of(covariance), color))
     images: Tensor = _Rasterize.apply(means, slices, opacity, color, background, height, width)
     return images
 
 
-def _slices(covariance: Float[Tensor, "*S K 3"]) -> Float[Tensor, "*S K 5"]:
+def slices_of(covariance: Float[Tensor, "*S K 3"]) -> Float[Tensor, "*S K 5"]:
     """The slices of the blurred covariances, as `kernel_tile` defines them.
 
     NaN where there is nothing to draw; the gradient there is zero.

@@ -1,0 +1,130 @@
+"""What the interactive simulation costs: steps and pictures a second, and the time from a drag to its
+picture.
+
+Run as ``python benchmarks/viewer.py [RUN ...]``; without folders of fitted runs, on a law and a cloud of
+Gaussians of the default form alone. Pictures have 256 x 256 pixels and 15 000 Gaussians, as in the paper's
+mark of 80 pictures a second on a GPU. Latency is from the moment at which a drag reaches the server to its
+drawn and encoded picture, with both clocks running.
+"""
+
+import statistics
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import torch
+
+from benchmarks.forces import default_law
+from lagsplat.config import compose
+from lagsplat.forces.grip import Point
+from lagsplat.forces.held import Held, hold
+from lagsplat.forces.stepper import stepper
+from lagsplat.pipeline import open_run
+from lagsplat.splat.gaussians import Gaussians
+from lagsplat.splat.one_picture import OnePicture
+from lagsplat.viewer.easel import Easel
+from lagsplat.viewer.loop import Loop
+from lagsplat.viewer.recorded import recorded_of
+from lagsplat.viewer.session import Session, Snapshot
+
+SIDE, COUNT = 256, 15_000
+DRAGS = 100
+
+
+def rate(action: Callable[[], object], seconds: float = 3.0) -> float:
+    """How often a second."""
+    action()
+    began, times = time.perf_counter(), 0
+    while time.perf_counter() < began + seconds:
+        action()
+        times += 1
+    return times / (time.perf_counter() - began)
+
+
+def big_cloud(d: int) -> Gaussians:
+    """Gaussians over the whole picture, each as wide as it takes to cover it, gated as a decoder does it."""
+    torch.manual_seed(0)
+    cloud = Gaussians(COUNT, d)
+    with torch.no_grad():
+        cloud.center.uniform_(0.0, SIDE)
+        cloud.latent_center.normal_()
+        cloud.coupling.normal_(0.0, 4.0)
+        cloud.shape_log_diagonal.uniform_(0.3, 0.9)
+        cloud.opacity_logit.normal_(1.0)
+        cloud.color_logit.normal_()
+        cloud.precision_log_diagonal.fill_(-0.7)
+    return cloud
+
+
+def encoded(picture: np.ndarray) -> bytes:
+    return cv2.imencode(".jpg", picture[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, 90])[1].tobytes()
+
+
+def measure_parts(d: int, n_inputs: int) -> None:
+    law = stepper(default_law(d, n_inputs, compose().stage2.form))
+    q, u, load = np.zeros(d), np.zeros(n_inputs), np.ones(d)
+    steps = rate(lambda: law.step(q, q, u, load, dt_s=0.005))
+    drawer = OnePicture(big_cloud(d), height=SIDE, width=SIDE, stretch=(1.0, 1.0))
+    drawn = rate(lambda: drawer.draw(q))
+    whole = rate(lambda: (law.step(q, q, u, load, dt_s=0.005), encoded(drawer.draw(q))))
+    print(f"d = {d}: {steps:.0f} steps/s; {drawn:.0f} pictures/s; with a step and JPEG {whole:.0f}/s")
+
+
+def object_at(held: Held) -> Point:
+    """Where the matter is that moves most."""
+    kinematics = held.kinematics
+    most = kinematics.geometry.jacobian.flatten(1).norm(dim=1) * kinematics.presence(held.rest[None])[0]
+    place = kinematics.places(held.rest[None])[0, most.argmax()]
+    x, y = place.clamp(
+        torch.ones(2), torch.tensor([kinematics.width - 1.0, kinematics.height - 1.0])
+    ).tolist()
+    return x, y
+
+
+def measure_run(folder: str) -> None:
+    run, settings = open_run(Path(folder)), compose()
+    held = hold(run.autoencoder, run.chart, run.lagrangian)
+    recorded = recorded_of(run.chart, names=run.recording.input_names, units=run.recording.input_units)
+    session = Session(held, recorded, settings.viewer, settings.forces)
+    easel = Easel(run.autoencoder, run.chart, side=settings.viewer.side)
+    alone = Session(held, recorded, settings.viewer, settings.forces)
+    steps, pictures = rate(alone.step), rate(lambda: encoded(easel.draw(alone.q)))
+    taken: dict[float, float] = {}
+
+    def show(snapshot: Snapshot) -> None:
+        encoded(easel.draw(snapshot.q))
+        if snapshot.asked_s is not None:
+            taken.setdefault(snapshot.asked_s, 1e3 * (time.perf_counter() - snapshot.asked_s))
+
+    loop = Loop(session, show, pictures_hz=settings.viewer.pictures_hz)
+    loop.start()
+    at = object_at(held)
+    loop.tell(lambda s: s.grasp(at))
+    for i in range(DRAGS):
+        drag, now = np.array([np.sin(0.3 * i), 0.0]), time.perf_counter()
+        loop.tell(lambda s, drag=drag, now=now: s.pull(drag, asked_s=now))
+        time.sleep(0.05)
+    kept = loop.rates()
+    loop.stop()
+    latency = statistics.median(taken.values())
+    print(
+        f"{folder}: d = {held.law.d}, {held.kinematics.center.shape[0]} Gaussians, recording at "
+        f"{1 / session.dt_s:.0f} Hz: up to {steps:.0f} session steps/s, {pictures:.0f} pictures/s; live "
+        f"{kept[0]:.0f} steps/s and {kept[1]:.0f} pictures/s, drag to picture {latency:.1f} ms median, "
+        f"{max(taken.values()):.1f} ms at most of {len(taken)}"
+    )
+
+
+def main() -> None:
+    torch.set_num_threads(1)
+    measure_parts(1, 0)
+    measure_parts(4, 4)
+    for folder in sys.argv[1:]:
+        measure_run(folder)
+
+
+if __name__ == "__main__":
+    main()

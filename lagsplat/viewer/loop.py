@@ -1,0 +1,129 @@
+"""Two clocks: one thread steps a session in real time, another draws its latest snapshot as fast as it may.
+
+Whoever else wants something of the session leaves a command; commands take effect between two steps.
+"""
+
+import logging
+import queue
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+from lagsplat.viewer.clock import Clock
+from lagsplat.viewer.session import Session, Snapshot
+
+IDLE_S = 0.25
+RATE_S = 1.0
+log = logging.getLogger(__name__)
+Command = Callable[[Session], Any]
+
+
+class Loop:
+    """Runs a session until `stop`.
+
+    ``show`` is called with snapshots in a thread of its own, never with two at once and at most
+    ``pictures_hz`` times a second; what happens in between is skipped. ``refuse`` is told why a command was
+    refused.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        show: Callable[[Snapshot], None],
+        *,
+        pictures_hz: float,
+        refuse: Callable[[str], None] = log.warning,
+    ) -> None:
+        self.session, self.show, self.refuse, self.period_s = session, show, refuse, 1.0 / pictures_hz
+        self.clock = Clock(session.dt_s, now_s=time.perf_counter())
+        self.commands: queue.SimpleQueue[Command] = queue.SimpleQueue()
+        self.over = threading.Event()
+        self.fresh, self.latest = threading.Condition(), session.snapshot()
+        self.stepped: deque[tuple[float, int]] = deque()
+        self.drawn: deque[float] = deque()
+        self.threads = [
+            threading.Thread(target=self._dynamics, name="dynamics", daemon=True),
+            threading.Thread(target=self._pictures, name="pictures", daemon=True),
+        ]
+
+    def start(self) -> None:
+        """Begin to run."""
+        for thread in self.threads:
+            thread.start()
+
+    def stop(self) -> None:
+        """End both threads, and wait for them."""
+        self.over.set()
+        self.tell(lambda session: None)
+        with self.fresh:
+            self.fresh.notify_all()
+        for thread in self.threads:
+            thread.join(timeout=5.0)
+
+    def tell(self, command: Command) -> None:
+        """Have ``command`` called with the session between two steps; from any thread, at once."""
+        self.commands.put(command)
+
+    def rates(self) -> tuple[float, float]:
+        """Steps and pictures of the last second."""
+        now = time.perf_counter()
+        steps = sum(count for at, count in list(self.stepped) if at > now - RATE_S)
+        return steps / RATE_S, sum(at > now - RATE_S for at in list(self.drawn)) / RATE_S
+
+    def _dynamics(self) -> None:
+        while not self.over.is_set():
+            running = self.session.status == "running"
+            wait_s = self.clock.wait_s() if running else IDLE_S
+            changed = self._obey(wait_s)
+            now = time.perf_counter()
+            due = self.clock.due(now, running=running)
+            for _ in range(due):
+                self.session.step()
+            if due:
+                self.stepped.append((now, due))
+                while self.stepped[0][0] < now - RATE_S:
+                    self.stepped.popleft()
+            if due or changed:
+                with self.fresh:
+                    self.latest = self.session.snapshot()
+                    self.fresh.notify_all()
+
+    def _obey(self, wait_s: float) -> bool:
+        """Carry out what was asked for, waiting for a first command; whether there was any."""
+        try:
+            command = self.commands.get(timeout=max(0.0, wait_s))
+        except queue.Empty:
+            return False
+        while True:
+            try:
+                command(self.session)
+            except ValueError as error:
+                self.refuse(str(error))
+            except Exception:  # a command must not end the session of everyone else
+                log.exception("a command failed; the session goes on")
+                self.refuse("That failed inside; the session goes on. The server's log says why.")
+            try:
+                command = self.commands.get_nowait()
+            except queue.Empty:
+                return True
+
+    def _pictures(self) -> None:
+        shown: Snapshot | None = None
+        while not self.over.is_set():
+            with self.fresh:
+                self.fresh.wait_for(lambda: self.latest is not shown or self.over.is_set(), timeout=IDLE_S)  # noqa: B023
+                snapshot = self.latest
+            if snapshot is shown or self.over.is_set():
+                continue
+            began = time.perf_counter()
+            try:
+                self.show(snapshot)
+            except Exception:  # a picture that fails must not end the simulation
+                log.exception("a picture failed; the session goes on")
+            shown = snapshot
+            self.drawn.append(began)
+            while self.drawn[0] < began - RATE_S:
+                self.drawn.popleft()
+            self.over.wait(max(0.0, self.period_s - (time.perf_counter() - began)))

@@ -1,0 +1,18 @@
+"""Sessions in miniature: a rocking disc and a hanging strip, whose kinematics is known."""
+
+from lagsplat.config import compose
+from lagsplat.forces.held import Held
+from lagsplat.viewer.recorded import recorded_of
+from lagsplat.viewer.session import Session
+from tests.unit.forces.rocking import hanging, rocking
+
+
+def session(held: Held | None = None, *overrides: str) -> Session:
+    held = held or rocking()
+    settings = compose("system=toy", *overrides)
+    recorded = recorded_of(held.chart, names=("push",), units=("N",))
+    return Session(held, recorded, settings.viewer, settings.forces)
+
+
+def strip() -> Session:
+    return session(hanging())

@@ -1,0 +1,36 @@
+"""The books of energy: every flow is there, and nothing is left over but the integrator's own error."""
+
+import numpy as np
+import pytest
+
+from lagsplat.forces.loaded import Edits
+from lagsplat.forces.stepper import stepper
+from lagsplat.viewer.ledger import Ledger
+from tests.stage2_problems import random_lagrangian
+
+
+def left_over(dt_s: float) -> tuple[float, float]:
+    """Error of the books of one second with pushes, inputs and an edit, and the largest flow."""
+    base = random_lagrangian(2, 1, 3)
+    law, q, v = stepper(base), np.array([0.3, -0.2]), np.zeros(2)
+    books = Ledger(law, q, v)
+    for i in range(round(1.0 / dt_s)):
+        if i == round(0.5 / dt_s):
+            law = stepper(base, edits=Edits(stiffness=1.5, inertia=0.8, damping=2.0))
+            books.edit(law, q, v)
+        u, load = np.array([0.6 * (i * dt_s > 0.2)]), np.array([0.4, -0.1]) * (i * dt_s < 0.7)
+        after = law.step(q, v, u, load, dt_s=dt_s)
+        books.book(law, (q, v), after, u, load, dt_s=dt_s)
+        q, v = after
+    told = books.told()
+    flows = [abs(told.hand), abs(told.inputs), abs(told.edits), told.dissipated]
+    assert min(flows) > 0.0
+    assert told.total == pytest.approx(law.kinetic(q, v) + law.potential(q))
+    return told.error, max(flows)
+
+
+def test_nothing_is_left_over_but_an_error_of_second_order():
+    coarse, flow = left_over(0.02)
+    fine, _ = left_over(0.01)
+    assert abs(coarse) < 0.02 * flow
+    assert abs(fine) < 0.35 * abs(coarse)

@@ -1,0 +1,75 @@
+"""The two clocks: steps keep the wall's time, pictures skip, commands cannot end a session."""
+
+import threading
+import time
+
+import pytest
+
+from lagsplat.viewer.clock import Clock
+from lagsplat.viewer.loop import Loop
+from tests.unit.viewer.sessions import session
+
+
+def test_steps_fall_due_with_the_wall_and_what_is_late_is_forgotten():
+    clock = Clock(0.02, now_s=0.0)
+    assert clock.due(0.1) == 5
+    assert [clock.due(0.11), clock.due(0.12)] == [0, 1]
+    clock.speed = 2.0
+    assert clock.due(0.2) == 8
+    assert clock.due(9.0) == 25
+    assert clock.forgotten > 800
+    assert clock.due(10.0, running=False) == 0
+    assert clock.due(10.1) <= 10
+
+
+def test_real_time_is_kept_while_pictures_take_their_own():
+    shown, refused = [], []
+
+    def show(snapshot):
+        shown.append(snapshot)
+        time.sleep(0.05)
+
+    one = session()
+    loop = Loop(one, show, pictures_hz=100.0, refuse=refused.append)
+    loop.start()
+    began, first = time.perf_counter(), one.steps
+    time.sleep(1.0)
+    steps, took = one.steps - first, time.perf_counter() - began
+    assert steps * one.dt_s == pytest.approx(took, rel=0.2)
+    loop.stop()
+    assert len(shown) < 25
+    times = [snapshot.time_s for snapshot in shown]
+    assert times == sorted(times)
+    assert not any(thread.is_alive() for thread in loop.threads)
+
+
+def test_a_command_that_fails_is_told_and_the_session_goes_on():
+    refused, heard = [], threading.Event()
+    one = session()
+    loop = Loop(one, lambda snapshot: None, pictures_hz=50.0, refuse=refused.append)
+    loop.start()
+    loop.tell(lambda s: s.grasp((-5.0, 0.0)))
+    loop.tell(lambda s: 1 / 0)
+    loop.tell(lambda s: heard.set())
+    assert heard.wait(5.0)
+    assert "outside the picture" in refused[0]
+    assert "failed inside" in refused[1]
+    steps = one.steps
+    time.sleep(0.3)
+    assert one.steps > steps
+    loop.stop()
+
+
+def test_paused_it_stands_still_and_still_obeys():
+    one = session()
+    loop = Loop(one, lambda snapshot: None, pictures_hz=50.0)
+    loop.start()
+    loop.tell(lambda s: s.pause(True))
+    time.sleep(0.2)
+    steps = one.steps
+    done = threading.Event()
+    loop.tell(lambda s: (s.step(), done.set()))
+    assert done.wait(2.0)
+    time.sleep(0.2)
+    assert one.steps == steps + 1
+    loop.stop()

@@ -1,0 +1,156 @@
+"""A session without a browser: what a push does, what the books say, and what is refused."""
+
+import numpy as np
+import pytest
+import torch
+
+from lagsplat.forces.grip import NothingThereError
+from lagsplat.forces.rollout import push_along
+from tests.unit.viewer.sessions import session, strip
+
+TOP = (16.0, 6.0)
+RIGHT = np.array([4.0, 0.0])
+
+
+def run(one, steps: int):
+    for _ in range(steps):
+        one.step()
+    return one.snapshot()
+
+
+def test_a_push_moves_the_grasped_matter_with_it_and_it_returns():
+    one = session()
+    rest = one.q.copy()
+    one.grasp(TOP)
+    one.pull(RIGHT)
+    pushed = run(one, 20)
+    assert pushed.hand.place(pushed.q)[0] > TOP[0] + 0.1
+    one.release()
+    settled = run(one, 4000)
+    assert settled.hand is None
+    np.testing.assert_allclose(settled.q, rest, atol=1e-3)
+
+
+def test_a_drag_of_the_given_reach_drives_the_given_response():
+    one = session()
+    one.grasp(TOP)
+    one.pull(np.array([one.config.reach * one.held.kinematics.width, 0.0]))
+    one.edit(damping=20.0)
+    q = run(one, 6000).q
+    share = np.linalg.norm(q - one.held.rest.numpy()) / one.held.reach
+    assert 0.3 * one.forces.response < share < 3.0 * one.forces.response
+
+
+def test_a_hold_on_the_wall_is_told_and_moves_nothing():
+    one = session()
+    hand = one.grasp((2.0, 3.0))
+    one.pull(RIGHT)
+    assert hand.still
+    np.testing.assert_allclose(run(one, 60).q, one.held.rest.numpy(), atol=1e-6)
+
+
+def test_the_motion_is_that_of_the_rollout():
+    one = strip()
+    one.grasp((16.0, 20.0))
+    one.pull(RIGHT)
+    load = torch.from_numpy(one.hand.load)
+    start = torch.from_numpy(np.stack([one.q, one.v]))
+    u = torch.from_numpy(one.u).expand(1, 31, -1)
+    expected, _ = push_along(one.held.law, start[:1], start[1:], u, load.expand(1, 31, 2), dt_s=one.dt_s)
+    np.testing.assert_allclose(run(one, 30).q, expected[0, 30].numpy(), rtol=1e-6, atol=1e-8)
+
+
+def test_resets_go_to_rest_and_to_recorded_frames():
+    one = session()
+    run(one, 5)
+    one.to_frame(7)
+    np.testing.assert_array_equal(one.q, one.recorded.q[7])
+    assert one.snapshot().frame == 7
+    assert run(one, 1).frame == 8
+    one.to_rest()
+    np.testing.assert_allclose(one.q, one.held.rest.numpy(), atol=1e-9)
+    with pytest.raises(ValueError, match="frames 0 to 59"):
+        one.to_frame(60)
+
+
+def test_recorded_inputs_are_followed_and_begin_again_after_the_clip():
+    one = session()
+    one.recorded.u[:, 0] = np.linspace(0.0, 1.0, 60)
+    one.to_frame(58)
+    one.follow(True)
+    assert run(one, 1).u[0] == one.recorded.u[58, 0]
+    assert run(one, 2).u[0] == one.recorded.u[0, 0]
+    one.set_inputs(np.array([0.25]))
+    assert run(one, 3).u[0] == 0.25
+
+
+def test_beyond_the_recording_there_is_a_banner():
+    one = session()
+    assert one.snapshot().banner == ""
+    one.q = one.q + 2.0 * one.held.reach
+    assert "Beyond the recording" in one.snapshot().banner
+
+
+def test_a_motion_that_diverges_stops_says_so_and_can_be_reset():
+    one = session()
+    one.v = np.full(1, 1e9)
+    snapshot = run(one, 3)
+    assert snapshot.status == "stopped"
+    assert "diverged" in snapshot.banner
+    assert np.isfinite(snapshot.q).all()
+    one.to_rest()
+    assert run(one, 3).status == "running"
+
+
+def test_what_is_taped_can_be_done_again():
+    one = strip()
+    one.grasp((16.0, 20.0))
+    one.pull(RIGHT)
+    run(one, 20)
+    one.edit(damping=2.0)
+    one.to_frame(3)
+    run(one, 20)
+    taped = one.tape.read()
+    assert taped.segments == ((0, 20), (20, 40))
+    again = strip()
+    again.replay(taped)
+    run(again, 40)
+    assert again.playing is None
+    np.testing.assert_allclose(again.tape.read().q, taped.q, atol=1e-12)
+    with pytest.raises(ValueError, match="open the run"):
+        session().replay(taped)
+
+
+def test_one_poke_tells_the_energy_scale():
+    one = session()
+    with pytest.raises(ValueError, match="push the object once"):
+        one.calibrate(force=1.0, moved_px=1.0)
+    one.grasp(TOP)
+    one.pull(RIGHT)
+    kappa = one.calibrate(force=2.0, moved_px=1.0)
+    along = one.hand.grip.jacobian.numpy()[0]
+    answer = one.held.settled(torch.from_numpy(2.0 * kappa * along)[None]) - one.held.rest
+    assert float(along @ answer[0].numpy()) == pytest.approx(1.0, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    "act",
+    [
+        lambda one: one.grasp((99.0, 3.0)),
+        lambda one: one.grasp((float("nan"), 3.0)),
+        lambda one: one.edit(inertia=0.0),
+        lambda one: one.edit(stiffness=float("inf")),
+        lambda one: one.set_inputs(np.array([np.nan])),
+        lambda one: one.set_inputs(np.zeros(2)),
+        lambda one: (one.grasp(TOP), one.pull(np.array([np.inf, 0.0]))),
+    ],
+    ids=["outside", "nan", "massless", "rigid", "nan input", "two inputs", "endless"],
+)
+def test_what_makes_no_sense_is_refused_and_changes_nothing(act):
+    one = session()
+    before = one.snapshot()
+    with pytest.raises((ValueError, NothingThereError)):
+        act(one)
+    assert one.edits == before.edits
+    assert (one.u == before.u).all()
+    assert one.hand is None or not one.hand.force.any()
