@@ -9,7 +9,10 @@
     lagsplat diagnose sim=SIM real=FILES [out=FOLDER] [diagnose.key=value ...]
     lagsplat evaluate run=FOLDER out=metrics.json [evaluate.key=value ...]
     lagsplat weights --download [out=FOLDER]                    published weights, for baseline.weights=FOLDER
+    lagsplat view FOLDER [--no-browser] [diagnosis=FOLDER] [replay=session.mcap] [out=FOLDER]
+        [viewer.key=value ...]                                  the run in a browser, to be pushed
     lagsplat export FOLDER --mcap [out=run.mcap] [key=value ...]  a run for Foxglove
+    lagsplat export FOLDER --html [out=run.html]                one page to be pushed, without a server
     lagsplat export FOLDER --ply [out=run.ply] [frame=N | q=0.5,..]  a state for viewers of Gaussians
 
 ``input`` is a CSV with columns ``t`` [s] and ``u0, u1, ...``; between its rows inputs are interpolated.
@@ -29,8 +32,10 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lagsplat.config import Config, ConfigError, closest, compose
+from lagsplat.config import ConfigError, closest, compose
+from lagsplat.exporting import EXPORTS
 from lagsplat.provenance import let_waiting_threads_sleep
+from lagsplat.words import names_in, split
 
 if TYPE_CHECKING:
     import numpy as np
@@ -78,7 +83,7 @@ def _inspect(words: list[str]) -> None:
         if not any(word.startswith("recording.mcap.camera=") for word in words):
             return
         print()
-    experiment = _experiment([*_reading(path), *words[1:]])
+    experiment = compose(*_reading(path), *words[1:])
     kept = path.suffix == ".safetensors"
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -113,9 +118,9 @@ def _fit(words: list[str]) -> None:
     from lagsplat.pipeline import fit
     from lagsplat.provenance import code_digest, set_threads
 
-    own, rest = _split(words, needed=("out",), allowed=("out",))
+    own, rest = split(words, needed=("out",), allowed=("out",))
     set_threads(os.cpu_count() or 1)
-    experiment = _experiment(rest)
+    experiment = compose(*rest)
     header = {"config": asdict(experiment), "code": code_digest("lagsplat.pipeline")}
     fit(experiment, out=Path(own["out"]), header=header)
     print(own["out"])
@@ -125,7 +130,7 @@ def _evaluate(words: list[str]) -> None:
     from lagsplat.io.plain import save_json
     from lagsplat.pipeline import open_run, protocol, score
 
-    own, changes = _split(words, needed=("run", "out"), allowed=("run", "out"))
+    own, changes = split(words, needed=("run", "out"), allowed=("run", "out"))
     folder = Path(own["run"])
     run = open_run(folder)
     save_json(own["out"], score(run, protocol(folder, changes)))
@@ -135,7 +140,7 @@ def _evaluate(words: list[str]) -> None:
 def _weights(words: list[str]) -> None:
     from lagsplat.baselines.publication import FILES, NOTICE, fetch_weights
 
-    own, rest = _split([word for word in words if word != "--download"], needed=(), allowed=("out",))
+    own, rest = split([word for word in words if word != "--download"], needed=(), allowed=("out",))
     if rest:
         raise ConfigError(f"weights takes out=FOLDER and --download, not {rest[0]!r}")
     if "--download" not in words:
@@ -151,23 +156,31 @@ def _weights(words: list[str]) -> None:
 def _export(words: list[str]) -> None:
     folders = [word for word in words if "=" not in word and not word.startswith("--")]
     formats = [word for word in words if word.startswith("--")]
-    if len(folders) != 1 or formats not in (["--mcap"], ["--ply"]):
-        raise ConfigError("name one run and the format: lagsplat export FOLDER --mcap|--ply [out=FILE]")
-    from lagsplat.export import export_mcap
-    from lagsplat.export_ply import export_ply
-    from lagsplat.pipeline import open_run, protocol, state_of
-
-    folder, kind = Path(folders[0]), formats[0].removeprefix("--")
+    kind = formats[0].removeprefix("--") if len(formats) == 1 else ""
+    if len(folders) != 1 or kind not in EXPORTS:
+        raise ConfigError(
+            "name one run and the format: lagsplat export FOLDER --mcap|--html|--ply [out=FILE]"
+        )
     allowed = ("out", "frame", "q") if kind == "ply" else ("out",)
-    own, changes = _split([word for word in words if "=" in word], needed=(), allowed=allowed)
-    out, run = Path(own.get("out", str(folder / f"run.{kind}"))), open_run(folder)
-    if kind == "mcap":
-        export_mcap(run, protocol(folder, changes), out)
-    elif changes:
-        raise ConfigError(f"export --ply takes {', '.join(allowed)}, not {changes[0]!r}")
-    else:
-        export_ply(run.autoencoder, run.chart, state_of(run, own.get("frame"), own.get("q")), out)
+    own, changes = split([word for word in words if "=" in word], needed=(), allowed=allowed)
+    folder = Path(folders[0])
+    out = Path(own.get("out", str(folder / f"run.{kind}")))
+    EXPORTS[kind](folder, own, changes, out)
     print(out)
+
+
+def _view(words: list[str]) -> None:
+    from lagsplat.viewing import view
+
+    folders = [word for word in words if "=" not in word and not word.startswith("--")]
+    flags = [word for word in words if word.startswith("--")]
+    if len(folders) != 1 or flags not in ([], ["--no-browser"]):
+        raise ConfigError("name one fitted run: lagsplat view FOLDER [--no-browser] [viewer.port=8080]")
+    allowed = ("out", "replay", "diagnosis")
+    own, changes = split([word for word in words if "=" in word], needed=(), allowed=allowed)
+    if other := [word for word in changes if not word.startswith(("viewer.", "forces."))]:
+        raise ConfigError(f"view takes viewer.key and forces.key, {', '.join(allowed)}, not {other[0]!r}")
+    view(Path(folders[0]), compose(*changes), own, browser=not flags)
 
 
 def _simulate(words: list[str]) -> None:
@@ -179,7 +192,7 @@ def _simulate(words: list[str]) -> None:
     if any(Path(word[4:]).is_file() for word in words if word.startswith("run=")):
         _play(words)
         return
-    own, rest = _split(words, needed=("run", "out"), allowed=OWN)
+    own, rest = split(words, needed=("run", "out"), allowed=OWN)
     if rest:
         raise ConfigError(f"simulate takes {', '.join(OWN)} alone, not {rest[0]!r}: a run keeps its settings")
     if "input" in own and "seconds" in own:
@@ -203,7 +216,7 @@ def _play(words: list[str]) -> None:
     from lagsplat.io.drive import read_drive, read_state
 
     allowed = ("run", "out", "input", "seconds", "initial", "input_hold")
-    own, rest = _split(words, needed=("run", "out"), allowed=allowed)
+    own, rest = split(words, needed=("run", "out"), allowed=allowed)
     if rest:
         raise ConfigError(f"simulate takes {', '.join(allowed)} for such a file, not {rest[0]!r}")
     if "input" in own and "seconds" in own:
@@ -241,12 +254,12 @@ def _diagnose(words: list[str]) -> None:
     from lagsplat.gap import diagnose_files
     from lagsplat.report.diagnosis_text import paragraph
 
-    own, rest = _split(words, needed=("sim", "real"), allowed=("sim", "real", "out"))
+    own, rest = split(words, needed=("sim", "real"), allowed=("sim", "real", "out"))
     if other := [word for word in rest if not word.startswith("diagnose")]:
         raise ConfigError(f"diagnose takes sim, real, out and diagnose.key=value, not {other[0]!r}")
     out = Path(own.get("out", "diagnosis"))
     command = " ".join(["lagsplat diagnose", *words])
-    found = diagnose_files(own["sim"], own["real"], out, _experiment(rest).diagnose, command=command)
+    found = diagnose_files(own["sim"], own["real"], out, compose(*rest).diagnose, command=command)
     for text in found.warnings:
         print(f"warning: {text}", file=sys.stderr)
     print(paragraph(found))
@@ -257,33 +270,12 @@ def _apply(words: list[str]) -> None:
     from lagsplat.diagnose.apply import apply
 
     allowed = ("diagnosis", "sim", "out", "diagnose.joints", "diagnose.actuators")
-    own, rest = _split(words, needed=("diagnosis", "out"), allowed=allowed)
+    own, rest = split(words, needed=("diagnosis", "out"), allowed=allowed)
     if rest:
         raise ConfigError(f"apply takes {', '.join(allowed)}, not {rest[0]!r}")
-    names = {key: _names(own.get(f"diagnose.{key}")) for key in ("joints", "actuators")}
+    names = {key: names_in(own.get(f"diagnose.{key}")) for key in ("joints", "actuators")}
     apply(Path(own["diagnosis"]), own.get("sim"), out=Path(own["out"]), **names)
     print(own["out"])
-
-
-def _names(text: str | None) -> list[str] | None:
-    if text is None:
-        return None
-    return [name.strip() for name in text.strip("[]").split(",") if name.strip()]
-
-
-def _experiment(words: list[str]) -> Config:
-    return compose(*words)
-
-
-def _split(
-    words: list[str], *, needed: tuple[str, ...], allowed: tuple[str, ...]
-) -> tuple[dict[str, str], list[str]]:
-    """The command's own keys, and the overrides of the configuration."""
-    pairs = [(word, *word.partition("=")[::2]) for word in words]
-    own = {key: value for _, key, value in pairs if key in allowed}
-    if missing := [key for key in needed if not own.get(key)]:
-        raise ConfigError(f"{missing[0]}=... is missing")
-    return own, [word for word, key, _ in pairs if key not in allowed]
 
 
 VERBS: dict[str, Callable[[list[str]], None]] = {
@@ -292,6 +284,7 @@ VERBS: dict[str, Callable[[list[str]], None]] = {
     "simulate": _simulate,
     "diagnose": _diagnose,
     "evaluate": _evaluate,
+    "view": _view,
     "export": _export,
     "weights": _weights,
     "apply": _apply,

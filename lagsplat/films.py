@@ -17,10 +17,11 @@ from lagsplat.diagnose.result import Diagnosis
 from lagsplat.diagnose.run_sim import charted
 from lagsplat.diagnose.sources import FILMED, Source, find_sources, motion_of
 from lagsplat.io.input_log import read_input_log
-from lagsplat.io.motion import Motion, read_motion
+from lagsplat.io.motion import Motion
 from lagsplat.io.motion_part import leading
 from lagsplat.io.read import read_recording
 from lagsplat.io.recording import Recording, load_recording
+from lagsplat.io.trajectory_file import read_trajectory
 from lagsplat.pipeline import Run, open_run
 from lagsplat.stage1.autoencoder import encode_frames
 
@@ -192,7 +193,7 @@ def _held_out(run: Run, names: tuple[str, ...], longest_s: float) -> Side:
 def _read(folder: Path, run: Run, source: Source, columns: Mapping[str, str] | None) -> Side | None:
     """One real motion with its frames, or None where it is the run's own recording."""
     if source.kind == "trajectory":
-        motion = read_motion(source.path, columns=columns)
+        motion = read_trajectory(source.path, columns=columns)
         _check_size(run, motion.d, motion.n_u, source.path)
         return Side(motion)
     if source.kind not in FILMED:

@@ -54,6 +54,9 @@ LAYERS = (
         "spatial",
         "gap",
         "cli",
+        "words",
+        "viewing",
+        "exporting",
     },
 )
 

@@ -13,8 +13,10 @@ import numpy as np
 from lagsplat.io.artefact import read_header
 from lagsplat.io.clips import FILMS, IMAGES, natural_order
 from lagsplat.io.input_log import read_input_log
-from lagsplat.io.motion import Motion, read_motion
+from lagsplat.io.motion import Motion
 from lagsplat.io.recording import Recording
+from lagsplat.io.session_mcap import is_session
+from lagsplat.io.trajectory_file import read_trajectory
 
 TABLES = (".csv", ".txt", ".tsv", ".parquet", ".pq")
 FILMED = ("video", "mcap", "krauss", "recording")
@@ -82,7 +84,7 @@ def read_sources(
     motions = []
     for source in sources:
         if source.kind == "trajectory":
-            motions.append(read_motion(source.path, columns=columns))
+            motions.append(read_trajectory(source.path, columns=columns))
         elif source.kind not in FILMED:
             raise ValueError(f"{source.path}: a {source.kind} is a model and has no motion of its own")
         elif record is None or encode is None:
@@ -176,6 +178,8 @@ def _source(path: Path) -> Source:
     if path.is_dir():
         return Source("run" if (path / "dynamics.safetensors").is_file() else "video", name)
     if kind in TABLES:
+        return Source("trajectory", name)
+    if kind == ".mcap" and is_session(path):
         return Source("trajectory", name)
     if kind in FILMS or kind == ".mcap":
         beside = [path.with_suffix(suffix) for suffix in TABLES if path.with_suffix(suffix).is_file()]

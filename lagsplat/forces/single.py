@@ -4,6 +4,8 @@ On vectors of a few numbers torch spends its time on calls. The same formulas as
 tensors stay the specification; `tests/oracle/test_single.py` holds the two together.
 """
 
+from typing import Any
+
 import numpy as np
 import torch
 from jaxtyping import Float64
@@ -177,6 +179,27 @@ class _Field:
         h1 = np.tanh(first @ q + first_bias)
         h2 = np.tanh(second @ h1 + second_bias)
         return h1, h2, self.identity + (third @ h2).reshape(self.lower.shape) * self.mask
+
+
+def convex_arrays(net: _Convex | None) -> dict[str, Any] | None:
+    """The weights of a convex network of a `Single` as plain lists; None of None."""
+    if net is None:
+        return None
+    return {
+        "first": net.first.tolist(),
+        "firstBias": net.first_bias.tolist(),
+        "second": net.second.tolist(),
+        "secondBias": net.second_bias.tolist(),
+        "between": net.between.tolist(),
+        "head": net.head.tolist(),
+    }
+
+
+def field_arrays(field: _Field) -> dict[str, Any]:
+    """The numbers of a mass or damping of a `Single` as plain lists; ``net`` is None where it is constant."""
+    names = ("first", "firstBias", "second", "secondBias", "third")
+    net = None if field.net is None else {n: w.tolist() for n, w in zip(names, field.net, strict=True)}
+    return {"lower": field.lower.tolist(), "floor": field.floor, "net": net}
 
 
 def _array(tensor: Tensor) -> np.ndarray:

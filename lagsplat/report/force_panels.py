@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 import torch
 from jaxtyping import Bool, Float, Float64
@@ -10,10 +9,8 @@ from jaxtyping import Bool, Float, Float64
 from lagsplat.forces.config import ForcesConfig
 from lagsplat.forces.grip import Grip, NothingThereError, Point, brush
 from lagsplat.forces.held import Held
+from lagsplat.forces.outline import outlined
 from lagsplat.forces.scene import (
-    OUTLINE,
-    STILL,
-    Scene,
     background_points,
     hanging_points,
     lever_points,
@@ -25,10 +22,6 @@ OBLIQUE = np.array([np.sqrt(0.5), np.sqrt(0.5)])
 FINE = 384
 """Pixels that a drawn picture's width has at least."""
 BACKGROUND = 3
-CORE = 0.9
-"""Of the largest motion around: what moves as much is the object for certain."""
-CUTS = 5
-FOREGROUND = (cv2.GC_FGD, cv2.GC_PR_FGD)
 
 
 @dataclass(frozen=True)
@@ -98,28 +91,6 @@ def push_panels(held: Held, config: ForcesConfig, *, hanging: bool) -> Panels:
     )
     seen = outlined(held.pictures(held.rest[None], scale=scale)[0], scene)
     return Panels(panels, seen, scene.motion.shape, held.rest.numpy(), held.reach)
-
-
-def outlined(picture: Float[np.ndarray, "h w 3"], scene: Scene) -> Bool[np.ndarray, "h w"]:
-    """Which pixels show the object, for the eye alone: cut out by colour from what moves most around it.
-
-    Source: Rother, Kolmogorov and Blake, "GrabCut", ACM Transactions on Graphics 23 (2004), as in OpenCV.
-    """
-    columns_rows = picture.shape[1::-1]
-    near, moves = (
-        cv2.resize(part.astype(np.float32), columns_rows, interpolation=cv2.INTER_LINEAR)
-        for part in (scene.relative, scene.motion)
-    )
-    labels = np.where(near > OUTLINE, cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
-    labels[near > CORE] = cv2.GC_FGD
-    labels[moves < STILL] = cv2.GC_BGD
-    if not (np.isin(labels, FOREGROUND).any() and (~np.isin(labels, FOREGROUND)).any()):
-        return near > OUTLINE
-    cv2.setRNGSeed(0)
-    levels = (255 * picture.clip(0.0, 1.0)).astype(np.uint8)
-    ground, thing = np.zeros((1, 65)), np.zeros((1, 65))
-    cv2.grabCut(levels, labels, (0, 0, 1, 1), ground, thing, CUTS, cv2.GC_INIT_WITH_MASK)
-    return np.isin(labels, FOREGROUND)
 
 
 def _panel(

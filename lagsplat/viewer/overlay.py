@@ -1,0 +1,64 @@
+"""What can be laid over the picture: where the object rests, and how its matter moves or is pushed."""
+
+import numpy as np
+import torch
+from jaxtyping import Float64
+from scipy.ndimage import gaussian_filter
+from skimage.measure import find_contours
+
+from lagsplat.forces.held import Held
+from lagsplat.forces.outline import outlined
+from lagsplat.forces.scene import scene_at
+
+CELLS = 14
+"""Cells along the longer side of the picture in each of which one arrow stands."""
+PRESENT = 0.2
+FINER = 2
+"""Times the training resolution at which the outline is cut."""
+SHORT = 12
+"""Corners: specks have fewer."""
+
+
+def rest_outline(held: Held) -> list[Float64[np.ndarray, "n 2"]]:
+    """Outlines [px of the training resolution] of the object where it rests."""
+    rest = held.rest[None]
+    seen = outlined(
+        held.pictures(rest, scale=FINER)[0], scene_at(held.autoencoder, held.chart, rest[0].numpy())
+    )
+    smooth = gaussian_filter(seen.astype(np.float64), FINER)
+    lines = find_contours(np.pad(smooth, 1), 0.5)
+    return [(line[:, ::-1] - 0.5) / FINER for line in lines if len(line) > SHORT]
+
+
+class Field:
+    """Arrows on the matter: one Gaussian a cell, the one most present, followed along its own Jacobian."""
+
+    def __init__(self, held: Held) -> None:
+        kinematics = held.kinematics
+        places = kinematics.places(held.rest[None])[0].numpy()
+        present = kinematics.presence(held.rest[None])[0].numpy()
+        motion = kinematics.geometry.jacobian.flatten(1).norm(dim=1).numpy()
+        cell = max(kinematics.height, kinematics.width) / CELLS
+        best: dict[tuple[int, int], int] = {}
+        for i in np.argsort(present * motion):  # the last one written is the one that tells most
+            x, y = places[i]
+            if present[i] > PRESENT and 0 <= x < kinematics.width and 0 <= y < kinematics.height:
+                best[int(x // cell), int(y // cell)] = int(i)
+        self.chosen = torch.tensor(sorted(best.values()), dtype=torch.long)
+        self.kinematics, self.cell = kinematics, cell
+        self.jacobian = kinematics.geometry.jacobian[self.chosen].numpy()
+
+    def places(self, q: Float64[np.ndarray, " d"]) -> Float64[np.ndarray, "n 2"]:
+        """Feet of the arrows [px]."""
+        return self.kinematics.places(torch.from_numpy(q)[None])[0, self.chosen].numpy()
+
+    def along(self, rate: Float64[np.ndarray, " d"]) -> Float64[np.ndarray, "n 2"]:
+        """What a rate of the state is to the matter at the feet [px per its unit]."""
+        return self.jacobian @ rate
+
+    def arrows(
+        self, q: Float64[np.ndarray, " d"], rate: Float64[np.ndarray, " d"], *, largest: float
+    ) -> Float64[np.ndarray, "n 2 2"]:
+        """Feet and tips [px]; ``largest`` is the length [px per unit] drawn two cells long."""
+        feet = self.places(q)
+        return np.stack([feet, feet + self.along(rate) * (2.0 * self.cell / max(largest, 1e-12))], axis=1)

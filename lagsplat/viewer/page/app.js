@@ -1,0 +1,249 @@
+"use strict";
+// The page: two clocks, the pointer, the controls and the charts around a session.
+
+const byId = (id) => document.getElementById(id);
+const SVG = "http://www.w3.org/2000/svg";
+const LATEST = 0.25; // seconds of the wall that are made up for at most
+const SHARPEST = 720; // pixels along the longer side
+const COARSEST = 160;
+const SMOOTH = 28; // pictures a second: below, they are drawn coarser
+
+function decoded(text) {
+  const bytes = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
+  return new Float32Array(bytes.buffer);
+}
+
+function start() {
+  const run = JSON.parse(byId("run").textContent);
+  run.splats.constants = decoded(run.splats.constants);
+  const picture = byId("picture");
+  const splats = new Splats(byId("drawn"), run.splats);
+  const session = new Session(run, new Law(run.law), new Matter(run.splats));
+  const page = { run, picture, splats, session, latency: [], frames: 0, steps: 0 };
+  window.simulation = page; // for tests, and for who likes to look
+  layOut(page);
+  window.addEventListener("resize", () => layOut(page));
+  listenToPointer(page);
+  listenToControls(page);
+  page.charts = {
+    state: new Chart(byId("chart-state"), run.rest.map((_, i) => `q${i}`), 10),
+    energy: new Chart(byId("chart-energy"), ["kinetic", "potential", "total"], 10),
+    books: new Chart(byId("chart-books"), ["hand", "inputs", "dissipated", "unexplained"], 10),
+  };
+  page.seen = performance.now();
+  page.counted = page.seen;
+  page.owed = 0;
+  requestAnimationFrame((now) => tick(page, now));
+}
+
+/** Fit the picture into the window, and draw no finer than the screen shows. */
+function layOut({ run, picture, splats }) {
+  const { width, height } = run.splats;
+  const room = picture.parentElement.clientWidth;
+  const across = Math.min(room, (0.72 * window.innerHeight * width) / height);
+  picture.style.width = `${across}px`;
+  picture.style.height = `${(across * height) / width}px`;
+  byId("over").setAttribute("viewBox", `0 0 ${across} ${(across * height) / width}`);
+  const sharp = Math.max(across, (across * height) / width) * (window.devicePixelRatio || 1);
+  splats.resize(Math.round(Math.min(SHARPEST, sharp)));
+  drawOutline(run, across / width);
+}
+
+function drawOutline(run, scale) {
+  byId("outline").innerHTML = run.outline
+    .map((line) => `<path d="M${line.map(([x, y]) => `${(x * scale).toFixed(1)} ${(y * scale).toFixed(1)}`).join("L")}"/>`)
+    .join("");
+}
+
+/** Steps are due by the wall's clock; a picture is drawn whenever the screen takes one. */
+function tick(page, now) {
+  const { session } = page;
+  const passed = Math.max(0, now - page.seen) / 1000;
+  page.seen = now;
+  if (!session.paused && !session.stopped) {
+    page.owed = Math.min(page.owed + (passed * session.speed) / session.dt, (LATEST * session.speed) / session.dt + 1);
+    for (; page.owed >= 1; page.owed--) {
+      session.step();
+      page.steps++;
+    }
+  }
+  show(page, now);
+  requestAnimationFrame((then) => tick(page, then));
+}
+
+function show(page, now) {
+  const { session, splats, charts } = page;
+  splats.draw(session.q);
+  page.frames++;
+  if (page.asked) page.latency.push(performance.now() - page.asked);
+  page.asked = null;
+  showHand(page);
+  showVelocity(page);
+  const banner = session.banner();
+  byId("banner").textContent = banner;
+  byId("banner").classList.toggle("said", banner !== "");
+  const energy = session.energy();
+  const { hand, inputs, dissipated } = session.books;
+  charts.state.add(session.time, session.q);
+  charts.energy.add(session.time, [energy.kinetic, energy.potential, energy.total]);
+  charts.books.add(session.time, [hand, inputs, dissipated, session.unexplained()]);
+  if (page.frames % 3 === 0) Object.values(charts).forEach((chart) => chart.draw());
+  if (now > page.counted + 1000) showRates(page, now);
+}
+
+function showRates(page, now) {
+  const rate = (count) => Math.round((1000 * count) / (now - page.counted));
+  const sorted = page.latency.slice(-60).sort((a, b) => a - b);
+  const late = sorted.length ? ` · drag to picture ${sorted[sorted.length >> 1].toFixed(0)} ms` : "";
+  byId("rates").textContent =
+    `${page.session.time.toFixed(1)} s · ${rate(page.steps)} steps/s · ${rate(page.frames)} pictures/s${late}`;
+  Object.assign(page, { counted: now, frames: 0, steps: 0, rates: [rate(page.steps), rate(page.frames)] });
+  const side = Math.max(page.splats.canvas.width, page.splats.canvas.height);
+  if (page.rates[1] < SMOOTH && side > COARSEST) page.splats.resize(Math.max(COARSEST, Math.round(0.7 * side)));
+}
+
+function line(id, from, to) {
+  const node = typeof id === "string" ? byId(id) : id;
+  [["x1", from[0]], ["y1", from[1]], ["x2", to[0]], ["y2", to[1]]].forEach(([key, x]) => node.setAttribute(key, x));
+}
+
+function showHand({ session, run, picture }) {
+  const { grip } = session;
+  const scale = picture.clientWidth / run.splats.width;
+  byId("hint").style.opacity = session.everHeld ? 0 : 1;
+  picture.classList.toggle("held", grip !== null);
+  for (const id of ["arrow", "shade", "brush"]) byId(id).style.visibility = grip ? "visible" : "hidden";
+  if (!grip) return;
+  const place = placeOf(grip, session.q).map((x) => x * scale);
+  const tip = place.map((x, i) => x + (scale * grip.force[i]) / run.gain);
+  byId("brush").setAttribute("cx", place[0]);
+  byId("brush").setAttribute("cy", place[1]);
+  byId("brush").setAttribute("r", session.radius * scale);
+  const long = Math.hypot(tip[0] - place[0], tip[1] - place[1]) > 6;
+  for (const id of ["arrow", "shade"]) {
+    line(id, place, tip);
+    byId(id).style.visibility = long ? "visible" : "hidden";
+  }
+}
+
+function showVelocity({ session, run, picture }) {
+  const group = byId("velocity");
+  group.toggleAttribute("hidden", !byId("show-velocity").checked);
+  if (group.hasAttribute("hidden")) return;
+  const scale = picture.clientWidth / run.splats.width;
+  const { matter, q, v, d } = session;
+  while (group.childElementCount < run.field.chosen.length) group.append(document.createElementNS(SVG, "line"));
+  run.field.chosen.forEach((k, n) => {
+    const place = matter.place(k, q);
+    const at = k * matter.row;
+    const rate = [0, 1].map((c) => v.reduce((sum, x, i) => sum + x * matter.constants[at + 2 + c * d + i], 0));
+    const tip = place.map((x, c) => x + rate[c] * run.field.scale);
+    line(group.children[n], place.map((x) => x * scale), tip.map((x) => x * scale));
+  });
+}
+
+function listenToPointer({ session, picture, run }) {
+  let from = null;
+  let held = null;
+  const page = window.simulation;
+  const at = (event) => {
+    const box = byId("drawn").getBoundingClientRect();
+    return [(event.clientX - box.left) / box.width * run.splats.width, (event.clientY - box.top) / box.height * run.splats.height];
+  };
+  picture.addEventListener("pointerdown", (event) => {
+    if (held !== null || event.button !== 0 || session.stopped) return;
+    from = at(event);
+    if (!session.grasp(from)) return;
+    held = event.pointerId;
+    session.everHeld = true;
+    picture.setPointerCapture(held);
+    event.preventDefault();
+  });
+  picture.addEventListener("pointermove", (event) => {
+    if (event.pointerId !== held) return;
+    session.pull(at(event).map((x, i) => x - from[i]));
+    page.asked = page.asked || event.timeStamp;
+  });
+  const letGo = (event) => {
+    if (event.pointerId !== held) return;
+    held = null;
+    session.release();
+  };
+  for (const kind of ["pointerup", "pointercancel", "lostpointercapture"]) picture.addEventListener(kind, letGo);
+}
+
+/** A slider whose number stands beside it; `act` gets the number. */
+function slider(id, act, read = Number, told = (x) => x.toFixed(2)) {
+  const input = byId(id);
+  const output = input.parentElement.querySelector("output");
+  const change = (acting) => {
+    const value = read(input.value);
+    output.textContent = told(value);
+    if (acting) act(value);
+  };
+  input.addEventListener("input", () => change(true));
+  change(false);
+  return input;
+}
+
+function listenToControls(page) {
+  const { session, run } = page;
+  const power = (text) => 10 ** Number(text);
+  const times = (x) => `× ${x < 1 ? x.toFixed(2) : x.toFixed(1)}`;
+  slider("speed", (x) => (session.speed = x), power, times);
+  slider("strength", (x) => (session.strength = x), power, times);
+  byId("radius").value = run.brush / run.splats.width;
+  slider("radius", (x) => (session.radius = x * run.splats.width), Number, (x) => `${(100 * x).toFixed(1)} %`);
+  for (const name of ["damping", "inertia", "stiffness"]) slider(name, (x) => session.edit(name, x), Number, times);
+  byId("frame").max = run.recorded.states.length - 1;
+  slider("frame", (x) => session.toFrame(x), Number, (x) => x.toFixed(0));
+  byId("pause").addEventListener("click", () => pause(session, !session.paused));
+  byId("step").addEventListener("click", () => {
+    pause(session, true);
+    session.step();
+  });
+  byId("rest").addEventListener("click", () => session.rest());
+  byId("show-outline").addEventListener("change", (event) => byId("outline").toggleAttribute("hidden", !event.target.checked));
+  byId("help").addEventListener("click", () => byId("card").showModal());
+  byId("theme").addEventListener("click", () => {
+    const dark = getComputedStyle(document.documentElement).colorScheme.includes("dark");
+    document.documentElement.dataset.theme = dark ? "light" : "dark";
+  });
+  listenToInputs(page);
+}
+
+function pause(session, on) {
+  session.paused = on;
+  byId("pause").setAttribute("aria-pressed", on);
+  byId("pause").textContent = on ? "Run" : "Pause";
+}
+
+function listenToInputs({ session, run }) {
+  const { names, units, low, high, mean } = run.inputs;
+  byId("inputs").toggleAttribute("hidden", names.length === 0);
+  names.forEach((name, i) => {
+    const label = document.createElement("label");
+    const text = document.createTextNode(`${name} `);
+    const input = Object.assign(document.createElement("input"), { id: `input${i}`, type: "range" });
+    Object.assign(input, { min: low[i], max: high[i], step: (high[i] - low[i]) / 100 || 1e-6 });
+    input.value = mean[i];
+    label.append(text, input, document.createElement("output"));
+    byId("inputs").append(label);
+    slider(`input${i}`, (x) => {
+      session.following = false;
+      byId("follow").checked = false;
+      session.u = session.u.map((old, j) => (j === i ? x : old));
+    }, Number, (x) => `${x.toPrecision(2)} ${units[i]}`);
+  });
+  byId("follow").addEventListener("change", (event) => {
+    session.following = event.target.checked;
+    if (session.following && session.frame === null) session.frame = 0;
+  });
+}
+
+try {
+  start();
+} catch (error) {
+  const said = Object.assign(document.createElement("p"), { className: "broken", textContent: error.message });
+  byId("picture").replaceChildren(said);
+}

@@ -1,0 +1,194 @@
+"use strict";
+// The learned law, one state at a time: the formulas and the integrator of lagsplat/forces/single.py, line by line.
+// Vectors are arrays of numbers, matrices arrays of rows. Velocities are per second, energies in the law's own unit.
+
+const dot = (a, b) => {
+  let sum = 0;
+  for (let i = 0; i < a.length; i++) sum += a[i] * b[i];
+  return sum;
+};
+const apply = (matrix, x) => matrix.map((row) => dot(row, x));
+const applyTransposed = (matrix, x) => {
+  const out = new Array(matrix[0].length).fill(0);
+  for (let i = 0; i < matrix.length; i++) for (let j = 0; j < out.length; j++) out[j] += matrix[i][j] * x[i];
+  return out;
+};
+const plus = (a, b, factor = 1) => a.map((x, i) => x + factor * b[i]);
+const times = (a, b) => a.map((x, i) => x * b[i]);
+const sigmoid = (x) => 0.5 * (1 + Math.tanh(0.5 * x));
+const softplus = (x) => Math.max(x, 0) + Math.log1p(Math.exp(-Math.abs(x)));
+
+/** Solve `matrix x = right` for a symmetric positive definite matrix, by Cholesky's factor. */
+function solve(matrix, right) {
+  const n = right.length;
+  const lower = matrix.map((row) => row.slice());
+  for (let i = 0; i < n; i++) {
+    for (let j = 0; j <= i; j++) {
+      let sum = matrix[i][j];
+      for (let k = 0; k < j; k++) sum -= lower[i][k] * lower[j][k];
+      lower[i][j] = i === j ? Math.sqrt(sum) : sum / lower[j][j];
+    }
+  }
+  const x = right.slice();
+  for (let i = 0; i < n; i++) {
+    for (let k = 0; k < i; k++) x[i] -= lower[i][k] * x[k];
+    x[i] /= lower[i][i];
+  }
+  for (let i = n - 1; i >= 0; i--) {
+    for (let k = i + 1; k < n; k++) x[i] -= lower[k][i] * x[k];
+    x[i] /= lower[i][i];
+  }
+  return x;
+}
+
+/** An input-convex network of two hidden layers at one point. */
+class Convex {
+  constructor(weights) {
+    Object.assign(this, weights);
+  }
+  hidden(x) {
+    const z1 = plus(apply(this.first, x), this.firstBias);
+    const z2 = plus(plus(apply(this.second, x), this.secondBias), apply(this.between, z1.map(softplus)));
+    return [z1, z2];
+  }
+  value(x, head) {
+    return dot(this.hidden(x)[1].map(softplus), head);
+  }
+  gradient(x, head) {
+    const [z1, z2] = this.hidden(x);
+    const g2 = times(z2.map(sigmoid), head);
+    const g1 = times(applyTransposed(this.between, g2), z1.map(sigmoid));
+    return plus(applyTransposed(this.second, g2), applyTransposed(this.first, g1));
+  }
+}
+
+/** A symmetric positive definite matrix over the states, constant or with a network: `L E E' L' + floor`. */
+class Field {
+  constructor({ lower, floor, net }) {
+    Object.assign(this, { lower, floor, net, d: lower.length });
+  }
+  at(q) {
+    const { first, firstBias, second, secondBias, third } = this.net;
+    const h1 = plus(apply(first, q), firstBias).map(Math.tanh);
+    const h2 = plus(apply(second, h1), secondBias).map(Math.tanh);
+    return [h1, h2, this.triangle(apply(third, h2), 1)];
+  }
+  triangle(flat, diagonal) {
+    const rows = [];
+    for (let i = 0; i < this.d; i++) {
+      rows.push([]);
+      for (let j = 0; j < this.d; j++) rows[i].push((j <= i ? flat[i * this.d + j] : 0) + (i === j ? diagonal : 0));
+    }
+    return rows;
+  }
+  product(q, v) {
+    let y = applyTransposed(this.lower, v);
+    if (this.net) {
+      const e = this.at(q)[2];
+      y = apply(e, applyTransposed(e, y));
+    }
+    return plus(apply(this.lower, y), v, this.floor);
+  }
+  whole(factor) {
+    return factor.map((a, i) => factor.map((b, j) => dot(a, b) + (i === j ? this.floor : 0)));
+  }
+  /** The matrix and the velocity forces. */
+  inertia(q, v) {
+    if (!this.net) return [this.whole(this.lower), v.map(() => 0)];
+    const [h1, h2, e] = this.at(q);
+    const { first, second, third } = this.net;
+    const s1 = h1.map((h) => 1 - h * h);
+    const s2 = h2.map((h) => 1 - h * h);
+    const y = applyTransposed(this.lower, v);
+    const p = applyTransposed(e, y);
+    const rate = this.triangle(apply(third, times(s2, apply(second, times(s1, apply(first, v))))), 0);
+    const change = apply(this.lower, plus(apply(rate, p), apply(e, applyTransposed(rate, y))));
+    const outer = [];
+    for (let i = 0; i < this.d; i++) for (let j = 0; j < this.d; j++) outer.push(j <= i ? y[i] * p[j] : 0);
+    const back = times(applyTransposed(second, times(applyTransposed(third, outer), s2)), s1);
+    const factor = this.lower.map((row) => applyTransposed(e, row));
+    return [this.whole(factor), plus(applyTransposed(first, back), change, -1)];
+  }
+}
+
+class Law {
+  constructor(data) {
+    Object.assign(this, data);
+    this.massField = new Field(data.mass);
+    this.dampingField = new Field(data.damping);
+    this.convexNet = data.convex && new Convex(data.convex);
+    this.volumeNet = data.volume && new Convex(data.volume);
+    this.edits = { damping: 1, inertia: 1, stiffness: 1 };
+  }
+  image(q) {
+    const hidden = [];
+    let x = q;
+    for (const { inner, innerBias, outer, outerBias } of this.blocks) {
+      const h = plus(apply(inner, x), innerBias).map(Math.tanh);
+      x = plus(plus(x, apply(outer, h)), outerBias);
+      hidden.push(h);
+    }
+    return [x, hidden];
+  }
+  /** `-grad (k V - u.nu)` with the edit `k` of the stiffness. */
+  conservativeForce(q, u) {
+    const [x, hidden] = this.image(q);
+    const offset = plus(x, this.restImage, -1);
+    let slope = plus(apply(this.stiffness, offset), this.restSlope, -1);
+    if (this.convexNet) slope = plus(slope, this.convexNet.gradient(x, this.convexNet.head[0]));
+    slope = slope.map((s) => s * this.edits.stiffness);
+    if (u.length) {
+      slope = plus(slope, applyTransposed(this.pressureMap, u), -1);
+      if (this.curvature) u.forEach((ui, c) => (slope = plus(slope, apply(this.curvature[c], offset), ui)));
+      if (this.volumeNet) {
+        const above = u.map((x) => Math.max(x, 0));
+        const shares = this.signed ? above.concat(u.map((x) => Math.max(-x, 0))) : u;
+        slope = plus(slope, this.volumeNet.gradient(x, applyTransposed(this.volumeNet.head, shares)));
+      }
+    }
+    for (let b = this.blocks.length - 1; b >= 0; b--) {
+      const { inner, outer } = this.blocks[b];
+      const back = applyTransposed(outer, slope).map((s, i) => s * (1 - hidden[b][i] * hidden[b][i]));
+      slope = plus(slope, applyTransposed(inner, back));
+    }
+    return slope.map((s) => -s);
+  }
+  /** In internal time units, under the generalised force `load`. */
+  acceleration(q, w, u, load) {
+    const damping = this.dampingField.product(q, w);
+    const force = plus(plus(this.conservativeForce(q, u), load), damping, -this.edits.damping);
+    const [mass, velocityForce] = this.massField.inertia(q, w);
+    return solve(mass, plus(velocityForce, force, 1 / this.edits.inertia));
+  }
+  /** State and velocity `dt` seconds later, input and load held, by velocity Verlet steps. */
+  step(q, v, u, load, dt) {
+    const pieces = Math.max(1, Math.ceil(dt / this.unit / this.longestStep - 1e-9));
+    const h = dt / this.unit / pieces;
+    let w = v.map((x) => x * this.unit);
+    for (let i = 0; i < pieces; i++) {
+      const a = this.acceleration(q, w, u, load);
+      const half = plus(w, a, 0.5 * h);
+      q = plus(q, half, h);
+      w = plus(half, this.acceleration(q, plus(half, a, 0.5 * h), u, load), 0.5 * h);
+    }
+    return [q, w.map((x) => x / this.unit)];
+  }
+  potential(q) {
+    const [x] = this.image(q);
+    const offset = plus(x, this.restImage, -1);
+    let value = 0.5 * dot(offset, apply(this.stiffness, offset));
+    if (this.convexNet) {
+      const head = this.convexNet.head[0];
+      value += this.convexNet.value(x, head) - this.convexNet.value(this.restImage, head) - dot(offset, this.restSlope);
+    }
+    return this.edits.stiffness * value;
+  }
+  kinetic(q, v) {
+    const w = v.map((x) => x * this.unit);
+    return 0.5 * this.edits.inertia * dot(w, this.massField.product(q, w));
+  }
+  dissipatedPower(q, v) {
+    const w = v.map((x) => x * this.unit);
+    return (this.edits.damping * dot(w, this.dampingField.product(q, w))) / this.unit;
+  }
+}

@@ -1,0 +1,91 @@
+"use strict";
+// A run that is being pushed, without a picture: lagsplat/viewer/session.py in few words.
+
+class Session {
+  constructor(run, law, matter) {
+    Object.assign(this, { run, law, matter, d: run.d, dt: run.dt, speed: 1, strength: 1, radius: run.brush });
+    this.u = run.inputs.mean.slice();
+    this.following = false;
+    this.grip = null;
+    this.paused = false;
+    this.rest();
+  }
+  begin(q, v, frame) {
+    Object.assign(this, { q, v, frame, grip: null, stopped: false });
+    this.books = { hand: 0, inputs: 0, edits: 0, dissipated: 0, began: this.energy().total };
+  }
+  /** Stand still where the law settles under the mean inputs. */
+  rest() {
+    this.u = this.run.inputs.mean.slice();
+    this.following = false;
+    this.begin(this.run.rest.slice(), new Array(this.d).fill(0), null);
+    this.time = 0;
+  }
+  toFrame(frame) {
+    const { states, rates, rows } = this.run.recorded;
+    this.u = rows[frame].slice();
+    this.begin(states[frame].slice(), rates[frame].slice(), frame);
+  }
+  energy() {
+    const [kinetic, potential] = [this.law.kinetic(this.q, this.v), this.law.potential(this.q)];
+    return { kinetic, potential, total: kinetic + potential };
+  }
+  /** Energy that the books cannot explain: the integrator's own error. */
+  unexplained() {
+    const { hand, inputs, edits, dissipated, began } = this.books;
+    return this.energy().total - began - hand - inputs - edits + dissipated;
+  }
+  grasp(at) {
+    this.grip = this.matter.grasp(this.q, at, this.radius);
+    return this.grip;
+  }
+  pull(drag) {
+    if (this.grip) this.grip.force = drag.map((x) => x * this.run.gain * this.strength);
+  }
+  release() {
+    this.grip = null;
+  }
+  edit(name, value) {
+    const before = this.energy().total;
+    this.law.edits[name] = value;
+    this.books.edits += this.energy().total - before;
+  }
+  step() {
+    if (this.stopped) return;
+    if (this.frame !== null) {
+      if (this.following) this.u = this.run.recorded.rows[this.frame].slice();
+      this.frame = (this.frame + 1) % this.run.recorded.states.length;
+    }
+    const load = loadOf(this.grip, this.d);
+    const [q0, v0] = [this.q, this.v];
+    const [q, v] = this.law.step(q0, v0, this.u, load, this.dt);
+    const far = Math.hypot(...q.map((x, i) => x - this.run.rest[i]));
+    if (!v.every(Number.isFinite) || !(far <= this.run.divergence * this.run.reach)) {
+      Object.assign(this, { stopped: true, grip: null });
+      return;
+    }
+    this.book(q0, v0, q, v, load);
+    Object.assign(this, { q, v, time: this.time + this.dt });
+  }
+  book(q0, v0, q, v, load) {
+    const way = q.map((x, i) => x - q0[i]);
+    const work = (force) => force.reduce((sum, f, i) => sum + f * way[i], 0);
+    this.books.hand += work(load);
+    if (this.u.length) {
+      const none = this.u.map(() => 0);
+      for (const at of [q0, q]) {
+        const driven = this.law.conservativeForce(at, this.u);
+        const bare = this.law.conservativeForce(at, none);
+        this.books.inputs += 0.5 * work(driven.map((x, i) => x - bare[i]));
+      }
+    }
+    this.books.dissipated += 0.5 * this.dt * (this.law.dissipatedPower(q0, v0) + this.law.dissipatedPower(q, v));
+  }
+  /** What must be said of this state, or nothing. */
+  banner() {
+    if (this.stopped) return "The motion diverged and the integration stopped. Press Rest, or undo the edits.";
+    if (uncovered(this.q, this.run.coverage) > 1)
+      return "Beyond the recording: the camera never saw such a state, and what you see is a guess.";
+    return "";
+  }
+}

@@ -1,0 +1,154 @@
+"use strict";
+// The Gaussians of the decoder, drawn with WebGL2 by the image model of lagsplat/splat/image_model.py. What a Gaussian
+// is at a state, its place and its presence, is worked out on the graphics card from a texture of its constants.
+
+const VERTEX = `#version 300 es
+precision highp float;
+uniform highp sampler2D constants;
+uniform float q[LATENTS];
+uniform vec2 size;      // of the drawn picture [px]
+uniform float stretch;  // drawn pixels a pixel of the training resolution
+uniform int count;
+out vec2 away;
+flat out vec3 conic;
+flat out vec4 paint;    // colour, opacity
+float number(int k, int i) {
+  int at = k * ROW + i / 4;
+  return texelFetch(constants, ivec2(at % WIDE, at / WIDE), 0)[i % 4];
+}
+void main() {
+  int k = count - 1 - gl_InstanceID;  // the first Gaussian is in front, so it is drawn last
+  vec2 middle = vec2(number(k, 0), number(k, 1));
+  float squares = 0.0;
+  for (int i = 0; i < LATENTS; i++) {
+    middle += q[i] * vec2(number(k, 2 + i), number(k, 2 + LATENTS + i));
+    float w = -number(k, 2 + 2 * LATENTS + i);
+    for (int j = 0; j <= LATENTS - 1; j++) w += q[j] * number(k, 2 + (3 + i) * LATENTS + j);
+    squares += w * w;
+  }
+  int rest = 2 + (3 + LATENTS) * LATENTS;
+  float opacity = number(k, rest) * exp(-0.5 * squares);
+  paint = vec4(number(k, rest + 1), number(k, rest + 2), number(k, rest + 3), opacity);
+  vec3 covariance = vec3(number(k, rest + 4), number(k, rest + 5), number(k, rest + 6)) * stretch * stretch;
+  float xx = covariance.x + 0.3, xy = covariance.y, yy = covariance.z + 0.3;
+  float determinant = xx * yy - xy * xy;
+  conic = vec3(yy, -xy, xx) / determinant;
+  if (!(opacity >= 1.0 / 255.0) || !(determinant > 0.0)) {
+    gl_Position = vec4(2.0, 2.0, 2.0, 1.0);
+    return;
+  }
+  vec2 corner = vec2(gl_VertexID & 1, gl_VertexID >> 1) * 2.0 - 1.0;
+  away = corner * (sqrt(2.0 * log(255.0 * opacity) * vec2(xx, yy)) + 1.0);
+  vec2 place = (middle * stretch + away) / size * 2.0 - 1.0;
+  gl_Position = vec4(place.x, -place.y, 0.0, 1.0);
+}`;
+
+const FRAGMENT = `#version 300 es
+precision highp float;
+in vec2 away;
+flat in vec3 conic;
+flat in vec4 paint;
+out vec4 color;
+void main() {
+  float sigma = 0.5 * (conic.x * away.x * away.x + 2.0 * conic.y * away.x * away.y + conic.z * away.y * away.y);
+  float alpha = min(0.999, paint.a * exp(-sigma));
+  if (alpha < 1.0 / 255.0) discard;
+  color = vec4(paint.rgb * alpha, alpha);
+}`;
+
+const COPY_VERTEX = `#version 300 es
+out vec2 at;
+void main() {
+  at = vec2(gl_VertexID & 1, gl_VertexID >> 1);
+  gl_Position = vec4(at * 2.0 - 1.0, 0.0, 1.0);
+}`;
+
+const COPY_FRAGMENT = `#version 300 es
+precision highp float;
+uniform sampler2D drawn;
+in vec2 at;
+out vec4 color;
+void main() { color = vec4(clamp(texture(drawn, at).rgb, 0.0, 1.0), 1.0); }`;
+
+const WIDE = 2048;
+
+class Splats {
+  /** `constants` holds for each of `count` Gaussians what `lagsplat/viewer/page.py` packs, in rows of 4 numbers. */
+  constructor(canvas, { constants, count, d, background, height, width }) {
+    const gl = canvas.getContext("webgl2", { antialias: false, alpha: false, preserveDrawingBuffer: true });
+    if (!gl) throw new Error("This browser draws no WebGL2, which this page needs. A current Firefox, Chrome, Edge or "
+      + "Safari does; in a remote or virtual desktop, hardware acceleration may be switched off.");
+    Object.assign(this, { gl, canvas, count, background, height, width });
+    const row = Math.ceil((2 + (3 + d) * d + 7) / 4);
+    const names = `#define LATENTS ${d}\n#define ROW ${row}\n#define WIDE ${WIDE}\n`;
+    this.program = this.build(VERTEX.replace("precision", names + "precision"), FRAGMENT);
+    this.copy = this.build(COPY_VERTEX, COPY_FRAGMENT);
+    const rows = Math.ceil((count * row) / WIDE);
+    const table = new Float32Array(rows * WIDE * 4);
+    table.set(constants);
+    this.table = this.texture(gl.RGBA32F, WIDE, rows, gl.FLOAT, table);
+    // many faint layers add up: eight bits a layer would show
+    this.precise = gl.getExtension("EXT_color_buffer_float") !== null;
+    this.nothing = gl.createVertexArray();
+    this.resize(Math.max(width, height));
+  }
+  build(vertex, fragment) {
+    const { gl } = this;
+    const program = gl.createProgram();
+    for (const [kind, text] of [[gl.VERTEX_SHADER, vertex], [gl.FRAGMENT_SHADER, fragment]]) {
+      const shader = gl.createShader(kind);
+      gl.shaderSource(shader, text);
+      gl.compileShader(shader);
+      if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS)) throw new Error(gl.getShaderInfoLog(shader));
+      gl.attachShader(program, shader);
+    }
+    gl.linkProgram(program);
+    if (!gl.getProgramParameter(program, gl.LINK_STATUS)) throw new Error(gl.getProgramInfoLog(program));
+    return program;
+  }
+  texture(format, width, height, type, data, filter = this.gl.NEAREST) {
+    const { gl } = this;
+    const texture = gl.createTexture();
+    gl.bindTexture(gl.TEXTURE_2D, texture);
+    gl.texImage2D(gl.TEXTURE_2D, 0, format, width, height, 0, gl.RGBA, type, data);
+    for (const key of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, key, filter);
+    for (const key of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) gl.texParameteri(gl.TEXTURE_2D, key, gl.CLAMP_TO_EDGE);
+    return texture;
+  }
+  /** Draw with `side` pixels along the longer side from now on. */
+  resize(side) {
+    const { gl, canvas } = this;
+    this.stretch = side / Math.max(this.width, this.height);
+    canvas.width = Math.round(this.width * this.stretch);
+    canvas.height = Math.round(this.height * this.stretch);
+    if (this.layer) gl.deleteTexture(this.layer);
+    const kind = this.precise ? [gl.RGBA16F, gl.HALF_FLOAT] : [gl.RGBA8, gl.UNSIGNED_BYTE];
+    this.layer = this.texture(kind[0], canvas.width, canvas.height, kind[1], null, gl.LINEAR);
+    this.target = this.target || gl.createFramebuffer();
+    gl.bindFramebuffer(gl.FRAMEBUFFER, this.target);
+    gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, this.layer, 0);
+  }
+  draw(q) {
+    const { gl, canvas, program } = this;
+    const place = (name) => gl.getUniformLocation(program, name);
+    gl.bindVertexArray(this.nothing);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, this.target);
+    gl.viewport(0, 0, canvas.width, canvas.height);
+    gl.clearColor(...this.background, 1);
+    gl.clear(gl.COLOR_BUFFER_BIT);
+    gl.useProgram(program);
+    gl.bindTexture(gl.TEXTURE_2D, this.table);
+    gl.uniform1fv(place("q"), q);
+    gl.uniform2f(place("size"), canvas.width, canvas.height);
+    gl.uniform1f(place("stretch"), this.stretch);
+    gl.uniform1i(place("count"), this.count);
+    gl.enable(gl.BLEND);
+    gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
+    gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, this.count);
+    gl.disable(gl.BLEND);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+    gl.useProgram(this.copy);
+    gl.bindTexture(gl.TEXTURE_2D, this.layer);
+    gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
+  }
+}

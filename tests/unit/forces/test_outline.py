@@ -1,0 +1,17 @@
+"""The object is cut out where it ends, and nothing else."""
+
+import torch
+
+from lagsplat.forces.outline import outlined
+from lagsplat.forces.scene import scene_at
+from tests.unit.forces.rocking import rocking
+
+
+def test_the_disc_is_cut_out_of_the_wall():
+    held = rocking()
+    scene = scene_at(held.autoencoder, held.chart, held.rest.numpy())
+    seen = outlined(held.pictures(held.rest[None], scale=2)[0], scene)
+    assert seen.shape == (48, 64)
+    assert seen[24, 32]
+    assert not seen[:4].any()
+    assert torch.pi * 5.0**2 < seen.sum() / 4 < torch.pi * 9.0**2

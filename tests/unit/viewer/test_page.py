@@ -1,0 +1,134 @@
+"""The page's own JavaScript against Python: the same motion, the same energies, the same grip."""
+
+import json
+import re
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+
+from lagsplat.cli import main
+from lagsplat.forces.loaded import Edits
+from lagsplat.forces.single import Single
+from lagsplat.viewer.page import LARGEST_BYTES, page_part, render_page, save_page
+from lagsplat.viewer.page_data import law_data, page_data
+from lagsplat.viewer.session import Session
+from tests.stage2_problems import random_lagrangian
+from tests.unit.viewer.sessions import session, strip
+
+SECONDS = 10.0
+FORMS = {
+    "default": {},
+    "linear": {"mass": "constant", "damping": "constant", "potential": "quadratic", "actuation": "linear"},
+    "convex": {"potential": "icnn", "actuation": "concave"},
+    "signed": {"negative": 1.0},
+}
+LAW = """
+const { law: data, q, v, u, loads, dt, edits } = JSON.parse(require("fs").readFileSync(0, "utf8"));
+const law = new Law(data);
+Object.assign(law.edits, edits);
+let state = [q, v];
+const path = loads.map((load, i) => {
+  const energies = [law.kinetic(...state), law.potential(state[0]), law.dissipatedPower(...state)];
+  const before = [...state, energies];
+  state = law.step(...state, u[i], load, dt);
+  return before;
+});
+console.log(JSON.stringify(path));
+"""
+SESSION = """
+const { run, at, drags } = JSON.parse(require("fs").readFileSync(0, "utf8"));
+const bytes = Uint8Array.from(atob(run.splats.constants), (letter) => letter.charCodeAt(0));
+run.splats.constants = new Float32Array(bytes.buffer);
+const session = new Session(run, new Law(run.law), new Matter(run.splats));
+session.grasp(at);
+const path = drags.map((drag) => {
+  if (drag === null) session.release();
+  else session.pull(drag);
+  session.step();
+  return session.q;
+});
+console.log(JSON.stringify({ path, unexplained: session.unexplained(), covered: uncovered(session.q,
+run.coverage) }));
+"""
+
+
+def run_script(parts: list[str], driver: str, data: dict) -> object:
+    node = shutil.which("node")
+    if node is None:
+        pytest.skip("no node on this machine to run the page's JavaScript; a browser test runs it, too")
+    script = "\n".join([*(page_part(name) for name in parts), driver])
+    done = subprocess.run(
+        [node, "-e", script], input=json.dumps(data), capture_output=True, text=True, timeout=120, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+@pytest.mark.parametrize("d", [1, 2, 4])
+@pytest.mark.parametrize("form", list(FORMS))
+def test_ten_seconds_of_a_law_are_the_same(d: int, form: str) -> None:
+    law = random_lagrangian(d, 2, 3, **FORMS[form])
+    law.longest_step = 0.02
+    dt, edits = 1 / 30, Edits(damping=2.0, inertia=1.5, stiffness=0.8)
+    steps, rng = round(SECONDS * 30), np.random.default_rng(d)
+    loads = 0.3 * np.repeat(rng.normal(size=(steps // 30, d)), 30, axis=0)
+    u = np.repeat(rng.uniform(size=(steps // 30, 2)), 30, axis=0) - 0.5 * (form == "signed")
+    single = Single(law, edits=edits)
+    q, v = rng.normal(size=(2, d)) * 0.5
+    data = {"law": law_data(single), "q": q.tolist(), "v": v.tolist(), "u": u.tolist(), "dt": dt}
+    data |= {"loads": loads.tolist(), "edits": vars(edits)}
+    for got_q, got_v, energies in run_script(["law.js"], LAW, data):
+        np.testing.assert_allclose(got_q, q, rtol=1e-8, atol=1e-8)
+        np.testing.assert_allclose(got_v, v, rtol=1e-7, atol=1e-7)
+        wanted = [single.kinetic(q, v), single.potential(q), single.dissipated_power(q, v)]
+        np.testing.assert_allclose(energies, wanted, rtol=1e-6, atol=1e-9)
+        q, v = single.step(q, v, u[0], loads[0], dt_s=dt)
+        u, loads = u[1:], loads[1:]
+
+
+@pytest.mark.parametrize("make", [session, strip], ids=["disc", "strip"])
+def test_a_push_of_ten_seconds_is_the_same_in_the_page(make) -> None:
+    one: Session = make()
+    at, steps = (16.0, 8.0), round(SECONDS / one.dt_s)
+    drags = [None if i > 0.6 * steps else [3.0 * np.sin(0.05 * i), 0.5] for i in range(steps)]
+    data = {"run": page_data(one), "at": at, "drags": drags}
+    told = run_script(["law.js", "hand.js", "session.js"], SESSION, data)
+    one.grasp(at)
+    path = []
+    for drag in drags:
+        one.release() if drag is None else one.pull(np.array(drag))
+        one.step()
+        path.append(one.q)
+    assert np.abs(path).max() > 0.01
+    np.testing.assert_allclose(told["path"], path, atol=1e-4 * np.abs(path).max())
+    assert told["unexplained"] == pytest.approx(one.snapshot().energy.error, rel=0.05, abs=1e-6)
+    assert told["covered"] == pytest.approx(one.snapshot().covered, rel=1e-3, abs=1e-6)
+
+
+def test_the_page_needs_nothing_from_anywhere(tmp_path) -> None:
+    path = tmp_path / "push.html"
+    save_page(path, session(), title="A <disc> & more", subtitle="</script><b>")
+    page = path.read_text(encoding="utf-8")
+    assert len(page) < LARGEST_BYTES
+    assert "A &lt;disc&gt; &amp; more" in page
+    assert "</script><b>" not in page
+    assert re.findall(r"""(?:src|href)\s*=\s*["'](?!#)""", page) == []
+    assert set(re.findall(r"https?://[^\s\"']*", page)) == {"http://www.w3.org/2000/svg"}
+    assert "default-src 'none'" in page
+
+
+def test_a_mass_that_the_decoder_induces_is_refused() -> None:
+    one = session()
+    law = random_lagrangian(1, 1, 0, mass="induced")
+    object.__setattr__(one.held, "law", law)
+    with pytest.raises(ValueError, match="push this one with lagsplat view"):
+        render_page(one, title="", subtitle="")
+
+
+def test_the_command_says_what_is_missing(tmp_path, capsys) -> None:
+    assert main(["export", str(tmp_path), "--html"]) == 2
+    assert "no recording.safetensors there" in capsys.readouterr().err
+    assert main(["export", str(tmp_path), "--pdf"]) == 2
+    assert "--mcap|--html" in capsys.readouterr().err

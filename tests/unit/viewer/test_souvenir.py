@@ -1,0 +1,91 @@
+"""A session on disk: read back to the last bit, replayed, and taken as the sim of a diagnosis."""
+
+import cv2
+import numpy as np
+import pytest
+
+from lagsplat.diagnose.sources import find_sources, read_sources
+from lagsplat.io.session_mcap import read_session
+from lagsplat.viewer.easel import Easel
+from lagsplat.viewer.souvenir import load_tape, pointed, save_souvenirs
+from tests.unit.viewer.sessions import strip
+
+RIGHT = np.array([5.0, 1.0])
+
+
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory):
+    one = strip()
+    one.grasp((16.0, 20.0))
+    one.pull(RIGHT)
+    for _ in range(40):
+        one.step()
+    one.release()
+    for _ in range(30):
+        one.step()
+    one.to_frame(5)
+    for _ in range(20):
+        one.step()
+    easel, small = (Easel(one.held.autoencoder, one.held.chart, side=side) for side in (64, 32))
+    stem = tmp_path_factory.mktemp("session") / "session_001"
+    meta = {"inputs": ["push"], "title": "strip"}
+    paths = save_souvenirs(stem, one.tape.read(), easel, meta, gain=one.touch.gain, small=small)
+    return one, paths
+
+
+def test_it_comes_back_to_the_last_bit_and_does_the_same_again(saved):
+    one, (mcap, _, _) = saved
+    taped, kept = load_tape(mcap), one.tape.read()
+    for name in ("q", "v", "u", "load", "force", "place", "edits", "energy", "clip"):
+        np.testing.assert_array_equal(getattr(taped, name), getattr(kept, name), err_msg=name)
+    again = strip()
+    again.replay(taped)
+    for _ in range(len(taped)):
+        again.step()
+    np.testing.assert_array_equal(again.tape.read().q, kept.q)
+
+
+def test_it_is_a_motion_for_a_diagnosis_with_its_pushes_as_inputs(saved):
+    one, (mcap, _, _) = saved
+    sources = find_sources(str(mcap))
+    assert [source.kind for source in sources] == ["trajectory"]
+    (motion,) = read_sources(sources)
+    assert motion.u_names == ("push", "push0", "push1")
+    assert motion.segments == ((0, 70), (70, 90))
+    np.testing.assert_array_equal(motion.q, one.tape.read().q)
+    np.testing.assert_array_equal(motion.u[:, 1:], one.tape.read().load)
+
+
+def test_the_film_shows_the_motion_and_the_arrow(saved):
+    _, (_, film, animation) = saved
+    reader = cv2.VideoCapture(str(film))
+    frames = []
+    while (found := reader.read())[0]:
+        frames.append(found[1].astype(float))
+    assert len(frames) == pytest.approx(90 / 60 * 30, abs=2)
+    assert np.abs(frames[15] - frames[0]).max() > 60
+    assert animation.stat().st_size > 1000
+
+
+def test_an_arrow_points_along_the_drag(saved):
+    one, _ = saved
+    easel = Easel(one.held.autoencoder, one.held.chart, side=64)
+    plain = easel.draw(one.q)
+    drawn = pointed(plain, easel, np.array([10.0, 12.0]), np.array([8.0, 0.0]))
+    _, columns = np.nonzero(np.abs(drawn.astype(int) - plain).sum(2) > 60)
+    assert 17 <= columns.min() < columns.max() <= 42
+
+
+def test_what_is_no_session_is_told(saved, tmp_path):
+    with pytest.raises(FileNotFoundError, match="check the path"):
+        read_session(tmp_path / "none.mcap")
+    (tmp_path / "bad.mcap").write_bytes(b"\x89MCAP0\r\n" + bytes(64))
+    with pytest.raises(ValueError, match="MCAP file"):
+        read_session(tmp_path / "bad.mcap")
+    _, (mcap, _, _) = saved
+    (tmp_path / "short.mcap").write_bytes(mcap.read_bytes()[:2000])
+    with pytest.raises(ValueError, match="MCAP file"):
+        read_session(tmp_path / "short.mcap")
+    easel = Easel(saved[0].held.autoencoder, saved[0].held.chart, side=16)
+    with pytest.raises(FileExistsError, match="left as it is"):
+        save_souvenirs(mcap.with_suffix(""), saved[0].tape.read(), easel, {}, gain=1.0, small=easel)
