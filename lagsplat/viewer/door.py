@@ -7,6 +7,7 @@ a file: what is saved goes to the folder that the server was started with.
 
 import ipaddress
 import logging
+from math import isfinite
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -15,6 +16,8 @@ from viser import _messages as messages
 from viser import infra
 
 log = logging.getLogger(__name__)
+LARGEST = 1e9
+LONGEST = 200
 WARNING = (
     "WARNING: listening on {host}, which is not this machine alone. Whoever reaches it over the network can "
     "push the simulation, change its settings and make it write session files. There is no password. "
@@ -39,6 +42,15 @@ def foreign(headers: Any) -> bool:
     return origin is not None and urlsplit(origin).netloc != host
 
 
+def plain(value: object) -> bool:
+    """Whether a value may be one of a control: viser would pass on to everyone what it cannot even send."""
+    if isinstance(value, bool):
+        return True
+    if isinstance(value, int | float):
+        return isfinite(value) and abs(value) <= LARGEST
+    return isinstance(value, str) and len(value) <= LONGEST
+
+
 def guard(server: viser.ViserServer) -> None:
     """Turn away other origins, refuse tunnels, and let clients set values of controls and nothing else."""
     socket = server._websock_server
@@ -56,8 +68,8 @@ def guard(server: viser.ViserServer) -> None:
     set_value = socket._incoming_handlers.pop(messages.GuiUpdateMessage)
 
     async def only_values(client: infra.ClientId, message: messages.GuiUpdateMessage) -> None:
-        if set(message.updates) - {"value"}:
-            log.warning("client %s wanted to set %s of a control; refused", client, sorted(message.updates))
+        if set(message.updates) != {"value"} or not plain(message.updates["value"]):
+            log.warning("client %s sent what is no value of a control; refused", client)
             return
         for handler in set_value:
             try:

@@ -1,0 +1,183 @@
+"""The exported page in a real browser, from disk and with the network off."""
+
+import time
+
+import numpy as np
+import pytest
+import torch
+
+from lagsplat.viewer.page import save_page
+from tests.browser.chromium import browser, seen, until
+from tests.browser.disc import SIZE, TOP, WALL, disc
+
+NO_WEBGL2 = """
+const getContext = HTMLCanvasElement.prototype.getContext;
+HTMLCanvasElement.prototype.getContext = function (kind, ...rest) {
+  return kind === "webgl2" ? null : getContext.call(this, kind, ...rest);
+};
+"""
+PIXELS = """(q) => {
+  const { session, splats } = simulation;
+  Object.assign(session, { paused: true, q });
+  splats.resize(256);
+  splats.draw(q);
+  const { gl, canvas } = splats;
+  const bytes = new Uint8Array(4 * canvas.width * canvas.height);
+  gl.readPixels(0, 0, canvas.width, canvas.height, gl.RGBA, gl.UNSIGNED_BYTE, bytes);
+  return [canvas.height, canvas.width, Array.from(bytes)];
+}"""
+VIEW = {"width": 800, "height": 640}
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory):
+    page = tmp_path_factory.mktemp("page") / "push.html"
+    save_page(page, disc(), title="Rocking disc", subtitle="A run in miniature")
+    return page
+
+
+@pytest.fixture(scope="module")
+def chromium():
+    with browser() as one:
+        yield one
+
+
+@pytest.fixture
+def page(chromium, path):
+    context = chromium.new_context(viewport=VIEW, offline=True)
+    errors: list[str] = []
+    tab = context.new_page()
+    tab.on("pageerror", lambda error: errors.append(str(error)))
+    tab.goto(f"file://{path}")
+    tab.wait_for_function("window.simulation && window.simulation.frames > 0")
+    yield tab
+    context.close()
+    assert errors == []
+
+
+def at(page, place: tuple[float, float]) -> tuple[float, float]:
+    """Where a place of the picture [px of the training resolution] is on the screen."""
+    box = page.locator("#drawn").bounding_box()
+    return box["x"] + place[0] / SIZE[0] * box["width"], box["y"] + place[1] / SIZE[1] * box["height"]
+
+
+def drag(page, place: tuple[float, float], by: float) -> None:
+    x, y = at(page, place)
+    page.mouse.move(x, y)
+    page.mouse.down()
+    for i in range(1, 6):
+        page.mouse.move(x + by * i / 5, y)
+
+
+def bright_middle(page) -> float:
+    """Column of the middle of what is bright in the drawn picture, without the arrow over it [its pixels]."""
+    page.evaluate("document.getElementById('over').style.display = 'none'")
+    picture = seen(page, page.locator("#drawn").bounding_box()).sum(2)
+    page.evaluate("document.getElementById('over').style.display = ''")
+    ink = np.clip(picture - 400.0, 0.0, None).sum(0)
+    return float((ink * np.arange(len(ink))).sum() / ink.sum())
+
+
+@pytest.mark.parametrize("by", [120.0, -120.0], ids=["right", "left"])
+def test_a_drag_moves_the_object_with_it_and_it_returns(page, by: float) -> None:
+    before = bright_middle(page)
+    drag(page, TOP, by)
+    moved = until(lambda: abs(m := bright_middle(page) - before) > 2.0 and m, "a motion of the drawn object")
+    assert np.sign(moved) == np.sign(by)
+    assert page.locator("#arrow").evaluate("node => node.style.visibility") == "visible"
+    page.mouse.up()
+    page.locator("#damping").fill("5")
+    until(lambda: abs(bright_middle(page) - before) < 0.7, "the return to rest")
+    assert page.locator("#arrow").evaluate("node => node.style.visibility") == "hidden"
+
+
+def test_a_drag_on_the_wall_moves_nothing(page) -> None:
+    before = bright_middle(page)
+    drag(page, WALL, 150.0)
+    time.sleep(1.0)
+    assert abs(bright_middle(page) - before) < 0.2
+    page.mouse.up()
+
+
+def test_the_picture_is_the_one_that_python_draws(page) -> None:
+    one, state = disc(), 0.6
+    height, width, data = page.evaluate(PIXELS, [state])
+    assert (height, width) == (192, 256)
+    drawn = np.array(data, float).reshape(height, width, 4)[::-1, :, :3]
+    expected = 255.0 * one.held.pictures(torch.tensor([[state]], dtype=torch.float64), scale=8)[0]
+    assert np.abs(drawn - expected).max() < 4.0
+    assert np.abs(drawn - expected).mean() < 0.5
+
+
+def test_every_control_does_what_it_says(page) -> None:
+    def session(code: str):
+        return page.evaluate(f"simulation.session.{code}")
+
+    page.locator("#damping").fill("2")
+    page.locator("#inertia").fill("1.5")
+    page.locator("#stiffness").fill("0.5")
+    assert session("law.edits") == {"damping": 2, "inertia": 1.5, "stiffness": 0.5}
+    page.locator("#strength").fill("0.5")
+    assert session("strength") == pytest.approx(10**0.5)
+    page.locator("#radius").fill("0.1")
+    assert session("radius") == pytest.approx(0.1 * SIZE[0])
+    page.locator("#speed").fill("0.3")
+    assert session("speed") == pytest.approx(10**0.3)
+    page.locator("#pause").click()
+    time.sleep(0.1)
+    stood = session("time")
+    page.locator("#step").click()
+    assert session("time") == pytest.approx(stood + session("dt"))
+    page.locator("#frame").fill("30")
+    assert session("frame") == 30
+    assert session("q") == pytest.approx(page.evaluate("simulation.run.recorded.states[30]"))
+    page.locator("#follow").check()
+    assert session("following") is True
+    page.locator("#input0").evaluate(
+        "node => { node.value = node.max; node.dispatchEvent(new Event('input')); }"
+    )
+    assert session("following") is False
+    page.locator("#rest").click()
+    assert session("q") == session("run.rest")
+    page.locator("#help").click()
+    assert page.locator("#card").is_visible()
+    page.keyboard.press("Escape")
+    page.locator("summary", has_text="View").click()
+    page.locator("#show-outline").check()
+    assert page.locator("#outline path").count() >= 1
+    page.locator("#show-velocity").check()
+    until(lambda: page.locator("#velocity line").count() > 3, "arrows of the velocity")
+    before = page.evaluate("getComputedStyle(document.body).backgroundColor")
+    page.locator("#theme").click()
+    assert page.evaluate("getComputedStyle(document.body).backgroundColor") != before
+
+
+def test_beyond_the_recording_and_after_a_divergence_there_is_a_banner(page) -> None:
+    page.locator("#pause").click()
+    page.evaluate("simulation.session.q = [3 * simulation.run.reach]")
+    until(lambda: "Beyond the recording" in page.locator("#banner").inner_text(), "the banner")
+    page.locator("#pause").click()
+    page.evaluate("simulation.session.v = [1e12]")
+    until(lambda: "diverged" in page.locator("#banner").inner_text(), "the stop")
+    page.locator("#rest").click()
+    until(lambda: page.locator("#banner").inner_text() == "", "the reset")
+    assert page.evaluate("simulation.session.stopped") is False
+
+
+def test_it_fits_a_phone(chromium, path) -> None:
+    context = chromium.new_context(viewport={"width": 390, "height": 780}, has_touch=True, offline=True)
+    tab = context.new_page()
+    tab.goto(f"file://{path}")
+    tab.wait_for_function("window.simulation")
+    assert tab.evaluate("document.documentElement.scrollWidth") <= 390
+    assert tab.locator("#drawn").bounding_box()["width"] > 330
+    context.close()
+
+
+def test_without_webgl2_it_says_so_in_words(chromium, path) -> None:
+    context = chromium.new_context(offline=True)
+    context.add_init_script(NO_WEBGL2)
+    tab = context.new_page()
+    tab.goto(f"file://{path}")
+    assert "draws no WebGL2" in tab.locator(".broken").inner_text()
+    context.close()

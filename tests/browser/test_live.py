@@ -1,0 +1,185 @@
+"""The live page in a real browser: drags, controls, a tab that closes, two tabs at once."""
+
+import time
+
+import numpy as np
+import pytest
+
+from lagsplat.config import compose
+from lagsplat.viewer.live import Live, Show
+from tests.browser.chromium import browser, seen, until
+from tests.browser.disc import SIZE, TOP, WALL, disc
+
+VIEW = {"width": 760, "height": 520}
+
+
+@pytest.fixture(scope="module")
+def live(tmp_path_factory):
+    session, settings = (
+        disc(),
+        compose("system=toy", "viewer.port=0", "viewer.pictures_hz=15", "viewer.side=64"),
+    )
+    folder = tmp_path_factory.mktemp("live")
+    frame = np.full((24, 32, 3), 90, np.uint8)
+    one = Live(Show(session, "Rocking disc", lambda number: frame, folder), settings.viewer)
+    yield one
+    one.stop()
+
+
+@pytest.fixture(scope="module")
+def chromium():
+    with browser() as one:
+        yield one
+
+
+@pytest.fixture
+def page(chromium, live):
+    tab = opened(chromium, live)
+    yield tab
+    tab.close()
+    live.loop.tell(lambda session: (session.release(), session.to_rest()))
+
+
+def opened(chromium, live):
+    """A tab in which the first picture is seen."""
+    tab = chromium.new_page(viewport=VIEW)
+    tab.goto(live.url)
+    until(lambda: len(live.server.get_clients()) > 0, "a connection")
+    until(lambda: canvas_of(tab) is not None and ink_of(tab).sum() > 1e4, "the first picture")
+    return tab
+
+
+def canvas_of(page) -> dict[str, float] | None:
+    found = page.locator("canvas").first
+    return found.bounding_box() if found.count() else None
+
+
+def ink_of(page) -> np.ndarray:
+    """How bright each column of the scene is where it is nearly white."""
+    return np.clip(seen(page, canvas_of(page)).min(2) - 150.0, 0.0, None).sum(0)
+
+
+def middle(page) -> float:
+    ink = ink_of(page)
+    return float((ink * np.arange(len(ink))).sum() / ink.sum())
+
+
+def at(page, live, place: tuple[float, float]) -> tuple[float, float]:
+    """Where a place of the picture [px] is on the screen: the camera faces the picture's middle."""
+    box, plane = canvas_of(page), live.stage.plane
+    unit = 0.5 * box["height"] / (live.stage.far * np.tan(0.5 * 0.75)) / plane.unit
+    x = box["x"] + 0.5 * box["width"] + unit * (place[0] - 0.5 * SIZE[0])
+    return x, box["y"] + 0.5 * box["height"] + unit * (place[1] - 0.5 * SIZE[1])
+
+
+def drag(page, live, place: tuple[float, float], by: float) -> None:
+    x, y = at(page, live, place)
+    page.mouse.move(x, y)
+    page.mouse.down()
+    for i in range(1, 9):
+        page.mouse.move(x + by * i / 8, y)
+        time.sleep(0.05)
+
+
+def test_a_drag_pushes_the_matter_under_the_pointer_and_its_release_lets_go(page, live) -> None:
+    session = live.show.session
+    drag(page, live, TOP, 60.0)
+    hand = until(lambda: session.hand is not None and session.hand.force[0] > 0 and session.hand, "a push")
+    np.testing.assert_allclose(hand.grip.at, TOP, atol=1.0)
+    place = until(lambda: (p := hand.place(session.q)[0]) > TOP[0] + 0.3 and p, "a motion to the right")
+    assert place < SIZE[0]
+    page.mouse.up()
+    until(lambda: session.hand is None, "the release")
+    live.loop.tell(lambda s: s.edit(damping=5.0))
+    until(lambda: abs(hand.place(session.q)[0] - TOP[0]) < 0.2, "the return to rest")
+    live.loop.tell(lambda s: s.edit(damping=1.0))
+
+
+def test_what_is_seen_moves_in_the_pushed_direction_and_comes_back(page, live) -> None:
+    before = middle(page)
+    drag(page, live, TOP, 60.0)
+    until(lambda: live.show.session.hand is not None, "a push")
+    time.sleep(0.5)
+    page.mouse.up()
+    live.loop.tell(lambda s: s.to_frame(25))  # pushed or started to the right, without the arrow over it
+    live.loop.tell(lambda s: s.pause(True))
+    until(lambda: middle(page) > before + 2.0, "drawn pixels to the right")
+    live.loop.tell(lambda s: s.to_rest())
+    until(lambda: abs(middle(page) - before) < 1.0, "drawn pixels back at rest")
+    live.loop.tell(lambda s: s.pause(False))
+
+
+def test_a_drag_on_the_wall_moves_nothing(page, live) -> None:
+    session = live.show.session
+    rest = session.q.copy()
+    drag(page, live, WALL, 80.0)
+    until(lambda: session.hand is not None, "a hold of the wall")
+    time.sleep(0.5)
+    np.testing.assert_allclose(session.q, rest, atol=1e-3)
+    page.mouse.up()
+    until(lambda: session.hand is None, "the release")
+
+
+def test_controls_reach_the_session(page, live) -> None:
+    session = live.show.session
+    page.get_by_role("button", name="Pause").click()
+    until(lambda: session.status == "paused", "the pause")
+    steps = session.steps
+    page.get_by_role("button", name="Step").click()
+    until(lambda: session.steps == steps + 1, "a single step")
+    page.get_by_role("button", name="Run").click()
+    until(lambda: session.status == "running", "running again")
+    page.get_by_role("tab", name="Mechanics").click()
+    slider = page.get_by_text("Damping", exact=True).locator(
+        "xpath=ancestor::*[.//*[@role='slider']][1]"
+    ).get_by_role("slider")  # fmt: skip
+    slider.press("ArrowRight")
+    until(lambda: session.edits.damping == pytest.approx(1.05), "more damping")
+    page.get_by_role("button", name="As learned").click()
+    until(lambda: session.edits.damping == 1.0, "damping as learned")
+    page.get_by_role("tab", name="View").click()
+    page.get_by_label("Outline at rest").click()
+    until(lambda: live.stage.shown.outline, "the outline")
+    page.get_by_role("tab", name="Record").click()
+    page.get_by_role("button", name="Save the session").click()
+    until(
+        lambda: {p.suffix for p in live.show.folder.glob("session_*")} == {".mcap", ".mp4", ".gif"}, "files"
+    )
+    page.get_by_role("button", name="Replay what I did").click()
+    until(lambda: session.playing is not None, "the replay")
+    page.get_by_role("button", name="Rest").click()
+    until(lambda: session.frame is None and not session.v.any(), "rest")
+
+
+def test_a_tab_that_closes_lets_go_and_may_come_back(chromium, live) -> None:
+    session = live.show.session
+    tab = opened(chromium, live)
+    drag(tab, live, TOP, 60.0)
+    until(lambda: session.hand is not None, "a push")
+    tab.close()
+    until(lambda: session.hand is None, "the release of a closed tab")
+    again = opened(chromium, live)
+    drag(again, live, TOP, -60.0)
+    until(lambda: session.hand is not None and session.hand.force[0] < 0, "a push of the new tab")
+    again.mouse.up()
+    until(lambda: session.hand is None, "its release")
+    again.close()
+
+
+def test_two_tabs_see_the_same_and_the_last_hand_holds(chromium, live) -> None:
+    session = live.show.session
+    one, two = opened(chromium, live), opened(chromium, live)
+    drag(one, live, TOP, 60.0)
+    until(lambda: session.hand is not None and session.hand.force[0] > 0, "the first hand")
+    drag(two, live, TOP, -60.0)
+    until(lambda: session.hand is not None and session.hand.force[0] < 0, "the second hand")
+    one.mouse.up()
+    time.sleep(0.3)
+    assert session.hand is not None
+    two.mouse.up()
+    until(lambda: session.hand is None, "the release")
+    live.loop.tell(lambda s: (s.to_frame(25), s.pause(True)))
+    until(lambda: abs(middle(one) - middle(two)) < 1.0, "the same picture in both")
+    live.loop.tell(lambda s: (s.pause(False), s.to_rest()))
+    one.close()
+    two.close()

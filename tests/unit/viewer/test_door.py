@@ -1,0 +1,186 @@
+"""Hostile visitors: nothing of what they send executes, ends the session or moves a file."""
+
+import http.client
+import socket
+import threading
+import time
+
+import msgspec
+import numpy as np
+import pytest
+import viser
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import connect
+from websockets.typing import Subprotocol
+
+from lagsplat.cli import main
+from lagsplat.config import compose
+from lagsplat.viewer.door import warning
+from lagsplat.viewer.live import Live, Show
+from tests.unit.viewer.sessions import session
+
+PROTOCOL = Subprotocol(f"viser-v{viser.__version__}")
+NAN = float("nan")
+
+
+@pytest.fixture(scope="module")
+def live(tmp_path_factory):
+    settings = compose("system=toy", "viewer.port=0")
+    folder = tmp_path_factory.mktemp("live")
+    frame = np.zeros((24, 32, 3), np.uint8)
+    one = Live(Show(session(), "disc", lambda number: frame, folder), settings.viewer)
+    yield one
+    one.stop()
+
+
+def visit(live, **settings):
+    url = live.url.replace("http", "ws")
+    return connect(url, subprotocols=[PROTOCOL], open_timeout=10, **settings)
+
+
+def camera() -> dict:
+    look = {"wxyz": (1, 0, 0, 0), "position": (0, 0, 5), "look_at": (0, 0, 0), "up_direction": (0, 1, 0)}
+    view = {"image_height": 100, "image_width": 100, "fov": 0.75, "near": 0.1, "far": 100.0}
+    return {"type": "ViewerCameraMessage", **look, **view}
+
+
+def dragged(phase: str, start, end, name: str = "/picture") -> dict:
+    return {
+        "type": "SceneNodeDragMessage", "phase": phase, "name": name, "instance_index": None,
+        "start_position": start, "start_screen_pos": (0, 0), "end_position": end, "end_screen_pos": (0, 0),
+        "button": "left", "modifier": None, "owner": "",
+    }  # fmt: skip
+
+
+def everything(client) -> None:
+    """Read until the connection closes."""
+    while True:
+        client.recv(timeout=10)
+
+
+def uuids(live) -> list[str]:
+    return list(live.server.gui._gui_input_handle_from_uuid)
+
+
+def hostile(live) -> list[bytes | str]:
+    """Messages that no page of ours would send."""
+    updates = [
+        {"type": "GuiUpdateMessage", "uuid": uuid, "updates": updates}
+        for uuid in uuids(live)
+        for updates in ({"update_cb": []}, {"removed": True}, {"value": "__import__('os').abort()"},
+                        {"value": NAN}, {"value": 1e308}, {"value": None}, {"gui_api": 0}, {"value": {"a": 1}})
+    ]  # fmt: skip
+    drags = [
+        dragged("start", (NAN, 0, 0), (0, 0, 0)),
+        dragged("update", (0, 0, 0), (1e308, -1e308, 0)),
+        dragged("end", (0, 0, 0), (0, 0, 0), name="/../../etc"),
+        dragged("start", ("a", None, []), ({}, 0, 0)),
+        dragged("start", (0, 0, 0), (0, 0, 9)),
+    ]
+    others = [
+        {"type": "ShareUrlRequest"},
+        {"type": "FileTransferStartUpload", "source_component_uuid": "../../x", "transfer_uuid": "../y",
+         "filename": "../../../../tmp/evil", "mime_type": "text/plain", "part_count": 1, "size_bytes": 4},
+        {"type": "FileTransferPart", "source_component_uuid": None, "transfer_uuid": "../y", "part_index": 0,
+         "content": b"evil"},
+        {"type": "NoSuchMessage"},
+        {"type": "ResetGuiMessage"},
+        {"type": "RunJavascriptMessage", "source": "1"},
+        {},
+    ]  # fmt: skip
+    packed = [msgspec.msgpack.encode(message) for message in (*updates, *drags, *others)]
+    return [*packed, b"", b"\xc1", bytes(range(256)), b"\x80" * 4096, "text where bytes are meant"]
+
+
+def test_no_message_executes_anything_ends_the_session_or_moves_a_file(live, tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    handles = live.server.gui._gui_input_handle_from_uuid
+    callbacks = {uuid: list(handle._impl.update_cb) for uuid, handle in handles.items()}
+    for message in hostile(live):
+        try:
+            with visit(live) as client:
+                client.send(msgspec.msgpack.encode(camera()))
+                client.send(message)
+                time.sleep(0.002)
+        except ConnectionClosed:
+            pass
+    heard = threading.Event()
+    live.loop.tell(lambda s: (s.to_rest(), heard.set()))
+    assert heard.wait(10.0)
+    one, steps = live.show.session, live.show.session.steps
+    live.loop.tell(lambda s: s.pause(False))
+    time.sleep(0.3)
+    assert one.steps > steps
+    assert np.isfinite(one.q).all()
+    assert {uuid: list(handle._impl.update_cb) for uuid, handle in handles.items()} == callbacks
+    assert live.server._share_tunnel is None
+    assert list(tmp_path.iterdir()) == []
+    assert {path.stem.rstrip("0123456789") for path in live.show.folder.glob("*.mcap")} <= {"session_"}
+    assert {path.suffix for path in live.show.folder.iterdir()} <= {".mcap", ".mp4", ".gif"}
+
+
+def test_after_all_that_a_drag_still_pushes(live) -> None:
+    grab = tuple(live.stage.plane.to_scene(np.array([16.0, 8.0])).tolist())
+    tip = tuple(live.stage.plane.to_scene(np.array([22.0, 8.0])).tolist())
+    with visit(live) as client:
+        client.send(msgspec.msgpack.encode(camera()))
+        time.sleep(0.3)
+        for phase in ("start", "update"):
+            client.send(msgspec.msgpack.encode(dragged(phase, grab, tip)))
+        end = time.monotonic() + 10.0
+        while live.show.session.hand is None and time.monotonic() < end:
+            time.sleep(0.02)
+        np.testing.assert_allclose(live.show.session.hand.grip.at, (16.0, 8.0), atol=1e-6)
+        np.testing.assert_allclose(live.show.session.hand.force, (6.0 * live.show.session.touch.gain, 0.0))
+    end = time.monotonic() + 10.0
+    while live.show.session.hand is not None and time.monotonic() < end:
+        time.sleep(0.02)
+    assert live.show.session.hand is None
+
+
+def test_a_page_of_another_site_is_turned_away(live) -> None:
+    with visit(live, origin="http://evil.example") as client, pytest.raises(ConnectionClosed) as closed:
+        everything(client)
+    assert closed.value.rcvd.code == 1008
+    with visit(live, origin=live.url) as client:
+        assert client.recv(timeout=10)
+
+
+@pytest.mark.parametrize("path", ["/../../../../etc/passwd", "/%2e%2e/%2e%2e/etc/passwd", "/..\\..\\etc"])
+def test_files_outside_the_page_are_not_served(live, path: str) -> None:
+    connection = http.client.HTTPConnection("127.0.0.1", live.server.get_port(), timeout=10)
+    connection.request("GET", path)
+    answer = connection.getresponse()
+    assert b"root:" not in answer.read()
+    assert answer.status in (403, 404)
+
+
+def test_it_listens_on_this_machine_alone_unless_told_with_a_warning() -> None:
+    assert compose("system=toy").viewer.host == "127.0.0.1"
+    assert warning("127.0.0.1") is warning("::1") is warning("localhost") is None
+    for host in ("0.0.0.0", "192.168.1.4", "robot.example"):
+        assert "no password" in (warning(host) or "")
+
+
+def test_an_address_that_is_not_ours_is_told_at_once(tmp_path) -> None:
+    settings = compose("system=toy", "viewer.host=203.0.113.9")
+    show = Show(session(), "disc", lambda number: np.zeros((24, 32, 3), np.uint8), tmp_path)
+    with pytest.raises(OSError, match=r"viewer.host=203.0.113.9: .*this machine"):
+        Live(show, settings.viewer)
+
+
+def test_the_socket_is_bound_to_loopback(live) -> None:
+    outside = socket.gethostbyname(socket.gethostname())
+    if outside.startswith("127."):
+        pytest.skip("this machine has no other address than loopback")
+    with pytest.raises(OSError, match=r".+"):
+        socket.create_connection((outside, live.server.get_port()), timeout=2).close()
+
+
+def test_the_command_says_what_a_run_lacks(tmp_path, capsys) -> None:
+    assert main(["view", str(tmp_path / "nothing"), "--no-browser"]) == 2
+    assert "give run=FOLDER of a finished fit" in capsys.readouterr().err
+    assert main(["view"]) == 2
+    assert "name one fitted run" in capsys.readouterr().err
+    assert main(["view", str(tmp_path), "stage1.steps=3"]) == 2
+    assert "viewer.key" in capsys.readouterr().err
