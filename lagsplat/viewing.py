@@ -4,14 +4,17 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import UInt8
+from jaxtyping import Float64, UInt8
 
 from lagsplat.config import Config, compose, options
+from lagsplat.diagnose.apply import FILE
+from lagsplat.diagnose.augmented import load_augmented
+from lagsplat.diagnose.missing import Missing
 from lagsplat.forces.held import Held, hold
 from lagsplat.pipeline import Run, open_run
 from lagsplat.provenance import set_threads
 from lagsplat.viewer.recorded import Recorded, recorded_of
-from lagsplat.viewer.session import Session
+from lagsplat.viewer.session import Session, Snapshot
 
 CORES = 2
 
@@ -19,8 +22,8 @@ CORES = 2
 def view(folder: Path, experiment: Config, own: Mapping[str, str], *, browser: bool) -> None:
     """Serve the run in ``folder`` until interrupted, and open the system's browser there if ``browser``.
 
-    ``own`` may name ``out``, where sessions are saved (the run's folder if not), and ``replay``, a session to
-    begin with.
+    ``own`` may name ``out``, where sessions are saved (the run's folder if not), ``replay``, a session to
+    begin with, and ``diagnosis``, the folder of one whose residual can be laid over the picture.
 
     Raises:
         FileNotFoundError: an artefact of the run, or the session, is not there.
@@ -34,7 +37,8 @@ def view(folder: Path, experiment: Config, own: Mapping[str, str], *, browser: b
     session = pushable(run, experiment)
     if "replay" in own:
         session.replay(load_tape(Path(own["replay"])))
-    show = Show(session, title_of(folder), _frames(run), Path(own.get("out", str(folder))))
+    residual = _residual(Path(own["diagnosis"]), session) if "diagnosis" in own else None
+    show = Show(session, title_of(folder), _frames(run), Path(own.get("out", str(folder))), residual)
     live = Live(show, experiment.viewer)
     print(f"{title_of(folder)}: {live.url}   (Ctrl-C ends it)", flush=True)
     if browser:
@@ -88,3 +92,12 @@ def _frames(run: Run) -> Callable[[int], UInt8[np.ndarray, "H W 3"]]:
         return np.asarray(run.recording.frames[number])
 
     return frame
+
+
+def _residual(diagnosis: Path, session: Session) -> Callable[[Snapshot], Float64[np.ndarray, " d"]]:
+    missing = Missing(load_augmented(diagnosis / FILE if diagnosis.is_dir() else diagnosis))
+    try:
+        missing.acceleration(session.q, session.v, session.u)
+    except ValueError as error:
+        raise ValueError(f"{diagnosis}: a diagnosis of another sim than this run ({error})") from error
+    return lambda snapshot: missing.acceleration(snapshot.q, snapshot.v, snapshot.u)

@@ -3,6 +3,7 @@ diagnosis."""
 
 import json
 import os
+import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -80,7 +81,7 @@ def read_session(path: str | os.PathLike[str]) -> SessionLog:
         with open(path, "rb") as file:
             rows = [json.loads(message.data) for _, _, message in make_reader(file).iter_messages([TOPIC])]
         columns = {name: np.array([row[name] for row in rows], dtype=np.float64) for name in NAMES}
-    except (McapError, ValueError, KeyError, TypeError) as error:
+    except (McapError, ValueError, KeyError, TypeError, struct.error) as error:
         raise ValueError(f"{path}: its states cannot be read ({error}); save the session again") from error
     shapes = {name: column.ndim for name, column in columns.items()}
     if not rows or set(shapes.values()) != {2} or not all(np.isfinite(c).all() for c in columns.values()):
@@ -121,5 +122,5 @@ def _metadata(path: Path) -> dict[str, Any]:
             entries = list(make_reader(file).iter_metadata())
         found = next((entry.metadata for entry in entries if entry.name == "lagsplat"), {})
         return {key: json.loads(value) for key, value in found.items()}
-    except (McapError, ValueError, OSError) as error:
+    except (McapError, ValueError, OSError, struct.error) as error:
         raise ValueError(f"{path}: not a whole MCAP file ({error})") from error

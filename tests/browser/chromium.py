@@ -35,7 +35,10 @@ def seen(page, clip: dict[str, float] | None = None) -> np.ndarray:
     """What the page shows, RGB (H, W, 3), in all or within ``clip``; does not wait for the page to be
     quiet."""
     settings = {"format": "png"} | ({} if clip is None else {"clip": {**clip, "scale": 1}})
-    data = page.context.new_cdp_session(page).send("Page.captureScreenshot", settings)["data"]
+    page.bring_to_front()  # a page behind another is drawn once a second
+    protocol = page.context.new_cdp_session(page)
+    data = protocol.send("Page.captureScreenshot", settings)["data"]
+    protocol.detach()
     return np.asarray(Image.open(BytesIO(base64.b64decode(data))).convert("RGB")).astype(np.float64)
 
 

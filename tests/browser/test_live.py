@@ -10,7 +10,7 @@ from lagsplat.viewer.live import Live, Show
 from tests.browser.chromium import browser, seen, until
 from tests.browser.disc import SIZE, TOP, WALL, disc
 
-VIEW = {"width": 760, "height": 520}
+VIEW = {"width": 640, "height": 400}
 
 
 @pytest.fixture(scope="module")

@@ -68,7 +68,7 @@ def hostile(live) -> list[bytes | str]:
         {"type": "GuiUpdateMessage", "uuid": uuid, "updates": updates}
         for uuid in uuids(live)
         for updates in ({"update_cb": []}, {"removed": True}, {"value": "__import__('os').abort()"},
-                        {"value": NAN}, {"value": 1e308}, {"value": None}, {"gui_api": 0}, {"value": {"a": 1}})
+                        {"value": NAN}, {"value": 1e308}, {"value": None}, {"gui_api": 0}, {"value": []})
     ]  # fmt: skip
     drags = [
         dragged("start", (NAN, 0, 0), (0, 0, 0)),

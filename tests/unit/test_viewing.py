@@ -1,0 +1,60 @@
+"""From folders to sessions and pages: titles, pages of a kept run, the residual of a diagnosis."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lagsplat import viewing
+from lagsplat.chart.chart import save_chart
+from lagsplat.cli import main
+from lagsplat.config import compose
+from lagsplat.diagnose.augmented import save_augmented
+from lagsplat.io.recording import save_recording
+from lagsplat.pipeline import open_run
+from lagsplat.stage1.autoencoder import save_autoencoder
+from lagsplat.stage2.fit import save_dynamics
+from tests.oracle.test_augmented import sim
+from tests.unit.evaluate import tiny_run
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    out = tmp_path_factory.mktemp("results") / "quick/simulated/krauss_2seg/default-0/default-0"
+    film, model = tiny_run.recording(120, tail=40), tiny_run.autoencoder(1)
+    save_recording(out / "recording.safetensors", film)
+    save_autoencoder(out / "autoencoder.safetensors", model, {})
+    save_chart(out / "chart.safetensors", tiny_run.chart(model, film), {})
+    save_dynamics(out / "dynamics.safetensors", tiny_run.lagrangian(1), {"report": {}})
+    return out
+
+
+def test_a_run_is_called_by_its_system(folder: Path, tmp_path: Path) -> None:
+    assert viewing.title_of(folder) == "Krauss arm, two segments (simulated)"
+    assert viewing.title_of(tmp_path / "mine") == "mine"
+
+
+def test_a_page_is_written_of_a_kept_run(folder: Path, tmp_path: Path, capsys) -> None:
+    out = tmp_path / "arm.html"
+    assert main(["export", str(folder), "--html", f"out={out}"]) == 0
+    assert capsys.readouterr().out.strip() == str(out)
+    assert "Krauss arm, two segments (simulated)" in out.read_text(encoding="utf-8")
+
+
+def test_the_residual_of_a_diagnosis_follows_the_session(folder: Path, tmp_path: Path) -> None:
+    damped = sim(("viscous_damping", [0.7]))
+    save_augmented(tmp_path / "augmented.safetensors", damped, {})
+    session = viewing.pushable(open_run(folder), compose())
+    residual = viewing._residual(tmp_path, session)
+    session.v = np.array([2.0])
+    assert residual(session.snapshot())[0] == pytest.approx(-2.0 * damped.parameters(0)["rate"], rel=0.05)
+
+
+def test_a_diagnosis_of_another_sim_and_a_damaged_session_are_told(
+    folder: Path, tmp_path: Path, capsys
+) -> None:
+    (tmp_path / "old.mcap").write_bytes(b"nothing")
+    assert main(["view", str(folder), "--no-browser", f"replay={tmp_path / 'old.mcap'}"]) == 2
+    assert "not a whole MCAP file" in capsys.readouterr().err
+    assert main(["view", str(folder), "--no-browser", f"diagnosis={tmp_path / 'none'}"]) == 2
+    assert "no such file" in capsys.readouterr().err
