@@ -10,7 +10,7 @@ export MKL_NUM_THREADS ?= 1
 # A waiting thread sleeps: one that spins takes the core from whoever it waits for.
 export OMP_WAIT_POLICY ?= PASSIVE
 
-.PHONY: krauss physical test
+.PHONY: krauss physical view test
 .DEFAULT_GOAL := krauss
 
 krauss: .venv/.installed
@@ -18,6 +18,12 @@ krauss: .venv/.installed
 
 physical: .venv/.installed
 	$(BIN)/snakemake -c$(CORES) results/tables/physical.tex results/tables/truth.tex
+
+# A simulated rocker, fitted by the quick profile in some minutes where it is not there yet, then pushed in the browser.
+ROCKER := results/quick/simulated/rainbow_rocker/default-0/default-0
+view: .venv/.installed
+	$(BIN)/snakemake -c$(CORES) $(ROCKER)/dynamics.json
+	$(BIN)/lagsplat view $(ROCKER)
 
 test: .venv/.installed
 	$(BIN)/ruff check .

@@ -1,4 +1,4 @@
-"""What ``lagsplat export`` writes: one function a format, which imports what that format needs and no more."""
+"""What ``lagsplat export`` writes: a function a format, each importing what its format needs."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -60,7 +60,8 @@ def export_page(folder: Path, experiment: Config, out: Path) -> None:
     kinematics = session.held.kinematics
     coordinates = "one learned coordinate" if kinematics.d == 1 else f"{kinematics.d} learned coordinates"
     subtitle = f"Seen by one camera, never pushed. {kinematics.center.shape[0]} Gaussians, {coordinates}."
-    save_page(out, session, title=title_of(folder), subtitle=subtitle)
+    title = title_of(folder)
+    save_page(out, session, title=title[:1].upper() + title[1:], subtitle=subtitle)
 
 
 def pushable(run: Run, experiment: Config) -> Session:

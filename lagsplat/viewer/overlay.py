@@ -13,6 +13,9 @@ from lagsplat.forces.scene import scene_at
 CELLS = 14
 """Cells along the longer side of the picture in each of which one arrow stands."""
 PRESENT = 0.2
+MOVES = 0.1
+"""Of the largest motion: what moves less is ground, and gets no arrow."""
+LARGEST = 0.98
 FINER = 2
 """Times the training resolution at which the outline is cut."""
 SHORT = 12
@@ -39,10 +42,11 @@ class Field:
         present = kinematics.presence(held.rest[None])[0].numpy()
         motion = kinematics.geometry.jacobian.flatten(1).norm(dim=1).numpy()
         cell = max(kinematics.height, kinematics.width) / CELLS
+        moves = motion >= MOVES * np.quantile(motion, LARGEST)
         best: dict[tuple[int, int], int] = {}
         for i in np.argsort(present * motion):  # the last one written is the one that tells most
             x, y = places[i]
-            if present[i] > PRESENT and 0 <= x < kinematics.width and 0 <= y < kinematics.height:
+            if moves[i] and present[i] > PRESENT and 0 <= x < kinematics.width and 0 <= y < kinematics.height:
                 best[int(x // cell), int(y // cell)] = int(i)
         self.chosen = torch.tensor(sorted(best.values()), dtype=torch.long)
         self.kinematics, self.cell = kinematics, cell

@@ -13,7 +13,7 @@ from lagsplat.viewer.session import Session, Snapshot
 from lagsplat.viewer.stage import Stage
 
 HELP = Path(__file__).with_name("help.md")
-REFRESH_S = 0.15
+REFRESH_S = 0.25
 WIDEST = 0.2
 
 

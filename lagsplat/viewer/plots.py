@@ -39,6 +39,9 @@ class Plots:
             ]
         )  # fmt: skip
 
+        while self.rows[0][0] < snapshot.time_s - self.span_s:
+            self.rows.popleft()
+
     def show(self) -> None:
         """Send what is collected."""
         if len(self.rows) < 2:

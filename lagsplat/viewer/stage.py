@@ -74,8 +74,9 @@ class Stage:
         self.real_name = scene.add_label("/real/name", "recorded", position=(0.0, 0.54 * height, 0.0),
                                          anchor="top-center", visible=False)  # fmt: skip
         self.arrow = self._arrows("/force", FORCE, thick=0.035)
-        self.velocity = self._arrows("/velocity", FIELD, thick=0.012)
-        self.missing = self._arrows("/residual", RESIDUAL, thick=0.016)
+        # lines and no arrowheads, which would stay where nothing moves
+        self.velocity = self._lines("/velocity", np.zeros((1, 2, 3)), FIELD, thick=0.02)
+        self.missing = self._lines("/residual", np.zeros((1, 2, 3)), RESIDUAL, thick=0.024)
         self.brush = self._lines("/brush", ring(self.plane, np.zeros(2), 1.0), BRUSH, thick=0.02)
         lines = [_segments(self.plane.to_scene(line, lift=FRONT)) for line in rest_outline(held)]
         self.rest = self._lines("/rest", np.concatenate(lines or [np.zeros((1, 2, 3))]), REST, thick=0.014)

@@ -10,6 +10,8 @@ from lagsplat.viewer.page import save_page
 from tests.browser.chromium import browser, seen, until
 from tests.browser.disc import SIZE, TOP, WALL, disc
 
+# the page forbids itself to evaluate text, so that a condition is asked for from outside
+DRAWN = "Boolean(window.simulation?.frames)"
 NO_WEBGL2 = """
 const getContext = HTMLCanvasElement.prototype.getContext;
 HTMLCanvasElement.prototype.getContext = function (kind, ...rest) {
@@ -49,7 +51,7 @@ def page(chromium, path):
     tab = context.new_page()
     tab.on("pageerror", lambda error: errors.append(str(error)))
     tab.goto(f"file://{path}")
-    tab.wait_for_function("window.simulation && window.simulation.frames > 0")
+    until(lambda: tab.evaluate(DRAWN), "the first picture")
     yield tab
     context.close()
     assert errors == []
@@ -168,7 +170,7 @@ def test_it_fits_a_phone(chromium, path) -> None:
     context = chromium.new_context(viewport={"width": 390, "height": 780}, has_touch=True, offline=True)
     tab = context.new_page()
     tab.goto(f"file://{path}")
-    tab.wait_for_function("window.simulation")
+    until(lambda: tab.evaluate(DRAWN), "the first picture")
     assert tab.evaluate("document.documentElement.scrollWidth") <= 390
     assert tab.locator("#drawn").bounding_box()["width"] > 330
     context.close()

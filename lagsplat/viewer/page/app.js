@@ -98,8 +98,8 @@ function showRates(page, now) {
   byId("rates").textContent =
     `${page.session.time.toFixed(1)} s · ${rate(page.steps)} steps/s · ${rate(page.frames)} pictures/s${late}`;
   Object.assign(page, { counted: now, frames: 0, steps: 0, rates: [rate(page.steps), rate(page.frames)] });
-  const side = Math.max(page.splats.canvas.width, page.splats.canvas.height);
-  if (page.rates[1] < SMOOTH && side > COARSEST) page.splats.resize(Math.max(COARSEST, Math.round(0.7 * side)));
+  const { splats } = page;
+  if (page.rates[1] < SMOOTH) splats.resize(Math.max(COARSEST, Math.round(0.7 * splats.side)));
 }
 
 function line(id, from, to) {

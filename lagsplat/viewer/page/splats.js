@@ -115,9 +115,13 @@ class Splats {
     for (const key of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) gl.texParameteri(gl.TEXTURE_2D, key, gl.CLAMP_TO_EDGE);
     return texture;
   }
-  /** Draw with `side` pixels along the longer side from now on. */
+  /** Draw with `side` pixels along the longer side, from the next picture on: a resized canvas is blank till then. */
   resize(side) {
+    this.side = side;
+  }
+  prepare(side) {
     const { gl, canvas } = this;
+    this.prepared = side;
     this.stretch = side / Math.max(this.width, this.height);
     canvas.width = Math.round(this.width * this.stretch);
     canvas.height = Math.round(this.height * this.stretch);
@@ -130,6 +134,7 @@ class Splats {
   }
   draw(q) {
     const { gl, canvas, program } = this;
+    if (this.side !== this.prepared) this.prepare(this.side);
     const place = (name) => gl.getUniformLocation(program, name);
     gl.bindVertexArray(this.nothing);
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.target);
