@@ -110,7 +110,7 @@ def _what_is_left(axis: Axes, shown: Mapping[str, Sequence[Found]], colours: Any
     axis.set(xscale="log", yscale="log", xlabel="time past the training frames [s]")
     axis.set_ylim(FLOOR / 1.5, 3.0)
     axis.set_title("amplitude left, as a share of the clip's first", loc="left", pad=2)
-    axis.legend(loc="lower left")
+    axis.legend(loc="center right")
 
 
 def _envelope(found: Found) -> tuple[np.ndarray, np.ndarray]:
