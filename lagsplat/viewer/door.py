@@ -36,10 +36,15 @@ def warning(host: str) -> str | None:
     return None if alone else WARNING.format(host=host)
 
 
-def foreign(headers: Any) -> bool:
-    """Whether a connection comes from a page of another site than the one it asks."""
-    origin, host = headers.get("Origin"), headers.get("Host")
-    return origin is not None and urlsplit(origin).netloc != host
+def foreign(headers: Any, *, alone: bool) -> bool:
+    """Whether a connection comes from a page of another site than the one it asks.
+
+    A server that is ``alone`` on its machine is asked by a name of that machine only: another site may have
+    its own name point here.
+    """
+    origin, host = headers.get("Origin"), headers.get("Host") or ""
+    named = warning(urlsplit(f"//{host}").hostname or "") is None
+    return (origin is not None and urlsplit(origin).netloc != host) or (alone and not named)
 
 
 def plain(value: object) -> bool:
@@ -51,14 +56,17 @@ def plain(value: object) -> bool:
     return isinstance(value, str) and len(value) <= LONGEST
 
 
-def guard(server: viser.ViserServer) -> None:
-    """Turn away other origins, refuse tunnels, and let clients set values of controls and nothing else."""
+def guard(server: viser.ViserServer, *, alone: bool) -> None:
+    """Turn away other origins, refuse tunnels, and let clients set values of controls and nothing else.
+
+    ``alone`` says that the server listens on loopback.
+    """
     socket = server._websock_server
 
     async def look(connection: infra.WebsockClientConnection) -> None:
         live = socket._live_connections[connection.client_id]
         headers = {} if live.request is None else live.request.headers
-        if foreign(headers):
+        if foreign(headers, alone=alone):
             log.warning("a page of %s was turned away", headers.get("Origin"))
             await live.close(1008, "other origins are not served")
 

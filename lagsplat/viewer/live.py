@@ -60,7 +60,7 @@ class Live:
             held.autoencoder, held.chart, side=max(held.kinematics.height, held.kinematics.width)
         )
         self.server = viser.ViserServer(config.host, config.port, verbose=False)
-        guard(self.server)
+        guard(self.server, alone=warning(config.host) is None)
         self.stage = Stage(self.server, session, self.easel, frame=show.frame, residual=show.residual)
         self.loop = Loop(session, self._show, pictures_hz=config.pictures_hz, refuse=self._refuse)
         keep = Keep(self._save, self._replay)

@@ -15,7 +15,7 @@ from websockets.typing import Subprotocol
 
 from lagsplat.cli import main
 from lagsplat.config import compose
-from lagsplat.viewer.door import warning
+from lagsplat.viewer.door import foreign, warning
 from lagsplat.viewer.live import Live, Show
 from tests.unit.viewer.sessions import session
 
@@ -144,6 +144,24 @@ def test_a_page_of_another_site_is_turned_away(live) -> None:
     assert closed.value.rcvd.code == 1008
     with visit(live, origin=live.url) as client:
         assert client.recv(timeout=10)
+
+
+@pytest.mark.parametrize(
+    ("origin", "host", "alone", "wanted"),
+    [
+        (None, "127.0.0.1:8080", True, False),
+        ("http://localhost:8080", "localhost:8080", True, False),
+        ("http://evil.example:8080", "localhost:8080", True, True),
+        ("http://evil.example:8080", "evil.example:8080", True, True),
+        ("http://robot.example:8080", "robot.example:8080", False, False),
+        ("null", "localhost:8080", True, True),
+        (None, None, True, True),
+    ],
+    ids=["program", "own", "other site", "name that points here", "network", "file", "no host"],
+)
+def test_who_counts_as_foreign(origin, host, alone, wanted) -> None:
+    headers = {key: value for key, value in (("Origin", origin), ("Host", host)) if value is not None}
+    assert foreign(headers, alone=alone) is wanted
 
 
 @pytest.mark.parametrize("path", ["/../../../../etc/passwd", "/%2e%2e/%2e%2e/etc/passwd", "/..\\..\\etc"])
