@@ -7,17 +7,11 @@ import pytest
 import torch
 
 from lagsplat.viewer.page import save_page
-from tests.browser.chromium import browser, seen, until
+from tests.browser.chromium import NO_WEBGL, browser, seen, until
 from tests.browser.disc import SIZE, TOP, WALL, disc
 
 # the page forbids itself to evaluate text, so that a condition is asked for from outside
 DRAWN = "Boolean(window.simulation?.frames)"
-NO_WEBGL2 = """
-const getContext = HTMLCanvasElement.prototype.getContext;
-HTMLCanvasElement.prototype.getContext = function (kind, ...rest) {
-  return kind === "webgl2" ? null : getContext.call(this, kind, ...rest);
-};
-"""
 PIXELS = """(q) => {
   const { session, splats } = simulation;
   Object.assign(session, { paused: true, q });
@@ -178,7 +172,7 @@ def test_it_fits_a_phone(chromium, path) -> None:
 
 def test_without_webgl2_it_says_so_in_words(chromium, path) -> None:
     context = chromium.new_context(offline=True)
-    context.add_init_script(NO_WEBGL2)
+    context.add_init_script(NO_WEBGL)
     tab = context.new_page()
     tab.goto(f"file://{path}")
     assert "draws no WebGL2" in tab.locator(".broken").inner_text()

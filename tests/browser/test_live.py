@@ -7,7 +7,7 @@ import pytest
 
 from lagsplat.config import compose
 from lagsplat.viewer.live import Live, Show
-from tests.browser.chromium import browser, seen, until
+from tests.browser.chromium import NO_WEBGL, browser, seen, until
 from tests.browser.disc import SIZE, TOP, WALL, disc
 
 VIEW = {"width": 640, "height": 400}
@@ -183,3 +183,12 @@ def test_two_tabs_see_the_same_and_the_last_hand_holds(chromium, live) -> None:
     live.loop.tell(lambda s: (s.pause(False), s.to_rest()))
     one.close()
     two.close()
+
+
+def test_without_webgl_it_says_so_in_words(chromium, live) -> None:
+    context = chromium.new_context(viewport=VIEW)
+    context.add_init_script(NO_WEBGL)
+    tab = context.new_page()
+    tab.goto(live.url)
+    until(lambda: "WebGL is unavailable" in tab.locator("body").inner_text(), "the words")
+    context.close()
