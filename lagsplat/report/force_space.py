@@ -76,7 +76,7 @@ def _moved(push: SpacePush, row: int) -> str:
     """The pull-back of the row's force, and how far it moves the state."""
     shift = push.states[row] - push.states[0]
     load = push.size * push.grip.pull_back(torch.from_numpy(push.directions[row - 1])).norm()
-    pulled, size = (f"{value:.0e}" if value else "0" for value in (float(load), float(np.linalg.norm(shift))))
+    pulled, size = (f"{value:.1g}" for value in (float(load), float(np.linalg.norm(shift))))
     if np.linalg.norm(shift) < FAINT:
         return rf"$|J^T f|$ = {pulled}, $|\Delta q|$ = {size}"
     return rf"$|J^T f|$ = {pulled}, $\Delta q$ = " + ", ".join(f"{x:+.2f}" for x in shift)

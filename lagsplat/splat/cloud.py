@@ -61,15 +61,15 @@ def _seen(
     size = {"height": camera.height, "width": camera.width}
     view = View(*(part.to(device) for part in view_of([camera])))
     ahead = depths(scene.means, view)
-    # Depth and presence ride along as the colours of a second drawing of the same order.
-    flat = project(scene, view, **size)
-    order = torch.where(ahead > 0, ahead, torch.inf).argsort(dim=1, stable=True)
-    sharp = flat.covariance + torch.tensor([1.0, 0.0, 1.0], device=device) * (blur_px2 - BLUR_PX2)
-    flat = flat._replace(covariance=sharp)
+    # Depth and presence ride along, to be drawn in place of colours.
     told = torch.stack([ahead, torch.ones_like(ahead), torch.zeros_like(ahead)], dim=2)
-    told = told.gather(1, order[..., None].expand(-1, -1, 3))
+    flat = project(scene._replace(color=torch.cat([scene.color[None], told], dim=2)), view, **size)
+    sharp = flat.covariance + torch.tensor([1.0, 0.0, 1.0], device=device) * (blur_px2 - BLUR_PX2)
     draw = rasterizer(backend, device)
-    light, other = draw(*flat, **size), draw(*flat._replace(color=told), **size)
+    light, other = (
+        draw(*flat._replace(covariance=sharp, color=part.contiguous()), **size)
+        for part in flat.color.split(3, 2)
+    )
     cover = other[:, 1]
     return light, cover, torch.where(cover > FAINT, other[:, 0] / cover.clamp_min(FAINT), 0.0)
 

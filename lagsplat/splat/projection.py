@@ -69,7 +69,8 @@ def view_of(cameras: Sequence[Camera]) -> View:
 def project(scene: Slice, view: View, *, height: int, width: int) -> Slice:
     """The planar Gaussians that each image's camera sees, nearest first.
 
-    ``view`` has one camera an image, or one for all. Differentiable in all but the order.
+    ``view`` has one camera an image, or one for all. Differentiable in all but the order. Whatever stands in
+    place of colours, however many numbers a Gaussian, is put in that order, too.
 
     Raises:
         ValueError: the Gaussians are planar already, or cameras and images differ in number.
@@ -84,7 +85,7 @@ def project(scene: Slice, view: View, *, height: int, width: int) -> Slice:
     shape = _flattened(scene.covariance, seen, view, height, width)
     opacity = torch.where(drawn, scene.opacity, 0)
     order = torch.where(drawn, seen[..., 2], torch.inf).detach().argsort(dim=1, stable=True)
-    color = scene.color.expand(*opacity.shape, 3)
+    color = scene.color.expand(*opacity.shape, scene.color.shape[-1])
     return Slice(
         means=_sorted(flat, order),
         covariance=_sorted(shape, order),

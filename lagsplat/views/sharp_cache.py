@@ -3,6 +3,7 @@
 import fcntl
 import hashlib
 import json
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -17,6 +18,8 @@ from lagsplat.io.plain import load_json, save_json
 
 KIND, SCHEMA = "lifted", 1
 MANIFEST, LOCK = "cache.json", ".lock"
+LIFTING = "lifting-"
+"""How folders begin in which frames are being lifted."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +53,9 @@ class SharpCache:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError as error:
                 raise BlockingIOError(f"another run fills the cache {self.folder}; wait for it") from error
+            for left in self.folder.glob(f"{LIFTING}*"):
+                # Of a killed run, whose tool may still be at work and ends for want of its frames.
+                shutil.rmtree(left, ignore_errors=True)
             yield
 
     def manifest(self) -> dict[str, Any] | None:

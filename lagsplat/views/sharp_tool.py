@@ -18,6 +18,7 @@ from PIL import Image
 
 from lagsplat.io.ply import is_whole
 from lagsplat.views.config import SharpConfig
+from lagsplat.views.sharp_cache import LIFTING
 
 EXIF_IFD, FOCAL_35MM = 0x8769, 0xA405
 DIAGONAL_35MM = float(np.hypot(36.0, 24.0))
@@ -65,7 +66,7 @@ def lift(
         ValueError: see `require_sharp`. RuntimeError: the tool fails or leaves a picture out.
     """
     words, waiting = require_sharp(config), set(frames)
-    with tempfile.TemporaryDirectory(prefix="lifting-", dir=within) as folder:
+    with tempfile.TemporaryDirectory(prefix=LIFTING, dir=within) as folder:
         inputs, outputs, log = (Path(folder) / name for name in ("frames", "clouds", "log.txt"))
         inputs.mkdir()
         outputs.mkdir()

@@ -117,7 +117,12 @@ def test_a_killed_run_goes_on_where_it_was(sharp: SharpConfig, tmp_path: Path) -
         f"sharp_views(load_recording({str(tmp_path / 'film.safetensors')!r}), {sharp!r}, {ARRANGEMENT!r}, "
         f"Path({str(tmp_path / 'cache')!r}))\n"
     )
-    environment = {**os.environ, "SLOW": "0.4", "PYTHONPATH": os.pathsep.join(sys.path)}
+    environment = {
+        **os.environ,
+        "SLOW": "0.4",
+        "LIFTED": str(tmp_path / "killed.txt"),
+        "PYTHONPATH": os.pathsep.join(sys.path),
+    }
     process = subprocess.Popen([sys.executable, "-c", program], env=environment, stderr=subprocess.DEVNULL)
     began = time.monotonic()
     while len(list((tmp_path / "cache").glob("*.safetensors"))) < 3 and time.monotonic() - began < 120:
@@ -126,9 +131,9 @@ def test_a_killed_run_goes_on_where_it_was(sharp: SharpConfig, tmp_path: Path) -
     process.wait()
     kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "cache").glob("*.safetensors")}
     assert 3 <= len(kept) < FRAMES
-    (tmp_path / "lifted.txt").unlink()
     found = views(sharp, tmp_path)
-    assert lifted(tmp_path) <= FRAMES - len(kept) + 1  # the orphan of the killed run may still lift one
+    assert lifted(tmp_path) == FRAMES - len(kept)
+    assert not list((tmp_path / "cache").glob("lifting-*"))
     assert all(path.stat().st_mtime_ns == at for path, at in kept.items())
     fresh = views(sharp, tmp_path / "fresh")
     np.testing.assert_array_equal(found.images, fresh.images)
