@@ -1,8 +1,8 @@
 """What a run in space learned of a rocker's geometry, against the scene that it was simulated in.
 
 Usage: ``python benchmarks/space_truth.py RUN SYSTEM``, such as
-``results/quick/simulated/rainbow_rocker_3d/default-0/default-0 rainbow_rocker_3d``. Nothing of this is told
-to training: depths of the body's front and of the wall, how far motions leave the plane of motion, and how far
+``results/quick/simulated/rainbow_rocker_3d/default-0/default-0 rainbow_rocker_3d``. Training is told nothing
+of this: depths of the body's front and of the wall, how far motions leave the plane of motion, and how far
 they are off their true direction. Medians over the Gaussians of the body, by their presence at rest.
 """
 
