@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[2]
 TOY = "hydra=profile=toy"
 SCORED = {"evaluate", "rollout", "figure", "horizon", "gallery", "table", "physical", "truth", "margins"}
 EXTRAPOLATED = {"extrapolate", "extrapolate_forecaster", "extrapolate_ode", "extrapolation", "equilibrium"}
-FORCES = {"forces", "force", "force_map", "force_invariants", "force_truth"}
+FORCES = {"forces", "force", "force_map", "force_space", "force_invariants", "force_truth"}
 HERE = Path("results/toy/simulated/toy")
 THERE = Path("results/toy/simulated/toy_swing")
 SCORES = {
@@ -174,7 +174,7 @@ def test_the_arm_is_pushed_in_the_picture_and_held_against_the_truth(results: Pa
         with (results / f"results/tables/{name}.csv").open(encoding="utf-8") as file:
             tables[name] = list(csv.DictReader(file))
         assert (results / f"results/tables/{name}.tex").stat().st_size
-    (row,) = tables["force_invariants"]
+    row, _ = tables["force_invariants"]
     assert (row["system"], row["method"], row["recording"]) == ("toy", "ours", "simulated")
     assert float(row["force_sum"]) < 1e-6
     assert float(row["small_answer_sum"]) < 1e-2
@@ -183,6 +183,21 @@ def test_the_arm_is_pushed_in_the_picture_and_held_against_the_truth(results: Pa
     assert said[0] in ("visited, brush", "nothing measured"), "a toy's law may answer the wrong way"
     for figure in ("force", "force_map"):
         assert (results / f"results/figures/{figure}_toy.pdf").stat().st_size
+
+
+def test_the_swing_is_learned_in_space_and_pushed_there(results: Path) -> None:
+    with (results / "results/tables/force_invariants.csv").open(encoding="utf-8") as file:
+        row = list(csv.DictReader(file))[-1]
+    assert (row["system"], row["method"]) == ("toy_swing_3d", "ours, in space")
+    assert float(row["across"]) < 1e-12
+    run = results / "results/toy/simulated/toy_swing_3d/default-0"
+    told = json.loads((run / "sides.json").read_text(encoding="utf-8"))
+    assert told["held_out"]["cameras"] == 2
+    assert told["held_out"]["rest"] > 15
+    push = json.loads((results / "results/figures/force_toy_swing_3d.json").read_text(encoding="utf-8"))
+    assert push["shift_across"] < 1e-12 < push["shift_down"]
+    assert (results / "results/figures/force_toy_swing_3d.pdf").stat().st_size
+    assert (run / "sides.png").stat().st_size
 
 
 def test_the_gap_of_every_diagnosis_stands_in_a_table(source: Path, results: Path) -> None:
