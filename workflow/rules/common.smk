@@ -19,7 +19,7 @@ from lagsplat.planning import (
 )
 from lagsplat.provenance import let_waiting_threads_sleep
 from lagsplat.report.baseline_rows import METHODS
-from lagsplat.spatial import files_of_rig, planned_spatial
+from lagsplat.spatial import SUFFIX, files_of_rig, planned_spatial
 
 let_waiting_threads_sleep()  # the jobs inherit it
 
@@ -50,7 +50,10 @@ wildcard_constraints:
     ode="|".join(options("ode")),
     trial="[0-9]+",
     field="conditioned|deformed",
-    mechanism="|".join([*SHORT, *options("system")]),
+    # Figures in space end in the same way as the names of systems in space.
+    mechanism="|".join(
+        [*SHORT, *(name for name in options("system") if not name.endswith(SUFFIX))]
+    ),
     solid="|".join(planned_spatial(overrides)),
     ae="[0-9]+",
     seed="[0-9]+",
