@@ -7,7 +7,7 @@ import pytest
 
 from lagsplat.config import compose
 from lagsplat.viewer.live import Live, Show
-from tests.browser.chromium import NO_WEBGL, browser, seen, until
+from tests.browser.chromium import NO_WEBGL, PATIENCE_S, browser, seen, until
 from tests.browser.disc import SIZE, TOP, WALL, disc
 
 LARGEST = """() => {
@@ -49,6 +49,7 @@ def page(chromium, live):
 def opened(chromium, live):
     """A tab in which the first picture is seen."""
     tab = chromium.new_page(viewport=VIEW)
+    tab.set_default_timeout(1000 * PATIENCE_S)
     tab.goto(live.url)
     until(lambda: len(live.server.get_clients()) > 0, "a connection")
     until(lambda: canvas_of(tab) is not None and ink_of(tab).sum() > 1e4, "the first picture")
