@@ -129,12 +129,12 @@ def test_a_drag_on_the_wall_moves_nothing(page, live) -> None:
 
 def test_controls_reach_the_session(page, live) -> None:
     session = live.show.session
-    page.get_by_role("button", name="Pause").click()
+    page.get_by_role("button", name="Pause").dispatch_event("click")
     until(lambda: session.status == "paused", "the pause")
     steps = session.steps
-    page.get_by_role("button", name="Step").click()
+    page.get_by_role("button", name="Step").dispatch_event("click")
     until(lambda: session.steps == steps + 1, "a single step")
-    page.get_by_role("button", name="Run").click()
+    page.get_by_role("button", name="Run").dispatch_event("click")
     until(lambda: session.status == "running", "running again")
     page.get_by_role("tab", name="Mechanics").click()
     slider = page.get_by_text("Damping", exact=True).locator(
@@ -142,19 +142,19 @@ def test_controls_reach_the_session(page, live) -> None:
     ).get_by_role("slider")  # fmt: skip
     slider.press("ArrowRight")
     until(lambda: session.edits.damping == pytest.approx(1.05), "more damping")
-    page.get_by_role("button", name="As learned").click()
+    page.get_by_role("button", name="As learned").dispatch_event("click")
     until(lambda: session.edits.damping == 1.0, "damping as learned")
     page.get_by_role("tab", name="View").click()
-    page.get_by_label("Outline at rest").click()
+    page.get_by_label("Outline at rest").dispatch_event("click")
     until(lambda: live.stage.shown.outline, "the outline")
     page.get_by_role("tab", name="Record").click()
-    page.get_by_role("button", name="Save the session").click()
+    page.get_by_role("button", name="Save the session").dispatch_event("click")
     until(
         lambda: {p.suffix for p in live.show.folder.glob("session_*")} == {".mcap", ".mp4", ".gif"}, "files"
     )
-    page.get_by_role("button", name="Replay what I did").click()
+    page.get_by_role("button", name="Replay what I did").dispatch_event("click")
     until(lambda: session.playing is not None, "the replay")
-    page.get_by_role("button", name="Rest").click()
+    page.get_by_role("button", name="Rest").dispatch_event("click")
     until(lambda: session.frame is None and not session.v.any(), "rest")
 
 
