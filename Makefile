@@ -31,7 +31,8 @@ test: .venv/.installed
 	$(BIN)/mypy
 	$(BIN)/snakefmt --check Snakefile workflow
 	$(BIN)/snakemake --lint
-	@$(BIN)/python -m pytest -n $(CORES) --dist loadfile
+	@$(BIN)/python -m pytest tests/browser  # alone: a browser that draws in software takes all cores
+	@$(BIN)/python -m pytest -n $(CORES) --dist loadfile --ignore=tests/browser
 
 # torch first, by its pin: whichever build of it is chosen here, nothing that follows replaces it.
 .venv/.installed: pyproject.toml

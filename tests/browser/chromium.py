@@ -31,7 +31,10 @@ def browser() -> Iterator:
         pytest.skip(f"no browser on this machine ({', '.join(NAMES)}); apt-get install chromium")
     api = pytest.importorskip("playwright.sync_api", reason="pip install playwright")
     with api.sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(executable_path=path, args=SOFTWARE)
+        try:
+            chromium = playwright.chromium.launch(executable_path=path, args=SOFTWARE)
+        except api.Error as error:
+            pytest.skip(f"{path} does not start on this machine: {str(error).splitlines()[0]}")
         try:
             yield chromium
         finally:
