@@ -104,13 +104,17 @@ def _what_is_left(axis: Axes, shown: Mapping[str, Sequence[Found]], colours: Any
             time_s, share = _envelope(one)
             alpha, width = (0.3, 0.5) if index else (1.0, 1.0)
             label = None if index else name
-            axis.plot(time_s, share, color=colours[name], label=label, alpha=alpha, linewidth=width)
+            dashes = "--" if name == RUNS else "-"  # drawn over whatever falls on the same line
+            axis.plot(
+                time_s, share, dashes, color=colours[name], label=label, alpha=alpha, linewidth=width,
+                zorder=3 if name == RUNS else 2,
+            )  # fmt: skip
             later = len(one["looks"]) - 1
             axis.plot(time_s[-later:], share[-later:], "o", color=colours[name], markersize=2, alpha=alpha)
     axis.set(xscale="log", yscale="log", xlabel="time past the training frames [s]")
     axis.set_ylim(FLOOR / 1.5, 3.0)
     axis.set_title("amplitude left, as a share of the clip's first", loc="left", pad=2)
-    axis.legend(loc="center right")
+    axis.legend(loc="lower left", handlelength=0.0, handletextpad=0.0, labelcolor="linecolor")
 
 
 def _envelope(found: Found) -> tuple[np.ndarray, np.ndarray]:
