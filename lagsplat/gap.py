@@ -15,6 +15,7 @@ from lagsplat.diagnose.apply import FILE
 from lagsplat.diagnose.augmented import Augmented, augment, save_augmented
 from lagsplat.diagnose.check import Checked
 from lagsplat.diagnose.config import DiagnoseConfig
+from lagsplat.diagnose.coverage import BEYOND
 from lagsplat.diagnose.diagnose import Found, diagnose
 from lagsplat.diagnose.effects.effect import Noise
 from lagsplat.diagnose.null_evidence import null_evidence
@@ -88,6 +89,7 @@ def examine(pair: Pair, config: DiagnoseConfig, *, tell: Callable[[str], None]) 
     )
     if pair.films is not None:
         diagnosis = pair.films.judge(diagnosis)
+    diagnosis = extrapolated(diagnosis, pair.checked)
     if pair.checked.undetermined or "undetermined" in diagnosis.checks:
         diagnosis = undecided(diagnosis)
     return replace(found, diagnosis=diagnosis)
@@ -114,6 +116,14 @@ def absorbed() -> tuple[str, ...]:
         "input_gain",
         "cubic_stiffness",
     )
+
+
+def extrapolated(found: Diagnosis, checked: Checked) -> Diagnosis:
+    """``found``, undetermined if nothing explains it and the sim was seen in less than half of the motion."""
+    why = [finding.text for finding in checked.findings if finding.check == BEYOND]
+    if found.verdict != "unknown" or not why:
+        return found
+    return replace(found, checks={**found.checks, "undetermined": why})
 
 
 def undecided(found: Diagnosis) -> Diagnosis:

@@ -9,6 +9,8 @@ from lagsplat.io.motion import Motion
 
 REACH = 1.5  # times the farthest sample of the sim (its 99 % quantile) that still counts as its region
 OUTSIDE, APART = 0.05, 0.5  # shares of the real samples outside it
+BEYOND = "mostly outside the sim"
+"""The check that finds more than `APART` of them there: what is left unexplained may be the sim's own."""
 ELSEWHERE = 6.0  # times the sim's own spread by which the middle of the real motion lies off
 UNITS = {
     180.0 / np.pi: "degrees and radians",
@@ -134,7 +136,7 @@ def check_region(sim: Sequence[Motion], real: Sequence[Motion]) -> list[Finding]
         found.append(
             Finding(
                 "warn",
-                "outside the sim",
+                BEYOND if outside > APART else "outside the sim",
                 "real",
                 f"{100 * outside:.3g} % of the real samples lie outside the region the sim was seen in",
                 "there the sim is extrapolated, and its own error passes for an effect",

@@ -10,8 +10,12 @@ import pytest
 
 from lagsplat.cli import main
 from lagsplat.diagnose.catalogue import catalogue
-from lagsplat.diagnose.result import Candidate, Diagnosis
-from lagsplat.gap import UNSURE, undecided
+from lagsplat.diagnose.check import Checked, Side
+from lagsplat.diagnose.coverage import BEYOND
+from lagsplat.diagnose.finding import Finding
+from lagsplat.diagnose.measurement_noise import Noise
+from lagsplat.diagnose.result import Candidate, Diagnosis, Verdict
+from lagsplat.gap import UNSURE, extrapolated, undecided
 from lagsplat.io.motion import Motion
 from tests.unit.diagnose.toys import film, own, wave
 
@@ -120,3 +124,16 @@ def test_a_verdict_that_the_data_forbid_keeps_no_name_above_the_rest() -> None:
     assert sum(one.probability for one in flat.candidates) == pytest.approx(1.0)
     assert [one.name for one in flat.candidates] == [one.name for one in rows]
     assert max(one.probability for one in flat.candidates) == pytest.approx(UNSURE)
+
+
+@pytest.mark.parametrize(("verdict", "check", "held"), [
+    ("unknown", BEYOND, False), ("unknown", "outside the sim", True), ("effect", BEYOND, True),
+])  # fmt: skip
+def test_what_a_sim_misses_where_it_was_not_seen_is_not_called_unknown_physics(
+    verdict: Verdict, check: str, held: bool
+) -> None:
+    rows = (Candidate(verdict, 0.9), Candidate("creep", 0.1))
+    found = Diagnosis(verdict, rows, (), None, None, (), (), (), (), (), {})
+    finding = Finding("warn", check, "real", "60 % lie outside", "there it is extrapolated", "record a sim")
+    checked = Checked(None, Side((), (), None, Noise(*np.zeros((3, 1))), 4), (finding,))
+    assert ("undetermined" not in extrapolated(found, checked).checks) == held

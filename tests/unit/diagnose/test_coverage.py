@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lagsplat.diagnose.constant_inputs import check_inputs
-from lagsplat.diagnose.coverage import check_coordinates, check_region
+from lagsplat.diagnose.coverage import BEYOND, check_coordinates, check_region
 from lagsplat.diagnose.finding import Finding, refuse
 from lagsplat.io.motion import Motion
 from tests.unit.diagnose.motions import multisine, swing
@@ -73,6 +73,7 @@ def test_units_are_suspected_in_both_directions(factor: float, units: str) -> No
 def test_another_region_is_no_overlap_and_somewhat_larger_swings_are_a_warning() -> None:
     assert said(check_region([FREE], [replace(FREE, q=FREE.q + AWAY)])) == [("undetermined", "no overlap")]
     assert said(check_region([FREE], [replace(FREE, q=3.0 * FREE.q)])) == [("warn", "outside the sim")]
+    assert said(check_region([FREE], [replace(FREE, q=12.0 * FREE.q)])) == [("warn", BEYOND)]
     assert check_region([], [FREE]) == []
 
 
