@@ -31,7 +31,7 @@ class DiagnoseConfig:
     offset: float  # how large an offset force, as a share of the motion's rms acceleration
     warp: float  # how much the coordinates may be bent over their range, as a share of it
     learned: float  # by how much larger all these are where the sim was learned from a film
-    own_longest_s: float  # of the held-out part of that recording, how many seconds are looked at
+    own_longest_s: float  # of a sim's own recordings, how many seconds are looked at, held-out part or not
     materiality: float  # least share of the gap that an effect must take away to be named
     prior_none: float  # probability, before the data, that nothing is missing
     prior_unknown: float  # probability, before the data, that what is missing is not in the catalogue

@@ -60,42 +60,41 @@ def _rate(basis, fields, laws, along, inertia, theta, t, state, u, rate, phi, sl
     """Write the rate of ``state``: coordinates, velocities and the laws' memories, slot after slot."""
     kind, order, centre, scale = basis
     mass, damping, potential, input_map, dry, drag, width, rest = fields
-    d, n_u = rest.shape[0], input_map.shape[1]
+    d, n_u = rest.shape[0], input_map.shape[0]
     n_z = (state.shape[0] - 2 * d) // SLOTS
-    evaluate(kind, order, centre, scale, state, powers, phi, slope)
+    evaluate(kind, order, centre, scale, state, powers, phi, slope.T)
     for i in range(d):
         rate[i] = state[d + i]
         rate[d + i] = -drag[i] * abs(state[d + i]) * state[d + i]
         if dry[i] != 0.0:
             rate[d + i] -= dry[i] * math.tanh(state[d + i] / width[i])
-        work[i] = 0.0
-        work[d + i] = 0.0
-        for j in range(d):
-            m[i, j] = 0.0
-    for k in range(potential.shape[0]):
-        for i in range(d):
-            work[i] -= potential[k] * slope[k, i]
-    for k in range(mass.shape[0]):
-        swing = 0.0
-        for i in range(d):
-            swing += slope[k, i] * state[d + i]
-        for i in range(d):
-            for j in range(d):
-                m[i, j] += phi[k] * mass[k, i, j]
-                push = mass[k, i, j] * state[d + j]
-                rate[d + i] -= swing * push
-                for n in range(d):
-                    rate[d + n] += 0.5 * slope[k, n] * push * state[d + i]
-    for k in range(damping.shape[0]):
-        for i in range(d):
-            for j in range(d):
-                rate[d + i] -= phi[k] * damping[k, i, j] * state[d + j]
-    for k in range(input_map.shape[0]):
+        pull, push = 0.0, 0.0
+        for k in range(potential.shape[0]):
+            pull -= potential[k] * slope[i, k]
         for c in range(n_u):
-            for i in range(d):
-                work[d + i] += phi[k] * input_map[k, c, i] * u[c]
+            for k in range(input_map.shape[2]):
+                push += phi[k] * input_map[c, i, k] * u[c]
+        work[i], work[d + i] = pull, push
+        rate[d + i] += pull + push
+        for j in range(d):
+            loss = 0.0
+            for k in range(damping.shape[2]):
+                loss += phi[k] * damping[i, j, k]
+            rate[d + i] -= loss * state[d + j]
     for i in range(d):
-        rate[d + i] += work[i] + work[d + i]
+        for j in range(i + 1):
+            inert = 0.0
+            for k in range(mass.shape[2]):
+                inert += phi[k] * mass[i, j, k]
+            m[i, j] = inert
+            for n in range(d):
+                change = 0.0
+                for k in range(mass.shape[2]):
+                    change += slope[n, k] * mass[i, j, k]
+                rate[d + i] -= state[d + n] * change * state[d + j]
+                rate[d + n] += (0.5 if i == j else 1.0) * state[d + i] * change * state[d + j]
+                if i != j:
+                    rate[d + j] -= state[d + n] * change * state[d + i]
     for slot in range(SLOTS):
         if inertia[slot] == 0.0:
             continue
@@ -113,7 +112,7 @@ def _rate(basis, fields, laws, along, inertia, theta, t, state, u, rate, phi, sl
     _solve(m, rate, d)
 
 
-@njit(parallel=True, cache=True, error_model="numpy")
+@njit(parallel=True, cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
 @no_type_check
 def rollouts(
     basis, mass, damping, potential, input_map, dry, drag, width, rest, laws, along, inertia, theta, memory,
@@ -123,13 +122,15 @@ def rollouts(
 
     ``u`` (S, N, steps, 3, n_u) holds the inputs at the beginning, middle and end of every substep; ``u_of``
     (P,) says which of them a set uses. ``memory`` (P, W, 3, Z) is the laws' memory at the windows' starts.
+    Coefficients have the functions of the basis last, (P, d, d, K) and (P, n_u, d, K), for sums over these
+    are most of the work.
     """
     n_sets, n_windows, two_d = starts.shape
     d = two_d // 2
     for job in prange(n_sets * n_windows):
         p, w = job // n_windows, job % n_windows
         fields = (mass[p], damping[p], potential[p], input_map[p], dry[p], drag[p], width, rest)
-        phi, slope = np.empty(basis[0].shape[0]), np.empty((basis[0].shape[0], d))
+        phi, slope = np.empty(basis[0].shape[0]), np.empty((d, basis[0].shape[0]))
         work, m = np.empty(2 * d), np.empty((d, d))
         powers = np.empty((d, highest_power(basis[0], basis[1]) + 1))
         size = two_d + memory.shape[2] * memory.shape[3]

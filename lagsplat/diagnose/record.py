@@ -70,6 +70,13 @@ class Windows:
         """Those of the windows that are ``chosen``, a mask or an index."""
         return Windows(self.first[chosen], self.length[chosen])
 
+    def evenly(self, frames: float) -> "Windows":
+        """As many of the windows, evenly apart, as hold about ``frames`` frames; all if these are fewer."""
+        total, n = float(self.length.sum()), len(self.first)
+        if frames >= total:
+            return self
+        return self.only(np.unique(np.linspace(0, n - 1, max(round(n * frames / total), 4)).astype(int)))
+
 
 def join(motions: Sequence[Motion], velocities: Sequence[np.ndarray]) -> Record:
     """One record of ``motions`` with their velocity estimates."""

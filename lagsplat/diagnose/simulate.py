@@ -98,7 +98,7 @@ class Bench:
         out = np.zeros((len(spare), len(windows.first), windows.longest, 2 * model.d))
         rollouts(
             (basis.kind, basis.order, basis.centre, basis.scale),
-            *(np.ascontiguousarray(getattr(fields, name)) for name in Fields.__dataclass_fields__),
+            *(_functions_last(getattr(fields, name)) for name in Fields.__dataclass_fields__),
             model.width,
             model.rest,
             laws,
@@ -198,6 +198,11 @@ class Bench:
             spring @ p / direction.inertia, drive @ p / direction.inertia, record.clips, begin, out,
         )  # fmt: skip
         return out[which.reshape(-1)][:, windows.first]
+
+
+def _functions_last(coefficients: np.ndarray) -> np.ndarray:
+    """Coefficients (P, K, ...) of fields as the kernel takes them; (P, K) and (P, d) are as they are."""
+    return np.ascontiguousarray(np.moveaxis(coefficients, 1, -1) if coefficients.ndim > 2 else coefficients)
 
 
 def substeps(dt_s: float, period_s: float, per_period: float) -> int:

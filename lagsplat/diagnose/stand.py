@@ -151,9 +151,12 @@ def relevant(contest: Contest, freedom: Float64[np.ndarray, "R K"]) -> Float64[n
 def held_to(sim: Sim, motions: Sequence[Motion], config: DiagnoseConfig) -> Sim:
     """A given sim with the misfit, and its correlation, that it leaves of the recordings it is true to.
 
-    What a sim has wrong stays wrong for a part of a period, so that many samples count as one.
+    What a sim has wrong stays wrong for a part of a period, so that many samples count as one. Of long
+    recordings as much is looked at as `own_longest_s` says, here and there.
     """
     contest, _, _ = stand(sim, motions, config)
+    frames = config.own_longest_s / contest.bench.record.dt_s
+    contest = replace(contest, windows=contest.windows.evenly(frames))
     fit = contest.fit((), np.zeros(contest.bench.nuisance.size))
     return replace(
         sim,

@@ -83,3 +83,19 @@ def test_clocks_that_go_on_from_file_to_file_are_kept() -> None:
     assert whole.time[[0, 12]] == pytest.approx([0.0, 2.0])
     assert whole.shifts_s == (7.0, 7.0)
     assert join(both[::-1], [m.q for m in both]).time[8] > 0.0
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(4, 200), st.integers(5, 40), st.floats(1.0, 5000.0))
+def test_windows_chosen_evenly_span_the_record_and_hold_as_many_frames_as_asked(
+    n: int, length: int, frames: float
+) -> None:
+    windows = Windows(np.arange(n) * length, np.full(n, length))
+    kept = windows.evenly(frames)
+    if frames >= n * length:
+        assert kept is windows
+        return
+    assert len(kept.first) == max(4, round(frames / length))
+    assert (kept.first[0], kept.first[-1]) == (windows.first[0], windows.first[-1])
+    gaps = np.diff(kept.first)
+    assert gaps.max() - gaps.min() <= length
