@@ -25,7 +25,8 @@ class Anchor:
 
     Networks are free wherever no frame contradicts them, above all just outside the clip, where a released
     mechanism comes to rest. There the law a descent began with, which has few coefficients and hence knows
-    them from all frames, is the better guess. Among the frames the price is small against their evidence.
+    them from all frames, is the better guess. Among the frames their evidence has to outweigh it: see
+    `anchored`.
     """
 
     start: Lagrangian
@@ -61,3 +62,13 @@ def anchor(lagrangian: Lagrangian, trajectory: Trajectory) -> Anchor:
         spread=q.std(0),
         speed=torch.from_numpy(velocity).square().mean(0).sqrt() * float(lagrangian.time_unit_s),
     )
+
+
+def anchored(error: Float[Tensor, ""], price: Float[Tensor, ""], *, weight: float) -> Float[Tensor, ""]:
+    """``error``, and for each unit of ``price`` a further ``weight`` times what the error now is.
+
+    Its slope is that of ``log(error) + weight * price``, the likelihood of errors whose size only the fit
+    tells: the better frames can be followed, the more they count. A price of fixed size is lost in the errors
+    of noisy latents and is all that a law of clean ones is fitted to.
+    """
+    return error + weight * error.detach() * price

@@ -109,7 +109,7 @@ class ShootConfig:
     batch: int  # windows a step of the last leg; shorter windows come in larger batches
     lr: float
     periods: float  # final length of a window, in natural periods; it grows to this from half
-    anchor: float  # price on leaving the start where the clip says nothing; 0 for none
+    anchor: float  # price on leaving the start where the clip says nothing, in present errors; 0 for none
 
     def __post_init__(self) -> None:
         if self.steps < 0 or self.batch < 1:

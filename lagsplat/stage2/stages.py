@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from lagsplat.chart.trajectory import Trajectory
-from lagsplat.stage2.anchor import anchor
+from lagsplat.stage2.anchor import anchor, anchored
 from lagsplat.stage2.config import Stage2Config
 from lagsplat.stage2.constant import (
     ConstantFit,
@@ -235,7 +235,8 @@ def shooting_stage(run: Run, lagrangian: Lagrangian) -> None:
             error = shooting_error(lagrangian, taken, run.metric)
             if held is None:
                 return error
-            return error + shoot.anchor * held.price(lagrangian, run.metric, run.rng)
+            price = held.price(lagrangian, run.metric, run.rng)
+            return anchored(error, price, weight=shoot.anchor)
 
         steps = total * (leg + 1) // len(SHORTENED_LEGS) - total * leg // len(SHORTENED_LEGS)
         if steps:

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from lagsplat.chart.trajectory import Trajectory
-from lagsplat.stage2.anchor import anchor
+from lagsplat.stage2.anchor import anchor, anchored
 from tests.stage2_problems import random_lagrangian
 
 METRIC = torch.eye(2, dtype=torch.float64)
@@ -58,3 +58,15 @@ def test_it_never_steps_from_one_segment_to_the_next() -> None:
     moved[200:] += 1e3
     speed = anchor(lagrangian, replace(trajectory, latents=moved)).speed
     assert speed.numpy() == pytest.approx(anchor(lagrangian, trajectory).speed.numpy())
+
+
+def test_the_better_the_frames_are_followed_the_less_the_start_weighs() -> None:
+    """Errors in another unit are minimised by the same law: only their ratio to the present one counts."""
+    x = torch.tensor(0.3, dtype=torch.float64, requires_grad=True)
+    slopes = []
+    for unit in (1.0, 1e-4):
+        error, price = unit * (1.0 + (x - 1.0) ** 2), x**2
+        whole = anchored(error, price, weight=0.5)
+        slopes.append(torch.autograd.grad(whole, x)[0] / error.detach())
+    wanted = torch.autograd.grad(torch.log(1.0 + (x - 1.0) ** 2) + 0.5 * x**2, x)[0]
+    assert [float(slope) for slope in slopes] == pytest.approx([float(wanted)] * 2)
