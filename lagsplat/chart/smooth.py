@@ -1,4 +1,4 @@
-"""Gaussian smoothing of series, never across a cut."""
+"""Smoothing of series that leaves a motion its amplitude, never across a cut."""
 
 from collections.abc import Sequence
 
@@ -18,17 +18,28 @@ def smooth(
     segments: Sequence[tuple[int, int]],
     clock: Clock | None = None,
 ) -> Series:
-    """Each column smoothed by a Gaussian of ``sigma_frames``, cut at 4 sigma, every segment on its own.
+    """Each column smoothed by a Gaussian of ``sigma_frames`` and, likewise, what that took away put back.
 
-    Beyond its ends a segment goes on turned about them, so that a steady motion stays steady: repeating the
-    last sample would slow it down. The filter is not causal.
+    A Gaussian alone shrinks a swing of 20 sigma a period by 5 %, and with it what a law learns of how its
+    frequency depends on amplitude; twiced, it shrinks it by 0.2 %. It is cut at 4 sigma, every segment on its
+    own. Beyond its ends a segment goes on turned about them, so that a steady motion stays steady: repeating
+    the last sample would slow it down. The filter is not causal.
     ``sigma_frames = 0`` returns a copy. Samples outside every segment are returned as they are. On an uneven
     ``clock`` sigma is that many median spacings, the weights are those of the true times, and the value is
     that of a line fitted with them; on an even one this is the plain filter.
+
+    Source: twicing, Tukey 1977, "Exploratory Data Analysis", section 16.
     """
-    smoothed = series.copy()
     if sigma_frames == 0.0 or series.shape[1] == 0:
-        return smoothed
+        return series.copy()
+    once = _blurred(series, sigma_frames, segments, clock)
+    return once + _blurred(series - once, sigma_frames, segments, clock)
+
+
+def _blurred(
+    series: Series, sigma_frames: float, segments: Sequence[tuple[int, int]], clock: Clock | None
+) -> Series:
+    smoothed = series.copy()
     for start, stop in segments:
         part = slice(start, stop)
         if clock is None or clock.time_s is None:

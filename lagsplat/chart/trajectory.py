@@ -42,13 +42,17 @@ class Trajectory:
         return self.clock.dt_s
 
     def smoothed(self, sigma_frames: float) -> "Trajectory":
-        """The same with latents and inputs smoothed by `smooth`, by their true times."""
-        clock = self.clock
-        return replace(
-            self,
-            latents=smooth(self.latents, sigma_frames=sigma_frames, segments=self.segments, clock=clock),
-            inputs=smooth(self.inputs, sigma_frames=sigma_frames, segments=self.segments, clock=clock),
+        """The same with latents and inputs smoothed by `smooth`, by their true times.
+
+        Inputs keep their range: behind a step the filter would swing over, and a pressure becomes a suction.
+        """
+        latents, inputs = (
+            smooth(series, sigma_frames=sigma_frames, segments=self.segments, clock=self.clock)
+            for series in (self.latents, self.inputs)
         )
+        if inputs.size:
+            inputs = inputs.clip(self.inputs.min(axis=0), self.inputs.max(axis=0))
+        return replace(self, latents=latents, inputs=inputs)
 
     def part(self, start: int, stop: int) -> "Trajectory":
         """Frames ``start`` to ``stop``, with the segments cut accordingly and counted from ``start``."""

@@ -18,3 +18,11 @@ def test_part_cuts_the_segments_and_counts_from_zero() -> None:
 def test_segments_are_checked() -> None:
     with pytest.raises(ValueError, match=r"segment \(0, 9\)"):
         line(5, ((0, 9),))
+
+
+def test_inputs_of_one_sign_stay_so_when_smoothed_and_latents_may_swing_over() -> None:
+    step = (np.arange(60) >= 30).astype(float)[:, None]
+    found = Trajectory(step, step, 0.02 * np.arange(60), ((0, 60),)).smoothed(2.0)
+    assert found.inputs.min() == 0.0
+    assert found.inputs.max() == 1.0
+    assert found.latents.min() < 0.0
