@@ -63,14 +63,34 @@ def encoded(picture: np.ndarray) -> bytes:
     return cv2.imencode(".jpg", picture[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, 90])[1].tobytes()
 
 
-def measure_parts(d: int, n_inputs: int) -> None:
+def in_turns(actions: dict[str, Callable[[], object]], rounds: int = 100) -> None:
+    """How often a second each, taking turns so that other work on the machine hits all alike: by medians of
+    the time on the clock, and of that of the processor, all threads together.
+    """
+    taken: dict[str, list[tuple[float, float]]] = {name: [] for name in actions}
+    for turn in range(rounds + 1):
+        for name, action in actions.items():
+            began = time.perf_counter(), time.process_time()
+            action()
+            if turn:  # the first one compiles
+                taken[name].append((time.perf_counter() - began[0], time.process_time() - began[1]))
+    for name, times in taken.items():
+        wall, processor = (statistics.median(each) for each in zip(*times, strict=True))
+        print(f"{name}: {1 / wall:.0f}/s; by processor time {1 / processor:.0f}/s")
+
+
+def parts(d: int, n_inputs: int) -> dict[str, Callable[[], object]]:
+    """What a picture is made of, at one number of coordinates."""
     law = stepper(default_law(d, n_inputs, compose().stage2.form))
     q, u, load = np.zeros(d), np.zeros(n_inputs), np.ones(d)
-    steps = rate(lambda: law.step(q, q, u, load, dt_s=0.005))
     drawer = OnePicture(big_cloud(d), height=SIDE, width=SIDE, stretch=(1.0, 1.0))
-    drawn = rate(lambda: drawer.draw(q))
-    whole = rate(lambda: (law.step(q, q, u, load, dt_s=0.005), encoded(drawer.draw(q))))
-    print(f"d = {d}: {steps:.0f} steps/s; {drawn:.0f} pictures/s; with a step and JPEG {whole:.0f}/s")
+    return {
+        f"d = {d}, steps": lambda: law.step(q, q, u, load, dt_s=0.005),
+        f"d = {d}, pictures": lambda: drawer.draw(q),
+        f"d = {d}, a step, a picture and its JPEG": lambda: (
+            law.step(q, q, u, load, dt_s=0.005), encoded(drawer.draw(q)),
+        ),
+    }  # fmt: skip
 
 
 def object_at(held: Held) -> Point:
@@ -120,8 +140,7 @@ def measure_run(folder: str) -> None:
 
 def main() -> None:
     torch.set_num_threads(1)
-    measure_parts(1, 0)
-    measure_parts(4, 4)
+    in_turns(parts(1, 0) | parts(4, 4))
     for folder in sys.argv[1:]:
         measure_run(folder)
 

@@ -4,6 +4,9 @@ import numpy as np
 import pytest
 import torch
 
+from lagsplat.splat import raster_torch
+from lagsplat.splat.gaussians import Gaussians
+from lagsplat.splat.kernel_slice import slice_at
 from lagsplat.splat.one_picture import OnePicture
 from tests.unit.evaluate import tiny_run
 
@@ -19,6 +22,30 @@ def test_pictures_are_those_of_the_decoder(side: int) -> None:
         got = drawer.draw(latent)
         assert got.shape == (side, side, 3)
         np.testing.assert_allclose(got, 255.0 * image.transpose(1, 2, 0), atol=1.0)
+
+
+def test_gaussians_that_have_faded_or_left_the_picture_are_passed_over_and_no_others() -> None:
+    torch.manual_seed(3)
+    cloud = Gaussians(203, 4)  # no multiple of the lanes
+    with torch.no_grad():
+        cloud.center.uniform_(-12.0, 40.0)
+        cloud.latent_center.normal_()
+        cloud.coupling.normal_(0.0, 3.0)
+        cloud.precision_below.normal_(0.0, 0.3)
+        cloud.shape_log_diagonal.uniform_(0.2, 1.2)
+        cloud.shape_below.normal_()
+        cloud.opacity_logit.normal_(0.0, 2.0)
+        cloud.color_logit.normal_()
+    drawer = OnePicture(cloud, height=24, width=30, stretch=(1.0, 1.0))
+    for z in torch.randn(6, 4):
+        scene = cloud.condition(z[None])
+        expected = raster_torch.rasterize(*scene, height=24, width=30)[0].detach().numpy()
+        np.testing.assert_allclose(
+            drawer.draw(z.double().numpy()), 255.0 * expected.transpose(1, 2, 0), atol=0.51
+        )
+        spots, _, _ = slice_at(z.numpy(), drawer.table, drawer.slices, drawer.color, 24, 30)
+        seen = int(np.isfinite(spots[0, 0]).sum())
+        assert 0 < seen < int((scene.opacity >= 1 / 255).sum())
 
 
 def test_a_state_that_is_not_finite_shows_the_background_alone() -> None:

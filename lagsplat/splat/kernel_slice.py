@@ -1,0 +1,87 @@
+# mypy: ignore-errors
+# (Numba infers the types of kernels.)
+"""The slice of a prepared cloud at one latent: where each Gaussian is, how present, and which are drawn.
+
+What does not depend on the latent is a ``table`` of rows over the Gaussians, filled up to a multiple of
+``WIDTH``: origin x, y; Jacobian of x, of y; offset of the gate; the lower triangle of its factor, row by
+row; ``ln(255 o)`` and ``o`` of the opacity; extents as in a slice. With ``w = factor z - offset`` the largest
+sigma that is drawn is ``ln(255 o) - w.w / 2``: who has faded is told apart without an exponential.
+"""
+
+import numpy as np
+
+from lagsplat.splat.compiled import compiled
+from lagsplat.splat.kernel_tile import CUTOFF, HALF, HALF_HEIGHT, HALF_WIDTH, OPACITY, ZERO, X, Y, exp_minus
+from lagsplat.splat.lanes import WIDTH, bits, greatest, load, spread, square_root, store
+
+
+@compiled()
+def slice_at(z, table, slices, color, height, width):
+    """Spots (1, 6, M), slices (1, M, 5) and colours (1, M, 3) of those alone that reach into the picture."""
+    count = table.shape[1]
+    found = np.empty((6, count), np.float32)
+    kept = np.empty(count, np.int32)
+    number = 0
+    for group in range(0, count, WIDTH):
+        met = condition(found, z, table, group, height, width)
+        for lane in range(WIDTH):
+            if met >> lane & 1:
+                kept[number] = group + lane
+                number += 1
+    spots = np.full((1, 6, (number + WIDTH - 1) // WIDTH * WIDTH), np.nan, np.float32)
+    shapes = np.empty((1, number, slices.shape[1]), np.float32)
+    colors = np.empty((1, number, 3), np.float32)
+    for at in range(number):
+        k = kept[at]
+        for row in range(6):
+            spots[0, row, at] = found[row, k]
+        for column in range(slices.shape[1]):
+            shapes[0, at, column] = slices[k, column]
+        for channel in range(3):
+            colors[0, at, channel] = color[k, channel]
+    return spots, shapes, colors
+
+
+@compiled()
+def condition(found, z, table, k, height, width):
+    """Fill in the ``WIDTH`` spots from ``k`` on; which of them are drawn, as bits. NaN is not."""
+    count, d = table.shape[1], len(z)
+    x = load(table, k)
+    y = load(table, count + k)
+    squares = spread(ZERO)
+    factor = 2 + 3 * d
+    for i in range(d):
+        x = x + load(table, (2 + i) * count + k) * z[i]
+        y = y + load(table, (2 + d + i) * count + k) * z[i]
+        away = spread(ZERO) - load(table, (2 + 2 * d + i) * count + k)
+        for j in range(i + 1):
+            away = away + load(table, (factor + j) * count + k) * z[j]
+        factor += i + 1
+        squares = squares + away * away
+    faded = squares * HALF
+    cutoff = load(table, factor * count + k) - faded
+    root = square_root(greatest(cutoff, spread(ZERO)))
+    half_width = root * load(table, (factor + 2) * count + k)
+    half_height = root * load(table, (factor + 3) * count + k)
+    store(found, X * count + k, x)
+    store(found, Y * count + k, y)
+    store(found, OPACITY * count + k, load(table, (factor + 1) * count + k) * exp_minus(faded))
+    store(found, CUTOFF * count + k, cutoff)
+    store(found, HALF_WIDTH * count + k, half_width)
+    store(found, HALF_HEIGHT * count + k, half_height)
+    across = (x + half_width > ZERO) & (x - half_width < np.float32(width))
+    down = (y + half_height > ZERO) & (y - half_height < np.float32(height))
+    return bits((spread(ZERO) <= cutoff) & across & down)
+
+
+@compiled()
+def to_bytes(image):
+    """A picture (3, H, W) of numbers from 0 to 1 as (H, W, 3) of bytes."""
+    _, height, width = image.shape
+    picture = np.empty((height, width, 3), np.uint8)
+    for row in range(height):
+        for column in range(width):
+            for channel in range(3):
+                value = min(max(image[channel, row, column], np.float32(0.0)), np.float32(1.0))
+                picture[row, column, channel] = np.uint8(value * np.float32(255.0) + HALF)
+    return picture
