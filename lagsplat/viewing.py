@@ -59,7 +59,8 @@ def export_page(folder: Path, experiment: Config, out: Path) -> None:
     session = pushable(open_run(folder), experiment)
     kinematics = session.held.kinematics
     coordinates = "one learned coordinate" if kinematics.d == 1 else f"{kinematics.d} learned coordinates"
-    subtitle = f"Seen by one camera, never pushed. {kinematics.center.shape[0]} Gaussians, {coordinates}."
+    seen = "one camera" if kinematics.space == 2 else "cameras on several sides"
+    subtitle = f"Seen by {seen}, never pushed. {kinematics.center.shape[0]} Gaussians, {coordinates}."
     title = title_of(folder)
     save_page(out, session, title=title[:1].upper() + title[1:], subtitle=subtitle)
 

@@ -2,11 +2,12 @@
 
 import numpy as np
 import torch
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64
 from scipy.ndimage import gaussian_filter
 from skimage.measure import find_contours
 
 from lagsplat.forces.held import Held
+from lagsplat.forces.kinematics import Kinematics
 from lagsplat.forces.outline import outlined
 from lagsplat.forces.scene import scene_at
 
@@ -14,7 +15,7 @@ CELLS = 14
 """Cells along the longer side of the picture in each of which one arrow stands."""
 PRESENT = 0.2
 MOVES = 0.1
-"""Of the largest motion: what moves less is ground, and gets no arrow."""
+"""Of the largest motion: what moves less is ground, gets no arrow and in space cannot be dragged."""
 LARGEST = 0.98
 FINER = 2
 """Times the training resolution at which the outline is cut."""
@@ -33,6 +34,12 @@ def rest_outline(held: Held) -> list[Float64[np.ndarray, "n 2"]]:
     return [(line[:, ::-1] - 0.5) / FINER for line in lines if len(line) > SHORT]
 
 
+def moving(kinematics: Kinematics) -> Bool[np.ndarray, " K"]:
+    """Which Gaussians move, and are no ground."""
+    motion = kinematics.geometry.jacobian.flatten(1).norm(dim=1).numpy()
+    return motion >= MOVES * np.quantile(motion, LARGEST)
+
+
 class Field:
     """Arrows on the matter: one Gaussian a cell, the one most present, followed along its own Jacobian."""
 
@@ -42,27 +49,28 @@ class Field:
         present = kinematics.presence(held.rest[None])[0].numpy()
         motion = kinematics.geometry.jacobian.flatten(1).norm(dim=1).numpy()
         cell = max(kinematics.height, kinematics.width) / CELLS
-        moves = motion >= MOVES * np.quantile(motion, LARGEST)
-        best: dict[tuple[int, int], int] = {}
+        usable = moving(kinematics) & (present > PRESENT)
+        if kinematics.space == 2:
+            usable &= ((places >= 0.0) & (places < (kinematics.width, kinematics.height))).all(1)
+        best: dict[tuple[int, ...], int] = {}
         for i in np.argsort(present * motion):  # the last one written is the one that tells most
-            x, y = places[i]
-            if moves[i] and present[i] > PRESENT and 0 <= x < kinematics.width and 0 <= y < kinematics.height:
-                best[int(x // cell), int(y // cell)] = int(i)
+            if usable[i]:
+                best[tuple((places[i] // cell).astype(int).tolist())] = int(i)
         self.chosen = torch.tensor(sorted(best.values()), dtype=torch.long)
         self.kinematics, self.cell = kinematics, cell
         self.jacobian = kinematics.geometry.jacobian[self.chosen].numpy()
 
-    def places(self, q: Float64[np.ndarray, " d"]) -> Float64[np.ndarray, "n 2"]:
+    def places(self, q: Float64[np.ndarray, " d"]) -> Float64[np.ndarray, "n k"]:
         """Feet of the arrows [px]."""
         return self.kinematics.places(torch.from_numpy(q)[None])[0, self.chosen].numpy()
 
-    def along(self, rate: Float64[np.ndarray, " d"]) -> Float64[np.ndarray, "n 2"]:
+    def along(self, rate: Float64[np.ndarray, " d"]) -> Float64[np.ndarray, "n k"]:
         """What a rate of the state is to the matter at the feet [px per its unit]."""
         return self.jacobian @ rate
 
     def arrows(
         self, q: Float64[np.ndarray, " d"], rate: Float64[np.ndarray, " d"], *, largest: float
-    ) -> Float64[np.ndarray, "n 2 2"]:
+    ) -> Float64[np.ndarray, "n 2 k"]:
         """Feet and tips [px]; ``largest`` is the length [px per unit] drawn two cells long."""
         feet = self.places(q)
         return np.stack([feet, feet + self.along(rate) * (2.0 * self.cell / max(largest, 1e-12))], axis=1)

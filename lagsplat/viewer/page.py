@@ -11,7 +11,9 @@ from lagsplat.io.atomic import write_text
 from lagsplat.viewer.page_data import page_data
 from lagsplat.viewer.session import Session
 
-SCRIPTS = ("law.js", "hand.js", "session.js", "splats.js", "chart.js", "app.js")
+MECHANICS = ("law.js", "hand.js", "plane.js", "depth.js", "space.js", "session.js")
+"""What needs no browser."""
+SCRIPTS = (*MECHANICS, "splats.js", "chart.js", "pointer.js", "app.js")
 LARGEST_BYTES = 15_000_000
 
 
@@ -33,6 +35,7 @@ def render_page(session: Session, *, title: str, subtitle: str) -> str:
         subtitle=html.escape(subtitle),
         style=page_part("style.css"),
         script="\n".join(page_part(name) for name in SCRIPTS),
+        space=session.held.kinematics.space,
         run=run,
     )
 

@@ -9,7 +9,7 @@ from jaxtyping import Float32
 
 from lagsplat.forces.single import Single, convex_arrays, field_arrays
 from lagsplat.forces.stepper import stepper
-from lagsplat.viewer.overlay import Field, rest_outline
+from lagsplat.viewer.overlay import PRESENT, Field, moving, rest_outline
 from lagsplat.viewer.recorded import Recorded
 from lagsplat.viewer.session import Session
 
@@ -79,8 +79,8 @@ def law_data(law: Single) -> dict[str, Any]:
 
 def constants_of(session: Session) -> Float32[np.ndarray, "K row"]:
     """Of every Gaussian, in whitened coordinates and pixels of the training resolution: place at ``q = 0``,
-    Jacobian of x and of y, offset and factor of the gate, opacity, colour, covariance; filled up to whole
-    texels.
+    Jacobian of x, of y and, in space, of z, offset and factor of the gate, opacity, colour, covariance;
+    filled up to whole texels.
     """
     kinematics, gaussians = session.held.kinematics, session.held.autoencoder.gaussians
     geometry = kinematics.geometry
@@ -109,9 +109,25 @@ def _splats(session: Session) -> dict[str, Any]:
         "constants": base64.b64encode(table.astype("<f4").tobytes()).decode(),
         "count": len(table),
         "d": kinematics.d,
+        "space": kinematics.space,
+        "camera": None if kinematics.space == 2 else _camera(session),
         "background": background,
         "height": kinematics.height,
         "width": kinematics.width,
+    }
+
+
+def _camera(session: Session) -> dict[str, Any]:
+    """Of the film, where Gaussians live in space; which of them can be dragged, for beside them a drag turns
+    the view; and how far ahead these are, by their median at rest.
+    """
+    held, moves = session.held, moving(session.held.kinematics)
+    shown = moves & (held.kinematics.presence(held.rest[None])[0].numpy() > PRESENT)
+    depth = held.kinematics.places(held.rest[None])[0, :, 2].numpy()
+    return {
+        "lens": held.autoencoder.lens,
+        "moves": np.flatnonzero(moves).tolist(),
+        "depth": float(np.median(depth[shown if shown.any() else moves])),
     }
 
 

@@ -9,20 +9,7 @@ import torch
 from lagsplat.viewer.page import save_page
 from tests.browser.chromium import NO_WEBGL, browser, seen, until
 from tests.browser.disc import SIZE, TOP, WALL, disc
-
-# the page forbids itself to evaluate text, so that a condition is asked for from outside
-DRAWN = "Boolean(window.simulation?.frames)"
-PIXELS = """(q) => {
-  const { session, splats } = simulation;
-  Object.assign(session, { paused: true, q });
-  splats.resize(256);
-  splats.draw(q);
-  const { gl, canvas } = splats;
-  const bytes = new Uint8Array(4 * canvas.width * canvas.height);
-  gl.readPixels(0, 0, canvas.width, canvas.height, gl.RGBA, gl.UNSIGNED_BYTE, bytes);
-  return [canvas.height, canvas.width, Array.from(bytes)];
-}"""
-VIEW = {"width": 800, "height": 640}
+from tests.browser.exported import DRAWN, drag, opened, pixels
 
 
 @pytest.fixture(scope="module")
@@ -40,29 +27,8 @@ def chromium():
 
 @pytest.fixture
 def page(chromium, path):
-    context = chromium.new_context(viewport=VIEW, offline=True)
-    errors: list[str] = []
-    tab = context.new_page()
-    tab.on("pageerror", lambda error: errors.append(str(error)))
-    tab.goto(f"file://{path}")
-    until(lambda: tab.evaluate(DRAWN), "the first picture")
-    yield tab
-    context.close()
-    assert errors == []
-
-
-def at(page, place: tuple[float, float]) -> tuple[float, float]:
-    """Where a place of the picture [px of the training resolution] is on the screen."""
-    box = page.locator("#drawn").bounding_box()
-    return box["x"] + place[0] / SIZE[0] * box["width"], box["y"] + place[1] / SIZE[1] * box["height"]
-
-
-def drag(page, place: tuple[float, float], by: float) -> None:
-    x, y = at(page, place)
-    page.mouse.move(x, y)
-    page.mouse.down()
-    for i in range(1, 6):
-        page.mouse.move(x + by * i / 5, y)
+    with opened(chromium, path) as tab:
+        yield tab
 
 
 def bright_middle(page) -> float:
@@ -97,9 +63,8 @@ def test_a_drag_on_the_wall_moves_nothing(page) -> None:
 
 def test_the_picture_is_the_one_that_python_draws(page) -> None:
     one, state = disc(), 0.6
-    height, width, data = page.evaluate(PIXELS, [state])
-    assert (height, width) == (192, 256)
-    drawn = np.array(data, float).reshape(height, width, 4)[::-1, :, :3]
+    drawn = pixels(page, [state])
+    assert drawn.shape == (192, 256, 3)
     expected = 255.0 * one.held.pictures(torch.tensor([[state]], dtype=torch.float64), scale=8)[0]
     assert np.abs(drawn - expected).max() < 4.0
     assert np.abs(drawn - expected).mean() < 0.5

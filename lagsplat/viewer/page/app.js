@@ -17,13 +17,15 @@ function start() {
   const run = JSON.parse(byId("run").textContent);
   run.splats.constants = decoded(run.splats.constants);
   const picture = byId("picture");
-  const splats = new Splats(byId("drawn"), run.splats);
-  const session = new Session(run, new Law(run.law), new Matter(run.splats));
-  const page = { run, picture, splats, session, latency: [], frames: 0, steps: 0 };
+  const view = viewOf(run.splats);
+  const splats = new Splats(byId("drawn"), run.splats, view);
+  const session = new Session(run, new Law(run.law), view);
+  const lines = run.outline.map((line) => line.map((at) => view.under(at)));
+  const page = { run, picture, view, splats, session, lines, latency: [], frames: 0, steps: 0 };
   window.simulation = page; // for tests, and for who likes to look
   layOut(page);
   window.addEventListener("resize", () => layOut(page));
-  listenToPointer(page);
+  new Pointers(page, (stamp) => (page.asked = page.asked || stamp));
   listenToControls(page);
   page.charts = {
     state: new Chart(byId("chart-state"), run.rest.map((_, i) => `q${i}`), 10),
@@ -37,22 +39,25 @@ function start() {
 }
 
 /** Fit the picture into the window, and draw no finer than the screen shows. */
-function layOut({ run, picture, splats }) {
+function layOut(page) {
+  const { run, picture, splats } = page;
   const { width, height } = run.splats;
   const room = picture.parentElement.clientWidth;
   const across = Math.min(room, (0.72 * window.innerHeight * width) / height);
   picture.style.width = `${across}px`;
   picture.style.height = `${(across * height) / width}px`;
+  page.scale = across / width; // of the screen a pixel of the training resolution
   byId("over").setAttribute("viewBox", `0 0 ${across} ${(across * height) / width}`);
   const sharp = Math.max(across, (across * height) / width) * (window.devicePixelRatio || 1);
   splats.resize(Math.round(Math.min(SHARPEST, sharp)));
-  drawOutline(run, across / width);
+  drawOutline(page);
 }
 
-function drawOutline(run, scale) {
-  byId("outline").innerHTML = run.outline
-    .map((line) => `<path d="M${line.map(([x, y]) => `${(x * scale).toFixed(1)} ${(y * scale).toFixed(1)}`).join("L")}"/>`)
-    .join("");
+function drawOutline(page) {
+  const { lines, view, scale } = page;
+  const path = (line) => line.map((place) => view.seen(place).map((x) => (x * scale).toFixed(1)).join(" ")).join("L");
+  byId("outline").innerHTML = lines.map((line) => `<path d="M${path(line)}"/>`).join("");
+  page.outlined = view.looks;
 }
 
 /** Steps are due by the wall's clock; a picture is drawn whenever the screen takes one. */
@@ -77,6 +82,7 @@ function show(page, now) {
   page.frames++;
   if (page.asked) page.latency.push(performance.now() - page.asked);
   page.asked = null;
+  if (page.outlined !== page.view.looks) drawOutline(page);
   showHand(page);
   showVelocity(page);
   const banner = session.banner();
@@ -107,18 +113,18 @@ function line(id, from, to) {
   [["x1", from[0]], ["y1", from[1]], ["x2", to[0]], ["y2", to[1]]].forEach(([key, x]) => node.setAttribute(key, x));
 }
 
-function showHand({ session, run, picture }) {
+function showHand({ session, run, picture, view, scale }) {
   const { grip } = session;
-  const scale = picture.clientWidth / run.splats.width;
   byId("hint").style.opacity = session.everHeld ? 0 : 1;
   picture.classList.toggle("held", grip !== null);
   for (const id of ["arrow", "shade", "brush"]) byId(id).style.visibility = grip ? "visible" : "hidden";
   if (!grip) return;
-  const place = placeOf(grip, session.q).map((x) => x * scale);
-  const tip = place.map((x, i) => x + (scale * grip.force[i]) / run.gain);
+  const at = placeOf(grip, session.q);
+  const place = view.seen(at).map((x) => x * scale);
+  const tip = view.seen(at.map((x, i) => x + grip.force[i] / run.gain)).map((x) => x * scale);
   byId("brush").setAttribute("cx", place[0]);
   byId("brush").setAttribute("cy", place[1]);
-  byId("brush").setAttribute("r", session.radius * scale);
+  byId("brush").setAttribute("r", session.radius * view.scale(at) * scale);
   const long = Math.hypot(tip[0] - place[0], tip[1] - place[1]) > 6;
   for (const id of ["arrow", "shade"]) {
     line(id, place, tip);
@@ -126,50 +132,17 @@ function showHand({ session, run, picture }) {
   }
 }
 
-function showVelocity({ session, run, picture }) {
+function showVelocity({ session, run, view, scale }) {
   const group = byId("velocity");
   group.toggleAttribute("hidden", !byId("show-velocity").checked);
   if (group.hasAttribute("hidden")) return;
-  const scale = picture.clientWidth / run.splats.width;
-  const { matter, q, v, d } = session;
+  const { matter } = view;
   while (group.childElementCount < run.field.chosen.length) group.append(document.createElementNS(SVG, "line"));
   run.field.chosen.forEach((k, n) => {
-    const place = matter.place(k, q);
-    const at = k * matter.row;
-    const rate = [0, 1].map((c) => v.reduce((sum, x, i) => sum + x * matter.constants[at + 2 + c * d + i], 0));
-    const tip = place.map((x, c) => x + rate[c] * run.field.scale);
-    line(group.children[n], place.map((x) => x * scale), tip.map((x) => x * scale));
+    const place = matter.place(k, session.q);
+    const tip = place.map((x, c) => x + matter.along(k, c, session.v) * run.field.scale);
+    line(group.children[n], ...[place, tip].map((end) => view.seen(end).map((x) => x * scale)));
   });
-}
-
-function listenToPointer({ session, picture, run }) {
-  let from = null;
-  let held = null;
-  const page = window.simulation;
-  const at = (event) => {
-    const box = byId("drawn").getBoundingClientRect();
-    return [(event.clientX - box.left) / box.width * run.splats.width, (event.clientY - box.top) / box.height * run.splats.height];
-  };
-  picture.addEventListener("pointerdown", (event) => {
-    if (held !== null || event.button !== 0 || session.stopped) return;
-    from = at(event);
-    if (!session.grasp(from)) return;
-    held = event.pointerId;
-    session.everHeld = true;
-    picture.setPointerCapture(held);
-    event.preventDefault();
-  });
-  picture.addEventListener("pointermove", (event) => {
-    if (event.pointerId !== held) return;
-    session.pull(at(event).map((x, i) => x - from[i]));
-    page.asked = page.asked || event.timeStamp;
-  });
-  const letGo = (event) => {
-    if (event.pointerId !== held) return;
-    held = null;
-    session.release();
-  };
-  for (const kind of ["pointerup", "pointercancel", "lostpointercapture"]) picture.addEventListener(kind, letGo);
 }
 
 /** A slider whose number stands beside it; `act` gets the number. */
@@ -203,6 +176,7 @@ function listenToControls(page) {
     session.step();
   });
   byId("rest").addEventListener("click", () => session.rest());
+  byId("front")?.addEventListener("click", () => page.view.front());
   byId("show-outline").addEventListener("change", (event) => byId("outline").toggleAttribute("hidden", !event.target.checked));
   byId("help").addEventListener("click", () => byId("card").showModal());
   byId("theme").addEventListener("click", () => {

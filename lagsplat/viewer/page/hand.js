@@ -3,61 +3,71 @@
 
 const ALPHA_MIN = 1 / 255;
 
-/** The Gaussians as the hand feels them; `constants` in the order that lagsplat/viewer/page.py packs. */
+/** The Gaussians as the hand feels them, in `space` dimensions; `constants` as lagsplat/viewer/page_data.py packs them. */
 class Matter {
-  constructor({ constants, count, d }) {
-    Object.assign(this, { constants, count, d, row: 4 * Math.ceil((2 + (3 + d) * d + 7) / 4) });
+  constructor({ constants, count, d, space }) {
+    const rest = space + (space + 1 + d) * d;
+    const row = 4 * Math.ceil((rest + 4 + (space * (space + 1)) / 2) / 4);
+    Object.assign(this, { constants, count, d, space, rest, row });
+  }
+  /** What a rate of the state is to a Gaussian, along one axis. */
+  along(k, axis, rate) {
+    const at = k * this.row + this.space + axis * this.d;
+    let sum = 0;
+    for (let i = 0; i < this.d; i++) sum += rate[i] * this.constants[at + i];
+    return sum;
   }
   place(k, q) {
-    const { constants: c, d } = this;
-    const at = k * this.row;
-    let [x, y] = [c[at], c[at + 1]];
-    for (let i = 0; i < d; i++) {
-      x += q[i] * c[at + 2 + i];
-      y += q[i] * c[at + 2 + d + i];
-    }
-    return [x, y];
+    const place = new Array(this.space);
+    for (let c = 0; c < this.space; c++) place[c] = this.constants[k * this.row + c] + this.along(k, c, q);
+    return place;
   }
   presence(k, q) {
-    const { constants: c, d } = this;
-    const at = k * this.row;
+    const { constants, d } = this;
+    const at = k * this.row + this.space * (1 + d);
     let squares = 0;
     for (let i = 0; i < d; i++) {
-      let w = -c[at + 2 + 2 * d + i];
-      for (let j = 0; j < d; j++) w += q[j] * c[at + 2 + (3 + i) * d + j];
+      let w = -constants[at + i];
+      for (let j = 0; j < d; j++) w += q[j] * constants[at + (1 + i) * d + j];
       squares += w * w;
     }
-    return c[at + 2 + (3 + d) * d] * Math.exp(-0.5 * squares);
+    return constants[k * this.row + this.rest] * Math.exp(-0.5 * squares);
   }
-  /** Take hold of what is present around `at` [px]: a grip with its constant Jacobian, or null on nothing. */
-  grasp(q, at, radius) {
-    const [jx, jy] = [new Array(this.d).fill(0), new Array(this.d).fill(0)];
+  jacobian(k) {
+    const at = k * this.row + this.space;
+    return Array.from({ length: this.space }, (_, c) => Array.from(this.constants.subarray(at + c * this.d, at + (c + 1) * this.d)));
+  }
+  /** Lower triangle of the covariance, row by row. */
+  covariance(k) {
+    const at = k * this.row + this.rest + 4;
+    return this.constants.subarray(at, at + (this.space * (this.space + 1)) / 2);
+  }
+  /** Take hold of what is present around the place `at`: a grip with its constant Jacobian, or null on nothing. */
+  brush(q, at, radius) {
+    const { constants, d, space, row } = this;
+    const sums = new Float64Array(space * d);
     let total = 0;
     for (let k = 0; k < this.count; k++) {
-      const [x, y] = this.place(k, q);
-      const distance = (x - at[0]) ** 2 + (y - at[1]) ** 2;
+      const distance = this.place(k, q).reduce((sum, x, c) => sum + (x - at[c]) ** 2, 0);
       const weight = this.presence(k, q) * Math.exp((-0.5 * distance) / radius ** 2);
       total += weight;
-      for (let i = 0; i < this.d; i++) {
-        jx[i] += weight * this.constants[k * this.row + 2 + i];
-        jy[i] += weight * this.constants[k * this.row + 2 + this.d + i];
-      }
+      for (let i = 0; i < sums.length; i++) sums[i] += weight * constants[k * row + space + i];
     }
     if (!(total >= ALPHA_MIN)) return null;
-    const jacobian = [jx.map((x) => x / total), jy.map((y) => y / total)];
-    return { jacobian, at: at.slice(), clicked: q.slice(), force: [0, 0] };
+    return this.grip(q, at, at.map((_, c) => Array.from(sums.subarray(c * d, (c + 1) * d), (x) => x / total)));
+  }
+  grip(q, at, jacobian) {
+    return { jacobian, at: at.slice(), clicked: q.slice(), force: at.map(() => 0) };
   }
 }
 
 /** The generalised force of a grip. */
 const loadOf = (grip, d) =>
-  grip
-    ? grip.jacobian[0].map((x, i) => x * grip.force[0] + grip.jacobian[1][i] * grip.force[1])
-    : new Array(d).fill(0);
+  Array.from({ length: d }, (_, i) => (grip ? grip.jacobian.reduce((sum, row, c) => sum + row[i] * grip.force[c], 0) : 0));
 
 /** Where the matter of a grip is at a state [px]. */
 const placeOf = (grip, q) =>
-  [0, 1].map((c) => grip.at[c] + grip.jacobian[c].reduce((sum, x, i) => sum + x * (q[i] - grip.clicked[i]), 0));
+  grip.at.map((x, c) => x + grip.jacobian[c].reduce((sum, j, i) => sum + j * (q[i] - grip.clicked[i]), 0));
 
 /** How far a state is from all that the recording covered: beyond 1 it never was there. */
 function uncovered(q, { points, root, radius }) {

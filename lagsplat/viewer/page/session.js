@@ -2,8 +2,8 @@
 // A run that is being pushed, without a picture: lagsplat/viewer/session.py in few words.
 
 class Session {
-  constructor(run, law, matter) {
-    Object.assign(this, { run, law, matter, d: run.d, dt: run.dt, speed: 1, strength: 1, radius: run.brush });
+  constructor(run, law, view) {
+    Object.assign(this, { run, law, view, d: run.d, dt: run.dt, speed: 1, strength: 1, radius: run.brush });
     this.u = run.inputs.mean.slice();
     this.following = false;
     this.grip = null;
@@ -35,10 +35,12 @@ class Session {
     const { hand, inputs, edits, dissipated, began } = this.books;
     return this.energy().total - began - hand - inputs - edits + dissipated;
   }
-  grasp(at) {
-    this.grip = this.matter.grasp(this.q, at, this.radius);
+  /** Take hold of what the view shows in a pixel; null where that is nothing to hold. */
+  grasp(pixel) {
+    this.grip = this.view.grasp(this.q, pixel, this.radius);
     return this.grip;
   }
+  /** Hold it with the force of a drag, told as a way of the matter. */
   pull(drag) {
     if (this.grip) this.grip.force = drag.map((x) => x * this.run.gain * this.strength);
   }

@@ -1,6 +1,7 @@
 "use strict";
 // The Gaussians of the decoder, drawn with WebGL2 by the image model of lagsplat/splat/image_model.py. What a Gaussian
-// is at a state, its place and its presence, is worked out on the graphics card from a texture of its constants.
+// is at a state, its place and its presence, is worked out on the graphics card from a texture of its constants. How it is
+// seen, `FLATTEN`, is told by the view: page/plane.js or page/space.js.
 
 const VERTEX = `#version 300 es
 precision highp float;
@@ -8,7 +9,7 @@ uniform highp sampler2D constants;
 uniform float q[LATENTS];
 uniform vec2 size;      // of the drawn picture [px]
 uniform float stretch;  // drawn pixels a pixel of the training resolution
-uniform int count;
+in uint which;
 out vec2 away;
 flat out vec3 conic;
 flat out vec4 paint;    // colour, opacity
@@ -16,31 +17,37 @@ float number(int k, int i) {
   int at = k * ROW + i / 4;
   return texelFetch(constants, ivec2(at % WIDE, at / WIDE), 0)[i % 4];
 }
+FLATTEN
 void main() {
-  int k = count - 1 - gl_InstanceID;  // the first Gaussian is in front, so it is drawn last
-  vec2 middle = vec2(number(k, 0), number(k, 1));
+  int k = int(which);
+  float place[SPACE];
+  for (int c = 0; c < SPACE; c++) {
+    place[c] = number(k, c);
+    for (int i = 0; i < LATENTS; i++) place[c] += q[i] * number(k, SPACE + c * LATENTS + i);
+  }
   float squares = 0.0;
   for (int i = 0; i < LATENTS; i++) {
-    middle += q[i] * vec2(number(k, 2 + i), number(k, 2 + LATENTS + i));
-    float w = -number(k, 2 + 2 * LATENTS + i);
-    for (int j = 0; j <= LATENTS - 1; j++) w += q[j] * number(k, 2 + (3 + i) * LATENTS + j);
+    float w = -number(k, SPACE + SPACE * LATENTS + i);
+    for (int j = 0; j <= LATENTS - 1; j++) w += q[j] * number(k, SPACE + (SPACE + 1 + i) * LATENTS + j);
     squares += w * w;
   }
-  int rest = 2 + (3 + LATENTS) * LATENTS;
-  float opacity = number(k, rest) * exp(-0.5 * squares);
-  paint = vec4(number(k, rest + 1), number(k, rest + 2), number(k, rest + 3), opacity);
-  vec3 covariance = vec3(number(k, rest + 4), number(k, rest + 5), number(k, rest + 6)) * stretch * stretch;
+  float opacity = number(k, REST) * exp(-0.5 * squares);
+  paint = vec4(number(k, REST + 1), number(k, REST + 2), number(k, REST + 3), opacity);
+  vec2 middle;
+  vec3 covariance;
+  bool drawn = flatten(k, place, middle, covariance);
+  covariance *= stretch * stretch;
   float xx = covariance.x + 0.3, xy = covariance.y, yy = covariance.z + 0.3;
   float determinant = xx * yy - xy * xy;
   conic = vec3(yy, -xy, xx) / determinant;
-  if (!(opacity >= 1.0 / 255.0) || !(determinant > 0.0)) {
+  if (!drawn || !(opacity >= 1.0 / 255.0) || !(determinant > 0.0)) {
     gl_Position = vec4(2.0, 2.0, 2.0, 1.0);
     return;
   }
   vec2 corner = vec2(gl_VertexID & 1, gl_VertexID >> 1) * 2.0 - 1.0;
   away = corner * (sqrt(2.0 * log(255.0 * opacity) * vec2(xx, yy)) + 1.0);
-  vec2 place = (middle * stretch + away) / size * 2.0 - 1.0;
-  gl_Position = vec4(place.x, -place.y, 0.0, 1.0);
+  vec2 at = (middle * stretch + away) / size * 2.0 - 1.0;
+  gl_Position = vec4(at.x, -at.y, 0.0, 1.0);
 }`;
 
 const FRAGMENT = `#version 300 es
@@ -73,15 +80,17 @@ void main() { color = vec4(clamp(texture(drawn, at).rgb, 0.0, 1.0), 1.0); }`;
 const WIDE = 2048;
 
 class Splats {
-  /** `constants` holds for each of `count` Gaussians what `lagsplat/viewer/page.py` packs, in rows of 4 numbers. */
-  constructor(canvas, { constants, count, d, background, height, width }) {
+  /** `constants` holds for each of `count` Gaussians what `lagsplat/viewer/page_data.py` packs, in rows of 4 numbers; `view`
+   * tells in which order they are drawn, and where and how each is seen. */
+  constructor(canvas, { constants, count, d, space, background, height, width }, view) {
     const gl = canvas.getContext("webgl2", { antialias: false, alpha: false, preserveDrawingBuffer: true });
     if (!gl) throw new Error("This browser draws no WebGL2, which this page needs. A current Firefox, Chrome, Edge or "
       + "Safari does; in a remote or virtual desktop, hardware acceleration may be switched off.");
-    Object.assign(this, { gl, canvas, count, background, height, width });
-    const row = Math.ceil((2 + (3 + d) * d + 7) / 4);
-    const names = `#define LATENTS ${d}\n#define ROW ${row}\n#define WIDE ${WIDE}\n`;
-    this.program = this.build(VERTEX.replace("precision", names + "precision"), FRAGMENT);
+    Object.assign(this, { gl, canvas, count, background, height, width, view });
+    const row = view.matter.row / 4;
+    const numbers = { LATENTS: d, SPACE: space, REST: view.matter.rest, ROW: row, WIDE };
+    const names = Object.entries(numbers).map(([name, number]) => `#define ${name} ${number}\n`).join("");
+    this.program = this.build(VERTEX.replace("precision", names + "precision").replace("FLATTEN", view.shader), FRAGMENT);
     this.copy = this.build(COPY_VERTEX, COPY_FRAGMENT);
     const rows = Math.ceil((count * row) / WIDE);
     const table = new Float32Array(rows * WIDE * 4);
@@ -90,6 +99,7 @@ class Splats {
     // many faint layers add up: eight bits a layer would show
     this.precise = gl.getExtension("EXT_color_buffer_float") !== null;
     this.nothing = gl.createVertexArray();
+    this.ordered = this.numbered();
     this.resize(Math.max(width, height));
   }
   build(vertex, fragment) {
@@ -105,6 +115,18 @@ class Splats {
     gl.linkProgram(program);
     if (!gl.getProgramParameter(program, gl.LINK_STATUS)) throw new Error(gl.getProgramInfoLog(program));
     return program;
+  }
+  /** One number for each drawn Gaussian: which it is. */
+  numbered() {
+    const { gl } = this;
+    const which = gl.getAttribLocation(this.program, "which");
+    const array = gl.createVertexArray();
+    gl.bindVertexArray(array);
+    gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
+    gl.enableVertexAttribArray(which);
+    gl.vertexAttribIPointer(which, 1, gl.UNSIGNED_INT, 0, 0);
+    gl.vertexAttribDivisor(which, 1);
+    return array;
   }
   texture(format, width, height, type, data, filter = this.gl.NEAREST) {
     const { gl } = this;
@@ -136,7 +158,8 @@ class Splats {
     const { gl, canvas, program } = this;
     if (this.side !== this.prepared) this.prepare(this.side);
     const place = (name) => gl.getUniformLocation(program, name);
-    gl.bindVertexArray(this.nothing);
+    gl.bindVertexArray(this.ordered);
+    gl.bufferData(gl.ARRAY_BUFFER, this.view.order(q), gl.DYNAMIC_DRAW);
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.target);
     gl.viewport(0, 0, canvas.width, canvas.height);
     gl.clearColor(...this.background, 1);
@@ -146,12 +169,13 @@ class Splats {
     gl.uniform1fv(place("q"), q);
     gl.uniform2f(place("size"), canvas.width, canvas.height);
     gl.uniform1f(place("stretch"), this.stretch);
-    gl.uniform1i(place("count"), this.count);
+    this.view.tell(gl, place);
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
     gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, this.count);
     gl.disable(gl.BLEND);
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+    gl.bindVertexArray(this.nothing);
     gl.useProgram(this.copy);
     gl.bindTexture(gl.TEXTURE_2D, this.layer);
     gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);

@@ -1,9 +1,6 @@
 """The page's own JavaScript against Python: the same motion, the same energies, the same grip."""
 
-import json
 import re
-import shutil
-import subprocess
 
 import numpy as np
 import pytest
@@ -11,10 +8,11 @@ import pytest
 from lagsplat.cli import main
 from lagsplat.forces.loaded import Edits
 from lagsplat.forces.single import Single
-from lagsplat.viewer.page import LARGEST_BYTES, page_part, render_page, save_page
+from lagsplat.viewer.page import LARGEST_BYTES, MECHANICS, render_page, save_page
 from lagsplat.viewer.page_data import law_data, page_data
 from lagsplat.viewer.session import Session
 from tests.stage2_problems import random_lagrangian
+from tests.unit.viewer.scripts import run_script
 from tests.unit.viewer.sessions import session, strip
 
 SECONDS = 10.0
@@ -39,9 +37,7 @@ console.log(JSON.stringify(path));
 """
 SESSION = """
 const { run, at, drags } = JSON.parse(require("fs").readFileSync(0, "utf8"));
-const bytes = Uint8Array.from(atob(run.splats.constants), (letter) => letter.charCodeAt(0));
-run.splats.constants = new Float32Array(bytes.buffer);
-const session = new Session(run, new Law(run.law), new Matter(run.splats));
+const session = new Session(decode(run), new Law(run.law), viewOf(run.splats));
 session.grasp(at);
 const path = drags.map((drag) => {
   if (drag === null) session.release();
@@ -52,18 +48,6 @@ const path = drags.map((drag) => {
 console.log(JSON.stringify({ path, unexplained: session.unexplained(), covered: uncovered(session.q,
 run.coverage) }));
 """
-
-
-def run_script(parts: list[str], driver: str, data: dict) -> object:
-    node = shutil.which("node")
-    if node is None:
-        pytest.skip("no node on this machine to run the page's JavaScript; a browser test runs it, too")
-    script = "\n".join([*(page_part(name) for name in parts), driver])
-    done = subprocess.run(
-        [node, "-e", script], input=json.dumps(data), capture_output=True, text=True, timeout=120, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout)
 
 
 @pytest.mark.parametrize(
@@ -95,7 +79,7 @@ def test_a_push_of_ten_seconds_is_the_same_in_the_page(make) -> None:
     at, steps = (16.0, 8.0), round(SECONDS / one.dt_s)
     drags = [None if i > 0.6 * steps else [3.0 * np.sin(0.05 * i), 0.5] for i in range(steps)]
     data = {"run": page_data(one), "at": at, "drags": drags}
-    told = run_script(["law.js", "hand.js", "session.js"], SESSION, data)
+    told = run_script(MECHANICS, SESSION, data)
     one.grasp(at)
     path = []
     for drag in drags:

@@ -1,0 +1,36 @@
+"use strict";
+// How Gaussians of the picture are seen and touched: they are where they are drawn, in the order of their index.
+
+const ON_PLANE = `
+bool flatten(int k, float place[SPACE], out vec2 middle, out vec3 covariance) {
+  middle = vec2(place[0], place[1]);
+  covariance = vec3(number(k, REST + 4), number(k, REST + 5), number(k, REST + 6));
+  return true;
+}`;
+
+class Plane {
+  constructor(matter) {
+    // the first Gaussian is in front, so it is drawn last
+    Object.assign(this, { matter, shader: ON_PLANE, looks: 0, last: Uint32Array.from({ length: matter.count }, (_, i) => matter.count - 1 - i) });
+  }
+  /** The Gaussians in the order in which they are drawn. */
+  order() {
+    return this.last;
+  }
+  /** What the shader wants to know. */
+  tell() {}
+  /** Where a place is seen [px], and the other way round. */
+  seen(place) {
+    return place;
+  }
+  under(pixel) {
+    return pixel;
+  }
+  /** Pixels a unit of length. */
+  scale() {
+    return 1;
+  }
+  grasp(q, pixel, radius) {
+    return this.matter.brush(q, pixel, radius);
+  }
+}

@@ -1,0 +1,98 @@
+"""The exported page of a run in space: drawn as Python draws it from any side, pushed, and turned."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from lagsplat.report.force_space import sideways
+from lagsplat.splat.projection import view_of
+from lagsplat.viewer.page import save_page
+from tests.browser.chromium import browser, until
+from tests.browser.disc import TOP, WALL
+from tests.browser.exported import drag, opened, pixels
+from tests.unit.forces.solid import turning
+from tests.unit.viewer.sessions import session
+
+SIDES = ((0.0, 0.0, 1.0), (30.0, -12.0, 1.0), (-50.0, 25.0, 1.6))
+"""Yaw and pitch [degree], and zoom."""
+LOOK = "(side) => simulation.view.look(...side)"
+
+
+@pytest.fixture(scope="module")
+def plate():
+    return session(turning())
+
+
+@pytest.fixture(scope="module")
+def page(plate, tmp_path_factory):
+    path = tmp_path_factory.mktemp("space") / "push.html"
+    save_page(path, plate, title="Turning plate", subtitle="A run in miniature")
+    with browser() as chromium, opened(chromium, path) as tab:
+        yield tab
+
+
+def looks(page) -> list[float]:
+    return page.evaluate("[simulation.view.yaw, simulation.view.pitch, simulation.view.zoom]")
+
+
+@pytest.mark.parametrize("side", SIDES, ids=["the film's camera", "right", "left and near"])
+def test_the_picture_is_the_one_that_python_draws(page, plate, side) -> None:
+    state, (yaw, pitch, zoom) = 0.6, side
+    page.evaluate(LOOK, side)
+    drawn = pixels(page, [state])
+    camera = sideways(plate.held, yaw, pitch)
+    view = view_of([replace(camera, focal=(zoom * camera.focal[0], zoom * camera.focal[1]))])
+    q = torch.tensor([[state]], dtype=torch.float64)
+    expected = 255.0 * plate.held.pictures(q, scale=8, view=view)[0]
+    assert np.ptp(expected) > 100.0
+    assert np.abs(drawn - expected).max() < 2.5
+    assert np.abs(drawn - expected).mean() < 0.4
+
+
+def test_a_drag_on_the_object_pushes_it_and_beside_it_turns_the_view(page) -> None:
+    page.evaluate("Object.assign(simulation.session, { paused: false }).rest()")
+    page.locator("#front").click()
+    drag(page, TOP, 120.0)
+    until(lambda: page.evaluate("simulation.session.q[0]") > 0.02, "a motion")
+    assert page.locator("#arrow").evaluate("node => node.style.visibility") == "visible"
+    x1, x2, y1, y2 = (float(page.locator("#arrow").get_attribute(name)) for name in ("x1", "x2", "y1", "y2"))
+    assert x2 - x1 == pytest.approx(120.0, abs=3.0)
+    assert y2 == pytest.approx(y1, abs=1.0)
+    assert looks(page) == [0, 0, 1]
+    page.mouse.up()
+    page.locator("#rest").click()
+    drag(page, WALL, 120.0)
+    page.mouse.up()
+    yaw, pitch, _ = looks(page)
+    assert yaw < -5.0
+    assert pitch == 0.0
+    assert page.evaluate("simulation.session.q") == page.evaluate("simulation.run.rest")
+    x, y = (page.locator("#drawn").bounding_box()[name] + 20 for name in "xy")
+    page.mouse.move(x, y)
+    page.mouse.wheel(0, -300)
+    until(lambda: looks(page)[2] > 1.2, "a closer view")
+    page.locator("summary", has_text="View").click()
+    page.locator("#show-outline").check()
+    page.locator("#show-velocity").check()
+    until(lambda: page.locator("#velocity line").count() > 3, "arrows of the velocity")
+    page.locator("#front").click()
+    assert looks(page) == [0, 0, 1]
+
+
+def test_from_aside_a_push_lies_in_the_plane_of_the_image(page) -> None:
+    page.evaluate(LOOK, (30.0, 0.0, 1.0))
+    push = """() => {
+      const { session, view } = simulation;
+      const pixel = view.seen([0, -4, 90]);
+      const { at } = session.grasp(pixel);
+      const [from, to] = [pixel, [pixel[0] + 5, pixel[1]]].map((pointer) => view.under(pointer, at));
+      session.pull(to.map((x, i) => x - from[i]));
+      const force = session.grip.force;
+      session.release();
+      return force;
+    }"""
+    force = np.array(page.evaluate(push))
+    yaw = np.deg2rad(30.0)
+    np.testing.assert_allclose(force / np.linalg.norm(force), [np.cos(yaw), 0.0, np.sin(yaw)], atol=1e-6)
