@@ -29,9 +29,13 @@ def rest_outline(held: Held) -> list[Float64[np.ndarray, "n 2"]]:
     seen = outlined(
         held.pictures(rest, scale=FINER)[0], scene_at(held.autoencoder, held.chart, rest[0].numpy())
     )
-    smooth = gaussian_filter(seen.astype(np.float64), FINER)
-    lines = find_contours(np.pad(smooth, 1), 0.5)
-    return [(line[:, ::-1] - 0.5) / FINER for line in lines if len(line) > SHORT]
+    return [line / FINER for line in outlines(seen.astype(np.float64), smooth_px=float(FINER))]
+
+
+def outlines(share: Float64[np.ndarray, "H W"], *, smooth_px: float) -> list[Float64[np.ndarray, "n 2"]]:
+    """Where a picture crosses one half, smoothed, as lines through corners (x, y) [px]."""
+    smooth = np.pad(gaussian_filter(share, smooth_px), 1)
+    return [line[:, ::-1] - 0.5 for line in find_contours(smooth, 0.5) if len(line) > SHORT]
 
 
 def moving(kinematics: Kinematics) -> Bool[np.ndarray, " K"]:

@@ -15,7 +15,7 @@ from tests.browser.exported import drag, opened, pixels
 from tests.unit.forces.solid import turning
 from tests.unit.viewer.sessions import session
 
-SIDES = ((0.0, 0.0, 1.0), (30.0, -12.0, 1.0), (-50.0, 25.0, 1.6))
+SIDES = ((0.0, 0.0, 1.0), (30.0, -12.0, 1.0), (-40.0, 25.0, 1.6))
 """Yaw and pitch [degree], and zoom."""
 LOOK = "(side) => simulation.view.look(...side)"
 

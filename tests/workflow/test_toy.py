@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from lagsplat.cli import main
+
 ROOT = Path(__file__).resolve().parents[2]
 TOY = "hydra=profile=toy"
 SCORED = {"evaluate", "rollout", "figure", "horizon", "gallery", "table", "physical", "truth", "margins"}
@@ -198,6 +200,8 @@ def test_the_swing_is_learned_in_space_and_pushed_there(results: Path) -> None:
     assert push["shift_across"] < 1e-12 < push["shift_down"]
     assert (results / "results/figures/force_toy_swing_3d.pdf").stat().st_size
     assert (run / "sides.png").stat().st_size
+    assert main(["export", str(run / "default-0"), "--html", f"out={results / 'swing.html'}"]) == 0
+    assert "cameras on several sides" in (results / "swing.html").read_text(encoding="utf-8")
 
 
 def test_the_gap_of_every_diagnosis_stands_in_a_table(source: Path, results: Path) -> None:

@@ -6,8 +6,8 @@ const NEAR = 0.01;
 const MARGIN = 0.3;
 const BLUR = 0.3;
 const STOPPED = 0.5; // of the light: the ray has met the Gaussian at which less of it than this is left
-const WIDEST = [75, 60]; // degrees of yaw and pitch either way: no camera taught what is further
-const [SMALLEST, LARGEST] = [0.4, 8];
+const WIDEST = [45, 35]; // degrees of yaw and pitch either way: far from where cameras taught, all is a guess
+const [SMALLEST, LARGEST] = [0.6, 8]; // of the zoom
 
 const IN_SPACE = `
 uniform mat3 turn;       // its columns are the camera's axes: right, down, ahead

@@ -8,7 +8,7 @@ precision highp float;
 uniform highp sampler2D constants;
 uniform float q[LATENTS];
 uniform vec2 size;      // of the drawn picture [px]
-uniform float stretch;  // drawn pixels a pixel of the training resolution
+uniform vec2 stretch;   // drawn pixels a pixel of the training resolution
 in uint which;
 out vec2 away;
 flat out vec3 conic;
@@ -36,7 +36,7 @@ void main() {
   vec2 middle;
   vec3 covariance;
   bool drawn = flatten(k, place, middle, covariance);
-  covariance *= stretch * stretch;
+  covariance *= vec3(stretch.x * stretch.x, stretch.x * stretch.y, stretch.y * stretch.y);
   float xx = covariance.x + 0.3, xy = covariance.y, yy = covariance.z + 0.3;
   float determinant = xx * yy - xy * xy;
   conic = vec3(yy, -xy, xx) / determinant;
@@ -144,9 +144,9 @@ class Splats {
   prepare(side) {
     const { gl, canvas } = this;
     this.prepared = side;
-    this.stretch = side / Math.max(this.width, this.height);
-    canvas.width = Math.round(this.width * this.stretch);
-    canvas.height = Math.round(this.height * this.stretch);
+    const stretch = side / Math.max(this.width, this.height);
+    canvas.width = Math.round(this.width * stretch);
+    canvas.height = Math.round(this.height * stretch);
     if (this.layer) gl.deleteTexture(this.layer);
     const kind = this.precise ? [gl.RGBA16F, gl.HALF_FLOAT] : [gl.RGBA8, gl.UNSIGNED_BYTE];
     this.layer = this.texture(kind[0], canvas.width, canvas.height, kind[1], null, gl.LINEAR);
@@ -168,7 +168,7 @@ class Splats {
     gl.bindTexture(gl.TEXTURE_2D, this.table);
     gl.uniform1fv(place("q"), q);
     gl.uniform2f(place("size"), canvas.width, canvas.height);
-    gl.uniform1f(place("stretch"), this.stretch);
+    gl.uniform2f(place("stretch"), canvas.width / this.width, canvas.height / this.height);
     this.view.tell(gl, place);
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
