@@ -25,7 +25,7 @@ from lagsplat.forces.stepper import stepper
 from lagsplat.pipeline import open_run
 from lagsplat.splat.gaussians import Gaussians
 from lagsplat.splat.one_picture import OnePicture
-from lagsplat.viewer.easel import Easel
+from lagsplat.viewer.easel import easel_of
 from lagsplat.viewer.loop import Loop
 from lagsplat.viewer.recorded import recorded_of
 from lagsplat.viewer.session import Session, Snapshot
@@ -109,7 +109,7 @@ def measure_run(folder: str) -> None:
     held = hold(run.autoencoder, run.chart, run.lagrangian)
     recorded = recorded_of(run.chart, names=run.recording.input_names, units=run.recording.input_units)
     session = Session(held, recorded, settings.viewer, settings.forces)
-    easel = Easel(run.autoencoder, run.chart, side=settings.viewer.side)
+    easel = easel_of(run.autoencoder, run.chart, side=settings.viewer.side)
     alone = Session(held, recorded, settings.viewer, settings.forces)
     steps, pictures = rate(alone.step), rate(lambda: encoded(easel.draw(alone.q)))
     taken: dict[float, float] = {}

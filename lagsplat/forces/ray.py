@@ -29,8 +29,18 @@ class Hit:
 
 
 @torch.no_grad()
-def cast(autoencoder: Autoencoder, chart: Chart, q: Float[Tensor, " d"], view: View, pixel: Point) -> Hit:
+def cast(
+    autoencoder: Autoencoder,
+    chart: Chart,
+    q: Float[Tensor, " d"],
+    view: View,
+    pixel: Point,
+    *,
+    size: tuple[int, int] | None = None,
+) -> Hit:
     """What the camera ``view`` shows in ``pixel`` at the whitened state ``q``.
+
+    ``size`` is the height and width of its pictures [px], those of the training ones unless told otherwise.
 
     Gaussians are gone through from near to far as the picture is composited, with the alpha that each has in
     the pixel; the ray has met one when half of its light is stopped. So what is met is what is seen.
@@ -48,18 +58,17 @@ def cast(autoencoder: Autoencoder, chart: Chart, q: Float[Tensor, " d"], view: V
         )
     if not bool(torch.isfinite(q).all()):
         raise ValueError(f"the state {q.tolist()} is not finite; check the rollout")
-    if not (0.0 <= pixel[0] <= autoencoder.width and 0.0 <= pixel[1] <= autoencoder.height):
+    height, width = size or (autoencoder.height, autoencoder.width)
+    if not (0.0 <= pixel[0] <= width and 0.0 <= pixel[1] <= height):
         raise NothingThereError(
-            f"the point ({pixel[0]:.4g}, {pixel[1]:.4g}) is outside the picture of {autoencoder.width} x "
-            f"{autoencoder.height} px; give x to the right and y down, in pixels of the training resolution"
+            f"the point ({pixel[0]:.4g}, {pixel[1]:.4g}) is outside the picture of {width} x {height} px; "
+            "give x to the right and y down, in its pixels"
         )
     scene = model.condition(torch.from_numpy(chart.to_raw(q[None].numpy())).to(model.center))
     ahead = depths(scene.means, view)
     # What is known of each Gaussian goes along in place of its colour.
     told = torch.stack([torch.arange(model.n).expand_as(ahead), ahead, torch.zeros_like(ahead)], dim=2)
-    flat = project(
-        scene._replace(color=told.to(ahead)), view, height=autoencoder.height, width=autoencoder.width
-    )
+    flat = project(scene._replace(color=told.to(ahead)), view, height=height, width=width)
     left = torch.cumprod(1.0 - alpha_at(flat, pixel), dim=0)
     met = left < STOPPED
     if not bool(met.any()):

@@ -15,7 +15,7 @@ class NoScaleError(ValueError):
 
 
 def share_of(
-    answer: Float64[np.ndarray, "*B P 2"], measured: Float64[np.ndarray, "P 2"]
+    answer: Float64[np.ndarray, "*B P n"], measured: Float64[np.ndarray, "P n"]
 ) -> Float64[np.ndarray, "*B"]:
     """How much of the measured ways an answer makes, by least squares: 1 where it is as large."""
     return np.einsum("...pc,pc->...", answer, measured) / np.sum(measured**2)
@@ -24,8 +24,8 @@ def share_of(
 def energy_scale(
     held: Held,
     load: Float64[np.ndarray, " d"],
-    jacobian: Float64[np.ndarray, "P 2 d"],
-    measured: Float64[np.ndarray, "P 2"],
+    jacobian: Float64[np.ndarray, "P n d"],
+    measured: Float64[np.ndarray, "P n"],
 ) -> float:
     """The factor kappa with which the law answers ``kappa load`` by as much as was ``measured``.
 

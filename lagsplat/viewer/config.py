@@ -19,6 +19,8 @@ class ViewerConfig:
     """Pictures a second at most; the dynamics keep the recording's rate whatever the pictures do."""
     side: int
     """Longer side of the drawn picture [px]."""
+    window: int
+    """The same of what each visitor sees of a run in space."""
     reach: float
     """Of the picture's width: the drag that drives the state ``forces.response`` of the visited range."""
     beyond: float
@@ -34,7 +36,9 @@ class ViewerConfig:
         """Check the domains."""
         for key in ("pictures_hz", "side", "reach", "beyond", "history_s", "log_s"):
             _require(key, getattr(self, key), getattr(self, key) > 0, "must be positive")
-        _require("side", self.side, 16 <= self.side <= 2048, "must be from 16 to 2048 pixels")
+        for key in ("side", "window"):
+            size = getattr(self, key)
+            _require(key, size, 16 <= size <= 2048, "must be from 16 to 2048 pixels")
         _require("port", self.port, 0 <= self.port < 65536, "must be a port, or 0 for any free one")
         _require("divergence", self.divergence, self.divergence > 1.0, "must exceed 1")
 

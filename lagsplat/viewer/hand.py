@@ -1,13 +1,13 @@
 """The hand: a drag in the picture as a force on the matter that was grasped."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
 from jaxtyping import Float64
 
 from lagsplat.forces.equilibrium import stiffness
-from lagsplat.forces.grip import Grip, Point, brush
+from lagsplat.forces.grip import Grip, NothingThereError, Place, Point, brush, hold_of
 from lagsplat.forces.held import Held
 from lagsplat.forces.scene import STILL
 
@@ -22,13 +22,14 @@ WEAKEST = 1e-6
 
 @dataclass(frozen=True)
 class Hand:
-    """What holds the matter of ``grip`` with ``force`` (right, down) [energy of the law per px].
+    """What holds the matter of ``grip`` with ``force`` [energy of the law per px]: right, down and, in
+    space, ahead of the film's camera.
 
     ``still`` says that the matter grasped there hardly moves with any coordinate: it is background.
     """
 
     grip: Grip
-    force: Float64[np.ndarray, "2"]
+    force: Float64[np.ndarray, " n"]
     still: bool
 
     @property
@@ -36,7 +37,7 @@ class Hand:
         """The generalised force."""
         return self.force @ self.grip.jacobian.numpy()
 
-    def place(self, q: Float64[np.ndarray, " d"]) -> Float64[np.ndarray, "2"]:
+    def place(self, q: Float64[np.ndarray, " d"]) -> Float64[np.ndarray, " n"]:
         """Where the matter is now [px]."""
         return self.grip.place(torch.from_numpy(q)).numpy()
 
@@ -64,11 +65,20 @@ class Touch:
         answers = torch.linalg.matrix_norm(chosen @ compliance, ord=2)
         self.gain = response * held.reach / (float(answers.median()) * drag_px)
 
-    def grasp(self, q: Float64[np.ndarray, " d"], at: Point) -> Hand:
+    def grasp(self, q: Float64[np.ndarray, " d"], at: Point | Place, *, met: int | None = None) -> Hand:
         """Take hold of the matter around ``at`` [px] at the state ``q``, without pulling yet.
+
+        Of the Gaussian ``met`` alone where no centre is under the brush, and one was met.
 
         Raises:
             ValueError: as `lagsplat.forces.grip.brush`.
         """
-        grip = brush(self.kinematics, torch.from_numpy(q), at, radius=self.radius_px)
-        return Hand(grip, np.zeros(2), float(grip.jacobian.norm()) < STILL * self.motion)
+        state = torch.from_numpy(q)
+        try:
+            grip = brush(self.kinematics, state, at, radius=self.radius_px)
+        except NothingThereError:
+            if met is None:
+                raise
+            grip = replace(hold_of(self.kinematics, state, met), at=torch.tensor(at, dtype=torch.float64))
+        still = float(grip.jacobian.norm()) < STILL * self.motion
+        return Hand(grip, np.zeros(self.kinematics.space), still)

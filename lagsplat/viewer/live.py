@@ -16,12 +16,13 @@ from jaxtyping import Float64, UInt8
 
 from lagsplat.viewer.config import ViewerConfig
 from lagsplat.viewer.door import guard, warning
-from lagsplat.viewer.easel import Easel
+from lagsplat.viewer.easel import easel_of
 from lagsplat.viewer.loop import Loop
 from lagsplat.viewer.panel import Keep, Panel
+from lagsplat.viewer.pull import Pointer, Pull
 from lagsplat.viewer.session import Session, Snapshot
 from lagsplat.viewer.souvenir import save_souvenirs
-from lagsplat.viewer.stage import Stage
+from lagsplat.viewer.stage import Stage, board_of
 from lagsplat.viewer.tape import Taped
 
 PATIENCE_S = 20.0
@@ -55,19 +56,22 @@ class Live:
         _require_address(config.host)
         session, held = show.session, show.session.held
         self.show, self.config = show, config
-        self.easel = Easel(held.autoencoder, held.chart, side=config.side)
-        self.small = Easel(
-            held.autoencoder, held.chart, side=max(held.kinematics.height, held.kinematics.width)
+        own = max(held.kinematics.height, held.kinematics.width)
+        self.easel, self.small = (
+            easel_of(held.autoencoder, held.chart, side=side) for side in (config.side, own)
         )
         self.server = viser.ViserServer(config.host, config.port, verbose=False)
         guard(self.server, alone=warning(config.host) is None)
-        self.stage = Stage(self.server, session, self.easel, frame=show.frame, residual=show.residual)
+        board = board_of(self.server, held, side=config.side, window=config.window)
+        self.stage = Stage(self.server, session, board, frame=show.frame, residual=show.residual)
         self.loop = Loop(session, self._show, pictures_hz=config.pictures_hz, refuse=self._refuse)
         keep = Keep(self._save, self._replay)
         self.panel = Panel(self.server, session, self.loop, self.stage, keep, title=show.title)
         self.holder: int | None = None
+        self.pull: Pull | None = None
         self.saving = threading.Lock()
-        self.stage.on_drag(self._drag)
+        board.on_drag(self._drag)
+        board.on_look(lambda: self.loop.tell(lambda s: None))
         self.loop.start()
 
     @property
@@ -100,9 +104,7 @@ class Live:
         log.warning(text)
         self.panel.tell(text)
 
-    def _drag(
-        self, phase: str, press: Float64[np.ndarray, "2"], pointer: Float64[np.ndarray, "2"], who: int
-    ) -> None:
+    def _drag(self, phase: str, pull: Pull | None, pointer: Pointer, who: int) -> None:
         """One hand at a time: who grasped last holds, and others' releases do not let go."""
         now = time.perf_counter()
         if phase == "end":
@@ -110,14 +112,17 @@ class Live:
                 self.loop.tell(lambda s: s.release(asked_s=now))
             return
         if phase == "start":
-            self.holder = who
-            self.loop.tell(lambda s: self._grasp(s, (float(press[0]), float(press[1])), now))
-        if who == self.holder:
-            self.loop.tell(lambda s: s.pull(pointer - press, asked_s=now))
+            self.holder, self.pull = who, pull
+            self.loop.tell(lambda s: self._grasp(s, pull, now))
+        if who == self.holder and (held := self.pull) is not None:
+            self.loop.tell(lambda s: s.pull(held.way(pointer), asked_s=now))
 
-    def _grasp(self, session: Session, at: tuple[float, float], now_s: float) -> None:
+    def _grasp(self, session: Session, pull: Pull | None, now_s: float) -> None:
         session.release()
-        if session.grasp(at, asked_s=now_s).still:
+        if pull is None:
+            raise ValueError("the pointer does not point at anything; nothing was pushed")
+        at, met = pull.aim(session.q)
+        if session.grasp(at, met=met, asked_s=now_s).still:
             self.panel.tell("Nothing there moves: that is background. Drag the object.")
 
     def _taped(self) -> Taped:

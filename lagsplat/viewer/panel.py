@@ -120,7 +120,8 @@ class Panel:
         with gui.add_folder("Calibrate from one poke", expand_by_default=False):
             force = gui.add_number("True force", initial_value=1.0, min=1e-6, hint="in newtons, say")
             moved = gui.add_number("It moved [px]", initial_value=5.0, min=1e-3,
-                                   hint="along the push, in pixels of the training resolution")  # fmt: skip
+                                   hint="along the push, in pixels of the training resolution; "
+                                        "in space, of what one covers at the pivot")  # fmt: skip
             go = gui.add_button("Use my last push")
             scale = gui.add_markdown("kappa is not set: forces are in the law's own unit.")
 
@@ -202,7 +203,7 @@ class Panel:
         boxes = {key: gui.add_checkbox(label, initial_value=False) for label, key in names.items()}
         measure = gui.add_checkbox("Measure drag to picture", initial_value=False)
         dark = gui.add_checkbox("Dark", initial_value=True)
-        front = gui.add_button("Face the picture")
+        front = gui.add_button(self.stage.board.face_label)
 
         def listen(key: str) -> None:
             @boxes[key].on_update
@@ -225,7 +226,7 @@ class Panel:
         @front.on_click
         def _(event: viser.GuiEvent) -> None:
             if event.client is not None:
-                self.stage.face(event.client)
+                self.stage.board.face(event.client)
 
     def _record(self, gui: viser.GuiApi) -> None:
         said = gui.add_markdown("The last minutes are kept; save them as MCAP, MP4 and GIF.")

@@ -12,7 +12,7 @@ from jaxtyping import Float64
 
 from lagsplat.forces.config import ForcesConfig
 from lagsplat.forces.equilibrium import settle
-from lagsplat.forces.grip import Point
+from lagsplat.forces.grip import Place, Point
 from lagsplat.forces.held import Held
 from lagsplat.forces.loaded import UNTOUCHED, Edits
 from lagsplat.forces.scale import energy_scale
@@ -25,7 +25,6 @@ from lagsplat.viewer.recorded import Recorded
 from lagsplat.viewer.tape import Tape, Taped
 
 Status = Literal["running", "paused", "stopped"]
-NOTHING = np.full(2, np.nan)
 DIVERGED = (
     "The motion diverged and the integration stopped: nothing like this was ever recorded. Reset to rest, "
     "or undo the edits of damping, inertia and stiffness."
@@ -78,7 +77,10 @@ class Session:
         self.edits, self.law = UNTOUCHED, stepper(held.law)
         self.u = held.u.numpy().copy()
         self.q, self.v = held.rest.numpy().copy(), np.zeros(held.law.d)
-        self.tape = Tape(d=held.law.d, n_u=len(self.u), dt_s=self.dt_s, rows=round(config.log_s / self.dt_s))
+        self.tape = Tape(
+            d=held.law.d, n_u=len(self.u), space=held.kinematics.space, dt_s=self.dt_s,
+            rows=round(config.log_s / self.dt_s),
+        )  # fmt: skip
         self.ledger = Ledger(self.law, self.q, self.v)
         self.status: Status = "running"
         self.hand: Hand | None = None
@@ -91,18 +93,19 @@ class Session:
         self.kappa: float | None = None
         self.asked_s: float | None = None
 
-    def grasp(self, at: Point, *, asked_s: float | None = None) -> Hand:
-        """Take hold of the matter at ``at`` [px].
+    def grasp(self, at: Point | Place, *, met: int | None = None, asked_s: float | None = None) -> Hand:
+        """Take hold of the matter at ``at`` [px], and in space of the Gaussian ``met`` there.
 
         Raises:
             ValueError: there is nothing, or the point is outside the picture.
         """
         self.playing, self.asked_s = None, asked_s
-        self.hand = self.touch.grasp(self.q, at)
+        self.hand = self.touch.grasp(self.q, at, met=met)
         return self.hand
 
-    def pull(self, drag_px: Float64[np.ndarray, "2"], *, asked_s: float | None = None) -> None:
-        """Hold the grasped matter with the force of a drag (right, down), until the next one or `release`.
+    def pull(self, drag_px: Float64[np.ndarray, " n"], *, asked_s: float | None = None) -> None:
+        """Hold the grasped matter with the force of a drag (right, down and, in space, ahead), until the next
+        one or `release`.
 
         The force is `strength` times `Touch.gain` times the drag, and does not follow the matter. Without a
         grasp nothing happens.
@@ -175,14 +178,16 @@ class Session:
         """Do again what was taped: from its first state, with its forces, inputs and edits.
 
         Raises:
-            ValueError: it is of another run: other numbers of coordinates or inputs, or another rate.
+            ValueError: it is of another run: other numbers of coordinates, inputs or dimensions, or another
+                rate.
         """
-        same = taped.q.shape[1] == self.held.law.d and taped.u.shape[1] == len(self.u)
+        sizes = (taped.q.shape[1], taped.u.shape[1], taped.force.shape[1])
+        same = sizes == (self.held.law.d, len(self.u), self.held.kinematics.space)
         if not same or abs(taped.dt_s / self.dt_s - 1.0) > 1e-6:
             raise ValueError(
-                f"the session has {taped.q.shape[1]} coordinates, {taped.u.shape[1]} inputs and steps of "
-                f"{taped.dt_s:.6g} s, this run {self.held.law.d}, {len(self.u)} and {self.dt_s:.6g} s; open "
-                "the run that it was made with"
+                f"the session has {sizes[0]} coordinates, {sizes[1]} inputs, forces in {sizes[2]} dimensions "
+                f"and steps of {taped.dt_s:.6g} s, this run {self.held.law.d}, {len(self.u)}, "
+                f"{self.held.kinematics.space} and {self.dt_s:.6g} s; open the run that it was made with"
             )
         self.playing, self.played = taped, 0
         self.status = "running"
@@ -266,8 +271,8 @@ class Session:
         held = self.hand
         self.tape.add(
             self.clip, self.q, self.v, self.u, load,
-            np.zeros(2) if held is None else held.force,
-            NOTHING if held is None else held.place(self.q),
+            np.zeros(self.tape.space) if held is None else held.force,
+            np.full(self.tape.space, np.nan) if held is None else held.place(self.q),
             np.array([self.edits.damping, self.edits.inertia, self.edits.stiffness]),
             np.array([energy.kinetic, energy.potential, energy.hand, energy.inputs, energy.dissipated]),
         )  # fmt: skip

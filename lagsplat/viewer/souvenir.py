@@ -20,8 +20,8 @@ ARROW = (255, 122, 26)
 SHARP = 4  # OpenCV's fraction bits of a place, so that an arrow glides
 
 
-def to_log(taped: Taped, meta: dict[str, Any], *, middle: tuple[float, float]) -> SessionLog:
-    """A tape as columns without gaps; where nothing is held the place is the ``middle`` of the picture."""
+def to_log(taped: Taped, meta: dict[str, Any], *, middle: tuple[float, ...]) -> SessionLog:
+    """A tape as columns without gaps; where nothing is held the place is the ``middle``."""
     held = np.isfinite(taped.place).all(1)
     columns = {
         "q": taped.q, "v": taped.v, "u": taped.u, "load": taped.load, "force": taped.force,
@@ -58,10 +58,9 @@ def save_souvenirs(
     Raises:
         FileExistsError: the MCAP file is there already.
     """
-    middle = (0.5 * easel.drawer.width / easel.stretch, 0.5 * easel.drawer.height / easel.stretch)
     pictures = PictureTopic("/camera/session", taped.time_s, (small.draw(q) for q in taped.q))
     mcap, film, animation = (stem.with_suffix(suffix) for suffix in (".mcap", ".mp4", ".gif"))
-    save_session(mcap, to_log(taped, meta, middle=middle), pictures=[pictures])
+    save_session(mcap, to_log(taped, meta, middle=easel.middle), pictures=[pictures])
     save_mp4(film, _frames(taped, easel, gain=gain, rate_hz=FILM_HZ), rate_hz=FILM_HZ)
     last = _frames(taped, small, gain=gain, rate_hz=GIF_HZ, since_s=taped.time_s[-1] - GIF_S)
     save_gif(animation, last, rate_hz=GIF_HZ)
@@ -83,9 +82,10 @@ def _frames(
 def pointed(
     picture: UInt8[np.ndarray, "H W 3"], easel: Easel, place: np.ndarray, drag: np.ndarray
 ) -> UInt8[np.ndarray, "H W 3"]:
-    """The picture with an arrow from ``place`` along ``drag`` [px of the training resolution]."""
+    """The picture with an arrow from ``place`` along ``drag`` [px of the training resolution, or at the
+    pivot]."""
     drawn = np.ascontiguousarray(picture)
-    foot, tip = (np.round(2**SHARP * easel.stretch * end).astype(int) for end in (place, place + drag))
+    foot, tip = np.round(2**SHARP * easel.pixels(np.stack([place, place + drag]))).astype(int)
     thick = max(1, round(max(picture.shape) / 110))
     for color, width in (((0, 0, 0), thick + 2), (ARROW, thick)):
         cv2.arrowedLine(

@@ -25,8 +25,8 @@ class Taped:
     v: Float64[np.ndarray, "N d"]
     u: Float64[np.ndarray, "N n_u"]
     load: Float64[np.ndarray, "N d"]
-    force: Float64[np.ndarray, "N 2"]
-    place: Float64[np.ndarray, "N 2"]
+    force: Float64[np.ndarray, "N n"]
+    place: Float64[np.ndarray, "N n"]
     edits: Float64[np.ndarray, "N 3"]
     energy: Float64[np.ndarray, "N 5"]
     """Kinetic, potential, work of the hand, work of the inputs, dissipated."""
@@ -54,8 +54,8 @@ class Taped:
 class Tape:
     """Keeps the last ``rows`` rows; older ones are dropped, so that memory is bounded."""
 
-    def __init__(self, *, d: int, n_u: int, dt_s: float, rows: int) -> None:
-        self.d, self.n_u, self.dt_s = d, n_u, dt_s
+    def __init__(self, *, d: int, n_u: int, space: int, dt_s: float, rows: int) -> None:
+        self.d, self.n_u, self.space, self.dt_s = d, n_u, space, dt_s
         self.rows: deque[np.ndarray] = deque(maxlen=max(1, rows))
 
     def __len__(self) -> int:
@@ -74,6 +74,6 @@ class Tape:
         if not self.rows:
             raise ValueError("nothing has been recorded yet: let the simulation run, push it, and save again")
         table = np.stack(list(self.rows))
-        widths = [1, self.d, self.d, self.n_u, self.d, 2, 2, 3, 5]
+        widths = [1, self.d, self.d, self.n_u, self.d, self.space, self.space, 3, 5]
         clip, *parts = np.split(table, np.cumsum(widths)[:-1], axis=1)
         return Taped(self.dt_s, clip[:, 0].astype(np.int64), *(part.copy() for part in parts))

@@ -86,8 +86,8 @@ def settled(page) -> float:
 
 def at(page, live, place: tuple[float, float]) -> tuple[float, float]:
     """Where a place of the picture [px] is on the screen: the camera faces the picture's middle."""
-    box, plane = canvas_of(page), live.stage.plane
-    unit = 0.5 * box["height"] / (live.stage.far * np.tan(0.5 * 0.75)) / plane.unit
+    box, plane = canvas_of(page), live.stage.board.plane
+    unit = 0.5 * box["height"] / (live.stage.board.far * np.tan(0.5 * 0.75)) / plane.unit
     x = box["x"] + 0.5 * box["width"] + unit * (place[0] - 0.5 * SIZE[0])
     return x, box["y"] + 0.5 * box["height"] + unit * (place[1] - 0.5 * SIZE[1])
 

@@ -5,51 +5,42 @@ import socket
 import threading
 import time
 
-import msgspec
 import numpy as np
 import pytest
-import viser
 from websockets.exceptions import ConnectionClosed
-from websockets.sync.client import connect
-from websockets.typing import Subprotocol
 
 from lagsplat.cli import main
 from lagsplat.config import compose
 from lagsplat.viewer.door import foreign, warning
 from lagsplat.viewer.live import Live, Show
+from tests.unit.forces.rocking import rocking
+from tests.unit.forces.solid import turning
 from tests.unit.viewer.sessions import session
+from tests.unit.viewer.visitors import camera, dragged, hostile, send, visit
 
-PROTOCOL = Subprotocol(f"viser-v{viser.__version__}")
-NAN = float("nan")
+FLAT, SPACE = "/picture", "/matter"
+
+
+def opened(held, folder):
+    settings = compose("system=toy", "viewer.port=0", "viewer.window=64")
+    frame = np.zeros((24, 32, 3), np.uint8)
+    return Live(Show(session(held), "disc", lambda number: frame, folder), settings.viewer)
+
+
+@pytest.fixture(scope="module", params=[FLAT, SPACE], ids=["picture", "space"])
+def any_live(request, tmp_path_factory):
+    """A live page, and the name of what can be dragged there."""
+    held = rocking() if request.param == FLAT else turning()
+    one = opened(held, tmp_path_factory.mktemp("live"))
+    yield one, request.param
+    one.stop()
 
 
 @pytest.fixture(scope="module")
 def live(tmp_path_factory):
-    settings = compose("system=toy", "viewer.port=0")
-    folder = tmp_path_factory.mktemp("live")
-    frame = np.zeros((24, 32, 3), np.uint8)
-    one = Live(Show(session(), "disc", lambda number: frame, folder), settings.viewer)
+    one = opened(rocking(), tmp_path_factory.mktemp("live"))
     yield one
     one.stop()
-
-
-def visit(live, **settings):
-    url = live.url.replace("http", "ws")
-    return connect(url, subprotocols=[PROTOCOL], open_timeout=10, **settings)
-
-
-def camera() -> dict:
-    look = {"wxyz": (1, 0, 0, 0), "position": (0, 0, 5), "look_at": (0, 0, 0), "up_direction": (0, 1, 0)}
-    view = {"image_height": 100, "image_width": 100, "fov": 0.75, "near": 0.1, "far": 100.0}
-    return {"type": "ViewerCameraMessage", **look, **view}
-
-
-def dragged(phase: str, start, end, name: str = "/picture") -> dict:
-    return {
-        "type": "SceneNodeDragMessage", "phase": phase, "name": name, "instance_index": None,
-        "start_position": start, "start_screen_pos": (0, 0), "end_position": end, "end_screen_pos": (0, 0),
-        "button": "left", "modifier": None, "owner": "",
-    }  # fmt: skip
 
 
 def everything(client) -> None:
@@ -58,48 +49,17 @@ def everything(client) -> None:
         client.recv(timeout=10)
 
 
-def uuids(live) -> list[str]:
-    return list(live.server.gui._gui_input_handle_from_uuid)
-
-
-def hostile(live) -> list[bytes | str]:
-    """Messages that no page of ours would send."""
-    updates = [
-        {"type": "GuiUpdateMessage", "uuid": uuid, "updates": updates}
-        for uuid in uuids(live)
-        for updates in ({"update_cb": []}, {"removed": True}, {"value": "__import__('os').abort()"},
-                        {"value": NAN}, {"value": 1e308}, {"value": None}, {"gui_api": 0}, {"value": []})
-    ]  # fmt: skip
-    drags = [
-        dragged("start", (NAN, 0, 0), (0, 0, 0)),
-        dragged("update", (0, 0, 0), (1e308, -1e308, 0)),
-        dragged("end", (0, 0, 0), (0, 0, 0), name="/../../etc"),
-        dragged("start", ("a", None, []), ({}, 0, 0)),
-        dragged("start", (0, 0, 0), (0, 0, 9)),
-    ]
-    others = [
-        {"type": "ShareUrlRequest"},
-        {"type": "FileTransferStartUpload", "source_component_uuid": "../../x", "transfer_uuid": "../y",
-         "filename": "../../../../tmp/evil", "mime_type": "text/plain", "part_count": 1, "size_bytes": 4},
-        {"type": "FileTransferPart", "source_component_uuid": None, "transfer_uuid": "../y", "part_index": 0,
-         "content": b"evil"},
-        {"type": "NoSuchMessage"},
-        {"type": "ResetGuiMessage"},
-        {"type": "RunJavascriptMessage", "source": "1"},
-        {},
-    ]  # fmt: skip
-    packed = [msgspec.msgpack.encode(message) for message in (*updates, *drags, *others)]
-    return [*packed, b"", b"\xc1", bytes(range(256)), b"\x80" * 4096, "text where bytes are meant"]
-
-
-def test_no_message_executes_anything_ends_the_session_or_moves_a_file(live, tmp_path, monkeypatch) -> None:
+def test_no_message_executes_anything_ends_the_session_or_moves_a_file(
+    any_live, tmp_path, monkeypatch
+) -> None:
+    live, name = any_live
     monkeypatch.chdir(tmp_path)
     handles = live.server.gui._gui_input_handle_from_uuid
     callbacks = {uuid: list(handle._impl.update_cb) for uuid, handle in handles.items()}
-    for message in hostile(live):
+    for message in hostile(live, name):
         try:
             with visit(live) as client:
-                client.send(msgspec.msgpack.encode(camera()))
+                send(client, camera())
                 client.send(message)
                 time.sleep(0.002)
         except ConnectionClosed:
@@ -120,13 +80,12 @@ def test_no_message_executes_anything_ends_the_session_or_moves_a_file(live, tmp
 
 
 def test_after_all_that_a_drag_still_pushes(live) -> None:
-    grab = tuple(live.stage.plane.to_scene(np.array([16.0, 8.0])).tolist())
-    tip = tuple(live.stage.plane.to_scene(np.array([22.0, 8.0])).tolist())
+    grab = tuple(live.stage.board.plane.to_scene(np.array([16.0, 8.0])).tolist())
+    tip = tuple(live.stage.board.plane.to_scene(np.array([22.0, 8.0])).tolist())
     with visit(live) as client:
-        client.send(msgspec.msgpack.encode(camera()))
+        send(client, camera())
         time.sleep(0.3)
-        for phase in ("start", "update"):
-            client.send(msgspec.msgpack.encode(dragged(phase, grab, tip)))
+        send(client, *(dragged(phase, grab, tip) for phase in ("start", "update")))
         end = time.monotonic() + 10.0
         while live.show.session.hand is None and time.monotonic() < end:
             time.sleep(0.02)

@@ -6,7 +6,7 @@ import pytest
 
 from lagsplat.diagnose.sources import find_sources, read_sources
 from lagsplat.io.session_mcap import read_session
-from lagsplat.viewer.easel import Easel
+from lagsplat.viewer.easel import easel_of
 from lagsplat.viewer.souvenir import load_tape, pointed, save_souvenirs
 from tests.unit.viewer.sessions import strip
 
@@ -26,7 +26,7 @@ def saved(tmp_path_factory):
     one.to_frame(5)
     for _ in range(20):
         one.step()
-    easel, small = (Easel(one.held.autoencoder, one.held.chart, side=side) for side in (64, 32))
+    easel, small = (easel_of(one.held.autoencoder, one.held.chart, side=side) for side in (64, 32))
     stem = tmp_path_factory.mktemp("session") / "session_001"
     meta = {"inputs": ["push"], "title": "strip"}
     paths = save_souvenirs(stem, one.tape.read(), easel, meta, gain=one.touch.gain, small=small)
@@ -69,7 +69,7 @@ def test_the_film_shows_the_motion_and_the_arrow(saved):
 
 def test_an_arrow_points_along_the_drag(saved):
     one, _ = saved
-    easel = Easel(one.held.autoencoder, one.held.chart, side=64)
+    easel = easel_of(one.held.autoencoder, one.held.chart, side=64)
     plain = easel.draw(one.q)
     drawn = pointed(plain, easel, np.array([10.0, 12.0]), np.array([8.0, 0.0]))
     _, columns = np.nonzero(np.abs(drawn.astype(int) - plain).sum(2) > 60)
@@ -86,6 +86,6 @@ def test_what_is_no_session_is_told(saved, tmp_path):
     (tmp_path / "short.mcap").write_bytes(mcap.read_bytes()[:2000])
     with pytest.raises(ValueError, match="MCAP file"):
         read_session(tmp_path / "short.mcap")
-    easel = Easel(saved[0].held.autoencoder, saved[0].held.chart, side=16)
+    easel = easel_of(saved[0].held.autoencoder, saved[0].held.chart, side=16)
     with pytest.raises(FileExistsError, match="left as it is"):
         save_souvenirs(mcap.with_suffix(""), saved[0].tape.read(), easel, {}, gain=1.0, small=easel)

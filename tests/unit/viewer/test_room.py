@@ -1,0 +1,61 @@
+"""Space in the scene: there and back, the film's camera, and numbers that are no camera's."""
+
+import numpy as np
+import pytest
+
+from lagsplat.viewer.room import Room
+
+ROOM = Room(200.0, 80, 120)
+EYE = {"wxyz": np.array([0.0, 1.0, 0.0, 0.0]), "position": np.array(ROOM.eye), "fov": 0.3, "aspect": 1.5}
+
+
+def test_points_are_found_again_and_the_pivot_is_the_middle() -> None:
+    points = np.array([[1.0, -2.0, 190.0], [0.0, 0.0, 0.0], [50.0, 7.0, 333.0]])
+    np.testing.assert_allclose(ROOM.to_space(ROOM.to_scene(points)), points, atol=1e-12)
+    np.testing.assert_array_equal(ROOM.to_scene(ROOM.pivot), np.zeros(3))
+    np.testing.assert_allclose(ROOM.to_scene(np.zeros(3)), ROOM.eye)
+    right, down, ahead = ROOM.to_scene(ROOM.pivot + 30.0 * np.eye(3))
+    np.testing.assert_allclose((right, down, ahead), np.diag([1.0, -1.0, -1.0]), atol=1e-12)
+
+
+def test_who_stands_where_the_film_was_taken_sees_what_it_shows() -> None:
+    camera = ROOM.camera(**EYE, side=96)
+    np.testing.assert_allclose(camera.rotation, np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(camera.position, np.zeros(3), atol=1e-9)
+    assert (camera.height, camera.width) == (64, 96)
+
+
+@pytest.mark.parametrize("aspect", [0.5, 1.0, 1.5, 3.0])
+def test_the_whole_picture_fits_into_a_window_of_any_shape(aspect: float) -> None:
+    camera = ROOM.camera(**{**EYE, "fov": ROOM.fov(aspect), "aspect": aspect}, side=200)
+    corners = np.array([[-60.0, -40.0, 200.0], [60.0, 40.0, 200.0]])
+    (left, top), (right, bottom) = camera.project(corners)
+    assert 0.0 < left < right < camera.width
+    assert 0.0 < top < bottom < camera.height
+    assert max((right - left) / camera.width, (bottom - top) / camera.height) > 0.85
+
+
+def test_a_slim_window_is_drawn_with_pixels_enough() -> None:
+    camera = ROOM.camera(**{**EYE, "aspect": 1e9}, side=256)
+    assert (camera.height, camera.width) == (32, 256)
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"wxyz": np.array([np.nan, 0.0, 0.0, 0.0])},
+        {"wxyz": np.zeros(4)},
+        {"wxyz": np.array([1e308, 0.0, 1e308, 0.0])},
+        {"position": np.array([np.inf, 0.0, 0.0])},
+        {"position": np.array([1e308, 0.0, 0.0])},
+        {"fov": 0.0},
+        {"fov": 4.0},
+        {"fov": np.nan},
+        {"aspect": -1.0},
+        {"aspect": np.inf},
+    ],
+    ids=["nan", "zero", "huge", "endless", "far", "flat", "behind", "no angle", "negative", "line"],
+)
+def test_numbers_that_are_no_camera_are_refused(changed: dict) -> None:
+    with pytest.raises(ValueError, match="sees nothing"):
+        ROOM.camera(**{**EYE, **changed}, side=64)
