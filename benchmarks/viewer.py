@@ -3,14 +3,16 @@ picture.
 
 Run as ``python benchmarks/viewer.py [RUN ...]``; without folders of fitted runs, on a law and a cloud of
 Gaussians of the default form alone. Pictures have 256 x 256 pixels and 15 000 Gaussians, as in the paper's
-mark of 80 pictures a second on a GPU. Latency is from the moment at which a drag reaches the server to its
-drawn and encoded picture, with both clocks running.
+mark of 80 pictures a second on a GPU; of a run in space they are seen from the side. Latency is from the
+moment at which a drag reaches the server to its drawn and encoded picture, with both clocks running; in space
+the first of them casts the ray.
 """
 
 import statistics
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -19,19 +21,21 @@ import torch
 
 from benchmarks.forces import default_law
 from lagsplat.config import compose
-from lagsplat.forces.grip import Point
 from lagsplat.forces.held import Held, hold
 from lagsplat.forces.stepper import stepper
 from lagsplat.pipeline import open_run
+from lagsplat.report.force_space import sideways
 from lagsplat.splat.gaussians import Gaussians
 from lagsplat.splat.one_picture import OnePicture
-from lagsplat.viewer.easel import easel_of
+from lagsplat.viewer.easel import FlatEasel, easel_of
 from lagsplat.viewer.loop import Loop
+from lagsplat.viewer.pull import FlatPull, Pull, RayPull
 from lagsplat.viewer.recorded import recorded_of
 from lagsplat.viewer.session import Session, Snapshot
 
 SIDE, COUNT = 256, 15_000
 DRAGS = 100
+YAW_DEG, PITCH_DEG = 20.0, 10.0
 
 
 def rate(action: Callable[[], object], seconds: float = 3.0) -> float:
@@ -93,15 +97,26 @@ def parts(d: int, n_inputs: int) -> dict[str, Callable[[], object]]:
     }  # fmt: skip
 
 
-def object_at(held: Held) -> Point:
+def object_at(held: Held) -> np.ndarray:
     """Where the matter is that moves most."""
     kinematics = held.kinematics
     most = kinematics.geometry.jacobian.flatten(1).norm(dim=1) * kinematics.presence(held.rest[None])[0]
-    place = kinematics.places(held.rest[None])[0, most.argmax()]
-    x, y = place.clamp(
-        torch.ones(2), torch.tensor([kinematics.width - 1.0, kinematics.height - 1.0])
-    ).tolist()
-    return x, y
+    return kinematics.places(held.rest[None])[0, most.argmax()].numpy()
+
+
+def hands_on(held: Held, side: int) -> tuple[Callable[[np.ndarray], np.ndarray], Pull]:
+    """What draws a state, and a press on the object."""
+    easel, at = easel_of(held.autoencoder, held.chart, side=side), object_at(held)
+    if isinstance(easel, FlatEasel):
+        return easel.draw, FlatPull(at.clip(1.0, [held.kinematics.width - 1.0, held.kinematics.height - 1.0]))
+    turned = sideways(held, YAW_DEG, PITCH_DEG)
+    camera = replace(turned.resized(side, side), focal=(easel.filmed.focal[0],) * 2)
+    return lambda q: easel.seen(q, camera), RayPull(held, camera, camera.project(at[None])[0])
+
+
+def grasp(session: Session, pull: Pull, now_s: float) -> None:
+    at, met = pull.aim(session.q)
+    session.grasp(at, met=met, asked_s=now_s)
 
 
 def measure_run(folder: str) -> None:
@@ -109,30 +124,31 @@ def measure_run(folder: str) -> None:
     held = hold(run.autoencoder, run.chart, run.lagrangian)
     recorded = recorded_of(run.chart, names=run.recording.input_names, units=run.recording.input_units)
     session = Session(held, recorded, settings.viewer, settings.forces)
-    easel = easel_of(run.autoencoder, run.chart, side=settings.viewer.side)
+    draw, pull = hands_on(held, settings.viewer.side)
     alone = Session(held, recorded, settings.viewer, settings.forces)
-    steps, pictures = rate(alone.step), rate(lambda: encoded(easel.draw(alone.q)))
+    steps, pictures = rate(alone.step), rate(lambda: encoded(draw(alone.q)))
     taken: dict[float, float] = {}
 
     def show(snapshot: Snapshot) -> None:
-        encoded(easel.draw(snapshot.q))
+        encoded(draw(snapshot.q))
         if snapshot.asked_s is not None:
             taken.setdefault(snapshot.asked_s, 1e3 * (time.perf_counter() - snapshot.asked_s))
 
     loop = Loop(session, show, pictures_hz=settings.viewer.pictures_hz)
     loop.start()
-    at = object_at(held)
-    loop.tell(lambda s: s.grasp(at))
+    began = time.perf_counter()
+    loop.tell(lambda s: grasp(s, pull, began))
     for i in range(DRAGS):
-        drag, now = np.array([np.sin(0.3 * i), 0.0]), time.perf_counter()
-        loop.tell(lambda s, drag=drag, now=now: s.pull(drag, asked_s=now))
+        pointer, now = pull.press + np.array([np.sin(0.3 * i), 0.0]), time.perf_counter()
+        loop.tell(lambda s, pointer=pointer, now=now: s.pull(pull.way(pointer), asked_s=now))
         time.sleep(0.05)
     kept = loop.rates()
     loop.stop()
     latency = statistics.median(taken.values())
     print(
-        f"{folder}: d = {held.law.d}, {held.kinematics.center.shape[0]} Gaussians, recording at "
-        f"{1 / session.dt_s:.0f} Hz: up to {steps:.0f} session steps/s, {pictures:.0f} pictures/s; live "
+        f"{folder}: d = {held.law.d}, {held.kinematics.center.shape[0]} Gaussians in "
+        f"{held.kinematics.space} dimensions, recording at {1 / session.dt_s:.0f} Hz: up to {steps:.0f} "
+        f"session steps/s, {pictures:.0f} pictures/s; live "
         f"{kept[0]:.0f} steps/s and {kept[1]:.0f} pictures/s, drag to picture {latency:.1f} ms median, "
         f"{max(taken.values()):.1f} ms at most of {len(taken)}"
     )

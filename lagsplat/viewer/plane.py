@@ -14,8 +14,8 @@ Vector3 = tuple[float, float, float]
 class Plane:
     """A picture of ``width`` x ``height`` pixels (training resolution), its middle at the origin.
 
-    A scene in three dimensions would stand in place of this class: it turns what a pointer means in the scene
-    into a place on the matter and a drag.
+    It turns what a pointer means in the scene into a place in the picture; of a run whose Gaussians live in
+    space `lagsplat.viewer.room.Room` knows where things are.
     """
 
     width: int

@@ -17,7 +17,9 @@ Pointer = Float64[np.ndarray, "2"]
 
 @runtime_checkable
 class Pull(Protocol):
-    """One drag, from its press on."""
+    """One drag, from its ``press`` on [px]."""
+
+    press: Pointer
 
     def aim(self, q: Float64[np.ndarray, " d"]) -> tuple[Point | Place, int | None]:
         """The place that was pressed at the state ``q`` [px], and in space the Gaussian that was met.

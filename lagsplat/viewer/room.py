@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float64
 from viser.transforms import SO3
 
-from lagsplat.viewer.plane import LONG
+from lagsplat.viewer.plane import Plane
 from lagsplat.views.camera import Camera
 
 FLIP = np.array([1.0, -1.0, -1.0])
@@ -21,23 +21,12 @@ SLIM = 8.0
 
 @dataclass(frozen=True)
 class Room:
-    """Space around the pivot of a film with ``focal`` length and ``height`` x ``width`` pixels of training
-    resolution, as `lagsplat.views.space` has it; the pivot is the scene's origin.
+    """Space as `lagsplat.views.space` has it, the pivot of a film with ``focal`` length [px] at the scene's
+    origin, where the film's picture would be the ``plane``.
     """
 
     focal: float
-    height: int
-    width: int
-
-    @property
-    def unit(self) -> float:
-        """Pixels at the pivot in one unit of the scene."""
-        return max(self.width, self.height) / LONG
-
-    @property
-    def size(self) -> tuple[float, float]:
-        """Width and height of the film's picture at the pivot, in the scene."""
-        return self.width / self.unit, self.height / self.unit
+    plane: Plane
 
     @property
     def pivot(self) -> Float64[np.ndarray, "3"]:
@@ -47,20 +36,20 @@ class Room:
     @property
     def eye(self) -> tuple[float, float, float]:
         """Where the film's camera stands in the scene."""
-        return 0.0, 0.0, self.focal / self.unit
+        return 0.0, 0.0, self.focal / self.plane.unit
 
     def fov(self, aspect: float) -> float:
         """Vertical angle [rad] at which the film's camera shows its whole picture in a window."""
-        half = 0.5 * ROOM * max(self.height, self.width / aspect)
+        half = 0.5 * ROOM * max(self.plane.height, self.plane.width / aspect)
         return float(2.0 * np.arctan(half / self.focal))
 
     def to_scene(self, points: Float64[np.ndarray, "*B 3"]) -> Float64[np.ndarray, "*B 3"]:
         """Scene coordinates of points of space [px at the pivot]."""
-        return (points - self.pivot) * FLIP / self.unit
+        return (points - self.pivot) * FLIP / self.plane.unit
 
     def to_space(self, points: Float64[np.ndarray, "*B 3"]) -> Float64[np.ndarray, "*B 3"]:
         """Points of space [px at the pivot] of scene coordinates."""
-        return self.pivot + self.unit * points * FLIP
+        return self.pivot + self.plane.unit * points * FLIP
 
     def camera(
         self,

@@ -16,6 +16,7 @@ from lagsplat.forces.held import Held
 from lagsplat.viewer.board import Act
 from lagsplat.viewer.easel import Picture, SpaceEasel
 from lagsplat.viewer.matter import Matter, ball
+from lagsplat.viewer.plane import Plane
 from lagsplat.viewer.pull import Pointer, RayPull
 from lagsplat.viewer.room import FLIP, Room
 from lagsplat.viewer.sheet import QUALITY
@@ -53,8 +54,9 @@ class Windows:
 
     def __init__(self, server: viser.ViserServer, held: Held, easel: SpaceEasel, *, side: int) -> None:
         self.server, self.held, self.easel, self.side = server, held, easel, side
-        self.room = Room(easel.middle[2], held.kinematics.height, held.kinematics.width)
-        self.size, self.axes, self.matter = self.room.size, np.eye(3)[:2], Matter(held)
+        plane = Plane(held.kinematics.width, held.kinematics.height)
+        self.room, self.size = Room(easel.middle[2], plane), plane.size
+        self.axes, self.matter = np.eye(3)[:2], Matter(held)
         self.silhouettes = Silhouettes(easel, self.room, self.matter.moves, held.rest.numpy())
         self.resting = False
         self.seen: dict[int, bytes] = {}
@@ -80,7 +82,7 @@ class Windows:
                 self.seen[who] = look + q.tobytes()
                 windows.append(Window(client, camera, look, self.easel.seen(q, camera)))
         places, halves = self.matter.at(q)
-        return Painted(self.room.to_scene(places), halves / self.room.unit, windows)
+        return Painted(self.room.to_scene(places), halves / self.room.plane.unit, windows)
 
     def put(self, painted: Painted) -> None:
         """Send it."""
@@ -110,8 +112,10 @@ class Windows:
         camera = client.camera
         camera.up_direction, camera.look_at = (0.0, 1.0, 0.0), (0.0, 0.0, 0.0)
         camera.position = self.room.eye
-        # position carries the point that is looked at along
-        camera.look_at = (0.0, 0.0, 0.0)
+        camera.look_at = (0.0, 0.0, 0.0)  # position has carried it along
+
+    def fit(self, camera: viser.CameraHandle) -> None:
+        """Have the whole of the film's picture in a window, whatever its shape."""
         if camera.image_height > 0 and camera.image_width > 0:
             camera.fov = self.room.fov(camera.image_width / camera.image_height)
 
@@ -155,10 +159,9 @@ class Windows:
 
         @self.server.on_client_connect
         async def _(client: viser.ClientHandle) -> None:
-            self.face(client)
-
             @client.camera.on_update
-            async def _(_: viser.CameraHandle) -> None:
+            async def _(camera: viser.CameraHandle) -> None:
+                self.fit(camera)
                 act()
 
         @self.server.on_client_disconnect

@@ -7,16 +7,9 @@ import pytest
 
 from lagsplat.config import compose
 from lagsplat.viewer.live import Live, Show
-from tests.browser.chromium import NO_WEBGL, PATIENCE_S, browser, seen, until
+from tests.browser.chromium import NO_WEBGL, browser, until
 from tests.browser.disc import SIZE, TOP, WALL, disc
-
-LARGEST = """() => {
-  const boxes = [...document.querySelectorAll("canvas")].map((canvas) =>
-  canvas.getBoundingClientRect().toJSON()); const { x, y, width, height } = boxes.sort((a, b) => b.width *
-  b.height - a.width * a.height)[0] ?? {}; return width > 50 && height > 50 ? { x, y, width, height } :
-  null;
-}"""
-VIEW = {"width": 760, "height": 520}  # smaller, and a notice of viser covers the disc
+from tests.browser.live_page import VIEW, canvas_of, drag_from, middle, opened, settled
 
 
 @pytest.fixture(scope="module")
@@ -46,44 +39,6 @@ def page(chromium, live):
     live.loop.tell(lambda session: (session.release(), session.to_rest()))
 
 
-def opened(chromium, live):
-    """A tab in which the first picture is seen."""
-    tab = chromium.new_page(viewport=VIEW)
-    tab.set_default_timeout(1000 * PATIENCE_S)
-    tab.goto(live.url)
-    until(lambda: len(live.server.get_clients()) > 0, "a connection")
-    until(lambda: canvas_of(tab) is not None and ink_of(tab).sum() > 1e4, "the first picture")
-    return tab
-
-
-def canvas_of(page) -> dict[str, float] | None:
-    """Where the scene is drawn: the largest canvas, once it has been laid out."""
-    return page.evaluate(LARGEST)
-
-
-def ink_of(page) -> np.ndarray:
-    """How bright each column of the scene is where it is nearly white."""
-    return np.clip(seen(page, canvas_of(page)).min(2) - 150.0, 0.0, None).sum(0)
-
-
-def middle(page) -> float:
-    ink = ink_of(page)
-    return float((ink * np.arange(len(ink))).sum() / ink.sum())
-
-
-def settled(page) -> float:
-    """The middle once two looks in a row agree: a tab's first picture may be of a motion just ended."""
-    looks = [middle(page)]
-
-    def steady() -> bool:
-        time.sleep(0.5)
-        looks.append(middle(page))
-        return abs(looks[-1] - looks[-2]) < 0.2
-
-    until(steady, "a picture that stands still")
-    return looks[-1]
-
-
 def at(page, live, place: tuple[float, float]) -> tuple[float, float]:
     """Where a place of the picture [px] is on the screen: the camera faces the picture's middle."""
     box, plane = canvas_of(page), live.stage.board.plane
@@ -93,12 +48,7 @@ def at(page, live, place: tuple[float, float]) -> tuple[float, float]:
 
 
 def drag(page, live, place: tuple[float, float], by: float) -> None:
-    x, y = at(page, live, place)
-    page.mouse.move(x, y)
-    page.mouse.down()
-    for i in range(1, 9):
-        page.mouse.move(x + by * i / 8, y)
-        time.sleep(0.05)
+    drag_from(page, *at(page, live, place), by)
 
 
 def test_a_drag_pushes_the_matter_under_the_pointer_and_its_release_lets_go(page, live) -> None:

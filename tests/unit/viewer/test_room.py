@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from lagsplat.viewer.plane import Plane
 from lagsplat.viewer.room import Room
 
-ROOM = Room(200.0, 80, 120)
+ROOM = Room(200.0, Plane(120, 80))
 EYE = {"wxyz": np.array([0.0, 1.0, 0.0, 0.0]), "position": np.array(ROOM.eye), "fov": 0.3, "aspect": 1.5}
 
 

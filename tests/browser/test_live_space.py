@@ -1,0 +1,136 @@
+"""The live page of a run in space, in a real browser: pushes from several sides, and a free camera."""
+
+import time
+
+import numpy as np
+import pytest
+
+from lagsplat.config import compose
+from lagsplat.viewer.live import Live, Show
+from tests.browser.chromium import browser, until
+from tests.browser.live_page import canvas_of, drag_from, middle, opened, settled
+from tests.unit.forces.solid import FRONT, turning
+from tests.unit.viewer.sessions import session
+
+TOP = np.array([0.0, -3.0, FRONT])
+"""On the plate, above the point about which it turns [px at the pivot]."""
+BESIDE = np.array([-13.0, 3.0, FRONT])
+BY = 60.0
+
+
+@pytest.fixture(scope="module")
+def live(tmp_path_factory):
+    settings = compose("system=toy", "viewer.port=0", "viewer.pictures_hz=6", "viewer.window=64")
+    folder = tmp_path_factory.mktemp("live")
+    frame = np.full((24, 32, 3), 90, np.uint8)
+    one = Live(Show(session(turning()), "Plate in space", lambda number: frame, folder), settings.viewer)
+    yield one
+    one.stop()
+
+
+@pytest.fixture(scope="module")
+def page(live):
+    with browser() as chromium:
+        tab = opened(chromium, live)
+        stands(live)
+        yield tab
+
+
+@pytest.fixture(autouse=True)
+def at_rest(live):
+    yield
+    live.loop.tell(lambda session: (session.release(), session.to_rest(), session.pause(False)))
+
+
+def at(page, live, place: np.ndarray) -> tuple[float, float]:
+    """Where a place in space is on the screen, for the one visitor there is."""
+    (client,) = live.server.get_clients().values()
+    camera, box = live.stage.board.camera(client), canvas_of(page)
+    x, y = camera.project(place[None])[0] / (camera.width, camera.height)
+    return box["x"] + x * box["width"], box["y"] + y * box["height"]
+
+
+def looks_from(live) -> np.ndarray:
+    (client,) = live.server.get_clients().values()
+    return live.stage.board.camera(client).position
+
+
+def stands(live) -> None:
+    """Wait until the view has glided to a stand."""
+    (client,) = live.server.get_clients().values()
+
+    def still() -> bool:
+        before = client.camera.update_timestamp
+        time.sleep(0.4)
+        return client.camera.update_timestamp == before
+
+    until(still, "a view that stands")
+
+
+def turn(page, live) -> None:
+    """Turn the view by a drag beside the plate."""
+    eye = looks_from(live)
+    drag_from(page, *at(page, live, BESIDE), 50.0)
+    page.mouse.up()
+    until(lambda: np.linalg.norm(looks_from(live) - eye) > 5.0, "another camera")
+    stands(live)
+
+
+def pushed(page, live, by: float) -> np.ndarray:
+    """Drag the plate and hold it until the state has gone that way; the force."""
+    session = live.show.session
+    x, y = at(page, live, TOP)
+    drag_from(page, x, y, by)
+    hand = until(lambda: session.hand is not None and session.hand.force.any() and session.hand, "a push")
+    until(lambda: np.sign(by) * session.q[0] > 0.05, "a motion with the push")
+    return hand.force
+
+
+def test_a_drag_moves_what_is_seen_with_it_and_it_comes_back(page, live) -> None:
+    before, session = settled(page), live.show.session
+    force = pushed(page, live, BY)
+    assert force[0] > 0.0
+    assert abs(force[2]) < 1e-9, "seen from the front, a drag does not push into the screen"
+    page.mouse.up()
+    until(lambda: session.hand is None, "the release")
+    live.loop.tell(lambda s: (s.to_frame(25), s.pause(True)))  # without the arrow over it
+    until(lambda: middle(page) > before + 2.0, "drawn pixels to the right")
+    live.loop.tell(lambda s: s.to_rest())
+    until(lambda: abs(middle(page) - before) < 1.0, "drawn pixels back at rest")
+
+
+def test_a_drag_beside_it_turns_the_camera_and_moves_nothing(page, live) -> None:
+    session, before = live.show.session, live.show.session.q.copy()
+    turn(page, live)
+    assert session.hand is None
+    np.testing.assert_allclose(session.q, before, atol=1e-6)
+
+
+def test_from_the_side_it_can_be_pushed_again_in_the_plane_of_the_screen(page, live) -> None:
+    if np.linalg.norm(looks_from(live)) < 5.0:
+        turn(page, live)
+    force = pushed(page, live, -BY)
+    (client,) = live.server.get_clients().values()
+    ahead = live.stage.board.camera(client).rotation[2]
+    assert abs(ahead @ force) < 1e-3 * np.linalg.norm(force)
+    assert abs(force[2]) > 0.05 * np.linalg.norm(force), "seen from the side, a drag also pushes into depth"
+    page.mouse.up()
+    until(lambda: live.show.session.hand is None, "the release")
+
+
+def test_a_button_looks_from_the_camera_of_the_film_again(page, live) -> None:
+    page.get_by_role("tab", name="View").click()
+    page.get_by_label("Outline at rest").dispatch_event("click")
+    until(lambda: live.stage.board.silhouettes.handles, "the outline")
+    page.get_by_role("button", name="Look from the film's camera").dispatch_event("click")
+    until(lambda: np.linalg.norm(looks_from(live)) < 0.1, "the film's camera")
+    assert abs(middle(page) / canvas_of(page)["width"] - 0.5) < 0.1
+
+
+def test_a_tab_that_closes_while_it_pushes_lets_go(page, live) -> None:
+    session = live.show.session
+    pushed(page, live, BY)
+    page.close()
+    until(lambda: session.hand is None, "the release of a closed tab")
+    assert live.loop.rates()[0] > 0
+    until(lambda: not live.stage.board.seen, "a visitor that is forgotten")
