@@ -15,6 +15,7 @@ from lagsplat.baselines.encoder import VariationalEncoder
 from lagsplat.baselines.koopman import Koopman
 from lagsplat.baselines.oscillators import Oscillators
 from lagsplat.io.artefact import load_artefact, save_artefact
+from lagsplat.io.restore import restore
 from lagsplat.shapes import Images, Inputs, Latents
 
 KIND, SCHEMA = "baseline", 1
@@ -118,5 +119,4 @@ def load_baseline(path: str | os.PathLike[str]) -> tuple[Baseline, dict[str, Any
     """
     tensors, header = load_artefact(path, kind=KIND, schema=SCHEMA)
     baseline = Baseline(Architecture(**header["architecture"]))
-    baseline.load_state_dict({name: torch.as_tensor(value) for name, value in tensors.items()})
-    return baseline.eval(), header
+    return restore(baseline, tensors, path), header

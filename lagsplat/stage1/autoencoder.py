@@ -10,6 +10,7 @@ from jaxtyping import Float32, Float64
 from torch import Tensor, nn
 
 from lagsplat.io.artefact import load_artefact, save_artefact
+from lagsplat.io.restore import restore
 from lagsplat.shapes import Frames, Images, Latents
 from lagsplat.splat.backend import rasterizer
 from lagsplat.splat.gaussians import Gaussians, Slice
@@ -162,5 +163,4 @@ def load_autoencoder(path: Path, *, backend: str = "auto") -> tuple[Autoencoder,
     """Read an autoencoder and its header; the rasteriser is no part of the weights, and chosen here."""
     tensors, header = load_artefact(path, kind=KIND, schema=SCHEMA)
     autoencoder = Autoencoder(**header["architecture"], backend=backend)
-    autoencoder.load_state_dict({name: torch.as_tensor(value) for name, value in tensors.items()})
-    return autoencoder.eval(), header
+    return restore(autoencoder, tensors, path), header

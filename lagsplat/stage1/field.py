@@ -12,6 +12,7 @@ from torch import Tensor, nn
 from tqdm import tqdm
 
 from lagsplat.io.artefact import load_artefact, save_artefact
+from lagsplat.io.restore import restore
 from lagsplat.shapes import Frames, Images, Latents
 from lagsplat.splat.backend import rasterizer
 from lagsplat.splat.deformed import DeformedGaussians
@@ -186,5 +187,4 @@ def load_field(path: str | os.PathLike[str], config: FieldConfig, *, d: int) -> 
     """
     tensors, header = load_artefact(path, kind=KIND, schema=SCHEMA)
     field = Field(n=config.n_gaussians, d=d, config=config, **header["field"])
-    field.load_state_dict({name: torch.as_tensor(value) for name, value in tensors.items()})
-    return field.eval(), header
+    return restore(field, tensors, path), header

@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 from lagsplat.chart.trajectory import Trajectory
 from lagsplat.io.artefact import load_artefact, save_artefact
+from lagsplat.io.restore import restore
 from lagsplat.stage2.config import FormConfig, Stage2Config
 from lagsplat.stage2.curvature import Bend, Reach
 from lagsplat.stage2.induced import DecoderGeometry
@@ -124,5 +125,4 @@ def load_dynamics(path: Path | str) -> tuple[Lagrangian, dict[str, Any]]:
         signed=signed,
         longest_step=settings["longest_step"],
     )
-    lagrangian.load_state_dict({name: torch.as_tensor(np.array(value)) for name, value in tensors.items()})
-    return lagrangian.eval(), header
+    return restore(lagrangian, tensors, path), header

@@ -5,7 +5,6 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
@@ -14,6 +13,7 @@ from lagsplat.baselines.keypoints.graph import GraphNet
 from lagsplat.baselines.keypoints.motion import KeyPoints, MotionNet, Shift, time_of
 from lagsplat.baselines.keypoints.scene import Scene
 from lagsplat.io.artefact import load_artefact, save_artefact
+from lagsplat.io.restore import restore
 
 KIND, SCHEMA = "forecaster", 1
 
@@ -126,5 +126,4 @@ def load_forecaster(
     """
     tensors, header = load_artefact(path, kind=KIND, schema=SCHEMA)
     forecaster = Forecaster(Architecture(**header["architecture"]), backend=backend)
-    forecaster.load_state_dict({name: torch.as_tensor(value) for name, value in tensors.items()})
-    return forecaster.eval(), header
+    return restore(forecaster, tensors, path), header

@@ -12,6 +12,7 @@ from torch import Tensor, nn
 from torchdiffeq import odeint
 
 from lagsplat.io.artefact import load_artefact, save_artefact
+from lagsplat.io.restore import restore
 
 KIND, SCHEMA = "neural_ode", 1
 
@@ -114,5 +115,4 @@ def load_ode(path: str | os.PathLike[str]) -> tuple[NeuralOde, dict[str, Any]]:
     """
     tensors, header = load_artefact(path, kind=KIND, schema=SCHEMA)
     ode = NeuralOde(**header["architecture"])
-    ode.load_state_dict({name: torch.as_tensor(value) for name, value in tensors.items()})
-    return ode.eval(), header
+    return restore(ode, tensors, path), header
