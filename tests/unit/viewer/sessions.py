@@ -1,10 +1,11 @@
-"""Sessions in miniature: a rocking disc and a hanging strip, whose kinematics is known."""
+"""Sessions in miniature: a rocking disc, a hanging strip, a plate in space, whose kinematics is known."""
 
 from lagsplat.config import compose
 from lagsplat.forces.held import Held
 from lagsplat.viewer.recorded import recorded_of
 from lagsplat.viewer.session import Session
 from tests.unit.forces.rocking import hanging, rocking
+from tests.unit.forces.solid import turning
 
 
 def session(held: Held | None = None, *overrides: str) -> Session:
@@ -16,3 +17,7 @@ def session(held: Held | None = None, *overrides: str) -> Session:
 
 def strip() -> Session:
     return session(hanging())
+
+
+def plate() -> Session:
+    return session(turning())

@@ -6,7 +6,8 @@ import torch
 
 from lagsplat.forces.grip import NothingThereError
 from lagsplat.forces.rollout import push_along
-from tests.unit.viewer.sessions import session, strip
+from tests.unit.forces.solid import FRONT
+from tests.unit.viewer.sessions import plate, session, strip
 
 TOP = (16.0, 6.0)
 RIGHT = np.array([4.0, 0.0])
@@ -39,6 +40,27 @@ def test_a_drag_of_the_given_reach_drives_the_given_response():
     q = one.held.settled(torch.from_numpy(one.hand.load)[None])[0]
     share = float((q - one.held.rest).norm()) / one.held.reach
     assert 0.3 * one.forces.response < share < 3.0 * one.forces.response
+
+
+def test_in_space_a_push_moves_the_matter_with_it_and_one_across_the_motion_does_not():
+    for force, moves in ((np.array([4.0, 0.0, 0.0]), True), (np.array([0.0, 0.0, 40.0]), False)):
+        one = plate()
+        one.grasp((0.0, -3.0, FRONT))
+        one.pull(force)
+        way = run(one, 20).hand.place(one.q) - (0.0, -3.0, FRONT)
+        assert (way[0] > 0.05) == moves
+        np.testing.assert_allclose(way[2], 0.0, atol=1e-9)
+
+
+def test_where_no_centre_is_under_the_brush_the_gaussian_that_was_met_is_held():
+    one = plate()
+    one.touch.radius_px = 0.05
+    with pytest.raises(NothingThereError, match="nothing is present within a brush"):
+        one.grasp((0.6, -3.4, FRONT))
+    met = int(one.held.kinematics.center.sub(torch.tensor([0.9, -2.7, FRONT])).norm(dim=1).argmin())
+    hand = one.grasp((0.6, -3.4, FRONT), met=met)
+    np.testing.assert_array_equal(hand.grip.jacobian, one.held.kinematics.geometry.jacobian[met])
+    np.testing.assert_allclose(hand.place(one.q), (0.6, -3.4, FRONT))
 
 
 def test_a_hold_on_the_wall_is_told_and_moves_nothing():

@@ -8,7 +8,7 @@ from lagsplat.diagnose.sources import find_sources, read_sources
 from lagsplat.io.session_mcap import read_session
 from lagsplat.viewer.easel import easel_of
 from lagsplat.viewer.souvenir import load_tape, pointed, save_souvenirs
-from tests.unit.viewer.sessions import strip
+from tests.unit.viewer.sessions import plate, session, strip
 
 RIGHT = np.array([5.0, 1.0])
 
@@ -74,6 +74,29 @@ def test_an_arrow_points_along_the_drag(saved):
     drawn = pointed(plain, easel, np.array([10.0, 12.0]), np.array([8.0, 0.0]))
     _, columns = np.nonzero(np.abs(drawn.astype(int) - plain).sum(2) > 60)
     assert 17 <= columns.min() < columns.max() <= 42
+
+
+def test_a_session_in_space_is_kept_with_its_forces_and_belongs_there(tmp_path):
+    one = plate()
+    one.grasp((0.0, -3.0, 90.0))
+    one.pull(np.array([4.0, 0.0, 2.0]))
+    for _ in range(30):
+        one.step()
+    easel = easel_of(one.held.autoencoder, one.held.chart, side=64)
+    save_souvenirs(tmp_path / "s", one.tape.read(), easel, {}, gain=one.touch.gain, small=easel)
+    taped = load_tape(tmp_path / "s.mcap")
+    assert taped.force.shape == taped.place.shape == (30, 3)
+    np.testing.assert_array_equal(taped.force[-1], one.hand.force)
+    again = plate()
+    again.replay(taped)
+    for _ in range(30):
+        again.step()
+    np.testing.assert_array_equal(again.tape.read().q, taped.q)
+    with pytest.raises(ValueError, match="forces in 3 dimensions"):
+        session().replay(taped)
+    drawn = pointed(easel.draw(one.q), easel, np.array([0.0, -3.0, 90.0]), np.array([8.0, 0.0, 0.0]))
+    _, columns = np.nonzero(np.abs(drawn.astype(int) - easel.draw(one.q)).sum(2) > 60)
+    assert 28 <= columns.min() < columns.max() <= 54  # 8 px a tenth nearer than the pivot, twice as large
 
 
 def test_what_is_no_session_is_told(saved, tmp_path):

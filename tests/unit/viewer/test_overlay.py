@@ -1,0 +1,32 @@
+"""What is laid over the picture: arrows on what moves, in the picture and in space."""
+
+import numpy as np
+import pytest
+
+from lagsplat.viewer.overlay import Field, moving, outlines
+from tests.unit.forces.rocking import rocking
+from tests.unit.forces.solid import FRONT, turning
+
+
+@pytest.mark.parametrize(("held", "space"), [(rocking, 2), (turning, 3)], ids=["picture", "space"])
+def test_arrows_stand_on_what_moves_and_point_where_it_goes(held, space: int) -> None:
+    field = Field(held())
+    arrows = field.arrows(np.zeros(1), np.ones(1), largest=1.0)
+    assert arrows.shape[1:] == (2, space)
+    assert len(arrows) > 3
+    ways = arrows[:, 1] - arrows[:, 0]
+    np.testing.assert_allclose(ways / (2.0 * field.cell), field.along(np.ones(1)), atol=1e-9)
+
+
+def test_the_wall_gets_no_arrow() -> None:
+    held = turning()
+    assert (held.kinematics.center[moving(held.kinematics), 2] == FRONT).all()
+    np.testing.assert_allclose(Field(held).places(np.zeros(1))[:, 2], FRONT)
+
+
+def test_an_outline_runs_half_way_between_in_and_out() -> None:
+    share = np.zeros((20, 30))
+    share[5:15, 8:24] = 1.0
+    (line,) = outlines(share, smooth_px=0.5)
+    np.testing.assert_allclose(line.min(0), (8.0, 5.0), atol=0.1)
+    np.testing.assert_allclose(line.max(0), (24.0, 15.0), atol=0.1)
