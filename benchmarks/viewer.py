@@ -127,6 +127,10 @@ def measure_run(folder: str) -> None:
     draw, pull = hands_on(held, settings.viewer.side)
     alone = Session(held, recorded, settings.viewer, settings.forces)
     steps, pictures = rate(alone.step), rate(lambda: encoded(draw(alone.q)))
+    wide = ""
+    if held.kinematics.space == 3:
+        draw_wide, side = hands_on(held, settings.viewer.window)[0], settings.viewer.window
+        wide = f" ({rate(lambda: encoded(draw_wide(alone.q))):.0f} of {side} x {side})"
     taken: dict[float, float] = {}
 
     def show(snapshot: Snapshot) -> None:
@@ -148,7 +152,7 @@ def measure_run(folder: str) -> None:
     print(
         f"{folder}: d = {held.law.d}, {held.kinematics.center.shape[0]} Gaussians in "
         f"{held.kinematics.space} dimensions, recording at {1 / session.dt_s:.0f} Hz: up to {steps:.0f} "
-        f"session steps/s, {pictures:.0f} pictures/s; live "
+        f"session steps/s, {pictures:.0f} pictures/s{wide}; live "
         f"{kept[0]:.0f} steps/s and {kept[1]:.0f} pictures/s, drag to picture {latency:.1f} ms median, "
         f"{max(taken.values()):.1f} ms at most of {len(taken)}"
     )

@@ -4,6 +4,7 @@ import numpy as np
 import torch
 from jaxtyping import Bool, Float64
 from scipy.ndimage import gaussian_filter
+from scipy.spatial import KDTree
 from skimage.measure import find_contours
 
 from lagsplat.forces.held import Held
@@ -17,6 +18,9 @@ PRESENT = 0.2
 MOVES = 0.1
 """Of the largest motion: what moves less is ground, gets no arrow and in space cannot be dragged."""
 LARGEST = 0.98
+COMPANY = 4
+STRAY = 3.0
+"""Of the usual distance to the fourth neighbour that moves: what is further from its own is alone."""
 FINER = 2
 """Times the training resolution at which the outline is cut."""
 SHORT = 12
@@ -39,9 +43,16 @@ def outlines(share: Float64[np.ndarray, "H W"], *, smooth_px: float) -> list[Flo
 
 
 def moving(kinematics: Kinematics) -> Bool[np.ndarray, " K"]:
-    """Which Gaussians move, and are no ground."""
+    """Which Gaussians move and are neither ground nor stray: a few that hang about alone help a decoder to
+    reach the last decimal, but belong to no object.
+    """
     motion = kinematics.geometry.jacobian.flatten(1).norm(dim=1).numpy()
-    return motion >= MOVES * np.quantile(motion, LARGEST)
+    moves = motion >= MOVES * np.quantile(motion, LARGEST)
+    if moves.sum() > COMPANY:
+        centers = kinematics.center[torch.from_numpy(moves)].numpy()
+        away = KDTree(centers).query(centers, COMPANY + 1)[0][:, -1]
+        moves[moves] = away <= STRAY * np.median(away)
+    return moves
 
 
 class Field:

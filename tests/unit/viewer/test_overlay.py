@@ -1,5 +1,7 @@
 """What is laid over the picture: arrows on what moves, in the picture and in space."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -22,6 +24,18 @@ def test_the_wall_gets_no_arrow() -> None:
     held = turning()
     assert (held.kinematics.center[moving(held.kinematics), 2] == FRONT).all()
     np.testing.assert_allclose(Field(held).places(np.zeros(1))[:, 2], FRONT)
+
+
+def test_a_stray_that_moves_alone_is_no_object() -> None:
+    held = turning()
+    before = moving(held.kinematics)
+    center = held.kinematics.center.clone()
+    stray = int(np.flatnonzero(before)[0])
+    center[stray] += 40.0
+    after = moving(replace(held.kinematics, center=center))
+    assert before[stray]
+    assert not after[stray]
+    assert after.sum() == before.sum() - 1
 
 
 def test_an_outline_runs_half_way_between_in_and_out() -> None:
