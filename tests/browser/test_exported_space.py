@@ -11,7 +11,7 @@ from lagsplat.splat.projection import view_of
 from lagsplat.viewer.page import save_page
 from tests.browser.chromium import browser, until
 from tests.browser.disc import TOP, WALL
-from tests.browser.exported import drag, opened, pixels
+from tests.browser.exported import at, drag, opened, pixels
 from tests.unit.forces.solid import turning
 from tests.unit.viewer.sessions import session
 
@@ -79,6 +79,20 @@ def test_a_drag_on_the_object_pushes_it_and_beside_it_turns_the_view(page) -> No
     until(lambda: page.locator("#velocity line").count() > 3, "arrows of the velocity")
     page.locator("#front").click()
     assert looks(page) == [0, 0, 1]
+
+
+def test_two_fingers_beside_the_object_zoom(page) -> None:
+    page.locator("#front").click()
+    fingers = page.context.new_cdp_session(page)
+    for step in range(6):
+        ends = (at(page, (4.0 - 0.4 * step, 21.0)), at(page, (28.0 + 0.4 * step, 21.0)))
+        touches = [{"x": x, "y": y, "id": number} for number, (x, y) in enumerate(ends)]
+        kind = "touchMove" if step else "touchStart"
+        fingers.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": touches})
+    fingers.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+    yaw, pitch, zoom = until(lambda: (now := looks(page))[2] > 1.05 and now, "a closer view")
+    assert (yaw, pitch) == (0, 0)
+    assert zoom == pytest.approx(28.0 / 24.0, rel=0.05)
 
 
 def test_from_aside_a_push_lies_in_the_plane_of_the_image(page) -> None:
