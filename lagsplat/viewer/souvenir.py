@@ -84,7 +84,7 @@ def pointed(
 ) -> UInt8[np.ndarray, "H W 3"]:
     """The picture with an arrow from ``place`` along ``drag`` [px of the training resolution, or at the
     pivot]."""
-    drawn = np.ascontiguousarray(picture)
+    drawn = picture.copy(order="C")
     foot, tip = np.round(2**SHARP * easel.pixels(np.stack([place, place + drag]))).astype(int)
     thick = max(1, round(max(picture.shape) / 110))
     for color, width in (((0, 0, 0), thick + 2), (ARROW, thick)):
