@@ -250,6 +250,13 @@ def test_five_forecasters_stand_in_the_paper_profile_and_the_authors_only_where_
     assert (counts(told)["authors"], counts(told)["extrapolate_authors"]) == (1, 1)
 
 
+def test_a_figure_in_space_of_a_system_left_out_says_so(tmp_path: Path) -> None:
+    target = "results/figures/force_rocker_3d.pdf"
+    done = snakemake(tmp_path, "--dry-run", target, "--config", "hydra=systems=[rainbow_rocker]")
+    assert done.returncode != 0
+    assert "add its system to systems=[...]" in done.stdout + done.stderr
+
+
 def test_a_driven_system_is_not_extrapolated(tmp_path: Path) -> None:
     done = snakemake(tmp_path, "--dry-run", "--config", "hydra=extrapolated=[krauss_2seg]")
     assert done.returncode != 0

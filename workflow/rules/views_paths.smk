@@ -11,4 +11,11 @@ def rig_files(wildcards):
 
 def spatial(mechanism):
     """Wildcards of the run behind a figure in space."""
-    return asdict(planned_spatial(overrides)[mechanism])
+    planned = planned_spatial(overrides)
+    if mechanism not in planned:
+        raise WorkflowError(
+            f"no figure in space of {mechanism!r} here, only of {sorted(planned)}: systems="
+            f"{experiment.systems} and spatial={experiment.spatial} leave it out, or the recording is a film; "
+            "add its system to systems=[...]"
+        )
+    return asdict(planned[mechanism])
