@@ -41,7 +41,7 @@ rule all:
         rules.truth.output if true_runs() else [],
         rules.margins.output,
         rules.force_invariants.output,
-        rules.force_truth.output if true_runs() else [],
+        rules.force_truth.output if pushable(true_runs()) else [],
         expand(rules.force.output, mechanism=pushed_mechanisms()),
         expand(rules.force_map.output, mechanism=pushed_mechanisms())
         if true_runs()

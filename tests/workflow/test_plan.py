@@ -257,6 +257,15 @@ def test_a_figure_in_space_of_a_system_left_out_says_so(tmp_path: Path) -> None:
     assert "add its system to systems=[...]" in done.stdout + done.stderr
 
 
+def test_a_system_in_space_is_pushed_there_and_not_in_the_picture(tmp_path: Path) -> None:
+    config = "hydra=systems=[rainbow_rocker,rainbow_rocker_3d]"
+    targets = ("results/tables/force_truth.tex", "results/tables/force_invariants.tex")
+    told = planned(tmp_path, *targets, "--config", config)
+    assert "rainbow_rocker_3d/default-0/default-0/dynamics.json" in told
+    assert "rainbow_rocker/default-0/default-0/forces.json" in told
+    assert "rainbow_rocker_3d/default-0/default-0/forces.json" not in told
+
+
 def test_a_driven_system_is_not_extrapolated(tmp_path: Path) -> None:
     done = snakemake(tmp_path, "--dry-run", "--config", "hydra=extrapolated=[krauss_2seg]")
     assert done.returncode != 0

@@ -190,6 +190,11 @@ def true_runs():
     return [run for run in main_runs() if run["recording"] == "simulated"]
 
 
+def pushable(runs):
+    """Those among these whose Gaussians live in the picture, as its forces do; others have figures in space."""
+    return [run for run in runs if section("views")(run) is None]
+
+
 def pushed(mechanism):
     """The planned run behind a figure of forces."""
     return planned(system=SHORT.get(mechanism, mechanism))[0]
@@ -198,8 +203,8 @@ def pushed(mechanism):
 def pushed_mechanisms():
     """Names of the figures of forces: of the systems that the paper pushes, or of all where there are few."""
     names = {system: name for name, system in SHORT.items()}
-    shown = [names[system] for system in experiment.systems if system in names]
-    return shown or experiment.systems
+    flat = list(dict.fromkeys(run["system"] for run in pushable(main_runs())))
+    return [names[system] for system in flat if system in names] or flat
 
 
 def forces_before(runs):

@@ -124,7 +124,7 @@ rule force_map:
 rule force_invariants:
     input:
         metrics=lambda wildcards: [
-            rules.forces.output.metrics.format(**run) for run in main_runs()
+            rules.forces.output.metrics.format(**run) for run in pushable(main_runs())
         ],
         solid=expand(rules.force_space.output.metrics, solid=planned_spatial(overrides)),
     output:
@@ -145,16 +145,16 @@ rule force_invariants:
     resources:
         mem_mb=500,
     params:
-        runs=lambda wildcards: main_runs(),
+        runs=lambda wildcards: pushable(main_runs()),
         solid=[asdict(run) for run in planned_spatial(overrides).values()],
         titles=lambda wildcards: titles(
             [
-                *main_runs(),
+                *pushable(main_runs()),
                 *(asdict(run) for run in planned_spatial(overrides).values()),
             ]
         ),
         before=lambda wildcards: [
-            forces_before(main_runs()),
+            forces_before(pushable(main_runs())),
             [before("evaluate")(spatial(name)) for name in planned_spatial(overrides)],
         ],
         code=script_digest(SCRIPTS / "force_invariants.py"),
@@ -167,7 +167,7 @@ rule force_invariants:
 rule force_truth:
     input:
         metrics=lambda wildcards: [
-            rules.forces.output.metrics.format(**run) for run in true_runs()
+            rules.forces.output.metrics.format(**run) for run in pushable(true_runs())
         ],
     output:
         tex="results/tables/force_truth.tex",
@@ -187,9 +187,9 @@ rule force_truth:
     resources:
         mem_mb=500,
     params:
-        runs=lambda wildcards: true_runs(),
-        titles=lambda wildcards: titles(true_runs()),
-        before=lambda wildcards: forces_before(true_runs()),
+        runs=lambda wildcards: pushable(true_runs()),
+        titles=lambda wildcards: titles(pushable(true_runs())),
+        before=lambda wildcards: forces_before(pushable(true_runs())),
         code=script_digest(SCRIPTS / "force_truth.py"),
     message:
         "Compare the answers to known forces with the true ones"
