@@ -1,7 +1,7 @@
 """A diagnosis from end to end: a sim and real motions in, the verdict with all it rests on out."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Any
 
@@ -12,6 +12,7 @@ from lagsplat.diagnose.config import DiagnoseConfig
 from lagsplat.diagnose.doubt import doubt
 from lagsplat.diagnose.effects.effect import Instance, Noise
 from lagsplat.diagnose.forecast import Held, close_alone, hold_out
+from lagsplat.diagnose.fragile import fragility
 from lagsplat.diagnose.hints import sought
 from lagsplat.diagnose.reported import parameters
 from lagsplat.diagnose.result import Candidate, Diagnosis
@@ -74,6 +75,7 @@ def diagnose(
         "noise": ready.sigma.tolist(),
         "sim_misfit": sim.misfit,
         **_measures(contest, ranking, chain, judgement),
+        **asdict(fragility(contest, ranking, chain, judgement, offers, effort, config)),
     }
     diagnosis = Diagnosis(
         verdict=judgement.verdict,
