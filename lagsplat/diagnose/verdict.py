@@ -67,13 +67,12 @@ def explain(
     A set is believed only if it leaves next to nothing, for two wrong effects imitate most of anything, and
     three all the more. Otherwise the best single effect stands, and the more it leaves, the likelier is
     something that the catalogue lacks: logistic in the logarithm of that share over ``config.unexplained``.
-    An excess counts where it is `audible`.
+    What is `left_over` counts where it is `audible`.
     """
+    before = left_over(ranking.none, freedom, nominal, config)
     if not chain:
-        before = ranking.none.fit.misfit / freedom - nominal
         return None, 1.0, _strange(before, before, freedom, nominal, config)
-    before = ranking.none.fit.misfit / freedom - nominal
-    left = [one.fit.misfit / freedom - nominal for one in chain]
+    left = [left_over(one, freedom, nominal, config) for one in chain]
     share = [max(rest, 0.0) / max(before, rest, 1e-9) for rest in left]
     if share[0] > config.further_from or moved(chain[0], nominal, config):
         for one, rest, part in zip(chain[1:], left[1:], share[1:], strict=True):
@@ -81,6 +80,15 @@ def explain(
             if all(enough) if len(one.effects) > 2 else any(enough):
                 return one, part, LEAST_UNKNOWN
     return chain[0], share[0], _strange(left[0], before, freedom, nominal, config)
+
+
+def left_over(one: Explained, freedom: float, nominal: float, config: DiagnoseConfig) -> float:
+    """Mean square that an explanation leaves above what the sim does of its own recordings [noise].
+
+    What it has pushed into the sim's own uncertainties, beyond what is believed of these, is left, too.
+    """
+    pushed = max(one.fit.penalty - PAID * nominal * config.temper, 0.0)
+    return (one.fit.misfit + pushed) / freedom - nominal
 
 
 def moved(one: Explained, nominal: float, config: DiagnoseConfig) -> bool:

@@ -73,6 +73,23 @@ def test_unknown_grows_with_what_is_left() -> None:
     assert shares[-1] > 0.9
 
 
+def test_what_an_effect_pushes_into_the_sims_own_uncertainties_is_left_unexplained() -> None:
+    best = one("coulomb_friction", 400.0)
+    within = replace(best, fit=replace(best.fit, penalty=70.0))
+    beyond = replace(best, fit=replace(best.fit, penalty=1500.0))
+    assert told(ranking(within, none=3.0), within).verdict == "effect"
+    said = told(ranking(beyond, none=3.0), beyond)
+    assert said.verdict == "unknown"
+    assert said.left == pytest.approx((1.5 - 0.08) / 2.0)
+
+
+def test_no_effect_and_a_sim_moved_beyond_belief_is_unknown() -> None:
+    rows = ranking(one("creep", -3.0), none=1.0)
+    assert told(rows).verdict == "none"
+    pushed = replace(rows, none=replace(rows.none, fit=replace(rows.none.fit, penalty=400.0)))
+    assert told(pushed).verdict == "unknown"
+
+
 def test_doubt_in_the_best_explanation_or_in_none_speaks_for_unknown() -> None:
     best = one("coulomb_friction", 400.0)
     said = judge(
