@@ -41,8 +41,10 @@ def opened(chromium, path) -> Iterator:
 
 
 def at(page, place: tuple[float, float]) -> tuple[float, float]:
-    """Where a place of the picture [px of the training resolution] is on the screen."""
-    box = page.locator("#drawn").bounding_box()
+    """Where a place of the picture [px of the training resolution] is on the screen, which shows it."""
+    drawn = page.locator("#drawn")
+    drawn.evaluate("node => node.scrollIntoView({ block: 'center', behavior: 'instant' })")
+    box = drawn.bounding_box()
     return box["x"] + place[0] / SIZE[0] * box["width"], box["y"] + place[1] / SIZE[1] * box["height"]
 
 

@@ -69,8 +69,7 @@ def test_a_drag_on_the_object_pushes_it_and_beside_it_turns_the_view(page) -> No
     assert yaw < -5.0
     assert pitch == 0.0
     assert page.evaluate("simulation.session.q") == page.evaluate("simulation.run.rest")
-    x, y = (page.locator("#drawn").bounding_box()[name] + 20 for name in "xy")
-    page.mouse.move(x, y)
+    page.mouse.move(*at(page, (2.0, 2.0)))
     page.mouse.wheel(0, -300)
     until(lambda: looks(page)[2] > 1.2, "a closer view")
     page.locator("summary", has_text="View").click()

@@ -124,7 +124,7 @@ def test_a_button_looks_from_the_camera_of_the_film_again(page, live) -> None:
     until(lambda: live.stage.board.silhouettes.handles, "the outline")
     page.get_by_role("button", name="Look from the film's camera").dispatch_event("click")
     until(lambda: np.linalg.norm(looks_from(live)) < 0.1, "the film's camera")
-    assert abs(middle(page) / canvas_of(page)["width"] - 0.5) < 0.1
+    until(lambda: abs(middle(page) / canvas_of(page)["width"] - 0.5) < 0.1, "the picture from there")
 
 
 def test_a_tab_that_closes_while_it_pushes_lets_go(page, live) -> None:
