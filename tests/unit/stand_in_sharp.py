@@ -82,10 +82,10 @@ def main() -> None:
         time.sleep(float(os.environ.get("SLOW", "0")))
         if "FAILS" in os.environ:
             sys.exit("out of memory")
-        lift(path, out / f"{path.stem}.ply")
-        if "LIFTED" in os.environ:
+        if "LIFTED" in os.environ:  # before its PLY is whole, after which the program may be ended
             with open(os.environ["LIFTED"], "a") as file:
                 file.write(path.stem + "\n")
+        lift(path, out / f"{path.stem}.ply")
 
 
 if __name__ == "__main__":
