@@ -12,6 +12,7 @@ from lagsplat.diagnose.config import DiagnoseConfig
 from lagsplat.diagnose.excitation import Excitation, excitation
 from lagsplat.diagnose.finding import Finding
 from lagsplat.diagnose.prepare import prepare, rough_period_s
+from lagsplat.diagnose.recalibrate import recalibrated
 from lagsplat.diagnose.region import region_of
 from lagsplat.diagnose.sims import sampled_sim
 from lagsplat.diagnose.sources import Source, find_sources, read_sources
@@ -88,10 +89,26 @@ def open_pair(sim: str, real: str, config: DiagnoseConfig) -> Pair:
             noise=checked.real.noise,
             closed_loop=checked.closed_loop,
         )
-    known = _model(models, checked, config)
+    known = _model(models, checked, config, films.null if films is not None else None)
     if not models and known.misfit > LOST:
         checked = replace(checked, findings=(*checked.findings, _lost(known, nominal)))
+    if known.given is not None:
+        checked = replace(checked, findings=(*checked.findings, _moved(known, sim)))
     return Pair(known, checked, rows, own, films)
+
+
+def _moved(sim: Sim, source: str) -> Finding:
+    assert sim.given is not None
+    given, left = (np.sqrt(max(one.misfit, 0.0)) for one in (sim.given, sim))
+    return Finding(
+        "warn",
+        "law of the run",
+        source,
+        f"the law misses its own recordings by {given:.2g} times their noise within two periods; before "
+        f"anything was compared it was moved until it misses them by {left:.2g}",
+        "what the law itself lacks is then not taken for an effect: it is part of what a refit closes",
+        "fit the run longer if that part is large",
+    )
 
 
 def _lost(sim: Sim, nominal: Sequence[Motion]) -> Finding:
@@ -107,7 +124,7 @@ def _lost(sim: Sim, nominal: Sequence[Motion]) -> Finding:
     )
 
 
-def _model(models: Sequence[Source], checked: Checked, config: DiagnoseConfig) -> Sim:
+def _model(models: Sequence[Source], checked: Checked, config: DiagnoseConfig, null: Motion | None) -> Sim:
     if not models:
         assert checked.sim is not None
         return sim_of(checked.sim.motions, config)
@@ -120,4 +137,9 @@ def _model(models: Sequence[Source], checked: Checked, config: DiagnoseConfig) -
     bare = Sim.exact(sampled.model)
     if checked.sim is None:
         return bare
-    return held_to(bare, checked.sim.motions, config)
+    told = [null] if null is not None else checked.sim.motions
+    known = held_to(bare, told, config)
+    if known.misfit < MISSED:
+        return known
+    moved = recalibrated(known, checked.sim.motions, config)
+    return known if moved is known else held_to(moved, told, config)

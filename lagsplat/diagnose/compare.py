@@ -5,7 +5,7 @@ A quick score test ranks all of them; the best are fitted by shooting; evidence 
 
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -28,6 +28,9 @@ class Contest:
     tolerance: float
     late: Bool[np.ndarray, " N"] | None = None
     """Samples that repeat an earlier one, on which nothing is fitted."""
+    price: float = 1.0
+    """Of a moved parameter, in units of what it costs beside white noise: what a sim leaves of its own
+    recordings weighs less than noise does, and in fits as in evidence."""
 
     @cached_property
     def repeats(self) -> Bool[np.ndarray, "W L"]:
@@ -60,6 +63,11 @@ class Contest:
         """Predictions of a set of effects."""
         return lambda x, starts: self.bench.rollouts(effects, x, starts, self.windows)[0]
 
+    def belief(self, effects: Sequence[Instance]) -> Belief:
+        """What fits hold of the unknowns beforehand."""
+        prior = belief(effects, self.bench)
+        return replace(prior, deviation=prior.deviation / np.sqrt(self.price))
+
     def fit(
         self,
         effects: Sequence[Instance],
@@ -73,7 +81,7 @@ class Contest:
         """
         return shoot(
             self.predict(effects), x, self.begun if starts is None else starts, self.data,
-            belief(effects, self.bench), iterations=self.iterations, tolerance=self.tolerance, known=known,
+            self.belief(effects), iterations=self.iterations, tolerance=self.tolerance, known=known,
         )  # fmt: skip
 
 
@@ -107,7 +115,7 @@ def screen(
 
     Source: the score (Lagrange multiplier) test, Rao, 1948, doi:10.1017/S0305004100023987.
     """
-    prior = belief(effects, contest.bench)
+    prior = contest.belief(effects)
     residual, slopes, begun = derivatives(
         contest.predict(effects), fit.x, fit.starts, contest.data, prior.step
     )

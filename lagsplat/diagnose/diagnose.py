@@ -14,6 +14,7 @@ from lagsplat.diagnose.effects.effect import Instance, Noise
 from lagsplat.diagnose.forecast import Held, close_alone, hold_out
 from lagsplat.diagnose.fragile import fragility
 from lagsplat.diagnose.hints import sought
+from lagsplat.diagnose.model import Model
 from lagsplat.diagnose.reported import parameters
 from lagsplat.diagnose.result import Candidate, Diagnosis
 from lagsplat.diagnose.select import Effort, Ranking, rank
@@ -23,6 +24,8 @@ from lagsplat.io.motion import Motion
 
 OBVIOUS = 30.0
 """Nats beyond which an effect is named even if the forecasts hardly gain by it."""
+NOTED = 0.02
+"""Share of a recording left aside from which on it is said."""
 CLOSED = 4
 """Candidates whose own closure is worked out."""
 
@@ -67,13 +70,15 @@ def diagnose(
     judgement = judge(ranking, chain, contest.freedom, effort.nominal, config, doubt=doubts)
     best = judgement.best
     chosen = best if best is not None and judgement.verdict == "effect" else ranking.none
-    held, warnings = _held(contest, ranking, chosen, natural.longest_s)
+    held, warnings = _held(contest, ranking, chosen, natural.longest_s, (sim.given or sim).model)
+    warnings += _aside(sim, contest)
     if held is not None and chosen is best and best is not None and _immaterial(held, best, config):
         judgement, chosen = denied(judgement), ranking.none
     told = {
         "natural_period_s": natural.longest_s,
         "noise": ready.sigma.tolist(),
         "sim_misfit": sim.misfit,
+        **({} if sim.given is None else {"sim_misfit_as_given": sim.given.misfit}),
         **_measures(contest, ranking, chain, judgement),
         **asdict(fragility(contest, ranking, chain, judgement, offers, effort, config)),
     }
@@ -115,12 +120,24 @@ def _measures(
 
 
 def _held(
-    contest: Contest, ranking: Ranking, chosen: Explained, period_s: float
+    contest: Contest, ranking: Ranking, chosen: Explained, period_s: float, given: Model
 ) -> tuple[Held | None, list[str]]:
     try:
-        return hold_out(contest, ranking.none, chosen, period_s=period_s), []
+        return hold_out(contest, ranking.none, chosen, period_s=period_s, given=given), []
     except ValueError as error:
         return None, [f"no closure: {error}"]
+
+
+def _aside(sim: Sim, contest: Contest) -> list[str]:
+    """What is said of stretches that the sim cannot know."""
+    windows, n = contest.windows, len(contest.bench.record.q)
+    share = 1.0 - float((windows.length - 1).sum()) / n
+    if sim.familiar is None or share < NOTED:
+        return []
+    return [
+        f"{100.0 * share:.2g} % of the recording was left aside: there it is driven, or moves, as the sim's "
+        "own recordings nowhere do (a sudden release, say), and what the sim foretells of it is chance"
+    ]
 
 
 def _immaterial(held: Held, best: Explained, config: DiagnoseConfig) -> bool:

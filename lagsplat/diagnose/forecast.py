@@ -12,6 +12,7 @@ from jaxtyping import Float64
 
 from lagsplat.diagnose.compare import Contest, Explained
 from lagsplat.diagnose.effects.effect import Instance, Noise
+from lagsplat.diagnose.model import Model
 from lagsplat.diagnose.record import Windows
 from lagsplat.diagnose.result import Block, Gap, Interval
 from lagsplat.diagnose.shoot import Belief, Data, derivatives, shoot
@@ -134,8 +135,10 @@ class Held:
     floor: np.ndarray
 
 
-def hold_out(contest: Contest, none: Explained, chosen: Explained, *, period_s: float) -> Held:
+def hold_out(contest: Contest, none: Explained, chosen: Explained, *, period_s: float, given: Model) -> Held:
     """The gap before, after a refit alone and after the ``chosen`` effects, on windows held out.
+
+    Before anything the sim is the ``given`` one, which the contest's may have been moved from.
 
     Raises:
         ValueError: the held-out part has no stretch of one period.
@@ -146,7 +149,8 @@ def hold_out(contest: Contest, none: Explained, chosen: Explained, *, period_s: 
     rms = np.std(record.q, axis=0)
     real = blocks.take(record.q)
     n = contest.bench.nuisance.size
-    sim = forecast(contest, blocks, (), np.zeros(n))
+    own = replace(contest, bench=replace(contest.bench, model=given))
+    sim = forecast(own, blocks, (), np.zeros(n))
     refit = forecast(contest, blocks, (), half_fit(half, none))
     after = forecast(contest, blocks, chosen.effects, half_fit(half, chosen))
     errors = {"before": sim.y - real, "refit": refit.y - real, "after": after.y - real}

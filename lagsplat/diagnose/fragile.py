@@ -77,7 +77,8 @@ def _repeats(contest: Contest, nominal: float) -> Iterator[tuple[str, Contest, f
     """Name, contest and what the sim leaves of its own recordings in the noise as it is taken there."""
     bench, sigma = contest.bench, contest.sigma
     for name, factor in (("half the noise", 0.5), ("twice the noise", 2.0)):
-        yield name, replace(contest, sigma=factor * sigma), max(1.0, nominal / factor**2)
+        price = max(1.0, contest.price / factor**2)
+        yield name, replace(contest, sigma=factor * sigma, price=price), max(1.0, nominal / factor**2)
     flat = replace(bench.nuisance, warp=UNBENT * bench.nuisance.warp)
     yield "coordinates not bent", replace(contest, bench=replace(bench, nuisance=flat)), nominal
     for seed in SEEDS:

@@ -65,7 +65,7 @@ def _walk(
     contest: Contest, one: Explained, at: int, spread: float, temper: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Unknowns to both sides of the best, and the nats that the best fit beside each loses."""
-    best, held = one.fit.x[at], belief(one.effects, contest.bench)
+    best, held = one.fit.x[at], contest.belief(one.effects)
     near = (one.fit.slopes[..., one.n_own :], one.fit.start_slopes)
     rows = [(best, 0.0)]
     for side in (-1.0, 1.0):
@@ -85,7 +85,8 @@ def _walk(
             )  # fmt: skip
             x, starts = fit.x, fit.starts
             paid = float(penalty(fit.x[None], held)[0])
-            lost = 0.5 * (fit.misfit - one.fit.misfit) / temper + 0.5 * (paid - one.fit.penalty)
+            priced = 0.5 * (paid - one.fit.penalty) / contest.price
+            lost = 0.5 * (fit.misfit - one.fit.misfit) / temper + priced
             rows.append((float(value), -lost))
     rows.sort()
     values, fall = np.array(rows).T

@@ -4,17 +4,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64
 
 from lagsplat.diagnose.compare import Contest, belief
 from lagsplat.diagnose.config import DiagnoseConfig
+from lagsplat.diagnose.familiar import Familiar
 from lagsplat.diagnose.forms import COEFFICIENTS
 from lagsplat.diagnose.frozen import frozen
 from lagsplat.diagnose.identify import Setting, identify
 from lagsplat.diagnose.model import Model
 from lagsplat.diagnose.nuisance import Nuisance
 from lagsplat.diagnose.prepare import Prepared, prepare, rough_period_s
-from lagsplat.diagnose.record import cut_windows
+from lagsplat.diagnose.record import Windows, cut_windows
 from lagsplat.diagnose.shoot import derivatives, eliminate
 from lagsplat.diagnose.simulate import Bench
 from lagsplat.io.motion import Motion
@@ -23,6 +24,10 @@ LOST = 50.0
 """Mean square residual, in units of the noise, beyond which a window is too long to be followed."""
 SHORTER = 0.35
 """Share of a window that can be followed past an unstable rest, as an upright pendulum's."""
+TOLERANCE = 1e-4
+"""Gain of a step below which a sim's own fit has ended, as a share of the misfit."""
+MOSTLY = 0.7
+"""Share of the windows that must be familiar for the others to be left aside."""
 OPEN = 6
 """Directions at most that the sim's identification leaves open."""
 
@@ -40,6 +45,10 @@ class Sim:
     """Samples of that residual that count as one."""
     reach: float = 1.0
     """How far ahead it can be run, in windows as long as the settings say."""
+    given: "Sim | None" = None
+    """As it was handed over, where it was moved since (`recalibrated`)."""
+    familiar: Familiar | None = None
+    """How it was seen to move, if other stretches are to be left aside."""
 
     @classmethod
     def exact(cls, model: Model) -> "Sim":
@@ -64,13 +73,7 @@ def sim_of(motions: Sequence[Motion], config: DiagnoseConfig) -> Sim:
     """
     period_s = rough_period_s(motions)
     ready = prepare(motions, period_s=period_s)
-    setting = Setting(
-        config.window_periods,
-        config.steps_per_period,
-        config.identify_ridge,
-        config.identify_iterations,
-        1e-4,
-    )
+    setting = setting_of(config)
 
     def told(reach: float) -> Sim:
         shorter = replace(setting, window_periods=reach * config.window_periods)
@@ -81,6 +84,12 @@ def sim_of(motions: Sequence[Motion], config: DiagnoseConfig) -> Sim:
 
     sim = told(1.0)
     return sim if sim.misfit < LOST else min(sim, told(SHORTER), key=lambda one: one.misfit)
+
+
+def setting_of(config: DiagnoseConfig) -> Setting:
+    """How a sim is fitted to its own recordings."""
+    ridge, iterations = config.identify_ridge, config.identify_iterations
+    return Setting(config.window_periods, config.steps_per_period, ridge, iterations, TOLERANCE)
 
 
 def rested(model: Model, q: Float64[np.ndarray, "N d"]) -> Model:
@@ -127,11 +136,21 @@ def stand(sim: Sim, real: Sequence[Motion], config: DiagnoseConfig) -> tuple[Con
     windows = cut_windows(record, length_s=reach_s, least=20)
     if len(windows.first) < 4:
         windows = cut_windows(record, length_s=natural.longest_s, least=20)
+    windows = windows.only(familiar(sim, windows, ready))
     bench = Bench(model, record, nuisance, steps, config.input_hold == "zoh", ready.smooth)
     late = frozen(record.q, record.clips, ready.sigma)
-    contest = Contest(bench, windows, ready.sigma, config.iterations, config.tolerance, late)
+    price = max(sim.misfit, 1.0) * sim.correlation
+    contest = Contest(bench, windows, ready.sigma, config.iterations, config.tolerance, late, price)
     kept = relevant(contest, sim.freedom)
     return replace(contest, bench=replace(bench, nuisance=replace(nuisance, directions=kept))), ready, natural
+
+
+def familiar(sim: Sim, windows: Windows, ready: Prepared) -> Bool[np.ndarray, " W"]:
+    """Windows in which it moves as the sim was seen to; all, if most are not such or it does not ask."""
+    if sim.familiar is None:
+        return np.ones(len(windows.first), dtype=bool)
+    like = sim.familiar.among(windows, ready.smooth, ready.record)
+    return like if like.sum() > MOSTLY * len(like) else np.ones_like(like)
 
 
 def relevant(contest: Contest, freedom: Float64[np.ndarray, "R K"]) -> Float64[np.ndarray, "r K"]:
@@ -157,12 +176,12 @@ def held_to(sim: Sim, motions: Sequence[Motion], config: DiagnoseConfig) -> Sim:
     contest, _, _ = stand(sim, motions, config)
     frames = config.own_longest_s / contest.bench.record.dt_s
     contest = replace(contest, windows=contest.windows.evenly(frames))
-    fit = contest.fit((), np.zeros(contest.bench.nuisance.size))
-    return replace(
-        sim,
-        misfit=fit.misfit / contest.freedom,
-        correlation=correlation(fit.residual, contest.windows.length),
-    )
+    still, length = np.zeros(contest.bench.nuisance.size), contest.windows.length
+    fit = contest.fit((), still)
+    # what is wrong for long is cheaper to leave than to follow, which shows only once it is known
+    price = max(fit.misfit / contest.freedom, 1.0) * correlation(fit.residual, length)
+    fit = replace(contest, price=price).fit((), still)
+    return replace(sim, misfit=fit.misfit / contest.freedom, correlation=correlation(fit.residual, length))
 
 
 def correlation(residual: Float64[np.ndarray, "W L d"], length: np.ndarray) -> float:

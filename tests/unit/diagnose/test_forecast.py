@@ -61,7 +61,7 @@ def test_what_is_held_out_is_not_fitted_to(made: tuple[Contest, Explained, Expla
 
 def test_the_gap_is_that_of_its_blocks(made: tuple[Contest, Explained, Explained]) -> None:
     one, none, true = made
-    held = hold_out(one, none, true, period_s=PERIOD_S)
+    held = hold_out(one, none, true, period_s=PERIOD_S, given=one.bench.model)
     rms = one.bench.record.q.std(axis=0)
     for kind, size in (("sim", held.gap.before), ("augmented", held.gap.after)):
         squares = [np.mean(((getattr(b, kind) - b.real) / rms) ** 2) for b in held.blocks]
@@ -74,7 +74,7 @@ def test_the_gap_is_that_of_its_blocks(made: tuple[Contest, Explained, Explained
 
 
 def test_the_true_effect_closes_the_gap_down_to_the_floor(made: tuple[Contest, Explained, Explained]) -> None:
-    gap = hold_out(*made, period_s=PERIOD_S).gap
+    gap = hold_out(*made, period_s=PERIOD_S, given=made[0].bench.model).gap
     assert gap.before > 5.0 * gap.floor
     assert gap.after == pytest.approx(gap.floor, rel=0.25)
     assert gap.after <= gap.refit < gap.before

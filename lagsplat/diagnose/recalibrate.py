@@ -1,0 +1,132 @@
+"""A given sim, moved until it tells its own recordings: what its law lacks there is not an effect."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float64
+
+from lagsplat.diagnose.config import DiagnoseConfig
+from lagsplat.diagnose.familiar import Familiar
+from lagsplat.diagnose.forms import FEW, degrees, free_directions, moved
+from lagsplat.diagnose.identify import Trial
+from lagsplat.diagnose.model import Model
+from lagsplat.diagnose.sample import rest_of
+from lagsplat.diagnose.shoot import Belief, Fit, shoot
+from lagsplat.diagnose.stand import Sim, correlation, setting_of, stand
+from lagsplat.diagnose.weak import Form
+from lagsplat.io.motion import Motion
+
+STEPS = ((0, 1, 4, 1), (0, 2, 4, 2))
+"""Degrees up to which mass, damping, potential and input map move, one step after the other."""
+PLAIN = ((0, 0, 3, 0),)
+"""The same of more than a `FEW` coordinates."""
+ITERATIONS = 2
+"""Times as many steps are taken as when a sim is identified: a fitted law is stiffer."""
+WRONG_BY = 0.3
+"""How far each move is believed to go, in units of the acceleration that it changes."""
+BETTER = 0.9
+"""Share of the misfit, on windows that were not fitted, that the moved sim must leave at most."""
+SAMPLES, SMALL, BLIND = 400, 1e-6, 1e-8
+"""Samples at which moves are compared, by how much, and the share of the largest below which one is none."""
+
+
+@dataclass(frozen=True)
+class Moved:
+    """A model, the fit that moved it, and the moves (n, K) that the fit's unknowns mean."""
+
+    model: Model
+    fit: Fit
+    moves: Float64[np.ndarray, "n K"]
+
+
+def recalibrated(sim: Sim, motions: Sequence[Motion], config: DiagnoseConfig) -> Sim:
+    """``sim`` with its lower coefficients moved as ``motions``, which it is true to, ask for.
+
+    Every other window is fitted, the others judge; a sim that does not tell these better comes back as it is.
+
+    Raises:
+        ValueError: the motions are too short for a single window.
+    """
+    contest, ready, _ = stand(sim, motions, config)
+    bench = contest.bench
+    windows = contest.windows.evenly(2.0 * config.own_longest_s / bench.record.dt_s)
+    setting = setting_of(config)
+
+    def trial(first: int) -> Trial:
+        chosen = windows.only(np.arange(len(windows.first)) % 2 == first)
+        data = replace(contest, windows=chosen).data
+        speed = np.std(bench.record.v, axis=0)
+        return Trial(bench.record, ready.smooth, speed, chosen, data, bench.steps, bench.held, setting)
+
+    fitted, judging = trial(0), trial(1)
+    missed, found = judging.missed(sim.model), None
+    for step in STEPS if sim.model.d <= FEW else PLAIN:
+        excess = max(missed / judging.n_data, 1.0)
+        tried = refit(fitted, found.model if found else sim.model, step, excess=excess)
+        left = judging.missed(tried.model)
+        if not left < BETTER * missed:
+            break
+        missed, found = left, tried
+    if found is None:
+        return sim
+    rested = replace(found.model, rest=rest_of(found.model))
+    known = Familiar.of(contest.windows, ready.smooth, bench.record)
+    return replace(sim, model=rested, given=sim, freedom=_open(found, fitted), familiar=known)
+
+
+def form_of(model: Model, step: tuple[int, int, int, int]) -> Form:
+    """What may move in a step, within what the model has room for.
+
+    The mass does so only as a whole: a fitted one may be all but singular, and soon is not positive.
+    """
+    ends = degrees(model.basis)
+    mass, damping, potential, inputs = (ends[min(k, len(ends) - 1)] for k in step)
+    return Form(
+        min(mass, len(model.mass)),
+        min(damping, len(model.damping)),
+        min(potential, len(model.potential)),
+        min(inputs, len(model.input_map)),
+    )
+
+
+def refit(trial: Trial, model: Model, step: tuple[int, int, int, int], *, excess: float) -> Moved:
+    """The model moved; a misfit that is ``excess`` times the noise's is believed the less."""
+    moves = directions(trial, model, form_of(model, step))
+    n = len(moves)
+    belief = Belief(
+        np.zeros(n), np.full(n, WRONG_BY / np.sqrt(excess)), np.full(n, -np.inf), np.full(n, 1e-4)
+    )
+    fit = shoot(
+        trial.predictor(model, moves), np.zeros(n), trial.begun, trial.data, belief,
+        iterations=ITERATIONS * trial.setting.iterations, tolerance=trial.setting.tolerance,
+    )  # fmt: skip
+    return Moved(moved(model, fit.x @ moves), fit, moves)
+
+
+def directions(trial: Trial, model: Model, form: Form) -> Float64[np.ndarray, "n K"]:
+    """Moves within a form that change the acceleration by its own size each, and independently of each other.
+
+    A coordinate that is light, or hardly moves, is then moved no further than another one.
+    """
+    record = trial.record
+    at = np.unique(np.linspace(0, len(record.q) - 1, SAMPLES).astype(int))
+    q, v, u = trial.smooth[at], record.v[at], record.u[at]
+    base = model.acceleration(q, v, u)
+    size = np.linalg.cholesky(np.linalg.pinv(base.T @ base / len(at)) + 1e-12 * np.eye(model.d))
+    plain = free_directions(model, form, trial.speed)
+    change = np.stack([(moved(model, SMALL * one).acceleration(q, v, u) - base) / SMALL for one in plain])
+    rows = (change @ size).reshape(len(plain), -1) / np.sqrt(len(at))
+    values, vectors = np.linalg.eigh(rows @ rows.T)
+    kept = values > BLIND * values.max()
+    return (vectors[:, kept] / np.sqrt(values[kept])).T @ plain
+
+
+def _open(one: Moved, trial: Trial) -> Float64[np.ndarray, "n K"]:
+    """What the fit leaves open: changes of all coefficients of one standard deviation each."""
+    n = len(one.moves)
+    misfit = max(one.fit.misfit / max(trial.n_data - n, 1.0), 1.0)
+    alike = correlation(one.fit.residual, trial.windows.length)
+    scatter = np.linalg.inv(one.fit.curvature / (misfit * alike) + np.eye(n) / WRONG_BY**2)
+    values, vectors = np.linalg.eigh(scatter)
+    return (vectors * np.sqrt(np.maximum(values, 0.0))).T[::-1] @ one.moves
