@@ -18,9 +18,10 @@ from lagsplat.diagnose.config import DiagnoseConfig
 from lagsplat.diagnose.coverage import BEYOND
 from lagsplat.diagnose.diagnose import Found, diagnose
 from lagsplat.diagnose.effects.effect import Noise
-from lagsplat.diagnose.null_evidence import null_evidence
+from lagsplat.diagnose.null_evidence import like, null_evidence
 from lagsplat.diagnose.region import region_of
 from lagsplat.diagnose.result import Diagnosis
+from lagsplat.diagnose.stand import measured
 from lagsplat.diagnose.where import Where, locate
 from lagsplat.pair import Pair, open_pair
 from lagsplat.provenance import stamp
@@ -41,6 +42,8 @@ def examine(pair: Pair, config: DiagnoseConfig, *, tell: Callable[[str], None]) 
     Raises:
         ValueError: the motions are too short for a single window.
     """
+    if pair.null is not None and pair.sim.familiar is not None:
+        pair = replace(pair, sim=measured(pair.sim, like(pair.sim, pair.null, pair.real, config)))
     config = replace(config, temper=max(config.temper, pair.sim.correlation))
     if pair.own:
         config = replace(config, without=[*config.without, *absorbed()])

@@ -7,7 +7,7 @@ chance, and what it then has wrong passes for an effect.
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float64
+from jaxtyping import Bool, Float64, Int64
 from scipy.spatial import KDTree
 
 from lagsplat.diagnose.record import Record, Windows
@@ -40,6 +40,13 @@ class Familiar:
         """Which of the stretches of another recording are like one of them."""
         points = (looks(windows, smooth, record) - self.middle) / self.spread
         return self.points.query(points)[0] <= self.reach
+
+    def nearest(
+        self, wanted: Float64[np.ndarray, "W f"], offered: Float64[np.ndarray, "V f"]
+    ) -> Int64[np.ndarray, " W"]:
+        """To each of some stretches (`looks`) the one that is most like it among others."""
+        tree = KDTree((offered - self.middle) / self.spread)
+        return np.asarray(tree.query((wanted - self.middle) / self.spread)[1], dtype=np.int64)
 
 
 def looks(windows: Windows, smooth: Float64[np.ndarray, "N d"], record: Record) -> Float64[np.ndarray, "W f"]:

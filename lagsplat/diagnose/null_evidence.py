@@ -5,14 +5,21 @@ mechanism it was fitted to, they gain by these errors, and on another recording 
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 from lagsplat.diagnose.catalogue import instances
+from lagsplat.diagnose.compare import Contest
 from lagsplat.diagnose.config import DiagnoseConfig
+from lagsplat.diagnose.familiar import looks
 from lagsplat.diagnose.hints import sought
+from lagsplat.diagnose.prepare import rough_period_s
 from lagsplat.diagnose.select import Effort, rank
-from lagsplat.diagnose.stand import Sim, stand
+from lagsplat.diagnose.stand import Sim, periods, stand
 from lagsplat.io.motion import Motion
 from lagsplat.io.motion_part import leading
+
+TWICE = 2.0
+"""How much more the same errors may pass for in another recording than in the sim's own."""
 
 
 def null_evidence(
@@ -23,19 +30,25 @@ def null_evidence(
     *,
     tell: Callable[[str], None] = lambda name: None,
 ) -> float:
-    """Nats that the best effect gains on ``own``, a recording without effects, as long as ``real`` is.
+    """Nats that an effect must gain beyond: `TWICE` what the best gains on ``own``, where there is none.
 
-    Evidence grows with the time recorded, so that a shorter one is scaled up. Zero where nothing gains.
+    ``own`` is taken as long as ``real`` is. Evidence grows with the time recorded, so that a shorter one is
+    scaled up. Where the sim knows how it was seen to move, those stretches of ``own`` are taken that are most
+    like those of ``real``, each as often as it is called for. Zero where nothing gains.
 
     Raises:
         ValueError: ``own`` is too short for a single window.
     """
     wanted_s = sum(motion.duration_s for motion in real)
-    null = [leading(own, wanted_s)]
-    contest, _, natural = stand(sim, null, config)
+    if sim.familiar is None:
+        part = leading(own, wanted_s)
+        contest, more = stand(sim, [part], config)[0], max(1.0, wanted_s / part.duration_s)
+    else:
+        contest, more = like(sim, own, real, config), 1.0
+    natural = periods(sim.model, rough_period_s([own]))
     offers = instances(
         contest.bench,
-        sought(sim.model, null, period_s=natural.longest_s, hold=config.input_hold),
+        sought(sim.model, [own], period_s=natural.longest_s, hold=config.input_hold),
         q_names=own.q_names,
         u_names=own.u_names,
         without=config.without,
@@ -43,4 +56,20 @@ def null_evidence(
     effort = Effort.of(config, nominal=max(1.0, sim.misfit))
     found = rank(contest, offers, effort, tell=tell).found
     gained = max((one.log_evidence for one in found), default=0.0)
-    return max(gained, 0.0) * max(1.0, wanted_s / null[0].duration_s)
+    return TWICE * max(gained, 0.0) * more
+
+
+def like(sim: Sim, own: Motion, real: Sequence[Motion], config: DiagnoseConfig) -> Contest:
+    """The contest on stretches of the sim's ``own`` motion, one for each of ``real`` and most like it.
+
+    A law has its errors where it has them: a recording that mostly swings freely meets other ones than the
+    sim's own, which hardly does.
+    """
+    assert sim.familiar is not None
+    there, ready, _ = stand(sim, real, config)
+    here, own_ready, _ = stand(sim, [own], config)
+    chosen = sim.familiar.nearest(
+        looks(there.windows, ready.smooth, ready.record),
+        looks(here.windows, own_ready.smooth, own_ready.record),
+    )
+    return replace(here, windows=here.windows.only(chosen))

@@ -175,7 +175,11 @@ def held_to(sim: Sim, motions: Sequence[Motion], config: DiagnoseConfig) -> Sim:
     """
     contest, _, _ = stand(sim, motions, config)
     frames = config.own_longest_s / contest.bench.record.dt_s
-    contest = replace(contest, windows=contest.windows.evenly(frames))
+    return measured(sim, replace(contest, windows=contest.windows.evenly(frames)))
+
+
+def measured(sim: Sim, contest: Contest) -> Sim:
+    """The sim with its misfit, and its correlation, on the windows of a contest with its own motion."""
     still, length = np.zeros(contest.bench.nuisance.size), contest.windows.length
     fit = contest.fit((), still)
     # what is wrong for long is cheaper to leave than to follow, which shows only once it is known
