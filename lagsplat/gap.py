@@ -42,22 +42,15 @@ def examine(pair: Pair, config: DiagnoseConfig, *, tell: Callable[[str], None]) 
     Raises:
         ValueError: the motions are too short for a single window.
     """
-    if pair.null is not None and pair.sim.familiar is not None:
-        pair = replace(pair, sim=measured(pair.sim, like(pair.sim, pair.null, pair.real, config)))
-    config = replace(config, temper=max(config.temper, pair.sim.correlation))
-    if pair.own:
-        config = replace(config, without=[*config.without, *absorbed()])
-    if pair.films is not None:
-        config = replace(
-            config,
-            without=[*config.without, *pair.films.ruled_out],
-            **{name: min(config.learned * getattr(config, name), 0.5) for name in
-               ("potential", "damping", "inputs", "offset", "warp")},
-        )  # fmt: skip
+    null = pair.null
+    with contextlib.suppress(ValueError):  # too short a recording says nothing of the sim's errors
+        if null is not None and pair.sim.familiar is not None:
+            pair = replace(pair, sim=measured(pair.sim, like(pair.sim, null, pair.real, config)))
+    config = _suited(pair, config)
     nats = 0.0
-    if pair.null is not None:
-        with contextlib.suppress(ValueError):  # too short a recording says nothing of the sim's errors
-            nats = null_evidence(pair.sim, pair.null, pair.real, config, tell=tell)
+    with contextlib.suppress(ValueError):
+        if null is not None:
+            nats = null_evidence(pair.sim, null, pair.real, config, tell=tell)
     found = diagnose(pair.sim, pair.real, config, null=nats, tell=tell)
     tell("where")
     natural_s = found.diagnosis.checks["natural_period_s"]
@@ -96,6 +89,21 @@ def examine(pair: Pair, config: DiagnoseConfig, *, tell: Callable[[str], None]) 
     if pair.checked.undetermined or "undetermined" in diagnosis.checks:
         diagnosis = undecided(diagnosis)
     return replace(found, diagnosis=diagnosis)
+
+
+def _suited(pair: Pair, config: DiagnoseConfig) -> DiagnoseConfig:
+    """The settings for this sim: how far it may be off, and what cannot be the cause."""
+    config = replace(config, temper=max(config.temper, pair.sim.correlation))
+    if pair.own:
+        config = replace(config, without=[*config.without, *absorbed()])
+    if pair.films is None:
+        return config
+    return replace(
+        config,
+        without=[*config.without, *pair.films.ruled_out],
+        **{name: min(config.learned * getattr(config, name), 0.5) for name in
+           ("potential", "damping", "inputs", "offset", "warp")},
+    )  # fmt: skip
 
 
 def placed(where: Where, found: Found) -> Where:

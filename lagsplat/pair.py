@@ -1,5 +1,6 @@
 """The two sides of a diagnosis: a sim of any kind and the motions it is held against, checked."""
 
+import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -137,9 +138,17 @@ def _model(models: Sequence[Source], checked: Checked, config: DiagnoseConfig, n
     bare = Sim.exact(sampled.model)
     if checked.sim is None:
         return bare
-    told = [null] if null is not None else checked.sim.motions
-    known = held_to(bare, told, config)
+    told = checked.sim.motions
+    known = _held(bare, null, told, config)
     if known.misfit < MISSED:
         return known
-    moved = recalibrated(known, checked.sim.motions, config)
-    return known if moved is known else held_to(moved, told, config)
+    moved = recalibrated(known, told, config)
+    return known if moved is known else _held(moved, null, told, config)
+
+
+def _held(sim: Sim, null: Motion | None, own: Sequence[Motion], config: DiagnoseConfig) -> Sim:
+    """The sim held to what no fit saw of its own mechanism, or to all there is where that is too short."""
+    if null is not None:
+        with contextlib.suppress(ValueError):
+            return held_to(sim, [null], config)
+    return held_to(sim, own, config)
