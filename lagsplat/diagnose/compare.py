@@ -30,7 +30,9 @@ class Contest:
     """Samples that repeat an earlier one, on which nothing is fitted."""
     price: float = 1.0
     """Of a moved parameter, in units of what it costs beside white noise: what a sim leaves of its own
-    recordings weighs less than noise does, and in fits as in evidence."""
+    recordings weighs less than noise does, in fits as in evidence."""
+    aside: int = 0
+    """Windows that are not looked at, for the sim was never seen to move so."""
 
     @cached_property
     def repeats(self) -> Bool[np.ndarray, "W L"]:

@@ -24,8 +24,6 @@ from lagsplat.io.motion import Motion
 
 OBVIOUS = 30.0
 """Nats beyond which an effect is named even if the forecasts hardly gain by it."""
-NOTED = 0.02
-"""Share of a recording left aside from which on it is said."""
 CLOSED = 4
 """Candidates whose own closure is worked out."""
 
@@ -71,7 +69,7 @@ def diagnose(
     best = judgement.best
     chosen = best if best is not None and judgement.verdict == "effect" else ranking.none
     held, warnings = _held(contest, ranking, chosen, natural.longest_s, (sim.given or sim).model)
-    warnings += _aside(sim, contest)
+    warnings += _aside(contest)
     if held is not None and chosen is best and best is not None and _immaterial(held, best, config):
         judgement, chosen = denied(judgement), ranking.none
     told = {
@@ -128,12 +126,11 @@ def _held(
         return None, [f"no closure: {error}"]
 
 
-def _aside(sim: Sim, contest: Contest) -> list[str]:
+def _aside(contest: Contest) -> list[str]:
     """What is said of stretches that the sim cannot know."""
-    windows, n = contest.windows, len(contest.bench.record.q)
-    share = 1.0 - float((windows.length - 1).sum()) / n
-    if sim.familiar is None or share < NOTED:
+    if not contest.aside:
         return []
+    share = contest.aside / (contest.aside + len(contest.windows.first))
     return [
         f"{100.0 * share:.2g} % of the recording was left aside: there it is driven, or moves, as the sim's "
         "own recordings nowhere do (a sudden release, say), and what the sim foretells of it is chance"

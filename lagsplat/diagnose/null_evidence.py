@@ -40,15 +40,15 @@ def null_evidence(
         ValueError: ``own`` is too short for a single window.
     """
     wanted_s = sum(motion.duration_s for motion in real)
+    part = leading(own, wanted_s)
     if sim.familiar is None:
-        part = leading(own, wanted_s)
         contest, more = stand(sim, [part], config)[0], max(1.0, wanted_s / part.duration_s)
     else:
         contest, more = like(sim, own, real, config), 1.0
-    natural = periods(sim.model, rough_period_s([own]))
+    natural = periods(sim.model, rough_period_s([part]))
     offers = instances(
         contest.bench,
-        sought(sim.model, [own], period_s=natural.longest_s, hold=config.input_hold),
+        sought(sim.model, [part], period_s=natural.longest_s, hold=config.input_hold),
         q_names=own.q_names,
         u_names=own.u_names,
         without=config.without,

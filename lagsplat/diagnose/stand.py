@@ -136,11 +136,12 @@ def stand(sim: Sim, real: Sequence[Motion], config: DiagnoseConfig) -> tuple[Con
     windows = cut_windows(record, length_s=reach_s, least=20)
     if len(windows.first) < 4:
         windows = cut_windows(record, length_s=natural.longest_s, least=20)
-    windows = windows.only(familiar(sim, windows, ready))
+    like = familiar(sim, windows, ready)
+    aside, windows = int(np.count_nonzero(~like)), windows.only(like)
     bench = Bench(model, record, nuisance, steps, config.input_hold == "zoh", ready.smooth)
     late = frozen(record.q, record.clips, ready.sigma)
     price = max(sim.misfit, 1.0) * sim.correlation
-    contest = Contest(bench, windows, ready.sigma, config.iterations, config.tolerance, late, price)
+    contest = Contest(bench, windows, ready.sigma, config.iterations, config.tolerance, late, price, aside)
     kept = relevant(contest, sim.freedom)
     return replace(contest, bench=replace(bench, nuisance=replace(nuisance, directions=kept))), ready, natural
 
