@@ -56,6 +56,8 @@ class SharpCache:
             for left in self.folder.glob(f"{LIFTING}*"):
                 # Of a killed run, whose tool may still be at work and ends for want of its frames.
                 shutil.rmtree(left, ignore_errors=True)
+            for half in self.folder.glob(".*.safetensors"):  # killed before it was whole
+                half.unlink(missing_ok=True)
             yield
 
     def manifest(self) -> dict[str, Any] | None:

@@ -117,6 +117,7 @@ def test_a_killed_run_goes_on_where_it_was(sharp: SharpConfig, tmp_path: Path) -
         f"sharp_views(load_recording({str(tmp_path / 'film.safetensors')!r}), {sharp!r}, {ARRANGEMENT!r}, "
         f"Path({str(tmp_path / 'cache')!r}))\n"
     )
+    whole, half = "[!.]*.safetensors", ".killed.safetensors"
     environment = {
         **os.environ,
         "SLOW": "0.4",
@@ -125,15 +126,17 @@ def test_a_killed_run_goes_on_where_it_was(sharp: SharpConfig, tmp_path: Path) -
     }
     process = subprocess.Popen([sys.executable, "-c", program], env=environment, stderr=subprocess.DEVNULL)
     began = time.monotonic()
-    while len(list((tmp_path / "cache").glob("*.safetensors"))) < 3 and time.monotonic() - began < 120:
+    while len(list((tmp_path / "cache").glob(whole))) < 3 and time.monotonic() - began < 120:
         time.sleep(0.02)
     process.send_signal(signal.SIGKILL)
     process.wait()
-    kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "cache").glob("*.safetensors")}
+    kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "cache").glob(whole)}
     assert 3 <= len(kept) < FRAMES
+    (tmp_path / "cache" / half).write_bytes(b"half a file")
     found = views(sharp, tmp_path)
     assert lifted(tmp_path) == FRAMES - len(kept)
     assert not list((tmp_path / "cache").glob("lifting-*"))
+    assert not list((tmp_path / "cache").glob(".*.safetensors"))
     assert all(path.stat().st_mtime_ns == at for path, at in kept.items())
     fresh = views(sharp, tmp_path / "fresh")
     np.testing.assert_array_equal(found.images, fresh.images)
