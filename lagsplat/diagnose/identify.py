@@ -16,6 +16,8 @@ from lagsplat.diagnose.weak import Form, model_of, observe, regressors, solve
 
 WORTH = 0.2
 """Share of the misfit that a larger form must take away where each costs minutes."""
+LOOSE = 3.0
+"""How far a coefficient is believed to lie from its first estimate, in units of its field."""
 TESTS = (1.0, 0.5, 0.25)
 """Lengths of test functions, in multiples of the usual one."""
 
@@ -122,7 +124,19 @@ class Trial:
 
 def loose(n: int) -> Belief:
     """Hardly any belief about ``n`` coefficients."""
-    return Belief(np.zeros(n), np.full(n, 3.0), np.full(n, -np.inf), np.full(n, 1e-5))
+    return Belief(np.zeros(n), np.full(n, LOOSE), np.full(n, -np.inf), np.full(n, 1e-5))
+
+
+def left_open(
+    curvature: Float64[np.ndarray, "n n"], moves: Float64[np.ndarray, "n K"], *, deviation: float
+) -> Float64[np.ndarray, "n K"]:
+    """Changes of all coefficients, one standard deviation each and the largest first, that a fit leaves open.
+
+    ``curvature`` is of the data by the fit's unknowns, ``deviation`` what was believed of each of these.
+    """
+    scatter = np.linalg.inv(curvature + np.eye(len(moves)) / deviation**2)
+    values, vectors = np.linalg.eigh(scatter)
+    return (vectors * np.sqrt(np.maximum(values, 0.0))).T[::-1] @ moves
 
 
 @dataclass(frozen=True)
@@ -272,7 +286,5 @@ def identify(
         ),
     )
     misfit = fit.misfit / max(trial.n_data - len(moves), 1.0)
-    scatter = np.linalg.inv(fit.curvature / max(misfit, 1.0) + np.eye(len(moves)) / 9.0)
-    values, vectors = np.linalg.eigh(scatter)
-    freedom = (vectors * np.sqrt(np.maximum(values, 0.0))).T[::-1] @ moves
+    freedom = left_open(fit.curvature / max(misfit, 1.0), moves, deviation=LOOSE)
     return Identified(model, form, misfit, freedom, fit, windows)

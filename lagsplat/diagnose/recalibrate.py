@@ -9,7 +9,7 @@ from jaxtyping import Float64
 from lagsplat.diagnose.config import DiagnoseConfig
 from lagsplat.diagnose.familiar import Familiar
 from lagsplat.diagnose.forms import FEW, degrees, free_directions, moved
-from lagsplat.diagnose.identify import Trial
+from lagsplat.diagnose.identify import Trial, left_open
 from lagsplat.diagnose.model import Model
 from lagsplat.diagnose.sample import rest_of
 from lagsplat.diagnose.shoot import Belief, Fit, shoot
@@ -123,10 +123,7 @@ def directions(trial: Trial, model: Model, form: Form) -> Float64[np.ndarray, "n
 
 
 def _open(one: Moved, trial: Trial) -> Float64[np.ndarray, "n K"]:
-    """What the fit leaves open: changes of all coefficients of one standard deviation each."""
-    n = len(one.moves)
-    misfit = max(one.fit.misfit / max(trial.n_data - n, 1.0), 1.0)
+    """What the fit leaves open, its correlated residual counted as fewer samples."""
+    misfit = max(one.fit.misfit / max(trial.n_data - len(one.moves), 1.0), 1.0)
     alike = correlation(one.fit.residual, trial.windows.length)
-    scatter = np.linalg.inv(one.fit.curvature / (misfit * alike) + np.eye(n) / WRONG_BY**2)
-    values, vectors = np.linalg.eigh(scatter)
-    return (vectors * np.sqrt(np.maximum(values, 0.0))).T[::-1] @ one.moves
+    return left_open(one.fit.curvature / (misfit * alike), one.moves, deviation=WRONG_BY)
