@@ -18,6 +18,7 @@ from lagsplat.diagnose.region import region_of
 from lagsplat.diagnose.sims import sampled_sim
 from lagsplat.diagnose.sources import Source, find_sources, read_sources
 from lagsplat.diagnose.stand import LOST, Sim, held_to, sim_of
+from lagsplat.diagnose.thin import thinned
 from lagsplat.io.motion import Motion
 
 if TYPE_CHECKING:
@@ -81,6 +82,8 @@ def open_pair(sim: str, real: str, config: DiagnoseConfig) -> Pair:
     checked = check(nominal, motions)
     if films is not None:
         checked = replace(checked, findings=(*films.findings, *checked.findings))
+    else:  # each sample of a film belongs to a frame
+        checked = _thinned(checked, hold=config.input_hold)
     rows: tuple[Excitation, ...] = ()
     period_s = checked.real.period_s or (checked.sim.period_s if checked.sim else None)
     if period_s is not None:
@@ -96,6 +99,16 @@ def open_pair(sim: str, real: str, config: DiagnoseConfig) -> Pair:
     if known.given is not None:
         checked = replace(checked, findings=(*checked.findings, _moved(known, sim)))
     return Pair(known, checked, rows, own, films)
+
+
+def _thinned(checked: Checked, *, hold: str) -> Checked:
+    """Both sides with no more samples than their motion needs."""
+    real, told = thinned(checked.real.motions, hold=hold)
+    checked = replace(checked, real=replace(checked.real, motions=real), findings=(*checked.findings, *told))
+    if checked.sim is None:
+        return checked
+    own, told = thinned(checked.sim.motions, hold=hold)
+    return replace(checked, sim=replace(checked.sim, motions=own), findings=(*checked.findings, *told))
 
 
 def _moved(sim: Sim, source: str) -> Finding:

@@ -105,7 +105,7 @@ def augment(
     the memory of others began in the recording.
     """
     moving, kept, at = [], [], 0
-    for one in (e for e in effects if not isinstance(e.effect, Noise)):
+    for one in (p for e in effects if not isinstance(e.effect, Noise) for p in e.parts or (e,)):
         size = len(one.effect.parameters)
         effect = one.effect.begun(()) if isinstance(one.effect, Force) else one.effect
         kept += list(range(at, at + len(effect.parameters)))

@@ -104,6 +104,26 @@ def evaluate(kind, order, centre, scale, q, powers, value, slope):
                 slope[k, i] = turn * order[k, i]
 
 
+@njit(cache=True, error_model="numpy")
+@no_type_check
+def bend(kind, order, scale, powers, value, curvature):
+    """Write the second derivatives (d, d, K) after `evaluate` has written ``powers`` and ``value``."""
+    n, d = order.shape
+    for k in range(n):
+        for i in range(d):
+            for j in range(i + 1):
+                if kind[k] != POWER:
+                    part = -value[k] * order[k, i] * order[k, j]
+                else:
+                    own = order[k, i]
+                    other = order[k, j] if i != j else own - 1
+                    part = own * other / (scale[i] * scale[j])
+                    for m in range(d if part != 0.0 else 0):
+                        part *= powers[m, order[k, m] - (1 if m == i else 0) - (1 if m == j else 0)]
+                curvature[i, j, k] = part
+                curvature[j, i, k] = part
+
+
 @njit(cache=True)
 @no_type_check
 def highest_power(kind, order):

@@ -15,6 +15,7 @@ from lagsplat.diagnose.effects.effect import (
     InputChange,
     Instance,
     Scales,
+    everywhere,
 )
 from lagsplat.diagnose.effects.external_periodic_force import repeating
 from lagsplat.diagnose.effects.external_push import N_PUSHES
@@ -67,14 +68,21 @@ def instances(
             continue
         for variant in effect.variants:
             if effect.along == "channels" or isinstance(effect, InputChange):
-                out += _on_inputs(effect, bench, u_names)
+                out += together(_on_inputs(effect, bench, u_names))
             elif effect.along == "whole":
                 out.append(Instance(effect, whole_scales(bench), variant))
             else:
-                out += _along(effect, variant, bench, places, hints)
+                out += together(_along(effect, variant, bench, places, hints))
                 if effect.along == "both" and (bench.model.d > 1 or not isinstance(effect, Force)):
                     out.append(Instance(effect, whole_scales(bench), variant))
     return [one for one in out if one.scales.reach > 0.0]
+
+
+def together(places: Sequence[Instance]) -> list[Instance]:
+    """The same, and where it may act at all of these places at once, that too."""
+    moved = [one for one in places if one.scales.reach > 0.0]
+    joint = len(moved) > 1 and moved[0].effect.together
+    return [*places, *([everywhere(moved)] if joint else [])]
 
 
 def _along(

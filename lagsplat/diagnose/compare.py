@@ -11,10 +11,14 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float64
 
-from lagsplat.diagnose.effects.effect import HalfNormal, Instance, Noise
+from lagsplat.diagnose.effects.effect import Instance, Noise
+from lagsplat.diagnose.prior import HalfNormal
 from lagsplat.diagnose.record import Windows
 from lagsplat.diagnose.shoot import Belief, Data, Fit, derivatives, eliminate, shoot
 from lagsplat.diagnose.simulate import Bench
+
+PAID = 40.0
+"""Square of the moved uncertainties, over their price, that is no longer believed."""
 
 
 @dataclass(frozen=True)
@@ -85,6 +89,11 @@ class Contest:
             self.predict(effects), x, self.begun if starts is None else starts, self.data,
             self.belief(effects), iterations=self.iterations, tolerance=self.tolerance, known=known,
         )  # fmt: skip
+
+
+def pushed(fit: Fit, price: float) -> float:
+    """How much further a fit moved the uncertainties than is believed of them, in units of its misfit."""
+    return max(fit.penalty - PAID * price, 0.0)
 
 
 def belief(effects: Sequence[Instance], bench: Bench) -> Belief:

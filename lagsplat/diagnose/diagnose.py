@@ -20,10 +20,13 @@ from lagsplat.diagnose.result import Candidate, Diagnosis
 from lagsplat.diagnose.select import Effort, Ranking, rank
 from lagsplat.diagnose.stand import Sim, stand
 from lagsplat.diagnose.verdict import Judgement, denied, judge
+from lagsplat.diagnose.widened import widened
 from lagsplat.io.motion import Motion
 
 OBVIOUS = 30.0
 """Nats beyond which an effect is named even if the forecasts hardly gain by it."""
+CLOSE = 1.5
+"""Forecasts that are off by so many times what noise leaves, at most, may go without a cause."""
 CLOSED = 4
 """Candidates whose own closure is worked out."""
 
@@ -54,16 +57,15 @@ def diagnose(
         ValueError: the motions are too short for a single window.
     """
     contest, ready, natural = stand(sim, real, config)
-    offers = instances(
-        contest.bench,
-        sought(sim.model, real, period_s=natural.longest_s, hold=config.input_hold),
-        q_names=real[0].q_names,
-        u_names=real[0].u_names,
-        without=config.without,
-    )
+    hints = sought(sim.model, real, period_s=natural.longest_s, hold=config.input_hold)
+    q_names, u_names = real[0].q_names, real[0].u_names
+    offers = instances(contest.bench, hints, q_names=q_names, u_names=u_names, without=config.without)
     effort = Effort.of(config, nominal=max(1.0, sim.misfit), null=null)
-    ranking = rank(contest, offers, effort, tell=tell)
-    chain = combine(contest, ranking, offers, effort, config, tell=tell)
+    ranking, chain = _tried(contest, offers, effort, config, tell)
+    wider = widened(contest, effort, chain[-1] if chain else ranking.none)
+    if wider is not None:
+        contest, effort = wider
+        ranking, chain = _tried(contest, offers, effort, config, tell)
     doubts = partial(doubt, contest, ranking, nominal=effort.nominal)
     judgement = judge(ranking, chain, contest.freedom, effort.nominal, config, doubt=doubts)
     best = judgement.best
@@ -92,10 +94,22 @@ def diagnose(
         absorbed=(),
         blocks=held.blocks if held else (),
         checks=told,
-        q_names=real[0].q_names,
-        u_names=real[0].u_names,
+        q_names=q_names,
+        u_names=u_names,
     )
     return Found(diagnosis, contest, ranking, chosen)
+
+
+def _tried(
+    contest: Contest,
+    offers: Sequence[Instance],
+    effort: Effort,
+    config: DiagnoseConfig,
+    tell: Callable[[str], None],
+) -> tuple[Ranking, tuple[Explained, ...]]:
+    """Every single effect, and the best sets of one to three."""
+    ranking = rank(contest, offers, effort, tell=tell)
+    return ranking, combine(contest, ranking, offers, effort, config, tell=tell)
 
 
 def _measures(
@@ -114,6 +128,7 @@ def _measures(
         ],
         "windows": len(contest.windows.first),
         "temper": ranking.temper,
+        "price": contest.price,
     }
 
 
@@ -142,7 +157,7 @@ def _immaterial(held: Held, best: Explained, config: DiagnoseConfig) -> bool:
     return (
         best.log_evidence < OBVIOUS
         and gap.before - gap.after < config.materiality * gap.before
-        and gap.before < 1.2 * gap.floor
+        and gap.before < CLOSE * gap.floor
     )
 
 
@@ -173,6 +188,7 @@ def _candidates(
                 probability,
                 coordinate=instance.direction.name if instance.direction else None,
                 input=instance.input_name,
+                places=tuple(str(part.place) for part in instance.parts),
                 parameters=parameters(contest, one, instance, ranking.temper),
                 closure=close_alone(contest, one, held, period_s=period_s) if near and held else None,
                 log_evidence=one.log_evidence,

@@ -8,10 +8,9 @@ from jaxtyping import Float64
 from lagsplat.diagnose.basis import Basis
 from lagsplat.diagnose.forms import COEFFICIENTS, FEW, bases, degrees, enlarged, free_directions, grown, moved
 from lagsplat.diagnose.model import Model
-from lagsplat.diagnose.nuisance import Nuisance
+from lagsplat.diagnose.moving import Moving
 from lagsplat.diagnose.record import Record, Windows, cut_windows
-from lagsplat.diagnose.shoot import Belief, Data, Fit, Predict, derivatives, eliminate, shoot
-from lagsplat.diagnose.simulate import Bench
+from lagsplat.diagnose.shoot import Belief, Data, Fit, eliminate, shoot
 from lagsplat.diagnose.weak import Form, model_of, observe, regressors, solve
 
 WORTH = 0.2
@@ -48,11 +47,6 @@ class Setting:
     test_s: float = 0.0
 
 
-def still(d: int, n_u: int, directions: np.ndarray) -> Nuisance:
-    """No uncertainty but along ``directions``."""
-    return Nuisance(1.0, 1.0, 1.0, np.ones(d), 1.0, n_u, directions)
-
-
 @dataclass(frozen=True)
 class Trial:
     """The recordings of a sim, ready for shooting."""
@@ -72,17 +66,19 @@ class Trial:
         w = self.windows
         return float(w.length.sum() * self.record.d - 2 * self.record.d * len(w.first))
 
-    def predictor(self, model: Model, moves: np.ndarray) -> Predict:
-        """Predictions for changes of a model along ``moves``."""
-        nuisance = still(model.d, model.n_u, moves)
-        bench = Bench(model, self.record, nuisance, self.steps, self.held, self.smooth)
-        fixed = nuisance.size - len(moves)
+    def moving(self, model: Model, moves: np.ndarray) -> Moving:
+        """Rollouts for changes of a model along ``moves``."""
+        return Moving(model, self.record, self.windows, moves, self.smooth, self.steps, self.held)
 
-        def predict(x: np.ndarray, starts: np.ndarray) -> np.ndarray:
-            padded = np.concatenate([np.zeros((len(x), fixed)), x], axis=1)
-            return bench.rollouts((), padded, starts, self.windows)[0]
-
-        return predict
+    def shot(
+        self, model: Model, moves: np.ndarray, starts: np.ndarray, belief: Belief, *, iterations: int
+    ) -> Fit:
+        """How far to go along ``moves``, by shooting."""
+        moving = self.moving(model, moves)
+        return shoot(
+            moving, np.zeros(len(moves)), starts, self.data, belief,
+            iterations=iterations, tolerance=self.setting.tolerance, exact=moving.derivatives,
+        )  # fmt: skip
 
     @property
     def begun(self) -> Float64[np.ndarray, "W s"]:
@@ -92,33 +88,13 @@ class Trial:
     def missed(self, model: Model) -> float:
         """Misfit of a model where only the starts of the windows are fitted."""
         nothing = np.zeros((0, sum(getattr(model, name).size for name in COEFFICIENTS)))
-        fit = shoot(
-            self.predictor(model, nothing), np.zeros(0), self.begun, self.data, loose(0),
-            iterations=4, tolerance=self.setting.tolerance,
-        )  # fmt: skip
+        fit = self.shot(model, nothing, self.begun, loose(0), iterations=4)
         return fit.misfit if np.isfinite(fit.misfit) else np.inf
 
-    @property
-    def many(self) -> bool:
-        """Whether there are so many coefficients that slopes are worth keeping for some steps."""
-        return self.record.d > FEW
-
-    def refine(
-        self,
-        model: Model,
-        form: Form,
-        starts: np.ndarray,
-        known: tuple[np.ndarray, np.ndarray] | None = None,
-    ) -> tuple[Model, Fit, np.ndarray]:
-        """Coefficients by shooting; the fit, and the moves that its unknowns mean.
-
-        ``known`` are slopes by the coefficients and by the starts where it begins.
-        """
+    def refine(self, model: Model, form: Form, starts: np.ndarray) -> tuple[Model, Fit, np.ndarray]:
+        """Coefficients by shooting; the fit, and the moves that its unknowns mean."""
         moves = free_directions(model, form, self.speed)
-        fit = shoot(
-            self.predictor(model, moves), np.zeros(len(moves)), starts, self.data, loose(len(moves)),
-            iterations=self.setting.iterations, tolerance=self.setting.tolerance, known=known,
-        )  # fmt: skip
+        fit = self.shot(model, moves, starts, loose(len(moves)), iterations=self.setting.iterations)
         return moved(model, fit.x @ moves), fit, moves
 
 
@@ -141,11 +117,11 @@ def left_open(
 
 @dataclass(frozen=True)
 class Promise:
-    """A larger form, the misfit it would take away to first order, and the slopes that say so."""
+    """A larger form, how many numbers are free in it, and the misfit it would take away to first order."""
 
     gain: float
     form: Form
-    known: tuple[np.ndarray, np.ndarray]
+    n: int
 
 
 def promised(trial: Trial, model: Model, form: Form, larger: list[Form], fit: Fit) -> list[Promise]:
@@ -160,18 +136,15 @@ def promised(trial: Trial, model: Model, form: Form, larger: list[Form], fit: Fi
     )
     roomy = enlarged(model, union)
     moves = free_directions(roomy, union, trial.speed)
-    predict = trial.predictor(roomy, moves)
-    residual, slopes, begun = derivatives(
-        predict, np.zeros(len(moves)), fit.starts, trial.data, np.full(len(moves), 1e-5)
-    )
-    curvature, gradient, *_ = eliminate(residual, slopes, begun)
+    linear = trial.moving(roomy, moves).derivatives(np.zeros(len(moves)), fit.starts, trial.data)
+    curvature, gradient, *_ = eliminate(*linear)
     out = []
     for candidate in larger:
         own = free_directions(enlarged(model, candidate), candidate, trial.speed)
         kept = np.flatnonzero(_within(roomy, own, moves, enlarged(model, candidate)))
         h = curvature[np.ix_(kept, kept)] + np.eye(len(kept)) / 9.0
         gain = float(gradient[kept] @ np.linalg.lstsq(h, gradient[kept], rcond=1e-12)[0])
-        out.append(Promise(gain, candidate, (slopes[..., kept], begun)))
+        out.append(Promise(gain, candidate, len(kept)))
     return out
 
 
@@ -202,7 +175,7 @@ def first_model(trial: Trial, basis: Basis, form: Form, width: np.ndarray) -> Mo
         return [model_of(samples, form, solve(rows, known, ridge), names, rest) for ridge in ridges]
 
     ridge = trial.setting.ridge
-    if trial.many:
+    if trial.record.d > FEW:
         return min((m for share in TESTS for m in told(share, ridge, 1e-3 * ridge)), key=trial.missed)
     model, stiff = told(1.0, ridge, 0.1)
     return model if np.linalg.eigvalsh(model.mass[0]).min() >= 0.05 else stiff
@@ -228,20 +201,19 @@ def grow(
             return best, model, form, fit, moves
         after = [
             (trial.n_data * np.log(max((fit.misfit - one.gain) / trial.n_data, 0.5))
-             + one.known[0].shape[2] * np.log(trial.n_data), one.form.order, one)
+             + one.n * np.log(trial.n_data), one.form.order, one)
             for one in promised(trial, model, form, larger, fit)
         ]  # fmt: skip
         hoped, _, chosen = min(after, key=lambda row: row[:2])
         if hoped > best:
             return best, model, form, fit, moves
         candidate = chosen.form
-        slopes = chosen.known if trial.many else None
-        tried = trial.refine(enlarged(model, candidate), candidate, fit.starts, slopes)
+        tried = trial.refine(enlarged(model, candidate), candidate, fit.starts)
         if cost(tried[1], len(tried[2])) < best:
             worth = tried[1].misfit < (1.0 - WORTH) * fit.misfit
             (model, fit, moves), form = tried, candidate
             best = cost(fit, len(moves))
-            if trial.many and not worth:
+            if trial.record.d > FEW and not worth:
                 return best, model, form, fit, moves
             refused.clear()
         else:

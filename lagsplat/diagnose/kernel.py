@@ -1,4 +1,4 @@
-"""Many rollouts of a sim with up to three unmodelled forces, by the classical Runge-Kutta method.
+"""Many rollouts of a sim with unmodelled forces, by the classical Runge-Kutta method.
 
 A batch is ``P`` sets of parameters times ``W`` windows of a recording. A force acts along a direction ``p``:
 with ``s = p.(q - rest)`` its law says an acceleration ``f(t, s, ds/dt, ...)``, and ``p m f`` is added to the
@@ -16,7 +16,6 @@ from lagsplat.diagnose.basis import evaluate, highest_power
 
 LAW = float64(float64, float64, float64, float64, float64, float64[::1], float64[::1], float64[::1])
 """``law(t, s, v, spring, drive, memory, theta, d_memory) -> acceleration``; writes the rate of its memory."""
-SLOTS = 3
 FAR = 1e6  # in units of the scale of the coordinates: a rollout that has left for good
 
 
@@ -34,8 +33,8 @@ def nothing(t, s, v, spring, drive, memory, theta, d_memory):
 
 @njit(cache=True)
 @no_type_check
-def _solve(a, b, d):
-    """Overwrite the second half of ``b`` (2 d,) with ``a^-1`` of it; ``a`` is symmetric and overwritten."""
+def factorise(a, d):
+    """Overwrite the lower triangle of ``a`` (d, d), which is symmetric, with its Cholesky factor."""
     for j in range(d):
         for k in range(j):
             a[j, j] -= a[j, k] * a[j, k]
@@ -44,6 +43,12 @@ def _solve(a, b, d):
             for k in range(j):
                 a[i, j] -= a[i, k] * a[j, k]
             a[i, j] /= a[j, j]
+
+
+@njit(cache=True)
+@no_type_check
+def substitute(a, b, d):
+    """Overwrite the second half of ``b`` (2 d,) with the solution for the factor ``a``."""
     for i in range(d):
         for k in range(i):
             b[d + i] -= a[i, k] * b[d + k]
@@ -56,12 +61,14 @@ def _solve(a, b, d):
 
 @njit(cache=True, error_model="numpy", inline="always")
 @no_type_check
-def _rate(basis, fields, laws, along, inertia, theta, t, state, u, rate, phi, slope, work, m, powers):
-    """Write the rate of ``state``: coordinates, velocities and the laws' memories, slot after slot."""
+def forces(basis, fields, state, u, rate, phi, slope, work, m, powers):
+    """Write velocities and generalised forces of the sim alone into ``rate``, and the mass into ``m``.
+
+    ``work`` (2 d,) is what spring and drive do; of ``m`` (d, d) the lower triangle counts.
+    """
     kind, order, centre, scale = basis
     mass, damping, potential, input_map, dry, drag, width, rest = fields
     d, n_u = rest.shape[0], input_map.shape[0]
-    n_z = (state.shape[0] - 2 * d) // SLOTS
     evaluate(kind, order, centre, scale, state, powers, phi, slope.T)
     for i in range(d):
         rate[i] = state[d + i]
@@ -95,7 +102,17 @@ def _rate(basis, fields, laws, along, inertia, theta, t, state, u, rate, phi, sl
                 rate[d + n] += (0.5 if i == j else 1.0) * state[d + i] * change * state[d + j]
                 if i != j:
                     rate[d + j] -= state[d + n] * change * state[d + i]
-    for slot in range(SLOTS):
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+@no_type_check
+def _rate(basis, fields, laws, along, inertia, theta, t, state, u, rate, phi, slope, work, m, powers):
+    """Write the rate of ``state``: coordinates, velocities and the laws' memories, slot after slot."""
+    rest = fields[7]
+    d = rest.shape[0]
+    n_z = (state.shape[0] - 2 * d) // inertia.shape[0]
+    forces(basis, fields, state, u, rate, phi, slope, work, m, powers)
+    for slot in range(inertia.shape[0]):
         if inertia[slot] == 0.0:
             continue
         s, v, pull, push = 0.0, 0.0, 0.0, 0.0
@@ -109,7 +126,8 @@ def _rate(basis, fields, laws, along, inertia, theta, t, state, u, rate, phi, sl
         f = laws[slot](t, s, v, pull / heavy, push / heavy, state[at], theta[slot], rate[at])
         for i in range(d):
             rate[d + i] += along[slot, i] * heavy * f
-    _solve(m, rate, d)
+    factorise(m, d)
+    substitute(m, rate, d)
 
 
 @njit(parallel=True, cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
@@ -121,7 +139,7 @@ def rollouts(
     """Write the states (P, W, L, 2 d) at the frames of every window, for every set of parameters.
 
     ``u`` (S, N, steps, 3, n_u) holds the inputs at the beginning, middle and end of every substep; ``u_of``
-    (P,) says which of them a set uses. ``memory`` (P, W, 3, Z) is the laws' memory at the windows' starts.
+    (P,) says which of them a set uses. ``memory`` (P, W, laws, Z) is the laws' memory at the windows' starts.
     Coefficients have the functions of the basis last, (P, d, d, K) and (P, n_u, d, K), for sums over these
     are most of the work.
     """

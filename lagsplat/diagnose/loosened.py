@@ -13,7 +13,7 @@ from lagsplat.diagnose.compare import Contest, Explained, log_evidence
 
 LOOSE = 60.0
 """How much looser: what is known to parts in a thousand may then be off by tens of per cent."""
-BELIEVED = 3.0
+BELIEVED = 1.5
 """Mean square residual on its own recordings, in that of the noise, up to which a sim can be believed."""
 WORSE = 0.05
 """Mean square residual, in that of the noise, by which the loose sim may be worse and still explain all."""

@@ -18,7 +18,7 @@ from lagsplat.diagnose.stand import Sim, periods, stand
 from lagsplat.io.motion import Motion
 from lagsplat.io.motion_part import leading
 
-TWICE = 2.0
+ELSEWHERE = 4.0
 """How much more the same errors may pass for in another recording than in the sim's own."""
 
 
@@ -30,11 +30,11 @@ def null_evidence(
     *,
     tell: Callable[[str], None] = lambda name: None,
 ) -> float:
-    """Nats that an effect must gain beyond: `TWICE` what the best gains on ``own``, where there is none.
+    """Nats that an effect must gain beyond: `ELSEWHERE` times what the best gains where there is none.
 
-    ``own`` is taken as long as ``real`` is. Evidence grows with the time recorded, so that a shorter one is
-    scaled up. Where the sim knows how it was seen to move, those stretches of ``own`` are taken that are most
-    like those of ``real``, each as often as it is called for. Zero where nothing gains.
+    That is on ``own``, taken as long as ``real`` is. Evidence grows with the time recorded, so that a shorter
+    one is scaled up. Where the sim knows how it was seen to move, those stretches of ``own`` are taken that
+    are most like those of ``real``, each as often as it is called for. Zero where nothing gains.
 
     Raises:
         ValueError: ``own`` is too short for a single window.
@@ -56,7 +56,7 @@ def null_evidence(
     effort = Effort.of(config, nominal=max(1.0, sim.misfit))
     found = rank(contest, offers, effort, tell=tell).found
     gained = max((one.log_evidence for one in found), default=0.0)
-    return TWICE * max(gained, 0.0) * more
+    return ELSEWHERE * max(gained, 0.0) * more
 
 
 def like(sim: Sim, own: Motion, real: Sequence[Motion], config: DiagnoseConfig) -> Contest:

@@ -64,7 +64,7 @@ def rough_period_s(motions: Sequence[Motion]) -> float:
             f"{motions[0].source}: the longest clip has {longest} samples, too few to tell how it swings; "
             f"record at least {LEAST} without a cut, and better ten periods"
         )
-    swing_s, rate_s = _rms_period_s(motions, 0), _rms_period_s(motions, 1)
+    swing_s, rate_s = rms_period_s(motions, 0), rms_period_s(motions, 1)
     if swing_s is None or rate_s is None:
         raise ValueError(
             f"{motions[0].source}: nothing moves in any clip of {LEAST} samples; record a motion"
@@ -72,7 +72,7 @@ def rough_period_s(motions: Sequence[Motion]) -> float:
     return rate_s if swing_s > STEPPED * rate_s else swing_s
 
 
-def _rms_period_s(motions: Sequence[Motion], order: int) -> float | None:
+def rms_period_s(motions: Sequence[Motion], order: int) -> float | None:
     """The rms period of the spectrum of the ``order``-th derivative; None where nothing moves."""
     weighted = total = 0.0
     for motion in motions:

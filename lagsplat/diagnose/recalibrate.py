@@ -8,11 +8,11 @@ from jaxtyping import Float64
 
 from lagsplat.diagnose.config import DiagnoseConfig
 from lagsplat.diagnose.familiar import Familiar
-from lagsplat.diagnose.forms import FEW, degrees, free_directions, moved
+from lagsplat.diagnose.forms import COEFFICIENTS, FEW, degrees, free_directions, moved
 from lagsplat.diagnose.identify import Trial, left_open
 from lagsplat.diagnose.model import Model
 from lagsplat.diagnose.sample import rest_of
-from lagsplat.diagnose.shoot import Belief, Fit, shoot
+from lagsplat.diagnose.shoot import Belief, Fit, eliminate
 from lagsplat.diagnose.stand import Sim, correlation, setting_of, stand
 from lagsplat.diagnose.weak import Form
 from lagsplat.io.motion import Motion
@@ -97,10 +97,8 @@ def refit(trial: Trial, model: Model, step: tuple[int, int, int, int], *, excess
     belief = Belief(
         np.zeros(n), np.full(n, WRONG_BY / np.sqrt(excess)), np.full(n, -np.inf), np.full(n, 1e-4)
     )
-    fit = shoot(
-        trial.predictor(model, moves), np.zeros(n), trial.begun, trial.data, belief,
-        iterations=ITERATIONS * trial.setting.iterations, tolerance=trial.setting.tolerance,
-    )  # fmt: skip
+    iterations = ITERATIONS * trial.setting.iterations
+    fit = trial.shot(model, moves, trial.begun, belief, iterations=iterations)
     return Moved(moved(model, fit.x @ moves), fit, moves)
 
 
@@ -122,8 +120,20 @@ def directions(trial: Trial, model: Model, form: Form) -> Float64[np.ndarray, "n
     return (vectors[:, kept] / np.sqrt(values[kept])).T @ plain
 
 
+def heavier(model: Model) -> Float64[np.ndarray, " K"]:
+    """The change of all coefficients that doubles the inertia, and nothing else."""
+    return np.concatenate([(name == "mass") * getattr(model, name).ravel() for name in COEFFICIENTS])
+
+
 def _open(one: Moved, trial: Trial) -> Float64[np.ndarray, "n K"]:
-    """What the fit leaves open, its correlated residual counted as fewer samples."""
+    """What the fit leaves open, its correlated residual counted as fewer samples.
+
+    So is how heavy the mechanism is as a whole, which no move changes: without it a wrong inertia of the law
+    would be a change of mass in whatever it is held against.
+    """
+    moves = np.concatenate([one.moves, heavier(one.model)[None]])
+    linear = trial.moving(one.model, moves).derivatives(np.zeros(len(moves)), one.fit.starts, trial.data)
+    curvature, *_ = eliminate(*linear)
     misfit = max(one.fit.misfit / max(trial.n_data - len(one.moves), 1.0), 1.0)
     alike = correlation(one.fit.residual, trial.windows.length)
-    return left_open(one.fit.curvature / (misfit * alike), one.moves, deviation=WRONG_BY)
+    return left_open(curvature / (misfit * alike), moves, deviation=WRONG_BY)

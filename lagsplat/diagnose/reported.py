@@ -45,9 +45,9 @@ def unit(instance: Instance, key: str) -> str:
         return "Hz"
     first = instance.effect.parameters[0].kind
     raw = UNITS[kinds.get(key, kinds.get(f"{key.removesuffix('s')} 0", first))]
-    coordinate = instance.direction.name if instance.direction else None
     raw = instance.effect.variant_units.get(instance.variant, raw)
-    return raw.format(q=coordinate or "q", u=instance.input_name or "u")
+    place = next((part.place for part in instance.parts if key.endswith(f" {part.place}")), instance.place)
+    return raw.format(q=place or "q", u=place or "u")
 
 
 def told(instance: Instance, row: np.ndarray, record: Record) -> dict[str, Any]:

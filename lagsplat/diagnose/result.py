@@ -44,6 +44,8 @@ class Candidate:
     """Over ``none`` [nat]."""
     misfit: float | None = None
     """Mean square of its residual, in units of the noise."""
+    places: tuple[str, ...] = ()
+    """The coordinates or the inputs, where it acts at several at once."""
 
 
 @dataclass(frozen=True)

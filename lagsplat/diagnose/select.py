@@ -151,14 +151,14 @@ def _repeated(contest: Contest, base: Explained) -> tuple[float, int]:
 
 def _alike(residual: np.ndarray, mask: np.ndarray) -> float:
     """Correlation of the residual (windows, samples, d) from one sample to the next."""
-    seen = np.where(mask, residual, 0.0)
+    seen = np.where(mask[..., None], residual, 0.0)
     return float((seen[:, 1:] * seen[:, :-1]).sum() / max((seen**2).sum(), np.finfo(float).tiny))
 
 
 def _noisy(contest: Contest, base: Explained, offers: Sequence[Instance]) -> list[tuple[float, Explained]]:
     """Effects that only move single samples, judged by the residual of the base."""
     out = []
-    mask = contest.data.weight > 0.0
+    mask = contest.data.weight[..., 0] > 0.0  # a frame shows all coordinates or none
     for offer in offers:
         if not isinstance(offer.effect, Noise):
             continue

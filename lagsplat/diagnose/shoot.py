@@ -2,7 +2,8 @@
 
 Minimises ``sum |(y - predicted)/sigma|^2 + sum ((x - mean)/deviation)^2`` over parameters ``x`` and the
 starting state of every window. States enter only their own window, so that they are eliminated window by
-window (Schur complement). Derivatives are differences of rollouts, all of them in one batch.
+window (Schur complement). Derivatives are differences of rollouts, all of them in one batch, unless exact
+ones are handed over.
 
 Source: Bock, "Recent advances in parameter identification for ODE", 1983; paper's rollouts, eq. (roll).
 """
@@ -36,6 +37,10 @@ class Data:
     weight: Float64[np.ndarray, "W L d"]
     start_step: Float64[np.ndarray, " s"]
     """Differences of the starting state, (2 d,)."""
+
+
+Linearise = Callable[[np.ndarray, np.ndarray, Data], tuple[np.ndarray, np.ndarray, np.ndarray]]
+"""What `derivatives` says of parameters, starts and data, worked out in another way."""
 
 
 @dataclass(frozen=True)
@@ -134,18 +139,24 @@ def shoot(
     iterations: int,
     tolerance: float,
     known: tuple[np.ndarray, np.ndarray] | None = None,
+    exact: Linearise | None = None,
 ) -> Fit:
     """Minimise from ``x`` and ``starts``; stops when a step gains less than ``tolerance`` of the cost.
 
-    ``known`` are slopes by the last parameters and by the starts from a fit nearby: those of the first
-    parameters are then taken anew after every step and the rest now and then, for they change little.
+    ``exact`` derivatives take the place of differences. ``known`` are slopes by the last parameters and by
+    the starts from a fit nearby: those of the first parameters are then taken anew after every step and the
+    rest now and then, for they change little.
     """
+
+    def linear(x: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return exact(x, starts, data) if exact else derivatives(predict, x, starts, data, belief.step)
+
     n_own = 0 if known is None else len(x) - known[0].shape[2]
     damping = 1e-3
     inverse = 1.0 / belief.deviation**2
     done, age = 0, 0
     if known is None:
-        residual, slopes, begun = derivatives(predict, x, starts, data, belief.step)
+        residual, slopes, begun = linear(x, starts)
     else:
         residual, own = leading(predict, x, starts, data, belief.step, n_own)
         slopes, begun = np.concatenate([own, known[0]], axis=2), known[1]
@@ -167,12 +178,12 @@ def shoot(
             age += 1
             continue
         fresh = age == 0
-        residual, slopes, begun = derivatives(predict, x, starts, data, belief.step)
+        residual, slopes, begun = linear(x, starts)
         age = 0
         if gain < tolerance * cost + 1e-9 and fresh:
             break
     if age:
-        residual, slopes, begun = derivatives(predict, x, starts, data, belief.step)
+        residual, slopes, begun = linear(x, starts)
     curvature, _, log_det, _, _ = eliminate(residual, slopes, begun)
     return Fit(x, starts, residual, misfit, paid, curvature, log_det, done, slopes, begun)
 

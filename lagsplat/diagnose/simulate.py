@@ -15,11 +15,14 @@ from lagsplat.diagnose.effects.effect import (
     ModelChange,
     Observation,
 )
-from lagsplat.diagnose.kernel import SLOTS, memories, nothing, rollouts
+from lagsplat.diagnose.kernel import memories, nothing, rollouts
 from lagsplat.diagnose.model import Model
 from lagsplat.diagnose.nuisance import Nuisance
 from lagsplat.diagnose.record import Record, Windows
 from lagsplat.diagnose.signal import Signal, signals
+
+FEW = 3
+"""Forces that act at once, at one place each, unless some act everywhere."""
 
 
 @dataclass(frozen=True)
@@ -69,6 +72,7 @@ class Bench:
     ) -> tuple[np.ndarray, np.ndarray]:
         """What is seen, and its rate, (P, W, L, d), for unknowns of ``effects`` followed by the nuisance."""
         parts, at = [], 0
+        effects = [part for effect in effects for part in effect.parts or (effect,)]
         for effect in effects:
             size = len(effect.effect.parameters)
             parts.append(effect.physical(x[:, at : at + size]))
@@ -98,7 +102,7 @@ class Bench:
         out = np.zeros((len(spare), len(windows.first), windows.longest, 2 * model.d))
         rollouts(
             (basis.kind, basis.order, basis.centre, basis.scale),
-            *(_functions_last(getattr(fields, name)) for name in Fields.__dataclass_fields__),
+            *(functions_last(getattr(fields, name)) for name in Fields.__dataclass_fields__),
             model.width,
             model.rest,
             laws,
@@ -154,11 +158,12 @@ class Bench:
             for e, t in zip(effects, parts, strict=True)
             if isinstance(e.effect, Force) and e.direction is not None
         ]
-        laws, d = [nothing] * SLOTS, self.model.d
-        along, inertia = np.zeros((SLOTS, d)), np.zeros(SLOTS)
+        d = self.model.d
+        n = FEW if len(forces) <= FEW else FEW * d  # few sizes, for a kernel is compiled for each
+        laws, along, inertia = [nothing] * n, np.zeros((n, d)), np.zeros(n)
         tables, size = [], 1
         n_memory = max([e.effect.n_memory for e, _ in forces], default=0)  # type: ignore[attr-defined]
-        memory = np.zeros((n_sets, len(windows.first), SLOTS, n_memory))
+        memory = np.zeros((n_sets, len(windows.first), n, n_memory))
         for slot, (instance, theta) in enumerate(forces):
             effect, direction = instance.effect, instance.direction
             assert isinstance(effect, Force)
@@ -170,7 +175,7 @@ class Bench:
             size = max(size, tables[-1].shape[1])
             if effect.n_memory:
                 memory[:, :, slot, : effect.n_memory] = self._memory(instance, tables[-1], begun, windows)
-        table = np.zeros((n_sets, SLOTS, size))
+        table = np.zeros((n_sets, n, size))
         for slot, values in enumerate(tables):
             table[:, slot, : values.shape[1]] = values
         return tuple(laws), along, inertia, table, memory
@@ -200,7 +205,7 @@ class Bench:
         return out[which.reshape(-1)][:, windows.first]
 
 
-def _functions_last(coefficients: np.ndarray) -> np.ndarray:
+def functions_last(coefficients: np.ndarray) -> np.ndarray:
     """Coefficients (P, K, ...) of fields as the kernel takes them; (P, K) and (P, d) are as they are."""
     return np.ascontiguousarray(np.moveaxis(coefficients, 1, -1) if coefficients.ndim > 2 else coefficients)
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float64
 
-from lagsplat.diagnose.compare import Contest, belief
+from lagsplat.diagnose.compare import Contest, belief, pushed
 from lagsplat.diagnose.config import DiagnoseConfig
 from lagsplat.diagnose.familiar import Familiar
 from lagsplat.diagnose.forms import COEFFICIENTS
@@ -186,7 +186,8 @@ def measured(sim: Sim, contest: Contest) -> Sim:
     # what is wrong for long is cheaper to leave than to follow, which shows only once it is known
     price = max(fit.misfit / contest.freedom, 1.0) * correlation(fit.residual, length)
     fit = replace(contest, price=price).fit((), still)
-    return replace(sim, misfit=fit.misfit / contest.freedom, correlation=correlation(fit.residual, length))
+    left = (fit.misfit + pushed(fit, price)) / contest.freedom
+    return replace(sim, misfit=left, correlation=correlation(fit.residual, length))
 
 
 def correlation(residual: Float64[np.ndarray, "W L d"], length: np.ndarray) -> float:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lagsplat.diagnose.catalogue import catalogue
-from lagsplat.diagnose.compare import Explained
+from lagsplat.diagnose.compare import Explained, pushed
 from lagsplat.diagnose.config import DiagnoseConfig
 from lagsplat.diagnose.doubt import Doubt
 from lagsplat.diagnose.result import Verdict
@@ -40,8 +40,6 @@ WIDER, ROUGH = 1.5, 0.01
 """Factor on a parameter's standard deviation, and what is added: laws are never quite right."""
 CERTAIN = 5.0
 """Nats by which the members of a set that explains everything stand above any single effect."""
-PAID = 40.0
-"""Square of the moved uncertainties, over the temper, that asks for a further effect."""
 
 
 @dataclass(frozen=True)
@@ -87,13 +85,12 @@ def left_over(one: Explained, freedom: float, nominal: float, config: DiagnoseCo
 
     What it has pushed into the sim's own uncertainties, beyond what is believed of these, is left, too.
     """
-    pushed = max(one.fit.penalty - PAID * nominal * config.temper, 0.0)
-    return (one.fit.misfit + pushed) / freedom - nominal
+    return (one.fit.misfit + pushed(one.fit, nominal * config.temper)) / freedom - nominal
 
 
 def moved(one: Explained, nominal: float, config: DiagnoseConfig) -> bool:
     """Whether the sim's own uncertainties had to move further than they are believed to."""
-    return one.fit.penalty > PAID * nominal * config.temper
+    return pushed(one.fit, nominal * config.temper) > 0.0
 
 
 def audible(freedom: float, nominal: float, config: DiagnoseConfig) -> float:

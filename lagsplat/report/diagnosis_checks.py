@@ -53,6 +53,14 @@ def effects_shown(rows: Sequence[Shown], grade: str) -> list[str]:
     return [row.effect for row in rows if row.excited == grade]
 
 
+def advice(diagnosis: Diagnosis) -> list[tuple[str, str]]:
+    """What to record to see each effect that this recording shows badly, the likeliest of them first."""
+    told = [text.partition(": ")[::2] for text in diagnosis.excitation]
+    chance = {one.name: one.probability for one in diagnosis.candidates}
+    named = [(name, record) for name, record in told if name not in diagnosis.combination]
+    return sorted(named, key=lambda row: -chance.get(row[0], 0.0))
+
+
 def measures(diagnosis: Diagnosis) -> dict[str, Any]:
     """The other checks as plain values by name."""
     return {

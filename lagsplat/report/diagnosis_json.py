@@ -96,6 +96,7 @@ def _effect(candidate: Candidate) -> dict[str, Any]:
         "probability": plain(candidate.probability),
         "coordinate": candidate.coordinate,
         "input": candidate.input,
+        "places": list(candidate.places),
         "parameters": plain(candidate.parameters),
         "closure": plain(candidate.closure or Interval(None, None, None)),
         "log_evidence": plain(candidate.log_evidence),
@@ -120,6 +121,7 @@ def _candidate(effect: Mapping[str, Any]) -> Candidate:
         probability=effect["probability"],
         coordinate=effect["coordinate"],
         input=effect["input"],
+        places=tuple(effect.get("places", ())),
         parameters={
             name: Parameter(one["value"], one["low"], one["high"], one["unit"])
             for name, one in effect["parameters"].items()

@@ -39,19 +39,30 @@ def second_forecast(diagnosis: Diagnosis) -> str:
 
 def place(candidate: Candidate) -> str:
     """An effect and where it acts, such as "Coulomb friction at q1"."""
-    at = [f"at {candidate.coordinate}"] if candidate.coordinate else []
-    of = [f"of {candidate.input}"] if candidate.input else []
+    coordinate, source = _spots(candidate)
+    at = [f"at {coordinate}"] if coordinate else []
+    of = [f"of {source}"] if source else []
     return " ".join([short_title(candidate.name), *at, *of])
+
+
+def _spots(candidate: Candidate) -> tuple[str | None, str | None]:
+    """The coordinates and the inputs where it acts, as read in a sentence."""
+    if not candidate.places:
+        return candidate.coordinate, candidate.input
+    several = " and ".join([", ".join(candidate.places[:-1]), candidate.places[-1]])
+    return (None, several) if candidate.name.startswith("input_") else (several, None)
 
 
 def titled(candidate: Candidate) -> str:
     """The title with its place, such as "a delay of input u0"."""
     title = words_of(candidate.name).title
-    if candidate.input and "an input" in title:
-        title = title.replace("an input", f"input {candidate.input}")
-    elif candidate.input:
-        title += f", on input {candidate.input}"
-    return f"{title} at {candidate.coordinate}" if candidate.coordinate else title
+    coordinate, source = _spots(candidate)
+    inputs = "inputs" if candidate.places else "input"
+    if source and "an input" in title:
+        title = title.replace("an input", f"{inputs} {source}")
+    elif source:
+        title += f", on {inputs} {source}"
+    return f"{title} at {coordinate}" if coordinate else title
 
 
 def estimates(candidate: Candidate) -> list[str]:

@@ -10,7 +10,14 @@ from jinja2 import Environment, StrictUndefined
 
 from lagsplat.diagnose.result import Candidate, Diagnosis, Interval
 from lagsplat.io.atomic import write_text
-from lagsplat.report.diagnosis_checks import TOLD_APART, effects_shown, excitations, findings, measures
+from lagsplat.report.diagnosis_checks import (
+    TOLD_APART,
+    advice,
+    effects_shown,
+    excitations,
+    findings,
+    measures,
+)
 from lagsplat.report.diagnosis_exhibits import Exhibits
 from lagsplat.report.diagnosis_figures import draw_all
 from lagsplat.report.diagnosis_names import estimates, place
@@ -26,12 +33,16 @@ EXPLAINED = 0.02  # probability from which a candidate is explained
 FEW = 6  # numbers that a tile holds
 GRADES = {"yes": "Shown well", "weak": "Shown weakly", "no": "Cannot be shown"}
 LABELS = {
+    "natural_period_s": "natural period (s)",
     "period_s": "natural period (s)",
     "periods": "natural periods recorded",
     "blocks": "blocks to divide into fit and test",
     "noise": "noise of each coordinate (rms)",
     "duration_s": "seconds recorded",
+    "windows": "stretches fitted",
+    "sim_misfit": "mean square by which the sim misses its own recordings (noise is 1)",
 }
+"""What is told of the data beforehand; other numbers stand at the end."""
 
 
 def save_page(path: str | os.PathLike[str], diagnosis: Diagnosis, exhibits: Exhibits) -> None:
@@ -61,12 +72,13 @@ def diagnosis_page(diagnosis: Diagnosis, exhibits: Exhibits) -> str:
         paragraph=paragraph(diagnosis),
         files=_files(diagnosis),
         tiles=_tiles(diagnosis),
+        numbers=_numbers(diagnosis),
         findings=findings(diagnosis),
         checked="findings" in diagnosis.checks,
         shown=_shown(diagnosis),
         equivalent=[[short_title(name) for name in names] for names in diagnosis.equivalent],
         excitations=[_named(row) for row in rows],
-        advice=diagnosis.excitation,
+        advice=[f"{short_title(name)}: {record}" for name, record in advice(diagnosis)],
         warnings=_further(diagnosis),
         absorbed=[short_title(name) for name in diagnosis.absorbed],
         figures=[
@@ -112,14 +124,22 @@ def _files(diagnosis: Diagnosis) -> list[str]:
 
 
 def _tiles(diagnosis: Diagnosis) -> list[dict[str, str]]:
-    tiles = [
-        {"label": LABELS.get(name, name.replace("_", " ")), "value": told}
-        for name, value in measures(diagnosis).items()
-        if (told := _told(value))
-    ]
+    told = {name: _told(value) for name, value in measures(diagnosis).items()}
+    tiles = [{"label": label, "value": told[name]} for name, label in LABELS.items() if told.get(name)]
     if diagnosis.blocks:
         tiles.append({"label": "held-out blocks forecast", "value": str(len(diagnosis.blocks))})
     return tiles
+
+
+def _numbers(diagnosis: Diagnosis) -> list[dict[str, str]]:
+    """The checks that came with the fits."""
+    rest = [(name, value) for name, value in measures(diagnosis).items() if name not in LABELS]
+    told = [(name, _listed(value) if isinstance(value, Mapping) else _told(value)) for name, value in rest]
+    return [{"label": name.replace("_", " "), "value": value} for name, value in told if value]
+
+
+def _listed(values: Mapping[str, Any]) -> str:
+    return "; ".join(f"{name}: {told}" for name, value in values.items() if (told := _told(value)))
 
 
 def _told(value: Any) -> str:

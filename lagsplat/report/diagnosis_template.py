@@ -145,6 +145,10 @@ where an effect explains everything.</div>
 <div class="wide"><table><tbody>
 {% for one in provenance %}<tr><td>{{ one.label }}</td><td><code>{{ one.value }}</code></td></tr>
 {% endfor %}</tbody></table></div>
+{% if numbers %}<h3>Numbers of the fits</h3>
+<div class="wide"><table><tbody>
+{% for one in numbers %}<tr><td>{{ one.label }}</td><td>{{ one.value }}</td></tr>
+{% endfor %}</tbody></table></div>{% endif %}
 <div class="row">Beside this page: <code>diagnosis.json</code> holds these numbers, <code>rollouts.csv</code>
 every held-out forecast from which the gap can be computed again.</div>
 </section>

@@ -3,7 +3,7 @@
 import math
 
 from lagsplat.diagnose.result import Candidate, Diagnosis, Gap
-from lagsplat.report.diagnosis_checks import effects_shown, excitations, reasons
+from lagsplat.report.diagnosis_checks import advice, effects_shown, excitations, reasons
 from lagsplat.report.diagnosis_names import (
     alike,
     chance_of,
@@ -262,10 +262,11 @@ def _closure(diagnosis: Diagnosis, act: str) -> str:
 
 
 def _next(diagnosis: Diagnosis) -> str:
-    if not diagnosis.excitation:
+    wanted = advice(diagnosis)
+    if not wanted:
         return ""
-    advice = diagnosis.excitation[0].rstrip(".")
-    return f"To know more, record this next: {advice}."
+    effect, record = wanted[0]
+    return f"To know more of {short_title(effect)}, record this next: {record.rstrip('.')}."
 
 
 def _listed(names: list[str], word: str) -> str:

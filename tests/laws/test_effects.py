@@ -39,17 +39,9 @@ from lagsplat.diagnose.effects import (
     time_offset,
     viscous_damping,
 )
-from lagsplat.diagnose.effects.effect import (
-    UNITS,
-    Force,
-    Instance,
-    LogNormal,
-    Noise,
-    Normal,
-    Observation,
-    Scales,
-)
+from lagsplat.diagnose.effects.effect import UNITS, Force, Instance, Noise, Observation, Scales
 from lagsplat.diagnose.nuisance import Nuisance
+from lagsplat.diagnose.prior import LogNormal, Normal
 from lagsplat.diagnose.record import Record, Windows
 from lagsplat.diagnose.simulate import Bench
 from tests.unit.diagnose.toys import coupled
@@ -109,6 +101,8 @@ def usual(one: Instance) -> np.ndarray:
 
 def absent(one: Instance) -> np.ndarray:
     """Unknowns with which the effect is not there."""
+    if one.parts:
+        return np.concatenate([absent(part) for part in one.parts])
     x = usual(one)
     if one.effect.amplitudes:
         x[: one.effect.amplitudes] = 0.0
@@ -268,17 +262,17 @@ def test_sizes_scale_with_the_unit_of_the_coordinate() -> None:
 
 def test_jitter_and_late_frames_are_told_from_even_noise() -> None:
     rng = np.random.default_rng(0)
-    speed = 40.0 * np.sin(np.linspace(0.0, 30.0, 800))
-    even = rng.standard_normal(800)
+    speed = 40.0 * np.sin(np.linspace(0.0, 30.0, 800))[:, None]
+    even = rng.standard_normal((800, 1))
     jitter, drops = (EFFECTS[name].explain for name in ("time_jitter", "frame_drops"))  # type: ignore[attr-defined]
     assert jitter(even, speed)[0] < 6.0
     assert drops(even, speed)[0] < 6.0
-    shaken = even + 0.1 * speed * rng.standard_normal(800)
+    shaken = even + 0.1 * speed * rng.standard_normal((800, 1))
     gain, found, misfit = jitter(shaken, speed)
     assert gain > 100.0
     assert np.ravel(found["std"])[0] == pytest.approx(0.1, rel=0.1)
     assert misfit < 2.0 * 800
-    late = np.isin(np.arange(800), rng.choice(800, 24, replace=False))
+    late = np.isin(np.arange(800), rng.choice(800, 24, replace=False))[:, None]
     gain, found, misfit = drops(even - np.where(late, speed, 0.0), speed)
     assert gain > 100.0
     assert np.ravel(found["count"])[0] == pytest.approx(24, abs=6)

@@ -9,12 +9,13 @@ import pytest
 
 from lagsplat.diagnose.augmented import Augmented, bare
 from lagsplat.diagnose.catalogue import catalogue
-from lagsplat.diagnose.effects.effect import Direction, Instance, LogNormal, Scales
+from lagsplat.diagnose.effects.effect import Direction, Instance, Scales
 from lagsplat.diagnose.model import Model
 from lagsplat.diagnose.mujoco_counterparts import COUNTERPARTS
 from lagsplat.diagnose.mujoco_patch import patch_augmented, patch_xml
 from lagsplat.diagnose.mujoco_sim import load_mujoco, sample_mujoco
 from lagsplat.diagnose.play import Drive, play
+from lagsplat.diagnose.prior import LogNormal
 from lagsplat.diagnose.region import Region
 from lagsplat.diagnose.result import Candidate, Parameter
 

@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.effects.effect import Instance, Normal, Observation, Parameter
+from lagsplat.diagnose.effects.effect import Instance, Observation, Parameter
+from lagsplat.diagnose.prior import Normal
 
 
 def observe(y: Any, v: Any, t: Any, theta: Float64[np.ndarray, "P 2"], instance: Instance) -> Any:

@@ -3,8 +3,9 @@
 import math
 from typing import no_type_check
 
-from lagsplat.diagnose.effects.effect import Force, HalfNormal, Parameter
+from lagsplat.diagnose.effects.effect import Force, Parameter
 from lagsplat.diagnose.kernel import law
+from lagsplat.diagnose.prior import HalfNormal
 
 
 @law
@@ -23,5 +24,6 @@ EFFECT = Force(
     needs="a decay down to rest, or slow reversals",
     passive=True,
     law=force,
+    together=True,
     constants=lambda scales, variant: (0.02 * scales.velocity,),
 )

@@ -5,13 +5,15 @@ input), so that the same prior serves any mechanism in any coordinates. The lead
 are *amplitudes*: with amplitude zero the effect is not there.
 """
 
-import math
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float64
+
+from lagsplat.diagnose.prior import Normal
 
 Kind = Literal[
     "acceleration",
@@ -32,8 +34,6 @@ Kind = Literal[
     "slowness",
 ]
 Component = Literal["inertial", "conservative", "dissipative", "actuation", "exogenous", "memory"]
-FARTHEST = 690.0
-"""Largest logarithm whose exponential is neither zero nor infinite."""
 UNITS: Mapping[Kind, str] = {
     "acceleration": "{q}/s^2",
     "coordinate": "{q}",
@@ -96,57 +96,6 @@ class Scales:
 
 
 @dataclass(frozen=True)
-class Normal:
-    """A priori normal about ``mean``; the unknown is the parameter itself."""
-
-    deviation: float
-    mean: float = 0.0
-    lowest: float = -math.inf
-
-    def value(self, x: Any) -> Any:
-        """The parameter of unknown ``x``."""
-        return x
-
-    def unknown(self, value: float) -> float:
-        """The unknown of a parameter."""
-        return value
-
-    def log_density(self, x: float) -> float:
-        """Logarithm of the density of the unknown."""
-        z = (x - self.mean) / self.deviation
-        return -0.5 * z * z - math.log(self.deviation * math.sqrt(2.0 * math.pi))
-
-
-@dataclass(frozen=True)
-class HalfNormal(Normal):
-    """A priori half-normal: never negative."""
-
-    lowest: float = 0.0
-
-    def log_density(self, x: float) -> float:
-        """Logarithm of the density of the unknown."""
-        return Normal.log_density(self, x) + math.log(2.0)
-
-
-@dataclass(frozen=True)
-class LogNormal(Normal):
-    """A priori log-normal; the unknown is the logarithm. ``mean`` is that of the logarithm."""
-
-    def value(self, x: Any) -> Any:
-        """The parameter of unknown ``x``; never zero, since laws divide by it."""
-        return np.exp(np.clip(x, -FARTHEST, FARTHEST))
-
-    def unknown(self, value: float) -> float:
-        """The unknown of a parameter."""
-        return math.log(value)
-
-
-def about(median: float, spread: float) -> LogNormal:
-    """Log-normal with this median and this standard deviation of the logarithm."""
-    return LogNormal(spread, math.log(median))
-
-
-@dataclass(frozen=True)
 class Parameter:
     """One parameter: its key in a diagnosis, what it is counted in, what is believed of it beforehand."""
 
@@ -178,6 +127,8 @@ class Effect:
     variants: tuple[str, ...] = ("",)
     variant_units: Mapping[str, str] = field(default_factory=dict)  # where not of the parameters' kind
     along: Literal["coordinates", "whole", "both", "channels"] = "coordinates"
+    together: bool = False
+    """May act at all of its places at once, with parameters of its own at each."""
     reports: Callable[[Mapping[str, float], "Instance"], dict[str, Any]] | None = None
     """From the fitted parameters to those of a diagnosis, where they differ."""
 
@@ -252,7 +203,7 @@ class Noise(Effect):
     """An effect that moves single samples and nothing else.
 
     ``explain(residual, speed) -> (gain, parameters, misfit)``: by how much the log likelihood of a fit's
-    residual (n,) grows [nat] if it is there, both in units of the noise, ``speed`` a frame; its best
+    residual (n, d) grows [nat] if it is there, both in units of the noise, ``speed`` a frame; its best
     parameters; and the sum of squares that it leaves. ``repeats`` says that samples are its making which show
     again what an earlier one showed.
     """
@@ -284,16 +235,41 @@ class Instance:
     input_name: str | None = None
     grid: tuple[tuple[float, ...], ...] | None = None
     """Values of all but the amplitudes that the search tries first, in place of their own grids."""
+    parts: tuple["Instance", ...] = ()
+    """Where it acts at several places at once: each of them, in the order of the parameters."""
 
     @property
     def label(self) -> str:
         """For people: the effect and its place."""
-        place = [self.direction.name if self.direction else None, self.input_name, self.variant or None]
-        return " ".join([self.effect.name, *(p for p in place if p)])
+        everywhere = "everywhere" if self.parts else None
+        return " ".join(p for p in (self.effect.name, self.place, self.variant, everywhere) if p)
+
+    @property
+    def place(self) -> str | None:
+        """The coordinate or the input where it acts; None on the whole and everywhere."""
+        return self.direction.name if self.direction else self.input_name
 
     def physical(self, x: Float64[np.ndarray, "P k"]) -> Float64[np.ndarray, "P k"]:
         """Parameters in the units of the recording, for unknowns ``x``."""
+        if self.parts:
+            split = np.split(x, len(self.parts), axis=1)
+            return np.concatenate(
+                [part.physical(own) for part, own in zip(self.parts, split, strict=True)], 1
+            )
         columns = [
             p.prior.value(x[:, i]) * self.scales.of(p.kind) for i, p in enumerate(self.effect.parameters)
         ]
         return np.stack(columns, axis=1) if columns else np.zeros((len(x), 0))
+
+
+def everywhere(places: Sequence[Instance]) -> Instance:
+    """One effect at all of ``places`` at once, its parameters after the place that each belongs to.
+
+    Its parameters are all amplitudes, or none is; then the search begins with the same at every place.
+    """
+    effect, n = places[0].effect, len(places)
+    own = [replace(p, name=f"{p.name} {one.place}") for one in places for p in effect.parameters]
+    whole = replace(effect, parameters=tuple(own), amplitudes=n * effect.amplitudes)
+    same = [point * n for point in itertools.product(*(p.grid for p in effect.parameters))]
+    grid = None if effect.amplitudes else tuple(same)
+    return Instance(whole, places[0].scales, places[0].variant, grid=grid, parts=tuple(places))

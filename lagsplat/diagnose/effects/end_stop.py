@@ -7,8 +7,9 @@ import math
 from collections.abc import Mapping
 from typing import Any, no_type_check
 
-from lagsplat.diagnose.effects.effect import Force, HalfNormal, Instance, Parameter, Scales, about
+from lagsplat.diagnose.effects.effect import Force, Instance, Parameter, Scales
 from lagsplat.diagnose.kernel import law
+from lagsplat.diagnose.prior import HalfNormal, about
 
 
 @law

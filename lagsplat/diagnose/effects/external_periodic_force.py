@@ -4,8 +4,9 @@ import math
 from dataclasses import replace
 from typing import no_type_check
 
-from lagsplat.diagnose.effects.effect import Effect, Force, Normal, Parameter, Scales, about
+from lagsplat.diagnose.effects.effect import Effect, Force, Parameter, Scales
 from lagsplat.diagnose.kernel import law
+from lagsplat.diagnose.prior import Normal, about
 
 
 @law

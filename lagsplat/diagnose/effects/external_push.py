@@ -4,8 +4,9 @@ import math
 from collections.abc import Mapping
 from typing import Any, no_type_check
 
-from lagsplat.diagnose.effects.effect import Force, Instance, Normal, Parameter, about
+from lagsplat.diagnose.effects.effect import Force, Instance, Parameter
 from lagsplat.diagnose.kernel import law
+from lagsplat.diagnose.prior import Normal, about
 
 N_PUSHES = 3
 

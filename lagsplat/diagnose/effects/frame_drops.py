@@ -3,7 +3,8 @@
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.effects.effect import HalfNormal, Noise, Parameter
+from lagsplat.diagnose.effects.effect import Noise, Parameter
+from lagsplat.diagnose.prior import HalfNormal
 
 SHARES = np.geomspace(0.0005, 0.3, 30)
 LATE = (0.4, 0.25, 0.15, 0.1, 0.06, 0.04)
@@ -11,18 +12,17 @@ LATE = (0.4, 0.25, 0.15, 0.1, 0.06, 0.04)
 
 
 def explain(
-    residual: Float64[np.ndarray, " n"], speed: Float64[np.ndarray, " n"]
+    residual: Float64[np.ndarray, "n d"], speed: Float64[np.ndarray, "n d"]
 ) -> tuple[float, dict[str, tuple[float, float, float]], float]:
-    """A share of the samples is late by whole frames, against even noise of the best level.
+    """A share of the frames is late by whole ones, all coordinates at once, against even noise.
 
     The level of the noise in the mixture is that of the middle half of the residuals.
     """
     even = float(np.mean(residual**2))
     level = min(even, float(np.median(residual**2)) / 0.455)
-    good = np.exp(-0.5 * residual**2 / level)
-    late = sum(
-        share * np.exp(-0.5 * (residual + (k + 1) * speed) ** 2 / level) for k, share in enumerate(LATE)
-    )
+    off = np.stack([np.sum((residual + k * speed) ** 2, axis=1) for k in range(len(LATE) + 1)])
+    good = np.exp(-0.5 * off[0] / level)
+    late = np.array(LATE) @ np.exp(-0.5 * off[1:] / level)
     plain = -0.5 * residual.size * (1.0 + np.log(even))
     best, count = 0.0, 0.0
     for share in SHARES:
@@ -30,9 +30,8 @@ def explain(
         gain = float(np.sum(np.log(mixed))) - 0.5 * residual.size * np.log(level) - plain
         if gain > best:
             best, count = gain, float(np.sum(share * late / mixed))
-    aligned = np.min([np.abs(residual + k * speed) for k in range(len(LATE) + 1)], axis=0)
     about = 1.645 * count**0.5
-    return best, {"count": (count, max(count - about, 0.0), count + about)}, float(np.sum(aligned**2))
+    return best, {"count": (count, max(count - about, 0.0), count + about)}, float(off.min(axis=0).sum())
 
 
 EFFECT = Noise(

@@ -2,8 +2,9 @@
 
 from typing import no_type_check
 
-from lagsplat.diagnose.effects.effect import Force, HalfNormal, Parameter, about
+from lagsplat.diagnose.effects.effect import Force, Parameter
 from lagsplat.diagnose.kernel import law
+from lagsplat.diagnose.prior import HalfNormal, about
 
 
 @law

@@ -5,8 +5,9 @@ Source: Ikhouane and Rodellar, "Systems with Hysteresis", 2007, doi:10.1002/9780
 
 from typing import no_type_check
 
-from lagsplat.diagnose.effects.effect import Force, HalfNormal, Parameter, about
+from lagsplat.diagnose.effects.effect import Force, Parameter
 from lagsplat.diagnose.kernel import law
+from lagsplat.diagnose.prior import HalfNormal, about
 
 
 @law

@@ -9,7 +9,8 @@ import numpy as np
 from jaxtyping import Float64
 from numba import njit
 
-from lagsplat.diagnose.effects.effect import InputChange, Normal, Parameter, about
+from lagsplat.diagnose.effects.effect import InputChange, Parameter
+from lagsplat.diagnose.prior import Normal, about
 
 
 @njit(cache=True)

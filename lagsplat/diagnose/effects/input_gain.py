@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.effects.effect import InputChange, Normal, Parameter
+from lagsplat.diagnose.effects.effect import InputChange, Parameter
+from lagsplat.diagnose.prior import Normal
 
 
 def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray, "P M"]:
@@ -22,5 +23,6 @@ EFFECT = InputChange(
     parameters=(Parameter("ratio", "log_ratio", Normal(0.3)),),
     needs="the input logged, with free motion beside it",
     along="channels",
+    together=True,
     change=change,
 )

@@ -6,7 +6,8 @@ import numpy as np
 from jaxtyping import Float64
 from numba import njit
 
-from lagsplat.diagnose.effects.effect import InputChange, Parameter, about
+from lagsplat.diagnose.effects.effect import InputChange, Parameter
+from lagsplat.diagnose.prior import about
 
 
 @njit(cache=True)
@@ -45,5 +46,6 @@ EFFECT = InputChange(
     needs="an input with steps or with frequencies above the lag's",
     amplitudes=0,
     along="channels",
+    together=True,
     change=change,
 )

@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.effects.effect import InputChange, Parameter, about
+from lagsplat.diagnose.effects.effect import InputChange, Parameter
+from lagsplat.diagnose.prior import about
 
 
 def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray, "P M"]:
@@ -23,5 +24,6 @@ EFFECT = InputChange(
     needs="inputs on both sides of the limit",
     amplitudes=0,
     along="channels",
+    together=True,
     change=change,
 )

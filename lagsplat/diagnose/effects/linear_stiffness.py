@@ -7,8 +7,9 @@ from typing import Any, no_type_check
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.effects.effect import Fields, Force, Normal, Parameter
+from lagsplat.diagnose.effects.effect import Fields, Force, Parameter
 from lagsplat.diagnose.kernel import law
+from lagsplat.diagnose.prior import Normal
 
 
 @law

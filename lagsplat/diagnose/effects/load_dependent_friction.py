@@ -6,8 +6,9 @@ Source: Duclusaud et al., "Extended friction models for the physics simulation o
 import math
 from typing import no_type_check
 
-from lagsplat.diagnose.effects.effect import Force, HalfNormal, Parameter
+from lagsplat.diagnose.effects.effect import Force, Parameter
 from lagsplat.diagnose.kernel import law
+from lagsplat.diagnose.prior import HalfNormal
 
 
 @law

@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.effects.effect import Fields, Instance, ModelChange, Normal, Parameter
+from lagsplat.diagnose.effects.effect import Fields, Instance, ModelChange, Parameter
+from lagsplat.diagnose.prior import Normal
 
 
 def change(fields: Fields, theta: Float64[np.ndarray, "P 1"], instance: Instance, model: Any) -> Fields:

@@ -2,8 +2,9 @@
 
 from typing import no_type_check
 
-from lagsplat.diagnose.effects.effect import Force, Normal, Parameter, Scales
+from lagsplat.diagnose.effects.effect import Force, Parameter, Scales
 from lagsplat.diagnose.kernel import law
+from lagsplat.diagnose.prior import Normal
 
 
 @law

@@ -2,8 +2,9 @@
 
 from typing import no_type_check
 
-from lagsplat.diagnose.effects.effect import Force, HalfNormal, Parameter
+from lagsplat.diagnose.effects.effect import Force, Parameter
 from lagsplat.diagnose.kernel import law
+from lagsplat.diagnose.prior import HalfNormal
 
 
 @law
@@ -22,4 +23,5 @@ EFFECT = Force(
     needs="amplitudes that differ threefold",
     passive=True,
     law=force,
+    together=True,
 )

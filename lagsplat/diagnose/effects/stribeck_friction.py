@@ -6,8 +6,9 @@ Source: Armstrong-Helouvry, Dupont and Canudas de Wit, doi:10.1016/0005-1098(94)
 import math
 from typing import no_type_check
 
-from lagsplat.diagnose.effects.effect import Force, HalfNormal, Parameter, about
+from lagsplat.diagnose.effects.effect import Force, Parameter
 from lagsplat.diagnose.kernel import law
+from lagsplat.diagnose.prior import HalfNormal, about
 
 
 @law

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.effects.effect import InputChange, Normal, Parameter
+from lagsplat.diagnose.effects.effect import InputChange, Parameter
+from lagsplat.diagnose.prior import Normal
 
 
 def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray, "P M"]:

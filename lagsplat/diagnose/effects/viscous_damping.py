@@ -6,8 +6,9 @@ from typing import Any, no_type_check
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.effects.effect import Fields, Force, Normal, Parameter
+from lagsplat.diagnose.effects.effect import Fields, Force, Parameter
 from lagsplat.diagnose.kernel import law
+from lagsplat.diagnose.prior import Normal
 
 
 @law
@@ -33,5 +34,6 @@ EFFECT = Force(
     needs="ring-downs at two amplitudes",
     along="both",
     law=force,
+    together=True,
     whole=whole,
 )

@@ -8,7 +8,8 @@ import pytest
 from lagsplat.diagnose.catalogue import catalogue
 from lagsplat.diagnose.compare import Explained
 from lagsplat.diagnose.doubt import Doubt
-from lagsplat.diagnose.effects.effect import HalfNormal, Instance, Normal, Scales
+from lagsplat.diagnose.effects.effect import Instance, Scales
+from lagsplat.diagnose.prior import HalfNormal, Normal
 from lagsplat.diagnose.select import Ranking
 from lagsplat.diagnose.shoot import Fit
 from lagsplat.diagnose.verdict import ROUGH, SURE, WIDER, equivalents, interval, judge

@@ -136,3 +136,13 @@ def test_text_from_data_is_never_markup():
     assert "<script" not in text
     assert "<img" not in text
     assert "49" not in re.sub(r"<svg.*?</svg>", "", text, flags=re.DOTALL)
+
+
+def test_numbers_of_the_fits_stand_at_the_end_and_not_among_the_data():
+    made = KINDS["single"]
+    fitted = {"misfit_none": 75.0, "answers": {"half the noise": "coulomb_friction"}}
+    page = diagnosis_page(replace(made, checks={**made.checks, **fitted}), made_exhibits.exhibits())
+    beginning, end = page.split("<h2>All candidates</h2>", 1)
+    assert "misfit none" not in beginning
+    assert "<td>misfit none</td><td>75</td>" in end
+    assert "half the noise: coulomb_friction" in end

@@ -1,0 +1,98 @@
+"""One effect at several places at once: friction in every joint, a lag of every actuator."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from lagsplat.diagnose.augmented import augment
+from lagsplat.diagnose.catalogue import Hints, instances
+from lagsplat.diagnose.compare import Contest, pursue, screen
+from lagsplat.diagnose.effects.effect import Instance
+from lagsplat.diagnose.play import Drive, play
+from lagsplat.diagnose.region import region_of
+from lagsplat.diagnose.reported import parameters
+from lagsplat.io.motion import Motion
+from tests.unit.diagnose.toys import contest, coupled, wave
+
+FRICTION = np.array([1.5, 0.6])  # accelerations of each coordinate alone
+LAG_S = (0.04, 0.09)
+NAMES = ("q0", "q1")
+
+
+def film(force: Callable[[np.ndarray], np.ndarray], *, lag_s: tuple[float, float] = (0.0, 0.0)) -> Motion:
+    """20 s of the coupled mechanism under two inputs, with a force by its velocity and late actuators."""
+    model, times = coupled(), np.arange(1000) / 50.0
+    waves = (wave(1), wave(2))
+
+    def rate(t: float, x: np.ndarray) -> np.ndarray:
+        command = np.array([one(t) for one in waves])
+        u = np.where(np.array(lag_s) > 0.0, x[4:], command)
+        q, v = x[None, :2], x[None, 2:4]
+        a = model.acceleration(q, v, u[None])[0] + np.linalg.solve(model.mass_at(q)[0], force(x[2:4]))
+        return np.concatenate([x[2:4], a, (command - u) / np.maximum(lag_s, 1e-9)])
+
+    begin = [0.5, -0.4, 0.0, 0.0, *(one(0.0) for one in waves)]
+    solved = solve_ivp(rate, (0.0, times[-1]), begin, t_eval=times, rtol=1e-7, atol=1e-9, max_step=0.02)
+    q = solved.y[:2].T
+    q = q + 0.01 * q.std(axis=0) * np.random.default_rng(0).standard_normal(q.shape)
+    u = np.array([[one(t) for one in waves] for t in times])
+    return Motion(time_s=times, q=q, u=u, q_names=NAMES, u_names=("u0", "u1"), source="film")
+
+
+def offered(one: Contest, name: str) -> dict[str, Instance]:
+    """One effect by its labels."""
+    found = instances(one.bench, [Hints((), ())] * 2, q_names=NAMES, u_names=("u0", "u1"), without=())
+    return {offer.label: offer for offer in found if offer.effect.name == name}
+
+
+def best(one: Contest, offer: Instance):
+    """The fit of one effect."""
+    plain = one.fit((), np.zeros(one.bench.nuisance.size))
+    return pursue(one, (), plain, screen(one, (), plain, [offer])[0], starts=2)
+
+
+def test_friction_in_both_joints_is_told_from_friction_in_one() -> None:
+    heavy = np.diag(coupled().inertia)
+    seen = contest([film(lambda v: -FRICTION * heavy * np.tanh(v / 0.02))], model=coupled())
+    offers = offered(seen, "coulomb_friction")
+    assert list(offers) == ["coulomb_friction q0", "coulomb_friction q1", "coulomb_friction everywhere"]
+    fits = {label: best(seen, offer) for label, offer in offers.items()}
+    misfit = {label: one.fit.misfit / seen.freedom for label, one in fits.items()}
+    assert misfit["coulomb_friction everywhere"] < 1.3
+    assert min(misfit["coulomb_friction q0"], misfit["coulomb_friction q1"]) > 5.0
+    joint = offers["coulomb_friction everywhere"]
+    told = parameters(seen, fits[joint.label], joint, 2.0)
+    assert [told[f"acceleration {q}"].value for q in NAMES] == pytest.approx(FRICTION, rel=0.1)
+    assert [told[f"acceleration {q}"].unit for q in NAMES] == ["q0/s^2", "q1/s^2"]
+
+
+def test_a_lag_of_both_actuators_is_told_from_a_lag_of_one() -> None:
+    seen = contest([film(np.zeros_like, lag_s=LAG_S)], model=coupled())
+    fits = {label: best(seen, offer) for label, offer in offered(seen, "input_lag").items()}
+    joint = fits.pop("input_lag everywhere")
+    assert joint.fit.misfit / seen.freedom < 1.3
+    assert min(one.fit.misfit for one in fits.values()) > 3.0 * joint.fit.misfit
+    lags = joint.effects[0].physical(joint.fit.x[None, :2])[0]
+    assert lags == pytest.approx(LAG_S, rel=0.05)
+
+
+def test_the_sim_with_it_holds_each_place_by_itself() -> None:
+    seen = contest([film(np.zeros_like)], model=coupled())
+    both = offered(seen, "coulomb_friction")["coulomb_friction everywhere"]
+    x = np.concatenate([[0.2, 0.3], np.zeros(seen.bench.nuisance.size)])
+    region = region_of(seen.bench.record)
+    joint = augment(seen.bench, [both], x, q_names=NAMES, u_names=("u0", "u1"), region=region)
+    assert [one.label for one in joint.effects] == ["coulomb_friction q0", "coulomb_friction q1"]
+    drive = Drive(np.arange(200) * 0.02, np.ones((200, 2)))
+    moved, _ = play(joint, drive, q=np.array([0.4, 0.1]))
+    starts = np.array([0.4, 0.1, 0.0, 0.0])[None, None]
+    assert np.isfinite(moved).all()
+    alone = augment(seen.bench, both.parts, x, q_names=NAMES, u_names=("u0", "u1"), region=region)
+    np.testing.assert_array_equal(moved, play(alone, drive, q=np.array([0.4, 0.1]))[0])
+    first = replace(seen.windows, first=seen.windows.first[:1], length=seen.windows.length[:1])
+    together = seen.bench.rollouts([both], x[None], starts, first)[0]
+    apart = seen.bench.rollouts(both.parts, x[None], starts, first)[0]
+    np.testing.assert_array_equal(together, apart)

@@ -1,0 +1,49 @@
+"""Means of neighbours: as many as a motion can spare, in step with it, and never across a cut."""
+
+import numpy as np
+import pytest
+
+from lagsplat.diagnose.thin import averaged, thinned
+from lagsplat.io.motion import Motion
+
+
+def swing(rate_hz: float, *, hertz: float = 1.0, seconds: float = 8.0) -> Motion:
+    """A swing whose input is its own coordinate."""
+    time_s = np.arange(round(seconds * rate_hz)) / rate_hz
+    q = np.sin(2.0 * np.pi * hertz * time_s)[:, None]
+    return Motion(
+        time_s=time_s, q=q, u=q, v=2.0 * np.pi * hertz * np.cos(2.0 * np.pi * hertz * time_s)[:, None]
+    )
+
+
+def test_a_fine_log_keeps_its_motion_and_loses_its_samples() -> None:
+    (short,), (note,) = thinned([swing(1000.0)], hold="linear")
+    assert 1.0 / short.dt_s == pytest.approx(1000.0 / 7.0)
+    assert note.level == "note"
+    for name, size in (("q", 1.0), ("u", 1.0), ("v", 2.0 * np.pi)):
+        phase = 2.0 * np.pi * short.time_s
+        there = size * (np.cos if name == "v" else np.sin)(phase)
+        np.testing.assert_allclose(getattr(short, name)[:, 0], there, atol=2e-4 * size)
+
+
+@pytest.mark.parametrize(("rate_hz", "hertz"), [(60.0, 0.1), (120.0, 1.0), (500.0, 5.0)])
+def test_what_is_no_finer_than_its_motion_needs_is_left_alone(rate_hz: float, hertz: float) -> None:
+    one = swing(rate_hz, hertz=hertz)
+    assert thinned([one], hold="linear") == ((one,), ())
+
+
+def test_an_input_that_is_held_acts_between_the_samples_that_are_left() -> None:
+    time_s = np.arange(40) / 1000.0
+    step = (time_s >= 0.0195).astype(float)[:, None]
+    short = averaged(Motion(time_s=time_s, q=step, u=step), 5, held=True)
+    edges = np.append(short.time_s, short.time_s[-1] + 0.005)
+    pushed_s = float((short.u[:, 0] * np.diff(edges)).sum())
+    assert pushed_s == pytest.approx(edges[-1] - 0.020, abs=1e-9)
+
+
+def test_a_mean_never_reaches_across_a_cut() -> None:
+    one = Motion(time_s=np.arange(31) * 0.01, q=np.repeat([0.0, 1.0], [15, 16])[:, None], u=np.zeros((31, 0)),
+                 segments=((0, 15), (15, 31)))  # fmt: skip
+    short = averaged(one, 5, held=False)
+    assert short.segments == ((0, 3), (3, 6))
+    np.testing.assert_array_equal(short.q[:, 0], [0, 0, 0, 1, 1, 1])

@@ -1,0 +1,54 @@
+"""A gap that nothing explains must not be made up for by moving all that is believed of the sim."""
+
+import numpy as np
+import pytest
+
+from lagsplat.diagnose.compare import Contest, Explained
+from lagsplat.diagnose.select import Effort
+from lagsplat.diagnose.stand import correlation
+from lagsplat.diagnose.widened import widened
+from tests.unit.diagnose.toys import contest, film, own, settings, wave
+
+
+def strange(t: float, q: float, v: float, u: float, z: np.ndarray) -> tuple[float, list[float]]:
+    """A damping that depends on where it is, which the catalogue lacks."""
+    return own(q, v, u) - 4.0 * np.cos(5.0 * q) * v, []
+
+
+def plain(one: Contest) -> Explained:
+    return Explained((), one.fit((), np.zeros(one.bench.nuisance.size)))
+
+
+@pytest.fixture(scope="module")
+def odd() -> Contest:
+    return contest([film(strange, u=wave(), noise=0.001, seconds=16.0)])
+
+
+def test_what_is_left_counts_as_noise_where_nothing_explains(odd: Contest) -> None:
+    effort = Effort.of(settings(), nominal=1.0)
+    none = plain(odd)
+    wide = widened(odd, effort, none)
+    assert wide is not None
+    dear, effort_there = wide
+    left, alike = none.fit.misfit / odd.freedom, correlation(none.fit.residual, odd.windows.length)
+    assert left > 100.0
+    assert dear.price == pytest.approx(left * alike)
+    assert effort_there.temper == pytest.approx(max(effort.temper, alike))
+    deviation = odd.bench.nuisance.deviation
+
+    def far(one: Explained) -> float:
+        return float(np.abs(one.fit.x / deviation).max())
+
+    there = plain(dear)
+    assert far(there) < 0.3 * far(none)
+    assert there.fit.misfit > none.fit.misfit
+
+
+def test_near_the_noise_nothing_changes() -> None:
+    quiet = contest([film(u=wave(), noise=0.01, seconds=8.0)])
+    assert widened(quiet, Effort.of(settings(), nominal=1.0), plain(quiet)) is None
+
+
+def test_a_sim_that_misses_its_own_recordings_is_not_asked_for_more(odd: Contest) -> None:
+    none = plain(odd)
+    assert widened(odd, Effort.of(settings(), nominal=none.fit.misfit / odd.freedom), none) is None
