@@ -15,6 +15,7 @@ from lagsplat.diagnose.finding import Finding
 from lagsplat.diagnose.prepare import prepare, rough_period_s
 from lagsplat.diagnose.recalibrate import recalibrated
 from lagsplat.diagnose.region import region_of
+from lagsplat.diagnose.samples import REPEATED
 from lagsplat.diagnose.sims import sampled_sim
 from lagsplat.diagnose.sources import Source, find_sources, read_sources
 from lagsplat.diagnose.stand import LOST, Sim, held_to, sim_of
@@ -102,13 +103,15 @@ def open_pair(sim: str, real: str, config: DiagnoseConfig) -> Pair:
 
 
 def _thinned(checked: Checked, *, hold: str) -> Checked:
-    """Both sides with no more samples than their motion needs."""
+    """Both sides with no more samples than their motion needs; of what was averaged none is single."""
     real, told = thinned(checked.real.motions, hold=hold)
-    checked = replace(checked, real=replace(checked.real, motions=real), findings=(*checked.findings, *told))
-    if checked.sim is None:
-        return checked
-    own, told = thinned(checked.sim.motions, hold=hold)
-    return replace(checked, sim=replace(checked.sim, motions=own), findings=(*checked.findings, *told))
+    checked = replace(checked, real=replace(checked.real, motions=real))
+    if checked.sim is not None:
+        own, more = thinned(checked.sim.motions, hold=hold)
+        checked, told = replace(checked, sim=replace(checked.sim, motions=own)), (*told, *more)
+    fine = {one.source for one in told}
+    kept = [one for one in checked.findings if one.check != REPEATED or one.source not in fine]
+    return replace(checked, findings=(*kept, *told))
 
 
 def _moved(sim: Sim, source: str) -> Finding:

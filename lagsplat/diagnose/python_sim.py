@@ -23,6 +23,8 @@ from lagsplat.diagnose.region import Region
 from lagsplat.diagnose.sample import FieldFunctions, Sampled, sample_mechanics
 from lagsplat.diagnose.sample_rates import sample_acceleration
 
+ROUNDING = 1e-9
+"""Share of the power that swings to and fro below which damping feeds none."""
 SHOWN = "mass(q), potential_gradient(q) or potential(q), damping(q), friction(q, v), input_map(q)"
 
 
@@ -225,7 +227,10 @@ def _sane(sampled: Sampled, region: Region, what: str) -> Sampled:
     lowest = np.linalg.eigvalsh(model.damping_at(region.q)).min(axis=1)
     power = np.einsum("ni,nij,nj->n", region.v, model.damping_at(region.q), region.v)
     power += np.abs(region.v) @ model.dry + np.abs(region.v) ** 3 @ model.drag
-    if (power < -1e-3 * np.abs(power).max()).any():
+    rate = model.acceleration(region.q, region.v, region.u)
+    swing = np.abs(np.einsum("ni,nij,nj->n", region.v, model.mass_at(region.q), rate)).max()
+    # a frictionless sim has a damping by rounding alone
+    if (power < -max(1e-3 * np.abs(power).max(), max(sampled.error, ROUNDING) * swing)).any():
         at = np.array2string(region.q[int(np.argmin(lowest))], precision=4)
         warnings.warn(
             f"{what}: its damping feeds energy into the motion near q = {at}; check the sign of "

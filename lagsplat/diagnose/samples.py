@@ -9,6 +9,7 @@ from lagsplat.diagnose.local_fit import fit_locally
 from lagsplat.diagnose.measurement_noise import Noise
 from lagsplat.io.motion import Motion
 
+REPEATED = "repeated samples"  # the check's name
 MOVING = 4.0  # standard deviations of noise that a step must exceed before a repeated value is a repeat
 COARSE, HOPELESS = 8.0, 4.0  # samples a period
 ROUGH = 0.1  # of a coordinate's rms: a quantisation step worth mentioning
@@ -192,7 +193,7 @@ def _repeated(motion: Motion, noise: Noise) -> list[Finding]:
     return [
         Finding(
             "warn",
-            "repeated samples",
+            REPEATED,
             motion.source,
             f"{len(frozen)} sample(s) repeat the one before while the motion goes on, the first at "
             f"{motion.time_s[frozen[0] + 1]:.6g} s",

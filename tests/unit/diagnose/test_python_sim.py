@@ -121,6 +121,12 @@ def test_a_mass_that_is_not_symmetric_is_refused() -> None:
         sample_python(sim, region(2, 0), what="sim")
 
 
+@pytest.mark.parametrize("n", [1, 2])
+def test_what_a_sim_without_friction_loses_by_rounding_is_no_energy_that_is_fed(n: int) -> None:
+    sampled = sample_python(lambda q, v, u: -39.5 * q, region(n, 0), what="sim")  # a warning is an error
+    assert sampled.error < 1e-6
+
+
 def test_energy_that_comes_from_nowhere_and_inputs_that_are_ignored_are_told() -> None:
     with pytest.warns(UserWarning, match="feeds energy"):
         sample_python(lambda q, v, u: -10.0 * q + 0.5 * v + u, region(), what="sim")

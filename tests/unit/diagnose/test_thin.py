@@ -1,10 +1,16 @@
 """Means of neighbours: as many as a motion can spare, in step with it, and never across a cut."""
 
+from pathlib import Path
+
 import numpy as np
+import pandas as pd
 import pytest
 
+from lagsplat.config import compose
+from lagsplat.diagnose.samples import REPEATED
 from lagsplat.diagnose.thin import averaged, thinned
 from lagsplat.io.motion import Motion
+from lagsplat.pair import open_pair
 
 
 def swing(rate_hz: float, *, hertz: float = 1.0, seconds: float = 8.0) -> Motion:
@@ -47,3 +53,16 @@ def test_a_mean_never_reaches_across_a_cut() -> None:
     short = averaged(one, 5, held=False)
     assert short.segments == ((0, 3), (3, 6))
     np.testing.assert_array_equal(short.q[:, 0], [0, 0, 0, 1, 1, 1])
+
+
+@pytest.mark.parametrize(("rate_hz", "told"), [(1000.0, {"averaged"}), (100.0, {REPEATED})])
+def test_a_sample_that_repeats_is_no_matter_where_many_are_averaged(
+    tmp_path: Path, rate_hz: float, told: set[str]
+) -> None:
+    one = swing(rate_hz, seconds=20.0)
+    q = one.q[:, 0].copy()
+    q[round(5.0 * rate_hz)] = q[round(5.0 * rate_hz) - 1]
+    pd.DataFrame({"t": one.time_s, "q0": q}).to_csv(tmp_path / "log.csv", index=False)
+    (tmp_path / "arm.py").write_text("def sim(q, v, u):\n    return -39.5 * q\n", encoding="utf-8")
+    pair = open_pair(f"{tmp_path}/arm.py:sim", f"{tmp_path}/log.csv", compose().diagnose)
+    assert {one.check for one in pair.checked.findings} & {"averaged", REPEATED} == told
