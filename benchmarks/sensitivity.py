@@ -21,6 +21,7 @@ from lagsplat.diagnose.forms import free_directions
 from lagsplat.diagnose.identify import identify
 from lagsplat.diagnose.moving import Moving
 from lagsplat.diagnose.prepare import prepare, rough_period_s
+from lagsplat.diagnose.record import cut_windows
 from lagsplat.diagnose.shoot import Data, derivatives
 from lagsplat.diagnose.sources import find_sources, read_sources
 from lagsplat.diagnose.stand import setting_of
@@ -45,7 +46,8 @@ def compare(case: str, folder: Path) -> str:
     motions = read_sources(find_sources(f"{folder}/data/{case}/sim_*.csv"))
     period_s = rough_period_s(motions)
     ready = prepare(motions, period_s=period_s)
-    found = identify(ready.record, ready.smooth, ready.sigma, period_s, setting, held=False)
+    windows = cut_windows(ready.record, length_s=2.0 * period_s, least=12)
+    found = identify(ready.record, ready.smooth, ready.sigma, period_s, setting, windows, held=False)
     moves = free_directions(found.model, found.form, np.std(ready.record.v, axis=0))
     steps = max(1, int(np.ceil(ready.record.dt_s * setting.steps_per_period / period_s)))
     moving = Moving(found.model, ready.record, found.windows, moves, ready.smooth, steps, held=False)

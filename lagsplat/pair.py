@@ -99,6 +99,8 @@ def open_pair(sim: str, real: str, config: DiagnoseConfig) -> Pair:
         checked = replace(checked, findings=(*checked.findings, _lost(known, nominal)))
     if known.given is not None:
         checked = replace(checked, findings=(*checked.findings, _moved(known, sim)))
+    if known.disturbed:
+        checked = replace(checked, findings=(*checked.findings, _disturbed(known)))
     return Pair(known, checked, rows, own, films)
 
 
@@ -125,6 +127,21 @@ def _moved(sim: Sim, source: str) -> Finding:
         f"anything was compared it was moved until it misses them by {left:.2g}",
         "what the law itself lacks is then not taken for an effect: it is part of what a refit closes",
         "fit the run longer if that part is large",
+    )
+
+
+def _disturbed(sim: Sim) -> Finding:
+    at: dict[str, list[str]] = {}
+    for one in sim.disturbed:
+        at.setdefault(one.file, []).append(f"{one.start_s:.4g} to {one.stop_s:.4g} s")
+    told = ", ".join(f"{file} from {' and '.join(found)}" for file, found in at.items())
+    return Finding(
+        "warn",
+        "disturbed sim",
+        "sim",
+        f"no law that tells the rest tells {told}; the sim was found without",
+        "something acted there that no column tells, as a push by hand, or the mechanism is another there",
+        "look at what happened then, and cut it out",
     )
 
 

@@ -9,7 +9,7 @@ from lagsplat.diagnose.basis import Basis
 from lagsplat.diagnose.forms import COEFFICIENTS, FEW, bases, degrees, enlarged, free_directions, grown, moved
 from lagsplat.diagnose.model import Model
 from lagsplat.diagnose.moving import Moving
-from lagsplat.diagnose.record import Record, Windows, cut_windows
+from lagsplat.diagnose.record import Record, Windows
 from lagsplat.diagnose.shoot import Belief, Data, Fit, eliminate, shoot
 from lagsplat.diagnose.weak import Form, model_of, observe, regressors, solve
 
@@ -39,7 +39,6 @@ class Identified:
 class Setting:
     """How a sim is identified: what `conf/diagnose` says of it."""
 
-    window_periods: float
     steps_per_period: float
     ridge: float
     iterations: int
@@ -226,15 +225,11 @@ def identify(
     sigma: Float64[np.ndarray, " d"],
     period_s: float,
     setting: Setting,
+    windows: Windows,
     *,
     held: bool,
 ) -> Identified:
-    """The model of a sim from its recordings.
-
-    Raises:
-        ValueError: no clip is long enough for a window.
-    """
-    windows = cut_windows(record, length_s=setting.window_periods * period_s, least=12)
+    """The model of a sim from some ``windows`` of its recordings."""
     data = Data(
         windows.take(record.q),
         windows.mask()[..., None] / sigma,

@@ -46,6 +46,19 @@ class Record:
 
 
 @dataclass(frozen=True)
+class Span:
+    """A stretch of a file, by the file's own clock [s]."""
+
+    file: str
+    start_s: float
+    stop_s: float
+
+    def meets(self, other: "Span") -> bool:
+        """Whether both hold more than a border."""
+        return self.file == other.file and self.start_s < other.stop_s and other.start_s < self.stop_s
+
+
+@dataclass(frozen=True)
 class Windows:
     """Stretches of a record that are simulated each from a state of its own."""
 
@@ -76,6 +89,16 @@ class Windows:
         if frames >= total:
             return self
         return self.only(np.unique(np.linspace(0, n - 1, max(round(n * frames / total), 4)).astype(int)))
+
+
+def spans(windows: Windows, record: Record) -> tuple[Span, ...]:
+    """Where the windows lie in the files of their record."""
+    out = []
+    for first, length in zip(windows.first, windows.length, strict=True):
+        number, start_s = record.own_time(float(record.time[first]))
+        stop_s = float(record.time[first + length - 1]) + record.shifts_s[number]
+        out.append(Span(record.files[number], start_s, stop_s))
+    return tuple(out)
 
 
 def join(motions: Sequence[Motion], velocities: Sequence[np.ndarray]) -> Record:

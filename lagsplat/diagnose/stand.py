@@ -2,12 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from jaxtyping import Bool, Float64
 
 from lagsplat.diagnose.compare import Contest, belief, pushed
 from lagsplat.diagnose.config import DiagnoseConfig
+from lagsplat.diagnose.disturbed import MISSED, undisturbed
 from lagsplat.diagnose.familiar import Familiar
 from lagsplat.diagnose.forms import COEFFICIENTS
 from lagsplat.diagnose.frozen import frozen
@@ -15,15 +17,15 @@ from lagsplat.diagnose.identify import Setting, identify
 from lagsplat.diagnose.model import Model
 from lagsplat.diagnose.nuisance import Nuisance
 from lagsplat.diagnose.prepare import Prepared, prepare, rough_period_s
-from lagsplat.diagnose.record import Windows, cut_windows
+from lagsplat.diagnose.record import Span, Windows, cut_windows, spans
 from lagsplat.diagnose.shoot import derivatives, eliminate
 from lagsplat.diagnose.simulate import Bench
 from lagsplat.io.motion import Motion
 
 LOST = 50.0
 """Mean square residual, in units of the noise, beyond which a window is too long to be followed."""
-SHORTER = 0.35
-"""Share of a window that can be followed past an unstable rest, as an upright pendulum's."""
+SHORTER, SHORTEST = 0.35, 0.12
+"""Shares of a window that can be followed past an unstable rest, as an upright pendulum's."""
 TOLERANCE = 1e-4
 """Gain of a step below which a sim's own fit has ended, as a share of the misfit."""
 MOSTLY = 0.7
@@ -49,6 +51,8 @@ class Sim:
     """As it was handed over, where it was moved since (`recalibrated`)."""
     familiar: Familiar | None = None
     """How it was seen to move, if other stretches are to be left aside."""
+    disturbed: tuple[Span, ...] = ()
+    """Stretches of its own recordings that no law tells beside the others, and that were left out."""
 
     @classmethod
     def exact(cls, model: Model) -> "Sim":
@@ -73,23 +77,36 @@ def sim_of(motions: Sequence[Motion], config: DiagnoseConfig) -> Sim:
     """
     period_s = rough_period_s(motions)
     ready = prepare(motions, period_s=period_s)
-    setting = setting_of(config)
+    again = partial(
+        identify, ready.record, ready.smooth, ready.sigma, period_s, setting_of(config),
+        held=config.input_hold == "zoh",
+    )  # fmt: skip
 
-    def told(reach: float) -> Sim:
-        shorter = replace(setting, window_periods=reach * config.window_periods)
-        found = identify(
-            ready.record, ready.smooth, ready.sigma, period_s, shorter, held=config.input_hold == "zoh"
+    def told(reach: float, without: tuple[Span, ...] = ()) -> Sim:
+        length_s = reach * config.window_periods * period_s
+        windows = cut_windows(ready.record, length_s=length_s, least=12)
+        touched = [any(one.meets(other) for other in without) for one in spans(windows, ready.record)]
+        found, odd = undisturbed(again(windows.only(~np.array(touched))), again)
+        apart = (*without, *spans(odd, ready.record))
+        return Sim(
+            rested(found.model, ready.smooth), found.freedom, found.misfit, reach=reach, disturbed=apart
         )
-        return Sim(rested(found.model, ready.smooth), found.freedom, found.misfit, reach=reach)
 
-    sim = told(1.0)
-    return sim if sim.misfit < LOST else min(sim, told(SHORTER), key=lambda one: one.misfit)
+    whole = told(1.0)
+    if whole.misfit < LOST:
+        return whole
+    short = told(SHORTEST)  # tells best where something else acted
+    middle = told(SHORTER, short.disturbed)
+    for one in (middle, short):
+        if one.misfit < MISSED:
+            return one
+    return min(whole, middle, key=lambda one: one.misfit)
 
 
 def setting_of(config: DiagnoseConfig) -> Setting:
     """How a sim is fitted to its own recordings."""
     ridge, iterations = config.identify_ridge, config.identify_iterations
-    return Setting(config.window_periods, config.steps_per_period, ridge, iterations, TOLERANCE)
+    return Setting(config.steps_per_period, ridge, iterations, TOLERANCE)
 
 
 def rested(model: Model, q: Float64[np.ndarray, "N d"]) -> Model:
