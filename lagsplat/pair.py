@@ -95,8 +95,9 @@ def open_pair(sim: str, real: str, config: DiagnoseConfig) -> Pair:
             closed_loop=checked.closed_loop,
         )
     known = _model(models, checked, config, films.null if films is not None else None)
-    if not models and known.misfit > LOST:
-        checked = replace(checked, findings=(*checked.findings, _lost(known, nominal)))
+    if known.misfit > LOST:
+        lost = _lost_law(known, sim) if models else _lost(known, nominal)
+        checked = replace(checked, findings=(*checked.findings, lost))
     if known.given is not None:
         checked = replace(checked, findings=(*checked.findings, _moved(known, sim)))
     if known.disturbed:
@@ -142,6 +143,18 @@ def _disturbed(sim: Sim) -> Finding:
         f"no law that tells the rest tells {told}; the sim was found without",
         "something acted there that no column tells, as a push by hand, or the mechanism is another there",
         "look at what happened then, and cut it out",
+    )
+
+
+def _lost_law(sim: Sim, source: str) -> Finding:
+    return Finding(
+        "undetermined",
+        "law of the run",
+        source,
+        f"the law misses its own recordings by {np.sqrt(sim.misfit):.0f} times their noise within two "
+        "periods, and no change of its potential, damping and input map mended that",
+        "what the law lacks already cannot be told from what the real mechanism adds",
+        "fit the run longer, or look at its rollouts first",
     )
 
 

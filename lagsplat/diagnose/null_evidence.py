@@ -13,6 +13,7 @@ from lagsplat.diagnose.config import DiagnoseConfig
 from lagsplat.diagnose.familiar import looks
 from lagsplat.diagnose.hints import sought
 from lagsplat.diagnose.prepare import rough_period_s
+from lagsplat.diagnose.record import apart
 from lagsplat.diagnose.select import Effort, rank
 from lagsplat.diagnose.stand import Sim, periods, stand
 from lagsplat.io.motion import Motion
@@ -43,6 +44,8 @@ def null_evidence(
     part = leading(own, wanted_s)
     if sim.familiar is None:
         contest, more = stand(sim, [part], config)[0], max(1.0, wanted_s / part.duration_s)
+        quiet = apart(contest.windows, contest.bench.record, sim.disturbed)
+        contest = replace(contest, windows=quiet)
     else:
         contest, more = like(sim, own, real, config), 1.0
     natural = periods(sim.model, rough_period_s([part]))

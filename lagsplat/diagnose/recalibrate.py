@@ -62,8 +62,10 @@ def recalibrated(sim: Sim, motions: Sequence[Motion], config: DiagnoseConfig) ->
     fitted, judging = trial(0), trial(1)
     missed, found = judging.missed(sim.model), None
     for step in STEPS if sim.model.d <= FEW else PLAIN:
-        excess = max(missed / judging.n_data, 1.0)
-        tried = refit(fitted, found.model if found else sim.model, step, excess=excess)
+        model = found.model if found else sim.model
+        # by the half that is missed less: a law may run off in a single window of the other
+        half = min(missed / judging.n_data, fitted.missed(model) / fitted.n_data)
+        tried = refit(fitted, model, step, excess=max(half, 1.0))
         left = judging.missed(tried.model)
         if not left < BETTER * missed:
             break

@@ -101,6 +101,12 @@ def spans(windows: Windows, record: Record) -> tuple[Span, ...]:
     return tuple(out)
 
 
+def apart(windows: Windows, record: Record, others: Sequence[Span]) -> Windows:
+    """Those of the windows that meet none of ``others``."""
+    met = [any(one.meets(other) for other in others) for one in spans(windows, record)]
+    return windows.only(~np.array(met, dtype=bool))
+
+
 def join(motions: Sequence[Motion], velocities: Sequence[np.ndarray]) -> Record:
     """One record of ``motions`` with their velocity estimates."""
     clips, file_of, offset, shifts = [], [], 0, clock_shifts(motions)

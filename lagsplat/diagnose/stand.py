@@ -17,7 +17,7 @@ from lagsplat.diagnose.identify import Setting, identify
 from lagsplat.diagnose.model import Model
 from lagsplat.diagnose.nuisance import Nuisance
 from lagsplat.diagnose.prepare import Prepared, prepare, rough_period_s
-from lagsplat.diagnose.record import Span, Windows, cut_windows, spans
+from lagsplat.diagnose.record import Span, Windows, apart, cut_windows, spans
 from lagsplat.diagnose.shoot import derivatives, eliminate
 from lagsplat.diagnose.simulate import Bench
 from lagsplat.io.motion import Motion
@@ -84,13 +84,11 @@ def sim_of(motions: Sequence[Motion], config: DiagnoseConfig) -> Sim:
 
     def told(reach: float, without: tuple[Span, ...] = ()) -> Sim:
         length_s = reach * config.window_periods * period_s
-        windows = cut_windows(ready.record, length_s=length_s, least=12)
-        touched = [any(one.meets(other) for other in without) for one in spans(windows, ready.record)]
-        found, odd = undisturbed(again(windows.only(~np.array(touched))), again)
-        apart = (*without, *spans(odd, ready.record))
-        return Sim(
-            rested(found.model, ready.smooth), found.freedom, found.misfit, reach=reach, disturbed=apart
-        )
+        windows = apart(cut_windows(ready.record, length_s=length_s, least=12), ready.record, without)
+        found, odd = undisturbed(again(windows), again)
+        all_odd = (*without, *spans(odd, ready.record))
+        model = rested(found.model, ready.smooth)
+        return Sim(model, found.freedom, found.misfit, reach=reach, disturbed=all_odd)
 
     whole = told(1.0)
     if whole.misfit < LOST:

@@ -40,6 +40,15 @@ def test_a_wrong_law_is_moved_until_it_tells_what_it_was_not_moved_by(known: Sim
     assert known.model.potential[4] == pytest.approx(0.25 * HARD, rel=0.1)
 
 
+def test_a_law_whose_rollouts_run_off_in_windows_that_judge_is_moved_by_the_others() -> None:
+    """Beyond some swing its spring pushes away."""
+    told = [film(u=wave(1), noise=0.01, seed=1, seconds=40.0)]
+    given = Sim.exact(oscillator(hard=-0.6 * HARD))
+    assert held_to(given, told, settings()).misfit > 1e6
+    moved = held_to(recalibrated(given, told, settings()), told, settings())
+    assert moved.misfit < 1.3
+
+
 def test_a_right_law_stays_as_it_is() -> None:
     sim = Sim.exact(oscillator())
     assert recalibrated(sim, [film(u=wave(1), noise=0.01, seed=1, seconds=20.0)], settings()) is sim
