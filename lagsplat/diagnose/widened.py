@@ -8,6 +8,8 @@ of the sim: its own parameters would move by hundreds of standard deviations to 
 
 from dataclasses import replace
 
+import numpy as np
+
 from lagsplat.diagnose.compare import Contest, Explained
 from lagsplat.diagnose.select import Effort
 from lagsplat.diagnose.stand import correlation
@@ -17,8 +19,12 @@ FAR = 4.0
 
 
 def widened(contest: Contest, effort: Effort, best: Explained) -> tuple[Contest, Effort] | None:
-    """The contest at the price of what the ``best`` explanation leaves; None if that is near the noise."""
-    left = best.fit.misfit / contest.freedom
+    """The contest at the price of what the ``best`` explanation leaves; None if that is near the noise.
+
+    What it leaves is that of the middle window: a push by hand in a few of them says nothing of the law.
+    """
+    each = [(row[:n] ** 2).mean() for row, n in zip(best.fit.residual, contest.windows.length, strict=True)]
+    left = min(best.fit.misfit / contest.freedom, float(np.median(each)))
     if left <= FAR * effort.nominal:
         return None
     alike = correlation(best.fit.residual, contest.windows.length)

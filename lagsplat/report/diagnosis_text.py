@@ -20,6 +20,7 @@ from lagsplat.report.rounding import number, percent, probability
 
 SURE, LIKELY = 0.8, 0.5  # probability of a class from which it is called the cause, and the likely cause
 LEFT_OVER = 1.25  # times the floor: above it something else is missing too
+NEARER = 0.5  # share of what the nearest effect leaves at which several together are told of
 NAMED = 4  # effects that a sentence lists at most
 PLACES = {
     "perception": "The gap arises where the pictures are read, before any physics",
@@ -113,9 +114,19 @@ def _unknown(diagnosis: Diagnosis) -> list[str]:
         )
         sentences.append(
             f"The nearest, {place(known[0])},{much} leaves more than noise behind; it should not be taken "
-            "for the cause, since a wrong effect often closes much of a gap."
+            f"for the cause, since a wrong effect often closes much of a gap.{_nearer(diagnosis)}"
         )
     return [*sentences, WORDS["unknown"].do, _next(diagnosis)]
+
+
+def _nearer(diagnosis: Diagnosis) -> str:
+    """What several effects together leave, where that is far less than the nearest alone does."""
+    noise = max(diagnosis.checks.get("sim_misfit", 1.0), 1.0)
+    left = [max(one["misfit"] - noise, 0.0) for one in diagnosis.checks.get("chain", [])]
+    if len(left) < 2 or not left[-1] < NEARER * left[0]:
+        return ""
+    names = [short_title(name) for name in diagnosis.checks["chain"][-1]["effects"]]
+    return f" Nearer are {joined(names, 'and')} together, which leave {percent(left[-1] / left[0])} as much."
 
 
 DOUBTS = {

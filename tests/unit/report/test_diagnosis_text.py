@@ -116,6 +116,14 @@ def test_unknown_names_no_cause():
     assert "cause is" not in text
 
 
+def test_unknown_tells_of_several_effects_that_leave_far_less_together():
+    made = KINDS["unknown"]
+    chain = [{"effects": ["creep"], "misfit": 21.0}, {"effects": ["creep", "external_push"], "misfit": 3.0}]
+    text = paragraph(replace(made, checks={**made.checks, "sim_misfit": 1.0, "chain": chain}))
+    assert "creep and external push together, which leave 10 % as much" in text
+    assert "together" not in paragraph(replace(made, checks={**made.checks, "chain": chain[:1]}))
+
+
 @pytest.mark.parametrize("why", sorted(DOUBTS))
 def test_unknown_says_what_makes_a_fitting_effect_doubtful(why):
     made = KINDS["unknown"]
