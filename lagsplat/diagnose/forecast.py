@@ -19,8 +19,8 @@ from lagsplat.diagnose.shoot import Belief, Data, derivatives, shoot
 
 BURN_IN = 10
 """Samples that a starting state is fitted to; those that repeat an earlier one do not count."""
-HARDLY = 0.9
-"""Share of a period from which on a stretch counts as one."""
+PART = 0.25
+"""Share of a period that a forecast spans at least, where the sim can be followed no longer than a part."""
 LEAST = 20
 """Samples of the shortest block."""
 DIVERGED = 10.0
@@ -44,14 +44,14 @@ def halves(contest: Contest) -> tuple[Contest, Windows]:
 
 
 def blocks_of(contest: Contest, held: Windows, *, period_s: float) -> Windows:
-    """One natural period after the other within the held-out windows, or a window that is hardly shorter.
+    """One natural period after the other within the held-out windows, or windows where these are shorter.
 
     Raises:
-        ValueError: none of them is as long as a period.
+        ValueError: none of them is as long as `PART` of a period.
     """
     frames = max(LEAST, round(period_s / contest.bench.record.dt_s) + 1)
     longest = int(held.length.max(initial=0))
-    if HARDLY * frames <= longest < frames:
+    if PART * frames <= longest < frames:
         frames = longest
     first = [
         start + k * (frames - 1)

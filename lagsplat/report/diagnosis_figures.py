@@ -63,10 +63,10 @@ def _verdict() -> list[Entry]:
         (
             "waterfall",
             "How far the gap closes",
-            "Root mean square error of held-out forecasts over one natural period, over each coordinate's "
-            "own size. From the sim as delivered, over the sim with its own numbers moved within their "
-            "uncertainty, to the sim with the chosen effects (whisker: 95 % interval). The dashed floor is "
-            "what the true model would leave, given the noise.",
+            "Root mean square error of held-out forecasts over one natural period, or as long as the sim can "
+            "be followed, over each coordinate's own size. From the sim as delivered, over the sim with its "
+            "own numbers moved within their uncertainty, to the sim with the chosen effects (whisker: 95 % "
+            "interval). The dashed floor is what the true model would leave, given the noise.",
             draw_waterfall,
         ),
         (

@@ -105,7 +105,7 @@ alt="The stretch as measured, as forecast by the sim, and as forecast with the e
 <span>measured</span><span>sim</span><span>sim with effects</span>
 <figcaption><b>Film.</b> The same stretch side by side{% if slowed > 1.05 %},
 slowed down {{ "%.2g" | format(slowed) }} times{% endif %}. Forecasts
-begin anew every natural period.</figcaption></figure>{% endif %}
+begin anew every natural period, or as often as the sim is lost.</figcaption></figure>{% endif %}
 {% if missing %}<div class="row"><b>Not computed</b> {{ missing | join("; ") }}.</div>{% endif %}
 </section>
 

@@ -20,6 +20,8 @@ from lagsplat.report.rounding import number, percent, probability
 
 SURE, LIKELY = 0.8, 0.5  # probability of a class from which it is called the cause, and the likely cause
 LEFT_OVER = 1.25  # times the floor: above it something else is missing too
+POSSIBLE = 0.01  # probability from which on it is worth a recording to know more of an effect
+WHOLE = 0.85  # natural periods from which on a horizon counts as one
 NEARER = 0.5  # share of what the nearest effect leaves at which several together are told of
 NAMED = 4  # effects that a sentence lists at most
 PLACES = {
@@ -88,7 +90,8 @@ def _none(diagnosis: Diagnosis) -> list[str]:
         floor = (
             f"; even the true model would miss by {percent(gap.floor)}" if math.isfinite(gap.floor) else ""
         )
-        size = f"{_over(gap)}, its forecasts miss by {percent(gap.before)} of the size of the motion{floor}."
+        over = _over(gap, diagnosis)
+        size = f"{over}, its forecasts miss by {percent(gap.before)} of the size of the motion{floor}."
     blind = effects_shown(excitations(diagnosis), "no")
     caveat = f"This recording could not have shown {_listed(blind, 'or')}." if blind else ""
     return [opening, size, caveat, _next(diagnosis) if blind else ""]
@@ -108,10 +111,8 @@ def _unknown(diagnosis: Diagnosis) -> list[str]:
         nearest = _capital(place(known[0])) if known else "An outer force"
         sentences.append(DOUBTS[doubt].format(nearest=nearest))
     elif known:
-        closes = known[0].closure
-        much = (
-            f" would close {percent(closes.value)} of it but" if closes and closes.value is not None else ""
-        )
+        closes = (known[0].closure and known[0].closure.value) or 0.0
+        much = f" would close {percent(closes)} of it but" if closes > 0.0 else ""
         sentences.append(
             f"The nearest, {place(known[0])},{much} leaves more than noise behind; it should not be taken "
             f"for the cause, since a wrong effect often closes much of a gap.{_nearer(diagnosis)}"
@@ -158,8 +159,8 @@ def _size(diagnosis: Diagnosis) -> str:
         return ""
     floor = f"; noise alone would leave {percent(gap.floor)}" if math.isfinite(gap.floor) else ""
     return (
-        f"{_over(gap)}, the simulation's forecasts miss the measurement by {percent(gap.before)} of the size "
-        f"of the motion{floor}.{_runaways(gap)}"
+        f"{_over(gap, diagnosis)}, the simulation's forecasts miss the measurement by {percent(gap.before)} "
+        f"of the size of the motion{floor}.{_runaways(gap)}"
     )
 
 
@@ -174,9 +175,13 @@ def _runaways(gap: Gap) -> str:
     )
 
 
-def _over(gap: Gap) -> str:
-    known = math.isfinite(gap.horizon_s)
-    return f"Over one natural period ({number(gap.horizon_s)} s)" if known else "Over one natural period"
+def _over(gap: Gap, diagnosis: Diagnosis) -> str:
+    if not math.isfinite(gap.horizon_s):
+        return "Over one natural period"
+    periods = gap.horizon_s / diagnosis.checks.get("natural_period_s", gap.horizon_s)
+    if periods > WHOLE:
+        return f"Over one natural period ({number(gap.horizon_s)} s)"
+    return f"Over {number(gap.horizon_s)} s, {number(periods)} of a natural period"
 
 
 def _located(diagnosis: Diagnosis) -> str:
@@ -277,6 +282,8 @@ def _next(diagnosis: Diagnosis) -> str:
     if not wanted:
         return ""
     effect, record = wanted[0]
+    if diagnosis.verdict != "none" and chance_of(diagnosis, effect) < POSSIBLE:
+        return ""
     return f"To know more of {short_title(effect)}, record this next: {record.rstrip('.')}."
 
 
