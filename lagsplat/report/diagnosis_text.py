@@ -14,7 +14,7 @@ from lagsplat.report.diagnosis_names import (
     shares_of_closure,
     titled,
 )
-from lagsplat.report.diagnosis_where import located, main_coordinate
+from lagsplat.report.diagnosis_where import brief, located, main_coordinate
 from lagsplat.report.effect_words import WORDS, Kind, short_title, words_of
 from lagsplat.report.rounding import number, percent, probability
 
@@ -198,7 +198,7 @@ def _located(diagnosis: Diagnosis) -> str:
     if level == "dynamics" and components and max(components.values()) >= 0.4:
         best = max(components, key=lambda name: components[name])
         text += f", and acts like {ACTS_LIKE[best]} ({percent(components[best])})"
-    return text + "."
+    return f"{text}.{brief(where, diagnosis.checks.get('natural_period_s', 0.0))}"
 
 
 def _cause(diagnosis: Diagnosis, named: list[Candidate], names: list[str], together: float) -> str:

@@ -3,9 +3,13 @@
 from collections.abc import Mapping
 from typing import Any
 
+from lagsplat.report.rounding import percent
+
 LOCATED = ("level", "coordinates", "time_s", "frequency_hz", "state_region", "image_region")
 """What every `diagnosis.json` holds."""
 FURTHER = ("components", "memory_index", "evidence")
+MOSTLY = 0.5
+"""Share of the residual from which on a short event is told of."""
 
 
 def located(where: Any, name: str) -> Any:
@@ -34,3 +38,14 @@ def main_coordinate(where: Any) -> str | None:
     if not shares or max(shares.values()) <= 0.0:
         return None
     return str(max(shares, key=lambda name: shares[name]))
+
+
+def brief(where: Any, period_s: float) -> str:
+    """When most of the residual acts, in a sentence, if that is within a natural period; else nothing."""
+    events = located(where, "time_s") or ()
+    if not events:
+        return ""
+    file, start_s, end_s, share = events[0]
+    if share < MOSTLY or not end_s - start_s < period_s:
+        return ""
+    return f" {percent(share)} of what is missing acts between {start_s:.4g} and {end_s:.4g} s of {file}."

@@ -116,6 +116,22 @@ def test_unknown_names_no_cause():
     assert "cause is" not in text
 
 
+def test_a_short_event_that_holds_most_of_the_residual_is_told_with_its_time():
+    made = KINDS["unknown"]
+    event = ("swing.csv", 16.01, 16.17, 0.91)
+    checks = {**made.checks, "natural_period_s": 1.4}
+
+    def told(*, share: float, stop_s: float) -> str:
+        at = (*event[:2], stop_s, share)
+        return paragraph(replace(made, checks=checks, where={**made.where, "time_s": [at]}))
+
+    assert "91 % of what is missing acts between 16.01 and 16.17 s of swing.csv" in told(
+        share=0.91, stop_s=16.17
+    )
+    assert "swing.csv" not in told(share=0.3, stop_s=16.17)
+    assert "swing.csv" not in told(share=0.91, stop_s=18.0)
+
+
 def test_unknown_tells_of_several_effects_that_leave_far_less_together():
     made = KINDS["unknown"]
     chain = [{"effects": ["creep"], "misfit": 21.0}, {"effects": ["creep", "external_push"], "misfit": 3.0}]
