@@ -23,7 +23,7 @@ from lagsplat.diagnose.region import region_of
 from lagsplat.diagnose.result import Diagnosis
 from lagsplat.diagnose.stand import measured
 from lagsplat.diagnose.where import Where, locate
-from lagsplat.pair import Pair, open_pair
+from lagsplat.pair import LAWLESS, Pair, open_pair
 from lagsplat.provenance import stamp
 from lagsplat.report.diagnosis_exhibits import Exhibits
 from lagsplat.report.diagnosis_json import save_diagnosis
@@ -130,8 +130,8 @@ def absorbed() -> tuple[str, ...]:
 
 
 def extrapolated(found: Diagnosis, checked: Checked) -> Diagnosis:
-    """``found``, undetermined if nothing explains it and the sim was seen in less than half of the motion."""
-    why = [finding.text for finding in checked.findings if finding.check == BEYOND]
+    """``found``, undetermined if nothing explains it and the sim was hardly seen there or is true nowhere."""
+    why = [finding.text for finding in checked.findings if finding.check in (BEYOND, LAWLESS)]
     if found.verdict != "unknown" or not why:
         return found
     return replace(found, checks={**found.checks, "undetermined": why})

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from lagsplat.films import Films
 
 MODELS = ("run", "model", "mujoco", "python")
+LAWLESS = "a law that is true nowhere"
+"""Name of the finding that a run's law misses its own recordings."""
 MISSED = 1.5
 """Mean square residual, in units of the noise, above which a sim misses its own recordings."""
 
@@ -148,8 +150,8 @@ def _disturbed(sim: Sim) -> Finding:
 
 def _lost_law(sim: Sim, source: str) -> Finding:
     return Finding(
-        "undetermined",
-        "law of the run",
+        "warn",
+        LAWLESS,
         source,
         f"the law misses its own recordings by {np.sqrt(sim.misfit):.0f} times their noise within two "
         "periods, and no change of its potential, damping and input map mended that",

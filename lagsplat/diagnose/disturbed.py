@@ -20,15 +20,15 @@ ODD = 4.0
 """Times the middle window's mean square by which one is missed that is left out."""
 BETTER = 0.25
 """Share of the mean square that the others must leave at most."""
-MOST, LEAST = 3, 4
-"""Windows that are left out at most, and one in how many at most."""
+MOST, ONE_IN, LEAST = 3, 4, 8
+"""Windows that are left out at most, one in how many at most, and of how many at least."""
 
 
 def undisturbed(found: Identified, again: Callable[[Windows], Identified]) -> tuple[Identified, Windows]:
     """``found``, or what ``again`` finds on fewer of its windows, and the windows that were left out."""
-    windows, best = found.windows, found
-    kept = np.arange(len(windows.first))
-    for _ in range(min(MOST, len(kept) // LEAST) if found.misfit > MISSED else 0):
+    windows, best, n = found.windows, found, len(found.windows.first)
+    kept = np.arange(n)
+    for _ in range(min(MOST, n // ONE_IN) if found.misfit > MISSED and n >= LEAST else 0):
         missed = each(best)
         worst = int(np.argmax(missed))
         if best.misfit < TOLD or missed[worst] < ODD * np.median(missed):
@@ -36,7 +36,7 @@ def undisturbed(found: Identified, again: Callable[[Windows], Identified]) -> tu
         kept = np.delete(kept, worst)
         best = again(windows.only(kept))
     if best.misfit < BETTER * found.misfit:
-        return best, windows.only(np.setdiff1d(np.arange(len(windows.first)), kept))
+        return best, windows.only(np.setdiff1d(np.arange(n), kept))
     return found, windows.only(np.zeros(0, dtype=np.int64))
 
 

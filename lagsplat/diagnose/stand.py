@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float64
 
 from lagsplat.diagnose.compare import Contest, belief, pushed
 from lagsplat.diagnose.config import DiagnoseConfig
-from lagsplat.diagnose.disturbed import MISSED, undisturbed
+from lagsplat.diagnose.disturbed import LEAST, MISSED, undisturbed
 from lagsplat.diagnose.familiar import Familiar
 from lagsplat.diagnose.forms import COEFFICIENTS
 from lagsplat.diagnose.frozen import frozen
@@ -84,7 +84,10 @@ def sim_of(motions: Sequence[Motion], config: DiagnoseConfig) -> Sim:
 
     def told(reach: float, without: tuple[Span, ...] = ()) -> Sim:
         length_s = reach * config.window_periods * period_s
-        windows = apart(cut_windows(ready.record, length_s=length_s, least=12), ready.record, without)
+        windows = cut_windows(ready.record, length_s=length_s, least=12)
+        kept = apart(windows, ready.record, without)
+        if len(kept.first) >= LEAST:
+            windows = kept
         found, odd = undisturbed(again(windows), again)
         all_odd = (*without, *spans(odd, ready.record))
         model = rested(found.model, ready.smooth)

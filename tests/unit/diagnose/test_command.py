@@ -17,6 +17,7 @@ from lagsplat.diagnose.measurement_noise import Noise
 from lagsplat.diagnose.result import Candidate, Diagnosis, Verdict
 from lagsplat.gap import UNSURE, extrapolated, undecided
 from lagsplat.io.motion import Motion
+from lagsplat.pair import LAWLESS
 from tests.unit.diagnose.toys import film, own, wave
 
 RIVALS = ("coulomb_friction", "quadratic_drag", "cubic_stiffness", "input_lag")
@@ -127,7 +128,8 @@ def test_a_verdict_that_the_data_forbid_keeps_no_name_above_the_rest() -> None:
 
 
 @pytest.mark.parametrize(("verdict", "check", "held"), [
-    ("unknown", BEYOND, False), ("unknown", "outside the sim", True), ("effect", BEYOND, True),
+    ("unknown", BEYOND, False), ("unknown", LAWLESS, False), ("effect", LAWLESS, True),
+    ("unknown", "outside the sim", True), ("effect", BEYOND, True),
 ])  # fmt: skip
 def test_what_a_sim_misses_where_it_was_not_seen_is_not_called_unknown_physics(
     verdict: Verdict, check: str, held: bool
