@@ -42,11 +42,12 @@ def seconds(work: Callable[[], Any]) -> float:
 def compare(case: str, folder: Path) -> str:
     """One line: unknowns, times, their ratio."""
     make_one((case, CASES[case], 1, "speed", str(folder), "T0"))
-    setting = setting_of(compose().diagnose)
+    config = compose().diagnose
+    setting = setting_of(config)
     motions = read_sources(find_sources(f"{folder}/data/{case}/sim_*.csv"))
     period_s = rough_period_s(motions)
     ready = prepare(motions, period_s=period_s)
-    windows = cut_windows(ready.record, length_s=2.0 * period_s, least=12)
+    windows = cut_windows(ready.record, length_s=config.window_periods * period_s, least=12)
     found = identify(ready.record, ready.smooth, ready.sigma, period_s, setting, windows, held=False)
     moves = free_directions(found.model, found.form, np.std(ready.record.v, axis=0))
     steps = max(1, int(np.ceil(ready.record.dt_s * setting.steps_per_period / period_s)))
