@@ -27,6 +27,7 @@ from lagsplat.stage1.autoencoder import encode_frames
 
 HELD_OUT = "held_out"  # names a run's own recording, of which the part that no fit saw is taken
 MOST_LATENTS = 4000  # of the training part, that say where latents usually lie
+BADLY = 5.0  # times the nominal error of the pictures: from there on their states are not known
 CAMERA_GAP = 0.5  # of the gap: a camera that passes for more forbids every other name
 
 
@@ -74,8 +75,8 @@ class Films:
         """The diagnosis with what the pictures say of it.
 
         It is conditional on perception where the real pictures are drawn worse than the nominal ones, or show
-        latents that these never had. It is undetermined where a moved camera passes for half of the gap and
-        the name is not that of a camera.
+        latents that these never had. It is undetermined where they are drawn so badly that the encoder cannot
+        read them, and where a moved camera passes for half of the gap and the name is not that of a camera.
         """
         warnings_, checks = list(found.warnings), dict(found.checks)
         if self.sight is not None:
@@ -91,6 +92,12 @@ class Films:
                     f"as the run's own, and {100 * seen.outside:.2g} % of the frames lie where it was never "
                     "trained; what follows holds only if the encoder is right there"
                 )
+            seeing = set(found.combination) & {"camera_change", "camera_drift", "exposure_blur"}
+            if seen.ratio > BADLY and found.verdict != "none" and not seeing:
+                checks["undetermined"] = [
+                    f"the real pictures are drawn {seen.ratio:.2g} times as badly as the run's own, so that "
+                    "the encoder does not read their states; film with the camera and compression of before"
+                ]
         gap = found.gap.before if found.gap is not None else np.inf
         named = found.combination and not set(found.combination) & {"camera_change", "camera_drift"}
         if named and self.camera_share > CAMERA_GAP * gap:

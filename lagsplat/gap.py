@@ -18,10 +18,11 @@ from lagsplat.diagnose.config import DiagnoseConfig
 from lagsplat.diagnose.coverage import BEYOND
 from lagsplat.diagnose.diagnose import Found, diagnose
 from lagsplat.diagnose.effects.effect import Noise
+from lagsplat.diagnose.ladder import Perception
 from lagsplat.diagnose.null_evidence import like, null_evidence
 from lagsplat.diagnose.region import region_of
 from lagsplat.diagnose.result import Diagnosis
-from lagsplat.diagnose.stand import measured
+from lagsplat.diagnose.stand import Sim, measured
 from lagsplat.diagnose.where import Where, locate
 from lagsplat.pair import LAWLESS, Pair, open_pair
 from lagsplat.provenance import stamp
@@ -51,10 +52,11 @@ def examine(pair: Pair, config: DiagnoseConfig, *, tell: Callable[[str], None]) 
     with contextlib.suppress(ValueError):
         if null is not None:
             nats = null_evidence(pair.sim, null, pair.real, config, tell=tell)
-    found = diagnose(pair.sim, pair.real, config, null=nats, tell=tell)
+    sight = pair.films.sight if pair.films is not None else None
+    seen = sight.perception if sight is not None else None
+    found = diagnose(as_seen(pair.sim, seen), pair.real, config, null=nats, tell=tell)
     tell("where")
     natural_s = found.diagnosis.checks["natural_period_s"]
-    sight = pair.films.sight if pair.films is not None else None
     where: Where | None = None
     blind: tuple[str, ...] = ()
     try:
@@ -78,6 +80,7 @@ def examine(pair: Pair, config: DiagnoseConfig, *, tell: Callable[[str], None]) 
         checks={
             **found.diagnosis.checks,
             "samples_as_one": config.temper,
+            "sim_misfit": pair.sim.misfit,
             "null_evidence": nats,
             "excitation": [asdict(row) for row in pair.rows],
             "findings": [asdict(finding) for finding in pair.checked.findings],
@@ -89,6 +92,16 @@ def examine(pair: Pair, config: DiagnoseConfig, *, tell: Callable[[str], None]) 
     if pair.checked.undetermined or "undetermined" in diagnosis.checks:
         diagnosis = undecided(diagnosis)
     return replace(found, diagnosis=diagnosis)
+
+
+def as_seen(sim: Sim, seen: Perception | None) -> Sim:
+    """The sim, missing the motion by as much more as its pictures are drawn worse than those that taught it.
+
+    An encoder that errs in the pictures errs in the state, and does so smoothly along the motion.
+    """
+    if seen is None or not seen.suspect:
+        return sim
+    return replace(sim, misfit=max(sim.misfit, 1.0) * max(seen.ratio, 1.0))
 
 
 def _suited(pair: Pair, config: DiagnoseConfig) -> DiagnoseConfig:

@@ -268,9 +268,11 @@ def _closure(diagnosis: Diagnosis, act: str) -> str:
     if gap.closure.value >= 1.0:
         share = "as little as can be asked of forecasts from noisy beginnings"
     text = f"{act} shrinks the miss from {percent(gap.before)} to {percent(gap.after)}, which is {share}"
+    if gap.after >= gap.before:
+        text = f"{act} does not shrink the miss of held-out forecasts ({percent(gap.after)} with it)"
     shares = shares_of_closure(gap)
     moved = "moving the simulation's own numbers within their uncertainty would remove"
-    text += f"; {moved} {percent(shares[0])}." if shares else "."
+    text += f"; {moved} {percent(shares[0])}." if shares and shares[0] > 0.0 else "."
     if gap.floor > 0.0 and gap.after > LEFT_OVER * gap.floor:
         times = number(gap.after / gap.floor)
         text += f" What remains is {times} times what noise leaves, so that something else is missing too."

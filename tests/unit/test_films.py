@@ -186,6 +186,15 @@ def test_strange_pictures_make_a_verdict_conditional(folder):
     found = judged(folder, share=0.0, perception=strange).judge(made_diagnoses.friction())
     assert found.checks["conditional_on_perception"] is True
     assert any("conditional on perception" in text for text in found.warnings)
+    assert "undetermined" not in found.checks
+
+
+def test_pictures_that_the_encoder_cannot_read_name_nothing_but_a_camera(folder):
+    unread = judged(folder, share=0.0, perception=Perception(10.0, 0.0, True))
+    found = unread.judge(made_diagnoses.friction())
+    assert "10 times as badly" in found.checks["undetermined"][0]
+    blurred = replace(made_diagnoses.friction(), combination=("exposure_blur",))
+    assert "undetermined" not in unread.judge(blurred).checks
 
 
 @pytest.mark.parametrize(

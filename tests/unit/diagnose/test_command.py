@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,12 +14,14 @@ from lagsplat.diagnose.catalogue import catalogue
 from lagsplat.diagnose.check import Checked, Side
 from lagsplat.diagnose.coverage import BEYOND
 from lagsplat.diagnose.finding import Finding
+from lagsplat.diagnose.ladder import Perception
 from lagsplat.diagnose.measurement_noise import Noise
 from lagsplat.diagnose.result import Candidate, Diagnosis, Verdict
-from lagsplat.gap import UNSURE, extrapolated, undecided
+from lagsplat.diagnose.stand import Sim
+from lagsplat.gap import UNSURE, as_seen, extrapolated, undecided
 from lagsplat.io.motion import Motion
 from lagsplat.pair import LAWLESS
-from tests.unit.diagnose.toys import film, own, wave
+from tests.unit.diagnose.toys import film, oscillator, own, wave
 
 RIVALS = ("coulomb_friction", "quadratic_drag", "cubic_stiffness", "input_lag")
 QUICK = (
@@ -139,3 +142,10 @@ def test_what_a_sim_misses_where_it_was_not_seen_is_not_called_unknown_physics(
     finding = Finding("warn", check, "real", "60 % lie outside", "there it is extrapolated", "record a sim")
     checked = Checked(None, Side((), (), None, Noise(*np.zeros((3, 1))), 4), (finding,))
     assert ("undetermined" not in extrapolated(found, checked).checks) == held
+
+
+@pytest.mark.parametrize(("suspect", "misfit"), [(True, 2.0 * 3.0), (False, 2.0)])
+def test_a_sim_misses_more_where_its_pictures_are_drawn_worse(suspect: bool, misfit: float) -> None:
+    sim = replace(Sim.exact(oscillator()), misfit=2.0)
+    assert as_seen(sim, None) is sim
+    assert as_seen(sim, Perception(3.0, 0.0, suspect)).misfit == pytest.approx(misfit)

@@ -132,6 +132,14 @@ def test_a_short_event_that_holds_most_of_the_residual_is_told_with_its_time():
     assert "swing.csv" not in told(share=0.91, stop_s=18.0)
 
 
+def test_an_effect_that_does_not_help_forecasts_is_not_said_to():
+    made = KINDS["single"]
+    assert made.gap is not None
+    text = paragraph(replace(made, gap=replace(made.gap, after=1.1 * made.gap.before)))
+    assert "does not shrink the miss of held-out forecasts" in text
+    assert "shrinks the miss" not in text
+
+
 def test_unknown_tells_of_several_effects_that_leave_far_less_together():
     made = KINDS["unknown"]
     chain = [{"effects": ["creep"], "misfit": 21.0}, {"effects": ["creep", "external_push"], "misfit": 3.0}]
