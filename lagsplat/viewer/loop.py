@@ -79,8 +79,7 @@ class Loop:
             changed = self._obey(wait_s)
             now = time.perf_counter()
             due = self.clock.due(now, running=running)
-            for _ in range(due):
-                self.session.step()
+            self._step(due)
             if due:
                 self.stepped.append((now, due))
                 while self.stepped[0][0] < now - RATE_S:
@@ -89,6 +88,14 @@ class Loop:
                 with self.fresh:
                     self.latest = self.session.snapshot()
                     self.fresh.notify_all()
+
+    def _step(self, times: int) -> None:
+        try:
+            for _ in range(times):
+                self.session.step()
+        except Exception:  # without its thread the page would stand still and say nothing
+            log.exception("a step failed; the session stopped")
+            self.session.halt()
 
     def _obey(self, wait_s: float) -> bool:
         """Carry out what was asked for, waiting for a first command; whether there was any."""
@@ -100,14 +107,20 @@ class Loop:
             try:
                 command(self.session)
             except ValueError as error:
-                self.refuse(str(error))
+                self._tell_why(str(error))
             except Exception:  # a command must not end the session of everyone else
                 log.exception("a command failed; the session goes on")
-                self.refuse("That failed inside; the session goes on. The server's log says why.")
+                self._tell_why("That failed inside; the session goes on. The server's log says why.")
             try:
                 command = self.commands.get_nowait()
             except queue.Empty:
                 return True
+
+    def _tell_why(self, refusal: str) -> None:
+        try:
+            self.refuse(refusal)
+        except Exception:  # who asked may have left meanwhile
+            log.exception("a refusal could not be told; the session goes on")
 
     def _pictures(self) -> None:
         shown: Snapshot | None = None

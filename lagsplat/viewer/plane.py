@@ -46,11 +46,12 @@ class Plane:
             ValueError: the line of sight does not meet the picture's plane in front of the eye.
         """
         at, start = np.asarray(point, np.float64), np.asarray(eye, np.float64)
-        if not np.isfinite(np.concatenate([at, start])).all():
-            raise ValueError("the pointer's place is not finite; nothing was pushed")
-        ray = at - start
-        along = -start[2] / ray[2] if ray[2] != 0.0 else -1.0
-        if along <= 0.0:
+        with np.errstate(all="ignore"):
+            ray = at - start
+            along = -start[2] / ray[2]
+            met = (start + along * ray) * self.unit
+        if along <= 0.0 or ray[2] == 0.0:
             raise ValueError("the pointer does not point at the picture; turn the view back to its front")
-        met = start + along * ray
-        return np.array([met[0] * self.unit + 0.5 * self.width, 0.5 * self.height - met[1] * self.unit])
+        if not np.isfinite(met).all():
+            raise ValueError("the pointer's place is not finite; nothing was pushed")
+        return np.array([met[0] + 0.5 * self.width, 0.5 * self.height - met[1]])

@@ -222,11 +222,15 @@ class Session:
             q, v = self.law.step(self.q, self.v, self.u, load, dt_s=self.dt_s)
         away = float(np.linalg.norm(q - self.held.rest.numpy()))
         if not (np.isfinite(v).all() and away <= self.config.divergence * self.held.reach):
-            self.status, self.hand, self.playing = "stopped", None, None
+            self.halt()
             return
         self.q, self.v = q, v
         self.steps += 1
         self.ledger.book(self.law, before, (q, v), self.u, load, dt_s=self.dt_s)
+
+    def halt(self) -> None:
+        """Stop where it stands, until the state is set anew."""
+        self.status, self.hand, self.playing = "stopped", None, None
 
     def snapshot(self) -> Snapshot:
         """The session as it stands."""

@@ -60,6 +60,39 @@ def test_a_command_that_fails_is_told_and_the_session_goes_on():
     loop.stop()
 
 
+def test_a_refusal_that_reaches_nobody_ends_nothing():
+    def gone(refusal: str) -> None:
+        raise UserWarning("queued on a closed connection")
+
+    one, heard = session(), threading.Event()
+    loop = Loop(one, lambda snapshot: None, pictures_hz=50.0, refuse=gone)
+    loop.start()
+    loop.tell(lambda s: s.grasp((-5.0, 0.0)))
+    loop.tell(lambda s: heard.set())
+    assert heard.wait(5.0)
+    assert loop.threads[0].is_alive()
+    loop.stop()
+
+
+def test_a_step_that_fails_stops_the_session_and_says_so_and_rest_begins_anew(monkeypatch):
+    one = session()
+    loop = Loop(one, lambda snapshot: None, pictures_hz=50.0)
+    monkeypatch.setattr(one.ledger, "book", lambda *booked, **more: 1 / 0)
+    loop.start()
+    end = time.monotonic() + 5.0
+    while one.status != "stopped" and time.monotonic() < end:
+        time.sleep(0.01)
+    assert "stopped" in one.snapshot().banner
+    monkeypatch.undo()
+    heard = threading.Event()
+    loop.tell(lambda s: (s.to_rest(), heard.set()))
+    assert heard.wait(5.0)
+    time.sleep(0.3)
+    assert one.status == "running"
+    assert one.steps > 1
+    loop.stop()
+
+
 def test_paused_it_stands_still_and_still_obeys():
     one = session()
     loop = Loop(one, lambda snapshot: None, pictures_hz=50.0)

@@ -30,8 +30,11 @@ def test_the_first_row_is_on_top():
         ((0.0, 0.0, 6.0), (0.0, 0.0, 5.0)),
         ((1.0, 0.0, 5.0), (0.0, 0.0, 5.0)),
         ((np.nan, 0.0, 0.0), (0.0, 0.0, 5.0)),
+        ((1e308, -1e308, 0.0), (0.0, 0.0, 5.0)),
+        ((1e308, 0.0, 0.0), (-1e308, 0.0, 5.0)),
+        ((1.0, 0.0, 5.0 - 1e-300), (0.0, 0.0, 5.0)),
     ],
-    ids=["behind", "parallel", "nan"],
+    ids=["behind", "parallel", "nan", "huge", "huge between", "all but parallel"],
 )
 def test_a_line_of_sight_past_the_sheet_is_refused(point, eye):
     with pytest.raises(ValueError, match=r"nothing was pushed|turn the view"):
