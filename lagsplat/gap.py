@@ -106,7 +106,8 @@ def as_seen(sim: Sim, seen: Perception | None) -> Sim:
 
 def _suited(pair: Pair, config: DiagnoseConfig) -> DiagnoseConfig:
     """The settings for this sim: how far it may be off, and what cannot be the cause."""
-    config = replace(config, temper=max(config.temper, pair.sim.correlation))
+    hold = pair.hold or config.input_hold
+    config = replace(config, temper=max(config.temper, pair.sim.correlation), input_hold=hold)
     if pair.own:
         config = replace(config, without=[*config.without, *absorbed()])
     if pair.films is None:

@@ -32,6 +32,12 @@ MISSED = 1.5
 """Mean square residual, in units of the noise, above which a sim misses its own recordings."""
 
 
+STEPPED = 0.5
+"""Share of an input's samples that repeat the one before, from which it may be one that is held."""
+TRUER = 0.5
+"""Share of the misfit that a sim with held inputs may have at most to be taken instead."""
+
+
 @dataclass(frozen=True)
 class Pair:
     """A sim and the motions it is held against, checked."""
@@ -43,6 +49,8 @@ class Pair:
     """The sim was fitted to the very recording."""
     films: "Films | None" = None
     """The pictures of both sides, where the sim is a fitted run."""
+    hold: str | None = None
+    """How inputs act between samples, where the sim's own recordings say another thing than the settings."""
 
     @property
     def real(self) -> tuple[Motion, ...]:
@@ -97,6 +105,12 @@ def open_pair(sim: str, real: str, config: DiagnoseConfig) -> Pair:
             closed_loop=checked.closed_loop,
         )
     known = _model(models, checked, config, films.null if films is not None else None)
+    hold = None
+    if not models and config.input_hold == "linear" and known.misfit > MISSED:
+        held = _stepwise(checked, config, known)
+        if held is not None:
+            known, hold = held, "zoh"
+            checked = replace(checked, findings=(*checked.findings, _held_inputs(sim)))
     if known.misfit > LOST:
         lost = _lost_law(known, sim) if models else _lost(known, nominal)
         checked = replace(checked, findings=(*checked.findings, lost))
@@ -104,7 +118,7 @@ def open_pair(sim: str, real: str, config: DiagnoseConfig) -> Pair:
         checked = replace(checked, findings=(*checked.findings, _moved(known, sim)))
     if known.disturbed:
         checked = replace(checked, findings=(*checked.findings, _disturbed(known)))
-    return Pair(known, checked, rows, own, films)
+    return Pair(known, checked, rows, own, films, hold)
 
 
 def _thinned(checked: Checked, *, hold: str) -> Checked:
@@ -117,6 +131,28 @@ def _thinned(checked: Checked, *, hold: str) -> Checked:
     fine = {one.source for one in told}
     kept = [one for one in checked.findings if one.check != REPEATED or one.source not in fine]
     return replace(checked, findings=(*kept, *told))
+
+
+def _stepwise(checked: Checked, config: DiagnoseConfig, known: Sim) -> Sim | None:
+    """The sim whose inputs are held between samples, if they step and it is far truer for it."""
+    assert checked.sim is not None
+    change = np.concatenate([np.diff(m.u, axis=0) for m in checked.sim.motions])
+    if not change.any() or np.mean(change[:, change.any(axis=0)] == 0.0) < STEPPED:
+        return None
+    held = sim_of(checked.sim.motions, replace(config, input_hold="zoh"))
+    return held if held.misfit < TRUER * known.misfit else None
+
+
+def _held_inputs(source: str) -> Finding:
+    return Finding(
+        "note",
+        "held inputs",
+        source,
+        "the inputs step, and the sim's recordings are told far better if each value is held until the next; "
+        "so they were on both sides",
+        "a step that is drawn as a slope between two samples acts half a sample early",
+        "set diagnose.input_hold=zoh to have it so in any case",
+    )
 
 
 def _moved(sim: Sim, source: str) -> Finding:

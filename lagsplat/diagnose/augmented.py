@@ -15,6 +15,7 @@ from jaxtyping import Float64
 from lagsplat.diagnose.basis import Basis
 from lagsplat.diagnose.catalogue import catalogue
 from lagsplat.diagnose.effects.effect import Direction, Force, Instance, ModelChange, Noise, Scales
+from lagsplat.diagnose.effects.linear_stiffness import SPRING
 from lagsplat.diagnose.model import Model
 from lagsplat.diagnose.nuisance import Nuisance
 from lagsplat.diagnose.region import Region
@@ -62,13 +63,16 @@ class Augmented:
     def bounded(self) -> bool:
         """Whether no effect feeds energy, so that a bounded push has a bounded answer if the sim's has.
 
-        Effects of inputs and of cameras act on no energy; a stiffness or inertia that is scaled, damping and
-        hardening that are added, keep the sim's bounds.
+        Effects of inputs and of cameras act on no energy; a stiffness or inertia that is scaled, damping,
+        hardening and springs that are added, keep the sim's bounds.
         """
         return all(self._harmless(n) for n in range(len(self.effects)))
 
     def _harmless(self, n: int) -> bool:
-        effect = self.effects[n].effect
+        one = self.effects[n]
+        effect = one.effect
+        if effect.name == "linear_stiffness" and one.variant == SPRING:
+            return self.parameters(n)["ratio"] >= 1.0
         if effect.passive or effect.name in HARMLESS or not isinstance(effect, Force | ModelChange):
             return True
         return effect.name in SIGNED and next(iter(self.parameters(n).values())) >= 0.0

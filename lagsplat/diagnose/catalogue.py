@@ -19,6 +19,7 @@ from lagsplat.diagnose.effects.effect import (
 )
 from lagsplat.diagnose.effects.external_periodic_force import repeating
 from lagsplat.diagnose.effects.external_push import N_PUSHES
+from lagsplat.diagnose.effects.linear_stiffness import SPRING
 from lagsplat.diagnose.simulate import Bench
 
 FREE_CLIPS = 3
@@ -73,7 +74,8 @@ def instances(
                 out.append(Instance(effect, whole_scales(bench), variant))
             else:
                 out += together(_along(effect, variant, bench, places, hints))
-                if effect.along == "both" and (bench.model.d > 1 or not isinstance(effect, Force)):
+                everything = effect.along == "both" and variant != SPRING  # a spring is at one coordinate
+                if everything and (bench.model.d > 1 or not isinstance(effect, Force)):
                     out.append(Instance(effect, whole_scales(bench), variant))
     return [one for one in out if one.scales.reach > 0.0]
 

@@ -19,7 +19,7 @@ from lagsplat.diagnose.reported import parameters
 from lagsplat.diagnose.result import Candidate, Diagnosis
 from lagsplat.diagnose.select import Effort, Ranking, rank
 from lagsplat.diagnose.stand import Sim, stand
-from lagsplat.diagnose.verdict import Judgement, denied, judge
+from lagsplat.diagnose.verdict import Judgement, denied, judge, swing
 from lagsplat.diagnose.widened import widened
 from lagsplat.io.motion import Motion
 
@@ -67,7 +67,9 @@ def diagnose(
         contest, effort = wider
         ranking, chain = _tried(contest, offers, effort, config, tell)
     doubts = partial(doubt, contest, ranking, nominal=effort.nominal)
-    judgement = judge(ranking, chain, contest.freedom, effort.nominal, config, doubt=doubts)
+    judgement = judge(
+        ranking, chain, contest.freedom, effort.nominal, config, most=swing(contest), doubt=doubts
+    )
     best = judgement.best
     chosen = best if best is not None and judgement.verdict == "effect" else ranking.none
     held, warnings = _held(contest, ranking, chosen, natural.longest_s, (sim.given or sim).model)

@@ -10,7 +10,7 @@ from lagsplat.diagnose.config import DiagnoseConfig
 from lagsplat.diagnose.doubt import Doubt
 from lagsplat.diagnose.effects.effect import Instance, Noise
 from lagsplat.diagnose.select import Effort, Ranking, graded
-from lagsplat.diagnose.verdict import CLASSES, Judgement, judge
+from lagsplat.diagnose.verdict import CLASSES, Judgement, judge, swing
 
 KEPT = 4
 """Repeats of the five that must keep the name, or one of its class."""
@@ -109,4 +109,4 @@ def _again(
     for one in chain:
         alone = told.best_of(one.effects[-1].effect.name) if len(one.effects) == 1 else None
         sets.append(alone or (one if _single(one) else refit(one)))
-    return judge(told, sets, shaken.freedom, effort.nominal, config, doubt=doubt)
+    return judge(told, sets, shaken.freedom, effort.nominal, config, most=swing(shaken), doubt=doubt)

@@ -219,6 +219,24 @@ def grow(
             refused.add(candidate)
 
 
+def further(
+    trial: Trial, model: Model, form: Form, fit: Fit, basis: Basis
+) -> tuple[Model, np.ndarray, np.ndarray]:
+    """The model with room for the next terms of its potential; the curvature and the moves with these.
+
+    The recordings did not pay for them, and so say that they are small where they were, and nothing of what
+    lies beyond: a motion that goes further must not find the law certain there.
+    """
+    ends = [end for end in degrees(basis) if end > form.potential][:2]
+    wider = replace(form, potential=ends[-1]) if ends else form
+    roomy = enlarged(model, wider)
+    sizes = (len(roomy.mass), len(roomy.damping), len(roomy.potential), len(roomy.input_map))
+    roomy = replace(roomy, basis=basis.first(max(sizes)))
+    moves = free_directions(roomy, wider, trial.speed)
+    linear = trial.moving(roomy, moves).derivatives(np.zeros(len(moves)), fit.starts, trial.data)
+    return roomy, eliminate(*linear)[0], moves
+
+
 def identify(
     record: Record,
     smooth: Float64[np.ndarray, "N d"],
@@ -246,6 +264,7 @@ def identify(
         if options[-1][3].misfit < 1.1 * trial.n_data:
             break
     _, model, form, fit, moves = min(options, key=lambda option: option[0])
+    whole = model.basis
     model = replace(
         model,
         basis=model.basis.first(
@@ -253,5 +272,8 @@ def identify(
         ),
     )
     misfit = fit.misfit / max(trial.n_data - len(moves), 1.0)
-    freedom = left_open(fit.curvature / max(misfit, 1.0), moves, deviation=LOOSE)
+    curvature = fit.curvature
+    if record.d <= FEW:
+        model, curvature, moves = further(trial, model, form, fit, whole)
+    freedom = left_open(curvature / max(misfit, 1.0), moves, deviation=LOOSE)
     return Identified(model, form, misfit, freedom, fit, windows)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.polynomial import Polynomial
 
+from lagsplat.diagnose.effects.linear_stiffness import SPRING
 from lagsplat.diagnose.mujoco_sim import Choice, require_mujoco
 
 FAINT = 1e-6
@@ -107,7 +108,10 @@ def _cubic(place: Place, values: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def _stiffness(place: Place, values: Mapping[str, Any]) -> tuple[str, ...]:
-    """The whole potential: gravity, springs and what servos hold with."""
+    """The whole potential: gravity, springs and what servos hold with; or a spring beside these."""
+    if place.variant == SPRING:
+        added = (values["ratio"] - 1.0) * place.stiffness * place.inertia
+        return _add_spring(place, added * Polynomial([-place.rest, 1.0]))
     ratio, gravity = values["ratio"], np.asarray(place.spec.option.gravity, dtype=np.float64)
     alone = len(place.chosen.joints) == 1
     if place.joint is not None and not alone:

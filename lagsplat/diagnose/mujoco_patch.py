@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 
 from lagsplat.diagnose.augmented import Augmented
+from lagsplat.diagnose.effects.linear_stiffness import SPRING
+from lagsplat.diagnose.effects.linear_stiffness import stiffness as stiffness_of
 from lagsplat.diagnose.mujoco_counterparts import COUNTERPARTS, Place
 from lagsplat.diagnose.mujoco_sim import load_mujoco, mechanics, require_mujoco
 from lagsplat.diagnose.result import Candidate
@@ -58,7 +60,8 @@ def patch_augmented(
         joint = None if along is None else chosen.joints[along]
         actuator = None if effect.channel is None else chosen.actuators[effect.channel]
         values = one.parameters(n)
-        entries.append((effect.effect.name, values, joint, actuator, effect.variant, effect.scales.stiffness))
+        size = stiffness_of(effect.scales) if effect.variant == SPRING else effect.scales.stiffness
+        entries.append((effect.effect.name, values, joint, actuator, effect.variant, size))
     return _patch(path, out, entries, rest=one.model.rest.tolist(), joints=joints, actuators=actuators)
 
 

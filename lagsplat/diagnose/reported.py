@@ -41,6 +41,8 @@ def unit(instance: Instance, key: str) -> str:
     kinds = {p.name: p.kind for p in instance.effect.parameters}
     if key == "files":
         return "1"
+    if key == "added_stiffness":
+        return "1/s^2"
     if key.endswith("_hz"):
         return "Hz"
     first = instance.effect.parameters[0].kind

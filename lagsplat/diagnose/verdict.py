@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lagsplat.diagnose.catalogue import catalogue
-from lagsplat.diagnose.compare import Explained, pushed
+from lagsplat.diagnose.compare import Contest, Explained, pushed
 from lagsplat.diagnose.config import DiagnoseConfig
 from lagsplat.diagnose.doubt import Doubt
 from lagsplat.diagnose.result import Verdict
@@ -58,16 +58,23 @@ class Judgement:
 
 
 def explain(
-    ranking: Ranking, chain: Sequence[Explained], freedom: float, nominal: float, config: DiagnoseConfig
+    ranking: Ranking,
+    chain: Sequence[Explained],
+    freedom: float,
+    nominal: float,
+    config: DiagnoseConfig,
+    *,
+    most: float = np.inf,
 ) -> tuple[Explained | None, float, float]:
     """The single effect or the set that explains the gap, the share of the excess it leaves, P(unknown).
 
     A set is believed only if it leaves next to nothing, for two wrong effects imitate most of anything, and
     three all the more. Otherwise the best single effect stands, and the more it leaves, the likelier is
     something that the catalogue lacks: logistic in the logarithm of that share over ``config.unexplained``.
-    What is `left_over` counts where it is `audible`.
+    What is `left_over` counts where it is `audible`. A sim that runs off misses no more than one that stands
+    still, ``most`` [noise]: nearly anything would explain the most part of a larger gap.
     """
-    before = left_over(ranking.none, freedom, nominal, config)
+    before = min(left_over(ranking.none, freedom, nominal, config), most)
     if not chain:
         return None, 1.0, _strange(before, before, freedom, nominal, config)
     left = [left_over(one, freedom, nominal, config) for one in chain]
@@ -78,6 +85,13 @@ def explain(
             if all(enough) if len(one.effects) > 2 else any(enough):
                 return one, part, LEAST_UNKNOWN
     return chain[0], share[0], _strange(left[0], before, freedom, nominal, config)
+
+
+def swing(contest: Contest) -> float:
+    """Mean square of the motion about its middle [noise]: what a sim that stood still would miss."""
+    data = contest.data
+    middle = np.average(data.y, axis=(0, 1), weights=data.weight > 0.0)
+    return float((((data.y - middle) * data.weight) ** 2).sum()) / contest.freedom
 
 
 def left_over(one: Explained, freedom: float, nominal: float, config: DiagnoseConfig) -> float:
@@ -113,15 +127,17 @@ def judge(
     nominal: float,
     config: DiagnoseConfig,
     *,
+    most: float = np.inf,
     doubt: Callable[[Explained], Doubt] = lambda one: Doubt(0.0, "loose"),
 ) -> Judgement:
     """Probabilities by evidence and prior; the share that is left unexplained speaks for `unknown`.
 
-    So does ``doubt``, the doubt in an explanation if it is the best.
+    So does ``doubt``, the doubt in an explanation if it is the best. ``most`` is what a sim
+    can miss (`swing`).
     """
     names = [name for name in catalogue() if name not in config.without]
     scores = standings(ranking, names, config)
-    best, left, strange = explain(ranking, chain, freedom, nominal, config)
+    best, left, strange = explain(ranking, chain, freedom, nominal, config, most=most)
     doubted = doubt(best or ranking.none)
     told = doubted.why if doubted.chance > strange else None
     strange = max(strange, doubted.chance)

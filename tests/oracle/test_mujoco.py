@@ -153,6 +153,7 @@ CASES = [
     ("constant_force", {"acceleration": 6.0}, "", 0.01),
     ("cubic_stiffness", {"coefficient": 30.0}, "", 0.01),
     ("linear_stiffness", {"ratio": 1.3}, "", 0.01),
+    ("linear_stiffness", {"ratio": 1.3}, "spring", 0.01),
     ("mass_change", {"ratio": 1.4}, "", 0.01),
     ("input_gain", {"ratio": 0.7}, "", 0.01),
     ("input_lag", {"time_constant": 0.15}, "", 0.01),
@@ -162,7 +163,9 @@ CASES = [
 ]
 
 
-@pytest.mark.parametrize(("name", "values", "variant", "bound"), CASES, ids=[case[0] for case in CASES])
+@pytest.mark.parametrize(
+    ("name", "values", "variant", "bound"), CASES, ids=[" ".join((case[0], case[2])) for case in CASES]
+)
 def test_a_patched_file_moves_as_the_augmented_sim(
     tmp_path: Path, name: str, values: dict[str, float], variant: str, bound: float
 ) -> None:

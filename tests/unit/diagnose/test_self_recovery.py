@@ -10,6 +10,7 @@ from lagsplat.diagnose.augmented import augment
 from lagsplat.diagnose.catalogue import catalogue
 from lagsplat.diagnose.diagnose import diagnose
 from lagsplat.diagnose.region import region_of
+from lagsplat.diagnose.result import Diagnosis
 from lagsplat.diagnose.stand import Sim
 from lagsplat.io.motion import Motion
 from tests.unit.diagnose.toys import GAIN, HARD, OMEGA, film, oscillator, own, settings, wave
@@ -114,14 +115,25 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("name", CASES)
-def test_an_effect_recovers_itself_with_its_parameters(name: str) -> None:
-    make, parameters = CASES[name]
-    clean = make()
+def diagnosed(clean: Motion) -> Diagnosis:
     noise = 0.005 * clean.q.std() * np.random.default_rng(0).standard_normal(clean.q.shape)
     left_out = sorted(set(catalogue()) - set(RIVALS))
     config = replace(settings(), without=left_out, always=[], families=4, starts=2, places=1)
-    found = diagnose(Sim.exact(oscillator()), [replace(clean, q=clean.q + noise)], config).diagnosis
+    return diagnose(Sim.exact(oscillator()), [replace(clean, q=clean.q + noise)], config).diagnosis
+
+
+def test_a_spring_beside_a_potential_of_another_shape_is_a_stiffness() -> None:
+    """No share of the hardening potential, which at these swings is no spring's."""
+    found = diagnosed(acting(lambda t, q, v, u: -0.2 * OMEGA**2 * q, start=(1.2, 0.0)))
+    assert found.candidates[0].name == "linear_stiffness"
+    assert found.combination == ("linear_stiffness",)
+    assert found.candidates[0].parameters["ratio"].value == pytest.approx(1.2, rel=0.02)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_an_effect_recovers_itself_with_its_parameters(name: str) -> None:
+    make, parameters = CASES[name]
+    found = diagnosed(make())
     assert found.verdict == "effect"
     assert found.candidates[0].name == name
     assert name in found.combination

@@ -64,6 +64,16 @@ def test_a_gap_that_nothing_explains_is_unknown() -> None:
     assert told(ranking(one("creep", -3.0, 10.0), none=10.0)).verdict == "unknown"
 
 
+def test_a_sim_that_runs_off_misses_no_more_than_one_that_stands_still() -> None:
+    """Whatever keeps it near explains nearly all of a gap of 1e12, and next to nothing of the motion."""
+    push = one("external_push", 900.0, 9000.0)
+    rows = ranking(push, none=1e12)
+    assert told(rows, push).verdict == "effect"
+    within = judge(rows, (push,), FREEDOM, 1.0, settings(), most=10000.0)
+    assert within.verdict == "unknown"
+    assert within.left == pytest.approx(0.9, abs=0.01)
+
+
 def test_unknown_grows_with_what_is_left() -> None:
     shares = []
     for misfit in (1.0, 1.3, 2.0, 4.0, 8.0):

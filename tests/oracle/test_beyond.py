@@ -1,0 +1,32 @@
+"""A real motion that goes further than the sim's recordings: what the sim cannot know is no effect."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lagsplat.diagnose.catalogue import catalogue
+from lagsplat.diagnose.diagnose import diagnose
+from lagsplat.diagnose.stand import sim_of
+from lagsplat.io.motion import Motion
+from tests.unit.diagnose.toys import film, settings, wave
+
+KNOWN = ("constant_force", "viscous_damping", "input_gain", "end_stop", "cubic_stiffness")
+
+
+def pendulum(seed: int, push: float, *, seconds: float, rate: float, noise: float) -> Motion:
+    """A driven pendulum of 0.7 Hz with a further acceleration ``push`` and damping ``rate`` [1/s]."""
+    return film(
+        lambda t, q, v, u, z: (-19.6 * np.sin(q) - rate * v + 5.0 * u + push, []),
+        u=wave(seed), start=(0.0, 0.0), seconds=seconds, noise=noise,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(("push", "name"), [(4.0, "constant_force"), (0.0, "none")])
+def test_what_lies_beyond_the_sims_recordings_is_no_effect(push: float, name: str) -> None:
+    nominal = pendulum(1, 0.0, seconds=20.0, rate=1.2, noise=0.0)
+    real = pendulum(2, push, seconds=15.0, rate=1.2, noise=0.01)
+    config = replace(settings(), without=sorted(set(catalogue()) - set(KNOWN)), always=[])
+    found = diagnose(sim_of([nominal], config), [real], config).diagnosis
+    assert found.candidates[0].name == name
+    assert found.combination == ((name,) if push else ())
