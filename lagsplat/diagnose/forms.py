@@ -27,11 +27,11 @@ def bases(q: np.ndarray, *, degree: int) -> list[Basis]:
                 difference[:, i] = 1
                 difference[0, j], difference[1, j] = -1, 1
                 multiples.append(difference)
-        # Beyond a whole turn a polynomial of one turn tells nothing of the next.
+        # Beyond a whole turn a polynomial of one turn tells nothing of the next, if these are angles.
         around = bool((high - low > 2.0 * np.pi).all())
         plain = polynomial(1 if around else 2, centre=centre, scale=scale)
         turning = with_angles(plain, np.concatenate(multiples))
-        out = [turning] if around else [*out, turning]
+        out = [turning, *out] if around else [*out, turning]
     return out
 
 

@@ -33,6 +33,8 @@ class Identified:
     """Changes of all coefficients of one standard deviation each, the largest first."""
     fit: Fit
     windows: Windows
+    cost: float
+    """Bayesian information criterion."""
 
 
 @dataclass(frozen=True)
@@ -263,7 +265,7 @@ def identify(
         options.append(grow(trial, basis, driven=driven, width=0.02 * speed))
         if options[-1][3].misfit < 1.1 * trial.n_data:
             break
-    _, model, form, fit, moves = min(options, key=lambda option: option[0])
+    cost, model, form, fit, moves = min(options, key=lambda option: option[0])
     whole = model.basis
     model = replace(
         model,
@@ -276,4 +278,4 @@ def identify(
     if record.d <= FEW:
         model, curvature, moves = further(trial, model, form, fit, whole)
     freedom = left_open(curvature / max(misfit, 1.0), moves, deviation=LOOSE)
-    return Identified(model, form, misfit, freedom, fit, windows)
+    return Identified(model, form, misfit, freedom, fit, windows, cost)

@@ -102,7 +102,7 @@ def smooth(
     lawless = kinematic_steps(record.h, record.d)
     free = most_likely(record, lawless, start, noise_known=known)
     path = estimate(record, lawless, free)
-    fastest_s = min(period_s, float(1.0 / rest_frequencies_hz(mechanics, record.scale)[-1]))
+    fastest_s = min([period_s, *(1.0 / rest_frequencies_hz(mechanics, record.scale)[-1:])])
 
     def steps(at: Estimate, *, with_force: bool) -> Steps:
         along = _path(record, at, inputs, with_force=with_force)

@@ -53,6 +53,8 @@ class Sim:
     """How it was seen to move, if other stretches are to be left aside."""
     disturbed: tuple[Span, ...] = ()
     """Stretches of its own recordings that no law tells beside the others, and that were left out."""
+    cost: float = np.nan
+    """Bayesian information criterion of a law that was found, beside others of the same recordings."""
 
     @classmethod
     def exact(cls, model: Model) -> "Sim":
@@ -91,7 +93,7 @@ def sim_of(motions: Sequence[Motion], config: DiagnoseConfig) -> Sim:
         found, odd = undisturbed(again(windows), again)
         all_odd = (*without, *spans(odd, ready.record))
         model = rested(found.model, ready.smooth)
-        return Sim(model, found.freedom, found.misfit, reach=reach, disturbed=all_odd)
+        return Sim(model, found.freedom, found.misfit, reach=reach, disturbed=all_odd, cost=found.cost)
 
     whole = told(1.0)
     if whole.misfit < LOST:

@@ -12,13 +12,10 @@ STEP = 1e-4
 def rest_frequencies_hz(
     mechanics: Mechanics, scale: Float64[np.ndarray, " d"]
 ) -> Float64[np.ndarray, " modes"]:
-    """Undamped natural frequencies at rest, rising; only those of modes that are pulled back.
+    """Undamped natural frequencies at rest, rising; only those of modes that are pulled back, if any.
 
     ``scale`` (d,) is how far each coordinate usually moves: stiffness is the slope of the force across a
     ten-thousandth of it, without inputs.
-
-    Raises:
-        ValueError: no mode is pulled back to rest, so nothing has a natural period.
     """
     d = mechanics.d
     rest = np.asarray(mechanics.rest, dtype=float)
@@ -29,13 +26,7 @@ def rest_frequencies_hz(
     stiffness = -(rise / (2.0 * STEP * scale[:, None])).T
     squares = eig(stiffness, mechanics.mass_at(rest[None])[0], right=False)
     # A stiffness not symmetric (a learned one) may have a small imaginary part: its real part swings.
-    real = np.sort(squares.real[squares.real > 0.0])
-    if not real.size:
-        raise ValueError(
-            f"the sim is not pulled back to its rest {rest.tolist()}: the eigenvalues of M^-1 K are "
-            f"{np.round(squares, 6).tolist()}, so it has no natural period; give period_s"
-        )
-    return np.sqrt(real) / (2.0 * np.pi)
+    return np.sqrt(np.sort(squares.real[squares.real > 0.0])) / (2.0 * np.pi)
 
 
 def rest_period_s(mechanics: Mechanics, scale: Float64[np.ndarray, " d"]) -> float:
@@ -44,4 +35,10 @@ def rest_period_s(mechanics: Mechanics, scale: Float64[np.ndarray, " d"]) -> flo
     Raises:
         ValueError: no mode is pulled back to rest.
     """
-    return float(1.0 / rest_frequencies_hz(mechanics, scale)[0])
+    frequencies = rest_frequencies_hz(mechanics, scale)
+    if not frequencies.size:
+        raise ValueError(
+            f"the sim is not pulled back to its rest {np.asarray(mechanics.rest).tolist()}, so that it has "
+            "no natural period; give period_s"
+        )
+    return float(1.0 / frequencies[0])

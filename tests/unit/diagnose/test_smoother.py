@@ -199,6 +199,15 @@ def test_a_period_from_the_equations():
         rest_period_s(Duffing(k=-3.0, hard=0.0), np.ones(1))
 
 
+def test_what_is_not_pulled_back_is_smoothed_all_the_same():
+    """A slider on a rail: no natural period, and so as fine as the given one asks for."""
+    slider = Duffing(k=0.0, hard=0.0)
+    motion = film(slider, 5.0, inputs=swing, noise=0.01)
+    (found,) = smooth(slider, [motion], period_s=1.0)
+    clean = film(slider, 5.0, inputs=swing)
+    assert np.sqrt(np.mean((found.q - clean.q) ** 2)) < 0.5 * found.noise[0]
+
+
 def test_wrong_columns_and_stillness_are_refused():
     motion = film(Duffing(n_u=0), 2.0)
     with pytest.raises(ValueError, match="1 coordinates and 0 inputs, but the sim has 1 and 1"):
