@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
+from itertools import combinations
 from pkgutil import iter_modules
 
 import numpy as np
@@ -22,6 +23,8 @@ from lagsplat.diagnose.effects.external_push import N_PUSHES
 from lagsplat.diagnose.effects.linear_stiffness import SPRING
 from lagsplat.diagnose.simulate import Bench
 
+PAIRED = 3
+"""Coordinates up to which effects are looked for between each two of them."""
 FREE_CLIPS = 3
 """Clips, the longest, in which a hidden memory may begin anywhere."""
 
@@ -45,6 +48,18 @@ def directions(bench: Bench, names: Sequence[str]) -> list[Direction]:
     ]
 
 
+def joints(bench: Bench, names: Sequence[str]) -> list[Direction]:
+    """One along the difference of each two coordinates, if these are few."""
+    model, d = bench.model, bench.model.d
+    out = []
+    for i, j in combinations(range(d if d <= PAIRED else 0), 2):
+        p = np.eye(d)[j] - np.eye(d)[i]
+        along = p / float(p @ p)
+        inertia = float(along @ model.inertia @ along)
+        out.append(Direction(f"{names[j]} - {names[i]}", p, inertia, float(p @ model.rest)))
+    return out
+
+
 @dataclass(frozen=True)
 class Hints:
     """Where to look for disturbances: pushes (start, end) [s] on the joint clock, and lines [Hz]."""
@@ -62,7 +77,7 @@ def instances(
     without: Sequence[str],
 ) -> list[Instance]:
     """The catalogue at every place; ``hints`` hold one entry a coordinate."""
-    places = directions(bench, q_names)
+    places, pairs = directions(bench, q_names), joints(bench, q_names)
     out: list[Instance] = []
     for effect in catalogue().values():
         if effect.name in without:
@@ -74,6 +89,8 @@ def instances(
                 out.append(Instance(effect, whole_scales(bench), variant))
             else:
                 out += together(_along(effect, variant, bench, places, hints))
+                if variant in effect.between:
+                    out += _along(effect, variant, bench, pairs, [Hints((), ())] * len(pairs))
                 everything = effect.along == "both" and variant != SPRING  # a spring is at one coordinate
                 if everything and (bench.model.d > 1 or not isinstance(effect, Force)):
                     out.append(Instance(effect, whole_scales(bench), variant))

@@ -56,6 +56,8 @@ def patch_augmented(
     chosen = load_mujoco(path, joints=joints, actuators=actuators)
     entries = []
     for n, effect in enumerate(one.effects):
+        if effect.direction is not None and np.count_nonzero(effect.direction.covector) > 1:
+            return ()  # between two joints
         along = None if effect.direction is None else int(np.argmax(np.abs(effect.direction.covector)))
         joint = None if along is None else chosen.joints[along]
         actuator = None if effect.channel is None else chosen.actuators[effect.channel]

@@ -49,7 +49,8 @@ def unit(instance: Instance, key: str) -> str:
     raw = UNITS[kinds.get(key, kinds.get(f"{key.removesuffix('s')} 0", first))]
     raw = instance.effect.variant_units.get(instance.variant, raw)
     place = next((part.place for part in instance.parts if key.endswith(f" {part.place}")), instance.place)
-    return raw.format(q=place or "q", u=place or "u")
+    name = f"({place})" if place and " " in place else place
+    return raw.format(q=name or "q", u=name or "u")
 
 
 def told(instance: Instance, row: np.ndarray, record: Record) -> dict[str, Any]:

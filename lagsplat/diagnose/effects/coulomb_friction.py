@@ -23,6 +23,7 @@ EFFECT = Force(
     parameters=(Parameter("acceleration", "acceleration", HalfNormal(0.2)),),
     needs="a decay down to rest, or slow reversals",
     passive=True,
+    between=("",),
     law=force,
     together=True,
     constants=lambda scales, variant: (0.02 * scales.velocity,),

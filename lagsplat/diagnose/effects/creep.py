@@ -27,6 +27,7 @@ EFFECT = Force(
     ),
     needs="a step held for three time constants, and cycles",
     passive=True,
+    between=("",),
     law=force,
     n_memory=1,
     memory_start=("s",),

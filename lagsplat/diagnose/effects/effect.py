@@ -129,6 +129,8 @@ class Effect:
     along: Literal["coordinates", "whole", "both", "channels"] = "coordinates"
     together: bool = False
     """May act at all of its places at once, with parameters of its own at each."""
+    between: tuple[str, ...] = ()
+    """Variants that may act between two coordinates: in the joint of bodies that are told each by itself."""
     reports: Callable[[Mapping[str, float], "Instance"], dict[str, Any]] | None = None
     """From the fitted parameters to those of a diagnosis, where they differ."""
 

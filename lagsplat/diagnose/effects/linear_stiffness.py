@@ -59,6 +59,7 @@ EFFECT = Force(
     needs="free motion, or a static hold under a known input",
     along="both",
     variants=("", SPRING),
+    between=(SPRING,),
     reports=_told,
     law=force,
     constants=_shares,

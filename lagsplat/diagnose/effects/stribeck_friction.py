@@ -31,6 +31,7 @@ EFFECT = Force(
     ),
     needs="a tenth of the samples slower than the Stribeck velocity",
     passive=True,
+    between=("",),
     law=force,
     constants=lambda scales, variant: (0.02 * scales.velocity,),
     reports=lambda p, instance: {

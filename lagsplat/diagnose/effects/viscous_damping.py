@@ -33,6 +33,7 @@ EFFECT = Force(
     parameters=(Parameter("rate", "rate", Normal(0.2)),),
     needs="ring-downs at two amplitudes",
     along="both",
+    between=("",),
     law=force,
     together=True,
     whole=whole,

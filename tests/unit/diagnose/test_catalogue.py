@@ -7,9 +7,11 @@ from lagsplat.diagnose.catalogue import Hints, catalogue, directions, instances,
 from lagsplat.diagnose.compare import Contest
 from lagsplat.diagnose.effects.effect import Force, InputChange
 from lagsplat.diagnose.hints import hints, lines
+from lagsplat.diagnose.reported import unit
 from lagsplat.diagnose.smoother import smooth
+from lagsplat.io.motion import Motion
 from tests.unit.diagnose.residuals import made
-from tests.unit.diagnose.toys import OMEGA, contest, film, oscillator, own, wave
+from tests.unit.diagnose.toys import OMEGA, contest, coupled, film, oscillator, own, wave
 
 
 @pytest.fixture(scope="module")
@@ -64,6 +66,27 @@ def test_a_stop_is_not_looked_for_on_a_side_that_is_not_reached() -> None:
     one_sided = contest([film(shifted, seconds=8.0, start=(1.6, 0.0))], model=oscillator(n_u=0))
     stops = [one.variant for one in offered(one_sided) if one.effect.name == "end_stop"]
     assert stops == ["upper"]
+
+
+def test_what_acts_in_a_joint_is_looked_for_between_two_coordinates_as_well() -> None:
+    rng, time = np.random.default_rng(0), np.arange(400) / 50.0
+    q = 0.4 * np.sin(np.array([5.0, 7.0]) * time[:, None])
+    one = contest([Motion(time, q, rng.normal(size=(400, 2)), source="made")], model=coupled())
+    found = instances(
+        one.bench, [Hints((), ())] * 2, q_names=("a", "b"), u_names=("u0", "u1"), without=()
+    )  # fmt: skip
+    between = {one.label for one in found if one.place == "b - a"}
+    assert between == {
+        "viscous_damping b - a", "coulomb_friction b - a", "stribeck_friction b - a", "creep b - a",
+        "linear_stiffness b - a spring",
+    }  # fmt: skip
+    place = next(one.direction for one in found if one.place == "b - a")
+    np.testing.assert_array_equal(place.covector, [-1.0, 1.0])
+    inertia = one.bench.model.inertia
+    assert place.inertia == pytest.approx((inertia[0, 0] + inertia[1, 1] - 2.0 * inertia[0, 1]) / 4.0)
+    assert len({one.label for one in found}) == len(found)
+    friction = next(one for one in found if one.label == "coulomb_friction b - a")
+    assert unit(friction, "acceleration") == "(b - a)/s^2"
 
 
 def test_sizes_are_those_of_the_motion(driven: Contest) -> None:
