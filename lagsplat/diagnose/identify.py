@@ -11,12 +11,15 @@ from lagsplat.diagnose.model import Model
 from lagsplat.diagnose.moving import Moving
 from lagsplat.diagnose.record import Record, Windows
 from lagsplat.diagnose.shoot import Belief, Data, Fit, eliminate, shoot
+from lagsplat.diagnose.uncoupled import uncoupled
 from lagsplat.diagnose.weak import Form, model_of, observe, regressors, solve
 
 WORTH = 0.2
 """Share of the misfit that a larger form must take away where each costs minutes."""
 LOOSE = 3.0
 """How far a coefficient is believed to lie from its first estimate, in units of its field."""
+ALIKE = 1.02
+"""Times the misfit that a law may have at most which is said to tell a motion alike."""
 TESTS = (1.0, 0.5, 0.25)
 """Lengths of test functions, in multiples of the usual one."""
 
@@ -278,4 +281,7 @@ def identify(
     if record.d <= FEW:
         model, curvature, moves = further(trial, model, form, fit, whole)
     freedom = left_open(curvature / max(misfit, 1.0), moves, deviation=LOOSE)
+    apart = uncoupled(model, freedom)
+    if trial.missed(apart[0]) < ALIKE * max(fit.misfit, trial.n_data):
+        model, freedom = apart
     return Identified(model, form, misfit, freedom, fit, windows, cost)

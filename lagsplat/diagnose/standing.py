@@ -15,6 +15,8 @@ RARER = {
     "load_dependent_friction": 2.0,
 }
 """Nats by which a flexible effect is held less likely beforehand, for it imitates many others."""
+SLOW, A_SPRING = 0.5, 4.0
+"""Share of the recording from which creep takes so long that it is but a spring, and nats that this costs."""
 
 
 def trust(ranking: Ranking) -> float:
@@ -39,10 +41,19 @@ def standings(ranking: Ranking, names: list[str], config: DiagnoseConfig) -> dic
     for one in ranking.found:
         name = one.effects[-1].effect.name
         places[name] = places.get(name, 0) + 1
-        scores.setdefault(name, float(prior) + worth * one.log_evidence - RARER.get(name, 0.0))
+        rare = RARER.get(name, 0.0) + (A_SPRING if name == "creep" and _hardly_creeps(one) else 0.0)
+        scores.setdefault(name, float(prior) + worth * one.log_evidence - rare)
     for name, n in places.items():
         scores[name] -= float(np.log(n))
     return scores
+
+
+def _hardly_creeps(one: Explained) -> bool:
+    """Whether its time constant is about as long as the recording: nobody saw it come to rest."""
+    instance = one.effects[-1]
+    own = instance.physical(one.fit.x[None, one.own(instance)])[0]
+    keys = [p.name for p in instance.effect.parameters]
+    return bool(own[keys.index("time_constant")] > SLOW * instance.scales.duration_s)
 
 
 def leaders(ranking: Ranking, names: list[str], config: DiagnoseConfig) -> list[Explained]:

@@ -12,6 +12,7 @@ from lagsplat.diagnose.effects.effect import Instance, Scales
 from lagsplat.diagnose.prior import HalfNormal, Normal
 from lagsplat.diagnose.select import Ranking
 from lagsplat.diagnose.shoot import Fit
+from lagsplat.diagnose.standing import standings
 from lagsplat.diagnose.verdict import ROUGH, SURE, WIDER, equivalents, interval, judge
 from tests.unit.diagnose.toys import settings
 
@@ -28,7 +29,8 @@ def fitted(misfit: float, k: int = 0) -> Fit:
 
 def one(name: str, evidence: float, misfit: float = 1.0, *others: str) -> Explained:
     effects = tuple(Instance(catalogue()[other], UNIT) for other in (*others, name))
-    return Explained(effects, fitted(misfit), evidence)
+    unknowns = sum(len(effect.effect.parameters) for effect in effects)
+    return Explained(effects, fitted(misfit, unknowns), evidence)
 
 
 def ranking(*found: Explained, none: float) -> Ranking:
@@ -72,6 +74,18 @@ def test_a_sim_that_runs_off_misses_no_more_than_one_that_stands_still() -> None
     within = judge(rows, (push,), FREEDOM, 1.0, settings(), most=10000.0)
     assert within.verdict == "unknown"
     assert within.left == pytest.approx(0.9, abs=0.01)
+
+
+def test_creep_that_never_comes_to_rest_is_a_spring() -> None:
+    """As evident as a stiffness, it is as likely; not so if it takes as long as the recording."""
+    spring, creep = one("linear_stiffness", 90.0), one("creep", 90.0)
+    names = ["linear_stiffness", "creep"]
+    alike = standings(ranking(spring, creep, none=3.0), names, settings())
+    assert alike["creep"] == pytest.approx(alike["linear_stiffness"])
+    slow = np.array([0.0, creep.effects[0].effect.parameters[1].prior.unknown(8.0)])
+    late = replace(creep, fit=replace(creep.fit, x=slow))
+    told = standings(ranking(spring, late, none=3.0), names, settings())
+    assert told["creep"] < told["linear_stiffness"] - 3.0
 
 
 def test_unknown_grows_with_what_is_left() -> None:
