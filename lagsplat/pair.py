@@ -34,6 +34,8 @@ MISSED = 1.5
 
 STEPPED = 0.5
 """Share of an input's samples that repeat the one before, from which it may be one that is held."""
+SURELY = 10.0
+"""By how much the criterion of a sim with held inputs must be lower for it to be taken."""
 TRUER = 0.5
 """Share of the misfit that a sim with held inputs may have at most where other stretches were looked at."""
 
@@ -144,7 +146,7 @@ def _stepwise(checked: Checked, config: DiagnoseConfig, known: Sim) -> Sim | Non
         return None
     held = sim_of(checked.sim.motions, replace(config, input_hold="zoh"))
     alike = held.reach == known.reach and held.disturbed == known.disturbed
-    better = held.cost < known.cost if alike else held.misfit < TRUER * known.misfit
+    better = held.cost < known.cost - SURELY if alike else held.misfit < TRUER * known.misfit
     return held if better else None
 
 
