@@ -27,6 +27,8 @@ OBVIOUS = 30.0
 """Nats beyond which an effect is named even if the forecasts hardly gain by it."""
 CLOSE = 1.5
 """Forecasts that are off by so many times what noise leaves, at most, may go without a cause."""
+TOLD = 0.5
+"""Mean square, in that of the noise, below which a sim tells a recording of less noise than is assumed."""
 CLOSED = 4
 """Candidates whose own closure is worked out."""
 
@@ -73,8 +75,8 @@ def diagnose(
     best = judgement.best
     chosen = best if best is not None and judgement.verdict == "effect" else ranking.none
     held, warnings = _held(contest, ranking, chosen, natural.longest_s, (sim.given or sim).model)
-    warnings += _aside(contest)
-    if held is not None and chosen is best and best is not None and _immaterial(held, best, config):
+    bare = ranking.none.fit.misfit / contest.freedom
+    if held is not None and chosen is best and best is not None and _immaterial(held, best, bare, config):
         judgement, chosen = denied(judgement), ranking.none
     told = {
         "natural_period_s": natural.longest_s,
@@ -92,7 +94,7 @@ def diagnose(
         where=None,
         equivalent=judgement.equivalent if chosen.effects else (),
         excitation=(),
-        warnings=tuple(warnings),
+        warnings=(*warnings, *_aside(contest)),
         absorbed=(),
         blocks=held.blocks if held else (),
         checks=told,
@@ -154,8 +156,11 @@ def _aside(contest: Contest) -> list[str]:
     ]
 
 
-def _immaterial(held: Held, best: Explained, config: DiagnoseConfig) -> bool:
+def _immaterial(held: Held, best: Explained, misfit: float, config: DiagnoseConfig) -> bool:
+    """Whether what ``best`` takes away is too little of the motion; ``misfit`` is what no effect leaves."""
     gap = held.gap
+    if misfit < TOLD and gap.before <= gap.floor:
+        return True
     return (
         best.log_evidence < OBVIOUS
         and gap.before - gap.after < config.materiality * gap.before

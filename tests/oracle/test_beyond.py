@@ -22,6 +22,17 @@ def pendulum(seed: int, push: float, *, seconds: float, rate: float, noise: floa
     )  # fmt: skip
 
 
+def test_two_sims_that_agree_to_a_thousandth_have_no_gap() -> None:
+    """Neither side has noise: what the law that was found has wrong is seen, and is nothing."""
+    nominal = pendulum(1, 0.0, seconds=20.0, rate=1.2, noise=0.0)
+    other = pendulum(3, 0.0, seconds=15.0, rate=1.2, noise=0.0)
+    config = replace(settings(), without=sorted(set(catalogue()) - set(KNOWN)), always=[])
+    found = diagnose(sim_of([nominal], config), [other], config).diagnosis
+    assert found.verdict == "none"
+    assert found.gap is not None
+    assert found.gap.before < 0.003
+
+
 @pytest.mark.parametrize(("push", "name"), [(4.0, "constant_force"), (0.0, "none")])
 def test_what_lies_beyond_the_sims_recordings_is_no_effect(push: float, name: str) -> None:
     nominal = pendulum(1, 0.0, seconds=20.0, rate=1.2, noise=0.0)
