@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from lagsplat.diagnose.basis import Basis
-from lagsplat.diagnose.catalogue import catalogue
+from lagsplat.diagnose.catalogue import catalogue, directed
 from lagsplat.diagnose.effects.effect import Direction, Force, Instance, ModelChange, Noise, Scales
 from lagsplat.diagnose.effects.linear_stiffness import SPRING
 from lagsplat.diagnose.model import Model
@@ -218,11 +218,7 @@ def _read(entry: Mapping[str, Any], path: str | os.PathLike[str]) -> Instance:
 
 
 def _moved(direction: Direction | None, model: Model) -> Direction | None:
-    if direction is None:
-        return None
-    p = direction.covector
-    along = p / float(p @ p)
-    return replace(direction, inertia=float(along @ model.inertia @ along), rest=float(p @ model.rest))
+    return None if direction is None else directed(direction.name, direction.covector, model)
 
 
 def _size(model: Model) -> int:

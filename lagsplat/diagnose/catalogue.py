@@ -7,6 +7,7 @@ from itertools import combinations
 from pkgutil import iter_modules
 
 import numpy as np
+from jaxtyping import Float64
 
 from lagsplat.diagnose import effects
 from lagsplat.diagnose.effects.effect import (
@@ -21,6 +22,7 @@ from lagsplat.diagnose.effects.effect import (
 from lagsplat.diagnose.effects.external_periodic_force import repeating
 from lagsplat.diagnose.effects.external_push import N_PUSHES
 from lagsplat.diagnose.effects.linear_stiffness import SPRING
+from lagsplat.diagnose.model import Model
 from lagsplat.diagnose.simulate import Bench
 
 PAIRED = 3
@@ -41,23 +43,21 @@ def catalogue() -> dict[str, Effect]:
 
 def directions(bench: Bench, names: Sequence[str]) -> list[Direction]:
     """One along each coordinate."""
-    model, eye = bench.model, np.eye(bench.model.d)
-    return [
-        Direction(name, eye[i], float(model.inertia[i, i]), float(model.rest[i]))
-        for i, name in enumerate(names)
-    ]
+    eye = np.eye(bench.model.d)
+    return [directed(name, eye[i], bench.model) for i, name in enumerate(names)]
 
 
 def joints(bench: Bench, names: Sequence[str]) -> list[Direction]:
     """One along the difference of each two coordinates, if these are few."""
-    model, d = bench.model, bench.model.d
-    out = []
-    for i, j in combinations(range(d if d <= PAIRED else 0), 2):
-        p = np.eye(d)[j] - np.eye(d)[i]
-        along = p / float(p @ p)
-        inertia = float(along @ model.inertia @ along)
-        out.append(Direction(f"{names[j]} - {names[i]}", p, inertia, float(p @ model.rest)))
-    return out
+    model, eye = bench.model, np.eye(bench.model.d)
+    pairs = combinations(range(model.d if model.d <= PAIRED else 0), 2)
+    return [directed(f"{names[j]} - {names[i]}", eye[j] - eye[i], model) for i, j in pairs]
+
+
+def directed(name: str | None, covector: Float64[np.ndarray, " d"], model: Model) -> Direction:
+    """A covector with the inertia and the rest that a sim has along it."""
+    along = covector / float(covector @ covector)
+    return Direction(name, covector, float(along @ model.inertia @ along), float(covector @ model.rest))
 
 
 @dataclass(frozen=True)
@@ -186,4 +186,4 @@ def whole_scales(bench: Bench) -> Scales:
     """Sizes of the coordinate that moves most, by its kinetic energy."""
     energy = np.diag(bench.model.inertia) * np.mean(bench.record.v**2, axis=0)
     i = int(np.argmax(energy))
-    return scales(bench, Direction(None, np.eye(bench.model.d)[i], float(bench.model.inertia[i, i])))
+    return scales(bench, directed(None, np.eye(bench.model.d)[i], bench.model))

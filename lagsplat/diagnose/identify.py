@@ -281,7 +281,7 @@ def identify(
     if record.d <= FEW:
         model, curvature, moves = further(trial, model, form, fit, whole)
     freedom = left_open(curvature / max(misfit, 1.0), moves, deviation=LOOSE)
-    apart = uncoupled(model, freedom)
-    if trial.missed(apart[0]) < ALIKE * max(fit.misfit, trial.n_data):
-        model, freedom = apart
+    apart, left = uncoupled(model, freedom)
+    if apart is not model and trial.missed(apart) < ALIKE * max(fit.misfit, trial.n_data):
+        model, freedom = apart, left
     return Identified(model, form, misfit, freedom, fit, windows, cost)

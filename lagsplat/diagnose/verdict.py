@@ -58,23 +58,15 @@ class Judgement:
 
 
 def explain(
-    ranking: Ranking,
-    chain: Sequence[Explained],
-    freedom: float,
-    nominal: float,
-    config: DiagnoseConfig,
-    *,
-    most: float = np.inf,
+    chain: Sequence[Explained], before: float, freedom: float, nominal: float, config: DiagnoseConfig
 ) -> tuple[Explained | None, float, float]:
-    """The single effect or the set that explains the gap, the share of the excess it leaves, P(unknown).
+    """The single effect or the set that explains the gap, the share of it that it leaves, and P(unknown).
 
-    A set is believed only if it leaves next to nothing, for two wrong effects imitate most of anything, and
-    three all the more. Otherwise the best single effect stands, and the more it leaves, the likelier is
+    ``before`` is the excess without effects. A set is believed only if it leaves next to nothing, for two
+    wrong effects imitate most of anything, and three all the more. Otherwise the best single effect stands, and the more it leaves, the likelier is
     something that the catalogue lacks: logistic in the logarithm of that share over ``config.unexplained``.
-    What is `left_over` counts where it is `audible`. A sim that runs off misses no more than one that stands
-    still, ``most`` [noise]: nearly anything would explain the most part of a larger gap.
+    What is `left_over` counts where it is `audible`.
     """
-    before = min(left_over(ranking.none, freedom, nominal, config), most)
     if not chain:
         return None, 1.0, _strange(before, before, freedom, nominal, config)
     left = [left_over(one, freedom, nominal, config) for one in chain]
@@ -132,12 +124,13 @@ def judge(
 ) -> Judgement:
     """Probabilities by evidence and prior; the share that is left unexplained speaks for `unknown`.
 
-    So does ``doubt``, the doubt in an explanation if it is the best. ``most`` is what a sim
-    can miss (`swing`).
+    So does ``doubt``, the doubt in an explanation if it is the best. A sim that runs off misses no more than
+    one that stands still, ``most`` (`swing`): nearly anything would explain the most part of a larger gap.
     """
     names = [name for name in catalogue() if name not in config.without]
     scores = standings(ranking, names, config)
-    best, left, strange = explain(ranking, chain, freedom, nominal, config, most=most)
+    before = min(left_over(ranking.none, freedom, nominal, config), most)
+    best, left, strange = explain(chain, before, freedom, nominal, config)
     doubted = doubt(best or ranking.none)
     told = doubted.why if doubted.chance > strange else None
     strange = max(strange, doubted.chance)

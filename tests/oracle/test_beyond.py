@@ -7,6 +7,7 @@ import pytest
 
 from lagsplat.diagnose.catalogue import catalogue
 from lagsplat.diagnose.diagnose import diagnose
+from lagsplat.diagnose.result import Diagnosis
 from lagsplat.diagnose.stand import sim_of
 from lagsplat.io.motion import Motion
 from tests.unit.diagnose.toys import film, settings, wave
@@ -22,12 +23,16 @@ def pendulum(seed: int, push: float, *, seconds: float, rate: float, noise: floa
     )  # fmt: skip
 
 
+def compared(real: Motion) -> Diagnosis:
+    """A real motion beside a sim that is known by 20 s without noise."""
+    config = replace(settings(), without=sorted(set(catalogue()) - set(KNOWN)), always=[])
+    nominal = pendulum(1, 0.0, seconds=20.0, rate=1.2, noise=0.0)
+    return diagnose(sim_of([nominal], config), [real], config).diagnosis
+
+
 def test_two_sims_that_agree_to_a_thousandth_have_no_gap() -> None:
     """Neither side has noise: what the law that was found has wrong is seen, and is nothing."""
-    nominal = pendulum(1, 0.0, seconds=20.0, rate=1.2, noise=0.0)
-    other = pendulum(3, 0.0, seconds=15.0, rate=1.2, noise=0.0)
-    config = replace(settings(), without=sorted(set(catalogue()) - set(KNOWN)), always=[])
-    found = diagnose(sim_of([nominal], config), [other], config).diagnosis
+    found = compared(pendulum(3, 0.0, seconds=15.0, rate=1.2, noise=0.0))
     assert found.verdict == "none"
     assert found.gap is not None
     assert found.gap.before < 0.003
@@ -35,9 +40,6 @@ def test_two_sims_that_agree_to_a_thousandth_have_no_gap() -> None:
 
 @pytest.mark.parametrize(("push", "name"), [(4.0, "constant_force"), (0.0, "none")])
 def test_what_lies_beyond_the_sims_recordings_is_no_effect(push: float, name: str) -> None:
-    nominal = pendulum(1, 0.0, seconds=20.0, rate=1.2, noise=0.0)
-    real = pendulum(2, push, seconds=15.0, rate=1.2, noise=0.01)
-    config = replace(settings(), without=sorted(set(catalogue()) - set(KNOWN)), always=[])
-    found = diagnose(sim_of([nominal], config), [real], config).diagnosis
+    found = compared(pendulum(2, push, seconds=15.0, rate=1.2, noise=0.01))
     assert found.candidates[0].name == name
     assert found.combination == ((name,) if push else ())
