@@ -63,9 +63,9 @@ def explain(
     """The single effect or the set that explains the gap, the share of it that it leaves, and P(unknown).
 
     ``before`` is the excess without effects. A set is believed only if it leaves next to nothing, for two
-    wrong effects imitate most of anything, and three all the more. Otherwise the best single effect stands, and the more it leaves, the likelier is
-    something that the catalogue lacks: logistic in the logarithm of that share over ``config.unexplained``.
-    What is `left_over` counts where it is `audible`.
+    wrong effects imitate most of anything, and three all the more. Otherwise the best single effect stands,
+    and the more it leaves, the likelier is something that the catalogue lacks: logistic in the logarithm of
+    that share over ``config.unexplained``. What is `left_over` counts where it is `audible`.
     """
     if not chain:
         return None, 1.0, _strange(before, before, freedom, nominal, config)
