@@ -1,4 +1,4 @@
-"""What the pages refer to exists."""
+"""Pages: links lead somewhere, pages are short and have a figure, the glossary explains the terms."""
 
 import re
 from pathlib import Path
@@ -6,11 +6,19 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-PAGES = [
-    *sorted(ROOT.glob("*.md")),
-    *sorted((ROOT / "docs").glob("*.md")),
-    ROOT / "results" / "published" / "README.md",
-]
+DOCS = sorted((ROOT / "docs").rglob("*.md"))
+PAGES = [*sorted(ROOT.glob("*.md")), *DOCS, ROOT / "results" / "published" / "README.md"]
+SHORT = [page for page in DOCS if page.parent.name != "measurements"]
+LINK = re.compile(r"\]\(((?!https?:)[^)\s]+)\)")
+FIGURE = re.compile(r"!\[[^\]]+\]\(([^)\s]+)\)")
+TERMS = """actuation; held-out block; brush; chart; whitening; closure; conditioning; effect; evidence;
+    excitation; floor; gaussian splat; identifiability; lagrangian; latent coordinate; multiple shooting;
+    natural period; nrmse; operating point; prior; profile; pull-back; recording; rollout; sim-to-real gap;
+    trajectory; verdict; visibility metric"""
+
+
+def name_of(page: Path) -> str:
+    return str(page.relative_to(ROOT))
 
 
 def anchors(page: Path) -> set[str]:
@@ -19,9 +27,9 @@ def anchors(page: Path) -> set[str]:
     return {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles}
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_every_link_within_the_project_leads_somewhere(page: Path) -> None:
-    for link in re.findall(r"\]\(((?!https?:)[^)\s]+)\)", page.read_text()):
+    for link in LINK.findall(page.read_text()):
         name, _, place = link.partition("#")
         target = page.parent / name if name else page
         assert target.exists(), f"{page.name} names {link}, which is not there"
@@ -31,6 +39,43 @@ def test_every_link_within_the_project_leads_somewhere(page: Path) -> None:
 
 
 def test_every_page_is_reached_from_the_first() -> None:
-    first = (ROOT / "README.md").read_text()
-    for page in (ROOT / "docs").glob("*.md"):
-        assert f"(docs/{page.name})" in first, f"docs/{page.name} is not named in the README"
+    reached, waiting = set(), [ROOT / "README.md"]
+    while waiting:
+        page = waiting.pop()
+        reached.add(page)
+        links = {(page.parent / link.partition("#")[0]).resolve() for link in LINK.findall(page.read_text())}
+        waiting += [link for link in links if link.suffix == ".md" and link not in reached]
+    assert set(DOCS) <= reached, f"no link leads to {[name_of(page) for page in set(DOCS) - reached]}"
+
+
+def test_the_contents_of_the_site_list_every_page() -> None:
+    contents = (ROOT / "mkdocs.yml").read_text()
+    for page in DOCS:
+        assert f": {page.relative_to(ROOT / 'docs')}\n" in contents, f"mkdocs.yml does not list {page.name}"
+
+
+@pytest.mark.parametrize("page", SHORT, ids=name_of)
+def test_a_page_is_short_and_has_a_figure(page: Path) -> None:
+    text = page.read_text()
+    assert len(text.split()) < 800, f"{name_of(page)} has {len(text.split())} words; split it"
+    assert FIGURE.search(text), f"{name_of(page)} has no figure"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_figures_are_light(page: Path) -> None:
+    for figure in FIGURE.findall(page.read_text()):
+        assert (page.parent / figure).stat().st_size < 300_000, f"{figure} is too heavy for a page"
+
+
+def test_published_results_are_few() -> None:
+    files = [path for path in (ROOT / "results" / "published").rglob("*") if path.is_file()]
+    assert sum(path.stat().st_size for path in files) <= 3_000_000
+
+
+def test_the_glossary_explains_the_terms() -> None:
+    page = (ROOT / "docs" / "reference" / "glossary.md").read_text()
+    titles = " ".join(re.findall(r"^## (.+)$", page, flags=re.MULTILINE)).lower()
+    for term in TERMS.split(";"):
+        assert " ".join(term.split()) in titles, f"the glossary lacks {term.strip()}"
+    for verdict in ("none", "unknown", "undetermined"):
+        assert f"*{verdict}*" in page
