@@ -18,10 +18,10 @@ from typing import Any
 
 import numpy as np
 
-from lagsplat.config import Config, compose
+from lagsplat.config.compose import Config, compose
 from lagsplat.evaluate.aggregate import paired_margin
-from lagsplat.io.plain import load_json
-from lagsplat.report.baseline_rows import SCORE
+from lagsplat.io.files.json_files import load_json
+from lagsplat.report.tables.benchmark import SCORE
 
 ARMS = ("krauss_1seg", "krauss_2seg")
 RUN = Path("default-0/default-0/metrics.json")

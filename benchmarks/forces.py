@@ -14,12 +14,12 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from lagsplat.config import compose
-from lagsplat.forces.single import Single
-from lagsplat.pipeline import open_run
+from lagsplat.config.compose import compose
+from lagsplat.forces.batched_lagrangian import Single
+from lagsplat.runs.run import open_run
 from lagsplat.stage2.config import FormConfig
-from lagsplat.stage2.integrate import advance, pieces_of
 from lagsplat.stage2.lagrangian import Coefficients, Floors, Lagrangian
+from lagsplat.stage2.rollout import advance, pieces_of
 
 REPEATS = 400
 

@@ -25,7 +25,8 @@ import torch
 from torch import Tensor
 
 from lagsplat.provenance import set_threads
-from lagsplat.splat import raster_numba, raster_torch
+from lagsplat.splat import rasterize_torch as raster_torch
+from lagsplat.splat.cpu import rasterize as raster_numba
 
 Scene = list[Tensor]
 SLOW_FRAMES = 1

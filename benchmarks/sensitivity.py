@@ -16,15 +16,15 @@ import numpy as np
 
 from benchmarks.diagnose import CASES
 from benchmarks.gapgen.make import make_one
-from lagsplat.config import compose
-from lagsplat.diagnose.forms import free_directions
-from lagsplat.diagnose.identify import identify
-from lagsplat.diagnose.moving import Moving
-from lagsplat.diagnose.prepare import prepare, rough_period_s
-from lagsplat.diagnose.record import cut_windows
-from lagsplat.diagnose.shoot import Data, derivatives
-from lagsplat.diagnose.sources import find_sources, read_sources
-from lagsplat.diagnose.stand import setting_of
+from lagsplat.config.compose import compose
+from lagsplat.diagnose.data_quality.natural_period import rough_period_s
+from lagsplat.diagnose.estimation.dataset import cut_windows, prepare
+from lagsplat.diagnose.estimation.multiple_shooting import Data, derivatives
+from lagsplat.diagnose.estimation.rollout import Moving
+from lagsplat.diagnose.identification.estimated_simulator import setting_of
+from lagsplat.diagnose.identification.structure_search import identify
+from lagsplat.diagnose.mechanics.structure import free_directions
+from lagsplat.diagnose.simulators.sources import find_sources, read_sources
 
 REPEATS = 5
 

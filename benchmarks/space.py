@@ -19,16 +19,14 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from lagsplat.io.ply import Cloud, read_cloud, write_cloud
+from lagsplat.io.files.ply import Cloud, read_cloud, write_cloud
 from lagsplat.provenance import set_threads
-from lagsplat.splat.cloud import merged, show
+from lagsplat.splat.cpu.rasterize import rasterize
 from lagsplat.splat.gaussians import Slice
+from lagsplat.splat.point_cloud import merged, show
 from lagsplat.splat.projection import project, view_of
-from lagsplat.splat.raster_numba import rasterize
-from lagsplat.views.arrangement import arrange
-from lagsplat.views.camera import centred
+from lagsplat.views.camera import Space, arrange, centred
 from lagsplat.views.config import ArrangementConfig
-from lagsplat.views.space import Space
 
 COUNT, SIZE, FOCAL = 15_000, 256, 900.0
 BATCH, REPEATS = 4, 15

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
-from lagsplat.config import compose
-from lagsplat.forces.held import hold
-from lagsplat.pipeline import open_run
-from lagsplat.systems.sides import space_of
+from lagsplat.config.compose import compose
+from lagsplat.forces.equilibrium import hold
+from lagsplat.runs.run import open_run
+from lagsplat.systems.novel_views import space_of
 
 PRESENT = 0.1
 FLANK_M = 0.001

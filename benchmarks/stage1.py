@@ -14,12 +14,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from lagsplat.config import compose
+from lagsplat.config.compose import compose
 from lagsplat.provenance import set_threads
 from lagsplat.splat.losses import structural_dissimilarity
 from lagsplat.stage1.autoencoder import to_images
 from lagsplat.stage1.fit import fit_autoencoder, train_step
-from lagsplat.stage1.schedule import optimizer_of, set_rates
+from lagsplat.stage1.objective import optimizer_of, set_rates
 from lagsplat.systems.simulate import simulate
 
 WARM_STEPS = 400

@@ -11,11 +11,10 @@ import torch
 from torch import Tensor
 
 from lagsplat.stage2.config import FormConfig
-from lagsplat.stage2.curvature import Bend, Reach
+from lagsplat.stage2.input_stiffness import Bend, Reach
 from lagsplat.stage2.lagrangian import Coefficients, Floors, Lagrangian
 from lagsplat.stage2.objective import one_step_error
-from lagsplat.stage2.rollout import rollout
-from lagsplat.stage2.windows import Windows
+from lagsplat.stage2.rollout import Windows, rollout
 
 D, N_INPUTS, BATCH, STEPS = 4, 4, 32, 47_000
 

@@ -17,11 +17,10 @@ from typing import Any
 import cv2
 import numpy as np
 
-from lagsplat.io.clips import Clip
-from lagsplat.io.decode import decode
-from lagsplat.io.overlap import overlapped
-from lagsplat.io.picture import shape_picture
-from lagsplat.io.video import read_video
+from lagsplat.io.video.clips import Clip
+from lagsplat.io.video.decode import decode, overlapped
+from lagsplat.io.video.read import read_video
+from lagsplat.video_quality.frames import shape_picture
 
 WIDTH, HEIGHT, RATE = 1920, 1080, 60.0
 CROP, SIZE = (420, 0, 1080, 1080), (128, 128)

@@ -20,18 +20,18 @@ import numpy as np
 import torch
 
 from benchmarks.forces import default_law
-from lagsplat.config import compose
-from lagsplat.forces.held import Held, hold
-from lagsplat.forces.stepper import stepper
-from lagsplat.pipeline import open_run
-from lagsplat.report.force_space import sideways
+from lagsplat.config.compose import compose
+from lagsplat.forces.batched_lagrangian import stepper
+from lagsplat.forces.equilibrium import Held, hold
+from lagsplat.report.figures.forces import sideways
+from lagsplat.runs.run import open_run
+from lagsplat.splat.cpu.slice import OnePicture
 from lagsplat.splat.gaussians import Gaussians
-from lagsplat.splat.one_picture import OnePicture
-from lagsplat.viewer.easel import FlatEasel, easel_of
-from lagsplat.viewer.loop import Loop
-from lagsplat.viewer.pull import FlatPull, Pull, RayPull
-from lagsplat.viewer.recorded import recorded_of
-from lagsplat.viewer.session import Session, Snapshot
+from lagsplat.viewer.rendering.renderer import FlatEasel, easel_of
+from lagsplat.viewer.server.drag import FlatPull, Pull, RayPull
+from lagsplat.viewer.simulation.history import recorded_of
+from lagsplat.viewer.simulation.realtime_loop import Loop
+from lagsplat.viewer.simulation.session import Session, Snapshot
 
 SIDE, COUNT = 256, 15_000
 DRAGS = 100

@@ -3,8 +3,8 @@
 import torch
 
 from lagsplat.stage2.config import FormConfig
-from lagsplat.stage2.curvature import Bend, Reach
-from lagsplat.stage2.induced import DecoderGeometry
+from lagsplat.stage2.decoder_mass import DecoderGeometry
+from lagsplat.stage2.input_stiffness import Bend, Reach
 from lagsplat.stage2.lagrangian import Coefficients, Floors, Lagrangian
 
 

@@ -4,7 +4,7 @@ import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
-from lagsplat.io.motion import Motion, read_motion
+from lagsplat.io.trajectory.trajectory import Motion, read_motion
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ import numpy as np
 
 from benchmarks.gap_baselines.case import Case
 from benchmarks.gap_baselines.said import Said, names
-from lagsplat.diagnose.config import DiagnoseConfig
+from lagsplat.diagnose.core.config import DiagnoseConfig
 
 
 def chance(case: Case, config: DiagnoseConfig) -> Said:

@@ -12,16 +12,17 @@ import numpy as np
 
 from benchmarks.gap_baselines.case import Case
 from benchmarks.gap_baselines.said import Said
-from lagsplat.diagnose.catalogue import instances
-from lagsplat.diagnose.compare import Contest, pursue, screen
-from lagsplat.diagnose.config import DiagnoseConfig
-from lagsplat.diagnose.effects.effect import Instance
-from lagsplat.diagnose.forecast import BURN_IN, Forecast, blocks_of, forecast, halves
-from lagsplat.diagnose.hints import hints
-from lagsplat.diagnose.record import Windows
-from lagsplat.diagnose.result import Block
-from lagsplat.diagnose.smoother import smooth
-from lagsplat.diagnose.stand import sim_of, stand
+from lagsplat.diagnose.core.config import DiagnoseConfig
+from lagsplat.diagnose.core.result import Block
+from lagsplat.diagnose.effects.base import Instance
+from lagsplat.diagnose.estimation.dataset import Windows
+from lagsplat.diagnose.identification.estimated_simulator import sim_of
+from lagsplat.diagnose.inference.holdout import BURN_IN, Forecast, blocks_of, forecast, halves
+from lagsplat.diagnose.inference.model_selection import pursue
+from lagsplat.diagnose.inference.placement import hints, instances
+from lagsplat.diagnose.inference.problem import Contest, stand
+from lagsplat.diagnose.inference.score_test import screen
+from lagsplat.diagnose.residual.latent_force import smooth
 
 
 def lowest_error(case: Case, config: DiagnoseConfig) -> Said:

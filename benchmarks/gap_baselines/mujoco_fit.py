@@ -18,10 +18,10 @@ from mujoco import sysid
 from benchmarks.gap_baselines.case import Case
 from benchmarks.gap_baselines.mujoco_model import KINDS, Drawn, draw, gear_field, joint_field
 from benchmarks.gap_baselines.said import Said
-from lagsplat.diagnose.config import DiagnoseConfig
-from lagsplat.diagnose.prepare import Prepared, prepare, rough_period_s
-from lagsplat.diagnose.record import cut_windows
-from lagsplat.io.motion import Motion
+from lagsplat.diagnose.core.config import DiagnoseConfig
+from lagsplat.diagnose.data_quality.natural_period import rough_period_s
+from lagsplat.diagnose.estimation.dataset import Prepared, cut_windows, prepare
+from lagsplat.io.trajectory.trajectory import Motion
 
 ITERATIONS = 12
 WINDOWS = 6

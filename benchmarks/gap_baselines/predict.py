@@ -13,8 +13,8 @@ from pathlib import Path
 
 from benchmarks.gap_baselines.case import Case, open_case
 from benchmarks.gap_baselines.said import Said, write
-from lagsplat.config import compose, rebuild
-from lagsplat.diagnose.config import DiagnoseConfig
+from lagsplat.config.compose import compose, rebuild
+from lagsplat.diagnose.core.config import DiagnoseConfig
 
 METHODS = ("chance", "ensemble_sindy", "lowest_error", "mujoco_sysid", "weak_sindy")
 Method = Callable[[Case, DiagnoseConfig], Said]

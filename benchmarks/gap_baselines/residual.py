@@ -11,11 +11,11 @@ from jaxtyping import Float64, Int64
 from scipy.integrate import cumulative_trapezoid
 
 from benchmarks.gap_baselines.case import Case
-from lagsplat.diagnose.config import DiagnoseConfig
-from lagsplat.diagnose.model import Model
-from lagsplat.diagnose.prepare import prepare, rough_period_s
-from lagsplat.diagnose.record import Record
-from lagsplat.diagnose.stand import sim_of
+from lagsplat.diagnose.core.config import DiagnoseConfig
+from lagsplat.diagnose.data_quality.natural_period import rough_period_s
+from lagsplat.diagnose.estimation.dataset import Record, prepare
+from lagsplat.diagnose.identification.estimated_simulator import sim_of
+from lagsplat.diagnose.mechanics.model import Model
 
 SLOW = 0.05
 """Share of the rms speed below which a sign is not one."""

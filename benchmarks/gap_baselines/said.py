@@ -4,10 +4,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from lagsplat.diagnose.catalogue import catalogue
-from lagsplat.diagnose.result import Block, Candidate, Diagnosis, Parameter, Verdict
-from lagsplat.report.diagnosis_json import save_diagnosis
-from lagsplat.report.diagnosis_rollouts import save_rollouts
+from lagsplat.diagnose.core.result import Block, Candidate, Diagnosis, Parameter, Verdict
+from lagsplat.diagnose.effects.registry import catalogue
+from lagsplat.report.diagnosis.content import save_rollouts
+from lagsplat.report.diagnosis.serialization import save_diagnosis
 
 APART = ("none", "unknown")
 

@@ -12,7 +12,7 @@ from pysindy import FROLS, STLSQ, EnsembleOptimizer, IdentityLibrary, WeakPDELib
 from benchmarks.gap_baselines.case import Case
 from benchmarks.gap_baselines.residual import Residual, Term, residual_of
 from benchmarks.gap_baselines.said import Said
-from lagsplat.diagnose.config import DiagnoseConfig
+from lagsplat.diagnose.core.config import DiagnoseConfig
 
 MODELS = 50
 THRESHOLD = 0.02

@@ -1,4 +1,7 @@
-"""The chart: everything later stages know of a recording and of how its pictures are encoded."""
+"""The chart: everything later stages know of a recording and of how its pictures are encoded.
+
+Refusing an autoencoder that learned nothing, before hours are spent on its latents.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,15 +13,13 @@ import numpy as np
 import torch
 from jaxtyping import Float64
 
+from lagsplat.array_types import Frames, Images, Latents, Series
 from lagsplat.chart.config import ChartConfig
-from lagsplat.chart.dimension import intrinsic_dimension
 from lagsplat.chart.trajectory import Trajectory
-from lagsplat.chart.visibility import visibility
-from lagsplat.chart.whitening import fit_whitening
-from lagsplat.io.artefact import load_artefact, save_artefact
-from lagsplat.io.recording import Recording
-from lagsplat.shapes import Images, Latents, Series
-from lagsplat.stage1.autoencoder import Autoencoder, encode_frames
+from lagsplat.chart.visibility import fit_whitening, intrinsic_dimension, visibility
+from lagsplat.io.files.artifact import load_artefact, save_artefact
+from lagsplat.io.recording.recording import Recording
+from lagsplat.stage1.autoencoder import Autoencoder, decode_latents, encode_frames, to_images
 
 KIND = "chart"
 SCHEMA = 1
@@ -164,3 +165,27 @@ def load_chart(path: Path | str) -> tuple[Chart, dict[str, Any]]:
     settings: dict[str, Any] = {name: tensors[name] for name in ARRAYS} | header["chart"]
     settings["segments"] = tuple((int(a), int(b)) for a, b in settings["segments"])
     return Chart(**settings), header
+
+
+SAMPLE = 256  # frames, evenly spaced over the clip
+LARGEST_SHARE = 0.5  # of the variance of the frames that a reconstruction may leave
+
+
+def require_trained(autoencoder: Autoencoder, frames: Frames) -> None:
+    """Compare the reconstructions of some frames with the mean of these frames.
+
+    Raises:
+        ValueError: they leave more than half of the variance over time. The latents then say little about
+            the motion.
+    """
+    at = np.unique(np.linspace(0, len(frames) - 1, SAMPLE).astype(int))
+    seen = np.asarray(frames[at])
+    images = to_images(seen).double().numpy()
+    error = float(np.square(decode_latents(autoencoder, encode_frames(autoencoder, seen)) - images).mean())
+    variance = float(images.var(0).mean())
+    if error > LARGEST_SHARE * variance:
+        raise ValueError(
+            "stage 1 learned nothing to build on: it draws the training frames with a mean squared error of "
+            f"{error:.2e}, and their mean alone would err by {variance:.2e}. Look at reconstruction.png, "
+            "then raise stage1.steps, lower system.encoder_rate or take another seed"
+        )

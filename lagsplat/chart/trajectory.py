@@ -1,13 +1,65 @@
-"""A latent trajectory: whitened states, the inputs that drove them and the instants they were filmed."""
+"""A latent trajectory: whitened states, the inputs that drove them and the instants they were filmed.
 
+The instants of the frames, even or not, and what is measured by them: steps and velocities.
+
+Smoothing of series that leaves a motion its amplitude, never across a cut.
+"""
+
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import prod
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Int
+from scipy.ndimage import gaussian_filter1d
 
-from lagsplat.chart.clock import Clock, read_clock
-from lagsplat.chart.smooth import smooth
+from lagsplat.array_types import Series
+
+
+@dataclass(frozen=True)
+class Clock:
+    """Frames ``dt_s`` [s] apart, or at the instants ``time_s`` where that is not None.
+
+    On an even clock every result is the one of exact multiples of ``dt_s``, and steps are plain numbers.
+    """
+
+    dt_s: float
+    time_s: Float64[np.ndarray, " T"] | None = None
+
+    def elapsed_s(self, at: Int[np.ndarray, " B"], ahead: int) -> float | Float64[np.ndarray, "B 1"]:
+        """Time [s] from each frame to the one ``ahead`` of it; negative ``ahead`` looks back."""
+        if self.time_s is None:
+            return ahead * self.dt_s
+        return (self.time_s[at + ahead] - self.time_s[at])[:, None]
+
+    def steps_s(self, at: Int[np.ndarray, " B"], n_states: int) -> float | Float64[np.ndarray, "B n"]:
+        """Times [s] between the ``n_states`` frames that begin at each frame, one fewer than these."""
+        if self.time_s is None:
+            return self.dt_s
+        return np.diff(self.time_s[at[:, None] + np.arange(n_states)], axis=1)
+
+    def instants_s(self, start: int, n_states: int) -> Float64[np.ndarray, " N"]:
+        """Times [s] of ``n_states`` frames since the first of them, ``start``."""
+        if self.time_s is None:
+            return self.dt_s * np.arange(n_states)
+        return self.time_s[start : start + n_states] - self.time_s[start]
+
+    def slope(
+        self, series: Series, at: Int[np.ndarray, " B"], stencil: Sequence[int]
+    ) -> Float64[np.ndarray, "B m"]:
+        """Slope [1/s] at frames of the polynomial through them and the frames ``stencil`` away from each.
+
+        Its order is the length of the stencil: ``(1, 2)`` and ``(-1, 1)`` are of second order and
+        ``(-2, -1, 1, 2)`` is of fourth, on true times; on an even clock they are the textbook differences.
+        """
+        away = {ahead: self.elapsed_s(at, ahead) for ahead in stencil}
+        slope = np.zeros((len(at), series.shape[1]))
+        for ahead, x in away.items():
+            others = [y for other, y in away.items() if other != ahead]
+            weight = prod(y / (y - x) for y in others) / x
+            slope += weight * (series[at + ahead] - series[at])
+        return slope
 
 
 @dataclass(frozen=True)
@@ -63,3 +115,95 @@ class Trajectory:
             time_s=self.time_s[start:stop],
             segments=tuple((a, b) for a, b in cut if a < b),
         )
+
+
+EVEN = 1e-4
+"""Deviation from the median spacing, relative to it, up to which a clock counts as even: a frequency is then
+off by no more than that."""
+
+
+def read_clock(time_s: Float64[np.ndarray, " T"], segments: Sequence[tuple[int, int]]) -> Clock:
+    """The clock of frames at ``time_s`` [s]; times between two clips do not count.
+
+    Raises:
+        ValueError: no two frames are in one clip.
+    """
+    steps = np.concatenate([np.diff(time_s[a:b]) for a, b in segments] or [np.zeros(0)])
+    if steps.size == 0:
+        raise ValueError(
+            f"{len(time_s)} frame(s) and no two of them in one clip: they have no spacing in time; give "
+            "longer clips or another split"
+        )
+    dt_s = float(np.median(steps))
+    even = float(np.abs(steps - dt_s).max()) <= EVEN * dt_s
+    return Clock(dt_s, None if even else time_s)
+
+
+TRUNCATE = 4.0
+
+
+def smooth(
+    series: Series,
+    *,
+    sigma_frames: float,
+    segments: Sequence[tuple[int, int]],
+    clock: Clock | None = None,
+) -> Series:
+    """Each column smoothed by a Gaussian of ``sigma_frames`` and, likewise, what that took away put back.
+
+    A Gaussian alone shrinks a swing of 20 sigma a period by 5 %, and with it what a law learns of how its
+    frequency depends on amplitude; twiced, it shrinks it by 0.2 %. It is cut at 4 sigma, every segment on its
+    own. Beyond its ends a segment goes on turned about them, so that a steady motion stays steady: repeating
+    the last sample would slow it down. The filter is not causal.
+    ``sigma_frames = 0`` returns a copy. Samples outside every segment are returned as they are. On an uneven
+    ``clock`` sigma is that many median spacings, the weights are those of the true times, and the value is
+    that of a line fitted with them; on an even one this is the plain filter.
+
+    Source: twicing, Tukey 1977, "Exploratory Data Analysis", section 16.
+    """
+    if sigma_frames == 0.0 or series.shape[1] == 0:
+        return series.copy()
+    once = _blurred(series, sigma_frames, segments, clock)
+    return once + _blurred(series - once, sigma_frames, segments, clock)
+
+
+def _blurred(
+    series: Series, sigma_frames: float, segments: Sequence[tuple[int, int]], clock: Clock | None
+) -> Series:
+    smoothed = series.copy()
+    for start, stop in segments:
+        part = slice(start, stop)
+        if clock is None or clock.time_s is None:
+            reach = int(TRUNCATE * sigma_frames + 0.5)
+            longer = _beyond(series[part], reach)
+            found = gaussian_filter1d(longer, sigma_frames, axis=0, truncate=TRUNCATE)
+            smoothed[part] = found[reach : len(longer) - reach]
+        else:
+            smoothed[part] = _local_lines(series[part], clock.time_s[part] / clock.dt_s, sigma_frames)
+    return smoothed
+
+
+def _local_lines(series: Series, time: np.ndarray, sigma: float) -> Series:
+    """Values at ``time`` (in median spacings) of lines fitted around each sample with Gaussian weights."""
+    reach = int(TRUNCATE * sigma + 0.5)
+    time = _beyond(time[:, None], reach)[:, 0]
+    padded = _beyond(series, reach)
+    taps = np.arange(len(series))[:, None] + np.arange(2 * reach + 1)
+    x = time[taps] - time[reach : len(time) - reach, None]
+    weight = np.exp(-0.5 * (x / sigma) ** 2)
+    # A plain weighted mean belongs to the mean of its times, which on an uneven clock is not the frame's own:
+    # it would turn the jitter of the clock into jitter of the state. The line takes that out; weights in
+    # frames would have the same fault, and a length that changes with the clock on top.
+    zeroth, first, second = (np.sum(weight * x**power, axis=1, keepdims=True) for power in range(3))
+    spread = zeroth * second - first**2
+    lone = spread <= 1e-12 * zeroth**2
+    share = np.where(lone, x == 0.0, weight * (second - first * x) / np.where(lone, 1.0, spread))
+    return np.einsum("tk,tkm->tm", share, padded[taps])
+
+
+def _beyond(series: np.ndarray, reach: int) -> np.ndarray:
+    """``series`` with ``reach`` more samples at either end, point reflections of those inside."""
+    around = ((reach, reach), (0, 0))
+    if len(series) == 1:
+        return np.pad(series, around, mode="edge")
+    return np.pad(series, around, mode="reflect", reflect_type="odd")

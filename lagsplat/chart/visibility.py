@@ -1,4 +1,9 @@
-"""The visibility metric: how strongly each latent direction moves the picture."""
+"""The visibility metric: how strongly each latent direction moves the picture.
+
+Intrinsic dimension of the encoded trajectory, a check on the chosen d.
+
+PCA whitening of the latents, frozen on the training frames.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -6,9 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from jaxtyping import Float, Float64
+from skdim.id import MLE
 from torch import Tensor
 
-from lagsplat.shapes import Series
+from lagsplat.array_types import Series
 
 Decode = Callable[[Float[Tensor, "B d"]], Tensor]
 """Images ``(B, 3, H, W)`` at whitened latents ``(B, d)``."""
@@ -92,3 +98,72 @@ def _slopes(decode: Decode, q: Float[Tensor, "B d"], step: float) -> Float[Tenso
 
 def _gram(slope: Float[Tensor, "B d P"]) -> Float64[np.ndarray, "d d"]:
     return torch.einsum("bip,bjp->ij", slope, slope).numpy()
+
+
+def intrinsic_dimension(q: Series, *, frames: int, neighbours: int, seed: int) -> float:
+    """Maximum-likelihood dimension of a random subsample of whitened latents.
+
+    One coordinate has dimension 1 by definition and is not estimated. The estimate depends on the scale of
+    the neighbourhood: noise raises it, a coordinate that hardly moves lowers it.
+
+    Raises:
+        ValueError: fewer different frames than neighbours.
+
+    Source: Levina and Bickel 2004; https://doi.org/10.3390/e23101368 (scikit-dimension).
+    """
+    if q.shape[1] == 1:
+        return 1.0
+    rng = np.random.default_rng(seed)
+    # Equal frames, at rest say, have no distance to take the logarithm of.
+    sample = np.unique(q[rng.choice(len(q), min(frames, len(q)), replace=False)], axis=0)
+    if len(sample) <= neighbours:
+        raise ValueError(
+            f"{len(sample)} different training frames are too few for "
+            f"chart.dimension_neighbours={neighbours}: lower it"
+        )
+    local = MLE().fit_transform_pw(sample, n_neighbors=neighbours)
+    return float(1.0 / np.mean(1.0 / local[np.isfinite(local) & (local > 0)]))
+
+
+@dataclass(frozen=True)
+class Whitening:
+    """``q = (z - mean) @ whiten`` and ``z = mean + q @ unwhiten``; ``variance`` of each axis in raw units."""
+
+    mean: Float64[np.ndarray, " d"]
+    whiten: Float64[np.ndarray, "d d"]
+    unwhiten: Float64[np.ndarray, "d d"]
+    variance: Float64[np.ndarray, " d"]
+
+
+def fit_whitening(z: Series, *, eigenvalue_floor: float) -> Whitening:
+    """Whiten by the principal axes of ``z``, the largest variance first.
+
+    Rows are samples, so that the factor on the right is ``V diag(l)^-1/2``, without transpose. The sign of
+    an axis makes its largest component positive: the same latents always give the same chart.
+
+    Raises:
+        ValueError: an axis has less than ``eigenvalue_floor`` of the largest variance, so that whitening it
+            would blow noise up to the size of the motion.
+
+    Source: paper, Implementation Details.
+    """
+    if len(z) <= z.shape[1] or not np.isfinite(z).all():
+        raise ValueError(
+            f"whitening needs more finite latents than dimensions; there are {len(z)} frames of "
+            f"d = {z.shape[1]}, {np.count_nonzero(~np.isfinite(z).all(1))} of them not finite: check stage 1"
+        )
+    mean = z.mean(0)
+    variance, axes = np.linalg.eigh(np.atleast_2d(np.cov(z, rowvar=False)))
+    variance, axes = variance[::-1].copy(), axes[:, ::-1]
+    carried = variance > eigenvalue_floor * variance[0]
+    if not carried.all() or variance[0] <= 0.0:
+        listed = ", ".join(f"{value:.3g}" for value in variance)
+        raise ValueError(
+            f"d = {z.shape[1]} is larger than the data can carry: the latent variances along their "
+            f"principal axes are {listed}, and only {np.count_nonzero(carried)} exceed {eigenvalue_floor:g} "
+            "of the largest. "
+            f"Set system.d={max(1, np.count_nonzero(carried))}, or train stage 1 longer"
+        )
+    axes = axes * np.sign(axes[np.abs(axes).argmax(0), np.arange(len(mean))])
+    scale = np.sqrt(variance)
+    return Whitening(mean=mean, whiten=axes / scale, unwhiten=(axes * scale).T.copy(), variance=variance)

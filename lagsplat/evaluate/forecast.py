@@ -1,11 +1,22 @@
-"""The half-second image forecast of the benchmark, over many starts."""
+"""The half-second image forecast of the benchmark, over many starts.
 
+The image error along long rollouts: where a forecast stops being one.
+
+The clip that crosses from training to held-out frames: where extrapolation is measured.
+
+The autoencoder floor: what is lost before any dynamics.
+"""
+
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float64
 
+from lagsplat.chart.chart import Chart
+from lagsplat.chart.trajectory import Clock
 from lagsplat.evaluate.config import EvaluateConfig
-from lagsplat.evaluate.floor import image_errors
+from lagsplat.evaluate.modes import fit_modes
 from lagsplat.evaluate.protocol import (
     HeldOut,
     Integrate,
@@ -17,6 +28,8 @@ from lagsplat.evaluate.protocol import (
     pin_diverged,
     windows,
 )
+from lagsplat.evaluate.spectrum import evenly_spaced
+from lagsplat.io.recording.segments import crossing_frames
 
 
 def image_forecast(
@@ -120,3 +133,155 @@ def frame_errors(
 def standard_error(values: np.ndarray) -> float | None:
     """Standard error of a mean over windows, or None when one window has no spread."""
     return float(values.std(ddof=1) / np.sqrt(len(values))) if len(values) > 1 else None
+
+
+BAND = (16.0, 84.0)  # percentiles over starts
+LEAST = 3
+
+
+def error_along(
+    held: HeldOut, pictures: Pictures, render: Render, integrate: Integrate, config: EvaluateConfig
+) -> dict[str, Any]:
+    """Image error at each moment of rollouts of ``config.figure.horizon_s``, or of half the longest clip.
+
+    ``median``, ``low`` and ``high`` (the central two thirds) are over ``config.figure.horizon_starts``
+    starts, ``hold`` and ``mean_frame`` are the medians of holding the first frame and of the mean frame.
+    Diverged states count as in the forecast.
+    """
+    first, stop = held.longest
+    # Half a clip leaves room for starts that differ.
+    states = min(round(config.figure.horizon_s / held.dt_s), (stop - first) // 2)
+    if states < LEAST:
+        return {"reason": f"the longest scored clip has {stop - first} frames; hold out more"}
+    count = config.figure.horizon_starts
+    starts = draw_starts(held, length=states, margin=0, count=count, seed=config.seed)
+    q0, v0 = initial_states(held, starts)
+    rollouts = integrate(q0, v0, windows(held.forcing, starts, states), held.clock.steps_s(starts, states))
+    pinned, gone = pin_diverged(rollouts, bound=config.divergence_factor * held.reach)
+    average = mean_picture(held, pictures)
+    error, hold, mean = frame_errors(pinned, gone, starts, pictures, render, average)
+    low, high = np.percentile(error, BAND, axis=0)
+    return {
+        "time_s": (held.dt_s * np.arange(states)).tolist(),
+        "median": np.median(error, axis=0).tolist(),
+        "low": low.tolist(),
+        "high": high.tolist(),
+        "hold": np.median(hold, axis=0).tolist(),
+        "mean_frame": np.median(mean, axis=0).tolist(),
+        "diverged": gone.mean(axis=0).tolist(),
+        "starts": starts.tolist(),
+    }
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """One clip as encoded, not smoothed: frames ``start`` to ``stop`` of the recording, held out from
+    ``boundary`` on. ``period_s`` [s] is the natural period of its training part.
+    """
+
+    start: int
+    boundary: int
+    stop: int
+    dt_s: float
+    period_s: float
+    latents: Float64[np.ndarray, "T d"]
+    time_s: Float64[np.ndarray, " T"]
+    metric: Float64[np.ndarray, "d d"]
+    even: bool
+
+    @property
+    def n_train(self) -> int:
+        """Training frames of the clip."""
+        return self.boundary - self.start
+
+    @property
+    def ahead(self) -> Float64[np.ndarray, " held"]:
+        """Instants of the held-out frames, in median spacings since the last training frame: 1, 2, ... on an
+        even clock."""
+        return self.places[self.n_train :] - self.places[self.n_train - 1]
+
+    @property
+    def places(self) -> Float64[np.ndarray, " T"]:
+        """Instants of all frames, in median spacings since the first."""
+        return (self.time_s - self.time_s[0]) / self.dt_s
+
+    @property
+    def clock(self) -> Clock:
+        """The instants of the frames."""
+        return Clock(self.dt_s, None if self.even else self.time_s)
+
+    def history(self, periods: float) -> int:
+        """Training frames in so many natural periods: at least four, at most all of them."""
+        return int(np.clip(round(periods * self.period_s / self.dt_s), min(4, self.n_train), self.n_train))
+
+
+def crossing_clip(chart: Chart) -> Crossing:
+    """The clip of a chart that holds both training and held-out frames.
+
+    Raises:
+        ValueError: there is none, the mechanism is driven, or its training part shows no oscillation.
+    """
+    start, boundary, stop = crossing_frames(chart.segments, chart.n_train)
+    if chart.inputs.shape[1] and np.ptp(chart.inputs[start:stop], axis=0).max() > 0:
+        raise ValueError(
+            "the clip is driven by inputs, and a forecaster of pictures knows none; take a free system"
+        )
+    latents, clock = chart.latents[start:stop], chart.whole.clock
+    whole = chart.whole.part(start, stop)
+    train = evenly_spaced(latents[: boundary - start], clock, start=start)
+    modes = fit_modes(train, dt_s=chart.dt_s, metric=chart.metric, most=1)
+    if not modes:
+        raise ValueError("the training part of the clip shows no oscillation to take a natural period from")
+    return Crossing(
+        start=start,
+        boundary=boundary,
+        stop=stop,
+        dt_s=chart.dt_s,
+        period_s=1.0 / modes[0].frequency_hz,
+        latents=latents,
+        time_s=whole.time_s,
+        metric=chart.metric,
+        even=clock.time_s is None,
+    )
+
+
+def autoencoder_floor(held: HeldOut, pictures: Pictures, render: Render, *, most: int) -> dict[str, Any]:
+    """Static reconstruction error of the unsmoothed latents, on evenly spaced held-out frames.
+
+    Mean squared error over channels and pixels at the training resolution, colours in [0, 1]. Neighbouring
+    frames err alike, so ``spread`` (standard deviation over frames) is a description and no standard error.
+
+    Source: paper, Metrics, the AE floor.
+    """
+    available = held.n_frames - held.skip
+    chosen = np.unique(
+        np.linspace(held.skip, held.n_frames - 1, min(most, available)).round().astype(np.int64)
+    )
+    errors = np.concatenate(
+        [
+            image_errors(render(held.latents[part]), pictures(part))
+            for part in np.array_split(chosen, max(1, len(chosen) // 64))
+        ]
+    )
+    return {
+        "value": float(errors.mean()),
+        "spread": float(errors.std()),
+        "p05": float(np.percentile(errors, 5)),
+        "p95": float(np.percentile(errors, 95)),
+        "frames": len(chosen),
+    }
+
+
+def image_errors(rendered: np.ndarray, recorded: np.ndarray) -> np.ndarray:
+    """Mean squared error of each image over channels and pixels; renders are clamped to [0, 1].
+
+    Raises:
+        ValueError: the two stacks differ in shape.
+    """
+    if rendered.shape != recorded.shape:
+        raise ValueError(
+            f"renders of shape {rendered.shape} against recorded images of shape {recorded.shape}: the "
+            "autoencoder was trained at another resolution; evaluate it on its own recording"
+        )
+    residual = np.clip(rendered, 0.0, 1.0, dtype=np.float64) - recorded
+    return np.mean(residual**2, axis=(1, 2, 3))

@@ -8,12 +8,11 @@ import torch
 from jaxtyping import Float64
 
 from lagsplat.chart.chart import Chart
-from lagsplat.evaluate.extrapolation_config import GuaranteeConfig
-from lagsplat.evaluate.mechanical_energy import energy_of
-from lagsplat.stage2.frozen import FrozenLaw, roll_out_free
-from lagsplat.stage2.integrate import pieces_of
-from lagsplat.stage2.lagrangian import Lagrangian
-from lagsplat.stage2.modes import equilibrium
+from lagsplat.evaluate.config import GuaranteeConfig
+from lagsplat.evaluate.forces.known_forces import energy_of
+from lagsplat.stage2.lagrangian import Lagrangian, equilibrium
+from lagsplat.stage2.numpy_lagrangian import FrozenLaw, roll_out_free
+from lagsplat.stage2.rollout import pieces_of
 
 HALVINGS = 6
 STRETCH = 400  # states between two looks at whether everything has settled

@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 
 from lagsplat.evaluate.config import EvaluateConfig
-from lagsplat.evaluate.floor import image_errors
-from lagsplat.evaluate.forecast import mean_picture, window_errors
+from lagsplat.evaluate.forecast import image_errors, mean_picture, window_errors
 from lagsplat.evaluate.protocol import (
     HeldOut,
     Integrate,

@@ -11,8 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
 from lagsplat.chart.chart import Chart
-from lagsplat.chart.clock import Clock
-from lagsplat.chart.trajectory import Trajectory
+from lagsplat.chart.trajectory import Clock, Trajectory
 from lagsplat.evaluate.config import EvaluateConfig
 
 Latents = Float64[np.ndarray, "N d"]

@@ -1,9 +1,15 @@
-"""The windowed spectral estimator of a free oscillation's frequency, the same for encoded and rolled out."""
+"""The windowed spectral estimator of a free oscillation's frequency, the same for encoded and rolled out.
+
+Evenly spaced series from frames that are not evenly spaced, for estimators that need them so.
+"""
 
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float64
+from scipy.interpolate import CubicSpline
+
+from lagsplat.chart.trajectory import Clock
 
 SUB_WINDOWS = 5
 SUB_LENGTH = 0.75
@@ -90,3 +96,16 @@ def _weighted_power(series: np.ndarray, metric: np.ndarray) -> np.ndarray:
 
 def _visible_power(series: np.ndarray, mode: np.ndarray) -> np.ndarray:
     return np.abs(_transform(series @ mode[:, None])[:, 0]) ** 2
+
+
+def evenly_spaced(series: Float64[np.ndarray, "N d"], clock: Clock, *, start: int) -> np.ndarray:
+    """The series ``dt_s`` apart, (M, d), from the frame ``start`` to its end; itself on an even clock.
+
+    By a cubic spline through the frames at their true times. It has the same span, so that its length may
+    differ by some frames.
+    """
+    if clock.time_s is None:
+        return series
+    true_s = clock.instants_s(start, len(series))
+    even_s = clock.dt_s * np.arange(int(true_s[-1] / clock.dt_s + 1e-6) + 1)
+    return CubicSpline(true_s, series)(np.minimum(even_s, true_s[-1]))

@@ -1,19 +1,28 @@
-"""Learned physics against the truth of a simulated recording, which no training saw."""
+"""Learned physics against the truth of a simulated recording, which no training saw.
 
-from collections.abc import Sequence
+The same law and kinematics written in other coordinates, to see that the answer does not change.
+
+How much the learned inertia depends on the state, along a trajectory.
+
+A smooth map from latents to true coordinates, read off frames at which both are known.
+"""
+
+from collections.abc import Callable, Sequence
+from itertools import combinations_with_replacement
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import torch
-from jaxtyping import Float64
-from scipy.optimize import linear_sum_assignment
+from jaxtyping import Float, Float64
+from scipy.optimize import linear_sum_assignment, minimize, root
+from torch import Tensor
 
 from lagsplat.chart.chart import Chart
-from lagsplat.evaluate.damping import plain_mode
+from lagsplat.evaluate.free_motion import plain_mode
 from lagsplat.evaluate.modes import fit_modes
-from lagsplat.evaluate.polynomial import fit_polynomial
-from lagsplat.stage2.lagrangian import Lagrangian
-from lagsplat.stage2.modes import equilibrium
+from lagsplat.forces.equilibrium import Held, energy
+from lagsplat.forces.grasp import Grip
+from lagsplat.stage2.lagrangian import Lagrangian, equilibrium
 
 VISIBLE = 0.05  # least share of the energy of a free window with which a mode counts as excited
 SAME = (
@@ -179,3 +188,105 @@ def _row(
 
 def _median(values: Sequence[float]) -> float | None:
     return float(np.median(values)) if values else None
+
+
+BEND = 0.1
+
+
+def settled_elsewhere(
+    held: Held, grip: Grip, force: Float64[np.ndarray, "2"], *, seed: int = 0
+) -> Float[Tensor, " d"]:
+    """The equilibrium under a force, found in the coordinates ``x`` of ``q = rest + reach (x + x^3/10) A``.
+
+    ``A`` is a random matrix of condition below three. Energy, elastic force and the matter's Jacobian are
+    those of the new chart, ``J Psi`` with ``Psi = dq/dx``; the solver is another one (BFGS, then Powell's
+    hybrid on the slope). Returned in the chart of the run.
+
+    Source: paper, Appendix "Invariance to the latent chart".
+    """
+    rng, d = np.random.default_rng(seed), held.law.d
+    turns = [np.linalg.qr(rng.standard_normal((d, d)))[0] for _ in range(2)]
+    mixing = held.reach * turns[0] @ np.diag(rng.uniform(0.6, 1.7, d)) @ turns[1]
+    ready, rest = held.law.prepare(), held.rest.numpy()
+
+    def back(x: np.ndarray) -> np.ndarray:
+        return rest + (x + BEND * x**3) @ mixing
+
+    def slope(x: np.ndarray) -> np.ndarray:
+        stretch = (1.0 + 3.0 * BEND * x**2)[:, None] * mixing  # row i: dq / dx_i
+        with torch.no_grad():
+            elastic = held.law.conservative_force(torch.from_numpy(back(x))[None], held.u[None], ready)
+        return -(stretch @ elastic[0].numpy() + (grip.jacobian.numpy() @ stretch.T).T @ force)
+
+    def value(x: np.ndarray) -> float:
+        q = torch.from_numpy(back(x))
+        with torch.no_grad():
+            return float(energy(held.law, q[None], held.u[None])[0] - torch.from_numpy(force) @ grip.place(q))
+
+    near = minimize(value, np.zeros(d), jac=slope, method="BFGS").x
+    return torch.from_numpy(back(root(slope, near, tol=1e-13).x))
+
+
+STATES = 2000  # at most so many, evenly spaced
+
+
+def inertia_along(lagrangian: Lagrangian, states: Float64[np.ndarray, "T d"]) -> dict[str, float]:
+    """The mass matrix at whitened states, as plain numbers without unit.
+
+    ``state_dependence`` is the rms distance of the matrices from their mean over the rms of the matrices
+    (Frobenius norms): 0 for a constant mass. ``span`` is the largest over the smallest eigenvalue relative to
+    the mean matrix, anywhere on the trajectory: 1 for a constant mass, and the same in any chart.
+    ``condition_median`` and ``condition_max`` are condition numbers in the whitened chart.
+
+    Source: paper, "Decoder-induced inertia".
+    """
+    chosen = states[np.unique(np.linspace(0, len(states) - 1, min(STATES, len(states))).round().astype(int))]
+    with torch.no_grad():
+        matrices = lagrangian.mass(torch.from_numpy(chosen)).double().numpy()
+    mean = matrices.mean(axis=0)
+    apart, size = (np.sqrt(np.mean(np.sum(part**2, axis=(1, 2)))) for part in (matrices - mean, matrices))
+    values = np.linalg.eigvalsh(matrices)
+    half = np.linalg.inv(np.linalg.cholesky(mean))
+    relative = np.linalg.eigvalsh(half @ matrices @ half.T)
+    condition = values[:, -1] / values[:, 0]
+    return {
+        "state_dependence": float(apart / size),
+        "span": float(relative.max() / relative.min()),
+        "condition_median": float(np.median(condition)),
+        "condition_max": float(condition.max()),
+        "states": len(chosen),
+    }
+
+
+DEGREE = 3
+RIDGE = 1e-9
+
+
+def fit_polynomial(
+    q: Float64[np.ndarray, "T d"], states: Float64[np.ndarray, "T n"]
+) -> Callable[[Float64[np.ndarray, "N d"]], Float64[np.ndarray, "N n"]]:
+    """The cubic polynomial of ``q`` that fits ``states`` best, by least squares with a small ridge.
+
+    The ridge is relative to the mean square of the monomials and only keeps directions without motion from
+    being fitted to rounding.
+
+    Source: Hastie, Tibshirani and Friedman, The Elements of Statistical Learning, section 3.4.1.
+    """
+    monomials = _monomials(q)
+    scale = np.maximum(np.sqrt(np.mean(monomials**2, axis=0)), 1e-12)
+    scaled = monomials / scale
+    moments = scaled.T @ scaled / len(q)
+    weights = np.linalg.solve(moments + RIDGE * np.eye(len(scale)), scaled.T @ states / len(q))
+
+    def predict(points: np.ndarray) -> np.ndarray:
+        return (_monomials(points) / scale) @ weights
+
+    return predict
+
+
+def _monomials(q: np.ndarray) -> np.ndarray:
+    columns = [np.ones(len(q))]
+    for degree in range(1, DEGREE + 1):
+        for chosen in combinations_with_replacement(range(q.shape[1]), degree):
+            columns.append(np.prod(q[:, list(chosen)], axis=1))
+    return np.stack(columns, axis=1)

@@ -1,5 +1,10 @@
-"""How the primitives of a decoder move at one state: with the matter they draw, or each for itself."""
+"""How the primitives of a decoder move at one state: with the matter they draw, or each for itself.
 
+Painted speeds and pictures of decoders, and their measures, in one file.
+"""
+
+import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,13 +13,14 @@ import torch
 from jaxtyping import Bool, Float32, Float64
 from scipy.spatial import cKDTree
 
+from lagsplat.array_types import Frames
 from lagsplat.chart.chart import Chart
-from lagsplat.shapes import Frames
+from lagsplat.io.files.artifact import load_artefact, save_artefact
 from lagsplat.splat.backend import rasterizer
 from lagsplat.splat.image_model import ALPHA_MIN
 from lagsplat.splat.losses import structural_dissimilarity
 from lagsplat.stage1.autoencoder import to_images
-from lagsplat.stage1.field import Field
+from lagsplat.stage1.deformation_decoder import Field
 
 STILL = 1.5  # spreads of the quietest pixels within which a pixel counts as background
 AT_ONCE = 32
@@ -127,3 +133,33 @@ def _reconstruction(
             for a, b in zip(drawn, truth, strict=True)
         ]
     return {"l1": float(torch.cat(l1).mean()), "dissimilarity": float(torch.stack(dissimilarity).mean())}
+
+
+KIND, SCHEMA = "velocity_maps", 1
+
+Maps = dict[str, dict[str, np.ndarray]]
+
+
+def save_maps(
+    path: str | os.PathLike[str],
+    maps: Mapping[str, Mapping[str, np.ndarray]],
+    measures: Mapping[str, Mapping[str, Any]],
+    header: Mapping[str, Any],
+) -> None:
+    """Write the maps of each decoder, by name, with its measures."""
+    tensors = {f"{name}.{key}": value for name, own in maps.items() for key, value in own.items()}
+    save_artefact(path, tensors, {"kind": KIND, "schema": SCHEMA, **header, "measures": dict(measures)})
+
+
+def load_maps(path: str | os.PathLike[str]) -> tuple[Maps, dict[str, dict[str, Any]]]:
+    """Read the maps and the measures of each decoder.
+
+    Raises:
+        FileNotFoundError, ValueError: as `lagsplat.io.files.artifact.load_artefact`.
+    """
+    tensors, header = load_artefact(path, kind=KIND, schema=SCHEMA)
+    maps: Maps = {name: {} for name in header["measures"]}
+    for key, value in tensors.items():
+        name, _, what = key.partition(".")
+        maps[name][what] = value
+    return maps, header["measures"]

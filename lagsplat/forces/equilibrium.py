@@ -1,11 +1,23 @@
-"""Where a law settles under held inputs and held forces: the minimum of ``V - u.nu - load.q``."""
+"""Where a law settles under held inputs and held forces: the minimum of ``V - u.nu - load.q``.
 
+A fitted run held at one operating point, ready to be pushed.
+
+The one number that a film does not tell: how much energy of the law is a joule.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Float64
 from torch import Tensor
 
-from lagsplat.forces.loaded import UNTOUCHED, Edits, Loaded
-from lagsplat.shapes import Inputs, Latents
+from lagsplat.array_types import Inputs, Latents
+from lagsplat.chart.chart import Chart
+from lagsplat.forces.grasp import Grip, Kinematics, kinematics_of
+from lagsplat.forces.loaded_lagrangian import UNTOUCHED, Edits, Loaded
+from lagsplat.splat.projection import View
+from lagsplat.stage1.autoencoder import Autoencoder
 from lagsplat.stage2.lagrangian import Lagrangian, Prepared
 
 ITERATIONS = 200
@@ -121,3 +133,130 @@ def _polished(
     closer = q + torch.linalg.solve_ex(hessian, force[:, :, None])[0][:, :, 0]
     left = law.conservative_force(closer, u, ready).norm(dim=1)
     return torch.where((left < force.norm(dim=1))[:, None], closer, q)
+
+
+VISITED = 0.99
+"""Quantile of the training states' distances from the rest: what lies further was hardly seen."""
+MAGNITUDES = 60
+SPAN = 1e4
+STILL = 1e-6
+"""Of the largest Jacobian: matter that moves less does not move."""
+
+
+@dataclass(frozen=True)
+class Held:
+    """A law at rest under the constant inputs ``u`` (n_u,), in the state ``rest`` (d,); ``reach`` is how
+    far training states lie from there, the 99th percentile [whitened units].
+    """
+
+    autoencoder: Autoencoder
+    chart: Chart
+    law: Lagrangian
+    kinematics: Kinematics
+    u: Float[Tensor, " n_u"]
+    rest: Float[Tensor, " d"]
+    reach: float
+
+    def settled(self, loads: Float[Tensor, "B d"]) -> Latents:
+        """Equilibria under generalised forces, one a row."""
+        return settle(self.law, self.u.expand(len(loads), -1), loads, start=self.rest)
+
+    def pictures(
+        self, q: Latents, *, scale: int = 1, view: View | None = None
+    ) -> Float[np.ndarray, "B H W 3"]:
+        """Pictures at whitened states, ``scale`` times as large as in training; in space of any camera."""
+        raw = torch.from_numpy(self.chart.to_raw(q.numpy())).to(self.autoencoder.gaussians.center)
+        with torch.no_grad():
+            drawn = self.autoencoder.decode(
+                raw, view=view, height=scale * self.kinematics.height, width=scale * self.kinematics.width
+            )
+        return np.moveaxis(drawn.cpu().numpy(), 1, 3)
+
+    def magnitude(self, grip: Grip, direction: Float64[np.ndarray, " n"], *, share: float) -> float:
+        """The force along ``direction`` on ``grip`` that drives the state ``share`` of the reach away.
+
+        In the law's own units of energy per pixel. Found among forces four decades apart at most, around what
+        the stiffness at rest asks for, and interpolated.
+
+        Raises:
+            ValueError: the matter there does not move along ``direction``.
+        """
+        unit = grip.pull_back(torch.from_numpy(direction))
+        if not float(unit.norm()) > STILL * float(self.kinematics.geometry.jacobian.abs().max()):
+            raise ValueError(
+                f"a force along {direction.tolist()} moves nothing at {grip.at.tolist()}: the matter there "
+                "does not move that way; choose another point or direction"
+            )
+        small = 1e-3 * self.reach / float(unit.norm())
+        answer = float((self.settled(small * unit[None])[0] - self.rest).norm())
+        linear = share * self.reach * small / answer
+        sizes = torch.from_numpy(np.geomspace(linear / np.sqrt(SPAN), linear * np.sqrt(SPAN), MAGNITUDES))
+        away = (self.settled(sizes[:, None] * unit) - self.rest).norm(dim=1) / self.reach
+        return float(np.exp(np.interp(np.log(share), away.log().numpy(), sizes.log().numpy())))
+
+
+def hold(
+    autoencoder: Autoencoder, chart: Chart, law: Lagrangian, u: Float64[np.ndarray, " n_u"] | None = None
+) -> Held:
+    """A run at rest under constant inputs: the mean of the training ones unless told otherwise."""
+    inputs = torch.from_numpy(chart.train.inputs.mean(0) if u is None else u)
+    rest = settle(law, inputs[None], torch.zeros(1, law.d, dtype=torch.float64))[0]
+    away = np.linalg.norm(chart.train.latents - rest.numpy(), axis=1)
+    reach = float(np.quantile(away, VISITED))
+    return Held(autoencoder, chart, law, kinematics_of(autoencoder, chart), inputs, rest, reach)
+
+
+SIZES = 81
+SCALE_SPAN = 1e4
+
+
+class NoScaleError(ValueError):
+    """A poke that no energy scale makes the law answer as measured; the message says why."""
+
+
+def share_of(
+    answer: Float64[np.ndarray, "*B P n"], measured: Float64[np.ndarray, "P n"]
+) -> Float64[np.ndarray, "*B"]:
+    """How much of the measured ways an answer makes, by least squares: 1 where it is as large."""
+    return np.einsum("...pc,pc->...", answer, measured) / np.sum(measured**2)
+
+
+def energy_scale(
+    held: Held,
+    load: Float64[np.ndarray, " d"],
+    jacobian: Float64[np.ndarray, "P n d"],
+    measured: Float64[np.ndarray, "P n"],
+) -> float:
+    """The factor kappa with which the law answers ``kappa load`` by as much as was ``measured``.
+
+    ``load`` is a known force, pulled back; ``measured`` are the ways [px] of points of the object, whose
+    matter the model moves by ``jacobian``. One poke decides, and kappa is one for the whole model.
+
+    Raises:
+        NoScaleError: the answer does not grow along the measured ways, whatever the force.
+
+    Source: paper, "Interaction and Inference", the energy factor.
+    """
+    direction = torch.from_numpy(load)
+
+    def shares(sizes: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, " n"]:
+        away = (held.settled(torch.from_numpy(sizes)[:, None] * direction) - held.rest).numpy()
+        return share_of(np.einsum("pcd,nd->npc", jacobian, away), measured)
+
+    small = 1e-3 * held.reach / max(float(np.linalg.norm(load)), 1e-300)
+    slope = float(shares(np.array([small]))[0]) / small
+    if not slope > 0.0:
+        raise NoScaleError(
+            "the law answers this poke against the measured way, or not at all: no energy scale makes them "
+            "agree; poke another point"
+        )
+    sizes = np.geomspace(1.0 / np.sqrt(SCALE_SPAN), np.sqrt(SCALE_SPAN), SIZES) / slope
+    found = shares(sizes)
+    after = int(np.argmax(found >= 1.0))
+    if after == 0:
+        raise NoScaleError(
+            "no energy scale within four decades makes the law answer as measured; poke softer"
+        )
+    low, high = np.log(np.maximum(found[after - 1 : after + 1], 1e-300))
+    ratio = -low / (high - low)
+    return float(np.exp(np.log(sizes[after - 1]) + ratio * np.log(sizes[after] / sizes[after - 1])))

@@ -21,8 +21,8 @@ from typing import cast
 import numpy as np
 from jaxtyping import Float64, UInt8
 
-from lagsplat.io.checksum import sha256_of
-from lagsplat.io.recording import Recording
+from lagsplat.io.files.atomic import sha256_of
+from lagsplat.io.recording.recording import Recording
 
 CHUNK_BYTES = 2**24
 REPAIR = "fetch it again, or name another file with recording.path=FILE"

@@ -1,17 +1,23 @@
-"""From a recording's settings to the recording."""
+"""From a recording's settings to the recording.
 
+A motion from whichever file holds one: a table, or a session in which a simulation was pushed.
+"""
+
+import os
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from lagsplat.io.archive import fetch_member
 from lagsplat.io.config import RecordingConfig
-from lagsplat.io.gaps import cut_at_gaps
+from lagsplat.io.files.download import fetch_member
 from lagsplat.io.krauss import read_krauss_npz
-from lagsplat.io.mcap_read import read_mcap
-from lagsplat.io.recording import Recording
-from lagsplat.io.spans import cut_spans
-from lagsplat.io.video import read_video
+from lagsplat.io.mcap.recording import read_mcap
+from lagsplat.io.mcap.write import session_motion
+from lagsplat.io.recording.recording import Recording
+from lagsplat.io.recording.segments import cut_at_gaps, cut_spans
+from lagsplat.io.trajectory.trajectory import Motion, read_motion
+from lagsplat.io.video.read import read_video
 
 
 def read_recording(config: RecordingConfig) -> Recording:
@@ -90,3 +96,14 @@ def _size(config: RecordingConfig) -> tuple[int, int] | None:
 
 
 READERS = {"krauss": _krauss, "video": _video, "mcap": _mcap}
+
+
+def read_trajectory(path: str | os.PathLike[str], *, columns: Mapping[str, str] | None = None) -> Motion:
+    """The motion in a CSV, Parquet or NPZ file, whose ``columns`` may be named, or in a session's MCAP file.
+
+    Raises:
+        FileNotFoundError, ValueError: as `read_motion` and `session_motion`.
+    """
+    if os.fspath(path).lower().endswith(".mcap"):
+        return session_motion(path)
+    return read_motion(path, columns=columns)

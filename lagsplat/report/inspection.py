@@ -1,11 +1,149 @@
-"""What a recording is, in words, before anything is trained on it."""
+"""What an MCAP file holds, in words, and how to make a recording of it.
+
+What a recording is, in words, before anything is trained on it.
+
+What a film's own checks found, in words, and the configuration that follows from it.
+"""
+
+import re
+import shlex
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from lagsplat.evaluate.config import EvaluateConfig
-from lagsplat.evaluate.free import free_segments
+from lagsplat.evaluate.free_motion import free_segments
 from lagsplat.evaluate.protocol import HeldOut
-from lagsplat.io.recording import Recording
+from lagsplat.io.config import RecordingConfig
+from lagsplat.io.mcap.recording import Survey, Topic
+from lagsplat.io.recording.recording import Recording
+
+MOST_INPUTS = 8
+UNITS = {
+    "position": "rad",
+    "velocity": "rad/s",
+    "effort": "N m",
+    "force": "N",
+    "torque": "N m",
+    "fluid_pressure": "Pa",
+    "temperature": "degC",
+}
+"""Units that ROS messages prescribe; a prismatic joint has m, m/s and N."""
+
+
+def describe_log(survey: Survey) -> str:
+    """Topics with type, encoding, count, rate, longest gap and time; what is wrong; and what to type.
+
+    Times count from the first message logged in the file.
+    """
+    times = [ns for topic in survey.topics for ns in (min(topic.log_ns), max(topic.log_ns))]
+    lines = [f"source     {survey.path.name}"]
+    if not times:
+        return "\n".join([*lines, "topics     none: the file holds no message", *_warnings(survey)])
+    start = min(times)
+    lines.append(f"duration   {(max(times) - start) / 1e9:.3f} s, from {start / 1e9:.6f} s (log time)")
+    for topic in survey.topics:
+        lines += _topic(topic, start)
+    return "\n".join([*lines, *_warnings(survey), *_advice(survey)])
+
+
+def _topic(topic: Topic, start_ns: int) -> list[str]:
+    rate = "" if topic.rate_hz is None else f", {topic.rate_hz:.3f} Hz"
+    first, last = ((ns - start_ns) / 1e9 for ns in (min(topic.log_ns), max(topic.log_ns)))
+    lines = [
+        f"topic      {topic.name}",
+        f"           {topic.schema or '(no schema)'}, {topic.encoding}: {len(topic.log_ns)} messages{rate}, "
+        f"longest gap {topic.longest_gap_s:.3f} s, from {first:.3f} s to {last:.3f} s",
+    ]
+    if topic.numbers:
+        shown = ", ".join(topic.numbers[:MOST_INPUTS])
+        lines.append(f"           numbers: {shown}{', ...' if len(topic.numbers) > MOST_INPUTS else ''}")
+    return lines
+
+
+def _warnings(survey: Survey) -> list[str]:
+    lines = [f"damaged    {loss}" for loss in survey.losses]
+    for topic in survey.topics:
+        if topic.problem:
+            lines.append(f"unreadable {topic.problem}")
+        lines += [
+            f"warning    {topic.name}: the {clock} clock jumps back {count} times"
+            for clock, count in topic.backwards.items()
+            if count
+        ]
+        if len(topic.header_ns) > 1 and None not in topic.header_ns and not topic.stamped:
+            lines.append(f"warning    {topic.name}: all header stamps are the same; use the log clock")
+    return lines
+
+
+def _advice(survey: Survey) -> list[str]:
+    words = suggested(survey)
+    if not words:
+        return ["to use it  no topic holds pictures that can be read, so there is no recording in this file"]
+    varying = sum(len(topic.moving) for topic in survey.topics)
+    lines = [
+        "to use it  lagsplat fit out=FOLDER system=SYSTEM \\",
+        *(f"           {shlex.quote(word)} \\" for word in words[:-1]),
+        f"           {shlex.quote(words[-1])}",
+        "           leave out inputs that do not drive the mechanism; units are those of ROS, or unknown",
+    ]
+    if varying > MOST_INPUTS:
+        lines.append(f"           {varying} numbers vary; the first {MOST_INPUTS} are listed")
+    return lines
+
+
+def suggested(survey: Survey) -> list[str]:
+    """Overrides that make a recording of the file: its busiest camera, and numbers that vary; none without a
+    camera."""
+    cameras = [topic for topic in survey.topics if topic.picture and not topic.problem]
+    if not cameras:
+        return []
+    camera = max(cameras, key=lambda topic: len(topic.log_ns))
+    driving = [topic for topic in survey.topics if topic.moving and not topic.problem]
+    fields = [(topic, path) for topic in driving for path in topic.numbers if path in topic.moving][
+        :MOST_INPUTS
+    ]
+    used = [camera, *(topic for topic, _ in fields)]
+    stamped = all(topic.stamped and not topic.backwards["header"] for topic in used)
+    names = [_name(path) for _, path in fields]
+    inputs = ", ".join(
+        _mcap_input(topic, path, name if names.count(name) == 1 else _name(f"{topic.name}.{path}"))
+        for (topic, path), name in zip(fields, names, strict=True)
+    )
+    return [
+        "recording=filmed",
+        f"recording.path={_quoted(str(survey.path))}",
+        "recording.kind=mcap",
+        f"recording.mcap.camera={_quoted(camera.name)}",
+        f"recording.mcap.clock={'header' if stamped else 'log'}",
+        f"recording.mcap.inputs=[{inputs}]",
+    ]
+
+
+def _mcap_input(topic: Topic, path: str, name: str) -> str:
+    values = {"topic": topic.name, "field": path, "name": name, "unit": _unit(path)}
+    return "{" + ", ".join(f"{key}: {_quoted(value)}" for key, value in values.items()) + "}"
+
+
+def _name(path: str) -> str:
+    return re.sub(r"\W+", "_", path).strip("_")
+
+
+def _quoted(text: str) -> str:
+    """As Hydra's grammar wants it: brackets and spaces need quotes."""
+    return (
+        text
+        if re.fullmatch(r"[\w/.-]+( [\w/.-]+)*", text, re.ASCII)
+        else '"' + text.replace('"', '\\"') + '"'
+    )
+
+
+def _unit(path: str) -> str:
+    parts: Sequence[str] = re.findall(r"[^.\[\]]+", path)
+    return next((UNITS[part] for part in reversed(parts) if part in UNITS), "unknown")
+
 
 GAP = 1.5  # spacings above this many medians are gaps
 SHOWN = 5
@@ -80,3 +218,113 @@ def _free(recording: Recording, config: EvaluateConfig) -> str:
         for a, b in free_segments(held, config)[:SHOWN]
     ]
     return ", ".join(found) if found else f"no stretch of {config.free_min_s:g} s without a change of input"
+
+
+LONGEST_SIDE = 96  # pixels of a frame: enough for a filmed mechanism, and quick to learn
+NO_PERIOD = 20.0  # frames a period where none was found: smoothing over one frame
+
+
+def describe_footage(recording: Recording) -> str:
+    """The numbers of ``recording.meta["footage"]``, a block of lines for each clip."""
+    lines = []
+    for clip, found in zip(recording.meta["clips"], recording.meta["footage"], strict=True):
+        if len(recording.meta["clips"]) > 1:
+            lines.append(f"clip       {clip['source']}, {clip['frames']} frames")
+        lines += _measured(found)
+        lines += [f"warning    {sentence}" for sentence in found["warnings"]]
+    return "\n".join(lines)
+
+
+def propose_system(recording: Recording, *, path: Path, settings: RecordingConfig) -> str:
+    """A ``conf/system/NAME.yaml`` for this recording, ready to be pasted; only ``d`` is left to its user."""
+    name = re.sub(r"\W+", "_", path.stem).strip("_").lower() or "film"
+    found = recording.meta["footage"]
+    height, width = _size(recording, settings)
+    crop = "null" if settings.crop is None else str(list(settings.crop))
+    skips = [clip["skip_s"] for clip in found if clip["skip_s"] is not None]
+    ends = [clip["end_s"] for clip in found if clip["end_s"] is not None]
+    shakes = any(
+        clip["camera"] is not None and clip["camera"]["rms_px"] > clip["camera_limit_px"] for clip in found
+    )
+    skip_s = max([settings.skip_s, *skips])
+    end_s = min([end for end in ends if end > skip_s], default=settings.end_s)
+    split = settings.split
+    samples = [clip["sampling"]["samples"] for clip in found if clip["sampling"] is not None]
+    smoothing = min(samples, default=NO_PERIOD) / 20
+    images = "" if settings.dt_s is None else f"\n  dt_s: {settings.dt_s:g}"
+    return f"""
+# @package _global_
+# To be kept as conf/system/{name}.yaml, then: lagsplat fit system={name} out=FOLDER
+defaults:
+  - override /recording: filmed
+  - override /simulation: null
+
+system:
+  title: {name.replace("_", " ")}
+  film: video
+  d: 1 # its number of degrees of freedom, which only you know
+  n_gaussians: 1500
+  batch: 8
+  encoder_rate: 2e-4
+
+simulation: null
+
+recording:
+  path: {str(path)!r}{images} # spacing of frames: {recording.dt_s:.6g} s
+  rotate: {settings.rotate}
+  stabilise: {str(settings.stabilise or shakes).lower()}
+  grey: {str(settings.grey).lower()}
+  crop: {crop} # x, y, width, height, tight around the motion
+  skip_s: {skip_s:g}
+  end_s: {"null" if end_s is None else f"{end_s:g}"}
+  height: {height}
+  width: {width}
+  split:
+    train_fraction: {_given(split.train_fraction)}
+    held_out_frames: {_given(split.held_out_frames)}
+    held_out_clips: {_given(split.held_out_clips)}
+
+chart:
+  smoothing_frames: {smoothing:.2g} # a twentieth of a period"""
+
+
+def _given(value: float | None) -> str:
+    return "null" if value is None else f"{value:g}"
+
+
+def _size(recording: Recording, settings: RecordingConfig) -> tuple[int, int]:
+    """Height and width [pixel] in the proportions of what is kept, as given or at most 96 a side."""
+    if settings.height is not None and settings.width is not None:
+        return settings.height, settings.width
+    longest = max(recording.height, recording.width)
+    scale = min(1.0, LONGEST_SIDE / longest)
+    return max(1, round(recording.height * scale)), max(1, round(recording.width * scale))
+
+
+def _measured(found: Mapping[str, Any]) -> list[str]:
+    camera, flicker, sampling = found["camera"], found["flicker"], found["sampling"]
+    unknown = "not measured"
+    cuts = ", ".join(f"{cut['time_s']:.3f} s" for cut in found["cuts"])
+    return [
+        "camera     "
+        + (
+            f"{unknown}: too little stands still, or too few frames"
+            if camera is None
+            else f"moves {camera['rms_px']:.2f} px rms, {camera['max_px']:.2f} px at most (drift "
+            f"{camera['drift_px']:.2f}, jitter {camera['jitter_px']:.2f}); limit "
+            f"{found['camera_limit_px']:.2f} px rms of the film"
+        ),
+        "exposure   "
+        + (
+            unknown
+            if flicker is None
+            else f"{flicker['rms_percent']:.2f} % rms, mostly at {flicker['frequency_hz']:.2f} Hz"
+        ),
+        "period     "
+        + (
+            unknown
+            if sampling is None
+            else f"{sampling['period_s']:.4g} s, {sampling['samples']:.1f} frames each"
+        ),
+        f"cuts       {cuts or 'none'}",
+    ]

@@ -39,13 +39,13 @@ def rasterizer(name: str, device: torch.device | str) -> Rasterizer:
         )
     # Written as statements, since results depend on these modules and only a statement shows it.
     if name == "numba":
-        from lagsplat.splat.raster_numba import rasterize as on_cpu
+        from lagsplat.splat.cpu.rasterize import rasterize as on_cpu
 
         return on_cpu
     if name == "gsplat":
-        from lagsplat.splat.raster_gsplat import rasterize as on_cuda
+        from lagsplat.splat.rasterize_gsplat import rasterize as on_cuda
 
         return on_cuda
-    from lagsplat.splat.raster_torch import rasterize as anywhere
+    from lagsplat.splat.rasterize_torch import rasterize as anywhere
 
     return anywhere

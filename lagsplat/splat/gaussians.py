@@ -8,7 +8,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from lagsplat.shapes import Latents
+from lagsplat.array_types import Latents
 
 
 class Slice(NamedTuple):
@@ -38,7 +38,7 @@ class Gaussians(nn.Module):
     In this order the Schur complement needs no inverse: with ``w = P (z - center_z)`` the slice at ``z`` has
     its mean at ``center + B w``, the covariance ``S S^T`` and the gate ``exp(-w.w / 2)``, so the Jacobian of
     the mean is ``J = B P``. Lengths are in pixels of the training image; in space one is what a pixel of the
-    reference camera covers at its pivot, see `lagsplat.views.space`.
+    reference camera covers at its pivot, see `lagsplat.views.camera`.
 
     Source: paper eqs. (schur-mean), (schur-cov), (latent_opacity).
     """

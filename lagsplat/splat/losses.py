@@ -7,7 +7,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from lagsplat.shapes import Images
+from lagsplat.array_types import Images
 
 SSIM_SIGMA = 1.5  # [px], of the window: Wang et al. 2004, doi:10.1109/TIP.2003.819861
 EQUAL_AXES = 1e-9  # of a cosine that is one where two axes of an ellipsoid are equal

@@ -9,9 +9,8 @@ import torch
 from jaxtyping import Float32, Float64
 from torch import Tensor, nn
 
-from lagsplat.io.artefact import load_artefact, save_artefact
-from lagsplat.io.restore import restore
-from lagsplat.shapes import Frames, Images, Latents
+from lagsplat.array_types import Frames, Images, Latents
+from lagsplat.io.files.artifact import load_artefact, restore, save_artefact
 from lagsplat.splat.backend import rasterizer
 from lagsplat.splat.gaussians import Gaussians, Slice
 from lagsplat.splat.projection import View, project
@@ -31,7 +30,7 @@ class Autoencoder(nn.Module):
         height, width: Training resolution [px].
         background: 'learned' or 'black'.
         lens: Focal lengths and principal point (x, y, x, y) [px] of the film's camera, where the Gaussians
-            live in space (`lagsplat.views.space`); None where they live in the picture.
+            live in space (`lagsplat.views.camera`); None where they live in the picture.
         backend: Rasteriser, see `lagsplat.splat.backend.rasterizer`.
     """
 

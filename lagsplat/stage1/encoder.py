@@ -1,15 +1,24 @@
-"""The continuity-preserving encoder: few, large filters, so that the latent follows motion without steps."""
+"""The continuity-preserving encoder: few, large filters, so that the latent follows motion without steps.
+
+Where the encoder starts: smooth filters, and a latent that already follows the motion without a fold.
+
+Training sharpens a latent and rarely unfolds one: two states of the mechanism that start at one latent tend
+to stay there. A readout of random features, even of their principal components, folds as soon as something
+moves by more than its own size. Distances along the film do not.
+"""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import pairwise
 
+import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Float64
+from sklearn.manifold import Isomap
 from torch import Tensor, nn
 from torch.nn import functional
 
-from lagsplat.shapes import Images, Latents
+from lagsplat.array_types import Images, Latents
 
 POOLED = 4  # the last feature map is pooled to POOLED x POOLED, whatever the image
 
@@ -67,3 +76,65 @@ def small_moves(encoder: Encoder, images: Images, *, limit: float | None) -> Ite
         if move > allowed:
             for parameter, origin in zip(encoder.parameters(), start, strict=True):
                 parameter.lerp_(origin, float(1 - allowed / move))
+
+
+BLUR_SHARE = 1 / 6  # standard deviation of the blur of a starting filter, in sides of the filter
+NEIGHBORS = 15  # frames that count as close, from which distances along the film are added up
+COMPARED_PX = 48  # longer side of the frames that are compared
+RIDGE = 1e-4  # of the readout, relative to the strongest feature
+
+
+@torch.no_grad()
+def unfold(encoder: Encoder, images: Images) -> None:
+    """Start the encoder, in place, as the best smooth readout of distances along the film.
+
+    The random filters are blurred, and the linear layer is the least-squares map from their features to the
+    geodesic coordinates of the images. With fewer distinct images than axes the remaining axes start closed.
+    """
+    smooth_filters(encoder)
+    features = encoder.features(images).double()
+    mean = features.mean(0)
+    features = features - mean
+    target = torch.as_tensor(geodesic_coordinates(images, encoder.head.out_features))
+    gram = features.T @ features
+    scale = max(float(torch.linalg.eigvalsh(gram)[-1]), 1e-30)
+    identity = torch.eye(len(gram), dtype=gram.dtype)
+    weight = torch.linalg.solve(gram + RIDGE * scale * identity, features.T @ target.to(gram)).T
+    encoder.head.weight.copy_(weight)
+    encoder.head.bias.copy_(-weight @ mean)
+
+
+@torch.no_grad()
+def smooth_filters(encoder: Encoder) -> None:
+    """Blur the convolutions, in place, keeping the size of each bank's weights.
+
+    A continuous encoder needs smooth filters (Zhu et al. 2025; paper eq. (recon_loss) penalises rough ones);
+    this starts it there.
+    """
+    for bank in encoder.filters():
+        side = bank.shape[-1]
+        offset = torch.arange(side, dtype=bank.dtype)
+        blur = torch.exp(-0.5 * ((offset[:, None] - offset) / (BLUR_SHARE * side)) ** 2)
+        smooth = blur @ bank @ blur
+        bank.copy_(smooth * (bank.norm() / smooth.norm().clamp_min(1e-30)))
+
+
+def geodesic_coordinates(images: Images, d: int) -> Float64[np.ndarray, "B d"]:
+    """Coordinates in which straight distances are those along the film, each of zero mean and unit variance.
+
+    Source: Isomap, Tenenbaum et al. 2000, doi:10.1126/science.290.5500.2319.
+    """
+    shrink = min(1.0, COMPARED_PX / max(images.shape[2:]))
+    size = [max(1, round(shrink * side)) for side in images.shape[2:]]
+    pixels = functional.interpolate(images, size=size, mode="area").flatten(1).double().cpu().numpy()
+    distinct = len(np.unique(pixels, axis=0))
+    n_axes = min(d, distinct - 1)
+    coordinates = np.zeros((len(pixels), d))
+    if n_axes > 0:
+        # The dense solver, because the iterative one starts from a random vector.
+        isomap = Isomap(
+            n_neighbors=min(NEIGHBORS, len(pixels) - 1), n_components=n_axes, eigen_solver="dense"
+        )
+        found = isomap.fit_transform(pixels)
+        coordinates[:, :n_axes] = (found - found.mean(0)) / np.maximum(found.std(0), 1e-12)
+    return coordinates

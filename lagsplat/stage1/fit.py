@@ -10,17 +10,16 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
-from lagsplat.io.checkpoint import keep_training, resume_training
-from lagsplat.shapes import Frames, Latents, Series
+from lagsplat.array_types import Frames, Latents, Series
+from lagsplat.io.files.checkpoint import keep_training, resume_training
 from lagsplat.splat.backend import device_of
 from lagsplat.stage1.autoencoder import Autoencoder
 from lagsplat.stage1.config import Stage1Config
+from lagsplat.stage1.densification import is_due, review
 from lagsplat.stage1.encoder import small_moves
-from lagsplat.stage1.footage import Footage
-from lagsplat.stage1.initialize import initialize
-from lagsplat.stage1.lifecycle import is_due, review
-from lagsplat.stage1.objective import Sides, reconstruct
-from lagsplat.stage1.schedule import optimizer_of, set_rates
+from lagsplat.stage1.gaussian_initialization import initialize
+from lagsplat.stage1.objective import Sides, optimizer_of, reconstruct, set_rates
+from lagsplat.stage1.training_data import Footage
 from lagsplat.views.config import SupervisionConfig
 from lagsplat.views.novel import NovelViews
 

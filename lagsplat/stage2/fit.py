@@ -11,14 +11,12 @@ import torch
 from jaxtyping import Float
 
 from lagsplat.chart.trajectory import Trajectory
-from lagsplat.io.artefact import load_artefact, save_artefact
-from lagsplat.io.restore import restore
+from lagsplat.io.files.artifact import load_artefact, restore, save_artefact
 from lagsplat.stage2.config import FormConfig, Stage2Config
-from lagsplat.stage2.curvature import Bend, Reach
-from lagsplat.stage2.induced import DecoderGeometry
-from lagsplat.stage2.lagrangian import Coefficients, Floors, Lagrangian
-from lagsplat.stage2.modes import modes
-from lagsplat.stage2.stages import (
+from lagsplat.stage2.decoder_mass import DecoderGeometry
+from lagsplat.stage2.input_stiffness import Bend, Reach
+from lagsplat.stage2.lagrangian import Coefficients, Floors, Lagrangian, modes
+from lagsplat.stage2.training import (
     CurveRow,
     FitReport,
     one_step_stage,

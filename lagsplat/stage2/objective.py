@@ -1,12 +1,19 @@
-"""What stage 2 minimises: errors of forecasts, in the ridged visibility metric."""
+"""What stage 2 minimises: errors of forecasts, in the ridged visibility metric.
 
+A price on leaving the constant law where the clip has nothing to say.
+"""
+
+import copy
+from dataclasses import dataclass
+
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from lagsplat.stage2.integrate import advance, step_of, verlet_step
+from lagsplat.chart.trajectory import Trajectory
 from lagsplat.stage2.lagrangian import Lagrangian
-from lagsplat.stage2.windows import Shots, Windows
+from lagsplat.stage2.rollout import Shots, Windows, advance, starts_of, step_of, verlet_step
 
 
 def ridged(metric: Float[Tensor, "d d"], *, ridge: float) -> Float[Tensor, "d d"]:
@@ -53,3 +60,64 @@ def shooting_error(lagrangian: Lagrangian, shots: Shots, metric: Float[Tensor, "
         q, v = advance(lagrangian, q, v, shots.inputs[:, i], step=step, ready=ready)
         path.append(q)
     return square_norm(torch.stack(path, 1) - shots.targets[:, 1:], metric).mean() / metric.shape[0]
+
+
+REACH = 2.5
+"""Spread of the positions asked about, over that of the clip: few lie among its frames, most outside."""
+DRAWN = 256
+"""States a price."""
+
+
+@dataclass(frozen=True)
+class Anchor:
+    """The law a descent began with, and the states on which later laws are compared with it.
+
+    Networks are free wherever no frame contradicts them, above all just outside the clip, where a released
+    mechanism comes to rest. There the law a descent began with, which has few coefficients and hence knows
+    them from all frames, is the better guess. Among the frames their evidence has to outweigh it: see
+    `anchored`.
+    """
+
+    start: Lagrangian
+    inputs: Float[np.ndarray, "T n_u"]
+    middle: Float[Tensor, " d"]
+    spread: Float[Tensor, " d"]
+    speed: Float[Tensor, " d"]  # rms, per internal time unit
+
+    def price(
+        self, lagrangian: Lagrangian, metric: Float[Tensor, "d d"], rng: np.random.Generator
+    ) -> Float[Tensor, ""]:
+        """Mean square difference of the accelerations of the two laws, over normal positions and velocities
+        and over inputs of the clip, each drawn by itself.
+        """
+        draw = torch.from_numpy(rng.standard_normal((2, DRAWN, len(self.middle))))
+        q = self.middle + REACH * self.spread * draw[0]
+        v = self.speed * draw[1]
+        u = torch.from_numpy(self.inputs[rng.integers(len(self.inputs), size=DRAWN)])
+        with torch.no_grad():
+            known = self.start.acceleration(q, v, u)
+        return square_norm(lagrangian.acceleration(q, v, u) - known, metric).mean() / metric.shape[0]
+
+
+def anchor(lagrangian: Lagrangian, trajectory: Trajectory) -> Anchor:
+    """Hold on to ``lagrangian`` as it now is."""
+    q = torch.from_numpy(trajectory.latents)
+    at = starts_of(trajectory, before=0, after=1)
+    velocity = trajectory.clock.slope(trajectory.latents, at, (1,))
+    return Anchor(
+        start=copy.deepcopy(lagrangian).requires_grad_(False),
+        inputs=trajectory.inputs,
+        middle=q.mean(0),
+        spread=q.std(0),
+        speed=torch.from_numpy(velocity).square().mean(0).sqrt() * float(lagrangian.time_unit_s),
+    )
+
+
+def anchored(error: Float[Tensor, ""], price: Float[Tensor, ""], *, weight: float) -> Float[Tensor, ""]:
+    """``error``, and for each unit of ``price`` a further ``weight`` times what the error now is.
+
+    Its slope is that of ``log(error) + weight * price``, the likelihood of errors whose size only the fit
+    tells: the better frames can be followed, the more they count. A price of fixed size is lost in the errors
+    of noisy latents and is all that a law of clean ones is fitted to.
+    """
+    return error + weight * error.detach() * price

@@ -1,12 +1,24 @@
-"""Forecasts of the learned dynamics."""
+"""Forecasts of the learned dynamics.
 
+Velocity Verlet for a force that depends on the velocity.
+
+Training samples cut from a latent trajectory, never across a segment.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
-from lagsplat.shapes import Latents
-from lagsplat.stage2.integrate import Steps, advance, step_of
-from lagsplat.stage2.lagrangian import Lagrangian
+from lagsplat.array_types import Inputs, Latents
+from lagsplat.chart.trajectory import Trajectory
+from lagsplat.stage2.lagrangian import Lagrangian, Prepared
+
+Steps = float | Float[Tensor, "*B n"]
+"""Lengths of the steps of a rollout: one number, one a step, or one a sample and step."""
 
 
 @torch.no_grad()
@@ -36,3 +48,155 @@ def rollout(
         positions.append(q)
         velocities.append(v)
     return torch.stack(positions, 1), torch.stack(velocities, 1) / unit
+
+
+Step = float | Float[Tensor, "#B 1"] | Float[Tensor, "1"]
+"""Length of one step (internal time units): the same for all samples, or each its own."""
+
+
+def step_of(steps: Steps, i: int) -> Step:
+    """Length of step ``i``."""
+    return steps[..., i, None] if isinstance(steps, Tensor) else steps
+
+
+def pieces_of(step: Step, longest: float) -> int:
+    """Into how many equal pieces no longer than ``longest`` a step is divided, the same for all samples."""
+    length = float(step.max()) if isinstance(step, Tensor) else step
+    return max(1, math.ceil(length / longest - 1e-9))
+
+
+def advance(
+    lagrangian: Lagrangian, q: Latents, v: Latents, u: Inputs, *, step: Step, ready: Prepared
+) -> tuple[Latents, Latents]:
+    """From one frame to the next, ``step`` later, the input held: as many Verlet steps as it takes.
+
+    An explicit step of length h turns a frequency w into ``w (1 + (w h)^2 / 24)``. Where frames are far apart
+    the law would make up for that, and be wrong by as much, hence `Lagrangian.longest_step`.
+    """
+    pieces = pieces_of(step, lagrangian.longest_step)
+    for _ in range(pieces):
+        q, v = verlet_step(lagrangian, q, v, u, step=step / pieces, ready=ready)
+    return q, v
+
+
+def verlet_step(
+    lagrangian: Lagrangian, q: Latents, v: Latents, u: Inputs, *, step: Step, ready: Prepared
+) -> tuple[Latents, Latents]:
+    """One step of length ``step`` (internal time units), the input held; of order two.
+
+    The second evaluation takes the velocity predicted for the end of the step. The half-step velocity that
+    is often used there averages damping at a quarter of the step, which is of order one only.
+    """
+    a = lagrangian.acceleration(q, v, u, ready=ready)
+    half = v + (0.5 * step) * a
+    q_next = q + step * half
+    a_next = lagrangian.acceleration(q_next, half + (0.5 * step) * a, u, ready=ready)
+    return q_next, half + (0.5 * step) * a_next
+
+
+@dataclass(frozen=True)
+class Windows:
+    """Pairs of consecutive states ``step`` internal time units apart, and the input held between them.
+
+    ``step`` is one number, or each pair's own where frames are not evenly spaced.
+    """
+
+    q: Latents
+    v: Latents
+    u: Inputs
+    q_next: Latents
+    v_next: Latents
+    step: Step
+
+    def __len__(self) -> int:
+        return self.q.shape[0]
+
+    def pick(self, index: Int[Tensor, " b"]) -> "Windows":
+        """The windows at ``index``."""
+        return Windows(
+            q=self.q[index],
+            v=self.v[index],
+            u=self.u[index],
+            q_next=self.q_next[index],
+            v_next=self.v_next[index],
+            step=self.step[index] if isinstance(self.step, Tensor) else self.step,
+        )
+
+
+def starts_of(trajectory: Trajectory, *, before: int, after: int) -> Int[np.ndarray, " n"]:
+    """Frames with ``before`` frames ahead of them and ``after`` behind within their own segment."""
+    runs = [np.arange(a + before, b - after) for a, b in trajectory.segments]
+    return np.concatenate([run for run in runs if len(run)] or [np.arange(0)])
+
+
+def one_step_windows(trajectory: Trajectory, *, stride_frames: int, time_unit_s: float) -> Windows:
+    """Windows of four samples ``stride_frames`` apart: two states with central velocities.
+
+    The sample 1 and its velocity (2 minus 0) are the state, sample 2 and (3 minus 1) the target; velocities
+    and steps are those of the true times.
+
+    Raises:
+        ValueError: no segment is as long as a window.
+
+    Source: paper eq. (physics_loss), facts of the published protocol.
+    """
+    k = stride_frames
+    at = starts_of(trajectory, before=k, after=2 * k)
+    if not len(at):
+        longest = max((b - a for a, b in trajectory.segments), default=0)
+        raise ValueError(
+            f"the longest training segment has {longest} frames and a one-step window needs {3 * k + 1}: "
+            "record longer clips or lower stage2.stride_frames"
+        )
+    clock, latents = trajectory.clock, trajectory.latents
+    q = torch.from_numpy(latents)
+    u = torch.from_numpy(trajectory.inputs)
+    index = torch.from_numpy(at)
+    return Windows(
+        q=q[index],
+        v=torch.from_numpy(clock.slope(latents, at, (-k, k))) * time_unit_s,
+        u=u[index],
+        q_next=q[index + k],
+        v_next=torch.from_numpy(clock.slope(latents, at + k, (-k, k))) * time_unit_s,
+        step=in_units(clock.elapsed_s(at, k), time_unit_s),
+    )
+
+
+@dataclass(frozen=True)
+class Shots:
+    """Initial states, the inputs and latents that follow them frame by frame, and the times between these
+    (in the units of the velocities): one number, or each row its own.
+    """
+
+    q: Latents
+    v: Latents
+    inputs: Float[Tensor, "B N n_u"]
+    targets: Float[Tensor, "B N d"]
+    steps: Steps
+
+
+def in_units(time_s: float | Float[np.ndarray, "B n"], time_unit_s: float) -> float | Float[Tensor, "B n"]:
+    """Times [s] in units of time."""
+    if isinstance(time_s, np.ndarray):
+        return torch.from_numpy(time_s / time_unit_s)
+    return time_s / time_unit_s
+
+
+def central_velocity(trajectory: Trajectory, at: Int[np.ndarray, " B"]) -> Latents:
+    """Velocity [1/s] from two frames on either side: the quieter one, for training."""
+    return torch.from_numpy(trajectory.clock.slope(trajectory.latents, at, (-2, -1, 1, 2)))
+
+
+def shots(
+    trajectory: Trajectory,
+    at: Int[np.ndarray, " B"],
+    velocity: Latents,
+    *,
+    n_states: int,
+    time_unit_s: float,
+) -> Shots:
+    """Stretches of ``n_states`` frames from the frames ``at``, with initial velocities [1/s]."""
+    rows = torch.from_numpy(at)[:, None] + torch.arange(n_states)
+    q = torch.from_numpy(trajectory.latents)[rows]
+    steps = in_units(trajectory.clock.steps_s(at, n_states), time_unit_s)
+    return Shots(q[:, 0], velocity * time_unit_s, torch.from_numpy(trajectory.inputs)[rows], q, steps)

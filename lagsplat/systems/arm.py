@@ -8,7 +8,7 @@ from jaxtyping import Float64
 from lagsplat.systems import chain
 from lagsplat.systems.chain import Matrix, Table, Vector
 from lagsplat.systems.config import ArmConfig
-from lagsplat.systems.modes import Modes, linear_modes
+from lagsplat.systems.truth import Modes, linear_modes
 
 N_NODES = 8
 

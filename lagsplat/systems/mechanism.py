@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float64
 from scipy.integrate import solve_ivp
 
-from lagsplat.systems.modes import Modes, linear_modes
+from lagsplat.systems.truth import Modes, linear_modes
 
 Vector = Float64[np.ndarray, " d"]
 Matrix = Float64[np.ndarray, "d d"]

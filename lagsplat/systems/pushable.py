@@ -14,13 +14,12 @@ from scipy.integrate import solve_ivp
 
 from lagsplat.systems import chain
 from lagsplat.systems.arm import build_arm
-from lagsplat.systems.config import SimulationConfig
-from lagsplat.systems.film import camera_of
+from lagsplat.systems.config import ReleaseConfig, SimulationConfig
 from lagsplat.systems.mechanism import STEP, Matrix, Series, Vector, equilibrium
-from lagsplat.systems.paint import TOP
 from lagsplat.systems.release import mechanism_of
-from lagsplat.systems.release_config import ReleaseConfig
-from lagsplat.systems.sprites import SHAPES, Sprite
+from lagsplat.systems.rendering.arm import TOP
+from lagsplat.systems.rendering.textures import SHAPES, Sprite
+from lagsplat.systems.video import camera_of
 
 COVERED = 0.5
 ITERATIONS = 40

@@ -1,17 +1,25 @@
-"""A simulated recording of a pneumatic arm, and the truth behind it."""
+"""A simulated recording of a pneumatic arm, and the truth behind it.
 
-from dataclasses import asdict
+The simulated stand-in of a system, whichever kind it is.
+
+Integration of the arm under smooth pressures, by an eighth-order Runge-Kutta pair.
+"""
+
+from dataclasses import asdict, replace
+from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Float64, UInt8
+from numba import njit
+from scipy.integrate import solve_ivp
 
-from lagsplat.io.checksum import sha256_of_arrays
-from lagsplat.io.recording import Recording
+from lagsplat.io.files.atomic import sha256_of_arrays
+from lagsplat.io.recording.recording import Recording
+from lagsplat.systems import chain
 from lagsplat.systems.arm import Arm, build_arm
-from lagsplat.systems.config import SimulationConfig
-from lagsplat.systems.drive import draw_pressures
-from lagsplat.systems.paint import Board, paint, paint_board
-from lagsplat.systems.trajectory import integrate
+from lagsplat.systems.config import ReleaseConfig, SimulationConfig
+from lagsplat.systems.release import draw_pressures, release, spline_coefficients
+from lagsplat.systems.rendering.arm import Board, paint, paint_board
 from lagsplat.systems.truth import Truth, truth_of
 
 CHUNK_FRAMES = 1024
@@ -99,3 +107,89 @@ def _move(
         arm, rest, np.zeros(arm.d), pressures[start:], dt_s=config.dt_s, rtol=config.rtol, atol=config.atol
     )
     return states, velocities
+
+
+def stand_in(
+    driven: SimulationConfig | None, released: ReleaseConfig | None, *, seed: int
+) -> tuple[Recording, Truth]:
+    """The recording of a driven arm or of a mechanism that is let go, and its truth.
+
+    Raises:
+        ValueError: neither is given, or as `simulate` and `release`.
+    """
+    if driven is not None:
+        return simulate(driven, seed=seed)
+    if released is not None:
+        return release(released, seed=seed)
+    raise ValueError("the system has neither a simulation nor a release; choose recording=filmed")
+
+
+def resized(
+    driven: SimulationConfig | None, released: ReleaseConfig | None, *, height: int, width: int
+) -> tuple[SimulationConfig | None, ReleaseConfig | None]:
+    """The same motion in frames of another size [pixel]; a film stays as large as it was, if it can."""
+    if driven is not None:
+        driven = replace(driven, height=height, width=width)
+    if released is not None:
+        scale = max(1, round(released.scene.film_scale * released.height / height))
+        scene = replace(released.scene, film_scale=scale)
+        released = replace(released, height=height, width=width, scene=scene)
+    return driven, released
+
+
+@njit(cache=True)
+@no_type_check
+def rate(t, state, spline, dt_s, table, nodes, weights, gravity):
+    """Velocities and accelerations of the arm under the spline of its pressures [atm]."""
+    d = state.size // 2
+    i = min(max(int(t / dt_s), 0), spline.shape[1] - 1)
+    x = t - i * dt_s
+    pressure = ((spline[0, i] * x + spline[1, i]) * x + spline[2, i]) * x + spline[3, i]
+    q, v = state[:d], state[d:]
+    out = np.empty(2 * d)
+    out[:d] = v
+    out[d:] = chain.acceleration(q, v, pressure, table, nodes, weights, gravity)
+    return out
+
+
+def integrate(
+    arm: Arm,
+    q: Float64[np.ndarray, " d"],
+    v: Float64[np.ndarray, " d"],
+    pressures: Float64[np.ndarray, "n_frames n_inputs"],
+    *,
+    dt_s: float,
+    rtol: float,
+    atol: float,
+) -> tuple[Float64[np.ndarray, "n_frames d"], Float64[np.ndarray, "n_frames d"]]:
+    """Coordinates and velocities at the frames, from the state ``(q, v)`` at the first one.
+
+    ``pressures`` [atm] at the frames act as their cubic spline between them.
+
+    Raises:
+        RuntimeError: the solver gave up, which means that the arm left its physical range.
+
+    Source: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I (DOP853).
+    """
+    spline = spline_coefficients(pressures, dt_s=dt_s)
+    times = np.arange(len(pressures)) * dt_s
+    try:
+        # At rest the solver would stretch its step over the whole beginning of the drive, hence `max_step`.
+        solution = solve_ivp(
+            rate, (0.0, times[-1]), np.concatenate([q, v]), method="DOP853", t_eval=times, rtol=rtol,
+            atol=atol, max_step=3 * dt_s,
+            args=(spline, dt_s, arm.table, arm.nodes, arm.weights, arm.gravity),
+        )  # fmt: skip
+    except np.linalg.LinAlgError as error:
+        raise _out_of_range("the mass matrix is no longer finite") from error
+    if not solution.success or not np.all(np.isfinite(solution.y)):
+        raise _out_of_range(f"at t = {solution.t[-1]:.3f} s, {solution.message}")
+    states = np.ascontiguousarray(solution.y.T)
+    return states[:, : arm.d].copy(), states[:, arm.d :].copy()
+
+
+def _out_of_range(found: str) -> RuntimeError:
+    return RuntimeError(
+        f"integration of the arm stopped ({found}): it was driven out of its physical range; lower "
+        "simulation.drive_max_atm or stiffen the arm."
+    )

@@ -1,4 +1,7 @@
-"""The truth behind a simulated recording, kept in a file of its own that training never opens."""
+"""The truth behind a simulated recording, kept in a file of its own that training never opens.
+
+Linear free modes of a mechanism at rest.
+"""
 
 import os
 from collections.abc import Mapping
@@ -8,8 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from lagsplat.io.artefact import load_artefact, save_artefact
-from lagsplat.systems.modes import Modes
+from lagsplat.io.files.artifact import load_artefact, save_artefact
 
 KIND = "truth"
 SCHEMA = 2
@@ -56,6 +58,20 @@ class Energetic(Protocol):
 
     def potential_energies(self, states: Float64[np.ndarray, "T d"]) -> Float64[np.ndarray, " T"]:
         """Potential energy [J] of each state."""
+
+
+@dataclass(frozen=True)
+class Modes:
+    """Linear free modes at rest, slowest first.
+
+    ``natural_hz`` is ``|lambda| / 2 pi``, ``damped_hz`` the frequency a decaying record shows,
+    ``decay_per_s`` its envelope's rate and ``damping_ratio = decay / |lambda|``.
+    """
+
+    natural_hz: Float64[np.ndarray, " n_modes"]
+    damped_hz: Float64[np.ndarray, " n_modes"]
+    decay_per_s: Float64[np.ndarray, " n_modes"]
+    damping_ratio: Float64[np.ndarray, " n_modes"]
 
 
 def truth_of(
@@ -105,3 +121,20 @@ def load_truth(path: str | os.PathLike[str]) -> tuple[Truth, dict[str, Any]]:
     """
     tensors, header = load_artefact(path, kind=KIND, schema=SCHEMA)
     return Truth(coordinates=tuple(header["coordinates"]), **tensors), header
+
+
+def linear_modes(
+    mass: Float64[np.ndarray, "d d"],
+    damping: Float64[np.ndarray, "d d"],
+    stiffness: Float64[np.ndarray, "d d"],
+) -> Modes:
+    """Oscillating solutions of ``M x'' + C x' + K x = 0``; overdamped directions are left out."""
+    d = len(mass)
+    inverse = np.linalg.inv(mass)
+    lower = np.hstack([-inverse @ stiffness, -inverse @ damping])
+    upper = np.hstack([np.zeros((d, d)), np.eye(d)])
+    roots = np.linalg.eigvals(np.vstack([upper, lower]))
+    roots = roots[roots.imag > 0]
+    roots = roots[np.argsort(np.abs(roots))]
+    size = np.abs(roots)
+    return Modes(size / (2 * np.pi), roots.imag / (2 * np.pi), -roots.real, -roots.real / size)

@@ -3,13 +3,19 @@
 The convention is OpenCV's: camera coordinates have x to the right, y down and z ahead, and a world point is
 ``R (x - position)`` there. The simulated scenes' world is in metres, x to the right, y down, z away from the
 frontal camera: the plane of motion of a planar mechanism is z = 0. Image coordinates follow
-`lagsplat.shapes`: the first pixel's centre is (0.5, 0.5).
+`lagsplat.array_types`: the first pixel's centre is (0.5, 0.5).
+
+Where cameras stand around a scene that only one camera has filmed.
+
+The coordinates in which Gaussians of space live: those of the reference camera, in its own pixels.
 """
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float64
+
+from lagsplat.views.config import ArrangementConfig
 
 Point = Float64[np.ndarray, "3"]
 Homography = Float64[np.ndarray, "3 3"]
@@ -141,3 +147,83 @@ def orbit(camera: Camera, depth: float, *, yaw_deg: float, pitch_deg: float) -> 
     pivot = camera.position + depth * camera.rotation[2]
     rotation = turned(yaw_deg, pitch_deg) @ camera.rotation
     return replace(camera, rotation=rotation, position=pivot - depth * rotation[2])
+
+
+BETWEEN = 0.55
+"""Of the extents: the ellipse on which held-out cameras stand, off the rows and columns of the others."""
+START = 0.4
+"""[rad], of the first of them."""
+
+
+@dataclass(frozen=True)
+class Space:
+    """The axes of the ``reference`` camera with itself at the origin, and lengths in units of what its pixel
+    covers at ``depth`` [unit of the world], where the pivot lies: step sizes in pixels then mean the same in
+    the plane and in space, and the numbers are those of the picture.
+
+    Raises:
+        ValueError: a depth that is not positive.
+    """
+
+    reference: Camera
+    depth: float
+
+    def __post_init__(self) -> None:
+        if not (self.depth > 0 and np.isfinite(self.depth)):
+            raise ValueError(
+                f"the pivot's depth is {self.depth}: it must lie ahead of the reference camera, a positive "
+                "distance in the unit of the cameras' positions"
+            )
+
+    @property
+    def unit(self) -> float:
+        """What one unit of length measures in the world."""
+        return self.depth / self.reference.focal[0]
+
+    @property
+    def pivot(self) -> Point:
+        """The point ahead of the reference camera at the pivot's depth, in the world."""
+        return self.reference.position + self.depth * self.reference.rotation[2]
+
+    def resized(self, height: int, width: int) -> "Space":
+        """The coordinates that belong to another size of the reference camera's pictures."""
+        return replace(self, reference=self.reference.resized(height, width))
+
+    def seen_by(self, camera: Camera) -> Camera:
+        """A camera of the world, told in these coordinates."""
+        return replace(
+            camera,
+            rotation=camera.rotation @ self.reference.rotation.T,
+            position=self.inside(camera.position[None])[0],
+        )
+
+    def inside(self, points: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, "N 3"]:
+        """World points in these coordinates."""
+        return self.reference.within(points) / self.unit
+
+    def outside(self, points: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, "N 3"]:
+        """Points of these coordinates in the world."""
+        return self.unit * points @ self.reference.rotation + self.reference.position
+
+
+def arrange(space: Space, config: ArrangementConfig) -> tuple[list[Camera], list[str], list[bool]]:
+    """Cameras on a grid of yaws and pitches about the pivot, then the held-out ones between them.
+
+    All are the reference camera moved on a sphere about the pivot of ``space``, which they keep where it is
+    in the picture. Returned with a name and whether it is held out for each.
+    """
+    yaws = _ticks(config.yaw_deg, config.columns)
+    pitches = _ticks(config.pitch_deg, config.rows)
+    angles = [(yaw, pitch, False) for pitch in pitches for yaw in yaws]
+    turns = START + 2 * np.pi * np.arange(config.held_out) / max(config.held_out, 1)
+    angles += [
+        (BETWEEN * config.yaw_deg * np.cos(turn), BETWEEN * config.pitch_deg * np.sin(turn), True)
+        for turn in turns
+    ]
+    cameras = [orbit(space.reference, space.depth, yaw_deg=yaw, pitch_deg=pitch) for yaw, pitch, _ in angles]
+    names = [f"yaw {yaw:+.1f} pitch {pitch:+.1f}" for yaw, pitch, _ in angles]
+    return cameras, names, [held_out for *_, held_out in angles]
+
+
+def _ticks(extent: float, count: int) -> list[float]:
+    return np.linspace(-extent, extent, count).tolist() if count > 1 else [0.0]

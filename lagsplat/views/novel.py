@@ -1,16 +1,23 @@
-"""A recording's instants from other sides: pictures, what of them is known, and their cameras."""
+"""A recording's instants from other sides: pictures, what of them is known, and their cameras.
+
+Novel views from the films of a rig.
+"""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float64, UInt8
 
-from lagsplat.io.artefact import load_artefact, save_artefact
-from lagsplat.views.camera import Camera
-from lagsplat.views.space import Space
+from lagsplat.io.files.artifact import load_artefact, save_artefact
+from lagsplat.io.recording.recording import Recording
+from lagsplat.io.video.clips import find_clips
+from lagsplat.io.video.decode import picture_size
+from lagsplat.views.camera import Camera, Space
+from lagsplat.views.rig import Rig, RigCamera
 
 KIND, SCHEMA = "views", 1
 KNOWN = 0.5
@@ -103,7 +110,7 @@ def load_views(path: str | os.PathLike[str]) -> NovelViews:
     """The views kept at ``path``; pictures are a read-only memory map.
 
     Raises:
-        FileNotFoundError, ValueError: as `lagsplat.io.artefact.load_artefact`.
+        FileNotFoundError, ValueError: as `lagsplat.io.files.artifact.load_artefact`.
     """
     tensors, header = load_artefact(path, kind=KIND, schema=SCHEMA, mapped=("images",))
     return NovelViews(
@@ -134,3 +141,55 @@ def cameras_bytes(cameras: Sequence[Camera]) -> bytes:
         np.array([*c.rotation.ravel(), *c.position, *c.focal, *c.middle, c.height, c.width]) for c in cameras
     ]
     return np.stack(rows).tobytes()
+
+
+def filmed_views(rig: Rig, recording: Recording, film: Path, read: Callable[[Path], Recording]) -> NovelViews:
+    """The rig's films beside ``recording``, which was read from the reference camera's ``film``.
+
+    ``read`` reads another film as the recording was read, in its size.
+
+    Raises:
+        ValueError: a film has another size than its camera says, other instants or another number of them.
+    """
+    _require_size("the reference", rig.space.reference, film)
+    pictures = []
+    for each in rig.others:
+        assert each.video is not None, "the rig names a video for every other camera"
+        _require_size(f"camera {each.name!r}", each.camera, each.video)
+        other = read(each.video)
+        _require_instants(each, other, recording)
+        pictures.append(np.asarray(other.frames))
+    height, width = recording.height, recording.width
+    return NovelViews(
+        images=np.stack(pictures, axis=1),
+        cover=None,
+        cameras=tuple(each.camera.resized(height, width) for each in rig.others),
+        names=tuple(each.name for each in rig.others),
+        held_out=np.array([each.held_out for each in rig.others]),
+        space=rig.space.resized(height, width),
+    )
+
+
+def _require_size(who: str, camera: Camera, film: Path) -> None:
+    height, width = picture_size(find_clips(film)[0], dt_s=None)
+    if (height, width) != (camera.height, camera.width):
+        raise ValueError(
+            f"{who} was calibrated on pictures of {camera.width} x {camera.height} pixels and {film} has "
+            f"{width} x {height}: give the film it was calibrated for, or calibrate again"
+        )
+
+
+def _require_instants(each: RigCamera, film: Recording, recording: Recording) -> None:
+    if film.n_frames != recording.n_frames:
+        raise ValueError(
+            f"camera {each.name!r} filmed {film.n_frames} frames and the reference {recording.n_frames}; cut "
+            "both to the same instants"
+        )
+    spacing = float(np.median(np.diff(recording.time_s)))
+    own, reference = (times - times[0] for times in (film.time_s, recording.time_s))
+    off = float(np.abs(own - reference).max())
+    if off > 0.5 * spacing:
+        raise ValueError(
+            f"camera {each.name!r} is up to {off:.4f} s off the reference, whose frames are {spacing:.4f} s "
+            "apart; a rig films synchronously"
+        )

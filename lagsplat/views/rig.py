@@ -25,8 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from lagsplat.views.camera import Camera
-from lagsplat.views.space import Space
+from lagsplat.views.camera import Camera, Space
 
 FORMAT, VERSION = "lagsplat rig", 1
 

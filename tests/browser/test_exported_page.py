@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from lagsplat.viewer.page import save_page
+from lagsplat.viewer.static_page.build import save_page
 from tests.browser.chromium import NO_WEBGL, browser, seen, until
 from tests.browser.disc import SIZE, TOP, WALL, disc
 from tests.browser.exported import DRAWN, drag, opened, pixels

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import torch
 
-from lagsplat.report.force_space import sideways
+from lagsplat.report.figures.forces import sideways
 from lagsplat.splat.projection import view_of
-from lagsplat.viewer.page import save_page
+from lagsplat.viewer.static_page.build import save_page
 from tests.browser.chromium import browser, until
 from tests.browser.disc import TOP, WALL
 from tests.browser.exported import at, drag, opened, pixels

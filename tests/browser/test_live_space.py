@@ -5,8 +5,8 @@ import time
 import numpy as np
 import pytest
 
-from lagsplat.config import compose
-from lagsplat.viewer.live import Live, Show
+from lagsplat.config.compose import compose
+from lagsplat.viewer.server.server import Live, Show
 from tests.browser.chromium import browser, until
 from tests.browser.live_page import canvas_of, drag_from, middle, opened, settled
 from tests.unit.forces.solid import FRONT, turning

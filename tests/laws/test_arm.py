@@ -11,7 +11,7 @@ from omegaconf import OmegaConf
 from lagsplat.systems.arm import Arm, build_arm
 from lagsplat.systems.chain import ATMOSPHERE_PA
 from lagsplat.systems.config import ArmConfig
-from lagsplat.systems.trajectory import integrate
+from lagsplat.systems.simulate import integrate
 
 FOLDER = Path(__file__).resolve().parents[2] / "conf" / "simulation"
 DT_S = 1001 / 60000

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from lagsplat.io.artefact import DTYPES, load_artefact, save_artefact
+from lagsplat.io.files.artifact import DTYPES, load_artefact, save_artefact
 
 SCALARS = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=20)
 PLAIN = st.recursive(

@@ -6,8 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch import Tensor
 
-from lagsplat.chart.visibility import visibility
-from lagsplat.chart.whitening import fit_whitening
+from lagsplat.chart.visibility import fit_whitening, visibility
 
 seeds = st.integers(0, 2**31 - 1)
 

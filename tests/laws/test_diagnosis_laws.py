@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from lagsplat.diagnose.catalogue import catalogue
-from lagsplat.diagnose.diagnose import diagnose
-from lagsplat.diagnose.model import Model
-from lagsplat.diagnose.result import Diagnosis
-from lagsplat.diagnose.stand import Sim, sim_of
-from lagsplat.io.motion import Motion
+from lagsplat.diagnose.core.result import Diagnosis
+from lagsplat.diagnose.diagnosis import diagnose
+from lagsplat.diagnose.effects.registry import catalogue
+from lagsplat.diagnose.identification.estimated_simulator import Sim, sim_of
+from lagsplat.diagnose.mechanics.model import Model
+from lagsplat.io.trajectory.trajectory import Motion
 from tests.unit.diagnose.toys import coupled, film, oscillator, own, settings, wave
 
 RIVALS = ("coulomb_friction", "quadratic_drag", "cubic_stiffness", "viscous_damping", "input_lag", "creep")

@@ -7,27 +7,34 @@ import numpy as np
 import pytest
 from scipy.integrate import quad, solve_ivp
 
-from lagsplat.diagnose.catalogue import Hints, catalogue, instances
-from lagsplat.diagnose.effects import (
-    camera_change,
-    camera_drift,
-    constant_force,
-    coulomb_friction,
-    creep,
-    cubic_stiffness,
-    end_stop,
-    exposure_blur,
+from lagsplat.diagnose.effects.actuation import (
     external_periodic_force,
     external_push,
-    frame_drops,
-    hidden_mode,
-    hysteresis,
     input_backlash,
     input_dead_zone,
     input_delay,
     input_gain,
     input_lag,
     input_saturation,
+)
+from lagsplat.diagnose.effects.base import (
+    UNITS,
+    Force,
+    Instance,
+    LogNormal,
+    Noise,
+    Normal,
+    Observation,
+    Scales,
+)
+from lagsplat.diagnose.effects.dynamics import (
+    constant_force,
+    coulomb_friction,
+    creep,
+    cubic_stiffness,
+    end_stop,
+    hidden_mode,
+    hysteresis,
     joint_backlash,
     linear_stiffness,
     load_dependent_friction,
@@ -35,15 +42,21 @@ from lagsplat.diagnose.effects import (
     parameter_drift,
     quadratic_drag,
     stribeck_friction,
-    time_jitter,
-    time_offset,
     viscous_damping,
 )
-from lagsplat.diagnose.effects.effect import UNITS, Force, Instance, Noise, Observation, Scales
-from lagsplat.diagnose.nuisance import Nuisance
-from lagsplat.diagnose.prior import LogNormal, Normal
-from lagsplat.diagnose.record import Record, Windows
-from lagsplat.diagnose.simulate import Bench
+from lagsplat.diagnose.effects.measurement import (
+    camera_change,
+    camera_drift,
+    exposure_blur,
+    frame_drops,
+    time_jitter,
+    time_offset,
+)
+from lagsplat.diagnose.effects.registry import catalogue
+from lagsplat.diagnose.estimation.dataset import Record, Windows
+from lagsplat.diagnose.estimation.nuisance import Nuisance
+from lagsplat.diagnose.estimation.rollout import Bench
+from lagsplat.diagnose.inference.placement import Hints, instances
 from tests.unit.diagnose.toys import coupled
 
 EFFECTS = {

@@ -9,13 +9,10 @@ from scipy.optimize import minimize
 from torch.autograd.functional import jacobian
 
 from lagsplat.forces.equilibrium import energy, settle
-from lagsplat.forces.grip import brush
-from lagsplat.forces.kinematics import Kinematics
-from lagsplat.forces.loaded import Edits, Loaded
-from lagsplat.forces.rollout import push_along
-from lagsplat.stage2.induced import DecoderGeometry
-from lagsplat.stage2.lagrangian import Lagrangian
-from lagsplat.stage2.modes import equilibrium
+from lagsplat.forces.grasp import Kinematics, brush
+from lagsplat.forces.loaded_lagrangian import Edits, Loaded, push_along
+from lagsplat.stage2.decoder_mass import DecoderGeometry
+from lagsplat.stage2.lagrangian import Lagrangian, equilibrium
 from lagsplat.stage2.rollout import rollout
 from tests.stage2_problems import random_lagrangian
 

@@ -6,10 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from lagsplat.stage2.integrate import verlet_step
 from lagsplat.stage2.lagrangian import Coefficients, Lagrangian
-from lagsplat.stage2.matrices import factor_above
-from lagsplat.stage2.rollout import rollout
+from lagsplat.stage2.networks import factor_above
+from lagsplat.stage2.rollout import rollout, verlet_step
 from tests.stage2_problems import random_lagrangian
 
 seeds = st.integers(0, 2**31 - 1)

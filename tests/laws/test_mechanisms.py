@@ -6,10 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import approx_fprime
 
-from lagsplat.systems.linkage import Linkage
+from lagsplat.systems.linkage import Linkage, Rocker
 from lagsplat.systems.mechanism import Mechanism, equilibrium, free_modes, let_go, stiffness
 from lagsplat.systems.release import jacobian
-from lagsplat.systems.rocker import Rocker
 
 LINKAGE = Linkage(
     length=np.array([0.3, 0.2]),

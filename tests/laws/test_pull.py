@@ -6,9 +6,9 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lagsplat.forces.held import Held
-from lagsplat.report.force_space import sideways
-from lagsplat.viewer.pull import FlatPull, RayPull
+from lagsplat.forces.equilibrium import Held
+from lagsplat.report.figures.forces import sideways
+from lagsplat.viewer.server.drag import FlatPull, RayPull
 from tests.unit.forces.solid import FRONT, HEIGHT, WIDTH, turning
 
 YAW, PITCH = st.floats(-40.0, 40.0), st.floats(-25.0, 25.0)

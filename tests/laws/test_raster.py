@@ -5,7 +5,8 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lagsplat.splat import raster_numba, raster_torch
+from lagsplat.splat import rasterize_torch as raster_torch
+from lagsplat.splat.cpu import rasterize as raster_numba
 
 BOTH = pytest.mark.parametrize(
     "rasterize", [raster_torch.rasterize, raster_numba.rasterize], ids=["torch", "numba"]

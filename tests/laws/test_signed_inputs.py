@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch.autograd.functional import jacobian
 
-from lagsplat.stage2.curvature import reach_of
 from lagsplat.stage2.fit import load_dynamics, save_dynamics
+from lagsplat.stage2.input_stiffness import reach_of
 from lagsplat.stage2.lagrangian import Lagrangian
 from tests.stage2_problems import random_lagrangian
 

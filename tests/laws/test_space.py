@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from lagsplat.splat.gaussians import Slice
 from lagsplat.splat.projection import View, project, view_of
-from lagsplat.splat.raster_torch import rasterize
+from lagsplat.splat.rasterize_torch import rasterize
 from lagsplat.views.camera import Camera, look_at, orbit
 
 FEW = settings(max_examples=15, deadline=None)

@@ -13,7 +13,7 @@ from torch.autograd.functional import hessian, jacobian, jvp
 from lagsplat.systems.arm import build_arm
 from lagsplat.systems.chain import ATMOSPHERE_PA
 from lagsplat.systems.config import ArmConfig
-from lagsplat.systems.trajectory import integrate
+from lagsplat.systems.simulate import integrate
 
 PIECES = 400
 FOLDER = Path(__file__).resolve().parents[2] / "conf" / "simulation"

@@ -8,18 +8,18 @@ import pandas as pd
 import pytest
 from scipy.integrate import solve_ivp
 
-from lagsplat.cli import main
-from lagsplat.diagnose.apply import apply
-from lagsplat.diagnose.augmented import Augmented, bare, grafted, load_augmented, save_augmented
-from lagsplat.diagnose.basis import polynomial
-from lagsplat.diagnose.catalogue import catalogue
-from lagsplat.diagnose.effects.effect import Direction, Instance, Scales
-from lagsplat.diagnose.model import Model
-from lagsplat.diagnose.nuisance import Nuisance
-from lagsplat.diagnose.play import Drive, play
-from lagsplat.diagnose.region import Region
-from lagsplat.io.artefact import read_header
-from lagsplat.io.plain import save_json
+from lagsplat.cli.main import main
+from lagsplat.diagnose.augmented.model import Augmented, bare, grafted, load_augmented, save_augmented
+from lagsplat.diagnose.augmented.simulate import Drive, play
+from lagsplat.diagnose.effects.base import Direction, Instance, Scales
+from lagsplat.diagnose.effects.registry import catalogue
+from lagsplat.diagnose.estimation.dataset import Region
+from lagsplat.diagnose.estimation.nuisance import Nuisance
+from lagsplat.diagnose.mechanics.basis import polynomial
+from lagsplat.diagnose.mechanics.model import Model
+from lagsplat.io.files.artifact import read_header
+from lagsplat.io.files.json_files import save_json
+from lagsplat.pipelines.apply_diagnosis import apply
 
 STIFF, DAMPED, GAIN = 40.0, 0.4, 12.0
 SCALES = Scales(coordinate=0.5, velocity=3.0, reach=1.0, frame_s=0.01, duration_s=10.0)

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.catalogue import catalogue
-from lagsplat.diagnose.diagnose import diagnose
-from lagsplat.diagnose.result import Diagnosis
-from lagsplat.diagnose.stand import sim_of
-from lagsplat.io.motion import Motion
+from lagsplat.diagnose.core.result import Diagnosis
+from lagsplat.diagnose.diagnosis import diagnose
+from lagsplat.diagnose.effects.registry import catalogue
+from lagsplat.diagnose.identification.estimated_simulator import sim_of
+from lagsplat.io.trajectory.trajectory import Motion
 from tests.unit.diagnose.toys import film, settings, wave
 
 KNOWN = ("constant_force", "viscous_damping", "input_gain", "end_stop", "cubic_stiffness")

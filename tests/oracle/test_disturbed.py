@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.stand import sim_of
-from lagsplat.io.motion import Motion
+from lagsplat.diagnose.identification.estimated_simulator import sim_of
+from lagsplat.io.trajectory.trajectory import Motion
 from tests.unit.diagnose.mechanisms import Duffing, film
 from tests.unit.diagnose.toys import settings
 

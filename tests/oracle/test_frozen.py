@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from lagsplat.stage2.frozen import FrozenLaw, roll_out_free
+from lagsplat.stage2.numpy_lagrangian import FrozenLaw, roll_out_free
 from lagsplat.stage2.rollout import rollout
 from tests.stage2_problems import random_lagrangian
 

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.forms import moved
-from lagsplat.diagnose.stand import Sim, periods, sim_of
-from lagsplat.io.motion import Motion
+from lagsplat.diagnose.identification.estimated_simulator import Sim, sim_of
+from lagsplat.diagnose.inference.problem import periods
+from lagsplat.diagnose.mechanics.structure import moved
+from lagsplat.io.trajectory.trajectory import Motion
 from tests.unit.diagnose.mechanisms import Chain, Duffing, TwoLink, film
 from tests.unit.diagnose.toys import settings
 

@@ -7,8 +7,7 @@ import torch
 from torch import Tensor
 from torchdiffeq import odeint
 
-from lagsplat.stage2.integrate import pieces_of
-from lagsplat.stage2.rollout import rollout
+from lagsplat.stage2.rollout import pieces_of, rollout
 from tests.stage2_problems import random_lagrangian
 
 

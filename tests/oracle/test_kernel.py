@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from lagsplat.diagnose.basis import Basis, polynomial, with_angles
-from lagsplat.diagnose.catalogue import catalogue
-from lagsplat.diagnose.effects.effect import Direction, Instance, Scales
-from lagsplat.diagnose.kernel import FAR
-from lagsplat.diagnose.model import Model
-from lagsplat.diagnose.nuisance import Nuisance
-from lagsplat.diagnose.record import Record, Windows
-from lagsplat.diagnose.simulate import Bench
+from lagsplat.diagnose.effects.base import Direction, Instance, Scales
+from lagsplat.diagnose.effects.registry import catalogue
+from lagsplat.diagnose.estimation.dataset import Record, Windows
+from lagsplat.diagnose.estimation.nuisance import Nuisance
+from lagsplat.diagnose.estimation.rollout import Bench
+from lagsplat.diagnose.mechanics.basis import Basis, polynomial, with_angles
+from lagsplat.diagnose.mechanics.model import Model
+from lagsplat.diagnose.solvers.runge_kutta import FAR
 
 UNIT = Scales(coordinate=1.0, velocity=1.0, reach=1.0, frame_s=0.02, duration_s=1.0, stiffness=30.0)
 """With these a parameter is its own unknown, or the exponential of it."""

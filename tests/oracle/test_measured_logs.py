@@ -11,9 +11,9 @@ import pytest
 from scipy.io import loadmat
 from scipy.special import ellipk
 
-from lagsplat.config import compose
-from lagsplat.gap import diagnose_files
-from lagsplat.pair import open_pair
+from lagsplat.config.compose import compose
+from lagsplat.pipelines.diagnosis import diagnose_files
+from lagsplat.pipelines.diagnosis_inputs import open_pair
 
 FRICTION = {
     "coulomb_friction",

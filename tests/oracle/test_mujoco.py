@@ -7,17 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.augmented import Augmented, bare
-from lagsplat.diagnose.catalogue import catalogue
-from lagsplat.diagnose.effects.effect import Direction, Instance, Scales
-from lagsplat.diagnose.model import Model
-from lagsplat.diagnose.mujoco_counterparts import COUNTERPARTS
-from lagsplat.diagnose.mujoco_patch import patch_augmented, patch_xml
-from lagsplat.diagnose.mujoco_sim import load_mujoco, sample_mujoco
-from lagsplat.diagnose.play import Drive, play
-from lagsplat.diagnose.prior import LogNormal
-from lagsplat.diagnose.region import Region
-from lagsplat.diagnose.result import Candidate, Parameter
+from lagsplat.diagnose.augmented.model import Augmented, bare
+from lagsplat.diagnose.augmented.mujoco_counterparts import COUNTERPARTS
+from lagsplat.diagnose.augmented.mujoco_export import patch_augmented, patch_xml
+from lagsplat.diagnose.augmented.simulate import Drive, play
+from lagsplat.diagnose.core.result import Candidate, Parameter
+from lagsplat.diagnose.effects.base import Direction, Instance, LogNormal, Scales
+from lagsplat.diagnose.effects.registry import catalogue
+from lagsplat.diagnose.estimation.dataset import Region
+from lagsplat.diagnose.mechanics.model import Model
+from lagsplat.diagnose.simulators.mujoco_model import load_mujoco, sample_mujoco
 
 mujoco = pytest.importorskip("mujoco")
 

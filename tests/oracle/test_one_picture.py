@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 import torch
 
-from lagsplat.splat import raster_torch
+from lagsplat.splat import rasterize_torch as raster_torch
+from lagsplat.splat.cpu.slice import OnePicture, slice_at
 from lagsplat.splat.gaussians import Gaussians
-from lagsplat.splat.kernel_slice import slice_at
-from lagsplat.splat.one_picture import OnePicture
 from tests.unit.evaluate import tiny_run
 
 

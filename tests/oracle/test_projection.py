@@ -5,7 +5,8 @@ import pytest
 import torch
 from torch import Tensor
 
-from lagsplat.splat import raster_numba, raster_torch
+from lagsplat.splat import rasterize_torch as raster_torch
+from lagsplat.splat.cpu import rasterize as raster_numba
 from lagsplat.splat.gaussians import Slice
 from lagsplat.splat.projection import depths, project, view_of
 from lagsplat.views.camera import Camera, look_at, orbit

@@ -7,8 +7,10 @@ import pytest
 import torch
 from torch import Tensor
 
-from lagsplat.splat import raster_gsplat, raster_numba, raster_torch
+from lagsplat.splat import rasterize_gsplat as raster_gsplat
+from lagsplat.splat import rasterize_torch as raster_torch
 from lagsplat.splat.backend import rasterizer
+from lagsplat.splat.cpu import rasterize as raster_numba
 
 
 def random_scene(batch, count, height, width, *, sigma=1.7, opacity=(0.02, 0.9), margin=3.0, seed=0):

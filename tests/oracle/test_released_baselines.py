@@ -4,13 +4,10 @@ import numpy as np
 import pytest
 import torch
 
-from lagsplat.baselines.abcd import AttentionDecoder
-from lagsplat.baselines.centres import centres, moving_centres
-from lagsplat.baselines.delays import delayed
+from lagsplat.baselines.model import Oscillators, delayed
+from lagsplat.baselines.networks import AttentionDecoder, along, centres, moving_centres
 from lagsplat.baselines.objective import Scene, image_rates, terms_of
-from lagsplat.baselines.oscillators import Oscillators
 from lagsplat.baselines.released import load_released
-from lagsplat.baselines.tangent import along
 
 MODELS = [f"{law}_{decoder}_{robot}" for law in ("osc", "koopman") for decoder in ("deconv", "abcd")
           for robot in ("1seg", "2seg")]  # fmt: skip

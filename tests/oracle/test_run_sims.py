@@ -8,10 +8,10 @@ import pytest
 import torch
 
 from lagsplat.chart.chart import Chart
-from lagsplat.diagnose.region import Region
-from lagsplat.diagnose.run_sim import charted, encoded, encoder, open_dynamics, sample_run
-from lagsplat.diagnose.sims import sampled_sim
-from lagsplat.io.recording import Recording
+from lagsplat.diagnose.estimation.dataset import Region
+from lagsplat.diagnose.simulators.fitted_run import charted, encoded, encoder, open_dynamics, sample_run
+from lagsplat.io.recording.recording import Recording
+from lagsplat.pipelines.apply_diagnosis import sampled_sim
 from lagsplat.stage1.autoencoder import Autoencoder
 from lagsplat.stage2.fit import save_dynamics
 from lagsplat.stage2.lagrangian import Lagrangian

@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.record import Record
-from lagsplat.diagnose.region import MARGIN, Region, region_of
-from lagsplat.diagnose.sample import FieldFunctions, Sampled, sample_mechanics
-from lagsplat.diagnose.sample_rates import sample_acceleration
+from lagsplat.diagnose.estimation.dataset import MARGIN, Record, Region, region_of
+from lagsplat.diagnose.simulators.projection import FieldFunctions, Sampled, sample_mechanics
+from lagsplat.diagnose.simulators.projection_acceleration import sample_acceleration
 
 LENGTH, GRAVITY = 0.35, 9.81
 

@@ -5,13 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.basis import bend, evaluate, highest_power
-from lagsplat.diagnose.forms import degrees, enlarged, free_directions
-from lagsplat.diagnose.model import Model
-from lagsplat.diagnose.moving import Columns, Moving
-from lagsplat.diagnose.record import Record, Windows, cut_windows
-from lagsplat.diagnose.shoot import Data, derivatives
-from lagsplat.diagnose.weak import Form
+from lagsplat.diagnose.estimation.dataset import Record, Windows, cut_windows
+from lagsplat.diagnose.estimation.multiple_shooting import Data, derivatives
+from lagsplat.diagnose.estimation.rollout import Columns, Moving
+from lagsplat.diagnose.mechanics.basis import bend, evaluate, highest_power
+from lagsplat.diagnose.mechanics.model import Model
+from lagsplat.diagnose.mechanics.structure import Form, degrees, enlarged, free_directions
 from tests.oracle.test_kernel import wild
 from tests.unit.diagnose.toys import coupled, oscillator
 

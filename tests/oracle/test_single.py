@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from lagsplat.forces.loaded import Edits, Loaded
-from lagsplat.forces.rollout import push_along
-from lagsplat.forces.single import Single
+from lagsplat.forces.batched_lagrangian import Single
+from lagsplat.forces.loaded_lagrangian import Edits, Loaded, push_along
 from tests.stage2_problems import random_lagrangian
 
 FORMS = [

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from lagsplat.forces.loaded import Edits, Loaded
-from lagsplat.forces.single import Single
-from lagsplat.forces.stepper import Batched, stepper
+from lagsplat.forces.batched_lagrangian import Batched, Single, stepper
+from lagsplat.forces.loaded_lagrangian import Edits, Loaded
 from tests.stage2_problems import random_lagrangian
 
 EDITS = Edits(damping=0.5, inertia=2.0, stiffness=1.5)

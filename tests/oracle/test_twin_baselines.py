@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from lagsplat.baselines.delays import delayed
+from lagsplat.baselines.model import delayed
 from lagsplat.baselines.released import load_released
 
 # Floor [1e-5] and error of thirty steps [1e-3].

@@ -7,7 +7,7 @@ from torch import Tensor
 
 from lagsplat.chart.visibility import exact_visibility, visibility
 from lagsplat.splat.gaussians import Gaussians
-from lagsplat.splat.raster_torch import rasterize
+from lagsplat.splat.rasterize_torch import rasterize
 
 
 def curved(q: Tensor) -> Tensor:

@@ -11,10 +11,10 @@ from typing import Any
 import pytest
 
 from benchmarks.gapgen.predictions import read_prediction
-from lagsplat.blind import batch_of, predict, runs_of, sign
-from lagsplat.config import compose
-from lagsplat.diagnose.config import DiagnoseConfig
-from lagsplat.io.checksum import sha256_of
+from lagsplat.config.compose import compose
+from lagsplat.diagnose.core.config import DiagnoseConfig
+from lagsplat.io.files.atomic import sha256_of
+from lagsplat.pipelines.batch import batch_of, predict, runs_of, sign
 from tests.unit.benchmarks.cases import move, recording
 
 WATCH = """
@@ -27,8 +27,8 @@ def watch(event, args):
         if path.is_relative_to(forbidden) and not path.is_relative_to(allowed):
             raise PermissionError(f"{path} is none of a diagnosis's business")
 sys.addaudithook(watch)
-from lagsplat.blind import predict
-from lagsplat.config import compose
+from lagsplat.pipelines.batch import predict
+from lagsplat.config.compose import compose
 assert predict(allowed, out, compose("profile=toy").diagnose), (out / "failed.txt").read_text()
 """
 

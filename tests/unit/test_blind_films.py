@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lagsplat.blind_films import encode
-from lagsplat.config import compose
-from lagsplat.io.motion import Motion, read_motion
+from lagsplat.config.compose import compose
+from lagsplat.io.trajectory.trajectory import Motion, read_motion
+from lagsplat.pipelines.batch import encode
 
 FRAME_S, SIDE = 0.02, 16
 STEPS = 500

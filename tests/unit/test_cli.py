@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lagsplat.cli import main
-from lagsplat.io.mcap_write import NumberTopic, PictureTopic, write_mcap
+from lagsplat.cli.main import main
+from lagsplat.io.mcap.write import NumberTopic, PictureTopic, write_mcap
 
 
 @pytest.fixture
@@ -37,7 +37,7 @@ def test_weights_are_fetched_only_when_asked_for(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     fetched: list[Path] = []
-    monkeypatch.setattr("lagsplat.baselines.publication.fetch_weights", fetched.append)
+    monkeypatch.setattr("lagsplat.baselines.released.fetch_weights", fetched.append)
     told = refused(capsys, "weights", f"out={tmp_path}")
     assert "no licence" in told
     assert "add --download" in told

@@ -6,15 +6,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.diagnose import Found
-from lagsplat.diagnose.region import Region
-from lagsplat.diagnose.result import Block
-from lagsplat.diagnose.run_sim import charted, sample_run
-from lagsplat.diagnose.where import locate
-from lagsplat.exhibits import picture_exhibits
-from lagsplat.films import Films, Side
-from lagsplat.pipeline import Run
-from lagsplat.shown import rungs as ladder
+from lagsplat.diagnose.core.result import Block
+from lagsplat.diagnose.diagnosis import Found
+from lagsplat.diagnose.estimation.dataset import Region
+from lagsplat.diagnose.residual.localization import locate
+from lagsplat.diagnose.simulators.fitted_run import charted, sample_run
+from lagsplat.pipelines.diagnosis_images import picture_exhibits
+from lagsplat.pipelines.diagnosis_images import rungs as ladder
+from lagsplat.pipelines.diagnosis_videos import Films, Side
+from lagsplat.runs.run import Run
 from tests.unit.evaluate import tiny_run
 from tests.unit.report import made_diagnoses
 

@@ -11,14 +11,14 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 from lagsplat.chart.chart import save_chart
-from lagsplat.cli import main
-from lagsplat.config import compose
+from lagsplat.cli.main import main
+from lagsplat.config.compose import compose
 from lagsplat.evaluate.config import EvaluateConfig
-from lagsplat.export import encoded_motion, energies, export_mcap, predict
+from lagsplat.export.mcap import encoded_motion, energies, export_mcap, predict
 from lagsplat.io.config import McapConfig, McapInputConfig
-from lagsplat.io.mcap_read import read_mcap
-from lagsplat.io.recording import save_recording
-from lagsplat.pipeline import Run
+from lagsplat.io.mcap.recording import read_mcap
+from lagsplat.io.recording.recording import save_recording
+from lagsplat.runs.run import Run
 from lagsplat.stage1.autoencoder import decode_latents, save_autoencoder
 from lagsplat.stage2.fit import save_dynamics
 from tests.unit.evaluate import tiny_run

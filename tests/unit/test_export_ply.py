@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import torch
 
-from lagsplat.export_ply import export_ply
-from lagsplat.io.ply import read_cloud
-from lagsplat.pipeline import Run, state_of
+from lagsplat.export.ply import export_ply
+from lagsplat.io.files.ply import read_cloud
+from lagsplat.runs.run import Run, state_of
 from lagsplat.splat.gaussians import Slice
 from lagsplat.splat.projection import project, view_of
-from lagsplat.splat.raster_torch import rasterize
+from lagsplat.splat.rasterize_torch import rasterize
 from lagsplat.views.camera import centred, orbit
 from tests.unit.evaluate import tiny_run
 from tests.unit.forces.rocking import rocking

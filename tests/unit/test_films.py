@@ -9,14 +9,13 @@ import numpy as np
 import pytest
 
 from lagsplat.chart.chart import save_chart
-from lagsplat.diagnose.film_findings import CameraShift
-from lagsplat.diagnose.ladder import Perception
-from lagsplat.diagnose.pictures import frames_at
-from lagsplat.diagnose.result import Gap, Interval
-from lagsplat.films import Films, Side, Sight, open_films
-from lagsplat.io.motion import Motion
-from lagsplat.io.motion_part import leading
-from lagsplat.io.recording import save_recording
+from lagsplat.diagnose.core.result import Gap, Interval
+from lagsplat.diagnose.imaging.rendering import frames_at
+from lagsplat.diagnose.imaging.video_checks import CameraShift
+from lagsplat.diagnose.residual.error_budget import Perception
+from lagsplat.io.recording.recording import save_recording
+from lagsplat.io.trajectory.trajectory import Motion, leading
+from lagsplat.pipelines.diagnosis_videos import Films, Side, Sight, open_films
 from lagsplat.stage1.autoencoder import encode_frames, save_autoencoder
 from lagsplat.stage2.fit import save_dynamics
 from tests.unit.evaluate import tiny_run

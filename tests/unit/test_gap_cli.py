@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lagsplat.cli import main
-from lagsplat.config import ConfigError, compose
-from lagsplat.diagnose.check import check
-from lagsplat.diagnose.python_sim import load_python
-from lagsplat.gap import diagnose_files, require_writable
-from lagsplat.io.motion import read_motion
+from lagsplat.cli.main import main
+from lagsplat.config.compose import ConfigError, compose
+from lagsplat.diagnose.data_quality.checks import check
+from lagsplat.diagnose.simulators.python_model import load_python
+from lagsplat.io.trajectory.trajectory import read_motion
+from lagsplat.pipelines.diagnosis import diagnose_files, require_writable
 
 HEADER = "t,q0,u0"
 
@@ -176,7 +176,7 @@ def test_what_is_warned_of_is_told_and_numbers_that_overflow_are_not(
         np.exp(np.array([1e9]))
         raise ValueError("enough")
 
-    monkeypatch.setattr("lagsplat.gap._searched", searched)
+    monkeypatch.setattr("lagsplat.pipelines.diagnosis._searched", searched)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         with pytest.raises(ValueError, match="enough"):

@@ -11,9 +11,9 @@ from types import SimpleNamespace
 import pytest
 from snakemake.iocontainers import InputFiles, OutputFiles, Params, Wildcards
 
-from lagsplat.config import compose
+from lagsplat.config.compose import compose
 from lagsplat.io.config import RecordingConfig, SplitConfig
-from lagsplat.job import Job, hold
+from lagsplat.planning.job import Job, hold
 
 
 @pytest.fixture(autouse=True)

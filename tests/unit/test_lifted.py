@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lagsplat.io.recording import Recording, save_recording
-from lagsplat.lifted import sharp_views
+from lagsplat.io.recording.recording import Recording, save_recording
+from lagsplat.novel_views.sharp import sharp_views
+from lagsplat.novel_views.sharp_tool import focal_px
 from lagsplat.views.config import ArrangementConfig, SharpConfig
 from lagsplat.views.novel import NovelViews, require_views
-from lagsplat.views.sharp_tool import focal_px
 from tests.unit.stage1.solid import swinging_ball
 
 FRAMES = 6
@@ -111,8 +111,8 @@ def test_a_half_written_file_is_made_again(sharp: SharpConfig, tmp_path: Path) -
 def test_a_killed_run_goes_on_where_it_was(sharp: SharpConfig, tmp_path: Path) -> None:
     save_recording(tmp_path / "film.safetensors", recording())
     program = (
-        "from pathlib import Path; from lagsplat.io.recording import load_recording\n"
-        "from lagsplat.lifted import sharp_views\n"
+        "from pathlib import Path; from lagsplat.io.recording.recording import load_recording\n"
+        "from lagsplat.novel_views.sharp import sharp_views\n"
         f"from lagsplat.views.config import ArrangementConfig, SharpConfig\n"
         f"sharp_views(load_recording({str(tmp_path / 'film.safetensors')!r}), {sharp!r}, {ARRANGEMENT!r}, "
         f"Path({str(tmp_path / 'cache')!r}))\n"
@@ -160,7 +160,7 @@ def test_an_installation_that_is_missing_or_fails_is_told(
 
 
 def test_two_runs_do_not_fill_one_cache(sharp: SharpConfig, tmp_path: Path) -> None:
-    from lagsplat.views.sharp_cache import SharpCache
+    from lagsplat.novel_views.sharp_tool import SharpCache
 
     with (
         SharpCache(tmp_path / "cache").held(),

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lagsplat.config import compose
-from lagsplat.pipeline import fit, open_run, protocol, push, score
+from lagsplat.config.compose import compose
+from lagsplat.runs.run import fit, open_run, protocol, push, score
 
 SMALL = (
     "profile=toy",

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from lagsplat.config import ConfigError
-from lagsplat.lineage import lineage
-from lagsplat.planning import (
+from lagsplat.config.compose import ConfigError
+from lagsplat.planning.lineage import lineage
+from lagsplat.planning.plan import (
     Overrides,
     compose_for,
     files_of,
@@ -133,7 +133,7 @@ def test_a_public_archive_needs_no_file() -> None:
 
 def test_a_script_is_known_by_its_code_and_not_by_its_comments(tmp_path: Path) -> None:
     script = tmp_path / "job.py"
-    code = "from lagsplat.stage1.config import Stage1Config\nfrom lagsplat.job import Job\nx = 1\n"
+    code = "from lagsplat.stage1.config import Stage1Config\nfrom lagsplat.planning.job import Job\nx = 1\n"
     script.write_text(f'"""What it does."""\n{code}', encoding="utf-8")
     digest = script_digest(script)
     script.write_text(f'"""Said differently."""\n# and a comment\n{code}', encoding="utf-8")

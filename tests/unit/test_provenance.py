@@ -136,8 +136,8 @@ def test_circles_end(package: Path) -> None:
 def test_planning_stays_light(repository: Path) -> None:
     code = (
         "import sys; from lagsplat.provenance import code_digest, stamp; stamp();"
-        "code_digest('lagsplat.io.recording'); import lagsplat.io.config;"
-        "heavy = {'torch', 'numba', 'numpy', 'cv2', 'lagsplat.io.recording'} & set(sys.modules);"
+        "code_digest('lagsplat.io.recording.recording'); import lagsplat.io.config;"
+        "heavy = {'torch', 'numba', 'numpy', 'cv2', 'lagsplat.io.recording.recording'} & set(sys.modules);"
         "assert not heavy, heavy"
     )
     subprocess.run([sys.executable, "-c", code], check=True, cwd=repository)

@@ -5,9 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from lagsplat.config import ConfigError
-from lagsplat.planning import Overrides
-from lagsplat.spatial import files_of_rig, planned_spatial
+from lagsplat.config.compose import ConfigError
+from lagsplat.planning.plan import Overrides, files_of_rig, planned_spatial
 from tests.unit.views.test_rig import RIG, written
 
 

@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lagsplat import viewing
 from lagsplat.chart.chart import save_chart
-from lagsplat.cli import main
-from lagsplat.config import compose
-from lagsplat.diagnose.augmented import save_augmented
-from lagsplat.io.recording import save_recording
-from lagsplat.pipeline import open_run
+from lagsplat.cli.main import main
+from lagsplat.config.compose import compose
+from lagsplat.diagnose.augmented.model import save_augmented
+from lagsplat.io.recording.recording import save_recording
+from lagsplat.pipelines import view as viewing
+from lagsplat.runs.run import open_run
 from lagsplat.stage1.autoencoder import save_autoencoder
 from lagsplat.stage2.fit import save_dynamics
 from tests.oracle.test_augmented import sim

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from lagsplat.cli import main
+from lagsplat.cli.main import main
 
 ROOT = Path(__file__).resolve().parents[2]
 TOY = "hydra=profile=toy"

@@ -4,10 +4,10 @@ import numpy as np
 
 from lagsplat.baselines.model import load_baseline
 from lagsplat.evaluate.evaluate import recorded
-from lagsplat.io.recording import load_recording
-from lagsplat.job import Job
-from lagsplat.report.figures import draw_attention, save_figure
-from lagsplat.report.gallery import attention_of
+from lagsplat.io.recording.recording import load_recording
+from lagsplat.planning.job import Job
+from lagsplat.report.figures.index import draw_attention, save_figure
+from lagsplat.report.figures.model_comparison import attention_of
 
 with Job(snakemake) as job:
     recording = load_recording(job.input.recording)

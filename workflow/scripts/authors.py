@@ -2,12 +2,12 @@
 
 from pathlib import Path
 
-from lagsplat.baselines.authors.config import AuthorsConfig
-from lagsplat.baselines.authors.predict import predicted_frames
-from lagsplat.io.artefact import save_artefact
-from lagsplat.io.recording import load_recording
-from lagsplat.io.split import crossing_frames
-from lagsplat.job import Job
+from lagsplat.baselines.config import AuthorsConfig
+from lagsplat.baselines.gaussian_prediction import predicted_frames
+from lagsplat.io.files.artifact import save_artefact
+from lagsplat.io.recording.recording import load_recording
+from lagsplat.io.recording.segments import crossing_frames
+from lagsplat.planning.job import Job
 
 with Job(snakemake) as job:
     recording = load_recording(job.input.recording)

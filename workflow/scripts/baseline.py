@@ -4,10 +4,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from lagsplat.baselines.config import BaselineConfig
+from lagsplat.baselines.fit import obtain_baseline
 from lagsplat.baselines.model import save_baseline
-from lagsplat.baselines.obtain import obtain_baseline
-from lagsplat.io.recording import load_recording
-from lagsplat.job import Job
+from lagsplat.io.recording.recording import load_recording
+from lagsplat.planning.job import Job
 
 with Job(snakemake) as job:
     train, _ = load_recording(job.input.recording).split()

@@ -2,9 +2,9 @@
 
 import pandas as pd
 
-from lagsplat.io.artefact import read_header
-from lagsplat.job import Job
-from lagsplat.report.figures import draw_curves, save_figure
+from lagsplat.io.files.artifact import read_header
+from lagsplat.planning.job import Job
+from lagsplat.report.figures.index import draw_curves, save_figure
 
 with Job(snakemake) as job:
     names = ["loss", "reconstruction", "ahead", "latent"]

@@ -3,9 +3,9 @@
 from lagsplat.baselines.model import load_baseline
 from lagsplat.evaluate.baseline import evaluate_baseline
 from lagsplat.evaluate.config import EvaluateConfig
-from lagsplat.io.plain import save_json
-from lagsplat.io.recording import load_recording
-from lagsplat.job import Job
+from lagsplat.io.files.json_files import save_json
+from lagsplat.io.recording.recording import load_recording
+from lagsplat.planning.job import Job
 
 with Job(snakemake) as job:
     baseline, header = load_baseline(job.input.model)

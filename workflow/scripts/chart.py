@@ -1,10 +1,9 @@
 """Whiten the latents of a recording and measure what of them can be seen."""
 
-from lagsplat.chart.chart import fit_chart, save_chart
+from lagsplat.chart.chart import fit_chart, require_trained, save_chart
 from lagsplat.chart.config import ChartConfig
-from lagsplat.chart.trained import require_trained
-from lagsplat.io.recording import load_recording
-from lagsplat.job import Job
+from lagsplat.io.recording.recording import load_recording
+from lagsplat.planning.job import Job
 from lagsplat.stage1.autoencoder import load_autoencoder
 
 with Job(snakemake) as job:

@@ -2,8 +2,8 @@
 
 import pandas as pd
 
-from lagsplat.job import Job
-from lagsplat.report.figures import draw_curves, save_figure
+from lagsplat.planning.job import Job
+from lagsplat.report.figures.index import draw_curves, save_figure
 
 with Job(snakemake) as job:
     figure = draw_curves(

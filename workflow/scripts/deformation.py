@@ -1,9 +1,9 @@
 """Compare two decoders at an equal number of primitives."""
 
-from lagsplat.evaluate.velocity_maps import load_maps
-from lagsplat.io.atomic import write_text
-from lagsplat.job import Job
-from lagsplat.report.deformation import deformation_table, latex_deformation
+from lagsplat.evaluate.velocity_field import load_maps
+from lagsplat.io.files.atomic import write_text
+from lagsplat.planning.job import Job
+from lagsplat.report.tables.deformation import deformation_table, latex_deformation
 
 with Job(snakemake) as job:
     table = deformation_table(job.params.runs, [load_maps(path)[1] for path in job.input.maps])

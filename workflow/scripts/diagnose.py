@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from lagsplat.diagnose.config import DiagnoseConfig
-from lagsplat.gap import diagnose_files
-from lagsplat.job import Job
+from lagsplat.diagnose.core.config import DiagnoseConfig
+from lagsplat.pipelines.diagnosis import diagnose_files
+from lagsplat.planning.job import Job
 
 with Job(snakemake) as job:
     run = str(Path(job.input.dynamics).parent)

@@ -1,8 +1,8 @@
 """Draw where the long rollouts of all models end."""
 
-from lagsplat.io.plain import load_json
-from lagsplat.job import Job
-from lagsplat.report.figures import draw_equilibrium, save_figure
+from lagsplat.io.files.json_files import load_json
+from lagsplat.planning.job import Job
+from lagsplat.report.figures.index import draw_equilibrium, save_figure
 
 with Job(snakemake) as job:
     run, *_ = (load_json(path) for path in job.input.runs)

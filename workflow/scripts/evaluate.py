@@ -4,9 +4,9 @@ from lagsplat.chart.chart import load_chart
 from lagsplat.evaluate.config import EvaluateConfig
 from lagsplat.evaluate.evaluate import evaluate
 from lagsplat.evaluate.truth import compare_with_truth
-from lagsplat.io.plain import load_json, save_json
-from lagsplat.io.recording import load_recording
-from lagsplat.job import Job
+from lagsplat.io.files.json_files import load_json, save_json
+from lagsplat.io.recording.recording import load_recording
+from lagsplat.planning.job import Job
 from lagsplat.stage1.autoencoder import load_autoencoder
 from lagsplat.stage2.fit import load_dynamics
 from lagsplat.systems.truth import load_truth

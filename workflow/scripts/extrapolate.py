@@ -1,11 +1,11 @@
 """Measure a trained run far past its training frames."""
 
 from lagsplat.chart.chart import load_chart
-from lagsplat.evaluate.extrapolate_run import extrapolate_run
-from lagsplat.evaluate.extrapolation_config import ExtrapolationConfig
-from lagsplat.io.plain import save_json
-from lagsplat.io.recording import load_recording
-from lagsplat.job import Job
+from lagsplat.evaluate.config import ExtrapolationConfig
+from lagsplat.evaluate.extrapolation.forecast import extrapolate_run
+from lagsplat.io.files.json_files import save_json
+from lagsplat.io.recording.recording import load_recording
+from lagsplat.planning.job import Job
 from lagsplat.stage1.autoencoder import load_autoencoder
 from lagsplat.stage2.fit import load_dynamics
 

@@ -1,12 +1,12 @@
 """Measure the frames that the authors' own tool predicted."""
 
 from lagsplat.chart.chart import load_chart
-from lagsplat.evaluate.extrapolate_pictures import extrapolate_frames
-from lagsplat.evaluate.extrapolation_config import ExtrapolationConfig
-from lagsplat.io.artefact import load_artefact
-from lagsplat.io.plain import save_json
-from lagsplat.io.recording import load_recording
-from lagsplat.job import Job
+from lagsplat.evaluate.config import ExtrapolationConfig
+from lagsplat.evaluate.extrapolation.images import extrapolate_frames
+from lagsplat.io.files.artifact import load_artefact
+from lagsplat.io.files.json_files import save_json
+from lagsplat.io.recording.recording import load_recording
+from lagsplat.planning.job import Job
 from lagsplat.stage1.autoencoder import load_autoencoder
 from lagsplat.stage2.fit import load_dynamics
 

@@ -2,11 +2,11 @@
 
 from lagsplat.baselines.keypoints.model import load_forecaster
 from lagsplat.chart.chart import load_chart
-from lagsplat.evaluate.extrapolate_pictures import extrapolate_forecaster
-from lagsplat.evaluate.extrapolation_config import ExtrapolationConfig
-from lagsplat.io.plain import save_json
-from lagsplat.io.recording import load_recording
-from lagsplat.job import Job
+from lagsplat.evaluate.config import ExtrapolationConfig
+from lagsplat.evaluate.extrapolation.images import extrapolate_forecaster
+from lagsplat.io.files.json_files import save_json
+from lagsplat.io.recording.recording import load_recording
+from lagsplat.planning.job import Job
 from lagsplat.stage1.autoencoder import load_autoencoder
 from lagsplat.stage2.fit import load_dynamics
 

@@ -1,12 +1,12 @@
 """Measure a free neural differential equation far past its training frames."""
 
-from lagsplat.baselines.neural.model import load_ode
+from lagsplat.baselines.neural_ode import load_ode
 from lagsplat.chart.chart import load_chart
-from lagsplat.evaluate.extrapolate_ode import extrapolate_ode
-from lagsplat.evaluate.extrapolation_config import ExtrapolationConfig
-from lagsplat.io.plain import save_json
-from lagsplat.io.recording import load_recording
-from lagsplat.job import Job
+from lagsplat.evaluate.config import ExtrapolationConfig
+from lagsplat.evaluate.extrapolation.forecast import extrapolate_ode
+from lagsplat.io.files.json_files import save_json
+from lagsplat.io.recording.recording import load_recording
+from lagsplat.planning.job import Job
 from lagsplat.stage1.autoencoder import load_autoencoder
 from lagsplat.stage2.fit import load_dynamics
 

@@ -1,10 +1,9 @@
 """Compare the models past their training frames in one table."""
 
-from lagsplat.io.atomic import write_text
-from lagsplat.io.plain import load_json
-from lagsplat.job import Job
-from lagsplat.report.extrapolation_rows import extrapolation_rows, gathered_models
-from lagsplat.report.extrapolation_table import latex_extrapolation
+from lagsplat.io.files.atomic import write_text
+from lagsplat.io.files.json_files import load_json
+from lagsplat.planning.job import Job
+from lagsplat.report.tables.extrapolation import extrapolation_rows, gathered_models, latex_extrapolation
 
 with Job(snakemake) as job:
     kinds = {"forecaster": job.input.forecasters, "ode": job.input.odes, "authors": job.input.authors}

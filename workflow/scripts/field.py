@@ -3,11 +3,10 @@
 from dataclasses import replace
 
 from lagsplat.chart.chart import load_chart
-from lagsplat.io.recording import load_recording
-from lagsplat.job import Job
-from lagsplat.stage1.config import Stage1Config
-from lagsplat.stage1.field import fit_field, save_field
-from lagsplat.stage1.field_config import FieldConfig
+from lagsplat.io.recording.recording import load_recording
+from lagsplat.planning.job import Job
+from lagsplat.stage1.config import FieldConfig, Stage1Config
+from lagsplat.stage1.deformation_decoder import fit_field, save_field
 
 with Job(snakemake) as job:
     chart, _ = load_chart(job.input.chart)

@@ -2,7 +2,7 @@
 
 import shutil
 
-from lagsplat.job import Job
+from lagsplat.planning.job import Job
 
 with Job(snakemake) as job:
     for source, target in zip(job.input, job.output, strict=False):

@@ -2,10 +2,10 @@
 
 from lagsplat.chart.chart import load_chart
 from lagsplat.forces.config import ForcesConfig
-from lagsplat.forces.held import hold
-from lagsplat.job import Job
-from lagsplat.report.figures import draw_forces, save_figure
-from lagsplat.report.force_panels import push_panels
+from lagsplat.forces.equilibrium import hold
+from lagsplat.planning.job import Job
+from lagsplat.report.figures.forces import push_panels
+from lagsplat.report.figures.index import draw_forces, save_figure
 from lagsplat.stage1.autoencoder import load_autoencoder
 from lagsplat.stage2.fit import load_dynamics
 

@@ -1,9 +1,9 @@
 """Gather what holds of forces whatever the energy scale is."""
 
-from lagsplat.io.atomic import write_text
-from lagsplat.io.plain import load_json
-from lagsplat.job import Job
-from lagsplat.report.force_invariants import invariants_rows, invariants_table, latex_invariants
+from lagsplat.io.files.atomic import write_text
+from lagsplat.io.files.json_files import load_json
+from lagsplat.planning.job import Job
+from lagsplat.report.tables.forces import invariants_rows, invariants_table, latex_invariants
 
 with Job(snakemake) as job:
     solid = zip(job.params.solid, [load_json(path) for path in job.input.solid], strict=True)

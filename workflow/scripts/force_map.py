@@ -1,10 +1,10 @@
 """Draw where on the object forces are answered wrongly."""
 
 from lagsplat.chart.chart import load_chart
-from lagsplat.forces.held import hold
-from lagsplat.io.plain import load_json
-from lagsplat.job import Job
-from lagsplat.report.figures import draw_force_map, save_figure
+from lagsplat.forces.equilibrium import hold
+from lagsplat.io.files.json_files import load_json
+from lagsplat.planning.job import Job
+from lagsplat.report.figures.index import draw_force_map, save_figure
 from lagsplat.stage1.autoencoder import load_autoencoder
 from lagsplat.stage2.fit import load_dynamics
 

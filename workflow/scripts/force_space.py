@@ -1,12 +1,12 @@
 """Push a fitted run in space, and draw it from three sides."""
 
 from lagsplat.chart.chart import load_chart
-from lagsplat.evaluate.force_space import push_in_space
+from lagsplat.evaluate.forces.motion import push_in_space
 from lagsplat.forces.config import ForcesConfig
-from lagsplat.forces.held import hold
-from lagsplat.io.plain import save_json
-from lagsplat.job import Job
-from lagsplat.report.figures import draw_space_push, save_figure
+from lagsplat.forces.equilibrium import hold
+from lagsplat.io.files.json_files import save_json
+from lagsplat.planning.job import Job
+from lagsplat.report.figures.index import draw_space_push, save_figure
 from lagsplat.stage1.autoencoder import load_autoencoder
 from lagsplat.stage2.fit import load_dynamics
 

@@ -1,9 +1,9 @@
 """Compare the answers to known forces with the true ones, system by system."""
 
-from lagsplat.io.atomic import write_text
-from lagsplat.io.plain import load_json
-from lagsplat.job import Job
-from lagsplat.report.force_truth import force_rows, force_table, latex_forces
+from lagsplat.io.files.atomic import write_text
+from lagsplat.io.files.json_files import load_json
+from lagsplat.planning.job import Job
+from lagsplat.report.tables.forces import force_rows, force_table, latex_forces
 
 with Job(snakemake) as job:
     rows = force_rows(job.params.runs, [load_json(path) for path in job.input.metrics])

@@ -1,15 +1,14 @@
 """Push a fitted run in the picture, and compare its answers with the true ones where these are known."""
 
 from lagsplat.chart.chart import load_chart
-from lagsplat.evaluate.forces import measure_forces
+from lagsplat.evaluate.forces.motion import measure_forces
 from lagsplat.forces.config import ForcesConfig
-from lagsplat.forces.held import hold
-from lagsplat.io.plain import save_json
-from lagsplat.job import Job
+from lagsplat.forces.equilibrium import hold
+from lagsplat.io.files.json_files import save_json
+from lagsplat.planning.job import Job
 from lagsplat.stage1.autoencoder import load_autoencoder
 from lagsplat.stage2.fit import load_dynamics
-from lagsplat.systems.config import SimulationConfig
-from lagsplat.systems.release_config import ReleaseConfig
+from lagsplat.systems.config import ReleaseConfig, SimulationConfig
 from lagsplat.systems.truth import load_truth
 
 with Job(snakemake) as job:

@@ -2,13 +2,13 @@
 
 from pathlib import Path
 
-from lagsplat.baselines.keypoints.config import ForecasterConfig
+from lagsplat.baselines.config import ForecasterConfig
 from lagsplat.baselines.keypoints.fit import fit_forecaster
 from lagsplat.baselines.keypoints.model import save_forecaster
-from lagsplat.io.plain import save_csv
-from lagsplat.io.recording import load_recording
-from lagsplat.io.split import crossing_frames
-from lagsplat.job import Job
+from lagsplat.io.files.json_files import save_csv
+from lagsplat.io.recording.recording import load_recording
+from lagsplat.io.recording.segments import crossing_frames
+from lagsplat.planning.job import Job
 
 with Job(snakemake) as job:
     recording, checkpoint = load_recording(job.input.recording), Path(job.params.checkpoint)

@@ -5,10 +5,10 @@ from lagsplat.chart.chart import load_chart
 from lagsplat.evaluate.baseline import baseline_subject
 from lagsplat.evaluate.config import EvaluateConfig
 from lagsplat.evaluate.evaluate import run_subject
-from lagsplat.io.recording import load_recording
-from lagsplat.job import Job
-from lagsplat.report.figures import save_figure
-from lagsplat.report.gallery import compare
+from lagsplat.io.recording.recording import load_recording
+from lagsplat.planning.job import Job
+from lagsplat.report.figures.index import save_figure
+from lagsplat.report.figures.model_comparison import compare
 from lagsplat.stage1.autoencoder import load_autoencoder
 from lagsplat.stage2.fit import load_dynamics
 

@@ -1,9 +1,9 @@
 """Gather the diagnoses of every system in one table."""
 
-from lagsplat.io.atomic import write_text
-from lagsplat.io.plain import load_json
-from lagsplat.job import Job
-from lagsplat.report.gap_table import gap_rows, gap_table, latex_gap
+from lagsplat.io.files.atomic import write_text
+from lagsplat.io.files.json_files import load_json
+from lagsplat.planning.job import Job
+from lagsplat.report.tables.gap import gap_rows, gap_table, latex_gap
 
 with Job(snakemake) as job:
     rows = gap_rows(job.params.runs, [load_json(path) for path in job.input.diagnoses])

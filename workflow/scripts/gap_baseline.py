@@ -3,8 +3,8 @@
 import json
 from pathlib import Path
 
-from lagsplat.blind import batch_of, sign
-from lagsplat.job import Job
+from lagsplat.pipelines.batch import batch_of, sign
+from lagsplat.planning.job import Job
 
 with Job(snakemake) as job:
     out = Path(job.output.said)

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from lagsplat.job import Job
+from lagsplat.planning.job import Job
 
 with Job(snakemake) as job:
     pairs = zip(job.params.tiers, job.input.scores, strict=True)

@@ -3,10 +3,9 @@
 from dataclasses import replace
 from pathlib import Path
 
-from lagsplat.blind import batch_of, each, sign
-from lagsplat.blind_films import encode
 from lagsplat.chart.config import ChartConfig
-from lagsplat.job import Job
+from lagsplat.pipelines.batch import batch_of, each, encode, sign
+from lagsplat.planning.job import Job
 from lagsplat.stage1.config import Stage1Config
 
 with Job(snakemake) as job:

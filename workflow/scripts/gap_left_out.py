@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from lagsplat.blind import predict, runs_of, sign
-from lagsplat.diagnose.config import DiagnoseConfig
-from lagsplat.job import Job
+from lagsplat.diagnose.core.config import DiagnoseConfig
+from lagsplat.pipelines.batch import predict, runs_of, sign
+from lagsplat.planning.job import Job
 
 with Job(snakemake) as job:
     config, out = job.section(DiagnoseConfig), Path(job.output.said)

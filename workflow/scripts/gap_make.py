@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from lagsplat.io.checksum import sha256_of
-from lagsplat.job import Job
+from lagsplat.io.files.atomic import sha256_of
+from lagsplat.planning.job import Job
 
 with Job(snakemake) as job:
     path, key = job.wildcards, Path(job.params.key).expanduser()

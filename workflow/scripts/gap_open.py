@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from lagsplat.job import Job
+from lagsplat.planning.job import Job
 
 with Job(snakemake) as job:
     answers = ["--answers", job.input.seal, "--key", f"@{Path(job.params.key).expanduser()}"]

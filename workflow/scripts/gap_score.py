@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from lagsplat.job import Job
+from lagsplat.planning.job import Job
 
 with Job(snakemake) as job:
     out = Path(job.output.scores).parent

@@ -1,11 +1,11 @@
 """Ask every trained law whether it comes to rest from anywhere."""
 
 from lagsplat.chart.chart import load_chart
-from lagsplat.evaluate.extrapolation_config import GuaranteeConfig
+from lagsplat.evaluate.config import GuaranteeConfig
 from lagsplat.evaluate.guarantee import guarantee_of
-from lagsplat.io.atomic import write_text
-from lagsplat.job import Job
-from lagsplat.report.guarantees import guarantee_table
+from lagsplat.io.files.atomic import write_text
+from lagsplat.planning.job import Job
+from lagsplat.report.tables.learned_physics import guarantee_table
 from lagsplat.stage2.fit import load_dynamics
 
 with Job(snakemake) as job:

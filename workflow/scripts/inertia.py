@@ -3,9 +3,9 @@
 import torch
 
 from lagsplat.chart.chart import load_chart
-from lagsplat.job import Job
-from lagsplat.report.figures import draw_inertia, save_figure
-from lagsplat.report.mass import LEARNED, MASSES
+from lagsplat.planning.job import Job
+from lagsplat.report.figures.index import draw_inertia, save_figure
+from lagsplat.report.tables.learned_physics import LEARNED, MASSES
 from lagsplat.stage2.fit import load_dynamics
 
 with Job(snakemake) as job:

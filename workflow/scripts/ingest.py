@@ -2,9 +2,9 @@
 
 from lagsplat.io.config import RecordingConfig
 from lagsplat.io.read import read_recording
-from lagsplat.io.recording import save_recording
-from lagsplat.io.split import divide
-from lagsplat.job import Job
+from lagsplat.io.recording.recording import save_recording
+from lagsplat.io.recording.segments import divide
+from lagsplat.planning.job import Job
 
 with Job(snakemake) as job:
     config = job.section(RecordingConfig)

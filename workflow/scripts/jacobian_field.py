@@ -1,9 +1,9 @@
 """Draw the velocities of the primitives of two decoders on one colour scale."""
 
-from lagsplat.evaluate.velocity_maps import load_maps
-from lagsplat.job import Job
-from lagsplat.report.deformation import draw_jacobian_field
-from lagsplat.report.figures import save_figure
+from lagsplat.evaluate.velocity_field import load_maps
+from lagsplat.planning.job import Job
+from lagsplat.report.figures.index import save_figure
+from lagsplat.report.tables.deformation import draw_jacobian_field
 
 with Job(snakemake) as job:
     maps, measures = load_maps(job.input.maps[0])

@@ -2,12 +2,11 @@
 
 from pathlib import Path
 
-from lagsplat.baselines.neural.config import OdeConfig
-from lagsplat.baselines.neural.fit import fit_ode
-from lagsplat.baselines.neural.model import save_ode
+from lagsplat.baselines.config import OdeConfig
+from lagsplat.baselines.neural_ode import fit_ode, save_ode
 from lagsplat.chart.chart import load_chart
-from lagsplat.io.plain import save_csv
-from lagsplat.job import Job
+from lagsplat.io.files.json_files import save_csv
+from lagsplat.planning.job import Job
 
 with Job(snakemake) as job:
     chart, _ = load_chart(job.input.chart)

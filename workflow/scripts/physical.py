@@ -1,10 +1,10 @@
 """Gather the free rollouts of every system in one table."""
 
-from lagsplat.io.atomic import write_text
-from lagsplat.io.plain import load_json
-from lagsplat.job import Job
-from lagsplat.report.physical import latex_physical, physical_table
-from lagsplat.report.rows import rows_of
+from lagsplat.io.files.atomic import write_text
+from lagsplat.io.files.json_files import load_json
+from lagsplat.planning.job import Job
+from lagsplat.report.common.aggregate import rows_of
+from lagsplat.report.tables.learned_physics import latex_physical, physical_table
 
 with Job(snakemake) as job:
     rows = rows_of(job.params.runs, [load_json(path) for path in job.input.metrics])

@@ -2,11 +2,10 @@
 
 from dataclasses import replace
 
-from lagsplat.io.recording import save_recording
-from lagsplat.job import Job
-from lagsplat.systems.config import SimulationConfig
-from lagsplat.systems.planted import simulate_planted
-from lagsplat.systems.planted_config import PlantedConfig
+from lagsplat.io.recording.recording import save_recording
+from lagsplat.planning.job import Job
+from lagsplat.systems.config import PlantedConfig, SimulationConfig
+from lagsplat.systems.injected_effects import simulate_planted
 
 with Job(snakemake) as job:
     config = replace(job.section(SimulationConfig, "simulation"), n_frames=job.params.n_frames)

@@ -1,8 +1,8 @@
 """Draw held-out frames, their reconstruction and the error."""
 
-from lagsplat.io.recording import load_recording
-from lagsplat.job import Job
-from lagsplat.report.figures import draw_reconstruction, save_figure
+from lagsplat.io.recording.recording import load_recording
+from lagsplat.planning.job import Job
+from lagsplat.report.figures.index import draw_reconstruction, save_figure
 from lagsplat.stage1.autoencoder import load_autoencoder
 
 with Job(snakemake) as job:

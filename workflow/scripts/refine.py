@@ -4,13 +4,12 @@ from dataclasses import replace
 
 from lagsplat.io.config import RecordingConfig
 from lagsplat.io.read import read_recording
-from lagsplat.io.recording import load_recording, save_recording
-from lagsplat.job import Job
+from lagsplat.io.recording.recording import load_recording, save_recording
+from lagsplat.planning.job import Job
 from lagsplat.stage1.config import RenderConfig
-from lagsplat.stage1.sharpen import finer
-from lagsplat.systems.config import SimulationConfig
-from lagsplat.systems.release_config import ReleaseConfig
-from lagsplat.systems.stand_in import resized, stand_in
+from lagsplat.stage1.deformation_decoder import finer
+from lagsplat.systems.config import ReleaseConfig, SimulationConfig
+from lagsplat.systems.simulate import resized, stand_in
 
 with Job(snakemake) as job:
     recording, config = load_recording(job.input.recording), job.section(RecordingConfig)

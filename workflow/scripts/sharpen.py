@@ -3,12 +3,12 @@
 from pathlib import Path
 
 from lagsplat.chart.chart import load_chart
-from lagsplat.io.plain import save_csv
-from lagsplat.io.recording import load_recording
-from lagsplat.job import Job
+from lagsplat.io.files.json_files import save_csv
+from lagsplat.io.recording.recording import load_recording
+from lagsplat.planning.job import Job
 from lagsplat.stage1.autoencoder import save_autoencoder
 from lagsplat.stage1.config import RenderConfig, Stage1Config
-from lagsplat.stage1.sharpen import fit_decoder
+from lagsplat.stage1.deformation_decoder import fit_decoder
 
 with Job(snakemake) as job:
     train, _ = load_recording(job.input.fine).split()

@@ -1,10 +1,10 @@
 """Score and draw what held-out cameras saw."""
 
-from lagsplat.evaluate.sides import score_sides
-from lagsplat.io.plain import save_json
-from lagsplat.io.recording import load_recording
-from lagsplat.job import Job
-from lagsplat.report.figures import draw_sides, save_figure
+from lagsplat.evaluate.novel_views import score_sides
+from lagsplat.io.files.json_files import save_json
+from lagsplat.io.recording.recording import load_recording
+from lagsplat.planning.job import Job
+from lagsplat.report.figures.index import draw_sides, save_figure
 from lagsplat.stage1.autoencoder import load_autoencoder
 from lagsplat.views.novel import load_views
 

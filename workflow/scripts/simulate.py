@@ -1,12 +1,11 @@
 """Simulate a recording, and keep its truth apart from it."""
 
 from lagsplat.io.config import SplitConfig
-from lagsplat.io.recording import save_recording
-from lagsplat.io.split import divide
-from lagsplat.job import Job
-from lagsplat.systems.config import SimulationConfig
-from lagsplat.systems.release_config import ReleaseConfig
-from lagsplat.systems.stand_in import stand_in
+from lagsplat.io.recording.recording import save_recording
+from lagsplat.io.recording.segments import divide
+from lagsplat.planning.job import Job
+from lagsplat.systems.config import ReleaseConfig, SimulationConfig
+from lagsplat.systems.simulate import stand_in
 from lagsplat.systems.truth import save_truth
 
 with Job(snakemake) as job:

@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from lagsplat.io.plain import save_csv
-from lagsplat.io.recording import load_recording
-from lagsplat.job import Job
+from lagsplat.io.files.json_files import save_csv
+from lagsplat.io.recording.recording import load_recording
+from lagsplat.planning.job import Job
 from lagsplat.stage1.autoencoder import save_autoencoder
 from lagsplat.stage1.config import Stage1Config
 from lagsplat.stage1.fit import fit_autoencoder

@@ -3,12 +3,12 @@
 from dataclasses import asdict
 
 from lagsplat.chart.chart import load_chart
-from lagsplat.io.plain import save_csv
-from lagsplat.job import Job
+from lagsplat.io.files.json_files import save_csv
+from lagsplat.planning.job import Job
 from lagsplat.stage1.autoencoder import load_autoencoder
 from lagsplat.stage2.config import Stage2Config
+from lagsplat.stage2.decoder_mass import decoder_geometry
 from lagsplat.stage2.fit import fit_dynamics, save_dynamics
-from lagsplat.stage2.induced import decoder_geometry
 
 with Job(snakemake) as job:
     autoencoder, _ = load_autoencoder(job.input.autoencoder)

@@ -1,10 +1,9 @@
 """Gather the scores of every run and of every baseline in one table."""
 
-from lagsplat.io.atomic import write_text
-from lagsplat.io.plain import load_json
-from lagsplat.job import Job
-from lagsplat.report.baseline_rows import with_baselines
-from lagsplat.report.tables import benchmark_table, latex_table
+from lagsplat.io.files.atomic import write_text
+from lagsplat.io.files.json_files import load_json
+from lagsplat.planning.job import Job
+from lagsplat.report.tables.benchmark import benchmark_table, latex_table, with_baselines
 
 with Job(snakemake) as job:
     ours, theirs = ([load_json(path) for path in paths] for paths in (job.input.metrics, job.input.baselines))

@@ -1,9 +1,9 @@
 """Compare what was learned of every simulated system with its truth."""
 
-from lagsplat.io.atomic import write_text
-from lagsplat.io.plain import load_json
-from lagsplat.job import Job
-from lagsplat.report.against_truth import latex_truth, truth_table
+from lagsplat.io.files.atomic import write_text
+from lagsplat.io.files.json_files import load_json
+from lagsplat.planning.job import Job
+from lagsplat.report.tables.learned_physics import latex_truth, truth_table
 
 with Job(snakemake) as job:
     table = truth_table(job.params.runs, [load_json(path) for path in job.input.metrics])

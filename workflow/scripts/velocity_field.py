@@ -1,12 +1,11 @@
 """Measure how the primitives of two decoders move at one state."""
 
 from lagsplat.chart.chart import load_chart
-from lagsplat.evaluate.velocity_field import fastest_moment, velocity_field
-from lagsplat.evaluate.velocity_maps import save_maps
-from lagsplat.io.recording import load_recording
-from lagsplat.job import Job
-from lagsplat.stage1.field import load_field
-from lagsplat.stage1.field_config import FieldConfig
+from lagsplat.evaluate.velocity_field import fastest_moment, save_maps, velocity_field
+from lagsplat.io.recording.recording import load_recording
+from lagsplat.planning.job import Job
+from lagsplat.stage1.config import FieldConfig
+from lagsplat.stage1.deformation_decoder import load_field
 
 with Job(snakemake) as job:
     chart, _ = load_chart(job.input.chart)

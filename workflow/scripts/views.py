@@ -3,10 +3,10 @@
 from pathlib import Path
 
 from lagsplat.io.config import RecordingConfig
-from lagsplat.io.recording import load_recording
-from lagsplat.job import Job
-from lagsplat.sides import obtain_views
-from lagsplat.systems.release_config import ReleaseConfig
+from lagsplat.io.recording.recording import load_recording
+from lagsplat.novel_views.sharp import obtain_views
+from lagsplat.planning.job import Job
+from lagsplat.systems.config import ReleaseConfig
 from lagsplat.systems.truth import load_truth
 from lagsplat.views.config import ViewsConfig
 from lagsplat.views.novel import save_views

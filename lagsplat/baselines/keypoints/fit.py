@@ -9,12 +9,11 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
-from lagsplat.baselines.keypoints.config import ForecasterConfig
-from lagsplat.baselines.keypoints.model import Forecaster, architecture_of
+from lagsplat.array_types import Frames
+from lagsplat.baselines.config import ForecasterConfig
+from lagsplat.baselines.keypoints.model import Forecaster, architecture_of, scatter
 from lagsplat.baselines.keypoints.phases import Fitting, Moment, loss_of, moment_of, open_phase, set_rates
-from lagsplat.baselines.keypoints.scene import scatter
-from lagsplat.io.checkpoint import load_checkpoint, save_checkpoint
-from lagsplat.shapes import Frames
+from lagsplat.io.files.checkpoint import load_checkpoint, save_checkpoint
 
 log = logging.getLogger(__name__)
 CURVE_POINTS = 400  # rows of the training curve, whatever the length of the run

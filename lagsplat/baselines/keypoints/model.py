@@ -1,19 +1,29 @@
-"""The key-point forecaster as a whole, and its file."""
+"""The key-point forecaster as a whole, and its file.
 
+Where things go: a network of what they are, where and when; and key points that others follow.
+
+The graph network that carries key points on from their last frames.
+
+Planar Gaussians with a place, a shape, a colour and a motion feature: the forecaster's picture.
+"""
+
+import math
 import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from itertools import pairwise
 from typing import Any
 
-from jaxtyping import Float
+import numpy as np
+import torch
+from jaxtyping import Float, Int64
+from sklearn.cluster import KMeans
 from torch import Tensor, nn
 
-from lagsplat.baselines.keypoints.config import ForecasterConfig
-from lagsplat.baselines.keypoints.graph import GraphNet
-from lagsplat.baselines.keypoints.motion import KeyPoints, MotionNet, Shift, time_of
-from lagsplat.baselines.keypoints.scene import Scene
-from lagsplat.io.artefact import load_artefact, save_artefact
-from lagsplat.io.restore import restore
+from lagsplat.array_types import Frames
+from lagsplat.baselines.config import ForecasterConfig
+from lagsplat.io.files.artifact import load_artefact, restore, save_artefact
+from lagsplat.splat.backend import rasterizer
 
 KIND, SCHEMA = "forecaster", 1
 
@@ -57,6 +67,10 @@ def architecture_of(config: ForecasterConfig, *, height: int, width: int, frames
         width=width,
         frames=frames,
     )
+
+
+Shift = tuple[Float[Tensor, "_ 2"], Float[Tensor, "_ 1"]]
+"""Displacements [half widths] and turns [rad]."""
 
 
 class Forecaster(nn.Module):
@@ -127,3 +141,220 @@ def load_forecaster(
     tensors, header = load_artefact(path, kind=KIND, schema=SCHEMA)
     forecaster = Forecaster(Architecture(**header["architecture"]), backend=backend)
     return restore(forecaster, tensors, path), header
+
+
+def waves(value: Float[Tensor, "N m"], octaves: int) -> Float[Tensor, "N w"]:
+    """Sines and cosines of ``2^k value`` for ``octaves`` values of k; the value itself is not among them."""
+    scaled = (value[:, :, None] * 2.0 ** torch.arange(octaves, device=value.device)).flatten(1)
+    return torch.cat((scaled.sin(), scaled.cos()), dim=1)
+
+
+class MotionNet(nn.Module):
+    """Displacement and turn from a feature, a place and a time; it starts without any motion.
+
+    Source: facts of the published forecaster, its deformation network in two dimensions.
+    """
+
+    def __init__(self, feature: int, *, octaves: int, hidden: int, layers: int) -> None:
+        super().__init__()
+        self.octaves = octaves
+        widths = [feature + 6 * octaves, *[hidden] * layers]
+        self.layers = nn.ModuleList(nn.Linear(before, after) for before, after in pairwise(widths))
+        self.head = nn.Linear(hidden, 3)
+        nn.init.zeros_(self.head.weight)
+        nn.init.zeros_(self.head.bias)
+
+    def forward(self, feature: Float[Tensor, "N f"], place: Float[Tensor, "N 2"], time: float) -> Shift:
+        """Displacement and turn at ``time``, which runs from 0 to 1 over the clip."""
+        when = waves(place.new_full((1, 1), time), self.octaves).expand(len(place), -1)
+        value = torch.cat((feature, waves(place, self.octaves), when), dim=1)
+        for layer in self.layers:
+            value = torch.relu(layer(value))
+        moved = self.head(value)
+        return moved[:, :2], moved[:, 2:]
+
+
+class KeyPoints(nn.Module):
+    """``K`` points that the motion network moves, and how much each Gaussian follows each of them.
+
+    A Gaussian follows its nearest points in the joint space of place and feature, shifted by one blend of
+    their displacements and turned by another. A logit for every pair stands in place of the published hash
+    grid: pairs that are no neighbours do not count.
+    """
+
+    def __init__(self, n: int, k: int, feature: int, *, neighbours: int, feature_weight: float) -> None:
+        super().__init__()
+        self.neighbours, self.feature_weight = neighbours, feature_weight
+        self.place = nn.Parameter(torch.zeros(k, 2))
+        self.feature = nn.Parameter(torch.zeros(k, feature))
+        self.blend_logit = nn.Parameter(torch.zeros(n, k, 2))
+
+    @torch.no_grad()
+    def gather(self, place: Float[Tensor, "N 2"], feature: Float[Tensor, "N f"], *, seed: int) -> None:
+        """Put the points where Gaussians that move alike are, by k-means on place and feature."""
+        joint = torch.cat((place, feature), 1).double().numpy()
+        found = KMeans(len(self.place), n_init=1, random_state=seed).fit(joint)
+        centres = torch.as_tensor(found.cluster_centers_).to(self.place)
+        self.place.copy_(centres[:, :2])
+        self.feature.copy_(centres[:, 2:])
+        apart = self.distances(place, feature)
+        spread = apart.topk(self.neighbours, largest=False).values.square().mean().clamp_min(1e-8)
+        self.blend_logit.copy_((-0.5 * apart.square() / spread)[:, :, None].expand(-1, -1, 2))
+
+    def distances(self, place: Float[Tensor, "N 2"], feature: Float[Tensor, "N f"]) -> Float[Tensor, "N K"]:
+        """Distances in the joint space."""
+        gaussians = torch.cat((place, self.feature_weight * feature), 1)
+        return torch.cdist(gaussians, torch.cat((self.place, self.feature_weight * self.feature), 1))
+
+    @torch.no_grad()
+    def nearest(self, place: Float[Tensor, "N 2"], feature: Float[Tensor, "N f"]) -> Int64[Tensor, "N k"]:
+        """The key points that each Gaussian follows."""
+        return self.distances(place, feature).topk(self.neighbours, largest=False).indices
+
+    def blend(self, nearest: Int64[Tensor, "N k"], shift: Shift) -> Shift:
+        """What the Gaussians do while the key points do ``shift``.
+
+        Places are blended by one softmax over the neighbours and turns by another; a turn of a key point does
+        not carry its followers around it.
+        """
+        logits = self.blend_logit.gather(1, nearest[:, :, None].expand(-1, -1, 2))
+        weight = torch.softmax(logits, dim=1)
+        moved, turned = shift
+        return (
+            (weight[:, :, :1] * moved[nearest]).sum(1),
+            (weight[:, :, 1:] * turned[nearest]).sum(1),
+        )
+
+
+def time_of(frame: float, frames: int) -> float:
+    """The time of a frame in a clip of ``frames`` frames, which ends at 1."""
+    return frame / max(frames - 1, 1)
+
+
+class GraphConvolution(nn.Module):
+    """``A (X W) + b`` with a dense matrix ``A`` between nodes, learned freely."""
+
+    def __init__(self, nodes: int, n_in: int, n_out: int) -> None:
+        super().__init__()
+        bound = n_out**-0.5
+        self.weight = nn.Parameter(torch.empty(n_in, n_out).uniform_(-bound, bound))
+        self.adjacency = nn.Parameter(torch.empty(nodes, nodes).uniform_(-bound, bound))
+        self.bias = nn.Parameter(torch.empty(n_out).uniform_(-bound, bound))
+
+    def forward(self, x: Float[Tensor, "B nodes n_in"]) -> Float[Tensor, "B nodes n_out"]:
+        """Features after the convolution."""
+        return self.adjacency @ (x @ self.weight) + self.bias
+
+
+class Layer(nn.Module):
+    """A graph convolution, normalised over the batch node by node and feature by feature, and a tanh."""
+
+    def __init__(self, nodes: int, n_in: int, n_out: int) -> None:
+        super().__init__()
+        self.convolution = GraphConvolution(nodes, n_in, n_out)
+        self.normal = nn.BatchNorm1d(nodes * n_out)
+
+    def forward(self, x: Float[Tensor, "B nodes n_in"]) -> Float[Tensor, "B nodes n_out"]:
+        """Features of the next layer, in (-1, 1)."""
+        y = self.convolution(x)
+        return torch.tanh(self.normal(y.flatten(1)).view_as(y))
+
+
+class GraphNet(nn.Module):
+    """The next value of every node from its last ``history`` ones: absolute, no skip from the last frame.
+
+    Nothing in it contracts: carried on for long, it may come to rest, decay or orbit.
+
+    Source: facts of the published forecaster, its graph network.
+    """
+
+    def __init__(self, nodes: int, *, history: int, hidden: int, blocks: int) -> None:
+        super().__init__()
+        self.first = Layer(nodes, history, hidden)
+        self.blocks = nn.ModuleList(
+            nn.Sequential(Layer(nodes, hidden, hidden), Layer(nodes, hidden, hidden)) for _ in range(blocks)
+        )
+        self.head = nn.Sequential(nn.Linear(hidden, hidden), nn.ReLU(), nn.Linear(hidden, 1))
+
+    def forward(self, past: Float[Tensor, "B history nodes"]) -> Float[Tensor, "B nodes"]:
+        """The values one frame later."""
+        value = self.first(past.mT)
+        for block in self.blocks:
+            value = value + block(value)
+        return self.head(value)[:, :, 0]
+
+
+FEATURE_START = 1e-3
+FLAT_SHARE = 0.2  # probability given to every pixel, edges and moving pixels taking the rest
+
+
+class Scene(nn.Module):
+    """``N`` Gaussians in half widths of the image: x from -1 to 1, y likewise about the middle row.
+
+    Sizes are in pixels. Only places and angles move with time; colour, opacity and size never do. They are
+    drawn in the order of their index by the image model of the whole package.
+    """
+
+    def __init__(self, n: int, feature: int, *, height: int, width: int) -> None:
+        super().__init__()
+        self.height, self.width = height, width
+        self.place = nn.Parameter(torch.zeros(n, 2))
+        self.log_scale = nn.Parameter(torch.zeros(n, 2))
+        self.angle = nn.Parameter(torch.zeros(n, 1))
+        self.color_logit = nn.Parameter(torch.zeros(n, 3))
+        self.opacity_logit = nn.Parameter(torch.zeros(n))
+        self.background_logit = nn.Parameter(torch.zeros(3))
+        self.feature = nn.Parameter(torch.zeros(n, feature))
+
+    def draw(
+        self, place: Float[Tensor, "N 2"], angle: Float[Tensor, "N 1"], *, backend: str
+    ) -> Float[Tensor, "1 3 H W"]:
+        """The picture with its Gaussians at ``place`` [half widths], turned to ``angle`` [rad]."""
+        half = self.width / 2
+        means = place * half + place.new_tensor([half, self.height / 2])
+        return rasterizer(backend, place.device)(
+            means[None],
+            self.covariance(angle),
+            torch.sigmoid(self.opacity_logit)[None],
+            torch.sigmoid(self.color_logit),
+            torch.sigmoid(self.background_logit),
+            height=self.height,
+            width=self.width,
+        )
+
+    def covariance(self, angle: Float[Tensor, "N 1"]) -> Float[Tensor, "N 3"]:
+        """Covariances xx, xy, yy [px^2] at these angles."""
+        first, second = self.log_scale.mul(2).exp().unbind(1)
+        cos, sin = torch.cos(angle[:, 0]), torch.sin(angle[:, 0])
+        return torch.stack(
+            (
+                cos * cos * first + sin * sin * second,
+                cos * sin * (first - second),
+                sin * sin * first + cos * cos * second,
+            ),
+            dim=1,
+        )
+
+
+@torch.no_grad()
+def scatter(scene: Scene, frames: Frames, *, sigma: float, opacity: float, rng: np.random.Generator) -> None:
+    """Place the Gaussians where the first frame has edges and where frames differ, in the colours there.
+
+    ``sigma`` is their size over the image height.
+    """
+    first, n = np.asarray(frames[0]) / 255.0, len(scene.place)
+    spread = np.asarray(frames[:: max(1, len(frames) // 50)]).std(axis=0).mean(-1)
+    edges = np.abs(np.stack(np.gradient(np.pad(first.mean(-1), 1, mode="edge")))).sum(0)[1:-1, 1:-1]
+    busy = edges / max(edges.sum(), 1e-12) + spread / max(spread.sum(), 1e-12)
+    density = (1 - FLAT_SHARE) * busy / max(busy.sum(), 1e-12) + FLAT_SHARE / busy.size
+    pixels = rng.choice(busy.size, n, p=(density / density.sum()).ravel())
+    rows, columns = np.divmod(pixels, scene.width)
+    at = np.stack((columns, rows), 1) + rng.random((n, 2))
+    half = scene.width / 2
+    scene.place.copy_(torch.as_tensor((at - [half, scene.height / 2]) / half))
+    scene.log_scale.fill_(math.log(sigma * scene.height))
+    scene.opacity_logit.fill_(math.log(opacity / (1 - opacity)))
+    scene.color_logit.copy_(torch.as_tensor(np.clip(first[rows, columns], 0.01, 0.99)).logit())
+    scene.background_logit.copy_(torch.as_tensor(first.mean((0, 1)).clip(0.01, 0.99)).logit())
+    drawn = rng.uniform(-FEATURE_START, FEATURE_START, scene.feature.shape)
+    scene.feature.copy_(torch.as_tensor(drawn))

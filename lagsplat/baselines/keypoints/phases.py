@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from lagsplat.baselines.keypoints.config import PHASES, ForecasterConfig, GraphConfig
+from lagsplat.baselines.config import PHASES, ForecasterConfig, GraphConfig
 from lagsplat.baselines.keypoints.forecast import fitted_path, on_circle
 from lagsplat.baselines.keypoints.model import Forecaster
 from lagsplat.splat.losses import structural_dissimilarity

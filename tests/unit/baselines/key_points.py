@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from omegaconf import OmegaConf
 
-from lagsplat.baselines.keypoints.config import ForecasterConfig
+from lagsplat.baselines.config import ForecasterConfig
 
 CONF = Path(__file__).parents[3] / "conf" / "forecaster" / "keypoints.yaml"
 STEPS = {"warm_up": 10, "free": 40, "keys": 30, "joint": 30, "graph": 60}

@@ -4,8 +4,8 @@ import numpy as np
 
 from lagsplat.baselines.config import BaselineConfig
 from lagsplat.baselines.model import Architecture
-from lagsplat.config import compose
-from lagsplat.io.recording import Recording
+from lagsplat.config.compose import compose
+from lagsplat.io.recording.recording import Recording
 
 DT_S = 1 / 60
 

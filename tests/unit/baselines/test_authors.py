@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from omegaconf import OmegaConf
 
-from lagsplat.baselines.authors.config import AuthorsConfig
-from lagsplat.baselines.authors.predict import predicted_frames
-from lagsplat.baselines.authors.tool import (
+from lagsplat.baselines.config import AuthorsConfig
+from lagsplat.baselines.gaussian_prediction import (
     SUBMODULES,
     check_checkout,
     check_cuda,
     forecast_command,
     launch,
+    predicted_frames,
     train_command,
 )
 

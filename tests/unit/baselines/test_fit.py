@@ -9,8 +9,8 @@ import torch
 from lagsplat.baselines import fit as fit_module
 from lagsplat.baselines.fit import fit_baseline, footage_of
 from lagsplat.baselines.model import Baseline
-from lagsplat.baselines.schedule import closing_weight, optimizer_of, set_rates
-from lagsplat.config import ConfigError
+from lagsplat.baselines.objective import closing_weight, optimizer_of, set_rates
+from lagsplat.config.compose import ConfigError
 from tests.unit.baselines.problems import architecture, pushed_square, settings
 
 NAMES = ("osc_deconv", "osc_abcd", "koopman_deconv", "koopman_abcd")

@@ -5,15 +5,18 @@ import pytest
 import torch
 
 from lagsplat.baselines.keypoints.forecast import KeyPath, carried_on, draw_path, fitted_path, on_circle
-from lagsplat.baselines.keypoints.graph import GraphNet
 from lagsplat.baselines.keypoints.model import (
     Forecaster,
+    GraphNet,
+    KeyPoints,
+    MotionNet,
     architecture_of,
     load_forecaster,
     save_forecaster,
+    scatter,
+    time_of,
+    waves,
 )
-from lagsplat.baselines.keypoints.motion import KeyPoints, MotionNet, time_of, waves
-from lagsplat.baselines.keypoints.scene import scatter
 from tests.unit.baselines.key_points import frames, settings
 
 

@@ -4,13 +4,25 @@ import numpy as np
 import pytest
 import torch
 
-from lagsplat.baselines.attention_terms import closing_rates, disagreement, unwarranted_change
-from lagsplat.baselines.centres import centre_jacobian, centres, moving_centres
-from lagsplat.baselines.delays import delayed, standing
-from lagsplat.baselines.koopman import Koopman
-from lagsplat.baselines.model import Architecture, Baseline, load_baseline, save_baseline
-from lagsplat.baselines.oscillators import Oscillators
-from lagsplat.baselines.tangent import along
+from lagsplat.baselines.model import (
+    Architecture,
+    Baseline,
+    Koopman,
+    Oscillators,
+    delayed,
+    load_baseline,
+    save_baseline,
+    standing,
+)
+from lagsplat.baselines.networks import (
+    along,
+    centre_jacobian,
+    centres,
+    closing_rates,
+    disagreement,
+    moving_centres,
+    unwarranted_change,
+)
 from tests.unit.baselines.problems import DT_S, architecture
 
 KINDS = [(decoder, law) for decoder in ("deconv", "abcd") for law in ("oscillators", "koopman")]

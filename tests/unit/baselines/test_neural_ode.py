@@ -8,10 +8,9 @@ import pytest
 import torch
 from omegaconf import OmegaConf
 
-import lagsplat.baselines.neural.fit as fit
-from lagsplat.baselines.neural.config import OdeConfig
-from lagsplat.baselines.neural.fit import fit_ode
-from lagsplat.baselines.neural.model import NeuralOde, carry_on, load_ode, save_ode
+import lagsplat.baselines.neural_ode as fit
+from lagsplat.baselines.config import OdeConfig
+from lagsplat.baselines.neural_ode import NeuralOde, carry_on, fit_ode, load_ode, save_ode
 from lagsplat.chart.trajectory import Trajectory
 
 CONF = Path(__file__).parents[3] / "conf" / "ode" / "default.yaml"

@@ -3,9 +3,9 @@
 import pytest
 import torch
 
-from lagsplat.baselines import publication
-from lagsplat.baselines.obtain import obtain_baseline
-from lagsplat.config import options
+from lagsplat.baselines import released as publication
+from lagsplat.baselines.fit import obtain_baseline
+from lagsplat.config.compose import options
 from tests.unit.baselines.problems import pushed_square, settings
 from tests.unit.baselines.test_released import published
 

@@ -11,7 +11,7 @@ import pytest
 from benchmarks.gap_baselines.predict import METHODS, main
 from benchmarks.gap_baselines.said import names
 from benchmarks.gapgen.predictions import read_prediction
-from lagsplat.report.diagnosis_schema import check_diagnosis
+from lagsplat.report.diagnosis.serialization import check_diagnosis
 from tests.unit.benchmarks.cases import move, recording
 
 CHANGES: dict[str, dict[str, Any]] = {

@@ -7,7 +7,7 @@ import torch
 
 from lagsplat.chart.chart import Chart, fit_chart, load_chart, rest_image, save_chart
 from lagsplat.chart.config import ChartConfig
-from lagsplat.io.recording import Recording
+from lagsplat.io.recording.recording import Recording
 from lagsplat.stage1.autoencoder import Autoencoder, encode_frames
 
 CONFIG = ChartConfig(

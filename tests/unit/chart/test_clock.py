@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from lagsplat.chart.clock import Clock, read_clock
+from lagsplat.chart.trajectory import Clock, read_clock
 
 STENCILS = ((1, 2), (-1, 1), (-2, -1), (-2, -1, 1, 2))
 

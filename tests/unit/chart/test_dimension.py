@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from lagsplat.chart.dimension import intrinsic_dimension
+from lagsplat.chart.visibility import intrinsic_dimension
 
 
 def test_a_surface_in_four_dimensions_has_dimension_two() -> None:

@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from lagsplat.chart.clock import Clock
-from lagsplat.chart.smooth import smooth
+from lagsplat.chart.trajectory import Clock, smooth
 
 
 def test_segments_do_not_leak_into_each_other() -> None:

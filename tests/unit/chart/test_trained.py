@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import torch
 
-from lagsplat.chart.trained import require_trained
+from lagsplat.chart.chart import require_trained
 from tests.unit.evaluate.tiny_run import autoencoder, recording
 
 

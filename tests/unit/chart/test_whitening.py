@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from lagsplat.chart.whitening import fit_whitening
+from lagsplat.chart.visibility import fit_whitening
 
 
 def latents(n: int = 500, d: int = 3) -> np.ndarray:

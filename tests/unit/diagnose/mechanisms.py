@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from lagsplat.io.motion import Motion
+from lagsplat.io.trajectory.trajectory import Motion
 
 Force = Callable[[float, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 

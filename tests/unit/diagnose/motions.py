@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.linalg import expm
 
-from lagsplat.io.motion import Motion
+from lagsplat.io.trajectory.trajectory import Motion
 
 PERIOD_S = 1.1
 

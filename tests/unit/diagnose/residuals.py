@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from lagsplat.diagnose.smoother import Smoothed
-from lagsplat.io.motion import Motion
+from lagsplat.diagnose.residual.latent_force import Smoothed
+from lagsplat.io.trajectory.trajectory import Motion
 
 RATE_HZ = 60.0
 STD = 0.1

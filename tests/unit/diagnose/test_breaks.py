@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.breaks import cut_gaps, cut_jumps, drop_holds
-from lagsplat.diagnose.measurement_noise import measure_noise
-from lagsplat.diagnose.wrapping import unwrap
-from lagsplat.io.motion import Motion
+from lagsplat.diagnose.data_quality.checks import unwrap
+from lagsplat.diagnose.data_quality.discontinuities import cut_gaps, cut_jumps, drop_holds
+from lagsplat.diagnose.data_quality.noise import measure_noise
+from lagsplat.io.trajectory.trajectory import Motion
 from tests.unit.diagnose.motions import PERIOD_S, glued, swing
 
 

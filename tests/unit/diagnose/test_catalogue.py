@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.catalogue import Hints, catalogue, directions, instances, scales
-from lagsplat.diagnose.compare import Contest
-from lagsplat.diagnose.effects.effect import Force, InputChange
-from lagsplat.diagnose.hints import hints, lines
-from lagsplat.diagnose.reported import unit
-from lagsplat.diagnose.smoother import smooth
-from lagsplat.io.motion import Motion
+from lagsplat.diagnose.effects.base import Force, InputChange
+from lagsplat.diagnose.effects.registry import catalogue
+from lagsplat.diagnose.inference.placement import Hints, directions, hints, instances, lines, scales
+from lagsplat.diagnose.inference.problem import Contest
+from lagsplat.diagnose.inference.profile_likelihood import unit
+from lagsplat.diagnose.residual.latent_force import smooth
+from lagsplat.io.trajectory.trajectory import Motion
 from tests.unit.diagnose.residuals import made
 from tests.unit.diagnose.toys import OMEGA, contest, coupled, film, oscillator, own, wave
 

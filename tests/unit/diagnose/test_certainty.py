@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.catalogue import catalogue, scales, whole_scales
-from lagsplat.diagnose.compare import Contest, Explained
-from lagsplat.diagnose.effects.effect import Direction, Instance
-from lagsplat.diagnose.effects.external_periodic_force import repeating
-from lagsplat.diagnose.profile import POINTS, profiles
-from lagsplat.diagnose.reported import parameters, unit
-from lagsplat.diagnose.separability import separability
+from lagsplat.diagnose.effects.actuation.external_periodic_force import repeating
+from lagsplat.diagnose.effects.base import Direction, Instance
+from lagsplat.diagnose.effects.registry import catalogue
+from lagsplat.diagnose.inference.evidence import Explained
+from lagsplat.diagnose.inference.identifiability import separability
+from lagsplat.diagnose.inference.placement import scales, whole_scales
+from lagsplat.diagnose.inference.problem import Contest
+from lagsplat.diagnose.inference.profile_likelihood import POINTS, parameters, profiles, unit
 from tests.unit.diagnose.toys import contest, film, own, wave
 
 ALONG = Direction("q0", np.ones(1), 1.0, 0.0)

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lagsplat.diagnose.check import Checked, check
-from lagsplat.diagnose.finding import Finding
-from lagsplat.io.motion import Motion
+from lagsplat.diagnose.core.result import Finding
+from lagsplat.diagnose.data_quality.checks import Checked, check
+from lagsplat.io.trajectory.trajectory import Motion
 from tests.unit.diagnose.motions import PERIOD_S, glued, multisine, swing
 
 

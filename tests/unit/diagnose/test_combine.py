@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.catalogue import catalogue
-from lagsplat.diagnose.config import DiagnoseConfig
-from lagsplat.diagnose.diagnose import diagnose
-from lagsplat.diagnose.result import Diagnosis
-from lagsplat.diagnose.stand import Sim
-from lagsplat.io.motion import Motion
+from lagsplat.diagnose.core.config import DiagnoseConfig
+from lagsplat.diagnose.core.result import Diagnosis
+from lagsplat.diagnose.diagnosis import diagnose
+from lagsplat.diagnose.effects.registry import catalogue
+from lagsplat.diagnose.identification.estimated_simulator import Sim
+from lagsplat.io.trajectory.trajectory import Motion
 from tests.unit.diagnose.toys import film, oscillator, own, settings, wave
 
 RIVALS = (

@@ -9,18 +9,17 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from lagsplat.cli import main
-from lagsplat.diagnose.catalogue import catalogue
-from lagsplat.diagnose.check import Checked, Side
-from lagsplat.diagnose.coverage import BEYOND
-from lagsplat.diagnose.finding import Finding
-from lagsplat.diagnose.ladder import Perception
-from lagsplat.diagnose.measurement_noise import Noise
-from lagsplat.diagnose.result import Candidate, Diagnosis, Verdict
-from lagsplat.diagnose.stand import Sim
-from lagsplat.gap import UNSURE, as_seen, extrapolated, undecided
-from lagsplat.io.motion import Motion
-from lagsplat.pair import LAWLESS
+from lagsplat.cli.main import main
+from lagsplat.diagnose.core.result import Candidate, Diagnosis, Finding, Verdict
+from lagsplat.diagnose.data_quality.checks import Checked, Side
+from lagsplat.diagnose.data_quality.compatibility import BEYOND
+from lagsplat.diagnose.data_quality.noise import Noise
+from lagsplat.diagnose.effects.registry import catalogue
+from lagsplat.diagnose.identification.estimated_simulator import Sim
+from lagsplat.diagnose.residual.error_budget import Perception
+from lagsplat.io.trajectory.trajectory import Motion
+from lagsplat.pipelines.diagnosis import UNSURE, as_seen, extrapolated, undecided
+from lagsplat.pipelines.diagnosis_inputs import LAWLESS
 from tests.unit.diagnose.toys import film, oscillator, own, wave
 
 RIVALS = ("coulomb_friction", "quadratic_drag", "cubic_stiffness", "input_lag")

@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from lagsplat.diagnose.catalogue import instances
-from lagsplat.diagnose.compare import Contest, Explained, belief, log_evidence, pursue, screen
-from lagsplat.diagnose.effects.effect import Instance, Noise
-from lagsplat.diagnose.shoot import Fit, eliminate
+from lagsplat.diagnose.effects.base import Instance, Noise
+from lagsplat.diagnose.estimation.multiple_shooting import Fit, eliminate
+from lagsplat.diagnose.inference.evidence import Explained, log_evidence
+from lagsplat.diagnose.inference.model_selection import pursue
+from lagsplat.diagnose.inference.placement import instances
+from lagsplat.diagnose.inference.problem import Contest, belief
+from lagsplat.diagnose.inference.score_test import screen
 from tests.unit.diagnose.toys import contest, film, own, wave
 
 TRIED = (

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from lagsplat.diagnose.stand import correlation
+from lagsplat.diagnose.inference.problem import correlation
 
 RNG = np.random.default_rng(5)
 

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.constant_inputs import check_inputs
-from lagsplat.diagnose.coverage import BEYOND, check_coordinates, check_region
-from lagsplat.diagnose.finding import Finding, refuse
-from lagsplat.io.motion import Motion
+from lagsplat.diagnose.core.result import Finding, refuse
+from lagsplat.diagnose.data_quality.compatibility import BEYOND, check_coordinates, check_region
+from lagsplat.diagnose.data_quality.excitation_measures import check_inputs
+from lagsplat.io.trajectory.trajectory import Motion
 from tests.unit.diagnose.motions import multisine, swing
 
 FREE = swing(start=(1.0, 0.5))

@@ -5,15 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from lagsplat.diagnose.catalogue import catalogue, scales, whole_scales
-from lagsplat.diagnose.compare import Contest, Explained
-from lagsplat.diagnose.diagnose import diagnose
-from lagsplat.diagnose.doubt import FITTING, Doubt, doubt
-from lagsplat.diagnose.effects.effect import Direction, Instance
-from lagsplat.diagnose.exogenous import repeated
-from lagsplat.diagnose.loosened import rival
-from lagsplat.diagnose.select import Ranking
-from lagsplat.diagnose.stand import Sim
+from lagsplat.diagnose.diagnosis import diagnose
+from lagsplat.diagnose.effects.base import Direction, Instance
+from lagsplat.diagnose.effects.registry import catalogue
+from lagsplat.diagnose.identification.estimated_simulator import Sim
+from lagsplat.diagnose.inference.evidence import Explained
+from lagsplat.diagnose.inference.model_selection import Ranking
+from lagsplat.diagnose.inference.placement import scales, whole_scales
+from lagsplat.diagnose.inference.plausibility import FITTING, Doubt, doubt, repeated, rival
+from lagsplat.diagnose.inference.problem import Contest
 from tests.unit.diagnose.toys import GAIN, OMEGA, RATE, contest, film, oscillator, own, settings, wave
 
 U = wave(2)

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.driven_law import check_offset, explained_by_shift
-from lagsplat.diagnose.feedback import check_feedback, measure_feedback
-from lagsplat.io.motion import Motion
+from lagsplat.diagnose.data_quality.closed_loop import check_feedback, measure_feedback
+from lagsplat.diagnose.data_quality.time_alignment import check_offset, explained_by_shift
+from lagsplat.io.trajectory.trajectory import Motion
 from tests.unit.diagnose.motions import PERIOD_S, multisine, swing
 
 SLOW = 2.0 * np.pi * np.arange(1200) / 60.0

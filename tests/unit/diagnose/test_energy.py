@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.energy import Cycles, cycles, dissipation
-from lagsplat.diagnose.smoother import smooth
+from lagsplat.diagnose.residual.energy import Cycles, cycles, dissipation
+from lagsplat.diagnose.residual.latent_force import smooth
 from tests.unit.diagnose.mechanisms import Duffing, film
 
 FREE = Duffing(n_u=0, hard=0.0, damp=0.1)

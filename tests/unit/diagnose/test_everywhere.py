@@ -7,14 +7,16 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from lagsplat.diagnose.augmented import augment
-from lagsplat.diagnose.catalogue import Hints, instances
-from lagsplat.diagnose.compare import Contest, pursue, screen
-from lagsplat.diagnose.effects.effect import Instance
-from lagsplat.diagnose.play import Drive, play
-from lagsplat.diagnose.region import region_of
-from lagsplat.diagnose.reported import parameters
-from lagsplat.io.motion import Motion
+from lagsplat.diagnose.augmented.model import augment
+from lagsplat.diagnose.augmented.simulate import Drive, play
+from lagsplat.diagnose.effects.base import Instance
+from lagsplat.diagnose.estimation.dataset import region_of
+from lagsplat.diagnose.inference.model_selection import pursue
+from lagsplat.diagnose.inference.placement import Hints, instances
+from lagsplat.diagnose.inference.problem import Contest
+from lagsplat.diagnose.inference.profile_likelihood import parameters
+from lagsplat.diagnose.inference.score_test import screen
+from lagsplat.io.trajectory.trajectory import Motion
 from tests.unit.diagnose.toys import contest, coupled, wave
 
 FRICTION = np.array([1.5, 0.6])  # accelerations of each coordinate alone

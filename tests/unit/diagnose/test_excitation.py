@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.excitation import Excitation, excitation
-from lagsplat.diagnose.measurement_noise import measure_noise
-from lagsplat.io.motion import Motion
+from lagsplat.diagnose.data_quality.noise import measure_noise
+from lagsplat.diagnose.inference.excitation import Excitation, excitation
+from lagsplat.io.trajectory.trajectory import Motion
 from tests.unit.diagnose.motions import PERIOD_S, multisine, swing
 
 FAMILIES = """viscous_damping linear_stiffness mass_change constant_force input_gain cubic_stiffness

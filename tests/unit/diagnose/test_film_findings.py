@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.film_findings import camera_findings, camera_shift, keep_whole
-from lagsplat.io.recording import Recording
+from lagsplat.diagnose.imaging.video_checks import camera_findings, camera_shift, keep_whole
+from lagsplat.io.recording.recording import Recording
 from tests.unit.evaluate import tiny_run
 
 SIDE = 64

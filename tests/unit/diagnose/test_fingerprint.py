@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.fingerprint import fingerprint
+from lagsplat.diagnose.residual.components import fingerprint
 from tests.unit.diagnose.residuals import made
 
 LAWS = {

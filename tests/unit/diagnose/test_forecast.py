@@ -5,11 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.catalogue import scales
-from lagsplat.diagnose.compare import Contest, Explained
-from lagsplat.diagnose.effects import linear_stiffness
-from lagsplat.diagnose.effects.effect import Direction, Instance
-from lagsplat.diagnose.forecast import (
+from lagsplat.diagnose.effects.base import Direction, Instance
+from lagsplat.diagnose.effects.dynamics import linear_stiffness
+from lagsplat.diagnose.inference.evidence import Explained
+from lagsplat.diagnose.inference.holdout import (
     blocks_of,
     closure,
     diverged,
@@ -19,6 +18,8 @@ from lagsplat.diagnose.forecast import (
     hold_out,
     relative,
 )
+from lagsplat.diagnose.inference.placement import scales
+from lagsplat.diagnose.inference.problem import Contest
 from tests.unit.diagnose.toys import OMEGA, RATE, contest, film, own, wave
 
 PERIOD_S = 1.0

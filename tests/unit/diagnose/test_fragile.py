@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from lagsplat.diagnose.catalogue import catalogue
-from lagsplat.diagnose.diagnose import diagnose
-from lagsplat.diagnose.result import Diagnosis
-from lagsplat.diagnose.stand import Sim
+from lagsplat.diagnose.core.result import Diagnosis
+from lagsplat.diagnose.diagnosis import diagnose
+from lagsplat.diagnose.effects.registry import catalogue
+from lagsplat.diagnose.identification.estimated_simulator import Sim
 from tests.unit.diagnose.toys import film, oscillator, own, settings, wave
 
 

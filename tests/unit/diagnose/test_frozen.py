@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.breaks import cut_jumps
-from lagsplat.diagnose.catalogue import catalogue, whole_scales
-from lagsplat.diagnose.compare import Explained
-from lagsplat.diagnose.diagnose import diagnose
-from lagsplat.diagnose.doubt import doubt
-from lagsplat.diagnose.effects.effect import Instance
-from lagsplat.diagnose.frozen import frozen
-from lagsplat.diagnose.select import Ranking
-from lagsplat.diagnose.stand import Sim
-from lagsplat.io.motion import Motion
+from lagsplat.diagnose.data_quality.discontinuities import cut_jumps, frozen
+from lagsplat.diagnose.diagnosis import diagnose
+from lagsplat.diagnose.effects.base import Instance
+from lagsplat.diagnose.effects.registry import catalogue
+from lagsplat.diagnose.identification.estimated_simulator import Sim
+from lagsplat.diagnose.inference.evidence import Explained
+from lagsplat.diagnose.inference.model_selection import Ranking
+from lagsplat.diagnose.inference.placement import whole_scales
+from lagsplat.diagnose.inference.plausibility import doubt
+from lagsplat.io.trajectory.trajectory import Motion
 from tests.unit.diagnose.toys import contest, film, oscillator, settings, wave
 
 SIGMA = 0.005

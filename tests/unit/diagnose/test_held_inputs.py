@@ -7,8 +7,8 @@ import pandas as pd
 import pytest
 from scipy.integrate import solve_ivp
 
-from lagsplat.config import compose
-from lagsplat.pair import Pair, open_pair
+from lagsplat.config.compose import compose
+from lagsplat.pipelines.diagnosis_inputs import Pair, open_pair
 
 HZ, LAST_S = 40.0, 0.5
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.image_region import excess_error, image_region, localise
+from lagsplat.diagnose.imaging.localization import excess_error, image_region, localise
 
 RNG = np.random.default_rng(0)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from lagsplat.diagnose.ladder import (
+from lagsplat.diagnose.residual.error_budget import (
     chart_rung,
     forecast,
     forecast_rung,
@@ -13,7 +13,7 @@ from lagsplat.diagnose.ladder import (
     perception_rung,
     stage_shares,
 )
-from lagsplat.diagnose.smoother import smooth
+from lagsplat.diagnose.residual.latent_force import smooth
 from tests.unit.diagnose.mechanisms import Duffing, TwoLink, film
 
 

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lagsplat.diagnose.local_fit import fit_locally
-from lagsplat.io.motion import Motion
+from lagsplat.diagnose.data_quality.noise import fit_locally
+from lagsplat.io.trajectory.trajectory import Motion
 from tests.unit.diagnose.motions import swing
 
 

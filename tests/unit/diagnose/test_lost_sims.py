@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.hints import sought
-from lagsplat.diagnose.smoother import smooth
+from lagsplat.diagnose.inference.placement import sought
+from lagsplat.diagnose.residual.latent_force import smooth
 from tests.unit.diagnose.toys import film, oscillator, own, wave
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from lagsplat.diagnose.measurement_noise import measure_noise, quantisation_step
-from lagsplat.io.motion import Motion
+from lagsplat.diagnose.data_quality.noise import measure_noise, quantisation_step
+from lagsplat.io.trajectory.trajectory import Motion
 from tests.unit.diagnose.motions import PERIOD_S, multisine, swing
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.missing import Missing
+from lagsplat.diagnose.augmented.simulate import Missing
 from tests.oracle.test_augmented import sim
 
 Q, V, U = np.array([0.4]), np.array([2.0]), np.array([0.5])

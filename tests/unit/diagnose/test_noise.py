@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.noise import local_cubic, noise_level
-from lagsplat.diagnose.prepare import QUIET, prepare, rough_period_s
-from lagsplat.io.motion import Motion
+from lagsplat.diagnose.data_quality.natural_period import rough_period_s
+from lagsplat.diagnose.data_quality.noise import local_cubic, noise_level
+from lagsplat.diagnose.estimation.dataset import QUIET, prepare
+from lagsplat.io.trajectory.trajectory import Motion
 from tests.unit.diagnose.motions import PERIOD_S, swing
 
 CLIPS = np.array([[0, 60], [60, 100]])

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.forms import COEFFICIENTS
-from lagsplat.diagnose.nuisance import Nuisance, added, flat, stacked
+from lagsplat.diagnose.estimation.nuisance import Nuisance, added, flat, stacked
+from lagsplat.diagnose.mechanics.structure import COEFFICIENTS
 from tests.unit.diagnose.toys import coupled
 
 

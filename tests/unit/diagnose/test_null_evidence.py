@@ -2,9 +2,9 @@
 
 import pytest
 
-from lagsplat.diagnose.diagnose import diagnose
-from lagsplat.diagnose.null_evidence import null_evidence
-from lagsplat.diagnose.stand import Sim
+from lagsplat.diagnose.diagnosis import diagnose
+from lagsplat.diagnose.identification.estimated_simulator import Sim
+from lagsplat.diagnose.inference.recalibration import null_evidence
 from tests.unit.diagnose.toys import HARD, film, oscillator, settings, wave
 
 

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lagsplat.diagnose.period import natural_period_s, natural_periods_s
-from lagsplat.io.motion import Motion
+from lagsplat.diagnose.data_quality.natural_period import natural_period_s, natural_periods_s
+from lagsplat.io.trajectory.trajectory import Motion
 from tests.unit.diagnose.motions import PERIOD_S, multisine, swing
 
 TIME = np.arange(900) / 60.0

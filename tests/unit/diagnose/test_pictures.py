@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from lagsplat.diagnose.pictures import body_points, drawing_errors, drawn, evenly, measured
-from lagsplat.report.force_space import sideways
+from lagsplat.diagnose.imaging.rendering import body_points, drawing_errors, drawn, evenly, measured
+from lagsplat.report.figures.forces import sideways
 from tests.unit.evaluate import tiny_run
 from tests.unit.forces.solid import turning
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import torch
 
-from lagsplat.diagnose.python_sim import load_python, sample_python
-from lagsplat.diagnose.region import Region
+from lagsplat.diagnose.estimation.dataset import Region
+from lagsplat.diagnose.simulators.python_model import load_python, sample_python
 
 RNG = np.random.default_rng(0)
 

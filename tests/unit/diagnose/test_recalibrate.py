@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.diagnose import diagnose
-from lagsplat.diagnose.model import Model
-from lagsplat.diagnose.recalibrate import STEPS, form_of, recalibrated
-from lagsplat.diagnose.stand import Sim, held_to
+from lagsplat.diagnose.diagnosis import diagnose
+from lagsplat.diagnose.identification.estimated_simulator import Sim
+from lagsplat.diagnose.inference.problem import held_to
+from lagsplat.diagnose.inference.recalibration import STEPS, form_of, recalibrated
+from lagsplat.diagnose.mechanics.model import Model
 from tests.unit.diagnose.toys import HARD, RATE, film, oscillator, own, settings, wave
 
 

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lagsplat.diagnose.record import BREAK_S, Record, Windows, cut_windows, join
-from lagsplat.io.motion import Motion
+from lagsplat.diagnose.estimation.dataset import BREAK_S, Record, Windows, cut_windows, join
+from lagsplat.io.trajectory.trajectory import Motion
 
 
 def record(lengths: list[int], *, dt: float = 0.02) -> Record:

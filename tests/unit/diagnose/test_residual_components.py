@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from lagsplat.diagnose.observation import apparent_forces, noise_with_speed
-from lagsplat.diagnose.residual_components import components, explained, memory_index
-from lagsplat.diagnose.residual_features import FOLDS, GROUPS, features
-from lagsplat.diagnose.smoother import smooth
-from lagsplat.io.motion import Motion
+from lagsplat.diagnose.residual.components import components, explained, memory_index
+from lagsplat.diagnose.residual.features import FOLDS, GROUPS, features
+from lagsplat.diagnose.residual.latent_force import smooth
+from lagsplat.diagnose.residual.measurement_model import apparent_forces, noise_with_speed
+from lagsplat.io.trajectory.trajectory import Motion
 from tests.unit.diagnose.mechanisms import Duffing, TwoLink, film
 from tests.unit.diagnose.residuals import made
 

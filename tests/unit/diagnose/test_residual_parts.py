@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.residual_frequency import coherent_share, spectrum
-from lagsplat.diagnose.residual_region import regions
-from lagsplat.diagnose.residual_size import coordinate_shares
-from lagsplat.diagnose.residual_time import events
+from lagsplat.diagnose.residual.change_points import events
+from lagsplat.diagnose.residual.latent_force import coordinate_shares
+from lagsplat.diagnose.residual.spectrum import coherent_share, spectrum
+from lagsplat.diagnose.residual.state_maps import regions
 from tests.unit.diagnose.residuals import made
 
 

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.finding import Finding
-from lagsplat.diagnose.measurement_noise import Noise, measure_noise
-from lagsplat.diagnose.period import natural_period_s
-from lagsplat.diagnose.samples import check_length, check_samples, count_blocks
-from lagsplat.io.motion import Motion
+from lagsplat.diagnose.core.result import Finding
+from lagsplat.diagnose.data_quality.natural_period import natural_period_s
+from lagsplat.diagnose.data_quality.noise import Noise, measure_noise
+from lagsplat.diagnose.data_quality.sampling import check_length, check_samples, count_blocks
+from lagsplat.io.trajectory.trajectory import Motion
 from tests.unit.diagnose.motions import PERIOD_S, swing
 
 

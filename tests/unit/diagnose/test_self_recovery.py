@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.augmented import augment
-from lagsplat.diagnose.catalogue import catalogue
-from lagsplat.diagnose.diagnose import diagnose
-from lagsplat.diagnose.region import region_of
-from lagsplat.diagnose.result import Diagnosis
-from lagsplat.diagnose.stand import Sim
-from lagsplat.io.motion import Motion
+from lagsplat.diagnose.augmented.model import augment
+from lagsplat.diagnose.core.result import Diagnosis
+from lagsplat.diagnose.diagnosis import diagnose
+from lagsplat.diagnose.effects.registry import catalogue
+from lagsplat.diagnose.estimation.dataset import region_of
+from lagsplat.diagnose.identification.estimated_simulator import Sim
+from lagsplat.io.trajectory.trajectory import Motion
 from tests.unit.diagnose.toys import GAIN, HARD, OMEGA, film, oscillator, own, settings, wave
 
 RIVALS = (

@@ -3,7 +3,15 @@
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.shoot import Belief, Data, derivatives, eliminate, leading, penalty, shoot
+from lagsplat.diagnose.estimation.multiple_shooting import (
+    Belief,
+    Data,
+    derivatives,
+    eliminate,
+    leading,
+    penalty,
+    shoot,
+)
 
 T = 0.05 * np.arange(40)
 

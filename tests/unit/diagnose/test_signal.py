@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.effects import input_backlash, input_delay, input_lag, time_offset
-from lagsplat.diagnose.record import Record
-from lagsplat.diagnose.signal import signals, stage_times
+from lagsplat.diagnose.effects.actuation import input_backlash, input_delay, input_lag
+from lagsplat.diagnose.effects.measurement import time_offset
+from lagsplat.diagnose.estimation.dataset import Record, signals, stage_times
 
 TIME = np.array([0.0, 0.1, 0.25, 0.3, 0.0, 0.2, 0.3])
 U = np.array([1.0, 3.0, -2.0, 0.5, 10.0, 12.0, 11.0])

@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from lagsplat.diagnose.hidden_force import Record, Variances, _chain, estimate, most_likely
-from lagsplat.diagnose.linearise import Path, kinematic_steps, linear_steps
-from lagsplat.diagnose.mechanics import rest_inertia
-from lagsplat.diagnose.smoother import smooth
-from lagsplat.diagnose.timescale import rest_period_s
-from lagsplat.io.motion import Motion
+from lagsplat.diagnose.mechanics.model import rest_inertia, rest_period_s
+from lagsplat.diagnose.residual.latent_force import smooth
+from lagsplat.diagnose.residual.linearization import Path, kinematic_steps, linear_steps
+from lagsplat.diagnose.residual.state_space import Record, Variances, _chain, estimate, most_likely
+from lagsplat.io.trajectory.trajectory import Motion
 from tests.unit.diagnose.mechanisms import Chain, Duffing, TwoLink, film
 
 

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.sources import Source, find_sources, motion_of, read_sources
-from lagsplat.io.artefact import save_artefact
-from lagsplat.io.recording import Recording, save_recording
+from lagsplat.diagnose.simulators.sources import Source, find_sources, motion_of, read_sources
+from lagsplat.io.files.artifact import save_artefact
+from lagsplat.io.recording.recording import Recording, save_recording
 
 
 def kinds(argument: object) -> list[tuple[str, str]]:

@@ -6,11 +6,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from lagsplat.config import compose
-from lagsplat.diagnose.samples import REPEATED
-from lagsplat.diagnose.thin import averaged, thinned
-from lagsplat.io.motion import Motion
-from lagsplat.pair import open_pair
+from lagsplat.config.compose import compose
+from lagsplat.diagnose.data_quality.sampling import REPEATED, averaged, thinned
+from lagsplat.io.trajectory.trajectory import Motion
+from lagsplat.pipelines.diagnosis_inputs import open_pair
 
 
 def swing(rate_hz: float, *, hertz: float = 1.0, seconds: float = 8.0) -> Motion:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.effects.time_jitter import EFFECT
+from lagsplat.diagnose.effects.measurement.time_jitter import EFFECT
 
 STD = 0.03  # of a frame
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.basis import polynomial
-from lagsplat.diagnose.forms import COEFFICIENTS
-from lagsplat.diagnose.model import Model
-from lagsplat.diagnose.uncoupled import uncoupled
+from lagsplat.diagnose.identification.structure_search import uncoupled
+from lagsplat.diagnose.mechanics.basis import polynomial
+from lagsplat.diagnose.mechanics.model import Model
+from lagsplat.diagnose.mechanics.structure import COEFFICIENTS
 
 STIFF = np.array([[140.0, -60.0], [-60.0, 100.0]])
 

@@ -5,15 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.catalogue import catalogue
-from lagsplat.diagnose.compare import Explained
-from lagsplat.diagnose.doubt import Doubt
-from lagsplat.diagnose.effects.effect import Instance, Scales
-from lagsplat.diagnose.prior import HalfNormal, Normal
-from lagsplat.diagnose.select import Ranking
-from lagsplat.diagnose.shoot import Fit
-from lagsplat.diagnose.standing import standings
-from lagsplat.diagnose.verdict import ROUGH, SURE, WIDER, equivalents, interval, judge
+from lagsplat.diagnose.effects.base import HalfNormal, Instance, Normal, Scales
+from lagsplat.diagnose.effects.registry import catalogue
+from lagsplat.diagnose.estimation.multiple_shooting import Fit
+from lagsplat.diagnose.inference.evidence import Explained
+from lagsplat.diagnose.inference.model_selection import Ranking
+from lagsplat.diagnose.inference.plausibility import Doubt
+from lagsplat.diagnose.inference.posterior import ROUGH, SURE, WIDER, equivalents, interval, judge, standings
 from tests.unit.diagnose.toys import settings
 
 FREEDOM = 1000.0

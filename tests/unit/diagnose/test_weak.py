@@ -4,12 +4,20 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from lagsplat.diagnose.basis import polynomial, with_angles
-from lagsplat.diagnose.forms import bases, degrees, enlarged, free_directions, grown, moved
-from lagsplat.diagnose.model import Model
-from lagsplat.diagnose.nuisance import flat
-from lagsplat.diagnose.record import Record
-from lagsplat.diagnose.weak import Form, model_of, observe, regressors, solve
+from lagsplat.diagnose.estimation.dataset import Record
+from lagsplat.diagnose.estimation.nuisance import flat
+from lagsplat.diagnose.identification.weak_form import model_of, observe, regressors, solve
+from lagsplat.diagnose.mechanics.basis import polynomial, with_angles
+from lagsplat.diagnose.mechanics.model import Model
+from lagsplat.diagnose.mechanics.structure import (
+    Form,
+    bases,
+    degrees,
+    enlarged,
+    free_directions,
+    grown,
+    moved,
+)
 from tests.unit.diagnose.toys import GAIN, HARD, OMEGA, RATE, coupled, film, oscillator, wave
 
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.where import Where, locate
-from lagsplat.io.motion import Motion
+from lagsplat.diagnose.residual.localization import Where, locate
+from lagsplat.io.trajectory.trajectory import Motion
 from tests.unit.diagnose.mechanisms import Chain, Duffing, TwoLink, film
 
 

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.compare import Contest, Explained
-from lagsplat.diagnose.select import Effort
-from lagsplat.diagnose.stand import correlation
-from lagsplat.diagnose.widened import widened
+from lagsplat.diagnose.inference.evidence import Explained
+from lagsplat.diagnose.inference.model_selection import Effort
+from lagsplat.diagnose.inference.problem import Contest, correlation
+from lagsplat.diagnose.inference.robustness import widened
 from tests.unit.diagnose.toys import contest, film, own, settings, wave
 
 

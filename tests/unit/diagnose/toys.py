@@ -6,13 +6,13 @@ from functools import cache
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from lagsplat.config import compose
-from lagsplat.diagnose.basis import polynomial, with_angles
-from lagsplat.diagnose.compare import Contest
-from lagsplat.diagnose.config import DiagnoseConfig
-from lagsplat.diagnose.model import Model
-from lagsplat.diagnose.stand import Sim, stand
-from lagsplat.io.motion import Motion
+from lagsplat.config.compose import compose
+from lagsplat.diagnose.core.config import DiagnoseConfig
+from lagsplat.diagnose.identification.estimated_simulator import Sim
+from lagsplat.diagnose.inference.problem import Contest, stand
+from lagsplat.diagnose.mechanics.basis import polynomial, with_angles
+from lagsplat.diagnose.mechanics.model import Model
+from lagsplat.io.trajectory.trajectory import Motion
 
 OMEGA, RATE, GAIN = 2.0 * np.pi, 0.3, 8.0
 """Natural angular frequency [1/s], damping rate [1/s] and gain of the input of the oscillator."""

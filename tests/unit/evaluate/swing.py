@@ -7,8 +7,8 @@ import torch
 from omegaconf import OmegaConf
 
 from lagsplat.chart.chart import Chart
-from lagsplat.evaluate.extrapolation_config import ExtrapolationConfig
-from lagsplat.io.recording import Recording
+from lagsplat.evaluate.config import ExtrapolationConfig
+from lagsplat.io.recording.recording import Recording
 from lagsplat.stage1.autoencoder import Autoencoder
 from lagsplat.stage1.fit import fit_autoencoder
 from lagsplat.stage2.lagrangian import Lagrangian

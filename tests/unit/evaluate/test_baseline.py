@@ -6,10 +6,17 @@ import torch
 
 from lagsplat.baselines.fit import architecture_of
 from lagsplat.baselines.model import Baseline
-from lagsplat.evaluate.baseline import evaluate_baseline, held_out_of, modes_of, velocities_of
+from lagsplat.evaluate.baseline import (
+    accelerated,
+    evaluate_baseline,
+    held_out_of,
+    modes_of,
+    pulled_back,
+    reach,
+    velocities_of,
+)
 from lagsplat.evaluate.evaluate import evaluate, recorded
 from lagsplat.evaluate.protocol import initial_states
-from lagsplat.forces.of_baselines import accelerated, pulled_back, reach
 from tests.unit.baselines.problems import architecture
 from tests.unit.baselines.problems import settings as baseline_settings
 from tests.unit.evaluate import tiny_run

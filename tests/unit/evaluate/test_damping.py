@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from lagsplat.evaluate.damping import compare_decay
-from lagsplat.evaluate.free import free_windows
+from lagsplat.evaluate.free_motion import compare_decay, free_windows
 from tests.unit.evaluate.stand_ins import integrate, settings, world
 
 

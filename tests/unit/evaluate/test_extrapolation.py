@@ -7,24 +7,36 @@ import pytest
 import torch
 from scipy.linalg import expm
 
-from lagsplat.baselines.keypoints.model import Forecaster, architecture_of
-from lagsplat.baselines.keypoints.scene import scatter
-from lagsplat.baselines.neural.model import NeuralOde
-from lagsplat.evaluate.crossing import crossing_clip
+from lagsplat.baselines.keypoints.model import Forecaster, architecture_of, scatter
+from lagsplat.baselines.neural_ode import NeuralOde
 from lagsplat.evaluate.evaluate import renderer
-from lagsplat.evaluate.extrapolate_ode import extrapolate_ode
-from lagsplat.evaluate.extrapolate_pictures import (
+from lagsplat.evaluate.extrapolation.forecast import (
+    aligned_psnr,
+    decibels,
+    extrapolate_ode,
+    extrapolate_run,
+    extrapolation,
+    fitted_start,
+    free_rollouts,
+    held_out_psnr,
+    law_predictor,
+    looked_at,
+    open_scene,
+)
+from lagsplat.evaluate.extrapolation.images import (
     PicturePredictor,
     extrapolate_forecaster,
     extrapolate_frames,
 )
-from lagsplat.evaluate.extrapolate_run import extrapolate_run, free_rollouts
-from lagsplat.evaluate.extrapolation import extrapolation, looked_at, open_scene
-from lagsplat.evaluate.in_range import read, told
-from lagsplat.evaluate.mechanical_energy import energy_along
-from lagsplat.evaluate.oscillation import amplitude, compare_oscillations, oscillation
-from lagsplat.evaluate.predictor import fitted_start, law_predictor
-from lagsplat.evaluate.psnr import aligned_psnr, decibels, held_out_psnr
+from lagsplat.evaluate.extrapolation.oscillation import (
+    amplitude,
+    compare_oscillations,
+    oscillation,
+    read,
+    told,
+)
+from lagsplat.evaluate.forces.known_forces import energy_along
+from lagsplat.evaluate.forecast import crossing_clip
 from tests.unit.baselines import key_points
 from tests.unit.evaluate import swing
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lagsplat.evaluate.floor import autoencoder_floor, image_errors
+from lagsplat.evaluate.forecast import autoencoder_floor, image_errors
 from tests.unit.evaluate.stand_ins import render, world
 
 

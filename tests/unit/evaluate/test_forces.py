@@ -6,16 +6,13 @@ import numpy as np
 import pytest
 import torch
 
-from lagsplat.config import compose
-from lagsplat.evaluate.force_energies import energy_spans
-from lagsplat.evaluate.force_invariants import centre_of_rotation, force_invariants
-from lagsplat.evaluate.force_motion import at_once, easiest, in_time
-from lagsplat.evaluate.force_truth import alike, compare, grips_at, matter
-from lagsplat.evaluate.forces import reader
-from lagsplat.evaluate.pokes import Pokes, poke
-from lagsplat.forces.grip import brush
-from lagsplat.forces.held import Held
-from lagsplat.forces.scale import NoScaleError, energy_scale
+from lagsplat.config.compose import compose
+from lagsplat.evaluate.forces.accuracy import alike, compare, grips_at, matter
+from lagsplat.evaluate.forces.invariants import centre_of_rotation, force_invariants
+from lagsplat.evaluate.forces.known_forces import Pokes, energy_spans, poke
+from lagsplat.evaluate.forces.motion import at_once, easiest, in_time, reader
+from lagsplat.forces.equilibrium import Held, NoScaleError, energy_scale
+from lagsplat.forces.grasp import brush
 from lagsplat.systems.pushable import Pushable
 from tests.unit.evaluate.tiny_run import FREQUENCY_HZ, RATE_PER_S
 from tests.unit.forces.rocking import CONTACT, hanging, rocking

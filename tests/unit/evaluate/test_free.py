@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lagsplat.evaluate.free import free_segments, free_windows
+from lagsplat.evaluate.free_motion import free_segments, free_windows
 from tests.unit.evaluate.stand_ins import DT_S, cut, integrate, settings, world
 
 

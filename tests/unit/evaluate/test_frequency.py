@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from lagsplat.evaluate.free import free_windows
-from lagsplat.evaluate.frequency import FITTED, SPECTRAL, compare_frequency
+from lagsplat.evaluate.free_motion import FITTED, SPECTRAL, compare_frequency, free_windows
 from tests.unit.evaluate.stand_ins import DT_S, integrate, settings, world
 
 

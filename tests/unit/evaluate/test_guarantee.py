@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from lagsplat.evaluate.guarantee import guarantee, guarantee_of
-from lagsplat.report.guarantees import guarantee_table
+from lagsplat.report.tables.learned_physics import guarantee_table
 from lagsplat.stage2.lagrangian import Lagrangian
 from tests.stage2_problems import random_lagrangian
 from tests.unit.evaluate import swing, tiny_run

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lagsplat.evaluate.horizon import error_along
+from lagsplat.evaluate.forecast import error_along
 from tests.unit.evaluate.stand_ins import DT_S, integrate, render, settings, world
 
 

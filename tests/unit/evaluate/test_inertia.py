@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from lagsplat.evaluate.inertia import inertia_along
+from lagsplat.evaluate.truth import inertia_along
 from tests.unit.evaluate import tiny_run
 
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import torch
 
-from lagsplat.evaluate.sides import draw_side, score_sides
-from lagsplat.io.recording import Recording
-from lagsplat.report.sides import draw_sides
+from lagsplat.evaluate.novel_views import draw_side, score_sides
+from lagsplat.io.recording.recording import Recording
+from lagsplat.report.figures.reconstruction import draw_sides
 from lagsplat.stage1.autoencoder import Autoencoder, encode_frames
-from lagsplat.stage1.footage import Footage
-from lagsplat.stage1.initialize import initialize
+from lagsplat.stage1.gaussian_initialization import initialize
+from lagsplat.stage1.training_data import Footage
 from lagsplat.views.novel import NovelViews
 from tests.unit.stage1.problems import small_config
 from tests.unit.stage1.solid import SUPERVISION, swinging_ball

@@ -6,12 +6,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from lagsplat.evaluate.damping import compare_decay, linear_modes
 from lagsplat.evaluate.evaluate import integrator
-from lagsplat.evaluate.free import free_windows
-from lagsplat.evaluate.polynomial import fit_polynomial
+from lagsplat.evaluate.free_motion import compare_decay, free_windows, linear_modes
 from lagsplat.evaluate.protocol import held_out
-from lagsplat.evaluate.truth import compare_with_truth
+from lagsplat.evaluate.truth import compare_with_truth, fit_polynomial
 from tests.unit.evaluate import tiny_run
 from tests.unit.evaluate.stand_ins import settings
 

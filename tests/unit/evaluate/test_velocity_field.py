@@ -4,9 +4,15 @@ import numpy as np
 import pytest
 import torch
 
-from lagsplat.evaluate.velocity_field import Moment, background_of, fastest_moment, velocity_field
-from lagsplat.evaluate.velocity_maps import load_maps, save_maps
-from lagsplat.stage1.field import CONDITIONED, Field, begin_field
+from lagsplat.evaluate.velocity_field import (
+    Moment,
+    background_of,
+    fastest_moment,
+    load_maps,
+    save_maps,
+    velocity_field,
+)
+from lagsplat.stage1.deformation_decoder import CONDITIONED, Field, begin_field
 from tests.unit.evaluate import swing
 from tests.unit.stage1.problems import small_config, swinging_bar
 from tests.unit.stage1.test_field import LATENTS, settings

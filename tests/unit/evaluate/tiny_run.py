@@ -5,7 +5,7 @@ import torch
 
 from lagsplat.chart.chart import Chart, fit_chart
 from lagsplat.chart.config import ChartConfig
-from lagsplat.io.recording import Recording
+from lagsplat.io.recording.recording import Recording
 from lagsplat.stage1.autoencoder import Autoencoder
 from lagsplat.stage2.config import FormConfig
 from lagsplat.stage2.lagrangian import Coefficients, Floors, Lagrangian

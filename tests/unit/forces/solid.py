@@ -4,7 +4,7 @@ import numpy as np
 import torch
 
 from lagsplat.chart.chart import Chart
-from lagsplat.forces.held import Held, hold
+from lagsplat.forces.equilibrium import Held, hold
 from lagsplat.stage1.autoencoder import Autoencoder
 from tests.unit.evaluate.tiny_run import lagrangian
 

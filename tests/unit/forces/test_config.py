@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from lagsplat.config import compose
+from lagsplat.config.compose import compose
 
 FORCES = compose().forces
 

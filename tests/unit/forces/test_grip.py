@@ -5,9 +5,8 @@ import math
 import pytest
 import torch
 
-from lagsplat.forces.grip import NothingThereError, brush, nearest
-from lagsplat.forces.kinematics import Kinematics, kinematics_of
-from lagsplat.stage2.induced import DecoderGeometry
+from lagsplat.forces.grasp import Kinematics, NothingThereError, brush, kinematics_of, nearest
+from lagsplat.stage2.decoder_mass import DecoderGeometry
 from tests.unit.evaluate.tiny_run import autoencoder, chart, recording
 
 STILL = torch.zeros(1, dtype=torch.float64)

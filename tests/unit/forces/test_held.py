@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from lagsplat.forces.grip import brush
+from lagsplat.forces.grasp import brush
 from tests.unit.forces.rocking import rocking
 
 

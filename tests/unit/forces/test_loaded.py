@@ -5,7 +5,7 @@ import math
 import pytest
 import torch
 
-from lagsplat.forces.loaded import Edits, Loaded
+from lagsplat.forces.loaded_lagrangian import Edits, Loaded
 from tests.stage2_problems import random_lagrangian
 
 

@@ -2,8 +2,7 @@
 
 import torch
 
-from lagsplat.forces.outline import outlined
-from lagsplat.forces.scene import scene_at
+from lagsplat.forces.moving_parts import outlined, scene_at
 from tests.unit.forces.rocking import rocking
 
 

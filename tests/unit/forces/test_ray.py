@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 import torch
 
-from lagsplat.evaluate.force_space import across, push_in_space
+from lagsplat.evaluate.forces.motion import across, push_in_space
 from lagsplat.forces.config import ForcesConfig
-from lagsplat.forces.grip import NothingThereError, brush, hold_of
-from lagsplat.forces.held import Held
-from lagsplat.forces.ray import cast
-from lagsplat.report.force_space import draw_space_push, sideways
+from lagsplat.forces.equilibrium import Held
+from lagsplat.forces.grasp import NothingThereError, brush, cast, hold_of
+from lagsplat.report.figures.forces import draw_space_push, sideways
 from lagsplat.splat.projection import View, view_of
 from tests.unit.forces.rocking import rocking
 from tests.unit.forces.solid import FOCAL, FRONT, HEIGHT, WALL, WIDTH, turning

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lagsplat.forces.scene import Scene, background_points, hanging_points, lever_points, scene_at
+from lagsplat.forces.moving_parts import Scene, background_points, hanging_points, lever_points, scene_at
 from tests.unit.forces.rocking import CLAMP, CONTACT, hanging, rocking
 
 

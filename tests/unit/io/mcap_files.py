@@ -18,7 +18,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from lagsplat.io.config import McapConfig, McapInputConfig
-from lagsplat.io.mcap_write import NumberTopic, PictureTopic, write_mcap
+from lagsplat.io.mcap.write import NumberTopic, PictureTopic, write_mcap
 
 START_NS = 1_700_000_000_000_000_000
 NAMES = ("shoulder", "elbow")

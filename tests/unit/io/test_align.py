@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lagsplat.io.align import Log, align
+from lagsplat.io.recording.alignment import Log, align
 
 FRAMES = np.arange(0.0, 2.0, 0.1)
 

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lagsplat.io import archive as module
-from lagsplat.io.archive import fetch_member
 from lagsplat.io.config import ArchiveConfig
+from lagsplat.io.files import download as module
+from lagsplat.io.files.download import fetch_member
 
 CONTENT = {
     "processed/one.npz": np.random.default_rng(1).bytes(300_000),

@@ -9,7 +9,7 @@ import pytest
 import torch
 from safetensors.numpy import save_file
 
-from lagsplat.io.artefact import load_artefact, read_header, save_artefact
+from lagsplat.io.files.artifact import load_artefact, read_header, save_artefact
 
 HEADER = {"kind": "chart", "schema": 2}
 

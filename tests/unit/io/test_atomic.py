@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from lagsplat.io import atomic
-from lagsplat.io.atomic import replacing, write_text
+from lagsplat.io.files import atomic
+from lagsplat.io.files.atomic import replacing, write_text
 
 
 def test_content_appears_at_once_and_folders_are_made(tmp_path: Path) -> None:

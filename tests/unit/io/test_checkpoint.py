@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from lagsplat.io.checkpoint import load_checkpoint, save_checkpoint
+from lagsplat.io.files.checkpoint import load_checkpoint, save_checkpoint
 
 
 def test_a_state_comes_back_to_the_run_that_saved_it(tmp_path: Path) -> None:

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from lagsplat.io.checksum import sha256_of
+from lagsplat.io.files.atomic import sha256_of
 
 
 def test_known_sum(tmp_path: Path) -> None:

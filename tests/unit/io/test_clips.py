@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from lagsplat.io.clips import find_clips
+from lagsplat.io.video.clips import find_clips
 
 
 def fill(folder: Path, *names: str) -> Path:

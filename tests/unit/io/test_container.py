@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from lagsplat.io.container import missing_bytes
+from lagsplat.io.video.decode import missing_bytes
 
 
 def box(kind: bytes, content: bytes, *, size: int | None = None) -> bytes:

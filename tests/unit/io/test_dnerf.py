@@ -7,8 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from lagsplat.io.dnerf import LISTING, write_dnerf
-from lagsplat.io.predicted_frames import read_predicted
+from lagsplat.io.video.image_sequence import LISTING, read_predicted, write_dnerf
 
 FRAMES = np.random.default_rng(0).integers(0, 256, size=(12, 6, 8, 3), dtype=np.uint8)
 

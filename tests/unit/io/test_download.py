@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from lagsplat.io import download as module
-from lagsplat.io.download import ATTEMPTS, download
+from lagsplat.io.files import download as module
+from lagsplat.io.files.download import ATTEMPTS, download
 
 
 class Interruption(Exception):

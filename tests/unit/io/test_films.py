@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 import pytest
 
-from lagsplat.io.background import background_path
-from lagsplat.io.video import CLIP_GAP_S, read_video
+from lagsplat.io.video.read import CLIP_GAP_S, read_video
+from lagsplat.video_quality.camera_motion import background_path
 from tests.films import RATE, index_first, swing, tag_rotation, write_film
 
 

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lagsplat.io.footage import Footage, check_footage
-from lagsplat.io.thumbnails import Thumbnails
+from lagsplat.video_quality.assessment import Footage, check_footage
+from lagsplat.video_quality.frames import Thumbnails
 from tests.films import PERIOD_S, RATE, swing
 
 

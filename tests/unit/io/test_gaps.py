@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from lagsplat.io.gaps import cut_at_gaps
-from lagsplat.io.recording import Recording
+from lagsplat.io.recording.recording import Recording
+from lagsplat.io.recording.segments import cut_at_gaps
 
 
 def recording(steps: list[float], *segments: tuple[int, int]) -> Recording:

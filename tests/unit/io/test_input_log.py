@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lagsplat.io.input_log import read_input_log
+from lagsplat.io.trajectory.inputs import read_input_log
 
 
 def test_times_and_inputs_in_their_order(tmp_path: Path) -> None:

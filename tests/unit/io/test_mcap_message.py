@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
-from lagsplat.io.mcap_message import Decoders, number_at, number_paths, stamp_ns
-from lagsplat.io.mcap_stream import whole_messages
+from lagsplat.io.mcap.messages import Decoders, number_at, number_paths, stamp_ns
+from lagsplat.io.mcap.recovery import whole_messages
 from tests.unit.io.mcap_files import NAMES, START_NS, WRITERS, take
 
 WRENCH = {

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from lagsplat.io.mcap_picture import COMPRESSED, LAYOUTS, RAW, VIDEO, message_kind, picture_of
+from lagsplat.io.mcap.images import COMPRESSED, LAYOUTS, RAW, VIDEO, message_kind, picture_of
 
 RNG = np.random.default_rng(0)
 RGB = RNG.integers(0, 256, (4, 6, 3), np.uint8)

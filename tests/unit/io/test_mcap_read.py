@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from lagsplat.io.config import McapInputConfig
-from lagsplat.io.mcap_read import read_mcap
-from lagsplat.io.recording import Recording
+from lagsplat.io.mcap.recording import read_mcap
+from lagsplat.io.recording.recording import Recording
 from tests.unit.io.mcap_files import (
     START_NS,
     WRITERS,

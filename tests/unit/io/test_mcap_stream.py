@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from mcap.writer import CompressionType, Writer
 
-from lagsplat.io.mcap_stream import whole_messages
+from lagsplat.io.mcap.recovery import whole_messages
 
 N = 300
 

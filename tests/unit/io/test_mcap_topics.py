@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lagsplat.config import compose
-from lagsplat.io.mcap_topics import survey
+from lagsplat.config.compose import compose
+from lagsplat.io.mcap.recording import survey
 from lagsplat.io.read import read_recording
-from lagsplat.report.log import describe_log, suggested
+from lagsplat.report.inspection import describe_log, suggested
 from tests.unit.io.mcap_files import START_NS, WRITERS, by_json, by_rosbags, json_take, take
 
 

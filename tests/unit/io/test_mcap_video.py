@@ -11,8 +11,8 @@ import pytest
 from foxglove.channels import CompressedVideoChannel
 from foxglove.messages import CompressedVideo, Timestamp
 
-from lagsplat.io.mcap_read import read_mcap
-from lagsplat.io.mcap_video import PacketFile
+from lagsplat.io.mcap.images import PacketFile
+from lagsplat.io.mcap.recording import read_mcap
 from tests.unit.io.mcap_files import topics
 
 N = 12

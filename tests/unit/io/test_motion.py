@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lagsplat.io.motion import Motion, read_motion
+from lagsplat.io.trajectory.trajectory import Motion, read_motion
 
 TIDY = "t,q0,u0\n0.0,1.0,0.5\n0.1,2.0,0.25\n0.2,3.0,-1e-3\n"
 

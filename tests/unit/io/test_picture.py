@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from lagsplat.io.overlap import overlapped
-from lagsplat.io.picture import average_areas, shape_picture, turn_picture
+from lagsplat.io.video.decode import overlapped
+from lagsplat.video_quality.frames import average_areas, shape_picture, turn_picture
 
 
 def noise(rows: int, columns: int) -> np.ndarray:

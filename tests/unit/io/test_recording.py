@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lagsplat.io.artefact import load_artefact, save_artefact
-from lagsplat.io.recording import SCHEMA, Recording, load_recording, save_recording
+from lagsplat.io.files.artifact import load_artefact, save_artefact
+from lagsplat.io.recording.recording import SCHEMA, Recording, load_recording, save_recording
 
 
 @pytest.fixture

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import torch
 
-from lagsplat.io.restore import restore
+from lagsplat.io.files.artifact import restore
 
 
 def test_weights_come_back_and_those_of_another_layout_are_refused_by_name() -> None:

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from lagsplat.io.recording import Recording
-from lagsplat.io.spans import cut_spans
+from lagsplat.io.recording.recording import Recording
+from lagsplat.io.recording.segments import cut_spans
 
 
 @pytest.fixture

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from lagsplat.io.config import SplitConfig
-from lagsplat.io.recording import Recording
-from lagsplat.io.split import divide
+from lagsplat.io.recording.recording import Recording
+from lagsplat.io.recording.segments import divide
 
 
 def recording(n: int, *segments: tuple[int, int]) -> Recording:

@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 import pytest
 
-from lagsplat.io import video
-from lagsplat.io.video import read_video
+from lagsplat.io.video import read as video
+from lagsplat.io.video.read import read_video
 
 N, RATE = 20, 25.0
 TAGS = {".mkv": "FFV1", ".avi": "FFV1", ".mp4": "mp4v"}

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from lagsplat.io.weights import load_weights
+from lagsplat.io.files.checkpoint import load_weights
 
 
 class Runs:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from lagsplat.diagnose.result import Block, Candidate, Diagnosis, Gap, Interval, Parameter
+from lagsplat.diagnose.core.result import Block, Candidate, Diagnosis, Gap, Interval, Parameter
 
 OMEGA = 2.0 * np.pi / 1.2
 FRICTION = 0.8

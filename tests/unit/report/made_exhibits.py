@@ -4,15 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lagsplat.diagnose.fingerprint import Fingerprint
-from lagsplat.diagnose.profile import Profile
-from lagsplat.diagnose.separability import Separability
-from lagsplat.report.diagnosis_exhibits import (
-    Exhibits,
-    Film,
-    PictureForce,
-    PictureGap,
-)
+from lagsplat.diagnose.inference.identifiability import Separability
+from lagsplat.diagnose.inference.profile_likelihood import Profile
+from lagsplat.diagnose.residual.components import Fingerprint
+from lagsplat.report.diagnosis.content import Exhibits, Film, PictureForce, PictureGap
 from tests.unit.report import made_diagnoses
 
 

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from lagsplat.report.against_truth import COLUMNS, latex_truth, truth_table
+from lagsplat.report.tables.learned_physics import TRUTH_COLUMNS, latex_truth, truth_table
 from tests.unit.report.test_tables import names
 
 
@@ -27,7 +27,7 @@ def table():
 
 
 def test_a_row_for_each_system_and_quantity_and_none_without_truth(table):
-    assert tuple(table.columns[:5]) == COLUMNS == ("system", "quantity", "learned", "truth", "error")
+    assert tuple(table.columns[:5]) == TRUTH_COLUMNS == ("system", "quantity", "learned", "truth", "error")
     assert table["system"].tolist() == ["pendulum"] * 2 + ["rocking_chair"] * 2
     with pytest.raises(ValueError, match="no run has a truth"):
         truth_table([names(0, recording="filmed")], [{}])

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from lagsplat.report.baseline_rows import with_baselines
-from lagsplat.report.tables import benchmark_table, latex_table
+from lagsplat.report.tables.benchmark import benchmark_table, latex_table, with_baselines
 from tests.unit.report.test_tables import names, run
 
 

@@ -10,16 +10,15 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.result import Interval
-from lagsplat.report.diagnosis_exhibits import Exhibits
-from lagsplat.report.diagnosis_figures import draw_all
-from lagsplat.report.diagnosis_ladder import draw_waterfall
-from lagsplat.report.diagnosis_matrices import draw_separability
-from lagsplat.report.diagnosis_picture import SIDE, draw_picture, film_uri
-from lagsplat.report.diagnosis_time import draw_side_by_side, draw_time_strip
-from lagsplat.report.inline_svg import inline_svg
-from lagsplat.report.rounding import percent
-from lagsplat.report.style import save_figure
+from lagsplat.diagnose.core.result import Interval
+from lagsplat.report.common.latex import percent
+from lagsplat.report.common.style import save_figure
+from lagsplat.report.diagnosis.content import Exhibits
+from lagsplat.report.diagnosis.figure_hypotheses import draw_separability, draw_waterfall
+from lagsplat.report.diagnosis.figure_residual import draw_side_by_side, draw_time_strip
+from lagsplat.report.diagnosis.figure_state import SIDE, draw_picture, film_uri
+from lagsplat.report.diagnosis.figures import draw_all
+from lagsplat.report.diagnosis.inline_svg import inline_svg
 from tests.unit.report import made_diagnoses, made_exhibits
 
 KINDS = made_diagnoses.every_kind()

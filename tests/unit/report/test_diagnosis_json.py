@@ -7,11 +7,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from lagsplat.diagnose.result import Block
-from lagsplat.report.diagnosis_json import diagnosis_content, load_diagnosis, save_diagnosis
-from lagsplat.report.diagnosis_rollouts import load_rollouts, rollouts_table, save_rollouts
-from lagsplat.report.diagnosis_schema import check_diagnosis
-from lagsplat.report.plain_data import plain
+from lagsplat.diagnose.core.result import Block
+from lagsplat.report.common.published_values import plain
+from lagsplat.report.diagnosis.content import load_rollouts, rollouts_table, save_rollouts
+from lagsplat.report.diagnosis.serialization import (
+    check_diagnosis,
+    diagnosis_content,
+    load_diagnosis,
+    save_diagnosis,
+)
 from tests.unit.report import made_diagnoses
 
 KINDS = made_diagnoses.every_kind()

@@ -2,8 +2,8 @@
 
 import pytest
 
-from lagsplat.diagnose.result import Candidate
-from lagsplat.report.diagnosis_names import place, titled
+from lagsplat.diagnose.core.result import Candidate
+from lagsplat.report.diagnosis.summary import place, titled
 
 
 @pytest.mark.parametrize(

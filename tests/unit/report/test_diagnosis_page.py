@@ -6,9 +6,9 @@ from html.parser import HTMLParser
 
 import pytest
 
-from lagsplat.report.diagnosis_exhibits import Exhibits
-from lagsplat.report.diagnosis_page import diagnosis_page, save_page
-from lagsplat.report.diagnosis_text import paragraph
+from lagsplat.report.diagnosis.content import Exhibits
+from lagsplat.report.diagnosis.html import diagnosis_page, save_page
+from lagsplat.report.diagnosis.summary import paragraph
 from tests.unit.report import made_diagnoses, made_exhibits
 
 KINDS = made_diagnoses.every_kind()

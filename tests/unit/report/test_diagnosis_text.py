@@ -8,11 +8,18 @@ from pkgutil import iter_modules
 import pytest
 
 from lagsplat.diagnose import effects
-from lagsplat.diagnose.result import Candidate, Interval
-from lagsplat.report.diagnosis_names import chosen, estimates, place, shares_of_closure
-from lagsplat.report.diagnosis_text import DOUBTS, headline, paragraph
-from lagsplat.report.effect_words import WORDS, words_of
-from lagsplat.report.rounding import percent
+from lagsplat.diagnose.core.result import Candidate, Interval
+from lagsplat.diagnose.effects.descriptions import WORDS, words_of
+from lagsplat.report.common.latex import percent
+from lagsplat.report.diagnosis.summary import (
+    DOUBTS,
+    chosen,
+    estimates,
+    headline,
+    paragraph,
+    place,
+    shares_of_closure,
+)
 from tests.unit.report import made_diagnoses
 
 KINDS = made_diagnoses.every_kind()

@@ -3,18 +3,18 @@
 import numpy as np
 import pytest
 
-from lagsplat.report.deformation import deformation_table, draw_jacobian_field, latex_deformation
-from lagsplat.report.equilibrium import draw_equilibrium
-from lagsplat.report.extrapolation_rows import (
+from lagsplat.report.figures.equilibrium import draw_equilibrium
+from lagsplat.report.figures.index import save_figure
+from lagsplat.report.tables.deformation import deformation_table, draw_jacobian_field, latex_deformation
+from lagsplat.report.tables.extrapolation import (
     AUTHORS,
     FORECASTER,
     FREE,
     OURS,
     extrapolation_rows,
     gathered_models,
+    latex_extrapolation,
 )
-from lagsplat.report.extrapolation_table import latex_extrapolation
-from lagsplat.report.figures import save_figure
 
 RUN = {"profile": "toy", "recording": "simulated", "system": "rainbow_rocker", "stage1": "default", "ae": 0,
        "stage2": "default", "seed": 0}  # fmt: skip

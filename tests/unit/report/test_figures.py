@@ -8,11 +8,10 @@ import pandas as pd
 import pytest
 from scipy.ndimage import gaussian_filter, shift
 
+from lagsplat.evaluate.long_rollout import choose_inset, choose_stretch, held_from, measured_shift
 from lagsplat.evaluate.protocol import held_out
-from lagsplat.report import figures
-from lagsplat.report.inset import choose_inset, measured_shift
-from lagsplat.report.latents import visibility_order
-from lagsplat.report.stretch import choose_stretch, held_from
+from lagsplat.report.figures import index as figures
+from lagsplat.report.figures.training_curves import visibility_order
 from tests.unit.evaluate import tiny_run
 from tests.unit.evaluate.stand_ins import settings
 

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 from omegaconf import OmegaConf
 
-from lagsplat.cli import main
-from lagsplat.config import compose
+from lagsplat.cli.main import main
+from lagsplat.config.compose import compose
 from tests.films import swing, write_film
 
 

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from lagsplat.config import compose
-from lagsplat.report.force_figure import draw_forces
-from lagsplat.report.force_panels import push_panels
+from lagsplat.config.compose import compose
+from lagsplat.report.figures.forces import draw_forces, push_panels
 from tests.unit.forces.rocking import hanging, rocking
 
 SETTINGS = compose().forces

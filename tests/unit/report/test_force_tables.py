@@ -4,9 +4,16 @@ import math
 
 import numpy as np
 
-from lagsplat.report.force_invariants import invariants_rows, invariants_table, latex_invariants, power
-from lagsplat.report.force_map import draw_force_map
-from lagsplat.report.force_truth import force_rows, force_table, latex_forces
+from lagsplat.report.figures.forces import draw_force_map
+from lagsplat.report.tables.forces import (
+    force_rows,
+    force_table,
+    invariants_rows,
+    invariants_table,
+    latex_forces,
+    latex_invariants,
+    power,
+)
 
 RUN = {"profile": "quick", "recording": "simulated", "system": "rainbow_rocker", "stage1": "default", "ae": 0,
        "stage2": "default", "seed": 0}  # fmt: skip

@@ -5,8 +5,14 @@ import pytest
 import torch
 
 from lagsplat.baselines.model import Baseline
-from lagsplat.evaluate.score import Subject
-from lagsplat.report.gallery import attention_of, compare, draw_attention, moments, rolled_out
+from lagsplat.evaluate.evaluate import Subject
+from lagsplat.report.figures.model_comparison import (
+    attention_of,
+    compare,
+    draw_attention,
+    moments,
+    rolled_out,
+)
 from tests.unit.baselines.problems import architecture
 from tests.unit.evaluate.stand_ins import integrate, render, world
 

@@ -2,8 +2,8 @@
 
 import math
 
-from lagsplat.report.diagnosis_json import diagnosis_content
-from lagsplat.report.gap_table import COLUMNS, gap_rows, gap_table, latex_gap
+from lagsplat.report.diagnosis.serialization import diagnosis_content
+from lagsplat.report.tables.gap import COLUMNS, gap_rows, gap_table, latex_gap
 from tests.unit.report import made_diagnoses
 
 RUN = {"recording": "simulated", "profile": "quick", "stage2": "default", "seed": 0}

@@ -2,7 +2,7 @@
 
 import pytest
 
-from lagsplat.report.horizon import draw_horizon
+from lagsplat.report.figures.training_curves import draw_horizon
 
 
 def found(level: float, starts: tuple[int, ...] = (3, 4)) -> dict:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from matplotlib.collections import EllipseCollection
 
-from lagsplat.report.figures import draw_inertia, save_figure
+from lagsplat.report.figures.index import draw_inertia, save_figure
 
 
 def motion(d: int, samples: int = 300) -> np.ndarray:

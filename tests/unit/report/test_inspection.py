@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from lagsplat.config import compose
-from lagsplat.io.recording import Recording
+from lagsplat.config.compose import compose
+from lagsplat.io.recording.recording import Recording
 from lagsplat.report.inspection import describe
 
 DT_S = 0.02

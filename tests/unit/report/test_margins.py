@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from lagsplat.report.margins import COLUMNS, margin_table
+from lagsplat.report.tables.benchmark import MARGIN_COLUMNS, margin_table
 
 
 def scores(level: float, *, period: bool = True) -> dict:
@@ -23,7 +23,7 @@ def names(stage2: str, seed: int = 0, system: str = "krauss_2seg") -> dict:
 def test_every_variant_stands_against_the_constant_one():
     runs = [names("default", 0), names("default", 1), names("constant"), names("induced_mass")]
     table = margin_table(runs, [scores(0.8), scores(0.9), scores(1.0), scores(1.1)])
-    assert list(table.columns) == list(COLUMNS)
+    assert list(table.columns) == list(MARGIN_COLUMNS)
     assert list(table.dynamics) == ["default", "default", "induced_mass", "induced_mass"]
     better, worse = table.iloc[0], table.iloc[2]
     assert better.n_seeds == 2

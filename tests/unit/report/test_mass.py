@@ -2,7 +2,7 @@
 
 import pytest
 
-from lagsplat.report.mass import COLUMNS, latex_mass, mass_rows, mass_table
+from lagsplat.report.tables.learned_physics import MASS_COLUMNS, latex_mass, mass_rows, mass_table
 from tests.unit.report.test_baseline_rows import scored
 from tests.unit.report.test_tables import names
 
@@ -24,7 +24,7 @@ def rows() -> list[dict]:
 
 def test_each_form_has_a_row_and_its_gain(rows):
     frame = mass_table(rows)
-    assert tuple(frame.columns) == COLUMNS
+    assert tuple(frame.columns) == MASS_COLUMNS
     forms = ["learned", "induced by the decoder", "constant"]
     assert frame["mass"].tolist() == [
         *forms,

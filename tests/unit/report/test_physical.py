@@ -6,9 +6,9 @@ import subprocess
 
 import pytest
 
-from lagsplat.report.physical import COLUMNS, latex_physical, physical_table
-from lagsplat.report.published import SYSTEMS
-from lagsplat.report.rows import rows_of
+from lagsplat.report.common.aggregate import rows_of
+from lagsplat.report.common.published_values import SYSTEMS
+from lagsplat.report.tables.learned_physics import PHYSICAL_COLUMNS, latex_physical, physical_table
 from tests.unit.report.test_tables import names, run
 
 
@@ -19,12 +19,12 @@ def rows() -> list[dict]:
 
 
 def test_the_first_ten_columns_are_those_agreed(rows):
-    assert COLUMNS == (
+    assert PHYSICAL_COLUMNS == (
         "system", "d", "frequency_error", "latent_nrmse", "image_ratio", "ae_floor", "diverged", "recording",
         "profile", "n_seeds",
     )  # fmt: skip
     frame = physical_table(rows)
-    assert tuple(frame.columns) == (*COLUMNS, "frequency_error_low", "frequency_error_high")
+    assert tuple(frame.columns) == (*PHYSICAL_COLUMNS, "frequency_error_low", "frequency_error_high")
 
 
 def test_every_system_stands_beside_its_row_of_the_paper(rows):
@@ -39,7 +39,7 @@ def test_another_dynamics_is_named_in_a_column_of_its_own(rows):
     runs = [names(0, system="pendulum"), names(0, system="pendulum", stage2="constant")]
     metrics = [run(0, d=1), run(0, d=1) | {"dynamics": "linear"}]
     frame = physical_table(rows_of(runs, metrics))
-    assert frame.columns[len(COLUMNS)] == "dynamics"
+    assert frame.columns[len(PHYSICAL_COLUMNS)] == "dynamics"
     assert frame["dynamics"].tolist() == ["nonlinear", "linear (constant)", "nonlinear (paper)"]
 
 

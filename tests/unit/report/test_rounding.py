@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lagsplat.report.rounding import MINUS, number, percent, probability, spread, unit, with_unit
+from lagsplat.report.common.latex import MINUS, format_number, percent, probability, spread, unit, with_unit
 
 
 @pytest.mark.parametrize(
@@ -15,12 +15,12 @@ from lagsplat.report.rounding import MINUS, number, percent, probability, spread
      (4.2e-7, "4.2·10⁻⁷"), (float("inf"), "∞"), (float("nan"), "not finite"), (999_999.0, "1.0·10⁶")],
 )  # fmt: skip
 def test_numbers(value, text):
-    assert number(value) == text
+    assert format_number(value) == text
 
 
 @given(st.floats(-1e5, 1e5).filter(lambda x: abs(x) > 1e-3))
 def test_numbers_are_right_to_their_digits(value):
-    text = number(value).replace(MINUS, "-")
+    text = format_number(value).replace(MINUS, "-")
     assert abs(float(text) - value) <= 0.0501 * abs(value)
 
 

@@ -7,9 +7,9 @@ import subprocess
 import numpy as np
 import pytest
 
-from lagsplat.report.latex import digits
-from lagsplat.report.rows import rows_of, table_row
-from lagsplat.report.tables import COLUMNS, benchmark_table, latex_table
+from lagsplat.report.common.aggregate import rows_of, table_row
+from lagsplat.report.common.latex import digits
+from lagsplat.report.tables.benchmark import BENCHMARK_COLUMNS, benchmark_table, latex_table
 
 SPREAD = "median and range over seeds"
 PAPERS = [f"{law} + {decoder} (paper)" for law in ("Osc.", "Koopman") for decoder in ("deconv", "ABCD")]
@@ -61,8 +61,8 @@ def rows() -> list[dict]:
 
 def test_columns_are_those_agreed_then_the_spreads(rows):
     frame = benchmark_table(rows)
-    assert tuple(frame.columns[: len(COLUMNS)]) == COLUMNS
-    assert set(frame.columns[len(COLUMNS) :]) == {"mse_half_second_low", "mse_half_second_high"}
+    assert tuple(frame.columns[: len(BENCHMARK_COLUMNS)]) == BENCHMARK_COLUMNS
+    assert set(frame.columns[len(BENCHMARK_COLUMNS) :]) == {"mse_half_second_low", "mse_half_second_high"}
 
 
 def test_rows_group_seeds_and_stand_beside_the_paper(rows):

@@ -4,8 +4,9 @@ import pytest
 import torch
 
 from lagsplat import provenance
-from lagsplat.splat import raster_numba, raster_torch
+from lagsplat.splat import rasterize_torch as raster_torch
 from lagsplat.splat.backend import device_of, rasterizer
+from lagsplat.splat.cpu import rasterize as raster_numba
 
 
 def test_training_goes_where_the_rasteriser_draws():
@@ -38,4 +39,8 @@ def test_a_result_depends_on_every_rasteriser():
         if module not in seen:
             seen.add(module)
             pending += provenance._digest_and_imports(module)[1]
-    assert {"lagsplat.splat.raster_gsplat", "lagsplat.splat.kernel_forward", "lagsplat.splat.lanes"} <= seen
+    assert {
+        "lagsplat.splat.rasterize_gsplat",
+        "lagsplat.splat.cpu.forward",
+        "lagsplat.splat.cpu.simd",
+    } <= seen

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from lagsplat.io.ply import Cloud, is_whole, read_cloud, read_elements, read_sharp, write_cloud
-from lagsplat.splat.cloud import merged, quaternions_of, show, to_linear, to_srgb
+from lagsplat.io.files.ply import Cloud, is_whole, read_cloud, read_elements, read_sharp, write_cloud
+from lagsplat.splat.point_cloud import merged, quaternions_of, show, to_linear, to_srgb
 from lagsplat.views.camera import Camera, centred
 
 

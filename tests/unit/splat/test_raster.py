@@ -6,8 +6,10 @@ import numba
 import pytest
 import torch
 
-from lagsplat.splat import raster_gsplat, raster_numba, raster_torch
+from lagsplat.splat import rasterize_gsplat as raster_gsplat
+from lagsplat.splat import rasterize_torch as raster_torch
 from lagsplat.splat.backend import rasterizer
+from lagsplat.splat.cpu import rasterize as raster_numba
 
 BOTH = pytest.mark.parametrize(
     "rasterize", [raster_torch.rasterize, raster_numba.rasterize], ids=["torch", "numba"]

@@ -4,8 +4,8 @@ import numpy as np
 
 from lagsplat.stage1.autoencoder import Autoencoder
 from lagsplat.stage1.config import InitConfig, LifecycleConfig, LossConfig, RateConfig, Stage1Config
-from lagsplat.stage1.footage import Footage
-from lagsplat.stage1.initialize import initialize
+from lagsplat.stage1.gaussian_initialization import initialize
+from lagsplat.stage1.training_data import Footage
 
 
 def swinging_bar(n: int, *, height: int = 12, width: int = 16) -> np.ndarray:

@@ -2,11 +2,9 @@
 
 import numpy as np
 
-from lagsplat.views.arrangement import arrange
-from lagsplat.views.camera import Camera, look_at
+from lagsplat.views.camera import Camera, Space, arrange, look_at
 from lagsplat.views.config import ArrangementConfig, SupervisionConfig
 from lagsplat.views.novel import NovelViews
-from lagsplat.views.space import Space
 
 HEIGHT, WIDTH = 18, 24
 SUPERVISION = SupervisionConfig(weight=1.0, spread=0.2)

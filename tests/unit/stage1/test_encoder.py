@@ -4,8 +4,7 @@ import pytest
 import torch
 
 from lagsplat.stage1.autoencoder import to_images
-from lagsplat.stage1.encoder import Encoder, small_moves
-from lagsplat.stage1.unfold import unfold
+from lagsplat.stage1.encoder import Encoder, small_moves, unfold
 from tests.unit.stage1.problems import swinging_bar
 
 

@@ -4,17 +4,17 @@ import numpy as np
 import pytest
 import torch
 
-from lagsplat.splat.deformed import DeformedGaussians
-from lagsplat.stage1.field import (
+from lagsplat.stage1.config import FieldConfig
+from lagsplat.stage1.deformation_decoder import (
     CONDITIONED,
     DEFORMED,
+    DeformedGaussians,
     Field,
     begin_field,
     fit_field,
     load_field,
     save_field,
 )
-from lagsplat.stage1.field_config import FieldConfig
 from tests.unit.stage1.problems import small_config, swinging_bar
 
 FRAMES = swinging_bar(40)

@@ -6,10 +6,10 @@ import torch
 
 from lagsplat.stage1.autoencoder import to_images
 from lagsplat.stage1.config import LifecycleConfig
+from lagsplat.stage1.densification import is_due, peak_opacity, review, split
 from lagsplat.stage1.fit import fit_autoencoder
-from lagsplat.stage1.footage import Footage
-from lagsplat.stage1.lifecycle import is_due, peak_opacity, review, split
-from lagsplat.stage1.schedule import optimizer_of
+from lagsplat.stage1.objective import optimizer_of
+from lagsplat.stage1.training_data import Footage
 from tests.unit.splat.test_gaussians import full_covariance, random_gaussians
 from tests.unit.stage1.problems import small_autoencoder, small_config, swinging_bar
 

@@ -6,8 +6,8 @@ import torch
 
 from lagsplat.stage1.autoencoder import decode_latents, encode_frames
 from lagsplat.stage1.config import RenderConfig
+from lagsplat.stage1.deformation_decoder import finer, fit_decoder
 from lagsplat.stage1.fit import fit_autoencoder
-from lagsplat.stage1.sharpen import finer, fit_decoder
 from tests.unit.stage1.problems import small_config
 
 RENDER = RenderConfig(factor=3.0, n_gaussians=120, steps=400, batch=8)

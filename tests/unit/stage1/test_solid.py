@@ -9,10 +9,9 @@ import torch
 from lagsplat.splat.projection import view_of
 from lagsplat.stage1.autoencoder import Autoencoder, load_autoencoder, save_autoencoder, to_images
 from lagsplat.stage1.config import LifecycleConfig
-from lagsplat.stage1.depth import seen_depth
 from lagsplat.stage1.fit import fit_autoencoder
-from lagsplat.stage1.footage import Footage
 from lagsplat.stage1.objective import Sides, reconstruct
+from lagsplat.stage1.training_data import Footage, seen_depth
 from tests.unit.stage1.problems import small_autoencoder, small_config, swinging_bar
 from tests.unit.stage1.solid import SUPERVISION, swinging_ball
 
@@ -91,8 +90,8 @@ def test_a_hole_in_a_side_teaches_nothing() -> None:
 
 
 def test_teleporting_puts_the_invisible_on_what_a_side_shows(trained) -> None:
-    from lagsplat.stage1.lifecycle import peak_opacity, review
-    from lagsplat.stage1.schedule import optimizer_of
+    from lagsplat.stage1.densification import peak_opacity, review
+    from lagsplat.stage1.objective import optimizer_of
 
     autoencoder, frames, views = trained
     footage = Footage(frames, novel=views, supervision=SUPERVISION)

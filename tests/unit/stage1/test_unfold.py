@@ -5,8 +5,7 @@ import pytest
 import torch
 from scipy.stats import spearmanr
 
-from lagsplat.stage1.encoder import Encoder
-from lagsplat.stage1.unfold import geodesic_coordinates, smooth_filters, unfold
+from lagsplat.stage1.encoder import Encoder, geodesic_coordinates, smooth_filters, unfold
 
 
 def travelling_blob(positions, *, height=24, width=40):

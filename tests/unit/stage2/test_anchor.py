@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from lagsplat.chart.trajectory import Trajectory
-from lagsplat.stage2.anchor import anchor, anchored
+from lagsplat.stage2.objective import anchor, anchored
 from tests.stage2_problems import random_lagrangian
 
 METRIC = torch.eye(2, dtype=torch.float64)

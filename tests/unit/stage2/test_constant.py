@@ -5,18 +5,16 @@ import pytest
 import torch
 
 from lagsplat.stage2.config import FloorConfig
-from lagsplat.stage2.constant import (
+from lagsplat.stage2.input_stiffness import Reach
+from lagsplat.stage2.lagrangian import Coefficients, Lagrangian
+from lagsplat.stage2.linear_fit import (
     ConstantFit,
     bent_shooting_error,
     linear_one_step_error,
     linear_shooting_error,
     step_matrices,
 )
-from lagsplat.stage2.curvature import Reach
-from lagsplat.stage2.integrate import verlet_step
-from lagsplat.stage2.lagrangian import Coefficients, Lagrangian
-from lagsplat.stage2.rollout import rollout
-from lagsplat.stage2.windows import Shots, Windows
+from lagsplat.stage2.rollout import Shots, Windows, rollout, verlet_step
 from tests.stage2_problems import random_lagrangian, split
 
 CONSTANT = {"mass": "constant", "damping": "constant", "potential": "quadratic", "actuation": "linear"}

@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from lagsplat.stage2.curvature import SMALLEST, Curvature, Reach, payment, stiffened
+from lagsplat.stage2.input_stiffness import SMALLEST, Curvature, Reach, payment, stiffened
 from tests.stage2_problems import bent, split
 
 

@@ -10,7 +10,7 @@ from lagsplat.chart.trajectory import Trajectory
 from lagsplat.stage2.config import FloorConfig, SelectConfig, ShootConfig, Stage2Config, StartConfig
 from lagsplat.stage2.fit import fit_dynamics, load_dynamics, save_dynamics
 from lagsplat.stage2.rollout import rollout
-from lagsplat.stage2.start import natural_time_unit
+from lagsplat.stage2.training import natural_time_unit
 from tests.stage2_problems import form
 
 DT_S, FREQUENCY_HZ, DECAY_PER_S = 1.0 / 60.0, 1.5, 0.4

@@ -1,6 +1,6 @@
 import torch
 
-from lagsplat.stage2.icnn import Icnn
+from lagsplat.stage2.networks import Icnn
 
 
 def net(heads: int = 1) -> Icnn:

@@ -3,7 +3,7 @@ import torch
 
 from lagsplat.chart.chart import Chart
 from lagsplat.stage1.autoencoder import Autoencoder
-from lagsplat.stage2.induced import InducedMass, decoder_geometry
+from lagsplat.stage2.decoder_mass import InducedMass, decoder_geometry
 
 
 def test_mass_is_the_presence_weighted_sum_of_the_decoders_jacobians() -> None:

@@ -1,7 +1,7 @@
 import torch
 from torch.autograd.functional import jacobian
 
-from lagsplat.stage2.iresnet import Diffeomorphism, contract, pull, push
+from lagsplat.stage2.networks import Diffeomorphism, contract, pull, push
 
 
 def test_contract_caps_the_largest_singular_value_and_leaves_small_matrices() -> None:

@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from lagsplat.stage2.matrices import ConstantMatrix, MatrixField, factor_above
+from lagsplat.stage2.networks import ConstantMatrix, MatrixField, factor_above
 
 
 def spd(d: int) -> torch.Tensor:

@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 import torch
 
-from lagsplat.stage2.lagrangian import Coefficients
-from lagsplat.stage2.modes import equilibrium, modes
+from lagsplat.stage2.lagrangian import Coefficients, equilibrium, modes
 from tests.stage2_problems import random_lagrangian
 
 

@@ -2,8 +2,7 @@ import pytest
 import torch
 
 from lagsplat.stage2.objective import one_step_error, ridged, shooting_error, square_norm
-from lagsplat.stage2.rollout import rollout
-from lagsplat.stage2.windows import Shots, Windows
+from lagsplat.stage2.rollout import Shots, Windows, rollout
 from tests.stage2_problems import random_lagrangian
 
 

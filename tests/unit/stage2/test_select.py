@@ -3,7 +3,7 @@ import torch
 
 from lagsplat.chart.trajectory import Trajectory
 from lagsplat.stage2.rollout import rollout
-from lagsplat.stage2.select import Champion, examination
+from lagsplat.stage2.training import Champion, examination
 from tests.stage2_problems import random_lagrangian
 
 

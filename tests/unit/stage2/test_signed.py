@@ -4,11 +4,10 @@ import numpy as np
 import torch
 
 from lagsplat.stage2.config import FloorConfig
-from lagsplat.stage2.constant import ConstantFit, bent_shooting_error, linear_shooting_error
-from lagsplat.stage2.curvature import Reach, reach_of
+from lagsplat.stage2.input_stiffness import Reach, reach_of
 from lagsplat.stage2.lagrangian import Coefficients, Floors, Lagrangian
-from lagsplat.stage2.rollout import rollout
-from lagsplat.stage2.windows import Shots
+from lagsplat.stage2.linear_fit import ConstantFit, bent_shooting_error, linear_shooting_error
+from lagsplat.stage2.rollout import Shots, rollout
 from tests.stage2_problems import form, split
 
 QUADRATIC = {"mass": "constant", "damping": "constant", "potential": "quadratic", "actuation": "bounded"}

@@ -5,7 +5,7 @@ import math
 import pytest
 import torch
 
-from lagsplat.stage2.undo import SHORTENED, Undo
+from lagsplat.stage2.training import SHORTENED, Undo
 
 
 @pytest.fixture

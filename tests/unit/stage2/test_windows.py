@@ -3,12 +3,7 @@ import pytest
 import torch
 
 from lagsplat.chart.trajectory import Trajectory
-from lagsplat.stage2.windows import (
-    central_velocity,
-    one_step_windows,
-    shots,
-    starts_of,
-)
+from lagsplat.stage2.rollout import central_velocity, one_step_windows, shots, starts_of
 
 
 def parabola(n: int, segments: tuple[tuple[int, int], ...]) -> Trajectory:

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from lagsplat.systems.drive import draw_pressures, random_band, spline_coefficients
+from lagsplat.systems.release import draw_pressures, random_band, spline_coefficients
 
 DT_S = 1001 / 60000
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from lagsplat.systems.arm import build_arm
-from lagsplat.systems.paint import paint, paint_board
+from lagsplat.systems.rendering.arm import paint, paint_board
 
 
 def picture(config, states, *, pixels=None, seed=0):

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lagsplat.config import compose
+from lagsplat.config.compose import compose
 from lagsplat.systems.arm import build_arm
-from lagsplat.systems.planted import lagged, simulate_planted
-from lagsplat.systems.planted_config import PlantedConfig, PlantsConfig
+from lagsplat.systems.config import PlantedConfig, PlantsConfig
+from lagsplat.systems.injected_effects import lagged, simulate_planted
 from lagsplat.systems.simulate import simulate
 
 NOTHING = PlantedConfig(tip_mass=0.0, actuator_lag_s=0.0, dry_friction=0.0)

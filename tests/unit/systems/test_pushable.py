@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lagsplat.config import compose
+from lagsplat.config.compose import compose
 from lagsplat.systems.pushable import Pushable, pushable
 from lagsplat.systems.simulate import simulate
 

@@ -6,14 +6,14 @@ import cv2
 import numpy as np
 import pytest
 
-from lagsplat.config import compose, options
-from lagsplat.systems.film import camera_of, film_clips
-from lagsplat.systems.painting import Body, paint
+from lagsplat.config.compose import compose, options
+from lagsplat.systems.config import ClipConfig, PushConfig, ReleaseConfig
 from lagsplat.systems.release import mechanism_of, release
-from lagsplat.systems.release_config import ClipConfig, PushConfig, ReleaseConfig
-from lagsplat.systems.sprites import SHAPES, photograph
-from lagsplat.systems.stand_in import resized, stand_in
+from lagsplat.systems.rendering.bodies import Body, paint
+from lagsplat.systems.rendering.textures import SHAPES, photograph
+from lagsplat.systems.simulate import resized, stand_in
 from lagsplat.systems.truth import load_truth, save_truth
+from lagsplat.systems.video import camera_of, film_clips
 
 
 def short(name: str, n_frames: int = 6, **changes: object) -> ReleaseConfig:

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from omegaconf import OmegaConf
 
-from lagsplat.systems.film import film_clips
+from lagsplat.systems.config import ReleaseConfig
+from lagsplat.systems.novel_views import space_of, true_views
 from lagsplat.systems.release import mechanism_of
-from lagsplat.systems.release_config import ReleaseConfig
-from lagsplat.systems.sides import space_of, true_views
+from lagsplat.systems.video import film_clips
 from lagsplat.views.config import ArrangementConfig
 from lagsplat.views.novel import NovelViews
 

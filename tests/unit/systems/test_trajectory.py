@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from lagsplat.systems.arm import build_arm
-from lagsplat.systems.trajectory import integrate
+from lagsplat.systems.simulate import integrate
 
 DT_S = 1001 / 60000
 

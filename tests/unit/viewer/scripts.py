@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import pytest
 
-from lagsplat.viewer.page import page_part
+from lagsplat.viewer.static_page.build import page_part
 
 DECODE = """
 function decode(run) {

@@ -1,9 +1,9 @@
 """Sessions in miniature: a rocking disc, a hanging strip, a plate in space, whose kinematics is known."""
 
-from lagsplat.config import compose
-from lagsplat.forces.held import Held
-from lagsplat.viewer.recorded import recorded_of
-from lagsplat.viewer.session import Session
+from lagsplat.config.compose import compose
+from lagsplat.forces.equilibrium import Held
+from lagsplat.viewer.simulation.history import recorded_of
+from lagsplat.viewer.simulation.session import Session
 from tests.unit.forces.rocking import hanging, rocking
 from tests.unit.forces.solid import turning
 

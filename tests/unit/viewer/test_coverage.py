@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from lagsplat.viewer.coverage import coverage_of
+from lagsplat.viewer.simulation.history import coverage_of
 from tests.unit.forces.rocking import rocking
 
 

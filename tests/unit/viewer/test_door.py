@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from websockets.exceptions import ConnectionClosed
 
-from lagsplat.cli import main
-from lagsplat.config import compose
-from lagsplat.viewer.door import foreign, warning
-from lagsplat.viewer.live import Live, Show
+from lagsplat.cli.main import main
+from lagsplat.config.compose import compose
+from lagsplat.viewer.server.access_control import foreign, warning
+from lagsplat.viewer.server.server import Live, Show
 from tests.unit.forces.rocking import rocking
 from tests.unit.forces.solid import turning
 from tests.unit.viewer.sessions import session

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from lagsplat.report.force_space import sideways
+from lagsplat.report.figures.forces import sideways
 from lagsplat.splat.projection import view_of
-from lagsplat.viewer.easel import easel_of
+from lagsplat.viewer.rendering.renderer import easel_of
 from tests.unit.forces.rocking import rocking
 from tests.unit.forces.solid import turning
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from lagsplat.forces.loaded import Edits
-from lagsplat.forces.stepper import stepper
-from lagsplat.viewer.ledger import Ledger
+from lagsplat.forces.batched_lagrangian import stepper
+from lagsplat.forces.loaded_lagrangian import Edits
+from lagsplat.viewer.simulation.grasp import Ledger
 from tests.stage2_problems import random_lagrangian
 
 

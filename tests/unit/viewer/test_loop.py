@@ -5,8 +5,7 @@ import time
 
 import pytest
 
-from lagsplat.viewer.clock import Clock
-from lagsplat.viewer.loop import Loop
+from lagsplat.viewer.simulation.realtime_loop import Clock, Loop
 from tests.unit.viewer.sessions import session
 
 

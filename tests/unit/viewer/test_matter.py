@@ -5,8 +5,8 @@ import pytest
 import torch
 
 from lagsplat.splat.projection import SQUARE
-from lagsplat.viewer.matter import OPAQUE, Matter, ball
-from lagsplat.viewer.room import FLIP
+from lagsplat.viewer.rendering.drag_proxies import OPAQUE, Matter, ball
+from lagsplat.viewer.rendering.scene_frame import FLIP
 from tests.unit.forces.solid import FRONT, turning
 
 

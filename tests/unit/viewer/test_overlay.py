@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lagsplat.viewer.overlay import Field, moving, outlines
+from lagsplat.viewer.rendering.overlays import Field, moving, outlines
 from tests.unit.forces.rocking import rocking
 from tests.unit.forces.solid import FRONT, turning
 

@@ -5,12 +5,18 @@ import re
 import numpy as np
 import pytest
 
-from lagsplat.cli import main
-from lagsplat.forces.loaded import Edits
-from lagsplat.forces.single import Single
-from lagsplat.viewer.page import LARGEST_BYTES, MECHANICS, render_page, save_page
-from lagsplat.viewer.page_data import law_data, page_data
-from lagsplat.viewer.session import Session
+from lagsplat.cli.main import main
+from lagsplat.forces.batched_lagrangian import Single
+from lagsplat.forces.loaded_lagrangian import Edits
+from lagsplat.viewer.simulation.session import Session
+from lagsplat.viewer.static_page.build import (
+    LARGEST_BYTES,
+    MECHANICS,
+    law_data,
+    page_data,
+    render_page,
+    save_page,
+)
 from tests.stage2_problems import random_lagrangian
 from tests.unit.viewer.scripts import run_script
 from tests.unit.viewer.sessions import session, strip

@@ -6,13 +6,11 @@ import numpy as np
 import pytest
 import torch
 
-from lagsplat.forces.grip import Grip, NothingThereError, brush, hold_of
-from lagsplat.forces.ray import cast
-from lagsplat.report.force_space import sideways
+from lagsplat.forces.grasp import Grip, NothingThereError, brush, cast, hold_of
+from lagsplat.report.figures.forces import sideways
 from lagsplat.splat.projection import depths, view_of
-from lagsplat.viewer.page import MECHANICS
-from lagsplat.viewer.page_data import page_data
-from lagsplat.viewer.session import Session
+from lagsplat.viewer.simulation.session import Session
+from lagsplat.viewer.static_page.build import MECHANICS, page_data
 from lagsplat.views.camera import Camera
 from tests.unit.forces.solid import HEIGHT, WIDTH, turning
 from tests.unit.viewer.scripts import run_script

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lagsplat.viewer.plane import Plane
+from lagsplat.viewer.rendering.scene_frame import Plane
 
 PLANE = Plane(120, 80)
 

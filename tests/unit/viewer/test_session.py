@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from lagsplat.forces.grip import NothingThereError
-from lagsplat.forces.rollout import push_along
+from lagsplat.forces.grasp import NothingThereError
+from lagsplat.forces.loaded_lagrangian import push_along
 from tests.unit.forces.solid import FRONT
 from tests.unit.viewer.sessions import plate, session, strip
 

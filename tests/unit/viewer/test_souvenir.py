@@ -4,10 +4,10 @@ import cv2
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.sources import find_sources, read_sources
-from lagsplat.io.session_mcap import read_session
-from lagsplat.viewer.easel import easel_of
-from lagsplat.viewer.souvenir import load_tape, pointed, save_souvenirs
+from lagsplat.diagnose.simulators.sources import find_sources, read_sources
+from lagsplat.io.mcap.write import read_session
+from lagsplat.viewer.rendering.renderer import easel_of
+from lagsplat.viewer.server.session_export import load_tape, pointed, save_souvenirs
 from tests.unit.viewer.sessions import plate, session, strip
 
 RIGHT = np.array([5.0, 1.0])

@@ -6,9 +6,9 @@ from contextlib import ExitStack
 import numpy as np
 import pytest
 
-from lagsplat.config import compose
-from lagsplat.viewer.live import Live, Show
-from lagsplat.viewer.windows import pixel_of
+from lagsplat.config.compose import compose
+from lagsplat.viewer.server.canvas import pixel_of
+from lagsplat.viewer.server.server import Live, Show
 from tests.unit.forces.solid import FRONT, turning
 from tests.unit.viewer.sessions import session
 from tests.unit.viewer.visitors import camera, dragged, send, visit

@@ -5,7 +5,7 @@ import viser
 from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
-from lagsplat.viewer.live import Live
+from lagsplat.viewer.server.server import Live
 
 PROTOCOL = Subprotocol(f"viser-v{viser.__version__}")
 NAN = float("nan")

@@ -6,11 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lagsplat.views.arrangement import arrange
-from lagsplat.views.camera import look_at
+from lagsplat.views.camera import Space, arrange, look_at
 from lagsplat.views.config import ArrangementConfig, SharpConfig, SupervisionConfig, ViewsConfig
 from lagsplat.views.novel import NovelViews, load_views, require_views, save_views
-from lagsplat.views.space import Space
 
 ARRANGEMENT = ArrangementConfig(yaw_deg=12.0, pitch_deg=4.0, columns=3, rows=1, held_out=2)
 

@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 import pytest
 
-from lagsplat.config import compose
+from lagsplat.config.compose import compose
 from lagsplat.io.config import RecordingConfig
 from lagsplat.io.read import read_recording
-from lagsplat.sides import obtain_views
+from lagsplat.novel_views.sharp import obtain_views
 from lagsplat.views.novel import NovelViews
 from lagsplat.views.rig import read_rig
 

@@ -1,0 +1,204 @@
+"""From a clip to the frames that the authors' tool predicts of it.
+
+Run a program of the authors' checkout on a scene of one fixed camera.
+
+The tool measures how large a scene is by how far its cameras are apart. One fixed camera is no distance from
+itself: every step size of a place would be zero and all points would be taken for too large. This wrapper
+leaves the checkout as it is and gives the scene an extent when the tool asks. The tool's own interpreter runs
+it from the checkout, as ``python static_camera.py EXTENT PROGRAM ARGUMENTS``; it needs nothing else.
+
+The authors' tool: whether a checkout can be run, its commands, and the run itself.
+
+Nothing of the tool is part of this project: its repository carries no licence. What stands here is how it is
+called, read off its documentation.
+
+Source: facts of github.com/BoMingZhao/GaussianPrediction, commit 301f3d5.
+"""
+
+import logging
+import subprocess
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import UInt8
+
+from lagsplat.array_types import Frames
+from lagsplat.baselines import static_camera
+from lagsplat.baselines.config import AuthorsConfig
+from lagsplat.io.video.image_sequence import read_predicted, write_dnerf
+
+
+def predicted_frames(
+    frames: Frames, config: AuthorsConfig, *, n_train: int, place: Path, say: Callable[[object], None]
+) -> UInt8[np.ndarray, "N H W 3"]:
+    """Predicted frames from the first held-out one on: at least as many as are held out, uint8 (N,H,W,3).
+
+    With ``config.frames`` they are read from that folder. Else the clip ``frames`` is written below
+    ``place`` in the layout that the tool reads, the tool is trained and asked for a free run, which begins
+    with the held-out frames. What it is doing is told to ``say``.
+
+    Raises:
+        FileNotFoundError, ValueError: no checkout or folder, submodules not fetched, or predicted frames of
+            another size or count.
+        RuntimeError: no CUDA, or the tool failed.
+    """
+    _, height, width, _ = frames.shape
+    held = len(frames) - n_train
+    if config.frames is not None:
+        folder = Path(config.frames).expanduser()
+        return read_predicted(folder, height=height, width=width, at_least=held)
+    checkout = check_checkout(str(config.checkout))
+    say(f"the authors' tool in {checkout}, torch, CUDA and a device: {check_cuda(str(config.python))}")
+    data, model = place.resolve() / "data", model_folder(place.resolve())
+    max_time = write_dnerf(
+        data,
+        frames,
+        n_train=n_train,
+        field_of_view_rad=config.field_of_view_rad,
+        distance=config.distance,
+    )
+    for command in (
+        train_command(config, data=data, model=model, max_time=max_time),
+        forecast_command(config, model=model, max_time=max_time, free=False),
+        forecast_command(config, model=model, max_time=max_time, free=True),
+    ):
+        say(" ".join(command))
+        launch(command, checkout=checkout)
+    tested = predicted_folder(config, model, free=False)
+    read_predicted(tested, height=height, width=width, at_least=held)
+    return read_predicted(
+        predicted_folder(config, model, free=True), height=height, width=width, at_least=held
+    )
+
+
+log = logging.getLogger(__name__)
+PROGRAMS = ("train.py", "train_GCN.py", "scene/dataset_readers.py")
+SUBMODULES = (
+    "submodules/simple-knn",
+    "submodules/diff-gaussian-rasterization-w-depth",
+    "submodules/FRNN",
+)
+KEY_POINTS = ("--max_points", "100", "--adaptive_points_num", "100")
+SHARED = ("--time_freq", "6", "--nearest_num", "6", "--feature_amplify", "0.5", "--norm_rotation")
+EXPERIMENT = "lagsplat"
+ASK_CUDA = "import torch; print(torch.__version__, torch.version.cuda, torch.cuda.is_available())"
+
+
+def check_checkout(checkout: str) -> Path:
+    """The folder of a checkout that has everything the tool is built from.
+
+    Raises:
+        FileNotFoundError: no such folder, or not this tool.
+        ValueError: submodules were not fetched.
+    """
+    place = Path(checkout).expanduser()
+    missing = [name for name in PROGRAMS if not (place / name).is_file()]
+    if missing:
+        found = f"no {missing[0]} in it" if place.is_dir() else "no such folder"
+        raise FileNotFoundError(
+            f"authors.checkout={checkout}: {found}; give a clone of github.com/BoMingZhao/GaussianPrediction"
+        )
+    empty = [name for name in SUBMODULES if not (place / name).is_dir() or not any((place / name).iterdir())]
+    if empty:
+        raise ValueError(
+            f"authors.checkout={checkout}: nothing in {', '.join(empty)}; run "
+            "`git submodule update --init --recursive` there and build what its README lists"
+        )
+    return place
+
+
+def check_cuda(python: str) -> str:
+    """What the tool's interpreter says of its torch and of CUDA.
+
+    Raises:
+        FileNotFoundError: there is no such interpreter.
+        RuntimeError: it has no torch, or finds no CUDA device, which the tool cannot do without.
+    """
+    try:
+        done = subprocess.run([python, "-c", ASK_CUDA], capture_output=True, text=True, check=False)
+    except FileNotFoundError as error:
+        raise FileNotFoundError(
+            f"authors.python={python}: no such interpreter; give the tool's own"
+        ) from error
+    if done.returncode:
+        said = done.stderr.strip().splitlines()[-1:]
+        raise RuntimeError(
+            f"authors.python={python}: has no torch {said}; give the interpreter of the "
+            "environment that the tool's README makes"
+        )
+    told = done.stdout.strip()
+    if not told.endswith("True"):
+        raise RuntimeError(
+            f"authors.python={python}: torch {told.split()[0]} finds no CUDA device, and the tool runs on "
+            "nothing else; run it on another machine and give its frames with authors.frames=FOLDER"
+        )
+    return told
+
+
+def train_command(config: AuthorsConfig, *, data: Path, model: Path, max_time: float) -> list[str]:
+    """The command that trains Gaussians, motion and key points."""
+    steps = str(config.iterations)
+    return [
+        *_program(config, "train.py"),
+        *("-s", str(data), "-m", f"{model}/", "--eval", "--seed", "1"),
+        *KEY_POINTS,
+        *("--iterations", steps, "--test_iterations", steps, "--jointly_iteration", "1000"),
+        *("--save_iterations", "29999", steps, "--checkpoint_iterations", "29999", steps),
+        *("--densify_from_iter", "3000", "--densify_until_iter", "20000", "--position_lr_max_steps", "40000"),
+        *("--adaptive_from_iter", "3000", "--adaptive_interval", "500", "--max_time", repr(max_time)),
+        *SHARED,
+    ]
+
+
+def forecast_command(config: AuthorsConfig, *, model: Path, max_time: float, free: bool) -> list[str]:
+    """The command that trains the graph network and predicts the held-out frames, or the free ones after it.
+
+    What was given to the training is given again: the tool would take its own defaults, not what it was
+    trained with.
+    """
+    after = (
+        ("--evaluate", "--predict_more", "--frames", str(config.free_frames), "--cam_id", "0")
+        if free
+        else ("--metrics",)
+    )
+    return [
+        *_program(config, "train_GCN.py"),
+        *("-m", f"{model}/", "--ckpt_iteration", str(config.iterations), "--max_time", repr(max_time)),
+        *KEY_POINTS,
+        *("--num_stage", "6", "--noise_step", "100", "--noise_init", "0", "--input_size", "10"),
+        *("--epoch", str(config.epochs), "--exp_name", EXPERIMENT),
+        *SHARED,
+        *after,
+    ]
+
+
+def predicted_folder(config: AuthorsConfig, model: Path, *, free: bool) -> Path:
+    """Where the tool leaves its predicted frames."""
+    what = "Predicted_more_by_GCN" if free else "[metrics]Predicted_by_GCN_on_test_views"
+    shown = "renders/view0" if free else "renders"
+    return model / EXPERIMENT / what / f"ours_{config.iterations}" / shown
+
+
+def model_folder(place: Path) -> Path:
+    """Where the tool keeps a model: it reads D-NeRF recordings only if the path says ``d-nerf``."""
+    return place / "d-nerf" / "model"
+
+
+def launch(command: Sequence[str], *, checkout: Path) -> None:
+    """Run a command from the checkout.
+
+    Raises:
+        RuntimeError: it failed; its last words are in the message, all of them in the log.
+    """
+    log.info("in %s: %s", checkout, " ".join(command))
+    done = subprocess.run(command, cwd=checkout, capture_output=True, text=True, check=False)
+    log.info("%s%s", done.stdout, done.stderr)
+    if done.returncode:
+        words = (done.stderr.strip() or done.stdout.strip() or "no reason given")[-600:]
+        raise RuntimeError(f"{command[3]} of {checkout} failed: {words}")
+
+
+def _program(config: AuthorsConfig, name: str) -> list[str]:
+    wrapper = str(Path(static_camera.__file__).resolve())
+    return [str(config.python), wrapper, repr(config.extent), name]

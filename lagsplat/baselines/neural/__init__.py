@@ -1,1 +1,0 @@
-"""A free neural differential equation on the same chart: a law of motion without any structure."""

@@ -1,0 +1,302 @@
+"""The training of a free neural differential equation: rollouts over windows of the training part.
+
+A free neural differential equation, and its file.
+"""
+
+import logging
+import math
+import os
+import time
+from collections.abc import Mapping
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from jaxtyping import Float, Float64
+from scipy.interpolate import CubicSpline
+from torch import Tensor, nn
+from torchdiffeq import odeint
+from tqdm import tqdm
+
+from lagsplat.baselines.config import OdeConfig
+from lagsplat.chart.trajectory import Trajectory
+from lagsplat.io.files.artifact import load_artefact, restore, save_artefact
+from lagsplat.io.files.checkpoint import load_checkpoint, save_checkpoint
+
+log = logging.getLogger(__name__)
+CURVE_POINTS = 400  # rows of the training curve, whatever the length of the run
+EARLY = 0.25  # share of the length of a window at which the training begins
+
+
+class CurvePoint(NamedTuple):
+    """Mean loss since the previous point, and seconds of training in all."""
+
+    step: int
+    loss: float
+    seconds: float
+
+
+class NeuralOde(nn.Module):
+    """``dx/dt = f(x)`` with ``x`` the whitened state and its velocity, and ``f`` any network of both.
+
+    One internal unit of time is ``time_unit_s`` seconds; velocities are per unit. Nothing dissipates, nothing
+    conserves, no state is preferred, and the velocity need not even be that of the state.
+    """
+
+    def __init__(self, d: int, *, hidden: int, layers: int, method: str, time_unit_s: float) -> None:
+        super().__init__()
+        self.architecture = {
+            "d": d,
+            "hidden": hidden,
+            "layers": layers,
+            "method": method,
+            "time_unit_s": time_unit_s,
+        }
+        self.d, self.method, self.time_unit_s = d, method, time_unit_s
+        widths = [2 * d, *[hidden] * layers]
+        self.layers = nn.ModuleList(nn.Linear(a, b, dtype=torch.float64) for a, b in pairwise(widths))
+        self.head = nn.Linear(hidden, 2 * d, dtype=torch.float64)
+
+    def forward(self, time: Tensor, state: Float[Tensor, "B n"]) -> Float[Tensor, "B n"]:
+        """Rate of change of states ``(q, v)``; the time does not matter."""
+        value = state
+        for layer in self.layers:
+            value = torch.tanh(layer(value))
+        return self.head(value)
+
+    def rollout(self, start: Float[Tensor, "B n"], *, states: int, dt_s: float) -> Float[Tensor, "N B n"]:
+        """States ``(q, v)`` at ``states`` instants ``dt_s`` [s] apart, the first as given."""
+        instants = torch.arange(states, dtype=torch.float64) * (dt_s / self.time_unit_s)
+        return odeint(self, start, instants, method=self.method)
+
+
+def fit_ode(
+    train: Trajectory,
+    metric: Float64[np.ndarray, "d d"],
+    config: OdeConfig,
+    *,
+    seed: int,
+    checkpoint: Path | None = None,
+    identity: str = "",
+) -> tuple[NeuralOde, list[CurvePoint]]:
+    """Fit ``f`` so that rollouts from encoded states stay with the encoded motion.
+
+    ``train`` is smoothed; its inputs are not looked at. Windows grow from a quarter of
+    ``config.periods`` natural periods to all of it. The loss is the squared distance in the metric, of the
+    state and, in natural units, of the velocity. Frames that are not evenly spaced are interpolated first.
+    Checkpoints as in stage 1.
+
+    Raises:
+        ValueError: no clip is as long as a window.
+        FloatingPointError: the loss stops being finite.
+
+    Source: Chen et al. 2018, arXiv:1806.07366.
+    """
+    unit_s = _time_unit(train, metric)
+    clips = [_series(train, ends, unit_s) for ends in train.segments]
+    longest = max(len(clip) for clip in clips)
+    window = min(max(round(config.periods * 2 * np.pi * unit_s / train.dt_s) + 1, 4), longest)
+    torch.manual_seed(seed)
+    ode = NeuralOde(
+        train.latents.shape[1],
+        hidden=config.hidden,
+        layers=config.layers,
+        method=config.method,
+        time_unit_s=unit_s,
+    )
+    optimizer = torch.optim.Adam(ode.parameters(), lr=config.rate)
+    weight = torch.from_numpy(np.kron(np.eye(2), metric))
+    first, curve = _restore(ode, optimizer, checkpoint, identity)
+    total, counted, saved_at = 0.0, 0, time.monotonic()
+    spent, resumed_at = curve[-1].seconds if curve else 0.0, time.monotonic()
+    with tqdm(total=config.steps, initial=first, unit="step", desc="neural ODE", mininterval=1.0) as bar:
+        for step in range(first, config.steps):
+            _set_rate(optimizer, config, step)
+            length = _length(window, step / config.steps)
+            batch = _windows(clips, length, config.batch, np.random.default_rng([seed, step]))
+            total += _descend(ode, optimizer, batch, weight, config, dt_s=train.dt_s, step=step)
+            counted += 1
+            bar.update()
+            if (step + 1) % max(1, config.steps // CURVE_POINTS) == 0 or step + 1 == config.steps:
+                seconds = spent + time.monotonic() - resumed_at
+                curve.append(CurvePoint(step + 1, total / counted, seconds))
+                bar.set_postfix(loss=f"{curve[-1].loss:.3g}")
+                total, counted = 0.0, 0
+                # Only here is the running mean empty, so that a checkpoint need not hold it.
+                if checkpoint and time.monotonic() - saved_at > config.checkpoint_every_s:
+                    _save(ode, optimizer, curve, checkpoint, identity)
+                    saved_at = time.monotonic()
+    return ode.eval(), curve
+
+
+def _time_unit(train: Trajectory, metric: np.ndarray) -> float:
+    """Ratio of the rms velocity to the rms acceleration [s]: about a natural period over 2 pi."""
+    squares = np.zeros(2)
+    for start, stop in train.segments:
+        path = CubicSpline(train.time_s[start:stop], train.latents[start:stop])
+        inner = train.time_s[start + 1 : stop - 1]
+        for order in (1, 2):
+            slope = path(inner, order)
+            squares[order - 1] += np.einsum("ti,ij,tj->", slope, metric, slope)
+    return float(np.sqrt(squares[0] / squares[1]))
+
+
+def _series(train: Trajectory, ends: tuple[int, int], unit_s: float) -> torch.Tensor:
+    """States and velocities of one clip, evenly spaced, velocities per internal unit of time."""
+    part = slice(*ends)
+    if ends[1] - ends[0] < 4:
+        raise ValueError(
+            f"a clip of {ends[1] - ends[0]} training frames: a law of motion needs four; give longer clips"
+        )
+    path = CubicSpline(train.time_s[part], train.latents[part])
+    span_s = train.time_s[part][-1] - train.time_s[part][0]
+    at = train.time_s[part][0] + train.dt_s * np.arange(int(span_s / train.dt_s + 1e-6) + 1)
+    at = np.minimum(at, train.time_s[part][-1])
+    return torch.from_numpy(np.concatenate([path(at), path(at, 1) * unit_s], axis=1))
+
+
+def _length(window: int, progress: float) -> int:
+    """States of a window: they grow over the first half of the training."""
+    share = min(1.0, EARLY + (1 - EARLY) * 2 * progress)
+    return max(4, min(window, math.ceil(share * window)))
+
+
+def _windows(clips: list[torch.Tensor], length: int, batch: int, rng: np.random.Generator) -> torch.Tensor:
+    """Windows drawn from all clips that are long enough, (N, B, 2d)."""
+    fitting = [clip for clip in clips if len(clip) >= length]
+    room = np.array([len(clip) - length + 1 for clip in fitting])
+    picked = rng.integers(room.sum(), size=batch)
+    which = np.searchsorted(np.cumsum(room), picked, side="right")
+    starts = picked - np.concatenate([[0], np.cumsum(room)])[which]
+    return torch.stack([fitting[c][s : s + length] for c, s in zip(which, starts, strict=True)], dim=1)
+
+
+def _descend(
+    ode: NeuralOde,
+    optimizer: torch.optim.Optimizer,
+    batch: torch.Tensor,
+    weight: torch.Tensor,
+    config: OdeConfig,
+    *,
+    dt_s: float,
+    step: int,
+) -> float:
+    optimizer.zero_grad(set_to_none=True)
+    missed = ode.rollout(batch[0], states=len(batch), dt_s=dt_s) - batch
+    loss = torch.einsum("nbi,ij,nbj->nb", missed, weight, missed).mean()
+    loss.backward()
+    torch.nn.utils.clip_grad_norm_(ode.parameters(), config.gradient_clip)
+    optimizer.step()
+    value = float(loss.detach())
+    if not math.isfinite(value):
+        raise FloatingPointError(
+            f"the neural ODE lost its footing at step {step}: the loss is {value}. Lower ode.rate "
+            "or ode.periods"
+        )
+    return value
+
+
+def _set_rate(optimizer: torch.optim.Optimizer, config: OdeConfig, step: int) -> None:
+    wave = 0.5 * (1 + math.cos(math.pi * step / config.steps))
+    for group in optimizer.param_groups:
+        group["lr"] = config.rate * (config.final_fraction + (1 - config.final_fraction) * wave)
+
+
+def _restore(
+    ode: NeuralOde, optimizer: torch.optim.Optimizer, checkpoint: Path | None, identity: str
+) -> tuple[int, list[CurvePoint]]:
+    state = load_checkpoint(checkpoint, identity=identity) if checkpoint else None
+    if state is None:
+        return 0, []
+    ode.load_state_dict(state["ode"])
+    optimizer.load_state_dict(state["optimizer"])
+    curve = [CurvePoint(*row) for row in state["curve"]]
+    log.info("going on from %s at step %d", checkpoint, curve[-1].step)
+    return curve[-1].step, curve
+
+
+def _save(
+    ode: NeuralOde,
+    optimizer: torch.optim.Optimizer,
+    curve: list[CurvePoint],
+    checkpoint: Path,
+    identity: str,
+) -> None:
+    state: dict[str, Any] = {
+        "ode": ode.state_dict(),
+        "optimizer": optimizer.state_dict(),
+        "curve": [tuple(point) for point in curve],
+    }
+    save_checkpoint(checkpoint, state, identity=identity)
+
+
+KIND, SCHEMA = "neural_ode", 1
+
+
+def carry_on(
+    ode: NeuralOde,
+    q0: Float64[np.ndarray, "B d"],
+    v0: Float64[np.ndarray, "B d"],
+    *,
+    states: int,
+    dt_s: float,
+) -> Float64[np.ndarray, "B N d"]:
+    """States of rollouts from ``q0`` and ``v0`` [1/s]; what leaves the finite numbers stays so.
+
+    By the classical Runge-Kutta scheme, one step a frame, on plain arrays: a thousand seconds in torch would
+    be minutes.
+    """
+    weights = [(layer.weight.detach().numpy().T, layer.bias.detach().numpy()) for layer in ode.layers]  # type: ignore[union-attr,operator]
+    head = (ode.head.weight.detach().numpy().T, ode.head.bias.detach().numpy())
+
+    def rate(x: np.ndarray) -> np.ndarray:
+        for weight, bias in weights:
+            x = np.tanh(x @ weight + bias)
+        return x @ head[0] + head[1]
+
+    h = dt_s / ode.time_unit_s
+    x = np.concatenate([q0, v0 * ode.time_unit_s], axis=1)
+    path = np.empty((states, *x.shape))
+    path[0] = x
+    step = _STEPS[ode.method]
+    with np.errstate(all="ignore"):
+        for i in range(1, states):
+            x = path[i] = step(rate, x, h)
+    return np.moveaxis(path[:, :, : ode.d], 0, 1)
+
+
+def _rk4(rate: Any, x: np.ndarray, h: float) -> np.ndarray:
+    """The three-eighths rule, which is what torchdiffeq calls rk4."""
+    k1 = rate(x)
+    k2 = rate(x + h / 3 * k1)
+    k3 = rate(x + h * (k2 - k1 / 3))
+    k4 = rate(x + h * (k1 - k2 + k3))
+    return x + h / 8 * (k1 + 3 * (k2 + k3) + k4)
+
+
+def _midpoint(rate: Any, x: np.ndarray, h: float) -> np.ndarray:
+    return x + h * rate(x + 0.5 * h * rate(x))
+
+
+_STEPS = {"rk4": _rk4, "midpoint": _midpoint}
+
+
+def save_ode(path: str | os.PathLike[str], ode: NeuralOde, header: Mapping[str, Any]) -> None:
+    """Write the weights and what is needed to build the same model again."""
+    save_artefact(
+        path, ode.state_dict(), {"kind": KIND, "schema": SCHEMA, **header, "architecture": ode.architecture}
+    )
+
+
+def load_ode(path: str | os.PathLike[str]) -> tuple[NeuralOde, dict[str, Any]]:
+    """Read a free differential equation and its header.
+
+    Raises:
+        FileNotFoundError: nothing is at ``path``.
+        ValueError: the file is none, or one of another schema.
+    """
+    tensors, header = load_artefact(path, kind=KIND, schema=SCHEMA)
+    ode = NeuralOde(**header["architecture"])
+    return restore(ode, tensors, path), header

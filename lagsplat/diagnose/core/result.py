@@ -1,0 +1,150 @@
+"""What a check of the data found, how grave it is, and what to do about it.
+
+What a diagnosis says, as plain data: the content of ``diagnosis.json`` and of its report.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from jaxtyping import Float64
+
+LEVELS = ("refuse", "undetermined", "warn", "note")
+"""``refuse``: nothing can be computed. ``undetermined``: any name would be a guess. ``warn``: the diagnosis
+goes on, with less to go by. ``note``: worth knowing."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One finding. ``check`` names the check; ``source`` the file or the side; ``columns`` whom it concerns.
+
+    ``what`` was found, ``why`` it matters and the ``remedy`` are sentences without a full stop.
+
+    Raises:
+        ValueError: an unknown level.
+    """
+
+    level: str
+    check: str
+    source: str
+    what: str
+    why: str
+    remedy: str
+    columns: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.level not in LEVELS:
+            raise ValueError(f"a finding of level {self.level!r}; the levels are {LEVELS}")
+
+    @property
+    def text(self) -> str:
+        """The finding in one line, as users read it."""
+        return f"{self.source}: {self.what}. {self.why[:1].upper()}{self.why[1:]}; {self.remedy}"
+
+
+def refuse(findings: Sequence[Finding]) -> None:
+    """Stop where a finding says that nothing can be computed.
+
+    Raises:
+        ValueError: a finding of level ``refuse``; the message holds all of them.
+    """
+    grave = [finding.text for finding in findings if finding.level == "refuse"]
+    if grave:
+        raise ValueError("\n".join(grave))
+
+
+SCHEMA = 1
+Verdict = Literal["effect", "none", "unknown", "undetermined"]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A fitted parameter with its 90 % interval; lists where an effect happens several times."""
+
+    value: Any
+    low: Any
+    high: Any
+    unit: str
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A number with its 95 % interval; None where it is not defined."""
+
+    value: float | None
+    low: float | None
+    high: float | None
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One hypothesis: an effect at its best place, ``none`` or ``unknown``."""
+
+    name: str
+    probability: float
+    coordinate: str | None = None
+    input: str | None = None
+    parameters: Mapping[str, Parameter] = field(default_factory=dict)
+    closure: Interval | None = None
+    log_evidence: float = 0.0
+    """Over ``none`` [nat]."""
+    misfit: float | None = None
+    """Mean square of its residual, in units of the noise."""
+    places: tuple[str, ...] = ()
+    """The coordinates or the inputs, where it acts at several at once."""
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Root mean square of the held-out forecasts' errors, in fractions of each coordinate's rms."""
+
+    before: float
+    """The sim as delivered."""
+    refit: float
+    """The sim with its own parameters moved within their uncertainty, and nothing added."""
+    after: float
+    """With the chosen effects."""
+    floor: float
+    """What the true model would leave, given the noise."""
+    horizon_s: float
+    closure: Interval
+    """Share of what is above the floor that the chosen effects and the refit take away."""
+    blocks: int = 0
+    """Forecasts that were made, each over the horizon."""
+    diverged: Mapping[str, int] = field(default_factory=dict)
+    """How many of them left the measurement for good, by ``before``, ``refit`` and ``after``; all of them
+    stand in the root mean squares."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """One held-out stretch: what was measured, and two forecasts from states of its first ten samples."""
+
+    file: str
+    index: int
+    time_s: Float64[np.ndarray, " n"]
+    real: Float64[np.ndarray, "n d"]
+    sim: Float64[np.ndarray, "n d"]
+    augmented: Float64[np.ndarray, "n d"]
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """The verdict with everything it rests on; candidates stand most probable first."""
+
+    verdict: Verdict
+    candidates: tuple[Candidate, ...]
+    combination: tuple[str, ...]
+    gap: Gap | None
+    where: Any
+    equivalent: tuple[tuple[str, ...], ...]
+    excitation: tuple[str, ...]
+    warnings: tuple[str, ...]
+    absorbed: tuple[str, ...]
+    """Effects that a sim fitted on the same recording has already taken up."""
+    blocks: tuple[Block, ...]
+    checks: Mapping[str, Any]
+    """What the recording allows: periods, noise, excitation of each family."""
+    q_names: tuple[str, ...] = ()
+    u_names: tuple[str, ...] = ()

@@ -1,0 +1,187 @@
+"""Whether the sim and the real thing are described in the same coordinates, and move in the same region."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from lagsplat.diagnose.core.result import Finding
+from lagsplat.io.trajectory.trajectory import Motion
+
+REACH = 1.5  # times the farthest sample of the sim (its 99 % quantile) that still counts as its region
+OUTSIDE, APART = 0.05, 0.5  # shares of the real samples outside it
+BEYOND = "mostly outside the sim"
+"""The check that finds more than `APART` of them there: what is left unexplained may be the sim's own."""
+ELSEWHERE = 6.0  # times the sim's own spread by which the middle of the real motion lies off
+UNITS = {
+    180.0 / np.pi: "degrees and radians",
+    1000.0: "millimetres and metres",
+    100.0: "centimetres and metres",
+    25.4: "inches and millimetres",
+    2.0 * np.pi: "turns and radians",
+    360.0: "turns and degrees",
+}
+LIKE = 0.35  # by which the ratio of sizes may miss one of them, as a share
+STRIKING = 20.0  # ratio of sizes that asks for an explanation
+
+
+def check_coordinates(sim: Sequence[Motion], real: Sequence[Motion]) -> list[Finding]:
+    """Numbers and names of coordinates and inputs must agree, on each side and across.
+
+    An input that the real side alone has leaves the verdict undetermined where it moves: the sim does not say
+    what it does. One that the sim alone has is refused: what acted on the real thing is not known.
+    """
+    found = []
+    first = (*sim, *real)[0]
+    for motion in (*sim, *real):
+        if motion.q_names != first.q_names:
+            found.append(
+                Finding(
+                    "refuse",
+                    "coordinates",
+                    motion.source,
+                    f"coordinates {', '.join(motion.q_names)}, but {first.source} has "
+                    f"{', '.join(first.q_names)}",
+                    "the sim and the real thing must be described by the same coordinates",
+                    "give the same columns on both sides, or name them with diagnose.columns={q0: NAME}",
+                    motion.q_names,
+                )
+            )
+    sides = {"sim": sim, "real": real}
+    names = {side: {name for motion in motions for name in motion.u_names} for side, motions in sides.items()}
+    for side, motions in sides.items():
+        for motion in motions:
+            lacking = sorted(names[side] - set(motion.u_names))
+            if lacking:
+                found.append(_missing(motion.source, lacking, f"other files of {side} have it"))
+    if sim and real and (lacking := sorted(names["sim"] - names["real"])):
+        found.append(_missing("real", lacking, "the sim is driven by it"))
+    extra = sorted(names["real"] - names["sim"]) if sim and real else []
+    moving = [name for name in extra if any(_moves(motion, name) for motion in real)]
+    if moving:
+        found.append(
+            Finding(
+                "undetermined",
+                "input of one side",
+                "real",
+                f"{', '.join(moving)} moves, and the sim has no such input",
+                "whatever it does would pass for an effect",
+                "record the sim with this input, or leave the column out if it does not act",
+                tuple(moving),
+            )
+        )
+    elif extra:
+        found.append(
+            Finding(
+                "note",
+                "input of one side",
+                "real",
+                f"{', '.join(extra)} is constant, and the sim has no such input",
+                "a constant input shows as a constant force at most",
+                "leave the column out if it does not act",
+                tuple(extra),
+            )
+        )
+    return found
+
+
+def _missing(source: str, names: Sequence[str], why: str) -> Finding:
+    return Finding(
+        "refuse",
+        "missing input",
+        source,
+        f"no input {', '.join(names)}",
+        why,
+        "add the column, with zeros if nothing acted",
+        tuple(names),
+    )
+
+
+def _moves(motion: Motion, name: str) -> bool:
+    column = motion.u[:, motion.u_names.index(name)]
+    return bool(np.ptp(column) > 1e-9 * np.abs(column).max())
+
+
+def check_region(sim: Sequence[Motion], real: Sequence[Motion]) -> list[Finding]:
+    """Whether the real motion lies where the sim was seen, and in its units.
+
+    The distance is Mahalanobis', with the sim's median and a covariance of its ranks' spread, so that a few
+    wild samples do not count.
+    """
+    if not sim or not real or sim[0].d != real[0].d:
+        return []
+    nominal = np.concatenate([motion.q for motion in sim])
+    seen = np.concatenate([motion.q for motion in real])
+    found = [
+        finding for i in range(sim[0].d) if (finding := _units(nominal[:, i], seen[:, i], sim[0].q_names[i]))
+    ]
+    centre, root = _robust(nominal)
+    reach = np.quantile(np.linalg.norm((nominal - centre) @ root, axis=1), 0.99)
+    distance = np.linalg.norm((seen - centre) @ root, axis=1)
+    outside = float((distance > REACH * reach).mean())
+    off = float(np.linalg.norm((np.median(seen, axis=0) - centre) @ root))
+    middle = off / max(float(reach), 1e-6 * off, np.finfo(float).tiny)
+    if outside > APART and middle > ELSEWHERE / 3.0:
+        found.append(
+            Finding(
+                "undetermined",
+                "no overlap",
+                "real",
+                f"{100 * outside:.3g} % of the real samples lie outside the region the sim was seen in, and "
+                f"their middle {middle:.2g} times as far out as the sim ever was",
+                "the sim says nothing of that region",
+                "check zero points, signs and units of both sides, or give a sim of that region",
+            )
+        )
+    elif outside > OUTSIDE:
+        found.append(
+            Finding(
+                "warn",
+                BEYOND if outside > APART else "outside the sim",
+                "real",
+                f"{100 * outside:.3g} % of the real samples lie outside the region the sim was seen in",
+                "there the sim is extrapolated, and its own error passes for an effect",
+                "give a sim of larger motions, or real motions as large as the sim's",
+            )
+        )
+    return found
+
+
+def _robust(cloud: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Median, and a root of the inverse covariance, from ranks and quartiles."""
+    centre = np.median(cloud, axis=0)
+    spread = _spread(cloud)
+    ranks = cloud.argsort(axis=0).argsort(axis=0)
+    # Spearman's correlation; a little of the identity keeps coordinates that move as one invertible.
+    correlation = np.corrcoef(ranks.T).reshape(len(centre), len(centre))
+    correlation = np.where(np.isfinite(correlation), correlation, 0.0)
+    np.fill_diagonal(correlation, 1.0)
+    correlation = 0.95 * correlation + 0.05 * np.eye(len(centre))
+    values, vectors = np.linalg.eigh(correlation * np.outer(spread, spread))
+    return centre, vectors / np.sqrt(np.maximum(values, 1e-300))
+
+
+def _spread(cloud: np.ndarray) -> np.ndarray:
+    low, high = np.quantile(cloud, [0.02, 0.98], axis=0)
+    return np.maximum(0.25 * (high - low), 1e-9 * np.maximum(np.abs(cloud).max(axis=0), 1e-290))
+
+
+def _units(sim: np.ndarray, real: np.ndarray, name: str) -> Finding | None:
+    """A suspicion of units, where sizes differ by far, and by about what two units differ."""
+    sizes = [float(np.quantile(np.abs(side - np.median(side)), 0.98)) for side in (sim, real)]
+    if min(sizes) <= 0.0:
+        return None
+    ratio = sizes[1] / sizes[0]
+    if 1.0 / STRIKING < ratio < STRIKING:
+        return None
+    factor = min(UNITS, key=lambda unit: abs(np.log(max(ratio, 1.0 / ratio) / unit)))
+    alike = abs(np.log(max(ratio, 1.0 / ratio) / factor)) < LIKE
+    return Finding(
+        "undetermined" if ratio > 1.0 or alike else "warn",
+        "units",
+        "real",
+        f"{name} moves {ratio:.3g} times as far as in the sim"
+        + (f", about the ratio of {UNITS[factor]}" if alike else ""),
+        "the sim was never seen at that size, or the units differ",
+        "give both sides in one unit, or a sim that moves as far as the real thing",
+        (name,),
+    )

@@ -1,0 +1,355 @@
+"""Places where a motion is not continued: cuts that nobody declared, gaps in time, a hand that lets go.
+
+Frames that show again what an earlier one showed: the motion stands still, then catches up in one step.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float64, Int64
+from numpy.polynomial import Polynomial
+
+from lagsplat.diagnose.core.result import Finding
+from lagsplat.diagnose.data_quality.noise import fit_locally
+from lagsplat.io.trajectory.trajectory import Motion
+
+SIDE = 8  # samples of the polynomial on either side of a border...
+PERIODS = 0.15  # ...and natural periods that they last at most
+CERTAIN = 8.0  # standard errors of a jump
+BENT = 2.0  # times what a knock between two samples could displace
+UNUSUAL, USUAL = (
+    3.0,
+    0.9,
+)  # times the quantile of the mismatches around, which the bending of the motion makes
+AROUND = 6  # lengths of the polynomial that count as around
+SUDDEN = 0.5  # of a jump, by which the step stands out from those before and after; a swing takes several
+VISIBLE = 0.03  # of the range of the motion around
+SAME_RATE = 0.4  # times the typical speed by which the rates on both sides may differ
+MAX_CUTS_PER_PERIOD = 0.5  # cuts a period that are too many to be cuts
+MOST_MISSING = 10.5  # frames that a camera loses at once
+LONG_STEPS, LONG_PERIODS = 3.0, 0.125  # a gap is longer than both
+HOLD_PERIODS = 0.4  # that a hold lasts at least
+OFF_CENTRE = 0.7  # times the swing that follows: how far from its middle a hold is
+HOLD_TOLERANCE = 0.2  # times that swing: how far it may wander
+CLEARLY = 12.0  # times the noise: how large that swing must be
+
+
+@dataclass(frozen=True)
+class _Jump:
+    """A mismatch between both sides of the border before sample ``at``, in units of the coordinate.
+
+    Its sign is taken out: ``rate``, a sample, is along the jump.
+    """
+
+    at: int
+    coordinate: int
+    size: float
+    error: float
+    rate: float
+    rate_change: float
+    span: float
+    """Range of the motion around."""
+
+
+def cut_gaps(motion: Motion, *, period_s: float | None) -> tuple[Motion, tuple[Finding, ...]]:
+    """The motion cut where samples are missing for longer than the motion can be followed."""
+    step = np.diff(motion.time_s)
+    limit = max(LONG_STEPS * motion.dt_s, LONG_PERIODS * (period_s or 0.0))
+    torn = 1 + np.flatnonzero(motion.joined & (step > limit))
+    if not torn.size:
+        return motion, ()
+    where = ", ".join(f"{step[k - 1]:.3g} s after {motion.time_s[k - 1]:.6g} s" for k in torn[:4])
+    return motion.cut(torn.tolist()), (
+        Finding(
+            "warn",
+            "gap",
+            motion.source,
+            f"{len(torn)} gap(s) of more than {limit:.3g} s ({where}{', ...' if len(torn) > 4 else ''})",
+            "what acted in between is not known",
+            "it is cut there and nothing is continued across",
+        ),
+    )
+
+
+def cut_jumps(
+    motion: Motion, *, sigma: np.ndarray, period_s: float | None
+) -> tuple[Motion, tuple[Finding, ...]]:
+    """The motion cut where position jumps by more than its velocity and its noise allow.
+
+    ``sigma`` (d,) is the noise. Polynomials through the samples on either side of each border are compared in
+    the middle. A knock, an end stop or a push changes the rate alone, and is no cut. Where a jump goes along
+    with the motion by some frames' worth and the rate stays, or catches up after a standstill, frames are
+    missing; that is said, not cut.
+    Jumps more frequent than `MAX_CUTS_PER_PERIOD` a period are left alone, and said: then they are how the thing moves.
+    """
+    jumps = _jumps(motion, sigma, period_s)
+    if not jumps:
+        return motion, ()
+    speed = np.array([np.std(np.diff(motion.q[:, i])) / motion.dt_s for i in range(motion.d)])
+    caught_up = _thaws(motion, sigma)
+    lost = [
+        jump
+        for jump in jumps
+        if np.abs(caught_up - jump.at).min(initial=2) < 2
+        or _is_loss(jump, motion, float(speed[jump.coordinate]), period_s)
+    ]
+    cuts = sorted({jump.at for jump in jumps if jump not in lost})
+    if len(lost) > len(cuts):  # some losses are too long, or too slow, to be known as such one by one
+        lost, cuts = jumps, []
+    found = []
+    if lost:
+        found.append(
+            Finding(
+                "warn",
+                "missing frames",
+                motion.source,
+                f"{len(lost)} jump(s) along the motion, the first at "
+                f"{motion.time_s[min(jump.at for jump in lost)]:.6g} s",
+                "frames are missing there although the times go on evenly",
+                "it is not cut, and `frame_drops` is among the candidates",
+            )
+        )
+    if period_s is not None and len(cuts) > max(3.0, MAX_CUTS_PER_PERIOD * motion.duration_s / period_s):
+        found.append(_frequent(motion, cuts))
+        cuts = []
+    if not cuts:
+        return motion, tuple(found)
+    where = ", ".join(f"{motion.time_s[k]:.6g} s" for k in cuts[:5])
+    found.append(
+        Finding(
+            "warn",
+            "undeclared cut",
+            motion.source,
+            f"{len(cuts)} jump(s) that no velocity explains, at {where}{', ...' if len(cuts) > 5 else ''}",
+            "to continue across them would invent memory",
+            "it is cut there; declare cuts in a column `segment`",
+        )
+    )
+    return motion.cut(cuts), tuple(found)
+
+
+def drop_holds(
+    motion: Motion, *, sigma: np.ndarray, period_s: float | None
+) -> tuple[Motion, tuple[Finding, ...]]:
+    """The motion without stretches in which it is held away from its middle and then let go.
+
+    Only where inputs are constant: an input that moves is reason enough to start. A clip that rests in the
+    middle of its later swing is no hold, nor is one that never moves again.
+    """
+    if period_s is None or (motion.n_u and np.ptp(motion.u, axis=0).any()):
+        return motion, ()
+    kept, dropped = [], []
+    for start, stop in motion.segments:
+        holds = _holds(motion, start, stop, sigma, period_s)
+        edges = [start, *(edge for hold in holds for edge in hold), stop]
+        kept += [(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= SIDE]
+        dropped += holds
+    if not dropped or not kept:
+        return motion, ()
+    where = ", ".join(f"{motion.time_s[a]:.4g} to {motion.time_s[b - 1]:.4g} s" for a, b in dropped[:4])
+    return motion.pieces(kept), (
+        Finding(
+            "warn",
+            "hold",
+            motion.source,
+            f"held still away from the middle of its swing, then let go ({where})",
+            "a hand that holds is a force that is not recorded",
+            "these stretches are left out and the motion is cut there",
+        ),
+    )
+
+
+def _thaws(motion: Motion, sigma: np.ndarray) -> Int64[np.ndarray, " J"]:
+    """First samples after a picture that stood still."""
+    late = frozen(motion.q, np.array(motion.segments), np.where(np.isfinite(sigma), sigma, 0.0))
+    return np.flatnonzero(late[:-1] & ~late[1:]) + 1
+
+
+def _jumps(motion: Motion, sigma: np.ndarray, period_s: float | None) -> list[_Jump]:
+    """The largest significant mismatch of each neighbourhood."""
+    side = SIDE if period_s is None else int(np.clip(PERIODS * period_s / motion.dt_s, 4, SIDE))
+    degree = 2 if side >= 5 else 1
+    found: list[_Jump] = []
+    for start, stop in motion.segments:
+        if stop - start < 2 * side + 2:
+            continue
+        at = np.arange(start + side, stop - side + 1)
+        window = at[:, None] + np.arange(-side, side)
+        middle = 0.5 * (motion.time_s[at] + motion.time_s[at - 1])
+        offset = (motion.time_s[window] - middle[:, None]) / motion.dt_s
+        ends = [
+            np.linalg.pinv(half[..., None] ** np.arange(degree + 1))[:, :2]
+            for half in (offset[:, :side], offset[:, side:])
+        ]
+        noise = np.sqrt(sum((end[:, 0] ** 2).sum(axis=1) for end in ends))
+        for i in range(motion.d):
+            values = motion.q[window, i]
+            left, right = (
+                np.einsum("nck,nk->nc", end, part)
+                for end, part in zip(ends, (values[:, :side], values[:, side:]), strict=True)
+            )
+            size = right[:, 0] - left[:, 0]
+            error = noise * max(float(sigma[i]) if np.isfinite(sigma[i]) else 0.0, 1e-12 * np.ptp(values))
+            change = right[:, 1] - left[:, 1]
+            usual, span = _around(np.abs(size), motion.q[at, i], side)
+            limit = np.maximum.reduce(
+                [CERTAIN * error, UNUSUAL * usual, VISIBLE * span, BENT * np.abs(change)]
+            )
+            rate = 0.5 * (left[:, 1] + right[:, 1])
+            before, step, after = (np.diff(values[:, side - 2 : side + 2]) * np.sign(size)[:, None]).T
+            sudden = step - np.maximum(before, after) > SUDDEN * np.abs(size)
+            beyond = sudden * np.abs(size) / np.maximum(limit, np.finfo(float).tiny)
+            numbers = np.stack([np.abs(size), error, rate * np.sign(size), np.abs(change), span], axis=1)
+            found += [_Jump(int(at[k]), i, *numbers[k].tolist()) for k in _peaks(beyond, side)]
+    # One event shows in several coordinates: the one where it is largest speaks.
+    kept: list[_Jump] = []
+    for jump in sorted(found, key=lambda jump: -jump.size / max(jump.span, np.finfo(float).tiny)):
+        if all(abs(jump.at - other.at) > side for other in kept):
+            kept.append(jump)
+    return kept
+
+
+def _around(size: np.ndarray, q: np.ndarray, side: int) -> tuple[np.ndarray, np.ndarray]:
+    """Usual mismatch and range of the motion around each border, the neighbourhood of the border left out."""
+    reach = AROUND * side
+    index = np.concatenate([np.arange(-reach, -side), np.arange(side + 1, reach + 1)])
+    index = np.clip(np.arange(len(size))[:, None] + index, 0, len(size) - 1)
+    return np.quantile(size[index], USUAL, axis=1), np.ptp(q[index], axis=1)
+
+
+def _peaks(score: np.ndarray, distance: int) -> list[int]:
+    """Samples above one that no other within ``distance`` exceeds, the largest first."""
+    peaks: list[int] = []
+    for k in np.argsort(-score):
+        if score[k] <= 1.0:
+            break
+        if all(abs(k - other) > distance for other in peaks):
+            peaks.append(int(k))
+    return peaks
+
+
+def _is_loss(jump: _Jump, motion: Motion, speed: float, period_s: float | None) -> bool:
+    """Whether lost frames explain a jump: whole steps along a motion whose rate goes on as it must."""
+    frames = jump.size / jump.rate if jump.rate else np.inf
+    angle = 2.0 * np.pi * motion.dt_s / period_s if period_s is not None else 0.0
+    usual = max(speed * motion.dt_s, 0.5 * jump.span * angle)
+    allowed = (SAME_RATE + 1.5 * angle * frames) * usual + jump.error
+    return 0.5 < frames < MOST_MISSING and jump.rate_change < allowed
+
+
+def _frequent(motion: Motion, cuts: list[int]) -> Finding:
+    return Finding(
+        "warn",
+        "frequent jumps",
+        motion.source,
+        f"{len(cuts)} jumps in position, more than one in two periods",
+        "so many are no cuts: the sensor jumps, or the motion is sampled too coarsely",
+        "nothing is cut; look at the recording",
+    )
+
+
+def _holds(
+    motion: Motion, start: int, stop: int, sigma: np.ndarray, period_s: float
+) -> list[tuple[int, int]]:
+    least = max(int(HOLD_PERIODS * period_s / motion.dt_s), 2 * SIDE)
+    if stop - start < 2 * least:
+        return []
+    clip = motion.pieces([(start, stop)])
+    half = max(2, min(SIDE, least // 4))
+    fit = fit_locally(clip, half_width=half)
+    typical = clip.q.std(axis=0)
+    noise = np.where(np.isfinite(sigma), sigma, 0.0)
+    still_rate = np.maximum(4.0 * noise * fit.rate_gain[:, None], 0.02 * typical * 2.0 * np.pi / period_s)
+    still = (np.abs(fit.v) < still_rate).all(axis=1)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(int), [0]])))
+    holds = []
+    for first, last in zip(edges[::2], edges[1::2], strict=True):
+        after = clip.q[last : last + int(2.0 * period_s / motion.dt_s)]
+        if last - first < least or len(after) < least:
+            continue
+        swing = 0.5 * np.ptp(after, axis=0)
+        held = fit.q[first:last]
+        away = np.abs(np.median(held, axis=0) - 0.5 * (after.max(axis=0) + after.min(axis=0)))
+        moves = swing > np.maximum(CLEARLY * noise, 0.1 * typical)
+        if (moves & (away > OFF_CENTRE * swing) & (np.ptp(held, axis=0) < HOLD_TOLERANCE * swing)).any():
+            holds.append((start + int(first), start + int(last)))
+    return holds
+
+
+REPEAT_TOLERANCE, JUMP = 3.0, 6.0
+"""Steps, in those that noise makes, up to which a picture is the same, and from which it has jumped."""
+LONGEST = 200
+"""Samples that a picture may stand still."""
+LAG, REPEAT_QUANTILE = 3, 0.95
+"""Samples over which the motion bends, and the quantile that tells how sharply it mostly does."""
+BESIDE, DEGREE = 5, 3
+"""Samples to either side, and the degree of the polynomial that is laid through them."""
+CLEAR = 5.0
+"""Steps of noise by which what stands still must miss that polynomial somewhere."""
+SHARPER = 1.3
+"""How much more sharply than it mostly does the motion may have bent meanwhile."""
+SMOOTH = 0.1
+"""Of that, what the samples beside may miss it by, or a step of noise."""
+MIN_REPEATS = 5
+"""Repeats beyond doubt from which on what stands still for `SHORTEST` samples or up to a jump is one."""
+SHORTEST = 4
+
+
+def frozen(
+    q: Float64[np.ndarray, "N d"], clips: Int64[np.ndarray, "C 2"], sigma: Float64[np.ndarray, " d"]
+) -> Bool[np.ndarray, " N"]:
+    """Which samples repeat an earlier one.
+
+    A mechanism that sticks moves on from where it stood; it does not appear where it would have been by now.
+    """
+    late = np.zeros(len(q), dtype=bool)
+    step = np.sqrt(2.0) * np.maximum(sigma, 1e-300)
+    for start, stop in clips:
+        z = q[start:stop] / step
+        stood = _before_jumps(z)
+        sure = [run for run in stood if _misses(z, *run)]
+        # samples beside a repeat may be repeats, too, and a motion that turns catches up without a jump
+        for first, end in [*stood, *_standstills(z)] if len(sure) >= MIN_REPEATS else sure:
+            late[start + first + 1 : start + end] = True
+    return late
+
+
+def _before_jumps(z: np.ndarray) -> list[tuple[int, int]]:
+    """First sample of each picture that stands still, and the sample that has jumped away from it."""
+    moved = np.abs(np.diff(z, axis=0)).max(axis=1)
+    found = []
+    for jump in map(int, np.flatnonzero((moved[1:] > JUMP) & (moved[:-1] <= REPEAT_TOLERANCE)) + 2):
+        back = max(0, jump - LONGEST)
+        stays = (np.abs(z[back:jump] - z[jump - 1]) <= REPEAT_TOLERANCE).all(axis=1)
+        first = back if stays.all() else back + int(np.flatnonzero(~stays)[-1]) + 1
+        if jump - first >= 2:
+            found.append((first, jump))
+    return found
+
+
+def _standstills(z: np.ndarray) -> list[tuple[int, int]]:
+    """First sample and end of all that stays within noise of where it begins, one after the other."""
+    found, first = [], 0
+    while first < len(z):
+        stays = (np.abs(z[first : first + LONGEST] - z[first]) <= REPEAT_TOLERANCE).all(axis=1)
+        end = first + (len(stays) if stays.all() else int(np.argmin(stays)))
+        if end - first >= SHORTEST:
+            found.append((first, end))
+        first = end
+    return found
+
+
+def _misses(z: np.ndarray, first: int, jump: int) -> bool:
+    """Whether the motion before and after goes on smoothly past what stands still from ``first`` on."""
+    if first + 1 < BESIDE or jump + BESIDE > len(z):
+        return False
+    i = int(np.argmax(np.abs(z[jump] - z[jump - 1])))
+    beside = np.r_[first + 1 - BESIDE : first + 1, jump : jump + BESIDE]
+    path = Polynomial.fit(beside, z[beside, i], DEGREE)
+    late = np.arange(first + 1, jump)
+    missed = float(np.abs(z[late, i] - path(late)).max())
+    left = float(np.sqrt(np.mean((z[beside, i] - path(beside)) ** 2)))
+    bent = float(np.abs(path.deriv(2)(np.arange(first, jump + 1))).max())
+    usual = np.abs(z[2 * LAG :, i] - 2.0 * z[LAG:-LAG, i] + z[: -2 * LAG, i]) / LAG**2
+    allowed = SHARPER * float(np.quantile(usual, REPEAT_QUANTILE))
+    return missed > CLEAR and left < max(1.0, SMOOTH * missed) and bent < allowed

@@ -1,0 +1,245 @@
+"""What a recording exercises: amplitudes, speeds, rests and inputs, in units of its own period and noise.
+
+Inputs that never move: nothing can be said of what they would do.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lagsplat.diagnose.core.result import Finding
+from lagsplat.diagnose.data_quality.noise import LocalFit, Noise, fit_locally
+from lagsplat.io.trajectory.trajectory import Motion
+
+ABOVE_NOISE = 5.0  # standard deviations of noise that a swing must exceed to be one
+SLOW = 0.1  # of the rms rate
+REST_RATE = 0.03  # of the rms rate, or the noise of the rate if that is more
+REST_PERIODS = 0.5
+LEVEL = 0.1  # of the range: what sets two holds, or two levels of an input, apart
+
+
+@dataclass(frozen=True)
+class InputMeasures:
+    """One input.
+
+    ``low`` and ``high`` bound nine tenths of its power, in natural frequencies; ``small_share`` of its
+    samples lie within a fifth of its largest value; ``levels`` counts sizes at which it turned round.
+    """
+
+    name: str
+    moves: bool
+    crosses_zero: bool
+    small_share: float
+    levels: int
+    low: float
+    high: float
+    steps: int
+    reversals: int
+
+
+@dataclass(frozen=True)
+class Measures:
+    """Of the whole recording, the best that any coordinate shows.
+
+    ``amplitude_ratio`` is that of large swings to small ones, ``speed_ratio`` that of slow half-swings to
+    fast ones in time; ``slow_share`` is of samples below `SLOW` of the rms rate; ``rest_periods`` the longest
+    rest; ``holds`` counts rests at positions apart; ``step_over_noise`` is how far the motion between two
+    samples exceeds the noise.
+    """
+
+    period_s: float
+    periods: float
+    clips: int
+    d: int
+    amplitude_ratio: float
+    speed_ratio: float
+    reversals: int
+    slow_share: float
+    rest_periods: float
+    holds: int
+    swing_over_noise: float
+    step_over_noise: float
+    samples_per_period: float
+    inputs: tuple[InputMeasures, ...]
+
+    @property
+    def driven(self) -> bool:
+        """Whether any input moves."""
+        return any(channel.moves for channel in self.inputs)
+
+
+def measure_excitation(motions: Sequence[Motion], *, period_s: float, noise: Noise) -> Measures:
+    """The measures of motions of one side; ``period_s`` is the natural period [s]."""
+    dt_s = float(np.median([motion.dt_s for motion in motions]))
+    half = int(np.clip(0.08 * period_s / dt_s, 2, 60))
+    fits = [fit_locally(motion, half_width=half) for motion in motions]
+    sigma = np.where(np.isfinite(noise.sigma), noise.sigma, 0.0)
+    q = np.concatenate([motion.q - motion.q.mean(axis=0) for motion in motions])
+    rate = np.sqrt(np.concatenate([fit.v**2 for fit in fits]).mean(axis=0))
+    size = np.maximum(q.std(axis=0), np.finfo(float).tiny)
+    best = int(np.argmax(size / np.maximum(sigma, 1e-9 * size)))
+    swings = [
+        _swings(m, f, i, sigma[i]) for i in range(q.shape[1]) for m, f in zip(motions, fits, strict=True)
+    ]
+    per_coordinate = [swings[i * len(motions) : (i + 1) * len(motions)] for i in range(q.shape[1])]
+    ratios = [_ratio(np.concatenate([s[0] for s in own]), 0.9) for own in per_coordinate]
+    speeds = [_ratio(np.concatenate([s[1] for s in own]), 0.9) for own in per_coordinate]
+    rests = [_rests(m, f, rate, sigma, period_s) for m, f in zip(motions, fits, strict=True)]
+    slow = np.concatenate([np.abs(fit.v) < SLOW * rate for fit in fits]).mean(axis=0)
+    return Measures(
+        period_s=period_s,
+        periods=sum(motion.duration_s for motion in motions) / period_s,
+        clips=sum(len(motion.segments) for motion in motions),
+        d=q.shape[1],
+        amplitude_ratio=max(ratios),
+        speed_ratio=max(speeds),
+        reversals=max(sum(len(s[0]) for s in own) for own in per_coordinate),
+        slow_share=float(slow.max()),
+        rest_periods=max((length for rest in rests for length, _ in rest), default=0.0) / period_s,
+        holds=_apart(np.array([place for rest in rests for _, place in rest]), np.ptp(q, axis=0)),
+        swing_over_noise=float(np.min([size[best] / max(sigma[best], 1e-9 * size[best]), 1e6])),
+        step_over_noise=float(min(rate[best] * dt_s / max(sigma[best], 1e-9 * size[best]), 1e6)),
+        samples_per_period=period_s / dt_s,
+        inputs=tuple(_input(motions, i, period_s) for i in range(motions[0].n_u)),
+    )
+
+
+def _swings(motion: Motion, fit: LocalFit, i: int, sigma: float) -> tuple[np.ndarray, np.ndarray]:
+    """Half the way from each turning point to the next, and the time it takes [s]; noise makes none."""
+    sizes, times = [], []
+    for start, stop in motion.segments:
+        v = fit.v[start:stop, i]
+        turns = start + 1 + np.flatnonzero((v[1:] > 0) != (v[:-1] > 0))
+        ways = 0.5 * np.abs(np.diff(fit.q[turns, i]))
+        real = ways > ABOVE_NOISE * sigma + 1e-6 * np.ptp(motion.q[:, i])
+        sizes.append(ways[real])
+        times.append(np.diff(motion.time_s[turns])[real])
+    return np.concatenate(sizes), np.concatenate(times)
+
+
+def _ratio(values: np.ndarray, share: float) -> float:
+    if len(values) < 3:
+        return 1.0
+    low, high = np.quantile(values, [1.0 - share, share])
+    return float(high / low) if low > 0 else 1.0
+
+
+def _rests(
+    motion: Motion, fit: LocalFit, rate: np.ndarray, sigma: np.ndarray, period_s: float
+) -> list[tuple[float, np.ndarray]]:
+    """Length [s] and place of every rest of at least `REST_PERIODS`."""
+    limit = np.maximum(REST_RATE * rate, 4.0 * sigma * np.median(fit.rate_gain))
+    # Noise that hides the motion is no rest.
+    limit = np.minimum(limit, 0.3 * rate)
+    still = (np.abs(fit.v) < limit).all(axis=1)
+    found = []
+    for start, stop in motion.segments:
+        edges = start + np.flatnonzero(np.diff(np.concatenate([[0], still[start:stop].astype(int), [0]])))
+        for a, b in zip(edges[::2], edges[1::2], strict=True):
+            length = float(motion.time_s[b - 1] - motion.time_s[a])
+            if length >= REST_PERIODS * period_s:
+                found.append((length, np.median(motion.q[a:b], axis=0)))
+    return found
+
+
+def _apart(places: np.ndarray, span: np.ndarray) -> int:
+    """How many places there are, if those nearer than `LEVEL` of the range are one."""
+    kept: list[np.ndarray] = []
+    for place in places:
+        if all((np.abs(place - other) > LEVEL * span).any() for other in kept):
+            kept.append(place)
+    return len(kept)
+
+
+def _input(motions: Sequence[Motion], i: int, period_s: float) -> InputMeasures:
+    u = np.concatenate([motion.u[:, i] for motion in motions])
+    size, span = float(np.abs(u).max()), float(np.ptp(u))
+    name = motions[0].u_names[i]
+    if span <= 1e-6 * size or size == 0.0:
+        return InputMeasures(name, False, False, 0.0, 1, 0.0, 0.0, 0, 0)
+    power, frequency = [], []
+    steps, peaks, reversals = 0, [], 0
+    for motion in motions:
+        for start, stop in motion.segments:
+            clip, time = motion.u[start:stop, i], motion.time_s[start:stop]
+            change = np.diff(clip)
+            steps += int((np.abs(change) > 0.15 * span).sum())
+            moving = np.sign(change) * (np.abs(change) > 1e-4 * span)
+            known = np.flatnonzero(moving)
+            turns = known[1:][np.diff(moving[known]) != 0]
+            reversals += len(turns)
+            peaks += clip[turns].tolist()
+            grid = np.arange(time[0], time[-1], motion.dt_s)
+            if len(grid) > 8:
+                even = np.interp(grid, time, clip - clip.mean())
+                power.append(np.abs(np.fft.rfft(even)) ** 2)
+                frequency.append(np.fft.rfftfreq(len(grid), motion.dt_s))
+    low, high = _band(np.concatenate(frequency), np.concatenate(power)) if power else (0.0, 0.0)
+    levels = _apart(np.abs(np.array(peaks))[:500, None], np.array([size])) if peaks else 2
+    return InputMeasures(
+        name,
+        True,
+        bool(u.min() < -0.02 * size and u.max() > 0.02 * size),
+        float((np.abs(u) < 0.2 * size).mean()),
+        levels,
+        low * period_s,
+        high * period_s,
+        steps,
+        reversals,
+    )
+
+
+def _band(frequency: np.ndarray, power: np.ndarray) -> tuple[float, float]:
+    order = np.argsort(frequency)
+    summed = np.cumsum(power[order])
+    if summed[-1] <= 0.0:
+        return 0.0, 0.0
+    low, high = np.searchsorted(summed, np.array([0.05, 0.95]) * summed[-1])
+    return float(frequency[order][low]), float(frequency[order][min(high, len(order) - 1)])
+
+
+STILL = 1e-6  # of an input's size: what a constant may wander by
+
+
+def check_inputs(sim: Sequence[Motion], real: Sequence[Motion]) -> list[Finding]:
+    """Inputs that are constant on the real side, and those that only the real side ever moved.
+
+    The second leave the verdict undetermined: a sim that never saw an input move does not know what it does.
+    """
+    if not real:
+        return []
+    found = []
+    shared = [name for name in real[0].u_names if not sim or name in sim[0].u_names]
+    for name in shared:
+        moves_real, moves_sim = _moves(real, name), not sim or _moves(sim, name)
+        if not moves_real:
+            found.append(
+                Finding(
+                    "warn",
+                    "constant input",
+                    "real",
+                    f"{name} is constant",
+                    "lag, delay, dead zone, saturation, play and gain of it cannot be seen",
+                    "move it through zero, slowly and fast, if such effects are in question",
+                    (name,),
+                )
+            )
+        elif not moves_sim:
+            found.append(
+                Finding(
+                    "undetermined",
+                    "input of one side",
+                    "real",
+                    f"{name} moves, and is constant in the sim",
+                    "the sim does not tell what this input does, which would pass for an effect",
+                    "record the sim with this input moving",
+                    (name,),
+                )
+            )
+    return found
+
+
+def _moves(motions: Sequence[Motion], name: str) -> bool:
+    values = np.concatenate([motion.u[:, motion.u_names.index(name)] for motion in motions])
+    return bool(np.ptp(values) > STILL * np.abs(values).max())

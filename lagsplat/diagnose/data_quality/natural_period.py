@@ -1,0 +1,249 @@
+"""The natural period of a mechanism, seen in how it moves: free or driven, damped, drifting or noisy."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64
+from scipy.signal import oaconvolve
+
+from lagsplat.io.trajectory.trajectory import Motion
+
+PER_DECADE = 14  # lengths of test functions tried
+LEAST_SAMPLES = 9  # of a test function
+MOST_SAMPLES = 6000  # of all clips together; longer ones are thinned
+FITS = 0.3  # share of the weighted accelerations that a linear law must explain to be believed
+SPARE = 2.0  # independent test functions beyond the unknowns: with fewer, any law fits
+DOUBTFUL = 0.15  # relative error of a stiffness that says nothing
+TURN = 0.1  # standard deviations of the motion that it must come back by to have turned
+HEARD = 0.08  # share of the motion that the slowest mode must carry to count
+
+
+@dataclass(frozen=True)
+class _Clip:
+    """A clip on an even grid of ``dt_s``, centred and scaled."""
+
+    q: Float64[np.ndarray, "N d"]
+    u: Float64[np.ndarray, "N n_u"]
+    dt_s: float
+
+
+def natural_period_s(motions: Sequence[Motion]) -> float | None:
+    """Undamped period [s] of the slowest mode that carries `HEARD` of the motion; None where none swings.
+
+    As `natural_periods_s`, whose first value this is.
+    """
+    periods = natural_periods_s(motions)
+    return float(periods[0]) if len(periods) else None
+
+
+def natural_periods_s(motions: Sequence[Motion]) -> Float64[np.ndarray, " m"]:
+    """Undamped periods [s] of the modes, slowest first, m at most d; empty where nothing swings.
+
+    A linear law ``a = -K q - C v + B u + c + e t`` is fitted in the weak form: with test functions that
+    vanish at both ends, derivatives fall on them and noise is not differenced. Inputs are part of the law, so
+    that a driven motion shows the mechanism's own period and not its driver's. Test functions should last
+    about one period: of all lengths that one is taken which finds a period near itself and is surest of it.
+    Where no law fits, as where a pendulum goes over the top, half-periods between turning points are counted
+    instead.
+    For large amplitudes the period is the one of an oscillation as large as those seen.
+
+    Source: weak form, Messenger and Bortz 2021.
+    """
+    clips = _even_clips(motions)
+    if not clips:
+        return np.zeros(0)
+    longest_s = max(len(clip.q) * clip.dt_s for clip in clips)
+    shortest_s = LEAST_SAMPLES * min(clip.dt_s for clip in clips)
+    if longest_s <= shortest_s:
+        return _turning_period(clips)
+    count = max(2, round(PER_DECADE * np.log10(longest_s / shortest_s)))
+    best, found = -np.inf, np.zeros(0)
+    for length_s in np.geomspace(shortest_s, longest_s, count):
+        periods, doubt = _weak_law(clips, length_s)
+        if len(periods) == 0 or doubt > DOUBTFUL:
+            continue
+        # A period much longer than the test function is not seen by it, a much shorter one is averaged away.
+        score = -np.log(doubt) - 4.0 * np.log(periods[0] / length_s) ** 2
+        if score > best:
+            best, found = score, periods
+    return found if len(found) else _turning_period(clips)
+
+
+def _even_clips(motions: Sequence[Motion]) -> list[_Clip]:
+    """Clips long enough for a test function, interpolated onto even grids, in units of the whole motion."""
+    total = sum(motion.n for motion in motions)
+    thin = max(1, total // MOST_SAMPLES)
+    q = np.concatenate([motion.q for motion in motions])
+    u = np.concatenate([motion.u for motion in motions])
+    centre, size = q.mean(axis=0), np.maximum(q.std(axis=0), np.finfo(float).tiny)
+    u_centre, u_size = u.mean(axis=0), u.std(axis=0)
+    moving = u_size > 1e-9 * (np.abs(u_centre) + u_size)
+    clips = []
+    for motion in motions:
+        for start, stop in motion.segments:
+            if stop - start < 2 * LEAST_SAMPLES or not q.std(axis=0).any():
+                continue
+            time = motion.time_s[start:stop]
+            dt_s = thin * motion.dt_s if stop - start >= 2 * LEAST_SAMPLES * thin else motion.dt_s
+            grid = np.arange(time[0], time[-1], dt_s)
+            if len(grid) < LEAST_SAMPLES + 2:
+                continue
+            swing = [np.interp(grid, time, column) for column in motion.q[start:stop].T]
+            drive = [np.interp(grid, time, column) for column in motion.u[start:stop].T[moving]]
+            drive = [*drive, np.zeros_like(grid)][: max(1, len(drive))]
+            scale = np.where(u_size[moving] > 0, u_size[moving], 1.0) if moving.any() else np.ones(1)
+            mean = u_centre[moving] if moving.any() else np.zeros(1)
+            clips.append(
+                _Clip((np.stack(swing, 1) - centre) / size, (np.stack(drive, 1) - mean) / scale, dt_s)
+            )
+    return clips
+
+
+def _weak_law(clips: Sequence[_Clip], length_s: float) -> tuple[Float64[np.ndarray, " m"], float]:
+    """Periods of the linear law seen by test functions of ``length_s``, and the first's relative error."""
+    left, right = [], []
+    d = clips[0].q.shape[1]
+    for number, clip in enumerate(clips):
+        n = round(length_s / clip.dt_s)
+        if n < LEAST_SAMPLES or n > len(clip.q):
+            continue
+        s = np.linspace(-1.0, 1.0, n)
+        half_s = 0.5 * (n - 1) * clip.dt_s
+        tests = (
+            (1 - s**2) ** 4,
+            -8 * s * (1 - s**2) ** 3 / half_s,
+            (56 * s**2 - 8) * (1 - s**2) ** 2 / half_s**2,
+        )
+        seen = [_correlate(np.hstack([clip.q, clip.u]), test) for test in tests]
+        stride = max(1, n // 8)
+        value, slope, bend = (part[::stride] for part in seen)
+        own = np.zeros((len(value), 2 * len(clips)))
+        own[:, 2 * number] = tests[0].sum()
+        own[:, 2 * number + 1] = tests[0].sum() * np.linspace(-1.0, 1.0, len(value))
+        weight = 1.0 / tests[0].sum()
+        left.append(weight * np.hstack([-value[:, :d], slope[:, :d], value[:, d:], own]))
+        right.append(weight * bend[:, :d])
+    if not left:
+        return np.zeros(0), np.inf
+    rows, target = np.concatenate(left), np.concatenate(right)
+    constants = rows[:, 2 * d + clips[0].u.shape[1] :]
+    solution, _, rank, _ = np.linalg.lstsq(rows, target, rcond=1e-10)
+    plain = target - constants @ np.linalg.lstsq(constants, target, rcond=1e-10)[0]
+    rest = ((target - rows @ solution) ** 2).sum(axis=0)
+    if rest.sum() > (1.0 - FITS) * (plain**2).sum():
+        return np.zeros(0), np.inf
+    # Test functions overlap: four neighbours tell about as much as one.
+    freedom = len(rows) / 4.0 - rank
+    if freedom < SPARE:
+        return np.zeros(0), np.inf
+    variance = (rest + 1e-12 * (target**2).sum(axis=0)) / freedom
+    return _heard(solution[:d].T, np.linalg.pinv(rows.T @ rows, rcond=1e-12)[:d, :d], variance, clips)
+
+
+def _correlate(series: np.ndarray, test: np.ndarray) -> np.ndarray:
+    return oaconvolve(series, test[::-1, None], mode="valid", axes=0)
+
+
+def _heard(
+    stiffness: np.ndarray, spread: np.ndarray, variance: np.ndarray, clips: Sequence[_Clip]
+) -> tuple[Float64[np.ndarray, " m"], float]:
+    """Periods of the modes of ``a = -K q`` that carry their share of the motion, slowest first, and the
+    relative standard error of the first; ``spread`` and ``variance`` are those of the fit of K."""
+    values, shapes = np.linalg.eig(stiffness)
+    if np.linalg.cond(shapes) > 1e8:
+        return np.zeros(0), np.inf
+    q = np.concatenate([clip.q - clip.q.mean(axis=0) for clip in clips])
+    rows = np.linalg.inv(shapes)
+    carried = (np.abs(q @ rows.T) ** 2).mean(axis=0) * (np.abs(shapes) ** 2).sum(axis=0)
+    swings = (values.real > 0) & (np.abs(values.imag) < 0.5 * values.real)
+    kept = np.flatnonzero(swings & (carried > HEARD * carried.sum()))
+    if not kept.size:
+        return np.zeros(0), np.inf
+    kept = kept[np.argsort(values.real[kept])]
+    slowest = kept[0]
+    error = (np.abs(rows[slowest]) ** 2 @ variance) * (
+        shapes[:, slowest].conj() @ spread @ shapes[:, slowest]
+    )
+    periods = 2.0 * np.pi / np.sqrt(values.real[kept])
+    return periods, float(np.sqrt(error.real)) / float(values.real[slowest])
+
+
+def _turning_period(clips: Sequence[_Clip]) -> Float64[np.ndarray, " m"]:
+    """Twice the median time between turning points, by the coordinate that turns most often."""
+    found = []
+    for i in range(clips[0].q.shape[1] if clips else 0):
+        halves = [np.diff(_turns(clip.q[:, i])) * clip.dt_s for clip in clips]
+        found.append(np.concatenate(halves))
+    often = max(found, key=len, default=np.zeros(0))
+    return np.array([2.0 * float(np.median(often))]) if len(often) >= 2 else np.zeros(0)
+
+
+def _turns(q: np.ndarray) -> list[int]:
+    """Samples at which a column turns round, by more than `TURN` of its standard deviation over all clips."""
+    turns: list[int] = []
+    low = high = 0
+    rising = None
+    for k, value in enumerate(q):
+        low = k if value < q[low] else low
+        high = k if value > q[high] else high
+        if rising is not False and q[high] - value > TURN:
+            turns += [high] if rising else []
+            rising, low = False, k
+            high = k
+        elif rising is not True and value - q[low] > TURN:
+            turns += [low] if rising is False else []
+            rising, high = True, k
+            low = k
+    return turns
+
+
+def rms_period_s(motions: Sequence[Motion], order: int) -> float | None:
+    """The rms period of the spectrum of the ``order``-th derivative; None where nothing moves."""
+    weighted = total = 0.0
+    for motion in motions:
+        for start, stop in motion.segments:
+            x = motion.q[start:stop] - motion.q[start:stop].mean(axis=0)
+            if len(x) < LEAST or not (x.std(axis=0) > 0.0).all():
+                continue
+            step = (motion.time_s[stop - 1] - motion.time_s[start]) / (len(x) - 1)
+            omega = 2.0 * np.pi * np.fft.rfftfreq(len(x), step)
+            power = np.abs(np.fft.rfft(x * np.hanning(len(x))[:, None], axis=0)) ** 2 / x.var(axis=0)
+            whole = power.sum(axis=1)
+            whole[0] = 0.0
+            whole[whole < (0.02 if order == 0 else 0.002) * whole.max()] = 0.0
+            whole = whole * omega ** (2 * order)
+            weighted += float((whole * omega**2).sum())
+            total += float(whole.sum())
+    return float(2.0 * np.pi / np.sqrt(weighted / total)) if weighted > 0.0 else None
+
+
+def rough_period_s(motions: Sequence[Motion]) -> float:
+    """The rms period of the motion's spectrum, from the part of it that stands above noise [s].
+
+    Where a mechanism goes over the top or is held for long, its steps outweigh its swings; there the spectrum
+    of its rate is taken, which weighs both alike.
+
+    Raises:
+        ValueError: no clip is long enough, or nothing moves.
+    """
+    longest = max(stop - start for motion in motions for start, stop in motion.segments)
+    if longest < LEAST:
+        raise ValueError(
+            f"{motions[0].source}: the longest clip has {longest} samples, too few to tell how it swings; "
+            f"record at least {LEAST} without a cut, and better ten periods"
+        )
+    swing_s, rate_s = rms_period_s(motions, 0), rms_period_s(motions, 1)
+    if swing_s is None or rate_s is None:
+        raise ValueError(
+            f"{motions[0].source}: nothing moves in any clip of {LEAST} samples; record a motion"
+        )
+    return rate_s if swing_s > STEPPED * rate_s else swing_s
+
+
+LEAST = 16
+"""Samples of the shortest clip whose spectrum is taken."""
+
+
+STEPPED = 1.6
+"""Times by which the period of the coordinates exceeds that of their rates where they step."""

@@ -1,0 +1,287 @@
+"""Value, rate and acceleration at a sample, by a polynomial through the samples around it.
+
+Noise and velocity of a recorded motion, by local cubics in true time.
+
+How noisy coordinates are, and whether one sample's error resembles the next one's.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64, Int64
+from scipy.stats import chi2
+
+from lagsplat.io.trajectory.trajectory import Motion
+
+CHUNK = 4096
+
+
+@dataclass(frozen=True)
+class LocalFit:
+    """Smoothed coordinates, their rates [1/s] and accelerations [1/s^2] at every sample.
+
+    ``rate_gain`` is the standard deviation of a rate per standard deviation of white noise [1/s].
+    """
+
+    q: Float64[np.ndarray, "T d"]
+    v: Float64[np.ndarray, "T d"]
+    a: Float64[np.ndarray, "T d"]
+    rate_gain: Float64[np.ndarray, " T"]
+
+
+def fit_locally(motion: Motion, *, half_width: int) -> LocalFit:
+    """A cubic through the ``2 half_width + 1`` samples nearest to each, never across the border of a clip.
+
+    Times may be uneven. Near its border a clip's window is one-sided; a clip of fewer samples than a window
+    is fitted as a whole, by a polynomial of as high a degree as it can bear, at most three.
+
+    Raises:
+        ValueError: a half width below 2.
+
+    Source: local polynomial regression, Fan and Gijbels 1996, chapter 3.
+    """
+    if half_width < 2:
+        raise ValueError(f"half_width is {half_width}; a cubic with a sample to spare needs at least 2")
+    parts = [np.zeros((3, motion.n, motion.d)), np.zeros(motion.n)]
+    for start, stop in motion.segments:
+        width = min(2 * half_width + 1, stop - start)
+        for first in range(start, stop, CHUNK):
+            at = np.arange(first, min(first + CHUNK, stop))
+            left = np.clip(at - half_width, start, stop - width)
+            weights = _weights(motion.time_s, at, left[:, None] + np.arange(width))
+            around = motion.q[left[:, None] + np.arange(width)]
+            parts[0][:, at] = np.einsum("nck,nkd->cnd", weights, around)
+            parts[1][at] = np.linalg.norm(weights[:, 1], axis=1)
+    (q, v, a), gain = parts
+    return LocalFit(q, v, a, gain)
+
+
+def _weights(time_s: np.ndarray, at: np.ndarray, window: np.ndarray) -> Float64[np.ndarray, "N 3 K"]:
+    """Rows that turn the samples of a window into value, rate and acceleration at sample ``at``."""
+    degree = min(3, window.shape[1] - 1)
+    offset = time_s[window] - time_s[at][:, None]
+    scale = np.abs(offset).max(axis=1, keepdims=True)
+    scale[scale == 0.0] = 1.0  # a clip of one sample: it has a value and nothing else
+    powers = (offset / scale)[..., None] ** np.arange(degree + 1)
+    normal = np.einsum("nki,nkj->nij", powers, powers)
+    solved = np.linalg.solve(normal, powers.transpose(0, 2, 1))
+    weights = np.zeros((len(at), 3, window.shape[1]))
+    factor = np.array([1.0, 1.0, 2.0]) / scale ** np.arange(3)
+    kept = min(3, degree + 1)
+    weights[:, :kept] = solved[:, :kept] * factor[:, :kept, None]
+    return weights
+
+
+def local_cubic(
+    time: Float64[np.ndarray, " N"],
+    q: Float64[np.ndarray, "N d"],
+    clips: Int64[np.ndarray, "C 2"],
+    *,
+    width_s: float,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Value, slope and curvature (N, d) of the cubic fitted to the samples about each one.
+
+    The fit spans ``width_s`` or nine samples, whichever is more, and is one-sided where a clip ends.
+    """
+    smooth, slope, bend = np.empty_like(q), np.empty_like(q), np.empty_like(q)
+    for start, stop in clips:
+        n = stop - start
+        dt = (time[stop - 1] - time[start]) / max(n - 1, 1)
+        half = int(min(max(round(0.5 * width_s / max(dt, 1e-12)), 4), (n - 1) // 2))
+        if n < 5:
+            smooth[start:stop] = q[start:stop]
+            slope[start:stop] = np.gradient(q[start:stop], time[start:stop], axis=0) if n > 1 else 0.0
+            bend[start:stop] = 0.0
+            continue
+        centre = np.clip(np.arange(n), half, n - 1 - half)
+        index = start + centre[:, None] + np.arange(-half, half + 1)[None, :]
+        x = (time[index] - time[start:stop, None]) / (half * dt)
+        degree = 3 if 2 * half + 1 > 5 else 2
+        powers = x[..., None] ** np.arange(degree + 1)
+        gram = np.einsum("nka,nkb->nab", powers, powers)
+        moment = np.einsum("nka,nkd->nad", powers, q[index])
+        solved = np.linalg.solve(gram, moment)
+        smooth[start:stop], slope[start:stop] = solved[:, 0], solved[:, 1] / (half * dt)
+        bend[start:stop] = 2.0 * solved[:, 2] / (half * dt) ** 2
+    return smooth, slope, bend
+
+
+def noise_level(
+    time: Float64[np.ndarray, " N"],
+    q: Float64[np.ndarray, "N d"],
+    clips: Int64[np.ndarray, "C 2"],
+    *,
+    width_s: float,
+) -> Float64[np.ndarray, " d"]:
+    """Standard deviation of the noise of each coordinate, robust to a few outliers.
+
+    The residual of a local cubic, corrected for what the fit takes of white noise (Savitzky-Golay
+    centre weight ``(3/4)(3 m^2 - 7) / (m (m^2 - 4))`` of ``m`` samples).
+    """
+    residuals = []
+    for start, stop in clips:
+        n = stop - start
+        dt = (time[stop - 1] - time[start]) / max(n - 1, 1)
+        half = int(min(max(round(0.5 * width_s / max(dt, 1e-12)), 4), (n - 1) // 2))
+        if half < 4:
+            continue
+        clip = np.array([[0, n]])
+        smooth = local_cubic(time[start:stop], q[start:stop], clip, width_s=width_s)[0]
+        m = 2 * half + 1
+        kept = 1.0 - 0.75 * (3.0 * m * m - 7.0) / (m * (m * m - 4.0))
+        residuals.append((q[start:stop] - smooth)[half : n - half] / np.sqrt(kept))
+    if not residuals:
+        return np.full(q.shape[1], np.nan)
+    every = np.concatenate(residuals)
+    middle = 1.4826 * np.median(np.abs(every), axis=0)
+    inside = np.abs(every) <= 4.0 * middle
+    return np.sqrt(np.sum(np.where(inside, every, 0.0) ** 2, axis=0) / np.maximum(inside.sum(axis=0), 1))
+
+
+DEGREE = 5  # of the polynomial that stands for the motion inside a window
+SHORTEST, LONGEST = 9, 24  # samples of a window
+PERIODS = 0.25  # and what a window covers at most, in natural periods
+WINDOWS = 600  # windows looked at, evenly over the motions
+FREEDOM = 4.0  # of Student's t: kinks of the motion fall into some windows
+CORRELATIONS = np.linspace(-0.6, 0.9, 16)
+AGREE = 1.25  # times the noise in the shortest windows, beyond which longer ones hold motion
+CLEAR = 6.0  # nats by which correlated noise must beat white noise
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Standard deviation of each coordinate's error [its unit], correlation of neighbouring errors, and the
+    quantisation step [its unit], 0 where there is none."""
+
+    sigma: Float64[np.ndarray, " d"]
+    correlation: Float64[np.ndarray, " d"]
+    step: Float64[np.ndarray, " d"]
+
+
+def measure_noise(motions: Sequence[Motion], *, period_s: float | None) -> Noise:
+    """Noise of motions that one sensor took: what no polynomial over a part of a period explains.
+
+    Contrasts of a window that are orthogonal to polynomials of degree `DEGREE` are Gaussian with the
+    covariance of a first-order autoregression; Student's t makes windows with a kink harmless. Correlation
+    is 0 unless the data ask for it by `CLEAR` nats. Without a period windows are the shortest. Sigma is NaN
+    where no clip has `SHORTEST` samples; it is at least that of rounding to the quantisation step.
+
+    Source: marginal likelihood over contrasts as in REML, Patterson and Thompson 1971.
+    """
+    d = motions[0].d
+    sigma, correlation = np.full(d, np.nan), np.zeros(d)
+    step = np.array(
+        [quantisation_step(np.concatenate([motion.q[:, i] for motion in motions])) for i in range(d)]
+    )
+    dt_s = np.median([motion.dt_s for motion in motions])
+    longest = SHORTEST if period_s is None else int(np.clip(PERIODS * period_s / dt_s, SHORTEST, LONGEST))
+    shortest = _estimates(motions, SHORTEST, dt_s)
+    for i in range(d if shortest else 0):
+        sigma[i], correlation[i] = shortest[i][:2]
+    for width in sorted({longest, (SHORTEST + longest) // 2} - {SHORTEST}):
+        for i, (size, rho, plain) in enumerate(_estimates(motions, width, dt_s)):
+            if plain < AGREE * shortest[i][2]:
+                sigma[i], correlation[i] = size, rho
+    return Noise(np.maximum(sigma, step / np.sqrt(12.0)), correlation, step)
+
+
+def quantisation_step(values: Float64[np.ndarray, " T"]) -> float:
+    """The step of which all differences are whole multiples; 0 where there is none or too few repeats.
+
+    Digits of a text are a step too; whether a step matters is seen beside the noise.
+    """
+    levels = np.unique(values)
+    if len(levels) < 2 or len(levels) > 0.7 * len(values):
+        return 0.0
+    gaps = np.diff(levels)
+    span = float(levels[-1] - levels[0])
+    gaps = gaps[gaps > 1e-9 * span]  # the same number, rounded twice
+    step = float(gaps.min())
+    counts = gaps / step
+    exact = np.abs(counts - np.rint(counts)) < 0.05
+    return step if exact.mean() > 0.98 and span < 1e5 * step else 0.0
+
+
+def _windows(motions: Sequence[Motion], width: int) -> list[tuple[int, int]]:
+    found = [
+        (m, k)
+        for m, motion in enumerate(motions)
+        for start, stop in motion.segments
+        for k in range(start, stop - width + 1, width)
+    ]
+    chosen = np.unique(np.linspace(0, len(found) - 1, min(len(found), WINDOWS)).astype(int))
+    return [found[k] for k in chosen] if found else []
+
+
+def _estimates(motions: Sequence[Motion], width: int, dt_s: float) -> list[tuple[float, float, float]]:
+    """Per coordinate: standard deviation, correlation, and the standard deviation if it were white."""
+    windows = _windows(motions, width)
+    if not windows:
+        return []
+    time = np.stack([motions[m].time_s[k : k + width] for m, k in windows]) / dt_s
+    values = np.stack([motions[m].q[k : k + width] for m, k in windows])
+    contrasts = _contrasts(time)
+    lags = np.abs(time[:, :, None] - time[:, None, :])
+    seen = np.einsum("wkc,wkd->dwc", contrasts, values - values.mean(axis=1, keepdims=True))
+    rounding = 1e-14 * np.abs(values).max(axis=(0, 1))
+    return [
+        (0.0, 0.0, 0.0) if np.abs(observed).max() <= least else _autoregression(observed, contrasts, lags)
+        for observed, least in zip(seen, rounding, strict=True)
+    ]
+
+
+def _contrasts(time: np.ndarray) -> Float64[np.ndarray, "W K c"]:
+    """An orthonormal basis of what polynomials over each window leave."""
+    offset = time - time.mean(axis=1, keepdims=True)
+    offset = offset / np.abs(offset).max(axis=1, keepdims=True)
+    powers = offset[..., None] ** np.arange(DEGREE + 1)
+    return np.linalg.qr(powers, mode="complete")[0][..., DEGREE + 1 :]
+
+
+def _autoregression(
+    observed: np.ndarray, contrasts: np.ndarray, lags: np.ndarray
+) -> tuple[float, float, float]:
+    """Standard deviation and correlation of the likeliest first-order autoregression, and of white noise."""
+    scores = []
+    size = observed.shape[1]
+    even = bool(np.abs(lags - np.rint(lags)).max() < 0.2)
+    for rho in np.where(np.abs(CORRELATIONS) < 1e-9, 0.0, CORRELATIONS):
+        if rho < 0.0 and not even:  # it alternates from sample to sample, which uneven ones cannot
+            continue
+        signs = np.where(np.rint(lags) % 2, -1.0, 1.0) if rho < 0 else 1.0
+        errors = signs * np.abs(rho) ** lags if rho else (lags == 0).astype(float)
+        covariance = np.einsum("wkc,wkl,wld->wcd", contrasts, errors, contrasts, optimize=True)
+        distance = (observed * np.linalg.solve(covariance, observed[..., None])[..., 0]).sum(axis=1)
+        variance = _student_variance(distance, size)
+        fitted = np.log1p(distance / (FREEDOM * variance)).sum() * (FREEDOM + size) / 2.0
+        volume = np.linalg.slogdet(covariance)[1].sum() / 2.0 + observed.size * np.log(variance) / 2.0
+        # Noise that wanders for longer than a window cannot be told from motion: a prior keeps it small.
+        prior = 3.0 * np.log1p(-(rho**2))
+        scores.append((float(prior - fitted - volume), variance, float(rho)))
+    white = next(score for score in scores if score[2] == 0.0)
+    best = max(scores)
+    chosen = best if best[0] - white[0] > CLEAR else white
+    # Student's scale is below the variance of the Gaussian it stands for, by a fixed factor.
+    factor = _gaussian_factor(size)
+    return float(np.sqrt(chosen[1] * factor)), chosen[2], float(np.sqrt(white[1] * factor))
+
+
+def _student_variance(distance: np.ndarray, size: int) -> float:
+    """Scale of Student's t that makes ``distance`` (W,) likeliest, by reweighting."""
+    # Where most windows are exactly at rest the scale goes to zero, as it should, but not all the way.
+    floor = 1e-12 * float(distance.mean()) / size
+    variance = max(float(np.median(distance)) / size, floor)
+    for _ in range(50):
+        weight = (FREEDOM + size) / (FREEDOM + distance / variance)
+        following = max(float((weight * distance).mean()) / size, floor)
+        if abs(following - variance) < 1e-6 * variance:
+            break
+        variance = following
+    return variance
+
+
+def _gaussian_factor(size: int) -> float:
+    """Variance of Gaussian errors over the scale that Student's t finds for them."""
+    distance = chi2.ppf((np.arange(2000) + 0.5) / 2000, size)
+    return 1.0 / _student_variance(distance, size)

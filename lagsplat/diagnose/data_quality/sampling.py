@@ -1,0 +1,271 @@
+"""Recordings far finer than their motion, averaged: a log at 1 kHz of a swing of one second, say.
+
+Time is spent on every sample, and a thousand of them a period tell no more than a hundred means of ten.
+
+Repeated, rounded or clipped samples, too few of them a period, and recordings too short or at rest.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from lagsplat.diagnose.core.result import Finding
+from lagsplat.diagnose.data_quality.natural_period import rms_period_s
+from lagsplat.diagnose.data_quality.noise import Noise, fit_locally
+from lagsplat.io.trajectory.trajectory import Motion
+
+ENOUGH = 100.0
+"""Samples that are kept, at least, of the rms period of the rates."""
+CAMERA_HZ = 120.0
+"""As many a second are left in any case: at such rates frames that are lost, or come late, are looked for."""
+
+
+def thinned(motions: Sequence[Motion], *, hold: str) -> tuple[tuple[Motion, ...], tuple[Finding, ...]]:
+    """The motions as means of so many neighbours that a period keeps `ENOUGH`, and what was done.
+
+    ``hold`` says how inputs act between samples: ``zoh`` or ``linear``.
+    """
+    period_s = rms_period_s(motions, 1)
+    out, told = [], []
+    for motion in motions:
+        many = (period_s or 0.0) / (ENOUGH * motion.dt_s)
+        many = min(many, 1.0 / (CAMERA_HZ * motion.dt_s))
+        n = 2 * int((many - 1.0) / 2.0) + 1 if many > 1.0 else 1
+        shorter = averaged(motion, n, held=hold == "zoh") if n > 1 else motion
+        out.append(shorter)
+        if shorter is not motion:
+            told.append(
+                Finding(
+                    "note",
+                    "averaged",
+                    motion.source,
+                    f"{1.0 / motion.dt_s:.3g} samples a second are far more than the motion needs, so that "
+                    f"means of {n} are looked at, {1.0 / shorter.dt_s:.3g} a second",
+                    "what happens within so short a time, as a sample that comes late, is not seen",
+                    "cut out and give a short stretch, if that is what is sought",
+                )
+            )
+    return tuple(out), tuple(told)
+
+
+def averaged(motion: Motion, n: int, *, held: bool) -> Motion:
+    """Means of ``n`` samples, an odd number, each within one clip; what is over at a clip's end is left out.
+
+    Inputs that are ``held`` act from one sample until the next: theirs are means from one middle to the next.
+    """
+    rows, later, segments, at = [], [], [], 0
+    for start, stop in motion.segments:
+        groups = (stop - start) // n
+        if groups < 2:
+            continue
+        index = start + np.arange(groups * n).reshape(groups, n)
+        rows.append(index)
+        later.append(np.minimum(index + n // 2, stop - 1))
+        segments.append((at, at + groups))
+        at += groups
+    if not rows:
+        return motion
+    group = np.concatenate(rows)
+    return replace(
+        motion,
+        time_s=motion.time_s[group].mean(axis=1),
+        q=motion.q[group].mean(axis=1),
+        v=None if motion.v is None else motion.v[group].mean(axis=1),
+        u=motion.u[np.concatenate(later) if held else group].mean(axis=1),
+        segments=tuple(segments),
+    )
+
+
+REPEATED = "repeated samples"  # the check's name
+MOVING = 4.0  # standard deviations of noise that a step must exceed before a repeated value is a repeat
+COARSE, HOPELESS = 8.0, 4.0  # samples a period
+ROUGH = 0.1  # of a coordinate's rms: a quantisation step worth mentioning
+CLIPPED, RUN = 0.02, 4  # share of samples at an extreme, and samples in a row there
+FROZEN = 10  # most repeats in a row that are a lost frame; more are a rest
+AT_REST = 3.0  # standard deviations of noise below which nothing moves
+BLOCK_PERIODS, BLOCK_FRAMES, BLOCKS = 1.5, 60, 8
+LEAST_PERIODS = 2.5
+
+
+def count_blocks(motions: Sequence[Motion], *, period_s: float) -> int:
+    """Blocks of `BLOCK_PERIODS` natural periods, or of `BLOCK_FRAMES` samples if that is longer."""
+    blocks = 0
+    for motion in motions:
+        length_s = max(BLOCK_PERIODS * period_s, BLOCK_FRAMES * motion.dt_s)
+        for start, stop in motion.segments:
+            blocks += int((motion.time_s[stop - 1] - motion.time_s[start] + motion.dt_s) / length_s + 1e-9)
+    return blocks
+
+
+def check_length(
+    motions: Sequence[Motion], *, period_s: float | None, noise: Noise, side: str
+) -> list[Finding]:
+    """Whether there is motion at all, and long enough to fit on one half and to test on the other."""
+    q = np.concatenate([motion.q - motion.q.mean(axis=0) for motion in motions])
+    sigma = np.where(np.isfinite(noise.sigma), noise.sigma, 0.0)
+    size = np.sqrt((q**2).mean(axis=0))
+    still = size <= np.maximum(AT_REST * sigma, 1e-12 * np.abs(np.concatenate([m.q for m in motions])).max())
+    still &= ~_wanders(motions, still)
+    names = tuple(name for name, rests in zip(motions[0].q_names, still, strict=True) if rests)
+    if still.all() or period_s is None:
+        return [
+            Finding(
+                "undetermined",
+                "at rest",
+                side,
+                "nothing swings: no coordinate moves beyond its noise in a way that returns",
+                "a mechanism at rest shows no law of motion",
+                "record it released from away from its rest, or driven, for some ten swings",
+                names,
+            )
+        ]
+    found = []
+    if names:
+        found.append(
+            Finding(
+                "warn",
+                "coordinate at rest",
+                side,
+                f"{', '.join(names)} does not move beyond its noise",
+                "nothing can be said of its dynamics",
+                "record a motion in which it takes part",
+                names,
+            )
+        )
+    return found + _too_little(motions, period_s, side)
+
+
+def _too_little(motions: Sequence[Motion], period_s: float, side: str) -> list[Finding]:
+    duration_s = sum(motion.duration_s for motion in motions)
+    periods, blocks = duration_s / period_s, count_blocks(motions, period_s=period_s)
+    found = []
+    if periods < LEAST_PERIODS:
+        found.append(
+            Finding(
+                "undetermined",
+                "too short",
+                side,
+                f"{duration_s:.3g} s, or {periods:.2g} natural periods of {period_s:.3g} s",
+                "on so little every cause looks alike",
+                f"record at least {BLOCKS * BLOCK_PERIODS * period_s:.3g} s",
+            )
+        )
+    elif blocks < BLOCKS:
+        found.append(
+            Finding(
+                "warn",
+                "short",
+                side,
+                f"{blocks} block(s) of {BLOCK_PERIODS:g} natural periods ({duration_s:.3g} s in all)",
+                f"{BLOCKS // 2} to fit and {BLOCKS // 2} to test are wanted, so that less can be told apart",
+                f"record at least {BLOCKS * BLOCK_PERIODS * period_s:.3g} s in clips of several periods",
+            )
+        )
+    return found
+
+
+def _wanders(motions: Sequence[Motion], still: np.ndarray) -> np.ndarray:
+    """Coordinates whose small motion is smooth all the same: several samples in a row agree."""
+    smooth = np.zeros(len(still), dtype=bool)
+    for motion in motions:
+        for start, stop in motion.segments:
+            part = motion.q[start:stop] - motion.q[start:stop].mean(axis=0)
+            if len(part) < 50:
+                continue
+            power = (part**2).mean(axis=0)
+            same = (part[1:] * part[:-1]).mean(axis=0)
+            smooth |= (same > 0.5 * power) & (power > 0)
+    return smooth
+
+
+def check_samples(motion: Motion, *, period_s: float | None, noise: Noise) -> list[Finding]:
+    """Repeated, rounded and clipped values, and how many samples a period has."""
+    found = [*_rounded(motion, noise), *_clipped(motion, noise), *_repeated(motion, noise)]
+    if period_s is not None and period_s / motion.dt_s < COARSE:
+        density = period_s / motion.dt_s
+        hopeless = density < HOPELESS
+        found.append(
+            Finding(
+                "undetermined" if hopeless else "warn",
+                "too coarse",
+                motion.source,
+                f"{density:.2g} samples a natural period",
+                "rates and accelerations are guesswork between so few",
+                f"record at least {2.0 * COARSE / period_s:.3g} samples a second",
+            )
+        )
+    return found
+
+
+def _rounded(motion: Motion, noise: Noise) -> list[Finding]:
+    size = motion.q.std(axis=0)
+    rough = noise.step > ROUGH * size
+    return [
+        Finding(
+            "warn",
+            "quantised",
+            motion.source,
+            f"{name} comes in steps of {step:.3g}, {step / max(rms, 1e-300):.2g} of its rms",
+            "small motions vanish in the steps and look like friction",
+            "record larger motions, or with a finer sensor",
+            (name,),
+        )
+        for name, step, rms, coarse in zip(motion.q_names, noise.step, size, rough, strict=True)
+        if coarse
+    ]
+
+
+def _clipped(motion: Motion, noise: Noise) -> list[Finding]:
+    found = []
+    for i, name in enumerate(motion.q_names):
+        values = motion.q[:, i]
+        for extreme, word in ((values.max(), "largest"), (values.min(), "smallest")):
+            at = values == extreme
+            edges = np.flatnonzero(np.diff(np.concatenate([[0], at.astype(int), [0]])))
+            runs = edges[1::2] - edges[::2]
+            many = at.mean() > CLIPPED and (runs >= RUN).sum() >= 2
+            # A coarse step makes plateaus at every turning point; so does a rest that is the extreme.
+            if many and noise.step[i] < 0.02 * np.ptp(values) and at.mean() < 0.5:
+                found.append(
+                    Finding(
+                        "warn",
+                        "clipped",
+                        motion.source,
+                        f"{name} stays exactly at its {word} value {extreme:.6g} in {100 * at.mean():.2g} % "
+                        f"of the samples, {int((runs >= RUN).sum())} times",
+                        "a sensor at its limit looks like an end stop",
+                        "check the sensor's range",
+                        (name,),
+                    )
+                )
+    return found
+
+
+def _repeated(motion: Motion, noise: Noise) -> list[Finding]:
+    """Samples that repeat the one before while the motion goes on."""
+    if motion.n < 12:
+        return []
+    same = (np.diff(motion.q, axis=0) == 0.0).all(axis=1)
+    if not same.any():
+        return []
+    speed = np.abs(fit_locally(motion, half_width=4).v[1:]) * np.diff(motion.time_s)[:, None]
+    sigma = np.where(np.isfinite(noise.sigma), noise.sigma, 0.0)
+    moves = speed > MOVING * np.maximum(sigma, noise.step) + 1e-9 * np.ptp(motion.q, axis=0)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(int), [0]])))
+    for start, stop in zip(edges[::2], edges[1::2], strict=True):
+        same[start:stop] &= stop - start <= FROZEN
+    frozen = np.flatnonzero(same & moves.any(axis=1))
+    if not frozen.size:
+        return []
+    return [
+        Finding(
+            "warn",
+            REPEATED,
+            motion.source,
+            f"{len(frozen)} sample(s) repeat the one before while the motion goes on, the first at "
+            f"{motion.time_s[frozen[0] + 1]:.6g} s",
+            "a frame that is shown twice is a frame that was lost",
+            "record without dropped frames; `frame_drops` is among the candidates",
+        )
+    ]

@@ -1,0 +1,47 @@
+"""Play on the way of an input: it moves on only once its command has crossed a gap of ``width``.
+
+Source: the play operator, Brokate and Sprekels, "Hysteresis and Phase Transitions", 1996.
+"""
+
+from typing import Any, no_type_check
+
+import numpy as np
+from jaxtyping import Float64
+from numba import njit
+
+from lagsplat.diagnose.effects.base import InputChange, Normal, Parameter, about
+
+
+@njit(cache=True)
+@no_type_check
+def _play(values, begins, half, start, out):
+    for p in range(half.shape[0]):
+        for n in range(values.shape[0]):
+            last = values[n] + start[p] * half[p] if begins[n] else out[p, n - 1]
+            out[p, n] = min(max(last, values[n] - half[p]), values[n] + half[p])
+
+
+def change(signal: Any, theta: Float64[np.ndarray, "P 2"]) -> Float64[np.ndarray, "P M"]:
+    """The play operator on the input; ``start`` says where in the gap a clip begins, from -1 to 1."""
+    out = np.empty((len(theta), len(signal.values)))
+    half, start = 0.5 * theta[:, 0], np.clip(theta[:, 1], -1.0, 1.0)
+    _play(signal.values, signal.begins, half, start, out)
+    return out
+
+
+EFFECT = InputChange(
+    name="input_backlash",
+    group="C",
+    component="actuation",
+    level="actuation",
+    equation="u = play of u_logged with a gap of width",
+    parameters=(
+        Parameter("width", "input", about(0.5, 1.0), (0.1, 0.3, 0.8, 1.6, 2.6)),
+        Parameter("start", "ratio", Normal(0.7), (-0.9, 0.0, 0.9)),
+    ),
+    reports=lambda p, instance: {"width": p["width"]},
+    needs="slow reversals of the input at two amplitudes",
+    amplitudes=0,
+    along="channels",
+    change=change,
+)

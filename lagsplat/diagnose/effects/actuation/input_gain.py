@@ -1,0 +1,27 @@
+"""An actuator that gives more or less than the sim's: ``u_j -> ratio u_j``."""
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float64
+
+from lagsplat.diagnose.effects.base import InputChange, Normal, Parameter
+
+
+def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray, "P M"]:
+    """``ratio u``."""
+    return np.exp(theta[:, :1]) * signal.values
+
+
+EFFECT = InputChange(
+    name="input_gain",
+    group="A",
+    component="actuation",
+    level="actuation",
+    equation="u = ratio u_logged",
+    parameters=(Parameter("ratio", "log_ratio", Normal(0.3)),),
+    needs="the input logged, with free motion beside it",
+    along="channels",
+    together=True,
+    change=change,
+)

@@ -1,0 +1,50 @@
+"""An actuator that follows its command late: ``time_constant du/dt = command - u``."""
+
+from typing import Any, no_type_check
+
+import numpy as np
+from jaxtyping import Float64
+from numba import njit
+
+from lagsplat.diagnose.effects.base import InputChange, Parameter, about
+
+
+@njit(cache=True)
+@no_type_check
+def _follow(time, values, begins, constant, out):
+    """Exact for a command that is linear between samples."""
+    for p in range(constant.shape[0]):
+        for n in range(values.shape[0]):
+            if begins[n]:
+                out[p, n] = values[n]
+                continue
+            h = time[n] - time[n - 1]
+            if h <= 0.0:
+                out[p, n] = out[p, n - 1]
+                continue
+            x = h / constant[p]
+            fade = np.exp(-x)
+            mean = (1.0 - fade) / x
+            out[p, n] = fade * out[p, n - 1] + (mean - fade) * values[n - 1] + (1.0 - mean) * values[n]
+
+
+def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray, "P M"]:
+    """The command through a first-order lag, in step with it where a clip begins."""
+    out = np.empty((len(theta), len(signal.values)))
+    _follow(signal.time, signal.values, signal.begins, np.ascontiguousarray(theta[:, 0]), out)
+    return out
+
+
+EFFECT = InputChange(
+    name="input_lag",
+    group="C",
+    component="actuation",
+    level="actuation",
+    equation="time_constant du/dt = u_logged - u",
+    parameters=(Parameter("time_constant", "time", about(0.3, 1.0), (0.03, 0.1, 0.3, 1.0)),),
+    needs="an input with steps or with frequencies above the lag's",
+    amplitudes=0,
+    along="channels",
+    together=True,
+    change=change,
+)

@@ -1,0 +1,28 @@
+"""An actuator that gives no more than a limit: ``u = clip(u, -limit, limit)``."""
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float64
+
+from lagsplat.diagnose.effects.base import InputChange, Parameter, about
+
+
+def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray, "P M"]:
+    """The input, cut at the limit on both sides."""
+    return np.clip(signal.values, -theta[:, :1], theta[:, :1])
+
+
+EFFECT = InputChange(
+    name="input_saturation",
+    group="C",
+    component="actuation",
+    level="actuation",
+    equation="u = clip(u_logged, -limit, limit)",
+    parameters=(Parameter("limit", "input", about(1.0, 0.5), (0.4, 0.7, 1.0, 1.4, 2.0)),),
+    needs="inputs on both sides of the limit",
+    amplitudes=0,
+    along="channels",
+    together=True,
+    change=change,
+)

@@ -1,0 +1,25 @@
+"""A constant force: tilt, preload, an offset of an actuator."""
+
+from typing import no_type_check
+
+from lagsplat.diagnose.effects.base import Force, Normal, Parameter
+from lagsplat.diagnose.solvers.runge_kutta import law
+
+
+@law
+@no_type_check
+def force(t, s, v, spring, drive, memory, theta, d_memory):
+    """``acceleration``."""
+    return theta[0]
+
+
+EFFECT = Force(
+    name="constant_force",
+    group="A",
+    component="conservative",
+    equation="a = acceleration",
+    parameters=(Parameter("acceleration", "acceleration", Normal(0.3)),),
+    needs="a stretch at rest",
+    law=force,
+    together=True,
+)

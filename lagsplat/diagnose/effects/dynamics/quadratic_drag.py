@@ -1,0 +1,26 @@
+"""Drag that grows with the square of the speed: ``Q = -m coefficient |v| v``."""
+
+from typing import no_type_check
+
+from lagsplat.diagnose.effects.base import Force, HalfNormal, Parameter
+from lagsplat.diagnose.solvers.runge_kutta import law
+
+
+@law
+@no_type_check
+def force(t, s, v, spring, drive, memory, theta, d_memory):
+    """``-coefficient |v| v``."""
+    return -theta[0] * abs(v) * v
+
+
+EFFECT = Force(
+    name="quadratic_drag",
+    group="B",
+    component="dissipative",
+    equation="a = -coefficient |v| v",
+    parameters=(Parameter("coefficient", "per_coordinate", HalfNormal(0.2)),),
+    needs="amplitudes that differ threefold",
+    passive=True,
+    law=force,
+    together=True,
+)

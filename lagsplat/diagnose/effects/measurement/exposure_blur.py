@@ -1,0 +1,38 @@
+"""A long exposure: what is seen is the mean over it, so that fast motion looks smaller."""
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float64
+
+from lagsplat.diagnose.effects.base import HalfNormal, Instance, Observation, Parameter
+
+
+def observe(y: Any, v: Any, t: Any, theta: Float64[np.ndarray, "P 1"], instance: Instance) -> Any:
+    """``y + exposure^2 / 24 d^2y/dt^2``, to second order in the exposure.
+
+    Beyond the end of a window time stands still; nothing is differenced across that.
+    """
+    gap = np.diff(t, axis=1)
+    real = gap > 0.0
+    slope = np.diff(v, axis=2) * (real / np.where(real, gap, 1.0))[None, :, :, None]
+    sides = np.zeros_like(v)
+    sides[:, :, :-1] += slope
+    sides[:, :, 1:] += slope
+    count = np.zeros(t.shape)
+    count[:, :-1] += real
+    count[:, 1:] += real
+    bend = sides / np.maximum(count, 1.0)[None, :, :, None]
+    return y + theta[:, 0, None, None, None] ** 2 / 24.0 * bend
+
+
+EFFECT = Observation(
+    name="exposure_blur",
+    group="G",
+    level="chart",
+    equation="y = mean of q over the exposure",
+    parameters=(Parameter("exposure", "frame", HalfNormal(1.0)),),
+    needs="motion within one exposure, seen in the pictures",
+    along="whole",
+    observe=observe,
+)

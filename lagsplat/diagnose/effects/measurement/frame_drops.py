@@ -1,0 +1,46 @@
+"""Frames that show again what the camera saw a few frames before."""
+
+import numpy as np
+from jaxtyping import Float64
+
+from lagsplat.diagnose.effects.base import HalfNormal, Noise, Parameter
+
+SHARES = np.geomspace(0.0005, 0.3, 30)
+LATE = (0.4, 0.25, 0.15, 0.1, 0.06, 0.04)
+"""How often a late frame is one, two, three ... frames late."""
+
+
+def explain(
+    residual: Float64[np.ndarray, "n d"], speed: Float64[np.ndarray, "n d"]
+) -> tuple[float, dict[str, tuple[float, float, float]], float]:
+    """A share of the frames is late by whole ones, all coordinates at once, against even noise.
+
+    The level of the noise in the mixture is that of the middle half of the residuals.
+    """
+    even = float(np.mean(residual**2))
+    level = min(even, float(np.median(residual**2)) / 0.455)
+    off = np.stack([np.sum((residual + k * speed) ** 2, axis=1) for k in range(len(LATE) + 1)])
+    good = np.exp(-0.5 * off[0] / level)
+    late = np.array(LATE) @ np.exp(-0.5 * off[1:] / level)
+    plain = -0.5 * residual.size * (1.0 + np.log(even))
+    best, count = 0.0, 0.0
+    for share in SHARES:
+        mixed = (1.0 - share) * good + share * late + 1e-300
+        gain = float(np.sum(np.log(mixed))) - 0.5 * residual.size * np.log(level) - plain
+        if gain > best:
+            best, count = gain, float(np.sum(share * late / mixed))
+    about = 1.645 * count**0.5
+    return best, {"count": (count, max(count - about, 0.0), count + about)}, float(off.min(axis=0).sum())
+
+
+EFFECT = Noise(
+    name="frame_drops",
+    group="G",
+    level="perception",
+    equation="y_k = q(t_{k-1}) for some frames k",
+    parameters=(Parameter("count", "ratio", HalfNormal(100.0)),),
+    needs="motion that is fast against the noise",
+    along="whole",
+    explain=explain,
+    repeats=True,
+)

@@ -1,0 +1,57 @@
+"""Instants of the frames that are only known roughly: noise that grows with the speed."""
+
+import numpy as np
+from jaxtyping import Float64
+
+from lagsplat.diagnose.effects.base import HalfNormal, Noise, Parameter
+
+SIZES = np.geomspace(0.003, 3.0, 80)
+LEVELS = np.geomspace(0.05, 1.0, 16)
+INSIDE = 1.353
+"""Nats below the best at which the 90 % interval of one parameter ends."""
+
+
+def explain(
+    residual: Float64[np.ndarray, "n d"], speed: Float64[np.ndarray, "n d"]
+) -> tuple[float, dict[str, tuple[float, float, float]], float]:
+    """Noise of covariance ``level I + std^2 speed speed^T`` against even noise of the best level.
+
+    An instant that is off moves all coordinates at once along their speed. What a law has wrong grows with
+    speed, too, but with that of each coordinate alone: of several, jitter must be likelier than that as well.
+    """
+    even = float(np.mean(residual**2))
+    levels, sizes = even * LEVELS, np.concatenate([[0.0], SIZES])
+    fast = np.sum(speed**2, axis=1)
+    along = np.sum(residual * speed, axis=1) ** 2 / np.maximum(fast, np.finfo(float).tiny)
+    across = np.sum(residual**2, axis=1) - along
+    rest = np.sum(across) / levels + across.size * (residual.shape[1] - 1) * (np.log(levels / even) - 1.0)
+    gains = _gains(along, fast, even) - 0.5 * rest[:, None]
+    level, size = np.unravel_index(int(np.argmax(gains)), gains.shape)
+    likely = sizes[gains.max(axis=0) > gains.max() - INSIDE]
+    shaken = levels[level] + sizes[size] ** 2 * fast
+    misfit = float(np.sum(across + along * levels[level] / shaken))
+    gain = float(gains.max())
+    if residual.shape[1] > 1:
+        gain -= float(_gains((residual**2).ravel(), (speed**2).ravel(), even).max())
+    return max(gain, 0.0), {"std": (float(sizes[size]), float(likely.min()), float(likely.max()))}, misfit
+
+
+def _gains(
+    square: Float64[np.ndarray, " n"], fast: Float64[np.ndarray, " n"], even: float
+) -> Float64[np.ndarray, "levels sizes"]:
+    """Nats by which noise of variance ``level + std^2 fast`` explains ``square`` better than even noise."""
+    sizes = np.concatenate([[0.0], SIZES])
+    variance = (even * LEVELS)[:, None, None] + sizes[None, :, None] ** 2 * fast
+    return -0.5 * np.sum(square / variance + np.log(variance / even) - 1.0, axis=2)
+
+
+EFFECT = Noise(
+    name="time_jitter",
+    group="G",
+    level="perception",
+    equation="y = q(t + e), e of standard deviation std",
+    parameters=(Parameter("std", "frame", HalfNormal(0.5)),),
+    needs="fast and slow stretches",
+    along="whole",
+    explain=explain,
+)

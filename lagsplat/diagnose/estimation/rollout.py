@@ -1,0 +1,296 @@
+"""Rollouts of a hypothesis: the sim, its small uncertainties and up to three effects, over windows.
+
+A sim whose coefficients move along given rows: its rollouts over windows, and their exact slopes.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float64, Int64
+
+from lagsplat.diagnose.effects.base import Fields, Force, InputChange, Instance, ModelChange, Observation
+from lagsplat.diagnose.estimation.dataset import Record, Signal, Windows, signals
+from lagsplat.diagnose.estimation.multiple_shooting import Data
+from lagsplat.diagnose.estimation.nuisance import Nuisance
+from lagsplat.diagnose.mechanics.model import Model
+from lagsplat.diagnose.mechanics.structure import COEFFICIENTS, moved
+from lagsplat.diagnose.solvers.runge_kutta import memories, nothing, rollouts
+from lagsplat.diagnose.solvers.runge_kutta_sensitivity import sensitivities
+
+FEW = 3
+"""Forces that act at once, at one place each, unless some act everywhere."""
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A sim beside a record: everything a rollout needs that no hypothesis changes."""
+
+    model: Model
+    record: Record
+    nuisance: Nuisance
+    steps: int
+    """Substeps of a rollout between two frames."""
+    held: bool
+    """Inputs are held between samples instead of interpolated."""
+    smooth: Float64[np.ndarray, "N d"] = field(repr=False)
+
+    @cached_property
+    def inputs(self) -> tuple[Signal, ...]:
+        """The logged inputs."""
+        return signals(self.record, steps=self.steps, held=self.held)
+
+    @cached_property
+    def stages(self) -> tuple[int, int, int]:
+        """Shape of a signal: frames, substeps, stages."""
+        return (len(self.record.time), self.steps, 3)
+
+    @cached_property
+    def logged(self) -> Float64[np.ndarray, "1 N S 3 n_u"]:
+        """The inputs as a rollout takes them."""
+        n_u = self.record.u.shape[1]
+        if n_u == 0:
+            return np.zeros((1, *self.stages, 0))
+        return np.ascontiguousarray(
+            np.stack([s.values.reshape(self.stages) for s in self.inputs], axis=-1)[None]
+        )
+
+    @cached_property
+    def forces(self) -> tuple[np.ndarray, np.ndarray]:
+        """The sim's spring and drive (N, d) along the recorded motion."""
+        return self.model.spring(self.smooth), self.model.drive(self.smooth, self.record.u)
+
+    def rollouts(
+        self,
+        effects: Sequence[Instance],
+        x: Float64[np.ndarray, "P k"],
+        starts: Float64[np.ndarray, "P W s"],
+        windows: Windows,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """What is seen, and its rate, (P, W, L, d), for unknowns of ``effects`` followed by the nuisance."""
+        parts, at = [], 0
+        effects = [part for effect in effects for part in effect.parts or (effect,)]
+        for effect in effects:
+            size = len(effect.effect.parameters)
+            parts.append(effect.physical(x[:, at : at + size]))
+            at += size
+        spare = x[:, at:]
+        states = self._states(effects, parts, spare, starts, windows)
+        y, v = states[..., : self.record.d], states[..., self.record.d :]
+        y = self.nuisance.observe(y, spare, self.model)
+        t = windows.take(self.record.time)
+        for effect, theta in zip(effects, parts, strict=True):
+            if isinstance(effect.effect, Observation):
+                y = effect.effect.observe(y, v, t, theta, effect)
+        return y, v
+
+    def _states(
+        self,
+        effects: Sequence[Instance],
+        parts: Sequence[np.ndarray],
+        spare: np.ndarray,
+        starts: np.ndarray,
+        windows: Windows,
+    ) -> np.ndarray:
+        fields = self._fields(effects, parts, spare)
+        u, u_of = self._inputs(effects, parts, len(spare))
+        laws, along, inertia, theta, memory = self._laws(effects, parts, len(spare), windows)
+        basis, model = self.model.basis, self.model
+        out = np.zeros((len(spare), len(windows.first), windows.longest, 2 * model.d))
+        rollouts(
+            (basis.kind, basis.order, basis.centre, basis.scale),
+            *(functions_last(getattr(fields, name)) for name in Fields.__dataclass_fields__),
+            model.width,
+            model.rest,
+            laws,
+            along,
+            inertia,
+            theta,
+            memory,
+            np.ascontiguousarray(starts),
+            windows.first,
+            windows.length,
+            self.record.time,
+            u,
+            u_of,
+            self.steps,
+            out,
+        )
+        return out
+
+    def _fields(self, effects: Sequence[Instance], parts: Sequence[np.ndarray], spare: np.ndarray) -> Fields:
+        fields = self.nuisance.fields(self.model, spare)
+        for effect, theta in zip(effects, parts, strict=True):
+            if isinstance(effect.effect, ModelChange):
+                fields = effect.effect.change(fields, theta, effect, self.model)
+            elif isinstance(effect.effect, Force) and effect.direction is None:
+                fields = effect.effect.whole(fields, theta, self.model)
+        return fields
+
+    def _inputs(
+        self, effects: Sequence[Instance], parts: Sequence[np.ndarray], n_sets: int
+    ) -> tuple[np.ndarray, np.ndarray]:
+        changes = [(e, t) for e, t in zip(effects, parts, strict=True) if isinstance(e.effect, InputChange)]
+        if not changes:
+            return self.logged, np.zeros(n_sets, dtype=np.int64)
+        theta = np.concatenate([t for _, t in changes], axis=1)
+        # Most sets of a difference quotient share the input's parameters; each distinct one is made once.
+        distinct, u_of = np.unique(theta, axis=0, return_inverse=True)
+        u = np.repeat(self.logged, len(distinct), axis=0)
+        at = 0
+        for effect, part in changes:
+            own = distinct[:, at : at + part.shape[1]]
+            at += part.shape[1]
+            channels = range(u.shape[-1]) if effect.channel is None else [effect.channel]
+            for channel in channels:
+                changed = effect.effect.change(self.inputs[channel], own)  # type: ignore[attr-defined]
+                u[..., channel] = changed.reshape(len(distinct), *self.stages)
+        return u, u_of.reshape(-1).astype(np.int64)
+
+    def _laws(
+        self, effects: Sequence[Instance], parts: Sequence[np.ndarray], n_sets: int, windows: Windows
+    ) -> tuple[tuple, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        forces = [
+            (e, t)
+            for e, t in zip(effects, parts, strict=True)
+            if isinstance(e.effect, Force) and e.direction is not None
+        ]
+        d = self.model.d
+        n = FEW if len(forces) <= FEW else FEW * d  # few sizes, for a kernel is compiled for each
+        laws, along, inertia = [nothing] * n, np.zeros((n, d)), np.zeros(n)
+        tables, size = [], 1
+        n_memory = max([e.effect.n_memory for e, _ in forces], default=0)  # type: ignore[attr-defined]
+        memory = np.zeros((n_sets, len(windows.first), n, n_memory))
+        for slot, (instance, theta) in enumerate(forces):
+            effect, direction = instance.effect, instance.direction
+            assert isinstance(effect, Force)
+            assert direction is not None
+            laws[slot], along[slot], inertia[slot] = effect.law, direction.covector, direction.inertia
+            fixed = np.array(effect.constants(instance.scales, instance.variant))
+            own, begun = theta[:, : effect.n_law], theta[:, effect.n_law :]
+            tables.append(np.concatenate([own, np.repeat(fixed[None], n_sets, axis=0)], axis=1))
+            size = max(size, tables[-1].shape[1])
+            if effect.n_memory:
+                memory[:, :, slot, : effect.n_memory] = self._memory(instance, tables[-1], begun, windows)
+        table = np.zeros((n_sets, n, size))
+        for slot, values in enumerate(tables):
+            table[:, slot, : values.shape[1]] = values
+        return tuple(laws), along, inertia, table, memory
+
+    def _memory(
+        self, instance: Instance, theta: np.ndarray, begun: np.ndarray, windows: Windows
+    ) -> np.ndarray:
+        """Memory (P, W, Z) where the windows begin, carried along the recorded motion."""
+        effect, direction = instance.effect, instance.direction
+        assert isinstance(effect, Force)
+        assert direction is not None
+        p, record = direction.covector, self.record
+        spring, drive = self.forces
+        s, v = (self.smooth - self.model.rest) @ p, record.v @ p
+        distinct, which = np.unique(np.concatenate([theta, begun], axis=1), axis=0, return_inverse=True)
+        own, beside = distinct[:, : theta.shape[1]], distinct[:, theta.shape[1] :]
+        out = np.zeros((len(distinct), len(s), effect.n_memory))
+        begin = np.zeros((len(distinct), len(record.clips), effect.n_memory))
+        for i, name in enumerate(effect.memory_start):
+            values = {"zero": np.zeros_like(s), "s": s, "v": v}[name]
+            begin[:, :, i] = values[record.clips[:, 0]]
+        begin[:, list(effect.free_clips)] += beside.reshape(len(beside), -1, effect.n_memory)
+        memories(
+            effect.law, np.ascontiguousarray(own), record.time, s, v,
+            spring @ p / direction.inertia, drive @ p / direction.inertia, record.clips, begin, out,
+        )  # fmt: skip
+        return out[which.reshape(-1)][:, windows.first]
+
+
+def functions_last(coefficients: np.ndarray) -> np.ndarray:
+    """Coefficients (P, K, ...) of fields as the kernel takes them; (P, K) and (P, d) are as they are."""
+    return np.ascontiguousarray(np.moveaxis(coefficients, 1, -1) if coefficients.ndim > 2 else coefficients)
+
+
+def substeps(dt_s: float, period_s: float, per_period: float) -> int:
+    """Substeps between frames ``dt_s`` apart so that a period has at least ``per_period`` of them."""
+    return max(1, int(np.ceil(dt_s / (period_s / per_period))))
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Which coefficients are differentiated by: those that always move alike share a column."""
+
+    of: tuple[np.ndarray, ...]
+    """Column of each coefficient, shaped as these in the order of `COEFFICIENTS`, -1 where none moves it."""
+    moves: Float64[np.ndarray, "n C"]
+    """How far each move takes the coefficients of each column."""
+
+    @classmethod
+    def along(cls, moves: Float64[np.ndarray, "n K"], model: Model) -> "Columns":
+        """Of the coefficients of ``model`` that ``moves`` change at all."""
+        touched = np.flatnonzero(moves.any(axis=0))
+        distinct, which = np.zeros((len(moves), 0)), np.zeros(0, np.int64)
+        if len(touched):
+            distinct, which = np.unique(moves[:, touched], axis=1, return_inverse=True)
+        column = np.full(moves.shape[1], -1, np.int64)
+        column[touched] = which.reshape(-1)
+        return cls(tuple(_shaped(column, model)), distinct)
+
+
+def _shaped(column: Int64[np.ndarray, " K"], model: Model) -> list[np.ndarray]:
+    out, at = [], 0
+    for name in COEFFICIENTS:
+        value = getattr(model, name)
+        out.append(functions_last(column[at : at + value.size].reshape(1, *value.shape))[0])
+        at += value.size
+    return out
+
+
+@dataclass(frozen=True)
+class Moving:
+    """Rollouts of ``model`` over ``windows`` of a record, its coefficients moved along ``moves``."""
+
+    model: Model
+    record: Record
+    windows: Windows
+    moves: Float64[np.ndarray, "n K"]
+    smooth: Float64[np.ndarray, "N d"]
+    steps: int
+    """Substeps between two frames."""
+    held: bool
+    """Inputs are held between samples instead of interpolated."""
+
+    @cached_property
+    def bench(self) -> Bench:
+        """Nothing is uncertain but how far each move goes."""
+        d, n_u = self.model.d, self.model.n_u
+        nuisance = Nuisance(1.0, 1.0, 1.0, np.ones(d), 1.0, n_u, self.moves)
+        return Bench(self.model, self.record, nuisance, self.steps, self.held, self.smooth)
+
+    @cached_property
+    def columns(self) -> Columns:
+        """What is differentiated by."""
+        return Columns.along(self.moves, self.model)
+
+    def __call__(self, x: np.ndarray, starts: np.ndarray) -> np.ndarray:
+        """Coordinates (P, W, L, d) for moves ``x`` (P, n) and starts (P, W, 2 d)."""
+        fixed = self.bench.nuisance.size - len(self.moves)
+        padded = np.concatenate([np.zeros((len(x), fixed)), x], axis=1)
+        return self.bench.rollouts((), padded, starts, self.windows)[0]
+
+    def derivatives(
+        self, x: np.ndarray, starts: np.ndarray, data: Data
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """As `lagsplat.diagnose.estimation.multiple_shooting.derivatives`, but exact, by the variational equations."""
+        here, windows, n = moved(self.model, x @ self.moves), self.windows, self.columns.moves.shape[1]
+        fields = [getattr(here, name) for name in COEFFICIENTS]
+        used = max(len(field) for field in fields[:4])
+        basis = here.basis.first(used)
+        y = np.zeros(data.y.shape)
+        slopes = np.zeros((*y.shape, n + starts.shape[1]))
+        sensitivities(
+            (basis.kind, basis.order, basis.centre, basis.scale),
+            (*(functions_last(field[None])[0] for field in fields), here.width, here.rest), self.columns.of,
+            n, np.ascontiguousarray(starts), windows.first, windows.length, self.record.time,
+            self.bench.logged[0], self.steps, y, slopes,
+        )  # fmt: skip
+        slopes *= data.weight[..., None]
+        flat = slopes.reshape(len(starts), -1, slopes.shape[-1])
+        return (data.y - y) * data.weight, flat[..., :n] @ self.columns.moves.T, flat[..., n:]

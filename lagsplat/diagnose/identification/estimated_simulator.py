@@ -1,0 +1,104 @@
+"""A sim beside a real recording, ready to be compared."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from jaxtyping import Float64
+
+from lagsplat.diagnose.core.config import DiagnoseConfig
+from lagsplat.diagnose.data_quality.natural_period import rough_period_s
+from lagsplat.diagnose.estimation.dataset import Span, apart, cut_windows, prepare, spans
+from lagsplat.diagnose.identification.novelty import LEAST, MISSED, Familiar, undisturbed
+from lagsplat.diagnose.identification.structure_search import Setting, identify
+from lagsplat.diagnose.mechanics.model import Model
+from lagsplat.diagnose.mechanics.structure import COEFFICIENTS
+from lagsplat.io.trajectory.trajectory import Motion
+
+LOST = 50.0
+"""Mean square residual, in units of the noise, beyond which a window is too long to be followed."""
+SHORTER, SHORTEST = 0.35, 0.12
+"""Shares of a window that can be followed past an unstable rest, as an upright pendulum's."""
+TOLERANCE = 1e-4
+"""Gain of a step below which a sim's own fit has ended, as a share of the misfit."""
+
+
+@dataclass(frozen=True)
+class Sim:
+    """A model and what is not known about it."""
+
+    model: Model
+    freedom: Float64[np.ndarray, "R K"]
+    """Changes of all coefficients of one standard deviation each."""
+    misfit: float
+    """Mean square residual on its own recordings in units of their noise."""
+    correlation: float = 1.0
+    """Samples of that residual that count as one."""
+    reach: float = 1.0
+    """How far ahead it can be run, in windows as long as the settings say."""
+    given: "Sim | None" = None
+    """As it was handed over, where it was moved since (`recalibrated`)."""
+    familiar: Familiar | None = None
+    """How it was seen to move, if other stretches are to be left aside."""
+    disturbed: tuple[Span, ...] = ()
+    """Stretches of its own recordings that no law tells beside the others, and that were left out."""
+    cost: float = np.nan
+    """Bayesian information criterion of a law that was found, beside others of the same recordings."""
+
+    @classmethod
+    def exact(cls, model: Model) -> "Sim":
+        """A sim that is given, so that nothing about it was estimated."""
+        size = sum(getattr(model, name).size for name in COEFFICIENTS)
+        return cls(model, np.zeros((0, size)), 1.0)
+
+
+def sim_of(motions: Sequence[Motion], config: DiagnoseConfig) -> Sim:
+    """The sim that made these recordings.
+
+    Raises:
+        ValueError: nothing moves, or no clip is long enough for a window.
+    """
+    period_s = rough_period_s(motions)
+    ready = prepare(motions, period_s=period_s)
+    again = partial(
+        identify, ready.record, ready.smooth, ready.sigma, period_s, setting_of(config),
+        held=config.input_hold == "zoh",
+    )  # fmt: skip
+
+    def told(reach: float, without: tuple[Span, ...] = ()) -> Sim:
+        length_s = reach * config.window_periods * period_s
+        windows = cut_windows(ready.record, length_s=length_s, least=12)
+        kept = apart(windows, ready.record, without)
+        if len(kept.first) >= LEAST:
+            windows = kept
+        found, odd = undisturbed(again(windows), again)
+        all_odd = (*without, *spans(odd, ready.record))
+        model = rested(found.model, ready.smooth)
+        return Sim(model, found.freedom, found.misfit, reach=reach, disturbed=all_odd, cost=found.cost)
+
+    whole = told(1.0)
+    if whole.misfit < LOST:
+        return whole
+    short = told(SHORTEST)  # tells best where something else acted
+    middle = told(SHORTER, short.disturbed)
+    for one in (middle, short):
+        if one.misfit < MISSED:
+            return one
+    return min(whole, middle, key=lambda one: one.misfit)
+
+
+def setting_of(config: DiagnoseConfig) -> Setting:
+    """How a sim is fitted to its own recordings."""
+    ridge, iterations = config.identify_ridge, config.identify_iterations
+    return Setting(config.steps_per_period, ridge, iterations, TOLERANCE)
+
+
+def rested(model: Model, q: Float64[np.ndarray, "N d"]) -> Model:
+    """The model at rest where its potential is lowest along the motion, if its rest is unstable."""
+    if np.linalg.eigvalsh(model.stiffness).min() > 0.0:
+        return model
+    return replace(
+        model,
+        rest=q[int(np.argmin(model.basis.first(len(model.potential)).values(q) @ model.potential))].copy(),
+    )

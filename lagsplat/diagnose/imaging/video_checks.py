@@ -1,0 +1,267 @@
+"""What a film's own pictures forbid or ask for: a camera that moved, cuts, visitors, frames that repeat.
+
+How another film, log or archive is read for a run: as its own recording was, less the cuts in time.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from jaxtyping import Float64
+
+from lagsplat.chart.chart import Chart
+from lagsplat.diagnose.core.result import Finding
+from lagsplat.diagnose.simulators.sources import Source
+from lagsplat.io.config import McapConfig, McapInputConfig, RecordingConfig, SplitConfig
+from lagsplat.io.files.artifact import read_header
+from lagsplat.io.files.json_files import load_json
+from lagsplat.io.recording.recording import Recording
+from lagsplat.stage1.autoencoder import Autoencoder, encode_frames
+from lagsplat.video_quality.assessment import CAMERA_PX
+from lagsplat.video_quality.camera_motion import background_path, measure_path
+from lagsplat.video_quality.frames import small_grey
+
+CAMERA = "camera moved"
+LOOKED_AT = 300  # frames of a recording whose film is not at hand
+SHIFTED = 24  # frames by which a shift of the picture is told in latents
+LEAST_CLIP = 20  # frames of a clip that is kept
+
+
+@dataclass(frozen=True)
+class CameraShift:
+    """How far the camera moved [pixel of a frame]: ``within_px`` rms during the recording, ``between_px``
+    (x, y) from the recording the sim was learnt from to this one; None where the picture has no background
+    to tell by. ``share`` of a latent's spread that either passes for, the larger one."""
+
+    within_px: float | None
+    between_px: tuple[float, float] | None
+    share: float
+
+    @property
+    def still_within(self) -> bool:
+        """The camera was seen not to move during the recording."""
+        return self.within_px is not None and self.within_px <= CAMERA_PX
+
+    @property
+    def still_between(self) -> bool:
+        """The camera was seen where it had been for the nominal recording."""
+        return self.between_px is not None and float(np.hypot(*self.between_px)) <= CAMERA_PX
+
+    @property
+    def moved(self) -> bool:
+        """Whether either is more than can be told from none."""
+        far = [self.within_px or 0.0, float(np.hypot(*(self.between_px or (0.0, 0.0))))]
+        return max(far) > CAMERA_PX
+
+
+def camera_shift(
+    recording: Recording, nominal: Recording, autoencoder: Autoencoder, chart: Chart
+) -> CameraShift:
+    """The camera's motion during ``recording`` and since ``nominal``, by what stands still in both."""
+    within = _within(recording)
+    between = _between(recording, nominal)
+    far = max(within or 0.0, float(np.hypot(*(between or (0.0, 0.0)))))
+    share = _passes_for(recording, autoencoder, chart, far) if far > CAMERA_PX else 0.0
+    return CameraShift(within, between, share)
+
+
+def camera_findings(shift: CameraShift, *, source: str) -> list[Finding]:
+    """The finding of a camera that moved; none where it stood still or nothing tells."""
+    if not shift.moved:
+        return []
+    told = []
+    if (shift.within_px or 0.0) > CAMERA_PX:
+        told.append(f"by {shift.within_px:.2f} px rms during the recording")
+    if shift.between_px is not None and float(np.hypot(*shift.between_px)) > CAMERA_PX:
+        x, y = shift.between_px
+        told.append(f"by ({x:+.2f}, {y:+.2f}) px since the recording the sim was learnt from")
+    return [
+        Finding(
+            "warn",
+            CAMERA,
+            source,
+            f"the camera moved {' and '.join(told)} (pixels of a frame, measured on the background)",
+            f"the encoder reads such a shift as motion of up to {100 * shift.share:.2g} % of the motion's "
+            "spread, which passes for a force or an offset",
+            "film from a tripod that stays where it is, or fit the run with recording.stabilise=true",
+        )
+    ]
+
+
+def keep_whole(recording: Recording) -> tuple[Recording, list[Finding]]:
+    """The frames between visitors, cuts and repetitions, with a finding for everything left out.
+
+    Nothing is continued across a cut. Clips that become too short are dropped, unless none would be left.
+    """
+    footage = recording.meta.get("footage") or []
+    source = str(recording.meta.get("source", "recording"))
+    if len(footage) != len(recording.segments):
+        return recording, []
+    findings: list[Finding] = []
+    pieces: list[tuple[int, int]] = []
+    for clip, seen in zip(recording.segments, footage, strict=True):
+        findings += _findings_of(seen, source)
+        pieces += _pieces(recording.time_s, clip, seen)
+    if not pieces or tuple(pieces) == recording.segments:
+        return recording, findings
+    return recording.pieces(pieces), findings
+
+
+def _pieces(
+    time_s: Float64[np.ndarray, " T"], clip: tuple[int, int], seen: Mapping[str, Any]
+) -> list[tuple[int, int]]:
+    """What of a clip is kept; times of ``seen`` count from the first frame of the film."""
+    start, stop = clip
+    own = time_s[start:stop] - time_s[start] + seen["start_s"]
+    repeat, visit = seen["repeat"], seen["visit"]
+    ends = [repeat["start_s"] if repeat else None, visit["back_s"] if visit else None]
+    begins = [visit["gone_s"] if visit else None]
+    stop = start + int(np.sum(own < min([end for end in ends if end is not None], default=np.inf)))
+    start += int(np.sum(own < max([begin for begin in begins if begin is not None], default=-np.inf)))
+    cuts = [clip[0] + int(np.searchsorted(own, cut["time_s"] - 1e-6)) for cut in seen["cuts"]]
+    borders = [start, *(cut for cut in sorted(cuts) if start < cut < stop), stop]
+    kept = [(a, b) for a, b in pairwise(borders) if b - a >= LEAST_CLIP]
+    return kept or [clip]
+
+
+def _findings_of(seen: Mapping[str, Any], source: str) -> list[Finding]:
+    """Findings of one clip's footage, the camera's own motion apart."""
+    found = []
+
+    def add(check: str, what: str, why: str, remedy: str) -> None:
+        found.append(Finding("warn", check, source, what, why, remedy))
+
+    for cut in seen["cuts"]:
+        add("cut", f"the film jumps at {cut['time_s']:.3f} s", "nothing is continued across a cut",
+            "give the takes as films of their own")  # fmt: skip
+    if repeat := seen["repeat"]:
+        add("repetition", f"the film repeats itself from {repeat['start_s']:.2f} s on",
+            "what was seen before says nothing new, and is left out", "cut the film there")  # fmt: skip
+    for when, edge in (("until", "gone_s"), ("from", "back_s")):
+        if (visit := seen["visit"]) and visit[edge] is not None:
+            add("visitor", f"something that does not belong to the motion, a hand perhaps, is in the picture "
+                f"{when} {visit[edge]:.2f} s", "that part is left out", "cut it off")  # fmt: skip
+    for check, word, begins in (
+        ("flicker", "Lock the camera's exposure", "the exposure flickers"),
+        ("sampling", "Film with a higher frame rate", "only "),
+    ):
+        for sentence in seen["warnings"]:
+            if sentence.startswith(begins):
+                what, _, _ = sentence.partition(word)
+                head, _, tail = what.rstrip(". ").partition("; ")
+                add(check, head, tail or "what is read off such pictures is poor", word.lower())
+    return found
+
+
+def _within(recording: Recording) -> float | None:
+    """Rms of the picture's motion [pixel of a frame], from the film's own check or from the frames."""
+    footage: Sequence[Mapping[str, Any]] = recording.meta.get("footage") or ()
+    if footage:
+        seen = [clip for clip in footage if clip["camera"] is not None]
+        # The limit is CAMERA_PX of a frame, in pixels of the film.
+        sizes = [CAMERA_PX * clip["camera"]["rms_px"] / clip["camera_limit_px"] for clip in seen]
+        return max(sizes, default=None)
+    paths = []
+    for start, stop in recording.segments:
+        stride = -(-(stop - start) // LOOKED_AT)
+        pictures = small_grey(np.asarray(recording.frames[start:stop:stride]), most=10**9)
+        path = background_path([picture.astype(np.uint8) for picture in pictures])
+        if path is not None and np.isfinite(path[:, 0]).any():
+            paths.append(measure_path(path).rms_px * recording.width / pictures.shape[2])
+    return max(paths, default=None)
+
+
+def _between(recording: Recording, nominal: Recording) -> tuple[float, float] | None:
+    """How far the background of one lies from that of the other [pixel of a frame]."""
+    usual = [np.ascontiguousarray(_median(one)) for one in (nominal, recording)]
+    grey = [cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY) for picture in usual]
+    path = background_path(grey)
+    if path is None or not np.isfinite(path).all():
+        return None
+    return float(path[1, 0]), float(path[1, 1])
+
+
+def _median(recording: Recording) -> np.ndarray:
+    """The median picture, uint8 (H, W, 3), without what moves."""
+    stride = -(-recording.n_frames // LOOKED_AT)
+    return np.round(np.median(np.asarray(recording.frames[::stride]), axis=0)).astype(np.uint8)
+
+
+def _passes_for(recording: Recording, autoencoder: Autoencoder, chart: Chart, far_px: float) -> float:
+    """Largest mean change of a whitened latent when pictures are shifted so far, to either side."""
+    chosen = np.linspace(0, recording.n_frames - 1, SHIFTED).astype(int)
+    frames = np.stack([np.asarray(recording.frames[i]) for i in chosen])
+    q = chart.to_whitened(encode_frames(autoencoder, frames))
+    changes = []
+    for x, y in ((far_px, 0.0), (0.0, far_px)):
+        matrix = np.array([[1.0, 0.0, x], [0.0, 1.0, y]])
+        size = frames.shape[2], frames.shape[1]
+        shifted = [cv2.warpAffine(frame, matrix, size, borderMode=cv2.BORDER_REPLICATE) for frame in frames]
+        moved = chart.to_whitened(encode_frames(autoencoder, np.stack(shifted)))
+        changes.append(np.abs(moved - q).mean(axis=0).max())
+    return float(max(changes))
+
+
+def settings_for(source: Source, folder: Path, own: Recording, *, dt_s: float) -> RecordingConfig:
+    """Settings by which ``source`` is read for the run in ``folder``, which was fitted to ``own``.
+
+    Pictures are turned, cropped, resized and stabilised alike. Archives without times
+    take the spacing that was set for the run's own, or ``dt_s``.
+
+    Raises:
+        ValueError: a log, while the run was not fitted to one.
+    """
+    meta, filmed = own.meta, source.kind != "krauss"
+    said = _said(folder)
+    return RecordingConfig(
+        kind=source.kind,
+        path=source.path,
+        archive=None,
+        member=None,
+        dt_s=_spacing(source, said, dt_s),
+        n_inputs=0 if filmed else own.inputs.shape[1],
+        rotate=int(meta.get("rotate", 0)) if filmed else 0,
+        stabilise=bool(meta.get("stabilise", False)) and source.kind == "video",
+        grey=bool(meta.get("grey", False)) if filmed else False,
+        crop=meta.get("crop") if filmed else None,
+        skip_s=0.0,
+        end_s=None,
+        spans_s=None,
+        height=own.height if filmed else None,
+        width=own.width if filmed else None,
+        split=SplitConfig(0.5, None, None),
+        mcap=_topics(source, said) if source.kind == "mcap" else None,
+    )
+
+
+def _topics(source: Source, said: Mapping[str, Any]) -> McapConfig:
+    topics = said.get("mcap") or {}
+    if not topics.get("camera"):
+        raise ValueError(
+            f"{source.path}: the run was not fitted to a log, so that nothing says which topics hold "
+            "pictures and inputs; export the camera as a film, with its inputs in a CSV of the same stem"
+        )
+    return McapConfig(**{**topics, "inputs": [McapInputConfig(**each) for each in topics["inputs"]]})
+
+
+def _spacing(source: Source, said: Mapping[str, Any], dt_s: float) -> float | None:
+    """Seconds between frames of files without times: archives, and images without a table of times."""
+    if source.kind == "krauss":
+        return said.get("dt_s") or dt_s
+    return said.get("dt_s") if Path(source.path).is_dir() and said.get("kind") == "video" else None
+
+
+def _said(folder: Path) -> dict[str, Any]:
+    """What was set for the run's own recording, as far as its files tell."""
+    for place in (folder, *folder.resolve().parents[:2]):
+        if (place / "dynamics.safetensors").is_file():
+            header = read_header(place / "dynamics.safetensors")
+            if "config" in header:
+                return dict(header["config"]["recording"])
+        if (place / "recording.json").is_file():
+            return dict(load_json(place / "recording.json")["settings"].get("cfg") or {})
+    return {}

@@ -1,0 +1,59 @@
+"""Hypotheses against a record: which effects can explain it, and how well each does."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from lagsplat.diagnose.effects.base import Instance, Noise
+from lagsplat.diagnose.estimation.multiple_shooting import Fit
+from lagsplat.diagnose.estimation.rollout import Bench
+from lagsplat.diagnose.inference.problem import belief
+
+
+@dataclass(frozen=True)
+class Explained:
+    """One hypothesis after its fit."""
+
+    effects: tuple[Instance, ...]
+    fit: Fit
+    log_evidence: float = float("nan")
+    """Over `none` [nat]."""
+    noise: dict[str, tuple[float, float, float]] = field(default_factory=dict)
+    """Parameters of an effect that only moves single samples, each with its 90 % interval."""
+
+    @property
+    def n_own(self) -> int:
+        """Number of unknowns that belong to the effects."""
+        return sum(len(e.effect.parameters) for e in self.effects)
+
+    def own(self, instance: Instance) -> slice:
+        """Where the unknowns of one of the effects stand; what only moves single samples has none."""
+        fitted = [e for e in self.effects if not isinstance(e.effect, Noise)]
+        at = sum(len(e.effect.parameters) for e in fitted[: fitted.index(instance)])
+        return slice(at, at + len(instance.effect.parameters))
+
+
+def log_evidence(one: Explained, bench: Bench, temper: float) -> float:
+    """Laplace's approximation of the logarithm of the evidence, with the noise widened by ``temper``.
+
+    Source: MacKay, "Information Theory, Inference, and Learning Algorithms", 2003, ch. 28.
+    """
+    prior, fit = belief(one.effects, bench), one.fit
+    effect_priors = [p.prior for e in one.effects for p in e.effect.parameters]
+    own = sum(p.log_density(float(x)) for p, x in zip(effect_priors, fit.x, strict=False))
+    spare = fit.x[one.n_own :] / prior.deviation[one.n_own :]
+    spare_density = -0.5 * float(spare @ spare) - float(np.log(prior.deviation[one.n_own :]).sum())
+    spare_density -= 0.5 * len(spare) * np.log(2.0 * np.pi)
+    h = fit.curvature / temper + np.diag(1.0 / prior.deviation**2)
+    sign, log_det = np.linalg.slogdet(h)
+    if sign <= 0:
+        log_det = float(np.log(np.maximum(np.linalg.eigvalsh(h), 1e-12)).sum())
+    k = len(fit.x)
+    return (
+        -0.5 * fit.misfit / temper
+        + own
+        + spare_density
+        + 0.5 * k * np.log(2.0 * np.pi)
+        - 0.5 * log_det
+        - 0.5 * fit.log_det_starts
+    )

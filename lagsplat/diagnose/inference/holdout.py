@@ -1,0 +1,201 @@
+"""Held-out forecasts: how far a sim, and the sim with an effect, are from what was measured.
+
+A block is one natural period long. Its starting state is fitted to its first ten samples by the model that
+forecasts, and nothing after them is looked at.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float64
+
+from lagsplat.diagnose.core.result import Block, Gap, Interval
+from lagsplat.diagnose.effects.base import Instance, Noise
+from lagsplat.diagnose.estimation.dataset import Windows
+from lagsplat.diagnose.estimation.multiple_shooting import Belief, Data, derivatives, shoot
+from lagsplat.diagnose.inference.evidence import Explained
+from lagsplat.diagnose.inference.problem import Contest
+from lagsplat.diagnose.mechanics.model import Model
+
+BURN_IN = 10
+"""Samples that a starting state is fitted to; those that repeat an earlier one do not count."""
+PART = 0.25
+"""Share of a period that a forecast spans at least, where the sim can be followed no longer than a part."""
+LEAST = 20
+"""Samples of the shortest block."""
+DIVERGED = 10.0
+"""Error, in rms of a coordinate, from which on a forecast no longer says anything of the measurement."""
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """Forecasts (B, L, d) of every block, and the variance of their errors if the model is true."""
+
+    y: Float64[np.ndarray, "B L d"]
+    expected: Float64[np.ndarray, "B L d"]
+
+
+def halves(contest: Contest) -> tuple[Contest, Windows]:
+    """The contest on every other window, and the windows in between, held out."""
+    number = np.arange(len(contest.windows.first))
+    kept = contest.windows.only(number % 2 == 0)
+    held = contest.windows.only(number % 2 == 1)
+    return replace(contest, windows=kept), held
+
+
+def blocks_of(contest: Contest, held: Windows, *, period_s: float) -> Windows:
+    """One natural period after the other within the held-out windows, or windows where these are shorter.
+
+    Raises:
+        ValueError: none of them is as long as `PART` of a period.
+    """
+    frames = max(LEAST, round(period_s / contest.bench.record.dt_s) + 1)
+    longest = int(held.length.max(initial=0))
+    if PART * frames <= longest < frames:
+        frames = longest
+    first = [
+        start + k * (frames - 1)
+        for start, length in zip(held.first, held.length, strict=True)
+        for k in range((length - 1) // (frames - 1))
+    ]
+    if not first:
+        raise ValueError(
+            f"no held-out stretch of {frames} samples (one natural period, {period_s:.3g} s) is left; "
+            "record longer"
+        )
+    return Windows(np.array(first, dtype=np.int64), np.full(len(first), frames, dtype=np.int64))
+
+
+def forecast(contest: Contest, blocks: Windows, effects: Sequence[Instance], x: np.ndarray) -> Forecast:
+    """Forecasts of ``blocks`` with unknowns ``x`` of ``effects`` and the uncertainties."""
+    real = [e for e in effects if not isinstance(e.effect, Noise)]
+    here = replace(contest, windows=blocks)
+
+    def predict(_: np.ndarray, starts: np.ndarray) -> np.ndarray:
+        return here.predict(real)(np.repeat(x[None], len(starts), axis=0), starts)
+
+    seen_so_far = (here.data.weight > 0.0).any(axis=2).cumsum(axis=1)
+    early = here.data.weight * (seen_so_far <= BURN_IN)[..., None]
+    data = Data(here.data.y, early, here.data.start_step)
+    nobody = Belief(*(np.zeros(0) for _ in range(4)))
+    fit = shoot(predict, np.zeros(0), here.begun, data, nobody, iterations=8, tolerance=1e-6)
+    flat = replace(data, weight=np.ones_like(early))
+    residual, _, slopes = derivatives(predict, np.zeros(0), fit.starts, flat, np.zeros(0))
+    n_blocks, length, d = early.shape
+    slopes = slopes.reshape(n_blocks, length * d, -1)
+    seen = (early.reshape(n_blocks, -1) > 0.0)[..., None]
+    variance = np.tile(contest.sigma**2, length)
+    weighted = slopes * seen / variance[None, :, None]
+    gram = np.einsum("bms,bmt->bst", weighted, slopes)
+    gram += 1e-9 * np.eye(gram.shape[1]) * np.trace(gram, axis1=1, axis2=2)[:, None, None]
+    # where the law has left all bounds nothing depends on the start any more
+    start_covariance = np.linalg.pinv(np.nan_to_num(gram, posinf=0.0, neginf=0.0), hermitian=True)
+    spread = np.einsum("bms,bst,bmt->bm", slopes, start_covariance, slopes)
+    expected = np.where(seen[..., 0], np.maximum(variance - spread, 0.0), variance + spread)
+    return Forecast(flat.y - residual, expected.reshape(n_blocks, length, d))
+
+
+def relative(error: Float64[np.ndarray, "B L d"], rms: Float64[np.ndarray, " d"]) -> np.ndarray:
+    """Mean square of each block's error, in fractions of each coordinate's rms, (B,)."""
+    return np.mean((error / rms) ** 2, axis=(1, 2))
+
+
+def diverged(error: Float64[np.ndarray, "B L d"], rms: Float64[np.ndarray, " d"]) -> int:
+    """How many forecasts end up farther from the measurement than `DIVERGED` rms."""
+    return int((~(np.abs(error / rms) <= DIVERGED)).any(axis=(1, 2)).sum())
+
+
+def closure(before: np.ndarray, after: np.ndarray, floor: np.ndarray, *, seed: int = 0) -> Interval:
+    """Share of the gap above the floor that is closed, from mean squares of blocks; 95 % by bootstrap.
+
+    None where the gap is not above the floor by two standard errors.
+    """
+    rng = np.random.default_rng(seed)
+    draws = rng.integers(0, len(before), (2000, len(before)))
+
+    def share(rows: np.ndarray) -> np.ndarray:
+        b, a, f = (np.sqrt(np.mean(values[rows], axis=-1)) for values in (before, after, floor))
+        return (b - a) / np.maximum(b - f, 1e-12)
+
+    above = np.sqrt(before[draws].mean(axis=1)) - np.sqrt(floor[draws].mean(axis=1))
+    whole = np.sqrt(before.mean()) - np.sqrt(floor.mean())
+    if whole < 2.0 * above.std() or whole <= 0.0:
+        return Interval(None, None, None)
+    low, high = np.percentile(share(draws), [2.5, 97.5])
+    return Interval(float(share(np.arange(len(before)))), float(low), float(high))
+
+
+@dataclass(frozen=True)
+class Held:
+    """What the held-out half says: the gap, its blocks, and the closure of single hypotheses."""
+
+    gap: Gap
+    blocks: tuple[Block, ...]
+    before: np.ndarray
+    floor: np.ndarray
+
+
+def hold_out(contest: Contest, none: Explained, chosen: Explained, *, period_s: float, given: Model) -> Held:
+    """The gap before, after a refit alone and after the ``chosen`` effects, on windows held out.
+
+    Before anything the sim is the ``given`` one, which the contest's may have been moved from.
+
+    Raises:
+        ValueError: the held-out part has no stretch of one period.
+    """
+    half, held = halves(contest)
+    blocks = blocks_of(contest, held, period_s=period_s)
+    record = contest.bench.record
+    rms = np.std(record.q, axis=0)
+    real = blocks.take(record.q)
+    n = contest.bench.nuisance.size
+    own = replace(contest, bench=replace(contest.bench, model=given))
+    sim = forecast(own, blocks, (), np.zeros(n))
+    refit = forecast(contest, blocks, (), half_fit(half, none))
+    after = forecast(contest, blocks, chosen.effects, half_fit(half, chosen))
+    errors = {"before": sim.y - real, "refit": refit.y - real, "after": after.y - real}
+    if contest.late is not None and any(
+        isinstance(e.effect, Noise) and e.effect.repeats for e in chosen.effects
+    ):
+        errors["after"][blocks.take(contest.late)] = 0.0  # what repeats an earlier sample is explained
+    squares = {name: relative(error, rms) for name, error in errors.items()}
+    squares["floor"] = np.mean(after.expected / rms**2, axis=(1, 2))
+    gap = Gap(
+        **{name: float(np.sqrt(np.mean(values))) for name, values in squares.items()},
+        horizon_s=period_s,
+        closure=closure(squares["before"], squares["after"], squares["floor"]),
+        blocks=len(real),
+        diverged={name: diverged(error, rms) for name, error in errors.items()},
+    )
+    shown = _blocks(contest, blocks, real, sim.y, after.y)
+    return Held(gap, shown, squares["before"], squares["floor"])
+
+
+def half_fit(half: Contest, one: Explained) -> np.ndarray:
+    """The unknowns of a hypothesis, fitted to half of the windows."""
+    effects = [e for e in one.effects if not isinstance(e.effect, Noise)]
+    return half.fit(effects, one.fit.x).x
+
+
+def close_alone(contest: Contest, one: Explained, held: Held, *, period_s: float) -> Interval:
+    """The closure of another hypothesis on the same blocks."""
+    half, windows = halves(contest)
+    blocks = blocks_of(contest, windows, period_s=period_s)
+    rms = np.std(contest.bench.record.q, axis=0)
+    told = forecast(contest, blocks, one.effects, half_fit(half, one))
+    return closure(held.before, relative(told.y - blocks.take(contest.bench.record.q), rms), held.floor)
+
+
+def _blocks(
+    contest: Contest, blocks: Windows, real: np.ndarray, sim: np.ndarray, augmented: np.ndarray
+) -> tuple[Block, ...]:
+    record = contest.bench.record
+    out = []
+    for i, (start, length) in enumerate(zip(blocks.first, blocks.length, strict=True)):
+        clip = int(np.searchsorted(record.clips[:, 1], start, side="right"))
+        number = record.file_of[clip]
+        cut = slice(0, length)
+        time = record.time[start : start + length] + record.shifts_s[number]
+        out.append(Block(record.files[number], i, time, real[i, cut], sim[i, cut], augmented[i, cut]))
+    return tuple(out)

@@ -1,0 +1,72 @@
+"""Which effects a recording could tell apart: how much of one is left once the other has done its best."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64
+
+from lagsplat.diagnose.effects.base import Noise
+from lagsplat.diagnose.estimation.multiple_shooting import eliminate
+from lagsplat.diagnose.inference.evidence import Explained
+from lagsplat.diagnose.inference.problem import Contest, belief
+
+MOST = 8
+"""Effects that are held against each other."""
+
+
+@dataclass(frozen=True)
+class Separability:
+    """Nats (n, n) by which this recording would prefer the effect of a row over that of a column."""
+
+    names: tuple[str, ...]
+    nats: Float64[np.ndarray, "n n"]
+
+
+def separability(contest: Contest, found: Sequence[Explained], *, temper: float) -> Separability | None:
+    """The best fits of single effects against each other; None if fewer than two moved anything.
+
+    What an effect does to the motion is laid out by the slopes of another one, of the uncertainties and of
+    the starts; half of the square that they leave, over ``temper`` samples that count as one, is the expected
+    logarithm of the Bayes factor.
+    """
+    best: dict[str, Explained] = {}
+    for one in found:
+        # what moves nothing, or overflows, has no slopes to lay out anything by
+        lone = len(one.effects) == 1 and not isinstance(one.effects[0].effect, Noise)
+        if lone and np.isfinite(one.fit.slopes).all() and np.isfinite(one.fit.start_slopes).all():
+            best.setdefault(one.effects[0].effect.name, one)
+    fits = list(best.values())[:MOST]
+    if len(fits) < 2:
+        return None
+    marks = [_mark(contest, one) for one in fits]
+    nats = np.array([[_left(contest, mark, other) for other in fits] for mark in marks]) / (2.0 * temper)
+    return Separability(tuple(one.effects[0].effect.name for one in fits), nats)
+
+
+def _mark(contest: Contest, one: Explained) -> Float64[np.ndarray, "W L d"]:
+    """What the effect alone does to the motion, in units of the noise: to first order in its amplitudes.
+
+    What has none, a delay say, does it whole.
+    """
+    amplitudes = one.effects[0].effect.amplitudes
+    if amplitudes:
+        change = one.fit.slopes[..., :amplitudes] @ one.fit.x[:amplitudes]
+        return change.reshape(contest.data.y.shape)
+    x, starts = one.fit.x[None], one.fit.starts[None]
+    with_it = contest.predict(one.effects)(x, starts)[0]
+    without = contest.predict(())(x[:, one.n_own :], starts)[0]
+    return np.nan_to_num((with_it - without) * contest.data.weight)
+
+
+def _left(contest: Contest, mark: np.ndarray, other: Explained) -> float:
+    """The square of ``mark`` that the best change of the ``other`` effect and of all else leaves."""
+    fit = other.fit
+    spread = belief(other.effects, contest.bench).deviation
+    curvature, gradient, _, _, own = eliminate(mark, fit.slopes, fit.start_slopes)
+    flat = mark.reshape(len(mark), -1)
+    # the effect itself may grow to any size, the rest only as far as it is believed to move
+    price = np.where(np.arange(len(spread)) < other.n_own, 1e-9 * np.diag(curvature), 1.0 / spread**2)
+    move = np.linalg.lstsq(curvature + np.diag(price), gradient, rcond=1e-12)[0]
+    started = float(np.sum((flat - np.einsum("wms,ws->wm", fit.start_slopes, own)) ** 2))
+    return max(started - float(gradient @ move), 0.0)

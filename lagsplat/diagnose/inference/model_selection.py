@@ -1,0 +1,212 @@
+"""Which effects explain a record best: screen all, fit the promising, then look for a second and a third."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.ndimage import label, mean
+
+from lagsplat.diagnose.core.config import DiagnoseConfig
+from lagsplat.diagnose.effects.base import Instance, Noise
+from lagsplat.diagnose.estimation.multiple_shooting import Fit
+from lagsplat.diagnose.inference.evidence import Explained, log_evidence
+from lagsplat.diagnose.inference.problem import Contest
+from lagsplat.diagnose.inference.score_test import Lead, screen
+
+SETTLED = 3
+"""Best fits that are carried on to their end."""
+LONGER = 5
+"""Steps they may take beside those of every fit, in multiples of these."""
+FINER = 0.03
+"""Gain that still is worth a step, in multiples of what every fit thinks so."""
+SMOOTH = 0.5
+"""Correlation between neighbouring samples of a residual that no effect on single samples leaves."""
+SEEN = 4.0
+"""Mean square, in units of the noise, by which repeats of a sample must miss the motion to be seen."""
+
+Tell = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How far the search goes: families and places fitted in full, and beginnings of each fit."""
+
+    families: int
+    places: int
+    starts: int
+    always: tuple[str, ...]
+    """Families that are fitted whatever the score test says."""
+    temper: float
+    """Over how many samples of the residual an independent one comes, at least."""
+    nominal: float
+    """Mean square of the residual, in units of the noise, that the sim leaves of its own recordings."""
+    null: float = 0.0
+    """Nats that effects gain where there are none, by the sim's own errors; so much counts for nothing."""
+
+    @classmethod
+    def of(cls, config: DiagnoseConfig, *, nominal: float, null: float = 0.0) -> "Effort":
+        """What the settings say."""
+        return cls(
+            config.families, config.places, config.starts, tuple(config.always), config.temper, nominal, null
+        )
+
+
+@dataclass(frozen=True)
+class Ranking:
+    """`none`, and every hypothesis that was fitted, the most evident first."""
+
+    none: Explained
+    found: tuple[Explained, ...]
+    temper: float
+    """By how much the noise is widened so that the best hypothesis fits."""
+
+    def best_of(self, name: str) -> Explained | None:
+        """The most evident fit of one family."""
+        return next((one for one in self.found if one.effects[-1].effect.name == name), None)
+
+
+def rank(
+    contest: Contest,
+    offers: Sequence[Instance],
+    effort: Effort,
+    *,
+    known: Explained | None = None,
+    tell: Tell = lambda name: None,
+) -> Ranking:
+    """Every family of ``offers`` beside the ``known`` effects; without these, beside none.
+
+    Leads come from two score tests: where the uncertainties have moved to make up for the gap, and where
+    they have not. The first is blind to an effect that they imitate.
+    """
+    n = contest.bench.nuisance.size
+    base = known or settled(contest, Explained((), contest.fit((), np.zeros(n))))
+    beginnings = [base.fit]
+    if known is None:
+        frozen = replace(contest, bench=replace(contest.bench, nuisance=contest.bench.nuisance.pinned()))
+        unmoved = frozen.fit((), np.zeros(n))
+        if unmoved.misfit > 1.02 * base.fit.misfit:
+            beginnings.append(replace(unmoved, x=np.zeros(n)))
+    by_family: dict[str, list[tuple[Lead, Explained]]] = {}
+    orders = []
+    for fit in beginnings:
+        leads = screen(contest, base.effects, fit, offers)
+        order = list(dict.fromkeys(lead.instance.effect.name for lead in leads))
+        orders.append(order[: effort.families])
+        for lead in leads:
+            family = by_family.setdefault(lead.instance.effect.name, [])
+            if (
+                sum(one.instance is lead.instance for one, _ in family) == 0
+                and len(family) < effort.places * 2
+            ):
+                family.append((lead, Explained(base.effects, fit)))
+    chosen = list(dict.fromkeys([name for row in zip(*orders, strict=False) for name in row]
+                                + [name for order in orders for name in order]
+                                + [name for name in effort.always if name in by_family]))  # fmt: skip
+    found = []
+    for name in chosen:
+        tell(name)
+        family = sorted(by_family[name], key=lambda pair: -pair[0].gain)[: effort.places]
+        for lead, start in family:
+            found.append(pursue(contest, base.effects, start.fit, lead, starts=effort.starts))
+    found.sort(key=lambda one: one.fit.cost)
+    found[:SETTLED] = [settled(contest, one) for one in found[:SETTLED]]
+    return graded(contest, base, found, offers, effort, first=known is None)
+
+
+def settled(contest: Contest, one: Explained) -> Explained:
+    """A fit carried on to its end, beyond the steps and the gain with which every fit must make do."""
+    longer = replace(contest, iterations=LONGER * contest.iterations, tolerance=FINER * contest.tolerance)
+    near = (one.fit.slopes[..., one.n_own :], one.fit.start_slopes) if one.effects else None
+    return replace(one, fit=longer.fit(one.effects, one.fit.x, one.fit.starts, near))
+
+
+def graded(
+    contest: Contest,
+    base: Explained,
+    found: Sequence[Explained],
+    offers: Sequence[Instance],
+    effort: Effort,
+    *,
+    first: bool,
+) -> Ranking:
+    """Evidence of each fit over the base, under noise as wide as the best of them needs."""
+    least = min([one.fit.misfit for one in found] + [base.fit.misfit])
+    noisy = _noisy(contest, base, offers) if first else []
+    explained = max(noisy, key=lambda row: row[0], default=(0.0, base))[1].fit.misfit
+    temper = max(effort.nominal, min(least, explained) / contest.freedom) * effort.temper
+    floor = log_evidence(base, contest.bench, temper) + (effort.null if first else 0.0)
+    rows = [replace(one, log_evidence=log_evidence(one, contest.bench, temper) - floor) for one in found]
+    rows += [replace(one, log_evidence=gain / effort.temper - 4.0 - effort.null) for gain, one in noisy]
+    rows.sort(key=lambda one: -one.log_evidence)
+    return Ranking(replace(base, log_evidence=0.0), tuple(rows), temper)
+
+
+def _repeated(contest: Contest, base: Explained) -> tuple[float, int]:
+    """By how much repeats of an earlier sample miss what should have been seen, and how many do."""
+    predicted = contest.predict(base.effects)(base.fit.x[None], base.fit.starts[None])[0]
+    wrong = np.nan_to_num(((contest.data.y - predicted) / contest.sigma) ** 2).mean(axis=2)
+    runs, n = label(contest.repeats, structure=[[0, 0, 0], [1, 1, 1], [0, 0, 0]])
+    number = np.arange(1, n + 1)
+    seen = runs * np.isin(runs, number[mean(wrong, runs, number) > SEEN])
+    missed = (wrong - 1.0)[contest.repeats].sum() * contest.data.y.shape[2]
+    return float(missed), int(np.count_nonzero(seen))
+
+
+def _alike(residual: np.ndarray, mask: np.ndarray) -> float:
+    """Correlation of the residual (windows, samples, d) from one sample to the next."""
+    seen = np.where(mask[..., None], residual, 0.0)
+    return float((seen[:, 1:] * seen[:, :-1]).sum() / max((seen**2).sum(), np.finfo(float).tiny))
+
+
+def _noisy(contest: Contest, base: Explained, offers: Sequence[Instance]) -> list[tuple[float, Explained]]:
+    """Effects that only move single samples, judged by the residual of the base."""
+    out = []
+    mask = contest.data.weight[..., 0] > 0.0  # a frame shows all coordinates or none
+    for offer in offers:
+        if not isinstance(offer.effect, Noise):
+            continue
+        v = contest.windows.take(contest.bench.record.v) / contest.sigma * contest.bench.record.dt_s
+        gain, parameters, misfit = offer.effect.explain(base.fit.residual[mask], v[mask])
+        gain *= min(max(0.0, 1.0 - _alike(base.fit.residual, mask) / SMOOTH), 1.0)
+        if offer.effect.repeats:
+            missed, n = _repeated(contest, base)
+            gain += 0.5 * missed
+            parameters = {key: tuple(value + n for value in row) for key, row in parameters.items()}
+        fit = replace(base.fit, misfit=misfit)
+        out.append((gain, Explained((*base.effects, offer), fit, noise=parameters)))
+    return out
+
+
+SHARES = (1.0, 0.5, 0.25, 0.1, 0.03)
+
+
+def _damped(
+    contest: Contest, effects: tuple[Instance, ...], base: Fit, offer: Instance, x: np.ndarray
+) -> np.ndarray:
+    """Unknowns to begin from: as much of the promised amplitude as the full rollouts welcome."""
+    known, n = sum(len(e.effect.parameters) for e in effects), offer.effect.amplitudes
+    tried = np.repeat(x[None], len(SHARES) if n else 1, axis=0)
+    if n:
+        tried[:, :n] *= np.array(SHARES)[:, None]
+    whole = np.stack([np.concatenate([base.x[:known], row, base.x[known:]]) for row in tried])
+    if not n:
+        return whole[0]
+    y = contest.predict((*effects, offer))(whole, np.repeat(base.starts[None], len(whole), axis=0))
+    misfit = np.sum(((contest.data.y - y) * contest.data.weight) ** 2, axis=(1, 2, 3))
+    return whole[int(np.argmin(np.where(np.isfinite(misfit), misfit, np.inf)))]
+
+
+def pursue(
+    contest: Contest, effects: tuple[Instance, ...], base: Fit, lead: Lead, *, starts: int
+) -> Explained:
+    """The best fit of ``effects`` and the lead's one, from the best few beginnings."""
+    known = sum(len(e.effect.parameters) for e in effects)
+    near = (base.slopes[..., known:], base.start_slopes)
+    best: Fit | None = None
+    for x in lead.starts[:starts]:
+        whole = _damped(contest, effects, base, lead.instance, x)
+        fit = contest.fit((*effects, lead.instance), whole, base.starts, near)
+        if best is None or fit.cost < best.cost:
+            best = fit
+    assert best is not None
+    return Explained((*effects, lead.instance), best)

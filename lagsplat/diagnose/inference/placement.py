@@ -1,0 +1,218 @@
+"""Every effect at every place where it may act on the mechanism at hand.
+
+Where to look for disturbances: the spans and the lines of the force that a sim lacks.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+from jaxtyping import Float64
+from scipy.signal import find_peaks
+
+from lagsplat.diagnose.effects.actuation.external_periodic_force import repeating
+from lagsplat.diagnose.effects.actuation.external_push import N_PUSHES
+from lagsplat.diagnose.effects.base import (
+    Direction,
+    Effect,
+    Force,
+    InputChange,
+    Instance,
+    Scales,
+    directed,
+    everywhere,
+)
+from lagsplat.diagnose.effects.dynamics.linear_stiffness import SPRING
+from lagsplat.diagnose.effects.registry import catalogue
+from lagsplat.diagnose.estimation.dataset import clock_shifts
+from lagsplat.diagnose.estimation.rollout import Bench
+from lagsplat.diagnose.mechanics.model import Model
+from lagsplat.diagnose.residual.change_points import events
+from lagsplat.diagnose.residual.latent_force import Smoothed, smooth
+from lagsplat.io.trajectory.trajectory import Motion
+
+PAIRED = 3
+"""Coordinates up to which effects are looked for between each two of them."""
+FREE_CLIPS = 3
+"""Clips, the longest, in which a hidden memory may begin anywhere."""
+
+
+def directions(bench: Bench, names: Sequence[str]) -> list[Direction]:
+    """One along each coordinate."""
+    eye = np.eye(bench.model.d)
+    return [directed(name, eye[i], bench.model) for i, name in enumerate(names)]
+
+
+def joints(bench: Bench, names: Sequence[str]) -> list[Direction]:
+    """One along the difference of each two coordinates, if these are few."""
+    model, eye = bench.model, np.eye(bench.model.d)
+    pairs = combinations(range(model.d if model.d <= PAIRED else 0), 2)
+    return [directed(f"{names[j]} - {names[i]}", eye[j] - eye[i], model) for i, j in pairs]
+
+
+@dataclass(frozen=True)
+class Hints:
+    """Where to look for disturbances: pushes (start, end) [s] on the joint clock, and lines [Hz]."""
+
+    pushes: tuple[tuple[float, float], ...]
+    lines_hz: tuple[float, ...]
+
+
+def instances(
+    bench: Bench,
+    hints: Sequence[Hints],
+    *,
+    q_names: Sequence[str],
+    u_names: Sequence[str],
+    without: Sequence[str],
+) -> list[Instance]:
+    """The catalogue at every place; ``hints`` hold one entry a coordinate."""
+    places, pairs = directions(bench, q_names), joints(bench, q_names)
+    out: list[Instance] = []
+    for effect in catalogue().values():
+        if effect.name in without:
+            continue
+        for variant in effect.variants:
+            if effect.along == "channels" or isinstance(effect, InputChange):
+                out += together(_on_inputs(effect, bench, u_names))
+            elif effect.along == "whole":
+                out.append(Instance(effect, whole_scales(bench), variant))
+            else:
+                out += together(_along(effect, variant, bench, places, hints))
+                if variant in effect.between:
+                    out += _along(effect, variant, bench, pairs, [Hints((), ())] * len(pairs))
+                everything = effect.along == "both" and variant != SPRING  # a spring is at one coordinate
+                if everything and (bench.model.d > 1 or not isinstance(effect, Force)):
+                    out.append(Instance(effect, whole_scales(bench), variant))
+    return [one for one in out if one.scales.reach > 0.0]
+
+
+def together(places: Sequence[Instance]) -> list[Instance]:
+    """The same, and where it may act at all of these places at once, that too."""
+    moved = [one for one in places if one.scales.reach > 0.0]
+    joint = len(moved) > 1 and moved[0].effect.together
+    return [*places, *([everywhere(moved)] if joint else [])]
+
+
+def _along(
+    effect: Effect, variant: str, bench: Bench, places: list[Direction], hints: Sequence[Hints]
+) -> list[Instance]:
+    if variant == "weight" or (effect.name == "mass_change" and len(bench.model.mass) == 1 == bench.model.d):
+        return []  # weight acts on the whole; a constant mass of one coordinate is the whole
+    if isinstance(effect, Force) and effect.memory_kinds:
+        effect = effect.begun(_longest(bench))
+    out = []
+    for place, hint in zip(places, hints, strict=True):
+        one = Instance(effect, scales(bench, place, variant), variant, place)
+        if effect.name == "external_push":
+            one = replace(one, grid=_push_grid(hint, one.scales))
+        if effect.name == "external_periodic_force":
+            unit = one.scales.of("rate")
+            lines = tuple((2.0 * np.pi * line / unit,) for line in hint.lines_hz)
+            one = replace(one, effect=repeating(effect, one.scales), grid=lines)
+        if one.grid is None or one.grid:
+            out.append(one)
+    return out
+
+
+def _longest(bench: Bench) -> list[int]:
+    """The clips that tell most of where a memory begins."""
+    order = np.argsort(np.diff(bench.record.clips, axis=1)[:, 0], kind="stable")[::-1]
+    return sorted(order[:FREE_CLIPS].tolist())
+
+
+def _push_grid(hint: Hints, size: Scales) -> tuple[tuple[float, ...], ...]:
+    """The strongest pushes together, each as long as its event, or half of it."""
+    unit, chosen = size.of("time"), hint.pushes[:N_PUSHES]
+    if not chosen:
+        return ()
+    rows = []
+    for share in (1.0, 0.5):
+        middle = [0.5 * (start + end) / unit for start, end in chosen]
+        lasts = [share * max(end - start, size.frame_s) / unit for start, end in chosen]
+        # a push that is not needed stands where no window is
+        absent = N_PUSHES - len(chosen)
+        rows.append((*middle, *[-1e3] * absent, *lasts, *[1.0] * absent))
+    return tuple(rows)
+
+
+def _on_inputs(effect: Effect, bench: Bench, u_names: Sequence[str]) -> list[Instance]:
+    driven = [j for j in range(bench.record.u.shape[1]) if np.ptp(bench.record.u[:, j]) > 0.0]
+    if not driven:
+        return []
+    if effect.along == "whole":
+        return [Instance(effect, whole_scales(bench))]
+    out = []
+    for j in driven:
+        u = bench.record.u[:, j]
+        base = whole_scales(bench)
+        size = replace(base, input=float(np.sqrt(np.mean(u * u))), input_reach=float(np.abs(u).max()))
+        out.append(Instance(effect, size, channel=j, input_name=u_names[j]))
+    return out
+
+
+def scales(bench: Bench, place: Direction, variant: str = "") -> Scales:
+    """Sizes of the recorded motion along a direction."""
+    s = (bench.smooth - bench.model.rest) @ place.covector
+    v = bench.record.v @ place.covector
+    reach = {"upper": s.max(), "lower": -s.min()}.get(variant, np.abs(s).max())
+    size = float(np.sqrt(np.mean(s * s)))
+    return Scales(
+        coordinate=size,
+        velocity=max(float(np.sqrt(np.mean(v * v))), 1e-6 * size),
+        reach=float(reach) if reach > 0.3 * size else 0.0,
+        stiffness=_stiffness(bench, place),
+        frame_s=bench.record.dt_s,
+        duration_s=float(max(bench.record.time[b - 1] for _, b in bench.record.clips)),
+    )
+
+
+def _stiffness(bench: Bench, place: Direction) -> float:
+    p = place.covector
+    return float(p @ bench.model.stiffness @ p) / float(p @ bench.model.inertia @ p)
+
+
+def whole_scales(bench: Bench) -> Scales:
+    """Sizes of the coordinate that moves most, by its kinetic energy."""
+    energy = np.diag(bench.model.inertia) * np.mean(bench.record.v**2, axis=0)
+    i = int(np.argmax(energy))
+    return scales(bench, directed(None, np.eye(bench.model.d)[i], bench.model))
+
+
+LINES = 5
+HIGHEST = 0.2
+"""Highest line, as a share of the rate of frames."""
+
+
+def hints(smoothed: Sequence[Smoothed], *, period_s: float) -> tuple[Hints, ...]:
+    """The loudest spans, on the joint clock, and lines of the longest file, for each coordinate."""
+    shifts = clock_shifts([one.motion for one in smoothed])
+    pushes = tuple(
+        (one.start_s - shifts[one.motion], one.end_s - shifts[one.motion])
+        for one in events(smoothed, period_s=period_s)
+    )
+    longest = max(smoothed, key=lambda one: one.motion.n)
+    return tuple(Hints(pushes, lines(longest, i)) for i in range(longest.motion.d))
+
+
+def sought(model: Model, motions: Sequence[Motion], *, period_s: float, hold: str) -> tuple[Hints, ...]:
+    """Hints from the force that the sim lacks; none where it cannot follow the motions at all."""
+    try:
+        return hints(smooth(model, motions, period_s=period_s, hold=hold), period_s=period_s)
+    except np.linalg.LinAlgError:
+        return (Hints((), ()),) * model.d
+
+
+def lines(one: Smoothed, coordinate: int) -> tuple[float, ...]:
+    """The frequencies [Hz] of the highest peaks in the spectrum of the residual."""
+    motion = one.motion
+    time = np.arange(motion.time_s[0], motion.time_s[-1], motion.dt_s)
+    x: Float64[np.ndarray, " n"] = np.interp(time, motion.time_s, one.residual[:, coordinate])
+    size = 4 * len(x)
+    power = np.abs(np.fft.rfft((x - x.mean()) * np.hanning(len(x)), size))
+    frequency = np.fft.rfftfreq(size, motion.dt_s)
+    power[frequency > HIGHEST / motion.dt_s] = 0.0
+    peaks, found = find_peaks(power[2:], height=0.0)
+    best = peaks[np.argsort(found["peak_heights"])[::-1][:LINES]] + 2
+    return tuple(float(frequency[i]) for i in best)

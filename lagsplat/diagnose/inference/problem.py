@@ -1,0 +1,234 @@
+"""Hypotheses against a record: which effects can explain it, and how well each does.
+
+A quick score test ranks all of them; the best are fitted by shooting; evidence compares the fits.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Float64
+
+from lagsplat.diagnose.core.config import DiagnoseConfig
+from lagsplat.diagnose.data_quality.discontinuities import frozen
+from lagsplat.diagnose.data_quality.natural_period import rough_period_s
+from lagsplat.diagnose.effects.base import Instance
+from lagsplat.diagnose.estimation.dataset import Prepared, Windows, cut_windows, prepare
+from lagsplat.diagnose.estimation.multiple_shooting import Belief, Data, Fit, derivatives, eliminate, shoot
+from lagsplat.diagnose.estimation.nuisance import Nuisance
+from lagsplat.diagnose.estimation.rollout import Bench
+from lagsplat.diagnose.identification.estimated_simulator import Sim
+from lagsplat.diagnose.mechanics.model import Model
+from lagsplat.io.trajectory.trajectory import Motion
+
+PAID = 40.0
+"""Square of the moved uncertainties, over their price, that is no longer believed."""
+
+
+@dataclass(frozen=True)
+class Contest:
+    """A bench, the windows to be explained, and the noise (d,) of a sample."""
+
+    bench: Bench
+    windows: Windows
+    sigma: Float64[np.ndarray, " d"]
+    iterations: int
+    tolerance: float
+    late: Bool[np.ndarray, " N"] | None = None
+    """Samples that repeat an earlier one, on which nothing is fitted."""
+    price: float = 1.0
+    """Of a moved parameter, in units of what it costs beside white noise: what a sim leaves of its own
+    recordings weighs less than noise does, in fits as in evidence."""
+    aside: int = 0
+    """Windows that are not looked at, for the sim was never seen to move so."""
+
+    @cached_property
+    def repeats(self) -> Bool[np.ndarray, "W L"]:
+        """Where the windows hold such samples."""
+        inside = self.windows.mask() > 0.0
+        return np.zeros_like(inside) if self.late is None else inside & self.windows.take(self.late)
+
+    @cached_property
+    def data(self) -> Data:
+        """The windows' samples in units of the noise."""
+        record = self.bench.record
+        return Data(
+            self.windows.take(record.q),
+            (self.windows.mask() * ~self.repeats)[..., None] / self.sigma,
+            1e-4 * np.concatenate([np.std(record.q, axis=0), np.std(record.v, axis=0)]),
+        )
+
+    @property
+    def freedom(self) -> float:
+        """Samples less what the starts take."""
+        w, d = self.windows, self.bench.record.d
+        return float((w.length.sum() - self.repeats.sum()) * d - 2 * d * len(w.first))
+
+    @cached_property
+    def begun(self) -> np.ndarray:
+        """Where the windows start by the smoothed record, (W, 2 d)."""
+        return np.concatenate([self.bench.smooth, self.bench.record.v], axis=1)[self.windows.first]
+
+    def predict(self, effects: Sequence[Instance]) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+        """Predictions of a set of effects."""
+        return lambda x, starts: self.bench.rollouts(effects, x, starts, self.windows)[0]
+
+    def belief(self, effects: Sequence[Instance]) -> Belief:
+        """What fits hold of the unknowns beforehand."""
+        prior = belief(effects, self.bench)
+        return replace(prior, deviation=prior.deviation / np.sqrt(self.price))
+
+    def fit(
+        self,
+        effects: Sequence[Instance],
+        x: np.ndarray,
+        starts: np.ndarray | None = None,
+        known: tuple[np.ndarray, np.ndarray] | None = None,
+    ) -> Fit:
+        """The best parameters from ``x``, those of the effects followed by the uncertainties.
+
+        ``known`` are slopes of a fit nearby by the uncertainties and by the starts.
+        """
+        return shoot(
+            self.predict(effects), x, self.begun if starts is None else starts, self.data,
+            self.belief(effects), iterations=self.iterations, tolerance=self.tolerance, known=known,
+        )  # fmt: skip
+
+
+def pushed(fit: Fit, price: float) -> float:
+    """How much further a fit moved the uncertainties than is believed of them, in units of its misfit."""
+    return max(fit.penalty - PAID * price, 0.0)
+
+
+def belief(effects: Sequence[Instance], bench: Bench) -> Belief:
+    """Prior of the unknowns of ``effects`` followed by the uncertainties."""
+    priors = [p.prior for e in effects for p in e.effect.parameters]
+    spare = bench.nuisance.deviation
+    deviation = np.concatenate([[p.deviation for p in priors], spare])
+    return Belief(
+        np.concatenate([[p.mean for p in priors], np.zeros(len(spare))]),
+        deviation,
+        np.concatenate([[p.lowest for p in priors], np.full(len(spare), -np.inf)]),
+        np.concatenate([1e-3 * np.minimum(deviation[: len(priors)], 1.0), 1e-2 * spare]),
+    )
+
+
+MOSTLY = 0.7
+"""Share of the windows that must be familiar for the others to be left aside."""
+
+
+OPEN = 6
+"""Directions at most that the sim's identification leaves open."""
+
+
+@dataclass(frozen=True)
+class Periods:
+    """Natural periods of the sim about rest [s]; the rms period of the motion where it has none."""
+
+    longest_s: float
+    shortest_s: float
+
+
+def periods(model: Model, fallback_s: float) -> Periods:
+    """Natural periods by stiffness and inertia at rest, no further than threefold from the motion's."""
+    values = np.linalg.eigvals(np.linalg.solve(model.inertia, model.stiffness)).real
+    values = values[values > 0.0]
+    if not len(values):
+        return Periods(fallback_s, fallback_s)
+    low, high = (float(2.0 * np.pi / np.sqrt(values.min())), float(2.0 * np.pi / np.sqrt(values.max())))
+    return Periods(
+        min(max(low, fallback_s / 3.0), 3.0 * fallback_s), min(max(high, fallback_s / 5.0), fallback_s * 3.0)
+    )
+
+
+def stand(sim: Sim, real: Sequence[Motion], config: DiagnoseConfig) -> tuple[Contest, Prepared, Periods]:
+    """The contest of all hypotheses about ``real``."""
+    model = sim.model
+    natural = periods(model, rough_period_s(real))
+    ready = prepare(real, period_s=natural.shortest_s)
+    record = ready.record
+    omega = 2.0 * np.pi / natural.longest_s
+    force = np.var(record.v, axis=0) / np.maximum(np.std(ready.smooth, axis=0), 1e-12)
+    nuisance = Nuisance(
+        config.potential,
+        config.damping * omega,
+        config.inputs,
+        config.offset * force,
+        config.warp,
+        record.u.shape[1],
+        sim.freedom,
+    )
+    steps = max(1, int(np.ceil(record.dt_s * config.steps_per_period / natural.shortest_s)))
+    reach_s = config.window_periods * sim.reach * natural.longest_s
+    windows = cut_windows(record, length_s=reach_s, least=20)
+    if len(windows.first) < 4:
+        windows = cut_windows(record, length_s=natural.longest_s, least=20)
+    like = familiar(sim, windows, ready)
+    aside, windows = int(np.count_nonzero(~like)), windows.only(like)
+    bench = Bench(model, record, nuisance, steps, config.input_hold == "zoh", ready.smooth)
+    late = frozen(record.q, record.clips, ready.sigma)
+    price = max(sim.misfit, 1.0) * sim.correlation
+    contest = Contest(bench, windows, ready.sigma, config.iterations, config.tolerance, late, price, aside)
+    kept = relevant(contest, sim.freedom)
+    return replace(contest, bench=replace(bench, nuisance=replace(nuisance, directions=kept))), ready, natural
+
+
+def familiar(sim: Sim, windows: Windows, ready: Prepared) -> Bool[np.ndarray, " W"]:
+    """Windows in which it moves as the sim was seen to; all, if most are not such or it does not ask."""
+    if sim.familiar is None:
+        return np.ones(len(windows.first), dtype=bool)
+    like = sim.familiar.among(windows, ready.smooth, ready.record)
+    return like if like.sum() > MOSTLY * len(like) else np.ones_like(like)
+
+
+def relevant(contest: Contest, freedom: Float64[np.ndarray, "R K"]) -> Float64[np.ndarray, "r K"]:
+    """The few combinations of open directions that this recording can see at all, the most visible first."""
+    if not len(freedom):
+        return freedom
+    prior, n = belief((), contest.bench), contest.bench.nuisance.size
+    step = prior.step.copy()
+    step[n - len(freedom) :] = 0.1
+    residual, slopes, begun = derivatives(contest.predict(()), np.zeros(n), contest.begun, contest.data, step)
+    curvature, *_ = eliminate(residual, slopes, begun)
+    values, vectors = np.linalg.eigh(curvature[n - len(freedom) :, n - len(freedom) :])
+    chosen = np.argsort(values)[::-1][:OPEN]
+    return vectors[:, chosen[values[chosen] > 0.3]].T @ freedom
+
+
+def held_to(sim: Sim, motions: Sequence[Motion], config: DiagnoseConfig) -> Sim:
+    """A given sim with the misfit, and its correlation, that it leaves of the recordings it is true to.
+
+    What a sim has wrong stays wrong for a part of a period, so that many samples count as one. Of long
+    recordings as much is looked at as `own_longest_s` says, here and there.
+    """
+    contest, _, _ = stand(sim, motions, config)
+    frames = config.own_longest_s / contest.bench.record.dt_s
+    return measured(sim, replace(contest, windows=contest.windows.evenly(frames)))
+
+
+def measured(sim: Sim, contest: Contest) -> Sim:
+    """The sim with its misfit, and its correlation, on the windows of a contest with its own motion."""
+    still, length = np.zeros(contest.bench.nuisance.size), contest.windows.length
+    fit = contest.fit((), still)
+    # what is wrong for long is cheaper to leave than to follow, which shows only once it is known
+    price = max(fit.misfit / contest.freedom, 1.0) * correlation(fit.residual, length)
+    fit = replace(contest, price=price).fit((), still)
+    left = (fit.misfit + pushed(fit, price)) / contest.freedom
+    return replace(sim, misfit=left, correlation=correlation(fit.residual, length))
+
+
+def correlation(residual: Float64[np.ndarray, "W L d"], length: np.ndarray) -> float:
+    """Samples that count as one: the sum of the autocorrelation up to its first zero, both ways.
+
+    Source: the integrated autocorrelation time with the initial positive sequence (Geyer 1992).
+    """
+    power = float(sum((row[:n] ** 2).sum() for row, n in zip(residual, length, strict=True)))
+    total = 1.0
+    for lag in range(1, residual.shape[1]):
+        rows = [row[: n - lag] * row[lag:n] for row, n in zip(residual, length, strict=True) if n > lag]
+        share = float(sum(row.sum() for row in rows)) / max(power, 1e-300)
+        if share <= 0.0:
+            break
+        total += 2.0 * share
+    return total

@@ -1,0 +1,159 @@
+"""Fitted parameters as they are told: published keys, units, intervals, the clocks of the files.
+
+How likely the data are along one parameter of an effect, everything else fitted anew.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float64
+
+from lagsplat.diagnose.core.result import Parameter
+from lagsplat.diagnose.effects.base import UNITS, Instance, Noise
+from lagsplat.diagnose.estimation.dataset import Record
+from lagsplat.diagnose.estimation.multiple_shooting import penalty, shoot
+from lagsplat.diagnose.inference.evidence import Explained
+from lagsplat.diagnose.inference.posterior import interval
+from lagsplat.diagnose.inference.problem import Contest, belief
+
+
+def parameters(contest: Contest, one: Explained, instance: Instance, temper: float) -> dict[str, Parameter]:
+    """The fitted parameters of one of the effects, with 90 % intervals, under their published keys."""
+    effect, scales = instance.effect, instance.scales
+    kinds = {p.name: p.kind for p in effect.parameters}
+    if isinstance(effect, Noise):
+        sized = {name: [v * scales.of(kinds[name]) for v in values] for name, values in one.noise.items()}
+        return {name: Parameter(v[0], v[1], v[2], UNITS[kinds[name]]) for name, v in sized.items()}
+    known = [e for e in one.effects if not isinstance(e.effect, Noise)]
+    prior = [p.prior for e in known for p in e.effect.parameters]
+    low, high = interval(replace(one, effects=tuple(known)), contest.bench.nuisance.deviation, prior, temper)
+    cut = one.own(instance)
+    rows = instance.physical(np.stack([one.fit.x[cut], low[cut], high[cut]]))
+    best, *ends = (told(instance, row, contest.bench.record) for row in rows)
+    out = {}
+    for key, value in best.items():
+        first, second = (end.get(key, value) for end in ends)
+        if isinstance(value, list) and not len(first) == len(second) == len(value):
+            first = second = value
+        elif not isinstance(value, list) and first > second:
+            first, second = second, first
+        out[key] = Parameter(value, first, second, unit(instance, key))
+    return out
+
+
+def unit(instance: Instance, key: str) -> str:
+    """Of what a parameter is told in: its own, that of the first of a list, or that of the effect's first."""
+    kinds = {p.name: p.kind for p in instance.effect.parameters}
+    if key == "files":
+        return "1"
+    if key == "added_stiffness":
+        return "1/s^2"
+    if key.endswith("_hz"):
+        return "Hz"
+    first = instance.effect.parameters[0].kind
+    raw = UNITS[kinds.get(key, kinds.get(f"{key.removesuffix('s')} 0", first))]
+    raw = instance.effect.variant_units.get(instance.variant, raw)
+    place = next((part.place for part in instance.parts if key.endswith(f" {part.place}")), instance.place)
+    name = f"({place})" if place and " " in place else place
+    return raw.format(q=name or "q", u=name or "u")
+
+
+def told(instance: Instance, row: np.ndarray, record: Record) -> dict[str, Any]:
+    """The parameters in a row of physical values, by the keys under which they are published."""
+    effect = instance.effect
+    plain = {
+        p.name: float(np.exp(value) if p.kind == "log_ratio" else value)
+        for p, value in zip(effect.parameters, row, strict=True)
+        if not p.name.startswith("memory ")
+    }
+    told: dict[str, Any] = effect.reports(plain, instance) if effect.reports is not None else dict(plain)
+    if "times" in told:
+        places = [record.own_time(time) for time in told["times"]]
+        told["times"] = [time for _, time in places]
+        if len(record.files) > 1:
+            told["files"] = [number for number, _ in places]
+    return told
+
+
+POINTS = 4
+"""To each side of the best value."""
+FAR = 3.5
+"""Standard deviations that they reach out."""
+STEPS = 4
+MOST = 4
+"""Parameters that are profiled."""
+HELD = 1e-4
+"""Standard deviations within which the parameter is held."""
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Nats below the best fit at ``values`` of a parameter, in its ``unit``."""
+
+    effect: str
+    parameter: str
+    unit: str
+    values: Float64[np.ndarray, " n"]
+    log_likelihood: Float64[np.ndarray, " n"]
+
+
+def profiles(contest: Contest, one: Explained, *, temper: float) -> Iterator[Profile]:
+    """Profiles of the first parameters of the effects that are told by one number each.
+
+    Source: profile likelihood, Raue et al., 2009, doi:10.1093/bioinformatics/btp358.
+    """
+    effects = tuple(e for e in one.effects if not isinstance(e.effect, Noise))
+    if not np.isfinite(one.fit.curvature).all():
+        return
+    curvature = one.fit.curvature / temper + np.diag(1.0 / belief(effects, contest.bench).deviation ** 2)
+    spread = np.sqrt(np.maximum(np.diag(np.linalg.pinv(curvature)), 0.0))
+    count = 0
+    for instance in effects:
+        own = one.own(instance)
+        keys = told(instance, instance.physical(one.fit.x[None, own])[0], contest.bench.record)
+        for i, parameter in enumerate(instance.effect.parameters):
+            if parameter.name not in keys or count == MOST:
+                continue
+            count += 1
+            at = own.start + i
+            x, fall = _walk(contest, replace(one, effects=effects), at, spread[at], temper)
+            rows = np.repeat(one.fit.x[None, own], len(x), axis=0)
+            rows[:, i] = x
+            physical = instance.physical(rows)
+            values = [told(instance, row, contest.bench.record)[parameter.name] for row in physical]
+            where = unit(instance, parameter.name)
+            yield Profile(instance.effect.name, parameter.name, where, np.array(values), fall)
+
+
+def _walk(
+    contest: Contest, one: Explained, at: int, spread: float, temper: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Unknowns to both sides of the best, and the nats that the best fit beside each loses."""
+    best, held = one.fit.x[at], contest.belief(one.effects)
+    near = (one.fit.slopes[..., one.n_own :], one.fit.start_slopes)
+    rows = [(best, 0.0)]
+    for side in (-1.0, 1.0):
+        x, starts = one.fit.x, one.fit.starts
+        for k in range(1, POINTS + 1):
+            value = max(best + side * FAR * spread * k / POINTS, held.lowest[at])
+            if value == x[at]:
+                break
+            mean, deviation = held.mean.copy(), held.deviation.copy()
+            mean[at], deviation[at] = value, HELD * spread
+            pinned = replace(held, mean=mean, deviation=deviation)
+            moved = x.copy()
+            moved[at] = value
+            fit = shoot(
+                contest.predict(one.effects), moved, starts, contest.data, pinned,
+                iterations=STEPS, tolerance=contest.tolerance, known=near,
+            )  # fmt: skip
+            x, starts = fit.x, fit.starts
+            paid = float(penalty(fit.x[None], held)[0])
+            priced = 0.5 * (paid - one.fit.penalty) / contest.price
+            lost = 0.5 * (fit.misfit - one.fit.misfit) / temper + priced
+            rows.append((float(value), -lost))
+    rows.sort()
+    values, fall = np.array(rows).T
+    return values, fall

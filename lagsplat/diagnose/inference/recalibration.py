@@ -1,0 +1,210 @@
+"""Evidence for effects in recordings that have none: what a sim's own errors pass for.
+
+A sim that was fitted is wrong in its own way wherever it goes. What effects gain on a recording of the very
+mechanism it was fitted to, they gain by these errors, and on another recording they must gain more.
+
+A given sim, moved until it tells its own recordings: what its law lacks there is not an effect.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float64
+
+from lagsplat.diagnose.core.config import DiagnoseConfig
+from lagsplat.diagnose.data_quality.natural_period import rough_period_s
+from lagsplat.diagnose.estimation.dataset import apart
+from lagsplat.diagnose.estimation.multiple_shooting import Belief, Fit, eliminate
+from lagsplat.diagnose.identification.estimated_simulator import Sim, setting_of
+from lagsplat.diagnose.identification.novelty import Familiar, looks
+from lagsplat.diagnose.identification.structure_search import Trial, left_open
+from lagsplat.diagnose.inference.model_selection import Effort, rank
+from lagsplat.diagnose.inference.placement import instances, sought
+from lagsplat.diagnose.inference.problem import Contest, correlation, periods, stand
+from lagsplat.diagnose.mechanics.model import Model
+from lagsplat.diagnose.mechanics.structure import COEFFICIENTS, FEW, Form, degrees, free_directions, moved
+from lagsplat.diagnose.simulators.projection import rest_of
+from lagsplat.io.trajectory.trajectory import Motion, leading
+
+ELSEWHERE = 4.0
+"""How much more the same errors may pass for in another recording than in the sim's own."""
+
+
+def null_evidence(
+    sim: Sim,
+    own: Motion,
+    real: Sequence[Motion],
+    config: DiagnoseConfig,
+    *,
+    tell: Callable[[str], None] = lambda name: None,
+) -> float:
+    """Nats that an effect must gain beyond: `ELSEWHERE` times what the best gains where there is none.
+
+    That is on ``own``, taken as long as ``real`` is. Evidence grows with the time recorded, so that a shorter
+    one is scaled up. Where the sim knows how it was seen to move, those stretches of ``own`` are taken that
+    are most like those of ``real``, each as often as it is called for. Zero where nothing gains.
+
+    Raises:
+        ValueError: ``own`` is too short for a single window.
+    """
+    wanted_s = sum(motion.duration_s for motion in real)
+    part = leading(own, wanted_s)
+    if sim.familiar is None:
+        contest, more = stand(sim, [part], config)[0], max(1.0, wanted_s / part.duration_s)
+        quiet = apart(contest.windows, contest.bench.record, sim.disturbed)
+        contest = replace(contest, windows=quiet)
+    else:
+        contest, more = like(sim, own, real, config), 1.0
+    natural = periods(sim.model, rough_period_s([part]))
+    offers = instances(
+        contest.bench,
+        sought(sim.model, [part], period_s=natural.longest_s, hold=config.input_hold),
+        q_names=own.q_names,
+        u_names=own.u_names,
+        without=config.without,
+    )
+    effort = Effort.of(config, nominal=max(1.0, sim.misfit))
+    found = rank(contest, offers, effort, tell=tell).found
+    gained = max((one.log_evidence for one in found), default=0.0)
+    return ELSEWHERE * max(gained, 0.0) * more
+
+
+def like(sim: Sim, own: Motion, real: Sequence[Motion], config: DiagnoseConfig) -> Contest:
+    """The contest on stretches of the sim's ``own`` motion, one for each of ``real`` and most like it.
+
+    A law has its errors where it has them: a recording that mostly swings freely meets other ones than the
+    sim's own, which hardly does.
+    """
+    assert sim.familiar is not None
+    there, ready, _ = stand(sim, real, config)
+    here, own_ready, _ = stand(sim, [own], config)
+    chosen = sim.familiar.nearest(
+        looks(there.windows, ready.smooth, ready.record),
+        looks(here.windows, own_ready.smooth, own_ready.record),
+    )
+    return replace(here, windows=here.windows.only(chosen))
+
+
+STEPS = ((0, 1, 4, 1), (0, 2, 4, 2))
+"""Degrees up to which mass, damping, potential and input map move, one step after the other."""
+PLAIN = ((0, 0, 3, 0),)
+"""The same of more than a `FEW` coordinates."""
+ITERATIONS = 2
+"""Times as many steps are taken as when a sim is identified: a fitted law is stiffer."""
+WRONG_BY = 0.3
+"""How far each move is believed to go, in units of the acceleration that it changes."""
+BETTER = 0.9
+"""Share of the misfit, on windows that were not fitted, that the moved sim must leave at most."""
+SAMPLES, SMALL, BLIND = 400, 1e-6, 1e-8
+"""Samples at which moves are compared, by how much, and the share of the largest below which one is none."""
+
+
+@dataclass(frozen=True)
+class Moved:
+    """A model, the fit that moved it, and the moves (n, K) that the fit's unknowns mean."""
+
+    model: Model
+    fit: Fit
+    moves: Float64[np.ndarray, "n K"]
+
+
+def recalibrated(sim: Sim, motions: Sequence[Motion], config: DiagnoseConfig) -> Sim:
+    """``sim`` with its lower coefficients moved as ``motions``, which it is true to, ask for.
+
+    Every other window is fitted, the others judge; a sim that does not tell these better comes back as it is.
+
+    Raises:
+        ValueError: the motions are too short for a single window.
+    """
+    contest, ready, _ = stand(sim, motions, config)
+    bench = contest.bench
+    windows = contest.windows.evenly(2.0 * config.own_longest_s / bench.record.dt_s)
+    setting = setting_of(config)
+
+    def trial(first: int) -> Trial:
+        chosen = windows.only(np.arange(len(windows.first)) % 2 == first)
+        data = replace(contest, windows=chosen).data
+        speed = np.std(bench.record.v, axis=0)
+        return Trial(bench.record, ready.smooth, speed, chosen, data, bench.steps, bench.held, setting)
+
+    fitted, judging = trial(0), trial(1)
+    missed, found = judging.missed(sim.model), None
+    for step in STEPS if sim.model.d <= FEW else PLAIN:
+        model = found.model if found else sim.model
+        # by the half that is missed less: a law may run off in a single window of the other
+        half = min(missed / judging.n_data, fitted.missed(model) / fitted.n_data)
+        tried = refit(fitted, model, step, excess=max(half, 1.0))
+        left = judging.missed(tried.model)
+        if not left < BETTER * missed:
+            break
+        missed, found = left, tried
+    if found is None:
+        return sim
+    rested = replace(found.model, rest=rest_of(found.model))
+    known = Familiar.of(contest.windows, ready.smooth, bench.record)
+    return replace(sim, model=rested, given=sim, freedom=_open(found, fitted), familiar=known)
+
+
+def form_of(model: Model, step: tuple[int, int, int, int]) -> Form:
+    """What may move in a step, within what the model has room for.
+
+    The mass does so only as a whole: a fitted one may be all but singular, and soon is not positive.
+    """
+    ends = degrees(model.basis)
+    mass, damping, potential, inputs = (ends[min(k, len(ends) - 1)] for k in step)
+    return Form(
+        min(mass, len(model.mass)),
+        min(damping, len(model.damping)),
+        min(potential, len(model.potential)),
+        min(inputs, len(model.input_map)),
+    )
+
+
+def refit(trial: Trial, model: Model, step: tuple[int, int, int, int], *, excess: float) -> Moved:
+    """The model moved; a misfit that is ``excess`` times the noise's is believed the less."""
+    moves = directions(trial, model, form_of(model, step))
+    n = len(moves)
+    belief = Belief(
+        np.zeros(n), np.full(n, WRONG_BY / np.sqrt(excess)), np.full(n, -np.inf), np.full(n, 1e-4)
+    )
+    iterations = ITERATIONS * trial.setting.iterations
+    fit = trial.shot(model, moves, trial.begun, belief, iterations=iterations)
+    return Moved(moved(model, fit.x @ moves), fit, moves)
+
+
+def directions(trial: Trial, model: Model, form: Form) -> Float64[np.ndarray, "n K"]:
+    """Moves within a form that change the acceleration by its own size each, and independently of each other.
+
+    A coordinate that is light, or hardly moves, is then moved no further than another one.
+    """
+    record = trial.record
+    at = np.unique(np.linspace(0, len(record.q) - 1, SAMPLES).astype(int))
+    q, v, u = trial.smooth[at], record.v[at], record.u[at]
+    base = model.acceleration(q, v, u)
+    size = np.linalg.cholesky(np.linalg.pinv(base.T @ base / len(at)) + 1e-12 * np.eye(model.d))
+    plain = free_directions(model, form, trial.speed)
+    change = np.stack([(moved(model, SMALL * one).acceleration(q, v, u) - base) / SMALL for one in plain])
+    rows = (change @ size).reshape(len(plain), -1) / np.sqrt(len(at))
+    values, vectors = np.linalg.eigh(rows @ rows.T)
+    kept = values > BLIND * values.max()
+    return (vectors[:, kept] / np.sqrt(values[kept])).T @ plain
+
+
+def heavier(model: Model) -> Float64[np.ndarray, " K"]:
+    """The change of all coefficients that doubles the inertia, and nothing else."""
+    return np.concatenate([(name == "mass") * getattr(model, name).ravel() for name in COEFFICIENTS])
+
+
+def _open(one: Moved, trial: Trial) -> Float64[np.ndarray, "n K"]:
+    """What the fit leaves open, its correlated residual counted as fewer samples.
+
+    So is how heavy the mechanism is as a whole, which no move changes: without it a wrong inertia of the law
+    would be a change of mass in whatever it is held against.
+    """
+    moves = np.concatenate([one.moves, heavier(one.model)[None]])
+    linear = trial.moving(one.model, moves).derivatives(np.zeros(len(moves)), one.fit.starts, trial.data)
+    curvature, *_ = eliminate(*linear)
+    misfit = max(one.fit.misfit / max(trial.n_data - len(one.moves), 1.0), 1.0)
+    alike = correlation(one.fit.residual, trial.windows.length)
+    return left_open(curvature / (misfit * alike), moves, deviation=WRONG_BY)

@@ -1,0 +1,139 @@
+"""A recording that nothing tells to within its noise, held against every hypothesis once more.
+
+Where the best explanation misses by many times the noise, laws are wrong in ways of their own, for long
+stretches at once. Taken for white noise, samples so precise and so many would outweigh whatever is believed
+of the sim: its own parameters would move by hundreds of standard deviations to make up for the gap, and
+`none` would look good. What is left counts as the noise, therefore, and samples that agree in it as one.
+
+Whether a verdict hangs on how noisy the data are taken to be, or on the noise that was there by chance.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lagsplat.diagnose.core.config import DiagnoseConfig
+from lagsplat.diagnose.effects.base import Instance, Noise
+from lagsplat.diagnose.inference.evidence import Explained
+from lagsplat.diagnose.inference.model_selection import Effort, Ranking, graded
+from lagsplat.diagnose.inference.plausibility import Doubt
+from lagsplat.diagnose.inference.posterior import CLASSES, Judgement, judge, swing
+from lagsplat.diagnose.inference.problem import Contest, correlation
+
+FAR = 4.0
+"""Mean square residual, in multiples of what the sim leaves of its own recordings, that asks for it."""
+
+
+def widened(contest: Contest, effort: Effort, best: Explained) -> tuple[Contest, Effort] | None:
+    """The contest at the price of what the ``best`` explanation leaves; None if that is near the noise.
+
+    What it leaves is that of the middle window: a push by hand in a few of them says nothing of the law.
+    """
+    each = [(row[:n] ** 2).mean() for row, n in zip(best.fit.residual, contest.windows.length, strict=True)]
+    left = min(best.fit.misfit / contest.freedom, float(np.median(each)))
+    if left <= FAR * effort.nominal:
+        return None
+    alike = correlation(best.fit.residual, contest.windows.length)
+    price = max(contest.price, left * alike)
+    return replace(contest, price=price), replace(effort, temper=max(effort.temper, alike))
+
+
+KEPT = 4
+"""Repeats of the five that must keep the name, or one of its class."""
+RIVALS = 3
+"""Effects, the most evident of each name, that are fitted again beside those of the verdict."""
+STEPS = 4
+"""Of each fit, which begins where the first one ended."""
+SEEDS = (101, 102)
+"""Of the noise that is added."""
+UNBENT = 1e-6
+"""Share of the coordinates' warp that is left where none is allowed."""
+
+
+@dataclass(frozen=True)
+class Fragility:
+    """What each repeat answers, and whether too few answer as the verdict does."""
+
+    fragile: bool
+    answers: dict[str, str]
+
+
+def fragility(
+    contest: Contest,
+    ranking: Ranking,
+    chain: Sequence[Explained],
+    judgement: Judgement,
+    offers: Sequence[Instance],
+    effort: Effort,
+    config: DiagnoseConfig,
+) -> Fragility:
+    """The verdict again with half and twice the noise, unbent coordinates, and noise added, twice.
+
+    The leading effects alone are fitted again, and what was doubted remains so.
+    """
+    leading = _leading(ranking, judgement)
+    doubted = Doubt(judgement.probabilities["unknown"] if judgement.doubted else 0.0, "loose")
+    answers = {}
+    for name, shaken, nominal in _repeats(contest, effort.nominal):
+        again = replace(effort, nominal=nominal)
+        told = _again(shaken, ranking, chain, leading, offers, again, config, lambda one: doubted)
+        answers[name] = answer(told)
+    own = answer(judgement)
+    kin = {own}.union(*(group for group in CLASSES if own in group))
+    return Fragility(sum(one in kin for one in answers.values()) < KEPT, answers)
+
+
+def answer(judgement: Judgement) -> str:
+    """The most probable name."""
+    return next(iter(judgement.probabilities))
+
+
+def _leading(ranking: Ranking, judgement: Judgement) -> list[Explained]:
+    """The best fit of the most probable names, those on single samples aside, which need no fit."""
+    names = [name for name in judgement.probabilities if ranking.best_of(name) is not None]
+    best = [one for one in map(ranking.best_of, names) if one is not None]
+    return [one for one in best if not _single(one)][:RIVALS]
+
+
+def _single(one: Explained) -> bool:
+    return any(isinstance(instance.effect, Noise) for instance in one.effects)
+
+
+def _repeats(contest: Contest, nominal: float) -> Iterator[tuple[str, Contest, float]]:
+    """Name, contest and what the sim leaves of its own recordings in the noise as it is taken there."""
+    bench, sigma = contest.bench, contest.sigma
+    for name, factor in (("half the noise", 0.5), ("twice the noise", 2.0)):
+        price = max(1.0, contest.price / factor**2)
+        yield name, replace(contest, sigma=factor * sigma, price=price), max(1.0, nominal / factor**2)
+    flat = replace(bench.nuisance, warp=UNBENT * bench.nuisance.warp)
+    yield "coordinates not bent", replace(contest, bench=replace(bench, nuisance=flat)), nominal
+    for seed in SEEDS:
+        drawn = np.random.default_rng(seed).normal(0.0, sigma, bench.record.q.shape)
+        noisy = replace(bench, record=replace(bench.record, q=bench.record.q + drawn))
+        louder = replace(contest, bench=noisy, sigma=np.sqrt(2.0) * sigma)
+        yield f"noise added, seed {seed}", louder, max(1.0, 0.5 * (nominal + 1.0))
+
+
+def _again(
+    shaken: Contest,
+    ranking: Ranking,
+    chain: Sequence[Explained],
+    leading: Sequence[Explained],
+    offers: Sequence[Instance],
+    effort: Effort,
+    config: DiagnoseConfig,
+    doubt: Callable[[Explained], Doubt],
+) -> Judgement:
+    brief = replace(shaken, iterations=STEPS)
+
+    def refit(one: Explained) -> Explained:
+        return replace(one, fit=brief.fit(one.effects, one.fit.x, one.fit.starts))
+
+    none, singles = refit(ranking.none), [refit(one) for one in leading]
+    told = graded(shaken, none, singles, offers, effort, first=True)
+    sets = []
+    for one in chain:
+        alone = told.best_of(one.effects[-1].effect.name) if len(one.effects) == 1 else None
+        sets.append(alone or (one if _single(one) else refit(one)))
+    return judge(told, sets, shaken.freedom, effort.nominal, config, most=swing(shaken), doubt=doubt)

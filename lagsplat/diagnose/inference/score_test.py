@@ -1,0 +1,114 @@
+"""Hypotheses against a record: which effects can explain it, and how well each does."""
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lagsplat.diagnose.effects.base import HalfNormal, Instance, Noise
+from lagsplat.diagnose.estimation.multiple_shooting import Belief, Fit, derivatives, eliminate
+from lagsplat.diagnose.inference.problem import Contest
+
+
+@dataclass(frozen=True)
+class Lead:
+    """What the score test promises of one effect: the misfit it takes away, and where to begin."""
+
+    instance: Instance
+    gain: float
+    starts: tuple[np.ndarray, ...]
+    """Unknowns of the effect to begin from, the best first."""
+
+
+def screen(
+    contest: Contest, effects: tuple[Instance, ...], fit: Fit, offers: Sequence[Instance]
+) -> list[Lead]:
+    """How much misfit each of ``offers`` would take away beside ``effects``, to first order; best first.
+
+    Source: the score (Lagrange multiplier) test, Rao, 1948, doi:10.1017/S0305004100023987.
+    """
+    prior = contest.belief(effects)
+    residual, slopes, begun = derivatives(
+        contest.predict(effects), fit.x, fit.starts, contest.data, prior.step
+    )
+    leads = []
+    for offer in offers:
+        if isinstance(offer.effect, Noise):
+            continue
+        guesses, columns = _guesses(contest, effects, fit, offer)
+        tried = []
+        for guess, group in zip(guesses, columns, strict=True):
+            gain, amount = _gain(fit, residual, slopes, begun, prior, group, offer)
+            x = guess.copy()
+            n = offer.effect.amplitudes
+            if n:
+                x[:n] = amount
+            tried.append((gain, x))
+        tried.sort(key=lambda row: -row[0])
+        if tried:
+            leads.append(Lead(offer, tried[0][0], tuple(x for _, x in tried[:3])))
+    return sorted(leads, key=lambda lead: -lead.gain)
+
+
+def _guesses(
+    contest: Contest, effects: tuple[Instance, ...], fit: Fit, offer: Instance
+) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Unknowns on a grid of shapes, and what each of their amplitudes changes, (W, M, amplitudes)."""
+    effect = offer.effect
+    shapes = [p.grid for p in effect.parameters[effect.amplitudes :]]
+    grid = list(itertools.product(*shapes)) if offer.grid is None else list(offer.grid)
+    n = effect.amplitudes
+    guesses = [
+        np.array([0.0] * n + [p.prior.unknown(g) for p, g in zip(effect.parameters[n:], point, strict=True)])
+        for point in grid
+    ]
+    step = [0.01 * p.prior.deviation for p in effect.parameters[:n]]
+    sets = []
+    for guess in guesses:
+        for i in range(max(n, 1)):
+            x = guess.copy()
+            if n:
+                x[i] += step[i]
+            sets.append(x)
+    known = sum(len(e.effect.parameters) for e in effects)
+    whole = np.stack([np.concatenate([fit.x[:known], x, fit.x[known:]]) for x in sets])
+    starts = np.repeat(fit.starts[None], len(whole), axis=0)
+    y = contest.predict((*effects, offer))(whole, starts)
+    y0 = contest.predict(effects)(fit.x[None], fit.starts[None])
+    # a trial that has left for good says nothing of small amounts
+    far = 1e3 * contest.bench.model.basis.scale
+    change = np.clip(np.where(np.isfinite(y), y - y0, 0.0), -far, far) * contest.data.weight
+    if n:
+        change /= np.tile(step, len(guesses))[:, None, None, None]
+    each = max(n, 1)
+    flat = change.reshape(len(guesses), each, len(fit.starts), -1).transpose(0, 2, 3, 1)
+    return guesses, list(flat)
+
+
+def _gain(
+    fit: Fit, residual: np.ndarray, slopes: np.ndarray, begun: np.ndarray, prior: Belief,
+    group: np.ndarray, offer: Instance,
+) -> tuple[float, np.ndarray]:  # fmt: skip
+    """Misfit taken away by the best amount of a change, and that amount."""
+    k = slopes.shape[2]
+    both = np.concatenate([slopes, group], axis=2)
+    curvature, gradient, *_ = eliminate(residual, both, begun)
+    # what a moved uncertainty costs counts too: an effect that lets it go back gains that
+    gradient[:k] -= (fit.x - prior.mean) / prior.deviation**2
+    n = offer.effect.amplitudes
+    inverse = np.concatenate(
+        [1.0 / prior.deviation**2, [1.0 / p.prior.deviation**2 for p in offer.effect.parameters[:n]] or [1.0]]
+    )
+    h = curvature + np.diag(inverse)
+    spare = np.linalg.solve(h[:k, :k], np.concatenate([h[:k, k:], gradient[:k, None]], axis=1))
+    own = h[k:, k:] - h[k:, :k] @ spare[:, :-1]
+    pull = gradient[k:] - h[k:, :k] @ spare[:, -1]
+    amount = np.linalg.lstsq(own, pull, rcond=1e-10)[0]
+    if n == 0:
+        amount = np.clip(amount, 0.0, 1.0)
+    for i, p in enumerate(offer.effect.parameters[:n]):
+        if isinstance(p.prior, HalfNormal):
+            amount[i] = max(amount[i], 1e-3 * p.prior.deviation)
+        amount[i] = np.clip(amount[i], -3.0 * p.prior.deviation, 3.0 * p.prior.deviation)
+    return float(2.0 * amount @ pull - amount @ own @ amount), amount

@@ -1,0 +1,147 @@
+"""When the residual acts: spans between change points, kept under a bounded rate of false discoveries."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from jaxtyping import Bool, Float64
+from ruptures import KernelCPD
+from scipy.ndimage import uniform_filter1d
+from scipy.stats import chi2, false_discovery_control
+
+from lagsplat.diagnose.residual.latent_force import Smoothed, energies, swing_acceleration
+
+STRIDE = 0.125  # of the period, between the levels among which changes are sought
+WINDOW = 0.5  # of the period: over it, the square of a swing is level
+SPREAD = 0.5  # variance of a level's logarithm where nothing changes
+ALIKE = 2.0  # neighbours whose levels' logarithms differ by less are one event
+EDGE = 0.25  # an event ends where the residual last exceeds this part of its peak
+SMALLEST = 0.02  # share below which an event is not told
+RATE = 0.05  # of false discoveries
+MOST = 5
+
+
+@dataclass(frozen=True)
+class Event:
+    """A span of one motion in which the residual stands out: the motion's number, from ``start_s`` to
+    ``end_s`` on its clock, and the ``share`` of all motions' residual inside."""
+
+    motion: int
+    start_s: float
+    end_s: float
+    share: float
+
+
+def events(smoothed: Sequence[Smoothed], *, period_s: float) -> list[Event]:
+    """The spans that hold most of the residual, largest share first, at most five.
+
+    Change points of the residual's level (the logarithm of its square over half a period) divide each clip;
+    a span is kept where the residual differs from zero given its uncertainty, 5 in 100 of them falsely; alike
+    neighbours are joined and the ends drawn in to where the residual acts.
+
+    Source: Killick, Fearnhead, Eckley (2012) for the change points; Benjamini and Hochberg (1995).
+    """
+    squares = [energy.sum(axis=1) for energy in energies(smoothed)]
+    total = sum(_integral(one, square) for one, square in zip(smoothed, squares, strict=True))
+    spans = [
+        (number, start, stop)
+        for number, (one, square) in enumerate(zip(smoothed, squares, strict=True))
+        for start, stop in _divided(one, square, swing_acceleration(smoothed), period_s)
+    ]
+    if not spans or total <= 0.0:
+        return []
+    p = [_chance(smoothed[number], start, stop, period_s) for number, start, stop in spans]
+    kept = [span for span, q in zip(spans, false_discovery_control(p), strict=True) if q < RATE]
+    found = []
+    for number, start, stop in _joined(kept, squares):
+        square, time_s = squares[number], smoothed[number].motion.time_s
+        loud = start + np.flatnonzero(square[start:stop] >= EDGE**2 * square[start:stop].max())
+        inside = np.zeros(len(square), dtype=bool)
+        inside[loud[0] : loud[-1] + 1] = True
+        share = _integral(smoothed[number], np.where(inside, square, 0.0)) / total
+        found.append(Event(number, float(time_s[loud[0]]), float(time_s[loud[-1]]), float(share)))
+    found = [event for event in _bridged(found, period_s) if event.share >= SMALLEST]
+    return sorted(found, key=lambda event: -event.share)[:MOST]
+
+
+def sample_weights(one: Smoothed) -> Float64[np.ndarray, " T"]:
+    """Time each sample stands for [s]: half a step to either side, inside its clip."""
+    weights = np.zeros(one.motion.n)
+    for start, stop in one.motion.segments:
+        half = 0.5 * np.diff(one.motion.time_s[start:stop])
+        weights[start : stop - 1] += half
+        weights[start + 1 : stop] += half
+    return weights
+
+
+def _integral(one: Smoothed, square: np.ndarray) -> float:
+    return float(sample_weights(one) @ square)
+
+
+def _divided(one: Smoothed, square: np.ndarray, unit: np.ndarray, period_s: float) -> list[tuple[int, int]]:
+    """Half-open spans between change points, clip by clip; none where no force was kept."""
+    if not one.active.any():
+        return []
+    dt_s = one.motion.dt_s
+    stride = max(1, round(STRIDE * period_s / dt_s))
+    width = max(1, round(WINDOW * period_s / dt_s))
+    uncertain = np.where(one.active, one.std / unit, 0.0) ** 2
+    floor = np.mean(uncertain.sum(axis=1)) + np.finfo(float).tiny
+    spans = []
+    for start, stop in one.motion.segments:
+        level = np.log(uniform_filter1d(square[start:stop], width, mode="nearest") + floor)[::stride]
+        ends = [len(level)]
+        if len(level) >= 4:
+            penalty = 2.0 * SPREAD * np.log(len(level))
+            ends = KernelCPD(kernel="linear", min_size=2).fit(level[:, None]).predict(pen=penalty)
+        borders = [start, *(min(start + end * stride, stop) for end in ends[:-1]), stop]
+        spans += [(a, b) for a, b in pairwise(borders) if b > a]
+    return spans
+
+
+def _chance(one: Smoothed, start: int, stop: int, period_s: float) -> float:
+    """Probability of as large a residual between two samples if there were none (an upper bound).
+
+    What the windows of a long span's ends share with its neighbours is left out of it.
+    """
+    active: Bool[np.ndarray, " d"] = one.active
+    edge = round((0.5 * WINDOW + STRIDE) * period_s / one.motion.dt_s)
+    if stop - start > 4 * edge:
+        start, stop = start + edge, stop - edge
+    spacing = max(1, round(one.length_s / one.motion.dt_s))
+    picked = np.arange(start, stop)[:: min(spacing, stop - start)]
+    residual = one.residual[np.ix_(picked, active)]
+    covariance = one.covariance[np.ix_(picked, active, active)]
+    distance = np.einsum("ta,ta->", residual, np.linalg.solve(covariance, residual[..., None])[..., 0])
+    return float(chi2.sf(distance, residual.size))
+
+
+def _bridged(found: list[Event], period_s: float) -> list[Event]:
+    """Events in the order of time, those less than a period apart made one if they are equally strong."""
+    bridged: list[Event] = []
+    for event in found:
+        last = bridged[-1] if bridged else event
+        near = last.motion == event.motion and 0.0 < event.start_s - last.end_s < period_s
+        strengths = [one.share / max(one.end_s - one.start_s, 1e-9) for one in (last, event)]
+        if near and abs(np.log(strengths[0] / strengths[1])) < ALIKE:
+            bridged[-1] = Event(last.motion, last.start_s, event.end_s, last.share + event.share)
+        else:
+            bridged.append(event)
+    return bridged
+
+
+def _joined(kept: list[tuple[int, int, int]], squares: list[np.ndarray]) -> list[tuple[int, int, int]]:
+    joined: list[tuple[int, int, int]] = []
+    levels: list[float] = []
+    for number, start, stop in kept:
+        level = float(np.log(np.mean(squares[number][start:stop])))
+        touches = joined and joined[-1][0] == number and joined[-1][2] == start
+        if touches and abs(level - levels[-1]) < ALIKE:
+            joined[-1] = (number, joined[-1][1], stop)
+        else:
+            joined.append((number, start, stop))
+            levels.append(level)
+            continue
+        levels[-1] = level
+    return joined

@@ -1,0 +1,228 @@
+"""How large a residual force is, and against what: the measure in which every share is counted.
+
+The force a sim lacks, over time and with its uncertainty, read off positions without differencing them.
+
+Each coordinate is given a hidden force with a Matern-3/2 covariance. Position, velocity, force and force rate
+are estimated together by an iterated extended Kalman smoother: the mechanism is linearised along the last
+estimate of the whole path, smoothed, and so on. The forces' and the noise's variances are those of largest
+marginal likelihood, and so is the force's length scale among an eighth, a half and two natural periods.
+
+Everything is stated as an acceleration: forces are divided by the inertia at rest (`rest_inertia`).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float64
+
+from lagsplat.diagnose.mechanics.model import Mechanics, rest_frequencies_hz, rest_inertia
+from lagsplat.diagnose.residual.linearization import Path, Steps, kinematic_steps, linear_steps
+from lagsplat.diagnose.residual.state_space import (
+    FORCE_BOUNDS,
+    Estimate,
+    Record,
+    estimate,
+    evidence,
+    first_guess,
+    most_likely,
+)
+from lagsplat.io.trajectory.trajectory import Motion
+
+
+@dataclass(frozen=True)
+class Smoothed:
+    """A motion and the force its sim lacks.
+
+    ``q``, ``v``, ``a`` (T, d): position, velocity and acceleration; ``residual`` (T, d): the force the sim
+    lacks (real minus sim) over the inertia at rest, with its ``covariance`` (T, d, d). ``innovation`` (T, d)
+    is what the smoothed position leaves of the measured one. Of all motions smoothed together:
+    ``evidence`` (d,) nats by which each force made the measurements more likely (too few: no force is kept),
+    ``amplitude`` (d,) standard deviation of the force over the inertia at rest, ``noise`` (d,) that of the
+    measurement, ``length_s`` the force's length scale, ``log_likelihood`` in nats.
+    """
+
+    motion: Motion
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    residual: np.ndarray
+    covariance: np.ndarray
+    innovation: np.ndarray
+    evidence: np.ndarray
+    amplitude: np.ndarray
+    noise: np.ndarray
+    length_s: float
+    log_likelihood: float
+
+    @property
+    def std(self) -> np.ndarray:
+        """Standard deviation of ``residual``, (T, d)."""
+        return np.sqrt(np.maximum(np.diagonal(self.covariance, axis1=1, axis2=2), 0.0))
+
+    @property
+    def active(self) -> Bool[np.ndarray, " d"]:
+        """Coordinates whose force was kept, because its evidence pays for it."""
+        return self.evidence >= ADMITTED
+
+
+def swing_acceleration(smoothed: Sequence[Smoothed]) -> Float64[np.ndarray, " d"]:
+    """Root mean square of each coordinate's acceleration, the unit of its residual."""
+    return np.sqrt(np.mean(np.concatenate([one.a for one in smoothed]) ** 2, axis=0))
+
+
+def energies(smoothed: Sequence[Smoothed]) -> list[Float64[np.ndarray, "T d"]]:
+    """Squared residual of each sample of each motion, over the swing's; zero where no force was kept."""
+    unit = swing_acceleration(smoothed)
+    return [np.where(one.active, (one.residual / unit) ** 2, 0.0) for one in smoothed]
+
+
+def coordinate_shares(smoothed: Sequence[Smoothed]) -> Float64[np.ndarray, " d"]:
+    """Share of the residual in each coordinate, summing to one; zeros where there is no residual."""
+    total = np.sum([energy.sum(axis=0) for energy in energies(smoothed)], axis=0)
+    return total / total.sum() if total.sum() > 0.0 else total
+
+
+LENGTHS = (0.125, 0.5, 2.0)  # of the natural period
+SETTLED = 1e-3  # of the path's rms: a smaller change ends the iteration
+ITERATIONS = 5
+ADMITTED = 3.0  # nats: of records without a force, 1 in 100 gains more by chance
+
+
+def smooth(
+    mechanics: Mechanics,
+    motions: Sequence[Motion],
+    *,
+    period_s: float,
+    ar1: float = 0.0,
+    hold: str = "linear",
+    noise: Float64[np.ndarray, " d"] | None = None,
+) -> list[Smoothed]:
+    """Smooth all ``motions`` under one set of variances.
+
+    ``period_s`` is the natural period; ``ar1`` in [0, 1) the correlation of the measurement noise from one
+    sample to the next; ``hold`` "linear" for inputs linear between samples, "zoh" for held ones. ``noise``
+    (d,) fixes the noise's standard deviation, which is otherwise estimated. Measured velocities are left
+    aside: most are filtered positions, delayed and smoothed by a law that nobody states.
+
+    Raises:
+        ValueError: another number of coordinates or inputs than the sim has, or a motion that stands still.
+        LinAlgError: the sim's forces along the motion are not finite, or its fastest mode is far too fast.
+
+    Source: method of latent forces (Alvarez, Luengo, Lawrence 2009) by state-space smoothing (Hartikainen and
+    Sarkka 2012), iterated as by Bell (1994).
+    """
+    record = _record(mechanics, motions, period_s, ar1)
+    inputs = _inputs(motions, hold)
+    known = noise is not None
+    start = first_guess(record, LENGTHS[1] * period_s)
+    if noise is not None:
+        start = replace(start, values=np.append(start.values[: record.d], (noise / record.scale) ** 2))
+    lawless = kinematic_steps(record.h, record.d)
+    free = most_likely(record, lawless, start, noise_known=known)
+    path = estimate(record, lawless, free)
+    fastest_s = min([period_s, *(1.0 / rest_frequencies_hz(mechanics, record.scale)[-1:])])
+
+    def steps(at: Estimate, *, with_force: bool) -> Steps:
+        along = _path(record, at, inputs, with_force=with_force)
+        return linear_steps(mechanics, along, scale=record.scale, period_s=fastest_s)
+
+    # What moves the body is mostly known now: the hidden force is sought from a tenth of it.
+    first = replace(free, values=free.values * np.repeat([0.01, 1.0], record.d))
+    linear = steps(path, with_force=False)
+    best = most_likely(record, linear, first, noise_known=known)
+    linear = steps(estimate(record, linear, best), with_force=True)
+    tried = [
+        most_likely(record, linear, replace(best, length_s=share * period_s), noise_known=known)
+        for share in LENGTHS
+    ]
+    best = max(tried, key=lambda one: one.log_likelihood)
+    gained = evidence(record, linear, best)
+    # A variance is positive in half of all records without a force: only what pays for itself is kept.
+    silent = np.append(gained < ADMITTED, np.zeros(record.d, dtype=bool))
+    best = replace(best, values=np.where(silent, FORCE_BOUNDS[0], best.values))
+    path = estimate(record, linear, best)
+    for _ in range(ITERATIONS):
+        before, path = path, estimate(record, steps(path, with_force=True), best)
+        if np.max(np.sqrt(np.mean((path.q - before.q) ** 2, axis=0)) / record.scale) < SETTLED:
+            break
+    return _finite(_split(mechanics, motions, record, path, gained))
+
+
+def _finite(found: list[Smoothed]) -> list[Smoothed]:
+    if not all(np.isfinite(part).all() for one in found for part in (one.v, one.a, one.residual, one.std)):
+        raise np.linalg.LinAlgError("the sim's forces are not finite along the motion; check units and signs")
+    return found
+
+
+def _record(mechanics: Mechanics, motions: Sequence[Motion], period_s: float, ar1: float) -> Record:
+    for motion in motions:
+        if (motion.d, motion.n_u) != (mechanics.d, mechanics.n_u):
+            raise ValueError(
+                f"{motion.source}: {motion.d} coordinates and {motion.n_u} inputs, but the sim has "
+                f"{mechanics.d} and {mechanics.n_u}; give both sides the same columns"
+            )
+    y = np.concatenate([motion.q for motion in motions])
+    times = np.concatenate([motion.time_s for motion in motions])
+    lengths = [b - a for motion in motions for a, b in motion.segments]
+    fresh = np.zeros(len(y), dtype=bool)
+    fresh[np.cumsum([0, *lengths[:-1]])] = True
+    moved = np.std(y, axis=0)
+    if not np.all(moved > 0.0):
+        raise ValueError(f"coordinates {np.flatnonzero(moved == 0.0).tolist()} stand still in every motion")
+    h = np.where(np.append(fresh[1:], True), 0.0, np.append(np.diff(times), 0.0))
+    return Record(np.ascontiguousarray(y, dtype=float), fresh, h, moved, period_s / (2.0 * np.pi), ar1)
+
+
+def _inputs(motions: Sequence[Motion], hold: str) -> Float64[np.ndarray, "T 3 n_u"]:
+    """Inputs at the start, middle and end of every step."""
+    parts = []
+    for motion in motions:
+        for a, b in motion.segments:
+            now = motion.u[a:b]
+            then = now if hold == "zoh" else np.concatenate([now[1:], now[-1:]])
+            parts.append(np.stack([now, 0.5 * (now + then), then], axis=1))
+    return np.concatenate(parts)
+
+
+def _path(record: Record, at: Estimate, inputs: np.ndarray, *, with_force: bool) -> Path:
+    steps: Bool[np.ndarray, " T"] = record.h > 0.0
+    h = record.h[:, None]
+    q, v = at.q, at.v
+    ahead = np.minimum(np.arange(len(q)) + 1, len(q) - 1)
+    ahead = np.where(steps, ahead, np.arange(len(q)))
+    middle = 0.5 * (q + q[ahead]) + 0.125 * h * (v - v[ahead])
+    return Path(
+        h=record.h, q=q, v=v, middle=middle, end=q[ahead], u=inputs,
+        r=at.force_in_step(record.h) if with_force else np.zeros((len(q), 3, q.shape[1])),
+    )  # fmt: skip
+
+
+def _split(
+    mechanics: Mechanics, motions: Sequence[Motion], record: Record, path: Estimate, gained: np.ndarray
+) -> list[Smoothed]:
+    results, start = [], 0
+    inertia = rest_inertia(mechanics)
+    values = path.variances.values
+    for motion in motions:
+        part = slice(start, start + motion.n)
+        start += motion.n
+        q, v, r = path.q[part], path.v[part], path.force[part]
+        response = np.linalg.solve(mechanics.mass_at(q), (inertia * r)[..., None])[..., 0]
+        results.append(
+            Smoothed(
+                motion=motion,
+                q=q,
+                v=v,
+                a=mechanics.acceleration(q, v, motion.u) + response,
+                residual=r,
+                covariance=path.covariance[part],
+                innovation=motion.q - q,
+                evidence=gained,
+                amplitude=np.sqrt(values[: record.d]) * record.force_scale,
+                noise=np.sqrt(values[record.d :]) * record.scale,
+                length_s=path.variances.length_s,
+                log_likelihood=path.variances.log_likelihood,
+            )
+        )
+    return results

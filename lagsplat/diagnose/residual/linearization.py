@@ -1,0 +1,146 @@
+"""One sample step of a mechanism under a force that acts on it from outside, linearised along a path.
+
+The step from sample ``k`` to ``k + 1`` is
+
+    (q, v)_{k+1} = Phi_k (q, v)_k + sum_j Gamma_{k, j} r(t_k + j h / 2) + c_k,      j = 0, 1, 2,
+
+with ``r`` the outside force as an acceleration (divided by the inertia at rest) at the start, middle and end
+of the step. Gamma follows from Simpson's rule, Phi from central differences of a Runge-Kutta step, c from
+that step itself along the path: wherever the path is right, the linear map is exact.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64
+
+from lagsplat.diagnose.mechanics.model import Mechanics, rest_inertia
+
+STEP = 1e-5
+FINEST = 0.5  # a Runge-Kutta step spans at most this many radians of the fastest mode
+MOST_PARTS = 300  # Runge-Kutta steps that a sample is worth
+
+
+@dataclass(frozen=True)
+class Path:
+    """States and outside force about which a step is linearised.
+
+    ``h`` (S,) step lengths [s]; ``q``, ``v`` (S, d) at the start; ``middle`` and ``end`` (S, d) the positions
+    later in the step; ``u`` (S, 3, n_u) inputs and ``r`` (S, 3, d) outside force at start, middle and end.
+    """
+
+    h: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    middle: np.ndarray
+    end: np.ndarray
+    u: np.ndarray
+    r: np.ndarray
+
+
+@dataclass(frozen=True)
+class Steps:
+    """Linear steps: ``phi`` (S, 2d, 2d), ``gamma`` (S, 3, 2d, d) and ``offset`` (S, 2d)."""
+
+    phi: np.ndarray
+    gamma: np.ndarray
+    offset: np.ndarray
+
+
+def linear_steps(
+    mechanics: Mechanics, path: Path, *, scale: Float64[np.ndarray, " d"], period_s: float
+) -> Steps:
+    """The steps of a mechanism along ``path``.
+
+    ``scale`` (d,) is how far each coordinate usually moves and ``period_s`` the shortest natural period: they
+    set the differences taken and how many Runge-Kutta steps a sample step needs.
+
+    Raises:
+        LinAlgError: the fastest mode takes more than `MOST_PARTS` of these.
+    """
+    d = mechanics.d
+    inertia = rest_inertia(mechanics)
+    response = np.stack(
+        [np.linalg.solve(mechanics.mass_at(q), np.diag(inertia)) for q in (path.q, path.middle, path.end)],
+        axis=1,
+    )
+    outside = np.einsum("sjab,sjb->sja", response, path.r)
+    state = np.concatenate([path.q, path.v], axis=1)
+    eps = STEP * np.concatenate([scale, scale * 2.0 * np.pi / period_s])
+    moves = np.concatenate([np.zeros((1, 2 * d)), np.diag(eps), -np.diag(eps)])
+    count = _parts(path.h, period_s)
+    reached = _runge_kutta(mechanics, state + moves[:, None, :], path.h, path.u, outside, count)
+    phi = np.moveaxis((reached[1 : 2 * d + 1] - reached[2 * d + 1 :]) / (2.0 * eps[:, None, None]), 0, 2)
+    gamma = _simpson(response, path.h)
+    offset = reached[0] - np.einsum("sab,sb->sa", phi, state) - np.einsum("sjab,sjb->sa", gamma, path.r)
+    return Steps(np.ascontiguousarray(phi), gamma, offset)
+
+
+def _parts(h: np.ndarray, period_s: float) -> int:
+    """How many Runge-Kutta steps the longest sample step takes."""
+    parts = float(np.ceil(h.max(initial=0.0) * 2.0 * np.pi / period_s / FINEST))
+    if not parts <= MOST_PARTS:
+        raise np.linalg.LinAlgError(
+            f"the sim's fastest mode, {1.0 / period_s:.3g} Hz, needs {parts:.3g} integration steps a sample; "
+            "check its units and signs"
+        )
+    return max(1, int(parts))
+
+
+def kinematic_steps(h: Float64[np.ndarray, " S"], d: int) -> Steps:
+    """Steps of a point that knows no law: all its acceleration is the outside force."""
+    phi = np.broadcast_to(np.eye(2 * d), (len(h), 2 * d, 2 * d)).copy()
+    phi[:, :d, d:] = h[:, None, None] * np.eye(d)
+    response = np.broadcast_to(np.eye(d), (len(h), 3, d, d))
+    return Steps(phi, _simpson(response, h), np.zeros((len(h), 2 * d)))
+
+
+def _simpson(response: np.ndarray, h: np.ndarray) -> np.ndarray:
+    """What the outside force at three instants adds to position and velocity, (S, 3, 2d, d)."""
+    to_velocity = np.array([1.0, 4.0, 1.0]) / 6.0
+    to_position = np.array([1.0, 2.0, 0.0]) / 6.0
+    rows = h[:, None, None, None] * response
+    return np.concatenate(
+        [
+            h[:, None, None, None] * to_position[:, None, None] * rows,
+            to_velocity[:, None, None] * rows,
+        ],
+        axis=2,
+    )
+
+
+def _runge_kutta(
+    mechanics: Mechanics,
+    state: np.ndarray,  # (moves, S, 2d)
+    h: np.ndarray,
+    u: np.ndarray,
+    outside: np.ndarray,
+    count: int,
+) -> np.ndarray:
+    d = state.shape[-1] // 2
+    part = (h / count)[:, None]
+
+    def at(values: np.ndarray, phase: float) -> np.ndarray:
+        first, middle, last = values[:, 0], values[:, 1], values[:, 2]
+        return (
+            first * (1 - phase) * (1 - 2 * phase)
+            + middle * 4 * phase * (1 - phase)
+            + last * phase * (2 * phase - 1)
+        )
+
+    def slope(x: np.ndarray, phase: float) -> np.ndarray:
+        q, v = x[..., :d], x[..., d:]
+        inputs = np.broadcast_to(at(u, phase), (*x.shape[:-1], u.shape[-1]))
+        rows = int(np.prod(x.shape[:-1]))  # stated, because none can be inferred without inputs
+        flat = (values.reshape(rows, values.shape[-1]) for values in (q, v, inputs))
+        own = mechanics.acceleration(*flat)
+        return np.concatenate([v, own.reshape(q.shape) + at(outside, phase)], axis=-1)
+
+    for step in range(count):
+        start, middle, end = ((step + part_) / count for part_ in (0.0, 0.5, 1.0))
+        k1 = slope(state, start)
+        k2 = slope(state + 0.5 * part * k1, middle)
+        k3 = slope(state + 0.5 * part * k2, middle)
+        k4 = slope(state + part * k3, end)
+        state = state + part / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+    return state

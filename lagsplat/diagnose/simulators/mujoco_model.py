@@ -1,0 +1,243 @@
+"""A sim that is a MuJoCo model file: mass, bias, passive and actuator forces of chosen joints.
+
+All other joints are held where the model's first key frame, or its reference pose, has them. An actuator with
+a state of its own counts as one that has settled. Time is continuous: the integrator's own error is no part
+of the sim. Friction loss is dry friction. Contacts, limits and equalities are left out, which is told.
+"""
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lagsplat.diagnose.estimation.dataset import Region
+from lagsplat.diagnose.simulators.projection import FieldFunctions, Sampled, sample_mechanics
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A compiled model with its data, and the joints and actuators that are coordinates and inputs."""
+
+    model: Any
+    data: Any
+    joints: tuple[str, ...]
+    actuators: tuple[str, ...]
+    at_q: np.ndarray
+    """Positions of the coordinates in ``qpos``."""
+    at_v: np.ndarray
+    """Positions of the coordinates in ``qvel``."""
+    at_u: np.ndarray
+
+
+def require_mujoco() -> Any:
+    """The module ``mujoco``.
+
+    Raises:
+        ValueError: it is not installed.
+    """
+    try:
+        import mujoco
+    except ImportError as error:
+        raise ValueError(
+            "a MuJoCo model needs the package mujoco; install it with: pip install 'lagsplat[mujoco]'"
+        ) from error
+    return mujoco
+
+
+def load_mujoco(
+    path: Path, *, joints: Sequence[str] | None = None, actuators: Sequence[str] | None = None
+) -> Choice:
+    """A model file with its joints and actuators, by default all hinges, slides and actuators in order.
+
+    Raises:
+        FileNotFoundError: no such file.
+        ValueError: MuJoCo cannot read it or is not installed, a name is not in it, a joint is free or a ball,
+        or no joint is left.
+    """
+    mujoco = require_mujoco()
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: no such file; check the path")
+    try:
+        model = mujoco.MjModel.from_xml_path(str(path))
+    except ValueError as error:
+        raise ValueError(f"{path}: MuJoCo cannot read it ({error})") from error
+    straight = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+    usual = [i for i in range(model.njnt) if model.jnt_type[i] in straight]
+    index = (
+        usual
+        if joints is None
+        else _find(path, "joint", joints, [model.joint(i).name for i in range(model.njnt)])
+    )
+    bent = [model.joint(i).name for i in index if model.jnt_type[i] not in straight]
+    if bent:
+        raise ValueError(f"{path}: joint {bent[0]!r} is a ball or free; only hinges and slides serve")
+    if not index:
+        raise ValueError(f"{path}: has no hinge and no slide; nothing to diagnose")
+    driven = (
+        list(range(model.nu))
+        if actuators is None
+        else _find(path, "actuator", actuators, [model.actuator(i).name for i in range(model.nu)])
+    )
+    data = mujoco.MjData(model)
+    if model.nkey:
+        mujoco.mj_resetDataKeyframe(model, data, 0)
+    return Choice(
+        model,
+        data,
+        tuple(model.joint(i).name or f"joint {i}" for i in index),
+        tuple(model.actuator(i).name or f"actuator {i}" for i in driven),
+        model.jnt_qposadr[index],
+        model.jnt_dofadr[index],
+        np.array(driven, dtype=np.int64),
+    )
+
+
+def sample_mujoco(
+    path: Path,
+    region: Region,
+    *,
+    joints: Sequence[str] | None = None,
+    actuators: Sequence[str] | None = None,
+) -> Sampled:
+    """The model of a MuJoCo file over a region.
+
+    Raises:
+        FileNotFoundError: no such file.
+        ValueError: as `load_mujoco`, or another number of joints or actuators than the recording has columns.
+    """
+    chosen = load_mujoco(path, joints=joints, actuators=actuators)
+    for what, names, n, letter in (
+        ("joints", chosen.joints, region.d, "q"),
+        ("actuators", chosen.actuators, region.n_u, "u"),
+    ):
+        if len(names) != n:
+            raise ValueError(
+                f"{path}: {len(names)} {what} {list(names)}, but the recording has {n} column(s) {letter}; "
+                f"name those that belong to them with diagnose.{what}=[...]"
+            )
+    _warn(path, chosen, region)
+    return sample_mechanics(mechanics(chosen), region, what=path.name)
+
+
+def mechanics(chosen: Choice) -> FieldFunctions:
+    """Mass, forces and input map of the chosen joints as functions of many points."""
+    mujoco = require_mujoco()
+    model, data, at_v = chosen.model, chosen.data, chosen.at_v
+    d, n_u = len(at_v), len(chosen.at_u)
+    dry = model.dof_frictionloss[at_v].copy()
+
+    def place(q: np.ndarray, v: np.ndarray | None = None, u: np.ndarray | None = None) -> None:
+        data.qpos[chosen.at_q] = q
+        data.qvel[:] = 0.0
+        data.ctrl[:] = 0.0
+        if v is not None:
+            data.qvel[at_v] = v
+        if u is not None:
+            data.ctrl[chosen.at_u] = u
+        mujoco.mj_fwdPosition(model, data)
+        mujoco.mj_fwdVelocity(model, data)
+
+    def actuation() -> np.ndarray:
+        """Force of actuators that have settled at their command."""
+        _settle(mujoco, model, data)
+        mujoco.mj_fwdActuation(model, data)
+        return data.qfrc_actuator[at_v].copy()
+
+    def mass(q: np.ndarray) -> np.ndarray:
+        out, full = np.empty((len(q), d, d)), np.zeros((model.nv, model.nv))
+        for n, at in enumerate(q):
+            place(at)
+            mujoco.mj_fullM(model, data, full)
+            out[n] = full[np.ix_(at_v, at_v)]
+        return out
+
+    def slope(q: np.ndarray) -> np.ndarray:
+        out = np.empty_like(q)
+        for n, at in enumerate(q):
+            place(at)
+            out[n] = data.qfrc_bias[at_v] - data.qfrc_passive[at_v] - actuation()
+        return out
+
+    def loss(q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        out = np.empty_like(q)
+        for n, (at, speed) in enumerate(zip(q, v, strict=True)):
+            place(at)
+            still = data.qfrc_passive[at_v] + actuation()
+            place(at, speed)
+            out[n] = still - data.qfrc_passive[at_v] - actuation() + dry * np.sign(speed)
+        return out
+
+    def reach(q: np.ndarray) -> np.ndarray:
+        out = np.empty((len(q), n_u, d))
+        for n, at in enumerate(q):
+            place(at)
+            still = actuation()
+            for c, size in enumerate(_commands(model, chosen.at_u)):
+                place(at, u=size * np.eye(n_u)[c])
+                out[n, c] = (actuation() - still) / size
+        return out
+
+    return FieldFunctions(mass, slope, reach, loss)
+
+
+def _settle(mujoco: Any, model: Any, data: Any) -> None:
+    """States of actuators that follow their command, as they are once they have."""
+    for i in range(model.nu):
+        at = model.actuator_actadr[i]
+        kind = mujoco.mjtDyn(model.actuator_dyntype[i])
+        if at >= 0 and kind in (mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT):
+            data.act[at] = data.ctrl[i]
+
+
+def _commands(model: Any, index: np.ndarray) -> list[float]:
+    """Commands within each actuator's range, to measure what they do."""
+    out = []
+    for i in index:
+        low, high = model.actuator_ctrlrange[i] if model.actuator_ctrllimited[i] else (-1.0, 1.0)
+        out.append(float(min(1.0, high) if high > 0.0 else max(-1.0, low)))
+    return out
+
+
+def _find(path: Path, what: str, wanted: Sequence[str], names: Sequence[str]) -> list[int]:
+    for name in wanted:
+        if name not in names:
+            raise ValueError(f"{path}: no {what} {name!r}, only {list(names)}")
+    if len(set(wanted)) != len(wanted):
+        raise ValueError(f"{path}: {what}s {list(wanted)} name one twice")
+    return [list(names).index(name) for name in wanted]
+
+
+def _warn(path: Path, chosen: Choice, region: Region) -> None:
+    """Tell what the model does beside mass, forces and inputs."""
+    model, mujoco = chosen.model, require_mujoco()
+    told = []
+    for n, name in enumerate(chosen.joints):
+        joint = int(np.flatnonzero(model.jnt_dofadr == chosen.at_v[n])[0])
+        low, high = model.jnt_range[joint]
+        if not model.jnt_limited[joint]:
+            continue
+        if region.q[:, n].min() < low or region.q[:, n].max() > high:
+            told.append(f"the range {low:g} to {high:g} of joint {name!r}, beyond which the recording goes")
+    for n, i in enumerate(chosen.at_u):
+        low, high = model.actuator_ctrlrange[i]
+        beyond = region.u[:, n].min() < low or region.u[:, n].max() > high
+        if model.actuator_ctrllimited[i] and beyond:
+            told.append(f"the range {low:g} to {high:g} of actuator {chosen.actuators[n]!r}")
+        if model.actuator_dyntype[i] != int(mujoco.mjtDyn.mjDYN_NONE):
+            told.append(f"the state of actuator {chosen.actuators[n]!r}, which counts as settled")
+        if model.actuator_delay[i] > 0.0:
+            told.append(f"the delay of actuator {chosen.actuators[n]!r}")
+    if model.neq:
+        told.append(f"{model.neq} equality constraint(s)")
+    data = chosen.data
+    for at in region.q[:: max(1, len(region.q) // 50)]:
+        data.qpos[chosen.at_q] = at
+        mujoco.mj_fwdPosition(model, data)
+        if data.ncon:
+            told.append("contacts between bodies")
+            break
+    if told:
+        warnings.warn(f"{path.name}: not in the sim as it is diagnosed: {'; '.join(told)}", stacklevel=3)

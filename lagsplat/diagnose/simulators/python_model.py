@@ -1,0 +1,275 @@
+"""A sim that is Python: ``sim=package.module:attribute`` or ``sim=file.py:attribute``.
+
+The attribute is a callable ``(q, v, u) -> acceleration``, or an object with ``mass(q)`` and
+``potential_gradient(q)`` or ``potential(q)``, and, where it has them, ``damping(q)``, ``friction(q, v)`` and
+``input_map(q)`` (inputs by coordinates); or something that returns one of these when called without
+arguments. Functions may be of NumPy or of torch, of one point or of many. It is the user's own program and is
+run as such.
+"""
+
+import importlib
+import importlib.util
+import inspect
+import sys
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lagsplat.diagnose.estimation.dataset import Region
+from lagsplat.diagnose.simulators.projection import FieldFunctions, Sampled, sample_mechanics
+from lagsplat.diagnose.simulators.projection_acceleration import sample_acceleration
+
+ROUNDING = 1e-9
+"""Share of the power that swings to and fro below which damping feeds none."""
+SHOWN = "mass(q), potential_gradient(q) or potential(q), damping(q), friction(q, v), input_map(q)"
+
+
+def load_python(name: str) -> Any:
+    """The object that ``module:attribute`` or ``file.py:attribute`` names.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ValueError: no such module or attribute, or the program fails when it is imported or called.
+    """
+    place, _, attribute = name.rpartition(":")
+    try:
+        module = _from_file(Path(place)) if place.endswith(".py") else importlib.import_module(place)
+    except ModuleNotFoundError as error:
+        raise ValueError(
+            f"sim={name}: {error}; give file.py:attribute, or install the package of the module"
+        ) from error
+    except FileNotFoundError:
+        raise
+    except Exception as error:
+        raise ValueError(f"sim={name}: importing {place} fails with {error!r}; run it alone first") from error
+    if not hasattr(module, attribute):
+        have = [key for key in vars(module) if not key.startswith("_")]
+        raise ValueError(f"sim={name}: {place} has no {attribute!r}, only {have[:12]}")
+    found = getattr(module, attribute)
+    if not _is_factory(found):
+        return found
+    try:
+        return found()
+    except Exception as error:
+        raise ValueError(f"sim={name}: {attribute}() fails with {error!r}") from error
+
+
+def sample_python(sim: Any, region: Region, *, what: str) -> Sampled:
+    """The model of a Python sim over a region; ``what`` names it in messages.
+
+    Raises:
+        ValueError: it has neither mass and potential nor an acceleration, or they return other shapes, NaN,
+        a mass that is not symmetric and positive, or a gradient that is not that of the potential.
+    """
+    d, n_u = region.d, region.n_u
+    if not (hasattr(sim, "mass") or callable(sim)):
+        raise ValueError(
+            f"{what}: a {type(sim).__name__} is no sim; give a callable (q, v, u) -> acceleration, or an "
+            f"object with {SHOWN}"
+        )
+    if not hasattr(sim, "mass"):
+        takes = _arguments(sim)
+        if takes is not None and takes not in (2, 3):
+            raise ValueError(
+                f"{what}: takes {takes} arguments; (q, v, u) or (q, v) -> acceleration is needed"
+            )
+        call = Pointwise(
+            sim if takes != 2 else (lambda q, v, u: sim(q, v)), (d,), what, "acceleration(q, v, u)"
+        )
+        call.probe(region.q, region.v, region.u)
+        return _sane(sample_acceleration(call, region, what=what), region, what)
+    mechanics = _mechanics(sim, region, what)
+    mass = mechanics.mass(region.q)
+    crooked = float(np.abs(mass - mass.transpose(0, 2, 1)).max() / np.abs(mass).max())
+    if crooked > 1e-6:
+        raise ValueError(f"{what}: mass(q) is not symmetric (by {crooked:.2g} of its largest entry)")
+    if n_u and not hasattr(sim, "input_map"):
+        warnings.warn(
+            f"{what}: the recording has {n_u} input(s), but the sim has no input_map(q); it is taken as not "
+            "driven",
+            stacklevel=2,
+        )
+    return _sane(sample_mechanics(mechanics, region, what=what), region, what)
+
+
+@dataclass
+class Pointwise:
+    """A user's function of one point or of many, of NumPy or of torch, as one of many points of NumPy."""
+
+    function: Callable[..., Any]
+    shape: tuple[int, ...]
+    """Of the result at one point."""
+    what: str
+    name: str
+    torch: bool = False
+    many: bool = False
+
+    def probe(self, *points: np.ndarray) -> None:
+        """Find out which kind it is, from the first few of ``points``, and that the shape is right.
+
+        Raises:
+            ValueError: it fails, or returns something of another shape or type.
+        """
+        one = tuple(x[0] for x in points)
+        try:
+            first = self._ask(one)
+        except Exception as plain:
+            self.torch = True
+            try:
+                first = self._ask(one)
+            except ImportError:
+                raise ValueError(f"{self.what}: {self.name} fails at {_told(one)} with {plain!r}") from plain
+            except Exception as error:
+                cause = plain if type(plain) is type(error) else error
+                raise ValueError(
+                    f"{self.what}: {self.name} fails at {_told(one)} with {cause!r}, also with torch tensors"
+                ) from plain
+        if first.size != int(np.prod(self.shape)):
+            raise ValueError(
+                f"{self.what}: {self.name} has shape {first.shape} at one point, where {self.shape} is wanted"
+            )
+        few = tuple(x[:3] for x in points)
+        alone = np.stack(
+            [self._ask(tuple(x[n] for x in few)).reshape(self.shape) for n in range(len(few[0]))]
+        )
+        try:
+            together = self._ask(few)
+            self.many = together.shape == alone.shape and bool(
+                np.allclose(
+                    together, alone, rtol=1e-6, atol=1e-9 * float(np.abs(alone).max()), equal_nan=True
+                )
+            )
+        except Exception:
+            self.many = False  # a function of one point need not survive many
+
+    def __call__(self, *points: np.ndarray) -> np.ndarray:
+        """Values (N, ...) at points (N, ...)."""
+        if self.many:
+            return self._ask(points)
+        return np.stack([self._ask(tuple(x[n] for x in points)) for n in range(len(points[0]))]).reshape(
+            len(points[0]), *self.shape
+        )
+
+    def _ask(self, points: tuple[np.ndarray, ...]) -> np.ndarray:
+        if not self.torch:
+            return np.asarray(self.function(*points), dtype=np.float64)
+        import torch
+
+        value = self.function(*(torch.as_tensor(x, dtype=torch.float64) for x in points))
+        return np.asarray(torch.as_tensor(value).detach().cpu().numpy(), dtype=np.float64)
+
+
+def _mechanics(sim: Any, region: Region, what: str) -> FieldFunctions:
+    q, v, d = region.q, region.v, region.d
+
+    def field(name: str, shape: tuple[int, ...], *points: np.ndarray) -> Pointwise:
+        given = getattr(sim, name)
+        constant = None if callable(given) else given
+        call = Pointwise(given if constant is None else (lambda *at: constant), shape, what, name)
+        call.probe(*points)
+        return call
+
+    mass = field("mass", (d, d), q)
+    slope: Callable[[np.ndarray], np.ndarray]
+    if hasattr(sim, "potential"):
+        slope = _Gradient(field("potential", (), q), np.maximum(np.ptp(q, axis=0), 1e-9))
+    if hasattr(sim, "potential_gradient"):
+        given = field("potential_gradient", (d,), q)
+        if hasattr(sim, "potential"):
+            _require_gradient(given(q), slope(q), what)
+        slope = given
+    elif not hasattr(sim, "potential"):
+        raise ValueError(f"{what}: has mass(q) but no potential; an object needs {SHOWN}")
+    damping = field("damping", (d, d), q) if hasattr(sim, "damping") else None
+    friction = field("friction", (d,), q, v) if hasattr(sim, "friction") else None
+    n_u = region.n_u
+    reach = field("input_map", (n_u, d), q) if hasattr(sim, "input_map") and n_u else None
+
+    def loss(q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        out = np.zeros_like(q) if damping is None else np.einsum("nij,nj->ni", damping(q), v)
+        return out if friction is None else out + friction(q, v)
+
+    return FieldFunctions(mass, slope, reach or (lambda q: np.zeros((len(q), n_u, d))), loss)
+
+
+@dataclass
+class _Gradient:
+    """Central differences of a potential, of fourth order."""
+
+    potential: Pointwise
+    reach: np.ndarray
+
+    def __call__(self, q: np.ndarray) -> np.ndarray:
+        columns = []
+        for h in 2e-3 * np.diag(self.reach):
+            near = self.potential(q + h) - self.potential(q - h)
+            far = self.potential(q + 2.0 * h) - self.potential(q - 2.0 * h)
+            columns.append((8.0 * near - far) / (12.0 * h.sum()))
+        return np.stack(columns, axis=1)
+
+
+def _require_gradient(given: np.ndarray, measured: np.ndarray, what: str) -> None:
+    wrong = float(np.abs(given - measured).max() / max(np.abs(measured).max(), np.abs(given).max(), 1e-300))
+    if wrong > 1e-3:
+        raise ValueError(
+            f"{what}: potential_gradient(q) is not the gradient of potential(q) (off by {100.0 * wrong:.2g} "
+            "% of its largest value); check its sign and units"
+        )
+
+
+def _sane(sampled: Sampled, region: Region, what: str) -> Sampled:
+    """Warn of a damping that feeds energy, which a passive mechanism has nowhere."""
+    model = sampled.model
+    lowest = np.linalg.eigvalsh(model.damping_at(region.q)).min(axis=1)
+    power = np.einsum("ni,nij,nj->n", region.v, model.damping_at(region.q), region.v)
+    power += np.abs(region.v) @ model.dry + np.abs(region.v) ** 3 @ model.drag
+    rate = model.acceleration(region.q, region.v, region.u)
+    swing = np.abs(np.einsum("ni,nij,nj->n", region.v, model.mass_at(region.q), rate)).max()
+    # a frictionless sim has a damping by rounding alone
+    if (power < -max(1e-3 * np.abs(power).max(), max(sampled.error, ROUNDING) * swing)).any():
+        at = np.array2string(region.q[int(np.argmin(lowest))], precision=4)
+        warnings.warn(
+            f"{what}: its damping feeds energy into the motion near q = {at}; check the sign of "
+            "its velocity terms",
+            stacklevel=3,
+        )
+    return sampled
+
+
+def _from_file(path: Path) -> Any:
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: no such file; sim=file.py:attribute names a Python file")
+    spec = importlib.util.spec_from_file_location(f"_sim_{path.stem}", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # dataclasses look their module up there
+    spec.loader.exec_module(module)
+    return module
+
+
+def _is_factory(found: Any) -> bool:
+    if not callable(found) or (hasattr(found, "mass") and not inspect.isclass(found)):
+        return False
+    return inspect.isclass(found) or _arguments(found) == 0
+
+
+def _arguments(function: Any) -> int | None:
+    """Number of arguments it needs, None where it cannot be told."""
+    try:
+        parameters = inspect.signature(function).parameters.values()
+    except (TypeError, ValueError):
+        return None
+    if any(p.kind is p.VAR_POSITIONAL for p in parameters):
+        return None
+    return sum(
+        p.default is p.empty and p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD) for p in parameters
+    )
+
+
+def _told(point: tuple[np.ndarray, ...]) -> str:
+    return ", ".join(np.array2string(x, precision=4) for x in point)

@@ -1,0 +1,226 @@
+"""Many rollouts of a sim with unmodelled forces, by the classical Runge-Kutta method.
+
+A batch is ``P`` sets of parameters times ``W`` windows of a recording. A force acts along a direction ``p``:
+with ``s = p.(q - rest)`` its law says an acceleration ``f(t, s, ds/dt, ...)``, and ``p m f`` is added to the
+generalised forces, ``m`` being the reference inertia along ``p``. Laws are compiled one by one and handed
+over as functions, so that a new effect compiles alone.
+"""
+
+import math
+from typing import Any, no_type_check
+
+import numpy as np
+from numba import float64, njit, prange, types
+
+from lagsplat.diagnose.mechanics.basis import evaluate, highest_power
+
+LAW = float64(float64, float64, float64, float64, float64, float64[::1], float64[::1], float64[::1])
+"""``law(t, s, v, spring, drive, memory, theta, d_memory) -> acceleration``; writes the rate of its memory."""
+FAR = 1e6  # in units of the scale of the coordinates: a rollout that has left for good
+
+
+def law(function: Any) -> Any:
+    """Decorator: compile a law of force under the one signature all of them share."""
+    return njit(LAW, cache=True)(function)
+
+
+@law
+@no_type_check
+def nothing(t, s, v, spring, drive, memory, theta, d_memory):
+    """No force: fills the slots that are not needed."""
+    return 0.0
+
+
+@njit(cache=True)
+@no_type_check
+def factorise(a, d):
+    """Overwrite the lower triangle of ``a`` (d, d), which is symmetric, with its Cholesky factor."""
+    for j in range(d):
+        for k in range(j):
+            a[j, j] -= a[j, k] * a[j, k]
+        a[j, j] = math.sqrt(max(a[j, j], 1e-12))
+        for i in range(j + 1, d):
+            for k in range(j):
+                a[i, j] -= a[i, k] * a[j, k]
+            a[i, j] /= a[j, j]
+
+
+@njit(cache=True)
+@no_type_check
+def substitute(a, b, d):
+    """Overwrite the second half of ``b`` (2 d,) with the solution for the factor ``a``."""
+    for i in range(d):
+        for k in range(i):
+            b[d + i] -= a[i, k] * b[d + k]
+        b[d + i] /= a[i, i]
+    for i in range(d - 1, -1, -1):
+        for k in range(i + 1, d):
+            b[d + i] -= a[k, i] * b[d + k]
+        b[d + i] /= a[i, i]
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+@no_type_check
+def forces(basis, fields, state, u, rate, phi, slope, work, m, powers):
+    """Write velocities and generalised forces of the sim alone into ``rate``, and the mass into ``m``.
+
+    ``work`` (2 d,) is what spring and drive do; of ``m`` (d, d) the lower triangle counts.
+    """
+    kind, order, centre, scale = basis
+    mass, damping, potential, input_map, dry, drag, width, rest = fields
+    d, n_u = rest.shape[0], input_map.shape[0]
+    evaluate(kind, order, centre, scale, state, powers, phi, slope.T)
+    for i in range(d):
+        rate[i] = state[d + i]
+        rate[d + i] = -drag[i] * abs(state[d + i]) * state[d + i]
+        if dry[i] != 0.0:
+            rate[d + i] -= dry[i] * math.tanh(state[d + i] / width[i])
+        pull, push = 0.0, 0.0
+        for k in range(potential.shape[0]):
+            pull -= potential[k] * slope[i, k]
+        for c in range(n_u):
+            for k in range(input_map.shape[2]):
+                push += phi[k] * input_map[c, i, k] * u[c]
+        work[i], work[d + i] = pull, push
+        rate[d + i] += pull + push
+        for j in range(d):
+            loss = 0.0
+            for k in range(damping.shape[2]):
+                loss += phi[k] * damping[i, j, k]
+            rate[d + i] -= loss * state[d + j]
+    for i in range(d):
+        for j in range(i + 1):
+            inert = 0.0
+            for k in range(mass.shape[2]):
+                inert += phi[k] * mass[i, j, k]
+            m[i, j] = inert
+            for n in range(d):
+                change = 0.0
+                for k in range(mass.shape[2]):
+                    change += slope[n, k] * mass[i, j, k]
+                rate[d + i] -= state[d + n] * change * state[d + j]
+                rate[d + n] += (0.5 if i == j else 1.0) * state[d + i] * change * state[d + j]
+                if i != j:
+                    rate[d + j] -= state[d + n] * change * state[d + i]
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+@no_type_check
+def _rate(basis, fields, laws, along, inertia, theta, t, state, u, rate, phi, slope, work, m, powers):
+    """Write the rate of ``state``: coordinates, velocities and the laws' memories, slot after slot."""
+    rest = fields[7]
+    d = rest.shape[0]
+    n_z = (state.shape[0] - 2 * d) // inertia.shape[0]
+    forces(basis, fields, state, u, rate, phi, slope, work, m, powers)
+    for slot in range(inertia.shape[0]):
+        if inertia[slot] == 0.0:
+            continue
+        s, v, pull, push = 0.0, 0.0, 0.0, 0.0
+        for i in range(d):
+            s += along[slot, i] * (state[i] - rest[i])
+            v += along[slot, i] * state[d + i]
+            pull += along[slot, i] * work[i]
+            push += along[slot, i] * work[d + i]
+        heavy = inertia[slot]
+        at = slice(2 * d + slot * n_z, 2 * d + (slot + 1) * n_z)
+        f = laws[slot](t, s, v, pull / heavy, push / heavy, state[at], theta[slot], rate[at])
+        for i in range(d):
+            rate[d + i] += along[slot, i] * heavy * f
+    factorise(m, d)
+    substitute(m, rate, d)
+
+
+@njit(parallel=True, cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
+@no_type_check
+def rollouts(
+    basis, mass, damping, potential, input_map, dry, drag, width, rest, laws, along, inertia, theta, memory,
+    starts, first, length, time, u, u_of, steps, out,
+):  # fmt: skip
+    """Write the states (P, W, L, 2 d) at the frames of every window, for every set of parameters.
+
+    ``u`` (S, N, steps, 3, n_u) holds the inputs at the beginning, middle and end of every substep; ``u_of``
+    (P,) says which of them a set uses. ``memory`` (P, W, laws, Z) is the laws' memory at the windows' starts.
+    Coefficients have the functions of the basis last, (P, d, d, K) and (P, n_u, d, K), for sums over these
+    are most of the work.
+    """
+    n_sets, n_windows, two_d = starts.shape
+    d = two_d // 2
+    for job in prange(n_sets * n_windows):
+        p, w = job // n_windows, job % n_windows
+        fields = (mass[p], damping[p], potential[p], input_map[p], dry[p], drag[p], width, rest)
+        phi, slope = np.empty(basis[0].shape[0]), np.empty((d, basis[0].shape[0]))
+        work, m = np.empty(2 * d), np.empty((d, d))
+        powers = np.empty((d, highest_power(basis[0], basis[1]) + 1))
+        size = two_d + memory.shape[2] * memory.shape[3]
+        x, y, total, rate = np.empty(size), np.empty(size), np.empty(size), np.zeros(size)
+        x[:two_d] = starts[p, w]
+        x[two_d:] = memory[p, w].ravel()
+        lost = False
+        for frame in range(length[w]):
+            for i in range(two_d):
+                out[p, w, frame, i] = x[i]
+            n = first[w] + frame
+            for step in range(steps if frame < length[w] - 1 and not lost else 0):
+                h = (time[n + 1] - time[n]) / steps
+                for stage in range(4):
+                    at = 0 if stage == 0 else (2 if stage == 3 else 1)
+                    for i in range(size):
+                        y[i] = x[i] + 0.5 * at * h * rate[i]
+                    _rate(
+                        basis, fields, laws, along, inertia, theta[p], time[n] + (step + 0.5 * at) * h, y,
+                        u[u_of[p], n, step, at], rate, phi, slope, work, m, powers,
+                    )  # fmt: skip
+                    for i in range(size):
+                        total[i] = (0.0 if stage == 0 else total[i]) + rate[i] * (2.0 if at == 1 else 1.0)
+                for i in range(size):
+                    x[i] += h / 6.0 * total[i]
+                for i in range(d):
+                    if not abs(x[i] - rest[i]) < FAR * basis[3][i]:
+                        lost = True
+            if lost:
+                for i in range(d):
+                    x[i] = rest[i] + FAR * basis[3][i]
+                    x[d + i] = 0.0
+
+
+@njit(
+    (
+        types.FunctionType(LAW), float64[:, ::1], float64[::1], float64[::1], float64[::1], float64[::1],
+        float64[::1], types.int64[:, ::1], float64[:, :, ::1], float64[:, :, ::1],
+    ),
+    cache=True,
+)  # fmt: skip
+@no_type_check
+def memories(force, theta, time, s, v, spring, drive, clips, begin, out):
+    """Write a law's memory (P, N, Z) along a given motion, from ``begin`` (P, C, Z) where a clip starts.
+
+    ``s``, ``v``, ``spring``, ``drive`` are (N,); between frames they are interpolated linearly. The memory
+    steps by the explicit midpoint rule, eight times a frame.
+    """
+    n_sets, _, n_z = out.shape
+    rate, y = np.zeros(n_z), np.zeros(n_z)
+    for p in range(n_sets):
+        for clip in range(clips.shape[0]):
+            z = begin[p, clip].copy()
+            for n in range(clips[clip, 0], clips[clip, 1]):
+                out[p, n] = z
+                if n + 1 == clips[clip, 1]:
+                    break
+                h = (time[n + 1] - time[n]) / 8.0
+                for step in range(8):
+                    for half in range(2):
+                        share = (step + 0.5 * half) / 8.0
+                        y[:] = z
+                        if half == 1:
+                            y[:] += 0.5 * h * rate
+                        force(
+                            time[n] + share * 8.0 * h,
+                            s[n] + share * (s[n + 1] - s[n]),
+                            v[n] + share * (v[n + 1] - v[n]),
+                            spring[n] + share * (spring[n + 1] - spring[n]),
+                            drive[n] + share * (drive[n + 1] - drive[n]),
+                            y,
+                            theta[p],
+                            rate,
+                        )
+                    z = z + h * rate

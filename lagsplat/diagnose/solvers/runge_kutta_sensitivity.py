@@ -1,0 +1,223 @@
+"""Rollouts of a sim together with their derivatives by its coefficients and by the starting states.
+
+The sensitivities ``S`` of the state obey ``dS/dt = J S + [0; M^-1 g]``, ``J`` being the Jacobian of the rate
+by the state and ``g`` the generalised force of one unit of a coefficient, its inertia included. They run
+through the same Runge-Kutta stages as the state, so that they are the derivatives of the very rollouts that
+`lagsplat.diagnose.solvers.runge_kutta` makes. Only the sim itself is rolled out here: no laws, no memories.
+
+Source: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, 2nd ed., I.14 and II.6.
+"""
+
+import math
+from typing import no_type_check
+
+import numpy as np
+from numba import njit, prange
+
+from lagsplat.diagnose.mechanics.basis import bend, highest_power
+from lagsplat.diagnose.solvers.runge_kutta import FAR, factorise, forces, substitute
+
+
+@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
+@no_type_check
+def _jacobian(fields, state, u, a, phi, slope, curvature, parts, out):
+    """Write the derivatives (d, 2 d) by the state of ``forces - M a``, at an acceleration that stays.
+
+    ``parts`` (2 + 3 d, K) is scratch: of every function of the basis what multiplies its slope and its
+    curvature, its rate along the motion, and what its mass and its curvature make of the velocity.
+    """
+    mass, damping, potential, input_map, dry, drag, width, _ = fields
+    d, n_v = dry.shape[0], mass.shape[2]
+    parts[:] = 0.0
+    height, turn = parts[0], parts[1]
+    load, momentum, bent = parts[2 : 2 + d], parts[2 + d : 2 + 2 * d], parts[2 + 2 * d :]
+    for k in range(potential.shape[0]):
+        height[k] -= potential[k]
+    for i in range(d):
+        for j in range(d):
+            heavy = mass[max(i, j), min(i, j)]
+            for k in range(n_v):
+                load[i, k] -= heavy[k] * a[d + j]
+                momentum[i, k] += heavy[k] * state[d + j]
+                bent[i, k] += curvature[i, j, k] * state[d + j]
+            for k in range(damping.shape[2]):
+                load[i, k] -= damping[i, j, k] * state[d + j]
+        for c in range(input_map.shape[0]):
+            for k in range(input_map.shape[2]):
+                load[i, k] += input_map[c, i, k] * u[c]
+        for k in range(n_v):
+            turn[k] += slope[i, k] * state[d + i]
+            height[k] += 0.5 * momentum[i, k] * state[d + i]
+    for i in range(d):
+        for j in range(d):
+            by_q, by_v = 0.0, 0.0
+            for k in range(phi.shape[0]):
+                by_q += slope[j, k] * load[i, k] + curvature[i, j, k] * height[k]
+            for k in range(n_v):
+                by_q -= bent[j, k] * momentum[i, k]
+                by_v += slope[i, k] * momentum[j, k] - slope[j, k] * momentum[i, k]
+                by_v -= turn[k] * mass[max(i, j), min(i, j), k]
+            for k in range(damping.shape[2]):
+                by_v -= phi[k] * damping[i, j, k]
+            out[i, j], out[i, d + j] = by_q, by_v
+        out[i, d + i] -= 2.0 * drag[i] * abs(state[d + i])
+        if dry[i] != 0.0:
+            out[i, d + i] -= dry[i] / width[i] * (1.0 - math.tanh(state[d + i] / width[i]) ** 2)
+
+
+@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
+@no_type_check
+def _add_units(columns, width, state, u, a, phi, slope, g):
+    """Add to ``g`` (d, C) what one unit of every coefficient does to ``forces - M a``, column by column."""
+    mass, damping, potential, input_map, dry, drag = columns
+    d = width.shape[0]
+    for k in range(potential.shape[0]):
+        at = potential[k]
+        for i in range(d if at >= 0 else 0):
+            g[i, at] -= slope[i, k]
+    for i in range(d):
+        v = state[d + i]
+        if dry[i] >= 0:
+            g[i, dry[i]] -= math.tanh(v / width[i])
+        if drag[i] >= 0:
+            g[i, drag[i]] -= abs(v) * v
+        for j in range(d):
+            for k in range(damping.shape[2]):
+                if damping[i, j, k] >= 0:
+                    g[i, damping[i, j, k]] -= phi[k] * state[d + j]
+        for c in range(input_map.shape[0]):
+            for k in range(input_map.shape[2]):
+                if input_map[c, i, k] >= 0:
+                    g[i, input_map[c, i, k]] += phi[k] * u[c]
+        for j in range(i + 1):
+            lively = (0.5 if i == j else 1.0) * v * state[d + j]
+            for k in range(mass.shape[2]):
+                at = mass[i, j, k]
+                if at < 0:
+                    continue
+                turn = 0.0
+                for n in range(d):
+                    turn += slope[n, k] * state[d + n]
+                    g[n, at] += lively * slope[n, k]
+                g[i, at] -= phi[k] * a[d + j] + turn * state[d + j]
+                if i != j:
+                    g[j, at] -= phi[k] * a[d + i] + turn * v
+
+
+@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
+@no_type_check
+def _tangent(jacobian, m, g, s, unit, rate):
+    """Write the rate (2 d, C) of the sensitivities ``s``; ``m`` is factorised, ``g`` is overwritten."""
+    d, n = g.shape
+    for i in range(d):
+        for j in range(2 * d):
+            factor = jacobian[i, j]
+            for c in range(n):
+                g[i, c] += factor * s[j, c]
+        for c in range(n):
+            rate[i, c] = s[d + i, c]
+            rate[d + i, c] = 0.0
+    for j in range(d):
+        unit[:] = 0.0
+        unit[d + j] = 1.0
+        substitute(m, unit, d)
+        for i in range(d):
+            factor = unit[d + i]
+            for c in range(n):
+                rate[d + i, c] += factor * g[j, c]
+
+
+@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
+@no_type_check
+def _rates(basis, fields, columns, x, s, u, scratch, rate, s_rate):
+    """Write the rates of the state ``x`` (2 d,) and of its sensitivities ``s`` (2 d, C)."""
+    phi, slope, curvature, powers, parts, jacobian, m, work, unit, g = scratch
+    d = m.shape[0]
+    forces(basis, fields, x, u, rate, phi, slope, work, m, powers)
+    factorise(m, d)
+    substitute(m, rate, d)
+    bend(basis[0], basis[1], basis[3], powers, phi, curvature)
+    _jacobian(fields, x, u, rate, phi, slope, curvature, parts, jacobian)
+    g[:] = 0.0
+    _add_units(columns, fields[6], x, u, rate, phi, slope, g)
+    _tangent(jacobian, m, g, s, unit, s_rate)
+
+
+@njit(cache=True)
+@no_type_check
+def _scratch(basis, d, n_c):
+    """Room for what `_rates` works out on the way."""
+    n = basis[0].shape[0]
+    powers = np.empty((d, highest_power(basis[0], basis[1]) + 1))
+    values = (np.empty(n), np.empty((d, n)), np.empty((d, d, n)), powers, np.empty((2 + 3 * d, n)))
+    return (
+        *values, np.empty((d, 2 * d)), np.empty((d, d)), np.empty(2 * d), np.empty(2 * d), np.empty((d, n_c))
+    )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
+@no_type_check
+def _roll(basis, fields, columns, n_columns, start, time, u, steps, out, slopes):
+    """Roll out one window, ``time`` and ``u`` of which are given."""
+    rest, n_frames = fields[7], time.shape[0]
+    d, n_c = rest.shape[0], slopes.shape[2]
+    scratch = _scratch(basis, d, n_c)
+    x, y, total, rate = start.copy(), np.empty(2 * d), np.empty(2 * d), np.zeros(2 * d)
+    s, moved = np.zeros((2 * d, n_c)), np.empty((2 * d, n_c))
+    s_total, s_rate = np.empty((2 * d, n_c)), np.zeros((2 * d, n_c))
+    for i in range(2 * d):
+        s[i, n_columns + i] = 1.0
+    lost = False
+    for frame in range(n_frames):
+        for i in range(d):
+            out[frame, i] = x[i]
+            for c in range(n_c):
+                slopes[frame, i, c] = s[i, c]
+        for step in range(steps if frame < n_frames - 1 and not lost else 0):
+            h = (time[frame + 1] - time[frame]) / steps
+            for stage in range(4):
+                at = 0 if stage == 0 else (2 if stage == 3 else 1)
+                share, weight = 0.5 * at * h, 2.0 if at == 1 else 1.0
+                for i in range(2 * d):
+                    y[i] = x[i] + share * rate[i]
+                    for c in range(n_c):
+                        moved[i, c] = s[i, c] + share * s_rate[i, c]
+                _rates(basis, fields, columns, y, moved, u[frame, step, at], scratch, rate, s_rate)
+                if stage == 0:
+                    total[:] = 0.0
+                    s_total[:] = 0.0
+                for i in range(2 * d):
+                    total[i] += weight * rate[i]
+                    for c in range(n_c):
+                        s_total[i, c] += weight * s_rate[i, c]
+            for i in range(2 * d):
+                x[i] += h / 6.0 * total[i]
+                for c in range(n_c):
+                    s[i, c] += h / 6.0 * s_total[i, c]
+            for i in range(d):
+                if not abs(x[i] - rest[i]) < FAR * basis[3][i]:
+                    lost = True
+        if lost:
+            for i in range(d):
+                x[i] = rest[i] + FAR * basis[3][i]
+                x[d + i] = 0.0
+            s[:] = 0.0
+
+
+@njit(parallel=True, cache=True, error_model="numpy")
+@no_type_check
+def sensitivities(
+    basis, fields, columns, n_columns, starts, first, length, time, u, steps, out, slopes
+):  # fmt: skip
+    """Write the coordinates (W, L, d) of every window and their derivatives (W, L, d, C + 2 d).
+
+    ``fields`` are the coefficients of one set of `lagsplat.diagnose.solvers.runge_kutta.rollouts`, widths and rest.
+    ``columns`` are shaped as the first six of them and say which of the ``C`` columns holds the derivative
+    by each, -1 for none; coefficients of one column move together. The starting state's own columns follow.
+    ``u`` is (N, steps, 3, n_u). What has left for good stays where it is lost, and nothing moves it any more.
+    """
+    for w in prange(len(first)):
+        span = slice(first[w], first[w] + length[w])
+        _roll(
+            basis, fields, columns, n_columns, starts[w], time[span], u[span], steps, out[w], slopes[w]
+        )  # fmt: skip

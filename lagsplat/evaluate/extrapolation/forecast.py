@@ -1,0 +1,435 @@
+"""What a model predicts past its training frames: pictures, oscillation, and what is left of it.
+
+Peak signal-to-noise ratios of predicted frames, as they come and with their phase taken out.
+
+A free neural differential equation far past its training frames.
+
+A trained run far past its training frames: its own law, measured like every other model's.
+
+What the measures of extrapolation ask of a model, and how a law of motion answers.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float64
+from scipy.interpolate import CubicSpline
+from scipy.optimize import least_squares
+
+from lagsplat.baselines.neural_ode import NeuralOde, carry_on
+from lagsplat.chart.chart import Chart
+from lagsplat.evaluate.config import ExtrapolationConfig
+from lagsplat.evaluate.evaluate import renderer, require_same_run
+from lagsplat.evaluate.extrapolation.oscillation import (
+    Known,
+    Reading,
+    amplitude,
+    compare_oscillations,
+    known_to,
+    oscillation,
+    read,
+    told,
+)
+from lagsplat.evaluate.forces.known_forces import energy_along
+from lagsplat.evaluate.forecast import Crossing, crossing_clip, image_errors
+from lagsplat.evaluate.guarantee import guarantee_of
+from lagsplat.evaluate.protocol import Pictures, Render
+from lagsplat.evaluate.spectrum import evenly_spaced
+from lagsplat.io.recording.recording import Recording
+from lagsplat.stage1.autoencoder import Autoencoder, decode_latents
+from lagsplat.stage2.lagrangian import Lagrangian, equilibrium
+from lagsplat.stage2.numpy_lagrangian import FrozenLaw, roll_out_free
+
+SCHEMA = 1
+Energy = Callable[[np.ndarray, float], np.ndarray]
+"""(states (N,d), spacing [s]) -> the energy of the learned law along them (N,)."""
+
+
+def recorded_frames(recording: Recording) -> Pictures:
+    """Recorded images (N,3,H,W) in [0, 1] by frame number."""
+
+    def pictures(frames: np.ndarray) -> np.ndarray:
+        stored = np.asarray(recording.frames[frames])
+        return np.moveaxis(stored, 3, 1).astype(np.float32) / np.float32(255.0)
+
+    return pictures
+
+
+def open_scene(
+    autoencoder: Autoencoder, chart: Chart, recording: Recording
+) -> tuple[Crossing, Known, Pictures]:
+    """The clip that is extrapolated, what the encoder knows, and the recorded pictures.
+
+    Raises:
+        ValueError: as `crossing_clip`.
+    """
+    pictures = recorded_frames(recording)
+    return crossing_clip(chart), known_to(autoencoder, chart, pictures), pictures
+
+
+@runtime_checkable
+class Predictor(Protocol):
+    """A model that was given the training frames of a clip.
+
+    Instants are counted in median spacings of frames since the last training frame: 1 is the first one held
+    out.
+    """
+
+    @property
+    def between_frames(self) -> bool:
+        """Whether it can draw at fractions of a frame."""
+        ...
+
+    def filmed(self) -> Float64[np.ndarray, "T d"]:
+        """States at all frames of the clip: over the training part what the model makes of it, then its
+        prediction."""
+        ...
+
+    def draw(self, ahead: np.ndarray) -> np.ndarray:
+        """Images in [0, 1] at these instants."""
+        ...
+
+    def states(self, first: int, stop: int) -> tuple[Float64[np.ndarray, "N d"], Reading | None]:
+        """States at the instants ``first`` to ``stop``, and how they were read off pictures, if they were.
+
+        None of a reading means that the pictures are left out of the check, not that they failed it.
+        """
+        ...
+
+
+def extrapolation(
+    predictor: Predictor,
+    crossing: Crossing,
+    known: Known,
+    pictures: Pictures,
+    config: ExtrapolationConfig,
+    energy: Energy,
+) -> dict[str, Any]:
+    """Everything that is compared between models, as plain data.
+
+    ``psnr`` and ``aligned`` are of the held-out frames, ``floor`` what the autoencoder itself makes of these.
+    ``physics`` compares the oscillation over the whole clip with the encoded one, ``held_out`` over its
+    held-out end alone. ``left`` is the amplitude at the horizon over that of the clip's first period, and
+    ``looks`` what was seen on the way, each with its energy. ``range`` says how far the predicted frames are
+    in range; where too few are, physics and ``left`` are None and ``reason`` says so.
+
+    Raises:
+        ValueError: predicted frames of another size than the encoder's.
+
+    Source: paper, Table "Extrapolation past the training window".
+    """
+    begin = time.perf_counter()
+    held = np.arange(crossing.boundary, crossing.stop)
+    recorded, ahead = pictures(held), crossing.ahead
+    floor = decode_latents(known.autoencoder, known.chart.to_raw(crossing.latents[crossing.n_train :]))
+    looks = [_look(predictor, crossing, ends, energy) for ends in looked_at(crossing, config)]
+    readings = [reading for _, reading in looks if reading is not None]
+    seen = told(readings) if readings else {"frames": 0, "inside": 0.0}
+    filmed = predictor.filmed()
+    start = amplitude(crossing.latents[: crossing.history(1.0) + 1], crossing.metric)
+    shifts = _shifts(predictor, config)
+    result = {
+        "schema": SCHEMA,
+        "recording": {
+            "frames": len(crossing.latents),
+            "held_out": len(held),
+            "dt_s": crossing.dt_s,
+            "period_s": crossing.period_s,
+        },
+        "psnr": held_out_psnr(predictor.draw, recorded, ahead),
+        "aligned": aligned_psnr(predictor.draw, recorded, ahead, shifts=shifts),
+        "floor": held_out_psnr(lambda _: floor, recorded, ahead),
+        **_physics(crossing, filmed),
+        "start_amplitude": start,
+        "left": _share(looks[-1][0]["amplitude"], start),
+        "left_shown": _share(looks[0][0]["late_amplitude"], start),
+        "diverged": not all(np.isfinite(look["states"]).all() for look, _ in looks),
+        "range": seen,
+        "reason": "",
+        "filmed": filmed.tolist(),
+        "looks": [look for look, _ in looks],
+        "wall_time_s": time.perf_counter() - begin,
+    }
+    if not result["diverged"] and seen["inside"] < config.least_inside:
+        result |= _unread(seen, config)
+    return result
+
+
+def looked_at(crossing: Crossing, config: ExtrapolationConfig) -> list[tuple[int, int]]:
+    """Half-open ranges of frames past the last training frame: the shown part, then the looks."""
+    last = round(config.horizon_s / crossing.dt_s)
+    shown = round(config.shown_s / crossing.dt_s)
+    length = max(round(config.look_periods * crossing.period_s / crossing.dt_s), 16)
+    ends = np.geomspace(max(shown, 1), max(last, shown, 1), config.looks + 1)[1:]
+    later = [(max(int(end) - length, shown), int(end)) for end in ends.round()]
+    return [(0, shown), *[(first, stop) for first, stop in later if stop - first >= 16]]
+
+
+def _look(
+    predictor: Predictor, crossing: Crossing, ends: tuple[int, int], energy: Energy
+) -> tuple[dict[str, Any], Reading | None]:
+    states, reading = predictor.states(*ends)
+    cycles = max(round(crossing.period_s / crossing.dt_s * 2), 8)
+    finite = bool(np.isfinite(states).all())
+    return {
+        "first": ends[0],
+        "time_s": ends[0] * crossing.dt_s,
+        "states": states.tolist(),
+        "amplitude": amplitude(states, crossing.metric),
+        "late_amplitude": amplitude(states[-cycles:], crossing.metric),
+        "mean": states.mean(axis=0).tolist(),
+        "energy": energy(states, crossing.dt_s).tolist() if finite else None,
+    }, reading
+
+
+def _physics(crossing: Crossing, filmed: np.ndarray) -> dict[str, Any]:
+    """Oscillation over the whole clip and over its held-out end, each against the encoded one."""
+    blocks = {}
+    for name, first in (("physics", 0), ("held_out", crossing.n_train)):
+        sides = []
+        for series in (crossing.latents, filmed):
+            even = evenly_spaced(series[first:], crossing.clock, start=first)
+            sides.append(oscillation(even, dt_s=crossing.dt_s, metric=crossing.metric))
+        blocks[name] = {"encoded": sides[0], "predicted": sides[1], **compare_oscillations(*sides)}
+    return blocks
+
+
+def _shifts(predictor: Predictor, config: ExtrapolationConfig) -> np.ndarray:
+    if predictor.between_frames:
+        return np.linspace(-config.shift_frames, config.shift_frames, config.shift_steps)
+    whole = int(config.shift_frames)
+    return np.arange(-whole, whole + 1, dtype=np.float64)
+
+
+def _share(value: float, of: float) -> float | None:
+    return float(value / of) if np.isfinite(value) and of > 0 else None
+
+
+def _unread(seen: dict[str, Any], config: ExtrapolationConfig) -> dict[str, Any]:
+    """The blocks that a forecast which leaves the chart has instead of numbers."""
+    reason = (
+        f"only {seen['inside']:.0%} of {seen['frames']} predicted frames are of the kind the encoder knows "
+        f"(extrapolation.least_inside={config.least_inside}): no physics is read off them"
+    )
+    nothing = {"predicted": None, **compare_oscillations(None, None), "reason": reason}
+    return {"physics": nothing, "held_out": nothing, "left": None, "left_shown": None, "reason": reason}
+
+
+Draw = Callable[[np.ndarray], np.ndarray]
+"""Instants in frames since the last training frame (N,), fractions allowed -> images (N,3,H,W) in [0, 1]."""
+LEAST_ERROR = 1e-10
+
+
+def decibels(errors: Float64[np.ndarray, " N"]) -> Float64[np.ndarray, " N"]:
+    """PSNR [dB] of mean squared errors of colours in [0, 1]; at most 100."""
+    return -10.0 * np.log10(np.maximum(errors, LEAST_ERROR))
+
+
+def held_out_psnr(draw: Draw, recorded: np.ndarray, ahead: np.ndarray) -> dict[str, Any]:
+    """PSNR [dB] of each predicted frame against the ``recorded`` (N,3,H,W): mean, first, last and all.
+
+    ``ahead`` are the instants of the recorded frames, in frames since the last training frame.
+
+    Source: paper, Table "Extrapolation past the training window".
+    """
+    values = decibels(image_errors(draw(ahead), recorded))
+    return _summary(values)
+
+
+def aligned_psnr(
+    draw: Draw, recorded: np.ndarray, ahead: np.ndarray, *, shifts: Float64[np.ndarray, " S"]
+) -> dict[str, Any]:
+    """The same with each recorded frame held against the best of those shown ``shifts`` frames later.
+
+    What is lost only because the model is ahead or behind does not count: what is left is rendering.
+    ``shift`` are the chosen shifts, so that a growing lag shows.
+    """
+    values = np.stack([decibels(image_errors(draw(ahead + shift), recorded)) for shift in shifts])
+    best = values.argmax(axis=0)
+    return {**_summary(values.max(axis=0)), "shift": shifts[best].tolist()}
+
+
+def _summary(values: np.ndarray) -> dict[str, Any]:
+    return {
+        "mean": float(values.mean()),
+        "first": float(values[0]),
+        "last": float(values[-1]),
+        "per_frame": values.tolist(),
+    }
+
+
+def extrapolate_ode(
+    autoencoder: Autoencoder,
+    chart: Chart,
+    lagrangian: Lagrangian,
+    ode: NeuralOde,
+    recording: Recording,
+    config: ExtrapolationConfig,
+) -> dict[str, Any]:
+    """The measures of `extrapolation` for a law without structure on the same chart.
+
+    ``lagrangian`` gives the energy by which every model's motion is measured.
+
+    Raises:
+        ValueError: recording, chart and autoencoder do not belong together, or no clip crosses into the
+        held-out frames.
+    """
+    require_same_run(autoencoder, chart, recording)
+    crossing, known, pictures = open_scene(autoencoder, chart, recording)
+
+    def roll_out(q0: np.ndarray, v0: np.ndarray, states: int) -> np.ndarray:
+        return carry_on(ode, q0, v0, states=states, dt_s=crossing.dt_s)
+
+    render = renderer(autoencoder, chart)
+    predictor = law_predictor(roll_out, known, render, crossing, config)
+    return extrapolation(predictor, crossing, known, pictures, config, energy_along(lagrangian))
+
+
+def extrapolate_run(
+    autoencoder: Autoencoder,
+    chart: Chart,
+    lagrangian: Lagrangian,
+    recording: Recording,
+    config: ExtrapolationConfig,
+) -> dict[str, Any]:
+    """The measures of `extrapolation` for a run, with its ``equilibrium`` and its ``guarantee``.
+
+    Raises:
+        ValueError: recording, chart and autoencoder do not belong together, no clip crosses into the held-out
+        frames, or the mass is induced by the decoder.
+    """
+    require_same_run(autoencoder, chart, recording)
+    crossing, known, pictures = open_scene(autoencoder, chart, recording)
+    render = renderer(autoencoder, chart)
+    predictor = law_predictor(free_rollouts(lagrangian, crossing.dt_s), known, render, crossing, config)
+    found = extrapolation(predictor, crossing, known, pictures, config, energy_along(lagrangian))
+    still = lagrangian.rest.new_zeros(lagrangian.n_inputs)
+    return found | {
+        "clip": crossing.latents.tolist(),
+        "equilibrium": equilibrium(lagrangian, still).tolist(),
+        "guarantee": guarantee_of(lagrangian, chart, config.guarantee),
+    }
+
+
+RollOut = Callable[[np.ndarray, np.ndarray, int], np.ndarray]
+"""(q0 (B,d), v0 (B,d) per second, states) -> q (B,N,d), one state a median spacing of frames."""
+
+
+def free_rollouts(lagrangian: Lagrangian, dt_s: float) -> RollOut:
+    """Free rollouts of a learned law, one state every ``dt_s`` seconds."""
+    law = FrozenLaw(lagrangian)
+
+    def roll_out(q0: np.ndarray, v0: np.ndarray, states: int) -> np.ndarray:
+        return roll_out_free(law, q0, v0, states=states, dt_s=dt_s)[0]
+
+    return roll_out
+
+
+CHECKED = 200  # frames drawn of a law's own states, to see that they are in range
+
+
+@dataclass(frozen=True)
+class LawPredictor:
+    """A law of motion in the chart, drawn by the decoder.
+
+    ``path`` are its states from the last training frame on, one a median spacing; ``past`` those at the
+    frames of the clip, rolled out from its beginning.
+    """
+
+    known: Known
+    config: ExtrapolationConfig
+    render: Render
+    past: Float64[np.ndarray, "T d"]
+    path: Float64[np.ndarray, "N d"]
+    between_frames: bool = True
+
+    def filmed(self) -> Float64[np.ndarray, "T d"]:
+        """The rollout from the beginning of the clip."""
+        return self.past
+
+    def draw(self, ahead: np.ndarray) -> np.ndarray:
+        """Pictures of the law's states, between its steps by a cubic spline."""
+        last = min(len(self.path), int(np.ceil(ahead.max())) + 4)
+        steps = CubicSpline(np.arange(last), np.nan_to_num(self.path[:last]))
+        return self.render(steps(np.maximum(ahead, 0.0)))
+
+    def states(self, first: int, stop: int) -> tuple[Float64[np.ndarray, "N d"], Reading | None]:
+        """The law's own states; some of their pictures are read back to see whether they are in range."""
+        part = self.path[first:stop]
+        if not np.isfinite(part).all():
+            return part, None
+        few = part[:: max(1, len(part) // CHECKED)]
+        return part, read(self.known, self.render(few), self.config)
+
+
+def law_predictor(
+    roll_out: RollOut, known: Known, render: Render, crossing: Crossing, config: ExtrapolationConfig
+) -> LawPredictor:
+    """A law started twice: at the beginning of the clip, and where the training frames end.
+
+    Both states are those whose rollout fits the encoded training frames of ``config.history_periods`` best;
+    no held-out frame is used.
+    """
+    history = crossing.history(config.history_periods)
+    places = crossing.places
+    early = fitted_start(roll_out, crossing, at=0, frames=history)
+    whole = roll_out(*early, int(np.ceil(places[-1])) + 2)[0]
+    late_at = crossing.n_train - history
+    late = fitted_start(roll_out, crossing, at=late_at, frames=history)
+    lead = places[crossing.n_train - 1] - places[late_at]
+    steps = round(config.horizon_s / crossing.dt_s) + int(np.ceil(config.shift_frames)) + 2
+    path = roll_out(*late, steps + int(np.ceil(lead)))[0]
+    return LawPredictor(
+        known=known,
+        config=config,
+        render=render,
+        past=_at(whole, places),
+        path=path[round(lead) :] if float(lead).is_integer() else _later(path, lead),
+    )
+
+
+def fitted_start(
+    roll_out: RollOut, crossing: Crossing, *, at: int, frames: int
+) -> tuple[Float64[np.ndarray, "1 d"], Float64[np.ndarray, "1 d"]]:
+    """State and velocity [1/s] at frame ``at`` of the clip whose rollout fits the next ``frames`` best.
+
+    Least squares in the metric, from the first state and the slope of a parabola through the frames.
+    """
+    latents, d = crossing.latents[at : at + frames], crossing.latents.shape[1]
+    places = crossing.places[at : at + frames] - crossing.places[at]
+    states = int(np.ceil(places[-1])) + 2
+    values, vectors = np.linalg.eigh(crossing.metric)
+    root = vectors * np.sqrt(np.clip(values, 1e-3 * values.max(), None))
+    unit = crossing.period_s / (2 * np.pi)
+
+    def residuals(rows: np.ndarray) -> np.ndarray:
+        paths = roll_out(rows[:, :d], rows[:, d:] / unit, states)
+        missed = np.stack([(_at(path, places) - latents) @ root for path in paths])
+        # a start that blows up must look bad, not break the search
+        return np.clip(np.nan_to_num(missed, nan=1e6), -1e6, 1e6).reshape(len(rows), -1)
+
+    def slopes(start: np.ndarray) -> np.ndarray:
+        step = 1e-5
+        rows = start + step * np.concatenate([np.eye(2 * d), -np.eye(2 * d)])
+        ahead, behind = np.split(residuals(rows), 2)
+        return (ahead - behind).T / (2 * step)
+
+    first = min(len(latents), 5)
+    slope = np.polynomial.polynomial.polyfit(places[:first], latents[:first], min(2, first - 1))[1]
+    guess = np.concatenate([latents[0], slope / crossing.dt_s * unit])
+    found = least_squares(lambda start: residuals(start[None])[0], guess, jac=slopes, max_nfev=50).x
+    return found[None, :d], found[None, d:] / unit
+
+
+def _at(path: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """States at ``places``, in steps; the path's own where these are whole."""
+    if np.allclose(places, np.round(places), atol=1e-6):
+        return path[np.round(places).astype(int)]
+    return CubicSpline(np.arange(len(path)), np.nan_to_num(path))(places)
+
+
+def _later(path: np.ndarray, lead: float) -> np.ndarray:
+    return CubicSpline(np.arange(len(path)), np.nan_to_num(path))(np.arange(lead, len(path) - 1))

@@ -1,0 +1,214 @@
+"""Frequency, decay and what is left of a motion: one estimator each, for every model alike.
+
+Whether predicted frames are still of the kind the encoder knows: else its word means nothing.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float32, Float64
+from scipy.optimize import least_squares
+from scipy.spatial import cKDTree
+
+from lagsplat.chart.chart import Chart
+from lagsplat.evaluate.config import ExtrapolationConfig
+from lagsplat.evaluate.forecast import image_errors
+from lagsplat.evaluate.modes import fit_modes
+from lagsplat.evaluate.protocol import Pictures
+from lagsplat.stage1.autoencoder import CHUNK, Autoencoder, decode_latents
+
+LEAST_CYCLES = 1.0
+STRONGEST = 0.2  # share of a series' energy below which the fitted oscillation is not its motion
+LAGS = 0.25  # of a series, up to which its residual is looked at for memory
+
+
+def oscillation(
+    series: Float64[np.ndarray, "N d"], *, dt_s: float, metric: Float64[np.ndarray, "d d"]
+) -> dict[str, float] | None:
+    """The damped oscillation of a series, evenly spaced by ``dt_s``, with one-sigma uncertainties.
+
+    ``rate_per_s`` is the decay rate of the envelope, 1 / tau, and ``frequency_hz`` the mean frequency: one
+    exponential envelope and one phase, whose frequency may drift linearly, as that of a pendulum does while
+    it dies out. Two fixed frequencies would share such a drift and each show a decay that is not the
+    motion's. None where nothing oscillates. Uncertainties are those of least squares, with the memory of the
+    residual counted.
+    """
+    if len(series) < 12 or not np.isfinite(series).all():
+        return None
+    visible = series @ np.linalg.eigh(metric)[1][:, -1]
+    scale = float(np.ptp(visible))
+    modes = fit_modes(series, dt_s=dt_s, metric=metric, most=1) if scale > 0 else ()
+    if not modes:
+        return None
+    signal, span_s = (visible - visible.mean()) / scale, (len(visible) - 1) * dt_s
+    time = np.linspace(-0.5, 0.5, len(signal))  # in spans, about the middle: there its terms are independent
+    start = np.array([_envelope(signal), 2 * np.pi * modes[0].frequency_hz * span_s, 0.0])
+    found = least_squares(lambda x: _missed(x, signal, time), start, method="lm", max_nfev=400)
+    rate, omega, _ = found.x
+    left = float(np.sum(found.fun**2) / np.sum(signal**2))
+    if abs(omega) / (2 * np.pi) < LEAST_CYCLES or left > 1 - STRONGEST:
+        return None
+    spread = np.sqrt(np.diag(np.linalg.pinv(found.jac.T @ found.jac)) * _noise(found.fun))
+    return {
+        "frequency_hz": float(abs(omega) / (2 * np.pi * span_s)),
+        "frequency_sigma": float(spread[1] / (2 * np.pi * span_s)),
+        "rate_per_s": float(rate / span_s),
+        "rate_sigma": float(spread[0] / span_s),
+    }
+
+
+def _envelope(signal: np.ndarray) -> float:
+    """Decay over the span, from the energies of its two halves."""
+    first, second = (float(np.mean(half**2)) for half in np.array_split(signal, 2))
+    return float(np.clip(np.log(max(first, 1e-12) / max(second, 1e-12)), -8.0, 8.0))
+
+
+def _missed(parameters: np.ndarray, signal: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """What an oscillation of given (decay, phase, drift of the frequency) over the span leaves."""
+    rate, omega, drift = parameters
+    wave = np.exp(np.clip(-rate * time, -50.0, 50.0)) * np.exp(1j * (omega * time + drift * time**2))
+    basis = np.linalg.qr(np.stack([np.ones_like(time), wave.real, wave.imag], axis=1))[0]
+    return signal - basis @ (basis.T @ signal)
+
+
+def _noise(residual: np.ndarray) -> float:
+    """Variance of a residual as that of its mean counts it: times one plus twice its correlations."""
+    variance = float(np.sum(residual**2)) / max(len(residual) - 6, 1)
+    most = max(1, int(LAGS * len(residual)))
+    power = float(np.sum(residual**2)) or 1.0
+    memory = [float(residual[:-lag] @ residual[lag:]) / power for lag in range(1, most)]
+    return variance * max(1.0, 1.0 + 2.0 * float(np.sum(np.clip(memory, 0.0, None))))
+
+
+def compare_oscillations(
+    encoded: dict[str, float] | None, predicted: dict[str, float] | None
+) -> dict[str, Any]:
+    """Relative errors of frequency and decay rate against the encoded motion, each with one sigma.
+
+    The signs stay: a negative ``rate_error`` is too little damping. None where either side shows no
+    oscillation, with the ``reason``.
+    """
+    names = ("frequency_error", "frequency_error_sigma", "rate_error", "rate_error_sigma")
+    if encoded is None or predicted is None:
+        side = "encoded" if encoded is None else "predicted"
+        return dict.fromkeys(names) | {"reason": f"the {side} motion shows no oscillation"}
+    result: dict[str, Any] = {"reason": ""}
+    for name, value, sigma in (
+        ("frequency_error", "frequency_hz", "frequency_sigma"),
+        ("rate_error", "rate_per_s", "rate_sigma"),
+    ):
+        if not encoded[value] > 0.0:
+            result |= {name: None, f"{name}_sigma": None, "reason": "the encoded motion does not decay"}
+            continue
+        error = (predicted[value] - encoded[value]) / encoded[value]
+        # of the quotient, to first order
+        spread = np.hypot(predicted[sigma], encoded[sigma] * predicted[value] / encoded[value])
+        result |= {name: float(error), f"{name}_sigma": float(spread / encoded[value])}
+    return result
+
+
+def amplitude(series: Float64[np.ndarray, "N d"], metric: Float64[np.ndarray, "d d"]) -> float:
+    """Half the range of the most visible coordinate of a series, in whitened units; NaN if not finite."""
+    visible = series @ np.linalg.eigh(metric)[1][:, -1]
+    return float(np.ptp(visible) / 2) if np.isfinite(visible).all() else float("nan")
+
+
+MOST = 1000  # training frames that say how well the autoencoder reproduces what it knows
+
+
+@dataclass(frozen=True)
+class Known:
+    """What the encoder has seen: its training states and how badly it reproduces its worst training frame.
+
+    ``scale`` is the rms of the training states about their mean, in the metric, in which distances count.
+    """
+
+    autoencoder: Autoencoder
+    chart: Chart
+    worst_error: float
+    scale: float
+    root: Float64[np.ndarray, "d d"]
+    tree: cKDTree
+
+    def to_states(self, images: Float32[np.ndarray, "N 3 H W"]) -> Float64[np.ndarray, "N d"]:
+        """Whitened latents of images in [0, 1].
+
+        Raises:
+            ValueError: the images are of another size than the encoder's.
+        """
+        size = (self.autoencoder.height, self.autoencoder.width)
+        if images.shape[2:] != size:
+            raise ValueError(
+                f"predicted frames of {images.shape[2]} x {images.shape[3]} pixels, but the encoder was "
+                f"trained on {size[0]} x {size[1]}; predict frames of the size that was trained on"
+            )
+        device = next(self.autoencoder.parameters()).device
+        with torch.no_grad():
+            parts = [
+                self.autoencoder.encode(part.to(device)).double().cpu()
+                for part in torch.from_numpy(np.clip(images, 0.0, 1.0)).split(CHUNK)
+            ]
+        return self.chart.to_whitened(torch.cat(parts).numpy())
+
+
+@dataclass(frozen=True)
+class Reading:
+    """States read off predicted frames, and which of these are in range.
+
+    ``error`` is the mean squared reconstruction error of each frame over that of the worst training frame,
+    ``distance`` how far its state lies from the nearest training state, over the rms of these.
+    """
+
+    states: Float64[np.ndarray, "N d"]
+    error: Float64[np.ndarray, " N"]
+    distance: Float64[np.ndarray, " N"]
+    inside: Bool[np.ndarray, " N"]
+
+
+def known_to(autoencoder: Autoencoder, chart: Chart, pictures: Pictures) -> Known:
+    """What an autoencoder knows of its recording; ``pictures`` gives its training frames by number."""
+    chosen = np.unique(np.linspace(0, chart.n_train - 1, min(MOST, chart.n_train)).round().astype(np.int64))
+    states = chart.train.latents
+    errors = [
+        image_errors(decode_latents(autoencoder, chart.to_raw(states[part])), pictures(part)).max()
+        for part in np.array_split(chosen, max(1, len(chosen) // CHUNK))
+    ]
+    values, vectors = np.linalg.eigh(chart.metric)
+    root = vectors * np.sqrt(np.clip(values, 0.0, None))
+    seen = states @ root
+    scale = float(np.sqrt(np.square(seen - seen.mean(axis=0)).sum(axis=1).mean()))
+    return Known(autoencoder, chart, float(max(errors)), scale, root, cKDTree(seen))
+
+
+def read(known: Known, images: Float32[np.ndarray, "N 3 H W"], config: ExtrapolationConfig) -> Reading:
+    """Encode predicted images and see whether each is in range.
+
+    Raises:
+        ValueError: the images are of another size than the encoder's.
+
+    Source: paper, "What the Lagrangian prior buys": the reading means something only while the encoder is fed
+    images it can make sense of.
+    """
+    states = known.to_states(images)
+    drawn = decode_latents(known.autoencoder, known.chart.to_raw(states))
+    error = image_errors(drawn, np.clip(images, 0.0, 1.0)) / max(known.worst_error, 1e-12)
+    distance = known.tree.query(states @ known.root)[0] / known.scale
+    inside = (error <= config.range_error) & (distance <= config.range_distance)
+    return Reading(states, error, distance, inside)
+
+
+def told(readings: list[Reading]) -> dict[str, Any]:
+    """How far the frames of several readings stay in range, as plain data."""
+    error, distance, inside = (
+        np.concatenate([getattr(reading, name) for reading in readings])
+        for name in ("error", "distance", "inside")
+    )
+    return {
+        "frames": len(inside),
+        "inside": float(inside.mean()),
+        "worst_error": float(error.max()),
+        "median_error": float(np.median(error)),
+        "worst_distance": float(distance.max()),
+    }

@@ -1,0 +1,190 @@
+"""The answers of a law that never saw a force, against the true ones."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float64
+
+from lagsplat.evaluate.forces.known_forces import Pokes
+from lagsplat.forces.equilibrium import Held, NoScaleError, energy_scale
+from lagsplat.forces.grasp import Grip, NothingThereError, Point, brush, nearest
+
+OTHERS = 40
+"""Other pokes that are asked which energy scale they would have set."""
+Read = Callable[[Float64[np.ndarray, "n d"]], Float64[np.ndarray, "n P 2"]]
+"""Where the material points are [px] in the pictures of whitened states."""
+Errors = dict[str, Float64[np.ndarray, "N L"]]
+
+
+def grips_at(held: Held, places: Float64[np.ndarray, "P 2"], *, radius: float | None) -> list[Grip | None]:
+    """What a click on each material point takes hold of, by a brush or, without ``radius``, as the nearest
+    Gaussian; None where nothing can be had.
+    """
+    found: list[Grip | None] = []
+    for x, y in places:
+        point: Point = (float(x), float(y))
+        try:
+            taken = nearest(held.kinematics, held.rest, point) if radius is None else None
+            found.append(taken or brush(held.kinematics, held.rest, point, radius=radius or 1.0))
+        except NothingThereError:
+            found.append(None)
+    return found
+
+
+def matter(grips: list[Grip | None], d: int) -> tuple[Bool[np.ndarray, " P"], Float64[np.ndarray, "P 2 d"]]:
+    """Where something is taken hold of, and how it moves [px per whitened unit]; zero elsewhere."""
+    field = [np.zeros((2, d)) if grip is None else grip.jacobian.numpy() for grip in grips]
+    return np.array([grip is not None for grip in grips]), np.stack(field)
+
+
+def compare(held: Held, pokes: Pokes, *, radius: float, read: Read) -> dict[str, Any]:
+    """Errors of the static answers, ready for JSON.
+
+    The same force on the same material point for both; the energy scale from one poke, that of the easiest
+    point and direction at the level `Pokes.reference`. ``inside`` are medians (and 90th percentiles)
+    over pokes whose true answer lies in the visited range, ``levels`` those at each level of force; a
+    ``nearest`` block takes hold of one Gaussian instead of a brush. Of an answer, ``direction_deg`` is the
+    angle between the ways of the pushed point, ``shape`` what is left of the ways of all points after the
+    best factor, over their size, and ``amplitude`` how far that factor is from 1. ``pictured`` errors read
+    the ways off the picture (a map from latents to true coordinates), the others off the matter that the
+    decoder carries along.
+
+    Raises:
+        NoScaleError: with a brush, the law answers the reference poke the wrong way.
+    """
+    brushed = grips_at(held, pokes.places, radius=radius)
+    usable, field = matter(brushed, held.law.d)
+    inside = pokes.distance <= 1.0
+    result: dict[str, Any] = {"points": int(usable.sum()), "missed": int((~usable).sum())}
+    for name, grips in (("brush", brushed), ("nearest", grips_at(held, pokes.places, radius=None))):
+        try:
+            scale, others = scales(held, pokes, grips, field, usable)
+        except NoScaleError as error:
+            if name == "brush":
+                raise
+            result[name] = {"refused": str(error)}
+            continue
+        errors = errors_of(held, pokes, grips, field, usable, scale, read)
+        result[name] = {
+            "scale": scale,
+            "scale_of_others": _spread(others / scale),
+            "inside": summary(errors, inside),
+        }
+        if name == "brush":
+            rows = [summary(errors, np.arange(inside.shape[1]) == i) for i in range(inside.shape[1])]
+            result["levels"] = [
+                {**row, "level": pokes.levels[i], "distance": _median(pokes.distance[:, i])}
+                for i, row in enumerate(rows)
+            ]
+            result["map"] = _map(pokes, errors, inside)
+    result["tipped"] = int(np.isnan(pokes.distance).sum())
+    result["pokes"] = int(inside.size)
+    return result
+
+
+def loads_of(pokes: Pokes, grips: list[Grip | None], d: int) -> Float64[np.ndarray, "N L d"]:
+    """The pulled-back forces, for a scale of one; NaN where nothing was taken hold of."""
+    return np.stack(
+        [
+            np.full((len(forces), d), np.nan) if grip is None else forces @ grip.jacobian.numpy()
+            for forces, grip in zip(pokes.forces, (grips[p] for p in pokes.point), strict=True)
+        ]
+    )
+
+
+def scales(
+    held: Held, pokes: Pokes, grips: list[Grip | None], field: np.ndarray, usable: np.ndarray
+) -> tuple[float, Float64[np.ndarray, " n"]]:
+    """The energy scale by the reference poke, and those that every other poke at its level would give.
+
+    Raises:
+        NoScaleError: nothing can be taken hold of, or the law answers the wrong way.
+    """
+    level = pokes.reference
+    loads = loads_of(pokes, grips, held.law.d)[:, level]
+    known = np.isfinite(loads).all(1) & np.isfinite(pokes.distance[:, level])
+    order = [int(i) for i in np.argsort(pokes.size[:, level]) if known[i]]
+    kept = np.unique(np.linspace(0, len(order) - 1, OTHERS).round().astype(int)).tolist()
+    found = []
+    for i in (order[j] for j in kept if order):
+        try:
+            found.append(energy_scale(held, loads[i], field[usable], pokes.ways[i, level][usable]))
+        except NoScaleError:
+            if not found:
+                raise
+    if not found:
+        raise NoScaleError("no point of the object can be taken hold of: nothing is drawn there at rest")
+    return found[0], np.array(found)
+
+
+def errors_of(
+    held: Held,
+    pokes: Pokes,
+    grips: list[Grip | None],
+    field: np.ndarray,
+    usable: Bool[np.ndarray, " P"],
+    scale: float,
+    read: Read,
+) -> Errors:
+    """Every error of every poke; NaN where there is no true answer or nothing was taken hold of."""
+    loads = scale * loads_of(pokes, grips, held.law.d)
+    known = np.isfinite(loads).all(2) & np.isfinite(pokes.distance)
+    states = np.full((*known.shape, held.law.d), np.nan)
+    states[known] = held.settled(torch.from_numpy(loads[known])).numpy()
+    carried = np.einsum("pcd,nld->nlpc", field, states - held.rest.numpy())
+    flat = states.reshape(-1, held.law.d)
+    pictured = (read(flat) - read(held.rest.numpy()[None])).reshape(pokes.ways.shape)
+    errors: Errors = {}
+    pushed = pokes.point[:, None, None, None]
+    for name, answer in (("", carried), ("pictured_", pictured)):
+        cosine, factor = alike(answer[:, :, usable], pokes.ways[:, :, usable])
+        errors[f"{name}shape"] = np.sqrt(1.0 - np.clip(cosine, 0.0, 1.0) ** 2)
+        errors[f"{name}amplitude"] = np.abs(factor - 1.0)
+        own, _ = alike(*(np.take_along_axis(ways, pushed, axis=2) for ways in (answer, pokes.ways)))
+        errors[f"{name}direction_deg"] = np.degrees(np.arccos(np.clip(own, -1.0, 1.0)))
+    return errors
+
+
+def alike(
+    answer: Float64[np.ndarray, "N L P 2"], truth: Float64[np.ndarray, "N L P 2"]
+) -> tuple[Float64[np.ndarray, "N L"], Float64[np.ndarray, "N L"]]:
+    """Cosine between ways of all points together, and how much of the true ones the answer makes."""
+    product = np.einsum("nlpc,nlpc->nl", answer, truth)
+    size, true = (np.sqrt(np.einsum("nlpc,nlpc->nl", ways, ways)) for ways in (answer, truth))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return product / (size * true), product / true**2
+
+
+def summary(errors: Errors, chosen: np.ndarray) -> dict[str, Any]:
+    """Medians and 90th percentiles over the chosen pokes, and how many there are."""
+    chosen = np.broadcast_to(chosen, next(iter(errors.values())).shape)
+    found: dict[str, Any] = {"n": int(np.isfinite(errors["shape"][chosen]).sum())}
+    for name, values in errors.items():
+        kept = values[chosen][np.isfinite(values[chosen])]
+        found[name] = _median(kept)
+        found[f"{name}_p90"] = float(np.quantile(kept, 0.9)) if len(kept) else None
+    return found
+
+
+def _map(pokes: Pokes, errors: Errors, inside: np.ndarray) -> list[dict[str, Any]]:
+    """The median errors of forces on each point, with the points' places [px]."""
+    return [
+        {
+            "place": pokes.places[p].tolist(),
+            **{
+                name: _median(values[(pokes.point == p)[:, None] & inside]) for name, values in errors.items()
+            },
+        }
+        for p in np.unique(pokes.point)
+    ]
+
+
+def _spread(values: np.ndarray) -> list[float]:
+    return [float(x) for x in np.quantile(values, [0.1, 0.5, 0.9])]
+
+
+def _median(values: np.ndarray) -> float | None:
+    kept = values[np.isfinite(values)]
+    return float(np.median(kept)) if len(kept) else None

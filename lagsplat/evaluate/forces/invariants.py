@@ -1,0 +1,149 @@
+"""What must hold of forces in the image whatever the energy scale is: signs, ratios and sums."""
+
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Float64
+from scipy.stats import spearmanr
+
+from lagsplat.evaluate.truth import settled_elsewhere
+from lagsplat.forces.config import ForcesConfig
+from lagsplat.forces.equilibrium import Held
+from lagsplat.forces.grasp import Grip, NothingThereError, Point, brush
+from lagsplat.forces.moving_parts import Scene, background_points, scene_at
+
+POINTS = 60
+"""Pixels of the object, evenly among them, at which it is pushed."""
+BACKGROUND = 9
+SMALL = 1e-5
+ANGLES = (0.7, 2.3)
+
+
+def force_invariants(held: Held, config: ForcesConfig) -> dict[str, Any]:
+    """The paper's checks on one run, ready for JSON.
+
+    One size of force throughout: the one that drives the state ``forces.response`` of the visited range away
+    where the object gives way most easily. ``lever`` (one coordinate only): rank correlation of the answer
+    to a downward force with the lever arm about the centre of rotation, and the share of points with its
+    sign. ``background``: the largest answer to a force where nothing moves, and the typical one on the
+    object over it. ``superposition``: relative error of sums, of the pulled-back forces, of the answers and
+    of answers to forces ``SMALL`` as large. ``chart``: change of state [of the range] and of the picture when
+    solved in other coordinates. ``across``: the share of a force that is felt of one across the motion.
+
+    Raises:
+        ValueError: nothing moves in the picture.
+
+    Source: paper, "Applying forces".
+    """
+    scene = scene_at(held.autoencoder, held.chart, held.rest.numpy())
+    radius = config.brush * held.kinematics.width
+    grips = _on(held, scene, radius)
+    best = max(grips, key=lambda grip: float(torch.linalg.matrix_norm(grip.jacobian, 2)))
+    along = _easiest(best)
+    size = held.magnitude(best, along, share=config.response)
+    return {
+        "size": size,
+        "lever": _lever(held, grips, size) if held.law.d == 1 else None,
+        "background": _background(held, scene, grips, size, radius),
+        "superposition": _superposition(held, best, size),
+        "chart": _chart(held, best, size * along),
+        "across": _across(best) if held.law.d == 1 else None,
+    }
+
+
+def centre_of_rotation(grips: list[Grip]) -> Float64[np.ndarray, "2"]:
+    """The point [px] about which matter of one coordinate turns, by least squares."""
+    rows, values = [], []
+    for grip in grips:  # J = w (-(y - cy), x - cx): linear in w, w cx and w cy
+        (x, y), (right, down) = grip.at.numpy(), grip.jacobian[:, 0].numpy()
+        rows += [[-y, 0.0, 1.0], [x, -1.0, 0.0]]
+        values += [right, down]
+    turn, by_x, by_y = np.linalg.lstsq(np.array(rows), np.array(values), rcond=None)[0]
+    return np.array([by_x, by_y]) / turn
+
+
+def _on(held: Held, scene: Scene, radius: float) -> list[Grip]:
+    places = np.argwhere(scene.object)
+    chosen = places[
+        np.unique(np.linspace(0, max(0, len(places) - 1), POINTS).round().astype(int))[: len(places)]
+    ]
+    found = [grip for row, column in chosen for grip in _taken(held, (column + 0.5, row + 0.5), radius)]
+    if not found:
+        raise ValueError("no point of the object can be taken hold of: nothing moves in the picture")
+    return found
+
+
+def _taken(held: Held, point: Point, radius: float) -> list[Grip]:
+    try:
+        return [brush(held.kinematics, held.rest, point, radius=radius)]
+    except NothingThereError:
+        return []
+
+
+def _easiest(grip: Grip) -> Float64[np.ndarray, "2"]:
+    return torch.linalg.svd(grip.jacobian)[0][:, 0].numpy()
+
+
+def _answers(held: Held, grips: list[Grip], forces: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n d"]:
+    loads = [grip.pull_back(torch.from_numpy(force)) for grip, force in zip(grips, forces, strict=True)]
+    return (held.settled(torch.stack(loads)) - held.rest).numpy()
+
+
+def _lever(held: Held, grips: list[Grip], size: float) -> dict[str, float]:
+    centre = centre_of_rotation(grips)
+    arms = np.array([float(grip.at[0]) for grip in grips]) - centre[0]
+    answers = _answers(held, grips, np.tile([0.0, size], (len(grips), 1)))[:, 0]
+    rank = float(spearmanr(arms, answers).statistic)
+    agree = float(np.mean(np.sign(answers) == np.sign(arms) * np.sign(rank)))
+    low, high = answers[arms.argmin()], answers[arms.argmax()]
+    return {"rank": abs(rank), "sign": agree, "left": float(low), "right": float(high), "points": len(arms)}
+
+
+def _background(
+    held: Held, scene: Scene, grips: list[Grip], size: float, radius: float
+) -> dict[str, float | int | None]:
+    points = background_points(scene, BACKGROUND, margin=2 * radius)
+    still = [grip for point in points for grip in _taken(held, point, radius)]
+    on = _answers(held, grips, np.stack([size * _easiest(grip) for grip in grips]))
+    typical = float(np.median(np.linalg.norm(on, axis=1)))
+    if not still:
+        return {"points": 0, "largest": None, "typical": typical, "ratio": None}
+    off = [_answers(held, still, np.tile(size * np.eye(2)[i], (len(still), 1))) for i in range(2)]
+    largest = float(np.linalg.norm(np.concatenate(off), axis=1).max())
+    return {
+        "points": len(still),
+        "largest": largest,
+        "typical": typical,
+        "ratio": typical / max(largest, 1e-300),
+    }
+
+
+def _superposition(held: Held, grip: Grip, size: float) -> dict[str, float]:
+    parts = size * np.stack([[np.cos(angle), np.sin(angle)] for angle in ANGLES])
+    three = np.concatenate([parts, parts.sum(0)[None]])
+    loads = grip.pull_back(torch.from_numpy(three)).numpy()
+    told = {"force": _excess(loads)}
+    for name, factor in (("answer", 1.0), ("small_answer", SMALL)):
+        told[name] = _excess(_answers(held, [grip] * 3, factor * three))
+    return told
+
+
+def _excess(three: Float64[np.ndarray, "3 d"]) -> float:
+    return float(np.linalg.norm(three[2] - three[0] - three[1]) / np.linalg.norm(three, axis=1).max())
+
+
+def _chart(held: Held, grip: Grip, force: Float64[np.ndarray, "2"]) -> dict[str, float]:
+    here = held.settled(grip.pull_back(torch.from_numpy(force))[None])[0]
+    there = settled_elsewhere(held, grip, force)
+    pictures = held.pictures(torch.stack([here, there]))
+    return {
+        "state": float((here - there).norm()) / held.reach,
+        "picture": float(np.abs(pictures[0] - pictures[1]).max()),
+    }
+
+
+def _across(grip: Grip) -> float:
+    along = _easiest(grip)
+    across = torch.tensor([-along[1], along[0]])
+    return float(grip.pull_back(across).norm() / torch.linalg.matrix_norm(grip.jacobian, 2))

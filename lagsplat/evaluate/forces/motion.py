@@ -1,0 +1,284 @@
+"""Everything that is measured of forces in the image, on one run.
+
+How a law that never saw a force begins to move under one, and how it goes on.
+
+Two forces in space on what one click takes hold of: one that cannot move it, and one that does.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float, Float64
+from torch import Tensor
+
+from lagsplat.evaluate.forces.accuracy import Read, alike, compare, grips_at, loads_of, matter
+from lagsplat.evaluate.forces.invariants import force_invariants
+from lagsplat.evaluate.forces.known_forces import Pokes, energy_spans, poke
+from lagsplat.evaluate.truth import fit_polynomial
+from lagsplat.forces.config import ForcesConfig
+from lagsplat.forces.equilibrium import Held, NoScaleError
+from lagsplat.forces.grasp import Grip, Hit, cast, hold_of
+from lagsplat.forces.loaded_lagrangian import push_along
+from lagsplat.forces.moving_parts import scene_at
+from lagsplat.stage2.decoder_mass import InducedMass
+from lagsplat.systems.config import ReleaseConfig, SimulationConfig
+from lagsplat.systems.pushable import Pushable, pushable
+from lagsplat.systems.truth import Truth
+
+STEP = 1e-3
+
+
+def measure_forces(
+    held: Held,
+    config: ForcesConfig,
+    *,
+    truth: Truth | None,
+    driven: SimulationConfig | None,
+    released: ReleaseConfig | None,
+) -> dict[str, Any]:
+    """The invariants, and of a simulated system with its ``truth`` the errors against the true answers; in
+    place of the latter the reason where no energy scale makes the law answer the reference poke.
+
+    Raises:
+        ValueError: nothing moves in the picture.
+    """
+    found: dict[str, Any] = {"d": held.law.d, "invariants": force_invariants(held, config), "truth": None}
+    if truth is not None:
+        system = pushable(driven, released, pressure=held.u.numpy(), points=config.points)
+        try:
+            found["truth"] = against_truth(held, system, truth, config)
+        except NoScaleError as error:
+            found["truth"] = {"refused": str(error)}
+    return found
+
+
+def against_truth(held: Held, system: Pushable, truth: Truth, config: ForcesConfig) -> dict[str, Any]:
+    """Static answers, answers in time and first motions, against those of the equations."""
+    radius = config.brush * held.kinematics.width
+    pokes = poke(system, truth.states[: held.chart.n_train], config)
+    grips = grips_at(held, pokes.places, radius=radius)
+    usable, field = matter(grips, held.law.d)
+    found = compare(held, pokes, radius=radius, read=reader(held, system, truth.states))
+    found["in_time"] = in_time(
+        held, system, pokes, grips, field, usable,
+        scale=found["brush"]["scale"], length_s=config.periods / float(truth.natural_frequencies_hz[0]),
+    )  # fmt: skip
+    found["energy_spans"] = energy_spans(held, system, slope_of(held, truth.states))
+    found["at_once"] = at_once(held, system, pokes, grips, field, usable) if held.law.d > 1 else None
+    return found
+
+
+def reader(held: Held, system: Pushable, states: Float64[np.ndarray, "T n"]) -> Read:
+    """Reads places of material points off latents, through a map fitted to the training frames."""
+    to_states = state_map(held, states)
+
+    def read(q: Float64[np.ndarray, "n d"]) -> Float64[np.ndarray, "n P 2"]:
+        return system.pixels(to_states(q))
+
+    return read
+
+
+def slope_of(held: Held, states: Float64[np.ndarray, "T n"]) -> Float64[np.ndarray, "n d"]:
+    """Derivatives of the true coordinates by the latents at rest, through the same map."""
+    to_states, rest = state_map(held, states), held.rest.numpy()
+    shifts = STEP * np.eye(len(rest))
+    return ((to_states(rest + shifts) - to_states(rest - shifts)) / (2 * STEP)).T
+
+
+def state_map(held: Held, states: Float64[np.ndarray, "T n"]) -> Callable[[np.ndarray], np.ndarray]:
+    """From latents to true coordinates, fitted to the training frames."""
+    smooth = held.chart.train.smoothed(held.chart.smoothing_frames).latents
+    return fit_polynomial(smooth, states[: len(smooth)])
+
+
+TRIALS = 12
+"""Points whose answer in time is followed: each takes an integration of the truth."""
+FLOOR = 1e-9
+
+
+def easiest(pokes: Pokes, grips: list[Grip | None], level: int) -> list[int]:
+    """The poke of least force at every point, as far as it can be taken hold of and has a true answer."""
+    usable = np.isfinite(pokes.distance[:, level]) & np.array([grips[p] is not None for p in pokes.point])
+    found = []
+    for p in np.unique(pokes.point[usable]):
+        own = np.flatnonzero(usable & (pokes.point == p))
+        found.append(int(own[pokes.size[own, level].argmin()]))
+    return found
+
+
+def in_time(
+    held: Held,
+    system: Pushable,
+    pokes: Pokes,
+    grips: list[Grip | None],
+    field: Float64[np.ndarray, "P 2 d"],
+    usable: Bool[np.ndarray, " P"],
+    *,
+    scale: float,
+    length_s: float,
+) -> dict[str, Any]:
+    """The answer to a force switched on at rest and held, over ``length_s``, ready for JSON.
+
+    ``error`` is the rms difference of the ways of all points over the rms of the true ways, ``shape`` what
+    is left of it after the best factor; medians and 90th percentiles over at most `TRIALS` points.
+    """
+    level, dt_s = pokes.reference, held.chart.dt_s
+    chosen = easiest(pokes, grips, level)
+    chosen = [chosen[i] for i in np.unique(np.linspace(0, len(chosen) - 1, TRIALS).round().astype(int))]
+    time_s = dt_s * np.arange(max(3, round(length_s / dt_s) + 1))
+    true = np.stack(
+        [
+            system.pixels(system.moved(pokes.point[i], pokes.forces[i, level], time_s=time_s)) - pokes.places
+            for i in chosen
+        ]
+    )
+    loads = torch.from_numpy(scale * loads_of(pokes, grips, held.law.d)[chosen, level])
+    rows, steps = len(chosen), len(time_s)
+    q, _ = push_along(
+        held.law,
+        held.rest.expand(rows, -1),
+        torch.zeros(rows, held.law.d, dtype=torch.float64),
+        held.u.expand(rows, steps, -1),
+        loads[:, None].expand(-1, steps, -1),
+        dt_s=dt_s,
+    )
+    ways = np.einsum("pcd,btd->btpc", field, q.numpy() - held.rest.numpy())[:, :, usable]
+    true = true[:, :, usable]
+    size = np.sqrt(np.mean(true**2, axis=(1, 2, 3)))
+    error = np.sqrt(np.mean((ways - true) ** 2, axis=(1, 2, 3))) / size
+    cosine, _ = alike(ways.reshape(rows, 1, -1, 2), true.reshape(rows, 1, -1, 2))
+    shape = np.sqrt(1.0 - np.clip(cosine[:, 0], 0.0, 1.0) ** 2)
+    told = {"n": rows, "length_s": float(time_s[-1])}
+    for name, values in (("error", error), ("shape", shape)):
+        told |= {name: float(np.median(values)), f"{name}_p90": float(np.quantile(values, 0.9))}
+    return told
+
+
+def at_once(
+    held: Held,
+    system: Pushable,
+    pokes: Pokes,
+    grips: list[Grip | None],
+    field: Float64[np.ndarray, "P 2 d"],
+    usable: Bool[np.ndarray, " P"],
+) -> dict[str, float]:
+    """Shape error of the first motion, ``M^-1 J^T f``, with three masses; medians over the points.
+
+    ``learned`` is the law's own mass, ``uniform`` the one that equally heavy Gaussians induce, ``true`` the
+    one that the true masses of the bodies induce, each spread evenly over its body's material points. With
+    one coordinate the three agree: the mass is a factor then.
+
+    Source: paper eq. (latent-metric), "we take the density to be uniform".
+    """
+    rest, level = held.rest[None], pokes.reference
+    chosen = easiest(pokes, grips, level)
+    induced = InducedMass(held.kinematics.geometry, scale=1.0, floor=FLOOR)
+    by_share = np.einsum("p,pca,pcb->ab", system.share * usable, field, field)
+    with torch.no_grad():
+        masses = {
+            "learned": held.law.mass(rest)[0].numpy(),
+            "uniform": induced.matrix(rest)[0].numpy(),
+            "true": by_share + FLOOR * np.trace(by_share) * np.eye(held.law.d),
+        }
+    jacobian = system.jacobian(system.rest)
+    felt = np.stack([pokes.forces[i, level] @ jacobian[pokes.point[i]] for i in chosen])
+    true = np.einsum("pcd,nd->npc", jacobian, np.linalg.solve(system.mass(system.rest), felt.T).T)
+    loads = loads_of(pokes, grips, held.law.d)[chosen, level]
+    found = {}
+    for name, mass in masses.items():
+        ways = np.einsum("pcd,nd->npc", field, np.linalg.solve(mass, loads.T).T)
+        cosine, _ = alike(ways[:, None][:, :, usable], true[:, None][:, :, usable])
+        found[name] = float(np.median(np.sqrt(1.0 - np.clip(cosine, 0.0, 1.0) ** 2)))
+    return found
+
+
+AHEAD, DOWN = np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0])
+"""Along the film's line of sight, and down in its picture."""
+FELT = 1e-3
+"""Of a unit vector: what is left of it off the motion at least, so that there is a direction across."""
+
+
+@dataclass(frozen=True)
+class SpacePush:
+    """A click, what it met, and the answers to forces of one ``size`` [energy per px at the pivot] on it.
+
+    ``directions`` are unit vectors of space: x to the right, y down, z ahead of the film's camera. ``states``
+    are the equilibria under no force, under the one across the motion and under the one downwards.
+    """
+
+    pixel: tuple[float, float]
+    hit: Hit
+    grip: Grip
+    size: float
+    directions: Float64[np.ndarray, "2 3"]
+    states: Float64[np.ndarray, "3 d"]
+
+    def numbers(self) -> dict[str, Any]:
+        """What the figure is measured by, ready for JSON.
+
+        ``felt_across`` is ``|J^T f|`` over ``|J| |f|``, ``pulled_across`` ``|J^T f|`` of the force itself.
+        """
+        across = torch.from_numpy(self.directions[0])
+        pulled = float(self.grip.pull_back(across).norm())
+        shifts = np.linalg.norm(self.states[1:] - self.states[0], axis=1)
+        return {
+            "pixel": self.pixel,
+            "gaussian": self.hit.gaussian,
+            "depth": self.hit.depth,
+            "cover": self.hit.cover,
+            "size": self.size,
+            "across": self.directions[0].tolist(),
+            "felt_across": pulled / float(torch.linalg.matrix_norm(self.grip.jacobian, 2)),
+            "pulled_across": self.size * pulled,
+            "shift_across": float(shifts[0]),
+            "shift_down": float(shifts[1]),
+            "state_down": self.states[2].tolist(),
+        }
+
+
+def push_in_space(held: Held, config: ForcesConfig) -> SpacePush:
+    """Click where the film shows the largest motion up and down, and push there across the motion and down.
+
+    Both forces are of the size that drives the state ``forces.response`` of the visited range downwards.
+
+    Raises:
+        ValueError: nothing moves up or down, or the state moves the matter in every direction of space.
+
+    Source: paper, "Forces in three dimensions".
+    """
+    scene = scene_at(held.autoencoder, held.chart, held.rest.numpy())
+    lever = np.where(scene.object, np.linalg.norm(scene.jacobian[:, :, 1], axis=2), 0.0)
+    if not lever.any():
+        raise ValueError("nothing moves up or down in the picture: there is nothing to push; check stage 1")
+    row, column = np.unravel_index(int(lever.argmax()), lever.shape)
+    pixel = (float(column) + 0.5, float(row) + 0.5)
+    view = held.autoencoder.filmed_view(held.autoencoder.gaussians.center)
+    hit = cast(held.autoencoder, held.chart, held.rest, view, pixel)
+    grip = hold_of(held.kinematics, held.rest, hit.gaussian)
+    directions = np.stack([across(grip.jacobian), DOWN])
+    size = held.magnitude(grip, DOWN, share=config.response)
+    loads = size * grip.pull_back(torch.from_numpy(directions))
+    states = held.settled(torch.cat([torch.zeros(1, held.law.d, dtype=loads.dtype), loads]))
+    return SpacePush(pixel, hit, grip, size, directions, states.numpy())
+
+
+def across(jacobian: Float[Tensor, "3 d"]) -> Float64[np.ndarray, "3"]:
+    """The direction in which the matter never moves, closest to the film's line of sight, or else to its
+    horizontal.
+
+    Raises:
+        ValueError: the columns of the Jacobian span space.
+    """
+    ways = np.linalg.qr(jacobian.numpy())[0] if float(jacobian.abs().max()) > 0 else np.zeros((3, 1))
+    for start in (AHEAD, np.array([1.0, 0.0, 0.0]), DOWN):
+        left = start
+        for _ in range(3):  # once is exact but for rounding, which the next ones take away
+            left = left - ways @ (ways.T @ left)
+        if (size := float(np.linalg.norm(left))) > FELT:
+            return left / size
+    raise ValueError(
+        f"the {jacobian.shape[1]} coordinates move this matter in every direction of space: none is across"
+    )

@@ -1,0 +1,319 @@
+"""Free motion: where the inputs stand still, cut into windows, with the rollout of each window beside it.
+
+Decay of free motion: rolled out against encoded, and the learned law's own modes.
+
+Free-oscillation frequency: rolled out against encoded, over every usable window.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Float64
+
+from lagsplat.evaluate.config import EvaluateConfig
+from lagsplat.evaluate.latent import squared_norm
+from lagsplat.evaluate.modes import Mode, fit_modes
+from lagsplat.evaluate.protocol import HeldOut, Integrate, beyond, initial_states
+from lagsplat.evaluate.spectrum import Peak, evenly_spaced, spectral_peak
+from lagsplat.stage2.lagrangian import Lagrangian, modes
+
+LEAST_WINDOW = 16
+
+
+@dataclass(frozen=True)
+class FreeWindow:
+    """One stretch of free motion as encoded and as rolled out from its first state under frozen inputs."""
+
+    start: int
+    encoded: Float64[np.ndarray, "N d"]
+    simulated: Float64[np.ndarray, "N d"]
+    encoded_peak: Peak
+    simulated_peak: Peak
+    encoded_modes: tuple[Mode, ...]
+    simulated_modes: tuple[Mode, ...]
+    diverged: bool
+
+
+def free_segments(held: HeldOut, config: EvaluateConfig) -> list[tuple[int, int]]:
+    """Half-open stretches over which no input moves, longest first.
+
+    On the measured inputs after the skip, never across clips: every change from frame to frame below
+    ``free_rate_fraction`` of the largest peak-to-peak amplitude, total excursion below
+    ``free_excursion_fraction`` of it, at least ``free_min_s`` long. Without inputs, or with constant ones,
+    every clip is free.
+    """
+    least = max(round(config.free_min_s / held.dt_s), 1)
+    scored = held.inputs[held.skip :]
+    amplitude = float(np.ptp(scored, axis=0).max()) if held.inputs.shape[1] else 0.0
+    found: list[tuple[int, int]] = []
+    for clip in held.clips:
+        if clip[1] - clip[0] < least:
+            continue
+        if amplitude == 0.0:
+            found.append(clip)
+            continue
+        rate, excursion = config.free_rate_fraction * amplitude, config.free_excursion_fraction * amplitude
+        found += [
+            (clip[0] + a, clip[0] + b)
+            for a, b in _still(held.inputs[slice(*clip)], rate, excursion)
+            if b - a >= least
+        ]
+    return sorted(found, key=lambda ends: ends[0] - ends[1])[: config.free_max_segments]
+
+
+def _still(inputs: np.ndarray, rate: float, excursion: float) -> list[tuple[int, int]]:
+    """Runs of slow frames, each cut anew where its excursion would exceed the limit."""
+    slow = np.abs(np.diff(inputs, axis=0)).max(axis=1) < rate
+    runs, start = [], 0
+    low = high = inputs[0]
+    for frame in range(1, len(inputs)):
+        low, high = np.minimum(low, inputs[frame]), np.maximum(high, inputs[frame])
+        if not slow[frame - 1] or (high - low).max() >= excursion:
+            runs.append((start, frame))
+            start, low, high = frame, inputs[frame], inputs[frame]
+    return [*runs, (start, len(inputs))]
+
+
+def free_windows(held: HeldOut, integrate: Integrate, config: EvaluateConfig) -> tuple[list[FreeWindow], str]:
+    """Every usable window of free motion, and a sentence saying why there is none (empty otherwise).
+
+    A window lasts ``window_cycles`` cycles of its segment's own frequency, at least sixteen frames and at
+    most the segment; windows tile it. A segment whose spectrum shows no peak takes that of its strongest
+    fitted oscillation. Windows whose RMS motion is below ``window_min_amplitude`` of the clip's are left out:
+    they show the encoder's jitter. The estimators of frequency and decay need even spacing: on an uneven
+    clock they see each window resampled by `evenly_spaced`, the encoded and the rolled-out one alike.
+    """
+    segments = free_segments(held, config)
+    if not segments:
+        return (
+            [],
+            f"no input stands still for {config.free_min_s} s after the first {held.skip} held-out frames",
+        )
+    scale = _rms(held.encoded, held.metric)
+    kept: list[FreeWindow] = []
+    for start, stop in segments:
+        frequency = _segment_frequency(_even(held.encoded[start:stop], held, start), held, config)
+        if frequency is None:
+            continue
+        length = min(max(round(config.window_cycles / (frequency * held.dt_s)), LEAST_WINDOW), stop - start)
+        starts = np.arange(start, stop - length + 1, length)
+        loud = [
+            s
+            for s in starts
+            if _rms(held.encoded[s : s + length], held.metric) >= config.window_min_amplitude * scale
+        ]
+        if loud:
+            kept += _roll_out(held, integrate, np.array(loud), length, config)
+    if kept:
+        return sorted(kept, key=lambda window: window.start), ""
+    return [], f"{len(segments)} free segment(s), none with an oscillation above the quietest one allowed"
+
+
+def _rms(series: np.ndarray, metric: np.ndarray) -> float:
+    return float(np.sqrt(squared_norm(series - series.mean(axis=0), metric).mean()))
+
+
+def _segment_frequency(series: np.ndarray, held: HeldOut, config: EvaluateConfig) -> float | None:
+    peak = _peak(series, held, config).visible_hz
+    if peak is not None:
+        return peak
+    modes = _modes(series, held, config)
+    return modes[0].frequency_hz if modes else None
+
+
+def _roll_out(
+    held: HeldOut, integrate: Integrate, starts: np.ndarray, length: int, config: EvaluateConfig
+) -> list[FreeWindow]:
+    # A window may end with the clip: its velocity stencil then still has its three frames inside it.
+    q0, v0 = initial_states(held, starts)
+    forcing = held.forcing if held.standing is None else held.standing
+    frozen = np.repeat(forcing[starts][:, None], length, axis=1)
+    rollouts = integrate(q0, v0, frozen, held.clock.steps_s(starts, length))
+    bound = config.divergence_factor * held.reach
+    kept = []
+    for start, simulated in zip(starts.tolist(), rollouts, strict=True):
+        encoded = held.encoded[start : start + length]
+        diverged = bool(beyond(simulated, bound).any())
+        seen = _even(encoded, held, start)
+        said = simulated if diverged else _even(simulated, held, start)
+        kept.append(
+            FreeWindow(
+                start=start,
+                encoded=encoded,
+                simulated=simulated,
+                encoded_peak=_peak(seen, held, config),
+                simulated_peak=Peak(None, None, None) if diverged else _peak(said, held, config),
+                encoded_modes=_modes(seen, held, config),
+                simulated_modes=() if diverged else _modes(said, held, config),
+                diverged=diverged,
+            )
+        )
+    return kept
+
+
+def _even(series: np.ndarray, held: HeldOut, start: int) -> np.ndarray:
+    return evenly_spaced(series, held.clock, start=start)
+
+
+def _peak(series: np.ndarray, held: HeldOut, config: EvaluateConfig) -> Peak:
+    return spectral_peak(series, dt_s=held.dt_s, metric=held.metric, min_cycles=config.window_min_cycles)
+
+
+def _modes(series: np.ndarray, held: HeldOut, config: EvaluateConfig) -> tuple[Mode, ...]:
+    return fit_modes(series, dt_s=held.dt_s, metric=held.metric, most=config.decay_modes)
+
+
+def compare_decay(windows: Sequence[FreeWindow], reason: str) -> dict[str, Any]:
+    """Decay rates [1/s] of the strongest fitted oscillation of each window, encoded and rolled out.
+
+    ``value`` is the relative error of the rollout's rate, the median over windows in which both sides show a
+    decaying oscillation; the windows, with one-sigma uncertainties and all fitted modes, stand beside it.
+    Windows without one on the rollout's side are counted in ``missing``. None with a ``reason`` if no window
+    has both.
+    """
+    rows: list[dict[str, Any]] = [
+        {
+            "start": window.start,
+            "frames": len(window.encoded),
+            "encoded": _mode(window.encoded_modes),
+            "rollout": _mode(window.simulated_modes),
+            "encoded_modes": [plain_mode(mode) for mode in window.encoded_modes],
+            "rollout_modes": [plain_mode(mode) for mode in window.simulated_modes],
+        }
+        for window in windows
+    ]
+    seen = [row for row in rows if row["encoded"] is not None]
+    both = [row for row in seen if row["rollout"] is not None and row["encoded"]["rate_per_s"] > 0]
+    result: dict[str, Any] = {"windows": rows, "missing": len(seen) - len(both), "n_windows": len(both)}
+    if not both:
+        why = reason or "no window shows a decaying oscillation on both sides"
+        return {"value": None, "encoded_per_s": None, "rollout_per_s": None, "reason": why, **result}
+    encoded = np.array([row["encoded"]["rate_per_s"] for row in both])
+    rolled = np.array([row["rollout"]["rate_per_s"] for row in both])
+    sigma = [np.hypot(row["encoded"]["rate_sigma"], row["rollout"]["rate_sigma"]) for row in both]
+    return {
+        "value": float(np.median(np.abs(rolled - encoded) / encoded)),
+        "sigma": float(np.median(np.array(sigma) / encoded)),
+        "encoded_per_s": float(np.median(encoded)),
+        "rollout_per_s": float(np.median(rolled)),
+        "reason": "",
+        **result,
+    }
+
+
+def _mode(modes: tuple[Mode, ...]) -> dict[str, float] | None:
+    return plain_mode(modes[0]) if modes else None
+
+
+def plain_mode(mode: Mode) -> dict[str, float]:
+    """A fitted oscillation as plain data."""
+    return {
+        "frequency_hz": mode.frequency_hz,
+        "frequency_sigma": mode.frequency_sigma_hz,
+        "rate_per_s": mode.rate_per_s,
+        "rate_sigma": mode.rate_sigma_per_s,
+        "share": mode.share,
+    }
+
+
+def linear_modes(lagrangian: Lagrangian) -> list[dict[str, float]]:
+    """Modes of the learned law linearised about its equilibrium without inputs, slowest first.
+
+    An overdamped direction appears as two entries of frequency 0.
+    """
+    found = modes(lagrangian, torch.zeros(lagrangian.n_inputs, dtype=torch.float64))
+    return [
+        {"frequency_hz": frequency_hz, "rate_per_s": rate_per_s}
+        for frequency_hz, rate_per_s in zip(found.frequency_hz, found.decay_per_s, strict=True)
+    ]
+
+
+RESOLVED = 0.1
+SPECTRAL = "spectral peak, most visible mode"
+WEIGHTED = "spectral peak, metric-weighted"
+FITTED = "damped-sinusoid fit"
+
+
+def compare_frequency(windows: Sequence[FreeWindow], reason: str, *, dt_s: float) -> dict[str, Any]:
+    """Relative frequency error of the rollouts, with every window listed.
+
+    ``value`` is the mean over windows of ``|f_rollout - f_encoded| / f_encoded`` by the spectral peak of the
+    most visible mode. A window counts for an estimator when the encoded side is resolved (the estimate's own
+    uncertainty is below a tenth of it); only if no window is, the damped fit takes over: ``estimator`` says
+    which one speaks. A rollout that shows no oscillation, or diverges, errs by 1. ``low`` and ``high`` are
+    two standard errors: over windows if there are several, else of the one window's two estimates. One window
+    is a point, and ``note`` says so. Without any usable window ``value`` is None and ``reason`` says why.
+
+    Source: paper, Metrics, free-oscillation frequency error.
+    """
+    rows = [_row(window, dt_s) for window in windows]
+    scores = {name: _score(rows, name) for name in (SPECTRAL, FITTED, WEIGHTED)}
+    chosen = next((name for name in (SPECTRAL, FITTED) if scores[name] is not None), None)
+    best = scores[chosen] if chosen else None
+    if best is None:
+        empty = dict.fromkeys(("value", "low", "high", "signed", "encoded_hz", "rollout_hz"))
+        why = reason or "no window resolves a frequency on the encoded side"
+        return {**empty, "estimator": None, "n_windows": 0, "note": "", "reason": why, "windows": rows}
+    return {
+        **best,
+        "estimator": chosen,
+        "note": "single window: a point" if best["n_windows"] == 1 else "",
+        "reason": "",
+        "others": {name: score for name, score in scores.items() if score is not None and name != chosen},
+        "windows": rows,
+    }
+
+
+def natural_period(frequency: dict[str, Any], config: EvaluateConfig) -> float | None:
+    """The natural period [s], imposed or else measured by `compare_frequency`; None without either."""
+    measured = frequency["encoded_hz"]
+    return config.period_s or (1.0 / measured if measured else None)
+
+
+def _row(window: FreeWindow, dt_s: float) -> dict[str, Any]:
+    sides = {
+        "encoded": (window.encoded_peak, window.encoded_modes),
+        "rollout": (window.simulated_peak, window.simulated_modes),
+    }
+    row: dict[str, Any] = {
+        "start": window.start,
+        "frames": len(window.encoded),
+        "seconds": len(window.encoded) * dt_s,
+        "diverged": window.diverged,
+    }
+    for name, (peak, modes) in sides.items():
+        row[name] = {
+            SPECTRAL: [peak.visible_hz, peak.uncertainty_hz],
+            WEIGHTED: [peak.weighted_hz, peak.uncertainty_hz],
+            FITTED: [modes[0].frequency_hz, modes[0].frequency_sigma_hz] if modes else [None, None],
+        }
+    return row
+
+
+def _score(rows: Sequence[dict[str, Any]], estimator: str) -> dict[str, Any] | None:
+    """Mean error of one estimator over the windows whose encoded side it resolves."""
+    pairs = []
+    for row in rows:
+        (observed, doubt), (predicted, doubt_too) = row["encoded"][estimator], row["rollout"][estimator]
+        if observed is None or doubt is None or not doubt < RESOLVED * observed:
+            continue
+        shift = -1.0 if predicted is None else (predicted - observed) / observed
+        pairs.append((observed, predicted, shift, np.hypot(doubt, doubt_too or 0.0) / observed))
+    if not pairs:
+        return None
+    error = np.array([abs(shift) for _, _, shift, _ in pairs])
+    several = len(error) > 1
+    spread = float(error.std(ddof=1) / np.sqrt(len(error)) if several else pairs[0][3])
+    predicted_hz = [predicted for _, predicted, _, _ in pairs if predicted is not None]
+    return {
+        "value": float(error.mean()),
+        "low": max(float(error.mean()) - 2 * spread, 0.0),
+        "high": float(error.mean()) + 2 * spread,
+        "signed": float(np.mean([shift for _, _, shift, _ in pairs])),
+        "encoded_hz": float(np.mean([observed for observed, _, _, _ in pairs])),
+        "rollout_hz": float(np.mean(predicted_hz)) if predicted_hz else None,
+        "n_windows": len(pairs),
+    }

@@ -1,0 +1,77 @@
+"""How well a decoder of space shows what cameras saw that it was never trained on."""
+
+from typing import Any
+
+import numpy as np
+import torch
+
+from lagsplat.array_types import Frames
+from lagsplat.evaluate.extrapolation.forecast import decibels
+from lagsplat.io.recording.recording import Recording
+from lagsplat.splat.projection import view_of
+from lagsplat.stage1.autoencoder import CHUNK, Autoencoder, encode_frames, to_images
+from lagsplat.views.camera import Camera
+from lagsplat.views.novel import KNOWN, NovelViews, require_views
+
+
+def score_sides(autoencoder: Autoencoder, recording: Recording, views: NovelViews) -> dict[str, Any]:
+    """PSNR [dB] of rendered views at the encoded states, ready for JSON.
+
+    ``held_out`` are the cameras that training did not see, ``seen`` the others and ``filmed`` the film's own;
+    each over the instants that were trained on and over the rest. ``per_camera`` is over all instants. Pixels
+    that a view does not know do not count.
+
+    Raises:
+        ValueError: the views are of another recording, or the Gaussians live in the picture.
+    """
+    require_views(views, recording.frames)
+    latents = encode_frames(autoencoder, recording.frames)
+    train = np.arange(recording.n_frames) < recording.split()[0].n_frames
+    errors = {
+        name: view_errors(autoencoder, latents, camera, views.images[:, i], _known(views, i))
+        for i, (name, camera) in enumerate(zip(views.names, views.cameras, strict=True))
+        for camera in [views.space.seen_by(camera)]
+    }
+    own = views.space.seen_by(views.space.reference)
+    filmed = view_errors(autoencoder, latents, own, recording.frames, None)
+    aside = np.stack(list(errors.values()))
+    groups = {"held_out": aside[views.held_out], "seen": aside[~views.held_out], "filmed": filmed[None]}
+    told: dict[str, Any] = {
+        name: {
+            "train": _mean(values[:, train]),
+            "rest": _mean(values[:, ~train]),
+            "cameras": len(values),
+        }
+        for name, values in groups.items()
+    }
+    return told | {"per_camera": {name: _mean(values) for name, values in errors.items()}}
+
+
+@torch.no_grad()
+def draw_side(autoencoder: Autoencoder, latents: np.ndarray, camera: Camera) -> np.ndarray:
+    """Pictures (T, H, W, 3) in [0, 1] at raw latents (T, d), by a camera in the coordinates of space."""
+    z = torch.as_tensor(latents, dtype=torch.float32)
+    drawn = [autoencoder.decode(part, view=view_of([camera])) for part in z.split(CHUNK)]
+    return np.moveaxis(torch.cat(drawn).numpy(), 1, 3)
+
+
+def view_errors(
+    autoencoder: Autoencoder,
+    latents: np.ndarray,
+    camera: Camera,
+    truth: Frames,
+    known: np.ndarray | None,
+) -> np.ndarray:
+    """Mean squared error of each picture (T,) over the pixels ``known`` (T, H, W)."""
+    wanted = np.moveaxis(to_images(np.asarray(truth)).numpy(), 1, 3)
+    square = np.square(draw_side(autoencoder, latents, camera) - wanted).mean(3)
+    weight = np.ones_like(square) if known is None else known
+    return (square * weight).sum((1, 2)) / np.maximum(weight.sum((1, 2)), 1)
+
+
+def _known(views: NovelViews, camera: int) -> np.ndarray | None:
+    return None if views.cover is None else views.cover[:, camera] > 255 * KNOWN
+
+
+def _mean(errors: np.ndarray) -> float | None:
+    return float(decibels(errors.ravel().astype(np.float64)).mean()) if errors.size else None

@@ -1,0 +1,196 @@
+"""What of a picture moves, and where a force can be shown to act: read off the drawn Jacobians.
+
+Where the object is seen to end: for the eye, cut out by colour.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numpy as np
+import torch
+from jaxtyping import Bool, Float, Float64
+from scipy.ndimage import binary_dilation, gaussian_filter, label, maximum_filter
+
+from lagsplat.chart.chart import Chart
+from lagsplat.forces.grasp import Point
+from lagsplat.stage1.autoencoder import Autoencoder
+
+OUTLINE = 0.5
+"""Of the largest motion around a pixel: what moves as much belongs to the object, what moves less is the
+ground that it passes over, which a decoder lets move a little, too."""
+SMOOTH = 0.02
+"""Of the longer side: width of the filter before the object is told from the ground."""
+AROUND = 5
+"""Into how many parts the longer side of the picture is cut: a neighbourhood is one of them."""
+LEAST = 0.15
+"""Of the largest motion of all (98th percentile): where nothing around moves as much there is no object."""
+STILL = 0.02
+"""Of the same: what moves less is background."""
+MIDDLE = 0.4
+"""Of the length that is seen to move, which begins below the clamp."""
+TIP = 0.85
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What the picture shows at a state: ``jacobian`` (H, W, n, d) is how far the matter seen in each pixel
+    moves per whitened unit [px], ``motion`` (H, W) its size relative to the 98th percentile.
+    """
+
+    jacobian: Float64[np.ndarray, "H W n d"]
+    motion: Float64[np.ndarray, "H W"]
+
+    @cached_property
+    def relative(self) -> Float64[np.ndarray, "H W"]:
+        """Motion relative to the largest around, near 1 on the object; 0 off its largest connected part."""
+        smooth = gaussian_filter(self.motion, SMOOTH * max(self.motion.shape))
+        around = maximum_filter(smooth, size=max(3, max(self.motion.shape) // AROUND))
+        share = smooth / np.maximum(around, LEAST)
+        parts, count = label(share > OUTLINE)
+        if not count:
+            return np.zeros_like(share)
+        largest = parts == 1 + np.bincount(parts[parts > 0] - 1).argmax()
+        return np.where(binary_dilation(largest), share * (largest | (share <= OUTLINE)), 0.0)
+
+    @property
+    def object(self) -> Bool[np.ndarray, "H W"]:
+        """Pixels that show what moves."""
+        return self.relative > OUTLINE
+
+    @property
+    def background(self) -> Bool[np.ndarray, "H W"]:
+        """Pixels that show what does not."""
+        return self.motion < STILL
+
+
+@torch.no_grad()
+def scene_at(autoencoder: Autoencoder, chart: Chart, q: Float64[np.ndarray, " d"]) -> Scene:
+    """Draw the Jacobians of the Gaussians in place of their colours, over a background that does not move.
+
+    Compositing is linear in the colours, so each pixel shows the Jacobian of what is seen in it.
+    """
+    model = autoencoder.gaussians
+    z = torch.from_numpy(chart.to_raw(q[None])).to(model.center)
+    drawn = model.condition(z)
+    jacobian = model.jacobian() @ torch.from_numpy(chart.unwhiten).to(model.center).T
+    channels = jacobian.flatten(1)
+    padded = torch.nn.functional.pad(channels, (0, -channels.shape[1] % 3))
+    nothing = torch.zeros_like(drawn.background)
+    parts = [
+        autoencoder.draw(drawn._replace(color=part.contiguous(), background=nothing))[0]
+        for part in padded.split(3, 1)
+    ]
+    seen = torch.cat(parts)[: channels.shape[1]].double().cpu().numpy()
+    field = np.moveaxis(seen, 0, 2).reshape(autoencoder.height, autoencoder.width, model.space, -1)
+    motion = np.linalg.norm(field, axis=(2, 3))
+    return Scene(field, motion / max(float(np.quantile(motion, 0.98)), 1e-12))
+
+
+def lever_points(scene: Scene, *, margin: float) -> list[Point]:
+    """Three points of growing lever on one side of the centre of rotation and one on the other.
+
+    The lever is what a downward force is to the first coordinate. Points lie on the object, ``margin`` [px]
+    from the picture's edge, near the middle of the rows that show it.
+
+    Raises:
+        ValueError: nothing moves up or down on both sides.
+    """
+    lever = scene.jacobian[:, :, 1, 0]
+    usable = scene.object & _inside(scene.motion.shape, margin)
+    if not (usable & (lever > 0)).any() or not (usable & (lever < 0)).any():
+        raise ValueError(
+            "the object does not move down on one side and up on the other: it has no lever arms"
+        )
+    far = {side: float(np.quantile(side * lever[usable & (side * lever > 0)], 0.95)) for side in (-1, 1)}
+    wanted = [-share * far[-1] for share in (0.35, 0.65, 1.0)] + [far[1]]
+    middle = np.median(np.nonzero(usable)[0])
+    rows = np.abs(np.arange(len(lever)) - middle)[:, None] / len(lever)
+    return [
+        _lowest(np.where(usable, np.abs(lever - value) / max(far.values()) + 0.3 * rows, np.inf))
+        for value in wanted
+    ]
+
+
+def background_points(scene: Scene, count: int, *, margin: float) -> list[Point]:
+    """Pixels of the background, ``margin`` [px] from the edge and as far from each other and the object as
+    they get; fewer where there is no more room.
+    """
+    usable = scene.background & _inside(scene.motion.shape, margin)
+    rows, columns = np.nonzero(usable)
+    apart = _distance(rows, columns, np.argwhere(scene.object))
+    points: list[Point] = []
+    for _ in range(min(count, len(rows))):
+        best = int(apart.argmax())
+        if not apart[best] > margin:
+            break
+        points.append((columns[best] + 0.5, rows[best] + 0.5))
+        apart = np.minimum(apart, _distance(rows, columns, np.array([[rows[best], columns[best]]])))
+    return points
+
+
+def hanging_points(scene: Scene) -> tuple[Point, Point, Float64[np.ndarray, "2"]]:
+    """Middle and tip of what hangs, and its direction between them, unit (x, y).
+
+    The centre line is the mean column of the object, row by row; the tip is taken `TIP` of its length down,
+    for a brush at the very end would take hold of what lies behind.
+
+    Raises:
+        ValueError: nothing moves.
+    """
+    rows = np.flatnonzero(scene.object.any(1))
+    if len(rows) < 3:
+        raise ValueError("nothing moves in the picture: there is no arm to push; check stage 1")
+    weight = np.where(scene.object, scene.motion, 0.0)[rows]
+    columns = weight @ (np.arange(weight.shape[1]) + 0.5) / weight.sum(1)
+    length = rows[-1] - rows[0]
+    middle, tip = (int(np.searchsorted(rows, rows[0] + share * length)) for share in (MIDDLE, TIP))
+    points = [(float(columns[i]), float(rows[i]) + 0.5) for i in (middle, tip)]
+    along = np.array(points[1]) - np.array(points[0])
+    return points[0], points[1], along / np.linalg.norm(along)
+
+
+def _inside(shape: tuple[int, ...], margin: float) -> Bool[np.ndarray, "H W"]:
+    rows, columns = (np.arange(size) + 0.5 for size in shape)
+    fits = [(x >= margin) & (x <= size - margin) for x, size in zip((rows, columns), shape, strict=True)]
+    return fits[0][:, None] & fits[1][None]
+
+
+def _lowest(score: Float64[np.ndarray, "H W"]) -> Point:
+    row, column = np.unravel_index(int(score.argmin()), score.shape)
+    return float(column) + 0.5, float(row) + 0.5
+
+
+def _distance(rows: np.ndarray, columns: np.ndarray, others: np.ndarray) -> np.ndarray:
+    if not len(others):
+        return np.full(len(rows), np.inf)
+    away = np.hypot(rows[:, None] - others[None, :, 0], columns[:, None] - others[None, :, 1])
+    return away.min(1)
+
+
+CORE = 0.9
+"""Of the largest motion around: what moves as much is the object for certain."""
+CUTS = 5
+FOREGROUND = (cv2.GC_FGD, cv2.GC_PR_FGD)
+
+
+def outlined(picture: Float[np.ndarray, "h w 3"], scene: Scene) -> Bool[np.ndarray, "h w"]:
+    """Which pixels show the object, for the eye alone: cut out by colour from what moves most around it.
+
+    Source: Rother, Kolmogorov and Blake, "GrabCut", ACM Transactions on Graphics 23 (2004), as in OpenCV.
+    """
+    columns_rows = picture.shape[1::-1]
+    near, moves = (
+        cv2.resize(part.astype(np.float32), columns_rows, interpolation=cv2.INTER_LINEAR)
+        for part in (scene.relative, scene.motion)
+    )
+    labels = np.where(near > OUTLINE, cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
+    labels[near > CORE] = cv2.GC_FGD
+    labels[moves < STILL] = cv2.GC_BGD
+    if not (np.isin(labels, FOREGROUND).any() and (~np.isin(labels, FOREGROUND)).any()):
+        return near > OUTLINE
+    cv2.setRNGSeed(0)
+    levels = (255 * picture.clip(0.0, 1.0)).astype(np.uint8)
+    ground, thing = np.zeros((1, 65)), np.zeros((1, 65))
+    cv2.grabCut(levels, labels, (0, 0, 1, 1), ground, thing, CUTS, cv2.GC_INIT_WITH_MASK)
+    return np.isin(labels, FOREGROUND)

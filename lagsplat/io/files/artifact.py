@@ -1,0 +1,224 @@
+"""The artefact: one file that holds tensors and tells what made them.
+
+Format, version 1.
+
+1. An artefact is one valid ``.safetensors`` file.
+   Why: the format is a table of offsets and raw bytes. Reading it cannot run code, and every tensor can be
+   mapped into memory at its offset. A pickle can do neither.
+2. Its ``__metadata__`` has the key ``lagsplat``, whose value is one JSON object, the header.
+   Why: one file cannot be separated from its settings. Metadata values must be text, and JSON keeps nesting.
+3. The header has ``kind`` (text: what the file is) and ``schema`` (integer: which version of that kind).
+   Why: a chart passed where dynamics are expected must be refused by name, not fail on a missing tensor.
+4. The header has ``stamp``: commit, versions, platform, time. It is added on writing where it is absent.
+   Why: a result that cannot say what made it cannot be defended.
+5. Everything a consumer needs to use the tensors (time unit, whitening, resolved config) is in the header.
+   Why: read from today's config, an old result would silently become another system.
+6. Tensors are little-endian, C-contiguous, of the dtypes in ``DTYPES``; names are free.
+   Why: bytes then mean the same on every machine. Objects and text have no such meaning; they belong in the
+   header.
+7. In the header NaN and infinities are the bare words Python's ``json`` writes, tuples become lists, NumPy
+   scalars and arrays become plain numbers and lists.
+   Why: the record of a run that diverged must still be written, and read back as it was.
+8. A file is written beside its target, forced to the disk and renamed.
+   Why: a killed run leaves earlier results whole, and a file that exists is complete.
+
+From the tensors of an artefact back to the module that they are the weights of.
+
+Plain files that people read: CSV and JSON, each written whole or not at all.
+"""
+
+import json
+import os
+from collections.abc import Collection, Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.numpy import save_file
+
+from lagsplat.io.files.atomic import replacing
+from lagsplat.provenance import stamp
+
+KEY = "lagsplat"
+DTYPES = {
+    "F64": np.float64,
+    "F32": np.float32,
+    "F16": np.float16,
+    "I64": np.int64,
+    "I32": np.int32,
+    "I16": np.int16,
+    "I8": np.int8,
+    "U64": np.uint64,
+    "U32": np.uint32,
+    "U16": np.uint16,
+    "U8": np.uint8,
+    "BOOL": np.bool_,
+}
+
+StrPath = str | os.PathLike[str]
+
+
+def save_artefact(path: StrPath, tensors: Mapping[str, Any], header: Mapping[str, Any]) -> None:
+    """Write ``tensors`` (NumPy arrays or torch tensors on any device) and ``header`` to ``path``, atomically.
+
+    Raises:
+        ValueError: ``kind`` or ``schema`` is missing, the header is not JSON, or a tensor has no portable
+        dtype. OSError: the file cannot be written; an earlier file at ``path`` is then untouched.
+    """
+    arrays = {name: _as_array(name, tensor) for name, tensor in tensors.items()}
+    text = _header_text(path, header)
+    with replacing(path) as temporary:
+        save_file(arrays, temporary, metadata={KEY: text})
+
+
+def load_artefact(
+    path: StrPath, *, kind: str | None = None, schema: int | None = None, mapped: Collection[str] = ()
+) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """The tensors and the header of the artefact at ``path``.
+
+    ``kind`` and ``schema``, where given, must match the header. Tensors named in ``mapped`` come as
+    read-only memory maps and cost nothing until they are indexed; the others are copied into memory and may
+    be changed.
+
+    Raises:
+        FileNotFoundError: nothing is at ``path``.
+        ValueError: the file is truncated, foreign, of another kind or schema, or lacks a tensor of
+        ``mapped``.
+    """
+    header = read_header(path, kind=kind, schema=schema)
+    layout, data_start = _layout(path)
+    missing = sorted(set(mapped) - set(layout))
+    if missing:
+        raise ValueError(
+            f"{path}: no tensor {missing[0]!r}, only {sorted(layout)}; the file was made by other code"
+        )
+    arrays = {}
+    for name, entry in layout.items():
+        view = _view(path, entry, data_start)
+        arrays[name] = view if name in mapped else np.array(view)
+    return arrays, header
+
+
+def read_header(path: StrPath, *, kind: str | None = None, schema: int | None = None) -> dict[str, Any]:
+    """The header of the artefact at ``path``, without reading its tensors. Checks and errors as
+    `load_artefact`."""
+    if not Path(path).is_file():
+        raise FileNotFoundError(f"{path}: no such file; make it first, or check the path")
+    try:
+        with safe_open(path, framework="np") as file:
+            metadata = file.metadata() or {}
+    except SafetensorError as error:
+        raise ValueError(
+            f"{path}: not a whole safetensors file ({error}); it is truncated or something else. "
+            "Delete it and run again, or fetch it again"
+        ) from error
+    if KEY not in metadata:
+        raise ValueError(
+            f"{path}: a safetensors file, but its metadata has no {KEY!r} header; another program wrote it"
+        )
+    try:
+        header = json.loads(metadata[KEY])
+    except json.JSONDecodeError as error:
+        raise ValueError(
+            f"{path}: its {KEY!r} header is not JSON ({error}); delete the file and run again"
+        ) from error
+    _check_header(path, header, kind=kind, schema=schema)
+    return header
+
+
+def _check_header(path: StrPath, header: Any, *, kind: str | None, schema: int | None) -> None:
+    if not isinstance(header, dict) or not isinstance(header.get("kind"), str):
+        raise ValueError(f"{path}: its {KEY!r} header names no kind; the file was made by other code")
+    if kind is not None and header["kind"] != kind:
+        raise ValueError(
+            f"{path}: holds a {header['kind']!r}, but a {kind!r} is wanted; check which file was given"
+        )
+    if schema is not None and header.get("schema") != schema:
+        raise ValueError(
+            f"{path}: {header['kind']!r} of schema {header.get('schema')}, but this version reads schema "
+            f"{schema}; make the file again, or use the version that made it"
+        )
+
+
+def _layout(path: StrPath) -> tuple[dict[str, dict[str, Any]], int]:
+    # The library's NumPy front end copies what it returns, so for memory maps the table of offsets is read
+    # here: eight bytes of length, little-endian, then that many bytes of JSON. `read_header` has checked it
+    # by then.
+    with open(path, "rb") as file:
+        length = int.from_bytes(file.read(8), "little")
+        table = json.loads(file.read(length))
+    table.pop("__metadata__", None)
+    return table, 8 + length
+
+
+def _view(path: StrPath, entry: Mapping[str, Any], data_start: int) -> np.ndarray:
+    if entry["dtype"] not in DTYPES:
+        raise ValueError(
+            f"{path}: a tensor has dtype {entry['dtype']}, which NumPy lacks; save it as F32 or F64"
+        )
+    dtype = np.dtype(DTYPES[entry["dtype"]]).newbyteorder("<")
+    begin, end = entry["data_offsets"]
+    if begin == end:  # an empty range cannot be mapped
+        return np.empty(entry["shape"], dtype)
+    return np.memmap(path, dtype, "r", offset=data_start + begin, shape=tuple(entry["shape"]))
+
+
+def _as_array(name: str, tensor: Any) -> np.ndarray:
+    # Duck-typed, so that reading and planning need no torch.
+    if hasattr(tensor, "detach"):
+        tensor = tensor.detach().cpu().numpy()
+    array = np.asarray(tensor, order="C")
+    if array.dtype.newbyteorder("=") not in [np.dtype(dtype) for dtype in DTYPES.values()]:
+        raise ValueError(
+            f"tensor {name!r} has dtype {array.dtype}, which is not portable; "
+            "convert it to a number type, or put it in the header if it is text"
+        )
+    return np.asarray(array, dtype=array.dtype.newbyteorder("<"), order="C")
+
+
+def _header_text(path: StrPath, header: Mapping[str, Any]) -> str:
+    if not isinstance(header.get("kind"), str) or not isinstance(header.get("schema"), int):
+        raise ValueError(
+            f"{path}: the header has kind = {header.get('kind')!r} and schema = {header.get('schema')!r}; "
+            "give kind as text and schema as an integer"
+        )
+    try:
+        return json.dumps(
+            {**header, "stamp": header["stamp"] if "stamp" in header else stamp()}, default=_plain
+        )
+    except (TypeError, ValueError) as error:
+        raise ValueError(
+            f"{path}: the header is not JSON ({error}); keep to numbers, text, lists and dicts"
+        ) from error
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    raise TypeError(f"{value!r} is of type {type(value).__name__}")
+
+
+M = TypeVar("M", bound=torch.nn.Module)
+
+
+def restore(module: M, tensors: Mapping[str, np.ndarray], path: str | os.PathLike[str]) -> M:
+    """``module`` with the ``tensors`` read from ``path`` as its weights, ready to be asked.
+
+    Raises:
+        ValueError: the tensors are not those of this module.
+    """
+    try:
+        module.load_state_dict({name: torch.as_tensor(np.array(value)) for name, value in tensors.items()})
+    except RuntimeError as error:
+        first = str(error).splitlines()[-1].strip()
+        raise ValueError(
+            f"{path}: weights of another layout ({first}); the file was made by other code. Delete it and "
+            "make it again"
+        ) from error
+    return module.eval()

@@ -1,0 +1,184 @@
+"""Clouds of Gaussians in PLY files: what SHARP writes, and what viewers of 3D Gaussian Splatting open.
+
+The layout is that of Kerbl et al. 2023, without view dependence: an element ``vertex`` with the properties x
+y z (nx ny nz) f_dc_0..2 opacity scale_0..2 rot_0..3, binary little endian, float32. Scales are natural
+logarithms of standard deviations, opacity is a logit, rot a quaternion (w, x, y, z), and a colour is
+``0.5 + f_dc / sqrt(4 pi)``. SHARP adds elements of one property each with the camera (`SharpPly`); other
+readers skip them.
+"""
+
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float64
+
+from lagsplat.io.files.atomic import replacing
+
+HARMONIC = float(np.sqrt(1 / (4 * np.pi)))
+"""The spherical harmonic of degree 0."""
+FIELDS = ("x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2",
+          "rot_0", "rot_1", "rot_2", "rot_3")  # fmt: skip
+NORMALS = ("nx", "ny", "nz")
+TYPES = {
+    "char": "i1", "uchar": "u1", "short": "<i2", "ushort": "<u2", "int": "<i4", "uint": "<u4", "float": "<f4",
+    "double": "<f8", "int8": "i1", "uint8": "u1", "int16": "<i2", "uint16": "<u2", "int32": "<i4",
+    "uint32": "<u4", "float32": "<f4", "float64": "<f8",
+}  # fmt: skip
+HEAD_BYTES = 1 << 16
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """N Gaussians of space: centres, standard deviations and quaternions (w, x, y, z) of their axes, colours
+    as stored, in [0, 1] or a little outside, and opacities in [0, 1].
+    """
+
+    means: Float64[np.ndarray, "N 3"]
+    scales: Float64[np.ndarray, "N 3"]
+    quaternions: Float64[np.ndarray, "N 4"]
+    colors: Float64[np.ndarray, "N 3"]
+    opacities: Float64[np.ndarray, " N"]
+
+    def covariances(self) -> Float64[np.ndarray, "N 3 3"]:
+        """Covariances of the Gaussians."""
+        w, x, y, z = (self.quaternions / np.linalg.norm(self.quaternions, axis=1, keepdims=True)).T
+        turn = np.array(
+            [
+                [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+                [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+                [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+            ]
+        ).transpose(2, 0, 1)
+        factor = turn * self.scales[:, None]
+        return factor @ factor.transpose(0, 2, 1)
+
+
+@dataclass(frozen=True)
+class SharpPly:
+    """A cloud as SHARP writes it: in the camera's own coordinates [m], colours encoded as sRGB.
+
+    ``focal`` [px] is that of a picture of ``width`` x ``height``, whose middle is the principal point.
+    """
+
+    cloud: Cloud
+    focal: float
+    width: int
+    height: int
+
+
+def read_sharp(path: str | os.PathLike[str]) -> SharpPly:
+    """A frame that SHARP has lifted.
+
+    Raises:
+        ValueError: not a PLY of this layout, half-written, or of linear colours; the message says which.
+    """
+    elements = read_elements(path)
+    for name in ("intrinsic", "image_size"):
+        if name not in elements:
+            raise ValueError(f"{path}: no element {name!r}, which SHARP writes; the PLY is of another tool")
+    if "color_space" in elements and int(elements["color_space"]["color_space"][0]) != 0:
+        raise ValueError(f"{path}: its colours are linear; SHARP writes sRGB, color_space 0")
+    lens = elements["intrinsic"]["intrinsic"].astype(float)
+    width, height = (int(size) for size in elements["image_size"]["image_size"])
+    if len(lens) != 9 or not np.allclose(lens[[2, 5]], [width / 2, height / 2], atol=1e-3):
+        raise ValueError(
+            f"{path}: intrinsic {lens.tolist()} is not that of a {width} x {height} picture of SHARP"
+        )
+    return SharpPly(_cloud(path, elements), float(lens[0]), width, height)
+
+
+def read_cloud(path: str | os.PathLike[str]) -> Cloud:
+    """The Gaussians of a PLY in the layout of 3D Gaussian Splatting.
+
+    Raises:
+        ValueError: as `read_elements`, or the layout is another.
+    """
+    return _cloud(path, read_elements(path))
+
+
+def write_cloud(path: str | os.PathLike[str], cloud: Cloud) -> None:
+    """Write a cloud as viewers of 3D Gaussian Splatting expect it, whole or not at all."""
+    names = (*FIELDS[:3], *NORMALS, *FIELDS[3:])
+    table = np.zeros(len(cloud.means), dtype=[(name, "<f4") for name in names])
+    alpha = np.clip(cloud.opacities, 1e-6, 1 - 1e-6)
+    columns = [
+        cloud.means, (cloud.colors - 0.5) / HARMONIC, (np.log(alpha) - np.log1p(-alpha))[:, None],
+        np.log(cloud.scales), cloud.quaternions,
+    ]  # fmt: skip
+    for name, column in zip(FIELDS, np.concatenate(columns, axis=1).T, strict=True):
+        table[name] = column
+    lines = ["ply", "format binary_little_endian 1.0", f"element vertex {len(table)}"]
+    lines += [*(f"property float {name}" for name in names), "end_header", ""]
+    with replacing(path) as temporary:
+        temporary.write_bytes("\n".join(lines).encode() + table.tobytes())
+
+
+def is_whole(path: str | os.PathLike[str]) -> bool:
+    """Whether a PLY that someone is writing has all the bytes that its header promises."""
+    try:
+        elements, start = _header(Path(path))
+    except (ValueError, FileNotFoundError):
+        return False
+    return Path(path).stat().st_size >= start + sum(n * kind.itemsize for _, n, kind in elements)
+
+
+def read_elements(path: str | os.PathLike[str]) -> dict[str, np.ndarray]:
+    """Every element of a binary little-endian PLY as a table with a column a property.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ValueError: it is not such a PLY, or ends before its last element.
+    """
+    file = Path(path)
+    elements, start = _header(file)
+    data = file.read_bytes()
+    found = {}
+    for name, count, kind in elements:
+        if len(data) < start + count * kind.itemsize:
+            raise ValueError(
+                f"{path}: half-written: its header promises {count} rows of {name!r} and the file ends after "
+                f"{max(0, len(data) - start) // kind.itemsize}; delete it and make it again"
+            )
+        found[name] = np.frombuffer(data, kind, count, start)
+        start += count * kind.itemsize
+    return found
+
+
+def _header(path: Path) -> tuple[list[tuple[str, int, np.dtype]], int]:
+    with path.open("rb") as file:
+        head = file.read(HEAD_BYTES)
+    end = re.search(rb"end_header\r?\n", head)
+    if not head.startswith(b"ply") or end is None:
+        raise ValueError(f"{path}: not a PLY file, or its header is half-written")
+    lines = head[: end.end()].decode("ascii", errors="replace").splitlines()
+    if "format binary_little_endian 1.0" not in lines:
+        raise ValueError(f"{path}: only PLY of format binary_little_endian 1.0 is read, not {lines[1:2]}")
+    elements: list[tuple[str, int, list[tuple[str, str]]]] = []
+    for words in (line.split() for line in lines):
+        if words[:1] == ["element"] and len(words) == 3:
+            elements.append((words[1], int(words[2]), []))
+        elif words[:1] == ["property"]:
+            if len(words) != 3 or words[1] not in TYPES or not elements:
+                raise ValueError(f"{path}: cannot read {' '.join(words)!r}; only plain numbers are known")
+            elements[-1][2].append((words[2], TYPES[words[1]]))
+    return [(name, count, np.dtype(kinds)) for name, count, kinds in elements], end.end()
+
+
+def _cloud(path: str | os.PathLike[str], elements: dict[str, np.ndarray]) -> Cloud:
+    vertex = elements.get("vertex")
+    names = () if vertex is None else vertex.dtype.names or ()
+    if vertex is None or (missing := [name for name in FIELDS if name not in names]):
+        told = "vertex" if vertex is None else f"properties {missing}"
+        raise ValueError(f"{path}: not Gaussians: no {told}, only {list(names) or list(elements)}")
+    table = np.stack([vertex[name].astype(np.float64) for name in FIELDS], axis=1)
+    logit = np.clip(table[:, 6], -700, 700)  # an opacity of exactly 0 or 1 is stored as an infinity
+    return Cloud(
+        means=table[:, :3],
+        scales=np.exp(table[:, 7:10]),
+        quaternions=table[:, 10:],
+        colors=0.5 + HARMONIC * table[:, 3:6],
+        opacities=1 / (1 + np.exp(-logit)),
+    )

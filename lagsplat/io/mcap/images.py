@@ -1,0 +1,252 @@
+"""The camera's messages, turned into shaped pictures as they come: memory holds those and no others.
+
+Pictures in the messages of an MCAP log: ``CompressedImage``, ``Image`` and ``RawImage``.
+
+Colours become eight bits a channel, BGR as in OpenCV. Sixteen bits are divided by 257, so that the ends of
+the two ranges meet.
+
+Films in the messages of an MCAP log: ``CompressedVideo``, one coded picture a message.
+
+OpenCV decodes files, not packets. So the packets are put one after another into a temporary file of the kind
+its codec is streamed in, and that file is decoded.
+"""
+
+import base64
+import struct
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from jaxtyping import UInt8
+
+from lagsplat.io.mcap.messages import field_of
+
+Shape = Callable[[np.ndarray], np.ndarray]
+
+
+class CameraReader:
+    """Pictures of one topic, by the number of their message.
+
+    ``shape`` takes a BGR picture to the one that is kept. A message that does not make a picture is left out
+    and told of in ``damaged``, unless it is the first one. A context, because films wait in a temporary file.
+    """
+
+    def __init__(self, topic: str, shape: Shape) -> None:
+        self.topic = topic
+        self.pictures: dict[int, np.ndarray] = {}
+        self.damaged: list[str] = []
+        self._shape = shape
+        self._packets = PacketFile()
+        self._wanted: list[bool] = []
+
+    def __enter__(self) -> "CameraReader":
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._packets.close()
+
+    def add(self, message: Any, schema_name: str, *, wanted: bool) -> None:
+        """Take the next message; its picture is kept where it is ``wanted``.
+
+        Raises:
+            ValueError: the topic holds no pictures, the first one cannot be decoded, or a film changes
+            format.
+        """
+        number = len(self._wanted)
+        self._wanted.append(wanted)
+        kind = message_kind(schema_name)
+        if kind is None:
+            raise ValueError(
+                f"topic {self.topic} holds {schema_name}, which is no picture; choose a topic of "
+                "CompressedImage, Image, RawImage or CompressedVideo"
+            )
+        try:
+            if kind == VIDEO:
+                self._packets.add(bytes_of(message), format=str(field_of(message, "format")))
+            elif wanted:
+                self.pictures[number] = self._shape(picture_of(message, kind))
+        except ValueError as error:
+            if kind == VIDEO or not self.pictures:
+                raise ValueError(f"topic {self.topic}, message {number}: {error}") from error
+            self.damaged.append(f"message {number}: {error}")
+
+    def finish(self) -> None:
+        """Decode the film, if it is one.
+
+        Raises:
+            ValueError: it cannot be decoded, or its pictures are not as many as its packets.
+        """
+        if self._packets.count:
+            for number, picture in enumerate(self._packets.pictures()):
+                if self._wanted[number]:
+                    self.pictures[number] = self._shape(picture)
+
+
+COMPRESSED, RAW, VIDEO = "compressed", "raw", "video"
+MESSAGES = {"CompressedImage": COMPRESSED, "Image": RAW, "RawImage": RAW, "CompressedVideo": VIDEO}
+LAYOUTS: dict[str, tuple[int, type[np.unsignedinteger], int | None]] = {
+    "bgr8": (3, np.uint8, None),
+    "8uc3": (3, np.uint8, None),
+    "rgb8": (3, np.uint8, cv2.COLOR_RGB2BGR),
+    "bgra8": (4, np.uint8, cv2.COLOR_BGRA2BGR),
+    "8uc4": (4, np.uint8, cv2.COLOR_BGRA2BGR),
+    "rgba8": (4, np.uint8, cv2.COLOR_RGBA2BGR),
+    "mono8": (1, np.uint8, cv2.COLOR_GRAY2BGR),
+    "8uc1": (1, np.uint8, cv2.COLOR_GRAY2BGR),
+    "mono16": (1, np.uint16, cv2.COLOR_GRAY2BGR),
+    "16uc1": (1, np.uint16, cv2.COLOR_GRAY2BGR),
+    "bgr16": (3, np.uint16, None),
+    "rgb16": (3, np.uint16, cv2.COLOR_RGB2BGR),
+    "yuv422": (2, np.uint8, cv2.COLOR_YUV2BGR_UYVY),
+    "uyvy": (2, np.uint8, cv2.COLOR_YUV2BGR_UYVY),
+    "yuv422_yuy2": (2, np.uint8, cv2.COLOR_YUV2BGR_YUY2),
+    "yuyv": (2, np.uint8, cv2.COLOR_YUV2BGR_YUY2),
+    "bayer_rggb8": (1, np.uint8, cv2.COLOR_BayerRGGB2BGR),
+    "bayer_bggr8": (1, np.uint8, cv2.COLOR_BayerBGGR2BGR),
+    "bayer_gbrg8": (1, np.uint8, cv2.COLOR_BayerGBRG2BGR),
+    "bayer_grbg8": (1, np.uint8, cv2.COLOR_BayerGRBG2BGR),
+}
+"""Of each encoding: channels, numbers, and OpenCV's conversion to BGR."""
+
+
+def message_kind(schema_name: str) -> str | None:
+    """``compressed``, ``raw`` or ``video`` by the last name of the schema; None where it is no picture."""
+    return MESSAGES.get(schema_name.replace("/", ".").rpartition(".")[2])
+
+
+def bytes_of(message: Any) -> bytes:
+    """The field ``data``: bytes, or base64 text where the message is JSON.
+
+    Raises:
+        ValueError: there is no such field, or it is not base64.
+    """
+    data = field_of(message, "data")
+    if isinstance(data, str):
+        return base64.b64decode(data, validate=True)
+    if not isinstance(data, bytes | bytearray | memoryview):
+        raise ValueError("it has no bytes in a field 'data'")
+    return bytes(data)
+
+
+def picture_of(message: Any, kind: str) -> UInt8[np.ndarray, "h w 3"]:
+    """The picture of a message of kind ``compressed`` or ``raw``, BGR.
+
+    Raises:
+        ValueError: the encoding is unknown, or the bytes do not make a picture.
+    """
+    return _decompressed(message) if kind == COMPRESSED else _raw(message)
+
+
+def _decompressed(message: Any) -> UInt8[np.ndarray, "h w 3"]:
+    data = np.frombuffer(bytes_of(message), np.uint8)
+    picture = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
+    if picture is None:
+        raise ValueError(
+            f"{data.size} bytes of format {field_of(message, 'format')!r} are no picture that OpenCV decodes "
+            "(JPEG, PNG, WebP, TIFF, BMP)"
+        )
+    return picture
+
+
+def _raw(message: Any) -> UInt8[np.ndarray, "h w 3"]:
+    encoding = str(field_of(message, "encoding"))
+    if encoding.lower() not in LAYOUTS:
+        raise ValueError(f"its encoding {encoding!r} is unknown; those read are {', '.join(LAYOUTS)}")
+    channels, numbers, conversion = LAYOUTS[encoding.lower()]
+    dtype = np.dtype(numbers).newbyteorder(">" if field_of(message, "is_bigendian") else "<")
+    height, width = int(field_of(message, "height") or 0), int(field_of(message, "width") or 0)
+    row = width * channels * dtype.itemsize
+    step = int(field_of(message, "step") or 0) or row  # zero stands for rows without padding
+    data = bytes_of(message)
+    # The padding of the last row may be left out.
+    if not row or step < row or len(data) < step * (height - 1) + row or not height:
+        raise ValueError(
+            f"{len(data)} bytes with a step of {step} do not make {width} x {height} pixels of {encoding!r}"
+        )
+    padded = np.frombuffer(data[: step * height].ljust(step * height, b"\0"), np.uint8).reshape(height, step)
+    pixels = np.ascontiguousarray(padded[:, :row]).view(dtype).reshape(height, width, channels)
+    if numbers is np.uint16:
+        pixels = np.rint(pixels / 257.0).astype(np.uint8)
+    pixels = np.ascontiguousarray(pixels.astype(np.uint8, copy=False))
+    return pixels if conversion is None else cv2.cvtColor(pixels, conversion)
+
+
+STREAMS = {"h264": (".h264", b""), "h265": (".h265", b""), "vp9": (".ivf", b"VP90"), "av1": (".ivf", b"AV01")}
+"""Suffix of a bare stream of each format, and its four letters where packets are wrapped in an IVF file."""
+IVF_HEAD = struct.Struct("<4sHH4sHHIIII")
+IVF_PACKET = struct.Struct("<IQ")
+TRANSCODE = "transcode the film, for instance to H.264 without B-frames, or to pictures (CompressedImage)"
+
+
+class PacketFile:
+    """Packets of one film, collected to be decoded at the end, and deleted by `close`.
+
+    Raises:
+        ValueError: the format of a packet is unknown, or changes.
+    """
+
+    def __init__(self) -> None:
+        self._folder = tempfile.TemporaryDirectory()
+        self.format = ""
+        self.count = 0
+
+    def close(self) -> None:
+        """Delete the packets."""
+        self._folder.cleanup()
+
+    @property
+    def path(self) -> Path:
+        """Where the packets are."""
+        return Path(self._folder.name) / f"film{STREAMS[self.format][0]}"
+
+    def add(self, packet: bytes, *, format: str) -> None:
+        """Put one packet behind the others."""
+        if format not in STREAMS:
+            raise ValueError(f"the video format {format!r} is unknown; those read are {', '.join(STREAMS)}")
+        if self.count and format != self.format:
+            raise ValueError(f"the video format changes from {self.format!r} to {format!r}; {TRANSCODE}")
+        self.format = format
+        letters = STREAMS[format][1]
+        with self.path.open("ab") as file:
+            if letters and not self.count:
+                file.write(IVF_HEAD.pack(b"DKIF", 0, IVF_HEAD.size, letters, 0, 0, 1000, 1, 0, 0))
+            if letters:
+                file.write(IVF_PACKET.pack(len(packet), self.count))
+            file.write(packet)
+        self.count += 1
+
+    def pictures(self) -> Iterator[UInt8[np.ndarray, "h w 3"]]:
+        """The pictures, BGR, one a packet.
+
+        Raises:
+            ValueError: OpenCV cannot decode the film, or it yields more or fewer pictures than packets.
+        """
+        found = 0
+        with _opened(self.path) as capture:
+            while True:
+                whole, picture = capture.read()
+                if not whole:
+                    break
+                found += 1
+                if found <= self.count:
+                    yield picture
+        if found != self.count:
+            raise ValueError(
+                f"{self.count} packets of {self.format!r} video give {found} pictures, so times cannot be "
+                f"told; {TRANSCODE}"
+                if found
+                else f"OpenCV cannot decode the {self.format!r} video on this machine; {TRANSCODE}"
+            )
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[cv2.VideoCapture]:
+    capture = cv2.VideoCapture(str(path))
+    try:
+        yield capture
+    finally:
+        capture.release()

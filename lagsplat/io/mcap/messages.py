@@ -1,0 +1,234 @@
+"""Messages of an MCAP log: decoded, with their stamps and the numbers inside them.
+
+ROS 2, protobuf and JSON messages are read alike: a field is a name, whatever holds it.
+
+Instants of messages on the clock that was asked for, checked to run forwards.
+
+A clock that steps backwards is refused, for no one can tell which side of the step is right. Messages with
+the instant of the one before are dropped, with a warning.
+"""
+
+import json
+import re
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from google.protobuf.message import Message as Protobuf
+from jaxtyping import Bool, Int64
+from mcap.records import Channel, Message, Schema
+from mcap_protobuf.decoder import DecoderFactory as ProtobufDecoders
+from mcap_ros2.decoder import DecoderFactory as Ros2Decoders
+
+STAMPS = ("timestamp", "stamp")
+SECONDS, NANOSECONDS = ("sec", "seconds", "secs"), ("nanosec", "nsec", "nanos", "nsecs")
+STEP = re.compile(r"\[([^\[\]]+)\]|([^.\[\]]+)")
+MOST_LISTED = 32  # entries of one array, in a list of fields
+
+
+class Decoders:
+    """From the bytes of messages to objects with fields; keeps one decoder a channel."""
+
+    def __init__(self) -> None:
+        self._factories = (Ros2Decoders(), ProtobufDecoders())
+        self._known: dict[int, Callable[[bytes], Any]] = {}
+
+    def decode(self, schema: Schema | None, channel: Channel, message: Message) -> Any:
+        """The message: a ROS 2 namespace, a protobuf message, or what JSON holds.
+
+        Raises:
+            ValueError: no decoder knows the encoding, or the bytes do not fit the schema.
+        """
+        try:
+            if channel.id not in self._known:
+                self._known[channel.id] = self._decoder(schema, channel)
+            return self._known[channel.id](message.data)
+        except Exception as error:  # every decoder raises errors of its own
+            raise ValueError(
+                f"topic {channel.topic}: the message logged at {message.log_time} ns cannot be decoded: "
+                f"{error}"
+            ) from error
+
+    def _decoder(self, schema: Schema | None, channel: Channel) -> Callable[[bytes], Any]:
+        if channel.message_encoding == "json":
+            return json.loads
+        for factory in self._factories:
+            decoder = factory.decoder_for(channel.message_encoding, schema)
+            if decoder is not None:
+                return decoder
+        described = "no schema" if schema is None else f"a schema in {schema.encoding!r}"
+        raise ValueError(
+            f"its encoding is {channel.message_encoding!r} with {described}; those read are ROS 2 CDR with "
+            "'ros2msg', protobuf, and JSON"
+        )
+
+
+def names_of(message: Any) -> list[str]:
+    """Names of the fields of a message; none for a number, a text or an array."""
+    if isinstance(message, dict):
+        return list(message)
+    if isinstance(message, Protobuf):
+        return [field.name for field in message.DESCRIPTOR.fields]
+    return list(getattr(type(message), "__slots__", ())) if hasattr(message, "_type") else []
+
+
+def field_of(message: Any, name: str) -> Any:
+    """The field ``name`` of a message, or None where it has none of this name."""
+    if name not in names_of(message):
+        return None
+    return message[name] if isinstance(message, dict) else getattr(message, name)
+
+
+def stamp_ns(message: Any) -> int | None:
+    """The time in the message's header, or in its ``timestamp`` [ns]; None where it carries none."""
+    for owner in (field_of(message, "header"), message):
+        for name in STAMPS:
+            if isinstance(owner, Protobuf) and name in names_of(owner):
+                has_presence = owner.DESCRIPTOR.fields_by_name[name].message_type is not None
+                if has_presence and not owner.HasField(name):
+                    continue  # an unset protobuf field reads as zero
+            found = _time_ns(field_of(owner, name))
+            if found is not None:
+                return found
+    return None
+
+
+def _time_ns(stamp: Any) -> int | None:
+    names = names_of(stamp)
+    whole = next((name for name in SECONDS if name in names), None)
+    rest = next((name for name in NANOSECONDS if name in names), None)
+    if whole is None or rest is None:
+        return None
+    return int(field_of(stamp, whole)) * 10**9 + int(field_of(stamp, rest))
+
+
+def number_at(message: Any, path: str) -> float:
+    """The number that ``path`` leads to.
+
+    A path is names with dots, and indices in brackets; a bracket may also hold the name of an entry, as
+    listed in the array ``name`` beside it or in the field ``name`` of the entries themselves.
+
+    Raises:
+        ValueError: there is no such field; the message lists the numbers there are.
+    """
+    found = message[path] if isinstance(message, dict) and path in message else _walk(message, path)
+    if isinstance(found, bool | int | float):
+        return float(found)
+    known = [name for name, _ in zip(number_paths(message), range(MOST_LISTED), strict=False)]
+    raise ValueError(f"field {path!r} is no number; numbers are {', '.join(known) or 'none'}")
+
+
+def _walk(message: Any, path: str) -> Any:
+    here, owner = message, None
+    for key, name in STEP.findall(path):
+        if name:
+            owner, here = here, field_of(here, name)
+        else:
+            here = _entry(here, key, names=field_of(owner, "name"))
+    return here
+
+
+def _entry(array: Any, key: str, *, names: Any) -> Any:
+    if not _is_array(array) and not isinstance(array, bytes | bytearray):
+        return None
+    if key.isdigit():
+        return array[int(key)] if int(key) < len(array) else None
+    labels = list(names) if _is_array(names) else [field_of(entry, "name") for entry in array]
+    place = labels.index(key) if key in labels else len(array)
+    return array[place] if place < len(array) else None
+
+
+def _is_array(value: Any) -> bool:
+    return isinstance(value, Sequence) and not isinstance(value, str | bytes | bytearray)
+
+
+def number_paths(message: Any, prefix: str = "") -> Iterator[str]:
+    """Paths of the numbers in a message, of at most the first entries of each array; stamps are left out."""
+    labels = field_of(message, "name")
+    for name in names_of(message):
+        value, path = field_of(message, name), f"{prefix}{name}"
+        if _time_ns(value) is None:
+            yield from _paths_below(value, path, labels if _is_array(labels) else ())
+
+
+def _paths_below(value: Any, path: str, labels: Sequence[str]) -> Iterator[str]:
+    if isinstance(value, bool | int | float):
+        yield path
+    elif _is_array(value):
+        for i, entry in enumerate(list(value)[:MOST_LISTED]):
+            own = field_of(entry, "name")
+            label = own if isinstance(own, str) and own else labels[i] if len(labels) == len(value) else i
+            yield from _paths_below(entry, f"{path}[{label}]", ())
+    else:
+        yield from number_paths(value, f"{path}.")
+
+
+@dataclass
+class Stamps:
+    """Both clocks of the messages of one topic [ns]; ``header_ns`` is None where a message has no stamp."""
+
+    topic: str
+    header_ns: list[int | None] = field(default_factory=list)
+    log_ns: list[int] = field(default_factory=list)
+
+    def add(self, header_ns: int | None, log_ns: int) -> None:
+        """Append one message."""
+        self.header_ns.append(header_ns)
+        self.log_ns.append(log_ns)
+
+    def chosen(self, clock: str) -> list[int | None]:
+        """The instants on the clock ``header`` or ``log``."""
+        return self.header_ns if clock == "header" else list(self.log_ns)
+
+    def upto(self, count: int) -> "Stamps":
+        """The first ``count`` messages."""
+        return Stamps(self.topic, self.header_ns[:count], self.log_ns[:count])
+
+
+def instants(
+    stamps: Stamps, *, clock: str, source: str
+) -> tuple[Int64[np.ndarray, " K"], Bool[np.ndarray, " N"]]:
+    """The instants [ns] that strictly increase, and which messages they belong to.
+
+    Raises:
+        ValueError: a message has no stamp, all stamps are the same, or a stamp lies before the one before;
+        the message names both and says whether the other clock runs forwards.
+    """
+    chosen = stamps.chosen(clock)
+    where = f"{source}: topic {stamps.topic}"
+    if None in chosen:
+        raise ValueError(
+            f"{where}: message {chosen.index(None)} carries no stamp; use recording.mcap.clock=log"
+        )
+    times = np.array(chosen, np.int64)
+    steps = np.diff(times)
+    if len(times) > 1 and not steps.any():
+        raise ValueError(
+            f"{where}: all {len(times)} messages carry the {clock} stamp {times[0]} ns, so it was never set"
+            + _other(stamps, clock)
+        )
+    back = np.flatnonzero(steps < 0)
+    if back.size:
+        i = int(back[0])
+        raise ValueError(
+            f"{where}: the {clock} clock jumps back from {times[i] / 1e9:.6f} s (message {i}) to "
+            f"{times[i + 1] / 1e9:.6f} s (message {i + 1}), {back.size} such steps{_other(stamps, clock)}"
+        )
+    fresh = np.concatenate([np.ones(min(1, len(times)), bool), steps > 0])
+    if not fresh.all():
+        warnings.warn(
+            f"{where}: {(~fresh).sum()} of {len(times)} messages carry the stamp of the one before and "
+            "are dropped",
+            stacklevel=3,
+        )
+    return times[fresh], fresh
+
+
+def _other(stamps: Stamps, clock: str) -> str:
+    name = "log" if clock == "header" else "header"
+    other = stamps.chosen(name)
+    if None not in other and (np.diff(np.array(other, np.int64)) > 0).all():
+        return f". The {name} clock runs forwards: use recording.mcap.clock={name}"
+    return f". The {name} clock is no better; cut the file there, for instance with `mcap filter`"

@@ -1,0 +1,357 @@
+"""Recordings from an MCAP log: one camera topic, and numbers of other topics as inputs.
+
+Times count from the camera's first message. Frames are those the camera sent, and the numbers are
+interpolated to them (`lagsplat.io.recording.alignment`). A damaged file gives what is whole of it, with a warning that says
+what is lost.
+
+What is in an MCAP file: topics, rates, gaps, clocks, pictures and numbers.
+"""
+
+import difflib
+import os
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from itertools import islice, pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float64, Int64, UInt8
+from mcap.records import Channel, Message, Schema
+
+from lagsplat.io.config import McapConfig, McapInputConfig
+from lagsplat.io.files.atomic import sha256_of
+from lagsplat.io.mcap.images import CameraReader, message_kind
+from lagsplat.io.mcap.messages import (
+    MOST_LISTED,
+    Decoders,
+    Stamps,
+    instants,
+    number_at,
+    number_paths,
+    stamp_ns,
+)
+from lagsplat.io.mcap.recovery import whole_messages
+from lagsplat.io.recording.alignment import Log, align
+from lagsplat.io.recording.recording import Recording
+from lagsplat.video_quality.assessment import check_footage
+from lagsplat.video_quality.frames import Thumbnails, shape_picture, turn_picture
+
+
+def read_mcap(
+    path: str | os.PathLike[str],
+    topics: McapConfig,
+    *,
+    crop: Sequence[int] | None,
+    skip_s: float,
+    size: tuple[int, int] | None,
+    end_s: float | None = None,
+    rotate: int = 0,
+    grey: bool = False,
+    licence: str = "unknown",
+) -> Recording:
+    """The recording in the MCAP file at ``path``.
+
+    Pictures are turned, cut, shrunk and checked as in `lagsplat.io.video.read`. Repeated stamps, pictures that
+    cannot be decoded, numbers that are not finite, and frames outside the inputs or in a gap are dropped,
+    each with a warning that counts them.
+
+    Raises:
+        FileNotFoundError: nothing is at ``path``.
+        ValueError: the file is no MCAP; a topic is missing, empty or of another type; a field does not exist;
+        a clock jumps backwards; an encoding or codec is unknown; camera and inputs do not overlap; or no
+        frame is left.
+    """
+    path = Path(path)
+    thumbnails = Thumbnails()
+    given: dict[str, Any] = {"crop": crop, "size": size, "grey": grey, "source": str(path)}
+    with CameraReader(str(topics.camera), partial(_shaped, rotate, thumbnails, given)) as camera:
+        log = _Log(path, topics, camera, skip_s=skip_s, end_s=end_s).read()
+    numbers, frame_s = log.shown()
+    logs = [log.samples(each) for each in topics.inputs]
+    aligned = align(frame_s, logs, max_gap_s=topics.max_gap_s, source=str(path))
+    time_s = frame_s[aligned.kept]
+    frames = _stacked(path, [camera.pictures.pop(int(number)) for number in numbers[aligned.kept]])
+    return Recording(
+        frames=frames,
+        time_s=time_s,
+        inputs=aligned.inputs,
+        input_names=tuple(each.name for each in topics.inputs),
+        input_units=tuple(each.unit for each in topics.inputs),
+        segments=aligned.segments,
+        meta={
+            "origin": "filmed",
+            "source": path.name,
+            "sha256": sha256_of(path),
+            "licence": licence,
+            "crop": None if crop is None else list(crop),
+            "skip_s": skip_s,
+            "end_s": end_s,
+            "camera": camera.topic,
+            "clock": topics.clock,
+            "max_gap_s": topics.max_gap_s,
+            "start_ns": log.start_ns,
+            "rotate": rotate,
+            "grey": grey,
+            "clips": [{"source": path.name, "frames": len(frames), "start_s": float(time_s[0])}],
+            "footage": [_footage(path, frames, time_s, thumbnails, crop)],
+        },
+    )
+
+
+def _shaped(
+    rotate: int, thumbnails: Thumbnails, given: dict[str, Any], picture: UInt8[np.ndarray, "h w 3"]
+) -> UInt8[np.ndarray, "H W 3"]:
+    turned = turn_picture(picture, rotate)
+    thumbnails.add(turned)
+    return shape_picture(turned, **given)
+
+
+def _footage(
+    path: Path, frames: np.ndarray, time_s: np.ndarray, thumbnails: Thumbnails, crop: Sequence[int] | None
+) -> dict[str, Any]:
+    width = thumbnails.width if crop is None else crop[2]
+    found = check_footage(frames, time_s, thumbnails, film_per_frame=max(1.0, width / frames.shape[2]))
+    for sentence in found.warnings:
+        warnings.warn(f"{path}: {sentence}", stacklevel=3)
+    return found.numbers
+
+
+def _stacked(path: Path, pictures: list[np.ndarray]) -> np.ndarray:
+    sizes = {picture.shape[:2] for picture in pictures}
+    if len(sizes) > 1:
+        raise ValueError(
+            f"{path}: the camera's pictures have sizes {sorted(sizes)} (height, width); give "
+            "recording.height and recording.width"
+        )
+    return np.stack(pictures)
+
+
+class _Log:
+    """What one pass over the file gathers: pictures, and the stamps and values of every topic in use."""
+
+    def __init__(
+        self, path: Path, topics: McapConfig, camera: CameraReader, *, skip_s: float, end_s: float | None
+    ) -> None:
+        self.path, self.topics, self.camera = path, topics, camera
+        self.start_ns = 0
+        self.cut = f"with skip_s = {skip_s} and end_s = {end_s}"
+        self.stamps = {
+            topic: Stamps(topic) for topic in [camera.topic, *(each.topic for each in topics.inputs)]
+        }
+        self._skip_ns = round(1e9 * skip_s)
+        self._end_ns = None if end_s is None else round(1e9 * end_s)
+        self._values: dict[tuple[str, str], list[float]] = {
+            (each.topic, each.field): [] for each in topics.inputs
+        }
+        self._instants: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+
+    def shown(self) -> tuple[Int64[np.ndarray, " T"], Float64[np.ndarray, " T"]]:
+        """Numbers of the camera's messages that gave a picture to keep, and their times [s]."""
+        frame_ns, fresh = self.instants(self.camera.topic)
+        numbers = np.flatnonzero(fresh)
+        kept = np.array([int(number) in self.camera.pictures for number in numbers], bool)
+        if not kept.any():
+            raise ValueError(
+                f"{self.path}: no frame to keep; topic {self.camera.topic} has "
+                f"{len(self.stamps[self.camera.topic].log_ns)} messages, {self.cut}. Check the cut"
+            )
+        return numbers[kept], (frame_ns[kept] - self.start_ns) / 1e9
+
+    def read(self) -> "_Log":
+        """Go through the file once; returns itself."""
+        decoders, losses, last_ns = Decoders(), list[str](), 0
+        there: dict[str, int] = {}
+        for schema, channel, message in whole_messages(self.path, losses):
+            there[channel.topic] = there.get(channel.topic, 0) + 1
+            last_ns = max(last_ns, message.log_time)
+            if channel.topic in self.stamps:
+                try:
+                    decoded = decoders.decode(schema, channel, message)
+                    self._take(channel.topic, decoded, schema.name if schema else "", message.log_time)
+                except ValueError as error:
+                    raise ValueError(f"{self.path}: {error}") from error
+        if losses:
+            self._warn(
+                f"damaged: {'; '.join(losses)}. {sum(there.values())} messages are whole, the last one "
+                f"logged at {last_ns / 1e9:.3f} s"
+            )
+        self._require_all(there)
+        try:
+            self.camera.finish()
+        except ValueError as error:
+            raise ValueError(f"{self.path}: topic {self.camera.topic}: {error}") from error
+        if damaged := self.camera.damaged:
+            self._warn(
+                f"{len(damaged)} pictures cannot be decoded and are dropped; the first is {damaged[0]}"
+            )
+        return self
+
+    def instants(self, topic: str) -> tuple[Int64[np.ndarray, " K"], Bool[np.ndarray, " N"]]:
+        """The instants of a topic [ns] and the messages they belong to, up to the first one after the cut."""
+        if topic not in self._instants:
+            stamps = self.stamps[topic]
+            if self._end_ns is not None:
+                # What lies behind the cut is not looked at: it may be why there is a cut.
+                last = self.start_ns + self._end_ns
+                now = enumerate(stamps.chosen(self.topics.clock))
+                late = (i for i, time in now if time is not None and time >= last)
+                stamps = stamps.upto(next(late, len(stamps.log_ns)) + 1)
+            self._instants[topic] = instants(stamps, clock=self.topics.clock, source=str(self.path))
+        return self._instants[topic]
+
+    def samples(self, source: McapInputConfig) -> Log:
+        """Samples of one input, seconds from the camera's first message."""
+        times, fresh = self.instants(source.topic)
+        values = np.array(self._values[source.topic, source.field][: len(fresh)])[fresh]
+        finite = np.isfinite(values)
+        if not finite.all():
+            self._warn(
+                f"topic {source.topic}: {(~finite).sum()} of {len(values)} values of {source.field} are not "
+                "finite and are taken as missing"
+            )
+        return Log(source.name, (times - self.start_ns)[finite] / 1e9, values[finite])
+
+    def _take(self, topic: str, message: Any, schema_name: str, log_ns: int) -> None:
+        header_ns = stamp_ns(message)
+        self.stamps[topic].add(header_ns, log_ns)
+        if topic == self.camera.topic:
+            self._take_picture(message, schema_name, header_ns if self.topics.clock == "header" else log_ns)
+        for (each, field), values in self._values.items():
+            if each == topic:
+                try:
+                    values.append(number_at(message, field))
+                except ValueError as error:
+                    raise ValueError(f"topic {topic}, message {len(values)}: {error}") from error
+
+    def _take_picture(self, message: Any, schema_name: str, now_ns: int | None) -> None:
+        if now_ns is None:
+            raise ValueError(
+                f"topic {self.camera.topic}: a message carries no stamp; use recording.mcap.clock=log"
+            )
+        if len(self.stamps[self.camera.topic].log_ns) == 1:
+            self.start_ns = now_ns
+        since = now_ns - self.start_ns
+        wanted = self._skip_ns <= since and (self._end_ns is None or since < self._end_ns)
+        self.camera.add(message, schema_name, wanted=wanted)
+
+    def _require_all(self, there: dict[str, int]) -> None:
+        for topic, stamps in self.stamps.items():
+            if not stamps.log_ns:
+                near = difflib.get_close_matches(topic, there, n=1)
+                hint = f" (did you mean {near[0]!r}?)" if near else ""
+                found = ", ".join(f"{name} ({count})" for name, count in sorted(there.items())) or "none"
+                raise ValueError(
+                    f"{self.path}: no message on topic {topic!r}{hint}; topics with messages: {found}. Set "
+                    "recording.mcap.camera, or the topic in recording.mcap.inputs"
+                )
+
+    def _warn(self, text: str) -> None:
+        warnings.warn(f"{self.path}: {text}", stacklevel=4)
+
+
+@dataclass
+class Topic:
+    """One topic; times are log times [ns].
+
+    ``numbers`` are paths of the numbers in its first message, at most 32, and ``moving`` those that change.
+    ``header_ns`` are the stamps of its messages, None where one has none. A topic with more numbers, such as
+    a point cloud, is not looked into any further than its first message. ``problem`` says why no message was
+    decoded.
+    """
+
+    name: str
+    schema: str
+    encoding: str
+    log_ns: list[int] = field(default_factory=list)
+    header_ns: list[int | None] = field(default_factory=list)
+    numbers: tuple[str, ...] = ()
+    moving: set[str] = field(default_factory=set)
+    problem: str = ""
+
+    @property
+    def picture(self) -> str | None:
+        """The kind of pictures it holds, or None."""
+        return message_kind(self.schema)
+
+    @property
+    def rate_hz(self) -> float | None:
+        """Mean rate of its messages, None for fewer than two or for no time between them."""
+        span_ns = max(self.log_ns) - min(self.log_ns)
+        return 1e9 * (len(self.log_ns) - 1) / span_ns if span_ns else None
+
+    @property
+    def longest_gap_s(self) -> float:
+        """The longest time between two messages in the order of the file; 0 for a single message."""
+        return max((b - a for a, b in pairwise(self.log_ns)), default=0) / 1e9
+
+    @property
+    def backwards(self) -> dict[str, int]:
+        """How many steps of each clock go backwards."""
+        header = [ns for ns in self.header_ns if ns is not None]
+        clocks = {"log": self.log_ns, "header": header}
+        return {name: sum(b < a for a, b in pairwise(times)) for name, times in clocks.items()}
+
+    @property
+    def stamped(self) -> bool:
+        """Whether every message looked at has a stamp, and not all the same one."""
+        return None not in self.header_ns and (len(self.header_ns) < 2 or len(set(self.header_ns)) > 1)
+
+
+@dataclass(frozen=True)
+class Survey:
+    """Topics of a file, by name, and what of it is damaged."""
+
+    path: Path
+    topics: tuple[Topic, ...]
+    losses: tuple[str, ...]
+
+
+def survey(path: str | os.PathLike[str]) -> Survey:
+    """Go through the whole file at ``path`` once, whether it is damaged or not.
+
+    Raises:
+        FileNotFoundError, ValueError: as `lagsplat.io.mcap.recovery.whole_messages`.
+    """
+    decoders, losses = Decoders(), list[str]()
+    topics: dict[str, Topic] = {}
+    first: dict[tuple[str, str], float] = {}
+    for schema, channel, message in whole_messages(path, losses):
+        name = schema.name if schema else ""
+        topic = topics.setdefault(channel.topic, Topic(channel.topic, name, channel.message_encoding))
+        topic.log_ns.append(message.log_time)
+        if topic.problem or len(topic.numbers) >= MOST_LISTED:
+            continue
+        decoded = _decoded(decoders, topic, schema, channel, message)
+        if decoded is not None:
+            _look(topic, decoded, first)
+    return Survey(Path(path), tuple(topics[name] for name in sorted(topics)), tuple(losses))
+
+
+def _decoded(
+    decoders: Decoders, topic: Topic, schema: Schema | None, channel: Channel, message: Message
+) -> Any:
+    try:
+        return decoders.decode(schema, channel, message)
+    except ValueError as error:
+        topic.problem = str(error)
+        return None
+
+
+def _look(topic: Topic, message: Any, first: dict[tuple[str, str], float]) -> None:
+    topic.header_ns.append(stamp_ns(message))
+    if topic.picture is not None:
+        return
+    if not topic.numbers:
+        topic.numbers = tuple(islice(number_paths(message), MOST_LISTED))
+    for path in topic.numbers:
+        if path in topic.moving:
+            continue
+        try:
+            value = number_at(message, path)
+        except ValueError:
+            continue  # an array may be shorter in one message than in another
+        if first.setdefault((topic.name, path), value) != value:
+            topic.moving.add(path)

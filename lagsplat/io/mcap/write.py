@@ -1,0 +1,251 @@
+"""A pushed simulation as an MCAP file, and back: its states, inputs and forces, for Foxglove and for a
+diagnosis.
+
+MCAP files that Foxglove opens: pictures as ``foxglove.CompressedImage``, numbers as JSON with a schema.
+
+Pictures are PNG, so that a recording read back is the one written. A message's stamp and its log time are the
+same: ``start_ns`` plus its time in seconds, rounded to the nanosecond. Messages stand in the order of time.
+"""
+
+import heapq
+import json
+import os
+import struct
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from jaxtyping import Float64
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
+from mcap.well_known import MessageEncoding, SchemaEncoding
+from mcap.writer import Writer
+from mcap_protobuf.schema import register_schema
+
+from lagsplat.io.files.atomic import replacing
+from lagsplat.io.trajectory.trajectory import Motion
+
+KIND = "session"
+NAMES = ("q", "v", "u", "load", "force", "place", "edits", "energy", "clip")
+ABOUT = {
+    "q": "whitened latent state",
+    "v": "its velocity [1/s]",
+    "u": "inputs, in the recording's units",
+    "load": "generalised force held until the next message [energy of the law per whitened unit]",
+    "force": "force, right, down and, in space, ahead of the film's camera [energy of the law per px]",
+    "place": "where it acts [px of training, in space at the pivot]; the middle where nothing is held",
+    "edits": "factors on damping, inertia and stiffness",
+    "energy": "kinetic, potential, work of the hand, work of the inputs, dissipated [energy of the law]",
+    "clip": "counts the resets, where the state jumps",
+}
+TOPIC = "/session/state"
+
+
+@dataclass(frozen=True)
+class SessionLog:
+    """Rows ``dt_s`` apart: the columns of `NAMES`, each (N, k). ``meta`` is plain data."""
+
+    dt_s: float
+    columns: Mapping[str, np.ndarray]
+    meta: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class PictureTopic:
+    """Pictures of one topic: RGB, uint8 (H, W, 3), as many as there are times [s]; drawn one at a time."""
+
+    topic: str
+    time_s: Float64[np.ndarray, " N"]
+    pictures: Iterable[np.ndarray]
+
+
+def save_session(
+    path: str | os.PathLike[str], log: SessionLog, *, pictures: Sequence[PictureTopic] = ()
+) -> None:
+    """Write a session to a new file; `read_session` gives it back to the last bit.
+
+    Raises:
+        FileExistsError, ValueError: as `lagsplat.io.mcap.write.write_mcap`.
+    """
+    time_s = log.dt_s * np.arange(len(log.columns["q"]))
+    meta = {"kind": KIND, "dt_s": log.dt_s, **log.meta}
+    write_mcap(
+        path,
+        pictures=pictures,
+        numbers=[NumberTopic(TOPIC, time_s, log.columns, ABOUT)],
+        metadata={key: json.dumps(value) for key, value in meta.items()},
+    )
+
+
+def is_session(path: str | os.PathLike[str]) -> bool:
+    """Whether an MCAP file is a session that was saved here."""
+    try:
+        return _metadata(Path(path)).get("kind") == KIND
+    except ValueError:
+        return False
+
+
+def read_session(path: str | os.PathLike[str]) -> SessionLog:
+    """A session that `save_session` wrote.
+
+    Raises:
+        FileNotFoundError: nothing is at ``path``.
+        ValueError: another kind of file, or a damaged one.
+    """
+    meta = _metadata(Path(path))
+    if meta.get("kind") != KIND or not isinstance(meta.get("dt_s"), float) or not 0 < meta["dt_s"] < np.inf:
+        raise ValueError(f"{path}: an MCAP file, but no session that was saved by pushing a simulation")
+    try:
+        with open(path, "rb") as file:
+            rows = [json.loads(message.data) for _, _, message in make_reader(file).iter_messages([TOPIC])]
+        columns = {name: np.array([row[name] for row in rows], dtype=np.float64) for name in NAMES}
+    except (McapError, ValueError, KeyError, TypeError, struct.error) as error:
+        raise ValueError(f"{path}: its states cannot be read ({error}); save the session again") from error
+    shapes = {name: column.ndim for name, column in columns.items()}
+    if not rows or set(shapes.values()) != {2} or not all(np.isfinite(c).all() for c in columns.values()):
+        raise ValueError(f"{path}: {len(rows)} states whose columns do not fit; save the session again")
+    return SessionLog(meta["dt_s"], columns, {key: meta[key] for key in meta if key not in ("kind", "dt_s")})
+
+
+def session_motion(path: str | os.PathLike[str]) -> Motion:
+    """A session as a motion, for instance the sim of a diagnosis.
+
+    Pushes are inputs, too: where there were any, ``push0, ...`` stand beside the recording's inputs.
+
+    Raises:
+        FileNotFoundError, ValueError: as `read_session`.
+    """
+    log = read_session(path)
+    columns, clip = log.columns, log.columns["clip"][:, 0]
+    starts = [0, *(1 + np.flatnonzero(np.diff(clip))).tolist()]
+    names = tuple(str(name) for name in log.meta.get("inputs", ()))
+    pushed = columns["load"] if columns["load"].any() else columns["load"][:, :0]
+    u_names = (*names, *(f"push{i}" for i in range(pushed.shape[1])))
+    return Motion(
+        time_s=log.dt_s * np.arange(len(clip)),
+        q=columns["q"],
+        v=columns["v"],
+        u=np.concatenate([columns["u"], pushed], axis=1),
+        segments=tuple(zip(starts, [*starts[1:], len(clip)], strict=True)),
+        u_names=u_names if len(u_names) == columns["u"].shape[1] + pushed.shape[1] else (),
+        source=Path(path).name,
+    )
+
+
+def _metadata(path: Path) -> dict[str, Any]:
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: no such file; check the path")
+    try:
+        with path.open("rb") as file:
+            entries = list(make_reader(file).iter_metadata())
+        found = next((entry.metadata for entry in entries if entry.name == "lagsplat"), {})
+        return {key: json.loads(value) for key, value in found.items()}
+    except (McapError, ValueError, OSError, struct.error) as error:
+        raise ValueError(f"{path}: not a whole MCAP file ({error})") from error
+
+
+TIME = {
+    "type": "object",
+    "title": "time",
+    "properties": {"sec": {"type": "integer", "minimum": 0}, "nsec": {"type": "integer", "minimum": 0}},
+}
+
+
+@dataclass(frozen=True)
+class NumberTopic:
+    """Numbers of one topic: each column is (N,) or (N, k), a number or an array in every message.
+
+    ``about`` says what each column is and in which unit; it stands in the schema.
+    """
+
+    topic: str
+    time_s: Float64[np.ndarray, " N"]
+    columns: Mapping[str, np.ndarray]
+    about: Mapping[str, str]
+
+
+def write_mcap(
+    path: str | os.PathLike[str],
+    *,
+    pictures: Sequence[PictureTopic],
+    numbers: Sequence[NumberTopic],
+    metadata: Mapping[str, str],
+    start_ns: int = 0,
+) -> None:
+    """Write the topics to a new file at ``path``, whole or not at all.
+
+    Raises:
+        FileExistsError: something is at ``path``.
+        ValueError: a time is negative or out of order, a number is not finite, or a topic has fewer pictures
+        than times.
+    """
+    if Path(path).exists():
+        raise FileExistsError(f"{path}: it is there already and is left as it is; delete it or name another")
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        writer = Writer(file)
+        writer.start(profile="", library="lagsplat")
+        writer.add_metadata("lagsplat", dict(metadata))
+        shown = register_schema(writer, CompressedImage) if pictures else 0
+        streams = [_pictures(writer, shown, each, start_ns) for each in pictures]
+        streams += [_numbers(writer, each, start_ns) for each in numbers]
+        for sequence, (time_ns, channel, data) in enumerate(heapq.merge(*streams, key=lambda item: item[0])):
+            writer.add_message(channel, log_time=time_ns, publish_time=time_ns, data=data, sequence=sequence)
+        writer.finish()
+
+
+def _instants(topic: str, time_s: Float64[np.ndarray, " N"], start_ns: int) -> list[int]:
+    times = [start_ns + round(1e9 * float(time)) for time in time_s]
+    if times and (min(times) < 0 or any(b <= a for a, b in pairwise(times))):
+        raise ValueError(
+            f"topic {topic}: times from {min(time_s):.6f} s to {max(time_s):.6f} s must be 0 or more "
+            "and increase"
+        )
+    return times
+
+
+def _pictures(
+    writer: Writer, schema: int, source: PictureTopic, start_ns: int
+) -> Iterator[tuple[int, int, bytes]]:
+    channel = writer.register_channel(source.topic, MessageEncoding.Protobuf, schema)
+    frame = source.topic.strip("/").replace("/", "_")
+    times = _instants(source.topic, source.time_s, start_ns)
+    for time_ns, picture in zip(times, source.pictures, strict=True):
+        whole, data = cv2.imencode(".png", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
+        if not whole:
+            raise ValueError(f"topic {source.topic}: OpenCV cannot write a picture of shape {picture.shape}")
+        message = CompressedImage(frame_id=frame, format="png", data=data.tobytes())
+        message.timestamp.FromNanoseconds(time_ns)
+        yield time_ns, channel, message.SerializeToString()
+
+
+def _numbers(writer: Writer, source: NumberTopic, start_ns: int) -> Iterator[tuple[int, int, bytes]]:
+    if "timestamp" in source.columns:
+        raise ValueError(f"topic {source.topic}: a column may not be called 'timestamp', as the stamp is")
+    schema = writer.register_schema(
+        name="lagsplat" + source.topic.replace("/", "."),
+        encoding=SchemaEncoding.JSONSchema,
+        data=json.dumps(_schema(source)).encode(),
+    )
+    channel = writer.register_channel(source.topic, MessageEncoding.JSON, schema)
+    columns = {name: np.asarray(values, np.float64).tolist() for name, values in source.columns.items()}
+    for i, time_ns in enumerate(_instants(source.topic, source.time_s, start_ns)):
+        stamp = {"sec": time_ns // 10**9, "nsec": time_ns % 10**9}
+        message = {"timestamp": stamp} | {name: values[i] for name, values in columns.items()}
+        try:
+            yield time_ns, channel, json.dumps(message, allow_nan=False).encode()
+        except ValueError as error:
+            raise ValueError(f"topic {source.topic}: a value at message {i} is not finite") from error
+
+
+def _schema(source: NumberTopic) -> dict[str, Any]:
+    properties: dict[str, Any] = {"timestamp": TIME}
+    for name, values in source.columns.items():
+        number = {"type": "number"}
+        kind = number if np.ndim(values) == 1 else {"type": "array", "items": number}
+        properties[name] = kind | {"description": source.about.get(name, "")}
+    return {"type": "object", "title": source.topic, "properties": properties}

@@ -1,0 +1,144 @@
+"""Where a clip is torn: gaps in time that no step of the dynamics can bridge.
+
+The parts of a recording that are worth learning from: clips cut out of it by their times.
+
+Which frames of a recording are held out.
+"""
+
+import math
+import warnings
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from lagsplat.io.config import SplitConfig
+from lagsplat.io.recording.recording import LEAST_FRAMES, Recording
+
+MAX_GAP_FRAMES = 5.0
+"""Median spacings that a step may last. A camera that drops some frames leaves such gaps, and the true step
+bridges them; over longer ones the held input and the explicit step say nothing any more."""
+LEAST_PIECE = 8
+"""Frames of a piece worth keeping: it holds a one-step window with room for its velocities."""
+
+
+def cut_at_gaps(recording: Recording) -> Recording:
+    """The recording with its clips cut wherever two frames lie more than `MAX_GAP_FRAMES` medians apart.
+
+    Pieces of fewer than `LEAST_PIECE` frames are left out. A warning says where it was cut and what is left
+    out. Shorter gaps stay inside their clip: everything later goes by the true times. Pieces are clips like
+    any other from then on. Without such a gap this is the recording itself.
+
+    Raises:
+        ValueError: no piece is long enough.
+    """
+    if all(stop - start < 2 for start, stop in recording.segments):
+        return recording
+    longest_s = MAX_GAP_FRAMES * recording.dt_s
+    pieces: list[tuple[int, int]] = []
+    dropped: list[tuple[int, int]] = []
+    gaps: list[str] = []
+    for start, stop in recording.segments:
+        steps = np.diff(recording.time_s[start:stop])
+        torn = start + 1 + np.flatnonzero(steps > longest_s)
+        gaps += [f"{steps[at - start - 1]:.3f} s after frame {at - 1}" for at in torn]
+        for piece in zip((start, *torn.tolist()), (*torn.tolist(), stop), strict=True):
+            short = len(torn) > 0 and piece[1] - piece[0] < LEAST_PIECE
+            (dropped if short else pieces).append(piece)
+    if not gaps:
+        return recording
+    source = recording.meta.get("source", "(unnamed)")
+    lost = sum(stop - start for start, stop in dropped)
+    found = f"recording {source}: {len(gaps)} gap(s) of more than {longest_s:.3f} s: {', '.join(gaps)}"
+    if not pieces:
+        raise ValueError(
+            f"{found}. No piece between them has {LEAST_PIECE} frames; check the times, or record it again"
+        )
+    left_out = f"; {len(dropped)} piece(s) of fewer than {LEAST_PIECE} frames, {lost} in all, are left out"
+    warnings.warn(
+        f"{found}. It is cut there into {len(pieces)} clip(s), and nothing is continued across a cut"
+        f"{left_out if dropped else ''}",
+        stacklevel=2,
+    )
+    return recording.pieces(pieces)
+
+
+def cut_spans(recording: Recording, spans_s: Sequence[Sequence[float]]) -> Recording:
+    """The frames from ``start`` up to ``stop`` (exclusive) of every span [s since the first frame].
+
+    Each span is a clip of its own, or several where it crosses the border of clips; times stay as they are.
+    What lies between spans is left out.
+
+    Raises:
+        ValueError: spans overlap or are not in order, or one holds fewer than three frames.
+    """
+    since = recording.time_s - recording.time_s[0]
+    pieces: list[tuple[int, int]] = []
+    ended = -np.inf
+    for start, stop in spans_s:
+        if not ended <= start < stop:
+            raise ValueError(
+                f"recording.spans_s: [{start}, {stop}] begins before {ended} or ends before it begins; give "
+                "spans in order, without overlap"
+            )
+        ended = stop
+        inside = (since >= start) & (since < stop)
+        if inside.sum() < LEAST_FRAMES:
+            raise ValueError(
+                f"recording.spans_s: [{start}, {stop}] holds {inside.sum()} frames of a recording of "
+                f"{since[-1]:.3f} s; a clip needs {LEAST_FRAMES}"
+            )
+        for a, b in recording.segments:
+            within = a + np.flatnonzero(inside[a:b])
+            pieces += [(int(within[0]), int(within[-1]) + 1)] if len(within) else []
+    cut = recording.pieces(pieces)
+    return replace(cut, meta={**recording.meta, "spans_s": [list(map(float, span)) for span in spans_s]})
+
+
+def divide(recording: Recording, split: SplitConfig) -> Recording:
+    """The recording with its ``n_train`` set: the end of it is held out, as ``split`` says.
+
+    Raises:
+        ValueError: either part would have fewer than three frames, or there are too few clips.
+
+    Source: paper, Protocol: a contiguous end of the clip, or a whole clip, is held out.
+    """
+    total = recording.n_frames
+    if split.held_out_clips is not None:
+        clips = recording.segments
+        if split.held_out_clips >= len(clips):
+            raise ValueError(
+                f"recording {recording.meta.get('source')}: {len(clips)} clip(s), of which "
+                f"held_out_clips = {split.held_out_clips} leave none to train on; give more clips or hold "
+                "out a fraction"
+            )
+        n_train, rule = clips[-split.held_out_clips][0], f"held_out_clips = {split.held_out_clips}"
+    elif split.held_out_frames is not None:
+        n_train, rule = total - split.held_out_frames, f"held_out_frames = {split.held_out_frames}"
+    else:
+        assert split.train_fraction is not None, "the configuration gives exactly one rule"
+        # 0.29 * 100 is 28.999..., and the floor of that is not what anyone means.
+        n_train = math.floor(split.train_fraction * total + 1e-9)
+        rule = f"train_fraction = {split.train_fraction}"
+    if n_train < LEAST_FRAMES or total - n_train < LEAST_FRAMES:
+        raise ValueError(
+            f"recording {recording.meta.get('source', '(unnamed)')}: frames {total} in number, split into "
+            f"{n_train} and {total - n_train} by {rule}; each part needs {LEAST_FRAMES} or more; give a "
+            "longer recording or another split"
+        )
+    return replace(recording, n_train=n_train)
+
+
+def crossing_frames(segments: Sequence[tuple[int, int]], n_train: int) -> tuple[int, int, int]:
+    """Start, first held-out frame and end of the clip that holds both training and held-out frames.
+
+    Raises:
+        ValueError: the held-out part begins with a clip of its own.
+    """
+    for start, stop in segments:
+        if start < n_train < stop:
+            return start, n_train, stop
+    raise ValueError(
+        "the held-out part begins with a new clip, so that no forecast can cross into it; hold out the end "
+        "of a clip (recording.split.held_out_frames)"
+    )

@@ -1,0 +1,104 @@
+"""Inputs, pushes and initial states for a simulation, from tables of numbers.
+
+Inputs that stand in a table of their own, beside a film that shows what they did.
+"""
+
+import os
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from lagsplat.io.trajectory.tables import TIME, Table, counted, name_columns, read_table
+
+
+def read_drive(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Times [s] (N,), inputs (N, n_u) and pushes (N, n_f) of a table with ``t``, ``u0, ...`` and ``f0, ...``.
+
+    Raises:
+        FileNotFoundError: nothing is at ``path``.
+        ValueError: no ``t``, a column of another name, a number that is missing, or times that do not
+        increase.
+    """
+    table = read_table(Path(path))
+    names = {letter: counted(table, letter) for letter in "uf"}
+    foreign = [name for name in table.columns if name not in ("t", *names["u"], *names["f"])]
+    if "t" not in table.columns or foreign:
+        raise ValueError(
+            f"{path}: columns {list(table.columns)}; give t [s], inputs u0, u1, ... and, where something "
+            "pushes, accelerations f0, f1, ... by it, and no others"
+        )
+    time_s, u, f = _block(table, ("t",))[:, 0], _block(table, names["u"]), _block(table, names["f"])
+    wrong = np.flatnonzero(np.diff(time_s) <= 0.0)
+    if len(time_s) < 2 or wrong.size:
+        where = table.place(int(wrong[0]) + 1) if wrong.size else table.source
+        raise ValueError(f"{where}: give at least two rows, with times t that increase")
+    return time_s, u, f
+
+
+def read_state(text: str, d: int) -> tuple[np.ndarray, np.ndarray]:
+    """Coordinates and rates (d,) from ``q0,..,v0,..`` or from the first row of a table with such columns.
+
+    Rates may be left out, and are then zero.
+
+    Raises:
+        FileNotFoundError: the table is not there.
+        ValueError: another count of numbers, or something that is none.
+    """
+    try:
+        numbers = [float(word) for word in text.strip("[]()").split(",")]
+    except ValueError:
+        table = read_table(Path(text))
+        rates = counted(table, "v")
+        first = _block(table, (*counted(table, "q"), *rates))[0]
+        numbers = first.tolist()
+    if len(numbers) not in (d, 2 * d) or not np.isfinite(numbers).all():
+        raise ValueError(
+            f"initial={text}: {len(numbers)} number(s) {numbers}; the sim has {d} coordinate(s); give {d}, "
+            f"or {2 * d} with the rates"
+        )
+    state = np.array(numbers + [0.0] * (2 * d - len(numbers)))
+    return state[:d], state[d:]
+
+
+def _block(table: Table, names: tuple[str, ...]) -> np.ndarray:
+    columns = [table.numbers(name) for name in names]
+    block = np.stack(columns, axis=1) if columns else np.zeros((len(table.lines), 0))
+    bad = np.argwhere(~np.isfinite(block))
+    if bad.size:
+        row, column = bad[0]
+        raise ValueError(f"{table.place(int(row))}: {names[column]} is missing or not finite; fill it in")
+    return block
+
+
+def read_input_log(
+    path: str | os.PathLike[str], *, columns: Mapping[str, str] | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Times (N,) [s] and inputs (N, n_u) of a table with columns ``t``, ``u0``, ``u1``, ...; rows without a
+    number are left out with a warning.
+
+    Raises:
+        FileNotFoundError, ValueError: as `lagsplat.io.trajectory.trajectory.read_motion`.
+    """
+    path = Path(path)
+    table = name_columns(read_table(path), columns or {}, needed=(TIME, "u0"))
+    names = (TIME, *counted(table, "u"))
+    values = np.stack([table.numbers(name) for name in names], axis=1)
+    whole = np.flatnonzero(np.isfinite(values).all(axis=1))
+    if len(whole) < 2:
+        raise ValueError(
+            f"{table.source}: {len(whole)} row(s) with a number in every column; give two or more"
+        )
+    if len(whole) < len(values):
+        warnings.warn(
+            f"{table.source}: {len(values) - len(whole)} rows lack a number, left out", stacklevel=2
+        )
+    time_s = values[whole, 0]
+    wrong = np.flatnonzero(np.diff(time_s) <= 0.0)
+    if wrong.size:
+        raise ValueError(
+            f"{table.place(int(whole[wrong[0] + 1]))}: t does not increase, {time_s[wrong[0] + 1]:.9g} s "
+            f"after {time_s[wrong[0]]:.9g} s; drop repeated rows"
+        )
+    return time_s, values[whole, 1:]

@@ -1,0 +1,274 @@
+"""Which column of a table is time, coordinate, rate or input: by name alone, never by guess.
+
+Tables of numbers from CSV, Parquet and NPZ files, with the place of every row for messages.
+"""
+
+import csv
+import difflib
+import io
+import re
+import warnings
+import zipfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+TIME, SEGMENT = "t", "segment"
+CONTRACT = "t [s], q0, q1, ..., optionally v0, ..., u0, ... and segment"
+USUAL = {
+    "t": ("t", "time", "timestamp", "stamp", "sec", "seconds", "zeit"),
+    "q": ("q", "pos", "position", "angle", "theta", "phi", "x", "y", "disp", "displacement", "qpos"),
+    "v": ("v", "vel", "velocity", "omega", "rate", "speed", "qvel", "dq", "dtheta"),
+    "u": ("u", "tau", "torque", "force", "input", "cmd", "command", "ctrl", "pressure", "p", "voltage"),
+    "segment": ("segment", "clip", "trial", "episode", "release", "run"),
+}
+"""What other tools call such columns: used to propose a setting, never to read one."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns as they stand in a file; ``lines`` (T,) number the rows as an editor or an array would.
+
+    ``row`` is what such a number is called: a line of a text, a row of a table or of an array.
+    """
+
+    source: str
+    columns: dict[str, np.ndarray]
+    lines: np.ndarray
+    row: str = "row"
+
+    def place(self, index: int) -> str:
+        """Where row ``index`` stands, for messages."""
+        return f"{self.source}, {self.row} {self.lines[index]}"
+
+    def numbers(self, name: str) -> np.ndarray:
+        """Column ``name`` as float64 (T,); an empty cell or one that says NaN, null or NA is NaN.
+
+        Raises:
+            ValueError: a cell holds something else; the message names the row and the column.
+        """
+        column = self.columns[name]
+        if column.dtype.kind in "fiub":
+            return column.astype(np.float64)
+        numbers = pd.to_numeric(pd.Series(column), errors="coerce").to_numpy(
+            dtype=np.float64, na_value=np.nan
+        )
+        wrong = np.flatnonzero(np.isnan(numbers) & ~pd.isna(column))
+        if wrong.size:
+            raise ValueError(
+                f"{self.place(int(wrong[0]))}: column {name!r} holds {str(column[wrong[0]])!r}, which is no "
+                f"number ({wrong.size} such cells); write a decimal point, and leave a missing number empty"
+            )
+        return numbers
+
+
+def name_columns(table: Table, columns: Mapping[str, str], *, needed: Sequence[str] = (TIME, "q0")) -> Table:
+    """The table under the names of the contract; ``columns`` maps these to the file's own.
+
+    Columns of other names are left out, with a warning that lists them.
+
+    Raises:
+        ValueError: a name that is none of the contract's, a column that the file lacks, or one of ``needed``
+            that is missing; the message lists the columns found and proposes the setting that is nearest.
+    """
+    found = list(table.columns)
+    for name, own in columns.items():
+        if not _is_contract(name):
+            raise ValueError(f"diagnose.columns names {name!r}; only {CONTRACT} are known")
+        if own not in table.columns:
+            near = difflib.get_close_matches(own, found, n=1, cutoff=0.0)
+            raise ValueError(
+                f"{table.source}: no column {own!r} for {name}, only {found}; did you mean {near[0]!r}?"
+            )
+    taken = set(columns.values())
+    named = {name: table.columns[name] for name in found if _is_contract(name) and name not in taken}
+    named |= {name: table.columns[own] for name, own in columns.items()}
+    missing = [name for name in needed if name not in named]
+    if missing:
+        raise ValueError(
+            f"{table.source}: no column {' and no '.join(missing)}; the columns are {found}, and "
+            f"{CONTRACT} are needed. {_proposal(found)}"
+        )
+    left = [name for name in found if name not in named and name not in taken]
+    if left:
+        warnings.warn(
+            f"{table.source}: column(s) {', '.join(left[:8])}{', ...' if len(left) > 8 else ''} are not "
+            "used; diagnose.columns={u0: NAME} would name one an input",
+            stacklevel=3,
+        )
+    return replace(table, columns=named)
+
+
+def counted(table: Table, letter: str) -> tuple[str, ...]:
+    """The columns ``letter0, letter1, ...`` of a table under the names of the contract, in that order.
+
+    Raises:
+        ValueError: a number is left out, or rates are given of some coordinates only.
+    """
+    numbers = sorted(int(name[1:]) for name in table.columns if re.fullmatch(f"{letter}[0-9]+", name))
+    wanted = set(range(len(numbers)))
+    if letter == "v" and numbers:
+        wanted = set(range(len(counted(table, "q"))))
+    if set(numbers) != wanted:
+        have = [f"{letter}{number}" for number in numbers]
+        lack = [f"{letter}{number}" for number in sorted(wanted - set(numbers))]
+        remedy = f"{lack} are missing" if lack else f"only {len(wanted)} coordinates have a rate"
+        raise ValueError(f"{table.source}: columns {have}, but {remedy}; count from {letter}0 without holes")
+    return tuple(f"{letter}{number}" for number in numbers)
+
+
+def _is_contract(name: str) -> bool:
+    return name in (TIME, SEGMENT) or re.fullmatch("[quv](0|[1-9][0-9]*)", name) is not None
+
+
+def _proposal(found: list[str]) -> str:
+    """The setting that would read this file, as far as its names tell."""
+    proposed: dict[str, str] = {}
+    for name in found:
+        kind = _kind_of(name)
+        if kind in (TIME, SEGMENT):
+            proposed.setdefault(kind, name)
+        elif kind:
+            proposed[f"{kind}{sum(key.startswith(kind) for key in proposed)}"] = name
+    if TIME not in proposed or "q0" not in proposed:
+        return "Name them with diagnose.columns={t: NAME, q0: NAME, u0: NAME}"
+    pairs = ", ".join(f"{key}: {name}" for key, name in proposed.items())
+    return f"Name them, as diagnose.columns={{{pairs}}} if that is what they are"
+
+
+def _kind_of(name: str) -> str | None:
+    words = re.findall("[a-z]+", re.sub("([a-z])([A-Z])", r"\1 \2", name).lower())
+    for kind, usual in USUAL.items():
+        if words and (words[0] in usual or words[-1] in usual):
+            return kind
+    near = difflib.get_close_matches(
+        "".join(words), [word for usual in USUAL.values() for word in usual], n=1
+    )
+    return next((kind for kind, usual in USUAL.items() if near and near[0] in usual), None)
+
+
+SEPARATORS = ",;\t"
+KINDS = (".csv", ".txt", ".tsv", ".parquet", ".pq", ".npz")
+
+
+def read_table(path: Path) -> Table:
+    """The table in a CSV (``.csv``, ``.txt``, ``.tsv``), Parquet (``.parquet``, ``.pq``) or NPZ file.
+
+    In an archive an array ``q``, ``v`` or ``u`` of shape (T, k) stands for columns ``q0`` to ``q{k-1}``.
+
+    Raises:
+        FileNotFoundError: nothing is at ``path``.
+        ValueError: another kind of file, a damaged one, or one without a header or without rows.
+    """
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: no such file; check the path")
+    kind = path.suffix.lower()
+    if kind not in KINDS:
+        raise ValueError(f"{path}: {kind or 'a file without suffix'} is no table; give one of {KINDS}")
+    table = (
+        _from_archive(path) if kind == ".npz" else _from_parquet(path) if kind[1] == "p" else _from_text(path)
+    )
+    if not len(table.lines):
+        raise ValueError(f"{path}: no row of numbers below the header {list(table.columns)}; check the file")
+    return table
+
+
+def _from_text(path: Path) -> Table:
+    try:
+        text = path.read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path}: not a text in UTF-8 ({error}); save the table as CSV in UTF-8") from error
+    every = [(number, line.strip(" \r")) for number, line in enumerate(text.split("\n"), 1)]
+    lines = [(number, line.partition("#")[0].rstrip(" ")) for number, line in every]
+    lines = [(number, line) for number, line in lines if line.strip()]
+    if not lines:
+        raise ValueError(f"{path}: empty; the first line names the columns: t,q0,q1,...")
+    separator = max(SEPARATORS, key=lines[0][1].count)
+    header = _cells(lines[0][1], separator)
+    if all(_is_number(cell) for cell in header):
+        # Some tools write the names as a comment above the numbers.
+        above = [line.lstrip("# ") for number, line in every if number < lines[0][0] and line.startswith("#")]
+        names = _cells(above[-1], separator) if above else []
+        if len(names) != len(header):
+            raise ValueError(
+                f"{path}, line {lines[0][0]}: numbers where the names of the columns should stand "
+                f"({header}); put a line such as t,q0,u0 above them"
+            )
+        header, lines = names, [(0, ""), *lines]
+    header = [name or f"(column {i})" for i, name in enumerate(header)]
+    _refuse_twins(path, header)
+    for number, line in lines[1:]:
+        cells = line.count(separator) + 1
+        if cells != len(header) and '"' not in line:
+            raise ValueError(
+                f"{path}, line {number}: {cells} cells under {len(header)} names {header}; give as many"
+            )
+    body = "\n".join(line for _, line in lines[1:])
+    decimal = "," if separator == ";" and re.search(r"\d,\d", body) else "."
+    frame = pd.read_csv(
+        io.StringIO(body),
+        sep=separator,
+        names=header,
+        decimal=decimal,
+        skipinitialspace=True,
+        index_col=False,
+        low_memory=False,
+    ) if body else pd.DataFrame({name: [] for name in header})  # fmt: skip
+    return Table(path.name, _plain(frame), np.array([number for number, _ in lines[1:]]), row="line")
+
+
+def _from_parquet(path: Path) -> Table:
+    try:
+        frame = pd.read_parquet(path)
+    except (OSError, ValueError) as error:
+        raise ValueError(f"{path}: damaged or not a Parquet file ({error}); write it again") from error
+    if any(frame.index.names):
+        frame = frame.reset_index()
+    frame.columns = pd.Index([str(name).strip() for name in frame.columns])
+    _refuse_twins(path, list(frame.columns))
+    return Table(path.name, _plain(frame), np.arange(len(frame)))
+
+
+def _from_archive(path: Path) -> Table:
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            arrays = {name: archive[name] for name in archive.files}
+    except (OSError, ValueError, zipfile.BadZipFile, EOFError) as error:
+        raise ValueError(f"{path}: damaged, or holds Python objects ({error}); save plain arrays") from error
+    columns: dict[str, np.ndarray] = {}
+    for name, array in arrays.items():
+        if array.ndim == 2 and name in ("q", "v", "u"):
+            columns |= {f"{name}{i}": array[:, i] for i in range(array.shape[1])}
+        elif array.ndim == 1:
+            columns[f"{name}0" if name in ("q", "v", "u") else name] = array
+    lengths = {name: len(column) for name, column in columns.items()}
+    if len(set(lengths.values())) > 1:
+        raise ValueError(f"{path}: arrays of different lengths {lengths}; give each one value a row")
+    return Table(path.name, columns, np.arange(max(lengths.values(), default=0)))
+
+
+def _refuse_twins(path: Path, header: list[str]) -> None:
+    twins = sorted({name for name in header if header.count(name) > 1})
+    if twins:
+        raise ValueError(
+            f"{path}: two columns are called {twins[0]!r} in {header}; name each one differently"
+        )
+
+
+def _plain(frame: pd.DataFrame) -> dict[str, np.ndarray]:
+    return {str(name): frame[name].to_numpy() for name in frame.columns}
+
+
+def _cells(line: str, separator: str) -> list[str]:
+    return [cell.strip() for cell in next(csv.reader([line], delimiter=separator))]
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True

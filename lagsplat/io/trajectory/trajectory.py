@@ -1,0 +1,278 @@
+"""A motion: coordinates over time with the inputs that acted, as any simulator or sensor writes it down.
+
+The columns of a file are ``t`` [s], ``q0, q1, ...``, optionally ``v0, v1, ...`` (their rates) and ``u0, u1,
+...`` (inputs), and optionally ``segment``, an integer whose change is a cut.
+
+The beginning of a motion, cut at clips.
+"""
+
+import os
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from lagsplat.io.trajectory.tables import SEGMENT, TIME, Table, counted, name_columns, read_table
+
+LONGEST_LOSS = 3.0
+"""Median steps that rows without numbers may tear open before nothing is continued across them."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Coordinates ``q`` (T, d) at ``time_s`` (T,), rates ``v`` (T, d) or None, inputs ``u`` (T, n_u).
+
+    ``time_s`` [s] strictly increases and may be uneven; ``v`` is in units of ``q`` a second. ``n_u``
+    may be 0. ``segments`` are half-open ``(start, stop)`` clips that follow one another and cover all
+    samples; nothing is continued across their borders; empty means one clip. All numbers are finite and
+    become float64.
+
+    Raises:
+        ValueError: a field breaks one of these rules; the message names the source, the field and the row.
+    """
+
+    # Shapes are not in the annotations, because they are checked in every run, with messages for users.
+    time_s: np.ndarray
+    q: np.ndarray
+    u: np.ndarray
+    v: np.ndarray | None = None
+    segments: tuple[tuple[int, int], ...] = ()
+    q_names: tuple[str, ...] = ()
+    u_names: tuple[str, ...] = ()
+    source: str = "motion"
+
+    def __post_init__(self) -> None:
+        for name in ("time_s", "q", "u", "v"):
+            value = getattr(self, name)
+            if value is not None:
+                object.__setattr__(self, name, np.ascontiguousarray(value, dtype=np.float64))
+        self._check_shapes()
+        for letter, width in (("q", self.d), ("u", self.n_u)):
+            names = tuple(getattr(self, f"{letter}_names")) or tuple(f"{letter}{i}" for i in range(width))
+            object.__setattr__(self, f"{letter}_names", names)
+            if len(set(names)) != width:
+                raise self._error(f"{letter}_names", f"{names}", f"give each of {width} columns its own name")
+        segments = tuple((int(start), int(stop)) for start, stop in self.segments) or ((0, self.n),)
+        object.__setattr__(self, "segments", segments)
+        starts, stops = [start for start, _ in segments], [stop for _, stop in segments]
+        if starts != [0, *stops[:-1]] or stops[-1] != self.n or any(a >= b for a, b in segments):
+            raise self._error("segments", f"{segments}", f"clips must follow one another from 0 to {self.n}")
+        backwards = np.flatnonzero(np.diff(self.time_s) <= 0.0)
+        if backwards.size:
+            i = int(backwards[0]) + 1
+            raise self._error(
+                "time_s",
+                f"goes from {self.time_s[i - 1]:.9g} s to {self.time_s[i]:.9g} s at sample {i}",
+                "times must strictly increase; repair them or cut the recording there",
+            )
+
+    @property
+    def n(self) -> int:
+        """Number of samples, T."""
+        return self.time_s.shape[0]
+
+    @property
+    def d(self) -> int:
+        """Number of coordinates."""
+        return self.q.shape[1]
+
+    @property
+    def n_u(self) -> int:
+        """Number of inputs."""
+        return self.u.shape[1]
+
+    @property
+    def dt_s(self) -> float:
+        """Median spacing of neighbouring samples of one clip [s]."""
+        spacing = np.concatenate([np.diff(self.time_s[start:stop]) for start, stop in self.segments])
+        if spacing.size == 0:
+            raise self._error("samples", "of which no two stand in one clip", "a spacing in time needs two")
+        return float(np.median(spacing))
+
+    @property
+    def duration_s(self) -> float:
+        """Time covered by the clips together [s]; what lies between two clips does not count."""
+        return float(sum(self.time_s[stop - 1] - self.time_s[start] for start, stop in self.segments))
+
+    @property
+    def joined(self) -> np.ndarray:
+        """Which steps between neighbouring samples (T - 1,) lie inside one clip."""
+        inside = np.ones(self.n - 1, dtype=bool)
+        inside[[start - 1 for start, _ in self.segments[1:]]] = False
+        return inside
+
+    def clips(self) -> tuple["Motion", ...]:
+        """Each clip as a motion of its own, with its own times."""
+        return tuple(self.pieces([clip]) for clip in self.segments)
+
+    def cut(self, at: Sequence[int]) -> "Motion":
+        """The same samples with a new clip beginning at each sample of ``at`` as well.
+
+        Raises:
+            ValueError: a sample outside the motion.
+        """
+        if any(not 0 <= i < self.n for i in at):
+            raise self._error("cut", f"at {list(at)}", f"name samples from 0 to {self.n - 1}")
+        starts = sorted({start for start, _ in self.segments} | {int(i) for i in at})
+        return replace(self, segments=tuple(zip(starts, [*starts[1:], self.n], strict=True)))
+
+    def pieces(self, clips: Sequence[tuple[int, int]]) -> "Motion":
+        """The half-open, ascending sample ranges ``clips`` alone, each a clip of its own.
+
+        Raises:
+            ValueError: no range, an empty one, or ranges that overlap.
+        """
+        if not clips:
+            raise self._error("pieces", "of no range", "name at least one (start, stop)")
+        kept = np.concatenate([np.arange(start, stop) for start, stop in clips])
+        stops = np.cumsum([stop - start for start, stop in clips]).tolist()
+        return replace(
+            self,
+            time_s=self.time_s[kept],
+            q=self.q[kept],
+            u=self.u[kept],
+            v=None if self.v is None else self.v[kept],
+            segments=tuple(zip([0, *stops[:-1]], stops, strict=True)),
+        )
+
+    def _error(self, name: str, found: str, remedy: str) -> ValueError:
+        return ValueError(f"{self.source}: {name} {found}; {remedy}")
+
+    def _check_shapes(self) -> None:
+        n = self.time_s.shape[0] if self.time_s.ndim == 1 else 0
+        if n == 0:
+            raise self._error("time_s", f"of shape {self.time_s.shape}", "give (T,) times in seconds")
+        rules = {"q": self.q, "u": self.u} | ({} if self.v is None else {"v": self.v})
+        for name, value in rules.items():
+            if value.ndim != 2 or len(value) != n or (name != "u" and value.shape[1] == 0):
+                raise self._error(name, f"of shape {value.shape}", f"give ({n}, columns), one row a sample")
+        if self.v is not None and self.v.shape != self.q.shape:
+            raise self._error("v", f"of shape {self.v.shape}", f"give the rates of q, {self.q.shape}")
+        for name, value in (rules | {"time_s": self.time_s}).items():
+            bad = np.argwhere(~np.isfinite(value))
+            if bad.size:
+                raise self._error(name, f"is {value[tuple(bad[0])]} at sample {bad[0][0]}", "give numbers")
+
+
+def read_motion(path: str | os.PathLike[str], *, columns: Mapping[str, str] | None = None) -> Motion:
+    """The motion in a CSV, Parquet or NPZ file.
+
+    ``columns`` names the file's own columns, ``{"t": "time", "q0": "position", "u0": "torque"}``; those that
+    already bear their name need no mention. A file of text may have a byte-order mark, ``#`` comments, spaces
+    around its names, tabs or semicolons for commas, and decimal commas beside semicolons.
+
+    Rows that lack a number are left out with a warning, and the motion is cut there where more than
+    `LONGEST_LOSS` median steps pass. Clips of which each begins its own clock are laid one after another,
+    a median step apart, with a warning.
+
+    Raises:
+        FileNotFoundError: nothing is at ``path``.
+        ValueError: another kind of file, a column that is missing or holds words, times that stand still or
+            run backwards inside a clip; the message names the row.
+    """
+    path = Path(path)
+    table = name_columns(read_table(path), columns or {})
+    names = {letter: counted(table, letter) for letter in "qvu"}
+    used = [name for name in (TIME, SEGMENT, *names["q"], *names["v"], *names["u"]) if name in table.columns]
+    values = np.stack([table.numbers(name) for name in used], axis=1)
+    whole = np.isfinite(values).all(axis=1)
+    if not whole.any():
+        empty = [name for i, name in enumerate(used) if not np.isfinite(values[:, i]).any()]
+        raise ValueError(f"{table.source}: no row has a number in every column ({empty or used}); fill them")
+    kept = np.flatnonzero(whole)
+    at = {name: values[kept, i] for i, name in enumerate(used)}
+    cuts = _segment_changes(table, at[SEGMENT], kept) if SEGMENT in at else np.zeros(0, int)
+    time_s = _one_clock(table, at[TIME], cuts, kept)
+    torn = _lost(table, time_s, cuts, kept, n=len(whole))
+    starts = sorted({0, *cuts.tolist(), *torn.tolist()})
+
+    def block(letter: str) -> np.ndarray:
+        empty = np.zeros((len(kept), 0))
+        return np.stack([at[name] for name in names[letter]], axis=1) if names[letter] else empty
+
+    return Motion(
+        time_s=time_s,
+        q=block("q"),
+        u=block("u"),
+        v=block("v") if names["v"] else None,
+        segments=tuple(zip(starts, [*starts[1:], len(kept)], strict=True)),
+        q_names=names["q"],
+        u_names=names["u"],
+        source=path.name,
+    )
+
+
+def _segment_changes(table: Table, segment: np.ndarray, kept: np.ndarray) -> np.ndarray:
+    broken = np.flatnonzero(segment != np.rint(segment))
+    if broken.size:
+        row = int(kept[broken[0]])
+        raise ValueError(
+            f"{table.place(row)}: segment is {segment[broken[0]]}; number the clips with integers"
+        )
+    return 1 + np.flatnonzero(np.diff(segment))
+
+
+def _one_clock(table: Table, time_s: np.ndarray, cuts: np.ndarray, kept: np.ndarray) -> np.ndarray:
+    """Times that increase throughout; a clip may restart its own clock, and is then moved behind the last."""
+    steps = np.diff(time_s)
+    inside = np.ones(len(steps), dtype=bool)
+    inside[cuts - 1] = False
+    wrong = np.flatnonzero(inside & (steps <= 0.0))
+    if wrong.size:
+        i = int(wrong[0])
+        kind = "stands still at" if steps[i] == 0.0 else f"runs back from {time_s[i]:.9g} s to"
+        raise ValueError(
+            f"{table.place(int(kept[i + 1]))}: t {kind} {time_s[i + 1]:.9g} s ({wrong.size} such rows). "
+            "Times must strictly increase inside a clip; drop repeated rows, or mark a new clip in `segment`"
+        )
+    back = [int(cut) for cut in cuts if steps[cut - 1] <= 0.0]
+    if not back:
+        return time_s
+    moved = time_s.copy()
+    gap_s = float(np.median(steps[inside])) if inside.any() else 1.0
+    for cut in back:
+        moved[cut:] += moved[cut - 1] + gap_s - moved[cut]
+    warnings.warn(
+        f"{table.source}: {len(back)} clip(s) begin their own clock; they are laid one after another, "
+        f"{gap_s:.6g} s apart, and t is counted from the first",
+        stacklevel=3,
+    )
+    return moved
+
+
+def _lost(table: Table, time_s: np.ndarray, cuts: np.ndarray, kept: np.ndarray, *, n: int) -> np.ndarray:
+    """Warn of rows left out, and return the samples at which they tear a clip."""
+    if len(kept) == n:
+        return np.zeros(0, int)
+    after = 1 + np.flatnonzero(np.diff(kept) > 1)
+    steps = np.diff(time_s)
+    inside = np.ones(len(steps), dtype=bool)
+    inside[cuts - 1] = False
+    usual = float(np.median(steps[inside])) if inside.any() else np.inf
+    torn = after[steps[after - 1] > LONGEST_LOSS * usual]
+    first = int(np.setdiff1d(np.arange(n), kept)[0])
+    new = np.setdiff1d(torn, cuts)
+    told = f", and it is cut at t = {', '.join(f'{t:.6g}' for t in time_s[new[:5]])} s" if new.size else ""
+    warnings.warn(
+        f"{table.source}: {n - len(kept)} of {n} rows lack a number (the first at {table.place(first)}) and "
+        f"are left out{told}{', ...' if new.size > 5 else ''}",
+        stacklevel=3,
+    )
+    return torn
+
+
+def leading(motion: Motion, length_s: float) -> Motion:
+    """The first clips of a motion, as many as last ``length_s`` [s] together, the last of them cut."""
+    pieces: list[tuple[int, int]] = []
+    left = length_s
+    for start, stop in motion.segments:
+        own = motion.time_s[start:stop] - motion.time_s[start]
+        end = start + int(np.searchsorted(own, left, side="right"))
+        if end - start > 1 or not pieces:
+            pieces.append((start, end))
+        left -= float(own[end - start - 1])
+        if left <= 0.0:
+            break
+    return motion.pieces(pieces)

@@ -1,0 +1,73 @@
+"""Which files a path stands for: a film, a folder of films, or a folder of images."""
+
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+FILMS = (".mp4", ".mov", ".avi", ".mkv", ".m4v", ".webm", ".mpg", ".mpeg", ".wmv")
+
+
+IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
+
+
+TIMES = "times.csv"
+
+
+@dataclass(frozen=True)
+class Clip:
+    """One stretch of frames without a break: a film, or the images of a folder.
+
+    ``images`` are in their order, and empty for a film. ``times`` is the table of their times, if any.
+    """
+
+    path: Path
+    images: tuple[Path, ...] = ()
+    times: Path | None = None
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """Every file that decides what the clip is."""
+        own = self.images or (self.path,)
+        return own if self.times is None else (*own, self.times)
+
+
+def find_clips(path: str | os.PathLike[str]) -> tuple[Clip, ...]:
+    """The clips behind ``path``: a file is one film, whatever its name; a folder holds films or images.
+
+    Hidden files and files that are neither film nor image are left alone.
+
+    Raises:
+        FileNotFoundError: nothing is at ``path``.
+        ValueError: a folder with both films and images, or with neither.
+    """
+    path = Path(path).expanduser()
+    if path.is_file():
+        return (Clip(path),)
+    if not path.is_dir():
+        raise FileNotFoundError(f"{path}: no such file or folder; check recording.path")
+    found = sorted((entry for entry in path.iterdir() if entry.is_file()), key=natural_order)
+    found = [entry for entry in found if not entry.name.startswith(".")]
+    films = [entry for entry in found if entry.suffix.lower() in FILMS]
+    images = [entry for entry in found if entry.suffix.lower() in IMAGES]
+    if films and images:
+        raise ValueError(
+            f"{path}: holds {len(films)} films ({films[0].name}, ...) and {len(images)} images "
+            f"({images[0].name}, ...); keep the films or the images of a recording in a folder of their own"
+        )
+    if not films and not images:
+        raise ValueError(
+            f"{path}: holds neither a film ({' '.join(FILMS)}) nor an image ({' '.join(IMAGES)}); "
+            "name a film, a folder of films, or a folder of images"
+        )
+    if films:
+        return tuple(Clip(film) for film in films)
+    times = path / TIMES
+    return (Clip(path, tuple(images), times if times.is_file() else None),)
+
+
+def natural_order(path: Path) -> tuple[tuple[int, str], ...]:
+    """A key that sorts names by the numbers in them: ``img2`` before ``img10``."""
+    parts = re.split(r"(\d+)", path.name)
+    counted = ((int(part), "") if part.isdigit() else (-1, part.lower()) for part in parts)
+    return (*counted, (-1, path.name))

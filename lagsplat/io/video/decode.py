@@ -1,0 +1,252 @@
+"""Whether a film's file is as long as it says.
+
+Frame counts cannot tell: an edit list may hide frames of a whole file, and then fewer come out than are
+announced. The sizes that the two box formats write into themselves can.
+
+The pictures of one clip, each with its time.
+
+Times of a film are the container's presentation timestamps, read for every frame: the frame rate and frame
+count in a file's header are averages at best and often wrong. AVI has no timestamps; its frames stand at
+multiples of the stream's own time base, which is all that such a file knows. Films are turned as their
+rotation tag says and images as their EXIF tag says, which is OpenCV's default.
+
+Frames that a recorder writes several times before its clock runs.
+
+Two things at once: making items, and working on those already made.
+"""
+
+import csv
+import os
+import warnings
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from itertools import pairwise
+from pathlib import Path
+from typing import TypeVar
+
+import cv2
+import numpy as np
+from jaxtyping import UInt8
+
+from lagsplat.io.video.clips import Clip
+
+BOX_HEADER = 8
+LONG_BOX_HEADER = 16
+
+
+def missing_bytes(path: str | os.PathLike[str]) -> int | None:
+    """How many bytes the file at ``path`` lacks by its own account; None where its format keeps no account.
+
+    Known are MP4 and QuickTime (ISO/IEC 14496-12, section 4.2) and AVI (RIFF, its outermost chunks).
+    """
+    total = os.path.getsize(path)
+    with open(path, "rb") as file:
+        first = file.read(BOX_HEADER)
+        little_endian = first[:4] == b"RIFF"
+        if not little_endian and first[4:] != b"ftyp":
+            return None
+        position = 0
+        while position < total:
+            file.seek(position)
+            header = file.read(LONG_BOX_HEADER)
+            if len(header) < BOX_HEADER:
+                return BOX_HEADER - len(header)
+            if little_endian:
+                size = int.from_bytes(header[4:8], "little")
+                position += BOX_HEADER + size + size % 2
+                continue
+            size = int.from_bytes(header[:4], "big")
+            if size == 1:
+                size = int.from_bytes(header[8:16], "big")
+            if size == 0:  # "to the end of the file"
+                return 0
+            # A box smaller than its own header is damage; without this floor the walk would stand still.
+            position += max(size, BOX_HEADER)
+    return position - total
+
+
+Pictures = Iterator[tuple[float, UInt8[np.ndarray, "H W 3"] | None]]
+
+
+def decode(clip: Clip, *, skip_s: float = 0.0, end_s: float | None = None, dt_s: float | None) -> Pictures:
+    """Time [s] and picture (BGR) of each frame up to ``end_s`` (exclusive); None in place of pictures before
+    ``skip_s``. Both count from the clip's first frame.
+
+    ``dt_s`` is the spacing of images without a table of times; films have times of their own. A film that is
+    cut short gives the frames that are whole, with a warning.
+
+    Raises:
+        ValueError: a file cannot be decoded, times do not strictly increase or are not known, or the images
+            of a folder differ in size.
+    """
+    return _images(clip, skip_s, end_s, dt_s) if clip.images else _film(clip.path, skip_s, end_s, dt_s)
+
+
+def picture_size(clip: Clip, *, dt_s: float | None) -> tuple[int, int]:
+    """Rows and columns of a clip's first picture, turned as its tag says.
+
+    Raises:
+        ValueError: as `decode`; or there is no picture.
+    """
+    pictures = decode(clip, dt_s=dt_s)
+    try:
+        for _, picture in pictures:
+            assert picture is not None, "nothing was skipped"
+            return picture.shape[0], picture.shape[1]
+    finally:
+        pictures.close()  # type: ignore[attr-defined]  # a generator
+    raise ValueError(f"{clip.path}: no frame to keep; 0 were read. Check the file")
+
+
+def _film(path: Path, skip_s: float, end_s: float | None, dt_s: float | None) -> Pictures:
+    if dt_s is not None:
+        raise ValueError(
+            f"{path}: recording.dt_s is {dt_s}, but a film's own timestamps are used; set recording.dt_s=null"
+        )
+    capture = cv2.VideoCapture(str(path))
+    try:
+        if not capture.isOpened():
+            lacking = missing_bytes(path)
+            why = f": {lacking} bytes and with them its index are missing at its end" if lacking else ""
+            raise ValueError(
+                f"{path}: OpenCV cannot open it; it is truncated or not a film, or its codec is unknown"
+                f"{why}. Fetch it again, or re-encode it (ffmpeg -i FILE -c:v libx264 -crf 12 NEW.mp4)"
+            )
+        times: list[float] = []
+        # The last frame of a file that breaks off may be half a picture, and no decoder tells.
+        doubtful = bool(missing_bytes(path))
+        held: tuple[float, UInt8[np.ndarray, "H W 3"]] | None = None
+        while capture.grab():
+            # The position is that of the frame just grabbed; the header's frame rate does not enter.
+            time_s = capture.get(cv2.CAP_PROP_POS_MSEC) / 1000.0
+            if times and not time_s > times[-1]:
+                raise ValueError(
+                    f"{path}: frame {len(times)} is at {time_s:.6f} s, not after frame {len(times) - 1} at "
+                    f"{times[-1]:.6f} s; times must strictly increase. Remux the film, or cut it with end_s"
+                )
+            times.append(time_s)
+            if held is not None:
+                yield held
+                held = None
+            if end_s is not None and time_s - times[0] >= end_s:
+                return
+            if time_s - times[0] < skip_s:
+                yield time_s, None
+                continue
+            whole, picture = capture.retrieve()
+            if not whole:
+                times.pop()
+                break
+            if doubtful:
+                held = time_s, picture
+            else:
+                yield time_s, picture
+        if held is not None:
+            times.pop()
+        if times:
+            announced = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
+            _warn_if_short(path, n_read=len(times), announced=announced, last_s=times[-1])
+    finally:
+        capture.release()
+
+
+def _warn_if_short(path: Path, *, n_read: int, announced: int, last_s: float) -> None:
+    lacking = missing_bytes(path)
+    if lacking is None and n_read < announced:
+        reason = f"its header announces {announced}"
+    elif lacking:
+        reason = (
+            f"{lacking} bytes are missing at the end of the file, and the frame before the break is left out"
+        )
+    else:
+        return
+    warnings.warn(f"{path}: only {n_read} frames are whole, up to {last_s:.3f} s; {reason}", stacklevel=4)
+
+
+def _images(clip: Clip, skip_s: float, end_s: float | None, dt_s: float | None) -> Pictures:
+    times = _times_of(clip, dt_s)
+    shape: tuple[int, ...] | None = None
+    for time_s, path in zip(times, clip.images, strict=True):
+        if end_s is not None and time_s - times[0] >= end_s:
+            return
+        if time_s - times[0] < skip_s:
+            yield time_s, None
+            continue
+        picture = cv2.imread(str(path), cv2.IMREAD_COLOR)
+        if picture is None:
+            raise ValueError(
+                f"{path}: OpenCV cannot read this image; it is damaged. Fetch or export it again"
+            )
+        shape = picture.shape if shape is None else shape
+        if picture.shape != shape:
+            raise ValueError(
+                f"{path}: {picture.shape[1]} x {picture.shape[0]} px, but the images before it are "
+                f"{shape[1]} x {shape[0]}; the frames of one clip have one size"
+            )
+        yield time_s, picture
+
+
+def _times_of(clip: Clip, dt_s: float | None) -> list[float]:
+    """A time [s] for each image: from the table beside them, or every ``dt_s`` from 0."""
+    if clip.times is None:
+        if dt_s is None:
+            raise ValueError(
+                f"{clip.path}: {len(clip.images)} images carry no times; give their spacing with "
+                "recording.dt_s=SECONDS, or a times.csv beside them with a column t [s]"
+            )
+        return [dt_s * i for i in range(len(clip.images))]
+    if dt_s is not None:
+        raise ValueError(
+            f"{clip.times}: gives the times, and so does recording.dt_s = {dt_s}; set recording.dt_s=null"
+        )
+    with clip.times.open(newline="", encoding="utf-8-sig") as file:
+        rows = list(csv.DictReader(file))
+    try:
+        times = [float(row["t"]) for row in rows]
+    except (KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"{clip.times}: {error}; give one number a row in a column t [s]") from error
+    if len(times) != len(clip.images) or not np.isfinite(times).all() or not (np.diff(times) > 0).all():
+        raise ValueError(
+            f"{clip.times}: {len(times)} times for {len(clip.images)} images; give one finite time an image, "
+            "in the order of their names, each above the one before"
+        )
+    return times
+
+
+LOOKED_AT = 6  # frames
+SHARE = 1 / 50  # of the median difference, below which two frames are one
+
+
+def duplicates_at_start(frames: Sequence[UInt8[np.ndarray, "H W 3"]]) -> int:
+    """How many leading frames only repeat the one after them.
+
+    Two neighbours are one frame if their mean squared difference is below a fiftieth of the median over the
+    first six frames.
+    """
+    first = [np.asarray(frame, dtype=np.float32) for frame in frames[:LOOKED_AT]]
+    apart = [float(((b - a) ** 2).mean()) for a, b in pairwise(first)]
+    if not apart:
+        return 0
+    new = [difference >= SHARE * float(np.median(apart)) for difference in apart]
+    return new.index(True) if True in new else 0
+
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+AHEAD = 4  # items that may wait: more would only fill memory
+
+
+def overlapped(items: Iterable[Item], work: Callable[[Item], Result]) -> Iterator[Result]:
+    """``work`` of each item, in order, done in one other thread while this one makes the next item.
+
+    It pays where both leave Python's lock alone, as OpenCV does. Errors of either come out here.
+    """
+    with ThreadPoolExecutor(max_workers=1) as worker:
+        pending: deque[Future[Result]] = deque()
+        for item in items:
+            pending.append(worker.submit(work, item))
+            if len(pending) > AHEAD:
+                yield pending.popleft().result()
+        while pending:
+            yield pending.popleft().result()

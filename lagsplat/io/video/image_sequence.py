@@ -1,0 +1,108 @@
+"""Which files a path stands for: a film, a folder of films, or a folder of images.
+
+Several clips of one system lie in one folder and are taken by name, in the order a person would count them
+(``take2`` before ``take10``). This module opens nothing, so that a plan can name every file beforehand.
+
+A clip of one fixed camera in the layout of D-NeRF recordings, for tools that read nothing else.
+
+Numbered pictures that another program predicted.
+"""
+
+import json
+import os
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from lagsplat.array_types import Frames
+from lagsplat.io.files.atomic import write_text
+
+LISTING = "transforms_train.json"
+
+
+def write_dnerf(
+    folder: str | os.PathLike[str],
+    frames: Frames,
+    *,
+    n_train: int,
+    field_of_view_rad: float,
+    distance: float,
+) -> float:
+    """Write frames as numbered PNGs and one listing of them; returns the time that divides them.
+
+    Times run from 0 to 1 over the clip, in order and evenly. Every frame has the same camera, at ``distance``
+    on the z axis, looking at the origin along -z with x to the right and y up. Frames before the returned
+    time are the first ``n_train``: tools that split one listing by time train on these.
+
+    Raises:
+        ValueError: nothing is left to train on, or nothing to predict.
+    """
+    if not 0 < n_train < len(frames):
+        raise ValueError(
+            f"{len(frames)} frames, of which {n_train} to train on: both parts must hold a frame; choose "
+            "another split"
+        )
+    place = Path(folder)
+    (place / "frames").mkdir(parents=True, exist_ok=True)
+    camera = np.eye(4)
+    camera[2, 3] = distance
+    listed = []
+    for index, frame in enumerate(frames):
+        name = f"frames/{index:05d}"
+        written = cv2.imwrite(str(place / f"{name}.png"), np.asarray(frame)[..., ::-1])
+        if not written:
+            raise OSError(
+                f"{place / name}.png: cannot be written; check the disk and the rights of the folder"
+            )
+        listed.append(
+            {
+                "file_path": name,
+                "time": index / (len(frames) - 1),
+                "transform_matrix": camera.tolist(),
+            }
+        )
+    listing = {"camera_angle_x": field_of_view_rad, "frames": listed}
+    write_text(place / LISTING, json.dumps(listing, indent=1))
+    return (n_train - 0.5) / (len(frames) - 1)
+
+
+def read_predicted(folder: str | os.PathLike[str], *, height: int, width: int, at_least: int) -> Frames:
+    """The PNGs ``00000.png``, ``00001.png``, ... of a folder in the order of their numbers, uint8 (N,H,W,3).
+
+    Raises:
+        FileNotFoundError: there is no such folder.
+        ValueError: fewer than ``at_least`` of them, a gap in the numbers, a picture of another size or one
+        that cannot be read.
+    """
+    place = Path(folder)
+    if not place.is_dir():
+        raise FileNotFoundError(f"{place}: no such folder of predicted frames; check the path")
+    files = sorted(
+        (path for path in place.glob("*.png") if path.stem.isdigit()), key=lambda path: int(path.stem)
+    )
+    if len(files) < at_least:
+        raise ValueError(
+            f"{place}: {len(files)} predicted frames, but {at_least} are held out; let the tool predict as "
+            "many, or check which folder was given"
+        )
+    numbers = [int(path.stem) for path in files]
+    missing = sorted(set(range(numbers[0], numbers[-1] + 1)) - set(numbers))
+    if missing:
+        raise ValueError(
+            f"{place}: {numbers[0]:05d}.png to {numbers[-1]:05d}.png, but {missing[0]:05d}.png is missing "
+            f"({len(missing)} such); copy the folder again"
+        )
+    pictures = []
+    for path in files:
+        picture = cv2.imread(str(path), cv2.IMREAD_COLOR)
+        if picture is None:
+            raise ValueError(f"{path}: not a picture that can be read; copy it again")
+        if picture.shape[:2] != (height, width):
+            size = f"{picture.shape[0]} x {picture.shape[1]}"
+            raise ValueError(
+                f"{path}: {size} pixels, but the recording has {height} x {width}; predict frames of the "
+                "recording's size (the tool does not resize what it is given)"
+            )
+        pictures.append(picture[..., ::-1])
+    return np.ascontiguousarray(np.stack(pictures))

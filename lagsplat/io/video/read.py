@@ -1,0 +1,275 @@
+"""Recordings from films and from folders of images, by OpenCV.
+
+Pictures are turned, stabilised, cropped, averaged over areas and checked one after another as they are
+decoded, so that no film is held at its full size. Crops are given in the turned picture.
+
+Small films of drawn pictures, for people: an MP4 and a GIF.
+"""
+
+import hashlib
+import os
+import warnings
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from jaxtyping import Float64, UInt8
+from PIL import Image
+
+from lagsplat.io.files.atomic import replacing, sha256_of
+from lagsplat.io.recording.recording import Recording
+from lagsplat.io.video.clips import Clip, find_clips
+from lagsplat.io.video.decode import Pictures, decode, duplicates_at_start, overlapped, picture_size
+from lagsplat.video_quality.assessment import Footage, check_footage
+from lagsplat.video_quality.camera_motion import path_to_undo, shift_back
+from lagsplat.video_quality.frames import Thumbnails, shape_picture, turn_picture
+
+Frame = UInt8[np.ndarray, "H W 3"]
+CLIP_GAP_S = 1.0  # between the last frame of a clip and the first of the next
+SAME_SHAPE = 0.01  # relative difference of aspect ratios, and of frame spacings, that is none
+
+
+@dataclass(frozen=True)
+class _Treatment:
+    """What is done to every picture and clip; fields as in `read_video`."""
+
+    crop: Sequence[int] | None
+    skip_s: float
+    size: tuple[int, int] | None
+    end_s: float | None
+    dt_s: float | None
+    rotate: int
+    grey: bool
+    stabilise: bool
+
+
+@dataclass(frozen=True)
+class _Film:
+    """One clip as read: frames, their times [s] and the time of the clip's first frame."""
+
+    frames: UInt8[np.ndarray, "T H W 3"]
+    time_s: Float64[np.ndarray, " T"]
+    footage: Footage
+    meta: dict[str, Any]
+
+
+def read_video(
+    path: str | os.PathLike[str],
+    *,
+    crop: Sequence[int] | None,
+    skip_s: float,
+    size: tuple[int, int] | None,
+    end_s: float | None = None,
+    dt_s: float | None = None,
+    rotate: int = 0,
+    grey: bool = False,
+    stabilise: bool = False,
+    licence: str = "unknown",
+) -> Recording:
+    """The film, folder of films or folder of images at ``path``, without inputs.
+
+    Each film of a folder is a clip of its own. ``crop`` is (x, y, width, height) [pixel of the film]. Frames
+    from ``skip_s`` up to ``end_s`` (exclusive) seconds after each clip's first frame are kept. Times are
+    those of the container; later clips are shifted as a whole, to 1 s after the one before. ``size`` is
+    (height, width) after averaging over areas; None keeps the cropped size. ``dt_s`` is the spacing of
+    images that have no times.csv, and is None for films. ``rotate`` turns clockwise [degree], on top of the
+    file's own tag. ``grey`` makes the three channels equal. ``stabilise`` shifts every picture back onto the
+    clip's first by the motion of the background. Leading duplicates are dropped. What breaks the method is
+    warned of and kept in ``meta["footage"]``, by clip.
+
+    Raises:
+        FileNotFoundError: nothing is at ``path``.
+        ValueError: a file cannot be decoded, holds no frame in the range, goes backwards in time, is smaller
+            than the crop, or its clips differ in shape; the times of images are not known; or there is no
+            background to stabilise on.
+    """
+    clips = find_clips(path)
+    treatment = _Treatment(crop, skip_s, size, end_s, dt_s, rotate, grey, stabilise)
+    treatment = _with_common_size(clips, treatment)
+    films = [_read_clip(clip, treatment) for clip in clips]
+    _warn_of_spacings(clips, films)
+    times, stops = _one_clock(films)
+    return Recording(
+        frames=films[0].frames if len(films) == 1 else np.concatenate([film.frames for film in films]),
+        time_s=times,
+        inputs=np.zeros((len(times), 0)),
+        input_names=(),
+        input_units=(),
+        segments=tuple(zip([0, *stops[:-1]], stops, strict=True)),
+        meta={
+            "origin": "filmed",
+            "source": Path(path).name,
+            "sha256": _sha256_of_all(clips),
+            "licence": licence,
+            "crop": None if crop is None else list(crop),
+            "skip_s": skip_s,
+            "end_s": end_s,
+            "rotate": rotate,
+            "grey": grey,
+            "stabilise": stabilise,
+            "clip_gap_s": CLIP_GAP_S if len(clips) > 1 else None,
+            "clips": [film.meta for film in films],
+            "footage": [film.footage.numbers for film in films],
+        },
+    )
+
+
+def _read_clip(clip: Clip, treatment: _Treatment) -> _Film:
+    source, crop = str(clip.path), treatment.crop
+    undo = iter(_measure_path(clip, treatment)) if treatment.stabilise else None
+    thumbnails = Thumbnails()
+
+    def treat(item: tuple[float, UInt8[np.ndarray, "h w 3"] | None]) -> tuple[float, Frame | None]:
+        time_s, picture = item
+        if picture is None:
+            return time_s, None
+        picture = turn_picture(picture, treatment.rotate)
+        if undo is not None:
+            picture = shift_back(picture, next(undo))
+        thumbnails.add(picture)
+        return time_s, shape_picture(
+            picture, crop=crop, size=treatment.size, source=source, grey=treatment.grey
+        )
+
+    clock: list[float] = []
+    times: list[float] = []
+    frames: list[Frame] = []
+    for time_s, frame in overlapped(_decode(clip, treatment), treat):
+        clock.append(time_s)
+        if frame is not None:
+            times.append(time_s)
+            frames.append(frame)
+    if not frames:
+        raise ValueError(
+            f"{source}: no frame to keep; {len(clock)} were read, from {min(clock, default=0.0):.3f} s to "
+            f"{max(clock, default=0.0):.3f} s, with skip_s = {treatment.skip_s} and end_s = "
+            f"{treatment.end_s}. Check the cut, or the file if none was read"
+        )
+    n_same = duplicates_at_start(frames)
+    if n_same:
+        warnings.warn(f"{source}: the first {n_same} frames only repeat the next one; dropped", stacklevel=4)
+    whole, kept_s = np.stack(frames[n_same:]), np.array(times[n_same:])
+    width = thumbnails.width if crop is None else crop[2]
+    footage = check_footage(
+        whole, kept_s - clock[0], thumbnails, film_per_frame=max(1.0, width / whole.shape[2])
+    )
+    for sentence in footage.warnings:
+        warnings.warn(f"{source}: {sentence}", stacklevel=4)
+    meta = {"source": clip.path.name, "frames": len(whole), "first_s": clock[0], "start_s": times[n_same]}
+    return _Film(whole, kept_s, footage, {**meta, "duplicates": n_same})
+
+
+def _decode(clip: Clip, treatment: _Treatment) -> Pictures:
+    return decode(clip, skip_s=treatment.skip_s, end_s=treatment.end_s, dt_s=treatment.dt_s)
+
+
+def _measure_path(clip: Clip, treatment: _Treatment) -> Float64[np.ndarray, "T 2"]:
+    """Where the background of each kept picture has gone: a first pass over the whole clip."""
+    pictures = (
+        cv2.cvtColor(turn_picture(picture, treatment.rotate), cv2.COLOR_BGR2GRAY)
+        for _, picture in _decode(clip, treatment)
+        if picture is not None
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # what is missing is said by the second pass
+        return path_to_undo(pictures, source=str(clip.path))
+
+
+def _with_common_size(clips: Sequence[Clip], treatment: _Treatment) -> _Treatment:
+    """The same treatment, with a size that suits all clips."""
+    if len(clips) == 1:
+        return treatment
+    sizes = [picture_size(clip, dt_s=treatment.dt_s) for clip in clips]
+    if treatment.rotate % 180:
+        sizes = [(columns, rows) for rows, columns in sizes]
+    if len(set(sizes)) == 1:
+        return treatment
+    listed = ", ".join(
+        f"{clip.path.name} {columns} x {rows}" for clip, (rows, columns) in zip(clips, sizes, strict=True)
+    )
+    if treatment.crop is not None:
+        warnings.warn(
+            f"clips differ in size ({listed} px); recording.crop takes the same pixels from each, whatever "
+            "they show there",
+            stacklevel=4,
+        )
+        return treatment
+    aspects = [columns / rows for rows, columns in sizes]
+    if max(aspects) / min(aspects) > 1.0 + SAME_SHAPE:
+        raise ValueError(
+            f"clips differ in shape ({listed} px), and resizing would distort some of them; give a "
+            "recording.crop that lies within all, or keep clips of one shape in the folder"
+        )
+    size = treatment.size or min(sizes)
+    warnings.warn(
+        f"clips differ in size ({listed} px); all are resized to {size[1]} x {size[0]} px", stacklevel=4
+    )
+    return replace(treatment, size=size)
+
+
+def _warn_of_spacings(clips: Sequence[Clip], films: Sequence[_Film]) -> None:
+    spacing = [float(np.median(np.diff(film.time_s))) if len(film.time_s) > 1 else np.nan for film in films]
+    if np.nanmax(spacing) > (1.0 + SAME_SHAPE) * np.nanmin(spacing):
+        listed = ", ".join(
+            f"{clip.path.name} {1.0 / step:.3f}" for clip, step in zip(clips, spacing, strict=True)
+        )
+        warnings.warn(
+            f"clips differ in frame rate ({listed} frames/s); their own times are kept, but whatever counts "
+            "in frames treats them alike. Give clips of one rate",
+            stacklevel=3,
+        )
+
+
+def _one_clock(films: Sequence[_Film]) -> tuple[Float64[np.ndarray, " T"], list[int]]:
+    """Times [s] of all frames, each clip's after the one before it, and where each clip ends."""
+    times = [films[0].time_s]
+    for film in films[1:]:
+        times.append(film.time_s - film.time_s[0] + times[-1][-1] + CLIP_GAP_S)
+    return np.concatenate(times), [int(stop) for stop in np.cumsum([len(part) for part in times])]
+
+
+def _sha256_of_all(clips: Sequence[Clip]) -> str:
+    """The file's own digest; of several files, the digest of theirs in order."""
+    digests = [sha256_of(file) for clip in clips for file in clip.files]
+    return digests[0] if len(digests) == 1 else hashlib.sha256("".join(digests).encode()).hexdigest()
+
+
+Picture = UInt8[np.ndarray, "H W 3"]
+COLORS = 128
+
+
+def save_mp4(path: str | os.PathLike[str], pictures: Iterable[Picture], *, rate_hz: float) -> None:
+    """Write an MPEG-4 film of RGB pictures of one size; an odd side loses its last pixel.
+
+    Raises:
+        ValueError: there is no picture, or OpenCV cannot write such a film here.
+    """
+    with replacing(path) as temporary:
+        writer = None
+        for picture in pictures:
+            height, width = (2 * (side // 2) for side in picture.shape[:2])
+            if writer is None:
+                codec = cv2.VideoWriter.fourcc(*"mp4v")
+                writer = cv2.VideoWriter(str(temporary), codec, rate_hz, (width, height))
+            writer.write(np.ascontiguousarray(picture[:height, :width, ::-1]))
+        if writer is None or not writer.isOpened():
+            raise ValueError(f"{path}: no film of these pictures can be written; is there one, and a codec?")
+        writer.release()
+
+
+def save_gif(path: str | os.PathLike[str], pictures: Iterable[Picture], *, rate_hz: float) -> None:
+    """Write an animation that repeats for ever.
+
+    Raises:
+        ValueError: there is no picture.
+    """
+    frames = [Image.fromarray(picture).quantize(COLORS) for picture in pictures]
+    if not frames:
+        raise ValueError(f"{path}: an animation needs a picture")
+    # GIF counts hundredths of a second, and browsers slow down what claims to be faster than 50 Hz
+    pause_ms = 10 * max(2, round(100.0 / rate_hz))
+    with replacing(path) as temporary:
+        frames[0].save(temporary, save_all=True, append_images=frames[1:], duration=pause_ms, loop=0)

@@ -1,0 +1,234 @@
+"""What SHARP made of each frame, kept by the frame's content, and never mixed with that of other cameras.
+
+Running the user's own installation of SHARP, which lifts single pictures to clouds of Gaussians.
+
+Code and weights have licences of their own; the weights are for research only. Nothing of either is part of
+this project, and nothing is fetched.
+"""
+
+import fcntl
+import hashlib
+import json
+import shlex
+import shutil
+import subprocess
+import tempfile
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from jaxtyping import Float32, UInt8
+from PIL import Image
+
+from lagsplat.io.files.artifact import load_artefact, save_artefact
+from lagsplat.io.files.json_files import load_json, save_json
+from lagsplat.io.files.ply import is_whole
+from lagsplat.views.config import SharpConfig
+
+KIND, SCHEMA = "lifted", 1
+MANIFEST, LOCK = "cache.json", ".lock"
+LIFTING = "lifting-"
+"""How folders begin in which frames are being lifted."""
+
+
+@dataclass(frozen=True)
+class Lifted:
+    """The views of one frame: pictures, their cover in [0, 255], the depth [m] that the film's own camera
+    sees, and ``told``: the ``scale`` that aligned it, what was left of the difference, and its time.
+    """
+
+    images: UInt8[np.ndarray, "V H W 3"]
+    cover: UInt8[np.ndarray, "V H W"]
+    depth: Float32[np.ndarray, "H W"]
+    told: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class SharpCache:
+    """A folder with one file a frame and a manifest of what is common to all."""
+
+    folder: Path
+
+    @contextmanager
+    def held(self) -> Iterator[None]:
+        """Keep others out; the operating system lets go when the process ends, however it ends.
+
+        Raises:
+            BlockingIOError: another run fills this cache.
+        """
+        self.folder.mkdir(parents=True, exist_ok=True)
+        with (self.folder / LOCK).open("w") as file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError as error:
+                raise BlockingIOError(f"another run fills the cache {self.folder}; wait for it") from error
+            for left in self.folder.glob(f"{LIFTING}*"):
+                # Of a killed run, whose tool may still be at work and ends for want of its frames.
+                shutil.rmtree(left, ignore_errors=True)
+            for half in self.folder.glob(".*.safetensors"):  # killed before it was whole
+                half.unlink(missing_ok=True)
+            yield
+
+    def manifest(self) -> dict[str, Any] | None:
+        """What is common to all frames, or None for a new cache."""
+        path = self.folder / MANIFEST
+        return load_json(path) if path.is_file() else None
+
+    def claim(self, common: dict[str, Any]) -> None:
+        """Write down what is common to all frames, or agree with what is written.
+
+        Raises:
+            ValueError: the cache was made with other cameras or settings; names them.
+        """
+        common = json.loads(json.dumps(common))
+        there = self.manifest()
+        if there is None:
+            save_json(self.folder / MANIFEST, common)
+            return
+        other = [
+            f"{key} ({there.get(key)} there, {common[key]} asked)"
+            for key in common
+            if there.get(key) != common[key]
+        ]
+        if other:
+            raise ValueError(
+                f"the cache {self.folder} was made with other {', '.join(other)}; give "
+                "views.sharp.cache=FOLDER for another one, delete it, or go back to its settings"
+            )
+
+    def name_weights(self, digest: str) -> None:
+        """Note which weights lift the frames, or agree with what is noted.
+
+        Raises:
+            ValueError: frames of other weights are there.
+        """
+        common = self.manifest() or {}
+        if common.setdefault("weights", digest) != digest:
+            raise ValueError(
+                f"the cache {self.folder} holds frames lifted with other weights; give "
+                "views.sharp.cache=FOLDER for another one, or delete it"
+            )
+        save_json(self.folder / MANIFEST, common)
+
+    def find(self, key: str) -> Lifted | None:
+        """The views of a frame, or None where there are none, or a file that is no longer whole."""
+        path = self._file(key)
+        if not path.is_file():
+            return None
+        try:
+            tensors, header = load_artefact(path, kind=KIND, schema=SCHEMA)
+        except ValueError:
+            return None  # half-written or of other code: made again, and replaced whole
+        return Lifted(tensors["images"], tensors["cover"], tensors["depth"], header["told"])
+
+    def keep(self, key: str, lifted: Lifted) -> None:
+        """Keep the views of a frame, whole or not at all."""
+        tensors = {"images": lifted.images, "cover": lifted.cover, "depth": lifted.depth}
+        save_artefact(self._file(key), tensors, {"kind": KIND, "schema": SCHEMA, "told": lifted.told})
+
+    def size_mb(self) -> float:
+        """Megabytes of all files."""
+        return sum(path.stat().st_size for path in self.folder.rglob("*") if path.is_file()) / 1e6
+
+    def _file(self, key: str) -> Path:
+        return self.folder / f"{key}.safetensors"
+
+
+def key_of(frame: np.ndarray, *settings: object) -> str:
+    """A digest of a frame's pixels and shape, and of the settings by which it is lifted."""
+    content = np.ascontiguousarray(frame)
+    told = json.dumps([content.shape, *settings]).encode()
+    return hashlib.sha256(told + content.tobytes()).hexdigest()[:32]
+
+
+EXIF_IFD, FOCAL_35MM = 0x8769, 0xA405
+DIAGONAL_35MM = float(np.hypot(36.0, 24.0))
+QUALITY = 98
+POLL_S = 0.1
+LAST_WORDS = 600
+WHERE = (
+    "SHARP (github.com/apple/ml-sharp) and its weights sharp_2572gikvuh.pt (2.8 GB, from "
+    "ml-site.cdn-apple.com/models/sharp) are under licences of their own, the weights for research only; "
+    "install both yourself if these suit you, then give views.sharp.command='sharp' and "
+    "views.sharp.checkpoint=FILE"
+)
+
+
+def require_sharp(config: SharpConfig) -> list[str]:
+    """The words that start the user's SHARP.
+
+    Raises:
+        ValueError: no command or checkpoint is given, or they are not there; says where to get them.
+    """
+    if config.command is None or config.checkpoint is None:
+        raise ValueError(f"views=sharp: no installation is named. {WHERE}")
+    words = shlex.split(config.command)
+    if not words or shutil.which(words[0]) is None:
+        raise ValueError(f"views.sharp.command={config.command!r}: no such program. {WHERE}")
+    if not Path(config.checkpoint).expanduser().is_file():
+        raise ValueError(f"views.sharp.checkpoint={config.checkpoint}: no such file. {WHERE}")
+    return words
+
+
+def focal_px(focal_35mm: float, *, height: int, width: int) -> float:
+    """Focal length [px] of a picture by that for 35 mm film, as SHARP converts it: by the diagonals."""
+    return focal_35mm * float(np.hypot(height, width)) / DIAGONAL_35MM
+
+
+def lift(
+    frames: Mapping[str, np.ndarray], config: SharpConfig, *, within: Path
+) -> Iterator[tuple[str, Path]]:
+    """Lift pictures (H, W, 3) uint8; yields the name and the PLY of each as soon as it is whole.
+
+    The PLY is deleted once the next one is asked for. Pictures are enlarged and told their focal length, then
+    handed over together, for the tool loads its network at every start. ``within`` is a folder for both.
+
+    Raises:
+        ValueError: see `require_sharp`. RuntimeError: the tool fails or leaves a picture out.
+    """
+    words, waiting = require_sharp(config), set(frames)
+    with tempfile.TemporaryDirectory(prefix=LIFTING, dir=within) as folder:
+        inputs, outputs, log = (Path(folder) / name for name in ("frames", "clouds", "log.txt"))
+        inputs.mkdir()
+        outputs.mkdir()
+        for name, frame in frames.items():
+            write_picture(inputs / f"{name}.jpg", frame, config)
+        command = [*words, "predict", "-i", str(inputs), "-o", str(outputs)]
+        command += ["-c", str(Path(str(config.checkpoint)).expanduser())]
+        with log.open("w") as told:
+            process = subprocess.Popen(command, stdout=told, stderr=subprocess.STDOUT)
+        try:
+            while waiting:
+                ended = process.poll() is not None
+                done = sorted(name for name in waiting if is_whole(outputs / f"{name}.ply"))
+                for name in done:
+                    yield name, outputs / f"{name}.ply"
+                    (outputs / f"{name}.ply").unlink(missing_ok=True)  # unless it was moved
+                    waiting.discard(name)
+                if ended and waiting and not done:
+                    said = log.read_text()[-LAST_WORDS:].strip()
+                    raise RuntimeError(
+                        f"{' '.join(words)} ended with exit code {process.returncode} and left "
+                        f"{len(waiting)} of {len(frames)} frames out; its last words: {said}"
+                    )
+                if not done:
+                    time.sleep(POLL_S)
+        finally:
+            process.terminate()
+            process.wait()
+
+
+def write_picture(path: Path, frame: np.ndarray, config: SharpConfig) -> None:
+    """A frame as SHARP should see it: enlarged, since it samples corners where pixels have centres, and with
+    its focal length in the header, which it reads from JPEG alone.
+    """
+    height, width = (config.upscale * side for side in frame.shape[:2])
+    large = cv2.resize(np.asarray(frame), (width, height), interpolation=cv2.INTER_CUBIC)
+    about = Image.Exif()
+    about.get_ifd(EXIF_IFD)[FOCAL_35MM] = round(config.focal_35mm)
+    Image.fromarray(large).save(path, exif=about, quality=QUALITY, subsampling=0)

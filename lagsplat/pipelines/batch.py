@@ -1,0 +1,151 @@
+"""Recordings that are diagnosed one after another, nobody being there to read a report of each.
+
+Films of recordings nobody looks at: an autoencoder of the nominal ones, frozen, and what it sees in all.
+
+Source: the paper's stage 1; the real films never enter a fit.
+"""
+
+import json
+import logging
+import zipfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lagsplat.chart.chart import require_trained
+from lagsplat.chart.config import ChartConfig
+from lagsplat.chart.visibility import fit_whitening
+from lagsplat.diagnose.core.config import DiagnoseConfig
+from lagsplat.io.files.atomic import sha256_of, write_text
+from lagsplat.io.files.json_files import load_json, save_csv, save_json
+from lagsplat.io.krauss import read_krauss_npz
+from lagsplat.io.recording.recording import Recording
+from lagsplat.pipelines.diagnosis import examine
+from lagsplat.pipelines.diagnosis_inputs import open_pair
+from lagsplat.provenance import stamp
+from lagsplat.report.diagnosis.content import save_rollouts
+from lagsplat.report.diagnosis.serialization import save_diagnosis
+from lagsplat.stage1.autoencoder import encode_frames
+from lagsplat.stage1.config import Stage1Config
+from lagsplat.stage1.fit import fit_autoencoder
+
+log = logging.getLogger(__name__)
+SIM, REAL = "sim_*.csv", "real_*.csv"
+
+
+@dataclass(frozen=True)
+class Run:
+    """A recording and the effects that are left out of the catalogue for it."""
+
+    place: Path
+    without: tuple[str, ...]
+
+
+def batch_of(folder: Path, number: int, size: int) -> list[Path]:
+    """The recordings of batch ``number`` (from 0) of a folder that holds one folder a recording, by name."""
+    places = sorted(path for path in folder.iterdir() if path.is_dir())
+    return places[number * size : (number + 1) * size]
+
+
+def runs_of(listed: Path, folders: Sequence[Path], number: int, size: int) -> list[Run]:
+    """Batch ``number`` (from 0) of the runs ``listed`` one a line as ``{"id": ..., "without": [...]}``.
+
+    ``folders`` hold one folder a recording.
+    """
+    places = {place.name: place for folder in folders for place in folder.iterdir()}
+    lines = listed.read_text(encoding="utf-8").splitlines()[number * size : (number + 1) * size]
+    runs = [json.loads(line) for line in lines]
+    return [Run(places[run["id"]], tuple(run["without"])) for run in runs]
+
+
+def sign(out: Path, seal: Path, header: Mapping[str, Any]) -> None:
+    """Write beside predictions who made them, from which code and under which seal: ``made_by.json``."""
+    save_json(out / "made_by.json", {**header, **stamp(), "seal": sha256_of(seal)})
+
+
+def predict(place: Path, out: Path, config: DiagnoseConfig, *, without: Sequence[str] = ()) -> bool:
+    """Write ``diagnosis.json`` and ``rollouts.csv`` of the recording in ``place`` to ``out``, see `each`.
+
+    Its sim is ``sim_*.csv`` and its real side ``real_*.csv``; effects named ``without`` are left out of the
+    catalogue.
+    """
+    chosen = replace(config, without=[*config.without, *without])
+    return each(place, out, lambda place, out: _diagnose(place, out, chosen))
+
+
+def each(place: Path, out: Path, work: Callable[[Path, Path], None]) -> bool:
+    """Do ``work`` on the recording in ``place``, into ``out``.
+
+    A recording that is refused, or at which the work fails, must not end the others: the reason then stands
+    in ``out/failed.txt`` and in the log, and the answer is False.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    try:
+        work(place, out)
+    except Exception as error:
+        log.exception("nothing comes of %s", place.name)
+        write_text(out / "failed.txt", f"{type(error).__name__}: {error}\n")
+        return False
+    return True
+
+
+def _diagnose(place: Path, out: Path, config: DiagnoseConfig) -> None:
+    pair = open_pair(str(place / SIM), str(place / REAL), config)
+    found = examine(pair, config, tell=lambda name: None).diagnosis
+    if found.blocks:
+        save_rollouts(out / "rollouts.csv", found.blocks, q_names=found.q_names)
+    save_diagnosis(out / "diagnosis.json", found)
+
+
+def encode(place: Path, out: Path, stage1: Stage1Config, chart: ChartConfig) -> None:
+    """Write ``sim_0.csv`` and ``real_0.csv`` in whitened latents, one clip a film, for a folder of films.
+
+    ``place`` holds ``sim_*.npz``, ``real_*.npz`` and ``about.json`` with the number of ``coordinates`` and
+    the seconds between frames, ``frame_s``. Both sides are whitened by the nominal one.
+
+    Raises:
+        FileNotFoundError, ValueError: a film is missing or damaged, or stage 1 learned nothing.
+    """
+    about = load_json(place / "about.json")
+    sides = {name: _films(place, name, float(about["frame_s"])) for name in ("sim", "real")}
+    frames = np.concatenate([film.frames for film in sides["sim"]])
+    autoencoder, _ = fit_autoencoder(frames, replace(stage1, d=int(about["coordinates"])), seed=0)
+    require_trained(autoencoder, frames)
+    seen = {
+        name: [encode_frames(autoencoder, film.frames) for film in films] for name, films in sides.items()
+    }
+    white = fit_whitening(np.concatenate(seen["sim"]), eigenvalue_floor=chart.eigenvalue_floor)
+    out.mkdir(parents=True, exist_ok=True)
+    for name, films in sides.items():
+        latents = [(z - white.mean) @ white.whiten for z in seen[name]]
+        save_csv(out / f"{name}_0.csv", _rows(films, latents))
+
+
+def _films(place: Path, name: str, frame_s: float) -> list[Recording]:
+    """The films of one side in the order of their numbers."""
+    paths = sorted(place.glob(f"{name}_*.npz"), key=lambda path: int(path.stem.rpartition("_")[2]))
+    if not paths:
+        raise FileNotFoundError(f"{place}: no {name}_*.npz there; a recording needs films of both sides")
+    out = []
+    for path in paths:
+        with zipfile.ZipFile(path) as archive:
+            inputs = sum(member.removesuffix(".npy")[1:].isdigit() for member in archive.namelist())
+        out.append(read_krauss_npz(path, dt_s=frame_s, expected_inputs=inputs))
+    return out
+
+
+def _rows(films: Sequence[Recording], latents: Sequence[np.ndarray]) -> list[dict[str, float | int]]:
+    """One row a frame; each film is a clip, and begins two frames after the last one's end."""
+    rows: list[dict[str, float | int]] = []
+    begun = 0.0
+    for number, (film, q) in enumerate(zip(films, latents, strict=True)):
+        for t, state, inputs in zip(film.time_s, q, film.inputs, strict=True):
+            row: dict[str, float | int] = {"t": begun + float(t)}
+            row |= {f"q{i}": float(value) for i, value in enumerate(state)}
+            row |= {f"u{j}": float(value) for j, value in enumerate(inputs)}
+            rows.append(row | {"segment": number})
+        begun = float(rows[-1]["t"]) + 2.0 * film.dt_s
+    return rows

@@ -1,0 +1,266 @@
+"""The road from two arguments to a diagnosis on disk, for the command line and the workflow."""
+
+import contextlib
+import os
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from lagsplat.diagnose.augmented.model import Augmented, augment, save_augmented
+from lagsplat.diagnose.core.config import DiagnoseConfig
+from lagsplat.diagnose.core.result import Diagnosis
+from lagsplat.diagnose.data_quality.checks import Checked
+from lagsplat.diagnose.data_quality.compatibility import BEYOND
+from lagsplat.diagnose.diagnosis import Found, diagnose
+from lagsplat.diagnose.effects.base import Noise
+from lagsplat.diagnose.estimation.dataset import region_of
+from lagsplat.diagnose.identification.estimated_simulator import Sim
+from lagsplat.diagnose.inference.problem import measured
+from lagsplat.diagnose.inference.recalibration import like, null_evidence
+from lagsplat.diagnose.residual.error_budget import Perception
+from lagsplat.diagnose.residual.localization import Where, locate
+from lagsplat.pipelines.apply_diagnosis import FILE
+from lagsplat.pipelines.diagnosis_images import shown
+from lagsplat.pipelines.diagnosis_inputs import LAWLESS, Pair, open_pair
+from lagsplat.provenance import stamp
+from lagsplat.report.diagnosis.content import Exhibits, save_rollouts
+from lagsplat.report.diagnosis.html import save_page
+from lagsplat.report.diagnosis.serialization import save_diagnosis
+
+NOWHERE = "Where the gap lies cannot be told: along the real motion the sim's forces are not finite."
+UNSURE = 0.4
+"""Probability that no name exceeds where the data forbid a verdict."""
+
+
+def examine(pair: Pair, config: DiagnoseConfig, *, tell: Callable[[str], None]) -> Found:
+    """The diagnosis of a checked pair, with where the gap lies and what to record next.
+
+    Raises:
+        ValueError: the motions are too short for a single window.
+    """
+    null = pair.null
+    with contextlib.suppress(ValueError):  # too short a recording says nothing of the sim's errors
+        if null is not None and pair.sim.familiar is not None:
+            pair = replace(pair, sim=measured(pair.sim, like(pair.sim, null, pair.real, config)))
+    config = _suited(pair, config)
+    nats = 0.0
+    with contextlib.suppress(ValueError):
+        if null is not None:
+            nats = null_evidence(pair.sim, null, pair.real, config, tell=tell)
+    sight = pair.films.sight if pair.films is not None else None
+    seen = sight.perception if sight is not None else None
+    found = diagnose(as_seen(pair.sim, seen), pair.real, config, null=nats, tell=tell)
+    tell("where")
+    natural_s = found.diagnosis.checks["natural_period_s"]
+    where: Where | None = None
+    blind: tuple[str, ...] = ()
+    try:
+        where = locate(
+            pair.sim.model,
+            pair.real,
+            period_s=natural_s,
+            hold=config.input_hold,
+            perception_suspect=sight is not None and sight.drawn_badly,
+        )
+    except np.linalg.LinAlgError:
+        blind = (NOWHERE,)
+    if where is not None and found.diagnosis.combination and found.chosen.effects:
+        where = placed(where, found)
+    diagnosis = replace(
+        found.diagnosis,
+        where=where,
+        warnings=(*pair.checked.warnings, *found.diagnosis.warnings, *blind),
+        excitation=tuple(f"{row.effect}: {row.record}" for row in pair.rows if row.record),
+        absorbed=absorbed() if pair.own else (),
+        checks={
+            **found.diagnosis.checks,
+            "samples_as_one": config.temper,
+            "sim_misfit": pair.sim.misfit,
+            "null_evidence": nats,
+            "excitation": [asdict(row) for row in pair.rows],
+            "findings": [asdict(finding) for finding in pair.checked.findings],
+        },
+    )
+    if pair.films is not None:
+        diagnosis = pair.films.judge(diagnosis)
+    diagnosis = extrapolated(diagnosis, pair.checked)
+    if pair.checked.undetermined or "undetermined" in diagnosis.checks:
+        diagnosis = undecided(diagnosis)
+    return replace(found, diagnosis=diagnosis)
+
+
+def as_seen(sim: Sim, seen: Perception | None) -> Sim:
+    """The sim, missing the motion by as much more as its pictures are drawn worse than those that taught it.
+
+    An encoder that errs in the pictures errs in the state, and does so smoothly along the motion.
+    """
+    if seen is None or not seen.suspect:
+        return sim
+    return replace(sim, misfit=max(sim.misfit, 1.0) * max(seen.ratio, 1.0))
+
+
+def _suited(pair: Pair, config: DiagnoseConfig) -> DiagnoseConfig:
+    """The settings for this sim: how far it may be off, and what cannot be the cause."""
+    hold = pair.hold or config.input_hold
+    config = replace(config, temper=max(config.temper, pair.sim.correlation), input_hold=hold)
+    if pair.own:
+        config = replace(config, without=[*config.without, *absorbed()])
+    if pair.films is None:
+        return config
+    return replace(
+        config,
+        without=[*config.without, *pair.films.ruled_out],
+        **{name: min(config.learned * getattr(config, name), 0.5) for name in
+           ("potential", "damping", "inputs", "offset", "warp")},
+    )  # fmt: skip
+
+
+def placed(where: Where, found: Found) -> Where:
+    """Where the gap lies, given what it was found to be: as sure as the name, the rest by the residual."""
+    chosen = [effect.effect for effect in found.chosen.effects]
+    sure = found.diagnosis.candidates[0].probability
+    own = [effect.component for effect in chosen if effect.component is not None]
+    shares = {name: (1.0 - sure if own else 1.0) * share for name, share in where.components.items()}
+    for name in own:
+        shares[name] = shares.get(name, 0.0) + sure / len(own)
+    return replace(where, level=chosen[0].level, components=shares)
+
+
+def absorbed() -> tuple[str, ...]:
+    """Effects that a sim fitted to the same recording has already taken up in its own terms."""
+    return (
+        "viscous_damping",
+        "linear_stiffness",
+        "mass_change",
+        "constant_force",
+        "input_gain",
+        "cubic_stiffness",
+    )
+
+
+def extrapolated(found: Diagnosis, checked: Checked) -> Diagnosis:
+    """``found``, undetermined if nothing explains it and the sim was hardly seen there or is true nowhere."""
+    why = [finding.text for finding in checked.findings if finding.check in (BEYOND, LAWLESS)]
+    if found.verdict != "unknown" or not why:
+        return found
+    return replace(found, checks={**found.checks, "undetermined": why})
+
+
+def undecided(found: Diagnosis) -> Diagnosis:
+    """The same without a verdict: no name keeps more than `UNSURE`, the rest is spread evenly."""
+    top, even = found.candidates[0].probability, 1.0 / len(found.candidates)
+    share = 1.0 if top <= UNSURE else max(UNSURE - even, 0.0) / (top - even)
+    spread = (1.0 - share) * even
+    flat = tuple(replace(c, probability=share * c.probability + spread) for c in found.candidates)
+    return replace(found, verdict="undetermined", candidates=flat, combination=())
+
+
+def diagnose_files(sim: str, real: str, out: Path, config: DiagnoseConfig, *, command: str) -> Diagnosis:
+    """Write ``diagnosis.json``, ``rollouts.csv``, ``augmented.safetensors`` and ``report.html``.
+
+    Raises:
+        OSError: ``out`` cannot be written to.
+        FileNotFoundError, ValueError: as `open_pair`; nothing is written then, and an older
+            ``diagnosis.json`` in ``out`` is gone.
+    """
+    require_writable(out)
+    (out / "diagnosis.json").unlink(missing_ok=True)  # an older one must not pass for this one
+    with warnings.catch_warnings(record=True) as caught, np.errstate(all="ignore"):
+        # Rollouts of a wrong hypothesis leave for good; what is not finite is refused where it is compared.
+        warnings.simplefilter("always")
+        pair, found, exhibits = _searched(sim, real, config)
+    found = replace(found, diagnosis=_told(found.diagnosis, caught))
+    diagnosis = found.diagnosis
+    out.mkdir(parents=True, exist_ok=True)
+    settings: dict[str, Any] = {"sim": sim, "real": real, "config": asdict(config), "stamp": stamp()}
+    added = augmented(pair, found)
+    save_augmented(out / FILE, added, settings)
+    diagnosis = patched(sim, out / "patched.xml", added, diagnosis, config)
+    # without a row where nothing could be held out, so that an older file does not pass for this one's
+    save_rollouts(out / "rollouts.csv", diagnosis.blocks, q_names=diagnosis.q_names)
+    save_page(out / "report.html", diagnosis, replace(exhibits, command=command, stamp=stamp()))
+    save_diagnosis(out / "diagnosis.json", diagnosis)
+    return diagnosis
+
+
+def _searched(sim: str, real: str, config: DiagnoseConfig) -> tuple[Pair, Found, Exhibits]:
+    pair = open_pair(sim, real, config)
+    with tqdm(unit="effect", leave=False) as bar:
+
+        def tell(name: str) -> None:
+            bar.set_description(name)
+            bar.update()
+
+        try:
+            found = examine(pair, config, tell=tell)
+        except ValueError as error:
+            raise ValueError(_why(pair.checked, error)) from error
+        tell("figures")
+        figures = shown(pair, found)
+        if pair.films is None:
+            return pair, found, figures
+        from lagsplat.pipelines.diagnosis_images import picture_exhibits
+
+        tell("pictures")
+        found, seen = picture_exhibits(pair, found)
+        return pair, found, replace(figures, picture=seen.picture, force=seen.force, film=seen.film)
+
+
+def _why(checked: Checked, error: ValueError) -> str:
+    """Why nothing could be fitted, what was seen of the data beforehand coming first."""
+    text = str(error)
+    if isinstance(error, np.linalg.LinAlgError) or "infs or NaNs" in text:
+        text = "The sim cannot follow the real motions, its numbers overflow; check units and signs"
+    return " ".join([*checked.warnings, text])
+
+
+def _told(diagnosis: Diagnosis, caught: Sequence[warnings.WarningMessage]) -> Diagnosis:
+    """The diagnosis with what was warned of on the way, which a user must know and not a programmer."""
+    said = [str(one.message) for one in caught if one.category is UserWarning]
+    new = [text for text in dict.fromkeys(said) if text not in diagnosis.warnings]
+    return replace(diagnosis, warnings=(*diagnosis.warnings, *new))
+
+
+def require_writable(out: Path) -> None:
+    """Refuse a place for results before minutes are spent on them.
+
+    Raises:
+        OSError: ``out`` is a file, lies below one, or cannot be written to.
+    """
+    if out.exists() and not out.is_dir():
+        raise NotADirectoryError(f"out={out}: a file stands there; name a folder")
+    place = next(place for place in (out, *out.absolute().parents) if place.exists())
+    if not place.is_dir():
+        raise NotADirectoryError(f"out={out}: {place} is a file; name another folder")
+    if not os.access(place, os.W_OK):
+        raise PermissionError(f"out={out}: {place} cannot be written to; name another folder")
+
+
+def patched(sim: str, out: Path, added: Augmented, diagnosis: Diagnosis, config: DiagnoseConfig) -> Diagnosis:
+    """For a MuJoCo sim, its file with the effects that have a counterpart there; the diagnosis says which."""
+    if Path(sim).suffix.lower() not in (".xml", ".mjcf") or not added.effects:
+        return diagnosis
+    from lagsplat.diagnose.augmented.mujoco_export import patch_augmented
+
+    changes = patch_augmented(Path(sim), out, added, joints=config.joints, actuators=config.actuators)
+    told = list(changes) or ["MuJoCo has no counterpart of what was found; the file was left as it is"]
+    return replace(diagnosis, checks={**diagnosis.checks, "mujoco": told})
+
+
+def augmented(pair: Pair, found: Found) -> Augmented:
+    """The sim with the effects that were chosen, or with its own parameters re-anchored alone."""
+    bench, chosen = found.contest.bench, found.chosen
+    effects = [effect for effect in chosen.effects if not isinstance(effect.effect, Noise)]
+    return augment(
+        bench,
+        effects,
+        chosen.fit.x,
+        q_names=pair.real[0].q_names,
+        u_names=pair.real[0].u_names,
+        region=region_of(bench.record),
+    )

@@ -1,0 +1,267 @@
+"""What the pictures of a diagnosed run show: how well they are read, where they are wrong, and a film.
+
+What the report of any diagnosis shows beside its verdict: the ladder, and how much the recording tells.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lagsplat.diagnose.core.result import Block
+from lagsplat.diagnose.diagnosis import Found
+from lagsplat.diagnose.imaging.localization import Localisation, excess_error, image_region, localise
+from lagsplat.diagnose.imaging.rendering import Body, body_points, drawn, evenly, frames_at, measured
+from lagsplat.diagnose.mechanics.model import rest_inertia
+from lagsplat.diagnose.residual.error_budget import forecast, stage_shares
+from lagsplat.diagnose.residual.latent_force import Smoothed
+from lagsplat.evaluate.forecast import image_errors
+from lagsplat.pipelines.diagnosis_videos import Films, Side
+from lagsplat.report.diagnosis.content import Exhibits, Film, PictureForce, PictureGap
+
+if TYPE_CHECKING:
+    from lagsplat.pipelines.diagnosis_inputs import Pair
+import contextlib
+from typing import TYPE_CHECKING
+
+from lagsplat.diagnose.inference.identifiability import separability
+from lagsplat.diagnose.inference.profile_likelihood import profiles
+from lagsplat.diagnose.residual.components import fingerprint
+from lagsplat.diagnose.residual.error_budget import Rung, climb
+from lagsplat.diagnose.residual.latent_force import smooth
+from lagsplat.io.trajectory.trajectory import Motion, leading
+
+if TYPE_CHECKING:
+    from lagsplat.pipelines.diagnosis_inputs import Pair
+
+
+COMPARED = 240  # frames of held-out blocks that are drawn
+FILMED = 8  # blocks in a row that the film shows
+FILMED_FRAMES = 300
+SLOWEST_S = 1.0  # a period takes this long on the film at least
+PLACED = 400  # instants at which the force is placed
+SEEN = 0.1  # of the largest force, below which none would be noticed
+
+
+@dataclass(frozen=True)
+class Seen:
+    """Frames of held-out blocks (T, H, W, 3): measured, and drawn of the sim's forecast, of the one with
+    effects, and of the latents as encoded, which are ``q`` (T, d). ``at`` (T,) are their numbers."""
+
+    side: Side
+    at: np.ndarray
+    q: np.ndarray
+    real: np.ndarray
+    sim: np.ndarray
+    augmented: np.ndarray
+    encoded: np.ndarray
+
+
+def picture_exhibits(pair: "Pair", found: Found) -> tuple[Found, Exhibits]:
+    """The diagnosis with its region of the picture and its errors in pictures, and the figures of both.
+
+    Of tables of latents there are no pictures, and none are shown.
+    """
+    assert pair.films is not None, "the sim is no fitted run"
+    drawer = _Drawer(pair.films, pair, found)
+    seen = drawer.seen()
+    if seen is None:
+        return found, Exhibits()
+    excess = excess_error(seen.real, seen.sim, seen.encoded)
+    place, body = drawer.place()
+    where = replace(
+        found.diagnosis.where,
+        image_region=image_region(excess, place, None if body is None else body.at(seen.q)),
+    )
+    checks = {**found.diagnosis.checks, "image": drawer.image_gap(seen)}
+    diagnosis = replace(found.diagnosis, where=where, checks=checks)
+    worst = int(np.argmax(np.mean((seen.sim - seen.real) ** 2, axis=(1, 2, 3))))
+    exhibits = Exhibits(
+        picture=PictureGap(_bytes(seen.real[worst]), np.maximum(excess.map, 0.0), excess.parts),
+        force=None if place is None or body is None else drawer.force(seen, place, body),
+        film=drawer.film(),
+    )
+    return replace(found, diagnosis=diagnosis), exhibits
+
+
+class _Drawer:
+    """Draws one diagnosed run."""
+
+    def __init__(self, films: Films, pair: "Pair", found: Found) -> None:
+        self.films, self.pair, self.found = films, pair, found
+        self.run = films.run
+        self.period_s = float(found.diagnosis.checks["natural_period_s"])
+
+    @cached_property
+    def smoothed(self) -> Sequence[Smoothed]:
+        """The real motions with the force the sim lacks."""
+        return self.found.diagnosis.where.smoothed
+
+    def draw(self, q: np.ndarray) -> np.ndarray:
+        """Pictures of latents."""
+        return drawn(self.run.autoencoder, self.run.chart, q)
+
+    def seen(self) -> Seen | None:
+        """Held-out blocks, drawn; None where no block has pictures."""
+        for side in self.films.sides:
+            if side.recording is None:
+                continue
+            blocks = [b for b in self.found.diagnosis.blocks if b.file == side.motion.source]
+            if blocks:
+                return self._seen(side, blocks, COMPARED)
+        return None
+
+    def _seen(self, side: Side, blocks: Sequence[Block], most: int) -> Seen:
+        assert side.recording is not None
+        time_s = np.concatenate([block.time_s for block in blocks])
+        chosen = evenly(len(time_s), most)
+        at = frames_at(side.recording, time_s[chosen])
+        q = {name: np.concatenate([getattr(b, name) for b in blocks])[chosen]
+             for name in ("real", "sim", "augmented")}  # fmt: skip
+        return Seen(
+            side, at, q["real"], measured(side.recording, at),
+            self.draw(q["sim"]), self.draw(q["augmented"]), self.draw(q["real"]),
+        )  # fmt: skip
+
+    def image_gap(self, seen: Seen) -> dict[str, Any]:
+        """Root mean squared errors of the pictures: what drawing leaves, the sim's, and with the effects."""
+        floor, before, after = (
+            float(np.sqrt(np.mean(image_errors(one, seen.real))))
+            for one in (seen.encoded, seen.sim, seen.augmented)
+        )
+        told: dict[str, Any] = {"floor": floor, "before": before, "after": after}
+        told["closure"] = (before - after) / (before - floor) if before > 1.02 * floor else None
+        shares = self._stages(seen, before)
+        return told if shares is None else told | {"stages": shares}
+
+    def _stages(self, seen: Seen, rollout: float) -> dict[str, float] | None:
+        """Share of the rollouts' squared error that each stage adds; see `stage_shares`."""
+        one = next((s for s in self.smoothed if s.motion.source == seen.side.motion.source), None)
+        if one is None or seen.side.recording is None:
+            return None
+        recording, motion = seen.side.recording, one.motion
+        begins = {start for start, _ in motion.segments}
+        inside = np.array([i for i in evenly(motion.n, COMPARED) if i not in begins])
+        real = measured(recording, frames_at(recording, motion.time_s[inside]))
+        before = np.stack([inside - 1, inside], axis=1)
+        step = forecast(
+            self.pair.sim.model,
+            one.q[inside - 1], one.v[inside - 1], motion.time_s[before], motion.u[before],
+            finest_s=self.period_s / 50.0,
+        )[:, 1]  # fmt: skip
+        errors = [
+            float(np.mean(image_errors(self.draw(q), real))) for q in (motion.q[inside], one.q[inside], step)
+        ]
+        shares = stage_shares(
+            decoded=errors[0], smoothed=errors[1], one_step=errors[2], rollout=max(rollout**2, *errors)
+        )
+        return {name: share for name, (share, _) in shares.items()}
+
+    def place(self) -> tuple[Localisation | None, Body | None]:
+        """The point on which a force explains the residual best; None where the sim lacks none."""
+        one = max(self.smoothed, key=lambda s: float(np.mean(s.residual**2)))
+        if not one.active.any():
+            return None, None
+        body = body_points(self.run.autoencoder, self.run.chart)
+        at = evenly(one.motion.n, PLACED)
+        force = one.residual[at]
+        # A force too small to be noticed is not known to be none.
+        least = SEEN * float(np.sqrt(np.mean(force**2)))
+        covariance = one.covariance[at] + least**2 * np.eye(force.shape[1])
+        felt = body.jacobian / rest_inertia(self.pair.sim.model)[None, :, None]
+        reach = np.broadcast_to(felt, (len(at), *felt.shape))
+        return localise(force, covariance, reach, one.v[at]), body
+
+    def force(self, seen: Seen, place: Localisation, body: Body) -> PictureForce:
+        """The force where it is largest, on the frame of that instant."""
+        one = max(self.smoothed, key=lambda s: float(np.mean(s.residual**2)))
+        times = one.motion.time_s[evenly(one.motion.n, PLACED)]
+        main = 0 if place.force is None else int(np.argmax(np.linalg.norm(place.force, axis=1)))
+        side = next((s for s in self.films.sides if s.motion.source == one.motion.source), seen.side)
+        recording = side.recording or seen.side.recording
+        assert recording is not None
+        at = frames_at(recording, times[[main]])
+        q = one.q[evenly(one.motion.n, PLACED)][[main]]
+        forces = np.zeros((len(place.explained), 2))
+        for number, force in zip(place.near, place.forces, strict=True):
+            forces[number] = force[main]
+        return PictureForce(
+            _bytes(measured(recording, at)[0]),
+            body.at(q)[0],
+            place.explained,
+            forces,
+            place.near,
+            place.localisable,
+        )
+
+    def film(self) -> Film | None:
+        """Blocks in a row around the one that the sim forecasts worst."""
+        for side in self.films.sides:
+            blocks = [b for b in self.found.diagnosis.blocks if b.file == side.motion.source]
+            if side.recording is None or not blocks:
+                continue
+            worst = int(np.argmax([np.mean((b.sim - b.real) ** 2) for b in blocks]))
+            first = max(0, min(worst - FILMED // 2, len(blocks) - FILMED))
+            seen = self._seen(side, blocks[first : first + FILMED], FILMED_FRAMES)
+            step_s = side.motion.dt_s * max(1.0, sum(len(b.time_s) for b in blocks[first : first + FILMED])
+                                            / len(seen.at))  # fmt: skip
+            slowed = max(1.0, SLOWEST_S / self.period_s)
+            films = (_bytes(seen.real), _bytes(seen.sim), _bytes(seen.augmented))
+            return Film(*films, frames_per_s=1.0 / (step_s * slowed), slowed=slowed)
+        return None
+
+
+def _bytes(picture: np.ndarray) -> np.ndarray:
+    return np.round(255.0 * np.clip(picture, 0.0, 1.0)).astype(np.uint8)
+
+
+CLIMBED = 40  # natural periods of the sim's own motions by which the floors of the ladder are told
+
+
+def shown(pair: "Pair", found: Found) -> Exhibits:
+    """The ladder, what the residual goes with, what is told apart, how sharply numbers are known."""
+    temper, real = found.ranking.temper, pair.real[0]
+    where = found.diagnosis.where
+    return Exhibits(
+        rungs=rungs(pair, found),
+        fingerprint=where and fingerprint(where.smoothed, q_names=real.q_names, u_names=real.u_names),
+        separability=separability(found.contest, found.ranking.found, temper=temper),
+        profiles=tuple(profiles(found.contest, found.chosen, temper=temper)),
+    )
+
+
+def rungs(pair: "Pair", found: Found) -> tuple[Rung, ...]:
+    """The ladder; floors are those of the sim's own motions, of its training part if it is a fitted run.
+
+    None where the residual could not be worked out.
+    """
+    if found.diagnosis.where is None:
+        return ()
+    checked, period_s = pair.checked.sim, float(found.diagnosis.checks["natural_period_s"])
+    nominal = None
+    if checked is not None:
+        part = _leading(checked.motions, CLIMBED * period_s)
+        hold = "zoh" if found.contest.bench.held else "linear"
+        with contextlib.suppress(np.linalg.LinAlgError):  # a sim that cannot follow even its own motions
+            nominal = smooth(pair.sim.model, part, period_s=period_s, hold=hold)
+    sight = None if pair.films is None else pair.films.sight
+    return climb(
+        pair.sim.model,
+        found.diagnosis.where.smoothed,
+        nominal,
+        horizon_s=period_s,
+        pictures=None if sight is None else (sight.error_real, sight.error_nominal),
+        block=10,
+    )
+
+
+def _leading(motions: Sequence[Motion], length_s: float) -> list[Motion]:
+    """The first of all motions, as much as lasts ``length_s`` together."""
+    kept: list[Motion] = []
+    for motion in motions:
+        if length_s > 0.0:
+            kept.append(leading(motion, length_s))
+            length_s -= kept[-1].duration_s
+    return kept

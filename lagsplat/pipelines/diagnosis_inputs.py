@@ -1,0 +1,245 @@
+"""The two sides of a diagnosis: a sim of any kind and the motions it is held against, checked."""
+
+import contextlib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lagsplat.diagnose.core.config import DiagnoseConfig
+from lagsplat.diagnose.core.result import Finding
+from lagsplat.diagnose.data_quality.checks import Checked, check
+from lagsplat.diagnose.data_quality.natural_period import rough_period_s
+from lagsplat.diagnose.data_quality.sampling import REPEATED, thinned
+from lagsplat.diagnose.estimation.dataset import prepare, region_of
+from lagsplat.diagnose.identification.estimated_simulator import LOST, Sim, sim_of
+from lagsplat.diagnose.inference.excitation import Excitation, excitation
+from lagsplat.diagnose.inference.problem import held_to
+from lagsplat.diagnose.inference.recalibration import recalibrated
+from lagsplat.diagnose.simulators.sources import Source, find_sources, read_sources
+from lagsplat.io.trajectory.trajectory import Motion
+from lagsplat.pipelines.apply_diagnosis import sampled_sim
+
+if TYPE_CHECKING:
+    from lagsplat.pipelines.diagnosis_videos import Films
+
+MODELS = ("run", "model", "mujoco", "python")
+LAWLESS = "a law that is true nowhere"
+"""Name of the finding that a run's law misses its own recordings."""
+MISSED = 1.5
+"""Mean square residual, in units of the noise, above which a sim misses its own recordings."""
+
+
+STEPPED = 0.5
+"""Share of an input's samples that repeat the one before, from which it may be one that is held."""
+SURELY = 10.0
+"""By how much the criterion of a sim with held inputs must be lower for it to be taken."""
+TRUER = 0.5
+"""Share of the misfit that a sim with held inputs may have at most where other stretches were looked at."""
+
+
+@dataclass(frozen=True)
+class Pair:
+    """A sim and the motions it is held against, checked."""
+
+    sim: Sim
+    checked: Checked
+    rows: tuple[Excitation, ...]
+    own: bool
+    """The sim was fitted to the very recording."""
+    films: "Films | None" = None
+    """The pictures of both sides, where the sim is a fitted run."""
+    hold: str | None = None
+    """How inputs act between samples, where the sim's own recordings say another thing than the settings."""
+
+    @property
+    def real(self) -> tuple[Motion, ...]:
+        """The real motions, cut where they are not continued."""
+        return self.checked.real.motions
+
+    @property
+    def null(self) -> Motion | None:
+        """A motion without any effect that the sim misses all the same, as fitted runs always do; or None."""
+        if self.films is not None:
+            return self.films.null
+        if self.checked.sim is None or self.sim.misfit < MISSED:
+            return None
+        return max(self.checked.sim.motions, key=lambda motion: motion.duration_s)
+
+
+def open_pair(sim: str, real: str, config: DiagnoseConfig) -> Pair:
+    """What the arguments name, read and checked, and the sim's model.
+
+    ``real`` is a fitted run's own held-out part where it is ``held_out``.
+
+    Raises:
+        FileNotFoundError, ValueError: nothing is there, it cannot be read, or the sides cannot be compared.
+    """
+    sims = find_sources(sim)
+    models = [source for source in sims if source.kind in MODELS]
+    if models and len(sims) > 1:
+        raise ValueError(f"sim={sim}: name one model, or recordings; {models[0].path} is a {models[0].kind}")
+    nominal: tuple[Motion, ...] = ()
+    own, films = False, None
+    if models and models[0].kind == "run":
+        from lagsplat.pipelines.diagnosis_videos import open_films  # torch, which the other sims do without
+
+        films = open_films(Path(models[0].path), real, columns=config.columns, longest_s=config.own_longest_s)
+        nominal, motions, own = films.nominal, films.real, films.own
+    else:
+        motions = read_sources(find_sources(real), columns=config.columns)
+        if not models:
+            nominal = read_sources(sims, columns=config.columns)
+    checked = check(nominal, motions)
+    if films is not None:
+        checked = replace(checked, findings=(*films.findings, *checked.findings))
+    else:  # each sample of a film belongs to a frame
+        checked = _thinned(checked, hold=config.input_hold)
+    rows: tuple[Excitation, ...] = ()
+    period_s = checked.real.period_s or (checked.sim.period_s if checked.sim else None)
+    if period_s is not None:
+        rows = excitation(
+            checked.real.motions,
+            period_s=period_s,
+            noise=checked.real.noise,
+            closed_loop=checked.closed_loop,
+        )
+    known = _model(models, checked, config, films.null if films is not None else None)
+    hold = None
+    if not models and config.input_hold == "linear":
+        held = _stepwise(checked, config, known)
+        if held is not None:
+            known, hold = held, "zoh"
+            checked = replace(checked, findings=(*checked.findings, _held_inputs(sim)))
+    if known.misfit > LOST:
+        lost = _lost_law(known, sim) if models else _lost(known, nominal)
+        checked = replace(checked, findings=(*checked.findings, lost))
+    if known.given is not None:
+        checked = replace(checked, findings=(*checked.findings, _moved(known, sim)))
+    if known.disturbed:
+        checked = replace(checked, findings=(*checked.findings, _disturbed(known)))
+    return Pair(known, checked, rows, own, films, hold)
+
+
+def _thinned(checked: Checked, *, hold: str) -> Checked:
+    """Both sides with no more samples than their motion needs; of what was averaged none is single."""
+    real, told = thinned(checked.real.motions, hold=hold)
+    checked = replace(checked, real=replace(checked.real, motions=real))
+    if checked.sim is not None:
+        own, more = thinned(checked.sim.motions, hold=hold)
+        checked, told = replace(checked, sim=replace(checked.sim, motions=own)), (*told, *more)
+    fine = {one.source for one in told}
+    kept = [one for one in checked.findings if one.check != REPEATED or one.source not in fine]
+    return replace(checked, findings=(*kept, *told))
+
+
+def _stepwise(checked: Checked, config: DiagnoseConfig, known: Sim) -> Sim | None:
+    """The sim whose inputs are held between samples, if they step and it is the better told for it.
+
+    Half a sample is little, but a law that has to make up for it grows, and is wrong beyond its recordings.
+    """
+    assert checked.sim is not None
+    change = np.concatenate([np.diff(m.u, axis=0) for m in checked.sim.motions])
+    if not change.any() or np.mean(change[:, change.any(axis=0)] == 0.0) < STEPPED:
+        return None
+    held = sim_of(checked.sim.motions, replace(config, input_hold="zoh"))
+    alike = held.reach == known.reach and held.disturbed == known.disturbed
+    better = held.cost < known.cost - SURELY if alike else held.misfit < TRUER * known.misfit
+    return held if better else None
+
+
+def _held_inputs(source: str) -> Finding:
+    return Finding(
+        "note",
+        "held inputs",
+        source,
+        "the inputs step, and the sim's recordings are told better, or by a simpler law, if each value is "
+        "held until the next; so they were on both sides",
+        "a step that is drawn as a slope between two samples acts half a sample early",
+        "set diagnose.input_hold=zoh to have it so in any case",
+    )
+
+
+def _moved(sim: Sim, source: str) -> Finding:
+    assert sim.given is not None
+    given, left = (np.sqrt(max(one.misfit, 0.0)) for one in (sim.given, sim))
+    return Finding(
+        "warn",
+        "law of the run",
+        source,
+        f"the law misses its own recordings by {given:.2g} times their noise within two periods; before "
+        f"anything was compared it was moved until it misses them by {left:.2g}",
+        "what the law itself lacks is then not taken for an effect: it is part of what a refit closes",
+        "fit the run longer if that part is large",
+    )
+
+
+def _disturbed(sim: Sim) -> Finding:
+    at: dict[str, list[str]] = {}
+    for one in sim.disturbed:
+        at.setdefault(one.file, []).append(f"{one.start_s:.4g} to {one.stop_s:.4g} s")
+    told = ", ".join(f"{file} from {' and '.join(found)}" for file, found in at.items())
+    return Finding(
+        "warn",
+        "disturbed sim",
+        "sim",
+        f"no law that tells the rest tells {told}; the sim was found without",
+        "something acted there that no column tells, as a push by hand, or the mechanism is another there",
+        "look at what happened then, and cut it out",
+    )
+
+
+def _lost_law(sim: Sim, source: str) -> Finding:
+    return Finding(
+        "warn",
+        LAWLESS,
+        source,
+        f"the law misses its own recordings by {np.sqrt(sim.misfit):.0f} times their noise within two "
+        "periods, and no change of its potential, damping and input map mended that",
+        "what the law lacks already cannot be told from what the real mechanism adds",
+        "fit the run longer, or look at its rollouts first",
+    )
+
+
+def _lost(sim: Sim, nominal: Sequence[Motion]) -> Finding:
+    return Finding(
+        "undetermined",
+        "law of the sim",
+        "sim",
+        f"the law found from {', '.join(m.source for m in nominal)} misses these recordings themselves by "
+        f"{np.sqrt(sim.misfit):.0f} times their noise within two periods",
+        "something acted there that no column tells, as a push by hand, or the law is not smooth; what the "
+        "sim lacks already cannot be told from what the real mechanism adds",
+        "cut the recordings to stretches in which only the logged inputs act, or give the sim as a program",
+    )
+
+
+def _model(models: Sequence[Source], checked: Checked, config: DiagnoseConfig, null: Motion | None) -> Sim:
+    if not models:
+        assert checked.sim is not None
+        return sim_of(checked.sim.motions, config)
+    # Where its own recordings went too, the sim must be itself: there its misfit is measured.
+    seen = (*checked.real.motions, *(checked.sim.motions if checked.sim is not None else ()))
+    ready = prepare(seen, period_s=rough_period_s(checked.real.motions))
+    sampled = sampled_sim(
+        models[0].path, region_of(ready.record), joints=config.joints, actuators=config.actuators
+    )
+    bare = Sim.exact(sampled.model)
+    if checked.sim is None:
+        return bare
+    told = checked.sim.motions
+    known = _held(bare, null, told, config)
+    if known.misfit < MISSED:
+        return known
+    moved = recalibrated(known, told, config)
+    return known if moved is known else _held(moved, null, told, config)
+
+
+def _held(sim: Sim, null: Motion | None, own: Sequence[Motion], config: DiagnoseConfig) -> Sim:
+    """The sim held to what no fit saw of its own mechanism, or to all there is where that is too short."""
+    if null is not None:
+        with contextlib.suppress(ValueError):
+            return held_to(sim, [null], config)
+    return held_to(sim, own, config)

@@ -1,0 +1,264 @@
+"""A fitted run as the sim, and what it is held against: films, logs and tables in its whitened latents."""
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from lagsplat.diagnose.core.result import Diagnosis, Finding
+from lagsplat.diagnose.imaging.rendering import drawing_errors, evenly
+from lagsplat.diagnose.imaging.video_checks import (
+    CameraShift,
+    camera_findings,
+    camera_shift,
+    keep_whole,
+    settings_for,
+)
+from lagsplat.diagnose.residual.error_budget import SUSPECT_RATIO, Perception, perception
+from lagsplat.diagnose.simulators.fitted_run import charted
+from lagsplat.diagnose.simulators.sources import FILMED, Source, find_sources, motion_of
+from lagsplat.io.read import read_recording, read_trajectory
+from lagsplat.io.recording.recording import Recording, load_recording
+from lagsplat.io.trajectory.inputs import read_input_log
+from lagsplat.io.trajectory.trajectory import Motion, leading
+from lagsplat.runs.run import Run, open_run
+from lagsplat.stage1.autoencoder import encode_frames
+
+HELD_OUT = "held_out"  # names a run's own recording, of which the part that no fit saw is taken
+MOST_LATENTS = 4000  # of the training part, that say where latents usually lie
+BADLY = 5.0  # times the nominal error of the pictures: from there on their states are not known
+CAMERA_GAP = 0.5  # of the gap: a camera that passes for more forbids every other name
+
+
+@dataclass(frozen=True)
+class Films:
+    """A run with its training part and the real motions, all in its whitened latents.
+
+    ``own`` says that the real motions are the held-out part of the very recording the run was fitted to.
+    """
+
+    run: Run
+    nominal: tuple[Motion, ...]
+    sides: tuple["Side", ...]
+    own: bool
+
+    @property
+    def real(self) -> tuple[Motion, ...]:
+        """The real motions."""
+        return tuple(side.motion for side in self.sides)
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Those of the films themselves."""
+        return tuple(finding for side in self.sides for finding in side.findings)
+
+    @cached_property
+    def sight(self) -> "Sight | None":
+        """How well the real pictures are drawn and where their latents lie; None without pictures.
+
+        The yardstick is the part of the run's own recording that no fit saw, or its training part where that
+        part is what is diagnosed.
+        """
+        recordings = [side.recording for side in self.sides if side.recording is not None]
+        if not recordings:
+            return None
+        run = self.run
+        train, held = run.recording.split()
+        nominal = drawing_errors(run.autoencoder, run.chart, train if self.own else held)
+        real = np.concatenate([drawing_errors(run.autoencoder, run.chart, one) for one in recordings])
+        latents = np.concatenate([motion.q for motion in self.real])
+        seen = self.nominal[0].q[evenly(self.nominal[0].n, MOST_LATENTS)]
+        return Sight(real, nominal, perception(real, nominal, latents, seen))
+
+    def judge(self, found: Diagnosis) -> Diagnosis:
+        """The diagnosis with what the pictures say of it.
+
+        It is conditional on perception where the real pictures are drawn worse than the nominal ones, or show
+        latents that these never had. It is undetermined where they are drawn so badly that the encoder cannot
+        read them, and where a moved camera passes for half of the gap and the name is not that of a camera.
+        """
+        warnings_, checks = list(found.warnings), dict(found.checks)
+        if self.sight is not None:
+            seen = self.sight.perception
+            checks |= {
+                "drawn_over_nominal": seen.ratio,
+                "outside_nominal": seen.outside,
+                "conditional_on_perception": seen.suspect,
+            }
+            if seen.suspect:
+                warnings_.append(
+                    f"conditional on perception: the real pictures are drawn {seen.ratio:.2g} times as badly "
+                    f"as the run's own, and {100 * seen.outside:.2g} % of the frames lie where it was never "
+                    "trained; what follows holds only if the encoder is right there"
+                )
+            seeing = set(found.combination) & {"camera_change", "camera_drift", "exposure_blur"}
+            if seen.ratio > BADLY and found.verdict != "none" and not seeing:
+                checks["undetermined"] = [
+                    f"the real pictures are drawn {seen.ratio:.2g} times as badly as the run's own, so that "
+                    "the encoder does not read their states; film with the camera and compression of before"
+                ]
+        gap = found.gap.before if found.gap is not None else np.inf
+        named = found.combination and not set(found.combination) & {"camera_change", "camera_drift"}
+        if named and self.camera_share > CAMERA_GAP * gap:
+            checks["undetermined"] = [
+                f"the camera moved, which alone passes for {100 * self.camera_share:.2g} % of the motion's "
+                f"size while the gap is {100 * gap:.2g} %; no effect can be told from that"
+            ]
+        return replace(found, warnings=tuple(warnings_), checks=checks)
+
+    @property
+    def null(self) -> Motion:
+        """A motion of the very mechanism the run was fitted to: what no fit saw of it, unless just that is
+        diagnosed; then its training part."""
+        if self.own:
+            return self.nominal[0]
+        return _named(charted(self.run.chart, held_out=True), tuple(self.run.recording.input_names))
+
+    @property
+    def ruled_out(self) -> tuple[str, ...]:
+        """Effects of a camera that the background forbids: in every film it was seen not to move.
+
+        What stood still during the run's own recording did not move between its two parts either.
+        """
+        seen = [side.camera for side in self.sides]
+        still = all(one is not None and one.still_within for one in seen)
+        there = still and self.own
+        there = there or all(one is not None and one.still_between for one in seen)
+        return (*(["camera_drift"] if still else []), *(["camera_change"] if there else []))
+
+    @property
+    def camera_share(self) -> float:
+        """Share of a latent's spread that motion of the camera passes for at most."""
+        return max((side.camera.share for side in self.sides if side.camera is not None), default=0.0)
+
+
+@dataclass(frozen=True)
+class Sight:
+    """Mean squared errors of drawing the real frames (T,) and the nominal ones (N,), and the judgement."""
+
+    error_real: np.ndarray
+    error_nominal: np.ndarray
+    perception: Perception
+
+    @property
+    def drawn_badly(self) -> bool:
+        """The pictures themselves are strange to the run, not only the places they show."""
+        return self.perception.ratio > SUSPECT_RATIO
+
+
+@dataclass(frozen=True)
+class Side:
+    """One real motion; ``recording`` with the frames behind it and ``camera`` are None for latents."""
+
+    motion: Motion
+    recording: Recording | None = None
+    camera: CameraShift | None = None
+    findings: tuple[Finding, ...] = ()
+
+
+def open_films(
+    folder: Path, real: str, *, columns: Mapping[str, str] | None = None, longest_s: float = np.inf
+) -> Films:
+    """The run in ``folder`` beside the real thing that ``real`` names.
+
+    Films and logs are turned, cropped and resized as the run's own recording was; the cuts in time of that
+    one are not theirs. Their inputs stand in a table of the same stem, unless they carry them. ``held_out``,
+    the run's own film or its ``recording.safetensors`` stand for its held-out part, of which the first
+    ``longest_s`` are taken. ``columns`` names the columns of tables of latents.
+
+    Raises:
+        FileNotFoundError: no run, or nothing where ``real`` points.
+        ValueError: a file that cannot be read, the run's own recording beside others, a model, or a number of
+            latents, inputs or pixels that is not the run's.
+    """
+    run = open_run(folder)
+    names = tuple(run.recording.input_names)
+    nominal = (_named(charted(run.chart, held_out=False), names),)
+    found = () if real == HELD_OUT else find_sources(real)
+    sides = [_read(folder, run, source, columns) for source in found]
+    own = [side is None for side in sides]
+    if any(own) and not all(own):
+        raise ValueError(
+            f"real={real}: some of these are the recording the run was fitted to, and others are not; give "
+            "one kind at a time"
+        )
+    if not sides or any(own):
+        return Films(run, nominal, (_held_out(run, names, longest_s),), own=True)
+    kept = [side for side in sides if side is not None]
+    named = tuple(replace(side, motion=_named(side.motion, names)) for side in kept)
+    return Films(run, nominal, named, own=False)
+
+
+def _held_out(run: Run, names: tuple[str, ...], longest_s: float) -> Side:
+    motion = _named(leading(charted(run.chart, held_out=True), longest_s), names)
+    train, held = run.recording.split()
+    shift = camera_shift(held, train, run.autoencoder, run.chart)
+    return Side(motion, held, shift, tuple(camera_findings(shift, source=motion.source)))
+
+
+def _read(folder: Path, run: Run, source: Source, columns: Mapping[str, str] | None) -> Side | None:
+    """One real motion with its frames, or None where it is the run's own recording."""
+    if source.kind == "trajectory":
+        motion = read_trajectory(source.path, columns=columns)
+        _check_size(run, motion.d, motion.n_u, source.path)
+        return Side(motion)
+    if source.kind not in FILMED:
+        raise ValueError(
+            f"{source.path}: a {source.kind} has no motion to hold a run against; name a film, a log or a "
+            "table of its latents"
+        )
+    recording = _record(folder, run, source)
+    if recording.meta.get("sha256") == run.recording.meta.get("sha256"):
+        return None
+    size, own = recording.frames.shape[1:3], run.recording.frames.shape[1:3]
+    if size != own:
+        raise ValueError(
+            f"{source.path}: pictures of {size[0]} x {size[1]} px, but the run was fitted to {own[0]} x "
+            f"{own[1]}; give a recording that was read as the run's own was"
+        )
+    recording, findings = keep_whole(recording)
+    shift = camera_shift(recording, run.recording.split()[0], run.autoencoder, run.chart)
+    findings += camera_findings(shift, source=Path(source.path).name)
+    log = read_input_log(source.inputs) if source.inputs else None
+    latents = run.chart.to_whitened(encode_frames(run.autoencoder, recording.frames))
+    motion = motion_of(recording, latents, log=log, source=source.path)
+    _check_size(run, motion.d, motion.n_u, source.path)
+    return Side(motion, recording, shift, tuple(findings))
+
+
+def _record(folder: Path, run: Run, source: Source) -> Recording:
+    if source.kind == "recording":
+        return load_recording(source.path)
+    settings = settings_for(source, folder, run.recording, dt_s=run.chart.dt_s)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        recording = read_recording(settings)
+    footage = recording.meta.get("footage") or []
+    known = [sentence for clip in footage for sentence in clip["warnings"]]
+    for one in caught:  # those of the footage become findings
+        if not any(str(one.message).endswith(sentence) for sentence in known):
+            warnings.warn(str(one.message), one.category, stacklevel=4)
+    return recording
+
+
+def _check_size(run: Run, d: int, n_u: int, source: str) -> None:
+    wanted = run.chart.d, run.chart.inputs.shape[1]
+    if d != wanted[0]:
+        raise ValueError(
+            f"{source}: {d} coordinate(s), but the run has {wanted[0]} whitened latent(s); give a film, or "
+            "latents that this run's autoencoder encoded"
+        )
+    if n_u < wanted[1]:
+        raise ValueError(
+            f"{source}: {n_u} input(s), but the run was fitted with {wanted[1]}; give the inputs in a CSV of "
+            "the same stem with columns t, u0, ..., with zeros if nothing acted"
+        )
+
+
+def _named(motion: Motion, names: Sequence[str]) -> Motion:
+    """Inputs by the names of the run's own, as far as these go."""
+    own = (*names[: motion.n_u], *(f"u{i}" for i in range(len(names), motion.n_u)))
+    return replace(motion, u_names=own)

@@ -1,0 +1,148 @@
+"""One job of the workflow: the only module that knows Snakemake.
+
+A script does ``with Job(snakemake) as job:`` and calls the library. The job sets threads and seeds, keeps
+the rule's log, and on success leaves the record of what was run beside the results. Progress
+goes to stderr; a failure is one line there, with the traceback in the log.
+"""
+
+import fcntl
+import hashlib
+import json
+import logging
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Any, Self, TypeVar
+
+from lagsplat.config.compose import rebuild
+from lagsplat.io.files.atomic import sha256_of
+from lagsplat.io.files.json_files import save_json
+from lagsplat.provenance import seed_everything, set_threads, stamp
+
+Section = TypeVar("Section")
+log = logging.getLogger(__name__)
+
+
+def hold(path: Path) -> IO[str]:
+    """Keep other runs out of a working directory for as long as the returned file is open.
+
+    The operating system lets go of the lock when the process ends, however it ends: a killed run can simply
+    be started again, which Snakemake's own lock forbids.
+
+    Raises:
+        BlockingIOError: another run is at work.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    file = path.open("w", encoding="utf-8")
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        file.close()
+        raise BlockingIOError(
+            f"another run is at work in {Path.cwd()} ({path} is locked); wait for it or stop it"
+        ) from error
+    return file
+
+
+class Job:
+    """What a workflow script is given, and the frame it runs in.
+
+    Args:
+        snakemake: The object that Snakemake puts into a script.
+
+    ``input``, ``output``, ``params``, ``wildcards`` and ``threads`` are Snakemake's own. ``seed`` is the last
+    seed in the path, or 0.
+    """
+
+    def __init__(self, snakemake: Any) -> None:
+        self.rule: str = snakemake.rule
+        self.input, self.output = snakemake.input, snakemake.output
+        self.params, self.wildcards = snakemake.params, snakemake.wildcards
+        self.threads: int = snakemake.threads
+        self.log_file = str(snakemake.log[0])
+        self.scripts: str = getattr(snakemake, "scriptdir", ".")
+        names: dict[str, str] = dict(self.wildcards.items())
+        self.seed = int(names.get("seed", names.get("ae", "0")))
+        self.started = time.monotonic()
+
+    def __enter__(self) -> Self:
+        handler = logging.FileHandler(self.log_file, mode="w", encoding="utf-8")
+        handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s"))
+        logging.basicConfig(level=logging.INFO, handlers=[handler], force=True)
+        logging.captureWarnings(True)
+        if "torch" in sys.modules:  # a table needs neither torch nor the seconds it takes to load
+            set_threads(self.threads)
+            seed_everything(self.seed)
+        log.info("%s %s, %d threads", self.rule, dict(self.wildcards.items()), self.threads)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        seconds = time.monotonic() - self.started
+        if error is not None:
+            log.error("%s failed after %.1f s", self.rule, seconds, exc_info=error)
+            if isinstance(error, Exception):
+                sys.exit(f"{self.rule}: {error} (traceback: {self.log_file})")
+            return
+        if record := dict(self.output.items()).get("record"):
+            save_json(record, {**self.header, "stamp": stamp(), "wall_s": seconds})
+        log.info("%s done in %.1f s", self.rule, seconds)
+
+    def section(self, schema: type[Section], name: str = "cfg") -> Section:
+        """A slice of the configuration that the rule carries as a parameter, typed and checked."""
+        return rebuild(schema, self.params[name])
+
+    def choice(self, schema: type[Section], name: str) -> Section | None:
+        """The same for a slice that may be null."""
+        return None if self.params[name] is None else self.section(schema, name)
+
+    def title(self, what: str) -> str:
+        """The caption line of a figure: what, of which system, from which recording and profile."""
+        path = self.wildcards
+        return f"{what} · {self.params.title} · {path.recording} recording · profile {path.profile}"
+
+    def say(self, what: object) -> None:
+        """Tell the screen and the log."""
+        log.info("%s", what)
+        print(f"{self.rule}: {what}", file=sys.stderr)
+
+    def command(self, module: str, *words: object) -> str:
+        """Run ``python -m module words`` of the checkout this workflow stands in; returns what it printed.
+
+        Raises:
+            RuntimeError: it failed; its last words are in the message, all of them in the log.
+        """
+        root = str(Path(self.scripts).parents[1])
+        done = subprocess.run(
+            [sys.executable, "-m", module, *map(str, words)],
+            env={**os.environ, "PYTHONPATH": os.pathsep.join([root, os.environ.get("PYTHONPATH", "")])},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        log.info("%s\n%s%s", module, done.stdout, done.stderr)
+        if done.returncode:
+            raise RuntimeError(f"{module} failed: {(done.stderr.strip() or 'no reason given')[-600:]}")
+        return done.stdout
+
+    @property
+    def header(self) -> dict[str, Any]:
+        """What made the results, for their headers: rule, identity, settings, code and threads."""
+        return {
+            "rule": self.rule,
+            "wildcards": dict(self.wildcards.items()),
+            "settings": dict(self.params.items()),
+            "seed": self.seed,
+            "threads": self.threads,
+        }
+
+    @property
+    def identity(self) -> str:
+        """Digest of all that decides the outcome: settings, code, seed and the content of the inputs."""
+        inputs = {name: sha256_of(path) for name, path in self.input.items() if path and name != "records"}
+        parts = [dict(self.params.items()), self.seed, inputs]
+        return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()

@@ -1,0 +1,345 @@
+"""Which runs a command asks for: overrides from the command line, and the identity of every run.
+
+A wildcard of a path is an identity, the name of a file in ``conf/`` or a seed. It wins over the command line,
+so that a path never holds another system's result.
+
+Which runs have Gaussians in space, and the files of a rig. Loads no torch, so that planning stays fast.
+"""
+
+import ast
+import hashlib
+import shlex
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from lagsplat.config.compose import Config, ConfigError, closest, compose, key_of, options
+from lagsplat.io.video.clips import find_clips
+from lagsplat.provenance import code_digest
+from lagsplat.views.rig import read_rig
+
+MASSES = ("induced_mass", "constant_mass")
+"""Choices of ``conf/stage2`` that differ from the default in the form of the mass alone."""
+
+
+@dataclass(frozen=True)
+class Overrides:
+    """What the user changed: for every system, and for one system alone."""
+
+    shared: tuple[str, ...]
+    of_system: Mapping[str, tuple[str, ...]]
+
+
+@dataclass(frozen=True)
+class Run:
+    """Identity of one trained simulation: the wildcards of its path."""
+
+    profile: str
+    recording: str
+    system: str
+    stage1: str
+    ae: int
+    stage2: str
+    seed: int
+
+
+@dataclass(frozen=True)
+class BaselineRun:
+    """Identity of one baseline on one recording: the wildcards of its path."""
+
+    profile: str
+    recording: str
+    system: str
+    baseline: str
+    seed: int
+
+
+@dataclass(frozen=True)
+class ForecastRun:
+    """Identity of one forecaster or free differential equation: the wildcards of its path.
+
+    ``model`` is a choice of ``conf/forecaster``, or of ``conf/ode`` where ``kind`` says so; ``trial`` is its
+    seed. It is read in the chart of the system's first run, whose wildcards are the others.
+    """
+
+    profile: str
+    recording: str
+    system: str
+    stage1: str
+    ae: int
+    stage2: str
+    seed: int
+    kind: str
+    model: str
+    trial: int
+
+
+def read_overrides(command_line: Mapping[str, Any]) -> Overrides:
+    """Overrides given to Snakemake as ``--config hydra="..." hydra_<system>="..."``.
+
+    Words are split as a shell would, so that a path with a blank can be quoted.
+
+    Raises:
+        ConfigError: another key, an unknown system, or ``system=`` (the path of the target names it).
+    """
+    of_system: dict[str, tuple[str, ...]] = {}
+    shared: tuple[str, ...] = ()
+    for key, text in command_line.items():
+        words = _words(key, str(text or ""))
+        if bad := [word for word in words if key_of(word) == "system"]:
+            raise ConfigError(
+                f"{key}: {bad[0]} has no effect here; choose systems with systems=[...] instead"
+            )
+        if key == "hydra":
+            shared = words
+        elif key.removeprefix("hydra_") in options("system") and key.startswith("hydra_"):
+            of_system[key.removeprefix("hydra_")] = words
+        else:
+            known = ["hydra", *(f"hydra_{name}" for name in options("system"))]
+            raise ConfigError(
+                f"--config {key}=...: unknown key{closest(key, known)}. Known keys: {', '.join(known)}"
+            )
+    return Overrides(shared, of_system)
+
+
+def _words(key: str, text: str) -> tuple[str, ...]:
+    try:
+        return tuple(shlex.split(text))
+    except ValueError as error:
+        raise ConfigError(
+            f"--config {key}={text!r}: {error}. Snakemake drops a quote at either end: "
+            "put another override there"
+        ) from error
+
+
+def compose_for(overrides: Overrides, **choices: str) -> Config:
+    """The experiment of one job: the user's overrides first, then the choices its path makes."""
+    own = overrides.of_system.get(choices.get("system", ""), ())
+    shared = (*overrides.shared, *own)
+    if "system" in choices:
+        # A path repeats what is chosen anyway. Without it, all the jobs of one run share one composition.
+        shared = (*shared, f"system={choices['system']}")
+        usual = compose(*shared).choices
+        choices = {group: name for group, name in choices.items() if usual.get(group) != name}
+    return compose(*shared, *(f"{group}={name}" for group, name in sorted(choices.items())))
+
+
+def shared_experiment(overrides: Overrides) -> Config:
+    """What holds for all systems; as the first one has it where it makes no sense without a system.
+
+    A crop, for one, suits films alone, and what is composed for no system in particular is an arm.
+
+    Raises:
+        ConfigError: see :func:`lagsplat.config.compose.compose`.
+    """
+    try:
+        return compose(*overrides.shared)
+    except ConfigError:
+        chosen = [item for item in overrides.shared if key_of(item) in ("systems", "profile")]
+        return compose_for(overrides, system=compose(*chosen).systems[0])
+
+
+def planned_runs(overrides: Overrides) -> list[Run]:
+    """Every run behind the tables and figures, each composed, hence checked, before anything is trained.
+
+    Raises:
+        ConfigError: see :func:`lagsplat.config.compose.compose`; also a recording that is not there, or one file for
+            several systems.
+    """
+    experiment = shared_experiment(overrides)
+    for system in overrides.of_system:
+        compose_for(overrides, system=system)
+    files: dict[str, str] = {}
+    runs = []
+    for system in experiment.systems:
+        own = compose_for(overrides, system=system)
+        _check_file(own, system, files, meant=system in overrides.of_system)
+        for stage2 in dict.fromkeys([own.choices["stage2"], *own.ablations]):
+            compose_for(overrides, system=system, stage2=stage2)
+            place = (own.choices["profile"], own.choices["recording"], system, own.choices["stage1"])
+            runs += [Run(*place, ae, stage2, seed) for ae in own.autoencoder_seeds for seed in own.seeds]
+    return runs
+
+
+def planned_masses(overrides: Overrides) -> list[Run]:
+    """Every run behind the table of mass ablations: the arms, with the chosen dynamics and `MASSES`."""
+    runs = []
+    for run in planned_runs(overrides):
+        own = compose_for(overrides, system=run.system)
+        if own.system.film == "krauss" and run.stage2 == own.choices["stage2"]:
+            runs += [replace(run, stage2=name) for name in dict.fromkeys([run.stage2, *MASSES])]
+    for run in runs:
+        compose_for(overrides, system=run.system, stage2=run.stage2)
+    return runs
+
+
+def planned_baselines(overrides: Overrides) -> list[BaselineRun]:
+    """Every baseline of the benchmark table: on the recordings of the pneumatic arms, each composed.
+
+    Raises:
+        ConfigError: see :func:`lagsplat.config.compose.compose`; also weights that are not there.
+    """
+    runs = []
+    for system in shared_experiment(overrides).systems:
+        own = compose_for(overrides, system=system)
+        if own.system.film != "krauss":
+            continue
+        for name in dict.fromkeys(own.baselines):
+            weights_of(overrides, system=system, baseline=name)
+            place = (own.choices["profile"], own.choices["recording"], system, name)
+            runs += [BaselineRun(*place, seed) for seed in own.baseline_seeds]
+    return runs
+
+
+def planned_extrapolations(overrides: Overrides) -> tuple[list[Run], list[ForecastRun]]:
+    """Every run of the table of extrapolation, and every forecaster read in the chart of its system's first.
+
+    Raises:
+        ConfigError: see :func:`lagsplat.config.compose.compose`; also a system that is driven.
+    """
+    runs: list[Run] = []
+    others: list[ForecastRun] = []
+    experiment = shared_experiment(overrides)
+    chosen = {key_of(item) for item in overrides.shared}
+    for system in experiment.extrapolated:
+        if "systems" in chosen and "extrapolated" not in chosen and system not in experiment.systems:
+            continue  # who chooses systems, and files for them, means no others
+        own = compose_for(overrides, system=system)
+        if own.system.film != "video":
+            raise ConfigError(
+                f"extrapolated={own.extrapolated}: {system} is driven by its inputs, which a forecaster of "
+                "pictures does not know; choose systems that move freely"
+            )
+        place = (own.choices["profile"], own.choices["recording"], system, own.choices["stage1"])
+        mine = [
+            Run(*place, ae, own.choices["stage2"], seed) for ae in own.autoencoder_seeds for seed in own.seeds
+        ]
+        runs += mine
+        models = [("forecaster", name) for name in dict.fromkeys(own.forecasters)]
+        models.append(("ode", own.choices["ode"]))
+        if own.authors.checkout is not None or own.authors.frames is not None:
+            models.append(("authors", own.choices["authors"]))
+        for kind, name in models:
+            compose_for(overrides, system=system, **{kind: name})
+            trials = own.forecaster_seeds if kind != "authors" else [0]
+            others += [ForecastRun(**asdict(mine[0]), kind=kind, model=name, trial=n) for n in trials]
+    return runs, others
+
+
+def weights_of(overrides: Overrides, **choices: str) -> str | None:
+    """The file of published weights that stands for a training, or None where there is a training.
+
+    Raises:
+        ConfigError: ``baseline.weights`` is neither that file nor a folder that holds it.
+    """
+    given = compose_for(overrides, **choices).baseline.weights
+    if given is None:
+        return None
+    path = Path(given).expanduser()
+    if path.is_dir():
+        path = path / choices["system"] / f"{choices['baseline']}.pt"
+    if not path.is_file():
+        raise ConfigError(
+            f"baseline.weights={given}: no file {path}; give a file for one baseline, or a folder with "
+            "SYSTEM/BASELINE.pt as `lagsplat weights` makes it"
+        )
+    return str(path)
+
+
+def files_of(overrides: Overrides, **choices: str) -> list[str]:
+    """The user's files behind a filmed recording; none where it comes from a public archive.
+
+    Raises:
+        ConfigError: nothing is there, or a folder without a recording.
+    """
+    recording = compose_for(overrides, **choices).recording
+    return [] if recording.path is None else _files_behind(recording.kind, recording.path)
+
+
+def _files_behind(kind: str, path: str) -> list[str]:
+    if kind != "video":
+        return [str(Path(path).expanduser())]
+    try:
+        return [str(file) for clip in find_clips(path) for file in clip.files]
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"recording.path={path}: {error}") from error
+
+
+def _check_file(experiment: Config, system: str, files: dict[str, str], *, meant: bool) -> None:
+    """A file for all systems is a slip; one that a system was given by name may be another part of it."""
+    recording = experiment.recording
+    if recording.kind == "simulated" or recording.path is None:
+        return
+    for file in _files_behind(recording.kind, recording.path):
+        if not Path(file).is_file():
+            raise ConfigError(f"recording.path={recording.path} ({system}): no such file; check the path")
+    if recording.path in files and not meant:
+        raise ConfigError(
+            f"recording.path={recording.path} would serve {files[recording.path]} and {system}; choose one "
+            f"with systems=[{system}], or give each its own with hydra_{system}='recording.path=...'"
+        )
+    files[recording.path] = system
+
+
+def script_digest(script: Path, *commands: str) -> str:
+    """SHA-256 of what a workflow script can execute: its own code and all of ``lagsplat`` that it imports,
+    and the modules that it runs as ``commands``.
+
+    Comments and docstrings do not count. Nor does ``lagsplat.planning.job``, the frame around a script: it decides
+    where a result is logged, not what it is.
+    """
+    tree = ast.parse(script.read_text(encoding="utf-8"), filename=str(script))
+    imports = [node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.module]
+    modules = {name for name in imports if name.startswith("lagsplat.")} - {"lagsplat.planning.job"}
+    tree.body = [node for node in tree.body if not isinstance(node, ast.Expr)]
+    return hashlib.sha256((ast.dump(tree) + code_digest(*sorted(modules), *commands)).encode()).hexdigest()
+
+
+SUFFIX = "_3d"
+SHORT = {"rainbow_rocker": "rocker"}
+"""How figures call a system whose name is long."""
+
+
+def planned_spatial(overrides: Overrides) -> dict[str, Run]:
+    """The run behind each figure in space, by the figure's name.
+
+    Left out are systems whose simulated views do not suit a filmed recording, and, where a user chooses
+    ``systems`` and not ``spatial``, all that are not among these.
+
+    Raises:
+        ConfigError: see `lagsplat.config.compose.compose`; also a system without novel views.
+    """
+    experiment = shared_experiment(overrides)
+    chosen = {key_of(item) for item in overrides.shared}
+    runs = {}
+    for system in experiment.spatial:
+        if "systems" in chosen and "spatial" not in chosen and system not in experiment.systems:
+            continue
+        own = compose_for(overrides, system=system)
+        if own.views is None:
+            raise ConfigError(
+                f"spatial={experiment.spatial}: {system} has no novel views and its Gaussians live in the "
+                f"picture; give it some, for instance hydra_{system}='views=sharp', or leave it out"
+            )
+        if own.views.kind == "simulated" and own.recording.kind != "simulated":
+            continue
+        name = system.removesuffix(SUFFIX)
+        place = (own.choices["profile"], own.choices["recording"], system, own.choices["stage1"])
+        runs[SHORT.get(name, name)] = Run(
+            *place, own.autoencoder_seeds[0], own.choices["stage2"], own.seeds[0]
+        )
+    return runs
+
+
+def files_of_rig(path: str) -> list[str]:
+    """The JSON that describes a rig, and the films of its cameras.
+
+    Raises:
+        ConfigError: a file is missing, or the JSON is not a rig.
+    """
+    try:
+        rig = read_rig(path)
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"views.rig={path}: {error}") from error
+    return [str(Path(path).expanduser()), *(str(each.video) for each in rig.others)]

@@ -1,0 +1,88 @@
+"""Logarithmic axes whose labels are plain text.
+
+One look for every figure, set in a context and never globally.
+"""
+
+import math
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import matplotlib as mpl
+from matplotlib.axis import Axis
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from lagsplat.io.files.atomic import replacing
+from lagsplat.report.common.latex import power_of_ten
+
+PLAIN = 3  # decades about one that are written out
+
+
+def plain_decades(axis: Axis) -> None:
+    """Label decades as 0.1, 1, 10, far ones as powers, and nothing between."""
+    axis.set_major_formatter(lambda x, _: _decade(x))
+    axis.set_minor_formatter(lambda x, _: "")
+
+
+def _decade(x: float) -> str:
+    if not x > 0.0:
+        return ""
+    power = round(math.log10(x))
+    return f"{x:g}" if abs(power) <= PLAIN else power_of_ten(power)
+
+
+PAGE_IN = 7.0
+# Okabe and Ito's palette: told apart by readers with any common colour vision.
+ENCODED, PREDICTED, MARK, QUIET = "#0072B2", "#D55E00", "#009E73", "#7F7F7F"
+INPUTS = ("#56B4E9", "#E69F00", "#009E73", "#CC79A7", "#F0E442", "#000000")
+
+
+@contextmanager
+def paper_style() -> Iterator[None]:
+    """Type, lines and vector text of a two-column paper, inside the block only."""
+    settings: dict[str, object] = {
+        "font.family": "DejaVu Sans",
+        "font.size": 7.0,
+        "axes.titlesize": 7.0,
+        "axes.labelsize": 7.0,
+        "xtick.labelsize": 6.0,
+        "ytick.labelsize": 6.0,
+        "legend.fontsize": 6.5,
+        "figure.titlesize": 7.5,
+        "axes.linewidth": 0.5,
+        "xtick.major.width": 0.5,
+        "ytick.major.width": 0.5,
+        "xtick.major.size": 2.0,
+        "ytick.major.size": 2.0,
+        "lines.linewidth": 0.8,
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+        "legend.frameon": False,
+        "image.interpolation": "nearest",
+        "pdf.fonttype": 42,
+        "svg.fonttype": "none",
+        "savefig.dpi": 200,
+    }
+    with mpl.rc_context(settings):  # type: ignore[arg-type]
+        yield
+
+
+def new_figure(width_in: float, height_in: float, *, title: str) -> Figure:
+    """An empty figure with its caption line; call it within `paper_style`."""
+    figure = Figure(figsize=(width_in, height_in), layout="constrained")
+    FigureCanvasAgg(figure)
+    figure.suptitle(title, x=0.01, ha="left")
+    return figure
+
+
+def save_figure(path: str | os.PathLike[str], figure: Figure) -> None:
+    """Write a figure, whole or not at all, in the format of its suffix and without a date inside."""
+    suffix = os.fspath(path).rpartition(".")[2]
+    dates: dict[str, None] = {"CreationDate": None} if suffix == "pdf" else {}
+    with paper_style(), replacing(path) as temporary:
+        if figure.get_layout_engine() is not None:
+            figure.draw_without_rendering()
+            # The layout refines itself at every drawing; one pass, and every format shows the same picture.
+            figure.set_layout_engine("none")
+        figure.savefig(temporary, metadata=dates)

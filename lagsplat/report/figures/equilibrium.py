@@ -1,0 +1,138 @@
+"""Where long rollouts end: at the minimum of the potential, or on an orbit that never decays."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from lagsplat.report.common.style import (
+    ENCODED,
+    INPUTS,
+    MARK,
+    PAGE_IN,
+    PREDICTED,
+    QUIET,
+    new_figure,
+    paper_style,
+)
+
+COLOURS = (INPUTS[3], INPUTS[1])
+FLOOR = 1e-5  # share of the amplitude below which a motion is drawn at the edge
+RUNS = "LaGSplat"
+
+Found = Mapping[str, Any]
+
+
+def draw_equilibrium(run: Found, models: Mapping[str, Sequence[Found]], *, title: str) -> Figure:
+    """Trajectories of a run and of the models beside it, where they are in the end, and what is left.
+
+    ``run`` and ``models`` are results of the extrapolation of one clip; the first seed of each model is drawn
+    in full, the others thin. The most visible coordinate is shown.
+
+    Source: paper, the figure of free extrapolation far past the clip.
+    """
+    shown = {RUNS: [run], **{name: found for name, found in models.items() if found}}
+    colours = dict(zip(shown, (PREDICTED, *COLOURS), strict=False))
+    with paper_style():
+        figure = new_figure(PAGE_IN, 1.15 * len(shown) + 0.5, title=title)
+        left, right = np.asarray(figure.subfigures(1, 2, width_ratios=(1.75, 1.0)))
+        axes = np.atleast_1d(left.subplots(len(shown), 1, sharex=True, sharey=True))
+        for axis, (name, found) in zip(axes, shown.items(), strict=True):
+            _trajectory(axis, run, found, name, colours[name])
+        axes[-1].set_xlabel("time since the start of the clip [s]")
+        axes[len(axes) // 2].set_ylabel("state in the chart of the frozen encoder")
+        phase, decay = right.subplots(2, 1)
+        _phase_plane(phase, run, shown, colours)
+        _what_is_left(decay, shown, colours)
+    return figure
+
+
+def _coordinate(states: Any) -> np.ndarray:
+    """The coordinate that is drawn: the one that moves most where there are several."""
+    series = np.asarray(states, dtype=np.float64)
+    return series[:, int(np.argmax(np.nanstd(series, axis=0)))]
+
+
+def _trajectory(axis: Axes, run: Found, found: Sequence[Found], name: str, colour: str) -> None:
+    dt_s, frames = run["recording"]["dt_s"], run["recording"]["frames"]
+    boundary = frames - run["recording"]["held_out"]
+    axis.axvspan(0, (frames - 1) * dt_s, color=QUIET, alpha=0.18, linewidth=0)
+    axis.axhline(run["equilibrium"][0], color=MARK, linestyle="--", linewidth=0.6)
+    for index, one in reversed(list(enumerate(found))):
+        path = _coordinate(one["looks"][0]["states"])
+        time_s = (boundary - 1 + np.arange(len(path))) * dt_s
+        alpha, width = (0.25, 0.4) if index else (1.0, 0.7)
+        axis.plot(time_s, path, color=colour, alpha=alpha, linewidth=width)
+    axis.plot(np.arange(frames) * dt_s, _coordinate(run["clip"]), color=ENCODED, linewidth=0.6)
+    told = f"{name}: out of the range that the encoder knows" if found[0]["reason"] else name
+    axis.set_title(told, loc="left", color=colour, pad=2)
+    ends = np.ptp(_coordinate(run["clip"])) * 0.62
+    middle = run["equilibrium"][0]
+    axis.set_ylim(middle - ends, middle + ends)
+    if name == RUNS:
+        axis.annotate(
+            "the clip", (0.5 * frames * dt_s, middle + 0.93 * ends), ha="center", va="top", color=ENCODED
+        )
+        last = (boundary - 1 + len(found[0]["looks"][0]["states"])) * dt_s
+        paper = {"facecolor": "white", "edgecolor": "none", "pad": 0.5, "alpha": 0.7}
+        axis.annotate(
+            "minimum of V", (last, middle), (0, 1), textcoords="offset points", ha="right", va="bottom",
+            color=MARK, bbox=paper,
+        )  # fmt: skip
+
+
+def _phase_plane(axis: Axes, run: Found, shown: Mapping[str, Sequence[Found]], colours: Any) -> None:
+    """The last seconds of the shown part, where the clip is long over."""
+    dt_s = run["recording"]["dt_s"]
+    clip = _coordinate(run["clip"])
+    axis.plot(clip, np.gradient(clip, dt_s), color=ENCODED, alpha=0.25, linewidth=0.5)
+    for name, found in shown.items():
+        if found[0]["reason"]:
+            continue
+        path = _coordinate(found[0]["looks"][0]["states"])
+        late = path[-max(len(path) // 8, 8) :]
+        if name == RUNS:
+            axis.plot(path, np.gradient(path, dt_s), color=colours[name], linewidth=0.4, alpha=0.6)
+            axis.plot(late[-1], 0.0, "o", color=colours[name], markersize=4, zorder=5)
+        else:
+            axis.plot(late, np.gradient(late, dt_s), color=colours[name], linewidth=0.7)
+    axis.set_title("state and velocity in the end", loc="left", pad=2)
+    axis.set(xlabel="state", ylabel="velocity [1/s]")
+    reach, speed = np.abs(clip - run["equilibrium"][0]).max(), np.abs(np.gradient(clip, dt_s)).max()
+    axis.set_xlim(run["equilibrium"][0] - 1.25 * reach, run["equilibrium"][0] + 1.25 * reach)
+    axis.set_ylim(-1.25 * speed, 1.25 * speed)
+
+
+def _what_is_left(axis: Axes, shown: Mapping[str, Sequence[Found]], colours: Any) -> None:
+    for name, found in shown.items():
+        for index, one in enumerate(found):
+            if one["reason"]:
+                continue
+            time_s, share = _envelope(one)
+            alpha, width = (0.3, 0.5) if index else (1.0, 1.0)
+            label = None if index else name
+            dashes = "--" if name == RUNS else "-"  # drawn over whatever falls on the same line
+            axis.plot(
+                time_s, share, dashes, color=colours[name], label=label, alpha=alpha, linewidth=width,
+                zorder=3 if name == RUNS else 2,
+            )  # fmt: skip
+            later = len(one["looks"]) - 1
+            axis.plot(time_s[-later:], share[-later:], "o", color=colours[name], markersize=2, alpha=alpha)
+    axis.set(xscale="log", yscale="log", xlabel="time past the training frames [s]")
+    axis.set_ylim(FLOOR / 1.5, 3.0)
+    axis.set_title("amplitude left, as a share of the clip's first", loc="left", pad=2)
+    axis.legend(loc="lower left", handlelength=0.0, handletextpad=0.0, labelcolor="linecolor")
+
+
+def _envelope(found: Found) -> tuple[np.ndarray, np.ndarray]:
+    """Amplitudes over the clip's first: along the shown part, two periods at a time, then of every look."""
+    dt_s, start = found["recording"]["dt_s"], found["start_amplitude"]
+    first, *later = found["looks"]
+    path, width = _coordinate(first["states"]), max(round(2 * found["recording"]["period_s"] / dt_s), 4)
+    cuts = range(0, len(path) - width + 1, width)
+    points = [((cut + width / 2) * dt_s, float(np.ptp(path[cut : cut + width])) / 2) for cut in cuts]
+    points += [(look["time_s"] + len(look["states"]) * dt_s, look["amplitude"]) for look in later]
+    time_s, left = np.array(points).T
+    return time_s, np.clip(np.nan_to_num(left / start, nan=10.0, posinf=10.0), FLOOR, 10.0)

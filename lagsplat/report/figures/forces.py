@@ -1,0 +1,328 @@
+"""A force in space that moves nothing and one that does, seen from three sides.
+
+Nine equilibria under forces given in the image, each with its arrow and the outline of the rest.
+
+What the nine panels of a figure of forces show: where each force acts, and the state that balances it.
+
+Errors of the answers to known forces, at the points on which the forces acted.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from string import ascii_lowercase
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float, Float64
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patheffects import Normal, Stroke
+
+from lagsplat.evaluate.forces.motion import SpacePush
+from lagsplat.forces.config import ForcesConfig
+from lagsplat.forces.equilibrium import Held
+from lagsplat.forces.grasp import Grip, NothingThereError, Point, brush
+from lagsplat.forces.moving_parts import background_points, hanging_points, lever_points, outlined, scene_at
+from lagsplat.report.common.style import PAGE_IN, new_figure, paper_style
+from lagsplat.splat.projection import View, view_of
+from lagsplat.views.camera import Camera, orbit
+
+SIDES = ((0.0, 0.0), (-12.0, 4.0), (12.0, -4.0))
+"""Yaw and pitch of the columns [degree], about the pivot."""
+ARROW = 0.4
+"""Of the picture's smaller side, at the pivot's depth."""
+FAINT = 1e-3
+"""A shift below it is told by its order of magnitude."""
+SUPERSAMPLING = 4
+"""Pixels drawn in place of one of the film's, each way."""
+
+
+def draw_space_push(held: Held, push: SpacePush, *, title: str) -> Figure:
+    """Three by three: rest, the force across the motion, the force downwards, each from three sides.
+
+    Arrows start where the pushed matter has come to, and have one length in space, which says nothing of the
+    force's size and which only the viewpoint foreshortens.
+
+    Source: paper, Figure "Applying a force inside the 3D scene".
+    """
+    height, width = held.kinematics.height, held.kinematics.width
+    length = ARROW * min(height, width)
+    cameras = [sideways(held, yaw, pitch) for yaw, pitch in SIDES]
+    q = torch.from_numpy(push.states)
+    names = ("no force", "a force across the motion", "a force downwards")
+    with paper_style():
+        side = PAGE_IN / 3.0
+        figure = new_figure(PAGE_IN, 3 * (side * height / width + 0.12) + 0.35, title=title)
+        axes = figure.subplots(3, 3, squeeze=False)
+        for column, (camera, (yaw, pitch)) in enumerate(zip(cameras, SIDES, strict=True)):
+            pictures = held.pictures(q, scale=SUPERSAMPLING, view=view_of([camera]))
+            for row, (axis, picture) in enumerate(zip(axes[:, column], pictures, strict=True)):
+                axis.imshow(picture.clip(0.0, 1.0), extent=(0, width, height, 0))
+                if row:
+                    foot = push.grip.place(q[row]).numpy()
+                    _arrow(axis, camera, foot, length * push.directions[row - 1])
+                told = f"yaw {yaw:+.0f}°, pitch {pitch:+.0f}°" if row == 0 else _moved(push, row)
+                axis.set_title(f"({ascii_lowercase[3 * row + column]}) {told}", loc="left")
+                axis.set(xticks=[], yticks=[], xlim=(0, width), ylim=(height, 0))
+        for axis, name in zip(axes[:, 0], names, strict=True):
+            axis.set_ylabel(name)
+    return figure
+
+
+def sideways(held: Held, yaw_deg: float, pitch_deg: float) -> Camera:
+    """The film's camera, moved about the pivot of the coordinates of space."""
+    own: View = held.autoencoder.filmed_view(held.autoencoder.gaussians.center)
+    focal, middle = own.focal[0].tolist(), own.middle[0].tolist()
+    front = Camera(
+        rotation=np.eye(3),
+        position=np.zeros(3),
+        focal=(focal[0], focal[1]),
+        middle=(middle[0], middle[1]),
+        height=held.kinematics.height,
+        width=held.kinematics.width,
+    )
+    return orbit(front, focal[0], yaw_deg=yaw_deg, pitch_deg=pitch_deg)
+
+
+def _moved(push: SpacePush, row: int) -> str:
+    """The pull-back of the row's force, and how far it moves the state."""
+    shift = push.states[row] - push.states[0]
+    load = push.size * push.grip.pull_back(torch.from_numpy(push.directions[row - 1])).norm()
+    pulled, size = (f"{value:.1g}" for value in (float(load), float(np.linalg.norm(shift))))
+    if np.linalg.norm(shift) < FAINT:
+        return rf"$|J^T f|$ = {pulled}, $|\Delta q|$ = {size}"
+    return rf"$|J^T f|$ = {pulled}, $\Delta q$ = " + ", ".join(f"{x:+.2f}" for x in shift)
+
+
+def _arrow(axis: Axes, camera: Camera, foot: Float64[np.ndarray, "3"], way: Float64[np.ndarray, "3"]) -> None:
+    start, stop = camera.project(np.stack([foot, foot + way]))
+    draw_arrow(axis, start, stop - start)
+
+
+FORCE = "#AA1E1E"
+LONGEST = 0.3
+"""Of the picture's smaller side: the longest arrow."""
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One equilibrium: its ``pushes``, its state, how far that is from rest, and its picture.
+
+    ``arrows`` (n, 2, 2) are foot and direction times size of each force, in pixels of the training
+    resolution and energy per pixel. ``moved_px`` is the way of the matter that was pushed first.
+    """
+
+    name: str
+    q: Float64[np.ndarray, " d"]
+    shift: Float64[np.ndarray, " d"]
+    moved_px: float
+    arrows: Float64[np.ndarray, "n 2 2"]
+    picture: Float[np.ndarray, "h w 3"]
+
+
+@dataclass(frozen=True)
+class Panels:
+    """All panels of a run, with the outline of the object at rest.
+
+    ``object`` (h, w) is true where the picture at rest shows the object, ``size`` (rows, columns) that of the
+    training pictures, in whose pixels arrows are; ``reach`` the visited range.
+    """
+
+    panels: tuple[Panel, ...]
+    object: Bool[np.ndarray, "h w"]
+    size: tuple[int, int]
+    rest: Float64[np.ndarray, " d"]
+    reach: float
+
+
+def draw_forces(shown: Panels, *, title: str) -> Figure:
+    """Three by three pictures of the loaded states. Red arrows, all on one scale, start where the pushed
+    matter has come to; the dashed line is the outline of what moves, at rest.
+
+    Source: paper, figures of interactive forces.
+    """
+    height, width = shown.size
+    largest = max(float(np.linalg.norm(panel.arrows[:, 1], axis=1).max()) for panel in shown.panels)
+    scale = LONGEST * min(height, width) / largest
+    with paper_style():
+        side = PAGE_IN / 3.0
+        rows = -(-len(shown.panels) // 3)
+        figure = new_figure(PAGE_IN, rows * (side * height / width + 0.1) + 0.35, title=title)
+        axes = figure.subplots(rows, 3, squeeze=False).ravel()
+        for axis, letter, panel in zip(axes, ascii_lowercase, shown.panels, strict=False):
+            axis.imshow(panel.picture.clip(0.0, 1.0), extent=(0, width, height, 0))
+            _outline(axis, shown)
+            for foot, force in panel.arrows:
+                draw_arrow(axis, foot, scale * force)
+            axis.set_title(f"({letter}) {panel.name}: {_answer(panel)}", loc="left")
+        for axis in axes:
+            axis.set(xticks=[], yticks=[], xlim=(0, width), ylim=(height, 0))
+        for axis in axes[len(shown.panels) :]:
+            axis.set_axis_off()
+    return figure
+
+
+def _answer(panel: Panel) -> str:
+    way = rf", {panel.moved_px:.1f} px"
+    if len(panel.shift) == 1:
+        return rf"$\Delta q = {panel.shift[0]:+.{2 if abs(panel.shift[0]) > 0.05 else 4}f}$" + way
+    return rf"$|\Delta q| = {np.linalg.norm(panel.shift):.2f}$" + way
+
+
+def _outline(axis: Axes, shown: Panels) -> None:
+    fine = shown.object.astype(float)
+    rows, columns = (
+        size * (np.arange(count) + 0.5) / count for size, count in zip(shown.size, fine.shape, strict=True)
+    )
+    axis.contour(columns, rows, fine, levels=[0.5], colors="white", linewidths=0.8, linestyles="dashed")
+
+
+def draw_arrow(axis: Axes, foot: np.ndarray, way: np.ndarray) -> None:
+    """A red arrow with a white rim, its foot marked [px]."""
+    arrow = axis.annotate(
+        "",
+        xy=tuple(foot + way),
+        xytext=tuple(foot),
+        arrowprops={
+            "arrowstyle": "-|>",
+            "color": FORCE,
+            "linewidth": 1.4,
+            "mutation_scale": 8,
+            "shrinkA": 0.0,
+            "shrinkB": 0.0,
+        },
+        annotation_clip=False,
+    )
+    rim = [Stroke(linewidth=2.6, foreground="white"), Normal()]
+    if arrow.arrow_patch is not None:
+        arrow.arrow_patch.set_path_effects(rim)
+    axis.plot(*foot, "o", color=FORCE, markersize=2.5, markeredgecolor="white", markeredgewidth=0.5)
+
+
+DOWN, RIGHT = np.array([0.0, 1.0]), np.array([1.0, 0.0])
+OBLIQUE = np.array([np.sqrt(0.5), np.sqrt(0.5)])
+MIN_WIDTH_PX = 384
+"""Pixels that a drawn picture's width has at least."""
+BACKGROUND = 3
+
+
+@dataclass(frozen=True)
+class Push:
+    """A force on a grip: unit ``direction`` (right, down) and ``size`` [energy per px]."""
+
+    grip: Grip
+    direction: Float64[np.ndarray, "2"]
+    size: float
+
+    @property
+    def load(self) -> torch.Tensor:
+        """The generalised force (d,)."""
+        return self.size * self.grip.pull_back(torch.from_numpy(self.direction))
+
+
+def push_panels(held: Held, config: ForcesConfig, *, hanging: bool) -> Panels:
+    """The paper's nine panels: levers, directions and background of what has one coordinate; what hangs is
+    pushed at its middle and its tip, across and along.
+
+    Raises:
+        ValueError: nothing moves in the picture, or not on both sides of a centre of rotation.
+
+    Source: paper, figures of interactive forces.
+    """
+    scene = scene_at(held.autoencoder, held.chart, held.rest.numpy())
+    radius = config.brush * held.kinematics.width
+    named = _hanging(held, config, radius) if hanging else _rolling(held, config, radius)
+    loads = torch.stack([torch.stack([push.load for push in pushes]).sum(0) for _, pushes in named])
+    states = held.settled(loads)
+    scale = -(-MIN_WIDTH_PX // held.kinematics.width)
+    pictures = held.pictures(states, scale=scale)
+    panels = tuple(
+        _panel(held, name, pushes, q, picture)
+        for (name, pushes), q, picture in zip(named, states, pictures, strict=True)
+    )
+    seen = outlined(held.pictures(held.rest[None], scale=scale)[0], scene)
+    return Panels(panels, seen, scene.motion.shape, held.rest.numpy(), held.reach)
+
+
+def _panel(
+    held: Held, name: str, pushes: list[Push], q: torch.Tensor, picture: Float[np.ndarray, "h w 3"]
+) -> Panel:
+    feet = np.stack([push.grip.place(q).numpy() for push in pushes])
+    sizes = np.stack([push.size * push.direction for push in pushes])
+    moved = float(np.linalg.norm(feet[0] - pushes[0].grip.at.numpy()))
+    return Panel(name, q.numpy(), (q - held.rest).numpy(), moved, np.stack([feet, sizes], 1), picture)
+
+
+def _rolling(held: Held, config: ForcesConfig, radius: float) -> list[tuple[str, list[Push]]]:
+    """Levers (a)-(c), directions at one material point (d)-(f), background (g)-(i)."""
+    scene = scene_at(held.autoencoder, held.chart, held.rest.numpy())
+    grips = [_grip(held, point, radius) for point in lever_points(scene, margin=radius)]
+    far = grips[-1]
+    size = held.magnitude(far, DOWN, share=config.response)
+    named = [("lever", [Push(grip, DOWN, size)]) for grip in grips[:3]]
+    named += [("direction", [Push(far, direction, size)]) for direction in (DOWN, OBLIQUE, RIGHT)]
+    found = []
+    for point in background_points(scene, 4 * BACKGROUND, margin=2 * radius):
+        try:
+            found.append(_grip(held, point, radius))
+        except NothingThereError:  # the background colour has no Gaussian there
+            continue
+    return named + [("background", [Push(grip, DOWN, size)]) for grip in found[:BACKGROUND]]
+
+
+def _hanging(held: Held, config: ForcesConfig, radius: float) -> list[tuple[str, list[Push]]]:
+    """Across and along at the tip and the middle, either way, and two opposed forces."""
+    scene = scene_at(held.autoencoder, held.chart, held.rest.numpy())
+    *points, along = hanging_points(scene)
+    middle, tip = (_grip(held, point, radius) for point in points)
+    across = np.array([-along[1], along[0]])
+    across = across * np.sign(across[0])
+    size = held.magnitude(tip, across, share=config.response)
+    axial = held.magnitude(tip, along, share=config.response)
+    named = [
+        (name, [Push(grip, sign * direction, amount)])
+        for name, grip, direction, amount in (
+            ("across the tip", tip, across, size),
+            ("across the middle", middle, across, size),
+            ("along, at the tip", tip, -along, axial),
+            ("along, at the middle", middle, -along, axial),
+        )
+        for sign in (-1.0, 1.0)
+    ]
+    return [*named, ("opposed", [Push(middle, -across, size), Push(tip, across, size)])]
+
+
+def _grip(held: Held, point: Point, radius: float) -> Grip:
+    return brush(held.kinematics, held.rest, point, radius=radius)
+
+
+SHOWN = (
+    ("direction_deg", "direction of the pushed point (degrees)", 1.0, 60.0),
+    ("shape", "shape of the answer (%)", 100.0, 100.0),
+    ("amplitude", "amplitude after one poke (%)", 100.0, 100.0),
+)
+
+
+def draw_force_map(picture: Float[np.ndarray, "H W 3"], truth: Mapping[str, Any], *, title: str) -> Figure:
+    """Three pictures of the object at rest, with the median error of forces on each point in colour.
+
+    ``truth`` is what `lagsplat.evaluate.forces.accuracy.compare` returns, or the reason why there is nothing.
+    """
+    height, width = picture.shape[:2]
+    with paper_style():
+        figure = new_figure(PAGE_IN, PAGE_IN / 3.0 * height / width + 0.75, title=title)
+        if "refused" in truth:
+            figure.text(0.01, 0.5, f"nothing was measured: {truth['refused']}", wrap=True)
+            return figure
+        rows = truth["map"]
+        for axis, (name, what, scale, most) in zip(figure.subplots(1, 3), SHOWN, strict=True):
+            axis.imshow(picture.clip(0.0, 1.0), extent=(0, width, height, 0), alpha=0.45)
+            told = [(*row["place"], scale * row[name]) for row in rows if row[name] is not None]
+            x, y, values = np.array(told).reshape(-1, 3).T
+            dots = axis.scatter(
+                x, y, c=values, s=26, vmin=0.0, vmax=most, cmap="viridis_r", edgecolors="k", linewidths=0.3
+            )
+            figure.colorbar(dots, ax=axis, orientation="horizontal", extend="max", shrink=0.9, aspect=30)
+            axis.set(xticks=[], yticks=[], xlim=(0, width), ylim=(height, 0), title=what)
+    return figure

@@ -1,0 +1,110 @@
+"""Every model from the same start, picture by picture, and what the attention maps attend to."""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from jaxtyping import Float, Float32
+from matplotlib.figure import Figure
+
+from lagsplat.baselines.model import Baseline
+from lagsplat.baselines.networks import AttentionDecoder, centres
+from lagsplat.evaluate.evaluate import Subject
+from lagsplat.evaluate.protocol import initial_states, windows
+from lagsplat.report.common.style import MARK, PAGE_IN, new_figure, paper_style
+
+TIMES_S = (0.0, 0.25, 0.5, 1.0, 2.0, 5.0)
+
+Pictures = Float32[np.ndarray, "n 3 H W"]
+
+
+class Attention(NamedTuple):
+    """The maps of one model at one frame."""
+
+    name: str
+    picture: Float32[np.ndarray, "3 H W"]
+    maps: Float[np.ndarray, "G H W"]
+    centres: Float[np.ndarray, "G 2"]
+    """``(row, column)`` in pixels, counted from the centre of the first one."""
+
+
+def moments(subject: Subject) -> np.ndarray:
+    """Frames of `TIMES_S` after the first scored one of the longest clip, as far as the clip goes."""
+    first, stop = subject.held.longest
+    frames = first + np.round(np.array(TIMES_S) / subject.held.dt_s).astype(np.int64)
+    return frames[frames < stop]
+
+
+def rolled_out(subject: Subject, frames: np.ndarray) -> Pictures:
+    """What a model predicts of frames, from its own state at the first of them."""
+    held, start, length = subject.held, frames[:1], int(frames[-1] - frames[0]) + 1
+    q0, v0 = initial_states(held, start)
+    steps_s = held.clock.steps_s(start, length)
+    states = subject.integrate(q0, v0, windows(held.forcing, start, length), steps_s)[0]
+    shown = np.nan_to_num(states[frames - frames[0]], posinf=0.0, neginf=0.0)
+    return subject.render(shown).astype(np.float32)
+
+
+@torch.no_grad()
+def attention_of(name: str, baseline: Baseline, picture: Float32[np.ndarray, "3 H W"]) -> Attention | None:
+    """The maps of a model at an image; None where it has none."""
+    decoder = baseline.decoder
+    if not isinstance(decoder, AttentionDecoder):
+        return None
+    maps = decoder.maps(baseline.encoder(torch.from_numpy(picture[None]))[0])
+    side = torch.tensor(decoder.size) - 1
+    places = 0.5 * (centres(maps, decoder.places)[0] + 1.0) * side
+    return Attention(name, picture, maps[0].unflatten(1, decoder.size).numpy(), places.numpy())
+
+
+def compare(models: Mapping[str, Subject], *, title: str) -> Figure:
+    """`draw_gallery` of the recording and of all models, from the first scored frame of its longest clip."""
+    subject = next(iter(models.values()))
+    frames = moments(subject)
+    rows = [("recorded", subject.pictures(frames))]
+    rows += [(name, rolled_out(model, frames)) for name, model in models.items()]
+    times_s = (subject.held.dt_s * (frames - frames[0])).tolist()
+    return draw_gallery(rows, times_s, title=f"Every model from the same start · {title}")
+
+
+def draw_gallery(rows: Sequence[tuple[str, Pictures]], times_s: Sequence[float], *, title: str) -> Figure:
+    """A row for the recording and each model, a column a moment."""
+    with paper_style():
+        side = PAGE_IN / 8.0
+        figure = new_figure(side * len(times_s) + 1.4, side * len(rows) + 0.6, title=title)
+        axes = figure.subplots(len(rows), len(times_s), squeeze=False)
+        for line, (name, pictures) in zip(axes, rows, strict=True):
+            for axis, picture in zip(line, pictures, strict=True):
+                axis.imshow(np.clip(np.moveaxis(picture, 0, 2), 0.0, 1.0))
+                axis.set(xticks=[], yticks=[])
+            line[0].set_ylabel(name, rotation=0, ha="right", va="center")
+        for axis, time_s in zip(axes[0], times_s, strict=True):
+            axis.set_title(f"{time_s:.2g} s")
+    return figure
+
+
+def draw_attention(models: Sequence[Attention], *, title: str) -> Figure:
+    """A row a model: the image, then the map of each node with its centre of mass.
+
+    Raises:
+        ValueError: no model has maps.
+    """
+    if not models:
+        raise ValueError("nothing to draw: no baseline has attention maps; add osc_abcd or koopman_abcd")
+    columns = 1 + max(len(model.maps) for model in models)
+    with paper_style():
+        side = PAGE_IN / 9.0
+        figure = new_figure(side * columns + 1.2, 1.2 * side * len(models) + 0.5, title=title)
+        axes = figure.subplots(len(models), columns, squeeze=False)
+        for axis in axes.flat:
+            axis.set(xticks=[], yticks=[])
+            axis.set_axis_off()
+        for line, model in zip(axes, models, strict=True):
+            line[0].set_axis_on()
+            line[0].imshow(np.moveaxis(model.picture, 0, 2))
+            line[0].set_ylabel(model.name, rotation=0, ha="right", va="center")
+            for axis, attention, (row, column) in zip(line[1:], model.maps, model.centres, strict=False):
+                axis.imshow(attention, cmap="gray", vmin=0.0, vmax=1.0)
+                axis.plot(column, row, "+", color=MARK)
+    return figure

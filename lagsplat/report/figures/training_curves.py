@@ -1,0 +1,149 @@
+"""The image error of every model along the same long rollouts.
+
+The latent trajectory of a chart, most visible coordinate first.
+
+Training curves.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from lagsplat.chart.chart import Chart
+from lagsplat.report.common.style import (
+    ENCODED,
+    INPUTS,
+    MARK,
+    PAGE_IN,
+    PREDICTED,
+    QUIET,
+    new_figure,
+    paper_style,
+)
+
+COLOURS = (PREDICTED, *INPUTS[:4], INPUTS[5])
+
+
+def draw_horizon(models: Sequence[tuple[str, Mapping[str, Any]]], *, title: str) -> Figure:
+    """Median error over time with the band of the central two thirds of the starts, for each named model.
+
+    ``models`` are names with the results of `lagsplat.evaluate.forecast.error_along`, all from the same
+    starts. The grey lines are what holding the first frame and the mean frame would give.
+
+    Raises:
+        ValueError: no model has such rollouts, or they began at different frames.
+    """
+    drawn = [(name, found) for name, found in models if "reason" not in found]
+    if not drawn:
+        reason = next((found["reason"] for _, found in models), "no model was given")
+        raise ValueError(f"nothing to draw: {reason}")
+    if len({str(found["starts"]) for _, found in drawn}) > 1:
+        raise ValueError("the models were started at different frames; evaluate all with the same settings")
+    with paper_style():
+        figure = new_figure(PAGE_IN, 2.8, title=title)
+        axis = figure.subplots()
+        for (name, found), colour in zip(drawn, COLOURS, strict=False):
+            axis.fill_between(
+                found["time_s"], found["low"], found["high"], color=colour, alpha=0.15, linewidth=0
+            )
+            axis.plot(found["time_s"], found["median"], color=colour, label=name)
+        _, any_model = drawn[0]
+        for key, style, label in (("hold", "--", "first frame held"), ("mean_frame", ":", "mean frame")):
+            axis.plot(any_model["time_s"], any_model[key], color=QUIET, linestyle=style, label=label)
+        axis.set(yscale="log", xlabel="time since the start [s]", ylabel="mean squared image error")
+        axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+    return figure
+
+
+BINS = 700
+CLOSE_UP_S = 10.0
+
+
+def visibility_order(metric: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Coordinates by decreasing share of the metric's trace, and these shares in the same order."""
+    share = np.diag(metric) / np.trace(metric)
+    order = np.argsort(-share, kind="stable")
+    return order, share[order]
+
+
+def draw_latents(chart: Chart, *, title: str, input_names: tuple[str, ...] = ()) -> Figure:
+    """Each whitened coordinate over the whole recording and, on the right, ten seconds around the split.
+
+    Long series are drawn as the range within each of 700 bins. Panels carry the coordinate's share of the
+    visibility metric's trace; the split between training and held-out frames is marked.
+    """
+    order, share = visibility_order(chart.metric)
+    time_s = chart.time_s - chart.time_s[0]
+    split_s = float(time_s[min(chart.n_train, len(time_s) - 1)])
+    near = np.abs(time_s - split_s) <= 0.5 * CLOSE_UP_S
+    rows = chart.d + int(chart.inputs.shape[1] > 0)
+    with paper_style():
+        figure = new_figure(PAGE_IN, 0.55 + 0.62 * rows, title=title)
+        axes = figure.subplots(rows, 2, sharex="col", squeeze=False, width_ratios=[2.2, 1])
+        for row, (index, part) in enumerate(zip(order, share, strict=True)):
+            series = chart.latents[:, index]
+            whole, close = axes[row]
+            for stretch, colour, name in (
+                (slice(None, chart.n_train), ENCODED, "training"),
+                (slice(chart.n_train, None), PREDICTED, "held out"),
+            ):
+                _range(whole, time_s[stretch], series[stretch], colour, name)
+            for stretch, colour in ((time_s < split_s, ENCODED), (time_s >= split_s, PREDICTED)):
+                close.plot(time_s[near & stretch], series[near & stretch], color=colour)
+            whole.set_ylabel(f"$q_{{{index + 1}}}$")
+            whole.set_title(f"{100 * part:.1f} % of tr G", loc="right", pad=2)
+        if chart.inputs.shape[1]:
+            names = input_names or tuple(f"u{i + 1}" for i in range(chart.inputs.shape[1]))
+            for column, name in enumerate(names):
+                colour = INPUTS[column % len(INPUTS)]
+                _range(axes[-1, 0], time_s, chart.inputs[:, column], colour, name)
+                axes[-1, 1].plot(time_s[near], chart.inputs[near, column], color=colour, label=name)
+            axes[-1, 0].set_ylabel("inputs")
+            axes[-1, 1].legend(
+                ncols=4, loc="lower right", bbox_to_anchor=(1.0, 0.95), handlelength=1.0, columnspacing=0.8
+            )
+        for axis in axes.ravel():
+            axis.axvline(split_s, color=MARK, linewidth=0.8, linestyle="--")
+        axes[0, 0].legend(loc="upper left", ncols=2, handlelength=1.0, bbox_to_anchor=(0.0, 1.35))
+        axes[-1, 0].set_xlabel("time (s)")
+        axes[-1, 1].set_xlabel("time (s), around the split")
+        figure.align_ylabels(axes[:, 0])
+    return figure
+
+
+def _range(axis: Any, time_s: np.ndarray, series: np.ndarray, colour: str, label: str) -> None:
+    """A line, or the range within bins where a line would only be a smear."""
+    if len(series) <= 2 * BINS:
+        axis.plot(time_s, series, color=colour, label=label)
+        return
+    edges = np.linspace(0, len(series), BINS + 1).astype(int)[:-1]
+    low, high = np.minimum.reduceat(series, edges), np.maximum.reduceat(series, edges)
+    axis.fill_between(time_s[edges], low, high, color=colour, alpha=0.75, linewidth=0.2, label=label)
+
+
+def draw_curves(
+    curve: pd.DataFrame, *, title: str, columns: Sequence[str], labels: Mapping[str, str]
+) -> Figure:
+    """Positive columns of a training curve over its first column, on a logarithmic scale.
+
+    Raises:
+        ValueError: a column is not in the curve.
+    """
+    missing = [name for name in columns if name not in curve]
+    if missing:
+        raise ValueError(f"the curve has no column {missing}; it has {list(curve.columns)}")
+    step = curve.columns[0]
+    with paper_style():
+        figure = new_figure(PAGE_IN, 2.4, title=title)
+        axis = figure.subplots()
+        for name, colour in zip(columns, INPUTS, strict=False):
+            values = curve[name].to_numpy(dtype=float)
+            axis.plot(
+                curve[step], np.where(values > 0, values, np.nan), color=colour, label=labels.get(name, name)
+            )
+        axis.set(yscale="log", xlabel=step)
+        axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+    return figure

@@ -1,0 +1,120 @@
+"""Two decoders at equal terms: their table, and the velocities of their primitives."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from lagsplat.report.common.latex import block_title, cells, escape, latex_float, latex_number
+from lagsplat.report.common.style import PAGE_IN, new_figure, paper_style
+
+NAMES = {"conditioned": "Conditioned on the state (LaGSplat)", "deformed": "Deformation field"}
+MEASURES = {
+    "l1": "L1",
+    "dissimilarity": "1 - SSIM",
+    "roughness": "Roughness, px/s",
+    "speed": "Own speed, px/s",
+    "painted_still": "Painted on background, px/s",
+    "painted_moving": "Painted elsewhere, px/s",
+    "parameters": "Parameters",
+    "wall_s": "Training, s",
+}
+COLUMNS = ("system", "decoder", *MEASURES, "n_gaussians", "steps", "recording", "profile")
+# Appendix "Deformation-Field Decoder at Equal Budget": 15 000 primitives, on its film of the rocker.
+PUBLISHED: dict[str, dict[str, dict[str, float]]] = {
+    "rainbow_rocker": {
+        "conditioned": {"l1": 0.0142, "dissimilarity": 0.063, "roughness": 1.4, "parameters": 195e3},
+        "deformed": {"l1": 0.0157, "dissimilarity": 0.076, "roughness": 6.9, "parameters": 9.8e6},
+    }
+}
+PRIMITIVES = 15000
+MAPS = ("picture", "speed")
+
+
+def deformation_table(
+    runs: Sequence[Mapping[str, Any]], found: Sequence[Mapping[str, Mapping[str, Any]]]
+) -> pd.DataFrame:
+    """A row for each decoder of each system, and the paper's own on its film.
+
+    ``found`` holds, for each run, the measures of `lagsplat.evaluate.velocity_field` by decoder, with
+    ``wall_s`` and ``steps`` of the training.
+    """
+    rows: list[dict[str, Any]] = []
+    for run, decoders in zip(runs, found, strict=True):
+        shared = {"system": run["system"], "recording": run["recording"], "profile": run["profile"]}
+        rows += [{**shared, "decoder": name, **measures} for name, measures in decoders.items()]
+    for system in dict.fromkeys(str(run["system"]) for run in runs):
+        rows += [
+            {
+                "system": system,
+                "decoder": name,
+                **measures,
+                "n_gaussians": PRIMITIVES,
+                "recording": "filmed, the paper's",
+                "profile": "the paper's",
+            }
+            for name, measures in PUBLISHED.get(system, {}).items()
+        ]
+    return (
+        pd.DataFrame(rows, dtype=object)
+        .reindex(columns=list(COLUMNS))
+        .sort_values("system", kind="stable")
+        .reset_index(drop=True)
+    )
+
+
+def latex_deformation(table: pd.DataFrame, *, titles: Mapping[str, str]) -> str:
+    """The same table in LaTeX."""
+    body = []
+    for system, block in table.groupby("system", sort=False):
+        body.append(block_title(titles.get(str(system), str(system)), columns=len(MEASURES) + 2))
+        for row in block.to_dict("records"):
+            name = NAMES.get(str(row["decoder"]), str(row["decoder"]))
+            values = (latex_number(row[measure]) for measure in MEASURES)
+            body.append(cells(escape(name), *values, escape(str(row["recording"]))))
+    own = table[table["profile"] != "the paper's"]
+    steps, count = (" and ".join(sorted(set(own[key].astype(str)))) for key in ("steps", "n_gaussians"))
+    profiles = " and ".join(sorted(set(own["profile"].astype(str))))
+    return latex_float(
+        head=[cells("Decoder", *(escape(title) for title in MEASURES.values()), "Recording")],
+        body=body,
+        columns="@{}l" + "c" * len(MEASURES) + "l@{}",
+        caption=(
+            f"Two decoders of the same frozen latents with {count} Gaussians each, the same losses, step "
+            f"sizes and {steps} steps; profile {profiles}. L1 and SSIM are over the frames that were fitted. "
+            "Roughness is how far a primitive's velocity differs from its neighbours', the median over "
+            "visible primitives at the frame of the fastest motion; painted means drawn with the primitives' "
+            "own opacities and shapes. The paper's rows are of its film, with 15000 primitives."
+        ),
+        label="tab:deformation",
+    )
+
+
+def draw_jacobian_field(
+    decoders: Mapping[str, Mapping[str, np.ndarray]], measures: Mapping[str, Mapping[str, Any]], *, title: str
+) -> Figure:
+    """Picture and painted speeds of each decoder at the same state, both speeds on one colour scale.
+
+    ``decoders`` maps the name of each to its maps ``picture`` (3,H,W) in [0, 1] and ``speed`` (H,W) [px/s].
+
+    Source: paper, the figure of the same motion read off the two decoders.
+    """
+    top = max(float(np.percentile(maps["speed"], 99.5)) for maps in decoders.values())
+    with paper_style():
+        height, width = next(iter(decoders.values()))["speed"].shape
+        side = PAGE_IN / (2 * len(decoders)) * 0.95
+        figure = new_figure(PAGE_IN, side * height / width + 0.75, title=title)
+        axes = figure.subplots(1, 2 * len(decoders))
+        for index, (name, maps) in enumerate(decoders.items()):
+            axes[2 * index].imshow(np.clip(np.moveaxis(maps["picture"], 0, 2), 0.0, 1.0))
+            axes[2 * index].set_title(NAMES[name].partition(" (")[0], loc="left")
+            image = axes[2 * index + 1].imshow(maps["speed"], cmap="magma", vmin=0.0, vmax=max(top, 1e-9))
+            rough = measures[name]["roughness"]
+            said = "no primitive is visible" if rough is None else f"neighbours differ by {rough:.3g} px/s"
+            axes[2 * index + 1].set_title(said, loc="left")
+        for axis in axes:
+            axis.set(xticks=[], yticks=[])
+        figure.colorbar(image, ax=list(axes), label="speed of the primitives [px/s]", shrink=0.9, pad=0.01)
+    return figure

@@ -1,0 +1,296 @@
+"""Rows of the table of extrapolation: every measure of every model, over its seeds.
+
+The table of extrapolation in LaTeX: measures down, models across, one block a system.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from lagsplat.report.common.latex import block_title, cells, escape, latex_float, latex_number, scaled
+
+OURS, FORECASTER, FREE = "LaGSplat", "key-point forecaster (re-implementation)", "neural ODE"
+AUTHORS = "GaussianPrediction (the authors' code)"
+PAPER = {"LaGSplat": "LaGSplat (paper)", "GaussianPrediction": "GaussianPrediction (paper)"}
+ON_FILM = "filmed, the paper's"
+COLUMNS = (
+    "system", "model", "measure", "value", "low", "high", "n_seeds", "n_measured", "sigma", "note",
+    "recording", "profile",
+)  # fmt: skip
+
+
+class Measure(NamedTuple):
+    """One line of the table: how it is called, its unit, and where it stands in what was found."""
+
+    name: str
+    title: str
+    scale: float
+    of: Callable[[Mapping[str, Any]], float | None]
+    sigma: Callable[[Mapping[str, Any]], float | None] | None = None
+
+
+class Model(NamedTuple):
+    """What was found of one model on one system, seed by seed."""
+
+    system: str
+    model: str
+    recording: str
+    profile: str
+    found: list[dict[str, Any]]
+
+
+def _at(*path: str) -> Callable[[Mapping[str, Any]], Any]:
+    def value(found: Mapping[str, Any]) -> Any:
+        for key in path:
+            found = found[key]
+        return found
+
+    return value
+
+
+def _size(*path: str) -> Callable[[Mapping[str, Any]], float | None]:
+    def value(found: Mapping[str, Any]) -> float | None:
+        signed = _at(*path)(found)
+        return None if signed is None else abs(signed)
+
+    return value
+
+
+def _energy_left(found: Mapping[str, Any]) -> float | None:
+    """Mean energy of the last look over that of the first natural period past the training frames."""
+    first, last = found["looks"][0]["energy"], found["looks"][-1]["energy"]
+    if first is None or last is None or found["reason"]:
+        return None
+    early = float(np.mean(first[: max(4, len(first) // 8)]))
+    return float(np.mean(last)) / early if early > 0 else None
+
+
+MEASURES = (
+    Measure("psnr_mean", "Mean on held-out frames", 1.0, _at("psnr", "mean")),
+    Measure("psnr_first", "First predicted frame", 1.0, _at("psnr", "first")),
+    Measure("psnr_last", "Last predicted frame", 1.0, _at("psnr", "last")),
+    Measure("psnr_aligned", "Mean, phase taken out", 1.0, _at("aligned", "mean")),
+    Measure(
+        "frequency_error", "Frequency error (%)", 100.0, _size("physics", "frequency_error"),
+        _at("physics", "frequency_error_sigma"),
+    ),
+    Measure(
+        "rate_error", "Dissipation error (%)", 100.0, _size("physics", "rate_error"),
+        _at("physics", "rate_error_sigma"),
+    ),
+    Measure("left_shown", "Amplitude left where the figure ends (%)", 100.0, _at("left_shown")),
+    Measure("left", "Amplitude left at the horizon (%)", 100.0, _at("left")),
+    Measure("energy_left", "Energy left at the horizon (%)", 100.0, _energy_left),
+    Measure("inside", "Frames in the encoder's range (%)", 100.0, _at("range", "inside")),
+)  # fmt: skip
+FLOOR = Measure("floor", "Autoencoder floor on these frames", 1.0, _at("floor", "mean"))
+
+# Table "Extrapolation past the training window"; the amplitudes where the figure ends from the text.
+PUBLISHED: dict[str, dict[str, dict[str, float]]] = {
+    "rainbow_rocker": {
+        "LaGSplat": {
+            "psnr_mean": 25.88,
+            "psnr_first": 27.28,
+            "psnr_last": 23.53,
+            "frequency_error": 0.012,
+            "rate_error": 0.29,
+            "left": 0.0,
+            "floor": 31.79,
+        },
+        "GaussianPrediction": {
+            "psnr_mean": 27.86,
+            "psnr_first": 31.61,
+            "psnr_last": 23.63,
+            "frequency_error": 0.009,
+            "rate_error": 0.60,
+            "left_shown": 0.55,
+            "left": 0.53,
+        },
+    }
+}
+
+
+def gathered_models(
+    runs: Sequence[Mapping[str, Any]], others: Sequence[Mapping[str, Any]], found: Sequence[dict[str, Any]]
+) -> list[Model]:
+    """What was found, by system and model; ``found`` is of the runs, then of the others."""
+    groups: dict[tuple[str, str, str, str], list[dict[str, Any]]] = {}
+    for run, one in zip([*runs, *others], found, strict=True):
+        key = (str(run["system"]), model_name(run), str(run["recording"]), str(run["profile"]))
+        groups.setdefault(key, []).append(one)
+    return [Model(*key, members) for key, members in groups.items()]
+
+
+def model_name(run: Mapping[str, Any]) -> str:
+    """How tables call a run or the model beside it; a variant's file is named with it."""
+    if "kind" not in run:
+        return OURS
+    known = {
+        "ode": (FREE, "default"),
+        "forecaster": (FORECASTER, "keypoints"),
+        "authors": (AUTHORS, "default"),
+    }
+    name, usual = known[run["kind"]]
+    return name if run["model"] == usual else f"{name}, {run['model']}"
+
+
+def extrapolation_rows(models: Sequence[Model]) -> pd.DataFrame:
+    """A row for every system, model and measure, the paper's own beside them; plain numbers, no per cent.
+
+    ``value`` is the median over the ``n_measured`` seeds in which the measure exists, ``low`` and ``high``
+    their range where they differ, ``sigma`` the median of the estimator's own uncertainty. ``note`` says why
+    a seed has none: it diverged, it left the range of the encoder, nothing oscillated.
+
+    Raises:
+        ValueError: nothing was measured.
+    """
+    if not models:
+        raise ValueError("the table of extrapolation would be empty; choose systems with extrapolated=[...]")
+    rows = [_row(model, measure) for model in models for measure in (*MEASURES, FLOOR)]
+    for system in dict.fromkeys(model.system for model in models):
+        rows += _published(system)
+    frame = pd.DataFrame(rows, columns=list(COLUMNS), dtype=object)
+    order = list(dict.fromkeys(model.system for model in models))
+    return frame.sort_values("system", key=lambda names: names.map(order.index), kind="stable").reset_index(
+        drop=True
+    )
+
+
+def _row(model: Model, measure: Measure) -> dict[str, Any]:
+    values = [measure.of(found) for found in model.found]
+    known = [value for value in values if value is not None and np.isfinite(value)]
+    several = len(set(known)) > 1
+    sigmas = [s for found in model.found if measure.sigma and (s := measure.sigma(found)) is not None]
+    return {
+        "system": model.system,
+        "model": model.model,
+        "measure": measure.name,
+        "value": float(np.median(known)) if known else None,
+        "low": min(known) if several else None,
+        "high": max(known) if several else None,
+        "n_seeds": len(values),
+        "n_measured": len(known),
+        "sigma": float(np.median(sigmas)) if sigmas else None,
+        "note": "" if len(known) == len(values) else _why(model.found, measure),
+        "recording": model.recording,
+        "profile": model.profile,
+    }
+
+
+def _why(found: Sequence[Mapping[str, Any]], measure: Measure) -> str:
+    reasons = {
+        "the rollout diverged" if one["diverged"] else str(one["reason"] or one["physics"]["reason"])
+        for one in found
+        if measure.of(one) is None
+    }
+    return "; ".join(sorted(reason for reason in reasons if reason))
+
+
+def _published(system: str) -> list[dict[str, Any]]:
+    return [
+        {
+            "system": system,
+            "model": PAPER[name],
+            "measure": measure,
+            "value": value,
+            "n_seeds": 1,
+            "n_measured": 1,
+            "note": "",
+            "recording": ON_FILM,
+            "profile": "the paper's",
+        }
+        for name, values in PUBLISHED.get(system, {}).items()
+        for measure, value in values.items()
+    ]
+
+
+RENDERING = 4  # measures of pictures, before those of physics
+USUAL = (OURS, FORECASTER, FREE, AUTHORS)
+HEADS = {
+    OURS: "LaGSplat",
+    FORECASTER: "Key points",
+    FREE: "Neural ODE",
+    AUTHORS: "Authors' code",
+    PAPER["LaGSplat"]: "LaGSplat",
+    PAPER["GaussianPrediction"]: "GaussianPred.",
+}
+
+
+def latex_extrapolation(table: pd.DataFrame, *, titles: Mapping[str, str]) -> str:
+    """The rows of `extrapolation_rows` in LaTeX; ``titles`` gives the name of each system.
+
+    A cell without a number is a dash whose footnote says why.
+
+    Source: paper, Table "Extrapolation past the training window".
+    """
+    here = list(dict.fromkeys(table["model"]))
+    variants = [name for name in here if name not in (*USUAL, *PAPER.values())]
+    shown = [*USUAL, *variants, *PAPER.values()]
+    notes: list[str] = []
+    if AUTHORS not in here:
+        notes.append("The authors' code needs CUDA and was not run on this recording.")
+    body: list[str] = []
+    for system, block in table.groupby("system", sort=False):
+        body.append(block_title(titles.get(str(system), str(system)), columns=len(shown) + 1))
+        for index, measure in enumerate((*MEASURES[:RENDERING], FLOOR, *MEASURES[RENDERING:])):
+            if index == RENDERING + 1:
+                body.append(r"\addlinespace[2pt]")
+            body.append(cells(escape(measure.title), *_line(block, measure, shown, notes)))
+    head = [
+        rf" & \multicolumn{{{len(USUAL) + len(variants)}}}{{c}}{{this work}} & "
+        rf"\multicolumn{{{len(PAPER)}}}{{c}}{{the paper, on its film}} \\",
+        cells("", *(escape(HEADS.get(name, name)) for name in shown)),
+    ]
+    return latex_float(
+        head=head,
+        body=body,
+        columns="@{}l" + "c" * len(shown) + "@{}",
+        caption=_caption(table, notes),
+        label="tab:extrapolation",
+    ).replace(r"\addlinespace[2pt]", r"\noalign{\vskip 2pt}")
+
+
+def _line(block: pd.DataFrame, measure: Measure, shown: list[str], notes: list[str]) -> list[str]:
+    line = []
+    for name in shown:
+        found = block[(block["model"] == name) & (block["measure"] == measure.name)].to_dict("records")
+        if not found:
+            line.append(r"--$^{1}$" if name == AUTHORS and notes else "--")
+            continue
+        row = found[0]
+        text = latex_number(*(scaled(row.get(key), measure.scale) for key in ("value", "low", "high")))
+        line.append(text + _footnote(row, notes))
+    return line
+
+
+def _footnote(row: Mapping[object, object], notes: list[str]) -> str:
+    """A mark at the cell, and what it says in the list of notes, once."""
+    if row["n_measured"] == row["n_seeds"]:
+        return ""
+    note = f"In {row['n_measured']} of {row['n_seeds']} seeds: {row['note']}."
+    if note not in notes:
+        notes.append(note)
+    return rf"$^{{{notes.index(note) + 1}}}$"
+
+
+def _caption(table: pd.DataFrame, notes: list[str]) -> str:
+    own = table[table["recording"] != ON_FILM]
+    recordings = " and ".join(sorted(set(own["recording"].astype(str))))
+    profiles = " and ".join(sorted(set(own["profile"].astype(str))))
+    seeds = "; ".join(
+        f"{HEADS.get(str(name), str(name))} {int(group['n_seeds'].iloc[0])}"
+        for name, group in own.groupby("model", sort=False)
+    )
+    told = " ".join(f"({index + 1}) {note}" for index, note in enumerate(notes))
+    return (
+        f"Extrapolation past the training frames; {recordings} recording, profile {profiles}. Medians over "
+        f"seeds with their range ({seeds}). Rendering: PSNR in dB against the recorded frames; with its "
+        "phase taken out, each frame is held against the best of those shown up to two frames earlier or "
+        "later. Physics is read in the chart of the frozen encoder, over the whole clip and by one estimator "
+        "for all: error of the frequency and of the decay rate of the envelope against the encoded clip. "
+        "Amplitudes are shares of the clip's first period, at the end of the figure and of the whole "
+        "rollout. Key points: a re-implementation of a graph-network forecaster in two dimensions. Columns "
+        f"of the paper were measured on its film, another recording. {told}"
+    )

@@ -1,0 +1,287 @@
+"""The table of learned physics against the truth of the simulated systems.
+
+The mass ablations of the arms: learned, induced by the decoder, constant, over one frozen autoencoder.
+
+The paper's table of free rollouts, for every system, for reading by machine and by LaTeX.
+
+The table of what no learned law can break, asked of every one that was trained.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from lagsplat.evaluate.aggregate import aggregate, paired_margin
+from lagsplat.report.common.aggregate import (
+    beside_paper,
+    counted,
+    diverged,
+    grouped,
+    measured,
+    spreads,
+    table_row,
+    told,
+)
+from lagsplat.report.common.latex import block_title, cells, escape, latex_float, latex_number, scaled
+from lagsplat.report.common.published_values import RECORDING
+
+TRUTH_COLUMNS = ("system", "quantity", "learned", "truth", "error")
+CONTEXT = ("encoded", "residual", "recording", "profile", "n_seeds")
+SPREAD = ("learned_low", "learned_high")
+
+
+def truth_table(runs: Sequence[Mapping[str, Any]], metrics: Sequence[dict[str, Any]]) -> pd.DataFrame:
+    """A row for each quantity of each simulated system; ``runs`` and ``metrics`` as in `grouped`.
+
+    Over several seeds every number is the median, and ``learned_low`` and ``learned_high`` are the smallest
+    and the largest value; ``error`` is the median of the seeds' own. Dynamics other than the default are
+    named with the quantity. A recording without truth gives no row.
+
+    Raises:
+        ValueError: no recording has a truth.
+    """
+    rows: list[dict[str, Any]] = []
+    for (system, recording, profile, stage1), variants in grouped(runs, metrics).items():
+        for stage2, members in variants.items():
+            known = [run["truth"]["rows"] for run in members if "truth" in run]
+            changed = ", ".join(name for name in (stage1, stage2) if name != "default")
+            for quantity in dict.fromkeys(row["quantity"] for seed in known for row in seed):
+                same = [row for seed in known for row in seed if row["quantity"] == quantity]
+                rows.append(
+                    {"system": system, "quantity": quantity + (f" ({changed})" if changed else "")}
+                    | _medians(same)
+                    | {"recording": recording, "profile": profile, "n_seeds": len(known)}
+                )
+    if not rows:
+        raise ValueError("no run has a truth to compare with: evaluate one of a simulated recording")
+    frame = pd.DataFrame(rows, dtype=object)
+    spread = [name for name in SPREAD if frame[name].notna().any()]
+    return frame.reindex(columns=[*TRUTH_COLUMNS, *CONTEXT, *spread])
+
+
+def _medians(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for name in ("learned", "truth", "error", "encoded", "residual"):
+        values = [row[name] for row in rows if row[name] is not None]
+        found[name] = float(np.median(values)) if values else None
+        if name == "learned":
+            several = len(set(values)) > 1
+            found["learned_low"] = min(values) if several else None
+            found["learned_high"] = max(values) if several else None
+    return found
+
+
+def latex_truth(table: pd.DataFrame, *, titles: Mapping[str, str]) -> str:
+    """The same table in LaTeX, block by block; ``titles`` gives the name of each system."""
+    body = []
+    for system, block in table.groupby("system", sort=False):
+        body += [block_title(titles.get(str(system), str(system)), columns=6)]
+        body += [
+            cells(
+                escape(str(row["quantity"])),
+                latex_number(row["learned"], row.get("learned_low"), row.get("learned_high")),
+                *(latex_number(row[name]) for name in ("truth", "encoded")),
+                *(latex_number(scaled(row[name], 100.0)) for name in ("error", "residual")),
+            )
+            for row in block.to_dict("records")
+        ]
+    profiles = " and ".join(sorted(set(table["profile"].astype(str))))
+    seeds = " or ".join(sorted(set(table["n_seeds"].astype(str))))
+    brackets = " Brackets: range over seeds." if "learned_low" in table else ""
+    caption = (
+        f"Learned physics of the simulated systems against their truth, which no training saw; profile "
+        f"{profiles}; medians over seeds ({seeds}).{brackets} A free rollout is compared with the true "
+        "motion over the same frames, both measured by the same fit, which also reads the encoded motion; "
+        "the linearised law with the eigenvalues of the true equations. Errors are relative; that of an "
+        "equilibrium, and the residual of the map by which a latent is read in true coordinates, are "
+        "fractions of the motion's rms."
+    )
+    head = [r"Quantity & Learned & Truth & Encoded & Error (\%) & Map (\%) \\"]
+    return latex_float(head=head, body=body, columns="@{}lccccc@{}", caption=caption, label="tab:truth")
+
+
+MASSES = {"constant_mass": "constant", "induced_mass": "induced by the decoder"}
+LEARNED = "learned"
+BASELINE = "constant_mass"
+INERTIA = ("state_dependence", "span", "condition_median", "condition_max")
+SCORES = ("mse_half_second", "frequency_error", "latent_nrmse")
+MASS_COLUMNS = (
+    "robot", "mass", "d", *SCORES, "margin", "margin_low", "margin_high", *INERTIA, "ae_floor", "diverged",
+    "recording", "profile", "n_seeds",
+)  # fmt: skip
+MASS_SCALES = {"mse_half_second": 1e3, "margin": 1e3, "frequency_error": 1e2}
+# Half-second error and frequency error of the two-segment arm; of the constant mass the first alone.
+PAPER = {
+    LEARNED: {"mse_half_second": 0.769e-3, "frequency_error": 0.057},
+    MASSES["induced_mass"]: {"mse_half_second": 1.33e-3, "frequency_error": 0.069},
+    MASSES["constant_mass"]: {"mse_half_second": 4.8e-3},
+}
+PAPER_ROBOT = "krauss_2seg"
+
+
+def mass_rows(runs: Sequence[Mapping[str, Any]], metrics: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """A row for each form of the mass on each recording, and the paper's own for the robot it gives them of.
+
+    ``margin`` is how much lower the half-second image error is than with the constant mass on the same
+    starts, with its 95 % interval over them. The numbers of `lagsplat.evaluate.truth.inertia_along` are
+    medians over seeds.
+    """
+    rows: list[dict[str, Any]] = []
+    for place, variants in grouped(runs, metrics).items():
+        constant = variants.get(BASELINE, [])
+        for name, members in variants.items():
+            row = table_row(
+                aggregate(members),
+                robot=place.system,
+                method="LaGSplat",
+                recording=place.recording,
+                profile=place.profile,
+            )
+            row["mass"] = MASSES.get(name, LEARNED)
+            row |= {key: float(np.median([run["inertia"][key] for run in members])) for key in INERTIA}
+            if constant and name != BASELINE:
+                gain = paired_margin(members, constant, score="mse_half_second")
+                row |= {"margin": gain["value"], "margin_low": gain["low"], "margin_high": gain["high"]}
+            rows.append(row)
+        if place.system == PAPER_ROBOT:
+            paper = {"robot": place.system, "d": 4, "recording": RECORDING, "profile": "the paper's"}
+            rows += [{**paper, "mass": f"{name} (paper)", **scores} for name, scores in PAPER.items()]
+    return rows
+
+
+def mass_table(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
+    """The rows of `mass_rows` with the columns `MASS_COLUMNS`."""
+    return pd.DataFrame(list(rows), dtype=object).reindex(columns=list(MASS_COLUMNS))
+
+
+def latex_mass(rows: Sequence[Mapping[str, Any]], *, titles: Mapping[str, str]) -> str:
+    """The same table in LaTeX; ``titles`` gives the heading of each robot's block.
+
+    Source: paper, "Decoder-induced inertia".
+    """
+    frame, body = pd.DataFrame(list(rows), dtype=object), []
+    for robot, block in frame.groupby("robot", sort=False):
+        body += [block_title(titles.get(str(robot), str(robot)), columns=9)]
+        body += [_line(row) for row in block.to_dict("records")]
+    head = [
+        r"Mass & MSE 0.5\,s & Gain & $\varepsilon_{\mathrm{freq}}$ & NRMSE & State & Span & Condition & "
+        r"Recording \\",
+        r" & $(10^{-3})$ & $(10^{-3})$ & (\%) & latent & (\%) & & median (max) & \\",
+    ]
+    return latex_float(
+        head=head, body=body, columns="@{}lccccccll@{}", caption=_mass_caption(rows), label="tab:mass"
+    )
+
+
+def _line(row: Mapping[Any, Any]) -> str:
+    def cell(name: str) -> str:
+        return measured(row, name, scale=MASS_SCALES.get(name, 1.0))
+
+    typical, most = (latex_number(row.get(name)) for name in ("condition_median", "condition_max"))
+    return cells(
+        escape(str(row["mass"])),
+        cell("mse_half_second"),
+        cell("margin"),
+        cell("frequency_error"),
+        cell("latent_nrmse"),
+        latex_number(scaled(row.get("state_dependence"), 100.0)),
+        latex_number(row.get("span")),
+        "--" if typical == "--" else f"{typical} ({most})",
+        escape(str(row["recording"])),
+    )
+
+
+def _mass_caption(rows: Sequence[Mapping[str, Any]]) -> str:
+    ours = [row for row in rows if "n_seeds" in row]
+    profiles = " and ".join(sorted({str(row["profile"]) for row in ours}))
+    recordings = " and ".join(sorted({str(row["recording"]) for row in ours}))
+    return (
+        f"Forms of the mass over one frozen autoencoder, held-out part of the {recordings} recording, "
+        f"profile {profiles}. Gain: how much lower the half-second error is than with the constant mass on "
+        "the same starts, with its 95 % interval over them. State: rms deviation of the mass matrix from its "
+        "mean along the trajectory, as a fraction of its rms; span: its largest over its smallest eigenvalue "
+        "there, relative to the mean. Rows marked as the paper's are its own numbers, measured on its film."
+    )
+
+
+MEASURED = ("frequency_error", "latent_nrmse", "image_ratio", "ae_floor")
+PHYSICAL_COLUMNS = ("system", "d", *MEASURED, "diverged", "recording", "profile", "n_seeds")
+PHYSICAL_SCALES = {"ae_floor": 1e4, "frequency_error": 1e2}
+
+
+def physical_table(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
+    """Our rows and the paper's own beside them, system by system; the rows are those of `rows_of`.
+
+    The columns are `PHYSICAL_COLUMNS`, then ``dynamics`` if there are any but the default, then ``_low`` and ``_high``
+    of each score that has a spread anywhere.
+
+    Raises:
+        ValueError: no row.
+    """
+    frame = beside_paper(rows).rename(columns={"robot": "system"})
+    several = {row["method"] for row in rows} - {"LaGSplat"}
+    frame["dynamics"] = [_named(row) for row in frame.to_dict("records")]
+    columns = [*PHYSICAL_COLUMNS, *(["dynamics"] if several else []), *spreads(frame, MEASURED)]
+    return frame.reindex(columns=columns)
+
+
+def latex_physical(rows: Sequence[Mapping[str, Any]], *, titles: Mapping[str, str]) -> str:
+    """The same table in LaTeX; ``titles`` gives the name of each system.
+
+    Source: paper, Table "Free rollouts".
+    """
+    rollouts, body = counted(rows), []
+    for system, block in beside_paper(rows).groupby("robot", sort=False):
+        body += [r"\midrule"]
+        title = escape(titles.get(str(system), str(system)))
+        for index, row in enumerate(block.to_dict("records")):
+            name = title if index == 0 else rf"\quad {escape(_named(row))}"
+            scores = (measured(row, score, scale=PHYSICAL_SCALES.get(score, 1.0)) for score in MEASURED)
+            recording = escape(str(row["recording"]))
+            body.append(cells(name, str(row["d"]), *scores, diverged(row, rollouts), recording))
+    head = [
+        r"System & $d$ & $\varepsilon_{\mathrm{freq}}$ & $\varepsilon_{q}$ & $\varepsilon_{I}$ & "
+        r"$\varepsilon_{\mathrm{AE}}$ & Diverged & Recording \\",
+        r" & & (\%) & & $(\times\,\varepsilon_{\mathrm{AE}})$ & $(10^{-4})$ & rollouts & \\",
+    ]
+    return latex_float(
+        head=head, body=body, columns="@{}lccccccl@{}", caption=_physical_caption(rows), label="tab:physical"
+    )
+
+
+def _named(row: Mapping[Any, Any]) -> str:
+    """The kind of dynamics, with the names of the settings that are not the default, or the paper."""
+    said = str(row["method"]).removeprefix("LaGSplat").strip()
+    return f"{row['dynamics']} {said}".strip()
+
+
+def _physical_caption(rows: Sequence[Mapping[str, Any]]) -> str:
+    recordings = " and ".join(sorted({str(row["recording"]) for row in rows}))
+    return (
+        "Free rollouts on the held-out part: error of the free frequency, of the latent state and of the "
+        "image over two natural periods, the image's as a multiple of the static error of the autoencoder. "
+        f"{recordings.capitalize()} recordings, {told(rows)} A rollout that diverges stays in every mean, "
+        "scored no better than the mean prediction, and is counted over all scores of the run. The paper's "
+        "own numbers were measured on its filmed recordings, and are not comparable with a simulated one."
+    )
+
+
+PATH = ("system", "recording", "profile", "stage1", "ae", "stage2", "seed")
+FOUND = (
+    "holds", "rise", "rise_at_half_step", "step_s", "starts", "far", "free_settled", "free_diverged",
+    "free_time_s", "held_settled", "held_diverged", "held_time_s", "held_force_error", "reason",
+)  # fmt: skip
+
+
+def guarantee_table(runs: Sequence[Mapping[str, Any]], found: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
+    """A row for each run with the results of `lagsplat.evaluate.guarantee.guarantee_of`.
+
+    Raises:
+        ValueError: no run.
+    """
+    if not runs:
+        raise ValueError("no law to ask: train a run first")
+    rows = [{name: run[name] for name in PATH} | dict(one) for run, one in zip(runs, found, strict=True)]
+    return pd.DataFrame(rows, dtype=object).reindex(columns=[*PATH, *FOUND])

@@ -1,0 +1,179 @@
+# mypy: ignore-errors
+# (Numba infers the types of kernels.)
+"""Backward kernel: each Gaussian, back to front, is taken out of the pixels it covers.
+
+The transmittance in front of a Gaussian is the one behind it divided by ``1 - alpha``, and the light from
+behind is summed on the way; so the forward pass need not store anything per pair of Gaussian and pixel.
+"""
+
+import numpy as np
+from numba import prange
+
+from lagsplat.splat.cpu.compile import compiled
+from lagsplat.splat.cpu.simd import WIDTH, count_up, least, load, select, spread, store, total
+from lagsplat.splat.cpu.tile import (
+    BASE,
+    CROSSING,
+    CUTOFF,
+    END,
+    FIRST,
+    HEIGHT,
+    OFFSET,
+    OPACITY,
+    PITCH,
+    PRECISION_X,
+    PRECISION_Y,
+    ROWS,
+    SLOPE,
+    STOP,
+    TWO,
+    ZERO,
+    cross,
+    exp_minus,
+    meeting,
+    place,
+    tiles,
+)
+from lagsplat.splat.image_model import ALPHA_MAX
+
+RED = 2 * PITCH
+GREEN = 3 * PITCH
+BLUE = 4 * PITCH
+BEHIND = 5 * PITCH
+STRIDE = 6 * PITCH
+
+
+@compiled(parallel=True)
+def backward(spots, slices, color, background, state, grad, workers):
+    """Gradients of the loss with respect to the spots' X, Y, OPACITY, and to the slices and colours.
+
+    The former come as (shares, B, K, 3) and the latter, SLOPE, PRECISION_X, PRECISION_Y, red, green, blue, as
+    (workers, 1, K, 6), or (shares, B, K, 6) where each frame has slices of its own; the first axis of each is
+    still to be summed. A frame is split into shares only where there are fewer frames than workers.
+    """
+    batch, count = len(spots), slices.shape[1]
+    height, width = grad.shape[2:]
+    number = tiles(height, width)
+    shares = min(number, (workers + batch - 1) // max(batch, 1))
+    spot_grad = np.zeros((shares, batch, count, 3), np.float32)
+    single = len(slices) == 1
+    shared_grad = np.zeros((workers if single else shares, len(slices), count, 6), np.float32)
+    for thread in prange(workers):
+        worker = np.int64(thread)
+        for task in range(worker, batch * shares, workers):
+            frame, share = task // shares, task % shares
+            own = frame % len(slices)
+            for part in range(share, number, shares):
+                top, left, rows, columns = place(part, height, width)
+                tile = fill(state[frame], grad[frame], background, top, left, rows, columns)
+                undraw(
+                    spot_grad[share, frame],
+                    shared_grad[worker if single else share, own],
+                    tile,
+                    spots[frame],
+                    slices[own],
+                    color[own],
+                    top,
+                    left,
+                    rows,
+                    columns,
+                )
+    return spot_grad, shared_grad
+
+
+@compiled()
+def fill(state, grad, background, top, left, rows, columns):
+    """A tile as the forward kernel left it, with the gradient of the loss in its pixels."""
+    tile = np.zeros(ROWS * STRIDE, np.float32)
+    for row in range(rows):
+        for column in range(columns):
+            at = row * STRIDE + column
+            y, x = top + row, left + column
+            red, green, blue = grad[0, y, x], grad[1, y, x], grad[2, y, x]
+            tile[at] = state[0, y, x]
+            tile[at + STOP] = state[1, y, x]
+            tile[at + RED] = red
+            tile[at + GREEN] = green
+            tile[at + BLUE] = blue
+            light = background[0] * red + background[1] * green + background[2] * blue
+            tile[at + BEHIND] = state[0, y, x] * light
+    return tile
+
+
+@compiled()
+def undraw(spot_grad, shared_grad, tile, spots, slices, color, top, left, rows, columns):
+    """Take the spots (6, K) of a frame out of one of its tiles, adding to both gradients."""
+    crossing = np.empty(CROSSING, np.float32)
+    for group in range(spots.shape[1] - WIDTH, -1, -WIDTH):
+        met = meeting(spots, group, top, left, rows, columns)
+        for lane in range(WIDTH - 1, -1, -1):
+            if met >> lane & 1:
+                k = group + lane
+                spot, shape = spots[:, k], slices[k]
+                first_row, count, widest = cross(crossing, spot, shape, top, left, rows, columns)
+                undraw_spot(
+                    spot_grad[k],
+                    shared_grad[k],
+                    tile,
+                    crossing,
+                    first_row,
+                    count,
+                    widest,
+                    spot,
+                    shape,
+                    color[k],
+                    np.float32(k),
+                )
+
+
+@compiled()
+def undraw_spot(spot_grad, shared_grad, tile, crossing, first_row, count, widest, spot, shape, color, index):
+    """Take one spot out of the rows of a tile that it crosses."""
+    red, green, blue = color[0], color[1], color[2]
+    # Moments of g = dL/dsigma over the pixels: u is the distance from the axis, h the height above the
+    # centre.
+    g = g_u = g_h = g_uu = g_uh = g_hh = spread(ZERO)
+    to_red = to_green = to_blue = spread(ZERO)
+    for shift in range(0, widest, WIDTH):
+        for row in range(count):
+            column = crossing[row + FIRST] + np.float32(shift)
+            if column < crossing[row + END]:
+                u = count_up() + (crossing[row + OFFSET] + np.float32(shift))
+                h = crossing[row + HEIGHT]
+                sigma = u * u * shape[PRECISION_X] + crossing[row + BASE]
+                at = (first_row + row) * STRIDE + int(column)
+                here, weight = unblend(tile, at, sigma, spot[OPACITY], spot[CUTOFF], index, red, green, blue)
+                to_red = to_red + weight * load(tile, at + RED)
+                to_green = to_green + weight * load(tile, at + GREEN)
+                to_blue = to_blue + weight * load(tile, at + BLUE)
+                here_u, here_h = here * u, here * h
+                g, g_u, g_h = g + here, g_u + here_u, g_h + here_h
+                g_uu, g_uh, g_hh = g_uu + here_u * u, g_uh + here_u * h, g_hh + here_h * h
+    pull_x = TWO * shape[PRECISION_X] * total(g_u)
+    spot_grad[0] -= pull_x
+    spot_grad[1] += shape[SLOPE] * pull_x - TWO * shape[PRECISION_Y] * total(g_h)
+    spot_grad[2] -= total(g) / spot[OPACITY]
+    shared_grad[0] -= TWO * shape[PRECISION_X] * total(g_uh)
+    shared_grad[1] += total(g_uu)
+    shared_grad[2] += total(g_hh)
+    shared_grad[3] += total(to_red)
+    shared_grad[4] += total(to_green)
+    shared_grad[5] += total(to_blue)
+
+
+@compiled()
+def unblend(tile, at, sigma, opacity, cutoff, index, red, green, blue):
+    """Take one Gaussian out of the ``WIDTH`` pixels from ``at``; returns dL/dsigma and its weight in each."""
+    covered = opacity * exp_minus(sigma)
+    live = (sigma <= cutoff) & (index < load(tile, at + STOP))
+    alpha = select(live, least(covered, spread(ALPHA_MAX)), spread(ZERO))
+    inverse = 1.0 / (1.0 - alpha)
+    before = load(tile, at) * inverse
+    weight = alpha * before
+    own = red * load(tile, at + RED) + green * load(tile, at + GREEN) + blue * load(tile, at + BLUE)
+    behind = load(tile, at + BEHIND)
+    store(tile, at, before)
+    store(tile, at + BEHIND, behind + weight * own)
+    # The clamp passes no gradient on, nor do pixels far outside, where `covered` may be anything but alpha
+    # is 0.
+    return select(covered < ALPHA_MAX, alpha * (behind * inverse - before * own), spread(ZERO)), weight

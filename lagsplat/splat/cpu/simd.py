@@ -1,0 +1,236 @@
+# mypy: ignore-errors
+"""Eight float32 side by side, as one value inside Numba functions.
+
+Whether LLVM turns a loop into vector instructions depends on alias checks, trip counts and cost tables; a
+rasteriser must not be six times slower because one of them changed. So the width is written down: ``Lanes``
+knows ``+ - * /``, ``<``, ``<=`` and ``>`` with each other and with scalars (rounded to float32), a
+comparison gives a ``Mask`` that knows ``&``, and the functions below do the rest. Processors with narrower
+registers split the operations by themselves.
+
+Numba functions only: none of this can be called from the interpreter.
+
+How the kernels are compiled, and when a compiled kernel on disk may be used again.
+"""
+
+import operator
+
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic, models, overload, register_model
+
+WIDTH = 8
+_FLOATS = ir.VectorType(ir.FloatType(), WIDTH)
+_BITS = ir.VectorType(ir.IntType(1), WIDTH)
+# Fused multiply-add is wanted; nothing that assumes the absence of NaN or infinity is.
+_FLAGS = ("contract", "nsz", "arcp")
+
+
+class LanesType(types.Type):
+    """Numba type of ``WIDTH`` float32."""
+
+
+class MaskType(types.Type):
+    """Numba type of ``WIDTH`` truth values."""
+
+
+lanes_t = LanesType("Lanes")
+mask_t = MaskType("Mask")
+
+
+@register_model(LanesType)
+class _LanesModel(models.PrimitiveModel):
+    def __init__(self, dmm, fe_type):
+        super().__init__(dmm, fe_type, _FLOATS)
+
+
+@register_model(MaskType)
+class _MaskModel(models.PrimitiveModel):
+    def __init__(self, dmm, fe_type):
+        super().__init__(dmm, fe_type, _BITS)
+
+
+@intrinsic
+def spread(typing, value):
+    """Lanes that all hold the scalar ``value``."""
+
+    def build(context, builder, signature, arguments):
+        scalar = context.cast(builder, arguments[0], signature.args[0], types.float32)
+        vector = builder.insert_element(
+            ir.Constant(_FLOATS, ir.Undefined), scalar, ir.Constant(ir.IntType(32), 0)
+        )
+        zeros = ir.Constant(ir.VectorType(ir.IntType(32), WIDTH), [0] * WIDTH)
+        return builder.shuffle_vector(vector, ir.Constant(_FLOATS, ir.Undefined), zeros)
+
+    return lanes_t(value), build
+
+
+@intrinsic
+def count_up(typing):
+    """Lanes 0, 1, 2, ..."""
+
+    def build(context, builder, signature, arguments):
+        return ir.Constant(_FLOATS, [float(lane) for lane in range(WIDTH)])
+
+    return lanes_t(), build
+
+
+def _address(context, builder, array_type, array, index):
+    data = context.make_array(array_type)(context, builder, value=array).data
+    return builder.bitcast(builder.gep(data, [index]), _FLOATS.as_pointer())
+
+
+@intrinsic
+def load(typing, array, index):
+    """The ``WIDTH`` values of a contiguous float32 array that begin at ``index``; nothing is checked."""
+
+    def build(context, builder, signature, arguments):
+        pointer = _address(context, builder, signature.args[0], *arguments)
+        return builder.load(pointer, align=4)
+
+    return lanes_t(array, types.intp), build
+
+
+@intrinsic
+def store(typing, array, index, value):
+    """Write ``WIDTH`` values to a contiguous float32 array from ``index`` on; nothing is checked."""
+
+    def build(context, builder, signature, arguments):
+        pointer = _address(context, builder, signature.args[0], *arguments[:2])
+        builder.store(arguments[2], pointer, align=4)
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp, lanes_t), build
+
+
+@intrinsic
+def select(typing, mask, yes, no):
+    """``yes`` where ``mask`` holds, ``no`` elsewhere; the value not chosen may be anything, NaN included."""
+
+    def build(context, builder, signature, arguments):
+        return builder.select(*arguments)
+
+    return lanes_t(mask_t, lanes_t, lanes_t), build
+
+
+@intrinsic
+def least(typing, left, right):
+    """The smaller of two Lanes, place by place."""
+
+    def build(context, builder, signature, arguments):
+        return builder.select(builder.fcmp_ordered("<", *arguments), *arguments)
+
+    return lanes_t(lanes_t, lanes_t), build
+
+
+@intrinsic
+def greatest(typing, left, right):
+    """The larger of two Lanes, place by place; ``right`` where ``left`` is NaN."""
+
+    def build(context, builder, signature, arguments):
+        return builder.select(builder.fcmp_ordered(">", *arguments), *arguments)
+
+    return lanes_t(lanes_t, lanes_t), build
+
+
+def _function(name):
+    @intrinsic
+    def operation(typing, value):
+        def build(context, builder, signature, arguments):
+            kind = ir.FunctionType(_FLOATS, [_FLOATS])
+            function = cgutils.get_or_insert_function(builder.module, kind, f"llvm.{name}.v{WIDTH}f32")
+            return builder.call(function, arguments)
+
+        return lanes_t(lanes_t), build
+
+    return operation
+
+
+square_root = _function("sqrt")
+floor = _function("floor")
+
+
+@intrinsic
+def bits(typing, mask):
+    """The mask as an integer: bit i tells whether it holds in lane i."""
+
+    def build(context, builder, signature, arguments):
+        word = builder.bitcast(arguments[0], ir.IntType(WIDTH))
+        return builder.zext(word, ir.IntType(64))
+
+    return types.int64(mask_t), build
+
+
+@intrinsic
+def total(typing, value):
+    """Sum over the lanes, a float32."""
+
+    def build(context, builder, signature, arguments):
+        kind = ir.FunctionType(ir.FloatType(), [ir.FloatType(), _FLOATS])
+        function = cgutils.get_or_insert_function(
+            builder.module, kind, f"llvm.vector.reduce.fadd.v{WIDTH}f32"
+        )
+        return builder.call(function, [ir.Constant(ir.FloatType(), 0.0), arguments[0]], fastmath=("reassoc",))
+
+    return types.float32(lanes_t), build
+
+
+def _arithmetic(name):
+    @intrinsic
+    def operation(typing, left, right):
+        def build(context, builder, signature, arguments):
+            return getattr(builder, name)(*arguments, flags=_FLAGS)
+
+        return lanes_t(lanes_t, lanes_t), build
+
+    return operation
+
+
+def _comparison(symbol):
+    @intrinsic
+    def operation(typing, left, right):
+        def build(context, builder, signature, arguments):
+            return builder.fcmp_ordered(symbol, *arguments)
+
+        return mask_t(lanes_t, lanes_t), build
+
+    return operation
+
+
+@intrinsic
+def _both(typing, left, right):
+    def build(context, builder, signature, arguments):
+        return builder.and_(*arguments)
+
+    return mask_t(mask_t, mask_t), build
+
+
+def _overload(function, operation):
+    """Let ``function`` act on two Lanes, or on Lanes and a float, by ``operation``."""
+
+    def choose(left, right):
+        if left is lanes_t and right is lanes_t:
+            return lambda left, right: operation(left, right)
+        if left is lanes_t and isinstance(right, types.Float):
+            return lambda left, right: operation(left, spread(right))
+        if isinstance(left, types.Float) and right is lanes_t:
+            return lambda left, right: operation(spread(left), right)
+        return None
+
+    overload(function)(choose)
+
+
+_overload(operator.add, _arithmetic("fadd"))
+_overload(operator.sub, _arithmetic("fsub"))
+_overload(operator.mul, _arithmetic("fmul"))
+_overload(operator.truediv, _arithmetic("fdiv"))
+_overload(operator.lt, _comparison("<"))
+_overload(operator.le, _comparison("<="))
+_overload(operator.gt, _comparison(">"))
+
+
+@overload(operator.and_)
+def _mask_and(left, right):
+    if left is mask_t and right is mask_t:
+        return lambda left, right: _both(left, right)
+    return None

@@ -1,0 +1,301 @@
+"""Two decoders of one film at equal terms: Gaussians conditioned on the latent, and Gaussians it deforms.
+
+Planar Gaussians that a network of the latent moves and reshapes: the other way to make pictures follow.
+
+A finer decoder over the frozen chart: the latents stay, the Gaussians are fitted to larger frames.
+"""
+
+import os
+import time
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from jaxtyping import Float, Float64
+from torch import Tensor, nn
+from tqdm import tqdm
+
+from lagsplat.array_types import Frames, Images, Latents
+from lagsplat.io.files.artifact import load_artefact, restore, save_artefact
+from lagsplat.splat.backend import rasterizer
+from lagsplat.splat.gaussians import Gaussians, Slice
+from lagsplat.splat.losses import anisotropy, structural_dissimilarity
+from lagsplat.stage1.autoencoder import Autoencoder, to_images
+from lagsplat.stage1.config import FieldConfig, RenderConfig, Stage1Config
+from lagsplat.stage1.fit import CurvePoint, fit_autoencoder
+from lagsplat.stage1.gaussian_initialization import place
+from lagsplat.stage1.objective import factor_at
+
+KIND, SCHEMA = "field", 1
+CONDITIONED, DEFORMED = "conditioned", "deformed"
+IN_PIXELS = ("center", "coupling")  # parameters with the larger step size
+
+
+class Field(nn.Module):
+    """A decoder and the size of its pictures; ``kind`` says which of the two it is."""
+
+    def __init__(self, kind: str, n: int, d: int, config: FieldConfig, *, height: int, width: int) -> None:
+        super().__init__()
+        self.kind, self.height, self.width = kind, height, width
+        self.gaussians: Gaussians | DeformedGaussians
+        if kind == CONDITIONED:
+            self.gaussians = Gaussians(n, d)
+        elif kind == DEFORMED:
+            limit = config.shift_limit * width / 2
+            self.gaussians = DeformedGaussians(
+                n, d, hidden=config.hidden, shift_limit=limit, shape_limit=config.shape_limit
+            )
+        else:
+            raise ValueError(f"there is no decoder {kind!r}: choose {CONDITIONED} or {DEFORMED}")
+
+    def slices(self, z: Latents) -> list[Slice]:
+        """Scenes of the latents: one for all where shapes are shared, else one each."""
+        if isinstance(self.gaussians, Gaussians):
+            return [self.gaussians.condition(z)]
+        return self.gaussians.slices(z)
+
+    def draw(self, slices: list[Slice], *, backend: str) -> Images:
+        """Pictures of scenes."""
+        rasterize = rasterizer(backend, slices[0].means.device)
+        return torch.cat([rasterize(*scene, height=self.height, width=self.width) for scene in slices])
+
+    def jacobian(self, z: Tensor) -> Tensor:
+        """How each centre follows the latent at ``z`` (d,), (K, 2, d) [px per unit of z]."""
+        if isinstance(self.gaussians, Gaussians):
+            return self.gaussians.jacobian().detach()
+        return self.gaussians.jacobian(z)
+
+    @property
+    def n_parameters(self) -> int:
+        """Numbers that training moves."""
+        return sum(parameter.numel() for parameter in self.parameters())
+
+
+class FieldStory(NamedTuple):
+    """What a training came to: its time [s] and its mean loss over the last tenth."""
+
+    wall_s: float
+    loss: float
+
+
+def fit_field(
+    kind: str,
+    frames: Frames,
+    latents: Float64[np.ndarray, "T d"],
+    config: FieldConfig,
+    stage1: Stage1Config,
+    *,
+    seed: int,
+) -> tuple[Field, FieldStory]:
+    """Fit a decoder of one kind to the training frames at their frozen raw latents.
+
+    Both kinds start from the same planar Gaussians and get the same losses, batches, optimiser and step
+    sizes; what the latent does to the Gaussians is the only difference. Nothing is recycled in either.
+
+    Raises:
+        FloatingPointError: the loss stops being finite.
+
+    Source: paper, Appendix "Deformation-Field Decoder at Equal Budget".
+    """
+    begin = time.monotonic()
+    field = begin_field(kind, frames, latents, config, stage1, seed=seed)
+    stored, table = torch.from_numpy(np.array(frames)), torch.as_tensor(latents, dtype=torch.float32)
+    optimizer = _optimizer(field, stage1)
+    losses = []
+    with tqdm(total=config.steps, unit="step", desc=kind, mininterval=1.0) as bar:
+        for step in range(config.steps):
+            rng = np.random.default_rng([seed, step])
+            picked = torch.as_tensor(rng.integers(len(stored), size=config.batch))
+            for group in optimizer.param_groups:
+                group["lr"] = group["peak"] * factor_at(stage1.rate, step=step, steps=config.steps)
+            loss = _loss(field, table[picked], to_images(stored[picked]), stage1)
+            optimizer.zero_grad(set_to_none=True)
+            loss.backward()
+            optimizer.step()
+            losses.append(float(loss.detach()))
+            bar.update()
+            if not np.isfinite(losses[-1]):
+                raise FloatingPointError(
+                    f"the {kind} decoder lost its footing at step {step}: the loss is {losses[-1]}. Lower "
+                    "stage1.rate.*"
+                )
+    last = float(np.mean(losses[-max(1, len(losses) // 10) :]))
+    return field.eval(), FieldStory(time.monotonic() - begin, last)
+
+
+def begin_field(
+    kind: str,
+    frames: Frames,
+    latents: Float64[np.ndarray, "T d"],
+    config: FieldConfig,
+    stage1: Stage1Config,
+    *,
+    seed: int,
+) -> Field:
+    """A decoder before training; both kinds hold the same planar Gaussians for one seed."""
+    torch.manual_seed(seed)
+    _, height, width, _ = frames.shape
+    n, d = config.n_gaussians, latents.shape[1]
+    field = Field(kind, n, d, config, height=height, width=width)
+    planar = Gaussians(n, d)
+    reference = np.asarray(frames[0]) / 255.0
+    place(planar, reference, latents, stage1.init, np.random.default_rng(seed))
+    with torch.no_grad():
+        mine = dict(field.gaussians.named_parameters())
+        for name, value in planar.named_parameters():
+            if name in mine:
+                mine[name].copy_(value)
+    if isinstance(field.gaussians, DeformedGaussians):
+        field.gaussians.latent_mean.copy_(torch.as_tensor(latents.mean(axis=0)))
+        field.gaussians.latent_spread.copy_(torch.as_tensor(np.maximum(latents.std(axis=0), 1e-6)))
+    return field
+
+
+def _loss(field: Field, z: Latents, images: Images, stage1: Stage1Config) -> Tensor:
+    slices, loss = field.slices(z), stage1.loss
+    drawn = field.draw(slices, backend=stage1.backend)
+    total = loss.l1 * (drawn - images).abs().mean()
+    if loss.ssim:
+        total = total + loss.ssim * structural_dissimilarity(drawn, images, window=loss.ssim_window)
+    if loss.anisotropy:
+        terms = [anisotropy(scene.covariance, limit=loss.anisotropy_limit) for scene in slices]
+        total = total + loss.anisotropy * torch.stack(terms).mean()
+    return total
+
+
+def _optimizer(field: Field, stage1: Stage1Config) -> torch.optim.Adam:
+    """Adam with the step sizes of stage 1; the network has those of the encoder."""
+    groups: dict[str, list[nn.Parameter]] = {"network": [], "pixels": [], "rest": []}
+    for name, value in field.gaussians.named_parameters():
+        kind = "network" if name.startswith(("trunk", "head")) else "pixels" if name in IN_PIXELS else "rest"
+        groups[kind].append(value)
+    peaks = {"network": stage1.rate.encoder, "pixels": stage1.rate.center, "rest": stage1.rate.gaussian}
+    return torch.optim.Adam(
+        [{"params": params, "peak": peaks[kind]} for kind, params in groups.items() if params], lr=1e-3
+    )
+
+
+def save_field(path: str | os.PathLike[str], field: Field, header: Mapping[str, Any]) -> None:
+    """Write the weights of a decoder."""
+    shape = {"kind": field.kind, "height": field.height, "width": field.width}
+    save_artefact(path, field.state_dict(), {"kind": KIND, "schema": SCHEMA, **header, "field": shape})
+
+
+def load_field(path: str | os.PathLike[str], config: FieldConfig, *, d: int) -> tuple[Field, dict[str, Any]]:
+    """Read a decoder and its header.
+
+    Raises:
+        FileNotFoundError, ValueError: as `lagsplat.io.files.artifact.load_artefact`.
+    """
+    tensors, header = load_artefact(path, kind=KIND, schema=SCHEMA)
+    field = Field(n=config.n_gaussians, d=d, config=config, **header["field"])
+    return restore(field, tensors, path), header
+
+
+class DeformedGaussians(nn.Module):
+    """``K`` planar Gaussians whose centres and shapes are free functions of the latent.
+
+    One network takes the latent, in units of its spread, to a shift of every centre and a change of every
+    factor of a covariance, all zero before training and softly limited: shifts to ``shift_limit`` [px],
+    changes of shape to ``shape_limit``. Colours and opacities do not change. Lengths are in pixels.
+
+    Source: paper, Appendix "Deformation-Field Decoder at Equal Budget"; Wu et al. 2024, arXiv:2310.08528.
+    """
+
+    latent_mean: Tensor
+    latent_spread: Tensor
+
+    def __init__(self, n: int, d: int, *, hidden: int, shift_limit: float, shape_limit: float) -> None:
+        super().__init__()
+        self.shift_limit, self.shape_limit = shift_limit, shape_limit
+        self.center = nn.Parameter(torch.zeros(n, 2))
+        self.shape_log_diagonal = nn.Parameter(torch.zeros(n, 2))
+        self.shape_below = nn.Parameter(torch.zeros(n, 1))
+        self.opacity_logit = nn.Parameter(torch.zeros(n))
+        self.color_logit = nn.Parameter(torch.zeros(n, 3))
+        self.background_logit = nn.Parameter(torch.zeros(3))
+        self.trunk = nn.Sequential(nn.Linear(d, hidden), nn.ReLU(), nn.Linear(hidden, hidden), nn.ReLU())
+        self.head = nn.Linear(hidden, 5 * n)
+        nn.init.zeros_(self.head.weight)
+        nn.init.zeros_(self.head.bias)
+        self.register_buffer("latent_mean", torch.zeros(d))
+        self.register_buffer("latent_spread", torch.ones(d))
+
+    def centers(self, z: Latents) -> Float[Tensor, "B K 2"]:
+        """Centres at each latent [px]."""
+        return self.center + self._moved(z)[0]
+
+    def slices(self, z: Latents) -> list[Slice]:
+        """The planar Gaussians at each latent: their shapes differ, so each is a scene of its own."""
+        shifts, changes = self._moved(z)
+        opacity, color = torch.sigmoid(self.opacity_logit)[None], torch.sigmoid(self.color_logit)
+        found = []
+        for shift, change in zip(shifts, changes, strict=True):
+            a, c = (self.shape_log_diagonal + change[:, :2]).exp().unbind(1)
+            b = self.shape_below[:, 0] + change[:, 2]
+            covariance = torch.stack((a * a, a * b, b * b + c * c), dim=1)
+            background = torch.sigmoid(self.background_logit)
+            found.append(Slice((self.center + shift)[None], covariance, opacity, color, background))
+        return found
+
+    def jacobian(self, z: Float[Tensor, " d"]) -> Float[Tensor, "K 2 d"]:
+        """How each centre follows the latent at ``z`` [px per unit of z]."""
+        columns = [
+            torch.func.jvp(lambda x: self.centers(x[None])[0], (z,), (along,))[1]
+            for along in torch.eye(len(z), dtype=z.dtype, device=z.device)
+        ]
+        return torch.stack(columns, dim=-1).detach()
+
+    def _moved(self, z: Latents) -> tuple[Float[Tensor, "B K 2"], Float[Tensor, "B K 3"]]:
+        told = (z - self.latent_mean) / self.latent_spread
+        out = self.head(self.trunk(told)).unflatten(1, (-1, 5))
+        shift = self.shift_limit * torch.tanh(out[..., :2] / self.shift_limit)
+        return shift, self.shape_limit * torch.tanh(out[..., 2:] / self.shape_limit)
+
+
+def fit_decoder(
+    frames: Frames,
+    latents: Float64[np.ndarray, "N d"],
+    stage1: Stage1Config,
+    render: RenderConfig,
+    *,
+    seed: int,
+    checkpoint: Path | None = None,
+    identity: str = "",
+) -> tuple[Autoencoder, list[CurvePoint]]:
+    """Fit Gaussians to ``frames`` at the raw ``latents`` of these frames, which do not change.
+
+    The result draws at the resolution of ``frames``. Its encoder was never trained: encode with the
+    autoencoder that the latents are of. Step sizes in pixels grow with the resolution.
+
+    Raises:
+        ValueError: frames and latents differ in number.
+        FloatingPointError: the loss stops being finite.
+
+    Source: paper, Implementation Details (high-resolution renders retrain the decoder alone).
+    """
+    if len(frames) != len(latents):
+        raise ValueError(
+            f"{len(frames)} frames and {len(latents)} latents: each frame needs its own; read the same part "
+            "of the same recording at the higher resolution"
+        )
+    settings = replace(
+        stage1,
+        n_gaussians=render.n_gaussians,
+        steps=render.steps,
+        batch=render.batch,
+        # the penalty of filters that draw nothing
+        loss=replace(stage1.loss, nonlocal_filter=0.0),
+        rate=replace(stage1.rate, center=render.factor * stage1.rate.center),
+    )
+    return fit_autoencoder(
+        frames, settings, seed=seed, checkpoint=checkpoint, identity=identity, latents=latents
+    )
+
+
+def finer(height: int, width: int, render: RenderConfig) -> tuple[int, int]:
+    """Height and width of the finer frames [pixel]."""
+    return round(render.factor * height), round(render.factor * width)

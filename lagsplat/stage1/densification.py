@@ -1,0 +1,198 @@
+"""The Gaussian lifecycle: what nobody sees is split off a busy neighbour, or sent where the error is."""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from lagsplat.array_types import Latents
+from lagsplat.splat.gaussians import Gaussians
+from lagsplat.splat.projection import View
+from lagsplat.stage1.autoencoder import Autoencoder
+from lagsplat.stage1.config import LifecycleConfig
+from lagsplat.stage1.training_data import Footage, seen_depth
+
+SAMPLE = 512  # frames over which the peak opacity is taken
+ERROR_SAMPLE = 64  # frames whose error attracts the teleported
+SPLIT_OFFSET = 0.5  # of the principal standard deviation, each way: the pair keeps the parent's covariance
+NEWBORN_OPACITY = 0.1
+NEWBORN_SIGMA_PX = 1.0
+NEWBORN_REACH = 0.5  # of the latent spread: it answers for one state, and must not blot out the others
+
+
+def is_due(config: LifecycleConfig, *, step: int, steps: int) -> bool:
+    """Whether the cloud is reviewed after this step."""
+    return (
+        config.every > 0
+        and (step + 1) % config.every == 0
+        and config.start * steps <= step < config.stop * steps
+    )
+
+
+@torch.no_grad()
+def peak_opacity(gaussians: Gaussians, z: Latents) -> Float[Tensor, " K"]:
+    """The largest opacity each Gaussian reaches over the latents."""
+    return gaussians.opacity_logit.sigmoid() * gaussians.gate(z).amax(0)
+
+
+@torch.no_grad()
+def review(
+    autoencoder: Autoencoder,
+    optimizer: torch.optim.Adam,
+    footage: Footage,
+    config: LifecycleConfig,
+    *,
+    rng: np.random.Generator,
+) -> int:
+    """Recycle every Gaussian that stays invisible over a sample of the clip; returns how many there were.
+
+    Source: paper, Implementation Details (training): split along the principal eigenvector of the full
+    covariance, or teleport to a high-error region.
+    """
+    picked = np.sort(rng.choice(len(footage), min(SAMPLE, len(footage)), replace=False))
+    latents = footage.latents_of(autoencoder, picked)
+    dead = peak_opacity(autoencoder.gaussians, latents) < config.peak_opacity
+    if not dead.any() or dead.all():
+        return int(dead.sum())
+    slots = dead.nonzero().flatten()
+    n_split = min(round(config.split_share * len(slots)), int((~dead).sum()))
+    parents = busiest(autoencoder.gaussians, optimizer, alive=~dead, count=n_split)
+    children, strays = slots[:n_split], slots[n_split:]
+    split(autoencoder.gaussians, parents, children)
+    if len(strays):
+        teleport(autoencoder, footage, strays, rng)
+    remember(autoencoder.gaussians, optimizer, parents=parents, children=children, strays=strays)
+    reorder(autoencoder.gaussians, optimizer, behind(autoencoder.gaussians.n, parents, children))
+    return len(slots)
+
+
+def busiest(
+    gaussians: Gaussians, optimizer: torch.optim.Adam, *, alive: Bool[Tensor, " K"], count: int
+) -> Tensor:
+    """The visible Gaussians pulled hardest: those of the largest running mean square gradient of the centre.
+
+    Adam keeps that mean already, so nothing has to be accumulated beside it.
+
+    Source: the densification signal of Kerbl et al. 2023, doi:10.1145/3592433.
+    """
+    state = optimizer.state.get(gaussians.center)
+    pull = state["exp_avg_sq"].sum(1) if state else torch.zeros(gaussians.n, device=alive.device)
+    return torch.where(alive, pull, -1.0).topk(count).indices
+
+
+def split(gaussians: Gaussians, parents: Tensor, slots: Tensor) -> None:
+    """Replace each parent by two along the principal eigenvector of its covariance in latent and space.
+
+    The two centres lie half a standard deviation either way and the variance along the axis shrinks by as
+    much, so the pair has the parent's mean and covariance. The two together are as opaque as the parent was.
+    """
+    d, size = gaussians.d, gaussians.d + gaussians.space
+    factor = torch.zeros(len(parents), size, size, device=parents.device, dtype=torch.float64)
+    factor[:, :d, :d] = torch.linalg.inv(gaussians.precision_factor()[parents].double())
+    factor[:, d:, :d] = gaussians.coupling[parents].double()
+    factor[:, d:, d:] = gaussians.shape_factor()[parents].double()
+    # From the factor itself, never from the covariance, which may be singular to rounding.
+    vectors, deviations, _ = torch.linalg.svd(factor)
+    axis = vectors[..., 0] * deviations[..., :1] * SPLIT_OFFSET
+    deviations = deviations.clamp_min(1e-9 * deviations[..., :1])
+    deviations[..., 0] *= math.sqrt(1 - SPLIT_OFFSET**2)
+    upper = torch.linalg.qr((vectors * deviations[..., None, :]).mT).R
+    child = (upper * upper.diagonal(dim1=1, dim2=2).sign()[..., None]).mT
+
+    precision = torch.linalg.inv(child[:, :d, :d])
+    row, column = torch.tril_indices(d, d, offset=-1)
+    below, left = torch.tril_indices(gaussians.space, gaussians.space, offset=-1) + d
+    opacity = 1 - (1 - gaussians.opacity_logit[parents].sigmoid().clamp_max(0.999)).sqrt()
+    shared = {
+        "precision_log_diagonal": precision.diagonal(dim1=1, dim2=2).log(),
+        "precision_below": precision[:, row, column],
+        "coupling": child[:, d:, :d],
+        "shape_log_diagonal": child.diagonal(dim1=1, dim2=2)[:, d:].log(),
+        "shape_below": child[:, below, left],
+        "opacity_logit": opacity.logit(),
+        "color_logit": gaussians.color_logit[parents],
+    }
+    middle = torch.cat((gaussians.latent_center[parents], gaussians.center[parents]), dim=1)
+    for target, center in ((parents, middle + axis), (slots, middle - axis)):
+        for name, value in {**shared, "latent_center": center[:, :d], "center": center[:, d:]}.items():
+            parameter = getattr(gaussians, name)
+            parameter[target] = value.to(parameter)
+
+
+def teleport(autoencoder: Autoencoder, footage: Footage, slots: Tensor, rng: np.random.Generator) -> None:
+    """Send each Gaussian to a pixel of a frame, drawn in proportion to the error there, and to its latent.
+
+    In space frames are of all sides, and the Gaussian goes to the depth of what is seen in the pixel.
+    """
+    gaussians = autoencoder.gaussians
+    picked = np.sort(rng.choice(len(footage), min(ERROR_SAMPLE, len(footage)), replace=False))
+    images, latents, view = footage.shots(autoencoder, picked, rng)
+    error = (autoencoder.decode(latents, view=view) - images).abs().mean(1)
+    weight = error.flatten().double().cpu().numpy() + 1e-12
+    where = rng.choice(len(weight), len(slots), p=weight / weight.sum())
+    frame, row, column = np.unravel_index(where, error.shape)
+    frame_t, row_t, column_t = (torch.as_tensor(axis, device=slots.device) for axis in (frame, row, column))
+    pixels = torch.stack((column_t, row_t), 1).float() + 0.5
+    if gaussians.space == 3:
+        view = View(
+            *(part.expand(len(latents), *part.shape[1:]) for part in view or autoencoder.filmed_view(latents))
+        )
+        depth = seen_depth(autoencoder, latents, view)[frame_t, row_t, column_t]
+        pixels = view.of(frame_t).unproject(pixels, depth)
+    gaussians.center[slots] = pixels
+    gaussians.latent_center[slots] = latents[frame_t]
+    gaussians.precision_log_diagonal[slots] = -(NEWBORN_REACH * latents.std(0).clamp_min(1e-3)).log()
+    gaussians.precision_below[slots] = 0
+    gaussians.coupling[slots] = 0
+    gaussians.shape_log_diagonal[slots] = math.log(NEWBORN_SIGMA_PX)
+    gaussians.shape_below[slots] = 0
+    gaussians.opacity_logit[slots] = math.log(NEWBORN_OPACITY / (1 - NEWBORN_OPACITY))
+    gaussians.color_logit[slots] = images[frame_t, :, row_t, column_t].clamp(0.01, 0.99).logit()
+
+
+def behind(n: int, parents: Tensor, children: Tensor) -> Tensor:
+    """The order of ``n`` Gaussians in which each child comes right after its parent.
+
+    Gaussians are drawn in the order of their index. A half that keeps the index of the dead one it replaces
+    would be drawn in front of what covered its parent, or behind what its parent covered.
+    """
+    depth = torch.arange(n, dtype=torch.float64, device=parents.device)
+    depth[children] = depth[parents] + 0.5
+    return depth.argsort(stable=True)
+
+
+def reorder(gaussians: Gaussians, optimizer: torch.optim.Adam, order: Tensor) -> None:
+    """Number the Gaussians anew, and Adam's memory of them with it."""
+    for parameter, state in per_gaussian(gaussians, optimizer):
+        parameter.copy_(parameter[order])
+        for moment in state:
+            moment.copy_(moment[order])
+
+
+def remember(
+    gaussians: Gaussians, optimizer: torch.optim.Adam, *, parents: Tensor, children: Tensor, strays: Tensor
+) -> None:
+    """Give the recycled the memory of Adam that fits them.
+
+    A child takes over the scale of its parent's gradients. A stray has nobody's. None of them keeps a
+    direction, which belonged to another life.
+    """
+    for _, moments in per_gaussian(gaussians, optimizer):
+        if moments:
+            mean, square = moments
+            mean[torch.cat((parents, children, strays))] = 0
+            square[children] = square[parents]
+            square[strays] = 0
+
+
+def per_gaussian(
+    gaussians: Gaussians, optimizer: torch.optim.Adam
+) -> Iterator[tuple[Tensor, tuple[Tensor, ...]]]:
+    """Each parameter that has one row a Gaussian, with Adam's two moments of it, if there are any yet."""
+    for name, parameter in gaussians.named_parameters():
+        if name != "background_logit":
+            state = optimizer.state.get(parameter)
+            yield parameter, (state["exp_avg"], state["exp_avg_sq"]) if state else ()

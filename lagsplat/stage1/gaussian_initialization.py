@@ -1,0 +1,115 @@
+"""Where stage 1 starts: Gaussians on the edges of one frame, latents already unfolded."""
+
+import math
+
+import numpy as np
+import torch
+from jaxtyping import Float, Float64
+from torch import Tensor
+
+from lagsplat.splat.gaussians import Gaussians
+from lagsplat.splat.projection import view_of
+from lagsplat.stage1.autoencoder import Autoencoder, encode_frames
+from lagsplat.stage1.config import InitConfig, Stage1Config
+from lagsplat.stage1.encoder import unfold
+from lagsplat.stage1.training_data import Footage
+
+SAMPLE = 1024  # frames whose encodings set the latent scale
+FLAT_SHARE = 0.2  # probability given to every pixel, edges taking the rest
+
+
+def initialize(footage: Footage, config: Stage1Config, *, seed: int) -> Autoencoder:
+    """An untrained autoencoder for this footage, the same for the same seed.
+
+    With latents of the frames given, its Gaussians spread over these and its encoder serves nothing. With
+    novel views they live in space.
+    """
+    torch.manual_seed(seed)
+    rng = np.random.default_rng(seed)
+    height, width = footage.stored.shape[1:3]
+    film = None if footage.novel is None else footage.novel.space.reference
+    autoencoder = Autoencoder(
+        d=config.d,
+        n_gaussians=config.n_gaussians,
+        kernel=config.kernel,
+        channels=config.channels,
+        height=height,
+        width=width,
+        background=config.init.background,
+        lens=None if film is None else [*film.focal, *film.middle],
+        backend=config.backend,
+    )
+    picked = np.sort(rng.choice(len(footage), min(SAMPLE, len(footage)), replace=False))
+    if footage.latents is None and config.init.encoder == "unfolded":
+        unfold(autoencoder.encoder, footage.images(picked).cpu())
+    stored, known = footage.stored.cpu().numpy(), footage.latents
+    latents = encode_frames(autoencoder, stored[picked]) if known is None else known.double().cpu().numpy()
+    place(autoencoder.gaussians, stored[0] / 255.0, latents, config.init, rng)
+    if footage.novel is not None:
+        lift(autoencoder.gaussians, footage, rng)
+    return autoencoder
+
+
+@torch.no_grad()
+def lift(gaussians: Gaussians, footage: Footage, rng: np.random.Generator) -> None:
+    """Scatter Gaussians of space, in place, over the first instant's pictures from all sides.
+
+    Each lies on the ray of a pixel of one camera, around the depth of the pivot there, and has the pixel's
+    colour; its size grows with its depth.
+    """
+    novel, supervision = footage.novel, footage.supervision
+    assert novel is not None, "Gaussians of space come with novel views"
+    assert supervision is not None, "novel views come with what they teach"
+    space = novel.space
+    pictures = [footage.stored[0].cpu().numpy(), *(novel.images[0, i] for i in novel.seen)]
+    cameras = [space.seen_by(space.reference), *(footage.cameras[i] for i in novel.seen)]
+    pivot = space.inside(space.pivot[None])
+    for part, picture, camera in zip(
+        np.array_split(rng.permutation(gaussians.n), len(pictures)), pictures, cameras, strict=True
+    ):
+        pixels, colors = scatter(picture / 255.0, len(part), rng)
+        middle = float(camera.within(pivot)[0, 2])
+        depth = middle * (1 + supervision.spread * rng.uniform(-1, 1, len(part)))
+        view = view_of([camera] * len(part))
+        rows = torch.as_tensor(part)
+        at = [torch.as_tensor(values, dtype=torch.float32) for values in (pixels, depth)]
+        gaussians.center[rows] = view.unproject(*at)
+        gaussians.color_logit[rows] = colors.float()
+        gaussians.shape_log_diagonal[rows] += (at[1] / camera.focal[0]).log()[:, None]
+
+
+@torch.no_grad()
+def place(
+    gaussians: Gaussians,
+    reference: np.ndarray,
+    latents: np.ndarray,
+    config: InitConfig,
+    rng: np.random.Generator,
+) -> None:
+    """Scatter the Gaussians over ``reference`` (H, W, 3), in [0, 1], and over the ``latents`` (T, d)."""
+    pixels, colors = scatter(reference, gaussians.n, rng)
+    spread = np.maximum(latents.std(0), 1e-3)
+    sigma = max(float(spread.max()), 0.25) * config.latent_sigma
+
+    gaussians.center[:, :2] = torch.as_tensor(pixels, dtype=torch.float32)
+    centers = latents.mean(0) + spread * rng.standard_normal((gaussians.n, gaussians.d))
+    gaussians.latent_center.copy_(torch.as_tensor(centers))
+    gaussians.precision_log_diagonal.fill_(-math.log(sigma))
+    gaussians.shape_log_diagonal.fill_(math.log(config.spatial_sigma * len(reference)))
+    gaussians.opacity_logit.fill_(math.log(config.opacity / (1 - config.opacity)))
+    gaussians.color_logit.copy_(colors)
+    if gaussians.background_logit is not None:
+        gaussians.background_logit.copy_(torch.as_tensor(reference.mean((0, 1)).clip(0.01, 0.99)).logit())
+
+
+def scatter(
+    picture: np.ndarray, count: int, rng: np.random.Generator
+) -> tuple[Float64[np.ndarray, "N 2"], Float[Tensor, "N 3"]]:
+    """Points [px] of a picture (H, W, 3), most of them at its edges, and the logits of their colours."""
+    edges = np.abs(np.stack(np.gradient(np.pad(picture.mean(-1), 1, mode="edge")))).sum(0)[1:-1, 1:-1]
+    density = (1 - FLAT_SHARE) * edges / max(edges.sum(), 1e-12) + FLAT_SHARE / edges.size
+    pixels = rng.choice(edges.size, count, p=(density / density.sum()).ravel())
+    rows, columns = np.divmod(pixels, picture.shape[1])
+    jitter = rng.random((count, 2))  # within the pixel, so that no two Gaussians coincide
+    colors = np.clip(picture[rows, columns], 0.01, 0.99)
+    return np.stack((columns, rows), 1) + jitter, torch.as_tensor(colors).logit()

@@ -1,0 +1,129 @@
+"""What stage 1 may look at: the filmed frames and, in space, the same instants from other sides.
+
+How far away what a pixel shows is.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from lagsplat.array_types import Frames, Images, Latents, Series
+from lagsplat.splat.projection import View, depths, view_of
+from lagsplat.stage1.autoencoder import Autoencoder, to_images
+from lagsplat.stage1.objective import Sides
+from lagsplat.views.config import SupervisionConfig
+from lagsplat.views.novel import NovelViews, require_views
+
+
+class Shots(NamedTuple):
+    """Some instants, each from one side: pictures, raw latents, cameras; None is the film's own for all."""
+
+    images: Images
+    latents: Latents
+    view: View | None
+
+
+class Footage:
+    """The training frames (T, H, W, 3) on a device, their given ``latents`` if no encoder makes them, and the
+    ``novel`` views with what these are to teach.
+
+    Raises:
+        ValueError: views without their settings, or of other frames, see `require_views`.
+    """
+
+    def __init__(
+        self,
+        frames: Frames,
+        *,
+        device: str = "cpu",
+        latents: Series | None = None,
+        novel: NovelViews | None = None,
+        supervision: SupervisionConfig | None = None,
+    ) -> None:
+        if (novel is None) != (supervision is None):
+            raise ValueError("novel views and the settings of what they teach come together or not at all")
+        if novel is not None:
+            require_views(novel, frames)
+        self.stored = torch.from_numpy(np.array(frames)).to(device)  # a copy: the file is mapped read-only
+        self.device, self.novel, self.supervision = device, novel, supervision
+        self.latents = (
+            None if latents is None else torch.as_tensor(latents, dtype=torch.float32, device=device)
+        )
+        self.cameras = () if novel is None else tuple(novel.space.seen_by(each) for each in novel.cameras)
+
+    def __len__(self) -> int:
+        return len(self.stored)
+
+    def images(self, picked: np.ndarray) -> Images:
+        """Filmed pictures of these instants."""
+        return to_images(self.stored[torch.as_tensor(picked, device=self.device)], self.device)
+
+    def known(self, picked: np.ndarray) -> Latents | None:
+        """Their given latents."""
+        return None if self.latents is None else self.latents[torch.as_tensor(picked, device=self.device)]
+
+    def latents_of(self, autoencoder: Autoencoder, picked: np.ndarray) -> Latents:
+        """Their latents, given or encoded."""
+        known = self.known(picked)
+        return autoencoder.encode(self.images(picked)) if known is None else known
+
+    def sides(self, picked: np.ndarray, rng: np.random.Generator) -> Sides | None:
+        """The same instants, each by one of the cameras that training sees; None where there are none."""
+        if self.novel is None or self.supervision is None:
+            return None
+        chosen = rng.choice(self.novel.seen, len(picked))
+        images, cover = self._taken(picked, chosen)
+        return Sides(images, cover, self._view(chosen), self.supervision.weight)
+
+    def shots(self, autoencoder: Autoencoder, picked: np.ndarray, rng: np.random.Generator) -> Shots:
+        """These instants, filmed where there is nothing else, and otherwise every other one from a side."""
+        images, latents = self.images(picked), self.latents_of(autoencoder, picked)
+        if self.novel is None or len(picked) < 2:
+            return Shots(images, latents, None)
+        aside = slice(1, None, 2)
+        chosen = rng.choice(self.novel.seen, len(picked[aside]))
+        own = autoencoder.filmed_view(latents)
+        view = View(*(part.repeat(len(picked), *[1] * (part.ndim - 1)) for part in own))
+        for part, other in zip(view, self._view(chosen), strict=True):
+            part[aside] = other
+        taken, cover = self._taken(picked[aside], chosen)
+        if cover is not None:  # a hole asks for nothing
+            drawn = autoencoder.decode(latents[aside], view=self._view(chosen))
+            taken = torch.lerp(drawn, taken, cover)
+        images[aside] = taken
+        return Shots(images, latents, view)
+
+    def _view(self, chosen: np.ndarray) -> View:
+        return View(*(part.to(self.device) for part in view_of([self.cameras[i] for i in chosen])))
+
+    def _taken(self, picked: np.ndarray, chosen: np.ndarray) -> tuple[Images, Tensor | None]:
+        assert self.novel is not None
+        images = to_images(np.stack([self.novel.images[i, j] for i, j in zip(picked, chosen, strict=True)]))
+        if self.novel.cover is None:
+            return images.to(self.device), None
+        cover = np.stack([self.novel.cover[i, j] for i, j in zip(picked, chosen, strict=True)])
+        return images.to(self.device), torch.from_numpy(cover)[:, None].to(self.device) / 255
+
+
+FAINT = 1e-3
+"""Cover below which a pixel shows the background, which is nowhere."""
+
+
+@torch.no_grad()
+def seen_depth(autoencoder: Autoencoder, z: Latents, view: View) -> Float[Tensor, "B H W"]:
+    """Mean depth of what each camera sees in each pixel [unit of space], weighted as its colour is.
+
+    Compositing is linear in the colours, so depths are drawn in their place. Where nothing is, the depth is
+    that of the pivot.
+    """
+    scene = autoencoder.gaussians.condition(z)
+    ahead = depths(scene.means, view)
+    told = torch.stack([ahead, torch.ones_like(ahead), torch.zeros_like(ahead)], dim=2)
+    drawn = autoencoder.draw(
+        scene._replace(color=told, background=torch.zeros_like(scene.background)), view=view
+    )
+    pivot = autoencoder.filmed_view(z).focal[0, 0]
+    return torch.where(drawn[:, 1] > FAINT, drawn[:, 0] / drawn[:, 1].clamp_min(FAINT), pivot)

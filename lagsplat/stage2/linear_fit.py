@@ -1,0 +1,250 @@
+"""Constant positive definite M, C, K and chamber volumes of first or second order, fitted in seconds.
+
+First on the one-step objective, which is nearly convex, then on rollouts of one natural period, which
+see the slow drift that one step hides, and last, where the volumes may bend, with their curvatures. All of it
+is a few matrix products a step, so that L-BFGS can afford hundreds of passes over the whole clip. Steps of
+one length are one linear map, made once; on an uneven clock they are written out.
+"""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from scipy.optimize import minimize
+from torch import Tensor
+
+from lagsplat.stage2.config import FloorConfig
+from lagsplat.stage2.input_stiffness import Bend, Reach, payment, stiffened
+from lagsplat.stage2.lagrangian import Coefficients, Floors
+from lagsplat.stage2.objective import square_norm
+from lagsplat.stage2.rollout import Shots, Step, Windows, pieces_of, step_of
+
+FAST_RATE_WEIGHT = 1e-2
+"""Weight of ``|h M^-1 C|^2`` beside a shooting error of 1: keeps decay rates below the frame rate, where an
+explicit step would be stable by chance only."""
+BEND_WEIGHT = 1e-4
+"""Weight of ``sum_c |M^-1 u_max,c Q_c|^2`` in the same way: keeps curvatures from growing where no load tells
+them apart, and the problem well enough conditioned to be finished."""
+FIRST_BEND = 0.05
+"""Deviation of the random factors of the curvatures from which the fit bends the volumes: at zero they would
+have no slope."""
+UNUSABLE = 1e6
+"""Times the first objective: what a candidate counts whose rollouts overflow."""
+
+
+class ConstantFit:
+    """The unknowns of a constant system, and their fit to an objective.
+
+    Energy has no observable scale, so that M is held at mean eigenvalue 1; the floors are relative to it and
+    to the mean eigenvalue of K. A given ``mass`` is kept; ``learn_rest`` false keeps ``rest``. The volumes
+    are linear until `bend`.
+    """
+
+    def __init__(
+        self,
+        rest: Float[Tensor, " d"],
+        n_inputs: int,
+        *,
+        floor: FloorConfig,
+        learn_rest: bool,
+        mass: Float[Tensor, "d d"] | None = None,
+    ) -> None:
+        d = rest.shape[0]
+        eye = torch.eye(d, dtype=torch.float64)
+        first = {
+            "mass": eye,
+            "damping": 0.5 * eye,
+            "stiffness": eye,
+            "map": torch.zeros(n_inputs, d, dtype=torch.float64),
+            "rest": rest,
+            "stiffening": torch.zeros(n_inputs, d, d, dtype=torch.float64),
+            "softening": torch.zeros(n_inputs, d, d, dtype=torch.float64),
+        }
+        self.reach: Reach | None = None
+        self.softens = False
+        self.shapes = {name: value.shape for name, value in first.items()}
+        self.flat = torch.cat([value.reshape(-1) for value in first.values()]).numpy()
+        self.rest, self.floor, self.learn_rest, self.mass = rest, floor, learn_rest, mass
+
+    def bend(self, reach: Reach, *, softening: bool, rng: np.random.Generator) -> None:
+        """Let the volumes be of second order from now on, with inputs that ``softening`` lets soften, too."""
+        self.reach, self.softens = reach, softening
+        bent = sum(self.shapes[name].numel() for name in ("stiffening", "softening"))
+        self.flat = self.flat.copy()
+        self.flat[-bent:] = FIRST_BEND * rng.standard_normal(bent)
+
+    def coefficients(self, flat: Float[Tensor, " n"]) -> tuple[Coefficients, Floors]:
+        """The matrices that a flat vector of unknowns stands for, and the floors below them."""
+        pieces = flat.split([shape.numel() for shape in self.shapes.values()])
+        part = {n: p.view(s) for (n, s), p in zip(self.shapes.items(), pieces, strict=True)}
+        d = self.rest.shape[0]
+        eye = torch.eye(d, dtype=torch.float64)
+        free = _square(part["mass"])
+        floor = self.floor
+        unit = (free * (d / torch.trace(free)) + floor.mass * eye) / (1.0 + floor.mass)
+        elastic = _square(part["stiffness"])
+        least = floor.stiffness * torch.trace(elastic) / d
+        stiffness, bend = elastic + least * eye, None
+        if self.reach is not None:
+            stiffer, softer = _square(part["stiffening"]), _square(part["softening"]) * float(self.softens)
+            stiffness = stiffness + payment(softer, self.reach.positive)
+            stiffness = stiffness + payment(stiffer, self.reach.negative)
+            bend = Bend(stiffer, softer, self.reach)
+        coefficients = Coefficients(
+            mass=unit if self.mass is None else self.mass,
+            damping=_square(part["damping"]) + floor.damping * eye,
+            stiffness=stiffness,
+            pressure_map=part["map"],
+            rest=part["rest"] if self.learn_rest else self.rest,
+            bend=bend,
+        )
+        floors = Floors(floor.mass / (1.0 + floor.mass), floor.damping, float(least.detach()))
+        return coefficients, floors
+
+    def minimize(self, objective: Callable[[Coefficients], Tensor], *, iterations: int) -> float:
+        """Full-batch L-BFGS from where the unknowns stand; returns the objective reached."""
+
+        def loss_and_slope(flat: np.ndarray) -> tuple[float, np.ndarray]:
+            variable = torch.from_numpy(flat).requires_grad_()
+            error = objective(self.coefficients(variable)[0])
+            (slope,) = torch.autograd.grad(error, variable)
+            if not (torch.isfinite(error) and torch.isfinite(slope).all()):
+                return UNUSABLE, np.zeros_like(flat)
+            return float(error.detach()) / scale, slope.numpy() / scale
+
+        scale = 1.0
+        scale = max(loss_and_slope(self.flat)[0], 1e-300)
+        limits = {"maxiter": iterations, "maxfun": 2 * iterations, "maxcor": 30, "ftol": 1e-12, "gtol": 1e-9}
+        found = minimize(loss_and_slope, self.flat, jac=True, method="L-BFGS-B", options=limits)
+        self.flat = found.x
+        return float(found.fun) * scale
+
+    def result(self) -> tuple[Coefficients, Floors]:
+        """The fitted matrices and their floors."""
+        with torch.no_grad():
+            return self.coefficients(torch.from_numpy(self.flat))
+
+
+def _square(part: Tensor) -> Tensor:
+    lower = torch.tril(part)
+    return lower @ lower.mT
+
+
+def linear_one_step_error(
+    c: Coefficients, windows: Windows, metric: Float[Tensor, "d d"], *, velocity_weight: float
+) -> Float[Tensor, ""]:
+    """`objective.one_step_error` of a constant system, without solving for each sample.
+
+    Source: paper eq. (physics_loss).
+    """
+    d, h = metric.shape[0], windows.step
+    if isinstance(h, Tensor):
+        q, v = _Law(c).step(windows.q, windows.v, windows.u, windows.u @ c.pressure_map, h)
+    else:
+        transition, entry = step_matrices(c, h)
+        push = (windows.u @ c.pressure_map + c.rest @ c.stiffness) @ torch.linalg.inv(c.mass)
+        state = torch.cat([windows.q, windows.v], 1) @ transition + push @ entry
+        q, v = state.split(d, 1)
+    position = square_norm(q - windows.q_next, metric)
+    velocity = square_norm(h * (v - windows.v_next), metric)
+    return (position + velocity_weight * velocity).mean() / d
+
+
+def step_matrices(c: Coefficients, step: float) -> tuple[Float[Tensor, "s s"], Float[Tensor, "d s"]]:
+    """One velocity-Verlet step as ``(q, v) -> (q, v) @ F + p @ P`` with ``p = M^-1 (force + K rest)``."""
+    h = step
+    inverse = torch.linalg.inv(c.mass)
+    stiff, damp = c.stiffness @ inverse, c.damping @ inverse
+    eye = torch.eye(damp.shape[0], dtype=damp.dtype)
+    half_q, half_v, half_p = -0.5 * h * stiff, eye - 0.5 * h * damp, 0.5 * h * eye
+    end_q, end_v, end_p = -h * stiff, eye - h * damp, h * eye
+    q_q, q_v, q_p = eye + h * half_q, h * half_v, h * half_p
+    v_q = half_q - 0.5 * h * (q_q @ stiff + end_q @ damp)
+    v_v = half_v - 0.5 * h * (q_v @ stiff + end_v @ damp)
+    v_p = half_p - 0.5 * h * (q_p @ stiff + end_p @ damp) + 0.5 * h * eye
+    transition = torch.cat([torch.cat([q_q, v_q], 1), torch.cat([q_v, v_v], 1)], 0)
+    return transition, torch.cat([q_p, v_p], 1)
+
+
+def linear_shooting_error(
+    c: Coefficients, shots: Shots, metric: Float[Tensor, "d d"], *, longest_step: float = math.inf
+) -> Float[Tensor, ""]:
+    """`objective.shooting_error` of a constant system, plus a small price on rates near the frame rate."""
+    d = metric.shape[0]
+    if isinstance(shots.steps, Tensor):
+        return _priced(_path(c, shots, longest_step), c, shots, metric)
+    pieces = pieces_of(shots.steps, longest_step)
+    once, enter = step_matrices(c, shots.steps / pieces)
+    transition, entry = once, enter
+    for _ in range(pieces - 1):
+        transition, entry = transition @ once, entry @ once + enter
+    inverse = torch.linalg.inv(c.mass)
+    force = shots.inputs[:, :-1] @ c.pressure_map + c.rest @ c.stiffness
+    drive = force @ (inverse @ entry)
+    state = torch.cat([shots.q, shots.v], 1)
+    path = []
+    for i in range(drive.shape[1]):
+        state = torch.addmm(drive[:, i], state, transition)
+        path.append(state)
+    return _priced(torch.stack(path, 1)[:, :, :d], c, shots, metric)
+
+
+def bent_shooting_error(
+    c: Coefficients, shots: Shots, metric: Float[Tensor, "d d"], *, longest_step: float = math.inf
+) -> Float[Tensor, ""]:
+    """The same where the volumes have curvatures: velocity-Verlet steps with one constant mass."""
+    assert c.bend is not None, "call `ConstantFit.bend` first"
+    return _priced(_path(c, shots, longest_step), c, shots, metric)
+
+
+def _path(c: Coefficients, shots: Shots, longest_step: float) -> Float[Tensor, "B n d"]:
+    """States after the first, step by step."""
+    law = _Law(c)
+    q, v = shots.q, shots.v
+    drive = shots.inputs @ c.pressure_map
+    path = []
+    for i in range(shots.targets.shape[1] - 1):
+        step = step_of(shots.steps, i)
+        pieces = pieces_of(step, longest_step)
+        for _ in range(pieces):
+            q, v = law.step(q, v, shots.inputs[:, i], drive[:, i], step / pieces)
+        path.append(q)
+    return torch.stack(path, 1)
+
+
+class _Law:
+    """Velocity-Verlet steps of a constant system with what all of them share."""
+
+    def __init__(self, c: Coefficients) -> None:
+        self.c, self.inverse = c, torch.linalg.inv(c.mass)
+        self.curvature = None if c.bend is None else c.bend.curvature
+
+    def step(self, q: Tensor, v: Tensor, u: Tensor, drive: Tensor, step: Step) -> tuple[Tensor, Tensor]:
+        first = self._acceleration(q, v, u, drive)
+        q = q + step * (v + 0.5 * step * first)
+        return q, v + 0.5 * step * (first + self._acceleration(q, v + step * first, u, drive))
+
+    def _acceleration(self, q: Tensor, v: Tensor, u: Tensor, drive: Tensor) -> Tensor:
+        offset = q - self.c.rest
+        elastic = offset @ self.c.stiffness
+        if self.curvature is not None:
+            elastic = elastic + stiffened(u, self.curvature, offset)
+        return (drive - elastic - v @ self.c.damping) @ self.inverse
+
+
+def _priced(
+    path: Float[Tensor, "B n d"], c: Coefficients, shots: Shots, metric: Float[Tensor, "d d"]
+) -> Float[Tensor, ""]:
+    targets, d = shots.targets[:, 1:], metric.shape[0]
+    inverse = torch.linalg.inv(c.mass)
+    step = shots.steps.mean() if isinstance(shots.steps, Tensor) else shots.steps
+    fast = (step * c.damping @ inverse).square().sum()
+    spread = square_norm(targets - shots.targets.mean((0, 1)), metric).mean() / d
+    price = FAST_RATE_WEIGHT * fast
+    if c.bend is not None:
+        largest = torch.maximum(c.bend.reach.positive, c.bend.reach.negative)
+        loaded = inverse @ (largest[:, None, None] * c.bend.curvature)
+        price = price + BEND_WEIGHT * loaded.square().sum()
+    return square_norm(path - targets, metric).mean() / d + spread * price

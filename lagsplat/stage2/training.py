@@ -1,0 +1,428 @@
+"""Where the Lagrangian starts: its unit of time, and a start that has not seen the data.
+
+How good a dynamics is: its rollout error over the training clip, the score models are chosen by.
+
+The three stages of a fit, each started from the best candidate before it.
+
+Taking back steps after which the loss explodes.
+"""
+
+import math
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from statistics import median
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from lagsplat.chart.trajectory import Trajectory
+from lagsplat.stage2.config import Stage2Config
+from lagsplat.stage2.decoder_mass import DecoderGeometry, InducedMass
+from lagsplat.stage2.input_stiffness import reach_of
+from lagsplat.stage2.lagrangian import Coefficients, Floors, Lagrangian, Modes
+from lagsplat.stage2.linear_fit import (
+    ConstantFit,
+    bent_shooting_error,
+    linear_one_step_error,
+    linear_shooting_error,
+)
+from lagsplat.stage2.objective import anchor, anchored, one_step_error, ridged, shooting_error, square_norm
+from lagsplat.stage2.rollout import Shots, central_velocity, one_step_windows, rollout, shots, starts_of
+
+
+def natural_time_unit(
+    trajectory: Trajectory, metric: Float[np.ndarray, "d d"], *, stride_frames: int
+) -> float:
+    """Ratio of the rms velocity to the rms acceleration in the metric [s]: about a period over 2 pi.
+
+    From differences over ``stride_frames`` by their true times. The ratio of position to velocity would be
+    the same for a free oscillation, but a slow drive lengthens it to the drive's own time, several times
+    that of the mechanism.
+
+    Raises:
+        ValueError: the latents do not move.
+    """
+    k = stride_frames
+    at = starts_of(trajectory, before=k, after=k)
+    q, clock = trajectory.latents, trajectory.clock
+    # in strides of the median step, of which the ratio is a number
+    before, after = (clock.elapsed_s(at, ahead) / (k * clock.dt_s) for ahead in (-k, k))
+    moved = clock.slope(q, at, (-k, k)) * (k * clock.dt_s)
+    bent = 2.0 * ((q[at + k] - q[at]) / after - (q[at - k] - q[at]) / before) / (after - before)
+    speed, change = (float(np.einsum("ti,ij,tj->", x, metric, x)) for x in (moved, bent))
+    if not change > 0.0:
+        raise ValueError("the latents of the training clip do not move: there is no dynamics to learn")
+    return float(np.sqrt(speed / change)) * k * trajectory.dt_s
+
+
+def isotropic(d: int, n_inputs: int, *, damping: float, stiffness: float, rest: Tensor) -> Coefficients:
+    """Multiples of the identity, for comparison with a start that has seen the data."""
+    eye = torch.eye(d, dtype=torch.float64)
+    return Coefficients(
+        eye, damping * eye, stiffness * eye, torch.zeros(n_inputs, d, dtype=torch.float64), rest
+    )
+
+
+@dataclass(frozen=True)
+class Examination:
+    """Rollouts a candidate has to make, and the rms they are measured by."""
+
+    shots: Shots
+    metric: Tensor
+    rms: float
+
+    def score(self, lagrangian: Lagrangian) -> float:
+        """Rms rollout error over the rms of the clip; infinite as soon as one rollout diverges."""
+        q, _ = rollout(lagrangian, self.shots.q, self.shots.v, self.shots.inputs, dt_s=self.shots.steps)
+        error = float(square_norm(q - self.shots.targets, self.metric).mean().sqrt()) / self.rms
+        return error if np.isfinite(error) else float("inf")
+
+
+def examination(trajectory: Trajectory, metric: Tensor, *, starts: int, n_states: int) -> Examination:
+    """Rollouts of ``n_states`` from ``starts`` frames spread evenly over the clip.
+
+    Initial velocities are those of training. A horizon longer than every segment is cut to
+    the longest.
+
+    Source: paper, "Fitting the dynamics": models are selected on multi-step rollout error.
+    """
+    longest = max(b - a for a, b in trajectory.segments)
+    n_states = max(3, min(n_states, longest - 5))
+    at = starts_of(trajectory, before=2, after=max(n_states, 3))
+    at = at[np.unique(np.linspace(0, len(at) - 1, starts).astype(int))]
+    velocity = central_velocity(trajectory, at)
+    offset = torch.from_numpy(trajectory.latents - trajectory.latents.mean(0))
+    rms = float(square_norm(offset, metric).mean().sqrt())
+    taken = shots(trajectory, at, velocity, n_states=n_states, time_unit_s=1.0)
+    return Examination(taken, metric, rms)
+
+
+@dataclass
+class Champion:
+    """The best candidate so far; those that fail or score worse are counted and forgotten."""
+
+    score: float = float("inf")
+    state: dict[str, Tensor] = field(default_factory=dict)
+    rejected: int = 0
+
+    def consider(self, lagrangian: Lagrangian, score: float) -> None:
+        """Keep the parameters if the score is the best seen."""
+        if score < self.score:
+            self.score = score
+            self.state = {k: v.detach().clone() for k, v in lagrangian.state_dict().items()}
+        else:
+            self.rejected += 1
+
+    def restore(self, lagrangian: Lagrangian) -> None:
+        """Put the best parameters back."""
+        lagrangian.load_state_dict(self.state)
+
+
+CONSTANT_PARTS = ("factor", "stiffness_factor", "pressure_map", "rest", "stiffening", "softening")
+CONSTANT_SHARE = 0.1
+"""Of the learning rate, for the parts that start fitted."""
+SHORTENED_LEGS = (2, 1)
+"""Of the final length of a rollout, which training reaches in as many equal legs."""
+
+
+@dataclass(frozen=True)
+class CurveRow:
+    """One line of the training curve."""
+
+    stage: str  # 'start', 'one_step' or 'shooting'
+    step: int
+    loss: float
+    score: float
+    seconds: float
+
+
+@dataclass
+class FitReport:
+    """What a fit did: the selection score after each stage (rms rollout error over the rms of the training
+    clip; the best up to there), the learned physics, and the curve behind them.
+    """
+
+    scores: dict[str, float] = field(default_factory=dict)
+    curve: list[CurveRow] = field(default_factory=list)
+    rejected: int = 0
+    taken_back: int = 0  # steps after which the loss exploded
+    time_unit_s: float = 0.0
+    n_parameters: int = 0
+    wall_s: float = 0.0
+    at_rest: Modes | None = None
+    under_mean_input: Modes | None = None
+
+
+@dataclass
+class Run:
+    """What the stages of one fit share."""
+
+    trajectory: Trajectory
+    metric: Tensor
+    config: Stage2Config
+    time_unit_s: float
+    period_frames: int
+    exam: Examination
+    champion: Champion
+    report: FitReport
+    rng: np.random.Generator
+    listen: Callable[[CurveRow], None]
+    began: float
+
+    def grade(self, lagrangian: Lagrangian, stage: str, step: int, loss: float) -> None:
+        """Score a candidate, keep it if it is the best, and put it on the curve."""
+        score = self.exam.score(lagrangian)
+        self.champion.consider(lagrangian, score)
+        row = CurveRow(stage, step, loss, score, time.perf_counter() - self.began)
+        self.report.curve.append(row)
+        self.listen(row)
+
+    def stretches(self, at: np.ndarray, *, n_states: int) -> Shots:
+        """Rollouts to make from the frames ``at``, with the quieter velocities of training."""
+        velocity = central_velocity(self.trajectory, at)
+        return shots(self.trajectory, at, velocity, n_states=n_states, time_unit_s=self.time_unit_s)
+
+
+def open_run(
+    trajectory: Trajectory,
+    metric: np.ndarray,
+    config: Stage2Config,
+    seed: int,
+    listen: Callable[[CurveRow], None],
+) -> Run:
+    """Unit of time, metric and examination of a fit."""
+    unit = natural_time_unit(trajectory, metric, stride_frames=config.stride_frames)
+    period_frames = max(4, round(2.0 * np.pi * unit / trajectory.dt_s))
+    bare = torch.from_numpy(metric)
+    exam = examination(
+        trajectory,
+        bare,
+        starts=config.select.starts,
+        n_states=round(config.select.periods * period_frames) + 1,
+    )
+    if config.start.time_unit == "frame":
+        unit = trajectory.dt_s
+    return Run(
+        trajectory,
+        ridged(bare, ridge=config.ridge),
+        config,
+        unit,
+        period_frames,
+        exam,
+        Champion(),
+        FitReport(time_unit_s=unit),
+        np.random.default_rng(seed),
+        listen,
+        time.perf_counter(),
+    )
+
+
+def start_stage(run: Run, rest: Tensor, seed: int, geometry: DecoderGeometry | None) -> Lagrangian:
+    """A Lagrangian whose constant parts are fitted, or isotropic, and whose networks are silent."""
+    config, trajectory = run.config, run.trajectory
+    d, n_inputs = trajectory.latents.shape[1], trajectory.inputs.shape[1]
+    mass, scale = None, 1.0
+    if config.form.mass == "induced" and geometry is not None:
+        mass, scale = _mean_induced(geometry, trajectory, config.floor.mass)
+    if config.start.source == "isotropic":
+        start = isotropic(
+            d, n_inputs, damping=config.start.damping, stiffness=config.start.stiffness, rest=rest
+        )
+        floor = config.floor
+        floors = Floors(floor.mass, floor.damping, floor.stiffness * config.start.stiffness)
+    else:
+        fit = ConstantFit(
+            rest, n_inputs, floor=config.floor, learn_rest=config.form.rest == "learned", mass=mass
+        )
+        windows = one_step_windows(
+            trajectory, stride_frames=config.stride_frames, time_unit_s=run.time_unit_s
+        )
+        fit.minimize(
+            lambda c: linear_one_step_error(c, windows, run.metric, velocity_weight=config.velocity_weight),
+            iterations=config.start.iterations,
+        )
+        if config.start.shooting_iterations:
+            _shoot_constant(run, fit)
+        start, floors = fit.result()
+    return Lagrangian(
+        start,
+        form=config.form,
+        floors=floors,
+        time_unit_s=run.time_unit_s,
+        seed=seed,
+        geometry=geometry,
+        mass_scale=scale,
+        signed=reach_of(trajectory.inputs).signed,
+        longest_step=config.longest_step,
+    )
+
+
+def _shoot_constant(run: Run, fit: ConstantFit) -> None:
+    n_states = _horizon(run, 1.0)
+    at = starts_of(run.trajectory, before=2, after=n_states)[:: max(1, n_states // 2)]
+    taken = run.stretches(at, n_states=n_states)
+    iterations, actuation = run.config.start.shooting_iterations, run.config.form.actuation
+    longest = run.config.longest_step
+    fit.minimize(
+        lambda c: linear_shooting_error(c, taken, run.metric, longest_step=longest), iterations=iterations
+    )
+    if actuation != "linear" and run.trajectory.inputs.shape[1]:
+        fit.bend(reach_of(run.trajectory.inputs), softening=actuation == "bounded", rng=run.rng)
+        fit.minimize(
+            lambda c: bent_shooting_error(c, taken, run.metric, longest_step=longest), iterations=iterations
+        )
+
+
+def _horizon(run: Run, periods: float) -> int:
+    longest = max(b - a for a, b in run.trajectory.segments)
+    return max(4, min(round(periods * run.period_frames) + 1, longest - 4))
+
+
+def _mean_induced(geometry: DecoderGeometry, trajectory: Trajectory, floor: float) -> tuple[Tensor, float]:
+    # energy has no observable scale: a unit mean mass fixes it, and the fitted stiffness the frequency
+    q = torch.from_numpy(trajectory.latents[:: max(1, len(trajectory.latents) // 500)])
+    bare = InducedMass(geometry, scale=1.0, floor=0.0).matrix(q).mean(0)
+    scale = (1.0 - floor) * bare.shape[0] / float(torch.trace(bare))
+    return scale * bare + floor * torch.eye(bare.shape[0], dtype=bare.dtype), scale
+
+
+def one_step_stage(run: Run, lagrangian: Lagrangian) -> None:
+    """Train on single velocity-Verlet steps, `Stage2Config.steps` times its effort."""
+    config, steps = run.config, round(run.config.effort * run.config.steps)
+    if not steps:
+        return
+    windows = one_step_windows(
+        run.trajectory, stride_frames=config.stride_frames, time_unit_s=run.time_unit_s
+    )
+
+    def loss(step: int) -> Tensor:
+        pick = torch.from_numpy(run.rng.integers(0, len(windows), config.batch))
+        return one_step_error(
+            lagrangian, windows.pick(pick), run.metric, velocity_weight=config.velocity_weight
+        )
+
+    _descend(run, lagrangian, loss, "one_step", steps=steps, lr=config.lr, every=config.select.every)
+
+
+def shooting_stage(run: Run, lagrangian: Lagrangian) -> None:
+    """Train the best candidate so far on rollouts, whose length doubles up to `ShootConfig.periods`.
+
+    The batch halves meanwhile. A step costs much the same, and each leg starts where the one before it has
+    the fast part of the law right.
+    """
+    shoot, total = run.config.shoot, round(run.config.effort * run.config.shoot.steps)
+    if not total:
+        return
+    run.champion.restore(lagrangian)
+    held = anchor(lagrangian, run.trajectory) if shoot.anchor else None
+    for leg, shortened in enumerate(SHORTENED_LEGS):
+        n_states = _horizon(run, shoot.periods / shortened)
+        starts = starts_of(run.trajectory, before=2, after=n_states)
+        batch = shoot.batch * shortened
+
+        def loss(_: int, starts: np.ndarray = starts, batch: int = batch, n_states: int = n_states) -> Tensor:
+            taken = run.stretches(run.rng.choice(starts, batch), n_states=n_states)
+            error = shooting_error(lagrangian, taken, run.metric)
+            if held is None:
+                return error
+            price = held.price(lagrangian, run.metric, run.rng)
+            return anchored(error, price, weight=shoot.anchor)
+
+        steps = total * (leg + 1) // len(SHORTENED_LEGS) - total * leg // len(SHORTENED_LEGS)
+        if steps:
+            _descend(run, lagrangian, loss, "shooting", steps=steps, lr=shoot.lr, every=max(1, steps // 10))
+
+
+def _descend(
+    run: Run,
+    lagrangian: Lagrangian,
+    loss: Callable[[int], Tensor],
+    stage: str,
+    *,
+    steps: int,
+    lr: float,
+    every: int,
+) -> None:
+    config = run.config
+    parameters = [p for p in lagrangian.parameters() if p.requires_grad]
+    undo = Undo(parameters)
+    optimizer = torch.optim.Adam(_rates(lagrangian, lr), fused=True)
+    peaks = [group["lr"] for group in optimizer.param_groups]
+    for i in range(steps):
+        factor = undo.shortening * _schedule(i / steps, final_fraction=config.final_fraction)
+        for group, peak in zip(optimizer.param_groups, peaks, strict=True):
+            group["lr"] = peak * factor
+        optimizer.zero_grad()
+        value = loss(i)
+        if undo.accepts(float(value.detach())):
+            value.backward()
+            size = torch.nn.utils.clip_grad_norm_(parameters, config.gradient_clip)
+            if torch.isfinite(size):
+                optimizer.step()
+                lagrangian.project()
+        else:
+            optimizer.state.clear()
+        if (i + 1) % every == 0 or i + 1 == steps:
+            run.grade(lagrangian, stage, i + 1, float(value.detach()))
+    run.report.taken_back += undo.taken_back
+
+
+def _rates(lagrangian: Lagrangian, lr: float) -> list[dict[str, object]]:
+    # the constant parts start at the optimum of a stiff problem, where steps fit for a network throw them off
+    parts: dict[bool, list[Tensor]] = {True: [], False: []}
+    for name, parameter in lagrangian.named_parameters():
+        if parameter.requires_grad:
+            parts[name.split(".")[-1] in CONSTANT_PARTS].append(parameter)
+    return [{"params": parts[False], "lr": lr}, {"params": parts[True], "lr": CONSTANT_SHARE * lr}]
+
+
+def _schedule(progress: float, *, final_fraction: float) -> float:
+    warm = min(1.0, (progress + 1e-3) / 0.05)
+    cosine = 0.5 * (1.0 + math.cos(math.pi * progress))
+    return warm * (final_fraction + (1.0 - final_fraction) * cosine)
+
+
+EXPLODED = 5.0  # times the median of the recent losses
+REMEMBERED = 20  # losses in that median
+KEPT_EVERY = 10  # steps between two copies of good parameters
+SHORTENED = 0.7  # factor on later steps each time one is taken back
+
+
+class Undo:
+    """Memory of good parameters during a descent.
+
+    A rollout by explicit steps turns unstable when its fastest mode comes near the frame rate. Beyond that
+    edge losses are astronomic and their gradients point nowhere, so a descent that stepped over cannot walk
+    back: it is put back, and goes on with shorter steps.
+    """
+
+    def __init__(self, parameters: Sequence[Tensor]) -> None:
+        self.parameters = parameters
+        self.kept = [parameter.detach().clone() for parameter in parameters]
+        self.recent: deque[float] = deque(maxlen=REMEMBERED)
+        self.accepted = 0
+        self.taken_back = 0
+
+    @property
+    def shortening(self) -> float:
+        """Factor on the learning rate."""
+        return SHORTENED**self.taken_back
+
+    def accepts(self, loss: float) -> bool:
+        """Whether the present parameters, of this loss, are good; if not, they are replaced by good ones."""
+        good = loss < EXPLODED * median(self.recent) if self.recent else loss < float("inf")
+        if not good:
+            self.taken_back += 1
+            with torch.no_grad():
+                for parameter, kept in zip(self.parameters, self.kept, strict=True):
+                    parameter.copy_(kept)
+            return False
+        if self.accepted % KEPT_EVERY == 0:
+            self.kept = [parameter.detach().clone() for parameter in self.parameters]
+        self.accepted += 1
+        self.recent.append(loss)
+        return True

@@ -1,0 +1,93 @@
+"""A scene filmed: seen through a camera, with its noise, through a real codec, and read back as a film is."""
+
+import tempfile
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from lagsplat.io.recording.recording import Recording
+from lagsplat.io.video.read import read_video
+from lagsplat.systems.config import ReleaseConfig
+from lagsplat.systems.mechanism import Poses
+from lagsplat.systems.rendering.bodies import Body, Picture, backdrop, paint
+from lagsplat.systems.rendering.textures import SHAPES, photograph
+from lagsplat.views.camera import Camera, look_at
+
+
+def camera_of(config: ReleaseConfig, *, yaw_deg: float = 0.0, pitch_deg: float = 0.0) -> Camera:
+    """The scene's camera at the film's resolution, moved on around its target by these angles."""
+    scene = config.scene
+    return look_at(
+        np.array([*scene.target, 0.0]),
+        distance=scene.distance,
+        yaw_deg=scene.yaw_deg + yaw_deg,
+        pitch_deg=scene.pitch_deg + pitch_deg,
+        view_width=scene.view_width,
+        height=config.height * scene.film_scale,
+        width=config.width * scene.film_scale,
+    )
+
+
+def film_clips(
+    config: ReleaseConfig, poses: list[Poses], *, seed: int, camera: Camera | None = None
+) -> Recording:
+    """Every clip as the scene's camera, or another one, delivers it: a film each, read back as any films are.
+
+    Raises:
+        ValueError: OpenCV cannot write the codec into the container, or gives back fewer frames.
+    """
+    camera = camera or camera_of(config)
+    scene, generator = config.scene, np.random.default_rng(seed)
+    wall, bodies = set_up(config, camera)
+    with tempfile.TemporaryDirectory() as folder:
+        for index, clip in enumerate(poses):
+            path = Path(folder) / f"{index}.{scene.container}"
+            _write(path, config, camera, wall, bodies, clip, generator)
+        recording = read_video(folder, crop=None, skip_s=0.0, size=(config.height, config.width))
+    filmed = sum(len(clip) for clip in poses)
+    if recording.n_frames != filmed:
+        raise ValueError(
+            f"{filmed} frames were filmed and {recording.n_frames} came back; choose another "
+            "release.scene.codec"
+        )
+    return recording
+
+
+def set_up(config: ReleaseConfig, camera: Camera) -> tuple[Picture, list[Body]]:
+    """The wall as a camera sees it, and the bodies at its scale."""
+    scene, scale = config.scene, camera.focal[0] / config.scene.distance
+    wall = backdrop(
+        photograph(scene.background),
+        camera,
+        middle=(scene.target[0], scene.target[1]),
+        behind=scene.behind,
+        width=scene.background_width,
+    )
+    return wall, [Body(SHAPES[b.shape](b.size_m, scale), b.thickness_m, b.layers) for b in config.bodies]
+
+
+def _write(
+    path: Path,
+    config: ReleaseConfig,
+    camera: Camera,
+    wall: np.ndarray,
+    bodies: list[Body],
+    poses: Poses,
+    generator: np.random.Generator,
+) -> None:
+    codec, size = cv2.VideoWriter.fourcc(*config.scene.codec), (camera.width, camera.height)
+    writer = cv2.VideoWriter(str(path), codec, 1.0 / config.dt_s, size)
+    if not writer.isOpened():
+        raise ValueError(
+            f"OpenCV cannot write {config.scene.codec!r} into .{config.scene.container}; choose another "
+            "release.scene.codec or container, such as mp4v and mp4"
+        )
+    try:
+        for pose in poses:
+            noise = generator.standard_normal(wall.shape, dtype=np.float32)
+            levels = 255 * paint(wall, bodies, pose, camera) + np.float32(config.scene.noise_levels) * noise
+            picture = np.clip(np.rint(levels), 0, 255).astype(np.uint8)
+            writer.write(cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
+    finally:
+        writer.release()

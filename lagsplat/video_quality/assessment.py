@@ -1,0 +1,250 @@
+"""Whether a film suits the method: what breaks it, measured, with a sentence and a remedy for each.
+
+A hand that lets go: something that is in the picture at the start or the end of a film only.
+"""
+
+import math
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float32, Float64, UInt8
+
+from lagsplat.video_quality.camera_motion import CameraMotion, background_path, measure_path
+from lagsplat.video_quality.continuity import (
+    Cut,
+    Flicker,
+    Repeat,
+    exposure_flicker,
+    exposure_gain,
+    find_cuts,
+    find_repeat,
+)
+from lagsplat.video_quality.frames import Sampling, Thumbnails, samples_per_period, small_grey
+
+LEAST_FRAMES = 24
+MOST_PIXELS = 20_000_000  # of all small frames together
+CAMERA_PX = 0.25  # rms [pixel of a frame] that a learner would have to explain...
+CAMERA_ERROR = 0.1  # ...and rms [pixel of a thumbnail] that can be measured
+FLICKER_PERCENT = 2.0
+SAMPLES, NYQUIST_SAMPLES = 8.0, 3.0
+SAME_S = 0.1  # a visit that ends this close to a cut is one event with it...
+CUT_SHARE = 0.25  # ...which is a cut if more of the still pixels look otherwise
+
+
+@dataclass(frozen=True)
+class Visit:
+    """Something is in the picture until ``gone_s`` (None: not at the start) and again from ``back_s`` on.
+
+    ``share`` of the pixels that are otherwise still are covered at most.
+    """
+
+    gone_s: float | None
+    back_s: float | None
+    share: float
+
+
+@dataclass(frozen=True)
+class Footage:
+    """What was measured on one clip; None where it could not be. Times [s] count from the clip's first frame.
+
+    The camera's motion is that of the whole picture; everything else is of the frames as they are kept.
+    """
+
+    camera: CameraMotion | None
+    flicker: Flicker | None
+    cuts: tuple[Cut, ...]
+    repeat: Repeat | None
+    visit: Visit | None
+    sampling: Sampling | None
+    camera_limit_px: float
+    """How much rms is too much for the camera [pixel of the film]."""
+    start_s: float
+    stop_s: float
+
+    @property
+    def numbers(self) -> dict[str, Any]:
+        """All of it as plain data, for a recording's ``meta``, with what follows from it."""
+        suggested = {"skip_s": self.skip_s, "end_s": self.end_s, "warnings": list(self.warnings)}
+        return {**asdict(self), "cuts": [asdict(cut) for cut in self.cuts], **suggested}
+
+    @property
+    def skip_s(self) -> float | None:
+        """Where to begin, after an early cut and an early visitor; None leaves the start as it is."""
+        begins = [cut.time_s for cut in self.cuts if not self._late(cut)]
+        if self.visit is not None and self.visit.gone_s is not None:
+            begins.append(self.visit.gone_s)
+        return math.ceil(100 * max(begins) - 1e-6) / 100 if begins else None
+
+    @property
+    def end_s(self) -> float | None:
+        """Where to end, before a late cut, a repetition and a late visitor; None leaves the end as it is."""
+        ends = [cut.time_s for cut in self.cuts if self._late(cut)]
+        if self.repeat is not None:
+            ends.append(self.repeat.start_s)
+        if self.visit is not None and self.visit.back_s is not None:
+            ends.append(self.visit.back_s)
+        return math.floor(100 * min(ends) + 1e-6) / 100 if ends else None
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """A sentence for everything that breaks the method, with its numbers and the remedy."""
+        return (*self._of_the_camera(), *self._of_the_cut(), *self._of_the_clock())
+
+    def _late(self, cut: Cut) -> bool:
+        return cut.time_s > 0.5 * (self.start_s + self.stop_s)
+
+    def _of_the_camera(self) -> list[str]:
+        said = []
+        if self.camera is not None and self.camera.rms_px > self.camera_limit_px:
+            said.append(
+                f"the camera moves by {self.camera.rms_px:.2f} px rms and up to {self.camera.max_px:.2f} px "
+                f"of the film (drift {self.camera.drift_px:.2f}, jitter {self.camera.jitter_px:.2f}), "
+                f"measured on the background; more than {self.camera_limit_px:.2f} px rms will be learned as "
+                "motion of the system. Set recording.stabilise=true, or film from a tripod"
+            )
+        if self.flicker is not None and self.flicker.rms_percent > FLICKER_PERCENT:
+            said.append(
+                f"the exposure flickers by {self.flicker.rms_percent:.1f} % rms, mostly at "
+                f"{self.flicker.frequency_hz:.2f} Hz; above {FLICKER_PERCENT:g} % colours change more than "
+                "they are learned to. Lock the camera's exposure, or cut to a steady part with "
+                "recording.skip_s and end_s"
+            )
+        return said
+
+    def _of_the_cut(self) -> list[str]:
+        said = [
+            f"the film jumps at {cut.time_s:.3f} s: that frame differs {cut.ratio:.1f} times as much as "
+            "those around it. Keep one side: set recording."
+            + (f"end_s={self.end_s:g}" if self._late(cut) else f"skip_s={self.skip_s:g}")
+            for cut in self.cuts
+        ]
+        if self.repeat is not None:
+            said.append(
+                f"the film repeats itself: from {self.repeat.start_s:.2f} s to {self.repeat.stop_s:.2f} s "
+                f"its frames are those from {self.repeat.original_s:.2f} s on, so that nothing new is held "
+                f"out. Set recording.end_s={self.end_s:g}"
+            )
+        if self.visit is not None and self.visit.gone_s is not None:
+            said.append(
+                f"something that does not belong to the motion, a hand perhaps, is in the picture until "
+                f"{self.visit.gone_s:.2f} s and covers up to {100 * self.visit.share:.1f} % of what is still "
+                f"later. Set recording.skip_s={self.skip_s:g}"
+            )
+        if self.visit is not None and self.visit.back_s is not None:
+            said.append(
+                f"something that does not belong to the motion, a hand perhaps, comes into the picture at "
+                f"{self.visit.back_s:.2f} s. Set recording.end_s={self.end_s:g}"
+            )
+        return said
+
+    def _of_the_clock(self) -> list[str]:
+        if self.sampling is None or self.sampling.samples >= SAMPLES:
+            return []
+        found = f"{self.sampling.samples:.1f} frames a period of {self.sampling.period_s:.4g} s"
+        if self.sampling.samples < NYQUIST_SAMPLES:
+            return [
+                f"only {found}, near the Nyquist limit of 2: the true motion may be faster than it looks. "
+                "Film with a higher frame rate; what is learned from this film cannot be trusted"
+            ]
+        return [
+            f"only {found}; velocities from so few are poor, and {SAMPLES:g} or more are wanted. "
+            "Film with a higher frame rate"
+        ]
+
+
+def check_footage(
+    frames: UInt8[np.ndarray, "T H W 3"],
+    time_s: Float64[np.ndarray, " T"],
+    thumbnails: Thumbnails,
+    *,
+    film_per_frame: float,
+) -> Footage:
+    """Measure one clip: its ``frames`` as kept, at ``time_s`` since its first frame, and ``thumbnails`` of
+    its whole pictures. ``film_per_frame`` is how many pixels of the film one of a frame covers.
+
+    A clip of fewer than 24 frames is too short for any of it. A few seconds at most.
+    """
+    limit = max(CAMERA_PX * film_per_frame, CAMERA_ERROR * thumbnails.scale)
+    start_s, stop_s = float(time_s[0]), float(time_s[-1])
+    if len(frames) < LEAST_FRAMES:
+        return Footage(None, None, (), None, None, None, limit, start_s, stop_s)
+    path = background_path(thumbnails.pictures)
+    camera = None if path is None else measure_path(path * thumbnails.scale)
+    grey = small_grey(frames, most=MOST_PIXELS)
+    cuts = find_cuts(grey, time_s)
+    gain = exposure_gain(grey)
+    if gain is not None:
+        grey /= gain[:, None, None].astype(np.float32)
+    moves = camera is not None and camera.rms_px > limit
+    # A moving camera covers and uncovers everything.
+    cuts, visit = (cuts, None) if moves else _cut_or_visit(cuts, find_visit(grey, time_s))
+    return Footage(
+        camera=camera,
+        flicker=None if gain is None else exposure_flicker(gain, time_s),
+        cuts=cuts,
+        repeat=find_repeat(grey, time_s),
+        visit=visit,
+        sampling=samples_per_period(grey, time_s),
+        camera_limit_px=limit,
+        start_s=start_s,
+        stop_s=stop_s,
+    )
+
+
+def _cut_or_visit(cuts: tuple[Cut, ...], visit: Visit | None) -> tuple[tuple[Cut, ...], Visit | None]:
+    """What happens at one time is either: a cut changes most of the picture, a visitor a part of it."""
+    if visit is None:
+        return cuts, None
+    borders = [time_s for time_s in (visit.gone_s, visit.back_s) if time_s is not None]
+    others = tuple(cut for cut in cuts if all(abs(cut.time_s - border) >= SAME_S for border in borders))
+    if len(others) < len(cuts) and visit.share > CUT_SHARE:
+        return cuts, None
+    return others, visit
+
+
+LATER = (0.4, 0.8)  # the stretch of the film, as shares of its frames, that shows how it usually looks
+LEVELS = 12.0  # a pixel looks unusual if it differs by so many of 255 levels...
+SPREADS = 6.0  # ...and by so many standard deviations of the usual stretch
+SHARE = 0.002  # of the still pixels must look unusual at once
+LARGEST = 0.5  # a visit lasts at most this share of the film
+
+
+def find_visit(grey: Float32[np.ndarray, "T h w"], time_s: Float64[np.ndarray, " T"]) -> Visit | None:
+    """What covers still pixels at the start or the end of a film; ``grey`` should be free of flicker.
+
+    Where the system itself moves in the middle of the film nothing can be told, so a hand that touches only
+    there goes unseen.
+    """
+    usual_part = grey[int(LATER[0] * len(grey)) : int(LATER[1] * len(grey))]
+    usual, spread = np.median(usual_part, axis=0), usual_part.std(axis=0)
+    moving = np.ptp(usual_part, axis=0) > LEVELS + SPREADS * float(np.median(spread))
+    # A motion that decays was wider at the start: its surroundings are no witness.
+    margin = max(3, max(grey.shape[1:]) // 12)
+    still = cv2.dilate(moving.astype(np.uint8), np.ones((2 * margin + 1,) * 2, np.uint8)) == 0
+    if still.mean() < 0.05:
+        return None
+    limit = np.maximum(LEVELS, SPREADS * spread[still])
+    covered = np.array([(np.abs(frame[still] - usual[still]) > limit).mean() for frame in grey])
+    there = covered > SHARE
+    start, end = _leading(there), _leading(there[::-1])
+    most = int(LARGEST * len(grey))
+    start, end = (0 if length > most else length for length in (start, end))
+    if not start and not end:
+        return None
+    share = max(covered[:start].max(initial=0.0), covered[len(covered) - end :].max(initial=0.0))
+    return Visit(
+        gone_s=float(time_s[start]) if start else None,
+        back_s=float(time_s[len(grey) - end]) if end else None,
+        share=float(share),
+    )
+
+
+def _leading(there: Bool[np.ndarray, " T"]) -> int:
+    """Frames up to the last of the visit that the first frame belongs to; short gaps are part of it."""
+    if not there[:3].any():
+        return 0
+    absent = np.flatnonzero(np.convolve(there, np.ones(6), mode="full")[5:] == 0)
+    stop = int(absent[0]) if len(absent) else len(there)
+    return stop

@@ -1,0 +1,161 @@
+"""How the background of a film moves: the camera's own motion, apart from that of what it films.
+
+Corners of the first picture are followed through all others (pyramidal Lucas-Kanade). The background is
+the stillest group of corners that move alike and lie all over the picture: an object that moves more than the
+camera cannot be taken for it, nor can a small one. A static frame or caption drawn around the film would be.
+
+Every picture shifted back onto the first one, by the motion of the background.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float64, UInt8
+from scipy.ndimage import uniform_filter1d
+
+MOST_CORNERS = 200
+WINDOW = 15  # pixels of the picture that is searched
+LARGEST_RESIDUAL = 15.0  # mean absolute difference of a corner that is still itself [levels of 255]
+ALIKE = 0.3  # corners of the background agree to this [pixel rms]...
+ALIKE_SHARE = 0.15  # ...or to this share of their motion
+FEWEST, SHARE = 6, 0.1  # the background holds so many corners, and this share of all
+SPREAD = 0.2  # its bounding box covers at least this share of the picture
+
+
+@dataclass(frozen=True)
+class CameraMotion:
+    """How far the picture moved since its first frame [pixel of the film].
+
+    ``rms_px`` is the spread of the whole path about its mean and ``max_px`` its farthest point. ``drift_px``
+    is the farthest point of the path's running mean over a tenth of the film, ``jitter_px`` the rms of what
+    remains.
+    """
+
+    rms_px: float
+    max_px: float
+    drift_px: float
+    jitter_px: float
+
+
+def background_path(pictures: Iterable[UInt8[np.ndarray, "h w"]]) -> Float64[np.ndarray, "T 2"] | None:
+    """How far (x, y) the background has moved since the first picture [pixel], NaN where it is hidden.
+
+    None where no background can be measured: too few corners agree, or all lie in one place.
+    """
+    corners, shape = _follow(pictures)
+    if corners is None:
+        return None
+    background = _stillest_group(corners, shape)
+    if background is None:
+        return None
+    moved = corners[:, background] - corners[:1, background]
+    seen = np.isfinite(moved[..., 0]).sum(axis=1) >= min(FEWEST, int(background.sum()))
+    path = np.full((len(moved), 2), np.nan)
+    path[seen] = np.nanmedian(moved[seen], axis=1)
+    return path
+
+
+def measure_path(path: Float64[np.ndarray, "T 2"]) -> CameraMotion:
+    """The numbers of a path [pixel]; pictures in which the background is hidden do not count."""
+    path = path[np.isfinite(path[:, 0])]
+    path = path - path[0]
+    slow = uniform_filter1d(path, max(1, len(path) // 10), axis=0, mode="nearest")
+
+    def rms(x: Float64[np.ndarray, "T 2"]) -> float:
+        return float(np.sqrt((x**2).sum(axis=1).mean()))
+
+    return CameraMotion(
+        rms_px=rms(path - path.mean(axis=0)),
+        max_px=float(np.hypot(*path.T).max()),
+        drift_px=float(np.hypot(*(slow - slow[0]).T).max()),
+        jitter_px=rms(path - slow),
+    )
+
+
+def _follow(
+    pictures: Iterable[UInt8[np.ndarray, "h w"]],
+) -> tuple[Float64[np.ndarray, "T N 2"] | None, tuple[int, int]]:
+    following = iter(pictures)
+    first = next(following)
+    shape = (first.shape[0], first.shape[1])
+    start = cv2.goodFeaturesToTrack(first, MOST_CORNERS, 0.02, max(4, max(shape) // 30))
+    if start is None or len(start) < FEWEST:
+        return None, shape
+    found, last = [start[:, 0].astype(np.float64)], start.copy()
+    for picture in following:
+        # Followed from the first picture each time, so that errors do not add up.
+        now, status, residual = cv2.calcOpticalFlowPyrLK(
+            first, picture, start, last.copy(), winSize=(WINDOW, WINDOW), maxLevel=3,
+            criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 30, 0.003),
+            flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+        )  # fmt: skip
+        lost = (status[:, 0] == 0) | (residual[:, 0] > LARGEST_RESIDUAL)
+        last = np.where(lost[:, None, None], last, now)
+        found.append(np.where(lost[:, None], np.nan, now[:, 0].astype(np.float64)))
+    return np.stack(found), shape
+
+
+def _stillest_group(
+    corners: Float64[np.ndarray, "T N 2"], shape: tuple[int, int]
+) -> Bool[np.ndarray, " N"] | None:
+    moved = corners - corners[0]
+    steady = np.isfinite(moved[..., 0]).mean(axis=0) > 0.5
+    travel = np.full(len(steady), np.inf)
+    if steady.any():
+        travel[steady] = np.sqrt(np.nanmean((moved[:, steady] ** 2).sum(axis=-1), axis=0))
+    for chosen in np.argsort(travel)[: int(steady.sum())]:
+        apart = moved - moved[:, chosen : chosen + 1]
+        common = np.isfinite(apart[..., 0])
+        square = np.where(common, (apart**2).sum(axis=-1), 0.0).sum(axis=0) / np.maximum(
+            common.sum(axis=0), 1
+        )
+        alike = steady & (common.mean(axis=0) > 0.3)
+        alike &= np.sqrt(square) < max(ALIKE, ALIKE_SHARE * travel[chosen])
+        if alike.sum() < max(FEWEST, SHARE * steady.sum()):
+            continue
+        box = np.ptp(corners[0, alike], axis=0)
+        if box[0] * box[1] >= SPREAD * shape[0] * shape[1]:
+            return alike
+    return None
+
+
+def path_to_undo(pictures: Iterable[UInt8[np.ndarray, "h w"]], *, source: str) -> Float64[np.ndarray, "T 2"]:
+    """Shift (x, y) of the background in each grey picture since the first [pixel].
+
+    Raises:
+        ValueError: the background cannot be measured, in all pictures or in one.
+    """
+    path = background_path(pictures)
+    if path is None:
+        raise ValueError(
+            f"{source}: recording.stabilise needs a background that can be followed, and too few corners "
+            "that stand still or move alike were found over the picture; set recording.stabilise=false, or "
+            "film with something textured behind the system"
+        )
+    hidden = np.flatnonzero(np.isnan(path[:, 0]))
+    if hidden.size:
+        raise ValueError(
+            f"{source}: recording.stabilise cannot follow the background in {hidden.size} of {len(path)} "
+            f"frames, the first of them frame {hidden[0]} of those kept; cut them off with recording.skip_s "
+            "and end_s, or set recording.stabilise=false"
+        )
+    return path
+
+
+def shift_back(
+    picture: UInt8[np.ndarray, "h w 3"], moved: Float64[np.ndarray, " 2"]
+) -> UInt8[np.ndarray, "h w 3"]:
+    """``picture`` as it would be had it not moved by (x, y) [pixel]; its border is continued outwards.
+
+    Only shifts are undone, by cubic interpolation: no turns, and no change of scale.
+    """
+    back = np.array([[1.0, 0.0, moved[0]], [0.0, 1.0, moved[1]]])
+    return cv2.warpAffine(
+        picture,
+        back,
+        (picture.shape[1], picture.shape[0]),
+        flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP,
+        borderMode=cv2.BORDER_REPLICATE,
+    )

@@ -1,0 +1,144 @@
+"""Exposure flicker: how the brightness of what stands still goes up and down.
+
+Stretches of a film that were shown before: nothing new to learn from, or to be tested on.
+
+Places where a film jumps: a cut, frames that are missing, or a loop back to an earlier moment.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float32, Float64
+from scipy.signal import periodogram
+
+DARKEST, BRIGHTEST = 20.0, 245.0  # levels between which a camera answers in proportion
+
+
+@dataclass(frozen=True)
+class Flicker:
+    """``rms_percent`` of the mean brightness, and the frequency [Hz] at which most of it happens."""
+
+    rms_percent: float
+    frequency_hz: float
+
+
+def exposure_gain(grey: Float32[np.ndarray, "T h w"]) -> Float64[np.ndarray, " T"] | None:
+    """Brightness of each frame against the median frame, on pixels that do not move; 1 is unchanged.
+
+    Moving pixels are told apart after a first guess at the gain, so that flicker does not look like motion.
+    None where hardly a pixel is neither black nor white.
+    """
+    usual = np.median(grey[:: max(1, len(grey) // 100)], axis=0)
+    usable = (usual > DARKEST) & (usual < BRIGHTEST)
+    if usable.mean() < 0.02:
+        return None
+    values, usual = grey[:, usable], usual[usable]
+    guess = np.median(values / usual, axis=1)
+    spread = (values / guess[:, None] / usual).std(axis=0)
+    still = spread <= np.median(spread)
+    return values[:, still].mean(axis=1, dtype=np.float64) / usual[still].mean(dtype=np.float64)
+
+
+def exposure_flicker(gain: Float64[np.ndarray, " T"], time_s: Float64[np.ndarray, " T"]) -> Flicker:
+    """Spread and dominant frequency of `exposure_gain`."""
+    even = np.linspace(time_s[0], time_s[-1], len(time_s))
+    level = np.interp(even, time_s, gain)
+    frequencies, power = periodogram(level, fs=1.0 / (even[1] - even[0]), window="hann", nfft=8 * len(even))
+    return Flicker(
+        rms_percent=float(100.0 * gain.std() / gain.mean()), frequency_hz=float(frequencies[np.argmax(power)])
+    )
+
+
+SIDE = 24  # pixels: enough to tell two moments of a motion apart
+CLOSE = 0.25  # frames are the same if they differ by less than this share of a usual step from frame to frame
+MOVING = 0.5  # a stretch counts if it moves at least by this share of a usual step
+LEAST_S, LEAST_FRAMES = 0.5, 12
+MOST_FRAMES = 4000  # all pairs are compared
+
+
+@dataclass(frozen=True)
+class Repeat:
+    """Frames from ``start_s`` to ``stop_s`` are those from ``original_s`` on, again."""
+
+    start_s: float
+    stop_s: float
+    original_s: float
+
+
+def find_repeat(grey: Float32[np.ndarray, "T h w"], time_s: Float64[np.ndarray, " T"]) -> Repeat | None:
+    """The longest stretch that repeats an earlier one to well within a step of the motion, or None.
+
+    A motion that is strictly periodic, in whole frames and without noise, repeats itself as well. Films of
+    more than 4000 frames are not searched.
+    """
+    if not 2 * LEAST_FRAMES < len(grey) <= MOST_FRAMES:
+        return None
+    small = np.stack([cv2.resize(frame, (SIDE, SIDE), interpolation=cv2.INTER_AREA) for frame in grey])
+    flat = small.reshape(len(small), -1) - small.reshape(len(small), -1).mean(axis=0)
+    step = np.linalg.norm(np.diff(flat, axis=0), axis=1)
+    usual = float(np.median(step))
+    if usual == 0.0:
+        return None
+    power = (flat**2).sum(axis=1)
+    apart = np.sqrt(np.maximum(power[:, None] + power[None] - 2.0 * flat @ flat.T, 0.0))
+    least = max(LEAST_FRAMES, round(LEAST_S / float(np.median(np.diff(time_s)))))
+    best, found = least - 1, None
+    for lag in range(least, len(grey) - least):
+        start, stop = _longest_run(np.diagonal(apart, lag) < CLOSE * usual)
+        if stop - start > best and np.median(step[start : stop - 1]) > MOVING * usual:
+            best, found = stop - start, (start, stop, lag)
+    if found is None:
+        return None
+    start, stop, lag = found
+    return Repeat(float(time_s[start + lag]), float(time_s[stop - 1 + lag]), float(time_s[start]))
+
+
+def _longest_run(true: Bool[np.ndarray, " n"]) -> tuple[int, int]:
+    """Start and stop of the longest stretch of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], true, [False]]).astype(np.int8)))
+    if not len(edges):
+        return 0, 0
+    longest = int(np.argmax(edges[1::2] - edges[::2]))
+    return int(edges[2 * longest]), int(edges[2 * longest + 1])
+
+
+RATIO = 5.0  # a jump changes the picture this many times as much as the frames around it...
+SHARE = 0.25  # ...and at least this share of the change between two frames taken anywhere
+AROUND = 2  # frames on either side
+SLIGHT = 0.02  # share of that change below which a film stands still
+NOISES, LEVELS = 5.0, 2.0  # medians of the change, and levels of 255, that a pixel may change by noise
+
+
+@dataclass(frozen=True)
+class Cut:
+    """A jump between two frames: the time of the later one [s], and how many times the change around it."""
+
+    time_s: float
+    ratio: float
+
+
+def find_cuts(grey: Float32[np.ndarray, "T h w"], time_s: Float64[np.ndarray, " T"]) -> tuple[Cut, ...]:
+    """Jumps that the running motion does not explain; ``grey`` should be free of flicker.
+
+    A single bright or broken frame is none: the film goes on where it was. A small object that jumps while it
+    moves by a third of its own size a frame changes hardly more pixels than before, and goes unseen.
+    """
+    half = len(grey) // 2
+    usual_change = np.median([np.median(np.abs(later - earlier)) for earlier, later in pairwise(grey)])
+    limit = NOISES * float(usual_change) + LEVELS
+    change = np.array([_excess(later - earlier, limit) for earlier, later in pairwise(grey)])
+    anywhere = float(np.median([_excess(grey[i + half] - grey[i], limit) for i in range(half)]))
+    found = []
+    for i, now in enumerate(change):
+        around = np.concatenate([change[max(0, i - AROUND) : i], change[i + 1 : i + 1 + AROUND]])
+        usual = max(float(around.max()), SLIGHT * anywhere, 1e-6)
+        if now > RATIO * usual and now > SHARE * anywhere:
+            found.append(Cut(time_s=float(time_s[i + 1]), ratio=float(now / usual)))
+    return tuple(found)
+
+
+def _excess(difference: Float32[np.ndarray, "h w"], limit: float) -> float:
+    """Mean change beyond ``limit``, which noise and compression make of a picture that stands still."""
+    return float(np.maximum(np.abs(difference) - limit, 0.0).mean(dtype=np.float64))

@@ -1,0 +1,313 @@
+"""A run whose Gaussians live in space: every visitor looks from a side of their own.
+
+Behind each visitor's scene hangs the picture that the fitted model gives of their camera, drawn here. What
+can be dragged stands in the scene itself, unseen: a browser tells a press on the matter, which pushes, from
+one beside it, which turns the view.
+
+What shows the filmed object to visitors and tells what they do to it: a sheet, or windows into space.
+
+A run whose Gaussians live in the picture: one sheet in the scene, the same for everyone who looks.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+import viser
+from jaxtyping import Float64
+
+from lagsplat.forces.equilibrium import Held
+from lagsplat.viewer.rendering.drag_proxies import Matter, ball
+from lagsplat.viewer.rendering.lines import REST, lines, segments
+from lagsplat.viewer.rendering.overlays import Silhouettes, rest_outline
+from lagsplat.viewer.rendering.renderer import FlatEasel, Picture, SpaceEasel
+from lagsplat.viewer.rendering.scene_frame import FLIP, Plane, Room
+from lagsplat.viewer.server.drag import FlatPull, Pointer, Pull, RayPull
+from lagsplat.views.camera import Camera
+
+MATTER = "/matter"
+BEYOND = 0.5
+"""Of a window: how far outside of it a pointer still counts."""
+
+
+@dataclass(frozen=True)
+class Window:
+    """What one visitor is to see, and from where; ``look`` tells one camera from another."""
+
+    client: viser.ClientHandle
+    camera: Camera
+    look: bytes
+    picture: Picture
+
+
+@dataclass(frozen=True)
+class Painted:
+    """A state: where its matter is in the scene, and the windows in which something has changed."""
+
+    places: Float64[np.ndarray, "K 3"]
+    halves: Float64[np.ndarray, "K 3"]
+    windows: list[Window]
+
+
+Act = Callable[[str, Pull | None, Pointer, int], None]
+"""Is told the phase of a drag (start, update, end), what was pressed, where the pointer is, and whose it is;
+None for what makes no sense."""
+
+
+class Windows:
+    """A `lagsplat.viewer.server.canvas.Board` of pictures, one a visitor, their longer side of ``side`` pixels."""
+
+    face_label = "Look from the film's camera"
+
+    def __init__(self, server: viser.ViserServer, held: Held, easel: SpaceEasel, *, side: int) -> None:
+        self.server, self.held, self.easel, self.side = server, held, easel, side
+        plane = Plane(held.kinematics.width, held.kinematics.height)
+        self.room, self.size = Room(easel.middle[2], plane), plane.size
+        self.axes, self.matter = np.eye(3)[:2], Matter(held)
+        self.silhouettes = Silhouettes(easel, self.room, self.matter.moves, held.rest.numpy())
+        self.resting = False
+        self.seen: dict[int, bytes] = {}
+        self._place_camera()
+        easel.draw(held.rest.numpy())  # compiles, perhaps, what would keep the first visitor waiting
+        corners, faces = ball()
+        at_rest = self.paint(held.rest.numpy())
+        self.handle = server.scene.add_batched_meshes_simple(
+            MATTER, corners, faces, self.matter.turned(FLIP), at_rest.places, batched_scales=at_rest.halves,
+            opacity=0.0, side="double", lod="off", cast_shadow=False, receive_shadow=False,
+        )  # fmt: skip
+
+    def paint(self, q: Float64[np.ndarray, " d"]) -> Painted:
+        """The matter, and the pictures of visitors for whom something has changed."""
+        windows = []
+        for who, client in self.server.get_clients().items():
+            try:
+                camera = self.camera(client)
+            except ValueError:
+                continue  # who looks from nowhere keeps the picture from before
+            look = b"".join(part.tobytes() for part in (camera.rotation, camera.position, camera.matrix()))
+            if self.seen.get(who) != look + q.tobytes():
+                self.seen[who] = look + q.tobytes()
+                windows.append(Window(client, camera, look, self.easel.seen(q, camera)))
+        places, halves = self.matter.at(q)
+        return Painted(self.room.to_scene(places), halves / self.room.plane.unit, windows)
+
+    def put(self, painted: Painted) -> None:
+        """Send it."""
+        self.handle.batched_positions = painted.places.astype(np.float32)
+        self.handle.batched_scales = painted.halves.astype(np.float32)
+        here = self.server.get_clients()
+        for window in painted.windows:
+            if window.client.client_id not in here:
+                continue  # left while the picture was drawn
+            window.client.scene.set_background_image(window.picture, format="jpeg", jpeg_quality=QUALITY)
+            if self.resting:
+                self.silhouettes.put(window.client, window.camera, window.look)
+
+    def over(self, places: Float64[np.ndarray, "*B 3"], *, layer: int = 1) -> Float64[np.ndarray, "*B 3"]:
+        """Scene coordinates of places in space, where everything stands at its own depth."""
+        return self.room.to_scene(places)
+
+    def show_rest(self, shown: bool) -> None:
+        """Show or hide the outline of the object at rest, which is another one from every side."""
+        if shown != self.resting:
+            self.resting = shown
+            self.seen.clear()
+            self.silhouettes.hide()
+
+    def face(self, client: viser.ClientHandle) -> None:
+        """Turn one visitor's view to that of the film's camera, with the whole picture in it."""
+        camera = client.camera
+        camera.up_direction, camera.look_at = (0.0, 1.0, 0.0), (0.0, 0.0, 0.0)
+        camera.position = self.room.eye
+        camera.look_at = (0.0, 0.0, 0.0)  # position has carried it along
+
+    def fit(self, camera: viser.CameraHandle) -> None:
+        """Have the whole of the film's picture in a window, whatever its shape."""
+        if camera.image_height > 0 and camera.image_width > 0:
+            camera.fov = self.room.fov(camera.image_width / camera.image_height)
+
+    def camera(self, client: viser.ClientHandle) -> Camera:
+        """A visitor's camera in the run's coordinates.
+
+        Raises:
+            ValueError: numbers that are no camera's.
+        """
+        own = client.camera
+        try:
+            return self.room.camera(
+                wxyz=np.asarray(own.wxyz, np.float64), position=np.asarray(own.position, np.float64),
+                fov=float(own.fov), aspect=float(own.image_width) / float(own.image_height), side=self.side,
+            )  # fmt: skip
+        except (TypeError, ZeroDivisionError, OverflowError) as error:
+            raise ValueError(f"a visitor's camera is none: {error}") from error
+
+    def on_drag(self, act: Act) -> None:
+        """Call ``act`` with every drag of the matter.
+
+        viser delivers about 20 updates a second of a drag on a node, and an end when its tab is closed.
+        """
+
+        @self.handle.on_drag("left")
+        async def _(event: viser.SceneNodeDragEvent) -> None:  # async: phases arrive in their order
+            try:
+                camera = self.camera(event.client)
+                press, pointer = (
+                    pixel_of(camera, place) for place in (event.start_screen_pos, event.end_screen_pos)
+                )
+            except ValueError:
+                act(event.phase, None, np.full(2, np.nan), event.client_id)
+                return
+            if event.phase == "start":
+                self.axes = camera.rotation[:2]
+            act(event.phase, RayPull(self.held, camera, press), pointer, event.client_id)
+
+    def on_look(self, act: Callable[[], None]) -> None:
+        """Call ``act`` when a visitor comes, or looks from elsewhere."""
+
+        @self.server.on_client_connect
+        async def _(client: viser.ClientHandle) -> None:
+            @client.camera.on_update
+            async def _(camera: viser.CameraHandle) -> None:
+                self.fit(camera)
+                act()
+
+        @self.server.on_client_disconnect
+        async def _(client: viser.ClientHandle) -> None:
+            self.seen.pop(client.client_id, None)
+            self.silhouettes.forget(client.client_id)
+
+    def _place_camera(self) -> None:
+        camera = self.server.initial_camera
+        camera.position, camera.look_at, camera.up = self.room.eye, (0.0, 0.0, 0.0), (0.0, 1.0, 0.0)
+        camera.fov = self.room.fov(self.size[0] / self.size[1])
+
+
+def pixel_of(camera: Camera, place: object) -> Pointer:
+    """The pixel of a camera at a place on the screen, (0, 0) top left and (1, 1) bottom right.
+
+    Raises:
+        ValueError: not two finite numbers.
+    """
+    try:
+        at = np.asarray(place, np.float64)
+    except TypeError as error:
+        raise ValueError(f"the pointer's place is no number: {error}") from error
+    if at.shape != (2,) or not np.isfinite(at).all():
+        raise ValueError(f"the pointer's place {place} is not on a screen; nothing was pushed")
+    return at.clip(-BEYOND, 1.0 + BEYOND) * (camera.width, camera.height)
+
+
+@runtime_checkable
+class Board(Protocol):
+    """Where a run is drawn in the scene, and touched."""
+
+    size: tuple[float, float]
+    """Of the film's picture, in the scene."""
+    axes: Float64[np.ndarray, "2 n"]
+    """Directions of the run's coordinates in which the latest drag was made, to the right and down."""
+    face_label: str
+    """What the button is called that turns the view back."""
+
+    def paint(self, q: Float64[np.ndarray, " d"]) -> Any:
+        """Draw a state for everyone who looks; to be handed to `put`."""
+
+    def put(self, painted: Any) -> None:
+        """Send what was painted."""
+
+    def over(self, places: Float64[np.ndarray, "*B n"], *, layer: int = 1) -> Float64[np.ndarray, "*B 3"]:
+        """Scene coordinates of places on the matter [px], before the picture where there is one."""
+
+    def show_rest(self, shown: bool) -> None:
+        """Show or hide the outline of the object at rest."""
+
+    def face(self, client: viser.ClientHandle) -> None:
+        """Turn one visitor's view to where the film was taken from."""
+
+    def on_drag(self, act: Act) -> None:
+        """Call ``act`` with whatever is dragged."""
+
+    def on_look(self, act: Callable[[], None]) -> None:
+        """Call ``act`` when what was painted no longer suits where a visitor looks from."""
+
+
+PICTURE = "/picture"
+QUALITY = 90
+FOV = 0.75
+UPRIGHT = (0.0, 1.0, 0.0, 0.0)
+"""viser hangs the rows of a picture along +y"""
+FRONT = 0.02
+"""What is drawn over the picture stands this far before it."""
+
+
+class Sheet:
+    """A `lagsplat.viewer.server.canvas.Board` with a picture in it, which is turned and dragged as a whole."""
+
+    face_label = "Face the picture"
+    axes = np.eye(2)
+
+    def __init__(self, server: viser.ViserServer, held: Held, easel: FlatEasel) -> None:
+        self.server, self.easel = server, easel
+        self.plane = Plane(held.kinematics.width, held.kinematics.height)
+        self.size = self.plane.size
+        self._place_camera()
+        blank, (width, height) = easel.draw(held.rest.numpy()), self.size
+        self.picture = server.scene.add_image(
+            PICTURE, blank, width, height, format="jpeg", jpeg_quality=QUALITY,
+            cast_shadow=False, receive_shadow=False, wxyz=UPRIGHT,
+        )  # fmt: skip
+        outline = [segments(self.over(line)) for line in rest_outline(held)]
+        points = np.concatenate(outline or [np.zeros((1, 2, 3))])
+        self.rest = lines(server.scene, "/rest", points, REST, thick=0.014)
+
+    def paint(self, q: Float64[np.ndarray, " d"]) -> Picture:
+        """The picture."""
+        return self.easel.draw(q)
+
+    def put(self, painted: Picture) -> None:
+        """Send it."""
+        self.picture.image = painted
+
+    def over(self, places: Float64[np.ndarray, "*B 2"], *, layer: int = 1) -> Float64[np.ndarray, "*B 3"]:
+        """Scene coordinates of places in the picture, before it."""
+        return self.plane.to_scene(places, lift=layer * FRONT)
+
+    def show_rest(self, shown: bool) -> None:
+        """Show or hide the outline of the object at rest."""
+        self.rest.visible = shown
+
+    def face(self, client: viser.ClientHandle) -> None:
+        """Turn one visitor's view back to the front of the picture."""
+        client.camera.up_direction = (0.0, 1.0, 0.0)
+        client.camera.look_at = (0.0, 0.0, 0.0)
+        client.camera.position = (0.0, 0.0, self.far)
+
+    def on_drag(self, act: Act) -> None:
+        """Call ``act`` with every drag of the picture.
+
+        viser delivers about 20 updates a second of a drag on a node, and an end when its tab is closed.
+        """
+
+        @self.picture.on_drag("left")
+        async def _(event: viser.SceneNodeDragEvent) -> None:  # async: phases arrive in their order
+            eye = tuple(event.client.camera.position)
+            try:
+                press = FlatPull(self.plane.to_pixels(event.start_position, eye=eye))
+                pointer = self.plane.to_pixels(event.end_position, eye=eye)
+            except ValueError:
+                act(event.phase, None, np.full(2, np.nan), event.client_id)
+            else:
+                act(event.phase, press, pointer, event.client_id)
+
+    def on_look(self, act: Callable[[], None]) -> None:
+        """One picture suits everyone."""
+
+    @property
+    def far(self) -> float:
+        """Distance from which the whole picture is seen."""
+        return 0.62 * max(self.size) / float(np.tan(0.5 * FOV))
+
+    def _place_camera(self) -> None:
+        camera = self.server.initial_camera
+        camera.position, camera.look_at, camera.up = (0.0, 0.0, self.far), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0)
+        camera.fov = FOV

@@ -1,0 +1,183 @@
+"use strict";
+// The Gaussians of the decoder, drawn with WebGL2 by the image model of lagsplat/splat/image_model.py. What a Gaussian
+// is at a state, its place and its presence, is worked out on the graphics card from a texture of its constants. How it is
+// seen, `FLATTEN`, is told by the view: page/plane.js or page/space.js.
+
+const VERTEX = `#version 300 es
+precision highp float;
+uniform highp sampler2D constants;
+uniform float q[LATENTS];
+uniform vec2 size;      // of the drawn picture [px]
+uniform vec2 stretch;   // drawn pixels a pixel of the training resolution
+in uint which;
+out vec2 away;
+flat out vec3 conic;
+flat out vec4 paint;    // colour, opacity
+float number(int k, int i) {
+  int at = k * ROW + i / 4;
+  return texelFetch(constants, ivec2(at % WIDE, at / WIDE), 0)[i % 4];
+}
+FLATTEN
+void main() {
+  int k = int(which);
+  float place[SPACE];
+  for (int c = 0; c < SPACE; c++) {
+    place[c] = number(k, c);
+    for (int i = 0; i < LATENTS; i++) place[c] += q[i] * number(k, SPACE + c * LATENTS + i);
+  }
+  float squares = 0.0;
+  for (int i = 0; i < LATENTS; i++) {
+    float w = -number(k, SPACE + SPACE * LATENTS + i);
+    for (int j = 0; j <= LATENTS - 1; j++) w += q[j] * number(k, SPACE + (SPACE + 1 + i) * LATENTS + j);
+    squares += w * w;
+  }
+  float opacity = number(k, REST) * exp(-0.5 * squares);
+  paint = vec4(number(k, REST + 1), number(k, REST + 2), number(k, REST + 3), opacity);
+  vec2 middle;
+  vec3 covariance;
+  bool drawn = flatten(k, place, middle, covariance);
+  covariance *= vec3(stretch.x * stretch.x, stretch.x * stretch.y, stretch.y * stretch.y);
+  float xx = covariance.x + 0.3, xy = covariance.y, yy = covariance.z + 0.3;
+  float determinant = xx * yy - xy * xy;
+  conic = vec3(yy, -xy, xx) / determinant;
+  if (!drawn || !(opacity >= 1.0 / 255.0) || !(determinant > 0.0)) {
+    gl_Position = vec4(2.0, 2.0, 2.0, 1.0);
+    return;
+  }
+  vec2 corner = vec2(gl_VertexID & 1, gl_VertexID >> 1) * 2.0 - 1.0;
+  away = corner * (sqrt(2.0 * log(255.0 * opacity) * vec2(xx, yy)) + 1.0);
+  vec2 at = (middle * stretch + away) / size * 2.0 - 1.0;
+  gl_Position = vec4(at.x, -at.y, 0.0, 1.0);
+}`;
+
+const FRAGMENT = `#version 300 es
+precision highp float;
+in vec2 away;
+flat in vec3 conic;
+flat in vec4 paint;
+out vec4 color;
+void main() {
+  float sigma = 0.5 * (conic.x * away.x * away.x + 2.0 * conic.y * away.x * away.y + conic.z * away.y * away.y);
+  float alpha = min(0.999, paint.a * exp(-sigma));
+  if (alpha < 1.0 / 255.0) discard;
+  color = vec4(paint.rgb * alpha, alpha);
+}`;
+
+const COPY_VERTEX = `#version 300 es
+out vec2 at;
+void main() {
+  at = vec2(gl_VertexID & 1, gl_VertexID >> 1);
+  gl_Position = vec4(at * 2.0 - 1.0, 0.0, 1.0);
+}`;
+
+const COPY_FRAGMENT = `#version 300 es
+precision highp float;
+uniform sampler2D drawn;
+in vec2 at;
+out vec4 color;
+void main() { color = vec4(clamp(texture(drawn, at).rgb, 0.0, 1.0), 1.0); }`;
+
+const WIDE = 2048;
+
+class Splats {
+  /** `constants` holds for each of `count` Gaussians what `lagsplat/viewer/static_page/build.py` packs, in rows of 4 numbers; `view`
+   * tells in which order they are drawn, and where and how each is seen. */
+  constructor(canvas, { constants, count, d, space, background, height, width }, view) {
+    const gl = canvas.getContext("webgl2", { antialias: false, alpha: false, preserveDrawingBuffer: true });
+    if (!gl) throw new Error("This browser draws no WebGL2, which this page needs. A current Firefox, Chrome, Edge or "
+      + "Safari does; in a remote or virtual desktop, hardware acceleration may be switched off.");
+    Object.assign(this, { gl, canvas, count, background, height, width, view });
+    const row = view.matter.row / 4;
+    const numbers = { LATENTS: d, SPACE: space, REST: view.matter.rest, ROW: row, WIDE };
+    const names = Object.entries(numbers).map(([name, number]) => `#define ${name} ${number}\n`).join("");
+    this.program = this.build(VERTEX.replace("precision", names + "precision").replace("FLATTEN", view.shader), FRAGMENT);
+    this.copy = this.build(COPY_VERTEX, COPY_FRAGMENT);
+    const rows = Math.ceil((count * row) / WIDE);
+    const table = new Float32Array(rows * WIDE * 4);
+    table.set(constants);
+    this.table = this.texture(gl.RGBA32F, WIDE, rows, gl.FLOAT, table);
+    // many faint layers add up: eight bits a layer would show
+    this.precise = gl.getExtension("EXT_color_buffer_float") !== null;
+    this.nothing = gl.createVertexArray();
+    this.ordered = this.numbered();
+    this.resize(Math.max(width, height));
+  }
+  build(vertex, fragment) {
+    const { gl } = this;
+    const program = gl.createProgram();
+    for (const [kind, text] of [[gl.VERTEX_SHADER, vertex], [gl.FRAGMENT_SHADER, fragment]]) {
+      const shader = gl.createShader(kind);
+      gl.shaderSource(shader, text);
+      gl.compileShader(shader);
+      if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS)) throw new Error(gl.getShaderInfoLog(shader));
+      gl.attachShader(program, shader);
+    }
+    gl.linkProgram(program);
+    if (!gl.getProgramParameter(program, gl.LINK_STATUS)) throw new Error(gl.getProgramInfoLog(program));
+    return program;
+  }
+  /** One number for each drawn Gaussian: which it is. */
+  numbered() {
+    const { gl } = this;
+    const which = gl.getAttribLocation(this.program, "which");
+    const array = gl.createVertexArray();
+    gl.bindVertexArray(array);
+    gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
+    gl.enableVertexAttribArray(which);
+    gl.vertexAttribIPointer(which, 1, gl.UNSIGNED_INT, 0, 0);
+    gl.vertexAttribDivisor(which, 1);
+    return array;
+  }
+  texture(format, width, height, type, data, filter = this.gl.NEAREST) {
+    const { gl } = this;
+    const texture = gl.createTexture();
+    gl.bindTexture(gl.TEXTURE_2D, texture);
+    gl.texImage2D(gl.TEXTURE_2D, 0, format, width, height, 0, gl.RGBA, type, data);
+    for (const key of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, key, filter);
+    for (const key of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) gl.texParameteri(gl.TEXTURE_2D, key, gl.CLAMP_TO_EDGE);
+    return texture;
+  }
+  /** Draw with `side` pixels along the longer side, from the next picture on: a resized canvas is blank till then. */
+  resize(side) {
+    this.side = side;
+  }
+  prepare(side) {
+    const { gl, canvas } = this;
+    this.prepared = side;
+    const stretch = side / Math.max(this.width, this.height);
+    canvas.width = Math.round(this.width * stretch);
+    canvas.height = Math.round(this.height * stretch);
+    if (this.layer) gl.deleteTexture(this.layer);
+    const kind = this.precise ? [gl.RGBA16F, gl.HALF_FLOAT] : [gl.RGBA8, gl.UNSIGNED_BYTE];
+    this.layer = this.texture(kind[0], canvas.width, canvas.height, kind[1], null, gl.LINEAR);
+    this.target = this.target || gl.createFramebuffer();
+    gl.bindFramebuffer(gl.FRAMEBUFFER, this.target);
+    gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, this.layer, 0);
+  }
+  draw(q) {
+    const { gl, canvas, program } = this;
+    if (this.side !== this.prepared) this.prepare(this.side);
+    const place = (name) => gl.getUniformLocation(program, name);
+    gl.bindVertexArray(this.ordered);
+    gl.bufferData(gl.ARRAY_BUFFER, this.view.order(q), gl.DYNAMIC_DRAW);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, this.target);
+    gl.viewport(0, 0, canvas.width, canvas.height);
+    gl.clearColor(...this.background, 1);
+    gl.clear(gl.COLOR_BUFFER_BIT);
+    gl.useProgram(program);
+    gl.bindTexture(gl.TEXTURE_2D, this.table);
+    gl.uniform1fv(place("q"), q);
+    gl.uniform2f(place("size"), canvas.width, canvas.height);
+    gl.uniform2f(place("stretch"), canvas.width / this.width, canvas.height / this.height);
+    this.view.tell(gl, place);
+    gl.enable(gl.BLEND);
+    gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
+    gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, this.count);
+    gl.disable(gl.BLEND);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+    gl.bindVertexArray(this.nothing);
+    gl.useProgram(this.copy);
+    gl.bindTexture(gl.TEXTURE_2D, this.layer);
+    gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
+  }
+}

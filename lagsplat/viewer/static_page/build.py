@@ -1,0 +1,210 @@
+"""A run to be pushed as one page that needs no server and no network.
+
+What a page needs of a run, as plain data: the law's numbers, the Gaussians, and where a session begins.
+"""
+
+import base64
+import html
+import json
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Float32
+from jinja2 import Template
+
+from lagsplat.forces.batched_lagrangian import Single, convex_arrays, field_arrays, stepper
+from lagsplat.io.files.atomic import write_text
+from lagsplat.viewer.rendering.overlays import PRESENT, Field, moving, rest_outline
+from lagsplat.viewer.simulation.history import Recorded
+from lagsplat.viewer.simulation.session import Session
+
+MECHANICS = ("law.js", "hand.js", "plane.js", "depth.js", "space.js", "session.js")
+"""What needs no browser."""
+SCRIPTS = (*MECHANICS, "splats.js", "chart.js", "pointer.js", "app.js")
+LARGEST_BYTES = 15_000_000
+
+
+def page_part(name: str) -> str:
+    """A file of ``lagsplat/viewer/static_page/assets``."""
+    return files("lagsplat.viewer.static_page").joinpath("assets", name).read_text(encoding="utf-8")
+
+
+def render_page(session: Session, *, title: str, subtitle: str) -> str:
+    """The whole page.
+
+    Raises:
+        ValueError: as `page_data`.
+    """
+    # in a script element only "</" could end it early
+    run = json.dumps(page_data(session), allow_nan=False, separators=(",", ":")).replace("</", "<\\/")
+    return Template(page_part("index.html")).render(
+        title=html.escape(title),
+        subtitle=html.escape(subtitle),
+        style=page_part("style.css"),
+        script="\n".join(page_part(name) for name in SCRIPTS),
+        space=session.held.kinematics.space,
+        run=run,
+    )
+
+
+def save_page(path: Path, session: Session, *, title: str, subtitle: str) -> None:
+    """Write the page to ``path``, whole or not at all.
+
+    Raises:
+        ValueError: as `page_data`, or a page beyond what mail and phones take.
+    """
+    page = render_page(session, title=title, subtitle=subtitle)
+    size = len(page.encode())
+    if size > LARGEST_BYTES:
+        raise ValueError(
+            f"{path}: the page would have {size / 1e6:.1f} MB and at most {LARGEST_BYTES / 1e6:.0f} are "
+            "written; train fewer Gaussians for a page"
+        )
+    write_text(path, page)
+
+
+FRAMES = 3600
+"""Recorded frames that a page carries at most."""
+TEXEL = 4
+SWING = 2.0
+"""Cells that the fastest recorded motion is drawn long."""
+
+
+def page_data(session: Session) -> dict[str, Any]:
+    """The run of a session, ready for JSON.
+
+    Raises:
+        ValueError: the law's mass is induced by the decoder, which pages do not compute.
+    """
+    held, recorded = session.held, session.recorded
+    law = stepper(held.law)
+    if not isinstance(law, Single):
+        raise ValueError(
+            "the mass of this run is induced by its decoder: a page does not compute that; export a run "
+            "whose mass is learned or constant, or push this one with lagsplat view"
+        )
+    return {
+        "d": held.law.d,
+        "dt": session.dt_s,
+        "rest": held.rest.tolist(),
+        "reach": held.reach,
+        "divergence": session.config.divergence,
+        "gain": session.touch.gain,
+        "brush": session.touch.radius_px,
+        "law": law_data(law),
+        "splats": _splats(session),
+        "coverage": {
+            "points": session.coverage.points.tolist(),
+            "root": session.coverage.root.tolist(),
+            "radius": session.coverage.radius,
+        },
+        "inputs": _inputs(session),
+        "recorded": _recorded(recorded),
+        "outline": [np.round(line, 2).tolist() for line in rest_outline(held)],
+        "field": _field(session),
+    }
+
+
+def law_data(law: Single) -> dict[str, Any]:
+    """Every number of a law, under the names of ``page/law.js``."""
+    names = ("inner", "innerBias", "outer", "outerBias")
+    blocks = [dict(zip(names, (part.tolist() for part in block), strict=True)) for block in law.blocks]
+    return {
+        "unit": law.unit_s,
+        # JSON has no infinity
+        "longestStep": min(law.longest_step, 1e300),
+        "signed": law.signed,
+        "blocks": blocks,
+        "stiffness": law.stiffness.tolist(),
+        "restImage": law.rest_image.tolist(),
+        "restSlope": law.rest_slope.tolist(),
+        "pressureMap": law.pressure_map.tolist(),
+        "curvature": None if law.curvature is None else law.curvature.tolist(),
+        "convex": convex_arrays(law.convex),
+        "volume": convex_arrays(law.volume),
+        "mass": field_arrays(law.mass),
+        "damping": field_arrays(law.damping),
+    }
+
+
+def constants_of(session: Session) -> Float32[np.ndarray, "K row"]:
+    """Of every Gaussian, in whitened coordinates and pixels of the training resolution: place at ``q = 0``,
+    Jacobian of x, of y and, in space, of z, offset and factor of the gate, opacity, colour, covariance;
+    filled up to whole texels.
+    """
+    kinematics, gaussians = session.held.kinematics, session.held.autoencoder.gaussians
+    geometry = kinematics.geometry
+    with torch.no_grad():
+        color, covariance = gaussians.color_logit.sigmoid().cpu(), gaussians.covariance().cpu()
+    latent = geometry.center[..., None]
+    parts = [
+        kinematics.center - (geometry.jacobian @ latent)[..., 0],
+        geometry.jacobian.flatten(1),
+        (geometry.precision_factor @ latent)[..., 0],
+        geometry.precision_factor.flatten(1),
+        geometry.opacity[:, None],
+        color.double(),
+        covariance.double(),
+    ]
+    table = torch.cat(parts, 1).float().numpy()
+    return np.pad(table, ((0, 0), (0, -table.shape[1] % TEXEL)))
+
+
+def _splats(session: Session) -> dict[str, Any]:
+    kinematics = session.held.kinematics
+    table = constants_of(session)
+    with torch.no_grad():
+        background = session.held.autoencoder.gaussians.background().cpu().tolist()
+    return {
+        "constants": base64.b64encode(table.astype("<f4").tobytes()).decode(),
+        "count": len(table),
+        "d": kinematics.d,
+        "space": kinematics.space,
+        "camera": None if kinematics.space == 2 else _camera(session),
+        "background": background,
+        "height": kinematics.height,
+        "width": kinematics.width,
+    }
+
+
+def _camera(session: Session) -> dict[str, Any]:
+    """Of the film, where Gaussians live in space; which of them can be dragged, for beside them a drag turns
+    the view; and how far ahead these are, by their median at rest.
+    """
+    held, moves = session.held, moving(session.held.kinematics)
+    shown = moves & (held.kinematics.presence(held.rest[None])[0].numpy() > PRESENT)
+    depth = held.kinematics.places(held.rest[None])[0, :, 2].numpy()
+    return {
+        "lens": held.autoencoder.lens,
+        "moves": np.flatnonzero(moves).tolist(),
+        "depth": float(np.median(depth[shown if shown.any() else moves])),
+    }
+
+
+def _inputs(session: Session) -> dict[str, Any]:
+    recorded, mean = session.recorded, session.held.u.numpy()
+    stacked = np.concatenate([recorded.u, mean[None]])
+    return {
+        "names": list(recorded.names),
+        "units": list(recorded.units),
+        "mean": mean.tolist(),
+        "low": stacked.min(0).tolist(),
+        "high": stacked.max(0).tolist(),
+    }
+
+
+def _recorded(recorded: Recorded) -> dict[str, Any]:
+    start, stop = max(recorded.segments, key=lambda clip: clip[1] - clip[0])
+    kept = slice(start, min(stop, start + FRAMES))
+    columns = {"states": recorded.q[kept], "rates": recorded.v[kept], "rows": recorded.u[kept]}
+    return {name: np.round(values, 6).tolist() for name, values in columns.items()}
+
+
+def _field(session: Session) -> dict[str, Any]:
+    field = Field(session.held)
+    swing = np.abs(session.recorded.v).max(0)
+    fastest = float(np.linalg.norm(field.along(swing), axis=1).max(initial=1e-12))
+    return {"chosen": field.chosen.tolist(), "scale": SWING * field.cell / fastest}
