@@ -10,7 +10,7 @@ export MKL_NUM_THREADS ?= 1
 # A waiting thread sleeps: one that spins takes the core from whoever it waits for.
 export OMP_WAIT_POLICY ?= PASSIVE
 
-.PHONY: krauss physical view test
+.PHONY: krauss physical view test docs
 .DEFAULT_GOAL := krauss
 
 krauss: .venv/.installed
@@ -25,12 +25,17 @@ view: .venv/.installed
 	$(BIN)/snakemake -c$(CORES) $(ROCKER)/dynamics.json
 	$(BIN)/lagsplat view $(ROCKER)
 
+# The documentation as a site, in build/docs; a broken link or docstring is an error.
+docs: .venv/.installed
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+
 test: .venv/.installed
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/snakefmt --check Snakefile workflow
 	$(BIN)/snakemake --lint
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 	@$(BIN)/python -m pytest tests/browser  # alone: a browser that draws in software takes all cores
 	@$(BIN)/python -m pytest -n $(CORES) --dist loadfile --ignore=tests/browser
 
