@@ -79,3 +79,15 @@ def test_the_glossary_explains_the_terms() -> None:
         assert " ".join(term.split()) in titles, f"the glossary lacks {term.strip()}"
     for verdict in ("none", "unknown", "undetermined"):
         assert f"*{verdict}*" in page
+
+
+def test_the_walks_are_short_and_each_file_belongs_to_its_walk() -> None:
+    page = (ROOT / "docs" / "architecture.md").read_text()
+    walks = [re.findall(r"^\d+\. `(.+?)`", part, flags=re.MULTILINE) for part in page.split("## Walk ")[1:]]
+    assert len(walks) == 2
+    for walk in walks:
+        assert len(walk) <= 12
+        sources = [(ROOT / file).read_text() for file in walk]
+        for file in walk[1:-1]:
+            module = file.removesuffix(".py").replace("/", ".")
+            assert any(module in source for source in sources), f"no file of the walk imports {file}"
