@@ -2,13 +2,26 @@ from dataclasses import asdict, is_dataclass
 from operator import attrgetter
 from pathlib import Path
 
-from lagsplat.config.compose.compose import ConfigError, options
-from lagsplat.planning.plan.job import hold
-from lagsplat.planning.plan.lineage import lineage
-from lagsplat.planning.plan.plan import compose_for, files_of, planned_baselines, planned_extrapolations, planned_masses, planned_runs, read_overrides, script_digest, shared_experiment, weights_of
+from lagsplat.config.compose import ConfigError, options
+from lagsplat.planning.job import hold
+from lagsplat.planning.lineage import lineage
+from lagsplat.planning.plan import (
+    SUFFIX,
+    compose_for,
+    files_of,
+    files_of_rig,
+    planned_baselines,
+    planned_extrapolations,
+    planned_masses,
+    planned_runs,
+    planned_spatial,
+    read_overrides,
+    script_digest,
+    shared_experiment,
+    weights_of,
+)
 from lagsplat.provenance import let_waiting_threads_sleep
-from lagsplat.report.tables.benchmark.benchmark import METHODS
-from lagsplat.planning.plan.plan import SUFFIX, files_of_rig, planned_spatial
+from lagsplat.report.tables.benchmark import METHODS
 
 let_waiting_threads_sleep()  # the jobs inherit it
 
