@@ -20,9 +20,9 @@ API = {
     "diagnosis": ("diagnose", "report"),
     "other": (),
 }
-"""Rooms whose public names a page describes; the last page gets the names of all other rooms."""
+"""Folders whose public names a page describes; the last page gets the names of all other folders."""
 BY_NAME = {"view": "pushing", "push": "pushing", "export_page": "pushing", "evaluate": "models"}
-"""Pages of names that live in rooms such as `pipelines`, which serve several pages."""
+"""Pages of names that live in folders such as `pipelines`, which serve several pages."""
 
 
 def fill(markdown: str) -> str:
@@ -52,12 +52,12 @@ def _text(node: ast.expr | None) -> str:
 
 def page_of(name: str, module: str) -> str:
     """The page of the reference on which a public name is described."""
-    room = module.split(".")[1]
+    folder = module.split(".")[1]
     if name in BY_NAME:
         return BY_NAME[name]
     if "diagnos" in name or "diagnos" in module:
         return "diagnosis"
-    return next((page for page, rooms in API.items() if room in rooms), "other")
+    return next((page for page, folders in API.items() if folder in folders), "other")
 
 
 def _api(page: str) -> str:
