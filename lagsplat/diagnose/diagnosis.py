@@ -7,17 +7,23 @@ from typing import Any
 
 from lagsplat.diagnose.core.config import DiagnoseConfig
 from lagsplat.diagnose.core.result import Candidate, Diagnosis
-from lagsplat.diagnose.effects.base import Instance, Noise
+from lagsplat.diagnose.effects.base import PlacedEffect, SampleEffect
 from lagsplat.diagnose.identification.estimated_simulator import Sim
-from lagsplat.diagnose.inference.evidence import Explained
-from lagsplat.diagnose.inference.holdout import Held, close_alone, hold_out
-from lagsplat.diagnose.inference.model_selection import Effort, Ranking, rank
-from lagsplat.diagnose.inference.placement import instances, sought
-from lagsplat.diagnose.inference.plausibility import doubt
-from lagsplat.diagnose.inference.posterior import Judgement, combine, denied, judge, swing
-from lagsplat.diagnose.inference.problem import Contest, stand
-from lagsplat.diagnose.inference.profile_likelihood import parameters
-from lagsplat.diagnose.inference.robustness import fragility, widened
+from lagsplat.diagnose.inference.evidence import HypothesisFit
+from lagsplat.diagnose.inference.holdout import HoldoutForecasts, estimate_single_closure, forecast_holdout
+from lagsplat.diagnose.inference.model_selection import ModelRanking, SearchBudget, rank_hypotheses
+from lagsplat.diagnose.inference.placement import find_hints, place_effects
+from lagsplat.diagnose.inference.plausibility import assess_implausibility
+from lagsplat.diagnose.inference.posterior import (
+    Judgement,
+    combine_effects,
+    judge_hypotheses,
+    motionless_misfit,
+    reject_effect,
+)
+from lagsplat.diagnose.inference.problem import EstimationProblem, build_problem
+from lagsplat.diagnose.inference.profile_likelihood import estimate_parameters
+from lagsplat.diagnose.inference.robustness import check_robustness, inflate_noise
 from lagsplat.diagnose.mechanics.model import Model
 from lagsplat.io.trajectory.trajectory import Motion
 
@@ -32,13 +38,13 @@ CLOSED = 4
 
 
 @dataclass(frozen=True)
-class Found:
+class DiagnosisRun:
     """A diagnosis, with the bench it was made on, all that was fitted and the fit it chose."""
 
     diagnosis: Diagnosis
-    contest: Contest
-    ranking: Ranking
-    chosen: Explained
+    contest: EstimationProblem
+    ranking: ModelRanking
+    chosen: HypothesisFit
 
 
 def diagnose(
@@ -48,7 +54,7 @@ def diagnose(
     *,
     null: float = 0.0,
     tell: Callable[[str], None] = lambda name: None,
-) -> Found:
+) -> DiagnosisRun:
     """Why ``sim`` and the motions ``real`` disagree; ``tell`` hears the name of every effect that is tried.
 
     ``null`` is what effects gain by the sim's own errors [nat], and must gain more (`null_evidence`).
@@ -56,66 +62,66 @@ def diagnose(
     Raises:
         ValueError: the motions are too short for a single window.
     """
-    contest, ready, natural = stand(sim, real, config)
-    hints = sought(sim.model, real, period_s=natural.longest_s, hold=config.input_hold)
+    contest, ready, natural = build_problem(sim, real, config)
+    hints = find_hints(sim.model, real, period_s=natural.longest_s, hold=config.input_hold)
     q_names, u_names = real[0].q_names, real[0].u_names
-    offers = instances(contest.bench, hints, q_names=q_names, u_names=u_names, without=config.without)
-    effort = Effort.of(config, nominal=max(1.0, sim.misfit), null=null)
-    ranking, chain = _tried(contest, offers, effort, config, tell)
-    wider = widened(contest, effort, chain[-1] if chain else ranking.none)
+    offers = place_effects(contest.bench, hints, q_names=q_names, u_names=u_names, without=config.without)
+    effort = SearchBudget.of(config, nominal=max(1.0, sim.misfit), null=null)
+    ranking, chain = _search_effects(contest, offers, effort, config, tell)
+    wider = inflate_noise(contest, effort, chain[-1] if chain else ranking.none)
     if wider is not None:
         contest, effort = wider
-        ranking, chain = _tried(contest, offers, effort, config, tell)
-    doubts = partial(doubt, contest, ranking, nominal=effort.nominal)
-    judgement = judge(
-        ranking, chain, contest.freedom, effort.nominal, config, most=swing(contest), doubt=doubts
+        ranking, chain = _search_effects(contest, offers, effort, config, tell)
+    doubts = partial(assess_implausibility, contest, ranking, nominal=effort.nominal)
+    judgement = judge_hypotheses(
+        ranking, chain, contest.freedom, effort.nominal, config, most=motionless_misfit(contest), doubt=doubts
     )
     best = judgement.best
     chosen = best if best is not None and judgement.verdict == "effect" else ranking.none
-    held, warnings = _held(contest, ranking, chosen, natural.longest_s, (sim.given or sim).model)
+    held, warnings = _forecast_holdout(contest, ranking, chosen, natural.longest_s, (sim.given or sim).model)
     bare = ranking.none.fit.misfit / contest.freedom
-    if held is not None and chosen is best and best is not None and _immaterial(held, best, bare, config):
-        judgement, chosen = denied(judgement), ranking.none
+    if held is not None and chosen is best and best is not None and _is_immaterial(held, best, bare, config):
+        judgement, chosen = reject_effect(judgement), ranking.none
     told = {
         "natural_period_s": natural.longest_s,
         "noise": ready.sigma.tolist(),
         "sim_misfit": sim.misfit,
         **({} if sim.given is None else {"sim_misfit_as_given": sim.given.misfit}),
-        **_measures(contest, ranking, chain, judgement),
-        **asdict(fragility(contest, ranking, chain, judgement, offers, effort, config)),
+        **_fit_measures(contest, ranking, chain, judgement),
+        **asdict(check_robustness(contest, ranking, chain, judgement, offers, effort, config)),
     }
     diagnosis = Diagnosis(
         verdict=judgement.verdict,
-        candidates=_candidates(contest, ranking, best, judgement, held, natural.longest_s),
+        candidates=_list_candidates(contest, ranking, best, judgement, held, natural.longest_s),
         combination=tuple(e.effect.name for e in chosen.effects),
         gap=held.gap if held else None,
         where=None,
         equivalent=judgement.equivalent if chosen.effects else (),
         excitation=(),
-        warnings=(*warnings, *_aside(contest)),
+        warnings=(*warnings, *_excluded_windows_warning(contest)),
         absorbed=(),
         blocks=held.blocks if held else (),
         checks=told,
         q_names=q_names,
         u_names=u_names,
     )
-    return Found(diagnosis, contest, ranking, chosen)
+    return DiagnosisRun(diagnosis, contest, ranking, chosen)
 
 
-def _tried(
-    contest: Contest,
-    offers: Sequence[Instance],
-    effort: Effort,
+def _search_effects(
+    contest: EstimationProblem,
+    offers: Sequence[PlacedEffect],
+    effort: SearchBudget,
     config: DiagnoseConfig,
     tell: Callable[[str], None],
-) -> tuple[Ranking, tuple[Explained, ...]]:
+) -> tuple[ModelRanking, tuple[HypothesisFit, ...]]:
     """Every single effect, and the best sets of one to three."""
-    ranking = rank(contest, offers, effort, tell=tell)
-    return ranking, combine(contest, ranking, offers, effort, config, tell=tell)
+    ranking = rank_hypotheses(contest, offers, effort, tell=tell)
+    return ranking, combine_effects(contest, ranking, offers, effort, config, tell=tell)
 
 
-def _measures(
-    contest: Contest, ranking: Ranking, chain: Sequence[Explained], judgement: Judgement
+def _fit_measures(
+    contest: EstimationProblem, ranking: ModelRanking, chain: Sequence[HypothesisFit], judgement: Judgement
 ) -> dict[str, Any]:
     """How well each explanation fits: mean square residuals in units of the noise."""
     best = judgement.best or ranking.none
@@ -134,16 +140,16 @@ def _measures(
     }
 
 
-def _held(
-    contest: Contest, ranking: Ranking, chosen: Explained, period_s: float, given: Model
-) -> tuple[Held | None, list[str]]:
+def _forecast_holdout(
+    contest: EstimationProblem, ranking: ModelRanking, chosen: HypothesisFit, period_s: float, given: Model
+) -> tuple[HoldoutForecasts | None, list[str]]:
     try:
-        return hold_out(contest, ranking.none, chosen, period_s=period_s, given=given), []
+        return forecast_holdout(contest, ranking.none, chosen, period_s=period_s, given=given), []
     except ValueError as error:
         return None, [f"no closure: {error}"]
 
 
-def _aside(contest: Contest) -> list[str]:
+def _excluded_windows_warning(contest: EstimationProblem) -> list[str]:
     """What is said of stretches that the sim cannot know."""
     if not contest.aside:
         return []
@@ -154,7 +160,9 @@ def _aside(contest: Contest) -> list[str]:
     ]
 
 
-def _immaterial(held: Held, best: Explained, misfit: float, config: DiagnoseConfig) -> bool:
+def _is_immaterial(
+    held: HoldoutForecasts, best: HypothesisFit, misfit: float, config: DiagnoseConfig
+) -> bool:
     """Whether what ``best`` takes away is too little of the motion; ``misfit`` is what no effect leaves."""
     gap = held.gap
     if misfit < TOLD and gap.before <= gap.floor:
@@ -166,15 +174,15 @@ def _immaterial(held: Held, best: Explained, misfit: float, config: DiagnoseConf
     )
 
 
-def _candidates(
-    contest: Contest,
-    ranking: Ranking,
-    best: Explained | None,
+def _list_candidates(
+    contest: EstimationProblem,
+    ranking: ModelRanking,
+    best: HypothesisFit | None,
     judgement: Judgement,
-    held: Held | None,
+    held: HoldoutForecasts | None,
     period_s: float,
 ) -> tuple[Candidate, ...]:
-    fits: dict[str, tuple[Explained, Instance]] = {}
+    fits: dict[str, tuple[HypothesisFit, PlacedEffect]] = {}
     for one in ranking.found:
         fits.setdefault(one.effects[-1].effect.name, (one, one.effects[-1]))
     if best is not None:
@@ -186,7 +194,7 @@ def _candidates(
             out.append(Candidate(name, probability))
             continue
         one, instance = fits[name]
-        near = number < CLOSED and held is not None and not isinstance(instance.effect, Noise)
+        near = number < CLOSED and held is not None and not isinstance(instance.effect, SampleEffect)
         out.append(
             Candidate(
                 name,
@@ -194,8 +202,10 @@ def _candidates(
                 coordinate=instance.direction.name if instance.direction else None,
                 input=instance.input_name,
                 places=tuple(str(part.place) for part in instance.parts),
-                parameters=parameters(contest, one, instance, ranking.temper),
-                closure=close_alone(contest, one, held, period_s=period_s) if near and held else None,
+                parameters=estimate_parameters(contest, one, instance, ranking.temper),
+                closure=estimate_single_closure(contest, one, held, period_s=period_s)
+                if near and held
+                else None,
                 log_evidence=one.log_evidence,
                 misfit=one.fit.misfit / contest.freedom,
             )

@@ -19,12 +19,12 @@ from lagsplat.diagnose.effects.actuation import (
 )
 from lagsplat.diagnose.effects.base import (
     UNITS,
-    Force,
-    Instance,
+    ForceEffect,
     LogNormal,
-    Noise,
     Normal,
-    Observation,
+    ObservationEffect,
+    PlacedEffect,
+    SampleEffect,
     Scales,
 )
 from lagsplat.diagnose.effects.dynamics import (
@@ -56,7 +56,7 @@ from lagsplat.diagnose.effects.registry import catalogue
 from lagsplat.diagnose.estimation.dataset import Record, Windows
 from lagsplat.diagnose.estimation.nuisance import Nuisance
 from lagsplat.diagnose.estimation.rollout import Bench
-from lagsplat.diagnose.inference.placement import Hints, instances
+from lagsplat.diagnose.inference.placement import DisturbanceHints, place_effects
 from tests.unit.diagnose.toys import coupled
 
 EFFECTS = {
@@ -93,16 +93,16 @@ def bench() -> Bench:
 WINDOWS = Windows(np.array([0, 30, 50]), np.array([31, 20, 30]))
 
 
-def offers(bench: Bench) -> list[Instance]:
-    hints = [Hints(((0.4, 0.7), (1.1, 1.3)), (0.7, 1.9))] * 2
-    return instances(bench, hints, q_names=("a", "b"), u_names=("left", "right"), without=())
+def offers(bench: Bench) -> list[PlacedEffect]:
+    hints = [DisturbanceHints(((0.4, 0.7), (1.1, 1.3)), (0.7, 1.9))] * 2
+    return place_effects(bench, hints, q_names=("a", "b"), u_names=("left", "right"), without=())
 
 
 def starts(bench: Bench) -> np.ndarray:
     return np.concatenate([bench.record.q, bench.record.v], axis=1)[WINDOWS.first]
 
 
-def usual(one: Instance) -> np.ndarray:
+def usual(one: PlacedEffect) -> np.ndarray:
     """Unknowns of the size that is expected, with the shapes of the first guess."""
     effect = one.effect
     grid = one.grid[0] if one.grid else tuple(p.grid[0] for p in effect.parameters[effect.amplitudes :])
@@ -112,7 +112,7 @@ def usual(one: Instance) -> np.ndarray:
     )
 
 
-def absent(one: Instance) -> np.ndarray:
+def absent(one: PlacedEffect) -> np.ndarray:
     """Unknowns with which the effect is not there."""
     if one.parts:
         return np.concatenate([absent(part) for part in one.parts])
@@ -129,7 +129,7 @@ def absent(one: Instance) -> np.ndarray:
     return x
 
 
-def moved(bench: Bench, one: Instance | None, x: np.ndarray) -> np.ndarray:
+def moved(bench: Bench, one: PlacedEffect | None, x: np.ndarray) -> np.ndarray:
     whole = np.concatenate([x, np.zeros(bench.nuisance.size)])[None]
     return bench.rollouts([one] if one else [], whole, starts(bench)[None], WINDOWS)[0][0]
 
@@ -145,24 +145,24 @@ def test_an_effect_that_is_absent_changes_nothing(bench: Bench, held: bool) -> N
     reference = moved(bench, None, np.zeros(0))
     seen = set()
     for one in offers(bench):
-        if isinstance(one.effect, Noise):
+        if isinstance(one.effect, SampleEffect):
             continue
         seen.add(one.effect.name)
         assert np.abs(moved(bench, one, absent(one)) - reference).max() <= 1e-12, one.label
-    assert seen == {name for name, effect in EFFECTS.items() if not isinstance(effect, Noise)}
+    assert seen == {name for name, effect in EFFECTS.items() if not isinstance(effect, SampleEffect)}
 
 
 def test_an_effect_that_is_there_changes_something(bench: Bench) -> None:
     reference = moved(bench, None, np.zeros(0))
     for one in offers(bench):
-        if not isinstance(one.effect, Noise):
+        if not isinstance(one.effect, SampleEffect):
             assert np.abs(moved(bench, one, usual(one)) - reference).max() > 1e-4, one.label
 
 
 def test_a_window_is_seen_as_it_is_alone(bench: Bench) -> None:
     """Also to its last frame, beside one that is longer."""
     for one in offers(bench):
-        if not isinstance(one.effect, Observation):
+        if not isinstance(one.effect, ObservationEffect):
             continue
         x = usual(one)
         together = moved(bench, one, x)
@@ -176,7 +176,7 @@ def test_a_window_is_seen_as_it_is_alone(bench: Bench) -> None:
 def test_slopes_by_forward_steps_are_central_differences_to_a_part_in_a_hundred(bench: Bench) -> None:
     """The step is the one that shooting takes."""
     for one in offers(bench):
-        if isinstance(one.effect, Noise) or one.effect.name == "external_push":
+        if isinstance(one.effect, SampleEffect) or one.effect.name == "external_push":
             continue  # the prior of the time of a push is as wide as the day; its step is a matter of its own
         x = 0.7 * usual(one) if one.effect.amplitudes else usual(one)
         for i, parameter in enumerate(one.effect.parameters):
@@ -192,17 +192,17 @@ def test_slopes_by_forward_steps_are_central_differences_to_a_part_in_a_hundred(
 def test_a_passive_effect_never_feeds_energy_over_a_closed_cycle(name: str) -> None:
     """From rest around and back to rest, with nothing stored at first."""
     effect = EFFECTS[name]
-    assert isinstance(effect, Force)
+    assert isinstance(effect, ForceEffect)
     rng = np.random.default_rng(5)
     for variant in effect.variants:
         for _ in range(4):
             x = [max(rng.normal(p.prior.mean, p.prior.deviation), p.prior.lowest) for p in effect.parameters]
-            physical = Instance(effect, UNIT).physical(np.array([x]))[0]
+            physical = PlacedEffect(effect, UNIT).physical(np.array([x]))[0]
             theta = np.concatenate([physical, effect.constants(UNIT, variant)])
             assert work(effect, theta, rng.normal(0.0, 0.4, 3), rng.uniform(1.0, 3.0)) <= 1e-5, (name, theta)
 
 
-def work(effect: Force, theta: np.ndarray, size: np.ndarray, drive: float) -> float:
+def work(effect: ForceEffect, theta: np.ndarray, size: np.ndarray, drive: float) -> float:
     """Of the effect on a motion of three harmonics, with a spring and a drive for load."""
     turns = np.array([1.0, 2.0, 3.0])
 
@@ -253,7 +253,7 @@ def test_priors_are_densities_and_parameters_come_back(name: str) -> None:
 def test_shapes_have_guesses_and_amplitudes_have_none(name: str) -> None:
     effect = EFFECTS[name]
     assert all(not p.grid for p in effect.parameters[: effect.amplitudes])
-    if not isinstance(effect, Noise) and name != "load_dependent_friction":
+    if not isinstance(effect, SampleEffect) and name != "load_dependent_friction":
         assert all(p.grid for p in effect.parameters[effect.amplitudes :])
     assert effect.equation
     assert effect.needs

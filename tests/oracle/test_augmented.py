@@ -9,9 +9,15 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from lagsplat.cli.main import main
-from lagsplat.diagnose.augmented.model import Augmented, bare, grafted, load_augmented, save_augmented
-from lagsplat.diagnose.augmented.simulate import Drive, play
-from lagsplat.diagnose.effects.base import Direction, Instance, Scales
+from lagsplat.diagnose.augmented.model import (
+    AugmentedSimulator,
+    load_augmented,
+    save_augmented,
+    transfer_effects,
+    wrap_without_effects,
+)
+from lagsplat.diagnose.augmented.simulate import AppliedSignals, simulate_augmented
+from lagsplat.diagnose.effects.base import Direction, PlacedEffect, Scales
 from lagsplat.diagnose.effects.registry import catalogue
 from lagsplat.diagnose.estimation.dataset import Region
 from lagsplat.diagnose.estimation.nuisance import Nuisance
@@ -19,7 +25,7 @@ from lagsplat.diagnose.mechanics.basis import polynomial
 from lagsplat.diagnose.mechanics.model import Model
 from lagsplat.io.files.artifact import read_header
 from lagsplat.io.files.json_files import save_json
-from lagsplat.pipelines.apply_diagnosis import apply
+from lagsplat.pipelines.apply_diagnosis import apply_diagnosis
 
 STIFF, DAMPED, GAIN = 40.0, 0.4, 12.0
 SCALES = Scales(coordinate=0.5, velocity=3.0, reach=1.0, frame_s=0.01, duration_s=10.0)
@@ -41,10 +47,10 @@ def oscillator() -> Model:
     )
 
 
-def sim(*effects: tuple[str, list[float]], model: Model | None = None) -> Augmented:
+def sim(*effects: tuple[str, list[float]], model: Model | None = None) -> AugmentedSimulator:
     """The oscillator with effects of the catalogue and their unknowns."""
     region = Region(*(np.zeros((3, 1)) for _ in range(3)))
-    one = bare(
+    one = wrap_without_effects(
         model or oscillator(),
         held=False,
         step_s=0.002,
@@ -56,20 +62,20 @@ def sim(*effects: tuple[str, list[float]], model: Model | None = None) -> Augmen
     along = Direction("q0", np.ones(1), 1.0)
     known = catalogue()
     placed = tuple(
-        Instance(known[name], SCALES, direction=along, channel=0 if name.startswith("input") else None)
+        PlacedEffect(known[name], SCALES, direction=along, channel=0 if name.startswith("input") else None)
         for name, _ in effects
     )
     return replace(one, effects=placed, x=np.concatenate([*(x for _, x in effects), one.x]))
 
 
-def uneven() -> Drive:
+def uneven() -> AppliedSignals:
     rng = np.random.default_rng(0)
     time = np.cumsum(rng.uniform(0.002, 0.03, 250))
-    return Drive(time, np.sin(9.0 * time)[:, None])
+    return AppliedSignals(time, np.sin(9.0 * time)[:, None])
 
 
 def reference(
-    drive: Drive, *, held: bool, start: tuple[float, float], extra=lambda t, q, v: 0.0
+    drive: AppliedSignals, *, held: bool, start: tuple[float, float], extra=lambda t, q, v: 0.0
 ) -> np.ndarray:
     """Interval by interval, so that no step of the solver straddles a kink of the input."""
     u, state, out = drive.u[:, 0], list(start), [start[0]]
@@ -87,7 +93,7 @@ def reference(
 @pytest.mark.parametrize("held", [False, True])
 def test_a_bare_sim_moves_as_scipy_says(held: bool) -> None:
     drive = uneven()
-    q, v = play(sim(), drive, q=np.array([0.3]), v=np.array([-1.0]), held=held)
+    q, v = simulate_augmented(sim(), drive, q=np.array([0.3]), v=np.array([-1.0]), held=held)
     np.testing.assert_allclose(q[:, 0], reference(drive, held=held, start=(0.3, -1.0)), atol=2e-6)
     np.testing.assert_allclose(v[0], [-1.0])
 
@@ -99,7 +105,7 @@ def test_an_effect_moves_as_its_equation_says() -> None:
         ("coulomb_friction", [acceleration / SCALES.of("acceleration")]),
         ("cubic_stiffness", [coefficient / SCALES.of("cubic")]),
     )
-    q, _ = play(one, drive, q=np.array([0.5]))
+    q, _ = simulate_augmented(one, drive, q=np.array([0.5]))
     width = 0.02 * SCALES.velocity
 
     def extra(t: float, q: float, v: float) -> float:
@@ -111,7 +117,7 @@ def test_an_effect_moves_as_its_equation_says() -> None:
     assert one.parameters(1) == {"coefficient": pytest.approx(coefficient)}
 
 
-def moved() -> Augmented:
+def moved() -> AugmentedSimulator:
     """With effects of every kind and with uncertainties that a diagnosis has moved."""
     one = sim(
         ("input_delay", [0.3]), ("coulomb_friction", [0.1]), ("creep", [0.2, 0.1]), ("time_offset", [-0.1])
@@ -126,9 +132,9 @@ def test_a_file_gives_the_same_sim_again(tmp_path: Path) -> None:
     one, drive = moved(), uneven()
     save_augmented(tmp_path / "a.safetensors", one, {"config": 1})
     read = load_augmented(tmp_path / "a.safetensors")
-    for a, b in zip(play(one, drive), play(read, drive), strict=True):
+    for a, b in zip(simulate_augmented(one, drive), simulate_augmented(read, drive), strict=True):
         np.testing.assert_array_equal(a, b)
-    assert np.ptp(play(one, drive)[0]) > 0.1
+    assert np.ptp(simulate_augmented(one, drive)[0]) > 0.1
     header = read_header(tmp_path / "a.safetensors", kind="augmented")
     assert header["augmented"]["effects"][0]["parameters"] == {
         "delay": pytest.approx(np.exp(0.3) * 0.5 / 3.0)
@@ -140,16 +146,23 @@ def test_a_push_is_an_acceleration_and_no_effect_touches_it() -> None:
     push = np.where(drive.time_s > 1.0, 3.0, 0.0)[:, None]
     steady = sim(("constant_force", [1.5 / SCALES.of("acceleration")]))
     np.testing.assert_allclose(
-        play(sim(), replace(drive, push=np.full_like(drive.u, 1.5)))[0], play(steady, drive)[0], atol=1e-9
+        simulate_augmented(sim(), replace(drive, push=np.full_like(drive.u, 1.5)))[0],
+        simulate_augmented(steady, drive)[0],
+        atol=1e-9,
     )
     np.testing.assert_allclose(
-        play(moved(), replace(drive, push=0.0 * push))[0], play(moved(), drive)[0], rtol=0.0, atol=1e-12
+        simulate_augmented(moved(), replace(drive, push=0.0 * push))[0],
+        simulate_augmented(moved(), drive)[0],
+        rtol=0.0,
+        atol=1e-12,
     )
     # the delayed inputs come late, the push does not
     quiet = replace(drive, u=0.0 * drive.u)
     late = sim(("input_delay", [3.0]), ("time_offset", [1.0]))
     np.testing.assert_allclose(
-        play(late, replace(quiet, push=push))[0], play(sim(), replace(quiet, push=push))[0], atol=1e-12
+        simulate_augmented(late, replace(quiet, push=push))[0],
+        simulate_augmented(sim(), replace(quiet, push=push))[0],
+        atol=1e-12,
     )
 
 
@@ -161,15 +174,18 @@ def test_what_feeds_energy_is_not_bounded() -> None:
 
 def test_effects_are_grafted_on_another_sim() -> None:
     heavier = replace(oscillator(), mass=np.full((1, 1, 1), 2.0))
-    one = grafted(moved(), heavier)
+    one = transfer_effects(moved(), heavier)
     assert one.effects[1].direction is not None
     assert one.effects[1].direction.inertia == pytest.approx(2.0)
     bare_moved = replace(moved(), effects=(), x=np.zeros(6))
-    assert np.abs(play(one, uneven())[0] - play(bare_moved, uneven())[0]).max() > 0.01
+    assert (
+        np.abs(simulate_augmented(one, uneven())[0] - simulate_augmented(bare_moved, uneven())[0]).max()
+        > 0.01
+    )
     assert one.parameters(1) == moved().parameters(1)
     doubled = replace(oscillator(), input_map=np.ones((1, 2, 1)))
     with pytest.raises(ValueError, match="1 input"):
-        grafted(moved(), doubled)
+        transfer_effects(moved(), doubled)
 
 
 def test_the_command_line_simulates_and_applies(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -182,7 +198,7 @@ def test_the_command_line_simulates_and_applies(tmp_path: Path, capsys: pytest.C
     assert main([*words, "input_hold=zoh"]) == 0
     got = pd.read_csv(out)
     assert list(got) == ["t", "q0", "v0"]
-    expected = play(
+    expected = simulate_augmented(
         moved(),
         replace(drive, push=np.full_like(drive.u, 0.5)),
         q=np.array([0.2]),
@@ -196,7 +212,9 @@ def test_the_command_line_simulates_and_applies(tmp_path: Path, capsys: pytest.C
     save_json(tmp_path / "diagnosis.json", {"verdict": "effect"})
     again = tmp_path / "again.safetensors"
     assert main(["apply", f"diagnosis={tmp_path / 'diagnosis.json'}", f"out={again}"]) == 0
-    np.testing.assert_array_equal(play(load_augmented(again), drive)[0], play(moved(), drive)[0])
+    np.testing.assert_array_equal(
+        simulate_augmented(load_augmented(again), drive)[0], simulate_augmented(moved(), drive)[0]
+    )
     capsys.readouterr()
     for wrong, reason in (
         (["initial=0.1,0.2,0.3"], "3 number(s)"),
@@ -216,24 +234,30 @@ def test_apply_adds_the_effects_to_a_sim_of_python(tmp_path: Path) -> None:
     save_augmented(tmp_path / "augmented.safetensors", one, {})
     save_json(tmp_path / "diagnosis.json", {"verdict": "effect"})
     (tmp_path / "mine.py").write_text("def rates(q, v, u):\n    return -40.0 * q - 0.4 * v + 12.0 * u\n")
-    made = apply(tmp_path / "diagnosis.json", f"{tmp_path / 'mine.py'}:rates", out=tmp_path / "b.safetensors")
-    np.testing.assert_allclose(play(made, uneven())[0], play(one, uneven())[0], atol=1e-5)
+    made = apply_diagnosis(
+        tmp_path / "diagnosis.json", f"{tmp_path / 'mine.py'}:rates", out=tmp_path / "b.safetensors"
+    )
+    np.testing.assert_allclose(
+        simulate_augmented(made, uneven())[0], simulate_augmented(one, uneven())[0], atol=1e-5
+    )
     (tmp_path / "real.csv").write_text("t,q0\n0,0\n1,1\n")
     with pytest.raises(ValueError, match="leave sim= out"):
-        apply(tmp_path / "diagnosis.json", str(tmp_path / "real.csv"), out=tmp_path / "c.safetensors")
+        apply_diagnosis(
+            tmp_path / "diagnosis.json", str(tmp_path / "real.csv"), out=tmp_path / "c.safetensors"
+        )
     (tmp_path / "alone").mkdir()
     save_json(tmp_path / "alone" / "diagnosis.json", {"verdict": "none"})
     with pytest.raises(FileNotFoundError, match="or diagnose again"):
-        apply(tmp_path / "alone" / "diagnosis.json", None, out=tmp_path / "c.safetensors")
+        apply_diagnosis(tmp_path / "alone" / "diagnosis.json", None, out=tmp_path / "c.safetensors")
 
 
 def test_a_drive_that_does_not_fit_is_refused() -> None:
     drive = uneven()
     with pytest.raises(ValueError, match=r"2 input column\(s\), but the sim has 1: u0"):
-        play(sim(), replace(drive, u=np.zeros((250, 2))))
+        simulate_augmented(sim(), replace(drive, u=np.zeros((250, 2))))
     with pytest.raises(ValueError, match="2 column"):
-        play(sim(), replace(drive, push=np.zeros((250, 2))))
+        simulate_augmented(sim(), replace(drive, push=np.zeros((250, 2))))
     with pytest.raises(ValueError, match="initial state"):
-        play(sim(), drive, q=np.zeros(2))
+        simulate_augmented(sim(), drive, q=np.zeros(2))
     with pytest.raises(ValueError, match="times that increase"):
-        play(sim(), replace(drive, time_s=drive.time_s[::-1]))
+        simulate_augmented(sim(), replace(drive, time_s=drive.time_s[::-1]))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from lagsplat.diagnose.effects.base import Direction, Instance, Scales
+from lagsplat.diagnose.effects.base import Direction, PlacedEffect, Scales
 from lagsplat.diagnose.effects.registry import catalogue
 from lagsplat.diagnose.estimation.dataset import Record, Windows
 from lagsplat.diagnose.estimation.nuisance import Nuisance
@@ -125,7 +125,7 @@ def followed(
 
 def rolled(
     model: Model, time: np.ndarray, u: np.ndarray, states: np.ndarray, windows: Windows,
-    effects: list[Instance], x: list[float], *, held: bool, steps: int,
+    effects: list[PlacedEffect], x: list[float], *, held: bool, steps: int,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """What the kernel says, beginning at the recorded states."""
     d = model.d
@@ -193,7 +193,7 @@ def test_three_forces_with_memories_act_at_once(d: int, held: bool) -> None:
     ]
     names = ("load_dependent_friction", "creep", "hidden_mode")
     effects = [
-        Instance(known[name], UNIT, direction=place) for name, place in zip(names, places, strict=True)
+        PlacedEffect(known[name], UNIT, direction=place) for name, place in zip(names, places, strict=True)
     ]
     factor, level, ratio, constant, mass, omega, zeta = 0.2, 0.4, 0.3, 0.25, 0.2, 9.0, 0.05
     x = [factor, level, ratio, math.log(constant), mass, math.log(omega), math.log(zeta)]
@@ -241,7 +241,7 @@ def test_memories_are_carried_along_the_record_to_where_a_window_begins() -> Non
     start = np.array([0.6, 0.0, 0.6 - model.rest[0]])
     truth = followed(time, np.zeros((60, 0)), False, start, rate)
     place = Direction("q", np.ones(1), 1.0, float(model.rest[0]))
-    creep = Instance(known["creep"], UNIT, direction=place)
+    creep = PlacedEffect(known["creep"], UNIT, direction=place)
     windows = Windows(np.array([0, 30]), np.array([60, 30]))
     y, _ = rolled(
         model,
@@ -266,10 +266,10 @@ def test_changes_of_input_model_and_camera_act_together() -> None:
     limit, ratio, gain, zoom, shift = 0.6, 1.4, 0.35, 0.1, -0.2
     place = Direction("q1", np.array([0.0, 1.0]), 1.0, float(model.rest[1]))
     effects = [
-        Instance(known["input_saturation"], UNIT, channel=0),
-        Instance(known["mass_change"], UNIT),
-        Instance(known["viscous_damping"], UNIT),
-        Instance(known["camera_change"], UNIT, direction=place),
+        PlacedEffect(known["input_saturation"], UNIT, channel=0),
+        PlacedEffect(known["mass_change"], UNIT),
+        PlacedEffect(known["viscous_damping"], UNIT),
+        PlacedEffect(known["camera_change"], UNIT, direction=place),
     ]
     inside = np.clip(u, -limit, limit)
     heavy = replace(model, mass=ratio * model.mass)
@@ -297,7 +297,7 @@ def test_a_rollout_that_leaves_for_good_stays_where_it_is_lost() -> None:
     model, known = wild(1, 0), catalogue()
     time = np.arange(200) * 0.02
     states = np.tile([0.5, 0.0], (200, 1))
-    effect = Instance(known["viscous_damping"], UNIT, direction=Direction("q", np.ones(1), 1.0))
+    effect = PlacedEffect(known["viscous_damping"], UNIT, direction=Direction("q", np.ones(1), 1.0))
     y, v = rolled(
         model, time, np.zeros((200, 0)), states, Windows(np.array([0]), np.array([200])), [effect], [-80.0],
         held=False, steps=1,
@@ -317,8 +317,8 @@ def test_every_set_of_a_batch_is_what_it_is_alone() -> None:
     spare = Nuisance(1.0, 1.0, 1.0, np.ones(2), 1.0, 1, np.zeros((0, 0)))
     bench = Bench(model, record, spare, 2, False, states[:, :2])
     effects = [
-        Instance(known["input_lag"], UNIT, channel=0),
-        Instance(known["creep"], UNIT, direction=Direction("q0", np.array([1.0, 0.0]), 2.0)),
+        PlacedEffect(known["input_lag"], UNIT, channel=0),
+        PlacedEffect(known["creep"], UNIT, direction=Direction("q0", np.array([1.0, 0.0]), 2.0)),
     ]
     windows = Windows(np.array([0, 5, 12]), np.array([6, 8, 5]))
     x = 0.1 * np.random.default_rng(1).normal(size=(4, 3 + spare.size)) + np.array(

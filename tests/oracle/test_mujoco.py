@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.augmented.model import Augmented, bare
+from lagsplat.diagnose.augmented.model import AugmentedSimulator, wrap_without_effects
 from lagsplat.diagnose.augmented.mujoco_counterparts import COUNTERPARTS
 from lagsplat.diagnose.augmented.mujoco_export import patch_augmented, patch_xml
-from lagsplat.diagnose.augmented.simulate import Drive, play
+from lagsplat.diagnose.augmented.simulate import AppliedSignals, simulate_augmented
 from lagsplat.diagnose.core.result import Candidate, Parameter
-from lagsplat.diagnose.effects.base import Direction, Instance, LogNormal, Scales
+from lagsplat.diagnose.effects.base import Direction, LogNormal, PlacedEffect, Scales
 from lagsplat.diagnose.effects.registry import catalogue
 from lagsplat.diagnose.estimation.dataset import Region
 from lagsplat.diagnose.mechanics.model import Model
@@ -53,12 +53,12 @@ def region(d: int, n_u: int) -> Region:
     return Region(*(s * rng.uniform(-1.0, 1.0, (500, k)) for s, k in ((0.9, d), (5.0, d), (1.0, n_u))))
 
 
-def drive(n_u: int) -> Drive:
+def drive(n_u: int) -> AppliedSignals:
     time = np.arange(400) * 0.005
-    return Drive(time, 0.8 * np.sin(np.outer(time, 5.0 * np.arange(1.0, n_u + 1.0))))
+    return AppliedSignals(time, 0.8 * np.sin(np.outer(time, 5.0 * np.arange(1.0, n_u + 1.0))))
 
 
-def simulated(path: Path, by: Drive, q: np.ndarray) -> np.ndarray:
+def simulated(path: Path, by: AppliedSignals, q: np.ndarray) -> np.ndarray:
     """MuJoCo's own rollout; inputs are interpolated at the middle of its steps."""
     model = mujoco.MjModel.from_xml_path(str(path))
     data, out = mujoco.MjData(model), [q]
@@ -73,9 +73,9 @@ def simulated(path: Path, by: Drive, q: np.ndarray) -> np.ndarray:
     return np.array(out)
 
 
-def kept(model: Model, d: int, n_u: int) -> Augmented:
+def kept(model: Model, d: int, n_u: int) -> AugmentedSimulator:
     names = tuple(f"q{i}" for i in range(d)), tuple(f"u{i}" for i in range(n_u))
-    return bare(
+    return wrap_without_effects(
         model, held=False, step_s=0.001, dt_s=0.005, q_names=names[0], u_names=names[1], region=region(d, n_u)
     )
 
@@ -86,7 +86,7 @@ def test_a_model_file_moves_as_mujoco_moves_it(tmp_path: Path, d: int) -> None:
     found = sample_mujoco(path, region(d, d))
     assert found.error < 0.003
     start = np.array([0.6, -0.4])[:d]
-    ours, _ = play(kept(found.model, d, d), drive(d), q=start)
+    ours, _ = simulate_augmented(kept(found.model, d, d), drive(d), q=start)
     theirs = simulated(path, drive(d), start)
     assert np.abs(ours - theirs).max() < 0.01 * np.ptp(theirs)
 
@@ -127,12 +127,12 @@ def test_what_is_no_model_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         load_mujoco(arm(tmp_path, 1))
 
 
-def added(one: Augmented, name: str, values: dict[str, float], variant: str) -> Augmented:
+def added(one: AugmentedSimulator, name: str, values: dict[str, float], variant: str) -> AugmentedSimulator:
     """The sim with one effect of given parameters, on its only joint or input."""
     effect = catalogue()[name]
     along = Direction("q0", np.ones(1), float(one.model.inertia[0, 0]), float(one.model.rest[0]))
     channel = 0 if name.startswith("input") else None
-    place = Instance(effect, SCALES, variant, along if channel is None else None, channel)
+    place = PlacedEffect(effect, SCALES, variant, along if channel is None else None, channel)
     x = []
     for p in effect.parameters:
         value = values.get(p.name, 0.0)
@@ -173,7 +173,7 @@ def test_a_patched_file_moves_as_the_augmented_sim(
     changed = added(one, name, values, variant)
     assert patch_augmented(path, out, changed)
     start = np.array([0.6])
-    ours, _ = play(changed, drive(1), q=start)
+    ours, _ = simulate_augmented(changed, drive(1), q=start)
     before, theirs = simulated(path, drive(1), start), simulated(out, drive(1), start)
     size = np.ptp(before)
     assert np.abs(theirs - before).max() > 0.05 * size

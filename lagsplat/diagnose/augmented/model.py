@@ -12,7 +12,15 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.effects.base import Direction, Force, Instance, ModelChange, Noise, Scales, directed
+from lagsplat.diagnose.effects.base import (
+    Direction,
+    ForceEffect,
+    ModelEffect,
+    PlacedEffect,
+    SampleEffect,
+    Scales,
+    make_direction,
+)
 from lagsplat.diagnose.effects.dynamics.linear_stiffness import SPRING
 from lagsplat.diagnose.effects.registry import catalogue
 from lagsplat.diagnose.estimation.dataset import Region
@@ -30,12 +38,12 @@ SIGNED = ("viscous_damping", "cubic_stiffness")
 
 
 @dataclass(frozen=True)
-class Augmented:
+class AugmentedSimulator:
     """A sim, effects and their fitted unknowns ``x`` (k,), those of the effects followed by the sim's own."""
 
     model: Model
     nuisance: Nuisance
-    effects: tuple[Instance, ...]
+    effects: tuple[PlacedEffect, ...]
     x: Float64[np.ndarray, " k"]
     held: bool
     """Inputs are held between samples instead of interpolated."""
@@ -73,12 +81,12 @@ class Augmented:
         effect = one.effect
         if effect.name == "linear_stiffness" and one.variant == SPRING:
             return self.parameters(n)["ratio"] >= 1.0
-        if effect.passive or effect.name in HARMLESS or not isinstance(effect, Force | ModelChange):
+        if effect.passive or effect.name in HARMLESS or not isinstance(effect, ForceEffect | ModelEffect):
             return True
         return effect.name in SIGNED and next(iter(self.parameters(n).values())) >= 0.0
 
 
-def bare(
+def wrap_without_effects(
     model: Model,
     *,
     held: bool,
@@ -87,44 +95,46 @@ def bare(
     q_names: Sequence[str],
     u_names: Sequence[str],
     region: Region,
-) -> Augmented:
+) -> AugmentedSimulator:
     """A sim to which nothing was added yet."""
     nothing = Nuisance(1.0, 1.0, 1.0, np.ones(model.d), 1.0, model.n_u, np.zeros((0, _size(model))))
     x = np.zeros(nothing.size)
-    return Augmented(model, nothing, (), x, held, step_s, dt_s, tuple(q_names), tuple(u_names), region)
+    return AugmentedSimulator(
+        model, nothing, (), x, held, step_s, dt_s, tuple(q_names), tuple(u_names), region
+    )
 
 
-def augment(
+def build_augmented(
     bench: Bench,
-    effects: Sequence[Instance],
+    effects: Sequence[PlacedEffect],
     x: Float64[np.ndarray, " k"],
     *,
     q_names: Sequence[str],
     u_names: Sequence[str],
     region: Region,
-) -> Augmented:
+) -> AugmentedSimulator:
     """What a fit on a bench found, ``x`` being its unknowns: the effects' own, then the uncertainties'.
 
     Effects that only widen the noise move nothing, have no unknowns in ``x`` and are left out; so is where
     the memory of others began in the recording.
     """
     moving, kept, at = [], [], 0
-    for one in (p for e in effects if not isinstance(e.effect, Noise) for p in e.parts or (e,)):
+    for one in (p for e in effects if not isinstance(e.effect, SampleEffect) for p in e.parts or (e,)):
         size = len(one.effect.parameters)
-        effect = one.effect.begun(()) if isinstance(one.effect, Force) else one.effect
+        effect = one.effect.begun(()) if isinstance(one.effect, ForceEffect) else one.effect
         kept += list(range(at, at + len(effect.parameters)))
         moving.append(replace(one, effect=effect))
         at += size
     x = np.asarray(x, dtype=np.float64)
     x = x[[*kept, *range(at, len(x))]]
     step_s = bench.record.dt_s / bench.steps
-    return Augmented(
+    return AugmentedSimulator(
         bench.model, bench.nuisance, tuple(moving), x, bench.held,
         step_s, bench.record.dt_s, tuple(q_names), tuple(u_names), region,
     )  # fmt: skip
 
 
-def grafted(one: Augmented, model: Model) -> Augmented:
+def transfer_effects(one: AugmentedSimulator, model: Model) -> AugmentedSimulator:
     """The effects of ``one`` on another sim of the same coordinates and inputs, whose own parameters stay.
 
     Raises:
@@ -142,7 +152,7 @@ def grafted(one: Augmented, model: Model) -> Augmented:
     return replace(one, model=model, nuisance=spare, effects=effects, x=x)
 
 
-def save_augmented(path: str | os.PathLike[str], one: Augmented, header: Mapping[str, Any]) -> None:
+def save_augmented(path: str | os.PathLike[str], one: AugmentedSimulator, header: Mapping[str, Any]) -> None:
     """Write an augmented sim; ``header`` says how it was made."""
     tensors: dict[str, np.ndarray] = {name: getattr(one.model, name) for name in FIELDS}
     tensors |= {f"basis.{name}": getattr(one.model.basis, name) for name in BASIS}
@@ -167,7 +177,7 @@ def save_augmented(path: str | os.PathLike[str], one: Augmented, header: Mapping
     )
 
 
-def load_augmented(path: str | os.PathLike[str]) -> Augmented:
+def load_augmented(path: str | os.PathLike[str]) -> AugmentedSimulator:
     """Read an augmented sim.
 
     Raises:
@@ -177,7 +187,7 @@ def load_augmented(path: str | os.PathLike[str]) -> Augmented:
     tensors, header = load_artefact(path, kind=KIND, schema=SCHEMA)
     said = header["augmented"]
     basis = Basis(**{name: tensors[f"basis.{name}"] for name in BASIS})
-    return Augmented(
+    return AugmentedSimulator(
         model=Model(basis, **{name: tensors[name] for name in FIELDS}),
         nuisance=Nuisance(**said["nuisance"], offset=tensors["offset"], directions=tensors["directions"]),
         effects=tuple(_read(entry, path) for entry in said["effects"]),
@@ -191,7 +201,7 @@ def load_augmented(path: str | os.PathLike[str]) -> Augmented:
     )
 
 
-def _written(effect: Instance) -> dict[str, Any]:
+def _written(effect: PlacedEffect) -> dict[str, Any]:
     return {
         "name": effect.effect.name,
         "variant": effect.variant,
@@ -202,7 +212,7 @@ def _written(effect: Instance) -> dict[str, Any]:
     }
 
 
-def _read(entry: Mapping[str, Any], path: str | os.PathLike[str]) -> Instance:
+def _read(entry: Mapping[str, Any], path: str | os.PathLike[str]) -> PlacedEffect:
     known = catalogue()
     if entry["name"] not in known:
         raise ValueError(
@@ -211,14 +221,14 @@ def _read(entry: Mapping[str, Any], path: str | os.PathLike[str]) -> Instance:
         )
     along = entry["direction"]
     direction = along and Direction(**{**along, "covector": np.array(along["covector"], dtype=np.float64)})
-    return Instance(
+    return PlacedEffect(
         known[entry["name"]], Scales(**entry["scales"]), entry["variant"], direction or None,
         entry["channel"], entry["input_name"],
     )  # fmt: skip
 
 
 def _moved(direction: Direction | None, model: Model) -> Direction | None:
-    return None if direction is None else directed(direction.name, direction.covector, model)
+    return None if direction is None else make_direction(direction.name, direction.covector, model)
 
 
 def _size(model: Model) -> int:

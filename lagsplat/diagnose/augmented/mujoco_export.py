@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from lagsplat.diagnose.augmented.model import Augmented
+from lagsplat.diagnose.augmented.model import AugmentedSimulator
 from lagsplat.diagnose.augmented.mujoco_counterparts import COUNTERPARTS, Place
 from lagsplat.diagnose.core.result import Candidate
 from lagsplat.diagnose.effects.dynamics.linear_stiffness import SPRING
@@ -43,7 +43,7 @@ def patch_xml(
 def patch_augmented(
     path: Path,
     out: Path,
-    one: Augmented,
+    one: AugmentedSimulator,
     *,
     joints: Sequence[str] | None = None,
     actuators: Sequence[str] | None = None,

@@ -8,22 +8,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.augmented.model import Augmented
-from lagsplat.diagnose.effects.base import Fields, InputChange, Instance
+from lagsplat.diagnose.augmented.model import AugmentedSimulator
+from lagsplat.diagnose.effects.base import CoefficientBatch, InputEffect, PlacedEffect
 from lagsplat.diagnose.estimation.dataset import Record, Windows
 from lagsplat.diagnose.estimation.rollout import Bench
 
 Vector = Float64[np.ndarray, " d"]
 
 
-class Missing:
+class MissingAcceleration:
     """Compares a sim with and without its diagnosed effects over one step, from the same state.
 
     Effects with a memory begin anew at every call, and those at instants of the recording act as at its
     start.
     """
 
-    def __init__(self, one: Augmented) -> None:
+    def __init__(self, one: AugmentedSimulator) -> None:
         own = sum(len(effect.effect.parameters) for effect in one.effects)
         self.whole, self.plain = one, replace(one, effects=(), x=one.x[own:])
 
@@ -34,13 +34,15 @@ class Missing:
             ValueError: numbers of coordinates or inputs that are not the sim's.
         """
         step_s = self.whole.step_s
-        drive = Drive(np.array([0.0, step_s]), np.stack([u, u]))
-        with_effects, without = (play(one, drive, q=q, v=v)[1][1] for one in (self.whole, self.plain))
+        drive = AppliedSignals(np.array([0.0, step_s]), np.stack([u, u]))
+        with_effects, without = (
+            simulate_augmented(one, drive, q=q, v=v)[1][1] for one in (self.whole, self.plain)
+        )
         return (with_effects - without) / step_s
 
 
 @dataclass(frozen=True)
-class Drive:
+class AppliedSignals:
     """Instants [s], which may be uneven, with inputs and with pushes along every coordinate.
 
     A push is a generalised force over the reference inertia at rest: the acceleration [1/s^2] that it would
@@ -52,9 +54,9 @@ class Drive:
     push: Float64[np.ndarray, "N d"] | None = None
 
 
-def play(
-    one: Augmented,
-    drive: Drive,
+def simulate_augmented(
+    one: AugmentedSimulator,
+    drive: AppliedSignals,
     *,
     q: Float64[np.ndarray, " d"] | None = None,
     v: Float64[np.ndarray, " d"] | None = None,
@@ -104,7 +106,7 @@ def play(
     return seen[0, 0], rate[0, 0]
 
 
-def _pushable(one: Augmented) -> Augmented:
+def _pushable(one: AugmentedSimulator) -> AugmentedSimulator:
     """The same with an input for the force along every coordinate, which no effect and no doubt touches."""
     model, spare, d = one.model, one.nuisance, one.model.d
     n_u, rows = model.n_u, max(len(model.input_map), 1)
@@ -113,7 +115,7 @@ def _pushable(one: Augmented) -> Augmented:
     reach[0, n_u:] = np.diag(np.diag(model.inertia))
     moves, n = [], len(spare.directions)
     at = 0
-    for name in Fields.__dataclass_fields__:
+    for name in CoefficientBatch.__dataclass_fields__:
         value = getattr(model, name)
         part = spare.directions[:, at : at + value.size].reshape(n, *value.shape)
         at += value.size
@@ -140,8 +142,8 @@ def _pushable(one: Augmented) -> Augmented:
     )
 
 
-def _by_channel(effect: Instance, n_u: int) -> list[Instance]:
+def _by_channel(effect: PlacedEffect, n_u: int) -> list[PlacedEffect]:
     """An effect of all inputs at once as one of each: pushes do not come over the wire."""
-    if isinstance(effect.effect, InputChange) and effect.channel is None:
+    if isinstance(effect.effect, InputEffect) and effect.channel is None:
         return [replace(effect, channel=channel) for channel in range(n_u)]
     return [effect]

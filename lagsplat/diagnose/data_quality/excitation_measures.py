@@ -39,7 +39,7 @@ class InputMeasures:
 
 
 @dataclass(frozen=True)
-class Measures:
+class ExcitationMeasures:
     """Of the whole recording, the best that any coordinate shows.
 
     ``amplitude_ratio`` is that of large swings to small ones, ``speed_ratio`` that of slow half-swings to
@@ -69,7 +69,7 @@ class Measures:
         return any(channel.moves for channel in self.inputs)
 
 
-def measure_excitation(motions: Sequence[Motion], *, period_s: float, noise: Noise) -> Measures:
+def measure_excitation(motions: Sequence[Motion], *, period_s: float, noise: Noise) -> ExcitationMeasures:
     """The measures of motions of one side; ``period_s`` is the natural period [s]."""
     dt_s = float(np.median([motion.dt_s for motion in motions]))
     half = int(np.clip(0.08 * period_s / dt_s, 2, 60))
@@ -87,7 +87,7 @@ def measure_excitation(motions: Sequence[Motion], *, period_s: float, noise: Noi
     speeds = [_ratio(np.concatenate([s[1] for s in own]), 0.9) for own in per_coordinate]
     rests = [_rests(m, f, rate, sigma, period_s) for m, f in zip(motions, fits, strict=True)]
     slow = np.concatenate([np.abs(fit.v) < SLOW * rate for fit in fits]).mean(axis=0)
-    return Measures(
+    return ExcitationMeasures(
         period_s=period_s,
         periods=sum(motion.duration_s for motion in motions) / period_s,
         clips=sum(len(motion.segments) for motion in motions),

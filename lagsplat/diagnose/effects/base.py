@@ -121,7 +121,7 @@ class Normal:
 
 
 @dataclass(frozen=True)
-class Parameter:
+class EffectParameter:
     """One parameter: its key in a diagnosis, what it is counted in, what is believed of it beforehand."""
 
     name: str
@@ -139,7 +139,7 @@ class Effect:
     group: str
     """A parameter, B dissipation, C actuation, D memory, E contact or external, F structure, G camera."""
     equation: str
-    parameters: tuple[Parameter, ...]
+    parameters: tuple[EffectParameter, ...]
     needs: str = ""
     """What a recording must contain to show it."""
     amplitudes: int = 1
@@ -156,12 +156,12 @@ class Effect:
     """May act at all of its places at once, with parameters of its own at each."""
     between: tuple[str, ...] = ()
     """Variants that may act between two coordinates: in the joint of bodies that are told each by itself."""
-    reports: Callable[[Mapping[str, float], "Instance"], dict[str, Any]] | None = None
+    reports: Callable[[Mapping[str, float], "PlacedEffect"], dict[str, Any]] | None = None
     """From the fitted parameters to those of a diagnosis, where they differ."""
 
 
 @dataclass(frozen=True)
-class Force(Effect):
+class ForceEffect(Effect):
     """An effect that is a force along one direction: see `lagsplat.diagnose.solvers.runge_kutta` for the law."""
 
     law: Any = None
@@ -182,10 +182,10 @@ class Force(Effect):
         """Number of parameters that the law takes; those after them say where its memory begins."""
         return len(self.parameters) - self.n_memory * len(self.free_clips)
 
-    def begun(self, clips: Sequence[int]) -> "Force":
+    def begun(self, clips: Sequence[int]) -> "ForceEffect":
         """The same with a memory that begins anywhere in ``clips``."""
         own = (
-            Parameter(f"memory {i} of clip {c}", kind, Normal(1.0), (0.0,))
+            EffectParameter(f"memory {i} of clip {c}", kind, Normal(1.0), (0.0,))
             for c in clips
             for i, kind in enumerate(self.memory_kinds)
         )
@@ -193,7 +193,7 @@ class Force(Effect):
 
 
 @dataclass(frozen=True)
-class Fields:
+class CoefficientBatch:
     """Coefficients of the sim for ``P`` sets of parameters at once; the names are those of `Model`."""
 
     mass: Float64[np.ndarray, "P Km d d"]
@@ -205,28 +205,28 @@ class Fields:
 
 
 @dataclass(frozen=True)
-class ModelChange(Effect):
+class ModelEffect(Effect):
     """An effect that changes the sim's coefficients: ``change(fields, theta (P, k), instance, model)``."""
 
     change: Any = None
 
 
 @dataclass(frozen=True)
-class InputChange(Effect):
+class InputEffect(Effect):
     """An effect on the way of an input: ``change(signal, channel, theta (P, k)) -> (P, M)`` samples."""
 
     change: Any = None
 
 
 @dataclass(frozen=True)
-class Observation(Effect):
+class ObservationEffect(Effect):
     """An effect of camera or clock: ``observe(y, v, t, theta (P, k), instance) -> y``."""
 
     observe: Any = None
 
 
 @dataclass(frozen=True)
-class Noise(Effect):
+class SampleEffect(Effect):
     """An effect that moves single samples and nothing else.
 
     ``explain(residual, speed) -> (gain, parameters, misfit)``: by how much the log likelihood of a fit's
@@ -251,7 +251,7 @@ class Direction:
 
 
 @dataclass(frozen=True)
-class Instance:
+class PlacedEffect:
     """One effect at one place: along a direction, on a channel, or on the whole."""
 
     effect: Effect
@@ -262,7 +262,7 @@ class Instance:
     input_name: str | None = None
     grid: tuple[tuple[float, ...], ...] | None = None
     """Values of all but the amplitudes that the search tries first, in place of their own grids."""
-    parts: tuple["Instance", ...] = ()
+    parts: tuple["PlacedEffect", ...] = ()
     """Where it acts at several places at once: each of them, in the order of the parameters."""
 
     @property
@@ -289,7 +289,7 @@ class Instance:
         return np.stack(columns, axis=1) if columns else np.zeros((len(x), 0))
 
 
-def everywhere(places: Sequence[Instance]) -> Instance:
+def place_everywhere(places: Sequence[PlacedEffect]) -> PlacedEffect:
     """One effect at all of ``places`` at once, its parameters after the place that each belongs to.
 
     Its parameters are all amplitudes, or none is; then the search begins with the same at every place.
@@ -299,7 +299,7 @@ def everywhere(places: Sequence[Instance]) -> Instance:
     whole = replace(effect, parameters=tuple(own), amplitudes=n * effect.amplitudes)
     same = [point * n for point in itertools.product(*(p.grid for p in effect.parameters))]
     grid = None if effect.amplitudes else tuple(same)
-    return Instance(whole, places[0].scales, places[0].variant, grid=grid, parts=tuple(places))
+    return PlacedEffect(whole, places[0].scales, places[0].variant, grid=grid, parts=tuple(places))
 
 
 FARTHEST = 690.0
@@ -330,12 +330,12 @@ class LogNormal(Normal):
         return math.log(value)
 
 
-def about(median: float, spread: float) -> LogNormal:
+def log_normal(median: float, spread: float) -> LogNormal:
     """Log-normal with this median and this standard deviation of the logarithm."""
     return LogNormal(spread, math.log(median))
 
 
-def directed(name: str | None, covector: Float64[np.ndarray, " d"], model: Model) -> Direction:
+def make_direction(name: str | None, covector: Float64[np.ndarray, " d"], model: Model) -> Direction:
     """A covector with the inertia and the rest that a sim has along it."""
     along = covector / float(covector @ covector)
     return Direction(name, covector, float(along @ model.inertia @ along), float(covector @ model.rest))

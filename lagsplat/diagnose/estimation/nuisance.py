@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.effects.base import Fields
+from lagsplat.diagnose.effects.base import CoefficientBatch
 from lagsplat.diagnose.mechanics.model import Model
 
 
@@ -87,7 +87,7 @@ class Nuisance:
             *(f"identification {i}" for i in range(len(self.directions))),
         )
 
-    def fields(self, model: Model, x: Float64[np.ndarray, "P n"]) -> Fields:
+    def fields(self, model: Model, x: Float64[np.ndarray, "P n"]) -> CoefficientBatch:
         """The sim's coefficients, moved by ``x``."""
         n, n_u, d = len(x), self.n_u, self.d
         fields = stacked(model, n)
@@ -123,24 +123,27 @@ def linear_terms(model: Model) -> np.ndarray:
     return np.array([int(np.flatnonzero(first & (order[:, i] == 1))[0]) for i in range(model.d)])
 
 
-def stacked(model: Model, n: int) -> Fields:
+def stacked(model: Model, n: int) -> CoefficientBatch:
     """The sim's coefficients, ``n`` times."""
-    return Fields(
-        **{name: np.repeat(getattr(model, name)[None], n, axis=0) for name in Fields.__dataclass_fields__}
+    return CoefficientBatch(
+        **{
+            name: np.repeat(getattr(model, name)[None], n, axis=0)
+            for name in CoefficientBatch.__dataclass_fields__
+        }
     )
 
 
 def flat(model: Model) -> Float64[np.ndarray, " K"]:
     """All coefficients of a sim in one row."""
-    return np.concatenate([getattr(model, name).ravel() for name in Fields.__dataclass_fields__])
+    return np.concatenate([getattr(model, name).ravel() for name in CoefficientBatch.__dataclass_fields__])
 
 
-def added(fields: Fields, moves: Float64[np.ndarray, "P K"]) -> Fields:
+def added(fields: CoefficientBatch, moves: Float64[np.ndarray, "P K"]) -> CoefficientBatch:
     """Coefficients moved by rows that are ordered as `flat`."""
     out, at = {}, 0
-    for name in Fields.__dataclass_fields__:
+    for name in CoefficientBatch.__dataclass_fields__:
         value = getattr(fields, name)
         size = value[0].size
         out[name] = value + moves[:, at : at + size].reshape(value.shape)
         at += size
-    return Fields(**out)
+    return CoefficientBatch(**out)

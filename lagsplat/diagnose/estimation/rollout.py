@@ -10,7 +10,14 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from lagsplat.diagnose.effects.base import Fields, Force, InputChange, Instance, ModelChange, Observation
+from lagsplat.diagnose.effects.base import (
+    CoefficientBatch,
+    ForceEffect,
+    InputEffect,
+    ModelEffect,
+    ObservationEffect,
+    PlacedEffect,
+)
 from lagsplat.diagnose.estimation.dataset import Record, Signal, Windows, signals
 from lagsplat.diagnose.estimation.multiple_shooting import Data
 from lagsplat.diagnose.estimation.nuisance import Nuisance
@@ -63,7 +70,7 @@ class Bench:
 
     def rollouts(
         self,
-        effects: Sequence[Instance],
+        effects: Sequence[PlacedEffect],
         x: Float64[np.ndarray, "P k"],
         starts: Float64[np.ndarray, "P W s"],
         windows: Windows,
@@ -81,13 +88,13 @@ class Bench:
         y = self.nuisance.observe(y, spare, self.model)
         t = windows.take(self.record.time)
         for effect, theta in zip(effects, parts, strict=True):
-            if isinstance(effect.effect, Observation):
+            if isinstance(effect.effect, ObservationEffect):
                 y = effect.effect.observe(y, v, t, theta, effect)
         return y, v
 
     def _states(
         self,
-        effects: Sequence[Instance],
+        effects: Sequence[PlacedEffect],
         parts: Sequence[np.ndarray],
         spare: np.ndarray,
         starts: np.ndarray,
@@ -100,7 +107,7 @@ class Bench:
         out = np.zeros((len(spare), len(windows.first), windows.longest, 2 * model.d))
         rollouts(
             (basis.kind, basis.order, basis.centre, basis.scale),
-            *(functions_last(getattr(fields, name)) for name in Fields.__dataclass_fields__),
+            *(functions_last(getattr(fields, name)) for name in CoefficientBatch.__dataclass_fields__),
             model.width,
             model.rest,
             laws,
@@ -119,19 +126,21 @@ class Bench:
         )
         return out
 
-    def _fields(self, effects: Sequence[Instance], parts: Sequence[np.ndarray], spare: np.ndarray) -> Fields:
+    def _fields(
+        self, effects: Sequence[PlacedEffect], parts: Sequence[np.ndarray], spare: np.ndarray
+    ) -> CoefficientBatch:
         fields = self.nuisance.fields(self.model, spare)
         for effect, theta in zip(effects, parts, strict=True):
-            if isinstance(effect.effect, ModelChange):
+            if isinstance(effect.effect, ModelEffect):
                 fields = effect.effect.change(fields, theta, effect, self.model)
-            elif isinstance(effect.effect, Force) and effect.direction is None:
+            elif isinstance(effect.effect, ForceEffect) and effect.direction is None:
                 fields = effect.effect.whole(fields, theta, self.model)
         return fields
 
     def _inputs(
-        self, effects: Sequence[Instance], parts: Sequence[np.ndarray], n_sets: int
+        self, effects: Sequence[PlacedEffect], parts: Sequence[np.ndarray], n_sets: int
     ) -> tuple[np.ndarray, np.ndarray]:
-        changes = [(e, t) for e, t in zip(effects, parts, strict=True) if isinstance(e.effect, InputChange)]
+        changes = [(e, t) for e, t in zip(effects, parts, strict=True) if isinstance(e.effect, InputEffect)]
         if not changes:
             return self.logged, np.zeros(n_sets, dtype=np.int64)
         theta = np.concatenate([t for _, t in changes], axis=1)
@@ -149,12 +158,12 @@ class Bench:
         return u, u_of.reshape(-1).astype(np.int64)
 
     def _laws(
-        self, effects: Sequence[Instance], parts: Sequence[np.ndarray], n_sets: int, windows: Windows
+        self, effects: Sequence[PlacedEffect], parts: Sequence[np.ndarray], n_sets: int, windows: Windows
     ) -> tuple[tuple, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         forces = [
             (e, t)
             for e, t in zip(effects, parts, strict=True)
-            if isinstance(e.effect, Force) and e.direction is not None
+            if isinstance(e.effect, ForceEffect) and e.direction is not None
         ]
         d = self.model.d
         n = FEW if len(forces) <= FEW else FEW * d  # few sizes, for a kernel is compiled for each
@@ -164,7 +173,7 @@ class Bench:
         memory = np.zeros((n_sets, len(windows.first), n, n_memory))
         for slot, (instance, theta) in enumerate(forces):
             effect, direction = instance.effect, instance.direction
-            assert isinstance(effect, Force)
+            assert isinstance(effect, ForceEffect)
             assert direction is not None
             laws[slot], along[slot], inertia[slot] = effect.law, direction.covector, direction.inertia
             fixed = np.array(effect.constants(instance.scales, instance.variant))
@@ -179,11 +188,11 @@ class Bench:
         return tuple(laws), along, inertia, table, memory
 
     def _memory(
-        self, instance: Instance, theta: np.ndarray, begun: np.ndarray, windows: Windows
+        self, instance: PlacedEffect, theta: np.ndarray, begun: np.ndarray, windows: Windows
     ) -> np.ndarray:
         """Memory (P, W, Z) where the windows begin, carried along the recorded motion."""
         effect, direction = instance.effect, instance.direction
-        assert isinstance(effect, Force)
+        assert isinstance(effect, ForceEffect)
         assert direction is not None
         p, record = direction.covector, self.record
         spring, drive = self.forces

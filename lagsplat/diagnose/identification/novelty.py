@@ -70,15 +70,19 @@ ODD = 4.0
 """Times the middle window's mean square by which one is missed that is left out."""
 BETTER = 0.25
 """Share of the mean square that the others must leave at most."""
-MOST, ONE_IN, LEAST = 3, 4, 8
-"""Windows that are left out at most, one in how many at most, and of how many at least."""
+MAX_OUTLIERS = 3
+"""Windows that are left out at most."""
+MIN_WINDOWS_PER_OUTLIER = 4
+"""At most one window in this many is left out."""
+LEAST = 8
+"""Fewer windows than this stay as they are: the median of fewer says little of what is usual."""
 
 
 def undisturbed(found: Identified, again: Callable[[Windows], Identified]) -> tuple[Identified, Windows]:
     """``found``, or what ``again`` finds on fewer of its windows, and the windows that were left out."""
     windows, best, n = found.windows, found, len(found.windows.first)
     kept = np.arange(n)
-    for _ in range(min(MOST, n // ONE_IN) if found.misfit > MISSED and n >= LEAST else 0):
+    for _ in range(min(MAX_OUTLIERS, n // MIN_WINDOWS_PER_OUTLIER) if found.misfit > MISSED and n >= LEAST else 0):
         missed = each(best)
         worst = int(np.argmax(missed))
         if best.misfit < TOLD or missed[worst] < ODD * np.median(missed):

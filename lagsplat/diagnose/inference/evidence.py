@@ -4,17 +4,17 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from lagsplat.diagnose.effects.base import Instance, Noise
+from lagsplat.diagnose.effects.base import PlacedEffect, SampleEffect
 from lagsplat.diagnose.estimation.multiple_shooting import Fit
 from lagsplat.diagnose.estimation.rollout import Bench
-from lagsplat.diagnose.inference.problem import belief
+from lagsplat.diagnose.inference.problem import joint_prior
 
 
 @dataclass(frozen=True)
-class Explained:
+class HypothesisFit:
     """One hypothesis after its fit."""
 
-    effects: tuple[Instance, ...]
+    effects: tuple[PlacedEffect, ...]
     fit: Fit
     log_evidence: float = float("nan")
     """Over `none` [nat]."""
@@ -26,19 +26,19 @@ class Explained:
         """Number of unknowns that belong to the effects."""
         return sum(len(e.effect.parameters) for e in self.effects)
 
-    def own(self, instance: Instance) -> slice:
+    def own(self, instance: PlacedEffect) -> slice:
         """Where the unknowns of one of the effects stand; what only moves single samples has none."""
-        fitted = [e for e in self.effects if not isinstance(e.effect, Noise)]
+        fitted = [e for e in self.effects if not isinstance(e.effect, SampleEffect)]
         at = sum(len(e.effect.parameters) for e in fitted[: fitted.index(instance)])
         return slice(at, at + len(instance.effect.parameters))
 
 
-def log_evidence(one: Explained, bench: Bench, temper: float) -> float:
+def log_evidence(one: HypothesisFit, bench: Bench, temper: float) -> float:
     """Laplace's approximation of the logarithm of the evidence, with the noise widened by ``temper``.
 
     Source: MacKay, "Information Theory, Inference, and Learning Algorithms", 2003, ch. 28.
     """
-    prior, fit = belief(one.effects, bench), one.fit
+    prior, fit = joint_prior(one.effects, bench), one.fit
     effect_priors = [p.prior for e in one.effects for p in e.effect.parameters]
     own = sum(p.log_density(float(x)) for p, x in zip(effect_priors, fit.x, strict=False))
     spare = fit.x[one.n_own :] / prior.deviation[one.n_own :]

@@ -3,7 +3,11 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from lagsplat.diagnose.data_quality.excitation_measures import InputMeasures, Measures, measure_excitation
+from lagsplat.diagnose.data_quality.excitation_measures import (
+    ExcitationMeasures,
+    InputMeasures,
+    measure_excitation,
+)
 from lagsplat.diagnose.data_quality.noise import Noise
 from lagsplat.diagnose.effects.excitation_rules import INPUT_RULES, RULES, Grade
 from lagsplat.io.trajectory.trajectory import Motion
@@ -23,7 +27,7 @@ class Excitation:
     inputs: tuple[str, ...] = ()
 
 
-def excitation(
+def assess_excitation(
     motions: Sequence[Motion], *, period_s: float, noise: Noise, closed_loop: Sequence[str] = ()
 ) -> tuple[Excitation, ...]:
     """A row for every family of the catalogue; ``closed_loop`` names inputs that answer the motion.
@@ -32,7 +36,7 @@ def excitation(
     """
     measures = measure_excitation(motions, period_s=period_s, noise=noise)
     rows = [_row(effect, rule(measures)) for effect, rule in RULES.items()]
-    return (*rows, *(_of_input(effect, rule, measures, closed_loop) for effect, rule in INPUT_RULES.items()))
+    return (*rows, *(_input_row(effect, rule, measures, closed_loop) for effect, rule in INPUT_RULES.items()))
 
 
 def _row(effect: str, grade: Grade, inputs: tuple[str, ...] = ()) -> Excitation:
@@ -40,10 +44,10 @@ def _row(effect: str, grade: Grade, inputs: tuple[str, ...] = ()) -> Excitation:
     return Excitation(effect, excited, reason, "" if excited == "yes" else record, inputs)
 
 
-def _of_input(
+def _input_row(
     effect: str,
-    rule: Callable[[InputMeasures, Measures], Grade],
-    measures: Measures,
+    rule: Callable[[InputMeasures, ExcitationMeasures], Grade],
+    measures: ExcitationMeasures,
     closed_loop: Sequence[str],
 ) -> Excitation:
     """The best channel speaks; one in a closed loop counts as weak."""
@@ -51,7 +55,7 @@ def _of_input(
     graded = [(channel.name, rule(channel, measures)) for channel in measures.inputs if channel.moves]
     if not graded:
         reason = "all inputs are constant" if measures.inputs else "no input is recorded"
-        return Excitation(effect, "no", reason, _drive(measures))
+        return Excitation(effect, "no", reason, _drive_advice(measures))
     looped = [
         (name, ("weak", f"{name} answers the motion", "drive it open loop"))
         if name in closed_loop and grade[0] == "yes"
@@ -62,7 +66,7 @@ def _of_input(
     return _row(effect, best, tuple(name for name, grade in looped if grade[0] == best[0] != "no"))
 
 
-def _drive(measures: Measures) -> str:
+def _drive_advice(measures: ExcitationMeasures) -> str:
     return (
         f"record {20 * measures.period_s:.3g} s with the input swinging through zero, slowly and up to twice "
         "the natural frequency"

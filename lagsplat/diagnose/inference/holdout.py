@@ -11,11 +11,11 @@ import numpy as np
 from jaxtyping import Float64
 
 from lagsplat.diagnose.core.result import Block, Gap, Interval
-from lagsplat.diagnose.effects.base import Instance, Noise
+from lagsplat.diagnose.effects.base import PlacedEffect, SampleEffect
 from lagsplat.diagnose.estimation.dataset import Windows
 from lagsplat.diagnose.estimation.multiple_shooting import Belief, Data, derivatives, shoot
-from lagsplat.diagnose.inference.evidence import Explained
-from lagsplat.diagnose.inference.problem import Contest
+from lagsplat.diagnose.inference.evidence import HypothesisFit
+from lagsplat.diagnose.inference.problem import EstimationProblem
 from lagsplat.diagnose.mechanics.model import Model
 
 BURN_IN = 10
@@ -36,7 +36,7 @@ class Forecast:
     expected: Float64[np.ndarray, "B L d"]
 
 
-def halves(contest: Contest) -> tuple[Contest, Windows]:
+def split_windows(contest: EstimationProblem) -> tuple[EstimationProblem, Windows]:
     """The contest on every other window, and the windows in between, held out."""
     number = np.arange(len(contest.windows.first))
     kept = contest.windows.only(number % 2 == 0)
@@ -44,7 +44,7 @@ def halves(contest: Contest) -> tuple[Contest, Windows]:
     return replace(contest, windows=kept), held
 
 
-def blocks_of(contest: Contest, held: Windows, *, period_s: float) -> Windows:
+def cut_blocks(contest: EstimationProblem, held: Windows, *, period_s: float) -> Windows:
     """One natural period after the other within the held-out windows, or windows where these are shorter.
 
     Raises:
@@ -67,9 +67,11 @@ def blocks_of(contest: Contest, held: Windows, *, period_s: float) -> Windows:
     return Windows(np.array(first, dtype=np.int64), np.full(len(first), frames, dtype=np.int64))
 
 
-def forecast(contest: Contest, blocks: Windows, effects: Sequence[Instance], x: np.ndarray) -> Forecast:
+def forecast_blocks(
+    contest: EstimationProblem, blocks: Windows, effects: Sequence[PlacedEffect], x: np.ndarray
+) -> Forecast:
     """Forecasts of ``blocks`` with unknowns ``x`` of ``effects`` and the uncertainties."""
-    real = [e for e in effects if not isinstance(e.effect, Noise)]
+    real = [e for e in effects if not isinstance(e.effect, SampleEffect)]
     here = replace(contest, windows=blocks)
 
     def predict(_: np.ndarray, starts: np.ndarray) -> np.ndarray:
@@ -96,17 +98,17 @@ def forecast(contest: Contest, blocks: Windows, effects: Sequence[Instance], x: 
     return Forecast(flat.y - residual, expected.reshape(n_blocks, length, d))
 
 
-def relative(error: Float64[np.ndarray, "B L d"], rms: Float64[np.ndarray, " d"]) -> np.ndarray:
+def relative_square_error(error: Float64[np.ndarray, "B L d"], rms: Float64[np.ndarray, " d"]) -> np.ndarray:
     """Mean square of each block's error, in fractions of each coordinate's rms, (B,)."""
     return np.mean((error / rms) ** 2, axis=(1, 2))
 
 
-def diverged(error: Float64[np.ndarray, "B L d"], rms: Float64[np.ndarray, " d"]) -> int:
+def count_diverged(error: Float64[np.ndarray, "B L d"], rms: Float64[np.ndarray, " d"]) -> int:
     """How many forecasts end up farther from the measurement than `DIVERGED` rms."""
     return int((~(np.abs(error / rms) <= DIVERGED)).any(axis=(1, 2)).sum())
 
 
-def closure(before: np.ndarray, after: np.ndarray, floor: np.ndarray, *, seed: int = 0) -> Interval:
+def estimate_closure(before: np.ndarray, after: np.ndarray, floor: np.ndarray, *, seed: int = 0) -> Interval:
     """Share of the gap above the floor that is closed, from mean squares of blocks; 95 % by bootstrap.
 
     None where the gap is not above the floor by two standard errors.
@@ -127,7 +129,7 @@ def closure(before: np.ndarray, after: np.ndarray, floor: np.ndarray, *, seed: i
 
 
 @dataclass(frozen=True)
-class Held:
+class HoldoutForecasts:
     """What the held-out half says: the gap, its blocks, and the closure of single hypotheses."""
 
     gap: Gap
@@ -136,7 +138,9 @@ class Held:
     floor: np.ndarray
 
 
-def hold_out(contest: Contest, none: Explained, chosen: Explained, *, period_s: float, given: Model) -> Held:
+def forecast_holdout(
+    contest: EstimationProblem, none: HypothesisFit, chosen: HypothesisFit, *, period_s: float, given: Model
+) -> HoldoutForecasts:
     """The gap before, after a refit alone and after the ``chosen`` effects, on windows held out.
 
     Before anything the sim is the ``given`` one, which the contest's may have been moved from.
@@ -144,51 +148,55 @@ def hold_out(contest: Contest, none: Explained, chosen: Explained, *, period_s: 
     Raises:
         ValueError: the held-out part has no stretch of one period.
     """
-    half, held = halves(contest)
-    blocks = blocks_of(contest, held, period_s=period_s)
+    half, held = split_windows(contest)
+    blocks = cut_blocks(contest, held, period_s=period_s)
     record = contest.bench.record
     rms = np.std(record.q, axis=0)
     real = blocks.take(record.q)
     n = contest.bench.nuisance.size
     own = replace(contest, bench=replace(contest.bench, model=given))
-    sim = forecast(own, blocks, (), np.zeros(n))
-    refit = forecast(contest, blocks, (), half_fit(half, none))
-    after = forecast(contest, blocks, chosen.effects, half_fit(half, chosen))
+    sim = forecast_blocks(own, blocks, (), np.zeros(n))
+    refit = forecast_blocks(contest, blocks, (), fit_half(half, none))
+    after = forecast_blocks(contest, blocks, chosen.effects, fit_half(half, chosen))
     errors = {"before": sim.y - real, "refit": refit.y - real, "after": after.y - real}
     if contest.late is not None and any(
-        isinstance(e.effect, Noise) and e.effect.repeats for e in chosen.effects
+        isinstance(e.effect, SampleEffect) and e.effect.repeats for e in chosen.effects
     ):
         errors["after"][blocks.take(contest.late)] = 0.0  # what repeats an earlier sample is explained
-    squares = {name: relative(error, rms) for name, error in errors.items()}
+    squares = {name: relative_square_error(error, rms) for name, error in errors.items()}
     squares["floor"] = np.mean(after.expected / rms**2, axis=(1, 2))
     gap = Gap(
         **{name: float(np.sqrt(np.mean(values))) for name, values in squares.items()},
         horizon_s=period_s,
-        closure=closure(squares["before"], squares["after"], squares["floor"]),
+        closure=estimate_closure(squares["before"], squares["after"], squares["floor"]),
         blocks=len(real),
-        diverged={name: diverged(error, rms) for name, error in errors.items()},
+        diverged={name: count_diverged(error, rms) for name, error in errors.items()},
     )
-    shown = _blocks(contest, blocks, real, sim.y, after.y)
-    return Held(gap, shown, squares["before"], squares["floor"])
+    shown = _result_blocks(contest, blocks, real, sim.y, after.y)
+    return HoldoutForecasts(gap, shown, squares["before"], squares["floor"])
 
 
-def half_fit(half: Contest, one: Explained) -> np.ndarray:
+def fit_half(half: EstimationProblem, one: HypothesisFit) -> np.ndarray:
     """The unknowns of a hypothesis, fitted to half of the windows."""
-    effects = [e for e in one.effects if not isinstance(e.effect, Noise)]
+    effects = [e for e in one.effects if not isinstance(e.effect, SampleEffect)]
     return half.fit(effects, one.fit.x).x
 
 
-def close_alone(contest: Contest, one: Explained, held: Held, *, period_s: float) -> Interval:
+def estimate_single_closure(
+    contest: EstimationProblem, one: HypothesisFit, held: HoldoutForecasts, *, period_s: float
+) -> Interval:
     """The closure of another hypothesis on the same blocks."""
-    half, windows = halves(contest)
-    blocks = blocks_of(contest, windows, period_s=period_s)
+    half, windows = split_windows(contest)
+    blocks = cut_blocks(contest, windows, period_s=period_s)
     rms = np.std(contest.bench.record.q, axis=0)
-    told = forecast(contest, blocks, one.effects, half_fit(half, one))
-    return closure(held.before, relative(told.y - blocks.take(contest.bench.record.q), rms), held.floor)
+    told = forecast_blocks(contest, blocks, one.effects, fit_half(half, one))
+    return estimate_closure(
+        held.before, relative_square_error(told.y - blocks.take(contest.bench.record.q), rms), held.floor
+    )
 
 
-def _blocks(
-    contest: Contest, blocks: Windows, real: np.ndarray, sim: np.ndarray, augmented: np.ndarray
+def _result_blocks(
+    contest: EstimationProblem, blocks: Windows, real: np.ndarray, sim: np.ndarray, augmented: np.ndarray
 ) -> tuple[Block, ...]:
     record = contest.bench.record
     out = []

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.effects.base import Noise
+from lagsplat.diagnose.effects.base import SampleEffect
 from lagsplat.diagnose.estimation.multiple_shooting import eliminate
-from lagsplat.diagnose.inference.evidence import Explained
-from lagsplat.diagnose.inference.problem import Contest, belief
+from lagsplat.diagnose.inference.evidence import HypothesisFit
+from lagsplat.diagnose.inference.problem import EstimationProblem, joint_prior
 
 MOST = 8
 """Effects that are held against each other."""
@@ -23,28 +23,32 @@ class Separability:
     nats: Float64[np.ndarray, "n n"]
 
 
-def separability(contest: Contest, found: Sequence[Explained], *, temper: float) -> Separability | None:
+def compute_separability(
+    contest: EstimationProblem, found: Sequence[HypothesisFit], *, temper: float
+) -> Separability | None:
     """The best fits of single effects against each other; None if fewer than two moved anything.
 
     What an effect does to the motion is laid out by the slopes of another one, of the uncertainties and of
     the starts; half of the square that they leave, over ``temper`` samples that count as one, is the expected
     logarithm of the Bayes factor.
     """
-    best: dict[str, Explained] = {}
+    best: dict[str, HypothesisFit] = {}
     for one in found:
         # what moves nothing, or overflows, has no slopes to lay out anything by
-        lone = len(one.effects) == 1 and not isinstance(one.effects[0].effect, Noise)
+        lone = len(one.effects) == 1 and not isinstance(one.effects[0].effect, SampleEffect)
         if lone and np.isfinite(one.fit.slopes).all() and np.isfinite(one.fit.start_slopes).all():
             best.setdefault(one.effects[0].effect.name, one)
     fits = list(best.values())[:MOST]
     if len(fits) < 2:
         return None
-    marks = [_mark(contest, one) for one in fits]
-    nats = np.array([[_left(contest, mark, other) for other in fits] for mark in marks]) / (2.0 * temper)
+    marks = [_effect_signature(contest, one) for one in fits]
+    nats = np.array([[_unexplained_square(contest, mark, other) for other in fits] for mark in marks]) / (
+        2.0 * temper
+    )
     return Separability(tuple(one.effects[0].effect.name for one in fits), nats)
 
 
-def _mark(contest: Contest, one: Explained) -> Float64[np.ndarray, "W L d"]:
+def _effect_signature(contest: EstimationProblem, one: HypothesisFit) -> Float64[np.ndarray, "W L d"]:
     """What the effect alone does to the motion, in units of the noise: to first order in its amplitudes.
 
     What has none, a delay say, does it whole.
@@ -59,10 +63,10 @@ def _mark(contest: Contest, one: Explained) -> Float64[np.ndarray, "W L d"]:
     return np.nan_to_num((with_it - without) * contest.data.weight)
 
 
-def _left(contest: Contest, mark: np.ndarray, other: Explained) -> float:
+def _unexplained_square(contest: EstimationProblem, mark: np.ndarray, other: HypothesisFit) -> float:
     """The square of ``mark`` that the best change of the ``other`` effect and of all else leaves."""
     fit = other.fit
-    spread = belief(other.effects, contest.bench).deviation
+    spread = joint_prior(other.effects, contest.bench).deviation
     curvature, gradient, _, _, own = eliminate(mark, fit.slopes, fit.start_slopes)
     flat = mark.reshape(len(mark), -1)
     # the effect itself may grow to any size, the rest only as far as it is believed to move

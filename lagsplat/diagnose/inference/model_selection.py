@@ -7,11 +7,11 @@ import numpy as np
 from scipy.ndimage import label, mean
 
 from lagsplat.diagnose.core.config import DiagnoseConfig
-from lagsplat.diagnose.effects.base import Instance, Noise
+from lagsplat.diagnose.effects.base import PlacedEffect, SampleEffect
 from lagsplat.diagnose.estimation.multiple_shooting import Fit
-from lagsplat.diagnose.inference.evidence import Explained, log_evidence
-from lagsplat.diagnose.inference.problem import Contest
-from lagsplat.diagnose.inference.score_test import Lead, screen
+from lagsplat.diagnose.inference.evidence import HypothesisFit, log_evidence
+from lagsplat.diagnose.inference.problem import EstimationProblem
+from lagsplat.diagnose.inference.score_test import ScoreTestResult, score_test
 
 SETTLED = 3
 """Best fits that are carried on to their end."""
@@ -24,11 +24,11 @@ SMOOTH = 0.5
 SEEN = 4.0
 """Mean square, in units of the noise, by which repeats of a sample must miss the motion to be seen."""
 
-Tell = Callable[[str], None]
+ProgressCallback = Callable[[str], None]
 
 
 @dataclass(frozen=True)
-class Effort:
+class SearchBudget:
     """How far the search goes: families and places fitted in full, and beginnings of each fit."""
 
     families: int
@@ -44,7 +44,7 @@ class Effort:
     """Nats that effects gain where there are none, by the sim's own errors; so much counts for nothing."""
 
     @classmethod
-    def of(cls, config: DiagnoseConfig, *, nominal: float, null: float = 0.0) -> "Effort":
+    def of(cls, config: DiagnoseConfig, *, nominal: float, null: float = 0.0) -> "SearchBudget":
         """What the settings say."""
         return cls(
             config.families, config.places, config.starts, tuple(config.always), config.temper, nominal, null
@@ -52,44 +52,44 @@ class Effort:
 
 
 @dataclass(frozen=True)
-class Ranking:
+class ModelRanking:
     """`none`, and every hypothesis that was fitted, the most evident first."""
 
-    none: Explained
-    found: tuple[Explained, ...]
+    none: HypothesisFit
+    found: tuple[HypothesisFit, ...]
     temper: float
     """By how much the noise is widened so that the best hypothesis fits."""
 
-    def best_of(self, name: str) -> Explained | None:
+    def best_of(self, name: str) -> HypothesisFit | None:
         """The most evident fit of one family."""
         return next((one for one in self.found if one.effects[-1].effect.name == name), None)
 
 
-def rank(
-    contest: Contest,
-    offers: Sequence[Instance],
-    effort: Effort,
+def rank_hypotheses(
+    contest: EstimationProblem,
+    offers: Sequence[PlacedEffect],
+    effort: SearchBudget,
     *,
-    known: Explained | None = None,
-    tell: Tell = lambda name: None,
-) -> Ranking:
+    known: HypothesisFit | None = None,
+    tell: ProgressCallback = lambda name: None,
+) -> ModelRanking:
     """Every family of ``offers`` beside the ``known`` effects; without these, beside none.
 
     Leads come from two score tests: where the uncertainties have moved to make up for the gap, and where
     they have not. The first is blind to an effect that they imitate.
     """
     n = contest.bench.nuisance.size
-    base = known or settled(contest, Explained((), contest.fit((), np.zeros(n))))
+    base = known or refine_fit(contest, HypothesisFit((), contest.fit((), np.zeros(n))))
     beginnings = [base.fit]
     if known is None:
         frozen = replace(contest, bench=replace(contest.bench, nuisance=contest.bench.nuisance.pinned()))
         unmoved = frozen.fit((), np.zeros(n))
         if unmoved.misfit > 1.02 * base.fit.misfit:
             beginnings.append(replace(unmoved, x=np.zeros(n)))
-    by_family: dict[str, list[tuple[Lead, Explained]]] = {}
+    by_family: dict[str, list[tuple[ScoreTestResult, HypothesisFit]]] = {}
     orders = []
     for fit in beginnings:
-        leads = screen(contest, base.effects, fit, offers)
+        leads = score_test(contest, base.effects, fit, offers)
         order = list(dict.fromkeys(lead.instance.effect.name for lead in leads))
         orders.append(order[: effort.families])
         for lead in leads:
@@ -98,7 +98,7 @@ def rank(
                 sum(one.instance is lead.instance for one, _ in family) == 0
                 and len(family) < effort.places * 2
             ):
-                family.append((lead, Explained(base.effects, fit)))
+                family.append((lead, HypothesisFit(base.effects, fit)))
     chosen = list(dict.fromkeys([name for row in zip(*orders, strict=False) for name in row]
                                 + [name for order in orders for name in order]
                                 + [name for name in effort.always if name in by_family]))  # fmt: skip
@@ -107,41 +107,41 @@ def rank(
         tell(name)
         family = sorted(by_family[name], key=lambda pair: -pair[0].gain)[: effort.places]
         for lead, start in family:
-            found.append(pursue(contest, base.effects, start.fit, lead, starts=effort.starts))
+            found.append(fit_candidate(contest, base.effects, start.fit, lead, starts=effort.starts))
     found.sort(key=lambda one: one.fit.cost)
-    found[:SETTLED] = [settled(contest, one) for one in found[:SETTLED]]
-    return graded(contest, base, found, offers, effort, first=known is None)
+    found[:SETTLED] = [refine_fit(contest, one) for one in found[:SETTLED]]
+    return rank_by_evidence(contest, base, found, offers, effort, first=known is None)
 
 
-def settled(contest: Contest, one: Explained) -> Explained:
+def refine_fit(contest: EstimationProblem, one: HypothesisFit) -> HypothesisFit:
     """A fit carried on to its end, beyond the steps and the gain with which every fit must make do."""
     longer = replace(contest, iterations=LONGER * contest.iterations, tolerance=FINER * contest.tolerance)
     near = (one.fit.slopes[..., one.n_own :], one.fit.start_slopes) if one.effects else None
     return replace(one, fit=longer.fit(one.effects, one.fit.x, one.fit.starts, near))
 
 
-def graded(
-    contest: Contest,
-    base: Explained,
-    found: Sequence[Explained],
-    offers: Sequence[Instance],
-    effort: Effort,
+def rank_by_evidence(
+    contest: EstimationProblem,
+    base: HypothesisFit,
+    found: Sequence[HypothesisFit],
+    offers: Sequence[PlacedEffect],
+    effort: SearchBudget,
     *,
     first: bool,
-) -> Ranking:
+) -> ModelRanking:
     """Evidence of each fit over the base, under noise as wide as the best of them needs."""
     least = min([one.fit.misfit for one in found] + [base.fit.misfit])
-    noisy = _noisy(contest, base, offers) if first else []
+    noisy = _explain_by_sample_noise(contest, base, offers) if first else []
     explained = max(noisy, key=lambda row: row[0], default=(0.0, base))[1].fit.misfit
     temper = max(effort.nominal, min(least, explained) / contest.freedom) * effort.temper
     floor = log_evidence(base, contest.bench, temper) + (effort.null if first else 0.0)
     rows = [replace(one, log_evidence=log_evidence(one, contest.bench, temper) - floor) for one in found]
     rows += [replace(one, log_evidence=gain / effort.temper - 4.0 - effort.null) for gain, one in noisy]
     rows.sort(key=lambda one: -one.log_evidence)
-    return Ranking(replace(base, log_evidence=0.0), tuple(rows), temper)
+    return ModelRanking(replace(base, log_evidence=0.0), tuple(rows), temper)
 
 
-def _repeated(contest: Contest, base: Explained) -> tuple[float, int]:
+def _repeated_sample_misfit(contest: EstimationProblem, base: HypothesisFit) -> tuple[float, int]:
     """By how much repeats of an earlier sample miss what should have been seen, and how many do."""
     predicted = contest.predict(base.effects)(base.fit.x[None], base.fit.starts[None])[0]
     wrong = np.nan_to_num(((contest.data.y - predicted) / contest.sigma) ** 2).mean(axis=2)
@@ -152,36 +152,42 @@ def _repeated(contest: Contest, base: Explained) -> tuple[float, int]:
     return float(missed), int(np.count_nonzero(seen))
 
 
-def _alike(residual: np.ndarray, mask: np.ndarray) -> float:
+def _lag_one_correlation(residual: np.ndarray, mask: np.ndarray) -> float:
     """Correlation of the residual (windows, samples, d) from one sample to the next."""
     seen = np.where(mask[..., None], residual, 0.0)
     return float((seen[:, 1:] * seen[:, :-1]).sum() / max((seen**2).sum(), np.finfo(float).tiny))
 
 
-def _noisy(contest: Contest, base: Explained, offers: Sequence[Instance]) -> list[tuple[float, Explained]]:
+def _explain_by_sample_noise(
+    contest: EstimationProblem, base: HypothesisFit, offers: Sequence[PlacedEffect]
+) -> list[tuple[float, HypothesisFit]]:
     """Effects that only move single samples, judged by the residual of the base."""
     out = []
     mask = contest.data.weight[..., 0] > 0.0  # a frame shows all coordinates or none
     for offer in offers:
-        if not isinstance(offer.effect, Noise):
+        if not isinstance(offer.effect, SampleEffect):
             continue
         v = contest.windows.take(contest.bench.record.v) / contest.sigma * contest.bench.record.dt_s
         gain, parameters, misfit = offer.effect.explain(base.fit.residual[mask], v[mask])
-        gain *= min(max(0.0, 1.0 - _alike(base.fit.residual, mask) / SMOOTH), 1.0)
+        gain *= min(max(0.0, 1.0 - _lag_one_correlation(base.fit.residual, mask) / SMOOTH), 1.0)
         if offer.effect.repeats:
-            missed, n = _repeated(contest, base)
+            missed, n = _repeated_sample_misfit(contest, base)
             gain += 0.5 * missed
             parameters = {key: tuple(value + n for value in row) for key, row in parameters.items()}
         fit = replace(base.fit, misfit=misfit)
-        out.append((gain, Explained((*base.effects, offer), fit, noise=parameters)))
+        out.append((gain, HypothesisFit((*base.effects, offer), fit, noise=parameters)))
     return out
 
 
 SHARES = (1.0, 0.5, 0.25, 0.1, 0.03)
 
 
-def _damped(
-    contest: Contest, effects: tuple[Instance, ...], base: Fit, offer: Instance, x: np.ndarray
+def _scale_start(
+    contest: EstimationProblem,
+    effects: tuple[PlacedEffect, ...],
+    base: Fit,
+    offer: PlacedEffect,
+    x: np.ndarray,
 ) -> np.ndarray:
     """Unknowns to begin from: as much of the promised amplitude as the full rollouts welcome."""
     known, n = sum(len(e.effect.parameters) for e in effects), offer.effect.amplitudes
@@ -196,17 +202,22 @@ def _damped(
     return whole[int(np.argmin(np.where(np.isfinite(misfit), misfit, np.inf)))]
 
 
-def pursue(
-    contest: Contest, effects: tuple[Instance, ...], base: Fit, lead: Lead, *, starts: int
-) -> Explained:
+def fit_candidate(
+    contest: EstimationProblem,
+    effects: tuple[PlacedEffect, ...],
+    base: Fit,
+    lead: ScoreTestResult,
+    *,
+    starts: int,
+) -> HypothesisFit:
     """The best fit of ``effects`` and the lead's one, from the best few beginnings."""
     known = sum(len(e.effect.parameters) for e in effects)
     near = (base.slopes[..., known:], base.start_slopes)
     best: Fit | None = None
     for x in lead.starts[:starts]:
-        whole = _damped(contest, effects, base, lead.instance, x)
+        whole = _scale_start(contest, effects, base, lead.instance, x)
         fit = contest.fit((*effects, lead.instance), whole, base.starts, near)
         if best is None or fit.cost < best.cost:
             best = fit
     assert best is not None
-    return Explained((*effects, lead.instance), best)
+    return HypothesisFit((*effects, lead.instance), best)

@@ -16,12 +16,12 @@ from lagsplat.diagnose.effects.actuation.external_push import N_PUSHES
 from lagsplat.diagnose.effects.base import (
     Direction,
     Effect,
-    Force,
-    InputChange,
-    Instance,
+    ForceEffect,
+    InputEffect,
+    PlacedEffect,
     Scales,
-    directed,
-    everywhere,
+    make_direction,
+    place_everywhere,
 )
 from lagsplat.diagnose.effects.dynamics.linear_stiffness import SPRING
 from lagsplat.diagnose.effects.registry import catalogue
@@ -38,73 +38,75 @@ FREE_CLIPS = 3
 """Clips, the longest, in which a hidden memory may begin anywhere."""
 
 
-def directions(bench: Bench, names: Sequence[str]) -> list[Direction]:
+def coordinate_directions(bench: Bench, names: Sequence[str]) -> list[Direction]:
     """One along each coordinate."""
     eye = np.eye(bench.model.d)
-    return [directed(name, eye[i], bench.model) for i, name in enumerate(names)]
+    return [make_direction(name, eye[i], bench.model) for i, name in enumerate(names)]
 
 
-def joints(bench: Bench, names: Sequence[str]) -> list[Direction]:
+def joint_directions(bench: Bench, names: Sequence[str]) -> list[Direction]:
     """One along the difference of each two coordinates, if these are few."""
     model, eye = bench.model, np.eye(bench.model.d)
     pairs = combinations(range(model.d if model.d <= PAIRED else 0), 2)
-    return [directed(f"{names[j]} - {names[i]}", eye[j] - eye[i], model) for i, j in pairs]
+    return [make_direction(f"{names[j]} - {names[i]}", eye[j] - eye[i], model) for i, j in pairs]
 
 
 @dataclass(frozen=True)
-class Hints:
+class DisturbanceHints:
     """Where to look for disturbances: pushes (start, end) [s] on the joint clock, and lines [Hz]."""
 
     pushes: tuple[tuple[float, float], ...]
     lines_hz: tuple[float, ...]
 
 
-def instances(
+def place_effects(
     bench: Bench,
-    hints: Sequence[Hints],
+    hints: Sequence[DisturbanceHints],
     *,
     q_names: Sequence[str],
     u_names: Sequence[str],
     without: Sequence[str],
-) -> list[Instance]:
-    """The catalogue at every place; ``hints`` hold one entry a coordinate."""
-    places, pairs = directions(bench, q_names), joints(bench, q_names)
-    out: list[Instance] = []
+) -> list[PlacedEffect]:
+    """The catalogue at every place; ``extract_hints`` hold one entry a coordinate."""
+    places, pairs = coordinate_directions(bench, q_names), joint_directions(bench, q_names)
+    out: list[PlacedEffect] = []
     for effect in catalogue().values():
         if effect.name in without:
             continue
         for variant in effect.variants:
-            if effect.along == "channels" or isinstance(effect, InputChange):
-                out += together(_on_inputs(effect, bench, u_names))
+            if effect.along == "channels" or isinstance(effect, InputEffect):
+                out += add_joint_placement(_place_on_inputs(effect, bench, u_names))
             elif effect.along == "whole":
-                out.append(Instance(effect, whole_scales(bench), variant))
+                out.append(PlacedEffect(effect, largest_motion_scales(bench), variant))
             else:
-                out += together(_along(effect, variant, bench, places, hints))
+                out += add_joint_placement(_place_along(effect, variant, bench, places, hints))
                 if variant in effect.between:
-                    out += _along(effect, variant, bench, pairs, [Hints((), ())] * len(pairs))
+                    out += _place_along(
+                        effect, variant, bench, pairs, [DisturbanceHints((), ())] * len(pairs)
+                    )
                 everything = effect.along == "both" and variant != SPRING  # a spring is at one coordinate
-                if everything and (bench.model.d > 1 or not isinstance(effect, Force)):
-                    out.append(Instance(effect, whole_scales(bench), variant))
+                if everything and (bench.model.d > 1 or not isinstance(effect, ForceEffect)):
+                    out.append(PlacedEffect(effect, largest_motion_scales(bench), variant))
     return [one for one in out if one.scales.reach > 0.0]
 
 
-def together(places: Sequence[Instance]) -> list[Instance]:
+def add_joint_placement(places: Sequence[PlacedEffect]) -> list[PlacedEffect]:
     """The same, and where it may act at all of these places at once, that too."""
     moved = [one for one in places if one.scales.reach > 0.0]
     joint = len(moved) > 1 and moved[0].effect.together
-    return [*places, *([everywhere(moved)] if joint else [])]
+    return [*places, *([place_everywhere(moved)] if joint else [])]
 
 
-def _along(
-    effect: Effect, variant: str, bench: Bench, places: list[Direction], hints: Sequence[Hints]
-) -> list[Instance]:
+def _place_along(
+    effect: Effect, variant: str, bench: Bench, places: list[Direction], hints: Sequence[DisturbanceHints]
+) -> list[PlacedEffect]:
     if variant == "weight" or (effect.name == "mass_change" and len(bench.model.mass) == 1 == bench.model.d):
         return []  # weight acts on the whole; a constant mass of one coordinate is the whole
-    if isinstance(effect, Force) and effect.memory_kinds:
-        effect = effect.begun(_longest(bench))
+    if isinstance(effect, ForceEffect) and effect.memory_kinds:
+        effect = effect.begun(_longest_clips(bench))
     out = []
     for place, hint in zip(places, hints, strict=True):
-        one = Instance(effect, scales(bench, place, variant), variant, place)
+        one = PlacedEffect(effect, motion_scales(bench, place, variant), variant, place)
         if effect.name == "external_push":
             one = replace(one, grid=_push_grid(hint, one.scales))
         if effect.name == "external_periodic_force":
@@ -116,13 +118,13 @@ def _along(
     return out
 
 
-def _longest(bench: Bench) -> list[int]:
+def _longest_clips(bench: Bench) -> list[int]:
     """The clips that tell most of where a memory begins."""
     order = np.argsort(np.diff(bench.record.clips, axis=1)[:, 0], kind="stable")[::-1]
     return sorted(order[:FREE_CLIPS].tolist())
 
 
-def _push_grid(hint: Hints, size: Scales) -> tuple[tuple[float, ...], ...]:
+def _push_grid(hint: DisturbanceHints, size: Scales) -> tuple[tuple[float, ...], ...]:
     """The strongest pushes together, each as long as its event, or half of it."""
     unit, chosen = size.of("time"), hint.pushes[:N_PUSHES]
     if not chosen:
@@ -137,22 +139,22 @@ def _push_grid(hint: Hints, size: Scales) -> tuple[tuple[float, ...], ...]:
     return tuple(rows)
 
 
-def _on_inputs(effect: Effect, bench: Bench, u_names: Sequence[str]) -> list[Instance]:
+def _place_on_inputs(effect: Effect, bench: Bench, u_names: Sequence[str]) -> list[PlacedEffect]:
     driven = [j for j in range(bench.record.u.shape[1]) if np.ptp(bench.record.u[:, j]) > 0.0]
     if not driven:
         return []
     if effect.along == "whole":
-        return [Instance(effect, whole_scales(bench))]
+        return [PlacedEffect(effect, largest_motion_scales(bench))]
     out = []
     for j in driven:
         u = bench.record.u[:, j]
-        base = whole_scales(bench)
+        base = largest_motion_scales(bench)
         size = replace(base, input=float(np.sqrt(np.mean(u * u))), input_reach=float(np.abs(u).max()))
-        out.append(Instance(effect, size, channel=j, input_name=u_names[j]))
+        out.append(PlacedEffect(effect, size, channel=j, input_name=u_names[j]))
     return out
 
 
-def scales(bench: Bench, place: Direction, variant: str = "") -> Scales:
+def motion_scales(bench: Bench, place: Direction, variant: str = "") -> Scales:
     """Sizes of the recorded motion along a direction."""
     s = (bench.smooth - bench.model.rest) @ place.covector
     v = bench.record.v @ place.covector
@@ -173,11 +175,11 @@ def _stiffness(bench: Bench, place: Direction) -> float:
     return float(p @ bench.model.stiffness @ p) / float(p @ bench.model.inertia @ p)
 
 
-def whole_scales(bench: Bench) -> Scales:
+def largest_motion_scales(bench: Bench) -> Scales:
     """Sizes of the coordinate that moves most, by its kinetic energy."""
     energy = np.diag(bench.model.inertia) * np.mean(bench.record.v**2, axis=0)
     i = int(np.argmax(energy))
-    return scales(bench, directed(None, np.eye(bench.model.d)[i], bench.model))
+    return motion_scales(bench, make_direction(None, np.eye(bench.model.d)[i], bench.model))
 
 
 LINES = 5
@@ -185,7 +187,7 @@ HIGHEST = 0.2
 """Highest line, as a share of the rate of frames."""
 
 
-def hints(smoothed: Sequence[Smoothed], *, period_s: float) -> tuple[Hints, ...]:
+def extract_hints(smoothed: Sequence[Smoothed], *, period_s: float) -> tuple[DisturbanceHints, ...]:
     """The loudest spans, on the joint clock, and lines of the longest file, for each coordinate."""
     shifts = clock_shifts([one.motion for one in smoothed])
     pushes = tuple(
@@ -193,18 +195,20 @@ def hints(smoothed: Sequence[Smoothed], *, period_s: float) -> tuple[Hints, ...]
         for one in events(smoothed, period_s=period_s)
     )
     longest = max(smoothed, key=lambda one: one.motion.n)
-    return tuple(Hints(pushes, lines(longest, i)) for i in range(longest.motion.d))
+    return tuple(DisturbanceHints(pushes, find_spectral_lines(longest, i)) for i in range(longest.motion.d))
 
 
-def sought(model: Model, motions: Sequence[Motion], *, period_s: float, hold: str) -> tuple[Hints, ...]:
+def find_hints(
+    model: Model, motions: Sequence[Motion], *, period_s: float, hold: str
+) -> tuple[DisturbanceHints, ...]:
     """Hints from the force that the sim lacks; none where it cannot follow the motions at all."""
     try:
-        return hints(smooth(model, motions, period_s=period_s, hold=hold), period_s=period_s)
+        return extract_hints(smooth(model, motions, period_s=period_s, hold=hold), period_s=period_s)
     except np.linalg.LinAlgError:
-        return (Hints((), ()),) * model.d
+        return (DisturbanceHints((), ()),) * model.d
 
 
-def lines(one: Smoothed, coordinate: int) -> tuple[float, ...]:
+def find_spectral_lines(one: Smoothed, coordinate: int) -> tuple[float, ...]:
     """The frequencies [Hz] of the highest peaks in the spectrum of the residual."""
     motion = one.motion
     time = np.arange(motion.time_s[0], motion.time_s[-1], motion.dt_s)

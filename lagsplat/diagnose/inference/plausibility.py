@@ -21,11 +21,11 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from lagsplat.diagnose.effects.actuation.external_push import N_PUSHES
-from lagsplat.diagnose.effects.base import Instance, Noise
+from lagsplat.diagnose.effects.base import PlacedEffect, SampleEffect
 from lagsplat.diagnose.estimation.dataset import Record
-from lagsplat.diagnose.inference.evidence import Explained, log_evidence
-from lagsplat.diagnose.inference.model_selection import Ranking
-from lagsplat.diagnose.inference.problem import Contest
+from lagsplat.diagnose.inference.evidence import HypothesisFit, log_evidence
+from lagsplat.diagnose.inference.model_selection import ModelRanking
+from lagsplat.diagnose.inference.problem import EstimationProblem
 
 UNSHOWN = 0.7
 """P(unknown) where nothing shows that what is named for an outer force comes from outside."""
@@ -38,7 +38,7 @@ AHEAD, SCATTER = 0.0, 2.0
 
 
 @dataclass(frozen=True)
-class Doubt:
+class Implausibility:
     """P(unknown), at the least, for one reason.
 
     ``unrepeated``: an outer force in states that the record passes only with it. ``shapeless``: several
@@ -49,17 +49,19 @@ class Doubt:
     why: Literal["unrepeated", "shapeless", "loose"]
 
 
-def doubt(contest: Contest, ranking: Ranking, one: Explained, *, nominal: float) -> Doubt:
+def assess_implausibility(
+    contest: EstimationProblem, ranking: ModelRanking, one: HypothesisFit, *, nominal: float
+) -> Implausibility:
     """The strongest doubt in ``one``, if it explains the gap; none in what only moves single samples."""
-    if any(isinstance(instance.effect, Noise) for instance in one.effects):
-        return Doubt(0.0, "loose")
-    ahead = rival(contest, ranking.none, one, nominal=nominal, temper=ranking.temper)
+    if any(isinstance(instance.effect, SampleEffect) for instance in one.effects):
+        return Implausibility(0.0, "loose")
+    ahead = relaxed_model_log_evidence(contest, ranking.none, one, nominal=nominal, temper=ranking.temper)
     loose = 1.0 / (1.0 + np.exp(np.clip((AHEAD - ahead) / SCATTER, -50.0, 50.0)))
     shapes = sum(instance.effect.name in SHAPELESS for instance in one.effects)
     reasons = (
-        Doubt(UNSHOWN * (1.0 - repeated(one, contest)), "unrepeated"),
-        Doubt(FITTING if shapes > 1 else 0.0, "shapeless"),
-        Doubt(float(loose), "loose"),
+        Implausibility(UNSHOWN * (1.0 - recurrence(one, contest)), "unrepeated"),
+        Implausibility(FITTING if shapes > 1 else 0.0, "shapeless"),
+        Implausibility(float(loose), "loose"),
     )
     return max(reasons, key=lambda reason: reason.chance)
 
@@ -74,7 +76,7 @@ FELT = 0.1
 """Share of the strongest push below which another is none."""
 
 
-def repeated(one: Explained, contest: Contest) -> float:
+def recurrence(one: HypothesisFit, contest: EstimationProblem) -> float:
     """How far the record shows that the exogenous effects of ``one`` come from outside, from 0 to 1.
 
     One where there are none of them.
@@ -84,17 +86,21 @@ def repeated(one: Explained, contest: Contest) -> float:
         if instance.effect.name in ("external_push", "external_periodic_force"):
             row = instance.physical(one.fit.x[None, one.own(instance)])[0]
             named = {p.name: float(v) for p, v in zip(instance.effect.parameters, row, strict=True)}
-            seen = _lone(named, record, instance) if "time 0" in named else _cycles(named, record)
+            seen = (
+                _push_recurrence(named, record, instance)
+                if "time 0" in named
+                else _cycle_recurrence(named, record)
+            )
             shown = min(shown, seen)
     return shown
 
 
-def _cycles(named: Mapping[str, float], record: Record) -> float:
+def _cycle_recurrence(named: Mapping[str, float], record: Record) -> float:
     longest = max(record.time[stop - 1] - record.time[start] for start, stop in record.clips)
     return min(1.0, abs(named["angular_frequency"]) * longest / (2.0 * np.pi) / CYCLES)
 
 
-def _lone(named: Mapping[str, float], record: Record, instance: Instance) -> float:
+def _push_recurrence(named: Mapping[str, float], record: Record, instance: PlacedEffect) -> float:
     """Share of the pushed states that the record passes through without a push at another time, too.
 
     Of several coordinates the one that is pushed: all of them together hardly ever come back.
@@ -124,7 +130,9 @@ WORSE = 0.05
 """Mean square residual, in that of the noise, by which the loose sim may be worse and still explain all."""
 
 
-def rival(contest: Contest, none: Explained, best: Explained, *, nominal: float, temper: float) -> float:
+def relaxed_model_log_evidence(
+    contest: EstimationProblem, none: HypothesisFit, best: HypothesisFit, *, nominal: float, temper: float
+) -> float:
     """Nats by which the loosened sim is more evident than ``best``; minus infinity if it explains less.
 
     So it is where the sim misses even its own recordings: then to explain the rest is no achievement.
@@ -137,5 +145,5 @@ def rival(contest: Contest, none: Explained, best: Explained, *, nominal: float,
     noise = nominal * contest.freedom
     if fit.misfit > max(best.fit.misfit, noise) + WORSE * noise:
         return -np.inf
-    there = log_evidence(Explained((), fit), loose.bench, temper)
+    there = log_evidence(HypothesisFit((), fit), loose.bench, temper)
     return there - log_evidence(best, bench, temper)

@@ -12,12 +12,17 @@ import numpy as np
 
 from lagsplat.diagnose.core.config import DiagnoseConfig
 from lagsplat.diagnose.core.result import Verdict
-from lagsplat.diagnose.effects.base import Instance, Noise
+from lagsplat.diagnose.effects.base import PlacedEffect, SampleEffect
 from lagsplat.diagnose.effects.registry import catalogue
-from lagsplat.diagnose.inference.evidence import Explained, log_evidence
-from lagsplat.diagnose.inference.model_selection import Effort, Ranking, Tell, rank
-from lagsplat.diagnose.inference.plausibility import Doubt
-from lagsplat.diagnose.inference.problem import Contest, pushed
+from lagsplat.diagnose.inference.evidence import HypothesisFit, log_evidence
+from lagsplat.diagnose.inference.model_selection import (
+    ModelRanking,
+    ProgressCallback,
+    SearchBudget,
+    rank_hypotheses,
+)
+from lagsplat.diagnose.inference.plausibility import Implausibility
+from lagsplat.diagnose.inference.problem import EstimationProblem, excess_penalty
 
 MOST = 3
 FIRST = 3
@@ -26,35 +31,38 @@ ENOUGH = 0.1
 """Excess of the mean square residual, in units of the noise, that is not worth explaining."""
 
 
-def combine(
-    contest: Contest,
-    ranking: Ranking,
-    offers: Sequence[Instance],
-    effort: Effort,
+def combine_effects(
+    contest: EstimationProblem,
+    ranking: ModelRanking,
+    offers: Sequence[PlacedEffect],
+    effort: SearchBudget,
     config: DiagnoseConfig,
     *,
-    tell: Tell,
-) -> tuple[Explained, ...]:
+    tell: ProgressCallback,
+) -> tuple[HypothesisFit, ...]:
     """The best single effect, the best pair and the best triple, while there is something left to explain.
 
     The second is looked for beside each of the best few first ones, so that the first may turn out to be
     another (swap). Empty where nothing beats `none`.
     """
-    singles = leaders(ranking, [name for name in catalogue() if name not in config.without], config)
+    singles = effects_above_none(
+        ranking, [name for name in catalogue() if name not in config.without], config
+    )
     if not singles:
         return ()
-    firsts = [one for one in singles if not isinstance(one.effects[-1].effect, Noise)]
+    firsts = [one for one in singles if not isinstance(one.effects[-1].effect, SampleEffect)]
     narrow = replace(effort, families=max(3, effort.families // 2), places=1, starts=1, always=())
     chain = [singles[0]]
     while len(chain) < MOST and (
-        excess(chain[-1], contest, effort.nominal) > ENOUGH or moved(chain[-1], effort.nominal, config)
+        excess_misfit(chain[-1], contest, effort.nominal) > ENOUGH
+        or exceeds_prior(chain[-1], effort.nominal, config)
     ):
         beside = firsts[:FIRST] if len(chain) == 1 else chain[-1:]
         tried = []
         for held in beside:
             others = [o for o in offers if o.effect.name not in {e.effect.name for e in held.effects}]
-            more = rank(contest, others, narrow, known=held, tell=tell)
-            found = [one for one in more.found if not isinstance(one.effects[-1].effect, Noise)][:1]
+            more = rank_hypotheses(contest, others, narrow, known=held, tell=tell)
+            found = [one for one in more.found if not isinstance(one.effects[-1].effect, SampleEffect)][:1]
             tried += [replace(one, log_evidence=held.log_evidence + one.log_evidence) for one in found]
         if not tried:
             break
@@ -69,7 +77,7 @@ def combine(
     return tuple(chain)
 
 
-def excess(one: Explained, contest: Contest, nominal: float) -> float:
+def excess_misfit(one: HypothesisFit, contest: EstimationProblem, nominal: float) -> float:
     """Mean square residual of a fit above what the sim leaves of its own recordings."""
     return one.fit.misfit / contest.freedom - nominal
 
@@ -87,7 +95,7 @@ SLOW, A_SPRING = 0.5, 4.0
 """Share of the recording from which creep takes so long that it is but a spring, and nats that this costs."""
 
 
-def trust(ranking: Ranking) -> float:
+def evidence_temperature(ranking: ModelRanking) -> float:
     """What a nat is worth: the laws of the catalogue are never quite those of nature.
 
     Where thousands of nats stand between `none` and the best, a per cent of them between two effects may be
@@ -97,7 +105,7 @@ def trust(ranking: Ranking) -> float:
     return 1.0 / (1.0 + max(most, 0.0) / ROUGHLY)
 
 
-def standings(ranking: Ranking, names: list[str], config: DiagnoseConfig) -> dict[str, float]:
+def log_posteriors(ranking: ModelRanking, names: list[str], config: DiagnoseConfig) -> dict[str, float]:
     """Log posterior, up to a constant, of `none` and of every effect that was fitted, at its best place.
 
     Each of the ``names`` of the catalogue is as likely beforehand, whatever the number of its places.
@@ -105,18 +113,18 @@ def standings(ranking: Ranking, names: list[str], config: DiagnoseConfig) -> dic
     prior = np.log((1.0 - config.prior_none - config.prior_unknown) / len(names))
     scores = {"none": float(np.log(config.prior_none))}
     places: dict[str, int] = {}
-    worth = trust(ranking)
+    worth = evidence_temperature(ranking)
     for one in ranking.found:
         name = one.effects[-1].effect.name
         places[name] = places.get(name, 0) + 1
-        rare = RARER.get(name, 0.0) + (A_SPRING if name == "creep" and _hardly_creeps(one) else 0.0)
+        rare = RARER.get(name, 0.0) + (A_SPRING if name == "creep" and _is_nearly_elastic(one) else 0.0)
         scores.setdefault(name, float(prior) + worth * one.log_evidence - rare)
     for name, n in places.items():
         scores[name] -= float(np.log(n))
     return scores
 
 
-def _hardly_creeps(one: Explained) -> bool:
+def _is_nearly_elastic(one: HypothesisFit) -> bool:
     """Whether its time constant is about as long as the recording: nobody saw it come to rest."""
     instance = one.effects[-1]
     own = instance.physical(one.fit.x[None, one.own(instance)])[0]
@@ -124,10 +132,12 @@ def _hardly_creeps(one: Explained) -> bool:
     return bool(own[keys.index("time_constant")] > SLOW * instance.scales.duration_s)
 
 
-def leaders(ranking: Ranking, names: list[str], config: DiagnoseConfig) -> list[Explained]:
+def effects_above_none(
+    ranking: ModelRanking, names: list[str], config: DiagnoseConfig
+) -> list[HypothesisFit]:
     """The best fit of every effect that stands above `none`, the best first."""
-    scores = standings(ranking, names, config)
-    best: dict[str, Explained] = {}
+    scores = log_posteriors(ranking, names, config)
+    best: dict[str, HypothesisFit] = {}
     for one in ranking.found:
         best.setdefault(one.effects[-1].effect.name, one)
     above = [name for name in best if scores[name] > scores["none"]]
@@ -172,86 +182,88 @@ class Judgement:
     equivalent: tuple[tuple[str, ...], ...]
     left: float
     """Share of the excess misfit that the best explanation leaves."""
-    best: Explained | None
+    best: HypothesisFit | None
     """The best explanation, whether or not the verdict names it."""
     doubted: str | None = None
     """Why it is not believed although it explains the gap."""
 
 
-def explain(
-    chain: Sequence[Explained], before: float, freedom: float, nominal: float, config: DiagnoseConfig
-) -> tuple[Explained | None, float, float]:
+def choose_explanation(
+    chain: Sequence[HypothesisFit], before: float, freedom: float, nominal: float, config: DiagnoseConfig
+) -> tuple[HypothesisFit | None, float, float]:
     """The single effect or the set that explains the gap, the share of it that it leaves, and P(unknown).
 
     ``before`` is the excess without effects. A set is believed only if it leaves next to nothing, for two
     wrong effects imitate most of anything, and three all the more. Otherwise the best single effect stands,
     and the more it leaves, the likelier is something that the catalogue lacks: logistic in the logarithm of
-    that share over ``config.unexplained``. What is `left_over` counts where it is `audible`.
+    that share over ``config.unexplained``. What is `unexplained_misfit` counts where it is `detectable_misfit`.
     """
     if not chain:
-        return None, 1.0, _strange(before, before, freedom, nominal, config)
-    left = [left_over(one, freedom, nominal, config) for one in chain]
+        return None, 1.0, _unknown_probability(before, before, freedom, nominal, config)
+    left = [unexplained_misfit(one, freedom, nominal, config) for one in chain]
     share = [max(rest, 0.0) / max(before, rest, 1e-9) for rest in left]
-    if share[0] > config.further_from or moved(chain[0], nominal, config):
+    if share[0] > config.further_from or exceeds_prior(chain[0], nominal, config):
         for one, rest, part in zip(chain[1:], left[1:], share[1:], strict=True):
-            enough = (rest < audible(freedom, nominal, config), part < config.further_from)
+            enough = (rest < detectable_misfit(freedom, nominal, config), part < config.further_from)
             if all(enough) if len(one.effects) > 2 else any(enough):
                 return one, part, LEAST_UNKNOWN
-    return chain[0], share[0], _strange(left[0], before, freedom, nominal, config)
+    return chain[0], share[0], _unknown_probability(left[0], before, freedom, nominal, config)
 
 
-def swing(contest: Contest) -> float:
+def motionless_misfit(contest: EstimationProblem) -> float:
     """Mean square of the motion about its middle [noise]: what a sim that stood still would miss."""
     data = contest.data
     middle = np.average(data.y, axis=(0, 1), weights=data.weight > 0.0)
     return float((((data.y - middle) * data.weight) ** 2).sum()) / contest.freedom
 
 
-def left_over(one: Explained, freedom: float, nominal: float, config: DiagnoseConfig) -> float:
+def unexplained_misfit(one: HypothesisFit, freedom: float, nominal: float, config: DiagnoseConfig) -> float:
     """Mean square that an explanation leaves above what the sim does of its own recordings [noise].
 
     What it has pushed into the sim's own uncertainties, beyond what is believed of these, is left, too.
     """
-    return (one.fit.misfit + pushed(one.fit, nominal * config.temper)) / freedom - nominal
+    return (one.fit.misfit + excess_penalty(one.fit, nominal * config.temper)) / freedom - nominal
 
 
-def moved(one: Explained, nominal: float, config: DiagnoseConfig) -> bool:
+def exceeds_prior(one: HypothesisFit, nominal: float, config: DiagnoseConfig) -> bool:
     """Whether the sim's own uncertainties had to move further than they are believed to."""
-    return pushed(one.fit, nominal * config.temper) > 0.0
+    return excess_penalty(one.fit, nominal * config.temper) > 0.0
 
 
-def audible(freedom: float, nominal: float, config: DiagnoseConfig) -> float:
+def detectable_misfit(freedom: float, nominal: float, config: DiagnoseConfig) -> float:
     """Excess of a mean square residual that stands out of its scatter, and of what laws are wrong by."""
     return float(WRONG_BY * nominal + 2.5 * nominal * np.sqrt(2.0 * config.temper / max(freedom, 1.0)))
 
 
-def _strange(left: float, before: float, freedom: float, nominal: float, config: DiagnoseConfig) -> float:
-    loud = left - audible(freedom, nominal, config)
+def _unknown_probability(
+    left: float, before: float, freedom: float, nominal: float, config: DiagnoseConfig
+) -> float:
+    loud = left - detectable_misfit(freedom, nominal, config)
     if loud <= 0.0:
         return LEAST_UNKNOWN
     share = min(loud / max(before, loud), 1.0)
     return max(float(1.0 / (1.0 + (config.unexplained / share) ** STEEP)), LEAST_UNKNOWN)
 
 
-def judge(
-    ranking: Ranking,
-    chain: Sequence[Explained],
+def judge_hypotheses(
+    ranking: ModelRanking,
+    chain: Sequence[HypothesisFit],
     freedom: float,
     nominal: float,
     config: DiagnoseConfig,
     *,
     most: float = np.inf,
-    doubt: Callable[[Explained], Doubt] = lambda one: Doubt(0.0, "loose"),
+    doubt: Callable[[HypothesisFit], Implausibility] = lambda one: Implausibility(0.0, "loose"),
 ) -> Judgement:
     """Probabilities by evidence and prior; the share that is left unexplained speaks for `unknown`.
 
     So does ``doubt``, the doubt in an explanation if it is the best. A sim that runs off misses no more than
-    one that stands still, ``most`` (`swing`): nearly anything would explain the most part of a larger gap.
+    one that stands still, ``most`` (`motionless_misfit`): nearly anything would explain the most part of a larger gap.
     """
     names = [name for name in catalogue() if name not in config.without]
-    scores = standings(ranking, names, config)
-    before = min(left_over(ranking.none, freedom, nominal, config), most)
-    best, left, strange = explain(chain, before, freedom, nominal, config)
+    scores = log_posteriors(ranking, names, config)
+    before = min(unexplained_misfit(ranking.none, freedom, nominal, config), most)
+    best, left, strange = choose_explanation(chain, before, freedom, nominal, config)
     doubted = doubt(best or ranking.none)
     told = doubted.why if doubted.chance > strange else None
     strange = max(strange, doubted.chance)
@@ -266,13 +278,13 @@ def judge(
     probabilities["unknown"] = strange
     for name in names:
         probabilities.setdefault(name, 0.0)
-    probabilities = _tempered(probabilities)
-    verdict = _verdict(probabilities)
+    probabilities = _smooth_probabilities(probabilities)
+    verdict = _most_probable_verdict(probabilities)
     why = told if verdict == "unknown" else None
-    return Judgement(verdict, probabilities, equivalents(ranking), left, best, why)
+    return Judgement(verdict, probabilities, find_equivalent_effects(ranking), left, best, why)
 
 
-def denied(judgement: Judgement) -> Judgement:
+def reject_effect(judgement: Judgement) -> Judgement:
     """The verdict `none` after all: it changes places with the most probable effect."""
     probabilities = dict(judgement.probabilities)
     first = next(iter(probabilities))
@@ -281,7 +293,7 @@ def denied(judgement: Judgement) -> Judgement:
     return replace(judgement, verdict="none", probabilities=ordered, equivalent=())
 
 
-def _tempered(probabilities: Mapping[str, float]) -> dict[str, float]:
+def _smooth_probabilities(probabilities: Mapping[str, float]) -> dict[str, float]:
     """No name gets more than `SURE`; what is cut off is spread over the rest."""
     size = len(probabilities)
     mixed = {name: p * (SURE - 1.0 / size * SURE) + (1.0 - SURE) / size for name, p in probabilities.items()}
@@ -289,14 +301,14 @@ def _tempered(probabilities: Mapping[str, float]) -> dict[str, float]:
     return dict(sorted(((n, p / total) for n, p in mixed.items()), key=lambda row: -row[1]))
 
 
-def _verdict(probabilities: Mapping[str, float]) -> Verdict:
+def _most_probable_verdict(probabilities: Mapping[str, float]) -> Verdict:
     first = next(iter(probabilities))
     if first in ("none", "unknown"):
         return first  # type: ignore[return-value]
     return "effect"
 
 
-def equivalents(ranking: Ranking) -> tuple[tuple[str, ...], ...]:
+def find_equivalent_effects(ranking: ModelRanking) -> tuple[tuple[str, ...], ...]:
     """The best effect with those that are as evident: of its class, or within the same nats."""
     if not ranking.found or ranking.found[0].log_evidence <= 0.0:
         return ()
@@ -304,7 +316,7 @@ def equivalents(ranking: Ranking) -> tuple[tuple[str, ...], ...]:
     name = best.effects[-1].effect.name
     kin = {other for group in CLASSES if name in group for other in group}
     near: list[str] = [name]
-    strength = trust(ranking)
+    strength = evidence_temperature(ranking)
     for one in ranking.found[1:]:
         other = one.effects[-1].effect.name
         behind = strength * (best.log_evidence - one.log_evidence)
@@ -313,8 +325,8 @@ def equivalents(ranking: Ranking) -> tuple[tuple[str, ...], ...]:
     return (tuple(near),) if len(near) > 1 else ()
 
 
-def interval(
-    one: Explained, bench_deviation: np.ndarray, prior: Sequence, temper: float
+def laplace_interval(
+    one: HypothesisFit, bench_deviation: np.ndarray, prior: Sequence, temper: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Unknowns of the effects at both ends of their 90 % intervals, by Laplace's approximation."""
     n = one.n_own

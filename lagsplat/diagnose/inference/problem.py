@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float64
 from lagsplat.diagnose.core.config import DiagnoseConfig
 from lagsplat.diagnose.data_quality.discontinuities import frozen
 from lagsplat.diagnose.data_quality.natural_period import rough_period_s
-from lagsplat.diagnose.effects.base import Instance
+from lagsplat.diagnose.effects.base import PlacedEffect
 from lagsplat.diagnose.estimation.dataset import Prepared, Windows, cut_windows, prepare
 from lagsplat.diagnose.estimation.multiple_shooting import Belief, Data, Fit, derivatives, eliminate, shoot
 from lagsplat.diagnose.estimation.nuisance import Nuisance
@@ -27,7 +27,7 @@ PAID = 40.0
 
 
 @dataclass(frozen=True)
-class Contest:
+class EstimationProblem:
     """A bench, the windows to be explained, and the noise (d,) of a sample."""
 
     bench: Bench
@@ -70,18 +70,18 @@ class Contest:
         """Where the windows start by the smoothed record, (W, 2 d)."""
         return np.concatenate([self.bench.smooth, self.bench.record.v], axis=1)[self.windows.first]
 
-    def predict(self, effects: Sequence[Instance]) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+    def predict(self, effects: Sequence[PlacedEffect]) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
         """Predictions of a set of effects."""
         return lambda x, starts: self.bench.rollouts(effects, x, starts, self.windows)[0]
 
-    def belief(self, effects: Sequence[Instance]) -> Belief:
+    def belief(self, effects: Sequence[PlacedEffect]) -> Belief:
         """What fits hold of the unknowns beforehand."""
-        prior = belief(effects, self.bench)
+        prior = joint_prior(effects, self.bench)
         return replace(prior, deviation=prior.deviation / np.sqrt(self.price))
 
     def fit(
         self,
-        effects: Sequence[Instance],
+        effects: Sequence[PlacedEffect],
         x: np.ndarray,
         starts: np.ndarray | None = None,
         known: tuple[np.ndarray, np.ndarray] | None = None,
@@ -96,12 +96,12 @@ class Contest:
         )  # fmt: skip
 
 
-def pushed(fit: Fit, price: float) -> float:
+def excess_penalty(fit: Fit, price: float) -> float:
     """How much further a fit moved the uncertainties than is believed of them, in units of its misfit."""
     return max(fit.penalty - PAID * price, 0.0)
 
 
-def belief(effects: Sequence[Instance], bench: Bench) -> Belief:
+def joint_prior(effects: Sequence[PlacedEffect], bench: Bench) -> Belief:
     """Prior of the unknowns of ``effects`` followed by the uncertainties."""
     priors = [p.prior for e in effects for p in e.effect.parameters]
     spare = bench.nuisance.deviation
@@ -123,29 +123,31 @@ OPEN = 6
 
 
 @dataclass(frozen=True)
-class Periods:
+class NaturalPeriods:
     """Natural periods of the sim about rest [s]; the rms period of the motion where it has none."""
 
     longest_s: float
     shortest_s: float
 
 
-def periods(model: Model, fallback_s: float) -> Periods:
+def natural_periods(model: Model, fallback_s: float) -> NaturalPeriods:
     """Natural periods by stiffness and inertia at rest, no further than threefold from the motion's."""
     values = np.linalg.eigvals(np.linalg.solve(model.inertia, model.stiffness)).real
     values = values[values > 0.0]
     if not len(values):
-        return Periods(fallback_s, fallback_s)
+        return NaturalPeriods(fallback_s, fallback_s)
     low, high = (float(2.0 * np.pi / np.sqrt(values.min())), float(2.0 * np.pi / np.sqrt(values.max())))
-    return Periods(
+    return NaturalPeriods(
         min(max(low, fallback_s / 3.0), 3.0 * fallback_s), min(max(high, fallback_s / 5.0), fallback_s * 3.0)
     )
 
 
-def stand(sim: Sim, real: Sequence[Motion], config: DiagnoseConfig) -> tuple[Contest, Prepared, Periods]:
+def build_problem(
+    sim: Sim, real: Sequence[Motion], config: DiagnoseConfig
+) -> tuple[EstimationProblem, Prepared, NaturalPeriods]:
     """The contest of all hypotheses about ``real``."""
     model = sim.model
-    natural = periods(model, rough_period_s(real))
+    natural = natural_periods(model, rough_period_s(real))
     ready = prepare(real, period_s=natural.shortest_s)
     record = ready.record
     omega = 2.0 * np.pi / natural.longest_s
@@ -164,17 +166,19 @@ def stand(sim: Sim, real: Sequence[Motion], config: DiagnoseConfig) -> tuple[Con
     windows = cut_windows(record, length_s=reach_s, least=20)
     if len(windows.first) < 4:
         windows = cut_windows(record, length_s=natural.longest_s, least=20)
-    like = familiar(sim, windows, ready)
+    like = select_known_windows(sim, windows, ready)
     aside, windows = int(np.count_nonzero(~like)), windows.only(like)
     bench = Bench(model, record, nuisance, steps, config.input_hold == "zoh", ready.smooth)
     late = frozen(record.q, record.clips, ready.sigma)
     price = max(sim.misfit, 1.0) * sim.correlation
-    contest = Contest(bench, windows, ready.sigma, config.iterations, config.tolerance, late, price, aside)
-    kept = relevant(contest, sim.freedom)
+    contest = EstimationProblem(
+        bench, windows, ready.sigma, config.iterations, config.tolerance, late, price, aside
+    )
+    kept = select_visible_directions(contest, sim.freedom)
     return replace(contest, bench=replace(bench, nuisance=replace(nuisance, directions=kept))), ready, natural
 
 
-def familiar(sim: Sim, windows: Windows, ready: Prepared) -> Bool[np.ndarray, " W"]:
+def select_known_windows(sim: Sim, windows: Windows, ready: Prepared) -> Bool[np.ndarray, " W"]:
     """Windows in which it moves as the sim was seen to; all, if most are not such or it does not ask."""
     if sim.familiar is None:
         return np.ones(len(windows.first), dtype=bool)
@@ -182,11 +186,13 @@ def familiar(sim: Sim, windows: Windows, ready: Prepared) -> Bool[np.ndarray, " 
     return like if like.sum() > MOSTLY * len(like) else np.ones_like(like)
 
 
-def relevant(contest: Contest, freedom: Float64[np.ndarray, "R K"]) -> Float64[np.ndarray, "r K"]:
+def select_visible_directions(
+    contest: EstimationProblem, freedom: Float64[np.ndarray, "R K"]
+) -> Float64[np.ndarray, "r K"]:
     """The few combinations of open directions that this recording can see at all, the most visible first."""
     if not len(freedom):
         return freedom
-    prior, n = belief((), contest.bench), contest.bench.nuisance.size
+    prior, n = joint_prior((), contest.bench), contest.bench.nuisance.size
     step = prior.step.copy()
     step[n - len(freedom) :] = 0.1
     residual, slopes, begun = derivatives(contest.predict(()), np.zeros(n), contest.begun, contest.data, step)
@@ -196,29 +202,29 @@ def relevant(contest: Contest, freedom: Float64[np.ndarray, "R K"]) -> Float64[n
     return vectors[:, chosen[values[chosen] > 0.3]].T @ freedom
 
 
-def held_to(sim: Sim, motions: Sequence[Motion], config: DiagnoseConfig) -> Sim:
+def calibrate_misfit(sim: Sim, motions: Sequence[Motion], config: DiagnoseConfig) -> Sim:
     """A given sim with the misfit, and its correlation, that it leaves of the recordings it is true to.
 
     What a sim has wrong stays wrong for a part of a period, so that many samples count as one. Of long
     recordings as much is looked at as `own_longest_s` says, here and there.
     """
-    contest, _, _ = stand(sim, motions, config)
+    contest, _, _ = build_problem(sim, motions, config)
     frames = config.own_longest_s / contest.bench.record.dt_s
-    return measured(sim, replace(contest, windows=contest.windows.evenly(frames)))
+    return measure_misfit(sim, replace(contest, windows=contest.windows.evenly(frames)))
 
 
-def measured(sim: Sim, contest: Contest) -> Sim:
+def measure_misfit(sim: Sim, contest: EstimationProblem) -> Sim:
     """The sim with its misfit, and its correlation, on the windows of a contest with its own motion."""
     still, length = np.zeros(contest.bench.nuisance.size), contest.windows.length
     fit = contest.fit((), still)
     # what is wrong for long is cheaper to leave than to follow, which shows only once it is known
-    price = max(fit.misfit / contest.freedom, 1.0) * correlation(fit.residual, length)
+    price = max(fit.misfit / contest.freedom, 1.0) * autocorrelation_time(fit.residual, length)
     fit = replace(contest, price=price).fit((), still)
-    left = (fit.misfit + pushed(fit, price)) / contest.freedom
-    return replace(sim, misfit=left, correlation=correlation(fit.residual, length))
+    left = (fit.misfit + excess_penalty(fit, price)) / contest.freedom
+    return replace(sim, misfit=left, correlation=autocorrelation_time(fit.residual, length))
 
 
-def correlation(residual: Float64[np.ndarray, "W L d"], length: np.ndarray) -> float:
+def autocorrelation_time(residual: Float64[np.ndarray, "W L d"], length: np.ndarray) -> float:
     """Samples that count as one: the sum of the autocorrelation up to its first zero, both ways.
 
     Source: the integrated autocorrelation time with the initial positive sequence (Geyer 1992).

@@ -11,27 +11,31 @@ import numpy as np
 from jaxtyping import Float64
 
 from lagsplat.diagnose.core.result import Parameter
-from lagsplat.diagnose.effects.base import UNITS, Instance, Noise
+from lagsplat.diagnose.effects.base import UNITS, PlacedEffect, SampleEffect
 from lagsplat.diagnose.estimation.dataset import Record
 from lagsplat.diagnose.estimation.multiple_shooting import penalty, shoot
-from lagsplat.diagnose.inference.evidence import Explained
-from lagsplat.diagnose.inference.posterior import interval
-from lagsplat.diagnose.inference.problem import Contest, belief
+from lagsplat.diagnose.inference.evidence import HypothesisFit
+from lagsplat.diagnose.inference.posterior import laplace_interval
+from lagsplat.diagnose.inference.problem import EstimationProblem, joint_prior
 
 
-def parameters(contest: Contest, one: Explained, instance: Instance, temper: float) -> dict[str, Parameter]:
+def estimate_parameters(
+    contest: EstimationProblem, one: HypothesisFit, instance: PlacedEffect, temper: float
+) -> dict[str, Parameter]:
     """The fitted parameters of one of the effects, with 90 % intervals, under their published keys."""
     effect, scales = instance.effect, instance.scales
     kinds = {p.name: p.kind for p in effect.parameters}
-    if isinstance(effect, Noise):
+    if isinstance(effect, SampleEffect):
         sized = {name: [v * scales.of(kinds[name]) for v in values] for name, values in one.noise.items()}
         return {name: Parameter(v[0], v[1], v[2], UNITS[kinds[name]]) for name, v in sized.items()}
-    known = [e for e in one.effects if not isinstance(e.effect, Noise)]
+    known = [e for e in one.effects if not isinstance(e.effect, SampleEffect)]
     prior = [p.prior for e in known for p in e.effect.parameters]
-    low, high = interval(replace(one, effects=tuple(known)), contest.bench.nuisance.deviation, prior, temper)
+    low, high = laplace_interval(
+        replace(one, effects=tuple(known)), contest.bench.nuisance.deviation, prior, temper
+    )
     cut = one.own(instance)
     rows = instance.physical(np.stack([one.fit.x[cut], low[cut], high[cut]]))
-    best, *ends = (told(instance, row, contest.bench.record) for row in rows)
+    best, *ends = (published_parameters(instance, row, contest.bench.record) for row in rows)
     out = {}
     for key, value in best.items():
         first, second = (end.get(key, value) for end in ends)
@@ -39,11 +43,11 @@ def parameters(contest: Contest, one: Explained, instance: Instance, temper: flo
             first = second = value
         elif not isinstance(value, list) and first > second:
             first, second = second, first
-        out[key] = Parameter(value, first, second, unit(instance, key))
+        out[key] = Parameter(value, first, second, parameter_unit(instance, key))
     return out
 
 
-def unit(instance: Instance, key: str) -> str:
+def parameter_unit(instance: PlacedEffect, key: str) -> str:
     """Of what a parameter is told in: its own, that of the first of a list, or that of the effect's first."""
     kinds = {p.name: p.kind for p in instance.effect.parameters}
     if key == "files":
@@ -60,7 +64,7 @@ def unit(instance: Instance, key: str) -> str:
     return raw.format(q=name or "q", u=name or "u")
 
 
-def told(instance: Instance, row: np.ndarray, record: Record) -> dict[str, Any]:
+def published_parameters(instance: PlacedEffect, row: np.ndarray, record: Record) -> dict[str, Any]:
     """The parameters in a row of physical values, by the keys under which they are published."""
     effect = instance.effect
     plain = {
@@ -89,8 +93,8 @@ HELD = 1e-4
 
 
 @dataclass(frozen=True)
-class Profile:
-    """Nats below the best fit at ``values`` of a parameter, in its ``unit``."""
+class ProfileLikelihood:
+    """Nats below the best fit at ``values`` of a parameter, in its ``parameter_unit``."""
 
     effect: str
     parameter: str
@@ -99,36 +103,42 @@ class Profile:
     log_likelihood: Float64[np.ndarray, " n"]
 
 
-def profiles(contest: Contest, one: Explained, *, temper: float) -> Iterator[Profile]:
+def compute_profiles(
+    contest: EstimationProblem, one: HypothesisFit, *, temper: float
+) -> Iterator[ProfileLikelihood]:
     """Profiles of the first parameters of the effects that are told by one number each.
 
     Source: profile likelihood, Raue et al., 2009, doi:10.1093/bioinformatics/btp358.
     """
-    effects = tuple(e for e in one.effects if not isinstance(e.effect, Noise))
+    effects = tuple(e for e in one.effects if not isinstance(e.effect, SampleEffect))
     if not np.isfinite(one.fit.curvature).all():
         return
-    curvature = one.fit.curvature / temper + np.diag(1.0 / belief(effects, contest.bench).deviation ** 2)
+    curvature = one.fit.curvature / temper + np.diag(1.0 / joint_prior(effects, contest.bench).deviation ** 2)
     spread = np.sqrt(np.maximum(np.diag(np.linalg.pinv(curvature)), 0.0))
     count = 0
     for instance in effects:
         own = one.own(instance)
-        keys = told(instance, instance.physical(one.fit.x[None, own])[0], contest.bench.record)
+        keys = published_parameters(
+            instance, instance.physical(one.fit.x[None, own])[0], contest.bench.record
+        )
         for i, parameter in enumerate(instance.effect.parameters):
             if parameter.name not in keys or count == MOST:
                 continue
             count += 1
             at = own.start + i
-            x, fall = _walk(contest, replace(one, effects=effects), at, spread[at], temper)
+            x, fall = _profile_parameter(contest, replace(one, effects=effects), at, spread[at], temper)
             rows = np.repeat(one.fit.x[None, own], len(x), axis=0)
             rows[:, i] = x
             physical = instance.physical(rows)
-            values = [told(instance, row, contest.bench.record)[parameter.name] for row in physical]
-            where = unit(instance, parameter.name)
-            yield Profile(instance.effect.name, parameter.name, where, np.array(values), fall)
+            values = [
+                published_parameters(instance, row, contest.bench.record)[parameter.name] for row in physical
+            ]
+            where = parameter_unit(instance, parameter.name)
+            yield ProfileLikelihood(instance.effect.name, parameter.name, where, np.array(values), fall)
 
 
-def _walk(
-    contest: Contest, one: Explained, at: int, spread: float, temper: float
+def _profile_parameter(
+    contest: EstimationProblem, one: HypothesisFit, at: int, spread: float, temper: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Unknowns to both sides of the best, and the nats that the best fit beside each loses."""
     best, held = one.fit.x[at], contest.belief(one.effects)

@@ -19,9 +19,14 @@ from lagsplat.diagnose.estimation.multiple_shooting import Belief, Fit, eliminat
 from lagsplat.diagnose.identification.estimated_simulator import Sim, setting_of
 from lagsplat.diagnose.identification.novelty import Familiar, looks
 from lagsplat.diagnose.identification.structure_search import Trial, left_open
-from lagsplat.diagnose.inference.model_selection import Effort, rank
-from lagsplat.diagnose.inference.placement import instances, sought
-from lagsplat.diagnose.inference.problem import Contest, correlation, periods, stand
+from lagsplat.diagnose.inference.model_selection import SearchBudget, rank_hypotheses
+from lagsplat.diagnose.inference.placement import find_hints, place_effects
+from lagsplat.diagnose.inference.problem import (
+    EstimationProblem,
+    autocorrelation_time,
+    build_problem,
+    natural_periods,
+)
 from lagsplat.diagnose.mechanics.model import Model
 from lagsplat.diagnose.mechanics.structure import COEFFICIENTS, FEW, Form, degrees, free_directions, moved
 from lagsplat.diagnose.simulators.projection import rest_of
@@ -31,7 +36,7 @@ ELSEWHERE = 4.0
 """How much more the same errors may pass for in another recording than in the sim's own."""
 
 
-def null_evidence(
+def calibrate_null_evidence(
     sim: Sim,
     own: Motion,
     real: Sequence[Motion],
@@ -51,34 +56,34 @@ def null_evidence(
     wanted_s = sum(motion.duration_s for motion in real)
     part = leading(own, wanted_s)
     if sim.familiar is None:
-        contest, more = stand(sim, [part], config)[0], max(1.0, wanted_s / part.duration_s)
+        contest, more = build_problem(sim, [part], config)[0], max(1.0, wanted_s / part.duration_s)
         quiet = apart(contest.windows, contest.bench.record, sim.disturbed)
         contest = replace(contest, windows=quiet)
     else:
-        contest, more = like(sim, own, real, config), 1.0
-    natural = periods(sim.model, rough_period_s([part]))
-    offers = instances(
+        contest, more = match_windows(sim, own, real, config), 1.0
+    natural = natural_periods(sim.model, rough_period_s([part]))
+    offers = place_effects(
         contest.bench,
-        sought(sim.model, [part], period_s=natural.longest_s, hold=config.input_hold),
+        find_hints(sim.model, [part], period_s=natural.longest_s, hold=config.input_hold),
         q_names=own.q_names,
         u_names=own.u_names,
         without=config.without,
     )
-    effort = Effort.of(config, nominal=max(1.0, sim.misfit))
-    found = rank(contest, offers, effort, tell=tell).found
+    effort = SearchBudget.of(config, nominal=max(1.0, sim.misfit))
+    found = rank_hypotheses(contest, offers, effort, tell=tell).found
     gained = max((one.log_evidence for one in found), default=0.0)
     return ELSEWHERE * max(gained, 0.0) * more
 
 
-def like(sim: Sim, own: Motion, real: Sequence[Motion], config: DiagnoseConfig) -> Contest:
+def match_windows(sim: Sim, own: Motion, real: Sequence[Motion], config: DiagnoseConfig) -> EstimationProblem:
     """The contest on stretches of the sim's ``own`` motion, one for each of ``real`` and most like it.
 
     A law has its errors where it has them: a recording that mostly swings freely meets other ones than the
     sim's own, which hardly does.
     """
     assert sim.familiar is not None
-    there, ready, _ = stand(sim, real, config)
-    here, own_ready, _ = stand(sim, [own], config)
+    there, ready, _ = build_problem(sim, real, config)
+    here, own_ready, _ = build_problem(sim, [own], config)
     chosen = sim.familiar.nearest(
         looks(there.windows, ready.smooth, ready.record),
         looks(here.windows, own_ready.smooth, own_ready.record),
@@ -101,7 +106,7 @@ SAMPLES, SMALL, BLIND = 400, 1e-6, 1e-8
 
 
 @dataclass(frozen=True)
-class Moved:
+class CoefficientFit:
     """A model, the fit that moved it, and the moves (n, K) that the fit's unknowns mean."""
 
     model: Model
@@ -109,7 +114,7 @@ class Moved:
     moves: Float64[np.ndarray, "n K"]
 
 
-def recalibrated(sim: Sim, motions: Sequence[Motion], config: DiagnoseConfig) -> Sim:
+def recalibrate_simulator(sim: Sim, motions: Sequence[Motion], config: DiagnoseConfig) -> Sim:
     """``sim`` with its lower coefficients moved as ``motions``, which it is true to, ask for.
 
     Every other window is fitted, the others judge; a sim that does not tell these better comes back as it is.
@@ -117,7 +122,7 @@ def recalibrated(sim: Sim, motions: Sequence[Motion], config: DiagnoseConfig) ->
     Raises:
         ValueError: the motions are too short for a single window.
     """
-    contest, ready, _ = stand(sim, motions, config)
+    contest, ready, _ = build_problem(sim, motions, config)
     bench = contest.bench
     windows = contest.windows.evenly(2.0 * config.own_longest_s / bench.record.dt_s)
     setting = setting_of(config)
@@ -134,7 +139,7 @@ def recalibrated(sim: Sim, motions: Sequence[Motion], config: DiagnoseConfig) ->
         model = found.model if found else sim.model
         # by the half that is missed less: a law may run off in a single window of the other
         half = min(missed / judging.n_data, fitted.missed(model) / fitted.n_data)
-        tried = refit(fitted, model, step, excess=max(half, 1.0))
+        tried = fit_coefficients(fitted, model, step, excess=max(half, 1.0))
         left = judging.missed(tried.model)
         if not left < BETTER * missed:
             break
@@ -143,10 +148,12 @@ def recalibrated(sim: Sim, motions: Sequence[Motion], config: DiagnoseConfig) ->
         return sim
     rested = replace(found.model, rest=rest_of(found.model))
     known = Familiar.of(contest.windows, ready.smooth, bench.record)
-    return replace(sim, model=rested, given=sim, freedom=_open(found, fitted), familiar=known)
+    return replace(
+        sim, model=rested, given=sim, freedom=_unidentified_directions(found, fitted), familiar=known
+    )
 
 
-def form_of(model: Model, step: tuple[int, int, int, int]) -> Form:
+def movable_structure(model: Model, step: tuple[int, int, int, int]) -> Form:
     """What may move in a step, within what the model has room for.
 
     The mass does so only as a whole: a fitted one may be all but singular, and soon is not positive.
@@ -161,19 +168,21 @@ def form_of(model: Model, step: tuple[int, int, int, int]) -> Form:
     )
 
 
-def refit(trial: Trial, model: Model, step: tuple[int, int, int, int], *, excess: float) -> Moved:
+def fit_coefficients(
+    trial: Trial, model: Model, step: tuple[int, int, int, int], *, excess: float
+) -> CoefficientFit:
     """The model moved; a misfit that is ``excess`` times the noise's is believed the less."""
-    moves = directions(trial, model, form_of(model, step))
+    moves = independent_directions(trial, model, movable_structure(model, step))
     n = len(moves)
     belief = Belief(
         np.zeros(n), np.full(n, WRONG_BY / np.sqrt(excess)), np.full(n, -np.inf), np.full(n, 1e-4)
     )
     iterations = ITERATIONS * trial.setting.iterations
     fit = trial.shot(model, moves, trial.begun, belief, iterations=iterations)
-    return Moved(moved(model, fit.x @ moves), fit, moves)
+    return CoefficientFit(moved(model, fit.x @ moves), fit, moves)
 
 
-def directions(trial: Trial, model: Model, form: Form) -> Float64[np.ndarray, "n K"]:
+def independent_directions(trial: Trial, model: Model, form: Form) -> Float64[np.ndarray, "n K"]:
     """Moves within a form that change the acceleration by its own size each, and independently of each other.
 
     A coordinate that is light, or hardly moves, is then moved no further than another one.
@@ -191,20 +200,20 @@ def directions(trial: Trial, model: Model, form: Form) -> Float64[np.ndarray, "n
     return (vectors[:, kept] / np.sqrt(values[kept])).T @ plain
 
 
-def heavier(model: Model) -> Float64[np.ndarray, " K"]:
+def inertia_direction(model: Model) -> Float64[np.ndarray, " K"]:
     """The change of all coefficients that doubles the inertia, and nothing else."""
     return np.concatenate([(name == "mass") * getattr(model, name).ravel() for name in COEFFICIENTS])
 
 
-def _open(one: Moved, trial: Trial) -> Float64[np.ndarray, "n K"]:
+def _unidentified_directions(one: CoefficientFit, trial: Trial) -> Float64[np.ndarray, "n K"]:
     """What the fit leaves open, its correlated residual counted as fewer samples.
 
     So is how heavy the mechanism is as a whole, which no move changes: without it a wrong inertia of the law
     would be a change of mass in whatever it is held against.
     """
-    moves = np.concatenate([one.moves, heavier(one.model)[None]])
+    moves = np.concatenate([one.moves, inertia_direction(one.model)[None]])
     linear = trial.moving(one.model, moves).derivatives(np.zeros(len(moves)), one.fit.starts, trial.data)
     curvature, *_ = eliminate(*linear)
     misfit = max(one.fit.misfit / max(trial.n_data - len(one.moves), 1.0), 1.0)
-    alike = correlation(one.fit.residual, trial.windows.length)
+    alike = autocorrelation_time(one.fit.residual, trial.windows.length)
     return left_open(curvature / (misfit * alike), moves, deviation=WRONG_BY)

@@ -14,18 +14,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lagsplat.diagnose.core.config import DiagnoseConfig
-from lagsplat.diagnose.effects.base import Instance, Noise
-from lagsplat.diagnose.inference.evidence import Explained
-from lagsplat.diagnose.inference.model_selection import Effort, Ranking, graded
-from lagsplat.diagnose.inference.plausibility import Doubt
-from lagsplat.diagnose.inference.posterior import CLASSES, Judgement, judge, swing
-from lagsplat.diagnose.inference.problem import Contest, correlation
+from lagsplat.diagnose.effects.base import PlacedEffect, SampleEffect
+from lagsplat.diagnose.inference.evidence import HypothesisFit
+from lagsplat.diagnose.inference.model_selection import ModelRanking, SearchBudget, rank_by_evidence
+from lagsplat.diagnose.inference.plausibility import Implausibility
+from lagsplat.diagnose.inference.posterior import CLASSES, Judgement, judge_hypotheses, motionless_misfit
+from lagsplat.diagnose.inference.problem import EstimationProblem, autocorrelation_time
 
 FAR = 4.0
 """Mean square residual, in multiples of what the sim leaves of its own recordings, that asks for it."""
 
 
-def widened(contest: Contest, effort: Effort, best: Explained) -> tuple[Contest, Effort] | None:
+def inflate_noise(
+    contest: EstimationProblem, effort: SearchBudget, best: HypothesisFit
+) -> tuple[EstimationProblem, SearchBudget] | None:
     """The contest at the price of what the ``best`` explanation leaves; None if that is near the noise.
 
     What it leaves is that of the middle window: a push by hand in a few of them says nothing of the law.
@@ -34,7 +36,7 @@ def widened(contest: Contest, effort: Effort, best: Explained) -> tuple[Contest,
     left = min(best.fit.misfit / contest.freedom, float(np.median(each)))
     if left <= FAR * effort.nominal:
         return None
-    alike = correlation(best.fit.residual, contest.windows.length)
+    alike = autocorrelation_time(best.fit.residual, contest.windows.length)
     price = max(contest.price, left * alike)
     return replace(contest, price=price), replace(effort, temper=max(effort.temper, alike))
 
@@ -52,55 +54,57 @@ UNBENT = 1e-6
 
 
 @dataclass(frozen=True)
-class Fragility:
+class RobustnessCheck:
     """What each repeat answers, and whether too few answer as the verdict does."""
 
     fragile: bool
     answers: dict[str, str]
 
 
-def fragility(
-    contest: Contest,
-    ranking: Ranking,
-    chain: Sequence[Explained],
+def check_robustness(
+    contest: EstimationProblem,
+    ranking: ModelRanking,
+    chain: Sequence[HypothesisFit],
     judgement: Judgement,
-    offers: Sequence[Instance],
-    effort: Effort,
+    offers: Sequence[PlacedEffect],
+    effort: SearchBudget,
     config: DiagnoseConfig,
-) -> Fragility:
+) -> RobustnessCheck:
     """The verdict again with half and twice the noise, unbent coordinates, and noise added, twice.
 
     The leading effects alone are fitted again, and what was doubted remains so.
     """
-    leading = _leading(ranking, judgement)
-    doubted = Doubt(judgement.probabilities["unknown"] if judgement.doubted else 0.0, "loose")
+    leading = _leading_fits(ranking, judgement)
+    doubted = Implausibility(judgement.probabilities["unknown"] if judgement.doubted else 0.0, "loose")
     answers = {}
-    for name, shaken, nominal in _repeats(contest, effort.nominal):
+    for name, shaken, nominal in _perturbed_problems(contest, effort.nominal):
         again = replace(effort, nominal=nominal)
-        told = _again(shaken, ranking, chain, leading, offers, again, config, lambda one: doubted)
-        answers[name] = answer(told)
-    own = answer(judgement)
+        told = _judge_again(shaken, ranking, chain, leading, offers, again, config, lambda one: doubted)
+        answers[name] = most_probable_name(told)
+    own = most_probable_name(judgement)
     kin = {own}.union(*(group for group in CLASSES if own in group))
-    return Fragility(sum(one in kin for one in answers.values()) < KEPT, answers)
+    return RobustnessCheck(sum(one in kin for one in answers.values()) < KEPT, answers)
 
 
-def answer(judgement: Judgement) -> str:
+def most_probable_name(judgement: Judgement) -> str:
     """The most probable name."""
     return next(iter(judgement.probabilities))
 
 
-def _leading(ranking: Ranking, judgement: Judgement) -> list[Explained]:
+def _leading_fits(ranking: ModelRanking, judgement: Judgement) -> list[HypothesisFit]:
     """The best fit of the most probable names, those on single samples aside, which need no fit."""
     names = [name for name in judgement.probabilities if ranking.best_of(name) is not None]
     best = [one for one in map(ranking.best_of, names) if one is not None]
-    return [one for one in best if not _single(one)][:RIVALS]
+    return [one for one in best if not _is_sample_noise(one)][:RIVALS]
 
 
-def _single(one: Explained) -> bool:
-    return any(isinstance(instance.effect, Noise) for instance in one.effects)
+def _is_sample_noise(one: HypothesisFit) -> bool:
+    return any(isinstance(instance.effect, SampleEffect) for instance in one.effects)
 
 
-def _repeats(contest: Contest, nominal: float) -> Iterator[tuple[str, Contest, float]]:
+def _perturbed_problems(
+    contest: EstimationProblem, nominal: float
+) -> Iterator[tuple[str, EstimationProblem, float]]:
     """Name, contest and what the sim leaves of its own recordings in the noise as it is taken there."""
     bench, sigma = contest.bench, contest.sigma
     for name, factor in (("half the noise", 0.5), ("twice the noise", 2.0)):
@@ -115,25 +119,27 @@ def _repeats(contest: Contest, nominal: float) -> Iterator[tuple[str, Contest, f
         yield f"noise added, seed {seed}", louder, max(1.0, 0.5 * (nominal + 1.0))
 
 
-def _again(
-    shaken: Contest,
-    ranking: Ranking,
-    chain: Sequence[Explained],
-    leading: Sequence[Explained],
-    offers: Sequence[Instance],
-    effort: Effort,
+def _judge_again(
+    shaken: EstimationProblem,
+    ranking: ModelRanking,
+    chain: Sequence[HypothesisFit],
+    leading: Sequence[HypothesisFit],
+    offers: Sequence[PlacedEffect],
+    effort: SearchBudget,
     config: DiagnoseConfig,
-    doubt: Callable[[Explained], Doubt],
+    doubt: Callable[[HypothesisFit], Implausibility],
 ) -> Judgement:
     brief = replace(shaken, iterations=STEPS)
 
-    def refit(one: Explained) -> Explained:
+    def refit(one: HypothesisFit) -> HypothesisFit:
         return replace(one, fit=brief.fit(one.effects, one.fit.x, one.fit.starts))
 
     none, singles = refit(ranking.none), [refit(one) for one in leading]
-    told = graded(shaken, none, singles, offers, effort, first=True)
+    told = rank_by_evidence(shaken, none, singles, offers, effort, first=True)
     sets = []
     for one in chain:
         alone = told.best_of(one.effects[-1].effect.name) if len(one.effects) == 1 else None
-        sets.append(alone or (one if _single(one) else refit(one)))
-    return judge(told, sets, shaken.freedom, effort.nominal, config, most=swing(shaken), doubt=doubt)
+        sets.append(alone or (one if _is_sample_noise(one) else refit(one)))
+    return judge_hypotheses(
+        told, sets, shaken.freedom, effort.nominal, config, most=motionless_misfit(shaken), doubt=doubt
+    )

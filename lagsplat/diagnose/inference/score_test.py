@@ -6,24 +6,24 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lagsplat.diagnose.effects.base import HalfNormal, Instance, Noise
+from lagsplat.diagnose.effects.base import HalfNormal, PlacedEffect, SampleEffect
 from lagsplat.diagnose.estimation.multiple_shooting import Belief, Fit, derivatives, eliminate
-from lagsplat.diagnose.inference.problem import Contest
+from lagsplat.diagnose.inference.problem import EstimationProblem
 
 
 @dataclass(frozen=True)
-class Lead:
+class ScoreTestResult:
     """What the score test promises of one effect: the misfit it takes away, and where to begin."""
 
-    instance: Instance
+    instance: PlacedEffect
     gain: float
     starts: tuple[np.ndarray, ...]
     """Unknowns of the effect to begin from, the best first."""
 
 
-def screen(
-    contest: Contest, effects: tuple[Instance, ...], fit: Fit, offers: Sequence[Instance]
-) -> list[Lead]:
+def score_test(
+    contest: EstimationProblem, effects: tuple[PlacedEffect, ...], fit: Fit, offers: Sequence[PlacedEffect]
+) -> list[ScoreTestResult]:
     """How much misfit each of ``offers`` would take away beside ``effects``, to first order; best first.
 
     Source: the score (Lagrange multiplier) test, Rao, 1948, doi:10.1017/S0305004100023987.
@@ -34,12 +34,12 @@ def screen(
     )
     leads = []
     for offer in offers:
-        if isinstance(offer.effect, Noise):
+        if isinstance(offer.effect, SampleEffect):
             continue
-        guesses, columns = _guesses(contest, effects, fit, offer)
+        guesses, columns = _trial_changes(contest, effects, fit, offer)
         tried = []
         for guess, group in zip(guesses, columns, strict=True):
-            gain, amount = _gain(fit, residual, slopes, begun, prior, group, offer)
+            gain, amount = _score_gain(fit, residual, slopes, begun, prior, group, offer)
             x = guess.copy()
             n = offer.effect.amplitudes
             if n:
@@ -47,12 +47,12 @@ def screen(
             tried.append((gain, x))
         tried.sort(key=lambda row: -row[0])
         if tried:
-            leads.append(Lead(offer, tried[0][0], tuple(x for _, x in tried[:3])))
+            leads.append(ScoreTestResult(offer, tried[0][0], tuple(x for _, x in tried[:3])))
     return sorted(leads, key=lambda lead: -lead.gain)
 
 
-def _guesses(
-    contest: Contest, effects: tuple[Instance, ...], fit: Fit, offer: Instance
+def _trial_changes(
+    contest: EstimationProblem, effects: tuple[PlacedEffect, ...], fit: Fit, offer: PlacedEffect
 ) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Unknowns on a grid of shapes, and what each of their amplitudes changes, (W, M, amplitudes)."""
     effect = offer.effect
@@ -86,9 +86,9 @@ def _guesses(
     return guesses, list(flat)
 
 
-def _gain(
+def _score_gain(
     fit: Fit, residual: np.ndarray, slopes: np.ndarray, begun: np.ndarray, prior: Belief,
-    group: np.ndarray, offer: Instance,
+    group: np.ndarray, offer: PlacedEffect,
 ) -> tuple[float, np.ndarray]:  # fmt: skip
     """Misfit taken away by the best amount of a change, and that amount."""
     k = slopes.shape[2]

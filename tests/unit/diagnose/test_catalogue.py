@@ -3,11 +3,18 @@
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.effects.base import Force, InputChange
+from lagsplat.diagnose.effects.base import ForceEffect, InputEffect
 from lagsplat.diagnose.effects.registry import catalogue
-from lagsplat.diagnose.inference.placement import Hints, directions, hints, instances, lines, scales
-from lagsplat.diagnose.inference.problem import Contest
-from lagsplat.diagnose.inference.profile_likelihood import unit
+from lagsplat.diagnose.inference.placement import (
+    DisturbanceHints,
+    coordinate_directions,
+    extract_hints,
+    find_spectral_lines,
+    motion_scales,
+    place_effects,
+)
+from lagsplat.diagnose.inference.problem import EstimationProblem
+from lagsplat.diagnose.inference.profile_likelihood import parameter_unit
 from lagsplat.diagnose.residual.latent_force import smooth
 from lagsplat.io.trajectory.trajectory import Motion
 from tests.unit.diagnose.residuals import made
@@ -15,17 +22,17 @@ from tests.unit.diagnose.toys import OMEGA, contest, coupled, film, oscillator, 
 
 
 @pytest.fixture(scope="module")
-def driven() -> Contest:
+def driven() -> EstimationProblem:
     return contest([film(u=wave(), seconds=8.0)])
 
 
-def offered(one: Contest, *, without: tuple[str, ...] = (), hint: Hints | None = None):
-    known = [hint or Hints(((1.0, 1.4), (3.0, 3.2)), (0.7,))]
+def offered(one: EstimationProblem, *, without: tuple[str, ...] = (), hint: DisturbanceHints | None = None):
+    known = [hint or DisturbanceHints(((1.0, 1.4), (3.0, 3.2)), (0.7,))]
     names = tuple(f"u{i}" for i in range(one.bench.record.u.shape[1]))
-    return instances(one.bench, known, q_names=("q0",), u_names=names, without=without)
+    return place_effects(one.bench, known, q_names=("q0",), u_names=names, without=without)
 
 
-def test_every_effect_has_a_place_where_inputs_are_logged(driven: Contest) -> None:
+def test_every_effect_has_a_place_where_inputs_are_logged(driven: EstimationProblem) -> None:
     assert {one.effect.name for one in offered(driven)} == set(catalogue())
     labels = [one.label for one in offered(driven)]
     assert len(labels) == len(set(labels))
@@ -35,15 +42,15 @@ def test_without_inputs_none_of_their_effects_is_offered() -> None:
     for quiet in (film(seconds=8.0), film(seconds=8.0, command=lambda t: 0.4)):
         found = offered(contest([quiet], model=oscillator(n_u=quiet.n_u)))
         assert found
-        assert not [one.label for one in found if isinstance(one.effect, InputChange)]
+        assert not [one.label for one in found if isinstance(one.effect, InputEffect)]
 
 
-def test_what_is_left_out_is_not_offered(driven: Contest) -> None:
+def test_what_is_left_out_is_not_offered(driven: EstimationProblem) -> None:
     names = {one.effect.name for one in offered(driven, without=("creep", "time_offset"))}
     assert names == set(catalogue()) - {"creep", "time_offset"}
 
 
-def test_a_disturbance_is_looked_for_where_the_hints_say(driven: Contest) -> None:
+def test_a_disturbance_is_looked_for_where_the_hints_say(driven: EstimationProblem) -> None:
     found = {one.effect.name: one for one in offered(driven)}
     periodic = found["external_periodic_force"]
     assert periodic.grid is not None
@@ -55,7 +62,7 @@ def test_a_disturbance_is_looked_for_where_the_hints_say(driven: Contest) -> Non
     assert times[:2] == pytest.approx([1.2, 3.1])
     assert lasts[:2] == pytest.approx([0.4, 0.2])
     assert times[2] < 0.0  # a push that is not there stands where no window is
-    none = {one.effect.name for one in offered(driven, hint=Hints((), ()))}
+    none = {one.effect.name for one in offered(driven, hint=DisturbanceHints((), ()))}
     assert none == set(catalogue()) - {"external_push", "external_periodic_force"}
 
 
@@ -72,8 +79,8 @@ def test_what_acts_in_a_joint_is_looked_for_between_two_coordinates_as_well() ->
     rng, time = np.random.default_rng(0), np.arange(400) / 50.0
     q = 0.4 * np.sin(np.array([5.0, 7.0]) * time[:, None])
     one = contest([Motion(time, q, rng.normal(size=(400, 2)), source="made")], model=coupled())
-    found = instances(
-        one.bench, [Hints((), ())] * 2, q_names=("a", "b"), u_names=("u0", "u1"), without=()
+    found = place_effects(
+        one.bench, [DisturbanceHints((), ())] * 2, q_names=("a", "b"), u_names=("u0", "u1"), without=()
     )  # fmt: skip
     between = {one.label for one in found if one.place == "b - a"}
     assert between == {
@@ -86,32 +93,32 @@ def test_what_acts_in_a_joint_is_looked_for_between_two_coordinates_as_well() ->
     assert place.inertia == pytest.approx((inertia[0, 0] + inertia[1, 1] - 2.0 * inertia[0, 1]) / 4.0)
     assert len({one.label for one in found}) == len(found)
     friction = next(one for one in found if one.label == "coulomb_friction b - a")
-    assert unit(friction, "acceleration") == "(b - a)/s^2"
+    assert parameter_unit(friction, "acceleration") == "(b - a)/s^2"
 
 
-def test_sizes_are_those_of_the_motion(driven: Contest) -> None:
+def test_sizes_are_those_of_the_motion(driven: EstimationProblem) -> None:
     record, model = driven.bench.record, driven.bench.model
-    place = directions(driven.bench, ("q0",))[0]
-    size = scales(driven.bench, place)
+    place = coordinate_directions(driven.bench, ("q0",))[0]
+    size = motion_scales(driven.bench, place)
     assert size.coordinate == pytest.approx(np.sqrt(np.mean(record.q**2)), rel=5e-3)
     assert size.velocity == pytest.approx(np.sqrt(np.mean(record.v**2)), rel=1e-6)
     assert size.stiffness == pytest.approx(OMEGA**2, rel=1e-6)
     assert size.frame_s == pytest.approx(0.02)
     assert place.inertia == model.inertia[0, 0]
-    assert scales(driven.bench, place, "upper").reach == pytest.approx(record.q.max(), rel=1e-2)
-    assert scales(driven.bench, place, "lower").reach == pytest.approx(-record.q.min(), rel=1e-2)
+    assert motion_scales(driven.bench, place, "upper").reach == pytest.approx(record.q.max(), rel=1e-2)
+    assert motion_scales(driven.bench, place, "lower").reach == pytest.approx(-record.q.min(), rel=1e-2)
 
 
 def test_every_law_that_remembers_says_from_what() -> None:
     for effect in catalogue().values():
-        if isinstance(effect, Force):
+        if isinstance(effect, ForceEffect):
             assert len(effect.memory_start) == effect.n_memory
             assert set(effect.memory_start) <= {"zero", "s", "v"}
 
 
 def test_the_line_of_a_residual_is_the_first_hint() -> None:
     one = made(lambda t, q, v, u: 3.0 * np.sin(2.0 * np.pi * 1.62 * t))
-    assert lines(one, 0)[0] == pytest.approx(1.62, abs=0.02)
+    assert find_spectral_lines(one, 0)[0] == pytest.approx(1.62, abs=0.02)
 
 
 def test_a_push_is_a_hint() -> None:
@@ -119,7 +126,7 @@ def test_a_push_is_a_hint() -> None:
         return own(q, v, u) + 25.0 * (4.0 < t < 4.3), []
 
     motion = film(pushed, u=wave(), seconds=8.0, noise=0.003)
-    found = hints(smooth(oscillator(), [motion], period_s=1.0, hold="linear"), period_s=1.0)
+    found = extract_hints(smooth(oscillator(), [motion], period_s=1.0, hold="linear"), period_s=1.0)
     assert len(found) == 1
     start, end = found[0].pushes[0]
     assert start < 4.2 < end

@@ -4,13 +4,18 @@ import numpy as np
 import pytest
 
 from lagsplat.diagnose.effects.actuation.external_periodic_force import repeating
-from lagsplat.diagnose.effects.base import Direction, Instance
+from lagsplat.diagnose.effects.base import Direction, PlacedEffect
 from lagsplat.diagnose.effects.registry import catalogue
-from lagsplat.diagnose.inference.evidence import Explained
-from lagsplat.diagnose.inference.identifiability import separability
-from lagsplat.diagnose.inference.placement import scales, whole_scales
-from lagsplat.diagnose.inference.problem import Contest
-from lagsplat.diagnose.inference.profile_likelihood import POINTS, parameters, profiles, unit
+from lagsplat.diagnose.inference.evidence import HypothesisFit
+from lagsplat.diagnose.inference.identifiability import compute_separability
+from lagsplat.diagnose.inference.placement import largest_motion_scales, motion_scales
+from lagsplat.diagnose.inference.problem import EstimationProblem
+from lagsplat.diagnose.inference.profile_likelihood import (
+    POINTS,
+    compute_profiles,
+    estimate_parameters,
+    parameter_unit,
+)
 from tests.unit.diagnose.toys import contest, film, own, wave
 
 ALONG = Direction("q0", np.ones(1), 1.0, 0.0)
@@ -21,25 +26,25 @@ def stiff(t: float, q: float, v: float, u: float, z: np.ndarray) -> tuple[float,
     return own(q, v, u) - 3.0 * q - 0.2 * v, []
 
 
-def fitted(one: Contest, name: str) -> Explained:
+def fitted(one: EstimationProblem, name: str) -> HypothesisFit:
     effect = catalogue()[name]
     if effect.along == "channels":
-        instance = Instance(effect, whole_scales(one.bench), channel=0, input_name="u0")
+        instance = PlacedEffect(effect, largest_motion_scales(one.bench), channel=0, input_name="u0")
     else:
-        instance = Instance(effect, scales(one.bench, ALONG), direction=ALONG)
+        instance = PlacedEffect(effect, motion_scales(one.bench, ALONG), direction=ALONG)
     start = [p.prior.mean for p in effect.parameters]
     begun = np.concatenate([start, np.zeros(one.bench.nuisance.size)])
-    return Explained((instance,), one.fit((instance,), begun))
+    return HypothesisFit((instance,), one.fit((instance,), begun))
 
 
 @pytest.fixture(scope="module")
-def driven() -> Contest:
+def driven() -> EstimationProblem:
     return contest([film(stiff, u=wave(3), noise=0.005, seconds=16.0)])
 
 
-def test_stiffness_and_damping_are_told_apart_and_each_not_from_itself(driven: Contest) -> None:
+def test_stiffness_and_damping_are_told_apart_and_each_not_from_itself(driven: EstimationProblem) -> None:
     fits = [fitted(driven, name) for name in ("linear_stiffness", "viscous_damping")]
-    told = separability(driven, fits, temper=TEMPER)
+    told = compute_separability(driven, fits, temper=TEMPER)
     assert told is not None
     assert told.names == ("linear_stiffness", "viscous_damping")
     assert np.diag(told.nats) == pytest.approx(0.0, abs=0.5)
@@ -48,26 +53,26 @@ def test_stiffness_and_damping_are_told_apart_and_each_not_from_itself(driven: C
 
 def test_mass_and_stiffness_of_a_free_motion_are_not_told_apart() -> None:
     free = contest([film(stiff, noise=0.01, seconds=12.0)])
-    told = separability(
+    told = compute_separability(
         free, [fitted(free, name) for name in ("linear_stiffness", "mass_change")], temper=TEMPER
     )
     assert told is not None
     assert told.nats[0, 1] < 3.0
 
 
-def test_one_effect_alone_has_nothing_to_be_told_from(driven: Contest) -> None:
-    assert separability(driven, [fitted(driven, "linear_stiffness")], temper=TEMPER) is None
+def test_one_effect_alone_has_nothing_to_be_told_from(driven: EstimationProblem) -> None:
+    assert compute_separability(driven, [fitted(driven, "linear_stiffness")], temper=TEMPER) is None
 
 
-def test_a_profile_peaks_at_the_fit_and_falls_by_its_interval(driven: Contest) -> None:
+def test_a_profile_peaks_at_the_fit_and_falls_by_its_interval(driven: EstimationProblem) -> None:
     one = fitted(driven, "linear_stiffness")
-    (profile,) = profiles(driven, one, temper=TEMPER)
+    (profile,) = compute_profiles(driven, one, temper=TEMPER)
     assert (profile.effect, profile.parameter) == ("linear_stiffness", "ratio")
     assert len(profile.values) == 2 * POINTS + 1
     assert (np.diff(profile.values) > 0.0).all()
     best = int(np.argmax(profile.log_likelihood))
     assert best == POINTS
-    told = parameters(driven, one, one.effects[0], TEMPER)["ratio"]
+    told = estimate_parameters(driven, one, one.effects[0], TEMPER)["ratio"]
     assert profile.values[best] == pytest.approx(told.value)
     # a normal likelihood loses half of the square of the standard deviations walked
     assert profile.log_likelihood[0] == pytest.approx(-0.5 * 3.5**2, rel=0.3)
@@ -76,7 +81,7 @@ def test_a_profile_peaks_at_the_fit_and_falls_by_its_interval(driven: Contest) -
 
 def test_a_periodic_force_shows_a_whole_period() -> None:
     short = contest([film(seconds=8.0)])
-    along = scales(short.bench, ALONG)
+    along = motion_scales(short.bench, ALONG)
     effect = repeating(catalogue()["external_periodic_force"], along)
     slowest = {p.name: p.prior for p in effect.parameters}["angular_frequency"]
     period_s = 2.0 * np.pi / (slowest.value(slowest.lowest) * along.of("rate"))
@@ -92,11 +97,15 @@ def test_a_periodic_force_shows_a_whole_period() -> None:
         ("parameter_drift", "load", "rate", "q0/s^3"),
     ],
 )
-def test_every_number_has_its_unit(driven: Contest, name: str, variant: str, key: str, expected: str) -> None:
-    one = Instance(catalogue()[name], scales(driven.bench, ALONG), variant, direction=ALONG)
-    assert unit(one, key) == expected
+def test_every_number_has_its_unit(
+    driven: EstimationProblem, name: str, variant: str, key: str, expected: str
+) -> None:
+    one = PlacedEffect(catalogue()[name], motion_scales(driven.bench, ALONG), variant, direction=ALONG)
+    assert parameter_unit(one, key) == expected
 
 
-def test_numbers_that_no_single_unknown_makes_have_no_profile(driven: Contest) -> None:
-    told = {one.parameter for one in profiles(driven, fitted(driven, "stribeck_friction"), temper=TEMPER)}
+def test_numbers_that_no_single_unknown_makes_have_no_profile(driven: EstimationProblem) -> None:
+    told = {
+        one.parameter for one in compute_profiles(driven, fitted(driven, "stribeck_friction"), temper=TEMPER)
+    }
     assert told <= {"coulomb", "velocity"}

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from lagsplat.diagnose.augmented.model import augment
-from lagsplat.diagnose.augmented.simulate import Drive, play
-from lagsplat.diagnose.effects.base import Instance
+from lagsplat.diagnose.augmented.model import build_augmented
+from lagsplat.diagnose.augmented.simulate import AppliedSignals, simulate_augmented
+from lagsplat.diagnose.effects.base import PlacedEffect
 from lagsplat.diagnose.estimation.dataset import region_of
-from lagsplat.diagnose.inference.model_selection import pursue
-from lagsplat.diagnose.inference.placement import Hints, instances
-from lagsplat.diagnose.inference.problem import Contest
-from lagsplat.diagnose.inference.profile_likelihood import parameters
-from lagsplat.diagnose.inference.score_test import screen
+from lagsplat.diagnose.inference.model_selection import fit_candidate
+from lagsplat.diagnose.inference.placement import DisturbanceHints, place_effects
+from lagsplat.diagnose.inference.problem import EstimationProblem
+from lagsplat.diagnose.inference.profile_likelihood import estimate_parameters
+from lagsplat.diagnose.inference.score_test import score_test
 from lagsplat.io.trajectory.trajectory import Motion
 from tests.unit.diagnose.toys import contest, coupled, wave
 
@@ -44,16 +44,18 @@ def film(force: Callable[[np.ndarray], np.ndarray], *, lag_s: tuple[float, float
     return Motion(time_s=times, q=q, u=u, q_names=NAMES, u_names=("u0", "u1"), source="film")
 
 
-def offered(one: Contest, name: str) -> dict[str, Instance]:
+def offered(one: EstimationProblem, name: str) -> dict[str, PlacedEffect]:
     """One effect by its labels."""
-    found = instances(one.bench, [Hints((), ())] * 2, q_names=NAMES, u_names=("u0", "u1"), without=())
+    found = place_effects(
+        one.bench, [DisturbanceHints((), ())] * 2, q_names=NAMES, u_names=("u0", "u1"), without=()
+    )
     return {offer.label: offer for offer in found if offer.effect.name == name}
 
 
-def best(one: Contest, offer: Instance):
+def best(one: EstimationProblem, offer: PlacedEffect):
     """The fit of one effect."""
     plain = one.fit((), np.zeros(one.bench.nuisance.size))
-    return pursue(one, (), plain, screen(one, (), plain, [offer])[0], starts=2)
+    return fit_candidate(one, (), plain, score_test(one, (), plain, [offer])[0], starts=2)
 
 
 def test_friction_in_both_joints_is_told_from_friction_in_one() -> None:
@@ -66,7 +68,7 @@ def test_friction_in_both_joints_is_told_from_friction_in_one() -> None:
     misfit = {label: one.fit.misfit / seen.freedom for label, one in fits.items()}
     assert misfit.pop("coulomb_friction everywhere") < 1.3
     assert min(misfit.values()) > 5.0
-    told = parameters(seen, fits[joint.label], joint, 2.0)
+    told = estimate_parameters(seen, fits[joint.label], joint, 2.0)
     assert [told[f"acceleration {q}"].value for q in NAMES] == pytest.approx(FRICTION, rel=0.1)
     assert [told[f"acceleration {q}"].unit for q in NAMES] == ["q0/s^2", "q1/s^2"]
 
@@ -86,14 +88,14 @@ def test_the_sim_with_it_holds_each_place_by_itself() -> None:
     both = offered(seen, "coulomb_friction")["coulomb_friction everywhere"]
     x = np.concatenate([[0.2, 0.3], np.zeros(seen.bench.nuisance.size)])
     region = region_of(seen.bench.record)
-    joint = augment(seen.bench, [both], x, q_names=NAMES, u_names=("u0", "u1"), region=region)
+    joint = build_augmented(seen.bench, [both], x, q_names=NAMES, u_names=("u0", "u1"), region=region)
     assert [one.label for one in joint.effects] == ["coulomb_friction q0", "coulomb_friction q1"]
-    drive = Drive(np.arange(200) * 0.02, np.ones((200, 2)))
-    moved, _ = play(joint, drive, q=np.array([0.4, 0.1]))
+    drive = AppliedSignals(np.arange(200) * 0.02, np.ones((200, 2)))
+    moved, _ = simulate_augmented(joint, drive, q=np.array([0.4, 0.1]))
     starts = np.array([0.4, 0.1, 0.0, 0.0])[None, None]
     assert np.isfinite(moved).all()
-    alone = augment(seen.bench, both.parts, x, q_names=NAMES, u_names=("u0", "u1"), region=region)
-    np.testing.assert_array_equal(moved, play(alone, drive, q=np.array([0.4, 0.1]))[0])
+    alone = build_augmented(seen.bench, both.parts, x, q_names=NAMES, u_names=("u0", "u1"), region=region)
+    np.testing.assert_array_equal(moved, simulate_augmented(alone, drive, q=np.array([0.4, 0.1]))[0])
     first = replace(seen.windows, first=seen.windows.first[:1], length=seen.windows.length[:1])
     together = seen.bench.rollouts([both], x[None], starts, first)[0]
     apart = seen.bench.rollouts(both.parts, x[None], starts, first)[0]

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.augmented.model import augment
+from lagsplat.diagnose.augmented.model import build_augmented
 from lagsplat.diagnose.core.result import Diagnosis
 from lagsplat.diagnose.diagnosis import diagnose
 from lagsplat.diagnose.effects.registry import catalogue
@@ -156,7 +156,7 @@ def test_a_second_mass_may_swing_already_where_the_recording_begins() -> None:
     assert found.candidates[0].parameters["mass_ratio"].value == pytest.approx(0.125, rel=0.05)
     assert found.candidates[0].misfit == pytest.approx(1.0, abs=0.15)
     assert set(found.candidates[0].parameters) == {"mass_ratio", "frequency_hz", "damping_ratio"}
-    kept = augment(
+    kept = build_augmented(
         bench, whole.chosen.effects, whole.chosen.fit.x, q_names=["q0"], u_names=["u0"],
         region=region_of(bench.record),
     )  # fmt: skip

@@ -4,7 +4,7 @@ import math
 from dataclasses import replace
 from typing import no_type_check
 
-from lagsplat.diagnose.effects.base import Effect, Force, Normal, Parameter, Scales, about
+from lagsplat.diagnose.effects.base import Effect, EffectParameter, ForceEffect, Normal, Scales, log_normal
 from lagsplat.diagnose.solvers.runge_kutta import law
 
 
@@ -26,15 +26,15 @@ def repeating(effect: Effect, scales: Scales) -> Effect:
     return replace(effect, parameters=bounded)
 
 
-EFFECT = Force(
+EFFECT = ForceEffect(
     name="external_periodic_force",
     group="E",
     component="exogenous",
     equation="a = acceleration cos(2 pi frequency t + phase)",
     parameters=(
-        Parameter("cosine", "acceleration", Normal(0.2)),
-        Parameter("sine", "acceleration", Normal(0.2)),
-        Parameter("angular_frequency", "rate", about(1.0, 1.0), (0.5, 1.0, 1.5, 2.0, 3.0)),
+        EffectParameter("cosine", "acceleration", Normal(0.2)),
+        EffectParameter("sine", "acceleration", Normal(0.2)),
+        EffectParameter("angular_frequency", "rate", log_normal(1.0, 1.0), (0.5, 1.0, 1.5, 2.0, 3.0)),
     ),
     needs="a stretch at rest of ten cycles",
     amplitudes=2,

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, no_type_check
 
-from lagsplat.diagnose.effects.base import Force, Instance, Normal, Parameter, about
+from lagsplat.diagnose.effects.base import EffectParameter, ForceEffect, Normal, PlacedEffect, log_normal
 from lagsplat.diagnose.solvers.runge_kutta import law
 
 N_PUSHES = 3
@@ -22,7 +22,7 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
     return total
 
 
-def _told(parameters: Mapping[str, float], instance: Instance) -> dict[str, Any]:
+def _told(parameters: Mapping[str, float], instance: PlacedEffect) -> dict[str, Any]:
     """Pushes that are there at all, in the order of time."""
     strongest = max(abs(parameters[f"acceleration {n}"]) for n in range(N_PUSHES))
     rows = sorted(
@@ -33,15 +33,15 @@ def _told(parameters: Mapping[str, float], instance: Instance) -> dict[str, Any]
     return {"times": [time for time, _ in rows], "accelerations": [a for _, a in rows]}
 
 
-EFFECT = Force(
+EFFECT = ForceEffect(
     name="external_push",
     group="E",
     component="exogenous",
     equation="a = acceleration for a duration about a time, up to three times",
     parameters=(
-        *(Parameter(f"acceleration {n}", "acceleration", Normal(1.0)) for n in range(N_PUSHES)),
-        *(Parameter(f"time {n}", "time", Normal(1000.0), (1.0,)) for n in range(N_PUSHES)),
-        *(Parameter(f"duration {n}", "time", about(1.0, 0.8), (1.0,)) for n in range(N_PUSHES)),
+        *(EffectParameter(f"acceleration {n}", "acceleration", Normal(1.0)) for n in range(N_PUSHES)),
+        *(EffectParameter(f"time {n}", "time", Normal(1000.0), (1.0,)) for n in range(N_PUSHES)),
+        *(EffectParameter(f"duration {n}", "time", log_normal(1.0, 0.8), (1.0,)) for n in range(N_PUSHES)),
     ),
     needs="a stretch in which nothing else moves it",
     amplitudes=N_PUSHES,

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float64
 from numba import njit
 
-from lagsplat.diagnose.effects.base import InputChange, Normal, Parameter, about
+from lagsplat.diagnose.effects.base import EffectParameter, InputEffect, Normal, log_normal
 
 
 @njit(cache=True)
@@ -29,15 +29,15 @@ def change(signal: Any, theta: Float64[np.ndarray, "P 2"]) -> Float64[np.ndarray
     return out
 
 
-EFFECT = InputChange(
+EFFECT = InputEffect(
     name="input_backlash",
     group="C",
     component="actuation",
     level="actuation",
     equation="u = play of u_logged with a gap of width",
     parameters=(
-        Parameter("width", "input", about(0.5, 1.0), (0.1, 0.3, 0.8, 1.6, 2.6)),
-        Parameter("start", "ratio", Normal(0.7), (-0.9, 0.0, 0.9)),
+        EffectParameter("width", "input", log_normal(0.5, 1.0), (0.1, 0.3, 0.8, 1.6, 2.6)),
+        EffectParameter("start", "ratio", Normal(0.7), (-0.9, 0.0, 0.9)),
     ),
     reports=lambda p, instance: {"width": p["width"]},
     needs="slow reversals of the input at two amplitudes",

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.effects.base import InputChange, Parameter, about
+from lagsplat.diagnose.effects.base import EffectParameter, InputEffect, log_normal
 
 
 def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray, "P M"]:
@@ -14,13 +14,13 @@ def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray
     return np.sign(u) * np.maximum(np.abs(u) - np.abs(theta[:, :1]), 0.0)
 
 
-EFFECT = InputChange(
+EFFECT = InputEffect(
     name="input_dead_zone",
     group="C",
     component="actuation",
     level="actuation",
     equation="u = sign(u_logged) max(|u_logged| - half_width, 0)",
-    parameters=(Parameter("half_width", "input", about(0.3, 1.0), (0.05, 0.2, 0.5, 1.0)),),
+    parameters=(EffectParameter("half_width", "input", log_normal(0.3, 1.0), (0.05, 0.2, 0.5, 1.0)),),
     needs="slow, small inputs through zero",
     amplitudes=0,
     along="channels",

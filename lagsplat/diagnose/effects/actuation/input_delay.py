@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.effects.base import InputChange, Parameter, about
+from lagsplat.diagnose.effects.base import EffectParameter, InputEffect, log_normal
 
 
 def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray, "P M"]:
@@ -13,13 +13,13 @@ def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray
     return np.stack([signal.at(signal.time - delay) for delay in theta[:, 0]])
 
 
-EFFECT = InputChange(
+EFFECT = InputEffect(
     name="input_delay",
     group="C",
     component="actuation",
     level="actuation",
     equation="u(t) = u_logged(t - delay)",
-    parameters=(Parameter("delay", "time", about(0.3, 1.0), (0.05, 0.2, 0.6, 1.2)),),
+    parameters=(EffectParameter("delay", "time", log_normal(0.3, 1.0), (0.05, 0.2, 0.6, 1.2)),),
     needs="an input with steps, and an event that starts without it",
     amplitudes=0,
     along="channels",

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.effects.base import InputChange, Normal, Parameter
+from lagsplat.diagnose.effects.base import EffectParameter, InputEffect, Normal
 
 
 def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray, "P M"]:
@@ -13,13 +13,13 @@ def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray
     return np.exp(theta[:, :1]) * signal.values
 
 
-EFFECT = InputChange(
+EFFECT = InputEffect(
     name="input_gain",
     group="A",
     component="actuation",
     level="actuation",
     equation="u = ratio u_logged",
-    parameters=(Parameter("ratio", "log_ratio", Normal(0.3)),),
+    parameters=(EffectParameter("ratio", "log_ratio", Normal(0.3)),),
     needs="the input logged, with free motion beside it",
     along="channels",
     together=True,

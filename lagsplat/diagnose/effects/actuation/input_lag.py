@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float64
 from numba import njit
 
-from lagsplat.diagnose.effects.base import InputChange, Parameter, about
+from lagsplat.diagnose.effects.base import EffectParameter, InputEffect, log_normal
 
 
 @njit(cache=True)
@@ -35,13 +35,13 @@ def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray
     return out
 
 
-EFFECT = InputChange(
+EFFECT = InputEffect(
     name="input_lag",
     group="C",
     component="actuation",
     level="actuation",
     equation="time_constant du/dt = u_logged - u",
-    parameters=(Parameter("time_constant", "time", about(0.3, 1.0), (0.03, 0.1, 0.3, 1.0)),),
+    parameters=(EffectParameter("time_constant", "time", log_normal(0.3, 1.0), (0.03, 0.1, 0.3, 1.0)),),
     needs="an input with steps or with frequencies above the lag's",
     amplitudes=0,
     along="channels",

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.effects.base import InputChange, Parameter, about
+from lagsplat.diagnose.effects.base import EffectParameter, InputEffect, log_normal
 
 
 def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray, "P M"]:
@@ -13,13 +13,13 @@ def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray
     return np.clip(signal.values, -theta[:, :1], theta[:, :1])
 
 
-EFFECT = InputChange(
+EFFECT = InputEffect(
     name="input_saturation",
     group="C",
     component="actuation",
     level="actuation",
     equation="u = clip(u_logged, -limit, limit)",
-    parameters=(Parameter("limit", "input", about(1.0, 0.5), (0.4, 0.7, 1.0, 1.4, 2.0)),),
+    parameters=(EffectParameter("limit", "input", log_normal(1.0, 0.5), (0.4, 0.7, 1.0, 1.4, 2.0)),),
     needs="inputs on both sides of the limit",
     amplitudes=0,
     along="channels",

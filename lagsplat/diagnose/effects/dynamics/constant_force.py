@@ -2,7 +2,7 @@
 
 from typing import no_type_check
 
-from lagsplat.diagnose.effects.base import Force, Normal, Parameter
+from lagsplat.diagnose.effects.base import EffectParameter, ForceEffect, Normal
 from lagsplat.diagnose.solvers.runge_kutta import law
 
 
@@ -13,12 +13,12 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
     return theta[0]
 
 
-EFFECT = Force(
+EFFECT = ForceEffect(
     name="constant_force",
     group="A",
     component="conservative",
     equation="a = acceleration",
-    parameters=(Parameter("acceleration", "acceleration", Normal(0.3)),),
+    parameters=(EffectParameter("acceleration", "acceleration", Normal(0.3)),),
     needs="a stretch at rest",
     law=force,
     together=True,

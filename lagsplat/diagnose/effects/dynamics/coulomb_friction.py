@@ -3,7 +3,7 @@
 import math
 from typing import no_type_check
 
-from lagsplat.diagnose.effects.base import Force, HalfNormal, Parameter
+from lagsplat.diagnose.effects.base import EffectParameter, ForceEffect, HalfNormal
 from lagsplat.diagnose.solvers.runge_kutta import law
 
 
@@ -14,12 +14,12 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
     return -theta[0] * math.tanh(v / theta[1])
 
 
-EFFECT = Force(
+EFFECT = ForceEffect(
     name="coulomb_friction",
     group="B",
     component="dissipative",
     equation="a = -acceleration sign(v)",
-    parameters=(Parameter("acceleration", "acceleration", HalfNormal(0.2)),),
+    parameters=(EffectParameter("acceleration", "acceleration", HalfNormal(0.2)),),
     needs="a decay down to rest, or slow reversals",
     passive=True,
     between=("",),

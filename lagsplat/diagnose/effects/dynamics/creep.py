@@ -2,7 +2,7 @@
 
 from typing import no_type_check
 
-from lagsplat.diagnose.effects.base import Force, HalfNormal, Parameter, about
+from lagsplat.diagnose.effects.base import EffectParameter, ForceEffect, HalfNormal, log_normal
 from lagsplat.diagnose.solvers.runge_kutta import law
 
 
@@ -15,14 +15,14 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
     return -theta[0] * theta[2] * late
 
 
-EFFECT = Force(
+EFFECT = ForceEffect(
     name="creep",
     group="D",
     component="memory",
     equation="a = -stiffness_ratio omega^2 (s - x), time_constant dx/dt = s - x",
     parameters=(
-        Parameter("stiffness_ratio", "ratio", HalfNormal(0.3)),
-        Parameter("time_constant", "time", about(2.0, 1.2), (0.5, 2.0, 6.0, 20.0)),
+        EffectParameter("stiffness_ratio", "ratio", HalfNormal(0.3)),
+        EffectParameter("time_constant", "time", log_normal(2.0, 1.2), (0.5, 2.0, 6.0, 20.0)),
     ),
     needs="a step held for three time constants, and cycles",
     passive=True,

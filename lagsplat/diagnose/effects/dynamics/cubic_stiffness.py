@@ -2,7 +2,7 @@
 
 from typing import no_type_check
 
-from lagsplat.diagnose.effects.base import Force, Normal, Parameter
+from lagsplat.diagnose.effects.base import EffectParameter, ForceEffect, Normal
 from lagsplat.diagnose.solvers.runge_kutta import law
 
 
@@ -13,12 +13,12 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
     return -theta[0] * s * s * s
 
 
-EFFECT = Force(
+EFFECT = ForceEffect(
     name="cubic_stiffness",
     group="A",
     component="conservative",
     equation="a = -coefficient s^3",
-    parameters=(Parameter("coefficient", "cubic", Normal(0.3)),),
+    parameters=(EffectParameter("coefficient", "cubic", Normal(0.3)),),
     needs="two amplitudes, one at least twice the other",
     law=force,
 )

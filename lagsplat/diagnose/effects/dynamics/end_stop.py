@@ -7,7 +7,14 @@ import math
 from collections.abc import Mapping
 from typing import Any, no_type_check
 
-from lagsplat.diagnose.effects.base import Force, HalfNormal, Instance, Parameter, Scales, about
+from lagsplat.diagnose.effects.base import (
+    EffectParameter,
+    ForceEffect,
+    HalfNormal,
+    PlacedEffect,
+    Scales,
+    log_normal,
+)
 from lagsplat.diagnose.solvers.runge_kutta import law
 
 
@@ -25,7 +32,7 @@ def _constants(scales: Scales, variant: str) -> tuple[float, ...]:
     return scales.stiffness, (1.0 if variant == "upper" else -1.0), 0.01 * scales.coordinate
 
 
-def _told(parameters: Mapping[str, float], instance: Instance) -> dict[str, Any]:
+def _told(parameters: Mapping[str, float], instance: PlacedEffect) -> dict[str, Any]:
     """The position as a value of the coordinate, on either side of rest."""
     assert instance.direction is not None
     away = parameters["position"] * (1.0 if instance.variant == "upper" else -1.0)
@@ -35,15 +42,15 @@ def _told(parameters: Mapping[str, float], instance: Instance) -> dict[str, Any]
     }
 
 
-EFFECT = Force(
+EFFECT = ForceEffect(
     name="end_stop",
     group="E",
     component="conservative",
     equation="a = -stiffness_ratio omega^2 max(s - position, 0)",
     parameters=(
-        Parameter("stiffness_ratio", "ratio", about(10.0, 1.5), (10.0,)),
-        Parameter("position", "reach", about(0.8, 0.25), (0.3, 0.5, 0.65, 0.8, 0.9)),
-        Parameter("loss", "slowness", HalfNormal(1.0), (0.05,)),
+        EffectParameter("stiffness_ratio", "ratio", log_normal(10.0, 1.5), (10.0,)),
+        EffectParameter("position", "reach", log_normal(0.8, 0.25), (0.3, 0.5, 0.65, 0.8, 0.9)),
+        EffectParameter("loss", "slowness", HalfNormal(1.0), (0.05,)),
     ),
     reports=_told,
     needs="motion past the stop at three speeds",

@@ -2,7 +2,7 @@
 
 from typing import no_type_check
 
-from lagsplat.diagnose.effects.base import Force, HalfNormal, Parameter, about
+from lagsplat.diagnose.effects.base import EffectParameter, ForceEffect, HalfNormal, log_normal
 from lagsplat.diagnose.solvers.runge_kutta import law
 
 
@@ -17,15 +17,15 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
     return theta[0] * pull
 
 
-EFFECT = Force(
+EFFECT = ForceEffect(
     name="hidden_mode",
     group="F",
     component="memory",
     equation="a = mass_ratio (omega^2 (s2 - s) + 2 damping_ratio omega (v2 - v)), s2'' minus the same",
     parameters=(
-        Parameter("mass_ratio", "ratio", HalfNormal(0.15)),
-        Parameter("angular_frequency", "rate", about(2.0, 0.5), (0.7, 1.2, 1.6, 2.2, 3.0, 4.5)),
-        Parameter("damping_ratio", "ratio", about(0.03, 0.8), (0.03,)),
+        EffectParameter("mass_ratio", "ratio", HalfNormal(0.15)),
+        EffectParameter("angular_frequency", "rate", log_normal(2.0, 0.5), (0.7, 1.2, 1.6, 2.2, 3.0, 4.5)),
+        EffectParameter("damping_ratio", "ratio", log_normal(0.03, 0.8), (0.03,)),
     ),
     needs="broadband motion up to twice its frequency",
     passive=True,

@@ -5,7 +5,7 @@ Source: Ikhouane and Rodellar, "Systems with Hysteresis", 2007, doi:10.1002/9780
 
 from typing import no_type_check
 
-from lagsplat.diagnose.effects.base import Force, HalfNormal, Parameter, about
+from lagsplat.diagnose.effects.base import EffectParameter, ForceEffect, HalfNormal, log_normal
 from lagsplat.diagnose.solvers.runge_kutta import law
 
 
@@ -18,14 +18,14 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
     return -theta[0] * z
 
 
-EFFECT = Force(
+EFFECT = ForceEffect(
     name="hysteresis",
     group="D",
     component="memory",
     equation="a = -acceleration z, displacement dz/dt = v - |v| z / 2 - v |z| / 2",
     parameters=(
-        Parameter("acceleration", "acceleration", HalfNormal(0.3)),
-        Parameter("displacement", "coordinate", about(0.4, 0.8), (0.15, 0.4, 1.0)),
+        EffectParameter("acceleration", "acceleration", HalfNormal(0.3)),
+        EffectParameter("displacement", "coordinate", log_normal(0.4, 0.8), (0.15, 0.4, 1.0)),
     ),
     needs="slow cycles at three amplitudes",
     law=force,

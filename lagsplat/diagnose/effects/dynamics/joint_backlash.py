@@ -2,7 +2,7 @@
 
 from typing import no_type_check
 
-from lagsplat.diagnose.effects.base import Force, Parameter, about
+from lagsplat.diagnose.effects.base import EffectParameter, ForceEffect, log_normal
 from lagsplat.diagnose.solvers.runge_kutta import law
 
 
@@ -13,12 +13,12 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
     return theta[1] * min(max(s, -theta[0]), theta[0])
 
 
-EFFECT = Force(
+EFFECT = ForceEffect(
     name="joint_backlash",
     group="D",
     component="conservative",
     equation="a = omega^2 clip(s, -gap, gap)",
-    parameters=(Parameter("gap", "coordinate", about(0.2, 1.0), (0.05, 0.15, 0.4, 0.8)),),
+    parameters=(EffectParameter("gap", "coordinate", log_normal(0.2, 1.0), (0.05, 0.15, 0.4, 0.8)),),
     needs="a decay through small amplitudes",
     amplitudes=0,
     law=force,

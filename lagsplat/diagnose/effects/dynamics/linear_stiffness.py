@@ -11,7 +11,14 @@ from typing import Any, no_type_check
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.effects.base import Fields, Force, Instance, Normal, Parameter, Scales
+from lagsplat.diagnose.effects.base import (
+    CoefficientBatch,
+    EffectParameter,
+    ForceEffect,
+    Normal,
+    PlacedEffect,
+    Scales,
+)
 from lagsplat.diagnose.solvers.runge_kutta import law
 
 SPRING = "spring"
@@ -26,7 +33,7 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
     return (math.exp(theta[0]) - 1.0) * (theta[1] * spring - theta[2] * s)
 
 
-def whole(fields: Fields, theta: Float64[np.ndarray, "P 1"], model: Any) -> Fields:
+def whole(fields: CoefficientBatch, theta: Float64[np.ndarray, "P 1"], model: Any) -> CoefficientBatch:
     """The potential times ``ratio``."""
     return replace(fields, potential=fields.potential * np.exp(theta[:, :1]))
 
@@ -42,19 +49,19 @@ def stiffness(scales: Scales) -> float:
     return scales.stiffness if scales.stiffness > SOFT * swung else swung
 
 
-def _told(values: Mapping[str, float], one: Instance) -> dict[str, float]:
+def _told(values: Mapping[str, float], one: PlacedEffect) -> dict[str, float]:
     """The ratio; a spring beside no stiffness has none, and is told by itself."""
     if one.variant != SPRING or stiffness(one.scales) == one.scales.stiffness:
         return dict(values)
     return {"added_stiffness": (values["ratio"] - 1.0) * stiffness(one.scales)}
 
 
-EFFECT = Force(
+EFFECT = ForceEffect(
     name="linear_stiffness",
     group="A",
     component="conservative",
     equation="V = ratio V_sim, or V = V_sim + (ratio - 1) m omega^2 s^2 / 2",
-    parameters=(Parameter("ratio", "log_ratio", Normal(0.3)),),
+    parameters=(EffectParameter("ratio", "log_ratio", Normal(0.3)),),
     needs="free motion, or a static hold under a known input",
     along="both",
     variants=("", SPRING),

@@ -6,7 +6,7 @@ Source: Duclusaud et al., "Extended friction models for the physics simulation o
 import math
 from typing import no_type_check
 
-from lagsplat.diagnose.effects.base import Force, HalfNormal, Parameter
+from lagsplat.diagnose.effects.base import EffectParameter, ForceEffect, HalfNormal
 from lagsplat.diagnose.solvers.runge_kutta import law
 
 
@@ -17,14 +17,14 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
     return -(theta[1] + theta[0] * abs(spring - drive)) * math.tanh(v / theta[2])
 
 
-EFFECT = Force(
+EFFECT = ForceEffect(
     name="load_dependent_friction",
     group="B",
     component="dissipative",
     equation="a = -(acceleration + load_factor |load|) sign(v)",
     parameters=(
-        Parameter("load_factor", "ratio", HalfNormal(0.2)),
-        Parameter("acceleration", "acceleration", HalfNormal(0.1)),
+        EffectParameter("load_factor", "ratio", HalfNormal(0.2)),
+        EffectParameter("acceleration", "acceleration", HalfNormal(0.1)),
     ),
     needs="two static loads or poses",
     amplitudes=2,

@@ -6,10 +6,18 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.effects.base import Fields, Instance, ModelChange, Normal, Parameter
+from lagsplat.diagnose.effects.base import (
+    CoefficientBatch,
+    EffectParameter,
+    ModelEffect,
+    Normal,
+    PlacedEffect,
+)
 
 
-def change(fields: Fields, theta: Float64[np.ndarray, "P 1"], instance: Instance, model: Any) -> Fields:
+def change(
+    fields: CoefficientBatch, theta: Float64[np.ndarray, "P 1"], instance: PlacedEffect, model: Any
+) -> CoefficientBatch:
     """``M`` times ``ratio``, and ``V`` too where the variant is ``weight``."""
     ratio = np.exp(theta[:, 0])
     if instance.direction is not None:
@@ -24,12 +32,12 @@ def change(fields: Fields, theta: Float64[np.ndarray, "P 1"], instance: Instance
     return replace(fields, mass=mass, potential=fields.potential * ratio[:, None])
 
 
-EFFECT = ModelChange(
+EFFECT = ModelEffect(
     name="mass_change",
     group="A",
     component="inertial",
     equation="M = ratio M_sim (and V = ratio V_sim where the mass hangs)",
-    parameters=(Parameter("ratio", "log_ratio", Normal(0.3)),),
+    parameters=(EffectParameter("ratio", "log_ratio", Normal(0.3)),),
     needs="a static hold and a motion, both under known inputs",
     along="both",
     variants=("", "weight"),

@@ -2,7 +2,7 @@
 
 from typing import no_type_check
 
-from lagsplat.diagnose.effects.base import Force, Normal, Parameter, Scales
+from lagsplat.diagnose.effects.base import EffectParameter, ForceEffect, Normal, Scales
 from lagsplat.diagnose.solvers.runge_kutta import law
 
 
@@ -17,14 +17,14 @@ def _constants(scales: Scales, variant: str) -> tuple[float, ...]:
     return (0.0 if variant == "" else scales.of("acceleration"), scales.duration_s)
 
 
-EFFECT = Force(
+EFFECT = ForceEffect(
     name="parameter_drift",
     group="E",
     component="exogenous",
     equation="V = (1 + rate t + bend t^2 / duration) V_sim, or a likewise",
     parameters=(
-        Parameter("rate", "per_duration", Normal(0.15)),
-        Parameter("bend", "per_duration", Normal(0.05)),
+        EffectParameter("rate", "per_duration", Normal(0.15)),
+        EffectParameter("bend", "per_duration", Normal(0.05)),
     ),
     amplitudes=2,
     needs="the same motion early and late",

@@ -2,7 +2,7 @@
 
 from typing import no_type_check
 
-from lagsplat.diagnose.effects.base import Force, HalfNormal, Parameter
+from lagsplat.diagnose.effects.base import EffectParameter, ForceEffect, HalfNormal
 from lagsplat.diagnose.solvers.runge_kutta import law
 
 
@@ -13,12 +13,12 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
     return -theta[0] * abs(v) * v
 
 
-EFFECT = Force(
+EFFECT = ForceEffect(
     name="quadratic_drag",
     group="B",
     component="dissipative",
     equation="a = -coefficient |v| v",
-    parameters=(Parameter("coefficient", "per_coordinate", HalfNormal(0.2)),),
+    parameters=(EffectParameter("coefficient", "per_coordinate", HalfNormal(0.2)),),
     needs="amplitudes that differ threefold",
     passive=True,
     law=force,

@@ -6,7 +6,7 @@ Source: Armstrong-Helouvry, Dupont and Canudas de Wit, doi:10.1016/0005-1098(94)
 import math
 from typing import no_type_check
 
-from lagsplat.diagnose.effects.base import Force, HalfNormal, Parameter, about
+from lagsplat.diagnose.effects.base import EffectParameter, ForceEffect, HalfNormal, log_normal
 from lagsplat.diagnose.solvers.runge_kutta import law
 
 
@@ -18,15 +18,15 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
     return -theta[0] * (1.0 + theta[1] * math.exp(-ratio * ratio)) * math.tanh(v / theta[3])
 
 
-EFFECT = Force(
+EFFECT = ForceEffect(
     name="stribeck_friction",
     group="B",
     component="dissipative",
     equation="a = -(coulomb + (static - coulomb) exp(-(v/velocity)^2)) sign(v)",
     parameters=(
-        Parameter("coulomb", "acceleration", HalfNormal(0.2)),
-        Parameter("excess", "ratio", HalfNormal(1.0), (0.3, 1.0)),
-        Parameter("velocity", "velocity", about(0.3, 0.8), (0.1, 0.3, 0.8)),
+        EffectParameter("coulomb", "acceleration", HalfNormal(0.2)),
+        EffectParameter("excess", "ratio", HalfNormal(1.0), (0.3, 1.0)),
+        EffectParameter("velocity", "velocity", log_normal(0.3, 0.8), (0.1, 0.3, 0.8)),
     ),
     needs="a tenth of the samples slower than the Stribeck velocity",
     passive=True,

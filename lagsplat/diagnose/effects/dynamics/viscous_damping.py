@@ -6,7 +6,7 @@ from typing import Any, no_type_check
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.effects.base import Fields, Force, Normal, Parameter
+from lagsplat.diagnose.effects.base import CoefficientBatch, EffectParameter, ForceEffect, Normal
 from lagsplat.diagnose.solvers.runge_kutta import law
 
 
@@ -17,19 +17,19 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
     return -theta[0] * v
 
 
-def whole(fields: Fields, theta: Float64[np.ndarray, "P 1"], model: Any) -> Fields:
+def whole(fields: CoefficientBatch, theta: Float64[np.ndarray, "P 1"], model: Any) -> CoefficientBatch:
     """Damping in proportion to the inertia at rest."""
     damping = fields.damping.copy()
     damping[:, 0] += theta[:, :1, None] * model.inertia
     return replace(fields, damping=damping)
 
 
-EFFECT = Force(
+EFFECT = ForceEffect(
     name="viscous_damping",
     group="A",
     component="dissipative",
     equation="a = -rate v",
-    parameters=(Parameter("rate", "rate", Normal(0.2)),),
+    parameters=(EffectParameter("rate", "rate", Normal(0.2)),),
     needs="ring-downs at two amplitudes",
     along="both",
     between=("",),

@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.effects.base import Instance, Normal, Observation, Parameter
+from lagsplat.diagnose.effects.base import EffectParameter, Normal, ObservationEffect, PlacedEffect
 
 
-def observe(y: Any, v: Any, t: Any, theta: Float64[np.ndarray, "P 2"], instance: Instance) -> Any:
+def observe(y: Any, v: Any, t: Any, theta: Float64[np.ndarray, "P 2"], instance: PlacedEffect) -> Any:
     """``y + zoom (y - rest) + shift`` along the direction."""
     along = instance.direction
     assert along is not None
@@ -18,14 +18,14 @@ def observe(y: Any, v: Any, t: Any, theta: Float64[np.ndarray, "P 2"], instance:
     return y + move[..., None] * (p / (p @ p))
 
 
-EFFECT = Observation(
+EFFECT = ObservationEffect(
     name="camera_change",
     group="G",
     level="chart",
     equation="y = q + zoom (q - rest) + shift",
     parameters=(
-        Parameter("zoom", "ratio", Normal(0.1)),
-        Parameter("shift", "coordinate", Normal(0.1)),
+        EffectParameter("zoom", "ratio", Normal(0.1)),
+        EffectParameter("shift", "coordinate", Normal(0.1)),
     ),
     needs="a background that stands still",
     amplitudes=2,

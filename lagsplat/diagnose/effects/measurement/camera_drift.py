@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.effects.base import Instance, Normal, Observation, Parameter
+from lagsplat.diagnose.effects.base import EffectParameter, Normal, ObservationEffect, PlacedEffect
 
 
-def observe(y: Any, v: Any, t: Any, theta: Float64[np.ndarray, "P 1"], instance: Instance) -> Any:
+def observe(y: Any, v: Any, t: Any, theta: Float64[np.ndarray, "P 1"], instance: PlacedEffect) -> Any:
     """``y + rate t`` along the direction."""
     along = instance.direction
     assert along is not None
@@ -16,12 +16,12 @@ def observe(y: Any, v: Any, t: Any, theta: Float64[np.ndarray, "P 1"], instance:
     return y + (theta[:, 0, None, None] * t)[..., None] * (p / (p @ p))
 
 
-EFFECT = Observation(
+EFFECT = ObservationEffect(
     name="camera_drift",
     group="G",
     level="chart",
     equation="y = q + rate t",
-    parameters=(Parameter("rate", "drift", Normal(0.2)),),
+    parameters=(EffectParameter("rate", "drift", Normal(0.2)),),
     needs="a background that stands still, or the same motion early and late",
     observe=observe,
 )

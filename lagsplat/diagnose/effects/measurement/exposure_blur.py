@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.effects.base import HalfNormal, Instance, Observation, Parameter
+from lagsplat.diagnose.effects.base import EffectParameter, HalfNormal, ObservationEffect, PlacedEffect
 
 
-def observe(y: Any, v: Any, t: Any, theta: Float64[np.ndarray, "P 1"], instance: Instance) -> Any:
+def observe(y: Any, v: Any, t: Any, theta: Float64[np.ndarray, "P 1"], instance: PlacedEffect) -> Any:
     """``y + exposure^2 / 24 d^2y/dt^2``, to second order in the exposure.
 
     Beyond the end of a window time stands still; nothing is differenced across that.
@@ -26,12 +26,12 @@ def observe(y: Any, v: Any, t: Any, theta: Float64[np.ndarray, "P 1"], instance:
     return y + theta[:, 0, None, None, None] ** 2 / 24.0 * bend
 
 
-EFFECT = Observation(
+EFFECT = ObservationEffect(
     name="exposure_blur",
     group="G",
     level="chart",
     equation="y = mean of q over the exposure",
-    parameters=(Parameter("exposure", "frame", HalfNormal(1.0)),),
+    parameters=(EffectParameter("exposure", "frame", HalfNormal(1.0)),),
     needs="motion within one exposure, seen in the pictures",
     along="whole",
     observe=observe,

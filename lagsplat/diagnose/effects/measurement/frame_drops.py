@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.effects.base import HalfNormal, Noise, Parameter
+from lagsplat.diagnose.effects.base import EffectParameter, HalfNormal, SampleEffect
 
 SHARES = np.geomspace(0.0005, 0.3, 30)
 LATE = (0.4, 0.25, 0.15, 0.1, 0.06, 0.04)
@@ -33,12 +33,12 @@ def explain(
     return best, {"count": (count, max(count - about, 0.0), count + about)}, float(off.min(axis=0).sum())
 
 
-EFFECT = Noise(
+EFFECT = SampleEffect(
     name="frame_drops",
     group="G",
     level="perception",
     equation="y_k = q(t_{k-1}) for some frames k",
-    parameters=(Parameter("count", "ratio", HalfNormal(100.0)),),
+    parameters=(EffectParameter("count", "ratio", HalfNormal(100.0)),),
     needs="motion that is fast against the noise",
     along="whole",
     explain=explain,

@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.effects.base import HalfNormal, Noise, Parameter
+from lagsplat.diagnose.effects.base import EffectParameter, HalfNormal, SampleEffect
 
 SIZES = np.geomspace(0.003, 3.0, 80)
 LEVELS = np.geomspace(0.05, 1.0, 16)
@@ -45,12 +45,12 @@ def _gains(
     return -0.5 * np.sum(square / variance + np.log(variance / even) - 1.0, axis=2)
 
 
-EFFECT = Noise(
+EFFECT = SampleEffect(
     name="time_jitter",
     group="G",
     level="perception",
     equation="y = q(t + e), e of standard deviation std",
-    parameters=(Parameter("std", "frame", HalfNormal(0.5)),),
+    parameters=(EffectParameter("std", "frame", HalfNormal(0.5)),),
     needs="fast and slow stretches",
     along="whole",
     explain=explain,

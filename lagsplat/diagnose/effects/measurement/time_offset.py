@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.effects.base import InputChange, Normal, Parameter
+from lagsplat.diagnose.effects.base import EffectParameter, InputEffect, Normal
 
 
 def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray, "P M"]:
@@ -16,12 +16,14 @@ def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray
     return np.stack([signal.at(signal.time + offset) for offset in theta[:, 0]])
 
 
-EFFECT = InputChange(
+EFFECT = InputEffect(
     name="time_offset",
     group="G",
     level="perception",
     equation="y(t) = q(t + offset)",
-    parameters=(Parameter("offset", "time", Normal(0.5), (-1.2, -0.6, -0.2, -0.05, 0.05, 0.2, 0.6, 1.2)),),
+    parameters=(
+        EffectParameter("offset", "time", Normal(0.5), (-1.2, -0.6, -0.2, -0.05, 0.05, 0.2, 0.6, 1.2)),
+    ),
     needs="an input with steps, and an event that starts without it",
     amplitudes=0,
     along="whole",
