@@ -39,8 +39,15 @@ def public_names() -> dict[str, str]:
             for key, value in zip(node.keys, node.values, strict=True):
                 where = _text(value)
                 if _text(key) and where.startswith("lagsplat."):
-                    names[_text(key)] = where.replace(":", ".").removesuffix(f".{_text(key)}")
+                    names[_text(key)] = _module(where.replace(":", "."))
     return names
+
+
+def _module(path: str) -> str:
+    """The module that a dotted path names, or that the object at its end is defined in."""
+    file = ROOT / path.replace(".", "/")
+    there = file.with_suffix(".py").exists() or (file / "__init__.py").exists()
+    return path if there else path.rpartition(".")[0]
 
 
 def _text(node: ast.expr | None) -> str:
