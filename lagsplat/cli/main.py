@@ -63,7 +63,8 @@ def names_in(text: str | None) -> list[str] | None:
 
 def _mcap(folder: Path, own: dict[str, str], changes: list[str], out: Path) -> None:
     from lagsplat.export.mcap import export_mcap
-    from lagsplat.runs.run import open_run, protocol
+    from lagsplat.pipelines.evaluate import protocol
+    from lagsplat.runs.run import open_run
 
     export_mcap(open_run(folder), protocol(folder, changes), out)
 
@@ -166,7 +167,7 @@ def _reading(path: Path) -> list[str]:
 
 def _fit(words: list[str]) -> None:
     from lagsplat.provenance import code_digest, set_threads
-    from lagsplat.runs.run import fit
+    from lagsplat.runs.fit import fit
 
     own, rest = split(words, needed=("out",), allowed=("out",))
     set_threads(os.cpu_count() or 1)
@@ -178,7 +179,8 @@ def _fit(words: list[str]) -> None:
 
 def _evaluate(words: list[str]) -> None:
     from lagsplat.io.files.json_files import save_json
-    from lagsplat.runs.run import open_run, protocol, score
+    from lagsplat.pipelines.evaluate import protocol, score
+    from lagsplat.runs.run import open_run
 
     own, changes = split(words, needed=("run", "out"), allowed=("run", "out"))
     folder = Path(own["run"])
@@ -262,7 +264,7 @@ def _play(words: list[str]) -> None:
     import numpy as np
 
     from lagsplat.diagnose.augmented.model import load_augmented
-    from lagsplat.diagnose.augmented.simulate import Drive, play
+    from lagsplat.diagnose.augmented.simulate import AppliedSignals, simulate_augmented
     from lagsplat.io.trajectory.inputs import read_drive, read_state
 
     allowed = ("run", "out", "input", "seconds", "initial", "input_hold")
@@ -282,8 +284,8 @@ def _play(words: list[str]) -> None:
         u, push = np.zeros((len(time_s), sim.model.n_u)), np.zeros((len(time_s), 0))
     start = read_state(own["initial"], sim.model.d) if "initial" in own else (None, None)
     held = None if hold is None else hold == "zoh"
-    drive = Drive(time_s, u, push if push.shape[1] else None)
-    q, v = play(sim, drive, q=start[0], v=start[1], held=held)
+    drive = AppliedSignals(time_s, u, push if push.shape[1] else None)
+    q, v = simulate_augmented(sim, drive, q=start[0], v=start[1], held=held)
     _save_motion(own["out"], time_s, q, v)
 
 
@@ -317,14 +319,14 @@ def _diagnose(words: list[str]) -> None:
 
 
 def _apply(words: list[str]) -> None:
-    from lagsplat.pipelines.apply_diagnosis import apply
+    from lagsplat.pipelines.apply_diagnosis import apply_diagnosis
 
     allowed = ("diagnosis", "sim", "out", "diagnose.joints", "diagnose.actuators")
     own, rest = split(words, needed=("diagnosis", "out"), allowed=allowed)
     if rest:
         raise ConfigError(f"apply takes {', '.join(allowed)}, not {rest[0]!r}")
     names = {key: names_in(own.get(f"diagnose.{key}")) for key in ("joints", "actuators")}
-    apply(Path(own["diagnosis"]), own.get("sim"), out=Path(own["out"]), **names)
+    apply_diagnosis(Path(own["diagnosis"]), own.get("sim"), out=Path(own["out"]), **names)
     print(own["out"])
 
 

@@ -8,7 +8,7 @@ from typing import Any
 from lagsplat.diagnose.core.config import DiagnoseConfig
 from lagsplat.diagnose.core.result import Candidate, Diagnosis
 from lagsplat.diagnose.effects.base import PlacedEffect, SampleEffect
-from lagsplat.diagnose.identification.estimated_simulator import Sim
+from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
 from lagsplat.diagnose.inference.evidence import HypothesisFit
 from lagsplat.diagnose.inference.holdout import HoldoutForecasts, estimate_single_closure, forecast_holdout
 from lagsplat.diagnose.inference.model_selection import ModelRanking, SearchBudget, rank_hypotheses
@@ -24,7 +24,7 @@ from lagsplat.diagnose.inference.posterior import (
 from lagsplat.diagnose.inference.problem import EstimationProblem, build_problem
 from lagsplat.diagnose.inference.profile_likelihood import estimate_parameters
 from lagsplat.diagnose.inference.robustness import check_robustness, inflate_noise
-from lagsplat.diagnose.mechanics.model import Model
+from lagsplat.diagnose.mechanics.model import MechanicalModel
 from lagsplat.io.trajectory.trajectory import Motion
 
 OBVIOUS = 30.0
@@ -48,7 +48,7 @@ class DiagnosisRun:
 
 
 def diagnose(
-    sim: Sim,
+    sim: EstimatedSimulator,
     real: Sequence[Motion],
     config: DiagnoseConfig,
     *,
@@ -141,7 +141,11 @@ def _fit_measures(
 
 
 def _forecast_holdout(
-    contest: EstimationProblem, ranking: ModelRanking, chosen: HypothesisFit, period_s: float, given: Model
+    contest: EstimationProblem,
+    ranking: ModelRanking,
+    chosen: HypothesisFit,
+    period_s: float,
+    given: MechanicalModel,
 ) -> tuple[HoldoutForecasts | None, list[str]]:
     try:
         return forecast_holdout(contest, ranking.none, chosen, period_s=period_s, given=given), []

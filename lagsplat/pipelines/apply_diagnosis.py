@@ -6,26 +6,31 @@ Sims that are models and no recordings: sampled where the real mechanism was see
 from collections.abc import Sequence
 from pathlib import Path
 
-from lagsplat.diagnose.augmented.model import Augmented, grafted, load_augmented, save_augmented
-from lagsplat.diagnose.estimation.dataset import Region
-from lagsplat.diagnose.simulators.mujoco_model import sample_mujoco
-from lagsplat.diagnose.simulators.projection import Sampled
-from lagsplat.diagnose.simulators.python_model import load_python, sample_python
+from lagsplat.diagnose.augmented.model import (
+    AugmentedSimulator,
+    load_augmented,
+    save_augmented,
+    transfer_effects,
+)
+from lagsplat.diagnose.estimation.dataset import OperatingRegion
+from lagsplat.diagnose.simulators.mujoco_model import project_mujoco
+from lagsplat.diagnose.simulators.projection import ProjectedModel
+from lagsplat.diagnose.simulators.python_model import load_python, project_python
 from lagsplat.diagnose.simulators.sources import find_sources
 from lagsplat.io.files.artifact import read_header
 from lagsplat.io.files.json_files import load_json
 
-FILE = "augmented.safetensors"
+AUGMENTED_FILE = "augmented.safetensors"
 
 
-def apply(
+def apply_diagnosis(
     diagnosis: Path,
     sim: str | None,
     *,
     out: Path,
     joints: Sequence[str] | None = None,
     actuators: Sequence[str] | None = None,
-) -> Augmented:
+) -> AugmentedSimulator:
     """Add the effects that a ``diagnosis.json`` chose to ``sim``, and keep the result in ``out``.
 
     The fitted effects stand in the augmented sim beside the diagnosis. Without ``sim`` it is copied as it is,
@@ -36,7 +41,7 @@ def apply(
         ValueError: the sim is one of recordings alone, or has other coordinates or inputs.
     """
     said = load_json(diagnosis)
-    beside = diagnosis.parent / FILE
+    beside = diagnosis.parent / AUGMENTED_FILE
     if not beside.is_file():
         raise FileNotFoundError(
             f"{beside}: not there (verdict {said.get('verdict')!r}); keep the folder of a diagnosis "
@@ -50,21 +55,21 @@ def apply(
                 f"sim={sim}: a sim known by its recordings was identified by the diagnosis and is in "
                 f"{beside}; leave sim= out to get it with its effects"
             )
-        found = sampled_sim(sim, one.region, joints=joints, actuators=actuators)
-        one = grafted(one, found.model)
+        found = sample_simulator(sim, one.region, joints=joints, actuators=actuators)
+        one = transfer_effects(one, found.model)
         header = {**header, "sim": sim, "sim_error": found.error}
     header.pop("stamp", None)
     save_augmented(out, one, {**header, "diagnosis": str(diagnosis)})
     return one
 
 
-def sampled_sim(
+def sample_simulator(
     name: str,
-    region: Region,
+    region: OperatingRegion,
     *,
     joints: Sequence[str] | None = None,
     actuators: Sequence[str] | None = None,
-) -> Sampled:
+) -> ProjectedModel:
     """The model that ``sim=name`` gives over a region, with the error of its acceleration there.
 
     Of an augmented sim its own model is taken, without the effects.
@@ -77,16 +82,13 @@ def sampled_sim(
     if more:
         raise ValueError(f"sim={name}: {1 + len(more)} things; name one model")
     if source.kind == "mujoco":
-        return sample_mujoco(Path(source.path), region, joints=joints, actuators=actuators)
+        return project_mujoco(Path(source.path), region, joints=joints, actuators=actuators)
     if source.kind == "python":
-        return sample_python(load_python(source.path), region, what=source.path)
+        return project_python(load_python(source.path), region, what=source.path)
     if source.kind == "run":
-        from lagsplat.diagnose.simulators.fitted_run import (  # torch, which the others do without
-            open_dynamics,
-            sample_run,
-        )
+        from lagsplat.diagnose.simulators.fitted_run import load_run_dynamics, project_run
 
-        return sample_run(open_dynamics(Path(source.path)), region, what=source.path)
+        return project_run(load_run_dynamics(Path(source.path)), region, what=source.path)
     if source.kind == "model":
-        return Sampled(load_augmented(source.path).model, 0.0)
+        return ProjectedModel(load_augmented(source.path).model, 0.0)
     raise ValueError(f"{source.path}: a recording, which is identified and not sampled")

@@ -23,8 +23,8 @@ from lagsplat.io.files.atomic import sha256_of, write_text
 from lagsplat.io.files.json_files import load_json, save_csv, save_json
 from lagsplat.io.krauss import read_krauss_npz
 from lagsplat.io.recording.recording import Recording
-from lagsplat.pipelines.diagnosis import examine
-from lagsplat.pipelines.diagnosis_inputs import open_pair
+from lagsplat.pipelines.diagnosis import run_diagnosis
+from lagsplat.pipelines.diagnosis_inputs import open_diagnosis_inputs
 from lagsplat.provenance import stamp
 from lagsplat.report.diagnosis.content import save_rollouts
 from lagsplat.report.diagnosis.serialization import save_diagnosis
@@ -37,20 +37,20 @@ SIM, REAL = "sim_*.csv", "real_*.csv"
 
 
 @dataclass(frozen=True)
-class Run:
+class BatchItem:
     """A recording and the effects that are left out of the catalogue for it."""
 
     place: Path
     without: tuple[str, ...]
 
 
-def batch_of(folder: Path, number: int, size: int) -> list[Path]:
+def list_batch(folder: Path, number: int, size: int) -> list[Path]:
     """The recordings of batch ``number`` (from 0) of a folder that holds one folder a recording, by name."""
     places = sorted(path for path in folder.iterdir() if path.is_dir())
     return places[number * size : (number + 1) * size]
 
 
-def runs_of(listed: Path, folders: Sequence[Path], number: int, size: int) -> list[Run]:
+def read_batch_items(listed: Path, folders: Sequence[Path], number: int, size: int) -> list[BatchItem]:
     """Batch ``number`` (from 0) of the runs ``listed`` one a line as ``{"id": ..., "without": [...]}``.
 
     ``folders`` hold one folder a recording.
@@ -58,25 +58,25 @@ def runs_of(listed: Path, folders: Sequence[Path], number: int, size: int) -> li
     places = {place.name: place for folder in folders for place in folder.iterdir()}
     lines = listed.read_text(encoding="utf-8").splitlines()[number * size : (number + 1) * size]
     runs = [json.loads(line) for line in lines]
-    return [Run(places[run["id"]], tuple(run["without"])) for run in runs]
+    return [BatchItem(places[run["id"]], tuple(run["without"])) for run in runs]
 
 
-def sign(out: Path, seal: Path, header: Mapping[str, Any]) -> None:
+def write_provenance(out: Path, seal: Path, header: Mapping[str, Any]) -> None:
     """Write beside predictions who made them, from which code and under which seal: ``made_by.json``."""
     save_json(out / "made_by.json", {**header, **stamp(), "seal": sha256_of(seal)})
 
 
-def predict(place: Path, out: Path, config: DiagnoseConfig, *, without: Sequence[str] = ()) -> bool:
-    """Write ``diagnosis.json`` and ``rollouts.csv`` of the recording in ``place`` to ``out``, see `each`.
+def predict_recording(place: Path, out: Path, config: DiagnoseConfig, *, without: Sequence[str] = ()) -> bool:
+    """Write ``diagnosis.json`` and ``rollouts.csv`` of the recording in ``place`` to ``out``, see `attempt`.
 
     Its sim is ``sim_*.csv`` and its real side ``real_*.csv``; effects named ``without`` are left out of the
     catalogue.
     """
     chosen = replace(config, without=[*config.without, *without])
-    return each(place, out, lambda place, out: _diagnose(place, out, chosen))
+    return attempt(place, out, lambda place, out: _write_diagnosis(place, out, chosen))
 
 
-def each(place: Path, out: Path, work: Callable[[Path, Path], None]) -> bool:
+def attempt(place: Path, out: Path, work: Callable[[Path, Path], None]) -> bool:
     """Do ``work`` on the recording in ``place``, into ``out``.
 
     A recording that is refused, or at which the work fails, must not end the others: the reason then stands
@@ -92,15 +92,15 @@ def each(place: Path, out: Path, work: Callable[[Path, Path], None]) -> bool:
     return True
 
 
-def _diagnose(place: Path, out: Path, config: DiagnoseConfig) -> None:
-    pair = open_pair(str(place / SIM), str(place / REAL), config)
-    found = examine(pair, config, tell=lambda name: None).diagnosis
+def _write_diagnosis(place: Path, out: Path, config: DiagnoseConfig) -> None:
+    pair = open_diagnosis_inputs(str(place / SIM), str(place / REAL), config)
+    found = run_diagnosis(pair, config, tell=lambda name: None).diagnosis
     if found.blocks:
         save_rollouts(out / "rollouts.csv", found.blocks, q_names=found.q_names)
     save_diagnosis(out / "diagnosis.json", found)
 
 
-def encode(place: Path, out: Path, stage1: Stage1Config, chart: ChartConfig) -> None:
+def encode_videos(place: Path, out: Path, stage1: Stage1Config, chart: ChartConfig) -> None:
     """Write ``sim_0.csv`` and ``real_0.csv`` in whitened latents, one clip a film, for a folder of films.
 
     ``place`` holds ``sim_*.npz``, ``real_*.npz`` and ``about.json`` with the number of ``coordinates`` and
@@ -110,7 +110,7 @@ def encode(place: Path, out: Path, stage1: Stage1Config, chart: ChartConfig) -> 
         FileNotFoundError, ValueError: a film is missing or damaged, or stage 1 learned nothing.
     """
     about = load_json(place / "about.json")
-    sides = {name: _films(place, name, float(about["frame_s"])) for name in ("sim", "real")}
+    sides = {name: _read_videos(place, name, float(about["frame_s"])) for name in ("sim", "real")}
     frames = np.concatenate([film.frames for film in sides["sim"]])
     autoencoder, _ = fit_autoencoder(frames, replace(stage1, d=int(about["coordinates"])), seed=0)
     require_trained(autoencoder, frames)
@@ -121,10 +121,10 @@ def encode(place: Path, out: Path, stage1: Stage1Config, chart: ChartConfig) -> 
     out.mkdir(parents=True, exist_ok=True)
     for name, films in sides.items():
         latents = [(z - white.mean) @ white.whiten for z in seen[name]]
-        save_csv(out / f"{name}_0.csv", _rows(films, latents))
+        save_csv(out / f"{name}_0.csv", _latent_rows(films, latents))
 
 
-def _films(place: Path, name: str, frame_s: float) -> list[Recording]:
+def _read_videos(place: Path, name: str, frame_s: float) -> list[Recording]:
     """The films of one side in the order of their numbers."""
     paths = sorted(place.glob(f"{name}_*.npz"), key=lambda path: int(path.stem.rpartition("_")[2]))
     if not paths:
@@ -137,7 +137,7 @@ def _films(place: Path, name: str, frame_s: float) -> list[Recording]:
     return out
 
 
-def _rows(films: Sequence[Recording], latents: Sequence[np.ndarray]) -> list[dict[str, float | int]]:
+def _latent_rows(films: Sequence[Recording], latents: Sequence[np.ndarray]) -> list[dict[str, float | int]]:
     """One row a frame; each film is a clip, and begins two frames after the last one's end."""
     rows: list[dict[str, float | int]] = []
     begun = 0.0

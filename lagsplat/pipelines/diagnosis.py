@@ -11,22 +11,22 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from lagsplat.diagnose.augmented.model import Augmented, augment, save_augmented
+from lagsplat.diagnose.augmented.model import AugmentedSimulator, build_augmented, save_augmented
 from lagsplat.diagnose.core.config import DiagnoseConfig
 from lagsplat.diagnose.core.result import Diagnosis
 from lagsplat.diagnose.data_quality.checks import Checked
 from lagsplat.diagnose.data_quality.compatibility import BEYOND
-from lagsplat.diagnose.diagnosis import Found, diagnose
-from lagsplat.diagnose.effects.base import Noise
-from lagsplat.diagnose.estimation.dataset import region_of
-from lagsplat.diagnose.identification.estimated_simulator import Sim
-from lagsplat.diagnose.inference.problem import measured
-from lagsplat.diagnose.inference.recalibration import like, null_evidence
+from lagsplat.diagnose.diagnosis import DiagnosisRun, diagnose
+from lagsplat.diagnose.effects.base import SampleEffect
+from lagsplat.diagnose.estimation.dataset import sample_operating_region
+from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
+from lagsplat.diagnose.inference.problem import measure_misfit
+from lagsplat.diagnose.inference.recalibration import calibrate_null_evidence, match_windows
 from lagsplat.diagnose.residual.error_budget import Perception
 from lagsplat.diagnose.residual.localization import Where, locate
-from lagsplat.pipelines.apply_diagnosis import FILE
-from lagsplat.pipelines.diagnosis_images import shown
-from lagsplat.pipelines.diagnosis_inputs import LAWLESS, Pair, open_pair
+from lagsplat.pipelines.apply_diagnosis import AUGMENTED_FILE
+from lagsplat.pipelines.diagnosis_images import build_report_content
+from lagsplat.pipelines.diagnosis_inputs import LAWLESS, DiagnosisInputs, open_diagnosis_inputs
 from lagsplat.provenance import stamp
 from lagsplat.report.diagnosis.content import Exhibits, save_rollouts
 from lagsplat.report.diagnosis.html import save_page
@@ -37,7 +37,9 @@ UNSURE = 0.4
 """Probability that no name exceeds where the data forbid a verdict."""
 
 
-def examine(pair: Pair, config: DiagnoseConfig, *, tell: Callable[[str], None]) -> Found:
+def run_diagnosis(
+    pair: DiagnosisInputs, config: DiagnoseConfig, *, tell: Callable[[str], None]
+) -> DiagnosisRun:
     """The diagnosis of a checked pair, with where the gap lies and what to record next.
 
     Raises:
@@ -46,15 +48,17 @@ def examine(pair: Pair, config: DiagnoseConfig, *, tell: Callable[[str], None]) 
     null = pair.null
     with contextlib.suppress(ValueError):  # too short a recording says nothing of the sim's errors
         if null is not None and pair.sim.familiar is not None:
-            pair = replace(pair, sim=measured(pair.sim, like(pair.sim, null, pair.real, config)))
-    config = _suited(pair, config)
+            pair = replace(
+                pair, sim=measure_misfit(pair.sim, match_windows(pair.sim, null, pair.real, config))
+            )
+    config = _adapt_settings(pair, config)
     nats = 0.0
     with contextlib.suppress(ValueError):
         if null is not None:
-            nats = null_evidence(pair.sim, null, pair.real, config, tell=tell)
+            nats = calibrate_null_evidence(pair.sim, null, pair.real, config, tell=tell)
     sight = pair.films.sight if pair.films is not None else None
     seen = sight.perception if sight is not None else None
-    found = diagnose(as_seen(pair.sim, seen), pair.real, config, null=nats, tell=tell)
+    found = diagnose(discount_image_error(pair.sim, seen), pair.real, config, null=nats, tell=tell)
     tell("where")
     natural_s = found.diagnosis.checks["natural_period_s"]
     where: Where | None = None
@@ -70,13 +74,13 @@ def examine(pair: Pair, config: DiagnoseConfig, *, tell: Callable[[str], None]) 
     except np.linalg.LinAlgError:
         blind = (NOWHERE,)
     if where is not None and found.diagnosis.combination and found.chosen.effects:
-        where = placed(where, found)
+        where = locate_with_verdict(where, found)
     diagnosis = replace(
         found.diagnosis,
         where=where,
         warnings=(*pair.checked.warnings, *found.diagnosis.warnings, *blind),
         excitation=tuple(f"{row.effect}: {row.record}" for row in pair.rows if row.record),
-        absorbed=absorbed() if pair.own else (),
+        absorbed=absorbed_effects() if pair.own else (),
         checks={
             **found.diagnosis.checks,
             "samples_as_one": config.temper,
@@ -88,13 +92,13 @@ def examine(pair: Pair, config: DiagnoseConfig, *, tell: Callable[[str], None]) 
     )
     if pair.films is not None:
         diagnosis = pair.films.judge(diagnosis)
-    diagnosis = extrapolated(diagnosis, pair.checked)
+    diagnosis = flag_extrapolation(diagnosis, pair.checked)
     if pair.checked.undetermined or "undetermined" in diagnosis.checks:
-        diagnosis = undecided(diagnosis)
+        diagnosis = withhold_verdict(diagnosis)
     return replace(found, diagnosis=diagnosis)
 
 
-def as_seen(sim: Sim, seen: Perception | None) -> Sim:
+def discount_image_error(sim: EstimatedSimulator, seen: Perception | None) -> EstimatedSimulator:
     """The sim, missing the motion by as much more as its pictures are drawn worse than those that taught it.
 
     An encoder that errs in the pictures errs in the state, and does so smoothly along the motion.
@@ -104,12 +108,12 @@ def as_seen(sim: Sim, seen: Perception | None) -> Sim:
     return replace(sim, misfit=max(sim.misfit, 1.0) * max(seen.ratio, 1.0))
 
 
-def _suited(pair: Pair, config: DiagnoseConfig) -> DiagnoseConfig:
+def _adapt_settings(pair: DiagnosisInputs, config: DiagnoseConfig) -> DiagnoseConfig:
     """The settings for this sim: how far it may be off, and what cannot be the cause."""
     hold = pair.hold or config.input_hold
     config = replace(config, temper=max(config.temper, pair.sim.correlation), input_hold=hold)
     if pair.own:
-        config = replace(config, without=[*config.without, *absorbed()])
+        config = replace(config, without=[*config.without, *absorbed_effects()])
     if pair.films is None:
         return config
     return replace(
@@ -120,7 +124,7 @@ def _suited(pair: Pair, config: DiagnoseConfig) -> DiagnoseConfig:
     )  # fmt: skip
 
 
-def placed(where: Where, found: Found) -> Where:
+def locate_with_verdict(where: Where, found: DiagnosisRun) -> Where:
     """Where the gap lies, given what it was found to be: as sure as the name, the rest by the residual."""
     chosen = [effect.effect for effect in found.chosen.effects]
     sure = found.diagnosis.candidates[0].probability
@@ -131,7 +135,7 @@ def placed(where: Where, found: Found) -> Where:
     return replace(where, level=chosen[0].level, components=shares)
 
 
-def absorbed() -> tuple[str, ...]:
+def absorbed_effects() -> tuple[str, ...]:
     """Effects that a sim fitted to the same recording has already taken up in its own terms."""
     return (
         "viscous_damping",
@@ -143,7 +147,7 @@ def absorbed() -> tuple[str, ...]:
     )
 
 
-def extrapolated(found: Diagnosis, checked: Checked) -> Diagnosis:
+def flag_extrapolation(found: Diagnosis, checked: Checked) -> Diagnosis:
     """``found``, undetermined if nothing explains it and the sim was hardly seen there or is true nowhere."""
     why = [finding.text for finding in checked.findings if finding.check in (BEYOND, LAWLESS)]
     if found.verdict != "unknown" or not why:
@@ -151,7 +155,7 @@ def extrapolated(found: Diagnosis, checked: Checked) -> Diagnosis:
     return replace(found, checks={**found.checks, "undetermined": why})
 
 
-def undecided(found: Diagnosis) -> Diagnosis:
+def withhold_verdict(found: Diagnosis) -> Diagnosis:
     """The same without a verdict: no name keeps more than `UNSURE`, the rest is spread evenly."""
     top, even = found.candidates[0].probability, 1.0 / len(found.candidates)
     share = 1.0 if top <= UNSURE else max(UNSURE - even, 0.0) / (top - even)
@@ -161,11 +165,11 @@ def undecided(found: Diagnosis) -> Diagnosis:
 
 
 def diagnose_files(sim: str, real: str, out: Path, config: DiagnoseConfig, *, command: str) -> Diagnosis:
-    """Write ``diagnosis.json``, ``rollouts.csv``, ``augmented.safetensors`` and ``report.html``.
+    """Write ``diagnosis.json``, ``rollouts.csv``, ``build_augmented_simulator.safetensors`` and ``report.html``.
 
     Raises:
         OSError: ``out`` cannot be written to.
-        FileNotFoundError, ValueError: as `open_pair`; nothing is written then, and an older
+        FileNotFoundError, ValueError: as `open_diagnosis_inputs`; nothing is written then, and an older
             ``diagnosis.json`` in ``out`` is gone.
     """
     require_writable(out)
@@ -173,14 +177,14 @@ def diagnose_files(sim: str, real: str, out: Path, config: DiagnoseConfig, *, co
     with warnings.catch_warnings(record=True) as caught, np.errstate(all="ignore"):
         # Rollouts of a wrong hypothesis leave for good; what is not finite is refused where it is compared.
         warnings.simplefilter("always")
-        pair, found, exhibits = _searched(sim, real, config)
-    found = replace(found, diagnosis=_told(found.diagnosis, caught))
+        pair, found, exhibits = _diagnose_arguments(sim, real, config)
+    found = replace(found, diagnosis=_add_warnings(found.diagnosis, caught))
     diagnosis = found.diagnosis
     out.mkdir(parents=True, exist_ok=True)
     settings: dict[str, Any] = {"sim": sim, "real": real, "config": asdict(config), "stamp": stamp()}
-    added = augmented(pair, found)
-    save_augmented(out / FILE, added, settings)
-    diagnosis = patched(sim, out / "patched.xml", added, diagnosis, config)
+    added = build_augmented_simulator(pair, found)
+    save_augmented(out / AUGMENTED_FILE, added, settings)
+    diagnosis = write_mujoco_patch(sim, out / "patched.xml", added, diagnosis, config)
     # without a row where nothing could be held out, so that an older file does not pass for this one's
     save_rollouts(out / "rollouts.csv", diagnosis.blocks, q_names=diagnosis.q_names)
     save_page(out / "report.html", diagnosis, replace(exhibits, command=command, stamp=stamp()))
@@ -188,8 +192,10 @@ def diagnose_files(sim: str, real: str, out: Path, config: DiagnoseConfig, *, co
     return diagnosis
 
 
-def _searched(sim: str, real: str, config: DiagnoseConfig) -> tuple[Pair, Found, Exhibits]:
-    pair = open_pair(sim, real, config)
+def _diagnose_arguments(
+    sim: str, real: str, config: DiagnoseConfig
+) -> tuple[DiagnosisInputs, DiagnosisRun, Exhibits]:
+    pair = open_diagnosis_inputs(sim, real, config)
     with tqdm(unit="effect", leave=False) as bar:
 
         def tell(name: str) -> None:
@@ -197,21 +203,21 @@ def _searched(sim: str, real: str, config: DiagnoseConfig) -> tuple[Pair, Found,
             bar.update()
 
         try:
-            found = examine(pair, config, tell=tell)
+            found = run_diagnosis(pair, config, tell=tell)
         except ValueError as error:
-            raise ValueError(_why(pair.checked, error)) from error
+            raise ValueError(_explain_failure(pair.checked, error)) from error
         tell("figures")
-        figures = shown(pair, found)
+        figures = build_report_content(pair, found)
         if pair.films is None:
             return pair, found, figures
-        from lagsplat.pipelines.diagnosis_images import picture_exhibits
+        from lagsplat.pipelines.diagnosis_images import build_image_content
 
         tell("pictures")
-        found, seen = picture_exhibits(pair, found)
+        found, seen = build_image_content(pair, found)
         return pair, found, replace(figures, picture=seen.picture, force=seen.force, film=seen.film)
 
 
-def _why(checked: Checked, error: ValueError) -> str:
+def _explain_failure(checked: Checked, error: ValueError) -> str:
     """Why nothing could be fitted, what was seen of the data beforehand coming first."""
     text = str(error)
     if isinstance(error, np.linalg.LinAlgError) or "infs or NaNs" in text:
@@ -219,7 +225,7 @@ def _why(checked: Checked, error: ValueError) -> str:
     return " ".join([*checked.warnings, text])
 
 
-def _told(diagnosis: Diagnosis, caught: Sequence[warnings.WarningMessage]) -> Diagnosis:
+def _add_warnings(diagnosis: Diagnosis, caught: Sequence[warnings.WarningMessage]) -> Diagnosis:
     """The diagnosis with what was warned of on the way, which a user must know and not a programmer."""
     said = [str(one.message) for one in caught if one.category is UserWarning]
     new = [text for text in dict.fromkeys(said) if text not in diagnosis.warnings]
@@ -241,7 +247,9 @@ def require_writable(out: Path) -> None:
         raise PermissionError(f"out={out}: {place} cannot be written to; name another folder")
 
 
-def patched(sim: str, out: Path, added: Augmented, diagnosis: Diagnosis, config: DiagnoseConfig) -> Diagnosis:
+def write_mujoco_patch(
+    sim: str, out: Path, added: AugmentedSimulator, diagnosis: Diagnosis, config: DiagnoseConfig
+) -> Diagnosis:
     """For a MuJoCo sim, its file with the effects that have a counterpart there; the diagnosis says which."""
     if Path(sim).suffix.lower() not in (".xml", ".mjcf") or not added.effects:
         return diagnosis
@@ -252,15 +260,15 @@ def patched(sim: str, out: Path, added: Augmented, diagnosis: Diagnosis, config:
     return replace(diagnosis, checks={**diagnosis.checks, "mujoco": told})
 
 
-def augmented(pair: Pair, found: Found) -> Augmented:
+def build_augmented_simulator(pair: DiagnosisInputs, found: DiagnosisRun) -> AugmentedSimulator:
     """The sim with the effects that were chosen, or with its own parameters re-anchored alone."""
     bench, chosen = found.contest.bench, found.chosen
-    effects = [effect for effect in chosen.effects if not isinstance(effect.effect, Noise)]
-    return augment(
+    effects = [effect for effect in chosen.effects if not isinstance(effect.effect, SampleEffect)]
+    return build_augmented(
         bench,
         effects,
         chosen.fit.x,
         q_names=pair.real[0].q_names,
         u_names=pair.real[0].u_names,
-        region=region_of(bench.record),
+        region=sample_operating_region(bench.record),
     )

@@ -11,30 +11,30 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lagsplat.diagnose.core.result import Block
-from lagsplat.diagnose.diagnosis import Found
+from lagsplat.diagnose.diagnosis import DiagnosisRun
 from lagsplat.diagnose.imaging.localization import Localisation, excess_error, image_region, localise
 from lagsplat.diagnose.imaging.rendering import Body, body_points, drawn, evenly, frames_at, measured
-from lagsplat.diagnose.mechanics.model import rest_inertia
+from lagsplat.diagnose.mechanics.model import compute_rest_inertia
 from lagsplat.diagnose.residual.error_budget import forecast, stage_shares
 from lagsplat.diagnose.residual.latent_force import Smoothed
 from lagsplat.evaluate.forecast import image_errors
-from lagsplat.pipelines.diagnosis_videos import Films, Side
+from lagsplat.pipelines.diagnosis_videos import RecordedTrajectory, RecordingPair
 from lagsplat.report.diagnosis.content import Exhibits, Film, PictureForce, PictureGap
 
 if TYPE_CHECKING:
-    from lagsplat.pipelines.diagnosis_inputs import Pair
+    from lagsplat.pipelines.diagnosis_inputs import DiagnosisInputs
 import contextlib
 from typing import TYPE_CHECKING
 
-from lagsplat.diagnose.inference.identifiability import separability
-from lagsplat.diagnose.inference.profile_likelihood import profiles
+from lagsplat.diagnose.inference.identifiability import compute_separability
+from lagsplat.diagnose.inference.profile_likelihood import compute_profiles
 from lagsplat.diagnose.residual.components import fingerprint
 from lagsplat.diagnose.residual.error_budget import Rung, climb
 from lagsplat.diagnose.residual.latent_force import smooth
 from lagsplat.io.trajectory.trajectory import Motion, leading
 
 if TYPE_CHECKING:
-    from lagsplat.pipelines.diagnosis_inputs import Pair
+    from lagsplat.pipelines.diagnosis_inputs import DiagnosisInputs
 
 
 COMPARED = 240  # frames of held-out blocks that are drawn
@@ -46,11 +46,11 @@ SEEN = 0.1  # of the largest force, below which none would be noticed
 
 
 @dataclass(frozen=True)
-class Seen:
+class RenderedBlocks:
     """Frames of held-out blocks (T, H, W, 3): measured, and drawn of the sim's forecast, of the one with
     effects, and of the latents as encoded, which are ``q`` (T, d). ``at`` (T,) are their numbers."""
 
-    side: Side
+    side: RecordedTrajectory
     at: np.ndarray
     q: np.ndarray
     real: np.ndarray
@@ -59,13 +59,13 @@ class Seen:
     encoded: np.ndarray
 
 
-def picture_exhibits(pair: "Pair", found: Found) -> tuple[Found, Exhibits]:
+def build_image_content(pair: "DiagnosisInputs", found: DiagnosisRun) -> tuple[DiagnosisRun, Exhibits]:
     """The diagnosis with its region of the picture and its errors in pictures, and the figures of both.
 
     Of tables of latents there are no pictures, and none are shown.
     """
     assert pair.films is not None, "the sim is no fitted run"
-    drawer = _Drawer(pair.films, pair, found)
+    drawer = _BlockRenderer(pair.films, pair, found)
     seen = drawer.seen()
     if seen is None:
         return found, Exhibits()
@@ -79,17 +79,17 @@ def picture_exhibits(pair: "Pair", found: Found) -> tuple[Found, Exhibits]:
     diagnosis = replace(found.diagnosis, where=where, checks=checks)
     worst = int(np.argmax(np.mean((seen.sim - seen.real) ** 2, axis=(1, 2, 3))))
     exhibits = Exhibits(
-        picture=PictureGap(_bytes(seen.real[worst]), np.maximum(excess.map, 0.0), excess.parts),
+        picture=PictureGap(_to_bytes(seen.real[worst]), np.maximum(excess.map, 0.0), excess.parts),
         force=None if place is None or body is None else drawer.force(seen, place, body),
         film=drawer.film(),
     )
     return replace(found, diagnosis=diagnosis), exhibits
 
 
-class _Drawer:
+class _BlockRenderer:
     """Draws one diagnosed run."""
 
-    def __init__(self, films: Films, pair: "Pair", found: Found) -> None:
+    def __init__(self, films: RecordingPair, pair: "DiagnosisInputs", found: DiagnosisRun) -> None:
         self.films, self.pair, self.found = films, pair, found
         self.run = films.run
         self.period_s = float(found.diagnosis.checks["natural_period_s"])
@@ -103,7 +103,7 @@ class _Drawer:
         """Pictures of latents."""
         return drawn(self.run.autoencoder, self.run.chart, q)
 
-    def seen(self) -> Seen | None:
+    def seen(self) -> RenderedBlocks | None:
         """Held-out blocks, drawn; None where no block has pictures."""
         for side in self.films.sides:
             if side.recording is None:
@@ -113,19 +113,19 @@ class _Drawer:
                 return self._seen(side, blocks, COMPARED)
         return None
 
-    def _seen(self, side: Side, blocks: Sequence[Block], most: int) -> Seen:
+    def _seen(self, side: RecordedTrajectory, blocks: Sequence[Block], most: int) -> RenderedBlocks:
         assert side.recording is not None
         time_s = np.concatenate([block.time_s for block in blocks])
         chosen = evenly(len(time_s), most)
         at = frames_at(side.recording, time_s[chosen])
         q = {name: np.concatenate([getattr(b, name) for b in blocks])[chosen]
              for name in ("real", "sim", "augmented")}  # fmt: skip
-        return Seen(
+        return RenderedBlocks(
             side, at, q["real"], measured(side.recording, at),
             self.draw(q["sim"]), self.draw(q["augmented"]), self.draw(q["real"]),
         )  # fmt: skip
 
-    def image_gap(self, seen: Seen) -> dict[str, Any]:
+    def image_gap(self, seen: RenderedBlocks) -> dict[str, Any]:
         """Root mean squared errors of the pictures: what drawing leaves, the sim's, and with the effects."""
         floor, before, after = (
             float(np.sqrt(np.mean(image_errors(one, seen.real))))
@@ -136,7 +136,7 @@ class _Drawer:
         shares = self._stages(seen, before)
         return told if shares is None else told | {"stages": shares}
 
-    def _stages(self, seen: Seen, rollout: float) -> dict[str, float] | None:
+    def _stages(self, seen: RenderedBlocks, rollout: float) -> dict[str, float] | None:
         """Share of the rollouts' squared error that each stage adds; see `stage_shares`."""
         one = next((s for s in self.smoothed if s.motion.source == seen.side.motion.source), None)
         if one is None or seen.side.recording is None:
@@ -170,11 +170,11 @@ class _Drawer:
         # A force too small to be noticed is not known to be none.
         least = SEEN * float(np.sqrt(np.mean(force**2)))
         covariance = one.covariance[at] + least**2 * np.eye(force.shape[1])
-        felt = body.jacobian / rest_inertia(self.pair.sim.model)[None, :, None]
+        felt = body.jacobian / compute_rest_inertia(self.pair.sim.model)[None, :, None]
         reach = np.broadcast_to(felt, (len(at), *felt.shape))
         return localise(force, covariance, reach, one.v[at]), body
 
-    def force(self, seen: Seen, place: Localisation, body: Body) -> PictureForce:
+    def force(self, seen: RenderedBlocks, place: Localisation, body: Body) -> PictureForce:
         """The force where it is largest, on the frame of that instant."""
         one = max(self.smoothed, key=lambda s: float(np.mean(s.residual**2)))
         times = one.motion.time_s[evenly(one.motion.n, PLACED)]
@@ -188,7 +188,7 @@ class _Drawer:
         for number, force in zip(place.near, place.forces, strict=True):
             forces[number] = force[main]
         return PictureForce(
-            _bytes(measured(recording, at)[0]),
+            _to_bytes(measured(recording, at)[0]),
             body.at(q)[0],
             place.explained,
             forces,
@@ -208,31 +208,31 @@ class _Drawer:
             step_s = side.motion.dt_s * max(1.0, sum(len(b.time_s) for b in blocks[first : first + FILMED])
                                             / len(seen.at))  # fmt: skip
             slowed = max(1.0, SLOWEST_S / self.period_s)
-            films = (_bytes(seen.real), _bytes(seen.sim), _bytes(seen.augmented))
+            films = (_to_bytes(seen.real), _to_bytes(seen.sim), _to_bytes(seen.augmented))
             return Film(*films, frames_per_s=1.0 / (step_s * slowed), slowed=slowed)
         return None
 
 
-def _bytes(picture: np.ndarray) -> np.ndarray:
+def _to_bytes(picture: np.ndarray) -> np.ndarray:
     return np.round(255.0 * np.clip(picture, 0.0, 1.0)).astype(np.uint8)
 
 
 CLIMBED = 40  # natural periods of the sim's own motions by which the floors of the ladder are told
 
 
-def shown(pair: "Pair", found: Found) -> Exhibits:
+def build_report_content(pair: "DiagnosisInputs", found: DiagnosisRun) -> Exhibits:
     """The ladder, what the residual goes with, what is told apart, how sharply numbers are known."""
     temper, real = found.ranking.temper, pair.real[0]
     where = found.diagnosis.where
     return Exhibits(
-        rungs=rungs(pair, found),
+        rungs=compute_error_stages(pair, found),
         fingerprint=where and fingerprint(where.smoothed, q_names=real.q_names, u_names=real.u_names),
-        separability=separability(found.contest, found.ranking.found, temper=temper),
-        profiles=tuple(profiles(found.contest, found.chosen, temper=temper)),
+        separability=compute_separability(found.contest, found.ranking.found, temper=temper),
+        profiles=tuple(compute_profiles(found.contest, found.chosen, temper=temper)),
     )
 
 
-def rungs(pair: "Pair", found: Found) -> tuple[Rung, ...]:
+def compute_error_stages(pair: "DiagnosisInputs", found: DiagnosisRun) -> tuple[Rung, ...]:
     """The ladder; floors are those of the sim's own motions, of its training part if it is a fitted run.
 
     None where the residual could not be worked out.
@@ -242,7 +242,7 @@ def rungs(pair: "Pair", found: Found) -> tuple[Rung, ...]:
     checked, period_s = pair.checked.sim, float(found.diagnosis.checks["natural_period_s"])
     nominal = None
     if checked is not None:
-        part = _leading(checked.motions, CLIMBED * period_s)
+        part = _first_part(checked.motions, CLIMBED * period_s)
         hold = "zoh" if found.contest.bench.held else "linear"
         with contextlib.suppress(np.linalg.LinAlgError):  # a sim that cannot follow even its own motions
             nominal = smooth(pair.sim.model, part, period_s=period_s, hold=hold)
@@ -257,7 +257,7 @@ def rungs(pair: "Pair", found: Found) -> tuple[Rung, ...]:
     )
 
 
-def _leading(motions: Sequence[Motion], length_s: float) -> list[Motion]:
+def _first_part(motions: Sequence[Motion], length_s: float) -> list[Motion]:
     """The first of all motions, as much as lasts ``length_s`` together."""
     kept: list[Motion] = []
     for motion in motions:

@@ -13,17 +13,21 @@ from lagsplat.diagnose.core.result import Finding
 from lagsplat.diagnose.data_quality.checks import Checked, check
 from lagsplat.diagnose.data_quality.natural_period import rough_period_s
 from lagsplat.diagnose.data_quality.sampling import REPEATED, thinned
-from lagsplat.diagnose.estimation.dataset import prepare, region_of
-from lagsplat.diagnose.identification.estimated_simulator import LOST, Sim, sim_of
-from lagsplat.diagnose.inference.excitation import Excitation, excitation
-from lagsplat.diagnose.inference.problem import held_to
-from lagsplat.diagnose.inference.recalibration import recalibrated
-from lagsplat.diagnose.simulators.sources import Source, find_sources, read_sources
+from lagsplat.diagnose.effects.excitation import Excitation, assess_excitation
+from lagsplat.diagnose.estimation.dataset import prepare_dataset, sample_operating_region
+from lagsplat.diagnose.identification.estimated_simulator import (
+    DIVERGED_MISFIT,
+    EstimatedSimulator,
+    estimate_simulator,
+)
+from lagsplat.diagnose.inference.problem import calibrate_misfit
+from lagsplat.diagnose.inference.recalibration import recalibrate_simulator
+from lagsplat.diagnose.simulators.sources import DataSource, find_sources, read_sources
 from lagsplat.io.trajectory.trajectory import Motion
-from lagsplat.pipelines.apply_diagnosis import sampled_sim
+from lagsplat.pipelines.apply_diagnosis import sample_simulator
 
 if TYPE_CHECKING:
-    from lagsplat.pipelines.diagnosis_videos import Films
+    from lagsplat.pipelines.diagnosis_videos import RecordingPair
 
 MODELS = ("run", "model", "mujoco", "python")
 LAWLESS = "a law that is true nowhere"
@@ -41,15 +45,15 @@ TRUER = 0.5
 
 
 @dataclass(frozen=True)
-class Pair:
+class DiagnosisInputs:
     """A sim and the motions it is held against, checked."""
 
-    sim: Sim
+    sim: EstimatedSimulator
     checked: Checked
     rows: tuple[Excitation, ...]
     own: bool
     """The sim was fitted to the very recording."""
-    films: "Films | None" = None
+    films: "RecordingPair | None" = None
     """The pictures of both sides, where the sim is a fitted run."""
     hold: str | None = None
     """How inputs act between samples, where the sim's own recordings say another thing than the settings."""
@@ -69,7 +73,7 @@ class Pair:
         return max(self.checked.sim.motions, key=lambda motion: motion.duration_s)
 
 
-def open_pair(sim: str, real: str, config: DiagnoseConfig) -> Pair:
+def open_diagnosis_inputs(sim: str, real: str, config: DiagnoseConfig) -> DiagnosisInputs:
     """What the arguments name, read and checked, and the sim's model.
 
     ``real`` is a fitted run's own held-out part where it is ``held_out``.
@@ -84,9 +88,13 @@ def open_pair(sim: str, real: str, config: DiagnoseConfig) -> Pair:
     nominal: tuple[Motion, ...] = ()
     own, films = False, None
     if models and models[0].kind == "run":
-        from lagsplat.pipelines.diagnosis_videos import open_films  # torch, which the other sims do without
+        from lagsplat.pipelines.diagnosis_videos import (
+            open_recording_pair,  # torch, which the other sims do without
+        )
 
-        films = open_films(Path(models[0].path), real, columns=config.columns, longest_s=config.own_longest_s)
+        films = open_recording_pair(
+            Path(models[0].path), real, columns=config.columns, longest_s=config.own_longest_s
+        )
         nominal, motions, own = films.nominal, films.real, films.own
     else:
         motions = read_sources(find_sources(real), columns=config.columns)
@@ -96,34 +104,34 @@ def open_pair(sim: str, real: str, config: DiagnoseConfig) -> Pair:
     if films is not None:
         checked = replace(checked, findings=(*films.findings, *checked.findings))
     else:  # each sample of a film belongs to a frame
-        checked = _thinned(checked, hold=config.input_hold)
+        checked = _decimate(checked, hold=config.input_hold)
     rows: tuple[Excitation, ...] = ()
     period_s = checked.real.period_s or (checked.sim.period_s if checked.sim else None)
     if period_s is not None:
-        rows = excitation(
+        rows = assess_excitation(
             checked.real.motions,
             period_s=period_s,
             noise=checked.real.noise,
             closed_loop=checked.closed_loop,
         )
-    known = _model(models, checked, config, films.null if films is not None else None)
+    known = _open_simulator(models, checked, config, films.null if films is not None else None)
     hold = None
     if not models and config.input_hold == "linear":
-        held = _stepwise(checked, config, known)
+        held = _try_held_inputs(checked, config, known)
         if held is not None:
             known, hold = held, "zoh"
-            checked = replace(checked, findings=(*checked.findings, _held_inputs(sim)))
-    if known.misfit > LOST:
-        lost = _lost_law(known, sim) if models else _lost(known, nominal)
+            checked = replace(checked, findings=(*checked.findings, _held_inputs_finding(sim)))
+    if known.misfit > DIVERGED_MISFIT:
+        lost = _lost_model_finding(known, sim) if models else _lost_recordings_finding(known, nominal)
         checked = replace(checked, findings=(*checked.findings, lost))
     if known.given is not None:
-        checked = replace(checked, findings=(*checked.findings, _moved(known, sim)))
+        checked = replace(checked, findings=(*checked.findings, _recalibrated_finding(known, sim)))
     if known.disturbed:
-        checked = replace(checked, findings=(*checked.findings, _disturbed(known)))
-    return Pair(known, checked, rows, own, films, hold)
+        checked = replace(checked, findings=(*checked.findings, _disturbed_finding(known)))
+    return DiagnosisInputs(known, checked, rows, own, films, hold)
 
 
-def _thinned(checked: Checked, *, hold: str) -> Checked:
+def _decimate(checked: Checked, *, hold: str) -> Checked:
     """Both sides with no more samples than their motion needs; of what was averaged none is single."""
     real, told = thinned(checked.real.motions, hold=hold)
     checked = replace(checked, real=replace(checked.real, motions=real))
@@ -135,7 +143,9 @@ def _thinned(checked: Checked, *, hold: str) -> Checked:
     return replace(checked, findings=(*kept, *told))
 
 
-def _stepwise(checked: Checked, config: DiagnoseConfig, known: Sim) -> Sim | None:
+def _try_held_inputs(
+    checked: Checked, config: DiagnoseConfig, known: EstimatedSimulator
+) -> EstimatedSimulator | None:
     """The sim whose inputs are held between samples, if they step and it is the better told for it.
 
     Half a sample is little, but a law that has to make up for it grows, and is wrong beyond its recordings.
@@ -144,13 +154,13 @@ def _stepwise(checked: Checked, config: DiagnoseConfig, known: Sim) -> Sim | Non
     change = np.concatenate([np.diff(m.u, axis=0) for m in checked.sim.motions])
     if not change.any() or np.mean(change[:, change.any(axis=0)] == 0.0) < STEPPED:
         return None
-    held = sim_of(checked.sim.motions, replace(config, input_hold="zoh"))
+    held = estimate_simulator(checked.sim.motions, replace(config, input_hold="zoh"))
     alike = held.reach == known.reach and held.disturbed == known.disturbed
     better = held.cost < known.cost - SURELY if alike else held.misfit < TRUER * known.misfit
     return held if better else None
 
 
-def _held_inputs(source: str) -> Finding:
+def _held_inputs_finding(source: str) -> Finding:
     return Finding(
         "note",
         "held inputs",
@@ -162,7 +172,7 @@ def _held_inputs(source: str) -> Finding:
     )
 
 
-def _moved(sim: Sim, source: str) -> Finding:
+def _recalibrated_finding(sim: EstimatedSimulator, source: str) -> Finding:
     assert sim.given is not None
     given, left = (np.sqrt(max(one.misfit, 0.0)) for one in (sim.given, sim))
     return Finding(
@@ -176,7 +186,7 @@ def _moved(sim: Sim, source: str) -> Finding:
     )
 
 
-def _disturbed(sim: Sim) -> Finding:
+def _disturbed_finding(sim: EstimatedSimulator) -> Finding:
     at: dict[str, list[str]] = {}
     for one in sim.disturbed:
         at.setdefault(one.file, []).append(f"{one.start_s:.4g} to {one.stop_s:.4g} s")
@@ -191,7 +201,7 @@ def _disturbed(sim: Sim) -> Finding:
     )
 
 
-def _lost_law(sim: Sim, source: str) -> Finding:
+def _lost_model_finding(sim: EstimatedSimulator, source: str) -> Finding:
     return Finding(
         "warn",
         LAWLESS,
@@ -203,7 +213,7 @@ def _lost_law(sim: Sim, source: str) -> Finding:
     )
 
 
-def _lost(sim: Sim, nominal: Sequence[Motion]) -> Finding:
+def _lost_recordings_finding(sim: EstimatedSimulator, nominal: Sequence[Motion]) -> Finding:
     return Finding(
         "undetermined",
         "law of the sim",
@@ -216,30 +226,37 @@ def _lost(sim: Sim, nominal: Sequence[Motion]) -> Finding:
     )
 
 
-def _model(models: Sequence[Source], checked: Checked, config: DiagnoseConfig, null: Motion | None) -> Sim:
+def _open_simulator(
+    models: Sequence[DataSource], checked: Checked, config: DiagnoseConfig, null: Motion | None
+) -> EstimatedSimulator:
     if not models:
         assert checked.sim is not None
-        return sim_of(checked.sim.motions, config)
+        return estimate_simulator(checked.sim.motions, config)
     # Where its own recordings went too, the sim must be itself: there its misfit is measured.
     seen = (*checked.real.motions, *(checked.sim.motions if checked.sim is not None else ()))
-    ready = prepare(seen, period_s=rough_period_s(checked.real.motions))
-    sampled = sampled_sim(
-        models[0].path, region_of(ready.record), joints=config.joints, actuators=config.actuators
+    ready = prepare_dataset(seen, period_s=rough_period_s(checked.real.motions))
+    sampled = sample_simulator(
+        models[0].path,
+        sample_operating_region(ready.record),
+        joints=config.joints,
+        actuators=config.actuators,
     )
-    bare = Sim.exact(sampled.model)
+    bare = EstimatedSimulator.exact(sampled.model)
     if checked.sim is None:
         return bare
     told = checked.sim.motions
-    known = _held(bare, null, told, config)
+    known = _calibrate(bare, null, told, config)
     if known.misfit < MISSED:
         return known
-    moved = recalibrated(known, told, config)
-    return known if moved is known else _held(moved, null, told, config)
+    moved = recalibrate_simulator(known, told, config)
+    return known if moved is known else _calibrate(moved, null, told, config)
 
 
-def _held(sim: Sim, null: Motion | None, own: Sequence[Motion], config: DiagnoseConfig) -> Sim:
+def _calibrate(
+    sim: EstimatedSimulator, null: Motion | None, own: Sequence[Motion], config: DiagnoseConfig
+) -> EstimatedSimulator:
     """The sim held to what no fit saw of its own mechanism, or to all there is where that is too short."""
     if null is not None:
         with contextlib.suppress(ValueError):
-            return held_to(sim, [null], config)
-    return held_to(sim, own, config)
+            return calibrate_misfit(sim, [null], config)
+    return calibrate_misfit(sim, own, config)

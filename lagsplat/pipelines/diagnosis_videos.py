@@ -18,13 +18,13 @@ from lagsplat.diagnose.imaging.video_checks import (
     settings_for,
 )
 from lagsplat.diagnose.residual.error_budget import SUSPECT_RATIO, Perception, perception
-from lagsplat.diagnose.simulators.fitted_run import charted
-from lagsplat.diagnose.simulators.sources import FILMED, Source, find_sources, motion_of
+from lagsplat.diagnose.simulators.fitted_run import read_chart_trajectory
+from lagsplat.diagnose.simulators.sources import VIDEO_KINDS, DataSource, find_sources, make_video_trajectory
 from lagsplat.io.read import read_recording, read_trajectory
 from lagsplat.io.recording.recording import Recording, load_recording
 from lagsplat.io.trajectory.inputs import read_input_log
 from lagsplat.io.trajectory.trajectory import Motion, leading
-from lagsplat.runs.run import Run, open_run
+from lagsplat.runs.run import FittedRun, open_run
 from lagsplat.stage1.autoencoder import encode_frames
 
 HELD_OUT = "held_out"  # names a run's own recording, of which the part that no fit saw is taken
@@ -34,15 +34,15 @@ CAMERA_GAP = 0.5  # of the gap: a camera that passes for more forbids every othe
 
 
 @dataclass(frozen=True)
-class Films:
+class RecordingPair:
     """A run with its training part and the real motions, all in its whitened latents.
 
     ``own`` says that the real motions are the held-out part of the very recording the run was fitted to.
     """
 
-    run: Run
+    run: FittedRun
     nominal: tuple[Motion, ...]
-    sides: tuple["Side", ...]
+    sides: tuple["RecordedTrajectory", ...]
     own: bool
 
     @property
@@ -56,7 +56,7 @@ class Films:
         return tuple(finding for side in self.sides for finding in side.findings)
 
     @cached_property
-    def sight(self) -> "Sight | None":
+    def sight(self) -> "ImageQuality | None":
         """How well the real pictures are drawn and where their latents lie; None without pictures.
 
         The yardstick is the part of the run's own recording that no fit saw, or its training part where that
@@ -71,7 +71,7 @@ class Films:
         real = np.concatenate([drawing_errors(run.autoencoder, run.chart, one) for one in recordings])
         latents = np.concatenate([motion.q for motion in self.real])
         seen = self.nominal[0].q[evenly(self.nominal[0].n, MOST_LATENTS)]
-        return Sight(real, nominal, perception(real, nominal, latents, seen))
+        return ImageQuality(real, nominal, perception(real, nominal, latents, seen))
 
     def judge(self, found: Diagnosis) -> Diagnosis:
         """The diagnosis with what the pictures say of it.
@@ -115,7 +115,9 @@ class Films:
         diagnosed; then its training part."""
         if self.own:
             return self.nominal[0]
-        return _named(charted(self.run.chart, held_out=True), tuple(self.run.recording.input_names))
+        return _rename_inputs(
+            read_chart_trajectory(self.run.chart, held_out=True), tuple(self.run.recording.input_names)
+        )
 
     @property
     def ruled_out(self) -> tuple[str, ...]:
@@ -136,7 +138,7 @@ class Films:
 
 
 @dataclass(frozen=True)
-class Sight:
+class ImageQuality:
     """Mean squared errors of drawing the real frames (T,) and the nominal ones (N,), and the judgement."""
 
     error_real: np.ndarray
@@ -150,7 +152,7 @@ class Sight:
 
 
 @dataclass(frozen=True)
-class Side:
+class RecordedTrajectory:
     """One real motion; ``recording`` with the frames behind it and ``camera`` are None for latents."""
 
     motion: Motion
@@ -159,9 +161,9 @@ class Side:
     findings: tuple[Finding, ...] = ()
 
 
-def open_films(
+def open_recording_pair(
     folder: Path, real: str, *, columns: Mapping[str, str] | None = None, longest_s: float = np.inf
-) -> Films:
+) -> RecordingPair:
     """The run in ``folder`` beside the real thing that ``real`` names.
 
     Films and logs are turned, cropped and resized as the run's own recording was; the cuts in time of that
@@ -176,9 +178,9 @@ def open_films(
     """
     run = open_run(folder)
     names = tuple(run.recording.input_names)
-    nominal = (_named(charted(run.chart, held_out=False), names),)
+    nominal = (_rename_inputs(read_chart_trajectory(run.chart, held_out=False), names),)
     found = () if real == HELD_OUT else find_sources(real)
-    sides = [_read(folder, run, source, columns) for source in found]
+    sides = [_read_trajectory(folder, run, source, columns) for source in found]
     own = [side is None for side in sides]
     if any(own) and not all(own):
         raise ValueError(
@@ -186,31 +188,33 @@ def open_films(
             "one kind at a time"
         )
     if not sides or any(own):
-        return Films(run, nominal, (_held_out(run, names, longest_s),), own=True)
+        return RecordingPair(run, nominal, (_open_holdout(run, names, longest_s),), own=True)
     kept = [side for side in sides if side is not None]
-    named = tuple(replace(side, motion=_named(side.motion, names)) for side in kept)
-    return Films(run, nominal, named, own=False)
+    named = tuple(replace(side, motion=_rename_inputs(side.motion, names)) for side in kept)
+    return RecordingPair(run, nominal, named, own=False)
 
 
-def _held_out(run: Run, names: tuple[str, ...], longest_s: float) -> Side:
-    motion = _named(leading(charted(run.chart, held_out=True), longest_s), names)
+def _open_holdout(run: FittedRun, names: tuple[str, ...], longest_s: float) -> RecordedTrajectory:
+    motion = _rename_inputs(leading(read_chart_trajectory(run.chart, held_out=True), longest_s), names)
     train, held = run.recording.split()
     shift = camera_shift(held, train, run.autoencoder, run.chart)
-    return Side(motion, held, shift, tuple(camera_findings(shift, source=motion.source)))
+    return RecordedTrajectory(motion, held, shift, tuple(camera_findings(shift, source=motion.source)))
 
 
-def _read(folder: Path, run: Run, source: Source, columns: Mapping[str, str] | None) -> Side | None:
+def _read_trajectory(
+    folder: Path, run: FittedRun, source: DataSource, columns: Mapping[str, str] | None
+) -> RecordedTrajectory | None:
     """One real motion with its frames, or None where it is the run's own recording."""
     if source.kind == "trajectory":
         motion = read_trajectory(source.path, columns=columns)
         _check_size(run, motion.d, motion.n_u, source.path)
-        return Side(motion)
-    if source.kind not in FILMED:
+        return RecordedTrajectory(motion)
+    if source.kind not in VIDEO_KINDS:
         raise ValueError(
             f"{source.path}: a {source.kind} has no motion to hold a run against; name a film, a log or a "
             "table of its latents"
         )
-    recording = _record(folder, run, source)
+    recording = _read_video(folder, run, source)
     if recording.meta.get("sha256") == run.recording.meta.get("sha256"):
         return None
     size, own = recording.frames.shape[1:3], run.recording.frames.shape[1:3]
@@ -224,12 +228,12 @@ def _read(folder: Path, run: Run, source: Source, columns: Mapping[str, str] | N
     findings += camera_findings(shift, source=Path(source.path).name)
     log = read_input_log(source.inputs) if source.inputs else None
     latents = run.chart.to_whitened(encode_frames(run.autoencoder, recording.frames))
-    motion = motion_of(recording, latents, log=log, source=source.path)
+    motion = make_video_trajectory(recording, latents, log=log, source=source.path)
     _check_size(run, motion.d, motion.n_u, source.path)
-    return Side(motion, recording, shift, tuple(findings))
+    return RecordedTrajectory(motion, recording, shift, tuple(findings))
 
 
-def _record(folder: Path, run: Run, source: Source) -> Recording:
+def _read_video(folder: Path, run: FittedRun, source: DataSource) -> Recording:
     if source.kind == "recording":
         return load_recording(source.path)
     settings = settings_for(source, folder, run.recording, dt_s=run.chart.dt_s)
@@ -244,7 +248,7 @@ def _record(folder: Path, run: Run, source: Source) -> Recording:
     return recording
 
 
-def _check_size(run: Run, d: int, n_u: int, source: str) -> None:
+def _check_size(run: FittedRun, d: int, n_u: int, source: str) -> None:
     wanted = run.chart.d, run.chart.inputs.shape[1]
     if d != wanted[0]:
         raise ValueError(
@@ -258,7 +262,7 @@ def _check_size(run: Run, d: int, n_u: int, source: str) -> None:
         )
 
 
-def _named(motion: Motion, names: Sequence[str]) -> Motion:
+def _rename_inputs(motion: Motion, names: Sequence[str]) -> Motion:
     """Inputs by the names of the run's own, as far as these go."""
     own = (*names[: motion.n_u], *(f"u{i}" for i in range(len(names), motion.n_u)))
     return replace(motion, u_names=own)

@@ -14,7 +14,7 @@ from benchmarks.gapgen.predictions import read_prediction
 from lagsplat.config.compose import compose
 from lagsplat.diagnose.core.config import DiagnoseConfig
 from lagsplat.io.files.atomic import sha256_of
-from lagsplat.pipelines.batch import batch_of, predict, runs_of, sign
+from lagsplat.pipelines.batch import list_batch, predict_recording, read_batch_items, write_provenance
 from tests.unit.benchmarks.cases import move, recording
 
 WATCH = """
@@ -79,14 +79,14 @@ def test_names_times_and_neighbours_change_nothing(
     (tmp_path / "a neighbour").mkdir()
     for number, path in enumerate(sorted(other.iterdir())):
         os.utime(path, (1e9 + number, 1e9 - number))
-    assert predict(other, tmp_path / "out", config)
+    assert predict_recording(other, tmp_path / "out", config)
     first, second = (json.loads((p / "diagnosis.json").read_text()) for p in (said, tmp_path / "out"))
     assert first == second
     assert (said / "rollouts.csv").read_bytes() == (tmp_path / "out" / "rollouts.csv").read_bytes()
 
 
 def test_what_is_left_out_is_not_named(split: Path, config: DiagnoseConfig, tmp_path: Path) -> None:
-    assert predict(split / "data" / "b0", tmp_path, config, without=["viscous_damping"])
+    assert predict_recording(split / "data" / "b0", tmp_path, config, without=["viscous_damping"])
     names = [effect["name"] for effect in json.loads((tmp_path / "diagnosis.json").read_text())["effects"]]
     assert "viscous_damping" not in names
     assert "unknown" in names
@@ -94,7 +94,7 @@ def test_what_is_left_out_is_not_named(split: Path, config: DiagnoseConfig, tmp_
 
 def test_a_recording_that_cannot_be_diagnosed_says_why(config: DiagnoseConfig, tmp_path: Path) -> None:
     recording(tmp_path / "short", move()[:8])
-    assert not predict(tmp_path / "short", tmp_path / "out", config)
+    assert not predict_recording(tmp_path / "short", tmp_path / "out", config)
     assert "Error" in (tmp_path / "out" / "failed.txt").read_text()
     assert not (tmp_path / "out" / "diagnosis.json").exists()
 
@@ -103,7 +103,7 @@ def test_batches_hold_every_recording_once(tmp_path: Path) -> None:
     for name in ("c", "a", "d", "b", "e"):
         (tmp_path / name).mkdir()
     (tmp_path / "file").touch()
-    batches = [[path.name for path in batch_of(tmp_path, k, 2)] for k in range(4)]
+    batches = [[path.name for path in list_batch(tmp_path, k, 2)] for k in range(4)]
     assert batches == [["a", "b"], ["c", "d"], ["e"], []]
 
 
@@ -113,14 +113,14 @@ def test_runs_are_found_in_any_folder(tmp_path: Path) -> None:
     listed = tmp_path / "runs.jsonl"
     listed.write_text("".join(json.dumps({"id": name, "without": [name]}) + "\n" for name in "cab"))
     folders = [tmp_path / "x", tmp_path / "y"]
-    found = [(run.place.parent.name, run.without) for run in runs_of(listed, folders, 0, 2)]
+    found = [(run.place.parent.name, run.without) for run in read_batch_items(listed, folders, 0, 2)]
     assert found == [("y", ("c",)), ("x", ("a",))]
-    assert [run.place.name for run in runs_of(listed, folders, 1, 2)] == ["b"]
+    assert [run.place.name for run in read_batch_items(listed, folders, 1, 2)] == ["b"]
 
 
 def test_predictions_are_signed(tmp_path: Path) -> None:
     (tmp_path / "SEAL.json").write_text("{}")
-    sign(tmp_path, tmp_path / "SEAL.json", {"rule": "gap_predict"})
+    write_provenance(tmp_path, tmp_path / "SEAL.json", {"rule": "gap_predict"})
     made: dict[str, Any] = json.loads((tmp_path / "made_by.json").read_text())
     assert made["seal"] == sha256_of(tmp_path / "SEAL.json")
     assert {"tree", "dirty", "time_utc", "rule"} <= set(made)

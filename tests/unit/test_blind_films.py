@@ -8,7 +8,7 @@ import pytest
 
 from lagsplat.config.compose import compose
 from lagsplat.io.trajectory.trajectory import Motion, read_motion
-from lagsplat.pipelines.batch import encode
+from lagsplat.pipelines.batch import encode_videos
 
 FRAME_S, SIDE = 0.02, 16
 STEPS = 500
@@ -40,7 +40,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def seen(folder: Path, out: Path) -> dict[str, Motion]:
     config = compose("profile=toy", f"stage1.steps={STEPS}", "stage1.n_gaussians=40")
-    encode(folder, out, config.stage1, config.chart)
+    encode_videos(folder, out, config.stage1, config.chart)
     return {name: read_motion(out / f"{name}_0.csv") for name in ("sim", "real")}
 
 
@@ -81,4 +81,4 @@ def test_a_side_without_films_is_named(tmp_path: Path) -> None:
     (tmp_path / "about.json").write_text(json.dumps({"coordinates": 1, "frame_s": FRAME_S}))
     config = compose("profile=toy")
     with pytest.raises(FileNotFoundError, match=r"sim_\*\.npz"):
-        encode(tmp_path, tmp_path / "out", config.stage1, config.chart)
+        encode_videos(tmp_path, tmp_path / "out", config.stage1, config.chart)

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from lagsplat.diagnose.core.result import Block
-from lagsplat.diagnose.diagnosis import Found
-from lagsplat.diagnose.estimation.dataset import Region
+from lagsplat.diagnose.diagnosis import DiagnosisRun
+from lagsplat.diagnose.estimation.dataset import OperatingRegion
 from lagsplat.diagnose.residual.localization import locate
-from lagsplat.diagnose.simulators.fitted_run import charted, sample_run
-from lagsplat.pipelines.diagnosis_images import picture_exhibits
-from lagsplat.pipelines.diagnosis_images import rungs as ladder
-from lagsplat.pipelines.diagnosis_videos import Films, Side
-from lagsplat.runs.run import Run
+from lagsplat.diagnose.simulators.fitted_run import project_run, read_chart_trajectory
+from lagsplat.pipelines.diagnosis_images import build_image_content
+from lagsplat.pipelines.diagnosis_images import compute_error_stages as ladder
+from lagsplat.pipelines.diagnosis_videos import RecordedTrajectory, RecordingPair
+from lagsplat.runs.run import FittedRun
 from tests.unit.evaluate import tiny_run
 from tests.unit.report import made_diagnoses
 
@@ -25,16 +25,16 @@ PERIOD_S = 0.5
 def films():
     film = tiny_run.recording(400, tail=100)
     model = tiny_run.autoencoder()
-    run = Run(film, model, tiny_run.chart(model, film), tiny_run.lagrangian())
-    real, nominal = (charted(run.chart, held_out=held) for held in (True, False))
-    return Films(run, (nominal,), (Side(real, film.split()[1]),), own=True)
+    run = FittedRun(film, model, tiny_run.chart(model, film), tiny_run.lagrangian())
+    real, nominal = (read_chart_trajectory(run.chart, held_out=held) for held in (True, False))
+    return RecordingPair(run, (nominal,), (RecordedTrajectory(real, film.split()[1]),), own=True)
 
 
 @pytest.fixture(scope="module")
 def mechanics(films):
     motion = films.nominal[0]
     v = np.gradient(motion.q, motion.time_s, axis=0)
-    return sample_run(films.run.lagrangian, Region(motion.q, v, motion.u), what="run").model
+    return project_run(films.run.lagrangian, OperatingRegion(motion.q, v, motion.u), what="run").model
 
 
 def diagnosed(films, mechanics):
@@ -62,7 +62,7 @@ def diagnosed(films, mechanics):
 @pytest.fixture(scope="module")
 def shown(films, mechanics):
     pair, found = diagnosed(films, mechanics)
-    return picture_exhibits(pair, Found(found.diagnosis, found.contest, None, None))
+    return build_image_content(pair, DiagnosisRun(found.diagnosis, found.contest, None, None))
 
 
 def test_the_ladder_has_every_rung_with_its_floor(films, mechanics):
@@ -97,9 +97,9 @@ def test_the_film_shows_the_blocks_side_by_side(shown, films):
 
 
 def test_latents_without_pictures_have_a_ladder_without_them(films, mechanics):
-    bare = Films(films.run, films.nominal, (Side(films.real[0]),), own=False)
+    bare = RecordingPair(films.run, films.nominal, (RecordedTrajectory(films.real[0]),), own=False)
     pair, found = diagnosed(bare, mechanics)
     assert [rung.name for rung in ladder(pair, found)] == ["chart", "one step", "rollout"]
-    found, exhibits = picture_exhibits(pair, Found(found.diagnosis, found.contest, None, None))
+    found, exhibits = build_image_content(pair, DiagnosisRun(found.diagnosis, found.contest, None, None))
     assert exhibits.film is None
     assert "image" not in found.diagnosis.checks

@@ -15,7 +15,12 @@ from lagsplat.diagnose.imaging.video_checks import CameraShift
 from lagsplat.diagnose.residual.error_budget import Perception
 from lagsplat.io.recording.recording import save_recording
 from lagsplat.io.trajectory.trajectory import Motion, leading
-from lagsplat.pipelines.diagnosis_videos import Films, Side, Sight, open_films
+from lagsplat.pipelines.diagnosis_videos import (
+    ImageQuality,
+    RecordedTrajectory,
+    RecordingPair,
+    open_recording_pair,
+)
 from lagsplat.stage1.autoencoder import encode_frames, save_autoencoder
 from lagsplat.stage2.fit import save_dynamics
 from tests.unit.evaluate import tiny_run
@@ -60,27 +65,27 @@ def write_film(path, frames):
 
 
 def test_a_run_against_itself_is_its_own_held_out_part(folder):
-    films = open_films(folder, "held_out")
+    films = open_recording_pair(folder, "held_out")
     assert films.own
     assert films.nominal[0].n == films.real[0].n == 150
     np.testing.assert_allclose(films.real[0].time_s, films.run.recording.time_s[150:])
     np.testing.assert_allclose(films.real[0].q, films.run.chart.latents[150:])
     assert films.real[0].u_names == films.nominal[0].u_names == ("push",)
     assert films.sides[0].recording.n_frames == 150
-    again = open_films(folder, str(folder / "recording.safetensors"))
+    again = open_recording_pair(folder, str(folder / "recording.safetensors"))
     assert again.own
     np.testing.assert_array_equal(again.real[0].q, films.real[0].q)
 
 
 def test_of_a_long_held_out_part_the_start_is_taken(folder):
-    films = open_films(folder, "held_out", longest_s=1.0)
+    films = open_recording_pair(folder, "held_out", longest_s=1.0)
     assert films.real[0].n == 61
 
 
 def test_another_recording_is_encoded_by_the_run(folder, tmp_path):
     other = another()
     save_recording(tmp_path / "other.safetensors", other)
-    films = open_films(folder, str(tmp_path / "other.safetensors"))
+    films = open_recording_pair(folder, str(tmp_path / "other.safetensors"))
     assert not films.own
     raw = encode_frames(films.run.autoencoder, other.frames)
     np.testing.assert_allclose(films.real[0].q, films.run.chart.to_whitened(raw))
@@ -92,16 +97,16 @@ def test_another_recording_is_encoded_by_the_run(folder, tmp_path):
 def test_a_film_takes_its_inputs_from_the_table_beside_it(folder, tmp_path):
     path = write_film(tmp_path / "swing.avi", another().frames)
     with pytest.raises(ValueError, match="CSV of the same stem"):
-        open_films(folder, str(path))
+        open_recording_pair(folder, str(path))
     with path.with_suffix(".csv").open("w", newline="", encoding="utf-8") as file:
         csv.writer(file).writerows([["t", "u0"], *([k / 10, 0.5 * k] for k in range(40))])
-    films = open_films(folder, str(path))
+    films = open_recording_pair(folder, str(path))
     assert (films.real[0].d, films.real[0].n_u) == (2, 1)
     np.testing.assert_allclose(films.real[0].u[:, 0], 5.0 * films.real[0].time_s, atol=1e-6)
 
 
 def test_latents_are_taken_as_they_are(folder, tmp_path):
-    films = open_films(folder, str(latents(tmp_path / "q.csv")))
+    films = open_recording_pair(folder, str(latents(tmp_path / "q.csv")))
     assert films.sides[0].recording is None
     assert films.sight is None
     assert films.real[0].u_names == ("push",)
@@ -118,20 +123,20 @@ def test_latents_are_taken_as_they_are(folder, tmp_path):
 )
 def test_what_does_not_fit_the_run_is_refused(folder, tmp_path, make, words):
     with pytest.raises((ValueError, FileNotFoundError), match=words):
-        open_films(folder, str(make(tmp_path)))
+        open_recording_pair(folder, str(make(tmp_path)))
 
 
 def test_pictures_of_another_size_are_refused(folder, tmp_path):
     save_recording(tmp_path / "large.safetensors", replace(another(), frames=tiny_run.recording(
         200, tail=100, side=20).frames))  # fmt: skip
     with pytest.raises(ValueError, match="20 x 20 px"):
-        open_films(folder, str(tmp_path / "large.safetensors"))
+        open_recording_pair(folder, str(tmp_path / "large.safetensors"))
 
 
 def test_the_own_recording_and_others_are_not_mixed(folder, tmp_path):
     q = latents(tmp_path / "q.csv")
     with pytest.raises(ValueError, match="one kind at a time"):
-        open_films(folder, f"[{folder / 'recording.safetensors'},{q}]")
+        open_recording_pair(folder, f"[{folder / 'recording.safetensors'},{q}]")
 
 
 def test_frames_are_found_by_their_times():
@@ -148,10 +153,10 @@ def test_leading_clips_last_as_long_as_asked():
     assert leading(motion, 5.0).segments == ((0, 40), (40, 52))
 
 
-class Judged(Films):
+class Judged(RecordingPair):
     """Films whose pictures need not be drawn."""
 
-    seen = Sight(np.ones(1), np.ones(1), Perception(1.0, 0.0, False))
+    seen = ImageQuality(np.ones(1), np.ones(1), Perception(1.0, 0.0, False))
 
     @property
     def sight(self):
@@ -159,12 +164,12 @@ class Judged(Films):
 
 
 def judged(folder, *, share, perception=None):
-    made = open_films(folder, "held_out")
+    made = open_recording_pair(folder, "held_out")
     camera = replace(made.sides[0].camera, share=share)
-    side = Side(made.sides[0].motion, made.sides[0].recording, camera)
+    side = RecordedTrajectory(made.sides[0].motion, made.sides[0].recording, camera)
     films = Judged(made.run, made.nominal, (side,), True)
     if perception is not None:
-        object.__setattr__(films, "seen", Sight(np.ones(1), np.ones(1), perception))
+        object.__setattr__(films, "seen", ImageQuality(np.ones(1), np.ones(1), perception))
     return films
 
 
@@ -208,8 +213,8 @@ def test_pictures_that_the_encoder_cannot_read_name_nothing_but_a_camera(folder)
     ],
 )
 def test_a_background_that_stood_still_rules_cameras_out(folder, within, between, own, names):
-    made = open_films(folder, "held_out")
+    made = open_recording_pair(folder, "held_out")
     side = replace(made.sides[0], camera=CameraShift(within, between, 0.0))
     assert set(replace(made, sides=(side,), own=own).ruled_out) == names
-    bare = replace(made, sides=(side, Side(made.sides[0].motion)))
+    bare = replace(made, sides=(side, RecordedTrajectory(made.sides[0].motion)))
     assert bare.ruled_out == ()

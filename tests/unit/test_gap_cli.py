@@ -176,7 +176,7 @@ def test_what_is_warned_of_is_told_and_numbers_that_overflow_are_not(
         np.exp(np.array([1e9]))
         raise ValueError("enough")
 
-    monkeypatch.setattr("lagsplat.pipelines.diagnosis._searched", searched)
+    monkeypatch.setattr("lagsplat.pipelines.diagnosis._diagnose_arguments", searched)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         with pytest.raises(ValueError, match="enough"):

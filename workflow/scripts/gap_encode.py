@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from lagsplat.chart.config import ChartConfig
-from lagsplat.pipelines.batch import batch_of, each, encode, sign
+from lagsplat.pipelines.batch import attempt, encode_videos, list_batch, write_provenance
 from lagsplat.planning.job import Job
 from lagsplat.stage1.config import Stage1Config
 
@@ -12,6 +12,6 @@ with Job(snakemake) as job:
     size, out = job.params.film, Path(job.output.motions)
     stage1 = replace(job.section(Stage1Config, "stage1"), **size)
     chart = job.section(ChartConfig, "chart")
-    for place in batch_of(Path(job.input.data), int(job.wildcards.batch), job.params.size):
-        each(place, out / place.name, lambda place, out: encode(place, out, stage1, chart))
-    sign(out, Path(job.input.seal), job.header)
+    for place in list_batch(Path(job.input.data), int(job.wildcards.batch), job.params.size):
+        attempt(place, out / place.name, lambda place, out: encode_videos(place, out, stage1, chart))
+    write_provenance(out, Path(job.input.seal), job.header)

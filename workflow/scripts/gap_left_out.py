@@ -3,13 +3,13 @@
 from pathlib import Path
 
 from lagsplat.diagnose.core.config import DiagnoseConfig
-from lagsplat.pipelines.batch import predict, runs_of, sign
+from lagsplat.pipelines.batch import predict_recording, read_batch_items, write_provenance
 from lagsplat.planning.job import Job
 
 with Job(snakemake) as job:
     config, out = job.section(DiagnoseConfig), Path(job.output.said)
     data = job.input.data  # one folder of trajectories, or one for each batch of films
     folders = [Path(folder) for folder in ([data] if isinstance(data, str) else data)]
-    for run in runs_of(Path(job.input.runs), folders, int(job.wildcards.batch), job.params.size):
-        predict(run.place, out / run.place.name, config, without=run.without)
-    sign(out, Path(job.input.seal), job.header)
+    for run in read_batch_items(Path(job.input.runs), folders, int(job.wildcards.batch), job.params.size):
+        predict_recording(run.place, out / run.place.name, config, without=run.without)
+    write_provenance(out, Path(job.input.seal), job.header)

@@ -3,11 +3,11 @@
 from pathlib import Path
 
 from lagsplat.diagnose.core.config import DiagnoseConfig
-from lagsplat.pipelines.batch import batch_of, predict, sign
+from lagsplat.pipelines.batch import list_batch, predict_recording, write_provenance
 from lagsplat.planning.job import Job
 
 with Job(snakemake) as job:
     config, out = job.section(DiagnoseConfig), Path(job.output.said)
-    for place in batch_of(Path(job.input.data), job.params.number, job.params.size):
-        predict(place, out / place.name, config)
-    sign(out, Path(job.input.seal), job.header)
+    for place in list_batch(Path(job.input.data), job.params.number, job.params.size):
+        predict_recording(place, out / place.name, config)
+    write_provenance(out, Path(job.input.seal), job.header)

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from lagsplat.diagnose.effects.base import PlacedEffect, SampleEffect
-from lagsplat.diagnose.estimation.multiple_shooting import Fit
-from lagsplat.diagnose.estimation.rollout import Bench
+from lagsplat.diagnose.estimation.multiple_shooting import ShootingFit
+from lagsplat.diagnose.estimation.rollout import RolloutModel
 from lagsplat.diagnose.inference.problem import joint_prior
 
 
@@ -15,7 +15,7 @@ class HypothesisFit:
     """One hypothesis after its fit."""
 
     effects: tuple[PlacedEffect, ...]
-    fit: Fit
+    fit: ShootingFit
     log_evidence: float = float("nan")
     """Over `none` [nat]."""
     noise: dict[str, tuple[float, float, float]] = field(default_factory=dict)
@@ -33,7 +33,7 @@ class HypothesisFit:
         return slice(at, at + len(instance.effect.parameters))
 
 
-def log_evidence(one: HypothesisFit, bench: Bench, temper: float) -> float:
+def log_evidence(one: HypothesisFit, bench: RolloutModel, temper: float) -> float:
     """Laplace's approximation of the logarithm of the evidence, with the noise widened by ``temper``.
 
     Source: MacKay, "Information Theory, Inference, and Learning Algorithms", 2003, ch. 28.

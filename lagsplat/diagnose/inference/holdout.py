@@ -12,11 +12,16 @@ from jaxtyping import Float64
 
 from lagsplat.diagnose.core.result import Block, Gap, Interval
 from lagsplat.diagnose.effects.base import PlacedEffect, SampleEffect
-from lagsplat.diagnose.estimation.dataset import Windows
-from lagsplat.diagnose.estimation.multiple_shooting import Belief, Data, derivatives, shoot
+from lagsplat.diagnose.estimation.dataset import WindowSet
+from lagsplat.diagnose.estimation.multiple_shooting import (
+    GaussianPrior,
+    ShootingData,
+    differentiate_predictions,
+    fit_multiple_shooting,
+)
 from lagsplat.diagnose.inference.evidence import HypothesisFit
 from lagsplat.diagnose.inference.problem import EstimationProblem
-from lagsplat.diagnose.mechanics.model import Model
+from lagsplat.diagnose.mechanics.model import MechanicalModel
 
 BURN_IN = 10
 """Samples that a starting state is fitted to; those that repeat an earlier one do not count."""
@@ -36,7 +41,7 @@ class Forecast:
     expected: Float64[np.ndarray, "B L d"]
 
 
-def split_windows(contest: EstimationProblem) -> tuple[EstimationProblem, Windows]:
+def split_windows(contest: EstimationProblem) -> tuple[EstimationProblem, WindowSet]:
     """The contest on every other window, and the windows in between, held out."""
     number = np.arange(len(contest.windows.first))
     kept = contest.windows.only(number % 2 == 0)
@@ -44,7 +49,7 @@ def split_windows(contest: EstimationProblem) -> tuple[EstimationProblem, Window
     return replace(contest, windows=kept), held
 
 
-def cut_blocks(contest: EstimationProblem, held: Windows, *, period_s: float) -> Windows:
+def cut_blocks(contest: EstimationProblem, held: WindowSet, *, period_s: float) -> WindowSet:
     """One natural period after the other within the held-out windows, or windows where these are shorter.
 
     Raises:
@@ -64,11 +69,11 @@ def cut_blocks(contest: EstimationProblem, held: Windows, *, period_s: float) ->
             f"no held-out stretch of {frames} samples (one natural period, {period_s:.3g} s) is left; "
             "record longer"
         )
-    return Windows(np.array(first, dtype=np.int64), np.full(len(first), frames, dtype=np.int64))
+    return WindowSet(np.array(first, dtype=np.int64), np.full(len(first), frames, dtype=np.int64))
 
 
 def forecast_blocks(
-    contest: EstimationProblem, blocks: Windows, effects: Sequence[PlacedEffect], x: np.ndarray
+    contest: EstimationProblem, blocks: WindowSet, effects: Sequence[PlacedEffect], x: np.ndarray
 ) -> Forecast:
     """Forecasts of ``blocks`` with unknowns ``x`` of ``effects`` and the uncertainties."""
     real = [e for e in effects if not isinstance(e.effect, SampleEffect)]
@@ -79,11 +84,11 @@ def forecast_blocks(
 
     seen_so_far = (here.data.weight > 0.0).any(axis=2).cumsum(axis=1)
     early = here.data.weight * (seen_so_far <= BURN_IN)[..., None]
-    data = Data(here.data.y, early, here.data.start_step)
-    nobody = Belief(*(np.zeros(0) for _ in range(4)))
-    fit = shoot(predict, np.zeros(0), here.begun, data, nobody, iterations=8, tolerance=1e-6)
+    data = ShootingData(here.data.y, early, here.data.start_step)
+    nobody = GaussianPrior(*(np.zeros(0) for _ in range(4)))
+    fit = fit_multiple_shooting(predict, np.zeros(0), here.begun, data, nobody, iterations=8, tolerance=1e-6)
     flat = replace(data, weight=np.ones_like(early))
-    residual, _, slopes = derivatives(predict, np.zeros(0), fit.starts, flat, np.zeros(0))
+    residual, _, slopes = differentiate_predictions(predict, np.zeros(0), fit.starts, flat, np.zeros(0))
     n_blocks, length, d = early.shape
     slopes = slopes.reshape(n_blocks, length * d, -1)
     seen = (early.reshape(n_blocks, -1) > 0.0)[..., None]
@@ -139,7 +144,12 @@ class HoldoutForecasts:
 
 
 def forecast_holdout(
-    contest: EstimationProblem, none: HypothesisFit, chosen: HypothesisFit, *, period_s: float, given: Model
+    contest: EstimationProblem,
+    none: HypothesisFit,
+    chosen: HypothesisFit,
+    *,
+    period_s: float,
+    given: MechanicalModel,
 ) -> HoldoutForecasts:
     """The gap before, after a refit alone and after the ``chosen`` effects, on windows held out.
 
@@ -196,7 +206,7 @@ def estimate_single_closure(
 
 
 def _result_blocks(
-    contest: EstimationProblem, blocks: Windows, real: np.ndarray, sim: np.ndarray, augmented: np.ndarray
+    contest: EstimationProblem, blocks: WindowSet, real: np.ndarray, sim: np.ndarray, augmented: np.ndarray
 ) -> tuple[Block, ...]:
     record = contest.bench.record
     out = []

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from lagsplat.diagnose.effects.base import SampleEffect
-from lagsplat.diagnose.estimation.multiple_shooting import eliminate
+from lagsplat.diagnose.estimation.multiple_shooting import eliminate_starts
 from lagsplat.diagnose.inference.evidence import HypothesisFit
 from lagsplat.diagnose.inference.problem import EstimationProblem, joint_prior
 
@@ -67,7 +67,7 @@ def _unexplained_square(contest: EstimationProblem, mark: np.ndarray, other: Hyp
     """The square of ``mark`` that the best change of the ``other`` effect and of all else leaves."""
     fit = other.fit
     spread = joint_prior(other.effects, contest.bench).deviation
-    curvature, gradient, _, _, own = eliminate(mark, fit.slopes, fit.start_slopes)
+    curvature, gradient, _, _, own = eliminate_starts(mark, fit.slopes, fit.start_slopes)
     flat = mark.reshape(len(mark), -1)
     # the effect itself may grow to any size, the rest only as far as it is believed to move
     price = np.where(np.arange(len(spread)) < other.n_own, 1e-9 * np.diag(curvature), 1.0 / spread**2)

@@ -8,7 +8,7 @@ from scipy.ndimage import label, mean
 
 from lagsplat.diagnose.core.config import DiagnoseConfig
 from lagsplat.diagnose.effects.base import PlacedEffect, SampleEffect
-from lagsplat.diagnose.estimation.multiple_shooting import Fit
+from lagsplat.diagnose.estimation.multiple_shooting import ShootingFit
 from lagsplat.diagnose.inference.evidence import HypothesisFit, log_evidence
 from lagsplat.diagnose.inference.problem import EstimationProblem
 from lagsplat.diagnose.inference.score_test import ScoreTestResult, score_test
@@ -185,7 +185,7 @@ SHARES = (1.0, 0.5, 0.25, 0.1, 0.03)
 def _scale_start(
     contest: EstimationProblem,
     effects: tuple[PlacedEffect, ...],
-    base: Fit,
+    base: ShootingFit,
     offer: PlacedEffect,
     x: np.ndarray,
 ) -> np.ndarray:
@@ -205,7 +205,7 @@ def _scale_start(
 def fit_candidate(
     contest: EstimationProblem,
     effects: tuple[PlacedEffect, ...],
-    base: Fit,
+    base: ShootingFit,
     lead: ScoreTestResult,
     *,
     starts: int,
@@ -213,7 +213,7 @@ def fit_candidate(
     """The best fit of ``effects`` and the lead's one, from the best few beginnings."""
     known = sum(len(e.effect.parameters) for e in effects)
     near = (base.slopes[..., known:], base.start_slopes)
-    best: Fit | None = None
+    best: ShootingFit | None = None
     for x in lead.starts[:starts]:
         whole = _scale_start(contest, effects, base, lead.instance, x)
         fit = contest.fit((*effects, lead.instance), whole, base.starts, near)

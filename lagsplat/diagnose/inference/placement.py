@@ -4,7 +4,7 @@ Where to look for disturbances: the spans and the lines of the force that a sim 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -15,19 +15,20 @@ from lagsplat.diagnose.effects.actuation.external_periodic_force import repeatin
 from lagsplat.diagnose.effects.actuation.external_push import N_PUSHES
 from lagsplat.diagnose.effects.base import (
     Direction,
+    DisturbanceHints,
     Effect,
     ForceEffect,
     InputEffect,
     PlacedEffect,
-    Scales,
     make_direction,
     place_everywhere,
 )
 from lagsplat.diagnose.effects.dynamics.linear_stiffness import SPRING
+from lagsplat.diagnose.effects.parameters import Scales
 from lagsplat.diagnose.effects.registry import catalogue
-from lagsplat.diagnose.estimation.dataset import clock_shifts
-from lagsplat.diagnose.estimation.rollout import Bench
-from lagsplat.diagnose.mechanics.model import Model
+from lagsplat.diagnose.estimation.dataset import compute_clock_shifts
+from lagsplat.diagnose.estimation.rollout import RolloutModel
+from lagsplat.diagnose.mechanics.model import MechanicalModel
 from lagsplat.diagnose.residual.change_points import events
 from lagsplat.diagnose.residual.latent_force import Smoothed, smooth
 from lagsplat.io.trajectory.trajectory import Motion
@@ -38,29 +39,21 @@ FREE_CLIPS = 3
 """Clips, the longest, in which a hidden memory may begin anywhere."""
 
 
-def coordinate_directions(bench: Bench, names: Sequence[str]) -> list[Direction]:
+def coordinate_directions(bench: RolloutModel, names: Sequence[str]) -> list[Direction]:
     """One along each coordinate."""
     eye = np.eye(bench.model.d)
     return [make_direction(name, eye[i], bench.model) for i, name in enumerate(names)]
 
 
-def joint_directions(bench: Bench, names: Sequence[str]) -> list[Direction]:
+def joint_directions(bench: RolloutModel, names: Sequence[str]) -> list[Direction]:
     """One along the difference of each two coordinates, if these are few."""
     model, eye = bench.model, np.eye(bench.model.d)
     pairs = combinations(range(model.d if model.d <= PAIRED else 0), 2)
     return [make_direction(f"{names[j]} - {names[i]}", eye[j] - eye[i], model) for i, j in pairs]
 
 
-@dataclass(frozen=True)
-class DisturbanceHints:
-    """Where to look for disturbances: pushes (start, end) [s] on the joint clock, and lines [Hz]."""
-
-    pushes: tuple[tuple[float, float], ...]
-    lines_hz: tuple[float, ...]
-
-
 def place_effects(
-    bench: Bench,
+    bench: RolloutModel,
     hints: Sequence[DisturbanceHints],
     *,
     q_names: Sequence[str],
@@ -98,7 +91,11 @@ def add_joint_placement(places: Sequence[PlacedEffect]) -> list[PlacedEffect]:
 
 
 def _place_along(
-    effect: Effect, variant: str, bench: Bench, places: list[Direction], hints: Sequence[DisturbanceHints]
+    effect: Effect,
+    variant: str,
+    bench: RolloutModel,
+    places: list[Direction],
+    hints: Sequence[DisturbanceHints],
 ) -> list[PlacedEffect]:
     if variant == "weight" or (effect.name == "mass_change" and len(bench.model.mass) == 1 == bench.model.d):
         return []  # weight acts on the whole; a constant mass of one coordinate is the whole
@@ -118,7 +115,7 @@ def _place_along(
     return out
 
 
-def _longest_clips(bench: Bench) -> list[int]:
+def _longest_clips(bench: RolloutModel) -> list[int]:
     """The clips that tell most of where a memory begins."""
     order = np.argsort(np.diff(bench.record.clips, axis=1)[:, 0], kind="stable")[::-1]
     return sorted(order[:FREE_CLIPS].tolist())
@@ -139,7 +136,7 @@ def _push_grid(hint: DisturbanceHints, size: Scales) -> tuple[tuple[float, ...],
     return tuple(rows)
 
 
-def _place_on_inputs(effect: Effect, bench: Bench, u_names: Sequence[str]) -> list[PlacedEffect]:
+def _place_on_inputs(effect: Effect, bench: RolloutModel, u_names: Sequence[str]) -> list[PlacedEffect]:
     driven = [j for j in range(bench.record.u.shape[1]) if np.ptp(bench.record.u[:, j]) > 0.0]
     if not driven:
         return []
@@ -154,7 +151,7 @@ def _place_on_inputs(effect: Effect, bench: Bench, u_names: Sequence[str]) -> li
     return out
 
 
-def motion_scales(bench: Bench, place: Direction, variant: str = "") -> Scales:
+def motion_scales(bench: RolloutModel, place: Direction, variant: str = "") -> Scales:
     """Sizes of the recorded motion along a direction."""
     s = (bench.smooth - bench.model.rest) @ place.covector
     v = bench.record.v @ place.covector
@@ -170,12 +167,12 @@ def motion_scales(bench: Bench, place: Direction, variant: str = "") -> Scales:
     )
 
 
-def _stiffness(bench: Bench, place: Direction) -> float:
+def _stiffness(bench: RolloutModel, place: Direction) -> float:
     p = place.covector
     return float(p @ bench.model.stiffness @ p) / float(p @ bench.model.inertia @ p)
 
 
-def largest_motion_scales(bench: Bench) -> Scales:
+def largest_motion_scales(bench: RolloutModel) -> Scales:
     """Sizes of the coordinate that moves most, by its kinetic energy."""
     energy = np.diag(bench.model.inertia) * np.mean(bench.record.v**2, axis=0)
     i = int(np.argmax(energy))
@@ -189,7 +186,7 @@ HIGHEST = 0.2
 
 def extract_hints(smoothed: Sequence[Smoothed], *, period_s: float) -> tuple[DisturbanceHints, ...]:
     """The loudest spans, on the joint clock, and lines of the longest file, for each coordinate."""
-    shifts = clock_shifts([one.motion for one in smoothed])
+    shifts = compute_clock_shifts([one.motion for one in smoothed])
     pushes = tuple(
         (one.start_s - shifts[one.motion], one.end_s - shifts[one.motion])
         for one in events(smoothed, period_s=period_s)
@@ -199,7 +196,7 @@ def extract_hints(smoothed: Sequence[Smoothed], *, period_s: float) -> tuple[Dis
 
 
 def find_hints(
-    model: Model, motions: Sequence[Motion], *, period_s: float, hold: str
+    model: MechanicalModel, motions: Sequence[Motion], *, period_s: float, hold: str
 ) -> tuple[DisturbanceHints, ...]:
     """Hints from the force that the sim lacks; none where it cannot follow the motions at all."""
     try:

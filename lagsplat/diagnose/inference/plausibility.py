@@ -22,7 +22,7 @@ from scipy.spatial import cKDTree
 
 from lagsplat.diagnose.effects.actuation.external_push import N_PUSHES
 from lagsplat.diagnose.effects.base import PlacedEffect, SampleEffect
-from lagsplat.diagnose.estimation.dataset import Record
+from lagsplat.diagnose.estimation.dataset import Dataset
 from lagsplat.diagnose.inference.evidence import HypothesisFit, log_evidence
 from lagsplat.diagnose.inference.model_selection import ModelRanking
 from lagsplat.diagnose.inference.problem import EstimationProblem
@@ -95,12 +95,12 @@ def recurrence(one: HypothesisFit, contest: EstimationProblem) -> float:
     return shown
 
 
-def _cycle_recurrence(named: Mapping[str, float], record: Record) -> float:
+def _cycle_recurrence(named: Mapping[str, float], record: Dataset) -> float:
     longest = max(record.time[stop - 1] - record.time[start] for start, stop in record.clips)
     return min(1.0, abs(named["angular_frequency"]) * longest / (2.0 * np.pi) / CYCLES)
 
 
-def _push_recurrence(named: Mapping[str, float], record: Record, instance: PlacedEffect) -> float:
+def _push_recurrence(named: Mapping[str, float], record: Dataset, instance: PlacedEffect) -> float:
     """Share of the pushed states that the record passes through without a push at another time, too.
 
     Of several coordinates the one that is pushed: all of them together hardly ever come back.

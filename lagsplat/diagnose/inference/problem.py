@@ -14,12 +14,19 @@ from lagsplat.diagnose.core.config import DiagnoseConfig
 from lagsplat.diagnose.data_quality.discontinuities import frozen
 from lagsplat.diagnose.data_quality.natural_period import rough_period_s
 from lagsplat.diagnose.effects.base import PlacedEffect
-from lagsplat.diagnose.estimation.dataset import Prepared, Windows, cut_windows, prepare
-from lagsplat.diagnose.estimation.multiple_shooting import Belief, Data, Fit, derivatives, eliminate, shoot
-from lagsplat.diagnose.estimation.nuisance import Nuisance
-from lagsplat.diagnose.estimation.rollout import Bench
-from lagsplat.diagnose.identification.estimated_simulator import Sim
-from lagsplat.diagnose.mechanics.model import Model
+from lagsplat.diagnose.estimation.dataset import PreparedDataset, WindowSet, cut_windows, prepare_dataset
+from lagsplat.diagnose.estimation.multiple_shooting import (
+    GaussianPrior,
+    ShootingData,
+    ShootingFit,
+    differentiate_predictions,
+    eliminate_starts,
+    fit_multiple_shooting,
+)
+from lagsplat.diagnose.estimation.nuisance import NuisanceParameters
+from lagsplat.diagnose.estimation.rollout import RolloutModel
+from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
+from lagsplat.diagnose.mechanics.model import MechanicalModel
 from lagsplat.io.trajectory.trajectory import Motion
 
 PAID = 40.0
@@ -30,8 +37,8 @@ PAID = 40.0
 class EstimationProblem:
     """A bench, the windows to be explained, and the noise (d,) of a sample."""
 
-    bench: Bench
-    windows: Windows
+    bench: RolloutModel
+    windows: WindowSet
     sigma: Float64[np.ndarray, " d"]
     iterations: int
     tolerance: float
@@ -50,10 +57,10 @@ class EstimationProblem:
         return np.zeros_like(inside) if self.late is None else inside & self.windows.take(self.late)
 
     @cached_property
-    def data(self) -> Data:
+    def data(self) -> ShootingData:
         """The windows' samples in units of the noise."""
         record = self.bench.record
-        return Data(
+        return ShootingData(
             self.windows.take(record.q),
             (self.windows.mask() * ~self.repeats)[..., None] / self.sigma,
             1e-4 * np.concatenate([np.std(record.q, axis=0), np.std(record.v, axis=0)]),
@@ -74,7 +81,7 @@ class EstimationProblem:
         """Predictions of a set of effects."""
         return lambda x, starts: self.bench.rollouts(effects, x, starts, self.windows)[0]
 
-    def belief(self, effects: Sequence[PlacedEffect]) -> Belief:
+    def belief(self, effects: Sequence[PlacedEffect]) -> GaussianPrior:
         """What fits hold of the unknowns beforehand."""
         prior = joint_prior(effects, self.bench)
         return replace(prior, deviation=prior.deviation / np.sqrt(self.price))
@@ -85,28 +92,28 @@ class EstimationProblem:
         x: np.ndarray,
         starts: np.ndarray | None = None,
         known: tuple[np.ndarray, np.ndarray] | None = None,
-    ) -> Fit:
+    ) -> ShootingFit:
         """The best parameters from ``x``, those of the effects followed by the uncertainties.
 
         ``known`` are slopes of a fit nearby by the uncertainties and by the starts.
         """
-        return shoot(
+        return fit_multiple_shooting(
             self.predict(effects), x, self.begun if starts is None else starts, self.data,
             self.belief(effects), iterations=self.iterations, tolerance=self.tolerance, known=known,
         )  # fmt: skip
 
 
-def excess_penalty(fit: Fit, price: float) -> float:
+def excess_penalty(fit: ShootingFit, price: float) -> float:
     """How much further a fit moved the uncertainties than is believed of them, in units of its misfit."""
     return max(fit.penalty - PAID * price, 0.0)
 
 
-def joint_prior(effects: Sequence[PlacedEffect], bench: Bench) -> Belief:
+def joint_prior(effects: Sequence[PlacedEffect], bench: RolloutModel) -> GaussianPrior:
     """Prior of the unknowns of ``effects`` followed by the uncertainties."""
     priors = [p.prior for e in effects for p in e.effect.parameters]
     spare = bench.nuisance.deviation
     deviation = np.concatenate([[p.deviation for p in priors], spare])
-    return Belief(
+    return GaussianPrior(
         np.concatenate([[p.mean for p in priors], np.zeros(len(spare))]),
         deviation,
         np.concatenate([[p.lowest for p in priors], np.full(len(spare), -np.inf)]),
@@ -130,7 +137,7 @@ class NaturalPeriods:
     shortest_s: float
 
 
-def natural_periods(model: Model, fallback_s: float) -> NaturalPeriods:
+def natural_periods(model: MechanicalModel, fallback_s: float) -> NaturalPeriods:
     """Natural periods by stiffness and inertia at rest, no further than threefold from the motion's."""
     values = np.linalg.eigvals(np.linalg.solve(model.inertia, model.stiffness)).real
     values = values[values > 0.0]
@@ -143,16 +150,16 @@ def natural_periods(model: Model, fallback_s: float) -> NaturalPeriods:
 
 
 def build_problem(
-    sim: Sim, real: Sequence[Motion], config: DiagnoseConfig
-) -> tuple[EstimationProblem, Prepared, NaturalPeriods]:
+    sim: EstimatedSimulator, real: Sequence[Motion], config: DiagnoseConfig
+) -> tuple[EstimationProblem, PreparedDataset, NaturalPeriods]:
     """The contest of all hypotheses about ``real``."""
     model = sim.model
     natural = natural_periods(model, rough_period_s(real))
-    ready = prepare(real, period_s=natural.shortest_s)
+    ready = prepare_dataset(real, period_s=natural.shortest_s)
     record = ready.record
     omega = 2.0 * np.pi / natural.longest_s
     force = np.var(record.v, axis=0) / np.maximum(np.std(ready.smooth, axis=0), 1e-12)
-    nuisance = Nuisance(
+    nuisance = NuisanceParameters(
         config.potential,
         config.damping * omega,
         config.inputs,
@@ -168,7 +175,7 @@ def build_problem(
         windows = cut_windows(record, length_s=natural.longest_s, least=20)
     like = select_known_windows(sim, windows, ready)
     aside, windows = int(np.count_nonzero(~like)), windows.only(like)
-    bench = Bench(model, record, nuisance, steps, config.input_hold == "zoh", ready.smooth)
+    bench = RolloutModel(model, record, nuisance, steps, config.input_hold == "zoh", ready.smooth)
     late = frozen(record.q, record.clips, ready.sigma)
     price = max(sim.misfit, 1.0) * sim.correlation
     contest = EstimationProblem(
@@ -178,7 +185,9 @@ def build_problem(
     return replace(contest, bench=replace(bench, nuisance=replace(nuisance, directions=kept))), ready, natural
 
 
-def select_known_windows(sim: Sim, windows: Windows, ready: Prepared) -> Bool[np.ndarray, " W"]:
+def select_known_windows(
+    sim: EstimatedSimulator, windows: WindowSet, ready: PreparedDataset
+) -> Bool[np.ndarray, " W"]:
     """Windows in which it moves as the sim was seen to; all, if most are not such or it does not ask."""
     if sim.familiar is None:
         return np.ones(len(windows.first), dtype=bool)
@@ -195,14 +204,18 @@ def select_visible_directions(
     prior, n = joint_prior((), contest.bench), contest.bench.nuisance.size
     step = prior.step.copy()
     step[n - len(freedom) :] = 0.1
-    residual, slopes, begun = derivatives(contest.predict(()), np.zeros(n), contest.begun, contest.data, step)
-    curvature, *_ = eliminate(residual, slopes, begun)
+    residual, slopes, begun = differentiate_predictions(
+        contest.predict(()), np.zeros(n), contest.begun, contest.data, step
+    )
+    curvature, *_ = eliminate_starts(residual, slopes, begun)
     values, vectors = np.linalg.eigh(curvature[n - len(freedom) :, n - len(freedom) :])
     chosen = np.argsort(values)[::-1][:OPEN]
     return vectors[:, chosen[values[chosen] > 0.3]].T @ freedom
 
 
-def calibrate_misfit(sim: Sim, motions: Sequence[Motion], config: DiagnoseConfig) -> Sim:
+def calibrate_misfit(
+    sim: EstimatedSimulator, motions: Sequence[Motion], config: DiagnoseConfig
+) -> EstimatedSimulator:
     """A given sim with the misfit, and its correlation, that it leaves of the recordings it is true to.
 
     What a sim has wrong stays wrong for a part of a period, so that many samples count as one. Of long
@@ -213,7 +226,7 @@ def calibrate_misfit(sim: Sim, motions: Sequence[Motion], config: DiagnoseConfig
     return measure_misfit(sim, replace(contest, windows=contest.windows.evenly(frames)))
 
 
-def measure_misfit(sim: Sim, contest: EstimationProblem) -> Sim:
+def measure_misfit(sim: EstimatedSimulator, contest: EstimationProblem) -> EstimatedSimulator:
     """The sim with its misfit, and its correlation, on the windows of a contest with its own motion."""
     still, length = np.zeros(contest.bench.nuisance.size), contest.windows.length
     fit = contest.fit((), still)

@@ -11,9 +11,10 @@ import numpy as np
 from jaxtyping import Float64
 
 from lagsplat.diagnose.core.result import Parameter
-from lagsplat.diagnose.effects.base import UNITS, PlacedEffect, SampleEffect
-from lagsplat.diagnose.estimation.dataset import Record
-from lagsplat.diagnose.estimation.multiple_shooting import penalty, shoot
+from lagsplat.diagnose.effects.base import PlacedEffect, SampleEffect
+from lagsplat.diagnose.effects.parameters import UNITS
+from lagsplat.diagnose.estimation.dataset import Dataset
+from lagsplat.diagnose.estimation.multiple_shooting import compute_penalty, fit_multiple_shooting
 from lagsplat.diagnose.inference.evidence import HypothesisFit
 from lagsplat.diagnose.inference.posterior import laplace_interval
 from lagsplat.diagnose.inference.problem import EstimationProblem, joint_prior
@@ -64,7 +65,7 @@ def parameter_unit(instance: PlacedEffect, key: str) -> str:
     return raw.format(q=name or "q", u=name or "u")
 
 
-def published_parameters(instance: PlacedEffect, row: np.ndarray, record: Record) -> dict[str, Any]:
+def published_parameters(instance: PlacedEffect, row: np.ndarray, record: Dataset) -> dict[str, Any]:
     """The parameters in a row of physical values, by the keys under which they are published."""
     effect = instance.effect
     plain = {
@@ -155,12 +156,12 @@ def _profile_parameter(
             pinned = replace(held, mean=mean, deviation=deviation)
             moved = x.copy()
             moved[at] = value
-            fit = shoot(
+            fit = fit_multiple_shooting(
                 contest.predict(one.effects), moved, starts, contest.data, pinned,
                 iterations=STEPS, tolerance=contest.tolerance, known=near,
             )  # fmt: skip
             x, starts = fit.x, fit.starts
-            paid = float(penalty(fit.x[None], held)[0])
+            paid = float(compute_penalty(fit.x[None], held)[0])
             priced = 0.5 * (paid - one.fit.penalty) / contest.price
             lost = 0.5 * (fit.misfit - one.fit.misfit) / temper + priced
             rows.append((float(value), -lost))

@@ -14,11 +14,14 @@ from jaxtyping import Float64
 
 from lagsplat.diagnose.core.config import DiagnoseConfig
 from lagsplat.diagnose.data_quality.natural_period import rough_period_s
-from lagsplat.diagnose.estimation.dataset import apart
-from lagsplat.diagnose.estimation.multiple_shooting import Belief, Fit, eliminate
-from lagsplat.diagnose.identification.estimated_simulator import Sim, setting_of
-from lagsplat.diagnose.identification.novelty import Familiar, looks
-from lagsplat.diagnose.identification.structure_search import Trial, left_open
+from lagsplat.diagnose.estimation.dataset import drop_overlapping_windows
+from lagsplat.diagnose.estimation.multiple_shooting import GaussianPrior, ShootingFit, eliminate_starts
+from lagsplat.diagnose.identification.estimated_simulator import (
+    EstimatedSimulator,
+    make_identification_settings,
+)
+from lagsplat.diagnose.identification.novelty import NoveltyDetector, window_features
+from lagsplat.diagnose.identification.structure_search import IdentificationProblem, list_uncertain_directions
 from lagsplat.diagnose.inference.model_selection import SearchBudget, rank_hypotheses
 from lagsplat.diagnose.inference.placement import find_hints, place_effects
 from lagsplat.diagnose.inference.problem import (
@@ -27,9 +30,16 @@ from lagsplat.diagnose.inference.problem import (
     build_problem,
     natural_periods,
 )
-from lagsplat.diagnose.mechanics.model import Model
-from lagsplat.diagnose.mechanics.structure import COEFFICIENTS, FEW, Form, degrees, free_directions, moved
-from lagsplat.diagnose.simulators.projection import rest_of
+from lagsplat.diagnose.mechanics.model import MechanicalModel
+from lagsplat.diagnose.mechanics.structure import (
+    COEFFICIENT_FIELDS,
+    MAX_FEW_COORDINATES,
+    ModelStructure,
+    list_field_sizes,
+    list_free_directions,
+    shift_coefficients,
+)
+from lagsplat.diagnose.simulators.projection import find_rest
 from lagsplat.io.trajectory.trajectory import Motion, leading
 
 ELSEWHERE = 4.0
@@ -37,7 +47,7 @@ ELSEWHERE = 4.0
 
 
 def calibrate_null_evidence(
-    sim: Sim,
+    sim: EstimatedSimulator,
     own: Motion,
     real: Sequence[Motion],
     config: DiagnoseConfig,
@@ -57,7 +67,7 @@ def calibrate_null_evidence(
     part = leading(own, wanted_s)
     if sim.familiar is None:
         contest, more = build_problem(sim, [part], config)[0], max(1.0, wanted_s / part.duration_s)
-        quiet = apart(contest.windows, contest.bench.record, sim.disturbed)
+        quiet = drop_overlapping_windows(contest.windows, contest.bench.record, sim.disturbed)
         contest = replace(contest, windows=quiet)
     else:
         contest, more = match_windows(sim, own, real, config), 1.0
@@ -75,7 +85,9 @@ def calibrate_null_evidence(
     return ELSEWHERE * max(gained, 0.0) * more
 
 
-def match_windows(sim: Sim, own: Motion, real: Sequence[Motion], config: DiagnoseConfig) -> EstimationProblem:
+def match_windows(
+    sim: EstimatedSimulator, own: Motion, real: Sequence[Motion], config: DiagnoseConfig
+) -> EstimationProblem:
     """The contest on stretches of the sim's ``own`` motion, one for each of ``real`` and most like it.
 
     A law has its errors where it has them: a recording that mostly swings freely meets other ones than the
@@ -85,8 +97,8 @@ def match_windows(sim: Sim, own: Motion, real: Sequence[Motion], config: Diagnos
     there, ready, _ = build_problem(sim, real, config)
     here, own_ready, _ = build_problem(sim, [own], config)
     chosen = sim.familiar.nearest(
-        looks(there.windows, ready.smooth, ready.record),
-        looks(here.windows, own_ready.smooth, own_ready.record),
+        window_features(there.windows, ready.smooth, ready.record),
+        window_features(here.windows, own_ready.smooth, own_ready.record),
     )
     return replace(here, windows=here.windows.only(chosen))
 
@@ -94,7 +106,7 @@ def match_windows(sim: Sim, own: Motion, real: Sequence[Motion], config: Diagnos
 STEPS = ((0, 1, 4, 1), (0, 2, 4, 2))
 """Degrees up to which mass, damping, potential and input map move, one step after the other."""
 PLAIN = ((0, 0, 3, 0),)
-"""The same of more than a `FEW` coordinates."""
+"""The same of more than a `MAX_FEW_COORDINATES` coordinates."""
 ITERATIONS = 2
 """Times as many steps are taken as when a sim is identified: a fitted law is stiffer."""
 WRONG_BY = 0.3
@@ -109,12 +121,14 @@ SAMPLES, SMALL, BLIND = 400, 1e-6, 1e-8
 class CoefficientFit:
     """A model, the fit that moved it, and the moves (n, K) that the fit's unknowns mean."""
 
-    model: Model
-    fit: Fit
+    model: MechanicalModel
+    fit: ShootingFit
     moves: Float64[np.ndarray, "n K"]
 
 
-def recalibrate_simulator(sim: Sim, motions: Sequence[Motion], config: DiagnoseConfig) -> Sim:
+def recalibrate_simulator(
+    sim: EstimatedSimulator, motions: Sequence[Motion], config: DiagnoseConfig
+) -> EstimatedSimulator:
     """``sim`` with its lower coefficients moved as ``motions``, which it is true to, ask for.
 
     Every other window is fitted, the others judge; a sim that does not tell these better comes back as it is.
@@ -125,17 +139,19 @@ def recalibrate_simulator(sim: Sim, motions: Sequence[Motion], config: DiagnoseC
     contest, ready, _ = build_problem(sim, motions, config)
     bench = contest.bench
     windows = contest.windows.evenly(2.0 * config.own_longest_s / bench.record.dt_s)
-    setting = setting_of(config)
+    setting = make_identification_settings(config)
 
-    def trial(first: int) -> Trial:
+    def trial(first: int) -> IdentificationProblem:
         chosen = windows.only(np.arange(len(windows.first)) % 2 == first)
         data = replace(contest, windows=chosen).data
         speed = np.std(bench.record.v, axis=0)
-        return Trial(bench.record, ready.smooth, speed, chosen, data, bench.steps, bench.held, setting)
+        return IdentificationProblem(
+            bench.record, ready.smooth, speed, chosen, data, bench.steps, bench.held, setting
+        )
 
     fitted, judging = trial(0), trial(1)
     missed, found = judging.missed(sim.model), None
-    for step in STEPS if sim.model.d <= FEW else PLAIN:
+    for step in STEPS if sim.model.d <= MAX_FEW_COORDINATES else PLAIN:
         model = found.model if found else sim.model
         # by the half that is missed less: a law may run off in a single window of the other
         half = min(missed / judging.n_data, fitted.missed(model) / fitted.n_data)
@@ -146,21 +162,21 @@ def recalibrate_simulator(sim: Sim, motions: Sequence[Motion], config: DiagnoseC
         missed, found = left, tried
     if found is None:
         return sim
-    rested = replace(found.model, rest=rest_of(found.model))
-    known = Familiar.of(contest.windows, ready.smooth, bench.record)
+    rested = replace(found.model, rest=find_rest(found.model))
+    known = NoveltyDetector.of(contest.windows, ready.smooth, bench.record)
     return replace(
         sim, model=rested, given=sim, freedom=_unidentified_directions(found, fitted), familiar=known
     )
 
 
-def movable_structure(model: Model, step: tuple[int, int, int, int]) -> Form:
+def movable_structure(model: MechanicalModel, step: tuple[int, int, int, int]) -> ModelStructure:
     """What may move in a step, within what the model has room for.
 
     The mass does so only as a whole: a fitted one may be all but singular, and soon is not positive.
     """
-    ends = degrees(model.basis)
+    ends = list_field_sizes(model.basis)
     mass, damping, potential, inputs = (ends[min(k, len(ends) - 1)] for k in step)
-    return Form(
+    return ModelStructure(
         min(mass, len(model.mass)),
         min(damping, len(model.damping)),
         min(potential, len(model.potential)),
@@ -169,20 +185,22 @@ def movable_structure(model: Model, step: tuple[int, int, int, int]) -> Form:
 
 
 def fit_coefficients(
-    trial: Trial, model: Model, step: tuple[int, int, int, int], *, excess: float
+    trial: IdentificationProblem, model: MechanicalModel, step: tuple[int, int, int, int], *, excess: float
 ) -> CoefficientFit:
     """The model moved; a misfit that is ``excess`` times the noise's is believed the less."""
     moves = independent_directions(trial, model, movable_structure(model, step))
     n = len(moves)
-    belief = Belief(
+    belief = GaussianPrior(
         np.zeros(n), np.full(n, WRONG_BY / np.sqrt(excess)), np.full(n, -np.inf), np.full(n, 1e-4)
     )
     iterations = ITERATIONS * trial.setting.iterations
     fit = trial.shot(model, moves, trial.begun, belief, iterations=iterations)
-    return CoefficientFit(moved(model, fit.x @ moves), fit, moves)
+    return CoefficientFit(shift_coefficients(model, fit.x @ moves), fit, moves)
 
 
-def independent_directions(trial: Trial, model: Model, form: Form) -> Float64[np.ndarray, "n K"]:
+def independent_directions(
+    trial: IdentificationProblem, model: MechanicalModel, form: ModelStructure
+) -> Float64[np.ndarray, "n K"]:
     """Moves within a form that change the acceleration by its own size each, and independently of each other.
 
     A coordinate that is light, or hardly moves, is then moved no further than another one.
@@ -192,20 +210,22 @@ def independent_directions(trial: Trial, model: Model, form: Form) -> Float64[np
     q, v, u = trial.smooth[at], record.v[at], record.u[at]
     base = model.acceleration(q, v, u)
     size = np.linalg.cholesky(np.linalg.pinv(base.T @ base / len(at)) + 1e-12 * np.eye(model.d))
-    plain = free_directions(model, form, trial.speed)
-    change = np.stack([(moved(model, SMALL * one).acceleration(q, v, u) - base) / SMALL for one in plain])
+    plain = list_free_directions(model, form, trial.speed)
+    change = np.stack(
+        [(shift_coefficients(model, SMALL * one).acceleration(q, v, u) - base) / SMALL for one in plain]
+    )
     rows = (change @ size).reshape(len(plain), -1) / np.sqrt(len(at))
     values, vectors = np.linalg.eigh(rows @ rows.T)
     kept = values > BLIND * values.max()
     return (vectors[:, kept] / np.sqrt(values[kept])).T @ plain
 
 
-def inertia_direction(model: Model) -> Float64[np.ndarray, " K"]:
+def inertia_direction(model: MechanicalModel) -> Float64[np.ndarray, " K"]:
     """The change of all coefficients that doubles the inertia, and nothing else."""
-    return np.concatenate([(name == "mass") * getattr(model, name).ravel() for name in COEFFICIENTS])
+    return np.concatenate([(name == "mass") * getattr(model, name).ravel() for name in COEFFICIENT_FIELDS])
 
 
-def _unidentified_directions(one: CoefficientFit, trial: Trial) -> Float64[np.ndarray, "n K"]:
+def _unidentified_directions(one: CoefficientFit, trial: IdentificationProblem) -> Float64[np.ndarray, "n K"]:
     """What the fit leaves open, its correlated residual counted as fewer samples.
 
     So is how heavy the mechanism is as a whole, which no move changes: without it a wrong inertia of the law
@@ -213,7 +233,7 @@ def _unidentified_directions(one: CoefficientFit, trial: Trial) -> Float64[np.nd
     """
     moves = np.concatenate([one.moves, inertia_direction(one.model)[None]])
     linear = trial.moving(one.model, moves).derivatives(np.zeros(len(moves)), one.fit.starts, trial.data)
-    curvature, *_ = eliminate(*linear)
+    curvature, *_ = eliminate_starts(*linear)
     misfit = max(one.fit.misfit / max(trial.n_data - len(one.moves), 1.0), 1.0)
     alike = autocorrelation_time(one.fit.residual, trial.windows.length)
-    return left_open(curvature / (misfit * alike), moves, deviation=WRONG_BY)
+    return list_uncertain_directions(curvature / (misfit * alike), moves, deviation=WRONG_BY)

@@ -6,8 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lagsplat.diagnose.effects.base import HalfNormal, PlacedEffect, SampleEffect
-from lagsplat.diagnose.estimation.multiple_shooting import Belief, Fit, derivatives, eliminate
+from lagsplat.diagnose.effects.base import PlacedEffect, SampleEffect
+from lagsplat.diagnose.effects.parameters import HalfNormal
+from lagsplat.diagnose.estimation.multiple_shooting import (
+    GaussianPrior,
+    ShootingFit,
+    differentiate_predictions,
+    eliminate_starts,
+)
 from lagsplat.diagnose.inference.problem import EstimationProblem
 
 
@@ -22,14 +28,17 @@ class ScoreTestResult:
 
 
 def score_test(
-    contest: EstimationProblem, effects: tuple[PlacedEffect, ...], fit: Fit, offers: Sequence[PlacedEffect]
+    contest: EstimationProblem,
+    effects: tuple[PlacedEffect, ...],
+    fit: ShootingFit,
+    offers: Sequence[PlacedEffect],
 ) -> list[ScoreTestResult]:
     """How much misfit each of ``offers`` would take away beside ``effects``, to first order; best first.
 
     Source: the score (Lagrange multiplier) test, Rao, 1948, doi:10.1017/S0305004100023987.
     """
     prior = contest.belief(effects)
-    residual, slopes, begun = derivatives(
+    residual, slopes, begun = differentiate_predictions(
         contest.predict(effects), fit.x, fit.starts, contest.data, prior.step
     )
     leads = []
@@ -52,7 +61,7 @@ def score_test(
 
 
 def _trial_changes(
-    contest: EstimationProblem, effects: tuple[PlacedEffect, ...], fit: Fit, offer: PlacedEffect
+    contest: EstimationProblem, effects: tuple[PlacedEffect, ...], fit: ShootingFit, offer: PlacedEffect
 ) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Unknowns on a grid of shapes, and what each of their amplitudes changes, (W, M, amplitudes)."""
     effect = offer.effect
@@ -87,13 +96,13 @@ def _trial_changes(
 
 
 def _score_gain(
-    fit: Fit, residual: np.ndarray, slopes: np.ndarray, begun: np.ndarray, prior: Belief,
+    fit: ShootingFit, residual: np.ndarray, slopes: np.ndarray, begun: np.ndarray, prior: GaussianPrior,
     group: np.ndarray, offer: PlacedEffect,
 ) -> tuple[float, np.ndarray]:  # fmt: skip
     """Misfit taken away by the best amount of a change, and that amount."""
     k = slopes.shape[2]
     both = np.concatenate([slopes, group], axis=2)
-    curvature, gradient, *_ = eliminate(residual, both, begun)
+    curvature, gradient, *_ = eliminate_starts(residual, both, begun)
     # what a moved uncertainty costs counts too: an effect that lets it go back gains that
     gradient[:k] -= (fit.x - prior.mean) / prior.deviation**2
     n = offer.effect.amplitudes

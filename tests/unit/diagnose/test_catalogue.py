@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.effects.base import ForceEffect, InputEffect
+from lagsplat.diagnose.effects.base import DisturbanceHints, ForceEffect, InputEffect
 from lagsplat.diagnose.effects.registry import catalogue
 from lagsplat.diagnose.inference.placement import (
-    DisturbanceHints,
     coordinate_directions,
     extract_hints,
     find_spectral_lines,

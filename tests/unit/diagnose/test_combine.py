@@ -10,7 +10,7 @@ from lagsplat.diagnose.core.config import DiagnoseConfig
 from lagsplat.diagnose.core.result import Diagnosis
 from lagsplat.diagnose.diagnosis import diagnose
 from lagsplat.diagnose.effects.registry import catalogue
-from lagsplat.diagnose.identification.estimated_simulator import Sim
+from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
 from lagsplat.io.trajectory.trajectory import Motion
 from tests.unit.diagnose.toys import film, oscillator, own, settings, wave
 
@@ -31,7 +31,7 @@ def few() -> DiagnoseConfig:
 
 
 def told(real: Motion) -> Diagnosis:
-    return diagnose(Sim.exact(oscillator()), [real], few()).diagnosis
+    return diagnose(EstimatedSimulator.exact(oscillator()), [real], few()).diagnosis
 
 
 def test_two_planted_effects_are_both_named() -> None:

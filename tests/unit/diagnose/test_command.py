@@ -15,10 +15,10 @@ from lagsplat.diagnose.data_quality.checks import Checked, Side
 from lagsplat.diagnose.data_quality.compatibility import BEYOND
 from lagsplat.diagnose.data_quality.noise import Noise
 from lagsplat.diagnose.effects.registry import catalogue
-from lagsplat.diagnose.identification.estimated_simulator import Sim
+from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
 from lagsplat.diagnose.residual.error_budget import Perception
 from lagsplat.io.trajectory.trajectory import Motion
-from lagsplat.pipelines.diagnosis import UNSURE, as_seen, extrapolated, undecided
+from lagsplat.pipelines.diagnosis import UNSURE, discount_image_error, flag_extrapolation, withhold_verdict
 from lagsplat.pipelines.diagnosis_inputs import LAWLESS
 from tests.unit.diagnose.toys import film, oscillator, own, wave
 
@@ -121,7 +121,7 @@ def test_tables_that_hold_no_motion_are_refused(
 def test_a_verdict_that_the_data_forbid_keeps_no_name_above_the_rest() -> None:
     rows = (Candidate("coulomb_friction", 0.97), Candidate("creep", 0.02), Candidate("none", 0.01))
     sure = Diagnosis("effect", rows, ("coulomb_friction",), None, None, (), (), (), (), (), {})
-    flat = undecided(sure)
+    flat = withhold_verdict(sure)
     assert flat.verdict == "undetermined"
     assert flat.combination == ()
     assert sum(one.probability for one in flat.candidates) == pytest.approx(1.0)
@@ -140,11 +140,11 @@ def test_what_a_sim_misses_where_it_was_not_seen_is_not_called_unknown_physics(
     found = Diagnosis(verdict, rows, (), None, None, (), (), (), (), (), {})
     finding = Finding("warn", check, "real", "60 % lie outside", "there it is extrapolated", "record a sim")
     checked = Checked(None, Side((), (), None, Noise(*np.zeros((3, 1))), 4), (finding,))
-    assert ("undetermined" not in extrapolated(found, checked).checks) == held
+    assert ("undetermined" not in flag_extrapolation(found, checked).checks) == held
 
 
 @pytest.mark.parametrize(("suspect", "misfit"), [(True, 2.0 * 3.0), (False, 2.0)])
 def test_a_sim_misses_more_where_its_pictures_are_drawn_worse(suspect: bool, misfit: float) -> None:
-    sim = replace(Sim.exact(oscillator()), misfit=2.0)
-    assert as_seen(sim, None) is sim
-    assert as_seen(sim, Perception(3.0, 0.0, suspect)).misfit == pytest.approx(misfit)
+    sim = replace(EstimatedSimulator.exact(oscillator()), misfit=2.0)
+    assert discount_image_error(sim, None) is sim
+    assert discount_image_error(sim, Perception(3.0, 0.0, suspect)).misfit == pytest.approx(misfit)

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from lagsplat.diagnose.effects.base import Instance, Noise
-from lagsplat.diagnose.estimation.multiple_shooting import Fit, eliminate
-from lagsplat.diagnose.inference.evidence import Explained, log_evidence
-from lagsplat.diagnose.inference.model_selection import pursue
-from lagsplat.diagnose.inference.placement import instances
-from lagsplat.diagnose.inference.problem import Contest, belief
-from lagsplat.diagnose.inference.score_test import screen
+from lagsplat.diagnose.effects.base import PlacedEffect, SampleEffect
+from lagsplat.diagnose.estimation.multiple_shooting import ShootingFit, eliminate_starts
+from lagsplat.diagnose.inference.evidence import HypothesisFit, log_evidence
+from lagsplat.diagnose.inference.model_selection import fit_candidate
+from lagsplat.diagnose.inference.placement import place_effects
+from lagsplat.diagnose.inference.problem import EstimationProblem, joint_prior
+from lagsplat.diagnose.inference.score_test import score_test
 from tests.unit.diagnose.toys import contest, film, own, wave
 
 TRIED = (
@@ -25,9 +25,9 @@ TRIED = (
 )
 
 
-def offers(one: Contest) -> list[Instance]:
+def offers(one: EstimationProblem) -> list[PlacedEffect]:
     hints = [SimpleNamespace(pushes=(), lines_hz=())]
-    found = instances(one.bench, hints, q_names=("q0",), u_names=("u0",), without=())
+    found = place_effects(one.bench, hints, q_names=("q0",), u_names=("u0",), without=())
     return [offer for offer in found if offer.effect.name in TRIED]
 
 
@@ -37,47 +37,49 @@ def drag(t: float, q: float, v: float, u: float, z: np.ndarray) -> tuple[float, 
 
 
 @pytest.fixture(scope="module")
-def dragged() -> Contest:
+def dragged() -> EstimationProblem:
     return contest([film(drag, u=wave(), noise=0.005, seconds=16.0)])
 
 
 @pytest.fixture(scope="module")
-def faithful() -> Contest:
+def faithful() -> EstimationProblem:
     return contest([film(u=wave(), noise=0.005, seconds=16.0)])
 
 
-def none_of(one: Contest) -> Explained:
-    return Explained((), one.fit((), np.zeros(one.bench.nuisance.size)))
+def none_of(one: EstimationProblem) -> HypothesisFit:
+    return HypothesisFit((), one.fit((), np.zeros(one.bench.nuisance.size)))
 
 
-def evidences(one: Contest) -> dict[str, float]:
+def evidences(one: EstimationProblem) -> dict[str, float]:
     """Over `none`, of every effect that is tried."""
     none = none_of(one)
-    leads = screen(one, (), none.fit, offers(one))
-    fits = [pursue(one, (), none.fit, lead, starts=1) for lead in leads]
+    leads = score_test(one, (), none.fit, offers(one))
+    fits = [fit_candidate(one, (), none.fit, lead, starts=1) for lead in leads]
     floor = log_evidence(none, one.bench, 1.0)
     return {fit.effects[0].effect.name: log_evidence(fit, one.bench, 1.0) - floor for fit in fits}
 
 
-def test_the_true_effect_has_the_most_evidence_and_the_score_test_leads_to_it(dragged: Contest) -> None:
+def test_the_true_effect_has_the_most_evidence_and_the_score_test_leads_to_it(
+    dragged: EstimationProblem,
+) -> None:
     told = evidences(dragged)
     assert max(told, key=lambda name: told[name]) == "quadratic_drag"
     assert told["quadratic_drag"] > 50.0
-    lead = screen(dragged, (), none_of(dragged).fit, offers(dragged))[0]
+    lead = score_test(dragged, (), none_of(dragged).fit, offers(dragged))[0]
     assert lead.instance.effect.name == "quadratic_drag"
 
 
-def test_where_nothing_is_missing_every_effect_costs_evidence(faithful: Contest) -> None:
+def test_where_nothing_is_missing_every_effect_costs_evidence(faithful: EstimationProblem) -> None:
     told = evidences(faithful)
     assert set(told) == set(TRIED)
     assert max(told.values()) < 1.5
     assert np.median(list(told.values())) < 0.0
 
 
-def test_the_amplitude_is_found_to_a_few_hundredths(dragged: Contest) -> None:
+def test_the_amplitude_is_found_to_a_few_hundredths(dragged: EstimationProblem) -> None:
     none = none_of(dragged)
-    lead = screen(dragged, (), none.fit, offers(dragged))[0]
-    found = pursue(dragged, (), none.fit, lead, starts=1)
+    lead = score_test(dragged, (), none.fit, offers(dragged))[0]
+    found = fit_candidate(dragged, (), none.fit, lead, starts=1)
     assert lead.instance.physical(found.fit.x[None, :1])[0, 0] == pytest.approx(0.25, rel=0.08)
     assert found.fit.misfit / dragged.freedom == pytest.approx(1.0, abs=0.15)
 
@@ -92,13 +94,13 @@ def test_evidence_is_the_integral_over_parameters_and_starts_where_all_is_linear
     beyond = np.linalg.svd(free)[0][:, 6:].T  # an orthonormal basis of what no start explains
 
     def told(deviation: np.ndarray) -> float:
-        curvature, gradient, log_det, back, own_ = eliminate(y, slopes, begun)
+        curvature, gradient, log_det, back, own_ = eliminate_starts(y, slopes, begun)
         x = np.linalg.solve(curvature + np.diag(deviation**-2.0), gradient)
         residual = (y[..., 0] - slopes @ x - np.einsum("wma,wa->wm", begun, own_ - back @ x))[..., None]
         misfit, starts = float((residual**2).sum()), np.zeros((3, 2))
-        fit = Fit(x, starts, residual, misfit, 0.0, curvature, log_det, 1, slopes, begun)
+        fit = ShootingFit(x, starts, residual, misfit, 0.0, curvature, log_det, 1, slopes, begun)
         bench = SimpleNamespace(nuisance=SimpleNamespace(deviation=deviation))
-        return log_evidence(Explained((), fit), bench, 1.0)  # type: ignore[arg-type]
+        return log_evidence(HypothesisFit((), fit), bench, 1.0)  # type: ignore[arg-type]
 
     def truth(deviation: np.ndarray) -> float:
         seen = beyond @ design
@@ -109,9 +111,9 @@ def test_evidence_is_the_integral_over_parameters_and_starts_where_all_is_linear
     assert told(wide) - told(narrow) == pytest.approx(truth(wide) - truth(narrow), rel=1e-9)
 
 
-def test_unknowns_stand_in_the_order_effects_then_uncertainties(faithful: Contest) -> None:
-    chosen = [o for o in offers(faithful) if not isinstance(o.effect, Noise)][:2]
-    prior = belief(chosen, faithful.bench)
+def test_unknowns_stand_in_the_order_effects_then_uncertainties(faithful: EstimationProblem) -> None:
+    chosen = [o for o in offers(faithful) if not isinstance(o.effect, SampleEffect)][:2]
+    prior = joint_prior(chosen, faithful.bench)
     own_ = [p.prior for o in chosen for p in o.effect.parameters]
     assert prior.mean[: len(own_)].tolist() == [p.mean for p in own_]
     assert prior.lowest[: len(own_)].tolist() == [p.lowest for p in own_]

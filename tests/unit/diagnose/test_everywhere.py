@@ -9,10 +9,10 @@ from scipy.integrate import solve_ivp
 
 from lagsplat.diagnose.augmented.model import build_augmented
 from lagsplat.diagnose.augmented.simulate import AppliedSignals, simulate_augmented
-from lagsplat.diagnose.effects.base import PlacedEffect
-from lagsplat.diagnose.estimation.dataset import region_of
+from lagsplat.diagnose.effects.base import DisturbanceHints, PlacedEffect
+from lagsplat.diagnose.estimation.dataset import sample_operating_region
 from lagsplat.diagnose.inference.model_selection import fit_candidate
-from lagsplat.diagnose.inference.placement import DisturbanceHints, place_effects
+from lagsplat.diagnose.inference.placement import place_effects
 from lagsplat.diagnose.inference.problem import EstimationProblem
 from lagsplat.diagnose.inference.profile_likelihood import estimate_parameters
 from lagsplat.diagnose.inference.score_test import score_test
@@ -87,7 +87,7 @@ def test_the_sim_with_it_holds_each_place_by_itself() -> None:
     seen = contest([film(np.zeros_like)], model=coupled())
     both = offered(seen, "coulomb_friction")["coulomb_friction everywhere"]
     x = np.concatenate([[0.2, 0.3], np.zeros(seen.bench.nuisance.size)])
-    region = region_of(seen.bench.record)
+    region = sample_operating_region(seen.bench.record)
     joint = build_augmented(seen.bench, [both], x, q_names=NAMES, u_names=("u0", "u1"), region=region)
     assert [one.label for one in joint.effects] == ["coulomb_friction q0", "coulomb_friction q1"]
     drive = AppliedSignals(np.arange(200) * 0.02, np.ones((200, 2)))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lagsplat.diagnose.data_quality.noise import measure_noise
-from lagsplat.diagnose.inference.excitation import Excitation, excitation
+from lagsplat.diagnose.effects.excitation import Excitation, assess_excitation
 from lagsplat.io.trajectory.trajectory import Motion
 from tests.unit.diagnose.motions import PERIOD_S, multisine, swing
 
@@ -20,7 +20,7 @@ FAMILIES = """viscous_damping linear_stiffness mass_change constant_force input_
 
 def rows(*motions: Motion, closed_loop: tuple[str, ...] = ()) -> dict[str, Excitation]:
     noise = measure_noise(motions, period_s=PERIOD_S)
-    found = excitation(motions, period_s=PERIOD_S, noise=noise, closed_loop=closed_loop)
+    found = assess_excitation(motions, period_s=PERIOD_S, noise=noise, closed_loop=closed_loop)
     assert len({row.effect for row in found}) == len(found)
     return {row.effect: row for row in found}
 

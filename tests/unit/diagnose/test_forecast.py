@@ -5,21 +5,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.effects.base import Direction, Instance
+from lagsplat.diagnose.effects.base import Direction, PlacedEffect
 from lagsplat.diagnose.effects.dynamics import linear_stiffness
-from lagsplat.diagnose.inference.evidence import Explained
+from lagsplat.diagnose.inference.evidence import HypothesisFit
 from lagsplat.diagnose.inference.holdout import (
-    blocks_of,
-    closure,
-    diverged,
-    forecast,
-    half_fit,
-    halves,
-    hold_out,
-    relative,
+    count_diverged,
+    cut_blocks,
+    estimate_closure,
+    fit_half,
+    forecast_blocks,
+    forecast_holdout,
+    relative_square_error,
+    split_windows,
 )
-from lagsplat.diagnose.inference.placement import scales
-from lagsplat.diagnose.inference.problem import Contest
+from lagsplat.diagnose.inference.placement import motion_scales
+from lagsplat.diagnose.inference.problem import EstimationProblem
 from tests.unit.diagnose.toys import OMEGA, RATE, contest, film, own, wave
 
 PERIOD_S = 1.0
@@ -32,26 +32,28 @@ def stiff(t: float, q: float, v: float, u: float, z: np.ndarray) -> tuple[float,
 
 
 @pytest.fixture(scope="module")
-def made() -> tuple[Contest, Explained, Explained]:
+def made() -> tuple[EstimationProblem, HypothesisFit, HypothesisFit]:
     """A contest with noise, the sim re-anchored, and the sim with what it lacks."""
     films = [film(stiff, u=wave(i), noise=0.01, seconds=16.0 - 4.0 * i, seed=i) for i in (0, 1)]
     one = contest(films)
     along = Direction("q0", np.ones(1), 1.0)
-    effect = Instance(linear_stiffness.EFFECT, scales(one.bench, along), direction=along)
+    effect = PlacedEffect(linear_stiffness.EFFECT, motion_scales(one.bench, along), direction=along)
     n = one.bench.nuisance.size
-    none = Explained((), one.fit((), np.zeros(n)))
-    true = Explained((effect,), one.fit((effect,), np.concatenate([[np.log(STIFFER)], np.zeros(n)])))
+    none = HypothesisFit((), one.fit((), np.zeros(n)))
+    true = HypothesisFit((effect,), one.fit((effect,), np.concatenate([[np.log(STIFFER)], np.zeros(n)])))
     return one, none, true
 
 
-def test_what_is_held_out_is_not_fitted_to(made: tuple[Contest, Explained, Explained]) -> None:
-    half, held = halves(made[0])
+def test_what_is_held_out_is_not_fitted_to(
+    made: tuple[EstimationProblem, HypothesisFit, HypothesisFit],
+) -> None:
+    half, held = split_windows(made[0])
     fitted = {(f, n) for f, n in zip(half.windows.first, half.windows.length, strict=True)}
     out = {(f, n) for f, n in zip(held.first, held.length, strict=True)}
     assert not fitted & out
     assert len(fitted) + len(out) == len(made[0].windows.first)
     assert abs(len(fitted) - len(out)) <= 1
-    blocks = blocks_of(made[0], held, period_s=PERIOD_S)
+    blocks = cut_blocks(made[0], held, period_s=PERIOD_S)
     assert (blocks.length == blocks.length[0]).all()
     for start in blocks.first:
         home = held.first[(held.first <= start) & (start + blocks.length[0] <= held.first + held.length)]
@@ -60,9 +62,9 @@ def test_what_is_held_out_is_not_fitted_to(made: tuple[Contest, Explained, Expla
         assert ((clips[:, 0] <= start) & (start + blocks.length[0] <= clips[:, 1])).sum() == 1
 
 
-def test_the_gap_is_that_of_its_blocks(made: tuple[Contest, Explained, Explained]) -> None:
+def test_the_gap_is_that_of_its_blocks(made: tuple[EstimationProblem, HypothesisFit, HypothesisFit]) -> None:
     one, none, true = made
-    held = hold_out(one, none, true, period_s=PERIOD_S, given=one.bench.model)
+    held = forecast_holdout(one, none, true, period_s=PERIOD_S, given=one.bench.model)
     rms = one.bench.record.q.std(axis=0)
     for kind, size in (("sim", held.gap.before), ("augmented", held.gap.after)):
         squares = [np.mean(((getattr(b, kind) - b.real) / rms) ** 2) for b in held.blocks]
@@ -74,8 +76,10 @@ def test_the_gap_is_that_of_its_blocks(made: tuple[Contest, Explained, Explained
     assert all(np.array_equal(b.time_s, np.sort(b.time_s)) for b in held.blocks)
 
 
-def test_the_true_effect_closes_the_gap_down_to_the_floor(made: tuple[Contest, Explained, Explained]) -> None:
-    gap = hold_out(*made, period_s=PERIOD_S, given=made[0].bench.model).gap
+def test_the_true_effect_closes_the_gap_down_to_the_floor(
+    made: tuple[EstimationProblem, HypothesisFit, HypothesisFit],
+) -> None:
+    gap = forecast_holdout(*made, period_s=PERIOD_S, given=made[0].bench.model).gap
     assert gap.before > 5.0 * gap.floor
     assert gap.after == pytest.approx(gap.floor, rel=0.25)
     assert gap.after <= gap.refit < gap.before
@@ -83,44 +87,52 @@ def test_the_true_effect_closes_the_gap_down_to_the_floor(made: tuple[Contest, E
     assert gap.closure.low <= gap.closure.value <= gap.closure.high
 
 
-def test_a_forecast_looks_at_ten_samples_only(made: tuple[Contest, Explained, Explained]) -> None:
+def test_a_forecast_looks_at_ten_samples_only(
+    made: tuple[EstimationProblem, HypothesisFit, HypothesisFit],
+) -> None:
     one, none, _ = made
-    blocks = blocks_of(one, halves(one)[1], period_s=PERIOD_S)
-    told = forecast(one, blocks, (), half_fit(halves(one)[0], none))
+    blocks = cut_blocks(one, split_windows(one)[1], period_s=PERIOD_S)
+    told = forecast_blocks(one, blocks, (), fit_half(split_windows(one)[0], none))
     record = one.bench.record
     changed = record.q.copy()
     for start, length in zip(blocks.first, blocks.length, strict=True):
         changed[start + 10 : start + length - 1] += 7.0
     other = replace(one, bench=replace(one.bench, record=replace(record, q=changed)))
-    again = forecast(other, blocks, (), half_fit(halves(one)[0], none))
+    again = forecast_blocks(other, blocks, (), fit_half(split_windows(one)[0], none))
     assert np.abs(again.y - told.y).max() < 1e-6
 
 
-def test_the_floor_is_the_error_that_the_true_model_makes(made: tuple[Contest, Explained, Explained]) -> None:
+def test_the_floor_is_the_error_that_the_true_model_makes(
+    made: tuple[EstimationProblem, HypothesisFit, HypothesisFit],
+) -> None:
     one, _, true = made
-    blocks = blocks_of(one, halves(one)[1], period_s=PERIOD_S)
-    told = forecast(one, blocks, true.effects, true.fit.x)
-    errors = relative(told.y - blocks.take(one.bench.record.q), np.ones(1))
+    blocks = cut_blocks(one, split_windows(one)[1], period_s=PERIOD_S)
+    told = forecast_blocks(one, blocks, true.effects, true.fit.x)
+    errors = relative_square_error(told.y - blocks.take(one.bench.record.q), np.ones(1))
     assert errors.mean() == pytest.approx(told.expected.mean(), rel=0.35)
 
 
-def test_a_block_longer_than_what_is_held_out_is_refused(made: tuple[Contest, Explained, Explained]) -> None:
+def test_a_block_longer_than_what_is_held_out_is_refused(
+    made: tuple[EstimationProblem, HypothesisFit, HypothesisFit],
+) -> None:
     with pytest.raises(ValueError, match="record longer"):
-        blocks_of(made[0], halves(made[0])[1], period_s=50.0)
+        cut_blocks(made[0], split_windows(made[0])[1], period_s=50.0)
 
 
 def test_closure_is_one_at_the_floor_zero_where_nothing_changed_and_nothing_without_a_gap() -> None:
     rng = np.random.default_rng(0)
     before, floor = rng.uniform(0.5, 1.5, 20), rng.uniform(0.005, 0.015, 20)
-    assert closure(before, floor, floor).value == pytest.approx(1.0)
-    assert closure(before, before, floor).value == 0.0
-    assert closure(before, 4.0 * before, floor).value < -0.9
-    half = closure(before, (0.5 * (np.sqrt(before.mean()) + np.sqrt(floor.mean()))) ** 2 * np.ones(20), floor)
+    assert estimate_closure(before, floor, floor).value == pytest.approx(1.0)
+    assert estimate_closure(before, before, floor).value == 0.0
+    assert estimate_closure(before, 4.0 * before, floor).value < -0.9
+    half = estimate_closure(
+        before, (0.5 * (np.sqrt(before.mean()) + np.sqrt(floor.mean()))) ** 2 * np.ones(20), floor
+    )
     assert half.value == pytest.approx(0.5, abs=1e-9)
     assert half.low < 0.5 < half.high
     noisy = floor * rng.uniform(0.8, 1.2, 20)
-    assert closure(noisy, floor, floor).value is None
-    assert closure(0.5 * floor, floor, floor).value is None
+    assert estimate_closure(noisy, floor, floor).value is None
+    assert estimate_closure(0.5 * floor, floor, floor).value is None
 
 
 def test_a_forecast_that_leaves_or_is_no_number_is_counted() -> None:
@@ -128,7 +140,7 @@ def test_a_forecast_that_leaves_or_is_no_number_is_counted() -> None:
     error[1, -1, 0] = 11.0 * 0.3
     error[2, 5, 1] = np.nan
     error[3, :, 1] = 9.0 * 2.0
-    assert diverged(error, np.array([0.3, 2.0])) == 2
+    assert count_diverged(error, np.array([0.3, 2.0])) == 2
 
 
 def test_constants_of_the_toy_are_those_of_the_sim() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 from lagsplat.diagnose.core.result import Diagnosis
 from lagsplat.diagnose.diagnosis import diagnose
 from lagsplat.diagnose.effects.registry import catalogue
-from lagsplat.diagnose.identification.estimated_simulator import Sim
+from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
 from tests.unit.diagnose.toys import film, oscillator, own, settings, wave
 
 
@@ -21,7 +21,7 @@ def told(friction: float) -> Diagnosis:
     known = ("input_gain", "coulomb_friction", "constant_force")
     config = replace(settings(), without=sorted(set(catalogue()) - set(known)), always=[])
     real = film(law, u=wave(2), noise=0.03, seconds=8.0)
-    return diagnose(Sim.exact(oscillator()), [real], config).diagnosis
+    return diagnose(EstimatedSimulator.exact(oscillator()), [real], config).diagnosis
 
 
 def kept(found: Diagnosis) -> int:

@@ -5,13 +5,13 @@ import pytest
 
 from lagsplat.diagnose.data_quality.discontinuities import cut_jumps, frozen
 from lagsplat.diagnose.diagnosis import diagnose
-from lagsplat.diagnose.effects.base import Instance
+from lagsplat.diagnose.effects.base import PlacedEffect
 from lagsplat.diagnose.effects.registry import catalogue
-from lagsplat.diagnose.identification.estimated_simulator import Sim
-from lagsplat.diagnose.inference.evidence import Explained
-from lagsplat.diagnose.inference.model_selection import Ranking
-from lagsplat.diagnose.inference.placement import whole_scales
-from lagsplat.diagnose.inference.plausibility import doubt
+from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
+from lagsplat.diagnose.inference.evidence import HypothesisFit
+from lagsplat.diagnose.inference.model_selection import ModelRanking
+from lagsplat.diagnose.inference.placement import largest_motion_scales
+from lagsplat.diagnose.inference.plausibility import assess_implausibility
 from lagsplat.io.trajectory.trajectory import Motion
 from tests.unit.diagnose.toys import contest, film, oscillator, settings, wave
 
@@ -58,7 +58,7 @@ def test_a_picture_that_catches_up_is_no_cut() -> None:
 
 
 def test_long_repeats_are_frame_drops_and_leave_the_rest_as_it_was() -> None:
-    found = diagnose(Sim.exact(oscillator()), [swing()], settings()).diagnosis
+    found = diagnose(EstimatedSimulator.exact(oscillator()), [swing()], settings()).diagnosis
     assert (found.verdict, found.combination) == ("effect", ("frame_drops",))
     count = found.candidates[0].parameters["count"].value
     assert count == pytest.approx(sum(stop - start for start, stop in RUNS), rel=0.35)
@@ -76,7 +76,7 @@ def test_where_repeats_are_many_those_about_a_turn_are_found_too() -> None:
     q = q + SIGMA * np.std(q) * rng.standard_normal(q.shape)
     motion = Motion(time_s=clean.time_s, q=q, u=clean.u, source="film")
     assert marked(motion)[late].mean() > 0.9
-    found = diagnose(Sim.exact(oscillator()), [motion], settings()).diagnosis
+    found = diagnose(EstimatedSimulator.exact(oscillator()), [motion], settings()).diagnosis
     assert (found.verdict, found.combination) == ("effect", ("frame_drops",))
     assert found.candidates[0].parameters["count"].value == pytest.approx(int(late.sum()), rel=0.3)
     assert found.gap is not None
@@ -85,7 +85,7 @@ def test_where_repeats_are_many_those_about_a_turn_are_found_too() -> None:
 
 def test_what_only_moves_single_samples_is_not_doubted() -> None:
     one = contest([film(u=wave(5), noise=SIGMA, seconds=8.0)])
-    none = Explained((), one.fit((), np.zeros(one.bench.nuisance.size)))
-    drops = Instance(catalogue()["frame_drops"], whole_scales(one.bench))
-    said = Explained((drops,), none.fit, noise={"count": (3.0, 0.0, 6.0)})
-    assert doubt(one, Ranking(none, (), 2.0), said, nominal=1.0).chance == 0.0
+    none = HypothesisFit((), one.fit((), np.zeros(one.bench.nuisance.size)))
+    drops = PlacedEffect(catalogue()["frame_drops"], largest_motion_scales(one.bench))
+    said = HypothesisFit((drops,), none.fit, noise={"count": (3.0, 0.0, 6.0)})
+    assert assess_implausibility(one, ModelRanking(none, (), 2.0), said, nominal=1.0).chance == 0.0

@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from lagsplat.config.compose import compose
-from lagsplat.pipelines.diagnosis_inputs import Pair, open_pair
+from lagsplat.pipelines.diagnosis_inputs import DiagnosisInputs, open_diagnosis_inputs
 
 HZ, LAST_S = 40.0, 0.5
 
@@ -33,12 +33,12 @@ def save(path: Path, seed: int, *, held: bool) -> str:
 
 
 @pytest.fixture(params=[True, False], ids=["held", "drawn"])
-def pair(request, tmp_path: Path) -> tuple[bool, Pair]:
+def pair(request, tmp_path: Path) -> tuple[bool, DiagnosisInputs]:
     files = [save(tmp_path / f"{name}.csv", seed, held=request.param) for seed, name in enumerate("ab")]
-    return request.param, open_pair(*files, compose().diagnose)
+    return request.param, open_diagnosis_inputs(*files, compose().diagnose)
 
 
-def test_a_sim_is_told_with_held_inputs_only_where_that_is_truer(pair: tuple[bool, Pair]) -> None:
+def test_a_sim_is_told_with_held_inputs_only_where_that_is_truer(pair: tuple[bool, DiagnosisInputs]) -> None:
     held, found = pair
     assert found.hold == ("zoh" if held else None)
     assert found.sim.misfit < 1.5

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.inference.placement import sought
+from lagsplat.diagnose.inference.placement import find_hints
 from lagsplat.diagnose.residual.latent_force import smooth
 from tests.unit.diagnose.toys import film, oscillator, own, wave
 
@@ -27,9 +27,9 @@ def test_it_cannot_be_smoothed() -> None:
 
 def test_a_sim_that_overflows_gives_no_hints() -> None:
     real = film(u=wave(3), noise=0.01, seed=3)
-    (hint,) = sought(lost(), [real], period_s=1.0, hold="linear")
+    (hint,) = find_hints(lost(), [real], period_s=1.0, hold="linear")
     assert (hint.pushes, hint.lines_hz) == ((), ())
-    (hint,) = sought(
+    (hint,) = find_hints(
         oscillator(), [film(lambda t, q, v, u, z: (own(q, v, u) + 9.0 * (5.0 < t < 5.3), []), u=wave(3))],
         period_s=1.0, hold="linear",
     )  # fmt: skip

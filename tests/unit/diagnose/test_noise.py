@@ -5,7 +5,7 @@ import pytest
 
 from lagsplat.diagnose.data_quality.natural_period import rough_period_s
 from lagsplat.diagnose.data_quality.noise import local_cubic, noise_level
-from lagsplat.diagnose.estimation.dataset import QUIET, prepare
+from lagsplat.diagnose.estimation.dataset import MIN_RELATIVE_NOISE, prepare_dataset
 from lagsplat.io.trajectory.trajectory import Motion
 from tests.unit.diagnose.motions import PERIOD_S, swing
 
@@ -46,15 +46,15 @@ def test_the_level_of_noise_is_found_and_outliers_do_not_raise_it() -> None:
 
 
 def test_a_noise_free_motion_is_given_the_least_noise() -> None:
-    ready = prepare([swing(noise=0.0, seconds=6.0)], period_s=PERIOD_S)
+    ready = prepare_dataset([swing(noise=0.0, seconds=6.0)], period_s=PERIOD_S)
     rms = ready.record.q.std(axis=0)
-    assert (ready.sigma >= QUIET * rms).all()
+    assert (ready.sigma >= MIN_RELATIVE_NOISE * rms).all()
     assert (ready.sigma < 2e-3 * rms).all()
 
 
 def test_velocities_of_a_noisy_swing_are_near_the_true_ones() -> None:
     true = swing(noise=0.0, seconds=8.0, rate_hz=240.0)
-    ready = prepare([swing(noise=0.01, seconds=8.0)], period_s=PERIOD_S)
+    ready = prepare_dataset([swing(noise=0.01, seconds=8.0)], period_s=PERIOD_S)
     v = np.gradient(true.q[:, 0], true.time_s)[::4]
     off = ready.record.v[5:-5, 0] - v[5:-5]
     assert off.std() < 0.05 * v.std()

@@ -3,15 +3,20 @@
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.estimation.nuisance import Nuisance, added, flat, stacked
-from lagsplat.diagnose.mechanics.structure import COEFFICIENTS
+from lagsplat.diagnose.estimation.nuisance import (
+    NuisanceParameters,
+    add_to_coefficients,
+    flatten_coefficients,
+    repeat_coefficients,
+)
+from lagsplat.diagnose.mechanics.structure import COEFFICIENT_FIELDS
 from tests.unit.diagnose.toys import coupled
 
 
-def nuisance(n_directions: int = 2) -> Nuisance:
-    size = len(flat(coupled()))
+def nuisance(n_directions: int = 2) -> NuisanceParameters:
+    size = len(flatten_coefficients(coupled()))
     directions = np.random.default_rng(0).normal(size=(n_directions, size))
-    return Nuisance(0.01, 0.02, 0.03, np.array([0.1, 0.2]), 0.05, 2, directions)
+    return NuisanceParameters(0.01, 0.02, 0.03, np.array([0.1, 0.2]), 0.05, 2, directions)
 
 
 def test_names_and_deviations_stand_in_one_order() -> None:
@@ -29,7 +34,7 @@ def test_names_and_deviations_stand_in_one_order() -> None:
 def test_nothing_moved_is_the_sim_itself() -> None:
     known, model = nuisance(), coupled()
     fields = known.fields(model, np.zeros((3, known.size)))
-    for name in COEFFICIENTS:
+    for name in COEFFICIENT_FIELDS:
         assert np.array_equal(getattr(fields, name), np.stack([getattr(model, name)] * 3))
     y = np.random.default_rng(0).normal(size=(3, 2, 4, 2))
     assert np.array_equal(known.observe(y, np.zeros((3, known.size)), model), y)
@@ -72,9 +77,11 @@ def test_a_warp_bends_one_coordinate_about_rest() -> None:
 def test_directions_move_all_coefficients_in_their_order() -> None:
     known, model = nuisance(), coupled()
     moved = known.fields(model, at("identification 1", 0.5))
-    told = np.concatenate([getattr(moved, name)[0].ravel() for name in COEFFICIENTS])
-    assert told == pytest.approx(flat(model) + 0.5 * known.directions[1])
-    assert np.array_equal(added(stacked(model, 1), np.zeros((1, len(told)))).mass[0], model.mass)
+    told = np.concatenate([getattr(moved, name)[0].ravel() for name in COEFFICIENT_FIELDS])
+    assert told == pytest.approx(flatten_coefficients(model) + 0.5 * known.directions[1])
+    assert np.array_equal(
+        add_to_coefficients(repeat_coefficients(model, 1), np.zeros((1, len(told)))).mass[0], model.mass
+    )
 
 
 def test_pinned_leaves_next_to_nothing_uncertain() -> None:
@@ -82,6 +89,6 @@ def test_pinned_leaves_next_to_nothing_uncertain() -> None:
     model = coupled()
     x = np.ones((1, known.size)) * known.pinned().deviation
     fields = known.pinned().fields(model, x)
-    assert np.concatenate([getattr(fields, n)[0].ravel() for n in COEFFICIENTS]) == pytest.approx(
-        flat(model), abs=1e-4
+    assert np.concatenate([getattr(fields, n)[0].ravel() for n in COEFFICIENT_FIELDS]) == pytest.approx(
+        flatten_coefficients(model), abs=1e-4
     )

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 import torch
 
-from lagsplat.diagnose.estimation.dataset import Region
-from lagsplat.diagnose.simulators.python_model import load_python, sample_python
+from lagsplat.diagnose.estimation.dataset import OperatingRegion
+from lagsplat.diagnose.simulators.python_model import load_python, project_python
 
 RNG = np.random.default_rng(0)
 
 
-def region(d: int = 1, n_u: int = 1) -> Region:
-    return Region(*(RNG.uniform(-1.0, 1.0, (400, k)) for k in (d, d, n_u)))
+def region(d: int = 1, n_u: int = 1) -> OperatingRegion:
+    return OperatingRegion(*(RNG.uniform(-1.0, 1.0, (400, k)) for k in (d, d, n_u)))
 
 
 def pendulum(q: np.ndarray, v: np.ndarray, u: np.ndarray) -> np.ndarray:
@@ -33,7 +33,7 @@ def pendulum(q: np.ndarray, v: np.ndarray, u: np.ndarray) -> np.ndarray:
 )
 def test_an_acceleration_of_any_kind_is_sampled(sim: object) -> None:
     where = region()
-    model = sample_python(sim, where, what="sim").model
+    model = project_python(sim, where, what="sim").model
     np.testing.assert_allclose(
         model.acceleration(where.q, where.v, where.u), pendulum(where.q, where.v, where.u), atol=0.01
     )
@@ -49,7 +49,7 @@ def test_an_object_is_sampled_and_agrees_with_its_acceleration() -> None:
         "input_map": np.array([[1.0, -0.5]]),
     }
     whole = SimpleNamespace(**fields, friction=lambda q, v: 0.5 * np.abs(v) * v)
-    model = sample_python(whole, where, what="sim").model
+    model = project_python(whole, where, what="sim").model
     slope = np.stack([40.0 * where.q[:, 0], 60.0 * where.q[:, 1] ** 3], axis=1)
     force = where.u @ fields["input_map"] - slope
     force -= where.v * [0.1, 0.2] + 0.5 * np.abs(where.v) * where.v
@@ -68,7 +68,7 @@ def test_a_file_a_factory_and_a_class_are_loaded(tmp_path: Path) -> None:
     assert load_python(f"{path}:build").mass == [[2.0]]
     assert load_python(f"{path}:Free").mass == [[2.0]]
     where = region(1, 0)
-    model = sample_python(load_python(f"{path}:rates"), where, what="sim").model
+    model = project_python(load_python(f"{path}:rates"), where, what="sim").model
     np.testing.assert_allclose(model.acceleration(where.q, where.v, where.u), -where.q, atol=1e-6)
     assert load_python("math:pi") == pytest.approx(np.pi)
 
@@ -112,24 +112,24 @@ def spring(**changes: object) -> SimpleNamespace:
 @pytest.mark.filterwarnings("ignore:invalid value encountered in log")
 def test_what_is_no_sim_is_refused(sim: object, reason: str) -> None:
     with pytest.raises(ValueError, match=reason):
-        sample_python(sim, region(1, 1), what="sim")
+        project_python(sim, region(1, 1), what="sim")
 
 
 def test_a_mass_that_is_not_symmetric_is_refused() -> None:
     sim = SimpleNamespace(mass=[[1.0, 0.5], [0.0, 1.0]], potential=lambda q: (q**2).sum(-1))
     with pytest.raises(ValueError, match="not symmetric"):
-        sample_python(sim, region(2, 0), what="sim")
+        project_python(sim, region(2, 0), what="sim")
 
 
 @pytest.mark.parametrize("n", [1, 2])
 def test_what_a_sim_without_friction_loses_by_rounding_is_no_energy_that_is_fed(n: int) -> None:
-    sampled = sample_python(lambda q, v, u: -39.5 * q, region(n, 0), what="sim")  # a warning is an error
+    sampled = project_python(lambda q, v, u: -39.5 * q, region(n, 0), what="sim")  # a warning is an error
     assert sampled.error < 1e-6
 
 
 def test_energy_that_comes_from_nowhere_and_inputs_that_are_ignored_are_told() -> None:
     with pytest.warns(UserWarning, match="feeds energy"):
-        sample_python(lambda q, v, u: -10.0 * q + 0.5 * v + u, region(), what="sim")
+        project_python(lambda q, v, u: -10.0 * q + 0.5 * v + u, region(), what="sim")
     free = SimpleNamespace(mass=[[1.0]], potential=lambda q: q[..., 0] ** 2)
     with pytest.warns(UserWarning, match="not driven"):
-        sample_python(free, region(), what="sim")
+        project_python(free, region(), what="sim")

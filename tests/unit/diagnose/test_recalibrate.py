@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from lagsplat.diagnose.diagnosis import diagnose
-from lagsplat.diagnose.identification.estimated_simulator import Sim
-from lagsplat.diagnose.inference.problem import held_to
-from lagsplat.diagnose.inference.recalibration import STEPS, form_of, recalibrated
-from lagsplat.diagnose.mechanics.model import Model
+from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
+from lagsplat.diagnose.inference.problem import calibrate_misfit
+from lagsplat.diagnose.inference.recalibration import STEPS, movable_structure, recalibrate_simulator
+from lagsplat.diagnose.mechanics.model import MechanicalModel
 from tests.unit.diagnose.toys import HARD, RATE, film, oscillator, own, settings, wave
 
 
@@ -18,22 +18,22 @@ def damped(t: float, q: float, v: float, u: float, z: np.ndarray) -> tuple[float
     return own(q, v, u) - 0.5 * v, []
 
 
-def wrong() -> Model:
+def wrong() -> MechanicalModel:
     """A law as a poor fit leaves it: too hard, too little damped, and the input a little weak."""
     right = oscillator(hard=1.3 * HARD)
     return replace(right, damping=0.5 * right.damping, input_map=0.95 * right.input_map)
 
 
 @pytest.fixture(scope="module")
-def known() -> Sim:
+def known() -> EstimatedSimulator:
     """The wrong law, moved by a recording of the very oscillator, and held to another one."""
     recordings = [film(u=wave(1), noise=0.01, seed=1, seconds=40.0)]
     null = [film(u=wave(2), noise=0.01, seed=2, seconds=20.0)]
-    given = held_to(Sim.exact(wrong()), null, settings())
-    return held_to(recalibrated(given, recordings, settings()), null, settings())
+    given = calibrate_misfit(EstimatedSimulator.exact(wrong()), null, settings())
+    return calibrate_misfit(recalibrate_simulator(given, recordings, settings()), null, settings())
 
 
-def test_a_wrong_law_is_moved_until_it_tells_what_it_was_not_moved_by(known: Sim) -> None:
+def test_a_wrong_law_is_moved_until_it_tells_what_it_was_not_moved_by(known: EstimatedSimulator) -> None:
     assert known.given is not None
     assert known.given.misfit > 1.2 * known.misfit
     assert known.misfit < 1.3
@@ -44,18 +44,18 @@ def test_a_wrong_law_is_moved_until_it_tells_what_it_was_not_moved_by(known: Sim
 def test_a_law_whose_rollouts_run_off_in_windows_that_judge_is_moved_by_the_others() -> None:
     """Beyond some swing its spring pushes away."""
     told = [film(u=wave(1), noise=0.01, seed=1, seconds=40.0)]
-    given = Sim.exact(oscillator(hard=-0.6 * HARD))
-    assert held_to(given, told, settings()).misfit > 1e6
-    moved = held_to(recalibrated(given, told, settings()), told, settings())
+    given = EstimatedSimulator.exact(oscillator(hard=-0.6 * HARD))
+    assert calibrate_misfit(given, told, settings()).misfit > 1e6
+    moved = calibrate_misfit(recalibrate_simulator(given, told, settings()), told, settings())
     assert moved.misfit < 1.3
 
 
 def test_a_right_law_stays_as_it_is() -> None:
-    sim = Sim.exact(oscillator())
-    assert recalibrated(sim, [film(u=wave(1), noise=0.01, seed=1, seconds=20.0)], settings()) is sim
+    sim = EstimatedSimulator.exact(oscillator())
+    assert recalibrate_simulator(sim, [film(u=wave(1), noise=0.01, seed=1, seconds=20.0)], settings()) is sim
 
 
-def test_what_the_law_lacked_is_no_effect_and_what_is_new_is(known: Sim) -> None:
+def test_what_the_law_lacked_is_no_effect_and_what_is_new_is(known: EstimatedSimulator) -> None:
     same = diagnose(known, [film(u=wave(4), noise=0.01, seed=4, seconds=16.0)], settings()).diagnosis
     assert same.verdict == "none"
     new = diagnose(known, [film(damped, u=wave(5), noise=0.01, seed=5, seconds=16.0)], settings()).diagnosis
@@ -64,7 +64,7 @@ def test_what_the_law_lacked_is_no_effect_and_what_is_new_is(known: Sim) -> None
     assert new.gap.after < 0.5 * new.gap.before
 
 
-def test_a_release_that_it_never_saw_is_left_aside_and_told(known: Sim) -> None:
+def test_a_release_that_it_never_saw_is_left_aside_and_told(known: EstimatedSimulator) -> None:
     driven, free = (
         film(u=wave(1), noise=0.01, seed=1, seconds=20.0),
         film(noise=0.01, seed=6, start=(4.0, 0.0), seconds=4.0),
@@ -77,5 +77,5 @@ def test_a_release_that_it_never_saw_is_left_aside_and_told(known: Sim) -> None:
 
 
 def test_a_mass_moves_only_as_a_whole() -> None:
-    form = form_of(oscillator(), STEPS[0])
+    form = movable_structure(oscillator(), STEPS[0])
     assert (form.mass, form.damping, form.potential, form.input_map) == (1, 1, 5, 1)

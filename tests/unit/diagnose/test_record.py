@@ -5,16 +5,22 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lagsplat.diagnose.estimation.dataset import BREAK_S, Record, Windows, cut_windows, join
+from lagsplat.diagnose.estimation.dataset import (
+    FILE_BREAK_S,
+    Dataset,
+    WindowSet,
+    cut_windows,
+    join_trajectories,
+)
 from lagsplat.io.trajectory.trajectory import Motion
 
 
-def record(lengths: list[int], *, dt: float = 0.02) -> Record:
+def record(lengths: list[int], *, dt: float = 0.02) -> Dataset:
     n, ends = sum(lengths), np.cumsum(lengths)
     clips = np.stack([ends - lengths, ends], axis=1)
     time = dt * np.arange(n)
     q = np.arange(n, dtype=float)[:, None]
-    return Record(
+    return Dataset(
         time, q, np.ones((n, 1)), np.zeros((n, 0)), clips, ("a",), np.zeros(len(lengths), np.int64), (0.0,)
     )
 
@@ -52,7 +58,7 @@ def test_windows_never_cross_a_cut_and_leave_no_frame_of_a_long_clip_out(
 
 
 def test_samples_of_a_short_window_repeat_its_last_and_count_for_nothing() -> None:
-    windows = Windows(np.array([0, 6]), np.array([5, 3]))
+    windows = WindowSet(np.array([0, 6]), np.array([5, 3]))
     taken = windows.take(record([10]).q)[..., 0]
     assert taken.tolist() == [[0, 1, 2, 3, 4], [6, 7, 8, 8, 8]]
     assert windows.mask().tolist() == [[1, 1, 1, 1, 1], [1, 1, 1, 0, 0]]
@@ -66,11 +72,11 @@ def motion(start: float, n: int, segments: tuple[tuple[int, int], ...], name: st
 
 def test_files_are_joined_after_a_break_and_their_clips_stay_apart() -> None:
     both = [motion(7.0, 12, ((0, 5), (5, 12)), "a.csv"), motion(100.0, 8, (), "b.csv")]
-    whole = join(both, [m.q for m in both])
+    whole = join_trajectories(both, [m.q for m in both])
     assert whole.clips.tolist() == [[0, 5], [5, 12], [12, 20]]
     assert whole.file_of.tolist() == [0, 0, 1]
     assert whole.files == ("a.csv", "b.csv")
-    assert whole.time[[0, 12]] == pytest.approx([0.0, 1.1 + BREAK_S])
+    assert whole.time[[0, 12]] == pytest.approx([0.0, 1.1 + FILE_BREAK_S])
     assert whole.own_time(float(whole.time[14])) == (1, pytest.approx(100.2))
     assert whole.own_time(0.3) == (0, pytest.approx(7.3))
     assert whole.dt_s == pytest.approx(0.1)
@@ -79,10 +85,10 @@ def test_files_are_joined_after_a_break_and_their_clips_stay_apart() -> None:
 
 def test_clocks_that_go_on_from_file_to_file_are_kept() -> None:
     both = [motion(7.0, 12, (), "a.csv"), motion(9.0, 8, (), "b.csv")]
-    whole = join(both, [m.q for m in both])
+    whole = join_trajectories(both, [m.q for m in both])
     assert whole.time[[0, 12]] == pytest.approx([0.0, 2.0])
     assert whole.shifts_s == (7.0, 7.0)
-    assert join(both[::-1], [m.q for m in both]).time[8] > 0.0
+    assert join_trajectories(both[::-1], [m.q for m in both]).time[8] > 0.0
 
 
 @settings(max_examples=40, deadline=None)
@@ -90,7 +96,7 @@ def test_clocks_that_go_on_from_file_to_file_are_kept() -> None:
 def test_windows_chosen_evenly_span_the_record_and_hold_as_many_frames_as_asked(
     n: int, length: int, frames: float
 ) -> None:
-    windows = Windows(np.arange(n) * length, np.full(n, length))
+    windows = WindowSet(np.arange(n) * length, np.full(n, length))
     kept = windows.evenly(frames)
     if frames >= n * length:
         assert kept is windows

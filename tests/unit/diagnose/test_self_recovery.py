@@ -10,8 +10,8 @@ from lagsplat.diagnose.augmented.model import build_augmented
 from lagsplat.diagnose.core.result import Diagnosis
 from lagsplat.diagnose.diagnosis import diagnose
 from lagsplat.diagnose.effects.registry import catalogue
-from lagsplat.diagnose.estimation.dataset import region_of
-from lagsplat.diagnose.identification.estimated_simulator import Sim
+from lagsplat.diagnose.estimation.dataset import sample_operating_region
+from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
 from lagsplat.io.trajectory.trajectory import Motion
 from tests.unit.diagnose.toys import GAIN, HARD, OMEGA, film, oscillator, own, settings, wave
 
@@ -119,7 +119,9 @@ def diagnosed(clean: Motion) -> Diagnosis:
     noise = 0.005 * clean.q.std() * np.random.default_rng(0).standard_normal(clean.q.shape)
     left_out = sorted(set(catalogue()) - set(RIVALS))
     config = replace(settings(), without=left_out, always=[], families=4, starts=2, places=1)
-    return diagnose(Sim.exact(oscillator()), [replace(clean, q=clean.q + noise)], config).diagnosis
+    return diagnose(
+        EstimatedSimulator.exact(oscillator()), [replace(clean, q=clean.q + noise)], config
+    ).diagnosis
 
 
 def test_a_spring_beside_a_potential_of_another_shape_is_a_stiffness() -> None:
@@ -151,14 +153,14 @@ def test_a_second_mass_may_swing_already_where_the_recording_begins() -> None:
     clean = carrying(away=2.0)
     noise = 0.005 * clean.q.std() * np.random.default_rng(0).standard_normal(clean.q.shape)
     config = replace(settings(), without=sorted(set(catalogue()) - {"hidden_mode"}), always=[], starts=2)
-    whole = diagnose(Sim.exact(oscillator()), [replace(clean, q=clean.q + noise)], config)
+    whole = diagnose(EstimatedSimulator.exact(oscillator()), [replace(clean, q=clean.q + noise)], config)
     found, bench = whole.diagnosis, whole.contest.bench
     assert found.candidates[0].parameters["mass_ratio"].value == pytest.approx(0.125, rel=0.05)
     assert found.candidates[0].misfit == pytest.approx(1.0, abs=0.15)
     assert set(found.candidates[0].parameters) == {"mass_ratio", "frequency_hz", "damping_ratio"}
     kept = build_augmented(
         bench, whole.chosen.effects, whole.chosen.fit.x, q_names=["q0"], u_names=["u0"],
-        region=region_of(bench.record),
+        region=sample_operating_region(bench.record),
     )  # fmt: skip
     assert set(kept.parameters(0)) == {"mass_ratio", "angular_frequency", "damping_ratio"}
     assert len(kept.x) == 3 + bench.nuisance.size
@@ -167,5 +169,7 @@ def test_a_second_mass_may_swing_already_where_the_recording_begins() -> None:
 def test_without_any_noise_the_parameter_is_found_as_well() -> None:
     """The best fit, which fifty steps reach: a ratio of 1.2 and no uncertainty moved."""
     config = replace(settings(), without=sorted(set(catalogue()) - {"linear_stiffness"}), always=[], starts=1)
-    found = diagnose(Sim.exact(oscillator()), [CASES["linear_stiffness"][0]()], config).diagnosis
+    found = diagnose(
+        EstimatedSimulator.exact(oscillator()), [CASES["linear_stiffness"][0]()], config
+    ).diagnosis
     assert found.candidates[0].parameters["ratio"].value == pytest.approx(1.2, rel=0.02)

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from lagsplat.diagnose.estimation.multiple_shooting import (
-    Belief,
-    Data,
-    derivatives,
-    eliminate,
-    leading,
-    penalty,
-    shoot,
+    GaussianPrior,
+    ShootingData,
+    compute_penalty,
+    differentiate_leading_parameters,
+    differentiate_predictions,
+    eliminate_starts,
+    fit_multiple_shooting,
 )
 
 T = 0.05 * np.arange(40)
@@ -24,23 +24,25 @@ def swings(x: np.ndarray, starts: np.ndarray) -> np.ndarray:
     return (np.exp(-g * T) * (q * np.cos(fast * T) + (v + g * q) / fast * np.sin(fast * T)))[..., None]
 
 
-def problem(noise: float = 0.0) -> tuple[np.ndarray, np.ndarray, Data]:
+def problem(noise: float = 0.0) -> tuple[np.ndarray, np.ndarray, ShootingData]:
     rng = np.random.default_rng(0)
     truth, starts = np.array([5.0, 0.4]), rng.normal(0.0, 1.0, (6, 2))
     y = swings(truth[None], starts[None])[0] + noise * rng.normal(size=(6, 40, 1))
     weight = np.full(y.shape, 1.0 / max(noise, 0.01))
     weight[2, 25:] = 0.0  # a shorter window
     y[2, 25:] = 1e3
-    return truth, starts, Data(y, weight, np.full(2, 1e-5))
+    return truth, starts, ShootingData(y, weight, np.full(2, 1e-5))
 
 
-def weak(n: int = 2) -> Belief:
-    return Belief(np.zeros(n), np.full(n, 1e3), np.full(n, -np.inf), np.full(n, 1e-5))
+def weak(n: int = 2) -> GaussianPrior:
+    return GaussianPrior(np.zeros(n), np.full(n, 1e3), np.full(n, -np.inf), np.full(n, 1e-5))
 
 
 def test_parameters_and_starting_states_are_recovered() -> None:
     truth, starts, data = problem()
-    fit = shoot(swings, np.array([4.5, 0.1]), starts + 0.1, data, weak(), iterations=30, tolerance=1e-10)
+    fit = fit_multiple_shooting(
+        swings, np.array([4.5, 0.1]), starts + 0.1, data, weak(), iterations=30, tolerance=1e-10
+    )
     assert fit.x == pytest.approx(truth, rel=1e-5)
     assert np.abs(fit.starts - starts).max() < 1e-5
     assert fit.misfit < 1e-6
@@ -53,11 +55,11 @@ def test_under_noise_the_misfit_is_the_freedom_and_the_curvature_is_the_inverse_
     for seed in range(25):
         noisy = data.y + 0.02 * np.random.default_rng(100 + seed).normal(size=data.y.shape)
         noisy -= data.y - swings(truth[None], starts[None])[0]
-        fit = shoot(
+        fit = fit_multiple_shooting(
             swings,
             truth,
             starts,
-            Data(noisy, data.weight, data.start_step),
+            ShootingData(noisy, data.weight, data.start_step),
             weak(),
             iterations=15,
             tolerance=1e-8,
@@ -75,7 +77,7 @@ def test_eliminating_the_starts_solves_the_dense_equations() -> None:
     rng = np.random.default_rng(0)
     slopes, begun = rng.normal(size=(4, 9, 3)), rng.normal(size=(4, 9, 2))
     residual = rng.normal(size=(4, 9, 1))
-    curvature, gradient, log_det, back, own = eliminate(residual, slopes, begun)
+    curvature, gradient, log_det, back, own = eliminate_starts(residual, slopes, begun)
     dense = np.zeros((4, 9, 3 + 8))
     dense[..., :3] = slopes
     for w in range(4):
@@ -93,7 +95,7 @@ def test_eliminating_the_starts_solves_the_dense_equations() -> None:
 def test_slopes_are_those_of_central_differences() -> None:
     truth, starts, data = problem()
     step = np.full(2, 1e-6)
-    residual, slopes, begun = derivatives(swings, truth, starts, data, step)
+    residual, slopes, begun = differentiate_predictions(swings, truth, starts, data, step)
     assert np.abs(residual).max() < 1e-9
     for i in range(2):
         e = 1e-4 * np.eye(2)[i]
@@ -105,27 +107,33 @@ def test_slopes_are_those_of_central_differences() -> None:
             0
         ] / 2e-4
         assert begun[..., i] == pytest.approx((central * data.weight)[..., 0], abs=1e-3)
-    first = leading(swings, truth, starts, data, step, 1)
+    first = differentiate_leading_parameters(swings, truth, starts, data, step, 1)
     assert np.array_equal(first[0], residual)
     assert first[1][..., 0] == pytest.approx(slopes[..., 0], rel=1e-9)
 
 
 def test_a_bound_holds_and_a_belief_pulls() -> None:
     _, starts, data = problem()
-    bounded = Belief(np.zeros(2), np.full(2, 1e3), np.array([-np.inf, 0.6]), np.full(2, 1e-5))
-    fit = shoot(swings, np.array([5.0, 0.7]), starts, data, bounded, iterations=20, tolerance=1e-8)
+    bounded = GaussianPrior(np.zeros(2), np.full(2, 1e3), np.array([-np.inf, 0.6]), np.full(2, 1e-5))
+    fit = fit_multiple_shooting(
+        swings, np.array([5.0, 0.7]), starts, data, bounded, iterations=20, tolerance=1e-8
+    )
     assert fit.x[1] == pytest.approx(0.6)
-    sure = Belief(np.array([5.0, 0.7]), np.array([1e3, 1e-6]), np.full(2, -np.inf), np.full(2, 1e-5))
-    fit = shoot(swings, np.array([5.0, 0.7]), starts, data, sure, iterations=20, tolerance=1e-8)
+    sure = GaussianPrior(np.array([5.0, 0.7]), np.array([1e3, 1e-6]), np.full(2, -np.inf), np.full(2, 1e-5))
+    fit = fit_multiple_shooting(
+        swings, np.array([5.0, 0.7]), starts, data, sure, iterations=20, tolerance=1e-8
+    )
     assert fit.x[1] == pytest.approx(0.7, abs=1e-4)
-    assert fit.penalty == pytest.approx(float(penalty(fit.x[None], sure)[0]))
+    assert fit.penalty == pytest.approx(float(compute_penalty(fit.x[None], sure)[0]))
 
 
 def test_slopes_known_from_a_fit_nearby_lead_to_the_same_place() -> None:
     _, starts, data = problem(noise=0.01)
-    whole = shoot(swings, np.array([4.8, 0.2]), starts, data, weak(), iterations=30, tolerance=1e-9)
+    whole = fit_multiple_shooting(
+        swings, np.array([4.8, 0.2]), starts, data, weak(), iterations=30, tolerance=1e-9
+    )
     near = (whole.slopes[..., 1:] * 1.02, whole.start_slopes)
-    saved = shoot(
+    saved = fit_multiple_shooting(
         swings, np.array([4.8, 0.2]), starts, data, weak(), iterations=60, tolerance=1e-9, known=near
     )
     assert saved.x == pytest.approx(whole.x, abs=2e-4)
@@ -138,5 +146,7 @@ def test_a_prediction_that_is_not_finite_is_never_stepped_to() -> None:
     def narrow(x: np.ndarray, s: np.ndarray) -> np.ndarray:
         return np.where((x[:, 0] < 5.2)[:, None, None, None], swings(x, s), np.nan)
 
-    fit = shoot(narrow, np.array([4.2, 0.1]), starts, data, weak(), iterations=40, tolerance=1e-10)
+    fit = fit_multiple_shooting(
+        narrow, np.array([4.2, 0.1]), starts, data, weak(), iterations=40, tolerance=1e-10
+    )
     assert fit.x == pytest.approx(truth, rel=1e-3)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from lagsplat.diagnose.mechanics.model import rest_inertia, rest_period_s
+from lagsplat.diagnose.mechanics.model import compute_rest_inertia, compute_rest_period_s
 from lagsplat.diagnose.residual.latent_force import smooth
 from lagsplat.diagnose.residual.linearization import Path, kinematic_steps, linear_steps
 from lagsplat.diagnose.residual.state_space import Record, Variances, _chain, estimate, most_likely
@@ -94,7 +94,9 @@ def test_a_linear_step_is_that_of_a_finer_integrator(beside, error):
     rng = np.random.default_rng(3)
     q, v = rng.uniform(-1, 1, (2, 4, 2))
     r = rng.uniform(-2, 2, (4, 1, 2)) * np.ones((1, 3, 1))
-    push = np.linalg.solve(mechanism.mass_at(q), (rest_inertia(mechanism) * r[:, 0])[..., None])[..., 0]
+    push = np.linalg.solve(mechanism.mass_at(q), (compute_rest_inertia(mechanism) * r[:, 0])[..., None])[
+        ..., 0
+    ]
     a = mechanism.acceleration(q, v, np.zeros((4, 0))) + push
     later = [q + h * v + 0.5 * h**2 * a for h in (0.005, 0.01)]
     path = Path(np.full(4, 0.01), q, v, *later, np.zeros((4, 3, 0)), r)
@@ -102,7 +104,7 @@ def test_a_linear_step_is_that_of_a_finer_integrator(beside, error):
     move = beside * rng.standard_normal((4, 4))
 
     def slope(t, x, force):
-        push = np.linalg.solve(mechanism.mass_at(x[:2]), rest_inertia(mechanism) * force)
+        push = np.linalg.solve(mechanism.mass_at(x[:2]), compute_rest_inertia(mechanism) * force)
         return np.concatenate([x[2:], mechanism.acceleration(x[:2], x[2:], np.zeros(0)) + push])
 
     for i in range(4):
@@ -131,7 +133,7 @@ def test_acceleration_balances_force_and_residual():
     motion = film(TwoLink(), 5.0, start=(0.3, 0.2), noise=0.01)
     (found,) = smooth(TwoLink(), [motion], period_s=1.6)
     lacking = TwoLink().inverse_dynamics(found.q, found.v, found.a, motion.u)
-    np.testing.assert_allclose(lacking, found.residual * rest_inertia(TwoLink()), atol=1e-9)
+    np.testing.assert_allclose(lacking, found.residual * compute_rest_inertia(TwoLink()), atol=1e-9)
 
 
 @pytest.mark.parametrize("mechanism", [Duffing(), Duffing(n_u=0)], ids=["forced", "free"])
@@ -152,7 +154,7 @@ def test_the_force_stays_in_its_coordinate():
     (found,) = smooth(TwoLink(), [motion], period_s=1.6)
     rms = np.sqrt(np.mean(found.residual**2, axis=0))
     assert rms[0] < 0.1 * rms[1]
-    true = -0.05 * np.tanh(found.v[:, 1] / 0.02) / rest_inertia(TwoLink())[1]
+    true = -0.05 * np.tanh(found.v[:, 1] / 0.02) / compute_rest_inertia(TwoLink())[1]
     assert np.corrcoef(found.residual[:, 1], true)[0, 1] > 0.95
 
 
@@ -191,11 +193,11 @@ def test_given_noise_is_kept():
 
 
 def test_a_period_from_the_equations():
-    assert rest_period_s(Duffing(), np.ones(1)) == pytest.approx(1.0, rel=1e-5)
+    assert compute_rest_period_s(Duffing(), np.ones(1)) == pytest.approx(1.0, rel=1e-5)
     slowest = np.sqrt(90.0 * (2 - 2 * np.cos(np.pi / 5))) / (2 * np.pi)
-    assert rest_period_s(Chain(), np.full(4, 0.3)) == pytest.approx(1 / slowest, rel=1e-6)
+    assert compute_rest_period_s(Chain(), np.full(4, 0.3)) == pytest.approx(1 / slowest, rel=1e-6)
     with pytest.raises(ValueError, match="not pulled back"):
-        rest_period_s(Duffing(k=-3.0, hard=0.0), np.ones(1))
+        compute_rest_period_s(Duffing(k=-3.0, hard=0.0), np.ones(1))
 
 
 def test_what_is_not_pulled_back_is_smoothed_all_the_same():

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.simulators.sources import Source, find_sources, motion_of, read_sources
+from lagsplat.diagnose.simulators.sources import DataSource, find_sources, make_video_trajectory, read_sources
 from lagsplat.io.files.artifact import save_artefact
 from lagsplat.io.recording.recording import Recording, save_recording
 
@@ -69,7 +69,7 @@ def test_films_take_the_table_of_their_name_along(tmp_path: Path) -> None:
     for name in ("bag.mp4", "log.mcap", "arm.xml", "bag.csv", "other.csv"):
         (tmp_path / name).write_text("")
     assert find_sources(str(tmp_path / "bag.mp4")) == (
-        Source("video", str(tmp_path / "bag.mp4"), str(tmp_path / "bag.csv")),
+        DataSource("video", str(tmp_path / "bag.mp4"), str(tmp_path / "bag.csv")),
     )
     assert kinds(tmp_path) == [("video", "bag.mp4"), ("mcap", "log.mcap"), ("trajectory", "other.csv")]
     assert kinds(tmp_path / "arm.xml") == [("mujoco", "arm.xml")]
@@ -103,9 +103,9 @@ def test_what_is_not_known_is_said(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError, match="a folder without"):
         find_sources(str(tmp_path / "empty"))
     with pytest.raises(ValueError, match="is a model and has no motion"):
-        read_sources([Source("mujoco", "arm.xml")])
+        read_sources([DataSource("mujoco", "arm.xml")])
     with pytest.raises(ValueError, match="needs the encoder of a fitted run"):
-        read_sources([Source("video", "bag.mp4")])
+        read_sources([DataSource("video", "bag.mp4")])
 
 
 def test_films_become_motions_through_an_encoder(tmp_path: Path) -> None:
@@ -116,7 +116,7 @@ def test_films_become_motions_through_an_encoder(tmp_path: Path) -> None:
         asked.append(frames.shape)
         return np.arange(len(frames), dtype=float)[:, None]
 
-    source = Source("video", "films/bag.mp4", str(tmp_path / "bag.csv"))
+    source = DataSource("video", "films/bag.mp4", str(tmp_path / "bag.csv"))
     cut = film(segments=((0, 4), (4, 10)))
     (motion,) = read_sources([source], record=lambda given: cut, encode=encode)
     assert asked == [(10, 2, 2, 3)]
@@ -128,13 +128,13 @@ def test_frames_without_inputs_are_left_out() -> None:
     latents = np.arange(10.0)[:, None]
     log = (np.array([0.3, 0.7]), np.array([[1.0], [2.0]]))
     with pytest.warns(UserWarning, match="5 frames without inputs"):
-        motion = motion_of(film(), latents, log=log, source="bag.mp4")
+        motion = make_video_trajectory(film(), latents, log=log, source="bag.mp4")
     np.testing.assert_array_equal(motion.q[:, 0], [3, 4, 5, 6, 7])
     with pytest.raises(ValueError, match="give both on one clock"):
-        motion_of(film(), latents, log=(log[0] + 9.0, log[1]), source="bag.mp4")
+        make_video_trajectory(film(), latents, log=(log[0] + 9.0, log[1]), source="bag.mp4")
     driven = film(inputs=np.ones((10, 1)), input_names=("p1",), input_units=("atm",))
-    assert motion_of(driven, latents, source="arm.npz").u_names == ("u0",)
+    assert make_video_trajectory(driven, latents, source="arm.npz").u_names == ("u0",)
     with pytest.raises(ValueError, match="in the film and in a table"):
-        motion_of(driven, latents, log=log, source="bag.mp4")
+        make_video_trajectory(driven, latents, log=log, source="bag.mp4")
     with pytest.raises(ValueError, match="for 10 frames"):
-        motion_of(film(), latents[:4], source="bag.mp4")
+        make_video_trajectory(film(), latents[:4], source="bag.mp4")

@@ -9,7 +9,7 @@ import pytest
 from lagsplat.config.compose import compose
 from lagsplat.diagnose.data_quality.sampling import REPEATED, averaged, thinned
 from lagsplat.io.trajectory.trajectory import Motion
-from lagsplat.pipelines.diagnosis_inputs import open_pair
+from lagsplat.pipelines.diagnosis_inputs import open_diagnosis_inputs
 
 
 def swing(rate_hz: float, *, hertz: float = 1.0, seconds: float = 8.0) -> Motion:
@@ -63,5 +63,5 @@ def test_a_sample_that_repeats_is_no_matter_where_many_are_averaged(
     q[round(5.0 * rate_hz)] = q[round(5.0 * rate_hz) - 1]
     pd.DataFrame({"t": one.time_s, "q0": q}).to_csv(tmp_path / "log.csv", index=False)
     (tmp_path / "arm.py").write_text("def sim(q, v, u):\n    return -39.5 * q\n", encoding="utf-8")
-    pair = open_pair(f"{tmp_path}/arm.py:sim", f"{tmp_path}/log.csv", compose().diagnose)
+    pair = open_diagnosis_inputs(f"{tmp_path}/arm.py:sim", f"{tmp_path}/log.csv", compose().diagnose)
     assert {one.check for one in pair.checked.findings} & {"averaged", REPEATED} == told

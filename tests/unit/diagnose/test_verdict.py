@@ -5,39 +5,48 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.effects.base import HalfNormal, Instance, Normal, Scales
+from lagsplat.diagnose.effects.base import PlacedEffect
+from lagsplat.diagnose.effects.parameters import HalfNormal, Normal, Scales
 from lagsplat.diagnose.effects.registry import catalogue
-from lagsplat.diagnose.estimation.multiple_shooting import Fit
-from lagsplat.diagnose.inference.evidence import Explained
-from lagsplat.diagnose.inference.model_selection import Ranking
-from lagsplat.diagnose.inference.plausibility import Doubt
-from lagsplat.diagnose.inference.posterior import ROUGH, SURE, WIDER, equivalents, interval, judge, standings
+from lagsplat.diagnose.estimation.multiple_shooting import ShootingFit
+from lagsplat.diagnose.inference.evidence import HypothesisFit
+from lagsplat.diagnose.inference.model_selection import ModelRanking
+from lagsplat.diagnose.inference.plausibility import Implausibility
+from lagsplat.diagnose.inference.posterior import (
+    ROUGH,
+    SURE,
+    WIDER,
+    find_equivalent_effects,
+    judge_hypotheses,
+    laplace_interval,
+    log_posteriors,
+)
 from tests.unit.diagnose.toys import settings
 
 FREEDOM = 1000.0
 UNIT = Scales(1.0, 1.0, 1.0, 0.02, 10.0)
 
 
-def fitted(misfit: float, k: int = 0) -> Fit:
+def fitted(misfit: float, k: int = 0) -> ShootingFit:
     empty = np.zeros((1, 1, 1))
-    return Fit(
+    return ShootingFit(
         np.zeros(k), np.zeros((1, 2)), empty, misfit * FREEDOM, 0.0, np.eye(k), 0.0, 1, empty[..., :0], empty
     )  # fmt: skip
 
 
-def one(name: str, evidence: float, misfit: float = 1.0, *others: str) -> Explained:
-    effects = tuple(Instance(catalogue()[other], UNIT) for other in (*others, name))
+def one(name: str, evidence: float, misfit: float = 1.0, *others: str) -> HypothesisFit:
+    effects = tuple(PlacedEffect(catalogue()[other], UNIT) for other in (*others, name))
     unknowns = sum(len(effect.effect.parameters) for effect in effects)
-    return Explained(effects, fitted(misfit, unknowns), evidence)
+    return HypothesisFit(effects, fitted(misfit, unknowns), evidence)
 
 
-def ranking(*found: Explained, none: float) -> Ranking:
+def ranking(*found: HypothesisFit, none: float) -> ModelRanking:
     ordered = sorted(found, key=lambda row: -row.log_evidence)
-    return Ranking(Explained((), fitted(none), 0.0), tuple(ordered), 2.0)
+    return ModelRanking(HypothesisFit((), fitted(none), 0.0), tuple(ordered), 2.0)
 
 
-def told(rows: Ranking, *chain: Explained):  # the judgement under the usual settings
-    return judge(rows, chain, FREEDOM, 1.0, settings())
+def told(rows: ModelRanking, *chain: HypothesisFit):  # the judgement under the usual settings
+    return judge_hypotheses(rows, chain, FREEDOM, 1.0, settings())
 
 
 def test_a_gap_that_one_effect_explains_is_that_effect() -> None:
@@ -69,7 +78,7 @@ def test_a_sim_that_runs_off_misses_no_more_than_one_that_stands_still() -> None
     push = one("external_push", 900.0, 9000.0)
     rows = ranking(push, none=1e12)
     assert told(rows, push).verdict == "effect"
-    within = judge(rows, (push,), FREEDOM, 1.0, settings(), most=10000.0)
+    within = judge_hypotheses(rows, (push,), FREEDOM, 1.0, settings(), most=10000.0)
     assert within.verdict == "unknown"
     assert within.left == pytest.approx(0.9, abs=0.01)
 
@@ -78,11 +87,11 @@ def test_creep_that_never_comes_to_rest_is_a_spring() -> None:
     """As evident as a stiffness, it is as likely; not so if it takes as long as the recording."""
     spring, creep = one("linear_stiffness", 90.0), one("creep", 90.0)
     names = ["linear_stiffness", "creep"]
-    alike = standings(ranking(spring, creep, none=3.0), names, settings())
+    alike = log_posteriors(ranking(spring, creep, none=3.0), names, settings())
     assert alike["creep"] == pytest.approx(alike["linear_stiffness"])
     slow = np.array([0.0, creep.effects[0].effect.parameters[1].prior.unknown(8.0)])
     late = replace(creep, fit=replace(creep.fit, x=slow))
-    told = standings(ranking(spring, late, none=3.0), names, settings())
+    told = log_posteriors(ranking(spring, late, none=3.0), names, settings())
     assert told["creep"] < told["linear_stiffness"] - 3.0
 
 
@@ -115,15 +124,25 @@ def test_no_effect_and_a_sim_moved_beyond_belief_is_unknown() -> None:
 
 def test_doubt_in_the_best_explanation_or_in_none_speaks_for_unknown() -> None:
     best = one("coulomb_friction", 400.0)
-    said = judge(
-        ranking(best, none=3.0), [best], FREEDOM, 1.0, settings(), doubt=lambda one: Doubt(0.8, "loose")
+    said = judge_hypotheses(
+        ranking(best, none=3.0),
+        [best],
+        FREEDOM,
+        1.0,
+        settings(),
+        doubt=lambda one: Implausibility(0.8, "loose"),
     )
     assert (said.verdict, said.doubted) == ("unknown", "loose")
     assert said.probabilities["unknown"] == pytest.approx(0.8, abs=0.02)
     nothing = ranking(one("creep", -3.0), none=1.0)
     asked = []
-    said = judge(
-        nothing, [], FREEDOM, 1.0, settings(), doubt=lambda one: asked.append(one) or Doubt(0.9, "loose")
+    said = judge_hypotheses(
+        nothing,
+        [],
+        FREEDOM,
+        1.0,
+        settings(),
+        doubt=lambda one: asked.append(one) or Implausibility(0.9, "loose"),
     )
     assert said.verdict == "unknown"
     assert asked == [nothing.none]
@@ -159,7 +178,7 @@ def test_probabilities_are_a_distribution_over_the_catalogue_none_and_unknown() 
 def test_what_is_left_out_of_the_catalogue_gets_no_probability() -> None:
     config = replace(settings(), without=["creep"])
     best = one("coulomb_friction", 50.0)
-    said = judge(ranking(best, none=2.0), [best], FREEDOM, 1.0, config)
+    said = judge_hypotheses(ranking(best, none=2.0), [best], FREEDOM, 1.0, config)
     assert "creep" not in said.probabilities
 
 
@@ -172,16 +191,18 @@ def test_the_same_effect_at_many_places_is_not_the_likelier_for_it() -> None:
 
 def test_what_evidence_cannot_separate_is_reported_as_a_class() -> None:
     delay, lag, gain = one("input_delay", 80.0), one("input_lag", 76.0), one("creep", 75.0)
-    assert equivalents(ranking(delay, lag, gain, none=3.0)) == (("input_delay", "input_lag"),)
-    assert equivalents(ranking(delay, one("input_lag", 60.0), none=3.0)) == ()
-    assert equivalents(ranking(delay, one("creep", 78.5), none=3.0)) == (("input_delay", "creep"),)
-    assert equivalents(ranking(one("input_delay", -1.0), none=1.0)) == ()
+    assert find_equivalent_effects(ranking(delay, lag, gain, none=3.0)) == (("input_delay", "input_lag"),)
+    assert find_equivalent_effects(ranking(delay, one("input_lag", 60.0), none=3.0)) == ()
+    assert find_equivalent_effects(ranking(delay, one("creep", 78.5), none=3.0)) == (
+        ("input_delay", "creep"),
+    )
+    assert find_equivalent_effects(ranking(one("input_delay", -1.0), none=1.0)) == ()
 
 
 def test_intervals_are_laplaces_made_wider_and_respect_the_bound() -> None:
     fit = replace(fitted(1.0, 3), x=np.array([0.1, 2.0, 0.0]), curvature=np.diag([400.0, 100.0, 1.0]))
-    low, high = interval(
-        Explained((Instance(catalogue()["external_periodic_force"], UNIT),), fit), np.zeros(0),
+    low, high = laplace_interval(
+        HypothesisFit((PlacedEffect(catalogue()["external_periodic_force"], UNIT),), fit), np.zeros(0),
         [HalfNormal(1e3), Normal(1e3), Normal(1e3)], temper=4.0,
     )  # fmt: skip
     near, far = (1.645 * (WIDER * spread + ROUGH) for spread in (0.1, 0.2))

@@ -4,24 +4,29 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from lagsplat.diagnose.estimation.dataset import Record
-from lagsplat.diagnose.estimation.nuisance import flat
-from lagsplat.diagnose.identification.weak_form import model_of, observe, regressors, solve
-from lagsplat.diagnose.mechanics.basis import polynomial, with_angles
-from lagsplat.diagnose.mechanics.model import Model
+from lagsplat.diagnose.estimation.dataset import Dataset
+from lagsplat.diagnose.estimation.nuisance import flatten_coefficients
+from lagsplat.diagnose.identification.weak_form import (
+    build_model,
+    build_regressors,
+    build_weak_form_samples,
+    solve_ridge,
+)
+from lagsplat.diagnose.mechanics.basis import add_angle_functions, make_polynomial_basis
+from lagsplat.diagnose.mechanics.model import MechanicalModel
 from lagsplat.diagnose.mechanics.structure import (
-    Form,
-    bases,
-    degrees,
-    enlarged,
-    free_directions,
-    grown,
-    moved,
+    ModelStructure,
+    build_candidate_bases,
+    list_field_sizes,
+    list_free_directions,
+    list_larger_structures,
+    pad_model,
+    shift_coefficients,
 )
 from tests.unit.diagnose.toys import GAIN, HARD, OMEGA, RATE, coupled, film, oscillator, wave
 
 
-def recorded(model: Model, start: list[float], *, seconds: float, u: list) -> Record:
+def recorded(model: MechanicalModel, start: list[float], *, seconds: float, u: list) -> Dataset:
     """A true motion of a model with smooth inputs, and its true velocities."""
     d, time = model.d, np.arange(round(seconds * 100)) / 100
 
@@ -33,13 +38,13 @@ def recorded(model: Model, start: list[float], *, seconds: float, u: list) -> Re
     inputs = np.array([[one(t) for one in u] for t in time])
     cut = len(time) // 2 - 7
     clips = np.array([[0, cut], [cut, len(time)]])
-    return Record(time, y[:, :d], y[:, d:], inputs, clips, ("made",), np.zeros(2, np.int64), (0.0,))
+    return Dataset(time, y[:, :d], y[:, d:], inputs, clips, ("made",), np.zeros(2, np.int64), (0.0,))
 
 
 def test_test_functions_stay_within_clips_and_integrate_to_nothing_in_their_rate() -> None:
     record = recorded(oscillator(), [0.8, 0.0], seconds=6.0, u=[wave()])
-    samples = observe(
-        polynomial(4, centre=np.zeros(1), scale=np.ones(1)),
+    samples = build_weak_form_samples(
+        make_polynomial_basis(4, centre=np.zeros(1), scale=np.ones(1)),
         record,
         record.q,
         record.v,
@@ -58,9 +63,9 @@ def test_test_functions_stay_within_clips_and_integrate_to_nothing_in_their_rate
 def test_the_weak_equations_hold_of_a_coupled_mechanism_with_every_kind_of_loss() -> None:
     model = coupled()
     record = recorded(model, [0.5, -0.4, 0.0, 0.6], seconds=4.0, u=[wave(), wave(1)])
-    samples = observe(model.basis, record, record.q, record.v, width_s=0.6, speed=model.width)
-    form = Form(model.basis.size, 3, model.basis.size, 3, dry=True, drag=True)
-    rows, known, names = regressors(samples, form)
+    samples = build_weak_form_samples(model.basis, record, record.q, record.v, width_s=0.6, speed=model.width)
+    form = ModelStructure(model.basis.size, 3, model.basis.size, 3, dry=True, drag=True)
+    rows, known, names = build_regressors(samples, form)
     # in units in which the trace of the constant inertia is d
     unit = np.trace(model.mass[0]) / 2
     truth = []
@@ -74,10 +79,10 @@ def test_the_weak_equations_hold_of_a_coupled_mechanism_with_every_kind_of_loss(
 def test_an_oscillator_is_given_back_from_its_motion() -> None:
     model = oscillator()
     record = recorded(model, [0.8, 0.0], seconds=6.0, u=[wave()])
-    samples = observe(model.basis, record, record.q, record.v, width_s=0.5, speed=np.ones(1))
-    form = Form(1, 1, model.basis.size, 1)
-    rows, known, names = regressors(samples, form)
-    found = model_of(samples, form, solve(rows, known, 1e-10), names, np.zeros(1))
+    samples = build_weak_form_samples(model.basis, record, record.q, record.v, width_s=0.5, speed=np.ones(1))
+    form = ModelStructure(1, 1, model.basis.size, 1)
+    rows, known, names = build_regressors(samples, form)
+    found = build_model(samples, form, solve_ridge(rows, known, 1e-10), names, np.zeros(1))
     assert found.mass[0, 0, 0] == 1.0
     assert found.damping[0, 0, 0] == pytest.approx(RATE, rel=1e-3)
     assert found.input_map[0, 0, 0] == pytest.approx(GAIN, rel=1e-3)
@@ -87,34 +92,38 @@ def test_an_oscillator_is_given_back_from_its_motion() -> None:
 def test_ridge_shrinks_and_vanishes() -> None:
     rng = np.random.default_rng(0)
     rows, truth = rng.normal(size=(200, 3)) * [1.0, 1e3, 1e-3], np.array([1.0, 2e-3, -3e3])
-    assert solve(rows, rows @ truth, 1e-12) == pytest.approx(truth, rel=1e-6)
-    shrunk = solve(rows, rows @ truth, 1.0)
+    assert solve_ridge(rows, rows @ truth, 1e-12) == pytest.approx(truth, rel=1e-6)
+    shrunk = solve_ridge(rows, rows @ truth, 1.0)
     assert (np.abs(shrunk) < 0.7 * np.abs(truth)).all()
 
 
 def test_fields_grow_by_whole_degrees_and_stay_what_they_were() -> None:
     q = np.random.default_rng(0).uniform(-1.0, 1.0, (50, 2))
-    plain, angles = bases(q, degree=3)
-    assert degrees(plain) == [1, 3, 6, 10]
-    assert degrees(angles)[-1] == angles.size
-    model, form = coupled(), Form(1, 1, 6, 1)
-    for larger in grown(form, with_angles(plain, np.array([[1, 0]])), driven=True):
+    plain, angles = build_candidate_bases(q, degree=3)
+    assert list_field_sizes(plain) == [1, 3, 6, 10]
+    assert list_field_sizes(angles)[-1] == angles.size
+    model, form = coupled(), ModelStructure(1, 1, 6, 1)
+    for larger in list_larger_structures(form, add_angle_functions(plain, np.array([[1, 0]])), driven=True):
         assert larger.order > form.order
-    roomy = enlarged(model, Form(12, 6, 12, 6))
+    roomy = pad_model(model, ModelStructure(12, 6, 12, 6))
     states = q, np.ones((50, 2)), np.ones((50, 2))
     assert roomy.acceleration(*states) == pytest.approx(model.acceleration(*states), rel=1e-12)
-    assert len(bases(0.2 * q, degree=3)) == 1  # over a small range angles are as good as polynomials
+    assert (
+        len(build_candidate_bases(0.2 * q, degree=3)) == 1
+    )  # over a small range angles are as good as polynomials
 
 
 def test_every_free_direction_moves_the_acceleration_and_no_two_the_same_way() -> None:
     """The trace of the inertia, the constant of the potential and its scale are not free."""
-    model, form = coupled(), Form(3, 3, 6, 3, dry=True, drag=True)
-    moves = free_directions(model, form, np.ones(2))
-    assert moves.shape[1] == len(flat(model))
+    model, form = coupled(), ModelStructure(3, 3, 6, 3, dry=True, drag=True)
+    moves = list_free_directions(model, form, np.ones(2))
+    assert moves.shape[1] == len(flatten_coefficients(model))
     rng = np.random.default_rng(0)
     q, v, u = (rng.normal(0.0, 0.6, (60, 2)) for _ in range(3))
     still = model.acceleration(q, v, u)
-    effect = np.array([(moved(model, 1e-5 * move).acceleration(q, v, u) - still).ravel() for move in moves])
+    effect = np.array(
+        [(shift_coefficients(model, 1e-5 * move).acceleration(q, v, u) - still).ravel() for move in moves]
+    )
     size = np.linalg.norm(effect, axis=1)
     assert (size > 0.0).all()
     assert np.linalg.matrix_rank(effect / size[:, None], tol=1e-4) == len(moves)

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.inference.evidence import Explained
-from lagsplat.diagnose.inference.model_selection import Effort
-from lagsplat.diagnose.inference.problem import Contest, correlation
-from lagsplat.diagnose.inference.robustness import widened
+from lagsplat.diagnose.inference.evidence import HypothesisFit
+from lagsplat.diagnose.inference.model_selection import SearchBudget
+from lagsplat.diagnose.inference.problem import EstimationProblem, autocorrelation_time
+from lagsplat.diagnose.inference.robustness import inflate_noise
 from tests.unit.diagnose.toys import contest, film, own, settings, wave
 
 
@@ -17,29 +17,29 @@ def strange(t: float, q: float, v: float, u: float, z: np.ndarray) -> tuple[floa
     return own(q, v, u) - 4.0 * np.cos(5.0 * q) * v, []
 
 
-def plain(one: Contest) -> Explained:
-    return Explained((), one.fit((), np.zeros(one.bench.nuisance.size)))
+def plain(one: EstimationProblem) -> HypothesisFit:
+    return HypothesisFit((), one.fit((), np.zeros(one.bench.nuisance.size)))
 
 
 @pytest.fixture(scope="module")
-def odd() -> Contest:
+def odd() -> EstimationProblem:
     return contest([film(strange, u=wave(), noise=0.001, seconds=16.0)])
 
 
-def test_what_is_left_counts_as_noise_where_nothing_explains(odd: Contest) -> None:
-    effort = Effort.of(settings(), nominal=1.0)
+def test_what_is_left_counts_as_noise_where_nothing_explains(odd: EstimationProblem) -> None:
+    effort = SearchBudget.of(settings(), nominal=1.0)
     none = plain(odd)
-    wide = widened(odd, effort, none)
+    wide = inflate_noise(odd, effort, none)
     assert wide is not None
     dear, effort_there = wide
     each = [(row[:n] ** 2).mean() for row, n in zip(none.fit.residual, odd.windows.length, strict=True)]
-    left, alike = np.median(each), correlation(none.fit.residual, odd.windows.length)
+    left, alike = np.median(each), autocorrelation_time(none.fit.residual, odd.windows.length)
     assert left > 100.0
     assert dear.price == pytest.approx(left * alike)
     assert effort_there.temper == pytest.approx(max(effort.temper, alike))
     deviation = odd.bench.nuisance.deviation
 
-    def far(one: Explained) -> float:
+    def far(one: HypothesisFit) -> float:
         return float(np.abs(one.fit.x / deviation).max())
 
     there = plain(dear)
@@ -49,12 +49,14 @@ def test_what_is_left_counts_as_noise_where_nothing_explains(odd: Contest) -> No
 
 def test_near_the_noise_nothing_changes() -> None:
     quiet = contest([film(u=wave(), noise=0.01, seconds=8.0)])
-    assert widened(quiet, Effort.of(settings(), nominal=1.0), plain(quiet)) is None
+    assert inflate_noise(quiet, SearchBudget.of(settings(), nominal=1.0), plain(quiet)) is None
 
 
-def test_a_sim_that_misses_its_own_recordings_is_not_asked_for_more(odd: Contest) -> None:
+def test_a_sim_that_misses_its_own_recordings_is_not_asked_for_more(odd: EstimationProblem) -> None:
     none = plain(odd)
-    assert widened(odd, Effort.of(settings(), nominal=none.fit.misfit / odd.freedom), none) is None
+    assert (
+        inflate_noise(odd, SearchBudget.of(settings(), nominal=none.fit.misfit / odd.freedom), none) is None
+    )
 
 
 def test_a_push_in_one_stretch_says_nothing_of_the_law() -> None:
@@ -65,4 +67,4 @@ def test_a_push_in_one_stretch_says_nothing_of_the_law() -> None:
     residual[2] *= 30.0
     loud = replace(none, fit=replace(none.fit, residual=residual, misfit=float((residual**2).sum())))
     assert loud.fit.misfit > 10.0 * quiet.freedom
-    assert widened(quiet, Effort.of(settings(), nominal=1.0), loud) is None
+    assert inflate_noise(quiet, SearchBudget.of(settings(), nominal=1.0), loud) is None

@@ -8,10 +8,10 @@ from scipy.integrate import solve_ivp
 
 from lagsplat.config.compose import compose
 from lagsplat.diagnose.core.config import DiagnoseConfig
-from lagsplat.diagnose.identification.estimated_simulator import Sim
-from lagsplat.diagnose.inference.problem import Contest, stand
-from lagsplat.diagnose.mechanics.basis import polynomial, with_angles
-from lagsplat.diagnose.mechanics.model import Model
+from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
+from lagsplat.diagnose.inference.problem import EstimationProblem, build_problem
+from lagsplat.diagnose.mechanics.basis import add_angle_functions, make_polynomial_basis
+from lagsplat.diagnose.mechanics.model import MechanicalModel
 from lagsplat.io.trajectory.trajectory import Motion
 
 OMEGA, RATE, GAIN = 2.0 * np.pi, 0.3, 8.0
@@ -20,10 +20,10 @@ HARD = 6.0
 """Its cubic stiffness [1/s^2]."""
 
 
-def oscillator(*, n_u: int = 1, hard: float = HARD) -> Model:
+def oscillator(*, n_u: int = 1, hard: float = HARD) -> MechanicalModel:
     """``a = -omega^2 q - hard q^3 - rate v + gain u``."""
-    basis = polynomial(4, centre=np.zeros(1), scale=np.ones(1))
-    return Model(
+    basis = make_polynomial_basis(4, centre=np.zeros(1), scale=np.ones(1))
+    return MechanicalModel(
         basis=basis,
         mass=np.ones((1, 1, 1)),
         damping=np.full((1, 1, 1), RATE),
@@ -93,16 +93,17 @@ def settings() -> DiagnoseConfig:
     return compose().diagnose
 
 
-def contest(real: Sequence[Motion], *, model: Model | None = None) -> Contest:
+def contest(real: Sequence[Motion], *, model: MechanicalModel | None = None) -> EstimationProblem:
     """The contest of an exactly known oscillator with ``real``."""
     known = model or oscillator(n_u=real[0].n_u)
-    return stand(Sim.exact(known), real, settings())[0]
+    return build_problem(EstimatedSimulator.exact(known), real, settings())[0]
 
 
-def coupled() -> Model:
+def coupled() -> MechanicalModel:
     """Two coordinates with inertia that depends on them, every kind of friction and two inputs."""
-    basis = with_angles(
-        polynomial(2, centre=np.zeros(2), scale=np.full(2, 0.8)), np.array([[1, 0], [0, 1], [1, -1]])
+    basis = add_angle_functions(
+        make_polynomial_basis(2, centre=np.zeros(2), scale=np.full(2, 0.8)),
+        np.array([[1, 0], [0, 1], [1, -1]]),
     )
     mass = np.zeros((basis.size, 2, 2))
     mass[0] = [[2.0, 0.2], [0.2, 1.0]]
@@ -115,7 +116,7 @@ def coupled() -> Model:
     input_map = np.zeros((3, 2, 2))
     input_map[0] = [[6.0, 0.0], [1.0, 4.0]]
     input_map[2, 0] = [0.5, 0.5]
-    return Model(
+    return MechanicalModel(
         basis=basis,
         mass=mass,
         damping=damping,
