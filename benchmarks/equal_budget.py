@@ -18,7 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from lagsplat.config.compose import Config, compose
+from lagsplat.config.compose import compose
+from lagsplat.config.schema import Config
 from lagsplat.evaluate.aggregate import paired_margin
 from lagsplat.io.files.json_files import load_json
 from lagsplat.report.tables.benchmark import SCORE

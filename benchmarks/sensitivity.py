@@ -18,12 +18,12 @@ from benchmarks.diagnose import CASES
 from benchmarks.gapgen.make import make_one
 from lagsplat.config.compose import compose
 from lagsplat.diagnose.data_quality.natural_period import rough_period_s
-from lagsplat.diagnose.estimation.dataset import cut_windows, prepare
-from lagsplat.diagnose.estimation.multiple_shooting import Data, derivatives
-from lagsplat.diagnose.estimation.rollout import Moving
-from lagsplat.diagnose.identification.estimated_simulator import setting_of
-from lagsplat.diagnose.identification.structure_search import identify
-from lagsplat.diagnose.mechanics.structure import free_directions
+from lagsplat.diagnose.estimation.dataset import cut_windows, prepare_dataset
+from lagsplat.diagnose.estimation.multiple_shooting import ShootingData, differentiate_predictions
+from lagsplat.diagnose.estimation.rollout import ParameterSensitivity
+from lagsplat.diagnose.identification.estimated_simulator import make_identification_settings
+from lagsplat.diagnose.identification.structure_search import identify_model
+from lagsplat.diagnose.mechanics.structure import list_free_directions
 from lagsplat.diagnose.simulators.sources import find_sources, read_sources
 
 REPEATS = 5
@@ -43,21 +43,25 @@ def compare(case: str, folder: Path) -> str:
     """One line: unknowns, times, their ratio."""
     make_one((case, CASES[case], 1, "speed", str(folder), "T0"))
     config = compose().diagnose
-    setting = setting_of(config)
+    setting = make_identification_settings(config)
     motions = read_sources(find_sources(f"{folder}/data/{case}/sim_*.csv"))
     period_s = rough_period_s(motions)
-    ready = prepare(motions, period_s=period_s)
+    ready = prepare_dataset(motions, period_s=period_s)
     windows = cut_windows(ready.record, length_s=config.window_periods * period_s, least=12)
-    found = identify(ready.record, ready.smooth, ready.sigma, period_s, setting, windows, held=False)
-    moves = free_directions(found.model, found.form, np.std(ready.record.v, axis=0))
+    found = identify_model(ready.record, ready.smooth, ready.sigma, period_s, setting, windows, held=False)
+    moves = list_free_directions(found.model, found.form, np.std(ready.record.v, axis=0))
     steps = max(1, int(np.ceil(ready.record.dt_s * setting.steps_per_period / period_s)))
-    moving = Moving(found.model, ready.record, found.windows, moves, ready.smooth, steps, held=False)
+    moving = ParameterSensitivity(
+        found.model, ready.record, found.windows, moves, ready.smooth, steps, held=False
+    )
     scale = np.concatenate([np.std(ready.record.q, axis=0), np.std(ready.record.v, axis=0)])
     weight = found.windows.mask()[..., None] / ready.sigma
-    data = Data(found.windows.take(ready.record.q), weight, 1e-4 * scale)
+    data = ShootingData(found.windows.take(ready.record.q), weight, 1e-4 * scale)
     x, starts = np.zeros(len(moves)), found.fit.starts
     exact = seconds(lambda: moving.derivatives(x, starts, data))
-    by_differences = seconds(lambda: derivatives(moving, x, starts, data, np.full(len(x), 1e-5)))
+    by_differences = seconds(
+        lambda: differentiate_predictions(moving, x, starts, data, np.full(len(x), 1e-5))
+    )
     return (
         f"{case}: {len(moves)} coefficients and {len(starts)} starts of {starts.shape[1]}: exact "
         f"{1e3 * exact:.1f} ms, differences {1e3 * by_differences:.1f} ms, "

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from lagsplat.config.compose import Config
+from lagsplat.config.schema import Config
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "lagsplat"

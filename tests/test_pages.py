@@ -1,9 +1,13 @@
 """Pages: links lead somewhere, pages are short and have a figure, the glossary explains the terms."""
 
 import re
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
+from types import ModuleType
 
 import pytest
+
+from lagsplat.diagnose.effects.registry import catalogue
 
 ROOT = Path(__file__).parents[1]
 DOCS = sorted((ROOT / "docs").rglob("*.md"))
@@ -91,3 +95,24 @@ def test_the_walks_are_short_and_each_file_belongs_to_its_walk() -> None:
         for file in walk[1:-1]:
             module = file.removesuffix(".py").replace("/", ".")
             assert any(module in source for source in sources), f"no file of the walk imports {file}"
+
+
+@pytest.fixture(scope="module")
+def generate() -> ModuleType:
+    """What makes parts of the pages from the code."""
+    spec = spec_from_file_location("generate", ROOT / "docs" / "site" / "generate.py")
+    assert spec is not None and spec.loader is not None
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_catalogue_of_effects_is_complete(generate: ModuleType) -> None:
+    page = generate.fill("<!-- generated: effects -->")
+    assert sorted(re.findall(r"^### `(\w+)`", page, flags=re.MULTILINE)) == sorted(catalogue())
+
+
+def test_every_public_name_is_described_once(generate: ModuleType) -> None:
+    pages = [page.read_text() for page in (ROOT / "docs" / "reference" / "api").glob("*.md")]
+    described = re.findall(r"^::: ([\w.]+)$", "\n".join(map(generate.fill, pages)), flags=re.MULTILINE)
+    assert sorted(described) == sorted(f"{module}.{name}" for name, module in generate.public_names().items())

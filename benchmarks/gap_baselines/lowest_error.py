@@ -14,14 +14,14 @@ from benchmarks.gap_baselines.case import Case
 from benchmarks.gap_baselines.said import Said
 from lagsplat.diagnose.core.config import DiagnoseConfig
 from lagsplat.diagnose.core.result import Block
-from lagsplat.diagnose.effects.base import Instance
-from lagsplat.diagnose.estimation.dataset import Windows
-from lagsplat.diagnose.identification.estimated_simulator import sim_of
-from lagsplat.diagnose.inference.holdout import BURN_IN, Forecast, blocks_of, forecast, halves
-from lagsplat.diagnose.inference.model_selection import pursue
-from lagsplat.diagnose.inference.placement import hints, instances
-from lagsplat.diagnose.inference.problem import Contest, stand
-from lagsplat.diagnose.inference.score_test import screen
+from lagsplat.diagnose.effects.base import PlacedEffect
+from lagsplat.diagnose.estimation.dataset import WindowSet
+from lagsplat.diagnose.identification.estimated_simulator import estimate_simulator
+from lagsplat.diagnose.inference.holdout import BURN_IN, Forecast, cut_blocks, forecast_blocks, split_windows
+from lagsplat.diagnose.inference.model_selection import fit_candidate
+from lagsplat.diagnose.inference.placement import extract_hints, place_effects
+from lagsplat.diagnose.inference.problem import EstimationProblem, build_problem
+from lagsplat.diagnose.inference.score_test import score_test
 from lagsplat.diagnose.residual.latent_force import smooth
 
 
@@ -33,23 +33,26 @@ def lowest_error(case: Case, config: DiagnoseConfig) -> Said:
     Raises:
         ValueError: the motions are too short for a single window or block.
     """
-    contest, _, natural = stand(sim_of(case.sim, config), case.real, config)
+    contest, _, natural = build_problem(estimate_simulator(case.sim, config), case.real, config)
     bench = replace(contest.bench, nuisance=contest.bench.nuisance.pinned())
     contest = replace(contest, bench=bench)
-    half, held = halves(contest)
-    blocks = blocks_of(contest, held, period_s=natural.longest_s)
+    half, held = split_windows(contest)
+    blocks = cut_blocks(contest, held, period_s=natural.longest_s)
     offers = _offers(contest, case, natural.longest_s, config)
     fit = half.fit((), np.zeros(contest.bench.nuisance.size))
-    error, sims = {"none": _error(contest, blocks, (), fit.x)}, forecast(contest, blocks, (), 0.0 * fit.x)
-    place: dict[str, Instance] = {}
+    error, sims = (
+        {"none": _error(contest, blocks, (), fit.x)},
+        forecast_blocks(contest, blocks, (), 0.0 * fit.x),
+    )
+    place: dict[str, PlacedEffect] = {}
     told: dict[str, Forecast] = {}
-    for lead in screen(half, (), fit, offers):
+    for lead in score_test(half, (), fit, offers):
         name = lead.instance.effect.name
         if name in place:
             continue  # its best place stands first
         place[name] = lead.instance
-        x = pursue(half, (), fit, lead, starts=1).fit.x
-        told[name] = forecast(contest, blocks, (lead.instance,), x)
+        x = fit_candidate(half, (), fit, lead, starts=1).fit.x
+        told[name] = forecast_blocks(contest, blocks, (lead.instance,), x)
         error[name] = _square(contest, blocks, told[name])
     least = min(error.values())
     scores = {n: -0.5 * len(blocks.first) * np.log(e / least) for n, e in error.items() if np.isfinite(e)}
@@ -63,29 +66,35 @@ def lowest_error(case: Case, config: DiagnoseConfig) -> Said:
     return Said(probability, coordinate, at.input_name, blocks=_blocks(contest, blocks, sims, told[first]))
 
 
-def _offers(contest: Contest, case: Case, period_s: float, config: DiagnoseConfig) -> list[Instance]:
+def _offers(
+    contest: EstimationProblem, case: Case, period_s: float, config: DiagnoseConfig
+) -> list[PlacedEffect]:
     smoothed = smooth(contest.bench.model, case.real, period_s=period_s, hold=config.input_hold)
-    return instances(
+    return place_effects(
         contest.bench,
-        hints(smoothed, period_s=period_s),
+        extract_hints(smoothed, period_s=period_s),
         q_names=case.real[0].q_names,
         u_names=case.real[0].u_names,
         without=config.without,
     )
 
 
-def _error(contest: Contest, blocks: Windows, effects: tuple[Instance, ...], x: np.ndarray) -> float:
-    return _square(contest, blocks, forecast(contest, blocks, effects, x))
+def _error(
+    contest: EstimationProblem, blocks: WindowSet, effects: tuple[PlacedEffect, ...], x: np.ndarray
+) -> float:
+    return _square(contest, blocks, forecast_blocks(contest, blocks, effects, x))
 
 
-def _square(contest: Contest, blocks: Windows, said: Forecast) -> float:
+def _square(contest: EstimationProblem, blocks: WindowSet, said: Forecast) -> float:
     """Mean square past the burn-in, in each coordinate's rms; infinite where a forecast escapes."""
     q = contest.bench.record.q
     wrong = ((said.y - blocks.take(q)) / np.std(q, axis=0))[:, BURN_IN:]
     return float(np.mean(wrong**2)) if np.isfinite(wrong).all() else float("inf")
 
 
-def _blocks(contest: Contest, blocks: Windows, sim: Forecast, augmented: Forecast) -> tuple[Block, ...]:
+def _blocks(
+    contest: EstimationProblem, blocks: WindowSet, sim: Forecast, augmented: Forecast
+) -> tuple[Block, ...]:
     record = contest.bench.record
     real = blocks.take(record.q)
     whole = []

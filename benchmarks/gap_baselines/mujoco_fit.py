@@ -20,7 +20,7 @@ from benchmarks.gap_baselines.mujoco_model import KINDS, Drawn, draw, gear_field
 from benchmarks.gap_baselines.said import Said
 from lagsplat.diagnose.core.config import DiagnoseConfig
 from lagsplat.diagnose.data_quality.natural_period import rough_period_s
-from lagsplat.diagnose.estimation.dataset import Prepared, cut_windows, prepare
+from lagsplat.diagnose.estimation.dataset import PreparedDataset, cut_windows, prepare_dataset
 from lagsplat.io.trajectory.trajectory import Motion
 
 ITERATIONS = 12
@@ -61,7 +61,7 @@ def mujoco_sysid(case: Case, config: DiagnoseConfig) -> Said:
             "MuJoCo does not express this mechanism"
         )
     period_s = rough_period_s(case.real)
-    ready = prepare(case.real, period_s=period_s)
+    ready = prepare_dataset(case.real, period_s=period_s)
     found = None
     for held in HELD:
         parameters, offered = _changes(drawn, ready, held)
@@ -98,7 +98,7 @@ def mujoco_sysid(case: Case, config: DiagnoseConfig) -> Said:
 def _nominal(motions: tuple[Motion, ...], d: int) -> tuple[Drawn, float]:
     """The mechanism that tells the nominal motions best, its parameters written into it, and its misfit."""
     period_s = rough_period_s(motions)
-    ready = prepare(motions, period_s=period_s)
+    ready = prepare_dataset(motions, period_s=period_s)
     best: tuple[Drawn, float] | None = None
     for kind in KINDS.get(d, ()):
         size = float(np.abs(ready.smooth).max())
@@ -114,7 +114,7 @@ def _nominal(motions: tuple[Motion, ...], d: int) -> tuple[Drawn, float]:
 
 
 def _fit(
-    spec: mujoco.MjSpec, parameters: sysid.ParameterDict, ready: Prepared, window_s: float
+    spec: mujoco.MjSpec, parameters: sysid.ParameterDict, ready: PreparedDataset, window_s: float
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Best parameters, the half widths of their 95 % intervals, and the rms residual in the rms of each q."""
     record, model = ready.record, spec.compile()
@@ -145,7 +145,7 @@ def _fit(
 
 
 def _sequence(
-    spec: mujoco.MjSpec, model: mujoco.MjModel, ready: Prepared, first: int, length: int, number: int
+    spec: mujoco.MjSpec, model: mujoco.MjModel, ready: PreparedDataset, first: int, length: int, number: int
 ) -> sysid.ModelSequences:
     """One window with its smoothed starting state, its inputs copied to the motors of every joint."""
     record, cut = ready.record, slice(first, first + length)
@@ -162,7 +162,7 @@ def _sequence(
 
 
 def _changes(
-    drawn: Drawn, ready: Prepared, held: tuple[str, ...]
+    drawn: Drawn, ready: PreparedDataset, held: tuple[str, ...]
 ) -> tuple[sysid.ParameterDict, list[Change]]:
     """Every change that the toolbox is offered but those ``held``, and what each one means."""
     model = drawn.spec.copy().compile()
@@ -202,7 +202,7 @@ def _changes(
     return out, changes
 
 
-def _inertia(model: mujoco.MjModel, ready: Prepared) -> np.ndarray:
+def _inertia(model: mujoco.MjModel, ready: PreparedDataset) -> np.ndarray:
     """Diagonal of the inertia matrix in the middle of the motion."""
     data = mujoco.MjData(model)
     data.qpos[:] = np.median(ready.smooth, axis=0)
@@ -212,12 +212,12 @@ def _inertia(model: mujoco.MjModel, ready: Prepared) -> np.ndarray:
     return np.diag(whole).copy()
 
 
-def _inertial(model: mujoco.MjModel, ready: Prepared) -> np.ndarray:
+def _inertial(model: mujoco.MjModel, ready: PreparedDataset) -> np.ndarray:
     """RMS inertial force of every joint."""
     return _inertia(model, ready) * np.sqrt(np.mean(ready.acceleration**2, axis=0))
 
 
-def _unit_force(change: Change, model: mujoco.MjModel, ready: Prepared, force: np.ndarray) -> float:
+def _unit_force(change: Change, model: mujoco.MjModel, ready: PreparedDataset, force: np.ndarray) -> float:
     """RMS force of a unit of change, in the inertial force of its joint; of a delay the shift it makes."""
     record = ready.record
     if change.joint is None:

@@ -13,9 +13,9 @@ from scipy.integrate import cumulative_trapezoid
 from benchmarks.gap_baselines.case import Case
 from lagsplat.diagnose.core.config import DiagnoseConfig
 from lagsplat.diagnose.data_quality.natural_period import rough_period_s
-from lagsplat.diagnose.estimation.dataset import Record, prepare
-from lagsplat.diagnose.identification.estimated_simulator import sim_of
-from lagsplat.diagnose.mechanics.model import Model
+from lagsplat.diagnose.estimation.dataset import Dataset, prepare_dataset
+from lagsplat.diagnose.identification.estimated_simulator import estimate_simulator
+from lagsplat.diagnose.mechanics.model import MechanicalModel
 
 SLOW = 0.05
 """Share of the rms speed below which a sign is not one."""
@@ -53,9 +53,9 @@ def residual_of(case: Case, config: DiagnoseConfig) -> Residual:
     Raises:
         ValueError: nothing moves, or no clip is long enough for a window.
     """
-    model = sim_of(case.sim, config).model
+    model = estimate_simulator(case.sim, config).model
     period_s = rough_period_s(case.real)
-    ready = prepare(case.real, period_s=period_s)
+    ready = prepare_dataset(case.real, period_s=period_s)
     record, q = ready.record, ready.smooth
     nominal = model.acceleration(q, record.v, record.u)
     speed = record.v.copy()
@@ -67,7 +67,7 @@ def residual_of(case: Case, config: DiagnoseConfig) -> Residual:
 
 
 def _terms(
-    model: Model, record: Record, q: np.ndarray, nominal: np.ndarray, speed: np.ndarray, i: int
+    model: MechanicalModel, record: Dataset, q: np.ndarray, nominal: np.ndarray, speed: np.ndarray, i: int
 ) -> list[Term]:
     """Every term that a static library can hold for coordinate ``i``."""
     v, s = record.v[:, i], q[:, i] - model.rest[i]
@@ -95,7 +95,7 @@ def _terms(
     return [term for term in out if np.ptp(term.values) > 0.0 or term.name == "constant_force"]
 
 
-def _driven(model: Model, record: Record, q: np.ndarray, i: int, j: int) -> list[Term]:
+def _driven(model: MechanicalModel, record: Dataset, q: np.ndarray, i: int, j: int) -> list[Term]:
     """Terms of input ``j``: its gain, its rate, what a dead zone and a limit take from it."""
     alone = np.zeros_like(record.u)
     alone[:, j] = record.u[:, j]
@@ -113,7 +113,7 @@ def _driven(model: Model, record: Record, q: np.ndarray, i: int, j: int) -> list
     ]
 
 
-def _line(record: Record, speed: np.ndarray) -> list[Term]:
+def _line(record: Dataset, speed: np.ndarray) -> list[Term]:
     """The force of the strongest line in the spectrum of the longest clip's unexplained speed."""
     start, stop = max(record.clips, key=lambda clip: clip[1] - clip[0])
     time, y = record.time[start:stop], speed[start:stop]

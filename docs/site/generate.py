@@ -4,7 +4,6 @@ A page asks for a part by a comment such as ``<!-- generated: effects -->``. Not
 """
 
 import ast
-import importlib
 import math
 import re
 from collections.abc import Callable
@@ -73,10 +72,11 @@ def _api(page: str) -> str:
 
 
 def _effects(_: str) -> str:
-    catalogue = importlib.import_module("lagsplat.diagnose.effects.registry").catalogue()
-    parts = []
+    from lagsplat.diagnose.effects.registry import catalogue
+
+    effects, parts = catalogue().values(), []
     for group, title in _groups().items():
-        chosen = [effect for effect in catalogue.values() if effect.group == group]
+        chosen = [effect for effect in effects if effect.group == group]
         if chosen:
             parts += [f"## {title}", *(_effect(effect) for effect in chosen)]
     return "\n\n".join(parts)
@@ -95,7 +95,8 @@ def _groups() -> dict[str, str]:
 
 
 def _effect(effect: Any) -> str:
-    units = importlib.import_module("lagsplat.diagnose.effects.base").UNITS
+    from lagsplat.diagnose.effects.parameters import UNITS
+
     lines = [f"### `{effect.name}`"]
     words = getattr(effect, "description", None)
     if words is not None:
@@ -103,7 +104,7 @@ def _effect(effect: Any) -> str:
     lines.append(f"Equation: `{effect.equation}`. A recording needs {effect.needs or 'nothing special'}.")
     if effect.parameters:
         rows = [
-            f"| {p.name} | {units[p.kind].replace('{', '').replace('}', '')} | {_prior(p.prior)} |"
+            f"| {p.name} | {UNITS[p.kind].replace('{', '').replace('}', '')} | {_prior(p.prior)} |"
             for p in effect.parameters
         ]
         lines.append("\n".join(["| parameter | unit | prior |", "|---|---|---|", *rows]))

@@ -15,7 +15,7 @@ from lagsplat.evaluate.config import EvaluateConfig
 from lagsplat.evaluate.evaluate import require_same_run
 from lagsplat.evaluate.protocol import beyond, held_out, initial_states
 from lagsplat.io.mcap.write import NumberTopic, PictureTopic, write_mcap
-from lagsplat.runs.run import Run
+from lagsplat.runs.run import FittedRun
 from lagsplat.stage1.autoencoder import decode_chunks
 from lagsplat.stage2.lagrangian import Lagrangian
 from lagsplat.stage2.rollout import rollout
@@ -34,7 +34,7 @@ class Motion:
     v: Float64[np.ndarray, "N d"]
 
 
-def export_mcap(run: Run, config: EvaluateConfig, out: Path) -> None:
+def export_mcap(run: FittedRun, config: EvaluateConfig, out: Path) -> None:
     """Write ``run`` to a new MCAP file at ``out``.
 
     Topics: ``/camera/recorded``, ``/camera/reconstruction``, ``/camera/prediction``, ``/latent/encoded``,
@@ -84,7 +84,7 @@ def encoded_motion(whole: Trajectory, smoothing_frames: float) -> Motion:
     return Motion(kept, smooth[kept], np.concatenate(slopes))
 
 
-def predict(run: Run, config: EvaluateConfig) -> Motion:
+def predict(run: FittedRun, config: EvaluateConfig) -> Motion:
     """One rollout over the longest held-out clip from its first scored frame, never re-anchored.
 
     It ends where it diverges, which is told. Inputs are the smoothed ones of the recording.
@@ -139,7 +139,7 @@ def _form(matrix: torch.Tensor, w: torch.Tensor) -> np.ndarray:
     return torch.einsum("bi,bij,bj->b", w, matrix.to(w), w).numpy()
 
 
-def _rendered(run: Run, q: Float64[np.ndarray, "N d"]) -> Iterator[np.ndarray]:
+def _rendered(run: FittedRun, q: Float64[np.ndarray, "N d"]) -> Iterator[np.ndarray]:
     for images in decode_chunks(run.autoencoder, run.chart.to_raw(q)):
         yield from np.round(255.0 * np.moveaxis(np.clip(images, 0.0, 1.0), 1, 3)).astype(np.uint8)
 

@@ -6,13 +6,14 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float64, UInt8
 
-from lagsplat.config.compose import Config, compose, options
+from lagsplat.config.compose import compose
+from lagsplat.config.schema import Config, options
 from lagsplat.diagnose.augmented.model import load_augmented
-from lagsplat.diagnose.augmented.simulate import Missing
+from lagsplat.diagnose.augmented.simulate import MissingAcceleration
 from lagsplat.forces.equilibrium import Held, hold
-from lagsplat.pipelines.apply_diagnosis import FILE
+from lagsplat.pipelines.apply_diagnosis import AUGMENTED_FILE
 from lagsplat.provenance import set_threads
-from lagsplat.runs.run import Run, open_run
+from lagsplat.runs.run import FittedRun, open_run
 from lagsplat.viewer.simulation.history import Recorded, recorded_of
 from lagsplat.viewer.simulation.session import Session, Snapshot
 
@@ -65,13 +66,13 @@ def export_page(folder: Path, experiment: Config, out: Path) -> None:
     save_page(out, session, title=title[:1].upper() + title[1:], subtitle=subtitle)
 
 
-def pushable(run: Run, experiment: Config) -> Session:
+def pushable(run: FittedRun, experiment: Config) -> Session:
     """A run at rest, ready to be pushed."""
     held, recorded = held_run(run)
     return Session(held, recorded, experiment.viewer, experiment.forces)
 
 
-def held_run(run: Run) -> tuple[Held, Recorded]:
+def held_run(run: FittedRun) -> tuple[Held, Recorded]:
     """A run at rest under its mean inputs, and what its recording offers."""
     recorded = recorded_of(run.chart, names=run.recording.input_names, units=run.recording.input_units)
     return hold(run.autoencoder, run.chart, run.lagrangian), recorded
@@ -89,7 +90,7 @@ def title_of(folder: Path) -> str:
     return folder.resolve().name
 
 
-def _frames(run: Run) -> Callable[[int], UInt8[np.ndarray, "H W 3"]]:
+def _frames(run: FittedRun) -> Callable[[int], UInt8[np.ndarray, "H W 3"]]:
     def frame(number: int) -> UInt8[np.ndarray, "H W 3"]:
         return np.asarray(run.recording.frames[number])
 
@@ -97,7 +98,9 @@ def _frames(run: Run) -> Callable[[int], UInt8[np.ndarray, "H W 3"]]:
 
 
 def _residual(diagnosis: Path, session: Session) -> Callable[[Snapshot], Float64[np.ndarray, " d"]]:
-    missing = Missing(load_augmented(diagnosis / FILE if diagnosis.is_dir() else diagnosis))
+    missing = MissingAcceleration(
+        load_augmented(diagnosis / AUGMENTED_FILE if diagnosis.is_dir() else diagnosis)
+    )
     try:
         missing.acceleration(session.q, session.v, session.u)
     except ValueError as error:

@@ -3,7 +3,7 @@
 import hashlib
 from pathlib import Path
 
-from lagsplat.config.compose import Config
+from lagsplat.config.schema import Config
 from lagsplat.planning.plan import Overrides, compose_for, script_digest
 
 Road = dict[str, tuple[object, str]]

@@ -14,7 +14,8 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from lagsplat.config.compose import Config, ConfigError, closest, compose, key_of, options
+from lagsplat.config.compose import ConfigError, closest, compose, key_of
+from lagsplat.config.schema import Config, options
 from lagsplat.io.video.clips import find_clips
 from lagsplat.provenance import code_digest
 from lagsplat.views.rig import read_rig
@@ -32,7 +33,7 @@ class Overrides:
 
 
 @dataclass(frozen=True)
-class Run:
+class PlannedRun:
     """Identity of one trained simulation: the wildcards of its path."""
 
     profile: str
@@ -45,7 +46,7 @@ class Run:
 
 
 @dataclass(frozen=True)
-class BaselineRun:
+class PlannedBaseline:
     """Identity of one baseline on one recording: the wildcards of its path."""
 
     profile: str
@@ -56,7 +57,7 @@ class BaselineRun:
 
 
 @dataclass(frozen=True)
-class ForecastRun:
+class PlannedForecast:
     """Identity of one forecaster or free differential equation: the wildcards of its path.
 
     ``model`` is a choice of ``conf/forecaster``, or of ``conf/ode`` where ``kind`` says so; ``trial`` is its
@@ -140,7 +141,7 @@ def shared_experiment(overrides: Overrides) -> Config:
         return compose_for(overrides, system=compose(*chosen).systems[0])
 
 
-def planned_runs(overrides: Overrides) -> list[Run]:
+def planned_runs(overrides: Overrides) -> list[PlannedRun]:
     """Every run behind the tables and figures, each composed, hence checked, before anything is trained.
 
     Raises:
@@ -158,11 +159,13 @@ def planned_runs(overrides: Overrides) -> list[Run]:
         for stage2 in dict.fromkeys([own.choices["stage2"], *own.ablations]):
             compose_for(overrides, system=system, stage2=stage2)
             place = (own.choices["profile"], own.choices["recording"], system, own.choices["stage1"])
-            runs += [Run(*place, ae, stage2, seed) for ae in own.autoencoder_seeds for seed in own.seeds]
+            runs += [
+                PlannedRun(*place, ae, stage2, seed) for ae in own.autoencoder_seeds for seed in own.seeds
+            ]
     return runs
 
 
-def planned_masses(overrides: Overrides) -> list[Run]:
+def planned_masses(overrides: Overrides) -> list[PlannedRun]:
     """Every run behind the table of mass ablations: the arms, with the chosen dynamics and `MASSES`."""
     runs = []
     for run in planned_runs(overrides):
@@ -174,7 +177,7 @@ def planned_masses(overrides: Overrides) -> list[Run]:
     return runs
 
 
-def planned_baselines(overrides: Overrides) -> list[BaselineRun]:
+def planned_baselines(overrides: Overrides) -> list[PlannedBaseline]:
     """Every baseline of the benchmark table: on the recordings of the pneumatic arms, each composed.
 
     Raises:
@@ -188,18 +191,18 @@ def planned_baselines(overrides: Overrides) -> list[BaselineRun]:
         for name in dict.fromkeys(own.baselines):
             weights_of(overrides, system=system, baseline=name)
             place = (own.choices["profile"], own.choices["recording"], system, name)
-            runs += [BaselineRun(*place, seed) for seed in own.baseline_seeds]
+            runs += [PlannedBaseline(*place, seed) for seed in own.baseline_seeds]
     return runs
 
 
-def planned_extrapolations(overrides: Overrides) -> tuple[list[Run], list[ForecastRun]]:
+def planned_extrapolations(overrides: Overrides) -> tuple[list[PlannedRun], list[PlannedForecast]]:
     """Every run of the table of extrapolation, and every forecaster read in the chart of its system's first.
 
     Raises:
         ConfigError: see :func:`lagsplat.config.compose.compose`; also a system that is driven.
     """
-    runs: list[Run] = []
-    others: list[ForecastRun] = []
+    runs: list[PlannedRun] = []
+    others: list[PlannedForecast] = []
     experiment = shared_experiment(overrides)
     chosen = {key_of(item) for item in overrides.shared}
     for system in experiment.extrapolated:
@@ -213,7 +216,9 @@ def planned_extrapolations(overrides: Overrides) -> tuple[list[Run], list[Foreca
             )
         place = (own.choices["profile"], own.choices["recording"], system, own.choices["stage1"])
         mine = [
-            Run(*place, ae, own.choices["stage2"], seed) for ae in own.autoencoder_seeds for seed in own.seeds
+            PlannedRun(*place, ae, own.choices["stage2"], seed)
+            for ae in own.autoencoder_seeds
+            for seed in own.seeds
         ]
         runs += mine
         models = [("forecaster", name) for name in dict.fromkeys(own.forecasters)]
@@ -223,7 +228,7 @@ def planned_extrapolations(overrides: Overrides) -> tuple[list[Run], list[Foreca
         for kind, name in models:
             compose_for(overrides, system=system, **{kind: name})
             trials = own.forecaster_seeds if kind != "authors" else [0]
-            others += [ForecastRun(**asdict(mine[0]), kind=kind, model=name, trial=n) for n in trials]
+            others += [PlannedForecast(**asdict(mine[0]), kind=kind, model=name, trial=n) for n in trials]
     return runs, others
 
 
@@ -301,7 +306,7 @@ SHORT = {"rainbow_rocker": "rocker"}
 """How figures call a system whose name is long."""
 
 
-def planned_spatial(overrides: Overrides) -> dict[str, Run]:
+def planned_spatial(overrides: Overrides) -> dict[str, PlannedRun]:
     """The run behind each figure in space, by the figure's name.
 
     Left out are systems whose simulated views do not suit a filmed recording, and, where a user chooses
@@ -326,7 +331,7 @@ def planned_spatial(overrides: Overrides) -> dict[str, Run]:
             continue
         name = system.removesuffix(SUFFIX)
         place = (own.choices["profile"], own.choices["recording"], system, own.choices["stage1"])
-        runs[SHORT.get(name, name)] = Run(
+        runs[SHORT.get(name, name)] = PlannedRun(
             *place, own.autoencoder_seeds[0], own.choices["stage2"], own.seeds[0]
         )
     return runs

@@ -1,158 +1,70 @@
-"""The road from a recording to its scores in one process, for the command line.
+"""A fitted run: the recording and the three models that were fitted to it, opened and simulated.
 
-The workflow walks the same functions one job at a time and keeps what it can; this module suits a single run.
-A run is a folder with the artefacts of every stage; in the workflow's results they stand up to two folders
-higher, where several runs share them.
+A run is a folder with one file a stage. In the workflow's results several runs share the files of the earlier
+stages, which then lie up to two folders higher.
 """
 
-import logging
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
 from jaxtyping import Float64
-from omegaconf import OmegaConf
 
-from lagsplat.chart.chart import Chart, fit_chart, load_chart, require_trained, save_chart
-from lagsplat.config.compose import Config, ConfigError, rebuild
-from lagsplat.evaluate.config import EvaluateConfig
-from lagsplat.evaluate.evaluate import evaluate
-from lagsplat.io.files.json_files import load_json
-from lagsplat.io.read import read_recording
-from lagsplat.io.recording.recording import Recording, load_recording, save_recording
-from lagsplat.io.recording.segments import divide
-from lagsplat.novel_views.sharp import obtain_views
-from lagsplat.stage1.autoencoder import Autoencoder, load_autoencoder, save_autoencoder
-from lagsplat.stage1.fit import fit_autoencoder
-from lagsplat.stage2.decoder_mass import decoder_geometry
-from lagsplat.stage2.fit import fit_dynamics, load_dynamics, save_dynamics
+from lagsplat.chart.chart import Chart, load_chart
+from lagsplat.io.recording.recording import Recording, load_recording
+from lagsplat.stage1.autoencoder import Autoencoder, load_autoencoder
+from lagsplat.stage2.fit import load_dynamics
 from lagsplat.stage2.lagrangian import Lagrangian
-from lagsplat.stage2.rollout import rollout
-from lagsplat.systems.simulate import stand_in
-from lagsplat.systems.truth import Truth
-from lagsplat.views.novel import save_views
+from lagsplat.stage2.rollout import rollout as integrate
 
-log = logging.getLogger(__name__)
-FILES = ("recording", "autoencoder", "chart", "dynamics")
+ARTEFACTS = ("recording", "autoencoder", "chart", "dynamics")
+"""Names of the files of a run, without their suffix."""
 
 
 @dataclass(frozen=True)
-class Run:
-    """The artefacts of one trained simulation."""
+class FittedRun:
+    """One trained simulation: its recording, image model, chart and dynamics."""
 
     recording: Recording
     autoencoder: Autoencoder
     chart: Chart
     lagrangian: Lagrangian
+    folder: Path | None = None
+    """Where it was opened from or written to."""
 
 
-def obtain(experiment: Config) -> tuple[Recording, Truth | None]:
-    """The recording an experiment is about, read from a file or fetched, or simulated with its truth."""
-    if experiment.recording.kind != "simulated":
-        return read_recording(experiment.recording), None
-    return stand_in(experiment.simulation, experiment.release, seed=0)
-
-
-def fit(experiment: Config, *, out: Path, header: Mapping[str, Any]) -> Run:
-    """Fit every stage to the experiment's recording and keep the artefacts in ``out``.
-
-    Seeds are the experiment's first. A stopped fit goes on where stage 1 was.
-
-    Raises:
-        ValueError: the recording is unreadable or too short for the split, or stage 1 learned nothing.
-    """
-    made, truth = obtain(experiment)
-    recording = divide(made, experiment.recording.split)
-    train, _ = recording.split()
-    save_recording(out / "recording.safetensors", recording)
-    checkpoint, seed = out / "checkpoint" / "state.pt", experiment.autoencoder_seeds[0]
-    identity = f"{header} {recording.meta.get('sha256')} {recording.n_train} {seed}"
-    novel = None
-    if experiment.views is not None:
-        novel = obtain_views(
-            experiment.views, recording, experiment.recording, released=experiment.release,
-            states=None if truth is None else truth.states, cache=out / "sharp",
-        )  # fmt: skip
-        save_views(out / "views.safetensors", novel, header)
-    autoencoder, _ = fit_autoencoder(
-        train.frames, experiment.stage1, seed=seed, checkpoint=checkpoint, identity=identity,
-        novel=None if novel is None else novel.first(train.n_frames),
-        supervision=None if experiment.views is None else experiment.views.supervision,
-    )  # fmt: skip
-    save_autoencoder(out / "autoencoder.safetensors", autoencoder, header)
-    require_trained(autoencoder, train.frames)
-    chart = fit_chart(autoencoder, recording, experiment.chart, seed=seed)
-    save_chart(out / "chart.safetensors", chart, header)
-    lagrangian, report = fit_dynamics(
-        chart.train.smoothed(chart.smoothing_frames),
-        chart.metric,
-        experiment.stage2,
-        experiment.seeds[0],
-        rest=chart.rest,
-        geometry=decoder_geometry(autoencoder, chart),
-        listen=lambda row: log.info("%s", row),
-    )
-    save_dynamics(out / "dynamics.safetensors", lagrangian, {**header, "report": asdict(report)})
-    checkpoint.unlink(missing_ok=True)
-    return Run(recording, autoencoder, chart, lagrangian)
-
-
-def open_run(folder: Path) -> Run:
-    """A run that `fit` or the workflow left in ``folder``.
+def open_run(folder: str | Path) -> FittedRun:
+    """Open the run that `fit_run` or the workflow left in ``folder``.
 
     Raises:
         FileNotFoundError: an artefact is neither there nor in the two folders above.
     """
-    found = {name: _locate(folder, f"{name}.safetensors") for name in FILES}
-    autoencoder, _ = load_autoencoder(found["autoencoder"])
-    chart, _ = load_chart(found["chart"])
-    lagrangian, _ = load_dynamics(found["dynamics"])
-    return Run(load_recording(found["recording"]), autoencoder, chart, lagrangian)
+    folder = Path(folder).expanduser()
+    paths = {name: locate_artefact(folder, name) for name in ARTEFACTS}
+    autoencoder, _ = load_autoencoder(paths["autoencoder"])
+    chart, _ = load_chart(paths["chart"])
+    lagrangian, _ = load_dynamics(paths["dynamics"])
+    return FittedRun(load_recording(paths["recording"]), autoencoder, chart, lagrangian, folder=folder)
 
 
-def _locate(folder: Path, name: str) -> Path:
-    places = [folder, *folder.resolve().parents[:2]]
-    for place in places:
-        if (place / name).is_file():
-            return place / name
+def locate_artefact(folder: Path, name: str) -> Path:
+    """The file of the artefact ``name`` (one of `ARTEFACTS`): in ``folder`` or up to two folders above.
+
+    Raises:
+        FileNotFoundError: it is in none of them.
+    """
+    file = f"{name}.safetensors"
+    for place in (folder, *folder.resolve().parents[:2]):
+        if (place / file).is_file():
+            return place / file
     raise FileNotFoundError(
-        f"{folder}: no {name} there or up to two folders above; give run=FOLDER of a finished fit"
+        f"{folder}: no {file} there or up to two folders above; give run=FOLDER of a finished fit"
     )
 
 
-def protocol(folder: Path, changes: Sequence[str] = ()) -> EvaluateConfig:
-    """How the run in ``folder`` is scored: by its own settings, with changes such as ``evaluate.starts=20``.
-
-    They stand in the dynamics that `fit` writes, and beside the scores that the workflow makes.
-
-    Raises:
-        FileNotFoundError: the folder holds neither.
-        ConfigError: a change is of something else than ``evaluate``, or unknown.
-    """
-    if other := [change for change in changes if not change.startswith("evaluate.")]:
-        raise ConfigError(f"{other[0]!r}: a run keeps its settings; only evaluate.KEY=VALUE can be changed")
-    _, header = load_dynamics(_locate(folder, FILES[-1] + ".safetensors"))
-    record = folder / "evaluate.json"
-    if "config" in header:
-        own = header["config"]["evaluate"]
-    elif record.is_file():
-        own = load_json(record)["settings"]["cfg"]
-    else:
-        raise FileNotFoundError(f"{folder}: no evaluate.json says how this run is scored; evaluate it first")
-    changed = OmegaConf.from_dotlist([change.removeprefix("evaluate.") for change in changes])
-    return rebuild(EvaluateConfig, OmegaConf.to_container(OmegaConf.merge(own, changed)))  # type: ignore[arg-type]
-
-
-def score(run: Run, config: EvaluateConfig) -> dict[str, Any]:
-    """Every score of a run under a protocol."""
-    return evaluate(run.autoencoder, run.chart, run.lagrangian, run.recording, config)
-
-
-def push(
-    run: Run, inputs: Float64[np.ndarray, "N n_u"], *, frame: int | None
+def rollout(
+    run: FittedRun, inputs: Float64[np.ndarray, "N n_u"], *, frame: int | None = None
 ) -> tuple[Float64[np.ndarray, "N d"], Float64[np.ndarray, "N d"]]:
     """Whitened states and velocities [1/s] under ``inputs``, one a frame of the recording.
 
@@ -176,11 +88,11 @@ def push(
         at = np.array([frame])
         q0, v0 = smooth[frame], chart.whole.clock.slope(smooth, at, _stencil(chart, frame))[0]
     start = (torch.as_tensor(x[None]) for x in (q0, v0, inputs))
-    q, v = rollout(run.lagrangian, *start, dt_s=chart.dt_s)
+    q, v = integrate(run.lagrangian, *start, dt_s=chart.dt_s)
     return q[0].double().numpy(), v[0].double().numpy()
 
 
-def state_of(run: Run, frame: str | None, q: str | None) -> Float64[np.ndarray, " d"]:
+def choose_state(run: FittedRun, frame: str | None, q: str | None) -> Float64[np.ndarray, " d"]:
     """The whitened state that a command names: that of a frame as it was encoded, given numbers, or rest.
 
     Raises:

@@ -11,8 +11,8 @@ from scipy.integrate import solve_ivp
 from lagsplat.diagnose.core.result import Diagnosis
 from lagsplat.diagnose.diagnosis import diagnose
 from lagsplat.diagnose.effects.registry import catalogue
-from lagsplat.diagnose.identification.estimated_simulator import Sim, sim_of
-from lagsplat.diagnose.mechanics.model import Model
+from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator, estimate_simulator
+from lagsplat.diagnose.mechanics.model import MechanicalModel
 from lagsplat.io.trajectory.trajectory import Motion
 from tests.unit.diagnose.toys import coupled, film, oscillator, own, settings, wave
 
@@ -20,7 +20,7 @@ RIVALS = ("coulomb_friction", "quadratic_drag", "cubic_stiffness", "viscous_damp
 U = wave(4)
 
 
-def told(sim: Sim, real: list[Motion]) -> Diagnosis:
+def told(sim: EstimatedSimulator, real: list[Motion]) -> Diagnosis:
     """The diagnosis among a few effects."""
     left_out = sorted(set(catalogue()) - set(RIVALS))
     config = replace(settings(), without=left_out, always=[], families=3, starts=1, places=1)
@@ -39,7 +39,7 @@ def real() -> Motion:
 
 @pytest.fixture(scope="module")
 def usual(real: Motion) -> Diagnosis:
-    found = told(Sim.exact(oscillator()), [real])
+    found = told(EstimatedSimulator.exact(oscillator()), [real])
     assert found.verdict == "effect"
     assert found.combination == ("coulomb_friction",)
     return found
@@ -54,7 +54,7 @@ def assert_same(one: Diagnosis, other: Diagnosis, *, unit: float = 1.0, within: 
     assert same == pytest.approx(unit * size, rel=0.05)
 
 
-def moved(model: Model, factor: float, shift: float) -> Model:
+def moved(model: MechanicalModel, factor: float, shift: float) -> MechanicalModel:
     """The same mechanism in coordinates ``factor q + shift``."""
     basis = replace(
         model.basis, centre=factor * model.basis.centre + shift, scale=abs(factor) * model.basis.scale
@@ -77,14 +77,16 @@ def test_the_scale_of_inertia_moves_nothing(real: Motion, usual: Diagnosis) -> N
     model = oscillator()
     names = ("mass", "damping", "potential", "input_map", "dry", "drag")
     heavy = replace(model, **{name: 7.3 * getattr(model, name) for name in names})
-    found = told(Sim.exact(heavy), [real])
+    found = told(EstimatedSimulator.exact(heavy), [real])
     assert_same(usual, found, within=1e-3)
     assert found.candidates[0].log_evidence == pytest.approx(usual.candidates[0].log_evidence, abs=0.1)
 
 
 def test_the_clock_may_begin_anywhere(real: Motion, usual: Diagnosis) -> None:
     assert_same(
-        usual, told(Sim.exact(oscillator()), [replace(real, time_s=real.time_s + 1234.5)]), within=1e-3
+        usual,
+        told(EstimatedSimulator.exact(oscillator()), [replace(real, time_s=real.time_s + 1234.5)]),
+        within=1e-3,
     )
 
 
@@ -93,7 +95,9 @@ def test_units_and_origin_of_the_coordinate_move_nothing(
     real: Motion, usual: Diagnosis, factor: float, shift: float
 ) -> None:
     other = replace(real, q=factor * real.q + shift)
-    assert_same(usual, told(Sim.exact(moved(oscillator(), factor, shift)), [other]), unit=abs(factor))
+    assert_same(
+        usual, told(EstimatedSimulator.exact(moved(oscillator(), factor, shift)), [other]), unit=abs(factor)
+    )
 
 
 def test_the_order_of_coordinates_and_inputs_moves_nothing() -> None:
@@ -116,7 +120,10 @@ def test_the_order_of_coordinates_and_inputs_moves_nothing() -> None:
         potential=model.potential[turned],
         input_map=model.input_map[turned[:3]][:, ::-1, ::-1].copy(),
     )
-    first, second = told(Sim.exact(model), [one]), told(Sim.exact(other), [swapped])
+    first, second = (
+        told(EstimatedSimulator.exact(model), [one]),
+        told(EstimatedSimulator.exact(other), [swapped]),
+    )
     assert first.combination == second.combination == ("quadratic_drag",)
     assert first.candidates[0].coordinate == second.candidates[0].coordinate == "q1"
     assert first.gap is not None
@@ -124,7 +131,7 @@ def test_the_order_of_coordinates_and_inputs_moves_nothing() -> None:
     assert second.gap.closure.value == pytest.approx(first.gap.closure.value, abs=0.02)
 
 
-def pair(model: Model, further: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> Motion:
+def pair(model: MechanicalModel, further: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> Motion:
     """A motion of two coordinates under a further generalised force."""
     time, waves = np.arange(400) / 40, (wave(1), wave(2))
 
@@ -139,7 +146,9 @@ def pair(model: Model, further: Callable[[np.ndarray, np.ndarray], np.ndarray]) 
 
 
 def test_names_are_names(real: Motion, usual: Diagnosis) -> None:
-    found = told(Sim.exact(oscillator()), [replace(real, q_names=("elbow",), u_names=("torque",))])
+    found = told(
+        EstimatedSimulator.exact(oscillator()), [replace(real, q_names=("elbow",), u_names=("torque",))]
+    )
     assert_same(usual, found, within=1e-9)
     assert found.candidates[0].coordinate == "elbow"
     assert "elbow" in found.candidates[0].parameters["acceleration"].unit
@@ -153,14 +162,14 @@ def test_a_mild_bend_of_the_coordinate_moves_nothing(real: Motion) -> None:
     def bent(one: Motion) -> Motion:
         return replace(one, q=one.q + 0.08 * one.q**2 / size)
 
-    plain = told(sim_of([nominal], settings()), [real])
+    plain = told(estimate_simulator([nominal], settings()), [real])
     assert plain.combination == ("coulomb_friction",)
-    assert_same(plain, told(sim_of([bent(nominal)], settings()), [bent(real)]))
+    assert_same(plain, told(estimate_simulator([bent(nominal)], settings()), [bent(real)]))
 
 
 def test_a_faithful_sim_lacks_nothing_and_there_is_no_gap_to_close() -> None:
     for seed in range(3):
-        found = told(Sim.exact(oscillator()), [film(u=wave(seed), noise=0.01, seed=seed)])
+        found = told(EstimatedSimulator.exact(oscillator()), [film(u=wave(seed), noise=0.01, seed=seed)])
         assert found.verdict == "none"
         assert found.candidates[0].name == "none"
         assert found.combination == ()

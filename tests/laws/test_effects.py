@@ -18,14 +18,11 @@ from lagsplat.diagnose.effects.actuation import (
     input_saturation,
 )
 from lagsplat.diagnose.effects.base import (
-    UNITS,
+    DisturbanceHints,
     ForceEffect,
-    LogNormal,
-    Normal,
     ObservationEffect,
     PlacedEffect,
     SampleEffect,
-    Scales,
 )
 from lagsplat.diagnose.effects.dynamics import (
     constant_force,
@@ -52,11 +49,12 @@ from lagsplat.diagnose.effects.measurement import (
     time_jitter,
     time_offset,
 )
+from lagsplat.diagnose.effects.parameters import UNITS, LogNormal, Normal, Scales
 from lagsplat.diagnose.effects.registry import catalogue
-from lagsplat.diagnose.estimation.dataset import Record, Windows
-from lagsplat.diagnose.estimation.nuisance import Nuisance
-from lagsplat.diagnose.estimation.rollout import Bench
-from lagsplat.diagnose.inference.placement import DisturbanceHints, place_effects
+from lagsplat.diagnose.estimation.dataset import Dataset, WindowSet
+from lagsplat.diagnose.estimation.nuisance import NuisanceParameters
+from lagsplat.diagnose.estimation.rollout import RolloutModel
+from lagsplat.diagnose.inference.placement import place_effects
 from tests.unit.diagnose.toys import coupled
 
 EFFECTS = {
@@ -76,7 +74,7 @@ NOTHING = 690.0
 
 
 @pytest.fixture(scope="module")
-def bench() -> Bench:
+def bench() -> RolloutModel:
     """Two coupled coordinates and two inputs, at rest and in motion."""
     model = coupled()
     rng = np.random.default_rng(2)
@@ -85,20 +83,20 @@ def bench() -> Bench:
     waves = np.sin(np.array([[2.1], [3.3], [1.7], [4.1]]) * time + phase)
     q, u = 0.6 * waves[:2].T, waves[2:].T
     v = np.gradient(q, time, axis=0)
-    record = Record(time, q, v, u, np.array([[0, 50], [50, 80]]), ("a", "b"), np.array([0, 1]), (0.0, 0.0))
-    known = Nuisance(0.01, 0.01, 0.01, np.full(2, 0.01), 0.01, 2, np.zeros((0, 0)))
-    return Bench(model, record, known, 2, False, q)
+    record = Dataset(time, q, v, u, np.array([[0, 50], [50, 80]]), ("a", "b"), np.array([0, 1]), (0.0, 0.0))
+    known = NuisanceParameters(0.01, 0.01, 0.01, np.full(2, 0.01), 0.01, 2, np.zeros((0, 0)))
+    return RolloutModel(model, record, known, 2, False, q)
 
 
-WINDOWS = Windows(np.array([0, 30, 50]), np.array([31, 20, 30]))
+WINDOWS = WindowSet(np.array([0, 30, 50]), np.array([31, 20, 30]))
 
 
-def offers(bench: Bench) -> list[PlacedEffect]:
+def offers(bench: RolloutModel) -> list[PlacedEffect]:
     hints = [DisturbanceHints(((0.4, 0.7), (1.1, 1.3)), (0.7, 1.9))] * 2
     return place_effects(bench, hints, q_names=("a", "b"), u_names=("left", "right"), without=())
 
 
-def starts(bench: Bench) -> np.ndarray:
+def starts(bench: RolloutModel) -> np.ndarray:
     return np.concatenate([bench.record.q, bench.record.v], axis=1)[WINDOWS.first]
 
 
@@ -129,7 +127,7 @@ def absent(one: PlacedEffect) -> np.ndarray:
     return x
 
 
-def moved(bench: Bench, one: PlacedEffect | None, x: np.ndarray) -> np.ndarray:
+def moved(bench: RolloutModel, one: PlacedEffect | None, x: np.ndarray) -> np.ndarray:
     whole = np.concatenate([x, np.zeros(bench.nuisance.size)])[None]
     return bench.rollouts([one] if one else [], whole, starts(bench)[None], WINDOWS)[0][0]
 
@@ -140,7 +138,7 @@ def test_the_catalogue_is_what_is_tested_here() -> None:
 
 
 @pytest.mark.parametrize("held", [False, True])
-def test_an_effect_that_is_absent_changes_nothing(bench: Bench, held: bool) -> None:
+def test_an_effect_that_is_absent_changes_nothing(bench: RolloutModel, held: bool) -> None:
     bench = replace(bench, held=held)
     reference = moved(bench, None, np.zeros(0))
     seen = set()
@@ -152,14 +150,14 @@ def test_an_effect_that_is_absent_changes_nothing(bench: Bench, held: bool) -> N
     assert seen == {name for name, effect in EFFECTS.items() if not isinstance(effect, SampleEffect)}
 
 
-def test_an_effect_that_is_there_changes_something(bench: Bench) -> None:
+def test_an_effect_that_is_there_changes_something(bench: RolloutModel) -> None:
     reference = moved(bench, None, np.zeros(0))
     for one in offers(bench):
         if not isinstance(one.effect, SampleEffect):
             assert np.abs(moved(bench, one, usual(one)) - reference).max() > 1e-4, one.label
 
 
-def test_a_window_is_seen_as_it_is_alone(bench: Bench) -> None:
+def test_a_window_is_seen_as_it_is_alone(bench: RolloutModel) -> None:
     """Also to its last frame, beside one that is longer."""
     for one in offers(bench):
         if not isinstance(one.effect, ObservationEffect):
@@ -173,7 +171,7 @@ def test_a_window_is_seen_as_it_is_alone(bench: Bench) -> None:
             assert np.abs(together[w, :length] - alone).max() < 1e-12, one.label
 
 
-def test_slopes_by_forward_steps_are_central_differences_to_a_part_in_a_hundred(bench: Bench) -> None:
+def test_slopes_by_forward_steps_are_central_differences_to_a_part_in_a_hundred(bench: RolloutModel) -> None:
     """The step is the one that shooting takes."""
     for one in offers(bench):
         if isinstance(one.effect, SampleEffect) or one.effect.name == "external_push":

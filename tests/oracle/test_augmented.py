@@ -17,12 +17,13 @@ from lagsplat.diagnose.augmented.model import (
     wrap_without_effects,
 )
 from lagsplat.diagnose.augmented.simulate import AppliedSignals, simulate_augmented
-from lagsplat.diagnose.effects.base import Direction, PlacedEffect, Scales
+from lagsplat.diagnose.effects.base import Direction, PlacedEffect
+from lagsplat.diagnose.effects.parameters import Scales
 from lagsplat.diagnose.effects.registry import catalogue
-from lagsplat.diagnose.estimation.dataset import Region
-from lagsplat.diagnose.estimation.nuisance import Nuisance
-from lagsplat.diagnose.mechanics.basis import polynomial
-from lagsplat.diagnose.mechanics.model import Model
+from lagsplat.diagnose.estimation.dataset import OperatingRegion
+from lagsplat.diagnose.estimation.nuisance import NuisanceParameters
+from lagsplat.diagnose.mechanics.basis import make_polynomial_basis
+from lagsplat.diagnose.mechanics.model import MechanicalModel
 from lagsplat.io.files.artifact import read_header
 from lagsplat.io.files.json_files import save_json
 from lagsplat.pipelines.apply_diagnosis import apply_diagnosis
@@ -31,10 +32,10 @@ STIFF, DAMPED, GAIN = 40.0, 0.4, 12.0
 SCALES = Scales(coordinate=0.5, velocity=3.0, reach=1.0, frame_s=0.01, duration_s=10.0)
 
 
-def oscillator() -> Model:
+def oscillator() -> MechanicalModel:
     """``a = -40 q - 0.4 v + 12 u``, the potential's slope as that of a quadratic about 0.1."""
-    basis = polynomial(2, centre=np.array([0.1]), scale=np.ones(1))
-    return Model(
+    basis = make_polynomial_basis(2, centre=np.array([0.1]), scale=np.ones(1))
+    return MechanicalModel(
         basis=basis,
         mass=np.ones((1, 1, 1)),
         damping=np.full((1, 1, 1), DAMPED),
@@ -47,9 +48,9 @@ def oscillator() -> Model:
     )
 
 
-def sim(*effects: tuple[str, list[float]], model: Model | None = None) -> AugmentedSimulator:
+def sim(*effects: tuple[str, list[float]], model: MechanicalModel | None = None) -> AugmentedSimulator:
     """The oscillator with effects of the catalogue and their unknowns."""
-    region = Region(*(np.zeros((3, 1)) for _ in range(3)))
+    region = OperatingRegion(*(np.zeros((3, 1)) for _ in range(3)))
     one = wrap_without_effects(
         model or oscillator(),
         held=False,
@@ -123,7 +124,7 @@ def moved() -> AugmentedSimulator:
         ("input_delay", [0.3]), ("coulomb_friction", [0.1]), ("creep", [0.2, 0.1]), ("time_offset", [-0.1])
     )
     size = one.nuisance.directions.shape[1]
-    spare = Nuisance(0.01, 0.02, 0.03, np.array([0.5]), 0.04, 1, np.linspace(-0.1, 0.1, size)[None])
+    spare = NuisanceParameters(0.01, 0.02, 0.03, np.array([0.5]), 0.04, 1, np.linspace(-0.1, 0.1, size)[None])
     own = len(one.x) - one.nuisance.size
     return replace(one, nuisance=spare, x=np.concatenate([one.x[:own], [0.01, 0.1, -0.02, 0.3, 0.01, 0.5]]))
 
@@ -229,7 +230,7 @@ def test_the_command_line_simulates_and_applies(tmp_path: Path, capsys: pytest.C
 
 def test_apply_adds_the_effects_to_a_sim_of_python(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
-    region = Region(*(rng.uniform(-1.0, 1.0, (300, 1)) for _ in range(3)))
+    region = OperatingRegion(*(rng.uniform(-1.0, 1.0, (300, 1)) for _ in range(3)))
     one = replace(sim(("coulomb_friction", [0.1])), region=region)
     save_augmented(tmp_path / "augmented.safetensors", one, {})
     save_json(tmp_path / "diagnosis.json", {"verdict": "effect"})

@@ -8,7 +8,7 @@ import pytest
 from lagsplat.diagnose.core.result import Diagnosis
 from lagsplat.diagnose.diagnosis import diagnose
 from lagsplat.diagnose.effects.registry import catalogue
-from lagsplat.diagnose.identification.estimated_simulator import sim_of
+from lagsplat.diagnose.identification.estimated_simulator import estimate_simulator
 from lagsplat.io.trajectory.trajectory import Motion
 from tests.unit.diagnose.toys import film, settings, wave
 
@@ -27,7 +27,7 @@ def compared(real: Motion) -> Diagnosis:
     """A real motion beside a sim that is known by 20 s without noise."""
     config = replace(settings(), without=sorted(set(catalogue()) - set(KNOWN)), always=[])
     nominal = pendulum(1, 0.0, seconds=20.0, rate=1.2, noise=0.0)
-    return diagnose(sim_of([nominal], config), [real], config).diagnosis
+    return diagnose(estimate_simulator([nominal], config), [real], config).diagnosis
 
 
 def test_two_sims_that_agree_to_a_thousandth_have_no_gap() -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.identification.estimated_simulator import sim_of
+from lagsplat.diagnose.identification.estimated_simulator import estimate_simulator
 from lagsplat.io.trajectory.trajectory import Motion
 from tests.unit.diagnose.mechanisms import Duffing, film
 from tests.unit.diagnose.toys import settings
@@ -27,7 +27,7 @@ def driven(*, push: float) -> Motion:
 
 @pytest.mark.parametrize("push", [12.0, 80.0])
 def test_the_law_is_found_without_the_stretch_in_which_something_else_acted(push: float) -> None:
-    sim = sim_of([driven(push=push)], settings())
+    sim = estimate_simulator([driven(push=push)], settings())
     assert sim.misfit < 1.5
     assert 1 <= len(sim.disturbed) <= 2
     assert min(one.start_s for one in sim.disturbed) <= PUSHED_S[0]
@@ -38,13 +38,13 @@ def test_the_law_is_found_without_the_stretch_in_which_something_else_acted(push
 
 
 def test_nothing_is_left_out_where_nothing_else_acted() -> None:
-    assert sim_of([driven(push=0.0)], settings()).disturbed == ()
+    assert estimate_simulator([driven(push=0.0)], settings()).disturbed == ()
 
 
 def test_a_law_that_is_wrong_all_the_time_keeps_all_its_recording() -> None:
     """Its input is not logged at all."""
     motion = driven(push=0.0)
     bare = Motion(time_s=motion.time_s, q=motion.q, u=np.zeros((motion.n, 0)), source="film")
-    sim = sim_of([bare], settings())
+    sim = estimate_simulator([bare], settings())
     assert sim.misfit > 10.0
     assert sim.disturbed == ()

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.identification.estimated_simulator import Sim, sim_of
-from lagsplat.diagnose.inference.problem import periods
-from lagsplat.diagnose.mechanics.structure import moved
+from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator, estimate_simulator
+from lagsplat.diagnose.inference.problem import natural_periods
+from lagsplat.diagnose.mechanics.structure import shift_coefficients
 from lagsplat.io.trajectory.trajectory import Motion
 from tests.unit.diagnose.mechanisms import Chain, Duffing, TwoLink, film
 from tests.unit.diagnose.toys import settings
@@ -26,7 +26,7 @@ def swing(t: np.ndarray) -> np.ndarray:
     )
 
 
-def error(mechanism, sim: Sim, motions: list[Motion]) -> float:
+def error(mechanism, sim: EstimatedSimulator, motions: list[Motion]) -> float:
     """Of the acceleration where the motions went, in fractions of its rms."""
     q = np.concatenate([m.q for m in motions])[::3]
     v = np.concatenate([np.gradient(m.q, m.time_s, axis=0) for m in motions])[::3]
@@ -53,11 +53,11 @@ def test_the_acceleration_is_found_where_the_motion_went(name: str, noise: float
         Motion(m.time_s, m.q + noise * m.q.std(axis=0) * rng.standard_normal(m.q.shape), m.u, source=m.source)
         for m in made
     ]
-    sim = sim_of(seen, settings())
+    sim = estimate_simulator(seen, settings())
     assert error(mechanism, sim, made) < bound
     assert sim.misfit < 1.5
     if name == "duffing":
-        assert periods(sim.model, 1.0).longest_s == pytest.approx(1.0, rel=0.03)
+        assert natural_periods(sim.model, 1.0).longest_s == pytest.approx(1.0, rel=0.03)
 
 
 def test_the_spring_is_found_where_the_motion_went_and_no_term_that_it_does_not_show() -> None:
@@ -66,7 +66,7 @@ def test_the_spring_is_found_where_the_motion_went_and_no_term_that_it_does_not_
     small, large = (film(mechanism, 6.0, start=(size,), finer=2, noise=0.01) for size in (0.05, 1.2))
     told, sizes = [], []
     for motion in (small, large):
-        sim = sim_of([motion], settings())
+        sim = estimate_simulator([motion], settings())
         q = np.linspace(-1.0, 1.0, 21)[:, None] * np.ptp(motion.q) / 2
         stiff = -mechanism.force(q, 0 * q, np.zeros((21, 1))) / mechanism.m
         off = -sim.model.spring(q) / sim.model.mass_at(q)[:, 0] - stiff
@@ -81,11 +81,14 @@ def test_the_spring_is_found_where_the_motion_went_and_no_term_that_it_does_not_
 def test_a_law_is_not_certain_beyond_its_recordings(noise: float) -> None:
     """Of a pendulum that swung by 0.8 rad: the force there is known, and at twice as far open enough."""
     mechanism = Pendulum(n_u=0)
-    sim = sim_of([film(mechanism, 8.0, start=(0.8,), finer=2, noise=noise)], settings())
+    sim = estimate_simulator([film(mechanism, 8.0, start=(0.8,), finer=2, noise=noise)], settings())
     q = np.array([[0.4], [0.7], [1.6]])
     true = -mechanism.force(q, 0 * q, np.zeros((3, 1)))[:, 0] / mechanism.m
     spring = -sim.model.spring(q)[:, 0] / sim.model.inertia[0, 0]
-    each = [-moved(sim.model, row).spring(q)[:, 0] / sim.model.inertia[0, 0] - spring for row in sim.freedom]
+    each = [
+        -shift_coefficients(sim.model, row).spring(q)[:, 0] / sim.model.inertia[0, 0] - spring
+        for row in sim.freedom
+    ]
     deviation = np.sqrt(np.sum(np.square(each), axis=0))
     assert (np.abs(spring - true)[:2] < 0.02 * true[:2]).all()
     assert (deviation[:2] < 0.05 * true[:2]).all()

@@ -9,20 +9,21 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from lagsplat.diagnose.effects.base import Direction, PlacedEffect, Scales
+from lagsplat.diagnose.effects.base import Direction, PlacedEffect
+from lagsplat.diagnose.effects.parameters import Scales
 from lagsplat.diagnose.effects.registry import catalogue
-from lagsplat.diagnose.estimation.dataset import Record, Windows
-from lagsplat.diagnose.estimation.nuisance import Nuisance
-from lagsplat.diagnose.estimation.rollout import Bench
-from lagsplat.diagnose.mechanics.basis import Basis, polynomial, with_angles
-from lagsplat.diagnose.mechanics.model import Model
-from lagsplat.diagnose.solvers.runge_kutta import FAR
+from lagsplat.diagnose.estimation.dataset import Dataset, WindowSet
+from lagsplat.diagnose.estimation.nuisance import NuisanceParameters
+from lagsplat.diagnose.estimation.rollout import RolloutModel
+from lagsplat.diagnose.mechanics.basis import Basis, add_angle_functions, make_polynomial_basis
+from lagsplat.diagnose.mechanics.model import MechanicalModel
+from lagsplat.diagnose.solvers.runge_kutta import DIVERGED_SCALES
 
 UNIT = Scales(coordinate=1.0, velocity=1.0, reach=1.0, frame_s=0.02, duration_s=1.0, stiffness=30.0)
 """With these a parameter is its own unknown, or the exponential of it."""
 
 
-def wild(d: int, n_u: int, seed: int = 0) -> Model:
+def wild(d: int, n_u: int, seed: int = 0) -> MechanicalModel:
     """Every field depends on the coordinates, and every kind of loss is there."""
     rng = np.random.default_rng(seed)
     multiples = [np.eye(d, dtype=np.int64)]
@@ -30,8 +31,10 @@ def wild(d: int, n_u: int, seed: int = 0) -> Model:
         difference = np.zeros((1, d), dtype=np.int64)
         difference[0, :2] = 1, -2
         multiples.append(difference)
-    basis = with_angles(
-        polynomial(3 if d < 4 else 2, centre=rng.normal(0.0, 0.1, d), scale=rng.uniform(0.7, 1.3, d)),
+    basis = add_angle_functions(
+        make_polynomial_basis(
+            3 if d < 4 else 2, centre=rng.normal(0.0, 0.1, d), scale=rng.uniform(0.7, 1.3, d)
+        ),
         np.concatenate(multiples),
     )
 
@@ -47,7 +50,7 @@ def wild(d: int, n_u: int, seed: int = 0) -> Model:
     for i in range(d):
         square = np.flatnonzero((basis.kind == 0) & (basis.order[:, i] == 2) & (basis.order.sum(axis=1) == 2))
         potential[square] += 15.0 * (1.0 + d)
-    return Model(
+    return MechanicalModel(
         basis=basis,
         mass=mass,
         damping=damping,
@@ -71,7 +74,7 @@ def functions(basis: Basis, q: np.ndarray) -> np.ndarray:
 
 
 def accelerate(
-    model: Model,
+    model: MechanicalModel,
     q: np.ndarray,
     v: np.ndarray,
     u: np.ndarray,
@@ -124,12 +127,12 @@ def followed(
 
 
 def rolled(
-    model: Model, time: np.ndarray, u: np.ndarray, states: np.ndarray, windows: Windows,
+    model: MechanicalModel, time: np.ndarray, u: np.ndarray, states: np.ndarray, windows: WindowSet,
     effects: list[PlacedEffect], x: list[float], *, held: bool, steps: int,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """What the kernel says, beginning at the recorded states."""
     d = model.d
-    record = Record(
+    record = Dataset(
         time,
         states[:, :d],
         states[:, d:],
@@ -139,8 +142,8 @@ def rolled(
         np.zeros(1, np.int64),
         (0.0,),
     )
-    known = Nuisance(1.0, 1.0, 1.0, np.ones(d), 1.0, u.shape[1], np.zeros((0, 0)))
-    bench = Bench(model, record, known, steps, held, states[:, :d])
+    known = NuisanceParameters(1.0, 1.0, 1.0, np.ones(d), 1.0, u.shape[1], np.zeros((0, 0)))
+    bench = RolloutModel(model, record, known, steps, held, states[:, :d])
     whole = np.concatenate([x, np.zeros(known.size)])[None]
     y, v = bench.rollouts(effects, whole, states[windows.first][None], windows)
     return y[0], v[0]
@@ -160,7 +163,7 @@ def test_a_bare_rollout_is_the_solution_of_lagranges_equations(d: int, held: boo
         return np.concatenate([x[d:], accelerate(model, x[:d], x[d:], now, nothing)])
 
     truth = followed(time, u, held, start, rate)
-    windows = Windows(np.array([0]), np.array([len(time)]))
+    windows = WindowSet(np.array([0]), np.array([len(time)]))
     y, v = rolled(model, time, u, truth, windows, [], [], held=held, steps=8)
     assert np.abs(y[0] - truth[:, :d]).max() < 2e-6
     assert np.abs(v[0] - truth[:, d:]).max() < 2e-5
@@ -217,7 +220,7 @@ def test_three_forces_with_memories_act_at_once(d: int, held: bool) -> None:
     q0, v0 = rng.normal(0.0, 0.5, d), rng.normal(0.0, 0.6, d)
     memory = [along[1] @ (q0 - model.rest), along[2] @ (q0 - model.rest), along[2] @ v0]
     truth = followed(time, u, held, np.concatenate([q0, v0, memory]), rate)
-    windows = Windows(np.array([0]), np.array([len(time)]))
+    windows = WindowSet(np.array([0]), np.array([len(time)]))
     y, _ = rolled(model, time, u, truth[:, : 2 * d], windows, effects, x, held=held, steps=32)
     assert np.abs(y[0] - truth[:, :d]).max() < 2e-5
 
@@ -242,7 +245,7 @@ def test_memories_are_carried_along_the_record_to_where_a_window_begins() -> Non
     truth = followed(time, np.zeros((60, 0)), False, start, rate)
     place = Direction("q", np.ones(1), 1.0, float(model.rest[0]))
     creep = PlacedEffect(known["creep"], UNIT, direction=place)
-    windows = Windows(np.array([0, 30]), np.array([60, 30]))
+    windows = WindowSet(np.array([0, 30]), np.array([60, 30]))
     y, _ = rolled(
         model,
         time,
@@ -282,7 +285,7 @@ def test_changes_of_input_model_and_camera_act_together() -> None:
 
     start = np.array([0.4, -0.3, 0.5, 0.2])
     truth = followed(time, inside, True, start, rate)
-    windows = Windows(np.array([0]), np.array([len(time)]))
+    windows = WindowSet(np.array([0]), np.array([len(time)]))
     y, _ = rolled(
         model, time, u, truth, windows, effects, [math.log(limit), math.log(ratio), gain, zoom, shift],
         held=True, steps=8,
@@ -299,28 +302,28 @@ def test_a_rollout_that_leaves_for_good_stays_where_it_is_lost() -> None:
     states = np.tile([0.5, 0.0], (200, 1))
     effect = PlacedEffect(known["viscous_damping"], UNIT, direction=Direction("q", np.ones(1), 1.0))
     y, v = rolled(
-        model, time, np.zeros((200, 0)), states, Windows(np.array([0]), np.array([200])), [effect], [-80.0],
+        model, time, np.zeros((200, 0)), states, WindowSet(np.array([0]), np.array([200])), [effect], [-80.0],
         held=False, steps=1,
     )  # fmt: skip
     assert np.isfinite(y).all()
     assert np.isfinite(v).all()
-    assert y[0, -1, 0] == model.rest[0] + FAR * model.basis.scale[0]
+    assert y[0, -1, 0] == model.rest[0] + DIVERGED_SCALES * model.basis.scale[0]
 
 
 def test_every_set_of_a_batch_is_what_it_is_alone() -> None:
     model, known = wild(2, 1), catalogue()
     time, u = uneven(20, 1)
     states = np.random.default_rng(0).normal(0.0, 0.4, (20, 4))
-    record = Record(
+    record = Dataset(
         time, states[:, :2], states[:, 2:], u, np.array([[0, 20]]), ("made",), np.zeros(1, np.int64), (0.0,)
     )
-    spare = Nuisance(1.0, 1.0, 1.0, np.ones(2), 1.0, 1, np.zeros((0, 0)))
-    bench = Bench(model, record, spare, 2, False, states[:, :2])
+    spare = NuisanceParameters(1.0, 1.0, 1.0, np.ones(2), 1.0, 1, np.zeros((0, 0)))
+    bench = RolloutModel(model, record, spare, 2, False, states[:, :2])
     effects = [
         PlacedEffect(known["input_lag"], UNIT, channel=0),
         PlacedEffect(known["creep"], UNIT, direction=Direction("q0", np.array([1.0, 0.0]), 2.0)),
     ]
-    windows = Windows(np.array([0, 5, 12]), np.array([6, 8, 5]))
+    windows = WindowSet(np.array([0, 5, 12]), np.array([6, 8, 5]))
     x = 0.1 * np.random.default_rng(1).normal(size=(4, 3 + spare.size)) + np.array(
         [-2.0, 0.3, -1.0] + [0.0] * spare.size
     )

@@ -13,7 +13,7 @@ from scipy.special import ellipk
 
 from lagsplat.config.compose import compose
 from lagsplat.pipelines.diagnosis import diagnose_files
-from lagsplat.pipelines.diagnosis_inputs import open_pair
+from lagsplat.pipelines.diagnosis_inputs import open_diagnosis_inputs
 
 FRICTION = {
     "coulomb_friction",
@@ -83,7 +83,7 @@ def test_the_decay_is_that_of_dry_friction_and_drag(decay: dict[str, float]) -> 
 def test_a_frictionless_sim_swings_as_fast_as_the_arm(
     files: tuple[str, str], decay: dict[str, float]
 ) -> None:
-    pair = open_pair(*files, compose().diagnose)
+    pair = open_diagnosis_inputs(*files, compose().diagnose)
     stiffness = pair.sim.model.stiffness[0, 0] / pair.sim.model.inertia[0, 0]
     assert stiffness == pytest.approx(decay["square"], rel=0.01)
     assert pair.checked.undetermined == ()

@@ -12,11 +12,12 @@ from lagsplat.diagnose.augmented.mujoco_counterparts import COUNTERPARTS
 from lagsplat.diagnose.augmented.mujoco_export import patch_augmented, patch_xml
 from lagsplat.diagnose.augmented.simulate import AppliedSignals, simulate_augmented
 from lagsplat.diagnose.core.result import Candidate, Parameter
-from lagsplat.diagnose.effects.base import Direction, LogNormal, PlacedEffect, Scales
+from lagsplat.diagnose.effects.base import Direction, PlacedEffect
+from lagsplat.diagnose.effects.parameters import LogNormal, Scales
 from lagsplat.diagnose.effects.registry import catalogue
-from lagsplat.diagnose.estimation.dataset import Region
-from lagsplat.diagnose.mechanics.model import Model
-from lagsplat.diagnose.simulators.mujoco_model import load_mujoco, sample_mujoco
+from lagsplat.diagnose.estimation.dataset import OperatingRegion
+from lagsplat.diagnose.mechanics.model import MechanicalModel
+from lagsplat.diagnose.simulators.mujoco_model import load_mujoco, project_mujoco
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -48,9 +49,11 @@ def arm(folder: Path, d: int) -> Path:
     return path
 
 
-def region(d: int, n_u: int) -> Region:
+def region(d: int, n_u: int) -> OperatingRegion:
     rng = np.random.default_rng(0)
-    return Region(*(s * rng.uniform(-1.0, 1.0, (500, k)) for s, k in ((0.9, d), (5.0, d), (1.0, n_u))))
+    return OperatingRegion(
+        *(s * rng.uniform(-1.0, 1.0, (500, k)) for s, k in ((0.9, d), (5.0, d), (1.0, n_u)))
+    )
 
 
 def drive(n_u: int) -> AppliedSignals:
@@ -73,7 +76,7 @@ def simulated(path: Path, by: AppliedSignals, q: np.ndarray) -> np.ndarray:
     return np.array(out)
 
 
-def kept(model: Model, d: int, n_u: int) -> AugmentedSimulator:
+def kept(model: MechanicalModel, d: int, n_u: int) -> AugmentedSimulator:
     names = tuple(f"q{i}" for i in range(d)), tuple(f"u{i}" for i in range(n_u))
     return wrap_without_effects(
         model, held=False, step_s=0.001, dt_s=0.005, q_names=names[0], u_names=names[1], region=region(d, n_u)
@@ -83,7 +86,7 @@ def kept(model: Model, d: int, n_u: int) -> AugmentedSimulator:
 @pytest.mark.parametrize("d", [1, 2])
 def test_a_model_file_moves_as_mujoco_moves_it(tmp_path: Path, d: int) -> None:
     path = arm(tmp_path, d)
-    found = sample_mujoco(path, region(d, d))
+    found = project_mujoco(path, region(d, d))
     assert found.error < 0.003
     start = np.array([0.6, -0.4])[:d]
     ours, _ = simulate_augmented(kept(found.model, d, d), drive(d), q=start)
@@ -95,7 +98,7 @@ def test_joints_and_actuators_can_be_chosen(tmp_path: Path) -> None:
     path = arm(tmp_path, 2)
     chosen = load_mujoco(path, joints=["elbow"], actuators=["hold"])
     assert (chosen.joints, chosen.actuators) == (("elbow",), ("hold",))
-    model = sample_mujoco(path, region(1, 1), joints=["elbow"], actuators=["hold"]).model
+    model = project_mujoco(path, region(1, 1), joints=["elbow"], actuators=["hold"]).model
     # the forearm alone: gravity and the servo's stiffness over the inertia of a rod about its end
     data = mujoco.MjData(chosen.model)
     mujoco.mj_forward(chosen.model, data)
@@ -106,7 +109,7 @@ def test_joints_and_actuators_can_be_chosen(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"no joint 'wrist', only \['shoulder', 'elbow'\]"):
         load_mujoco(path, joints=["wrist"])
     with pytest.raises(ValueError, match=r"2 joints .* 1 column\(s\) q"):
-        sample_mujoco(path, region(1, 2))
+        project_mujoco(path, region(1, 2))
 
 
 def test_what_is_no_model_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -169,7 +172,7 @@ def test_a_patched_file_moves_as_the_augmented_sim(
     tmp_path: Path, name: str, values: dict[str, float], variant: str, bound: float
 ) -> None:
     path, out = arm(tmp_path, 1), tmp_path / "patched" / "arm.xml"
-    one = kept(sample_mujoco(path, region(1, 1)).model, 1, 1)
+    one = kept(project_mujoco(path, region(1, 1)).model, 1, 1)
     changed = added(one, name, values, variant)
     assert patch_augmented(path, out, changed)
     start = np.array([0.6])

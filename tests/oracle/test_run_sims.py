@@ -8,10 +8,16 @@ import pytest
 import torch
 
 from lagsplat.chart.chart import Chart
-from lagsplat.diagnose.estimation.dataset import Region
-from lagsplat.diagnose.simulators.fitted_run import charted, encoded, encoder, open_dynamics, sample_run
+from lagsplat.diagnose.estimation.dataset import OperatingRegion
+from lagsplat.diagnose.simulators.fitted_run import (
+    encode_recording,
+    load_run_dynamics,
+    make_encoder,
+    project_run,
+    read_chart_trajectory,
+)
 from lagsplat.io.recording.recording import Recording
-from lagsplat.pipelines.apply_diagnosis import sampled_sim
+from lagsplat.pipelines.apply_diagnosis import sample_simulator
 from lagsplat.stage1.autoencoder import Autoencoder
 from lagsplat.stage2.fit import save_dynamics
 from lagsplat.stage2.lagrangian import Lagrangian
@@ -26,13 +32,15 @@ def lagrangian(d: int, n_u: int, **changes: object) -> Lagrangian:
     return made
 
 
-def region(d: int, n_u: int) -> Region:
+def region(d: int, n_u: int) -> OperatingRegion:
     rng = np.random.default_rng(0)
-    return Region(rng.uniform(-1, 1, (500, d)), rng.uniform(-4, 4, (500, d)), rng.uniform(0, 1, (500, n_u)))
+    return OperatingRegion(
+        rng.uniform(-1, 1, (500, d)), rng.uniform(-4, 4, (500, d)), rng.uniform(0, 1, (500, n_u))
+    )
 
 
 @torch.no_grad()
-def per_second(made: Lagrangian, where: Region) -> np.ndarray:
+def per_second(made: Lagrangian, where: OperatingRegion) -> np.ndarray:
     """The Lagrangian's own acceleration, asked in its unit of time, in seconds."""
     q, v, u = (torch.as_tensor(x) for x in (where.q, UNIT * where.v, where.u))
     return made.acceleration(q, v, u).numpy() / UNIT**2
@@ -41,7 +49,7 @@ def per_second(made: Lagrangian, where: Region) -> np.ndarray:
 @pytest.mark.parametrize(("d", "n_u"), [(1, 1), (2, 2), (2, 0)])
 def test_a_run_accelerates_as_its_lagrangian(d: int, n_u: int) -> None:
     made, where = lagrangian(d, n_u), region(d, n_u)
-    found = sample_run(made, where, what="run")
+    found = project_run(made, where, what="run")
     truth = per_second(made, where)
     wrong = found.model.acceleration(where.q, where.v, where.u) - truth
     assert found.error < 0.02
@@ -51,17 +59,17 @@ def test_a_run_accelerates_as_its_lagrangian(d: int, n_u: int) -> None:
 def test_a_run_is_found_by_its_folder_and_must_fit(tmp_path: Path) -> None:
     made, where = lagrangian(1, 1), region(1, 1)
     save_dynamics(tmp_path / "dynamics.safetensors", made, {})
-    found = sampled_sim(str(tmp_path), where)
-    np.testing.assert_array_equal(found.model.potential, sample_run(made, where, what="run").model.potential)
+    found = sample_simulator(str(tmp_path), where)
+    np.testing.assert_array_equal(found.model.potential, project_run(made, where, what="run").model.potential)
     with pytest.raises(ValueError, match=r"1 latent\(s\) and 1 input\(s\), but the recording 2 and 1"):
-        sample_run(made, region(2, 1), what="run")
+        project_run(made, region(2, 1), what="run")
     (tmp_path / "below" / "deeper" / "still").mkdir(parents=True)
-    open_dynamics(tmp_path / "below" / "deeper")
+    load_run_dynamics(tmp_path / "below" / "deeper")
     with pytest.raises(FileNotFoundError, match=r"no dynamics\.safetensors"):
-        open_dynamics(tmp_path / "below" / "deeper" / "still")
+        load_run_dynamics(tmp_path / "below" / "deeper" / "still")
     (tmp_path / "a.csv").write_text("t,q0\n0,0\n1,1\n")
     with pytest.raises(ValueError, match="is identified and not sampled"):
-        sampled_sim(str(tmp_path / "a.csv"), where)
+        sample_simulator(str(tmp_path / "a.csv"), where)
 
 
 def chart() -> Chart:
@@ -85,11 +93,11 @@ def chart() -> Chart:
 
 
 def test_a_run_is_held_against_what_no_fit_saw() -> None:
-    held = charted(chart(), held_out=True)
+    held = read_chart_trajectory(chart(), held_out=True)
     assert held.segments == ((0, 8), (8, 14))
     np.testing.assert_array_equal(held.q[:, 0], np.arange(16.0, 30.0))
     np.testing.assert_array_equal(held.u[:, 0], np.arange(26.0, 40.0))
-    seen = charted(chart(), held_out=False)
+    seen = read_chart_trajectory(chart(), held_out=False)
     assert seen.segments == ((0, 10), (10, 14))
     np.testing.assert_array_equal(seen.q[8:12, 0], [8.0, 9.0, 12.0, 13.0])
     np.testing.assert_allclose(seen.time_s[10], 12 / 60.0)
@@ -98,7 +106,7 @@ def test_a_run_is_held_against_what_no_fit_saw() -> None:
 def test_frames_become_whitened_latents_of_the_run() -> None:
     seeing = Autoencoder(d=1, n_gaussians=4, kernel=3, channels=2, height=32, width=32, background="black")
     frames = np.random.default_rng(0).integers(0, 256, (5, 32, 32, 3), dtype=np.uint8)
-    encode = encoder(seeing, chart(), what="run")
+    encode = make_encoder(seeing, chart(), what="run")
     with torch.no_grad():
         raw = seeing.encode(torch.as_tensor(frames).permute(0, 3, 1, 2).float() / 255.0).double().numpy()
     np.testing.assert_allclose(encode(frames), (raw - 0.5) * 2.0, atol=1e-6)
@@ -113,10 +121,10 @@ def test_a_film_becomes_a_motion_of_the_run() -> None:
         frames=frames, time_s=np.arange(6) / 30.0, inputs=np.arange(6.0)[:, None], input_names=("p",),
         input_units=("atm",), segments=((0, 4), (4, 6)), meta={"origin": "filmed"},
     )  # fmt: skip
-    motion = encoded(seeing, chart(), film)
-    np.testing.assert_array_equal(motion.q, encoder(seeing, chart(), what="run")(frames))
+    motion = encode_recording(seeing, chart(), film)
+    np.testing.assert_array_equal(motion.q, make_encoder(seeing, chart(), what="run")(frames))
     assert motion.segments == ((0, 4), (4, 6))
     np.testing.assert_array_equal(motion.u, film.inputs)
     undriven = replace(film, inputs=np.zeros((6, 0)), input_names=(), input_units=())
     with pytest.raises(ValueError, match=r"0 input\(s\), but the run was fitted with 1"):
-        encoded(seeing, chart(), undriven)
+        encode_recording(seeing, chart(), undriven)

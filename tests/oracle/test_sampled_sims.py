@@ -3,21 +3,26 @@
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.estimation.dataset import MARGIN, Record, Region, region_of
-from lagsplat.diagnose.simulators.projection import FieldFunctions, Sampled, sample_mechanics
-from lagsplat.diagnose.simulators.projection_acceleration import sample_acceleration
+from lagsplat.diagnose.estimation.dataset import (
+    REGION_MARGIN,
+    Dataset,
+    OperatingRegion,
+    sample_operating_region,
+)
+from lagsplat.diagnose.simulators.projection import FieldFunctions, ProjectedModel, project_fields
+from lagsplat.diagnose.simulators.projection_acceleration import project_acceleration
 
 LENGTH, GRAVITY = 0.35, 9.81
 
 
-def swing(d: int, n_u: int, reach: float) -> Record:
+def swing(d: int, n_u: int, reach: float) -> Dataset:
     """A motion of ``d`` coordinates at rates that share no multiple, and inputs beside it."""
     time = np.arange(900) / 60.0
     rate = 2.0 * np.pi * np.sqrt(np.arange(1.0, d + 1.0))
     q = reach * np.cos(np.outer(time, rate) + np.arange(d)) * np.exp(-time / 20.0)[:, None]
     u = np.sin(np.outer(time, 3.0 * np.arange(1.0, n_u + 1.0)))
     clips = np.array([[0, len(time)]])
-    return Record(
+    return Dataset(
         time, q, np.gradient(q, time, axis=0), u, clips, ("a",), np.zeros(1, dtype=np.int64), (0.0,)
     )
 
@@ -47,16 +52,16 @@ def textbook(q: np.ndarray, v: np.ndarray, u: np.ndarray) -> np.ndarray:
     return np.stack([(f0 - c * f1) / det, (2.0 * f1 - c * f0) / det], axis=1)
 
 
-def worst(one: Sampled, region: Region, truth: np.ndarray) -> float:
+def worst(one: ProjectedModel, region: OperatingRegion, truth: np.ndarray) -> float:
     wrong = one.model.acceleration(region.q, region.v, region.u) - truth
     return float(np.abs(wrong).max() / np.abs(truth).max())
 
 
 @pytest.mark.parametrize(("reach", "bound"), [(0.25, 0.005), (0.7, 1e-5), (2.5, 1e-5)])
 def test_a_double_pendulum_is_found_from_its_fields(reach: float, bound: float) -> None:
-    region = region_of(swing(2, 1, reach))
-    one = sample_mechanics(double_pendulum(), region, what="sim")
-    fresh = region_of(swing(2, 1, reach), seed=1)
+    region = sample_operating_region(swing(2, 1, reach))
+    one = project_fields(double_pendulum(), region, what="sim")
+    fresh = sample_operating_region(swing(2, 1, reach), seed=1)
     assert worst(one, fresh, textbook(fresh.q, fresh.v, fresh.u)) < bound
     assert one.error < bound
     np.testing.assert_allclose(one.model.rest, 0.0, atol=1e-6)
@@ -66,9 +71,9 @@ def test_a_double_pendulum_is_found_from_its_fields(reach: float, bound: float) 
 
 @pytest.mark.parametrize("reach", [0.7, 2.5])
 def test_a_double_pendulum_is_found_from_its_acceleration_alone(reach: float) -> None:
-    region = region_of(swing(2, 1, reach))
-    one = sample_acceleration(textbook, region, what="sim")
-    fresh = region_of(swing(2, 1, reach), seed=1)
+    region = sample_operating_region(swing(2, 1, reach))
+    one = project_acceleration(textbook, region, what="sim")
+    fresh = sample_operating_region(swing(2, 1, reach), seed=1)
     assert worst(one, fresh, textbook(fresh.q, fresh.v, fresh.u)) < 1e-4
     assert np.trace(one.model.mass[0]) == pytest.approx(2.0)
     # what a push does is known too, not only how it moves by itself
@@ -77,18 +82,18 @@ def test_a_double_pendulum_is_found_from_its_acceleration_alone(reach: float) ->
 
 
 def test_friction_and_drag_are_told_from_damping() -> None:
-    region = region_of(swing(1, 1, 0.7))
-    sliding = sample_acceleration(lambda q, v, u: -40.0 * q - 3.0 * np.sign(v) + u, region, what="sim")
+    region = sample_operating_region(swing(1, 1, 0.7))
+    sliding = project_acceleration(lambda q, v, u: -40.0 * q - 3.0 * np.sign(v) + u, region, what="sim")
     assert sliding.model.dry[0] == pytest.approx(3.0, rel=0.05)
     assert sliding.model.damping[0, 0, 0] == pytest.approx(0.0, abs=0.1)
-    dragged = sample_acceleration(lambda q, v, u: -40.0 * q - 0.3 * np.abs(v) * v, region, what="sim")
+    dragged = project_acceleration(lambda q, v, u: -40.0 * q - 0.3 * np.abs(v) * v, region, what="sim")
     assert dragged.model.drag[0] == pytest.approx(0.3, rel=1e-6)
     assert dragged.model.dry[0] == 0.0
 
 
 def test_an_unforced_model_loses_energy_by_its_losses_alone() -> None:
-    region = region_of(swing(2, 1, 0.7))
-    model = sample_acceleration(textbook, region, what="sim").model
+    region = sample_operating_region(swing(2, 1, 0.7))
+    model = project_acceleration(textbook, region, what="sim").model
     q, v = region.q, region.v
     a = model.acceleration(q, v, np.zeros_like(region.u))
     step = 1e-5
@@ -103,26 +108,26 @@ def test_an_unforced_model_loses_energy_by_its_losses_alone() -> None:
 
 
 def test_what_cannot_be_written_is_told() -> None:
-    region = region_of(swing(1, 1, 0.7))
+    region = sample_operating_region(swing(1, 1, 0.7))
     with pytest.warns(UserWarning, match=r"sim: its acceleration .* only to within"):
-        sample_acceleration(lambda q, v, u: -40.0 * q + 20.0 * u * np.abs(u), region, what="sim")
+        project_acceleration(lambda q, v, u: -40.0 * q + 20.0 * u * np.abs(u), region, what="sim")
     with pytest.raises(ValueError, match="not finite at q"):
-        sample_acceleration(lambda q, v, u: np.where(q > 0.5, np.nan, -q), region, what="sim")
+        project_acceleration(lambda q, v, u: np.where(q > 0.5, np.nan, -q), region, what="sim")
     with pytest.raises(ValueError, match="zero everywhere"):
-        sample_acceleration(lambda q, v, u: 0.0 * q, region, what="sim")
+        project_acceleration(lambda q, v, u: 0.0 * q, region, what="sim")
     heavy = double_pendulum()
     without = FieldFunctions(lambda q: -heavy.mass(q), heavy.slope, heavy.input_map, heavy.loss)
     with pytest.raises(ValueError, match="not positive at q"):
-        sample_mechanics(without, region_of(swing(2, 1, 0.7)), what="sim")
+        project_fields(without, sample_operating_region(swing(2, 1, 0.7)), what="sim")
 
 
 def test_a_region_covers_the_record_and_a_margin() -> None:
     record = swing(2, 1, 1.0)
-    region = region_of(record)
+    region = sample_operating_region(record)
     half = 0.5 * np.ptp(record.q, axis=0)
     assert (np.ptp(region.q, axis=0) > 2.0 * half).all()
-    assert (np.ptp(region.q, axis=0) < 2.0 * half * (1.0 + 2.0 * MARGIN)).all()
-    still = Record(
+    assert (np.ptp(region.q, axis=0) < 2.0 * half * (1.0 + 2.0 * REGION_MARGIN)).all()
+    still = Dataset(
         record.time, record.q, record.v, 0.0 * record.u, record.clips, ("a",), record.file_of, (0.0,)
     )
-    assert np.ptp(region_of(still).u) > 0.5
+    assert np.ptp(sample_operating_region(still).u) > 0.5

@@ -5,30 +5,37 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.estimation.dataset import Record, Windows, cut_windows
-from lagsplat.diagnose.estimation.multiple_shooting import Data, derivatives
-from lagsplat.diagnose.estimation.rollout import Columns, Moving
-from lagsplat.diagnose.mechanics.basis import bend, evaluate, highest_power
-from lagsplat.diagnose.mechanics.model import Model
-from lagsplat.diagnose.mechanics.structure import Form, degrees, enlarged, free_directions
+from lagsplat.diagnose.estimation.dataset import Dataset, WindowSet, cut_windows
+from lagsplat.diagnose.estimation.multiple_shooting import ShootingData, differentiate_predictions
+from lagsplat.diagnose.estimation.rollout import ParameterSensitivity, SensitivityColumns
+from lagsplat.diagnose.mechanics.basis import evaluate_basis, evaluate_basis_curvature, find_highest_power
+from lagsplat.diagnose.mechanics.model import MechanicalModel
+from lagsplat.diagnose.mechanics.structure import (
+    ModelStructure,
+    list_field_sizes,
+    list_free_directions,
+    pad_model,
+)
 from tests.oracle.test_kernel import wild
 from tests.unit.diagnose.toys import coupled, oscillator
 
 STEP = 1e-5
 
 
-def whole(model: Model) -> Form:
+def whole(model: MechanicalModel) -> ModelStructure:
     """Every field may depend on the coordinates, and every kind of loss is there."""
-    ends = degrees(model.basis)
-    return Form(ends[2], ends[1], ends[-1], ends[1] if model.n_u else 0, dry=True, drag=True)
+    ends = list_field_sizes(model.basis)
+    return ModelStructure(ends[2], ends[1], ends[-1], ends[1] if model.n_u else 0, dry=True, drag=True)
 
 
-def trial(model: Model, *, dense: bool = False, held: bool = False) -> tuple[Moving, np.ndarray, Data]:
+def trial(
+    model: MechanicalModel, *, dense: bool = False, held: bool = False
+) -> tuple[ParameterSensitivity, np.ndarray, ShootingData]:
     """Rollouts over windows of unequal length, their starts, and data that they do not fit."""
     rng, n, d = np.random.default_rng(0), 61, model.d
     time = np.cumsum(rng.uniform(0.01, 0.03, n))
     q, v = rng.normal(0.0, 0.4, (n, d)), rng.normal(0.0, 1.0, (n, d))
-    record = Record(
+    record = Dataset(
         time,
         q,
         v,
@@ -40,21 +47,23 @@ def trial(model: Model, *, dense: bool = False, held: bool = False) -> tuple[Mov
     )
     windows = cut_windows(record, length_s=0.35, least=12)
     form = whole(model)
-    model = enlarged(model, form)
-    moves = free_directions(model, form, np.ones(d))
+    model = pad_model(model, form)
+    moves = list_free_directions(model, form, np.ones(d))
     if dense:
         moves = rng.normal(size=(7, len(moves))) @ moves / np.sqrt(len(moves))
-    data = Data(windows.take(q), windows.mask()[..., None] / rng.uniform(0.5, 2.0, d), np.full(2 * d, STEP))
-    moving = Moving(model, record, windows, moves, q, 2, held)
+    data = ShootingData(
+        windows.take(q), windows.mask()[..., None] / rng.uniform(0.5, 2.0, d), np.full(2 * d, STEP)
+    )
+    moving = ParameterSensitivity(model, record, windows, moves, q, 2, held)
     return moving, np.concatenate([q, v], axis=1)[windows.first], data
 
 
 def by_differences(
-    moving: Moving, x: np.ndarray, starts: np.ndarray, data: Data
+    moving: ParameterSensitivity, x: np.ndarray, starts: np.ndarray, data: ShootingData
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Central differences of the rollouts."""
     ends = [
-        derivatives(
+        differentiate_predictions(
             moving, x, starts, replace(data, start_step=sign * data.start_step), np.full(len(x), step)
         )
         for sign, step in ((1.0, STEP), (-1.0, -STEP))
@@ -91,9 +100,9 @@ def test_slopes_are_the_derivatives_of_the_rollouts(name: str, dense: bool) -> N
 
 def test_what_moves_alike_shares_a_column_and_what_does_not_move_has_none() -> None:
     model = coupled()
-    form = Form(1, 1, 3, 1)
-    moves = free_directions(model, form, np.ones(2))
-    columns = Columns.along(moves, model)
+    form = ModelStructure(1, 1, 3, 1)
+    moves = list_free_directions(model, form, np.ones(2))
+    columns = SensitivityColumns.along(moves, model)
     # two entries of the mass, one fixed by the trace; three of the damping, two of the potential, four inputs
     assert columns.moves.shape == (len(moves), 3 + 3 + 2 + 4)
     mass, damping, potential, input_map, dry, drag = columns.of
@@ -132,7 +141,7 @@ def test_a_rollout_that_leaves_for_good_is_moved_by_nothing_from_there_on() -> N
 def test_windows_that_end_early_have_no_slopes_beyond() -> None:
     moving, starts, data = trial(oscillator())
     short = replace(
-        moving, windows=Windows(moving.windows.first, moving.windows.length - np.arange(len(starts)))
+        moving, windows=WindowSet(moving.windows.first, moving.windows.length - np.arange(len(starts)))
     )
     _, slopes, _ = short.derivatives(np.zeros(len(moving.moves)), starts, data)
     for w, n in enumerate(short.windows.length):
@@ -143,10 +152,10 @@ def test_windows_that_end_early_have_no_slopes_beyond() -> None:
 def test_second_derivatives_of_the_basis_are_those_of_its_slopes(d: int) -> None:
     basis = wild(d, 0).basis
     q, h = np.random.default_rng(2).normal(0.0, 0.6, d), 1e-6
-    powers = np.empty((d, highest_power(basis.kind, basis.order) + 1))
+    powers = np.empty((d, find_highest_power(basis.kind, basis.order) + 1))
     value, slope, second = np.empty(basis.size), np.empty((basis.size, d)), np.empty((d, d, basis.size))
-    evaluate(basis.kind, basis.order, basis.centre, basis.scale, q, powers, value, slope)
-    bend(basis.kind, basis.order, basis.scale, powers, value, second)
+    evaluate_basis(basis.kind, basis.order, basis.centre, basis.scale, q, powers, value, slope)
+    evaluate_basis_curvature(basis.kind, basis.order, basis.scale, powers, value, second)
     for i in range(d):
         ends = basis.slopes(np.stack([q - h * np.eye(d)[i], q + h * np.eye(d)[i]]))
         quotient = (ends[1] - ends[0]) / (2.0 * h)

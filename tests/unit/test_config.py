@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from lagsplat.config.compose import CONF, GROUPS, ConfigError, compose, options, rebuild
+from lagsplat.config.compose import ConfigError, compose, rebuild
+from lagsplat.config.schema import CONF, GROUPS, options
 from lagsplat.stage1.config import Stage1Config
 
 FILE = "recording.path=film.mp4"
@@ -101,7 +102,7 @@ def test_a_typo_in_a_file_names_the_file(tmp_path: Path, monkeypatch: pytest.Mon
         copy.write_text(path.read_text(encoding="utf-8"), encoding="utf-8")
     broken = tmp_path / "chart" / "default.yaml"
     broken.write_text(broken.read_text(encoding="utf-8") + "smoothing: 3\n", encoding="utf-8")
-    monkeypatch.setattr("lagsplat.config.compose.CONF", tmp_path)
+    monkeypatch.setattr("lagsplat.config.schema.CONF", tmp_path)
     with pytest.raises(ConfigError, match=r"conf/chart/default\.yaml.*'smoothing'.*smoothing_frames"):
         compose("stage1.batch=3")
 

@@ -18,16 +18,16 @@ from lagsplat.export.mcap import encoded_motion, energies, export_mcap, predict
 from lagsplat.io.config import McapConfig, McapInputConfig
 from lagsplat.io.mcap.recording import read_mcap
 from lagsplat.io.recording.recording import save_recording
-from lagsplat.runs.run import Run
+from lagsplat.runs.run import FittedRun
 from lagsplat.stage1.autoencoder import decode_latents, save_autoencoder
 from lagsplat.stage2.fit import save_dynamics
 from tests.unit.evaluate import tiny_run
 
 
 @pytest.fixture(scope="module")
-def run() -> Run:
+def run() -> FittedRun:
     film, model = tiny_run.recording(120, tail=40), tiny_run.autoencoder()
-    return Run(film, model, tiny_run.chart(model, film), tiny_run.lagrangian())
+    return FittedRun(film, model, tiny_run.chart(model, film), tiny_run.lagrangian())
 
 
 @pytest.fixture(scope="module")
@@ -36,13 +36,13 @@ def settings() -> EvaluateConfig:
 
 
 @pytest.fixture(scope="module")
-def exported(run: Run, settings: EvaluateConfig, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def exported(run: FittedRun, settings: EvaluateConfig, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("export") / "run.mcap"
     export_mcap(run, settings, path)
     return path
 
 
-def test_our_reader_finds_the_recording_in_it(run: Run, exported: Path) -> None:
+def test_our_reader_finds_the_recording_in_it(run: FittedRun, exported: Path) -> None:
     inputs = [McapInputConfig("/inputs", "push", "push", "N")]
     topics = McapConfig("/camera/recorded", inputs, "header", 0.5)
     read = read_mcap(exported, topics, crop=None, skip_s=0.0, size=None)
@@ -51,7 +51,7 @@ def test_our_reader_finds_the_recording_in_it(run: Run, exported: Path) -> None:
     np.testing.assert_allclose(read.inputs, run.recording.inputs, atol=1e-7)
 
 
-def test_the_libraries_own_reader_finds_every_topic(run: Run, exported: Path) -> None:
+def test_the_libraries_own_reader_finds_every_topic(run: FittedRun, exported: Path) -> None:
     with exported.open("rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         found: dict[str, list] = {}
@@ -79,7 +79,7 @@ def test_the_libraries_own_reader_finds_every_topic(run: Run, exported: Path) ->
     np.testing.assert_allclose(drawn, 255.0 * np.clip(np.moveaxis(expected, 0, 2), 0, 1), atol=0.51)
 
 
-def test_the_prediction_starts_at_the_first_scored_frame(run: Run, settings: EvaluateConfig) -> None:
+def test_the_prediction_starts_at_the_first_scored_frame(run: FittedRun, settings: EvaluateConfig) -> None:
     motion = predict(run, settings)
     smooth = run.chart.held_out.smoothed(run.chart.smoothing_frames).latents
     skip = round(0.1 / run.chart.dt_s)
@@ -90,7 +90,7 @@ def test_the_prediction_starts_at_the_first_scored_frame(run: Run, settings: Eva
         predict(run, compose("evaluate.skip_s=0.99").evaluate)
 
 
-def test_the_total_energy_falls_by_what_damping_takes(run: Run, settings: EvaluateConfig) -> None:
+def test_the_total_energy_falls_by_what_damping_takes(run: FittedRun, settings: EvaluateConfig) -> None:
     motion = predict(run, settings)
     parts = energies(run.lagrangian, motion.q, motion.v)
     assert min(parts["kinetic"].min(), parts["potential"].min(), parts["dissipated_power"].min()) >= 0
@@ -101,7 +101,7 @@ def test_the_total_energy_falls_by_what_damping_takes(run: Run, settings: Evalua
     assert lost == pytest.approx(taken, rel=0.02)
 
 
-def test_velocities_are_those_of_each_clip(run: Run) -> None:
+def test_velocities_are_those_of_each_clip(run: FittedRun) -> None:
     whole = run.chart.whole
     clips = type(whole)(whole.latents, whole.inputs, whole.time_s, ((0, 1), (1, 60), (60, 120)))
     motion = encoded_motion(clips, 1.0)
@@ -111,7 +111,7 @@ def test_velocities_are_those_of_each_clip(run: Run) -> None:
 
 
 def test_the_command_writes_once_and_overwrites_nothing(
-    run: Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    run: FittedRun, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     header = {"config": asdict(compose())}
     save_recording(tmp_path / "recording.safetensors", run.recording)

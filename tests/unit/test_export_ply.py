@@ -8,7 +8,7 @@ import torch
 
 from lagsplat.export.ply import export_ply
 from lagsplat.io.files.ply import read_cloud
-from lagsplat.runs.run import Run, state_of
+from lagsplat.runs.run import FittedRun, state_of
 from lagsplat.splat.gaussians import Slice
 from lagsplat.splat.projection import project, view_of
 from lagsplat.splat.rasterize_torch import rasterize
@@ -73,7 +73,7 @@ def test_states_that_are_none_are_refused(tmp_path: Path) -> None:
 def test_a_command_names_a_frame_numbers_or_rest() -> None:
     film, model = tiny_run.recording(60, tail=20), tiny_run.autoencoder()
     chart = tiny_run.chart(model, film)
-    run = Run(film, model, chart, tiny_run.lagrangian())
+    run = FittedRun(film, model, chart, tiny_run.lagrangian())
     np.testing.assert_array_equal(state_of(run, None, None), chart.rest)
     np.testing.assert_array_equal(state_of(run, "7", None), chart.latents[7])
     np.testing.assert_array_equal(state_of(run, None, "0.5,-1"), [0.5, -1.0])

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 from lagsplat.config.compose import compose
-from lagsplat.runs.run import fit, open_run, protocol, push, score
+from lagsplat.pipelines.evaluate import protocol, score
+from lagsplat.runs.fit import fit
+from lagsplat.runs.run import open_run, push
 
 SMALL = (
     "profile=toy",

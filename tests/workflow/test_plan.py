@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from lagsplat.config.compose import options
+from lagsplat.config.schema import options
 
 ROOT = Path(__file__).resolve().parents[2]
 ORDER = [

@@ -18,16 +18,16 @@ from lagsplat.diagnose.effects.base import (
     ModelEffect,
     PlacedEffect,
     SampleEffect,
-    Scales,
     make_direction,
 )
 from lagsplat.diagnose.effects.dynamics.linear_stiffness import SPRING
+from lagsplat.diagnose.effects.parameters import Scales
 from lagsplat.diagnose.effects.registry import catalogue
-from lagsplat.diagnose.estimation.dataset import Region
-from lagsplat.diagnose.estimation.nuisance import Nuisance
-from lagsplat.diagnose.estimation.rollout import Bench
+from lagsplat.diagnose.estimation.dataset import OperatingRegion
+from lagsplat.diagnose.estimation.nuisance import NuisanceParameters
+from lagsplat.diagnose.estimation.rollout import RolloutModel
 from lagsplat.diagnose.mechanics.basis import Basis
-from lagsplat.diagnose.mechanics.model import Model
+from lagsplat.diagnose.mechanics.model import MechanicalModel
 from lagsplat.io.files.artifact import load_artefact, save_artefact
 
 KIND, SCHEMA = "augmented", 1
@@ -41,8 +41,8 @@ SIGNED = ("viscous_damping", "cubic_stiffness")
 class AugmentedSimulator:
     """A sim, effects and their fitted unknowns ``x`` (k,), those of the effects followed by the sim's own."""
 
-    model: Model
-    nuisance: Nuisance
+    model: MechanicalModel
+    nuisance: NuisanceParameters
     effects: tuple[PlacedEffect, ...]
     x: Float64[np.ndarray, " k"]
     held: bool
@@ -53,7 +53,7 @@ class AugmentedSimulator:
     """Time between samples of the real recording [s]."""
     q_names: tuple[str, ...]
     u_names: tuple[str, ...]
-    region: Region
+    region: OperatingRegion
     """States and inputs of the real recording."""
 
     def parameters(self, n: int) -> dict[str, float]:
@@ -87,17 +87,17 @@ class AugmentedSimulator:
 
 
 def wrap_without_effects(
-    model: Model,
+    model: MechanicalModel,
     *,
     held: bool,
     step_s: float,
     dt_s: float,
     q_names: Sequence[str],
     u_names: Sequence[str],
-    region: Region,
+    region: OperatingRegion,
 ) -> AugmentedSimulator:
     """A sim to which nothing was added yet."""
-    nothing = Nuisance(1.0, 1.0, 1.0, np.ones(model.d), 1.0, model.n_u, np.zeros((0, _size(model))))
+    nothing = NuisanceParameters(1.0, 1.0, 1.0, np.ones(model.d), 1.0, model.n_u, np.zeros((0, _size(model))))
     x = np.zeros(nothing.size)
     return AugmentedSimulator(
         model, nothing, (), x, held, step_s, dt_s, tuple(q_names), tuple(u_names), region
@@ -105,13 +105,13 @@ def wrap_without_effects(
 
 
 def build_augmented(
-    bench: Bench,
+    bench: RolloutModel,
     effects: Sequence[PlacedEffect],
     x: Float64[np.ndarray, " k"],
     *,
     q_names: Sequence[str],
     u_names: Sequence[str],
-    region: Region,
+    region: OperatingRegion,
 ) -> AugmentedSimulator:
     """What a fit on a bench found, ``x`` being its unknowns: the effects' own, then the uncertainties'.
 
@@ -134,7 +134,7 @@ def build_augmented(
     )  # fmt: skip
 
 
-def transfer_effects(one: AugmentedSimulator, model: Model) -> AugmentedSimulator:
+def transfer_effects(one: AugmentedSimulator, model: MechanicalModel) -> AugmentedSimulator:
     """The effects of ``one`` on another sim of the same coordinates and inputs, whose own parameters stay.
 
     Raises:
@@ -188,8 +188,10 @@ def load_augmented(path: str | os.PathLike[str]) -> AugmentedSimulator:
     said = header["augmented"]
     basis = Basis(**{name: tensors[f"basis.{name}"] for name in BASIS})
     return AugmentedSimulator(
-        model=Model(basis, **{name: tensors[name] for name in FIELDS}),
-        nuisance=Nuisance(**said["nuisance"], offset=tensors["offset"], directions=tensors["directions"]),
+        model=MechanicalModel(basis, **{name: tensors[name] for name in FIELDS}),
+        nuisance=NuisanceParameters(
+            **said["nuisance"], offset=tensors["offset"], directions=tensors["directions"]
+        ),
         effects=tuple(_read(entry, path) for entry in said["effects"]),
         x=tensors["x"],
         held=said["held"],
@@ -197,7 +199,7 @@ def load_augmented(path: str | os.PathLike[str]) -> AugmentedSimulator:
         dt_s=said["dt_s"],
         q_names=tuple(said["q_names"]),
         u_names=tuple(said["u_names"]),
-        region=Region(*(tensors[f"region.{name}"] for name in ("q", "v", "u"))),
+        region=OperatingRegion(*(tensors[f"region.{name}"] for name in ("q", "v", "u"))),
     )
 
 
@@ -227,9 +229,9 @@ def _read(entry: Mapping[str, Any], path: str | os.PathLike[str]) -> PlacedEffec
     )  # fmt: skip
 
 
-def _moved(direction: Direction | None, model: Model) -> Direction | None:
+def _moved(direction: Direction | None, model: MechanicalModel) -> Direction | None:
     return None if direction is None else make_direction(direction.name, direction.covector, model)
 
 
-def _size(model: Model) -> int:
+def _size(model: MechanicalModel) -> int:
     return sum(getattr(model, name).size for name in FIELDS[:6])

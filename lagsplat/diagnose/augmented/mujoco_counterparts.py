@@ -13,7 +13,7 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 from lagsplat.diagnose.effects.dynamics.linear_stiffness import SPRING
-from lagsplat.diagnose.simulators.mujoco_model import Choice, require_mujoco
+from lagsplat.diagnose.simulators.mujoco_model import MujocoSelection, require_mujoco
 
 FAINT = 1e-6
 """Stiffness, relative to the force, of the spring that stands for a constant force."""
@@ -26,7 +26,7 @@ class Place:
     """Where an effect acts: elements of the model's specification, and the reference inertia there."""
 
     spec: Any
-    chosen: Choice
+    chosen: MujocoSelection
     joint: Any
     """None where the effect acts on the whole of several joints."""
     actuator: Any

@@ -11,7 +11,7 @@ from lagsplat.diagnose.augmented.mujoco_counterparts import COUNTERPARTS, Place
 from lagsplat.diagnose.core.result import Candidate
 from lagsplat.diagnose.effects.dynamics.linear_stiffness import SPRING
 from lagsplat.diagnose.effects.dynamics.linear_stiffness import stiffness as stiffness_of
-from lagsplat.diagnose.simulators.mujoco_model import load_mujoco, mechanics, require_mujoco
+from lagsplat.diagnose.simulators.mujoco_model import load_mujoco, make_mujoco_fields, require_mujoco
 
 
 def patch_xml(
@@ -79,7 +79,7 @@ def _patch(
     mujoco = require_mujoco()
     chosen = load_mujoco(path, joints=joints, actuators=actuators)
     at = chosen.data.qpos[chosen.at_q].copy() if rest is None else np.asarray(rest, dtype=np.float64)
-    mass = mechanics(chosen).mass(at[None])[0]
+    mass = make_mujoco_fields(chosen).mass(at[None])[0]
     inverse = np.linalg.inv(mass)
     spec = mujoco.MjSpec.from_file(str(path))
     told: list[str] = []

@@ -10,8 +10,8 @@ from jaxtyping import Float64
 
 from lagsplat.diagnose.augmented.model import AugmentedSimulator
 from lagsplat.diagnose.effects.base import CoefficientBatch, InputEffect, PlacedEffect
-from lagsplat.diagnose.estimation.dataset import Record, Windows
-from lagsplat.diagnose.estimation.rollout import Bench
+from lagsplat.diagnose.estimation.dataset import Dataset, WindowSet
+from lagsplat.diagnose.estimation.rollout import RolloutModel
 
 Vector = Float64[np.ndarray, " d"]
 
@@ -88,7 +88,7 @@ def simulate_augmented(
     u = drive.u
     if drive.push is not None:
         one, u = _pushable(one), np.concatenate([u, drive.push], axis=1)
-    record = Record(
+    record = Dataset(
         time=np.ascontiguousarray(drive.time_s, dtype=np.float64),
         q=np.repeat(at[0][None], n, axis=0),
         v=np.repeat(at[1][None], n, axis=0),
@@ -99,9 +99,9 @@ def simulate_augmented(
         shifts_s=(0.0,),
     )
     steps = max(1, int(np.ceil(np.diff(drive.time_s).max() / one.step_s - 1e-9)))
-    bench = Bench(one.model, record, one.nuisance, steps, one.held if held is None else held, record.q)
+    bench = RolloutModel(one.model, record, one.nuisance, steps, one.held if held is None else held, record.q)
     start = np.concatenate(at)[None, None]
-    whole = Windows(np.zeros(1, dtype=np.int64), np.array([n]))
+    whole = WindowSet(np.zeros(1, dtype=np.int64), np.array([n]))
     seen, rate = bench.rollouts(one.effects, one.x[None], start, whole)
     return seen[0, 0], rate[0, 0]
 

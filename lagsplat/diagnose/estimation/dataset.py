@@ -16,12 +16,12 @@ from jaxtyping import Bool, Float64, Int64
 from lagsplat.diagnose.data_quality.noise import local_cubic, noise_level
 from lagsplat.io.trajectory.trajectory import Motion
 
-BREAK_S = 10.0
+FILE_BREAK_S = 10.0
 """Between files whose own clocks do not go on from one to the next."""
 
 
 @dataclass(frozen=True)
-class Record:
+class Dataset:
     """Files joined along one clock: ``time`` (N,) [s] counts from the first's start; clips never touch."""
 
     time: Float64[np.ndarray, " N"]
@@ -54,20 +54,20 @@ class Record:
 
 
 @dataclass(frozen=True)
-class Span:
+class FileSpan:
     """A stretch of a file, by the file's own clock [s]."""
 
     file: str
     start_s: float
     stop_s: float
 
-    def meets(self, other: "Span") -> bool:
+    def meets(self, other: "FileSpan") -> bool:
         """Whether both hold more than a border."""
         return self.file == other.file and self.start_s < other.stop_s and other.start_s < self.stop_s
 
 
 @dataclass(frozen=True)
-class Windows:
+class WindowSet:
     """Stretches of a record that are simulated each from a state of its own."""
 
     first: Int64[np.ndarray, " W"]
@@ -87,11 +87,11 @@ class Windows:
         index = self.first[:, None] + np.minimum(np.arange(self.longest)[None, :], self.length[:, None] - 1)
         return values[index]
 
-    def only(self, chosen: np.ndarray) -> "Windows":
+    def only(self, chosen: np.ndarray) -> "WindowSet":
         """Those of the windows that are ``chosen``, a mask or an index."""
-        return Windows(self.first[chosen], self.length[chosen])
+        return WindowSet(self.first[chosen], self.length[chosen])
 
-    def evenly(self, frames: float) -> "Windows":
+    def evenly(self, frames: float) -> "WindowSet":
         """As many of the windows, evenly apart, as hold about ``frames`` frames; all if these are fewer."""
         total, n = float(self.length.sum()), len(self.first)
         if frames >= total:
@@ -99,31 +99,31 @@ class Windows:
         return self.only(np.unique(np.linspace(0, n - 1, max(round(n * frames / total), 4)).astype(int)))
 
 
-def spans(windows: Windows, record: Record) -> tuple[Span, ...]:
+def locate_windows(windows: WindowSet, record: Dataset) -> tuple[FileSpan, ...]:
     """Where the windows lie in the files of their record."""
     out = []
     for first, length in zip(windows.first, windows.length, strict=True):
         number, start_s = record.own_time(float(record.time[first]))
         stop_s = float(record.time[first + length - 1]) + record.shifts_s[number]
-        out.append(Span(record.files[number], start_s, stop_s))
+        out.append(FileSpan(record.files[number], start_s, stop_s))
     return tuple(out)
 
 
-def apart(windows: Windows, record: Record, others: Sequence[Span]) -> Windows:
+def drop_overlapping_windows(windows: WindowSet, record: Dataset, others: Sequence[FileSpan]) -> WindowSet:
     """Those of the windows that meet none of ``others``."""
-    met = [any(one.meets(other) for other in others) for one in spans(windows, record)]
+    met = [any(one.meets(other) for other in others) for one in locate_windows(windows, record)]
     return windows.only(~np.array(met, dtype=bool))
 
 
-def join(motions: Sequence[Motion], velocities: Sequence[np.ndarray]) -> Record:
+def join_trajectories(motions: Sequence[Motion], velocities: Sequence[np.ndarray]) -> Dataset:
     """One record of ``motions`` with their velocity estimates."""
-    clips, file_of, offset, shifts = [], [], 0, clock_shifts(motions)
+    clips, file_of, offset, shifts = [], [], 0, compute_clock_shifts(motions)
     for number, motion in enumerate(motions):
         for start, stop in motion.segments:
             clips.append((offset + start, offset + stop))
             file_of.append(number)
         offset += motion.n
-    return Record(
+    return Dataset(
         time=np.concatenate([m.time_s - shift for m, shift in zip(motions, shifts, strict=True)]),
         q=np.concatenate([m.q for m in motions]),
         v=np.concatenate(list(velocities)),
@@ -135,7 +135,7 @@ def join(motions: Sequence[Motion], velocities: Sequence[np.ndarray]) -> Record:
     )
 
 
-def clock_shifts(motions: Sequence[Motion]) -> tuple[float, ...]:
+def compute_clock_shifts(motions: Sequence[Motion]) -> tuple[float, ...]:
     """What each file's own clock shows at zero of a joint one [s], which starts with the first file.
 
     Files whose clocks go on from one to the next keep them, where no pause is longer than all that was
@@ -145,11 +145,11 @@ def clock_shifts(motions: Sequence[Motion]) -> tuple[float, ...]:
     pauses = first[1:] - last[:-1]
     if ((pauses > 0.0) & (pauses < (last - first).sum())).all():
         return (float(first[0]),) * len(motions)
-    begins = np.append(0.0, np.cumsum(last - first + BREAK_S)[:-1])
+    begins = np.append(0.0, np.cumsum(last - first + FILE_BREAK_S)[:-1])
     return tuple((first - begins).tolist())
 
 
-def cut_windows(record: Record, *, length_s: float, least: int) -> Windows:
+def cut_windows(record: Dataset, *, length_s: float, least: int) -> WindowSet:
     """Windows of about ``length_s``, end to end, none across a cut and none below ``least`` frames.
 
     Neighbours share their border frame.
@@ -166,11 +166,11 @@ def cut_windows(record: Record, *, length_s: float, least: int) -> Windows:
         length += (np.diff(borders) + 1).tolist()
     if not first:
         raise ValueError(f"no clip has {least} frames; record longer stretches without a cut")
-    return Windows(np.array(first, dtype=np.int64), np.array(length, dtype=np.int64))
+    return WindowSet(np.array(first, dtype=np.int64), np.array(length, dtype=np.int64))
 
 
 @dataclass(frozen=True)
-class Signal:
+class InputSignal:
     """One input in the order of time: beginning, middle and end of every substep of every frame.
 
     ``begins`` marks where a clip begins. Between samples of the log it is linear, or held.
@@ -197,7 +197,7 @@ class Signal:
         return out
 
 
-def stage_times(record: Record, steps: int) -> tuple[np.ndarray, np.ndarray]:
+def compute_stage_times(record: Dataset, steps: int) -> tuple[np.ndarray, np.ndarray]:
     """Instants (N, steps, 3) of a rollout's stages and the clip of each frame (N,)."""
     clip = np.zeros(len(record.time), dtype=np.int64)
     ahead = np.zeros(len(record.time))
@@ -208,9 +208,9 @@ def stage_times(record: Record, steps: int) -> tuple[np.ndarray, np.ndarray]:
     return record.time[:, None, None] + ahead[:, None, None] * share, clip
 
 
-def signals(record: Record, *, steps: int, held: bool) -> tuple[Signal, ...]:
+def build_input_signals(record: Dataset, *, steps: int, held: bool) -> tuple[InputSignal, ...]:
     """The inputs of a record, one signal a channel."""
-    time, clip = stage_times(record, steps)
+    time, clip = compute_stage_times(record, steps)
     if held:  # the end of a substep is still under the input that was held during it, however late that acts
         time[:, :, 2] -= 1e-7
     per_frame = time.shape[1] * 3
@@ -220,26 +220,26 @@ def signals(record: Record, *, steps: int, held: bool) -> tuple[Signal, ...]:
     out = []
     for column in record.u.T:
         logged = tuple((record.time[a:b], np.ascontiguousarray(column[a:b])) for a, b in record.clips)
-        blank = Signal(flat, np.zeros(len(flat)), begins, clips, logged, held)
+        blank = InputSignal(flat, np.zeros(len(flat)), begins, clips, logged, held)
         out.append(replace(blank, values=blank.at(flat)))
     return tuple(out)
 
 
-QUIET = 1e-3
+MIN_RELATIVE_NOISE = 1e-3
 """Noise that is assumed at least, in fractions of the rms: less of a motion is not worth explaining."""
 
 
 @dataclass(frozen=True)
-class Prepared:
+class PreparedDataset:
     """A record with its smoothed coordinates, accelerations and noise."""
 
-    record: Record
+    record: Dataset
     smooth: Float64[np.ndarray, "N d"]
     acceleration: Float64[np.ndarray, "N d"]
     sigma: Float64[np.ndarray, " d"]
 
 
-def prepare(motions: Sequence[Motion], *, period_s: float) -> Prepared:
+def prepare_dataset(motions: Sequence[Motion], *, period_s: float) -> PreparedDataset:
     """Noise from a local cubic over a seventh of the period, velocities over more if noise is strong."""
     clips = [np.array(m.segments, dtype=np.int64) for m in motions]
     levels = [
@@ -248,25 +248,25 @@ def prepare(motions: Sequence[Motion], *, period_s: float) -> Prepared:
     ]
     known = np.array([level for level in levels if np.isfinite(level).all()])
     rms = np.std(np.concatenate([m.q for m in motions]), axis=0)
-    sigma = np.median(known, axis=0) if len(known) else QUIET * rms
+    sigma = np.median(known, axis=0) if len(known) else MIN_RELATIVE_NOISE * rms
     worst = float(np.max(sigma / np.maximum(rms, 1e-300)))
     width = (0.12 if worst < 0.004 else 0.2 if worst < 0.015 else 0.28) * period_s
     cubics = [local_cubic(m.time_s, m.q, clip, width_s=width) for m, clip in zip(motions, clips, strict=True)]
-    return Prepared(
-        join(motions, [slope for _, slope, _ in cubics]),
+    return PreparedDataset(
+        join_trajectories(motions, [slope for _, slope, _ in cubics]),
         np.concatenate([smooth for smooth, _, _ in cubics]),
         np.concatenate([bend for _, _, bend in cubics]),
-        np.maximum(sigma, QUIET * rms),
+        np.maximum(sigma, MIN_RELATIVE_NOISE * rms),
     )
 
 
-MARGIN = 0.15
+REGION_MARGIN = 0.15
 """How far beyond what was visited a sim is asked, as a share of half the range."""
-POINTS = 600
+REGION_POINTS = 600
 
 
 @dataclass(frozen=True)
-class Region:
+class OperatingRegion:
     """States and inputs, a row each: visited ones, and as many that mix what never came together."""
 
     q: Float64[np.ndarray, "N d"]
@@ -289,15 +289,15 @@ class Region:
         return np.sqrt(np.mean(self.v**2, axis=0))
 
 
-def region_of(record: Record, *, n: int | None = None, seed: int = 0) -> Region:
-    """About ``n`` points in the region of a record and `MARGIN` around it, by default `POINTS` and as many
+def sample_operating_region(record: Dataset, *, n: int | None = None, seed: int = 0) -> OperatingRegion:
+    """About ``n`` points in the region of a record and `REGION_MARGIN` around it, by default `REGION_POINTS` and as many
     more for each coordinate.
 
     An input or a rate that never changes is varied by its own size, or by one, so that what it does can be
     told.
     """
     rng = np.random.default_rng(seed)
-    half = max((POINTS * (1 + record.d) if n is None else n) // 2, 1)
+    half = max((REGION_POINTS * (1 + record.d) if n is None else n) // 2, 1)
     visited = np.linspace(0, len(record.q) - 1, min(half, len(record.q))).astype(int)
     drawn = rng.integers(len(record.q), size=(3, half))
 
@@ -306,7 +306,9 @@ def region_of(record: Record, *, n: int | None = None, seed: int = 0) -> Region:
         centre, reach = 0.5 * (low + high), 0.5 * (high - low)
         still = reach <= 1e-9 * np.maximum(np.abs(centre), 1e-9)
         own = np.where(still, np.where(np.abs(centre) > 0.0, np.abs(centre), 1.0), reach)
-        near = x[mixed] + own * np.where(still, 1.0, MARGIN) * rng.uniform(-1.0, 1.0, (half, x.shape[1]))
-        return np.concatenate([centre + (1.0 + MARGIN) * (x[visited] - centre), near])
+        near = x[mixed] + own * np.where(still, 1.0, REGION_MARGIN) * rng.uniform(
+            -1.0, 1.0, (half, x.shape[1])
+        )
+        return np.concatenate([centre + (1.0 + REGION_MARGIN) * (x[visited] - centre), near])
 
-    return Region(around(record.q, drawn[0]), around(record.v, drawn[1]), around(record.u, drawn[2]))
+    return OperatingRegion(around(record.q, drawn[0]), around(record.v, drawn[1]), around(record.u, drawn[2]))

@@ -14,12 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 
-Predict = Callable[[np.ndarray, np.ndarray], np.ndarray]
+PredictionFunction = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """From parameters (P, k) and starts (P, W, 2 d) to predictions (P, W, L, d)."""
 
 
 @dataclass(frozen=True)
-class Belief:
+class GaussianPrior:
     """What is believed of the parameters beforehand: normal, cut off below ``lowest``."""
 
     mean: Float64[np.ndarray, " k"]
@@ -30,7 +30,7 @@ class Belief:
 
 
 @dataclass(frozen=True)
-class Data:
+class ShootingData:
     """Samples (W, L, d) of the windows, one over their standard deviations, zero where there is none."""
 
     y: Float64[np.ndarray, "W L d"]
@@ -39,12 +39,14 @@ class Data:
     """Differences of the starting state, (2 d,)."""
 
 
-Linearise = Callable[[np.ndarray, np.ndarray, Data], tuple[np.ndarray, np.ndarray, np.ndarray]]
-"""What `derivatives` says of parameters, starts and data, worked out in another way."""
+LinearizationFunction = Callable[
+    [np.ndarray, np.ndarray, ShootingData], tuple[np.ndarray, np.ndarray, np.ndarray]
+]
+"""What `differentiate_predictions` says of parameters, starts and data, worked out in another way."""
 
 
 @dataclass(frozen=True)
-class Fit:
+class ShootingFit:
     """Parameters ``x``, starts, the weighted residual and the Gauss-Newton curvature of half the cost."""
 
     x: Float64[np.ndarray, " k"]
@@ -68,13 +70,13 @@ class Fit:
         return self.misfit + self.penalty
 
 
-def penalty(x: Float64[np.ndarray, "P k"], belief: Belief) -> Float64[np.ndarray, " P"]:
+def compute_penalty(x: Float64[np.ndarray, "P k"], belief: GaussianPrior) -> Float64[np.ndarray, " P"]:
     """Sum of squares of the standardised parameters."""
     return np.sum(((x - belief.mean) / belief.deviation) ** 2, axis=1)
 
 
-def derivatives(
-    predict: Predict, x: np.ndarray, starts: np.ndarray, data: Data, step: np.ndarray
+def differentiate_predictions(
+    predict: PredictionFunction, x: np.ndarray, starts: np.ndarray, data: ShootingData, step: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Weighted residual (W, L, d), slopes by parameters (W, M, k) and by starts (W, M, s)."""
     k, s = len(x), starts.shape[1]
@@ -88,8 +90,13 @@ def derivatives(
     return (data.y - y[0]) * data.weight, slopes[..., :k], slopes[..., k:]
 
 
-def leading(
-    predict: Predict, x: np.ndarray, starts: np.ndarray, data: Data, step: np.ndarray, n: int
+def differentiate_leading_parameters(
+    predict: PredictionFunction,
+    x: np.ndarray,
+    starts: np.ndarray,
+    data: ShootingData,
+    step: np.ndarray,
+    n: int,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Weighted residual, and slopes by the first ``n`` parameters alone."""
     if n == 0:
@@ -101,12 +108,12 @@ def leading(
     return (data.y - y[0]) * data.weight, _quotients(y, step[:n], data)
 
 
-def _quotients(y: np.ndarray, step: np.ndarray, data: Data) -> np.ndarray:
+def _quotients(y: np.ndarray, step: np.ndarray, data: ShootingData) -> np.ndarray:
     slopes = (y[1:] - y[0]) / step[:, None, None, None] * data.weight
     return slopes.reshape(len(step), y.shape[1], -1).transpose(1, 2, 0)
 
 
-def eliminate(
+def eliminate_starts(
     residual: np.ndarray, slopes: np.ndarray, start_slopes: np.ndarray, damping: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray, float, np.ndarray, np.ndarray]:
     """Curvature and gradient of the parameters with the starts eliminated, and what gives the starts back."""
@@ -125,22 +132,22 @@ def eliminate(
     return curvature, gradient, float(np.linalg.slogdet(own)[1].sum()), solved[..., :-1], solved[..., -1]
 
 
-REFRESH = 4
+MAX_STALE_STEPS = 4
 """Steps after which all slopes are taken anew."""
 
 
-def shoot(
-    predict: Predict,
+def fit_multiple_shooting(
+    predict: PredictionFunction,
     x: Float64[np.ndarray, " k"],
     starts: Float64[np.ndarray, "W s"],
-    data: Data,
-    belief: Belief,
+    data: ShootingData,
+    belief: GaussianPrior,
     *,
     iterations: int,
     tolerance: float,
     known: tuple[np.ndarray, np.ndarray] | None = None,
-    exact: Linearise | None = None,
-) -> Fit:
+    exact: LinearizationFunction | None = None,
+) -> ShootingFit:
     """Minimise from ``x`` and ``starts``; stops when a step gains less than ``tolerance`` of the cost.
 
     ``exact`` derivatives take the place of differences. ``known`` are slopes by the last parameters and by
@@ -149,7 +156,11 @@ def shoot(
     """
 
     def linear(x: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        return exact(x, starts, data) if exact else derivatives(predict, x, starts, data, belief.step)
+        return (
+            exact(x, starts, data)
+            if exact
+            else differentiate_predictions(predict, x, starts, data, belief.step)
+        )
 
     n_own = 0 if known is None else len(x) - known[0].shape[2]
     damping = 1e-3
@@ -158,10 +169,10 @@ def shoot(
     if known is None:
         residual, slopes, begun = linear(x, starts)
     else:
-        residual, own = leading(predict, x, starts, data, belief.step, n_own)
+        residual, own = differentiate_leading_parameters(predict, x, starts, data, belief.step, n_own)
         slopes, begun = np.concatenate([own, known[0]], axis=2), known[1]
         age = 1
-    misfit, paid = float(np.sum(residual**2)), float(penalty(x[None], belief)[0])
+    misfit, paid = float(np.sum(residual**2)), float(compute_penalty(x[None], belief)[0])
     cost = misfit + paid
     while done < iterations:
         done += 1
@@ -172,8 +183,8 @@ def shoot(
         if step is not None:
             x, starts, misfit, paid, damping = step
             gain, cost = cost - misfit - paid, misfit + paid
-        if gain >= tolerance * cost + 1e-9 and known is not None and age < REFRESH:
-            residual, own = leading(predict, x, starts, data, belief.step, n_own)
+        if gain >= tolerance * cost + 1e-9 and known is not None and age < MAX_STALE_STEPS:
+            residual, own = differentiate_leading_parameters(predict, x, starts, data, belief.step, n_own)
             slopes = np.concatenate([own, slopes[..., n_own:]], axis=2)
             age += 1
             continue
@@ -184,16 +195,16 @@ def shoot(
             break
     if age:
         residual, slopes, begun = linear(x, starts)
-    curvature, _, log_det, _, _ = eliminate(residual, slopes, begun)
-    return Fit(x, starts, residual, misfit, paid, curvature, log_det, done, slopes, begun)
+    curvature, _, log_det, _, _ = eliminate_starts(residual, slopes, begun)
+    return ShootingFit(x, starts, residual, misfit, paid, curvature, log_det, done, slopes, begun)
 
 
 def _step(
-    predict: Predict,
+    predict: PredictionFunction,
     x: np.ndarray,
     starts: np.ndarray,
-    data: Data,
-    belief: Belief,
+    data: ShootingData,
+    belief: GaussianPrior,
     linear: tuple[np.ndarray, np.ndarray, np.ndarray],
     cost: float,
     damping: float,
@@ -201,14 +212,14 @@ def _step(
 ) -> tuple[np.ndarray, np.ndarray, float, float, float] | None:
     """A step that lowers the cost, with its misfit, its penalty and the next damping; None if six fail."""
     for _ in range(6):
-        curvature, gradient, _, back, own = eliminate(*linear, damping)
+        curvature, gradient, _, back, own = eliminate_starts(*linear, damping)
         h = curvature + np.diag(inverse + damping * (np.diag(curvature) + inverse))
         g = gradient - (x - belief.mean) * inverse
         move = np.linalg.lstsq(h, g, rcond=1e-13)[0] if len(x) else g
         new = np.maximum(x + move, belief.lowest)
         new_starts = starts + own - np.einsum("wak,k->wa", back, new - x)
         tried = (data.y - predict(new[None], new_starts[None])[0]) * data.weight
-        misfit, paid = float(np.sum(tried**2)), float(penalty(new[None], belief)[0])
+        misfit, paid = float(np.sum(tried**2)), float(compute_penalty(new[None], belief)[0])
         if np.isfinite(misfit) and misfit + paid < cost:
             return new, new_starts, misfit, paid, max(damping * 0.2, 1e-9)
         damping = min(damping * 8.0 + 1e-6, 1e9)

@@ -9,11 +9,11 @@ import numpy as np
 from jaxtyping import Float64
 
 from lagsplat.diagnose.effects.base import CoefficientBatch
-from lagsplat.diagnose.mechanics.model import Model
+from lagsplat.diagnose.mechanics.model import MechanicalModel
 
 
 @dataclass(frozen=True)
-class Nuisance:
+class NuisanceParameters:
     """Standard deviations of the uncertainties, in this order: potential, damping, inputs, offset, warp.
 
     The potential and each input may be off by a share; the damping by a rate [1/s]; a constant acceleration
@@ -53,7 +53,7 @@ class Nuisance:
             ]
         )
 
-    def pinned(self) -> "Nuisance":
+    def pinned(self) -> "NuisanceParameters":
         """The same with nothing left uncertain."""
         tiny = 1e-6
         return replace(
@@ -66,7 +66,7 @@ class Nuisance:
             directions=tiny * self.directions,
         )
 
-    def loosened(self, factor: float) -> "Nuisance":
+    def loosened(self, factor: float) -> "NuisanceParameters":
         """The same with the mechanism's own parameters ``factor`` times as uncertain; what is seen is not."""
         return replace(
             self,
@@ -87,15 +87,15 @@ class Nuisance:
             *(f"identification {i}" for i in range(len(self.directions))),
         )
 
-    def fields(self, model: Model, x: Float64[np.ndarray, "P n"]) -> CoefficientBatch:
+    def fields(self, model: MechanicalModel, x: Float64[np.ndarray, "P n"]) -> CoefficientBatch:
         """The sim's coefficients, moved by ``x``."""
         n, n_u, d = len(x), self.n_u, self.d
-        fields = stacked(model, n)
+        fields = repeat_coefficients(model, n)
         tail = x[:, 2 + n_u + 2 * d :]
         if tail.shape[1]:
-            fields = added(fields, tail @ self.directions)
+            fields = add_to_coefficients(fields, tail @ self.directions)
         potential = fields.potential * (1.0 + x[:, :1])
-        lines = linear_terms(model)
+        lines = find_linear_terms(model)
         potential[:, lines] -= x[:, 2 + n_u : 2 + n_u + d] * np.diag(model.inertia) * model.basis.scale
         damping = fields.damping.copy()
         damping[:, 0] += x[:, 1, None, None] * model.inertia
@@ -107,7 +107,7 @@ class Nuisance:
             input_map=fields.input_map * gains[:, None, :, None],
         )
 
-    def observe(self, y: np.ndarray, x: np.ndarray, model: Model) -> np.ndarray:
+    def observe(self, y: np.ndarray, x: np.ndarray, model: MechanicalModel) -> np.ndarray:
         """What is seen of coordinates ``y`` (P, W, L, d)."""
         warp = x[:, 2 + self.n_u + self.d : 2 + self.n_u + 2 * self.d]
         if not warp.any():
@@ -116,14 +116,14 @@ class Nuisance:
         return y + warp[:, None, None, :] * away**2 * model.basis.scale
 
 
-def linear_terms(model: Model) -> np.ndarray:
+def find_linear_terms(model: MechanicalModel) -> np.ndarray:
     """Positions in the basis of the coordinates themselves, (d,)."""
     order, kind = model.basis.order, model.basis.kind
     first = (kind == 0) & (order.sum(axis=1) == 1)
     return np.array([int(np.flatnonzero(first & (order[:, i] == 1))[0]) for i in range(model.d)])
 
 
-def stacked(model: Model, n: int) -> CoefficientBatch:
+def repeat_coefficients(model: MechanicalModel, n: int) -> CoefficientBatch:
     """The sim's coefficients, ``n`` times."""
     return CoefficientBatch(
         **{
@@ -133,13 +133,13 @@ def stacked(model: Model, n: int) -> CoefficientBatch:
     )
 
 
-def flat(model: Model) -> Float64[np.ndarray, " K"]:
+def flatten_coefficients(model: MechanicalModel) -> Float64[np.ndarray, " K"]:
     """All coefficients of a sim in one row."""
     return np.concatenate([getattr(model, name).ravel() for name in CoefficientBatch.__dataclass_fields__])
 
 
-def added(fields: CoefficientBatch, moves: Float64[np.ndarray, "P K"]) -> CoefficientBatch:
-    """Coefficients moved by rows that are ordered as `flat`."""
+def add_to_coefficients(fields: CoefficientBatch, moves: Float64[np.ndarray, "P K"]) -> CoefficientBatch:
+    """Coefficients moved by rows that are ordered as `flatten_coefficients`."""
     out, at = {}, 0
     for name in CoefficientBatch.__dataclass_fields__:
         value = getattr(fields, name)

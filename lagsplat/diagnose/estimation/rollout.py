@@ -18,25 +18,25 @@ from lagsplat.diagnose.effects.base import (
     ObservationEffect,
     PlacedEffect,
 )
-from lagsplat.diagnose.estimation.dataset import Record, Signal, Windows, signals
-from lagsplat.diagnose.estimation.multiple_shooting import Data
-from lagsplat.diagnose.estimation.nuisance import Nuisance
-from lagsplat.diagnose.mechanics.model import Model
-from lagsplat.diagnose.mechanics.structure import COEFFICIENTS, moved
-from lagsplat.diagnose.solvers.runge_kutta import memories, nothing, rollouts
-from lagsplat.diagnose.solvers.runge_kutta_sensitivity import sensitivities
+from lagsplat.diagnose.estimation.dataset import Dataset, InputSignal, WindowSet, build_input_signals
+from lagsplat.diagnose.estimation.multiple_shooting import ShootingData
+from lagsplat.diagnose.estimation.nuisance import NuisanceParameters
+from lagsplat.diagnose.mechanics.model import MechanicalModel
+from lagsplat.diagnose.mechanics.structure import COEFFICIENT_FIELDS, shift_coefficients
+from lagsplat.diagnose.solvers.runge_kutta import integrate_memory, roll_out_batch, zero_force
+from lagsplat.diagnose.solvers.runge_kutta_sensitivity import roll_out_with_sensitivities
 
-FEW = 3
+FORCE_SLOTS = 3
 """Forces that act at once, at one place each, unless some act everywhere."""
 
 
 @dataclass(frozen=True)
-class Bench:
+class RolloutModel:
     """A sim beside a record: everything a rollout needs that no hypothesis changes."""
 
-    model: Model
-    record: Record
-    nuisance: Nuisance
+    model: MechanicalModel
+    record: Dataset
+    nuisance: NuisanceParameters
     steps: int
     """Substeps of a rollout between two frames."""
     held: bool
@@ -44,9 +44,9 @@ class Bench:
     smooth: Float64[np.ndarray, "N d"] = field(repr=False)
 
     @cached_property
-    def inputs(self) -> tuple[Signal, ...]:
+    def inputs(self) -> tuple[InputSignal, ...]:
         """The logged inputs."""
-        return signals(self.record, steps=self.steps, held=self.held)
+        return build_input_signals(self.record, steps=self.steps, held=self.held)
 
     @cached_property
     def stages(self) -> tuple[int, int, int]:
@@ -73,7 +73,7 @@ class Bench:
         effects: Sequence[PlacedEffect],
         x: Float64[np.ndarray, "P k"],
         starts: Float64[np.ndarray, "P W s"],
-        windows: Windows,
+        windows: WindowSet,
     ) -> tuple[np.ndarray, np.ndarray]:
         """What is seen, and its rate, (P, W, L, d), for unknowns of ``effects`` followed by the nuisance."""
         parts, at = [], 0
@@ -98,16 +98,16 @@ class Bench:
         parts: Sequence[np.ndarray],
         spare: np.ndarray,
         starts: np.ndarray,
-        windows: Windows,
+        windows: WindowSet,
     ) -> np.ndarray:
         fields = self._fields(effects, parts, spare)
         u, u_of = self._inputs(effects, parts, len(spare))
         laws, along, inertia, theta, memory = self._laws(effects, parts, len(spare), windows)
         basis, model = self.model.basis, self.model
         out = np.zeros((len(spare), len(windows.first), windows.longest, 2 * model.d))
-        rollouts(
+        roll_out_batch(
             (basis.kind, basis.order, basis.centre, basis.scale),
-            *(functions_last(getattr(fields, name)) for name in CoefficientBatch.__dataclass_fields__),
+            *(move_functions_last(getattr(fields, name)) for name in CoefficientBatch.__dataclass_fields__),
             model.width,
             model.rest,
             laws,
@@ -158,7 +158,7 @@ class Bench:
         return u, u_of.reshape(-1).astype(np.int64)
 
     def _laws(
-        self, effects: Sequence[PlacedEffect], parts: Sequence[np.ndarray], n_sets: int, windows: Windows
+        self, effects: Sequence[PlacedEffect], parts: Sequence[np.ndarray], n_sets: int, windows: WindowSet
     ) -> tuple[tuple, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         forces = [
             (e, t)
@@ -166,8 +166,10 @@ class Bench:
             if isinstance(e.effect, ForceEffect) and e.direction is not None
         ]
         d = self.model.d
-        n = FEW if len(forces) <= FEW else FEW * d  # few sizes, for a kernel is compiled for each
-        laws, along, inertia = [nothing] * n, np.zeros((n, d)), np.zeros(n)
+        n = (
+            FORCE_SLOTS if len(forces) <= FORCE_SLOTS else FORCE_SLOTS * d
+        )  # few sizes, for a kernel is compiled for each
+        laws, along, inertia = [zero_force] * n, np.zeros((n, d)), np.zeros(n)
         tables, size = [], 1
         n_memory = max([e.effect.n_memory for e, _ in forces], default=0)  # type: ignore[attr-defined]
         memory = np.zeros((n_sets, len(windows.first), n, n_memory))
@@ -188,7 +190,7 @@ class Bench:
         return tuple(laws), along, inertia, table, memory
 
     def _memory(
-        self, instance: PlacedEffect, theta: np.ndarray, begun: np.ndarray, windows: Windows
+        self, instance: PlacedEffect, theta: np.ndarray, begun: np.ndarray, windows: WindowSet
     ) -> np.ndarray:
         """Memory (P, W, Z) where the windows begin, carried along the recorded motion."""
         effect, direction = instance.effect, instance.direction
@@ -205,34 +207,34 @@ class Bench:
             values = {"zero": np.zeros_like(s), "s": s, "v": v}[name]
             begin[:, :, i] = values[record.clips[:, 0]]
         begin[:, list(effect.free_clips)] += beside.reshape(len(beside), -1, effect.n_memory)
-        memories(
+        integrate_memory(
             effect.law, np.ascontiguousarray(own), record.time, s, v,
             spring @ p / direction.inertia, drive @ p / direction.inertia, record.clips, begin, out,
         )  # fmt: skip
         return out[which.reshape(-1)][:, windows.first]
 
 
-def functions_last(coefficients: np.ndarray) -> np.ndarray:
+def move_functions_last(coefficients: np.ndarray) -> np.ndarray:
     """Coefficients (P, K, ...) of fields as the kernel takes them; (P, K) and (P, d) are as they are."""
     return np.ascontiguousarray(np.moveaxis(coefficients, 1, -1) if coefficients.ndim > 2 else coefficients)
 
 
-def substeps(dt_s: float, period_s: float, per_period: float) -> int:
+def count_substeps(dt_s: float, period_s: float, per_period: float) -> int:
     """Substeps between frames ``dt_s`` apart so that a period has at least ``per_period`` of them."""
     return max(1, int(np.ceil(dt_s / (period_s / per_period))))
 
 
 @dataclass(frozen=True)
-class Columns:
+class SensitivityColumns:
     """Which coefficients are differentiated by: those that always move alike share a column."""
 
     of: tuple[np.ndarray, ...]
-    """Column of each coefficient, shaped as these in the order of `COEFFICIENTS`, -1 where none moves it."""
+    """Column of each coefficient, shaped as these in the order of `COEFFICIENT_FIELDS`, -1 where none moves it."""
     moves: Float64[np.ndarray, "n C"]
     """How far each move takes the coefficients of each column."""
 
     @classmethod
-    def along(cls, moves: Float64[np.ndarray, "n K"], model: Model) -> "Columns":
+    def along(cls, moves: Float64[np.ndarray, "n K"], model: MechanicalModel) -> "SensitivityColumns":
         """Of the coefficients of ``model`` that ``moves`` change at all."""
         touched = np.flatnonzero(moves.any(axis=0))
         distinct, which = np.zeros((len(moves), 0)), np.zeros(0, np.int64)
@@ -243,22 +245,22 @@ class Columns:
         return cls(tuple(_shaped(column, model)), distinct)
 
 
-def _shaped(column: Int64[np.ndarray, " K"], model: Model) -> list[np.ndarray]:
+def _shaped(column: Int64[np.ndarray, " K"], model: MechanicalModel) -> list[np.ndarray]:
     out, at = [], 0
-    for name in COEFFICIENTS:
+    for name in COEFFICIENT_FIELDS:
         value = getattr(model, name)
-        out.append(functions_last(column[at : at + value.size].reshape(1, *value.shape))[0])
+        out.append(move_functions_last(column[at : at + value.size].reshape(1, *value.shape))[0])
         at += value.size
     return out
 
 
 @dataclass(frozen=True)
-class Moving:
+class ParameterSensitivity:
     """Rollouts of ``model`` over ``windows`` of a record, its coefficients moved along ``moves``."""
 
-    model: Model
-    record: Record
-    windows: Windows
+    model: MechanicalModel
+    record: Dataset
+    windows: WindowSet
     moves: Float64[np.ndarray, "n K"]
     smooth: Float64[np.ndarray, "N d"]
     steps: int
@@ -267,16 +269,16 @@ class Moving:
     """Inputs are held between samples instead of interpolated."""
 
     @cached_property
-    def bench(self) -> Bench:
+    def bench(self) -> RolloutModel:
         """Nothing is uncertain but how far each move goes."""
         d, n_u = self.model.d, self.model.n_u
-        nuisance = Nuisance(1.0, 1.0, 1.0, np.ones(d), 1.0, n_u, self.moves)
-        return Bench(self.model, self.record, nuisance, self.steps, self.held, self.smooth)
+        nuisance = NuisanceParameters(1.0, 1.0, 1.0, np.ones(d), 1.0, n_u, self.moves)
+        return RolloutModel(self.model, self.record, nuisance, self.steps, self.held, self.smooth)
 
     @cached_property
-    def columns(self) -> Columns:
+    def columns(self) -> SensitivityColumns:
         """What is differentiated by."""
-        return Columns.along(self.moves, self.model)
+        return SensitivityColumns.along(self.moves, self.model)
 
     def __call__(self, x: np.ndarray, starts: np.ndarray) -> np.ndarray:
         """Coordinates (P, W, L, d) for moves ``x`` (P, n) and starts (P, W, 2 d)."""
@@ -285,18 +287,22 @@ class Moving:
         return self.bench.rollouts((), padded, starts, self.windows)[0]
 
     def derivatives(
-        self, x: np.ndarray, starts: np.ndarray, data: Data
+        self, x: np.ndarray, starts: np.ndarray, data: ShootingData
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """As `lagsplat.diagnose.estimation.multiple_shooting.derivatives`, but exact, by the variational equations."""
-        here, windows, n = moved(self.model, x @ self.moves), self.windows, self.columns.moves.shape[1]
-        fields = [getattr(here, name) for name in COEFFICIENTS]
+        """As `lagsplat.diagnose.estimation.multiple_shooting.differentiate_predictions`, but exact, by the variational equations."""
+        here, windows, n = (
+            shift_coefficients(self.model, x @ self.moves),
+            self.windows,
+            self.columns.moves.shape[1],
+        )
+        fields = [getattr(here, name) for name in COEFFICIENT_FIELDS]
         used = max(len(field) for field in fields[:4])
         basis = here.basis.first(used)
         y = np.zeros(data.y.shape)
         slopes = np.zeros((*y.shape, n + starts.shape[1]))
-        sensitivities(
+        roll_out_with_sensitivities(
             (basis.kind, basis.order, basis.centre, basis.scale),
-            (*(functions_last(field[None])[0] for field in fields), here.width, here.rest), self.columns.of,
+            (*(move_functions_last(field[None])[0] for field in fields), here.width, here.rest), self.columns.of,
             n, np.ascontiguousarray(starts), windows.first, windows.length, self.record.time,
             self.bench.logged[0], self.steps, y, slopes,
         )  # fmt: skip

@@ -9,26 +9,37 @@ from jaxtyping import Float64
 
 from lagsplat.diagnose.core.config import DiagnoseConfig
 from lagsplat.diagnose.data_quality.natural_period import rough_period_s
-from lagsplat.diagnose.estimation.dataset import Span, apart, cut_windows, prepare, spans
-from lagsplat.diagnose.identification.novelty import LEAST, MISSED, Familiar, undisturbed
-from lagsplat.diagnose.identification.structure_search import Setting, identify
-from lagsplat.diagnose.mechanics.model import Model
-from lagsplat.diagnose.mechanics.structure import COEFFICIENTS
+from lagsplat.diagnose.estimation.dataset import (
+    FileSpan,
+    cut_windows,
+    drop_overlapping_windows,
+    locate_windows,
+    prepare_dataset,
+)
+from lagsplat.diagnose.identification.novelty import (
+    MIN_WINDOWS,
+    POOR_MISFIT,
+    NoveltyDetector,
+    drop_outlier_windows,
+)
+from lagsplat.diagnose.identification.structure_search import IdentificationSettings, identify_model
+from lagsplat.diagnose.mechanics.model import MechanicalModel
+from lagsplat.diagnose.mechanics.structure import COEFFICIENT_FIELDS
 from lagsplat.io.trajectory.trajectory import Motion
 
-LOST = 50.0
+DIVERGED_MISFIT = 50.0
 """Mean square residual, in units of the noise, beyond which a window is too long to be followed."""
 SHORTER, SHORTEST = 0.35, 0.12
 """Shares of a window that can be followed past an unstable rest, as an upright pendulum's."""
-TOLERANCE = 1e-4
+FIT_TOLERANCE = 1e-4
 """Gain of a step below which a sim's own fit has ended, as a share of the misfit."""
 
 
 @dataclass(frozen=True)
-class Sim:
+class EstimatedSimulator:
     """A model and what is not known about it."""
 
-    model: Model
+    model: MechanicalModel
     freedom: Float64[np.ndarray, "R K"]
     """Changes of all coefficients of one standard deviation each."""
     misfit: float
@@ -37,64 +48,66 @@ class Sim:
     """Samples of that residual that count as one."""
     reach: float = 1.0
     """How far ahead it can be run, in windows as long as the settings say."""
-    given: "Sim | None" = None
+    given: "EstimatedSimulator | None" = None
     """As it was handed over, where it was moved since (`recalibrated`)."""
-    familiar: Familiar | None = None
+    familiar: NoveltyDetector | None = None
     """How it was seen to move, if other stretches are to be left aside."""
-    disturbed: tuple[Span, ...] = ()
+    disturbed: tuple[FileSpan, ...] = ()
     """Stretches of its own recordings that no law tells beside the others, and that were left out."""
     cost: float = np.nan
     """Bayesian information criterion of a law that was found, beside others of the same recordings."""
 
     @classmethod
-    def exact(cls, model: Model) -> "Sim":
+    def exact(cls, model: MechanicalModel) -> "EstimatedSimulator":
         """A sim that is given, so that nothing about it was estimated."""
-        size = sum(getattr(model, name).size for name in COEFFICIENTS)
+        size = sum(getattr(model, name).size for name in COEFFICIENT_FIELDS)
         return cls(model, np.zeros((0, size)), 1.0)
 
 
-def sim_of(motions: Sequence[Motion], config: DiagnoseConfig) -> Sim:
+def estimate_simulator(motions: Sequence[Motion], config: DiagnoseConfig) -> EstimatedSimulator:
     """The sim that made these recordings.
 
     Raises:
         ValueError: nothing moves, or no clip is long enough for a window.
     """
     period_s = rough_period_s(motions)
-    ready = prepare(motions, period_s=period_s)
+    ready = prepare_dataset(motions, period_s=period_s)
     again = partial(
-        identify, ready.record, ready.smooth, ready.sigma, period_s, setting_of(config),
+        identify_model, ready.record, ready.smooth, ready.sigma, period_s, make_identification_settings(config),
         held=config.input_hold == "zoh",
     )  # fmt: skip
 
-    def told(reach: float, without: tuple[Span, ...] = ()) -> Sim:
+    def told(reach: float, without: tuple[FileSpan, ...] = ()) -> EstimatedSimulator:
         length_s = reach * config.window_periods * period_s
         windows = cut_windows(ready.record, length_s=length_s, least=12)
-        kept = apart(windows, ready.record, without)
-        if len(kept.first) >= LEAST:
+        kept = drop_overlapping_windows(windows, ready.record, without)
+        if len(kept.first) >= MIN_WINDOWS:
             windows = kept
-        found, odd = undisturbed(again(windows), again)
-        all_odd = (*without, *spans(odd, ready.record))
-        model = rested(found.model, ready.smooth)
-        return Sim(model, found.freedom, found.misfit, reach=reach, disturbed=all_odd, cost=found.cost)
+        found, odd = drop_outlier_windows(again(windows), again)
+        all_odd = (*without, *locate_windows(odd, ready.record))
+        model = move_rest_to_minimum(found.model, ready.smooth)
+        return EstimatedSimulator(
+            model, found.freedom, found.misfit, reach=reach, disturbed=all_odd, cost=found.cost
+        )
 
     whole = told(1.0)
-    if whole.misfit < LOST:
+    if whole.misfit < DIVERGED_MISFIT:
         return whole
     short = told(SHORTEST)  # tells best where something else acted
     middle = told(SHORTER, short.disturbed)
     for one in (middle, short):
-        if one.misfit < MISSED:
+        if one.misfit < POOR_MISFIT:
             return one
     return min(whole, middle, key=lambda one: one.misfit)
 
 
-def setting_of(config: DiagnoseConfig) -> Setting:
+def make_identification_settings(config: DiagnoseConfig) -> IdentificationSettings:
     """How a sim is fitted to its own recordings."""
     ridge, iterations = config.identify_ridge, config.identify_iterations
-    return Setting(config.steps_per_period, ridge, iterations, TOLERANCE)
+    return IdentificationSettings(config.steps_per_period, ridge, iterations, FIT_TOLERANCE)
 
 
-def rested(model: Model, q: Float64[np.ndarray, "N d"]) -> Model:
+def move_rest_to_minimum(model: MechanicalModel, q: Float64[np.ndarray, "N d"]) -> MechanicalModel:
     """The model at rest where its potential is lowest along the motion, if its rest is unstable."""
     if np.linalg.eigvalsh(model.stiffness).min() > 0.0:
         return model

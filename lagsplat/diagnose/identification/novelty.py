@@ -16,15 +16,15 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64
 from scipy.spatial import KDTree
 
-from lagsplat.diagnose.estimation.dataset import Record, Windows
-from lagsplat.diagnose.identification.structure_search import Identified
+from lagsplat.diagnose.estimation.dataset import Dataset, WindowSet
+from lagsplat.diagnose.identification.structure_search import IdentifiedModel
 
-RARE = 0.999
+NOVELTY_QUANTILE = 0.999
 """Quantile, over own stretches, of the distance to the next one, beyond which a stretch is not familiar."""
 
 
 @dataclass(frozen=True)
-class Familiar:
+class NoveltyDetector:
     """Own stretches as points: means and deviations of what they show, each over its own spread."""
 
     middle: Float64[np.ndarray, " f"]
@@ -33,68 +33,76 @@ class Familiar:
     reach: float
 
     @classmethod
-    def of(cls, windows: Windows, smooth: Float64[np.ndarray, "N d"], record: Record) -> "Familiar":
+    def of(cls, windows: WindowSet, smooth: Float64[np.ndarray, "N d"], record: Dataset) -> "NoveltyDetector":
         """Those of own recordings."""
-        points = looks(windows, smooth, record)
+        points = window_features(windows, smooth, record)
         middle, spread = points.mean(axis=0), np.maximum(points.std(axis=0), 1e-12)
         tree = KDTree((points - middle) / spread)
         apart = tree.query(tree.data, k=2)[0][:, 1]
-        return cls(middle, spread, tree, float(np.quantile(apart, RARE)))
+        return cls(middle, spread, tree, float(np.quantile(apart, NOVELTY_QUANTILE)))
 
     def among(
-        self, windows: Windows, smooth: Float64[np.ndarray, "N d"], record: Record
+        self, windows: WindowSet, smooth: Float64[np.ndarray, "N d"], record: Dataset
     ) -> Bool[np.ndarray, " W"]:
         """Which of the stretches of another recording are like one of them."""
-        points = (looks(windows, smooth, record) - self.middle) / self.spread
+        points = (window_features(windows, smooth, record) - self.middle) / self.spread
         return self.points.query(points)[0] <= self.reach
 
     def nearest(
         self, wanted: Float64[np.ndarray, "W f"], offered: Float64[np.ndarray, "V f"]
     ) -> Int64[np.ndarray, " W"]:
-        """To each of some stretches (`looks`) the one that is most like it among others."""
+        """To each of some stretches (`window_features`) the one that is most like it among others."""
         tree = KDTree((offered - self.middle) / self.spread)
         return np.asarray(tree.query((wanted - self.middle) / self.spread)[1], dtype=np.int64)
 
 
-def looks(windows: Windows, smooth: Float64[np.ndarray, "N d"], record: Record) -> Float64[np.ndarray, "W f"]:
+def window_features(
+    windows: WindowSet, smooth: Float64[np.ndarray, "N d"], record: Dataset
+) -> Float64[np.ndarray, "W f"]:
     """Mean and standard deviation of coordinates, velocities and inputs over every window."""
     told = [windows.take(values) for values in (smooth, record.v, record.u)]
     return np.concatenate([f(values, axis=1) for values in told for f in (np.mean, np.std)], axis=1)
 
 
-MISSED = 4.0
+POOR_MISFIT = 4.0
 """Mean square residual, in that of the noise, above which it is asked."""
-TOLD = 1.5
+GOOD_MISFIT = 1.5
 """The same, below which all that is left is told."""
-ODD = 4.0
+OUTLIER_RATIO = 4.0
 """Times the middle window's mean square by which one is missed that is left out."""
-BETTER = 0.25
+MAX_REMAINING_SHARE = 0.25
 """Share of the mean square that the others must leave at most."""
 MAX_OUTLIERS = 3
 """Windows that are left out at most."""
 MIN_WINDOWS_PER_OUTLIER = 4
 """At most one window in this many is left out."""
-LEAST = 8
+MIN_WINDOWS = 8
 """Fewer windows than this stay as they are: the median of fewer says little of what is usual."""
 
 
-def undisturbed(found: Identified, again: Callable[[Windows], Identified]) -> tuple[Identified, Windows]:
+def drop_outlier_windows(
+    found: IdentifiedModel, again: Callable[[WindowSet], IdentifiedModel]
+) -> tuple[IdentifiedModel, WindowSet]:
     """``found``, or what ``again`` finds on fewer of its windows, and the windows that were left out."""
     windows, best, n = found.windows, found, len(found.windows.first)
     kept = np.arange(n)
-    for _ in range(min(MAX_OUTLIERS, n // MIN_WINDOWS_PER_OUTLIER) if found.misfit > MISSED and n >= LEAST else 0):
-        missed = each(best)
+    for _ in range(
+        min(MAX_OUTLIERS, n // MIN_WINDOWS_PER_OUTLIER)
+        if found.misfit > POOR_MISFIT and n >= MIN_WINDOWS
+        else 0
+    ):
+        missed = compute_window_misfits(best)
         worst = int(np.argmax(missed))
-        if best.misfit < TOLD or missed[worst] < ODD * np.median(missed):
+        if best.misfit < GOOD_MISFIT or missed[worst] < OUTLIER_RATIO * np.median(missed):
             break
         kept = np.delete(kept, worst)
         best = again(windows.only(kept))
-    if best.misfit < BETTER * found.misfit:
+    if best.misfit < MAX_REMAINING_SHARE * found.misfit:
         return best, windows.only(np.setdiff1d(np.arange(n), kept))
     return found, windows.only(np.zeros(0, dtype=np.int64))
 
 
-def each(found: Identified) -> Float64[np.ndarray, " W"]:
+def compute_window_misfits(found: IdentifiedModel) -> Float64[np.ndarray, " W"]:
     """Mean square of every window's residual, in that of the noise."""
     length: Int64[np.ndarray, " W"] = found.windows.length
     return np.array([float((row[:n] ** 2).mean()) for row, n in zip(found.fit.residual, length, strict=True)])

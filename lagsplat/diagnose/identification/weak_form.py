@@ -11,18 +11,18 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.estimation.dataset import Record
+from lagsplat.diagnose.estimation.dataset import Dataset
 from lagsplat.diagnose.mechanics.basis import Basis
-from lagsplat.diagnose.mechanics.model import Model
-from lagsplat.diagnose.mechanics.structure import Form
+from lagsplat.diagnose.mechanics.model import MechanicalModel
+from lagsplat.diagnose.mechanics.structure import ModelStructure
 
 
 @dataclass(frozen=True)
-class Samples:
+class WeakFormSamples:
     """A record through the eyes of a basis, and the test functions."""
 
     basis: Basis
-    record: Record
+    record: Dataset
     q: Float64[np.ndarray, "N d"]
     v: Float64[np.ndarray, "N d"]
     width: Float64[np.ndarray, " d"]
@@ -30,9 +30,9 @@ class Samples:
     """Frames, test function times step and its rate times step, window by window."""
 
 
-def observe(
-    basis: Basis, record: Record, q: np.ndarray, v: np.ndarray, *, width_s: float, speed: np.ndarray
-) -> Samples:
+def build_weak_form_samples(
+    basis: Basis, record: Dataset, q: np.ndarray, v: np.ndarray, *, width_s: float, speed: np.ndarray
+) -> WeakFormSamples:
     """Test functions ``(1 - s^2)^4`` of ``width_s``, a quarter of it apart."""
     tests = []
     for start, stop in record.clips:
@@ -52,10 +52,12 @@ def observe(
                     -8.0 * s / half * keep**3 * step[first:last],
                 )
             )
-    return Samples(basis, record, q, v, speed, tuple(tests))
+    return WeakFormSamples(basis, record, q, v, speed, tuple(tests))
 
 
-def regressors(samples: Samples, form: Form) -> tuple[np.ndarray, np.ndarray, list[tuple]]:
+def build_regressors(
+    samples: WeakFormSamples, form: ModelStructure
+) -> tuple[np.ndarray, np.ndarray, list[tuple]]:
     """Weak equations (R, K), the side that is known (R,), and what each column is.
 
     Rows are test functions times coordinates; ``columns @ coefficients = known``.
@@ -116,9 +118,13 @@ def regressors(samples: Samples, form: Form) -> tuple[np.ndarray, np.ndarray, li
     return rows.reshape(-1, len(names)), known.reshape(-1), names
 
 
-def model_of(
-    samples: Samples, form: Form, coefficients: np.ndarray, names: list[tuple], rest: np.ndarray
-) -> Model:
+def build_model(
+    samples: WeakFormSamples,
+    form: ModelStructure,
+    coefficients: np.ndarray,
+    names: list[tuple],
+    rest: np.ndarray,
+) -> MechanicalModel:
     """The model with these coefficients."""
     d, n_u = samples.q.shape[1], samples.record.u.shape[1]
     fields = {
@@ -137,10 +143,10 @@ def model_of(
             array[at[0], at[2], at[1]] += value
         if name == "mass" and at[0] == 0 and at[1] == at[2]:
             array[0, d - 1, d - 1] -= value
-    return Model(basis=samples.basis, width=samples.width, rest=rest, **fields)
+    return MechanicalModel(basis=samples.basis, width=samples.width, rest=rest, **fields)
 
 
-def solve(rows: np.ndarray, known: np.ndarray, ridge: float) -> Float64[np.ndarray, " K"]:
+def solve_ridge(rows: np.ndarray, known: np.ndarray, ridge: float) -> Float64[np.ndarray, " K"]:
     """Ridge regression in standardised columns."""
     size = np.sqrt(np.mean(rows**2, axis=0)) + 1e-30
     a = rows / size

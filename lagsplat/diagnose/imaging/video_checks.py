@@ -15,7 +15,7 @@ from jaxtyping import Float64
 
 from lagsplat.chart.chart import Chart
 from lagsplat.diagnose.core.result import Finding
-from lagsplat.diagnose.simulators.sources import Source
+from lagsplat.diagnose.simulators.sources import DataSource
 from lagsplat.io.config import McapConfig, McapInputConfig, RecordingConfig, SplitConfig
 from lagsplat.io.files.artifact import read_header
 from lagsplat.io.files.json_files import load_json
@@ -206,7 +206,7 @@ def _passes_for(recording: Recording, autoencoder: Autoencoder, chart: Chart, fa
     return float(max(changes))
 
 
-def settings_for(source: Source, folder: Path, own: Recording, *, dt_s: float) -> RecordingConfig:
+def settings_for(source: DataSource, folder: Path, own: Recording, *, dt_s: float) -> RecordingConfig:
     """Settings by which ``source`` is read for the run in ``folder``, which was fitted to ``own``.
 
     Pictures are turned, cropped, resized and stabilised alike. Archives without times
@@ -238,7 +238,7 @@ def settings_for(source: Source, folder: Path, own: Recording, *, dt_s: float) -
     )
 
 
-def _topics(source: Source, said: Mapping[str, Any]) -> McapConfig:
+def _topics(source: DataSource, said: Mapping[str, Any]) -> McapConfig:
     topics = said.get("mcap") or {}
     if not topics.get("camera"):
         raise ValueError(
@@ -248,7 +248,7 @@ def _topics(source: Source, said: Mapping[str, Any]) -> McapConfig:
     return McapConfig(**{**topics, "inputs": [McapInputConfig(**each) for each in topics["inputs"]]})
 
 
-def _spacing(source: Source, said: Mapping[str, Any], dt_s: float) -> float | None:
+def _spacing(source: DataSource, said: Mapping[str, Any], dt_s: float) -> float | None:
     """Seconds between frames of files without times: archives, and images without a table of times."""
     if source.kind == "krauss":
         return said.get("dt_s") or dt_s

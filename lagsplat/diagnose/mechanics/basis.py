@@ -47,7 +47,9 @@ class Basis:
         return _values(self.kind, self.order, self.centre, self.scale, np.ascontiguousarray(q))[1]
 
 
-def polynomial(degree: int, *, centre: Float64[np.ndarray, " d"], scale: Float64[np.ndarray, " d"]) -> Basis:
+def make_polynomial_basis(
+    degree: int, *, centre: Float64[np.ndarray, " d"], scale: Float64[np.ndarray, " d"]
+) -> Basis:
     """All monomials up to ``degree``, the constant first."""
     d = len(centre)
     orders = sorted(
@@ -58,7 +60,7 @@ def polynomial(degree: int, *, centre: Float64[np.ndarray, " d"], scale: Float64
     return Basis(np.full(len(order), POWER), order, np.asarray(centre, float), np.asarray(scale, float))
 
 
-def with_angles(basis: Basis, multiples: Int64[np.ndarray, "A d"]) -> Basis:
+def add_angle_functions(basis: Basis, multiples: Int64[np.ndarray, "A d"]) -> Basis:
     """The same and the cosine and sine of each of ``multiples`` of the coordinates [rad]."""
     kind = np.repeat([COSINE, SINE], len(multiples))
     return replace(
@@ -70,7 +72,7 @@ def with_angles(basis: Basis, multiples: Int64[np.ndarray, "A d"]) -> Basis:
 
 @njit(cache=True, error_model="numpy")
 @no_type_check
-def evaluate(kind, order, centre, scale, q, powers, value, slope):
+def evaluate_basis(kind, order, centre, scale, q, powers, value, slope):
     """Write ``phi`` (K,) and its gradient (K, d) at ``q`` (d,); ``powers`` (d, 1 + highest) is scratch."""
     n, d = order.shape
     for i in range(d):
@@ -106,8 +108,8 @@ def evaluate(kind, order, centre, scale, q, powers, value, slope):
 
 @njit(cache=True, error_model="numpy")
 @no_type_check
-def bend(kind, order, scale, powers, value, curvature):
-    """Write the second derivatives (d, d, K) after `evaluate` has written ``powers`` and ``value``."""
+def evaluate_basis_curvature(kind, order, scale, powers, value, curvature):
+    """Write the second derivatives (d, d, K) after `evaluate_basis` has written ``powers`` and ``value``."""
     n, d = order.shape
     for k in range(n):
         for i in range(d):
@@ -126,7 +128,7 @@ def bend(kind, order, scale, powers, value, curvature):
 
 @njit(cache=True)
 @no_type_check
-def highest_power(kind, order):
+def find_highest_power(kind, order):
     """The highest power of one coordinate in any monomial."""
     highest = 0
     for k in range(order.shape[0]):
@@ -141,7 +143,7 @@ def highest_power(kind, order):
 def _values(kind, order, centre, scale, q):
     n, d, size = q.shape[0], q.shape[1], kind.shape[0]
     value, slope = np.empty((n, size)), np.empty((n, size, d))
-    powers = np.empty((d, highest_power(kind, order) + 1))
+    powers = np.empty((d, find_highest_power(kind, order) + 1))
     for m in range(n):
-        evaluate(kind, order, centre, scale, q[m], powers, value[m], slope[m])
+        evaluate_basis(kind, order, centre, scale, q[m], powers, value[m], slope[m])
     return value, slope

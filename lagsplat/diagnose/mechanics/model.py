@@ -24,7 +24,7 @@ from scipy.linalg import eig
 
 from lagsplat.diagnose.mechanics.basis import Basis
 
-STEP = 1e-4
+STIFFNESS_STEP = 1e-4
 
 
 class Mechanics(Protocol):
@@ -55,7 +55,7 @@ class Mechanics(Protocol):
         """``M(q) a - force(q, v, u)``: the force that the mechanism lacks, (N, d)."""
 
 
-def rest_frequencies_hz(
+def compute_rest_frequencies_hz(
     mechanics: Mechanics, scale: Float64[np.ndarray, " d"]
 ) -> Float64[np.ndarray, " modes"]:
     """Undamped natural frequencies at rest, rising; only those of modes that are pulled back, if any.
@@ -65,23 +65,23 @@ def rest_frequencies_hz(
     """
     d = mechanics.d
     rest = np.asarray(mechanics.rest, dtype=float)
-    step = STEP * np.diag(scale)
+    step = STIFFNESS_STEP * np.diag(scale)
     zero = np.zeros((d, d))
     inputs = np.zeros((d, mechanics.n_u))
     rise = mechanics.force(rest + step, zero, inputs) - mechanics.force(rest - step, zero, inputs)
-    stiffness = -(rise / (2.0 * STEP * scale[:, None])).T
+    stiffness = -(rise / (2.0 * STIFFNESS_STEP * scale[:, None])).T
     squares = eig(stiffness, mechanics.mass_at(rest[None])[0], right=False)
     # A stiffness not symmetric (a learned one) may have a small imaginary part: its real part swings.
     return np.sqrt(np.sort(squares.real[squares.real > 0.0])) / (2.0 * np.pi)
 
 
-def rest_period_s(mechanics: Mechanics, scale: Float64[np.ndarray, " d"]) -> float:
+def compute_rest_period_s(mechanics: Mechanics, scale: Float64[np.ndarray, " d"]) -> float:
     """Period of the slowest mode [s].
 
     Raises:
         ValueError: no mode is pulled back to rest.
     """
-    frequencies = rest_frequencies_hz(mechanics, scale)
+    frequencies = compute_rest_frequencies_hz(mechanics, scale)
     if not frequencies.size:
         raise ValueError(
             f"the sim is not pulled back to its rest {np.asarray(mechanics.rest).tolist()}, so that it has "
@@ -91,7 +91,7 @@ def rest_period_s(mechanics: Mechanics, scale: Float64[np.ndarray, " d"]) -> flo
 
 
 @dataclass(frozen=True)
-class Model:
+class MechanicalModel:
     """Coefficients of the fields; each uses as many of the basis' functions as it has rows."""
 
     basis: Basis
@@ -183,7 +183,7 @@ class Model:
         return 0.5 * (slope + slope.T)
 
 
-def rest_inertia(mechanics: Mechanics) -> Float64[np.ndarray, " d"]:
+def compute_rest_inertia(mechanics: Mechanics) -> Float64[np.ndarray, " d"]:
     """Reference inertia of each coordinate: the diagonal of ``M`` at rest, by which forces are divided.
 
     The diagonal, so that a force on one coordinate stays a number of that coordinate alone where inertia

@@ -4,19 +4,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lagsplat.diagnose.mechanics.basis import Basis, polynomial, with_angles
-from lagsplat.diagnose.mechanics.model import Model
+from lagsplat.diagnose.mechanics.basis import Basis, add_angle_functions, make_polynomial_basis
+from lagsplat.diagnose.mechanics.model import MechanicalModel
 
-FEW = 2
+MAX_FEW_COORDINATES = 2
 """Coordinates up to which fields grow by two degrees at once and all slopes are taken at every step."""
-COEFFICIENTS = ("mass", "damping", "potential", "input_map", "dry", "drag")
+COEFFICIENT_FIELDS = ("mass", "damping", "potential", "input_map", "dry", "drag")
 
 
-def bases(q: np.ndarray, *, degree: int) -> list[Basis]:
+def build_candidate_bases(q: np.ndarray, *, degree: int) -> list[Basis]:
     """Candidate bases over the region of ``q``: polynomials, and angles where the range allows them."""
     low, high = q.min(axis=0), q.max(axis=0)
     centre, scale = 0.5 * (low + high), np.maximum(0.5 * (high - low), 1e-9)
-    out = [polynomial(degree, centre=centre, scale=scale)]
+    out = [make_polynomial_basis(degree, centre=centre, scale=scale)]
     if (high - low > 0.6).all():
         d = len(low)
         multiples = [np.eye(d, dtype=np.int64)]
@@ -28,20 +28,20 @@ def bases(q: np.ndarray, *, degree: int) -> list[Basis]:
                 multiples.append(difference)
         # Beyond a whole turn a polynomial of one turn tells nothing of the next, if these are angles.
         around = bool((high - low > 2.0 * np.pi).all())
-        plain = polynomial(1 if around else 2, centre=centre, scale=scale)
-        turning = with_angles(plain, np.concatenate(multiples))
+        plain = make_polynomial_basis(1 if around else 2, centre=centre, scale=scale)
+        turning = add_angle_functions(plain, np.concatenate(multiples))
         out = [turning, *out] if around else [*out, turning]
     return out
 
 
-def degrees(basis: Basis) -> list[int]:
+def list_field_sizes(basis: Basis) -> list[int]:
     """Sizes at which a field may end: after each degree of the polynomials, and after the angles."""
     total = np.where(basis.kind == 0, basis.order.sum(axis=1), 99)
     return [int(np.sum(total <= level)) for level in np.unique(total)]
 
 
 @dataclass(frozen=True)
-class Form:
+class ModelStructure:
     """How many functions of the basis each field uses, and whether there is dry friction or drag."""
 
     mass: int
@@ -57,10 +57,10 @@ class Form:
         return (self.mass, self.potential, self.damping, self.input_map, self.dry, self.drag)
 
 
-def grown(form: Form, basis: Basis, *, driven: bool) -> list[Form]:
+def list_larger_structures(form: ModelStructure, basis: Basis, *, driven: bool) -> list[ModelStructure]:
     """The forms that are one step larger."""
-    ends = degrees(basis)
-    ahead = 2 if basis.order.shape[1] <= FEW else 1
+    ends = list_field_sizes(basis)
+    ahead = 2 if basis.order.shape[1] <= MAX_FEW_COORDINATES else 1
 
     def larger(size: int) -> list[int]:
         return [end for end in ends if end > size][:ahead]
@@ -77,7 +77,7 @@ def grown(form: Form, basis: Basis, *, driven: bool) -> list[Form]:
     return out
 
 
-def enlarged(model: Model, form: Form) -> Model:
+def pad_model(model: MechanicalModel, form: ModelStructure) -> MechanicalModel:
     """The same model with room for the coefficients of a larger form."""
 
     def pad(value: np.ndarray, size: int) -> np.ndarray:
@@ -92,14 +92,14 @@ def enlarged(model: Model, form: Form) -> Model:
     )
 
 
-def free_directions(model: Model, form: Form, speed: np.ndarray) -> np.ndarray:
+def list_free_directions(model: MechanicalModel, form: ModelStructure, speed: np.ndarray) -> np.ndarray:
     """Moves (K_free, K) of all coefficients of a model of this form, one for each number that is free.
 
     Each is in a unit of its field, so that one size of step suits all: the inertia, the potential at the
     edge of the region, and the damping, friction and drag that take a twentieth of it at the rms speed.
     """
     d, rows = model.d, []
-    blank = {name: np.zeros_like(getattr(model, name)) for name in COEFFICIENTS}
+    blank = {name: np.zeros_like(getattr(model, name)) for name in COEFFICIENT_FIELDS}
     height = float(np.abs(model.potential).max()) or 1.0
     reach = float(np.abs(model.input_map).max()) if model.input_map.size else 0.0
     loss = 0.05 * height / float(np.mean(speed * model.basis.scale))
@@ -110,7 +110,7 @@ def free_directions(model: Model, form: Form, speed: np.ndarray) -> np.ndarray:
             field[place] = value
         if minus is not None:
             field[minus] = -value
-        rows.append(np.concatenate([(blank | {name: field})[n].ravel() for n in COEFFICIENTS]))
+        rows.append(np.concatenate([(blank | {name: field})[n].ravel() for n in COEFFICIENT_FIELDS]))
 
     pairs = [(i, j) for i in range(d) for j in range(i, d)]
     for k in range(form.mass):
@@ -135,10 +135,10 @@ def free_directions(model: Model, form: Form, speed: np.ndarray) -> np.ndarray:
     return np.array(rows)
 
 
-def moved(model: Model, change: np.ndarray) -> Model:
+def shift_coefficients(model: MechanicalModel, change: np.ndarray) -> MechanicalModel:
     """The model with all its coefficients changed."""
     values, at = {}, 0
-    for name in COEFFICIENTS:
+    for name in COEFFICIENT_FIELDS:
         value = getattr(model, name)
         values[name] = value + change[at : at + value.size].reshape(value.shape)
         at += value.size

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from lagsplat.diagnose.mechanics.model import Mechanics, rest_inertia
+from lagsplat.diagnose.mechanics.model import Mechanics, compute_rest_inertia
 from lagsplat.diagnose.residual.change_points import sample_weights
 from lagsplat.diagnose.residual.latent_force import Smoothed
 
@@ -59,7 +59,7 @@ def features(
     lagged = np.concatenate([_lagged(one, period_s) for one in smoothed])
     position = (q - mechanics.rest) / np.std(q, axis=0)
     velocity = v / np.sqrt(np.mean(v**2, axis=0))
-    whole = mechanics.force(q, v, u) / rest_inertia(mechanics)
+    whole = mechanics.force(q, v, u) / compute_rest_inertia(mechanics)
     driven = _scaled(u)
     bends = (driven**3, np.abs(driven) * driven, np.tanh(3 * driven))
     earlier = lagged[:, mechanics.d * len(LAGS) :]

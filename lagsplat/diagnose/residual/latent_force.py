@@ -7,7 +7,7 @@ are estimated together by an iterated extended Kalman smoother: the mechanism is
 estimate of the whole path, smoothed, and so on. The forces' and the noise's variances are those of largest
 marginal likelihood, and so is the force's length scale among an eighth, a half and two natural periods.
 
-Everything is stated as an acceleration: forces are divided by the inertia at rest (`rest_inertia`).
+Everything is stated as an acceleration: forces are divided by the inertia at rest (`compute_rest_inertia`).
 """
 
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float64
 
-from lagsplat.diagnose.mechanics.model import Mechanics, rest_frequencies_hz, rest_inertia
+from lagsplat.diagnose.mechanics.model import Mechanics, compute_rest_frequencies_hz, compute_rest_inertia
 from lagsplat.diagnose.residual.linearization import Path, Steps, kinematic_steps, linear_steps
 from lagsplat.diagnose.residual.state_space import (
     FORCE_BOUNDS,
@@ -121,7 +121,7 @@ def smooth(
     lawless = kinematic_steps(record.h, record.d)
     free = most_likely(record, lawless, start, noise_known=known)
     path = estimate(record, lawless, free)
-    fastest_s = min([period_s, *(1.0 / rest_frequencies_hz(mechanics, record.scale)[-1:])])
+    fastest_s = min([period_s, *(1.0 / compute_rest_frequencies_hz(mechanics, record.scale)[-1:])])
 
     def steps(at: Estimate, *, with_force: bool) -> Steps:
         along = _path(record, at, inputs, with_force=with_force)
@@ -202,7 +202,7 @@ def _split(
     mechanics: Mechanics, motions: Sequence[Motion], record: Record, path: Estimate, gained: np.ndarray
 ) -> list[Smoothed]:
     results, start = [], 0
-    inertia = rest_inertia(mechanics)
+    inertia = compute_rest_inertia(mechanics)
     values = path.variances.values
     for motion in motions:
         part = slice(start, start + motion.n)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.mechanics.model import Mechanics, rest_inertia
+from lagsplat.diagnose.mechanics.model import Mechanics, compute_rest_inertia
 
 STEP = 1e-5
 FINEST = 0.5  # a Runge-Kutta step spans at most this many radians of the fastest mode
@@ -59,7 +59,7 @@ def linear_steps(
         LinAlgError: the fastest mode takes more than `MOST_PARTS` of these.
     """
     d = mechanics.d
-    inertia = rest_inertia(mechanics)
+    inertia = compute_rest_inertia(mechanics)
     response = np.stack(
         [np.linalg.solve(mechanics.mass_at(q), np.diag(inertia)) for q in (path.q, path.middle, path.end)],
         axis=1,

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from lagsplat.diagnose.mechanics.model import Mechanics, rest_period_s
+from lagsplat.diagnose.mechanics.model import Mechanics, compute_rest_period_s
 from lagsplat.diagnose.residual.change_points import Event, events
 from lagsplat.diagnose.residual.components import Components, components, explained
 from lagsplat.diagnose.residual.features import GROUPS, Features, features
@@ -75,7 +75,7 @@ def locate(
         ValueError: as of `smooth`; or the sim has no natural period and none is given.
     """
     scale = np.std(np.concatenate([motion.q for motion in motions]), axis=0)
-    period = rest_period_s(mechanics, scale) if period_s is None else period_s
+    period = compute_rest_period_s(mechanics, scale) if period_s is None else period_s
     smoothed = smooth(mechanics, motions, period_s=period, ar1=ar1, hold=hold, noise=noise)
     share = coordinate_shares(smoothed)
     seen = spectrum(smoothed, period_s=period)

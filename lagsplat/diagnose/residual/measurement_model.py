@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.mechanics.model import Mechanics, rest_inertia
+from lagsplat.diagnose.mechanics.model import Mechanics, compute_rest_inertia
 from lagsplat.diagnose.residual.change_points import sample_weights
 from lagsplat.diagnose.residual.components import explained
 from lagsplat.diagnose.residual.features import BLOCK, Features
@@ -82,7 +82,7 @@ def _apparent(mechanics: Mechanics, one: Smoothed) -> Float64[np.ndarray, "n d 3
             )
             lacking = bend * own - (up - down) / (2.0 * eps)
             columns.append(
-                np.einsum("nab,nb->na", mechanics.mass_at(one.q), lacking) / rest_inertia(mechanics)
+                np.einsum("nab,nb->na", mechanics.mass_at(one.q), lacking) / compute_rest_inertia(mechanics)
             )
     return np.stack(columns, axis=2)
 

@@ -8,19 +8,19 @@ import numpy as np
 import torch
 
 from lagsplat.chart.chart import Chart
-from lagsplat.diagnose.estimation.dataset import Region
-from lagsplat.diagnose.simulators.projection import FieldFunctions, Sampled, sample_mechanics
-from lagsplat.diagnose.simulators.sources import motion_of
+from lagsplat.diagnose.estimation.dataset import OperatingRegion
+from lagsplat.diagnose.simulators.projection import FieldFunctions, ProjectedModel, project_fields
+from lagsplat.diagnose.simulators.sources import make_video_trajectory
 from lagsplat.io.recording.recording import Recording
 from lagsplat.io.trajectory.trajectory import Motion
 from lagsplat.stage1.autoencoder import Autoencoder, encode_frames
 from lagsplat.stage2.fit import load_dynamics
 from lagsplat.stage2.lagrangian import Lagrangian
 
-BATCH = 256
+BATCH_SIZE = 256
 
 
-def open_dynamics(folder: Path) -> Lagrangian:
+def load_run_dynamics(folder: Path) -> Lagrangian:
     """The Lagrangian of the run in ``folder``.
 
     Raises:
@@ -35,7 +35,7 @@ def open_dynamics(folder: Path) -> Lagrangian:
     )
 
 
-def sample_run(lagrangian: Lagrangian, region: Region, *, what: str) -> Sampled:
+def project_run(lagrangian: Lagrangian, region: OperatingRegion, *, what: str) -> ProjectedModel:
     """The model of a fitted Lagrangian over a region of whitened latents, per second.
 
     Raises:
@@ -46,10 +46,10 @@ def sample_run(lagrangian: Lagrangian, region: Region, *, what: str) -> Sampled:
             f"{what}: the run has {lagrangian.d} latent(s) and {lagrangian.n_inputs} input(s), but the "
             f"recording {region.d} and {region.n_u}; encode the recording with this run's own autoencoder"
         )
-    return sample_mechanics(mechanics(lagrangian, region), region, what=what)
+    return project_fields(make_run_fields(lagrangian, region), region, what=what)
 
 
-def mechanics(lagrangian: Lagrangian, region: Region) -> FieldFunctions:
+def make_run_fields(lagrangian: Lagrangian, region: OperatingRegion) -> FieldFunctions:
     """Mass, forces and input map of a Lagrangian in seconds; energies keep the Lagrangian's own unit.
 
     With ``t = time_unit_s tau`` the mass takes the square of the unit and the damping the unit itself. The
@@ -95,7 +95,7 @@ def mechanics(lagrangian: Lagrangian, region: Region) -> FieldFunctions:
     return FieldFunctions(mass, still, reach, loss)
 
 
-def encoder(autoencoder: Autoencoder, chart: Chart, *, what: str) -> Callable[[np.ndarray], np.ndarray]:
+def make_encoder(autoencoder: Autoencoder, chart: Chart, *, what: str) -> Callable[[np.ndarray], np.ndarray]:
     """From frames (T, H, W, 3), uint8, to whitened latents (T, d) of a run, not smoothed.
 
     Raises:
@@ -114,7 +114,7 @@ def encoder(autoencoder: Autoencoder, chart: Chart, *, what: str) -> Callable[[n
     return encode
 
 
-def encoded(autoencoder: Autoencoder, chart: Chart, recording: Recording) -> Motion:
+def encode_recording(autoencoder: Autoencoder, chart: Chart, recording: Recording) -> Motion:
     """A film as whitened latents of a run, not smoothed, with its own clips, times and inputs.
 
     Raises:
@@ -126,11 +126,11 @@ def encoded(autoencoder: Autoencoder, chart: Chart, recording: Recording) -> Mot
             f"{source}: {recording.inputs.shape[1]} input(s), but the run was fitted with {n_u}; give the "
             "inputs in a CSV of the same stem with columns t, u0, ..."
         )
-    latents = encoder(autoencoder, chart, what="the run")(np.asarray(recording.frames[:]))
-    return motion_of(recording, latents, source=source)
+    latents = make_encoder(autoencoder, chart, what="the run")(np.asarray(recording.frames[:]))
+    return make_video_trajectory(recording, latents, source=source)
 
 
-def charted(chart: Chart, *, held_out: bool) -> Motion:
+def read_chart_trajectory(chart: Chart, *, held_out: bool) -> Motion:
     """The recording a run was fitted to: its held-out part, for the self mode, or its training part.
 
     Raises:
@@ -152,4 +152,4 @@ def charted(chart: Chart, *, held_out: bool) -> Motion:
 
 
 def _batches(x: np.ndarray) -> list[np.ndarray]:
-    return [x[i : i + BATCH] for i in range(0, len(x), BATCH)]
+    return [x[i : i + BATCH_SIZE] for i in range(0, len(x), BATCH_SIZE)]

@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from lagsplat.diagnose.estimation.dataset import Region
-from lagsplat.diagnose.simulators.projection import FieldFunctions, Sampled, sample_mechanics
+from lagsplat.diagnose.estimation.dataset import OperatingRegion
+from lagsplat.diagnose.simulators.projection import FieldFunctions, ProjectedModel, project_fields
 
 
 @dataclass(frozen=True)
-class Choice:
+class MujocoSelection:
     """A compiled model with its data, and the joints and actuators that are coordinates and inputs."""
 
     model: Any
@@ -49,7 +49,7 @@ def require_mujoco() -> Any:
 
 def load_mujoco(
     path: Path, *, joints: Sequence[str] | None = None, actuators: Sequence[str] | None = None
-) -> Choice:
+) -> MujocoSelection:
     """A model file with its joints and actuators, by default all hinges, slides and actuators in order.
 
     Raises:
@@ -84,7 +84,7 @@ def load_mujoco(
     data = mujoco.MjData(model)
     if model.nkey:
         mujoco.mj_resetDataKeyframe(model, data, 0)
-    return Choice(
+    return MujocoSelection(
         model,
         data,
         tuple(model.joint(i).name or f"joint {i}" for i in index),
@@ -95,13 +95,13 @@ def load_mujoco(
     )
 
 
-def sample_mujoco(
+def project_mujoco(
     path: Path,
-    region: Region,
+    region: OperatingRegion,
     *,
     joints: Sequence[str] | None = None,
     actuators: Sequence[str] | None = None,
-) -> Sampled:
+) -> ProjectedModel:
     """The model of a MuJoCo file over a region.
 
     Raises:
@@ -119,10 +119,10 @@ def sample_mujoco(
                 f"name those that belong to them with diagnose.{what}=[...]"
             )
     _warn(path, chosen, region)
-    return sample_mechanics(mechanics(chosen), region, what=path.name)
+    return project_fields(make_mujoco_fields(chosen), region, what=path.name)
 
 
-def mechanics(chosen: Choice) -> FieldFunctions:
+def make_mujoco_fields(chosen: MujocoSelection) -> FieldFunctions:
     """Mass, forces and input map of the chosen joints as functions of many points."""
     mujoco = require_mujoco()
     model, data, at_v = chosen.model, chosen.data, chosen.at_v
@@ -210,7 +210,7 @@ def _find(path: Path, what: str, wanted: Sequence[str], names: Sequence[str]) ->
     return [list(names).index(name) for name in wanted]
 
 
-def _warn(path: Path, chosen: Choice, region: Region) -> None:
+def _warn(path: Path, chosen: MujocoSelection, region: OperatingRegion) -> None:
     """Tell what the model does beside mass, forces and inputs."""
     model, mujoco = chosen.model, require_mujoco()
     told = []

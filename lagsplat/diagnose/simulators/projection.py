@@ -1,4 +1,4 @@
-"""A sim that is given point by point, as mass, slope of the potential and so on, in the basis of a `Model`.
+"""A sim that is given point by point, as mass, slope of the potential and so on, in the basis of a `MechanicalModel`.
 
 How each field is fitted is told in `lagsplat.diagnose.simulators.projection_fields`.
 """
@@ -11,15 +11,15 @@ import numpy as np
 from jaxtyping import Float64
 from scipy.optimize import root
 
-from lagsplat.diagnose.estimation.dataset import Region
+from lagsplat.diagnose.estimation.dataset import OperatingRegion
 from lagsplat.diagnose.identification.structure_search import bases
-from lagsplat.diagnose.mechanics.model import Model
-from lagsplat.diagnose.simulators.projection_fields import TOLERANCE, Seen, fitted
+from lagsplat.diagnose.mechanics.model import MechanicalModel
+from lagsplat.diagnose.simulators.projection_fields import FIELD_TOLERANCE, FieldSamples, fit_fields
 
-POOR = 0.02
+WARN_ERROR = 0.02
 """Error above which a user is warned."""
-EXACT = 1e-6
-TOP = {1: 9, 2: 8, 3: 4}
+EXACT_ERROR = 1e-6
+MAX_DEGREE = {1: 9, 2: 8, 3: 4}
 """Highest degree of the polynomials by number of coordinates."""
 
 
@@ -58,14 +58,14 @@ class FieldFunctions:
 
 
 @dataclass(frozen=True)
-class Sampled:
+class ProjectedModel:
     """A model, and the error of its acceleration over the region, relative to the acceleration's own size."""
 
-    model: Model
+    model: MechanicalModel
     error: float
 
 
-def sample_mechanics(mechanics: FieldFunctions, region: Region, *, what: str) -> Sampled:
+def project_fields(mechanics: FieldFunctions, region: OperatingRegion, *, what: str) -> ProjectedModel:
     """The model of a sim whose mass, potential, damping and input map are given; ``what`` names it to people.
 
     Raises:
@@ -73,15 +73,17 @@ def sample_mechanics(mechanics: FieldFunctions, region: Region, *, what: str) ->
     """
     seen = _look(mechanics, region, what)
     found = []
-    for basis in reversed(bases(region.q, degree=TOP.get(region.d, 3))):
-        model = fitted(seen, basis)
-        found.append(Sampled(model, acceleration_error(model, region, seen.acceleration)))
-        if found[-1].error < EXACT:
+    for basis in reversed(bases(region.q, degree=MAX_DEGREE.get(region.d, 3))):
+        model = fit_fields(seen, basis)
+        found.append(ProjectedModel(model, compute_acceleration_error(model, region, seen.acceleration)))
+        if found[-1].error < EXACT_ERROR:
             break
-    return checked(min(found, key=merit), what=what)
+    return finish_projection(min(found, key=rank_projection), what=what)
 
 
-def acceleration_error(model: Model, region: Region, acceleration: Float64[np.ndarray, "N d"]) -> float:
+def compute_acceleration_error(
+    model: MechanicalModel, region: OperatingRegion, acceleration: Float64[np.ndarray, "N d"]
+) -> float:
     """Root mean square of the error of the model's acceleration, in units of that of the acceleration itself.
 
     The worst coordinate counts. A model whose mass is not positive everywhere has an infinite error.
@@ -94,17 +96,19 @@ def acceleration_error(model: Model, region: Region, acceleration: Float64[np.nd
     return float(np.max(np.sqrt(np.mean(wrong**2, axis=0)) / np.maximum(size, 1e-9 * size.max() + 1e-300)))
 
 
-def merit(one: Sampled) -> tuple[int, float]:
+def rank_projection(one: ProjectedModel) -> tuple[int, float]:
     """To be minimised: exact ones first, then the smallest that is good, then the least bad."""
-    if one.error < TOLERANCE:
+    if one.error < FIELD_TOLERANCE:
         m = one.model
-        return int(one.error > EXACT), m.mass.size + m.potential.size + m.damping.size + m.input_map.size
+        return int(
+            one.error > EXACT_ERROR
+        ), m.mass.size + m.potential.size + m.damping.size + m.input_map.size
     return 2, one.error
 
 
-def checked(one: Sampled, *, what: str) -> Sampled:
+def finish_projection(one: ProjectedModel, *, what: str) -> ProjectedModel:
     """The same, cut to the functions it uses and with its point of rest; warns where it is poor."""
-    if one.error > POOR:
+    if one.error > WARN_ERROR:
         warnings.warn(
             f"{what}: its acceleration could be written in mass, damping, potential and inputs only to "
             f"within {100.0 * one.error:.1f} % over the region of the recording; what is missing (a "
@@ -114,10 +118,10 @@ def checked(one: Sampled, *, what: str) -> Sampled:
     model = one.model
     size = max(len(model.mass), len(model.damping), len(model.potential), len(model.input_map))
     model = replace(model, basis=model.basis.first(size))
-    return replace(one, model=replace(model, rest=rest_of(model)))
+    return replace(one, model=replace(model, rest=find_rest(model)))
 
 
-def rest_of(model: Model) -> Float64[np.ndarray, " d"]:
+def find_rest(model: MechanicalModel) -> Float64[np.ndarray, " d"]:
     """Where the unloaded model rests stably within its region; the model's own ``rest`` if nowhere."""
     low, high = model.basis.centre - model.basis.scale, model.basis.centre + model.basis.scale
     size = float(np.abs(model.spring(np.stack([low, high]))).max()) + 1e-300
@@ -132,9 +136,9 @@ def rest_of(model: Model) -> Float64[np.ndarray, " d"]:
     return model.rest
 
 
-def _look(mechanics: FieldFunctions, region: Region, what: str) -> Seen:
+def _look(mechanics: FieldFunctions, region: OperatingRegion, what: str) -> FieldSamples:
     q, v = region.q, region.v
-    seen = Seen(
+    seen = FieldSamples(
         region, mechanics.mass(q), mechanics.turning(q, v), mechanics.slope(q), mechanics.input_map(q),
         mechanics.loss(q, v), np.zeros_like(q),
     )  # fmt: skip

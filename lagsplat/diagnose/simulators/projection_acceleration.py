@@ -10,31 +10,37 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.estimation.dataset import Region
+from lagsplat.diagnose.estimation.dataset import OperatingRegion
 from lagsplat.diagnose.identification.structure_search import bases, degrees, grown
 from lagsplat.diagnose.mechanics.basis import Basis
-from lagsplat.diagnose.mechanics.model import Model
-from lagsplat.diagnose.mechanics.structure import Form
-from lagsplat.diagnose.simulators.projection import EXACT, Sampled, acceleration_error, checked, merit
+from lagsplat.diagnose.mechanics.model import MechanicalModel
+from lagsplat.diagnose.mechanics.structure import ModelStructure
+from lagsplat.diagnose.simulators.projection import (
+    EXACT_ERROR,
+    ProjectedModel,
+    compute_acceleration_error,
+    finish_projection,
+    rank_projection,
+)
 from lagsplat.diagnose.simulators.projection_fields import (
-    SLOW,
-    TOLERANCE,
-    WIDTHS,
-    friction_columns,
-    symmetric,
+    DEFAULT_FRICTION_WIDTH,
+    FIELD_TOLERANCE,
+    FRICTION_WIDTHS,
+    build_friction_columns,
+    make_symmetric_basis,
 )
 
 RIDGE = 1e-10
 """Of standardised columns: what the accelerations leave open stays at an inertia of one."""
-TOP = {1: 7, 2: 5, 3: 3}
+MAX_ACCELERATION_DEGREE = {1: 7, 2: 5, 3: 3}
 
 
 @dataclass(frozen=True)
-class Terms:
+class AccelerationTerms:
     """Forces (N, d, k) that a coefficient of one makes, field by field, for the largest form there may be."""
 
     basis: Basis
-    region: Region
+    region: OperatingRegion
     acceleration: Float64[np.ndarray, "N d"]
     mass: np.ndarray
     potential: np.ndarray
@@ -42,9 +48,12 @@ class Terms:
     input_map: np.ndarray
 
 
-def sample_acceleration(
-    acceleration: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray], region: Region, *, what: str
-) -> Sampled:
+def project_acceleration(
+    acceleration: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray],
+    region: OperatingRegion,
+    *,
+    what: str,
+) -> ProjectedModel:
     """The model of a sim whose ``acceleration(q, v, u)`` (N, d) is given; ``what`` names it in warnings.
 
     Accelerations alone leave open how inertia is shared between coordinates that do not act on one another,
@@ -65,31 +74,31 @@ def sample_acceleration(
     if not known.any():
         raise ValueError(f"{what}: the acceleration is zero everywhere; nothing would ever move")
     found = []
-    for basis in reversed(bases(region.q, degree=TOP.get(region.d, 2))):
+    for basis in reversed(bases(region.q, degree=MAX_ACCELERATION_DEGREE.get(region.d, 2))):
         found.append(_grow(_terms(basis, region, known)))
-        if found[-1].error < EXACT:
+        if found[-1].error < EXACT_ERROR:
             break
-    return checked(min(found, key=merit), what=what)
+    return finish_projection(min(found, key=rank_projection), what=what)
 
 
-def _terms(basis: Basis, region: Region, a: np.ndarray) -> Terms:
+def _terms(basis: Basis, region: OperatingRegion, a: np.ndarray) -> AccelerationTerms:
     phi, slope, v = basis.values(region.q), basis.slopes(region.q), region.v
     n, d = region.q.shape
-    pairs = symmetric(d)
+    pairs = make_symmetric_basis(d)
     push, energy = np.einsum("pij,nj->npi", pairs, v), np.einsum("ni,pij,nj->np", v, pairs, v)
     mass = np.einsum("nk,pij,nj->nikp", phi, pairs, a)
     mass += np.einsum("nkj,nj,npi->nikp", slope, v, push) - 0.5 * np.einsum("nki,np->nikp", slope, energy)
     drive = -np.einsum("nk,nc,ij->nikcj", phi, region.u, np.eye(d))
-    return Terms(
+    return AccelerationTerms(
         basis, region, a, mass, slope[:, 1:].transpose(0, 2, 1),
         np.einsum("nk,npi->nikp", phi, push), drive.reshape(n, d, basis.size, -1),
     )  # fmt: skip
 
 
-def _solve(terms: Terms, form: Form, width: np.ndarray) -> Model:
+def _solve(terms: AccelerationTerms, form: ModelStructure, width: np.ndarray) -> MechanicalModel:
     """Coefficients of a form; those of the constant inertia have a trace of ``d``."""
     n, d = terms.acceleration.shape
-    pairs, n_u = symmetric(d), terms.region.n_u
+    pairs, n_u = make_symmetric_basis(d), terms.region.n_u
     trace = np.einsum("pii->p", pairs)
     first = terms.mass[:, :, 0] - trace / d * (terms.mass[:, :, 0] @ trace)[..., None]
     blocks = [
@@ -98,7 +107,7 @@ def _solve(terms: Terms, form: Form, width: np.ndarray) -> Model:
         terms.damping[:, :, : form.damping].reshape(n, d, -1),
         terms.potential[:, :, : form.potential - 1],
         terms.input_map[:, :, : form.input_map].reshape(n, d, -1),
-        friction_columns(terms.region.v, width if form.dry else None, form.drag),
+        build_friction_columns(terms.region.v, width if form.dry else None, form.drag),
     ]
     columns = np.concatenate(blocks, axis=2).reshape(n * d, -1)
     # an equation counts by the acceleration of its coordinate
@@ -115,7 +124,7 @@ def _solve(terms: Terms, form: Form, width: np.ndarray) -> Model:
     mass = np.einsum("kp,pij->kij", heavy, pairs)
     mass[0] += np.eye(d) * (1.0 - np.trace(mass[0]) / d)
     friction = parts[5]
-    return Model(
+    return MechanicalModel(
         terms.basis,
         mass,
         np.einsum("kp,pij->kij", parts[2].reshape(form.damping, -1), pairs),
@@ -128,25 +137,29 @@ def _solve(terms: Terms, form: Form, width: np.ndarray) -> Model:
     )
 
 
-def _grow(terms: Terms) -> Sampled:
+def _grow(terms: AccelerationTerms) -> ProjectedModel:
     """From a linear system, by the step that helps the acceleration most."""
     region = terms.region
     speed, driven = np.maximum(region.speed, 1e-12), region.n_u > 0
 
-    def tried(form: Form, ratio: float) -> tuple[float, Form, float, Model]:
+    def tried(form: ModelStructure, ratio: float) -> tuple[float, ModelStructure, float, MechanicalModel]:
         model = _solve(terms, form, ratio * speed)
-        return acceleration_error(model, region, terms.acceleration), form, ratio, model
+        return compute_acceleration_error(model, region, terms.acceleration), form, ratio, model
 
-    def climb(best: tuple[float, Form, float, Model]) -> tuple[float, Form, float, Model]:
-        while best[0] > 0.1 * TOLERANCE:
+    def climb(
+        best: tuple[float, ModelStructure, float, MechanicalModel],
+    ) -> tuple[float, ModelStructure, float, MechanicalModel]:
+        while best[0] > 0.1 * FIELD_TOLERANCE:
             error, form, ratio, _ = best
             steps = [
                 tried(larger, other)
                 for larger in grown(form, terms.basis, driven=driven)
-                for other in (WIDTHS if larger.dry and not form.dry else (ratio,))
+                for other in (FRICTION_WIDTHS if larger.dry and not form.dry else (ratio,))
             ]
             # equals go to the smaller form
-            step = min(steps, key=lambda row: (np.log10(row[0] + EXACT).round(1), row[1].order), default=best)
+            step = min(
+                steps, key=lambda row: (np.log10(row[0] + EXACT_ERROR).round(1), row[1].order), default=best
+            )
             if step[0] > 0.8 * error and not (np.isinf(error) and np.isfinite(step[0])):
                 break
             best = step
@@ -154,8 +167,11 @@ def _grow(terms: Terms) -> Sampled:
 
     one = 1 if driven else 0
     ends = degrees(terms.basis)
-    best = climb(tried(Form(1, 1, ends[2], one), SLOW))
-    if best[0] > TOLERANCE:  # mass and potential that balance one another help only together
-        jump = min((tried(Form(end, 1, end, one), SLOW) for end in ends[2:]), key=lambda row: row[0])
+    best = climb(tried(ModelStructure(1, 1, ends[2], one), DEFAULT_FRICTION_WIDTH))
+    if best[0] > FIELD_TOLERANCE:  # mass and potential that balance one another help only together
+        jump = min(
+            (tried(ModelStructure(end, 1, end, one), DEFAULT_FRICTION_WIDTH) for end in ends[2:]),
+            key=lambda row: row[0],
+        )
         best = climb(jump) if jump[0] < 0.5 * best[0] else best
-    return Sampled(best[3], best[0])
+    return ProjectedModel(best[3], best[0])

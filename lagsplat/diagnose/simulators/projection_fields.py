@@ -13,23 +13,23 @@ import numpy as np
 from jaxtyping import Float64
 from scipy.linalg import lstsq
 
-from lagsplat.diagnose.estimation.dataset import Region
+from lagsplat.diagnose.estimation.dataset import OperatingRegion
 from lagsplat.diagnose.identification.structure_search import degrees
 from lagsplat.diagnose.mechanics.basis import Basis
-from lagsplat.diagnose.mechanics.model import Model
+from lagsplat.diagnose.mechanics.model import MechanicalModel
 
-TOLERANCE = 0.003
+FIELD_TOLERANCE = 0.003
 """Error of the acceleration, in units of its root mean square, below which nothing is added."""
-SLOW = 0.02
+DEFAULT_FRICTION_WIDTH = 0.02
 """Width of the smooth dry friction, in units of the rms of the speed, unless another fits better."""
-WIDTHS = (0.02, 0.05, 0.1, 0.2)
+FRICTION_WIDTHS = (0.02, 0.05, 0.1, 0.2)
 
 
 @dataclass(frozen=True)
-class Seen:
+class FieldSamples:
     """Fields at the points of a region, and what a force there accelerates."""
 
-    region: Region
+    region: OperatingRegion
     mass: np.ndarray
     turning: np.ndarray
     slope: np.ndarray
@@ -58,7 +58,7 @@ def _solved(left: np.ndarray, right: np.ndarray) -> np.ndarray:
     return lstsq(flat, right.reshape(len(flat), -1), cond=1e-12, lapack_driver="gelsy")[0]
 
 
-def fitted(seen: Seen, basis: Basis) -> Model:
+def fit_fields(seen: FieldSamples, basis: Basis) -> MechanicalModel:
     """The model, every field with the smallest number of functions that serves."""
     d, region = seen.region.d, seen.region
     ends = degrees(basis)
@@ -92,7 +92,7 @@ def fitted(seen: Seen, basis: Basis) -> Model:
     # the scale of all of them is free: inertia is counted in units of its own mean
     unit = float(np.trace(mass[0])) / d
     unit = unit if unit > 0.0 else float(np.mean(np.trace(seen.mass, axis1=1, axis2=2))) / d
-    return Model(
+    return MechanicalModel(
         basis, mass / unit, damping / unit, potential / unit, reach / unit, dry / unit, drag / unit, width,
         np.median(region.q, axis=0),
     )  # fmt: skip
@@ -108,20 +108,20 @@ def _smallest(
         wrong = error(tried)
         if wrong < 0.9 * lowest:
             best, lowest = tried, wrong
-        if wrong < 0.1 * TOLERANCE:
+        if wrong < 0.1 * FIELD_TOLERANCE:
             break
     return best
 
 
 def _matrices(amounts: np.ndarray, d: int) -> Float64[np.ndarray, "K d d"]:
     """Symmetric matrices, one a function, from the amounts of their parts."""
-    pairs = symmetric(d)
+    pairs = make_symmetric_basis(d)
     return np.einsum("kp,pij->kij", amounts.reshape(-1, len(pairs)), pairs)
 
 
-def _inertial(phi: np.ndarray, slopes: np.ndarray, seen: Seen) -> Float64[np.ndarray, "N d K"]:
+def _inertial(phi: np.ndarray, slopes: np.ndarray, seen: FieldSamples) -> Float64[np.ndarray, "N d K"]:
     """``M a + c`` of every function times every symmetric matrix, one column each."""
-    v, pairs = seen.region.v, symmetric(seen.region.d)
+    v, pairs = seen.region.v, make_symmetric_basis(seen.region.d)
     pushed = np.einsum("pij,nj->npi", pairs, seen.acceleration)
     swung = np.einsum("pij,nj->npi", pairs, v)
     rate = np.einsum("nki,ni->nk", slopes, v)
@@ -130,7 +130,7 @@ def _inertial(phi: np.ndarray, slopes: np.ndarray, seen: Seen) -> Float64[np.nda
     return columns.reshape(*v.shape, -1)
 
 
-def _applied(phi: np.ndarray, slopes: np.ndarray, mass: np.ndarray, seen: Seen) -> np.ndarray:
+def _applied(phi: np.ndarray, slopes: np.ndarray, mass: np.ndarray, seen: FieldSamples) -> np.ndarray:
     """``M a + c`` of a fitted mass."""
     k, v = len(mass), seen.region.v
     rate = np.einsum("nki,kab->niab", slopes[:, :k], mass)
@@ -138,7 +138,7 @@ def _applied(phi: np.ndarray, slopes: np.ndarray, mass: np.ndarray, seen: Seen) 
     return np.einsum("nij,nj->ni", np.tensordot(phi[:, :k], mass, 1), seen.acceleration) + turning
 
 
-def symmetric(d: int) -> Float64[np.ndarray, "P d d"]:
+def make_symmetric_basis(d: int) -> Float64[np.ndarray, "P d d"]:
     """The symmetric matrices with one pair of ones."""
     pairs = [(i, j) for i in range(d) for j in range(i, d)]
     out = np.zeros((len(pairs), d, d))
@@ -147,24 +147,24 @@ def symmetric(d: int) -> Float64[np.ndarray, "P d d"]:
     return out
 
 
-def friction_columns(v: Float64[np.ndarray, "N d"], width: np.ndarray | None, drag: bool) -> np.ndarray:
+def build_friction_columns(v: Float64[np.ndarray, "N d"], width: np.ndarray | None, drag: bool) -> np.ndarray:
     """Columns (N, d, k) of dry friction of a width (d,), if any, and of drag: one for each coordinate."""
     parts = [] if width is None else [np.tanh(v / width)]
     parts += [np.abs(v) * v] if drag else []
     return np.concatenate([p[:, :, None] * np.eye(v.shape[1]) for p in parts] or [np.zeros((*v.shape, 0))], 2)
 
 
-def _losses(seen: Seen, phi: np.ndarray, ends: list[int]) -> tuple[np.ndarray, ...]:
+def _losses(seen: FieldSamples, phi: np.ndarray, ends: list[int]) -> tuple[np.ndarray, ...]:
     """Damping, dry friction, drag and the width of the dry friction; the smallest set that serves."""
     v, d, speed = seen.region.v, seen.region.d, np.maximum(seen.region.speed, 1e-12)
-    pairs = symmetric(d)
+    pairs = make_symmetric_basis(d)
     viscous = seen.share(np.einsum("nk,pij,nj->nikp", phi, pairs, v).reshape(len(v), d, -1))
     lost = seen.share(seen.loss[..., None])
     options: list[tuple[np.ndarray | None, bool, np.ndarray]] = []
     for drag in (False, True):
-        for width in (None, *WIDTHS):
+        for width in (None, *FRICTION_WIDTHS):
             wide = None if width is None else width * speed
-            options.append((wide, drag, seen.share(friction_columns(v, wide, drag))))
+            options.append((wide, drag, seen.share(build_friction_columns(v, wide, drag))))
     best: tuple[np.ndarray, ...] = ()
     lowest = np.inf
     for end in ends:
@@ -178,7 +178,12 @@ def _losses(seen: Seen, phi: np.ndarray, ends: list[int]) -> tuple[np.ndarray, .
                 lowest = wrong
                 dry = np.zeros(d) if wide is None else x[n : n + d]
                 drags = x[-d:] if drag else np.zeros(d)
-                best = (_matrices(x[:n], d), dry, drags, SLOW * speed if wide is None else wide)
-            if lowest < 0.1 * TOLERANCE:
+                best = (
+                    _matrices(x[:n], d),
+                    dry,
+                    drags,
+                    DEFAULT_FRICTION_WIDTH * speed if wide is None else wide,
+                )
+            if lowest < 0.1 * FIELD_TOLERANCE:
                 return best
     return best

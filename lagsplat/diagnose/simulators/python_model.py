@@ -19,13 +19,13 @@ from typing import Any
 
 import numpy as np
 
-from lagsplat.diagnose.estimation.dataset import Region
-from lagsplat.diagnose.simulators.projection import FieldFunctions, Sampled, sample_mechanics
-from lagsplat.diagnose.simulators.projection_acceleration import sample_acceleration
+from lagsplat.diagnose.estimation.dataset import OperatingRegion
+from lagsplat.diagnose.simulators.projection import FieldFunctions, ProjectedModel, project_fields
+from lagsplat.diagnose.simulators.projection_acceleration import project_acceleration
 
-ROUNDING = 1e-9
+ROUNDING_POWER_SHARE = 1e-9
 """Share of the power that swings to and fro below which damping feeds none."""
-SHOWN = "mass(q), potential_gradient(q) or potential(q), damping(q), friction(q, v), input_map(q)"
+EXPECTED_METHODS = "mass(q), potential_gradient(q) or potential(q), damping(q), friction(q, v), input_map(q)"
 
 
 def load_python(name: str) -> Any:
@@ -58,7 +58,7 @@ def load_python(name: str) -> Any:
         raise ValueError(f"sim={name}: {attribute}() fails with {error!r}") from error
 
 
-def sample_python(sim: Any, region: Region, *, what: str) -> Sampled:
+def project_python(sim: Any, region: OperatingRegion, *, what: str) -> ProjectedModel:
     """The model of a Python sim over a region; ``what`` names it in messages.
 
     Raises:
@@ -69,7 +69,7 @@ def sample_python(sim: Any, region: Region, *, what: str) -> Sampled:
     if not (hasattr(sim, "mass") or callable(sim)):
         raise ValueError(
             f"{what}: a {type(sim).__name__} is no sim; give a callable (q, v, u) -> acceleration, or an "
-            f"object with {SHOWN}"
+            f"object with {EXPECTED_METHODS}"
         )
     if not hasattr(sim, "mass"):
         takes = _arguments(sim)
@@ -77,11 +77,11 @@ def sample_python(sim: Any, region: Region, *, what: str) -> Sampled:
             raise ValueError(
                 f"{what}: takes {takes} arguments; (q, v, u) or (q, v) -> acceleration is needed"
             )
-        call = Pointwise(
+        call = PointwiseFunction(
             sim if takes != 2 else (lambda q, v, u: sim(q, v)), (d,), what, "acceleration(q, v, u)"
         )
         call.probe(region.q, region.v, region.u)
-        return _sane(sample_acceleration(call, region, what=what), region, what)
+        return _sane(project_acceleration(call, region, what=what), region, what)
     mechanics = _mechanics(sim, region, what)
     mass = mechanics.mass(region.q)
     crooked = float(np.abs(mass - mass.transpose(0, 2, 1)).max() / np.abs(mass).max())
@@ -93,11 +93,11 @@ def sample_python(sim: Any, region: Region, *, what: str) -> Sampled:
             "driven",
             stacklevel=2,
         )
-    return _sane(sample_mechanics(mechanics, region, what=what), region, what)
+    return _sane(project_fields(mechanics, region, what=what), region, what)
 
 
 @dataclass
-class Pointwise:
+class PointwiseFunction:
     """A user's function of one point or of many, of NumPy or of torch, as one of many points of NumPy."""
 
     function: Callable[..., Any]
@@ -163,13 +163,13 @@ class Pointwise:
         return np.asarray(torch.as_tensor(value).detach().cpu().numpy(), dtype=np.float64)
 
 
-def _mechanics(sim: Any, region: Region, what: str) -> FieldFunctions:
+def _mechanics(sim: Any, region: OperatingRegion, what: str) -> FieldFunctions:
     q, v, d = region.q, region.v, region.d
 
-    def field(name: str, shape: tuple[int, ...], *points: np.ndarray) -> Pointwise:
+    def field(name: str, shape: tuple[int, ...], *points: np.ndarray) -> PointwiseFunction:
         given = getattr(sim, name)
         constant = None if callable(given) else given
-        call = Pointwise(given if constant is None else (lambda *at: constant), shape, what, name)
+        call = PointwiseFunction(given if constant is None else (lambda *at: constant), shape, what, name)
         call.probe(*points)
         return call
 
@@ -183,7 +183,7 @@ def _mechanics(sim: Any, region: Region, what: str) -> FieldFunctions:
             _require_gradient(given(q), slope(q), what)
         slope = given
     elif not hasattr(sim, "potential"):
-        raise ValueError(f"{what}: has mass(q) but no potential; an object needs {SHOWN}")
+        raise ValueError(f"{what}: has mass(q) but no potential; an object needs {EXPECTED_METHODS}")
     damping = field("damping", (d, d), q) if hasattr(sim, "damping") else None
     friction = field("friction", (d,), q, v) if hasattr(sim, "friction") else None
     n_u = region.n_u
@@ -200,7 +200,7 @@ def _mechanics(sim: Any, region: Region, what: str) -> FieldFunctions:
 class _Gradient:
     """Central differences of a potential, of fourth order."""
 
-    potential: Pointwise
+    potential: PointwiseFunction
     reach: np.ndarray
 
     def __call__(self, q: np.ndarray) -> np.ndarray:
@@ -221,7 +221,7 @@ def _require_gradient(given: np.ndarray, measured: np.ndarray, what: str) -> Non
         )
 
 
-def _sane(sampled: Sampled, region: Region, what: str) -> Sampled:
+def _sane(sampled: ProjectedModel, region: OperatingRegion, what: str) -> ProjectedModel:
     """Warn of a damping that feeds energy, which a passive mechanism has nowhere."""
     model = sampled.model
     lowest = np.linalg.eigvalsh(model.damping_at(region.q)).min(axis=1)
@@ -230,7 +230,7 @@ def _sane(sampled: Sampled, region: Region, what: str) -> Sampled:
     rate = model.acceleration(region.q, region.v, region.u)
     swing = np.abs(np.einsum("ni,nij,nj->n", region.v, model.mass_at(region.q), rate)).max()
     # a frictionless sim has a damping by rounding alone
-    if (power < -max(1e-3 * np.abs(power).max(), max(sampled.error, ROUNDING) * swing)).any():
+    if (power < -max(1e-3 * np.abs(power).max(), max(sampled.error, ROUNDING_POWER_SHARE) * swing)).any():
         at = np.array2string(region.q[int(np.argmin(lowest))], precision=4)
         warnings.warn(
             f"{what}: its damping feeds energy into the motion near q = {at}; check the sign of "

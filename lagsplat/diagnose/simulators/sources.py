@@ -19,14 +19,14 @@ from lagsplat.io.trajectory.trajectory import Motion
 from lagsplat.io.video.clips import FILMS, IMAGES, natural_order
 
 TABLES = (".csv", ".txt", ".tsv", ".parquet", ".pq")
-FILMED = ("video", "mcap", "krauss", "recording")
-KINDS = ("trajectory", *FILMED, "run", "model", "mujoco", "python")
-OBJECT = r"(?P<module>[A-Za-z_][\w.]*|.+\.py):(?P<attribute>[A-Za-z_][\w.]*)"
-Latents = Callable[[np.ndarray], np.ndarray]
+VIDEO_KINDS = ("video", "mcap", "krauss", "recording")
+KINDS = ("trajectory", *VIDEO_KINDS, "run", "model", "mujoco", "python")
+PYTHON_OBJECT = r"(?P<module>[A-Za-z_][\w.]*|.+\.py):(?P<attribute>[A-Za-z_][\w.]*)"
+LatentEncoder = Callable[[np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True)
-class Source:
+class DataSource:
     """One thing named: its kind (one of `KINDS`), its path or ``module:attribute``, and the table of the
     inputs that go with a film, if there is one."""
 
@@ -35,7 +35,7 @@ class Source:
     inputs: str | None = None
 
 
-def find_sources(argument: str) -> tuple[Source, ...]:
+def find_sources(argument: str) -> tuple[DataSource, ...]:
     """The things that ``a.csv``, ``[a.csv,b.csv]``, ``runs/*.csv``, a folder or ``module:attribute`` name.
 
     A folder is a fitted run where it holds ``dynamics.safetensors``, a film where it holds pictures, and else
@@ -51,11 +51,11 @@ def find_sources(argument: str) -> tuple[Source, ...]:
     if not words:
         raise ValueError("an empty list of files; name at least one")
     paths: list[Path] = []
-    found: list[Source] = []
+    found: list[DataSource] = []
     for word in words:
         path = Path(word).expanduser()
-        if not path.exists() and re.fullmatch(OBJECT, word):
-            found.append(Source("python", word))
+        if not path.exists() and re.fullmatch(PYTHON_OBJECT, word):
+            found.append(DataSource("python", word))
         else:
             paths += _expand(path)
     films = {path.with_suffix("") for path in paths if path.suffix.lower() in (*FILMS, ".mcap")}
@@ -68,11 +68,11 @@ def find_sources(argument: str) -> tuple[Source, ...]:
 
 
 def read_sources(
-    sources: Sequence[Source],
+    sources: Sequence[DataSource],
     *,
     columns: Mapping[str, str] | None = None,
-    record: Callable[[Source], Recording] | None = None,
-    encode: Latents | None = None,
+    record: Callable[[DataSource], Recording] | None = None,
+    encode: LatentEncoder | None = None,
 ) -> tuple[Motion, ...]:
     """The motions of trajectories and films; other kinds are models, and must be taken out before.
 
@@ -85,7 +85,7 @@ def read_sources(
     for source in sources:
         if source.kind == "trajectory":
             motions.append(read_trajectory(source.path, columns=columns))
-        elif source.kind not in FILMED:
+        elif source.kind not in VIDEO_KINDS:
             raise ValueError(f"{source.path}: a {source.kind} is a model and has no motion of its own")
         elif record is None or encode is None:
             raise ValueError(
@@ -95,11 +95,13 @@ def read_sources(
         else:
             recording = record(source)
             log = read_input_log(source.inputs) if source.inputs else None
-            motions.append(motion_of(recording, encode(recording.frames), log=log, source=source.path))
+            motions.append(
+                make_video_trajectory(recording, encode(recording.frames), log=log, source=source.path)
+            )
     return tuple(motions)
 
 
-def motion_of(
+def make_video_trajectory(
     recording: Recording,
     latents: np.ndarray,
     *,
@@ -172,27 +174,27 @@ def _expand(path: Path) -> list[Path]:
     return known
 
 
-def _source(path: Path) -> Source:
+def _source(path: Path) -> DataSource:
     """The kind of one file or folder, by its name and, where that does not tell, its content."""
     name, kind = str(path), path.suffix.lower()
     if path.is_dir():
-        return Source("run" if (path / "dynamics.safetensors").is_file() else "video", name)
+        return DataSource("run" if (path / "dynamics.safetensors").is_file() else "video", name)
     if kind in TABLES:
-        return Source("trajectory", name)
+        return DataSource("trajectory", name)
     if kind == ".mcap" and is_session(path):
-        return Source("trajectory", name)
+        return DataSource("trajectory", name)
     if kind in FILMS or kind == ".mcap":
         beside = [path.with_suffix(suffix) for suffix in TABLES if path.with_suffix(suffix).is_file()]
-        return Source("video" if kind in FILMS else "mcap", name, str(beside[0]) if beside else None)
+        return DataSource("video" if kind in FILMS else "mcap", name, str(beside[0]) if beside else None)
     if kind == ".npz":
-        return Source("krauss" if "images.npy" in _members(path) else "trajectory", name)
+        return DataSource("krauss" if "images.npy" in _members(path) else "trajectory", name)
     if kind == ".xml":
-        return Source("mujoco", name)
+        return DataSource("mujoco", name)
     if kind == ".safetensors":
         made = read_header(path)["kind"]
         if made == "dynamics":
-            return Source("run", str(path.parent))
-        return Source("recording" if made == "recording" else "model", name)
+            return DataSource("run", str(path.parent))
+        return DataSource("recording" if made == "recording" else "model", name)
     raise ValueError(
         f"{path}: {kind or 'a file without suffix'} is neither a trajectory ({', '.join(TABLES)}, .npz), a "
         f"film ({', '.join(FILMS)}, .mcap), a fitted run, a MuJoCo model (.xml) nor module:attribute"

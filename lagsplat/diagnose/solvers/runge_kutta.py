@@ -12,28 +12,30 @@ from typing import Any, no_type_check
 import numpy as np
 from numba import float64, njit, prange, types
 
-from lagsplat.diagnose.mechanics.basis import evaluate, highest_power
+from lagsplat.diagnose.mechanics.basis import evaluate_basis, find_highest_power
 
-LAW = float64(float64, float64, float64, float64, float64, float64[::1], float64[::1], float64[::1])
+FORCE_LAW_SIGNATURE = float64(
+    float64, float64, float64, float64, float64, float64[::1], float64[::1], float64[::1]
+)
 """``law(t, s, v, spring, drive, memory, theta, d_memory) -> acceleration``; writes the rate of its memory."""
-FAR = 1e6  # in units of the scale of the coordinates: a rollout that has left for good
+DIVERGED_SCALES = 1e6  # in units of the scale of the coordinates: a rollout that has left for good
 
 
-def law(function: Any) -> Any:
+def compile_force_law(function: Any) -> Any:
     """Decorator: compile a law of force under the one signature all of them share."""
-    return njit(LAW, cache=True)(function)
+    return njit(FORCE_LAW_SIGNATURE, cache=True)(function)
 
 
-@law
+@compile_force_law
 @no_type_check
-def nothing(t, s, v, spring, drive, memory, theta, d_memory):
+def zero_force(t, s, v, spring, drive, memory, theta, d_memory):
     """No force: fills the slots that are not needed."""
     return 0.0
 
 
 @njit(cache=True)
 @no_type_check
-def factorise(a, d):
+def factorize_cholesky(a, d):
     """Overwrite the lower triangle of ``a`` (d, d), which is symmetric, with its Cholesky factor."""
     for j in range(d):
         for k in range(j):
@@ -47,7 +49,7 @@ def factorise(a, d):
 
 @njit(cache=True)
 @no_type_check
-def substitute(a, b, d):
+def solve_cholesky(a, b, d):
     """Overwrite the second half of ``b`` (2 d,) with the solution for the factor ``a``."""
     for i in range(d):
         for k in range(i):
@@ -61,7 +63,7 @@ def substitute(a, b, d):
 
 @njit(cache=True, error_model="numpy", inline="always")
 @no_type_check
-def forces(basis, fields, state, u, rate, phi, slope, work, m, powers):
+def compute_forces(basis, fields, state, u, rate, phi, slope, work, m, powers):
     """Write velocities and generalised forces of the sim alone into ``rate``, and the mass into ``m``.
 
     ``work`` (2 d,) is what spring and drive do; of ``m`` (d, d) the lower triangle counts.
@@ -69,7 +71,7 @@ def forces(basis, fields, state, u, rate, phi, slope, work, m, powers):
     kind, order, centre, scale = basis
     mass, damping, potential, input_map, dry, drag, width, rest = fields
     d, n_u = rest.shape[0], input_map.shape[0]
-    evaluate(kind, order, centre, scale, state, powers, phi, slope.T)
+    evaluate_basis(kind, order, centre, scale, state, powers, phi, slope.T)
     for i in range(d):
         rate[i] = state[d + i]
         rate[d + i] = -drag[i] * abs(state[d + i]) * state[d + i]
@@ -111,7 +113,7 @@ def _rate(basis, fields, laws, along, inertia, theta, t, state, u, rate, phi, sl
     rest = fields[7]
     d = rest.shape[0]
     n_z = (state.shape[0] - 2 * d) // inertia.shape[0]
-    forces(basis, fields, state, u, rate, phi, slope, work, m, powers)
+    compute_forces(basis, fields, state, u, rate, phi, slope, work, m, powers)
     for slot in range(inertia.shape[0]):
         if inertia[slot] == 0.0:
             continue
@@ -126,13 +128,13 @@ def _rate(basis, fields, laws, along, inertia, theta, t, state, u, rate, phi, sl
         f = laws[slot](t, s, v, pull / heavy, push / heavy, state[at], theta[slot], rate[at])
         for i in range(d):
             rate[d + i] += along[slot, i] * heavy * f
-    factorise(m, d)
-    substitute(m, rate, d)
+    factorize_cholesky(m, d)
+    solve_cholesky(m, rate, d)
 
 
 @njit(parallel=True, cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
 @no_type_check
-def rollouts(
+def roll_out_batch(
     basis, mass, damping, potential, input_map, dry, drag, width, rest, laws, along, inertia, theta, memory,
     starts, first, length, time, u, u_of, steps, out,
 ):  # fmt: skip
@@ -150,7 +152,7 @@ def rollouts(
         fields = (mass[p], damping[p], potential[p], input_map[p], dry[p], drag[p], width, rest)
         phi, slope = np.empty(basis[0].shape[0]), np.empty((d, basis[0].shape[0]))
         work, m = np.empty(2 * d), np.empty((d, d))
-        powers = np.empty((d, highest_power(basis[0], basis[1]) + 1))
+        powers = np.empty((d, find_highest_power(basis[0], basis[1]) + 1))
         size = two_d + memory.shape[2] * memory.shape[3]
         x, y, total, rate = np.empty(size), np.empty(size), np.empty(size), np.zeros(size)
         x[:two_d] = starts[p, w]
@@ -175,23 +177,23 @@ def rollouts(
                 for i in range(size):
                     x[i] += h / 6.0 * total[i]
                 for i in range(d):
-                    if not abs(x[i] - rest[i]) < FAR * basis[3][i]:
+                    if not abs(x[i] - rest[i]) < DIVERGED_SCALES * basis[3][i]:
                         lost = True
             if lost:
                 for i in range(d):
-                    x[i] = rest[i] + FAR * basis[3][i]
+                    x[i] = rest[i] + DIVERGED_SCALES * basis[3][i]
                     x[d + i] = 0.0
 
 
 @njit(
     (
-        types.FunctionType(LAW), float64[:, ::1], float64[::1], float64[::1], float64[::1], float64[::1],
+        types.FunctionType(FORCE_LAW_SIGNATURE), float64[:, ::1], float64[::1], float64[::1], float64[::1], float64[::1],
         float64[::1], types.int64[:, ::1], float64[:, :, ::1], float64[:, :, ::1],
     ),
     cache=True,
 )  # fmt: skip
 @no_type_check
-def memories(force, theta, time, s, v, spring, drive, clips, begin, out):
+def integrate_memory(force, theta, time, s, v, spring, drive, clips, begin, out):
     """Write a law's memory (P, N, Z) along a given motion, from ``begin`` (P, C, Z) where a clip starts.
 
     ``s``, ``v``, ``spring``, ``drive`` are (N,); between frames they are interpolated linearly. The memory

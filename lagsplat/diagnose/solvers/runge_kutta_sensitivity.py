@@ -14,8 +14,13 @@ from typing import no_type_check
 import numpy as np
 from numba import njit, prange
 
-from lagsplat.diagnose.mechanics.basis import bend, highest_power
-from lagsplat.diagnose.solvers.runge_kutta import FAR, factorise, forces, substitute
+from lagsplat.diagnose.mechanics.basis import evaluate_basis_curvature, find_highest_power
+from lagsplat.diagnose.solvers.runge_kutta import (
+    DIVERGED_SCALES,
+    compute_forces,
+    factorize_cholesky,
+    solve_cholesky,
+)
 
 
 @njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
@@ -120,7 +125,7 @@ def _tangent(jacobian, m, g, s, unit, rate):
     for j in range(d):
         unit[:] = 0.0
         unit[d + j] = 1.0
-        substitute(m, unit, d)
+        solve_cholesky(m, unit, d)
         for i in range(d):
             factor = unit[d + i]
             for c in range(n):
@@ -133,10 +138,10 @@ def _rates(basis, fields, columns, x, s, u, scratch, rate, s_rate):
     """Write the rates of the state ``x`` (2 d,) and of its sensitivities ``s`` (2 d, C)."""
     phi, slope, curvature, powers, parts, jacobian, m, work, unit, g = scratch
     d = m.shape[0]
-    forces(basis, fields, x, u, rate, phi, slope, work, m, powers)
-    factorise(m, d)
-    substitute(m, rate, d)
-    bend(basis[0], basis[1], basis[3], powers, phi, curvature)
+    compute_forces(basis, fields, x, u, rate, phi, slope, work, m, powers)
+    factorize_cholesky(m, d)
+    solve_cholesky(m, rate, d)
+    evaluate_basis_curvature(basis[0], basis[1], basis[3], powers, phi, curvature)
     _jacobian(fields, x, u, rate, phi, slope, curvature, parts, jacobian)
     g[:] = 0.0
     _add_units(columns, fields[6], x, u, rate, phi, slope, g)
@@ -148,7 +153,7 @@ def _rates(basis, fields, columns, x, s, u, scratch, rate, s_rate):
 def _scratch(basis, d, n_c):
     """Room for what `_rates` works out on the way."""
     n = basis[0].shape[0]
-    powers = np.empty((d, highest_power(basis[0], basis[1]) + 1))
+    powers = np.empty((d, find_highest_power(basis[0], basis[1]) + 1))
     values = (np.empty(n), np.empty((d, n)), np.empty((d, d, n)), powers, np.empty((2 + 3 * d, n)))
     return (
         *values, np.empty((d, 2 * d)), np.empty((d, d)), np.empty(2 * d), np.empty(2 * d), np.empty((d, n_c))
@@ -195,23 +200,23 @@ def _roll(basis, fields, columns, n_columns, start, time, u, steps, out, slopes)
                 for c in range(n_c):
                     s[i, c] += h / 6.0 * s_total[i, c]
             for i in range(d):
-                if not abs(x[i] - rest[i]) < FAR * basis[3][i]:
+                if not abs(x[i] - rest[i]) < DIVERGED_SCALES * basis[3][i]:
                     lost = True
         if lost:
             for i in range(d):
-                x[i] = rest[i] + FAR * basis[3][i]
+                x[i] = rest[i] + DIVERGED_SCALES * basis[3][i]
                 x[d + i] = 0.0
             s[:] = 0.0
 
 
 @njit(parallel=True, cache=True, error_model="numpy")
 @no_type_check
-def sensitivities(
+def roll_out_with_sensitivities(
     basis, fields, columns, n_columns, starts, first, length, time, u, steps, out, slopes
 ):  # fmt: skip
     """Write the coordinates (W, L, d) of every window and their derivatives (W, L, d, C + 2 d).
 
-    ``fields`` are the coefficients of one set of `lagsplat.diagnose.solvers.runge_kutta.rollouts`, widths and rest.
+    ``fields`` are the coefficients of one set of `lagsplat.diagnose.solvers.runge_kutta.roll_out_batch`, widths and rest.
     ``columns`` are shaped as the first six of them and say which of the ``C`` columns holds the derivative
     by each, -1 for none; coefficients of one column move together. The starting state's own columns follow.
     ``u`` is (N, steps, 3, n_u). What has left for good stays where it is lost, and nothing moves it any more.

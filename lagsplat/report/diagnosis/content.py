@@ -18,7 +18,7 @@ from jaxtyping import Float64, UInt8
 
 from lagsplat.diagnose.core.result import Block, Diagnosis
 from lagsplat.diagnose.inference.identifiability import Separability
-from lagsplat.diagnose.inference.profile_likelihood import Profile
+from lagsplat.diagnose.inference.profile_likelihood import ProfileLikelihood
 from lagsplat.diagnose.residual.components import Fingerprint
 from lagsplat.io.files.atomic import replacing
 from lagsplat.report.common.latex import percent
@@ -70,7 +70,7 @@ class Exhibits:
     steps: tuple[tuple[str, float], ...] = ()
     maps_after: tuple[Any, ...] = ()
     separability: Separability | None = None
-    profiles: tuple[Profile, ...] = ()
+    profiles: tuple[ProfileLikelihood, ...] = ()
     fingerprint: Fingerprint | None = None
     picture: PictureGap | None = None
     force: PictureForce | None = None

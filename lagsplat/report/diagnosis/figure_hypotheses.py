@@ -14,7 +14,7 @@ from matplotlib.patches import Rectangle
 
 from lagsplat.diagnose.core.result import Diagnosis, Gap
 from lagsplat.diagnose.effects.descriptions import short_title
-from lagsplat.diagnose.inference.profile_likelihood import Profile
+from lagsplat.diagnose.inference.profile_likelihood import ProfileLikelihood
 from lagsplat.report.common.latex import format_number, percent, probability, unit, values
 from lagsplat.report.common.style import (
     ENCODED,
@@ -214,7 +214,7 @@ def draw_profiles(diagnosis: Diagnosis, exhibits: Exhibits) -> Figure | None:
         return figure
 
 
-def _profile(axis: Any, diagnosis: Diagnosis, one: Profile) -> None:
+def _profile(axis: Any, diagnosis: Diagnosis, one: ProfileLikelihood) -> None:
     fall = one.log_likelihood - np.max(one.log_likelihood)
     if np.min(one.values) > 0.0 and np.max(one.values) > WIDE * np.min(one.values):
         axis.set_xscale("log")

@@ -5,7 +5,7 @@ import torch
 
 from lagsplat.baselines import released as publication
 from lagsplat.baselines.fit import obtain_baseline
-from lagsplat.config.compose import options
+from lagsplat.config.schema import options
 from tests.unit.baselines.problems import pushed_square, settings
 from tests.unit.baselines.test_released import published
 

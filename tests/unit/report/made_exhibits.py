@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lagsplat.diagnose.inference.identifiability import Separability
-from lagsplat.diagnose.inference.profile_likelihood import Profile
+from lagsplat.diagnose.inference.profile_likelihood import ProfileLikelihood
 from lagsplat.diagnose.residual.components import Fingerprint
 from lagsplat.report.diagnosis.content import Exhibits, Film, PictureForce, PictureGap
 from tests.unit.report import made_diagnoses
@@ -69,9 +69,9 @@ def exhibits():
         maps_after=(after,),
         separability=Separability(names, nats),
         profiles=(
-            Profile("coulomb_friction", "acceleration", "q1/s^2", grid,
+            ProfileLikelihood("coulomb_friction", "acceleration", "q1/s^2", grid,
                     -0.5 * ((grid - 0.801) / 0.0185) ** 2),
-            Profile("stribeck_friction", "velocity", "q1/s", np.geomspace(0.002, 0.5, 11),
+            ProfileLikelihood("stribeck_friction", "velocity", "q1/s", np.geomspace(0.002, 0.5, 11),
                     -np.maximum(np.linspace(-3, 3, 11), 0.0) ** 2),
         ),
         fingerprint=Fingerprint(

@@ -6,7 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from lagsplat.config.compose import compose, options
+from lagsplat.config.compose import compose
+from lagsplat.config.schema import options
 from lagsplat.systems.config import ClipConfig, PushConfig, ReleaseConfig
 from lagsplat.systems.release import mechanism_of, release
 from lagsplat.systems.rendering.bodies import Body, paint

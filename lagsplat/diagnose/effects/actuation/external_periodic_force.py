@@ -4,11 +4,12 @@ import math
 from dataclasses import replace
 from typing import no_type_check
 
-from lagsplat.diagnose.effects.base import Effect, EffectParameter, ForceEffect, Normal, Scales, log_normal
-from lagsplat.diagnose.solvers.runge_kutta import law
+from lagsplat.diagnose.effects.base import Effect, ForceEffect
+from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, Scales, log_normal
+from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
 
-@law
+@compile_force_law
 @no_type_check
 def force(t, s, v, spring, drive, memory, theta, d_memory):
     """``cosine cos(omega t) + sine sin(omega t)``."""

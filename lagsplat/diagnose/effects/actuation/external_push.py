@@ -4,13 +4,14 @@ import math
 from collections.abc import Mapping
 from typing import Any, no_type_check
 
-from lagsplat.diagnose.effects.base import EffectParameter, ForceEffect, Normal, PlacedEffect, log_normal
-from lagsplat.diagnose.solvers.runge_kutta import law
+from lagsplat.diagnose.effects.base import ForceEffect, PlacedEffect
+from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, log_normal
+from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
 N_PUSHES = 3
 
 
-@law
+@compile_force_law
 @no_type_check
 def force(t, s, v, spring, drive, memory, theta, d_memory):
     """``acceleration`` from half a ``duration`` before each ``time`` to half after, with edges of a frame."""

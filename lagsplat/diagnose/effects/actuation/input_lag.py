@@ -6,7 +6,8 @@ import numpy as np
 from jaxtyping import Float64
 from numba import njit
 
-from lagsplat.diagnose.effects.base import EffectParameter, InputEffect, log_normal
+from lagsplat.diagnose.effects.base import InputEffect
+from lagsplat.diagnose.effects.parameters import EffectParameter, log_normal
 
 
 @njit(cache=True)

@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.effects.base import EffectParameter, InputEffect, log_normal
+from lagsplat.diagnose.effects.base import InputEffect
+from lagsplat.diagnose.effects.parameters import EffectParameter, log_normal
 
 
 def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray, "P M"]:

@@ -3,11 +3,12 @@
 import math
 from typing import no_type_check
 
-from lagsplat.diagnose.effects.base import EffectParameter, ForceEffect, HalfNormal
-from lagsplat.diagnose.solvers.runge_kutta import law
+from lagsplat.diagnose.effects.base import ForceEffect
+from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal
+from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
 
-@law
+@compile_force_law
 @no_type_check
 def force(t, s, v, spring, drive, memory, theta, d_memory):
     """``-acceleration sign(v)``."""

@@ -2,11 +2,12 @@
 
 from typing import no_type_check
 
-from lagsplat.diagnose.effects.base import EffectParameter, ForceEffect, HalfNormal, log_normal
-from lagsplat.diagnose.solvers.runge_kutta import law
+from lagsplat.diagnose.effects.base import ForceEffect
+from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal, log_normal
+from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
 
-@law
+@compile_force_law
 @no_type_check
 def force(t, s, v, spring, drive, memory, theta, d_memory):
     """``-k (s - x)`` with ``dx/dt = (s - x) / time_constant`` and ``k = stiffness_ratio omega^2``."""

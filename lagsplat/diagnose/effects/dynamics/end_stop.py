@@ -7,18 +7,12 @@ import math
 from collections.abc import Mapping
 from typing import Any, no_type_check
 
-from lagsplat.diagnose.effects.base import (
-    EffectParameter,
-    ForceEffect,
-    HalfNormal,
-    PlacedEffect,
-    Scales,
-    log_normal,
-)
-from lagsplat.diagnose.solvers.runge_kutta import law
+from lagsplat.diagnose.effects.base import ForceEffect, PlacedEffect
+from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal, Scales, log_normal
+from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
 
-@law
+@compile_force_law
 @no_type_check
 def force(t, s, v, spring, drive, memory, theta, d_memory):
     """``-stiffness_ratio omega^2 depth (1 + loss v)``, never pulling; the depth is smooth within a width."""

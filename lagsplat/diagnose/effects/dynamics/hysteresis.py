@@ -5,11 +5,12 @@ Source: Ikhouane and Rodellar, "Systems with Hysteresis", 2007, doi:10.1002/9780
 
 from typing import no_type_check
 
-from lagsplat.diagnose.effects.base import EffectParameter, ForceEffect, HalfNormal, log_normal
-from lagsplat.diagnose.solvers.runge_kutta import law
+from lagsplat.diagnose.effects.base import ForceEffect
+from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal, log_normal
+from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
 
-@law
+@compile_force_law
 @no_type_check
 def force(t, s, v, spring, drive, memory, theta, d_memory):
     """``-acceleration z`` with ``dz/dt = (v - |v| z / 2 - v |z| / 2) / displacement``."""

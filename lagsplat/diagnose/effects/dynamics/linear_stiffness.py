@@ -11,22 +11,16 @@ from typing import Any, no_type_check
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.effects.base import (
-    CoefficientBatch,
-    EffectParameter,
-    ForceEffect,
-    Normal,
-    PlacedEffect,
-    Scales,
-)
-from lagsplat.diagnose.solvers.runge_kutta import law
+from lagsplat.diagnose.effects.base import CoefficientBatch, ForceEffect, PlacedEffect
+from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, Scales
+from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
 SPRING = "spring"
 SOFT = 0.1
 """Stiffness of the sim at rest, in units of the motion's mean square rate, below which it counts for none."""
 
 
-@law
+@compile_force_law
 @no_type_check
 def force(t, s, v, spring, drive, memory, theta, d_memory):
     """``(ratio - 1)`` times the conservative force of the sim, or that of a spring ``-omega^2 s``."""

@@ -6,13 +6,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.effects.base import (
-    CoefficientBatch,
-    EffectParameter,
-    ModelEffect,
-    Normal,
-    PlacedEffect,
-)
+from lagsplat.diagnose.effects.base import CoefficientBatch, ModelEffect, PlacedEffect
+from lagsplat.diagnose.effects.parameters import EffectParameter, Normal
 
 
 def change(

@@ -2,11 +2,12 @@
 
 from typing import no_type_check
 
-from lagsplat.diagnose.effects.base import EffectParameter, ForceEffect, Normal, Scales
-from lagsplat.diagnose.solvers.runge_kutta import law
+from lagsplat.diagnose.effects.base import ForceEffect
+from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, Scales
+from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
 
-@law
+@compile_force_law
 @no_type_check
 def force(t, s, v, spring, drive, memory, theta, d_memory):
     """``rate t + bend t^2 / duration`` times the conservative force, or times the unit of acceleration."""

@@ -6,11 +6,12 @@ Source: Armstrong-Helouvry, Dupont and Canudas de Wit, doi:10.1016/0005-1098(94)
 import math
 from typing import no_type_check
 
-from lagsplat.diagnose.effects.base import EffectParameter, ForceEffect, HalfNormal, log_normal
-from lagsplat.diagnose.solvers.runge_kutta import law
+from lagsplat.diagnose.effects.base import ForceEffect
+from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal, log_normal
+from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
 
-@law
+@compile_force_law
 @no_type_check
 def force(t, s, v, spring, drive, memory, theta, d_memory):
     """``-coulomb (1 + excess exp(-(v/velocity)^2)) sign(v)``."""

@@ -6,11 +6,12 @@ from typing import Any, no_type_check
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.effects.base import CoefficientBatch, EffectParameter, ForceEffect, Normal
-from lagsplat.diagnose.solvers.runge_kutta import law
+from lagsplat.diagnose.effects.base import CoefficientBatch, ForceEffect
+from lagsplat.diagnose.effects.parameters import EffectParameter, Normal
+from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
 
-@law
+@compile_force_law
 @no_type_check
 def force(t, s, v, spring, drive, memory, theta, d_memory):
     """``-rate v``."""

@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.effects.base import EffectParameter, Normal, ObservationEffect, PlacedEffect
+from lagsplat.diagnose.effects.base import ObservationEffect, PlacedEffect
+from lagsplat.diagnose.effects.parameters import EffectParameter, Normal
 
 
 def observe(y: Any, v: Any, t: Any, theta: Float64[np.ndarray, "P 2"], instance: PlacedEffect) -> Any:

@@ -3,7 +3,8 @@
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.effects.base import EffectParameter, HalfNormal, SampleEffect
+from lagsplat.diagnose.effects.base import SampleEffect
+from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal
 
 SHARES = np.geomspace(0.0005, 0.3, 30)
 LATE = (0.4, 0.25, 0.15, 0.1, 0.06, 0.04)

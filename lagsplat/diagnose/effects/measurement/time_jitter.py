@@ -3,7 +3,8 @@
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.effects.base import EffectParameter, HalfNormal, SampleEffect
+from lagsplat.diagnose.effects.base import SampleEffect
+from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal
 
 SIZES = np.geomspace(0.003, 3.0, 80)
 LEVELS = np.geomspace(0.05, 1.0, 16)
