@@ -34,12 +34,12 @@ def lowest_error(case: Case, config: DiagnoseConfig) -> Said:
         ValueError: the motions are too short for a single window or block.
     """
     contest, _, natural = build_problem(estimate_simulator(case.sim, config), case.real, config)
-    bench = replace(contest.bench, nuisance=contest.bench.nuisance.pinned())
-    contest = replace(contest, bench=bench)
+    bench = replace(contest.rollout_model, nuisance=contest.rollout_model.nuisance.freeze())
+    contest = replace(contest, rollout_model=bench)
     half, held = split_windows(contest)
     blocks = cut_blocks(contest, held, period_s=natural.longest_s)
     offers = _offers(contest, case, natural.longest_s, config)
-    fit = half.fit((), np.zeros(contest.bench.nuisance.size))
+    fit = half.fit((), np.zeros(contest.rollout_model.nuisance.size))
     error, sims = (
         {"none": _error(contest, blocks, (), fit.x)},
         forecast_blocks(contest, blocks, (), 0.0 * fit.x),
@@ -69,9 +69,9 @@ def lowest_error(case: Case, config: DiagnoseConfig) -> Said:
 def _offers(
     contest: EstimationProblem, case: Case, period_s: float, config: DiagnoseConfig
 ) -> list[PlacedEffect]:
-    smoothed = smooth(contest.bench.model, case.real, period_s=period_s, hold=config.input_hold)
+    smoothed = smooth(contest.rollout_model.model, case.real, period_s=period_s, hold=config.input_hold)
     return place_effects(
-        contest.bench,
+        contest.rollout_model,
         extract_hints(smoothed, period_s=period_s),
         q_names=case.real[0].q_names,
         u_names=case.real[0].u_names,
@@ -87,7 +87,7 @@ def _error(
 
 def _square(contest: EstimationProblem, blocks: WindowSet, said: Forecast) -> float:
     """Mean square past the burn-in, in each coordinate's rms; infinite where a forecast escapes."""
-    q = contest.bench.record.q
+    q = contest.rollout_model.record.q
     wrong = ((said.y - blocks.take(q)) / np.std(q, axis=0))[:, BURN_IN:]
     return float(np.mean(wrong**2)) if np.isfinite(wrong).all() else float("inf")
 
@@ -95,7 +95,7 @@ def _square(contest: EstimationProblem, blocks: WindowSet, said: Forecast) -> fl
 def _blocks(
     contest: EstimationProblem, blocks: WindowSet, sim: Forecast, augmented: Forecast
 ) -> tuple[Block, ...]:
-    record = contest.bench.record
+    record = contest.rollout_model.record
     real = blocks.take(record.q)
     whole = []
     for k, (start, length) in enumerate(zip(blocks.first, blocks.length, strict=True)):

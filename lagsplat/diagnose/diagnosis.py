@@ -25,7 +25,7 @@ from lagsplat.diagnose.inference.problem import EstimationProblem, build_problem
 from lagsplat.diagnose.inference.profile_likelihood import estimate_parameters
 from lagsplat.diagnose.inference.robustness import check_robustness, inflate_noise
 from lagsplat.diagnose.mechanics.model import MechanicalModel
-from lagsplat.io.trajectory.trajectory import Motion
+from lagsplat.io.trajectory.trajectory import Trajectory
 
 OBVIOUS = 30.0
 """Nats beyond which an effect is named even if the forecasts hardly gain by it."""
@@ -49,7 +49,7 @@ class DiagnosisRun:
 
 def diagnose(
     sim: EstimatedSimulator,
-    real: Sequence[Motion],
+    real: Sequence[Trajectory],
     config: DiagnoseConfig,
     *,
     null: float = 0.0,
@@ -65,7 +65,9 @@ def diagnose(
     contest, ready, natural = build_problem(sim, real, config)
     hints = find_hints(sim.model, real, period_s=natural.longest_s, hold=config.input_hold)
     q_names, u_names = real[0].q_names, real[0].u_names
-    offers = place_effects(contest.bench, hints, q_names=q_names, u_names=u_names, without=config.without)
+    offers = place_effects(
+        contest.rollout_model, hints, q_names=q_names, u_names=u_names, without=config.without
+    )
     effort = SearchBudget.of(config, nominal=max(1.0, sim.misfit), null=null)
     ranking, chain = _search_effects(contest, offers, effort, config, tell)
     wider = inflate_noise(contest, effort, chain[-1] if chain else ranking.none)
@@ -74,19 +76,27 @@ def diagnose(
         ranking, chain = _search_effects(contest, offers, effort, config, tell)
     doubts = partial(assess_implausibility, contest, ranking, nominal=effort.nominal)
     judgement = judge_hypotheses(
-        ranking, chain, contest.freedom, effort.nominal, config, most=motionless_misfit(contest), doubt=doubts
+        ranking,
+        chain,
+        contest.uncertainty_directions,
+        effort.nominal,
+        config,
+        most=motionless_misfit(contest),
+        doubt=doubts,
     )
     best = judgement.best
     chosen = best if best is not None and judgement.verdict == "effect" else ranking.none
-    held, warnings = _forecast_holdout(contest, ranking, chosen, natural.longest_s, (sim.given or sim).model)
-    bare = ranking.none.fit.misfit / contest.freedom
+    held, warnings = _forecast_holdout(
+        contest, ranking, chosen, natural.longest_s, (sim.original or sim).model
+    )
+    bare = ranking.none.fit.misfit / contest.uncertainty_directions
     if held is not None and chosen is best and best is not None and _is_immaterial(held, best, bare, config):
         judgement, chosen = reject_effect(judgement), ranking.none
     told = {
         "natural_period_s": natural.longest_s,
         "noise": ready.sigma.tolist(),
         "sim_misfit": sim.misfit,
-        **({} if sim.given is None else {"sim_misfit_as_given": sim.given.misfit}),
+        **({} if sim.original is None else {"sim_misfit_as_given": sim.original.misfit}),
         **_fit_measures(contest, ranking, chain, judgement),
         **asdict(check_robustness(contest, ranking, chain, judgement, offers, effort, config)),
     }
@@ -126,12 +136,15 @@ def _fit_measures(
     """How well each explanation fits: mean square residuals in units of the noise."""
     best = judgement.best or ranking.none
     return {
-        "misfit_none": ranking.none.fit.misfit / contest.freedom,
-        "misfit_best": best.fit.misfit / contest.freedom,
+        "misfit_none": ranking.none.fit.misfit / contest.uncertainty_directions,
+        "misfit_best": best.fit.misfit / contest.uncertainty_directions,
         "unexplained": judgement.left,
         "doubt": judgement.doubted,
         "chain": [
-            {"effects": [e.effect.name for e in one.effects], "misfit": one.fit.misfit / contest.freedom}
+            {
+                "effects": [e.effect.name for e in one.effects],
+                "misfit": one.fit.misfit / contest.uncertainty_directions,
+            }
             for one in chain
         ],
         "windows": len(contest.windows.first),
@@ -211,7 +224,7 @@ def _list_candidates(
                 if near and held
                 else None,
                 log_evidence=one.log_evidence,
-                misfit=one.fit.misfit / contest.freedom,
+                misfit=one.fit.misfit / contest.uncertainty_directions,
             )
         )
     return tuple(out)

@@ -47,7 +47,7 @@ def run_diagnosis(
     """
     null = pair.null
     with contextlib.suppress(ValueError):  # too short a recording says nothing of the sim's errors
-        if null is not None and pair.sim.familiar is not None:
+        if null is not None and pair.sim.novelty_detector is not None:
             pair = replace(
                 pair, sim=measure_misfit(pair.sim, match_windows(pair.sim, null, pair.real, config))
             )
@@ -262,7 +262,7 @@ def write_mujoco_patch(
 
 def build_augmented_simulator(pair: DiagnosisInputs, found: DiagnosisRun) -> AugmentedSimulator:
     """The sim with the effects that were chosen, or with its own parameters re-anchored alone."""
-    bench, chosen = found.contest.bench, found.chosen
+    bench, chosen = found.contest.rollout_model, found.chosen
     effects = [effect for effect in chosen.effects if not isinstance(effect.effect, SampleEffect)]
     return build_augmented(
         bench,

@@ -31,7 +31,7 @@ from lagsplat.diagnose.inference.profile_likelihood import compute_profiles
 from lagsplat.diagnose.residual.components import fingerprint
 from lagsplat.diagnose.residual.error_budget import Rung, climb
 from lagsplat.diagnose.residual.latent_force import smooth
-from lagsplat.io.trajectory.trajectory import Motion, leading
+from lagsplat.io.trajectory.trajectory import Trajectory, leading_samples
 
 if TYPE_CHECKING:
     from lagsplat.pipelines.diagnosis_inputs import DiagnosisInputs
@@ -243,7 +243,7 @@ def compute_error_stages(pair: "DiagnosisInputs", found: DiagnosisRun) -> tuple[
     nominal = None
     if checked is not None:
         part = _first_part(checked.motions, CLIMBED * period_s)
-        hold = "zoh" if found.contest.bench.held else "linear"
+        hold = "zoh" if found.contest.rollout_model.held else "linear"
         with contextlib.suppress(np.linalg.LinAlgError):  # a sim that cannot follow even its own motions
             nominal = smooth(pair.sim.model, part, period_s=period_s, hold=hold)
     sight = None if pair.films is None else pair.films.sight
@@ -257,11 +257,11 @@ def compute_error_stages(pair: "DiagnosisInputs", found: DiagnosisRun) -> tuple[
     )
 
 
-def _first_part(motions: Sequence[Motion], length_s: float) -> list[Motion]:
+def _first_part(motions: Sequence[Trajectory], length_s: float) -> list[Trajectory]:
     """The first of all motions, as much as lasts ``length_s`` together."""
-    kept: list[Motion] = []
+    kept: list[Trajectory] = []
     for motion in motions:
         if length_s > 0.0:
-            kept.append(leading(motion, length_s))
+            kept.append(leading_samples(motion, length_s))
             length_s -= kept[-1].duration_s
     return kept

@@ -23,7 +23,7 @@ from lagsplat.diagnose.identification.estimated_simulator import (
 from lagsplat.diagnose.inference.problem import calibrate_misfit
 from lagsplat.diagnose.inference.recalibration import recalibrate_simulator
 from lagsplat.diagnose.simulators.sources import DataSource, find_sources, read_sources
-from lagsplat.io.trajectory.trajectory import Motion
+from lagsplat.io.trajectory.trajectory import Trajectory
 from lagsplat.pipelines.apply_diagnosis import sample_simulator
 
 if TYPE_CHECKING:
@@ -59,12 +59,12 @@ class DiagnosisInputs:
     """How inputs act between samples, where the sim's own recordings say another thing than the settings."""
 
     @property
-    def real(self) -> tuple[Motion, ...]:
+    def real(self) -> tuple[Trajectory, ...]:
         """The real motions, cut where they are not continued."""
         return self.checked.real.motions
 
     @property
-    def null(self) -> Motion | None:
+    def null(self) -> Trajectory | None:
         """A motion without any effect that the sim misses all the same, as fitted runs always do; or None."""
         if self.films is not None:
             return self.films.null
@@ -85,7 +85,7 @@ def open_diagnosis_inputs(sim: str, real: str, config: DiagnoseConfig) -> Diagno
     models = [source for source in sims if source.kind in MODELS]
     if models and len(sims) > 1:
         raise ValueError(f"sim={sim}: name one model, or recordings; {models[0].path} is a {models[0].kind}")
-    nominal: tuple[Motion, ...] = ()
+    nominal: tuple[Trajectory, ...] = ()
     own, films = False, None
     if models and models[0].kind == "run":
         from lagsplat.pipelines.diagnosis_videos import (
@@ -124,9 +124,9 @@ def open_diagnosis_inputs(sim: str, real: str, config: DiagnoseConfig) -> Diagno
     if known.misfit > DIVERGED_MISFIT:
         lost = _lost_model_finding(known, sim) if models else _lost_recordings_finding(known, nominal)
         checked = replace(checked, findings=(*checked.findings, lost))
-    if known.given is not None:
+    if known.original is not None:
         checked = replace(checked, findings=(*checked.findings, _recalibrated_finding(known, sim)))
-    if known.disturbed:
+    if known.outlier_spans:
         checked = replace(checked, findings=(*checked.findings, _disturbed_finding(known)))
     return DiagnosisInputs(known, checked, rows, own, films, hold)
 
@@ -155,7 +155,7 @@ def _try_held_inputs(
     if not change.any() or np.mean(change[:, change.any(axis=0)] == 0.0) < STEPPED:
         return None
     held = estimate_simulator(checked.sim.motions, replace(config, input_hold="zoh"))
-    alike = held.reach == known.reach and held.disturbed == known.disturbed
+    alike = held.reach == known.reach and held.outlier_spans == known.outlier_spans
     better = held.cost < known.cost - SURELY if alike else held.misfit < TRUER * known.misfit
     return held if better else None
 
@@ -173,8 +173,8 @@ def _held_inputs_finding(source: str) -> Finding:
 
 
 def _recalibrated_finding(sim: EstimatedSimulator, source: str) -> Finding:
-    assert sim.given is not None
-    given, left = (np.sqrt(max(one.misfit, 0.0)) for one in (sim.given, sim))
+    assert sim.original is not None
+    given, left = (np.sqrt(max(one.misfit, 0.0)) for one in (sim.original, sim))
     return Finding(
         "warn",
         "law of the run",
@@ -188,7 +188,7 @@ def _recalibrated_finding(sim: EstimatedSimulator, source: str) -> Finding:
 
 def _disturbed_finding(sim: EstimatedSimulator) -> Finding:
     at: dict[str, list[str]] = {}
-    for one in sim.disturbed:
+    for one in sim.outlier_spans:
         at.setdefault(one.file, []).append(f"{one.start_s:.4g} to {one.stop_s:.4g} s")
     told = ", ".join(f"{file} from {' and '.join(found)}" for file, found in at.items())
     return Finding(
@@ -213,7 +213,7 @@ def _lost_model_finding(sim: EstimatedSimulator, source: str) -> Finding:
     )
 
 
-def _lost_recordings_finding(sim: EstimatedSimulator, nominal: Sequence[Motion]) -> Finding:
+def _lost_recordings_finding(sim: EstimatedSimulator, nominal: Sequence[Trajectory]) -> Finding:
     return Finding(
         "undetermined",
         "law of the sim",
@@ -227,7 +227,7 @@ def _lost_recordings_finding(sim: EstimatedSimulator, nominal: Sequence[Motion])
 
 
 def _open_simulator(
-    models: Sequence[DataSource], checked: Checked, config: DiagnoseConfig, null: Motion | None
+    models: Sequence[DataSource], checked: Checked, config: DiagnoseConfig, null: Trajectory | None
 ) -> EstimatedSimulator:
     if not models:
         assert checked.sim is not None
@@ -253,7 +253,7 @@ def _open_simulator(
 
 
 def _calibrate(
-    sim: EstimatedSimulator, null: Motion | None, own: Sequence[Motion], config: DiagnoseConfig
+    sim: EstimatedSimulator, null: Trajectory | None, own: Sequence[Trajectory], config: DiagnoseConfig
 ) -> EstimatedSimulator:
     """The sim held to what no fit saw of its own mechanism, or to all there is where that is too short."""
     if null is not None:

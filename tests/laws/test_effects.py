@@ -165,7 +165,7 @@ def test_a_window_is_seen_as_it_is_alone(bench: RolloutModel) -> None:
         x = usual(one)
         together = moved(bench, one, x)
         for w, length in enumerate(WINDOWS.length):
-            only = WINDOWS.only(np.array([w]))
+            only = WINDOWS.select(np.array([w]))
             whole = np.concatenate([x, np.zeros(bench.nuisance.size)])[None]
             alone = bench.rollouts([one], whole, starts(bench)[None, [w]], only)[0][0, 0]
             assert np.abs(together[w, :length] - alone).max() < 1e-12, one.label

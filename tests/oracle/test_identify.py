@@ -6,7 +6,7 @@ import pytest
 from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator, estimate_simulator
 from lagsplat.diagnose.inference.problem import natural_periods
 from lagsplat.diagnose.mechanics.structure import shift_coefficients
-from lagsplat.io.trajectory.trajectory import Motion
+from lagsplat.io.trajectory.trajectory import Trajectory
 from tests.unit.diagnose.mechanisms import Chain, Duffing, TwoLink, film
 from tests.unit.diagnose.toys import settings
 
@@ -26,7 +26,7 @@ def swing(t: np.ndarray) -> np.ndarray:
     )
 
 
-def error(mechanism, sim: EstimatedSimulator, motions: list[Motion]) -> float:
+def error(mechanism, sim: EstimatedSimulator, motions: list[Trajectory]) -> float:
     """Of the acceleration where the motions went, in fractions of its rms."""
     q = np.concatenate([m.q for m in motions])[::3]
     v = np.concatenate([np.gradient(m.q, m.time_s, axis=0) for m in motions])[::3]
@@ -50,7 +50,9 @@ def test_the_acceleration_is_found_where_the_motion_went(name: str, noise: float
     made = [film(mechanism, seconds, inputs=inputs, finer=2, **one) for one in begun]
     rng = np.random.default_rng(1)
     seen = [
-        Motion(m.time_s, m.q + noise * m.q.std(axis=0) * rng.standard_normal(m.q.shape), m.u, source=m.source)
+        Trajectory(
+            m.time_s, m.q + noise * m.q.std(axis=0) * rng.standard_normal(m.q.shape), m.u, source=m.source
+        )
         for m in made
     ]
     sim = estimate_simulator(seen, settings())
@@ -71,7 +73,7 @@ def test_the_spring_is_found_where_the_motion_went_and_no_term_that_it_does_not_
         stiff = -mechanism.force(q, 0 * q, np.zeros((21, 1))) / mechanism.m
         off = -sim.model.spring(q) / sim.model.mass_at(q)[:, 0] - stiff
         told.append(np.abs(off).max() / np.abs(stiff).max())
-        assert np.isfinite(sim.freedom).all()
+        assert np.isfinite(sim.uncertainty_directions).all()
         sizes.append(np.count_nonzero(sim.model.potential))
     assert max(told) < 0.05
     assert sizes[0] <= 3 < sizes[1]
@@ -87,7 +89,7 @@ def test_a_law_is_not_certain_beyond_its_recordings(noise: float) -> None:
     spring = -sim.model.spring(q)[:, 0] / sim.model.inertia[0, 0]
     each = [
         -shift_coefficients(sim.model, row).spring(q)[:, 0] / sim.model.inertia[0, 0] - spring
-        for row in sim.freedom
+        for row in sim.uncertainty_directions
     ]
     deviation = np.sqrt(np.sum(np.square(each), axis=0))
     assert (np.abs(spring - true)[:2] < 0.02 * true[:2]).all()

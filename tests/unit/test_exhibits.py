@@ -55,7 +55,7 @@ def diagnosed(films, mechanics):
         real=films.real,
         checked=SimpleNamespace(sim=SimpleNamespace(motions=films.nominal)),
     )
-    contest = SimpleNamespace(bench=SimpleNamespace(held=False))
+    contest = SimpleNamespace(rollout_model=SimpleNamespace(held=False))
     return pair, SimpleNamespace(diagnosis=made, contest=contest)
 
 

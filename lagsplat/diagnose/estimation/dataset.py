@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
 from lagsplat.diagnose.data_quality.noise import local_cubic, noise_level
-from lagsplat.io.trajectory.trajectory import Motion
+from lagsplat.io.trajectory.trajectory import Trajectory
 
 FILE_BREAK_S = 10.0
 """Between files whose own clocks do not go on from one to the next."""
@@ -46,7 +46,7 @@ class Dataset:
         """Median time between frames [s]."""
         return float(np.median(np.concatenate([np.diff(self.time[a:b]) for a, b in self.clips])))
 
-    def own_time(self, time_s: float) -> tuple[int, float]:
+    def to_file_time(self, time_s: float) -> tuple[int, float]:
         """The file that an instant of the joint clock falls into or after, and its own clock then [s]."""
         begun = self.time[self.clips[:, 0]] <= time_s
         number = int(self.file_of[np.flatnonzero(begun)[-1]]) if begun.any() else 0
@@ -61,7 +61,7 @@ class FileSpan:
     start_s: float
     stop_s: float
 
-    def meets(self, other: "FileSpan") -> bool:
+    def overlaps(self, other: "FileSpan") -> bool:
         """Whether both hold more than a border."""
         return self.file == other.file and self.start_s < other.stop_s and other.start_s < self.stop_s
 
@@ -87,23 +87,23 @@ class WindowSet:
         index = self.first[:, None] + np.minimum(np.arange(self.longest)[None, :], self.length[:, None] - 1)
         return values[index]
 
-    def only(self, chosen: np.ndarray) -> "WindowSet":
+    def select(self, chosen: np.ndarray) -> "WindowSet":
         """Those of the windows that are ``chosen``, a mask or an index."""
         return WindowSet(self.first[chosen], self.length[chosen])
 
-    def evenly(self, frames: float) -> "WindowSet":
+    def subsample(self, frames: float) -> "WindowSet":
         """As many of the windows, evenly apart, as hold about ``frames`` frames; all if these are fewer."""
         total, n = float(self.length.sum()), len(self.first)
         if frames >= total:
             return self
-        return self.only(np.unique(np.linspace(0, n - 1, max(round(n * frames / total), 4)).astype(int)))
+        return self.select(np.unique(np.linspace(0, n - 1, max(round(n * frames / total), 4)).astype(int)))
 
 
 def locate_windows(windows: WindowSet, record: Dataset) -> tuple[FileSpan, ...]:
     """Where the windows lie in the files of their record."""
     out = []
     for first, length in zip(windows.first, windows.length, strict=True):
-        number, start_s = record.own_time(float(record.time[first]))
+        number, start_s = record.to_file_time(float(record.time[first]))
         stop_s = float(record.time[first + length - 1]) + record.shifts_s[number]
         out.append(FileSpan(record.files[number], start_s, stop_s))
     return tuple(out)
@@ -111,11 +111,11 @@ def locate_windows(windows: WindowSet, record: Dataset) -> tuple[FileSpan, ...]:
 
 def drop_overlapping_windows(windows: WindowSet, record: Dataset, others: Sequence[FileSpan]) -> WindowSet:
     """Those of the windows that meet none of ``others``."""
-    met = [any(one.meets(other) for other in others) for one in locate_windows(windows, record)]
-    return windows.only(~np.array(met, dtype=bool))
+    met = [any(one.overlaps(other) for other in others) for one in locate_windows(windows, record)]
+    return windows.select(~np.array(met, dtype=bool))
 
 
-def join_trajectories(motions: Sequence[Motion], velocities: Sequence[np.ndarray]) -> Dataset:
+def join_trajectories(motions: Sequence[Trajectory], velocities: Sequence[np.ndarray]) -> Dataset:
     """One record of ``motions`` with their velocity estimates."""
     clips, file_of, offset, shifts = [], [], 0, compute_clock_shifts(motions)
     for number, motion in enumerate(motions):
@@ -135,7 +135,7 @@ def join_trajectories(motions: Sequence[Motion], velocities: Sequence[np.ndarray
     )
 
 
-def compute_clock_shifts(motions: Sequence[Motion]) -> tuple[float, ...]:
+def compute_clock_shifts(motions: Sequence[Trajectory]) -> tuple[float, ...]:
     """What each file's own clock shows at zero of a joint one [s], which starts with the first file.
 
     Files whose clocks go on from one to the next keep them, where no pause is longer than all that was
@@ -239,7 +239,7 @@ class PreparedDataset:
     sigma: Float64[np.ndarray, " d"]
 
 
-def prepare_dataset(motions: Sequence[Motion], *, period_s: float) -> PreparedDataset:
+def prepare_dataset(motions: Sequence[Trajectory], *, period_s: float) -> PreparedDataset:
     """Noise from a local cubic over a seventh of the period, velocities over more if noise is strong."""
     clips = [np.array(m.segments, dtype=np.int64) for m in motions]
     levels = [

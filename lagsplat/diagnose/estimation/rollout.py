@@ -269,7 +269,7 @@ class ParameterSensitivity:
     """Inputs are held between samples instead of interpolated."""
 
     @cached_property
-    def bench(self) -> RolloutModel:
+    def rollout_model(self) -> RolloutModel:
         """Nothing is uncertain but how far each move goes."""
         d, n_u = self.model.d, self.model.n_u
         nuisance = NuisanceParameters(1.0, 1.0, 1.0, np.ones(d), 1.0, n_u, self.moves)
@@ -282,9 +282,9 @@ class ParameterSensitivity:
 
     def __call__(self, x: np.ndarray, starts: np.ndarray) -> np.ndarray:
         """Coordinates (P, W, L, d) for moves ``x`` (P, n) and starts (P, W, 2 d)."""
-        fixed = self.bench.nuisance.size - len(self.moves)
+        fixed = self.rollout_model.nuisance.size - len(self.moves)
         padded = np.concatenate([np.zeros((len(x), fixed)), x], axis=1)
-        return self.bench.rollouts((), padded, starts, self.windows)[0]
+        return self.rollout_model.rollouts((), padded, starts, self.windows)[0]
 
     def derivatives(
         self, x: np.ndarray, starts: np.ndarray, data: ShootingData
@@ -304,7 +304,7 @@ class ParameterSensitivity:
             (basis.kind, basis.order, basis.centre, basis.scale),
             (*(move_functions_last(field[None])[0] for field in fields), here.width, here.rest), self.columns.of,
             n, np.ascontiguousarray(starts), windows.first, windows.length, self.record.time,
-            self.bench.logged[0], self.steps, y, slopes,
+            self.rollout_model.logged[0], self.steps, y, slopes,
         )  # fmt: skip
         slopes *= data.weight[..., None]
         flat = slopes.reshape(len(starts), -1, slopes.shape[-1])

@@ -25,7 +25,7 @@ from lagsplat.diagnose.identification.novelty import (
 from lagsplat.diagnose.identification.structure_search import IdentificationSettings, identify_model
 from lagsplat.diagnose.mechanics.model import MechanicalModel
 from lagsplat.diagnose.mechanics.structure import COEFFICIENT_FIELDS
-from lagsplat.io.trajectory.trajectory import Motion
+from lagsplat.io.trajectory.trajectory import Trajectory
 
 DIVERGED_MISFIT = 50.0
 """Mean square residual, in units of the noise, beyond which a window is too long to be followed."""
@@ -40,7 +40,7 @@ class EstimatedSimulator:
     """A model and what is not known about it."""
 
     model: MechanicalModel
-    freedom: Float64[np.ndarray, "R K"]
+    uncertainty_directions: Float64[np.ndarray, "R K"]
     """Changes of all coefficients of one standard deviation each."""
     misfit: float
     """Mean square residual on its own recordings in units of their noise."""
@@ -48,11 +48,11 @@ class EstimatedSimulator:
     """Samples of that residual that count as one."""
     reach: float = 1.0
     """How far ahead it can be run, in windows as long as the settings say."""
-    given: "EstimatedSimulator | None" = None
+    original: "EstimatedSimulator | None" = None
     """As it was handed over, where it was moved since (`recalibrated`)."""
-    familiar: NoveltyDetector | None = None
+    novelty_detector: NoveltyDetector | None = None
     """How it was seen to move, if other stretches are to be left aside."""
-    disturbed: tuple[FileSpan, ...] = ()
+    outlier_spans: tuple[FileSpan, ...] = ()
     """Stretches of its own recordings that no law tells beside the others, and that were left out."""
     cost: float = np.nan
     """Bayesian information criterion of a law that was found, beside others of the same recordings."""
@@ -64,7 +64,7 @@ class EstimatedSimulator:
         return cls(model, np.zeros((0, size)), 1.0)
 
 
-def estimate_simulator(motions: Sequence[Motion], config: DiagnoseConfig) -> EstimatedSimulator:
+def estimate_simulator(motions: Sequence[Trajectory], config: DiagnoseConfig) -> EstimatedSimulator:
     """The sim that made these recordings.
 
     Raises:
@@ -87,14 +87,19 @@ def estimate_simulator(motions: Sequence[Motion], config: DiagnoseConfig) -> Est
         all_odd = (*without, *locate_windows(odd, ready.record))
         model = move_rest_to_minimum(found.model, ready.smooth)
         return EstimatedSimulator(
-            model, found.freedom, found.misfit, reach=reach, disturbed=all_odd, cost=found.cost
+            model,
+            found.uncertainty_directions,
+            found.misfit,
+            reach=reach,
+            outlier_spans=all_odd,
+            cost=found.cost,
         )
 
     whole = told(1.0)
     if whole.misfit < DIVERGED_MISFIT:
         return whole
     short = told(SHORTEST)  # tells best where something else acted
-    middle = told(SHORTER, short.disturbed)
+    middle = told(SHORTER, short.outlier_spans)
     for one in (middle, short):
         if one.misfit < POOR_MISFIT:
             return one

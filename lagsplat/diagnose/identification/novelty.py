@@ -33,7 +33,9 @@ class NoveltyDetector:
     reach: float
 
     @classmethod
-    def of(cls, windows: WindowSet, smooth: Float64[np.ndarray, "N d"], record: Dataset) -> "NoveltyDetector":
+    def from_recordings(
+        cls, windows: WindowSet, smooth: Float64[np.ndarray, "N d"], record: Dataset
+    ) -> "NoveltyDetector":
         """Those of own recordings."""
         points = window_features(windows, smooth, record)
         middle, spread = points.mean(axis=0), np.maximum(points.std(axis=0), 1e-12)
@@ -41,14 +43,14 @@ class NoveltyDetector:
         apart = tree.query(tree.data, k=2)[0][:, 1]
         return cls(middle, spread, tree, float(np.quantile(apart, NOVELTY_QUANTILE)))
 
-    def among(
+    def find_similar(
         self, windows: WindowSet, smooth: Float64[np.ndarray, "N d"], record: Dataset
     ) -> Bool[np.ndarray, " W"]:
         """Which of the stretches of another recording are like one of them."""
         points = (window_features(windows, smooth, record) - self.middle) / self.spread
         return self.points.query(points)[0] <= self.reach
 
-    def nearest(
+    def find_nearest(
         self, wanted: Float64[np.ndarray, "W f"], offered: Float64[np.ndarray, "V f"]
     ) -> Int64[np.ndarray, " W"]:
         """To each of some stretches (`window_features`) the one that is most like it among others."""
@@ -96,10 +98,10 @@ def drop_outlier_windows(
         if best.misfit < GOOD_MISFIT or missed[worst] < OUTLIER_RATIO * np.median(missed):
             break
         kept = np.delete(kept, worst)
-        best = again(windows.only(kept))
+        best = again(windows.select(kept))
     if best.misfit < MAX_REMAINING_SHARE * found.misfit:
-        return best, windows.only(np.setdiff1d(np.arange(n), kept))
-    return found, windows.only(np.zeros(0, dtype=np.int64))
+        return best, windows.select(np.setdiff1d(np.arange(n), kept))
+    return found, windows.select(np.zeros(0, dtype=np.int64))
 
 
 def compute_window_misfits(found: IdentifiedModel) -> Float64[np.ndarray, " W"]:

@@ -50,7 +50,7 @@ def decouple_inertia(
 ) -> tuple[MechanicalModel, Float64[np.ndarray, "R K"]]:
     """The model moved within what its recordings leave open, and what is open then.
 
-    ``freedom`` are changes of all coefficients of one standard deviation each. An inertia that depends on the
+    ``uncertainty_directions`` are changes of all coefficients of one standard deviation each. An inertia that depends on the
     coordinates is not moved, for the motion tells it.
     """
     if model.d == 1 or len(model.mass) > 1 or not len(freedom):
@@ -86,7 +86,7 @@ class IdentifiedModel:
     form: ModelStructure
     misfit: float
     """Mean square of the residual over its own windows, in units of the noise."""
-    freedom: Float64[np.ndarray, "R K"]
+    uncertainty_directions: Float64[np.ndarray, "R K"]
     """Changes of all coefficients of one standard deviation each, the largest first."""
     fit: ShootingFit
     windows: WindowSet
@@ -124,13 +124,13 @@ class IdentificationProblem:
         w = self.windows
         return float(w.length.sum() * self.record.d - 2 * self.record.d * len(w.first))
 
-    def moving(self, model: MechanicalModel, moves: np.ndarray) -> ParameterSensitivity:
+    def make_sensitivity(self, model: MechanicalModel, moves: np.ndarray) -> ParameterSensitivity:
         """Rollouts for changes of a model along ``moves``."""
         return ParameterSensitivity(
             model, self.record, self.windows, moves, self.smooth, self.steps, self.held
         )
 
-    def shot(
+    def fit_moves(
         self,
         model: MechanicalModel,
         moves: np.ndarray,
@@ -140,21 +140,21 @@ class IdentificationProblem:
         iterations: int,
     ) -> ShootingFit:
         """How far to go along ``moves``, by shooting."""
-        moving = self.moving(model, moves)
+        moving = self.make_sensitivity(model, moves)
         return fit_multiple_shooting(
             moving, np.zeros(len(moves)), starts, self.data, belief,
             iterations=iterations, tolerance=self.setting.tolerance, exact=moving.derivatives,
         )  # fmt: skip
 
     @property
-    def begun(self) -> Float64[np.ndarray, "W s"]:
+    def initial_states(self) -> Float64[np.ndarray, "W s"]:
         """Where the windows start by the smoothed record."""
         return np.concatenate([self.smooth, self.record.v], axis=1)[self.windows.first]
 
-    def missed(self, model: MechanicalModel) -> float:
+    def compute_misfit(self, model: MechanicalModel) -> float:
         """Misfit of a model where only the starts of the windows are fitted."""
         nothing = np.zeros((0, sum(getattr(model, name).size for name in COEFFICIENT_FIELDS)))
-        fit = self.shot(model, nothing, self.begun, make_weak_prior(0), iterations=4)
+        fit = self.fit_moves(model, nothing, self.initial_states, make_weak_prior(0), iterations=4)
         return fit.misfit if np.isfinite(fit.misfit) else np.inf
 
     def refine(
@@ -162,7 +162,9 @@ class IdentificationProblem:
     ) -> tuple[MechanicalModel, ShootingFit, np.ndarray]:
         """Coefficients by shooting; the fit, and the moves that its unknowns mean."""
         moves = list_free_directions(model, form, self.speed)
-        fit = self.shot(model, moves, starts, make_weak_prior(len(moves)), iterations=self.setting.iterations)
+        fit = self.fit_moves(
+            model, moves, starts, make_weak_prior(len(moves)), iterations=self.setting.iterations
+        )
         return shift_coefficients(model, fit.x @ moves), fit, moves
 
 
@@ -212,7 +214,7 @@ def predict_gains(
     )
     roomy = pad_model(model, union)
     moves = list_free_directions(roomy, union, trial.speed)
-    linear = trial.moving(roomy, moves).derivatives(np.zeros(len(moves)), fit.starts, trial.data)
+    linear = trial.make_sensitivity(roomy, moves).derivatives(np.zeros(len(moves)), fit.starts, trial.data)
     curvature, gradient, *_ = eliminate_starts(*linear)
     out = []
     for candidate in larger:
@@ -255,7 +257,8 @@ def fit_first_model(
     ridge = trial.setting.ridge
     if trial.record.d > MAX_FEW_COORDINATES:
         return min(
-            (m for share in TEST_WIDTH_FACTORS for m in told(share, ridge, 1e-3 * ridge)), key=trial.missed
+            (m for share in TEST_WIDTH_FACTORS for m in told(share, ridge, 1e-3 * ridge)),
+            key=trial.compute_misfit,
         )
     model, stiff = told(1.0, ridge, 0.1)
     return model if np.linalg.eigvalsh(model.mass[0]).min() >= 0.05 else stiff
@@ -269,7 +272,7 @@ def search_structure(
     The cost is that of the Bayesian information criterion.
     """
     form = ModelStructure(1, 1, list_field_sizes(basis)[2], 1 if driven else 0)
-    model, fit, moves = trial.refine(fit_first_model(trial, basis, form, width), form, trial.begun)
+    model, fit, moves = trial.refine(fit_first_model(trial, basis, form, width), form, trial.initial_states)
 
     def cost(fit: ShootingFit, n: int) -> float:
         return trial.n_data * np.log(max(fit.misfit / trial.n_data, 0.5)) + n * np.log(trial.n_data)
@@ -314,7 +317,7 @@ def add_unseen_terms(
     sizes = (len(roomy.mass), len(roomy.damping), len(roomy.potential), len(roomy.input_map))
     roomy = replace(roomy, basis=basis.first(max(sizes)))
     moves = list_free_directions(roomy, wider, trial.speed)
-    linear = trial.moving(roomy, moves).derivatives(np.zeros(len(moves)), fit.starts, trial.data)
+    linear = trial.make_sensitivity(roomy, moves).derivatives(np.zeros(len(moves)), fit.starts, trial.data)
     return roomy, eliminate_starts(*linear)[0], moves
 
 
@@ -360,6 +363,8 @@ def identify_model(
         model, curvature, moves = add_unseen_terms(trial, model, form, fit, whole)
     freedom = list_uncertain_directions(curvature / max(misfit, 1.0), moves, deviation=COEFFICIENT_DEVIATION)
     apart, left = decouple_inertia(model, freedom)
-    if apart is not model and trial.missed(apart) < EQUIVALENT_MISFIT_RATIO * max(fit.misfit, trial.n_data):
+    if apart is not model and trial.compute_misfit(apart) < EQUIVALENT_MISFIT_RATIO * max(
+        fit.misfit, trial.n_data
+    ):
         model, freedom = apart, left
     return IdentifiedModel(model, form, misfit, freedom, fit, windows, cost)

@@ -44,8 +44,8 @@ class Forecast:
 def split_windows(contest: EstimationProblem) -> tuple[EstimationProblem, WindowSet]:
     """The contest on every other window, and the windows in between, held out."""
     number = np.arange(len(contest.windows.first))
-    kept = contest.windows.only(number % 2 == 0)
-    held = contest.windows.only(number % 2 == 1)
+    kept = contest.windows.select(number % 2 == 0)
+    held = contest.windows.select(number % 2 == 1)
     return replace(contest, windows=kept), held
 
 
@@ -55,7 +55,7 @@ def cut_blocks(contest: EstimationProblem, held: WindowSet, *, period_s: float) 
     Raises:
         ValueError: none of them is as long as `PART` of a period.
     """
-    frames = max(LEAST, round(period_s / contest.bench.record.dt_s) + 1)
+    frames = max(LEAST, round(period_s / contest.rollout_model.record.dt_s) + 1)
     longest = int(held.length.max(initial=0))
     if PART * frames <= longest < frames:
         frames = longest
@@ -86,7 +86,9 @@ def forecast_blocks(
     early = here.data.weight * (seen_so_far <= BURN_IN)[..., None]
     data = ShootingData(here.data.y, early, here.data.start_step)
     nobody = GaussianPrior(*(np.zeros(0) for _ in range(4)))
-    fit = fit_multiple_shooting(predict, np.zeros(0), here.begun, data, nobody, iterations=8, tolerance=1e-6)
+    fit = fit_multiple_shooting(
+        predict, np.zeros(0), here.initial_states, data, nobody, iterations=8, tolerance=1e-6
+    )
     flat = replace(data, weight=np.ones_like(early))
     residual, _, slopes = differentiate_predictions(predict, np.zeros(0), fit.starts, flat, np.zeros(0))
     n_blocks, length, d = early.shape
@@ -160,11 +162,11 @@ def forecast_holdout(
     """
     half, held = split_windows(contest)
     blocks = cut_blocks(contest, held, period_s=period_s)
-    record = contest.bench.record
+    record = contest.rollout_model.record
     rms = np.std(record.q, axis=0)
     real = blocks.take(record.q)
-    n = contest.bench.nuisance.size
-    own = replace(contest, bench=replace(contest.bench, model=given))
+    n = contest.rollout_model.nuisance.size
+    own = replace(contest, rollout_model=replace(contest.rollout_model, model=given))
     sim = forecast_blocks(own, blocks, (), np.zeros(n))
     refit = forecast_blocks(contest, blocks, (), fit_half(half, none))
     after = forecast_blocks(contest, blocks, chosen.effects, fit_half(half, chosen))
@@ -198,17 +200,19 @@ def estimate_single_closure(
     """The closure of another hypothesis on the same blocks."""
     half, windows = split_windows(contest)
     blocks = cut_blocks(contest, windows, period_s=period_s)
-    rms = np.std(contest.bench.record.q, axis=0)
+    rms = np.std(contest.rollout_model.record.q, axis=0)
     told = forecast_blocks(contest, blocks, one.effects, fit_half(half, one))
     return estimate_closure(
-        held.before, relative_square_error(told.y - blocks.take(contest.bench.record.q), rms), held.floor
+        held.before,
+        relative_square_error(told.y - blocks.take(contest.rollout_model.record.q), rms),
+        held.floor,
     )
 
 
 def _result_blocks(
     contest: EstimationProblem, blocks: WindowSet, real: np.ndarray, sim: np.ndarray, augmented: np.ndarray
 ) -> tuple[Block, ...]:
-    record = contest.bench.record
+    record = contest.rollout_model.record
     out = []
     for i, (start, length) in enumerate(zip(blocks.first, blocks.length, strict=True)):
         clip = int(np.searchsorted(record.clips[:, 1], start, side="right"))

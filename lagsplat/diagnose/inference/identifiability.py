@@ -66,7 +66,7 @@ def _effect_signature(contest: EstimationProblem, one: HypothesisFit) -> Float64
 def _unexplained_square(contest: EstimationProblem, mark: np.ndarray, other: HypothesisFit) -> float:
     """The square of ``mark`` that the best change of the ``other`` effect and of all else leaves."""
     fit = other.fit
-    spread = joint_prior(other.effects, contest.bench).deviation
+    spread = joint_prior(other.effects, contest.rollout_model).deviation
     curvature, gradient, _, _, own = eliminate_starts(mark, fit.slopes, fit.start_slopes)
     flat = mark.reshape(len(mark), -1)
     # the effect itself may grow to any size, the rest only as far as it is believed to move

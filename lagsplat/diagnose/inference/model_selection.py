@@ -78,11 +78,14 @@ def rank_hypotheses(
     Leads come from two score tests: where the uncertainties have moved to make up for the gap, and where
     they have not. The first is blind to an effect that they imitate.
     """
-    n = contest.bench.nuisance.size
+    n = contest.rollout_model.nuisance.size
     base = known or refine_fit(contest, HypothesisFit((), contest.fit((), np.zeros(n))))
     beginnings = [base.fit]
     if known is None:
-        frozen = replace(contest, bench=replace(contest.bench, nuisance=contest.bench.nuisance.pinned()))
+        frozen = replace(
+            contest,
+            rollout_model=replace(contest.rollout_model, nuisance=contest.rollout_model.nuisance.freeze()),
+        )
         unmoved = frozen.fit((), np.zeros(n))
         if unmoved.misfit > 1.02 * base.fit.misfit:
             beginnings.append(replace(unmoved, x=np.zeros(n)))
@@ -133,9 +136,11 @@ def rank_by_evidence(
     least = min([one.fit.misfit for one in found] + [base.fit.misfit])
     noisy = _explain_by_sample_noise(contest, base, offers) if first else []
     explained = max(noisy, key=lambda row: row[0], default=(0.0, base))[1].fit.misfit
-    temper = max(effort.nominal, min(least, explained) / contest.freedom) * effort.temper
-    floor = log_evidence(base, contest.bench, temper) + (effort.null if first else 0.0)
-    rows = [replace(one, log_evidence=log_evidence(one, contest.bench, temper) - floor) for one in found]
+    temper = max(effort.nominal, min(least, explained) / contest.uncertainty_directions) * effort.temper
+    floor = log_evidence(base, contest.rollout_model, temper) + (effort.null if first else 0.0)
+    rows = [
+        replace(one, log_evidence=log_evidence(one, contest.rollout_model, temper) - floor) for one in found
+    ]
     rows += [replace(one, log_evidence=gain / effort.temper - 4.0 - effort.null) for gain, one in noisy]
     rows.sort(key=lambda one: -one.log_evidence)
     return ModelRanking(replace(base, log_evidence=0.0), tuple(rows), temper)
@@ -167,7 +172,11 @@ def _explain_by_sample_noise(
     for offer in offers:
         if not isinstance(offer.effect, SampleEffect):
             continue
-        v = contest.windows.take(contest.bench.record.v) / contest.sigma * contest.bench.record.dt_s
+        v = (
+            contest.windows.take(contest.rollout_model.record.v)
+            / contest.sigma
+            * contest.rollout_model.record.dt_s
+        )
         gain, parameters, misfit = offer.effect.explain(base.fit.residual[mask], v[mask])
         gain *= min(max(0.0, 1.0 - _lag_one_correlation(base.fit.residual, mask) / SMOOTH), 1.0)
         if offer.effect.repeats:

@@ -81,7 +81,7 @@ def recurrence(one: HypothesisFit, contest: EstimationProblem) -> float:
 
     One where there are none of them.
     """
-    record, shown = contest.bench.record, 1.0
+    record, shown = contest.rollout_model.record, 1.0
     for instance in one.effects:
         if instance.effect.name in ("external_push", "external_periodic_force"):
             row = instance.physical(one.fit.x[None, one.own(instance)])[0]
@@ -139,11 +139,11 @@ def relaxed_model_log_evidence(
     """
     if nominal > BELIEVED:
         return -np.inf
-    bench = contest.bench
-    loose = replace(contest, bench=replace(bench, nuisance=bench.nuisance.loosened(LOOSE)))
+    bench = contest.rollout_model
+    loose = replace(contest, rollout_model=replace(bench, nuisance=bench.nuisance.scale_mechanics(LOOSE)))
     fit = loose.fit((), none.fit.x, none.fit.starts)
-    noise = nominal * contest.freedom
+    noise = nominal * contest.uncertainty_directions
     if fit.misfit > max(best.fit.misfit, noise) + WORSE * noise:
         return -np.inf
-    there = log_evidence(HypothesisFit((), fit), loose.bench, temper)
+    there = log_evidence(HypothesisFit((), fit), loose.rollout_model, temper)
     return there - log_evidence(best, bench, temper)

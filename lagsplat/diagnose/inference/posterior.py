@@ -66,11 +66,11 @@ def combine_effects(
             tried += [replace(one, log_evidence=held.log_evidence + one.log_evidence) for one in found]
         if not tried:
             break
-        least = min(one.fit.misfit for one in tried) / contest.freedom
+        least = min(one.fit.misfit for one in tried) / contest.uncertainty_directions
         temper = max(effort.nominal, least) * effort.temper
-        best = max(tried, key=lambda one: log_evidence(one, contest.bench, temper))
+        best = max(tried, key=lambda one: log_evidence(one, contest.rollout_model, temper))
         # of what stands above the noise, what the moved uncertainties cost included
-        floor = effort.nominal * contest.freedom
+        floor = effort.nominal * contest.uncertainty_directions
         if best.fit.cost - floor > (1.0 - config.further) * (chain[-1].fit.cost - floor):
             break
         chain.append(best)
@@ -79,7 +79,7 @@ def combine_effects(
 
 def excess_misfit(one: HypothesisFit, contest: EstimationProblem, nominal: float) -> float:
     """Mean square residual of a fit above what the sim leaves of its own recordings."""
-    return one.fit.misfit / contest.freedom - nominal
+    return one.fit.misfit / contest.uncertainty_directions - nominal
 
 
 ROUGHLY = 200.0
@@ -214,7 +214,7 @@ def motionless_misfit(contest: EstimationProblem) -> float:
     """Mean square of the motion about its middle [noise]: what a sim that stood still would miss."""
     data = contest.data
     middle = np.average(data.y, axis=(0, 1), weights=data.weight > 0.0)
-    return float((((data.y - middle) * data.weight) ** 2).sum()) / contest.freedom
+    return float((((data.y - middle) * data.weight) ** 2).sum()) / contest.uncertainty_directions
 
 
 def unexplained_misfit(one: HypothesisFit, freedom: float, nominal: float, config: DiagnoseConfig) -> float:

@@ -27,7 +27,7 @@ from lagsplat.diagnose.estimation.nuisance import NuisanceParameters
 from lagsplat.diagnose.estimation.rollout import RolloutModel
 from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
 from lagsplat.diagnose.mechanics.model import MechanicalModel
-from lagsplat.io.trajectory.trajectory import Motion
+from lagsplat.io.trajectory.trajectory import Trajectory
 
 PAID = 40.0
 """Square of the moved uncertainties, over their price, that is no longer believed."""
@@ -37,7 +37,7 @@ PAID = 40.0
 class EstimationProblem:
     """A bench, the windows to be explained, and the noise (d,) of a sample."""
 
-    bench: RolloutModel
+    rollout_model: RolloutModel
     windows: WindowSet
     sigma: Float64[np.ndarray, " d"]
     iterations: int
@@ -59,7 +59,7 @@ class EstimationProblem:
     @cached_property
     def data(self) -> ShootingData:
         """The windows' samples in units of the noise."""
-        record = self.bench.record
+        record = self.rollout_model.record
         return ShootingData(
             self.windows.take(record.q),
             (self.windows.mask() * ~self.repeats)[..., None] / self.sigma,
@@ -67,23 +67,25 @@ class EstimationProblem:
         )
 
     @property
-    def freedom(self) -> float:
+    def uncertainty_directions(self) -> float:
         """Samples less what the starts take."""
-        w, d = self.windows, self.bench.record.d
+        w, d = self.windows, self.rollout_model.record.d
         return float((w.length.sum() - self.repeats.sum()) * d - 2 * d * len(w.first))
 
     @cached_property
-    def begun(self) -> np.ndarray:
+    def initial_states(self) -> np.ndarray:
         """Where the windows start by the smoothed record, (W, 2 d)."""
-        return np.concatenate([self.bench.smooth, self.bench.record.v], axis=1)[self.windows.first]
+        return np.concatenate([self.rollout_model.smooth, self.rollout_model.record.v], axis=1)[
+            self.windows.first
+        ]
 
     def predict(self, effects: Sequence[PlacedEffect]) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
         """Predictions of a set of effects."""
-        return lambda x, starts: self.bench.rollouts(effects, x, starts, self.windows)[0]
+        return lambda x, starts: self.rollout_model.rollouts(effects, x, starts, self.windows)[0]
 
     def belief(self, effects: Sequence[PlacedEffect]) -> GaussianPrior:
         """What fits hold of the unknowns beforehand."""
-        prior = joint_prior(effects, self.bench)
+        prior = joint_prior(effects, self.rollout_model)
         return replace(prior, deviation=prior.deviation / np.sqrt(self.price))
 
     def fit(
@@ -98,7 +100,7 @@ class EstimationProblem:
         ``known`` are slopes of a fit nearby by the uncertainties and by the starts.
         """
         return fit_multiple_shooting(
-            self.predict(effects), x, self.begun if starts is None else starts, self.data,
+            self.predict(effects), x, self.initial_states if starts is None else starts, self.data,
             self.belief(effects), iterations=self.iterations, tolerance=self.tolerance, known=known,
         )  # fmt: skip
 
@@ -150,7 +152,7 @@ def natural_periods(model: MechanicalModel, fallback_s: float) -> NaturalPeriods
 
 
 def build_problem(
-    sim: EstimatedSimulator, real: Sequence[Motion], config: DiagnoseConfig
+    sim: EstimatedSimulator, real: Sequence[Trajectory], config: DiagnoseConfig
 ) -> tuple[EstimationProblem, PreparedDataset, NaturalPeriods]:
     """The contest of all hypotheses about ``real``."""
     model = sim.model
@@ -166,7 +168,7 @@ def build_problem(
         config.offset * force,
         config.warp,
         record.u.shape[1],
-        sim.freedom,
+        sim.uncertainty_directions,
     )
     steps = max(1, int(np.ceil(record.dt_s * config.steps_per_period / natural.shortest_s)))
     reach_s = config.window_periods * sim.reach * natural.longest_s
@@ -174,24 +176,28 @@ def build_problem(
     if len(windows.first) < 4:
         windows = cut_windows(record, length_s=natural.longest_s, least=20)
     like = select_known_windows(sim, windows, ready)
-    aside, windows = int(np.count_nonzero(~like)), windows.only(like)
+    aside, windows = int(np.count_nonzero(~like)), windows.select(like)
     bench = RolloutModel(model, record, nuisance, steps, config.input_hold == "zoh", ready.smooth)
     late = frozen(record.q, record.clips, ready.sigma)
     price = max(sim.misfit, 1.0) * sim.correlation
     contest = EstimationProblem(
         bench, windows, ready.sigma, config.iterations, config.tolerance, late, price, aside
     )
-    kept = select_visible_directions(contest, sim.freedom)
-    return replace(contest, bench=replace(bench, nuisance=replace(nuisance, directions=kept))), ready, natural
+    kept = select_visible_directions(contest, sim.uncertainty_directions)
+    return (
+        replace(contest, rollout_model=replace(bench, nuisance=replace(nuisance, directions=kept))),
+        ready,
+        natural,
+    )
 
 
 def select_known_windows(
     sim: EstimatedSimulator, windows: WindowSet, ready: PreparedDataset
 ) -> Bool[np.ndarray, " W"]:
     """Windows in which it moves as the sim was seen to; all, if most are not such or it does not ask."""
-    if sim.familiar is None:
+    if sim.novelty_detector is None:
         return np.ones(len(windows.first), dtype=bool)
-    like = sim.familiar.among(windows, ready.smooth, ready.record)
+    like = sim.novelty_detector.find_similar(windows, ready.smooth, ready.record)
     return like if like.sum() > MOSTLY * len(like) else np.ones_like(like)
 
 
@@ -201,11 +207,11 @@ def select_visible_directions(
     """The few combinations of open directions that this recording can see at all, the most visible first."""
     if not len(freedom):
         return freedom
-    prior, n = joint_prior((), contest.bench), contest.bench.nuisance.size
+    prior, n = joint_prior((), contest.rollout_model), contest.rollout_model.nuisance.size
     step = prior.step.copy()
     step[n - len(freedom) :] = 0.1
     residual, slopes, begun = differentiate_predictions(
-        contest.predict(()), np.zeros(n), contest.begun, contest.data, step
+        contest.predict(()), np.zeros(n), contest.initial_states, contest.data, step
     )
     curvature, *_ = eliminate_starts(residual, slopes, begun)
     values, vectors = np.linalg.eigh(curvature[n - len(freedom) :, n - len(freedom) :])
@@ -214,7 +220,7 @@ def select_visible_directions(
 
 
 def calibrate_misfit(
-    sim: EstimatedSimulator, motions: Sequence[Motion], config: DiagnoseConfig
+    sim: EstimatedSimulator, motions: Sequence[Trajectory], config: DiagnoseConfig
 ) -> EstimatedSimulator:
     """A given sim with the misfit, and its correlation, that it leaves of the recordings it is true to.
 
@@ -222,18 +228,18 @@ def calibrate_misfit(
     recordings as much is looked at as `own_longest_s` says, here and there.
     """
     contest, _, _ = build_problem(sim, motions, config)
-    frames = config.own_longest_s / contest.bench.record.dt_s
-    return measure_misfit(sim, replace(contest, windows=contest.windows.evenly(frames)))
+    frames = config.own_longest_s / contest.rollout_model.record.dt_s
+    return measure_misfit(sim, replace(contest, windows=contest.windows.subsample(frames)))
 
 
 def measure_misfit(sim: EstimatedSimulator, contest: EstimationProblem) -> EstimatedSimulator:
     """The sim with its misfit, and its correlation, on the windows of a contest with its own motion."""
-    still, length = np.zeros(contest.bench.nuisance.size), contest.windows.length
+    still, length = np.zeros(contest.rollout_model.nuisance.size), contest.windows.length
     fit = contest.fit((), still)
     # what is wrong for long is cheaper to leave than to follow, which shows only once it is known
-    price = max(fit.misfit / contest.freedom, 1.0) * autocorrelation_time(fit.residual, length)
+    price = max(fit.misfit / contest.uncertainty_directions, 1.0) * autocorrelation_time(fit.residual, length)
     fit = replace(contest, price=price).fit((), still)
-    left = (fit.misfit + excess_penalty(fit, price)) / contest.freedom
+    left = (fit.misfit + excess_penalty(fit, price)) / contest.uncertainty_directions
     return replace(sim, misfit=left, correlation=autocorrelation_time(fit.residual, length))
 
 

@@ -32,11 +32,11 @@ def estimate_parameters(
     known = [e for e in one.effects if not isinstance(e.effect, SampleEffect)]
     prior = [p.prior for e in known for p in e.effect.parameters]
     low, high = laplace_interval(
-        replace(one, effects=tuple(known)), contest.bench.nuisance.deviation, prior, temper
+        replace(one, effects=tuple(known)), contest.rollout_model.nuisance.deviation, prior, temper
     )
     cut = one.own(instance)
     rows = instance.physical(np.stack([one.fit.x[cut], low[cut], high[cut]]))
-    best, *ends = (published_parameters(instance, row, contest.bench.record) for row in rows)
+    best, *ends = (published_parameters(instance, row, contest.rollout_model.record) for row in rows)
     out = {}
     for key, value in best.items():
         first, second = (end.get(key, value) for end in ends)
@@ -75,7 +75,7 @@ def published_parameters(instance: PlacedEffect, row: np.ndarray, record: Datase
     }
     told: dict[str, Any] = effect.reports(plain, instance) if effect.reports is not None else dict(plain)
     if "times" in told:
-        places = [record.own_time(time) for time in told["times"]]
+        places = [record.to_file_time(time) for time in told["times"]]
         told["times"] = [time for _, time in places]
         if len(record.files) > 1:
             told["files"] = [number for number, _ in places]
@@ -114,13 +114,15 @@ def compute_profiles(
     effects = tuple(e for e in one.effects if not isinstance(e.effect, SampleEffect))
     if not np.isfinite(one.fit.curvature).all():
         return
-    curvature = one.fit.curvature / temper + np.diag(1.0 / joint_prior(effects, contest.bench).deviation ** 2)
+    curvature = one.fit.curvature / temper + np.diag(
+        1.0 / joint_prior(effects, contest.rollout_model).deviation ** 2
+    )
     spread = np.sqrt(np.maximum(np.diag(np.linalg.pinv(curvature)), 0.0))
     count = 0
     for instance in effects:
         own = one.own(instance)
         keys = published_parameters(
-            instance, instance.physical(one.fit.x[None, own])[0], contest.bench.record
+            instance, instance.physical(one.fit.x[None, own])[0], contest.rollout_model.record
         )
         for i, parameter in enumerate(instance.effect.parameters):
             if parameter.name not in keys or count == MOST:
@@ -132,7 +134,8 @@ def compute_profiles(
             rows[:, i] = x
             physical = instance.physical(rows)
             values = [
-                published_parameters(instance, row, contest.bench.record)[parameter.name] for row in physical
+                published_parameters(instance, row, contest.rollout_model.record)[parameter.name]
+                for row in physical
             ]
             where = parameter_unit(instance, parameter.name)
             yield ProfileLikelihood(instance.effect.name, parameter.name, where, np.array(values), fall)

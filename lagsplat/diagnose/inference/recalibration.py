@@ -40,7 +40,7 @@ from lagsplat.diagnose.mechanics.structure import (
     shift_coefficients,
 )
 from lagsplat.diagnose.simulators.projection import find_rest
-from lagsplat.io.trajectory.trajectory import Motion, leading
+from lagsplat.io.trajectory.trajectory import Trajectory, leading_samples
 
 ELSEWHERE = 4.0
 """How much more the same errors may pass for in another recording than in the sim's own."""
@@ -48,8 +48,8 @@ ELSEWHERE = 4.0
 
 def calibrate_null_evidence(
     sim: EstimatedSimulator,
-    own: Motion,
-    real: Sequence[Motion],
+    own: Trajectory,
+    real: Sequence[Trajectory],
     config: DiagnoseConfig,
     *,
     tell: Callable[[str], None] = lambda name: None,
@@ -64,16 +64,16 @@ def calibrate_null_evidence(
         ValueError: ``own`` is too short for a single window.
     """
     wanted_s = sum(motion.duration_s for motion in real)
-    part = leading(own, wanted_s)
-    if sim.familiar is None:
+    part = leading_samples(own, wanted_s)
+    if sim.novelty_detector is None:
         contest, more = build_problem(sim, [part], config)[0], max(1.0, wanted_s / part.duration_s)
-        quiet = drop_overlapping_windows(contest.windows, contest.bench.record, sim.disturbed)
+        quiet = drop_overlapping_windows(contest.windows, contest.rollout_model.record, sim.outlier_spans)
         contest = replace(contest, windows=quiet)
     else:
         contest, more = match_windows(sim, own, real, config), 1.0
     natural = natural_periods(sim.model, rough_period_s([part]))
     offers = place_effects(
-        contest.bench,
+        contest.rollout_model,
         find_hints(sim.model, [part], period_s=natural.longest_s, hold=config.input_hold),
         q_names=own.q_names,
         u_names=own.u_names,
@@ -86,21 +86,21 @@ def calibrate_null_evidence(
 
 
 def match_windows(
-    sim: EstimatedSimulator, own: Motion, real: Sequence[Motion], config: DiagnoseConfig
+    sim: EstimatedSimulator, own: Trajectory, real: Sequence[Trajectory], config: DiagnoseConfig
 ) -> EstimationProblem:
     """The contest on stretches of the sim's ``own`` motion, one for each of ``real`` and most like it.
 
     A law has its errors where it has them: a recording that mostly swings freely meets other ones than the
     sim's own, which hardly does.
     """
-    assert sim.familiar is not None
+    assert sim.novelty_detector is not None
     there, ready, _ = build_problem(sim, real, config)
     here, own_ready, _ = build_problem(sim, [own], config)
-    chosen = sim.familiar.nearest(
+    chosen = sim.novelty_detector.find_nearest(
         window_features(there.windows, ready.smooth, ready.record),
         window_features(here.windows, own_ready.smooth, own_ready.record),
     )
-    return replace(here, windows=here.windows.only(chosen))
+    return replace(here, windows=here.windows.select(chosen))
 
 
 STEPS = ((0, 1, 4, 1), (0, 2, 4, 2))
@@ -127,7 +127,7 @@ class CoefficientFit:
 
 
 def recalibrate_simulator(
-    sim: EstimatedSimulator, motions: Sequence[Motion], config: DiagnoseConfig
+    sim: EstimatedSimulator, motions: Sequence[Trajectory], config: DiagnoseConfig
 ) -> EstimatedSimulator:
     """``sim`` with its lower coefficients moved as ``motions``, which it is true to, ask for.
 
@@ -137,12 +137,12 @@ def recalibrate_simulator(
         ValueError: the motions are too short for a single window.
     """
     contest, ready, _ = build_problem(sim, motions, config)
-    bench = contest.bench
-    windows = contest.windows.evenly(2.0 * config.own_longest_s / bench.record.dt_s)
+    bench = contest.rollout_model
+    windows = contest.windows.subsample(2.0 * config.own_longest_s / bench.record.dt_s)
     setting = make_identification_settings(config)
 
     def trial(first: int) -> IdentificationProblem:
-        chosen = windows.only(np.arange(len(windows.first)) % 2 == first)
+        chosen = windows.select(np.arange(len(windows.first)) % 2 == first)
         data = replace(contest, windows=chosen).data
         speed = np.std(bench.record.v, axis=0)
         return IdentificationProblem(
@@ -150,22 +150,26 @@ def recalibrate_simulator(
         )
 
     fitted, judging = trial(0), trial(1)
-    missed, found = judging.missed(sim.model), None
+    missed, found = judging.compute_misfit(sim.model), None
     for step in STEPS if sim.model.d <= MAX_FEW_COORDINATES else PLAIN:
         model = found.model if found else sim.model
         # by the half that is missed less: a law may run off in a single window of the other
-        half = min(missed / judging.n_data, fitted.missed(model) / fitted.n_data)
+        half = min(missed / judging.n_data, fitted.compute_misfit(model) / fitted.n_data)
         tried = fit_coefficients(fitted, model, step, excess=max(half, 1.0))
-        left = judging.missed(tried.model)
+        left = judging.compute_misfit(tried.model)
         if not left < BETTER * missed:
             break
         missed, found = left, tried
     if found is None:
         return sim
     rested = replace(found.model, rest=find_rest(found.model))
-    known = NoveltyDetector.of(contest.windows, ready.smooth, bench.record)
+    known = NoveltyDetector.from_recordings(contest.windows, ready.smooth, bench.record)
     return replace(
-        sim, model=rested, given=sim, freedom=_unidentified_directions(found, fitted), familiar=known
+        sim,
+        model=rested,
+        original=sim,
+        uncertainty_directions=_unidentified_directions(found, fitted),
+        novelty_detector=known,
     )
 
 
@@ -194,7 +198,7 @@ def fit_coefficients(
         np.zeros(n), np.full(n, WRONG_BY / np.sqrt(excess)), np.full(n, -np.inf), np.full(n, 1e-4)
     )
     iterations = ITERATIONS * trial.setting.iterations
-    fit = trial.shot(model, moves, trial.begun, belief, iterations=iterations)
+    fit = trial.fit_moves(model, moves, trial.initial_states, belief, iterations=iterations)
     return CoefficientFit(shift_coefficients(model, fit.x @ moves), fit, moves)
 
 
@@ -232,7 +236,9 @@ def _unidentified_directions(one: CoefficientFit, trial: IdentificationProblem) 
     would be a change of mass in whatever it is held against.
     """
     moves = np.concatenate([one.moves, inertia_direction(one.model)[None]])
-    linear = trial.moving(one.model, moves).derivatives(np.zeros(len(moves)), one.fit.starts, trial.data)
+    linear = trial.make_sensitivity(one.model, moves).derivatives(
+        np.zeros(len(moves)), one.fit.starts, trial.data
+    )
     curvature, *_ = eliminate_starts(*linear)
     misfit = max(one.fit.misfit / max(trial.n_data - len(one.moves), 1.0), 1.0)
     alike = autocorrelation_time(one.fit.residual, trial.windows.length)

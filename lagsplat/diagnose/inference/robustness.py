@@ -33,7 +33,7 @@ def inflate_noise(
     What it leaves is that of the middle window: a push by hand in a few of them says nothing of the law.
     """
     each = [(row[:n] ** 2).mean() for row, n in zip(best.fit.residual, contest.windows.length, strict=True)]
-    left = min(best.fit.misfit / contest.freedom, float(np.median(each)))
+    left = min(best.fit.misfit / contest.uncertainty_directions, float(np.median(each)))
     if left <= FAR * effort.nominal:
         return None
     alike = autocorrelation_time(best.fit.residual, contest.windows.length)
@@ -106,16 +106,16 @@ def _perturbed_problems(
     contest: EstimationProblem, nominal: float
 ) -> Iterator[tuple[str, EstimationProblem, float]]:
     """Name, contest and what the sim leaves of its own recordings in the noise as it is taken there."""
-    bench, sigma = contest.bench, contest.sigma
+    bench, sigma = contest.rollout_model, contest.sigma
     for name, factor in (("half the noise", 0.5), ("twice the noise", 2.0)):
         price = max(1.0, contest.price / factor**2)
         yield name, replace(contest, sigma=factor * sigma, price=price), max(1.0, nominal / factor**2)
     flat = replace(bench.nuisance, warp=UNBENT * bench.nuisance.warp)
-    yield "coordinates not bent", replace(contest, bench=replace(bench, nuisance=flat)), nominal
+    yield "coordinates not bent", replace(contest, rollout_model=replace(bench, nuisance=flat)), nominal
     for seed in SEEDS:
         drawn = np.random.default_rng(seed).normal(0.0, sigma, bench.record.q.shape)
         noisy = replace(bench, record=replace(bench.record, q=bench.record.q + drawn))
-        louder = replace(contest, bench=noisy, sigma=np.sqrt(2.0) * sigma)
+        louder = replace(contest, rollout_model=noisy, sigma=np.sqrt(2.0) * sigma)
         yield f"noise added, seed {seed}", louder, max(1.0, 0.5 * (nominal + 1.0))
 
 
@@ -141,5 +141,11 @@ def _judge_again(
         alone = told.best_of(one.effects[-1].effect.name) if len(one.effects) == 1 else None
         sets.append(alone or (one if _is_sample_noise(one) else refit(one)))
     return judge_hypotheses(
-        told, sets, shaken.freedom, effort.nominal, config, most=motionless_misfit(shaken), doubt=doubt
+        told,
+        sets,
+        shaken.uncertainty_directions,
+        effort.nominal,
+        config,
+        most=motionless_misfit(shaken),
+        doubt=doubt,
     )

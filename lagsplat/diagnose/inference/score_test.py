@@ -86,7 +86,7 @@ def _trial_changes(
     y = contest.predict((*effects, offer))(whole, starts)
     y0 = contest.predict(effects)(fit.x[None], fit.starts[None])
     # a trial that has left for good says nothing of small amounts
-    far = 1e3 * contest.bench.model.basis.scale
+    far = 1e3 * contest.rollout_model.model.basis.scale
     change = np.clip(np.where(np.isfinite(y), y - y0, 0.0), -far, far) * contest.data.weight
     if n:
         change /= np.tile(step, len(guesses))[:, None, None, None]

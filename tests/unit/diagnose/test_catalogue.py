@@ -15,7 +15,7 @@ from lagsplat.diagnose.inference.placement import (
 from lagsplat.diagnose.inference.problem import EstimationProblem
 from lagsplat.diagnose.inference.profile_likelihood import parameter_unit
 from lagsplat.diagnose.residual.latent_force import smooth
-from lagsplat.io.trajectory.trajectory import Motion
+from lagsplat.io.trajectory.trajectory import Trajectory
 from tests.unit.diagnose.residuals import made
 from tests.unit.diagnose.toys import OMEGA, contest, coupled, film, oscillator, own, wave
 
@@ -27,8 +27,8 @@ def driven() -> EstimationProblem:
 
 def offered(one: EstimationProblem, *, without: tuple[str, ...] = (), hint: DisturbanceHints | None = None):
     known = [hint or DisturbanceHints(((1.0, 1.4), (3.0, 3.2)), (0.7,))]
-    names = tuple(f"u{i}" for i in range(one.bench.record.u.shape[1]))
-    return place_effects(one.bench, known, q_names=("q0",), u_names=names, without=without)
+    names = tuple(f"u{i}" for i in range(one.rollout_model.record.u.shape[1]))
+    return place_effects(one.rollout_model, known, q_names=("q0",), u_names=names, without=without)
 
 
 def test_every_effect_has_a_place_where_inputs_are_logged(driven: EstimationProblem) -> None:
@@ -77,9 +77,9 @@ def test_a_stop_is_not_looked_for_on_a_side_that_is_not_reached() -> None:
 def test_what_acts_in_a_joint_is_looked_for_between_two_coordinates_as_well() -> None:
     rng, time = np.random.default_rng(0), np.arange(400) / 50.0
     q = 0.4 * np.sin(np.array([5.0, 7.0]) * time[:, None])
-    one = contest([Motion(time, q, rng.normal(size=(400, 2)), source="made")], model=coupled())
+    one = contest([Trajectory(time, q, rng.normal(size=(400, 2)), source="made")], model=coupled())
     found = place_effects(
-        one.bench, [DisturbanceHints((), ())] * 2, q_names=("a", "b"), u_names=("u0", "u1"), without=()
+        one.rollout_model, [DisturbanceHints((), ())] * 2, q_names=("a", "b"), u_names=("u0", "u1"), without=()
     )  # fmt: skip
     between = {one.label for one in found if one.place == "b - a"}
     assert between == {
@@ -88,7 +88,7 @@ def test_what_acts_in_a_joint_is_looked_for_between_two_coordinates_as_well() ->
     }  # fmt: skip
     place = next(one.direction for one in found if one.place == "b - a")
     np.testing.assert_array_equal(place.covector, [-1.0, 1.0])
-    inertia = one.bench.model.inertia
+    inertia = one.rollout_model.model.inertia
     assert place.inertia == pytest.approx((inertia[0, 0] + inertia[1, 1] - 2.0 * inertia[0, 1]) / 4.0)
     assert len({one.label for one in found}) == len(found)
     friction = next(one for one in found if one.label == "coulomb_friction b - a")
@@ -96,16 +96,20 @@ def test_what_acts_in_a_joint_is_looked_for_between_two_coordinates_as_well() ->
 
 
 def test_sizes_are_those_of_the_motion(driven: EstimationProblem) -> None:
-    record, model = driven.bench.record, driven.bench.model
-    place = coordinate_directions(driven.bench, ("q0",))[0]
-    size = motion_scales(driven.bench, place)
+    record, model = driven.rollout_model.record, driven.rollout_model.model
+    place = coordinate_directions(driven.rollout_model, ("q0",))[0]
+    size = motion_scales(driven.rollout_model, place)
     assert size.coordinate == pytest.approx(np.sqrt(np.mean(record.q**2)), rel=5e-3)
     assert size.velocity == pytest.approx(np.sqrt(np.mean(record.v**2)), rel=1e-6)
     assert size.stiffness == pytest.approx(OMEGA**2, rel=1e-6)
     assert size.frame_s == pytest.approx(0.02)
     assert place.inertia == model.inertia[0, 0]
-    assert motion_scales(driven.bench, place, "upper").reach == pytest.approx(record.q.max(), rel=1e-2)
-    assert motion_scales(driven.bench, place, "lower").reach == pytest.approx(-record.q.min(), rel=1e-2)
+    assert motion_scales(driven.rollout_model, place, "upper").reach == pytest.approx(
+        record.q.max(), rel=1e-2
+    )
+    assert motion_scales(driven.rollout_model, place, "lower").reach == pytest.approx(
+        -record.q.min(), rel=1e-2
+    )
 
 
 def test_every_law_that_remembers_says_from_what() -> None:
@@ -139,10 +143,10 @@ def test_a_push_in_the_first_file_leaves_the_second_alone() -> None:
     x = [1.0, 0.0, 0.0] + [
         p.prior.unknown(g) for p, g in zip(push.effect.parameters[3:], push.grid[0], strict=True)
     ]
-    n = both.bench.nuisance.size
-    there = both.predict((push,))(np.array([[*x, *[0.0] * n]]), both.begun[None])[0]
-    still = both.predict(())(np.zeros((1, n)), both.begun[None])[0]
+    n = both.rollout_model.nuisance.size
+    there = both.predict((push,))(np.array([[*x, *[0.0] * n]]), both.initial_states[None])[0]
+    still = both.predict(())(np.zeros((1, n)), both.initial_states[None])[0]
     moved = np.abs(there - still).max(axis=(1, 2)) > 1e-6
-    second = both.windows.first >= both.bench.record.clips[1, 0]
+    second = both.windows.first >= both.rollout_model.record.clips[1, 0]
     assert moved[~second].any()
     assert not moved[second].any()

@@ -29,11 +29,11 @@ def stiff(t: float, q: float, v: float, u: float, z: np.ndarray) -> tuple[float,
 def fitted(one: EstimationProblem, name: str) -> HypothesisFit:
     effect = catalogue()[name]
     if effect.along == "channels":
-        instance = PlacedEffect(effect, largest_motion_scales(one.bench), channel=0, input_name="u0")
+        instance = PlacedEffect(effect, largest_motion_scales(one.rollout_model), channel=0, input_name="u0")
     else:
-        instance = PlacedEffect(effect, motion_scales(one.bench, ALONG), direction=ALONG)
+        instance = PlacedEffect(effect, motion_scales(one.rollout_model, ALONG), direction=ALONG)
     start = [p.prior.mean for p in effect.parameters]
-    begun = np.concatenate([start, np.zeros(one.bench.nuisance.size)])
+    begun = np.concatenate([start, np.zeros(one.rollout_model.nuisance.size)])
     return HypothesisFit((instance,), one.fit((instance,), begun))
 
 
@@ -81,7 +81,7 @@ def test_a_profile_peaks_at_the_fit_and_falls_by_its_interval(driven: Estimation
 
 def test_a_periodic_force_shows_a_whole_period() -> None:
     short = contest([film(seconds=8.0)])
-    along = motion_scales(short.bench, ALONG)
+    along = motion_scales(short.rollout_model, ALONG)
     effect = repeating(catalogue()["external_periodic_force"], along)
     slowest = {p.name: p.prior for p in effect.parameters}["angular_frequency"]
     period_s = 2.0 * np.pi / (slowest.value(slowest.lowest) * along.of("rate"))
@@ -100,7 +100,9 @@ def test_a_periodic_force_shows_a_whole_period() -> None:
 def test_every_number_has_its_unit(
     driven: EstimationProblem, name: str, variant: str, key: str, expected: str
 ) -> None:
-    one = PlacedEffect(catalogue()[name], motion_scales(driven.bench, ALONG), variant, direction=ALONG)
+    one = PlacedEffect(
+        catalogue()[name], motion_scales(driven.rollout_model, ALONG), variant, direction=ALONG
+    )
     assert parameter_unit(one, key) == expected
 
 

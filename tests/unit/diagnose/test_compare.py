@@ -27,7 +27,7 @@ TRIED = (
 
 def offers(one: EstimationProblem) -> list[PlacedEffect]:
     hints = [SimpleNamespace(pushes=(), lines_hz=())]
-    found = place_effects(one.bench, hints, q_names=("q0",), u_names=("u0",), without=())
+    found = place_effects(one.rollout_model, hints, q_names=("q0",), u_names=("u0",), without=())
     return [offer for offer in found if offer.effect.name in TRIED]
 
 
@@ -47,7 +47,7 @@ def faithful() -> EstimationProblem:
 
 
 def none_of(one: EstimationProblem) -> HypothesisFit:
-    return HypothesisFit((), one.fit((), np.zeros(one.bench.nuisance.size)))
+    return HypothesisFit((), one.fit((), np.zeros(one.rollout_model.nuisance.size)))
 
 
 def evidences(one: EstimationProblem) -> dict[str, float]:
@@ -55,8 +55,8 @@ def evidences(one: EstimationProblem) -> dict[str, float]:
     none = none_of(one)
     leads = score_test(one, (), none.fit, offers(one))
     fits = [fit_candidate(one, (), none.fit, lead, starts=1) for lead in leads]
-    floor = log_evidence(none, one.bench, 1.0)
-    return {fit.effects[0].effect.name: log_evidence(fit, one.bench, 1.0) - floor for fit in fits}
+    floor = log_evidence(none, one.rollout_model, 1.0)
+    return {fit.effects[0].effect.name: log_evidence(fit, one.rollout_model, 1.0) - floor for fit in fits}
 
 
 def test_the_true_effect_has_the_most_evidence_and_the_score_test_leads_to_it(
@@ -81,7 +81,7 @@ def test_the_amplitude_is_found_to_a_few_hundredths(dragged: EstimationProblem) 
     lead = score_test(dragged, (), none.fit, offers(dragged))[0]
     found = fit_candidate(dragged, (), none.fit, lead, starts=1)
     assert lead.instance.physical(found.fit.x[None, :1])[0, 0] == pytest.approx(0.25, rel=0.08)
-    assert found.fit.misfit / dragged.freedom == pytest.approx(1.0, abs=0.15)
+    assert found.fit.misfit / dragged.uncertainty_directions == pytest.approx(1.0, abs=0.15)
 
 
 def test_evidence_is_the_integral_over_parameters_and_starts_where_all_is_linear() -> None:
@@ -113,9 +113,9 @@ def test_evidence_is_the_integral_over_parameters_and_starts_where_all_is_linear
 
 def test_unknowns_stand_in_the_order_effects_then_uncertainties(faithful: EstimationProblem) -> None:
     chosen = [o for o in offers(faithful) if not isinstance(o.effect, SampleEffect)][:2]
-    prior = joint_prior(chosen, faithful.bench)
+    prior = joint_prior(chosen, faithful.rollout_model)
     own_ = [p.prior for o in chosen for p in o.effect.parameters]
     assert prior.mean[: len(own_)].tolist() == [p.mean for p in own_]
     assert prior.lowest[: len(own_)].tolist() == [p.lowest for p in own_]
-    assert np.array_equal(prior.deviation[len(own_) :], faithful.bench.nuisance.deviation)
+    assert np.array_equal(prior.deviation[len(own_) :], faithful.rollout_model.nuisance.deviation)
     assert (prior.step > 0.0).all()

@@ -28,7 +28,7 @@ ALONG = Direction("q0", np.ones(1), 1.0, 0.0)
 
 def explained(one: EstimationProblem, name: str, **unknowns: float) -> HypothesisFit:
     """The effect with parameters as given in their own units, whatever the data say."""
-    instance = PlacedEffect(catalogue()[name], motion_scales(one.bench, ALONG), direction=ALONG)
+    instance = PlacedEffect(catalogue()[name], motion_scales(one.rollout_model, ALONG), direction=ALONG)
     parameters = instance.effect.parameters
     x = [
         p.prior.unknown(unknowns.get(p.name.replace(" ", "_"), 0.0) / instance.scales.of(p.kind))
@@ -36,7 +36,7 @@ def explained(one: EstimationProblem, name: str, **unknowns: float) -> Hypothesi
         else p.prior.mean
         for p in parameters
     ]
-    fit = one.fit((), np.zeros(one.bench.nuisance.size))
+    fit = one.fit((), np.zeros(one.rollout_model.nuisance.size))
     return HypothesisFit((instance,), replace(fit, x=np.concatenate([x, fit.x])))
 
 
@@ -79,8 +79,10 @@ def gain_only(t: float, q: float, v: float, u: float, z: np.ndarray) -> tuple[fl
 
 def test_a_loose_sim_beats_an_effect_where_several_parameters_are_off() -> None:
     one = contest([film(several, u=U, noise=0.005, seconds=16.0)])
-    none = HypothesisFit((), one.fit((), np.zeros(one.bench.nuisance.size)))
-    instance = PlacedEffect(catalogue()["coulomb_friction"], motion_scales(one.bench, ALONG), direction=ALONG)
+    none = HypothesisFit((), one.fit((), np.zeros(one.rollout_model.nuisance.size)))
+    instance = PlacedEffect(
+        catalogue()["coulomb_friction"], motion_scales(one.rollout_model, ALONG), direction=ALONG
+    )
     start = np.concatenate([np.zeros(1), none.fit.x])
     wrong = HypothesisFit((instance,), one.fit((instance,), start))
     assert relaxed_model_log_evidence(one, none, wrong, nominal=1.0, temper=2.0) > 50.0
@@ -88,9 +90,9 @@ def test_a_loose_sim_beats_an_effect_where_several_parameters_are_off() -> None:
 
 def test_a_loose_sim_loses_against_the_one_parameter_that_is_off() -> None:
     one = contest([film(gain_only, u=U, noise=0.005, seconds=16.0)])
-    none = HypothesisFit((), one.fit((), np.zeros(one.bench.nuisance.size)))
+    none = HypothesisFit((), one.fit((), np.zeros(one.rollout_model.nuisance.size)))
     gain = PlacedEffect(
-        catalogue()["input_gain"], largest_motion_scales(one.bench), channel=0, input_name="u0"
+        catalogue()["input_gain"], largest_motion_scales(one.rollout_model), channel=0, input_name="u0"
     )
     right = HypothesisFit((gain,), one.fit((gain,), np.concatenate([np.zeros(1), none.fit.x])))
     assert relaxed_model_log_evidence(one, none, right, nominal=1.0, temper=2.0) < 0.0
@@ -98,15 +100,17 @@ def test_a_loose_sim_loses_against_the_one_parameter_that_is_off() -> None:
 
 def test_a_loose_sim_that_explains_less_is_no_rival() -> None:
     one = contest([film(dry, u=U, noise=0.005, seconds=12.0)])
-    none = HypothesisFit((), one.fit((), np.zeros(one.bench.nuisance.size)))
-    instance = PlacedEffect(catalogue()["coulomb_friction"], motion_scales(one.bench, ALONG), direction=ALONG)
+    none = HypothesisFit((), one.fit((), np.zeros(one.rollout_model.nuisance.size)))
+    instance = PlacedEffect(
+        catalogue()["coulomb_friction"], motion_scales(one.rollout_model, ALONG), direction=ALONG
+    )
     right = HypothesisFit((instance,), one.fit((instance,), np.concatenate([[0.1], none.fit.x])))
     assert relaxed_model_log_evidence(one, none, right, nominal=1.0, temper=2.0) == -np.inf
 
 
 def test_two_shapes_that_fit_anything_are_doubted_and_one_is_not() -> None:
     one = contest([film(dry, u=U, noise=0.005, seconds=6.0)])
-    rows = ModelRanking(HypothesisFit((), one.fit((), np.zeros(one.bench.nuisance.size))), (), 2.0)
+    rows = ModelRanking(HypothesisFit((), one.fit((), np.zeros(one.rollout_model.nuisance.size))), (), 2.0)
     alone = explained(one, "hidden_mode")
     alone = replace(alone, fit=replace(alone.fit, misfit=0.0))
     both = replace(alone, effects=(*alone.effects, *explained(one, "creep").effects))
@@ -116,7 +120,7 @@ def test_two_shapes_that_fit_anything_are_doubted_and_one_is_not() -> None:
 
 def test_a_sim_that_misses_its_own_recordings_is_no_rival_either() -> None:
     one = contest([film(several, u=U, noise=0.005, seconds=8.0)])
-    none = HypothesisFit((), one.fit((), np.zeros(one.bench.nuisance.size)))
+    none = HypothesisFit((), one.fit((), np.zeros(one.rollout_model.nuisance.size)))
     assert relaxed_model_log_evidence(one, none, none, nominal=1.0, temper=2.0) > 50.0
     assert relaxed_model_log_evidence(one, none, none, nominal=50.0, temper=2.0) == -np.inf
 

@@ -16,7 +16,7 @@ from lagsplat.diagnose.inference.placement import place_effects
 from lagsplat.diagnose.inference.problem import EstimationProblem
 from lagsplat.diagnose.inference.profile_likelihood import estimate_parameters
 from lagsplat.diagnose.inference.score_test import score_test
-from lagsplat.io.trajectory.trajectory import Motion
+from lagsplat.io.trajectory.trajectory import Trajectory
 from tests.unit.diagnose.toys import contest, coupled, wave
 
 FRICTION = np.array([1.5, 0.6])  # accelerations of each coordinate alone
@@ -24,7 +24,7 @@ LAG_S = (0.04, 0.09)
 NAMES = ("q0", "q1")
 
 
-def film(force: Callable[[np.ndarray], np.ndarray], *, lag_s: tuple[float, float] = (0.0, 0.0)) -> Motion:
+def film(force: Callable[[np.ndarray], np.ndarray], *, lag_s: tuple[float, float] = (0.0, 0.0)) -> Trajectory:
     """20 s of the coupled mechanism under two inputs, with a force by its velocity and late actuators."""
     model, times = coupled(), np.arange(1000) / 50.0
     waves = (wave(1), wave(2))
@@ -41,20 +41,20 @@ def film(force: Callable[[np.ndarray], np.ndarray], *, lag_s: tuple[float, float
     q = solved.y[:2].T
     q = q + 0.01 * q.std(axis=0) * np.random.default_rng(0).standard_normal(q.shape)
     u = np.array([[one(t) for one in waves] for t in times])
-    return Motion(time_s=times, q=q, u=u, q_names=NAMES, u_names=("u0", "u1"), source="film")
+    return Trajectory(time_s=times, q=q, u=u, q_names=NAMES, u_names=("u0", "u1"), source="film")
 
 
 def offered(one: EstimationProblem, name: str) -> dict[str, PlacedEffect]:
     """One effect by its labels."""
     found = place_effects(
-        one.bench, [DisturbanceHints((), ())] * 2, q_names=NAMES, u_names=("u0", "u1"), without=()
+        one.rollout_model, [DisturbanceHints((), ())] * 2, q_names=NAMES, u_names=("u0", "u1"), without=()
     )
     return {offer.label: offer for offer in found if offer.effect.name == name}
 
 
 def best(one: EstimationProblem, offer: PlacedEffect):
     """The fit of one effect."""
-    plain = one.fit((), np.zeros(one.bench.nuisance.size))
+    plain = one.fit((), np.zeros(one.rollout_model.nuisance.size))
     return fit_candidate(one, (), plain, score_test(one, (), plain, [offer])[0], starts=2)
 
 
@@ -65,7 +65,7 @@ def test_friction_in_both_joints_is_told_from_friction_in_one() -> None:
     joint = offers["coulomb_friction everywhere"]
     assert {offer.place for label, offer in offers.items() if label != joint.label} == {*NAMES, "q1 - q0"}
     fits = {label: best(seen, offer) for label, offer in offers.items()}
-    misfit = {label: one.fit.misfit / seen.freedom for label, one in fits.items()}
+    misfit = {label: one.fit.misfit / seen.uncertainty_directions for label, one in fits.items()}
     assert misfit.pop("coulomb_friction everywhere") < 1.3
     assert min(misfit.values()) > 5.0
     told = estimate_parameters(seen, fits[joint.label], joint, 2.0)
@@ -77,7 +77,7 @@ def test_a_lag_of_both_actuators_is_told_from_a_lag_of_one() -> None:
     seen = contest([film(np.zeros_like, lag_s=LAG_S)], model=coupled())
     fits = {label: best(seen, offer) for label, offer in offered(seen, "input_lag").items()}
     joint = fits.pop("input_lag everywhere")
-    assert joint.fit.misfit / seen.freedom < 1.3
+    assert joint.fit.misfit / seen.uncertainty_directions < 1.3
     assert min(one.fit.misfit for one in fits.values()) > 3.0 * joint.fit.misfit
     lags = joint.effects[0].physical(joint.fit.x[None, :2])[0]
     assert lags == pytest.approx(LAG_S, rel=0.05)
@@ -86,17 +86,19 @@ def test_a_lag_of_both_actuators_is_told_from_a_lag_of_one() -> None:
 def test_the_sim_with_it_holds_each_place_by_itself() -> None:
     seen = contest([film(np.zeros_like)], model=coupled())
     both = offered(seen, "coulomb_friction")["coulomb_friction everywhere"]
-    x = np.concatenate([[0.2, 0.3], np.zeros(seen.bench.nuisance.size)])
-    region = sample_operating_region(seen.bench.record)
-    joint = build_augmented(seen.bench, [both], x, q_names=NAMES, u_names=("u0", "u1"), region=region)
+    x = np.concatenate([[0.2, 0.3], np.zeros(seen.rollout_model.nuisance.size)])
+    region = sample_operating_region(seen.rollout_model.record)
+    joint = build_augmented(seen.rollout_model, [both], x, q_names=NAMES, u_names=("u0", "u1"), region=region)
     assert [one.label for one in joint.effects] == ["coulomb_friction q0", "coulomb_friction q1"]
     drive = AppliedSignals(np.arange(200) * 0.02, np.ones((200, 2)))
     moved, _ = simulate_augmented(joint, drive, q=np.array([0.4, 0.1]))
     starts = np.array([0.4, 0.1, 0.0, 0.0])[None, None]
     assert np.isfinite(moved).all()
-    alone = build_augmented(seen.bench, both.parts, x, q_names=NAMES, u_names=("u0", "u1"), region=region)
+    alone = build_augmented(
+        seen.rollout_model, both.parts, x, q_names=NAMES, u_names=("u0", "u1"), region=region
+    )
     np.testing.assert_array_equal(moved, simulate_augmented(alone, drive, q=np.array([0.4, 0.1]))[0])
     first = replace(seen.windows, first=seen.windows.first[:1], length=seen.windows.length[:1])
-    together = seen.bench.rollouts([both], x[None], starts, first)[0]
-    apart = seen.bench.rollouts(both.parts, x[None], starts, first)[0]
+    together = seen.rollout_model.rollouts([both], x[None], starts, first)[0]
+    apart = seen.rollout_model.rollouts(both.parts, x[None], starts, first)[0]
     np.testing.assert_array_equal(together, apart)

@@ -37,8 +37,8 @@ def made() -> tuple[EstimationProblem, HypothesisFit, HypothesisFit]:
     films = [film(stiff, u=wave(i), noise=0.01, seconds=16.0 - 4.0 * i, seed=i) for i in (0, 1)]
     one = contest(films)
     along = Direction("q0", np.ones(1), 1.0)
-    effect = PlacedEffect(linear_stiffness.EFFECT, motion_scales(one.bench, along), direction=along)
-    n = one.bench.nuisance.size
+    effect = PlacedEffect(linear_stiffness.EFFECT, motion_scales(one.rollout_model, along), direction=along)
+    n = one.rollout_model.nuisance.size
     none = HypothesisFit((), one.fit((), np.zeros(n)))
     true = HypothesisFit((effect,), one.fit((effect,), np.concatenate([[np.log(STIFFER)], np.zeros(n)])))
     return one, none, true
@@ -58,14 +58,14 @@ def test_what_is_held_out_is_not_fitted_to(
     for start in blocks.first:
         home = held.first[(held.first <= start) & (start + blocks.length[0] <= held.first + held.length)]
         assert len(home) == 1
-        clips = made[0].bench.record.clips
+        clips = made[0].rollout_model.record.clips
         assert ((clips[:, 0] <= start) & (start + blocks.length[0] <= clips[:, 1])).sum() == 1
 
 
 def test_the_gap_is_that_of_its_blocks(made: tuple[EstimationProblem, HypothesisFit, HypothesisFit]) -> None:
     one, none, true = made
-    held = forecast_holdout(one, none, true, period_s=PERIOD_S, given=one.bench.model)
-    rms = one.bench.record.q.std(axis=0)
+    held = forecast_holdout(one, none, true, period_s=PERIOD_S, given=one.rollout_model.model)
+    rms = one.rollout_model.record.q.std(axis=0)
     for kind, size in (("sim", held.gap.before), ("augmented", held.gap.after)):
         squares = [np.mean(((getattr(b, kind) - b.real) / rms) ** 2) for b in held.blocks]
         assert size == pytest.approx(np.sqrt(np.mean(squares)), rel=1e-12)
@@ -79,7 +79,7 @@ def test_the_gap_is_that_of_its_blocks(made: tuple[EstimationProblem, Hypothesis
 def test_the_true_effect_closes_the_gap_down_to_the_floor(
     made: tuple[EstimationProblem, HypothesisFit, HypothesisFit],
 ) -> None:
-    gap = forecast_holdout(*made, period_s=PERIOD_S, given=made[0].bench.model).gap
+    gap = forecast_holdout(*made, period_s=PERIOD_S, given=made[0].rollout_model.model).gap
     assert gap.before > 5.0 * gap.floor
     assert gap.after == pytest.approx(gap.floor, rel=0.25)
     assert gap.after <= gap.refit < gap.before
@@ -93,11 +93,11 @@ def test_a_forecast_looks_at_ten_samples_only(
     one, none, _ = made
     blocks = cut_blocks(one, split_windows(one)[1], period_s=PERIOD_S)
     told = forecast_blocks(one, blocks, (), fit_half(split_windows(one)[0], none))
-    record = one.bench.record
+    record = one.rollout_model.record
     changed = record.q.copy()
     for start, length in zip(blocks.first, blocks.length, strict=True):
         changed[start + 10 : start + length - 1] += 7.0
-    other = replace(one, bench=replace(one.bench, record=replace(record, q=changed)))
+    other = replace(one, rollout_model=replace(one.rollout_model, record=replace(record, q=changed)))
     again = forecast_blocks(other, blocks, (), fit_half(split_windows(one)[0], none))
     assert np.abs(again.y - told.y).max() < 1e-6
 
@@ -108,7 +108,7 @@ def test_the_floor_is_the_error_that_the_true_model_makes(
     one, _, true = made
     blocks = cut_blocks(one, split_windows(one)[1], period_s=PERIOD_S)
     told = forecast_blocks(one, blocks, true.effects, true.fit.x)
-    errors = relative_square_error(told.y - blocks.take(one.bench.record.q), np.ones(1))
+    errors = relative_square_error(told.y - blocks.take(one.rollout_model.record.q), np.ones(1))
     assert errors.mean() == pytest.approx(told.expected.mean(), rel=0.35)
 
 
@@ -144,7 +144,7 @@ def test_a_forecast_that_leaves_or_is_no_number_is_counted() -> None:
 
 
 def test_constants_of_the_toy_are_those_of_the_sim() -> None:
-    model = contest([film(u=wave(), seconds=8.0)]).bench.model
+    model = contest([film(u=wave(), seconds=8.0)]).rollout_model.model
     q, v, u = np.array([[0.4]]), np.array([[-0.7]]), np.array([[0.2]])
     assert model.acceleration(q, v, u)[0, 0] == pytest.approx(own(0.4, -0.7, 0.2))
     assert model.stiffness[0, 0] == pytest.approx(OMEGA**2, rel=1e-6)

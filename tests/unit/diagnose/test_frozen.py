@@ -12,24 +12,24 @@ from lagsplat.diagnose.inference.evidence import HypothesisFit
 from lagsplat.diagnose.inference.model_selection import ModelRanking
 from lagsplat.diagnose.inference.placement import largest_motion_scales
 from lagsplat.diagnose.inference.plausibility import assess_implausibility
-from lagsplat.io.trajectory.trajectory import Motion
+from lagsplat.io.trajectory.trajectory import Trajectory
 from tests.unit.diagnose.toys import contest, film, oscillator, settings, wave
 
 SIGMA = 0.005
 RUNS = ((61, 66), (140, 148), (262, 270), (390, 396))
 
 
-def swing(*, stuck: bool = True) -> Motion:
+def swing(*, stuck: bool = True) -> Trajectory:
     """A driven motion; in the runs the camera shows what it saw before them."""
     clean = film(u=wave(5), seconds=12.0)
     q = clean.q.copy()
     for start, stop in RUNS if stuck else ():
         q[start:stop] = q[start - 1]
     q = q + SIGMA * np.std(q) * np.random.default_rng(0).standard_normal(q.shape)
-    return Motion(time_s=clean.time_s, q=q, u=clean.u, source="film")
+    return Trajectory(time_s=clean.time_s, q=q, u=clean.u, source="film")
 
 
-def marked(motion: Motion) -> np.ndarray:
+def marked(motion: Trajectory) -> np.ndarray:
     return frozen(motion.q, np.array(motion.segments), SIGMA * motion.q.std(axis=0))
 
 
@@ -74,7 +74,7 @@ def test_where_repeats_are_many_those_about_a_turn_are_found_too() -> None:
         q[start:stop], late[start:stop] = q[start - 1], True
         start = stop + int(rng.integers(8, 30))
     q = q + SIGMA * np.std(q) * rng.standard_normal(q.shape)
-    motion = Motion(time_s=clean.time_s, q=q, u=clean.u, source="film")
+    motion = Trajectory(time_s=clean.time_s, q=q, u=clean.u, source="film")
     assert marked(motion)[late].mean() > 0.9
     found = diagnose(EstimatedSimulator.exact(oscillator()), [motion], settings()).diagnosis
     assert (found.verdict, found.combination) == ("effect", ("frame_drops",))
@@ -85,7 +85,7 @@ def test_where_repeats_are_many_those_about_a_turn_are_found_too() -> None:
 
 def test_what_only_moves_single_samples_is_not_doubted() -> None:
     one = contest([film(u=wave(5), noise=SIGMA, seconds=8.0)])
-    none = HypothesisFit((), one.fit((), np.zeros(one.bench.nuisance.size)))
-    drops = PlacedEffect(catalogue()["frame_drops"], largest_motion_scales(one.bench))
+    none = HypothesisFit((), one.fit((), np.zeros(one.rollout_model.nuisance.size)))
+    drops = PlacedEffect(catalogue()["frame_drops"], largest_motion_scales(one.rollout_model))
     said = HypothesisFit((drops,), none.fit, noise={"count": (3.0, 0.0, 6.0)})
     assert assess_implausibility(one, ModelRanking(none, (), 2.0), said, nominal=1.0).chance == 0.0

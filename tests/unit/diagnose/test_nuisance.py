@@ -87,8 +87,8 @@ def test_directions_move_all_coefficients_in_their_order() -> None:
 def test_pinned_leaves_next_to_nothing_uncertain() -> None:
     known = nuisance()
     model = coupled()
-    x = np.ones((1, known.size)) * known.pinned().deviation
-    fields = known.pinned().fields(model, x)
+    x = np.ones((1, known.size)) * known.freeze().deviation
+    fields = known.freeze().fields(model, x)
     assert np.concatenate([getattr(fields, n)[0].ravel() for n in COEFFICIENT_FIELDS]) == pytest.approx(
         flatten_coefficients(model), abs=1e-4
     )

@@ -34,8 +34,8 @@ def known() -> EstimatedSimulator:
 
 
 def test_a_wrong_law_is_moved_until_it_tells_what_it_was_not_moved_by(known: EstimatedSimulator) -> None:
-    assert known.given is not None
-    assert known.given.misfit > 1.2 * known.misfit
+    assert known.original is not None
+    assert known.original.misfit > 1.2 * known.misfit
     assert known.misfit < 1.3
     assert known.model.damping[0, 0, 0] == pytest.approx(RATE, rel=0.05)
     assert known.model.potential[4] == pytest.approx(0.25 * HARD, rel=0.1)

@@ -12,7 +12,7 @@ from lagsplat.diagnose.estimation.dataset import (
     cut_windows,
     join_trajectories,
 )
-from lagsplat.io.trajectory.trajectory import Motion
+from lagsplat.io.trajectory.trajectory import Trajectory
 
 
 def record(lengths: list[int], *, dt: float = 0.02) -> Dataset:
@@ -62,12 +62,12 @@ def test_samples_of_a_short_window_repeat_its_last_and_count_for_nothing() -> No
     taken = windows.take(record([10]).q)[..., 0]
     assert taken.tolist() == [[0, 1, 2, 3, 4], [6, 7, 8, 8, 8]]
     assert windows.mask().tolist() == [[1, 1, 1, 1, 1], [1, 1, 1, 0, 0]]
-    assert windows.only(np.array([False, True])).first.tolist() == [6]
+    assert windows.select(np.array([False, True])).first.tolist() == [6]
 
 
-def motion(start: float, n: int, segments: tuple[tuple[int, int], ...], name: str) -> Motion:
+def motion(start: float, n: int, segments: tuple[tuple[int, int], ...], name: str) -> Trajectory:
     time, q, u = start + 0.1 * np.arange(n), np.full((n, 2), start), np.zeros((n, 1))
-    return Motion(time_s=time, q=q, u=u, segments=segments, source=name)
+    return Trajectory(time_s=time, q=q, u=u, segments=segments, source=name)
 
 
 def test_files_are_joined_after_a_break_and_their_clips_stay_apart() -> None:
@@ -77,8 +77,8 @@ def test_files_are_joined_after_a_break_and_their_clips_stay_apart() -> None:
     assert whole.file_of.tolist() == [0, 0, 1]
     assert whole.files == ("a.csv", "b.csv")
     assert whole.time[[0, 12]] == pytest.approx([0.0, 1.1 + FILE_BREAK_S])
-    assert whole.own_time(float(whole.time[14])) == (1, pytest.approx(100.2))
-    assert whole.own_time(0.3) == (0, pytest.approx(7.3))
+    assert whole.to_file_time(float(whole.time[14])) == (1, pytest.approx(100.2))
+    assert whole.to_file_time(0.3) == (0, pytest.approx(7.3))
     assert whole.dt_s == pytest.approx(0.1)
     assert whole.d == 2
 
@@ -97,7 +97,7 @@ def test_windows_chosen_evenly_span_the_record_and_hold_as_many_frames_as_asked(
     n: int, length: int, frames: float
 ) -> None:
     windows = WindowSet(np.arange(n) * length, np.full(n, length))
-    kept = windows.evenly(frames)
+    kept = windows.subsample(frames)
     if frames >= n * length:
         assert kept is windows
         return

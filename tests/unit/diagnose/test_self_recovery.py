@@ -12,7 +12,7 @@ from lagsplat.diagnose.diagnosis import diagnose
 from lagsplat.diagnose.effects.registry import catalogue
 from lagsplat.diagnose.estimation.dataset import sample_operating_region
 from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
-from lagsplat.io.trajectory.trajectory import Motion
+from lagsplat.io.trajectory.trajectory import Trajectory
 from tests.unit.diagnose.toys import GAIN, HARD, OMEGA, film, oscillator, own, settings, wave
 
 RIVALS = (
@@ -35,7 +35,7 @@ RIVALS = (
 U = wave(4)
 
 
-def acting(extra, *, u=U, command=None, start=(0.8, 0.0), seconds=12.0) -> Motion:
+def acting(extra, *, u=U, command=None, start=(0.8, 0.0), seconds=12.0) -> Trajectory:
     """The oscillator, driven, with a further acceleration of (t, q, v, u)."""
     return film(
         lambda t, q, v, now, z: (own(q, v, now) + extra(t, q, v, now), []),
@@ -50,7 +50,7 @@ def nothing(t: float, q: float, v: float, u: float) -> float:
     return 0.0
 
 
-def creeping() -> Motion:
+def creeping() -> Trajectory:
     """A Maxwell branch of a fifth of the stiffness and 0.3 s."""
     return film(
         lambda t, q, v, u, z: (own(q, v, u) - 0.2 * OMEGA**2 * (q - z[0]), [(q - z[0]) / 0.3]),
@@ -59,7 +59,7 @@ def creeping() -> Motion:
     )
 
 
-def lagging() -> Motion:
+def lagging() -> Trajectory:
     """The command reaches the mechanism through 0.1 s, from where it begins."""
     return film(
         lambda t, q, v, u, z: (own(q, v, 0.0) + GAIN * z[0], [(u - z[0]) / 0.1]),
@@ -68,7 +68,7 @@ def lagging() -> Motion:
     )
 
 
-def carrying(away: float = 0.0) -> Motion:
+def carrying(away: float = 0.0) -> Trajectory:
     """A second mass, an eighth of the first, on a spring that swings at 2.2 Hz, from ``away`` of its rest."""
     w = 2.0 * np.pi * 2.2
 
@@ -115,7 +115,7 @@ CASES = {
 }
 
 
-def diagnosed(clean: Motion) -> Diagnosis:
+def diagnosed(clean: Trajectory) -> Diagnosis:
     noise = 0.005 * clean.q.std() * np.random.default_rng(0).standard_normal(clean.q.shape)
     left_out = sorted(set(catalogue()) - set(RIVALS))
     config = replace(settings(), without=left_out, always=[], families=4, starts=2, places=1)
@@ -154,7 +154,7 @@ def test_a_second_mass_may_swing_already_where_the_recording_begins() -> None:
     noise = 0.005 * clean.q.std() * np.random.default_rng(0).standard_normal(clean.q.shape)
     config = replace(settings(), without=sorted(set(catalogue()) - {"hidden_mode"}), always=[], starts=2)
     whole = diagnose(EstimatedSimulator.exact(oscillator()), [replace(clean, q=clean.q + noise)], config)
-    found, bench = whole.diagnosis, whole.contest.bench
+    found, bench = whole.diagnosis, whole.contest.rollout_model
     assert found.candidates[0].parameters["mass_ratio"].value == pytest.approx(0.125, rel=0.05)
     assert found.candidates[0].misfit == pytest.approx(1.0, abs=0.15)
     assert set(found.candidates[0].parameters) == {"mass_ratio", "frequency_hz", "damping_ratio"}

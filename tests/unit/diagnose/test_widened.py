@@ -18,7 +18,7 @@ def strange(t: float, q: float, v: float, u: float, z: np.ndarray) -> tuple[floa
 
 
 def plain(one: EstimationProblem) -> HypothesisFit:
-    return HypothesisFit((), one.fit((), np.zeros(one.bench.nuisance.size)))
+    return HypothesisFit((), one.fit((), np.zeros(one.rollout_model.nuisance.size)))
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +37,7 @@ def test_what_is_left_counts_as_noise_where_nothing_explains(odd: EstimationProb
     assert left > 100.0
     assert dear.price == pytest.approx(left * alike)
     assert effort_there.temper == pytest.approx(max(effort.temper, alike))
-    deviation = odd.bench.nuisance.deviation
+    deviation = odd.rollout_model.nuisance.deviation
 
     def far(one: HypothesisFit) -> float:
         return float(np.abs(one.fit.x / deviation).max())
@@ -55,7 +55,10 @@ def test_near_the_noise_nothing_changes() -> None:
 def test_a_sim_that_misses_its_own_recordings_is_not_asked_for_more(odd: EstimationProblem) -> None:
     none = plain(odd)
     assert (
-        inflate_noise(odd, SearchBudget.of(settings(), nominal=none.fit.misfit / odd.freedom), none) is None
+        inflate_noise(
+            odd, SearchBudget.of(settings(), nominal=none.fit.misfit / odd.uncertainty_directions), none
+        )
+        is None
     )
 
 
@@ -66,5 +69,5 @@ def test_a_push_in_one_stretch_says_nothing_of_the_law() -> None:
     residual = none.fit.residual.copy()
     residual[2] *= 30.0
     loud = replace(none, fit=replace(none.fit, residual=residual, misfit=float((residual**2).sum())))
-    assert loud.fit.misfit > 10.0 * quiet.freedom
+    assert loud.fit.misfit > 10.0 * quiet.uncertainty_directions
     assert inflate_noise(quiet, SearchBudget.of(settings(), nominal=1.0), loud) is None
