@@ -101,7 +101,8 @@ def test_the_walks_are_short_and_each_file_belongs_to_its_walk() -> None:
 def generate() -> ModuleType:
     """What makes parts of the pages from the code."""
     spec = spec_from_file_location("generate", ROOT / "docs" / "site" / "generate.py")
-    assert spec is not None and spec.loader is not None
+    assert spec is not None
+    assert spec.loader is not None
     module = module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
