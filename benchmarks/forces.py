@@ -19,7 +19,7 @@ from lagsplat.forces.batched_lagrangian import Single
 from lagsplat.runs.run import open_run
 from lagsplat.stage2.config import FormConfig
 from lagsplat.stage2.lagrangian import Coefficients, Floors, Lagrangian
-from lagsplat.stage2.rollout import advance, pieces_of
+from lagsplat.stage2.rollout import advance, split_inputs
 
 REPEATS = 400
 
@@ -51,7 +51,7 @@ def measure(name: str, law: Lagrangian, dt_s: float) -> None:
     pull = milliseconds(lambda: force @ jacobian)
     free = milliseconds(lambda: advance(law, *batched, step=step, ready=ready))
     print(
-        f"{name}, {pieces_of(step, law.longest_step)} Verlet steps: force step {pushed[0]:.3f} ms "
+        f"{name}, {split_inputs(step, law.longest_step)} Verlet steps: force step {pushed[0]:.3f} ms "
         f"(least {pushed[1]:.3f}), of it the pull-back {pull[0]:.4f} ms; the batched law without a force "
         f"{free[0]:.3f} ms (least {free[1]:.3f})"
     )

@@ -19,13 +19,13 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from lagsplat.io.files.ply import Cloud, read_cloud, write_cloud
+from lagsplat.io.files.ply import PlyCloud, read_cloud, write_cloud
 from lagsplat.provenance import set_threads
 from lagsplat.splat.cpu.rasterize import rasterize
-from lagsplat.splat.gaussians import Slice
-from lagsplat.splat.point_cloud import merged, show
-from lagsplat.splat.projection import project, view_of
-from lagsplat.views.camera import Space, arrange, centred
+from lagsplat.splat.gaussians import GaussianSlice
+from lagsplat.splat.point_cloud import build_point_cloud, merge_clouds
+from lagsplat.splat.projection import make_view, project
+from lagsplat.views.camera import ViewSpace, arrange_cameras, center_camera
 from lagsplat.views.config import ArrangementConfig
 
 COUNT, SIZE, FOCAL = 15_000, 256, 900.0
@@ -34,7 +34,7 @@ SIDE, FRAMES, CLIP = 768, 3, 133
 ARRANGEMENT = ArrangementConfig(yaw_deg=15.0, pitch_deg=6.0, columns=13, rows=5, held_out=0)
 
 
-def solid(batch: int) -> Slice:
+def solid(batch: int) -> GaussianSlice:
     """Gaussians of some 1.5 px around the pivot, as a trained decoder has them."""
     generator = torch.Generator().manual_seed(0)
     spread = SIZE * (torch.rand(COUNT, 3, generator=generator) - 0.5)
@@ -42,7 +42,7 @@ def solid(batch: int) -> Slice:
     factor = torch.diag_embed(1.2 + 0.6 * torch.rand(COUNT, 3, generator=generator))
     factor[:, 1, 0] = 0.4 * torch.randn(COUNT, generator=generator)
     row, column = torch.tril_indices(3, 3)
-    return Slice(
+    return GaussianSlice(
         means,
         (factor @ factor.mT)[:, row, column],
         torch.rand(batch, COUNT, generator=generator),
@@ -66,11 +66,11 @@ def seconds(rivals: dict[str, Callable[[], object]]) -> dict[str, float]:
 def render_speed() -> None:
     """Pictures a second."""
     scene = solid(BATCH)
-    view = view_of([centred(np.eye(3), np.zeros(3), focal=FOCAL, height=SIZE, width=SIZE)])
+    view = make_view([center_camera(np.eye(3), np.zeros(3), focal=FOCAL, height=SIZE, width=SIZE)])
     size = {"height": SIZE, "width": SIZE}
     # The same Gaussians as seen from the front, nearest first and shared by all images, as in the picture.
     flat = project(scene._replace(means=scene.means[:1], opacity=scene.opacity[:1]), view, **size)
-    plane = Slice(
+    plane = GaussianSlice(
         flat.means.expand(BATCH, -1, -1).contiguous(), flat.covariance[0],
         flat.opacity.expand(BATCH, -1).contiguous(), flat.color[0], flat.background,
     )  # fmt: skip
@@ -85,7 +85,7 @@ def render_speed() -> None:
         print(f"{COUNT} Gaussians, {SIZE} x {SIZE}, {name}: {BATCH / taken:.0f} pictures/s")
 
 
-def made_up() -> Cloud:
+def made_up() -> PlyCloud:
     """A grid of Gaussians of SHARP's size: a wavy surface, and a second one behind it."""
     rng = np.random.default_rng(0)
     row, column = np.divmod(np.arange(SIDE * SIDE), SIDE)
@@ -96,14 +96,14 @@ def made_up() -> Cloud:
         parts.append((place, np.repeat(depth[:, None] / SIDE, 3, 1)))
     means, scales = (np.concatenate([part[i] for part in parts]) for i in range(2))
     turn = np.tile([1.0, 0.0, 0.0, 0.0], (len(means), 1))
-    return Cloud(means, scales, turn, rng.random((len(means), 3)), np.full(len(means), 0.5))
+    return PlyCloud(means, scales, turn, rng.random((len(means), 3)), np.full(len(means), 0.5))
 
 
 @torch.no_grad()
 def cache_speed(ply: Path | None) -> None:
     """Time of the views of one frame, and of a clip by extrapolation."""
-    film = centred(np.eye(3), np.zeros(3), focal=96.0, height=64, width=96)
-    cameras = arrange(Space(film, 2.0), ARRANGEMENT)[0]
+    film = center_camera(np.eye(3), np.zeros(3), focal=96.0, height=64, width=96)
+    cameras = arrange_cameras(ViewSpace(film, 2.0), ARRANGEMENT)[0]
     with tempfile.TemporaryDirectory() as folder:
         if ply is None:
             ply = Path(folder) / "frame.ply"
@@ -113,9 +113,9 @@ def cache_speed(ply: Path | None) -> None:
             marks = [time.perf_counter()]
             cloud = read_cloud(ply)
             marks.append(time.perf_counter())
-            cloud = merged(cloud, side=SIDE, by=4, layers=2)
+            cloud = merge_clouds(cloud, side=SIDE, by=4, layers=2)
             marks.append(time.perf_counter())
-            show(cloud, cameras, blur_px2=0.3)
+            build_point_cloud(cloud, cameras, blur_px2=0.3)
             marks.append(time.perf_counter())
             for times, first, last in zip(parts.values(), marks, marks[1:], strict=False):
                 times.append(last - first)

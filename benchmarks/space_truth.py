@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from lagsplat.config.compose import compose
-from lagsplat.forces.equilibrium import hold
+from lagsplat.forces.equilibrium import hold_at_load
 from lagsplat.runs.run import open_run
-from lagsplat.systems.novel_views import space_of
+from lagsplat.systems.novel_views import make_space
 
 PRESENT = 0.1
 FLANK_M = 0.001
@@ -25,7 +25,7 @@ def main(folder: Path, system: str) -> None:
     run, config = open_run(folder), compose(f"system={system}").release
     assert config is not None, "a system that is let go"
     assert config.rocker is not None, "a rocker"
-    held, space = hold(run.autoencoder, run.chart, run.lagrangian), space_of(config)
+    held, space = hold_at_load(run.autoencoder, run.chart, run.lagrangian), make_space(config)
     places = space.outside(held.kinematics.places(held.rest[None])[0].numpy())
     ways = held.kinematics.geometry.jacobian[:, :, 0].numpy() @ space.reference.rotation
     present = held.kinematics.presence(held.rest[None])[0].numpy()

@@ -19,7 +19,7 @@ from lagsplat.provenance import set_threads
 from lagsplat.splat.losses import structural_dissimilarity
 from lagsplat.stage1.autoencoder import to_images
 from lagsplat.stage1.fit import fit_autoencoder, train_step
-from lagsplat.stage1.objective import optimizer_of, set_rates
+from lagsplat.stage1.objective import make_optimizer, set_rates
 from lagsplat.systems.simulate import simulate
 
 WARM_STEPS = 400
@@ -47,7 +47,7 @@ def main(threads: int) -> None:
     print(f"{WARM_STEPS} steps from nothing: {time.perf_counter() - begin:.1f} s, mse {curve[-1].mse:.2e}")
 
     images = to_images(np.asarray(recording.frames)[:: len(recording.frames) // config.batch][: config.batch])
-    optimizer = optimizer_of(autoencoder, config.rate)
+    optimizer = make_optimizer(autoencoder, config.rate)
     set_rates(optimizer, config.rate, step=WARM_STEPS, steps=FULL_STEPS)
     latents = autoencoder.encode(images).detach()
     parts = {

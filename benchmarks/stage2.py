@@ -11,10 +11,10 @@ import torch
 from torch import Tensor
 
 from lagsplat.stage2.config import FormConfig
-from lagsplat.stage2.input_stiffness import Bend, Reach
+from lagsplat.stage2.input_stiffness import InputRange, InputStiffness
 from lagsplat.stage2.lagrangian import Coefficients, Floors, Lagrangian
 from lagsplat.stage2.objective import one_step_error
-from lagsplat.stage2.rollout import Windows, rollout
+from lagsplat.stage2.rollout import ShootingWindows, rollout
 
 D, N_INPUTS, BATCH, STEPS = 4, 4, 32, 47_000
 
@@ -36,7 +36,7 @@ def published_size() -> Lagrangian:
     )
     ones = torch.ones(N_INPUTS, D, dtype=torch.float64)
     curvature = 0.1 * eye.expand(N_INPUTS, D, D)
-    bend = Bend(curvature, 0.0 * curvature, Reach(ones[:, 0], 0.0 * ones[:, 0]))
+    bend = InputStiffness(curvature, 0.0 * curvature, InputRange(ones[:, 0], 0.0 * ones[:, 0]))
     start = Coefficients(eye, 0.2 * eye, eye, ones, 0.0 * eye[0], bend)
     return Lagrangian(start, form=form, floors=Floors(1e-2, 1e-3, 1e-2), time_unit_s=0.1, seed=0)
 
@@ -70,7 +70,7 @@ def main() -> None:
     optimizer = torch.optim.Adam(parameters, 1e-4, fused=True)
     q, v, q_next, v_next = torch.randn(4, BATCH, D, dtype=torch.float64)
     u = torch.rand(BATCH, N_INPUTS, dtype=torch.float64)
-    windows = Windows(q=q, v=v, u=u, q_next=q_next, v_next=v_next, step=0.1)
+    windows = ShootingWindows(q=q, v=v, u=u, q_next=q_next, v_next=v_next, step=0.1)
     metric = torch.eye(D, dtype=torch.float64)
 
     def descend(error: Callable[[], Tensor]) -> None:

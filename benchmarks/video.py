@@ -17,10 +17,10 @@ from typing import Any
 import cv2
 import numpy as np
 
-from lagsplat.io.video.clips import Clip
-from lagsplat.io.video.decode import decode, overlapped
+from lagsplat.io.video.clips import VideoClip
+from lagsplat.io.video.decode import decode_frames, overlap_decoding
 from lagsplat.io.video.read import read_video
-from lagsplat.video_quality.frames import shape_picture
+from lagsplat.video_quality.frames import crop_and_resize
 
 WIDTH, HEIGHT, RATE = 1920, 1080, 60.0
 CROP, SIZE = (420, 0, 1080, 1080), (128, 128)
@@ -52,9 +52,9 @@ def decode_alone(path: Path) -> None:
 
 def decode_and_shape(path: Path) -> None:
     def shape(item: Any) -> np.ndarray:
-        return shape_picture(item[1], crop=CROP, size=SIZE, source=str(path))
+        return crop_and_resize(item[1], crop=CROP, size=SIZE, source=str(path))
 
-    for _ in overlapped(decode(Clip(path), dt_s=None), shape):
+    for _ in overlap_decoding(decode_frames(VideoClip(path), dt_s=None), shape):
         pass
 
 

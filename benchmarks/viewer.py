@@ -21,16 +21,16 @@ import torch
 
 from benchmarks.forces import default_law
 from lagsplat.config.compose import compose
-from lagsplat.forces.batched_lagrangian import stepper
-from lagsplat.forces.equilibrium import Held, hold
+from lagsplat.forces.batched_lagrangian import open_stepper
+from lagsplat.forces.equilibrium import OperatingPoint, hold_at_load
 from lagsplat.report.figures.forces import sideways
 from lagsplat.runs.run import open_run
-from lagsplat.splat.cpu.slice import OnePicture
+from lagsplat.splat.cpu.slice import FrameRasterizer
 from lagsplat.splat.gaussians import Gaussians
-from lagsplat.viewer.rendering.renderer import FlatEasel, easel_of
-from lagsplat.viewer.server.drag import FlatPull, Pull, RayPull
-from lagsplat.viewer.simulation.history import recorded_of
-from lagsplat.viewer.simulation.realtime_loop import Loop
+from lagsplat.viewer.rendering.renderer import ImageRenderer, open_renderer
+from lagsplat.viewer.server.drag import Drag, ImageDrag, RayDrag
+from lagsplat.viewer.simulation.history import read_recorded_data
+from lagsplat.viewer.simulation.realtime_loop import RealtimeLoop
 from lagsplat.viewer.simulation.session import Session, Snapshot
 
 SIDE, COUNT = 256, 15_000
@@ -85,9 +85,9 @@ def in_turns(actions: dict[str, Callable[[], object]], rounds: int = 100) -> Non
 
 def parts(d: int, n_inputs: int) -> dict[str, Callable[[], object]]:
     """What a picture is made of, at one number of coordinates."""
-    law = stepper(default_law(d, n_inputs, compose().stage2.form))
+    law = open_stepper(default_law(d, n_inputs, compose().stage2.form))
     q, u, load = np.zeros(d), np.zeros(n_inputs), np.ones(d)
-    drawer = OnePicture(big_cloud(d), height=SIDE, width=SIDE, stretch=(1.0, 1.0))
+    drawer = FrameRasterizer(big_cloud(d), height=SIDE, width=SIDE, stretch=(1.0, 1.0))
     return {
         f"d = {d}, steps": lambda: law.step(q, q, u, load, dt_s=0.005),
         f"d = {d}, pictures": lambda: drawer.draw(q),
@@ -97,32 +97,34 @@ def parts(d: int, n_inputs: int) -> dict[str, Callable[[], object]]:
     }  # fmt: skip
 
 
-def object_at(held: Held) -> np.ndarray:
+def object_at(held: OperatingPoint) -> np.ndarray:
     """Where the matter is that moves most."""
     kinematics = held.kinematics
     most = kinematics.geometry.jacobian.flatten(1).norm(dim=1) * kinematics.presence(held.rest[None])[0]
     return kinematics.places(held.rest[None])[0, most.argmax()].numpy()
 
 
-def hands_on(held: Held, side: int) -> tuple[Callable[[np.ndarray], np.ndarray], Pull]:
+def hands_on(held: OperatingPoint, side: int) -> tuple[Callable[[np.ndarray], np.ndarray], Drag]:
     """What draws a state, and a press on the object."""
-    easel, at = easel_of(held.autoencoder, held.chart, side=side), object_at(held)
-    if isinstance(easel, FlatEasel):
-        return easel.draw, FlatPull(at.clip(1.0, [held.kinematics.width - 1.0, held.kinematics.height - 1.0]))
+    easel, at = open_renderer(held.autoencoder, held.chart, side=side), object_at(held)
+    if isinstance(easel, ImageRenderer):
+        return easel.draw, ImageDrag(
+            at.clip(1.0, [held.kinematics.width - 1.0, held.kinematics.height - 1.0])
+        )
     turned = sideways(held, YAW_DEG, PITCH_DEG)
     camera = replace(turned.resized(side, side), focal=(easel.filmed.focal[0],) * 2)
-    return lambda q: easel.seen(q, camera), RayPull(held, camera, camera.project(at[None])[0])
+    return lambda q: easel.seen(q, camera), RayDrag(held, camera, camera.project(at[None])[0])
 
 
-def grasp(session: Session, pull: Pull, now_s: float) -> None:
+def grasp(session: Session, pull: Drag, now_s: float) -> None:
     at, met = pull.aim(session.q)
     session.grasp(at, met=met, asked_s=now_s)
 
 
 def measure_run(folder: str) -> None:
     run, settings = open_run(Path(folder)), compose()
-    held = hold(run.autoencoder, run.chart, run.lagrangian)
-    recorded = recorded_of(run.chart, names=run.recording.input_names, units=run.recording.input_units)
+    held = hold_at_load(run.autoencoder, run.chart, run.lagrangian)
+    recorded = read_recorded_data(run.chart, names=run.recording.input_names, units=run.recording.input_units)
     session = Session(held, recorded, settings.viewer, settings.forces)
     draw, pull = hands_on(held, settings.viewer.side)
     alone = Session(held, recorded, settings.viewer, settings.forces)
@@ -138,7 +140,7 @@ def measure_run(folder: str) -> None:
         if snapshot.asked_s is not None:
             taken.setdefault(snapshot.asked_s, 1e3 * (time.perf_counter() - snapshot.asked_s))
 
-    loop = Loop(session, show, pictures_hz=settings.viewer.pictures_hz)
+    loop = RealtimeLoop(session, show, pictures_hz=settings.viewer.pictures_hz)
     loop.start()
     began = time.perf_counter()
     loop.tell(lambda s: grasp(s, pull, began))

@@ -4,7 +4,7 @@ import torch
 
 from lagsplat.stage2.config import FormConfig
 from lagsplat.stage2.decoder_mass import DecoderGeometry
-from lagsplat.stage2.input_stiffness import Bend, Reach
+from lagsplat.stage2.input_stiffness import InputRange, InputStiffness
 from lagsplat.stage2.lagrangian import Coefficients, Floors, Lagrangian
 
 
@@ -25,18 +25,18 @@ def form(**changes: object) -> FormConfig:
     return FormConfig(**(values | changes))
 
 
-def bent(n_inputs: int, d: int, generator: torch.Generator, *, negative: float = 0.0) -> Bend:
+def bent(n_inputs: int, d: int, generator: torch.Generator, *, negative: float = 0.0) -> InputStiffness:
     """Curvatures of chamber volumes of either sign, and the largest inputs they are made for."""
     factor = torch.randn(n_inputs, d, d, generator=generator, dtype=torch.float64)
     largest = torch.ones(n_inputs, dtype=torch.float64)
-    return split(0.3 * (factor + factor.mT), Reach(largest, negative * largest))
+    return split(0.3 * (factor + factor.mT), InputRange(largest, negative * largest))
 
 
-def split(curvature: torch.Tensor, reach: Reach) -> Bend:
+def split(curvature: torch.Tensor, reach: InputRange) -> InputStiffness:
     """Curvatures as the sum of what their positive and their negative eigenvalues do."""
     values, vectors = torch.linalg.eigh(curvature)
     stiffer, softer = ((vectors * part.clamp(min=0)[..., None, :]) @ vectors.mT for part in (values, -values))
-    return Bend(stiffer, softer, reach)
+    return InputStiffness(stiffer, softer, reach)
 
 
 def random_lagrangian(

@@ -4,15 +4,15 @@ import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
-from lagsplat.io.trajectory.trajectory import Motion, read_motion
+from lagsplat.io.trajectory.trajectory import Trajectory, read_trajectory_file
 
 
 @dataclass(frozen=True)
 class Case:
     """Nominal and real motions, and a number that depends on their content alone."""
 
-    sim: tuple[Motion, ...]
-    real: tuple[Motion, ...]
+    sim: tuple[Trajectory, ...]
+    real: tuple[Trajectory, ...]
     seed: int
 
     @property
@@ -31,5 +31,5 @@ def open_case(place: Path) -> Case:
     if not all(sides):
         raise ValueError(f"{place}: a recording needs sim_*.csv and real_*.csv")
     digest = hashlib.sha256(b"".join(path.read_bytes() for side in sides for path in side)).digest()
-    sim, real = (tuple(read_motion(path) for path in side) for side in sides)
+    sim, real = (tuple(read_trajectory_file(path) for path in side) for side in sides)
     return Case(sim, real, int.from_bytes(digest[:8], "big"))

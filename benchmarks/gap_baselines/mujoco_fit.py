@@ -21,7 +21,7 @@ from benchmarks.gap_baselines.said import Said
 from lagsplat.diagnose.core.config import DiagnoseConfig
 from lagsplat.diagnose.data_quality.natural_period import rough_period_s
 from lagsplat.diagnose.estimation.dataset import PreparedDataset, cut_windows, prepare_dataset
-from lagsplat.io.trajectory.trajectory import Motion
+from lagsplat.io.trajectory.trajectory import Trajectory
 
 ITERATIONS = 12
 WINDOWS = 6
@@ -95,7 +95,7 @@ def mujoco_sysid(case: Case, config: DiagnoseConfig) -> Said:
     )
 
 
-def _nominal(motions: tuple[Motion, ...], d: int) -> tuple[Drawn, float]:
+def _nominal(motions: tuple[Trajectory, ...], d: int) -> tuple[Drawn, float]:
     """The mechanism that tells the nominal motions best, its parameters written into it, and its misfit."""
     period_s = rough_period_s(motions)
     ready = prepare_dataset(motions, period_s=period_s)

@@ -14,10 +14,17 @@ from jaxtyping import Float32, Int64
 from tqdm import tqdm
 
 from lagsplat.baselines.config import BaselineConfig
-from lagsplat.baselines.model import Architecture, Baseline, delayed
-from lagsplat.baselines.objective import Scene, closing_weight, optimizer_of, set_rates, terms_of, total
+from lagsplat.baselines.model import Baseline, BaselineArchitecture, stack_delays
+from lagsplat.baselines.objective import (
+    BaselineBatch,
+    closing_term_weight,
+    compute_loss_terms,
+    make_baseline_optimizer,
+    set_rates,
+    total_loss,
+)
 from lagsplat.baselines.released import load_released
-from lagsplat.io.files.checkpoint import keep_training, resume_training
+from lagsplat.io.files.checkpoint import load_training_state, save_training_state
 from lagsplat.io.recording.recording import Recording
 from lagsplat.stage1.autoencoder import to_images
 
@@ -26,7 +33,7 @@ PATIENCE = 10  # batches in a row without a finite gradient
 CURVE_POINTS = 400  # rows of the training curve, whatever the length of the run
 
 
-class CurvePoint(NamedTuple):
+class BaselineCurvePoint(NamedTuple):
     """Means since the previous point; ``seconds`` of training in all, interruptions not counted."""
 
     step: int
@@ -41,7 +48,7 @@ class CurvePoint(NamedTuple):
     seconds: float
 
 
-class Footage(NamedTuple):
+class BaselineData(NamedTuple):
     """The training frames as the loop reads them."""
 
     frames: torch.Tensor  # uint8 (T, H, W, 3)
@@ -50,9 +57,9 @@ class Footage(NamedTuple):
     rest_frames: int
 
 
-def architecture_of(config: BaselineConfig, recording: Recording) -> Architecture:
+def choose_architecture(config: BaselineConfig, recording: Recording) -> BaselineArchitecture:
     """The shape of a baseline for this recording."""
-    return Architecture(
+    return BaselineArchitecture(
         decoder=config.decoder,
         dynamics=config.dynamics,
         d=config.d,
@@ -73,7 +80,7 @@ def fit_baseline(
     seed: int,
     checkpoint: Path | None = None,
     identity: str = "",
-) -> tuple[Baseline, list[CurvePoint]]:
+) -> tuple[Baseline, list[BaselineCurvePoint]]:
     """Train a baseline on the training part of a recording.
 
     Every random draw is a function of the seed and the step, so a run that goes on from ``checkpoint`` ends
@@ -86,11 +93,11 @@ def fit_baseline(
 
     Source: see `lagsplat.baselines.objective`; the published runs trained for 300 passes.
     """
-    footage = footage_of(train, config)
+    footage = prepare_baseline_data(train, config)
     torch.manual_seed(seed)
-    baseline = Baseline(architecture_of(config, train))
-    optimizer = optimizer_of(baseline, config.rate)
-    first, curve = resume_training(checkpoint, baseline, optimizer, CurvePoint, identity=identity)
+    baseline = Baseline(choose_architecture(config, train))
+    optimizer = make_baseline_optimizer(baseline, config.rate)
+    first, curve = load_training_state(checkpoint, baseline, optimizer, BaselineCurvePoint, identity=identity)
     sums, counted, lost, saved_at = np.zeros(8), 0, 0, time.monotonic()
     spent, resumed_at = curve[-1].seconds if curve else 0.0, time.monotonic()
     with tqdm(total=config.n_steps, initial=first, unit="step", desc="baseline", mininterval=1.0) as bar:
@@ -105,17 +112,17 @@ def fit_baseline(
             if (step + 1) % max(1, config.n_steps // CURVE_POINTS) == 0 or step + 1 == config.n_steps:
                 seconds = spent + time.monotonic() - resumed_at
                 means = sums / counted if counted else np.full(8, np.nan)
-                curve.append(CurvePoint._make([step + 1, *means.tolist(), seconds]))
+                curve.append(BaselineCurvePoint._make([step + 1, *means.tolist(), seconds]))
                 bar.set_postfix(loss=f"{curve[-1].loss:.4g}", mse=f"{curve[-1].reconstruction:.3g}")
                 sums, counted = np.zeros(8), 0
                 # Only here are the running means empty, so that a checkpoint need not hold them.
                 if checkpoint and time.monotonic() - saved_at > config.checkpoint_every_s:
-                    keep_training(checkpoint, baseline, optimizer, curve, identity=identity)
+                    save_training_state(checkpoint, baseline, optimizer, curve, identity=identity)
                     saved_at = time.monotonic()
     return baseline.eval(), curve
 
 
-def footage_of(train: Recording, config: BaselineConfig) -> Footage:
+def prepare_baseline_data(train: Recording, config: BaselineConfig) -> BaselineData:
     """The training part cut into batches of consecutive frames, clip by clip; a shorter rest is left out.
 
     Raises:
@@ -133,8 +140,8 @@ def footage_of(train: Recording, config: BaselineConfig) -> Footage:
             f"{len(train.segments)} clip(s) hold no batch of {config.batch} frames or no "
             f"{config.rest_frames} frames at rest; lower baseline.batch or baseline.rest_frames"
         )
-    fed = delayed(train.inputs, samples=config.samples, segments=train.segments)
-    return Footage(
+    fed = stack_delays(train.inputs, samples=config.samples, segments=train.segments)
+    return BaselineData(
         frames=torch.from_numpy(np.array(train.frames)),  # a copy: the file is mapped read-only
         inputs=torch.from_numpy(fed.astype(np.float32)),
         starts=np.concatenate(starts).astype(np.int64),
@@ -145,7 +152,7 @@ def footage_of(train: Recording, config: BaselineConfig) -> Footage:
 def train_step(
     baseline: Baseline,
     optimizer: torch.optim.Optimizer,
-    footage: Footage,
+    footage: BaselineData,
     config: BaselineConfig,
     *,
     seed: int,
@@ -156,9 +163,11 @@ def train_step(
     generator = torch.Generator().manual_seed(int(rng.integers(2**62)))
     scene = _scene(footage, config, _start(footage, config, seed=seed, step=step), rng)
     optimizer.zero_grad(set_to_none=True)
-    terms = terms_of(baseline, scene, generator=generator, closing_gradient=config.loss.closing_gradient)
-    closing = closing_weight(config.loss, step=step, steps=config.n_steps)
-    loss = total(terms, config.loss, closing=closing)
+    terms = compute_loss_terms(
+        baseline, scene, generator=generator, closing_gradient=config.loss.closing_gradient
+    )
+    closing = closing_term_weight(config.loss, step=step, steps=config.n_steps)
+    loss = total_loss(terms, config.loss, closing=closing)
     loss.backward()
     norm = torch.nn.utils.clip_grad_norm_(baseline.parameters(), config.rate.gradient_clip)
     if not torch.isfinite(norm):
@@ -177,7 +186,7 @@ def _lost(in_a_row: int, step: int) -> int:
     return in_a_row
 
 
-def _start(footage: Footage, config: BaselineConfig, *, seed: int, step: int) -> int:
+def _start(footage: BaselineData, config: BaselineConfig, *, seed: int, step: int) -> int:
     """First frame of this step's batch: in order, or in another order on every pass."""
     count = len(footage.starts)
     turn, place = divmod(step, count)
@@ -186,10 +195,12 @@ def _start(footage: Footage, config: BaselineConfig, *, seed: int, step: int) ->
     return int(np.random.default_rng([seed, turn, count]).permutation(footage.starts)[place])
 
 
-def _scene(footage: Footage, config: BaselineConfig, start: int, rng: np.random.Generator) -> Scene:
+def _scene(
+    footage: BaselineData, config: BaselineConfig, start: int, rng: np.random.Generator
+) -> BaselineBatch:
     frames = slice(start, start + config.batch)
     at_rest = rng.permutation(footage.rest_frames)[: config.batch]
-    return Scene(
+    return BaselineBatch(
         images=to_images(footage.frames[frames]),
         inputs=footage.inputs[frames],
         rest_images=to_images(footage.frames[at_rest]),

@@ -29,7 +29,7 @@ from lagsplat.baselines.config import AuthorsConfig
 from lagsplat.io.video.image_sequence import read_predicted, write_dnerf
 
 
-def predicted_frames(
+def predict_frames(
     frames: Frames, config: AuthorsConfig, *, n_train: int, place: Path, say: Callable[[object], None]
 ) -> UInt8[np.ndarray, "N H W 3"]:
     """Predicted frames from the first held-out one on: at least as many as are held out, uint8 (N,H,W,3).
@@ -50,7 +50,7 @@ def predicted_frames(
         return read_predicted(folder, height=height, width=width, at_least=held)
     checkout = check_checkout(str(config.checkout))
     say(f"the authors' tool in {checkout}, torch, CUDA and a device: {check_cuda(str(config.python))}")
-    data, model = place.resolve() / "data", model_folder(place.resolve())
+    data, model = place.resolve() / "data", name_model_folder(place.resolve())
     max_time = write_dnerf(
         data,
         frames,
@@ -59,16 +59,16 @@ def predicted_frames(
         distance=config.distance,
     )
     for command in (
-        train_command(config, data=data, model=model, max_time=max_time),
-        forecast_command(config, model=model, max_time=max_time, free=False),
-        forecast_command(config, model=model, max_time=max_time, free=True),
+        make_train_command(config, data=data, model=model, max_time=max_time),
+        make_forecast_command(config, model=model, max_time=max_time, free=False),
+        make_forecast_command(config, model=model, max_time=max_time, free=True),
     ):
         say(" ".join(command))
-        launch(command, checkout=checkout)
-    tested = predicted_folder(config, model, free=False)
+        run_tool(command, checkout=checkout)
+    tested = find_predicted_folder(config, model, free=False)
     read_predicted(tested, height=height, width=width, at_least=held)
     return read_predicted(
-        predicted_folder(config, model, free=True), height=height, width=width, at_least=held
+        find_predicted_folder(config, model, free=True), height=height, width=width, at_least=held
     )
 
 
@@ -136,7 +136,7 @@ def check_cuda(python: str) -> str:
     return told
 
 
-def train_command(config: AuthorsConfig, *, data: Path, model: Path, max_time: float) -> list[str]:
+def make_train_command(config: AuthorsConfig, *, data: Path, model: Path, max_time: float) -> list[str]:
     """The command that trains Gaussians, motion and key points."""
     steps = str(config.iterations)
     return [
@@ -151,7 +151,7 @@ def train_command(config: AuthorsConfig, *, data: Path, model: Path, max_time: f
     ]
 
 
-def forecast_command(config: AuthorsConfig, *, model: Path, max_time: float, free: bool) -> list[str]:
+def make_forecast_command(config: AuthorsConfig, *, model: Path, max_time: float, free: bool) -> list[str]:
     """The command that trains the graph network and predicts the held-out frames, or the free ones after it.
 
     What was given to the training is given again: the tool would take its own defaults, not what it was
@@ -173,19 +173,19 @@ def forecast_command(config: AuthorsConfig, *, model: Path, max_time: float, fre
     ]
 
 
-def predicted_folder(config: AuthorsConfig, model: Path, *, free: bool) -> Path:
+def find_predicted_folder(config: AuthorsConfig, model: Path, *, free: bool) -> Path:
     """Where the tool leaves its predicted frames."""
     what = "Predicted_more_by_GCN" if free else "[metrics]Predicted_by_GCN_on_test_views"
     shown = "renders/view0" if free else "renders"
     return model / EXPERIMENT / what / f"ours_{config.iterations}" / shown
 
 
-def model_folder(place: Path) -> Path:
+def name_model_folder(place: Path) -> Path:
     """Where the tool keeps a model: it reads D-NeRF recordings only if the path says ``d-nerf``."""
     return place / "d-nerf" / "model"
 
 
-def launch(command: Sequence[str], *, checkout: Path) -> None:
+def run_tool(command: Sequence[str], *, checkout: Path) -> None:
     """Run a command from the checkout.
 
     Raises:

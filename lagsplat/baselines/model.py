@@ -21,13 +21,13 @@ from torch.nn import functional
 
 from lagsplat.array_types import Images, Inputs, Latents
 from lagsplat.baselines.networks import AttentionDecoder, DeconvDecoder, VariationalEncoder
-from lagsplat.io.files.artifact import load_artefact, restore, save_artefact
+from lagsplat.io.files.artifact import load_artifact, restore_module, save_artifact
 
 KIND, SCHEMA = "baseline", 1
 
 
 @dataclass(frozen=True)
-class Architecture:
+class BaselineArchitecture:
     """What decides the shape of a baseline, and what of its behaviour no list of weights holds.
 
     ``decoder`` is ``deconv`` or ``abcd``, ``dynamics`` is ``oscillators`` or ``koopman``. ``n_inputs`` counts
@@ -54,7 +54,7 @@ class Baseline(nn.Module):
     one map each; any other law has one map a coordinate.
     """
 
-    def __init__(self, architecture: Architecture) -> None:
+    def __init__(self, architecture: BaselineArchitecture) -> None:
         super().__init__()
         self.architecture = architecture
         of = architecture
@@ -112,7 +112,7 @@ def _xavier(module: nn.Module) -> None:
 def save_baseline(path: str | os.PathLike[str], baseline: Baseline, header: Mapping[str, Any]) -> None:
     """Write the weights and what is needed to build the same model again."""
     header = {"kind": KIND, "schema": SCHEMA, **header, "architecture": asdict(baseline.architecture)}
-    save_artefact(path, baseline.state_dict(), header)
+    save_artifact(path, baseline.state_dict(), header)
 
 
 def load_baseline(path: str | os.PathLike[str]) -> tuple[Baseline, dict[str, Any]]:
@@ -122,9 +122,9 @@ def load_baseline(path: str | os.PathLike[str]) -> tuple[Baseline, dict[str, Any
         FileNotFoundError: nothing is at ``path``.
         ValueError: the file is no baseline, or one of another schema.
     """
-    tensors, header = load_artefact(path, kind=KIND, schema=SCHEMA)
-    baseline = Baseline(Architecture(**header["architecture"]))
-    return restore(baseline, tensors, path), header
+    tensors, header = load_artifact(path, kind=KIND, schema=SCHEMA)
+    baseline = Baseline(BaselineArchitecture(**header["architecture"]))
+    return restore_module(baseline, tensors, path), header
 
 
 KOOPMAN_WIDTH = 16
@@ -232,7 +232,7 @@ class Oscillators(nn.Module):
         return torch.cat([torch.cat([eye, 0.0 * eye], 1) + self.dt_s * kick, kick], 0)
 
 
-def delayed(
+def stack_delays(
     inputs: Float64[np.ndarray, "T c"], *, samples: int, segments: Sequence[tuple[int, int]]
 ) -> Float64[np.ndarray, "T m"]:
     """The last ``samples`` inputs of each frame, oldest first, m = samples c; channels stay together.

@@ -74,7 +74,7 @@ class VariationalEncoder(nn.Module):
 
         The velocity is the Jacobian of the mean times ``rates``, exact and of one pass.
         """
-        (mean, log_variance), (velocity, _) = along(self.forward, images, rates)
+        (mean, log_variance), (velocity, _) = directional_derivative(self.forward, images, rates)
         return mean, log_variance, velocity
 
 
@@ -140,13 +140,13 @@ Centres = Float[Tensor, "B G 2"]
 Maps = Float[Tensor, "B G P"]
 
 
-def centres(maps: Maps, places: Places) -> Centres:
+def compute_attention_centres(maps: Maps, places: Places) -> Centres:
     """Centre of mass ``(y, x)`` of the squared maps."""
     weight = maps.square()
     return weight @ places / (weight.sum(-1, keepdim=True) + EPSILON)
 
 
-def moving_centres(maps: Maps, rates: Maps, places: Places) -> tuple[Centres, Centres]:
+def compute_moving_centres(maps: Maps, rates: Maps, places: Places) -> tuple[Centres, Centres]:
     """The same with its velocity [1/s], from the maps and their rates [1/s]."""
     weight, change = maps.square(), 2.0 * maps * rates
     mass = weight.sum(-1, keepdim=True) + EPSILON
@@ -202,11 +202,11 @@ class AttentionDecoder(nn.Module):
         return self.color(features, self.places).sigmoid().transpose(1, 2).unflatten(2, self.size)
 
 
-def centre_jacobian(decoder: AttentionDecoder, z: Latents) -> Float[Tensor, "B G 2 d"]:
+def compute_centre_jacobian(decoder: AttentionDecoder, z: Latents) -> Float[Tensor, "B G 2 d"]:
     """How each centre moves with each coordinate."""
 
     def place(one: Tensor) -> Tensor:
-        return centres(decoder.maps(one[None]), decoder.places)[0]
+        return compute_attention_centres(decoder.maps(one[None]), decoder.places)[0]
 
     return torch.func.vmap(torch.func.jacrev(place))(z)
 
@@ -217,7 +217,7 @@ NEAREST = 1e-6  # least distance of two points whose approach is measured
 Points = Float[Tensor, "B G 2"]
 
 
-def unwarranted_change(map_rates: Maps, image_rates: Float[Tensor, "B 3 H W"]) -> Float[Tensor, ""]:
+def penalize_unwarranted_change(map_rates: Maps, image_rates: Float[Tensor, "B 3 H W"]) -> Float[Tensor, ""]:
     """Mean rate of the maps [1/s], weighted by how still each pixel is.
 
     A pixel's stillness is one less its rate of change, as a fraction of the largest in the whole batch.
@@ -227,7 +227,7 @@ def unwarranted_change(map_rates: Maps, image_rates: Float[Tensor, "B 3 H W"]) -
     return (map_rates.abs() * stillness[:, None]).mean()
 
 
-def closing_rates(points: Points, velocities: Points) -> Float[Tensor, "B G G"]:
+def compute_closing_rates(points: Points, velocities: Points) -> Float[Tensor, "B G G"]:
     """How fast each pair separates along the line between them, over its mean speed, within [-1, 1].
 
     Zero on the diagonal. The unit of time cancels.
@@ -241,7 +241,7 @@ def closing_rates(points: Points, velocities: Points) -> Float[Tensor, "B G G"]:
     return (along / mean_speed.clamp_min(TINY)).clamp(-1.0, 1.0)
 
 
-def disagreement(first: Float[Tensor, "B G G"], second: Float[Tensor, "B G G"]) -> Float[Tensor, ""]:
+def measure_disagreement(first: Float[Tensor, "B G G"], second: Float[Tensor, "B G G"]) -> Float[Tensor, ""]:
     """Mean squared difference over all ordered pairs of different nodes; zero where there is one node."""
     nodes = first.shape[1]
     pairs = max(nodes * (nodes - 1), 1)
@@ -256,7 +256,9 @@ def _norm(vectors: Tensor) -> Tensor:
 Values = tuple[Tensor, ...]
 
 
-def along(function: Callable[[Tensor], Values], point: Tensor, direction: Tensor) -> tuple[Values, Values]:
+def directional_derivative(
+    function: Callable[[Tensor], Values], point: Tensor, direction: Tensor
+) -> tuple[Values, Values]:
     """Values of ``function`` at ``point``, and their Jacobians times ``direction``.
 
     Both can be differentiated again, with respect to the point, the direction and what the function holds.

@@ -21,8 +21,8 @@ from torchdiffeq import odeint
 from tqdm import tqdm
 
 from lagsplat.baselines.config import OdeConfig
-from lagsplat.chart.trajectory import Trajectory
-from lagsplat.io.files.artifact import load_artefact, restore, save_artefact
+from lagsplat.chart.trajectory import EncodedTrajectory
+from lagsplat.io.files.artifact import load_artifact, restore_module, save_artifact
 from lagsplat.io.files.checkpoint import load_checkpoint, save_checkpoint
 
 log = logging.getLogger(__name__)
@@ -30,7 +30,7 @@ CURVE_POINTS = 400  # rows of the training curve, whatever the length of the run
 EARLY = 0.25  # share of the length of a window at which the training begins
 
 
-class CurvePoint(NamedTuple):
+class OdeCurvePoint(NamedTuple):
     """Mean loss since the previous point, and seconds of training in all."""
 
     step: int
@@ -73,14 +73,14 @@ class NeuralOde(nn.Module):
 
 
 def fit_ode(
-    train: Trajectory,
+    train: EncodedTrajectory,
     metric: Float64[np.ndarray, "d d"],
     config: OdeConfig,
     *,
     seed: int,
     checkpoint: Path | None = None,
     identity: str = "",
-) -> tuple[NeuralOde, list[CurvePoint]]:
+) -> tuple[NeuralOde, list[OdeCurvePoint]]:
     """Fit ``f`` so that rollouts from encoded states stay with the encoded motion.
 
     ``train`` is smoothed; its inputs are not looked at. Windows grow from a quarter of
@@ -121,7 +121,7 @@ def fit_ode(
             bar.update()
             if (step + 1) % max(1, config.steps // CURVE_POINTS) == 0 or step + 1 == config.steps:
                 seconds = spent + time.monotonic() - resumed_at
-                curve.append(CurvePoint(step + 1, total / counted, seconds))
+                curve.append(OdeCurvePoint(step + 1, total / counted, seconds))
                 bar.set_postfix(loss=f"{curve[-1].loss:.3g}")
                 total, counted = 0.0, 0
                 # Only here is the running mean empty, so that a checkpoint need not hold it.
@@ -131,7 +131,7 @@ def fit_ode(
     return ode.eval(), curve
 
 
-def _time_unit(train: Trajectory, metric: np.ndarray) -> float:
+def _time_unit(train: EncodedTrajectory, metric: np.ndarray) -> float:
     """Ratio of the rms velocity to the rms acceleration [s]: about a natural period over 2 pi."""
     squares = np.zeros(2)
     for start, stop in train.segments:
@@ -143,7 +143,7 @@ def _time_unit(train: Trajectory, metric: np.ndarray) -> float:
     return float(np.sqrt(squares[0] / squares[1]))
 
 
-def _series(train: Trajectory, ends: tuple[int, int], unit_s: float) -> torch.Tensor:
+def _series(train: EncodedTrajectory, ends: tuple[int, int], unit_s: float) -> torch.Tensor:
     """States and velocities of one clip, evenly spaced, velocities per internal unit of time."""
     part = slice(*ends)
     if ends[1] - ends[0] < 4:
@@ -206,13 +206,13 @@ def _set_rate(optimizer: torch.optim.Optimizer, config: OdeConfig, step: int) ->
 
 def _restore(
     ode: NeuralOde, optimizer: torch.optim.Optimizer, checkpoint: Path | None, identity: str
-) -> tuple[int, list[CurvePoint]]:
+) -> tuple[int, list[OdeCurvePoint]]:
     state = load_checkpoint(checkpoint, identity=identity) if checkpoint else None
     if state is None:
         return 0, []
     ode.load_state_dict(state["ode"])
     optimizer.load_state_dict(state["optimizer"])
-    curve = [CurvePoint(*row) for row in state["curve"]]
+    curve = [OdeCurvePoint(*row) for row in state["curve"]]
     log.info("going on from %s at step %d", checkpoint, curve[-1].step)
     return curve[-1].step, curve
 
@@ -220,7 +220,7 @@ def _restore(
 def _save(
     ode: NeuralOde,
     optimizer: torch.optim.Optimizer,
-    curve: list[CurvePoint],
+    curve: list[OdeCurvePoint],
     checkpoint: Path,
     identity: str,
 ) -> None:
@@ -235,7 +235,7 @@ def _save(
 KIND, SCHEMA = "neural_ode", 1
 
 
-def carry_on(
+def continue_rollout(
     ode: NeuralOde,
     q0: Float64[np.ndarray, "B d"],
     v0: Float64[np.ndarray, "B d"],
@@ -285,7 +285,7 @@ _STEPS = {"rk4": _rk4, "midpoint": _midpoint}
 
 def save_ode(path: str | os.PathLike[str], ode: NeuralOde, header: Mapping[str, Any]) -> None:
     """Write the weights and what is needed to build the same model again."""
-    save_artefact(
+    save_artifact(
         path, ode.state_dict(), {"kind": KIND, "schema": SCHEMA, **header, "architecture": ode.architecture}
     )
 
@@ -297,6 +297,6 @@ def load_ode(path: str | os.PathLike[str]) -> tuple[NeuralOde, dict[str, Any]]:
         FileNotFoundError: nothing is at ``path``.
         ValueError: the file is none, or one of another schema.
     """
-    tensors, header = load_artefact(path, kind=KIND, schema=SCHEMA)
+    tensors, header = load_artifact(path, kind=KIND, schema=SCHEMA)
     ode = NeuralOde(**header["architecture"])
-    return restore(ode, tensors, path), header
+    return restore_module(ode, tensors, path), header

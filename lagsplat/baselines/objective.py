@@ -19,17 +19,17 @@ from lagsplat.baselines.config import BaselineLossConfig, BaselineRateConfig
 from lagsplat.baselines.model import UNDECAYED, Baseline, Oscillators
 from lagsplat.baselines.networks import (
     AttentionDecoder,
-    along,
-    closing_rates,
-    disagreement,
-    moving_centres,
-    unwarranted_change,
+    compute_closing_rates,
+    compute_moving_centres,
+    directional_derivative,
+    measure_disagreement,
+    penalize_unwarranted_change,
 )
 
 Scalar = Float[Tensor, ""]
 
 
-class Scene(NamedTuple):
+class BaselineBatch(NamedTuple):
     """Consecutive frames with their delayed inputs, and frames at rest with theirs."""
 
     images: Images
@@ -38,7 +38,7 @@ class Scene(NamedTuple):
     rest_inputs: Inputs
 
 
-class Terms(NamedTuple):
+class BaselineLossTerms(NamedTuple):
     """The unweighted terms of the loss, all means; those that a model lacks are zero."""
 
     reconstruction: Scalar
@@ -50,26 +50,26 @@ class Terms(NamedTuple):
     closing: Scalar
 
 
-def image_rates(images: Images, dt_s: float) -> Images:
+def compute_image_rates(images: Images, dt_s: float) -> Images:
     """Rates of change [1/s] of consecutive images: central differences, one-sided at both ends."""
     (rates,) = torch.gradient(images, spacing=dt_s, dim=0)
     return rates
 
 
-def terms_of(
+def compute_loss_terms(
     baseline: Baseline,
-    scene: Scene,
+    scene: BaselineBatch,
     *,
     generator: torch.Generator | None,
     closing_gradient: float = 1.0,
-) -> Terms:
+) -> BaselineLossTerms:
     """Every term for one batch. Without a generator nothing is sampled: latents are means, maps noiseless.
 
     The encoded velocity is a constant to the law and to its targets. It is differentiated only where it moves
     the attention maps.
     """
     dt_s = baseline.architecture.dt_s
-    rates = image_rates(scene.images, dt_s)
+    rates = compute_image_rates(scene.images, dt_s)
     mean, log_variance, moving = baseline.encoder.moving(scene.images, rates)
     velocity = moving.detach()
     later, later_velocity = baseline.step(mean, velocity, scene.inputs)
@@ -81,13 +81,13 @@ def terms_of(
         )
     if isinstance(baseline.dynamics, Oscillators):
         rest, _ = baseline.encoder(scene.rest_images)
-        steady = steadiness(baseline.dynamics, rest, scene.rest_inputs)
-    return Terms(
+        steady = penalize_unsteadiness(baseline.dynamics, rest, scene.rest_inputs)
+    return BaselineLossTerms(
         reconstruction=functional.mse_loss(
-            draw(baseline, sampled(mean, log_variance, generator), generator), scene.images
+            draw_batch(baseline, sample_latents(mean, log_variance, generator), generator), scene.images
         ),
         divergence=-0.5 * (1.0 + log_variance - mean.square() - log_variance.exp()).mean(),
-        ahead=functional.mse_loss(draw(baseline, later[:-1], generator), scene.images[1:]),
+        ahead=functional.mse_loss(draw_batch(baseline, later[:-1], generator), scene.images[1:]),
         latent=functional.mse_loss(later[:-1], mean[1:])
         + dt_s**2 * functional.mse_loss(later_velocity[:-1], velocity[1:]),
         steady=steady,
@@ -96,21 +96,21 @@ def terms_of(
     )
 
 
-def draw(baseline: Baseline, z: Latents, generator: torch.Generator | None) -> Images:
+def draw_batch(baseline: Baseline, z: Latents, generator: torch.Generator | None) -> Images:
     """Images as training draws them: with noise on the attention, where there is attention."""
     if isinstance(baseline.decoder, AttentionDecoder):
         return baseline.decoder(z, generator=generator)
     return baseline.decoder(z)
 
 
-def sampled(mean: Latents, log_variance: Latents, generator: torch.Generator | None) -> Latents:
+def sample_latents(mean: Latents, log_variance: Latents, generator: torch.Generator | None) -> Latents:
     """A draw from the encoded distribution, or its mean without a generator."""
     if generator is None:
         return mean
     return mean + (0.5 * log_variance).exp() * torch.randn(mean.shape, generator=generator)
 
 
-def steadiness(law: Oscillators, z: Latents, u: Inputs) -> Scalar:
+def penalize_unsteadiness(law: Oscillators, z: Latents, u: Inputs) -> Scalar:
     """How far frames at rest lie from the rest of the law, and what one step from standstill makes of it."""
     later, velocity = law(z, torch.zeros_like(z), u)
     off = (z - law.rest).square().mean() + (later - law.rest).square().mean()
@@ -120,23 +120,23 @@ def steadiness(law: Oscillators, z: Latents, u: Inputs) -> Scalar:
 def _attention_terms(
     decoder: AttentionDecoder, z: Latents, velocity: Latents, rates: Images, *, closing_gradient: float
 ) -> tuple[Scalar, Scalar]:
-    (maps,), (map_rates,) = along(lambda z: (decoder.maps(z),), z, velocity)
-    attention = unwarranted_change(map_rates, rates)
+    (maps,), (map_rates,) = directional_derivative(lambda z: (decoder.maps(z),), z, velocity)
+    attention = penalize_unwarranted_change(map_rates, rates)
     if decoder.group != 2:
         return attention, z.new_zeros(())
-    drawn = moving_centres(
-        softened(maps, closing_gradient), softened(map_rates, closing_gradient), decoder.places
+    drawn = compute_moving_centres(
+        soften(maps, closing_gradient), soften(map_rates, closing_gradient), decoder.places
     )
     planar = (z.unflatten(1, (-1, 2)), velocity.detach().unflatten(1, (-1, 2)))
-    return attention, disagreement(closing_rates(*planar), closing_rates(*drawn))
+    return attention, measure_disagreement(compute_closing_rates(*planar), compute_closing_rates(*drawn))
 
 
-def softened(value: Tensor, share: float) -> Tensor:
+def soften(value: Tensor, share: float) -> Tensor:
     """The same value, with a ``share`` of its gradient."""
     return share * value + (1.0 - share) * value.detach()
 
 
-def total(terms: Terms, weights: BaselineLossConfig, *, closing: float) -> Scalar:
+def total_loss(terms: BaselineLossTerms, weights: BaselineLossConfig, *, closing: float) -> Scalar:
     """The loss; ``closing`` is the present weight of that term."""
     return (
         terms.reconstruction
@@ -152,7 +152,7 @@ def total(terms: Terms, weights: BaselineLossConfig, *, closing: float) -> Scala
 WARMED = ("encoder", "dynamics")
 
 
-def optimizer_of(baseline: Baseline, config: BaselineRateConfig) -> torch.optim.AdamW:
+def make_baseline_optimizer(baseline: Baseline, config: BaselineRateConfig) -> torch.optim.AdamW:
     """AdamW with a group a part of the model, and one for logarithms, which do not decay."""
     groups = []
     for part in ("encoder", "decoder", "dynamics"):
@@ -180,6 +180,6 @@ def _factor(config: BaselineRateConfig, progress: float, *, warmed: bool) -> flo
     return factor
 
 
-def closing_weight(config: BaselineLossConfig, *, step: int, steps: int) -> float:
+def closing_term_weight(config: BaselineLossConfig, *, step: int, steps: int) -> float:
     """The present weight of the term that compares approaching nodes with approaching maps."""
     return config.closing_early if step < config.closing_from * steps else config.closing

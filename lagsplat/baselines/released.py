@@ -23,7 +23,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from lagsplat.baselines.model import Architecture, Baseline
+from lagsplat.baselines.model import Baseline, BaselineArchitecture
 from lagsplat.io.files.checkpoint import load_weights
 from lagsplat.io.files.download import download
 
@@ -84,7 +84,9 @@ def load_released(path: str | os.PathLike[str]) -> tuple[Baseline, int]:
     return baseline.eval(), int(content.get("epoch", -1))
 
 
-def _architecture(path: object, images: Mapping[str, Tensor], law: Mapping[str, Tensor]) -> Architecture:
+def _architecture(
+    path: object, images: Mapping[str, Tensor], law: Mapping[str, Tensor]
+) -> BaselineArchitecture:
     head, fed = images.get("encoder.7.bias"), "control_to_state.0.weight"
     dynamics = "koopman" if "K" in law else "oscillators"
     first = law.get(fed if dynamics == "koopman" else f"osc_net.{fed}")
@@ -94,7 +96,7 @@ def _architecture(path: object, images: Mapping[str, Tensor], law: Mapping[str, 
             f"{path}: no tensor {lacking}, so the size of the model cannot be told; the file is of "
             "another version of the baselines, only those with delayed pressures are read"
         )
-    return Architecture(
+    return BaselineArchitecture(
         decoder="abcd" if "decoder.background_features" in images else "deconv",
         dynamics=dynamics,
         d=len(head) // 2,
@@ -109,7 +111,7 @@ def _architecture(path: object, images: Mapping[str, Tensor], law: Mapping[str, 
 
 
 def _renamed(
-    images: Mapping[str, Tensor], law: Mapping[str, Tensor], architecture: Architecture
+    images: Mapping[str, Tensor], law: Mapping[str, Tensor], architecture: BaselineArchitecture
 ) -> dict[str, tuple[str, Tensor | None]]:
     """Our name of every weight, with theirs and its value."""
     names: dict[str, tuple[str, Mapping[str, Tensor]]] = {}
@@ -133,7 +135,7 @@ def _renamed(
     return found
 
 
-def _law_names(architecture: Architecture) -> dict[str, str]:
+def _law_names(architecture: BaselineArchitecture) -> dict[str, str]:
     if architecture.dynamics == "koopman":
         names, layers, prefix = {"matrix": "K"}, ("increment", 2), ""
     else:
@@ -222,7 +224,7 @@ FILES: dict[tuple[str, str], tuple[str, str]] = {
 """Run and SHA-256 of the weights of each system and each choice of ``conf/baseline``."""
 
 
-def url_of(system: str, baseline: str) -> str:
+def release_url(system: str, baseline: str) -> str:
     """Address of the published weights of ``baseline`` for ``system``."""
     return f"{ADDRESS}/{FILES[system, baseline][0]}/model_checkpoint.pt"
 
@@ -234,6 +236,6 @@ def fetch_weights(folder: str | os.PathLike[str]) -> list[Path]:
         ValueError, FileExistsError, ConnectionError, OSError: as `lagsplat.io.files.download.download`.
     """
     return [
-        download(url_of(system, name), Path(folder) / system / f"{name}.pt", sha256=digest)
+        download(release_url(system, name), Path(folder) / system / f"{name}.pt", sha256=digest)
         for (system, name), (_, digest) in FILES.items()
     ]

@@ -15,9 +15,9 @@ from jaxtyping import Float64
 
 from lagsplat.array_types import Frames, Images, Latents, Series
 from lagsplat.chart.config import ChartConfig
-from lagsplat.chart.trajectory import Trajectory
-from lagsplat.chart.visibility import fit_whitening, intrinsic_dimension, visibility
-from lagsplat.io.files.artifact import load_artefact, save_artefact
+from lagsplat.chart.trajectory import EncodedTrajectory
+from lagsplat.chart.visibility import estimate_intrinsic_dimension, fit_whitening, measure_visibility
+from lagsplat.io.files.artifact import load_artifact, save_artifact
 from lagsplat.io.recording.recording import Recording
 from lagsplat.stage1.autoencoder import Autoencoder, decode_latents, encode_frames, to_images
 
@@ -62,17 +62,17 @@ class Chart:
         return self.whole.dt_s
 
     @cached_property
-    def whole(self) -> Trajectory:
+    def whole(self) -> EncodedTrajectory:
         """The trajectory of the whole recording."""
-        return Trajectory(self.latents, self.inputs, self.time_s, self.segments)
+        return EncodedTrajectory(self.latents, self.inputs, self.time_s, self.segments)
 
     @property
-    def train(self) -> Trajectory:
+    def train(self) -> EncodedTrajectory:
         """The training part, not smoothed."""
         return self.whole.part(0, self.n_train)
 
     @property
-    def held_out(self) -> Trajectory:
+    def held_out(self) -> EncodedTrajectory:
         """The part no fit sees, not smoothed."""
         return self.whole.part(self.n_train, len(self.latents))
 
@@ -85,7 +85,7 @@ class Chart:
         return (z - self.mean) @ self.whiten
 
 
-def rest_image(recording: Recording, *, n_train: int, rest_frames: int) -> np.ndarray:
+def find_rest_image(recording: Recording, *, n_train: int, rest_frames: int) -> np.ndarray:
     """Per-pixel median of the first training frames, uint8 (1, H, W, 3)."""
     frames = np.asarray(recording.frames[: min(rest_frames, n_train)])
     return np.round(np.median(frames, axis=0, keepdims=True)).astype(np.uint8)
@@ -119,8 +119,10 @@ def fit_chart(
 
     rng = np.random.default_rng(seed)
     seen = rng.choice(n_train, min(config.visibility_frames, n_train), replace=False)
-    visible = visibility(decode, q[np.sort(seen)], step=config.visibility_step)
-    rest = encode_frames(autoencoder, rest_image(recording, n_train=n_train, rest_frames=config.rest_frames))
+    visible = measure_visibility(decode, q[np.sort(seen)], step=config.visibility_step)
+    rest = encode_frames(
+        autoencoder, find_rest_image(recording, n_train=n_train, rest_frames=config.rest_frames)
+    )
     return Chart(
         mean=white.mean,
         whiten=white.whiten,
@@ -135,7 +137,7 @@ def fit_chart(
         segments=tuple((int(a), int(b)) for a, b in recording.segments),
         smoothing_frames=config.smoothing_frames,
         condition=visible.condition,
-        intrinsic_dimension=intrinsic_dimension(
+        intrinsic_dimension=estimate_intrinsic_dimension(
             q[:n_train], frames=config.dimension_frames, neighbours=config.dimension_neighbours, seed=seed
         ),
     )
@@ -152,7 +154,7 @@ def save_chart(path: Path | str, chart: Chart, header: Mapping[str, Any]) -> Non
         "intrinsic_dimension": chart.intrinsic_dimension,
     }
     tensors = {name: getattr(chart, name) for name in ARRAYS}
-    save_artefact(path, tensors, {**header, "kind": KIND, "schema": SCHEMA, "chart": settings})
+    save_artifact(path, tensors, {**header, "kind": KIND, "schema": SCHEMA, "chart": settings})
 
 
 def load_chart(path: Path | str) -> tuple[Chart, dict[str, Any]]:
@@ -161,7 +163,7 @@ def load_chart(path: Path | str) -> tuple[Chart, dict[str, Any]]:
     Raises:
         ValueError: the file is no chart, or one of another schema.
     """
-    tensors, header = load_artefact(path, kind=KIND, schema=SCHEMA)
+    tensors, header = load_artifact(path, kind=KIND, schema=SCHEMA)
     settings: dict[str, Any] = {name: tensors[name] for name in ARRAYS} | header["chart"]
     settings["segments"] = tuple((int(a), int(b)) for a, b in settings["segments"])
     return Chart(**settings), header
@@ -171,7 +173,7 @@ SAMPLE = 256  # frames, evenly spaced over the clip
 LARGEST_SHARE = 0.5  # of the variance of the frames that a reconstruction may leave
 
 
-def require_trained(autoencoder: Autoencoder, frames: Frames) -> None:
+def require_trained_autoencoder(autoencoder: Autoencoder, frames: Frames) -> None:
     """Compare the reconstructions of some frames with the mean of these frames.
 
     Raises:

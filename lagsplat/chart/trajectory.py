@@ -18,7 +18,7 @@ from lagsplat.array_types import Series
 
 
 @dataclass(frozen=True)
-class Clock:
+class TimeBase:
     """Frames ``dt_s`` [s] apart, or at the instants ``time_s`` where that is not None.
 
     On an even clock every result is the one of exact multiples of ``dt_s``, and steps are plain numbers.
@@ -63,7 +63,7 @@ class Clock:
 
 
 @dataclass(frozen=True)
-class Trajectory:
+class EncodedTrajectory:
     """Whitened latents with their inputs and times; ``segments`` are half-open clips that do not touch.
 
     Raises:
@@ -84,32 +84,32 @@ class Trajectory:
                 )
 
     @cached_property
-    def clock(self) -> Clock:
+    def clock(self) -> TimeBase:
         """The instants of the frames, even or not."""
-        return read_clock(self.time_s, self.segments)
+        return read_time_base(self.time_s, self.segments)
 
     @property
     def dt_s(self) -> float:
         """Median time between two frames of one clip [s]."""
         return self.clock.dt_s
 
-    def smoothed(self, sigma_frames: float) -> "Trajectory":
-        """The same with latents and inputs smoothed by `smooth`, by their true times.
+    def smoothed(self, sigma_frames: float) -> "EncodedTrajectory":
+        """The same with latents and inputs smoothed by `smooth_trajectory`, by their true times.
 
         Inputs keep their range: behind a step the filter would swing over, and a pressure becomes a suction.
         """
         latents, inputs = (
-            smooth(series, sigma_frames=sigma_frames, segments=self.segments, clock=self.clock)
+            smooth_trajectory(series, sigma_frames=sigma_frames, segments=self.segments, clock=self.clock)
             for series in (self.latents, self.inputs)
         )
         if inputs.size:
             inputs = inputs.clip(self.inputs.min(axis=0), self.inputs.max(axis=0))
         return replace(self, latents=latents, inputs=inputs)
 
-    def part(self, start: int, stop: int) -> "Trajectory":
+    def part(self, start: int, stop: int) -> "EncodedTrajectory":
         """Frames ``start`` to ``stop``, with the segments cut accordingly and counted from ``start``."""
         cut = ((max(a, start) - start, min(b, stop) - start) for a, b in self.segments)
-        return Trajectory(
+        return EncodedTrajectory(
             latents=self.latents[start:stop],
             inputs=self.inputs[start:stop],
             time_s=self.time_s[start:stop],
@@ -122,7 +122,7 @@ EVEN = 1e-4
 off by no more than that."""
 
 
-def read_clock(time_s: Float64[np.ndarray, " T"], segments: Sequence[tuple[int, int]]) -> Clock:
+def read_time_base(time_s: Float64[np.ndarray, " T"], segments: Sequence[tuple[int, int]]) -> TimeBase:
     """The clock of frames at ``time_s`` [s]; times between two clips do not count.
 
     Raises:
@@ -136,18 +136,18 @@ def read_clock(time_s: Float64[np.ndarray, " T"], segments: Sequence[tuple[int, 
         )
     dt_s = float(np.median(steps))
     even = float(np.abs(steps - dt_s).max()) <= EVEN * dt_s
-    return Clock(dt_s, None if even else time_s)
+    return TimeBase(dt_s, None if even else time_s)
 
 
 TRUNCATE = 4.0
 
 
-def smooth(
+def smooth_trajectory(
     series: Series,
     *,
     sigma_frames: float,
     segments: Sequence[tuple[int, int]],
-    clock: Clock | None = None,
+    clock: TimeBase | None = None,
 ) -> Series:
     """Each column smoothed by a Gaussian of ``sigma_frames`` and, likewise, what that took away put back.
 
@@ -168,7 +168,7 @@ def smooth(
 
 
 def _blurred(
-    series: Series, sigma_frames: float, segments: Sequence[tuple[int, int]], clock: Clock | None
+    series: Series, sigma_frames: float, segments: Sequence[tuple[int, int]], clock: TimeBase | None
 ) -> Series:
     smoothed = series.copy()
     for start, stop in segments:

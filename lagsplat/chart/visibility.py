@@ -37,7 +37,7 @@ class Visibility:
     condition: float
 
 
-def visibility(decode: Decode, q: Series, *, step: float) -> Visibility:
+def measure_visibility(decode: Decode, q: Series, *, step: float) -> Visibility:
     """Average of ``(dI/dq)^T (dI/dq)`` over the whitened latents ``q``, by central differences.
 
     Differences of width ``step`` and ``2 step`` are combined by Richardson's rule, exact to fourth order. The
@@ -67,19 +67,19 @@ def visibility(decode: Decode, q: Series, *, step: float) -> Visibility:
             f"{2 * step:g} whitened units: change chart.visibility_step (smaller where the picture bends, "
             "larger where it flickers)"
         )
-    return normalized(sharp, relative_error=error)
+    return normalize_visibility(sharp, relative_error=error)
 
 
-def exact_visibility(decode: Decode, q: Series) -> Visibility:
+def measure_exact_visibility(decode: Decode, q: Series) -> Visibility:
     """The same by reverse-mode differentiation of one image at a time; slow, where the decoder allows."""
     total = np.zeros((q.shape[1], q.shape[1]))
     for row in torch.from_numpy(np.ascontiguousarray(q)):
         slope = torch.autograd.functional.jacobian(lambda x: decode(x[None])[0].double(), row)
         total += _gram(slope.flatten(0, -2).T[None]) / len(q)
-    return normalized(total, relative_error=0.0)
+    return normalize_visibility(total, relative_error=0.0)
 
 
-def normalized(gram: Float64[np.ndarray, "d d"], *, relative_error: float) -> Visibility:
+def normalize_visibility(gram: Float64[np.ndarray, "d d"], *, relative_error: float) -> Visibility:
     """Split a metric into one of trace ``d`` and its scale."""
     symmetric = 0.5 * (gram + gram.T)
     scale = float(np.trace(symmetric)) / len(gram)
@@ -100,7 +100,7 @@ def _gram(slope: Float[Tensor, "B d P"]) -> Float64[np.ndarray, "d d"]:
     return torch.einsum("bip,bjp->ij", slope, slope).numpy()
 
 
-def intrinsic_dimension(q: Series, *, frames: int, neighbours: int, seed: int) -> float:
+def estimate_intrinsic_dimension(q: Series, *, frames: int, neighbours: int, seed: int) -> float:
     """Maximum-likelihood dimension of a random subsample of whitened latents.
 
     One coordinate has dimension 1 by definition and is not estimated. The estimate depends on the scale of

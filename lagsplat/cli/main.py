@@ -1,343 +1,282 @@
-"""Words of the command line: ``key=value`` of a command's own, and overrides of the configuration.
+"""The command line: ``lagsplat VERB ...``, its help and its exit codes.
 
-What ``lagsplat export`` writes: a function a format, each importing what its format needs.
-
-The command line ``lagsplat VERB key=value ...``; keys of the configuration follow Hydra's grammar.
-
-    lagsplat inspect FILE|FOLDER [key=value ...]                what is in a recording, a film or a log
-    lagsplat fit out=FOLDER [key=value ...]                     every stage, in one process
-    lagsplat simulate run=FOLDER out=q.csv [input=u.csv | seconds=10] [frame=N]
-    lagsplat simulate run=OUT/augmented.safetensors out=q.csv [input=u.csv | seconds=10]
-        [initial=q0,..,v0,.. | initial=state.csv] [input_hold=linear|zoh]
-    lagsplat apply diagnosis=OUT/diagnosis.json out=augmented.safetensors [sim=SIM]
-    lagsplat diagnose sim=SIM real=FILES [out=FOLDER] [diagnose.key=value ...]
-    lagsplat evaluate run=FOLDER out=metrics.json [evaluate.key=value ...]
-    lagsplat weights --download [out=FOLDER]                    published weights, for baseline.weights=FOLDER
-    lagsplat view FOLDER [--no-browser] [diagnosis=FOLDER] [replay=session.mcap] [out=FOLDER]
-        [viewer.key=value ...]                                  the run in a browser, to be pushed
-    lagsplat export FOLDER --mcap [out=run.mcap] [key=value ...]  a run for Foxglove
-    lagsplat export FOLDER --html [out=run.html]                one page to be pushed, without a server
-    lagsplat export FOLDER --ply [out=run.ply] [frame=N | q=0.5,..]  a state for viewers of Gaussians
-
-``input`` is a CSV with columns ``t`` [s] and ``u0, u1, ...``; between its rows inputs are interpolated.
-``out`` then has columns ``t``, ``q0, ...`` (whitened) and ``v0, ...`` [1/s]. A sim with its diagnosed effects
-also takes pushes ``f0, f1, ...`` along its coordinates: the accelerations they would give. ``apply`` adds the
-effects of a diagnosis to a sim (a MuJoCo ``.xml``, ``file.py:attribute``, a run), by default to its own. Exit
-code 2: the command or its input is invalid, and the reason stands on stderr.
+This module loads nothing but the standard library. Each verb names its handler, which is imported when the
+verb runs, so that ``--help`` answers at once.
 """
 
+import argparse
 import logging
-import os
 import sys
-import warnings
-import zipfile
-from collections.abc import Callable, Sequence
-from dataclasses import asdict
-from pathlib import Path
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any, NoReturn
 
-from lagsplat.config.compose import ConfigError, closest, compose
-from lagsplat.provenance import let_waiting_threads_sleep
-
-if TYPE_CHECKING:
-    import numpy as np
+INVALID = 2
+EXIT_CODES = """exit codes:
+  0  done; for diagnose, whatever the verdict
+  2  the command or its input is invalid; the reason is on stderr"""
 
 
-def split(
-    words: list[str], *, needed: tuple[str, ...], allowed: tuple[str, ...]
-) -> tuple[dict[str, str], list[str]]:
-    """The command's own keys, and the overrides of the configuration."""
-    pairs = [(word, *word.partition("=")[::2]) for word in words]
-    own = {key: value for _, key, value in pairs if key in allowed}
-    if missing := [key for key in needed if not own.get(key)]:
-        raise ConfigError(f"{missing[0]}=... is missing")
-    return own, [word for word, key, _ in pairs if key not in allowed]
+class CommandError(ValueError):
+    """A command line that cannot be understood; the message says what to write instead."""
 
 
-def names_in(text: str | None) -> list[str] | None:
-    """The names in ``[a,b]`` or ``a,b``; None of None."""
-    if text is None:
-        return None
-    return [name.strip() for name in text.strip("[]").split(",") if name.strip()]
+@dataclass(frozen=True)
+class Verb:
+    """One verb of the command line and its help."""
+
+    summary: str
+    usage: tuple[str, ...]
+    """Ways to call it, without ``lagsplat`` and the verb."""
+    keys: tuple[tuple[str, str], ...]
+    """Each ``key=VALUE`` it takes, and what it is for."""
+    example: str
+    handler: str
+    """``module:function``; it takes the parsed arguments."""
+    flags: tuple[tuple[str, str], ...] = ()
+    """Each ``--flag`` it takes, and what it does."""
 
 
-def _mcap(folder: Path, own: dict[str, str], changes: list[str], out: Path) -> None:
-    from lagsplat.export.mcap import export_mcap
-    from lagsplat.pipelines.evaluate import protocol
-    from lagsplat.runs.run import open_run
-
-    export_mcap(open_run(folder), protocol(folder, changes), out)
-
-
-def _page(folder: Path, own: dict[str, str], changes: list[str], out: Path) -> None:
-    from lagsplat.pipelines.view import export_page
-
-    export_page(folder, compose(*changes), out)
-
-
-def _ply(folder: Path, own: dict[str, str], changes: list[str], out: Path) -> None:
-    from lagsplat.export.ply import export_ply
-    from lagsplat.runs.run import open_run, state_of
-
-    if changes:
-        raise ConfigError(f"export --ply takes out, frame and q, not {changes[0]!r}")
-    run = open_run(folder)
-    export_ply(run.autoencoder, run.chart, state_of(run, own.get("frame"), own.get("q")), out)
-
-
-EXPORTS: dict[str, Callable[[Path, dict[str, str], list[str], Path], None]] = {
-    "mcap": _mcap,
-    "html": _page,
-    "ply": _ply,
+CONFIGURATION = ("KEY=VALUE", "any key of conf/, in Hydra's grammar: stage1.steps=9000 system=rainbow_rocker")
+VERBS = {
+    "inspect": Verb(
+        summary="Describe a recording, a video or a log, and how to read it.",
+        usage=("FILE|FOLDER [key=value ...]",),
+        keys=(CONFIGURATION,),
+        example="lagsplat inspect pendulum.mp4",
+        handler="lagsplat.cli.run:inspect_file",
+    ),
+    "fit": Verb(
+        summary="Fit image model, chart and dynamics to one recording, in one process.",
+        usage=("out=FOLDER [key=value ...]",),
+        keys=(("out=FOLDER", "where the artefacts are written; required"), CONFIGURATION),
+        example="lagsplat fit out=run profile=quick recording=filmed recording.path=arm.npz",
+        handler="lagsplat.cli.run:fit_recording",
+    ),
+    "simulate": Verb(
+        summary="Simulate a fitted run, or a simulator with its diagnosed effects.",
+        usage=(
+            "run=FOLDER out=q.csv [input=u.csv | seconds=10] [frame=N]",
+            "run=OUT/augmented.safetensors out=q.csv [input=u.csv | seconds=10] "
+            "[initial=q0,..,v0,.. | initial=state.csv] [input_hold=linear|zoh]",
+        ),
+        keys=(
+            ("run=FOLDER|FILE", "a fitted run, or the augmented.safetensors of a diagnosis; required"),
+            ("out=FILE", "CSV with columns t [s], q0, ... (whitened for a run) and v0, ... [1/s]; required"),
+            ("input=FILE", "CSV with columns t [s] and u0, u1, ..., interpolated between its rows; for an"),
+            ("", "augmented simulator also f0, f1, ...: pushes, as the accelerations they would give"),
+            ("seconds=10", "duration without inputs [s]"),
+            ("frame=N", "start from the state of this frame; from rest if left out"),
+            ("initial=...", "start of an augmented simulator: numbers q0,..,v0,.. or a CSV"),
+            ("input_hold=...", "linear or zoh, between two samples of the input"),
+        ),
+        example="lagsplat simulate run=run out=q.csv input=pressures.csv",
+        handler="lagsplat.cli.run:simulate",
+    ),
+    "diagnose": Verb(
+        summary="Name the physical effects by which a real mechanism differs from its simulator.",
+        usage=("sim=SIM real=FILES [out=FOLDER] [diagnose.key=value ...]",),
+        keys=(
+            ("sim=SIM", "trajectories, a fitted run, a MuJoCo .xml, or file.py:attribute; required"),
+            (
+                "real=FILES",
+                "trajectories (CSV, Parquet, MCAP) or a recording; held_out for a run's own; required",
+            ),
+            ("out=FOLDER", "where report.html and diagnosis.json are written; diagnosis if left out"),
+            ("diagnose.KEY=VALUE", "settings of conf/diagnose, such as diagnose.columns.q0=angle"),
+        ),
+        example="lagsplat diagnose sim=model.xml real=log.csv out=diagnosis",
+        handler="lagsplat.cli.diagnose:diagnose",
+    ),
+    "apply": Verb(
+        summary="Add the effects of a diagnosis to a simulator.",
+        usage=("diagnosis=OUT/diagnosis.json out=augmented.safetensors [sim=SIM]",),
+        keys=(
+            ("diagnosis=FILE", "the diagnosis.json; required"),
+            ("out=FILE", "the augmented simulator; required"),
+            ("sim=SIM", "a MuJoCo .xml, file.py:attribute or a run; the diagnosed simulator if left out"),
+            ("diagnose.joints=...", "joints of the MuJoCo model, in order: [a,b]"),
+            ("diagnose.actuators=...", "its actuators, in order: [a,b]"),
+        ),
+        example="lagsplat apply diagnosis=diagnosis/diagnosis.json out=augmented.safetensors",
+        handler="lagsplat.cli.diagnose:apply",
+    ),
+    "evaluate": Verb(
+        summary="Score a fitted run on the held-out part of its recording.",
+        usage=("run=FOLDER out=metrics.json [evaluate.key=value ...]",),
+        keys=(
+            ("run=FOLDER", "a fitted run; required"),
+            ("out=FILE", "where the scores are written; required"),
+            ("evaluate.KEY=VALUE", "settings of conf/evaluate that differ from the run's"),
+        ),
+        example="lagsplat evaluate run=run out=metrics.json evaluate.starts=20",
+        handler="lagsplat.cli.run:evaluate",
+    ),
+    "view": Verb(
+        summary="Push a fitted run in the browser.",
+        usage=(
+            "FOLDER [--no-browser] [diagnosis=FOLDER] [replay=session.mcap] [out=FOLDER] "
+            "[viewer.key=value ...]",
+        ),
+        keys=(
+            ("diagnosis=FOLDER", "a diagnosis whose residual can be drawn over the image"),
+            ("replay=FILE", "a saved session to begin with"),
+            ("out=FOLDER", "where sessions are saved; the run's folder if left out"),
+            ("viewer.KEY=VALUE", "settings of conf/viewer, such as viewer.port=8080"),
+            ("forces.KEY=VALUE", "settings of conf/forces, such as forces.brush=0.1"),
+        ),
+        flags=(("--no-browser", "serve the page without opening a browser"),),
+        example="lagsplat view run viewer.port=8081",
+        handler="lagsplat.cli.run:view",
+    ),
+    "export": Verb(
+        summary="Write a fitted run as one web page, as a log for Foxglove, or as Gaussians.",
+        usage=(
+            "FOLDER --html [out=run.html]",
+            "FOLDER --mcap [out=run.mcap] [key=value ...]",
+            "FOLDER --ply [out=run.ply] [frame=N | q=0.5,..]",
+        ),
+        keys=(
+            ("out=FILE", "what is written; run.html, run.mcap or run.ply in the run's folder if left out"),
+            ("frame=N", "with --ply: the state of this frame; the rest state if left out"),
+            ("q=Q0,Q1,...", "with --ply: this whitened state"),
+            ("KEY=VALUE", "with --mcap evaluate.KEY, with --html any key of conf/"),
+        ),
+        flags=(
+            ("--html", "one page that is pushed without a server"),
+            ("--mcap", "a log with images and states"),
+            ("--ply", "one state, for viewers of Gaussians"),
+        ),
+        example="lagsplat export run --html out=run.html",
+        handler="lagsplat.cli.run:export",
+    ),
+    "weights": Verb(
+        summary="Download the published weights of the baselines.",
+        usage=("--download [out=FOLDER]",),
+        keys=(("out=FOLDER", "where they are kept, for baseline.weights=FOLDER"),),
+        flags=(("--download", "fetch them; without it only their terms are printed"),),
+        example="lagsplat weights --download out=weights",
+        handler="lagsplat.cli.run:download_weights",
+    ),
 }
-"""By format: the folder of the run, its own words, changes of the configuration, the file to be written."""
-
-OWN = ("run", "out", "input", "seconds", "frame")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit code."""
-    let_waiting_threads_sleep()
     words = list(sys.argv[1:] if arguments is None else arguments)
-    logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stderr)
-    if not words or words[0] in ("-h", "--help", "help"):
-        print(__doc__)
-        return 0
+    verb = words[0] if words else "--help"
     try:
-        if words[0] not in VERBS:
-            raise ConfigError(
-                f"{words[0]!r} is no verb{closest(words[0], list(VERBS))}; choose {', '.join(VERBS)}"
-            )
-        VERBS[words[0]](words[1:])
+        if verb not in VERBS:
+            return _run_without_verb(words or ["--help"])
+        given = verb_parser(verb).parse_intermixed_args(words[1:])
+        given.text = " ".join(["lagsplat", *words])
+        logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stderr)
+        from lagsplat.provenance import let_waiting_threads_sleep
+
+        let_waiting_threads_sleep()
+        module, _, function = VERBS[verb].handler.partition(":")
+        getattr(import_module(module), function)(given)
     except (ValueError, OSError) as error:
-        print(f"lagsplat {words[0]}: {error}", file=sys.stderr)
-        return 2
+        print(f"lagsplat {verb}: {error}", file=sys.stderr)
+        return INVALID
+    except SystemExit as done:  # argparse has printed help or the version
+        return int(done.code or 0)
     return 0
 
 
-def _inspect(words: list[str]) -> None:
-    if not words or "=" in words[0]:
-        raise ConfigError("name a file: lagsplat inspect FILE, or a folder of films or images")
-    from lagsplat.io.read import read_recording
-    from lagsplat.io.recording.recording import load_recording
-    from lagsplat.io.recording.segments import divide
-    from lagsplat.report.inspection import describe, describe_footage, propose_system
+def split_words(
+    words: list[str], *, needed: tuple[str, ...] = (), allowed: tuple[str, ...]
+) -> tuple[dict[str, str], list[str]]:
+    """The values of a verb's own keys, and the words left over: overrides of the configuration.
 
-    path = Path(words[0]).expanduser()
-    if not path.exists():
-        raise FileNotFoundError(f"{path}: no such file or folder; check the path")
-    if path.suffix == ".mcap":
-        from lagsplat.io.mcap.recording import survey
-        from lagsplat.report.inspection import describe_log
-
-        print(describe_log(survey(path)))
-        if not any(word.startswith("recording.mcap.camera=") for word in words):
-            return
-        print()
-    experiment = compose(*_reading(path), *words[1:])
-    kept = path.suffix == ".safetensors"
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        recording = load_recording(path) if kept else read_recording(experiment.recording)
-    print(describe(divide(recording, experiment.recording.split), config=experiment.evaluate))
-    if recording.meta.get("footage"):
-        told = describe_footage(recording)
-        print(told)
-        said = [str(warning.message) for warning in caught]
-        for text in (text for text in said if text.partition(": ")[2] not in told):
-            print(f"warning    {text}")
-        if experiment.recording.kind == "video":
-            print(propose_system(recording, path=path, settings=experiment.recording))
+    Raises:
+        CommandError: a needed key is missing or empty.
+    """
+    pairs = [(word, *word.partition("=")[::2]) for word in words]
+    values = {key: value for _, key, value in pairs if key in allowed}
+    if missing := [key for key in needed if not values.get(key)]:
+        raise CommandError(f"{missing[0]}=... is missing")
+    return values, [word for word, key, _ in pairs if key not in allowed]
 
 
-def _reading(path: Path) -> list[str]:
-    """How a file is read unless told otherwise: an archive by its pressures, a log by what is said of it,
-    anything else as a film."""
-    source = ["recording=filmed", f"recording.path={str(path)!r}"]
-    if path.suffix == ".safetensors":
-        return source
-    if path.suffix == ".mcap":
-        return [*source, "recording.kind=mcap"]
-    if path.suffix != ".npz":
-        return [*source, "recording.kind=video", "recording.n_inputs=0", "recording.dt_s=null"]
-    names = zipfile.ZipFile(path).namelist() if zipfile.is_zipfile(path) else []
-    pressures = sum(name.removesuffix(".npy")[1:].isdigit() for name in names if name.startswith("p"))
-    return [*source, "recording.kind=krauss", f"recording.n_inputs={pressures}"]
+class _Parser(argparse.ArgumentParser):
+    """A parser whose errors are exceptions, so that all refusals of the command line look the same."""
+
+    def error(self, message: str) -> NoReturn:
+        raise CommandError(f"{message}; see {self.prog} --help")
 
 
-def _fit(words: list[str]) -> None:
-    from lagsplat.provenance import code_digest, set_threads
-    from lagsplat.runs.fit import fit
-
-    own, rest = split(words, needed=("out",), allowed=("out",))
-    set_threads(os.cpu_count() or 1)
-    experiment = compose(*rest)
-    header = {"config": asdict(experiment), "code": code_digest("lagsplat.runs.run")}
-    fit(experiment, out=Path(own["out"]), header=header)
-    print(own["out"])
-
-
-def _evaluate(words: list[str]) -> None:
-    from lagsplat.io.files.json_files import save_json
-    from lagsplat.pipelines.evaluate import protocol, score
-    from lagsplat.runs.run import open_run
-
-    own, changes = split(words, needed=("run", "out"), allowed=("run", "out"))
-    folder = Path(own["run"])
-    run = open_run(folder)
-    save_json(own["out"], score(run, protocol(folder, changes)))
-    print(own["out"])
+def verb_parser(name: str, parser: argparse.ArgumentParser | None = None) -> argparse.ArgumentParser:
+    """The parser of one verb, or ``parser`` with its arguments added."""
+    verb = VERBS[name]
+    if parser is None:
+        parser = _Parser()
+    parser.prog = f"lagsplat {name}"
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.usage = "\n       ".join(f"lagsplat {name} {text}" for text in verb.usage)
+    parser.description = verb.summary
+    width = max(len(key) for key, _ in verb.keys) + 2
+    keys = "\n".join(f"  {key:<{width}}{text}" for key, text in verb.keys)
+    parser.epilog = f"keys:\n{keys}\n\nexample:\n  {verb.example}\n\n{EXIT_CODES}"
+    words: Any = parser.add_argument("words", nargs="*", metavar="key=value", help=argparse.SUPPRESS)
+    words.complete = {"bash": "_shtab_compgen_files", "zsh": "_files", "tcsh": "f"}
+    for flag, text in verb.flags:
+        parser.add_argument(flag, action="store_true", help=text)
+    return parser
 
 
-def _weights(words: list[str]) -> None:
-    from lagsplat.baselines.released import FILES, NOTICE, fetch_weights
-
-    own, rest = split([word for word in words if word != "--download"], needed=(), allowed=("out",))
-    if rest:
-        raise ConfigError(f"weights takes out=FOLDER and --download, not {rest[0]!r}")
-    if "--download" not in words:
-        raise ConfigError(
-            f"{NOTICE}. Nothing was fetched; add --download to fetch {len(FILES)} files of 10 MB"
-        )
-    folder = Path(own.get("out", "~/.cache/lagsplat/baselines")).expanduser()
-    print(NOTICE, file=sys.stderr)
-    fetch_weights(folder)
-    print(folder)
-
-
-def _export(words: list[str]) -> None:
-    folders = [word for word in words if "=" not in word and not word.startswith("--")]
-    formats = [word for word in words if word.startswith("--")]
-    kind = formats[0].removeprefix("--") if len(formats) == 1 else ""
-    if len(folders) != 1 or kind not in EXPORTS:
-        raise ConfigError(
-            "name one run and the format: lagsplat export FOLDER --mcap|--html|--ply [out=FILE]"
-        )
-    allowed = ("out", "frame", "q") if kind == "ply" else ("out",)
-    own, changes = split([word for word in words if "=" in word], needed=(), allowed=allowed)
-    folder = Path(folders[0])
-    out = Path(own.get("out", str(folder / f"run.{kind}")))
-    EXPORTS[kind](folder, own, changes, out)
-    print(out)
+def full_parser() -> argparse.ArgumentParser:
+    """The parser of everything, for help and for the completion of shells."""
+    width = max(map(len, VERBS)) + 2
+    calls = "\n".join(f"  lagsplat {name} {text}" for name, verb in VERBS.items() for text in verb.usage)
+    parser = _Parser(
+        prog="lagsplat",
+        usage="lagsplat VERB [key=value ...]",
+        description="From one fixed-camera video to a simulation that can be pushed, and why it differs from the "
+        "real mechanism.\n\nverbs:\n"
+        + "\n".join(f"  {name:<{width}}{verb.summary}" for name, verb in VERBS.items()),
+        epilog=f"usage of each verb:\n{calls}\n\n`lagsplat VERB --help` explains its keys.\n\n{EXIT_CODES}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action=_PrintVersion)
+    parser.add_argument(
+        "--print-completion",
+        choices=("bash", "zsh", "tcsh"),
+        help='completion script: eval "$(lagsplat --print-completion bash)"',
+    )
+    verbs = parser.add_subparsers(dest="verb", metavar="VERB", help=argparse.SUPPRESS)
+    for name, verb in VERBS.items():
+        verb_parser(name, verbs.add_parser(name, help=verb.summary))
+    return parser
 
 
-def _view(words: list[str]) -> None:
-    from lagsplat.pipelines.view import view
+class _PrintVersion(argparse.Action):
+    """Print the version; asked of the installed distribution only when it is wanted."""
 
-    folders = [word for word in words if "=" not in word and not word.startswith("--")]
-    flags = [word for word in words if word.startswith("--")]
-    if len(folders) != 1 or flags not in ([], ["--no-browser"]):
-        raise ConfigError("name one fitted run: lagsplat view FOLDER [--no-browser] [viewer.port=8080]")
-    allowed = ("out", "replay", "diagnosis")
-    own, changes = split([word for word in words if "=" in word], needed=(), allowed=allowed)
-    if other := [word for word in changes if not word.startswith(("viewer.", "forces."))]:
-        raise ConfigError(f"view takes viewer.key and forces.key, {', '.join(allowed)}, not {other[0]!r}")
-    view(Path(folders[0]), compose(*changes), own, browser=not flags)
+    def __init__(self, **options: Any) -> None:
+        super().__init__(nargs=0, help="print the version", **options)
 
+    def __call__(self, *_: object) -> NoReturn:
+        from importlib.metadata import version
 
-def _simulate(words: list[str]) -> None:
-    import numpy as np
-
-    from lagsplat.io.files.json_files import load_inputs
-    from lagsplat.runs.run import open_run, push
-
-    if any(Path(word[4:]).is_file() for word in words if word.startswith("run=")):
-        _play(words)
-        return
-    own, rest = split(words, needed=("run", "out"), allowed=OWN)
-    if rest:
-        raise ConfigError(f"simulate takes {', '.join(OWN)} alone, not {rest[0]!r}: a run keeps its settings")
-    if "input" in own and "seconds" in own:
-        raise ConfigError("input= and seconds= exclude each other: a file of inputs has its own length")
-    run = open_run(Path(own["run"]))
-    dt_s, n_u = run.chart.dt_s, run.chart.inputs.shape[1]
-    if "input" in own:
-        time_s, inputs = load_inputs(own["input"], dt_s=dt_s)
-    else:
-        time_s = np.arange(0.0, float(own.get("seconds", "10")), dt_s)
-        inputs = np.zeros((len(time_s), n_u))
-    q, v = push(run, inputs, frame=int(own["frame"]) if "frame" in own else None)
-    _save_motion(own["out"], time_s, q, v)
+        print(f"lagsplat {version('lagsplat')}")
+        raise SystemExit(0)
 
 
-def _play(words: list[str]) -> None:
-    import numpy as np
+def _run_without_verb(words: list[str]) -> int:
+    parser = full_parser()
+    if words[0] == "help":
+        words = ["--help"]
+    if not words[0].startswith("-"):
+        from difflib import get_close_matches
 
-    from lagsplat.diagnose.augmented.model import load_augmented
-    from lagsplat.diagnose.augmented.simulate import AppliedSignals, simulate_augmented
-    from lagsplat.io.trajectory.inputs import read_drive, read_state
+        near = get_close_matches(words[0], list(VERBS), n=1)
+        hint = f" (did you mean {near[0]!r}?)" if near else ""
+        raise CommandError(f"no such verb{hint}; choose {', '.join(VERBS)}")
+    given = parser.parse_args(words)
+    if given.print_completion:
+        import shtab
 
-    allowed = ("run", "out", "input", "seconds", "initial", "input_hold")
-    own, rest = split(words, needed=("run", "out"), allowed=allowed)
-    if rest:
-        raise ConfigError(f"simulate takes {', '.join(allowed)} for such a file, not {rest[0]!r}")
-    if "input" in own and "seconds" in own:
-        raise ConfigError("input= and seconds= exclude each other: a file of inputs has its own length")
-    hold = own.get("input_hold")
-    if hold not in (None, "linear", "zoh"):
-        raise ConfigError(f"input_hold={hold}: choose linear or zoh")
-    sim = load_augmented(own["run"])
-    if "input" in own:
-        time_s, u, push = read_drive(own["input"])
-    else:
-        time_s = np.arange(0.0, float(own.get("seconds", "10")), sim.dt_s)
-        u, push = np.zeros((len(time_s), sim.model.n_u)), np.zeros((len(time_s), 0))
-    start = read_state(own["initial"], sim.model.d) if "initial" in own else (None, None)
-    held = None if hold is None else hold == "zoh"
-    drive = AppliedSignals(time_s, u, push if push.shape[1] else None)
-    q, v = simulate_augmented(sim, drive, q=start[0], v=start[1], held=held)
-    _save_motion(own["out"], time_s, q, v)
-
-
-def _save_motion(out: str, time_s: "np.ndarray", q: "np.ndarray", v: "np.ndarray") -> None:
-    from lagsplat.io.files.json_files import save_csv
-
-    rows = [
-        {"t": t}
-        | {f"q{i}": value for i, value in enumerate(state)}
-        | {f"v{i}": value for i, value in enumerate(velocity)}
-        for t, state, velocity in zip(time_s, q, v, strict=True)
-    ]
-    save_csv(out, rows)
-    print(out)
-
-
-def _diagnose(words: list[str]) -> None:
-    from lagsplat.pipelines.diagnosis import diagnose_files
-    from lagsplat.report.diagnosis.summary import paragraph
-
-    own, rest = split(words, needed=("sim", "real"), allowed=("sim", "real", "out"))
-    if other := [word for word in rest if not word.startswith("diagnose")]:
-        raise ConfigError(f"diagnose takes sim, real, out and diagnose.key=value, not {other[0]!r}")
-    out = Path(own.get("out", "diagnosis"))
-    command = " ".join(["lagsplat diagnose", *words])
-    found = diagnose_files(own["sim"], own["real"], out, compose(*rest).diagnose, command=command)
-    for text in found.warnings:
-        print(f"warning: {text}", file=sys.stderr)
-    print(paragraph(found))
-    print(out / "report.html")
-
-
-def _apply(words: list[str]) -> None:
-    from lagsplat.pipelines.apply_diagnosis import apply_diagnosis
-
-    allowed = ("diagnosis", "sim", "out", "diagnose.joints", "diagnose.actuators")
-    own, rest = split(words, needed=("diagnosis", "out"), allowed=allowed)
-    if rest:
-        raise ConfigError(f"apply takes {', '.join(allowed)}, not {rest[0]!r}")
-    names = {key: names_in(own.get(f"diagnose.{key}")) for key in ("joints", "actuators")}
-    apply_diagnosis(Path(own["diagnosis"]), own.get("sim"), out=Path(own["out"]), **names)
-    print(own["out"])
-
-
-VERBS: dict[str, Callable[[list[str]], None]] = {
-    "inspect": _inspect,
-    "fit": _fit,
-    "simulate": _simulate,
-    "diagnose": _diagnose,
-    "evaluate": _evaluate,
-    "view": _view,
-    "export": _export,
-    "weights": _weights,
-    "apply": _apply,
-}
+        print(shtab.complete(parser, shell=given.print_completion))
+    return 0

@@ -17,12 +17,12 @@ from jaxtyping import Float
 from torch import Tensor
 
 from lagsplat.array_types import Latents
-from lagsplat.baselines.model import Baseline, Oscillators, delayed, standing
-from lagsplat.baselines.networks import AttentionDecoder, centre_jacobian
-from lagsplat.chart.trajectory import read_clock
-from lagsplat.chart.visibility import visibility
+from lagsplat.baselines.model import Baseline, Oscillators, stack_delays, standing
+from lagsplat.baselines.networks import AttentionDecoder, compute_centre_jacobian
+from lagsplat.chart.trajectory import read_time_base
+from lagsplat.chart.visibility import measure_visibility
 from lagsplat.evaluate.config import EvaluateConfig
-from lagsplat.evaluate.evaluate import Subject, recorded, score
+from lagsplat.evaluate.evaluate import EvaluationSubject, read_recorded_inputs, score
 from lagsplat.evaluate.protocol import STENCILS, HeldOut, Integrate, Pictures, Render, Velocities
 from lagsplat.io.recording.recording import Recording
 
@@ -42,32 +42,34 @@ def evaluate_baseline(baseline: Baseline, recording: Recording, config: Evaluate
         ValueError: the model is for frames or inputs of another shape, or the held-out part is too short.
     """
     begin = time.perf_counter()
-    subject = baseline_subject(baseline, recording, config)
+    subject = make_baseline_subject(baseline, recording, config)
     return {
         **score(subject, recording, config),
-        "linear_modes": modes_of(baseline),
+        "linear_modes": compute_baseline_modes(baseline),
         "wall_time_s": time.perf_counter() - begin,
     }
 
 
-def baseline_subject(baseline: Baseline, recording: Recording, config: EvaluateConfig) -> Subject:
+def make_baseline_subject(
+    baseline: Baseline, recording: Recording, config: EvaluateConfig
+) -> EvaluationSubject:
     """A baseline on the held-out part of a recording, as the scores know it.
 
     Raises:
         ValueError: the model is for frames or inputs of another shape.
     """
     require_same_shape(baseline, recording)
-    pictures = recorded(recording, first=recording.split()[0].n_frames)
-    held = held_out_of(baseline, recording, pictures, config)
+    pictures = read_recorded_inputs(recording, first=recording.split()[0].n_frames)
+    held = read_held_out(baseline, recording, pictures, config)
     asked = torch.from_numpy(held.latents[:: max(1, held.n_frames // ASKED)]).float()
-    return Subject(
+    return EvaluationSubject(
         d=baseline.architecture.d,
         dynamics="linear",
-        external_force=reach(baseline, asked),
+        external_force=baseline_horizon(baseline, asked),
         held=held,
         pictures=pictures,
-        render=renderer(baseline),
-        integrate=integrator(baseline),
+        render=make_baseline_renderer(baseline),
+        integrate=make_baseline_integrator(baseline),
     )
 
 
@@ -86,18 +88,18 @@ def require_same_shape(baseline: Baseline, recording: Recording) -> None:
         )
 
 
-def held_out_of(
+def read_held_out(
     baseline: Baseline, recording: Recording, pictures: Pictures, config: EvaluateConfig
 ) -> HeldOut:
     """The held-out part as this model encodes it: latents not smoothed, inputs with their delays."""
     train, part = recording.split()
     samples, first = baseline.architecture.samples, train.n_frames
-    clock = read_clock(recording.time_s, recording.segments)
+    clock = read_time_base(recording.time_s, recording.segments)
     latents = encode(baseline, pictures, np.arange(part.n_frames))
     seen = np.random.default_rng(config.seed).choice(first, min(SEEN, first), replace=False)
-    z = encode(baseline, recorded(recording, first=0), np.sort(seen))
-    visible = visibility(lambda q: baseline.decode(q.float()), z, step=STEP)
-    fed = delayed(recording.inputs, samples=samples, segments=recording.segments)
+    z = encode(baseline, read_recorded_inputs(recording, first=0), np.sort(seen))
+    visible = measure_visibility(lambda q: baseline.decode(q.float()), z, step=STEP)
+    fed = stack_delays(recording.inputs, samples=samples, segments=recording.segments)
     return HeldOut(
         encoded=latents,
         latents=latents,
@@ -109,7 +111,7 @@ def held_out_of(
         skip=round(config.skip_s / clock.dt_s),
         time_s=None if clock.time_s is None else part.time_s,
         stencil=STENCILS[config.velocity],
-        velocities=velocities_of(baseline, pictures, part, forward=config.velocity == "forward"),
+        velocities=estimate_velocities(baseline, pictures, part, forward=config.velocity == "forward"),
         standing=standing(part.inputs, samples=samples),
     )
 
@@ -124,7 +126,9 @@ def encode(baseline: Baseline, pictures: Pictures, frames: np.ndarray) -> np.nda
     return np.concatenate(rows)
 
 
-def velocities_of(baseline: Baseline, pictures: Pictures, part: Recording, *, forward: bool) -> Velocities:
+def estimate_velocities(
+    baseline: Baseline, pictures: Pictures, part: Recording, *, forward: bool
+) -> Velocities:
     """The encoder's own velocity at frames of the held-out part, by true times.
 
     The image's rate of change is the difference to the next frame, or over both neighbours; at the ends of a
@@ -145,7 +149,7 @@ def velocities_of(baseline: Baseline, pictures: Pictures, part: Recording, *, fo
     return velocities
 
 
-def renderer(baseline: Baseline) -> Render:
+def make_baseline_renderer(baseline: Baseline) -> Render:
     """Images drawn at latents."""
 
     @torch.no_grad()
@@ -156,7 +160,7 @@ def renderer(baseline: Baseline) -> Render:
     return render
 
 
-def integrator(baseline: Baseline) -> Integrate:
+def make_baseline_integrator(baseline: Baseline) -> Integrate:
     """Rollouts of the law, which knows steps of one frame only."""
 
     @torch.no_grad()
@@ -169,7 +173,7 @@ def integrator(baseline: Baseline) -> Integrate:
     return integrate
 
 
-def modes_of(baseline: Baseline) -> list[dict[str, float]]:
+def compute_baseline_modes(baseline: Baseline) -> list[dict[str, float]]:
     """Frequencies and decay rates of the one-step map, slowest first.
 
     An eigenvalue that does not oscillate has frequency 0; one that has died within a step, an infinite rate.
@@ -191,7 +195,7 @@ ASKED = 8  # states at which a model is asked
 Forces = Float[Tensor, "B G 2"]
 
 
-def pulled_back(baseline: Baseline, z: Latents, forces: Forces) -> Latents | None:
+def pull_back_force(baseline: Baseline, z: Latents, forces: Forces) -> Latents | None:
     """Forces ``(y, x)`` on the centres of the maps as forces on the coordinates; None where nothing in the
     decoder has a place.
 
@@ -200,10 +204,10 @@ def pulled_back(baseline: Baseline, z: Latents, forces: Forces) -> Latents | Non
     """
     if not isinstance(baseline.decoder, AttentionDecoder) or baseline.decoder.group != 2:
         return None
-    return torch.einsum("bgcd,bgc->bd", centre_jacobian(baseline.decoder, z), forces)
+    return torch.einsum("bgcd,bgc->bd", compute_centre_jacobian(baseline.decoder, z), forces)
 
 
-def accelerated(baseline: Baseline, z: Latents, push: Latents) -> Latents | None:
+def accelerate_baseline(baseline: Baseline, z: Latents, push: Latents) -> Latents | None:
     """The acceleration [1/s^2] that a force on the coordinates adds; None where the law takes no force."""
     law = baseline.dynamics
     if not isinstance(law, Oscillators):
@@ -214,9 +218,9 @@ def accelerated(baseline: Baseline, z: Latents, push: Latents) -> Latents | None
 
 
 @torch.no_grad()
-def reach(baseline: Baseline, z: Latents) -> str:
+def baseline_horizon(baseline: Baseline, z: Latents) -> str:
     """``none``, ``latent only``, or at how many centres: what a push at the states ``z`` brings about."""
-    answer = accelerated(baseline, z, torch.ones_like(z))
+    answer = accelerate_baseline(baseline, z, torch.ones_like(z))
     if answer is None or not _moves(answer):
         return "none"
     nodes = baseline.decoder.n_nodes if isinstance(baseline.decoder, AttentionDecoder) else 0
@@ -224,8 +228,8 @@ def reach(baseline: Baseline, z: Latents) -> str:
     for node in range(nodes):
         forces = torch.zeros(len(z), nodes, 2)
         forces[:, node] = 1.0
-        push = pulled_back(baseline, z, forces)
-        answer = None if push is None else accelerated(baseline, z, push)
+        push = pull_back_force(baseline, z, forces)
+        answer = None if push is None else accelerate_baseline(baseline, z, push)
         reached += answer is not None and _moves(answer)
     return f"at {reached} centres" if reached else "latent only"
 

@@ -12,16 +12,16 @@ import torch
 
 from lagsplat.chart.chart import Chart
 from lagsplat.evaluate.config import EvaluateConfig
-from lagsplat.evaluate.forecast import autoencoder_floor, error_along, image_forecast
+from lagsplat.evaluate.forecast import error_over_horizon, image_forecast, measure_autoencoder_floor
 from lagsplat.evaluate.free_motion import (
     compare_decay,
     compare_frequency,
-    free_windows,
-    linear_modes,
-    natural_period,
+    compute_linear_modes,
+    cut_free_windows,
+    measure_natural_period,
 )
 from lagsplat.evaluate.latent import latent_forecast
-from lagsplat.evaluate.protocol import HeldOut, Integrate, Pictures, Render, held_out
+from lagsplat.evaluate.protocol import HeldOut, Integrate, Pictures, Render, select_held_out
 from lagsplat.evaluate.truth import inertia_along
 from lagsplat.io.recording.recording import Recording
 from lagsplat.stage1.autoencoder import Autoencoder, decode_latents, encode_frames
@@ -51,20 +51,20 @@ def evaluate(
     Source: paper, Metrics.
     """
     begin = time.perf_counter()
-    subject = run_subject(autoencoder, chart, lagrangian, recording, config)
+    subject = make_run_subject(autoencoder, chart, lagrangian, recording, config)
     return {
         **score(subject, recording, config),
-        "linear_modes": linear_modes(lagrangian),
+        "linear_modes": compute_linear_modes(lagrangian),
         "inertia": inertia_along(lagrangian, subject.held.encoded[subject.held.skip :]),
         "wall_time_s": time.perf_counter() - begin,
     }
 
 
 @dataclass(frozen=True)
-class Subject:
+class EvaluationSubject:
     """A model on the held-out part of a recording, as far as the scores know it.
 
-    ``dynamics`` names the kind of its law, ``external_force`` says where a force given in the image can act.
+    ``dynamics`` names the kind of its law, ``describe_external_force`` says where a force given in the image can act.
     """
 
     d: int
@@ -76,31 +76,31 @@ class Subject:
     integrate: Integrate
 
 
-def run_subject(
+def make_run_subject(
     autoencoder: Autoencoder,
     chart: Chart,
     lagrangian: Lagrangian,
     recording: Recording,
     config: EvaluateConfig,
-) -> Subject:
+) -> EvaluationSubject:
     """A trained run on the held-out part of its recording, as the scores know it.
 
     Raises:
         ValueError: recording, chart and autoencoder do not belong together.
     """
     require_same_run(autoencoder, chart, recording)
-    return Subject(
+    return EvaluationSubject(
         d=chart.d,
-        dynamics=dynamics_form(lagrangian),
-        external_force=external_force(autoencoder),
-        held=held_out(chart, config),
-        pictures=recorded(recording, first=chart.n_train),
-        render=renderer(autoencoder, chart),
-        integrate=integrator(lagrangian),
+        dynamics=describe_dynamics(lagrangian),
+        external_force=describe_external_force(autoencoder),
+        held=select_held_out(chart, config),
+        pictures=read_recorded_inputs(recording, first=chart.n_train),
+        render=make_renderer(autoencoder, chart),
+        integrate=make_integrator(lagrangian),
     )
 
 
-def dynamics_form(lagrangian: Lagrangian) -> str:
+def describe_dynamics(lagrangian: Lagrangian) -> str:
     """What kind of law it is: ``linear``, or ``nonlinear`` with its mass named where that is not learned."""
     form = lagrangian.form
     constant = form.mass == "constant"
@@ -110,7 +110,7 @@ def dynamics_form(lagrangian: Lagrangian) -> str:
     return "nonlinear" if form.mass == "learned" else f"nonlinear, {form.mass} mass"
 
 
-def external_force(autoencoder: Autoencoder) -> str:
+def describe_external_force(autoencoder: Autoencoder) -> str:
     """Where a force given in the image can act: ``anywhere`` or ``none``.
 
     A force on a drawn primitive reaches the dynamics through the primitive's Jacobian, so it can act wherever
@@ -141,7 +141,7 @@ def require_same_run(autoencoder: Autoencoder, chart: Chart, recording: Recordin
         )
 
 
-def recorded(recording: Recording, *, first: int) -> Pictures:
+def read_recorded_inputs(recording: Recording, *, first: int) -> Pictures:
     """Recorded held-out images in [0, 1] by held-out frame number; ``first`` is the first of them."""
 
     def pictures(frames: np.ndarray) -> np.ndarray:
@@ -151,7 +151,7 @@ def recorded(recording: Recording, *, first: int) -> Pictures:
     return pictures
 
 
-def renderer(
+def make_renderer(
     autoencoder: Autoencoder, chart: Chart, *, height: int | None = None, width: int | None = None
 ) -> Render:
     """Images rendered at whitened latents, at the training resolution unless told otherwise."""
@@ -162,7 +162,7 @@ def renderer(
     return render
 
 
-def integrator(lagrangian: Lagrangian) -> Integrate:
+def make_integrator(lagrangian: Lagrangian) -> Integrate:
     """Rollouts of the learned dynamics from numpy to numpy."""
 
     def integrate(
@@ -181,7 +181,7 @@ SCHEMA = 2
 
 
 def score(
-    subject: Subject,
+    subject: EvaluationSubject,
     recording: Recording,
     config: EvaluateConfig,
 ) -> dict[str, Any]:
@@ -191,11 +191,11 @@ def score(
         ValueError: the held-out part is too short for the protocol.
     """
     held, pictures, render, integrate = subject.held, subject.pictures, subject.render, subject.integrate
-    floor = autoencoder_floor(held, pictures, render, most=config.floor_frames)
+    floor = measure_autoencoder_floor(held, pictures, render, most=config.floor_frames)
     forecast = image_forecast(held, pictures, render, integrate, config)
-    windows, reason = free_windows(held, integrate, config)
+    windows, reason = cut_free_windows(held, integrate, config)
     frequency = compare_frequency(windows, reason, dt_s=held.dt_s)
-    period_s = natural_period(frequency, config)
+    period_s = measure_natural_period(frequency, config)
     latent: dict[str, Any] = {"reason": f"no natural period: {frequency['reason']}; set evaluate.period_s"}
     if period_s is not None:
         latent = latent_forecast(held, pictures, render, integrate, config, period_s=period_s)
@@ -221,12 +221,12 @@ def score(
         "frequency": frequency,
         "damping": compare_decay(windows, reason),
         "latent": latent,
-        "horizon": error_along(held, pictures, render, integrate, config),
+        "horizon": error_over_horizon(held, pictures, render, integrate, config),
     }
 
 
 def _scores(
-    subject: Subject,
+    subject: EvaluationSubject,
     floor: dict[str, Any],
     forecast: dict[str, Any],
     frequency: dict[str, Any],

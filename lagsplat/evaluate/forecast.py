@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from lagsplat.chart.chart import Chart
-from lagsplat.chart.trajectory import Clock
+from lagsplat.chart.trajectory import TimeBase
 from lagsplat.evaluate.config import EvaluateConfig
 from lagsplat.evaluate.modes import fit_modes
 from lagsplat.evaluate.protocol import (
@@ -23,13 +23,13 @@ from lagsplat.evaluate.protocol import (
     Pictures,
     Render,
     bootstrap_interval,
+    cut_windows,
     draw_starts,
     initial_states,
     pin_diverged,
-    windows,
 )
-from lagsplat.evaluate.spectrum import evenly_spaced
-from lagsplat.io.recording.segments import crossing_frames
+from lagsplat.evaluate.spectrum import resample_evenly
+from lagsplat.io.recording.segments import find_crossing_frames
 
 
 def image_forecast(
@@ -52,9 +52,9 @@ def image_forecast(
     q0, v0 = initial_states(held, starts)
     # One state more than the horizon has, for the other way of counting; starts leave room for it.
     steps_s = held.clock.steps_s(starts, states + 1)
-    rollouts = integrate(q0, v0, windows(held.forcing, starts, states + 1), steps_s)
+    rollouts = integrate(q0, v0, cut_windows(held.forcing, starts, states + 1), steps_s)
     pinned, gone = pin_diverged(rollouts, bound=config.divergence_factor * held.reach)
-    average = mean_picture(held, pictures)
+    average = mean_image(held, pictures)
     parts = frame_errors(pinned, gone, starts, pictures, render, average)
     error, hold, mean = (part[:, :states].mean(axis=1) for part in parts)
     ahead, gone = parts[0][:, 1:].mean(axis=1), gone[:, :states]
@@ -90,7 +90,7 @@ def image_forecast(
     }
 
 
-def mean_picture(held: HeldOut, pictures: Pictures) -> np.ndarray:
+def mean_image(held: HeldOut, pictures: Pictures) -> np.ndarray:
     """Mean of up to 256 evenly spaced recorded frames of the scored part."""
     return pictures(np.linspace(held.skip, held.n_frames - 1, 256).astype(np.int64)).mean(axis=0)
 
@@ -139,7 +139,7 @@ BAND = (16.0, 84.0)  # percentiles over starts
 LEAST = 3
 
 
-def error_along(
+def error_over_horizon(
     held: HeldOut, pictures: Pictures, render: Render, integrate: Integrate, config: EvaluateConfig
 ) -> dict[str, Any]:
     """Image error at each moment of rollouts of ``config.figure.horizon_s``, or of half the longest clip.
@@ -156,9 +156,11 @@ def error_along(
     count = config.figure.horizon_starts
     starts = draw_starts(held, length=states, margin=0, count=count, seed=config.seed)
     q0, v0 = initial_states(held, starts)
-    rollouts = integrate(q0, v0, windows(held.forcing, starts, states), held.clock.steps_s(starts, states))
+    rollouts = integrate(
+        q0, v0, cut_windows(held.forcing, starts, states), held.clock.steps_s(starts, states)
+    )
     pinned, gone = pin_diverged(rollouts, bound=config.divergence_factor * held.reach)
-    average = mean_picture(held, pictures)
+    average = mean_image(held, pictures)
     error, hold, mean = frame_errors(pinned, gone, starts, pictures, render, average)
     low, high = np.percentile(error, BAND, axis=0)
     return {
@@ -174,7 +176,7 @@ def error_along(
 
 
 @dataclass(frozen=True)
-class Crossing:
+class BoundaryClip:
     """One clip as encoded, not smoothed: frames ``start`` to ``stop`` of the recording, held out from
     ``boundary`` on. ``period_s`` [s] is the natural period of its training part.
     """
@@ -206,33 +208,33 @@ class Crossing:
         return (self.time_s - self.time_s[0]) / self.dt_s
 
     @property
-    def clock(self) -> Clock:
+    def clock(self) -> TimeBase:
         """The instants of the frames."""
-        return Clock(self.dt_s, None if self.even else self.time_s)
+        return TimeBase(self.dt_s, None if self.even else self.time_s)
 
     def history(self, periods: float) -> int:
         """Training frames in so many natural periods: at least four, at most all of them."""
         return int(np.clip(round(periods * self.period_s / self.dt_s), min(4, self.n_train), self.n_train))
 
 
-def crossing_clip(chart: Chart) -> Crossing:
+def choose_boundary_clip(chart: Chart) -> BoundaryClip:
     """The clip of a chart that holds both training and held-out frames.
 
     Raises:
         ValueError: there is none, the mechanism is driven, or its training part shows no oscillation.
     """
-    start, boundary, stop = crossing_frames(chart.segments, chart.n_train)
+    start, boundary, stop = find_crossing_frames(chart.segments, chart.n_train)
     if chart.inputs.shape[1] and np.ptp(chart.inputs[start:stop], axis=0).max() > 0:
         raise ValueError(
             "the clip is driven by inputs, and a forecaster of pictures knows none; take a free system"
         )
     latents, clock = chart.latents[start:stop], chart.whole.clock
     whole = chart.whole.part(start, stop)
-    train = evenly_spaced(latents[: boundary - start], clock, start=start)
+    train = resample_evenly(latents[: boundary - start], clock, start=start)
     modes = fit_modes(train, dt_s=chart.dt_s, metric=chart.metric, most=1)
     if not modes:
         raise ValueError("the training part of the clip shows no oscillation to take a natural period from")
-    return Crossing(
+    return BoundaryClip(
         start=start,
         boundary=boundary,
         stop=stop,
@@ -245,7 +247,9 @@ def crossing_clip(chart: Chart) -> Crossing:
     )
 
 
-def autoencoder_floor(held: HeldOut, pictures: Pictures, render: Render, *, most: int) -> dict[str, Any]:
+def measure_autoencoder_floor(
+    held: HeldOut, pictures: Pictures, render: Render, *, most: int
+) -> dict[str, Any]:
     """Static reconstruction error of the unsmoothed latents, on evenly spaced held-out frames.
 
     Mean squared error over channels and pixels at the training resolution, colours in [0, 1]. Neighbouring

@@ -16,9 +16,9 @@ from jaxtyping import Float64
 from lagsplat.evaluate.config import EvaluateConfig
 from lagsplat.evaluate.latent import squared_norm
 from lagsplat.evaluate.modes import Mode, fit_modes
-from lagsplat.evaluate.protocol import HeldOut, Integrate, beyond, initial_states
-from lagsplat.evaluate.spectrum import Peak, evenly_spaced, spectral_peak
-from lagsplat.stage2.lagrangian import Lagrangian, modes
+from lagsplat.evaluate.protocol import HeldOut, Integrate, has_diverged, initial_states
+from lagsplat.evaluate.spectrum import Peak, find_spectral_peak, resample_evenly
+from lagsplat.stage2.lagrangian import Lagrangian, linearize_modes
 
 LEAST_WINDOW = 16
 
@@ -37,7 +37,7 @@ class FreeWindow:
     diverged: bool
 
 
-def free_segments(held: HeldOut, config: EvaluateConfig) -> list[tuple[int, int]]:
+def find_free_segments(held: HeldOut, config: EvaluateConfig) -> list[tuple[int, int]]:
     """Half-open stretches over which no input moves, longest first.
 
     On the measured inputs after the skip, never across clips: every change from frame to frame below
@@ -77,16 +77,18 @@ def _still(inputs: np.ndarray, rate: float, excursion: float) -> list[tuple[int,
     return [*runs, (start, len(inputs))]
 
 
-def free_windows(held: HeldOut, integrate: Integrate, config: EvaluateConfig) -> tuple[list[FreeWindow], str]:
+def cut_free_windows(
+    held: HeldOut, integrate: Integrate, config: EvaluateConfig
+) -> tuple[list[FreeWindow], str]:
     """Every usable window of free motion, and a sentence saying why there is none (empty otherwise).
 
     A window lasts ``window_cycles`` cycles of its segment's own frequency, at least sixteen frames and at
     most the segment; windows tile it. A segment whose spectrum shows no peak takes that of its strongest
     fitted oscillation. Windows whose RMS motion is below ``window_min_amplitude`` of the clip's are left out:
     they show the encoder's jitter. The estimators of frequency and decay need even spacing: on an uneven
-    clock they see each window resampled by `evenly_spaced`, the encoded and the rolled-out one alike.
+    clock they see each window resampled by `resample_evenly`, the encoded and the rolled-out one alike.
     """
-    segments = free_segments(held, config)
+    segments = find_free_segments(held, config)
     if not segments:
         return (
             [],
@@ -136,7 +138,7 @@ def _roll_out(
     kept = []
     for start, simulated in zip(starts.tolist(), rollouts, strict=True):
         encoded = held.encoded[start : start + length]
-        diverged = bool(beyond(simulated, bound).any())
+        diverged = bool(has_diverged(simulated, bound).any())
         seen = _even(encoded, held, start)
         said = simulated if diverged else _even(simulated, held, start)
         kept.append(
@@ -155,11 +157,11 @@ def _roll_out(
 
 
 def _even(series: np.ndarray, held: HeldOut, start: int) -> np.ndarray:
-    return evenly_spaced(series, held.clock, start=start)
+    return resample_evenly(series, held.clock, start=start)
 
 
 def _peak(series: np.ndarray, held: HeldOut, config: EvaluateConfig) -> Peak:
-    return spectral_peak(series, dt_s=held.dt_s, metric=held.metric, min_cycles=config.window_min_cycles)
+    return find_spectral_peak(series, dt_s=held.dt_s, metric=held.metric, min_cycles=config.window_min_cycles)
 
 
 def _modes(series: np.ndarray, held: HeldOut, config: EvaluateConfig) -> tuple[Mode, ...]:
@@ -180,8 +182,8 @@ def compare_decay(windows: Sequence[FreeWindow], reason: str) -> dict[str, Any]:
             "frames": len(window.encoded),
             "encoded": _mode(window.encoded_modes),
             "rollout": _mode(window.simulated_modes),
-            "encoded_modes": [plain_mode(mode) for mode in window.encoded_modes],
-            "rollout_modes": [plain_mode(mode) for mode in window.simulated_modes],
+            "encoded_modes": [dominant_mode(mode) for mode in window.encoded_modes],
+            "rollout_modes": [dominant_mode(mode) for mode in window.simulated_modes],
         }
         for window in windows
     ]
@@ -205,10 +207,10 @@ def compare_decay(windows: Sequence[FreeWindow], reason: str) -> dict[str, Any]:
 
 
 def _mode(modes: tuple[Mode, ...]) -> dict[str, float] | None:
-    return plain_mode(modes[0]) if modes else None
+    return dominant_mode(modes[0]) if modes else None
 
 
-def plain_mode(mode: Mode) -> dict[str, float]:
+def dominant_mode(mode: Mode) -> dict[str, float]:
     """A fitted oscillation as plain data."""
     return {
         "frequency_hz": mode.frequency_hz,
@@ -219,12 +221,12 @@ def plain_mode(mode: Mode) -> dict[str, float]:
     }
 
 
-def linear_modes(lagrangian: Lagrangian) -> list[dict[str, float]]:
+def compute_linear_modes(lagrangian: Lagrangian) -> list[dict[str, float]]:
     """Modes of the learned law linearised about its equilibrium without inputs, slowest first.
 
     An overdamped direction appears as two entries of frequency 0.
     """
-    found = modes(lagrangian, torch.zeros(lagrangian.n_inputs, dtype=torch.float64))
+    found = linearize_modes(lagrangian, torch.zeros(lagrangian.n_inputs, dtype=torch.float64))
     return [
         {"frequency_hz": frequency_hz, "rate_per_s": rate_per_s}
         for frequency_hz, rate_per_s in zip(found.frequency_hz, found.decay_per_s, strict=True)
@@ -267,7 +269,7 @@ def compare_frequency(windows: Sequence[FreeWindow], reason: str, *, dt_s: float
     }
 
 
-def natural_period(frequency: dict[str, Any], config: EvaluateConfig) -> float | None:
+def measure_natural_period(frequency: dict[str, Any], config: EvaluateConfig) -> float | None:
     """The natural period [s], imposed or else measured by `compare_frequency`; None without either."""
     measured = frequency["encoded_hz"]
     return config.period_s or (1.0 / measured if measured else None)

@@ -9,10 +9,10 @@ from jaxtyping import Float64
 
 from lagsplat.chart.chart import Chart
 from lagsplat.evaluate.config import GuaranteeConfig
-from lagsplat.evaluate.forces.known_forces import energy_of
-from lagsplat.stage2.lagrangian import Lagrangian, equilibrium
+from lagsplat.evaluate.forces.known_forces import mechanical_energy
+from lagsplat.stage2.lagrangian import Lagrangian, find_equilibrium
 from lagsplat.stage2.numpy_lagrangian import FrozenLaw, roll_out_free
-from lagsplat.stage2.rollout import pieces_of
+from lagsplat.stage2.rollout import split_inputs
 
 HALVINGS = 6
 STRETCH = 400  # states between two looks at whether everything has settled
@@ -21,16 +21,16 @@ NOISE = 1e-9  # rise of the energy, over where it began, that is rounding
 ORDER = 2  # of the integrator: at half the step a rise that is its own falls to a quarter
 
 
-def guarantee_of(lagrangian: Lagrangian, chart: Chart, config: GuaranteeConfig) -> dict[str, Any]:
-    """`guarantee` of a law on the chart it was learned on, or the ``reason`` why it cannot be asked."""
+def measure_guarantee(lagrangian: Lagrangian, chart: Chart, config: GuaranteeConfig) -> dict[str, Any]:
+    """`summarize_guarantees` of a law on the chart it was learned on, or the ``reason`` why it cannot be asked."""
     if lagrangian.form.mass == "induced":
         return {"reason": "a decoder-induced mass has no closed form to roll out for so long"}
     reach = float(np.linalg.norm(chart.latents - chart.rest, axis=1).max())
-    return {"reason": "", **guarantee(lagrangian, reach=reach, dt_s=chart.dt_s, config=config)}
+    return {"reason": "", **summarize_guarantees(lagrangian, reach=reach, dt_s=chart.dt_s, config=config)}
 
 
 @dataclass(frozen=True)
-class Settling:
+class SettlingTest:
     """Rollouts that were carried on until they had settled or their time was over.
 
     ``rise`` is how far the energy ever rose above where it had been, over where it began; the largest of all.
@@ -46,7 +46,7 @@ class Settling:
     step_s: float
 
 
-def guarantee(
+def summarize_guarantees(
     lagrangian: Lagrangian, *, reach: float, dt_s: float, config: GuaranteeConfig, seed: int = 0
 ) -> dict[str, Any]:
     """Whether a trained law comes to rest from anywhere, under no load and under held forces; plain data.
@@ -62,9 +62,9 @@ def guarantee(
     """
     law = FrozenLaw(lagrangian)
     # The workflow divides a long step into equal pieces; here a step is what the scheme really takes.
-    dt_s = dt_s / pieces_of(dt_s / law.time_unit_s, law.longest_step)
+    dt_s = dt_s / split_inputs(dt_s / law.time_unit_s, law.longest_step)
     law.longest_step = np.inf
-    rest = equilibrium(lagrangian, torch.zeros(lagrangian.n_inputs, dtype=torch.float64)).numpy()
+    rest = find_equilibrium(lagrangian, torch.zeros(lagrangian.n_inputs, dtype=torch.float64)).numpy()
     rng = np.random.default_rng(seed)
     sides = _sides(rng, config.starts, lagrangian.d)
     start = rest + config.far * reach * sides
@@ -137,7 +137,7 @@ def _settle(
     tolerance: float,
     *,
     force: np.ndarray | float = 0.0,
-) -> Settling:
+) -> SettlingTest:
     """Carry on until all are at their goal; a step at which the scheme adds energy from afar is halved."""
     for _ in range(HALVINGS):
         if _rise(lagrangian, law, q, v, dt_s=dt_s, force=force) < LARGE:
@@ -153,7 +153,7 @@ def _settle(
             break
     finite = np.isfinite(q).all(axis=1)
     near = finite & (np.nan_to_num(apart, nan=np.inf) < tolerance)
-    return Settling(q, int(near.sum()), int((~finite).sum()), rise, elapsed_s, dt_s)
+    return SettlingTest(q, int(near.sum()), int((~finite).sum()), rise, elapsed_s, dt_s)
 
 
 def _rise(
@@ -173,7 +173,7 @@ def _rise(
     push = np.broadcast_to(force, q.shape)
     worst = 0.0
     for path, speed, held in zip(paths, speeds, push, strict=True):
-        energy = energy_of(lagrangian, path, speed) - (path - path[0]) @ held
+        energy = mechanical_energy(lagrangian, path, speed) - (path - path[0]) @ held
         scale = max(float(energy[0]), float(np.ptp(energy)), 1e-300)
         worst = max(worst, float((energy - np.minimum.accumulate(energy)).max()) / scale)
     return worst

@@ -6,18 +6,18 @@ from typing import Any
 import numpy as np
 
 from lagsplat.evaluate.config import EvaluateConfig
-from lagsplat.evaluate.forecast import image_errors, mean_picture, window_errors
+from lagsplat.evaluate.forecast import image_errors, mean_image, window_errors
 from lagsplat.evaluate.protocol import (
     HeldOut,
     Integrate,
     Pictures,
     Render,
     bootstrap_interval,
+    cut_windows,
     draw_starts,
+    explain_shortage,
     initial_states,
     pin_diverged,
-    shortage,
-    windows,
 )
 
 
@@ -43,14 +43,14 @@ def latent_forecast(
     """
     states = max(round(config.periods * period_s / held.dt_s), 2)
     margin = 3 if config.velocity == "forward" else 0  # as published
-    if why := shortage(held, length=states, margin=margin):
+    if why := explain_shortage(held, length=states, margin=margin):
         return {"reason": why}
     starts = draw_starts(held, length=states, margin=margin, count=config.starts, seed=config.seed)
     q0, v0 = initial_states(held, starts)
     steps_s = held.clock.steps_s(starts, states)
-    rollouts = integrate(q0, v0, windows(held.forcing, starts, states), steps_s)
+    rollouts = integrate(q0, v0, cut_windows(held.forcing, starts, states), steps_s)
     pinned, gone = pin_diverged(rollouts, bound=config.divergence_factor * held.reach)
-    image, image_hold, _ = window_errors(pinned, gone, starts, pictures, render, mean_picture(held, pictures))
+    image, image_hold, _ = window_errors(pinned, gone, starts, pictures, render, mean_image(held, pictures))
     frames = starts[:, None] + np.arange(states)
     floor = np.array([image_errors(render(held.latents[part]), pictures(part)).mean() for part in frames])
     stayed = ~gone[:, -1]
@@ -78,8 +78,8 @@ def _latent_scores(
     gone: np.ndarray,
     config: EvaluateConfig,
 ) -> dict[str, Any]:
-    encoded = windows(held.encoded, starts, pinned.shape[1])
-    scale = spread(held)
+    encoded = cut_windows(held.encoded, starts, pinned.shape[1])
+    scale = state_spread(held)
     error = state_errors(held, pinned, gone, encoded).mean(axis=1)
     hold = squared_norm(q0[:, None] - encoded, held.metric).mean(axis=1)
     stayed = ~gone[:, -1]
@@ -96,7 +96,7 @@ def _latent_scores(
     }
 
 
-def spread(held: HeldOut) -> float:
+def state_spread(held: HeldOut) -> float:
     """Mean squared distance of the encoded states from their mean, in the visibility metric."""
     return float(squared_norm(held.encoded - held.encoded.mean(axis=0), held.metric).mean())
 

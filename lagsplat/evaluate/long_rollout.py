@@ -17,11 +17,11 @@ from skimage.transform import resize
 
 from lagsplat.chart.chart import Chart
 from lagsplat.evaluate.config import EvaluateConfig
-from lagsplat.evaluate.evaluate import integrator, renderer
+from lagsplat.evaluate.evaluate import make_integrator, make_renderer
 from lagsplat.evaluate.forecast import image_errors
-from lagsplat.evaluate.free_motion import compare_frequency, free_windows, natural_period
-from lagsplat.evaluate.latent import spread, state_errors
-from lagsplat.evaluate.protocol import HeldOut, held_out, initial_states, pin_diverged, series_of
+from lagsplat.evaluate.free_motion import compare_frequency, cut_free_windows, measure_natural_period
+from lagsplat.evaluate.latent import state_errors, state_spread
+from lagsplat.evaluate.protocol import HeldOut, initial_states, list_series, pin_diverged, select_held_out
 from lagsplat.io.recording.recording import Recording
 from lagsplat.stage1.autoencoder import Autoencoder
 from lagsplat.stage2.lagrangian import Lagrangian
@@ -151,16 +151,16 @@ def roll_out(
     """
     stretch = choose_stretch(chart, config)
     series, frames = stretch.series, stretch.frames
-    integrate, start = integrator(lagrangian), np.array([stretch.start])
+    integrate, start = make_integrator(lagrangian), np.array([stretch.start])
     n_states = stretch.stop - stretch.start
     q0, v0 = initial_states(series, start)
     time_s = series.clock.instants_s(stretch.start, n_states)
     rollouts = integrate(q0, v0, series.forcing[None, frames], series.clock.steps_s(start, n_states))
-    held = held_out(chart, config)
+    held = select_held_out(chart, config)
     reach = max(held.reach, series.reach)
     pinned, gone = pin_diverged(rollouts, bound=config.divergence_factor * reach)
-    error = state_errors(held, pinned[0], gone[0], series.encoded[frames]) / spread(held)
-    first = held_from(stretch, chart) or 0
+    error = state_errors(held, pinned[0], gone[0], series.encoded[frames]) / state_spread(held)
+    first = first_held_out(stretch, chart) or 0
     ends = np.stack([chart.latents[stretch.last], pinned[0, -1]])
     shown = fine or Fine(autoencoder, recording)
     if shown.recording.n_frames != recording.n_frames:
@@ -170,7 +170,7 @@ def roll_out(
         )
     images = _last_images(shown, chart, ends, frame=stretch.last)
     pixels = images.at_encoded.shape[0] / recording.height
-    frequency = compare_frequency(*free_windows(held, integrate, config), dt_s=held.dt_s)
+    frequency = compare_frequency(*cut_free_windows(held, integrate, config), dt_s=held.dt_s)
     return LongRollout(
         time_s=time_s,
         encoded=series.encoded[frames],
@@ -180,7 +180,7 @@ def roll_out(
         metric=series.metric,
         nrmse=float(np.sqrt(error.mean())),
         held_nrmse=float(np.sqrt(error[first:].mean())),
-        period_s=natural_period(frequency, config),
+        period_s=measure_natural_period(frequency, config),
         held_s=float(time_s[first]) if first else None,
         lost_s=float(time_s[np.argmax(gone[0])]) if gone.any() else None,
         scale=pixels,
@@ -203,8 +203,8 @@ def _last_images(shown: Fine, chart: Chart, ends: np.ndarray, *, frame: int) -> 
     height, width = recording.height, recording.width
     scale = max(RENDER_PX / max(height, width), 1.0)
     size = {"height": round(scale * height), "width": round(scale * width)}
-    fine = np.moveaxis(np.clip(renderer(decoder, chart, **size)(ends), 0.0, 1.0), 1, 3)
-    plain = renderer(decoder, chart)(ends)
+    fine = np.moveaxis(np.clip(make_renderer(decoder, chart, **size)(ends), 0.0, 1.0), 1, 3)
+    plain = make_renderer(decoder, chart)(ends)
     picture = np.asarray(recording.frames[frame]).astype(np.float32) / np.float32(255.0)
     real = np.moveaxis(picture, 2, 0)[None]
     wrong = np.abs(np.clip(plain[0], 0.0, 1.0) - real[0]).mean(axis=0)
@@ -246,12 +246,12 @@ def choose_stretch(chart: Chart, config: EvaluateConfig) -> Stretch:
 
     Source: paper, the figures of the rainbow rocker (boundary) and of the hanging bag (held_out).
     """
-    held = held_out(chart, config)
+    held = select_held_out(chart, config)
     most = round(config.figure.duration_s / chart.dt_s) + 1
     if config.figure.start == "held_out":
         start, stop = held.longest
         return Stretch(held, chart.n_train, start, min(start + most, stop))
-    series = series_of(chart, chart.whole, config, skip=0)
+    series = list_series(chart, chart.whole, config, skip=0)
     crossing = [clip for clip in series.clips if clip[0] < chart.n_train < clip[1]]
     if not crossing:
         raise ValueError(
@@ -265,7 +265,7 @@ def choose_stretch(chart: Chart, config: EvaluateConfig) -> Stretch:
     return Stretch(series, 0, start, min(start + most, end))
 
 
-def held_from(stretch: Stretch, chart: Chart) -> int | None:
+def first_held_out(stretch: Stretch, chart: Chart) -> int | None:
     """First held-out frame, counted from the start of the stretch; None if all of it is held out."""
     first = chart.n_train - stretch.offset - stretch.start
     return first if first > 0 else None

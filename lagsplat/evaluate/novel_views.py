@@ -6,15 +6,15 @@ import numpy as np
 import torch
 
 from lagsplat.array_types import Frames
-from lagsplat.evaluate.extrapolation.forecast import decibels
+from lagsplat.evaluate.extrapolation.forecast import to_decibels
 from lagsplat.io.recording.recording import Recording
-from lagsplat.splat.projection import view_of
+from lagsplat.splat.projection import make_view
 from lagsplat.stage1.autoencoder import CHUNK, Autoencoder, encode_frames, to_images
 from lagsplat.views.camera import Camera
 from lagsplat.views.novel import KNOWN, NovelViews, require_views
 
 
-def score_sides(autoencoder: Autoencoder, recording: Recording, views: NovelViews) -> dict[str, Any]:
+def score_novel_views(autoencoder: Autoencoder, recording: Recording, views: NovelViews) -> dict[str, Any]:
     """PSNR [dB] of rendered views at the encoded states, ready for JSON.
 
     ``held_out`` are the cameras that training did not see, ``seen`` the others and ``filmed`` the film's own;
@@ -48,10 +48,10 @@ def score_sides(autoencoder: Autoencoder, recording: Recording, views: NovelView
 
 
 @torch.no_grad()
-def draw_side(autoencoder: Autoencoder, latents: np.ndarray, camera: Camera) -> np.ndarray:
+def draw_novel_view(autoencoder: Autoencoder, latents: np.ndarray, camera: Camera) -> np.ndarray:
     """Pictures (T, H, W, 3) in [0, 1] at raw latents (T, d), by a camera in the coordinates of space."""
     z = torch.as_tensor(latents, dtype=torch.float32)
-    drawn = [autoencoder.decode(part, view=view_of([camera])) for part in z.split(CHUNK)]
+    drawn = [autoencoder.decode(part, view=make_view([camera])) for part in z.split(CHUNK)]
     return np.moveaxis(torch.cat(drawn).numpy(), 1, 3)
 
 
@@ -64,7 +64,7 @@ def view_errors(
 ) -> np.ndarray:
     """Mean squared error of each picture (T,) over the pixels ``known`` (T, H, W)."""
     wanted = np.moveaxis(to_images(np.asarray(truth)).numpy(), 1, 3)
-    square = np.square(draw_side(autoencoder, latents, camera) - wanted).mean(3)
+    square = np.square(draw_novel_view(autoencoder, latents, camera) - wanted).mean(3)
     weight = np.ones_like(square) if known is None else known
     return (square * weight).sum((1, 2)) / np.maximum(weight.sum((1, 2)), 1)
 
@@ -74,4 +74,4 @@ def _known(views: NovelViews, camera: int) -> np.ndarray | None:
 
 
 def _mean(errors: np.ndarray) -> float | None:
-    return float(decibels(errors.ravel().astype(np.float64)).mean()) if errors.size else None
+    return float(to_decibels(errors.ravel().astype(np.float64)).mean()) if errors.size else None

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
 from lagsplat.chart.chart import Chart
-from lagsplat.chart.trajectory import Clock, Trajectory
+from lagsplat.chart.trajectory import EncodedTrajectory, TimeBase
 from lagsplat.evaluate.config import EvaluateConfig
 
 Latents = Float64[np.ndarray, "N d"]
@@ -68,9 +68,9 @@ class HeldOut:
         return max(self.clips, key=lambda clip: clip[1] - clip[0], default=(0, 0))
 
     @property
-    def clock(self) -> Clock:
+    def clock(self) -> TimeBase:
         """The instants of the frames."""
-        return Clock(self.dt_s, self.time_s)
+        return TimeBase(self.dt_s, self.time_s)
 
     @property
     def n_frames(self) -> int:
@@ -83,7 +83,7 @@ class HeldOut:
         return float(np.linalg.norm(self.encoded, axis=1).max())
 
 
-def held_out(chart: Chart, config: EvaluateConfig) -> HeldOut:
+def select_held_out(chart: Chart, config: EvaluateConfig) -> HeldOut:
     """The held-out part of a chart, smoothed once for every score as the chart says.
 
     Raises:
@@ -96,10 +96,10 @@ def held_out(chart: Chart, config: EvaluateConfig) -> HeldOut:
             f"the held-out part has {len(part.latents)} frames and evaluate.skip_s={config.skip_s} takes "
             f"{skip} of them; lower evaluate.skip_s or hold out a longer part"
         )
-    return series_of(chart, part, config, skip=skip)
+    return list_series(chart, part, config, skip=skip)
 
 
-def series_of(chart: Chart, part: Trajectory, config: EvaluateConfig, *, skip: int) -> HeldOut:
+def list_series(chart: Chart, part: EncodedTrajectory, config: EvaluateConfig, *, skip: int) -> HeldOut:
     """A part of a chart as the scores see it."""
     smooth = part.smoothed(chart.smoothing_frames)
     return HeldOut(
@@ -116,7 +116,7 @@ def series_of(chart: Chart, part: Trajectory, config: EvaluateConfig, *, skip: i
     )
 
 
-def shortage(held: HeldOut, *, length: int, margin: int) -> str:
+def explain_shortage(held: HeldOut, *, length: int, margin: int) -> str:
     """Why no rollout of ``length`` states fits into a scored clip; empty where one does."""
     span = max(length + margin, 3)
     start, stop = held.longest
@@ -139,7 +139,7 @@ def draw_starts(held: HeldOut, *, length: int, margin: int, count: int, seed: in
         ValueError: no clip of the scored part is long enough.
     """
     span = max(length + margin, 3)
-    if why := shortage(held, length=length, margin=margin):
+    if why := explain_shortage(held, length=length, margin=margin):
         raise ValueError(why)
     valid = np.concatenate([np.arange(start, stop - span) for start, stop in held.clips])
     draws = np.random.default_rng(seed).integers(0, valid.size, size=count)
@@ -158,12 +158,14 @@ def initial_states(
     return held.encoded[starts], held.clock.slope(held.encoded, starts, held.stencil)
 
 
-def windows(series: Float64[np.ndarray, "T m"], starts: Int64[np.ndarray, " B"], length: int) -> np.ndarray:
+def cut_windows(
+    series: Float64[np.ndarray, "T m"], starts: Int64[np.ndarray, " B"], length: int
+) -> np.ndarray:
     """The stretches of ``length`` frames that begin at ``starts``, shape (B, length, m)."""
     return series[starts[:, None] + np.arange(length)]
 
 
-def beyond(states: Float64[np.ndarray, "*N d"], bound: float) -> Bool[np.ndarray, "*N"]:
+def has_diverged(states: Float64[np.ndarray, "*N d"], bound: float) -> Bool[np.ndarray, "*N"]:
     """Which states are not finite or longer than ``bound``."""
     # Squares of what a diverging rollout passes through overflow long before the rollout itself does.
     tame = np.clip(np.nan_to_num(states, nan=np.inf), -1e100, 1e100)
@@ -178,7 +180,7 @@ def pin_diverged(rollouts: Rollouts, *, bound: float) -> tuple[Rollouts, Bool[np
     they can be rendered and compared. Scores take the larger of a pinned state's error and of the error of
     the mean prediction: leaving the data never pays.
     """
-    gone = np.logical_or.accumulate(beyond(rollouts, bound), axis=1)
+    gone = np.logical_or.accumulate(has_diverged(rollouts, bound), axis=1)
     pinned = rollouts.copy()
     for row in np.flatnonzero(gone[:, -1]):
         first = int(np.argmax(gone[row]))

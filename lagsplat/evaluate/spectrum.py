@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float64
 from scipy.interpolate import CubicSpline
 
-from lagsplat.chart.trajectory import Clock
+from lagsplat.chart.trajectory import TimeBase
 
 SUB_WINDOWS = 5
 SUB_LENGTH = 0.75
@@ -30,7 +30,7 @@ class Peak:
     uncertainty_hz: float | None
 
 
-def spectral_peak(
+def find_spectral_peak(
     series: Float64[np.ndarray, "N d"],
     *,
     dt_s: float,
@@ -39,7 +39,7 @@ def spectral_peak(
 ) -> Peak:
     """Peak frequency of one window, its mean removed, under a symmetric Hann window and without padding.
 
-    Samples are ``dt_s`` apart; see `evenly_spaced` for those that are not. Bins below ``min_cycles`` per
+    Samples are ``dt_s`` apart; see `resample_evenly` for those that are not. Bins below ``min_cycles`` per
     window are ignored. The uncertainty comes from five sub-windows of three quarters of the length: their
     smaller length and their overlap nearly cancel in its size, and it also sees a frequency that moves as
     the motion dies out.
@@ -50,19 +50,19 @@ def spectral_peak(
     length = round(SUB_LENGTH * len(series))
     offsets = np.linspace(0, len(series) - length, SUB_WINDOWS).round().astype(int)
     inner = [
-        peak_frequency(_visible_power(series[o : o + length], visible_mode), length * dt_s, min_cycles)
+        find_peak_frequency(_visible_power(series[o : o + length], visible_mode), length * dt_s, min_cycles)
         for o in offsets
     ]
     found = [value for value in inner if value is not None]
     span_s = len(series) * dt_s
     return Peak(
-        visible_hz=peak_frequency(_visible_power(series, visible_mode), span_s, min_cycles),
-        weighted_hz=peak_frequency(_weighted_power(series, metric), span_s, min_cycles),
+        visible_hz=find_peak_frequency(_visible_power(series, visible_mode), span_s, min_cycles),
+        weighted_hz=find_peak_frequency(_weighted_power(series, metric), span_s, min_cycles),
         uncertainty_hz=float(np.std(found, ddof=1)) if len(found) >= 3 else None,
     )
 
 
-def peak_frequency(power: Float64[np.ndarray, " F"], span_s: float, min_cycles: float) -> float | None:
+def find_peak_frequency(power: Float64[np.ndarray, " F"], span_s: float, min_cycles: float) -> float | None:
     """Frequency [Hz] of the strongest allowed bin, refined by a parabola through the log power.
 
     The refinement is taken only where the parabola is concave and moves by at most half a bin. None where
@@ -98,7 +98,7 @@ def _visible_power(series: np.ndarray, mode: np.ndarray) -> np.ndarray:
     return np.abs(_transform(series @ mode[:, None])[:, 0]) ** 2
 
 
-def evenly_spaced(series: Float64[np.ndarray, "N d"], clock: Clock, *, start: int) -> np.ndarray:
+def resample_evenly(series: Float64[np.ndarray, "N d"], clock: TimeBase, *, start: int) -> np.ndarray:
     """The series ``dt_s`` apart, (M, d), from the frame ``start`` to its end; itself on an even clock.
 
     By a cubic spline through the frames at their true times. It has the same span, so that its length may

@@ -18,11 +18,11 @@ from scipy.optimize import linear_sum_assignment, minimize, root
 from torch import Tensor
 
 from lagsplat.chart.chart import Chart
-from lagsplat.evaluate.free_motion import plain_mode
+from lagsplat.evaluate.free_motion import dominant_mode
 from lagsplat.evaluate.modes import fit_modes
-from lagsplat.forces.equilibrium import Held, energy
-from lagsplat.forces.grasp import Grip
-from lagsplat.stage2.lagrangian import Lagrangian, equilibrium
+from lagsplat.forces.equilibrium import OperatingPoint, potential_energy
+from lagsplat.forces.grasp import GraspPoint
+from lagsplat.stage2.lagrangian import Lagrangian, find_equilibrium
 
 VISIBLE = 0.05  # least share of the energy of a free window with which a mode counts as excited
 SAME = (
@@ -35,7 +35,7 @@ RATES = (("frequency_hz", "frequency", "Hz"), ("rate_per_s", "decay rate", "1/s"
 
 
 @runtime_checkable
-class Known(Protocol):
+class KnownQuantity(Protocol):
     """What is needed of the truth: states at the frames with their names and units, the rest state and the
     modes about it.
 
@@ -51,7 +51,7 @@ class Known(Protocol):
 
 def compare_with_truth(
     metrics: dict[str, Any],
-    truth: Known,
+    truth: KnownQuantity,
     chart: Chart,
     lagrangian: Lagrangian,
 ) -> dict[str, Any]:
@@ -89,7 +89,7 @@ def compare_with_truth(
     return {"rows": rows + _equilibrium_rows(truth, chart, lagrangian)}
 
 
-def _free_windows(metrics: dict[str, Any], truth: Known, chart: Chart) -> list[dict[int, Triple]]:
+def _free_windows(metrics: dict[str, Any], truth: KnownQuantity, chart: Chart) -> list[dict[int, Triple]]:
     """Of each window of free motion the visible true oscillations by number, with what stands for them.
 
     Coordinates are weighed by their motion in the whole recording, so that one which hardly moves in a window
@@ -102,7 +102,7 @@ def _free_windows(metrics: dict[str, Any], truth: Known, chart: Chart) -> list[d
         series = truth.states[first : first + row["frames"]]
         modes = fit_modes(series, dt_s=chart.dt_s, metric=metric, most=series.shape[1] + 1)
         true: dict[int, dict[str, float]] = {}
-        for mode in _visible([plain_mode(mode) for mode in modes]):
+        for mode in _visible([dominant_mode(mode) for mode in modes]):
             apart = np.abs(mode["frequency_hz"] / np.maximum(truth.damped_frequencies_hz, 1e-300) - 1.0)
             if apart.min() < SAME:
                 true.setdefault(int(apart.argmin()), mode)
@@ -138,7 +138,7 @@ def _rolled_out(triples: Sequence[Triple], name: str) -> list[dict[str, Any]]:
     return rows
 
 
-def _linearised(mode: Mode | None, truth: Known, number: int, name: str) -> list[dict[str, Any]]:
+def _linearised(mode: Mode | None, truth: KnownQuantity, number: int, name: str) -> list[dict[str, Any]]:
     true = {"frequency_hz": truth.damped_frequencies_hz, "rate_per_s": truth.decay_rates_per_s}
     return [
         _row(
@@ -150,14 +150,14 @@ def _linearised(mode: Mode | None, truth: Known, number: int, name: str) -> list
     ]
 
 
-def _equilibrium_rows(truth: Known, chart: Chart, lagrangian: Lagrangian) -> list[dict[str, Any]]:
+def _equilibrium_rows(truth: KnownQuantity, chart: Chart, lagrangian: Lagrangian) -> list[dict[str, Any]]:
     """The learned equilibrium in the true coordinates, through a map fitted on the training frames."""
     smooth = chart.whole.smoothed(chart.smoothing_frames).latents
     known, unseen = slice(None, chart.n_train), slice(chart.n_train, None)
     to_states = fit_polynomial(smooth[known], truth.states[known])
     motion = truth.states.std(axis=0)
     missed = np.sqrt(np.mean((to_states(smooth[unseen]) - truth.states[unseen]) ** 2, axis=0))
-    latent = equilibrium(lagrangian, torch.zeros(lagrangian.n_inputs, dtype=torch.float64)).numpy()
+    latent = find_equilibrium(lagrangian, torch.zeros(lagrangian.n_inputs, dtype=torch.float64)).numpy()
     learned = to_states(latent[None])[0]
     return [
         {
@@ -193,8 +193,8 @@ def _median(values: Sequence[float]) -> float | None:
 BEND = 0.1
 
 
-def settled_elsewhere(
-    held: Held, grip: Grip, force: Float64[np.ndarray, "2"], *, seed: int = 0
+def has_settled_elsewhere(
+    held: OperatingPoint, grip: GraspPoint, force: Float64[np.ndarray, "2"], *, seed: int = 0
 ) -> Float[Tensor, " d"]:
     """The equilibrium under a force, found in the coordinates ``x`` of ``q = rest + reach (x + x^3/10) A``.
 
@@ -221,7 +221,9 @@ def settled_elsewhere(
     def value(x: np.ndarray) -> float:
         q = torch.from_numpy(back(x))
         with torch.no_grad():
-            return float(energy(held.law, q[None], held.u[None])[0] - torch.from_numpy(force) @ grip.place(q))
+            return float(
+                potential_energy(held.law, q[None], held.u[None])[0] - torch.from_numpy(force) @ grip.place(q)
+            )
 
     near = minimize(value, np.zeros(d), jac=slope, method="BFGS").x
     return torch.from_numpy(back(root(slope, near, tol=1e-13).x))

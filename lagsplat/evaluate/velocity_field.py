@@ -15,19 +15,19 @@ from scipy.spatial import cKDTree
 
 from lagsplat.array_types import Frames
 from lagsplat.chart.chart import Chart
-from lagsplat.io.files.artifact import load_artefact, save_artefact
-from lagsplat.splat.backend import rasterizer
+from lagsplat.io.files.artifact import load_artifact, save_artifact
+from lagsplat.splat.backend import choose_rasterizer
 from lagsplat.splat.image_model import ALPHA_MIN
 from lagsplat.splat.losses import structural_dissimilarity
 from lagsplat.stage1.autoencoder import to_images
-from lagsplat.stage1.deformation_decoder import Field
+from lagsplat.stage1.deformation_decoder import DeformationField
 
 STILL = 1.5  # spreads of the quietest pixels within which a pixel counts as background
 AT_ONCE = 32
 
 
 @dataclass(frozen=True)
-class Moment:
+class FastestMoment:
     """The training frame of the fastest motion: its raw latent and the rate of change of it [1/s]."""
 
     frame: int
@@ -35,7 +35,7 @@ class Moment:
     rate: Float64[np.ndarray, " d"]
 
 
-def fastest_moment(chart: Chart) -> Moment:
+def find_fastest_moment(chart: Chart) -> FastestMoment:
     """Where the encoded training motion, smoothed, is fastest in the metric; never at the end of a clip."""
     train = chart.train.smoothed(chart.smoothing_frames)
     inner = np.concatenate([np.arange(start + 1, stop - 1) for start, stop in train.segments])
@@ -43,10 +43,10 @@ def fastest_moment(chart: Chart) -> Moment:
     speed = np.einsum("ti,ij,tj->t", slopes, chart.metric, slopes)
     best = int(np.argmax(speed))
     frame = int(inner[best])
-    return Moment(frame, chart.to_raw(train.latents[[frame]])[0], slopes[best] @ chart.unwhiten)
+    return FastestMoment(frame, chart.to_raw(train.latents[[frame]])[0], slopes[best] @ chart.unwhiten)
 
 
-def background_of(frames: Frames) -> Bool[np.ndarray, "H W"]:
+def estimate_background(frames: Frames) -> Bool[np.ndarray, "H W"]:
     """Pixels that do not change over the frames beyond their noise.
 
     The spread over time of the quietest half of the pixels says what noise is.
@@ -57,11 +57,11 @@ def background_of(frames: Frames) -> Bool[np.ndarray, "H W"]:
 
 
 @torch.no_grad()
-def velocity_field(
-    field: Field,
+def compute_velocity_field(
+    field: DeformationField,
     frames: Frames,
     latents: Float64[np.ndarray, "T d"],
-    moment: Moment,
+    moment: FastestMoment,
     *,
     window: int,
     neighbours: int,
@@ -84,12 +84,12 @@ def velocity_field(
     rough, visible = _roughness(scene.means[0], scene.opacity[0], velocity, field, neighbours)
     speeds = np.linalg.norm(velocity, axis=1)
     colour = torch.as_tensor(np.repeat(speeds[:, None], 3, axis=1), dtype=torch.float32)
-    rasterize = rasterizer(backend, "cpu")
+    rasterize = choose_rasterizer(backend, "cpu")
     painted = rasterize(
         scene.means, scene.covariance, scene.opacity, colour, torch.zeros(3),
         height=field.height, width=field.width,
     )[0, 0].numpy()  # fmt: skip
-    still = background_of(frames)
+    still = estimate_background(frames)
     picture = field.draw([scene], backend=backend)[0].clamp(0, 1).numpy()
     return {
         **_reconstruction(field, frames, latents, window=window, backend=backend),
@@ -105,7 +105,7 @@ def velocity_field(
 
 
 def _roughness(
-    means: torch.Tensor, opacity: torch.Tensor, velocity: np.ndarray, field: Field, neighbours: int
+    means: torch.Tensor, opacity: torch.Tensor, velocity: np.ndarray, field: DeformationField, neighbours: int
 ) -> tuple[float | None, np.ndarray]:
     at = means.double().numpy()
     inside = (at >= 0).all(axis=1) & (at[:, 0] <= field.width) & (at[:, 1] <= field.height)
@@ -120,7 +120,7 @@ def _roughness(
 
 
 def _reconstruction(
-    field: Field, frames: Frames, latents: np.ndarray, *, window: int, backend: str
+    field: DeformationField, frames: Frames, latents: np.ndarray, *, window: int, backend: str
 ) -> dict[str, float]:
     l1, dissimilarity = [], []
     for first in range(0, len(frames), AT_ONCE):
@@ -148,16 +148,16 @@ def save_maps(
 ) -> None:
     """Write the maps of each decoder, by name, with its measures."""
     tensors = {f"{name}.{key}": value for name, own in maps.items() for key, value in own.items()}
-    save_artefact(path, tensors, {"kind": KIND, "schema": SCHEMA, **header, "measures": dict(measures)})
+    save_artifact(path, tensors, {"kind": KIND, "schema": SCHEMA, **header, "measures": dict(measures)})
 
 
 def load_maps(path: str | os.PathLike[str]) -> tuple[Maps, dict[str, dict[str, Any]]]:
     """Read the maps and the measures of each decoder.
 
     Raises:
-        FileNotFoundError, ValueError: as `lagsplat.io.files.artifact.load_artefact`.
+        FileNotFoundError, ValueError: as `lagsplat.io.files.artifact.load_artifact`.
     """
-    tensors, header = load_artefact(path, kind=KIND, schema=SCHEMA)
+    tensors, header = load_artifact(path, kind=KIND, schema=SCHEMA)
     maps: Maps = {name: {} for name in header["measures"]}
     for key, value in tensors.items():
         name, _, what = key.partition(".")

@@ -10,11 +10,11 @@ import numpy as np
 import torch
 from jaxtyping import Float64
 
-from lagsplat.chart.trajectory import Trajectory
+from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.evaluate.config import EvaluateConfig
 from lagsplat.evaluate.evaluate import require_same_run
-from lagsplat.evaluate.protocol import beyond, held_out, initial_states
-from lagsplat.io.mcap.write import NumberTopic, PictureTopic, write_mcap
+from lagsplat.evaluate.protocol import has_diverged, initial_states, select_held_out
+from lagsplat.io.mcap.write import ImageTopic, NumberTopic, write_mcap
 from lagsplat.runs.run import FittedRun
 from lagsplat.stage1.autoencoder import decode_chunks
 from lagsplat.stage2.lagrangian import Lagrangian
@@ -64,9 +64,9 @@ def export_mcap(run: FittedRun, config: EvaluateConfig, out: Path) -> None:
     write_mcap(
         out,
         pictures=[
-            PictureTopic("/camera/recorded", time_s, (np.asarray(frame) for frame in recording.frames)),
-            PictureTopic("/camera/reconstruction", time_s, _rendered(run, latents)),
-            PictureTopic("/camera/prediction", time_s[predicted.frames], _rendered(run, predicted.q)),
+            ImageTopic("/camera/recorded", time_s, (np.asarray(frame) for frame in recording.frames)),
+            ImageTopic("/camera/reconstruction", time_s, _rendered(run, latents)),
+            ImageTopic("/camera/prediction", time_s[predicted.frames], _rendered(run, predicted.q)),
         ],
         numbers=numbers,
         metadata={key: json.dumps(value) for key, value in meta.items()},
@@ -74,7 +74,7 @@ def export_mcap(run: FittedRun, config: EvaluateConfig, out: Path) -> None:
     )
 
 
-def encoded_motion(whole: Trajectory, smoothing_frames: float) -> Motion:
+def encoded_motion(whole: EncodedTrajectory, smoothing_frames: float) -> Motion:
     """Smoothed encoded states and their central differences, of every clip that has two frames or more."""
     smooth = whole.smoothed(smoothing_frames).latents
     clips = [(a, b) for a, b in whole.segments if b - a > 1]
@@ -93,7 +93,7 @@ def predict(run: FittedRun, config: EvaluateConfig) -> Motion:
         ValueError: no held-out clip has three frames after ``evaluate.skip_s``.
     """
     chart = run.chart
-    held = held_out(chart, config)
+    held = select_held_out(chart, config)
     start, stop = held.longest
     if stop - start < LEAST_STATES:
         raise ValueError(
@@ -105,7 +105,7 @@ def predict(run: FittedRun, config: EvaluateConfig) -> Motion:
     steps = held.clock.steps_s(np.array([start]), stop - start)
     dt_s = torch.as_tensor(steps) if isinstance(steps, np.ndarray) else steps
     q, v = (x[0].double().numpy() for x in rollout(run.lagrangian, *first, dt_s=dt_s))
-    gone = beyond(q, config.divergence_factor * held.reach)
+    gone = has_diverged(q, config.divergence_factor * held.reach)
     states = int(np.argmax(gone)) if gone.any() else len(q)
     if states < len(q):
         log.warning(

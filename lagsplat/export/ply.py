@@ -7,9 +7,9 @@ import torch
 from jaxtyping import Float64
 
 from lagsplat.chart.chart import Chart
-from lagsplat.io.files.ply import Cloud, write_cloud
+from lagsplat.io.files.ply import PlyCloud, write_cloud
 from lagsplat.splat.image_model import ALPHA_MIN
-from lagsplat.splat.point_cloud import LOWER, quaternions_of
+from lagsplat.splat.point_cloud import LOWER, covariances_to_quaternions
 from lagsplat.stage1.autoencoder import Autoencoder
 
 THIN = 1e-3
@@ -39,7 +39,7 @@ def export_ply(autoencoder: Autoencoder, chart: Chart, q: Float64[np.ndarray, " 
 
 
 @torch.no_grad()
-def cloud_at(autoencoder: Autoencoder, z: Float64[np.ndarray, "1 d"]) -> Cloud:
+def cloud_at(autoencoder: Autoencoder, z: Float64[np.ndarray, "1 d"]) -> PlyCloud:
     """The Gaussians drawn at a raw latent, in units of the pivot's depth."""
     model = autoencoder.gaussians
     scene = model.condition(torch.from_numpy(z).to(model.center))
@@ -55,10 +55,10 @@ def cloud_at(autoencoder: Autoencoder, z: Float64[np.ndarray, "1 d"]) -> Cloud:
         full[:, i, j] = full[:, j, i] = packed[:, entry]
     values, vectors = np.linalg.eigh(full)
     shown = opacity >= ALPHA_MIN
-    return Cloud(
+    return PlyCloud(
         means=means[shown] / unit,
         scales=np.sqrt(np.maximum(values[shown], FLAT)) / unit,
-        quaternions=quaternions_of(vectors[shown]),
+        quaternions=covariances_to_quaternions(vectors[shown]),
         colors=scene.color.double().cpu().numpy()[shown],
         opacities=opacity[shown],
     )

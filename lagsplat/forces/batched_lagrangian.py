@@ -14,11 +14,11 @@ import torch
 from jaxtyping import Float64
 from torch import Tensor
 
-from lagsplat.forces.loaded_lagrangian import UNTOUCHED, Edits, Loaded
+from lagsplat.forces.loaded_lagrangian import UNTOUCHED, LawEdits, LoadedLagrangian
 from lagsplat.stage2.decoder_mass import InducedMass
 from lagsplat.stage2.lagrangian import Lagrangian
 from lagsplat.stage2.networks import ConstantMatrix, Icnn, MatrixField
-from lagsplat.stage2.rollout import advance, pieces_of
+from lagsplat.stage2.rollout import advance, split_inputs
 
 Vector = Float64[np.ndarray, " d"]
 Matrix = Float64[np.ndarray, "d d"]
@@ -33,7 +33,7 @@ class Single:
     Source: paper eq. (forced-eom).
     """
 
-    def __init__(self, law: Lagrangian, *, edits: Edits = UNTOUCHED) -> None:
+    def __init__(self, law: Lagrangian, *, edits: LawEdits = UNTOUCHED) -> None:
         with torch.no_grad():
             ready = law.prepare()
         if not isinstance(law.mass_term, MatrixField | ConstantMatrix):
@@ -108,7 +108,7 @@ class Single:
         """State and velocity [1/s] ``dt_s`` later, input and load held, by as many Verlet steps as
         `lagsplat.stage2.rollout.advance` takes.
         """
-        pieces = pieces_of(dt_s / self.unit_s, self.longest_step)
+        pieces = split_inputs(dt_s / self.unit_s, self.longest_step)
         h, w = dt_s / self.unit_s / pieces, v * self.unit_s
         for _ in range(pieces):
             a = self.acceleration(q, w, u, load)
@@ -222,9 +222,9 @@ class Batched:
     """The tensors of a law for one state, as `Single`: for masses that are sums over the decoder's
     Gaussians."""
 
-    def __init__(self, law: Lagrangian, *, edits: Edits = UNTOUCHED) -> None:
+    def __init__(self, law: Lagrangian, *, edits: LawEdits = UNTOUCHED) -> None:
         self.edits, self.unit_s = edits, float(law.time_unit_s)
-        self.law = Loaded(law, torch.zeros(law.d, dtype=torch.float64), edits=edits)
+        self.law = LoadedLagrangian(law, torch.zeros(law.d, dtype=torch.float64), edits=edits)
         with torch.no_grad():
             self.ready = law.prepare()
 
@@ -270,6 +270,6 @@ Stepper = Single | Batched
 """A law with its edits, one state at a time."""
 
 
-def stepper(law: Lagrangian, *, edits: Edits = UNTOUCHED) -> Stepper:
+def open_stepper(law: Lagrangian, *, edits: LawEdits = UNTOUCHED) -> Stepper:
     """The fastest of the two forms that can carry ``law``."""
     return Batched(law, edits=edits) if isinstance(law.mass_term, InducedMass) else Single(law, edits=edits)

@@ -14,11 +14,11 @@ from torch import Tensor
 
 from lagsplat.array_types import Inputs, Latents
 from lagsplat.chart.chart import Chart
-from lagsplat.forces.grasp import Grip, Kinematics, kinematics_of
-from lagsplat.forces.loaded_lagrangian import UNTOUCHED, Edits, Loaded
+from lagsplat.forces.grasp import GraspPoint, MatterKinematics, compute_kinematics
+from lagsplat.forces.loaded_lagrangian import UNTOUCHED, LawEdits, LoadedLagrangian
 from lagsplat.splat.projection import View
 from lagsplat.stage1.autoencoder import Autoencoder
-from lagsplat.stage2.lagrangian import Lagrangian, Prepared
+from lagsplat.stage2.lagrangian import Lagrangian, PreparedCoefficients
 
 ITERATIONS = 200
 TOLERANCE = 1e-10
@@ -40,7 +40,7 @@ def settle(
     u: Inputs,
     load: Float[Tensor, "B d"],
     *,
-    edits: Edits = UNTOUCHED,
+    edits: LawEdits = UNTOUCHED,
     start: Float[Tensor, " d"] | None = None,
 ) -> Latents:
     """The equilibria (B, d) under inputs ``u`` and generalised forces ``load``, one a row.
@@ -57,7 +57,7 @@ def settle(
 
     Source: paper, Appendix "Bounded forced response"; Nocedal and Wright, Numerical Optimization, ch. 3.
     """
-    loaded = Loaded(law, load, edits=edits)
+    loaded = LoadedLagrangian(law, load, edits=edits)
     first = law.rest.detach() if start is None else start
     q = first.expand(len(load), -1).clone()
     ready = loaded.prepare()
@@ -78,18 +78,18 @@ def settle(
     )
 
 
-def energy(law: Lagrangian, q: Latents, u: Inputs) -> Float[Tensor, " B"]:
+def potential_energy(law: Lagrangian, q: Latents, u: Inputs) -> Float[Tensor, " B"]:
     """``V - u.nu``, and less the work of the load if there is one."""
     return law.potential(q) - (law.volume(q, u) * u).sum(1)
 
 
-def stiffness(law: Lagrangian, q: Latents, u: Inputs) -> Float[Tensor, "B d d"]:
+def static_stiffness(law: Lagrangian, q: Latents, u: Inputs) -> Float[Tensor, "B d d"]:
     """The symmetric Hessian of the energy at ``q``."""
     return _slopes(law, q, u, law.prepare())[1]
 
 
 def _slopes(
-    law: Lagrangian, q: Latents, u: Inputs, ready: Prepared
+    law: Lagrangian, q: Latents, u: Inputs, ready: PreparedCoefficients
 ) -> tuple[Latents, Float[Tensor, "B d d"]]:
     """Force at ``q`` and the symmetric Hessian of the energy."""
     with torch.enable_grad():
@@ -109,11 +109,11 @@ def _descend(
     size = size.clamp(min=LEAST_CURVATURE * size.amax(1, keepdim=True).clamp(min=1e-300))
     step = (vectors @ ((vectors.mT @ force[:, :, None])[:, :, 0] / size)[:, :, None])[:, :, 0]
     gain = (step * force).sum(1)
-    before = energy(law, q, u)
+    before = potential_energy(law, q, u)
     fine = gain <= UNRESOLVED * (1.0 + before.abs())
     length = torch.ones_like(gain)
     while True:
-        after = energy(law, q + length[:, None] * step, u)
+        after = potential_energy(law, q + length[:, None] * step, u)
         falls: Bool[Tensor, " B"] = fine | (after <= before - DECREASE * length * gain)
         if bool(falls.all()) or float(length.min()) < SHORTEST:
             return torch.where(falls[:, None], q + length[:, None] * step, q)
@@ -127,7 +127,7 @@ def _polished(
     u: Inputs,
     force: Latents,
     hessian: Float[Tensor, "B d d"],
-    ready: Prepared,
+    ready: PreparedCoefficients,
 ) -> Latents:
     """After one more Newton step where that leaves less of the force: differences of answers are small."""
     closer = q + torch.linalg.solve_ex(hessian, force[:, :, None])[0][:, :, 0]
@@ -144,7 +144,7 @@ STILL = 1e-6
 
 
 @dataclass(frozen=True)
-class Held:
+class OperatingPoint:
     """A law at rest under the constant inputs ``u`` (n_u,), in the state ``rest`` (d,); ``reach`` is how
     far training states lie from there, the 99th percentile [whitened units].
     """
@@ -152,7 +152,7 @@ class Held:
     autoencoder: Autoencoder
     chart: Chart
     law: Lagrangian
-    kinematics: Kinematics
+    kinematics: MatterKinematics
     u: Float[Tensor, " n_u"]
     rest: Float[Tensor, " d"]
     reach: float
@@ -172,7 +172,7 @@ class Held:
             )
         return np.moveaxis(drawn.cpu().numpy(), 1, 3)
 
-    def magnitude(self, grip: Grip, direction: Float64[np.ndarray, " n"], *, share: float) -> float:
+    def magnitude(self, grip: GraspPoint, direction: Float64[np.ndarray, " n"], *, share: float) -> float:
         """The force along ``direction`` on ``grip`` that drives the state ``share`` of the reach away.
 
         In the law's own units of energy per pixel. Found among forces four decades apart at most, around what
@@ -195,15 +195,17 @@ class Held:
         return float(np.exp(np.interp(np.log(share), away.log().numpy(), sizes.log().numpy())))
 
 
-def hold(
+def hold_at_load(
     autoencoder: Autoencoder, chart: Chart, law: Lagrangian, u: Float64[np.ndarray, " n_u"] | None = None
-) -> Held:
+) -> OperatingPoint:
     """A run at rest under constant inputs: the mean of the training ones unless told otherwise."""
     inputs = torch.from_numpy(chart.train.inputs.mean(0) if u is None else u)
     rest = settle(law, inputs[None], torch.zeros(1, law.d, dtype=torch.float64))[0]
     away = np.linalg.norm(chart.train.latents - rest.numpy(), axis=1)
     reach = float(np.quantile(away, VISITED))
-    return Held(autoencoder, chart, law, kinematics_of(autoencoder, chart), inputs, rest, reach)
+    return OperatingPoint(
+        autoencoder, chart, law, compute_kinematics(autoencoder, chart), inputs, rest, reach
+    )
 
 
 SIZES = 81
@@ -214,15 +216,15 @@ class NoScaleError(ValueError):
     """A poke that no energy scale makes the law answer as measured; the message says why."""
 
 
-def share_of(
+def share_of_motion(
     answer: Float64[np.ndarray, "*B P n"], measured: Float64[np.ndarray, "P n"]
 ) -> Float64[np.ndarray, "*B"]:
     """How much of the measured ways an answer makes, by least squares: 1 where it is as large."""
     return np.einsum("...pc,pc->...", answer, measured) / np.sum(measured**2)
 
 
-def energy_scale(
-    held: Held,
+def fit_energy_scale(
+    held: OperatingPoint,
     load: Float64[np.ndarray, " d"],
     jacobian: Float64[np.ndarray, "P n d"],
     measured: Float64[np.ndarray, "P n"],
@@ -241,7 +243,7 @@ def energy_scale(
 
     def shares(sizes: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, " n"]:
         away = (held.settled(torch.from_numpy(sizes)[:, None] * direction) - held.rest).numpy()
-        return share_of(np.einsum("pcd,nd->npc", jacobian, away), measured)
+        return share_of_motion(np.einsum("pcd,nd->npc", jacobian, away), measured)
 
     small = 1e-3 * held.reach / max(float(np.linalg.norm(load)), 1e-300)
     slope = float(shares(np.array([small]))[0]) / small

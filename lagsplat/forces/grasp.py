@@ -13,11 +13,11 @@ from torch import Tensor
 
 from lagsplat.array_types import Latents
 from lagsplat.chart.chart import Chart
-from lagsplat.splat.gaussians import Slice
+from lagsplat.splat.gaussians import GaussianSlice
 from lagsplat.splat.image_model import ALPHA_MAX, ALPHA_MIN, BLUR_PX2
-from lagsplat.splat.projection import View, depths, project
+from lagsplat.splat.projection import View, compute_depths, project
 from lagsplat.stage1.autoencoder import Autoencoder
-from lagsplat.stage2.decoder_mass import DecoderGeometry, decoder_geometry
+from lagsplat.stage2.decoder_mass import DecoderGeometry, compute_decoder_geometry
 
 Point = tuple[float, float]
 """x to the right and y down [px]; the first pixel's centre is (0.5, 0.5)."""
@@ -25,12 +25,12 @@ Place = tuple[float, float, float]
 """The same in space, with z ahead of the film's camera [px at the pivot]."""
 
 
-class NothingThereError(ValueError):
+class NoMatterError(ValueError):
     """A click on which no Gaussian can be taken hold of; the message says why."""
 
 
 @dataclass(frozen=True)
-class Grip:
+class GraspPoint:
     """A choice of Gaussians, frozen at the click; it follows the matter and not the picture.
 
     ``weights`` (K,) sum to one. Since every Gaussian's Jacobian is constant, so is ``jacobian``, their
@@ -55,7 +55,7 @@ class Grip:
 
 
 @dataclass(frozen=True)
-class Kinematics:
+class MatterKinematics:
     """The map from a whitened latent to the centre of each Gaussian, affine and hence of constant Jacobian.
 
     ``center`` [px] is where a Gaussian stands at its own latent centre, ``geometry`` holds its Jacobian and
@@ -91,14 +91,14 @@ class Kinematics:
         return self.geometry.opacity * torch.exp(-0.5 * away.square().sum(-1))
 
 
-def brush(
-    kinematics: Kinematics,
+def grasp_brush(
+    kinematics: MatterKinematics,
     q: Float[Tensor, " d"],
     at: Point | Place,
     *,
     radius: float,
     least: float = ALPHA_MIN,
-) -> Grip:
+) -> GraspPoint:
     """Take hold of what is present around ``at``: weights ``w_i ~ alpha_i exp(-|mu_i - x|^2 / 2 radius^2)``.
 
     ``alpha_i`` is the opacity at the state ``q``, its gate counted: what cannot be seen is not clicked on.
@@ -116,72 +116,72 @@ def brush(
     present, distance = _around(kinematics, q, at)
     weights = present * torch.exp(-0.5 * distance / radius**2)
     if not float(weights.sum()) >= least:
-        raise NothingThereError(
+        raise NoMatterError(
             f"nothing is present within a brush of {radius:.3g} px around {_told(at)}: the picture shows its "
             "background colour there; click on the object or widen forces.brush"
         )
     return _grip(kinematics, q, at, weights / weights.sum())
 
 
-def nearest(
-    kinematics: Kinematics, q: Float[Tensor, " d"], at: Point | Place, *, least: float = ALPHA_MIN
-) -> Grip:
+def nearest_place(
+    kinematics: MatterKinematics, q: Float[Tensor, " d"], at: Point | Place, *, least: float = ALPHA_MIN
+) -> GraspPoint:
     """Take hold of the one Gaussian whose centre is closest to ``at`` among those that are drawn at ``q``.
 
     Raises:
-        NothingThereError, ValueError: as `brush`.
+        NothingThereError, ValueError: as `grasp_brush`.
     """
     present, distance = _around(kinematics, q, at)
     chosen = torch.where(present >= least, distance, torch.inf).argmin()
     return _grip(kinematics, q, at, torch.zeros_like(present).index_fill(0, chosen, 1.0))
 
 
-def hold_of(kinematics: Kinematics, q: Float[Tensor, " d"], gaussian: int) -> Grip:
+def grasp_along_ray(kinematics: MatterKinematics, q: Float[Tensor, " d"], gaussian: int) -> GraspPoint:
     """Take hold of one Gaussian, at its centre."""
     place = kinematics.places(q[None])[0, gaussian]
     weights = torch.zeros(len(kinematics.center), dtype=torch.float64).index_fill(
         0, torch.tensor(gaussian), 1.0
     )
-    return Grip(weights, kinematics.geometry.jacobian[gaussian], place, q)
+    return GraspPoint(weights, kinematics.geometry.jacobian[gaussian], place, q)
 
 
 def _told(at: Point | Place) -> str:
     return "(" + ", ".join(f"{x:.4g}" for x in at) + ")"
 
 
-def _around(kinematics: Kinematics, q: Float[Tensor, " d"], at: Point | Place) -> tuple[Tensor, Tensor]:
+def _around(kinematics: MatterKinematics, q: Float[Tensor, " d"], at: Point | Place) -> tuple[Tensor, Tensor]:
     """Opacity of every Gaussian at ``q``, and the square of its distance from ``at`` [px^2]."""
     place = torch.tensor(at, dtype=torch.float64)
     if len(at) != kinematics.space:
         raise ValueError(
             f"the point {_told(at)} has {len(at)} coordinates and the Gaussians live in {kinematics.space} "
-            "dimensions; in space, cast a ray through the pixel first (`lagsplat.forces.grasp.cast`)"
+            "dimensions; in space, cast a ray through the pixel first (`lagsplat.forces.grasp.cast_ray`)"
         )
     if not bool(torch.isfinite(place).all() and torch.isfinite(q).all()):
         raise ValueError(f"the click {at} or the state {q.tolist()} is not finite; check the rollout")
     if len(at) == 2 and not (0.0 <= at[0] <= kinematics.width and 0.0 <= at[1] <= kinematics.height):
-        raise NothingThereError(
+        raise NoMatterError(
             f"the point {_told(at)} is outside the picture of {kinematics.width} x "
             f"{kinematics.height} px; give x to the right and y down, in pixels of the training resolution"
         )
     present = kinematics.presence(q[None])[0]
     if not float(present.max()) >= ALPHA_MIN:
-        raise NothingThereError(
+        raise NoMatterError(
             f"no Gaussian is present at the state {[round(x, 3) for x in q.tolist()]}: it lies outside what "
             "the recording showed, and nothing is drawn there; go back towards the visited range"
         )
     return present, (kinematics.places(q[None])[0] - place).square().sum(1)
 
 
-def _grip(kinematics: Kinematics, q: Tensor, at: Point | Place, weights: Tensor) -> Grip:
+def _grip(kinematics: MatterKinematics, q: Tensor, at: Point | Place, weights: Tensor) -> GraspPoint:
     jacobian = torch.einsum("k,kcd->cd", weights, kinematics.geometry.jacobian)
-    return Grip(weights, jacobian, torch.tensor(at, dtype=torch.float64), q)
+    return GraspPoint(weights, jacobian, torch.tensor(at, dtype=torch.float64), q)
 
 
-def kinematics_of(autoencoder: Autoencoder, chart: Chart) -> Kinematics:
+def compute_kinematics(autoencoder: Autoencoder, chart: Chart) -> MatterKinematics:
     """The kinematics of a decoder in the whitened coordinates of a chart (float64)."""
-    return Kinematics(
-        geometry=decoder_geometry(autoencoder, chart),
+    return MatterKinematics(
+        geometry=compute_decoder_geometry(autoencoder, chart),
         center=autoencoder.gaussians.center.detach().cpu().double(),
         height=autoencoder.height,
         width=autoencoder.width,
@@ -193,7 +193,7 @@ STOPPED = 0.5
 
 
 @dataclass(frozen=True)
-class Hit:
+class RayHit:
     """The first Gaussian that a ray meets: its number, how far ahead of the camera its centre is [px at the
     pivot], and the share of the light that is stopped up to and with it.
     """
@@ -204,7 +204,7 @@ class Hit:
 
 
 @torch.no_grad()
-def cast(
+def cast_ray(
     autoencoder: Autoencoder,
     chart: Chart,
     q: Float[Tensor, " d"],
@@ -212,7 +212,7 @@ def cast(
     pixel: Point,
     *,
     size: tuple[int, int] | None = None,
-) -> Hit:
+) -> RayHit:
     """What the camera ``view`` shows in ``pixel`` at the whitened state ``q``.
 
     ``size`` is the height and width of its pictures [px], those of the training ones unless told otherwise.
@@ -235,28 +235,28 @@ def cast(
         raise ValueError(f"the state {q.tolist()} is not finite; check the rollout")
     height, width = size or (autoencoder.height, autoencoder.width)
     if not (0.0 <= pixel[0] <= width and 0.0 <= pixel[1] <= height):
-        raise NothingThereError(
+        raise NoMatterError(
             f"the point ({pixel[0]:.4g}, {pixel[1]:.4g}) is outside the picture of {width} x {height} px; "
             "give x to the right and y down, in its pixels"
         )
     scene = model.condition(torch.from_numpy(chart.to_raw(q[None].numpy())).to(model.center))
-    ahead = depths(scene.means, view)
+    ahead = compute_depths(scene.means, view)
     # What is known of each Gaussian goes along in place of its colour.
     told = torch.stack([torch.arange(model.n).expand_as(ahead), ahead, torch.zeros_like(ahead)], dim=2)
     flat = project(scene._replace(color=told.to(ahead)), view, height=height, width=width)
     left = torch.cumprod(1.0 - alpha_at(flat, pixel), dim=0)
     met = left < STOPPED
     if not bool(met.any()):
-        raise NothingThereError(
+        raise NoMatterError(
             f"the ray through ({pixel[0]:.4g}, {pixel[1]:.4g}) meets nothing: all that lies on it stops "
             f"{1.0 - float(left.min()) if len(left) else 0.0:.0%} of the light; click on the object"
         )
     first = int(met.double().argmax())
     number, depth, _ = flat.color[0, first].tolist()
-    return Hit(int(number), depth, 1.0 - float(left[first]))
+    return RayHit(int(number), depth, 1.0 - float(left[first]))
 
 
-def alpha_at(flat: Slice, pixel: Point) -> Float[Tensor, " K"]:
+def alpha_at(flat: GaussianSlice, pixel: Point) -> Float[Tensor, " K"]:
     """Alpha of each planar Gaussian of one image in a point, as `lagsplat.splat.image_model` has it."""
     xx, xy, yy = (flat.covariance[0].double() + torch.tensor([BLUR_PX2, 0.0, BLUR_PX2])).unbind(1)
     dx, dy = (torch.tensor(pixel) - flat.means[0].double()).unbind(1)

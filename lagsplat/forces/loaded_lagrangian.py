@@ -11,12 +11,12 @@ from jaxtyping import Float
 from torch import Tensor
 
 from lagsplat.array_types import Inputs, Latents, Spd
-from lagsplat.stage2.lagrangian import Lagrangian, Prepared
+from lagsplat.stage2.lagrangian import Lagrangian, PreparedCoefficients
 from lagsplat.stage2.rollout import advance
 
 
 @dataclass(frozen=True)
-class Edits:
+class LawEdits:
     """Factors on ``C``, ``M`` and ``V``; 1 leaves a term as it was learned.
 
     Raises:
@@ -38,10 +38,10 @@ class Edits:
                 )
 
 
-UNTOUCHED = Edits()
+UNTOUCHED = LawEdits()
 
 
-class Loaded(Lagrangian):
+class LoadedLagrangian(Lagrangian):
     """The law ``base``, its parameters shared, with a generalised force on its right-hand side.
 
     ``load`` (d,), or (B, d) for a load a sample, in the law's own units of energy per whitened unit. A load
@@ -54,7 +54,7 @@ class Loaded(Lagrangian):
     Source: paper eq. (forced-eom) and Appendix, "Maintained force".
     """
 
-    def __init__(self, base: Lagrangian, load: Float[Tensor, "*B d"], *, edits: Edits = UNTOUCHED) -> None:
+    def __init__(self, base: Lagrangian, load: Float[Tensor, "*B d"], *, edits: LawEdits = UNTOUCHED) -> None:
         torch.nn.Module.__init__(self)
         self.__dict__.update(base.__dict__)
         if not bool(torch.isfinite(load).all()):
@@ -75,7 +75,7 @@ class Loaded(Lagrangian):
         """``V(q)``, edited, less the work of the load since the rest state."""
         return self.edits.stiffness * super().potential(q) - ((q - self.rest) * self.load).sum(1)
 
-    def conservative_force(self, q: Latents, u: Inputs, ready: Prepared) -> Latents:
+    def conservative_force(self, q: Latents, u: Inputs, ready: PreparedCoefficients) -> Latents:
         """Elastic force, edited, plus that of the inputs and the load."""
         force = super().conservative_force(q, u, ready)
         if self.edits.stiffness != 1.0:
@@ -83,7 +83,9 @@ class Loaded(Lagrangian):
             force = force + (self.edits.stiffness - 1.0) * elastic
         return force + self.load
 
-    def acceleration(self, q: Latents, v: Latents, u: Inputs, *, ready: Prepared | None = None) -> Latents:
+    def acceleration(
+        self, q: Latents, v: Latents, u: Inputs, *, ready: PreparedCoefficients | None = None
+    ) -> Latents:
         """As the law's own, with load and edits; the velocity forces scale with the inertia and cancel."""
         ready = ready or self.prepare()
         force = self.conservative_force(q, u, ready)
@@ -92,7 +94,7 @@ class Loaded(Lagrangian):
 
 
 @torch.no_grad()
-def push_along(
+def rollout_under_force(
     law: Lagrangian,
     q0: Latents,
     v0: Latents,
@@ -100,11 +102,11 @@ def push_along(
     loads: Float[Tensor, "B N d"],
     *,
     dt_s: float,
-    edits: Edits = UNTOUCHED,
+    edits: LawEdits = UNTOUCHED,
 ) -> tuple[Float[Tensor, "B N d"], Float[Tensor, "B N d"]]:
     """States and velocities (per second) at ``N`` instants ``dt_s`` apart; the first is the given one.
 
-    Load ``i``, from `lagsplat.forces.grasp.Grip.pull_back`, and input ``i`` are held from state ``i`` to
+    Load ``i``, from `lagsplat.forces.grasp.GraspPoint.pull_back`, and input ``i`` are held from state ``i`` to
     ``i + 1``. Never raises on divergence: a row that leaves the finite numbers stays outside them.
 
     Raises:
@@ -113,7 +115,7 @@ def push_along(
     Source: paper, "Interactive loop".
     """
     unit = float(law.time_unit_s)
-    loaded = Loaded(law, loads, edits=edits)
+    loaded = LoadedLagrangian(law, loads, edits=edits)
     ready = loaded.prepare()
     q, v = q0.double(), v0.double() * unit
     positions, velocities = [q], [v]

@@ -33,7 +33,7 @@ TIP = 0.85
 
 
 @dataclass(frozen=True)
-class Scene:
+class MovingParts:
     """What the picture shows at a state: ``jacobian`` (H, W, n, d) is how far the matter seen in each pixel
     moves per whitened unit [px], ``motion`` (H, W) its size relative to the 98th percentile.
     """
@@ -65,7 +65,7 @@ class Scene:
 
 
 @torch.no_grad()
-def scene_at(autoencoder: Autoencoder, chart: Chart, q: Float64[np.ndarray, " d"]) -> Scene:
+def find_moving_parts(autoencoder: Autoencoder, chart: Chart, q: Float64[np.ndarray, " d"]) -> MovingParts:
     """Draw the Jacobians of the Gaussians in place of their colours, over a background that does not move.
 
     Compositing is linear in the colours, so each pixel shows the Jacobian of what is seen in it.
@@ -84,10 +84,10 @@ def scene_at(autoencoder: Autoencoder, chart: Chart, q: Float64[np.ndarray, " d"
     seen = torch.cat(parts)[: channels.shape[1]].double().cpu().numpy()
     field = np.moveaxis(seen, 0, 2).reshape(autoencoder.height, autoencoder.width, model.space, -1)
     motion = np.linalg.norm(field, axis=(2, 3))
-    return Scene(field, motion / max(float(np.quantile(motion, 0.98)), 1e-12))
+    return MovingParts(field, motion / max(float(np.quantile(motion, 0.98)), 1e-12))
 
 
-def lever_points(scene: Scene, *, margin: float) -> list[Point]:
+def choose_lever_points(scene: MovingParts, *, margin: float) -> list[Point]:
     """Three points of growing lever on one side of the centre of rotation and one on the other.
 
     The lever is what a downward force is to the first coordinate. Points lie on the object, ``margin`` [px]
@@ -112,7 +112,7 @@ def lever_points(scene: Scene, *, margin: float) -> list[Point]:
     ]
 
 
-def background_points(scene: Scene, count: int, *, margin: float) -> list[Point]:
+def choose_background_points(scene: MovingParts, count: int, *, margin: float) -> list[Point]:
     """Pixels of the background, ``margin`` [px] from the edge and as far from each other and the object as
     they get; fewer where there is no more room.
     """
@@ -129,7 +129,7 @@ def background_points(scene: Scene, count: int, *, margin: float) -> list[Point]
     return points
 
 
-def hanging_points(scene: Scene) -> tuple[Point, Point, Float64[np.ndarray, "2"]]:
+def choose_hanging_points(scene: MovingParts) -> tuple[Point, Point, Float64[np.ndarray, "2"]]:
     """Middle and tip of what hangs, and its direction between them, unit (x, y).
 
     The centre line is the mean column of the object, row by row; the tip is taken `TIP` of its length down,
@@ -174,7 +174,7 @@ CUTS = 5
 FOREGROUND = (cv2.GC_FGD, cv2.GC_PR_FGD)
 
 
-def outlined(picture: Float[np.ndarray, "h w 3"], scene: Scene) -> Bool[np.ndarray, "h w"]:
+def draw_outline(picture: Float[np.ndarray, "h w 3"], scene: MovingParts) -> Bool[np.ndarray, "h w"]:
     """Which pixels show the object, for the eye alone: cut out by colour from what moves most around it.
 
     Source: Rother, Kolmogorov and Blake, "GrabCut", ACM Transactions on Graphics 23 (2004), as in OpenCV.

@@ -13,10 +13,10 @@ from lagsplat.io.config import RecordingConfig
 from lagsplat.io.files.download import fetch_member
 from lagsplat.io.krauss import read_krauss_npz
 from lagsplat.io.mcap.recording import read_mcap
-from lagsplat.io.mcap.write import session_motion
+from lagsplat.io.mcap.write import read_session_motion
 from lagsplat.io.recording.recording import Recording
 from lagsplat.io.recording.segments import cut_at_gaps, cut_spans
-from lagsplat.io.trajectory.trajectory import Motion, read_motion
+from lagsplat.io.trajectory.trajectory import Trajectory, read_trajectory_file
 from lagsplat.io.video.read import read_video
 
 
@@ -98,12 +98,12 @@ def _size(config: RecordingConfig) -> tuple[int, int] | None:
 READERS = {"krauss": _krauss, "video": _video, "mcap": _mcap}
 
 
-def read_trajectory(path: str | os.PathLike[str], *, columns: Mapping[str, str] | None = None) -> Motion:
+def read_trajectory(path: str | os.PathLike[str], *, columns: Mapping[str, str] | None = None) -> Trajectory:
     """The motion in a CSV, Parquet or NPZ file, whose ``columns`` may be named, or in a session's MCAP file.
 
     Raises:
-        FileNotFoundError, ValueError: as `read_motion` and `session_motion`.
+        FileNotFoundError, ValueError: as `read_trajectory_file` and `read_session_motion`.
     """
     if os.fspath(path).lower().endswith(".mcap"):
-        return session_motion(path)
-    return read_motion(path, columns=columns)
+        return read_session_motion(path)
+    return read_trajectory_file(path, columns=columns)

@@ -17,16 +17,23 @@ from tqdm import tqdm
 from lagsplat.array_types import Frames, Series
 from lagsplat.io.config import RecordingConfig
 from lagsplat.io.files.atomic import sha256_of
-from lagsplat.io.files.ply import Cloud, read_sharp
+from lagsplat.io.files.ply import PlyCloud, read_sharp
 from lagsplat.io.read import read_recording
 from lagsplat.io.recording.recording import Recording
-from lagsplat.novel_views.sharp_tool import Lifted, SharpCache, focal_px, key_of, lift, require_sharp
-from lagsplat.splat.point_cloud import Shown, merged, show
+from lagsplat.novel_views.sharp_tool import (
+    LiftedFrame,
+    SharpCache,
+    cache_key,
+    focal_px,
+    require_sharp,
+    run_sharp,
+)
+from lagsplat.splat.point_cloud import PointCloudScene, build_point_cloud, merge_clouds
 from lagsplat.systems.config import ReleaseConfig
-from lagsplat.systems.novel_views import true_views
-from lagsplat.views.camera import Camera, Space, arrange, centred
+from lagsplat.systems.novel_views import render_true_views
+from lagsplat.views.camera import Camera, ViewSpace, arrange_cameras, center_camera
 from lagsplat.views.config import ArrangementConfig, SharpConfig, ViewsConfig
-from lagsplat.views.novel import KNOWN, NovelViews, cameras_bytes, filmed_views
+from lagsplat.views.novel import KNOWN, NovelViews, cameras_bytes, collect_filmed_views
 from lagsplat.views.rig import read_rig
 
 LAYERS = 2  # of Gaussians in a lifted frame: what is seen, and what stands behind it
@@ -37,7 +44,7 @@ log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class Lifting:
+class SharpLifting:
     """One clip to be lifted: its settings, its own camera, and which of its pixels stand still."""
 
     sharp: SharpConfig
@@ -47,7 +54,7 @@ class Lifting:
     cache: SharpCache
 
 
-def sharp_views(
+def make_sharp_views(
     recording: Recording, sharp: SharpConfig, arrangement: ArrangementConfig, folder: Path
 ) -> NovelViews:
     """Views of every frame, by one focal length, one pivot and one set of cameras for the clip.
@@ -63,9 +70,9 @@ def sharp_views(
     frames = np.asarray(recording.frames)
     height, width = frames.shape[1:3]
     focal = focal_px(sharp.focal_35mm, height=height, width=width)
-    film = centred(np.eye(3), np.zeros(3), focal=focal, height=height, width=width)
-    lifting = Lifting(sharp, arrangement, film, still_pixels(frames), SharpCache(folder))
-    keys = [key_of(frame, sharp.focal_35mm, sharp.upscale) for frame in frames]
+    film = center_camera(np.eye(3), np.zeros(3), focal=focal, height=height, width=width)
+    lifting = SharpLifting(sharp, arrangement, film, find_still_pixels(frames), SharpCache(folder))
+    keys = [cache_key(frame, sharp.focal_35mm, sharp.upscale) for frame in frames]
     with lifting.cache.held():
         space = _begin(lifting, frames[0], keys[0])
         _fill(lifting, space, dict(zip(keys, frames, strict=True)), reference=keys[0])
@@ -74,7 +81,7 @@ def sharp_views(
     assert len(lifted) == len(keys), "every frame has just been lifted"
     residual = float(np.median([each.told["residual"] for each in lifted]))
     log.info("depths agree to %.2g where nothing moves; cache: %.0f MB", residual, lifting.cache.size_mb())
-    cameras, names, held_out = arrange(space, arrangement)
+    cameras, names, held_out = arrange_cameras(space, arrangement)
     return NovelViews(
         images=np.stack([each.images for each in lifted]),
         cover=np.stack([each.cover for each in lifted]),
@@ -85,28 +92,28 @@ def sharp_views(
     )
 
 
-def still_pixels(frames: Frames) -> Bool[np.ndarray, "H W"]:
+def find_still_pixels(frames: Frames) -> Bool[np.ndarray, "H W"]:
     """Pixels whose colours hardly vary over the clip."""
     spread = frames.astype(np.float32).std(0).mean(2)
     return spread <= QUIET * np.median(spread) + 1.0
 
 
-def _begin(lifting: Lifting, frame: np.ndarray, key: str) -> Space:
+def _begin(lifting: SharpLifting, frame: np.ndarray, key: str) -> ViewSpace:
     """The clip's coordinates: the cache's, or those of the first frame, which is then lifted."""
     there = lifting.cache.manifest()
     started, cloud = time.monotonic(), None
     depth = None if there is None else there.get("pivot_depth")
     if depth is None:
-        for _, ply in lift({key: frame}, lifting.sharp, within=lifting.cache.folder):
+        for _, ply in run_sharp({key: frame}, lifting.sharp, within=lifting.cache.folder):
             cloud = _cloud(ply, lifting)
             _keep_cloud(ply, lifting, key)
         assert cloud is not None, "the tool leaves no frame out without an error"
-        shown = show(cloud, [lifting.film], blur_px2=lifting.sharp.blur_px2)
+        shown = build_point_cloud(cloud, [lifting.film], blur_px2=lifting.sharp.blur_px2)
         moving = ~lifting.still & (shown.cover[0] > KNOWN)
         depth = float(np.median(shown.depth[0][moving if moving.any() else shown.cover[0] > KNOWN]))
         log.info("SHARP lifted the first frame; the pivot is %.3g m ahead", depth)
-    space = Space(lifting.film, depth)
-    cameras = arrange(space, lifting.arrangement)[0]
+    space = ViewSpace(lifting.film, depth)
+    cameras = arrange_cameras(space, lifting.arrangement)[0]
     lifting.cache.claim(
         {
             "cameras": hashlib.sha256(cameras_bytes(cameras)).hexdigest()[:16],
@@ -124,9 +131,9 @@ def _begin(lifting: Lifting, frame: np.ndarray, key: str) -> Space:
     return space
 
 
-def _fill(lifting: Lifting, space: Space, frames: dict[str, np.ndarray], *, reference: str) -> None:
+def _fill(lifting: SharpLifting, space: ViewSpace, frames: dict[str, np.ndarray], *, reference: str) -> None:
     """Lift what the cache lacks, the first frame before all others."""
-    cameras = arrange(space, lifting.arrangement)[0]
+    cameras = arrange_cameras(space, lifting.arrangement)[0]
     missing = {key: frame for key, frame in frames.items() if lifting.cache.find(key) is None}
     for chosen in ({reference} & set(missing), set(missing) - {reference}):
         todo = {key: missing[key] for key in chosen}
@@ -140,7 +147,7 @@ def _fill(lifting: Lifting, space: Space, frames: dict[str, np.ndarray], *, refe
             "%.1f MB", len(todo), len(frames), 4e-6 * len(cameras) * lifting.film.height * lifting.film.width,
         )  # fmt: skip
         with tqdm(total=len(frames), initial=len(frames) - len(todo), unit="frame", desc="SHARP") as bar:
-            for key, ply in lift(todo, lifting.sharp, within=lifting.cache.folder):
+            for key, ply in run_sharp(todo, lifting.sharp, within=lifting.cache.folder):
                 depth = None if first is None else first.depth
                 lifting.cache.keep(key, _seen(_cloud(ply, lifting), lifting, cameras, depth, started))
                 _keep_cloud(ply, lifting, key)
@@ -149,14 +156,14 @@ def _fill(lifting: Lifting, space: Space, frames: dict[str, np.ndarray], *, refe
                 bar.set_postfix(MB=f"{lifting.cache.size_mb():.0f}")
 
 
-def _agree_on_weights(lifting: Lifting) -> None:
+def _agree_on_weights(lifting: SharpLifting) -> None:
     """Refuse to mix the frames of two networks in one cache."""
     require_sharp(lifting.sharp)
     checkpoint = Path(str(lifting.sharp.checkpoint)).expanduser()
     lifting.cache.name_weights(sha256_of(checkpoint))
 
 
-def _cloud(ply: Path, lifting: Lifting) -> Cloud:
+def _cloud(ply: Path, lifting: SharpLifting) -> PlyCloud:
     """A lifted frame, thinned to what its pictures can show."""
     found, film, times = read_sharp(ply), lifting.film, lifting.sharp.upscale
     if abs(found.focal / times / film.focal[0] - 1) > SAME_FOCAL or found.width != times * film.width:
@@ -169,29 +176,35 @@ def _cloud(ply: Path, lifting: Lifting) -> Cloud:
     by = max((n for n in range(1, side + 1) if side % n == 0 and side // n >= FINER * film.width), default=1)
     if LAYERS * side * side != len(found.cloud.means) or by == 1:
         return found.cloud
-    return merged(found.cloud, side=side, by=by, layers=LAYERS)
+    return merge_clouds(found.cloud, side=side, by=by, layers=LAYERS)
 
 
-def _keep_cloud(ply: Path, lifting: Lifting, key: str) -> None:
+def _keep_cloud(ply: Path, lifting: SharpLifting, key: str) -> None:
     if lifting.sharp.keep_clouds:
         ply.replace(lifting.cache.folder / f"{key}.ply")
 
 
 def _seen(
-    cloud: Cloud, lifting: Lifting, cameras: list[Camera], reference: np.ndarray | None, started: float
-) -> Lifted:
+    cloud: PlyCloud,
+    lifting: SharpLifting,
+    cameras: list[Camera],
+    reference: np.ndarray | None,
+    started: float,
+) -> LiftedFrame:
     """The frame's views, its depths scaled to the ``reference`` where nothing moves."""
     blur = lifting.sharp.blur_px2
-    own = show(cloud, [lifting.film], blur_px2=blur)
-    scale, residual = (1.0, 0.0) if reference is None else aligned(own, reference, lifting.still)
+    own = build_point_cloud(cloud, [lifting.film], blur_px2=blur)
+    scale, residual = (1.0, 0.0) if reference is None else align_depths(own, reference, lifting.still)
     moved = replace(cloud, means=scale * cloud.means, scales=scale * cloud.scales)
-    shown = show(moved, cameras, blur_px2=blur)
+    shown = build_point_cloud(moved, cameras, blur_px2=blur)
     told = {"scale": scale, "residual": residual, "seconds": time.monotonic() - started}
     cover = np.round(255 * shown.cover.clip(0, 1)).astype(np.uint8)
-    return Lifted(shown.images, cover, np.float32(scale) * own.depth[0], told)
+    return LiftedFrame(shown.images, cover, np.float32(scale) * own.depth[0], told)
 
 
-def aligned(own: Shown, reference: np.ndarray, still: Bool[np.ndarray, "H W"]) -> tuple[float, float]:
+def align_depths(
+    own: PointCloudScene, reference: np.ndarray, still: Bool[np.ndarray, "H W"]
+) -> tuple[float, float]:
     """The factor on a frame's depths that brings them to the reference's where nothing moves, and the median
     relative difference that is left; 1 and 0 where nothing can be compared.
     """
@@ -230,11 +243,11 @@ def obtain_views(
                 "views=simulated: only a mechanism that is let go and simulated has a scene in space; choose "
                 "recording=simulated and such a system, or views=rig or views=none"
             )
-        return true_views(released, states, config.arrangement)
+        return render_true_views(released, states, config.arrangement)
     if config.sharp is not None and config.kind == "sharp":
         assert config.arrangement is not None, "checked with the settings"
         folder = cache if config.sharp.cache is None else Path(config.sharp.cache).expanduser()
-        return sharp_views(recording, config.sharp, config.arrangement, folder)
+        return make_sharp_views(recording, config.sharp, config.arrangement, folder)
     assert config.rig is not None, "checked with the settings"
     if source.kind != "video" or source.path is None:
         raise ValueError(
@@ -251,4 +264,4 @@ def obtain_views(
     def read(path: Path) -> Recording:
         return read_recording(replace(source, path=str(path), height=recording.height, width=recording.width))
 
-    return filmed_views(read_rig(Path(config.rig)), recording, film, read)
+    return collect_filmed_views(read_rig(Path(config.rig)), recording, film, read)

@@ -25,7 +25,7 @@ import numpy as np
 from jaxtyping import Float32, UInt8
 from PIL import Image
 
-from lagsplat.io.files.artifact import load_artefact, save_artefact
+from lagsplat.io.files.artifact import load_artifact, save_artifact
 from lagsplat.io.files.json_files import load_json, save_json
 from lagsplat.io.files.ply import is_whole
 from lagsplat.views.config import SharpConfig
@@ -37,7 +37,7 @@ LIFTING = "lifting-"
 
 
 @dataclass(frozen=True)
-class Lifted:
+class LiftedFrame:
     """The views of one frame: pictures, their cover in [0, 255], the depth [m] that the film's own camera
     sees, and ``told``: the ``scale`` that aligned it, what was left of the difference, and its time.
     """
@@ -115,21 +115,21 @@ class SharpCache:
             )
         save_json(self.folder / MANIFEST, common)
 
-    def find(self, key: str) -> Lifted | None:
+    def find(self, key: str) -> LiftedFrame | None:
         """The views of a frame, or None where there are none, or a file that is no longer whole."""
         path = self._file(key)
         if not path.is_file():
             return None
         try:
-            tensors, header = load_artefact(path, kind=KIND, schema=SCHEMA)
+            tensors, header = load_artifact(path, kind=KIND, schema=SCHEMA)
         except ValueError:
             return None  # half-written or of other code: made again, and replaced whole
-        return Lifted(tensors["images"], tensors["cover"], tensors["depth"], header["told"])
+        return LiftedFrame(tensors["images"], tensors["cover"], tensors["depth"], header["told"])
 
-    def keep(self, key: str, lifted: Lifted) -> None:
+    def keep(self, key: str, lifted: LiftedFrame) -> None:
         """Keep the views of a frame, whole or not at all."""
         tensors = {"images": lifted.images, "cover": lifted.cover, "depth": lifted.depth}
-        save_artefact(self._file(key), tensors, {"kind": KIND, "schema": SCHEMA, "told": lifted.told})
+        save_artifact(self._file(key), tensors, {"kind": KIND, "schema": SCHEMA, "told": lifted.told})
 
     def size_mb(self) -> float:
         """Megabytes of all files."""
@@ -139,7 +139,7 @@ class SharpCache:
         return self.folder / f"{key}.safetensors"
 
 
-def key_of(frame: np.ndarray, *settings: object) -> str:
+def cache_key(frame: np.ndarray, *settings: object) -> str:
     """A digest of a frame's pixels and shape, and of the settings by which it is lifted."""
     content = np.ascontiguousarray(frame)
     told = json.dumps([content.shape, *settings]).encode()
@@ -180,7 +180,7 @@ def focal_px(focal_35mm: float, *, height: int, width: int) -> float:
     return focal_35mm * float(np.hypot(height, width)) / DIAGONAL_35MM
 
 
-def lift(
+def run_sharp(
     frames: Mapping[str, np.ndarray], config: SharpConfig, *, within: Path
 ) -> Iterator[tuple[str, Path]]:
     """Lift pictures (H, W, 3) uint8; yields the name and the PLY of each as soon as it is whole.
@@ -197,7 +197,7 @@ def lift(
         inputs.mkdir()
         outputs.mkdir()
         for name, frame in frames.items():
-            write_picture(inputs / f"{name}.jpg", frame, config)
+            write_image(inputs / f"{name}.jpg", frame, config)
         command = [*words, "predict", "-i", str(inputs), "-o", str(outputs)]
         command += ["-c", str(Path(str(config.checkpoint)).expanduser())]
         with log.open("w") as told:
@@ -223,7 +223,7 @@ def lift(
             process.wait()
 
 
-def write_picture(path: Path, frame: np.ndarray, config: SharpConfig) -> None:
+def write_image(path: Path, frame: np.ndarray, config: SharpConfig) -> None:
     """A frame as SHARP should see it: enlarged, since it samples corners where pixels have centres, and with
     its focal length in the header, which it reads from JPEG alone.
     """

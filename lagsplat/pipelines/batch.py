@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from lagsplat.chart.chart import require_trained
+from lagsplat.chart.chart import require_trained_autoencoder
 from lagsplat.chart.config import ChartConfig
 from lagsplat.chart.visibility import fit_whitening
 from lagsplat.diagnose.core.config import DiagnoseConfig
@@ -113,7 +113,7 @@ def encode_videos(place: Path, out: Path, stage1: Stage1Config, chart: ChartConf
     sides = {name: _read_videos(place, name, float(about["frame_s"])) for name in ("sim", "real")}
     frames = np.concatenate([film.frames for film in sides["sim"]])
     autoencoder, _ = fit_autoencoder(frames, replace(stage1, d=int(about["coordinates"])), seed=0)
-    require_trained(autoencoder, frames)
+    require_trained_autoencoder(autoencoder, frames)
     seen = {
         name: [encode_frames(autoencoder, film.frames) for film in films] for name, films in sides.items()
     }

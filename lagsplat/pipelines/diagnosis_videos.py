@@ -23,7 +23,7 @@ from lagsplat.diagnose.simulators.sources import VIDEO_KINDS, DataSource, find_s
 from lagsplat.io.read import read_recording, read_trajectory
 from lagsplat.io.recording.recording import Recording, load_recording
 from lagsplat.io.trajectory.inputs import read_input_log
-from lagsplat.io.trajectory.trajectory import Motion, leading
+from lagsplat.io.trajectory.trajectory import Trajectory, leading_samples
 from lagsplat.runs.run import FittedRun, open_run
 from lagsplat.stage1.autoencoder import encode_frames
 
@@ -41,12 +41,12 @@ class RecordingPair:
     """
 
     run: FittedRun
-    nominal: tuple[Motion, ...]
+    nominal: tuple[Trajectory, ...]
     sides: tuple["RecordedTrajectory", ...]
     own: bool
 
     @property
-    def real(self) -> tuple[Motion, ...]:
+    def real(self) -> tuple[Trajectory, ...]:
         """The real motions."""
         return tuple(side.motion for side in self.sides)
 
@@ -110,7 +110,7 @@ class RecordingPair:
         return replace(found, warnings=tuple(warnings_), checks=checks)
 
     @property
-    def null(self) -> Motion:
+    def null(self) -> Trajectory:
         """A motion of the very mechanism the run was fitted to: what no fit saw of it, unless just that is
         diagnosed; then its training part."""
         if self.own:
@@ -155,7 +155,7 @@ class ImageQuality:
 class RecordedTrajectory:
     """One real motion; ``recording`` with the frames behind it and ``camera`` are None for latents."""
 
-    motion: Motion
+    motion: Trajectory
     recording: Recording | None = None
     camera: CameraShift | None = None
     findings: tuple[Finding, ...] = ()
@@ -195,7 +195,9 @@ def open_recording_pair(
 
 
 def _open_holdout(run: FittedRun, names: tuple[str, ...], longest_s: float) -> RecordedTrajectory:
-    motion = _rename_inputs(leading(read_chart_trajectory(run.chart, held_out=True), longest_s), names)
+    motion = _rename_inputs(
+        leading_samples(read_chart_trajectory(run.chart, held_out=True), longest_s), names
+    )
     train, held = run.recording.split()
     shift = camera_shift(held, train, run.autoencoder, run.chart)
     return RecordedTrajectory(motion, held, shift, tuple(camera_findings(shift, source=motion.source)))
@@ -262,7 +264,7 @@ def _check_size(run: FittedRun, d: int, n_u: int, source: str) -> None:
         )
 
 
-def _rename_inputs(motion: Motion, names: Sequence[str]) -> Motion:
+def _rename_inputs(motion: Trajectory, names: Sequence[str]) -> Trajectory:
     """Inputs by the names of the run's own, as far as these go."""
     own = (*names[: motion.n_u], *(f"u{i}" for i in range(len(names), motion.n_u)))
     return replace(motion, u_names=own)

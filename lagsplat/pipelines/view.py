@@ -10,11 +10,11 @@ from lagsplat.config.compose import compose
 from lagsplat.config.schema import Config, options
 from lagsplat.diagnose.augmented.model import load_augmented
 from lagsplat.diagnose.augmented.simulate import MissingAcceleration
-from lagsplat.forces.equilibrium import Held, hold
+from lagsplat.forces.equilibrium import OperatingPoint, hold_at_load
 from lagsplat.pipelines.apply_diagnosis import AUGMENTED_FILE
 from lagsplat.provenance import set_threads
 from lagsplat.runs.run import FittedRun, open_run
-from lagsplat.viewer.simulation.history import Recorded, recorded_of
+from lagsplat.viewer.simulation.history import RecordedData, read_recorded_data
 from lagsplat.viewer.simulation.session import Session, Snapshot
 
 CORES = 2
@@ -30,17 +30,17 @@ def view(folder: Path, experiment: Config, own: Mapping[str, str], *, browser: b
         FileNotFoundError: an artefact of the run, or the session, is not there.
         ValueError: an artefact is unreadable, or the session is of another run.
     """
-    from lagsplat.viewer.server.server import Live, Show
-    from lagsplat.viewer.server.session_export import load_tape
+    from lagsplat.viewer.server.server import ViewerContent, ViewerServer
+    from lagsplat.viewer.server.session_export import load_history
 
     set_threads(CORES)
     run = open_run(folder)
     session = pushable(run, experiment)
     if "replay" in own:
-        session.replay(load_tape(Path(own["replay"])))
+        session.replay(load_history(Path(own["replay"])))
     residual = _residual(Path(own["diagnosis"]), session) if "diagnosis" in own else None
-    show = Show(session, title_of(folder), _frames(run), Path(own.get("out", str(folder))), residual)
-    live = Live(show, experiment.viewer)
+    show = ViewerContent(session, title_of(folder), _frames(run), Path(own.get("out", str(folder))), residual)
+    live = ViewerServer(show, experiment.viewer)
     print(f"{title_of(folder)}: {live.url}   (Ctrl-C ends it)", flush=True)
     if browser:
         live.open_browser()
@@ -72,10 +72,10 @@ def pushable(run: FittedRun, experiment: Config) -> Session:
     return Session(held, recorded, experiment.viewer, experiment.forces)
 
 
-def held_run(run: FittedRun) -> tuple[Held, Recorded]:
+def held_run(run: FittedRun) -> tuple[OperatingPoint, RecordedData]:
     """A run at rest under its mean inputs, and what its recording offers."""
-    recorded = recorded_of(run.chart, names=run.recording.input_names, units=run.recording.input_units)
-    return hold(run.autoencoder, run.chart, run.lagrangian), recorded
+    recorded = read_recorded_data(run.chart, names=run.recording.input_names, units=run.recording.input_units)
+    return hold_at_load(run.autoencoder, run.chart, run.lagrangian), recorded
 
 
 def title_of(folder: Path) -> str:

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 from lagsplat.evaluate.config import EvaluateConfig
-from lagsplat.evaluate.free_motion import free_segments
+from lagsplat.evaluate.free_motion import find_free_segments
 from lagsplat.evaluate.protocol import HeldOut
 from lagsplat.io.config import RecordingConfig
-from lagsplat.io.mcap.recording import Survey, Topic
+from lagsplat.io.mcap.recording import McapSurvey, TopicSummary
 from lagsplat.io.recording.recording import Recording
 
 MOST_INPUTS = 8
@@ -33,7 +33,7 @@ UNITS = {
 """Units that ROS messages prescribe; a prismatic joint has m, m/s and N."""
 
 
-def describe_log(survey: Survey) -> str:
+def describe_log(survey: McapSurvey) -> str:
     """Topics with type, encoding, count, rate, longest gap and time; what is wrong; and what to type.
 
     Times count from the first message logged in the file.
@@ -49,7 +49,7 @@ def describe_log(survey: Survey) -> str:
     return "\n".join([*lines, *_warnings(survey), *_advice(survey)])
 
 
-def _topic(topic: Topic, start_ns: int) -> list[str]:
+def _topic(topic: TopicSummary, start_ns: int) -> list[str]:
     rate = "" if topic.rate_hz is None else f", {topic.rate_hz:.3f} Hz"
     first, last = ((ns - start_ns) / 1e9 for ns in (min(topic.log_ns), max(topic.log_ns)))
     lines = [
@@ -63,7 +63,7 @@ def _topic(topic: Topic, start_ns: int) -> list[str]:
     return lines
 
 
-def _warnings(survey: Survey) -> list[str]:
+def _warnings(survey: McapSurvey) -> list[str]:
     lines = [f"damaged    {loss}" for loss in survey.losses]
     for topic in survey.topics:
         if topic.problem:
@@ -78,7 +78,7 @@ def _warnings(survey: Survey) -> list[str]:
     return lines
 
 
-def _advice(survey: Survey) -> list[str]:
+def _advice(survey: McapSurvey) -> list[str]:
     words = suggested(survey)
     if not words:
         return ["to use it  no topic holds pictures that can be read, so there is no recording in this file"]
@@ -94,7 +94,7 @@ def _advice(survey: Survey) -> list[str]:
     return lines
 
 
-def suggested(survey: Survey) -> list[str]:
+def suggested(survey: McapSurvey) -> list[str]:
     """Overrides that make a recording of the file: its busiest camera, and numbers that vary; none without a
     camera."""
     cameras = [topic for topic in survey.topics if topic.picture and not topic.problem]
@@ -122,7 +122,7 @@ def suggested(survey: Survey) -> list[str]:
     ]
 
 
-def _mcap_input(topic: Topic, path: str, name: str) -> str:
+def _mcap_input(topic: TopicSummary, path: str, name: str) -> str:
     values = {"topic": topic.name, "field": path, "name": name, "unit": _unit(path)}
     return "{" + ", ".join(f"{key}: {_quoted(value)}" for key, value in values.items()) + "}"
 
@@ -215,7 +215,7 @@ def _free(recording: Recording, config: EvaluateConfig) -> str:
     )
     found = [
         f"frames {a} to {b} ({(b - a) * recording.dt_s:.1f} s)"
-        for a, b in free_segments(held, config)[:SHOWN]
+        for a, b in find_free_segments(held, config)[:SHOWN]
     ]
     return ", ".join(found) if found else f"no stretch of {config.free_min_s:g} s without a change of input"
 

@@ -12,14 +12,14 @@ Rasterizer = Callable[..., Tensor]
 DEVICES = {"torch": None, "numba": "cpu", "gsplat": "cuda"}
 
 
-def device_of(name: str) -> str:
+def choose_device(name: str) -> str:
     """The kind of device to train on with this rasteriser: CUDA where it can draw there, else the CPU."""
     if name == "auto":
         return "cuda" if torch.cuda.is_available() and find_spec("gsplat") else "cpu"
     return DEVICES.get(name) or "cpu"
 
 
-def rasterizer(name: str, device: torch.device | str) -> Rasterizer:
+def choose_rasterizer(name: str, device: torch.device | str) -> Rasterizer:
     """The ``rasterize(means, covariance, opacity, color, background, *, height, width)`` of that name.
 
     ``"auto"`` takes gsplat on a CUDA device where it is installed, Numba on the CPU, and torch anywhere

@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from lagsplat.array_types import Latents
 
 
-class Slice(NamedTuple):
+class GaussianSlice(NamedTuple):
     """Gaussians of the plane, ready to be drawn, or of space, ready to be projected.
 
     A batch shares their shapes and colours, not their places; once projected, each image has its own (S = B).
@@ -105,11 +105,11 @@ class Gaussians(nn.Module):
         """What is seen where nothing is drawn: one learned colour, or black."""
         return self.center.new_zeros(3) if self.background_logit is None else self.background_logit.sigmoid()
 
-    def condition(self, z: Latents) -> Slice:
+    def condition(self, z: Latents) -> GaussianSlice:
         """The Gaussians of the plane, or of space, at each latent of the batch."""
         jacobian = self.jacobian()
         rest = self.center - (jacobian @ self.latent_center[..., None])[..., 0]
-        return Slice(
+        return GaussianSlice(
             means=torch.addmm(rest.flatten(), z, jacobian.flatten(0, 1).T).unflatten(1, (self.n, self.space)),
             covariance=self.covariance(),
             opacity=torch.sigmoid(self.opacity_logit) * self.gate(z),

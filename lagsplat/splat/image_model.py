@@ -23,7 +23,7 @@ ALPHA_MAX = 0.999
 TRANSMITTANCE_MIN = 1e-4
 
 
-def check_scene(
+def require_scene(
     means: Tensor,
     covariance: Tensor,
     opacity: Tensor,

@@ -15,7 +15,7 @@ SSIM_C1, SSIM_C2 = 0.01**2, 0.03**2  # the same, for colours in [0, 1]
 
 
 @cache
-def ssim_filter(length: int, window: int) -> Float[Tensor, "valid length"]:
+def make_ssim_filter(length: int, window: int) -> Float[Tensor, "valid length"]:
     """Rows that average ``length`` samples under a Gaussian window, without padding.
 
     A window wider than the image shrinks to the largest odd one that fits.
@@ -37,8 +37,8 @@ def structural_dissimilarity(drawn: Images, truth: Images, *, window: int) -> Fl
 
     Source: Wang et al. 2004, doi:10.1109/TIP.2003.819861.
     """
-    rows = ssim_filter(drawn.shape[2], window).to(drawn)
-    columns = ssim_filter(drawn.shape[3], window).to(drawn).T
+    rows = make_ssim_filter(drawn.shape[2], window).to(drawn)
+    columns = make_ssim_filter(drawn.shape[3], window).to(drawn).T
     maps = torch.cat((drawn, truth, drawn * drawn, truth * truth, drawn * truth))
     mean_x, mean_y, xx, yy, xy = (rows @ maps @ columns).chunk(5)
     variances = (xx - mean_x**2) + (yy - mean_y**2)

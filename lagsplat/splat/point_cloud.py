@@ -8,11 +8,11 @@ import torch
 from jaxtyping import Float32, Float64, UInt8
 from torch import Tensor
 
-from lagsplat.io.files.ply import Cloud
-from lagsplat.splat.backend import device_of, rasterizer
-from lagsplat.splat.gaussians import Slice
+from lagsplat.io.files.ply import PlyCloud
+from lagsplat.splat.backend import choose_device, choose_rasterizer
+from lagsplat.splat.gaussians import GaussianSlice
 from lagsplat.splat.image_model import BLUR_PX2
-from lagsplat.splat.projection import View, depths, project, view_of
+from lagsplat.splat.projection import View, compute_depths, make_view, project
 from lagsplat.views.camera import Camera
 
 FAINT = 0.005
@@ -21,7 +21,7 @@ OPAQUE = 0.99
 LOWER = ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))
 
 
-class Shown(NamedTuple):
+class PointCloudScene(NamedTuple):
     """What cameras see of a cloud: colours encoded as sRGB, the share of each pixel that is covered, and the
     mean depth of what covers it, 0 where nothing does.
     """
@@ -32,40 +32,42 @@ class Shown(NamedTuple):
 
 
 @torch.no_grad()
-def show(cloud: Cloud, cameras: Sequence[Camera], *, blur_px2: float, backend: str = "auto") -> Shown:
+def build_point_cloud(
+    cloud: PlyCloud, cameras: Sequence[Camera], *, blur_px2: float, backend: str = "auto"
+) -> PointCloudScene:
     """Pictures of a cloud whose colours are stored as sRGB and blend in proportion to light, before black.
 
     ``blur_px2`` is added to the drawn covariances in place of the 0.3 of training.
 
     Source: the renderer of SHARP, arXiv:2512.10685.
     """
-    device = device_of(backend)
+    device = choose_device(backend)
     kept = cloud.opacities >= FAINT
     full = cloud.covariances()[kept]
     packed = np.stack([full[:, i, j] for i, j in LOWER], axis=1)
-    parts = [cloud.means[kept], packed, cloud.opacities[kept], to_linear(cloud.colors[kept].clip(0, 1))]
+    parts = [cloud.means[kept], packed, cloud.opacities[kept], srgb_to_linear(cloud.colors[kept].clip(0, 1))]
     means, covariance, opacity, color = (
         torch.as_tensor(part, dtype=torch.float32, device=device) for part in parts
     )
-    scene = Slice(means[None], covariance, opacity[None].clamp(max=1.0), color, color.new_zeros(3))
+    scene = GaussianSlice(means[None], covariance, opacity[None].clamp(max=1.0), color, color.new_zeros(3))
     shown = [_seen(scene, camera, blur_px2, device, backend) for camera in cameras]
     light, cover, depth = (torch.cat([each[i] for each in shown]).cpu().numpy() for i in range(3))
-    images = np.round(255 * to_srgb(light.clip(0, 1))).astype(np.uint8)
-    return Shown(np.ascontiguousarray(np.moveaxis(images, 1, 3)), cover, depth)
+    images = np.round(255 * linear_to_srgb(light.clip(0, 1))).astype(np.uint8)
+    return PointCloudScene(np.ascontiguousarray(np.moveaxis(images, 1, 3)), cover, depth)
 
 
 def _seen(
-    scene: Slice, camera: Camera, blur_px2: float, device: str, backend: str
+    scene: GaussianSlice, camera: Camera, blur_px2: float, device: str, backend: str
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Light (1, 3, H, W), cover and depth (1, H, W) by one camera."""
     size = {"height": camera.height, "width": camera.width}
-    view = View(*(part.to(device) for part in view_of([camera])))
-    ahead = depths(scene.means, view)
+    view = View(*(part.to(device) for part in make_view([camera])))
+    ahead = compute_depths(scene.means, view)
     # Depth and presence ride along, to be drawn in place of colours.
     told = torch.stack([ahead, torch.ones_like(ahead), torch.zeros_like(ahead)], dim=2)
     flat = project(scene._replace(color=torch.cat([scene.color[None], told], dim=2)), view, **size)
     sharp = flat.covariance + torch.tensor([1.0, 0.0, 1.0], device=device) * (blur_px2 - BLUR_PX2)
-    draw = rasterizer(backend, device)
+    draw = choose_rasterizer(backend, device)
     light, other = (
         draw(*flat._replace(covariance=sharp, color=part.contiguous()), **size)
         for part in flat.color.split(3, 2)
@@ -74,7 +76,7 @@ def _seen(
     return light, cover, torch.where(cover > FAINT, other[:, 0] / cover.clamp_min(FAINT), 0.0)
 
 
-def merged(cloud: Cloud, *, side: int, by: int, layers: int) -> Cloud:
+def merge_clouds(cloud: PlyCloud, *, side: int, by: int, layers: int) -> PlyCloud:
     """Every ``by`` x ``by`` cells of each layer of a grid of Gaussians as one of equal mean and covariance.
 
     The cloud holds ``layers`` grids of ``side`` x ``side``, row by row. Weights are the opacities; the merged
@@ -89,7 +91,7 @@ def merged(cloud: Cloud, *, side: int, by: int, layers: int) -> Cloud:
         )
     weight = _blocks(cloud.opacities[:, None], layers, side, by).clip(1e-6)
     share = weight / weight.sum(1, keepdims=True)
-    light = to_linear(cloud.colors.clip(0, 1))
+    light = srgb_to_linear(cloud.colors.clip(0, 1))
     means, colors = (_blocks(part, layers, side, by) for part in (cloud.means, light))
     covariances = _blocks(cloud.covariances().reshape(-1, 9), layers, side, by)
     middle = (share * means).sum(1)
@@ -100,11 +102,11 @@ def merged(cloud: Cloud, *, side: int, by: int, layers: int) -> Cloud:
     area = _face(covariances.reshape(*covariances.shape[:2], 3, 3), means)
     total = (stopped * area).sum(1) / np.maximum(_face(full[:, None], middle[:, None])[:, 0], 1e-30)
     values, vectors = np.linalg.eigh(full)
-    return Cloud(
+    return PlyCloud(
         means=middle,
         scales=np.sqrt(np.maximum(values, 1e-18)),
-        quaternions=quaternions_of(vectors),
-        colors=to_srgb((share * colors).sum(1)),
+        quaternions=covariances_to_quaternions(vectors),
+        colors=linear_to_srgb((share * colors).sum(1)),
         opacities=(1 - np.exp(-total)).clip(max=OPAQUE),
     )
 
@@ -122,7 +124,7 @@ def _face(covariance: np.ndarray, means: np.ndarray) -> np.ndarray:
     return np.sqrt(np.maximum(xx * yy - xy * xy, 0)) / np.maximum(means[..., 2], 1e-6) ** 2
 
 
-def quaternions_of(turns: Float64[np.ndarray, "N 3 3"]) -> Float64[np.ndarray, "N 4"]:
+def covariances_to_quaternions(turns: Float64[np.ndarray, "N 3 3"]) -> Float64[np.ndarray, "N 4"]:
     """Unit quaternions (w, x, y, z) of matrices of orthonormal columns, an axis turned about where needed."""
     turns = turns * np.sign(np.linalg.det(turns))[:, None, None]
     diagonal = np.diagonal(turns, axis1=1, axis2=2)
@@ -142,12 +144,12 @@ def quaternions_of(turns: Float64[np.ndarray, "N 3 3"]) -> Float64[np.ndarray, "
     return chosen / np.linalg.norm(chosen, axis=1, keepdims=True)
 
 
-def to_linear(color: np.ndarray) -> np.ndarray:
+def srgb_to_linear(color: np.ndarray) -> np.ndarray:
     """Light of sRGB colours in [0, 1]. Source: IEC 61966-2-1."""
     return np.where(color <= 0.04045, color / 12.92, ((color + 0.055) / 1.055) ** 2.4)
 
 
-def to_srgb(light: np.ndarray) -> np.ndarray:
+def linear_to_srgb(light: np.ndarray) -> np.ndarray:
     """sRGB colours of light in [0, 1]. Source: IEC 61966-2-1."""
     return np.where(
         light <= 0.0031308, 12.92 * light, 1.055 * np.maximum(light, 0.0031308) ** (1 / 2.4) - 0.055

@@ -21,7 +21,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from lagsplat.splat.gaussians import Slice
+from lagsplat.splat.gaussians import GaussianSlice
 from lagsplat.views.camera import Camera
 
 NEAR = 0.01
@@ -55,7 +55,7 @@ class View(NamedTuple):
         return (self.rotation.mT @ inside[..., None])[..., 0]
 
 
-def view_of(cameras: Sequence[Camera]) -> View:
+def make_view(cameras: Sequence[Camera]) -> View:
     """Cameras as tensors (float32)."""
     parts = [
         np.stack([camera.rotation for camera in cameras]),
@@ -66,7 +66,7 @@ def view_of(cameras: Sequence[Camera]) -> View:
     return View(*(torch.as_tensor(part, dtype=torch.float32) for part in parts))
 
 
-def project(scene: Slice, view: View, *, height: int, width: int) -> Slice:
+def project(scene: GaussianSlice, view: View, *, height: int, width: int) -> GaussianSlice:
     """The planar Gaussians that each image's camera sees, nearest first.
 
     ``view`` has one camera an image, or one for all. Differentiable in all but the order. Whatever stands in
@@ -86,7 +86,7 @@ def project(scene: Slice, view: View, *, height: int, width: int) -> Slice:
     opacity = torch.where(drawn, scene.opacity, 0)
     order = torch.where(drawn, seen[..., 2], torch.inf).detach().argsort(dim=1, stable=True)
     color = scene.color.expand(*opacity.shape, scene.color.shape[-1])
-    return Slice(
+    return GaussianSlice(
         means=_sorted(flat, order),
         covariance=_sorted(shape, order),
         opacity=opacity.gather(1, order),
@@ -95,7 +95,7 @@ def project(scene: Slice, view: View, *, height: int, width: int) -> Slice:
     )
 
 
-def depths(means: Float[Tensor, "B K 3"], view: View) -> Float[Tensor, "B K"]:
+def compute_depths(means: Float[Tensor, "B K 3"], view: View) -> Float[Tensor, "B K"]:
     """How far ahead of its camera each centre is."""
     return (
         torch.einsum("bki,bi->bk", means, view.rotation[:, 2].expand(len(means), 3)) + view.translation[:, 2:]

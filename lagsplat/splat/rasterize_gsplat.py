@@ -11,12 +11,12 @@ import torch
 from jaxtyping import Float, Int32
 from torch import Tensor
 
-from lagsplat.splat.image_model import ALPHA_MIN, BLUR_PX2, check_scene
+from lagsplat.splat.image_model import ALPHA_MIN, BLUR_PX2, require_scene
 
 TILE_PX = 16
 
 
-class Scene(NamedTuple):
+class GsplatScene(NamedTuple):
     """What gsplat's tile intersection and rasterisation take."""
 
     means: Float[Tensor, "B K 2"]
@@ -48,7 +48,7 @@ def rasterize(
 
     Source: the image model in `lagsplat.splat.image_model`.
     """
-    check_scene(means, covariance, opacity, color, background, height=height, width=width)
+    require_scene(means, covariance, opacity, color, background, height=height, width=width)
     if means.dtype != torch.float32 or means.device.type != "cuda":
         raise ValueError(
             f"the gsplat rasteriser draws float32 tensors on a CUDA device, got {means.dtype} on "
@@ -58,7 +58,7 @@ def rasterize(
     batch, count = opacity.shape
     if batch == 0 or count == 0:
         return background[None, :, None, None].expand(batch, 3, height, width)
-    scene = embed(means, covariance, opacity, color)
+    scene = embed_in_space(means, covariance, opacity, color)
     across, down = -(-width // TILE_PX), -(-height // TILE_PX)
     with torch.no_grad():
         _, keys, order = gsplat.isect_tiles(scene.means, scene.radii, scene.depths, TILE_PX, across, down)
@@ -78,12 +78,12 @@ def rasterize(
     return images.permute(0, 3, 1, 2).contiguous()
 
 
-def embed(
+def embed_in_space(
     means: Float[Tensor, "B K 2"],
     covariance: Float[Tensor, "*S K 3"],
     opacity: Float[Tensor, "B K"],
     color: Float[Tensor, "*S K 3"],
-) -> Scene:
+) -> GsplatScene:
     """The Gaussians as gsplat wants them after its projection; one that is not drawn gets radius 0."""
     batch, count = opacity.shape
     xx, xy, yy = covariance.double().unbind(-1)
@@ -98,7 +98,7 @@ def embed(
     reach = (2.0 * (opacity.detach() / ALPHA_MIN).clamp(min=1.0).log()).sqrt()
     extent = torch.stack([xx, yy], dim=-1).sqrt().float().detach()
     radii = (reach[..., None] * extent).clamp(max=2.0**24).ceil().clamp(min=1.0)
-    return Scene(
+    return GsplatScene(
         means=means,
         radii=torch.where(drawn[..., None], radii, 0.0).to(torch.int32),
         depths=torch.arange(count, device=means.device, dtype=torch.float32).expand(batch, count),

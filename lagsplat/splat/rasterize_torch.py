@@ -4,7 +4,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from lagsplat.splat.image_model import ALPHA_MAX, ALPHA_MIN, BLUR_PX2, TRANSMITTANCE_MIN, check_scene
+from lagsplat.splat.image_model import ALPHA_MAX, ALPHA_MIN, BLUR_PX2, TRANSMITTANCE_MIN, require_scene
 
 
 def rasterize(
@@ -28,7 +28,7 @@ def rasterize(
 
     Source: the image model in `lagsplat.splat.image_model`.
     """
-    check_scene(means, covariance, opacity, color, background, height=height, width=width)
+    require_scene(means, covariance, opacity, color, background, height=height, width=width)
     frames = [
         _render(*scene, background, height, width)
         for scene in zip(

@@ -10,9 +10,9 @@ from jaxtyping import Float32, Float64
 from torch import Tensor, nn
 
 from lagsplat.array_types import Frames, Images, Latents
-from lagsplat.io.files.artifact import load_artefact, restore, save_artefact
-from lagsplat.splat.backend import rasterizer
-from lagsplat.splat.gaussians import Gaussians, Slice
+from lagsplat.io.files.artifact import load_artifact, restore_module, save_artifact
+from lagsplat.splat.backend import choose_rasterizer
+from lagsplat.splat.gaussians import Gaussians, GaussianSlice
 from lagsplat.splat.projection import View, project
 from lagsplat.stage1.encoder import Encoder
 
@@ -31,7 +31,7 @@ class Autoencoder(nn.Module):
         background: 'learned' or 'black'.
         lens: Focal lengths and principal point (x, y, x, y) [px] of the film's camera, where the Gaussians
             live in space (`lagsplat.views.camera`); None where they live in the picture.
-        backend: Rasteriser, see `lagsplat.splat.backend.rasterizer`.
+        backend: Rasteriser, see `lagsplat.splat.backend.choose_rasterizer`.
     """
 
     def __init__(
@@ -75,7 +75,12 @@ class Autoencoder(nn.Module):
         return self.draw(self.gaussians.condition(z), view=view, height=height, width=width)
 
     def draw(
-        self, scene: Slice, *, view: View | None = None, height: int | None = None, width: int | None = None
+        self,
+        scene: GaussianSlice,
+        *,
+        view: View | None = None,
+        height: int | None = None,
+        width: int | None = None,
     ) -> Images:
         """Images of slices, in [0, 1], or of what stands in place of their colours.
 
@@ -98,7 +103,7 @@ class Autoencoder(nn.Module):
         elif (across, down) != (1, 1):
             scale = scene.means.new_tensor([across * across, across * down, down * down])
             scene = scene._replace(means=scene.means * scale[::2].sqrt(), covariance=scene.covariance * scale)
-        return rasterizer(self.backend, scene.means.device)(*scene, height=height, width=width)
+        return choose_rasterizer(self.backend, scene.means.device)(*scene, height=height, width=width)
 
     def filmed_view(self, like: Tensor) -> View:
         """The film's own camera, of which the coordinates of space are."""
@@ -155,11 +160,11 @@ def decode_latents(
 def save_autoencoder(path: Path, autoencoder: Autoencoder, header: Mapping[str, Any]) -> None:
     """Write the weights and what is needed to build the same module again."""
     header = {"kind": KIND, "schema": SCHEMA, **header, "architecture": autoencoder.architecture}
-    save_artefact(path, {name: value.cpu() for name, value in autoencoder.state_dict().items()}, header)
+    save_artifact(path, {name: value.cpu() for name, value in autoencoder.state_dict().items()}, header)
 
 
 def load_autoencoder(path: Path, *, backend: str = "auto") -> tuple[Autoencoder, dict[str, Any]]:
     """Read an autoencoder and its header; the rasteriser is no part of the weights, and chosen here."""
-    tensors, header = load_artefact(path, kind=KIND, schema=SCHEMA)
+    tensors, header = load_artifact(path, kind=KIND, schema=SCHEMA)
     autoencoder = Autoencoder(**header["architecture"], backend=backend)
-    return restore(autoencoder, tensors, path), header
+    return restore_module(autoencoder, tensors, path), header

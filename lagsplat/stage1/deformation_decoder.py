@@ -19,22 +19,22 @@ from torch import Tensor, nn
 from tqdm import tqdm
 
 from lagsplat.array_types import Frames, Images, Latents
-from lagsplat.io.files.artifact import load_artefact, restore, save_artefact
-from lagsplat.splat.backend import rasterizer
-from lagsplat.splat.gaussians import Gaussians, Slice
+from lagsplat.io.files.artifact import load_artifact, restore_module, save_artifact
+from lagsplat.splat.backend import choose_rasterizer
+from lagsplat.splat.gaussians import Gaussians, GaussianSlice
 from lagsplat.splat.losses import anisotropy, structural_dissimilarity
 from lagsplat.stage1.autoencoder import Autoencoder, to_images
 from lagsplat.stage1.config import FieldConfig, RenderConfig, Stage1Config
-from lagsplat.stage1.fit import CurvePoint, fit_autoencoder
-from lagsplat.stage1.gaussian_initialization import place
-from lagsplat.stage1.objective import factor_at
+from lagsplat.stage1.fit import TrainingCurvePoint, fit_autoencoder
+from lagsplat.stage1.gaussian_initialization import place_gaussians
+from lagsplat.stage1.objective import rate_factor
 
 KIND, SCHEMA = "field", 1
 CONDITIONED, DEFORMED = "conditioned", "deformed"
 IN_PIXELS = ("center", "coupling")  # parameters with the larger step size
 
 
-class Field(nn.Module):
+class DeformationField(nn.Module):
     """A decoder and the size of its pictures; ``kind`` says which of the two it is."""
 
     def __init__(self, kind: str, n: int, d: int, config: FieldConfig, *, height: int, width: int) -> None:
@@ -51,15 +51,15 @@ class Field(nn.Module):
         else:
             raise ValueError(f"there is no decoder {kind!r}: choose {CONDITIONED} or {DEFORMED}")
 
-    def slices(self, z: Latents) -> list[Slice]:
+    def slices(self, z: Latents) -> list[GaussianSlice]:
         """Scenes of the latents: one for all where shapes are shared, else one each."""
         if isinstance(self.gaussians, Gaussians):
             return [self.gaussians.condition(z)]
         return self.gaussians.slices(z)
 
-    def draw(self, slices: list[Slice], *, backend: str) -> Images:
+    def draw(self, slices: list[GaussianSlice], *, backend: str) -> Images:
         """Pictures of scenes."""
-        rasterize = rasterizer(backend, slices[0].means.device)
+        rasterize = choose_rasterizer(backend, slices[0].means.device)
         return torch.cat([rasterize(*scene, height=self.height, width=self.width) for scene in slices])
 
     def jacobian(self, z: Tensor) -> Tensor:
@@ -74,14 +74,14 @@ class Field(nn.Module):
         return sum(parameter.numel() for parameter in self.parameters())
 
 
-class FieldStory(NamedTuple):
+class DeformationFitReport(NamedTuple):
     """What a training came to: its time [s] and its mean loss over the last tenth."""
 
     wall_s: float
     loss: float
 
 
-def fit_field(
+def fit_deformation_field(
     kind: str,
     frames: Frames,
     latents: Float64[np.ndarray, "T d"],
@@ -89,7 +89,7 @@ def fit_field(
     stage1: Stage1Config,
     *,
     seed: int,
-) -> tuple[Field, FieldStory]:
+) -> tuple[DeformationField, DeformationFitReport]:
     """Fit a decoder of one kind to the training frames at their frozen raw latents.
 
     Both kinds start from the same planar Gaussians and get the same losses, batches, optimiser and step
@@ -101,7 +101,7 @@ def fit_field(
     Source: paper, Appendix "Deformation-Field Decoder at Equal Budget".
     """
     begin = time.monotonic()
-    field = begin_field(kind, frames, latents, config, stage1, seed=seed)
+    field = start_deformation_field(kind, frames, latents, config, stage1, seed=seed)
     stored, table = torch.from_numpy(np.array(frames)), torch.as_tensor(latents, dtype=torch.float32)
     optimizer = _optimizer(field, stage1)
     losses = []
@@ -110,7 +110,7 @@ def fit_field(
             rng = np.random.default_rng([seed, step])
             picked = torch.as_tensor(rng.integers(len(stored), size=config.batch))
             for group in optimizer.param_groups:
-                group["lr"] = group["peak"] * factor_at(stage1.rate, step=step, steps=config.steps)
+                group["lr"] = group["peak"] * rate_factor(stage1.rate, step=step, steps=config.steps)
             loss = _loss(field, table[picked], to_images(stored[picked]), stage1)
             optimizer.zero_grad(set_to_none=True)
             loss.backward()
@@ -123,10 +123,10 @@ def fit_field(
                     "stage1.rate.*"
                 )
     last = float(np.mean(losses[-max(1, len(losses) // 10) :]))
-    return field.eval(), FieldStory(time.monotonic() - begin, last)
+    return field.eval(), DeformationFitReport(time.monotonic() - begin, last)
 
 
-def begin_field(
+def start_deformation_field(
     kind: str,
     frames: Frames,
     latents: Float64[np.ndarray, "T d"],
@@ -134,15 +134,15 @@ def begin_field(
     stage1: Stage1Config,
     *,
     seed: int,
-) -> Field:
+) -> DeformationField:
     """A decoder before training; both kinds hold the same planar Gaussians for one seed."""
     torch.manual_seed(seed)
     _, height, width, _ = frames.shape
     n, d = config.n_gaussians, latents.shape[1]
-    field = Field(kind, n, d, config, height=height, width=width)
+    field = DeformationField(kind, n, d, config, height=height, width=width)
     planar = Gaussians(n, d)
     reference = np.asarray(frames[0]) / 255.0
-    place(planar, reference, latents, stage1.init, np.random.default_rng(seed))
+    place_gaussians(planar, reference, latents, stage1.init, np.random.default_rng(seed))
     with torch.no_grad():
         mine = dict(field.gaussians.named_parameters())
         for name, value in planar.named_parameters():
@@ -154,7 +154,7 @@ def begin_field(
     return field
 
 
-def _loss(field: Field, z: Latents, images: Images, stage1: Stage1Config) -> Tensor:
+def _loss(field: DeformationField, z: Latents, images: Images, stage1: Stage1Config) -> Tensor:
     slices, loss = field.slices(z), stage1.loss
     drawn = field.draw(slices, backend=stage1.backend)
     total = loss.l1 * (drawn - images).abs().mean()
@@ -166,7 +166,7 @@ def _loss(field: Field, z: Latents, images: Images, stage1: Stage1Config) -> Ten
     return total
 
 
-def _optimizer(field: Field, stage1: Stage1Config) -> torch.optim.Adam:
+def _optimizer(field: DeformationField, stage1: Stage1Config) -> torch.optim.Adam:
     """Adam with the step sizes of stage 1; the network has those of the encoder."""
     groups: dict[str, list[nn.Parameter]] = {"network": [], "pixels": [], "rest": []}
     for name, value in field.gaussians.named_parameters():
@@ -178,21 +178,25 @@ def _optimizer(field: Field, stage1: Stage1Config) -> torch.optim.Adam:
     )
 
 
-def save_field(path: str | os.PathLike[str], field: Field, header: Mapping[str, Any]) -> None:
+def save_deformation_field(
+    path: str | os.PathLike[str], field: DeformationField, header: Mapping[str, Any]
+) -> None:
     """Write the weights of a decoder."""
     shape = {"kind": field.kind, "height": field.height, "width": field.width}
-    save_artefact(path, field.state_dict(), {"kind": KIND, "schema": SCHEMA, **header, "field": shape})
+    save_artifact(path, field.state_dict(), {"kind": KIND, "schema": SCHEMA, **header, "field": shape})
 
 
-def load_field(path: str | os.PathLike[str], config: FieldConfig, *, d: int) -> tuple[Field, dict[str, Any]]:
+def load_deformation_field(
+    path: str | os.PathLike[str], config: FieldConfig, *, d: int
+) -> tuple[DeformationField, dict[str, Any]]:
     """Read a decoder and its header.
 
     Raises:
-        FileNotFoundError, ValueError: as `lagsplat.io.files.artifact.load_artefact`.
+        FileNotFoundError, ValueError: as `lagsplat.io.files.artifact.load_artifact`.
     """
-    tensors, header = load_artefact(path, kind=KIND, schema=SCHEMA)
-    field = Field(n=config.n_gaussians, d=d, config=config, **header["field"])
-    return restore(field, tensors, path), header
+    tensors, header = load_artifact(path, kind=KIND, schema=SCHEMA)
+    field = DeformationField(n=config.n_gaussians, d=d, config=config, **header["field"])
+    return restore_module(field, tensors, path), header
 
 
 class DeformedGaussians(nn.Module):
@@ -228,7 +232,7 @@ class DeformedGaussians(nn.Module):
         """Centres at each latent [px]."""
         return self.center + self._moved(z)[0]
 
-    def slices(self, z: Latents) -> list[Slice]:
+    def slices(self, z: Latents) -> list[GaussianSlice]:
         """The planar Gaussians at each latent: their shapes differ, so each is a scene of its own."""
         shifts, changes = self._moved(z)
         opacity, color = torch.sigmoid(self.opacity_logit)[None], torch.sigmoid(self.color_logit)
@@ -238,7 +242,7 @@ class DeformedGaussians(nn.Module):
             b = self.shape_below[:, 0] + change[:, 2]
             covariance = torch.stack((a * a, a * b, b * b + c * c), dim=1)
             background = torch.sigmoid(self.background_logit)
-            found.append(Slice((self.center + shift)[None], covariance, opacity, color, background))
+            found.append(GaussianSlice((self.center + shift)[None], covariance, opacity, color, background))
         return found
 
     def jacobian(self, z: Float[Tensor, " d"]) -> Float[Tensor, "K 2 d"]:
@@ -265,7 +269,7 @@ def fit_decoder(
     seed: int,
     checkpoint: Path | None = None,
     identity: str = "",
-) -> tuple[Autoencoder, list[CurvePoint]]:
+) -> tuple[Autoencoder, list[TrainingCurvePoint]]:
     """Fit Gaussians to ``frames`` at the raw ``latents`` of these frames, which do not change.
 
     The result draws at the resolution of ``frames``. Its encoder was never trained: encode with the
@@ -296,6 +300,6 @@ def fit_decoder(
     )
 
 
-def finer(height: int, width: int, render: RenderConfig) -> tuple[int, int]:
+def refine_gaussians(height: int, width: int, render: RenderConfig) -> tuple[int, int]:
     """Height and width of the finer frames [pixel]."""
     return round(render.factor * height), round(render.factor * width)

@@ -13,7 +13,7 @@ from lagsplat.splat.gaussians import Gaussians
 from lagsplat.splat.projection import View
 from lagsplat.stage1.autoencoder import Autoencoder
 from lagsplat.stage1.config import LifecycleConfig
-from lagsplat.stage1.training_data import Footage, seen_depth
+from lagsplat.stage1.training_data import TrainingFrames, render_depth
 
 SAMPLE = 512  # frames over which the peak opacity is taken
 ERROR_SAMPLE = 64  # frames whose error attracts the teleported
@@ -33,16 +33,16 @@ def is_due(config: LifecycleConfig, *, step: int, steps: int) -> bool:
 
 
 @torch.no_grad()
-def peak_opacity(gaussians: Gaussians, z: Latents) -> Float[Tensor, " K"]:
+def measure_peak_opacity(gaussians: Gaussians, z: Latents) -> Float[Tensor, " K"]:
     """The largest opacity each Gaussian reaches over the latents."""
     return gaussians.opacity_logit.sigmoid() * gaussians.gate(z).amax(0)
 
 
 @torch.no_grad()
-def review(
+def densify_and_prune(
     autoencoder: Autoencoder,
     optimizer: torch.optim.Adam,
-    footage: Footage,
+    footage: TrainingFrames,
     config: LifecycleConfig,
     *,
     rng: np.random.Generator,
@@ -54,22 +54,24 @@ def review(
     """
     picked = np.sort(rng.choice(len(footage), min(SAMPLE, len(footage)), replace=False))
     latents = footage.latents_of(autoencoder, picked)
-    dead = peak_opacity(autoencoder.gaussians, latents) < config.peak_opacity
+    dead = measure_peak_opacity(autoencoder.gaussians, latents) < config.peak_opacity
     if not dead.any() or dead.all():
         return int(dead.sum())
     slots = dead.nonzero().flatten()
     n_split = min(round(config.split_share * len(slots)), int((~dead).sum()))
-    parents = busiest(autoencoder.gaussians, optimizer, alive=~dead, count=n_split)
+    parents = largest_gradient(autoencoder.gaussians, optimizer, alive=~dead, count=n_split)
     children, strays = slots[:n_split], slots[n_split:]
-    split(autoencoder.gaussians, parents, children)
+    split_gaussians(autoencoder.gaussians, parents, children)
     if len(strays):
-        teleport(autoencoder, footage, strays, rng)
-    remember(autoencoder.gaussians, optimizer, parents=parents, children=children, strays=strays)
-    reorder(autoencoder.gaussians, optimizer, behind(autoencoder.gaussians.n, parents, children))
+        teleport_gaussians(autoencoder, footage, strays, rng)
+    transfer_adam_state(autoencoder.gaussians, optimizer, parents=parents, children=children, strays=strays)
+    reorder_gaussians(
+        autoencoder.gaussians, optimizer, depth_order(autoencoder.gaussians.n, parents, children)
+    )
     return len(slots)
 
 
-def busiest(
+def largest_gradient(
     gaussians: Gaussians, optimizer: torch.optim.Adam, *, alive: Bool[Tensor, " K"], count: int
 ) -> Tensor:
     """The visible Gaussians pulled hardest: those of the largest running mean square gradient of the centre.
@@ -83,7 +85,7 @@ def busiest(
     return torch.where(alive, pull, -1.0).topk(count).indices
 
 
-def split(gaussians: Gaussians, parents: Tensor, slots: Tensor) -> None:
+def split_gaussians(gaussians: Gaussians, parents: Tensor, slots: Tensor) -> None:
     """Replace each parent by two along the principal eigenvector of its covariance in latent and space.
 
     The two centres lie half a standard deviation either way and the variance along the axis shrinks by as
@@ -122,7 +124,9 @@ def split(gaussians: Gaussians, parents: Tensor, slots: Tensor) -> None:
             parameter[target] = value.to(parameter)
 
 
-def teleport(autoencoder: Autoencoder, footage: Footage, slots: Tensor, rng: np.random.Generator) -> None:
+def teleport_gaussians(
+    autoencoder: Autoencoder, footage: TrainingFrames, slots: Tensor, rng: np.random.Generator
+) -> None:
     """Send each Gaussian to a pixel of a frame, drawn in proportion to the error there, and to its latent.
 
     In space frames are of all sides, and the Gaussian goes to the depth of what is seen in the pixel.
@@ -140,7 +144,7 @@ def teleport(autoencoder: Autoencoder, footage: Footage, slots: Tensor, rng: np.
         view = View(
             *(part.expand(len(latents), *part.shape[1:]) for part in view or autoencoder.filmed_view(latents))
         )
-        depth = seen_depth(autoencoder, latents, view)[frame_t, row_t, column_t]
+        depth = render_depth(autoencoder, latents, view)[frame_t, row_t, column_t]
         pixels = view.of(frame_t).unproject(pixels, depth)
     gaussians.center[slots] = pixels
     gaussians.latent_center[slots] = latents[frame_t]
@@ -153,7 +157,7 @@ def teleport(autoencoder: Autoencoder, footage: Footage, slots: Tensor, rng: np.
     gaussians.color_logit[slots] = images[frame_t, :, row_t, column_t].clamp(0.01, 0.99).logit()
 
 
-def behind(n: int, parents: Tensor, children: Tensor) -> Tensor:
+def depth_order(n: int, parents: Tensor, children: Tensor) -> Tensor:
     """The order of ``n`` Gaussians in which each child comes right after its parent.
 
     Gaussians are drawn in the order of their index. A half that keeps the index of the dead one it replaces
@@ -164,7 +168,7 @@ def behind(n: int, parents: Tensor, children: Tensor) -> Tensor:
     return depth.argsort(stable=True)
 
 
-def reorder(gaussians: Gaussians, optimizer: torch.optim.Adam, order: Tensor) -> None:
+def reorder_gaussians(gaussians: Gaussians, optimizer: torch.optim.Adam, order: Tensor) -> None:
     """Number the Gaussians anew, and Adam's memory of them with it."""
     for parameter, state in per_gaussian(gaussians, optimizer):
         parameter.copy_(parameter[order])
@@ -172,7 +176,7 @@ def reorder(gaussians: Gaussians, optimizer: torch.optim.Adam, order: Tensor) ->
             moment.copy_(moment[order])
 
 
-def remember(
+def transfer_adam_state(
     gaussians: Gaussians, optimizer: torch.optim.Adam, *, parents: Tensor, children: Tensor, strays: Tensor
 ) -> None:
     """Give the recycled the memory of Adam that fits them.

@@ -57,7 +57,7 @@ class Encoder(nn.Module):
 
 
 @contextmanager
-def small_moves(encoder: Encoder, images: Images, *, limit: float | None) -> Iterator[None]:
+def measure_small_moves(encoder: Encoder, images: Images, *, limit: float | None) -> Iterator[None]:
     """Shorten a step of the optimiser that moves the latents of ``images`` by more than ``limit``.
 
     ``limit`` is the rms move over the rms distance of these latents from their mean; None allows any step.
@@ -85,17 +85,17 @@ RIDGE = 1e-4  # of the readout, relative to the strongest feature
 
 
 @torch.no_grad()
-def unfold(encoder: Encoder, images: Images) -> None:
+def initialize_encoder(encoder: Encoder, images: Images) -> None:
     """Start the encoder, in place, as the best smooth readout of distances along the film.
 
     The random filters are blurred, and the linear layer is the least-squares map from their features to the
     geodesic coordinates of the images. With fewer distinct images than axes the remaining axes start closed.
     """
-    smooth_filters(encoder)
+    draw_smooth_filters(encoder)
     features = encoder.features(images).double()
     mean = features.mean(0)
     features = features - mean
-    target = torch.as_tensor(geodesic_coordinates(images, encoder.head.out_features))
+    target = torch.as_tensor(compute_geodesic_coordinates(images, encoder.head.out_features))
     gram = features.T @ features
     scale = max(float(torch.linalg.eigvalsh(gram)[-1]), 1e-30)
     identity = torch.eye(len(gram), dtype=gram.dtype)
@@ -105,7 +105,7 @@ def unfold(encoder: Encoder, images: Images) -> None:
 
 
 @torch.no_grad()
-def smooth_filters(encoder: Encoder) -> None:
+def draw_smooth_filters(encoder: Encoder) -> None:
     """Blur the convolutions, in place, keeping the size of each bank's weights.
 
     A continuous encoder needs smooth filters (Zhu et al. 2025; paper eq. (recon_loss) penalises rough ones);
@@ -119,7 +119,7 @@ def smooth_filters(encoder: Encoder) -> None:
         bank.copy_(smooth * (bank.norm() / smooth.norm().clamp_min(1e-30)))
 
 
-def geodesic_coordinates(images: Images, d: int) -> Float64[np.ndarray, "B d"]:
+def compute_geodesic_coordinates(images: Images, d: int) -> Float64[np.ndarray, "B d"]:
     """Coordinates in which straight distances are those along the film, each of zero mean and unit variance.
 
     Source: Isomap, Tenenbaum et al. 2000, doi:10.1126/science.290.5500.2319.

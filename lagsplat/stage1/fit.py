@@ -11,15 +11,15 @@ import torch
 from tqdm import tqdm
 
 from lagsplat.array_types import Frames, Latents, Series
-from lagsplat.io.files.checkpoint import keep_training, resume_training
-from lagsplat.splat.backend import device_of
+from lagsplat.io.files.checkpoint import load_training_state, save_training_state
+from lagsplat.splat.backend import choose_device
 from lagsplat.stage1.autoencoder import Autoencoder
 from lagsplat.stage1.config import Stage1Config
-from lagsplat.stage1.densification import is_due, review
-from lagsplat.stage1.encoder import small_moves
-from lagsplat.stage1.gaussian_initialization import initialize
-from lagsplat.stage1.objective import Sides, optimizer_of, reconstruct, set_rates
-from lagsplat.stage1.training_data import Footage
+from lagsplat.stage1.densification import densify_and_prune, is_due
+from lagsplat.stage1.encoder import measure_small_moves
+from lagsplat.stage1.gaussian_initialization import initialize_gaussians
+from lagsplat.stage1.objective import NovelViewTargets, make_optimizer, reconstruct, set_rates
+from lagsplat.stage1.training_data import TrainingFrames
 from lagsplat.views.config import SupervisionConfig
 from lagsplat.views.novel import NovelViews
 
@@ -27,7 +27,7 @@ CURVE_POINTS = 400  # rows of the training curve, whatever the length of the run
 PROBED = 16  # frames of a batch on which the move of the latents is measured
 
 
-class CurvePoint(NamedTuple):
+class TrainingCurvePoint(NamedTuple):
     """Means since the previous point."""
 
     step: int
@@ -47,7 +47,7 @@ def fit_autoencoder(
     latents: Series | None = None,
     novel: NovelViews | None = None,
     supervision: SupervisionConfig | None = None,
-) -> tuple[Autoencoder, list[CurvePoint]]:
+) -> tuple[Autoencoder, list[TrainingCurvePoint]]:
     """Train encoder and decoder on the training frames, or the decoder alone over given latents.
 
     Every random draw is a function of the seed and the step, so a run that goes on from ``checkpoint`` ends
@@ -67,11 +67,13 @@ def fit_autoencoder(
         FloatingPointError: If the loss stops being finite.
         ValueError: If the views are of other frames.
     """
-    device = device_of(config.backend)
-    footage = Footage(frames, device=device, latents=latents, novel=novel, supervision=supervision)
-    autoencoder = initialize(footage, config, seed=seed).to(device)
-    optimizer = optimizer_of(autoencoder, config.rate)
-    first, curve = resume_training(checkpoint, autoencoder, optimizer, CurvePoint, identity=identity)
+    device = choose_device(config.backend)
+    footage = TrainingFrames(frames, device=device, latents=latents, novel=novel, supervision=supervision)
+    autoencoder = initialize_gaussians(footage, config, seed=seed).to(device)
+    optimizer = make_optimizer(autoencoder, config.rate)
+    first, curve = load_training_state(
+        checkpoint, autoencoder, optimizer, TrainingCurvePoint, identity=identity
+    )
     sums, counted, recycled, saved_at = np.zeros(3), 0, 0, time.monotonic()
     with progress(first, config.steps, config.batch) as bar:
         for step in range(first, config.steps):
@@ -82,16 +84,16 @@ def fit_autoencoder(
             sums += train_step(autoencoder, optimizer, batch, config, step, known, sides)
             counted += 1
             if is_due(config.lifecycle, step=step, steps=config.steps):
-                recycled += review(autoencoder, optimizer, footage, config.lifecycle, rng=rng)
+                recycled += densify_and_prune(autoencoder, optimizer, footage, config.lifecycle, rng=rng)
             bar.update(config.batch)
             if (step + 1) % max(1, config.steps // CURVE_POINTS) == 0:
                 loss, l1, mse = (sums / counted).tolist()
-                curve.append(CurvePoint(step + 1, loss, l1, mse, recycled))
+                curve.append(TrainingCurvePoint(step + 1, loss, l1, mse, recycled))
                 bar.set_postfix(loss=f"{curve[-1].loss:.4g}", mse=f"{curve[-1].mse:.3g}")
                 sums, counted, recycled = np.zeros(3), 0, 0
                 # Only here are the running means empty, so that a checkpoint need not hold them.
                 if checkpoint and time.monotonic() - saved_at > config.checkpoint_every_s:
-                    keep_training(checkpoint, autoencoder, optimizer, curve, identity=identity)
+                    save_training_state(checkpoint, autoencoder, optimizer, curve, identity=identity)
                     saved_at = time.monotonic()
     return autoencoder.eval(), curve
 
@@ -103,7 +105,7 @@ def train_step(
     config: Stage1Config,
     step: int,
     latents: Latents | None = None,
-    sides: Sides | None = None,
+    sides: NovelViewTargets | None = None,
 ) -> np.ndarray:
     """One descent on one batch; returns its loss, mean absolute and mean squared error."""
     optimizer.zero_grad(set_to_none=True)
@@ -113,7 +115,7 @@ def train_step(
         for part in (autoencoder.encoder, autoencoder.gaussians):
             torch.nn.utils.clip_grad_norm_(part.parameters(), config.rate.gradient_clip)
     limit = config.rate.latent_step if latents is None else None
-    with small_moves(autoencoder.encoder, batch[:PROBED], limit=limit):
+    with measure_small_moves(autoencoder.encoder, batch[:PROBED], limit=limit):
         optimizer.step()
     values = np.array([float(score.detach()) for score in scores])
     if not np.isfinite(values).all():

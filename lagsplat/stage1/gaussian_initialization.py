@@ -8,17 +8,17 @@ from jaxtyping import Float, Float64
 from torch import Tensor
 
 from lagsplat.splat.gaussians import Gaussians
-from lagsplat.splat.projection import view_of
+from lagsplat.splat.projection import make_view
 from lagsplat.stage1.autoencoder import Autoencoder, encode_frames
 from lagsplat.stage1.config import InitConfig, Stage1Config
-from lagsplat.stage1.encoder import unfold
-from lagsplat.stage1.training_data import Footage
+from lagsplat.stage1.encoder import initialize_encoder
+from lagsplat.stage1.training_data import TrainingFrames
 
 SAMPLE = 1024  # frames whose encodings set the latent scale
 FLAT_SHARE = 0.2  # probability given to every pixel, edges taking the rest
 
 
-def initialize(footage: Footage, config: Stage1Config, *, seed: int) -> Autoencoder:
+def initialize_gaussians(footage: TrainingFrames, config: Stage1Config, *, seed: int) -> Autoencoder:
     """An untrained autoencoder for this footage, the same for the same seed.
 
     With latents of the frames given, its Gaussians spread over these and its encoder serves nothing. With
@@ -41,17 +41,17 @@ def initialize(footage: Footage, config: Stage1Config, *, seed: int) -> Autoenco
     )
     picked = np.sort(rng.choice(len(footage), min(SAMPLE, len(footage)), replace=False))
     if footage.latents is None and config.init.encoder == "unfolded":
-        unfold(autoencoder.encoder, footage.images(picked).cpu())
+        initialize_encoder(autoencoder.encoder, footage.images(picked).cpu())
     stored, known = footage.stored.cpu().numpy(), footage.latents
     latents = encode_frames(autoencoder, stored[picked]) if known is None else known.double().cpu().numpy()
-    place(autoencoder.gaussians, stored[0] / 255.0, latents, config.init, rng)
+    place_gaussians(autoencoder.gaussians, stored[0] / 255.0, latents, config.init, rng)
     if footage.novel is not None:
-        lift(autoencoder.gaussians, footage, rng)
+        lift_to_depth(autoencoder.gaussians, footage, rng)
     return autoencoder
 
 
 @torch.no_grad()
-def lift(gaussians: Gaussians, footage: Footage, rng: np.random.Generator) -> None:
+def lift_to_depth(gaussians: Gaussians, footage: TrainingFrames, rng: np.random.Generator) -> None:
     """Scatter Gaussians of space, in place, over the first instant's pictures from all sides.
 
     Each lies on the ray of a pixel of one camera, around the depth of the pivot there, and has the pixel's
@@ -67,10 +67,10 @@ def lift(gaussians: Gaussians, footage: Footage, rng: np.random.Generator) -> No
     for part, picture, camera in zip(
         np.array_split(rng.permutation(gaussians.n), len(pictures)), pictures, cameras, strict=True
     ):
-        pixels, colors = scatter(picture / 255.0, len(part), rng)
+        pixels, colors = scatter_latents(picture / 255.0, len(part), rng)
         middle = float(camera.within(pivot)[0, 2])
         depth = middle * (1 + supervision.spread * rng.uniform(-1, 1, len(part)))
-        view = view_of([camera] * len(part))
+        view = make_view([camera] * len(part))
         rows = torch.as_tensor(part)
         at = [torch.as_tensor(values, dtype=torch.float32) for values in (pixels, depth)]
         gaussians.center[rows] = view.unproject(*at)
@@ -79,7 +79,7 @@ def lift(gaussians: Gaussians, footage: Footage, rng: np.random.Generator) -> No
 
 
 @torch.no_grad()
-def place(
+def place_gaussians(
     gaussians: Gaussians,
     reference: np.ndarray,
     latents: np.ndarray,
@@ -87,7 +87,7 @@ def place(
     rng: np.random.Generator,
 ) -> None:
     """Scatter the Gaussians over ``reference`` (H, W, 3), in [0, 1], and over the ``latents`` (T, d)."""
-    pixels, colors = scatter(reference, gaussians.n, rng)
+    pixels, colors = scatter_latents(reference, gaussians.n, rng)
     spread = np.maximum(latents.std(0), 1e-3)
     sigma = max(float(spread.max()), 0.25) * config.latent_sigma
 
@@ -102,7 +102,7 @@ def place(
         gaussians.background_logit.copy_(torch.as_tensor(reference.mean((0, 1)).clip(0.01, 0.99)).logit())
 
 
-def scatter(
+def scatter_latents(
     picture: np.ndarray, count: int, rng: np.random.Generator
 ) -> tuple[Float64[np.ndarray, "N 2"], Float[Tensor, "N 3"]]:
     """Points [px] of a picture (H, W, 3), most of them at its edges, and the logits of their colours."""

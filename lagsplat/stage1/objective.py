@@ -17,7 +17,7 @@ from lagsplat.stage1.autoencoder import Autoencoder
 from lagsplat.stage1.config import LossConfig, RateConfig
 
 
-class Reconstruction(NamedTuple):
+class ReconstructionLoss(NamedTuple):
     """The loss to minimise, and the two photometric figures worth watching."""
 
     loss: Tensor
@@ -25,7 +25,7 @@ class Reconstruction(NamedTuple):
     mse: Tensor
 
 
-class Sides(NamedTuple):
+class NovelViewTargets(NamedTuple):
     """The same instants from another camera each, and what an error there counts."""
 
     images: Images
@@ -40,8 +40,8 @@ def reconstruct(
     config: LossConfig,
     *,
     latents: Latents | None,
-    sides: Sides | None = None,
-) -> Reconstruction:
+    sides: NovelViewTargets | None = None,
+) -> ReconstructionLoss:
     """Encode, draw and score a batch; with ``latents`` given, these are drawn instead.
 
     With ``sides`` the photometric terms count on these views, too, at the latents of the filmed pictures.
@@ -51,15 +51,15 @@ def reconstruct(
     z = autoencoder.encode(images) if latents is None else latents
     if sides is None:
         drawn = autoencoder.decode(z)
-        loss = photometric(drawn, images, config)
+        loss = photometric_loss(drawn, images, config)
     else:
         own = autoencoder.filmed_view(z)
         view = View(
             *(torch.cat([a.expand(len(z), *a.shape[1:]), b]) for a, b in zip(own, sides.view, strict=True))
         )
         drawn, aside = autoencoder.decode(z.repeat(2, 1), view=view).chunk(2)
-        loss = photometric(drawn, images, config)
-        loss = loss + sides.weight * photometric(aside, _filled(sides, aside), config)
+        loss = photometric_loss(drawn, images, config)
+        loss = loss + sides.weight * photometric_loss(aside, _filled(sides, aside), config)
     if config.anisotropy:
         loss = loss + config.anisotropy * anisotropy(
             autoencoder.gaussians.covariance(), limit=config.anisotropy_limit
@@ -67,10 +67,10 @@ def reconstruct(
     if config.nonlocal_filter:
         loss = loss + config.nonlocal_filter * nonlocal_filter(autoencoder.encoder.filters())
     error = (drawn - images).detach()
-    return Reconstruction(loss, error.abs().mean(), error.square().mean())
+    return ReconstructionLoss(loss, error.abs().mean(), error.square().mean())
 
 
-def photometric(drawn: Images, images: Images, config: LossConfig) -> Tensor:
+def photometric_loss(drawn: Images, images: Images, config: LossConfig) -> Tensor:
     """Weighted absolute error and structural dissimilarity."""
     loss = config.l1 * (drawn - images).abs().mean()
     if config.ssim:
@@ -78,14 +78,14 @@ def photometric(drawn: Images, images: Images, config: LossConfig) -> Tensor:
     return loss
 
 
-def _filled(sides: Sides, drawn: Images) -> Images:
+def _filled(sides: NovelViewTargets, drawn: Images) -> Images:
     """What is wanted of a side; where nothing is known, what is drawn there, and nothing is learned."""
     if sides.cover is None:
         return sides.images
     return torch.lerp(drawn.detach(), sides.images, sides.cover)
 
 
-def optimizer_of(autoencoder: Autoencoder, config: RateConfig) -> torch.optim.Adam:
+def make_optimizer(autoencoder: Autoencoder, config: RateConfig) -> torch.optim.Adam:
     """Adam with one group for the encoder, one for what is measured in pixels, one for the rest."""
     in_pixels = ("center", "coupling")
     gaussians = dict(autoencoder.gaussians.named_parameters())
@@ -103,10 +103,10 @@ def optimizer_of(autoencoder: Autoencoder, config: RateConfig) -> torch.optim.Ad
 def set_rates(optimizer: torch.optim.Optimizer, config: RateConfig, *, step: int, steps: int) -> None:
     """Linear warm-up, then a half cosine from each group's peak rate down to its final fraction."""
     for group in optimizer.param_groups:
-        group["lr"] = group["peak"] * factor_at(config, step=step, steps=steps)
+        group["lr"] = group["peak"] * rate_factor(config, step=step, steps=steps)
 
 
-def factor_at(config: RateConfig, *, step: int, steps: int) -> float:
+def rate_factor(config: RateConfig, *, step: int, steps: int) -> float:
     """The share of its peak that every rate has at a step."""
     warmup = min(1.0, (step + 1) / max(config.warmup_steps, 1))
     cosine = 0.5 * (1 + math.cos(math.pi * step / steps))

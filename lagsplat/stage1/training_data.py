@@ -11,14 +11,14 @@ from jaxtyping import Float
 from torch import Tensor
 
 from lagsplat.array_types import Frames, Images, Latents, Series
-from lagsplat.splat.projection import View, depths, view_of
+from lagsplat.splat.projection import View, compute_depths, make_view
 from lagsplat.stage1.autoencoder import Autoencoder, to_images
-from lagsplat.stage1.objective import Sides
+from lagsplat.stage1.objective import NovelViewTargets
 from lagsplat.views.config import SupervisionConfig
 from lagsplat.views.novel import NovelViews, require_views
 
 
-class Shots(NamedTuple):
+class TrainingBatch(NamedTuple):
     """Some instants, each from one side: pictures, raw latents, cameras; None is the film's own for all."""
 
     images: Images
@@ -26,7 +26,7 @@ class Shots(NamedTuple):
     view: View | None
 
 
-class Footage:
+class TrainingFrames:
     """The training frames (T, H, W, 3) on a device, their given ``latents`` if no encoder makes them, and the
     ``novel`` views with what these are to teach.
 
@@ -70,19 +70,19 @@ class Footage:
         known = self.known(picked)
         return autoencoder.encode(self.images(picked)) if known is None else known
 
-    def sides(self, picked: np.ndarray, rng: np.random.Generator) -> Sides | None:
+    def sides(self, picked: np.ndarray, rng: np.random.Generator) -> NovelViewTargets | None:
         """The same instants, each by one of the cameras that training sees; None where there are none."""
         if self.novel is None or self.supervision is None:
             return None
         chosen = rng.choice(self.novel.seen, len(picked))
         images, cover = self._taken(picked, chosen)
-        return Sides(images, cover, self._view(chosen), self.supervision.weight)
+        return NovelViewTargets(images, cover, self._view(chosen), self.supervision.weight)
 
-    def shots(self, autoencoder: Autoencoder, picked: np.ndarray, rng: np.random.Generator) -> Shots:
+    def shots(self, autoencoder: Autoencoder, picked: np.ndarray, rng: np.random.Generator) -> TrainingBatch:
         """These instants, filmed where there is nothing else, and otherwise every other one from a side."""
         images, latents = self.images(picked), self.latents_of(autoencoder, picked)
         if self.novel is None or len(picked) < 2:
-            return Shots(images, latents, None)
+            return TrainingBatch(images, latents, None)
         aside = slice(1, None, 2)
         chosen = rng.choice(self.novel.seen, len(picked[aside]))
         own = autoencoder.filmed_view(latents)
@@ -94,10 +94,10 @@ class Footage:
             drawn = autoencoder.decode(latents[aside], view=self._view(chosen))
             taken = torch.lerp(drawn, taken, cover)
         images[aside] = taken
-        return Shots(images, latents, view)
+        return TrainingBatch(images, latents, view)
 
     def _view(self, chosen: np.ndarray) -> View:
-        return View(*(part.to(self.device) for part in view_of([self.cameras[i] for i in chosen])))
+        return View(*(part.to(self.device) for part in make_view([self.cameras[i] for i in chosen])))
 
     def _taken(self, picked: np.ndarray, chosen: np.ndarray) -> tuple[Images, Tensor | None]:
         assert self.novel is not None
@@ -113,14 +113,14 @@ FAINT = 1e-3
 
 
 @torch.no_grad()
-def seen_depth(autoencoder: Autoencoder, z: Latents, view: View) -> Float[Tensor, "B H W"]:
+def render_depth(autoencoder: Autoencoder, z: Latents, view: View) -> Float[Tensor, "B H W"]:
     """Mean depth of what each camera sees in each pixel [unit of space], weighted as its colour is.
 
     Compositing is linear in the colours, so depths are drawn in their place. Where nothing is, the depth is
     that of the pivot.
     """
     scene = autoencoder.gaussians.condition(z)
-    ahead = depths(scene.means, view)
+    ahead = compute_depths(scene.means, view)
     told = torch.stack([ahead, torch.ones_like(ahead), torch.zeros_like(ahead)], dim=2)
     drawn = autoencoder.draw(
         scene._replace(color=told, background=torch.zeros_like(scene.background)), view=view

@@ -9,7 +9,7 @@ from torch import Tensor, nn
 from lagsplat.array_types import Latents, Spd
 from lagsplat.chart.chart import Chart
 from lagsplat.stage1.autoencoder import Autoencoder
-from lagsplat.stage2.networks import solve
+from lagsplat.stage2.networks import cholesky_solve
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class DecoderGeometry:
     opacity: Float[Tensor, " K"]
 
 
-def decoder_geometry(autoencoder: Autoencoder, chart: Chart) -> DecoderGeometry:
+def compute_decoder_geometry(autoencoder: Autoencoder, chart: Chart) -> DecoderGeometry:
     """Geometry of a decoder's Gaussians in the whitened coordinates of a chart.
 
     A raw column vector is ``unwhiten^T`` times the whitened one, hence the transpose on both maps.
@@ -107,4 +107,4 @@ class InducedMass(nn.Module):
     def accelerate(self, q: Latents, v: Latents, force: Latents) -> Latents:
         """``M^-1 (force + velocity forces)``."""
         mass, velocity_force = self.inertia(q, v)
-        return solve(mass, force + velocity_force)
+        return cholesky_solve(mass, force + velocity_force)

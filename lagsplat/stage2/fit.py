@@ -10,18 +10,18 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
-from lagsplat.chart.trajectory import Trajectory
-from lagsplat.io.files.artifact import load_artefact, restore, save_artefact
+from lagsplat.chart.trajectory import EncodedTrajectory
+from lagsplat.io.files.artifact import load_artifact, restore_module, save_artifact
 from lagsplat.stage2.config import FormConfig, Stage2Config
 from lagsplat.stage2.decoder_mass import DecoderGeometry
-from lagsplat.stage2.input_stiffness import Bend, Reach
-from lagsplat.stage2.lagrangian import Coefficients, Floors, Lagrangian, modes
+from lagsplat.stage2.input_stiffness import InputRange, InputStiffness
+from lagsplat.stage2.lagrangian import Coefficients, Floors, Lagrangian, linearize_modes
 from lagsplat.stage2.training import (
     CurveRow,
     FitReport,
     one_step_stage,
-    open_run,
     shooting_stage,
+    start_fit,
     start_stage,
 )
 
@@ -30,7 +30,7 @@ SCHEMA = 3
 
 
 def fit_dynamics(
-    trajectory: Trajectory,
+    trajectory: EncodedTrajectory,
     metric: Float[np.ndarray, "d d"],
     config: Stage2Config,
     seed: int,
@@ -52,7 +52,7 @@ def fit_dynamics(
     Source: paper, "Stage 2: Latent Lagrangian Dynamics".
     """
     torch.manual_seed(seed)
-    run = open_run(trajectory, metric, config, seed, listen)
+    run = start_fit(trajectory, metric, config, seed, listen)
     lagrangian = start_stage(run, torch.from_numpy(rest), seed, geometry)
     run.grade(lagrangian, "start", 0, float("nan"))
     run.report.scores["start"] = run.champion.score
@@ -65,8 +65,8 @@ def fit_dynamics(
     report.rejected = run.champion.rejected
     report.n_parameters = sum(p.numel() for p in lagrangian.parameters() if p.requires_grad)
     mean_input = torch.from_numpy(trajectory.inputs.mean(0))
-    report.at_rest = modes(lagrangian, torch.zeros_like(mean_input))
-    report.under_mean_input = modes(lagrangian, mean_input)
+    report.at_rest = linearize_modes(lagrangian, torch.zeros_like(mean_input))
+    report.under_mean_input = linearize_modes(lagrangian, mean_input)
     report.wall_s = time.perf_counter() - run.began
     return lagrangian, report
 
@@ -86,7 +86,7 @@ def save_dynamics(path: Path | str, lagrangian: Lagrangian, header: Mapping[str,
         # only where it is so: a file of one-signed inputs says nothing of signs
         **({"signed": True} if lagrangian.signed else {}),
     }
-    save_artefact(
+    save_artifact(
         path, lagrangian.state_dict(), {**header, "kind": KIND, "schema": SCHEMA, "dynamics": settings}
     )
 
@@ -97,7 +97,7 @@ def load_dynamics(path: Path | str) -> tuple[Lagrangian, dict[str, Any]]:
     Raises:
         ValueError: the file is no dynamics, or one of another schema.
     """
-    tensors, header = load_artefact(path, kind=KIND, schema=SCHEMA)
+    tensors, header = load_artifact(path, kind=KIND, schema=SCHEMA)
     settings = header["dynamics"]
     d, n_inputs, k = settings["d"], settings["n_inputs"], settings["n_primitives"]
     eye = torch.eye(d, dtype=torch.float64)
@@ -106,7 +106,7 @@ def load_dynamics(path: Path | str) -> tuple[Lagrangian, dict[str, Any]]:
     if settings["curved"]:
         none = torch.zeros(n_inputs, dtype=torch.float64)
         flat = 0.0 * eye.expand(n_inputs, d, d)
-        bend = Bend(flat, flat, Reach(none, none + float(signed)))
+        bend = InputStiffness(flat, flat, InputRange(none, none + float(signed)))
     geometry = None
     if k is not None:
         zeros = torch.zeros(k, 2, d, dtype=torch.float64)
@@ -123,4 +123,4 @@ def load_dynamics(path: Path | str) -> tuple[Lagrangian, dict[str, Any]]:
         signed=signed,
         longest_step=settings["longest_step"],
     )
-    return restore(lagrangian, tensors, path), header
+    return restore_module(lagrangian, tensors, path), header

@@ -19,7 +19,7 @@ gauge reads a little below zero at rest."""
 
 
 @dataclass(frozen=True)
-class Reach:
+class InputRange:
     """Sizes of the largest positive and of the largest negative inputs; the latter 0 for one of one sign."""
 
     positive: Float[Tensor, " n_u"]
@@ -31,22 +31,22 @@ class Reach:
         return bool((self.negative > 0).any())
 
 
-def reach_of(inputs: Float64[np.ndarray, "T n_u"]) -> Reach:
+def measure_input_range(inputs: Float64[np.ndarray, "T n_u"]) -> InputRange:
     """How far the inputs of a clip go either way."""
     largest, least = (torch.from_numpy(end) for end in (inputs.max(0), inputs.min(0)))
     negative = (-least).clamp(min=0.0)
-    return Reach(largest.clamp(min=0.0), negative.where(negative > SIGNED * largest.abs(), 0.0))
+    return InputRange(largest.clamp(min=0.0), negative.where(negative > SIGNED * largest.abs(), 0.0))
 
 
 @dataclass(frozen=True)
-class Bend:
+class InputStiffness:
     """By how much a unit of each input stiffens and softens, both positive semidefinite, and up to which
     inputs there is to be one equilibrium.
     """
 
     stiffer: Float[Tensor, "n_u d d"]
     softer: Float[Tensor, "n_u d d"]
-    reach: Reach
+    reach: InputRange
 
     @property
     def curvature(self) -> Float[Tensor, "n_u d d"]:
@@ -54,7 +54,7 @@ class Bend:
         return self.stiffer - self.softer
 
 
-class Curvature(nn.Module):
+class InputStiffnessPrior(nn.Module):
     """``Q_c = R_c R_c^T - P_c P_c^T`` for each input ``c``: the volumes are ``B x - x.Q x / 2``.
 
     An input stiffens by ``R`` and softens by ``P``; a negative one the other way round. What is softened is
@@ -66,7 +66,7 @@ class Curvature(nn.Module):
     largest_input: Tensor
     largest_negative: Tensor | None
 
-    def __init__(self, bend: Bend, *, softening: bool) -> None:
+    def __init__(self, bend: InputStiffness, *, softening: bool) -> None:
         super().__init__()
         values, vectors = torch.linalg.eigh(bend.curvature)
         stiffening, softer = _factor(values, vectors), _factor(-values, vectors)
@@ -86,18 +86,20 @@ class Curvature(nn.Module):
         curvature, paid = stiffer, stiffer.new_zeros(stiffer.shape[1:])
         if self.softening is not None:
             softer = self.softening @ self.softening.mT
-            curvature, paid = stiffer - softer, payment(softer, self.largest_input)
+            curvature, paid = stiffer - softer, stiffness_penalty(softer, self.largest_input)
         if self.largest_negative is not None:
-            paid = paid + payment(stiffer, self.largest_negative)
+            paid = paid + stiffness_penalty(stiffer, self.largest_negative)
         return curvature, paid
 
 
-def payment(softer: Float[Tensor, "n_u d d"], largest_input: Float[Tensor, " n_u"]) -> Float[Tensor, "d d"]:
+def stiffness_penalty(
+    softer: Float[Tensor, "n_u d d"], largest_input: Float[Tensor, " n_u"]
+) -> Float[Tensor, "d d"]:
     """The stiffness that the largest inputs of one sign together take away."""
     return (largest_input[:, None, None] * softer).sum(0)
 
 
-def stiffened(u: Inputs, curvature: Float[Tensor, "n_u d d"], offset: Latents) -> Latents:
+def stiffen(u: Inputs, curvature: Float[Tensor, "n_u d d"], offset: Latents) -> Latents:
     """``sum_c u_c Q_c offset``, sample by sample."""
     matrices = (u @ curvature.flatten(1)).view(-1, *curvature.shape[1:])
     return (matrices @ offset[:, :, None])[:, :, 0]

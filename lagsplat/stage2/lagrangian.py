@@ -16,14 +16,14 @@ from torch.autograd.functional import jacobian
 from lagsplat.array_types import Inputs, Latents, Spd
 from lagsplat.stage2.config import FormConfig
 from lagsplat.stage2.decoder_mass import DecoderGeometry, InducedMass
-from lagsplat.stage2.input_stiffness import Bend, Curvature, stiffened
+from lagsplat.stage2.input_stiffness import InputStiffness, InputStiffnessPrior, stiffen
 from lagsplat.stage2.networks import (
     Block,
     ConstantMatrix,
     Diffeomorphism,
     Icnn,
     MatrixField,
-    factor_above,
+    factor_positive,
     pull,
     push,
 )
@@ -42,7 +42,7 @@ class Coefficients:
     stiffness: Float[Tensor, "d d"]
     pressure_map: Float[Tensor, "n_u d"]
     rest: Float[Tensor, " d"]
-    bend: Bend | None = None
+    bend: InputStiffness | None = None
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Floors:
 
 
 @dataclass(frozen=True)
-class Prepared:
+class PreparedCoefficients:
     """What depends on the parameters only, computed once per optimiser step."""
 
     blocks: list[Block]
@@ -73,7 +73,7 @@ class Lagrangian(nn.Module):
     With ``x = Phi(q)`` (the identity unless the potential is invex) and ``x_r = Phi(q_r)``:
     ``V = Bregman_g(x, x_r) + (x - x_r).K (x - x_r) / 2`` and
     ``nu = B (x - x_r) - (x - x_r).Q (x - x_r) / 2 - N(x)``, where ``g`` and ``N`` are convex and ``Q`` is a
-    `Curvature`. Sharing ``Phi`` makes the loaded potential ``V - u.nu`` a strongly convex function of ``x``
+    `InputStiffnessPrior`. Sharing ``Phi`` makes the loaded potential ``V - u.nu`` a strongly convex function of ``x``
     for every ``u >= 0`` up to the largest input, hence with one equilibrium under any such load, and under
     any load at all where the volumes are concave. If inputs are ``signed`` (torques, currents) this holds
     from the largest negative to the largest positive input: a negative one has a convex network of its own,
@@ -115,7 +115,7 @@ class Lagrangian(nn.Module):
         )
         self.curvature = _curvature(start, form)
         paid = 0.0 if self.curvature is None else self.curvature.matrices()[1].detach()
-        self.stiffness_factor = nn.Parameter(factor_above(start.stiffness - paid, floors.stiffness))
+        self.stiffness_factor = nn.Parameter(factor_positive(start.stiffness - paid, floors.stiffness))
         self.pressure_map = nn.Parameter(start.pressure_map.clone())
         self.rest = nn.Parameter(start.rest.clone(), requires_grad=form.rest == "learned")
         self.diffeo = (
@@ -146,7 +146,7 @@ class Lagrangian(nn.Module):
             if net is not None:
                 net.project()
 
-    def prepare(self) -> Prepared:
+    def prepare(self) -> PreparedCoefficients:
         """Normalised weights and rest terms; valid until the parameters change."""
         blocks = self.diffeo.blocks() if self.diffeo is not None else []
         rest_image, _ = push(self.rest[None], blocks)
@@ -161,7 +161,7 @@ class Lagrangian(nn.Module):
             curvature, paid = self.curvature.matrices()
             stiffness = stiffness + paid
         between_volume = None if self.volume_net is None else self.volume_net.between_weight()
-        return Prepared(blocks, stiffness, rest_image, slope, between, between_volume, curvature)
+        return PreparedCoefficients(blocks, stiffness, rest_image, slope, between, between_volume, curvature)
 
     def mass(self, q: Latents) -> Spd:
         """``M(q)``."""
@@ -200,7 +200,7 @@ class Lagrangian(nn.Module):
             net = above if u is None else torch.where(u < 0, -below, above)
         return value - net
 
-    def conservative_force(self, q: Latents, u: Inputs, ready: Prepared) -> Latents:
+    def conservative_force(self, q: Latents, u: Inputs, ready: PreparedCoefficients) -> Latents:
         """``-grad_q (V - u.nu)``: elastic force plus the generalised force of the inputs."""
         image, hidden = push(q, ready.blocks)
         offset = image - ready.rest_image
@@ -208,7 +208,7 @@ class Lagrangian(nn.Module):
         if self.n_inputs:
             slope = slope - u @ self.pressure_map
         if ready.curvature is not None:
-            slope = slope + stiffened(u, ready.curvature, offset)
+            slope = slope + stiffen(u, ready.curvature, offset)
         if self.convex is not None and ready.between is not None:
             slope = slope + self.convex.gradient(image, self.convex.head, ready.between)
         if self.volume_net is not None and ready.between_volume is not None:
@@ -217,7 +217,9 @@ class Lagrangian(nn.Module):
             slope = slope + self.volume_net.gradient(image, u @ self.volume_net.head, ready.between_volume)
         return -pull(slope, ready.blocks, hidden)
 
-    def acceleration(self, q: Latents, v: Latents, u: Inputs, *, ready: Prepared | None = None) -> Latents:
+    def acceleration(
+        self, q: Latents, v: Latents, u: Inputs, *, ready: PreparedCoefficients | None = None
+    ) -> Latents:
         """Solve ``M a = grad T - grad V - (dM/dt) v - C v + grad (u.nu)``, in internal time units.
 
         A non-finite input gives a non-finite row and never raises. ``ready`` saves `prepare` in a loop.
@@ -227,10 +229,10 @@ class Lagrangian(nn.Module):
         return self.mass_term.accelerate(q, v, force)
 
 
-def _curvature(start: Coefficients, form: FormConfig) -> Curvature | None:
+def _curvature(start: Coefficients, form: FormConfig) -> InputStiffnessPrior | None:
     if start.bend is None or form.actuation == "linear":
         return None
-    return Curvature(start.bend, softening=form.actuation == "bounded")
+    return InputStiffnessPrior(start.bend, softening=form.actuation == "bounded")
 
 
 def _mass(
@@ -254,7 +256,7 @@ def _mass(
 
 
 @dataclass(frozen=True)
-class Modes:
+class LinearizedModes:
     """Small motions about an equilibrium: one entry per eigenvalue with non-negative frequency."""
 
     equilibrium: list[float]
@@ -262,7 +264,7 @@ class Modes:
     decay_per_s: list[float]
 
 
-def equilibrium(lagrangian: Lagrangian, u: Float[Tensor, " n_u"]) -> Float[Tensor, " d"]:
+def find_equilibrium(lagrangian: Lagrangian, u: Float[Tensor, " n_u"]) -> Float[Tensor, " d"]:
     """Where the system settles under a constant input: the minimum of ``V - u.nu``."""
 
     def energy_and_slope(flat: np.ndarray) -> tuple[float, np.ndarray]:
@@ -277,13 +279,13 @@ def equilibrium(lagrangian: Lagrangian, u: Float[Tensor, " n_u"]) -> Float[Tenso
     return torch.from_numpy(found.x)
 
 
-def modes(lagrangian: Lagrangian, u: Float[Tensor, " n_u"]) -> Modes:
+def linearize_modes(lagrangian: Lagrangian, u: Float[Tensor, " n_u"]) -> LinearizedModes:
     """Eigenvalues of the motion linearised at the equilibrium under ``u``.
 
     Solves ``(M s^2 + C s + K) x = 0`` with ``K`` the Hessian of the loaded potential. An over-damped pair
     appears as two entries of zero frequency.
     """
-    q = equilibrium(lagrangian, u)
+    q = find_equilibrium(lagrangian, u)
     ready = lagrangian.prepare()
     force = jacobian(lambda x: lagrangian.conservative_force(x[None], u[None], ready)[0], q)
     with torch.no_grad():
@@ -293,7 +295,7 @@ def modes(lagrangian: Lagrangian, u: Float[Tensor, " n_u"]) -> Modes:
     bottom = torch.linalg.solve(mass, torch.cat([force, -damping], 1))
     roots = torch.linalg.eigvals(torch.cat([top, bottom])).detach().numpy() / float(lagrangian.time_unit_s)
     roots = sorted((r for r in roots if r.imag >= 0.0), key=lambda r: (r.imag, -r.real))
-    return Modes(
+    return LinearizedModes(
         equilibrium=[float(x) for x in q],
         frequency_hz=[float(r.imag / (2.0 * np.pi)) for r in roots],
         decay_per_s=[float(-r.real) for r in roots],

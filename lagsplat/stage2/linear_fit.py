@@ -16,10 +16,10 @@ from scipy.optimize import minimize
 from torch import Tensor
 
 from lagsplat.stage2.config import FloorConfig
-from lagsplat.stage2.input_stiffness import Bend, Reach, payment, stiffened
+from lagsplat.stage2.input_stiffness import InputRange, InputStiffness, stiffen, stiffness_penalty
 from lagsplat.stage2.lagrangian import Coefficients, Floors
 from lagsplat.stage2.objective import square_norm
-from lagsplat.stage2.rollout import Shots, Step, Windows, pieces_of, step_of
+from lagsplat.stage2.rollout import ShootingTargets, ShootingWindows, Step, choose_step, split_inputs
 
 FAST_RATE_WEIGHT = 1e-2
 """Weight of ``|h M^-1 C|^2`` beside a shooting error of 1: keeps decay rates below the frame rate, where an
@@ -62,13 +62,13 @@ class ConstantFit:
             "stiffening": torch.zeros(n_inputs, d, d, dtype=torch.float64),
             "softening": torch.zeros(n_inputs, d, d, dtype=torch.float64),
         }
-        self.reach: Reach | None = None
+        self.reach: InputRange | None = None
         self.softens = False
         self.shapes = {name: value.shape for name, value in first.items()}
         self.flat = torch.cat([value.reshape(-1) for value in first.values()]).numpy()
         self.rest, self.floor, self.learn_rest, self.mass = rest, floor, learn_rest, mass
 
-    def bend(self, reach: Reach, *, softening: bool, rng: np.random.Generator) -> None:
+    def bend(self, reach: InputRange, *, softening: bool, rng: np.random.Generator) -> None:
         """Let the volumes be of second order from now on, with inputs that ``softening`` lets soften, too."""
         self.reach, self.softens = reach, softening
         bent = sum(self.shapes[name].numel() for name in ("stiffening", "softening"))
@@ -89,9 +89,9 @@ class ConstantFit:
         stiffness, bend = elastic + least * eye, None
         if self.reach is not None:
             stiffer, softer = _square(part["stiffening"]), _square(part["softening"]) * float(self.softens)
-            stiffness = stiffness + payment(softer, self.reach.positive)
-            stiffness = stiffness + payment(stiffer, self.reach.negative)
-            bend = Bend(stiffer, softer, self.reach)
+            stiffness = stiffness + stiffness_penalty(softer, self.reach.positive)
+            stiffness = stiffness + stiffness_penalty(stiffer, self.reach.negative)
+            bend = InputStiffness(stiffer, softer, self.reach)
         coefficients = Coefficients(
             mass=unit if self.mass is None else self.mass,
             damping=_square(part["damping"]) + floor.damping * eye,
@@ -132,8 +132,8 @@ def _square(part: Tensor) -> Tensor:
     return lower @ lower.mT
 
 
-def linear_one_step_error(
-    c: Coefficients, windows: Windows, metric: Float[Tensor, "d d"], *, velocity_weight: float
+def evaluate_one_step_error(
+    c: Coefficients, windows: ShootingWindows, metric: Float[Tensor, "d d"], *, velocity_weight: float
 ) -> Float[Tensor, ""]:
     """`objective.one_step_error` of a constant system, without solving for each sample.
 
@@ -143,7 +143,7 @@ def linear_one_step_error(
     if isinstance(h, Tensor):
         q, v = _Law(c).step(windows.q, windows.v, windows.u, windows.u @ c.pressure_map, h)
     else:
-        transition, entry = step_matrices(c, h)
+        transition, entry = assemble_step_matrices(c, h)
         push = (windows.u @ c.pressure_map + c.rest @ c.stiffness) @ torch.linalg.inv(c.mass)
         state = torch.cat([windows.q, windows.v], 1) @ transition + push @ entry
         q, v = state.split(d, 1)
@@ -152,7 +152,7 @@ def linear_one_step_error(
     return (position + velocity_weight * velocity).mean() / d
 
 
-def step_matrices(c: Coefficients, step: float) -> tuple[Float[Tensor, "s s"], Float[Tensor, "d s"]]:
+def assemble_step_matrices(c: Coefficients, step: float) -> tuple[Float[Tensor, "s s"], Float[Tensor, "d s"]]:
     """One velocity-Verlet step as ``(q, v) -> (q, v) @ F + p @ P`` with ``p = M^-1 (force + K rest)``."""
     h = step
     inverse = torch.linalg.inv(c.mass)
@@ -168,15 +168,15 @@ def step_matrices(c: Coefficients, step: float) -> tuple[Float[Tensor, "s s"], F
     return transition, torch.cat([q_p, v_p], 1)
 
 
-def linear_shooting_error(
-    c: Coefficients, shots: Shots, metric: Float[Tensor, "d d"], *, longest_step: float = math.inf
+def evaluate_shooting_error(
+    c: Coefficients, shots: ShootingTargets, metric: Float[Tensor, "d d"], *, longest_step: float = math.inf
 ) -> Float[Tensor, ""]:
     """`objective.shooting_error` of a constant system, plus a small price on rates near the frame rate."""
     d = metric.shape[0]
     if isinstance(shots.steps, Tensor):
         return _priced(_path(c, shots, longest_step), c, shots, metric)
-    pieces = pieces_of(shots.steps, longest_step)
-    once, enter = step_matrices(c, shots.steps / pieces)
+    pieces = split_inputs(shots.steps, longest_step)
+    once, enter = assemble_step_matrices(c, shots.steps / pieces)
     transition, entry = once, enter
     for _ in range(pieces - 1):
         transition, entry = transition @ once, entry @ once + enter
@@ -191,23 +191,23 @@ def linear_shooting_error(
     return _priced(torch.stack(path, 1)[:, :, :d], c, shots, metric)
 
 
-def bent_shooting_error(
-    c: Coefficients, shots: Shots, metric: Float[Tensor, "d d"], *, longest_step: float = math.inf
+def evaluate_stiffened_shooting_error(
+    c: Coefficients, shots: ShootingTargets, metric: Float[Tensor, "d d"], *, longest_step: float = math.inf
 ) -> Float[Tensor, ""]:
     """The same where the volumes have curvatures: velocity-Verlet steps with one constant mass."""
     assert c.bend is not None, "call `ConstantFit.bend` first"
     return _priced(_path(c, shots, longest_step), c, shots, metric)
 
 
-def _path(c: Coefficients, shots: Shots, longest_step: float) -> Float[Tensor, "B n d"]:
+def _path(c: Coefficients, shots: ShootingTargets, longest_step: float) -> Float[Tensor, "B n d"]:
     """States after the first, step by step."""
     law = _Law(c)
     q, v = shots.q, shots.v
     drive = shots.inputs @ c.pressure_map
     path = []
     for i in range(shots.targets.shape[1] - 1):
-        step = step_of(shots.steps, i)
-        pieces = pieces_of(step, longest_step)
+        step = choose_step(shots.steps, i)
+        pieces = split_inputs(step, longest_step)
         for _ in range(pieces):
             q, v = law.step(q, v, shots.inputs[:, i], drive[:, i], step / pieces)
         path.append(q)
@@ -230,12 +230,12 @@ class _Law:
         offset = q - self.c.rest
         elastic = offset @ self.c.stiffness
         if self.curvature is not None:
-            elastic = elastic + stiffened(u, self.curvature, offset)
+            elastic = elastic + stiffen(u, self.curvature, offset)
         return (drive - elastic - v @ self.c.damping) @ self.inverse
 
 
 def _priced(
-    path: Float[Tensor, "B n d"], c: Coefficients, shots: Shots, metric: Float[Tensor, "d d"]
+    path: Float[Tensor, "B n d"], c: Coefficients, shots: ShootingTargets, metric: Float[Tensor, "d d"]
 ) -> Float[Tensor, ""]:
     targets, d = shots.targets[:, 1:], metric.shape[0]
     inverse = torch.linalg.inv(c.mass)

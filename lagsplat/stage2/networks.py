@@ -79,7 +79,7 @@ Block = tuple[Tensor, Tensor, Tensor, Tensor]
 """Weights of one residual branch: inner (w,d), inner bias (w,), outer (d,w), outer bias (d,)."""
 
 
-def contract(weight: Float[Tensor, "blocks a b"]) -> Float[Tensor, "blocks a b"]:
+def contract_spectral_norm(weight: Float[Tensor, "blocks a b"]) -> Float[Tensor, "blocks a b"]:
     """Divide each matrix by its largest singular value where that exceeds 1.
 
     The small Gram matrix gives the singular value exactly, which a power iteration only approaches from
@@ -114,8 +114,8 @@ class Diffeomorphism(nn.Module):
 
     def blocks(self) -> list[Block]:
         """Normalised weights of every block."""
-        inner = contract(self.inner)
-        outer = self.lipschitz * contract(self.outer)
+        inner = contract_spectral_norm(self.inner)
+        outer = self.lipschitz * contract_spectral_norm(self.outer)
         return list(zip(inner, self.inner_bias, outer, self.outer_bias, strict=True))
 
 
@@ -140,7 +140,7 @@ def pull(
     return covector
 
 
-def factor_above(matrix: Float[Tensor, "d d"], floor: float) -> Float[Tensor, "d d"]:
+def factor_positive(matrix: Float[Tensor, "d d"], floor: float) -> Float[Tensor, "d d"]:
     """Lower-triangular ``L`` with ``L L^T + floor I`` equal to ``matrix``, eigenvalues clipped to the floor.
 
     An eigenvalue at or below the floor keeps a thousandth of it above, so that its factor can still move.
@@ -150,14 +150,14 @@ def factor_above(matrix: Float[Tensor, "d d"], floor: float) -> Float[Tensor, "d
     return torch.linalg.cholesky((vectors * lifted) @ vectors.T)
 
 
-def cholesky(matrix: Float[Tensor, "*B d d"]) -> Float[Tensor, "*B d d"]:
+def cholesky_factor(matrix: Float[Tensor, "*B d d"]) -> Float[Tensor, "*B d d"]:
     """Lower Cholesky factor, without the exception that a non-finite rollout would raise."""
     return torch.linalg.cholesky_ex(matrix)[0]
 
 
-def solve(matrix: Spd, force: Latents) -> Latents:
+def cholesky_solve(matrix: Spd, force: Latents) -> Latents:
     """``matrix^-1 force``, sample by sample."""
-    return torch.cholesky_solve(force[:, :, None], cholesky(matrix))[:, :, 0]
+    return torch.cholesky_solve(force[:, :, None], cholesky_factor(matrix))[:, :, 0]
 
 
 class ConstantMatrix(nn.Module):
@@ -165,7 +165,7 @@ class ConstantMatrix(nn.Module):
 
     def __init__(self, start: Float[Tensor, "d d"], *, floor: float) -> None:
         super().__init__()
-        self.factor = nn.Parameter(factor_above(start, floor))
+        self.factor = nn.Parameter(factor_positive(start, floor))
         self.floor = floor
 
     def matrix(self, q: Latents) -> Spd:
@@ -181,7 +181,7 @@ class ConstantMatrix(nn.Module):
 
     def accelerate(self, q: Latents, v: Latents, force: Latents) -> Latents:
         """``S^-1 (force + velocity forces)``; a constant mass has no velocity forces."""
-        return torch.cholesky_solve(force.T, cholesky(self.matrix(q[:1])[0])).T
+        return torch.cholesky_solve(force.T, cholesky_factor(self.matrix(q[:1])[0])).T
 
 
 class MatrixField(nn.Module):
@@ -203,7 +203,7 @@ class MatrixField(nn.Module):
             draw = torch.randn(rows, columns, generator=generator, dtype=torch.float64)
             return nn.Parameter(draw / math.sqrt(columns))
 
-        self.factor = nn.Parameter(factor_above(start, floor))
+        self.factor = nn.Parameter(factor_positive(start, floor))
         self.first = normal(width, d)
         self.first_bias = nn.Parameter(torch.zeros(width, dtype=torch.float64))
         self.second = normal(width, width)
@@ -256,4 +256,4 @@ class MatrixField(nn.Module):
     def accelerate(self, q: Latents, v: Latents, force: Latents) -> Latents:
         """``S^-1 (force + velocity forces)``."""
         mass, velocity_force = self.inertia(q, v)
-        return solve(mass, force + velocity_force)
+        return cholesky_solve(mass, force + velocity_force)

@@ -11,7 +11,7 @@ from jaxtyping import Float64
 
 from lagsplat.stage2.lagrangian import Lagrangian
 from lagsplat.stage2.networks import ConstantMatrix, MatrixField
-from lagsplat.stage2.rollout import pieces_of
+from lagsplat.stage2.rollout import split_inputs
 
 States = Float64[np.ndarray, "B d"]
 Paths = Float64[np.ndarray, "B N d"]
@@ -69,7 +69,7 @@ def roll_out_free(
     raises on divergence: what leaves the finite numbers is not finite from there on.
     """
     step = dt_s / law.time_unit_s
-    pieces = pieces_of(step, law.longest_step)
+    pieces = split_inputs(step, law.longest_step)
     h = step / pieces
     q, v = q0.astype(np.float64), v0 * law.time_unit_s
     positions, velocities = np.empty((states, *q.shape)), np.empty((states, *q.shape))

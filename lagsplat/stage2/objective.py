@@ -11,12 +11,19 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from lagsplat.chart.trajectory import Trajectory
+from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.stage2.lagrangian import Lagrangian
-from lagsplat.stage2.rollout import Shots, Windows, advance, starts_of, step_of, verlet_step
+from lagsplat.stage2.rollout import (
+    ShootingTargets,
+    ShootingWindows,
+    advance,
+    choose_step,
+    list_starts,
+    verlet_step,
+)
 
 
-def ridged(metric: Float[Tensor, "d d"], *, ridge: float) -> Float[Tensor, "d d"]:
+def add_ridge(metric: Float[Tensor, "d d"], *, ridge: float) -> Float[Tensor, "d d"]:
     """``G + ridge lambda_max(G) I``, scaled to trace ``d``.
 
     Caps the ratio of weights between two directions at about ``1 / ridge``, so that a direction nothing can
@@ -36,7 +43,7 @@ def square_norm(error: Float[Tensor, "*B d"], metric: Float[Tensor, "d d"]) -> F
 
 
 def one_step_error(
-    lagrangian: Lagrangian, windows: Windows, metric: Float[Tensor, "d d"], *, velocity_weight: float
+    lagrangian: Lagrangian, windows: ShootingWindows, metric: Float[Tensor, "d d"], *, velocity_weight: float
 ) -> Float[Tensor, ""]:
     """Mean error of one velocity-Verlet step, position plus velocity times the step.
 
@@ -50,13 +57,15 @@ def one_step_error(
     return (position + velocity_weight * velocity).mean() / metric.shape[0]
 
 
-def shooting_error(lagrangian: Lagrangian, shots: Shots, metric: Float[Tensor, "d d"]) -> Float[Tensor, ""]:
+def shooting_error(
+    lagrangian: Lagrangian, shots: ShootingTargets, metric: Float[Tensor, "d d"]
+) -> Float[Tensor, ""]:
     """Mean position error of a rollout over every state after the first."""
     ready = lagrangian.prepare()
     q, v = shots.q, shots.v
     path = []
     for i in range(shots.targets.shape[1] - 1):
-        step = step_of(shots.steps, i)
+        step = choose_step(shots.steps, i)
         q, v = advance(lagrangian, q, v, shots.inputs[:, i], step=step, ready=ready)
         path.append(q)
     return square_norm(torch.stack(path, 1) - shots.targets[:, 1:], metric).mean() / metric.shape[0]
@@ -75,7 +84,7 @@ class Anchor:
     Networks are free wherever no frame contradicts them, above all just outside the clip, where a released
     mechanism comes to rest. There the law a descent began with, which has few coefficients and hence knows
     them from all frames, is the better guess. Among the frames their evidence has to outweigh it: see
-    `anchored`.
+    `anchored_error`.
     """
 
     start: Lagrangian
@@ -99,10 +108,10 @@ class Anchor:
         return square_norm(lagrangian.acceleration(q, v, u) - known, metric).mean() / metric.shape[0]
 
 
-def anchor(lagrangian: Lagrangian, trajectory: Trajectory) -> Anchor:
+def anchor_law(lagrangian: Lagrangian, trajectory: EncodedTrajectory) -> Anchor:
     """Hold on to ``lagrangian`` as it now is."""
     q = torch.from_numpy(trajectory.latents)
-    at = starts_of(trajectory, before=0, after=1)
+    at = list_starts(trajectory, before=0, after=1)
     velocity = trajectory.clock.slope(trajectory.latents, at, (1,))
     return Anchor(
         start=copy.deepcopy(lagrangian).requires_grad_(False),
@@ -113,7 +122,7 @@ def anchor(lagrangian: Lagrangian, trajectory: Trajectory) -> Anchor:
     )
 
 
-def anchored(error: Float[Tensor, ""], price: Float[Tensor, ""], *, weight: float) -> Float[Tensor, ""]:
+def anchored_error(error: Float[Tensor, ""], price: Float[Tensor, ""], *, weight: float) -> Float[Tensor, ""]:
     """``error``, and for each unit of ``price`` a further ``weight`` times what the error now is.
 
     Its slope is that of ``log(error) + weight * price``, the likelihood of errors whose size only the fit

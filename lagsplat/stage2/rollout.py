@@ -14,8 +14,8 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from lagsplat.array_types import Inputs, Latents
-from lagsplat.chart.trajectory import Trajectory
-from lagsplat.stage2.lagrangian import Lagrangian, Prepared
+from lagsplat.chart.trajectory import EncodedTrajectory
+from lagsplat.stage2.lagrangian import Lagrangian, PreparedCoefficients
 
 Steps = float | Float[Tensor, "*B n"]
 """Lengths of the steps of a rollout: one number, one a step, or one a sample and step."""
@@ -42,7 +42,7 @@ def rollout(
     inputs = inputs.double()
     positions, velocities = [q], [v]
     for i in range(inputs.shape[1] - 1):
-        q, v = advance(lagrangian, q, v, inputs[:, i], step=step_of(steps, i), ready=ready)
+        q, v = advance(lagrangian, q, v, inputs[:, i], step=choose_step(steps, i), ready=ready)
         finite = torch.isfinite(q).all(1, keepdim=True) & torch.isfinite(v).all(1, keepdim=True)
         q, v = q.where(finite, torch.nan), v.where(finite, torch.nan)
         positions.append(q)
@@ -54,33 +54,33 @@ Step = float | Float[Tensor, "#B 1"] | Float[Tensor, "1"]
 """Length of one step (internal time units): the same for all samples, or each its own."""
 
 
-def step_of(steps: Steps, i: int) -> Step:
+def choose_step(steps: Steps, i: int) -> Step:
     """Length of step ``i``."""
     return steps[..., i, None] if isinstance(steps, Tensor) else steps
 
 
-def pieces_of(step: Step, longest: float) -> int:
+def split_inputs(step: Step, longest: float) -> int:
     """Into how many equal pieces no longer than ``longest`` a step is divided, the same for all samples."""
     length = float(step.max()) if isinstance(step, Tensor) else step
     return max(1, math.ceil(length / longest - 1e-9))
 
 
 def advance(
-    lagrangian: Lagrangian, q: Latents, v: Latents, u: Inputs, *, step: Step, ready: Prepared
+    lagrangian: Lagrangian, q: Latents, v: Latents, u: Inputs, *, step: Step, ready: PreparedCoefficients
 ) -> tuple[Latents, Latents]:
     """From one frame to the next, ``step`` later, the input held: as many Verlet steps as it takes.
 
     An explicit step of length h turns a frequency w into ``w (1 + (w h)^2 / 24)``. Where frames are far apart
     the law would make up for that, and be wrong by as much, hence `Lagrangian.longest_step`.
     """
-    pieces = pieces_of(step, lagrangian.longest_step)
+    pieces = split_inputs(step, lagrangian.longest_step)
     for _ in range(pieces):
         q, v = verlet_step(lagrangian, q, v, u, step=step / pieces, ready=ready)
     return q, v
 
 
 def verlet_step(
-    lagrangian: Lagrangian, q: Latents, v: Latents, u: Inputs, *, step: Step, ready: Prepared
+    lagrangian: Lagrangian, q: Latents, v: Latents, u: Inputs, *, step: Step, ready: PreparedCoefficients
 ) -> tuple[Latents, Latents]:
     """One step of length ``step`` (internal time units), the input held; of order two.
 
@@ -95,7 +95,7 @@ def verlet_step(
 
 
 @dataclass(frozen=True)
-class Windows:
+class ShootingWindows:
     """Pairs of consecutive states ``step`` internal time units apart, and the input held between them.
 
     ``step`` is one number, or each pair's own where frames are not evenly spaced.
@@ -111,9 +111,9 @@ class Windows:
     def __len__(self) -> int:
         return self.q.shape[0]
 
-    def pick(self, index: Int[Tensor, " b"]) -> "Windows":
+    def pick(self, index: Int[Tensor, " b"]) -> "ShootingWindows":
         """The windows at ``index``."""
-        return Windows(
+        return ShootingWindows(
             q=self.q[index],
             v=self.v[index],
             u=self.u[index],
@@ -123,13 +123,15 @@ class Windows:
         )
 
 
-def starts_of(trajectory: Trajectory, *, before: int, after: int) -> Int[np.ndarray, " n"]:
+def list_starts(trajectory: EncodedTrajectory, *, before: int, after: int) -> Int[np.ndarray, " n"]:
     """Frames with ``before`` frames ahead of them and ``after`` behind within their own segment."""
     runs = [np.arange(a + before, b - after) for a, b in trajectory.segments]
     return np.concatenate([run for run in runs if len(run)] or [np.arange(0)])
 
 
-def one_step_windows(trajectory: Trajectory, *, stride_frames: int, time_unit_s: float) -> Windows:
+def list_one_step_windows(
+    trajectory: EncodedTrajectory, *, stride_frames: int, time_unit_s: float
+) -> ShootingWindows:
     """Windows of four samples ``stride_frames`` apart: two states with central velocities.
 
     The sample 1 and its velocity (2 minus 0) are the state, sample 2 and (3 minus 1) the target; velocities
@@ -141,7 +143,7 @@ def one_step_windows(trajectory: Trajectory, *, stride_frames: int, time_unit_s:
     Source: paper eq. (physics_loss), facts of the published protocol.
     """
     k = stride_frames
-    at = starts_of(trajectory, before=k, after=2 * k)
+    at = list_starts(trajectory, before=k, after=2 * k)
     if not len(at):
         longest = max((b - a for a, b in trajectory.segments), default=0)
         raise ValueError(
@@ -152,18 +154,18 @@ def one_step_windows(trajectory: Trajectory, *, stride_frames: int, time_unit_s:
     q = torch.from_numpy(latents)
     u = torch.from_numpy(trajectory.inputs)
     index = torch.from_numpy(at)
-    return Windows(
+    return ShootingWindows(
         q=q[index],
         v=torch.from_numpy(clock.slope(latents, at, (-k, k))) * time_unit_s,
         u=u[index],
         q_next=q[index + k],
         v_next=torch.from_numpy(clock.slope(latents, at + k, (-k, k))) * time_unit_s,
-        step=in_units(clock.elapsed_s(at, k), time_unit_s),
+        step=convert_units(clock.elapsed_s(at, k), time_unit_s),
     )
 
 
 @dataclass(frozen=True)
-class Shots:
+class ShootingTargets:
     """Initial states, the inputs and latents that follow them frame by frame, and the times between these
     (in the units of the velocities): one number, or each row its own.
     """
@@ -175,28 +177,32 @@ class Shots:
     steps: Steps
 
 
-def in_units(time_s: float | Float[np.ndarray, "B n"], time_unit_s: float) -> float | Float[Tensor, "B n"]:
+def convert_units(
+    time_s: float | Float[np.ndarray, "B n"], time_unit_s: float
+) -> float | Float[Tensor, "B n"]:
     """Times [s] in units of time."""
     if isinstance(time_s, np.ndarray):
         return torch.from_numpy(time_s / time_unit_s)
     return time_s / time_unit_s
 
 
-def central_velocity(trajectory: Trajectory, at: Int[np.ndarray, " B"]) -> Latents:
+def central_velocity(trajectory: EncodedTrajectory, at: Int[np.ndarray, " B"]) -> Latents:
     """Velocity [1/s] from two frames on either side: the quieter one, for training."""
     return torch.from_numpy(trajectory.clock.slope(trajectory.latents, at, (-2, -1, 1, 2)))
 
 
-def shots(
-    trajectory: Trajectory,
+def cut_shooting_targets(
+    trajectory: EncodedTrajectory,
     at: Int[np.ndarray, " B"],
     velocity: Latents,
     *,
     n_states: int,
     time_unit_s: float,
-) -> Shots:
+) -> ShootingTargets:
     """Stretches of ``n_states`` frames from the frames ``at``, with initial velocities [1/s]."""
     rows = torch.from_numpy(at)[:, None] + torch.arange(n_states)
     q = torch.from_numpy(trajectory.latents)[rows]
-    steps = in_units(trajectory.clock.steps_s(at, n_states), time_unit_s)
-    return Shots(q[:, 0], velocity * time_unit_s, torch.from_numpy(trajectory.inputs)[rows], q, steps)
+    steps = convert_units(trajectory.clock.steps_s(at, n_states), time_unit_s)
+    return ShootingTargets(
+        q[:, 0], velocity * time_unit_s, torch.from_numpy(trajectory.inputs)[rows], q, steps
+    )

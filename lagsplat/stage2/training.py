@@ -19,23 +19,37 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from lagsplat.chart.trajectory import Trajectory
+from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.stage2.config import Stage2Config
 from lagsplat.stage2.decoder_mass import DecoderGeometry, InducedMass
-from lagsplat.stage2.input_stiffness import reach_of
-from lagsplat.stage2.lagrangian import Coefficients, Floors, Lagrangian, Modes
+from lagsplat.stage2.input_stiffness import measure_input_range
+from lagsplat.stage2.lagrangian import Coefficients, Floors, Lagrangian, LinearizedModes
 from lagsplat.stage2.linear_fit import (
     ConstantFit,
-    bent_shooting_error,
-    linear_one_step_error,
-    linear_shooting_error,
+    evaluate_one_step_error,
+    evaluate_shooting_error,
+    evaluate_stiffened_shooting_error,
 )
-from lagsplat.stage2.objective import anchor, anchored, one_step_error, ridged, shooting_error, square_norm
-from lagsplat.stage2.rollout import Shots, central_velocity, one_step_windows, rollout, shots, starts_of
+from lagsplat.stage2.objective import (
+    add_ridge,
+    anchor_law,
+    anchored_error,
+    one_step_error,
+    shooting_error,
+    square_norm,
+)
+from lagsplat.stage2.rollout import (
+    ShootingTargets,
+    central_velocity,
+    cut_shooting_targets,
+    list_one_step_windows,
+    list_starts,
+    rollout,
+)
 
 
-def natural_time_unit(
-    trajectory: Trajectory, metric: Float[np.ndarray, "d d"], *, stride_frames: int
+def choose_time_unit(
+    trajectory: EncodedTrajectory, metric: Float[np.ndarray, "d d"], *, stride_frames: int
 ) -> float:
     """Ratio of the rms velocity to the rms acceleration in the metric [s]: about a period over 2 pi.
 
@@ -47,7 +61,7 @@ def natural_time_unit(
         ValueError: the latents do not move.
     """
     k = stride_frames
-    at = starts_of(trajectory, before=k, after=k)
+    at = list_starts(trajectory, before=k, after=k)
     q, clock = trajectory.latents, trajectory.clock
     # in strides of the median step, of which the ratio is a number
     before, after = (clock.elapsed_s(at, ahead) / (k * clock.dt_s) for ahead in (-k, k))
@@ -59,7 +73,9 @@ def natural_time_unit(
     return float(np.sqrt(speed / change)) * k * trajectory.dt_s
 
 
-def isotropic(d: int, n_inputs: int, *, damping: float, stiffness: float, rest: Tensor) -> Coefficients:
+def fit_isotropic_law(
+    d: int, n_inputs: int, *, damping: float, stiffness: float, rest: Tensor
+) -> Coefficients:
     """Multiples of the identity, for comparison with a start that has seen the data."""
     eye = torch.eye(d, dtype=torch.float64)
     return Coefficients(
@@ -68,10 +84,10 @@ def isotropic(d: int, n_inputs: int, *, damping: float, stiffness: float, rest: 
 
 
 @dataclass(frozen=True)
-class Examination:
+class ValidationTask:
     """Rollouts a candidate has to make, and the rms they are measured by."""
 
-    shots: Shots
+    shots: ShootingTargets
     metric: Tensor
     rms: float
 
@@ -82,7 +98,9 @@ class Examination:
         return error if np.isfinite(error) else float("inf")
 
 
-def examination(trajectory: Trajectory, metric: Tensor, *, starts: int, n_states: int) -> Examination:
+def draw_validation_task(
+    trajectory: EncodedTrajectory, metric: Tensor, *, starts: int, n_states: int
+) -> ValidationTask:
     """Rollouts of ``n_states`` from ``starts`` frames spread evenly over the clip.
 
     Initial velocities are those of training. A horizon longer than every segment is cut to
@@ -92,17 +110,17 @@ def examination(trajectory: Trajectory, metric: Tensor, *, starts: int, n_states
     """
     longest = max(b - a for a, b in trajectory.segments)
     n_states = max(3, min(n_states, longest - 5))
-    at = starts_of(trajectory, before=2, after=max(n_states, 3))
+    at = list_starts(trajectory, before=2, after=max(n_states, 3))
     at = at[np.unique(np.linspace(0, len(at) - 1, starts).astype(int))]
     velocity = central_velocity(trajectory, at)
     offset = torch.from_numpy(trajectory.latents - trajectory.latents.mean(0))
     rms = float(square_norm(offset, metric).mean().sqrt())
-    taken = shots(trajectory, at, velocity, n_states=n_states, time_unit_s=1.0)
-    return Examination(taken, metric, rms)
+    taken = cut_shooting_targets(trajectory, at, velocity, n_states=n_states, time_unit_s=1.0)
+    return ValidationTask(taken, metric, rms)
 
 
 @dataclass
-class Champion:
+class BestCheckpoint:
     """The best candidate so far; those that fail or score worse are counted and forgotten."""
 
     score: float = float("inf")
@@ -153,21 +171,21 @@ class FitReport:
     time_unit_s: float = 0.0
     n_parameters: int = 0
     wall_s: float = 0.0
-    at_rest: Modes | None = None
-    under_mean_input: Modes | None = None
+    at_rest: LinearizedModes | None = None
+    under_mean_input: LinearizedModes | None = None
 
 
 @dataclass
-class Run:
+class FitState:
     """What the stages of one fit share."""
 
-    trajectory: Trajectory
+    trajectory: EncodedTrajectory
     metric: Tensor
     config: Stage2Config
     time_unit_s: float
     period_frames: int
-    exam: Examination
-    champion: Champion
+    exam: ValidationTask
+    champion: BestCheckpoint
     report: FitReport
     rng: np.random.Generator
     listen: Callable[[CurveRow], None]
@@ -181,24 +199,26 @@ class Run:
         self.report.curve.append(row)
         self.listen(row)
 
-    def stretches(self, at: np.ndarray, *, n_states: int) -> Shots:
+    def stretches(self, at: np.ndarray, *, n_states: int) -> ShootingTargets:
         """Rollouts to make from the frames ``at``, with the quieter velocities of training."""
         velocity = central_velocity(self.trajectory, at)
-        return shots(self.trajectory, at, velocity, n_states=n_states, time_unit_s=self.time_unit_s)
+        return cut_shooting_targets(
+            self.trajectory, at, velocity, n_states=n_states, time_unit_s=self.time_unit_s
+        )
 
 
-def open_run(
-    trajectory: Trajectory,
+def start_fit(
+    trajectory: EncodedTrajectory,
     metric: np.ndarray,
     config: Stage2Config,
     seed: int,
     listen: Callable[[CurveRow], None],
-) -> Run:
+) -> FitState:
     """Unit of time, metric and examination of a fit."""
-    unit = natural_time_unit(trajectory, metric, stride_frames=config.stride_frames)
+    unit = choose_time_unit(trajectory, metric, stride_frames=config.stride_frames)
     period_frames = max(4, round(2.0 * np.pi * unit / trajectory.dt_s))
     bare = torch.from_numpy(metric)
-    exam = examination(
+    exam = draw_validation_task(
         trajectory,
         bare,
         starts=config.select.starts,
@@ -206,14 +226,14 @@ def open_run(
     )
     if config.start.time_unit == "frame":
         unit = trajectory.dt_s
-    return Run(
+    return FitState(
         trajectory,
-        ridged(bare, ridge=config.ridge),
+        add_ridge(bare, ridge=config.ridge),
         config,
         unit,
         period_frames,
         exam,
-        Champion(),
+        BestCheckpoint(),
         FitReport(time_unit_s=unit),
         np.random.default_rng(seed),
         listen,
@@ -221,7 +241,7 @@ def open_run(
     )
 
 
-def start_stage(run: Run, rest: Tensor, seed: int, geometry: DecoderGeometry | None) -> Lagrangian:
+def start_stage(run: FitState, rest: Tensor, seed: int, geometry: DecoderGeometry | None) -> Lagrangian:
     """A Lagrangian whose constant parts are fitted, or isotropic, and whose networks are silent."""
     config, trajectory = run.config, run.trajectory
     d, n_inputs = trajectory.latents.shape[1], trajectory.inputs.shape[1]
@@ -229,7 +249,7 @@ def start_stage(run: Run, rest: Tensor, seed: int, geometry: DecoderGeometry | N
     if config.form.mass == "induced" and geometry is not None:
         mass, scale = _mean_induced(geometry, trajectory, config.floor.mass)
     if config.start.source == "isotropic":
-        start = isotropic(
+        start = fit_isotropic_law(
             d, n_inputs, damping=config.start.damping, stiffness=config.start.stiffness, rest=rest
         )
         floor = config.floor
@@ -238,11 +258,11 @@ def start_stage(run: Run, rest: Tensor, seed: int, geometry: DecoderGeometry | N
         fit = ConstantFit(
             rest, n_inputs, floor=config.floor, learn_rest=config.form.rest == "learned", mass=mass
         )
-        windows = one_step_windows(
+        windows = list_one_step_windows(
             trajectory, stride_frames=config.stride_frames, time_unit_s=run.time_unit_s
         )
         fit.minimize(
-            lambda c: linear_one_step_error(c, windows, run.metric, velocity_weight=config.velocity_weight),
+            lambda c: evaluate_one_step_error(c, windows, run.metric, velocity_weight=config.velocity_weight),
             iterations=config.start.iterations,
         )
         if config.start.shooting_iterations:
@@ -256,33 +276,36 @@ def start_stage(run: Run, rest: Tensor, seed: int, geometry: DecoderGeometry | N
         seed=seed,
         geometry=geometry,
         mass_scale=scale,
-        signed=reach_of(trajectory.inputs).signed,
+        signed=measure_input_range(trajectory.inputs).signed,
         longest_step=config.longest_step,
     )
 
 
-def _shoot_constant(run: Run, fit: ConstantFit) -> None:
+def _shoot_constant(run: FitState, fit: ConstantFit) -> None:
     n_states = _horizon(run, 1.0)
-    at = starts_of(run.trajectory, before=2, after=n_states)[:: max(1, n_states // 2)]
+    at = list_starts(run.trajectory, before=2, after=n_states)[:: max(1, n_states // 2)]
     taken = run.stretches(at, n_states=n_states)
     iterations, actuation = run.config.start.shooting_iterations, run.config.form.actuation
     longest = run.config.longest_step
     fit.minimize(
-        lambda c: linear_shooting_error(c, taken, run.metric, longest_step=longest), iterations=iterations
+        lambda c: evaluate_shooting_error(c, taken, run.metric, longest_step=longest), iterations=iterations
     )
     if actuation != "linear" and run.trajectory.inputs.shape[1]:
-        fit.bend(reach_of(run.trajectory.inputs), softening=actuation == "bounded", rng=run.rng)
+        fit.bend(measure_input_range(run.trajectory.inputs), softening=actuation == "bounded", rng=run.rng)
         fit.minimize(
-            lambda c: bent_shooting_error(c, taken, run.metric, longest_step=longest), iterations=iterations
+            lambda c: evaluate_stiffened_shooting_error(c, taken, run.metric, longest_step=longest),
+            iterations=iterations,
         )
 
 
-def _horizon(run: Run, periods: float) -> int:
+def _horizon(run: FitState, periods: float) -> int:
     longest = max(b - a for a, b in run.trajectory.segments)
     return max(4, min(round(periods * run.period_frames) + 1, longest - 4))
 
 
-def _mean_induced(geometry: DecoderGeometry, trajectory: Trajectory, floor: float) -> tuple[Tensor, float]:
+def _mean_induced(
+    geometry: DecoderGeometry, trajectory: EncodedTrajectory, floor: float
+) -> tuple[Tensor, float]:
     # energy has no observable scale: a unit mean mass fixes it, and the fitted stiffness the frequency
     q = torch.from_numpy(trajectory.latents[:: max(1, len(trajectory.latents) // 500)])
     bare = InducedMass(geometry, scale=1.0, floor=0.0).matrix(q).mean(0)
@@ -290,12 +313,12 @@ def _mean_induced(geometry: DecoderGeometry, trajectory: Trajectory, floor: floa
     return scale * bare + floor * torch.eye(bare.shape[0], dtype=bare.dtype), scale
 
 
-def one_step_stage(run: Run, lagrangian: Lagrangian) -> None:
+def one_step_stage(run: FitState, lagrangian: Lagrangian) -> None:
     """Train on single velocity-Verlet steps, `Stage2Config.steps` times its effort."""
     config, steps = run.config, round(run.config.effort * run.config.steps)
     if not steps:
         return
-    windows = one_step_windows(
+    windows = list_one_step_windows(
         run.trajectory, stride_frames=config.stride_frames, time_unit_s=run.time_unit_s
     )
 
@@ -308,7 +331,7 @@ def one_step_stage(run: Run, lagrangian: Lagrangian) -> None:
     _descend(run, lagrangian, loss, "one_step", steps=steps, lr=config.lr, every=config.select.every)
 
 
-def shooting_stage(run: Run, lagrangian: Lagrangian) -> None:
+def shooting_stage(run: FitState, lagrangian: Lagrangian) -> None:
     """Train the best candidate so far on rollouts, whose length doubles up to `ShootConfig.periods`.
 
     The batch halves meanwhile. A step costs much the same, and each leg starts where the one before it has
@@ -318,10 +341,10 @@ def shooting_stage(run: Run, lagrangian: Lagrangian) -> None:
     if not total:
         return
     run.champion.restore(lagrangian)
-    held = anchor(lagrangian, run.trajectory) if shoot.anchor else None
+    held = anchor_law(lagrangian, run.trajectory) if shoot.anchor else None
     for leg, shortened in enumerate(SHORTENED_LEGS):
         n_states = _horizon(run, shoot.periods / shortened)
-        starts = starts_of(run.trajectory, before=2, after=n_states)
+        starts = list_starts(run.trajectory, before=2, after=n_states)
         batch = shoot.batch * shortened
 
         def loss(_: int, starts: np.ndarray = starts, batch: int = batch, n_states: int = n_states) -> Tensor:
@@ -330,7 +353,7 @@ def shooting_stage(run: Run, lagrangian: Lagrangian) -> None:
             if held is None:
                 return error
             price = held.price(lagrangian, run.metric, run.rng)
-            return anchored(error, price, weight=shoot.anchor)
+            return anchored_error(error, price, weight=shoot.anchor)
 
         steps = total * (leg + 1) // len(SHORTENED_LEGS) - total * leg // len(SHORTENED_LEGS)
         if steps:
@@ -338,7 +361,7 @@ def shooting_stage(run: Run, lagrangian: Lagrangian) -> None:
 
 
 def _descend(
-    run: Run,
+    run: FitState,
     lagrangian: Lagrangian,
     loss: Callable[[int], Tensor],
     stage: str,
@@ -349,7 +372,7 @@ def _descend(
 ) -> None:
     config = run.config
     parameters = [p for p in lagrangian.parameters() if p.requires_grad]
-    undo = Undo(parameters)
+    undo = StepRollback(parameters)
     optimizer = torch.optim.Adam(_rates(lagrangian, lr), fused=True)
     peaks = [group["lr"] for group in optimizer.param_groups]
     for i in range(steps):
@@ -392,7 +415,7 @@ KEPT_EVERY = 10  # steps between two copies of good parameters
 SHORTENED = 0.7  # factor on later steps each time one is taken back
 
 
-class Undo:
+class StepRollback:
     """Memory of good parameters during a descent.
 
     A rollout by explicit steps turns unstable when its fastest mode comes near the frame rate. Beyond that

@@ -8,7 +8,7 @@ from jaxtyping import Float64
 from lagsplat.systems import chain
 from lagsplat.systems.chain import Matrix, Table, Vector
 from lagsplat.systems.config import ArmConfig
-from lagsplat.systems.truth import Modes, linear_modes
+from lagsplat.systems.truth import VibrationModes, compute_vibration_modes
 
 N_NODES = 8
 
@@ -35,11 +35,11 @@ class Arm:
 
     def mass(self, q: Vector) -> Matrix:
         """Mass matrix; rows and columns in SI units of the coordinates."""
-        return chain.inertia(q, np.zeros_like(q), self.table, self.nodes, self.weights, self.gravity)[0]
+        return chain.chain_inertia(q, np.zeros_like(q), self.table, self.nodes, self.weights, self.gravity)[0]
 
     def coriolis(self, q: Vector, v: Vector) -> Vector:
         """Coriolis and centrifugal force ``C(q, v) v``, the exact one of :meth:`mass`."""
-        return chain.inertia(q, v, self.table, self.nodes, self.weights, self.gravity)[1]
+        return chain.chain_inertia(q, v, self.table, self.nodes, self.weights, self.gravity)[1]
 
     def damping(self) -> Matrix:
         """Constant viscous damping matrix."""
@@ -47,7 +47,9 @@ class Arm:
 
     def static_force(self, q: Vector, pressure: Vector) -> Vector:
         """Generalised weight, elastic and chamber force at rest; ``pressure`` [atm]."""
-        weight = chain.inertia(q, np.zeros_like(q), self.table, self.nodes, self.weights, self.gravity)[2]
+        weight = chain.chain_inertia(q, np.zeros_like(q), self.table, self.nodes, self.weights, self.gravity)[
+            2
+        ]
         work = chain.chamber_volumes(q, self.table)[1].T @ pressure
         return weight + chain.elastic_force(q, self.table) + chain.ATMOSPHERE_PA * work
 
@@ -103,11 +105,11 @@ class Arm:
             columns.append((behind - ahead) / (2 * step))
         return np.stack(columns, axis=1)
 
-    def modes(self) -> Modes:
+    def modes(self) -> VibrationModes:
         """Free modes of the arm linearised about its rest pose without pressure."""
         still = np.zeros(self.d)
         rest = self.equilibrium(still)
-        return linear_modes(self.mass(rest), self.damping(), self.stiffness(rest, still))
+        return compute_vibration_modes(self.mass(rest), self.damping(), self.stiffness(rest, still))
 
     def _mass_times_depth(self, states: Float64[np.ndarray, "T d"]) -> Float64[np.ndarray, " T"]:
         total, origin = np.zeros(len(states)), np.zeros(len(states), complex)

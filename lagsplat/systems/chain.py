@@ -31,7 +31,7 @@ Matrix = Float64[np.ndarray, "d d"]
 
 @njit(cache=True)
 @no_type_check
-def arc(theta: float, s: float) -> tuple[complex, complex, complex]:
+def arc_points(theta: float, s: float) -> tuple[complex, complex, complex]:
     """``f(theta, s)`` of the module docstring and its first two derivatives in ``theta``; exact through 0.
 
     ``f = s g(x)`` with ``g = exp(ix) sin(x)/x`` and ``x = theta s / 2``.
@@ -66,7 +66,7 @@ def _add_body(mass, inertia, jacobian, turning, convective, gravity, m, c, force
 
 @njit(cache=True)
 @no_type_check
-def inertia(
+def chain_inertia(
     q: Vector, v: Vector, table: Table, nodes: Nodes, weights: Nodes, gravity: float
 ) -> tuple[Matrix, Vector, Vector]:
     """Mass matrix, Coriolis force ``C(q, v) v`` and generalised weight at ``q``, ``v``."""
@@ -83,7 +83,7 @@ def inertia(
         length, rate = row[LENGTH] * (1 + q[ext]), row[LENGTH] * v[ext]
         for n in range(nodes.size + 1):
             s = nodes[n] if n < nodes.size else 1.0
-            f, f1, f2 = arc(q[bend], s)
+            f, f1, f2 = arc_points(q[bend], s)
             jacobian[:] = origin
             for j in range(0, bend, 2):
                 jacobian[j] += 1j * orientation * length * f
@@ -158,7 +158,7 @@ def acceleration(
     q: Vector, v: Vector, pressure: Vector, table: Table, nodes: Nodes, weights: Nodes, gravity: float
 ) -> Vector:
     """``M^-1 (b^T p + weight + elastic - D v - C v)``; ``pressure`` [atm], result per second squared."""
-    m, c, weight = inertia(q, v, table, nodes, weights, gravity)
+    m, c, weight = chain_inertia(q, v, table, nodes, weights, gravity)
     slopes = chamber_volumes(q, table)[1]
     force = weight + elastic_force(q, table) - c
     for j in range(q.size):

@@ -227,7 +227,7 @@ class BodyConfig:
 
 
 @dataclass
-class ClipConfig:
+class ReleaseClipConfig:
     """One take: its number of frames and the state it begins with [rad, rad/s]."""
 
     n_frames: int
@@ -280,7 +280,7 @@ class ReleaseConfig:
     linkage: LinkageConfig | None
     rocker: RockerConfig | None
     bodies: list[BodyConfig]
-    clips: list[ClipConfig]
+    clips: list[ReleaseClipConfig]
     pushes: list[PushConfig]
     scene: SceneConfig
 

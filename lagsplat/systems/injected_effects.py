@@ -16,7 +16,7 @@ from lagsplat.systems.arm import Arm, build_arm
 from lagsplat.systems.config import PlantedConfig, SimulationConfig
 from lagsplat.systems.release import draw_pressures, spline_coefficients
 from lagsplat.systems.rendering.arm import paint_board
-from lagsplat.systems.simulate import film, rate
+from lagsplat.systems.simulate import choose_rate, film_simulation
 
 CREEP_RAD_S = 0.05
 """Bending rate from which on dry friction is nearly whole; below, it is viscous and can be integrated."""
@@ -36,13 +36,13 @@ def simulate_planted(config: SimulationConfig, planted: PlantedConfig, *, seed: 
     loads = [*config.arm.link_mass[:-1], config.arm.link_mass[-1] + planted.tip_mass]
     arm = build_arm(replace(config.arm, link_mass=loads))
     asked = draw_pressures(config, generator=drive)
-    felt = lagged(asked, lag_s=planted.actuator_lag_s, dt_s=config.dt_s)
+    felt = lag_input(asked, lag_s=planted.actuator_lag_s, dt_s=config.dt_s)
     states = _move(arm, felt, planted, config)
     board = paint_board(
         height=config.height, width=config.width, arm_share=config.arm.half_width / config.view_width,
         generator=painter,
     )  # fmt: skip
-    frames = film(states, arm=arm, board=board, config=config, generator=camera)
+    frames = film_simulation(states, arm=arm, board=board, config=config, generator=camera)
     inputs = asked + config.pressure_noise_atm * gauge.standard_normal(asked.shape)
     n_u = asked.shape[1]
     return Recording(
@@ -63,7 +63,7 @@ def simulate_planted(config: SimulationConfig, planted: PlantedConfig, *, seed: 
     )
 
 
-def lagged(
+def lag_input(
     pressures: Float64[np.ndarray, "T n_u"], *, lag_s: float, dt_s: float
 ) -> Float64[np.ndarray, "T n_u"]:
     """Pressures behind a first-order lag, exact where they are straight between frames; zero lag is none."""
@@ -79,9 +79,9 @@ def lagged(
 def _rate(t, state, spline, dt_s, friction, table, nodes, weights, gravity):
     d = state.size // 2
     q, v = state[:d], state[d:]
-    out = rate(t, state, spline, dt_s, table, nodes, weights, gravity)
+    out = choose_rate(t, state, spline, dt_s, table, nodes, weights, gravity)
     rubbing = -friction * np.tanh(v / CREEP_RAD_S)
-    out[d:] += np.linalg.solve(chain.inertia(q, v, table, nodes, weights, gravity)[0], rubbing)
+    out[d:] += np.linalg.solve(chain.chain_inertia(q, v, table, nodes, weights, gravity)[0], rubbing)
     return out
 
 

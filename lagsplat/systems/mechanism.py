@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float64
 from scipy.integrate import solve_ivp
 
-from lagsplat.systems.truth import Modes, linear_modes
+from lagsplat.systems.truth import VibrationModes, compute_vibration_modes
 
 Vector = Float64[np.ndarray, " d"]
 Matrix = Float64[np.ndarray, "d d"]
@@ -49,7 +49,7 @@ class Mechanism(Protocol):
         """Where the bodies are."""
 
 
-def equilibrium(mechanism: Mechanism) -> Vector:
+def find_rest_state(mechanism: Mechanism) -> Vector:
     """The stable rest state, by Newton from zero.
 
     Raises:
@@ -57,16 +57,16 @@ def equilibrium(mechanism: Mechanism) -> Vector:
     """
     q = np.zeros(len(mechanism.coordinates))
     for _ in range(50):
-        step = np.linalg.solve(stiffness(mechanism, q), mechanism.static_force(q))
+        step = np.linalg.solve(rest_stiffness(mechanism, q), mechanism.static_force(q))
         q = q + np.clip(step, -0.3, 0.3)
         if np.max(np.abs(step)) < 1e-12:
             break
-    if np.max(np.abs(step)) < 1e-12 and np.linalg.eigvalsh(stiffness(mechanism, q))[0] > 0:
+    if np.max(np.abs(step)) < 1e-12 and np.linalg.eigvalsh(rest_stiffness(mechanism, q))[0] > 0:
         return q
     raise ValueError("the mechanism has no stable rest state near zero; check its geometry and masses")
 
 
-def stiffness(mechanism: Mechanism, q: Vector) -> Matrix:
+def rest_stiffness(mechanism: Mechanism, q: Vector) -> Matrix:
     """Minus the derivative of the static force, by central differences, symmetric."""
     columns = [
         (mechanism.static_force(q - STEP * e) - mechanism.static_force(q + STEP * e)) / (2 * STEP)
@@ -76,13 +76,13 @@ def stiffness(mechanism: Mechanism, q: Vector) -> Matrix:
     return 0.5 * (matrix + matrix.T)
 
 
-def free_modes(mechanism: Mechanism) -> Modes:
+def compute_free_modes(mechanism: Mechanism) -> VibrationModes:
     """Linear modes about the rest state."""
-    rest = equilibrium(mechanism)
-    return linear_modes(mechanism.mass(rest), mechanism.damping(), stiffness(mechanism, rest))
+    rest = find_rest_state(mechanism)
+    return compute_vibration_modes(mechanism.mass(rest), mechanism.damping(), rest_stiffness(mechanism, rest))
 
 
-def let_go(
+def release_from_rest(
     mechanism: Mechanism, q: Vector, v: Vector, *, time_s: Float64[np.ndarray, " T"], push: Push, rtol: float
 ) -> tuple[Series, Series]:
     """Coordinates and velocities at ``time_s`` from ``(q, v)`` at the first of them.

@@ -6,10 +6,10 @@ from jaxtyping import UInt8
 
 from lagsplat.systems.config import ReleaseConfig
 from lagsplat.systems.mechanism import Poses, Series
-from lagsplat.systems.release import mechanism_of
+from lagsplat.systems.release import make_mechanism
 from lagsplat.systems.rendering.bodies import paint
-from lagsplat.systems.video import camera_of, set_up
-from lagsplat.views.camera import Camera, Space, arrange
+from lagsplat.systems.video import make_camera, set_up_scene
+from lagsplat.views.camera import Camera, ViewSpace, arrange_cameras
 from lagsplat.views.config import ArrangementConfig
 from lagsplat.views.novel import NovelViews
 
@@ -17,19 +17,19 @@ FINE = 3
 """Samples of a pixel, each way."""
 
 
-def space_of(config: ReleaseConfig) -> Space:
+def make_space(config: ReleaseConfig) -> ViewSpace:
     """The coordinates of the scene's own camera at the recorded resolution, its target the pivot."""
-    return Space(camera_of(config).resized(config.height, config.width), config.scene.distance)
+    return ViewSpace(make_camera(config).resized(config.height, config.width), config.scene.distance)
 
 
-def true_views(config: ReleaseConfig, states: Series, arrangement: ArrangementConfig) -> NovelViews:
+def render_true_views(config: ReleaseConfig, states: Series, arrangement: ArrangementConfig) -> NovelViews:
     """Pictures of the states (T, d) from all sides, without noise and codec.
 
     Source: `lagsplat.systems.video` draws the film itself by the same means.
     """
-    space = space_of(config)
-    cameras, names, held_out = arrange(space, arrangement)
-    poses = mechanism_of(config).poses(states)
+    space = make_space(config)
+    cameras, names, held_out = arrange_cameras(space, arrangement)
+    poses = make_mechanism(config).poses(states)
     images = np.stack([photograph_scene(config, poses, camera) for camera in cameras], axis=1)
     return NovelViews(images, None, tuple(cameras), tuple(names), np.array(held_out), space)
 
@@ -37,7 +37,7 @@ def true_views(config: ReleaseConfig, states: Series, arrangement: ArrangementCo
 def photograph_scene(config: ReleaseConfig, poses: Poses, camera: Camera) -> UInt8[np.ndarray, "T H W 3"]:
     """What a camera sees of the bodies in their poses."""
     fine = camera.resized(FINE * camera.height, FINE * camera.width)
-    wall, bodies = set_up(config, fine)
+    wall, bodies = set_up_scene(config, fine)
     return np.stack([_small(paint(wall, bodies, pose, fine), camera) for pose in poses])
 
 

@@ -15,11 +15,11 @@ from scipy.integrate import solve_ivp
 from lagsplat.systems import chain
 from lagsplat.systems.arm import build_arm
 from lagsplat.systems.config import ReleaseConfig, SimulationConfig
-from lagsplat.systems.mechanism import STEP, Matrix, Series, Vector, equilibrium
-from lagsplat.systems.release import mechanism_of
+from lagsplat.systems.mechanism import STEP, Matrix, Series, Vector, find_rest_state
+from lagsplat.systems.release import make_mechanism
 from lagsplat.systems.rendering.arm import TOP
 from lagsplat.systems.rendering.textures import SHAPES, Sprite
-from lagsplat.systems.video import camera_of
+from lagsplat.systems.video import make_camera
 
 COVERED = 0.5
 ITERATIONS = 40
@@ -109,7 +109,7 @@ class Pushable:
         return np.ascontiguousarray(solution.y[:d].T)
 
 
-def pushable(
+def make_pushable(
     driven: SimulationConfig | None,
     released: ReleaseConfig | None,
     *,
@@ -131,7 +131,7 @@ def pushable(
 
 
 def _mechanism(config: ReleaseConfig, points: int) -> Pushable:
-    mechanism, camera = mechanism_of(config), camera_of(config)
+    mechanism, camera = make_mechanism(config), make_camera(config)
     masses = [config.rocker.body_mass] if config.rocker is not None else None
     if config.linkage is not None:
         masses = config.linkage.masses
@@ -152,7 +152,7 @@ def _mechanism(config: ReleaseConfig, points: int) -> Pushable:
         return camera.project(world.reshape(-1, 3)).reshape(*x.shape, 2) / config.scene.film_scale
 
     return Pushable(
-        equilibrium(mechanism), mechanism.static_force, mechanism.acceleration, mechanism.mass, pixels,
+        find_rest_state(mechanism), mechanism.static_force, mechanism.acceleration, mechanism.mass, pixels,
         np.array(share),
     )  # fmt: skip
 
@@ -207,4 +207,4 @@ def _arm(config: SimulationConfig, pressure: Float64[np.ndarray, " n_u"], points
 
 
 def _arcs(bend: Float64[np.ndarray, " T"], share: float) -> np.ndarray:
-    return np.array([chain.arc(float(angle), share)[0] for angle in bend])
+    return np.array([chain.arc_points(float(angle), share)[0] for angle in bend])

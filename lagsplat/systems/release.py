@@ -19,15 +19,15 @@ from lagsplat.systems.mechanism import (
     Push,
     Series,
     Vector,
-    equilibrium,
-    free_modes,
-    let_go,
+    compute_free_modes,
+    find_rest_state,
+    release_from_rest,
 )
-from lagsplat.systems.truth import Truth, truth_of
+from lagsplat.systems.truth import Truth, compute_truth
 from lagsplat.systems.video import film_clips
 
 
-def mechanism_of(config: ReleaseConfig) -> Mechanism:
+def make_mechanism(config: ReleaseConfig) -> Mechanism:
     """The mechanism that these values describe."""
     if config.rocker is not None:
         return Rocker(**asdict(config.rocker), gravity=config.gravity)
@@ -46,7 +46,7 @@ def release(config: ReleaseConfig, *, seed: int) -> tuple[Recording, Truth]:
         ValueError: the mechanism has no rest state, or OpenCV cannot write the codec.
         RuntimeError: the motion cannot be integrated.
     """
-    mechanism = mechanism_of(config)
+    mechanism = make_mechanism(config)
     motions = [_move(mechanism, config, i) for i in range(len(config.clips))]
     states, velocities, forces = (np.concatenate(part) for part in zip(*motions, strict=True))
     film = film_clips(config, [mechanism.poses(clip[0]) for clip in motions], seed=seed)
@@ -63,14 +63,14 @@ def release(config: ReleaseConfig, *, seed: int) -> tuple[Recording, Truth]:
             "footage": film.meta["footage"],
         },
     )
-    truth = truth_of(
+    truth = compute_truth(
         mechanism,
         states,
         velocities,
         pressures=film.inputs,
         forces=forces,
-        rest=equilibrium(mechanism),
-        modes=free_modes(mechanism),
+        rest=find_rest_state(mechanism),
+        modes=compute_free_modes(mechanism),
     )
     return recording, truth
 
@@ -80,7 +80,7 @@ def _move(mechanism: Mechanism, config: ReleaseConfig, index: int) -> tuple[Seri
     clip = config.clips[index]
     time_s = np.arange(clip.n_frames) * config.dt_s
     push = _pulses(mechanism, [push for push in config.pushes if push.clip == index])
-    states, velocities = let_go(
+    states, velocities = release_from_rest(
         mechanism, np.array(clip.state), np.array(clip.velocity), time_s=time_s, push=push, rtol=config.rtol
     )
     return states, velocities, np.array([push(t, q) for t, q in zip(time_s, states, strict=True)])
@@ -92,14 +92,14 @@ def _pulses(mechanism: Mechanism, pushes: list[PushConfig]) -> Push:
         for push in pushes:
             share = (time_s - push.start_s) / (push.stop_s - push.start_s)
             if 0 < share < 1:
-                reach = jacobian(mechanism, q, push.body, np.array(push.at_m))
+                reach = compute_jacobian(mechanism, q, push.body, np.array(push.at_m))
                 total += np.sin(np.pi * share) ** 2 * np.array(push.force_n) @ reach
         return total
 
     return force
 
 
-def jacobian(
+def compute_jacobian(
     mechanism: Mechanism, q: Vector, body: int, at_m: Float64[np.ndarray, "2"]
 ) -> Float64[np.ndarray, "2 d"]:
     """How a body's point ``at_m``, in the body's coordinates [m], moves with the coordinates of ``q``."""
@@ -113,7 +113,7 @@ def jacobian(
 RELEASE_FRAMES = 8
 
 
-def random_band(
+def draw_random_band(
     n_frames: int,
     n_inputs: int,
     *,
@@ -153,7 +153,7 @@ def draw_pressures(
     ``hold_frames``; released within eight frames from frame ``n_frames - tail_frames`` on.
     """
     n, release = config.n_frames, config.n_frames - config.tail_frames
-    signal = random_band(
+    signal = draw_random_band(
         n, len(config.hold_atm), dt_s=config.dt_s, low_hz=config.drive_low_hz, high_hz=config.drive_high_hz,
         generator=generator,
     )  # fmt: skip

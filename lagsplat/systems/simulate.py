@@ -20,7 +20,7 @@ from lagsplat.systems.arm import Arm, build_arm
 from lagsplat.systems.config import ReleaseConfig, SimulationConfig
 from lagsplat.systems.release import draw_pressures, release, spline_coefficients
 from lagsplat.systems.rendering.arm import Board, paint, paint_board
-from lagsplat.systems.truth import Truth, truth_of
+from lagsplat.systems.truth import Truth, compute_truth
 
 CHUNK_FRAMES = 1024
 
@@ -44,7 +44,7 @@ def simulate(config: SimulationConfig, *, seed: int) -> tuple[Recording, Truth]:
         height=config.height, width=config.width, arm_share=config.arm.half_width / config.view_width,
         generator=scene,
     )  # fmt: skip
-    frames = film(states, arm=arm, board=board, config=config, generator=camera)
+    frames = film_simulation(states, arm=arm, board=board, config=config, generator=camera)
     inputs = pressures + config.pressure_noise_atm * gauge.standard_normal(pressures.shape)
     n_u = pressures.shape[1]
     recording = Recording(
@@ -62,7 +62,7 @@ def simulate(config: SimulationConfig, *, seed: int) -> tuple[Recording, Truth]:
             "seed": seed,
         },
     )
-    truth = truth_of(
+    truth = compute_truth(
         arm,
         states,
         velocities,
@@ -74,7 +74,7 @@ def simulate(config: SimulationConfig, *, seed: int) -> tuple[Recording, Truth]:
     return recording, truth
 
 
-def film(
+def film_simulation(
     states: Float64[np.ndarray, "T d"],
     *,
     arm: Arm,
@@ -109,7 +109,7 @@ def _move(
     return states, velocities
 
 
-def stand_in(
+def simulate_system(
     driven: SimulationConfig | None, released: ReleaseConfig | None, *, seed: int
 ) -> tuple[Recording, Truth]:
     """The recording of a driven arm or of a mechanism that is let go, and its truth.
@@ -124,7 +124,7 @@ def stand_in(
     raise ValueError("the system has neither a simulation nor a release; choose recording=filmed")
 
 
-def resized(
+def resize_simulation(
     driven: SimulationConfig | None, released: ReleaseConfig | None, *, height: int, width: int
 ) -> tuple[SimulationConfig | None, ReleaseConfig | None]:
     """The same motion in frames of another size [pixel]; a film stays as large as it was, if it can."""
@@ -139,7 +139,7 @@ def resized(
 
 @njit(cache=True)
 @no_type_check
-def rate(t, state, spline, dt_s, table, nodes, weights, gravity):
+def choose_rate(t, state, spline, dt_s, table, nodes, weights, gravity):
     """Velocities and accelerations of the arm under the spline of its pressures [atm]."""
     d = state.size // 2
     i = min(max(int(t / dt_s), 0), spline.shape[1] - 1)
@@ -176,7 +176,7 @@ def integrate(
     try:
         # At rest the solver would stretch its step over the whole beginning of the drive, hence `max_step`.
         solution = solve_ivp(
-            rate, (0.0, times[-1]), np.concatenate([q, v]), method="DOP853", t_eval=times, rtol=rtol,
+            choose_rate, (0.0, times[-1]), np.concatenate([q, v]), method="DOP853", t_eval=times, rtol=rtol,
             atol=atol, max_step=3 * dt_s,
             args=(spline, dt_s, arm.table, arm.nodes, arm.weights, arm.gravity),
         )  # fmt: skip

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from lagsplat.io.files.artifact import load_artefact, save_artefact
+from lagsplat.io.files.artifact import load_artifact, save_artifact
 
 KIND = "truth"
 SCHEMA = 2
@@ -46,7 +46,7 @@ class Truth:
     damping_ratios: Float64[np.ndarray, " n_modes"]
 
 
-class Energetic(Protocol):
+class EnergyModel(Protocol):
     """What the truth asks of a system."""
 
     @property
@@ -61,7 +61,7 @@ class Energetic(Protocol):
 
 
 @dataclass(frozen=True)
-class Modes:
+class VibrationModes:
     """Linear free modes at rest, slowest first.
 
     ``natural_hz`` is ``|lambda| / 2 pi``, ``damped_hz`` the frequency a decaying record shows,
@@ -74,15 +74,15 @@ class Modes:
     damping_ratio: Float64[np.ndarray, " n_modes"]
 
 
-def truth_of(
-    system: Energetic,
+def compute_truth(
+    system: EnergyModel,
     states: Float64[np.ndarray, "T d"],
     velocities: Float64[np.ndarray, "T d"],
     *,
     pressures: Float64[np.ndarray, "T n_u"],
     forces: Float64[np.ndarray, "T d"],
     rest: Float64[np.ndarray, " d"],
-    modes: Modes,
+    modes: VibrationModes,
 ) -> Truth:
     """All that the equations of ``system`` say of this trajectory."""
     frames = np.arange(0, len(states), MASS_STRIDE_FRAMES)
@@ -110,24 +110,24 @@ def save_truth(path: str | os.PathLike[str], truth: Truth, header: Mapping[str, 
     """Keep ``truth`` at ``path`` as an artefact of kind ``truth``, with the configuration in ``header``."""
     tensors = asdict(truth)
     names = {"coordinates": tensors.pop("coordinates")}
-    save_artefact(path, tensors, {**header, **names, "kind": KIND, "schema": SCHEMA})
+    save_artifact(path, tensors, {**header, **names, "kind": KIND, "schema": SCHEMA})
 
 
 def load_truth(path: str | os.PathLike[str]) -> tuple[Truth, dict[str, Any]]:
     """The truth kept at ``path``, and its header.
 
     Raises:
-        FileNotFoundError, ValueError: as `load_artefact`.
+        FileNotFoundError, ValueError: as `load_artifact`.
     """
-    tensors, header = load_artefact(path, kind=KIND, schema=SCHEMA)
+    tensors, header = load_artifact(path, kind=KIND, schema=SCHEMA)
     return Truth(coordinates=tuple(header["coordinates"]), **tensors), header
 
 
-def linear_modes(
+def compute_vibration_modes(
     mass: Float64[np.ndarray, "d d"],
     damping: Float64[np.ndarray, "d d"],
     stiffness: Float64[np.ndarray, "d d"],
-) -> Modes:
+) -> VibrationModes:
     """Oscillating solutions of ``M x'' + C x' + K x = 0``; overdamped directions are left out."""
     d = len(mass)
     inverse = np.linalg.inv(mass)
@@ -137,4 +137,4 @@ def linear_modes(
     roots = roots[roots.imag > 0]
     roots = roots[np.argsort(np.abs(roots))]
     size = np.abs(roots)
-    return Modes(size / (2 * np.pi), roots.imag / (2 * np.pi), -roots.real, -roots.real / size)
+    return VibrationModes(size / (2 * np.pi), roots.imag / (2 * np.pi), -roots.real, -roots.real / size)

@@ -10,12 +10,12 @@ from lagsplat.io.recording.recording import Recording
 from lagsplat.io.video.read import read_video
 from lagsplat.systems.config import ReleaseConfig
 from lagsplat.systems.mechanism import Poses
-from lagsplat.systems.rendering.bodies import Body, Picture, backdrop, paint
+from lagsplat.systems.rendering.bodies import DrawnBody, Picture, backdrop, paint
 from lagsplat.systems.rendering.textures import SHAPES, photograph
 from lagsplat.views.camera import Camera, look_at
 
 
-def camera_of(config: ReleaseConfig, *, yaw_deg: float = 0.0, pitch_deg: float = 0.0) -> Camera:
+def make_camera(config: ReleaseConfig, *, yaw_deg: float = 0.0, pitch_deg: float = 0.0) -> Camera:
     """The scene's camera at the film's resolution, moved on around its target by these angles."""
     scene = config.scene
     return look_at(
@@ -37,9 +37,9 @@ def film_clips(
     Raises:
         ValueError: OpenCV cannot write the codec into the container, or gives back fewer frames.
     """
-    camera = camera or camera_of(config)
+    camera = camera or make_camera(config)
     scene, generator = config.scene, np.random.default_rng(seed)
-    wall, bodies = set_up(config, camera)
+    wall, bodies = set_up_scene(config, camera)
     with tempfile.TemporaryDirectory() as folder:
         for index, clip in enumerate(poses):
             path = Path(folder) / f"{index}.{scene.container}"
@@ -54,7 +54,7 @@ def film_clips(
     return recording
 
 
-def set_up(config: ReleaseConfig, camera: Camera) -> tuple[Picture, list[Body]]:
+def set_up_scene(config: ReleaseConfig, camera: Camera) -> tuple[Picture, list[DrawnBody]]:
     """The wall as a camera sees it, and the bodies at its scale."""
     scene, scale = config.scene, camera.focal[0] / config.scene.distance
     wall = backdrop(
@@ -64,7 +64,7 @@ def set_up(config: ReleaseConfig, camera: Camera) -> tuple[Picture, list[Body]]:
         behind=scene.behind,
         width=scene.background_width,
     )
-    return wall, [Body(SHAPES[b.shape](b.size_m, scale), b.thickness_m, b.layers) for b in config.bodies]
+    return wall, [DrawnBody(SHAPES[b.shape](b.size_m, scale), b.thickness_m, b.layers) for b in config.bodies]
 
 
 def _write(
@@ -72,7 +72,7 @@ def _write(
     config: ReleaseConfig,
     camera: Camera,
     wall: np.ndarray,
-    bodies: list[Body],
+    bodies: list[DrawnBody],
     poses: Poses,
     generator: np.random.Generator,
 ) -> None:

@@ -11,17 +11,22 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, UInt8
 
-from lagsplat.video_quality.camera_motion import CameraMotion, background_path, measure_path
+from lagsplat.video_quality.camera_motion import CameraMotion, measure_path, track_background
 from lagsplat.video_quality.continuity import (
-    Cut,
-    Flicker,
-    Repeat,
-    exposure_flicker,
-    exposure_gain,
-    find_cuts,
-    find_repeat,
+    ExposureFlicker,
+    LoopRepeat,
+    SceneCut,
+    find_exposure_flicker,
+    find_loop,
+    find_scene_cuts,
+    measure_exposure_gain,
 )
-from lagsplat.video_quality.frames import Sampling, Thumbnails, samples_per_period, small_grey
+from lagsplat.video_quality.frames import (
+    SamplingRate,
+    Thumbnails,
+    make_small_grey,
+    measure_samples_per_period,
+)
 
 LEAST_FRAMES = 24
 MOST_PIXELS = 20_000_000  # of all small frames together
@@ -34,7 +39,7 @@ CUT_SHARE = 0.25  # ...which is a cut if more of the still pixels look otherwise
 
 
 @dataclass(frozen=True)
-class Visit:
+class ForeignObject:
     """Something is in the picture until ``gone_s`` (None: not at the start) and again from ``back_s`` on.
 
     ``share`` of the pixels that are otherwise still are covered at most.
@@ -46,18 +51,18 @@ class Visit:
 
 
 @dataclass(frozen=True)
-class Footage:
+class VideoAssessment:
     """What was measured on one clip; None where it could not be. Times [s] count from the clip's first frame.
 
     The camera's motion is that of the whole picture; everything else is of the frames as they are kept.
     """
 
     camera: CameraMotion | None
-    flicker: Flicker | None
-    cuts: tuple[Cut, ...]
-    repeat: Repeat | None
-    visit: Visit | None
-    sampling: Sampling | None
+    flicker: ExposureFlicker | None
+    cuts: tuple[SceneCut, ...]
+    repeat: LoopRepeat | None
+    visit: ForeignObject | None
+    sampling: SamplingRate | None
     camera_limit_px: float
     """How much rms is too much for the camera [pixel of the film]."""
     start_s: float
@@ -92,7 +97,7 @@ class Footage:
         """A sentence for everything that breaks the method, with its numbers and the remedy."""
         return (*self._of_the_camera(), *self._of_the_cut(), *self._of_the_clock())
 
-    def _late(self, cut: Cut) -> bool:
+    def _late(self, cut: SceneCut) -> bool:
         return cut.time_s > 0.5 * (self.start_s + self.stop_s)
 
     def _of_the_camera(self) -> list[str]:
@@ -154,13 +159,13 @@ class Footage:
         ]
 
 
-def check_footage(
+def assess_video(
     frames: UInt8[np.ndarray, "T H W 3"],
     time_s: Float64[np.ndarray, " T"],
     thumbnails: Thumbnails,
     *,
     film_per_frame: float,
-) -> Footage:
+) -> VideoAssessment:
     """Measure one clip: its ``frames`` as kept, at ``time_s`` since its first frame, and ``thumbnails`` of
     its whole pictures. ``film_per_frame`` is how many pixels of the film one of a frame covers.
 
@@ -169,31 +174,33 @@ def check_footage(
     limit = max(CAMERA_PX * film_per_frame, CAMERA_ERROR * thumbnails.scale)
     start_s, stop_s = float(time_s[0]), float(time_s[-1])
     if len(frames) < LEAST_FRAMES:
-        return Footage(None, None, (), None, None, None, limit, start_s, stop_s)
-    path = background_path(thumbnails.pictures)
+        return VideoAssessment(None, None, (), None, None, None, limit, start_s, stop_s)
+    path = track_background(thumbnails.pictures)
     camera = None if path is None else measure_path(path * thumbnails.scale)
-    grey = small_grey(frames, most=MOST_PIXELS)
-    cuts = find_cuts(grey, time_s)
-    gain = exposure_gain(grey)
+    grey = make_small_grey(frames, most=MOST_PIXELS)
+    cuts = find_scene_cuts(grey, time_s)
+    gain = measure_exposure_gain(grey)
     if gain is not None:
         grey /= gain[:, None, None].astype(np.float32)
     moves = camera is not None and camera.rms_px > limit
     # A moving camera covers and uncovers everything.
-    cuts, visit = (cuts, None) if moves else _cut_or_visit(cuts, find_visit(grey, time_s))
-    return Footage(
+    cuts, visit = (cuts, None) if moves else _cut_or_visit(cuts, find_foreign_object(grey, time_s))
+    return VideoAssessment(
         camera=camera,
-        flicker=None if gain is None else exposure_flicker(gain, time_s),
+        flicker=None if gain is None else find_exposure_flicker(gain, time_s),
         cuts=cuts,
-        repeat=find_repeat(grey, time_s),
+        repeat=find_loop(grey, time_s),
         visit=visit,
-        sampling=samples_per_period(grey, time_s),
+        sampling=measure_samples_per_period(grey, time_s),
         camera_limit_px=limit,
         start_s=start_s,
         stop_s=stop_s,
     )
 
 
-def _cut_or_visit(cuts: tuple[Cut, ...], visit: Visit | None) -> tuple[tuple[Cut, ...], Visit | None]:
+def _cut_or_visit(
+    cuts: tuple[SceneCut, ...], visit: ForeignObject | None
+) -> tuple[tuple[SceneCut, ...], ForeignObject | None]:
     """What happens at one time is either: a cut changes most of the picture, a visitor a part of it."""
     if visit is None:
         return cuts, None
@@ -211,7 +218,9 @@ SHARE = 0.002  # of the still pixels must look unusual at once
 LARGEST = 0.5  # a visit lasts at most this share of the film
 
 
-def find_visit(grey: Float32[np.ndarray, "T h w"], time_s: Float64[np.ndarray, " T"]) -> Visit | None:
+def find_foreign_object(
+    grey: Float32[np.ndarray, "T h w"], time_s: Float64[np.ndarray, " T"]
+) -> ForeignObject | None:
     """What covers still pixels at the start or the end of a film; ``grey`` should be free of flicker.
 
     Where the system itself moves in the middle of the film nothing can be told, so a hand that touches only
@@ -234,7 +243,7 @@ def find_visit(grey: Float32[np.ndarray, "T h w"], time_s: Float64[np.ndarray, "
     if not start and not end:
         return None
     share = max(covered[:start].max(initial=0.0), covered[len(covered) - end :].max(initial=0.0))
-    return Visit(
+    return ForeignObject(
         gone_s=float(time_s[start]) if start else None,
         back_s=float(time_s[len(grey) - end]) if end else None,
         share=float(share),

@@ -39,7 +39,7 @@ class CameraMotion:
     jitter_px: float
 
 
-def background_path(pictures: Iterable[UInt8[np.ndarray, "h w"]]) -> Float64[np.ndarray, "T 2"] | None:
+def track_background(pictures: Iterable[UInt8[np.ndarray, "h w"]]) -> Float64[np.ndarray, "T 2"] | None:
     """How far (x, y) the background has moved since the first picture [pixel], NaN where it is hidden.
 
     None where no background can be measured: too few corners agree, or all lie in one place.
@@ -127,7 +127,7 @@ def path_to_undo(pictures: Iterable[UInt8[np.ndarray, "h w"]], *, source: str) -
     Raises:
         ValueError: the background cannot be measured, in all pictures or in one.
     """
-    path = background_path(pictures)
+    path = track_background(pictures)
     if path is None:
         raise ValueError(
             f"{source}: recording.stabilise needs a background that can be followed, and too few corners "

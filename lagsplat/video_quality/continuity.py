@@ -17,14 +17,14 @@ DARKEST, BRIGHTEST = 20.0, 245.0  # levels between which a camera answers in pro
 
 
 @dataclass(frozen=True)
-class Flicker:
+class ExposureFlicker:
     """``rms_percent`` of the mean brightness, and the frequency [Hz] at which most of it happens."""
 
     rms_percent: float
     frequency_hz: float
 
 
-def exposure_gain(grey: Float32[np.ndarray, "T h w"]) -> Float64[np.ndarray, " T"] | None:
+def measure_exposure_gain(grey: Float32[np.ndarray, "T h w"]) -> Float64[np.ndarray, " T"] | None:
     """Brightness of each frame against the median frame, on pixels that do not move; 1 is unchanged.
 
     Moving pixels are told apart after a first guess at the gain, so that flicker does not look like motion.
@@ -41,12 +41,14 @@ def exposure_gain(grey: Float32[np.ndarray, "T h w"]) -> Float64[np.ndarray, " T
     return values[:, still].mean(axis=1, dtype=np.float64) / usual[still].mean(dtype=np.float64)
 
 
-def exposure_flicker(gain: Float64[np.ndarray, " T"], time_s: Float64[np.ndarray, " T"]) -> Flicker:
-    """Spread and dominant frequency of `exposure_gain`."""
+def find_exposure_flicker(
+    gain: Float64[np.ndarray, " T"], time_s: Float64[np.ndarray, " T"]
+) -> ExposureFlicker:
+    """Spread and dominant frequency of `measure_exposure_gain`."""
     even = np.linspace(time_s[0], time_s[-1], len(time_s))
     level = np.interp(even, time_s, gain)
     frequencies, power = periodogram(level, fs=1.0 / (even[1] - even[0]), window="hann", nfft=8 * len(even))
-    return Flicker(
+    return ExposureFlicker(
         rms_percent=float(100.0 * gain.std() / gain.mean()), frequency_hz=float(frequencies[np.argmax(power)])
     )
 
@@ -59,7 +61,7 @@ MOST_FRAMES = 4000  # all pairs are compared
 
 
 @dataclass(frozen=True)
-class Repeat:
+class LoopRepeat:
     """Frames from ``start_s`` to ``stop_s`` are those from ``original_s`` on, again."""
 
     start_s: float
@@ -67,7 +69,7 @@ class Repeat:
     original_s: float
 
 
-def find_repeat(grey: Float32[np.ndarray, "T h w"], time_s: Float64[np.ndarray, " T"]) -> Repeat | None:
+def find_loop(grey: Float32[np.ndarray, "T h w"], time_s: Float64[np.ndarray, " T"]) -> LoopRepeat | None:
     """The longest stretch that repeats an earlier one to well within a step of the motion, or None.
 
     A motion that is strictly periodic, in whole frames and without noise, repeats itself as well. Films of
@@ -92,7 +94,7 @@ def find_repeat(grey: Float32[np.ndarray, "T h w"], time_s: Float64[np.ndarray, 
     if found is None:
         return None
     start, stop, lag = found
-    return Repeat(float(time_s[start + lag]), float(time_s[stop - 1 + lag]), float(time_s[start]))
+    return LoopRepeat(float(time_s[start + lag]), float(time_s[stop - 1 + lag]), float(time_s[start]))
 
 
 def _longest_run(true: Bool[np.ndarray, " n"]) -> tuple[int, int]:
@@ -112,14 +114,16 @@ NOISES, LEVELS = 5.0, 2.0  # medians of the change, and levels of 255, that a pi
 
 
 @dataclass(frozen=True)
-class Cut:
+class SceneCut:
     """A jump between two frames: the time of the later one [s], and how many times the change around it."""
 
     time_s: float
     ratio: float
 
 
-def find_cuts(grey: Float32[np.ndarray, "T h w"], time_s: Float64[np.ndarray, " T"]) -> tuple[Cut, ...]:
+def find_scene_cuts(
+    grey: Float32[np.ndarray, "T h w"], time_s: Float64[np.ndarray, " T"]
+) -> tuple[SceneCut, ...]:
     """Jumps that the running motion does not explain; ``grey`` should be free of flicker.
 
     A single bright or broken frame is none: the film goes on where it was. A small object that jumps while it
@@ -135,7 +139,7 @@ def find_cuts(grey: Float32[np.ndarray, "T h w"], time_s: Float64[np.ndarray, " 
         around = np.concatenate([change[max(0, i - AROUND) : i], change[i + 1 : i + 1 + AROUND]])
         usual = max(float(around.max()), SLIGHT * anywhere, 1e-6)
         if now > RATIO * usual and now > SHARE * anywhere:
-            found.append(Cut(time_s=float(time_s[i + 1]), ratio=float(now / usual)))
+            found.append(SceneCut(time_s=float(time_s[i + 1]), ratio=float(now / usual)))
     return tuple(found)
 
 

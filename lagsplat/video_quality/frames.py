@@ -23,16 +23,16 @@ PADDING = 8
 
 
 @dataclass(frozen=True)
-class Sampling:
+class SamplingRate:
     """Dominant period [s] of the motion, and frames to a period."""
 
     period_s: float
     samples: float
 
 
-def samples_per_period(
+def measure_samples_per_period(
     grey: Float32[np.ndarray, "T h w"], time_s: Float64[np.ndarray, " T"]
-) -> Sampling | None:
+) -> SamplingRate | None:
     """The period at which the leading principal components of the frames have most kinetic energy.
 
     Energy is power times squared frequency: a slow push may be large and still not be the motion. A small
@@ -62,7 +62,7 @@ def samples_per_period(
         return None
     near = (frequency > (1 - BAND) * band) & (frequency < (1 + BAND) * band)
     centre = float(frequency[near][np.argmax(power[near])])
-    return Sampling(period_s=1.0 / centre, samples=1.0 / (centre * spacing_s))
+    return SamplingRate(period_s=1.0 / centre, samples=1.0 / (centre * spacing_s))
 
 
 def _strongest_band(
@@ -100,7 +100,7 @@ TURNS = {90: cv2.ROTATE_90_CLOCKWISE, 180: cv2.ROTATE_180, 270: cv2.ROTATE_90_CO
 HALVED_FROM = 4.0  # pixels of the picture to one of the frame, from which halving first cannot be seen
 
 
-def shape_picture(
+def crop_and_resize(
     picture: UInt8[np.ndarray, "h w 3"],
     *,
     crop: Sequence[int] | None,
@@ -132,7 +132,7 @@ def shape_picture(
     return cv2.cvtColor(picture, cv2.COLOR_BGR2RGB)
 
 
-def turn_picture(picture: UInt8[np.ndarray, "h w 3"], degrees: int) -> UInt8[np.ndarray, "H W 3"]:
+def rotate_image(picture: UInt8[np.ndarray, "h w 3"], degrees: int) -> UInt8[np.ndarray, "H W 3"]:
     """``picture`` turned clockwise by 0, 90, 180 or 270 ``degrees``."""
     return cv2.rotate(picture, TURNS[degrees]) if degrees else picture
 
@@ -184,7 +184,7 @@ class Thumbnails:
             self._every *= 2
 
 
-def small_grey(frames: UInt8[np.ndarray, "T H W 3"], *, most: int) -> Float32[np.ndarray, "T h w"]:
+def make_small_grey(frames: UInt8[np.ndarray, "T H W 3"], *, most: int) -> Float32[np.ndarray, "T h w"]:
     """All ``frames``, grey and so small that they hold ``most`` pixels together and 160 a side."""
     rows, columns = frames.shape[1:3]
     scale = max(1.0, max(rows, columns) / LONGEST_SIDE, (len(frames) * rows * columns / most) ** 0.5)

@@ -105,7 +105,7 @@ class Camera:
         return np.array([[across, 0, x], [0, down, y], [0, 0, 1.0]])
 
 
-def centred(
+def center_camera(
     rotation: Float64[np.ndarray, "3 3"], position: Point, *, focal: float, height: int, width: int
 ) -> Camera:
     """A camera with square pixels whose principal point is the middle of the picture."""
@@ -127,12 +127,12 @@ def look_at(
     ``yaw_deg`` moves it to the right around the target, ``pitch_deg`` up; both zero is the frontal view.
     ``view_width`` [m] is what fills the picture's width at the target's distance.
     """
-    turn = turned(yaw_deg, pitch_deg)
+    turn = turn_camera(yaw_deg, pitch_deg)
     focal = width * distance / view_width
-    return centred(turn, target - distance * turn[2], focal=focal, height=height, width=width)
+    return center_camera(turn, target - distance * turn[2], focal=focal, height=height, width=width)
 
 
-def turned(yaw_deg: float, pitch_deg: float) -> Float64[np.ndarray, "3 3"]:
+def turn_camera(yaw_deg: float, pitch_deg: float) -> Float64[np.ndarray, "3 3"]:
     """World-to-camera rotation of a camera that has gone right by ``yaw_deg`` and up by ``pitch_deg`` around
     what it looks at; both zero is the identity.
     """
@@ -142,10 +142,10 @@ def turned(yaw_deg: float, pitch_deg: float) -> Float64[np.ndarray, "3 3"]:
     return np.stack([right, np.cross(ahead, right), ahead])
 
 
-def orbit(camera: Camera, depth: float, *, yaw_deg: float, pitch_deg: float) -> Camera:
+def orbit_camera(camera: Camera, depth: float, *, yaw_deg: float, pitch_deg: float) -> Camera:
     """``camera`` moved right and up around the point ``depth`` ahead of it, which it keeps in place."""
     pivot = camera.position + depth * camera.rotation[2]
-    rotation = turned(yaw_deg, pitch_deg) @ camera.rotation
+    rotation = turn_camera(yaw_deg, pitch_deg) @ camera.rotation
     return replace(camera, rotation=rotation, position=pivot - depth * rotation[2])
 
 
@@ -156,7 +156,7 @@ START = 0.4
 
 
 @dataclass(frozen=True)
-class Space:
+class ViewSpace:
     """The axes of the ``reference`` camera with itself at the origin, and lengths in units of what its pixel
     covers at ``depth`` [unit of the world], where the pivot lies: step sizes in pixels then mean the same in
     the plane and in space, and the numbers are those of the picture.
@@ -185,7 +185,7 @@ class Space:
         """The point ahead of the reference camera at the pivot's depth, in the world."""
         return self.reference.position + self.depth * self.reference.rotation[2]
 
-    def resized(self, height: int, width: int) -> "Space":
+    def resized(self, height: int, width: int) -> "ViewSpace":
         """The coordinates that belong to another size of the reference camera's pictures."""
         return replace(self, reference=self.reference.resized(height, width))
 
@@ -206,7 +206,9 @@ class Space:
         return self.unit * points @ self.reference.rotation + self.reference.position
 
 
-def arrange(space: Space, config: ArrangementConfig) -> tuple[list[Camera], list[str], list[bool]]:
+def arrange_cameras(
+    space: ViewSpace, config: ArrangementConfig
+) -> tuple[list[Camera], list[str], list[bool]]:
     """Cameras on a grid of yaws and pitches about the pivot, then the held-out ones between them.
 
     All are the reference camera moved on a sphere about the pivot of ``space``, which they keep where it is
@@ -220,7 +222,9 @@ def arrange(space: Space, config: ArrangementConfig) -> tuple[list[Camera], list
         (BETWEEN * config.yaw_deg * np.cos(turn), BETWEEN * config.pitch_deg * np.sin(turn), True)
         for turn in turns
     ]
-    cameras = [orbit(space.reference, space.depth, yaw_deg=yaw, pitch_deg=pitch) for yaw, pitch, _ in angles]
+    cameras = [
+        orbit_camera(space.reference, space.depth, yaw_deg=yaw, pitch_deg=pitch) for yaw, pitch, _ in angles
+    ]
     names = [f"yaw {yaw:+.1f} pitch {pitch:+.1f}" for yaw, pitch, _ in angles]
     return cameras, names, [held_out for *_, held_out in angles]
 

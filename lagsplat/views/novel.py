@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float64, UInt8
 
-from lagsplat.io.files.artifact import load_artefact, save_artefact
+from lagsplat.io.files.artifact import load_artifact, save_artifact
 from lagsplat.io.recording.recording import Recording
 from lagsplat.io.video.clips import find_clips
-from lagsplat.io.video.decode import picture_size
-from lagsplat.views.camera import Camera, Space
+from lagsplat.io.video.decode import read_frame_size
+from lagsplat.views.camera import Camera, ViewSpace
 from lagsplat.views.rig import Rig, RigCamera
 
 KIND, SCHEMA = "views", 1
@@ -41,7 +41,7 @@ class NovelViews:
     cameras: tuple[Camera, ...]
     names: tuple[str, ...]
     held_out: Bool[np.ndarray, " V"]
-    space: Space
+    space: ViewSpace
 
     def __post_init__(self) -> None:
         count, height, width = self.images.shape[1:4]
@@ -103,27 +103,27 @@ def save_views(path: str | os.PathLike[str], views: NovelViews, header: Mapping[
         "reference": asdict(views.space.reference),
         "depth": views.space.depth,
     }
-    save_artefact(path, tensors, {**header, **about, "kind": KIND, "schema": SCHEMA})
+    save_artifact(path, tensors, {**header, **about, "kind": KIND, "schema": SCHEMA})
 
 
 def load_views(path: str | os.PathLike[str]) -> NovelViews:
     """The views kept at ``path``; pictures are a read-only memory map.
 
     Raises:
-        FileNotFoundError, ValueError: as `lagsplat.io.files.artifact.load_artefact`.
+        FileNotFoundError, ValueError: as `lagsplat.io.files.artifact.load_artifact`.
     """
-    tensors, header = load_artefact(path, kind=KIND, schema=SCHEMA, mapped=("images",))
+    tensors, header = load_artifact(path, kind=KIND, schema=SCHEMA, mapped=("images",))
     return NovelViews(
         images=tensors["images"],
         cover=tensors.get("cover"),
-        cameras=tuple(camera_of(values) for values in header["cameras"]),
+        cameras=tuple(read_camera(values) for values in header["cameras"]),
         names=tuple(header["names"]),
         held_out=tensors["held_out"],
-        space=Space(camera_of(header["reference"]), header["depth"]),
+        space=ViewSpace(read_camera(header["reference"]), header["depth"]),
     )
 
 
-def camera_of(values: Mapping[str, Any]) -> Camera:
+def read_camera(values: Mapping[str, Any]) -> Camera:
     """A camera from plain data, as `dataclasses.asdict` leaves it."""
     return Camera(
         rotation=np.array(values["rotation"], dtype=np.float64),
@@ -143,7 +143,9 @@ def cameras_bytes(cameras: Sequence[Camera]) -> bytes:
     return np.stack(rows).tobytes()
 
 
-def filmed_views(rig: Rig, recording: Recording, film: Path, read: Callable[[Path], Recording]) -> NovelViews:
+def collect_filmed_views(
+    rig: Rig, recording: Recording, film: Path, read: Callable[[Path], Recording]
+) -> NovelViews:
     """The rig's films beside ``recording``, which was read from the reference camera's ``film``.
 
     ``read`` reads another film as the recording was read, in its size.
@@ -171,7 +173,7 @@ def filmed_views(rig: Rig, recording: Recording, film: Path, read: Callable[[Pat
 
 
 def _require_size(who: str, camera: Camera, film: Path) -> None:
-    height, width = picture_size(find_clips(film)[0], dt_s=None)
+    height, width = read_frame_size(find_clips(film)[0], dt_s=None)
     if (height, width) != (camera.height, camera.width):
         raise ValueError(
             f"{who} was calibrated on pictures of {camera.width} x {camera.height} pixels and {film} has "

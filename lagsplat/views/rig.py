@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from lagsplat.views.camera import Camera, Space
+from lagsplat.views.camera import Camera, ViewSpace
 
 FORMAT, VERSION = "lagsplat rig", 1
 
@@ -45,7 +45,7 @@ class Rig:
     """The other cameras, and the coordinates that the reference camera gives."""
 
     others: tuple[RigCamera, ...]
-    space: Space
+    space: ViewSpace
 
 
 def read_rig(path: str | os.PathLike[str]) -> Rig:
@@ -75,7 +75,7 @@ def read_rig(path: str | os.PathLike[str]) -> Rig:
     if not others:
         raise ValueError(f"{file}: {reference!r} is the only camera; a rig has two or more")
     own = next(each.camera for each in cameras if each.name == reference)
-    return Rig(others, Space(own, float(_get(file, told, "pivot_depth"))))
+    return Rig(others, ViewSpace(own, float(_get(file, told, "pivot_depth"))))
 
 
 _HEAD = f'{{"format": "{FORMAT}", "version": {VERSION}, ...}}'

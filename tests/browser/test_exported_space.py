@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from lagsplat.report.figures.forces import sideways
-from lagsplat.splat.projection import view_of
+from lagsplat.splat.projection import make_view
 from lagsplat.viewer.static_page.build import save_page
 from tests.browser.chromium import browser, until
 from tests.browser.disc import TOP, WALL
@@ -43,7 +43,7 @@ def test_the_picture_is_the_one_that_python_draws(page, plate, side) -> None:
     page.evaluate(LOOK, side)
     drawn = pixels(page, [state])
     camera = sideways(plate.held, yaw, pitch)
-    view = view_of([replace(camera, focal=(zoom * camera.focal[0], zoom * camera.focal[1]))])
+    view = make_view([replace(camera, focal=(zoom * camera.focal[0], zoom * camera.focal[1]))])
     q = torch.tensor([[state]], dtype=torch.float64)
     expected = 255.0 * plate.held.pictures(q, scale=8, view=view)[0]
     assert np.ptp(expected) > 100.0

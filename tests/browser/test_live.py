@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lagsplat.config.compose import compose
-from lagsplat.viewer.server.server import Live, Show
+from lagsplat.viewer.server.server import ViewerContent, ViewerServer
 from tests.browser.chromium import NO_WEBGL, browser, until
 from tests.browser.disc import SIZE, TOP, WALL, disc
 from tests.browser.live_page import VIEW, canvas_of, drag_from, middle, opened, settled
@@ -20,7 +20,7 @@ def live(tmp_path_factory):
     )
     folder = tmp_path_factory.mktemp("live")
     frame = np.full((24, 32, 3), 90, np.uint8)
-    one = Live(Show(session, "Rocking disc", lambda number: frame, folder), settings.viewer)
+    one = ViewerServer(ViewerContent(session, "Rocking disc", lambda number: frame, folder), settings.viewer)
     yield one
     one.stop()
 

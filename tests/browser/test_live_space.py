@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lagsplat.config.compose import compose
-from lagsplat.viewer.server.server import Live, Show
+from lagsplat.viewer.server.server import ViewerContent, ViewerServer
 from tests.browser.chromium import browser, until
 from tests.browser.live_page import canvas_of, drag_from, middle, opened, settled
 from tests.unit.forces.solid import FRONT, turning
@@ -23,7 +23,9 @@ def live(tmp_path_factory):
     settings = compose("system=toy", "viewer.port=0", "viewer.pictures_hz=6", "viewer.window=64")
     folder = tmp_path_factory.mktemp("live")
     frame = np.full((24, 32, 3), 90, np.uint8)
-    one = Live(Show(session(turning()), "Plate in space", lambda number: frame, folder), settings.viewer)
+    one = ViewerServer(
+        ViewerContent(session(turning()), "Plate in space", lambda number: frame, folder), settings.viewer
+    )
     yield one
     one.stop()
 

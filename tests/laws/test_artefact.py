@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from lagsplat.io.files.artifact import DTYPES, load_artefact, save_artefact
+from lagsplat.io.files.artifact import DTYPES, load_artifact, save_artifact
 
 SCALARS = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=20)
 PLAIN = st.recursive(
@@ -46,8 +46,8 @@ def test_round_trip_is_identity(header: dict, tensors: dict, mapped: bool) -> No
     header = {**header, "kind": "law", "schema": 1, "stamp": {}}
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "artefact.safetensors"
-        save_artefact(path, tensors, header)
-        loaded, found = load_artefact(path, kind="law", schema=1, mapped=tuple(tensors) if mapped else ())
+        save_artifact(path, tensors, header)
+        loaded, found = load_artifact(path, kind="law", schema=1, mapped=tuple(tensors) if mapped else ())
         assert same(found, header)
         assert loaded.keys() == tensors.keys()
         for name, array in tensors.items():
@@ -65,7 +65,7 @@ def test_layout_in_memory_does_not_matter(array: np.ndarray, big_endian: bool) -
         scattered = scattered.astype(array.dtype.newbyteorder(">"))
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "artefact.safetensors"
-        save_artefact(path, {"x": scattered}, {"kind": "law", "schema": 1, "stamp": {}})
-        loaded, _ = load_artefact(path)
+        save_artifact(path, {"x": scattered}, {"kind": "law", "schema": 1, "stamp": {}})
+        loaded, _ = load_artifact(path)
         np.testing.assert_array_equal(loaded["x"], array)
         assert loaded["x"].dtype == array.dtype

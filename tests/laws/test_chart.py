@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch import Tensor
 
-from lagsplat.chart.visibility import fit_whitening, visibility
+from lagsplat.chart.visibility import fit_whitening, measure_visibility
 
 seeds = st.integers(0, 2**31 - 1)
 
@@ -33,8 +33,10 @@ def test_visible_lengths_do_not_depend_on_the_chart(seed: int, d: int) -> None:
     def decode(x: Tensor) -> Tensor:
         return torch.tanh(0.5 * x @ weights).view(-1, 3, 2, 2)
 
-    plain = visibility(decode, q, step=1e-3)
-    moved = visibility(lambda y: decode(y @ torch.from_numpy(change)), q @ np.linalg.inv(change), step=1e-4)
+    plain = measure_visibility(decode, q, step=1e-3)
+    moved = measure_visibility(
+        lambda y: decode(y @ torch.from_numpy(change)), q @ np.linalg.inv(change), step=1e-4
+    )
     direction = rng.normal(size=d)
     pulled = direction @ np.linalg.inv(change)
     np.testing.assert_allclose(

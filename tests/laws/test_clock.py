@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lagsplat.chart.trajectory import Trajectory
+from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.stage2.config import FloorConfig, SelectConfig, ShootConfig, Stage2Config, StartConfig
 from lagsplat.stage2.fit import fit_dynamics
 from tests.stage2_problems import form
@@ -14,15 +14,15 @@ from tests.stage2_problems import form
 DT_S, FREQUENCY_HZ, DECAY_PER_S = 1 / 60, 1.0, 0.5
 
 
-def ringing(time_s: np.ndarray) -> Trajectory:
+def ringing(time_s: np.ndarray) -> EncodedTrajectory:
     """A damped oscillation, twice released."""
     half = len(time_s) // 2
     phase = np.concatenate([time_s[:half], time_s[half:] - time_s[half]])
     q = np.exp(-DECAY_PER_S * phase) * np.cos(2 * np.pi * FREQUENCY_HZ * phase)
-    return Trajectory(q[:, None], np.zeros((len(q), 0)), time_s, ((0, half), (half, len(q))))
+    return EncodedTrajectory(q[:, None], np.zeros((len(q), 0)), time_s, ((0, half), (half, len(q))))
 
 
-def learned(trajectory: Trajectory) -> tuple[float, float]:
+def learned(trajectory: EncodedTrajectory) -> tuple[float, float]:
     config = Stage2Config(
         form=form(mass="constant", damping="constant", potential="quadratic", actuation="linear"),
         floor=FloorConfig(1e-2, 1e-4, 1e-2),

@@ -13,14 +13,14 @@ from lagsplat.diagnose.diagnosis import diagnose
 from lagsplat.diagnose.effects.registry import catalogue
 from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator, estimate_simulator
 from lagsplat.diagnose.mechanics.model import MechanicalModel
-from lagsplat.io.trajectory.trajectory import Motion
+from lagsplat.io.trajectory.trajectory import Trajectory
 from tests.unit.diagnose.toys import coupled, film, oscillator, own, settings, wave
 
 RIVALS = ("coulomb_friction", "quadratic_drag", "cubic_stiffness", "viscous_damping", "input_lag", "creep")
 U = wave(4)
 
 
-def told(sim: EstimatedSimulator, real: list[Motion]) -> Diagnosis:
+def told(sim: EstimatedSimulator, real: list[Trajectory]) -> Diagnosis:
     """The diagnosis among a few effects."""
     left_out = sorted(set(catalogue()) - set(RIVALS))
     config = replace(settings(), without=left_out, always=[], families=3, starts=1, places=1)
@@ -33,12 +33,12 @@ def rubbing(t: float, q: float, v: float, u: float, z: np.ndarray) -> tuple[floa
 
 
 @pytest.fixture(scope="module")
-def real() -> Motion:
+def real() -> Trajectory:
     return film(rubbing, u=U, seconds=12.0, noise=0.005)
 
 
 @pytest.fixture(scope="module")
-def usual(real: Motion) -> Diagnosis:
+def usual(real: Trajectory) -> Diagnosis:
     found = told(EstimatedSimulator.exact(oscillator()), [real])
     assert found.verdict == "effect"
     assert found.combination == ("coulomb_friction",)
@@ -72,7 +72,7 @@ def moved(model: MechanicalModel, factor: float, shift: float) -> MechanicalMode
     )
 
 
-def test_the_scale_of_inertia_moves_nothing(real: Motion, usual: Diagnosis) -> None:
+def test_the_scale_of_inertia_moves_nothing(real: Trajectory, usual: Diagnosis) -> None:
     """M, C, V and b times the same number are the same mechanism."""
     model = oscillator()
     names = ("mass", "damping", "potential", "input_map", "dry", "drag")
@@ -82,7 +82,7 @@ def test_the_scale_of_inertia_moves_nothing(real: Motion, usual: Diagnosis) -> N
     assert found.candidates[0].log_evidence == pytest.approx(usual.candidates[0].log_evidence, abs=0.1)
 
 
-def test_the_clock_may_begin_anywhere(real: Motion, usual: Diagnosis) -> None:
+def test_the_clock_may_begin_anywhere(real: Trajectory, usual: Diagnosis) -> None:
     assert_same(
         usual,
         told(EstimatedSimulator.exact(oscillator()), [replace(real, time_s=real.time_s + 1234.5)]),
@@ -92,7 +92,7 @@ def test_the_clock_may_begin_anywhere(real: Motion, usual: Diagnosis) -> None:
 
 @pytest.mark.parametrize(("factor", "shift"), [(57.3, 0.0), (0.01, 3.0), (-1.0, 0.2)])
 def test_units_and_origin_of_the_coordinate_move_nothing(
-    real: Motion, usual: Diagnosis, factor: float, shift: float
+    real: Trajectory, usual: Diagnosis, factor: float, shift: float
 ) -> None:
     other = replace(real, q=factor * real.q + shift)
     assert_same(
@@ -131,7 +131,7 @@ def test_the_order_of_coordinates_and_inputs_moves_nothing() -> None:
     assert second.gap.closure.value == pytest.approx(first.gap.closure.value, abs=0.02)
 
 
-def pair(model: MechanicalModel, further: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> Motion:
+def pair(model: MechanicalModel, further: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> Trajectory:
     """A motion of two coordinates under a further generalised force."""
     time, waves = np.arange(400) / 40, (wave(1), wave(2))
 
@@ -142,10 +142,10 @@ def pair(model: MechanicalModel, further: Callable[[np.ndarray, np.ndarray], np.
 
     y = solve_ivp(rate, (0.0, time[-1]), [0.5, -0.4, 0.0, 0.6], t_eval=time, rtol=1e-7, atol=1e-9).y[:2].T
     y = y + 0.005 * y.std(axis=0) * np.random.default_rng(0).standard_normal(y.shape)
-    return Motion(time, y, np.array([[w(t) for w in waves] for t in time]), source="pair")
+    return Trajectory(time, y, np.array([[w(t) for w in waves] for t in time]), source="pair")
 
 
-def test_names_are_names(real: Motion, usual: Diagnosis) -> None:
+def test_names_are_names(real: Trajectory, usual: Diagnosis) -> None:
     found = told(
         EstimatedSimulator.exact(oscillator()), [replace(real, q_names=("elbow",), u_names=("torque",))]
     )
@@ -154,12 +154,12 @@ def test_names_are_names(real: Motion, usual: Diagnosis) -> None:
     assert "elbow" in found.candidates[0].parameters["acceleration"].unit
 
 
-def test_a_mild_bend_of_the_coordinate_moves_nothing(real: Motion) -> None:
+def test_a_mild_bend_of_the_coordinate_moves_nothing(real: Trajectory) -> None:
     """Where the sim is known from its own recordings in the same coordinates."""
     nominal = film(u=wave(7), seconds=14.0, noise=0.005, seed=3)
     size = np.abs(real.q).max()
 
-    def bent(one: Motion) -> Motion:
+    def bent(one: Trajectory) -> Trajectory:
         return replace(one, q=one.q + 0.08 * one.q**2 / size)
 
     plain = told(estimate_simulator([nominal], settings()), [real])

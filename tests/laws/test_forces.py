@@ -8,11 +8,11 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 from torch.autograd.functional import jacobian
 
-from lagsplat.forces.equilibrium import energy, settle
-from lagsplat.forces.grasp import Kinematics, brush
-from lagsplat.forces.loaded_lagrangian import Edits, Loaded, push_along
+from lagsplat.forces.equilibrium import potential_energy, settle
+from lagsplat.forces.grasp import MatterKinematics, grasp_brush
+from lagsplat.forces.loaded_lagrangian import LawEdits, LoadedLagrangian, rollout_under_force
 from lagsplat.stage2.decoder_mass import DecoderGeometry
-from lagsplat.stage2.lagrangian import Lagrangian, equilibrium
+from lagsplat.stage2.lagrangian import Lagrangian, find_equilibrium
 from lagsplat.stage2.rollout import rollout
 from tests.stage2_problems import random_lagrangian
 
@@ -22,7 +22,7 @@ sizes = st.sampled_from([1e-3, 1.0, 30.0, 1e4])
 many = settings(max_examples=4, deadline=None)
 
 
-def scene(d: int, generator: torch.Generator, *, n: int = 40) -> Kinematics:
+def scene(d: int, generator: torch.Generator, *, n: int = 40) -> MatterKinematics:
     """Gaussians all over a picture of 20 by 10 px, each moving in its own way."""
 
     def normal(*shape: int) -> torch.Tensor:
@@ -30,12 +30,12 @@ def scene(d: int, generator: torch.Generator, *, n: int = 40) -> Kinematics:
 
     places = torch.rand(n, 2, generator=generator, dtype=torch.float64) * torch.tensor([20.0, 10.0])
     opacity = 0.5 + 0.5 * torch.rand(n, generator=generator, dtype=torch.float64)
-    return Kinematics(
+    return MatterKinematics(
         DecoderGeometry(normal(n, 2, d), 0.1 * normal(n, d), 0.3 * normal(n, d, d), opacity), places, 10, 20
     )
 
 
-def problem(d: int, seed: int, *, n_inputs: int = 1) -> tuple[Lagrangian, Kinematics, torch.Tensor]:
+def problem(d: int, seed: int, *, n_inputs: int = 1) -> tuple[Lagrangian, MatterKinematics, torch.Tensor]:
     torch.manual_seed(seed)  # the loads and states that the tests draw themselves
     generator = torch.Generator().manual_seed(seed)
     u = torch.rand(1, n_inputs, generator=generator, dtype=torch.float64)
@@ -48,12 +48,12 @@ def test_a_held_force_is_balanced_where_the_energy_is_least(seed: int, d: int, s
     law, _, u = problem(d, seed)
     load = size * torch.randn(5, d, dtype=torch.float64)
     q = settle(law, u.expand(5, -1), load)
-    loaded = Loaded(law, load)
+    loaded = LoadedLagrangian(law, load)
     with torch.no_grad():
         left = loaded.conservative_force(q, u.expand(5, -1), loaded.prepare())
-        least = energy(loaded, q, u.expand(5, -1))
+        least = potential_energy(loaded, q, u.expand(5, -1))
         around = torch.stack(
-            [energy(loaded, q + 0.05 * torch.randn(5, d), u.expand(5, -1)) for _ in range(9)]
+            [potential_energy(loaded, q + 0.05 * torch.randn(5, d), u.expand(5, -1)) for _ in range(9)]
         )
     assert float(left.norm(dim=1).max()) < 1e-7 * max(1.0, size)
     assert bool((around >= least - 1e-9 * least.abs()).all())
@@ -64,7 +64,7 @@ def test_a_held_force_is_balanced_where_the_energy_is_least(seed: int, d: int, s
 def test_without_a_force_it_is_the_rest_state_under_the_inputs(seed: int, d: int) -> None:
     law, _, u = problem(d, seed)
     q = settle(law, u, torch.zeros(1, d, dtype=torch.float64))
-    torch.testing.assert_close(q[0], equilibrium(law, u[0]), atol=1e-5, rtol=1e-5)
+    torch.testing.assert_close(q[0], find_equilibrium(law, u[0]), atol=1e-5, rtol=1e-5)
     where = settle(law, u, torch.zeros(1, d, dtype=torch.float64), start=q[0])
     torch.testing.assert_close(where, q, atol=1e-12, rtol=1e-12)
 
@@ -73,9 +73,9 @@ def test_without_a_force_it_is_the_rest_state_under_the_inputs(seed: int, d: int
 @given(seed=seeds, d=dims)
 def test_the_force_is_the_slope_of_the_energy(seed: int, d: int) -> None:
     law, _, u = problem(d, seed)
-    loaded = Loaded(law, torch.randn(d, dtype=torch.float64), edits=Edits(2.0, 3.0, 0.5))
+    loaded = LoadedLagrangian(law, torch.randn(d, dtype=torch.float64), edits=LawEdits(2.0, 3.0, 0.5))
     q = torch.randn(d, dtype=torch.float64)
-    slope = jacobian(lambda x: energy(loaded, x[None], u)[0], q)
+    slope = jacobian(lambda x: potential_energy(loaded, x[None], u)[0], q)
     with torch.no_grad():
         force = loaded.conservative_force(q[None], u, loaded.prepare())[0]
     torch.testing.assert_close(force, -slope)
@@ -86,8 +86,8 @@ def test_the_force_is_the_slope_of_the_energy(seed: int, d: int) -> None:
 def test_edits_scale_damping_inertia_and_stiffness(seed: int, d: int) -> None:
     law, _, u = problem(d, seed)
     q, v = torch.randn(2, 1, d, dtype=torch.float64)
-    load, edits = torch.randn(1, d, dtype=torch.float64), Edits(damping=0.5, inertia=2.0, stiffness=3.0)
-    loaded = Loaded(law, load, edits=edits)
+    load, edits = torch.randn(1, d, dtype=torch.float64), LawEdits(damping=0.5, inertia=2.0, stiffness=3.0)
+    loaded = LoadedLagrangian(law, load, edits=edits)
     with torch.no_grad():
         ready = law.prepare()
         elastic = law.conservative_force(q, torch.zeros_like(u), ready)
@@ -109,10 +109,10 @@ def test_edits_scale_damping_inertia_and_stiffness(seed: int, d: int) -> None:
 def test_under_a_held_force_energy_is_lost_as_fast_as_the_damping_takes_it(seed: int, d: int) -> None:
     law, _, u = problem(d, seed)
     q, v = torch.randn(2, 1, d, dtype=torch.float64)
-    loaded = Loaded(law, torch.randn(1, d, dtype=torch.float64), edits=Edits(3.0, 2.0, 0.5))
+    loaded = LoadedLagrangian(law, torch.randn(1, d, dtype=torch.float64), edits=LawEdits(3.0, 2.0, 0.5))
 
     def total(q: torch.Tensor, v: torch.Tensor) -> torch.Tensor:
-        return 0.5 * torch.einsum("bi,bij,bj->", v, loaded.mass(q), v) + energy(loaded, q, u).sum()
+        return 0.5 * torch.einsum("bi,bij,bj->", v, loaded.mass(q), v) + potential_energy(loaded, q, u).sum()
 
     by_q, by_v = jacobian(total, (q, v))
     with torch.no_grad():
@@ -130,7 +130,7 @@ def test_motion_without_a_force_is_the_law_s_own(seed: int, d: int) -> None:
     inputs = u.expand(20, -1).expand(3, -1, -1)
     free = rollout(law, q0, v0, inputs, dt_s=0.01)
     for got, expected in zip(
-        push_along(law, q0, v0, inputs, torch.zeros(3, 20, d, dtype=torch.float64), dt_s=0.01),
+        rollout_under_force(law, q0, v0, inputs, torch.zeros(3, 20, d, dtype=torch.float64), dt_s=0.01),
         free,
         strict=True,
     ):
@@ -142,7 +142,7 @@ def test_motion_without_a_force_is_the_law_s_own(seed: int, d: int) -> None:
 def test_the_pulled_back_force_does_the_work_of_the_force_and_adds_up(seed: int, d: int) -> None:
     _, kinematics, _ = problem(d, seed)
     q = torch.zeros(d, dtype=torch.float64)
-    grip = brush(kinematics, q, (9.0, 4.0), radius=2.0)
+    grip = grasp_brush(kinematics, q, (9.0, 4.0), radius=2.0)
     force, other = torch.randn(2, 2, dtype=torch.float64)
     moved = 0.3 * torch.randn(d, dtype=torch.float64)
     carried = (grip.weights[:, None] * (kinematics.places(moved[None]) - kinematics.places(q[None]))[0]).sum(
@@ -163,7 +163,7 @@ def test_the_answer_does_not_depend_on_the_chart(seed: int, d: int) -> None:
     generator = torch.Generator().manual_seed(seed)
     turn = torch.linalg.qr(torch.randn(d, d, generator=generator, dtype=torch.float64))[0]
     force = torch.tensor([0.4, -0.7], dtype=torch.float64)
-    grip = brush(kinematics, torch.zeros(d, dtype=torch.float64), (9.0, 4.0), radius=2.0)
+    grip = grasp_brush(kinematics, torch.zeros(d, dtype=torch.float64), (9.0, 4.0), radius=2.0)
     q = settle(law, u, grip.pull_back(force)[None])[0]
 
     def psi(x: torch.Tensor) -> torch.Tensor:
@@ -174,7 +174,7 @@ def test_the_answer_does_not_depend_on_the_chart(seed: int, d: int) -> None:
         stretch = jacobian(psi, x)
         with torch.no_grad():
             elastic = law.conservative_force(psi(x)[None], u, law.prepare())[0] @ stretch
-            value = energy(law, psi(x)[None], u)[0] - force @ grip.place(psi(x))
+            value = potential_energy(law, psi(x)[None], u)[0] - force @ grip.place(psi(x))
         bent = grip.jacobian @ stretch  # the Jacobian of the matter in the new chart
         return float(value), -(elastic + bent.T @ force).numpy()
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 
 from lagsplat.stage2.lagrangian import Coefficients, Lagrangian
-from lagsplat.stage2.networks import factor_above
+from lagsplat.stage2.networks import factor_positive
 from lagsplat.stage2.rollout import rollout, verlet_step
 from tests.stage2_problems import random_lagrangian
 
@@ -140,9 +140,9 @@ def test_forecasts_do_not_depend_on_the_affine_chart(seed: int) -> None:
             (moved.damping_term, lagrangian.damping(q)[0]),
         ):
             term.floor = 1e-12
-            term.factor.copy_(factor_above(back @ value @ back.T, 1e-12))
+            term.factor.copy_(factor_positive(back @ value @ back.T, 1e-12))
         moved.floors = type(moved.floors)(1e-12, 1e-12, 1e-12)
-        moved.stiffness_factor.copy_(factor_above(back @ stiffness @ back.T, 1e-12))
+        moved.stiffness_factor.copy_(factor_positive(back @ stiffness @ back.T, 1e-12))
         moved.pressure_map.copy_(lagrangian.pressure_map @ back.T)
         moved.rest.copy_(lagrangian.rest @ change + shift)
     again, _ = rollout(moved, q @ change + shift, v @ change, inputs, dt_s=0.005)

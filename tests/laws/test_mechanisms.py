@@ -7,8 +7,14 @@ from hypothesis import strategies as st
 from scipy.optimize import approx_fprime
 
 from lagsplat.systems.linkage import Linkage, Rocker
-from lagsplat.systems.mechanism import Mechanism, equilibrium, free_modes, let_go, stiffness
-from lagsplat.systems.release import jacobian
+from lagsplat.systems.mechanism import (
+    Mechanism,
+    compute_free_modes,
+    find_rest_state,
+    release_from_rest,
+    rest_stiffness,
+)
+from lagsplat.systems.release import compute_jacobian
 
 LINKAGE = Linkage(
     length=np.array([0.3, 0.2]),
@@ -62,27 +68,29 @@ def test_inertia_of_links_is_that_of_their_bodies() -> None:
     q, v = np.array([0.4, -0.9]), np.array([1.3, -0.6])
     kinetic = 0.0
     for body in range(2):
-        point = jacobian(LINKAGE, q, body, np.array([0.0, LINKAGE.center[body]])) @ v
+        point = compute_jacobian(LINKAGE, q, body, np.array([0.0, LINKAGE.center[body]])) @ v
         kinetic += 0.5 * LINKAGE.masses[body] * point @ point + 0.5 * LINKAGE.inertia[body] * v[body] ** 2
     assert 0.5 * v @ LINKAGE.mass(q) @ v == pytest.approx(kinetic, rel=1e-8)
 
 
 def test_inertia_of_a_rocker_is_that_of_its_body_and_its_contact_stands_still() -> None:
     q, v = np.array([0.4]), np.array([1.3])
-    velocity = jacobian(ROCKER, q, 0, np.array([0.0, ROCKER.depth])) @ v
+    velocity = compute_jacobian(ROCKER, q, 0, np.array([0.0, ROCKER.depth])) @ v
     kinetic = 0.5 * ROCKER.body_mass * velocity @ velocity + 0.5 * ROCKER.inertia * v[0] ** 2
     assert 0.5 * v @ ROCKER.mass(q) @ v == pytest.approx(kinetic, rel=1e-8)
     contact = ROCKER.radius * np.array([np.sin(q[0]), np.cos(q[0])])  # straight below, in body coordinates
-    np.testing.assert_allclose(jacobian(ROCKER, q, 0, contact) @ v, 0.0, atol=1e-9)
+    np.testing.assert_allclose(compute_jacobian(ROCKER, q, 0, contact) @ v, 0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", MECHANISMS)
 def test_a_small_swing_shows_the_linear_modes(name: str) -> None:
     mechanism = MECHANISMS[name]
-    modes = free_modes(mechanism)
+    modes = compute_free_modes(mechanism)
     d = len(mechanism.coordinates)
     time_s = np.linspace(0.0, 3.0, 400)
-    states, _ = let_go(mechanism, 1e-4 * np.ones(d), np.zeros(d), time_s=time_s, push=no_push, rtol=1e-10)
+    states, _ = release_from_rest(
+        mechanism, 1e-4 * np.ones(d), np.zeros(d), time_s=time_s, push=no_push, rtol=1e-10
+    )
     roots = -modes.decay_per_s + 2j * np.pi * modes.damped_hz
     basis = np.concatenate(
         [np.exp(roots * time_s[:, None]).real, np.exp(roots * time_s[:, None]).imag], axis=1
@@ -94,9 +102,9 @@ def test_a_small_swing_shows_the_linear_modes(name: str) -> None:
 def test_a_point_mass_pendulum_has_the_period_of_the_textbook() -> None:
     one = np.array([1.0])
     pendulum = Linkage(0.5 * one, one, 0.5 * one, 0 * one, 0 * one, 0 * one, gravity=9.81)
-    assert free_modes(pendulum).natural_hz[0] == pytest.approx(np.sqrt(9.81 / 0.5) / (2 * np.pi))
+    assert compute_free_modes(pendulum).natural_hz[0] == pytest.approx(np.sqrt(9.81 / 0.5) / (2 * np.pi))
     time_s = np.linspace(0.0, 10.0, 5001)
-    states, _ = let_go(pendulum, 1.5 * one, 0 * one, time_s=time_s, push=no_push, rtol=1e-11)
+    states, _ = release_from_rest(pendulum, 1.5 * one, 0 * one, time_s=time_s, push=no_push, rtol=1e-11)
     angle = states[:, 0]
     up = np.flatnonzero((angle[1:] > 0) & (angle[:-1] <= 0))
     ups = time_s[up] - angle[up] * (time_s[1] - time_s[0]) / (angle[up + 1] - angle[up])
@@ -110,9 +118,9 @@ def test_a_point_mass_pendulum_has_the_period_of_the_textbook() -> None:
 @pytest.mark.parametrize("name", MECHANISMS)
 def test_rest_is_where_nothing_pulls(name: str) -> None:
     mechanism = MECHANISMS[name]
-    rest = equilibrium(mechanism)
+    rest = find_rest_state(mechanism)
     np.testing.assert_allclose(mechanism.static_force(rest), 0.0, atol=1e-10)
-    assert np.linalg.eigvalsh(stiffness(mechanism, rest))[0] > 0
+    assert np.linalg.eigvalsh(rest_stiffness(mechanism, rest))[0] > 0
 
 
 def test_the_work_of_a_push_is_the_energy_it_brings() -> None:
@@ -122,7 +130,9 @@ def test_the_work_of_a_push_is_the_energy_it_brings() -> None:
     def push(t: float, q: np.ndarray) -> np.ndarray:
         return np.sin(np.pi * t) ** 2 * np.array([0.3, -0.1])
 
-    states, velocities = let_go(calm, np.zeros(2), np.zeros(2), time_s=time_s, push=push, rtol=1e-10)
+    states, velocities = release_from_rest(
+        calm, np.zeros(2), np.zeros(2), time_s=time_s, push=push, rtol=1e-10
+    )
     power = [push(t, q) @ v for t, q, v in zip(time_s, states, velocities, strict=True)]
     gained = energy(calm, states[-1:], velocities[-1:])[0] - energy(calm, states[:1], velocities[:1])[0]
     assert gained == pytest.approx(np.trapezoid(power, time_s), rel=1e-5)

@@ -6,9 +6,9 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lagsplat.forces.equilibrium import Held
+from lagsplat.forces.equilibrium import OperatingPoint
 from lagsplat.report.figures.forces import sideways
-from lagsplat.viewer.server.drag import FlatPull, RayPull
+from lagsplat.viewer.server.drag import ImageDrag, RayDrag
 from tests.unit.forces.solid import FRONT, HEIGHT, WIDTH, turning
 
 YAW, PITCH = st.floats(-40.0, 40.0), st.floats(-25.0, 25.0)
@@ -17,16 +17,16 @@ PIXEL = st.tuples(st.floats(-WIDTH, 2.0 * WIDTH), st.floats(-HEIGHT, 2.0 * HEIGH
 
 
 @cache
-def held() -> Held:
+def held() -> OperatingPoint:
     return turning()
 
 
-def pressed(yaw: float, pitch: float, offset: tuple[float, float]) -> tuple[RayPull, np.ndarray]:
+def pressed(yaw: float, pitch: float, offset: tuple[float, float]) -> tuple[RayDrag, np.ndarray]:
     """A press on the plate from some side, and the place that was met."""
     camera = sideways(held(), yaw, pitch)
     camera = camera.resized(4 * camera.height, 4 * camera.width)
     press = camera.project(np.array([[*offset, FRONT]]))[0]
-    pull = RayPull(held(), camera, press)
+    pull = RayDrag(held(), camera, press)
     place, gaussian = pull.aim(held().rest.numpy())
     center = held().kinematics.places(held().rest[None])[0, gaussian].numpy()
     assert abs(camera.within(center[None])[0, 2] - pull.depth) < 1e-3
@@ -52,12 +52,12 @@ def test_a_dragged_place_stays_under_the_pointer_in_the_plane_of_the_image(
 
 @given(PIXEL)
 def test_no_way_leads_anywhere_before_something_was_met(pointer) -> None:
-    pull = RayPull(held(), sideways(held(), 0.0, 0.0), np.array([1.0, 1.0]))
+    pull = RayDrag(held(), sideways(held(), 0.0, 0.0), np.array([1.0, 1.0]))
     assert not pull.way(np.array(pointer)).any()
 
 
 @given(PIXEL, PIXEL)
 def test_in_the_picture_a_press_is_its_place_and_a_drag_the_way_between(press, pointer) -> None:
-    pull = FlatPull(np.array(press))
+    pull = ImageDrag(np.array(press))
     assert pull.aim(np.zeros(1)) == (press, None)
     np.testing.assert_array_equal(pull.way(np.array(pointer)), np.subtract(pointer, press))

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from torch.autograd.functional import jacobian
 
 from lagsplat.stage2.fit import load_dynamics, save_dynamics
-from lagsplat.stage2.input_stiffness import reach_of
+from lagsplat.stage2.input_stiffness import measure_input_range
 from lagsplat.stage2.lagrangian import Lagrangian
 from tests.stage2_problems import random_lagrangian
 
@@ -104,9 +104,9 @@ def test_an_input_of_one_sign_gives_the_same_law_and_the_same_file(tmp_path: Pat
 
 def test_what_counts_as_signed() -> None:
     inputs = np.array([[0.0, -1.0, -0.004, -3.0], [2.0, 0.5, 1.0, -1.0]])
-    reach = reach_of(inputs)
+    reach = measure_input_range(inputs)
     np.testing.assert_array_equal(reach.positive, [2.0, 0.5, 1.0, 0.0])
     np.testing.assert_array_equal(reach.negative, [0.0, 1.0, 0.0, 3.0])
     assert reach.signed
-    assert not reach_of(inputs[:, [0, 2]]).signed
-    assert not reach_of(np.zeros((3, 0))).signed
+    assert not measure_input_range(inputs[:, [0, 2]]).signed
+    assert not measure_input_range(np.zeros((3, 0))).signed

@@ -5,10 +5,10 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lagsplat.splat.gaussians import Slice
-from lagsplat.splat.projection import View, project, view_of
+from lagsplat.splat.gaussians import GaussianSlice
+from lagsplat.splat.projection import View, make_view, project
 from lagsplat.splat.rasterize_torch import rasterize
-from lagsplat.views.camera import Camera, look_at, orbit
+from lagsplat.views.camera import Camera, look_at, orbit_camera
 
 FEW = settings(max_examples=15, deadline=None)
 SEEDS = st.integers(0, 2**31)
@@ -17,7 +17,7 @@ HEIGHT, WIDTH, COUNT = 14, 18, 25
 SIZE = {"height": HEIGHT, "width": WIDTH}
 
 
-def scene(seed: int) -> Slice:
+def scene(seed: int) -> GaussianSlice:
     generator = torch.Generator().manual_seed(seed)
 
     def normal(*shape: int) -> torch.Tensor:
@@ -25,7 +25,7 @@ def scene(seed: int) -> Slice:
 
     factor = normal(COUNT, 3, 3)
     row, column = torch.tril_indices(3, 3)
-    return Slice(
+    return GaussianSlice(
         3.0 * normal(1, COUNT, 3), (factor @ factor.mT)[:, row, column], torch.sigmoid(normal(1, COUNT)),
         torch.sigmoid(normal(COUNT, 3)), torch.sigmoid(normal(3)),
     )  # fmt: skip
@@ -37,8 +37,8 @@ def camera(yaw: float = 0.0, pitch: float = 0.0, *, distance: float = 40.0) -> C
     )
 
 
-def seen(cloud: Slice, by: Camera) -> torch.Tensor:
-    view = View(*(part.double() for part in view_of([by])))
+def seen(cloud: GaussianSlice, by: Camera) -> torch.Tensor:
+    view = View(*(part.double() for part in make_view([by])))
     return rasterize(*project(cloud, view, **SIZE), **SIZE)
 
 
@@ -58,7 +58,7 @@ def unpacked(entries: torch.Tensor) -> torch.Tensor:
 @FEW
 @given(seed=SEEDS, yaw=ANGLES, pitch=ANGLES)
 def test_what_turns_with_its_camera_looks_the_same(seed: int, yaw: float, pitch: float) -> None:
-    cloud, turned = scene(seed), orbit(camera(), 40.0, yaw_deg=yaw, pitch_deg=pitch)
+    cloud, turned = scene(seed), orbit_camera(camera(), 40.0, yaw_deg=yaw, pitch_deg=pitch)
     turn = torch.from_numpy(turned.rotation.T @ camera().rotation)
     moved = cloud._replace(
         means=cloud.means @ turn.T, covariance=packed(turn @ unpacked(cloud.covariance) @ turn.T)
@@ -80,7 +80,7 @@ def test_what_grows_with_its_distance_looks_the_same(seed: int, factor: float) -
 def test_the_order_in_which_gaussians_are_told_says_nothing(seed: int) -> None:
     cloud = scene(seed)
     order = torch.randperm(COUNT, generator=torch.Generator().manual_seed(seed))
-    shuffled = Slice(
+    shuffled = GaussianSlice(
         cloud.means[:, order], cloud.covariance[order], cloud.opacity[:, order], cloud.color[order],
         cloud.background,
     )  # fmt: skip

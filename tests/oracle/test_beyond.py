@@ -9,13 +9,13 @@ from lagsplat.diagnose.core.result import Diagnosis
 from lagsplat.diagnose.diagnosis import diagnose
 from lagsplat.diagnose.effects.registry import catalogue
 from lagsplat.diagnose.identification.estimated_simulator import estimate_simulator
-from lagsplat.io.trajectory.trajectory import Motion
+from lagsplat.io.trajectory.trajectory import Trajectory
 from tests.unit.diagnose.toys import film, settings, wave
 
 KNOWN = ("constant_force", "viscous_damping", "input_gain", "end_stop", "cubic_stiffness")
 
 
-def pendulum(seed: int, push: float, *, seconds: float, rate: float, noise: float) -> Motion:
+def pendulum(seed: int, push: float, *, seconds: float, rate: float, noise: float) -> Trajectory:
     """A driven pendulum of 0.7 Hz with a further acceleration ``push`` and damping ``rate`` [1/s]."""
     return film(
         lambda t, q, v, u, z: (-19.6 * np.sin(q) - rate * v + 5.0 * u + push, []),
@@ -23,7 +23,7 @@ def pendulum(seed: int, push: float, *, seconds: float, rate: float, noise: floa
     )  # fmt: skip
 
 
-def compared(real: Motion) -> Diagnosis:
+def compared(real: Trajectory) -> Diagnosis:
     """A real motion beside a sim that is known by 20 s without noise."""
     config = replace(settings(), without=sorted(set(catalogue()) - set(KNOWN)), always=[])
     nominal = pendulum(1, 0.0, seconds=20.0, rate=1.2, noise=0.0)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from lagsplat.evaluate.modes import fit_modes
-from lagsplat.evaluate.spectrum import spectral_peak
+from lagsplat.evaluate.spectrum import find_spectral_peak
 
 DT_S = 1001 / 60000
 RELEASE = 19400
@@ -43,7 +43,7 @@ def test_ringing_tails(ringing):
     tail, metric, expected_hz = ringing
     window = tail[: round(8 / (expected_hz * DT_S))]
     for series in (tail, window):
-        peak = spectral_peak(series, dt_s=DT_S, metric=metric, min_cycles=1.5)
+        peak = find_spectral_peak(series, dt_s=DT_S, metric=metric, min_cycles=1.5)
         mode = fit_modes(series, dt_s=DT_S, metric=metric, most=3)[0]
         assert peak.visible_hz == pytest.approx(expected_hz, rel=0.015)
         assert mode.frequency_hz == pytest.approx(expected_hz, rel=0.015)

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 from torchdiffeq import odeint
 
-from lagsplat.stage2.rollout import pieces_of, rollout
+from lagsplat.stage2.rollout import rollout, split_inputs
 from tests.stage2_problems import random_lagrangian
 
 
@@ -104,4 +104,4 @@ def test_frames_far_apart_take_steps_enough_to_keep_the_frequency() -> None:
         errors.append(float((path[:, -1] - truth).norm()))
     assert errors[0] == errors[1]
     assert errors[2] < errors[1] / 40
-    assert [pieces_of(0.2, longest) for longest in (math.inf, 0.2, 0.19, 0.025)] == [1, 1, 2, 8]
+    assert [split_inputs(0.2, longest) for longest in (math.inf, 0.2, 0.19, 0.025)] == [1, 1, 2, 8]

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from lagsplat.splat import rasterize_torch as raster_torch
-from lagsplat.splat.cpu.slice import OnePicture, slice_at
+from lagsplat.splat.cpu.slice import FrameRasterizer, slice_at
 from lagsplat.splat.gaussians import Gaussians
 from tests.unit.evaluate import tiny_run
 
@@ -16,7 +16,7 @@ def test_pictures_are_those_of_the_decoder(side: int) -> None:
     z = torch.randn(5, model.d)
     with torch.no_grad():
         expected = model.decode(z, height=side, width=side).numpy()
-    drawer = OnePicture(model.gaussians, height=side, width=side, stretch=(side / 16, side / 16))
+    drawer = FrameRasterizer(model.gaussians, height=side, width=side, stretch=(side / 16, side / 16))
     for latent, image in zip(z.double().numpy(), expected, strict=True):
         got = drawer.draw(latent)
         assert got.shape == (side, side, 3)
@@ -35,7 +35,7 @@ def test_gaussians_that_have_faded_or_left_the_picture_are_passed_over_and_no_ot
         cloud.shape_below.normal_()
         cloud.opacity_logit.normal_(0.0, 2.0)
         cloud.color_logit.normal_()
-    drawer = OnePicture(cloud, height=24, width=30, stretch=(1.0, 1.0))
+    drawer = FrameRasterizer(cloud, height=24, width=30, stretch=(1.0, 1.0))
     for z in torch.randn(6, 4):
         scene = cloud.condition(z[None])
         expected = raster_torch.rasterize(*scene, height=24, width=30)[0].detach().numpy()
@@ -49,6 +49,6 @@ def test_gaussians_that_have_faded_or_left_the_picture_are_passed_over_and_no_ot
 
 def test_a_state_that_is_not_finite_shows_the_background_alone() -> None:
     model = tiny_run.autoencoder()
-    drawn = OnePicture(model.gaussians, height=16, width=16, stretch=(1.0, 1.0)).draw(np.full(2, np.nan))
+    drawn = FrameRasterizer(model.gaussians, height=16, width=16, stretch=(1.0, 1.0)).draw(np.full(2, np.nan))
     ground = model.gaussians.background().detach().numpy()
     np.testing.assert_allclose(drawn, np.broadcast_to(255.0 * ground, (16, 16, 3)), atol=1.0)

@@ -7,9 +7,9 @@ from torch import Tensor
 
 from lagsplat.splat import rasterize_torch as raster_torch
 from lagsplat.splat.cpu import rasterize as raster_numba
-from lagsplat.splat.gaussians import Slice
-from lagsplat.splat.projection import depths, project, view_of
-from lagsplat.views.camera import Camera, look_at, orbit
+from lagsplat.splat.gaussians import GaussianSlice
+from lagsplat.splat.projection import compute_depths, make_view, project
+from lagsplat.views.camera import Camera, look_at, orbit_camera
 
 HEIGHT, WIDTH, COUNT = 30, 44, 60
 
@@ -20,12 +20,12 @@ def cameras() -> list[Camera]:
     )
     return [
         front,
-        orbit(front, 50.0, yaw_deg=14.0, pitch_deg=-6.0),
-        orbit(front, 45.0, yaw_deg=-9.0, pitch_deg=3.0),
+        orbit_camera(front, 50.0, yaw_deg=14.0, pitch_deg=-6.0),
+        orbit_camera(front, 45.0, yaw_deg=-9.0, pitch_deg=3.0),
     ]
 
 
-def cloud(batch: int = 3, *, dtype: torch.dtype = torch.float64, spread: float = 15.0) -> Slice:
+def cloud(batch: int = 3, *, dtype: torch.dtype = torch.float64, spread: float = 15.0) -> GaussianSlice:
     generator = torch.Generator().manual_seed(4)
 
     def normal(*shape: int) -> Tensor:
@@ -33,7 +33,7 @@ def cloud(batch: int = 3, *, dtype: torch.dtype = torch.float64, spread: float =
 
     factor = 0.8 * normal(COUNT, 3, 3) + torch.eye(3, dtype=dtype)
     row, column = torch.tril_indices(3, 3)
-    return Slice(
+    return GaussianSlice(
         means=spread * normal(batch, COUNT, 3),
         covariance=(factor @ factor.mT)[:, row, column],
         opacity=torch.sigmoid(normal(batch, COUNT)),
@@ -42,12 +42,12 @@ def cloud(batch: int = 3, *, dtype: torch.dtype = torch.float64, spread: float =
     )
 
 
-def seen(scene: Slice, chosen: list[Camera]) -> Slice:
-    view = type(view_of(chosen))(*(part.to(scene.means) for part in view_of(chosen)))
+def seen(scene: GaussianSlice, chosen: list[Camera]) -> GaussianSlice:
+    view = type(make_view(chosen))(*(part.to(scene.means) for part in make_view(chosen)))
     return project(scene, view, height=HEIGHT, width=WIDTH)
 
 
-def order_of(scene: Slice, camera: Camera, image: int) -> np.ndarray:
+def order_of(scene: GaussianSlice, camera: Camera, image: int) -> np.ndarray:
     return np.argsort(camera.within(scene.means[image].numpy())[:, 2], kind="stable")
 
 
@@ -61,9 +61,9 @@ def test_centres_stand_where_the_cameras_see_them_nearest_first() -> None:
         )
         np.testing.assert_allclose(flat.opacity[image], scene.opacity[image][order.copy()])
         np.testing.assert_allclose(flat.color[image], scene.color[order.copy()])
-        ahead = depths(scene.means, type(view_of(chosen))(*(part.double() for part in view_of(chosen))))[
-            image
-        ]
+        ahead = compute_depths(
+            scene.means, type(make_view(chosen))(*(part.double() for part in make_view(chosen)))
+        )[image]
         np.testing.assert_allclose(ahead, camera.within(scene.means[image].numpy())[:, 2], atol=1e-4)
 
 
@@ -120,7 +120,7 @@ def test_the_projection_has_the_gradient_of_differences() -> None:
     scene, chosen = cloud(2, spread=5.0), cameras()[:2]
     few = [scene.means[:, :4], scene.covariance[:4], scene.opacity[:, :4], scene.color[:4], scene.background]
     inputs = [part.clone().requires_grad_() for part in few]
-    assert torch.autograd.gradcheck(lambda *parts: seen(Slice(*parts), chosen)[:4], inputs)
+    assert torch.autograd.gradcheck(lambda *parts: seen(GaussianSlice(*parts), chosen)[:4], inputs)
 
 
 def test_numba_draws_space_as_the_specification_does() -> None:
@@ -132,7 +132,7 @@ def test_numba_draws_space_as_the_specification_does() -> None:
         (raster_torch.rasterize, torch.float64),
     ):
         inputs = [part.detach().to(dtype).requires_grad_() for part in single]
-        images = rasterize(*seen(Slice(*inputs), cameras()), height=HEIGHT, width=WIDTH)
+        images = rasterize(*seen(GaussianSlice(*inputs), cameras()), height=HEIGHT, width=WIDTH)
         weight = torch.randn(images.shape, generator=torch.Generator().manual_seed(1))
         results.append((images, torch.autograd.grad((images * weight).sum(), inputs)))
     (mine, slopes), (reference, expected) = results
@@ -144,15 +144,15 @@ def test_numba_draws_space_as_the_specification_does() -> None:
 def test_the_nearer_of_two_covers_the_other_from_both_sides() -> None:
     red, blue = torch.tensor([1.0, 0.0, 0.0]), torch.tensor([0.0, 0.0, 1.0])
     front = cameras()[0]
-    behind = orbit(front, 50.0, yaw_deg=180.0, pitch_deg=0.0)
-    scene = Slice(
+    behind = orbit_camera(front, 50.0, yaw_deg=180.0, pitch_deg=0.0)
+    scene = GaussianSlice(
         means=torch.tensor([[[0.0, 0.0, 5.0], [0.0, 0.0, -5.0]]]).repeat(2, 1, 1),
         covariance=torch.tensor([9.0, 0.0, 9.0, 0.0, 0.0, 9.0]).repeat(2, 1),
         opacity=torch.full((2, 2), 0.95),
         color=torch.stack([red, blue]),
         background=torch.zeros(3),
     )
-    flat = project(scene, view_of([front, behind]), height=HEIGHT, width=WIDTH)
+    flat = project(scene, make_view([front, behind]), height=HEIGHT, width=WIDTH)
     middle = raster_numba.rasterize(*flat, height=HEIGHT, width=WIDTH)[:, :, HEIGHT // 2, WIDTH // 2]
     assert middle[0, 2] > 0.8 > middle[0, 0]
     assert middle[1, 0] > 0.8 > middle[1, 2]
@@ -165,7 +165,7 @@ def test_gsplat_projects_alike() -> None:
     full = torch.zeros(COUNT, 3, 3)
     full[:, row, column] = scene.covariance
     full[:, column, row] = scene.covariance
-    view = view_of(chosen)
+    view = make_view(chosen)
     world = torch.eye(4).repeat(3, 1, 1)
     world[:, :3, :3], world[:, :3, 3] = view.rotation, view.translation
     lens = torch.stack([torch.as_tensor(camera.matrix(), dtype=torch.float32) for camera in chosen])

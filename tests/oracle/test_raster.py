@@ -9,7 +9,7 @@ from torch import Tensor
 
 from lagsplat.splat import rasterize_gsplat as raster_gsplat
 from lagsplat.splat import rasterize_torch as raster_torch
-from lagsplat.splat.backend import rasterizer
+from lagsplat.splat.backend import choose_rasterizer
 from lagsplat.splat.cpu import rasterize as raster_numba
 
 
@@ -144,7 +144,7 @@ def test_gsplat_finds_every_pair_in_index_order():
     reference = pytest.importorskip("gsplat.cuda._torch_impl", reason="gsplat is not installed")
     height, width, tile = 40, 50, raster_gsplat.TILE_PX
     means, covariance, opacity, color, _ = random_scene(2, 60, height, width, opacity=(0.0, 1.0))
-    scene = raster_gsplat.embed(means, covariance, opacity, color)
+    scene = raster_gsplat.embed_in_space(means, covariance, opacity, color)
     across, down = -(-width // tile), -(-height // tile)
     _, keys, order = reference._isect_tiles(scene.means, scene.radii, scene.depths, tile, across, down)
     offsets = reference._isect_offset_encode(keys, 2, across, down).flatten().tolist()
@@ -163,7 +163,7 @@ def test_gsplat_finds_every_pair_in_index_order():
 
 def test_gsplat_embedding_keeps_the_conics():
     means, covariance, opacity, color, _ = random_scene(2, 10, 8, 8)
-    conics = raster_gsplat.embed(means, covariance, opacity, color).conics[0]
+    conics = raster_gsplat.embed_in_space(means, covariance, opacity, color).conics[0]
     blurred = torch.stack([covariance[:, [0, 1]], covariance[:, [1, 2]]], 1) + 0.3 * torch.eye(2)
     inverse = torch.stack([conics[:, [0, 1]], conics[:, [1, 2]]], 1)
     torch.testing.assert_close(blurred @ inverse, torch.eye(2).expand(10, 2, 2), atol=1e-5, rtol=0)
@@ -176,7 +176,7 @@ def test_gsplat_agrees_with_the_specification(name):
     scene, height, width = SCENES[name]
 
     def draw(*inputs, **size):
-        return rasterizer("gsplat", "cuda")(*[tensor.cuda() for tensor in inputs], **size).cpu()
+        return choose_rasterizer("gsplat", "cuda")(*[tensor.cuda() for tensor in inputs], **size).cpu()
 
     images, gradients = images_and_gradients(draw, scene, height, width, torch.float32)
     reference, expected = images_and_gradients(raster_torch.rasterize, scene, height, width, torch.float64)

@@ -4,9 +4,14 @@ import numpy as np
 import pytest
 import torch
 
-from lagsplat.baselines.model import Oscillators, delayed
-from lagsplat.baselines.networks import AttentionDecoder, along, centres, moving_centres
-from lagsplat.baselines.objective import Scene, image_rates, terms_of
+from lagsplat.baselines.model import Oscillators, stack_delays
+from lagsplat.baselines.networks import (
+    AttentionDecoder,
+    compute_attention_centres,
+    compute_moving_centres,
+    directional_derivative,
+)
+from lagsplat.baselines.objective import BaselineBatch, compute_image_rates, compute_loss_terms
 from lagsplat.baselines.released import load_released
 
 MODELS = [f"{law}_{decoder}_{robot}" for law in ("osc", "koopman") for decoder in ("deconv", "abcd")
@@ -56,7 +61,7 @@ def test_encoder_and_decoder(published):
 def test_delays(published):
     _, _, _, told = published
     pressures = told["pressures"].double().numpy()
-    rows = delayed(pressures, samples=4, segments=[(0, len(pressures))])
+    rows = stack_delays(pressures, samples=4, segments=[(0, len(pressures))])
     assert np.array_equal(rows.astype(np.float32), told["u_delayed_all"].numpy())
 
 
@@ -97,12 +102,14 @@ def test_losses_of_a_batch(published):
     name, baseline, _, told = published
     images, inputs = told["batch_images"], told["batch_u"]
     mean, log_variance, velocity = baseline.encoder.moving(
-        images, image_rates(images, baseline.architecture.dt_s)
+        images, compute_image_rates(images, baseline.architecture.dt_s)
     )
     check(mean, told["batch_mu"])
     check(log_variance, told["batch_logvar"])
     check(velocity, told["batch_z_dot"])
-    terms = terms_of(baseline, Scene(images, inputs, images, inputs), generator=None, closing_gradient=0.1)
+    terms = compute_loss_terms(
+        baseline, BaselineBatch(images, inputs, images, inputs), generator=None, closing_gradient=0.1
+    )
     for term, key in LOSSES.items():
         value = getattr(terms, term)
         if key in told:
@@ -121,8 +128,10 @@ def test_attention(published):
     attention = decoder.logits(z).softmax(-1).transpose(1, 2)
     check(in_images(attention[:, :-1]), told["attn"])
     check(in_images(attention[:, -1:]), told["attn_bg"])
-    check(centres(decoder.maps(z), decoder.places), told["attn_com"])
-    (maps,), (rates,) = along(lambda z: (decoder.maps(z),), told["batch_mu"], told["batch_z_dot"])
+    check(compute_attention_centres(decoder.maps(z), decoder.places), told["attn_com"])
+    (maps,), (rates,) = directional_derivative(
+        lambda z: (decoder.maps(z),), told["batch_mu"], told["batch_z_dot"]
+    )
     check(in_images(maps), told["batch_attn"])
     # Of an unfinished model one map has almost no mass, and the place of nothing is loose.
     loose = 3e-4 if name == "osc_abcd_2seg_ep100" else 1e-5
@@ -130,4 +139,6 @@ def test_attention(published):
     # A pixel on the kink of an activation may fall to either side.
     share = 1e-4 if name in EARLIER else 0.0
     assert (apart > 1e-5 * (1 + told["batch_attn_dot"].abs().max())).float().mean() <= share
-    check(moving_centres(maps, rates, decoder.places)[1], told["batch_com_vel"], atol=loose, rtol=loose)
+    check(
+        compute_moving_centres(maps, rates, decoder.places)[1], told["batch_com_vel"], atol=loose, rtol=loose
+    )

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from lagsplat.forces.batched_lagrangian import Single
-from lagsplat.forces.loaded_lagrangian import Edits, Loaded, push_along
+from lagsplat.forces.loaded_lagrangian import LawEdits, LoadedLagrangian, rollout_under_force
 from tests.stage2_problems import random_lagrangian
 
 FORMS = [
@@ -20,10 +20,10 @@ FORMS = [
 @pytest.mark.parametrize("negative", [0.0, 1.0], ids=["one sign", "signed"])
 def test_forces_and_accelerations_agree(d: int, form: dict, negative: float) -> None:
     law = random_lagrangian(d, 2, 3, negative=negative, **form)
-    edits = Edits(damping=0.5, inertia=2.0, stiffness=1.5)
+    edits = LawEdits(damping=0.5, inertia=2.0, stiffness=1.5)
     q, v, load = torch.randn(3, 5, d, dtype=torch.float64)
     u = torch.rand(5, 2, dtype=torch.float64) - 0.5 * negative
-    loaded = Loaded(law, load, edits=edits)
+    loaded = LoadedLagrangian(law, load, edits=edits)
     with torch.no_grad():
         expected = loaded.acceleration(q, v, u).numpy()
         force = loaded.conservative_force(q, u, loaded.prepare()).numpy() - load.numpy()
@@ -41,7 +41,9 @@ def test_steps_are_those_of_the_rollout(dt_s: float) -> None:
     law.longest_step = 0.25
     q0, v0, load = torch.randn(3, 1, 2, dtype=torch.float64)
     u = torch.rand(1, 1, dtype=torch.float64)
-    expected = push_along(law, q0, v0, u[None].expand(1, 9, 1), load[None].expand(1, 9, 2), dt_s=dt_s)
+    expected = rollout_under_force(
+        law, q0, v0, u[None].expand(1, 9, 1), load[None].expand(1, 9, 2), dt_s=dt_s
+    )
     single, (q, v) = Single(law), (q0[0].numpy(), v0[0].numpy())
     for _ in range(3):
         q, v = single.step(q, v, u[0].numpy(), load[0].numpy(), dt_s=dt_s)

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 import torch
 
-from lagsplat.forces.batched_lagrangian import Batched, Single, stepper
-from lagsplat.forces.loaded_lagrangian import Edits, Loaded
+from lagsplat.forces.batched_lagrangian import Batched, Single, open_stepper
+from lagsplat.forces.loaded_lagrangian import LawEdits, LoadedLagrangian
 from tests.stage2_problems import random_lagrangian
 
-EDITS = Edits(damping=0.5, inertia=2.0, stiffness=1.5)
+EDITS = LawEdits(damping=0.5, inertia=2.0, stiffness=1.5)
 FORMS = [{}, {"mass": "constant", "potential": "quadratic", "actuation": "linear"}, {"potential": "icnn"}]
 
 
@@ -16,7 +16,7 @@ FORMS = [{}, {"mass": "constant", "potential": "quadratic", "actuation": "linear
 def test_energies_are_those_of_the_law(form: dict) -> None:
     law = random_lagrangian(2, 1, 3, **form)
     law.time_unit_s.fill_(0.2)
-    single, loaded = Single(law, edits=EDITS), Loaded(law, torch.zeros(2).double(), edits=EDITS)
+    single, loaded = Single(law, edits=EDITS), LoadedLagrangian(law, torch.zeros(2).double(), edits=EDITS)
     q, v = torch.randn(2, 4, 2, dtype=torch.float64)
     w = 0.2 * v
     with torch.no_grad():
@@ -45,5 +45,5 @@ def test_tensors_and_arrays_step_alike() -> None:
 
 
 def test_the_form_follows_the_mass() -> None:
-    assert isinstance(stepper(random_lagrangian(2, 1, 0)), Single)
-    assert isinstance(stepper(random_lagrangian(2, 1, 0, mass="induced")), Batched)
+    assert isinstance(open_stepper(random_lagrangian(2, 1, 0)), Single)
+    assert isinstance(open_stepper(random_lagrangian(2, 1, 0, mass="induced")), Batched)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from lagsplat.baselines.model import delayed
+from lagsplat.baselines.model import stack_delays
 from lagsplat.baselines.released import load_released
 
 # Floor [1e-5] and error of thirty steps [1e-3].
@@ -36,7 +36,7 @@ def twins(shared_data):
             names = sorted(name for name in file if name[0] == "p" and name[1:].isdigit())
             pressures = np.stack([file[name] for name in names], axis=1).astype(np.float64)
         held = int(0.8 * len(images))
-        fed = delayed(pressures, samples=4, segments=[(0, len(images))])[held:]
+        fed = stack_delays(pressures, samples=4, segments=[(0, len(images))])[held:]
         found[robot] = images[held:].copy(), torch.from_numpy(fed).float()
     return found
 

@@ -5,7 +5,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from lagsplat.chart.visibility import exact_visibility, visibility
+from lagsplat.chart.visibility import measure_exact_visibility, measure_visibility
 from lagsplat.splat.gaussians import Gaussians
 from lagsplat.splat.rasterize_torch import rasterize
 
@@ -18,7 +18,7 @@ def curved(q: Tensor) -> Tensor:
 
 def test_differences_agree_with_automatic_differentiation() -> None:
     q = np.random.default_rng(0).normal(size=(40, 2))
-    got, exact = visibility(curved, q, step=1e-2), exact_visibility(curved, q)
+    got, exact = measure_visibility(curved, q, step=1e-2), measure_exact_visibility(curved, q)
     np.testing.assert_allclose(got.metric, exact.metric, rtol=1e-7)
     assert got.scale == pytest.approx(exact.scale, rel=1e-7)
     assert np.trace(got.metric) == pytest.approx(2.0)
@@ -40,7 +40,7 @@ def test_differences_of_the_rasteriser_agree_with_its_gradient() -> None:
         return rasterize(*gaussians.condition(q.float()), height=16, width=16)
 
     q = np.random.default_rng(0).normal(size=(6, 2))
-    got, exact = visibility(decode, q, step=0.1), exact_visibility(decode, q)
+    got, exact = measure_visibility(decode, q, step=0.1), measure_exact_visibility(decode, q)
     np.testing.assert_allclose(got.metric, exact.metric, atol=0.02)
     assert got.scale == pytest.approx(exact.scale, rel=0.03)
 
@@ -48,6 +48,8 @@ def test_differences_of_the_rasteriser_agree_with_its_gradient() -> None:
 def test_a_flickering_or_silent_picture_is_refused() -> None:
     noise = torch.Generator().manual_seed(0)
     with pytest.raises(ValueError, match="visibility_step"):
-        visibility(lambda q: torch.rand(len(q), 3, 2, 2, generator=noise), np.zeros((8, 2)), step=1e-2)
+        measure_visibility(
+            lambda q: torch.rand(len(q), 3, 2, 2, generator=noise), np.zeros((8, 2)), step=1e-2
+        )
     with pytest.raises(ValueError, match="no latent direction"):
-        visibility(lambda q: torch.zeros(len(q), 3, 2, 2), np.zeros((8, 2)), step=1e-2)
+        measure_visibility(lambda q: torch.zeros(len(q), 3, 2, 2), np.zeros((8, 2)), step=1e-2)

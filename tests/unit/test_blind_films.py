@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lagsplat.config.compose import compose
-from lagsplat.io.trajectory.trajectory import Motion, read_motion
+from lagsplat.io.trajectory.trajectory import Trajectory, read_trajectory_file
 from lagsplat.pipelines.batch import encode_videos
 
 FRAME_S, SIDE = 0.02, 16
@@ -38,26 +38,26 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
-def seen(folder: Path, out: Path) -> dict[str, Motion]:
+def seen(folder: Path, out: Path) -> dict[str, Trajectory]:
     config = compose("profile=toy", f"stage1.steps={STEPS}", "stage1.n_gaussians=40")
     encode_videos(folder, out, config.stage1, config.chart)
-    return {name: read_motion(out / f"{name}_0.csv") for name in ("sim", "real")}
+    return {name: read_trajectory_file(out / f"{name}_0.csv") for name in ("sim", "real")}
 
 
 @pytest.fixture(scope="module")
-def motions(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Motion]:
+def motions(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Trajectory]:
     """What the encoder sees."""
     return seen(folder, tmp_path_factory.mktemp("motions"))
 
 
-def test_every_film_is_a_clip_in_the_order_of_their_numbers(motions: dict[str, Motion]) -> None:
+def test_every_film_is_a_clip_in_the_order_of_their_numbers(motions: dict[str, Trajectory]) -> None:
     assert [b - a for a, b in motions["sim"].segments] == [120, 100, 80]
     assert motions["real"].n == 90
     assert motions["sim"].dt_s == pytest.approx(FRAME_S)
     assert (np.diff(motions["sim"].time_s) > 0.0).all()
 
 
-def test_latents_follow_the_motion_on_both_sides(motions: dict[str, Motion]) -> None:
+def test_latents_follow_the_motion_on_both_sides(motions: dict[str, Trajectory]) -> None:
     for motion in motions.values():
         assert motion.d == 1
         assert abs(np.corrcoef(motion.q[:, 0], motion.u[:, 0])[0, 1]) > 0.9
@@ -65,7 +65,7 @@ def test_latents_follow_the_motion_on_both_sides(motions: dict[str, Motion]) -> 
 
 
 def test_real_films_teach_the_encoder_nothing(
-    folder: Path, motions: dict[str, Motion], tmp_path: Path
+    folder: Path, motions: dict[str, Trajectory], tmp_path: Path
 ) -> None:
     other = tmp_path / "films"
     other.mkdir()

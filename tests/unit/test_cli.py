@@ -1,12 +1,14 @@
 """The command line: what it prints, and how it refuses."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from lagsplat.cli.main import main
-from lagsplat.io.mcap.write import NumberTopic, PictureTopic, write_mcap
+from lagsplat.cli.main import VERBS, main
+from lagsplat.io.mcap.write import ImageTopic, NumberTopic, write_mcap
 
 
 @pytest.fixture
@@ -53,7 +55,7 @@ def test_inspect_lists_a_log_and_describes_what_is_chosen_of_it(
     path = tmp_path / "log.mcap"
     times, frames = np.arange(60) / 30, np.zeros((60, 8, 8, 3), np.uint8)
     load = NumberTopic("/load", times, {"p": times}, {})
-    write_mcap(path, pictures=[PictureTopic("/eye", times, frames)], numbers=[load], metadata={})
+    write_mcap(path, pictures=[ImageTopic("/eye", times, frames)], numbers=[load], metadata={})
     assert main(["inspect", str(path)]) == 0
     told = capsys.readouterr().out
     assert "/load" in told
@@ -64,6 +66,44 @@ def test_inspect_lists_a_log_and_describes_what_is_chosen_of_it(
     told = capsys.readouterr().out
     assert "input p    0 to 1.967 atm" in told
     assert "48 frames to train on, 12 held out" in told
+
+
+HEAVY = ("torch", "numba", "pandas", "scipy", "numpy", "hydra", "omegaconf", "cv2", "matplotlib")
+
+
+@pytest.mark.parametrize("words", [["--help"], ["--version"], *([verb, "--help"] for verb in VERBS)])
+def test_help_loads_no_library(words: list[str]) -> None:
+    program = (
+        f"import sys, lagsplat.cli.main as cli; code = cli.main({words}); "
+        f"assert code == 0; print([name for name in {HEAVY} if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.strip().endswith("[]")
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_help_of_a_verb_has_usage_keys_an_example_and_exit_codes(
+    verb: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([verb, "--help"]) == 0
+    text = capsys.readouterr().out
+    assert text.startswith(f"usage: lagsplat {verb} ")
+    for heading in ("keys:", "example:", "exit codes:"):
+        assert f"\n{heading}\n" in text
+    assert all(key in text for key, _ in VERBS[verb].keys)
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "tcsh"])
+def test_completion_knows_every_verb(shell: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--print-completion", shell]) == 0
+    script = capsys.readouterr().out
+    assert all(verb in script for verb in VERBS)
+    assert "--no-browser" in script
+
+
+def test_the_version_is_that_of_the_distribution(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out.startswith("lagsplat 0.")
 
 
 def test_help_is_the_whole_grammar(capsys: pytest.CaptureFixture[str]) -> None:
@@ -78,6 +118,8 @@ def test_help_is_the_whole_grammar(capsys: pytest.CaptureFixture[str]) -> None:
     [
         (["inspec", "a.npz"], "did you mean 'inspect'"),
         (["inspect"], "name a file"),
+        (["view", "run", "--nowhere"], "--nowhere; see lagsplat view --help"),
+        (["--nowhere"], "--nowhere"),
         (["inspect", "gone.npz"], "gone.npz: no such file"),
         (["fit", "system=toy"], "out=... is missing"),
         (["fit", "out=a", "stage1.stepz=3"], "did you mean 'steps'"),

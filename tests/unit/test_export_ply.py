@@ -8,11 +8,11 @@ import torch
 
 from lagsplat.export.ply import export_ply
 from lagsplat.io.files.ply import read_cloud
-from lagsplat.runs.run import FittedRun, state_of
-from lagsplat.splat.gaussians import Slice
-from lagsplat.splat.projection import project, view_of
+from lagsplat.runs.run import FittedRun, choose_state
+from lagsplat.splat.gaussians import GaussianSlice
+from lagsplat.splat.projection import make_view, project
 from lagsplat.splat.rasterize_torch import rasterize
-from lagsplat.views.camera import centred, orbit
+from lagsplat.views.camera import center_camera, orbit_camera
 from tests.unit.evaluate import tiny_run
 from tests.unit.forces.rocking import rocking
 from tests.unit.forces.solid import FOCAL, HEIGHT, WIDTH, turning
@@ -23,35 +23,41 @@ def drawn(path: Path, camera, height: int, width: int) -> torch.Tensor:
     cloud = read_cloud(path)
     row, column = np.tril_indices(3)
     parts = (cloud.means[None], cloud.covariances()[:, row, column], cloud.opacities[None], cloud.colors)
-    scene = Slice(*(torch.as_tensor(part, dtype=torch.float64) for part in parts), torch.zeros(3).double())
-    view = type(view_of([camera]))(*(part.double() for part in view_of([camera])))
+    scene = GaussianSlice(
+        *(torch.as_tensor(part, dtype=torch.float64) for part in parts), torch.zeros(3).double()
+    )
+    view = type(make_view([camera]))(*(part.double() for part in make_view([camera])))
     return rasterize(*project(scene, view, height=height, width=width), height=height, width=width)
 
 
 @torch.no_grad()
 def test_a_state_in_space_looks_the_same_from_every_side(tmp_path: Path) -> None:
     held = turning()
-    front = centred(np.eye(3), np.zeros(3), focal=FOCAL, height=HEIGHT, width=WIDTH)
+    front = center_camera(np.eye(3), np.zeros(3), focal=FOCAL, height=HEIGHT, width=WIDTH)
     for q in (np.zeros(1), np.array([0.7])):
         export_ply(held.autoencoder, held.chart, q, tmp_path / "a.ply")
         for yaw in (0.0, 15.0):
             ours = held.autoencoder.decode(
                 torch.as_tensor(held.chart.to_raw(q[None]), dtype=torch.float32),
-                view=view_of([orbit(front, FOCAL, yaw_deg=yaw, pitch_deg=0.0)]),
+                view=make_view([orbit_camera(front, FOCAL, yaw_deg=yaw, pitch_deg=0.0)]),
             )
-            theirs = drawn(tmp_path / "a.ply", orbit(front, 1.0, yaw_deg=yaw, pitch_deg=0.0), HEIGHT, WIDTH)
+            theirs = drawn(
+                tmp_path / "a.ply", orbit_camera(front, 1.0, yaw_deg=yaw, pitch_deg=0.0), HEIGHT, WIDTH
+            )
             torch.testing.assert_close(theirs.float(), ours, atol=2e-3, rtol=0)
 
 
 @torch.no_grad()
-def test_a_state_of_the_picture_is_a_plane_in_the_same_order(tmp_path: Path) -> None:
+def test_a_choose_state_the_picture_is_a_plane_in_the_same_order(tmp_path: Path) -> None:
     held = rocking()
     model = held.autoencoder
     with torch.no_grad():
         model.gaussians.shape_log_diagonal.fill_(0.7)
         model.gaussians.color_logit.normal_()
     export_ply(model, held.chart, np.zeros(1), tmp_path / "a.ply")
-    front = centred(np.eye(3), np.zeros(3), focal=float(model.width), height=model.height, width=model.width)
+    front = center_camera(
+        np.eye(3), np.zeros(3), focal=float(model.width), height=model.height, width=model.width
+    )
     ours = model.decode(torch.zeros(1, 1))
     torch.testing.assert_close(
         drawn(tmp_path / "a.ply", front, model.height, model.width).float(), ours, atol=4e-3, rtol=0
@@ -74,9 +80,9 @@ def test_a_command_names_a_frame_numbers_or_rest() -> None:
     film, model = tiny_run.recording(60, tail=20), tiny_run.autoencoder()
     chart = tiny_run.chart(model, film)
     run = FittedRun(film, model, chart, tiny_run.lagrangian())
-    np.testing.assert_array_equal(state_of(run, None, None), chart.rest)
-    np.testing.assert_array_equal(state_of(run, "7", None), chart.latents[7])
-    np.testing.assert_array_equal(state_of(run, None, "0.5,-1"), [0.5, -1.0])
+    np.testing.assert_array_equal(choose_state(run, None, None), chart.rest)
+    np.testing.assert_array_equal(choose_state(run, "7", None), chart.latents[7])
+    np.testing.assert_array_equal(choose_state(run, None, "0.5,-1"), [0.5, -1.0])
     for frame, q in (("60", None), ("x", None), (None, "a,b"), ("1", "0")):
         with pytest.raises(ValueError, match="frame="):
-            state_of(run, frame, q)
+            choose_state(run, frame, q)

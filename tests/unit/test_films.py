@@ -14,7 +14,7 @@ from lagsplat.diagnose.imaging.rendering import frames_at
 from lagsplat.diagnose.imaging.video_checks import CameraShift
 from lagsplat.diagnose.residual.error_budget import Perception
 from lagsplat.io.recording.recording import save_recording
-from lagsplat.io.trajectory.trajectory import Motion, leading
+from lagsplat.io.trajectory.trajectory import Trajectory, leading_samples
 from lagsplat.pipelines.diagnosis_videos import (
     ImageQuality,
     RecordedTrajectory,
@@ -145,12 +145,12 @@ def test_frames_are_found_by_their_times():
 
 
 def test_leading_clips_last_as_long_as_asked():
-    motion = Motion(
+    motion = Trajectory(
         np.arange(100) / 10, np.zeros((100, 1)), np.zeros((100, 0)), segments=((0, 40), (40, 100))
     )
-    assert leading(motion, 100.0).segments == motion.segments
-    assert leading(motion, 2.0).segments == ((0, 21),)
-    assert leading(motion, 5.0).segments == ((0, 40), (40, 52))
+    assert leading_samples(motion, 100.0).segments == motion.segments
+    assert leading_samples(motion, 2.0).segments == ((0, 21),)
+    assert leading_samples(motion, 5.0).segments == ((0, 40), (40, 52))
 
 
 class Judged(RecordingPair):

@@ -11,7 +11,7 @@ from lagsplat.cli.main import main
 from lagsplat.config.compose import ConfigError, compose
 from lagsplat.diagnose.data_quality.checks import check
 from lagsplat.diagnose.simulators.python_model import load_python
-from lagsplat.io.trajectory.trajectory import read_motion
+from lagsplat.io.trajectory.trajectory import read_trajectory_file
 from lagsplat.pipelines.diagnosis import diagnose_files, require_writable
 
 HEADER = "t,q0,u0"
@@ -110,8 +110,8 @@ def test_each_segment_may_begin_its_own_clock(sim: Path) -> None:
     rows[:, 0] -= rows[400 * segment, 0]
     path = write(sim.parent / "real.csv", np.column_stack([rows, segment]), HEADER + ",segment")
     with pytest.warns(UserWarning, match="begin their own clock"):
-        real = read_motion(path)
-    assert check([read_motion(sim)], [real]).real.motions[0].segments == ((0, 400), (400, 800))
+        real = read_trajectory_file(path)
+    assert check([read_trajectory_file(sim)], [real]).real.motions[0].segments == ((0, 400), (400, 800))
 
 
 def test_a_place_that_cannot_take_results(sim: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -142,7 +142,7 @@ def test_columns_are_named_on_the_command_line(sim: Path) -> None:
     own = "diagnose.columns={t: time, q0: angle, u0: torque}"
     assert compose(own).diagnose.columns == {"t": "time", "q0": "angle", "u0": "torque"}
     assert compose("diagnose.columns.q0=angle").diagnose.columns == {"q0": "angle"}
-    assert read_motion(real, columns=compose(own).diagnose.columns).q_names == ("q0",)
+    assert read_trajectory_file(real, columns=compose(own).diagnose.columns).q_names == ("q0",)
     with pytest.raises(ConfigError, match="colums"):
         compose("diagnose.colums={t: time}")
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from lagsplat.io.recording.recording import Recording, save_recording
-from lagsplat.novel_views.sharp import sharp_views
+from lagsplat.novel_views.sharp import make_sharp_views
 from lagsplat.novel_views.sharp_tool import focal_px
 from lagsplat.views.config import ArrangementConfig, SharpConfig
 from lagsplat.views.novel import NovelViews, require_views
@@ -51,7 +51,7 @@ def lifted(folder: Path) -> int:
 def views(
     sharp: SharpConfig, folder: Path, arrangement: ArrangementConfig = ARRANGEMENT, count: int = FRAMES
 ) -> NovelViews:
-    return sharp_views(recording(count), sharp, arrangement, folder / "cache")
+    return make_sharp_views(recording(count), sharp, arrangement, folder / "cache")
 
 
 def test_every_frame_is_seen_from_every_side_at_one_scale(sharp: SharpConfig, tmp_path: Path) -> None:

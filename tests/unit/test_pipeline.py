@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from lagsplat.config.compose import compose
-from lagsplat.pipelines.evaluate import protocol, score
-from lagsplat.runs.fit import fit
-from lagsplat.runs.run import open_run, push
+from lagsplat.pipelines.evaluate import evaluate_run, read_protocol
+from lagsplat.runs.fit import fit_run
+from lagsplat.runs.run import open_run, rollout
 
 SMALL = (
     "profile=toy",
@@ -29,26 +29,26 @@ SMALL = (
 @pytest.mark.slow
 def test_a_fit_can_be_opened_pushed_and_scored(tmp_path: Path) -> None:
     experiment = compose(*SMALL)
-    made = fit(experiment, out=tmp_path / "run", header={"config": asdict(experiment)})
+    made = fit_run(experiment, out=tmp_path / "run", header={"config": asdict(experiment)})
     assert not (tmp_path / "run" / "checkpoint" / "state.pt").exists()
     (tmp_path / "run" / "below").mkdir()
     run = open_run(tmp_path / "run" / "below")
     np.testing.assert_array_equal(run.chart.latents, made.chart.latents)
 
-    q, v = push(run, np.zeros((9, 2)), frame=None)
+    q, v = rollout(run, np.zeros((9, 2)), frame=None)
     assert q.shape == v.shape == (9, 2)
     np.testing.assert_array_equal(q[0], run.chart.rest)
     np.testing.assert_array_equal(v[0], 0)
-    assert np.ptp(push(run, np.ones((9, 2)), frame=5)[0], axis=0).max() > 0
+    assert np.ptp(rollout(run, np.ones((9, 2)), frame=5)[0], axis=0).max() > 0
     with pytest.raises(ValueError, match="trained with 2"):
-        push(run, np.zeros((9, 1)), frame=None)
+        rollout(run, np.zeros((9, 1)), frame=None)
     with pytest.raises(ValueError, match="frame=300"):
-        push(run, np.zeros((9, 2)), frame=300)
-    settings = protocol(tmp_path / "run", ["evaluate.starts=3"])
+        rollout(run, np.zeros((9, 2)), frame=300)
+    settings = read_protocol(tmp_path / "run", ["evaluate.starts=3"])
     assert settings == replace(experiment.evaluate, starts=3)
-    assert score(run, settings)["scores"]["ae_floor"] > 0
+    assert evaluate_run(run, settings)["scores"]["ae_floor"] > 0
     with pytest.raises(ValueError, match="a run keeps its settings"):
-        protocol(tmp_path / "run", ["stage2.steps=3"])
+        read_protocol(tmp_path / "run", ["stage2.steps=3"])
 
 
 def test_a_folder_without_a_run_is_named(tmp_path: Path) -> None:

@@ -2,7 +2,8 @@ from dataclasses import asdict, is_dataclass
 from operator import attrgetter
 from pathlib import Path
 
-from lagsplat.config.compose import ConfigError, options
+from lagsplat.config.compose import ConfigError
+from lagsplat.config.schema import options
 from lagsplat.planning.job import hold
 from lagsplat.planning.lineage import lineage
 from lagsplat.planning.plan import (

@@ -3,15 +3,15 @@
 import numpy as np
 
 from lagsplat.baselines.model import load_baseline
-from lagsplat.evaluate.evaluate import recorded
+from lagsplat.evaluate.evaluate import read_recorded_inputs
 from lagsplat.io.recording.recording import load_recording
 from lagsplat.planning.job import Job
-from lagsplat.report.figures.index import draw_attention, save_figure
-from lagsplat.report.figures.model_comparison import attention_of
+from lagsplat.report.common.style import save_figure
+from lagsplat.report.figures.model_comparison import attention_of, draw_attention
 
 with Job(snakemake) as job:
     recording = load_recording(job.input.recording)
-    (picture,) = recorded(recording, first=recording.split()[0].n_frames)(np.zeros(1, np.int64))
+    (picture,) = read_recorded_inputs(recording, first=recording.split()[0].n_frames)(np.zeros(1, np.int64))
     models = zip(job.params.names, job.input.models, strict=True)
     maps = [attention_of(name, load_baseline(path)[0], picture) for name, path in models]
     for path in job.output:

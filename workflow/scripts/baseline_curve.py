@@ -4,7 +4,8 @@ import pandas as pd
 
 from lagsplat.io.files.artifact import read_header
 from lagsplat.planning.job import Job
-from lagsplat.report.figures.index import draw_curves, save_figure
+from lagsplat.report.common.style import save_figure
+from lagsplat.report.figures.training_curves import draw_curves
 
 with Job(snakemake) as job:
     names = ["loss", "reconstruction", "ahead", "latent"]

@@ -3,7 +3,8 @@
 import pandas as pd
 
 from lagsplat.planning.job import Job
-from lagsplat.report.figures.index import draw_curves, save_figure
+from lagsplat.report.common.style import save_figure
+from lagsplat.report.figures.training_curves import draw_curves
 
 with Job(snakemake) as job:
     figure = draw_curves(

@@ -2,7 +2,8 @@
 
 from lagsplat.io.files.json_files import load_json
 from lagsplat.planning.job import Job
-from lagsplat.report.figures.index import draw_equilibrium, save_figure
+from lagsplat.report.common.style import save_figure
+from lagsplat.report.figures.equilibrium import draw_equilibrium
 
 with Job(snakemake) as job:
     run, *_ = (load_json(path) for path in job.input.runs)

@@ -3,7 +3,7 @@
 from lagsplat.chart.chart import load_chart
 from lagsplat.evaluate.config import ExtrapolationConfig
 from lagsplat.evaluate.extrapolation.images import extrapolate_frames
-from lagsplat.io.files.artifact import load_artefact
+from lagsplat.io.files.artifact import load_artifact
 from lagsplat.io.files.json_files import save_json
 from lagsplat.io.recording.recording import load_recording
 from lagsplat.planning.job import Job
@@ -16,7 +16,7 @@ with Job(snakemake) as job:
         load_chart(job.input.chart)[0],
         load_dynamics(job.input.dynamics)[0],
     )
-    frames = load_artefact(job.input.frames, kind="predicted", schema=1, mapped=("frames",))[0]["frames"]
+    frames = load_artifact(job.input.frames, kind="predicted", schema=1, mapped=("frames",))[0]["frames"]
     recording, config = load_recording(job.input.recording), job.section(ExtrapolationConfig)
     found = extrapolate_frames(*run, frames, recording, config)
     save_json(job.output.found, found | {"made_by": job.header})

@@ -1,16 +1,17 @@
 """Draw where on the object forces are answered wrongly."""
 
 from lagsplat.chart.chart import load_chart
-from lagsplat.forces.equilibrium import hold
+from lagsplat.forces.equilibrium import hold_at_load
 from lagsplat.io.files.json_files import load_json
 from lagsplat.planning.job import Job
-from lagsplat.report.figures.index import draw_force_map, save_figure
+from lagsplat.report.common.style import save_figure
+from lagsplat.report.figures.forces import draw_force_map
 from lagsplat.stage1.autoencoder import load_autoencoder
 from lagsplat.stage2.fit import load_dynamics
 
 with Job(snakemake) as job:
     loads = (load_autoencoder, load_chart, load_dynamics)
-    held = hold(*(load(path)[0] for load, path in zip(loads, job.input.run, strict=True)))
+    held = hold_at_load(*(load(path)[0] for load, path in zip(loads, job.input.run, strict=True)))
     unknown = {"refused": "true answers are known of simulated recordings alone"}
     truth = load_json(job.input.metrics)["truth"] or unknown
     for path in job.output:

@@ -3,7 +3,7 @@
 from lagsplat.chart.chart import load_chart
 from lagsplat.evaluate.forces.motion import measure_forces
 from lagsplat.forces.config import ForcesConfig
-from lagsplat.forces.equilibrium import hold
+from lagsplat.forces.equilibrium import hold_at_load
 from lagsplat.io.files.json_files import save_json
 from lagsplat.planning.job import Job
 from lagsplat.stage1.autoencoder import load_autoencoder
@@ -15,7 +15,7 @@ with Job(snakemake) as job:
     loads = (load_autoencoder, load_chart, load_dynamics)
     files = (job.input.autoencoder, job.input.chart, job.input.dynamics)
     metrics = measure_forces(
-        hold(*(load(path)[0] for load, path in zip(loads, files, strict=True))),
+        hold_at_load(*(load(path)[0] for load, path in zip(loads, files, strict=True))),
         job.section(ForcesConfig),
         truth=load_truth(job.input.truth)[0] if job.input.truth else None,
         driven=job.choice(SimulationConfig, "simulation"),

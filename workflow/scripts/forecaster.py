@@ -7,12 +7,12 @@ from lagsplat.baselines.keypoints.fit import fit_forecaster
 from lagsplat.baselines.keypoints.model import save_forecaster
 from lagsplat.io.files.json_files import save_csv
 from lagsplat.io.recording.recording import load_recording
-from lagsplat.io.recording.segments import crossing_frames
+from lagsplat.io.recording.segments import find_crossing_frames
 from lagsplat.planning.job import Job
 
 with Job(snakemake) as job:
     recording, checkpoint = load_recording(job.input.recording), Path(job.params.checkpoint)
-    start, boundary, _ = crossing_frames(recording.segments, recording.split()[0].n_frames)
+    start, boundary, _ = find_crossing_frames(recording.segments, recording.split()[0].n_frames)
     forecaster, curve = fit_forecaster(
         recording.frames[start:boundary],
         job.section(ForecasterConfig),

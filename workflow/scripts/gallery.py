@@ -2,12 +2,12 @@
 
 from lagsplat.baselines.model import load_baseline
 from lagsplat.chart.chart import load_chart
-from lagsplat.evaluate.baseline import baseline_subject
+from lagsplat.evaluate.baseline import make_baseline_subject
 from lagsplat.evaluate.config import EvaluateConfig
-from lagsplat.evaluate.evaluate import run_subject
+from lagsplat.evaluate.evaluate import make_run_subject
 from lagsplat.io.recording.recording import load_recording
 from lagsplat.planning.job import Job
-from lagsplat.report.figures.index import save_figure
+from lagsplat.report.common.style import save_figure
 from lagsplat.report.figures.model_comparison import compare
 from lagsplat.stage1.autoencoder import load_autoencoder
 from lagsplat.stage2.fit import load_dynamics
@@ -16,8 +16,8 @@ with Job(snakemake) as job:
     recording, config = load_recording(job.input.recording), job.section(EvaluateConfig)
     loads = (load_autoencoder, load_chart, load_dynamics)
     parts = [load(path)[0] for load, path in zip(loads, job.input.run, strict=True)]
-    models = {"LaGSplat": run_subject(*parts, recording, config)}
+    models = {"LaGSplat": make_run_subject(*parts, recording, config)}
     for name, path in zip(job.params.names, job.input.models, strict=True):
-        models[name] = baseline_subject(load_baseline(path)[0], recording, config)
+        models[name] = make_baseline_subject(load_baseline(path)[0], recording, config)
     for path in job.output:
         save_figure(path, compare(models, title=job.params.title))

@@ -2,7 +2,7 @@
 
 from lagsplat.chart.chart import load_chart
 from lagsplat.evaluate.config import GuaranteeConfig
-from lagsplat.evaluate.guarantee import guarantee_of
+from lagsplat.evaluate.guarantee import measure_guarantee
 from lagsplat.io.files.atomic import write_text
 from lagsplat.planning.job import Job
 from lagsplat.report.tables.learned_physics import guarantee_table
@@ -11,6 +11,6 @@ from lagsplat.stage2.fit import load_dynamics
 with Job(snakemake) as job:
     config, found = job.section(GuaranteeConfig), []
     for dynamics, chart in zip(job.input.dynamics, job.input.charts, strict=True):
-        found.append(guarantee_of(load_dynamics(dynamics)[0], load_chart(chart)[0], config))
+        found.append(measure_guarantee(load_dynamics(dynamics)[0], load_chart(chart)[0], config))
         job.say(f"{dynamics}: {found[-1]}")
     write_text(job.output.csv, guarantee_table(job.params.runs, found).to_csv(index=False))

@@ -2,7 +2,8 @@
 
 from lagsplat.io.files.json_files import load_json
 from lagsplat.planning.job import Job
-from lagsplat.report.figures.index import draw_horizon, save_figure
+from lagsplat.report.common.style import save_figure
+from lagsplat.report.figures.training_curves import draw_horizon
 
 with Job(snakemake) as job:
     found = [load_json(path)["horizon"] for path in [*job.input.metrics, *job.input.baselines]]

@@ -4,7 +4,8 @@ import torch
 
 from lagsplat.chart.chart import load_chart
 from lagsplat.planning.job import Job
-from lagsplat.report.figures.index import draw_inertia, save_figure
+from lagsplat.report.common.style import save_figure
+from lagsplat.report.figures.inertia import draw_inertia
 from lagsplat.report.tables.learned_physics import LEARNED, MASSES
 from lagsplat.stage2.fit import load_dynamics
 

@@ -2,7 +2,7 @@
 
 from lagsplat.evaluate.velocity_field import load_maps
 from lagsplat.planning.job import Job
-from lagsplat.report.figures.index import save_figure
+from lagsplat.report.common.style import save_figure
 from lagsplat.report.tables.deformation import draw_jacobian_field
 
 with Job(snakemake) as job:

@@ -2,7 +2,8 @@
 
 from lagsplat.chart.chart import load_chart
 from lagsplat.planning.job import Job
-from lagsplat.report.figures.index import draw_latents, save_figure
+from lagsplat.report.common.style import save_figure
+from lagsplat.report.figures.training_curves import draw_latents
 
 with Job(snakemake) as job:
     chart, _ = load_chart(job.input.chart)

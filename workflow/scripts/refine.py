@@ -7,16 +7,18 @@ from lagsplat.io.read import read_recording
 from lagsplat.io.recording.recording import load_recording, save_recording
 from lagsplat.planning.job import Job
 from lagsplat.stage1.config import RenderConfig
-from lagsplat.stage1.deformation_decoder import finer
+from lagsplat.stage1.deformation_decoder import refine_gaussians
 from lagsplat.systems.config import ReleaseConfig, SimulationConfig
-from lagsplat.systems.simulate import resized, stand_in
+from lagsplat.systems.simulate import resize_simulation, simulate_system
 
 with Job(snakemake) as job:
     recording, config = load_recording(job.input.recording), job.section(RecordingConfig)
-    height, width = finer(recording.height, recording.width, job.section(RenderConfig, "render"))
+    height, width = refine_gaussians(recording.height, recording.width, job.section(RenderConfig, "render"))
     if config.kind == "simulated":
         driven, released = job.choice(SimulationConfig, "simulation"), job.choice(ReleaseConfig, "release")
-        fine, _ = stand_in(*resized(driven, released, height=height, width=width), seed=job.seed)
+        fine, _ = simulate_system(
+            *resize_simulation(driven, released, height=height, width=width), seed=job.seed
+        )
     else:
         fine = read_recording(replace(config, height=height, width=width))
     save_recording(job.output.fine, replace(fine, n_train=recording.n_train))

@@ -2,9 +2,11 @@
 
 from lagsplat.chart.chart import load_chart
 from lagsplat.evaluate.config import EvaluateConfig
+from lagsplat.evaluate.long_rollout import Fine, roll_out
 from lagsplat.io.recording.recording import load_recording
 from lagsplat.planning.job import Job
-from lagsplat.report.figures.index import Fine, draw_rollout, roll_out, save_figure
+from lagsplat.report.common.style import save_figure
+from lagsplat.report.figures.rollout import draw_rollout
 from lagsplat.stage1.autoencoder import load_autoencoder
 from lagsplat.stage2.fit import load_dynamics
 

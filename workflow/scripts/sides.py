@@ -1,17 +1,18 @@
 """Score and draw what held-out cameras saw."""
 
-from lagsplat.evaluate.novel_views import score_sides
+from lagsplat.evaluate.novel_views import score_novel_views
 from lagsplat.io.files.json_files import save_json
 from lagsplat.io.recording.recording import load_recording
 from lagsplat.planning.job import Job
-from lagsplat.report.figures.index import draw_sides, save_figure
+from lagsplat.report.common.style import save_figure
+from lagsplat.report.figures.reconstruction import draw_sides
 from lagsplat.stage1.autoencoder import load_autoencoder
 from lagsplat.views.novel import load_views
 
 with Job(snakemake) as job:
     recording, views = load_recording(job.input.recording), load_views(job.input.views)
     autoencoder, _ = load_autoencoder(job.input.autoencoder)
-    scores = score_sides(autoencoder, recording, views)
+    scores = score_novel_views(autoencoder, recording, views)
     job.say({name: scores[name] for name in ("held_out", "filmed")})
     save_json(job.output.metrics, scores | {"made_by": job.header})
     save_figure(job.output.figure, draw_sides(autoencoder, recording, views, title=job.title("Other sides")))

@@ -7,13 +7,16 @@ from lagsplat.io.files.json_files import save_csv
 from lagsplat.planning.job import Job
 from lagsplat.stage1.autoencoder import load_autoencoder
 from lagsplat.stage2.config import Stage2Config
-from lagsplat.stage2.decoder_mass import decoder_geometry
+from lagsplat.stage2.decoder_mass import compute_decoder_geometry
 from lagsplat.stage2.fit import fit_dynamics, save_dynamics
 
 with Job(snakemake) as job:
     autoencoder, _ = load_autoencoder(job.input.autoencoder)
     chart, _ = load_chart(job.input.chart)
-    train, geometry = chart.train.smoothed(chart.smoothing_frames), decoder_geometry(autoencoder, chart)
+    train, geometry = (
+        chart.train.smoothed(chart.smoothing_frames),
+        compute_decoder_geometry(autoencoder, chart),
+    )
     lagrangian, report = fit_dynamics(
         train,
         chart.metric,

@@ -11,15 +11,22 @@ from tqdm import tqdm
 
 from lagsplat.array_types import Frames
 from lagsplat.baselines.config import ForecasterConfig
-from lagsplat.baselines.keypoints.model import Forecaster, architecture_of, scatter
-from lagsplat.baselines.keypoints.phases import Fitting, Moment, loss_of, moment_of, open_phase, set_rates
+from lagsplat.baselines.keypoints.model import Forecaster, read_forecaster_architecture, scatter_points
+from lagsplat.baselines.keypoints.phases import (
+    ForecasterFit,
+    TrainingMoment,
+    choose_moment,
+    forecast_loss,
+    open_phase,
+    set_rates,
+)
 from lagsplat.io.files.checkpoint import load_checkpoint, save_checkpoint
 
 log = logging.getLogger(__name__)
 CURVE_POINTS = 400  # rows of the training curve, whatever the length of the run
 
 
-class CurvePoint(NamedTuple):
+class ForecasterCurvePoint(NamedTuple):
     """Means since the previous point; ``seconds`` of training in all, interruptions not counted.
 
     ``error`` is the mean absolute colour error, in the last phase the distance of key points [half widths].
@@ -39,7 +46,7 @@ def fit_forecaster(
     seed: int,
     checkpoint: Path | None = None,
     identity: str = "",
-) -> tuple[Forecaster, list[CurvePoint]]:
+) -> tuple[Forecaster, list[ForecasterCurvePoint]]:
     """Train pictures, key points and graph networks on the consecutive training frames of one clip.
 
     Every random draw is a function of the seed and the step, so a run that goes on from ``checkpoint`` ends
@@ -59,7 +66,7 @@ def fit_forecaster(
     every = max(1, config.n_steps // CURVE_POINTS)
     with tqdm(total=config.n_steps, initial=first, unit="step", desc="forecaster", mininterval=1.0) as bar:
         for step in range(first, config.n_steps):
-            moment = moment_of(config, step)
+            moment = choose_moment(config, step)
             if moment.inner == 0:
                 open_phase(fitting, moment)
             sums += train_step(fitting, moment, step)
@@ -68,7 +75,9 @@ def fit_forecaster(
             ends = moment.inner + 1 == moment.length
             if (step + 1) % every == 0 or ends:
                 seconds = spent + time.monotonic() - resumed_at
-                curve.append(CurvePoint._make([step + 1, moment.phase, *(sums / counted).tolist(), seconds]))
+                curve.append(
+                    ForecasterCurvePoint._make([step + 1, moment.phase, *(sums / counted).tolist(), seconds])
+                )
                 bar.set_postfix(phase=moment.phase, error=f"{curve[-1].error:.3g}")
                 sums, counted = np.zeros(2), 0
                 # Only here are the running means empty, so that a checkpoint need not hold them.
@@ -78,7 +87,7 @@ def fit_forecaster(
     return fitting.forecaster.eval(), curve
 
 
-def _begin(frames: Frames, config: ForecasterConfig, seed: int) -> Fitting:
+def _begin(frames: Frames, config: ForecasterConfig, seed: int) -> ForecasterFit:
     if len(frames) <= config.graph.history:
         raise ValueError(
             f"{len(frames)} training frames in the clip: a forecast from {config.graph.history} frames needs "
@@ -86,21 +95,21 @@ def _begin(frames: Frames, config: ForecasterConfig, seed: int) -> Fitting:
         )
     torch.manual_seed(seed)
     _, height, width, _ = frames.shape
-    of = architecture_of(config, height=height, width=width, frames=len(frames))
+    of = read_forecaster_architecture(config, height=height, width=width, frames=len(frames))
     forecaster = Forecaster(of, backend=config.backend).train()
     rng = np.random.default_rng(seed)
-    scatter(forecaster.scene, frames, sigma=config.spatial_sigma, opacity=config.opacity, rng=rng)
+    scatter_points(forecaster.scene, frames, sigma=config.spatial_sigma, opacity=config.opacity, rng=rng)
     stored = torch.from_numpy(np.array(frames))  # a copy: the file is mapped read-only
     nothing = torch.optim.Adam(forecaster.parameters())
-    return Fitting(forecaster, stored, config, seed, nothing)
+    return ForecasterFit(forecaster, stored, config, seed, nothing)
 
 
-def train_step(fitting: Fitting, moment: Moment, step: int) -> np.ndarray:
+def train_step(fitting: ForecasterFit, moment: TrainingMoment, step: int) -> np.ndarray:
     """One descent; returns its loss and error."""
     rng = np.random.default_rng([fitting.seed, step])
     set_rates(fitting, moment)
     fitting.optimizer.zero_grad(set_to_none=True)
-    loss, error = loss_of(fitting, moment, rng)
+    loss, error = forecast_loss(fitting, moment, rng)
     loss.backward()
     fitting.optimizer.step()
     values = np.array([float(loss.detach()), float(error)])
@@ -112,13 +121,17 @@ def train_step(fitting: Fitting, moment: Moment, step: int) -> np.ndarray:
     return values
 
 
-def _restore(fitting: Fitting, checkpoint: Path | None, identity: str) -> tuple[int, list[CurvePoint]]:
+def _restore(
+    fitting: ForecasterFit, checkpoint: Path | None, identity: str
+) -> tuple[int, list[ForecasterCurvePoint]]:
     state = load_checkpoint(checkpoint, identity=identity) if checkpoint else None
     if state is None:
         return 0, []
     fitting.forecaster.load_state_dict(state["forecaster"])
-    curve = [CurvePoint(*row) for row in state["curve"]]
-    moment = moment_of(fitting.config, curve[-1].step) if curve[-1].step < fitting.config.n_steps else None
+    curve = [ForecasterCurvePoint(*row) for row in state["curve"]]
+    moment = (
+        choose_moment(fitting.config, curve[-1].step) if curve[-1].step < fitting.config.n_steps else None
+    )
     if moment is not None and moment.inner:
         open_phase(fitting, moment)
         fitting.optimizer.load_state_dict(state["optimizer"])
@@ -127,7 +140,7 @@ def _restore(fitting: Fitting, checkpoint: Path | None, identity: str) -> tuple[
     return curve[-1].step, curve
 
 
-def _save(fitting: Fitting, curve: list[CurvePoint], checkpoint: Path, identity: str) -> None:
+def _save(fitting: ForecasterFit, curve: list[ForecasterCurvePoint], checkpoint: Path, identity: str) -> None:
     state: dict[str, Any] = {
         "forecaster": fitting.forecaster.state_dict(),
         "optimizer": fitting.optimizer.state_dict(),

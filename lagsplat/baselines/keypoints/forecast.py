@@ -10,7 +10,7 @@ from torch import Tensor
 from lagsplat.baselines.keypoints.model import Forecaster
 
 
-class KeyPath(NamedTuple):
+class KeyPointPath(NamedTuple):
     """Positions [half widths] and turns (cosine, sine) of the key points at consecutive frames."""
 
     places: Float32[np.ndarray, "N K 2"]
@@ -18,7 +18,7 @@ class KeyPath(NamedTuple):
 
 
 @torch.no_grad()
-def fitted_path(forecaster: Forecaster, frames: Float[np.ndarray, " N"]) -> KeyPath:
+def fit_path(forecaster: Forecaster, frames: Float[np.ndarray, " N"]) -> KeyPointPath:
     """The key points as the motion network has them at these frames, those past the training included.
 
     Within the training frames this is what was fitted; beyond them it is the network asked for a time it has
@@ -29,27 +29,27 @@ def fitted_path(forecaster: Forecaster, frames: Float[np.ndarray, " N"]) -> KeyP
         moved, turned = forecaster.key_shift(float(frame))
         places.append(forecaster.keys.place + moved)
         turns.append(torch.cat((turned.cos(), turned.sin()), 1))
-    return KeyPath(torch.stack(places).numpy(), torch.stack(turns).numpy())
+    return KeyPointPath(torch.stack(places).numpy(), torch.stack(turns).numpy())
 
 
 @torch.no_grad()
-def carried_on(forecaster: Forecaster, steps: int) -> KeyPath:
+def continue_path(forecaster: Forecaster, steps: int) -> KeyPointPath:
     """The last training frame and ``steps`` frames after it, every prediction fed back.
 
     Cosines and sines are brought back to the circle after every step.
     """
     of = forecaster.architecture
-    past = fitted_path(forecaster, np.arange(of.frames - of.history, of.frames, dtype=np.float64))
+    past = fit_path(forecaster, np.arange(of.frames - of.history, of.frames, dtype=np.float64))
     places = [torch.from_numpy(place).flatten() for place in past.places]
     turns = [torch.from_numpy(turn).flatten() for turn in past.turns]
     for _ in range(steps):
         places.append(forecaster.places(torch.stack(places[-of.history :])[None])[0])
-        turns.append(on_circle(forecaster.turns(torch.stack(turns[-of.history :])[None])[0]))
+        turns.append(wrap_angle(forecaster.turns(torch.stack(turns[-of.history :])[None])[0]))
     kept = (torch.stack(series[of.history - 1 :]).unflatten(1, (-1, 2)).numpy() for series in (places, turns))
-    return KeyPath(*kept)
+    return KeyPointPath(*kept)
 
 
-def on_circle(turns: Float[Tensor, "*B nodes"]) -> Float[Tensor, "*B nodes"]:
+def wrap_angle(turns: Float[Tensor, "*B nodes"]) -> Float[Tensor, "*B nodes"]:
     """Pairs of cosine and sine, brought to length one."""
     pairs = turns.unflatten(-1, (-1, 2))
     return (pairs / pairs.norm(dim=-1, keepdim=True).clamp_min(1e-6)).flatten(-2)
@@ -57,7 +57,7 @@ def on_circle(turns: Float[Tensor, "*B nodes"]) -> Float[Tensor, "*B nodes"]:
 
 @torch.no_grad()
 def draw_path(
-    forecaster: Forecaster, path: KeyPath, at: Float[np.ndarray, " N"]
+    forecaster: Forecaster, path: KeyPointPath, at: Float[np.ndarray, " N"]
 ) -> Float32[np.ndarray, "N 3 H W"]:
     """Pictures at places along a path, counted in its steps; between two of them linearly, and held beyond
     its ends."""

@@ -22,14 +22,14 @@ from torch import Tensor, nn
 
 from lagsplat.array_types import Frames
 from lagsplat.baselines.config import ForecasterConfig
-from lagsplat.io.files.artifact import load_artefact, restore, save_artefact
-from lagsplat.splat.backend import rasterizer
+from lagsplat.io.files.artifact import load_artifact, restore_module, save_artifact
+from lagsplat.splat.backend import choose_rasterizer
 
 KIND, SCHEMA = "forecaster", 1
 
 
 @dataclass(frozen=True)
-class Architecture:
+class ForecasterArchitecture:
     """What decides the shape of a forecaster; ``frames`` are those it was trained on."""
 
     n_gaussians: int
@@ -48,10 +48,12 @@ class Architecture:
     frames: int
 
 
-def architecture_of(config: ForecasterConfig, *, height: int, width: int, frames: int) -> Architecture:
+def read_forecaster_architecture(
+    config: ForecasterConfig, *, height: int, width: int, frames: int
+) -> ForecasterArchitecture:
     """The shape of a forecaster for a clip of ``frames`` training frames."""
     motion, graph = config.motion, config.graph
-    return Architecture(
+    return ForecasterArchitecture(
         n_gaussians=config.n_gaussians,
         feature=motion.feature,
         octaves=motion.octaves,
@@ -81,10 +83,10 @@ class Forecaster(nn.Module):
     Source: facts of Zhao et al. 2024, arXiv:2405.19745, written anew for two dimensions and one camera.
     """
 
-    def __init__(self, of: Architecture, *, backend: str = "auto") -> None:
+    def __init__(self, of: ForecasterArchitecture, *, backend: str = "auto") -> None:
         super().__init__()
         self.architecture, self.backend = of, backend
-        self.scene = Scene(of.n_gaussians, of.feature, height=of.height, width=of.width)
+        self.scene = KeyPointScene(of.n_gaussians, of.feature, height=of.height, width=of.width)
         self.motion = MotionNet(of.feature, octaves=of.octaves, hidden=of.hidden, layers=of.layers)
         self.keys = KeyPoints(
             of.n_gaussians,
@@ -102,12 +104,12 @@ class Forecaster(nn.Module):
         """What every Gaussian does at a frame by its own feature; ``noise`` is added to where it is told to
         be."""
         told = self.scene.place.detach() + noise
-        return self.motion(self.scene.feature, told, time_of(frame, self.architecture.frames))
+        return self.motion(self.scene.feature, told, normalize_time(frame, self.architecture.frames))
 
     def key_shift(self, frame: float, *, noise: Float[Tensor, "K 2"] | float = 0.0) -> Shift:
         """What the key points do at a frame."""
         told = self.keys.place.detach() + noise
-        return self.motion(self.keys.feature, told, time_of(frame, self.architecture.frames))
+        return self.motion(self.keys.feature, told, normalize_time(frame, self.architecture.frames))
 
     def draw(self, shift: Shift) -> Float[Tensor, "1 3 H W"]:
         """The picture with every Gaussian displaced and turned."""
@@ -126,7 +128,7 @@ class Forecaster(nn.Module):
 def save_forecaster(path: str | os.PathLike[str], forecaster: Forecaster, header: Mapping[str, Any]) -> None:
     """Write the weights and what is needed to build the same model again."""
     header = {"kind": KIND, "schema": SCHEMA, **header, "architecture": asdict(forecaster.architecture)}
-    save_artefact(path, forecaster.state_dict(), header)
+    save_artifact(path, forecaster.state_dict(), header)
 
 
 def load_forecaster(
@@ -138,12 +140,12 @@ def load_forecaster(
         FileNotFoundError: nothing is at ``path``.
         ValueError: the file is no forecaster, or one of another schema.
     """
-    tensors, header = load_artefact(path, kind=KIND, schema=SCHEMA)
-    forecaster = Forecaster(Architecture(**header["architecture"]), backend=backend)
-    return restore(forecaster, tensors, path), header
+    tensors, header = load_artifact(path, kind=KIND, schema=SCHEMA)
+    forecaster = Forecaster(ForecasterArchitecture(**header["architecture"]), backend=backend)
+    return restore_module(forecaster, tensors, path), header
 
 
-def waves(value: Float[Tensor, "N m"], octaves: int) -> Float[Tensor, "N w"]:
+def fourier_features(value: Float[Tensor, "N m"], octaves: int) -> Float[Tensor, "N w"]:
     """Sines and cosines of ``2^k value`` for ``octaves`` values of k; the value itself is not among them."""
     scaled = (value[:, :, None] * 2.0 ** torch.arange(octaves, device=value.device)).flatten(1)
     return torch.cat((scaled.sin(), scaled.cos()), dim=1)
@@ -166,8 +168,8 @@ class MotionNet(nn.Module):
 
     def forward(self, feature: Float[Tensor, "N f"], place: Float[Tensor, "N 2"], time: float) -> Shift:
         """Displacement and turn at ``time``, which runs from 0 to 1 over the clip."""
-        when = waves(place.new_full((1, 1), time), self.octaves).expand(len(place), -1)
-        value = torch.cat((feature, waves(place, self.octaves), when), dim=1)
+        when = fourier_features(place.new_full((1, 1), time), self.octaves).expand(len(place), -1)
+        value = torch.cat((feature, fourier_features(place, self.octaves), when), dim=1)
         for layer in self.layers:
             value = torch.relu(layer(value))
         moved = self.head(value)
@@ -226,7 +228,7 @@ class KeyPoints(nn.Module):
         )
 
 
-def time_of(frame: float, frames: int) -> float:
+def normalize_time(frame: float, frames: int) -> float:
     """The time of a frame in a clip of ``frames`` frames, which ends at 1."""
     return frame / max(frames - 1, 1)
 
@@ -288,7 +290,7 @@ FEATURE_START = 1e-3
 FLAT_SHARE = 0.2  # probability given to every pixel, edges and moving pixels taking the rest
 
 
-class Scene(nn.Module):
+class KeyPointScene(nn.Module):
     """``N`` Gaussians in half widths of the image: x from -1 to 1, y likewise about the middle row.
 
     Sizes are in pixels. Only places and angles move with time; colour, opacity and size never do. They are
@@ -312,7 +314,7 @@ class Scene(nn.Module):
         """The picture with its Gaussians at ``place`` [half widths], turned to ``angle`` [rad]."""
         half = self.width / 2
         means = place * half + place.new_tensor([half, self.height / 2])
-        return rasterizer(backend, place.device)(
+        return choose_rasterizer(backend, place.device)(
             means[None],
             self.covariance(angle),
             torch.sigmoid(self.opacity_logit)[None],
@@ -337,7 +339,9 @@ class Scene(nn.Module):
 
 
 @torch.no_grad()
-def scatter(scene: Scene, frames: Frames, *, sigma: float, opacity: float, rng: np.random.Generator) -> None:
+def scatter_points(
+    scene: KeyPointScene, frames: Frames, *, sigma: float, opacity: float, rng: np.random.Generator
+) -> None:
     """Place the Gaussians where the first frame has edges and where frames differ, in the colours there.
 
     ``sigma`` is their size over the image height.

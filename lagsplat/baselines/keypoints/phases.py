@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from lagsplat.baselines.config import PHASES, ForecasterConfig, GraphConfig
-from lagsplat.baselines.keypoints.forecast import fitted_path, on_circle
+from lagsplat.baselines.keypoints.forecast import fit_path, wrap_angle
 from lagsplat.baselines.keypoints.model import Forecaster
 from lagsplat.splat.losses import structural_dissimilarity
 from lagsplat.stage1.autoencoder import to_images
@@ -17,7 +17,7 @@ from lagsplat.stage1.autoencoder import to_images
 FRESH_NEIGHBOURS = 100  # steps after which it is looked up again which key points a Gaussian follows
 
 
-class Moment(NamedTuple):
+class TrainingMoment(NamedTuple):
     """A step of the training: its phase, and how many steps of this are done and to be done in all."""
 
     phase: str
@@ -25,17 +25,17 @@ class Moment(NamedTuple):
     length: int
 
 
-def moment_of(config: ForecasterConfig, step: int) -> Moment:
+def choose_moment(config: ForecasterConfig, step: int) -> TrainingMoment:
     """The phase in which a step of the whole training lies."""
     for phase in PHASES:
         if step < config.steps[phase]:
-            return Moment(phase, step, config.steps[phase])
+            return TrainingMoment(phase, step, config.steps[phase])
         step -= config.steps[phase]
     raise ValueError(f"step {step} lies past the end of the training")
 
 
 @dataclass
-class Fitting:
+class ForecasterFit:
     """A forecaster in training, with what lives as long as a phase: optimiser, neighbours, series."""
 
     forecaster: Forecaster
@@ -47,7 +47,7 @@ class Fitting:
     series: tuple[Tensor, Tensor] | None = None
 
 
-def open_phase(fitting: Fitting, moment: Moment) -> None:
+def open_phase(fitting: ForecasterFit, moment: TrainingMoment) -> None:
     """Begin a phase, or go on within it: a fresh optimiser, and the key points where they begin."""
     forecaster = fitting.forecaster
     if moment.phase == "keys" and moment.inner == 0:
@@ -55,7 +55,7 @@ def open_phase(fitting: Fitting, moment: Moment) -> None:
         forecaster.keys.gather(scene.place.detach(), scene.feature.detach(), seed=fitting.seed)
     fitting.nearest = forecaster.nearest() if moment.phase in ("keys", "joint") else None
     if moment.phase == "graph":
-        path = fitted_path(forecaster, np.arange(len(fitting.frames), dtype=np.float64))
+        path = fit_path(forecaster, np.arange(len(fitting.frames), dtype=np.float64))
         fitting.series = tuple(torch.from_numpy(part).flatten(1) for part in path)  # type: ignore[assignment]
     fitting.optimizer = _optimizer(forecaster, fitting.config, moment.phase)
 
@@ -85,7 +85,7 @@ def _optimizer(forecaster: Forecaster, config: ForecasterConfig, phase: str) -> 
     return torch.optim.Adam(groups, lr=1e-3, eps=1e-15)
 
 
-def set_rates(fitting: Fitting, moment: Moment) -> None:
+def set_rates(fitting: ForecasterFit, moment: TrainingMoment) -> None:
     """Step sizes of this step: a half cosine for graph networks, a constant factor a step for pictures."""
     config = fitting.config
     pictures = sum(config.steps[name] for name in PHASES[:-1])
@@ -99,7 +99,9 @@ def set_rates(fitting: Fitting, moment: Moment) -> None:
             group["lr"] = first * (last / first) ** ((before + moment.inner) / pictures)
 
 
-def loss_of(fitting: Fitting, moment: Moment, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
+def forecast_loss(
+    fitting: ForecasterFit, moment: TrainingMoment, rng: np.random.Generator
+) -> tuple[Tensor, Tensor]:
     """The loss of one step, and what of it is an error: mean absolute colour, or half widths."""
     if moment.phase == "graph":
         return graph_loss(fitting, moment, rng)
@@ -128,7 +130,9 @@ def loss_of(fitting: Fitting, moment: Moment, rng: np.random.Generator) -> tuple
     return loss, error.detach()
 
 
-def _noise(place: nn.Parameter, fitting: Fitting, moment: Moment, rng: np.random.Generator) -> Tensor | float:
+def _noise(
+    place: nn.Parameter, fitting: ForecasterFit, moment: TrainingMoment, rng: np.random.Generator
+) -> Tensor | float:
     """Noise on the places that the network is told; gone after the first third of a phase."""
     sigma = fitting.config.motion.place_noise * max(0.0, 1 - 3 * moment.inner / moment.length)
     if sigma == 0.0:
@@ -136,7 +140,9 @@ def _noise(place: nn.Parameter, fitting: Fitting, moment: Moment, rng: np.random
     return torch.as_tensor(sigma * rng.standard_normal(tuple(place.shape)), dtype=place.dtype)
 
 
-def graph_loss(fitting: Fitting, moment: Moment, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
+def graph_loss(
+    fitting: ForecasterFit, moment: TrainingMoment, rng: np.random.Generator
+) -> tuple[Tensor, Tensor]:
     """Mean distance of the predicted key points, and of the ends of their turned unit vectors."""
     assert fitting.series is not None, "the phase was opened"
     config, forecaster = fitting.config.graph, fitting.forecaster
@@ -153,12 +159,12 @@ def graph_loss(fitting: Fitting, moment: Moment, rng: np.random.Generator) -> tu
             past = past + torch.as_tensor(drawn, dtype=past.dtype)
         predicted = net(past)
         if net is forecaster.turns:
-            predicted = on_circle(predicted)
+            predicted = wrap_angle(predicted)
         # the root's own derivative at nothing is not finite
         apart = (predicted - truth).unflatten(1, (-1, 2)).square().sum(-1)
         errors.append((apart + 1e-12).sqrt().mean())
     return errors[0] + errors[1], errors[0].detach()
 
 
-def _input_noise(config: GraphConfig, moment: Moment) -> float:
+def _input_noise(config: GraphConfig, moment: TrainingMoment) -> float:
     return config.noise * max(0.0, 1 - moment.inner / (config.noise_until * moment.length))

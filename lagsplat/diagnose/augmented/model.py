@@ -28,7 +28,7 @@ from lagsplat.diagnose.estimation.nuisance import NuisanceParameters
 from lagsplat.diagnose.estimation.rollout import RolloutModel
 from lagsplat.diagnose.mechanics.basis import Basis
 from lagsplat.diagnose.mechanics.model import MechanicalModel
-from lagsplat.io.files.artifact import load_artefact, save_artefact
+from lagsplat.io.files.artifact import load_artifact, save_artifact
 
 KIND, SCHEMA = "augmented", 1
 FIELDS = ("mass", "damping", "potential", "input_map", "dry", "drag", "width", "rest")
@@ -170,7 +170,7 @@ def save_augmented(path: str | os.PathLike[str], one: AugmentedSimulator, header
         "q_names": list(one.q_names),
         "u_names": list(one.u_names),
     }
-    save_artefact(
+    save_artifact(
         path,
         tensors,
         {**header, "kind": KIND, "schema": SCHEMA, "bounded": one.bounded, "augmented": settings},
@@ -184,7 +184,7 @@ def load_augmented(path: str | os.PathLike[str]) -> AugmentedSimulator:
         FileNotFoundError: nothing is at ``path``.
         ValueError: it is something else, of another schema, or names an effect that is not in the catalogue.
     """
-    tensors, header = load_artefact(path, kind=KIND, schema=SCHEMA)
+    tensors, header = load_artifact(path, kind=KIND, schema=SCHEMA)
     said = header["augmented"]
     basis = Basis(**{name: tensors[f"basis.{name}"] for name in BASIS})
     return AugmentedSimulator(

@@ -17,12 +17,12 @@ from lagsplat.diagnose.data_quality.natural_period import natural_period_s
 from lagsplat.diagnose.data_quality.noise import Noise, measure_noise
 from lagsplat.diagnose.data_quality.sampling import check_length, check_samples, count_blocks
 from lagsplat.diagnose.data_quality.time_alignment import check_offset
-from lagsplat.io.trajectory.trajectory import Motion
+from lagsplat.io.trajectory.trajectory import Trajectory
 
 TURNS = (2.0 * np.pi, 360.0)
 
 
-def unwrap(motion: Motion) -> tuple[Motion, tuple[Finding, ...]]:
+def unwrap(motion: Trajectory) -> tuple[Trajectory, tuple[Finding, ...]]:
     """The motion with angles continued where a sensor starts again from the other end of a turn.
 
     A step of a whole turn, in radians or degrees, to within a quarter of it counts, where no other step is a
@@ -70,7 +70,7 @@ class Side:
     into fit and test.
     """
 
-    motions: tuple[Motion, ...]
+    motions: tuple[Trajectory, ...]
     findings: tuple[Finding, ...]
     period_s: float | None
     noise: Noise
@@ -102,7 +102,7 @@ class Checked:
         return tuple(sorted({name for columns in found for name in columns}))
 
 
-def check(sim: Sequence[Motion], real: Sequence[Motion]) -> Checked:
+def check(sim: Sequence[Trajectory], real: Sequence[Trajectory]) -> Checked:
     """Both sides checked; ``sim`` is empty where the sim is a model without motions of its own.
 
     Raises:
@@ -131,7 +131,7 @@ def check(sim: Sequence[Motion], real: Sequence[Motion]) -> Checked:
     return Checked(nominal, seen, tuple(_once(found)))
 
 
-def prepare(motions: Sequence[Motion], *, nominal_period_s: float | None = None) -> Side:
+def prepare(motions: Sequence[Trajectory], *, nominal_period_s: float | None = None) -> Side:
     """One side unwrapped and cut, with its natural period, its noise and what was found on the way.
 
     ``nominal_period_s`` stands in for the own period of a driven motion where the two differ by more than
@@ -139,7 +139,7 @@ def prepare(motions: Sequence[Motion], *, nominal_period_s: float | None = None)
     """
     found: list[Finding] = []
 
-    def apply(step: tuple[Motion, tuple[Finding, ...]]) -> Motion:
+    def apply(step: tuple[Trajectory, tuple[Finding, ...]]) -> Trajectory:
         found.extend(step[1])
         return step[0]
 

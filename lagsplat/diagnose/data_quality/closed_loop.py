@@ -8,7 +8,7 @@ from scipy.stats import f as f_law
 
 from lagsplat.diagnose.core.result import Finding
 from lagsplat.diagnose.data_quality.noise import fit_locally
-from lagsplat.io.trajectory.trajectory import Motion
+from lagsplat.io.trajectory.trajectory import Trajectory
 
 ORDER = 6  # of the differences that leave errors and take the motion away
 ROUGH = 1.2  # power that one more difference must add; white noise adds 3.7, anything smooth loses
@@ -29,7 +29,7 @@ class Feedback:
     static_share: float
 
 
-def measure_feedback(motion: Motion, *, channel: int, period_s: float) -> Feedback:
+def measure_feedback(motion: Trajectory, *, channel: int, period_s: float) -> Feedback:
     """Traces that a controller leaves in input ``channel``.
 
     A controller passes on the sensor's noise: differences of the input, of an order that leaves noise alone,
@@ -42,7 +42,7 @@ def measure_feedback(motion: Motion, *, channel: int, period_s: float) -> Feedba
     return Feedback(_error_share(motion, channel), _static_share(motion, channel, period_s))
 
 
-def _error_share(motion: Motion, channel: int) -> float:
+def _error_share(motion: Trajectory, channel: int) -> float:
     shares, weights = [], []
     for start, stop in motion.segments:
         if stop - start < 60:
@@ -85,7 +85,7 @@ def _explained(columns: np.ndarray, target: np.ndarray, *, given: np.ndarray) ->
     return share if f_law.sf(ratio, p, max(n - p, 1)) < CHANCE else 0.0
 
 
-def _static_share(motion: Motion, channel: int, period_s: float) -> float:
+def _static_share(motion: Trajectory, channel: int, period_s: float) -> float:
     u = motion.u[:, channel] - motion.u[:, channel].mean()
     if not u.any():
         return np.nan
@@ -105,7 +105,7 @@ def _static_share(motion: Motion, channel: int, period_s: float) -> float:
     return 1.0 - float(rest @ rest) / float(u @ u)
 
 
-def check_feedback(motions: Sequence[Motion], *, period_s: float | None) -> list[Finding]:
+def check_feedback(motions: Sequence[Trajectory], *, period_s: float | None) -> list[Finding]:
     """Inputs that answer the motion: a controller's, with which delays and gains come out biased."""
     found: list[Finding] = []
     for motion in motions:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from lagsplat.diagnose.core.result import Finding
-from lagsplat.io.trajectory.trajectory import Motion
+from lagsplat.io.trajectory.trajectory import Trajectory
 
 REACH = 1.5  # times the farthest sample of the sim (its 99 % quantile) that still counts as its region
 OUTSIDE, APART = 0.05, 0.5  # shares of the real samples outside it
@@ -24,7 +24,7 @@ LIKE = 0.35  # by which the ratio of sizes may miss one of them, as a share
 STRIKING = 20.0  # ratio of sizes that asks for an explanation
 
 
-def check_coordinates(sim: Sequence[Motion], real: Sequence[Motion]) -> list[Finding]:
+def check_coordinates(sim: Sequence[Trajectory], real: Sequence[Trajectory]) -> list[Finding]:
     """Numbers and names of coordinates and inputs must agree, on each side and across.
 
     An input that the real side alone has leaves the verdict undetermined where it moves: the sim does not say
@@ -96,12 +96,12 @@ def _missing(source: str, names: Sequence[str], why: str) -> Finding:
     )
 
 
-def _moves(motion: Motion, name: str) -> bool:
+def _moves(motion: Trajectory, name: str) -> bool:
     column = motion.u[:, motion.u_names.index(name)]
     return bool(np.ptp(column) > 1e-9 * np.abs(column).max())
 
 
-def check_region(sim: Sequence[Motion], real: Sequence[Motion]) -> list[Finding]:
+def check_region(sim: Sequence[Trajectory], real: Sequence[Trajectory]) -> list[Finding]:
     """Whether the real motion lies where the sim was seen, and in its units.
 
     The distance is Mahalanobis', with the sim's median and a covariance of its ranks' spread, so that a few

@@ -11,7 +11,7 @@ from numpy.polynomial import Polynomial
 
 from lagsplat.diagnose.core.result import Finding
 from lagsplat.diagnose.data_quality.noise import fit_locally
-from lagsplat.io.trajectory.trajectory import Motion
+from lagsplat.io.trajectory.trajectory import Trajectory
 
 SIDE = 8  # samples of the polynomial on either side of a border...
 PERIODS = 0.15  # ...and natural periods that they last at most
@@ -51,7 +51,7 @@ class _Jump:
     """Range of the motion around."""
 
 
-def cut_gaps(motion: Motion, *, period_s: float | None) -> tuple[Motion, tuple[Finding, ...]]:
+def cut_gaps(motion: Trajectory, *, period_s: float | None) -> tuple[Trajectory, tuple[Finding, ...]]:
     """The motion cut where samples are missing for longer than the motion can be followed."""
     step = np.diff(motion.time_s)
     limit = max(LONG_STEPS * motion.dt_s, LONG_PERIODS * (period_s or 0.0))
@@ -72,8 +72,8 @@ def cut_gaps(motion: Motion, *, period_s: float | None) -> tuple[Motion, tuple[F
 
 
 def cut_jumps(
-    motion: Motion, *, sigma: np.ndarray, period_s: float | None
-) -> tuple[Motion, tuple[Finding, ...]]:
+    motion: Trajectory, *, sigma: np.ndarray, period_s: float | None
+) -> tuple[Trajectory, tuple[Finding, ...]]:
     """The motion cut where position jumps by more than its velocity and its noise allow.
 
     ``sigma`` (d,) is the noise. Polynomials through the samples on either side of each border are compared in
@@ -129,8 +129,8 @@ def cut_jumps(
 
 
 def drop_holds(
-    motion: Motion, *, sigma: np.ndarray, period_s: float | None
-) -> tuple[Motion, tuple[Finding, ...]]:
+    motion: Trajectory, *, sigma: np.ndarray, period_s: float | None
+) -> tuple[Trajectory, tuple[Finding, ...]]:
     """The motion without stretches in which it is held away from its middle and then let go.
 
     Only where inputs are constant: an input that moves is reason enough to start. A clip that rests in the
@@ -159,13 +159,13 @@ def drop_holds(
     )
 
 
-def _thaws(motion: Motion, sigma: np.ndarray) -> Int64[np.ndarray, " J"]:
+def _thaws(motion: Trajectory, sigma: np.ndarray) -> Int64[np.ndarray, " J"]:
     """First samples after a picture that stood still."""
     late = frozen(motion.q, np.array(motion.segments), np.where(np.isfinite(sigma), sigma, 0.0))
     return np.flatnonzero(late[:-1] & ~late[1:]) + 1
 
 
-def _jumps(motion: Motion, sigma: np.ndarray, period_s: float | None) -> list[_Jump]:
+def _jumps(motion: Trajectory, sigma: np.ndarray, period_s: float | None) -> list[_Jump]:
     """The largest significant mismatch of each neighbourhood."""
     side = SIDE if period_s is None else int(np.clip(PERIODS * period_s / motion.dt_s, 4, SIDE))
     degree = 2 if side >= 5 else 1
@@ -228,7 +228,7 @@ def _peaks(score: np.ndarray, distance: int) -> list[int]:
     return peaks
 
 
-def _is_loss(jump: _Jump, motion: Motion, speed: float, period_s: float | None) -> bool:
+def _is_loss(jump: _Jump, motion: Trajectory, speed: float, period_s: float | None) -> bool:
     """Whether lost frames explain a jump: whole steps along a motion whose rate goes on as it must."""
     frames = jump.size / jump.rate if jump.rate else np.inf
     angle = 2.0 * np.pi * motion.dt_s / period_s if period_s is not None else 0.0
@@ -237,7 +237,7 @@ def _is_loss(jump: _Jump, motion: Motion, speed: float, period_s: float | None) 
     return 0.5 < frames < MOST_MISSING and jump.rate_change < allowed
 
 
-def _frequent(motion: Motion, cuts: list[int]) -> Finding:
+def _frequent(motion: Trajectory, cuts: list[int]) -> Finding:
     return Finding(
         "warn",
         "frequent jumps",
@@ -249,7 +249,7 @@ def _frequent(motion: Motion, cuts: list[int]) -> Finding:
 
 
 def _holds(
-    motion: Motion, start: int, stop: int, sigma: np.ndarray, period_s: float
+    motion: Trajectory, start: int, stop: int, sigma: np.ndarray, period_s: float
 ) -> list[tuple[int, int]]:
     least = max(int(HOLD_PERIODS * period_s / motion.dt_s), 2 * SIDE)
     if stop - start < 2 * least:

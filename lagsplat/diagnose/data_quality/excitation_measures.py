@@ -10,7 +10,7 @@ import numpy as np
 
 from lagsplat.diagnose.core.result import Finding
 from lagsplat.diagnose.data_quality.noise import LocalFit, Noise, fit_locally
-from lagsplat.io.trajectory.trajectory import Motion
+from lagsplat.io.trajectory.trajectory import Trajectory
 
 ABOVE_NOISE = 5.0  # standard deviations of noise that a swing must exceed to be one
 SLOW = 0.1  # of the rms rate
@@ -69,7 +69,7 @@ class ExcitationMeasures:
         return any(channel.moves for channel in self.inputs)
 
 
-def measure_excitation(motions: Sequence[Motion], *, period_s: float, noise: Noise) -> ExcitationMeasures:
+def measure_excitation(motions: Sequence[Trajectory], *, period_s: float, noise: Noise) -> ExcitationMeasures:
     """The measures of motions of one side; ``period_s`` is the natural period [s]."""
     dt_s = float(np.median([motion.dt_s for motion in motions]))
     half = int(np.clip(0.08 * period_s / dt_s, 2, 60))
@@ -105,7 +105,7 @@ def measure_excitation(motions: Sequence[Motion], *, period_s: float, noise: Noi
     )
 
 
-def _swings(motion: Motion, fit: LocalFit, i: int, sigma: float) -> tuple[np.ndarray, np.ndarray]:
+def _swings(motion: Trajectory, fit: LocalFit, i: int, sigma: float) -> tuple[np.ndarray, np.ndarray]:
     """Half the way from each turning point to the next, and the time it takes [s]; noise makes none."""
     sizes, times = [], []
     for start, stop in motion.segments:
@@ -126,7 +126,7 @@ def _ratio(values: np.ndarray, share: float) -> float:
 
 
 def _rests(
-    motion: Motion, fit: LocalFit, rate: np.ndarray, sigma: np.ndarray, period_s: float
+    motion: Trajectory, fit: LocalFit, rate: np.ndarray, sigma: np.ndarray, period_s: float
 ) -> list[tuple[float, np.ndarray]]:
     """Length [s] and place of every rest of at least `REST_PERIODS`."""
     limit = np.maximum(REST_RATE * rate, 4.0 * sigma * np.median(fit.rate_gain))
@@ -152,7 +152,7 @@ def _apart(places: np.ndarray, span: np.ndarray) -> int:
     return len(kept)
 
 
-def _input(motions: Sequence[Motion], i: int, period_s: float) -> InputMeasures:
+def _input(motions: Sequence[Trajectory], i: int, period_s: float) -> InputMeasures:
     u = np.concatenate([motion.u[:, i] for motion in motions])
     size, span = float(np.abs(u).max()), float(np.ptp(u))
     name = motions[0].u_names[i]
@@ -202,7 +202,7 @@ def _band(frequency: np.ndarray, power: np.ndarray) -> tuple[float, float]:
 STILL = 1e-6  # of an input's size: what a constant may wander by
 
 
-def check_inputs(sim: Sequence[Motion], real: Sequence[Motion]) -> list[Finding]:
+def check_inputs(sim: Sequence[Trajectory], real: Sequence[Trajectory]) -> list[Finding]:
     """Inputs that are constant on the real side, and those that only the real side ever moved.
 
     The second leave the verdict undetermined: a sim that never saw an input move does not know what it does.
@@ -240,6 +240,6 @@ def check_inputs(sim: Sequence[Motion], real: Sequence[Motion]) -> list[Finding]
     return found
 
 
-def _moves(motions: Sequence[Motion], name: str) -> bool:
+def _moves(motions: Sequence[Trajectory], name: str) -> bool:
     values = np.concatenate([motion.u[:, motion.u_names.index(name)] for motion in motions])
     return bool(np.ptp(values) > STILL * np.abs(values).max())

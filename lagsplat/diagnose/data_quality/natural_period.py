@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float64
 from scipy.signal import oaconvolve
 
-from lagsplat.io.trajectory.trajectory import Motion
+from lagsplat.io.trajectory.trajectory import Trajectory
 
 PER_DECADE = 14  # lengths of test functions tried
 LEAST_SAMPLES = 9  # of a test function
@@ -28,7 +28,7 @@ class _Clip:
     dt_s: float
 
 
-def natural_period_s(motions: Sequence[Motion]) -> float | None:
+def natural_period_s(motions: Sequence[Trajectory]) -> float | None:
     """Undamped period [s] of the slowest mode that carries `HEARD` of the motion; None where none swings.
 
     As `natural_periods_s`, whose first value this is.
@@ -37,7 +37,7 @@ def natural_period_s(motions: Sequence[Motion]) -> float | None:
     return float(periods[0]) if len(periods) else None
 
 
-def natural_periods_s(motions: Sequence[Motion]) -> Float64[np.ndarray, " m"]:
+def natural_periods_s(motions: Sequence[Trajectory]) -> Float64[np.ndarray, " m"]:
     """Undamped periods [s] of the modes, slowest first, m at most d; empty where nothing swings.
 
     A linear law ``a = -K q - C v + B u + c + e t`` is fitted in the weak form: with test functions that
@@ -70,7 +70,7 @@ def natural_periods_s(motions: Sequence[Motion]) -> Float64[np.ndarray, " m"]:
     return found if len(found) else _turning_period(clips)
 
 
-def _even_clips(motions: Sequence[Motion]) -> list[_Clip]:
+def _even_clips(motions: Sequence[Trajectory]) -> list[_Clip]:
     """Clips long enough for a test function, interpolated onto even grids, in units of the whole motion."""
     total = sum(motion.n for motion in motions)
     thin = max(1, total // MOST_SAMPLES)
@@ -198,7 +198,7 @@ def _turns(q: np.ndarray) -> list[int]:
     return turns
 
 
-def rms_period_s(motions: Sequence[Motion], order: int) -> float | None:
+def rms_period_s(motions: Sequence[Trajectory], order: int) -> float | None:
     """The rms period of the spectrum of the ``order``-th derivative; None where nothing moves."""
     weighted = total = 0.0
     for motion in motions:
@@ -218,7 +218,7 @@ def rms_period_s(motions: Sequence[Motion], order: int) -> float | None:
     return float(2.0 * np.pi / np.sqrt(weighted / total)) if weighted > 0.0 else None
 
 
-def rough_period_s(motions: Sequence[Motion]) -> float:
+def rough_period_s(motions: Sequence[Trajectory]) -> float:
     """The rms period of the motion's spectrum, from the part of it that stands above noise [s].
 
     Where a mechanism goes over the top or is held for long, its steps outweigh its swings; there the spectrum

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float64, Int64
 from scipy.stats import chi2
 
-from lagsplat.io.trajectory.trajectory import Motion
+from lagsplat.io.trajectory.trajectory import Trajectory
 
 CHUNK = 4096
 
@@ -30,7 +30,7 @@ class LocalFit:
     rate_gain: Float64[np.ndarray, " T"]
 
 
-def fit_locally(motion: Motion, *, half_width: int) -> LocalFit:
+def fit_locally(motion: Trajectory, *, half_width: int) -> LocalFit:
     """A cubic through the ``2 half_width + 1`` samples nearest to each, never across the border of a clip.
 
     Times may be uneven. Near its border a clip's window is one-sided; a clip of fewer samples than a window
@@ -159,7 +159,7 @@ class Noise:
     step: Float64[np.ndarray, " d"]
 
 
-def measure_noise(motions: Sequence[Motion], *, period_s: float | None) -> Noise:
+def measure_noise(motions: Sequence[Trajectory], *, period_s: float | None) -> Noise:
     """Noise of motions that one sensor took: what no polynomial over a part of a period explains.
 
     Contrasts of a window that are orthogonal to polynomials of degree `DEGREE` are Gaussian with the
@@ -203,7 +203,7 @@ def quantisation_step(values: Float64[np.ndarray, " T"]) -> float:
     return step if exact.mean() > 0.98 and span < 1e5 * step else 0.0
 
 
-def _windows(motions: Sequence[Motion], width: int) -> list[tuple[int, int]]:
+def _windows(motions: Sequence[Trajectory], width: int) -> list[tuple[int, int]]:
     found = [
         (m, k)
         for m, motion in enumerate(motions)
@@ -214,7 +214,7 @@ def _windows(motions: Sequence[Motion], width: int) -> list[tuple[int, int]]:
     return [found[k] for k in chosen] if found else []
 
 
-def _estimates(motions: Sequence[Motion], width: int, dt_s: float) -> list[tuple[float, float, float]]:
+def _estimates(motions: Sequence[Trajectory], width: int, dt_s: float) -> list[tuple[float, float, float]]:
     """Per coordinate: standard deviation, correlation, and the standard deviation if it were white."""
     windows = _windows(motions, width)
     if not windows:

@@ -13,7 +13,7 @@ import numpy as np
 from lagsplat.diagnose.core.result import Finding
 from lagsplat.diagnose.data_quality.natural_period import rms_period_s
 from lagsplat.diagnose.data_quality.noise import Noise, fit_locally
-from lagsplat.io.trajectory.trajectory import Motion
+from lagsplat.io.trajectory.trajectory import Trajectory
 
 ENOUGH = 100.0
 """Samples that are kept, at least, of the rms period of the rates."""
@@ -21,7 +21,9 @@ CAMERA_HZ = 120.0
 """As many a second are left in any case: at such rates frames that are lost, or come late, are looked for."""
 
 
-def thinned(motions: Sequence[Motion], *, hold: str) -> tuple[tuple[Motion, ...], tuple[Finding, ...]]:
+def thinned(
+    motions: Sequence[Trajectory], *, hold: str
+) -> tuple[tuple[Trajectory, ...], tuple[Finding, ...]]:
     """The motions as means of so many neighbours that a period keeps `ENOUGH`, and what was done.
 
     ``hold`` says how inputs act between samples: ``zoh`` or ``linear``.
@@ -49,7 +51,7 @@ def thinned(motions: Sequence[Motion], *, hold: str) -> tuple[tuple[Motion, ...]
     return tuple(out), tuple(told)
 
 
-def averaged(motion: Motion, n: int, *, held: bool) -> Motion:
+def averaged(motion: Trajectory, n: int, *, held: bool) -> Trajectory:
     """Means of ``n`` samples, an odd number, each within one clip; what is over at a clip's end is left out.
 
     Inputs that are ``held`` act from one sample until the next: theirs are means from one middle to the next.
@@ -88,7 +90,7 @@ BLOCK_PERIODS, BLOCK_FRAMES, BLOCKS = 1.5, 60, 8
 LEAST_PERIODS = 2.5
 
 
-def count_blocks(motions: Sequence[Motion], *, period_s: float) -> int:
+def count_blocks(motions: Sequence[Trajectory], *, period_s: float) -> int:
     """Blocks of `BLOCK_PERIODS` natural periods, or of `BLOCK_FRAMES` samples if that is longer."""
     blocks = 0
     for motion in motions:
@@ -99,7 +101,7 @@ def count_blocks(motions: Sequence[Motion], *, period_s: float) -> int:
 
 
 def check_length(
-    motions: Sequence[Motion], *, period_s: float | None, noise: Noise, side: str
+    motions: Sequence[Trajectory], *, period_s: float | None, noise: Noise, side: str
 ) -> list[Finding]:
     """Whether there is motion at all, and long enough to fit on one half and to test on the other."""
     q = np.concatenate([motion.q - motion.q.mean(axis=0) for motion in motions])
@@ -136,7 +138,7 @@ def check_length(
     return found + _too_little(motions, period_s, side)
 
 
-def _too_little(motions: Sequence[Motion], period_s: float, side: str) -> list[Finding]:
+def _too_little(motions: Sequence[Trajectory], period_s: float, side: str) -> list[Finding]:
     duration_s = sum(motion.duration_s for motion in motions)
     periods, blocks = duration_s / period_s, count_blocks(motions, period_s=period_s)
     found = []
@@ -165,7 +167,7 @@ def _too_little(motions: Sequence[Motion], period_s: float, side: str) -> list[F
     return found
 
 
-def _wanders(motions: Sequence[Motion], still: np.ndarray) -> np.ndarray:
+def _wanders(motions: Sequence[Trajectory], still: np.ndarray) -> np.ndarray:
     """Coordinates whose small motion is smooth all the same: several samples in a row agree."""
     smooth = np.zeros(len(still), dtype=bool)
     for motion in motions:
@@ -179,7 +181,7 @@ def _wanders(motions: Sequence[Motion], still: np.ndarray) -> np.ndarray:
     return smooth
 
 
-def check_samples(motion: Motion, *, period_s: float | None, noise: Noise) -> list[Finding]:
+def check_samples(motion: Trajectory, *, period_s: float | None, noise: Noise) -> list[Finding]:
     """Repeated, rounded and clipped values, and how many samples a period has."""
     found = [*_rounded(motion, noise), *_clipped(motion, noise), *_repeated(motion, noise)]
     if period_s is not None and period_s / motion.dt_s < COARSE:
@@ -198,7 +200,7 @@ def check_samples(motion: Motion, *, period_s: float | None, noise: Noise) -> li
     return found
 
 
-def _rounded(motion: Motion, noise: Noise) -> list[Finding]:
+def _rounded(motion: Trajectory, noise: Noise) -> list[Finding]:
     size = motion.q.std(axis=0)
     rough = noise.step > ROUGH * size
     return [
@@ -216,7 +218,7 @@ def _rounded(motion: Motion, noise: Noise) -> list[Finding]:
     ]
 
 
-def _clipped(motion: Motion, noise: Noise) -> list[Finding]:
+def _clipped(motion: Trajectory, noise: Noise) -> list[Finding]:
     found = []
     for i, name in enumerate(motion.q_names):
         values = motion.q[:, i]
@@ -242,7 +244,7 @@ def _clipped(motion: Motion, noise: Noise) -> list[Finding]:
     return found
 
 
-def _repeated(motion: Motion, noise: Noise) -> list[Finding]:
+def _repeated(motion: Trajectory, noise: Noise) -> list[Finding]:
     """Samples that repeat the one before while the motion goes on."""
     if motion.n < 12:
         return []

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from lagsplat.diagnose.core.result import Finding
-from lagsplat.io.trajectory.trajectory import Motion
+from lagsplat.io.trajectory.trajectory import Trajectory
 
 REACH = 3.0  # natural periods that inputs are shifted by, at most
 STEPS = 16  # shifts a period
@@ -15,7 +15,7 @@ LEAST_PERIODS = 6.0  # of a recording, for less than which chance fits some shif
 FAIR, SHRINK = 0.85, 4.0  # the same where what is not explained shrinks by so many times
 
 
-def explained_by_shift(motion: Motion, *, period_s: float) -> tuple[np.ndarray, np.ndarray]:
+def explained_by_shift(motion: Trajectory, *, period_s: float) -> tuple[np.ndarray, np.ndarray]:
     """Shifts of the inputs [s], and the share of the motion's forced part that each explains, from 0 to 1.
 
     For each shift ``a = -K q - C v + B u(t - shift) + c`` is fitted in the weak form, with test functions of
@@ -72,7 +72,7 @@ def explained_by_shift(motion: Motion, *, period_s: float) -> tuple[np.ndarray, 
     return shifts, np.array(shares)
 
 
-def check_offset(motions: Sequence[Motion], *, period_s: float | None) -> list[Finding]:
+def check_offset(motions: Sequence[Trajectory], *, period_s: float | None) -> list[Finding]:
     """Whether inputs and coordinates seem to come from clocks that differ by more than half a period."""
     found: list[Finding] = []
     for motion in motions:

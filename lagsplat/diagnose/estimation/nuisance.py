@@ -53,7 +53,7 @@ class NuisanceParameters:
             ]
         )
 
-    def pinned(self) -> "NuisanceParameters":
+    def freeze(self) -> "NuisanceParameters":
         """The same with nothing left uncertain."""
         tiny = 1e-6
         return replace(
@@ -66,7 +66,7 @@ class NuisanceParameters:
             directions=tiny * self.directions,
         )
 
-    def loosened(self, factor: float) -> "NuisanceParameters":
+    def scale_mechanics(self, factor: float) -> "NuisanceParameters":
         """The same with the mechanism's own parameters ``factor`` times as uncertain; what is seen is not."""
         return replace(
             self,

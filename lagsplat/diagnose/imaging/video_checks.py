@@ -22,8 +22,8 @@ from lagsplat.io.files.json_files import load_json
 from lagsplat.io.recording.recording import Recording
 from lagsplat.stage1.autoencoder import Autoencoder, encode_frames
 from lagsplat.video_quality.assessment import CAMERA_PX
-from lagsplat.video_quality.camera_motion import background_path, measure_path
-from lagsplat.video_quality.frames import small_grey
+from lagsplat.video_quality.camera_motion import measure_path, track_background
+from lagsplat.video_quality.frames import make_small_grey
 
 CAMERA = "camera moved"
 LOOKED_AT = 300  # frames of a recording whose film is not at hand
@@ -168,8 +168,8 @@ def _within(recording: Recording) -> float | None:
     paths = []
     for start, stop in recording.segments:
         stride = -(-(stop - start) // LOOKED_AT)
-        pictures = small_grey(np.asarray(recording.frames[start:stop:stride]), most=10**9)
-        path = background_path([picture.astype(np.uint8) for picture in pictures])
+        pictures = make_small_grey(np.asarray(recording.frames[start:stop:stride]), most=10**9)
+        path = track_background([picture.astype(np.uint8) for picture in pictures])
         if path is not None and np.isfinite(path[:, 0]).any():
             paths.append(measure_path(path).rms_px * recording.width / pictures.shape[2])
     return max(paths, default=None)
@@ -179,7 +179,7 @@ def _between(recording: Recording, nominal: Recording) -> tuple[float, float] | 
     """How far the background of one lies from that of the other [pixel of a frame]."""
     usual = [np.ascontiguousarray(_median(one)) for one in (nominal, recording)]
     grey = [cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY) for picture in usual]
-    path = background_path(grey)
+    path = track_background(grey)
     if path is None or not np.isfinite(path).all():
         return None
     return float(path[1, 0]), float(path[1, 1])

@@ -31,7 +31,7 @@ from lagsplat.diagnose.estimation.rollout import RolloutModel
 from lagsplat.diagnose.mechanics.model import MechanicalModel
 from lagsplat.diagnose.residual.change_points import events
 from lagsplat.diagnose.residual.latent_force import Smoothed, smooth
-from lagsplat.io.trajectory.trajectory import Motion
+from lagsplat.io.trajectory.trajectory import Trajectory
 
 PAIRED = 3
 """Coordinates up to which effects are looked for between each two of them."""
@@ -196,7 +196,7 @@ def extract_hints(smoothed: Sequence[Smoothed], *, period_s: float) -> tuple[Dis
 
 
 def find_hints(
-    model: MechanicalModel, motions: Sequence[Motion], *, period_s: float, hold: str
+    model: MechanicalModel, motions: Sequence[Trajectory], *, period_s: float, hold: str
 ) -> tuple[DisturbanceHints, ...]:
     """Hints from the force that the sim lacks; none where it cannot follow the motions at all."""
     try:

@@ -27,7 +27,7 @@ from lagsplat.diagnose.residual.state_space import (
     first_guess,
     most_likely,
 )
-from lagsplat.io.trajectory.trajectory import Motion
+from lagsplat.io.trajectory.trajectory import Trajectory
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Smoothed:
     measurement, ``length_s`` the force's length scale, ``log_likelihood`` in nats.
     """
 
-    motion: Motion
+    motion: Trajectory
     q: np.ndarray
     v: np.ndarray
     a: np.ndarray
@@ -91,7 +91,7 @@ ADMITTED = 3.0  # nats: of records without a force, 1 in 100 gains more by chanc
 
 def smooth(
     mechanics: Mechanics,
-    motions: Sequence[Motion],
+    motions: Sequence[Trajectory],
     *,
     period_s: float,
     ar1: float = 0.0,
@@ -155,7 +155,7 @@ def _finite(found: list[Smoothed]) -> list[Smoothed]:
     return found
 
 
-def _record(mechanics: Mechanics, motions: Sequence[Motion], period_s: float, ar1: float) -> Record:
+def _record(mechanics: Mechanics, motions: Sequence[Trajectory], period_s: float, ar1: float) -> Record:
     for motion in motions:
         if (motion.d, motion.n_u) != (mechanics.d, mechanics.n_u):
             raise ValueError(
@@ -174,7 +174,7 @@ def _record(mechanics: Mechanics, motions: Sequence[Motion], period_s: float, ar
     return Record(np.ascontiguousarray(y, dtype=float), fresh, h, moved, period_s / (2.0 * np.pi), ar1)
 
 
-def _inputs(motions: Sequence[Motion], hold: str) -> Float64[np.ndarray, "T 3 n_u"]:
+def _inputs(motions: Sequence[Trajectory], hold: str) -> Float64[np.ndarray, "T 3 n_u"]:
     """Inputs at the start, middle and end of every step."""
     parts = []
     for motion in motions:
@@ -199,7 +199,7 @@ def _path(record: Record, at: Estimate, inputs: np.ndarray, *, with_force: bool)
 
 
 def _split(
-    mechanics: Mechanics, motions: Sequence[Motion], record: Record, path: Estimate, gained: np.ndarray
+    mechanics: Mechanics, motions: Sequence[Trajectory], record: Record, path: Estimate, gained: np.ndarray
 ) -> list[Smoothed]:
     results, start = [], 0
     inertia = compute_rest_inertia(mechanics)

@@ -14,7 +14,7 @@ from lagsplat.diagnose.residual.latent_force import Smoothed, coordinate_shares,
 from lagsplat.diagnose.residual.measurement_model import explained_by_observation, noise_with_speed
 from lagsplat.diagnose.residual.spectrum import Spectrum, spectrum
 from lagsplat.diagnose.residual.state_maps import Map, Region, regions
-from lagsplat.io.trajectory.trajectory import Motion
+from lagsplat.io.trajectory.trajectory import Trajectory
 
 ACTUATION = 0.4  # share of all that is explained which functions of the inputs must explain,
 LEAST = 0.1  # and of the residual
@@ -56,7 +56,7 @@ class Where:
 
 def locate(
     mechanics: Mechanics,
-    motions: Sequence[Motion],
+    motions: Sequence[Trajectory],
     *,
     period_s: float | None = None,
     ar1: float = 0.0,

@@ -12,7 +12,7 @@ from lagsplat.diagnose.estimation.dataset import OperatingRegion
 from lagsplat.diagnose.simulators.projection import FieldFunctions, ProjectedModel, project_fields
 from lagsplat.diagnose.simulators.sources import make_video_trajectory
 from lagsplat.io.recording.recording import Recording
-from lagsplat.io.trajectory.trajectory import Motion
+from lagsplat.io.trajectory.trajectory import Trajectory
 from lagsplat.stage1.autoencoder import Autoencoder, encode_frames
 from lagsplat.stage2.fit import load_dynamics
 from lagsplat.stage2.lagrangian import Lagrangian
@@ -114,7 +114,7 @@ def make_encoder(autoencoder: Autoencoder, chart: Chart, *, what: str) -> Callab
     return encode
 
 
-def encode_recording(autoencoder: Autoencoder, chart: Chart, recording: Recording) -> Motion:
+def encode_recording(autoencoder: Autoencoder, chart: Chart, recording: Recording) -> Trajectory:
     """A film as whitened latents of a run, not smoothed, with its own clips, times and inputs.
 
     Raises:
@@ -130,7 +130,7 @@ def encode_recording(autoencoder: Autoencoder, chart: Chart, recording: Recordin
     return make_video_trajectory(recording, latents, source=source)
 
 
-def read_chart_trajectory(chart: Chart, *, held_out: bool) -> Motion:
+def read_chart_trajectory(chart: Chart, *, held_out: bool) -> Trajectory:
     """The recording a run was fitted to: its held-out part, for the self mode, or its training part.
 
     Raises:
@@ -142,7 +142,7 @@ def read_chart_trajectory(chart: Chart, *, held_out: bool) -> Motion:
         raise ValueError("the run holds no frame out of its training; give another recording as real=")
     kept = np.concatenate([np.arange(a, b) for a, b in part.segments])
     lengths = np.cumsum([0, *(b - a for a, b in part.segments)])
-    return Motion(
+    return Trajectory(
         time_s=chart.time_s[start:stop][kept],
         q=part.latents[kept],
         u=part.inputs[kept],

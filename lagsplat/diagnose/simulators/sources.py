@@ -15,8 +15,8 @@ from lagsplat.io.mcap.write import is_session
 from lagsplat.io.read import read_trajectory
 from lagsplat.io.recording.recording import Recording
 from lagsplat.io.trajectory.inputs import read_input_log
-from lagsplat.io.trajectory.trajectory import Motion
-from lagsplat.io.video.clips import FILMS, IMAGES, natural_order
+from lagsplat.io.trajectory.trajectory import Trajectory
+from lagsplat.io.video.clips import IMAGE_SUFFIXES, VIDEO_SUFFIXES, natural_order
 
 TABLES = (".csv", ".txt", ".tsv", ".parquet", ".pq")
 VIDEO_KINDS = ("video", "mcap", "krauss", "recording")
@@ -58,7 +58,7 @@ def find_sources(argument: str) -> tuple[DataSource, ...]:
             found.append(DataSource("python", word))
         else:
             paths += _expand(path)
-    films = {path.with_suffix("") for path in paths if path.suffix.lower() in (*FILMS, ".mcap")}
+    films = {path.with_suffix("") for path in paths if path.suffix.lower() in (*VIDEO_SUFFIXES, ".mcap")}
     kept = [
         path
         for path in dict.fromkeys(paths)
@@ -73,7 +73,7 @@ def read_sources(
     columns: Mapping[str, str] | None = None,
     record: Callable[[DataSource], Recording] | None = None,
     encode: LatentEncoder | None = None,
-) -> tuple[Motion, ...]:
+) -> tuple[Trajectory, ...]:
     """The motions of trajectories and films; other kinds are models, and must be taken out before.
 
     ``record`` opens a film; ``encode`` turns its frames (T, H, W, 3), uint8, into latents (T, d).
@@ -107,7 +107,7 @@ def make_video_trajectory(
     *,
     source: str,
     log: tuple[np.ndarray, np.ndarray] | None = None,
-) -> Motion:
+) -> Trajectory:
     """A film as a motion: its latents (T, d) at the times of its frames, with its inputs.
 
     ``log`` holds times (N,) [s] and inputs (N, n_u) on the film's clock; they are interpolated. Frames that
@@ -119,7 +119,7 @@ def make_video_trajectory(
     if latents.ndim != 2 or len(latents) != recording.n_frames:
         raise ValueError(f"{source}: latents of shape {latents.shape} for {recording.n_frames} frames")
     name = Path(source).name
-    motion = Motion(
+    motion = Trajectory(
         time_s=recording.time_s, q=latents, u=recording.inputs, segments=recording.segments, source=name
     )
     if log is None:
@@ -164,9 +164,9 @@ def _expand(path: Path) -> list[Path]:
     if path.is_file() or (path / "dynamics.safetensors").is_file():
         return [path]
     inside = sorted((item for item in path.iterdir() if item.is_file()), key=natural_order)
-    if any(item.suffix.lower() in IMAGES for item in inside):
+    if any(item.suffix.lower() in IMAGE_SUFFIXES for item in inside):
         return [path]
-    known = [item for item in inside if item.suffix.lower() in (*TABLES, *FILMS, ".npz", ".mcap")]
+    known = [item for item in inside if item.suffix.lower() in (*TABLES, *VIDEO_SUFFIXES, ".npz", ".mcap")]
     if not known:
         raise FileNotFoundError(
             f"{path}: a folder without a trajectory, a film or dynamics.safetensors; name the files"
@@ -183,9 +183,11 @@ def _source(path: Path) -> DataSource:
         return DataSource("trajectory", name)
     if kind == ".mcap" and is_session(path):
         return DataSource("trajectory", name)
-    if kind in FILMS or kind == ".mcap":
+    if kind in VIDEO_SUFFIXES or kind == ".mcap":
         beside = [path.with_suffix(suffix) for suffix in TABLES if path.with_suffix(suffix).is_file()]
-        return DataSource("video" if kind in FILMS else "mcap", name, str(beside[0]) if beside else None)
+        return DataSource(
+            "video" if kind in VIDEO_SUFFIXES else "mcap", name, str(beside[0]) if beside else None
+        )
     if kind == ".npz":
         return DataSource("krauss" if "images.npy" in _members(path) else "trajectory", name)
     if kind == ".xml":
@@ -197,7 +199,7 @@ def _source(path: Path) -> DataSource:
         return DataSource("recording" if made == "recording" else "model", name)
     raise ValueError(
         f"{path}: {kind or 'a file without suffix'} is neither a trajectory ({', '.join(TABLES)}, .npz), a "
-        f"film ({', '.join(FILMS)}, .mcap), a fitted run, a MuJoCo model (.xml) nor module:attribute"
+        f"film ({', '.join(VIDEO_SUFFIXES)}, .mcap), a fitted run, a MuJoCo model (.xml) nor module:attribute"
     )
 
 

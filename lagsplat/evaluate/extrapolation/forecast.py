@@ -19,28 +19,28 @@ from jaxtyping import Float64
 from scipy.interpolate import CubicSpline
 from scipy.optimize import least_squares
 
-from lagsplat.baselines.neural_ode import NeuralOde, carry_on
+from lagsplat.baselines.neural_ode import NeuralOde, continue_rollout
 from lagsplat.chart.chart import Chart
 from lagsplat.evaluate.config import ExtrapolationConfig
-from lagsplat.evaluate.evaluate import renderer, require_same_run
+from lagsplat.evaluate.evaluate import make_renderer, require_same_run
 from lagsplat.evaluate.extrapolation.oscillation import (
-    Known,
-    Reading,
-    amplitude,
+    KnownStates,
+    StateReading,
+    collect_known_states,
     compare_oscillations,
-    known_to,
-    oscillation,
-    read,
-    told,
+    fit_oscillation,
+    measure_amplitude,
+    read_states,
+    summarize_reading,
 )
-from lagsplat.evaluate.forces.known_forces import energy_along
-from lagsplat.evaluate.forecast import Crossing, crossing_clip, image_errors
-from lagsplat.evaluate.guarantee import guarantee_of
+from lagsplat.evaluate.forces.known_forces import energy_along_rollout
+from lagsplat.evaluate.forecast import BoundaryClip, choose_boundary_clip, image_errors
+from lagsplat.evaluate.guarantee import measure_guarantee
 from lagsplat.evaluate.protocol import Pictures, Render
-from lagsplat.evaluate.spectrum import evenly_spaced
+from lagsplat.evaluate.spectrum import resample_evenly
 from lagsplat.io.recording.recording import Recording
 from lagsplat.stage1.autoencoder import Autoencoder, decode_latents
-from lagsplat.stage2.lagrangian import Lagrangian, equilibrium
+from lagsplat.stage2.lagrangian import Lagrangian, find_equilibrium
 from lagsplat.stage2.numpy_lagrangian import FrozenLaw, roll_out_free
 
 SCHEMA = 1
@@ -60,14 +60,14 @@ def recorded_frames(recording: Recording) -> Pictures:
 
 def open_scene(
     autoencoder: Autoencoder, chart: Chart, recording: Recording
-) -> tuple[Crossing, Known, Pictures]:
+) -> tuple[BoundaryClip, KnownStates, Pictures]:
     """The clip that is extrapolated, what the encoder knows, and the recorded pictures.
 
     Raises:
-        ValueError: as `crossing_clip`.
+        ValueError: as `choose_boundary_clip`.
     """
     pictures = recorded_frames(recording)
-    return crossing_clip(chart), known_to(autoencoder, chart, pictures), pictures
+    return choose_boundary_clip(chart), collect_known_states(autoencoder, chart, pictures), pictures
 
 
 @runtime_checkable
@@ -92,7 +92,7 @@ class Predictor(Protocol):
         """Images in [0, 1] at these instants."""
         ...
 
-    def states(self, first: int, stop: int) -> tuple[Float64[np.ndarray, "N d"], Reading | None]:
+    def states(self, first: int, stop: int) -> tuple[Float64[np.ndarray, "N d"], StateReading | None]:
         """States at the instants ``first`` to ``stop``, and how they were read off pictures, if they were.
 
         None of a reading means that the pictures are left out of the check, not that they failed it.
@@ -100,10 +100,10 @@ class Predictor(Protocol):
         ...
 
 
-def extrapolation(
+def score_extrapolation(
     predictor: Predictor,
-    crossing: Crossing,
-    known: Known,
+    crossing: BoundaryClip,
+    known: KnownStates,
     pictures: Pictures,
     config: ExtrapolationConfig,
     energy: Energy,
@@ -125,11 +125,11 @@ def extrapolation(
     held = np.arange(crossing.boundary, crossing.stop)
     recorded, ahead = pictures(held), crossing.ahead
     floor = decode_latents(known.autoencoder, known.chart.to_raw(crossing.latents[crossing.n_train :]))
-    looks = [_look(predictor, crossing, ends, energy) for ends in looked_at(crossing, config)]
+    looks = [_look(predictor, crossing, ends, energy) for ends in measure_states(crossing, config)]
     readings = [reading for _, reading in looks if reading is not None]
-    seen = told(readings) if readings else {"frames": 0, "inside": 0.0}
+    seen = summarize_reading(readings) if readings else {"frames": 0, "inside": 0.0}
     filmed = predictor.filmed()
-    start = amplitude(crossing.latents[: crossing.history(1.0) + 1], crossing.metric)
+    start = measure_amplitude(crossing.latents[: crossing.history(1.0) + 1], crossing.metric)
     shifts = _shifts(predictor, config)
     result = {
         "schema": SCHEMA,
@@ -139,9 +139,9 @@ def extrapolation(
             "dt_s": crossing.dt_s,
             "period_s": crossing.period_s,
         },
-        "psnr": held_out_psnr(predictor.draw, recorded, ahead),
-        "aligned": aligned_psnr(predictor.draw, recorded, ahead, shifts=shifts),
-        "floor": held_out_psnr(lambda _: floor, recorded, ahead),
+        "psnr": score_held_out_psnr(predictor.draw, recorded, ahead),
+        "aligned": score_aligned_psnr(predictor.draw, recorded, ahead, shifts=shifts),
+        "floor": score_held_out_psnr(lambda _: floor, recorded, ahead),
         **_physics(crossing, filmed),
         "start_amplitude": start,
         "left": _share(looks[-1][0]["amplitude"], start),
@@ -158,7 +158,7 @@ def extrapolation(
     return result
 
 
-def looked_at(crossing: Crossing, config: ExtrapolationConfig) -> list[tuple[int, int]]:
+def measure_states(crossing: BoundaryClip, config: ExtrapolationConfig) -> list[tuple[int, int]]:
     """Half-open ranges of frames past the last training frame: the shown part, then the looks."""
     last = round(config.horizon_s / crossing.dt_s)
     shown = round(config.shown_s / crossing.dt_s)
@@ -169,8 +169,8 @@ def looked_at(crossing: Crossing, config: ExtrapolationConfig) -> list[tuple[int
 
 
 def _look(
-    predictor: Predictor, crossing: Crossing, ends: tuple[int, int], energy: Energy
-) -> tuple[dict[str, Any], Reading | None]:
+    predictor: Predictor, crossing: BoundaryClip, ends: tuple[int, int], energy: Energy
+) -> tuple[dict[str, Any], StateReading | None]:
     states, reading = predictor.states(*ends)
     cycles = max(round(crossing.period_s / crossing.dt_s * 2), 8)
     finite = bool(np.isfinite(states).all())
@@ -178,21 +178,21 @@ def _look(
         "first": ends[0],
         "time_s": ends[0] * crossing.dt_s,
         "states": states.tolist(),
-        "amplitude": amplitude(states, crossing.metric),
-        "late_amplitude": amplitude(states[-cycles:], crossing.metric),
+        "amplitude": measure_amplitude(states, crossing.metric),
+        "late_amplitude": measure_amplitude(states[-cycles:], crossing.metric),
         "mean": states.mean(axis=0).tolist(),
         "energy": energy(states, crossing.dt_s).tolist() if finite else None,
     }, reading
 
 
-def _physics(crossing: Crossing, filmed: np.ndarray) -> dict[str, Any]:
+def _physics(crossing: BoundaryClip, filmed: np.ndarray) -> dict[str, Any]:
     """Oscillation over the whole clip and over its held-out end, each against the encoded one."""
     blocks = {}
     for name, first in (("physics", 0), ("held_out", crossing.n_train)):
         sides = []
         for series in (crossing.latents, filmed):
-            even = evenly_spaced(series[first:], crossing.clock, start=first)
-            sides.append(oscillation(even, dt_s=crossing.dt_s, metric=crossing.metric))
+            even = resample_evenly(series[first:], crossing.clock, start=first)
+            sides.append(fit_oscillation(even, dt_s=crossing.dt_s, metric=crossing.metric))
         blocks[name] = {"encoded": sides[0], "predicted": sides[1], **compare_oscillations(*sides)}
     return blocks
 
@@ -223,23 +223,23 @@ Draw = Callable[[np.ndarray], np.ndarray]
 LEAST_ERROR = 1e-10
 
 
-def decibels(errors: Float64[np.ndarray, " N"]) -> Float64[np.ndarray, " N"]:
+def to_decibels(errors: Float64[np.ndarray, " N"]) -> Float64[np.ndarray, " N"]:
     """PSNR [dB] of mean squared errors of colours in [0, 1]; at most 100."""
     return -10.0 * np.log10(np.maximum(errors, LEAST_ERROR))
 
 
-def held_out_psnr(draw: Draw, recorded: np.ndarray, ahead: np.ndarray) -> dict[str, Any]:
+def score_held_out_psnr(draw: Draw, recorded: np.ndarray, ahead: np.ndarray) -> dict[str, Any]:
     """PSNR [dB] of each predicted frame against the ``recorded`` (N,3,H,W): mean, first, last and all.
 
     ``ahead`` are the instants of the recorded frames, in frames since the last training frame.
 
     Source: paper, Table "Extrapolation past the training window".
     """
-    values = decibels(image_errors(draw(ahead), recorded))
+    values = to_decibels(image_errors(draw(ahead), recorded))
     return _summary(values)
 
 
-def aligned_psnr(
+def score_aligned_psnr(
     draw: Draw, recorded: np.ndarray, ahead: np.ndarray, *, shifts: Float64[np.ndarray, " S"]
 ) -> dict[str, Any]:
     """The same with each recorded frame held against the best of those shown ``shifts`` frames later.
@@ -247,7 +247,7 @@ def aligned_psnr(
     What is lost only because the model is ahead or behind does not count: what is left is rendering.
     ``shift`` are the chosen shifts, so that a growing lag shows.
     """
-    values = np.stack([decibels(image_errors(draw(ahead + shift), recorded)) for shift in shifts])
+    values = np.stack([to_decibels(image_errors(draw(ahead + shift), recorded)) for shift in shifts])
     best = values.argmax(axis=0)
     return {**_summary(values.max(axis=0)), "shift": shifts[best].tolist()}
 
@@ -269,7 +269,7 @@ def extrapolate_ode(
     recording: Recording,
     config: ExtrapolationConfig,
 ) -> dict[str, Any]:
-    """The measures of `extrapolation` for a law without structure on the same chart.
+    """The measures of `score_extrapolation` for a law without structure on the same chart.
 
     ``lagrangian`` gives the energy by which every model's motion is measured.
 
@@ -281,11 +281,11 @@ def extrapolate_ode(
     crossing, known, pictures = open_scene(autoencoder, chart, recording)
 
     def roll_out(q0: np.ndarray, v0: np.ndarray, states: int) -> np.ndarray:
-        return carry_on(ode, q0, v0, states=states, dt_s=crossing.dt_s)
+        return continue_rollout(ode, q0, v0, states=states, dt_s=crossing.dt_s)
 
-    render = renderer(autoencoder, chart)
-    predictor = law_predictor(roll_out, known, render, crossing, config)
-    return extrapolation(predictor, crossing, known, pictures, config, energy_along(lagrangian))
+    render = make_renderer(autoencoder, chart)
+    predictor = make_law_predictor(roll_out, known, render, crossing, config)
+    return score_extrapolation(predictor, crossing, known, pictures, config, energy_along_rollout(lagrangian))
 
 
 def extrapolate_run(
@@ -295,7 +295,7 @@ def extrapolate_run(
     recording: Recording,
     config: ExtrapolationConfig,
 ) -> dict[str, Any]:
-    """The measures of `extrapolation` for a run, with its ``equilibrium`` and its ``guarantee``.
+    """The measures of `score_extrapolation` for a run, with its ``find_equilibrium`` and its ``guarantee``.
 
     Raises:
         ValueError: recording, chart and autoencoder do not belong together, no clip crosses into the held-out
@@ -303,14 +303,18 @@ def extrapolate_run(
     """
     require_same_run(autoencoder, chart, recording)
     crossing, known, pictures = open_scene(autoencoder, chart, recording)
-    render = renderer(autoencoder, chart)
-    predictor = law_predictor(free_rollouts(lagrangian, crossing.dt_s), known, render, crossing, config)
-    found = extrapolation(predictor, crossing, known, pictures, config, energy_along(lagrangian))
+    render = make_renderer(autoencoder, chart)
+    predictor = make_law_predictor(
+        roll_out_free_motion(lagrangian, crossing.dt_s), known, render, crossing, config
+    )
+    found = score_extrapolation(
+        predictor, crossing, known, pictures, config, energy_along_rollout(lagrangian)
+    )
     still = lagrangian.rest.new_zeros(lagrangian.n_inputs)
     return found | {
         "clip": crossing.latents.tolist(),
-        "equilibrium": equilibrium(lagrangian, still).tolist(),
-        "guarantee": guarantee_of(lagrangian, chart, config.guarantee),
+        "equilibrium": find_equilibrium(lagrangian, still).tolist(),
+        "guarantee": measure_guarantee(lagrangian, chart, config.guarantee),
     }
 
 
@@ -318,7 +322,7 @@ RollOut = Callable[[np.ndarray, np.ndarray, int], np.ndarray]
 """(q0 (B,d), v0 (B,d) per second, states) -> q (B,N,d), one state a median spacing of frames."""
 
 
-def free_rollouts(lagrangian: Lagrangian, dt_s: float) -> RollOut:
+def roll_out_free_motion(lagrangian: Lagrangian, dt_s: float) -> RollOut:
     """Free rollouts of a learned law, one state every ``dt_s`` seconds."""
     law = FrozenLaw(lagrangian)
 
@@ -339,7 +343,7 @@ class LawPredictor:
     frames of the clip, rolled out from its beginning.
     """
 
-    known: Known
+    known: KnownStates
     config: ExtrapolationConfig
     render: Render
     past: Float64[np.ndarray, "T d"]
@@ -356,17 +360,17 @@ class LawPredictor:
         steps = CubicSpline(np.arange(last), np.nan_to_num(self.path[:last]))
         return self.render(steps(np.maximum(ahead, 0.0)))
 
-    def states(self, first: int, stop: int) -> tuple[Float64[np.ndarray, "N d"], Reading | None]:
+    def states(self, first: int, stop: int) -> tuple[Float64[np.ndarray, "N d"], StateReading | None]:
         """The law's own states; some of their pictures are read back to see whether they are in range."""
         part = self.path[first:stop]
         if not np.isfinite(part).all():
             return part, None
         few = part[:: max(1, len(part) // CHECKED)]
-        return part, read(self.known, self.render(few), self.config)
+        return part, read_states(self.known, self.render(few), self.config)
 
 
-def law_predictor(
-    roll_out: RollOut, known: Known, render: Render, crossing: Crossing, config: ExtrapolationConfig
+def make_law_predictor(
+    roll_out: RollOut, known: KnownStates, render: Render, crossing: BoundaryClip, config: ExtrapolationConfig
 ) -> LawPredictor:
     """A law started twice: at the beginning of the clip, and where the training frames end.
 
@@ -375,10 +379,10 @@ def law_predictor(
     """
     history = crossing.history(config.history_periods)
     places = crossing.places
-    early = fitted_start(roll_out, crossing, at=0, frames=history)
+    early = fit_start(roll_out, crossing, at=0, frames=history)
     whole = roll_out(*early, int(np.ceil(places[-1])) + 2)[0]
     late_at = crossing.n_train - history
-    late = fitted_start(roll_out, crossing, at=late_at, frames=history)
+    late = fit_start(roll_out, crossing, at=late_at, frames=history)
     lead = places[crossing.n_train - 1] - places[late_at]
     steps = round(config.horizon_s / crossing.dt_s) + int(np.ceil(config.shift_frames)) + 2
     path = roll_out(*late, steps + int(np.ceil(lead)))[0]
@@ -391,8 +395,8 @@ def law_predictor(
     )
 
 
-def fitted_start(
-    roll_out: RollOut, crossing: Crossing, *, at: int, frames: int
+def fit_start(
+    roll_out: RollOut, crossing: BoundaryClip, *, at: int, frames: int
 ) -> tuple[Float64[np.ndarray, "1 d"], Float64[np.ndarray, "1 d"]]:
     """State and velocity [1/s] at frame ``at`` of the clip whose rollout fits the next ``frames`` best.
 

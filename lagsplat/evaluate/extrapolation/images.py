@@ -8,15 +8,20 @@ import numpy as np
 from jaxtyping import Float32, Float64
 
 from lagsplat.array_types import Frames
-from lagsplat.baselines.keypoints.forecast import KeyPath, carried_on, draw_path, fitted_path
+from lagsplat.baselines.keypoints.forecast import KeyPointPath, continue_path, draw_path, fit_path
 from lagsplat.baselines.keypoints.model import Forecaster
 from lagsplat.chart.chart import Chart
 from lagsplat.evaluate.config import ExtrapolationConfig
 from lagsplat.evaluate.evaluate import require_same_run
-from lagsplat.evaluate.extrapolation.forecast import decibels, extrapolation, held_out_psnr, open_scene
-from lagsplat.evaluate.extrapolation.oscillation import Known, Reading, read
-from lagsplat.evaluate.forces.known_forces import energy_along
-from lagsplat.evaluate.forecast import Crossing
+from lagsplat.evaluate.extrapolation.forecast import (
+    open_scene,
+    score_extrapolation,
+    score_held_out_psnr,
+    to_decibels,
+)
+from lagsplat.evaluate.extrapolation.oscillation import KnownStates, StateReading, read_states
+from lagsplat.evaluate.forces.known_forces import energy_along_rollout
+from lagsplat.evaluate.forecast import BoundaryClip
 from lagsplat.io.recording.recording import Recording
 from lagsplat.stage1.autoencoder import Autoencoder
 from lagsplat.stage2.lagrangian import Lagrangian
@@ -25,15 +30,15 @@ AT_ONCE = 256  # pictures drawn and read at once: bounds memory, not results
 
 
 @dataclass(frozen=True)
-class PicturePredictor:
+class ImagePredictor:
     """A model of pictures: ``fitted`` are its own of the clip's training frames, ``show`` draws what follows.
 
     ``show`` takes instants in frames since the last training frame.
     """
 
-    known: Known
+    known: KnownStates
     config: ExtrapolationConfig
-    crossing: Crossing
+    crossing: BoundaryClip
     fitted: Float32[np.ndarray, "train 3 H W"]
     show: Callable[[np.ndarray], np.ndarray]
     between_frames: bool
@@ -50,13 +55,15 @@ class PicturePredictor:
             images[i] = self.fitted[max(round(ahead[i]) - 1, -len(self.fitted))]
         return images
 
-    def states(self, first: int, stop: int) -> tuple[Float64[np.ndarray, "N d"], Reading | None]:
+    def states(self, first: int, stop: int) -> tuple[Float64[np.ndarray, "N d"], StateReading | None]:
         """States read off its predicted pictures, and whether these are in range."""
         parts = [
-            read(self.known, self.show(np.arange(a, min(a + AT_ONCE, stop), dtype=np.float64)), self.config)
+            read_states(
+                self.known, self.show(np.arange(a, min(a + AT_ONCE, stop), dtype=np.float64)), self.config
+            )
             for a in range(first, stop, AT_ONCE)
         ]
-        reading = Reading(
+        reading = StateReading(
             *(np.concatenate([getattr(part, name) for part in parts])
               for name in ("states", "error", "distance", "inside"))
         )  # fmt: skip
@@ -71,7 +78,7 @@ def extrapolate_forecaster(
     recording: Recording,
     config: ExtrapolationConfig,
 ) -> dict[str, Any]:
-    """The measures of `extrapolation` for a key-point forecaster, with its ``own`` ones.
+    """The measures of `score_extrapolation` for a key-point forecaster, with its ``own`` ones.
 
     ``own`` holds the PSNR of its pictures of the training frames, of the held-out frames by its motion
     network asked for times it was never told (``in_time``), and the one-step error of the graph network over
@@ -89,34 +96,36 @@ def extrapolate_forecaster(
             f"the forecaster was trained on {of.frames} frames of {of.height} x {of.width}, the clip has "
             f"{crossing.n_train} of {recording.height} x {recording.width}; train it on this recording"
         )
-    train = fitted_path(forecaster, np.arange(crossing.n_train, dtype=np.float64))
+    train = fit_path(forecaster, np.arange(crossing.n_train, dtype=np.float64))
     fitted = draw_path(forecaster, train, np.arange(crossing.n_train, dtype=np.float64))
     last = round(config.horizon_s / crossing.dt_s) + int(np.ceil(config.shift_frames)) + 1
-    path = carried_on(forecaster, last)
-    predictor = PicturePredictor(
+    path = continue_path(forecaster, last)
+    predictor = ImagePredictor(
         known, config, crossing, fitted, lambda at: draw_path(forecaster, path, at), between_frames=True
     )
-    found = extrapolation(predictor, crossing, known, pictures, config, energy_along(lagrangian))
+    found = score_extrapolation(
+        predictor, crossing, known, pictures, config, energy_along_rollout(lagrangian)
+    )
     recorded = pictures(np.arange(crossing.start, crossing.boundary))
     return found | {"own": _own(forecaster, crossing, recorded, fitted, train, pictures)}
 
 
 def _own(
     forecaster: Forecaster,
-    crossing: Crossing,
+    crossing: BoundaryClip,
     recorded: np.ndarray,
     fitted: np.ndarray,
-    train: KeyPath,
+    train: KeyPointPath,
     pictures: Callable[[np.ndarray], np.ndarray],
 ) -> dict[str, Any]:
     from_first = crossing.n_train - 1 + crossing.ahead
-    asked = fitted_path(forecaster, from_first)
+    asked = fit_path(forecaster, from_first)
     held = pictures(np.arange(crossing.boundary, crossing.stop))
     shown = draw_path(forecaster, asked, np.arange(len(from_first), dtype=np.float64))
     error = ((fitted - recorded) ** 2).mean(axis=(1, 2, 3)).astype(np.float64)
     return {
-        "fitted_psnr": float(decibels(error).mean()),
-        "in_time": held_out_psnr(lambda _: shown, held, crossing.ahead),
+        "fitted_psnr": float(to_decibels(error).mean()),
+        "in_time": score_held_out_psnr(lambda _: shown, held, crossing.ahead),
         "key_point_motion": float(np.linalg.norm(np.diff(train.places, axis=0), axis=2).mean()),
     }
 
@@ -129,7 +138,7 @@ def extrapolate_frames(
     recording: Recording,
     config: ExtrapolationConfig,
 ) -> dict[str, Any]:
-    """The measures of `extrapolation` for ``frames`` (N,H,W,3) that another program predicted.
+    """The measures of `score_extrapolation` for ``frames`` (N,H,W,3) that another program predicted.
 
     The first of them is the first one held out. They hold nothing of the training part, so that there is no
     oscillation over the whole clip: see ``held_out``. Where they end before the horizon, nothing is said of
@@ -155,8 +164,10 @@ def extrapolate_frames(
     shown_s = min(config.shown_s, reached_s)
     within = replace(config, shown_s=shown_s, horizon_s=max(min(config.horizon_s, reached_s), shown_s))
     unknown = np.full((crossing.n_train, 3, recording.height, recording.width), np.nan, dtype=np.float32)
-    predictor = PicturePredictor(known, within, crossing, unknown, show, between_frames=False)
-    found = extrapolation(predictor, crossing, known, pictures, within, energy_along(lagrangian))
+    predictor = ImagePredictor(known, within, crossing, unknown, show, between_frames=False)
+    found = score_extrapolation(
+        predictor, crossing, known, pictures, within, energy_along_rollout(lagrangian)
+    )
     if within.horizon_s < config.horizon_s:
         why = f"{reached_s:.4g} s were predicted, not the {config.horizon_s:.4g} s of the horizon"
         found |= {"left": None, "reason": found["reason"] or why}

@@ -24,7 +24,7 @@ STRONGEST = 0.2  # share of a series' energy below which the fitted oscillation 
 LAGS = 0.25  # of a series, up to which its residual is looked at for memory
 
 
-def oscillation(
+def fit_oscillation(
     series: Float64[np.ndarray, "N d"], *, dt_s: float, metric: Float64[np.ndarray, "d d"]
 ) -> dict[str, float] | None:
     """The damped oscillation of a series, evenly spaced by ``dt_s``, with one-sigma uncertainties.
@@ -109,7 +109,7 @@ def compare_oscillations(
     return result
 
 
-def amplitude(series: Float64[np.ndarray, "N d"], metric: Float64[np.ndarray, "d d"]) -> float:
+def measure_amplitude(series: Float64[np.ndarray, "N d"], metric: Float64[np.ndarray, "d d"]) -> float:
     """Half the range of the most visible coordinate of a series, in whitened units; NaN if not finite."""
     visible = series @ np.linalg.eigh(metric)[1][:, -1]
     return float(np.ptp(visible) / 2) if np.isfinite(visible).all() else float("nan")
@@ -119,7 +119,7 @@ MOST = 1000  # training frames that say how well the autoencoder reproduces what
 
 
 @dataclass(frozen=True)
-class Known:
+class KnownStates:
     """What the encoder has seen: its training states and how badly it reproduces its worst training frame.
 
     ``scale`` is the rms of the training states about their mean, in the metric, in which distances count.
@@ -154,7 +154,7 @@ class Known:
 
 
 @dataclass(frozen=True)
-class Reading:
+class StateReading:
     """States read off predicted frames, and which of these are in range.
 
     ``error`` is the mean squared reconstruction error of each frame over that of the worst training frame,
@@ -167,7 +167,7 @@ class Reading:
     inside: Bool[np.ndarray, " N"]
 
 
-def known_to(autoencoder: Autoencoder, chart: Chart, pictures: Pictures) -> Known:
+def collect_known_states(autoencoder: Autoencoder, chart: Chart, pictures: Pictures) -> KnownStates:
     """What an autoencoder knows of its recording; ``pictures`` gives its training frames by number."""
     chosen = np.unique(np.linspace(0, chart.n_train - 1, min(MOST, chart.n_train)).round().astype(np.int64))
     states = chart.train.latents
@@ -179,10 +179,12 @@ def known_to(autoencoder: Autoencoder, chart: Chart, pictures: Pictures) -> Know
     root = vectors * np.sqrt(np.clip(values, 0.0, None))
     seen = states @ root
     scale = float(np.sqrt(np.square(seen - seen.mean(axis=0)).sum(axis=1).mean()))
-    return Known(autoencoder, chart, float(max(errors)), scale, root, cKDTree(seen))
+    return KnownStates(autoencoder, chart, float(max(errors)), scale, root, cKDTree(seen))
 
 
-def read(known: Known, images: Float32[np.ndarray, "N 3 H W"], config: ExtrapolationConfig) -> Reading:
+def read_states(
+    known: KnownStates, images: Float32[np.ndarray, "N 3 H W"], config: ExtrapolationConfig
+) -> StateReading:
     """Encode predicted images and see whether each is in range.
 
     Raises:
@@ -196,10 +198,10 @@ def read(known: Known, images: Float32[np.ndarray, "N 3 H W"], config: Extrapola
     error = image_errors(drawn, np.clip(images, 0.0, 1.0)) / max(known.worst_error, 1e-12)
     distance = known.tree.query(states @ known.root)[0] / known.scale
     inside = (error <= config.range_error) & (distance <= config.range_distance)
-    return Reading(states, error, distance, inside)
+    return StateReading(states, error, distance, inside)
 
 
-def told(readings: list[Reading]) -> dict[str, Any]:
+def summarize_reading(readings: list[StateReading]) -> dict[str, Any]:
     """How far the frames of several readings stay in range, as plain data."""
     error, distance, inside = (
         np.concatenate([getattr(reading, name) for reading in readings])

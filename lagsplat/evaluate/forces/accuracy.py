@@ -7,9 +7,9 @@ import numpy as np
 import torch
 from jaxtyping import Bool, Float64
 
-from lagsplat.evaluate.forces.known_forces import Pokes
-from lagsplat.forces.equilibrium import Held, NoScaleError, energy_scale
-from lagsplat.forces.grasp import Grip, NothingThereError, Point, brush, nearest
+from lagsplat.evaluate.forces.known_forces import KnownForces
+from lagsplat.forces.equilibrium import NoScaleError, OperatingPoint, fit_energy_scale
+from lagsplat.forces.grasp import GraspPoint, NoMatterError, Point, grasp_brush, nearest_place
 
 OTHERS = 40
 """Other pokes that are asked which energy scale they would have set."""
@@ -18,34 +18,38 @@ Read = Callable[[Float64[np.ndarray, "n d"]], Float64[np.ndarray, "n P 2"]]
 Errors = dict[str, Float64[np.ndarray, "N L"]]
 
 
-def grips_at(held: Held, places: Float64[np.ndarray, "P 2"], *, radius: float | None) -> list[Grip | None]:
+def choose_grasps(
+    held: OperatingPoint, places: Float64[np.ndarray, "P 2"], *, radius: float | None
+) -> list[GraspPoint | None]:
     """What a click on each material point takes hold of, by a brush or, without ``radius``, as the nearest
     Gaussian; None where nothing can be had.
     """
-    found: list[Grip | None] = []
+    found: list[GraspPoint | None] = []
     for x, y in places:
         point: Point = (float(x), float(y))
         try:
-            taken = nearest(held.kinematics, held.rest, point) if radius is None else None
-            found.append(taken or brush(held.kinematics, held.rest, point, radius=radius or 1.0))
-        except NothingThereError:
+            taken = nearest_place(held.kinematics, held.rest, point) if radius is None else None
+            found.append(taken or grasp_brush(held.kinematics, held.rest, point, radius=radius or 1.0))
+        except NoMatterError:
             found.append(None)
     return found
 
 
-def matter(grips: list[Grip | None], d: int) -> tuple[Bool[np.ndarray, " P"], Float64[np.ndarray, "P 2 d"]]:
+def select_matter(
+    grips: list[GraspPoint | None], d: int
+) -> tuple[Bool[np.ndarray, " P"], Float64[np.ndarray, "P 2 d"]]:
     """Where something is taken hold of, and how it moves [px per whitened unit]; zero elsewhere."""
     field = [np.zeros((2, d)) if grip is None else grip.jacobian.numpy() for grip in grips]
     return np.array([grip is not None for grip in grips]), np.stack(field)
 
 
-def compare(held: Held, pokes: Pokes, *, radius: float, read: Read) -> dict[str, Any]:
+def compare_answers(held: OperatingPoint, pokes: KnownForces, *, radius: float, read: Read) -> dict[str, Any]:
     """Errors of the static answers, ready for JSON.
 
     The same force on the same material point for both; the energy scale from one poke, that of the easiest
-    point and direction at the level `Pokes.reference`. ``inside`` are medians (and 90th percentiles)
+    point and direction at the level `KnownForces.reference`. ``inside`` are medians (and 90th percentiles)
     over pokes whose true answer lies in the visited range, ``levels`` those at each level of force; a
-    ``nearest`` block takes hold of one Gaussian instead of a brush. Of an answer, ``direction_deg`` is the
+    ``nearest_place`` block takes hold of one Gaussian instead of a brush. Of an answer, ``direction_deg`` is the
     angle between the ways of the pushed point, ``shape`` what is left of the ways of all points after the
     best factor, over their size, and ``amplitude`` how far that factor is from 1. ``pictured`` errors read
     the ways off the picture (a map from latents to true coordinates), the others off the matter that the
@@ -54,26 +58,26 @@ def compare(held: Held, pokes: Pokes, *, radius: float, read: Read) -> dict[str,
     Raises:
         NoScaleError: with a brush, the law answers the reference poke the wrong way.
     """
-    brushed = grips_at(held, pokes.places, radius=radius)
-    usable, field = matter(brushed, held.law.d)
+    brushed = choose_grasps(held, pokes.places, radius=radius)
+    usable, field = select_matter(brushed, held.law.d)
     inside = pokes.distance <= 1.0
     result: dict[str, Any] = {"points": int(usable.sum()), "missed": int((~usable).sum())}
-    for name, grips in (("brush", brushed), ("nearest", grips_at(held, pokes.places, radius=None))):
+    for name, grips in (("brush", brushed), ("nearest", choose_grasps(held, pokes.places, radius=None))):
         try:
-            scale, others = scales(held, pokes, grips, field, usable)
+            scale, others = compare_scales(held, pokes, grips, field, usable)
         except NoScaleError as error:
             if name == "brush":
                 raise
             result[name] = {"refused": str(error)}
             continue
-        errors = errors_of(held, pokes, grips, field, usable, scale, read)
+        errors = compute_errors(held, pokes, grips, field, usable, scale, read)
         result[name] = {
             "scale": scale,
             "scale_of_others": _spread(others / scale),
-            "inside": summary(errors, inside),
+            "inside": summarize_errors(errors, inside),
         }
         if name == "brush":
-            rows = [summary(errors, np.arange(inside.shape[1]) == i) for i in range(inside.shape[1])]
+            rows = [summarize_errors(errors, np.arange(inside.shape[1]) == i) for i in range(inside.shape[1])]
             result["levels"] = [
                 {**row, "level": pokes.levels[i], "distance": _median(pokes.distance[:, i])}
                 for i, row in enumerate(rows)
@@ -84,7 +88,7 @@ def compare(held: Held, pokes: Pokes, *, radius: float, read: Read) -> dict[str,
     return result
 
 
-def loads_of(pokes: Pokes, grips: list[Grip | None], d: int) -> Float64[np.ndarray, "N L d"]:
+def list_loads(pokes: KnownForces, grips: list[GraspPoint | None], d: int) -> Float64[np.ndarray, "N L d"]:
     """The pulled-back forces, for a scale of one; NaN where nothing was taken hold of."""
     return np.stack(
         [
@@ -94,8 +98,12 @@ def loads_of(pokes: Pokes, grips: list[Grip | None], d: int) -> Float64[np.ndarr
     )
 
 
-def scales(
-    held: Held, pokes: Pokes, grips: list[Grip | None], field: np.ndarray, usable: np.ndarray
+def compare_scales(
+    held: OperatingPoint,
+    pokes: KnownForces,
+    grips: list[GraspPoint | None],
+    field: np.ndarray,
+    usable: np.ndarray,
 ) -> tuple[float, Float64[np.ndarray, " n"]]:
     """The energy scale by the reference poke, and those that every other poke at its level would give.
 
@@ -103,14 +111,14 @@ def scales(
         NoScaleError: nothing can be taken hold of, or the law answers the wrong way.
     """
     level = pokes.reference
-    loads = loads_of(pokes, grips, held.law.d)[:, level]
+    loads = list_loads(pokes, grips, held.law.d)[:, level]
     known = np.isfinite(loads).all(1) & np.isfinite(pokes.distance[:, level])
     order = [int(i) for i in np.argsort(pokes.size[:, level]) if known[i]]
     kept = np.unique(np.linspace(0, len(order) - 1, OTHERS).round().astype(int)).tolist()
     found = []
     for i in (order[j] for j in kept if order):
         try:
-            found.append(energy_scale(held, loads[i], field[usable], pokes.ways[i, level][usable]))
+            found.append(fit_energy_scale(held, loads[i], field[usable], pokes.ways[i, level][usable]))
         except NoScaleError:
             if not found:
                 raise
@@ -119,17 +127,17 @@ def scales(
     return found[0], np.array(found)
 
 
-def errors_of(
-    held: Held,
-    pokes: Pokes,
-    grips: list[Grip | None],
+def compute_errors(
+    held: OperatingPoint,
+    pokes: KnownForces,
+    grips: list[GraspPoint | None],
     field: np.ndarray,
     usable: Bool[np.ndarray, " P"],
     scale: float,
     read: Read,
 ) -> Errors:
     """Every error of every poke; NaN where there is no true answer or nothing was taken hold of."""
-    loads = scale * loads_of(pokes, grips, held.law.d)
+    loads = scale * list_loads(pokes, grips, held.law.d)
     known = np.isfinite(loads).all(2) & np.isfinite(pokes.distance)
     states = np.full((*known.shape, held.law.d), np.nan)
     states[known] = held.settled(torch.from_numpy(loads[known])).numpy()
@@ -139,15 +147,15 @@ def errors_of(
     errors: Errors = {}
     pushed = pokes.point[:, None, None, None]
     for name, answer in (("", carried), ("pictured_", pictured)):
-        cosine, factor = alike(answer[:, :, usable], pokes.ways[:, :, usable])
+        cosine, factor = are_alike(answer[:, :, usable], pokes.ways[:, :, usable])
         errors[f"{name}shape"] = np.sqrt(1.0 - np.clip(cosine, 0.0, 1.0) ** 2)
         errors[f"{name}amplitude"] = np.abs(factor - 1.0)
-        own, _ = alike(*(np.take_along_axis(ways, pushed, axis=2) for ways in (answer, pokes.ways)))
+        own, _ = are_alike(*(np.take_along_axis(ways, pushed, axis=2) for ways in (answer, pokes.ways)))
         errors[f"{name}direction_deg"] = np.degrees(np.arccos(np.clip(own, -1.0, 1.0)))
     return errors
 
 
-def alike(
+def are_alike(
     answer: Float64[np.ndarray, "N L P 2"], truth: Float64[np.ndarray, "N L P 2"]
 ) -> tuple[Float64[np.ndarray, "N L"], Float64[np.ndarray, "N L"]]:
     """Cosine between ways of all points together, and how much of the true ones the answer makes."""
@@ -157,7 +165,7 @@ def alike(
         return product / (size * true), product / true**2
 
 
-def summary(errors: Errors, chosen: np.ndarray) -> dict[str, Any]:
+def summarize_errors(errors: Errors, chosen: np.ndarray) -> dict[str, Any]:
     """Medians and 90th percentiles over the chosen pokes, and how many there are."""
     chosen = np.broadcast_to(chosen, next(iter(errors.values())).shape)
     found: dict[str, Any] = {"n": int(np.isfinite(errors["shape"][chosen]).sum())}
@@ -168,7 +176,7 @@ def summary(errors: Errors, chosen: np.ndarray) -> dict[str, Any]:
     return found
 
 
-def _map(pokes: Pokes, errors: Errors, inside: np.ndarray) -> list[dict[str, Any]]:
+def _map(pokes: KnownForces, errors: Errors, inside: np.ndarray) -> list[dict[str, Any]]:
     """The median errors of forces on each point, with the points' places [px]."""
     return [
         {

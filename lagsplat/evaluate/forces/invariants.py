@@ -7,11 +7,11 @@ import torch
 from jaxtyping import Float64
 from scipy.stats import spearmanr
 
-from lagsplat.evaluate.truth import settled_elsewhere
+from lagsplat.evaluate.truth import has_settled_elsewhere
 from lagsplat.forces.config import ForcesConfig
-from lagsplat.forces.equilibrium import Held
-from lagsplat.forces.grasp import Grip, NothingThereError, Point, brush
-from lagsplat.forces.moving_parts import Scene, background_points, scene_at
+from lagsplat.forces.equilibrium import OperatingPoint
+from lagsplat.forces.grasp import GraspPoint, NoMatterError, Point, grasp_brush
+from lagsplat.forces.moving_parts import MovingParts, choose_background_points, find_moving_parts
 
 POINTS = 60
 """Pixels of the object, evenly among them, at which it is pushed."""
@@ -20,7 +20,7 @@ SMALL = 1e-5
 ANGLES = (0.7, 2.3)
 
 
-def force_invariants(held: Held, config: ForcesConfig) -> dict[str, Any]:
+def force_invariants(held: OperatingPoint, config: ForcesConfig) -> dict[str, Any]:
     """The paper's checks on one run, ready for JSON.
 
     One size of force throughout: the one that drives the state ``forces.response`` of the visited range away
@@ -36,7 +36,7 @@ def force_invariants(held: Held, config: ForcesConfig) -> dict[str, Any]:
 
     Source: paper, "Applying forces".
     """
-    scene = scene_at(held.autoencoder, held.chart, held.rest.numpy())
+    scene = find_moving_parts(held.autoencoder, held.chart, held.rest.numpy())
     radius = config.brush * held.kinematics.width
     grips = _on(held, scene, radius)
     best = max(grips, key=lambda grip: float(torch.linalg.matrix_norm(grip.jacobian, 2)))
@@ -52,7 +52,7 @@ def force_invariants(held: Held, config: ForcesConfig) -> dict[str, Any]:
     }
 
 
-def centre_of_rotation(grips: list[Grip]) -> Float64[np.ndarray, "2"]:
+def centre_of_rotation(grips: list[GraspPoint]) -> Float64[np.ndarray, "2"]:
     """The point [px] about which matter of one coordinate turns, by least squares."""
     rows, values = [], []
     for grip in grips:  # J = w (-(y - cy), x - cx): linear in w, w cx and w cy
@@ -63,7 +63,7 @@ def centre_of_rotation(grips: list[Grip]) -> Float64[np.ndarray, "2"]:
     return np.array([by_x, by_y]) / turn
 
 
-def _on(held: Held, scene: Scene, radius: float) -> list[Grip]:
+def _on(held: OperatingPoint, scene: MovingParts, radius: float) -> list[GraspPoint]:
     places = np.argwhere(scene.object)
     chosen = places[
         np.unique(np.linspace(0, max(0, len(places) - 1), POINTS).round().astype(int))[: len(places)]
@@ -74,23 +74,25 @@ def _on(held: Held, scene: Scene, radius: float) -> list[Grip]:
     return found
 
 
-def _taken(held: Held, point: Point, radius: float) -> list[Grip]:
+def _taken(held: OperatingPoint, point: Point, radius: float) -> list[GraspPoint]:
     try:
-        return [brush(held.kinematics, held.rest, point, radius=radius)]
-    except NothingThereError:
+        return [grasp_brush(held.kinematics, held.rest, point, radius=radius)]
+    except NoMatterError:
         return []
 
 
-def _easiest(grip: Grip) -> Float64[np.ndarray, "2"]:
+def _easiest(grip: GraspPoint) -> Float64[np.ndarray, "2"]:
     return torch.linalg.svd(grip.jacobian)[0][:, 0].numpy()
 
 
-def _answers(held: Held, grips: list[Grip], forces: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n d"]:
+def _answers(
+    held: OperatingPoint, grips: list[GraspPoint], forces: Float64[np.ndarray, "n 2"]
+) -> Float64[np.ndarray, "n d"]:
     loads = [grip.pull_back(torch.from_numpy(force)) for grip, force in zip(grips, forces, strict=True)]
     return (held.settled(torch.stack(loads)) - held.rest).numpy()
 
 
-def _lever(held: Held, grips: list[Grip], size: float) -> dict[str, float]:
+def _lever(held: OperatingPoint, grips: list[GraspPoint], size: float) -> dict[str, float]:
     centre = centre_of_rotation(grips)
     arms = np.array([float(grip.at[0]) for grip in grips]) - centre[0]
     answers = _answers(held, grips, np.tile([0.0, size], (len(grips), 1)))[:, 0]
@@ -101,9 +103,9 @@ def _lever(held: Held, grips: list[Grip], size: float) -> dict[str, float]:
 
 
 def _background(
-    held: Held, scene: Scene, grips: list[Grip], size: float, radius: float
+    held: OperatingPoint, scene: MovingParts, grips: list[GraspPoint], size: float, radius: float
 ) -> dict[str, float | int | None]:
-    points = background_points(scene, BACKGROUND, margin=2 * radius)
+    points = choose_background_points(scene, BACKGROUND, margin=2 * radius)
     still = [grip for point in points for grip in _taken(held, point, radius)]
     on = _answers(held, grips, np.stack([size * _easiest(grip) for grip in grips]))
     typical = float(np.median(np.linalg.norm(on, axis=1)))
@@ -119,7 +121,7 @@ def _background(
     }
 
 
-def _superposition(held: Held, grip: Grip, size: float) -> dict[str, float]:
+def _superposition(held: OperatingPoint, grip: GraspPoint, size: float) -> dict[str, float]:
     parts = size * np.stack([[np.cos(angle), np.sin(angle)] for angle in ANGLES])
     three = np.concatenate([parts, parts.sum(0)[None]])
     loads = grip.pull_back(torch.from_numpy(three)).numpy()
@@ -133,9 +135,9 @@ def _excess(three: Float64[np.ndarray, "3 d"]) -> float:
     return float(np.linalg.norm(three[2] - three[0] - three[1]) / np.linalg.norm(three, axis=1).max())
 
 
-def _chart(held: Held, grip: Grip, force: Float64[np.ndarray, "2"]) -> dict[str, float]:
+def _chart(held: OperatingPoint, grip: GraspPoint, force: Float64[np.ndarray, "2"]) -> dict[str, float]:
     here = held.settled(grip.pull_back(torch.from_numpy(force))[None])[0]
-    there = settled_elsewhere(held, grip, force)
+    there = has_settled_elsewhere(held, grip, force)
     pictures = held.pictures(torch.stack([here, there]))
     return {
         "state": float((here - there).norm()) / held.reach,
@@ -143,7 +145,7 @@ def _chart(held: Held, grip: Grip, force: Float64[np.ndarray, "2"]) -> dict[str,
     }
 
 
-def _across(grip: Grip) -> float:
+def _across(grip: GraspPoint) -> float:
     along = _easiest(grip)
     across = torch.tensor([-along[1], along[0]])
     return float(grip.pull_back(across).norm() / torch.linalg.matrix_norm(grip.jacobian, 2))

@@ -12,10 +12,10 @@ import numpy as np
 import torch
 from jaxtyping import Float64, Int64
 
-from lagsplat.chart.trajectory import Clock
+from lagsplat.chart.trajectory import TimeBase
 from lagsplat.evaluate.protocol import STENCILS
 from lagsplat.forces.config import ForcesConfig
-from lagsplat.forces.equilibrium import VISITED, Held, stiffness
+from lagsplat.forces.equilibrium import VISITED, OperatingPoint, static_stiffness
 from lagsplat.stage2.decoder_mass import InducedMass
 from lagsplat.stage2.lagrangian import Lagrangian
 from lagsplat.systems.pushable import Pushable
@@ -31,7 +31,7 @@ REFERENCE = 0.3
 
 
 @dataclass(frozen=True)
-class Pokes:
+class KnownForces:
     """``N`` points and directions (unit, right and down), each at ``L`` growing forces [J/px], whose linear
     answers go ``levels`` of the visited range away.
 
@@ -61,7 +61,9 @@ class Pokes:
         return self.size[:, :, None] * self.direction[:, None]
 
 
-def poke(system: Pushable, visited: Float64[np.ndarray, "T d"], config: ForcesConfig) -> Pokes:
+def simulate_known_forces(
+    system: Pushable, visited: Float64[np.ndarray, "T d"], config: ForcesConfig
+) -> KnownForces:
     """The true answers, forces being such that the state goes each of ``forces.levels`` away by its linear
     answer, in units of the range that ``visited``, the true training states, fill (Mahalanobis distance).
     """
@@ -88,7 +90,7 @@ def poke(system: Pushable, visited: Float64[np.ndarray, "T d"], config: ForcesCo
     places = system.pixels(system.rest[None])[0]
     shape = (*states.shape[:2], *places.shape)
     ways = system.pixels(states.reshape(-1, states.shape[2])).reshape(shape) - places
-    return Pokes(
+    return KnownForces(
         levels=tuple(config.levels),
         places=places,
         point=point,
@@ -103,11 +105,13 @@ def poke(system: Pushable, visited: Float64[np.ndarray, "T d"], config: ForcesCo
 FLOOR = 1e-9
 
 
-def energy_spans(held: Held, system: Pushable, slope: Float64[np.ndarray, "n d"]) -> dict[str, float] | None:
+def measure_energy_spans(
+    held: OperatingPoint, system: Pushable, slope: Float64[np.ndarray, "n d"]
+) -> dict[str, float] | None:
     """Largest over smallest eigenvalue of matrices at rest relative to the true ones; None with one
     coordinate, where it says nothing.
 
-    1 where one factor makes all energies true. ``mass`` and ``stiffness`` are the law's, ``induced`` the mass
+    1 where one factor makes all energies true. ``mass`` and ``static_stiffness`` are the law's, ``induced`` the mass
     that equally heavy Gaussians induce. ``slope`` are the derivatives of the true coordinates by the latents.
     A free motion tells the ratio of stiffness and mass in each of its modes, and one that follows slow inputs
     the ratio of stiffness and input: neither tells the energy of one mode from that of another.
@@ -118,7 +122,7 @@ def energy_spans(held: Held, system: Pushable, slope: Float64[np.ndarray, "n d"]
     with torch.no_grad():
         mass = held.law.mass(rest)[0].numpy()
         induced = InducedMass(held.kinematics.geometry, scale=1.0, floor=FLOOR).matrix(rest)[0].numpy()
-    elastic = stiffness(held.law, rest, held.u[None])[0].numpy()
+    elastic = static_stiffness(held.law, rest, held.u[None])[0].numpy()
     true_mass, true_elastic = (slope.T @ matrix @ slope for matrix in _true(system))
     return {
         "mass": _span(mass, true_mass),
@@ -139,7 +143,7 @@ def _span(matrix: np.ndarray, reference: np.ndarray) -> float:
 
 
 @torch.no_grad()
-def energy_of(
+def mechanical_energy(
     lagrangian: Lagrangian, q: Float64[np.ndarray, "N d"], v: Float64[np.ndarray, "N d"]
 ) -> Float64[np.ndarray, " N"]:
     """``v.M v / 2 + V`` at states and velocities [1/s], in the law's own unit of energy."""
@@ -149,7 +153,7 @@ def energy_of(
     return (kinetic + lagrangian.potential(states)).numpy()
 
 
-def energy_along(
+def energy_along_rollout(
     lagrangian: Lagrangian,
 ) -> Callable[[Float64[np.ndarray, "N d"], float], Float64[np.ndarray, " M"]]:
     """Energy along a series of evenly spaced states [s], with velocities by fourth-order differences.
@@ -160,7 +164,7 @@ def energy_along(
 
     def along(states: np.ndarray, dt_s: float) -> np.ndarray:
         inner = np.arange(2, len(states) - 2)
-        speeds = Clock(dt_s).slope(states, inner, STENCILS["central"])
-        return energy_of(lagrangian, states[inner], speeds)
+        speeds = TimeBase(dt_s).slope(states, inner, STENCILS["central"])
+        return mechanical_energy(lagrangian, states[inner], speeds)
 
     return along

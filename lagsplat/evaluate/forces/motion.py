@@ -14,25 +14,32 @@ import torch
 from jaxtyping import Bool, Float, Float64
 from torch import Tensor
 
-from lagsplat.evaluate.forces.accuracy import Read, alike, compare, grips_at, loads_of, matter
+from lagsplat.evaluate.forces.accuracy import (
+    Read,
+    are_alike,
+    choose_grasps,
+    compare_answers,
+    list_loads,
+    select_matter,
+)
 from lagsplat.evaluate.forces.invariants import force_invariants
-from lagsplat.evaluate.forces.known_forces import Pokes, energy_spans, poke
+from lagsplat.evaluate.forces.known_forces import KnownForces, measure_energy_spans, simulate_known_forces
 from lagsplat.evaluate.truth import fit_polynomial
 from lagsplat.forces.config import ForcesConfig
-from lagsplat.forces.equilibrium import Held, NoScaleError
-from lagsplat.forces.grasp import Grip, Hit, cast, hold_of
-from lagsplat.forces.loaded_lagrangian import push_along
-from lagsplat.forces.moving_parts import scene_at
+from lagsplat.forces.equilibrium import NoScaleError, OperatingPoint
+from lagsplat.forces.grasp import GraspPoint, RayHit, cast_ray, grasp_along_ray
+from lagsplat.forces.loaded_lagrangian import rollout_under_force
+from lagsplat.forces.moving_parts import find_moving_parts
 from lagsplat.stage2.decoder_mass import InducedMass
 from lagsplat.systems.config import ReleaseConfig, SimulationConfig
-from lagsplat.systems.pushable import Pushable, pushable
+from lagsplat.systems.pushable import Pushable, make_pushable
 from lagsplat.systems.truth import Truth
 
 STEP = 1e-3
 
 
 def measure_forces(
-    held: Held,
+    held: OperatingPoint,
     config: ForcesConfig,
     *,
     truth: Truth | None,
@@ -47,33 +54,35 @@ def measure_forces(
     """
     found: dict[str, Any] = {"d": held.law.d, "invariants": force_invariants(held, config), "truth": None}
     if truth is not None:
-        system = pushable(driven, released, pressure=held.u.numpy(), points=config.points)
+        system = make_pushable(driven, released, pressure=held.u.numpy(), points=config.points)
         try:
-            found["truth"] = against_truth(held, system, truth, config)
+            found["truth"] = compare_forces_with_truth(held, system, truth, config)
         except NoScaleError as error:
             found["truth"] = {"refused": str(error)}
     return found
 
 
-def against_truth(held: Held, system: Pushable, truth: Truth, config: ForcesConfig) -> dict[str, Any]:
+def compare_forces_with_truth(
+    held: OperatingPoint, system: Pushable, truth: Truth, config: ForcesConfig
+) -> dict[str, Any]:
     """Static answers, answers in time and first motions, against those of the equations."""
     radius = config.brush * held.kinematics.width
-    pokes = poke(system, truth.states[: held.chart.n_train], config)
-    grips = grips_at(held, pokes.places, radius=radius)
-    usable, field = matter(grips, held.law.d)
-    found = compare(held, pokes, radius=radius, read=reader(held, system, truth.states))
-    found["in_time"] = in_time(
+    pokes = simulate_known_forces(system, truth.states[: held.chart.n_train], config)
+    grips = choose_grasps(held, pokes.places, radius=radius)
+    usable, field = select_matter(grips, held.law.d)
+    found = compare_answers(held, pokes, radius=radius, read=make_state_reader(held, system, truth.states))
+    found["in_time"] = respond_in_time(
         held, system, pokes, grips, field, usable,
         scale=found["brush"]["scale"], length_s=config.periods / float(truth.natural_frequencies_hz[0]),
     )  # fmt: skip
-    found["energy_spans"] = energy_spans(held, system, slope_of(held, truth.states))
-    found["at_once"] = at_once(held, system, pokes, grips, field, usable) if held.law.d > 1 else None
+    found["energy_spans"] = measure_energy_spans(held, system, state_slope(held, truth.states))
+    found["at_once"] = respond_at_once(held, system, pokes, grips, field, usable) if held.law.d > 1 else None
     return found
 
 
-def reader(held: Held, system: Pushable, states: Float64[np.ndarray, "T n"]) -> Read:
+def make_state_reader(held: OperatingPoint, system: Pushable, states: Float64[np.ndarray, "T n"]) -> Read:
     """Reads places of material points off latents, through a map fitted to the training frames."""
-    to_states = state_map(held, states)
+    to_states = fit_state_map(held, states)
 
     def read(q: Float64[np.ndarray, "n d"]) -> Float64[np.ndarray, "n P 2"]:
         return system.pixels(to_states(q))
@@ -81,14 +90,16 @@ def reader(held: Held, system: Pushable, states: Float64[np.ndarray, "T n"]) -> 
     return read
 
 
-def slope_of(held: Held, states: Float64[np.ndarray, "T n"]) -> Float64[np.ndarray, "n d"]:
+def state_slope(held: OperatingPoint, states: Float64[np.ndarray, "T n"]) -> Float64[np.ndarray, "n d"]:
     """Derivatives of the true coordinates by the latents at rest, through the same map."""
-    to_states, rest = state_map(held, states), held.rest.numpy()
+    to_states, rest = fit_state_map(held, states), held.rest.numpy()
     shifts = STEP * np.eye(len(rest))
     return ((to_states(rest + shifts) - to_states(rest - shifts)) / (2 * STEP)).T
 
 
-def state_map(held: Held, states: Float64[np.ndarray, "T n"]) -> Callable[[np.ndarray], np.ndarray]:
+def fit_state_map(
+    held: OperatingPoint, states: Float64[np.ndarray, "T n"]
+) -> Callable[[np.ndarray], np.ndarray]:
     """From latents to true coordinates, fitted to the training frames."""
     smooth = held.chart.train.smoothed(held.chart.smoothing_frames).latents
     return fit_polynomial(smooth, states[: len(smooth)])
@@ -99,7 +110,7 @@ TRIALS = 12
 FLOOR = 1e-9
 
 
-def easiest(pokes: Pokes, grips: list[Grip | None], level: int) -> list[int]:
+def easiest_direction(pokes: KnownForces, grips: list[GraspPoint | None], level: int) -> list[int]:
     """The poke of least force at every point, as far as it can be taken hold of and has a true answer."""
     usable = np.isfinite(pokes.distance[:, level]) & np.array([grips[p] is not None for p in pokes.point])
     found = []
@@ -109,11 +120,11 @@ def easiest(pokes: Pokes, grips: list[Grip | None], level: int) -> list[int]:
     return found
 
 
-def in_time(
-    held: Held,
+def respond_in_time(
+    held: OperatingPoint,
     system: Pushable,
-    pokes: Pokes,
-    grips: list[Grip | None],
+    pokes: KnownForces,
+    grips: list[GraspPoint | None],
     field: Float64[np.ndarray, "P 2 d"],
     usable: Bool[np.ndarray, " P"],
     *,
@@ -126,7 +137,7 @@ def in_time(
     is left of it after the best factor; medians and 90th percentiles over at most `TRIALS` points.
     """
     level, dt_s = pokes.reference, held.chart.dt_s
-    chosen = easiest(pokes, grips, level)
+    chosen = easiest_direction(pokes, grips, level)
     chosen = [chosen[i] for i in np.unique(np.linspace(0, len(chosen) - 1, TRIALS).round().astype(int))]
     time_s = dt_s * np.arange(max(3, round(length_s / dt_s) + 1))
     true = np.stack(
@@ -135,9 +146,9 @@ def in_time(
             for i in chosen
         ]
     )
-    loads = torch.from_numpy(scale * loads_of(pokes, grips, held.law.d)[chosen, level])
+    loads = torch.from_numpy(scale * list_loads(pokes, grips, held.law.d)[chosen, level])
     rows, steps = len(chosen), len(time_s)
-    q, _ = push_along(
+    q, _ = rollout_under_force(
         held.law,
         held.rest.expand(rows, -1),
         torch.zeros(rows, held.law.d, dtype=torch.float64),
@@ -149,7 +160,7 @@ def in_time(
     true = true[:, :, usable]
     size = np.sqrt(np.mean(true**2, axis=(1, 2, 3)))
     error = np.sqrt(np.mean((ways - true) ** 2, axis=(1, 2, 3))) / size
-    cosine, _ = alike(ways.reshape(rows, 1, -1, 2), true.reshape(rows, 1, -1, 2))
+    cosine, _ = are_alike(ways.reshape(rows, 1, -1, 2), true.reshape(rows, 1, -1, 2))
     shape = np.sqrt(1.0 - np.clip(cosine[:, 0], 0.0, 1.0) ** 2)
     told = {"n": rows, "length_s": float(time_s[-1])}
     for name, values in (("error", error), ("shape", shape)):
@@ -157,11 +168,11 @@ def in_time(
     return told
 
 
-def at_once(
-    held: Held,
+def respond_at_once(
+    held: OperatingPoint,
     system: Pushable,
-    pokes: Pokes,
-    grips: list[Grip | None],
+    pokes: KnownForces,
+    grips: list[GraspPoint | None],
     field: Float64[np.ndarray, "P 2 d"],
     usable: Bool[np.ndarray, " P"],
 ) -> dict[str, float]:
@@ -174,7 +185,7 @@ def at_once(
     Source: paper eq. (latent-metric), "we take the density to be uniform".
     """
     rest, level = held.rest[None], pokes.reference
-    chosen = easiest(pokes, grips, level)
+    chosen = easiest_direction(pokes, grips, level)
     induced = InducedMass(held.kinematics.geometry, scale=1.0, floor=FLOOR)
     by_share = np.einsum("p,pca,pcb->ab", system.share * usable, field, field)
     with torch.no_grad():
@@ -186,11 +197,11 @@ def at_once(
     jacobian = system.jacobian(system.rest)
     felt = np.stack([pokes.forces[i, level] @ jacobian[pokes.point[i]] for i in chosen])
     true = np.einsum("pcd,nd->npc", jacobian, np.linalg.solve(system.mass(system.rest), felt.T).T)
-    loads = loads_of(pokes, grips, held.law.d)[chosen, level]
+    loads = list_loads(pokes, grips, held.law.d)[chosen, level]
     found = {}
     for name, mass in masses.items():
         ways = np.einsum("pcd,nd->npc", field, np.linalg.solve(mass, loads.T).T)
-        cosine, _ = alike(ways[:, None][:, :, usable], true[:, None][:, :, usable])
+        cosine, _ = are_alike(ways[:, None][:, :, usable], true[:, None][:, :, usable])
         found[name] = float(np.median(np.sqrt(1.0 - np.clip(cosine, 0.0, 1.0) ** 2)))
     return found
 
@@ -210,8 +221,8 @@ class SpacePush:
     """
 
     pixel: tuple[float, float]
-    hit: Hit
-    grip: Grip
+    hit: RayHit
+    grip: GraspPoint
     size: float
     directions: Float64[np.ndarray, "2 3"]
     states: Float64[np.ndarray, "3 d"]
@@ -239,7 +250,7 @@ class SpacePush:
         }
 
 
-def push_in_space(held: Held, config: ForcesConfig) -> SpacePush:
+def push_in_space(held: OperatingPoint, config: ForcesConfig) -> SpacePush:
     """Click where the film shows the largest motion up and down, and push there across the motion and down.
 
     Both forces are of the size that drives the state ``forces.response`` of the visited range downwards.
@@ -249,23 +260,23 @@ def push_in_space(held: Held, config: ForcesConfig) -> SpacePush:
 
     Source: paper, "Forces in three dimensions".
     """
-    scene = scene_at(held.autoencoder, held.chart, held.rest.numpy())
+    scene = find_moving_parts(held.autoencoder, held.chart, held.rest.numpy())
     lever = np.where(scene.object, np.linalg.norm(scene.jacobian[:, :, 1], axis=2), 0.0)
     if not lever.any():
         raise ValueError("nothing moves up or down in the picture: there is nothing to push; check stage 1")
     row, column = np.unravel_index(int(lever.argmax()), lever.shape)
     pixel = (float(column) + 0.5, float(row) + 0.5)
     view = held.autoencoder.filmed_view(held.autoencoder.gaussians.center)
-    hit = cast(held.autoencoder, held.chart, held.rest, view, pixel)
-    grip = hold_of(held.kinematics, held.rest, hit.gaussian)
-    directions = np.stack([across(grip.jacobian), DOWN])
+    hit = cast_ray(held.autoencoder, held.chart, held.rest, view, pixel)
+    grip = grasp_along_ray(held.kinematics, held.rest, hit.gaussian)
+    directions = np.stack([push_across(grip.jacobian), DOWN])
     size = held.magnitude(grip, DOWN, share=config.response)
     loads = size * grip.pull_back(torch.from_numpy(directions))
     states = held.settled(torch.cat([torch.zeros(1, held.law.d, dtype=loads.dtype), loads]))
     return SpacePush(pixel, hit, grip, size, directions, states.numpy())
 
 
-def across(jacobian: Float[Tensor, "3 d"]) -> Float64[np.ndarray, "3"]:
+def push_across(jacobian: Float[Tensor, "3 d"]) -> Float64[np.ndarray, "3"]:
     """The direction in which the matter never moves, closest to the film's line of sight, or else to its
     horizontal.
 

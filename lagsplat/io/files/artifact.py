@@ -38,7 +38,7 @@ import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
-from lagsplat.io.files.atomic import replacing
+from lagsplat.io.files.atomic import replace_atomically
 from lagsplat.provenance import stamp
 
 KEY = "lagsplat"
@@ -60,7 +60,7 @@ DTYPES = {
 StrPath = str | os.PathLike[str]
 
 
-def save_artefact(path: StrPath, tensors: Mapping[str, Any], header: Mapping[str, Any]) -> None:
+def save_artifact(path: StrPath, tensors: Mapping[str, Any], header: Mapping[str, Any]) -> None:
     """Write ``tensors`` (NumPy arrays or torch tensors on any device) and ``header`` to ``path``, atomically.
 
     Raises:
@@ -69,11 +69,11 @@ def save_artefact(path: StrPath, tensors: Mapping[str, Any], header: Mapping[str
     """
     arrays = {name: _as_array(name, tensor) for name, tensor in tensors.items()}
     text = _header_text(path, header)
-    with replacing(path) as temporary:
+    with replace_atomically(path) as temporary:
         save_file(arrays, temporary, metadata={KEY: text})
 
 
-def load_artefact(
+def load_artifact(
     path: StrPath, *, kind: str | None = None, schema: int | None = None, mapped: Collection[str] = ()
 ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     """The tensors and the header of the artefact at ``path``.
@@ -103,7 +103,7 @@ def load_artefact(
 
 def read_header(path: StrPath, *, kind: str | None = None, schema: int | None = None) -> dict[str, Any]:
     """The header of the artefact at ``path``, without reading its tensors. Checks and errors as
-    `load_artefact`."""
+    `load_artifact`."""
     if not Path(path).is_file():
         raise FileNotFoundError(f"{path}: no such file; make it first, or check the path")
     try:
@@ -207,7 +207,7 @@ def _plain(value: Any) -> Any:
 M = TypeVar("M", bound=torch.nn.Module)
 
 
-def restore(module: M, tensors: Mapping[str, np.ndarray], path: str | os.PathLike[str]) -> M:
+def restore_module(module: M, tensors: Mapping[str, np.ndarray], path: str | os.PathLike[str]) -> M:
     """``module`` with the ``tensors`` read from ``path`` as its weights, ready to be asked.
 
     Raises:

@@ -22,7 +22,7 @@ log = logging.getLogger(__name__)
 P = TypeVar("P", bound=tuple[Any, ...])  # a row of a training curve, which begins with the steps done
 
 
-def keep_training(
+def save_training_state(
     path: Path,
     model: torch.nn.Module,
     optimizer: torch.optim.Optimizer,
@@ -39,7 +39,7 @@ def keep_training(
     save_checkpoint(path, state, identity=identity)
 
 
-def resume_training(
+def load_training_state(
     path: Path | None,
     model: torch.nn.Module,
     optimizer: torch.optim.Optimizer,
@@ -47,7 +47,7 @@ def resume_training(
     *,
     identity: str,
 ) -> tuple[int, list[P]]:
-    """Put back what :func:`keep_training` wrote, if it did; the steps done and the curve so far."""
+    """Put back what :func:`save_training_state` wrote, if it did; the steps done and the curve so far."""
     state = load_checkpoint(path, identity=identity) if path else None
     if state is None:
         return 0, []

@@ -25,7 +25,7 @@ import requests
 from tqdm import tqdm
 
 from lagsplat.io.config import ArchiveConfig
-from lagsplat.io.files.atomic import replacing, sha256_of
+from lagsplat.io.files.atomic import replace_atomically, sha256_of
 
 COPY_BYTES = 2**20
 
@@ -84,7 +84,7 @@ def _extract(source: Path, member: str, target: Path, expected: str) -> None:
                     f"{source}: no member {member!r}, only {archive.namelist()[:20]}; check recording.archive"
                 )
             _check_space(target, archive.getinfo(member).file_size)
-            with archive.open(member) as stream, replacing(target) as temporary:
+            with archive.open(member) as stream, replace_atomically(target) as temporary:
                 digest = hashlib.sha256()
                 with open(temporary, "wb") as file:
                     while block := stream.read(COPY_BYTES):

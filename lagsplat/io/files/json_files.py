@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.io.files.atomic import replacing, write_text
+from lagsplat.io.files.atomic import replace_atomically, write_text
 
 
 def save_csv(path: str | os.PathLike[str], rows: Sequence[Mapping[str, Any]]) -> None:
@@ -21,7 +21,7 @@ def save_csv(path: str | os.PathLike[str], rows: Sequence[Mapping[str, Any]]) ->
     """
     if not rows:
         raise ValueError(f"{path}: a table without a row has no columns")
-    with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+    with replace_atomically(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
         writer.writeheader()
         writer.writerows(rows)

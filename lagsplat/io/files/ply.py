@@ -3,7 +3,7 @@
 The layout is that of Kerbl et al. 2023, without view dependence: an element ``vertex`` with the properties x
 y z (nx ny nz) f_dc_0..2 opacity scale_0..2 rot_0..3, binary little endian, float32. Scales are natural
 logarithms of standard deviations, opacity is a logit, rot a quaternion (w, x, y, z), and a colour is
-``0.5 + f_dc / sqrt(4 pi)``. SHARP adds elements of one property each with the camera (`SharpPly`); other
+``0.5 + f_dc / sqrt(4 pi)``. SHARP adds elements of one property each with the camera (`SharpCloud`); other
 readers skip them.
 """
 
@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.io.files.atomic import replacing
+from lagsplat.io.files.atomic import replace_atomically
 
 HARMONIC = float(np.sqrt(1 / (4 * np.pi)))
 """The spherical harmonic of degree 0."""
@@ -31,7 +31,7 @@ HEAD_BYTES = 1 << 16
 
 
 @dataclass(frozen=True)
-class Cloud:
+class PlyCloud:
     """N Gaussians of space: centres, standard deviations and quaternions (w, x, y, z) of their axes, colours
     as stored, in [0, 1] or a little outside, and opacities in [0, 1].
     """
@@ -57,19 +57,19 @@ class Cloud:
 
 
 @dataclass(frozen=True)
-class SharpPly:
+class SharpCloud:
     """A cloud as SHARP writes it: in the camera's own coordinates [m], colours encoded as sRGB.
 
     ``focal`` [px] is that of a picture of ``width`` x ``height``, whose middle is the principal point.
     """
 
-    cloud: Cloud
+    cloud: PlyCloud
     focal: float
     width: int
     height: int
 
 
-def read_sharp(path: str | os.PathLike[str]) -> SharpPly:
+def read_sharp(path: str | os.PathLike[str]) -> SharpCloud:
     """A frame that SHARP has lifted.
 
     Raises:
@@ -87,10 +87,10 @@ def read_sharp(path: str | os.PathLike[str]) -> SharpPly:
         raise ValueError(
             f"{path}: intrinsic {lens.tolist()} is not that of a {width} x {height} picture of SHARP"
         )
-    return SharpPly(_cloud(path, elements), float(lens[0]), width, height)
+    return SharpCloud(_cloud(path, elements), float(lens[0]), width, height)
 
 
-def read_cloud(path: str | os.PathLike[str]) -> Cloud:
+def read_cloud(path: str | os.PathLike[str]) -> PlyCloud:
     """The Gaussians of a PLY in the layout of 3D Gaussian Splatting.
 
     Raises:
@@ -99,7 +99,7 @@ def read_cloud(path: str | os.PathLike[str]) -> Cloud:
     return _cloud(path, read_elements(path))
 
 
-def write_cloud(path: str | os.PathLike[str], cloud: Cloud) -> None:
+def write_cloud(path: str | os.PathLike[str], cloud: PlyCloud) -> None:
     """Write a cloud as viewers of 3D Gaussian Splatting expect it, whole or not at all."""
     names = (*FIELDS[:3], *NORMALS, *FIELDS[3:])
     table = np.zeros(len(cloud.means), dtype=[(name, "<f4") for name in names])
@@ -112,7 +112,7 @@ def write_cloud(path: str | os.PathLike[str], cloud: Cloud) -> None:
         table[name] = column
     lines = ["ply", "format binary_little_endian 1.0", f"element vertex {len(table)}"]
     lines += [*(f"property float {name}" for name in names), "end_header", ""]
-    with replacing(path) as temporary:
+    with replace_atomically(path) as temporary:
         temporary.write_bytes("\n".join(lines).encode() + table.tobytes())
 
 
@@ -167,7 +167,7 @@ def _header(path: Path) -> tuple[list[tuple[str, int, np.dtype]], int]:
     return [(name, count, np.dtype(kinds)) for name, count, kinds in elements], end.end()
 
 
-def _cloud(path: str | os.PathLike[str], elements: dict[str, np.ndarray]) -> Cloud:
+def _cloud(path: str | os.PathLike[str], elements: dict[str, np.ndarray]) -> PlyCloud:
     vertex = elements.get("vertex")
     names = () if vertex is None else vertex.dtype.names or ()
     if vertex is None or (missing := [name for name in FIELDS if name not in names]):
@@ -175,7 +175,7 @@ def _cloud(path: str | os.PathLike[str], elements: dict[str, np.ndarray]) -> Clo
         raise ValueError(f"{path}: not Gaussians: no {told}, only {list(names) or list(elements)}")
     table = np.stack([vertex[name].astype(np.float64) for name in FIELDS], axis=1)
     logit = np.clip(table[:, 6], -700, 700)  # an opacity of exactly 0 or 1 is stored as an infinity
-    return Cloud(
+    return PlyCloud(
         means=table[:, :3],
         scales=np.exp(table[:, 7:10]),
         quaternions=table[:, 10:],

@@ -23,7 +23,7 @@ import cv2
 import numpy as np
 from jaxtyping import UInt8
 
-from lagsplat.io.mcap.messages import field_of
+from lagsplat.io.mcap.messages import read_field
 
 Shape = Callable[[np.ndarray], np.ndarray]
 
@@ -40,7 +40,7 @@ class CameraReader:
         self.pictures: dict[int, np.ndarray] = {}
         self.damaged: list[str] = []
         self._shape = shape
-        self._packets = PacketFile()
+        self._packets = VideoPackets()
         self._wanted: list[bool] = []
 
     def __enter__(self) -> "CameraReader":
@@ -58,7 +58,7 @@ class CameraReader:
         """
         number = len(self._wanted)
         self._wanted.append(wanted)
-        kind = message_kind(schema_name)
+        kind = image_kind(schema_name)
         if kind is None:
             raise ValueError(
                 f"topic {self.topic} holds {schema_name}, which is no picture; choose a topic of "
@@ -66,9 +66,9 @@ class CameraReader:
             )
         try:
             if kind == VIDEO:
-                self._packets.add(bytes_of(message), format=str(field_of(message, "format")))
+                self._packets.add(message_bytes(message), format=str(read_field(message, "format")))
             elif wanted:
-                self.pictures[number] = self._shape(picture_of(message, kind))
+                self.pictures[number] = self._shape(decode_image(message, kind))
         except ValueError as error:
             if kind == VIDEO or not self.pictures:
                 raise ValueError(f"topic {self.topic}, message {number}: {error}") from error
@@ -113,18 +113,18 @@ LAYOUTS: dict[str, tuple[int, type[np.unsignedinteger], int | None]] = {
 """Of each encoding: channels, numbers, and OpenCV's conversion to BGR."""
 
 
-def message_kind(schema_name: str) -> str | None:
+def image_kind(schema_name: str) -> str | None:
     """``compressed``, ``raw`` or ``video`` by the last name of the schema; None where it is no picture."""
     return MESSAGES.get(schema_name.replace("/", ".").rpartition(".")[2])
 
 
-def bytes_of(message: Any) -> bytes:
+def message_bytes(message: Any) -> bytes:
     """The field ``data``: bytes, or base64 text where the message is JSON.
 
     Raises:
         ValueError: there is no such field, or it is not base64.
     """
-    data = field_of(message, "data")
+    data = read_field(message, "data")
     if isinstance(data, str):
         return base64.b64decode(data, validate=True)
     if not isinstance(data, bytes | bytearray | memoryview):
@@ -132,7 +132,7 @@ def bytes_of(message: Any) -> bytes:
     return bytes(data)
 
 
-def picture_of(message: Any, kind: str) -> UInt8[np.ndarray, "h w 3"]:
+def decode_image(message: Any, kind: str) -> UInt8[np.ndarray, "h w 3"]:
     """The picture of a message of kind ``compressed`` or ``raw``, BGR.
 
     Raises:
@@ -142,26 +142,26 @@ def picture_of(message: Any, kind: str) -> UInt8[np.ndarray, "h w 3"]:
 
 
 def _decompressed(message: Any) -> UInt8[np.ndarray, "h w 3"]:
-    data = np.frombuffer(bytes_of(message), np.uint8)
+    data = np.frombuffer(message_bytes(message), np.uint8)
     picture = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
     if picture is None:
         raise ValueError(
-            f"{data.size} bytes of format {field_of(message, 'format')!r} are no picture that OpenCV decodes "
+            f"{data.size} bytes of format {read_field(message, 'format')!r} are no picture that OpenCV decodes "
             "(JPEG, PNG, WebP, TIFF, BMP)"
         )
     return picture
 
 
 def _raw(message: Any) -> UInt8[np.ndarray, "h w 3"]:
-    encoding = str(field_of(message, "encoding"))
+    encoding = str(read_field(message, "encoding"))
     if encoding.lower() not in LAYOUTS:
         raise ValueError(f"its encoding {encoding!r} is unknown; those read are {', '.join(LAYOUTS)}")
     channels, numbers, conversion = LAYOUTS[encoding.lower()]
-    dtype = np.dtype(numbers).newbyteorder(">" if field_of(message, "is_bigendian") else "<")
-    height, width = int(field_of(message, "height") or 0), int(field_of(message, "width") or 0)
+    dtype = np.dtype(numbers).newbyteorder(">" if read_field(message, "is_bigendian") else "<")
+    height, width = int(read_field(message, "height") or 0), int(read_field(message, "width") or 0)
     row = width * channels * dtype.itemsize
-    step = int(field_of(message, "step") or 0) or row  # zero stands for rows without padding
-    data = bytes_of(message)
+    step = int(read_field(message, "step") or 0) or row  # zero stands for rows without padding
+    data = message_bytes(message)
     # The padding of the last row may be left out.
     if not row or step < row or len(data) < step * (height - 1) + row or not height:
         raise ValueError(
@@ -182,7 +182,7 @@ IVF_PACKET = struct.Struct("<IQ")
 TRANSCODE = "transcode the film, for instance to H.264 without B-frames, or to pictures (CompressedImage)"
 
 
-class PacketFile:
+class VideoPackets:
     """Packets of one film, collected to be decoded at the end, and deleted by `close`.
 
     Raises:

@@ -65,7 +65,7 @@ class Decoders:
         )
 
 
-def names_of(message: Any) -> list[str]:
+def list_fields(message: Any) -> list[str]:
     """Names of the fields of a message; none for a number, a text or an array."""
     if isinstance(message, dict):
         return list(message)
@@ -74,37 +74,37 @@ def names_of(message: Any) -> list[str]:
     return list(getattr(type(message), "__slots__", ())) if hasattr(message, "_type") else []
 
 
-def field_of(message: Any, name: str) -> Any:
+def read_field(message: Any, name: str) -> Any:
     """The field ``name`` of a message, or None where it has none of this name."""
-    if name not in names_of(message):
+    if name not in list_fields(message):
         return None
     return message[name] if isinstance(message, dict) else getattr(message, name)
 
 
-def stamp_ns(message: Any) -> int | None:
+def read_stamp_ns(message: Any) -> int | None:
     """The time in the message's header, or in its ``timestamp`` [ns]; None where it carries none."""
-    for owner in (field_of(message, "header"), message):
+    for owner in (read_field(message, "header"), message):
         for name in STAMPS:
-            if isinstance(owner, Protobuf) and name in names_of(owner):
+            if isinstance(owner, Protobuf) and name in list_fields(owner):
                 has_presence = owner.DESCRIPTOR.fields_by_name[name].message_type is not None
                 if has_presence and not owner.HasField(name):
                     continue  # an unset protobuf field reads as zero
-            found = _time_ns(field_of(owner, name))
+            found = _time_ns(read_field(owner, name))
             if found is not None:
                 return found
     return None
 
 
 def _time_ns(stamp: Any) -> int | None:
-    names = names_of(stamp)
+    names = list_fields(stamp)
     whole = next((name for name in SECONDS if name in names), None)
     rest = next((name for name in NANOSECONDS if name in names), None)
     if whole is None or rest is None:
         return None
-    return int(field_of(stamp, whole)) * 10**9 + int(field_of(stamp, rest))
+    return int(read_field(stamp, whole)) * 10**9 + int(read_field(stamp, rest))
 
 
-def number_at(message: Any, path: str) -> float:
+def read_number(message: Any, path: str) -> float:
     """The number that ``path`` leads to.
 
     A path is names with dots, and indices in brackets; a bracket may also hold the name of an entry, as
@@ -116,7 +116,7 @@ def number_at(message: Any, path: str) -> float:
     found = message[path] if isinstance(message, dict) and path in message else _walk(message, path)
     if isinstance(found, bool | int | float):
         return float(found)
-    known = [name for name, _ in zip(number_paths(message), range(MOST_LISTED), strict=False)]
+    known = [name for name, _ in zip(list_number_paths(message), range(MOST_LISTED), strict=False)]
     raise ValueError(f"field {path!r} is no number; numbers are {', '.join(known) or 'none'}")
 
 
@@ -124,9 +124,9 @@ def _walk(message: Any, path: str) -> Any:
     here, owner = message, None
     for key, name in STEP.findall(path):
         if name:
-            owner, here = here, field_of(here, name)
+            owner, here = here, read_field(here, name)
         else:
-            here = _entry(here, key, names=field_of(owner, "name"))
+            here = _entry(here, key, names=read_field(owner, "name"))
     return here
 
 
@@ -135,7 +135,7 @@ def _entry(array: Any, key: str, *, names: Any) -> Any:
         return None
     if key.isdigit():
         return array[int(key)] if int(key) < len(array) else None
-    labels = list(names) if _is_array(names) else [field_of(entry, "name") for entry in array]
+    labels = list(names) if _is_array(names) else [read_field(entry, "name") for entry in array]
     place = labels.index(key) if key in labels else len(array)
     return array[place] if place < len(array) else None
 
@@ -144,11 +144,11 @@ def _is_array(value: Any) -> bool:
     return isinstance(value, Sequence) and not isinstance(value, str | bytes | bytearray)
 
 
-def number_paths(message: Any, prefix: str = "") -> Iterator[str]:
+def list_number_paths(message: Any, prefix: str = "") -> Iterator[str]:
     """Paths of the numbers in a message, of at most the first entries of each array; stamps are left out."""
-    labels = field_of(message, "name")
-    for name in names_of(message):
-        value, path = field_of(message, name), f"{prefix}{name}"
+    labels = read_field(message, "name")
+    for name in list_fields(message):
+        value, path = read_field(message, name), f"{prefix}{name}"
         if _time_ns(value) is None:
             yield from _paths_below(value, path, labels if _is_array(labels) else ())
 
@@ -158,15 +158,15 @@ def _paths_below(value: Any, path: str, labels: Sequence[str]) -> Iterator[str]:
         yield path
     elif _is_array(value):
         for i, entry in enumerate(list(value)[:MOST_LISTED]):
-            own = field_of(entry, "name")
+            own = read_field(entry, "name")
             label = own if isinstance(own, str) and own else labels[i] if len(labels) == len(value) else i
             yield from _paths_below(entry, f"{path}[{label}]", ())
     else:
-        yield from number_paths(value, f"{path}.")
+        yield from list_number_paths(value, f"{path}.")
 
 
 @dataclass
-class Stamps:
+class Timestamps:
     """Both clocks of the messages of one topic [ns]; ``header_ns`` is None where a message has no stamp."""
 
     topic: str
@@ -182,13 +182,13 @@ class Stamps:
         """The instants on the clock ``header`` or ``log``."""
         return self.header_ns if clock == "header" else list(self.log_ns)
 
-    def upto(self, count: int) -> "Stamps":
+    def upto(self, count: int) -> "Timestamps":
         """The first ``count`` messages."""
-        return Stamps(self.topic, self.header_ns[:count], self.log_ns[:count])
+        return Timestamps(self.topic, self.header_ns[:count], self.log_ns[:count])
 
 
-def instants(
-    stamps: Stamps, *, clock: str, source: str
+def choose_timestamps(
+    stamps: Timestamps, *, clock: str, source: str
 ) -> tuple[Int64[np.ndarray, " K"], Bool[np.ndarray, " N"]]:
     """The instants [ns] that strictly increase, and which messages they belong to.
 
@@ -226,7 +226,7 @@ def instants(
     return times[fresh], fresh
 
 
-def _other(stamps: Stamps, clock: str) -> str:
+def _other(stamps: Timestamps, clock: str) -> str:
     name = "log" if clock == "header" else "header"
     other = stamps.chosen(name)
     if None not in other and (np.diff(np.array(other, np.int64)) > 0).all():

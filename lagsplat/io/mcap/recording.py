@@ -23,21 +23,21 @@ from mcap.records import Channel, Message, Schema
 
 from lagsplat.io.config import McapConfig, McapInputConfig
 from lagsplat.io.files.atomic import sha256_of
-from lagsplat.io.mcap.images import CameraReader, message_kind
+from lagsplat.io.mcap.images import CameraReader, image_kind
 from lagsplat.io.mcap.messages import (
     MOST_LISTED,
     Decoders,
-    Stamps,
-    instants,
-    number_at,
-    number_paths,
-    stamp_ns,
+    Timestamps,
+    choose_timestamps,
+    list_number_paths,
+    read_number,
+    read_stamp_ns,
 )
-from lagsplat.io.mcap.recovery import whole_messages
-from lagsplat.io.recording.alignment import Log, align
+from lagsplat.io.mcap.recovery import read_whole_messages
+from lagsplat.io.recording.alignment import InputLog, align_log
 from lagsplat.io.recording.recording import Recording
-from lagsplat.video_quality.assessment import check_footage
-from lagsplat.video_quality.frames import Thumbnails, shape_picture, turn_picture
+from lagsplat.video_quality.assessment import assess_video
+from lagsplat.video_quality.frames import Thumbnails, crop_and_resize, rotate_image
 
 
 def read_mcap(
@@ -71,7 +71,7 @@ def read_mcap(
         log = _Log(path, topics, camera, skip_s=skip_s, end_s=end_s).read()
     numbers, frame_s = log.shown()
     logs = [log.samples(each) for each in topics.inputs]
-    aligned = align(frame_s, logs, max_gap_s=topics.max_gap_s, source=str(path))
+    aligned = align_log(frame_s, logs, max_gap_s=topics.max_gap_s, source=str(path))
     time_s = frame_s[aligned.kept]
     frames = _stacked(path, [camera.pictures.pop(int(number)) for number in numbers[aligned.kept]])
     return Recording(
@@ -104,16 +104,16 @@ def read_mcap(
 def _shaped(
     rotate: int, thumbnails: Thumbnails, given: dict[str, Any], picture: UInt8[np.ndarray, "h w 3"]
 ) -> UInt8[np.ndarray, "H W 3"]:
-    turned = turn_picture(picture, rotate)
+    turned = rotate_image(picture, rotate)
     thumbnails.add(turned)
-    return shape_picture(turned, **given)
+    return crop_and_resize(turned, **given)
 
 
 def _footage(
     path: Path, frames: np.ndarray, time_s: np.ndarray, thumbnails: Thumbnails, crop: Sequence[int] | None
 ) -> dict[str, Any]:
     width = thumbnails.width if crop is None else crop[2]
-    found = check_footage(frames, time_s, thumbnails, film_per_frame=max(1.0, width / frames.shape[2]))
+    found = assess_video(frames, time_s, thumbnails, film_per_frame=max(1.0, width / frames.shape[2]))
     for sentence in found.warnings:
         warnings.warn(f"{path}: {sentence}", stacklevel=3)
     return found.numbers
@@ -139,7 +139,7 @@ class _Log:
         self.start_ns = 0
         self.cut = f"with skip_s = {skip_s} and end_s = {end_s}"
         self.stamps = {
-            topic: Stamps(topic) for topic in [camera.topic, *(each.topic for each in topics.inputs)]
+            topic: Timestamps(topic) for topic in [camera.topic, *(each.topic for each in topics.inputs)]
         }
         self._skip_ns = round(1e9 * skip_s)
         self._end_ns = None if end_s is None else round(1e9 * end_s)
@@ -164,7 +164,7 @@ class _Log:
         """Go through the file once; returns itself."""
         decoders, losses, last_ns = Decoders(), list[str](), 0
         there: dict[str, int] = {}
-        for schema, channel, message in whole_messages(self.path, losses):
+        for schema, channel, message in read_whole_messages(self.path, losses):
             there[channel.topic] = there.get(channel.topic, 0) + 1
             last_ns = max(last_ns, message.log_time)
             if channel.topic in self.stamps:
@@ -199,10 +199,10 @@ class _Log:
                 now = enumerate(stamps.chosen(self.topics.clock))
                 late = (i for i, time in now if time is not None and time >= last)
                 stamps = stamps.upto(next(late, len(stamps.log_ns)) + 1)
-            self._instants[topic] = instants(stamps, clock=self.topics.clock, source=str(self.path))
+            self._instants[topic] = choose_timestamps(stamps, clock=self.topics.clock, source=str(self.path))
         return self._instants[topic]
 
-    def samples(self, source: McapInputConfig) -> Log:
+    def samples(self, source: McapInputConfig) -> InputLog:
         """Samples of one input, seconds from the camera's first message."""
         times, fresh = self.instants(source.topic)
         values = np.array(self._values[source.topic, source.field][: len(fresh)])[fresh]
@@ -212,17 +212,17 @@ class _Log:
                 f"topic {source.topic}: {(~finite).sum()} of {len(values)} values of {source.field} are not "
                 "finite and are taken as missing"
             )
-        return Log(source.name, (times - self.start_ns)[finite] / 1e9, values[finite])
+        return InputLog(source.name, (times - self.start_ns)[finite] / 1e9, values[finite])
 
     def _take(self, topic: str, message: Any, schema_name: str, log_ns: int) -> None:
-        header_ns = stamp_ns(message)
+        header_ns = read_stamp_ns(message)
         self.stamps[topic].add(header_ns, log_ns)
         if topic == self.camera.topic:
             self._take_picture(message, schema_name, header_ns if self.topics.clock == "header" else log_ns)
         for (each, field), values in self._values.items():
             if each == topic:
                 try:
-                    values.append(number_at(message, field))
+                    values.append(read_number(message, field))
                 except ValueError as error:
                     raise ValueError(f"topic {topic}, message {len(values)}: {error}") from error
 
@@ -253,7 +253,7 @@ class _Log:
 
 
 @dataclass
-class Topic:
+class TopicSummary:
     """One topic; times are log times [ns].
 
     ``numbers`` are paths of the numbers in its first message, at most 32, and ``moving`` those that change.
@@ -274,7 +274,7 @@ class Topic:
     @property
     def picture(self) -> str | None:
         """The kind of pictures it holds, or None."""
-        return message_kind(self.schema)
+        return image_kind(self.schema)
 
     @property
     def rate_hz(self) -> float | None:
@@ -301,37 +301,37 @@ class Topic:
 
 
 @dataclass(frozen=True)
-class Survey:
+class McapSurvey:
     """Topics of a file, by name, and what of it is damaged."""
 
     path: Path
-    topics: tuple[Topic, ...]
+    topics: tuple[TopicSummary, ...]
     losses: tuple[str, ...]
 
 
-def survey(path: str | os.PathLike[str]) -> Survey:
+def survey_mcap(path: str | os.PathLike[str]) -> McapSurvey:
     """Go through the whole file at ``path`` once, whether it is damaged or not.
 
     Raises:
-        FileNotFoundError, ValueError: as `lagsplat.io.mcap.recovery.whole_messages`.
+        FileNotFoundError, ValueError: as `lagsplat.io.mcap.recovery.read_whole_messages`.
     """
     decoders, losses = Decoders(), list[str]()
-    topics: dict[str, Topic] = {}
+    topics: dict[str, TopicSummary] = {}
     first: dict[tuple[str, str], float] = {}
-    for schema, channel, message in whole_messages(path, losses):
+    for schema, channel, message in read_whole_messages(path, losses):
         name = schema.name if schema else ""
-        topic = topics.setdefault(channel.topic, Topic(channel.topic, name, channel.message_encoding))
+        topic = topics.setdefault(channel.topic, TopicSummary(channel.topic, name, channel.message_encoding))
         topic.log_ns.append(message.log_time)
         if topic.problem or len(topic.numbers) >= MOST_LISTED:
             continue
         decoded = _decoded(decoders, topic, schema, channel, message)
         if decoded is not None:
             _look(topic, decoded, first)
-    return Survey(Path(path), tuple(topics[name] for name in sorted(topics)), tuple(losses))
+    return McapSurvey(Path(path), tuple(topics[name] for name in sorted(topics)), tuple(losses))
 
 
 def _decoded(
-    decoders: Decoders, topic: Topic, schema: Schema | None, channel: Channel, message: Message
+    decoders: Decoders, topic: TopicSummary, schema: Schema | None, channel: Channel, message: Message
 ) -> Any:
     try:
         return decoders.decode(schema, channel, message)
@@ -340,17 +340,17 @@ def _decoded(
         return None
 
 
-def _look(topic: Topic, message: Any, first: dict[tuple[str, str], float]) -> None:
-    topic.header_ns.append(stamp_ns(message))
+def _look(topic: TopicSummary, message: Any, first: dict[tuple[str, str], float]) -> None:
+    topic.header_ns.append(read_stamp_ns(message))
     if topic.picture is not None:
         return
     if not topic.numbers:
-        topic.numbers = tuple(islice(number_paths(message), MOST_LISTED))
+        topic.numbers = tuple(islice(list_number_paths(message), MOST_LISTED))
     for path in topic.numbers:
         if path in topic.moving:
             continue
         try:
-            value = number_at(message, path)
+            value = read_number(message, path)
         except ValueError:
             continue  # an array may be shorter in one message than in another
         if first.setdefault((topic.name, path), value) != value:

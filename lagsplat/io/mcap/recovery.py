@@ -37,7 +37,7 @@ PARTS: dict[str, Callable[[bytes], bytes]] = {
 """As much as the start of a compressed stream gives."""
 
 
-def whole_messages(
+def read_whole_messages(
     path: str | os.PathLike[str], losses: list[str]
 ) -> Iterator[tuple[Schema | None, Channel, Message]]:
     """Every whole message with its channel and schema, in the order of the file.

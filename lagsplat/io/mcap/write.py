@@ -27,8 +27,8 @@ from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import Writer
 from mcap_protobuf.schema import register_schema
 
-from lagsplat.io.files.atomic import replacing
-from lagsplat.io.trajectory.trajectory import Motion
+from lagsplat.io.files.atomic import replace_atomically
+from lagsplat.io.trajectory.trajectory import Trajectory
 
 KIND = "session"
 NAMES = ("q", "v", "u", "load", "force", "place", "edits", "energy", "clip")
@@ -56,7 +56,7 @@ class SessionLog:
 
 
 @dataclass(frozen=True)
-class PictureTopic:
+class ImageTopic:
     """Pictures of one topic: RGB, uint8 (H, W, 3), as many as there are times [s]; drawn one at a time."""
 
     topic: str
@@ -65,7 +65,7 @@ class PictureTopic:
 
 
 def save_session(
-    path: str | os.PathLike[str], log: SessionLog, *, pictures: Sequence[PictureTopic] = ()
+    path: str | os.PathLike[str], log: SessionLog, *, pictures: Sequence[ImageTopic] = ()
 ) -> None:
     """Write a session to a new file; `read_session` gives it back to the last bit.
 
@@ -112,7 +112,7 @@ def read_session(path: str | os.PathLike[str]) -> SessionLog:
     return SessionLog(meta["dt_s"], columns, {key: meta[key] for key in meta if key not in ("kind", "dt_s")})
 
 
-def session_motion(path: str | os.PathLike[str]) -> Motion:
+def read_session_motion(path: str | os.PathLike[str]) -> Trajectory:
     """A session as a motion, for instance the sim of a diagnosis.
 
     Pushes are inputs, too: where there were any, ``push0, ...`` stand beside the recording's inputs.
@@ -126,7 +126,7 @@ def session_motion(path: str | os.PathLike[str]) -> Motion:
     names = tuple(str(name) for name in log.meta.get("inputs", ()))
     pushed = columns["load"] if columns["load"].any() else columns["load"][:, :0]
     u_names = (*names, *(f"push{i}" for i in range(pushed.shape[1])))
-    return Motion(
+    return Trajectory(
         time_s=log.dt_s * np.arange(len(clip)),
         q=columns["q"],
         v=columns["v"],
@@ -172,7 +172,7 @@ class NumberTopic:
 def write_mcap(
     path: str | os.PathLike[str],
     *,
-    pictures: Sequence[PictureTopic],
+    pictures: Sequence[ImageTopic],
     numbers: Sequence[NumberTopic],
     metadata: Mapping[str, str],
     start_ns: int = 0,
@@ -186,7 +186,7 @@ def write_mcap(
     """
     if Path(path).exists():
         raise FileExistsError(f"{path}: it is there already and is left as it is; delete it or name another")
-    with replacing(path) as temporary, temporary.open("wb") as file:
+    with replace_atomically(path) as temporary, temporary.open("wb") as file:
         writer = Writer(file)
         writer.start(profile="", library="lagsplat")
         writer.add_metadata("lagsplat", dict(metadata))
@@ -209,7 +209,7 @@ def _instants(topic: str, time_s: Float64[np.ndarray, " N"], start_ns: int) -> l
 
 
 def _pictures(
-    writer: Writer, schema: int, source: PictureTopic, start_ns: int
+    writer: Writer, schema: int, source: ImageTopic, start_ns: int
 ) -> Iterator[tuple[int, int, bytes]]:
     channel = writer.register_channel(source.topic, MessageEncoding.Protobuf, schema)
     frame = source.topic.strip("/").replace("/", "_")

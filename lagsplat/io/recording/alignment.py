@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float64
 
 
 @dataclass(frozen=True)
-class Log:
+class InputLog:
     """Samples of one number; times [s] strictly increase, on the clock of the frames."""
 
     name: str
@@ -24,7 +24,7 @@ class Log:
 
 
 @dataclass(frozen=True)
-class Aligned:
+class AlignedInputs:
     """Which frames have every number, those numbers, and the half-open clips of the frames kept."""
 
     kept: Bool[np.ndarray, " T"]
@@ -32,9 +32,9 @@ class Aligned:
     segments: tuple[tuple[int, int], ...]
 
 
-def align(
-    frame_s: Float64[np.ndarray, " T"], logs: Sequence[Log], *, max_gap_s: float, source: str
-) -> Aligned:
+def align_log(
+    frame_s: Float64[np.ndarray, " T"], logs: Sequence[InputLog], *, max_gap_s: float, source: str
+) -> AlignedInputs:
     """The ``logs`` at the frames taken at ``frame_s`` [s], which strictly increase.
 
     A spacing of more than ``max_gap_s`` [s] is a gap, in a log or in the frames. ``source`` names the
@@ -68,7 +68,7 @@ def align(
     borders = [0, *sorted(int(cut) for cut in cuts if 0 < cut < len(times)), len(times)]
     columns = [np.interp(times, log.time_s, log.values) for log in logs]
     inputs = np.stack(columns, axis=1) if columns else np.zeros((len(times), 0))
-    return Aligned(kept, inputs, tuple(pairwise(borders)))
+    return AlignedInputs(kept, inputs, tuple(pairwise(borders)))
 
 
 def _gaps(
@@ -78,7 +78,7 @@ def _gaps(
     return time_s[wide], time_s[wide + 1]
 
 
-def _require_overlap(frame_s: Float64[np.ndarray, " T"], log: Log, source: str) -> None:
+def _require_overlap(frame_s: Float64[np.ndarray, " T"], log: InputLog, source: str) -> None:
     if len(log.time_s) < 2:
         raise ValueError(
             f"{source}: input {log.name!r} has {len(log.time_s)} samples, and to interpolate takes two; "
@@ -91,7 +91,7 @@ def _require_overlap(frame_s: Float64[np.ndarray, " T"], log: Log, source: str) 
         )
 
 
-def _ranges(frame_s: Float64[np.ndarray, " T"], logs: Sequence[Log]) -> str:
+def _ranges(frame_s: Float64[np.ndarray, " T"], logs: Sequence[InputLog]) -> str:
     spans = [("the camera", frame_s), *((repr(log.name), log.time_s) for log in logs)]
     return ", ".join(f"{name} runs from {times[0]:.3f} s to {times[-1]:.3f} s" for name, times in spans)
 
@@ -100,7 +100,7 @@ def _warn(
     frame_s: Float64[np.ndarray, " T"],
     outside: Bool[np.ndarray, " T"],
     inside_gap: Bool[np.ndarray, " T"],
-    logs: Sequence[Log],
+    logs: Sequence[InputLog],
     *,
     max_gap_s: float,
     source: str,

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from lagsplat.io.files.artifact import load_artefact, save_artefact
+from lagsplat.io.files.artifact import load_artifact, save_artifact
 
 KIND = "recording"
 SCHEMA = 2
@@ -135,7 +135,7 @@ class Recording:
         """The leading ``n_train`` frames, for training, and the rest, held out.
 
         Raises:
-            ValueError: the recording was never divided (`lagsplat.io.recording.segments.divide`).
+            ValueError: the recording was never divided (`lagsplat.io.recording.segments.split_train_held_out`).
         """
         if self.n_train is None:
             raise self._error("n_train", "None", "divide the recording first")
@@ -214,16 +214,16 @@ def save_recording(path: str | os.PathLike[str], recording: Recording) -> None:
         "meta": dict(recording.meta),
         "n_train": recording.n_train,
     }
-    save_artefact(path, tensors, header)
+    save_artifact(path, tensors, header)
 
 
 def load_recording(path: str | os.PathLike[str]) -> Recording:
     """The recording kept at ``path``. Frames are a read-only memory map; the rest is in memory.
 
     Raises:
-        FileNotFoundError, ValueError: as `load_artefact`.
+        FileNotFoundError, ValueError: as `load_artifact`.
     """
-    tensors, header = load_artefact(path, kind=KIND, schema=SCHEMA, mapped=("frames",))
+    tensors, header = load_artifact(path, kind=KIND, schema=SCHEMA, mapped=("frames",))
     missing = {"frames", "time_s", "inputs"} - set(tensors)
     if missing:
         raise ValueError(f"{path}: a recording without {sorted(missing)}; the file was made by other code")

@@ -95,7 +95,7 @@ def cut_spans(recording: Recording, spans_s: Sequence[Sequence[float]]) -> Recor
     return replace(cut, meta={**recording.meta, "spans_s": [list(map(float, span)) for span in spans_s]})
 
 
-def divide(recording: Recording, split: SplitConfig) -> Recording:
+def split_train_held_out(recording: Recording, split: SplitConfig) -> Recording:
     """The recording with its ``n_train`` set: the end of it is held out, as ``split`` says.
 
     Raises:
@@ -129,7 +129,7 @@ def divide(recording: Recording, split: SplitConfig) -> Recording:
     return replace(recording, n_train=n_train)
 
 
-def crossing_frames(segments: Sequence[tuple[int, int]], n_train: int) -> tuple[int, int, int]:
+def find_crossing_frames(segments: Sequence[tuple[int, int]], n_train: int) -> tuple[int, int, int]:
     """Start, first held-out frame and end of the clip that holds both training and held-out frames.
 
     Raises:

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-from lagsplat.io.trajectory.tables import TIME, Table, counted, name_columns, read_table
+from lagsplat.io.trajectory.tables import TIME, Table, count_names, name_columns, read_table
 
 
-def read_drive(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def read_input_table(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Times [s] (N,), inputs (N, n_u) and pushes (N, n_f) of a table with ``t``, ``u0, ...`` and ``f0, ...``.
 
     Raises:
@@ -22,7 +22,7 @@ def read_drive(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray, np
         increase.
     """
     table = read_table(Path(path))
-    names = {letter: counted(table, letter) for letter in "uf"}
+    names = {letter: count_names(table, letter) for letter in "uf"}
     foreign = [name for name in table.columns if name not in ("t", *names["u"], *names["f"])]
     if "t" not in table.columns or foreign:
         raise ValueError(
@@ -37,7 +37,7 @@ def read_drive(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray, np
     return time_s, u, f
 
 
-def read_state(text: str, d: int) -> tuple[np.ndarray, np.ndarray]:
+def read_initial_state(text: str, d: int) -> tuple[np.ndarray, np.ndarray]:
     """Coordinates and rates (d,) from ``q0,..,v0,..`` or from the first row of a table with such columns.
 
     Rates may be left out, and are then zero.
@@ -50,8 +50,8 @@ def read_state(text: str, d: int) -> tuple[np.ndarray, np.ndarray]:
         numbers = [float(word) for word in text.strip("[]()").split(",")]
     except ValueError:
         table = read_table(Path(text))
-        rates = counted(table, "v")
-        first = _block(table, (*counted(table, "q"), *rates))[0]
+        rates = count_names(table, "v")
+        first = _block(table, (*count_names(table, "q"), *rates))[0]
         numbers = first.tolist()
     if len(numbers) not in (d, 2 * d) or not np.isfinite(numbers).all():
         raise ValueError(
@@ -79,11 +79,11 @@ def read_input_log(
     number are left out with a warning.
 
     Raises:
-        FileNotFoundError, ValueError: as `lagsplat.io.trajectory.trajectory.read_motion`.
+        FileNotFoundError, ValueError: as `lagsplat.io.trajectory.trajectory.read_trajectory_file`.
     """
     path = Path(path)
     table = name_columns(read_table(path), columns or {}, needed=(TIME, "u0"))
-    names = (TIME, *counted(table, "u"))
+    names = (TIME, *count_names(table, "u"))
     values = np.stack([table.numbers(name) for name in names], axis=1)
     whole = np.flatnonzero(np.isfinite(values).all(axis=1))
     if len(whole) < 2:

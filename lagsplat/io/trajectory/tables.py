@@ -102,7 +102,7 @@ def name_columns(table: Table, columns: Mapping[str, str], *, needed: Sequence[s
     return replace(table, columns=named)
 
 
-def counted(table: Table, letter: str) -> tuple[str, ...]:
+def count_names(table: Table, letter: str) -> tuple[str, ...]:
     """The columns ``letter0, letter1, ...`` of a table under the names of the contract, in that order.
 
     Raises:
@@ -111,7 +111,7 @@ def counted(table: Table, letter: str) -> tuple[str, ...]:
     numbers = sorted(int(name[1:]) for name in table.columns if re.fullmatch(f"{letter}[0-9]+", name))
     wanted = set(range(len(numbers)))
     if letter == "v" and numbers:
-        wanted = set(range(len(counted(table, "q"))))
+        wanted = set(range(len(count_names(table, "q"))))
     if set(numbers) != wanted:
         have = [f"{letter}{number}" for number in numbers]
         lack = [f"{letter}{number}" for number in sorted(wanted - set(numbers))]

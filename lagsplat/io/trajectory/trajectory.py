@@ -14,14 +14,14 @@ from pathlib import Path
 
 import numpy as np
 
-from lagsplat.io.trajectory.tables import SEGMENT, TIME, Table, counted, name_columns, read_table
+from lagsplat.io.trajectory.tables import SEGMENT, TIME, Table, count_names, name_columns, read_table
 
 LONGEST_LOSS = 3.0
 """Median steps that rows without numbers may tear open before nothing is continued across them."""
 
 
 @dataclass(frozen=True)
-class Motion:
+class Trajectory:
     """Coordinates ``q`` (T, d) at ``time_s`` (T,), rates ``v`` (T, d) or None, inputs ``u`` (T, n_u).
 
     ``time_s`` [s] strictly increases and may be uneven; ``v`` is in units of ``q`` a second. ``n_u``
@@ -103,11 +103,11 @@ class Motion:
         inside[[start - 1 for start, _ in self.segments[1:]]] = False
         return inside
 
-    def clips(self) -> tuple["Motion", ...]:
+    def clips(self) -> tuple["Trajectory", ...]:
         """Each clip as a motion of its own, with its own times."""
         return tuple(self.pieces([clip]) for clip in self.segments)
 
-    def cut(self, at: Sequence[int]) -> "Motion":
+    def cut(self, at: Sequence[int]) -> "Trajectory":
         """The same samples with a new clip beginning at each sample of ``at`` as well.
 
         Raises:
@@ -118,7 +118,7 @@ class Motion:
         starts = sorted({start for start, _ in self.segments} | {int(i) for i in at})
         return replace(self, segments=tuple(zip(starts, [*starts[1:], self.n], strict=True)))
 
-    def pieces(self, clips: Sequence[tuple[int, int]]) -> "Motion":
+    def pieces(self, clips: Sequence[tuple[int, int]]) -> "Trajectory":
         """The half-open, ascending sample ranges ``clips`` alone, each a clip of its own.
 
         Raises:
@@ -156,7 +156,9 @@ class Motion:
                 raise self._error(name, f"is {value[tuple(bad[0])]} at sample {bad[0][0]}", "give numbers")
 
 
-def read_motion(path: str | os.PathLike[str], *, columns: Mapping[str, str] | None = None) -> Motion:
+def read_trajectory_file(
+    path: str | os.PathLike[str], *, columns: Mapping[str, str] | None = None
+) -> Trajectory:
     """The motion in a CSV, Parquet or NPZ file.
 
     ``columns`` names the file's own columns, ``{"t": "time", "q0": "position", "u0": "torque"}``; those that
@@ -174,7 +176,7 @@ def read_motion(path: str | os.PathLike[str], *, columns: Mapping[str, str] | No
     """
     path = Path(path)
     table = name_columns(read_table(path), columns or {})
-    names = {letter: counted(table, letter) for letter in "qvu"}
+    names = {letter: count_names(table, letter) for letter in "qvu"}
     used = [name for name in (TIME, SEGMENT, *names["q"], *names["v"], *names["u"]) if name in table.columns]
     values = np.stack([table.numbers(name) for name in used], axis=1)
     whole = np.isfinite(values).all(axis=1)
@@ -192,7 +194,7 @@ def read_motion(path: str | os.PathLike[str], *, columns: Mapping[str, str] | No
         empty = np.zeros((len(kept), 0))
         return np.stack([at[name] for name in names[letter]], axis=1) if names[letter] else empty
 
-    return Motion(
+    return Trajectory(
         time_s=time_s,
         q=block("q"),
         u=block("u"),
@@ -263,7 +265,7 @@ def _lost(table: Table, time_s: np.ndarray, cuts: np.ndarray, kept: np.ndarray, 
     return torn
 
 
-def leading(motion: Motion, length_s: float) -> Motion:
+def leading_samples(motion: Trajectory, length_s: float) -> Trajectory:
     """The first clips of a motion, as many as last ``length_s`` [s] together, the last of them cut."""
     pieces: list[tuple[int, int]] = []
     left = length_s

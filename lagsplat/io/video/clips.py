@@ -5,17 +5,17 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-FILMS = (".mp4", ".mov", ".avi", ".mkv", ".m4v", ".webm", ".mpg", ".mpeg", ".wmv")
+VIDEO_SUFFIXES = (".mp4", ".mov", ".avi", ".mkv", ".m4v", ".webm", ".mpg", ".mpeg", ".wmv")
 
 
-IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 
 
 TIMES = "times.csv"
 
 
 @dataclass(frozen=True)
-class Clip:
+class VideoClip:
     """One stretch of frames without a break: a film, or the images of a folder.
 
     ``images`` are in their order, and empty for a film. ``times`` is the table of their times, if any.
@@ -32,7 +32,7 @@ class Clip:
         return own if self.times is None else (*own, self.times)
 
 
-def find_clips(path: str | os.PathLike[str]) -> tuple[Clip, ...]:
+def find_clips(path: str | os.PathLike[str]) -> tuple[VideoClip, ...]:
     """The clips behind ``path``: a file is one film, whatever its name; a folder holds films or images.
 
     Hidden files and files that are neither film nor image are left alone.
@@ -43,13 +43,13 @@ def find_clips(path: str | os.PathLike[str]) -> tuple[Clip, ...]:
     """
     path = Path(path).expanduser()
     if path.is_file():
-        return (Clip(path),)
+        return (VideoClip(path),)
     if not path.is_dir():
         raise FileNotFoundError(f"{path}: no such file or folder; check recording.path")
     found = sorted((entry for entry in path.iterdir() if entry.is_file()), key=natural_order)
     found = [entry for entry in found if not entry.name.startswith(".")]
-    films = [entry for entry in found if entry.suffix.lower() in FILMS]
-    images = [entry for entry in found if entry.suffix.lower() in IMAGES]
+    films = [entry for entry in found if entry.suffix.lower() in VIDEO_SUFFIXES]
+    images = [entry for entry in found if entry.suffix.lower() in IMAGE_SUFFIXES]
     if films and images:
         raise ValueError(
             f"{path}: holds {len(films)} films ({films[0].name}, ...) and {len(images)} images "
@@ -57,13 +57,13 @@ def find_clips(path: str | os.PathLike[str]) -> tuple[Clip, ...]:
         )
     if not films and not images:
         raise ValueError(
-            f"{path}: holds neither a film ({' '.join(FILMS)}) nor an image ({' '.join(IMAGES)}); "
+            f"{path}: holds neither a film ({' '.join(VIDEO_SUFFIXES)}) nor an image ({' '.join(IMAGE_SUFFIXES)}); "
             "name a film, a folder of films, or a folder of images"
         )
     if films:
-        return tuple(Clip(film) for film in films)
+        return tuple(VideoClip(film) for film in films)
     times = path / TIMES
-    return (Clip(path, tuple(images), times if times.is_file() else None),)
+    return (VideoClip(path, tuple(images), times if times.is_file() else None),)
 
 
 def natural_order(path: Path) -> tuple[tuple[int, str], ...]:

@@ -29,13 +29,13 @@ import cv2
 import numpy as np
 from jaxtyping import UInt8
 
-from lagsplat.io.video.clips import Clip
+from lagsplat.io.video.clips import VideoClip
 
 BOX_HEADER = 8
 LONG_BOX_HEADER = 16
 
 
-def missing_bytes(path: str | os.PathLike[str]) -> int | None:
+def count_missing_bytes(path: str | os.PathLike[str]) -> int | None:
     """How many bytes the file at ``path`` lacks by its own account; None where its format keeps no account.
 
     Known are MP4 and QuickTime (ISO/IEC 14496-12, section 4.2) and AVI (RIFF, its outermost chunks).
@@ -69,7 +69,9 @@ def missing_bytes(path: str | os.PathLike[str]) -> int | None:
 Pictures = Iterator[tuple[float, UInt8[np.ndarray, "H W 3"] | None]]
 
 
-def decode(clip: Clip, *, skip_s: float = 0.0, end_s: float | None = None, dt_s: float | None) -> Pictures:
+def decode_frames(
+    clip: VideoClip, *, skip_s: float = 0.0, end_s: float | None = None, dt_s: float | None
+) -> Pictures:
     """Time [s] and picture (BGR) of each frame up to ``end_s`` (exclusive); None in place of pictures before
     ``skip_s``. Both count from the clip's first frame.
 
@@ -83,13 +85,13 @@ def decode(clip: Clip, *, skip_s: float = 0.0, end_s: float | None = None, dt_s:
     return _images(clip, skip_s, end_s, dt_s) if clip.images else _film(clip.path, skip_s, end_s, dt_s)
 
 
-def picture_size(clip: Clip, *, dt_s: float | None) -> tuple[int, int]:
+def read_frame_size(clip: VideoClip, *, dt_s: float | None) -> tuple[int, int]:
     """Rows and columns of a clip's first picture, turned as its tag says.
 
     Raises:
-        ValueError: as `decode`; or there is no picture.
+        ValueError: as `decode_frames`; or there is no picture.
     """
-    pictures = decode(clip, dt_s=dt_s)
+    pictures = decode_frames(clip, dt_s=dt_s)
     try:
         for _, picture in pictures:
             assert picture is not None, "nothing was skipped"
@@ -107,7 +109,7 @@ def _film(path: Path, skip_s: float, end_s: float | None, dt_s: float | None) ->
     capture = cv2.VideoCapture(str(path))
     try:
         if not capture.isOpened():
-            lacking = missing_bytes(path)
+            lacking = count_missing_bytes(path)
             why = f": {lacking} bytes and with them its index are missing at its end" if lacking else ""
             raise ValueError(
                 f"{path}: OpenCV cannot open it; it is truncated or not a film, or its codec is unknown"
@@ -115,7 +117,7 @@ def _film(path: Path, skip_s: float, end_s: float | None, dt_s: float | None) ->
             )
         times: list[float] = []
         # The last frame of a file that breaks off may be half a picture, and no decoder tells.
-        doubtful = bool(missing_bytes(path))
+        doubtful = bool(count_missing_bytes(path))
         held: tuple[float, UInt8[np.ndarray, "H W 3"]] | None = None
         while capture.grab():
             # The position is that of the frame just grabbed; the header's frame rate does not enter.
@@ -152,7 +154,7 @@ def _film(path: Path, skip_s: float, end_s: float | None, dt_s: float | None) ->
 
 
 def _warn_if_short(path: Path, *, n_read: int, announced: int, last_s: float) -> None:
-    lacking = missing_bytes(path)
+    lacking = count_missing_bytes(path)
     if lacking is None and n_read < announced:
         reason = f"its header announces {announced}"
     elif lacking:
@@ -164,7 +166,7 @@ def _warn_if_short(path: Path, *, n_read: int, announced: int, last_s: float) ->
     warnings.warn(f"{path}: only {n_read} frames are whole, up to {last_s:.3f} s; {reason}", stacklevel=4)
 
 
-def _images(clip: Clip, skip_s: float, end_s: float | None, dt_s: float | None) -> Pictures:
+def _images(clip: VideoClip, skip_s: float, end_s: float | None, dt_s: float | None) -> Pictures:
     times = _times_of(clip, dt_s)
     shape: tuple[int, ...] | None = None
     for time_s, path in zip(times, clip.images, strict=True):
@@ -187,7 +189,7 @@ def _images(clip: Clip, skip_s: float, end_s: float | None, dt_s: float | None) 
         yield time_s, picture
 
 
-def _times_of(clip: Clip, dt_s: float | None) -> list[float]:
+def _times_of(clip: VideoClip, dt_s: float | None) -> list[float]:
     """A time [s] for each image: from the table beside them, or every ``dt_s`` from 0."""
     if clip.times is None:
         if dt_s is None:
@@ -218,7 +220,7 @@ LOOKED_AT = 6  # frames
 SHARE = 1 / 50  # of the median difference, below which two frames are one
 
 
-def duplicates_at_start(frames: Sequence[UInt8[np.ndarray, "H W 3"]]) -> int:
+def count_duplicates_at_start(frames: Sequence[UInt8[np.ndarray, "H W 3"]]) -> int:
     """How many leading frames only repeat the one after them.
 
     Two neighbours are one frame if their mean squared difference is below a fiftieth of the median over the
@@ -237,7 +239,7 @@ Result = TypeVar("Result")
 AHEAD = 4  # items that may wait: more would only fill memory
 
 
-def overlapped(items: Iterable[Item], work: Callable[[Item], Result]) -> Iterator[Result]:
+def overlap_decoding(items: Iterable[Item], work: Callable[[Item], Result]) -> Iterator[Result]:
     """``work`` of each item, in order, done in one other thread while this one makes the next item.
 
     It pays where both leave Python's lock alone, as OpenCV does. Errors of either come out here.

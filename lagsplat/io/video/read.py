@@ -19,13 +19,19 @@ import numpy as np
 from jaxtyping import Float64, UInt8
 from PIL import Image
 
-from lagsplat.io.files.atomic import replacing, sha256_of
+from lagsplat.io.files.atomic import replace_atomically, sha256_of
 from lagsplat.io.recording.recording import Recording
-from lagsplat.io.video.clips import Clip, find_clips
-from lagsplat.io.video.decode import Pictures, decode, duplicates_at_start, overlapped, picture_size
-from lagsplat.video_quality.assessment import Footage, check_footage
+from lagsplat.io.video.clips import VideoClip, find_clips
+from lagsplat.io.video.decode import (
+    Pictures,
+    count_duplicates_at_start,
+    decode_frames,
+    overlap_decoding,
+    read_frame_size,
+)
+from lagsplat.video_quality.assessment import VideoAssessment, assess_video
 from lagsplat.video_quality.camera_motion import path_to_undo, shift_back
-from lagsplat.video_quality.frames import Thumbnails, shape_picture, turn_picture
+from lagsplat.video_quality.frames import Thumbnails, crop_and_resize, rotate_image
 
 Frame = UInt8[np.ndarray, "H W 3"]
 CLIP_GAP_S = 1.0  # between the last frame of a clip and the first of the next
@@ -52,7 +58,7 @@ class _Film:
 
     frames: UInt8[np.ndarray, "T H W 3"]
     time_s: Float64[np.ndarray, " T"]
-    footage: Footage
+    footage: VideoAssessment
     meta: dict[str, Any]
 
 
@@ -117,7 +123,7 @@ def read_video(
     )
 
 
-def _read_clip(clip: Clip, treatment: _Treatment) -> _Film:
+def _read_clip(clip: VideoClip, treatment: _Treatment) -> _Film:
     source, crop = str(clip.path), treatment.crop
     undo = iter(_measure_path(clip, treatment)) if treatment.stabilise else None
     thumbnails = Thumbnails()
@@ -126,18 +132,18 @@ def _read_clip(clip: Clip, treatment: _Treatment) -> _Film:
         time_s, picture = item
         if picture is None:
             return time_s, None
-        picture = turn_picture(picture, treatment.rotate)
+        picture = rotate_image(picture, treatment.rotate)
         if undo is not None:
             picture = shift_back(picture, next(undo))
         thumbnails.add(picture)
-        return time_s, shape_picture(
+        return time_s, crop_and_resize(
             picture, crop=crop, size=treatment.size, source=source, grey=treatment.grey
         )
 
     clock: list[float] = []
     times: list[float] = []
     frames: list[Frame] = []
-    for time_s, frame in overlapped(_decode(clip, treatment), treat):
+    for time_s, frame in overlap_decoding(_decode(clip, treatment), treat):
         clock.append(time_s)
         if frame is not None:
             times.append(time_s)
@@ -148,12 +154,12 @@ def _read_clip(clip: Clip, treatment: _Treatment) -> _Film:
             f"{max(clock, default=0.0):.3f} s, with skip_s = {treatment.skip_s} and end_s = "
             f"{treatment.end_s}. Check the cut, or the file if none was read"
         )
-    n_same = duplicates_at_start(frames)
+    n_same = count_duplicates_at_start(frames)
     if n_same:
         warnings.warn(f"{source}: the first {n_same} frames only repeat the next one; dropped", stacklevel=4)
     whole, kept_s = np.stack(frames[n_same:]), np.array(times[n_same:])
     width = thumbnails.width if crop is None else crop[2]
-    footage = check_footage(
+    footage = assess_video(
         whole, kept_s - clock[0], thumbnails, film_per_frame=max(1.0, width / whole.shape[2])
     )
     for sentence in footage.warnings:
@@ -162,14 +168,14 @@ def _read_clip(clip: Clip, treatment: _Treatment) -> _Film:
     return _Film(whole, kept_s, footage, {**meta, "duplicates": n_same})
 
 
-def _decode(clip: Clip, treatment: _Treatment) -> Pictures:
-    return decode(clip, skip_s=treatment.skip_s, end_s=treatment.end_s, dt_s=treatment.dt_s)
+def _decode(clip: VideoClip, treatment: _Treatment) -> Pictures:
+    return decode_frames(clip, skip_s=treatment.skip_s, end_s=treatment.end_s, dt_s=treatment.dt_s)
 
 
-def _measure_path(clip: Clip, treatment: _Treatment) -> Float64[np.ndarray, "T 2"]:
+def _measure_path(clip: VideoClip, treatment: _Treatment) -> Float64[np.ndarray, "T 2"]:
     """Where the background of each kept picture has gone: a first pass over the whole clip."""
     pictures = (
-        cv2.cvtColor(turn_picture(picture, treatment.rotate), cv2.COLOR_BGR2GRAY)
+        cv2.cvtColor(rotate_image(picture, treatment.rotate), cv2.COLOR_BGR2GRAY)
         for _, picture in _decode(clip, treatment)
         if picture is not None
     )
@@ -178,11 +184,11 @@ def _measure_path(clip: Clip, treatment: _Treatment) -> Float64[np.ndarray, "T 2
         return path_to_undo(pictures, source=str(clip.path))
 
 
-def _with_common_size(clips: Sequence[Clip], treatment: _Treatment) -> _Treatment:
+def _with_common_size(clips: Sequence[VideoClip], treatment: _Treatment) -> _Treatment:
     """The same treatment, with a size that suits all clips."""
     if len(clips) == 1:
         return treatment
-    sizes = [picture_size(clip, dt_s=treatment.dt_s) for clip in clips]
+    sizes = [read_frame_size(clip, dt_s=treatment.dt_s) for clip in clips]
     if treatment.rotate % 180:
         sizes = [(columns, rows) for rows, columns in sizes]
     if len(set(sizes)) == 1:
@@ -210,7 +216,7 @@ def _with_common_size(clips: Sequence[Clip], treatment: _Treatment) -> _Treatmen
     return replace(treatment, size=size)
 
 
-def _warn_of_spacings(clips: Sequence[Clip], films: Sequence[_Film]) -> None:
+def _warn_of_spacings(clips: Sequence[VideoClip], films: Sequence[_Film]) -> None:
     spacing = [float(np.median(np.diff(film.time_s))) if len(film.time_s) > 1 else np.nan for film in films]
     if np.nanmax(spacing) > (1.0 + SAME_SHAPE) * np.nanmin(spacing):
         listed = ", ".join(
@@ -231,7 +237,7 @@ def _one_clock(films: Sequence[_Film]) -> tuple[Float64[np.ndarray, " T"], list[
     return np.concatenate(times), [int(stop) for stop in np.cumsum([len(part) for part in times])]
 
 
-def _sha256_of_all(clips: Sequence[Clip]) -> str:
+def _sha256_of_all(clips: Sequence[VideoClip]) -> str:
     """The file's own digest; of several files, the digest of theirs in order."""
     digests = [sha256_of(file) for clip in clips for file in clip.files]
     return digests[0] if len(digests) == 1 else hashlib.sha256("".join(digests).encode()).hexdigest()
@@ -247,7 +253,7 @@ def save_mp4(path: str | os.PathLike[str], pictures: Iterable[Picture], *, rate_
     Raises:
         ValueError: there is no picture, or OpenCV cannot write such a film here.
     """
-    with replacing(path) as temporary:
+    with replace_atomically(path) as temporary:
         writer = None
         for picture in pictures:
             height, width = (2 * (side // 2) for side in picture.shape[:2])
@@ -271,5 +277,5 @@ def save_gif(path: str | os.PathLike[str], pictures: Iterable[Picture], *, rate_
         raise ValueError(f"{path}: an animation needs a picture")
     # GIF counts hundredths of a second, and browsers slow down what claims to be faster than 50 Hz
     pause_ms = 10 * max(2, round(100.0 / rate_hz))
-    with replacing(path) as temporary:
+    with replace_atomically(path) as temporary:
         frames[0].save(temporary, save_all=True, append_images=frames[1:], duration=pause_ms, loop=0)

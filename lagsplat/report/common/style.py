@@ -13,7 +13,7 @@ from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from lagsplat.io.files.atomic import replacing
+from lagsplat.io.files.atomic import replace_atomically
 from lagsplat.report.common.latex import power_of_ten
 
 PLAIN = 3  # decades about one that are written out
@@ -80,7 +80,7 @@ def save_figure(path: str | os.PathLike[str], figure: Figure) -> None:
     """Write a figure, whole or not at all, in the format of its suffix and without a date inside."""
     suffix = os.fspath(path).rpartition(".")[2]
     dates: dict[str, None] = {"CreationDate": None} if suffix == "pdf" else {}
-    with paper_style(), replacing(path) as temporary:
+    with paper_style(), replace_atomically(path) as temporary:
         if figure.get_layout_engine() is not None:
             figure.draw_without_rendering()
             # The layout refines itself at every drawing; one pass, and every format shows the same picture.

@@ -20,7 +20,7 @@ from lagsplat.diagnose.core.result import Block, Diagnosis
 from lagsplat.diagnose.inference.identifiability import Separability
 from lagsplat.diagnose.inference.profile_likelihood import ProfileLikelihood
 from lagsplat.diagnose.residual.components import Fingerprint
-from lagsplat.io.files.atomic import replacing
+from lagsplat.io.files.atomic import replace_atomically
 from lagsplat.report.common.latex import percent
 from lagsplat.report.common.published_values import plain
 
@@ -238,7 +238,7 @@ def save_rollouts(
 ) -> None:
     """Write `rollouts_table` in full precision, whole or not at all."""
     table = rollouts_table(blocks, q_names=q_names)
-    with replacing(path) as temporary:
+    with replace_atomically(path) as temporary:
         table.to_csv(temporary, index=False)
 
 

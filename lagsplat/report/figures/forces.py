@@ -21,12 +21,18 @@ from matplotlib.patheffects import Normal, Stroke
 
 from lagsplat.evaluate.forces.motion import SpacePush
 from lagsplat.forces.config import ForcesConfig
-from lagsplat.forces.equilibrium import Held
-from lagsplat.forces.grasp import Grip, NothingThereError, Point, brush
-from lagsplat.forces.moving_parts import background_points, hanging_points, lever_points, outlined, scene_at
+from lagsplat.forces.equilibrium import OperatingPoint
+from lagsplat.forces.grasp import GraspPoint, NoMatterError, Point, grasp_brush
+from lagsplat.forces.moving_parts import (
+    choose_background_points,
+    choose_hanging_points,
+    choose_lever_points,
+    draw_outline,
+    find_moving_parts,
+)
 from lagsplat.report.common.style import PAGE_IN, new_figure, paper_style
-from lagsplat.splat.projection import View, view_of
-from lagsplat.views.camera import Camera, orbit
+from lagsplat.splat.projection import View, make_view
+from lagsplat.views.camera import Camera, orbit_camera
 
 SIDES = ((0.0, 0.0), (-12.0, 4.0), (12.0, -4.0))
 """Yaw and pitch of the columns [degree], about the pivot."""
@@ -38,7 +44,7 @@ SUPERSAMPLING = 4
 """Pixels drawn in place of one of the film's, each way."""
 
 
-def draw_space_push(held: Held, push: SpacePush, *, title: str) -> Figure:
+def draw_space_push(held: OperatingPoint, push: SpacePush, *, title: str) -> Figure:
     """Three by three: rest, the force across the motion, the force downwards, each from three sides.
 
     Arrows start where the pushed matter has come to, and have one length in space, which says nothing of the
@@ -56,7 +62,7 @@ def draw_space_push(held: Held, push: SpacePush, *, title: str) -> Figure:
         figure = new_figure(PAGE_IN, 3 * (side * height / width + 0.12) + 0.35, title=title)
         axes = figure.subplots(3, 3, squeeze=False)
         for column, (camera, (yaw, pitch)) in enumerate(zip(cameras, SIDES, strict=True)):
-            pictures = held.pictures(q, scale=SUPERSAMPLING, view=view_of([camera]))
+            pictures = held.pictures(q, scale=SUPERSAMPLING, view=make_view([camera]))
             for row, (axis, picture) in enumerate(zip(axes[:, column], pictures, strict=True)):
                 axis.imshow(picture.clip(0.0, 1.0), extent=(0, width, height, 0))
                 if row:
@@ -70,7 +76,7 @@ def draw_space_push(held: Held, push: SpacePush, *, title: str) -> Figure:
     return figure
 
 
-def sideways(held: Held, yaw_deg: float, pitch_deg: float) -> Camera:
+def sideways(held: OperatingPoint, yaw_deg: float, pitch_deg: float) -> Camera:
     """The film's camera, moved about the pivot of the coordinates of space."""
     own: View = held.autoencoder.filmed_view(held.autoencoder.gaussians.center)
     focal, middle = own.focal[0].tolist(), own.middle[0].tolist()
@@ -82,7 +88,7 @@ def sideways(held: Held, yaw_deg: float, pitch_deg: float) -> Camera:
         height=held.kinematics.height,
         width=held.kinematics.width,
     )
-    return orbit(front, focal[0], yaw_deg=yaw_deg, pitch_deg=pitch_deg)
+    return orbit_camera(front, focal[0], yaw_deg=yaw_deg, pitch_deg=pitch_deg)
 
 
 def _moved(push: SpacePush, row: int) -> str:
@@ -211,7 +217,7 @@ BACKGROUND = 3
 class Push:
     """A force on a grip: unit ``direction`` (right, down) and ``size`` [energy per px]."""
 
-    grip: Grip
+    grip: GraspPoint
     direction: Float64[np.ndarray, "2"]
     size: float
 
@@ -221,7 +227,7 @@ class Push:
         return self.size * self.grip.pull_back(torch.from_numpy(self.direction))
 
 
-def push_panels(held: Held, config: ForcesConfig, *, hanging: bool) -> Panels:
+def push_panels(held: OperatingPoint, config: ForcesConfig, *, hanging: bool) -> Panels:
     """The paper's nine panels: levers, directions and background of what has one coordinate; what hangs is
     pushed at its middle and its tip, across and along.
 
@@ -230,7 +236,7 @@ def push_panels(held: Held, config: ForcesConfig, *, hanging: bool) -> Panels:
 
     Source: paper, figures of interactive forces.
     """
-    scene = scene_at(held.autoencoder, held.chart, held.rest.numpy())
+    scene = find_moving_parts(held.autoencoder, held.chart, held.rest.numpy())
     radius = config.brush * held.kinematics.width
     named = _hanging(held, config, radius) if hanging else _rolling(held, config, radius)
     loads = torch.stack([torch.stack([push.load for push in pushes]).sum(0) for _, pushes in named])
@@ -241,12 +247,12 @@ def push_panels(held: Held, config: ForcesConfig, *, hanging: bool) -> Panels:
         _panel(held, name, pushes, q, picture)
         for (name, pushes), q, picture in zip(named, states, pictures, strict=True)
     )
-    seen = outlined(held.pictures(held.rest[None], scale=scale)[0], scene)
+    seen = draw_outline(held.pictures(held.rest[None], scale=scale)[0], scene)
     return Panels(panels, seen, scene.motion.shape, held.rest.numpy(), held.reach)
 
 
 def _panel(
-    held: Held, name: str, pushes: list[Push], q: torch.Tensor, picture: Float[np.ndarray, "h w 3"]
+    held: OperatingPoint, name: str, pushes: list[Push], q: torch.Tensor, picture: Float[np.ndarray, "h w 3"]
 ) -> Panel:
     feet = np.stack([push.grip.place(q).numpy() for push in pushes])
     sizes = np.stack([push.size * push.direction for push in pushes])
@@ -254,27 +260,27 @@ def _panel(
     return Panel(name, q.numpy(), (q - held.rest).numpy(), moved, np.stack([feet, sizes], 1), picture)
 
 
-def _rolling(held: Held, config: ForcesConfig, radius: float) -> list[tuple[str, list[Push]]]:
+def _rolling(held: OperatingPoint, config: ForcesConfig, radius: float) -> list[tuple[str, list[Push]]]:
     """Levers (a)-(c), directions at one material point (d)-(f), background (g)-(i)."""
-    scene = scene_at(held.autoencoder, held.chart, held.rest.numpy())
-    grips = [_grip(held, point, radius) for point in lever_points(scene, margin=radius)]
+    scene = find_moving_parts(held.autoencoder, held.chart, held.rest.numpy())
+    grips = [_grip(held, point, radius) for point in choose_lever_points(scene, margin=radius)]
     far = grips[-1]
     size = held.magnitude(far, DOWN, share=config.response)
     named = [("lever", [Push(grip, DOWN, size)]) for grip in grips[:3]]
     named += [("direction", [Push(far, direction, size)]) for direction in (DOWN, OBLIQUE, RIGHT)]
     found = []
-    for point in background_points(scene, 4 * BACKGROUND, margin=2 * radius):
+    for point in choose_background_points(scene, 4 * BACKGROUND, margin=2 * radius):
         try:
             found.append(_grip(held, point, radius))
-        except NothingThereError:  # the background colour has no Gaussian there
+        except NoMatterError:  # the background colour has no Gaussian there
             continue
     return named + [("background", [Push(grip, DOWN, size)]) for grip in found[:BACKGROUND]]
 
 
-def _hanging(held: Held, config: ForcesConfig, radius: float) -> list[tuple[str, list[Push]]]:
+def _hanging(held: OperatingPoint, config: ForcesConfig, radius: float) -> list[tuple[str, list[Push]]]:
     """Across and along at the tip and the middle, either way, and two opposed forces."""
-    scene = scene_at(held.autoencoder, held.chart, held.rest.numpy())
-    *points, along = hanging_points(scene)
+    scene = find_moving_parts(held.autoencoder, held.chart, held.rest.numpy())
+    *points, along = choose_hanging_points(scene)
     middle, tip = (_grip(held, point, radius) for point in points)
     across = np.array([-along[1], along[0]])
     across = across * np.sign(across[0])
@@ -293,8 +299,8 @@ def _hanging(held: Held, config: ForcesConfig, radius: float) -> list[tuple[str,
     return [*named, ("opposed", [Push(middle, -across, size), Push(tip, across, size)])]
 
 
-def _grip(held: Held, point: Point, radius: float) -> Grip:
-    return brush(held.kinematics, held.rest, point, radius=radius)
+def _grip(held: OperatingPoint, point: Point, radius: float) -> GraspPoint:
+    return grasp_brush(held.kinematics, held.rest, point, radius=radius)
 
 
 SHOWN = (
@@ -307,7 +313,7 @@ SHOWN = (
 def draw_force_map(picture: Float[np.ndarray, "H W 3"], truth: Mapping[str, Any], *, title: str) -> Figure:
     """Three pictures of the object at rest, with the median error of forces on each point in colour.
 
-    ``truth`` is what `lagsplat.evaluate.forces.accuracy.compare` returns, or the reason why there is nothing.
+    ``truth`` is what `lagsplat.evaluate.forces.accuracy.compare_answers` returns, or the reason why there is nothing.
     """
     height, width = picture.shape[:2]
     with paper_style():

@@ -9,9 +9,9 @@ from jaxtyping import Float, Float32
 from matplotlib.figure import Figure
 
 from lagsplat.baselines.model import Baseline
-from lagsplat.baselines.networks import AttentionDecoder, centres
-from lagsplat.evaluate.evaluate import Subject
-from lagsplat.evaluate.protocol import initial_states, windows
+from lagsplat.baselines.networks import AttentionDecoder, compute_attention_centres
+from lagsplat.evaluate.evaluate import EvaluationSubject
+from lagsplat.evaluate.protocol import cut_windows, initial_states
 from lagsplat.report.common.style import MARK, PAGE_IN, new_figure, paper_style
 
 TIMES_S = (0.0, 0.25, 0.5, 1.0, 2.0, 5.0)
@@ -29,19 +29,19 @@ class Attention(NamedTuple):
     """``(row, column)`` in pixels, counted from the centre of the first one."""
 
 
-def moments(subject: Subject) -> np.ndarray:
+def moments(subject: EvaluationSubject) -> np.ndarray:
     """Frames of `TIMES_S` after the first scored one of the longest clip, as far as the clip goes."""
     first, stop = subject.held.longest
     frames = first + np.round(np.array(TIMES_S) / subject.held.dt_s).astype(np.int64)
     return frames[frames < stop]
 
 
-def rolled_out(subject: Subject, frames: np.ndarray) -> Pictures:
+def rolled_out(subject: EvaluationSubject, frames: np.ndarray) -> Pictures:
     """What a model predicts of frames, from its own state at the first of them."""
     held, start, length = subject.held, frames[:1], int(frames[-1] - frames[0]) + 1
     q0, v0 = initial_states(held, start)
     steps_s = held.clock.steps_s(start, length)
-    states = subject.integrate(q0, v0, windows(held.forcing, start, length), steps_s)[0]
+    states = subject.integrate(q0, v0, cut_windows(held.forcing, start, length), steps_s)[0]
     shown = np.nan_to_num(states[frames - frames[0]], posinf=0.0, neginf=0.0)
     return subject.render(shown).astype(np.float32)
 
@@ -54,11 +54,11 @@ def attention_of(name: str, baseline: Baseline, picture: Float32[np.ndarray, "3 
         return None
     maps = decoder.maps(baseline.encoder(torch.from_numpy(picture[None]))[0])
     side = torch.tensor(decoder.size) - 1
-    places = 0.5 * (centres(maps, decoder.places)[0] + 1.0) * side
+    places = 0.5 * (compute_attention_centres(maps, decoder.places)[0] + 1.0) * side
     return Attention(name, picture, maps[0].unflatten(1, decoder.size).numpy(), places.numpy())
 
 
-def compare(models: Mapping[str, Subject], *, title: str) -> Figure:
+def compare(models: Mapping[str, EvaluationSubject], *, title: str) -> Figure:
     """`draw_gallery` of the recording and of all models, from the first scored frame of its longest clip."""
     subject = next(iter(models.values()))
     frames = moments(subject)

@@ -6,7 +6,7 @@ Recorded, rendered and error frames of the image model.
 import numpy as np
 from matplotlib.figure import Figure
 
-from lagsplat.evaluate.novel_views import draw_side
+from lagsplat.evaluate.novel_views import draw_novel_view
 from lagsplat.io.recording.recording import Recording
 from lagsplat.report.common.style import PAGE_IN, new_figure, paper_style
 from lagsplat.stage1.autoencoder import Autoencoder, decode_latents, encode_frames
@@ -28,7 +28,7 @@ def draw_sides(autoencoder: Autoencoder, recording: Recording, views: NovelViews
     latents = encode_frames(autoencoder, np.asarray(recording.frames[instants]))
     seen = [np.asarray(views.images[instant, camera]) / 255.0 for camera, instant in chosen]
     drawn = [
-        draw_side(autoencoder, z[None], views.space.seen_by(views.cameras[camera]))[0].clip(0, 1)
+        draw_novel_view(autoencoder, z[None], views.space.seen_by(views.cameras[camera]))[0].clip(0, 1)
         for z, (camera, _) in zip(latents, chosen, strict=True)
     ]
     error = [np.abs(a - b).mean(2) for a, b in zip(seen, drawn, strict=True)]

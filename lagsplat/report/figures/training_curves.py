@@ -30,7 +30,7 @@ COLOURS = (PREDICTED, *INPUTS[:4], INPUTS[5])
 def draw_horizon(models: Sequence[tuple[str, Mapping[str, Any]]], *, title: str) -> Figure:
     """Median error over time with the band of the central two thirds of the starts, for each named model.
 
-    ``models`` are names with the results of `lagsplat.evaluate.forecast.error_along`, all from the same
+    ``models`` are names with the results of `lagsplat.evaluate.forecast.error_over_horizon`, all from the same
     starts. The grey lines are what holding the first frame and the mean frame would give.
 
     Raises:

@@ -276,7 +276,7 @@ FOUND = (
 
 
 def guarantee_table(runs: Sequence[Mapping[str, Any]], found: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
-    """A row for each run with the results of `lagsplat.evaluate.guarantee.guarantee_of`.
+    """A row for each run with the results of `lagsplat.evaluate.guarantee.measure_guarantee`.
 
     Raises:
         ValueError: no run.

@@ -10,7 +10,7 @@ import numpy as np
 from numba import prange
 
 from lagsplat.splat.cpu.compile import compiled
-from lagsplat.splat.cpu.simd import WIDTH, count_up, least, load, select, spread, store, total
+from lagsplat.splat.cpu.simd import WIDTH, iota, load, minimum, select, splat, store, sum_lanes
 from lagsplat.splat.cpu.tile import (
     BASE,
     CROSSING,
@@ -132,13 +132,13 @@ def undraw_spot(spot_grad, shared_grad, tile, crossing, first_row, count, widest
     red, green, blue = color[0], color[1], color[2]
     # Moments of g = dL/dsigma over the pixels: u is the distance from the axis, h the height above the
     # centre.
-    g = g_u = g_h = g_uu = g_uh = g_hh = spread(ZERO)
-    to_red = to_green = to_blue = spread(ZERO)
+    g = g_u = g_h = g_uu = g_uh = g_hh = splat(ZERO)
+    to_red = to_green = to_blue = splat(ZERO)
     for shift in range(0, widest, WIDTH):
         for row in range(count):
             column = crossing[row + FIRST] + np.float32(shift)
             if column < crossing[row + END]:
-                u = count_up() + (crossing[row + OFFSET] + np.float32(shift))
+                u = iota() + (crossing[row + OFFSET] + np.float32(shift))
                 h = crossing[row + HEIGHT]
                 sigma = u * u * shape[PRECISION_X] + crossing[row + BASE]
                 at = (first_row + row) * STRIDE + int(column)
@@ -149,16 +149,16 @@ def undraw_spot(spot_grad, shared_grad, tile, crossing, first_row, count, widest
                 here_u, here_h = here * u, here * h
                 g, g_u, g_h = g + here, g_u + here_u, g_h + here_h
                 g_uu, g_uh, g_hh = g_uu + here_u * u, g_uh + here_u * h, g_hh + here_h * h
-    pull_x = TWO * shape[PRECISION_X] * total(g_u)
+    pull_x = TWO * shape[PRECISION_X] * sum_lanes(g_u)
     spot_grad[0] -= pull_x
-    spot_grad[1] += shape[SLOPE] * pull_x - TWO * shape[PRECISION_Y] * total(g_h)
-    spot_grad[2] -= total(g) / spot[OPACITY]
-    shared_grad[0] -= TWO * shape[PRECISION_X] * total(g_uh)
-    shared_grad[1] += total(g_uu)
-    shared_grad[2] += total(g_hh)
-    shared_grad[3] += total(to_red)
-    shared_grad[4] += total(to_green)
-    shared_grad[5] += total(to_blue)
+    spot_grad[1] += shape[SLOPE] * pull_x - TWO * shape[PRECISION_Y] * sum_lanes(g_h)
+    spot_grad[2] -= sum_lanes(g) / spot[OPACITY]
+    shared_grad[0] -= TWO * shape[PRECISION_X] * sum_lanes(g_uh)
+    shared_grad[1] += sum_lanes(g_uu)
+    shared_grad[2] += sum_lanes(g_hh)
+    shared_grad[3] += sum_lanes(to_red)
+    shared_grad[4] += sum_lanes(to_green)
+    shared_grad[5] += sum_lanes(to_blue)
 
 
 @compiled()
@@ -166,7 +166,7 @@ def unblend(tile, at, sigma, opacity, cutoff, index, red, green, blue):
     """Take one Gaussian out of the ``WIDTH`` pixels from ``at``; returns dL/dsigma and its weight in each."""
     covered = opacity * exp_minus(sigma)
     live = (sigma <= cutoff) & (index < load(tile, at + STOP))
-    alpha = select(live, least(covered, spread(ALPHA_MAX)), spread(ZERO))
+    alpha = select(live, minimum(covered, splat(ALPHA_MAX)), splat(ZERO))
     inverse = 1.0 / (1.0 - alpha)
     before = load(tile, at) * inverse
     weight = alpha * before
@@ -176,4 +176,4 @@ def unblend(tile, at, sigma, opacity, cutoff, index, red, green, blue):
     store(tile, at + BEHIND, behind + weight * own)
     # The clamp passes no gradient on, nor do pixels far outside, where `covered` may be anything but alpha
     # is 0.
-    return select(covered < ALPHA_MAX, alpha * (behind * inverse - before * own), spread(ZERO)), weight
+    return select(covered < ALPHA_MAX, alpha * (behind * inverse - before * own), splat(ZERO)), weight

@@ -6,7 +6,7 @@ import numpy as np
 from numba import prange
 
 from lagsplat.splat.cpu.compile import compiled
-from lagsplat.splat.cpu.simd import WIDTH, bits, count_up, least, load, select, spread, store
+from lagsplat.splat.cpu.simd import WIDTH, iota, load, minimum, select, splat, store, to_bits
 from lagsplat.splat.cpu.tile import (
     BASE,
     CROSSING,
@@ -92,7 +92,7 @@ def draw_spot(tile, crossing, first_row, count, widest, spot, shape, color, inde
         for row in range(count):
             column = crossing[row + FIRST] + np.float32(shift)
             if column < crossing[row + END]:
-                u = count_up() + (crossing[row + OFFSET] + np.float32(shift))
+                u = iota() + (crossing[row + OFFSET] + np.float32(shift))
                 sigma = u * u * shape[PRECISION_X] + crossing[row + BASE]
                 at = (first_row + row) * STRIDE + int(column)
                 blend(tile, at, sigma, spot[OPACITY], spot[CUTOFF], index, red, green, blue)
@@ -101,16 +101,16 @@ def draw_spot(tile, crossing, first_row, count, widest, spot, shape, color, inde
 @compiled()
 def blend(tile, at, sigma, opacity, cutoff, index, red, green, blue):
     """Blend one Gaussian into the ``WIDTH`` pixels from ``at``."""
-    alpha = least(opacity * exp_minus(sigma), spread(ALPHA_MAX))
+    alpha = minimum(opacity * exp_minus(sigma), splat(ALPHA_MAX))
     before = load(tile, at)
     stop = load(tile, at + STOP)
     after = before - alpha * before
     live = (sigma <= cutoff) & (index < stop)
     finished = live & (after <= TRANSMITTANCE_MIN)
-    weight = select(live & (after > TRANSMITTANCE_MIN), alpha * before, spread(ZERO))
+    weight = select(live & (after > TRANSMITTANCE_MIN), alpha * before, splat(ZERO))
     store(tile, at, before - weight)
     store(tile, at + RED, load(tile, at + RED) + weight * red)
     store(tile, at + GREEN, load(tile, at + GREEN) + weight * green)
     store(tile, at + BLUE, load(tile, at + BLUE) + weight * blue)
-    if bits(finished):
-        store(tile, at + STOP, select(finished, spread(index), stop))
+    if to_bits(finished):
+        store(tile, at + STOP, select(finished, splat(index), stop))

@@ -10,7 +10,7 @@ from torch import Tensor
 from lagsplat.splat.cpu.backward import backward
 from lagsplat.splat.cpu.forward import forward
 from lagsplat.splat.cpu.tile import find_spots
-from lagsplat.splat.image_model import BLUR_PX2, check_scene
+from lagsplat.splat.image_model import BLUR_PX2, require_scene
 
 
 def rasterize(
@@ -34,7 +34,7 @@ def rasterize(
 
     Source: the image model in `lagsplat.splat.image_model`.
     """
-    check_scene(means, covariance, opacity, color, background, height=height, width=width)
+    require_scene(means, covariance, opacity, color, background, height=height, width=width)
     if means.dtype != torch.float32 or means.device.type != "cpu":
         raise ValueError(
             f"the numba rasteriser draws float32 tensors on the CPU, got {means.dtype} on {means.device}: "

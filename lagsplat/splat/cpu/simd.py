@@ -51,7 +51,7 @@ class _MaskModel(models.PrimitiveModel):
 
 
 @intrinsic
-def spread(typing, value):
+def splat(typing, value):
     """Lanes that all hold the scalar ``value``."""
 
     def build(context, builder, signature, arguments):
@@ -66,7 +66,7 @@ def spread(typing, value):
 
 
 @intrinsic
-def count_up(typing):
+def iota(typing):
     """Lanes 0, 1, 2, ..."""
 
     def build(context, builder, signature, arguments):
@@ -114,7 +114,7 @@ def select(typing, mask, yes, no):
 
 
 @intrinsic
-def least(typing, left, right):
+def minimum(typing, left, right):
     """The smaller of two Lanes, place by place."""
 
     def build(context, builder, signature, arguments):
@@ -124,7 +124,7 @@ def least(typing, left, right):
 
 
 @intrinsic
-def greatest(typing, left, right):
+def maximum(typing, left, right):
     """The larger of two Lanes, place by place; ``right`` where ``left`` is NaN."""
 
     def build(context, builder, signature, arguments):
@@ -151,7 +151,7 @@ floor = _function("floor")
 
 
 @intrinsic
-def bits(typing, mask):
+def to_bits(typing, mask):
     """The mask as an integer: bit i tells whether it holds in lane i."""
 
     def build(context, builder, signature, arguments):
@@ -162,7 +162,7 @@ def bits(typing, mask):
 
 
 @intrinsic
-def total(typing, value):
+def sum_lanes(typing, value):
     """Sum over the lanes, a float32."""
 
     def build(context, builder, signature, arguments):
@@ -212,9 +212,9 @@ def _overload(function, operation):
         if left is lanes_t and right is lanes_t:
             return lambda left, right: operation(left, right)
         if left is lanes_t and isinstance(right, types.Float):
-            return lambda left, right: operation(left, spread(right))
+            return lambda left, right: operation(left, splat(right))
         if isinstance(left, types.Float) and right is lanes_t:
-            return lambda left, right: operation(spread(left), right)
+            return lambda left, right: operation(splat(left), right)
         return None
 
     overload(function)(choose)

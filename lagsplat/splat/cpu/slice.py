@@ -22,7 +22,7 @@ from torch import Tensor
 from lagsplat.splat.cpu.compile import compiled
 from lagsplat.splat.cpu.forward import forward
 from lagsplat.splat.cpu.rasterize import slices_of
-from lagsplat.splat.cpu.simd import WIDTH, bits, greatest, load, spread, square_root, store
+from lagsplat.splat.cpu.simd import WIDTH, load, maximum, splat, square_root, store, to_bits
 from lagsplat.splat.cpu.tile import (
     CUTOFF,
     EXTENT_X,
@@ -72,19 +72,19 @@ def condition(found, z, table, k, height, width):
     count, d = table.shape[1], len(z)
     x = load(table, k)
     y = load(table, count + k)
-    squares = spread(ZERO)
+    squares = splat(ZERO)
     factor = 2 + 3 * d
     for i in range(d):
         x = x + load(table, (2 + i) * count + k) * z[i]
         y = y + load(table, (2 + d + i) * count + k) * z[i]
-        away = spread(ZERO) - load(table, (2 + 2 * d + i) * count + k)
+        away = splat(ZERO) - load(table, (2 + 2 * d + i) * count + k)
         for j in range(i + 1):
             away = away + load(table, (factor + j) * count + k) * z[j]
         factor += i + 1
         squares = squares + away * away
     faded = squares * HALF
     cutoff = load(table, factor * count + k) - faded
-    root = square_root(greatest(cutoff, spread(ZERO)))
+    root = square_root(maximum(cutoff, splat(ZERO)))
     half_width = root * load(table, (factor + 2) * count + k)
     half_height = root * load(table, (factor + 3) * count + k)
     store(found, X * count + k, x)
@@ -95,7 +95,7 @@ def condition(found, z, table, k, height, width):
     store(found, HALF_HEIGHT * count + k, half_height)
     across = (x + half_width > ZERO) & (x - half_width < np.float32(width))
     down = (y + half_height > ZERO) & (y - half_height < np.float32(height))
-    return bits((spread(ZERO) <= cutoff) & across & down)
+    return to_bits((splat(ZERO) <= cutoff) & across & down)
 
 
 @compiled()
@@ -111,7 +111,7 @@ def to_bytes(image):
     return picture
 
 
-class OnePicture:
+class FrameRasterizer:
     """The Gaussians of a decoder, drawn at ``height`` x ``width`` px on the CPU.
 
     ``stretch`` is how many of these pixels make one of the training resolution, along x and y.

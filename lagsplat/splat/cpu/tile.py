@@ -24,15 +24,15 @@ from numba import prange
 from lagsplat.splat.cpu.compile import compiled
 from lagsplat.splat.cpu.simd import (
     WIDTH,
-    bits,
-    count_up,
     floor,
-    greatest,
-    least,
+    iota,
     load,
-    spread,
+    maximum,
+    minimum,
+    splat,
     square_root,
     store,
+    to_bits,
 )
 
 ROWS = 32
@@ -105,7 +105,7 @@ def meeting(spots, k, top, left, rows, columns):
     half_width = load(spots, HALF_WIDTH * count + k)
     half_height = load(spots, HALF_HEIGHT * count + k)
     inside_x = (x + half_width > ZERO) & (x - half_width < np.float32(columns))
-    return bits(inside_x & (y + half_height > ZERO) & (y - half_height < np.float32(rows)))
+    return to_bits(inside_x & (y + half_height > ZERO) & (y - half_height < np.float32(rows)))
 
 
 @compiled()
@@ -121,16 +121,16 @@ def cross(crossing, spot, shape, top, left, rows, columns):
     variance = ONE / shape[PRECISION_X]
     first_row = clip(y - spot[HALF_HEIGHT] + ONE, rows)
     count = clip(y + spot[HALF_HEIGHT] + ONE, rows) - first_row
-    nothing = spread(ZERO)
-    everything = spread(np.float32(columns))
+    nothing = splat(ZERO)
+    everything = splat(np.float32(columns))
     for row in range(0, count, WIDTH):
-        height = count_up() + (np.float32(first_row + row) - y)
+        height = iota() + (np.float32(first_row + row) - y)
         base = height * height * shape[PRECISION_Y]
         axis = height * shape[SLOPE] + x
-        reach = square_root(greatest(cutoff - base, nothing) * variance) + RIM
-        first = floor(least(greatest(axis - reach + ONE, nothing), everything))
+        reach = square_root(maximum(cutoff - base, nothing) * variance) + RIM
+        first = floor(minimum(maximum(axis - reach + ONE, nothing), everything))
         store(crossing, row + FIRST, first)
-        store(crossing, row + END, floor(least(greatest(axis + reach + ONE, nothing), everything)))
+        store(crossing, row + END, floor(minimum(maximum(axis + reach + ONE, nothing), everything)))
         store(crossing, row + OFFSET, first - axis)
         store(crossing, row + HEIGHT, height)
         store(crossing, row + BASE, base)

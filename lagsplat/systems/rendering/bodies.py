@@ -19,7 +19,7 @@ FLANK = 0.72
 
 
 @dataclass(frozen=True)
-class Body:
+class DrawnBody:
     """A sprite and how thick it is [m]; ``layers`` sprites make a pile, one none."""
 
     sprite: Sprite
@@ -40,7 +40,7 @@ def backdrop(
 
 
 def paint(
-    background: Picture, bodies: list[Body], poses: Float64[np.ndarray, "n_bodies 3"], camera: Camera
+    background: Picture, bodies: list[DrawnBody], poses: Float64[np.ndarray, "n_bodies 3"], camera: Camera
 ) -> Picture:
     """Bodies in their poses over the background, in [0, 1]; later bodies over earlier ones."""
     picture = background.copy()

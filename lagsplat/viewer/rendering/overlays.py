@@ -12,12 +12,12 @@ from scipy.spatial import KDTree
 from skimage.measure import find_contours
 from torch import Tensor
 
-from lagsplat.forces.equilibrium import Held
-from lagsplat.forces.grasp import Kinematics
-from lagsplat.forces.moving_parts import outlined, scene_at
-from lagsplat.viewer.rendering.lines import REST, lines, segments
-from lagsplat.viewer.rendering.renderer import SpaceEasel
-from lagsplat.viewer.rendering.scene_frame import Room
+from lagsplat.forces.equilibrium import OperatingPoint
+from lagsplat.forces.grasp import MatterKinematics
+from lagsplat.forces.moving_parts import draw_outline, find_moving_parts
+from lagsplat.viewer.rendering.lines import REST, draw_lines, to_segments
+from lagsplat.viewer.rendering.renderer import SceneRenderer
+from lagsplat.viewer.rendering.scene_frame import SceneFrame
 from lagsplat.views.camera import Camera
 
 CELLS = 14
@@ -35,22 +35,24 @@ SHORT = 12
 """Corners: specks have fewer."""
 
 
-def rest_outline(held: Held) -> list[Float64[np.ndarray, "n 2"]]:
+def trace_rest_outline(held: OperatingPoint) -> list[Float64[np.ndarray, "n 2"]]:
     """Outlines [px of the training resolution] of the object where it rests."""
     rest = held.rest[None]
-    seen = outlined(
-        held.pictures(rest, scale=FINER)[0], scene_at(held.autoencoder, held.chart, rest[0].numpy())
+    seen = draw_outline(
+        held.pictures(rest, scale=FINER)[0], find_moving_parts(held.autoencoder, held.chart, rest[0].numpy())
     )
-    return [line / FINER for line in outlines(seen.astype(np.float64), smooth_px=float(FINER))]
+    return [line / FINER for line in trace_outlines(seen.astype(np.float64), smooth_px=float(FINER))]
 
 
-def outlines(share: Float64[np.ndarray, "H W"], *, smooth_px: float) -> list[Float64[np.ndarray, "n 2"]]:
+def trace_outlines(
+    share: Float64[np.ndarray, "H W"], *, smooth_px: float
+) -> list[Float64[np.ndarray, "n 2"]]:
     """Where a picture crosses one half, smoothed, as lines through corners (x, y) [px]."""
     smooth = np.pad(gaussian_filter(share, smooth_px), 1)
     return [line[:, ::-1] - 0.5 for line in find_contours(smooth, 0.5) if len(line) > SHORT]
 
 
-def moving(kinematics: Kinematics) -> Bool[np.ndarray, " K"]:
+def select_moving(kinematics: MatterKinematics) -> Bool[np.ndarray, " K"]:
     """Which Gaussians move and are neither ground nor stray: a few that hang about alone help a decoder to
     reach the last decimal, but belong to no object.
     """
@@ -63,16 +65,16 @@ def moving(kinematics: Kinematics) -> Bool[np.ndarray, " K"]:
     return moves
 
 
-class Field:
+class AccelerationField:
     """Arrows on the matter: one Gaussian a cell, the one most present, followed along its own Jacobian."""
 
-    def __init__(self, held: Held) -> None:
+    def __init__(self, held: OperatingPoint) -> None:
         kinematics = held.kinematics
         places = kinematics.places(held.rest[None])[0].numpy()
         present = kinematics.presence(held.rest[None])[0].numpy()
         motion = kinematics.geometry.jacobian.flatten(1).norm(dim=1).numpy()
         cell = max(kinematics.height, kinematics.width) / CELLS
-        usable = moving(kinematics) & (present > PRESENT)
+        usable = select_moving(kinematics) & (present > PRESENT)
         if kinematics.space == 2:
             usable &= ((places >= 0.0) & (places < (kinematics.width, kinematics.height))).all(1)
         best: dict[tuple[int, ...], int] = {}
@@ -112,7 +114,11 @@ class Silhouettes:
     """
 
     def __init__(
-        self, easel: SpaceEasel, room: Room, moves: Bool[Tensor, " K"], rest: Float64[np.ndarray, " d"]
+        self,
+        easel: SceneRenderer,
+        room: SceneFrame,
+        moves: Bool[Tensor, " K"],
+        rest: Float64[np.ndarray, " d"],
     ) -> None:
         self.easel, self.room, self.rest = easel, room, rest
         self.white = moves[:, None].expand(-1, 3).to(torch.float32)
@@ -124,7 +130,9 @@ class Silhouettes:
         handle = self.handles.get(client.client_id)
         if handle is None:
             empty = np.zeros((1, 2, 3))
-            handle = self.handles[client.client_id] = lines(client.scene, "/rest", empty, REST, thick=THICK)
+            handle = self.handles[client.client_id] = draw_lines(
+                client.scene, "/rest", empty, REST, thick=THICK
+            )
         if self.seen.get(client.client_id) != look:
             self.seen[client.client_id] = look
             handle.points = self.room.to_scene(self.outline(camera)).astype(np.float32)
@@ -144,7 +152,7 @@ class Silhouettes:
         """Segments in space, on the plane before a camera at its distance from the pivot."""
         small = camera.resized(max(1, camera.height // COARSE), max(1, camera.width // COARSE))
         mask = self.easel.seen(self.rest, small, color=self.white)[:, :, 0] / 255.0
-        found = [segments(line) for line in outlines(mask, smooth_px=SMOOTH_PX)]
+        found = [to_segments(line) for line in trace_outlines(mask, smooth_px=SMOOTH_PX)]
         pixels = np.concatenate(found or [np.zeros((1, 2, 2))])
         ahead = (pixels - np.array(small.middle)) / np.array(small.focal)
         depth = float(np.linalg.norm(self.room.pivot - camera.position))

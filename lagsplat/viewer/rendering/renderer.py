@@ -7,9 +7,9 @@ import torch
 from jaxtyping import Float64, UInt8
 
 from lagsplat.chart.chart import Chart
-from lagsplat.splat.backend import rasterizer
-from lagsplat.splat.cpu.slice import OnePicture
-from lagsplat.splat.projection import project, view_of
+from lagsplat.splat.backend import choose_rasterizer
+from lagsplat.splat.cpu.slice import FrameRasterizer
+from lagsplat.splat.projection import make_view, project
 from lagsplat.stage1.autoencoder import Autoencoder
 from lagsplat.views.camera import Camera
 
@@ -17,7 +17,7 @@ Picture = UInt8[np.ndarray, "H W 3"]
 
 
 @runtime_checkable
-class Easel(Protocol):
+class FrameRenderer(Protocol):
     """Draws whitened states as the film's camera sees them; ``stretch`` pixels of its pictures make one of
     the training resolution.
     """
@@ -35,14 +35,14 @@ class Easel(Protocol):
         """The place in the middle of the picture; in space at the pivot."""
 
 
-class FlatEasel:
-    """An `Easel` for Gaussians that live in the picture."""
+class ImageRenderer:
+    """An `FrameRenderer` for Gaussians that live in the picture."""
 
     def __init__(self, autoencoder: Autoencoder, chart: Chart, *, side: int) -> None:
         self.chart = chart
         self.stretch, height, width = _sized(autoencoder, side)
         stretch = (width / autoencoder.width, height / autoencoder.height)
-        self.drawer = OnePicture(autoencoder.gaussians, height=height, width=width, stretch=stretch)
+        self.drawer = FrameRasterizer(autoencoder.gaussians, height=height, width=width, stretch=stretch)
 
     def draw(self, q: Float64[np.ndarray, " d"]) -> Picture:
         """The picture at a state."""
@@ -58,13 +58,13 @@ class FlatEasel:
         return 0.5 * self.drawer.width / self.stretch, 0.5 * self.drawer.height / self.stretch
 
 
-class SpaceEasel:
-    """An `Easel` for Gaussians that live in space, which other cameras may see, too."""
+class SceneRenderer:
+    """An `FrameRenderer` for Gaussians that live in space, which other cameras may see, too."""
 
     def __init__(self, autoencoder: Autoencoder, chart: Chart, *, side: int) -> None:
         assert autoencoder.lens is not None, "only Gaussians of space are seen by cameras"
         self.model, self.chart = autoencoder.gaussians, chart
-        self.rasterize = rasterizer(autoencoder.backend, self.model.center.device)
+        self.rasterize = choose_rasterizer(autoencoder.backend, self.model.center.device)
         self.stretch, height, width = _sized(autoencoder, side)
         across, down, x, y = autoencoder.lens
         size = {"height": autoencoder.height, "width": autoencoder.width}
@@ -87,7 +87,7 @@ class SpaceEasel:
         if color is not None:
             scene = scene._replace(color=color.to(raw), background=torch.zeros_like(scene.background))
         size = {"height": camera.height, "width": camera.width}
-        drawn = self.rasterize(*project(scene, view_of([camera]), **size), **size)
+        drawn = self.rasterize(*project(scene, make_view([camera]), **size), **size)
         return drawn[0].clamp(0.0, 1.0).mul(255.0).add(0.5).byte().permute(1, 2, 0).cpu().numpy()
 
     def pixels(self, places: Float64[np.ndarray, "*B 3"]) -> Float64[np.ndarray, "*B 2"]:
@@ -100,9 +100,9 @@ class SpaceEasel:
         return 0.0, 0.0, self.filmed.focal[0] / self.stretch
 
 
-def easel_of(autoencoder: Autoencoder, chart: Chart, *, side: int) -> FlatEasel | SpaceEasel:
+def open_renderer(autoencoder: Autoencoder, chart: Chart, *, side: int) -> ImageRenderer | SceneRenderer:
     """The easel that suits where the Gaussians live; ``side`` is the longer side of its pictures [px]."""
-    kind = FlatEasel if autoencoder.gaussians.space == 2 else SpaceEasel
+    kind = ImageRenderer if autoencoder.gaussians.space == 2 else SceneRenderer
     return kind(autoencoder, chart, side=side)
 
 

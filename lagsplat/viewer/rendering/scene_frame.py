@@ -17,11 +17,11 @@ Vector3 = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
-class Plane:
+class ImagePlane:
     """A picture of ``width`` x ``height`` pixels (training resolution), its middle at the origin.
 
     It turns what a pointer means in the scene into a place in the picture; of a run whose Gaussians live in
-    space `lagsplat.viewer.rendering.scene_frame.Room` knows where things are.
+    space `lagsplat.viewer.rendering.scene_frame.SceneFrame` knows where things are.
     """
 
     width: int
@@ -74,13 +74,13 @@ SLIM = 8.0
 
 
 @dataclass(frozen=True)
-class Room:
+class SceneFrame:
     """Space as `lagsplat.views.camera` has it, the pivot of a film with ``focal`` length [px] at the scene's
     origin, where the film's picture would be the ``plane``.
     """
 
     focal: float
-    plane: Plane
+    plane: ImagePlane
 
     @property
     def pivot(self) -> Float64[np.ndarray, "3"]:

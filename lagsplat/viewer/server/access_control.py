@@ -25,7 +25,7 @@ WARNING = (
 )
 
 
-def warning(host: str) -> str | None:
+def warn_of_open_host(host: str) -> str | None:
     """What must be said of listening on ``host``; None for loopback."""
     if host == "localhost":
         return None
@@ -43,7 +43,7 @@ def foreign(headers: Any, *, alone: bool) -> bool:
     its own name point here.
     """
     origin, host = headers.get("Origin"), headers.get("Host") or ""
-    named = warning(urlsplit(f"//{host}").hostname or "") is None
+    named = warn_of_open_host(urlsplit(f"//{host}").hostname or "") is None
     return (origin is not None and urlsplit(origin).netloc != host) or (alone and not named)
 
 
@@ -56,7 +56,7 @@ def plain(value: object) -> bool:
     return isinstance(value, str) and len(value) <= LONGEST
 
 
-def guard(server: viser.ViserServer, *, alone: bool) -> None:
+def restrict_access(server: viser.ViserServer, *, alone: bool) -> None:
     """Turn away other origins, refuse tunnels, and let clients set values of controls and nothing else.
 
     ``alone`` says that the server listens on loopback.

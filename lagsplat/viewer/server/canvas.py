@@ -17,13 +17,13 @@ import numpy as np
 import viser
 from jaxtyping import Float64
 
-from lagsplat.forces.equilibrium import Held
-from lagsplat.viewer.rendering.drag_proxies import Matter, ball
-from lagsplat.viewer.rendering.lines import REST, lines, segments
-from lagsplat.viewer.rendering.overlays import Silhouettes, rest_outline
-from lagsplat.viewer.rendering.renderer import FlatEasel, Picture, SpaceEasel
-from lagsplat.viewer.rendering.scene_frame import FLIP, Plane, Room
-from lagsplat.viewer.server.drag import FlatPull, Pointer, Pull, RayPull
+from lagsplat.forces.equilibrium import OperatingPoint
+from lagsplat.viewer.rendering.drag_proxies import DragProxies, make_ball
+from lagsplat.viewer.rendering.lines import REST, draw_lines, to_segments
+from lagsplat.viewer.rendering.overlays import Silhouettes, trace_rest_outline
+from lagsplat.viewer.rendering.renderer import ImageRenderer, Picture, SceneRenderer
+from lagsplat.viewer.rendering.scene_frame import FLIP, ImagePlane, SceneFrame
+from lagsplat.viewer.server.drag import Drag, ImageDrag, Pointer, RayDrag
 from lagsplat.views.camera import Camera
 
 MATTER = "/matter"
@@ -32,7 +32,7 @@ BEYOND = 0.5
 
 
 @dataclass(frozen=True)
-class Window:
+class CameraView:
     """What one visitor is to see, and from where; ``look`` tells one camera from another."""
 
     client: viser.ClientHandle
@@ -42,42 +42,44 @@ class Window:
 
 
 @dataclass(frozen=True)
-class Painted:
+class PaintedFrame:
     """A state: where its matter is in the scene, and the windows in which something has changed."""
 
     places: Float64[np.ndarray, "K 3"]
     halves: Float64[np.ndarray, "K 3"]
-    windows: list[Window]
+    windows: list[CameraView]
 
 
-Act = Callable[[str, Pull | None, Pointer, int], None]
+Act = Callable[[str, Drag | None, Pointer, int], None]
 """Is told the phase of a drag (start, update, end), what was pressed, where the pointer is, and whose it is;
 None for what makes no sense."""
 
 
-class Windows:
-    """A `lagsplat.viewer.server.canvas.Board` of pictures, one a visitor, their longer side of ``side`` pixels."""
+class CameraCanvas:
+    """A `lagsplat.viewer.server.canvas.Canvas` of pictures, one a visitor, their longer side of ``side`` pixels."""
 
     face_label = "Look from the film's camera"
 
-    def __init__(self, server: viser.ViserServer, held: Held, easel: SpaceEasel, *, side: int) -> None:
+    def __init__(
+        self, server: viser.ViserServer, held: OperatingPoint, easel: SceneRenderer, *, side: int
+    ) -> None:
         self.server, self.held, self.easel, self.side = server, held, easel, side
-        plane = Plane(held.kinematics.width, held.kinematics.height)
-        self.room, self.size = Room(easel.middle[2], plane), plane.size
-        self.axes, self.matter = np.eye(3)[:2], Matter(held)
+        plane = ImagePlane(held.kinematics.width, held.kinematics.height)
+        self.room, self.size = SceneFrame(easel.middle[2], plane), plane.size
+        self.axes, self.matter = np.eye(3)[:2], DragProxies(held)
         self.silhouettes = Silhouettes(easel, self.room, self.matter.moves, held.rest.numpy())
         self.resting = False
         self.seen: dict[int, bytes] = {}
         self._place_camera()
         easel.draw(held.rest.numpy())  # compiles, perhaps, what would keep the first visitor waiting
-        corners, faces = ball()
+        corners, faces = make_ball()
         at_rest = self.paint(held.rest.numpy())
         self.handle = server.scene.add_batched_meshes_simple(
             MATTER, corners, faces, self.matter.turned(FLIP), at_rest.places, batched_scales=at_rest.halves,
             opacity=0.0, side="double", lod="off", cast_shadow=False, receive_shadow=False,
         )  # fmt: skip
 
-    def paint(self, q: Float64[np.ndarray, " d"]) -> Painted:
+    def paint(self, q: Float64[np.ndarray, " d"]) -> PaintedFrame:
         """The matter, and the pictures of visitors for whom something has changed."""
         windows = []
         for who, client in self.server.get_clients().items():
@@ -88,11 +90,11 @@ class Windows:
             look = b"".join(part.tobytes() for part in (camera.rotation, camera.position, camera.matrix()))
             if self.seen.get(who) != look + q.tobytes():
                 self.seen[who] = look + q.tobytes()
-                windows.append(Window(client, camera, look, self.easel.seen(q, camera)))
+                windows.append(CameraView(client, camera, look, self.easel.seen(q, camera)))
         places, halves = self.matter.at(q)
-        return Painted(self.room.to_scene(places), halves / self.room.plane.unit, windows)
+        return PaintedFrame(self.room.to_scene(places), halves / self.room.plane.unit, windows)
 
-    def put(self, painted: Painted) -> None:
+    def put(self, painted: PaintedFrame) -> None:
         """Send it."""
         self.handle.batched_positions = painted.places.astype(np.float32)
         self.handle.batched_scales = painted.halves.astype(np.float32)
@@ -153,14 +155,14 @@ class Windows:
             try:
                 camera = self.camera(event.client)
                 press, pointer = (
-                    pixel_of(camera, place) for place in (event.start_screen_pos, event.end_screen_pos)
+                    to_pixel(camera, place) for place in (event.start_screen_pos, event.end_screen_pos)
                 )
             except ValueError:
                 act(event.phase, None, np.full(2, np.nan), event.client_id)
                 return
             if event.phase == "start":
                 self.axes = camera.rotation[:2]
-            act(event.phase, RayPull(self.held, camera, press), pointer, event.client_id)
+            act(event.phase, RayDrag(self.held, camera, press), pointer, event.client_id)
 
     def on_look(self, act: Callable[[], None]) -> None:
         """Call ``act`` when a visitor comes, or looks from elsewhere."""
@@ -183,7 +185,7 @@ class Windows:
         camera.fov = self.room.fov(self.size[0] / self.size[1])
 
 
-def pixel_of(camera: Camera, place: object) -> Pointer:
+def to_pixel(camera: Camera, place: object) -> Pointer:
     """The pixel of a camera at a place on the screen, (0, 0) top left and (1, 1) bottom right.
 
     Raises:
@@ -199,7 +201,7 @@ def pixel_of(camera: Camera, place: object) -> Pointer:
 
 
 @runtime_checkable
-class Board(Protocol):
+class Canvas(Protocol):
     """Where a run is drawn in the scene, and touched."""
 
     size: tuple[float, float]
@@ -240,15 +242,15 @@ FRONT = 0.02
 """What is drawn over the picture stands this far before it."""
 
 
-class Sheet:
-    """A `lagsplat.viewer.server.canvas.Board` with a picture in it, which is turned and dragged as a whole."""
+class ImageCanvas:
+    """A `lagsplat.viewer.server.canvas.Canvas` with a picture in it, which is turned and dragged as a whole."""
 
     face_label = "Face the picture"
     axes = np.eye(2)
 
-    def __init__(self, server: viser.ViserServer, held: Held, easel: FlatEasel) -> None:
+    def __init__(self, server: viser.ViserServer, held: OperatingPoint, easel: ImageRenderer) -> None:
         self.server, self.easel = server, easel
-        self.plane = Plane(held.kinematics.width, held.kinematics.height)
+        self.plane = ImagePlane(held.kinematics.width, held.kinematics.height)
         self.size = self.plane.size
         self._place_camera()
         blank, (width, height) = easel.draw(held.rest.numpy()), self.size
@@ -256,9 +258,9 @@ class Sheet:
             PICTURE, blank, width, height, format="jpeg", jpeg_quality=QUALITY,
             cast_shadow=False, receive_shadow=False, wxyz=UPRIGHT,
         )  # fmt: skip
-        outline = [segments(self.over(line)) for line in rest_outline(held)]
+        outline = [to_segments(self.over(line)) for line in trace_rest_outline(held)]
         points = np.concatenate(outline or [np.zeros((1, 2, 3))])
-        self.rest = lines(server.scene, "/rest", points, REST, thick=0.014)
+        self.rest = draw_lines(server.scene, "/rest", points, REST, thick=0.014)
 
     def paint(self, q: Float64[np.ndarray, " d"]) -> Picture:
         """The picture."""
@@ -292,7 +294,7 @@ class Sheet:
         async def _(event: viser.SceneNodeDragEvent) -> None:  # async: phases arrive in their order
             eye = tuple(event.client.camera.position)
             try:
-                press = FlatPull(self.plane.to_pixels(event.start_position, eye=eye))
+                press = ImageDrag(self.plane.to_pixels(event.start_position, eye=eye))
                 pointer = self.plane.to_pixels(event.end_position, eye=eye)
             except ValueError:
                 act(event.phase, None, np.full(2, np.nan), event.client_id)

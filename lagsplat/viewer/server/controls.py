@@ -12,8 +12,8 @@ import numpy as np
 import viser
 from viser import uplot
 
-from lagsplat.viewer.server.scene import Stage
-from lagsplat.viewer.simulation.realtime_loop import Loop
+from lagsplat.viewer.server.scene import SceneView
+from lagsplat.viewer.simulation.realtime_loop import RealtimeLoop
 from lagsplat.viewer.simulation.session import Session, Snapshot
 
 HELP = Path(__file__).with_name("help.md")
@@ -30,11 +30,18 @@ class Keep:
     replay: Callable[[], str]
 
 
-class Panel:
+class ControlPanel:
     """All controls, the banner and the plots of one server."""
 
     def __init__(
-        self, server: viser.ViserServer, session: Session, loop: Loop, stage: Stage, keep: Keep, *, title: str
+        self,
+        server: viser.ViserServer,
+        session: Session,
+        loop: RealtimeLoop,
+        stage: SceneView,
+        keep: Keep,
+        *,
+        title: str,
     ) -> None:
         self.server, self.loop, self.stage, self.keep = server, loop, stage, keep
         self.said_s, self.said, self.measured = 0.0, "", False
@@ -57,7 +64,7 @@ class Panel:
             self._view(gui)
         with tabs.add_tab("Record"):
             self._record(gui)
-        self.plots = Plots(gui, d=len(session.q), span_s=session.config.history_s)
+        self.plots = HistoryPlots(gui, d=len(session.q), span_s=session.config.history_s)
         self.status = gui.add_markdown("")
         with gui.add_folder("Help", expand_by_default=False):
             gui.add_markdown(HELP.read_text(encoding="utf-8"))
@@ -98,7 +105,7 @@ class Panel:
             acts: dict[str, Callable[[Session], None]] = {
                 "Pause": lambda s: s.pause(True),
                 "Run": lambda s: s.pause(False),
-                "Step": one_step,
+                "Step": nudge_input,
                 "Rest": lambda s: s.to_rest(),
             }
             if buttons.value in acts:
@@ -106,12 +113,12 @@ class Panel:
 
         @speed.on_update
         def _(_: object) -> None:
-            value = clipped(speed.value, 0.1, 4.0)
+            value = clip_input(speed.value, 0.1, 4.0)
             self.loop.tell(lambda s: setattr(self.loop.clock, "speed", value))
 
         @frame.on_update
         def _(_: object) -> None:
-            chosen = int(clipped(frame.value, 0, session.recorded.frames - 1))
+            chosen = int(clip_input(frame.value, 0, session.recorded.frames - 1))
             self.loop.tell(lambda s: s.to_frame(chosen))
 
     def _pushes(self, gui: viser.GuiApi, session: Session) -> None:
@@ -131,12 +138,12 @@ class Panel:
 
         @strength.on_update
         def _(_: object) -> None:
-            value = 10.0 ** clipped(strength.value, -1.0, 1.0)
+            value = 10.0 ** clip_input(strength.value, -1.0, 1.0)
             self.loop.tell(lambda s: setattr(s, "strength", value))
 
         @radius.on_update
         def _(_: object) -> None:
-            value = width * clipped(radius.value, 0.005, WIDEST)
+            value = width * clip_input(radius.value, 0.005, WIDEST)
             self.loop.tell(lambda s: setattr(s.touch, "radius_px", value))
 
         @go.on_click
@@ -160,7 +167,7 @@ class Panel:
         def listen(name: str) -> None:
             @sliders[name].on_update
             def _(_: object) -> None:
-                value = clipped(sliders[name].value, *bounds[name])
+                value = clip_input(sliders[name].value, *bounds[name])
                 self.loop.tell(lambda s: s.edit(**{name: value}))
 
         for name in bounds:
@@ -192,7 +199,7 @@ class Panel:
 
         def hold(_: object) -> None:
             u = np.array(
-                [clipped(slider.value, a, b) for slider, a, b in zip(sliders, low, high, strict=True)]
+                [clip_input(slider.value, a, b) for slider, a, b in zip(sliders, low, high, strict=True)]
             )
             self.loop.tell(lambda s: s.set_inputs(u))
             follow.value = False  # type: ignore[misc]
@@ -250,13 +257,13 @@ class Panel:
         offer("Replay what I did", self.keep.replay)
 
 
-def one_step(session: Session) -> None:
+def nudge_input(session: Session) -> None:
     """Pause, and take a single step."""
     session.pause(True)
     session.step()
 
 
-def clipped(value: float, low: float, high: float) -> float:
+def clip_input(value: float, low: float, high: float) -> float:
     """A number that a client sent, within its bounds; what is none is the lower bound."""
     return float(np.clip(np.nan_to_num(float(value), nan=low), low, high))
 
@@ -266,7 +273,7 @@ HEIGHT = 150
 POINTS = 300
 
 
-class Plots:
+class HistoryPlots:
     """Three charts of the last ``span_s`` seconds of model time; `add` collects, `show` sends."""
 
     def __init__(self, gui: viser.GuiApi, *, d: int, span_s: float) -> None:

@@ -6,16 +6,16 @@ import numpy as np
 import torch
 from jaxtyping import Float64
 
-from lagsplat.forces.equilibrium import Held
-from lagsplat.forces.grasp import Place, Point, cast
-from lagsplat.splat.projection import view_of
+from lagsplat.forces.equilibrium import OperatingPoint
+from lagsplat.forces.grasp import Place, Point, cast_ray
+from lagsplat.splat.projection import make_view
 from lagsplat.views.camera import Camera
 
 Pointer = Float64[np.ndarray, "2"]
 
 
 @runtime_checkable
-class Pull(Protocol):
+class Drag(Protocol):
     """One drag, from its ``press`` on [px]."""
 
     press: Pointer
@@ -31,7 +31,7 @@ class Pull(Protocol):
         """How far the pointer has come [px], in the picture or in space."""
 
 
-class FlatPull:
+class ImageDrag:
     """A press in the picture [px of the training resolution]."""
 
     def __init__(self, press: Pointer) -> None:
@@ -46,7 +46,7 @@ class FlatPull:
         return pointer - self.press
 
 
-class RayPull:
+class RayDrag:
     """A press in a pixel of a ``camera`` that looks into space.
 
     The ray through the pixel meets a Gaussian, and the drag lives in the plane through that point parallel to
@@ -55,7 +55,7 @@ class RayPull:
     Source: paper, "Forces in three dimensions".
     """
 
-    def __init__(self, held: Held, camera: Camera, press: Pointer) -> None:
+    def __init__(self, held: OperatingPoint, camera: Camera, press: Pointer) -> None:
         self.held, self.camera, self.press = held, camera, press
         self.depth = 0.0
 
@@ -63,11 +63,11 @@ class RayPull:
         """The point of the ray beside the Gaussian that it meets first, and its number.
 
         Raises:
-            ValueError: as `lagsplat.forces.grasp.cast`.
+            ValueError: as `lagsplat.forces.grasp.cast_ray`.
         """
         pixel = (float(self.press[0]), float(self.press[1]))
-        hit = cast(
-            self.held.autoencoder, self.held.chart, torch.from_numpy(q), view_of([self.camera]), pixel,
+        hit = cast_ray(
+            self.held.autoencoder, self.held.chart, torch.from_numpy(q), make_view([self.camera]), pixel,
             size=(self.camera.height, self.camera.width),
         )  # fmt: skip
         self.depth = hit.depth

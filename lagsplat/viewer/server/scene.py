@@ -9,11 +9,11 @@ import numpy as np
 import viser
 from jaxtyping import Float64, UInt8
 
-from lagsplat.forces.equilibrium import Held
-from lagsplat.viewer.rendering.lines import lines, segments
-from lagsplat.viewer.rendering.overlays import Field
-from lagsplat.viewer.rendering.renderer import FlatEasel, easel_of
-from lagsplat.viewer.server.canvas import QUALITY, UPRIGHT, Board, Sheet, Windows
+from lagsplat.forces.equilibrium import OperatingPoint
+from lagsplat.viewer.rendering.lines import draw_lines, to_segments
+from lagsplat.viewer.rendering.overlays import AccelerationField
+from lagsplat.viewer.rendering.renderer import ImageRenderer, open_renderer
+from lagsplat.viewer.server.canvas import QUALITY, UPRIGHT, CameraCanvas, Canvas, ImageCanvas
 from lagsplat.viewer.simulation.session import Session, Snapshot
 
 FORCE, BRUSH, FIELD, RESIDUAL = (240, 84, 0), (255, 255, 255), (120, 230, 150), (240, 90, 200)
@@ -25,7 +25,7 @@ NOTHING = np.zeros((1, 2, 3))
 
 
 @dataclass
-class Shown:
+class DisplayOptions:
     """What is laid over the picture."""
 
     outline: bool = False
@@ -34,7 +34,7 @@ class Shown:
     real: bool = False
 
 
-class Stage:
+class SceneView:
     """Nodes of a viser scene that follow the snapshots of a session.
 
     ``frame`` gives the recorded picture of a frame; ``residual`` the acceleration of the whitened state
@@ -45,14 +45,14 @@ class Stage:
         self,
         server: viser.ViserServer,
         session: Session,
-        board: Board,
+        board: Canvas,
         *,
         frame: Callable[[int], UInt8[np.ndarray, "H W 3"]],
         residual: Callable[[Snapshot], Float64[np.ndarray, " d"]] | None = None,
     ) -> None:
         held, recorded = session.held, session.recorded
         self.server, self.board, self.frame, self.residual = server, board, frame, residual
-        self.touch, self.shown, self.field = session.touch, Shown(), Field(held)
+        self.touch, self.shown, self.field = session.touch, DisplayOptions(), AccelerationField(held)
         swing = np.abs(recorded.v).max(0) if recorded.frames else np.ones(held.law.d)
         self.fastest = float(np.linalg.norm(self.field.along(swing), axis=1).max(initial=1e-12))
         self.latencies_ms: deque[float] = deque(maxlen=LATENCIES)
@@ -69,9 +69,9 @@ class Stage:
         self.arrow = scene.add_arrows("/force", NOTHING.astype(np.float32), FORCE, shaft_radius=0.035,
                                       head_radius=0.091, head_length=0.175, visible=False)  # fmt: skip
         # lines and no arrowheads, which would stay where nothing moves
-        self.velocity = lines(scene, "/velocity", NOTHING, FIELD, thick=0.02)
-        self.missing = lines(scene, "/residual", NOTHING, RESIDUAL, thick=0.024)
-        self.brush = lines(scene, "/brush", NOTHING, BRUSH, thick=0.02)
+        self.velocity = draw_lines(scene, "/velocity", NOTHING, FIELD, thick=0.02)
+        self.missing = draw_lines(scene, "/residual", NOTHING, RESIDUAL, thick=0.024)
+        self.brush = draw_lines(scene, "/brush", NOTHING, BRUSH, thick=0.02)
 
     def show(self, snapshot: Snapshot) -> None:
         """Draw a snapshot for everyone who looks."""
@@ -91,7 +91,7 @@ class Stage:
         if hand is None:
             return
         place = hand.place(snapshot.q)
-        self.brush.points = ring(self.board, place, self.touch.radius_px)
+        self.brush.points = draw_ring(self.board, place, self.touch.radius_px)
         tip = place + hand.force / self.touch.gain
         self.arrow.visible = bool(np.linalg.norm(tip - place) > SHORTEST_PX)
         self.arrow.points = self.board.over(np.stack([place, tip])[None], layer=2).astype(np.float32)
@@ -115,16 +115,16 @@ class Stage:
         return self.board.over(arrows).astype(np.float32)
 
 
-def board_of(server: viser.ViserServer, held: Held, *, side: int, window: int) -> Board:
+def open_canvas(server: viser.ViserServer, held: OperatingPoint, *, side: int, window: int) -> Canvas:
     """The board that suits where a run's Gaussians live: a sheet of ``side``, or windows of ``window`` px."""
-    easel = easel_of(held.autoencoder, held.chart, side=side)
-    if isinstance(easel, FlatEasel):
-        return Sheet(server, held, easel)
-    return Windows(server, held, easel, side=window)
+    easel = open_renderer(held.autoencoder, held.chart, side=side)
+    if isinstance(easel, ImageRenderer):
+        return ImageCanvas(server, held, easel)
+    return CameraCanvas(server, held, easel, side=window)
 
 
-def ring(board: Board, middle: Float64[np.ndarray, " n"], radius_px: float) -> np.ndarray:
+def draw_ring(board: Canvas, middle: Float64[np.ndarray, " n"], radius_px: float) -> np.ndarray:
     """A circle around ``middle`` as segments of the scene, in the plane of the latest drag."""
     angle = np.linspace(0.0, 2.0 * np.pi, CORNERS)
     circle = middle + radius_px * (np.stack([np.cos(angle), np.sin(angle)], axis=1) @ board.axes)
-    return segments(board.over(circle)).astype(np.float32)
+    return to_segments(board.over(circle)).astype(np.float32)

@@ -15,14 +15,14 @@ import viser
 from jaxtyping import Float64, UInt8
 
 from lagsplat.viewer.config import ViewerConfig
-from lagsplat.viewer.rendering.renderer import easel_of
-from lagsplat.viewer.server.access_control import guard, warning
-from lagsplat.viewer.server.controls import Keep, Panel
-from lagsplat.viewer.server.drag import Pointer, Pull
-from lagsplat.viewer.server.scene import Stage, board_of
-from lagsplat.viewer.server.session_export import save_souvenirs
-from lagsplat.viewer.simulation.history import Taped
-from lagsplat.viewer.simulation.realtime_loop import Loop
+from lagsplat.viewer.rendering.renderer import open_renderer
+from lagsplat.viewer.server.access_control import restrict_access, warn_of_open_host
+from lagsplat.viewer.server.controls import ControlPanel, Keep
+from lagsplat.viewer.server.drag import Drag, Pointer
+from lagsplat.viewer.server.scene import SceneView, open_canvas
+from lagsplat.viewer.server.session_export import export_session
+from lagsplat.viewer.simulation.history import SessionHistory
+from lagsplat.viewer.simulation.realtime_loop import RealtimeLoop
 from lagsplat.viewer.simulation.session import Session, Snapshot
 
 PATIENCE_S = 20.0
@@ -30,7 +30,7 @@ log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class Show:
+class ViewerContent:
     """What is shown: the session, its title, the recorded pictures, and where sessions are saved.
 
     ``residual`` is the acceleration of the state that a diagnosis found missing, or None.
@@ -43,32 +43,32 @@ class Show:
     residual: Callable[[Snapshot], Float64[np.ndarray, " d"]] | None = None
 
 
-class Live:
+class ViewerServer:
     """Serves a show until `stop`.
 
     Raises:
         OSError: no port is free from ``viewer.port`` on, or the address is not this machine's.
     """
 
-    def __init__(self, show: Show, config: ViewerConfig) -> None:
-        if text := warning(config.host):
+    def __init__(self, show: ViewerContent, config: ViewerConfig) -> None:
+        if text := warn_of_open_host(config.host):
             log.warning(text)
         _require_address(config.host)
         session, held = show.session, show.session.held
         self.show, self.config = show, config
         own = max(held.kinematics.height, held.kinematics.width)
         self.easel, self.small = (
-            easel_of(held.autoencoder, held.chart, side=side) for side in (config.side, own)
+            open_renderer(held.autoencoder, held.chart, side=side) for side in (config.side, own)
         )
         self.server = viser.ViserServer(config.host, config.port, verbose=False)
-        guard(self.server, alone=warning(config.host) is None)
-        board = board_of(self.server, held, side=config.side, window=config.window)
-        self.stage = Stage(self.server, session, board, frame=show.frame, residual=show.residual)
-        self.loop = Loop(session, self._show, pictures_hz=config.pictures_hz, refuse=self._refuse)
+        restrict_access(self.server, alone=warn_of_open_host(config.host) is None)
+        board = open_canvas(self.server, held, side=config.side, window=config.window)
+        self.stage = SceneView(self.server, session, board, frame=show.frame, residual=show.residual)
+        self.loop = RealtimeLoop(session, self._show, pictures_hz=config.pictures_hz, refuse=self._refuse)
         keep = Keep(self._save, self._replay)
-        self.panel = Panel(self.server, session, self.loop, self.stage, keep, title=show.title)
+        self.panel = ControlPanel(self.server, session, self.loop, self.stage, keep, title=show.title)
         self.holder: int | None = None
-        self.pull: Pull | None = None
+        self.pull: Drag | None = None
         self.saving = threading.Lock()
         board.on_drag(self._drag)
         board.on_look(lambda: self.loop.tell(lambda s: None))
@@ -104,7 +104,7 @@ class Live:
         log.warning(text)
         self.panel.tell(text)
 
-    def _drag(self, phase: str, pull: Pull | None, pointer: Pointer, who: int) -> None:
+    def _drag(self, phase: str, pull: Drag | None, pointer: Pointer, who: int) -> None:
         """One hand at a time: who grasped last holds, and others' releases do not let go."""
         now = time.perf_counter()
         if phase == "end":
@@ -117,7 +117,7 @@ class Live:
         if who == self.holder and (held := self.pull) is not None:
             self.loop.tell(lambda s: s.pull(held.way(pointer), asked_s=now))
 
-    def _grasp(self, session: Session, pull: Pull | None, now_s: float) -> None:
+    def _grasp(self, session: Session, pull: Drag | None, now_s: float) -> None:
         session.release()
         if pull is None:
             raise ValueError("the pointer does not point at anything; nothing was pushed")
@@ -125,8 +125,8 @@ class Live:
         if session.grasp(at, met=met, asked_s=now_s).still:
             self.panel.tell("Nothing there moves: that is background. Drag the object.")
 
-    def _taped(self) -> Taped:
-        found: list[Taped | ValueError] = []
+    def _taped(self) -> SessionHistory:
+        found: list[SessionHistory | ValueError] = []
         ready = threading.Event()
 
         def read(session: Session) -> None:
@@ -156,7 +156,7 @@ class Live:
                 number += 1
             meta = {"title": self.show.title, "inputs": list(session.recorded.names), "kappa": session.kappa}
             gain = session.touch.gain
-            paths = save_souvenirs(stem, taped, self.easel, meta, gain=gain, small=self.small)
+            paths = export_session(stem, taped, self.easel, meta, gain=gain, small=self.small)
         return "Saved " + ", ".join(path.name for path in paths) + f" in {self.show.folder}"
 
 

@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 from jaxtyping import UInt8
 
-from lagsplat.io.mcap.write import PictureTopic, SessionLog, read_session, save_session
+from lagsplat.io.mcap.write import ImageTopic, SessionLog, read_session, save_session
 from lagsplat.io.video.read import save_gif, save_mp4
-from lagsplat.viewer.rendering.renderer import Easel
-from lagsplat.viewer.simulation.history import Taped
+from lagsplat.viewer.rendering.renderer import FrameRenderer
+from lagsplat.viewer.simulation.history import SessionHistory
 
 FILM_HZ, GIF_HZ = 30.0, 15.0
 GIF_S = 12.0
@@ -19,7 +19,7 @@ ARROW = (255, 122, 26)
 SHARP = 4  # OpenCV's fraction bits of a place, so that an arrow glides
 
 
-def to_log(taped: Taped, meta: dict[str, Any], *, middle: tuple[float, ...]) -> SessionLog:
+def history_to_log(taped: SessionHistory, meta: dict[str, Any], *, middle: tuple[float, ...]) -> SessionLog:
     """A tape as columns without gaps; where nothing is held the place is the ``middle``."""
     held = np.isfinite(taped.place).all(1)
     columns = {
@@ -30,25 +30,31 @@ def to_log(taped: Taped, meta: dict[str, Any], *, middle: tuple[float, ...]) -> 
     return SessionLog(taped.dt_s, columns, meta)
 
 
-def from_log(log: SessionLog) -> Taped:
+def log_to_history(log: SessionLog) -> SessionHistory:
     """The tape of a log, to be replayed."""
     columns = dict(log.columns)
     held = np.any(columns["force"] != 0.0, axis=1)
     columns["place"] = np.where(held[:, None], columns["place"], np.nan)
-    return Taped(log.dt_s, columns.pop("clip")[:, 0].astype(np.int64), **columns)
+    return SessionHistory(log.dt_s, columns.pop("clip")[:, 0].astype(np.int64), **columns)
 
 
-def load_tape(path: Path) -> Taped:
+def load_history(path: Path) -> SessionHistory:
     """What a session did, from its MCAP file.
 
     Raises:
         FileNotFoundError, ValueError: as `lagsplat.io.mcap.write.read_session`.
     """
-    return from_log(read_session(path))
+    return log_to_history(read_session(path))
 
 
-def save_souvenirs(
-    stem: Path, taped: Taped, easel: Easel, meta: dict[str, Any], *, gain: float, small: Easel
+def export_session(
+    stem: Path,
+    taped: SessionHistory,
+    easel: FrameRenderer,
+    meta: dict[str, Any],
+    *,
+    gain: float,
+    small: FrameRenderer,
 ) -> tuple[Path, ...]:
     """Write ``stem.mcap`` with pictures by ``small``, ``stem.mp4`` and ``stem.gif`` with the arrow drawn in.
 
@@ -57,9 +63,9 @@ def save_souvenirs(
     Raises:
         FileExistsError: the MCAP file is there already.
     """
-    pictures = PictureTopic("/camera/session", taped.time_s, (small.draw(q) for q in taped.q))
+    pictures = ImageTopic("/camera/session", taped.time_s, (small.draw(q) for q in taped.q))
     mcap, film, animation = (stem.with_suffix(suffix) for suffix in (".mcap", ".mp4", ".gif"))
-    save_session(mcap, to_log(taped, meta, middle=easel.middle), pictures=[pictures])
+    save_session(mcap, history_to_log(taped, meta, middle=easel.middle), pictures=[pictures])
     save_mp4(film, _frames(taped, easel, gain=gain, rate_hz=FILM_HZ), rate_hz=FILM_HZ)
     last = _frames(taped, small, gain=gain, rate_hz=GIF_HZ, since_s=taped.time_s[-1] - GIF_S)
     save_gif(animation, last, rate_hz=GIF_HZ)
@@ -67,7 +73,7 @@ def save_souvenirs(
 
 
 def _frames(
-    taped: Taped, easel: Easel, *, gain: float, rate_hz: float, since_s: float = 0.0
+    taped: SessionHistory, easel: FrameRenderer, *, gain: float, rate_hz: float, since_s: float = 0.0
 ) -> Iterator[UInt8[np.ndarray, "H W 3"]]:
     begin = max(0.0, since_s)
     for now in np.arange(begin, taped.time_s[-1] + 0.5 / rate_hz, 1.0 / rate_hz):
@@ -79,7 +85,7 @@ def _frames(
 
 
 def pointed(
-    picture: UInt8[np.ndarray, "H W 3"], easel: Easel, place: np.ndarray, drag: np.ndarray
+    picture: UInt8[np.ndarray, "H W 3"], easel: FrameRenderer, place: np.ndarray, drag: np.ndarray
 ) -> UInt8[np.ndarray, "H W 3"]:
     """The picture with an arrow from ``place`` along ``drag`` [px of the training resolution, or at the
     pivot]."""

@@ -11,15 +11,15 @@ import torch
 from jaxtyping import Float64
 
 from lagsplat.forces.batched_lagrangian import Stepper
-from lagsplat.forces.equilibrium import Held, stiffness
-from lagsplat.forces.grasp import Grip, NothingThereError, Place, Point, brush, hold_of
+from lagsplat.forces.equilibrium import OperatingPoint, static_stiffness
+from lagsplat.forces.grasp import GraspPoint, NoMatterError, Place, Point, grasp_along_ray, grasp_brush
 from lagsplat.forces.moving_parts import STILL
 
 Vector = Float64[np.ndarray, " d"]
 
 
 @dataclass(frozen=True)
-class Energy:
+class EnergyTerms:
     """Energy now, and the flows since the books were opened, in the law's own unit.
 
     ``hand``, ``inputs`` and ``edits`` flowed in, ``dissipated`` out. ``error`` is what the integrator made or
@@ -45,7 +45,7 @@ class Energy:
         return self.total - self.began - self.hand - self.inputs - self.edits + self.dissipated
 
 
-class Ledger:
+class EnergyBalance:
     """Books of one motion, kept step by step; `open` begins them anew.
 
     Within a step the hand's force is held, so that its work is exact; dissipation and the work of the inputs
@@ -92,9 +92,9 @@ class Ledger:
         self.dissipated += 0.5 * dt_s * (taken[0] + taken[1])
         self._look(law, *after)
 
-    def told(self) -> Energy:
+    def told(self) -> EnergyTerms:
         """The books as they stand."""
-        return Energy(
+        return EnergyTerms(
             self.kinetic, self.potential, self.hand, self.inputs, self.edits, self.dissipated, self.began
         )
 
@@ -112,14 +112,14 @@ WEAKEST = 1e-6
 
 
 @dataclass(frozen=True)
-class Hand:
+class Grasp:
     """What holds the matter of ``grip`` with ``force`` [energy of the law per px]: right, down and, in
     space, ahead of the film's camera.
 
     ``still`` says that the matter grasped there hardly moves with any coordinate: it is background.
     """
 
-    grip: Grip
+    grip: GraspPoint
     force: Float64[np.ndarray, " n"]
     still: bool
 
@@ -133,14 +133,14 @@ class Hand:
         return self.grip.place(torch.from_numpy(q)).numpy()
 
 
-class Touch:
+class GraspModel:
     """How a picture is touched: the width of the brush, and how much force a pixel of drag is worth.
 
     ``gain`` [energy per px^2] is such that a drag of ``drag_px`` on the object drives the state
     ``response`` of the visited range away from rest, by the stiffness there.
     """
 
-    def __init__(self, held: Held, *, radius_px: float, drag_px: float, response: float) -> None:
+    def __init__(self, held: OperatingPoint, *, radius_px: float, drag_px: float, response: float) -> None:
         self.kinematics, self.radius_px = held.kinematics, radius_px
         present = held.kinematics.presence(held.rest[None])[0] > PRESENT
         jacobian = held.kinematics.geometry.jacobian
@@ -150,26 +150,28 @@ class Touch:
         # ties and a decoder of few Gaussians must leave at least one of them
         chosen = jacobian[present & (motion >= OBJECT * self.motion)]
         chosen = chosen if len(chosen) else jacobian[motion.argmax()][None]
-        values, vectors = torch.linalg.eigh(stiffness(held.law, held.rest[None], held.u[None])[0])
+        values, vectors = torch.linalg.eigh(static_stiffness(held.law, held.rest[None], held.u[None])[0])
         values = values.abs().clamp(min=WEAKEST * float(values.abs().max()))
         compliance = (vectors / values) @ vectors.T
         answers = torch.linalg.matrix_norm(chosen @ compliance, ord=2)
         self.gain = response * held.reach / (float(answers.median()) * drag_px)
 
-    def grasp(self, q: Float64[np.ndarray, " d"], at: Point | Place, *, met: int | None = None) -> Hand:
+    def grasp(self, q: Float64[np.ndarray, " d"], at: Point | Place, *, met: int | None = None) -> Grasp:
         """Take hold of the matter around ``at`` [px] at the state ``q``, without pulling yet.
 
         Of the Gaussian ``met`` alone where no centre is under the brush, and one was met.
 
         Raises:
-            ValueError: as `lagsplat.forces.grasp.brush`.
+            ValueError: as `lagsplat.forces.grasp.grasp_brush`.
         """
         state = torch.from_numpy(q)
         try:
-            grip = brush(self.kinematics, state, at, radius=self.radius_px)
-        except NothingThereError:
+            grip = grasp_brush(self.kinematics, state, at, radius=self.radius_px)
+        except NoMatterError:
             if met is None:
                 raise
-            grip = replace(hold_of(self.kinematics, state, met), at=torch.tensor(at, dtype=torch.float64))
+            grip = replace(
+                grasp_along_ray(self.kinematics, state, met), at=torch.tensor(at, dtype=torch.float64)
+            )
         still = float(grip.jacobian.norm()) < STILL * self.motion
-        return Hand(grip, np.zeros(self.kinematics.space), still)
+        return Grasp(grip, np.zeros(self.kinematics.space), still)

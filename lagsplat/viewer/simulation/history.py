@@ -13,11 +13,11 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from lagsplat.chart.chart import Chart
-from lagsplat.forces.loaded_lagrangian import Edits
+from lagsplat.forces.loaded_lagrangian import LawEdits
 
 
 @dataclass(frozen=True)
-class Taped:
+class SessionHistory:
     """Rows of a session, ``dt_s`` apart; row ``i`` is the state before the step that row ``i`` drove.
 
     ``clip`` counts the resets before a row, where the state jumps. ``force`` [energy of the law per px]
@@ -51,13 +51,13 @@ class Taped:
         cuts = [0, *(1 + np.flatnonzero(np.diff(self.clip))).tolist(), len(self)]
         return tuple((a, b) for a, b in pairwise(cuts) if a < b)
 
-    def edits_at(self, row: int) -> Edits:
+    def edits_at(self, row: int) -> LawEdits:
         """The edits of a row."""
         damping, inertia, stiffness = (float(x) for x in self.edits[row])
-        return Edits(damping=damping, inertia=inertia, stiffness=stiffness)
+        return LawEdits(damping=damping, inertia=inertia, stiffness=stiffness)
 
 
-class Tape:
+class HistoryBuffer:
     """Keeps the last ``rows`` rows; older ones are dropped, so that memory is bounded."""
 
     def __init__(self, *, d: int, n_u: int, space: int, dt_s: float, rows: int) -> None:
@@ -68,10 +68,10 @@ class Tape:
         return len(self.rows)
 
     def add(self, clip: int, *parts: np.ndarray) -> None:
-        """One row: the parts of `Taped` in their order, after ``clip``."""
+        """One row: the parts of `SessionHistory` in their order, after ``clip``."""
         self.rows.append(np.concatenate([[clip], *parts]))
 
-    def read(self) -> Taped:
+    def read(self) -> SessionHistory:
         """What is kept.
 
         Raises:
@@ -82,11 +82,11 @@ class Tape:
         table = np.stack(list(self.rows))
         widths = [1, self.d, self.d, self.n_u, self.d, self.space, self.space, 3, 5]
         clip, *parts = np.split(table, np.cumsum(widths)[:-1], axis=1)
-        return Taped(self.dt_s, clip[:, 0].astype(np.int64), *(part.copy() for part in parts))
+        return SessionHistory(self.dt_s, clip[:, 0].astype(np.int64), *(part.copy() for part in parts))
 
 
 @dataclass(frozen=True)
-class Recorded:
+class RecordedData:
     """Smoothed states, velocities [1/s] and inputs of every frame; ``segments`` are its clips.
 
     A clip of one frame has velocity zero. ``names`` and ``units`` are those of the inputs.
@@ -120,14 +120,14 @@ class Recorded:
         return frame
 
 
-def recorded_of(chart: Chart, *, names: tuple[str, ...], units: tuple[str, ...]) -> Recorded:
+def read_recorded_data(chart: Chart, *, names: tuple[str, ...], units: tuple[str, ...]) -> RecordedData:
     """The whole recording, smoothed as the dynamics were fitted; velocities are central differences."""
     whole = chart.whole.smoothed(chart.smoothing_frames)
     v = np.zeros_like(whole.latents)
     for a, b in whole.segments:
         if b - a > 1:
             v[a:b] = np.gradient(whole.latents[a:b], whole.time_s[a:b], axis=0)
-    return Recorded(whole.latents, v, whole.inputs, whole.segments, names, units)
+    return RecordedData(whole.latents, v, whole.inputs, whole.segments, names, units)
 
 
 POINTS = 400
@@ -135,7 +135,7 @@ POINTS = 400
 
 
 @dataclass(frozen=True)
-class Coverage:
+class TrainingCoverage:
     """Balls of one ``radius`` around ``points`` (n, d), in coordinates ``q @ root`` in which a distance is a
     change of the picture.
     """
@@ -150,7 +150,7 @@ class Coverage:
         return float(np.sqrt(np.square(away).sum(1).min()) / self.radius)
 
 
-def coverage_of(chart: Chart, *, beyond: float) -> Coverage:
+def measure_coverage(chart: Chart, *, beyond: float) -> TrainingCoverage:
     """What the training states cover; ``beyond`` is a share of their rms spread that is granted around
     them."""
     values, vectors = np.linalg.eigh(chart.metric)
@@ -161,4 +161,4 @@ def coverage_of(chart: Chart, *, beyond: float) -> Coverage:
     while len(chosen) < min(POINTS, len(seen)):
         chosen.append(int(left.argmax()))
         left = np.minimum(left, np.linalg.norm(seen - seen[chosen[-1]], axis=1))
-    return Coverage(seen[chosen], root, float(left.max()) + beyond * spread)
+    return TrainingCoverage(seen[chosen], root, float(left.max()) + beyond * spread)

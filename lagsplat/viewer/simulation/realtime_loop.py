@@ -20,7 +20,7 @@ LATEST_S = 0.25
 leap."""
 
 
-class Clock:
+class StepClock:
     """Model time in steps of ``dt_s``, ``speed`` times as fast as the wall's clock [s]."""
 
     def __init__(self, dt_s: float, *, now_s: float) -> None:
@@ -52,7 +52,7 @@ log = logging.getLogger(__name__)
 Command = Callable[[Session], Any]
 
 
-class Loop:
+class RealtimeLoop:
     """Runs a session until `stop`.
 
     ``show`` is called with snapshots in a thread of its own, never with two at once and at most
@@ -69,7 +69,7 @@ class Loop:
         refuse: Callable[[str], None] = log.warning,
     ) -> None:
         self.session, self.show, self.refuse, self.period_s = session, show, refuse, 1.0 / pictures_hz
-        self.clock = Clock(session.dt_s, now_s=time.perf_counter())
+        self.clock = StepClock(session.dt_s, now_s=time.perf_counter())
         self.commands: queue.SimpleQueue[Command] = queue.SimpleQueue()
         self.over = threading.Event()
         self.fresh, self.latest = threading.Condition(), session.snapshot()

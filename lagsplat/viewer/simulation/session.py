@@ -10,14 +10,14 @@ import numpy as np
 import torch
 from jaxtyping import Float64
 
-from lagsplat.forces.batched_lagrangian import stepper
+from lagsplat.forces.batched_lagrangian import open_stepper
 from lagsplat.forces.config import ForcesConfig
-from lagsplat.forces.equilibrium import Held, energy_scale, settle
+from lagsplat.forces.equilibrium import OperatingPoint, fit_energy_scale, settle
 from lagsplat.forces.grasp import Place, Point
-from lagsplat.forces.loaded_lagrangian import UNTOUCHED, Edits
+from lagsplat.forces.loaded_lagrangian import UNTOUCHED, LawEdits
 from lagsplat.viewer.config import ViewerConfig
-from lagsplat.viewer.simulation.grasp import Energy, Hand, Ledger, Touch
-from lagsplat.viewer.simulation.history import Recorded, Tape, Taped, coverage_of
+from lagsplat.viewer.simulation.grasp import EnergyBalance, EnergyTerms, Grasp, GraspModel
+from lagsplat.viewer.simulation.history import HistoryBuffer, RecordedData, SessionHistory, measure_coverage
 
 Status = Literal["running", "paused", "stopped"]
 DIVERGED = (
@@ -40,11 +40,11 @@ class Snapshot:
     v: Float64[np.ndarray, " d"]
     u: Float64[np.ndarray, " n_u"]
     frame: int | None
-    hand: Hand | None
-    energy: Energy
+    hand: Grasp | None
+    energy: EnergyTerms
     covered: float
     status: Status
-    edits: Edits
+    edits: LawEdits
     asked_s: float | None
 
     @property
@@ -61,34 +61,36 @@ class Session:
     Begins at rest under the mean inputs of the training part, running.
     """
 
-    def __init__(self, held: Held, recorded: Recorded, config: ViewerConfig, forces: ForcesConfig) -> None:
+    def __init__(
+        self, held: OperatingPoint, recorded: RecordedData, config: ViewerConfig, forces: ForcesConfig
+    ) -> None:
         self.held, self.recorded, self.config, self.forces = held, recorded, config, forces
         width = held.kinematics.width
         self.dt_s = held.chart.dt_s
-        self.touch = Touch(
+        self.touch = GraspModel(
             held, radius_px=forces.brush * width, drag_px=config.reach * width, response=forces.response
         )
-        self.coverage = coverage_of(held.chart, beyond=config.beyond)
-        self.edits, self.law = UNTOUCHED, stepper(held.law)
+        self.coverage = measure_coverage(held.chart, beyond=config.beyond)
+        self.edits, self.law = UNTOUCHED, open_stepper(held.law)
         self.u = held.u.numpy().copy()
         self.q, self.v = held.rest.numpy().copy(), np.zeros(held.law.d)
-        self.tape = Tape(
+        self.tape = HistoryBuffer(
             d=held.law.d, n_u=len(self.u), space=held.kinematics.space, dt_s=self.dt_s,
             rows=round(config.log_s / self.dt_s),
         )  # fmt: skip
-        self.ledger = Ledger(self.law, self.q, self.v)
+        self.ledger = EnergyBalance(self.law, self.q, self.v)
         self.status: Status = "running"
-        self.hand: Hand | None = None
-        self.last_push: Hand | None = None
+        self.hand: Grasp | None = None
+        self.last_push: Grasp | None = None
         self.frame: int | None = None
         self.following = False
-        self.playing: Taped | None = None
+        self.playing: SessionHistory | None = None
         self.played, self.clip, self.steps = 0, 0, 0
         self.strength = 1.0
         self.kappa: float | None = None
         self.asked_s: float | None = None
 
-    def grasp(self, at: Point | Place, *, met: int | None = None, asked_s: float | None = None) -> Hand:
+    def grasp(self, at: Point | Place, *, met: int | None = None, asked_s: float | None = None) -> Grasp:
         """Take hold of the matter at ``at`` [px], and in space of the Gaussian ``met`` there.
 
         Raises:
@@ -102,7 +104,7 @@ class Session:
         """Hold the grasped matter with the force of a drag (right, down and, in space, ahead), until the next
         one or `release`.
 
-        The force is `strength` times `Touch.gain` times the drag, and does not follow the matter. Without a
+        The force is `strength` times `GraspModel.gain` times the drag, and does not follow the matter. Without a
         grasp nothing happens.
 
         Raises:
@@ -127,7 +129,7 @@ class Session:
         """Change factors of ``damping``, ``inertia`` and ``stiffness``; others stay.
 
         Raises:
-            ValueError: a factor that `Edits` refuses.
+            ValueError: a factor that `LawEdits` refuses.
         """
         self._take(replace(self.edits, **factors))
 
@@ -169,7 +171,7 @@ class Session:
         self.u = self.recorded.u[frame].copy()
         self._begin(self.recorded.q[frame].copy(), self.recorded.v[frame].copy(), frame)
 
-    def replay(self, taped: Taped) -> None:
+    def replay(self, taped: SessionHistory) -> None:
         """Do again what was taped: from its first state, with its forces, inputs and edits.
 
         Raises:
@@ -203,7 +205,9 @@ class Session:
             raise ValueError(f"a force of {force} and a way of {moved_px} px: both must be positive numbers")
         along = self.last_push.force / np.linalg.norm(self.last_push.force)
         jacobian = self.last_push.grip.jacobian.numpy()
-        self.kappa = energy_scale(self.held, force * along @ jacobian, jacobian[None], moved_px * along[None])
+        self.kappa = fit_energy_scale(
+            self.held, force * along @ jacobian, jacobian[None], moved_px * along[None]
+        )
         return self.kappa
 
     def step(self) -> None:
@@ -261,8 +265,8 @@ class Session:
         self.ledger.open(self.law, q, v)
         self.status = "running" if self.status == "stopped" else self.status
 
-    def _take(self, edits: Edits) -> None:
-        self.edits, self.law = edits, stepper(self.held.law, edits=edits)
+    def _take(self, edits: LawEdits) -> None:
+        self.edits, self.law = edits, open_stepper(self.held.law, edits=edits)
         self.ledger.edit(self.law, self.q, self.v)
 
     def _note(self, load: Float64[np.ndarray, " d"]) -> None:

@@ -15,10 +15,10 @@ import torch
 from jaxtyping import Float32
 from jinja2 import Template
 
-from lagsplat.forces.batched_lagrangian import Single, convex_arrays, field_arrays, stepper
+from lagsplat.forces.batched_lagrangian import Single, convex_arrays, field_arrays, open_stepper
 from lagsplat.io.files.atomic import write_text
-from lagsplat.viewer.rendering.overlays import PRESENT, Field, moving, rest_outline
-from lagsplat.viewer.simulation.history import Recorded
+from lagsplat.viewer.rendering.overlays import PRESENT, AccelerationField, select_moving, trace_rest_outline
+from lagsplat.viewer.simulation.history import RecordedData
 from lagsplat.viewer.simulation.session import Session
 
 MECHANICS = ("law.js", "hand.js", "plane.js", "depth.js", "space.js", "session.js")
@@ -27,7 +27,7 @@ SCRIPTS = (*MECHANICS, "splats.js", "chart.js", "pointer.js", "app.js")
 LARGEST_BYTES = 15_000_000
 
 
-def page_part(name: str) -> str:
+def read_asset(name: str) -> str:
     """A file of ``lagsplat/viewer/static_page/assets``."""
     return files("lagsplat.viewer.static_page").joinpath("assets", name).read_text(encoding="utf-8")
 
@@ -36,15 +36,15 @@ def render_page(session: Session, *, title: str, subtitle: str) -> str:
     """The whole page.
 
     Raises:
-        ValueError: as `page_data`.
+        ValueError: as `pack_page`.
     """
     # in a script element only "</" could end it early
-    run = json.dumps(page_data(session), allow_nan=False, separators=(",", ":")).replace("</", "<\\/")
-    return Template(page_part("index.html")).render(
+    run = json.dumps(pack_page(session), allow_nan=False, separators=(",", ":")).replace("</", "<\\/")
+    return Template(read_asset("index.html")).render(
         title=html.escape(title),
         subtitle=html.escape(subtitle),
-        style=page_part("style.css"),
-        script="\n".join(page_part(name) for name in SCRIPTS),
+        style=read_asset("style.css"),
+        script="\n".join(read_asset(name) for name in SCRIPTS),
         space=session.held.kinematics.space,
         run=run,
     )
@@ -54,7 +54,7 @@ def save_page(path: Path, session: Session, *, title: str, subtitle: str) -> Non
     """Write the page to ``path``, whole or not at all.
 
     Raises:
-        ValueError: as `page_data`, or a page beyond what mail and phones take.
+        ValueError: as `pack_page`, or a page beyond what mail and phones take.
     """
     page = render_page(session, title=title, subtitle=subtitle)
     size = len(page.encode())
@@ -73,14 +73,14 @@ SWING = 2.0
 """Cells that the fastest recorded motion is drawn long."""
 
 
-def page_data(session: Session) -> dict[str, Any]:
+def pack_page(session: Session) -> dict[str, Any]:
     """The run of a session, ready for JSON.
 
     Raises:
         ValueError: the law's mass is induced by the decoder, which pages do not compute.
     """
     held, recorded = session.held, session.recorded
-    law = stepper(held.law)
+    law = open_stepper(held.law)
     if not isinstance(law, Single):
         raise ValueError(
             "the mass of this run is induced by its decoder: a page does not compute that; export a run "
@@ -94,7 +94,7 @@ def page_data(session: Session) -> dict[str, Any]:
         "divergence": session.config.divergence,
         "gain": session.touch.gain,
         "brush": session.touch.radius_px,
-        "law": law_data(law),
+        "law": pack_law(law),
         "splats": _splats(session),
         "coverage": {
             "points": session.coverage.points.tolist(),
@@ -103,12 +103,12 @@ def page_data(session: Session) -> dict[str, Any]:
         },
         "inputs": _inputs(session),
         "recorded": _recorded(recorded),
-        "outline": [np.round(line, 2).tolist() for line in rest_outline(held)],
+        "outline": [np.round(line, 2).tolist() for line in trace_rest_outline(held)],
         "field": _field(session),
     }
 
 
-def law_data(law: Single) -> dict[str, Any]:
+def pack_law(law: Single) -> dict[str, Any]:
     """Every number of a law, under the names of ``page/law.js``."""
     names = ("inner", "innerBias", "outer", "outerBias")
     blocks = [dict(zip(names, (part.tolist() for part in block), strict=True)) for block in law.blocks]
@@ -130,7 +130,7 @@ def law_data(law: Single) -> dict[str, Any]:
     }
 
 
-def constants_of(session: Session) -> Float32[np.ndarray, "K row"]:
+def pack_gaussians(session: Session) -> Float32[np.ndarray, "K row"]:
     """Of every Gaussian, in whitened coordinates and pixels of the training resolution: place at ``q = 0``,
     Jacobian of x, of y and, in space, of z, offset and factor of the gate, opacity, colour, covariance;
     filled up to whole texels.
@@ -155,7 +155,7 @@ def constants_of(session: Session) -> Float32[np.ndarray, "K row"]:
 
 def _splats(session: Session) -> dict[str, Any]:
     kinematics = session.held.kinematics
-    table = constants_of(session)
+    table = pack_gaussians(session)
     with torch.no_grad():
         background = session.held.autoencoder.gaussians.background().cpu().tolist()
     return {
@@ -174,7 +174,7 @@ def _camera(session: Session) -> dict[str, Any]:
     """Of the film, where Gaussians live in space; which of them can be dragged, for beside them a drag turns
     the view; and how far ahead these are, by their median at rest.
     """
-    held, moves = session.held, moving(session.held.kinematics)
+    held, moves = session.held, select_moving(session.held.kinematics)
     shown = moves & (held.kinematics.presence(held.rest[None])[0].numpy() > PRESENT)
     depth = held.kinematics.places(held.rest[None])[0, :, 2].numpy()
     return {
@@ -196,7 +196,7 @@ def _inputs(session: Session) -> dict[str, Any]:
     }
 
 
-def _recorded(recorded: Recorded) -> dict[str, Any]:
+def _recorded(recorded: RecordedData) -> dict[str, Any]:
     start, stop = max(recorded.segments, key=lambda clip: clip[1] - clip[0])
     kept = slice(start, min(stop, start + FRAMES))
     columns = {"states": recorded.q[kept], "rates": recorded.v[kept], "rows": recorded.u[kept]}
@@ -204,7 +204,7 @@ def _recorded(recorded: Recorded) -> dict[str, Any]:
 
 
 def _field(session: Session) -> dict[str, Any]:
-    field = Field(session.held)
+    field = AccelerationField(session.held)
     swing = np.abs(session.recorded.v).max(0)
     fastest = float(np.linalg.norm(field.along(swing), axis=1).max(initial=1e-12))
     return {"chosen": field.chosen.tolist(), "scale": SWING * field.cell / fastest}

@@ -3,7 +3,7 @@
 import numpy as np
 
 from lagsplat.baselines.config import BaselineConfig
-from lagsplat.baselines.model import Architecture
+from lagsplat.baselines.model import BaselineArchitecture
 from lagsplat.config.compose import compose
 from lagsplat.io.recording.recording import Recording
 
@@ -41,7 +41,9 @@ def settings(name: str, **changes: object) -> BaselineConfig:
     return compose("system=toy", "profile=toy", *(f"{key}={value}" for key, value in small.items())).baseline
 
 
-def architecture(decoder: str = "abcd", dynamics: str = "oscillators", **changes: object) -> Architecture:
+def architecture(
+    decoder: str = "abcd", dynamics: str = "oscillators", **changes: object
+) -> BaselineArchitecture:
     values = {"d": 4, "n_inputs": 2, "samples": 4, "height": 16, "width": 24, "dt_s": DT_S}
     values |= {"background": 1.0, "noise": 0.1} | changes
-    return Architecture(decoder=decoder, dynamics=dynamics, **values)
+    return BaselineArchitecture(decoder=decoder, dynamics=dynamics, **values)

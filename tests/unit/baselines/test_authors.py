@@ -13,10 +13,10 @@ from lagsplat.baselines.gaussian_prediction import (
     SUBMODULES,
     check_checkout,
     check_cuda,
-    forecast_command,
-    launch,
-    predicted_frames,
-    train_command,
+    make_forecast_command,
+    make_train_command,
+    predict_frames,
+    run_tool,
 )
 
 CONF = Path(__file__).parents[3] / "conf" / "authors" / "default.yaml"
@@ -119,7 +119,7 @@ def test_a_clip_goes_through_the_tool_and_its_frames_come_back(
 ) -> None:
     config = settings(checkout=str(checkout), python=python)
     said: list[str] = []
-    found = predicted_frames(
+    found = predict_frames(
         FRAMES, config, n_train=9, place=tmp_path / "place", say=lambda what: said.append(str(what))
     )
     np.testing.assert_array_equal(found[:3], FRAMES[9:])
@@ -131,20 +131,20 @@ def test_a_clip_goes_through_the_tool_and_its_frames_come_back(
 
 def test_frames_from_elsewhere_need_no_tool(tmp_path: Path, checkout: Path, python: str) -> None:
     config = settings(checkout=str(checkout), python=python)
-    predicted_frames(FRAMES, config, n_train=9, place=tmp_path / "place", say=lambda what: None)
+    predict_frames(FRAMES, config, n_train=9, place=tmp_path / "place", say=lambda what: None)
     folder = tmp_path / "place/data/frames"
     read = settings(frames=str(folder))
-    found = predicted_frames(FRAMES, read, n_train=9, place=tmp_path, say=lambda what: None)
+    found = predict_frames(FRAMES, read, n_train=9, place=tmp_path, say=lambda what: None)
     np.testing.assert_array_equal(found, FRAMES)
     with pytest.raises(ValueError, match="12 predicted frames, but 33"):
-        predicted_frames(np.repeat(FRAMES, 3, 0), read, n_train=3, place=tmp_path, say=lambda what: None)
+        predict_frames(np.repeat(FRAMES, 3, 0), read, n_train=3, place=tmp_path, say=lambda what: None)
 
 
 def test_what_is_given_to_the_training_is_given_to_the_forecast() -> None:
     config = settings(checkout="somewhere", python="python3")
-    train = train_command(config, data=Path("data"), model=Path("d-nerf/m"), max_time=0.755)
-    tested = forecast_command(config, model=Path("d-nerf/m"), max_time=0.755, free=False)
-    free = forecast_command(config, model=Path("d-nerf/m"), max_time=0.755, free=True)
+    train = make_train_command(config, data=Path("data"), model=Path("d-nerf/m"), max_time=0.755)
+    tested = make_forecast_command(config, model=Path("d-nerf/m"), max_time=0.755, free=False)
+    free = make_forecast_command(config, model=Path("d-nerf/m"), max_time=0.755, free=True)
     for option in ("--max_points", "--time_freq", "--nearest_num", "--feature_amplify", "--max_time", "-m"):
         values = {command[command.index(option) + 1] for command in (train, tested, free)}
         assert len(values) == 1, option
@@ -173,7 +173,7 @@ def test_no_cuda_is_said_before_anything_is_run(tmp_path: Path, checkout: Path) 
         check_cuda(python)
     config = settings(checkout=str(checkout), python=python)
     with pytest.raises(RuntimeError, match=r"authors\.frames"):
-        predicted_frames(FRAMES, config, n_train=9, place=tmp_path / "place", say=lambda what: None)
+        predict_frames(FRAMES, config, n_train=9, place=tmp_path / "place", say=lambda what: None)
     assert not (tmp_path / "place").exists()
     with pytest.raises(FileNotFoundError, match="no such interpreter"):
         check_cuda(str(tmp_path / "gone"))
@@ -184,13 +184,13 @@ def test_no_cuda_is_said_before_anything_is_run(tmp_path: Path, checkout: Path) 
 
 def test_a_tool_that_fails_is_quoted(tmp_path: Path, checkout: Path, python: str) -> None:
     config = settings(checkout=str(checkout), python=python)
-    command = train_command(config, data=tmp_path / "gone", model=tmp_path / "d-nerf", max_time=0.5)
+    command = make_train_command(config, data=tmp_path / "gone", model=tmp_path / "d-nerf", max_time=0.5)
     with pytest.raises(RuntimeError, match="No such file") as caught:
-        launch(command, checkout=checkout)
+        run_tool(command, checkout=checkout)
     assert "train.py" in str(caught.value)
     (checkout / "scene" / "dataset_readers.py").write_text("", encoding="utf-8")
     with pytest.raises(RuntimeError, match="another version of the tool"):
-        launch(command, checkout=checkout)
+        run_tool(command, checkout=checkout)
 
 
 def test_settings_that_contradict_each_other_are_refused() -> None:

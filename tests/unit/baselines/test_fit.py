@@ -7,9 +7,9 @@ import pytest
 import torch
 
 from lagsplat.baselines import fit as fit_module
-from lagsplat.baselines.fit import fit_baseline, footage_of
+from lagsplat.baselines.fit import fit_baseline, prepare_baseline_data
 from lagsplat.baselines.model import Baseline
-from lagsplat.baselines.objective import closing_weight, optimizer_of, set_rates
+from lagsplat.baselines.objective import closing_term_weight, make_baseline_optimizer, set_rates
 from lagsplat.config.compose import ConfigError
 from tests.unit.baselines.problems import architecture, pushed_square, settings
 
@@ -36,7 +36,7 @@ def test_training_reduces_the_error_of_a_frame_and_of_the_next(train):
 @pytest.mark.parametrize("name", NAMES)
 def test_every_choice_trains_and_reports_the_terms_it_has(train, name):
     _, curve = fit_baseline(train, settings(name, **{"steps.deconv": 4, "steps.abcd": 4}), seed=0)
-    most = fit_module.CurvePoint._make(np.max(curve, axis=0))
+    most = fit_module.BaselineCurvePoint._make(np.max(curve, axis=0))
     assert np.isfinite(most).all()
     assert (most.steady > 0) == name.startswith("osc")
     assert (most.attention > 0) == name.endswith("abcd")
@@ -108,7 +108,7 @@ def test_ten_of_them_in_a_row_end_the_training(train, monkeypatch):
 def test_rates_climb_in_stairs_and_drop_once():
     config = settings("osc_abcd").rate
     baseline = Baseline(architecture())
-    optimizer = optimizer_of(baseline, config)
+    optimizer = make_baseline_optimizer(baseline, config)
 
     def rates(epoch):
         set_rates(optimizer, config, step=epoch, steps=300)
@@ -122,11 +122,11 @@ def test_rates_climb_in_stairs_and_drop_once():
     set_rates(optimizer, plain, step=200, steps=300)
     assert optimizer.param_groups[0]["lr"] == pytest.approx(3e-4)
     loss = settings("osc_abcd").loss
-    assert [closing_weight(loss, step=step, steps=300) for step in (4, 5)] == [0.01, 0.1]
+    assert [closing_term_weight(loss, step=step, steps=300) for step in (4, 5)] == [0.01, 0.1]
 
 
 def test_logarithms_do_not_decay():
-    optimizer = optimizer_of(Baseline(architecture()), settings("osc_abcd").rate)
+    optimizer = make_baseline_optimizer(Baseline(architecture()), settings("osc_abcd").rate)
     kept = [group for group in optimizer.param_groups if group["weight_decay"] == 0]
     assert [len(group["params"]) for group in kept] == [4]
 
@@ -134,7 +134,7 @@ def test_logarithms_do_not_decay():
 def test_batches_keep_to_clips_and_cover_a_pass(train):
     config = settings("osc_deconv", batch=16, order="sequential")
     cut = replace(train, segments=((0, 40), (40, 120)))
-    footage = footage_of(cut, config)
+    footage = prepare_baseline_data(cut, config)
     assert footage.starts.tolist() == [0, 16, 40, 56, 72, 88, 104]
     order = [fit_module._start(footage, config, seed=0, step=step) for step in range(8)]
     assert order == [*footage.starts.tolist(), 0]

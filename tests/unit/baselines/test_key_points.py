@@ -4,18 +4,18 @@ import numpy as np
 import pytest
 import torch
 
-from lagsplat.baselines.keypoints.forecast import KeyPath, carried_on, draw_path, fitted_path, on_circle
+from lagsplat.baselines.keypoints.forecast import KeyPointPath, continue_path, draw_path, fit_path, wrap_angle
 from lagsplat.baselines.keypoints.model import (
     Forecaster,
     GraphNet,
     KeyPoints,
     MotionNet,
-    architecture_of,
+    fourier_features,
     load_forecaster,
+    normalize_time,
+    read_forecaster_architecture,
     save_forecaster,
-    scatter,
-    time_of,
-    waves,
+    scatter_points,
 )
 from tests.unit.baselines.key_points import frames, settings
 
@@ -23,8 +23,8 @@ from tests.unit.baselines.key_points import frames, settings
 @pytest.fixture
 def forecaster() -> Forecaster:
     config = settings()
-    model = Forecaster(architecture_of(config, height=16, width=20, frames=24), backend="torch")
-    scatter(
+    model = Forecaster(read_forecaster_architecture(config, height=16, width=20, frames=24), backend="torch")
+    scatter_points(
         model.scene, frames(side=20)[:, 2:18], sigma=0.1, opacity=0.5,
         rng=np.random.default_rng(0),
     )  # fmt: skip
@@ -57,10 +57,10 @@ def test_a_quarter_turn_swaps_the_axes(forecaster: Forecaster) -> None:
 def test_nothing_moves_before_training(forecaster: Forecaster) -> None:
     moved, turned = forecaster.free_shift(7.0)
     assert float(moved.abs().max().detach()) == float(turned.abs().max().detach()) == 0.0
-    assert waves(torch.zeros(3, 2), 6).shape == (3, 24)
+    assert fourier_features(torch.zeros(3, 2), 6).shape == (3, 24)
     net = MotionNet(4, octaves=6, hidden=8, layers=2)
     assert net.layers[0].in_features == 4 + 24 + 12
-    assert (time_of(0.0, 24), time_of(23.0, 24)) == (0.0, 1.0)
+    assert (normalize_time(0.0, 24), normalize_time(23.0, 24)) == (0.0, 1.0)
 
 
 def test_gaussians_follow_their_nearest_points_and_no_others() -> None:
@@ -94,21 +94,21 @@ def test_the_graph_network_is_bounded_whatever_it_is_told() -> None:
 
 
 def test_a_path_begins_at_the_last_training_frame(forecaster: Forecaster) -> None:
-    path = carried_on(forecaster, 5)
+    path = continue_path(forecaster, 5)
     assert path.places.shape == path.turns.shape == (6, 8, 2)
-    last = fitted_path(forecaster, np.array([23.0]))
+    last = fit_path(forecaster, np.array([23.0]))
     np.testing.assert_allclose(path.places[0], last.places[0])
     np.testing.assert_allclose(np.linalg.norm(path.turns, axis=2), 1.0, atol=1e-5)
-    assert np.isfinite(on_circle(torch.zeros(4)).numpy()).all()
+    assert np.isfinite(wrap_angle(torch.zeros(4)).numpy()).all()
 
 
 def test_between_two_frames_points_go_straight_and_ends_are_held(forecaster: Forecaster) -> None:
     start = forecaster.keys.place.detach().numpy()
     turns = np.tile(np.array([1.0, 0.0], np.float32), (3, 8, 1))
     places = start + np.array([0.0, 0.1, 0.2], np.float32)[:, None, None]
-    path = KeyPath(places.astype(np.float32), turns)
+    path = KeyPointPath(places.astype(np.float32), turns)
     images = draw_path(forecaster, path, np.array([0.5, 1.0, 2.0, 9.0, -1.0, 0.0]))
-    half = KeyPath(path.places[[0]] + np.float32(0.05), turns[:1])
+    half = KeyPointPath(path.places[[0]] + np.float32(0.05), turns[:1])
     np.testing.assert_allclose(images[0], draw_path(forecaster, half, np.zeros(1))[0], atol=1e-5)
     np.testing.assert_array_equal(images[2], images[3])
     np.testing.assert_array_equal(images[4], images[5])
@@ -119,6 +119,6 @@ def test_a_forecaster_comes_back_from_its_file(forecaster: Forecaster, tmp_path)
     save_forecaster(tmp_path / "model.safetensors", forecaster, {"wall_s": 1.0})
     again, header = load_forecaster(tmp_path / "model.safetensors", backend="torch")
     assert header["wall_s"] == 1.0
-    np.testing.assert_array_equal(carried_on(again, 4).places, carried_on(forecaster, 4).places)
+    np.testing.assert_array_equal(continue_path(again, 4).places, continue_path(forecaster, 4).places)
     with pytest.raises(FileNotFoundError):
         load_forecaster(tmp_path / "none.safetensors")

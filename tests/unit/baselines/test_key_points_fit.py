@@ -8,8 +8,8 @@ import torch
 
 import lagsplat.baselines.keypoints.fit as fit
 from lagsplat.baselines.keypoints.fit import fit_forecaster
-from lagsplat.baselines.keypoints.forecast import carried_on, draw_path, fitted_path
-from lagsplat.baselines.keypoints.phases import moment_of
+from lagsplat.baselines.keypoints.forecast import continue_path, draw_path, fit_path
+from lagsplat.baselines.keypoints.phases import choose_moment
 from tests.unit.baselines.key_points import STEPS, frames, settings
 
 
@@ -25,29 +25,29 @@ def test_pictures_and_key_points_follow_the_motion() -> None:
     config = settings(steps=longer, rate=quick, motion=motion, spatial_sigma=0.1)
     forecaster, curve = fit_forecaster(film, config, seed=0)
     at = np.arange(24.0)
-    drawn = draw_path(forecaster, fitted_path(forecaster, at), at)
+    drawn = draw_path(forecaster, fit_path(forecaster, at), at)
     mean = np.repeat(film.mean(axis=0, keepdims=True), 24, axis=0)
     assert error_of(drawn, film) < 0.5 * error_of(np.moveaxis(mean, 3, 1) / 255.0, film)
     assert [point.phase for point in curve][-1] == "graph"
     graph = [point.error for point in curve if point.phase == "graph"]
     assert np.mean(graph[-5:]) < 0.5 * np.mean(graph[:5])
-    ahead = carried_on(forecaster, 30)
+    ahead = continue_path(forecaster, 30)
     assert np.isfinite(ahead.places).all()
 
 
 def test_a_clip_that_stands_still_stays_so() -> None:
     forecaster, _ = fit_forecaster(frames(moving=False), settings(), seed=0)
-    path = fitted_path(forecaster, np.arange(24.0))
+    path = fit_path(forecaster, np.arange(24.0))
     assert np.abs(np.diff(path.places, axis=0)).max() < 0.02
 
 
 def test_the_phases_follow_one_another() -> None:
     config = settings()
-    assert moment_of(config, 0).phase == "warm_up"
-    assert moment_of(config, 10) == ("free", 0, 40)
-    assert moment_of(config, config.n_steps - 1) == ("graph", 59, 60)
+    assert choose_moment(config, 0).phase == "warm_up"
+    assert choose_moment(config, 10) == ("free", 0, 40)
+    assert choose_moment(config, config.n_steps - 1) == ("graph", 59, 60)
     with pytest.raises(ValueError, match="past the end"):
-        moment_of(config, config.n_steps)
+        choose_moment(config, config.n_steps)
 
 
 @pytest.mark.parametrize("stop", [35, 75, 95, 140])
@@ -89,6 +89,6 @@ def test_what_cannot_be_trained_says_why() -> None:
 
 def test_a_loss_that_is_not_finite_stops_the_training(monkeypatch) -> None:
     nothing = torch.tensor(float("nan"), requires_grad=True)
-    monkeypatch.setattr(fit, "loss_of", lambda *_: (nothing * 1.0, nothing.detach()))
+    monkeypatch.setattr(fit, "forecast_loss", lambda *_: (nothing * 1.0, nothing.detach()))
     with pytest.raises(FloatingPointError, match="lost its footing at step 0"):
         fit_forecaster(frames(), settings(), seed=0)

@@ -5,23 +5,23 @@ import pytest
 import torch
 
 from lagsplat.baselines.model import (
-    Architecture,
     Baseline,
+    BaselineArchitecture,
     Koopman,
     Oscillators,
-    delayed,
     load_baseline,
     save_baseline,
+    stack_delays,
     standing,
 )
 from lagsplat.baselines.networks import (
-    along,
-    centre_jacobian,
-    centres,
-    closing_rates,
-    disagreement,
-    moving_centres,
-    unwarranted_change,
+    compute_attention_centres,
+    compute_centre_jacobian,
+    compute_closing_rates,
+    compute_moving_centres,
+    directional_derivative,
+    measure_disagreement,
+    penalize_unwarranted_change,
 )
 from tests.unit.baselines.problems import DT_S, architecture
 
@@ -88,7 +88,7 @@ def test_the_velocity_is_the_derivative_of_the_mean():
 
 def test_delays_are_oldest_first_and_stay_in_their_clip():
     inputs = np.arange(12.0).reshape(6, 2)
-    rows = delayed(inputs, samples=3, segments=[(0, 4), (4, 6)])
+    rows = stack_delays(inputs, samples=3, segments=[(0, 4), (4, 6)])
     assert rows[0].tolist() == [0, 1] * 3
     assert rows[2].tolist() == [0, 1, 2, 3, 4, 5]
     assert rows[4].tolist() == [8, 9] * 3
@@ -155,20 +155,20 @@ def test_centres_move_as_their_jacobian_says():
     torch.manual_seed(2)
     decoder = Baseline(architecture()).decoder.double()
     z, velocity = torch.randn(3, 4, dtype=torch.float64), torch.randn(3, 4, dtype=torch.float64)
-    (maps,), (rates,) = along(lambda z: (decoder.maps(z),), z, velocity)
-    places, speeds = moving_centres(maps, rates, decoder.places)
-    torch.testing.assert_close(places, centres(maps, decoder.places))
-    expected = torch.einsum("bgcd,bd->bgc", centre_jacobian(decoder, z), velocity)
+    (maps,), (rates,) = directional_derivative(lambda z: (decoder.maps(z),), z, velocity)
+    places, speeds = compute_moving_centres(maps, rates, decoder.places)
+    torch.testing.assert_close(places, compute_attention_centres(maps, decoder.places))
+    expected = torch.einsum("bgcd,bd->bgc", compute_centre_jacobian(decoder, z), velocity)
     torch.testing.assert_close(speeds, expected, atol=1e-8, rtol=1e-6)
 
 
 def test_pairs_that_close_at_full_speed_rate_minus_one():
     points = torch.tensor([[[0.0, 0.0], [2.0, 0.0]]])
     velocities = torch.tensor([[[1.0, 0.0], [-1.0, 0.0]]])
-    rates = closing_rates(points, velocities)
+    rates = compute_closing_rates(points, velocities)
     assert rates[0].tolist() == [[0.0, -1.0], [-1.0, 0.0]]
-    assert disagreement(rates, -rates) == 4.0
-    assert closing_rates(points, 0 * velocities).abs().max() == 0.0
+    assert measure_disagreement(rates, -rates) == 4.0
+    assert compute_closing_rates(points, 0 * velocities).abs().max() == 0.0
 
 
 def test_maps_may_change_only_where_the_image_does():
@@ -176,11 +176,11 @@ def test_maps_may_change_only_where_the_image_does():
     still[0, :, 0, 0] = 3.0
     rates = torch.zeros(1, 1, 4)
     rates[0, 0, 0] = 5.0
-    assert unwarranted_change(rates, still) < 1e-6
+    assert penalize_unwarranted_change(rates, still) < 1e-6
     rates[0, 0, 3] = -2.0
-    assert unwarranted_change(rates, still) == pytest.approx(0.5)
+    assert penalize_unwarranted_change(rates, still) == pytest.approx(0.5)
 
 
 def test_an_architecture_is_plain_data():
-    assert Architecture(**vars(architecture())) == architecture()
+    assert BaselineArchitecture(**vars(architecture())) == architecture()
     assert architecture().dt_s == DT_S

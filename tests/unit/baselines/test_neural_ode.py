@@ -10,8 +10,8 @@ from omegaconf import OmegaConf
 
 import lagsplat.baselines.neural_ode as fit
 from lagsplat.baselines.config import OdeConfig
-from lagsplat.baselines.neural_ode import NeuralOde, carry_on, fit_ode, load_ode, save_ode
-from lagsplat.chart.trajectory import Trajectory
+from lagsplat.baselines.neural_ode import NeuralOde, continue_rollout, fit_ode, load_ode, save_ode
+from lagsplat.chart.trajectory import EncodedTrajectory
 
 CONF = Path(__file__).parents[3] / "conf" / "ode" / "default.yaml"
 DT_S = 1 / 30
@@ -23,12 +23,12 @@ def settings(**changes: object) -> OdeConfig:
     return OmegaConf.to_object(OmegaConf.merge(schema, OmegaConf.load(CONF), small, changes))
 
 
-def swing(frames: int = 90, *, uneven: bool = False) -> Trajectory:
+def swing(frames: int = 90, *, uneven: bool = False) -> EncodedTrajectory:
     time_s = DT_S * np.arange(frames)
     if uneven:
         time_s = time_s + 0.2 * DT_S * np.random.default_rng(0).uniform(size=frames)
     q = np.exp(-0.3 * time_s) * np.cos(2 * np.pi * 2.0 * time_s)
-    return Trajectory(q[:, None], np.zeros((frames, 0)), time_s, ((0, frames),))
+    return EncodedTrajectory(q[:, None], np.zeros((frames, 0)), time_s, ((0, frames),))
 
 
 @pytest.mark.parametrize("method", ["rk4", "midpoint"])
@@ -39,7 +39,7 @@ def test_plain_arrays_go_where_torchdiffeq_goes(method: str) -> None:
     start = torch.from_numpy(np.concatenate([q, 0.1 * v], axis=1))
     with torch.no_grad():
         wanted = ode.rollout(start, states=30, dt_s=DT_S).numpy()[:, :, :2]
-    found = carry_on(ode, q, v, states=30, dt_s=DT_S)
+    found = continue_rollout(ode, q, v, states=30, dt_s=DT_S)
     np.testing.assert_allclose(found, np.moveaxis(wanted, 0, 1), rtol=1e-10, atol=1e-12)
 
 
@@ -50,7 +50,7 @@ def test_it_learns_a_swing_over_its_windows(uneven: bool) -> None:
     assert curve[-1].loss < 0.05 * curve[0].loss
     assert ode.time_unit_s == pytest.approx(1 / (2 * np.pi * 2.0), rel=0.1)
     start = np.array([[1.0]]), np.array([[-0.3]])
-    path = carry_on(ode, *start, states=15, dt_s=DT_S)[0, :, 0]
+    path = continue_rollout(ode, *start, states=15, dt_s=DT_S)[0, :, 0]
     truth = np.exp(-0.3 * DT_S * np.arange(15)) * np.cos(4 * np.pi * DT_S * np.arange(15))
     assert np.abs(path - truth).max() < 0.25
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import torch
 
-from lagsplat.chart.chart import Chart, fit_chart, load_chart, rest_image, save_chart
+from lagsplat.chart.chart import Chart, find_rest_image, fit_chart, load_chart, save_chart
 from lagsplat.chart.config import ChartConfig
 from lagsplat.io.recording.recording import Recording
 from lagsplat.stage1.autoencoder import Autoencoder, encode_frames
@@ -76,7 +76,7 @@ def test_held_out_frames_do_not_touch_the_chart() -> None:
 
 def test_rest_image_is_a_median_over_the_first_frames() -> None:
     _, recording, _ = made()
-    got = rest_image(recording, n_train=60, rest_frames=3)
+    got = find_rest_image(recording, n_train=60, rest_frames=3)
     assert got.dtype == np.uint8
     np.testing.assert_array_equal(got[0], np.median(recording.frames[:3], axis=0))
 

@@ -1,11 +1,13 @@
 import numpy as np
 import pytest
 
-from lagsplat.chart.trajectory import Trajectory
+from lagsplat.chart.trajectory import EncodedTrajectory
 
 
-def line(n: int, segments: tuple[tuple[int, int], ...]) -> Trajectory:
-    return Trajectory(np.arange(n, dtype=float)[:, None], np.zeros((n, 0)), 0.02 * np.arange(n), segments)
+def line(n: int, segments: tuple[tuple[int, int], ...]) -> EncodedTrajectory:
+    return EncodedTrajectory(
+        np.arange(n, dtype=float)[:, None], np.zeros((n, 0)), 0.02 * np.arange(n), segments
+    )
 
 
 def test_part_cuts_the_segments_and_counts_from_zero() -> None:
@@ -22,7 +24,7 @@ def test_segments_are_checked() -> None:
 
 def test_inputs_of_one_sign_stay_so_when_smoothed_and_latents_may_swing_over() -> None:
     step = (np.arange(60) >= 30).astype(float)[:, None]
-    found = Trajectory(step, step, 0.02 * np.arange(60), ((0, 60),)).smoothed(2.0)
+    found = EncodedTrajectory(step, step, 0.02 * np.arange(60), ((0, 60),)).smoothed(2.0)
     assert found.inputs.min() == 0.0
     assert found.inputs.max() == 1.0
     assert found.latents.min() < 0.0

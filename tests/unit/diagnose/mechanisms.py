@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from lagsplat.io.trajectory.trajectory import Motion
+from lagsplat.io.trajectory.trajectory import Trajectory
 
 Force = Callable[[float, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
@@ -124,7 +124,7 @@ def film(
     seed: int = 0,
     times: np.ndarray | None = None,
     finer: int = 8,
-) -> Motion:
+) -> Trajectory:
     """The motion under ``force``, a generalised force of (t, q, v, u), by fine Runge-Kutta steps."""
     t = np.arange(round(seconds * rate_hz)) / rate_hz if times is None else times
     u = np.zeros((len(t), 0)) if inputs is None else np.reshape(inputs(t), (len(t), -1))
@@ -150,4 +150,4 @@ def film(
         states.append(state)
     q = np.array(states)[:, :d]
     noisy = q + noise * q.std(axis=0) * np.random.default_rng(seed).standard_normal(q.shape)
-    return Motion(time_s=t, q=noisy, u=u, source=f"film {seed}")
+    return Trajectory(time_s=t, q=noisy, u=u, source=f"film {seed}")

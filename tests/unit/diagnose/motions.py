@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.linalg import expm
 
-from lagsplat.io.trajectory.trajectory import Motion
+from lagsplat.io.trajectory.trajectory import Trajectory
 
 PERIOD_S = 1.1
 
@@ -20,7 +20,7 @@ def swing(
     drive: np.ndarray | None = None,
     gain: float = 20.0,
     source: str = "motion.csv",
-) -> Motion:
+) -> Trajectory:
     """``a = -w^2 q - 2 damping w v + gain u``, held inputs, noise in units of the rms of each coordinate.
 
     A start of two numbers makes two uncoupled coordinates, the second 1.7 times as fast.
@@ -41,7 +41,7 @@ def swing(
     q = np.stack(columns, axis=1)
     q = q + noise * q.std(axis=0) * rng.normal(size=q.shape)
     inputs = np.zeros((n, 0)) if drive is None else u[:, None]
-    return Motion(time_s=np.arange(n) / rate_hz, q=q, u=inputs, source=source)
+    return Trajectory(time_s=np.arange(n) / rate_hz, q=q, u=inputs, source=source)
 
 
 def multisine(n: int, *, rate_hz: float = 60.0, seed: int = 0) -> np.ndarray:
@@ -52,8 +52,8 @@ def multisine(n: int, *, rate_hz: float = 60.0, seed: int = 0) -> np.ndarray:
     return sum((np.sin(2.0 * np.pi * f * time + phase) for f, phase in lines), np.zeros(n)) / 2.0
 
 
-def glued(*motions: Motion, rate_hz: float = 60.0) -> Motion:
+def glued(*motions: Trajectory, rate_hz: float = 60.0) -> Trajectory:
     """Motions written one after another as if nothing had happened in between."""
     q = np.concatenate([motion.q for motion in motions])
     u = np.concatenate([motion.u for motion in motions])
-    return Motion(time_s=np.arange(len(q)) / rate_hz, q=q, u=u, source="glued.csv")
+    return Trajectory(time_s=np.arange(len(q)) / rate_hz, q=q, u=u, source="glued.csv")

@@ -3,7 +3,7 @@
 import numpy as np
 
 from lagsplat.diagnose.residual.latent_force import Smoothed
-from lagsplat.io.trajectory.trajectory import Motion
+from lagsplat.io.trajectory.trajectory import Trajectory
 
 RATE_HZ = 60.0
 STD = 0.1
@@ -33,7 +33,7 @@ def made(residual, seconds: float = 20.0, *, seed: int = 0, coordinates: int = 1
     true = np.broadcast_to(residual(t[:, None], q, v, u), q.shape)
     r = np.where(active, true + std * errors, 0.0)
     return Smoothed(
-        motion=Motion(time_s=t, q=q, u=u, source=f"made {seed}"),
+        motion=Trajectory(time_s=t, q=q, u=u, source=f"made {seed}"),
         q=q, v=v, a=a, residual=r,
         covariance=np.broadcast_to(std**2 * np.eye(coordinates), (len(t), coordinates, coordinates)),
         innovation=0.01 * rng.standard_normal(q.shape), evidence=np.where(active, 100.0, 0.0),

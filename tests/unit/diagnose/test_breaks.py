@@ -8,17 +8,17 @@ import pytest
 from lagsplat.diagnose.data_quality.checks import unwrap
 from lagsplat.diagnose.data_quality.discontinuities import cut_gaps, cut_jumps, drop_holds
 from lagsplat.diagnose.data_quality.noise import measure_noise
-from lagsplat.io.trajectory.trajectory import Motion
+from lagsplat.io.trajectory.trajectory import Trajectory
 from tests.unit.diagnose.motions import PERIOD_S, glued, swing
 
 
-def cut(motion: Motion) -> tuple[Motion, list[str]]:
+def cut(motion: Trajectory) -> tuple[Trajectory, list[str]]:
     sigma = measure_noise([motion], period_s=PERIOD_S).sigma
     found, findings = cut_jumps(motion, sigma=sigma, period_s=PERIOD_S)
     return found, [finding.check for finding in findings]
 
 
-def stepped(force, *, seconds: float = 15.0, noise: float = 0.0, start: float = 1.0) -> Motion:
+def stepped(force, *, seconds: float = 15.0, noise: float = 0.0, start: float = 1.0) -> Trajectory:
     """A unit mass under ``force(t, q, v)``, by small symplectic steps."""
     n, sub = round(seconds * 60.0), 40
     q, v, seen = start, 0.0, []
@@ -29,7 +29,7 @@ def stepped(force, *, seconds: float = 15.0, noise: float = 0.0, start: float = 
             q += v / (60.0 * sub)
     values = np.array(seen)
     values = values + noise * values.std() * np.random.default_rng(0).normal(size=n)
-    return Motion(time_s=np.arange(n) / 60.0, q=values[:, None], u=np.zeros((n, 0)), source="stepped.csv")
+    return Trajectory(time_s=np.arange(n) / 60.0, q=values[:, None], u=np.zeros((n, 0)), source="stepped.csv")
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.003, 0.03])
@@ -66,7 +66,7 @@ def test_lost_frames_are_said_and_not_cut(noise: float) -> None:
     motion = swing(noise=noise, damping=0.005)
     fastest = 264 + int(np.argmax(np.abs(np.diff(motion.q[264:300, 0]))))
     kept = np.delete(np.arange(motion.n), np.arange(fastest, fastest + 4))
-    lost = Motion(time_s=motion.time_s[: len(kept)], q=motion.q[kept], u=motion.u[kept])
+    lost = Trajectory(time_s=motion.time_s[: len(kept)], q=motion.q[kept], u=motion.u[kept])
     found, said = cut(lost)
     assert found.segments == ((0, len(kept)),)
     assert said == ["missing frames"]

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from lagsplat.diagnose.core.result import Finding
 from lagsplat.diagnose.data_quality.checks import Checked, check
-from lagsplat.io.trajectory.trajectory import Motion
+from lagsplat.io.trajectory.trajectory import Trajectory
 from tests.unit.diagnose.motions import PERIOD_S, glued, multisine, swing
 
 
@@ -64,7 +64,7 @@ def test_a_driven_motion_on_another_clock_is_undetermined() -> None:
     assert [found.check for found in checked.findings if found.level == "undetermined"] == ["time offset"]
 
 
-def faulty() -> tuple[Motion, Motion]:
+def faulty() -> tuple[Trajectory, Trajectory]:
     """A pair with a fault of several kinds in different coordinates."""
     sim = swing(start=(1.0, 0.5), noise=0.0, seconds=18.0)
     real = glued(swing(start=(1.0, 0.5), seconds=5.0), swing(start=(-0.7, 2.4), seconds=4.0, seed=1))
@@ -87,7 +87,7 @@ def test_zeros_units_and_the_order_of_coordinates_change_nothing(
     expected = said(check([sim], [real]))
     assert expected
 
-    def other(motion: Motion) -> Motion:
+    def other(motion: Trajectory) -> Trajectory:
         q = scale * (shift + motion.q)
         return replace(motion, time_s=motion.time_s + later, q=q[:, ::-1] if swap else q)
 

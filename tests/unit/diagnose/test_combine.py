@@ -11,7 +11,7 @@ from lagsplat.diagnose.core.result import Diagnosis
 from lagsplat.diagnose.diagnosis import diagnose
 from lagsplat.diagnose.effects.registry import catalogue
 from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
-from lagsplat.io.trajectory.trajectory import Motion
+from lagsplat.io.trajectory.trajectory import Trajectory
 from tests.unit.diagnose.toys import film, oscillator, own, settings, wave
 
 RIVALS = (
@@ -30,7 +30,7 @@ def few() -> DiagnoseConfig:
     return replace(settings(), without=left_out, always=[], families=5, starts=1, places=1)
 
 
-def told(real: Motion) -> Diagnosis:
+def told(real: Trajectory) -> Diagnosis:
     return diagnose(EstimatedSimulator.exact(oscillator()), [real], few()).diagnosis
 
 

@@ -17,7 +17,7 @@ from lagsplat.diagnose.data_quality.noise import Noise
 from lagsplat.diagnose.effects.registry import catalogue
 from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
 from lagsplat.diagnose.residual.error_budget import Perception
-from lagsplat.io.trajectory.trajectory import Motion
+from lagsplat.io.trajectory.trajectory import Trajectory
 from lagsplat.pipelines.diagnosis import UNSURE, discount_image_error, flag_extrapolation, withhold_verdict
 from lagsplat.pipelines.diagnosis_inputs import LAWLESS
 from tests.unit.diagnose.toys import film, oscillator, own, wave
@@ -32,7 +32,7 @@ QUICK = (
 )
 
 
-def written(motion: Motion, path: Path, **changes: Sequence[float] | float) -> Path:
+def written(motion: Trajectory, path: Path, **changes: Sequence[float] | float) -> Path:
     table = pd.DataFrame({"t": motion.time_s, "q0": motion.q[:, 0], "u0": motion.u[:, 0]})
     table.assign(**changes).to_csv(path, index=False)
     return path

@@ -8,7 +8,7 @@ import pytest
 from lagsplat.diagnose.core.result import Finding, refuse
 from lagsplat.diagnose.data_quality.compatibility import BEYOND, check_coordinates, check_region
 from lagsplat.diagnose.data_quality.excitation_measures import check_inputs
-from lagsplat.io.trajectory.trajectory import Motion
+from lagsplat.io.trajectory.trajectory import Trajectory
 from tests.unit.diagnose.motions import multisine, swing
 
 FREE = swing(start=(1.0, 0.5))
@@ -20,7 +20,7 @@ def said(found: list[Finding]) -> list[tuple[str, str]]:
     return [(finding.level, finding.check) for finding in found]
 
 
-def with_input(motion: Motion, *columns: np.ndarray) -> Motion:
+def with_input(motion: Trajectory, *columns: np.ndarray) -> Trajectory:
     return replace(motion, u=np.stack(columns, axis=1), u_names=())
 
 

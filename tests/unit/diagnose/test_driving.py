@@ -5,17 +5,17 @@ import pytest
 
 from lagsplat.diagnose.data_quality.closed_loop import check_feedback, measure_feedback
 from lagsplat.diagnose.data_quality.time_alignment import check_offset, explained_by_shift
-from lagsplat.io.trajectory.trajectory import Motion
+from lagsplat.io.trajectory.trajectory import Trajectory
 from tests.unit.diagnose.motions import PERIOD_S, multisine, swing
 
 SLOW = 2.0 * np.pi * np.arange(1200) / 60.0
 STEPS = np.sign(np.sin(SLOW / 4.1) + np.sin(SLOW / 1.7 + 1.0))
 
 
-def shifted(drive: np.ndarray, late_s: float, noise: float) -> Motion:
+def shifted(drive: np.ndarray, late_s: float, noise: float) -> Trajectory:
     motion = swing(drive=drive, seconds=20.0, noise=noise, start=(0.0,))
     told = np.interp(motion.time_s + late_s, motion.time_s, motion.u[:, 0])
-    return Motion(time_s=motion.time_s, q=motion.q, u=told[:, None])
+    return Trajectory(time_s=motion.time_s, q=motion.q, u=told[:, None])
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.03])
@@ -46,7 +46,7 @@ def controlled(
     noise: float,
     rate: float = 0.05,
     kicks: np.ndarray | None = None,
-) -> Motion:
+) -> Trajectory:
     """A swing under ``u = reference - stiffness * measured - rate * v``, sampled and held."""
     rng = np.random.default_rng(0)
     w, q, v, rows = 2.0 * np.pi / PERIOD_S, 0.3, 0.0, []
@@ -59,7 +59,7 @@ def controlled(
             v += (-w * w * q - 0.6 * v + 20.0 * u) / 600.0
             q += v / 600.0
     table = np.array(rows)
-    return Motion(time_s=np.arange(len(table)) / 60.0, q=table[:, :1], u=table[:, 1:])
+    return Trajectory(time_s=np.arange(len(table)) / 60.0, q=table[:, :1], u=table[:, 1:])
 
 
 @pytest.mark.parametrize("noise", [0.003, 0.02])
@@ -75,7 +75,7 @@ def test_a_controller_passes_on_the_noise_of_its_sensor(reference: np.ndarray, n
 def test_noise_of_the_input_itself_is_no_feedback() -> None:
     free = controlled(STEPS, stiffness=0.0, noise=0.01)
     noisy = free.u + 0.05 * np.random.default_rng(7).normal(size=free.u.shape)
-    assert check_feedback([Motion(time_s=free.time_s, q=free.q, u=noisy)], period_s=PERIOD_S) == []
+    assert check_feedback([Trajectory(time_s=free.time_s, q=free.q, u=noisy)], period_s=PERIOD_S) == []
 
 
 def test_without_noise_a_law_of_position_and_rate_gives_it_away() -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from lagsplat.diagnose.data_quality.noise import measure_noise
 from lagsplat.diagnose.effects.excitation import Excitation, assess_excitation
-from lagsplat.io.trajectory.trajectory import Motion
+from lagsplat.io.trajectory.trajectory import Trajectory
 from tests.unit.diagnose.motions import PERIOD_S, multisine, swing
 
 FAMILIES = """viscous_damping linear_stiffness mass_change constant_force input_gain cubic_stiffness
@@ -18,7 +18,7 @@ FAMILIES = """viscous_damping linear_stiffness mass_change constant_force input_
     camera_drift exposure_blur"""
 
 
-def rows(*motions: Motion, closed_loop: tuple[str, ...] = ()) -> dict[str, Excitation]:
+def rows(*motions: Trajectory, closed_loop: tuple[str, ...] = ()) -> dict[str, Excitation]:
     noise = measure_noise(motions, period_s=PERIOD_S)
     found = assess_excitation(motions, period_s=PERIOD_S, noise=noise, closed_loop=closed_loop)
     assert len({row.effect for row in found}) == len(found)

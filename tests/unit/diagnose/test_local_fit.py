@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lagsplat.diagnose.data_quality.noise import fit_locally
-from lagsplat.io.trajectory.trajectory import Motion
+from lagsplat.io.trajectory.trajectory import Trajectory
 from tests.unit.diagnose.motions import swing
 
 
@@ -18,7 +18,7 @@ def test_cubics_are_reproduced_at_uneven_times(seed: int, half: int, n: int) -> 
     rng = np.random.default_rng(seed)
     time = np.cumsum(rng.uniform(0.5, 1.5, n))
     cubic = np.polynomial.Polynomial(rng.normal(size=4), domain=[time[0], time[-1]], window=[-1, 1])
-    fit = fit_locally(Motion(time_s=time, q=cubic(time)[:, None], u=np.zeros((n, 0))), half_width=half)
+    fit = fit_locally(Trajectory(time_s=time, q=cubic(time)[:, None], u=np.zeros((n, 0))), half_width=half)
     for order, found in enumerate((fit.q, fit.v, fit.a)):
         truth = (cubic.deriv(order) if order else cubic)(time)
         np.testing.assert_allclose(found[:, 0], truth, atol=1e-6 * np.abs(truth).max())
@@ -26,7 +26,7 @@ def test_cubics_are_reproduced_at_uneven_times(seed: int, half: int, n: int) -> 
 
 def test_rates_are_as_noisy_as_they_say() -> None:
     rng = np.random.default_rng(0)
-    noise = Motion(time_s=np.arange(4000) / 60.0, q=rng.normal(size=(4000, 1)), u=np.zeros((4000, 0)))
+    noise = Trajectory(time_s=np.arange(4000) / 60.0, q=rng.normal(size=(4000, 1)), u=np.zeros((4000, 0)))
     fit = fit_locally(noise, half_width=5)
     inside = slice(10, -10)
     assert fit.v[inside].std() == pytest.approx(float(fit.rate_gain[inside].mean()), rel=0.1)

@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 from lagsplat.diagnose.data_quality.noise import measure_noise, quantisation_step
-from lagsplat.io.trajectory.trajectory import Motion
+from lagsplat.io.trajectory.trajectory import Trajectory
 from tests.unit.diagnose.motions import PERIOD_S, multisine, swing
 
 
@@ -32,9 +32,9 @@ def test_kinks_are_no_noise() -> None:
     triangle = np.abs((time % np.sqrt(1.1)) - 0.5)
     triangle[600:] = triangle[600]
     noisy = triangle + 1e-3 * np.random.default_rng(0).normal(size=1200)
-    found = measure_noise([Motion(time_s=time, q=noisy[:, None], u=np.zeros((1200, 0)))], period_s=1.0)
+    found = measure_noise([Trajectory(time_s=time, q=noisy[:, None], u=np.zeros((1200, 0)))], period_s=1.0)
     assert found.sigma == pytest.approx(1e-3, rel=0.5)
-    still = Motion(time_s=time, q=triangle[:, None], u=np.zeros((1200, 0)))
+    still = Trajectory(time_s=time, q=triangle[:, None], u=np.zeros((1200, 0)))
     assert measure_noise([still], period_s=1.0).sigma < 1e-4
 
 

@@ -6,7 +6,7 @@ import pytest
 from lagsplat.diagnose.data_quality.natural_period import rough_period_s
 from lagsplat.diagnose.data_quality.noise import local_cubic, noise_level
 from lagsplat.diagnose.estimation.dataset import MIN_RELATIVE_NOISE, prepare_dataset
-from lagsplat.io.trajectory.trajectory import Motion
+from lagsplat.io.trajectory.trajectory import Trajectory
 from tests.unit.diagnose.motions import PERIOD_S, swing
 
 CLIPS = np.array([[0, 60], [60, 100]])
@@ -68,6 +68,6 @@ def test_the_rough_period_is_that_of_the_swing() -> None:
 
 def test_nothing_that_moves_is_refused() -> None:
     n = 100
-    still = Motion(time_s=0.01 * np.arange(n), q=np.zeros((n, 1)), u=np.zeros((n, 0)))
+    still = Trajectory(time_s=0.01 * np.arange(n), q=np.zeros((n, 1)), u=np.zeros((n, 0)))
     with pytest.raises(ValueError, match="nothing moves"):
         rough_period_s([still])

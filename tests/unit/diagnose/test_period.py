@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lagsplat.diagnose.data_quality.natural_period import natural_period_s, natural_periods_s
-from lagsplat.io.trajectory.trajectory import Motion
+from lagsplat.io.trajectory.trajectory import Trajectory
 from tests.unit.diagnose.motions import PERIOD_S, multisine, swing
 
 TIME = np.arange(900) / 60.0
@@ -69,7 +69,7 @@ def test_releases_of_several_sizes_are_one_mechanism() -> None:
 def test_over_the_top_the_time_between_turning_points_counts() -> None:
     """Swings, then whole turns at rising speed: no linear law holds for both."""
     angle = np.where(TIME < 9.0, np.sin(2.0 * np.pi * TIME / 1.5), 2.5 * (TIME - 9.0) ** 2)
-    motion = Motion(time_s=TIME, q=angle[:, None], u=np.zeros((900, 0)))
+    motion = Trajectory(time_s=TIME, q=angle[:, None], u=np.zeros((900, 0)))
     assert natural_period_s([motion.pieces([(0, 540)])]) == pytest.approx(1.5, rel=0.02)
     assert natural_period_s([motion]) == pytest.approx(1.5, rel=0.4)
 
@@ -84,9 +84,9 @@ def test_one_long_test_function_fits_any_law_and_is_not_believed() -> None:
 
 
 def test_what_does_not_move_has_none() -> None:
-    still = Motion(time_s=TIME, q=np.full((900, 1), 3.0), u=np.zeros((900, 0)))
+    still = Trajectory(time_s=TIME, q=np.full((900, 1), 3.0), u=np.zeros((900, 0)))
     assert natural_period_s([still]) is None
-    brief = Motion(time_s=TIME[:5], q=np.arange(5.0)[:, None], u=np.zeros((5, 0)))
+    brief = Trajectory(time_s=TIME[:5], q=np.arange(5.0)[:, None], u=np.zeros((5, 0)))
     assert natural_period_s([brief]) is None
 
 

@@ -8,7 +8,7 @@ from lagsplat.diagnose.residual.components import components, explained, memory_
 from lagsplat.diagnose.residual.features import FOLDS, GROUPS, features
 from lagsplat.diagnose.residual.latent_force import smooth
 from lagsplat.diagnose.residual.measurement_model import apparent_forces, noise_with_speed
-from lagsplat.io.trajectory.trajectory import Motion
+from lagsplat.io.trajectory.trajectory import Trajectory
 from tests.unit.diagnose.mechanisms import Duffing, TwoLink, film
 from tests.unit.diagnose.residuals import made
 
@@ -76,7 +76,7 @@ def test_the_past_matters_where_a_force_lags_and_only_there():
 def test_bent_positions_feign_the_force_that_the_smoother_finds():
     clean = film(TwoLink(), 8.0, start=(0.6, -0.4), finer=4)
     bend = 0.05 * clean.q**2 * np.array([1.0, 0.0])
-    bent = Motion(time_s=clean.time_s, q=clean.q + bend, u=clean.u)
+    bent = Trajectory(time_s=clean.time_s, q=clean.q + bend, u=clean.u)
     smoothed = smooth(TwoLink(), [bent], period_s=1.6)
     for i in (0, 1):
         expected = 0.05 * apparent_forces(TwoLink(), smoothed, i)[30:-30, 0]

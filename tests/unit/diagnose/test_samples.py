@@ -9,16 +9,16 @@ from lagsplat.diagnose.core.result import Finding
 from lagsplat.diagnose.data_quality.natural_period import natural_period_s
 from lagsplat.diagnose.data_quality.noise import Noise, measure_noise
 from lagsplat.diagnose.data_quality.sampling import check_length, check_samples, count_blocks
-from lagsplat.io.trajectory.trajectory import Motion
+from lagsplat.io.trajectory.trajectory import Trajectory
 from tests.unit.diagnose.motions import PERIOD_S, swing
 
 
-def of_samples(motion: Motion) -> list[str]:
+def of_samples(motion: Trajectory) -> list[str]:
     noise = measure_noise([motion], period_s=PERIOD_S)
     return [finding.check for finding in check_samples(motion, period_s=PERIOD_S, noise=noise)]
 
 
-def of_length(*motions: Motion) -> list[Finding]:
+def of_length(*motions: Trajectory) -> list[Finding]:
     period_s = natural_period_s(motions)
     noise = measure_noise(motions, period_s=period_s)
     return check_length(motions, period_s=period_s, noise=noise, side="real")

@@ -8,7 +8,7 @@ from lagsplat.diagnose.mechanics.model import compute_rest_inertia, compute_rest
 from lagsplat.diagnose.residual.latent_force import smooth
 from lagsplat.diagnose.residual.linearization import Path, kinematic_steps, linear_steps
 from lagsplat.diagnose.residual.state_space import Record, Variances, _chain, estimate, most_likely
-from lagsplat.io.trajectory.trajectory import Motion
+from lagsplat.io.trajectory.trajectory import Trajectory
 from tests.unit.diagnose.mechanisms import Chain, Duffing, TwoLink, film
 
 
@@ -162,7 +162,7 @@ def test_uneven_samples_and_cuts_are_respected():
     rng = np.random.default_rng(1)
     times = np.cumsum(rng.uniform(0.008, 0.03, 600))
     even = film(Duffing(n_u=0), 6.0, times=times, noise=0.005)
-    again = Motion(
+    again = Trajectory(
         time_s=np.concatenate([even.time_s, even.time_s + 20.0]),
         q=np.concatenate([even.q, even.q]),
         u=np.zeros((1200, 0)),
@@ -180,7 +180,7 @@ def test_coloured_noise_is_not_taken_for_a_force():
     size = 0.01 * motion.q.std()
     for i in range(1, motion.n):
         noise[i] = 0.8 * noise[i - 1] + 0.6 * size * rng.standard_normal()
-    noisy = Motion(time_s=motion.time_s, q=motion.q + noise[:, None], u=motion.u)
+    noisy = Trajectory(time_s=motion.time_s, q=motion.q + noise[:, None], u=motion.u)
     (found,) = smooth(Duffing(), [noisy], period_s=1.0, ar1=0.8)
     assert np.mean(np.abs(found.residual) > 2.0 * found.std) < 0.05
     assert found.noise[0] == pytest.approx(size, rel=0.25)
@@ -213,7 +213,7 @@ def test_wrong_columns_and_stillness_are_refused():
     motion = film(Duffing(n_u=0), 2.0)
     with pytest.raises(ValueError, match="1 coordinates and 0 inputs, but the sim has 1 and 1"):
         smooth(Duffing(), [motion], period_s=1.0)
-    still = Motion(time_s=motion.time_s, q=np.ones((motion.n, 1)), u=motion.u)
+    still = Trajectory(time_s=motion.time_s, q=np.ones((motion.n, 1)), u=motion.u)
     with pytest.raises(ValueError, match="stand still"):
         smooth(Duffing(n_u=0), [still], period_s=1.0)
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lagsplat.diagnose.simulators.sources import DataSource, find_sources, make_video_trajectory, read_sources
-from lagsplat.io.files.artifact import save_artefact
+from lagsplat.io.files.artifact import save_artifact
 from lagsplat.io.recording.recording import Recording, save_recording
 
 
@@ -55,12 +55,12 @@ def test_content_decides_about_archives_and_artefacts(tmp_path: Path) -> None:
     np.savez(tmp_path / "arm.npz", images=np.zeros((1, 3, 2, 2)), p1=np.zeros(1))
     np.savez(tmp_path / "log.npz", t=np.arange(3.0), q0=np.arange(3.0))
     save_recording(tmp_path / "recording.safetensors", film())
-    save_artefact(tmp_path / "augmented.safetensors", {"x": np.zeros(1)}, {"kind": "augmented", "schema": 1})
+    save_artifact(tmp_path / "augmented.safetensors", {"x": np.zeros(1)}, {"kind": "augmented", "schema": 1})
     assert kinds(tmp_path / "arm.npz") == [("krauss", "arm.npz")]
     assert kinds(tmp_path / "log.npz") == [("trajectory", "log.npz")]
     assert kinds(tmp_path / "recording.safetensors") == [("recording", "recording.safetensors")]
     assert kinds(tmp_path / "augmented.safetensors") == [("model", "augmented.safetensors")]
-    save_artefact(tmp_path / "dynamics.safetensors", {"x": np.zeros(1)}, {"kind": "dynamics", "schema": 1})
+    save_artifact(tmp_path / "dynamics.safetensors", {"x": np.zeros(1)}, {"kind": "dynamics", "schema": 1})
     assert kinds(tmp_path) == [("run", tmp_path.name)]
     assert kinds(tmp_path / "dynamics.safetensors") == [("run", tmp_path.name)]
 

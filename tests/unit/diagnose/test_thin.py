@@ -8,15 +8,15 @@ import pytest
 
 from lagsplat.config.compose import compose
 from lagsplat.diagnose.data_quality.sampling import REPEATED, averaged, thinned
-from lagsplat.io.trajectory.trajectory import Motion
+from lagsplat.io.trajectory.trajectory import Trajectory
 from lagsplat.pipelines.diagnosis_inputs import open_diagnosis_inputs
 
 
-def swing(rate_hz: float, *, hertz: float = 1.0, seconds: float = 8.0) -> Motion:
+def swing(rate_hz: float, *, hertz: float = 1.0, seconds: float = 8.0) -> Trajectory:
     """A swing whose input is its own coordinate."""
     time_s = np.arange(round(seconds * rate_hz)) / rate_hz
     q = np.sin(2.0 * np.pi * hertz * time_s)[:, None]
-    return Motion(
+    return Trajectory(
         time_s=time_s, q=q, u=q, v=2.0 * np.pi * hertz * np.cos(2.0 * np.pi * hertz * time_s)[:, None]
     )
 
@@ -40,14 +40,14 @@ def test_what_is_no_finer_than_its_motion_needs_is_left_alone(rate_hz: float, he
 def test_an_input_that_is_held_acts_between_the_samples_that_are_left() -> None:
     time_s = np.arange(40) / 1000.0
     step = (time_s >= 0.0195).astype(float)[:, None]
-    short = averaged(Motion(time_s=time_s, q=step, u=step), 5, held=True)
+    short = averaged(Trajectory(time_s=time_s, q=step, u=step), 5, held=True)
     edges = np.append(short.time_s, short.time_s[-1] + 0.005)
     pushed_s = float((short.u[:, 0] * np.diff(edges)).sum())
     assert pushed_s == pytest.approx(edges[-1] - 0.020, abs=1e-9)
 
 
 def test_a_mean_never_reaches_across_a_cut() -> None:
-    one = Motion(time_s=np.arange(31) * 0.01, q=np.repeat([0.0, 1.0], [15, 16])[:, None], u=np.zeros((31, 0)),
+    one = Trajectory(time_s=np.arange(31) * 0.01, q=np.repeat([0.0, 1.0], [15, 16])[:, None], u=np.zeros((31, 0)),
                  segments=((0, 15), (15, 31)))  # fmt: skip
     short = averaged(one, 5, held=False)
     assert short.segments == ((0, 3), (3, 6))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lagsplat.diagnose.residual.localization import Where, locate
-from lagsplat.io.trajectory.trajectory import Motion
+from lagsplat.io.trajectory.trajectory import Trajectory
 from tests.unit.diagnose.mechanisms import Chain, Duffing, TwoLink, film
 
 
@@ -93,15 +93,15 @@ def test_a_perfect_sim_has_no_place(forced):
     told = 0
     for seed in range(24):
         noise = 0.02 * base.q.std() * np.random.default_rng(seed).standard_normal(base.q.shape)
-        found = locate(mechanism, [Motion(time_s=base.time_s, q=base.q + noise, u=base.u)])
+        found = locate(mechanism, [Trajectory(time_s=base.time_s, q=base.q + noise, u=base.u)])
         told += bool(found.time_s or found.state_region or found.level != "dynamics" or found.frequency_hz)
     assert told <= 3  # 1 in 100, given four chances to speak
 
 
-def seen(motion: Motion, times: np.ndarray) -> Motion:
+def seen(motion: Trajectory, times: np.ndarray) -> Trajectory:
     q = np.interp(times, motion.time_s, motion.q[:, 0])
     noise = 0.005 * q.std() * np.random.default_rng(0).standard_normal(motion.n)
-    return Motion(time_s=motion.time_s, q=(q + noise)[:, None], u=motion.u)
+    return Trajectory(time_s=motion.time_s, q=(q + noise)[:, None], u=motion.u)
 
 
 def test_bad_time_stamps_are_perception():
@@ -112,7 +112,7 @@ def test_bad_time_stamps_are_perception():
 
 def test_bent_positions_are_the_chart():
     motion = film(Duffing(), 16.0, inputs=inputs, finer=2)
-    bent = Motion(time_s=motion.time_s, q=motion.q + 0.15 / motion.q.std() * motion.q**2, u=motion.u)
+    bent = Trajectory(time_s=motion.time_s, q=motion.q + 0.15 / motion.q.std() * motion.q**2, u=motion.u)
     assert locate(Duffing(), [seen(bent, bent.time_s)]).level == "chart"
 
 
@@ -123,14 +123,14 @@ def test_suspect_pictures_are_perception_whatever_the_forces_say():
 
 def test_shift_of_the_clock_and_units_change_nothing():
     motion = film(Duffing(n_u=0), 10.0, force=friction, noise=0.01, finer=2)
-    later = Motion(time_s=motion.time_s + 1000.0, q=motion.q, u=motion.u)
+    later = Trajectory(time_s=motion.time_s + 1000.0, q=motion.q, u=motion.u)
     one, two = (locate(Duffing(n_u=0), [each]) for each in (motion, later))
     for name, share in one.components.items():
         assert two.components[name] == pytest.approx(share, abs=0.02)
     assert two.time_s[0][1] - one.time_s[0][1] == pytest.approx(1000.0, abs=1e-6)
     assert two.level == one.level
     finer = Duffing(n_u=0, hard=20.0 / 100.0**2)  # the same thing in hundredths
-    small = locate(finer, [Motion(time_s=motion.time_s, q=100.0 * motion.q, u=motion.u)])
+    small = locate(finer, [Trajectory(time_s=motion.time_s, q=100.0 * motion.q, u=motion.u)])
     for name, share in one.components.items():
         assert small.components[name] == pytest.approx(share, abs=0.02)
 

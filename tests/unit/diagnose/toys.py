@@ -12,7 +12,7 @@ from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimula
 from lagsplat.diagnose.inference.problem import EstimationProblem, build_problem
 from lagsplat.diagnose.mechanics.basis import add_angle_functions, make_polynomial_basis
 from lagsplat.diagnose.mechanics.model import MechanicalModel
-from lagsplat.io.trajectory.trajectory import Motion
+from lagsplat.io.trajectory.trajectory import Trajectory
 
 OMEGA, RATE, GAIN = 2.0 * np.pi, 0.3, 8.0
 """Natural angular frequency [1/s], damping rate [1/s] and gain of the input of the oscillator."""
@@ -68,7 +68,7 @@ def film(
     seed: int = 0,
     rate_hz: float = 50.0,
     max_step: float = 0.02,
-) -> Motion:
+) -> Trajectory:
     """The motion of ``law`` from ``start`` (q, v, memories ...); ``command`` is the input by the log."""
     times = np.arange(round(seconds * rate_hz)) / rate_hz
     push = u or (lambda t: 0.0)
@@ -84,7 +84,7 @@ def film(
     q = q + noise * q.std() * np.random.default_rng(seed).standard_normal(q.shape)
     logged = command or u
     inputs = np.array([[logged(t)] for t in times]) if logged else np.zeros((len(times), 0))
-    return Motion(time_s=times, q=q, u=inputs, source=f"film {seed}")
+    return Trajectory(time_s=times, q=q, u=inputs, source=f"film {seed}")
 
 
 @cache
@@ -93,7 +93,7 @@ def settings() -> DiagnoseConfig:
     return compose().diagnose
 
 
-def contest(real: Sequence[Motion], *, model: MechanicalModel | None = None) -> EstimationProblem:
+def contest(real: Sequence[Trajectory], *, model: MechanicalModel | None = None) -> EstimationProblem:
     """The contest of an exactly known oscillator with ``real``."""
     known = model or oscillator(n_u=real[0].n_u)
     return build_problem(EstimatedSimulator.exact(known), real, settings())[0]

@@ -4,18 +4,18 @@ import numpy as np
 import pytest
 import torch
 
-from lagsplat.baselines.fit import architecture_of
+from lagsplat.baselines.fit import choose_architecture
 from lagsplat.baselines.model import Baseline
 from lagsplat.evaluate.baseline import (
-    accelerated,
+    accelerate_baseline,
+    baseline_horizon,
+    compute_baseline_modes,
+    estimate_velocities,
     evaluate_baseline,
-    held_out_of,
-    modes_of,
-    pulled_back,
-    reach,
-    velocities_of,
+    pull_back_force,
+    read_held_out,
 )
-from lagsplat.evaluate.evaluate import evaluate, recorded
+from lagsplat.evaluate.evaluate import evaluate, read_recorded_inputs
 from lagsplat.evaluate.protocol import initial_states
 from tests.unit.baselines.problems import architecture
 from tests.unit.baselines.problems import settings as baseline_settings
@@ -32,7 +32,7 @@ def film():
 
 def untrained(name, film):
     torch.manual_seed(0)
-    return Baseline(architecture_of(baseline_settings(name), film)).eval()
+    return Baseline(choose_architecture(baseline_settings(name), film)).eval()
 
 
 @pytest.fixture(scope="module")
@@ -71,12 +71,12 @@ def test_a_push_at_a_centre_moves_that_centre_its_way():
     z = torch.randn(2, 4)
     forces = torch.zeros(2, 2, 2)
     forces[:, 1, 0] = 1.0
-    push = pulled_back(baseline, z, forces)
+    push = pull_back_force(baseline, z, forces)
     assert push is not None
-    answer = accelerated(baseline, z, push)
+    answer = accelerate_baseline(baseline, z, push)
     # The power of a force along the motion it causes is never negative.
     assert ((push * answer).sum(1) > 0).all()
-    assert reach(baseline, z) == "at 2 centres"
+    assert baseline_horizon(baseline, z) == "at 2 centres"
 
 
 def test_the_score_of_the_states_ahead_leaves_out_the_given_one(metrics):
@@ -87,8 +87,8 @@ def test_the_score_of_the_states_ahead_leaves_out_the_given_one(metrics):
 
 def test_states_are_the_encoders_and_so_are_velocities(film):
     baseline, protocol = untrained("osc_abcd", film), settings(velocity="forward")
-    pictures = recorded(film, first=film.n_train)
-    held = held_out_of(baseline, film, pictures, protocol)
+    pictures = read_recorded_inputs(film, first=film.n_train)
+    held = read_held_out(baseline, film, pictures, protocol)
     frames = torch.from_numpy(pictures(np.array([5, 6, 7])))
     with torch.no_grad():
         mean, _, velocity = baseline.encoder.moving(frames[:1], (frames[1:2] - frames[:1]) / tiny_run.DT_S)
@@ -97,7 +97,7 @@ def test_states_are_the_encoders_and_so_are_velocities(film):
     assert np.allclose(v0, velocity, rtol=1e-4, atol=1e-5)
     assert np.array_equal(held.forcing[0, :3], film.inputs[film.n_train - 3 : film.n_train, 0])
     assert np.array_equal(held.standing[7], np.repeat(film.inputs[film.n_train + 7], 4))
-    between = velocities_of(baseline, pictures, film.split()[1], forward=False)
+    between = estimate_velocities(baseline, pictures, film.split()[1], forward=False)
     with torch.no_grad():
         rates = (frames[2:] - frames[:1]) / (2 * tiny_run.DT_S)
         expected = baseline.encoder.moving(frames[1:2], rates)[2]
@@ -112,7 +112,7 @@ def test_modes_are_those_of_the_one_step_map(film):
     turn = radius * torch.tensor([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     with torch.no_grad():
         baseline.dynamics.matrix.copy_(torch.block_diag(*[turn.float()] * 4))
-    for mode in modes_of(baseline):
+    for mode in compute_baseline_modes(baseline):
         assert mode["frequency_hz"] == pytest.approx(angle / (2 * np.pi * tiny_run.DT_S), rel=1e-4)
         assert mode["rate_per_s"] == pytest.approx(-np.log(radius) / tiny_run.DT_S, rel=1e-3)
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from lagsplat.evaluate.evaluate import dynamics_form, evaluate, external_force
+from lagsplat.evaluate.evaluate import describe_dynamics, describe_external_force, evaluate
 from tests.unit.evaluate import tiny_run
 from tests.unit.evaluate.stand_ins import settings
 
@@ -89,7 +89,7 @@ def test_a_decoder_that_cannot_move_takes_no_force(parts):
     model = tiny_run.autoencoder()
     with torch.no_grad():
         model.gaussians.coupling.zero_()
-    assert external_force(model) == "none"
+    assert describe_external_force(model) == "none"
 
 
 @pytest.mark.parametrize(
@@ -104,4 +104,4 @@ def test_a_decoder_that_cannot_move_takes_no_force(parts):
 def test_kind_of_dynamics_is_read_off_the_law(mass, potential, expected):
     law = tiny_run.lagrangian()
     law.form = replace(law.form, mass=mass, potential=potential)
-    assert dynamics_form(law) == expected
+    assert describe_dynamics(law) == expected

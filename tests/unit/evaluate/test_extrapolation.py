@@ -7,36 +7,32 @@ import pytest
 import torch
 from scipy.linalg import expm
 
-from lagsplat.baselines.keypoints.model import Forecaster, architecture_of, scatter
+from lagsplat.baselines.keypoints.model import Forecaster, read_forecaster_architecture, scatter_points
 from lagsplat.baselines.neural_ode import NeuralOde
-from lagsplat.evaluate.evaluate import renderer
+from lagsplat.evaluate.evaluate import make_renderer
 from lagsplat.evaluate.extrapolation.forecast import (
-    aligned_psnr,
-    decibels,
     extrapolate_ode,
     extrapolate_run,
-    extrapolation,
-    fitted_start,
-    free_rollouts,
-    held_out_psnr,
-    law_predictor,
-    looked_at,
+    fit_start,
+    make_law_predictor,
+    measure_states,
     open_scene,
+    roll_out_free_motion,
+    score_aligned_psnr,
+    score_extrapolation,
+    score_held_out_psnr,
+    to_decibels,
 )
-from lagsplat.evaluate.extrapolation.images import (
-    PicturePredictor,
-    extrapolate_forecaster,
-    extrapolate_frames,
-)
+from lagsplat.evaluate.extrapolation.images import ImagePredictor, extrapolate_forecaster, extrapolate_frames
 from lagsplat.evaluate.extrapolation.oscillation import (
-    amplitude,
     compare_oscillations,
-    oscillation,
-    read,
-    told,
+    fit_oscillation,
+    measure_amplitude,
+    read_states,
+    summarize_reading,
 )
-from lagsplat.evaluate.forces.known_forces import energy_along
-from lagsplat.evaluate.forecast import crossing_clip
+from lagsplat.evaluate.forces.known_forces import energy_along_rollout
+from lagsplat.evaluate.forecast import choose_boundary_clip
 from tests.unit.baselines import key_points
 from tests.unit.evaluate import swing
 
@@ -52,11 +48,11 @@ def scene():
 
 def test_an_oscillation_is_read_with_its_uncertainty() -> None:
     series = swing.motion(133)[:, None] + 0.01 * np.random.default_rng(0).normal(size=(133, 1))
-    found = oscillation(series, dt_s=swing.DT_S, metric=EYE)
+    found = fit_oscillation(series, dt_s=swing.DT_S, metric=EYE)
     assert found is not None
     assert abs(found["frequency_hz"] - swing.FREQUENCY_HZ) < 4 * found["frequency_sigma"] < 0.05
     assert abs(found["rate_per_s"] - swing.RATE_PER_S) < 4 * found["rate_sigma"] < 0.2
-    assert amplitude(swing.motion(100)[:, None], EYE) == pytest.approx(0.94, abs=0.03)
+    assert measure_amplitude(swing.motion(100)[:, None], EYE) == pytest.approx(0.94, abs=0.03)
 
 
 def test_a_frequency_that_drifts_as_the_motion_dies_leaves_its_decay_alone() -> None:
@@ -64,12 +60,12 @@ def test_a_frequency_that_drifts_as_the_motion_dies_leaves_its_decay_alone() -> 
     phase = 2 * np.pi * (2.0 * time_s + 0.03 * time_s**2)
     series = np.exp(-0.25 * time_s) * np.cos(phase)
     series = series + 0.02 * np.random.default_rng(1).normal(size=133) + 0.05 * series**2
-    found = oscillation(series[:, None], dt_s=swing.DT_S, metric=EYE)
+    found = fit_oscillation(series[:, None], dt_s=swing.DT_S, metric=EYE)
     assert found is not None
     assert found["rate_per_s"] == pytest.approx(0.25, abs=0.03)
     assert found["frequency_hz"] == pytest.approx(2.0 + 0.03 * time_s[-1], abs=0.01)
     noise = np.random.default_rng(2).normal(size=(133, 1))
-    assert oscillation(noise, dt_s=swing.DT_S, metric=EYE) is None
+    assert fit_oscillation(noise, dt_s=swing.DT_S, metric=EYE) is None
 
 
 def test_errors_keep_their_sign_and_nothing_is_made_up() -> None:
@@ -80,8 +76,8 @@ def test_errors_keep_their_sign_and_nothing_is_made_up() -> None:
     assert found["rate_error_sigma"] == pytest.approx(np.hypot(0.05, 0.02) / 0.5)
     assert compare_oscillations(one, None)["rate_error"] is None
     assert "predicted" in compare_oscillations(one, None)["reason"]
-    assert oscillation(np.zeros((50, 1)), dt_s=0.1, metric=EYE) is None
-    assert oscillation(np.full((50, 1), np.nan), dt_s=0.1, metric=EYE) is None
+    assert fit_oscillation(np.zeros((50, 1)), dt_s=0.1, metric=EYE) is None
+    assert fit_oscillation(np.full((50, 1), np.nan), dt_s=0.1, metric=EYE) is None
 
 
 def test_a_lag_costs_decibels_until_it_is_taken_out() -> None:
@@ -92,27 +88,27 @@ def test_a_lag_costs_decibels_until_it_is_taken_out() -> None:
         swung = np.exp(-swing.RATE_PER_S * time_s) * np.cos(2 * np.pi * swing.FREQUENCY_HZ * time_s)
         return swing.pictures(swung)
 
-    plain = held_out_psnr(late, truth, ahead)
-    aligned = aligned_psnr(late, truth, ahead, shifts=np.linspace(-2, 2, 9))
+    plain = score_held_out_psnr(late, truth, ahead)
+    aligned = score_aligned_psnr(late, truth, ahead, shifts=np.linspace(-2, 2, 9))
     assert plain["mean"] < 35
     assert aligned["mean"] > 60
     assert np.median(aligned["shift"]) == 1.0
     assert plain["first"] == plain["per_frame"][0]
-    np.testing.assert_allclose(decibels(np.array([0.01, 0.0])), [20.0, 100.0])
+    np.testing.assert_allclose(to_decibels(np.array([0.01, 0.0])), [20.0, 100.0])
 
 
 def test_the_clip_that_crosses_is_found_or_the_reason_given(scene) -> None:
     _, _, chart, _ = scene
-    crossing = crossing_clip(chart)
+    crossing = choose_boundary_clip(chart)
     assert (crossing.n_train, crossing.stop) == (80, 120)
     assert crossing.period_s == pytest.approx(1 / swing.FREQUENCY_HZ, rel=0.03)
     np.testing.assert_allclose(crossing.ahead, np.arange(1.0, 41.0), atol=1e-9)
     with pytest.raises(ValueError, match="held_out_frames"):
-        crossing_clip(replace(chart, segments=((0, 80), (80, 120))))
+        choose_boundary_clip(replace(chart, segments=((0, 80), (80, 120))))
     with pytest.raises(ValueError, match="driven"):
-        crossing_clip(replace(chart, inputs=np.arange(120.0)[:, None]))
+        choose_boundary_clip(replace(chart, inputs=np.arange(120.0)[:, None]))
     with pytest.raises(ValueError, match="no oscillation"):
-        crossing_clip(replace(chart, latents=np.zeros((120, 1))))
+        choose_boundary_clip(replace(chart, latents=np.zeros((120, 1))))
 
 
 def linear_law(q0: np.ndarray, v0: np.ndarray, states: int) -> np.ndarray:
@@ -127,11 +123,11 @@ def linear_law(q0: np.ndarray, v0: np.ndarray, states: int) -> np.ndarray:
 def test_a_start_is_found_from_training_frames_alone(scene) -> None:
     _, _, chart, _ = scene
     path = linear_law(np.array([[1.0]]), np.array([[3.0]]), 120)[0]
-    crossing = replace(crossing_clip(chart), latents=path)
+    crossing = replace(choose_boundary_clip(chart), latents=path)
     crossing.latents[80:] = np.nan
-    q, v = fitted_start(linear_law, crossing, at=0, frames=15)
+    q, v = fit_start(linear_law, crossing, at=0, frames=15)
     np.testing.assert_allclose([q[0, 0], v[0, 0]], [1.0, 3.0], rtol=1e-5)
-    q, v = fitted_start(linear_law, crossing, at=65, frames=15)
+    q, v = fit_start(linear_law, crossing, at=65, frames=15)
     assert np.isfinite([q, v]).all()
 
 
@@ -139,14 +135,14 @@ def test_frames_of_another_kind_are_out_of_range(scene) -> None:
     film, autoencoder, chart, _ = scene
     _, known, pictures = open_scene(autoencoder, chart, film)
     config = swing.settings()
-    reading = read(known, pictures(np.arange(30)), config)
+    reading = read_states(known, pictures(np.arange(30)), config)
     np.testing.assert_allclose(reading.states, chart.latents[:30], atol=1e-6)
-    assert told([reading])["inside"] == 1.0
+    assert summarize_reading([reading])["inside"] == 1.0
     assert reading.distance.max() < 1e-6
     noise = np.random.default_rng(0).random((5, 3, swing.SIDE, swing.SIDE)).astype(np.float32)
-    assert not read(known, noise, config).inside.any()
+    assert not read_states(known, noise, config).inside.any()
     with pytest.raises(ValueError, match="20 x 16 pixels"):
-        read(known, np.zeros((2, 3, 20, 16), dtype=np.float32), config)
+        read_states(known, np.zeros((2, 3, 20, 16), dtype=np.float32), config)
 
 
 def test_a_run_is_measured_whole(scene) -> None:
@@ -175,8 +171,10 @@ def test_a_model_that_is_never_in_range_gets_no_physics(scene) -> None:
         return rng.random((len(at), 3, swing.SIDE, swing.SIDE)).astype(np.float32)
 
     fitted = pictures(np.arange(crossing.n_train))
-    predictor = PicturePredictor(known, config, crossing, fitted, noise, between_frames=False)
-    found = extrapolation(predictor, crossing, known, pictures, config, energy_along(lagrangian))
+    predictor = ImagePredictor(known, config, crossing, fitted, noise, between_frames=False)
+    found = score_extrapolation(
+        predictor, crossing, known, pictures, config, energy_along_rollout(lagrangian)
+    )
     assert found["left"] is None
     assert found["physics"]["frequency_error"] is None
     assert "of the kind the encoder knows" in found["reason"]
@@ -192,8 +190,10 @@ def test_pictures_of_the_truth_are_as_good_as_the_film(scene) -> None:
         return np.concatenate([swing.pictures(swing.motion(1, first=79 + int(t))) for t in at])
 
     fitted = pictures(np.arange(crossing.n_train))
-    predictor = PicturePredictor(known, config, crossing, fitted, truth, between_frames=False)
-    found = extrapolation(predictor, crossing, known, pictures, config, energy_along(lagrangian))
+    predictor = ImagePredictor(known, config, crossing, fitted, truth, between_frames=False)
+    found = score_extrapolation(
+        predictor, crossing, known, pictures, config, energy_along_rollout(lagrangian)
+    )
     assert found["psnr"]["mean"] > 45
     assert abs(found["physics"]["rate_error"]) < 0.02
     assert abs(found["held_out"]["frequency_error"]) < 0.02
@@ -205,9 +205,9 @@ def test_a_forecaster_and_a_free_equation_are_measured_alike(scene) -> None:
     config = swing.settings()
     torch.manual_seed(0)
     settings = key_points.settings()
-    of = architecture_of(settings, height=swing.SIDE, width=swing.SIDE, frames=80)
+    of = read_forecaster_architecture(settings, height=swing.SIDE, width=swing.SIDE, frames=80)
     forecaster = Forecaster(of, backend="torch")
-    scatter(forecaster.scene, film.frames[:80], sigma=0.1, opacity=0.5, rng=np.random.default_rng(0))
+    scatter_points(forecaster.scene, film.frames[:80], sigma=0.1, opacity=0.5, rng=np.random.default_rng(0))
     forecaster.keys.gather(forecaster.scene.place.detach(), forecaster.scene.feature.detach(), seed=0)
     pictures = extrapolate_forecaster(autoencoder, chart, lagrangian, forecaster.eval(), film, config)
     ode = NeuralOde(1, hidden=8, layers=1, method="rk4", time_unit_s=0.1)
@@ -244,8 +244,8 @@ def test_frames_of_another_program_are_read_and_what_they_do_not_hold_is_not_sai
 
 
 def test_looks_end_at_the_horizon_and_never_overlap_what_is_shown(scene) -> None:
-    crossing = crossing_clip(scene[2])
-    looks = looked_at(crossing, swing.settings())
+    crossing = choose_boundary_clip(scene[2])
+    looks = measure_states(crossing, swing.settings())
     assert looks[0] == (0, 120)
     assert looks[-1][1] == 600
     assert all(first >= 120 for first, _ in looks[1:])
@@ -260,8 +260,8 @@ def test_a_law_that_blows_up_is_measured_and_not_dropped(scene) -> None:
         with np.errstate(over="ignore"):
             return q0[:, None] * np.exp(8.0 * np.arange(states))[None, :, None]
 
-    predictor = law_predictor(runaway, known, renderer(autoencoder, chart), crossing, config)
-    found = extrapolation(predictor, crossing, known, pictures, config, energy_along(scene[3]))
+    predictor = make_law_predictor(runaway, known, make_renderer(autoencoder, chart), crossing, config)
+    found = score_extrapolation(predictor, crossing, known, pictures, config, energy_along_rollout(scene[3]))
     assert found["left"] is None
     assert found["psnr"]["mean"] < found["floor"]["mean"]
-    assert len(free_rollouts(scene[3], swing.DT_S)(np.zeros((1, 1)), np.ones((1, 1)), 5)[0]) == 5
+    assert len(roll_out_free_motion(scene[3], swing.DT_S)(np.zeros((1, 1)), np.ones((1, 1)), 5)[0]) == 5

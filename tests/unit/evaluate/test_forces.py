@@ -7,12 +7,17 @@ import pytest
 import torch
 
 from lagsplat.config.compose import compose
-from lagsplat.evaluate.forces.accuracy import alike, compare, grips_at, matter
+from lagsplat.evaluate.forces.accuracy import are_alike, choose_grasps, compare_answers, select_matter
 from lagsplat.evaluate.forces.invariants import centre_of_rotation, force_invariants
-from lagsplat.evaluate.forces.known_forces import Pokes, energy_spans, poke
-from lagsplat.evaluate.forces.motion import at_once, easiest, in_time, reader
-from lagsplat.forces.equilibrium import Held, NoScaleError, energy_scale
-from lagsplat.forces.grasp import brush
+from lagsplat.evaluate.forces.known_forces import KnownForces, measure_energy_spans, simulate_known_forces
+from lagsplat.evaluate.forces.motion import (
+    easiest_direction,
+    make_state_reader,
+    respond_at_once,
+    respond_in_time,
+)
+from lagsplat.forces.equilibrium import NoScaleError, OperatingPoint, fit_energy_scale
+from lagsplat.forces.grasp import grasp_brush
 from lagsplat.systems.pushable import Pushable
 from tests.unit.evaluate.tiny_run import FREQUENCY_HZ, RATE_PER_S
 from tests.unit.forces.rocking import CONTACT, hanging, rocking
@@ -22,12 +27,12 @@ JOULE = 7.0  # of the law's energy
 OMEGA2 = (2 * np.pi * FREQUENCY_HZ) ** 2 + RATE_PER_S**2
 
 
-def twin(held: Held, *, stiffening: float = 0.0) -> Pushable:
+def twin(held: OperatingPoint, *, stiffening: float = 0.0) -> Pushable:
     """The system that `held` models without error, in seconds and joule; stiffer further out if asked."""
     places = np.array([(x, y) for x in (13.0, 16.0, 19.0) for y in (9.0, 12.0, 15.0)])
     if held.law.d == 2:
         places = np.array([(16.0, y) for y in (6.0, 10.0, 14.0, 18.0)])
-    grips = [brush(held.kinematics, held.rest, (x, y), radius=0.96) for x, y in places]
+    grips = [grasp_brush(held.kinematics, held.rest, (x, y), radius=0.96) for x, y in places]
     field = np.stack([grip.jacobian.numpy() for grip in grips])
     eye, unit = np.eye(held.law.d), float(held.law.time_unit_s) ** 2 / JOULE
 
@@ -47,8 +52,8 @@ def twin(held: Held, *, stiffening: float = 0.0) -> Pushable:
     )
 
 
-def poked(held: Held, system: Pushable) -> Pokes:
-    return poke(system, held.chart.latents, SETTINGS)
+def poked(held: OperatingPoint, system: Pushable) -> KnownForces:
+    return simulate_known_forces(system, held.chart.latents, SETTINGS)
 
 
 @pytest.mark.parametrize("build", [rocking, hanging], ids=["rocking", "hanging"])
@@ -56,7 +61,7 @@ def test_a_perfect_model_has_no_error_but_that_of_its_scale(build) -> None:
     held = build()
     system = twin(held)
     pokes = poked(held, system)
-    found = compare(held, pokes, radius=0.96, read=lambda q: system.pixels(q))
+    found = compare_answers(held, pokes, radius=0.96, read=lambda q: system.pixels(q))
     inside = found["brush"]["inside"]
     assert found["brush"]["scale"] == pytest.approx(JOULE, rel=1e-2)
     assert inside["direction_deg"] < 0.1
@@ -72,7 +77,7 @@ def test_a_perfect_model_has_no_error_but_that_of_its_scale(build) -> None:
 def test_a_system_that_stiffens_is_answered_ever_more_wrongly() -> None:
     held = rocking()
     pokes = poked(held, twin(held, stiffening=0.5))
-    rows = compare(held, pokes, radius=0.96, read=lambda q: twin(held).pixels(q))["levels"]
+    rows = compare_answers(held, pokes, radius=0.96, read=lambda q: twin(held).pixels(q))["levels"]
     amplitudes = [row["amplitude"] for row in rows]
     assert amplitudes[1] < 0.05 < amplitudes[2] < amplitudes[3]
     assert all(row["shape"] < 1e-3 for row in rows), "the way is right, its length is not"
@@ -89,31 +94,31 @@ def test_another_body_is_told_by_shape_and_direction() -> None:
         ways = (ways @ [1.0, 1.0j]) * turned
         return places + uneven * np.stack([ways.real, ways.imag], axis=2)
 
-    found = compare(held, poked(held, replace(system, pixels=pixels)), radius=0.96, read=pixels)
+    found = compare_answers(held, poked(held, replace(system, pixels=pixels)), radius=0.96, read=pixels)
     assert found["brush"]["inside"]["shape"] > 0.3
     assert found["brush"]["inside"]["direction_deg"] > 20
 
 
 def test_an_answer_the_wrong_way_has_no_scale() -> None:
     held = rocking()
-    grip = brush(held.kinematics, held.rest, (20.0, 12.0), radius=1.0)
+    grip = grasp_brush(held.kinematics, held.rest, (20.0, 12.0), radius=1.0)
     load = grip.pull_back(torch.tensor([0.0, 1.0], dtype=torch.float64)).numpy()
     way = 0.1 * grip.jacobian.numpy()[None, :, 0]
-    scale = energy_scale(held, load, grip.jacobian.numpy()[None], way)
+    scale = fit_energy_scale(held, load, grip.jacobian.numpy()[None], way)
     q = held.settled(scale * torch.from_numpy(load)[None])
     assert float(q[0, 0]) == pytest.approx(0.1, rel=1e-2)
     with pytest.raises(NoScaleError, match="against the measured way"):
-        energy_scale(held, load, grip.jacobian.numpy()[None], -way)
+        fit_energy_scale(held, load, grip.jacobian.numpy()[None], -way)
 
 
 def test_the_motion_in_time_is_that_of_the_system() -> None:
     held = rocking()
     system = twin(held)
     pokes = poked(held, system)
-    grips = grips_at(held, pokes.places, radius=0.96)
-    usable, field = matter(grips, 1)
+    grips = choose_grasps(held, pokes.places, radius=0.96)
+    usable, field = select_matter(grips, 1)
     right, wrong = (
-        in_time(held, system, pokes, grips, field, usable, scale=scale, length_s=0.5)
+        respond_in_time(held, system, pokes, grips, field, usable, scale=scale, length_s=0.5)
         for scale in (JOULE, 2 * JOULE)
     )
     assert right["error"] < 0.02
@@ -126,42 +131,42 @@ def test_the_first_motion_tells_a_wrong_mass() -> None:
     system = twin(held)
     pokes = poked(held, system)
     pokes = replace(pokes, direction=np.full_like(pokes.direction, np.sqrt(0.5)))  # on both coordinates
-    grips = grips_at(held, pokes.places, radius=0.96)
-    usable, field = matter(grips, 2)
-    found = at_once(held, system, pokes, grips, field, usable)
+    grips = choose_grasps(held, pokes.places, radius=0.96)
+    usable, field = select_matter(grips, 2)
+    found = respond_at_once(held, system, pokes, grips, field, usable)
     assert found["learned"] < 1e-6
     assert min(found["uniform"], found["true"]) > 1e-3, "points of equal mass are not the law's mass here"
     assert pokes.reference == 1
-    assert len(easiest(pokes, grips, 1)) == len(np.unique(pokes.point))
+    assert len(easiest_direction(pokes, grips, 1)) == len(np.unique(pokes.point))
 
 
 def test_energies_are_spanned_by_what_no_common_factor_explains() -> None:
     held = hanging()
     system, eye = twin(held), np.eye(2)
-    right = energy_spans(held, system, eye)
+    right = measure_energy_spans(held, system, eye)
     assert right is not None
     assert right["mass"] == pytest.approx(1.0)
     assert right["stiffness"] == pytest.approx(1.0, rel=1e-4)
     assert right["induced"] > 1.1
-    uneven = energy_spans(held, system, np.diag([1.0, 3.0]))
+    uneven = measure_energy_spans(held, system, np.diag([1.0, 3.0]))
     assert uneven is not None
     assert uneven["mass"] == pytest.approx(9.0)
-    assert energy_spans(rocking(), twin(rocking()), np.eye(1)) is None
+    assert measure_energy_spans(rocking(), twin(rocking()), np.eye(1)) is None
 
 
 def test_points_outside_the_picture_are_missed() -> None:
     held = rocking()
-    grips = grips_at(held, np.array([[16.0, 12.0], [-3.0, 12.0]]), radius=1.0)
+    grips = choose_grasps(held, np.array([[16.0, 12.0], [-3.0, 12.0]]), radius=1.0)
     assert grips[0] is not None
     assert grips[1] is None
-    usable, field = matter(grips, 1)
+    usable, field = select_matter(grips, 1)
     assert usable.tolist() == [True, False]
     assert not field[1].any()
 
 
 def test_likeness_is_one_for_the_same_way_however_long() -> None:
     way = np.random.default_rng(0).standard_normal((2, 1, 3, 2))
-    cosine, factor = alike(3.0 * way, way)
+    cosine, factor = are_alike(3.0 * way, way)
     assert cosine == pytest.approx(np.ones((2, 1)))
     assert factor == pytest.approx(3.0 * np.ones((2, 1)))
 
@@ -178,7 +183,7 @@ def test_the_invariants_hold_on_a_rocker() -> None:
     assert found["chart"]["state"] < 1e-6
     assert found["chart"]["picture"] < 1e-5
     assert found["across"] < 1e-12
-    grips = [brush(held.kinematics, held.rest, (x, 12.0), radius=1.0) for x in (12.0, 16.0, 20.0)]
+    grips = [grasp_brush(held.kinematics, held.rest, (x, 12.0), radius=1.0) for x in (12.0, 16.0, 20.0)]
     assert centre_of_rotation(grips) == pytest.approx(CONTACT, abs=0.7)
 
 
@@ -195,6 +200,6 @@ def test_places_are_read_off_latents() -> None:
     system = twin(held)
     states = np.concatenate([held.chart.latents, held.chart.latents])
 
-    read = reader(held, system, states)
+    read = make_state_reader(held, system, states)
     q = held.chart.train.smoothed(1.0).latents[5:9]
     assert read(q) == pytest.approx(system.pixels(held.chart.latents[5:9]), abs=0.1)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lagsplat.evaluate.free_motion import free_segments, free_windows
+from lagsplat.evaluate.free_motion import cut_free_windows, find_free_segments
 from tests.unit.evaluate.stand_ins import DT_S, cut, integrate, settings, world
 
 
@@ -28,30 +28,30 @@ def ramp_world():
 
 
 def test_pauses_are_found_longest_first_and_ramps_are_not_free():
-    segments = free_segments(ramp_world(), settings())
+    segments = find_free_segments(ramp_world(), settings())
     assert segments == [(1082, 1322), (300, 480)]
 
 
 def test_at_most_so_many():
-    assert free_segments(ramp_world(), settings(free_max_segments=1)) == [(1082, 1322)]
+    assert find_free_segments(ramp_world(), settings(free_max_segments=1)) == [(1082, 1322)]
 
 
 def test_without_inputs_every_clip_is_free_from_the_skip_on():
     held = cut(world(inputs=False)[0], 100, 500)
-    assert free_segments(held, settings()) == [(500, 1500), (100, 500)]
+    assert find_free_segments(held, settings()) == [(500, 1500), (100, 500)]
 
 
 def test_excursion_is_limited_within_a_slow_drift():
     held, _ = world()
     drift = np.concatenate([np.linspace(0, 1, 1000), np.zeros(500)])[:, None]
-    segments = free_segments(replace(held, inputs=drift), settings(free_min_s=0.5))
+    segments = find_free_segments(replace(held, inputs=drift), settings(free_min_s=0.5))
     assert segments[0] == (1000, 1500)
     assert all(np.ptp(drift[start:stop]) < 0.05 for start, stop in segments)
 
 
 def test_windows_tile_the_tail_and_start_from_the_encoded_state():
     held, _ = world()
-    windows, reason = free_windows(held, integrate, settings())
+    windows, reason = cut_free_windows(held, integrate, settings())
     assert reason == ""
     assert [len(window.encoded) for window in windows] == [len(windows[0].encoded)] * len(windows)
     assert len(windows[0].encoded) == pytest.approx(8 / (1.4 * DT_S), rel=0.02)
@@ -64,7 +64,7 @@ def test_windows_tile_the_tail_and_start_from_the_encoded_state():
 def test_quiet_windows_are_left_out():
     """After five seconds the tail is down to e^-2, after ten to e^-4."""
     held, _ = world(frames=2400, tail=1400)
-    windows, _ = free_windows(held, integrate, settings())
+    windows, _ = cut_free_windows(held, integrate, settings())
     assert 1 <= len(windows) <= 2
     assert windows[0].start == 1000
 
@@ -72,11 +72,11 @@ def test_quiet_windows_are_left_out():
 def test_no_window_has_a_reason():
     held, _ = world()
     busy = replace(held, inputs=np.random.default_rng(0).uniform(size=(1500, 1)))
-    windows, reason = free_windows(busy, integrate, settings())
+    windows, reason = cut_free_windows(busy, integrate, settings())
     assert windows == []
     assert "stands still for 2.0 s" in reason
     still = replace(held, encoded=held.encoded * np.r_[np.ones(900), np.zeros(600)][:, None])
-    windows, reason = free_windows(still, integrate, settings())
+    windows, reason = cut_free_windows(still, integrate, settings())
     assert windows == []
     assert "none with an oscillation" in reason
 
@@ -98,7 +98,7 @@ def test_an_uneven_clock_is_seen_through() -> None:
         size = (v0 + rate * q0)[:, None] / omega
         return np.exp(-rate * later) * (q0[:, None] * np.cos(omega * later) + size * np.sin(omega * later))
 
-    windows, _ = free_windows(replace(film, time_s=time_s), simulate, settings())
+    windows, _ = cut_free_windows(replace(film, time_s=time_s), simulate, settings())
     assert windows
     for window in windows:
         for modes in (window.encoded_modes, window.simulated_modes):
@@ -110,5 +110,5 @@ def test_an_uneven_clock_is_seen_through() -> None:
     def even(q0, v0, inputs, dt_s):
         return simulate(q0, v0, inputs, np.full((len(q0), inputs.shape[1] - 1), dt_s))
 
-    taken_for_even, _ = free_windows(film, even, settings())
+    taken_for_even, _ = cut_free_windows(film, even, settings())
     assert abs(taken_for_even[0].encoded_modes[0].frequency_hz / 1.4 - 1) > 0.02

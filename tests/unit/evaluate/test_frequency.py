@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from lagsplat.evaluate.free_motion import FITTED, SPECTRAL, compare_frequency, free_windows
+from lagsplat.evaluate.free_motion import FITTED, SPECTRAL, compare_frequency, cut_free_windows
 from tests.unit.evaluate.stand_ins import DT_S, integrate, settings, world
 
 
 def compare(held, law, **changes):
-    windows, reason = free_windows(held, law, settings(**changes))
+    windows, reason = cut_free_windows(held, law, settings(**changes))
     return compare_frequency(windows, reason, dt_s=DT_S)
 
 

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from lagsplat.evaluate.guarantee import guarantee, guarantee_of
+from lagsplat.evaluate.guarantee import measure_guarantee, summarize_guarantees
 from lagsplat.report.tables.learned_physics import guarantee_table
 from lagsplat.stage2.lagrangian import Lagrangian
 from tests.stage2_problems import random_lagrangian
@@ -15,7 +15,7 @@ RUN = dict.fromkeys(PATH, "swing")
 
 def asked(lagrangian: Lagrangian, **changes: object) -> dict:
     config = swing.settings(guarantee={"duration_s": 100.0, "starts": 4, **changes}).guarantee
-    return guarantee(lagrangian, reach=2.0, dt_s=0.02, config=config)
+    return summarize_guarantees(lagrangian, reach=2.0, dt_s=0.02, config=config)
 
 
 @pytest.mark.parametrize(("d", "mass"), [(1, "learned"), (1, "constant"), (2, "learned")])
@@ -40,8 +40,8 @@ def test_a_law_that_feeds_its_motion_is_found_out() -> None:
 def test_an_induced_mass_cannot_be_asked_and_says_so() -> None:
     chart = tiny_run.chart(tiny_run.autoencoder(1, swing.SIDE), swing.recording())
     config = swing.settings().guarantee
-    found = guarantee_of(random_lagrangian(1, 0, 1, mass="induced"), chart, config)
-    table = guarantee_table([RUN, RUN], [found, guarantee_of(swing.lagrangian(), chart, config)])
+    found = measure_guarantee(random_lagrangian(1, 0, 1, mass="induced"), chart, config)
+    table = guarantee_table([RUN, RUN], [found, measure_guarantee(swing.lagrangian(), chart, config)])
     assert "decoder-induced" in table["reason"][0]
     assert table["holds"][1]
     assert table["free_settled"][1] == 4

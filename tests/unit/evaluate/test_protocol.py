@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lagsplat.evaluate.evaluate import integrator
+from lagsplat.evaluate.evaluate import make_integrator
 from lagsplat.evaluate.protocol import (
     STENCILS,
     bootstrap_interval,
+    cut_windows,
     draw_starts,
+    explain_shortage,
     initial_states,
     pin_diverged,
-    shortage,
-    windows,
 )
 from tests.unit.evaluate.stand_ins import DT_S, cut, world
 from tests.unit.evaluate.tiny_run import lagrangian
@@ -78,9 +78,9 @@ def test_an_even_clock_written_out_changes_nothing():
         np.testing.assert_allclose(ours, theirs, rtol=1e-9, atol=1e-9)
     law = lagrangian()
     q0, v0 = initial_states(held, starts)
-    pushed = windows(held.forcing, starts, 30)
+    pushed = cut_windows(held.forcing, starts, 30)
     with_times, plain = (
-        integrator(law)(q0, v0, pushed, clip.clock.steps_s(starts, 30)) for clip in (written, held)
+        make_integrator(law)(q0, v0, pushed, clip.clock.steps_s(starts, 30)) for clip in (written, held)
     )
     np.testing.assert_allclose(with_times, plain, rtol=1e-9, atol=1e-9)
 
@@ -108,5 +108,5 @@ def test_neighbours_agree_with_a_coarse_step():
 
 def test_a_shortage_is_told_before_it_is_an_error():
     held, _ = world()
-    assert shortage(held, length=30, margin=0) == ""
-    assert "needs a held-out clip of more than 9000 frames" in shortage(held, length=9000, margin=0)
+    assert explain_shortage(held, length=30, margin=0) == ""
+    assert "needs a held-out clip of more than 9000 frames" in explain_shortage(held, length=9000, margin=0)

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import torch
 
-from lagsplat.evaluate.novel_views import draw_side, score_sides
+from lagsplat.evaluate.novel_views import draw_novel_view, score_novel_views
 from lagsplat.io.recording.recording import Recording
 from lagsplat.report.figures.reconstruction import draw_sides
 from lagsplat.stage1.autoencoder import Autoencoder, encode_frames
-from lagsplat.stage1.gaussian_initialization import initialize
-from lagsplat.stage1.training_data import Footage
+from lagsplat.stage1.gaussian_initialization import initialize_gaussians
+from lagsplat.stage1.training_data import TrainingFrames
 from lagsplat.views.novel import NovelViews
 from tests.unit.stage1.problems import small_config
 from tests.unit.stage1.solid import SUPERVISION, swinging_ball
@@ -26,25 +26,25 @@ def run() -> tuple[Autoencoder, Recording, NovelViews]:
         frames=frames, time_s=np.arange(INSTANTS) / 30, inputs=np.zeros((INSTANTS, 0)), input_names=(),
         input_units=(), meta={"origin": "simulated"}, n_train=TRAIN,
     )  # fmt: skip
-    footage = Footage(frames, novel=views, supervision=SUPERVISION)
-    return initialize(footage, small_config(n_gaussians=80), seed=0).eval(), recording, views
+    footage = TrainingFrames(frames, novel=views, supervision=SUPERVISION)
+    return initialize_gaussians(footage, small_config(n_gaussians=80), seed=0).eval(), recording, views
 
 
 def as_drawn(run: tuple[Autoencoder, Recording, NovelViews]) -> NovelViews:
     """Views that hold, to rounding, what the decoder draws."""
     autoencoder, recording, views = run
     z = encode_frames(autoencoder, recording.frames)
-    pictures = [draw_side(autoencoder, z, views.space.seen_by(camera)) for camera in views.cameras]
+    pictures = [draw_novel_view(autoencoder, z, views.space.seen_by(camera)) for camera in views.cameras]
     return replace(views, images=np.round(255 * np.stack(pictures, 1)).clip(0, 255).astype(np.uint8))
 
 
 def test_views_as_drawn_are_right_to_rounding_and_others_are_not(run) -> None:
     autoencoder, recording, views = run
-    exact = score_sides(autoencoder, recording, as_drawn(run))
+    exact = score_novel_views(autoencoder, recording, as_drawn(run))
     assert exact["held_out"]["train"] > 55
     assert exact["seen"]["rest"] > 55
     assert (exact["held_out"]["cameras"], exact["seen"]["cameras"]) == (2, 3)
-    true = score_sides(autoencoder, recording, views)
+    true = score_novel_views(autoencoder, recording, views)
     assert true["held_out"]["train"] < 40
     assert set(true["per_camera"]) == set(views.names)
 
@@ -53,7 +53,7 @@ def test_errors_fall_where_they_belong(run) -> None:
     autoencoder, recording, _ = run
     spoilt = as_drawn(run)
     spoilt.images[TRAIN:, -1] = 0  # the last held-out camera, at the instants that were not trained on
-    told = score_sides(autoencoder, recording, spoilt)
+    told = score_novel_views(autoencoder, recording, spoilt)
     assert told["held_out"]["train"] > 55
     assert told["held_out"]["rest"] < 55
     assert told["seen"]["rest"] > 55
@@ -64,9 +64,9 @@ def test_holes_do_not_count(run) -> None:
     holed = as_drawn(run)
     holed.images[:, :, :, :5] = 0
     cover = np.full(holed.images.shape[:4], 255, np.uint8)
-    assert score_sides(autoencoder, recording, holed)["held_out"]["train"] < 40
+    assert score_novel_views(autoencoder, recording, holed)["held_out"]["train"] < 40
     cover[:, :, :, :5] = 0
-    assert score_sides(autoencoder, recording, replace(holed, cover=cover))["held_out"]["train"] > 55
+    assert score_novel_views(autoencoder, recording, replace(holed, cover=cover))["held_out"]["train"] > 55
 
 
 def test_the_figure_shows_held_out_cameras(run) -> None:

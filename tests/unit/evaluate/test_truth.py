@@ -6,9 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from lagsplat.evaluate.evaluate import integrator
-from lagsplat.evaluate.free_motion import compare_decay, free_windows, linear_modes
-from lagsplat.evaluate.protocol import held_out
+from lagsplat.evaluate.evaluate import make_integrator
+from lagsplat.evaluate.free_motion import compare_decay, compute_linear_modes, cut_free_windows
+from lagsplat.evaluate.protocol import select_held_out
 from lagsplat.evaluate.truth import compare_with_truth, fit_polynomial
 from tests.unit.evaluate import tiny_run
 from tests.unit.evaluate.stand_ins import settings
@@ -53,8 +53,8 @@ def known():
 
 def compared(chart, truth, *, frequency_hz: float = 2.0):
     law = tiny_run.lagrangian(n_inputs=0, frequency_hz=frequency_hz)
-    windows = free_windows(held_out(chart, settings()), integrator(law), settings())
-    metrics = {"damping": compare_decay(*windows), "linear_modes": linear_modes(law)}
+    windows = cut_free_windows(select_held_out(chart, settings()), make_integrator(law), settings())
+    metrics = {"damping": compare_decay(*windows), "linear_modes": compute_linear_modes(law)}
     rows = compare_with_truth(metrics, truth, chart, law)["rows"]
     return {row["quantity"]: row for row in rows}
 
@@ -102,7 +102,7 @@ def test_the_equilibrium_is_read_in_true_coordinates(known):
 def test_without_free_motion_the_law_alone_is_compared(known):
     chart, truth = known
     law = tiny_run.lagrangian(n_inputs=0)
-    metrics = {"damping": {"windows": []}, "linear_modes": linear_modes(law)}
+    metrics = {"damping": {"windows": []}, "linear_modes": compute_linear_modes(law)}
     rows = compare_with_truth(metrics, truth, chart, law)["rows"]
     found = {row["quantity"]: row for row in rows}
     assert found["frequency of mode 1, free rollout [Hz]"]["learned"] is None

@@ -5,25 +5,25 @@ import pytest
 import torch
 
 from lagsplat.evaluate.velocity_field import (
-    Moment,
-    background_of,
-    fastest_moment,
+    FastestMoment,
+    compute_velocity_field,
+    estimate_background,
+    find_fastest_moment,
     load_maps,
     save_maps,
-    velocity_field,
 )
-from lagsplat.stage1.deformation_decoder import CONDITIONED, Field, begin_field
+from lagsplat.stage1.deformation_decoder import CONDITIONED, DeformationField, start_deformation_field
 from tests.unit.evaluate import swing
 from tests.unit.stage1.problems import small_config, swinging_bar
 from tests.unit.stage1.test_field import LATENTS, settings
 
 FRAMES = swinging_bar(40)
-MOMENT = Moment(3, np.array([0.1]), np.array([2.0]))
+MOMENT = FastestMoment(3, np.array([0.1]), np.array([2.0]))
 
 
-def carried(shift: float) -> Field:
+def carried(shift: float) -> DeformationField:
     """A decoder all of whose primitives follow the latent alike, [px per unit]."""
-    field = begin_field(CONDITIONED, FRAMES, LATENTS, settings(), small_config(), seed=0)
+    field = start_deformation_field(CONDITIONED, FRAMES, LATENTS, settings(), small_config(), seed=0)
     with torch.no_grad():
         field.gaussians.precision_log_diagonal.fill_(-3.0)
         field.gaussians.coupling.zero_()
@@ -31,8 +31,8 @@ def carried(shift: float) -> Field:
     return field.eval()
 
 
-def measured(field: Field):
-    return velocity_field(field, FRAMES, LATENTS, MOMENT, window=7, neighbours=3, backend="numba")
+def measured(field: DeformationField):
+    return compute_velocity_field(field, FRAMES, LATENTS, MOMENT, window=7, neighbours=3, backend="numba")
 
 
 def test_a_common_motion_is_smooth_and_as_fast_as_it_is() -> None:
@@ -68,7 +68,7 @@ def test_the_background_is_what_never_changes() -> None:
     frames = np.full((20, 6, 8, 3), 90, dtype=np.uint8)
     frames[:, 2:4, 2:6] = np.arange(0, 200, 10, dtype=np.uint8)[:, None, None, None]
     noisy = frames + np.random.default_rng(0).integers(0, 3, frames.shape, dtype=np.uint8)
-    still = background_of(noisy)
+    still = estimate_background(noisy)
     assert not still[2:4, 2:6].any()
     assert still.mean() > 0.5
 
@@ -76,7 +76,7 @@ def test_the_background_is_what_never_changes() -> None:
 def test_the_fastest_moment_is_a_passage_through_the_middle() -> None:
     film = swing.recording()
     _, chart, _ = swing.run(film)
-    moment = fastest_moment(chart)
+    moment = find_fastest_moment(chart)
     assert moment.frame < 20
     assert abs(swing.motion(120)[moment.frame]) < 0.5
 

@@ -4,7 +4,7 @@ import numpy as np
 import torch
 
 from lagsplat.chart.chart import Chart
-from lagsplat.forces.equilibrium import Held, hold
+from lagsplat.forces.equilibrium import OperatingPoint, hold_at_load
 from lagsplat.stage1.autoencoder import Autoencoder
 from tests.unit.evaluate.tiny_run import lagrangian
 
@@ -13,7 +13,7 @@ CONTACT = (16.0, 19.0)
 CLAMP = (16.0, 2.0)
 
 
-def rocking(*, frames: int = 60) -> Held:
+def rocking(*, frames: int = 60) -> OperatingPoint:
     """A disc of radius 7 px around (16, 12) that turns about `CONTACT`, before a wall that stands still."""
     places = torch.tensor([(x, y) for y in np.arange(1.0, 24, 2) for x in np.arange(1.0, 32, 2)])
     on = (places - torch.tensor([16.0, 12.0])).norm(dim=1) < 7.0
@@ -22,7 +22,7 @@ def rocking(*, frames: int = 60) -> Held:
     return _held(places, torch.where(on[:, None, None], 0.1 * turn, 0.0), on, frames=frames)
 
 
-def hanging(*, frames: int = 60) -> Held:
+def hanging(*, frames: int = 60) -> OperatingPoint:
     """A strip 4 px wide that hangs from `CLAMP`: one coordinate bends it, the other stretches it."""
     places = torch.tensor([(x, y) for y in np.arange(1.0, 24, 1.5) for x in np.arange(1.0, 32, 1.5)])
     down = places[:, 1] - CLAMP[1]
@@ -33,7 +33,7 @@ def hanging(*, frames: int = 60) -> Held:
     return _held(places, torch.where(on[:, None, None], jacobian, 0.0), on, frames=frames)
 
 
-def _held(places: torch.Tensor, jacobian: torch.Tensor, on: torch.Tensor, *, frames: int) -> Held:
+def _held(places: torch.Tensor, jacobian: torch.Tensor, on: torch.Tensor, *, frames: int) -> OperatingPoint:
     n, d = len(places), jacobian.shape[2]
     size = {"height": HEIGHT, "width": WIDTH}
     model = Autoencoder(d=d, n_gaussians=n, kernel=12, channels=2, background="black", backend="auto", **size)
@@ -52,4 +52,4 @@ def _held(places: torch.Tensor, jacobian: torch.Tensor, on: torch.Tensor, *, fra
         segments=((0, frames),),
         smoothing_frames=1.0, condition=1.0, intrinsic_dimension=float(d),
     )  # fmt: skip
-    return hold(model.eval(), chart, lagrangian(d))
+    return hold_at_load(model.eval(), chart, lagrangian(d))

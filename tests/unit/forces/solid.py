@@ -4,7 +4,7 @@ import numpy as np
 import torch
 
 from lagsplat.chart.chart import Chart
-from lagsplat.forces.equilibrium import Held, hold
+from lagsplat.forces.equilibrium import OperatingPoint, hold_at_load
 from lagsplat.stage1.autoencoder import Autoencoder
 from tests.unit.evaluate.tiny_run import lagrangian
 
@@ -13,7 +13,7 @@ FRONT, WALL = 90.0, 120.0
 """Depths of the plate and the wall; the pivot is at `FOCAL`."""
 
 
-def turning(*, frames: int = 60) -> Held:
+def turning(*, frames: int = 60) -> OperatingPoint:
     """A plate of radius 7 px around the middle turns about a point below it, in its own plane."""
     grid = torch.tensor([(x, y) for y in np.arange(1.0, 24, 2) for x in np.arange(1.0, 32, 2)])
     middle = torch.tensor([WIDTH / 2, HEIGHT / 2])
@@ -42,7 +42,7 @@ def turning(*, frames: int = 60) -> Held:
         segments=((0, frames),),
         smoothing_frames=1.0, condition=1.0, intrinsic_dimension=1.0,
     )  # fmt: skip
-    return hold(model.eval(), chart, lagrangian(1))
+    return hold_at_load(model.eval(), chart, lagrangian(1))
 
 
 def spread(offset: torch.Tensor, depth: float) -> torch.Tensor:

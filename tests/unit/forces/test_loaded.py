@@ -5,7 +5,7 @@ import math
 import pytest
 import torch
 
-from lagsplat.forces.loaded_lagrangian import Edits, Loaded
+from lagsplat.forces.loaded_lagrangian import LawEdits, LoadedLagrangian
 from tests.stage2_problems import random_lagrangian
 
 
@@ -14,20 +14,20 @@ from tests.stage2_problems import random_lagrangian
 )
 def test_edits_outside_their_domain_are_refused(changes):
     with pytest.raises(ValueError, match=next(iter(changes))):
-        Edits(**changes)
+        LawEdits(**changes)
 
 
 def test_no_damping_at_all_is_an_edit():
-    assert Edits(damping=0.0).damping == 0.0
+    assert LawEdits(damping=0.0).damping == 0.0
 
 
 def test_a_loaded_law_shares_the_parameters_and_leaves_the_law_alone():
     law = random_lagrangian(2, 1, 0)
     q, u = torch.zeros(1, 2, dtype=torch.float64), torch.ones(1, 1, dtype=torch.float64)
     before = law.conservative_force(q, u, law.prepare())
-    loaded = Loaded(law, torch.ones(2, dtype=torch.float64))
+    loaded = LoadedLagrangian(law, torch.ones(2, dtype=torch.float64))
     assert loaded.rest is law.rest
     torch.testing.assert_close(loaded.conservative_force(q, u, law.prepare()), before + 1.0)
     torch.testing.assert_close(law.conservative_force(q, u, law.prepare()), before)
     with pytest.raises(ValueError, match="not finite"):
-        Loaded(law, torch.tensor([math.inf, 0.0]))
+        LoadedLagrangian(law, torch.tensor([math.inf, 0.0]))

@@ -2,14 +2,14 @@
 
 import torch
 
-from lagsplat.forces.moving_parts import outlined, scene_at
+from lagsplat.forces.moving_parts import draw_outline, find_moving_parts
 from tests.unit.forces.rocking import rocking
 
 
 def test_the_disc_is_cut_out_of_the_wall():
     held = rocking()
-    scene = scene_at(held.autoencoder, held.chart, held.rest.numpy())
-    seen = outlined(held.pictures(held.rest[None], scale=2)[0], scene)
+    scene = find_moving_parts(held.autoencoder, held.chart, held.rest.numpy())
+    seen = draw_outline(held.pictures(held.rest[None], scale=2)[0], scene)
     assert seen.shape == (48, 64)
     assert seen[24, 32]
     assert not seen[:4].any()

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 import torch
 
-from lagsplat.evaluate.forces.motion import across, push_in_space
+from lagsplat.evaluate.forces.motion import push_across, push_in_space
 from lagsplat.forces.config import ForcesConfig
-from lagsplat.forces.equilibrium import Held
-from lagsplat.forces.grasp import NothingThereError, brush, cast, hold_of
+from lagsplat.forces.equilibrium import OperatingPoint
+from lagsplat.forces.grasp import NoMatterError, cast_ray, grasp_along_ray, grasp_brush
 from lagsplat.report.figures.forces import draw_space_push, sideways
-from lagsplat.splat.projection import View, view_of
+from lagsplat.splat.projection import View, make_view
 from tests.unit.forces.rocking import rocking
 from tests.unit.forces.solid import FOCAL, FRONT, HEIGHT, WALL, WIDTH, turning
 
@@ -18,17 +18,17 @@ MIDDLE, CORNER = (WIDTH / 2, HEIGHT / 2), (2.0, 2.0)
 
 
 @pytest.fixture(scope="module")
-def held() -> Held:
+def held() -> OperatingPoint:
     return turning()
 
 
-def own(held: Held) -> View:
+def own(held: OperatingPoint) -> View:
     return held.autoencoder.filmed_view(held.autoencoder.gaussians.center)
 
 
-def test_the_plate_is_met_before_the_wall_and_the_wall_beside_it(held: Held) -> None:
+def test_the_plate_is_met_before_the_wall_and_the_wall_beside_it(held: OperatingPoint) -> None:
     for pixel, depth in ((MIDDLE, FRONT), (CORNER, WALL)):
-        hit = cast(held.autoencoder, held.chart, held.rest, own(held), pixel)
+        hit = cast_ray(held.autoencoder, held.chart, held.rest, own(held), pixel)
         assert hit.depth == pytest.approx(depth, abs=1e-3)
         assert 0.5 < hit.cover < 1.0
         place = held.kinematics.places(held.rest[None])[0, hit.gaussian].numpy()
@@ -36,44 +36,44 @@ def test_the_plate_is_met_before_the_wall_and_the_wall_beside_it(held: Held) -> 
         assert np.hypot(*(seen - pixel)) < 2.5
 
 
-def test_from_the_side_the_ray_meets_what_stands_there(held: Held) -> None:
+def test_from_the_side_the_ray_meets_what_stands_there(held: OperatingPoint) -> None:
     camera = sideways(held, 20.0, 0.0)
     on_the_wall = np.array([[-12.0 * WALL / FOCAL, -9.0 * WALL / FOCAL, WALL]])
     at = camera.project(on_the_wall)[0]
-    hit = cast(held.autoencoder, held.chart, held.rest, view_of([camera]), (float(at[0]), float(at[1])))
+    hit = cast_ray(held.autoencoder, held.chart, held.rest, make_view([camera]), (float(at[0]), float(at[1])))
     place = held.kinematics.places(held.rest[None])[0, hit.gaussian].numpy()
     assert place[2] == pytest.approx(WALL)
     assert np.linalg.norm(place - on_the_wall[0]) < 3.0
 
 
-def test_clicks_on_nothing_are_refused(held: Held) -> None:
-    with pytest.raises(NothingThereError, match="outside the picture of 32 x 24 px"):
-        cast(held.autoencoder, held.chart, held.rest, own(held), (40.0, 2.0))
-    with pytest.raises(NothingThereError, match=r"meets nothing: all that lies on it stops \d+%"):
-        cast(held.autoencoder, held.chart, held.rest + 60.0, own(held), MIDDLE)
+def test_clicks_on_nothing_are_refused(held: OperatingPoint) -> None:
+    with pytest.raises(NoMatterError, match="outside the picture of 32 x 24 px"):
+        cast_ray(held.autoencoder, held.chart, held.rest, own(held), (40.0, 2.0))
+    with pytest.raises(NoMatterError, match=r"meets nothing: all that lies on it stops \d+%"):
+        cast_ray(held.autoencoder, held.chart, held.rest + 60.0, own(held), MIDDLE)
     with pytest.raises(ValueError, match="is not finite"):
-        cast(held.autoencoder, held.chart, held.rest * torch.nan, own(held), MIDDLE)
+        cast_ray(held.autoencoder, held.chart, held.rest * torch.nan, own(held), MIDDLE)
     flat = rocking()
     with pytest.raises(ValueError, match="with a brush, not with a ray"):
-        cast(flat.autoencoder, flat.chart, flat.rest, own(held), MIDDLE)
+        cast_ray(flat.autoencoder, flat.chart, flat.rest, own(held), MIDDLE)
 
 
-def test_a_brush_in_space_takes_a_place_and_not_a_pixel(held: Held) -> None:
+def test_a_brush_in_space_takes_a_place_and_not_a_pixel(held: OperatingPoint) -> None:
     with pytest.raises(ValueError, match="2 coordinates and the Gaussians live in 3 dimensions"):
-        brush(held.kinematics, held.rest, MIDDLE, radius=3.0)
-    grip = brush(held.kinematics, held.rest, (0.0, 0.0, FRONT), radius=2.0)
+        grasp_brush(held.kinematics, held.rest, MIDDLE, radius=3.0)
+    grip = grasp_brush(held.kinematics, held.rest, (0.0, 0.0, FRONT), radius=2.0)
     assert grip.jacobian.shape == (3, 1)
     np.testing.assert_allclose(grip.jacobian[:, 0].numpy(), [0.7, 0.0, 0.0], atol=0.05)  # 0.1 x 7 px below
 
 
-def test_a_grip_follows_its_gaussian(held: Held) -> None:
-    hit = cast(held.autoencoder, held.chart, held.rest, own(held), MIDDLE)
-    grip = hold_of(held.kinematics, held.rest, hit.gaussian)
+def test_a_grip_follows_its_gaussian(held: OperatingPoint) -> None:
+    hit = cast_ray(held.autoencoder, held.chart, held.rest, own(held), MIDDLE)
+    grip = grasp_along_ray(held.kinematics, held.rest, hit.gaussian)
     q = held.rest + 1.3
     torch.testing.assert_close(grip.place(q), held.kinematics.places(q[None])[0, hit.gaussian])
 
 
-def test_a_force_across_the_motion_moves_nothing_and_one_down_does(held: Held) -> None:
+def test_a_force_across_the_motion_moves_nothing_and_one_down_does(held: OperatingPoint) -> None:
     push = push_in_space(held, CONFIG)
     told = push.numbers()
     assert told["felt_across"] < 1e-15
@@ -88,10 +88,12 @@ def test_a_force_across_the_motion_moves_nothing_and_one_down_does(held: Held) -
 
 def test_across_is_orthogonal_to_every_column_or_is_none() -> None:
     two = torch.randn(3, 2, dtype=torch.float64)
-    found = across(two)
+    found = push_across(two)
     assert np.linalg.norm(found) == pytest.approx(1.0)
     assert np.abs(found @ two.numpy()).max() < 1e-15
-    np.testing.assert_allclose(across(torch.tensor([[0.0], [0.0], [2.0]], dtype=torch.float64)), [1, 0, 0])
-    np.testing.assert_allclose(across(torch.zeros(3, 1, dtype=torch.float64)), [0, 0, 1])
+    np.testing.assert_allclose(
+        push_across(torch.tensor([[0.0], [0.0], [2.0]], dtype=torch.float64)), [1, 0, 0]
+    )
+    np.testing.assert_allclose(push_across(torch.zeros(3, 1, dtype=torch.float64)), [0, 0, 1])
     with pytest.raises(ValueError, match="none is across"):
-        across(torch.randn(3, 3, dtype=torch.float64))
+        push_across(torch.randn(3, 3, dtype=torch.float64))

@@ -3,13 +3,19 @@
 import numpy as np
 import pytest
 
-from lagsplat.forces.moving_parts import Scene, background_points, hanging_points, lever_points, scene_at
+from lagsplat.forces.moving_parts import (
+    MovingParts,
+    choose_background_points,
+    choose_hanging_points,
+    choose_lever_points,
+    find_moving_parts,
+)
 from tests.unit.forces.rocking import CLAMP, CONTACT, hanging, rocking
 
 
 def test_each_pixel_shows_how_its_matter_moves():
     held = rocking()
-    scene = scene_at(held.autoencoder, held.chart, held.rest.numpy())
+    scene = find_moving_parts(held.autoencoder, held.chart, held.rest.numpy())
     x, y = 20, 9
     expected = 0.1 * np.array([-(y + 0.5 - CONTACT[1]), x + 0.5 - CONTACT[0]])
     assert scene.jacobian[y, x, :, 0] == pytest.approx(expected, rel=0.25)
@@ -20,16 +26,16 @@ def test_each_pixel_shows_how_its_matter_moves():
 
 def test_levers_grow_away_from_the_centre_of_rotation_and_change_sign():
     held = rocking()
-    scene = scene_at(held.autoencoder, held.chart, held.rest.numpy())
-    arms = [x - CONTACT[0] for x, _ in lever_points(scene, margin=1.0)]
+    scene = find_moving_parts(held.autoencoder, held.chart, held.rest.numpy())
+    arms = [x - CONTACT[0] for x, _ in choose_lever_points(scene, margin=1.0)]
     assert arms[0] > arms[1] > arms[2]
     assert arms[0] < 0 < arms[3]
 
 
 def test_background_points_lie_apart_and_off_the_object():
     held = rocking()
-    scene = scene_at(held.autoencoder, held.chart, held.rest.numpy())
-    points = np.array(background_points(scene, 3, margin=1.0))
+    scene = find_moving_parts(held.autoencoder, held.chart, held.rest.numpy())
+    points = np.array(choose_background_points(scene, 3, margin=1.0))
     assert len(points) == 3
     assert all(np.hypot(x - 16.0, y - 12.0) > 8.0 for x, y in points)
     assert min(np.linalg.norm(a - b) for i, a in enumerate(points) for b in points[:i]) > 8.0
@@ -37,16 +43,16 @@ def test_background_points_lie_apart_and_off_the_object():
 
 def test_an_arm_has_a_middle_a_tip_and_a_direction():
     held = hanging()
-    scene = scene_at(held.autoencoder, held.chart, held.rest.numpy())
-    middle, tip, along = hanging_points(scene)
+    scene = find_moving_parts(held.autoencoder, held.chart, held.rest.numpy())
+    middle, tip, along = choose_hanging_points(scene)
     assert middle[0] == pytest.approx(CLAMP[0], abs=0.5)
     assert CLAMP[1] < middle[1] < tip[1] < 22
     assert along == pytest.approx([0.0, 1.0], abs=0.05)
 
 
 def test_a_picture_in_which_nothing_moves_is_refused():
-    still = Scene(np.zeros((8, 8, 2, 1)), np.zeros((8, 8)))
+    still = MovingParts(np.zeros((8, 8, 2, 1)), np.zeros((8, 8)))
     with pytest.raises(ValueError, match="no lever arms"):
-        lever_points(still, margin=1.0)
+        choose_lever_points(still, margin=1.0)
     with pytest.raises(ValueError, match="nothing moves"):
-        hanging_points(still)
+        choose_hanging_points(still)

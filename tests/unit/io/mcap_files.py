@@ -18,7 +18,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from lagsplat.io.config import McapConfig, McapInputConfig
-from lagsplat.io.mcap.write import NumberTopic, PictureTopic, write_mcap
+from lagsplat.io.mcap.write import ImageTopic, NumberTopic, write_mcap
 
 START_NS = 1_700_000_000_000_000_000
 NAMES = ("shoulder", "elbow")
@@ -59,7 +59,7 @@ def by_this_package(path: Path, film: Take) -> McapConfig:
     joints = {name: film.angles[:, i] for i, name in enumerate(NAMES)}
     write_mcap(
         path,
-        pictures=[PictureTopic("/camera", film.frame_ns / 1e9, list(film.frames))],
+        pictures=[ImageTopic("/camera", film.frame_ns / 1e9, list(film.frames))],
         numbers=[NumberTopic("/joints", film.joint_ns / 1e9, joints, {})],
         metadata={},
         start_ns=START_NS,

@@ -9,7 +9,7 @@ import pytest
 import torch
 from safetensors.numpy import save_file
 
-from lagsplat.io.files.artifact import load_artefact, read_header, save_artefact
+from lagsplat.io.files.artifact import load_artifact, read_header, save_artifact
 
 HEADER = {"kind": "chart", "schema": 2}
 
@@ -17,7 +17,7 @@ HEADER = {"kind": "chart", "schema": 2}
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
     path = tmp_path / "chart.safetensors"
-    save_artefact(path, {"mean": np.arange(4.0), "frames": np.ones((5, 6), np.uint8)}, HEADER)
+    save_artifact(path, {"mean": np.arange(4.0), "frames": np.ones((5, 6), np.uint8)}, HEADER)
     return path
 
 
@@ -31,24 +31,24 @@ def small_files() -> Iterator[None]:
 
 
 def test_mapped_tensors_are_lazy_and_others_may_be_changed(path: Path) -> None:
-    tensors, _ = load_artefact(path, mapped=("frames",))
+    tensors, _ = load_artifact(path, mapped=("frames",))
     assert isinstance(tensors["frames"], np.memmap)
     assert not tensors["frames"].flags.writeable
     tensors["mean"][0] = 7.0
-    assert load_artefact(path)[0]["mean"][0] == 0.0
+    assert load_artifact(path)[0]["mean"][0] == 0.0
 
 
 def test_stamp_is_added_but_a_given_one_stays(path: Path, tmp_path: Path) -> None:
     assert {"commit", "versions", "time_utc"} <= set(read_header(path)["stamp"])
-    save_artefact(tmp_path / "b.safetensors", {}, {**HEADER, "stamp": "mine"})
+    save_artifact(tmp_path / "b.safetensors", {}, {**HEADER, "stamp": "mine"})
     assert read_header(tmp_path / "b.safetensors")["stamp"] == "mine"
 
 
 def test_torch_tensors_and_numpy_header_values(tmp_path: Path) -> None:
     weight = torch.arange(6.0).reshape(2, 3).T.requires_grad_()
     header = {**HEADER, "d": np.int64(4), "scale": np.array([1.5, 2.0]), "file": Path("a/b"), "clip": (0, 3)}
-    save_artefact(tmp_path / "a.safetensors", {"w": weight}, header)
-    tensors, found = load_artefact(tmp_path / "a.safetensors")
+    save_artifact(tmp_path / "a.safetensors", {"w": weight}, header)
+    tensors, found = load_artifact(tmp_path / "a.safetensors")
     np.testing.assert_array_equal(tensors["w"], weight.detach().numpy())
     assert [found[key] for key in ("d", "scale", "file", "clip")] == [4, [1.5, 2.0], "a/b", [0, 3]]
 
@@ -57,35 +57,35 @@ def test_torch_tensors_and_numpy_header_values(tmp_path: Path) -> None:
 def test_truncated_file_is_named(path: Path, keep: int) -> None:
     path.write_bytes(path.read_bytes()[:keep])
     with pytest.raises(ValueError, match=r"chart\.safetensors: not a whole safetensors file.*run again"):
-        load_artefact(path)
+        load_artifact(path)
 
 
 def test_foreign_files_are_refused(tmp_path: Path) -> None:
     pickle = tmp_path / "weights.pt"
     torch.save({"a": 1}, pickle)
     with pytest.raises(ValueError, match=r"weights\.pt: not a whole safetensors file"):
-        load_artefact(pickle)
+        load_artifact(pickle)
     other = tmp_path / "other.safetensors"
     save_file({"a": np.zeros(2)}, other)
     with pytest.raises(ValueError, match="no 'lagsplat' header"):
-        load_artefact(other)
+        load_artifact(other)
     save_file({"a": np.zeros(2)}, other, metadata={"lagsplat": "{'kind"})
     with pytest.raises(ValueError, match="is not JSON"):
-        load_artefact(other)
+        load_artifact(other)
     save_file({"a": np.zeros(2)}, other, metadata={"lagsplat": "[]"})
     with pytest.raises(ValueError, match="names no kind"):
-        load_artefact(other)
+        load_artifact(other)
     with pytest.raises(FileNotFoundError, match="absent"):
-        load_artefact(tmp_path / "absent.safetensors")
+        load_artifact(tmp_path / "absent.safetensors")
 
 
 def test_wrong_kind_schema_and_tensor_are_refused(path: Path) -> None:
     with pytest.raises(ValueError, match="holds a 'chart', but a 'dynamics' is wanted"):
-        load_artefact(path, kind="dynamics")
+        load_artifact(path, kind="dynamics")
     with pytest.raises(ValueError, match="schema 2, but this version reads schema 3"):
-        load_artefact(path, kind="chart", schema=3)
+        load_artifact(path, kind="chart", schema=3)
     with pytest.raises(ValueError, match=r"no tensor 'whiten', only \['frames', 'mean'\]"):
-        load_artefact(path, mapped=("whiten",))
+        load_artifact(path, mapped=("whiten",))
 
 
 @pytest.mark.parametrize(
@@ -103,7 +103,7 @@ def test_what_cannot_be_kept_is_refused_before_writing(
 ) -> None:
     before = path.read_bytes()
     with pytest.raises(ValueError, match=message):
-        save_artefact(path, tensors, header)
+        save_artifact(path, tensors, header)
     assert path.read_bytes() == before
 
 
@@ -111,12 +111,12 @@ def test_what_cannot_be_kept_is_refused_before_writing(
 def test_failed_write_leaves_the_earlier_file(path: Path) -> None:
     before = path.read_bytes()
     with pytest.raises(OSError, match=r"chart\.safetensors was not written: .*largest size allowed"):
-        save_artefact(path, {"big": np.zeros(100_000)}, HEADER)
+        save_artifact(path, {"big": np.zeros(100_000)}, HEADER)
     assert path.read_bytes() == before
     assert list(path.parent.iterdir()) == [path]
 
 
 def test_an_artefact_is_as_readable_as_any_other_file(tmp_path: Path) -> None:
-    save_artefact(tmp_path / "a.safetensors", {"x": np.zeros(1)}, {"kind": "test", "schema": 1})
+    save_artifact(tmp_path / "a.safetensors", {"x": np.zeros(1)}, {"kind": "test", "schema": 1})
     (tmp_path / "other").touch()
     assert (tmp_path / "a.safetensors").stat().st_mode == (tmp_path / "other").stat().st_mode

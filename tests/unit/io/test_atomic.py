@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 
 from lagsplat.io.files import atomic
-from lagsplat.io.files.atomic import replacing, write_text
+from lagsplat.io.files.atomic import replace_atomically, write_text
 
 
 def test_content_appears_at_once_and_folders_are_made(tmp_path: Path) -> None:
     target = tmp_path / "a" / "b.csv"
-    with replacing(target) as temporary:
+    with replace_atomically(target) as temporary:
         temporary.write_text("new")
         assert temporary.suffix == ".csv"
         assert not target.exists()
@@ -26,7 +26,7 @@ def test_interruption_leaves_what_was_there(tmp_path: Path, interruption: type[B
     write_text(target, "old")
 
     def write_half() -> None:
-        with replacing(target) as temporary:
+        with replace_atomically(target) as temporary:
             temporary.write_text("half")
             raise interruption
 

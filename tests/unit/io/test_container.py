@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from lagsplat.io.video.decode import missing_bytes
+from lagsplat.io.video.decode import count_missing_bytes
 
 
 def box(kind: bytes, content: bytes, *, size: int | None = None) -> bytes:
@@ -34,8 +34,8 @@ LONG = (1).to_bytes(4, "big") + b"mdat" + (16 + 30).to_bytes(8, "big") + b"m" * 
 )
 def test_account(tmp_path: Path, content: bytes, missing: int | None) -> None:
     (tmp_path / "film").write_bytes(content)
-    assert missing_bytes(tmp_path / "film") == missing
+    assert count_missing_bytes(tmp_path / "film") == missing
 
 
 def test_hidden_frames_are_not_missing_bytes(shared_data: Path) -> None:
-    assert missing_bytes(shared_data / "video" / "pendulum_pair" / "video2.mp4") == 0
+    assert count_missing_bytes(shared_data / "video" / "pendulum_pair" / "video2.mp4") == 0

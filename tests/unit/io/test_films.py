@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lagsplat.io.video.read import CLIP_GAP_S, read_video
-from lagsplat.video_quality.camera_motion import background_path
+from lagsplat.video_quality.camera_motion import track_background
 from tests.films import RATE, index_first, swing, tag_rotation, write_film
 
 
@@ -153,7 +153,7 @@ def test_a_shake_is_removed(tmp_path: Path) -> None:
     true = np.array([camera(t) for t in time_s])
 
     def rms(pictures: np.ndarray, undone: np.ndarray) -> float:
-        moved = background_path(np.ascontiguousarray(picture[..., 0]) for picture in pictures)
+        moved = track_background(np.ascontiguousarray(picture[..., 0]) for picture in pictures)
         assert moved is not None
         return float(np.sqrt(((moved - (undone - undone[0])) ** 2).sum(axis=1).mean()))
 

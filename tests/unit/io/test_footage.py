@@ -5,19 +5,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lagsplat.video_quality.assessment import Footage, check_footage
+from lagsplat.video_quality.assessment import VideoAssessment, assess_video
 from lagsplat.video_quality.frames import Thumbnails
 from tests.films import PERIOD_S, RATE, swing
 
 
-def check(frames: np.ndarray, time_s: np.ndarray) -> Footage:
+def check(frames: np.ndarray, time_s: np.ndarray) -> VideoAssessment:
     thumbnails = Thumbnails()
     for frame in frames:
         thumbnails.add(np.ascontiguousarray(frame[..., ::-1]))
-    return check_footage(frames, time_s, thumbnails, film_per_frame=1.0)
+    return assess_video(frames, time_s, thumbnails, film_per_frame=1.0)
 
 
-def checked(**planted: Any) -> Footage:
+def checked(**planted: Any) -> VideoAssessment:
     return check(*swing(**planted))
 
 

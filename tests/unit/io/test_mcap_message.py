@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
-from lagsplat.io.mcap.messages import Decoders, number_at, number_paths, stamp_ns
-from lagsplat.io.mcap.recovery import whole_messages
+from lagsplat.io.mcap.messages import Decoders, list_number_paths, read_number, read_stamp_ns
+from lagsplat.io.mcap.recovery import read_whole_messages
 from tests.unit.io.mcap_files import NAMES, START_NS, WRITERS, take
 
 WRENCH = {
@@ -24,7 +24,7 @@ def joints(request: Any, tmp_path_factory: pytest.TempPathFactory) -> tuple[str,
     path: Path = tmp_path_factory.mktemp("log") / "log.mcap"
     WRITERS[request.param](path, take())
     decoders = Decoders()
-    for schema, channel, message in whole_messages(path, []):
+    for schema, channel, message in read_whole_messages(path, []):
         if channel.topic == "/joints":
             return request.param, decoders.decode(schema, channel, message)
     raise AssertionError
@@ -36,16 +36,16 @@ def test_a_joint_is_found_by_name_and_by_number(joints: tuple[str, Any]) -> None
     by_name = {"rosbags": "position[{}]", "foxglove": "joints[{}].position"}[writer]
     order = {"rosbags": NAMES[::-1], "foxglove": NAMES}[writer]
     for i, name in enumerate(NAMES):
-        assert number_at(message, by_name.format(name)) == film.angles[0, i]
-        assert number_at(message, by_name.format(order.index(name))) == film.angles[0, i]
-    assert stamp_ns(message) == START_NS + film.joint_ns[0]
-    known = list(number_paths(message))
+        assert read_number(message, by_name.format(name)) == film.angles[0, i]
+        assert read_number(message, by_name.format(order.index(name))) == film.angles[0, i]
+    assert read_stamp_ns(message) == START_NS + film.joint_ns[0]
+    known = list(list_number_paths(message))
     assert by_name.format("elbow") in known
     for path in known:
-        assert isinstance(number_at(message, path), float)
+        assert isinstance(read_number(message, path), float)
     assert not any("sec" in path for path in known)
     with pytest.raises(ValueError, match=f"numbers are .*{NAMES[1]}"):
-        number_at(message, by_name.format("knee"))
+        read_number(message, by_name.format("knee"))
 
 
 @pytest.mark.parametrize(
@@ -61,7 +61,7 @@ def test_a_joint_is_found_by_name_and_by_number(joints: tuple[str, Any]) -> None
     ],
 )
 def test_numbers_in_json(path: str, value: float) -> None:
-    assert number_at(WRENCH, path) == value
+    assert read_number(WRENCH, path) == value
 
 
 @pytest.mark.parametrize(
@@ -69,12 +69,12 @@ def test_numbers_in_json(path: str, value: float) -> None:
 )
 def test_what_is_no_number_is_told_with_what_is(path: str) -> None:
     with pytest.raises(ValueError, match=r"is no number; numbers are wrench\.force\.x, wrench\.force\.y"):
-        number_at(WRENCH, path)
+        read_number(WRENCH, path)
 
 
 def test_a_key_with_dots_is_a_name_too() -> None:
-    assert number_at({"p.1[0]": 2.0}, "p.1[0]") == 2.0
-    assert number_at({"data": b"\x01\x02"}, "data[1]") == 2.0
+    assert read_number({"p.1[0]": 2.0}, "p.1[0]") == 2.0
+    assert read_number({"data": b"\x01\x02"}, "data[1]") == 2.0
 
 
 @pytest.mark.parametrize(
@@ -90,13 +90,13 @@ def test_a_key_with_dots_is_a_name_too() -> None:
     ],
 )
 def test_stamps(message: Any, stamp: int | None) -> None:
-    assert stamp_ns(message) == stamp
+    assert read_stamp_ns(message) == stamp
 
 
 def test_an_unset_protobuf_stamp_is_none() -> None:
     from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 
     image = CompressedImage()
-    assert stamp_ns(image) is None
+    assert read_stamp_ns(image) is None
     image.timestamp.FromNanoseconds(17)
-    assert stamp_ns(image) == 17
+    assert read_stamp_ns(image) == 17

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from lagsplat.io.mcap.images import COMPRESSED, LAYOUTS, RAW, VIDEO, message_kind, picture_of
+from lagsplat.io.mcap.images import COMPRESSED, LAYOUTS, RAW, VIDEO, decode_image, image_kind
 
 RNG = np.random.default_rng(0)
 RGB = RNG.integers(0, 256, (4, 6, 3), np.uint8)
@@ -38,12 +38,12 @@ def raw(encoding: str, pixels: np.ndarray, *, pad: int = 0, **changes: Any) -> d
     ],
 )
 def test_raw_pictures(encoding: str, pixels: np.ndarray, expected: np.ndarray, pad: int) -> None:
-    found = picture_of(raw(encoding, pixels, pad=pad), RAW)[..., ::-1]
+    found = decode_image(raw(encoding, pixels, pad=pad), RAW)[..., ::-1]
     np.testing.assert_array_equal(found, expected)
 
 
 def test_big_endian_numbers() -> None:
-    found = picture_of(raw("mono16", GREY.astype(">u2") * 257, is_bigendian=1), RAW)
+    found = decode_image(raw("mono16", GREY.astype(">u2") * 257, is_bigendian=1), RAW)
     np.testing.assert_array_equal(found, GREY.repeat(3, 2))
 
 
@@ -53,7 +53,7 @@ def test_big_endian_numbers() -> None:
 def test_grey_in_yuv(encoding: str, luma_first: int) -> None:
     luma = RNG.integers(16, 236, (4, 6), np.uint8)
     planes = [np.full((4, 6), 128, np.uint8), luma]
-    found = picture_of(raw(encoding, np.stack(planes[::-1] if luma_first else planes, 2)), RAW)
+    found = decode_image(raw(encoding, np.stack(planes[::-1] if luma_first else planes, 2)), RAW)
     np.testing.assert_allclose(found[..., 0], (luma - 16.0) * 255 / 219, atol=1.5)
     assert np.ptp(found.astype(int), axis=2).max() <= 1
 
@@ -62,7 +62,7 @@ def test_grey_in_yuv(encoding: str, luma_first: int) -> None:
 def test_one_colour_through_a_bayer_filter(pattern: str) -> None:
     colour = {"r": 200, "g": 100, "b": 30}
     cell = np.array([colour[letter] for letter in pattern], np.uint8).reshape(2, 2)
-    found = picture_of(raw(f"bayer_{pattern}8", np.tile(cell, (2, 3))[..., None]), RAW)
+    found = decode_image(raw(f"bayer_{pattern}8", np.tile(cell, (2, 3))[..., None]), RAW)
     np.testing.assert_array_equal(found[1:3, 1:5], np.broadcast_to([30, 100, 200], (2, 4, 3)))
 
 
@@ -71,7 +71,7 @@ def test_compressed_pictures(suffix: str) -> None:
     smooth = cv2.resize(RGB[:2, :2], (48, 32), interpolation=cv2.INTER_CUBIC)
     settings = [cv2.IMWRITE_WEBP_QUALITY, 101] if suffix == ".webp" else []
     data = cv2.imencode(suffix, smooth, settings)[1].tobytes()
-    found = picture_of({"format": suffix[1:], "data": base64.b64encode(data).decode()}, COMPRESSED)
+    found = decode_image({"format": suffix[1:], "data": base64.b64encode(data).decode()}, COMPRESSED)
     np.testing.assert_allclose(found.astype(int), smooth, atol=0 if suffix in (".png", ".bmp") else 12)
 
 
@@ -91,14 +91,12 @@ def test_compressed_pictures(suffix: str) -> None:
 )
 def test_what_is_no_picture(message: dict, kind: str, reason: str) -> None:
     with pytest.raises(ValueError, match=reason):
-        picture_of(message, kind)
+        decode_image(message, kind)
 
 
 def test_kinds_by_schema() -> None:
-    assert message_kind("sensor_msgs/msg/CompressedImage") == COMPRESSED
-    assert message_kind("foxglove.RawImage") == message_kind("sensor_msgs/msg/Image") == RAW
-    assert (
-        message_kind("foxglove.CompressedVideo") == message_kind("foxglove_msgs/msg/CompressedVideo") == VIDEO
-    )
-    assert message_kind("sensor_msgs/msg/JointState") is message_kind("") is None
+    assert image_kind("sensor_msgs/msg/CompressedImage") == COMPRESSED
+    assert image_kind("foxglove.RawImage") == image_kind("sensor_msgs/msg/Image") == RAW
+    assert image_kind("foxglove.CompressedVideo") == image_kind("foxglove_msgs/msg/CompressedVideo") == VIDEO
+    assert image_kind("sensor_msgs/msg/JointState") is image_kind("") is None
     assert {name.lower() for name in LAYOUTS} == set(LAYOUTS)

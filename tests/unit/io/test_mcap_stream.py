@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from mcap.writer import CompressionType, Writer
 
-from lagsplat.io.mcap.recovery import whole_messages
+from lagsplat.io.mcap.recovery import read_whole_messages
 
 N = 300
 
@@ -28,7 +28,7 @@ def write(path: Path, **settings: Any) -> list[bytes]:
 
 def read(path: Path) -> tuple[list[bytes], list[str]]:
     losses: list[str] = []
-    return [message.data for _, _, message in whole_messages(path, losses)], losses
+    return [message.data for _, _, message in read_whole_messages(path, losses)], losses
 
 
 @pytest.mark.parametrize(

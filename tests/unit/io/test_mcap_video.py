@@ -11,7 +11,7 @@ import pytest
 from foxglove.channels import CompressedVideoChannel
 from foxglove.messages import CompressedVideo, Timestamp
 
-from lagsplat.io.mcap.images import PacketFile
+from lagsplat.io.mcap.images import VideoPackets
 from lagsplat.io.mcap.recording import read_mcap
 from tests.unit.io.mcap_files import topics
 
@@ -19,8 +19,8 @@ N = 12
 
 
 @pytest.fixture
-def packets() -> Iterator[PacketFile]:
-    file = PacketFile()
+def packets() -> Iterator[VideoPackets]:
+    file = VideoPackets()
     yield file
     file.close()
 
@@ -40,7 +40,7 @@ def vp9(tmp_path_factory: pytest.TempPathFactory) -> list[bytes]:
     return found
 
 
-def test_vp9(vp9: list[bytes], packets: PacketFile) -> None:
+def test_vp9(vp9: list[bytes], packets: VideoPackets) -> None:
     assert len(vp9) == N
     for packet in vp9:
         packets.add(packet, format="vp9")
@@ -121,7 +121,7 @@ def plain_h264(luma: np.ndarray) -> bytes:
     return sps.unit(0x67) + pps.unit(0x68) + piece.unit(0x65)
 
 
-def test_h264(packets: PacketFile) -> None:
+def test_h264(packets: VideoPackets) -> None:
     lumas = np.random.default_rng(0).integers(16, 236, (5, 32, 48), np.uint8)
     for luma in lumas:
         packets.add(plain_h264(luma), format="h264")
@@ -131,7 +131,7 @@ def test_h264(packets: PacketFile) -> None:
         np.testing.assert_allclose(picture[..., 1], (luma - 16.0) * 255 / 219, atol=1.5)
 
 
-def test_what_cannot_be_decoded(vp9: list[bytes], packets: PacketFile) -> None:
+def test_what_cannot_be_decoded(vp9: list[bytes], packets: VideoPackets) -> None:
     with pytest.raises(ValueError, match="format 'mpeg' is unknown; those read are h264, h265, vp9, av1"):
         packets.add(b"a", format="mpeg")
     packets.add(b"no film" * 50, format="h264")
@@ -141,7 +141,7 @@ def test_what_cannot_be_decoded(vp9: list[bytes], packets: PacketFile) -> None:
         list(packets.pictures())
 
 
-def test_a_film_that_begins_between_key_frames_is_refused(vp9: list[bytes], packets: PacketFile) -> None:
+def test_a_film_that_begins_between_key_frames_is_refused(vp9: list[bytes], packets: VideoPackets) -> None:
     for packet in [*vp9[:4], b"", *vp9[4:]]:
         packets.add(packet, format="vp9")
     with pytest.raises(

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lagsplat.io.trajectory.trajectory import Motion, read_motion
+from lagsplat.io.trajectory.trajectory import Trajectory, read_trajectory_file
 
 TIDY = "t,q0,u0\n0.0,1.0,0.5\n0.1,2.0,0.25\n0.2,3.0,-1e-3\n"
 
@@ -43,7 +43,7 @@ def steps(n: int, dt_s: float = 0.1) -> str:
          "blanks", "quotes", "names in a comment"],
 )  # fmt: skip
 def test_one_table_in_many_dresses(tmp_path: Path, text: str) -> None:
-    motion = read_motion(written(tmp_path, text))
+    motion = read_trajectory_file(written(tmp_path, text))
     np.testing.assert_array_equal(motion.time_s, [0.0, 0.1, 0.2])
     np.testing.assert_array_equal(motion.q, [[1.0], [2.0], [3.0]])
     np.testing.assert_array_equal(motion.u, [[0.5], [0.25], [-1e-3]])
@@ -65,7 +65,7 @@ def test_every_kind_of_file_holds_the_same_motion(tmp_path: Path) -> None:
     blocks = {letter: frame[[f"{letter}0", f"{letter}1"]].to_numpy() for letter in "qvu"}
     np.savez(tmp_path / "b.npz", t=columns["t"], segment=columns["segment"], **blocks)
     for name in ("a.csv", "a.parquet", "b.parquet", "a.npz", "b.npz"):
-        motion = read_motion(tmp_path / name)
+        motion = read_trajectory_file(tmp_path / name)
         np.testing.assert_array_equal(motion.time_s, frame["t"])
         for letter in "qvu":
             np.testing.assert_array_equal(getattr(motion, letter), blocks[letter])
@@ -76,22 +76,22 @@ def test_every_kind_of_file_holds_the_same_motion(tmp_path: Path) -> None:
 def test_other_names_are_mapped_and_else_proposed(tmp_path: Path) -> None:
     path = written(tmp_path, "time,position,velocity,torque\n0,1,2,3\n1,2,3,4\n")
     asked = {"t": "time", "q0": "position", "v0": "velocity", "u0": "torque"}
-    motion = read_motion(path, columns=asked)
+    motion = read_trajectory_file(path, columns=asked)
     np.testing.assert_array_equal(np.hstack([motion.q, motion.v, motion.u]), [[1, 2, 3], [2, 3, 4]])
     proposal = r"diagnose.columns=\{t: time, q0: position, v0: velocity, u0: torque\}"
     with pytest.raises(ValueError, match=rf"a.csv: no column t and no q0; the columns are .*{proposal}"):
-        read_motion(path)
+        read_trajectory_file(path)
     with pytest.raises(ValueError, match=r"no column 'positon' for q0, only .*did you mean 'position'"):
-        read_motion(path, columns={**asked, "q0": "positon"})
+        read_trajectory_file(path, columns={**asked, "q0": "positon"})
     with pytest.raises(ValueError, match=r"diagnose.columns names 'x0'"):
-        read_motion(path, columns={**asked, "x0": "torque"})
+        read_trajectory_file(path, columns={**asked, "x0": "torque"})
     with pytest.warns(UserWarning, match=r"column\(s\) torque are not used"):
-        assert read_motion(path, columns={key: asked[key] for key in ("t", "q0", "v0")}).n_u == 0
+        assert read_trajectory_file(path, columns={key: asked[key] for key in ("t", "q0", "v0")}).n_u == 0
 
 
 def test_a_column_mapped_away_is_not_read_twice(tmp_path: Path) -> None:
     path = written(tmp_path, "t,q0,q1\n0,1,5\n1,2,6\n")
-    motion = read_motion(path, columns={"q0": "q1", "u0": "q0"})
+    motion = read_trajectory_file(path, columns={"q0": "q1", "u0": "q0"})
     np.testing.assert_array_equal(np.hstack([motion.q, motion.u]), [[5, 1], [6, 2]])
 
 
@@ -116,26 +116,26 @@ def test_a_column_mapped_away_is_not_read_twice(tmp_path: Path) -> None:
 )
 def test_what_is_wrong_is_named_with_its_place(tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(ValueError, match=f"a.csv.*{message}"):
-        read_motion(written(tmp_path, text))
+        read_trajectory_file(written(tmp_path, text))
 
 
 def test_files_that_are_no_table(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError, match="no such file"):
-        read_motion(tmp_path / "none.csv")
+        read_trajectory_file(tmp_path / "none.csv")
     with pytest.raises(ValueError, match=r"\.mp4 is no table"):
-        read_motion(written(tmp_path, "", "a.mp4"))
+        read_trajectory_file(written(tmp_path, "", "a.mp4"))
     for name in ("a.npz", "a.parquet"):
         with pytest.raises(ValueError, match="damaged"):
-            read_motion(written(tmp_path, "PAR1 or PK, and then nothing", name))
+            read_trajectory_file(written(tmp_path, "PAR1 or PK, and then nothing", name))
     (tmp_path / "b.csv").write_bytes("t,q0\n0,\xe9\n".encode("latin-1"))
     with pytest.raises(ValueError, match="not a text in UTF-8"):
-        read_motion(tmp_path / "b.csv")
+        read_trajectory_file(tmp_path / "b.csv")
     np.savez(tmp_path / "o.npz", t=np.arange(2.0), q0=np.array([1, "x"], dtype=object))
     with pytest.raises(ValueError, match="Python objects"):
-        read_motion(tmp_path / "o.npz")
+        read_trajectory_file(tmp_path / "o.npz")
     np.savez(tmp_path / "l.npz", t=np.arange(2.0), q0=np.arange(3.0))
     with pytest.raises(ValueError, match="different lengths"):
-        read_motion(tmp_path / "l.npz")
+        read_trajectory_file(tmp_path / "l.npz")
 
 
 def test_rows_without_numbers_are_left_out_and_tear_only_when_long(tmp_path: Path) -> None:
@@ -145,7 +145,7 @@ def test_rows_without_numbers_are_left_out_and_tear_only_when_long(tmp_path: Pat
     with pytest.warns(
         UserWarning, match=r"4 of 30 rows lack a number \(the first at a.csv, line 7\).*t = 1.8"
     ):
-        motion = read_motion(written(tmp_path, "\n".join(lines)))
+        motion = read_trajectory_file(written(tmp_path, "\n".join(lines)))
     np.testing.assert_array_equal(motion.q[:, 0], [k for k in range(30) if k not in (5, 15, 16, 17)])
     assert motion.segments == ((0, 14), (14, 26))
 
@@ -153,13 +153,13 @@ def test_rows_without_numbers_are_left_out_and_tear_only_when_long(tmp_path: Pat
 def test_segments_cut_and_each_may_have_its_own_clock(tmp_path: Path) -> None:
     path = written(tmp_path, "t,q0,segment\n0,1,1\n0.1,2,1\n0,5,2\n0.1,6,2\n0.2,7,2\n9,8,1\n")
     with pytest.warns(UserWarning, match=r"1 clip\(s\) begin their own clock"):
-        motion = read_motion(path)
+        motion = read_trajectory_file(path)
     assert motion.segments == ((0, 2), (2, 5), (5, 6))
     np.testing.assert_allclose(motion.time_s, [0, 0.1, 0.2, 0.3, 0.4, 9.2])
 
 
 def test_an_unevenly_timed_motion_is_read_as_it_is(tmp_path: Path) -> None:
-    motion = read_motion(written(tmp_path, "t,q0\n-1.5,1\n0,2\n0.001,3\n7,4\n"))
+    motion = read_trajectory_file(written(tmp_path, "t,q0\n-1.5,1\n0,2\n0.001,3\n7,4\n"))
     np.testing.assert_array_equal(motion.time_s, [-1.5, 0, 0.001, 7])
     assert motion.segments == ((0, 4),)
 
@@ -171,7 +171,7 @@ def test_an_unevenly_timed_motion_is_read_as_it_is(tmp_path: Path) -> None:
 )
 def test_cuts_keep_every_sample_and_never_mind_the_order(case: tuple[int, set[int], set[int]]) -> None:
     n, one, other = case
-    motion = Motion(time_s=np.arange(n) + 1.0, q=np.arange(2 * n).reshape(n, 2), u=np.zeros((n, 0)))
+    motion = Trajectory(time_s=np.arange(n) + 1.0, q=np.arange(2 * n).reshape(n, 2), u=np.zeros((n, 0)))
     both = motion.cut(sorted(one | other))
     assert both == both.cut([]) or both.segments == both.cut([]).segments
     assert both.segments == motion.cut(sorted(one)).cut(sorted(other)).segments
@@ -199,13 +199,13 @@ def test_cuts_keep_every_sample_and_never_mind_the_order(case: tuple[int, set[in
 )
 def test_a_motion_checks_its_fields(changes: dict, message: str) -> None:
     fields = {"time_s": np.arange(3.0), "q": np.zeros((3, 1)), "u": np.zeros((3, 0)), "source": "bag"}
-    assert Motion(**fields).dt_s == 1.0
+    assert Trajectory(**fields).dt_s == 1.0
     with pytest.raises(ValueError, match=f"bag: .*{message}"):
-        Motion(**(fields | changes))
+        Trajectory(**(fields | changes))
 
 
 def test_a_spacing_needs_two_samples_and_a_cut_an_index_inside() -> None:
-    motion = Motion(time_s=np.arange(3.0), q=np.zeros((3, 1)), u=np.zeros((3, 0)))
+    motion = Trajectory(time_s=np.arange(3.0), q=np.zeros((3, 1)), u=np.zeros((3, 0)))
     with pytest.raises(ValueError, match="no two stand in one clip"):
         _ = motion.cut([1, 2]).dt_s
     with pytest.raises(ValueError, match="cut at"):

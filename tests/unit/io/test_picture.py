@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from lagsplat.io.video.decode import overlapped
-from lagsplat.video_quality.frames import average_areas, shape_picture, turn_picture
+from lagsplat.io.video.decode import overlap_decoding
+from lagsplat.video_quality.frames import average_areas, crop_and_resize, rotate_image
 
 
 def noise(rows: int, columns: int) -> np.ndarray:
@@ -23,7 +23,7 @@ def test_areas_are_averaged(shape: tuple[int, int]) -> None:
 
 def test_grey_is_three_equal_channels_of_the_same_luma() -> None:
     picture = noise(20, 30)
-    frame = shape_picture(picture, crop=(2, 3, 10, 8), size=None, source="x", grey=True)
+    frame = crop_and_resize(picture, crop=(2, 3, 10, 8), size=None, source="x", grey=True)
     assert (frame == frame[..., :1]).all()
     luma = picture[3:11, 2:12] @ np.array([0.114, 0.587, 0.299])  # BGR
     assert np.abs(frame[..., 0] - luma).max() <= 1.0
@@ -32,10 +32,10 @@ def test_grey_is_three_equal_channels_of_the_same_luma() -> None:
 @pytest.mark.parametrize(("degrees", "turns"), [(0, 0), (90, -1), (180, 2), (270, 1)])
 def test_turns_are_clockwise(degrees: int, turns: int) -> None:
     picture = noise(4, 6)
-    np.testing.assert_array_equal(turn_picture(picture, degrees), np.rot90(picture, turns))
+    np.testing.assert_array_equal(rotate_image(picture, degrees), np.rot90(picture, turns))
 
 
 def test_overlapped_work_keeps_its_order_and_its_errors() -> None:
-    assert list(overlapped(range(20), lambda x: x * x)) == [x * x for x in range(20)]
+    assert list(overlap_decoding(range(20), lambda x: x * x)) == [x * x for x in range(20)]
     with pytest.raises(ZeroDivisionError):
-        list(overlapped([1, 0, 1], lambda x: 1 // x))
+        list(overlap_decoding([1, 0, 1], lambda x: 1 // x))

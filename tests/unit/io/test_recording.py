@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lagsplat.io.files.artifact import load_artefact, save_artefact
+from lagsplat.io.files.artifact import load_artifact, save_artifact
 from lagsplat.io.recording.recording import SCHEMA, Recording, load_recording, save_recording
 
 
@@ -47,10 +47,10 @@ def test_recording_without_inputs_and_states(recording: Recording, tmp_path: Pat
 
 def test_incomplete_artefact_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "r.safetensors"
-    save_artefact(path, {"frames": np.zeros((2, 2, 2, 3), np.uint8)}, {"kind": "recording", "schema": SCHEMA})
+    save_artifact(path, {"frames": np.zeros((2, 2, 2, 3), np.uint8)}, {"kind": "recording", "schema": SCHEMA})
     with pytest.raises(ValueError, match=r"without \['inputs', 'time_s'\]"):
         load_recording(path)
-    save_artefact(path, {}, {"kind": "chart", "schema": 1})
+    save_artifact(path, {}, {"kind": "chart", "schema": 1})
     with pytest.raises(ValueError, match="holds a 'chart', but a 'recording' is wanted"):
         load_recording(path)
 
@@ -134,5 +134,5 @@ def test_broken_rules_are_named(recording: Recording, field: str, value: Any, me
 def test_numbers_of_other_types_become_float64(recording: Recording, tmp_path: Path) -> None:
     other = replace(recording, inputs=np.ones((20, 2), np.float32), time_s=np.arange(20))
     save_recording(tmp_path / "r.safetensors", other)
-    tensors, _ = load_artefact(tmp_path / "r.safetensors")
+    tensors, _ = load_artifact(tmp_path / "r.safetensors")
     assert {tensors[name].dtype for name in ("inputs", "time_s")} == {np.dtype(np.float64)}

@@ -5,7 +5,7 @@ import pytest
 
 from lagsplat.io.config import SplitConfig
 from lagsplat.io.recording.recording import Recording
-from lagsplat.io.recording.segments import divide
+from lagsplat.io.recording.segments import split_train_held_out
 
 
 def recording(n: int, *segments: tuple[int, int]) -> Recording:
@@ -29,25 +29,25 @@ def share(fraction: float) -> SplitConfig:
     [(20, 0.8, 16), (20, 0.79, 15), (20, 0.15, 3), (20, 0.85, 17), (100, 0.29, 29), (54_840, 0.8, 43_872)],
 )
 def test_a_share_is_rounded_down(n: int, fraction: float, n_train: int) -> None:
-    assert divide(recording(n), share(fraction)).n_train == n_train
+    assert split_train_held_out(recording(n), share(fraction)).n_train == n_train
 
 
 def test_a_number_of_last_frames_is_held_out() -> None:
     split = SplitConfig(train_fraction=None, held_out_frames=33, held_out_clips=None)
-    assert divide(recording(133), split).n_train == 100
+    assert split_train_held_out(recording(133), split).n_train == 100
 
 
 def test_whole_clips_are_held_out() -> None:
     film = recording(50, (0, 10), (10, 22), (22, 50))
     split = SplitConfig(train_fraction=None, held_out_frames=None, held_out_clips=2)
-    train, held_out = divide(film, split).split()
+    train, held_out = split_train_held_out(film, split).split()
     assert (train.segments, held_out.segments) == (((0, 10),), ((0, 12), (12, 40)))
 
 
 def test_the_last_training_clip_cannot_be_held_out() -> None:
     split = SplitConfig(train_fraction=None, held_out_frames=None, held_out_clips=1)
     with pytest.raises(ValueError, match=r"twin\.npz: 1 clip\(s\), of which held_out_clips = 1 leave none"):
-        divide(recording(50), split)
+        split_train_held_out(recording(50), split)
 
 
 @pytest.mark.parametrize("fraction", [0.05, 0.95])
@@ -55,7 +55,7 @@ def test_too_few_frames_for_the_split(fraction: float) -> None:
     with pytest.raises(
         ValueError, match=rf"twin\.npz: frames 20 .*train_fraction = {fraction}; each part needs 3"
     ):
-        divide(recording(20), share(fraction))
+        split_train_held_out(recording(20), share(fraction))
 
 
 @pytest.mark.parametrize(

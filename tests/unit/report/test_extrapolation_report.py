@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from lagsplat.report.common.style import save_figure
 from lagsplat.report.figures.equilibrium import draw_equilibrium
-from lagsplat.report.figures.index import save_figure
 from lagsplat.report.tables.deformation import deformation_table, draw_jacobian_field, latex_deformation
 from lagsplat.report.tables.extrapolation import (
     AUTHORS,

@@ -8,10 +8,19 @@ import pandas as pd
 import pytest
 from scipy.ndimage import gaussian_filter, shift
 
-from lagsplat.evaluate.long_rollout import choose_inset, choose_stretch, held_from, measured_shift
-from lagsplat.evaluate.protocol import held_out
-from lagsplat.report.figures import index as figures
-from lagsplat.report.figures.training_curves import visibility_order
+from lagsplat.evaluate.long_rollout import (
+    Fine,
+    choose_inset,
+    choose_stretch,
+    first_held_out,
+    measured_shift,
+    roll_out,
+)
+from lagsplat.evaluate.protocol import select_held_out
+from lagsplat.report.common.style import save_figure
+from lagsplat.report.figures.reconstruction import draw_reconstruction
+from lagsplat.report.figures.rollout import draw_rollout
+from lagsplat.report.figures.training_curves import draw_curves, draw_latents, visibility_order
 from tests.unit.evaluate import tiny_run
 from tests.unit.evaluate.stand_ins import settings
 
@@ -26,7 +35,7 @@ def parts():
 
 @pytest.fixture(scope="module")
 def view(parts):
-    return figures.roll_out(*parts, settings(figure={"duration_s": 3.0}))
+    return roll_out(*parts, settings(figure={"duration_s": 3.0}))
 
 
 def texts(figure) -> str:
@@ -37,14 +46,14 @@ def save(figure, folder):
     """Both formats; nothing global has moved."""
     before = dict(mpl.rcParams)
     for suffix in ("png", "pdf"):
-        figures.save_figure(folder / f"a.{suffix}", figure)
+        save_figure(folder / f"a.{suffix}", figure)
     assert dict(mpl.rcParams) == before
     assert b"/Type3" not in (folder / "a.pdf").read_bytes()
 
 
 def test_reconstruction(parts, tmp_path):
     model, _, _, film = parts
-    figure = figures.draw_reconstruction(model, film.part(300, 400), title=TITLE)
+    figure = draw_reconstruction(model, film.part(300, 400), title=TITLE)
     save(figure, tmp_path)
     for part in (TITLE, "recorded", "rendered", "|error|", "worst", "MSE "):
         assert part in texts(figure)
@@ -52,7 +61,7 @@ def test_reconstruction(parts, tmp_path):
 
 def test_latents(parts, tmp_path):
     chart = parts[1]
-    figure = figures.draw_latents(chart, title=TITLE)
+    figure = draw_latents(chart, title=TITLE)
     save(figure, tmp_path)
     order, share = visibility_order(chart.metric)
     words = texts(figure)
@@ -65,11 +74,11 @@ def test_latents(parts, tmp_path):
 
 def test_latents_without_inputs(parts, tmp_path):
     bare = replace(parts[1], inputs=np.zeros((600, 0)))
-    assert len(figures.draw_latents(bare, title=TITLE).axes) == 4
+    assert len(draw_latents(bare, title=TITLE).axes) == 4
 
 
 def test_rollout(view, tmp_path):
-    figure = figures.draw_rollout(view, title=TITLE)
+    figure = draw_rollout(view, title=TITLE)
     save(figure, tmp_path)
     words = texts(figure)
     for part in (
@@ -97,13 +106,13 @@ def test_rollout_is_long_unanchored_and_starts_from_the_encoding(view):
 def test_rollout_crosses_the_boundary(parts, tmp_path):
     """600 frames of one clip, half of them held out; the last five seconds are drawn."""
     crossing = settings(figure={"start": "boundary", "duration_s": 7.0})
-    view = figures.roll_out(*parts, crossing)
+    view = roll_out(*parts, crossing)
     assert len(view.time_s) == 421
     assert view.held_s == pytest.approx((421 - 300) * tiny_run.DT_S)
     chart = parts[1]
     smooth = chart.whole.smoothed(chart.smoothing_frames).latents
     assert np.array_equal(view.encoded, smooth[179:])
-    figure = figures.draw_rollout(view, title=TITLE)
+    figure = draw_rollout(view, title=TITLE)
     save(figure, tmp_path)
     assert f"{view.held_nrmse:.3f} over the held-out 5.0 s (shaded)" in texts(figure)
 
@@ -116,7 +125,7 @@ def test_the_boundary_is_in_the_figure(parts, duration_s, begin, end):
     config = settings(figure={"start": "boundary", "duration_s": duration_s})
     stretch = choose_stretch(parts[1], config)
     assert (stretch.start, stretch.stop) == (begin, end)
-    assert held_from(stretch, parts[1]) == 300 - begin
+    assert first_held_out(stretch, parts[1]) == 300 - begin
 
 
 def test_an_unseen_clip_cannot_be_crossed_into(parts):
@@ -125,25 +134,25 @@ def test_an_unseen_clip_cannot_be_crossed_into(parts):
         choose_stretch(clips, settings(figure={"start": "boundary"}))
     whole = choose_stretch(clips, settings())
     assert (whole.offset, whole.start, whole.stop, whole.last) == (300, 2, 300, 599)
-    assert held_from(whole, clips) is None
+    assert first_held_out(whole, clips) is None
 
 
 def test_a_finer_decoder_draws_its_own_recording(parts):
     """Twice the resolution; the shift is still told in pixels that the latents were encoded at."""
     film = parts[3]
     larger = replace(film, frames=film.frames.repeat(2, axis=1).repeat(2, axis=2))
-    finer = figures.Fine(tiny_run.autoencoder(side=32), larger)
-    view = figures.roll_out(*parts, settings(figure={"duration_s": 0.5}), fine=finer)
+    finer = Fine(tiny_run.autoencoder(side=32), larger)
+    view = roll_out(*parts, settings(figure={"duration_s": 0.5}), fine=finer)
     assert view.recorded.shape == (32, 32, 3)
     assert view.scale == 16.0
-    short = figures.Fine(finer.decoder, larger.part(0, 500))
+    short = Fine(finer.decoder, larger.part(0, 500))
     with pytest.raises(ValueError, match="500 frames and the recording 600"):
-        figures.roll_out(*parts, settings(figure={"duration_s": 0.5}), fine=short)
+        roll_out(*parts, settings(figure={"duration_s": 0.5}), fine=short)
 
 
 def test_latent_error_is_that_of_the_protocol(view, parts):
     """Over the stretch: rms in the metric, over that of the held-out states about their mean."""
-    held = held_out(parts[1], settings())
+    held = select_held_out(parts[1], settings())
     off = view.predicted - view.encoded
     error = np.einsum("ti,ij,tj->t", off, held.metric, off)
     about = held.encoded - held.encoded.mean(axis=0)
@@ -155,25 +164,25 @@ def test_latent_error_is_that_of_the_protocol(view, parts):
 def test_rollout_is_cut_to_the_clip_and_shows_a_divergence(parts, tmp_path):
     model, chart, _, film = parts
     wild = tiny_run.lagrangian(frequency_hz=60.0)  # beyond the integrator's stability at this frame rate
-    view = figures.roll_out(model, chart, wild, film, settings())
+    view = roll_out(model, chart, wild, film, settings())
     assert len(view.time_s) == 298
     assert view.lost_s is not None
     assert np.isnan(view.predicted[-1]).all()
     assert np.isfinite(view.at_predicted).all()
-    figure = figures.draw_rollout(view, title=TITLE)
+    figure = draw_rollout(view, title=TITLE)
     save(figure, tmp_path)
     assert f"diverged at {view.lost_s:.1f} s" in texts(figure)
 
 
 def test_curves(tmp_path):
     curve = pd.DataFrame({"step": [1, 2, 3], "loss": [1.0, 0.1, 0.01], "mse": [1e-2, 0.0, 1e-4]})
-    figure = figures.draw_curves(curve, title=TITLE, columns=["loss", "mse"], labels={"mse": "MSE"})
+    figure = draw_curves(curve, title=TITLE, columns=["loss", "mse"], labels={"mse": "MSE"})
     save(figure, tmp_path)
     assert "MSE" in texts(figure)
-    figures.save_figure(tmp_path / "b.pdf", figure)
+    save_figure(tmp_path / "b.pdf", figure)
     assert (tmp_path / "a.pdf").read_bytes() == (tmp_path / "b.pdf").read_bytes()
     with pytest.raises(ValueError, match="no column"):
-        figures.draw_curves(curve, title=TITLE, columns=["lost"], labels={})
+        draw_curves(curve, title=TITLE, columns=["lost"], labels={})
 
 
 def blob(row: float, column: float) -> np.ndarray:

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from lagsplat.baselines.model import Baseline
-from lagsplat.evaluate.evaluate import Subject
+from lagsplat.evaluate.evaluate import EvaluationSubject
 from lagsplat.report.figures.model_comparison import (
     attention_of,
     compare,
@@ -17,10 +17,10 @@ from tests.unit.baselines.problems import architecture
 from tests.unit.evaluate.stand_ins import integrate, render, world
 
 
-def subject(**changes: object) -> Subject:
+def subject(**changes: object) -> EvaluationSubject:
     held, pictures = world(frames=400, tail=100)
     parts = {"held": held, "pictures": pictures, "render": render, "integrate": integrate} | changes
-    return Subject(d=2, dynamics="linear", external_force="none", **parts)
+    return EvaluationSubject(d=2, dynamics="linear", external_force="none", **parts)
 
 
 def test_the_first_picture_is_at_the_given_state_and_moments_end_with_the_clip():

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from matplotlib.collections import EllipseCollection
 
-from lagsplat.report.figures.index import draw_inertia, save_figure
+from lagsplat.report.common.style import save_figure
+from lagsplat.report.figures.inertia import draw_inertia
 
 
 def motion(d: int, samples: int = 300) -> np.ndarray:

@@ -5,18 +5,18 @@ import torch
 
 from lagsplat import provenance
 from lagsplat.splat import rasterize_torch as raster_torch
-from lagsplat.splat.backend import device_of, rasterizer
+from lagsplat.splat.backend import choose_device, choose_rasterizer
 from lagsplat.splat.cpu import rasterize as raster_numba
 
 
 def test_training_goes_where_the_rasteriser_draws():
-    assert [device_of(name) for name in ("numba", "torch", "gsplat")] == ["cpu", "cpu", "cuda"]
-    assert device_of("auto") in ("cpu", "cuda")
+    assert [choose_device(name) for name in ("numba", "torch", "gsplat")] == ["cpu", "cpu", "cuda"]
+    assert choose_device("auto") in ("cpu", "cuda")
 
 
 def test_the_device_decides_what_auto_means():
-    assert rasterizer("auto", "cpu") is raster_numba.rasterize
-    assert rasterizer("torch", torch.device("cpu")) is raster_torch.rasterize
+    assert choose_rasterizer("auto", "cpu") is raster_numba.rasterize
+    assert choose_rasterizer("torch", torch.device("cpu")) is raster_torch.rasterize
 
 
 @pytest.mark.parametrize(
@@ -29,7 +29,7 @@ def test_the_device_decides_what_auto_means():
 )
 def test_an_impossible_choice_is_refused(name, device, message):
     with pytest.raises(ValueError, match=message):
-        rasterizer(name, device)
+        choose_rasterizer(name, device)
 
 
 def test_a_result_depends_on_every_rasteriser():

@@ -6,15 +6,21 @@ import cv2
 import numpy as np
 import pytest
 
-from lagsplat.io.files.ply import Cloud, is_whole, read_cloud, read_elements, read_sharp, write_cloud
-from lagsplat.splat.point_cloud import merged, quaternions_of, show, to_linear, to_srgb
-from lagsplat.views.camera import Camera, centred
+from lagsplat.io.files.ply import PlyCloud, is_whole, read_cloud, read_elements, read_sharp, write_cloud
+from lagsplat.splat.point_cloud import (
+    build_point_cloud,
+    covariances_to_quaternions,
+    linear_to_srgb,
+    merge_clouds,
+    srgb_to_linear,
+)
+from lagsplat.views.camera import Camera, center_camera
 
 
-def small(count: int = 20) -> Cloud:
+def small(count: int = 20) -> PlyCloud:
     rng = np.random.default_rng(0)
     turn = rng.normal(size=(count, 4))
-    return Cloud(
+    return PlyCloud(
         means=rng.normal(size=(count, 3)) + np.array([0, 0, 5]),
         scales=rng.uniform(0.01, 0.2, (count, 3)),
         quaternions=turn / np.linalg.norm(turn, axis=1, keepdims=True),
@@ -25,7 +31,7 @@ def small(count: int = 20) -> Cloud:
 
 def camera_of(world_to_camera: np.ndarray, focal: float, height: int, width: int) -> Camera:
     turn = world_to_camera[:3, :3]
-    return centred(turn, -turn.T @ world_to_camera[:3, 3], focal=focal, height=height, width=width)
+    return center_camera(turn, -turn.T @ world_to_camera[:3, 3], focal=focal, height=height, width=width)
 
 
 def psnr(one: np.ndarray, other: np.ndarray) -> float:
@@ -77,7 +83,7 @@ def test_genuine_files_are_decoded_as_by_their_authors(shared_data: Path) -> Non
     np.testing.assert_allclose(ply.cloud.scales, truth["scales"], rtol=1e-6)
     np.testing.assert_allclose(ply.cloud.opacities, truth["opacities"], atol=1e-6)
     np.testing.assert_allclose(ply.cloud.colors, truth["colors_srgb"], atol=1e-6)
-    np.testing.assert_allclose(to_linear(ply.cloud.colors), truth["colors_linear"], atol=1e-6)
+    np.testing.assert_allclose(srgb_to_linear(ply.cloud.colors), truth["colors_linear"], atol=1e-6)
     dots = np.abs((ply.cloud.quaternions * truth["quats_wxyz"]).sum(1))
     np.testing.assert_allclose(dots, 1.0, atol=1e-6)
 
@@ -87,7 +93,7 @@ def test_genuine_files_are_drawn_as_by_an_independent_renderer(shared_data: Path
     ply = read_sharp(shared_data / "sharp" / "synthetic_rainbow.ply")
     views = np.load(shared_data / "sharp" / "synthetic_rainbow_views.npz")
     camera = camera_of(views[f"w2c_{name}"], ply.focal, ply.height, ply.width)
-    shown = show(ply.cloud, [camera], blur_px2=0.0)
+    shown = build_point_cloud(ply.cloud, [camera], blur_px2=0.0)
     # Rows of the floor share their depth in the reference view: there the order among them is anyone's.
     assert psnr(shown.images[0], views[f"img_{name}"]) > (38 if name == "ref" else 40)
     assert np.abs(shown.cover[0] - views[f"alpha_{name}"]).mean() < 0.005
@@ -96,9 +102,9 @@ def test_genuine_files_are_drawn_as_by_an_independent_renderer(shared_data: Path
 def test_the_front_of_a_lifted_photograph_is_the_photograph(shared_data: Path) -> None:
     ply = read_sharp(shared_data / "sharp" / "sharp_cli_astronaut_stride8.ply")
     photo = cv2.imread(str(shared_data / "sharp" / "astronaut_256x192.png"))[..., ::-1]
-    camera = centred(np.eye(3), np.zeros(3), focal=ply.focal, height=ply.height, width=ply.width)
+    camera = center_camera(np.eye(3), np.zeros(3), focal=ply.focal, height=ply.height, width=ply.width)
     small_camera = camera.resized(48, 64)
-    shown = show(ply.cloud, [small_camera], blur_px2=0.3)
+    shown = build_point_cloud(ply.cloud, [small_camera], blur_px2=0.3)
     wanted = cv2.resize(photo, (64, 48), interpolation=cv2.INTER_AREA)
     assert psnr(shown.images[0], wanted) > psnr(np.full_like(wanted, wanted.mean()), wanted) + 3
 
@@ -107,8 +113,12 @@ def test_quaternions_turn_back_into_their_matrices() -> None:
     cloud = small(200)
     turns = np.linalg.qr(np.random.default_rng(1).normal(size=(200, 3, 3)))[0]
     turns *= np.sign(np.linalg.det(turns))[:, None, None]
-    unit = Cloud(
-        cloud.means, np.tile([1.0, 2.0, 3.0], (200, 1)), quaternions_of(turns), cloud.colors, cloud.opacities
+    unit = PlyCloud(
+        cloud.means,
+        np.tile([1.0, 2.0, 3.0], (200, 1)),
+        covariances_to_quaternions(turns),
+        cloud.colors,
+        cloud.opacities,
     )
     scaled = turns * np.array([1.0, 2.0, 3.0])
     np.testing.assert_allclose(unit.covariances(), scaled @ scaled.transpose(0, 2, 1), atol=1e-12)
@@ -121,22 +131,22 @@ def test_merged_cells_show_the_same_picture() -> None:
     color = np.stack([0.5 + 0.4 * np.sin(x / 4), 0.5 + 0.4 * np.cos(y / 5), np.full(side * side, 0.4)], 1)
     count = side * side
     shape = np.tile([1 / side, 1 / side, 0.01], (count, 1))
-    layer = Cloud(grid, shape, np.tile([1.0, 0, 0, 0], (count, 1)), color, np.full(count, 0.6))
+    layer = PlyCloud(grid, shape, np.tile([1.0, 0, 0, 0], (count, 1)), color, np.full(count, 0.6))
     names = ("means", "scales", "quaternions", "colors", "opacities")
     parts = [np.concatenate([getattr(layer, name)] * 2) for name in names]
     parts[0][side * side :, 2] += 0.5
-    double = Cloud(*parts)
-    few = merged(double, side=side, by=2, layers=2)
+    double = PlyCloud(*parts)
+    few = merge_clouds(double, side=side, by=2, layers=2)
     assert len(few.means) == len(double.means) // 4
-    camera = centred(np.eye(3), np.zeros(3), focal=12.0, height=12, width=12)
-    full, rough = (show(cloud, [camera], blur_px2=0.3) for cloud in (double, few))
+    camera = center_camera(np.eye(3), np.zeros(3), focal=12.0, height=12, width=12)
+    full, rough = (build_point_cloud(cloud, [camera], blur_px2=0.3) for cloud in (double, few))
     assert psnr(full.images[0, 1:-1, 1:-1], rough.images[0, 1:-1, 1:-1]) > 30
     np.testing.assert_allclose(full.depth[0, 3:-3, 3:-3], 1.0, atol=0.02)
     np.testing.assert_allclose(rough.depth[0, 3:-3, 3:-3], 1.0, atol=0.02)
     with pytest.raises(ValueError, match="not 2 grids of 25 x 25 that 2 divides"):
-        merged(double, side=25, by=2, layers=2)
+        merge_clouds(double, side=25, by=2, layers=2)
 
 
 def test_srgb_is_undone() -> None:
     color = np.linspace(0, 1, 101)
-    np.testing.assert_allclose(to_srgb(to_linear(color)), color, atol=1e-12)
+    np.testing.assert_allclose(linear_to_srgb(srgb_to_linear(color)), color, atol=1e-12)

@@ -8,7 +8,7 @@ import torch
 
 from lagsplat.splat import rasterize_gsplat as raster_gsplat
 from lagsplat.splat import rasterize_torch as raster_torch
-from lagsplat.splat.backend import rasterizer
+from lagsplat.splat.backend import choose_rasterizer
 from lagsplat.splat.cpu import rasterize as raster_numba
 
 BOTH = pytest.mark.parametrize(
@@ -161,15 +161,15 @@ def test_gsplat_without_kernels_says_what_to_install(monkeypatch):
 
 
 def test_auto_draws_on_the_cpu_with_numba():
-    assert rasterizer("auto", "cpu") is raster_numba.rasterize
-    assert rasterizer("torch", torch.device("cpu")) is raster_torch.rasterize
+    assert choose_rasterizer("auto", "cpu") is raster_numba.rasterize
+    assert choose_rasterizer("torch", torch.device("cpu")) is raster_torch.rasterize
 
 
 def test_an_unknown_rasteriser_lists_the_choices():
     with pytest.raises(ValueError, match="'opengl': choose one of auto, torch, numba, gsplat"):
-        rasterizer("opengl", "cpu")
+        choose_rasterizer("opengl", "cpu")
 
 
 def test_a_rasteriser_for_another_device_is_refused():
     with pytest.raises(ValueError, match="'numba' draws on cpu, not cuda"):
-        rasterizer("numba", "cuda")
+        choose_rasterizer("numba", "cuda")

@@ -4,8 +4,8 @@ import numpy as np
 
 from lagsplat.stage1.autoencoder import Autoencoder
 from lagsplat.stage1.config import InitConfig, LifecycleConfig, LossConfig, RateConfig, Stage1Config
-from lagsplat.stage1.gaussian_initialization import initialize
-from lagsplat.stage1.training_data import Footage
+from lagsplat.stage1.gaussian_initialization import initialize_gaussians
+from lagsplat.stage1.training_data import TrainingFrames
 
 
 def swinging_bar(n: int, *, height: int = 12, width: int = 16) -> np.ndarray:
@@ -51,4 +51,4 @@ def small_config(**changes: object) -> Stage1Config:
 
 def small_autoencoder(frames: np.ndarray, **changes: object) -> Autoencoder:
     """An untrained autoencoder for these frames."""
-    return initialize(Footage(frames), small_config(**changes), seed=0)
+    return initialize_gaussians(TrainingFrames(frames), small_config(**changes), seed=0)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from lagsplat.views.camera import Camera, Space, arrange, look_at
+from lagsplat.views.camera import Camera, ViewSpace, arrange_cameras, look_at
 from lagsplat.views.config import ArrangementConfig, SupervisionConfig
 from lagsplat.views.novel import NovelViews
 
@@ -11,12 +11,12 @@ SUPERVISION = SupervisionConfig(weight=1.0, spread=0.2)
 ARRANGEMENT = ArrangementConfig(yaw_deg=15.0, pitch_deg=5.0, columns=3, rows=1, held_out=2)
 
 
-def space() -> Space:
+def space() -> ViewSpace:
     """The film's camera, one unit before the ball."""
     front = look_at(
         np.zeros(3), distance=1.0, yaw_deg=0.0, pitch_deg=0.0, view_width=0.6, height=HEIGHT, width=WIDTH
     )
-    return Space(front, 1.0)
+    return ViewSpace(front, 1.0)
 
 
 def picture(camera: Camera, place: float) -> np.ndarray:
@@ -43,7 +43,7 @@ def picture(camera: Camera, place: float) -> np.ndarray:
 def swinging_ball(n: int) -> tuple[np.ndarray, NovelViews]:
     """``n`` filmed frames (n, H, W, 3), and the same instants from other sides."""
     place = 0.12 * np.sin(np.arange(n) / 3)
-    cameras, names, held_out = arrange(space(), ARRANGEMENT)
+    cameras, names, held_out = arrange_cameras(space(), ARRANGEMENT)
     images = np.stack([[picture(camera, float(x)) for camera in cameras] for x in place])
     frames = np.stack([picture(space().reference, float(x)) for x in place])
     return frames, NovelViews(images, None, tuple(cameras), tuple(names), np.array(held_out), space())

@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from lagsplat.stage1.autoencoder import to_images
-from lagsplat.stage1.encoder import Encoder, small_moves, unfold
+from lagsplat.stage1.encoder import Encoder, initialize_encoder, measure_small_moves
 from tests.unit.stage1.problems import swinging_bar
 
 
@@ -23,7 +23,7 @@ def started_encoder():
     torch.manual_seed(1)
     images = to_images(swinging_bar(16))
     encoder = Encoder(1, kernel=12, channels=2)
-    unfold(encoder, images)
+    initialize_encoder(encoder, images)
     return encoder, images
 
 
@@ -31,7 +31,7 @@ def started_encoder():
 def test_a_step_that_would_move_the_latents_too_far_is_shortened(limit):
     encoder, images = started_encoder()
     before = encoder(images).detach()
-    with small_moves(encoder, images, limit=limit), torch.no_grad():
+    with measure_small_moves(encoder, images, limit=limit), torch.no_grad():
         for parameter in encoder.parameters():
             parameter.add_(1e-3)
     move = (encoder(images) - before).square().mean().sqrt().item()
@@ -43,6 +43,6 @@ def test_a_step_that_would_move_the_latents_too_far_is_shortened(limit):
 def test_a_step_within_the_limit_is_left_alone(limit):
     encoder, images = started_encoder()
     weight = encoder.head.weight.detach().clone()
-    with small_moves(encoder, images, limit=limit), torch.no_grad():
+    with measure_small_moves(encoder, images, limit=limit), torch.no_grad():
         encoder.head.weight.add_(1e-3)
     torch.testing.assert_close(encoder.head.weight.detach(), weight + 1e-3, rtol=0, atol=0)

@@ -8,12 +8,12 @@ from lagsplat.stage1.config import FieldConfig
 from lagsplat.stage1.deformation_decoder import (
     CONDITIONED,
     DEFORMED,
+    DeformationField,
     DeformedGaussians,
-    Field,
-    begin_field,
-    fit_field,
-    load_field,
-    save_field,
+    fit_deformation_field,
+    load_deformation_field,
+    save_deformation_field,
+    start_deformation_field,
 )
 from tests.unit.stage1.problems import small_config, swinging_bar
 
@@ -31,7 +31,7 @@ def settings(**changes: object) -> FieldConfig:
 
 def test_both_begin_as_the_same_planar_gaussians() -> None:
     fields = [
-        begin_field(kind, FRAMES, LATENTS, settings(), small_config(), seed=0)
+        start_deformation_field(kind, FRAMES, LATENTS, settings(), small_config(), seed=0)
         for kind in (CONDITIONED, DEFORMED)
     ]
     ours, theirs = (dict(field.gaussians.named_parameters()) for field in fields)
@@ -71,8 +71,8 @@ def test_its_jacobian_is_how_centres_really_move() -> None:
 @pytest.mark.parametrize("kind", [CONDITIONED, DEFORMED])
 def test_each_learns_to_draw_the_film(kind: str, tmp_path) -> None:
     config = settings(steps=120)
-    field, story = fit_field(kind, FRAMES, LATENTS, config, small_config(), seed=0)
-    start = begin_field(kind, FRAMES, LATENTS, config, small_config(), seed=0)
+    field, story = fit_deformation_field(kind, FRAMES, LATENTS, config, small_config(), seed=0)
+    start = start_deformation_field(kind, FRAMES, LATENTS, config, small_config(), seed=0)
     errors = []
     truth = torch.from_numpy(np.moveaxis(FRAMES[:8], 3, 1) / 255.0).float()
     for one in (start, field):
@@ -81,8 +81,8 @@ def test_each_learns_to_draw_the_film(kind: str, tmp_path) -> None:
         errors.append(float((drawn - truth).abs().mean()))
     assert errors[1] < 0.7 * errors[0]
     assert story.wall_s > 0
-    save_field(tmp_path / "field.safetensors", field, {"steps": 120})
-    again, header = load_field(tmp_path / "field.safetensors", config, d=1)
+    save_deformation_field(tmp_path / "field.safetensors", field, {"steps": 120})
+    again, header = load_deformation_field(tmp_path / "field.safetensors", config, d=1)
     assert (again.kind, header["steps"]) == (kind, 120)
     z = torch.tensor([0.3])
     torch.testing.assert_close(again.jacobian(z), field.jacobian(z))
@@ -90,7 +90,7 @@ def test_each_learns_to_draw_the_film(kind: str, tmp_path) -> None:
 
 def test_what_makes_no_sense_is_refused() -> None:
     with pytest.raises(ValueError, match="no decoder 'both'"):
-        Field("both", 4, 1, settings(), height=8, width=8)
+        DeformationField("both", 4, 1, settings(), height=8, width=8)
     with pytest.raises(ValueError, match=r"deformation\.hidden"):
         settings(hidden=0)
     with pytest.raises(ValueError, match="fewer than"):

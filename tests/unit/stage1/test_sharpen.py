@@ -6,7 +6,7 @@ import torch
 
 from lagsplat.stage1.autoencoder import decode_latents, encode_frames
 from lagsplat.stage1.config import RenderConfig
-from lagsplat.stage1.deformation_decoder import finer, fit_decoder
+from lagsplat.stage1.deformation_decoder import fit_decoder, refine_gaussians
 from lagsplat.stage1.fit import fit_autoencoder
 from tests.unit.stage1.problems import small_config
 
@@ -65,4 +65,4 @@ def test_what_is_no_refinement_is_refused(changes):
 
 
 def test_the_finer_frames_have_the_same_shape():
-    assert finer(92, 64, RenderConfig(2.5, 1, 1, 1)) == (230, 160)
+    assert refine_gaussians(92, 64, RenderConfig(2.5, 1, 1, 1)) == (230, 160)

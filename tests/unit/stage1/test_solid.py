@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import torch
 
-from lagsplat.splat.projection import view_of
+from lagsplat.splat.projection import make_view
 from lagsplat.stage1.autoencoder import Autoencoder, load_autoencoder, save_autoencoder, to_images
 from lagsplat.stage1.config import LifecycleConfig
 from lagsplat.stage1.fit import fit_autoencoder
-from lagsplat.stage1.objective import Sides, reconstruct
-from lagsplat.stage1.training_data import Footage, seen_depth
+from lagsplat.stage1.objective import NovelViewTargets, reconstruct
+from lagsplat.stage1.training_data import TrainingFrames, render_depth
 from tests.unit.stage1.problems import small_autoencoder, small_config, swinging_bar
 from tests.unit.stage1.solid import SUPERVISION, swinging_ball
 
@@ -35,7 +35,7 @@ def test_sides_that_nobody_trained_on_are_seen_rightly(trained) -> None:
     autoencoder, frames, views = trained
     z = autoencoder.encode(to_images(frames))
     for camera in np.flatnonzero(views.held_out):
-        view = view_of([views.space.seen_by(views.cameras[camera])])
+        view = make_view([views.space.seen_by(views.cameras[camera])])
         truth = to_images(views.images[:, camera])
         aside = psnr(autoencoder.decode(z, view=view), truth)
         assert aside > 24
@@ -46,7 +46,7 @@ def test_sides_that_nobody_trained_on_are_seen_rightly(trained) -> None:
 def test_the_ball_is_nearer_than_the_wall(trained) -> None:
     autoencoder, frames, views = trained
     z = autoencoder.encode(to_images(frames[:1]))
-    depth = seen_depth(autoencoder, z, autoencoder.filmed_view(z))[0] * views.space.unit
+    depth = render_depth(autoencoder, z, autoencoder.filmed_view(z))[0] * views.space.unit
     assert float(depth[9, 12]) == pytest.approx(0.95, abs=0.12)
     assert float(depth[2:16, 2:6].mean()) == pytest.approx(1.2, abs=0.12)
 
@@ -57,7 +57,7 @@ def test_it_comes_back_from_its_file_and_draws_at_other_sizes(trained, tmp_path)
     save_autoencoder(tmp_path / "autoencoder.safetensors", autoencoder, {})
     back, _ = load_autoencoder(tmp_path / "autoencoder.safetensors")
     z = torch.zeros(1, 1)
-    view = view_of([views.space.seen_by(views.cameras[0])])
+    view = make_view([views.space.seen_by(views.cameras[0])])
     assert torch.equal(back.decode(z, view=view), autoencoder.decode(z, view=view))
     large = back.decode(z, view=view, height=72, width=96)
     small = torch.nn.functional.avg_pool2d(large, 4)
@@ -66,7 +66,7 @@ def test_it_comes_back_from_its_file_and_draws_at_other_sizes(trained, tmp_path)
 
 def test_a_hole_in_a_side_teaches_nothing() -> None:
     frames, views = swinging_ball(4)
-    footage = Footage(frames, novel=views, supervision=SUPERVISION)
+    footage = TrainingFrames(frames, novel=views, supervision=SUPERVISION)
     sides = footage.sides(np.arange(4), np.random.default_rng(0))
     assert sides is not None
     config = small_config().loss
@@ -79,7 +79,7 @@ def test_a_hole_in_a_side_teaches_nothing() -> None:
 
     def slopes(images: torch.Tensor) -> torch.Tensor:
         autoencoder.zero_grad()
-        told = Sides(images, known, sides.view, 1.0)
+        told = NovelViewTargets(images, known, sides.view, 1.0)
         reconstruct(
             autoencoder, footage.images(np.arange(4)), config, latents=None, sides=told
         ).loss.backward()
@@ -90,20 +90,20 @@ def test_a_hole_in_a_side_teaches_nothing() -> None:
 
 
 def test_teleporting_puts_the_invisible_on_what_a_side_shows(trained) -> None:
-    from lagsplat.stage1.densification import peak_opacity, review
-    from lagsplat.stage1.objective import optimizer_of
+    from lagsplat.stage1.densification import densify_and_prune, measure_peak_opacity
+    from lagsplat.stage1.objective import make_optimizer
 
     autoencoder, frames, views = trained
-    footage = Footage(frames, novel=views, supervision=SUPERVISION)
-    optimizer = optimizer_of(autoencoder, small_config().rate)
+    footage = TrainingFrames(frames, novel=views, supervision=SUPERVISION)
+    optimizer = make_optimizer(autoencoder, small_config().rate)
     before = {name: value.clone() for name, value in autoencoder.state_dict().items()}
     with torch.no_grad():
         autoencoder.gaussians.opacity_logit[:20] = -9.0
     life = replace(LIFE, every=1, start=0.0, stop=1.0, split_share=0.0)
-    assert review(autoencoder, optimizer, footage, life, rng=np.random.default_rng(0)) >= 20
+    assert densify_and_prune(autoencoder, optimizer, footage, life, rng=np.random.default_rng(0)) >= 20
     depth = autoencoder.gaussians.center[:20, 2].detach() * views.space.unit
     latents = footage.latents_of(autoencoder, np.arange(len(frames)))
-    assert (peak_opacity(autoencoder.gaussians, latents) > 0.02).all()
+    assert (measure_peak_opacity(autoencoder.gaussians, latents) > 0.02).all()
     assert ((depth > 0.6) & (depth < 1.6)).all()
     autoencoder.load_state_dict(before)
 
@@ -111,8 +111,8 @@ def test_teleporting_puts_the_invisible_on_what_a_side_shows(trained) -> None:
 def test_a_picture_has_no_other_side_and_views_have_settings() -> None:
     frames, views = swinging_ball(4)
     with pytest.raises(ValueError, match="have no other side"):
-        small_autoencoder(swinging_bar(8)).decode(torch.zeros(1, 1), view=view_of([views.cameras[0]]))
+        small_autoencoder(swinging_bar(8)).decode(torch.zeros(1, 1), view=make_view([views.cameras[0]]))
     with pytest.raises(ValueError, match="come together or not at all"):
-        Footage(frames, novel=views)
+        TrainingFrames(frames, novel=views)
     with pytest.raises(ValueError, match="views of 4 instants for 3 frames"):
-        Footage(frames[:3], novel=views, supervision=SUPERVISION)
+        TrainingFrames(frames[:3], novel=views, supervision=SUPERVISION)

@@ -5,7 +5,12 @@ import pytest
 import torch
 from scipy.stats import spearmanr
 
-from lagsplat.stage1.encoder import Encoder, geodesic_coordinates, smooth_filters, unfold
+from lagsplat.stage1.encoder import (
+    Encoder,
+    compute_geodesic_coordinates,
+    draw_smooth_filters,
+    initialize_encoder,
+)
 
 
 def travelling_blob(positions, *, height=24, width=40):
@@ -26,7 +31,7 @@ def test_a_motion_wider_than_the_object_is_not_folded(motion, seed):
     positions, images = motion
     torch.manual_seed(seed)
     encoder = Encoder(1, kernel=12, channels=2)
-    unfold(encoder, images)
+    initialize_encoder(encoder, images)
     latents = encoder(images).detach().numpy()[:, 0]
     assert abs(spearmanr(positions, latents).statistic) > 0.98
     assert latents.std() == pytest.approx(1.0, abs=0.1)
@@ -34,7 +39,7 @@ def test_a_motion_wider_than_the_object_is_not_folded(motion, seed):
 
 def test_geodesic_coordinates_are_positions_along_the_motion(motion):
     positions, images = motion
-    coordinates = geodesic_coordinates(images, 1)[:, 0]
+    coordinates = compute_geodesic_coordinates(images, 1)[:, 0]
     assert abs(np.corrcoef(positions, coordinates)[0, 1]) > 0.99
     assert coordinates.mean() == pytest.approx(0, abs=1e-9)
     assert coordinates.std() == pytest.approx(1)
@@ -46,7 +51,7 @@ def test_the_start_is_the_same_for_the_same_seed(motion):
     for _ in range(2):
         torch.manual_seed(3)
         encoder = Encoder(1, kernel=12, channels=2)
-        unfold(encoder, images)
+        initialize_encoder(encoder, images)
         weights.append(encoder.head.weight.detach().clone())
     assert torch.equal(*weights)
 
@@ -55,7 +60,7 @@ def test_blurred_filters_are_smoother_and_as_large():
     torch.manual_seed(0)
     encoder = Encoder(2, kernel=12, channels=2)
     before = [bank.detach().clone() for bank in encoder.filters()]
-    smooth_filters(encoder)
+    draw_smooth_filters(encoder)
     after = [bank.detach() for bank in encoder.filters()]
     for bank, rough in zip(after, before, strict=True):
         assert bank.norm() == pytest.approx(rough.norm().item(), rel=1e-5)
@@ -66,7 +71,7 @@ def test_blurred_filters_are_smoother_and_as_large():
 def test_fewer_frames_than_axes_leave_axes_closed_but_finite(count):
     images = travelling_blob(np.linspace(10, 30, count))
     encoder = Encoder(4, kernel=12, channels=2)
-    unfold(encoder, images)
+    initialize_encoder(encoder, images)
     assert torch.isfinite(encoder.head.weight).all()
     assert (encoder.head.weight.abs().amax(1) > 0).sum() <= count - 1
 
@@ -74,12 +79,12 @@ def test_fewer_frames_than_axes_leave_axes_closed_but_finite(count):
 def test_repeated_frames_count_once():
     images = travelling_blob(np.full(30, 20.0))
     encoder = Encoder(2, kernel=12, channels=2)
-    unfold(encoder, images)
+    initialize_encoder(encoder, images)
     assert not encoder.head.weight.any()
 
 
 def test_large_frames_are_compared_small():
     positions = np.linspace(10, 190, 400)
     images = travelling_blob(positions, height=120, width=200)
-    coordinates = geodesic_coordinates(images, 1)[:, 0]
+    coordinates = compute_geodesic_coordinates(images, 1)[:, 0]
     assert abs(spearmanr(positions, coordinates).statistic) > 0.98

@@ -4,23 +4,23 @@ import numpy as np
 import pytest
 import torch
 
-from lagsplat.chart.trajectory import Trajectory
-from lagsplat.stage2.objective import anchor, anchored
+from lagsplat.chart.trajectory import EncodedTrajectory
+from lagsplat.stage2.objective import anchor_law, anchored_error
 from tests.stage2_problems import random_lagrangian
 
 METRIC = torch.eye(2, dtype=torch.float64)
 
 
-def clip() -> Trajectory:
+def clip() -> EncodedTrajectory:
     rng = np.random.default_rng(0)
     time_s = 0.02 * np.arange(400)
     latents = np.stack((3 * np.sin(5 * time_s), 1 + np.cos(7 * time_s)), 1)
-    return Trajectory(latents, rng.uniform(size=(400, 1)), time_s, ((0, 200), (200, 400)))
+    return EncodedTrajectory(latents, rng.uniform(size=(400, 1)), time_s, ((0, 200), (200, 400)))
 
 
 def test_the_law_itself_costs_nothing_and_another_one_does() -> None:
     lagrangian = random_lagrangian(2, 1, 0, amount=0.1)
-    held = anchor(lagrangian, clip())
+    held = anchor_law(lagrangian, clip())
     assert float(held.price(lagrangian, METRIC, np.random.default_rng(0)).detach()) < 1e-25
     with torch.no_grad():
         lagrangian.rest += 0.1
@@ -33,7 +33,7 @@ def test_the_law_itself_costs_nothing_and_another_one_does() -> None:
 
 def test_only_the_law_that_is_fitted_is_pulled() -> None:
     lagrangian = random_lagrangian(2, 1, 0, amount=0.1)
-    held = anchor(lagrangian, clip())
+    held = anchor_law(lagrangian, clip())
     with torch.no_grad():
         lagrangian.rest += 0.1
     held.price(lagrangian, METRIC, np.random.default_rng(0)).backward()
@@ -44,7 +44,7 @@ def test_only_the_law_that_is_fitted_is_pulled() -> None:
 
 def test_states_are_drawn_around_the_clip_at_its_own_speed() -> None:
     trajectory, lagrangian = clip(), random_lagrangian(2, 1, 0, amount=0.1)
-    held = anchor(lagrangian, trajectory)
+    held = anchor_law(lagrangian, trajectory)
     assert held.middle.numpy() == pytest.approx(trajectory.latents.mean(0))
     assert held.spread.numpy() == pytest.approx(trajectory.latents.std(0), rel=1e-2)
     unit = float(lagrangian.time_unit_s)
@@ -56,8 +56,8 @@ def test_it_never_steps_from_one_segment_to_the_next() -> None:
     trajectory, lagrangian = clip(), random_lagrangian(2, 1, 0, amount=0.1)
     moved = trajectory.latents.copy()
     moved[200:] += 1e3
-    speed = anchor(lagrangian, replace(trajectory, latents=moved)).speed
-    assert speed.numpy() == pytest.approx(anchor(lagrangian, trajectory).speed.numpy())
+    speed = anchor_law(lagrangian, replace(trajectory, latents=moved)).speed
+    assert speed.numpy() == pytest.approx(anchor_law(lagrangian, trajectory).speed.numpy())
 
 
 def test_the_better_the_frames_are_followed_the_less_the_start_weighs() -> None:
@@ -66,7 +66,7 @@ def test_the_better_the_frames_are_followed_the_less_the_start_weighs() -> None:
     slopes = []
     for unit in (1.0, 1e-4):
         error, price = unit * (1.0 + (x - 1.0) ** 2), x**2
-        whole = anchored(error, price, weight=0.5)
+        whole = anchored_error(error, price, weight=0.5)
         slopes.append(torch.autograd.grad(whole, x)[0] / error.detach())
     wanted = torch.autograd.grad(torch.log(1.0 + (x - 1.0) ** 2) + 0.5 * x**2, x)[0]
     assert [float(slope) for slope in slopes] == pytest.approx([float(wanted)] * 2)

@@ -5,26 +5,26 @@ import pytest
 import torch
 
 from lagsplat.stage2.config import FloorConfig
-from lagsplat.stage2.input_stiffness import Reach
+from lagsplat.stage2.input_stiffness import InputRange
 from lagsplat.stage2.lagrangian import Coefficients, Lagrangian
 from lagsplat.stage2.linear_fit import (
     ConstantFit,
-    bent_shooting_error,
-    linear_one_step_error,
-    linear_shooting_error,
-    step_matrices,
+    assemble_step_matrices,
+    evaluate_one_step_error,
+    evaluate_shooting_error,
+    evaluate_stiffened_shooting_error,
 )
-from lagsplat.stage2.rollout import Shots, Windows, rollout, verlet_step
+from lagsplat.stage2.rollout import ShootingTargets, ShootingWindows, rollout, verlet_step
 from tests.stage2_problems import random_lagrangian, split
 
 CONSTANT = {"mass": "constant", "damping": "constant", "potential": "quadratic", "actuation": "linear"}
-ONE_SIGN = Reach(torch.ones(1, dtype=torch.float64), torch.zeros(1, dtype=torch.float64))
+ONE_SIGN = InputRange(torch.ones(1, dtype=torch.float64), torch.zeros(1, dtype=torch.float64))
 
 
 def coefficients_of(lagrangian: Lagrangian) -> Coefficients:
     q = torch.zeros(1, lagrangian.d, dtype=torch.float64)
     bent, none = lagrangian.prepare().curvature, torch.zeros(lagrangian.n_inputs, dtype=torch.float64)
-    reach = Reach(none + 1.0, none)
+    reach = InputRange(none + 1.0, none)
     return Coefficients(
         lagrangian.mass(q)[0].detach(),
         lagrangian.damping(q)[0].detach(),
@@ -35,13 +35,13 @@ def coefficients_of(lagrangian: Lagrangian) -> Coefficients:
     )
 
 
-def own_shots(lagrangian: Lagrangian, batch: int, n: int) -> Shots:
+def own_shots(lagrangian: Lagrangian, batch: int, n: int) -> ShootingTargets:
     """Rollouts of a system itself from random states under steady random inputs, 0.05 units apart."""
     unit, rng = float(lagrangian.time_unit_s), torch.Generator().manual_seed(0)
     q, v = torch.randn(2, batch, lagrangian.d, generator=rng, dtype=torch.float64)
     inputs = torch.rand(batch, 1, lagrangian.n_inputs, generator=rng, dtype=torch.float64).expand(-1, n, -1)
     path, _ = rollout(lagrangian, q, v / unit, inputs, dt_s=0.05 * unit)
-    return Shots(q, v, inputs, path, 0.05)
+    return ShootingTargets(q, v, inputs, path, 0.05)
 
 
 def test_step_matrices_are_the_verlet_step_of_a_constant_system() -> None:
@@ -49,7 +49,7 @@ def test_step_matrices_are_the_verlet_step_of_a_constant_system() -> None:
     c = coefficients_of(lagrangian)
     q, v = torch.randn(2, 6, 3, dtype=torch.float64)
     u = torch.rand(6, 2, dtype=torch.float64)
-    transition, entry = step_matrices(c, 0.2)
+    transition, entry = assemble_step_matrices(c, 0.2)
     push = (u @ c.pressure_map + c.rest @ c.stiffness) @ torch.linalg.inv(c.mass)
     got = torch.cat([q, v], 1) @ transition + push @ entry
     want = torch.cat(verlet_step(lagrangian, q, v, u, step=0.2, ready=lagrangian.prepare()), 1)
@@ -62,18 +62,21 @@ def test_fit_recovers_the_step_of_a_constant_system_and_keeps_its_floors() -> No
     u = torch.rand(200, 1, dtype=torch.float64)
     with torch.no_grad():
         q_next, v_next = verlet_step(lagrangian, q, v, u, step=0.1, ready=lagrangian.prepare())
-    windows = Windows(q=q, v=v, u=u, q_next=q_next, v_next=v_next, step=0.1)
+    windows = ShootingWindows(q=q, v=v, u=u, q_next=q_next, v_next=v_next, step=0.1)
     fit = ConstantFit(
         torch.zeros(2, dtype=torch.float64), 1, floor=FloorConfig(1e-3, 1e-4, 1e-3), learn_rest=True
     )
     metric = torch.eye(2, dtype=torch.float64)
     reached = fit.minimize(
-        lambda c: linear_one_step_error(c, windows, metric, velocity_weight=1.0), iterations=500
+        lambda c: evaluate_one_step_error(c, windows, metric, velocity_weight=1.0), iterations=500
     )
     found, floors = fit.result()
     assert reached < 1e-6
     torch.testing.assert_close(
-        step_matrices(found, 0.1)[0], step_matrices(coefficients_of(lagrangian), 0.1)[0], rtol=1e-2, atol=1e-2
+        assemble_step_matrices(found, 0.1)[0],
+        assemble_step_matrices(coefficients_of(lagrangian), 0.1)[0],
+        rtol=1e-2,
+        atol=1e-2,
     )
     assert abs(float(torch.trace(found.mass)) - 2.0) < 1e-9
     assert float(torch.linalg.eigvalsh(found.damping)[0]) >= floors.damping
@@ -85,7 +88,7 @@ def test_shooting_error_vanishes_on_its_own_rollout(bent: bool) -> None:
     if lagrangian.volume_net is not None:
         torch.nn.init.zeros_(lagrangian.volume_net.head)
     shots, metric = own_shots(lagrangian, 3, 12), torch.eye(2, dtype=torch.float64)
-    error = bent_shooting_error if bent else linear_shooting_error
+    error = evaluate_stiffened_shooting_error if bent else evaluate_shooting_error
     off = replace(shots, targets=shots.targets + 1.0)
     own, wrong = (float(error(coefficients_of(lagrangian), s, metric).detach()) for s in (shots, off))
     assert own < 0.05 * wrong
@@ -103,9 +106,9 @@ def test_bending_finds_what_a_linear_map_cannot() -> None:
     )
     shots, metric = own_shots(lagrangian, 60, 40), torch.eye(2, dtype=torch.float64)
     fit = ConstantFit(start.rest, 1, floor=FloorConfig(1e-3, 1e-4, 1e-3), learn_rest=True)
-    linear = fit.minimize(lambda c: linear_shooting_error(c, shots, metric), iterations=200)
+    linear = fit.minimize(lambda c: evaluate_shooting_error(c, shots, metric), iterations=200)
     fit.bend(ONE_SIGN, softening=True, rng=np.random.default_rng(0))
-    bent = fit.minimize(lambda c: bent_shooting_error(c, shots, metric), iterations=200)
+    bent = fit.minimize(lambda c: evaluate_stiffened_shooting_error(c, shots, metric), iterations=200)
     found, floors = fit.result()
     assert bent < 0.1 * linear
     assert found.bend is not None
@@ -124,7 +127,7 @@ def test_rollouts_that_overflow_do_not_end_the_fit() -> None:
 
     def sometimes_overflows(c: Coefficients) -> torch.Tensor:
         calls.append(0)
-        error = linear_shooting_error(c, shots, metric)
+        error = evaluate_shooting_error(c, shots, metric)
         return error * float("inf") if len(calls) == 4 else error
 
     reached = fit.minimize(sometimes_overflows, iterations=30)

@@ -1,7 +1,13 @@
 import pytest
 import torch
 
-from lagsplat.stage2.input_stiffness import SMALLEST, Curvature, Reach, payment, stiffened
+from lagsplat.stage2.input_stiffness import (
+    SMALLEST,
+    InputRange,
+    InputStiffnessPrior,
+    stiffen,
+    stiffness_penalty,
+)
 from tests.stage2_problems import bent, split
 
 
@@ -12,11 +18,13 @@ def problem() -> tuple[torch.Tensor, torch.Tensor]:
 
 def test_a_curvature_is_kept_and_its_softening_paid_for() -> None:
     curvature, largest = problem()
-    got, paid = Curvature(split(curvature, Reach(2 * largest, 0 * largest)), softening=True).matrices()
+    got, paid = InputStiffnessPrior(
+        split(curvature, InputRange(2 * largest, 0 * largest)), softening=True
+    ).matrices()
     torch.testing.assert_close(got, curvature, atol=3 * SMALLEST, rtol=0)
     values, vectors = torch.linalg.eigh(curvature)
     softer = (vectors * (-values).clamp(min=0)[..., None, :]) @ vectors.mT
-    torch.testing.assert_close(paid, payment(softer, 2 * largest), atol=10 * SMALLEST, rtol=0)
+    torch.testing.assert_close(paid, stiffness_penalty(softer, 2 * largest), atol=10 * SMALLEST, rtol=0)
     for u in (torch.zeros(3), torch.tensor([2.0, 0.0, 1.0]), 2 * torch.ones(3)):
         loaded = paid + (u[:, None, None].double() * got).sum(0)
         assert float(torch.linalg.eigvalsh(loaded.detach())[0]) > -1e-9
@@ -24,14 +32,16 @@ def test_a_curvature_is_kept_and_its_softening_paid_for() -> None:
 
 def test_without_softening_every_volume_is_concave_and_nothing_is_paid() -> None:
     curvature, largest = problem()
-    got, paid = Curvature(split(curvature, Reach(largest, 0 * largest)), softening=False).matrices()
+    got, paid = InputStiffnessPrior(
+        split(curvature, InputRange(largest, 0 * largest)), softening=False
+    ).matrices()
     assert float(torch.linalg.eigvalsh(got.detach()).min()) > 0
     assert float(paid.abs().max()) == 0
 
 
 def test_zero_curvature_can_still_move() -> None:
     curvature, largest = problem()
-    module = Curvature(split(0 * curvature, Reach(largest, 0 * largest)), softening=True)
+    module = InputStiffnessPrior(split(0 * curvature, InputRange(largest, 0 * largest)), softening=True)
     matrices, paid = module.matrices()
     (matrices[0, 0, 1] + paid[0, 1]).backward()
     assert module.softening is not None
@@ -45,4 +55,4 @@ def test_the_force_is_that_of_the_sum_of_the_loaded_curvatures() -> None:
     u = torch.tensor([[1.0, 2.0, 0.5]], dtype=torch.float64)
     offset = torch.tensor([[0.3, -0.7]], dtype=torch.float64)
     want = (u[0, 0] * curvature[0] + u[0, 1] * curvature[1] + u[0, 2] * curvature[2]) @ offset[0]
-    assert stiffened(u, curvature, offset)[0].numpy() == pytest.approx(want.numpy())
+    assert stiffen(u, curvature, offset)[0].numpy() == pytest.approx(want.numpy())

@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 import torch
 
-from lagsplat.chart.trajectory import Trajectory
+from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.stage2.config import FloorConfig, SelectConfig, ShootConfig, Stage2Config, StartConfig
 from lagsplat.stage2.fit import fit_dynamics, load_dynamics, save_dynamics
 from lagsplat.stage2.rollout import rollout
-from lagsplat.stage2.training import natural_time_unit
+from lagsplat.stage2.training import choose_time_unit
 from tests.stage2_problems import form
 
 DT_S, FREQUENCY_HZ, DECAY_PER_S = 1.0 / 60.0, 1.5, 0.4
 
 
-def oscillator(n: int, *, driven: bool) -> Trajectory:
+def oscillator(n: int, *, driven: bool) -> EncodedTrajectory:
     """One damped coordinate of known frequency and decay, under a slow random input."""
     omega, rng = 2 * np.pi * FREQUENCY_HZ, np.random.default_rng(0)
     u = np.convolve(rng.normal(size=n + 60), np.hanning(61), mode="valid") if driven else np.zeros(n)
@@ -27,7 +27,7 @@ def oscillator(n: int, *, driven: bool) -> Trajectory:
             v += DT_S / fine * (-(omega**2) * (q - 0.05 * u[i]) - 2 * DECAY_PER_S * v)
             q += DT_S / fine * v
     inputs = u[:, None] if driven else np.zeros((n, 0))
-    return Trajectory(np.array(path)[:, None], inputs, DT_S * np.arange(n), ((0, n),))
+    return EncodedTrajectory(np.array(path)[:, None], inputs, DT_S * np.arange(n), ((0, n),))
 
 
 def config(**changes: object) -> Stage2Config:
@@ -96,15 +96,15 @@ def test_time_unit_is_that_of_the_mechanism_under_a_slow_drive() -> None:
     trajectory = oscillator(400, driven=False)
     drift = 50.0 * np.sin(2 * np.pi * np.arange(400) / 400)[:, None] * trajectory.latents.std()
     slow = replace(trajectory, latents=trajectory.latents + drift)
-    assert natural_time_unit(slow, np.eye(1), stride_frames=2) < 4.0 / (2 * np.pi * FREQUENCY_HZ)
+    assert choose_time_unit(slow, np.eye(1), stride_frames=2) < 4.0 / (2 * np.pi * FREQUENCY_HZ)
 
 
 def test_time_unit_is_the_period_over_two_pi_and_still_latents_are_refused() -> None:
     trajectory = oscillator(400, driven=False)
-    unit = natural_time_unit(trajectory, np.eye(1), stride_frames=2)
+    unit = choose_time_unit(trajectory, np.eye(1), stride_frames=2)
     assert unit == pytest.approx(1.0 / (2 * np.pi * FREQUENCY_HZ), rel=0.05)
     with pytest.raises(ValueError, match="do not move"):
-        natural_time_unit(replace(trajectory, latents=np.ones((400, 1))), np.eye(1), stride_frames=2)
+        choose_time_unit(replace(trajectory, latents=np.ones((400, 1))), np.eye(1), stride_frames=2)
 
 
 def test_effort_is_a_share_of_the_steps() -> None:
@@ -117,7 +117,7 @@ def test_effort_is_a_share_of_the_steps() -> None:
 def test_coarse_frames_do_not_bend_the_physics() -> None:
     """Ten frames a period: one step a frame would be off by more than a per cent in frequency."""
     fine = oscillator(800, driven=False)
-    trajectory = Trajectory(fine.latents[::4], fine.inputs[::4], fine.time_s[::4], ((0, 200),))
+    trajectory = EncodedTrajectory(fine.latents[::4], fine.inputs[::4], fine.time_s[::4], ((0, 200),))
     found = {}
     for longest in (0.1, math.inf):
         _, report = fit_dynamics(

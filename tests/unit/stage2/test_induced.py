@@ -3,7 +3,7 @@ import torch
 
 from lagsplat.chart.chart import Chart
 from lagsplat.stage1.autoencoder import Autoencoder
-from lagsplat.stage2.decoder_mass import InducedMass, decoder_geometry
+from lagsplat.stage2.decoder_mass import InducedMass, compute_decoder_geometry
 
 
 def test_mass_is_the_presence_weighted_sum_of_the_decoders_jacobians() -> None:
@@ -37,7 +37,7 @@ def test_mass_is_the_presence_weighted_sum_of_the_decoders_jacobians() -> None:
         condition=1.0,
         intrinsic_dimension=2.0,
     )
-    mass = InducedMass(decoder_geometry(autoencoder, chart), scale=3.0, floor=0.0)
+    mass = InducedMass(compute_decoder_geometry(autoencoder, chart), scale=3.0, floor=0.0)
     q, v = rng.normal(size=(2, 5, 2))
     energy = torch.einsum(
         "bi,bij,bj->b", torch.from_numpy(v), mass.matrix(torch.from_numpy(q)), torch.from_numpy(v)

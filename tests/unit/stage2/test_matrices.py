@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from lagsplat.stage2.networks import ConstantMatrix, MatrixField, factor_above
+from lagsplat.stage2.networks import ConstantMatrix, MatrixField, factor_positive
 
 
 def spd(d: int) -> torch.Tensor:
@@ -11,9 +11,9 @@ def spd(d: int) -> torch.Tensor:
 
 def test_factor_reproduces_a_matrix_above_the_floor_and_lifts_one_below() -> None:
     matrix = spd(3)
-    lower = factor_above(matrix, 0.1)
+    lower = factor_positive(matrix, 0.1)
     torch.testing.assert_close(lower @ lower.T + 0.1 * torch.eye(3, dtype=torch.float64), matrix)
-    lifted = factor_above(torch.diag(torch.tensor([1.0, 0.05], dtype=torch.float64)), 0.1)
+    lifted = factor_positive(torch.diag(torch.tensor([1.0, 0.05], dtype=torch.float64)), 0.1)
     assert bool(torch.isfinite(lifted).all())
 
 

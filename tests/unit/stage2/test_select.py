@@ -1,9 +1,9 @@
 import numpy as np
 import torch
 
-from lagsplat.chart.trajectory import Trajectory
+from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.stage2.rollout import rollout
-from lagsplat.stage2.training import Champion, examination
+from lagsplat.stage2.training import BestCheckpoint, draw_validation_task
 from tests.stage2_problems import random_lagrangian
 
 
@@ -12,11 +12,11 @@ def test_the_true_dynamics_scores_near_zero_and_a_diverging_one_infinite() -> No
     dt = 0.02 * float(lagrangian.time_unit_s)
     q = torch.full((1, 1), 1.0, dtype=torch.float64)
     path, _ = rollout(lagrangian, q, 0 * q, torch.zeros(1, 300, 0, dtype=torch.float64), dt_s=dt)
-    trajectory = Trajectory(path[0].numpy(), np.zeros((300, 0)), dt * np.arange(300), ((0, 300),))
-    exam = examination(trajectory, torch.eye(1, dtype=torch.float64), starts=5, n_states=1000)
+    trajectory = EncodedTrajectory(path[0].numpy(), np.zeros((300, 0)), dt * np.arange(300), ((0, 300),))
+    exam = draw_validation_task(trajectory, torch.eye(1, dtype=torch.float64), starts=5, n_states=1000)
     score = exam.score(lagrangian)
     assert score < 0.02
-    champion = Champion()
+    champion = BestCheckpoint()
     champion.consider(lagrangian, score)
     kept = lagrangian.rest.detach().clone()
     with torch.no_grad():

@@ -4,10 +4,10 @@ import numpy as np
 import torch
 
 from lagsplat.stage2.config import FloorConfig
-from lagsplat.stage2.input_stiffness import Reach, reach_of
+from lagsplat.stage2.input_stiffness import InputRange, measure_input_range
 from lagsplat.stage2.lagrangian import Coefficients, Floors, Lagrangian
-from lagsplat.stage2.linear_fit import ConstantFit, bent_shooting_error, linear_shooting_error
-from lagsplat.stage2.rollout import Shots, rollout
+from lagsplat.stage2.linear_fit import ConstantFit, evaluate_shooting_error, evaluate_stiffened_shooting_error
+from lagsplat.stage2.rollout import ShootingTargets, rollout
 from tests.stage2_problems import form, split
 
 QUADRATIC = {"mass": "constant", "damping": "constant", "potential": "quadratic", "actuation": "bounded"}
@@ -21,7 +21,9 @@ def test_a_stiffness_that_goes_with_the_torque_is_recovered() -> None:
     """Stiffer under a positive torque and softer under a negative one, in one coordinate, and the reverse in
     another."""
     eye, none = torch.eye(2, dtype=torch.float64), torch.zeros(1, dtype=torch.float64)
-    bend = split(torch.diag(torch.tensor([1.2, -0.8], dtype=torch.float64))[None], Reach(none + 1, none + 1))
+    bend = split(
+        torch.diag(torch.tensor([1.2, -0.8], dtype=torch.float64))[None], InputRange(none + 1, none + 1)
+    )
     truth = law(
         Coefficients(eye, 0.3 * eye, 3 * eye, torch.ones(1, 2, dtype=torch.float64), 0 * eye[0], bend),
         Floors(1e-3, 1e-4, 1e-3),
@@ -31,11 +33,11 @@ def test_a_stiffness_that_goes_with_the_torque_is_recovered() -> None:
     held = 2 * torch.rand(60, 1, 1, generator=rng, dtype=torch.float64) - 1
     inputs = held.expand(-1, 40, -1)
     path, _ = rollout(truth, q, v, inputs, dt_s=0.05)
-    shots, metric = Shots(q, v, inputs, path, 0.05), eye
+    shots, metric = ShootingTargets(q, v, inputs, path, 0.05), eye
     fit = ConstantFit(0 * eye[0], 1, floor=FloorConfig(1e-3, 1e-4, 1e-3), learn_rest=True)
-    linear = fit.minimize(lambda c: linear_shooting_error(c, shots, metric), iterations=150)
-    fit.bend(reach_of(held[:, 0].numpy()), softening=True, rng=np.random.default_rng(0))
-    bent = fit.minimize(lambda c: bent_shooting_error(c, shots, metric), iterations=200)
+    linear = fit.minimize(lambda c: evaluate_shooting_error(c, shots, metric), iterations=150)
+    fit.bend(measure_input_range(held[:, 0].numpy()), softening=True, rng=np.random.default_rng(0))
+    bent = fit.minimize(lambda c: evaluate_stiffened_shooting_error(c, shots, metric), iterations=200)
     assert bent < 0.1 * linear
     found, floors = fit.result()
     assert found.bend is not None

@@ -2,18 +2,18 @@ import numpy as np
 import pytest
 import torch
 
-from lagsplat.chart.trajectory import Trajectory
-from lagsplat.stage2.rollout import central_velocity, one_step_windows, shots, starts_of
+from lagsplat.chart.trajectory import EncodedTrajectory
+from lagsplat.stage2.rollout import central_velocity, cut_shooting_targets, list_one_step_windows, list_starts
 
 
-def parabola(n: int, segments: tuple[tuple[int, int], ...]) -> Trajectory:
+def parabola(n: int, segments: tuple[tuple[int, int], ...]) -> EncodedTrajectory:
     """Position t^2, for which every stencil used is exact."""
     t = 0.1 * np.arange(n)
-    return Trajectory((t**2)[:, None], t[:, None].copy(), t, segments)
+    return EncodedTrajectory((t**2)[:, None], t[:, None].copy(), t, segments)
 
 
 def test_windows_hold_states_one_stride_apart_with_exact_velocities() -> None:
-    windows = one_step_windows(parabola(30, ((0, 30),)), stride_frames=2, time_unit_s=0.5)
+    windows = list_one_step_windows(parabola(30, ((0, 30),)), stride_frames=2, time_unit_s=0.5)
     assert windows.step == pytest.approx(0.4)
     t = windows.u[:, 0]
     torch.testing.assert_close(windows.q[:, 0], t**2)
@@ -25,13 +25,13 @@ def test_windows_hold_states_one_stride_apart_with_exact_velocities() -> None:
 
 
 def test_nothing_crosses_a_cut() -> None:
-    at = starts_of(parabola(20, ((0, 8), (8, 20))), before=2, after=3)
+    at = list_starts(parabola(20, ((0, 8), (8, 20))), before=2, after=3)
     np.testing.assert_array_equal(at, [2, 3, 4, 10, 11, 12, 13, 14, 15, 16])
     with pytest.raises(ValueError, match="needs 7"):
-        one_step_windows(parabola(10, ((0, 5), (5, 10))), stride_frames=2, time_unit_s=1.0)
+        list_one_step_windows(parabola(10, ((0, 5), (5, 10))), stride_frames=2, time_unit_s=1.0)
 
 
-def forward_velocity(trajectory: Trajectory, at: np.ndarray) -> torch.Tensor:
+def forward_velocity(trajectory: EncodedTrajectory, at: np.ndarray) -> torch.Tensor:
     return torch.from_numpy(trajectory.clock.slope(trajectory.latents, at, (1, 2)))
 
 
@@ -40,7 +40,9 @@ def test_shots_follow_the_trajectory() -> None:
     at = np.array([4, 9])
     for velocity in (forward_velocity, central_velocity):
         torch.testing.assert_close(velocity(trajectory, at)[:, 0], torch.from_numpy(0.2 * at))
-    taken = shots(trajectory, at, forward_velocity(trajectory, at), n_states=5, time_unit_s=0.5)
+    taken = cut_shooting_targets(
+        trajectory, at, forward_velocity(trajectory, at), n_states=5, time_unit_s=0.5
+    )
     torch.testing.assert_close(taken.targets[1, :, 0], torch.from_numpy((0.1 * np.arange(9, 14)) ** 2))
     torch.testing.assert_close(taken.v[:, 0], torch.from_numpy(0.1 * at))
 
@@ -48,8 +50,8 @@ def test_shots_follow_the_trajectory() -> None:
 def test_on_an_uneven_clock_everything_goes_by_the_true_times() -> None:
     rng = np.random.default_rng(0)
     t = 0.1 * (np.arange(40) + rng.uniform(-0.2, 0.2, 40))[rng.uniform(size=40) > 0.1]
-    trajectory = Trajectory((t**2)[:, None], t[:, None].copy(), t, ((0, len(t)),))
-    windows = one_step_windows(trajectory, stride_frames=2, time_unit_s=0.5)
+    trajectory = EncodedTrajectory((t**2)[:, None], t[:, None].copy(), t, ((0, len(t)),))
+    windows = list_one_step_windows(trajectory, stride_frames=2, time_unit_s=0.5)
     assert isinstance(windows.step, torch.Tensor)
     now, ahead = windows.u, windows.q_next.sqrt()
     torch.testing.assert_close(windows.step, (ahead - now) / 0.5)
@@ -59,6 +61,8 @@ def test_on_an_uneven_clock_everything_goes_by_the_true_times() -> None:
     at = np.array([4, 9])
     for velocity in (forward_velocity, central_velocity):
         torch.testing.assert_close(velocity(trajectory, at)[:, 0], torch.from_numpy(2 * t[at]))
-    taken = shots(trajectory, at, forward_velocity(trajectory, at), n_states=5, time_unit_s=0.5)
+    taken = cut_shooting_targets(
+        trajectory, at, forward_velocity(trajectory, at), n_states=5, time_unit_s=0.5
+    )
     assert isinstance(taken.steps, torch.Tensor)
     torch.testing.assert_close(taken.steps[1], torch.from_numpy(np.diff(t[9:14]) / 0.5))

@@ -8,7 +8,7 @@ import pytest
 from lagsplat.config.compose import compose
 from lagsplat.systems.arm import build_arm
 from lagsplat.systems.config import PlantedConfig, PlantsConfig
-from lagsplat.systems.injected_effects import lagged, simulate_planted
+from lagsplat.systems.injected_effects import lag_input, simulate_planted
 from lagsplat.systems.simulate import simulate
 
 NOTHING = PlantedConfig(tip_mass=0.0, actuator_lag_s=0.0, dry_friction=0.0)
@@ -60,10 +60,10 @@ def test_a_lag_is_that_of_its_differential_equation():
     dt_s, lag_s = 0.01, 0.2
     ramp = np.stack([np.arange(200) * dt_s, np.ones(200)], axis=1)
     time_s = dt_s * np.arange(200)
-    felt = lagged(ramp, lag_s=lag_s, dt_s=dt_s)
+    felt = lag_input(ramp, lag_s=lag_s, dt_s=dt_s)
     np.testing.assert_allclose(felt[:, 0], time_s - lag_s * (1 - np.exp(-time_s / lag_s)), atol=1e-9)
     np.testing.assert_allclose(felt[:, 1], 1.0 - np.exp(-time_s / lag_s), atol=1e-9)
-    assert lagged(ramp, lag_s=0.0, dt_s=dt_s) is ramp
+    assert lag_input(ramp, lag_s=0.0, dt_s=dt_s) is ramp
 
 
 def test_what_cannot_be_planted_is_refused():

@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 
 from lagsplat.config.compose import compose
-from lagsplat.systems.pushable import Pushable, pushable
+from lagsplat.systems.pushable import Pushable, make_pushable
 from lagsplat.systems.simulate import simulate
 
 NONE = np.zeros(0)
 
 
 def rocker(points: int = 4) -> Pushable:
-    return pushable(None, compose("system=rainbow_rocker").release, pressure=NONE, points=points)
+    return make_pushable(None, compose("system=rainbow_rocker").release, pressure=NONE, points=points)
 
 
 def arm(points: int = 3) -> Pushable:
-    return pushable(compose("system=toy").simulation, None, pressure=np.array([0.4, 0.1]), points=points)
+    return make_pushable(compose("system=toy").simulation, None, pressure=np.array([0.4, 0.1]), points=points)
 
 
 def metres_a_pixel() -> float:
@@ -90,4 +90,4 @@ def test_a_force_switched_on_swings_about_the_equilibrium() -> None:
 
 def test_filmed_recordings_have_no_truth() -> None:
     with pytest.raises(ValueError, match="recording=simulated"):
-        pushable(None, None, pressure=NONE, points=3)
+        make_pushable(None, None, pressure=NONE, points=3)

@@ -8,13 +8,13 @@ import pytest
 
 from lagsplat.config.compose import compose
 from lagsplat.config.schema import options
-from lagsplat.systems.config import ClipConfig, PushConfig, ReleaseConfig
-from lagsplat.systems.release import mechanism_of, release
-from lagsplat.systems.rendering.bodies import Body, paint
+from lagsplat.systems.config import PushConfig, ReleaseClipConfig, ReleaseConfig
+from lagsplat.systems.release import make_mechanism, release
+from lagsplat.systems.rendering.bodies import DrawnBody, paint
 from lagsplat.systems.rendering.textures import SHAPES, photograph
-from lagsplat.systems.simulate import resized, stand_in
+from lagsplat.systems.simulate import resize_simulation, simulate_system
 from lagsplat.systems.truth import load_truth, save_truth
-from lagsplat.systems.video import camera_of, film_clips
+from lagsplat.systems.video import film_clips, make_camera
 
 
 def short(name: str, n_frames: int = 6, **changes: object) -> ReleaseConfig:
@@ -27,7 +27,7 @@ def short(name: str, n_frames: int = 6, **changes: object) -> ReleaseConfig:
 @pytest.mark.parametrize("name", options("release"))
 def test_every_release_gives_a_recording_and_its_truth(name: str, tmp_path) -> None:
     config = short(name)
-    recording, truth = stand_in(None, config, seed=0)
+    recording, truth = simulate_system(None, config, seed=0)
     n = 6 * len(config.clips)
     assert recording.frames.shape == (n, config.height, config.width, 3)
     assert len(recording.segments) == len(config.clips)
@@ -63,15 +63,15 @@ def test_a_larger_picture_shows_the_same_motion() -> None:
 
 def test_the_ball_is_where_the_truth_says_to_a_hundredth_of_its_path() -> None:
     config = short("pendulum", n_frames=40)
-    camera = camera_of(config)
+    camera = make_camera(config)
     sprite = SHAPES["bob"](config.bodies[0].size_m, camera.focal[0] / config.scene.distance)
     black = np.zeros((camera.height, camera.width, 3), np.float32)
     angles = np.linspace(-0.4, 0.4, 9)[:, None]
-    mechanism = mechanism_of(config)
+    mechanism = make_mechanism(config)
     poses = mechanism.poses(angles)
     columns = []
     for pose in poses:
-        picture = paint(black, [Body(sprite, 0.0, 1)], pose, camera)
+        picture = paint(black, [DrawnBody(sprite, 0.0, 1)], pose, camera)
         ball = picture[:, :, 0] - picture[:, :, 1]  # the rod is grey
         ball = np.where(ball > 0.2, ball, 0)
         columns.append((ball.sum(0) @ (np.arange(camera.width) + 0.5)) / ball.sum())
@@ -84,21 +84,23 @@ def test_the_ball_is_where_the_truth_says_to_a_hundredth_of_its_path() -> None:
 
 def test_a_camera_from_the_side_sees_the_flank() -> None:
     config = short("rainbow_rocker", n_frames=3)
-    poses = [mechanism_of(config).poses(np.zeros((3, 1)))]
+    poses = [make_mechanism(config).poses(np.zeros((3, 1)))]
     front, side = (
-        film_clips(config, poses, seed=0, camera=camera_of(config, yaw_deg=yaw)).frames[0].astype(float)
+        film_clips(config, poses, seed=0, camera=make_camera(config, yaw_deg=yaw)).frames[0].astype(float)
         for yaw in (0.0, 35.0)
     )
     assert np.abs(front - side).mean() > 5
     flat = replace(config, bodies=[replace(config.bodies[0], thickness_m=0.0, layers=1)])
-    flat_side = film_clips(flat, poses, seed=0, camera=camera_of(flat, yaw_deg=35.0)).frames[0].astype(float)
+    flat_side = (
+        film_clips(flat, poses, seed=0, camera=make_camera(flat, yaw_deg=35.0)).frames[0].astype(float)
+    )
     assert np.abs(side - flat_side).mean() > 1
 
 
 @pytest.mark.filterwarnings("ignore:.*the film jumps")  # from stillness, any motion is sudden
 def test_a_push_moves_what_would_have_hung_still() -> None:
     config = short("pendulum", n_frames=30)
-    still = replace(config, clips=[ClipConfig(30, [0.0], [0.0])])
+    still = replace(config, clips=[ReleaseClipConfig(30, [0.0], [0.0])])
     push = PushConfig(clip=0, start_s=0.1, stop_s=0.3, body=0, at_m=[0.0, 0.44], force_n=[2.0, 0.0])
     _, calm = release(still, seed=0)
     _, pushed = release(replace(still, pushes=[push]), seed=0)
@@ -125,8 +127,8 @@ def test_an_unknown_photograph_is_refused() -> None:
         ({"rocker": None, "linkage": None}, "either a linkage or a rocker"),
         ({"bodies": []}, "one look each"),
         ({"clips": []}, "nothing to film"),
-        ({"clips": [ClipConfig(2, [0.0], [0.0])]}, "at least 3 frames"),
-        ({"clips": [ClipConfig(9, [0.0, 1.0], [0.0])]}, "1 values of state"),
+        ({"clips": [ReleaseClipConfig(2, [0.0], [0.0])]}, "at least 3 frames"),
+        ({"clips": [ReleaseClipConfig(9, [0.0, 1.0], [0.0])]}, "1 values of state"),
         ({"pushes": [PushConfig(0, 1.0, 0.5, 0, [0.0, 0.0], [1.0, 0.0])]}, "ends before it begins"),
         ({"dt_s": 0.0}, "must be positive"),
         ({"height": 4}, "at least 8 x 8"),
@@ -139,12 +141,12 @@ def test_values_that_cannot_be_filmed_are_refused(changes: dict[str, object], me
 
 def test_nothing_to_stand_in_is_an_error() -> None:
     with pytest.raises(ValueError, match="neither a simulation nor a release"):
-        stand_in(None, None, seed=0)
+        simulate_system(None, None, seed=0)
 
 
 def test_a_finer_recording_is_of_the_same_film() -> None:
     config = short("rainbow_rocker")
-    _, finer = resized(None, config, height=2 * config.height, width=2 * config.width)
+    _, finer = resize_simulation(None, config, height=2 * config.height, width=2 * config.width)
     assert finer is not None
     assert finer.scene.film_scale * finer.height == config.scene.film_scale * config.height
     (film, _), (fine, _) = release(config, seed=0), release(finer, seed=0)

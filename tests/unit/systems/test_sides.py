@@ -7,8 +7,8 @@ import pytest
 from omegaconf import OmegaConf
 
 from lagsplat.systems.config import ReleaseConfig
-from lagsplat.systems.novel_views import space_of, true_views
-from lagsplat.systems.release import mechanism_of
+from lagsplat.systems.novel_views import make_space, render_true_views
+from lagsplat.systems.release import make_mechanism
 from lagsplat.systems.video import film_clips
 from lagsplat.views.config import ArrangementConfig
 from lagsplat.views.novel import NovelViews
@@ -24,13 +24,13 @@ def config(repository: Path) -> ReleaseConfig:
 
 @pytest.fixture(scope="module")
 def views(config: ReleaseConfig) -> NovelViews:
-    return true_views(
+    return render_true_views(
         config, STATES, ArrangementConfig(yaw_deg=14.0, pitch_deg=5.0, columns=3, rows=1, held_out=1)
     )
 
 
 def test_the_camera_in_the_middle_sees_the_film(config: ReleaseConfig, views: NovelViews) -> None:
-    film = film_clips(config, [mechanism_of(config).poses(STATES)], seed=0)
+    film = film_clips(config, [make_mechanism(config).poses(STATES)], seed=0)
     error = np.square(views.images[:, 1].astype(float) - np.asarray(film.frames)).mean()
     assert 10 * np.log10(255**2 / error) > 30  # the film has noise and a codec
     aside = np.square(views.images[:, 0].astype(float) - np.asarray(film.frames)).mean()
@@ -40,7 +40,7 @@ def test_the_camera_in_the_middle_sees_the_film(config: ReleaseConfig, views: No
 def test_the_target_stays_in_place_and_the_wall_moves_behind_it(
     config: ReleaseConfig, views: NovelViews
 ) -> None:
-    space = space_of(config)
+    space = make_space(config)
     np.testing.assert_allclose(space.pivot, [*config.scene.target, 0.0], atol=1e-9)
     wall = np.array([[*config.scene.target, config.scene.behind]])
     seen = [camera.project(wall)[0, 0] for camera in views.cameras[:3]]

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from lagsplat.systems.arm import build_arm
-from lagsplat.systems.truth import load_truth, save_truth, truth_of
+from lagsplat.systems.truth import compute_truth, load_truth, save_truth
 
 
 @pytest.fixture(scope="module")
@@ -10,7 +10,7 @@ def truth(load):
     arm = build_arm(load("krauss_2seg").arm)
     generator = np.random.default_rng(0)
     states, velocities = generator.uniform(-0.3, 0.3, (2, 30, 4))
-    return arm, truth_of(
+    return arm, compute_truth(
         arm,
         states,
         velocities,

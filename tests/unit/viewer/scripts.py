@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import pytest
 
-from lagsplat.viewer.static_page.build import page_part
+from lagsplat.viewer.static_page.build import read_asset
 
 DECODE = """
 function decode(run) {
@@ -23,7 +23,7 @@ def run_script(parts: Sequence[str], driver: str, data: dict) -> object:
     node = shutil.which("node")
     if node is None:
         pytest.skip("no node on this machine to run the page's JavaScript; a browser test runs it, too")
-    script = "\n".join([*(page_part(name) for name in parts), DECODE, driver])
+    script = "\n".join([*(read_asset(name) for name in parts), DECODE, driver])
     done = subprocess.run(
         [node, "-e", script], input=json.dumps(data), capture_output=True, text=True, timeout=120, check=False
     )

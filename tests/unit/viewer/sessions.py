@@ -1,17 +1,17 @@
 """Sessions in miniature: a rocking disc, a hanging strip, a plate in space, whose kinematics is known."""
 
 from lagsplat.config.compose import compose
-from lagsplat.forces.equilibrium import Held
-from lagsplat.viewer.simulation.history import recorded_of
+from lagsplat.forces.equilibrium import OperatingPoint
+from lagsplat.viewer.simulation.history import read_recorded_data
 from lagsplat.viewer.simulation.session import Session
 from tests.unit.forces.rocking import hanging, rocking
 from tests.unit.forces.solid import turning
 
 
-def session(held: Held | None = None, *overrides: str) -> Session:
+def session(held: OperatingPoint | None = None, *overrides: str) -> Session:
     held = held or rocking()
     settings = compose("system=toy", *overrides)
-    recorded = recorded_of(held.chart, names=("push",), units=("N",))
+    recorded = read_recorded_data(held.chart, names=("push",), units=("N",))
     return Session(held, recorded, settings.viewer, settings.forces)
 
 

@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from lagsplat.viewer.simulation.history import coverage_of
+from lagsplat.viewer.simulation.history import measure_coverage
 from tests.unit.forces.rocking import rocking
 
 
 def test_every_training_state_is_covered_and_what_lies_far_is_not():
     chart = rocking(frames=900).chart
-    coverage = coverage_of(chart, beyond=0.1)
+    coverage = measure_coverage(chart, beyond=0.1)
     assert len(coverage.points) == 400
     assert max(coverage.distance(q) for q in chart.latents) <= 1.0
     assert coverage.distance(np.array([1.05])) < 1.0 < coverage.distance(np.array([1.5]))

@@ -11,8 +11,8 @@ from websockets.exceptions import ConnectionClosed
 
 from lagsplat.cli.main import main
 from lagsplat.config.compose import compose
-from lagsplat.viewer.server.access_control import foreign, warning
-from lagsplat.viewer.server.server import Live, Show
+from lagsplat.viewer.server.access_control import foreign, warn_of_open_host
+from lagsplat.viewer.server.server import ViewerContent, ViewerServer
 from tests.unit.forces.rocking import rocking
 from tests.unit.forces.solid import turning
 from tests.unit.viewer.sessions import session
@@ -24,7 +24,7 @@ FLAT, SPACE = "/picture", "/matter"
 def opened(held, folder):
     settings = compose("system=toy", "viewer.port=0", "viewer.window=64")
     frame = np.zeros((24, 32, 3), np.uint8)
-    return Live(Show(session(held), "disc", lambda number: frame, folder), settings.viewer)
+    return ViewerServer(ViewerContent(session(held), "disc", lambda number: frame, folder), settings.viewer)
 
 
 @pytest.fixture(scope="module", params=[FLAT, SPACE], ids=["picture", "space"])
@@ -134,16 +134,18 @@ def test_files_outside_the_page_are_not_served(live, path: str) -> None:
 
 def test_it_listens_on_this_machine_alone_unless_told_with_a_warning() -> None:
     assert compose("system=toy").viewer.host == "127.0.0.1"
-    assert warning("127.0.0.1") is warning("::1") is warning("localhost") is None
+    assert (
+        warn_of_open_host("127.0.0.1") is warn_of_open_host("::1") is warn_of_open_host("localhost") is None
+    )
     for host in ("0.0.0.0", "192.168.1.4", "robot.example"):
-        assert "no password" in (warning(host) or "")
+        assert "no password" in (warn_of_open_host(host) or "")
 
 
 def test_an_address_that_is_not_ours_is_told_at_once(tmp_path) -> None:
     settings = compose("system=toy", "viewer.host=203.0.113.9")
-    show = Show(session(), "disc", lambda number: np.zeros((24, 32, 3), np.uint8), tmp_path)
+    show = ViewerContent(session(), "disc", lambda number: np.zeros((24, 32, 3), np.uint8), tmp_path)
     with pytest.raises(OSError, match=r"viewer.host=203.0.113.9: .*this machine"):
-        Live(show, settings.viewer)
+        ViewerServer(show, settings.viewer)
 
 
 def test_the_socket_is_bound_to_loopback(live) -> None:

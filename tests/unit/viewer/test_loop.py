@@ -5,12 +5,12 @@ import time
 
 import pytest
 
-from lagsplat.viewer.simulation.realtime_loop import Clock, Loop
+from lagsplat.viewer.simulation.realtime_loop import RealtimeLoop, StepClock
 from tests.unit.viewer.sessions import session
 
 
 def test_steps_fall_due_with_the_wall_and_what_is_late_is_forgotten():
-    clock = Clock(0.02, now_s=0.0)
+    clock = StepClock(0.02, now_s=0.0)
     assert clock.due(0.1) == 5
     assert [clock.due(0.11), clock.due(0.12)] == [0, 1]
     clock.speed = 2.0
@@ -29,7 +29,7 @@ def test_real_time_is_kept_while_pictures_take_their_own():
         time.sleep(0.05)
 
     one = session()
-    loop = Loop(one, show, pictures_hz=100.0, refuse=refused.append)
+    loop = RealtimeLoop(one, show, pictures_hz=100.0, refuse=refused.append)
     loop.start()
     began, first = time.perf_counter(), one.steps
     time.sleep(1.0)
@@ -45,7 +45,7 @@ def test_real_time_is_kept_while_pictures_take_their_own():
 def test_a_command_that_fails_is_told_and_the_session_goes_on():
     refused, heard = [], threading.Event()
     one = session()
-    loop = Loop(one, lambda snapshot: None, pictures_hz=50.0, refuse=refused.append)
+    loop = RealtimeLoop(one, lambda snapshot: None, pictures_hz=50.0, refuse=refused.append)
     loop.start()
     loop.tell(lambda s: s.grasp((-5.0, 0.0)))
     loop.tell(lambda s: 1 / 0)
@@ -64,7 +64,7 @@ def test_a_refusal_that_reaches_nobody_ends_nothing():
         raise UserWarning("queued on a closed connection")
 
     one, heard = session(), threading.Event()
-    loop = Loop(one, lambda snapshot: None, pictures_hz=50.0, refuse=gone)
+    loop = RealtimeLoop(one, lambda snapshot: None, pictures_hz=50.0, refuse=gone)
     loop.start()
     loop.tell(lambda s: s.grasp((-5.0, 0.0)))
     loop.tell(lambda s: heard.set())
@@ -75,7 +75,7 @@ def test_a_refusal_that_reaches_nobody_ends_nothing():
 
 def test_a_step_that_fails_stops_the_session_and_says_so_and_rest_begins_anew(monkeypatch):
     one = session()
-    loop = Loop(one, lambda snapshot: None, pictures_hz=50.0)
+    loop = RealtimeLoop(one, lambda snapshot: None, pictures_hz=50.0)
     monkeypatch.setattr(one.ledger, "book", lambda *booked, **more: 1 / 0)
     loop.start()
     end = time.monotonic() + 5.0
@@ -94,7 +94,7 @@ def test_a_step_that_fails_stops_the_session_and_says_so_and_rest_begins_anew(mo
 
 def test_paused_it_stands_still_and_still_obeys():
     one = session()
-    loop = Loop(one, lambda snapshot: None, pictures_hz=50.0)
+    loop = RealtimeLoop(one, lambda snapshot: None, pictures_hz=50.0)
     loop.start()
     loop.tell(lambda s: s.pause(True))
     time.sleep(0.2)

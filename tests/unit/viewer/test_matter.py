@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from lagsplat.splat.projection import SQUARE
-from lagsplat.viewer.rendering.drag_proxies import OPAQUE, Matter, ball
+from lagsplat.viewer.rendering.drag_proxies import OPAQUE, DragProxies, make_ball
 from lagsplat.viewer.rendering.scene_frame import FLIP
 from tests.unit.forces.solid import FRONT, turning
 
@@ -22,14 +22,14 @@ def held():
 
 
 def test_the_plate_can_be_dragged_and_the_wall_cannot(held) -> None:
-    place, half = Matter(held).at(held.rest.numpy())
+    place, half = DragProxies(held).at(held.rest.numpy())
     assert len(place) > 20
     np.testing.assert_allclose(place[:, 2], FRONT)
     assert (half > 0.05).all()
 
 
 def test_an_ellipsoid_is_where_its_gaussian_stops_so_much_light(held) -> None:
-    matter = Matter(held)
+    matter = DragProxies(held)
     covariance = (
         held.autoencoder.gaussians.covariance().detach()[matter.chosen][:, SQUARE].unflatten(1, (3, 3))
     )
@@ -43,7 +43,7 @@ def test_an_ellipsoid_is_where_its_gaussian_stops_so_much_light(held) -> None:
 
 
 def test_it_follows_the_state_and_fades_where_nothing_is_drawn(held) -> None:
-    matter = Matter(held)
+    matter = DragProxies(held)
     q = held.rest.numpy() + 0.7
     place, _ = matter.at(q)
     expected = held.kinematics.places(torch.from_numpy(q)[None])[0, matter.chosen].numpy()
@@ -53,12 +53,12 @@ def test_it_follows_the_state_and_fades_where_nothing_is_drawn(held) -> None:
 
 
 def test_turns_are_unit_quaternions_of_the_scene(held) -> None:
-    turned = Matter(held).turned(FLIP)
+    turned = DragProxies(held).turned(FLIP)
     np.testing.assert_allclose(np.linalg.norm(turned, axis=1), 1.0)
 
 
 def test_the_ball_is_round_and_closed() -> None:
-    corners, faces = ball()
+    corners, faces = make_ball()
     np.testing.assert_allclose(np.linalg.norm(corners, axis=1), 1.0)
     assert faces.shape == (20, 3)
     edges = {tuple(sorted((f[i], f[i - 1]))) for f in faces.tolist() for i in range(3)}

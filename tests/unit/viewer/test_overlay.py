@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lagsplat.viewer.rendering.overlays import Field, moving, outlines
+from lagsplat.viewer.rendering.overlays import AccelerationField, select_moving, trace_outlines
 from tests.unit.forces.rocking import rocking
 from tests.unit.forces.solid import FRONT, turning
 
 
 @pytest.mark.parametrize(("held", "space"), [(rocking, 2), (turning, 3)], ids=["picture", "space"])
 def test_arrows_stand_on_what_moves_and_point_where_it_goes(held, space: int) -> None:
-    field = Field(held())
+    field = AccelerationField(held())
     arrows = field.arrows(np.zeros(1), np.ones(1), largest=1.0)
     assert arrows.shape[1:] == (2, space)
     assert len(arrows) > 3
@@ -22,17 +22,17 @@ def test_arrows_stand_on_what_moves_and_point_where_it_goes(held, space: int) ->
 
 def test_the_wall_gets_no_arrow() -> None:
     held = turning()
-    assert (held.kinematics.center[moving(held.kinematics), 2] == FRONT).all()
-    np.testing.assert_allclose(Field(held).places(np.zeros(1))[:, 2], FRONT)
+    assert (held.kinematics.center[select_moving(held.kinematics), 2] == FRONT).all()
+    np.testing.assert_allclose(AccelerationField(held).places(np.zeros(1))[:, 2], FRONT)
 
 
 def test_a_stray_that_moves_alone_is_no_object() -> None:
     held = turning()
-    before = moving(held.kinematics)
+    before = select_moving(held.kinematics)
     center = held.kinematics.center.clone()
     stray = int(np.flatnonzero(before)[0])
     center[stray] += 40.0
-    after = moving(replace(held.kinematics, center=center))
+    after = select_moving(replace(held.kinematics, center=center))
     assert before[stray]
     assert not after[stray]
     assert after.sum() == before.sum() - 1
@@ -41,6 +41,6 @@ def test_a_stray_that_moves_alone_is_no_object() -> None:
 def test_an_outline_runs_half_way_between_in_and_out() -> None:
     share = np.zeros((20, 30))
     share[5:15, 8:24] = 1.0
-    (line,) = outlines(share, smooth_px=0.5)
+    (line,) = trace_outlines(share, smooth_px=0.5)
     np.testing.assert_allclose(line.min(0), (8.0, 5.0), atol=0.1)
     np.testing.assert_allclose(line.max(0), (24.0, 15.0), atol=0.1)

@@ -7,13 +7,13 @@ import pytest
 
 from lagsplat.cli.main import main
 from lagsplat.forces.batched_lagrangian import Single
-from lagsplat.forces.loaded_lagrangian import Edits
+from lagsplat.forces.loaded_lagrangian import LawEdits
 from lagsplat.viewer.simulation.session import Session
 from lagsplat.viewer.static_page.build import (
     LARGEST_BYTES,
     MECHANICS,
-    law_data,
-    page_data,
+    pack_law,
+    pack_page,
     render_page,
     save_page,
 )
@@ -62,13 +62,13 @@ run.coverage) }));
 def test_ten_seconds_of_a_law_are_the_same(form: str, d: int) -> None:
     law = random_lagrangian(d, 2, 3, **FORMS[form])
     law.longest_step = 0.02 if d == 4 else 0.1  # these laws are stiff
-    dt, edits = 1 / 30, Edits(damping=2.0, inertia=1.5, stiffness=0.8)
+    dt, edits = 1 / 30, LawEdits(damping=2.0, inertia=1.5, stiffness=0.8)
     steps, rng = round(SECONDS * 30), np.random.default_rng(d)
     loads = 0.3 * np.repeat(rng.normal(size=(steps // 30, d)), 30, axis=0)
     u = np.repeat(rng.uniform(size=(steps // 30, 2)), 30, axis=0) - 0.5 * (form == "signed")
     single = Single(law, edits=edits)
     q, v = rng.normal(size=(2, d)) * 0.5
-    data = {"law": law_data(single), "q": q.tolist(), "v": v.tolist(), "u": u.tolist(), "dt": dt}
+    data = {"law": pack_law(single), "q": q.tolist(), "v": v.tolist(), "u": u.tolist(), "dt": dt}
     data |= {"loads": loads.tolist(), "edits": vars(edits)}
     for got_q, got_v, energies in run_script(["law.js"], LAW, data):
         np.testing.assert_allclose(got_q, q, rtol=1e-8, atol=1e-8)
@@ -84,7 +84,7 @@ def test_a_push_of_ten_seconds_is_the_same_in_the_page(make) -> None:
     one: Session = make()
     at, steps = (16.0, 8.0), round(SECONDS / one.dt_s)
     drags = [None if i > 0.6 * steps else [3.0 * np.sin(0.05 * i), 0.5] for i in range(steps)]
-    data = {"run": page_data(one), "at": at, "drags": drags}
+    data = {"run": pack_page(one), "at": at, "drags": drags}
     told = run_script(MECHANICS, SESSION, data)
     one.grasp(at)
     path = []

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import torch
 
-from lagsplat.forces.grasp import Grip, NothingThereError, brush, cast, hold_of
+from lagsplat.forces.grasp import GraspPoint, NoMatterError, cast_ray, grasp_along_ray, grasp_brush
 from lagsplat.report.figures.forces import sideways
-from lagsplat.splat.projection import depths, view_of
+from lagsplat.splat.projection import compute_depths, make_view
 from lagsplat.viewer.simulation.session import Session
-from lagsplat.viewer.static_page.build import MECHANICS, page_data
+from lagsplat.viewer.static_page.build import MECHANICS, pack_page
 from lagsplat.views.camera import Camera
 from tests.unit.forces.solid import HEIGHT, WIDTH, turning
 from tests.unit.viewer.scripts import run_script
@@ -65,10 +65,10 @@ def seen_from(one: Session, side: tuple[float, float, float]) -> Camera:
 def test_from_every_side_the_same_is_near_and_is_met(one: Session) -> None:
     q = one.held.rest + 0.4
     pixels = [(x, y) for y in np.arange(2.0, HEIGHT, 5.0) for x in np.arange(2.0, WIDTH, 5.0)]
-    data = {"run": page_data(one), "q": q.tolist(), "sides": SIDES, "pixels": pixels}
+    data = {"run": pack_page(one), "q": q.tolist(), "sides": SIDES, "pixels": pixels}
     for side, told in zip(SIDES, run_script(MECHANICS, VIEW, data), strict=True):
-        view = view_of([seen_from(one, side)])
-        ahead = depths(one.held.kinematics.places(q[None]).float(), view)[0].numpy()
+        view = make_view([seen_from(one, side)])
+        ahead = compute_depths(one.held.kinematics.places(q[None]).float(), view)[0].numpy()
         drawn = ahead[told["order"]]
         assert sorted(told["order"]) == list(range(len(ahead)))
         assert np.diff(drawn).max() < 1e-4  # from far to near
@@ -80,8 +80,8 @@ def test_from_every_side_the_same_is_near_and_is_met(one: Session) -> None:
         found = 0
         for pixel, met in zip(pixels, told["met"], strict=True):
             try:
-                hit = cast(one.held.autoencoder, one.held.chart, q, view, pixel)
-            except NothingThereError:
+                hit = cast_ray(one.held.autoencoder, one.held.chart, q, view, pixel)
+            except NoMatterError:
                 assert met is None
                 continue
             found += 1
@@ -90,15 +90,17 @@ def test_from_every_side_the_same_is_near_and_is_met(one: Session) -> None:
         assert found > len(pixels) // 2
 
 
-def taken(one: Session, camera: Camera, pixel: tuple[float, float]) -> tuple[Grip, float]:
+def taken(one: Session, camera: Camera, pixel: tuple[float, float]) -> tuple[GraspPoint, float]:
     """What a press takes hold of, and its depth."""
     held = one.held
-    hit = cast(held.autoencoder, held.chart, held.rest, view_of([camera]), pixel)
+    hit = cast_ray(held.autoencoder, held.chart, held.rest, make_view([camera]), pixel)
     at = camera.position + hit.depth * camera.ray(pixel)
     try:
-        return brush(held.kinematics, held.rest, tuple(at), radius=one.touch.radius_px), hit.depth
-    except NothingThereError:
-        return replace(hold_of(held.kinematics, held.rest, hit.gaussian), at=torch.from_numpy(at)), hit.depth
+        return grasp_brush(held.kinematics, held.rest, tuple(at), radius=one.touch.radius_px), hit.depth
+    except NoMatterError:
+        return replace(
+            grasp_along_ray(held.kinematics, held.rest, hit.gaussian), at=torch.from_numpy(at)
+        ), hit.depth
 
 
 @pytest.mark.parametrize("side", SIDES, ids=["front", "right", "left and near"])
@@ -107,7 +109,7 @@ def test_a_push_of_ten_seconds_is_the_same_in_the_page(one: Session, side) -> No
     up = np.array([0.0, -4.0, 90.0])  # on the plate, above its middle
     pixel = tuple(camera.project(up[None])[0].tolist())
     drags = [None if i > 0.6 * steps else [3.0 * np.sin(0.05 * i), 0.5] for i in range(steps)]
-    data = {"run": page_data(one), "side": side, "from": pixel, "drags": drags}
+    data = {"run": pack_page(one), "side": side, "from": pixel, "drags": drags}
     told = run_script(MECHANICS, PUSH, data)
     grip, depth = taken(one, camera, pixel)
     np.testing.assert_allclose(told["at"], grip.at, atol=1e-3)
@@ -126,5 +128,5 @@ def test_a_push_of_ten_seconds_is_the_same_in_the_page(one: Session, side) -> No
 
 
 def test_beside_the_object_there_is_nothing_to_hold(one: Session) -> None:
-    data = {"run": page_data(one), "pixels": [[16, 8], [2, 2]]}
+    data = {"run": pack_page(one), "pixels": [[16, 8], [2, 2]]}
     assert run_script(MECHANICS, HOLD, data) == [True, False]

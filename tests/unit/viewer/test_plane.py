@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from lagsplat.viewer.rendering.scene_frame import Plane
+from lagsplat.viewer.rendering.scene_frame import ImagePlane
 
-PLANE = Plane(120, 80)
+PLANE = ImagePlane(120, 80)
 
 
 def test_a_place_in_the_picture_is_found_again_from_any_side_of_its_front():

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from lagsplat.viewer.rendering.scene_frame import Plane, Room
+from lagsplat.viewer.rendering.scene_frame import ImagePlane, SceneFrame
 
-ROOM = Room(200.0, Plane(120, 80))
+ROOM = SceneFrame(200.0, ImagePlane(120, 80))
 EYE = {"wxyz": np.array([0.0, 1.0, 0.0, 0.0]), "position": np.array(ROOM.eye), "fov": 0.3, "aspect": 1.5}
 
 

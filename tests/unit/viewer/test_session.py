@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from lagsplat.forces.grasp import NothingThereError
-from lagsplat.forces.loaded_lagrangian import push_along
+from lagsplat.forces.grasp import NoMatterError
+from lagsplat.forces.loaded_lagrangian import rollout_under_force
 from tests.unit.forces.solid import FRONT
 from tests.unit.viewer.sessions import plate, session, strip
 
@@ -55,7 +55,7 @@ def test_in_space_a_push_moves_the_matter_with_it_and_one_across_the_motion_does
 def test_where_no_centre_is_under_the_brush_the_gaussian_that_was_met_is_held():
     one = plate()
     one.touch.radius_px = 0.05
-    with pytest.raises(NothingThereError, match="nothing is present within a brush"):
+    with pytest.raises(NoMatterError, match="nothing is present within a brush"):
         one.grasp((0.6, -3.4, FRONT))
     met = int(one.held.kinematics.center.sub(torch.tensor([0.9, -2.7, FRONT])).norm(dim=1).argmin())
     hand = one.grasp((0.6, -3.4, FRONT), met=met)
@@ -78,7 +78,9 @@ def test_the_motion_is_that_of_the_rollout():
     load = torch.from_numpy(one.hand.load)
     start = torch.from_numpy(np.stack([one.q, one.v]))
     u = torch.from_numpy(one.u).expand(1, 31, -1)
-    expected, _ = push_along(one.held.law, start[:1], start[1:], u, load.expand(1, 31, 2), dt_s=one.dt_s)
+    expected, _ = rollout_under_force(
+        one.held.law, start[:1], start[1:], u, load.expand(1, 31, 2), dt_s=one.dt_s
+    )
     np.testing.assert_allclose(run(one, 30).q, expected[0, 30].numpy(), rtol=1e-6, atol=1e-8)
 
 
@@ -171,7 +173,7 @@ def test_one_poke_tells_the_energy_scale():
 def test_what_makes_no_sense_is_refused_and_changes_nothing(act):
     one = session()
     before = one.snapshot()
-    with pytest.raises((ValueError, NothingThereError)):
+    with pytest.raises((ValueError, NoMatterError)):
         act(one)
     assert one.edits == before.edits
     assert (one.u == before.u).all()

@@ -6,8 +6,8 @@ import pytest
 
 from lagsplat.diagnose.simulators.sources import find_sources, read_sources
 from lagsplat.io.mcap.write import read_session
-from lagsplat.viewer.rendering.renderer import easel_of
-from lagsplat.viewer.server.session_export import load_tape, pointed, save_souvenirs
+from lagsplat.viewer.rendering.renderer import open_renderer
+from lagsplat.viewer.server.session_export import export_session, load_history, pointed
 from tests.unit.viewer.sessions import plate, session, strip
 
 RIGHT = np.array([5.0, 1.0])
@@ -26,16 +26,16 @@ def saved(tmp_path_factory):
     one.to_frame(5)
     for _ in range(20):
         one.step()
-    easel, small = (easel_of(one.held.autoencoder, one.held.chart, side=side) for side in (64, 32))
+    easel, small = (open_renderer(one.held.autoencoder, one.held.chart, side=side) for side in (64, 32))
     stem = tmp_path_factory.mktemp("session") / "session_001"
     meta = {"inputs": ["push"], "title": "strip"}
-    paths = save_souvenirs(stem, one.tape.read(), easel, meta, gain=one.touch.gain, small=small)
+    paths = export_session(stem, one.tape.read(), easel, meta, gain=one.touch.gain, small=small)
     return one, paths
 
 
 def test_it_comes_back_to_the_last_bit_and_does_the_same_again(saved):
     one, (mcap, _, _) = saved
-    taped, kept = load_tape(mcap), one.tape.read()
+    taped, kept = load_history(mcap), one.tape.read()
     for name in ("q", "v", "u", "load", "force", "place", "edits", "energy", "clip"):
         np.testing.assert_array_equal(getattr(taped, name), getattr(kept, name), err_msg=name)
     again = strip()
@@ -69,7 +69,7 @@ def test_the_film_shows_the_motion_and_the_arrow(saved):
 
 def test_an_arrow_points_along_the_drag(saved):
     one, _ = saved
-    easel = easel_of(one.held.autoencoder, one.held.chart, side=64)
+    easel = open_renderer(one.held.autoencoder, one.held.chart, side=64)
     plain = easel.draw(one.q)
     drawn = pointed(plain, easel, np.array([10.0, 12.0]), np.array([8.0, 0.0]))
     _, columns = np.nonzero(np.abs(drawn.astype(int) - plain).sum(2) > 60)
@@ -82,9 +82,9 @@ def test_a_session_in_space_is_kept_with_its_forces_and_belongs_there(tmp_path):
     one.pull(np.array([4.0, 0.0, 2.0]))
     for _ in range(30):
         one.step()
-    easel = easel_of(one.held.autoencoder, one.held.chart, side=64)
-    save_souvenirs(tmp_path / "s", one.tape.read(), easel, {}, gain=one.touch.gain, small=easel)
-    taped = load_tape(tmp_path / "s.mcap")
+    easel = open_renderer(one.held.autoencoder, one.held.chart, side=64)
+    export_session(tmp_path / "s", one.tape.read(), easel, {}, gain=one.touch.gain, small=easel)
+    taped = load_history(tmp_path / "s.mcap")
     assert taped.force.shape == taped.place.shape == (30, 3)
     np.testing.assert_array_equal(taped.force[-1], one.hand.force)
     again = plate()
@@ -109,6 +109,6 @@ def test_what_is_no_session_is_told(saved, tmp_path):
     (tmp_path / "short.mcap").write_bytes(mcap.read_bytes()[:2000])
     with pytest.raises(ValueError, match="MCAP file"):
         read_session(tmp_path / "short.mcap")
-    easel = easel_of(saved[0].held.autoencoder, saved[0].held.chart, side=16)
+    easel = open_renderer(saved[0].held.autoencoder, saved[0].held.chart, side=16)
     with pytest.raises(FileExistsError, match="left as it is"):
-        save_souvenirs(mcap.with_suffix(""), saved[0].tape.read(), easel, {}, gain=1.0, small=easel)
+        export_session(mcap.with_suffix(""), saved[0].tape.read(), easel, {}, gain=1.0, small=easel)

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from lagsplat.config.compose import compose
-from lagsplat.viewer.server.canvas import pixel_of
-from lagsplat.viewer.server.server import Live, Show
+from lagsplat.viewer.server.canvas import to_pixel
+from lagsplat.viewer.server.server import ViewerContent, ViewerServer
 from tests.unit.forces.solid import FRONT, turning
 from tests.unit.viewer.sessions import session
 from tests.unit.viewer.visitors import camera, dragged, send, visit
@@ -22,7 +22,9 @@ def live(tmp_path_factory):
     settings = compose("system=toy", "viewer.port=0", f"viewer.window={SIDE}")
     frame = np.zeros((24, 32, 3), np.uint8)
     folder = tmp_path_factory.mktemp("windows")
-    one = Live(Show(session(turning()), "plate", lambda number: frame, folder), settings.viewer)
+    one = ViewerServer(
+        ViewerContent(session(turning()), "plate", lambda number: frame, folder), settings.viewer
+    )
     yield one
     one.stop()
 
@@ -34,7 +36,7 @@ def until(holds, patience_s: float = 10.0):
     return found
 
 
-def front(live: Live, **changes) -> dict:
+def front(live: ViewerServer, **changes) -> dict:
     """What a browser tells of a camera where the film's is."""
     eye, fov = live.stage.board.room.eye, live.stage.board.room.fov(1.0)
     return camera(**{"wxyz": AHEAD, "position": eye, "fov": fov, **changes})
@@ -124,10 +126,10 @@ def test_the_outline_at_rest_is_drawn_around_the_plate_from_every_side(live) -> 
 )
 def test_a_pointer_that_is_nowhere_is_told(live, place) -> None:
     with pytest.raises(ValueError, match=r"no number|not on a screen|could not convert"):
-        pixel_of(live.stage.board.easel.filmed, place)
+        to_pixel(live.stage.board.easel.filmed, place)
 
 
 def test_a_pointer_far_outside_counts_as_at_the_edge_of_what_a_hand_can_reach(live) -> None:
     filmed = live.stage.board.easel.filmed
-    far = pixel_of(filmed, (1e308, -1e308))
+    far = to_pixel(filmed, (1e308, -1e308))
     np.testing.assert_allclose(far, (1.5 * filmed.width, -0.5 * filmed.height))

@@ -5,13 +5,13 @@ import viser
 from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
-from lagsplat.viewer.server.server import Live
+from lagsplat.viewer.server.server import ViewerServer
 
 PROTOCOL = Subprotocol(f"viser-v{viser.__version__}")
 NAN = float("nan")
 
 
-def visit(live: Live, **settings):
+def visit(live: ViewerServer, **settings):
     url = live.url.replace("http", "ws")
     return connect(url, subprotocols=[PROTOCOL], open_timeout=10, **settings)
 
@@ -35,7 +35,7 @@ def dragged(phase: str, start, end, name: str = "/picture", **changes) -> dict:
     }  # fmt: skip
 
 
-def hostile(live: Live, name: str) -> list[bytes | str]:
+def hostile(live: ViewerServer, name: str) -> list[bytes | str]:
     """Messages that no page of ours would send, about the node that can be dragged and all controls."""
     updates = [
         {"type": "GuiUpdateMessage", "uuid": uuid, "updates": updates}

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lagsplat.views.camera import look_at, orbit
+from lagsplat.views.camera import look_at, orbit_camera
 
 TARGET = np.array([0.3, -0.2, 0.1])
 
@@ -49,10 +49,10 @@ def test_a_plane_is_seen_as_its_points_are() -> None:
 def test_an_orbit_keeps_its_pivot_in_place_and_no_turn_is_the_camera_itself() -> None:
     view = camera(15, 5)
     pivot = view.position + 1.3 * view.rotation[2]
-    moved = orbit(view, 1.3, yaw_deg=12.0, pitch_deg=-4.0)
+    moved = orbit_camera(view, 1.3, yaw_deg=12.0, pitch_deg=-4.0)
     np.testing.assert_allclose(moved.project(pivot[None]), view.project(pivot[None]), atol=1e-9)
     assert np.linalg.norm(moved.position - pivot) == pytest.approx(1.3)
-    still = orbit(view, 1.3, yaw_deg=0.0, pitch_deg=0.0)
+    still = orbit_camera(view, 1.3, yaw_deg=0.0, pitch_deg=0.0)
     np.testing.assert_allclose(still.position, view.position, atol=1e-12)
     np.testing.assert_allclose(still.rotation, view.rotation, atol=1e-12)
 

@@ -6,14 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lagsplat.views.camera import Space, arrange, look_at
+from lagsplat.views.camera import ViewSpace, arrange_cameras, look_at
 from lagsplat.views.config import ArrangementConfig, SharpConfig, SupervisionConfig, ViewsConfig
 from lagsplat.views.novel import NovelViews, load_views, require_views, save_views
 
 ARRANGEMENT = ArrangementConfig(yaw_deg=12.0, pitch_deg=4.0, columns=3, rows=1, held_out=2)
 
 
-def space() -> Space:
+def space() -> ViewSpace:
     camera = look_at(
         np.array([0.1, 0.2, 0.0]),
         distance=2.0,
@@ -23,11 +23,11 @@ def space() -> Space:
         height=6,
         width=8,
     )
-    return Space(camera, 2.0)
+    return ViewSpace(camera, 2.0)
 
 
 def views(instants: int = 3, *, cover: bool = False) -> NovelViews:
-    cameras, names, held_out = arrange(space(), ARRANGEMENT)
+    cameras, names, held_out = arrange_cameras(space(), ARRANGEMENT)
     rng = np.random.default_rng(0)
     images = rng.integers(0, 255, (instants, len(cameras), 6, 8, 3), dtype=np.uint8)
     known = rng.integers(0, 255, images.shape[:4], dtype=np.uint8) if cover else None
@@ -88,7 +88,7 @@ def test_in_space_a_pixel_of_the_reference_is_a_unit_at_the_pivot() -> None:
 
 def test_cameras_see_the_same_in_space_and_in_the_world() -> None:
     place, points = space(), np.random.default_rng(1).normal(size=(4, 3)) * 0.2
-    for camera in arrange(place, ARRANGEMENT)[0]:
+    for camera in arrange_cameras(place, ARRANGEMENT)[0]:
         np.testing.assert_allclose(
             place.seen_by(camera).project(place.inside(points)), camera.project(points), atol=1e-9
         )
@@ -96,7 +96,7 @@ def test_cameras_see_the_same_in_space_and_in_the_world() -> None:
 
 
 def test_the_grid_holds_the_reference_and_held_out_cameras_stand_between() -> None:
-    cameras, names, held_out = arrange(space(), replace(ARRANGEMENT, columns=13, rows=5))
+    cameras, names, held_out = arrange_cameras(space(), replace(ARRANGEMENT, columns=13, rows=5))
     assert len(cameras) == 67
     assert sum(held_out) == 2
     np.testing.assert_allclose(cameras[32].rotation, space().reference.rotation, atol=1e-12)

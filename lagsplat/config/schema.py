@@ -1,0 +1,170 @@
+"""One experiment, composed once and typed: the only module that knows Hydra."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from lagsplat.baselines.config import AuthorsConfig, BaselineConfig, ForecasterConfig, OdeConfig
+from lagsplat.chart.config import ChartConfig
+from lagsplat.diagnose.core.blind_config import BlindConfig
+from lagsplat.diagnose.core.config import DiagnoseConfig
+from lagsplat.evaluate.config import EvaluateConfig, ExtrapolationConfig
+from lagsplat.forces.config import ForcesConfig
+from lagsplat.io.config import RecordingConfig
+from lagsplat.stage1.config import FieldConfig, RenderConfig, Stage1Config
+from lagsplat.stage2.config import Stage2Config
+from lagsplat.systems.config import PlantsConfig, ReleaseConfig, SimulationConfig
+from lagsplat.viewer.config import ViewerConfig
+from lagsplat.views.config import ViewsConfig
+
+CONF = Path(__file__).resolve().parents[2] / "conf"
+
+
+GROUPS = (
+    "profile",
+    "recording",
+    "system",
+    "simulation",
+    "release",
+    "stage1",
+    "chart",
+    "stage2",
+    "baseline",
+    "forecaster",
+    "ode",
+    "authors",
+    "deformation",
+    "evaluate",
+    "extrapolation",
+    "forces",
+    "render",
+    "views",
+    "diagnose",
+    "blind",
+    "planted",
+    "viewer",
+)
+
+
+def options(group: str) -> list[str]:
+    """Names of the choices in ``conf/<group>/``: the closed vocabulary of a wildcard."""
+    return sorted(path.stem for path in (CONF / group).glob("*.yaml"))
+
+
+@dataclass  # not frozen: OmegaConf turns frozen dataclasses into read-only nodes
+class SystemConfig:
+    """What is known of a mechanism before anything is learned."""
+
+    title: str
+    """How captions and tables call it."""
+    film: str
+    """Kind of its filmed recording: ``krauss`` or ``video``."""
+    d: int
+    """Latent dimension: its number of degrees of freedom."""
+    n_gaussians: int
+    batch: int
+    """Frames a step of stage 1: fewer where frames are large."""
+    encoder_rate: float
+    """Step size of the encoder in stage 1: smaller where fast steps would bend the chart."""
+
+    def __post_init__(self) -> None:
+        """Check the counts; stage 1 checks them again where they are used."""
+        if min(self.d, self.n_gaussians, self.batch) < 1:
+            raise ValueError(
+                f"system.d={self.d}, system.n_gaussians={self.n_gaussians} and system.batch={self.batch} "
+                "must be at least 1"
+            )
+
+
+@dataclass  # not frozen, for the same reason
+class Config:
+    """An experiment. Every value comes from ``conf/`` or from an override, none from here."""
+
+    systems: list[str]
+    """Systems of the tables and figures."""
+    ablations: list[str]
+    """Choices of ``conf/stage2`` that get a row beside the chosen dynamics."""
+    baselines: list[str]
+    """Choices of ``conf/baseline`` that get a row in the benchmark table of the arms."""
+    baseline_seeds: list[int]
+    """Seeds of the baselines."""
+    spatial: list[str]
+    """Systems that are pushed in space: they have novel views."""
+    extrapolated: list[str]
+    """Systems of the table of extrapolation: they move freely, and the end of a clip is held out."""
+    forecasters: list[str]
+    """Choices of ``conf/forecaster`` that stand in it."""
+    forecaster_seeds: list[int]
+    """Seeds of the forecasters and of the free differential equation."""
+    autoencoder_seeds: list[int]
+    """Seeds of stage 1."""
+    seeds: list[int]
+    """Seeds of stage 2, for each autoencoder."""
+    choices: dict[str, str]
+    """Name of the file chosen in each group; filled in by :func:`compose`."""
+    system: SystemConfig
+    recording: RecordingConfig
+    simulation: SimulationConfig | None
+    """The simulated stand-in of a driven arm; null where there is none."""
+    release: ReleaseConfig | None
+    """The simulated stand-in of a mechanism that is let go; null where there is none."""
+    stage1: Stage1Config
+    chart: ChartConfig
+    stage2: Stage2Config
+    baseline: BaselineConfig
+    forecaster: ForecasterConfig
+    ode: OdeConfig
+    authors: AuthorsConfig
+    deformation: FieldConfig
+    evaluate: EvaluateConfig
+    extrapolation: ExtrapolationConfig
+    forces: ForcesConfig
+    """How forces given in the image take hold, and which ones are shown and checked."""
+    render: RenderConfig | None
+    """A finer decoder for the figures; null draws them with the one that was trained."""
+    views: ViewsConfig | None
+    """Pictures from other sides, by which Gaussians live in space; null trains on the film alone."""
+    diagnose: DiagnoseConfig
+    blind: BlindConfig
+    planted: PlantsConfig
+    """Effects to be found again: what the second recordings of a simulated arm have."""
+    viewer: ViewerConfig
+
+    def __post_init__(self) -> None:
+        """Check that every name and seed of the protocol can be run."""
+        for key, names, group in (
+            ("systems", self.systems, "system"),
+            ("ablations", self.ablations, "stage2"),
+            ("baselines", self.baselines, "baseline"),
+            ("extrapolated", self.extrapolated, "system"),
+            ("spatial", self.spatial, "system"),
+            ("forecasters", self.forecasters, "forecaster"),
+        ):
+            for name in names:
+                if name not in options(group):
+                    raise ValueError(f"{key}={names}: {name!r} is not one of {options(group)} (conf/{group})")
+        for key, seeds in (
+            ("autoencoder_seeds", self.autoencoder_seeds),
+            ("seeds", self.seeds),
+            ("baseline_seeds", self.baseline_seeds),
+            ("forecaster_seeds", self.forecaster_seeds),
+        ):
+            if not seeds or min(seeds) < 0 or len(set(seeds)) < len(seeds):
+                raise ValueError(f"{key}={seeds} must be distinct integers, none negative, at least one")
+        if not self.systems:
+            raise ValueError(f"systems=[] leaves nothing to do; choose among {options('system')}")
+        self._check_source()
+
+    def _check_source(self) -> None:
+        system, recording = self.choices["system"], self.recording
+        if self.simulation is not None and self.release is not None:
+            raise ValueError(f"conf/system/{system}.yaml has a simulation and a release; set one to null")
+        if recording.kind == "simulated" and self.simulation is None and self.release is None:
+            raise ValueError(
+                f"recording=simulated: conf/system/{system}.yaml has no simulation and no release; "
+                "give recording=filmed recording.path=FILE, or another system"
+            )
+        if recording.kind != "simulated" and recording.path is None and recording.archive is None:
+            raise ValueError(
+                f"recording.path=null: {system} is filmed and no public archive holds it; "
+                "give recording.path=FILE"
+            )

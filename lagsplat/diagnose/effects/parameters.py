@@ -1,0 +1,154 @@
+"""What an effect is: a name, parameters with priors, and the place where it enters the sim."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+ParameterKind = Literal[
+    "acceleration",
+    "coordinate",
+    "velocity",
+    "time",
+    "rate",
+    "frame",
+    "input",
+    "reach",
+    "ratio",
+    "log_ratio",
+    "frequency",
+    "per_coordinate",
+    "cubic",
+    "drift",
+    "per_duration",
+    "slowness",
+]
+
+
+UNITS: Mapping[ParameterKind, str] = {
+    "acceleration": "{q}/s^2",
+    "coordinate": "{q}",
+    "velocity": "{q}/s",
+    "time": "s",
+    "rate": "1/s",
+    "frame": "s",
+    "input": "{u}",
+    "reach": "{q}",
+    "ratio": "1",
+    "log_ratio": "1",
+    "frequency": "Hz",
+    "per_coordinate": "1/{q}",
+    "cubic": "1/({q}^2 s^2)",
+    "drift": "{q}/s",
+    "per_duration": "1/s",
+    "slowness": "s/{q}",
+}
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Size of a motion along one direction and of the input of one channel."""
+
+    coordinate: float
+    """Root mean square of the distance from rest."""
+    velocity: float
+    """Root mean square of its rate [1/s]."""
+    reach: float
+    """Largest distance from rest that is reached on the side in question."""
+    frame_s: float
+    duration_s: float
+    stiffness: float = 1.0
+    """Second derivative of the potential at rest over the reference inertia [1/s^2]."""
+    input: float = 1.0
+    """Root mean square of the input."""
+    input_reach: float = 1.0
+
+    def of(self, kind: ParameterKind) -> float:
+        """The size of one unit of a parameter of ``kind``, in the units of the recording."""
+        s, v = self.coordinate, self.velocity
+        return {
+            "acceleration": v * v / s,
+            "coordinate": s,
+            "velocity": v,
+            "time": s / v,
+            "rate": v / s,
+            "frame": self.frame_s,
+            "input": self.input,
+            "reach": self.reach,
+            "ratio": 1.0,
+            "log_ratio": 1.0,
+            "frequency": v / s,
+            "per_coordinate": 1.0 / s,
+            "cubic": v * v / s**4,
+            "drift": s / self.duration_s,
+            "per_duration": 1.0 / self.duration_s,
+            "slowness": 1.0 / v,
+        }[kind]
+
+
+@dataclass(frozen=True)
+class Normal:
+    """A priori normal about ``mean``; the unknown is the parameter itself."""
+
+    deviation: float
+    mean: float = 0.0
+    lowest: float = -math.inf
+
+    def value(self, x: Any) -> Any:
+        """The parameter of unknown ``x``."""
+        return x
+
+    def unknown(self, value: float) -> float:
+        """The unknown of a parameter."""
+        return value
+
+    def log_density(self, x: float) -> float:
+        """Logarithm of the density of the unknown."""
+        z = (x - self.mean) / self.deviation
+        return -0.5 * z * z - math.log(self.deviation * math.sqrt(2.0 * math.pi))
+
+
+@dataclass(frozen=True)
+class HalfNormal(Normal):
+    """A priori half-normal: never negative."""
+
+    lowest: float = 0.0
+
+    def log_density(self, x: float) -> float:
+        """Logarithm of the density of the unknown."""
+        return Normal.log_density(self, x) + math.log(2.0)
+
+
+@dataclass(frozen=True)
+class LogNormal(Normal):
+    """A priori log-normal; the unknown is the logarithm. ``mean`` is that of the logarithm."""
+
+    def value(self, x: Any) -> Any:
+        """The parameter of unknown ``x``; never zero, since laws divide by it."""
+        return np.exp(np.clip(x, -LARGEST_EXPONENT, LARGEST_EXPONENT))
+
+    def unknown(self, value: float) -> float:
+        """The unknown of a parameter."""
+        return math.log(value)
+
+
+LARGEST_EXPONENT = 690.0
+"""Largest logarithm whose exponential is neither zero nor infinite."""
+
+
+def log_normal(median: float, spread: float) -> LogNormal:
+    """Log-normal with this median and this standard deviation of the logarithm."""
+    return LogNormal(spread, math.log(median))
+
+
+@dataclass(frozen=True)
+class EffectParameter:
+    """One parameter: its key in a diagnosis, what it is counted in, what is believed of it beforehand."""
+
+    name: str
+    kind: ParameterKind
+    prior: Normal
+    grid: tuple[float, ...] = ()
+    """Values that the search tries first; empty for an amplitude."""

@@ -1,1 +1,0 @@
-"""The figures, by name."""

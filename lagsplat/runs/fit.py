@@ -1,0 +1,87 @@
+"""Fit every stage to one recording, in one process.
+
+The workflow calls the same functions one job at a time and keeps what it can; this module suits a single run.
+"""
+
+import logging
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from lagsplat.chart.chart import fit_chart, require_trained_autoencoder, save_chart
+from lagsplat.config.schema import Config
+from lagsplat.io.read import read_recording
+from lagsplat.io.recording.recording import Recording, save_recording
+from lagsplat.io.recording.segments import split_train_held_out
+from lagsplat.novel_views.sharp import obtain_views
+from lagsplat.runs.run import FittedRun
+from lagsplat.stage1.autoencoder import save_autoencoder
+from lagsplat.stage1.fit import fit_autoencoder
+from lagsplat.stage2.decoder_mass import compute_decoder_geometry
+from lagsplat.stage2.fit import fit_dynamics, save_dynamics
+from lagsplat.systems.simulate import simulate_system
+from lagsplat.systems.truth import Truth
+from lagsplat.views.novel import save_views
+
+log = logging.getLogger(__name__)
+
+
+def obtain_recording(experiment: Config) -> tuple[Recording, Truth | None]:
+    """The recording of an experiment: read from a file, downloaded, or simulated together with its truth."""
+    if experiment.recording.kind != "simulated":
+        return read_recording(experiment.recording), None
+    return simulate_system(experiment.simulation, experiment.release, seed=0)
+
+
+def fit_run(experiment: Config, *, out: Path, header: Mapping[str, Any]) -> FittedRun:
+    """Fit every stage to the experiment's recording and write the artefacts to the folder ``out``.
+
+    The first autoencoder seed and the first dynamics seed of the experiment are used. A fit that was stopped
+    continues from the checkpoint of stage 1.
+
+    Raises:
+        ValueError: the recording is unreadable or too short for the split, or stage 1 learned nothing.
+    """
+    made, truth = obtain_recording(experiment)
+    recording = split_train_held_out(made, experiment.recording.split)
+    train, _ = recording.split()
+    save_recording(out / "recording.safetensors", recording)
+    checkpoint, seed = out / "checkpoint" / "state.pt", experiment.autoencoder_seeds[0]
+    identity = f"{header} {recording.meta.get('sha256')} {recording.n_train} {seed}"
+    novel = None
+    if experiment.views is not None:
+        novel = obtain_views(
+            experiment.views,
+            recording,
+            experiment.recording,
+            released=experiment.release,
+            states=None if truth is None else truth.states,
+            cache=out / "sharp",
+        )
+        save_views(out / "views.safetensors", novel, header)
+    autoencoder, _ = fit_autoencoder(
+        train.frames,
+        experiment.stage1,
+        seed=seed,
+        checkpoint=checkpoint,
+        identity=identity,
+        novel=None if novel is None else novel.first(train.n_frames),
+        supervision=None if experiment.views is None else experiment.views.supervision,
+    )
+    save_autoencoder(out / "autoencoder.safetensors", autoencoder, header)
+    require_trained_autoencoder(autoencoder, train.frames)
+    chart = fit_chart(autoencoder, recording, experiment.chart, seed=seed)
+    save_chart(out / "chart.safetensors", chart, header)
+    lagrangian, report = fit_dynamics(
+        chart.train.smoothed(chart.smoothing_frames),
+        chart.metric,
+        experiment.stage2,
+        experiment.seeds[0],
+        rest=chart.rest,
+        geometry=compute_decoder_geometry(autoencoder, chart),
+        listen=lambda row: log.info("%s", row),
+    )
+    save_dynamics(out / "dynamics.safetensors", lagrangian, {**header, "report": asdict(report)})
+    checkpoint.unlink(missing_ok=True)
+    return FittedRun(recording, autoencoder, chart, lagrangian, folder=out)
