@@ -12,8 +12,8 @@ from jaxtyping import Float64
 from scipy.optimize import root
 
 from lagsplat.diagnose.estimation.dataset import OperatingRegion
-from lagsplat.diagnose.identification.structure_search import bases
 from lagsplat.diagnose.mechanics.model import MechanicalModel
+from lagsplat.diagnose.mechanics.structure import build_candidate_bases
 from lagsplat.diagnose.simulators.projection_fields import FIELD_TOLERANCE, FieldSamples, fit_fields
 
 WARN_ERROR = 0.02
@@ -73,7 +73,7 @@ def project_fields(mechanics: FieldFunctions, region: OperatingRegion, *, what: 
     """
     seen = _look(mechanics, region, what)
     found = []
-    for basis in reversed(bases(region.q, degree=MAX_DEGREE.get(region.d, 3))):
+    for basis in reversed(build_candidate_bases(region.q, degree=MAX_DEGREE.get(region.d, 3))):
         model = fit_fields(seen, basis)
         found.append(ProjectedModel(model, compute_acceleration_error(model, region, seen.acceleration)))
         if found[-1].error < EXACT_ERROR:

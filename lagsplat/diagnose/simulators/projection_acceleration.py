@@ -11,10 +11,14 @@ import numpy as np
 from jaxtyping import Float64
 
 from lagsplat.diagnose.estimation.dataset import OperatingRegion
-from lagsplat.diagnose.identification.structure_search import bases, degrees, grown
 from lagsplat.diagnose.mechanics.basis import Basis
 from lagsplat.diagnose.mechanics.model import MechanicalModel
-from lagsplat.diagnose.mechanics.structure import ModelStructure
+from lagsplat.diagnose.mechanics.structure import (
+    ModelStructure,
+    build_candidate_bases,
+    list_field_sizes,
+    list_larger_structures,
+)
 from lagsplat.diagnose.simulators.projection import (
     EXACT_ERROR,
     ProjectedModel,
@@ -74,7 +78,7 @@ def project_acceleration(
     if not known.any():
         raise ValueError(f"{what}: the acceleration is zero everywhere; nothing would ever move")
     found = []
-    for basis in reversed(bases(region.q, degree=MAX_ACCELERATION_DEGREE.get(region.d, 2))):
+    for basis in reversed(build_candidate_bases(region.q, degree=MAX_ACCELERATION_DEGREE.get(region.d, 2))):
         found.append(_grow(_terms(basis, region, known)))
         if found[-1].error < EXACT_ERROR:
             break
@@ -153,7 +157,7 @@ def _grow(terms: AccelerationTerms) -> ProjectedModel:
             error, form, ratio, _ = best
             steps = [
                 tried(larger, other)
-                for larger in grown(form, terms.basis, driven=driven)
+                for larger in list_larger_structures(form, terms.basis, driven=driven)
                 for other in (FRICTION_WIDTHS if larger.dry and not form.dry else (ratio,))
             ]
             # equals go to the smaller form
@@ -166,7 +170,7 @@ def _grow(terms: AccelerationTerms) -> ProjectedModel:
         return best
 
     one = 1 if driven else 0
-    ends = degrees(terms.basis)
+    ends = list_field_sizes(terms.basis)
     best = climb(tried(ModelStructure(1, 1, ends[2], one), DEFAULT_FRICTION_WIDTH))
     if best[0] > FIELD_TOLERANCE:  # mass and potential that balance one another help only together
         jump = min(

@@ -14,9 +14,9 @@ from jaxtyping import Float64
 from scipy.linalg import lstsq
 
 from lagsplat.diagnose.estimation.dataset import OperatingRegion
-from lagsplat.diagnose.identification.structure_search import degrees
 from lagsplat.diagnose.mechanics.basis import Basis
 from lagsplat.diagnose.mechanics.model import MechanicalModel
+from lagsplat.diagnose.mechanics.structure import list_field_sizes
 
 FIELD_TOLERANCE = 0.003
 """Error of the acceleration, in units of its root mean square, below which nothing is added."""
@@ -61,7 +61,7 @@ def _solved(left: np.ndarray, right: np.ndarray) -> np.ndarray:
 def fit_fields(seen: FieldSamples, basis: Basis) -> MechanicalModel:
     """The model, every field with the smallest number of functions that serves."""
     d, region = seen.region.d, seen.region
-    ends = degrees(basis)
+    ends = list_field_sizes(basis)
     phi, slopes = basis.values(region.q), basis.slopes(region.q)
     inertia = np.einsum("nij,nj->ni", seen.mass, seen.acceleration) + seen.turning
     pairs = d * (d + 1) // 2
