@@ -22,7 +22,7 @@ from lagsplat.config.compose import compose
 from lagsplat.config.schema import Config
 from lagsplat.evaluate.aggregate import paired_margin
 from lagsplat.io.files.json_files import load_json
-from lagsplat.report.tables.benchmark import SCORE
+from lagsplat.report.tables.benchmark import MARGIN_SCORE
 
 ARMS = ("krauss_1seg", "krauss_2seg")
 RUN = Path("default-0/default-0/metrics.json")
@@ -60,13 +60,13 @@ def line(name: str, run: dict[str, Any], ours: dict[str, Any] | None) -> str:
     spent, scores = run["training"], run["scores"]
     gain = ""
     if ours is not None:
-        margin = paired_margin([ours], [run], score=SCORE)
+        margin = paired_margin([ours], [run], score=MARGIN_SCORE)
         gain = f"{1e3 * margin['value']:.3g} [{1e3 * margin['low']:.3g}, {1e3 * margin['high']:.3g}]"
     error = scores["frequency_error"]
     frequency = "–" if error is None else f"{100.0 * error:.2g}"
     return (
         f"| {name} | {spent['steps']} | {spent['frames_seen']} | {spent['wall_s']:.0f} "
-        f"| {1e3 * scores[SCORE]:.3g} | {frequency} | {gain} |"
+        f"| {1e3 * scores[MARGIN_SCORE]:.3g} | {frequency} | {gain} |"
     )
 
 

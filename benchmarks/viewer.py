@@ -23,7 +23,7 @@ from benchmarks.forces import default_law
 from lagsplat.config.compose import compose
 from lagsplat.forces.batched_lagrangian import open_stepper
 from lagsplat.forces.equilibrium import OperatingPoint, hold_at_load
-from lagsplat.report.figures.forces import sideways
+from lagsplat.report.figures.forces import turn_camera
 from lagsplat.runs.run import open_run
 from lagsplat.splat.cpu.slice import FrameRasterizer
 from lagsplat.splat.gaussians import Gaussians
@@ -111,7 +111,7 @@ def hands_on(held: OperatingPoint, side: int) -> tuple[Callable[[np.ndarray], np
         return easel.draw, ImageDrag(
             at.clip(1.0, [held.kinematics.width - 1.0, held.kinematics.height - 1.0])
         )
-    turned = sideways(held, YAW_DEG, PITCH_DEG)
+    turned = turn_camera(held, YAW_DEG, PITCH_DEG)
     camera = replace(turned.resized(side, side), focal=(easel.filmed.focal[0],) * 2)
     return lambda q: easel.seen(q, camera), RayDrag(held, camera, camera.project(at[None])[0])
 

@@ -15,13 +15,13 @@ def diagnose(given: Namespace) -> None:
         raise CommandError(f"diagnose takes sim, real, out and diagnose.key=value, not {other[0]!r}")
     config = compose(*overrides).diagnose
     from lagsplat.pipelines.diagnosis import diagnose_files
-    from lagsplat.report.diagnosis.summary import paragraph
+    from lagsplat.report.diagnosis.summary import write_summary
 
     out = Path(keys.get("out", "diagnosis"))
     diagnosis = diagnose_files(keys["sim"], keys["real"], out, config, command=given.text)
     for text in diagnosis.warnings:
         print(f"warning: {text}", file=sys.stderr)
-    print(paragraph(diagnosis))
+    print(write_summary(diagnosis))
     print(out / "report.html")
 
 

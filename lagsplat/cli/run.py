@@ -29,14 +29,14 @@ def inspect_file(given: Namespace) -> None:
         raise FileNotFoundError(f"{path}: no such file or folder; check the path")
     from lagsplat.io.read import read_recording
     from lagsplat.io.recording.recording import load_recording
-    from lagsplat.io.recording.segments import divide
-    from lagsplat.report.inspection import describe, describe_footage, propose_system
+    from lagsplat.io.recording.segments import split_train_held_out
+    from lagsplat.report.inspection import describe_recording, describe_video, propose_system
 
     if path.suffix == ".mcap":
-        from lagsplat.io.mcap.recording import survey
-        from lagsplat.report.inspection import describe_log
+        from lagsplat.io.mcap.recording import survey_mcap
+        from lagsplat.report.inspection import describe_mcap
 
-        print(describe_log(survey(path)))
+        print(describe_mcap(survey_mcap(path)))
         if not any(word.startswith("recording.mcap.camera=") for word in words):
             return
         print()
@@ -45,9 +45,13 @@ def inspect_file(given: Namespace) -> None:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         recording = load_recording(path) if is_artefact else read_recording(experiment.recording)
-    print(describe(divide(recording, experiment.recording.split), config=experiment.evaluate))
+    print(
+        describe_recording(
+            split_train_held_out(recording, experiment.recording.split), config=experiment.evaluate
+        )
+    )
     if recording.meta.get("footage"):
-        description = describe_footage(recording)
+        description = describe_video(recording)
         print(description)
         for text in (str(warning.message) for warning in caught):
             if text.partition(": ")[2] not in description:
@@ -57,7 +61,7 @@ def inspect_file(given: Namespace) -> None:
 
 
 def reading_overrides(path: Path) -> list[str]:
-    """How a file is read by default: an archive by its pressures, a log by its topics, the rest as a video."""
+    """How a file is read by default: an archive by its pressures, a log by its topics, else as a video."""
     source = ["recording=filmed", f"recording.path={str(path)!r}"]
     if path.suffix == ".safetensors":
         return source
@@ -117,15 +121,15 @@ def _simulate_augmented(words: list[str]) -> None:
         raise CommandError(f"input_hold={input_hold}: choose linear or zoh")
     from lagsplat.diagnose.augmented.model import load_augmented
     from lagsplat.diagnose.augmented.simulate import AppliedSignals, simulate_augmented
-    from lagsplat.io.trajectory.inputs import read_drive, read_state
+    from lagsplat.io.trajectory.inputs import read_input_table, read_initial_state
 
     sim = load_augmented(keys["run"])
     if "input" in keys:
-        time_s, u, push = read_drive(keys["input"])
+        time_s, u, push = read_input_table(keys["input"])
     else:
         time_s = np.arange(0.0, float(keys.get("seconds", "10")), sim.dt_s)
         u, push = np.zeros((len(time_s), sim.model.n_u)), np.zeros((len(time_s), 0))
-    start = read_state(keys["initial"], sim.model.d) if "initial" in keys else (None, None)
+    start = read_initial_state(keys["initial"], sim.model.d) if "initial" in keys else (None, None)
     held = None if input_hold is None else input_hold == "zoh"
     drive = AppliedSignals(time_s, u, push if push.shape[1] else None)
     q, v = simulate_augmented(sim, drive, q=start[0], v=start[1], held=held)

@@ -26,10 +26,10 @@ from lagsplat.io.recording.recording import Recording
 from lagsplat.stage1.autoencoder import Autoencoder
 from lagsplat.stage2.lagrangian import Lagrangian
 
-INSET = 0.28
+INSET_SHARE = 0.28
 UPSAMPLING = 50
-ALIGNMENTS = 5
-Picture = Float[np.ndarray, "H W 3"]
+N_ALIGNMENTS = 5
+RgbImage = Float[np.ndarray, "H W 3"]
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Inset:
 
 
 def choose_inset(
-    at_encoded: Picture, at_predicted: Picture, reconstruction_error: Float[np.ndarray, "h w"]
+    at_encoded: RgbImage, at_predicted: RgbImage, reconstruction_error: Float[np.ndarray, "h w"]
 ) -> Inset:
     """The window where the two renders differ most in excess of what the autoencoder gets wrong there.
 
@@ -58,7 +58,7 @@ def choose_inset(
     Source: paper, Reading the rollout figures.
     """
     height, width = at_encoded.shape[:2]
-    side = max(round(INSET * min(height, width)), 8)
+    side = max(round(INSET_SHARE * min(height, width)), 8)
     moved = np.abs(at_predicted - at_encoded).mean(axis=2)
     wrong = resize(reconstruction_error, (height, width), order=1, mode="edge", anti_aliasing=False)
     excess = gaussian_filter(moved - wrong, side / 4)
@@ -66,12 +66,12 @@ def choose_inset(
     inner = excess[half : height - side + half + 1, half : width - side + half + 1]
     row, column = np.unravel_index(int(np.argmax(inner)), inner.shape)
     window = (slice(row, row + side), slice(column, column + side))
-    shift = measured_shift(at_encoded[window].mean(axis=2), at_predicted[window].mean(axis=2))
+    shift = estimate_shift(at_encoded[window].mean(axis=2), at_predicted[window].mean(axis=2))
     ratio = float(moved[window].mean() / max(wrong[window].mean(), 1e-12))
     return Inset(int(row), int(column), side, shift, ratio)
 
 
-def measured_shift(
+def estimate_shift(
     reference: Float[np.ndarray, "h w"], moved: Float[np.ndarray, "h w"]
 ) -> tuple[float, float]:
     """How far (down, right) ``moved`` lies from ``reference``, in pixels; zero without any structure.
@@ -82,7 +82,7 @@ def measured_shift(
     taper = np.outer(np.hanning(reference.shape[0]), np.hanning(reference.shape[1]))
     first = (reference - reference.mean()) * taper
     total = np.zeros(2)
-    for _ in range(ALIGNMENTS):
+    for _ in range(N_ALIGNMENTS):
         back = translate(moved, -total, order=1, mode="nearest")
         second = (back - back.mean()) * taper
         if min(np.ptp(first), np.ptp(second)) < 1e-6:
@@ -92,11 +92,11 @@ def measured_shift(
     return float(total[0]), float(total[1])
 
 
-RENDER_PX = 256
+MIN_RENDER_PX = 256
 
 
 @dataclass(frozen=True)
-class Fine:
+class FineDecoder:
     """A finer decoder over the same chart, and the finer recording it was fitted to, frame by frame."""
 
     decoder: Autoencoder
@@ -124,23 +124,23 @@ class LongRollout:
     period_s: float | None
     held_s: float | None
     lost_s: float | None
-    recorded: Picture
-    at_encoded: Picture
-    at_predicted: Picture
+    recorded: RgbImage
+    at_encoded: RgbImage
+    at_predicted: RgbImage
     scale: float
     floor_mse: float
     predicted_mse: float
     inset: Inset
 
 
-def roll_out(
+def compute_long_rollout(
     autoencoder: Autoencoder,
     chart: Chart,
     lagrangian: Lagrangian,
     recording: Recording,
     config: EvaluateConfig,
     *,
-    fine: Fine | None = None,
+    fine: FineDecoder | None = None,
 ) -> LongRollout:
     """Roll out over the stretch that ``config.figure`` asks for; ``fine`` draws it where one was fitted.
 
@@ -149,7 +149,7 @@ def roll_out(
 
     Source: paper, Reading the rollout figures.
     """
-    stretch = choose_stretch(chart, config)
+    stretch = choose_figure_window(chart, config)
     series, frames = stretch.series, stretch.frames
     integrate, start = make_integrator(lagrangian), np.array([stretch.start])
     n_states = stretch.stop - stretch.start
@@ -162,7 +162,7 @@ def roll_out(
     error = state_errors(held, pinned[0], gone[0], series.encoded[frames]) / state_spread(held)
     first = first_held_out(stretch, chart) or 0
     ends = np.stack([chart.latents[stretch.last], pinned[0, -1]])
-    shown = fine or Fine(autoencoder, recording)
+    shown = fine or FineDecoder(autoencoder, recording)
     if shown.recording.n_frames != recording.n_frames:
         raise ValueError(
             f"the finer recording has {shown.recording.n_frames} frames and the recording "
@@ -189,19 +189,19 @@ def roll_out(
 
 
 class _Images(NamedTuple):
-    recorded: Picture
-    at_encoded: Picture
-    at_predicted: Picture
+    recorded: RgbImage
+    at_encoded: RgbImage
+    at_predicted: RgbImage
     floor_mse: float
     predicted_mse: float
     inset: Inset
 
 
-def _last_images(shown: Fine, chart: Chart, ends: np.ndarray, *, frame: int) -> _Images:
+def _last_images(shown: FineDecoder, chart: Chart, ends: np.ndarray, *, frame: int) -> _Images:
     """The images of one frame: recorded, and rendered at its encoded and at its predicted state."""
     decoder, recording = shown.decoder, shown.recording
     height, width = recording.height, recording.width
-    scale = max(RENDER_PX / max(height, width), 1.0)
+    scale = max(MIN_RENDER_PX / max(height, width), 1.0)
     size = {"height": round(scale * height), "width": round(scale * width)}
     fine = np.moveaxis(np.clip(make_renderer(decoder, chart, **size)(ends), 0.0, 1.0), 1, 3)
     plain = make_renderer(decoder, chart)(ends)
@@ -219,7 +219,7 @@ def _last_images(shown: Fine, chart: Chart, ends: np.ndarray, *, frame: int) -> 
 
 
 @dataclass(frozen=True)
-class Stretch:
+class FigureWindow:
     """Frames ``start`` to ``stop`` of ``series``, whose first frame is frame ``offset`` of the recording."""
 
     series: HeldOut
@@ -238,7 +238,7 @@ class Stretch:
         return self.offset + self.stop - 1
 
 
-def choose_stretch(chart: Chart, config: EvaluateConfig) -> Stretch:
+def choose_figure_window(chart: Chart, config: EvaluateConfig) -> FigureWindow:
     """The stretch that ``config.figure`` asks for, of at most its duration and within one clip.
 
     Raises:
@@ -250,7 +250,7 @@ def choose_stretch(chart: Chart, config: EvaluateConfig) -> Stretch:
     most = round(config.figure.duration_s / chart.dt_s) + 1
     if config.figure.start == "held_out":
         start, stop = held.longest
-        return Stretch(held, chart.n_train, start, min(start + most, stop))
+        return FigureWindow(held, chart.n_train, start, min(start + most, stop))
     series = list_series(chart, chart.whole, config, skip=0)
     crossing = [clip for clip in series.clips if clip[0] < chart.n_train < clip[1]]
     if not crossing:
@@ -262,10 +262,10 @@ def choose_stretch(chart: Chart, config: EvaluateConfig) -> Stretch:
     start = max(begin, end - most)
     if start > chart.n_train - most // 4:  # the held-out end would fill the figure
         start = max(begin, chart.n_train - most // 2)
-    return Stretch(series, 0, start, min(start + most, end))
+    return FigureWindow(series, 0, start, min(start + most, end))
 
 
-def first_held_out(stretch: Stretch, chart: Chart) -> int | None:
+def first_held_out(stretch: FigureWindow, chart: Chart) -> int | None:
     """First held-out frame, counted from the start of the stretch; None if all of it is held out."""
     first = chart.n_train - stretch.offset - stretch.start
     return first if first > 0 else None

@@ -28,8 +28,8 @@ from lagsplat.pipelines.apply_diagnosis import AUGMENTED_FILE
 from lagsplat.pipelines.diagnosis_images import build_report_content
 from lagsplat.pipelines.diagnosis_inputs import LAWLESS, DiagnosisInputs, open_diagnosis_inputs
 from lagsplat.provenance import stamp
-from lagsplat.report.diagnosis.content import Exhibits, save_rollouts
-from lagsplat.report.diagnosis.html import save_page
+from lagsplat.report.diagnosis.content import ReportContent, save_rollouts
+from lagsplat.report.diagnosis.html import save_report
 from lagsplat.report.diagnosis.serialization import save_diagnosis
 
 NOWHERE = "Where the gap lies cannot be told: along the real motion the sim's forces are not finite."
@@ -187,14 +187,14 @@ def diagnose_files(sim: str, real: str, out: Path, config: DiagnoseConfig, *, co
     diagnosis = write_mujoco_patch(sim, out / "patched.xml", added, diagnosis, config)
     # without a row where nothing could be held out, so that an older file does not pass for this one's
     save_rollouts(out / "rollouts.csv", diagnosis.blocks, q_names=diagnosis.q_names)
-    save_page(out / "report.html", diagnosis, replace(exhibits, command=command, stamp=stamp()))
+    save_report(out / "report.html", diagnosis, replace(exhibits, command=command, stamp=stamp()))
     save_diagnosis(out / "diagnosis.json", diagnosis)
     return diagnosis
 
 
 def _diagnose_arguments(
     sim: str, real: str, config: DiagnoseConfig
-) -> tuple[DiagnosisInputs, DiagnosisRun, Exhibits]:
+) -> tuple[DiagnosisInputs, DiagnosisRun, ReportContent]:
     pair = open_diagnosis_inputs(sim, real, config)
     with tqdm(unit="effect", leave=False) as bar:
 

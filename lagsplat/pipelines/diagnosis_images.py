@@ -19,7 +19,7 @@ from lagsplat.diagnose.residual.error_budget import forecast, stage_shares
 from lagsplat.diagnose.residual.latent_force import Smoothed
 from lagsplat.evaluate.forecast import image_errors
 from lagsplat.pipelines.diagnosis_videos import RecordedTrajectory, RecordingPair
-from lagsplat.report.diagnosis.content import Exhibits, Film, PictureForce, PictureGap
+from lagsplat.report.diagnosis.content import ImageErrorMap, ImageForceMap, ReportContent, VideoComparison
 
 if TYPE_CHECKING:
     from lagsplat.pipelines.diagnosis_inputs import DiagnosisInputs
@@ -59,7 +59,7 @@ class RenderedBlocks:
     encoded: np.ndarray
 
 
-def build_image_content(pair: "DiagnosisInputs", found: DiagnosisRun) -> tuple[DiagnosisRun, Exhibits]:
+def build_image_content(pair: "DiagnosisInputs", found: DiagnosisRun) -> tuple[DiagnosisRun, ReportContent]:
     """The diagnosis with its region of the picture and its errors in pictures, and the figures of both.
 
     Of tables of latents there are no pictures, and none are shown.
@@ -68,7 +68,7 @@ def build_image_content(pair: "DiagnosisInputs", found: DiagnosisRun) -> tuple[D
     drawer = _BlockRenderer(pair.films, pair, found)
     seen = drawer.seen()
     if seen is None:
-        return found, Exhibits()
+        return found, ReportContent()
     excess = excess_error(seen.real, seen.sim, seen.encoded)
     place, body = drawer.place()
     where = replace(
@@ -78,8 +78,8 @@ def build_image_content(pair: "DiagnosisInputs", found: DiagnosisRun) -> tuple[D
     checks = {**found.diagnosis.checks, "image": drawer.image_gap(seen)}
     diagnosis = replace(found.diagnosis, where=where, checks=checks)
     worst = int(np.argmax(np.mean((seen.sim - seen.real) ** 2, axis=(1, 2, 3))))
-    exhibits = Exhibits(
-        picture=PictureGap(_to_bytes(seen.real[worst]), np.maximum(excess.map, 0.0), excess.parts),
+    exhibits = ReportContent(
+        picture=ImageErrorMap(_to_bytes(seen.real[worst]), np.maximum(excess.map, 0.0), excess.parts),
         force=None if place is None or body is None else drawer.force(seen, place, body),
         film=drawer.film(),
     )
@@ -174,7 +174,7 @@ class _BlockRenderer:
         reach = np.broadcast_to(felt, (len(at), *felt.shape))
         return localise(force, covariance, reach, one.v[at]), body
 
-    def force(self, seen: RenderedBlocks, place: Localisation, body: Body) -> PictureForce:
+    def force(self, seen: RenderedBlocks, place: Localisation, body: Body) -> ImageForceMap:
         """The force where it is largest, on the frame of that instant."""
         one = max(self.smoothed, key=lambda s: float(np.mean(s.residual**2)))
         times = one.motion.time_s[evenly(one.motion.n, PLACED)]
@@ -187,7 +187,7 @@ class _BlockRenderer:
         forces = np.zeros((len(place.explained), 2))
         for number, force in zip(place.near, place.forces, strict=True):
             forces[number] = force[main]
-        return PictureForce(
+        return ImageForceMap(
             _to_bytes(measured(recording, at)[0]),
             body.at(q)[0],
             place.explained,
@@ -196,7 +196,7 @@ class _BlockRenderer:
             place.localisable,
         )
 
-    def film(self) -> Film | None:
+    def film(self) -> VideoComparison | None:
         """Blocks in a row around the one that the sim forecasts worst."""
         for side in self.films.sides:
             blocks = [b for b in self.found.diagnosis.blocks if b.file == side.motion.source]
@@ -209,7 +209,7 @@ class _BlockRenderer:
                                             / len(seen.at))  # fmt: skip
             slowed = max(1.0, SLOWEST_S / self.period_s)
             films = (_to_bytes(seen.real), _to_bytes(seen.sim), _to_bytes(seen.augmented))
-            return Film(*films, frames_per_s=1.0 / (step_s * slowed), slowed=slowed)
+            return VideoComparison(*films, frames_per_s=1.0 / (step_s * slowed), slowed=slowed)
         return None
 
 
@@ -220,11 +220,11 @@ def _to_bytes(picture: np.ndarray) -> np.ndarray:
 CLIMBED = 40  # natural periods of the sim's own motions by which the floors of the ladder are told
 
 
-def build_report_content(pair: "DiagnosisInputs", found: DiagnosisRun) -> Exhibits:
+def build_report_content(pair: "DiagnosisInputs", found: DiagnosisRun) -> ReportContent:
     """The ladder, what the residual goes with, what is told apart, how sharply numbers are known."""
     temper, real = found.ranking.temper, pair.real[0]
     where = found.diagnosis.where
-    return Exhibits(
+    return ReportContent(
         rungs=compute_error_stages(pair, found),
         fingerprint=where and fingerprint(where.smoothed, q_names=real.q_names, u_names=real.u_names),
         separability=compute_separability(found.contest, found.ranking.found, temper=temper),

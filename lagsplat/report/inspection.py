@@ -20,7 +20,7 @@ from lagsplat.io.config import RecordingConfig
 from lagsplat.io.mcap.recording import McapSurvey, TopicSummary
 from lagsplat.io.recording.recording import Recording
 
-MOST_INPUTS = 8
+MAX_INPUTS = 8
 UNITS = {
     "position": "rad",
     "velocity": "rad/s",
@@ -33,7 +33,7 @@ UNITS = {
 """Units that ROS messages prescribe; a prismatic joint has m, m/s and N."""
 
 
-def describe_log(survey: McapSurvey) -> str:
+def describe_mcap(survey: McapSurvey) -> str:
     """Topics with type, encoding, count, rate, longest gap and time; what is wrong; and what to type.
 
     Times count from the first message logged in the file.
@@ -58,8 +58,8 @@ def _topic(topic: TopicSummary, start_ns: int) -> list[str]:
         f"longest gap {topic.longest_gap_s:.3f} s, from {first:.3f} s to {last:.3f} s",
     ]
     if topic.numbers:
-        shown = ", ".join(topic.numbers[:MOST_INPUTS])
-        lines.append(f"           numbers: {shown}{', ...' if len(topic.numbers) > MOST_INPUTS else ''}")
+        shown = ", ".join(topic.numbers[:MAX_INPUTS])
+        lines.append(f"           numbers: {shown}{', ...' if len(topic.numbers) > MAX_INPUTS else ''}")
     return lines
 
 
@@ -79,7 +79,7 @@ def _warnings(survey: McapSurvey) -> list[str]:
 
 
 def _advice(survey: McapSurvey) -> list[str]:
-    words = suggested(survey)
+    words = suggest_overrides(survey)
     if not words:
         return ["to use it  no topic holds pictures that can be read, so there is no recording in this file"]
     varying = sum(len(topic.moving) for topic in survey.topics)
@@ -89,12 +89,12 @@ def _advice(survey: McapSurvey) -> list[str]:
         f"           {shlex.quote(words[-1])}",
         "           leave out inputs that do not drive the mechanism; units are those of ROS, or unknown",
     ]
-    if varying > MOST_INPUTS:
-        lines.append(f"           {varying} numbers vary; the first {MOST_INPUTS} are listed")
+    if varying > MAX_INPUTS:
+        lines.append(f"           {varying} numbers vary; the first {MAX_INPUTS} are listed")
     return lines
 
 
-def suggested(survey: McapSurvey) -> list[str]:
+def suggest_overrides(survey: McapSurvey) -> list[str]:
     """Overrides that make a recording of the file: its busiest camera, and numbers that vary; none without a
     camera."""
     cameras = [topic for topic in survey.topics if topic.picture and not topic.problem]
@@ -103,7 +103,7 @@ def suggested(survey: McapSurvey) -> list[str]:
     camera = max(cameras, key=lambda topic: len(topic.log_ns))
     driving = [topic for topic in survey.topics if topic.moving and not topic.problem]
     fields = [(topic, path) for topic in driving for path in topic.numbers if path in topic.moving][
-        :MOST_INPUTS
+        :MAX_INPUTS
     ]
     used = [camera, *(topic for topic, _ in fields)]
     stamped = all(topic.stamped and not topic.backwards["header"] for topic in used)
@@ -145,11 +145,11 @@ def _unit(path: str) -> str:
     return next((UNITS[part] for part in reversed(parts) if part in UNITS), "unknown")
 
 
-GAP = 1.5  # spacings above this many medians are gaps
-SHOWN = 5
+GAP_RATIO = 1.5  # spacings above this many medians are gaps
+MAX_LISTED = 5
 
 
-def describe(recording: Recording, *, config: EvaluateConfig) -> str:
+def describe_recording(recording: Recording, *, config: EvaluateConfig) -> str:
     """Origin, size, clock, inputs, gaps, free segments and split, a line each.
 
     A gap is a spacing of more than 1.5 medians within a clip. Free segments are those of the whole recording,
@@ -195,10 +195,10 @@ def _gaps(recording: Recording) -> str:
         found += [
             f"{step:.3f} s after frame {start + i}"
             for i, step in enumerate(steps)
-            if step > GAP * recording.dt_s
+            if step > GAP_RATIO * recording.dt_s
         ]
-    more = f" and {len(found) - SHOWN} more" if len(found) > SHOWN else ""
-    return ", ".join(found[:SHOWN]) + more if found else "none"
+    more = f" and {len(found) - MAX_LISTED} more" if len(found) > MAX_LISTED else ""
+    return ", ".join(found[:MAX_LISTED]) + more if found else "none"
 
 
 def _free(recording: Recording, config: EvaluateConfig) -> str:
@@ -215,16 +215,16 @@ def _free(recording: Recording, config: EvaluateConfig) -> str:
     )
     found = [
         f"frames {a} to {b} ({(b - a) * recording.dt_s:.1f} s)"
-        for a, b in find_free_segments(held, config)[:SHOWN]
+        for a, b in find_free_segments(held, config)[:MAX_LISTED]
     ]
     return ", ".join(found) if found else f"no stretch of {config.free_min_s:g} s without a change of input"
 
 
-LONGEST_SIDE = 96  # pixels of a frame: enough for a filmed mechanism, and quick to learn
-NO_PERIOD = 20.0  # frames a period where none was found: smoothing over one frame
+MAX_SIDE_PX = 96  # pixels of a frame: enough for a filmed mechanism, and quick to learn
+DEFAULT_PERIOD_FRAMES = 20.0  # frames a period where none was found: smoothing over one frame
 
 
-def describe_footage(recording: Recording) -> str:
+def describe_video(recording: Recording) -> str:
     """The numbers of ``recording.meta["footage"]``, a block of lines for each clip."""
     lines = []
     for clip, found in zip(recording.meta["clips"], recording.meta["footage"], strict=True):
@@ -250,7 +250,7 @@ def propose_system(recording: Recording, *, path: Path, settings: RecordingConfi
     end_s = min([end for end in ends if end > skip_s], default=settings.end_s)
     split = settings.split
     samples = [clip["sampling"]["samples"] for clip in found if clip["sampling"] is not None]
-    smoothing = min(samples, default=NO_PERIOD) / 20
+    smoothing = min(samples, default=DEFAULT_PERIOD_FRAMES) / 20
     images = "" if settings.dt_s is None else f"\n  dt_s: {settings.dt_s:g}"
     return f"""
 # @package _global_
@@ -297,7 +297,7 @@ def _size(recording: Recording, settings: RecordingConfig) -> tuple[int, int]:
     if settings.height is not None and settings.width is not None:
         return settings.height, settings.width
     longest = max(recording.height, recording.width)
-    scale = min(1.0, LONGEST_SIDE / longest)
+    scale = min(1.0, MAX_SIDE_PX / longest)
     return max(1, round(recording.height * scale)), max(1, round(recording.width * scale))
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from lagsplat.report.figures.forces import sideways
+from lagsplat.report.figures.forces import turn_camera
 from lagsplat.splat.projection import make_view
 from lagsplat.viewer.static_page.build import save_page
 from tests.browser.chromium import browser, until
@@ -42,7 +42,7 @@ def test_the_picture_is_the_one_that_python_draws(page, plate, side) -> None:
     state, (yaw, pitch, zoom) = 0.6, side
     page.evaluate(LOOK, side)
     drawn = pixels(page, [state])
-    camera = sideways(plate.held, yaw, pitch)
+    camera = turn_camera(plate.held, yaw, pitch)
     view = make_view([replace(camera, focal=(zoom * camera.focal[0], zoom * camera.focal[1]))])
     q = torch.tensor([[state]], dtype=torch.float64)
     expected = 255.0 * plate.held.pictures(q, scale=8, view=view)[0]

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lagsplat.forces.equilibrium import OperatingPoint
-from lagsplat.report.figures.forces import sideways
+from lagsplat.report.figures.forces import turn_camera
 from lagsplat.viewer.server.drag import ImageDrag, RayDrag
 from tests.unit.forces.solid import FRONT, HEIGHT, WIDTH, turning
 
@@ -23,7 +23,7 @@ def held() -> OperatingPoint:
 
 def pressed(yaw: float, pitch: float, offset: tuple[float, float]) -> tuple[RayDrag, np.ndarray]:
     """A press on the plate from some side, and the place that was met."""
-    camera = sideways(held(), yaw, pitch)
+    camera = turn_camera(held(), yaw, pitch)
     camera = camera.resized(4 * camera.height, 4 * camera.width)
     press = camera.project(np.array([[*offset, FRONT]]))[0]
     pull = RayDrag(held(), camera, press)
@@ -52,7 +52,7 @@ def test_a_dragged_place_stays_under_the_pointer_in_the_plane_of_the_image(
 
 @given(PIXEL)
 def test_no_way_leads_anywhere_before_something_was_met(pointer) -> None:
-    pull = RayDrag(held(), sideways(held(), 0.0, 0.0), np.array([1.0, 1.0]))
+    pull = RayDrag(held(), turn_camera(held(), 0.0, 0.0), np.array([1.0, 1.0]))
     assert not pull.way(np.array(pointer)).any()
 
 

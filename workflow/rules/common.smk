@@ -22,7 +22,7 @@ from lagsplat.planning.plan import (
     weights_of,
 )
 from lagsplat.provenance import let_waiting_threads_sleep
-from lagsplat.report.tables.benchmark import METHODS
+from lagsplat.report.tables.benchmark import BASELINE_TITLES
 
 let_waiting_threads_sleep()  # the jobs inherit it
 

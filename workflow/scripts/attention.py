@@ -7,12 +7,12 @@ from lagsplat.evaluate.evaluate import read_recorded_inputs
 from lagsplat.io.recording.recording import load_recording
 from lagsplat.planning.job import Job
 from lagsplat.report.common.style import save_figure
-from lagsplat.report.figures.model_comparison import attention_of, draw_attention
+from lagsplat.report.figures.model_comparison import compute_attention, draw_attention
 
 with Job(snakemake) as job:
     recording = load_recording(job.input.recording)
     (picture,) = read_recorded_inputs(recording, first=recording.split()[0].n_frames)(np.zeros(1, np.int64))
     models = zip(job.params.names, job.input.models, strict=True)
-    maps = [attention_of(name, load_baseline(path)[0], picture) for name, path in models]
+    maps = [compute_attention(name, load_baseline(path)[0], picture) for name, path in models]
     for path in job.output:
         save_figure(path, draw_attention([found for found in maps if found], title=job.params.title))

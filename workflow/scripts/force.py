@@ -5,13 +5,13 @@ from lagsplat.forces.config import ForcesConfig
 from lagsplat.forces.equilibrium import hold_at_load
 from lagsplat.planning.job import Job
 from lagsplat.report.common.style import save_figure
-from lagsplat.report.figures.forces import draw_forces, push_panels
+from lagsplat.report.figures.forces import compute_force_panels, draw_forces
 from lagsplat.stage1.autoencoder import load_autoencoder
 from lagsplat.stage2.fit import load_dynamics
 
 with Job(snakemake) as job:
     loads = (load_autoencoder, load_chart, load_dynamics)
     held = hold_at_load(*(load(path)[0] for load, path in zip(loads, job.input.run, strict=True)))
-    panels = push_panels(held, job.section(ForcesConfig), hanging=job.params.hanging)
+    panels = compute_force_panels(held, job.section(ForcesConfig), hanging=job.params.hanging)
     for path in job.output:
         save_figure(path, draw_forces(panels, title=job.params.title))

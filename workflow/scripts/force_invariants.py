@@ -3,11 +3,11 @@
 from lagsplat.io.files.atomic import write_text
 from lagsplat.io.files.json_files import load_json
 from lagsplat.planning.job import Job
-from lagsplat.report.tables.forces import invariants_rows, invariants_table, latex_invariants
+from lagsplat.report.tables.forces import build_invariant_rows, build_invariant_table, format_invariant_latex
 
 with Job(snakemake) as job:
     solid = zip(job.params.solid, [load_json(path) for path in job.input.solid], strict=True)
     metrics = [load_json(path) for path in job.input.metrics]
-    rows = invariants_rows(job.params.runs, metrics, solid=list(solid))
-    write_text(job.output.csv, invariants_table(rows).to_csv(index=False))
-    write_text(job.output.tex, latex_invariants(rows, titles=job.params.titles))
+    rows = build_invariant_rows(job.params.runs, metrics, solid=list(solid))
+    write_text(job.output.csv, build_invariant_table(rows).to_csv(index=False))
+    write_text(job.output.tex, format_invariant_latex(rows, titles=job.params.titles))

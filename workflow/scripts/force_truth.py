@@ -3,9 +3,9 @@
 from lagsplat.io.files.atomic import write_text
 from lagsplat.io.files.json_files import load_json
 from lagsplat.planning.job import Job
-from lagsplat.report.tables.forces import force_rows, force_table, latex_forces
+from lagsplat.report.tables.forces import build_force_rows, build_force_table, format_force_latex
 
 with Job(snakemake) as job:
-    rows = force_rows(job.params.runs, [load_json(path) for path in job.input.metrics])
-    write_text(job.output.csv, force_table(rows).to_csv(index=False))
-    write_text(job.output.tex, latex_forces(rows, titles=job.params.titles))
+    rows = build_force_rows(job.params.runs, [load_json(path) for path in job.input.metrics])
+    write_text(job.output.csv, build_force_table(rows).to_csv(index=False))
+    write_text(job.output.tex, format_force_latex(rows, titles=job.params.titles))

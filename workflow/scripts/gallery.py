@@ -8,7 +8,7 @@ from lagsplat.evaluate.evaluate import make_run_subject
 from lagsplat.io.recording.recording import load_recording
 from lagsplat.planning.job import Job
 from lagsplat.report.common.style import save_figure
-from lagsplat.report.figures.model_comparison import compare
+from lagsplat.report.figures.model_comparison import draw_comparison
 from lagsplat.stage1.autoencoder import load_autoencoder
 from lagsplat.stage2.fit import load_dynamics
 
@@ -20,4 +20,4 @@ with Job(snakemake) as job:
     for name, path in zip(job.params.names, job.input.models, strict=True):
         models[name] = make_baseline_subject(load_baseline(path)[0], recording, config)
     for path in job.output:
-        save_figure(path, compare(models, title=job.params.title))
+        save_figure(path, draw_comparison(models, title=job.params.title))

@@ -3,9 +3,9 @@
 from lagsplat.io.files.atomic import write_text
 from lagsplat.io.files.json_files import load_json
 from lagsplat.planning.job import Job
-from lagsplat.report.tables.gap import gap_rows, gap_table, latex_gap
+from lagsplat.report.tables.gap import build_gap_rows, build_gap_table, format_gap_latex
 
 with Job(snakemake) as job:
-    rows = gap_rows(job.params.runs, [load_json(path) for path in job.input.diagnoses])
-    write_text(job.output.csv, gap_table(rows).to_csv(index=False))
-    write_text(job.output.tex, latex_gap(rows, titles=job.params.titles))
+    rows = build_gap_rows(job.params.runs, [load_json(path) for path in job.input.diagnoses])
+    write_text(job.output.csv, build_gap_table(rows).to_csv(index=False))
+    write_text(job.output.tex, format_gap_latex(rows, titles=job.params.titles))

@@ -5,7 +5,7 @@ from lagsplat.evaluate.config import GuaranteeConfig
 from lagsplat.evaluate.guarantee import measure_guarantee
 from lagsplat.io.files.atomic import write_text
 from lagsplat.planning.job import Job
-from lagsplat.report.tables.learned_physics import guarantee_table
+from lagsplat.report.tables.learned_physics import build_guarantee_table
 from lagsplat.stage2.fit import load_dynamics
 
 with Job(snakemake) as job:
@@ -13,4 +13,4 @@ with Job(snakemake) as job:
     for dynamics, chart in zip(job.input.dynamics, job.input.charts, strict=True):
         found.append(measure_guarantee(load_dynamics(dynamics)[0], load_chart(chart)[0], config))
         job.say(f"{dynamics}: {found[-1]}")
-    write_text(job.output.csv, guarantee_table(job.params.runs, found).to_csv(index=False))
+    write_text(job.output.csv, build_guarantee_table(job.params.runs, found).to_csv(index=False))

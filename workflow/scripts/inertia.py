@@ -6,7 +6,7 @@ from lagsplat.chart.chart import load_chart
 from lagsplat.planning.job import Job
 from lagsplat.report.common.style import save_figure
 from lagsplat.report.figures.inertia import draw_inertia
-from lagsplat.report.tables.learned_physics import LEARNED, MASSES
+from lagsplat.report.tables.learned_physics import LEARNED_MASS, MASS_TITLES
 from lagsplat.stage2.fit import load_dynamics
 
 with Job(snakemake) as job:
@@ -16,6 +16,6 @@ with Job(snakemake) as job:
     for name, path in zip(job.params.names, job.input.dynamics, strict=True):
         with torch.no_grad():
             matrices = load_dynamics(path)[0].mass(torch.from_numpy(states)).double().numpy()
-        forms.append((MASSES.get(name, LEARNED), matrices))
+        forms.append((MASS_TITLES.get(name, LEARNED_MASS), matrices))
     for path in job.output:
         save_figure(path, draw_inertia(forms, states, title=job.params.title))

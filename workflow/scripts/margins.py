@@ -3,8 +3,8 @@
 from lagsplat.io.files.atomic import write_text
 from lagsplat.io.files.json_files import load_json
 from lagsplat.planning.job import Job
-from lagsplat.report.tables.benchmark import margin_table
+from lagsplat.report.tables.benchmark import build_margin_table
 
 with Job(snakemake) as job:
-    table = margin_table(job.params.runs, [load_json(path) for path in job.input.metrics])
+    table = build_margin_table(job.params.runs, [load_json(path) for path in job.input.metrics])
     write_text(job.output.csv, table.to_csv(index=False))

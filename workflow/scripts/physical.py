@@ -3,10 +3,10 @@
 from lagsplat.io.files.atomic import write_text
 from lagsplat.io.files.json_files import load_json
 from lagsplat.planning.job import Job
-from lagsplat.report.common.aggregate import rows_of
-from lagsplat.report.tables.learned_physics import latex_physical, physical_table
+from lagsplat.report.common.table_rows import build_rows
+from lagsplat.report.tables.learned_physics import build_physical_table, format_physical_latex
 
 with Job(snakemake) as job:
-    rows = rows_of(job.params.runs, [load_json(path) for path in job.input.metrics])
-    write_text(job.output.csv, physical_table(rows).to_csv(index=False))
-    write_text(job.output.tex, latex_physical(rows, titles=job.params.titles))
+    rows = build_rows(job.params.runs, [load_json(path) for path in job.input.metrics])
+    write_text(job.output.csv, build_physical_table(rows).to_csv(index=False))
+    write_text(job.output.tex, format_physical_latex(rows, titles=job.params.titles))

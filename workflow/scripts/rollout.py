@@ -2,7 +2,7 @@
 
 from lagsplat.chart.chart import load_chart
 from lagsplat.evaluate.config import EvaluateConfig
-from lagsplat.evaluate.long_rollout import Fine, roll_out
+from lagsplat.evaluate.long_rollout import FineDecoder, compute_long_rollout
 from lagsplat.io.recording.recording import load_recording
 from lagsplat.planning.job import Job
 from lagsplat.report.common.style import save_figure
@@ -17,7 +17,9 @@ with Job(snakemake) as job:
     recording = load_recording(job.input.recording)
     fine = None
     if job.input.decoder:
-        fine = Fine(load_autoencoder(job.input.decoder)[0], load_recording(job.input.fine))
-    view = roll_out(autoencoder, chart, lagrangian, recording, job.section(EvaluateConfig), fine=fine)
+        fine = FineDecoder(load_autoencoder(job.input.decoder)[0], load_recording(job.input.fine))
+    view = compute_long_rollout(
+        autoencoder, chart, lagrangian, recording, job.section(EvaluateConfig), fine=fine
+    )
     for path in (job.output.pdf, job.output.png):
         save_figure(path, draw_rollout(view, title=job.title(f"Rollout, {job.wildcards.stage2} dynamics")))

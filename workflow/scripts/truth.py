@@ -3,9 +3,9 @@
 from lagsplat.io.files.atomic import write_text
 from lagsplat.io.files.json_files import load_json
 from lagsplat.planning.job import Job
-from lagsplat.report.tables.learned_physics import latex_truth, truth_table
+from lagsplat.report.tables.learned_physics import build_truth_table, format_truth_latex
 
 with Job(snakemake) as job:
-    table = truth_table(job.params.runs, [load_json(path) for path in job.input.metrics])
+    table = build_truth_table(job.params.runs, [load_json(path) for path in job.input.metrics])
     write_text(job.output.csv, table.to_csv(index=False))
-    write_text(job.output.tex, latex_truth(table, titles=job.params.titles))
+    write_text(job.output.tex, format_truth_latex(table, titles=job.params.titles))

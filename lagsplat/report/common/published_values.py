@@ -3,18 +3,12 @@
 Results as what JSON can hold.
 """
 
-import math
-import os
-from collections.abc import Mapping
-from dataclasses import fields, is_dataclass
 from typing import Any
-
-import numpy as np
 
 METHOD = "LaGSplat (paper)"
 RECORDING = "filmed, the paper's"
 PROFILE = "the paper's, median of five seeds"
-SCORES = ("d", "frequency_error", "latent_nrmse", "image_ratio", "ae_floor", "mse_half_second")
+SYSTEM_SCORES = ("d", "frequency_error", "latent_nrmse", "image_ratio", "ae_floor", "mse_half_second")
 # Table "Free rollouts"; of the arms the floor to three digits and the half-second error, Table "Krauss".
 SYSTEMS: dict[str, tuple[float | None, ...]] = {
     "pendulum": (1, 0.034, 0.308, 14.5, 0.93e-4, None),
@@ -44,10 +38,10 @@ BASELINES: dict[str, dict[str, tuple[float, ...]]] = {
     },
 }
 BASELINE_SCORES = ("d", "ae_floor", "mse_half_second", "frequency_error")
-PUSHES = {"Osc. + deconv": "latent only", "Osc. + ABCD": "at d/2 centres"}
+EXTERNAL_FORCES = {"Osc. + deconv": "latent only", "Osc. + ABCD": "at d/2 centres"}
 
 
-def paper_baselines(robots: set[str]) -> list[dict[str, Any]]:
+def list_paper_baselines(robots: set[str]) -> list[dict[str, Any]]:
     """The paper's rows of the published baselines, on its filmed recordings.
 
     Source: paper, Table "Krauss".
@@ -58,7 +52,7 @@ def paper_baselines(robots: set[str]) -> list[dict[str, Any]]:
             "method": f"{name} (paper)",
             "dynamics": "linear",
             **dict(zip(BASELINE_SCORES, values, strict=True)),
-            "external_force": PUSHES.get(name, "none"),
+            "external_force": EXTERNAL_FORCES.get(name, "none"),
             "recording": RECORDING,
             "profile": "the paper's",
             "n_seeds": 1,
@@ -69,7 +63,7 @@ def paper_baselines(robots: set[str]) -> list[dict[str, Any]]:
     ]
 
 
-def paper_rows(robots: set[str]) -> list[dict[str, Any]]:
+def list_paper_rows(robots: set[str]) -> list[dict[str, Any]]:
     """The paper's own LaGSplat rows for these systems, measured on its filmed recordings.
 
     The paper gives medians without spread and no count of diverged rollouts, so those cells stay empty.
@@ -85,34 +79,7 @@ def paper_rows(robots: set[str]) -> list[dict[str, Any]]:
         "n_seeds": 5,
     }
     return [
-        {"robot": robot, **dict(zip(SCORES, values, strict=True)), **shared}
+        {"robot": robot, **dict(zip(SYSTEM_SCORES, values, strict=True)), **shared}
         for robot, values in SYSTEMS.items()
         if robot in robots
     ]
-
-
-def plain(value: Any) -> Any:
-    """Dataclasses, mappings, sequences and arrays as dictionaries and lists; what is not finite as None.
-
-    JSON knows neither infinity nor NaN, and readers other than Python's stumble over them.
-
-    Raises:
-        TypeError: something that has no such form.
-    """
-    if value is None or isinstance(value, str | bool | int):
-        return value
-    if isinstance(value, np.generic):
-        return plain(value.item())
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if is_dataclass(value) and not isinstance(value, type):
-        return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
-    if isinstance(value, Mapping):
-        return {str(key): plain(one) for key, one in value.items()}
-    if isinstance(value, list | tuple | set | frozenset):
-        return [plain(one) for one in (sorted(value) if isinstance(value, set | frozenset) else value)]
-    if isinstance(value, np.ndarray):
-        return plain(value.tolist())
-    if isinstance(value, os.PathLike):
-        return os.fspath(value)
-    raise TypeError(f"a {type(value).__name__} has no place in JSON; give numbers, texts, lists or mappings")

@@ -14,12 +14,12 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from lagsplat.io.files.atomic import replace_atomically
-from lagsplat.report.common.latex import power_of_ten
+from lagsplat.report.common.formatting import format_power_of_ten
 
-PLAIN = 3  # decades about one that are written out
+MAX_PLAIN_POWER = 3  # decades about one that are written out
 
 
-def plain_decades(axis: Axis) -> None:
+def label_decades(axis: Axis) -> None:
     """Label decades as 0.1, 1, 10, far ones as powers, and nothing between."""
     axis.set_major_formatter(lambda x, _: _decade(x))
     axis.set_minor_formatter(lambda x, _: "")
@@ -29,7 +29,7 @@ def _decade(x: float) -> str:
     if not x > 0.0:
         return ""
     power = round(math.log10(x))
-    return f"{x:g}" if abs(power) <= PLAIN else power_of_ten(power)
+    return f"{x:g}" if abs(power) <= MAX_PLAIN_POWER else format_power_of_ten(power)
 
 
 PAGE_IN = 7.0

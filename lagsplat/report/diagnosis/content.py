@@ -7,9 +7,10 @@ What is known of where a gap lies, whichever parts of it were computed or read b
 ``rollouts.csv``: every held-out block, measured and forecast twice, so that anybody can score it again.
 """
 
+import math
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any
 
 import numpy as np
@@ -21,12 +22,11 @@ from lagsplat.diagnose.inference.identifiability import Separability
 from lagsplat.diagnose.inference.profile_likelihood import ProfileLikelihood
 from lagsplat.diagnose.residual.components import Fingerprint
 from lagsplat.io.files.atomic import replace_atomically
-from lagsplat.report.common.latex import percent
-from lagsplat.report.common.published_values import plain
+from lagsplat.report.common.formatting import format_percent
 
 
 @dataclass(frozen=True)
-class PictureGap:
+class ImageErrorMap:
     """Excess error (H, W) of the sim's pictures over one; parts (left, top, right, bottom, share)."""
 
     picture: UInt8[np.ndarray, "H W 3"]
@@ -35,7 +35,7 @@ class PictureGap:
 
 
 @dataclass(frozen=True)
-class PictureForce:
+class ImageForceMap:
     """Points (P, 2) of the body on one ``picture`` (x to the right, y down, pixels): the share ``explained``
     (P,) by a force on each, and mean forces (P, 2) of those ``near`` the best; no force where not
     ``localisable``."""
@@ -49,7 +49,7 @@ class PictureForce:
 
 
 @dataclass(frozen=True)
-class Film:
+class VideoComparison:
     """Pictures (T, H, W, 3) of one stretch: measured, forecast by the sim, and with the effects; shown
     ``slowed`` times slower than they were filmed."""
 
@@ -61,7 +61,7 @@ class Film:
 
 
 @dataclass(frozen=True)
-class Exhibits:
+class ReportContent:
     """``rungs`` of the ladder and ``maps_after`` are as `lagsplat.diagnose` computes them (`Rung`, `Map`);
     ``steps`` (label, gap) lie between the refit sim and the last effect; ``command`` and ``digests`` say how
     the diagnosis was made, ``stamp`` with what."""
@@ -72,20 +72,20 @@ class Exhibits:
     separability: Separability | None = None
     profiles: tuple[ProfileLikelihood, ...] = ()
     fingerprint: Fingerprint | None = None
-    picture: PictureGap | None = None
-    force: PictureForce | None = None
-    film: Film | None = None
+    picture: ImageErrorMap | None = None
+    force: ImageForceMap | None = None
+    film: VideoComparison | None = None
     command: str = ""
     digests: Mapping[str, str] = field(default_factory=dict)
     stamp: Mapping[str, Any] = field(default_factory=dict)
 
 
-TOLD_APART = ("yes", "weak", "no")
-SEPARATE = ("findings", "excitation", "undetermined", "chain")
+EXCITATION_GRADES = ("yes", "weak", "no")
+SEPARATE_CHECKS = ("findings", "excitation", "undetermined", "chain")
 
 
 @dataclass(frozen=True)
-class Found:
+class DataFinding:
     """One finding of the data's checks: its ``level``, whose it is, and three sentences."""
 
     level: str
@@ -96,7 +96,7 @@ class Found:
 
 
 @dataclass(frozen=True)
-class Shown:
+class EffectExcitation:
     """Whether a recording can show one effect ("yes", "weak" or "no"), why, and what to record instead."""
 
     effect: str
@@ -105,28 +105,28 @@ class Shown:
     record: str
 
 
-def findings(diagnosis: Diagnosis) -> list[Found]:
+def read_findings(diagnosis: Diagnosis) -> list[DataFinding]:
     """The findings in ``checks["findings"]``, the gravest first; none where they were not made."""
     rows = [_fields(row) for row in diagnosis.checks.get("findings") or ()]
     names = ("level", "source", "what", "why", "remedy")
-    found = [Found(*(str(row.get(name) or "") for name in names)) for row in rows]
+    found = [DataFinding(*(str(row.get(name) or "") for name in names)) for row in rows]
     order = {"refuse": 0, "undetermined": 1, "warn": 2}
     return sorted(found, key=lambda one: order.get(one.level, 3))
 
 
-def excitations(diagnosis: Diagnosis) -> list[Shown]:
+def read_excitations(diagnosis: Diagnosis) -> list[EffectExcitation]:
     """What the recording can show, family by family, from ``checks["excitation"]``; none where not made."""
     rows = [_fields(row) for row in diagnosis.checks.get("excitation") or ()]
     names = ("effect", "excited", "reason", "record")
-    return [Shown(*(str(row.get(name) or "") for name in names)) for row in rows]
+    return [EffectExcitation(*(str(row.get(name) or "") for name in names)) for row in rows]
 
 
-def effects_shown(rows: Sequence[Shown], grade: str) -> list[str]:
+def select_effects(rows: Sequence[EffectExcitation], grade: str) -> list[str]:
     """Names of the effects of one grade."""
     return [row.effect for row in rows if row.excited == grade]
 
 
-def advice(diagnosis: Diagnosis) -> list[tuple[str, str]]:
+def recommend_recordings(diagnosis: Diagnosis) -> list[tuple[str, str]]:
     """What to record to see each effect that this recording shows badly, the likeliest of them first."""
     told = [text.partition(": ")[::2] for text in diagnosis.excitation]
     chance = {one.name: one.probability for one in diagnosis.candidates}
@@ -134,19 +134,19 @@ def advice(diagnosis: Diagnosis) -> list[tuple[str, str]]:
     return sorted(named, key=lambda row: -chance.get(row[0], 0.0))
 
 
-def measures(diagnosis: Diagnosis) -> dict[str, Any]:
+def read_measures(diagnosis: Diagnosis) -> dict[str, Any]:
     """The other checks as plain values by name."""
     return {
-        str(name): plain(value) for name, value in diagnosis.checks.items() if name not in SEPARATE
+        str(name): to_plain_data(value) for name, value in diagnosis.checks.items() if name not in SEPARATE_CHECKS
     }  # fmt: skip
 
 
-def reasons(diagnosis: Diagnosis) -> list[str]:
+def explain_undecided(diagnosis: Diagnosis) -> list[str]:
     """Why nothing can be decided, most telling first; one general sentence where no reason was given."""
     told = diagnosis.checks.get("undetermined") or ()
     if isinstance(told, str):
         told = (told,)
-    grave = [one for one in findings(diagnosis) if one.level == "undetermined"]
+    grave = [one for one in read_findings(diagnosis) if one.level == "undetermined"]
     found = [str(one) for one in told] or [f"{one.what}; {one.why}" for one in grave]
     return (
         found or list(diagnosis.warnings[:1]) or ["the candidates explain the recording about equally well"]
@@ -154,27 +154,27 @@ def reasons(diagnosis: Diagnosis) -> list[str]:
 
 
 def _fields(row: Any) -> Mapping[str, Any]:
-    made = plain(row)
+    made = to_plain_data(row)
     if not isinstance(made, Mapping):
         raise TypeError(f"a check must have named fields, but is {row!r}")
     return made
 
 
-LOCATED = ("level", "coordinates", "time_s", "frequency_hz", "state_region", "image_region")
+REQUIRED_FIELDS = ("level", "coordinates", "time_s", "frequency_hz", "state_region", "image_region")
 """What every `diagnosis.json` holds."""
-FURTHER = ("components", "memory_index", "evidence")
-MOSTLY = 0.5
+OPTIONAL_FIELDS = ("components", "memory_index", "evidence")
+MIN_EVENT_SHARE = 0.5
 """Share of the residual from which on a short event is told of."""
 
 
-def located(where: Any, name: str) -> Any:
+def get_location(where: Any, name: str) -> Any:
     """One field of ``where``, an object or a mapping; None where it was not computed."""
     if isinstance(where, Mapping):
         return where.get(name)
     return getattr(where, name, None)
 
 
-def not_computed(where: Any) -> tuple[str, ...]:
+def list_missing_fields(where: Any) -> tuple[str, ...]:
     """The fields that are missing. An image region of None says that there are no pictures, and is not."""
     if isinstance(where, Mapping) and "not_computed" in where:
         return tuple(where["not_computed"])
@@ -184,32 +184,34 @@ def not_computed(where: Any) -> tuple[str, ...]:
         value = where.get(name, absent) if isinstance(where, Mapping) else getattr(where, name, absent)
         return value is not absent and (value is not None or name == "image_region")
 
-    return tuple(name for name in (*LOCATED, "components") if not has(name))
+    return tuple(name for name in (*REQUIRED_FIELDS, "components") if not has(name))
 
 
-def main_coordinate(where: Any) -> str | None:
+def find_main_coordinate(where: Any) -> str | None:
     """The coordinate with the largest share of the residual; None where none has any."""
-    shares = located(where, "coordinates") or {}
+    shares = get_location(where, "coordinates") or {}
     if not shares or max(shares.values()) <= 0.0:
         return None
     return str(max(shares, key=lambda name: shares[name]))
 
 
-def brief(where: Any, period_s: float) -> str:
+def describe_event(where: Any, period_s: float) -> str:
     """When most of the residual acts, in a sentence, if that is within a natural period; else nothing."""
-    events = located(where, "time_s") or ()
+    events = get_location(where, "time_s") or ()
     if not events:
         return ""
     file, start_s, end_s, share = events[0]
-    if share < MOSTLY or not end_s - start_s < period_s:
+    if share < MIN_EVENT_SHARE or not end_s - start_s < period_s:
         return ""
-    return f" {percent(share)} of what is missing acts between {start_s:.4g} and {end_s:.4g} s of {file}."
+    return (
+        f" {format_percent(share)} of what is missing acts between {start_s:.4g} and {end_s:.4g} s of {file}."
+    )
 
 
-KINDS = ("real", "sim", "augmented")
+FORECAST_KINDS = ("real", "sim", "augmented")
 
 
-def rollouts_table(blocks: Sequence[Block], *, q_names: Sequence[str] = ()) -> pd.DataFrame:
+def build_rollouts_table(blocks: Sequence[Block], *, q_names: Sequence[str] = ()) -> pd.DataFrame:
     """Columns ``file, block, t``, then every coordinate as measured, of the sim and of the sim with effects.
 
     ``t`` is the recording's own clock [s]. Names default to ``q0, q1, ...``.
@@ -221,10 +223,10 @@ def rollouts_table(blocks: Sequence[Block], *, q_names: Sequence[str] = ()) -> p
     if len(widths) > 1:
         raise ValueError(f"rollouts of {sorted(widths)} coordinates; all blocks and names must have as many")
     names = tuple(q_names) or tuple(f"q{i}" for i in range(max(widths, default=1)))
-    columns = ["file", "block", "t", *(f"{name}_{kind}" for kind in KINDS for name in names)]
+    columns = ["file", "block", "t", *(f"{name}_{kind}" for kind in FORECAST_KINDS for name in names)]
     parts = []
     for block in blocks:
-        paths = np.concatenate([getattr(block, kind) for kind in KINDS], axis=1)
+        paths = np.concatenate([getattr(block, kind) for kind in FORECAST_KINDS], axis=1)
         part = pd.DataFrame(paths, columns=columns[3:])
         part.insert(0, "t", block.time_s)
         part.insert(0, "block", block.index)
@@ -236,8 +238,8 @@ def rollouts_table(blocks: Sequence[Block], *, q_names: Sequence[str] = ()) -> p
 def save_rollouts(
     path: str | os.PathLike[str], blocks: Sequence[Block], *, q_names: Sequence[str] = ()
 ) -> None:
-    """Write `rollouts_table` in full precision, whole or not at all."""
-    table = rollouts_table(blocks, q_names=q_names)
+    """Write `build_rollouts_table` in full precision, whole or not at all."""
+    table = build_rollouts_table(blocks, q_names=q_names)
     with replace_atomically(path) as temporary:
         table.to_csv(temporary, index=False)
 
@@ -250,7 +252,7 @@ def load_rollouts(path: str | os.PathLike[str]) -> tuple[tuple[Block, ...], tupl
     """
     table = pd.read_csv(path, dtype={"file": str})
     names = tuple(str(name).removesuffix("_real") for name in table.columns if str(name).endswith("_real"))
-    wanted = ["file", "block", "t", *(f"{name}_{kind}" for kind in KINDS for name in names)]
+    wanted = ["file", "block", "t", *(f"{name}_{kind}" for kind in FORECAST_KINDS for name in names)]
     if list(table.columns) != wanted or not names:
         raise ValueError(
             f"{os.fspath(path)} has columns {list(table.columns)}; rollouts have "
@@ -259,8 +261,37 @@ def load_rollouts(path: str | os.PathLike[str]) -> tuple[tuple[Block, ...], tupl
     blocks = []
     for (file, index), part in table.groupby(["file", "block"], sort=False):
         real, sim, augmented = (
-            part[[f"{name}_{kind}" for name in names]].to_numpy(dtype=np.float64) for kind in KINDS
+            part[[f"{name}_{kind}" for name in names]].to_numpy(dtype=np.float64) for kind in FORECAST_KINDS
         )
         time_s = part["t"].to_numpy(dtype=np.float64)
         blocks.append(Block(str(file), int(str(index)), time_s, real, sim, augmented))
     return tuple(blocks), names
+
+
+def to_plain_data(value: Any) -> Any:
+    """Dataclasses, mappings, sequences and arrays as dictionaries and lists; what is not finite as None.
+
+    JSON knows neither infinity nor NaN, and readers other than Python's stumble over them.
+
+    Raises:
+        TypeError: something that has no such form.
+    """
+    if value is None or isinstance(value, str | bool | int):
+        return value
+    if isinstance(value, np.generic):
+        return to_plain_data(value.item())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if is_dataclass(value) and not isinstance(value, type):
+        return {field.name: to_plain_data(getattr(value, field.name)) for field in fields(value)}
+    if isinstance(value, Mapping):
+        return {str(key): to_plain_data(one) for key, one in value.items()}
+    if isinstance(value, list | tuple | set | frozenset):
+        return [
+            to_plain_data(one) for one in (sorted(value) if isinstance(value, set | frozenset) else value)
+        ]
+    if isinstance(value, np.ndarray):
+        return to_plain_data(value.tolist())
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    raise TypeError(f"a {type(value).__name__} has no place in JSON; give numbers, texts, lists or mappings")

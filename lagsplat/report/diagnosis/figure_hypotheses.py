@@ -15,24 +15,30 @@ from matplotlib.patches import Rectangle
 from lagsplat.diagnose.core.result import Diagnosis, Gap
 from lagsplat.diagnose.effects.descriptions import short_title
 from lagsplat.diagnose.inference.profile_likelihood import ProfileLikelihood
-from lagsplat.report.common.latex import format_number, percent, probability, unit, values
+from lagsplat.report.common.formatting import (
+    format_number,
+    format_percent,
+    format_probability,
+    format_unit,
+    list_numbers,
+)
 from lagsplat.report.common.style import (
     ENCODED,
     MARK,
     PAGE_IN,
     PREDICTED,
     QUIET,
+    label_decades,
     new_figure,
     paper_style,
-    plain_decades,
 )
-from lagsplat.report.diagnosis.content import Exhibits, located
-from lagsplat.report.diagnosis.summary import chosen, place
+from lagsplat.report.diagnosis.content import ReportContent, get_location
+from lagsplat.report.diagnosis.summary import name_candidate, select_chosen
 
 INK = "#222222"
 
 
-def draw_ladder(exhibits: Exhibits) -> Figure | None:
+def draw_error_budget(exhibits: ReportContent) -> Figure | None:
     """Each rung's error over its floor with its 95 % interval; None without rungs that have a floor."""
     rungs = [one for one in exhibits.rungs if one.floor is not None and one.floor > 0.0]
     if not rungs:
@@ -56,7 +62,7 @@ def draw_ladder(exhibits: Exhibits) -> Figure | None:
         return figure
 
 
-def draw_waterfall(diagnosis: Diagnosis, exhibits: Exhibits) -> Figure | None:
+def draw_waterfall(diagnosis: Diagnosis, exhibits: ReportContent) -> Figure | None:
     """From the sim as delivered down to the floor: what a refit takes away, and what each effect takes."""
     gap = diagnosis.gap
     if gap is None:
@@ -67,26 +73,28 @@ def draw_waterfall(diagnosis: Diagnosis, exhibits: Exhibits) -> Figure | None:
         figure = new_figure(0.75 * PAGE_IN, 2.0 + 0.12 * lines, title="")
         axis = figure.subplots()
         axis.bar(0, gap.before, color=QUIET, width=0.6)
-        axis.annotate(percent(gap.before), (0, gap.before), (0, 2), textcoords="offset points", ha="center")
+        axis.annotate(
+            format_percent(gap.before), (0, gap.before), (0, 2), textcoords="offset points", ha="center"
+        )
         level = gap.before
         for column, (_, value) in enumerate(steps, start=1):
             color = ENCODED if column > 1 or not math.isfinite(gap.refit) else "#56B4E9"
             axis.bar(column, value - level, bottom=level, color=color, width=0.6)
             axis.plot([column - 0.7, column + 0.3], [level, level], color=INK, linewidth=0.5)
-            shift = f"{'' if value > level else '−'}{percent(abs(value - level))}"
+            shift = f"{'' if value > level else '−'}{format_percent(abs(value - level))}"
             axis.annotate(shift, (column, max(level, value)), (0, 2), textcoords="offset points", ha="center")
             level = value
         last = len(steps) + 1
         axis.bar(last, gap.after, color=PREDICTED, width=0.6)
         axis.plot([last - 0.7, last + 0.3], [level, level], color=INK, linewidth=0.5)
         top = _after_bar(axis, last, gap)
-        axis.annotate(percent(gap.after), (last, top), (0, 2), textcoords="offset points", ha="center")
+        axis.annotate(format_percent(gap.after), (last, top), (0, 2), textcoords="offset points", ha="center")
         labels = ["sim as\ndelivered", *(label for label, _ in steps), "what\nremains"]
         axis.set_xticks(range(last + 1), labels)
         if math.isfinite(gap.floor):
             axis.axhline(gap.floor, color=MARK, linestyle="--")
             axis.annotate(
-                f"floor {percent(gap.floor)}", (1.0, gap.floor), (2, 0), va="center", color=MARK,
+                f"floor {format_percent(gap.floor)}", (1.0, gap.floor), (2, 0), va="center", color=MARK,
                 xycoords=("axes fraction", "data"), textcoords="offset points", annotation_clip=False,
             )  # fmt: skip
         axis.set_ylim(0.0, 1.12 * max(gap.before, top, *(value for _, value in steps)))
@@ -99,11 +107,11 @@ def _leading(x: float) -> int:
     return round(x / 10.0 ** math.floor(math.log10(x)))
 
 
-def _steps(diagnosis: Diagnosis, gap: Gap, exhibits: Exhibits) -> list[tuple[str, float]]:
+def _steps(diagnosis: Diagnosis, gap: Gap, exhibits: ReportContent) -> list[tuple[str, float]]:
     steps = [("refit within\nuncertainty", gap.refit)] if math.isfinite(gap.refit) else []
     if exhibits.steps:
         return steps + [(_wrapped(label), value) for label, value in exhibits.steps]
-    named = [place(one) for one in chosen(diagnosis)] if diagnosis.combination else []
+    named = [name_candidate(one) for one in select_chosen(diagnosis)] if diagnosis.combination else []
     if named:
         steps.append(("\n".join(_wrapped(f"+ {name}") for name in named), gap.after))
     return steps
@@ -128,15 +136,15 @@ def _wrapped(text: str) -> str:
     return text
 
 
-TELLS = 3.0  # nats below which two effects are not told apart
-FALL = 1.353  # nats at the ends of a 90 % interval
+SEPARABLE_FROM = 3.0  # nats below which two effects are not told apart
+INTERVAL_DROP = 1.353  # nats at the ends of a 90 % interval
 COLOURS = "cividis"
 MAX_PROFILES = 6  # profiles
-WIDE = 20.0  # from the smallest to the largest value: then the axis is logarithmic
-DEEPEST = 12.0  # nats shown
+LOG_AXIS_RATIO = 20.0  # from the smallest to the largest value: then the axis is logarithmic
+MAX_DROP = 12.0  # nats shown
 
 
-def draw_separability(exhibits: Exhibits) -> Figure | None:
+def draw_separability(exhibits: ReportContent) -> Figure | None:
     """How many nats tell the effect of a row from that of a column; None where not computed."""
     found = exhibits.separability
     if found is None:
@@ -155,7 +163,7 @@ def draw_separability(exhibits: Exhibits) -> Figure | None:
             dark = shown[i, j] < 1.0
             axis.text(j, i, format_number(float(nats[i, j])), ha="center", va="center", fontsize=6,
                       color="white" if dark else "black")  # fmt: skip
-            if nats[i, j] < TELLS:
+            if nats[i, j] < SEPARABLE_FROM:
                 axis.add_patch(Rectangle((j - 0.46, i - 0.44), 0.92, 0.88, fill=False, edgecolor=PREDICTED,
                                          linewidth=1.3))  # fmt: skip
         axis.set_xticks(range(n), names, rotation=35, ha="right", rotation_mode="anchor")
@@ -169,7 +177,7 @@ def draw_separability(exhibits: Exhibits) -> Figure | None:
         return figure
 
 
-def draw_fingerprint(exhibits: Exhibits) -> Figure | None:
+def draw_residual_correlations(exhibits: ReportContent) -> Figure | None:
     """Tests of the residual against what may drive it, over their 5 % bounds; None where not computed."""
     found = exhibits.fingerprint
     if found is None:
@@ -195,7 +203,7 @@ def draw_fingerprint(exhibits: Exhibits) -> Figure | None:
         return figure
 
 
-def draw_profiles(diagnosis: Diagnosis, exhibits: Exhibits) -> Figure | None:
+def draw_profiles(diagnosis: Diagnosis, exhibits: ReportContent) -> Figure | None:
     """Likelihood along each parameter with its 90 % interval; None where not computed."""
     shown = exhibits.profiles[:MAX_PROFILES]
     if not shown:
@@ -216,23 +224,23 @@ def draw_profiles(diagnosis: Diagnosis, exhibits: Exhibits) -> Figure | None:
 
 def _profile(axis: Any, diagnosis: Diagnosis, one: ProfileLikelihood) -> None:
     fall = one.log_likelihood - np.max(one.log_likelihood)
-    if np.min(one.values) > 0.0 and np.max(one.values) > WIDE * np.min(one.values):
+    if np.min(one.values) > 0.0 and np.max(one.values) > LOG_AXIS_RATIO * np.min(one.values):
         axis.set_xscale("log")
-        plain_decades(axis.xaxis)
+        label_decades(axis.xaxis)
     axis.plot(one.values, fall, "o-", color=ENCODED, markersize=2.5)
-    axis.axhline(-FALL, color=QUIET, linestyle="--", linewidth=0.6)
-    for candidate in [*chosen(diagnosis), *diagnosis.candidates]:
+    axis.axhline(-INTERVAL_DROP, color=QUIET, linestyle="--", linewidth=0.6)
+    for candidate in [*select_chosen(diagnosis), *diagnosis.candidates]:
         fitted = candidate.parameters.get(one.parameter) if candidate.name == one.effect else None
-        if fitted is not None and len(values(fitted.value)) == 1:
-            low, high = values(fitted.low), values(fitted.high)
+        if fitted is not None and len(list_numbers(fitted.value)) == 1:
+            low, high = list_numbers(fitted.low), list_numbers(fitted.high)
             if low and high:
                 axis.axvspan(low[0], high[0], color=PREDICTED, alpha=0.2, linewidth=0)
-            axis.axvline(values(fitted.value)[0], color=PREDICTED)
+            axis.axvline(list_numbers(fitted.value)[0], color=PREDICTED)
             break
-    given = f" ({unit(one.unit)})" if unit(one.unit) else ""
+    given = f" ({format_unit(one.unit)})" if format_unit(one.unit) else ""
     axis.set_xlabel(f"{one.parameter.replace('_', ' ')}{given}")
     axis.set_title(short_title(one.effect), loc="left", pad=2)
-    axis.set_ylim(max(-DEEPEST, 1.1 * float(np.min(fall))) - 0.1, 0.5)
+    axis.set_ylim(max(-MAX_DROP, 1.1 * float(np.min(fall))) - 0.1, 0.5)
 
 
 MAX_BARS = 12
@@ -249,7 +257,7 @@ TERMS = {
 
 def draw_components(diagnosis: Diagnosis) -> Figure | None:
     """Share of the residual that each kind of term explains; None where not computed."""
-    shares = located(diagnosis.where, "components")
+    shares = get_location(diagnosis.where, "components")
     if not shares:
         return None
     names: list[str] = [name for name in TERMS if name in shares]
@@ -265,7 +273,7 @@ def draw_components(diagnosis: Diagnosis) -> Figure | None:
                 row, shares[name], color=color, height=0.7, hatch="////" if plain else None, edgecolor="w"
             )
             axis.annotate(
-                percent(shares[name]), (max(shares[name], 0.0), row), (3, 0), textcoords="offset points",
+                format_percent(shares[name]), (max(shares[name], 0.0), row), (3, 0), textcoords="offset points",
                 va="center",
             )  # fmt: skip
         axis.set_yticks(range(len(names)), [TERMS.get(name) or name for name in names])
@@ -290,19 +298,19 @@ def draw_posterior(diagnosis: Diagnosis) -> Figure:
             color = QUIET if verdict else PREDICTED if one.name in named else ENCODED
             axis.barh(row, one.probability, color=color, height=0.7, edgecolor="w",
                       hatch="////" if verdict else None)  # fmt: skip
-            _beside(axis, row, one.probability, probability(one.probability))
+            _beside(axis, row, one.probability, format_probability(one.probability))
             known = math.isfinite(one.log_evidence) and one.name != "none"
             sign = "+" if one.log_evidence > 0 else ""
             told = f"{sign}{format_number(one.log_evidence)}" if known else "–"
             axis.annotate(told, (1.12, row), xycoords=("axes fraction", "data"), va="center", ha="right")
         if left:
             axis.barh(len(kept), rest, color=ENCODED, alpha=0.4, height=0.7)
-            _beside(axis, len(kept), rest, probability(rest))
+            _beside(axis, len(kept), rest, format_probability(rest))
         axis.annotate(
             "log evidence\nover none (nat)", (1.12, 1.0), (0, 2), xycoords="axes fraction", ha="right",
             textcoords="offset points", va="bottom", fontsize=6.0,
         )  # fmt: skip
-        labels = [place(one) for one in kept] + ([f"{left} others together"] if left else [])
+        labels = [name_candidate(one) for one in kept] + ([f"{left} others together"] if left else [])
         axis.set_yticks(range(rows), labels)
         axis.set(ylim=(rows - 0.4, -0.6), xlim=(0.0, 1.05), xlabel="probability")
         return figure

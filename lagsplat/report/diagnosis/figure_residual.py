@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from lagsplat.diagnose.core.result import Block, Diagnosis
-from lagsplat.report.common.latex import format_number, percent
+from lagsplat.report.common.formatting import format_number, format_percent
 from lagsplat.report.common.style import (
     ENCODED,
     INPUTS,
@@ -18,32 +18,32 @@ from lagsplat.report.common.style import (
     PAGE_IN,
     PREDICTED,
     QUIET,
+    label_decades,
     new_figure,
     paper_style,
-    plain_decades,
 )
-from lagsplat.report.diagnosis.content import located, main_coordinate
-from lagsplat.report.diagnosis.summary import second_forecast
+from lagsplat.report.diagnosis.content import find_main_coordinate, get_location
+from lagsplat.report.diagnosis.summary import name_second_forecast
 
-MOST = 6  # curves of coherence
+MAX_CURVES = 6  # curves of coherence
 STYLES = ("-", (0, (5, 1)), (0, (1, 1)), (0, (4, 1, 1, 1)), (0, (2, 1)), (0, (6, 2)))
 
 
 def draw_spectrum(diagnosis: Diagnosis) -> Figure | None:
     """Power of the residual with bands and lines, its coherence with inputs and velocities; None without."""
-    found = located(diagnosis.where, "spectrum")
+    found = get_location(diagnosis.where, "spectrum")
     if found is None:
         return None
-    at = coordinate_number(diagnosis)
+    at = find_coordinate_index(diagnosis)
     with paper_style():
         figure = new_figure(PAGE_IN, 2.1, title="")
         power, coherence = figure.subplots(1, 2)
-        _power(power, found, at, coordinate_name(diagnosis, at))
+        _power(power, found, at, get_coordinate_name(diagnosis, at))
         _coherence(coherence, found, at)
         for axis in (power, coherence):
             axis.set_xscale("log")
             axis.set_xlim(found.frequency_hz[0], found.frequency_hz[-1])
-            plain_decades(axis.xaxis)
+            label_decades(axis.xaxis)
             axis.set_xlabel("frequency (Hz)")
         return figure
 
@@ -51,7 +51,7 @@ def draw_spectrum(diagnosis: Diagnosis) -> Figure | None:
 def _power(axis: Any, found: Any, at: int, name: str) -> None:
     label: str | None = "bands with their share"
     for low, high, share in found.bands:
-        axis.axvspan(low, high, color=EVENT, alpha=0.45, linewidth=0, zorder=0, label=label)
+        axis.axvspan(low, high, color=EVENT_COLOUR, alpha=0.45, linewidth=0, zorder=0, label=label)
         axis.annotate(
             f"{100 * share:.0f} %", (np.sqrt(low * high), 0.99), xycoords=("data", "axes fraction"),
             ha="center", va="top", fontsize=6,
@@ -72,7 +72,7 @@ def _power(axis: Any, found: Any, at: int, name: str) -> None:
         )  # fmt: skip
     if (found.power > 0.0).any():
         axis.set_yscale("log")
-        plain_decades(axis.yaxis)
+        label_decades(axis.yaxis)
         axis.set_ylim(top=3.0 * found.power.max())
     axis.set_ylabel("power over the swing's (1/Hz)")
     _spectrum_legend(axis, 3)
@@ -80,7 +80,7 @@ def _power(axis: Any, found: Any, at: int, name: str) -> None:
 
 def _coherence(axis: Any, found: Any, at: int) -> None:
     height = found.coherence[:, at].max(axis=0, initial=0.0)
-    kept = sorted(np.argsort(height)[::-1][:MOST])
+    kept = sorted(np.argsort(height)[::-1][:MAX_CURVES])
     for i, column in enumerate(kept):
         axis.plot(
             found.frequency_hz, found.coherence[:, at, column], color=INPUTS[i % len(INPUTS)],
@@ -104,26 +104,26 @@ def _spectrum_legend(axis: Any, columns: int) -> None:
     axis.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=columns, borderaxespad=0.0)
 
 
-POINTS = 3000  # of a line at most: more than a page can show
-BLOCKS = 8  # held-out blocks of the stretch
-EVENT = "#F0E442"
+MAX_POINTS = 3000  # of a line at most: more than a page can show
+MAX_BLOCKS = 8  # held-out blocks of the stretch
+EVENT_COLOUR = "#F0E442"
 INK = "#222222"
 
 
-def coordinate_number(diagnosis: Diagnosis) -> int:
+def find_coordinate_index(diagnosis: Diagnosis) -> int:
     """The coordinate with the largest share of the residual; the first where none is known."""
-    name = main_coordinate(diagnosis.where)
+    name = find_main_coordinate(diagnosis.where)
     return diagnosis.q_names.index(name) if name in diagnosis.q_names else 0
 
 
-def coordinate_name(diagnosis: Diagnosis, number: int) -> str:
+def get_coordinate_name(diagnosis: Diagnosis, number: int) -> str:
     """Its name."""
     return diagnosis.q_names[number] if number < len(diagnosis.q_names) else f"q{number}"
 
 
 def draw_time_strip(diagnosis: Diagnosis) -> Figure | None:
     """Residual over one file, then measured and forecast motion of a stretch; None without either."""
-    at = coordinate_number(diagnosis)
+    at = find_coordinate_index(diagnosis)
     smoothed = _smoothed(diagnosis)
     blocks = _stretch(diagnosis, None if smoothed is None else smoothed.motion.source)
     if smoothed is None and not blocks:
@@ -134,7 +134,7 @@ def draw_time_strip(diagnosis: Diagnosis) -> Figure | None:
     with paper_style():
         figure = new_figure(PAGE_IN, 0.35 + 1.2 * len(rows), title="")
         axes = dict(zip(rows, np.atleast_1d(figure.subplots(len(rows), 1)), strict=True))
-        name = coordinate_name(diagnosis, at)
+        name = get_coordinate_name(diagnosis, at)
         span = _span(blocks)
         if "whole" in axes:
             _residual(axes["whole"], smoothed, at, name)
@@ -145,7 +145,7 @@ def draw_time_strip(diagnosis: Diagnosis) -> Figure | None:
                 for edge in span:
                     axes["whole"].axvline(edge, color=INK, linestyle=":", linewidth=0.7)
         if "motion" in axes:
-            _motions(axes["motion"], blocks, at, (name, second_forecast(diagnosis)))
+            _motions(axes["motion"], blocks, at, (name, name_second_forecast(diagnosis)))
             axes["motion"].set_xlim(*span)
             if "near" in axes:
                 axes["motion"].tick_params(labelbottom=False)
@@ -163,8 +163,8 @@ def _span(blocks: Sequence[Block]) -> tuple[float, float]:
 
 def _smoothed(diagnosis: Diagnosis) -> Any:
     """The file in which most of the residual was found."""
-    several = located(diagnosis.where, "smoothed") or ()
-    told = located(diagnosis.where, "time_s") or ()
+    several = get_location(diagnosis.where, "smoothed") or ()
+    told = get_location(diagnosis.where, "time_s") or ()
     first = next((one for one in several if told and one.motion.source == told[0][0]), None)
     return first if first is not None else next(iter(several), None)
 
@@ -178,8 +178,8 @@ def _stretch(diagnosis: Diagnosis, source: str | None) -> list[Block]:
     blocks = [one for one in blocks if one.file == blocks[0].file]
     blocks.sort(key=lambda one: float(one.time_s[0]))
     errors = [np.nan_to_num(np.mean((one.sim - one.real) ** 2), nan=np.inf) for one in blocks]
-    first = min(max(int(np.argmax(errors)) - BLOCKS // 2, 0), max(len(blocks) - BLOCKS, 0))
-    return blocks[first : first + BLOCKS]
+    first = min(max(int(np.argmax(errors)) - MAX_BLOCKS // 2, 0), max(len(blocks) - MAX_BLOCKS, 0))
+    return blocks[first : first + MAX_BLOCKS]
 
 
 def _source(smoothed: Any, blocks: Sequence[Block]) -> str:
@@ -190,7 +190,7 @@ def _source(smoothed: Any, blocks: Sequence[Block]) -> str:
 def _residual(axis: Any, one: Any, at: int, name: str, span: tuple[float, float] | None = None) -> None:
     time_s, residual, std = one.motion.time_s, one.residual[:, at], one.std[:, at]
     inside = np.ones(len(time_s), dtype=bool) if span is None else (time_s >= span[0]) & (time_s <= span[1])
-    stride = max(1, int(inside.sum()) // POINTS)
+    stride = max(1, int(inside.sum()) // MAX_POINTS)
     for start, stop in one.motion.segments:
         part = np.arange(start, stop)[inside[start:stop]][::stride]
         if not len(part):
@@ -207,13 +207,13 @@ def _residual(axis: Any, one: Any, at: int, name: str, span: tuple[float, float]
 
 def _events(axis: Any, diagnosis: Diagnosis, source: str) -> None:
     label: str | None = "events, with their share"
-    for file, start, end, share in located(diagnosis.where, "time_s") or ():
+    for file, start, end, share in get_location(diagnosis.where, "time_s") or ():
         if file != source:
             continue
-        axis.axvspan(start, end, color=EVENT, alpha=0.45, linewidth=0, zorder=0, label=label)
+        axis.axvspan(start, end, color=EVENT_COLOUR, alpha=0.45, linewidth=0, zorder=0, label=label)
         middle = 0.5 * (start + end)
         axis.annotate(
-            percent(share),
+            format_percent(share),
             (middle, 0.97),
             xycoords=("data", "axes fraction"),
             ha="center",
@@ -242,12 +242,12 @@ def _time_legend(axis: Any) -> None:
     axis.legend(loc="lower right", bbox_to_anchor=(1.0, 0.99), ncols=3, borderaxespad=0.0)
 
 
-def draw_side_by_side(diagnosis: Diagnosis) -> Figure | None:
+def draw_forecast_comparison(diagnosis: Diagnosis) -> Figure | None:
     """Forecasts of the worst, the median and the best block: of the sim, and of the sim with effects."""
     blocks = [one for one in diagnosis.blocks if len(one.time_s) > 1]
     if not blocks:
         return None
-    at = coordinate_number(diagnosis)
+    at = find_coordinate_index(diagnosis)
     scale = float(np.std(np.concatenate([one.real[:, at] for one in blocks]))) or 1.0
     order = sorted(blocks, key=lambda one: -_miss(one, "sim", at, scale))
     picked = [order[0], order[len(order) // 2], order[-1]] if len(order) > 2 else order
@@ -260,11 +260,11 @@ def draw_side_by_side(diagnosis: Diagnosis) -> Figure | None:
             for axis, kind, color in zip(row, ("sim", "augmented"), (PREDICTED, ENCODED), strict=True):
                 axis.plot(one.time_s, one.real[:, at], color=INK, linewidth=1.6, alpha=0.35, label="measured")
                 axis.plot(one.time_s, getattr(one, kind)[:, at], color=color, label="forecast")
-                axis.set_title(f"off by {percent(_miss(one, kind, at, scale))}", loc="right", pad=1)
+                axis.set_title(f"off by {format_percent(_miss(one, kind, at, scale))}", loc="right", pad=1)
                 axis.set_title(f"block {one.index}", loc="left", pad=1)
                 axis.set(xlim=(one.time_s[0], one.time_s[-1]), ylim=(low - room, high + room))
-            row[0].set_ylabel(coordinate_name(diagnosis, at))
-        for axis, title in zip(axes[-1], ("sim as delivered", second_forecast(diagnosis)), strict=True):
+            row[0].set_ylabel(get_coordinate_name(diagnosis, at))
+        for axis, title in zip(axes[-1], ("sim as delivered", name_second_forecast(diagnosis)), strict=True):
             axis.set_xlabel(f"time (s) · {title}")
         axes[0, 0].legend(loc="best", ncols=1)
         return figure

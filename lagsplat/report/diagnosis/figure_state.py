@@ -16,18 +16,24 @@ from matplotlib.patches import Rectangle
 from matplotlib.patheffects import Normal, Stroke
 
 from lagsplat.diagnose.core.result import Diagnosis
-from lagsplat.report.common.latex import percent
+from lagsplat.report.common.formatting import format_percent
 from lagsplat.report.common.style import ENCODED, PAGE_IN, PREDICTED, QUIET, new_figure, paper_style
-from lagsplat.report.diagnosis.content import Exhibits, Film, PictureForce, PictureGap, located
-from lagsplat.report.diagnosis.figure_residual import coordinate_name
+from lagsplat.report.diagnosis.content import (
+    ImageErrorMap,
+    ImageForceMap,
+    ReportContent,
+    VideoComparison,
+    get_location,
+)
+from lagsplat.report.diagnosis.figure_residual import get_coordinate_name
 
-SIDE = 480  # pixels of a film's larger side at most
-FRAMES = 150  # of a film at most: a page stays a few megabytes
-RULE = 4  # pixels between the pictures of a film
+MAX_SIDE_PX = 480  # pixels of a film's larger side at most
+MAX_FRAMES = 150  # of a film at most: a page stays a few megabytes
+RULE_PX = 4  # pixels between the pictures of a film
 IMAGE_COLOURS = "cividis"
 
 
-def draw_picture(exhibits: Exhibits) -> Figure | None:
+def draw_image_maps(exhibits: ReportContent) -> Figure | None:
     """Excess error over a picture, and how well a force on each point explains the residual; None without."""
     gap, force = exhibits.picture, exhibits.force
     if gap is None and force is None:
@@ -48,7 +54,7 @@ def draw_picture(exhibits: Exhibits) -> Figure | None:
         return figure
 
 
-def film_uri(film: Film) -> str:
+def encode_video_uri(film: VideoComparison) -> str:
     """The three films side by side as one looping animation (WebP) in a data URI.
 
     Reduced to 150 frames and 480 pixels a picture at most; small pictures are enlarged pixel by pixel.
@@ -61,7 +67,7 @@ def film_uri(film: Film) -> str:
             f"films of shapes {film.real.shape}, {film.sim.shape} and {film.augmented.shape}; "
             "give all three alike"
         )
-    stride = -(-len(film.real) // FRAMES)
+    stride = -(-len(film.real) // MAX_FRAMES)
     rows = zip(film.real[::stride], film.sim[::stride], film.augmented[::stride], strict=True)
     animation = cv2.Animation()
     animation.frames = [_row(pictures) for pictures in rows]
@@ -76,17 +82,17 @@ def film_uri(film: Film) -> str:
 
 def _row(pictures: tuple[UInt8[np.ndarray, "H W 3"], ...]) -> UInt8[np.ndarray, "h w 3"]:
     height, width = pictures[0].shape[:2]
-    scale = SIDE / max(height, width)
+    scale = MAX_SIDE_PX / max(height, width)
     scale = float(math.floor(scale)) if scale > 1.0 else scale
     way = cv2.INTER_AREA if scale < 1.0 else cv2.INTER_NEAREST
     size = (max(1, round(width * scale)), max(1, round(height * scale)))
-    rule = np.full((size[1], RULE, 3), 255, dtype=np.uint8)
+    rule = np.full((size[1], RULE_PX, 3), 255, dtype=np.uint8)
     sized = [cv2.resize(one, size, interpolation=way) for one in pictures]
     joined = np.concatenate([sized[0], rule, sized[1], rule, sized[2]], axis=1)
     return np.ascontiguousarray(joined[..., ::-1])  # OpenCV's order of colours
 
 
-def _excess(figure: Figure, axis: Any, gap: PictureGap) -> None:
+def _excess(figure: Figure, axis: Any, gap: ImageErrorMap) -> None:
     _ground(axis, gap.picture)
     reach = max(float(np.max(gap.excess)), 1e-300)
     shown = np.clip(gap.excess / reach, 0.0, 1.0)
@@ -96,7 +102,7 @@ def _excess(figure: Figure, axis: Any, gap: PictureGap) -> None:
         axis.add_patch(Rectangle(corner, right - left, bottom - top, fill=False, edgecolor=PREDICTED))
         above = top > 0.1 * gap.excess.shape[0]
         axis.annotate(
-            percent(share), (left, top if above else bottom), (0, 2 if above else -2), color=PREDICTED,
+            format_percent(share), (left, top if above else bottom), (0, 2 if above else -2), color=PREDICTED,
             textcoords="offset points", va="bottom" if above else "top", fontsize=6,
             path_effects=[Stroke(linewidth=1.5, foreground="white"), Normal()],
         )  # fmt: skip
@@ -104,7 +110,7 @@ def _excess(figure: Figure, axis: Any, gap: PictureGap) -> None:
     _bar(figure, axis, picture, "of its maximum")
 
 
-def _force(figure: Figure, axis: Any, force: PictureForce) -> None:
+def _force(figure: Figure, axis: Any, force: ImageForceMap) -> None:
     _ground(axis, force.picture)
     picture = axis.scatter(
         *force.points.T, c=np.clip(force.explained, 0.0, 1.0), cmap=IMAGE_COLOURS, s=14, vmin=0.0, vmax=1.0,
@@ -147,19 +153,21 @@ def _empty(axis: Any, text: str) -> None:
     axis.spines[:].set_visible(False)
 
 
-MOST = 2  # coordinates
-STANDS_OUT = 2.0  # standard errors from which a bin is dotted
+MAX_COORDINATES = 2  # coordinates
+SIGNIFICANT_FROM = 2.0  # standard errors from which a bin is dotted
 STATE_COLOURS = "PuOr_r"  # told apart with any colour vision, and light in the middle on paper
-NOWHERE = "#EEEEEE"
+UNVISITED_COLOUR = "#EEEEEE"
 
 
-def draw_state_maps(diagnosis: Diagnosis, exhibits: Exhibits) -> Figure | None:
+def draw_state_maps(diagnosis: Diagnosis, exhibits: ReportContent) -> Figure | None:
     """Mean residual acceleration over position and velocity, and over position alone; None without maps."""
-    before = list(located(diagnosis.where, "maps") or ())
+    before = list(get_location(diagnosis.where, "maps") or ())
     after = list(exhibits.maps_after)
-    shares = located(diagnosis.where, "coordinates") or {}
+    shares = get_location(diagnosis.where, "coordinates") or {}
     there = {one.coordinate for one in before}
-    order = sorted(there, key=lambda i: (-shares.get(coordinate_name(diagnosis, i), 0.0), i))[:MOST]
+    order = sorted(there, key=lambda i: (-shares.get(get_coordinate_name(diagnosis, i), 0.0), i))[
+        :MAX_COORDINATES
+    ]
     if not order:
         return None
     columns = 3 if after else 2
@@ -169,13 +177,13 @@ def draw_state_maps(diagnosis: Diagnosis, exhibits: Exhibits) -> Figure | None:
         for row, at in zip(axes, order, strict=True):
             flat = [one for one in before if one.coordinate == at and len(one.velocity_edges) > 2]
             flat_after = [one for one in after if one.coordinate == at and len(one.velocity_edges) > 2]
-            name = coordinate_name(diagnosis, at)
+            name = get_coordinate_name(diagnosis, at)
             reach = max((float(np.nanmax(np.abs(one.mean))) for one in flat[:1] if _any(one)), default=0.0)
             panels = [("sim", flat)] + ([("sim with effects", flat_after)] if after else [])
             picture = None
             for axis, (title, maps) in zip(row, panels, strict=False):
                 picture = _map(axis, maps, reach, name, title) or picture
-            if maps_box := (located(diagnosis.where, "state_region") or {}).get(name):
+            if maps_box := (get_location(diagnosis.where, "state_region") or {}).get(name):
                 _boxes(row[0], maps_box)
             if picture is not None:
                 bar = figure.colorbar(picture, ax=list(row[: columns - 1]), pad=0.01, aspect=12)
@@ -193,7 +201,7 @@ def _any(one: Any) -> bool:
 def _map(axis: Any, maps: Sequence[Any], reach: float, name: str, title: str) -> Any:
     axis.set_title(title, loc="left", pad=2)
     axis.set(xlabel=name, ylabel=f"{name} rate (1/s)")
-    axis.set_facecolor(NOWHERE)
+    axis.set_facecolor(UNVISITED_COLOUR)
     if not maps or not _any(maps[0]):
         axis.annotate("not computed", (0.5, 0.5), xycoords="axes fraction", ha="center")
         return None
@@ -203,7 +211,7 @@ def _map(axis: Any, maps: Sequence[Any], reach: float, name: str, title: str) ->
         one.position_edges, one.velocity_edges, np.ma.masked_invalid(one.mean).T, cmap=STATE_COLOURS,
         vmin=-reach, vmax=reach, antialiased=False,
     )  # fmt: skip
-    rows, columns = np.nonzero((np.abs(one.score) > STANDS_OUT) & np.isfinite(one.mean))
+    rows, columns = np.nonzero((np.abs(one.score) > SIGNIFICANT_FROM) & np.isfinite(one.mean))
     middle = [0.5 * (edges[1:] + edges[:-1]) for edges in (one.position_edges, one.velocity_edges)]
     axis.plot(middle[0][rows], middle[1][columns], ".", color="black", markersize=1.5)
     return picture

@@ -8,25 +8,25 @@ from matplotlib.figure import Figure
 
 from lagsplat.diagnose.core.result import Diagnosis
 from lagsplat.report.common.style import paper_style
-from lagsplat.report.diagnosis.content import Exhibits, located
+from lagsplat.report.diagnosis.content import ReportContent, get_location
 from lagsplat.report.diagnosis.figure_hypotheses import (
     draw_components,
-    draw_fingerprint,
-    draw_ladder,
+    draw_error_budget,
     draw_posterior,
     draw_profiles,
+    draw_residual_correlations,
     draw_separability,
     draw_waterfall,
 )
-from lagsplat.report.diagnosis.figure_residual import draw_side_by_side, draw_spectrum, draw_time_strip
-from lagsplat.report.diagnosis.figure_state import draw_picture, draw_state_maps
+from lagsplat.report.diagnosis.figure_residual import draw_forecast_comparison, draw_spectrum, draw_time_strip
+from lagsplat.report.diagnosis.figure_state import draw_image_maps, draw_state_maps
 
-Entry = tuple[str, str, str, Callable[[Diagnosis, Exhibits], Figure | None]]
+Entry = tuple[str, str, str, Callable[[Diagnosis, ReportContent], Figure | None]]
 """Key, title, caption and how it is drawn."""
 
 
 @dataclass(frozen=True)
-class Shown:
+class ReportFigure:
     """A figure with what it is of; ``figure`` is None where what it needs was not computed."""
 
     key: str
@@ -35,12 +35,12 @@ class Shown:
     figure: Figure | None
 
 
-def draw_all(diagnosis: Diagnosis, exhibits: Exhibits) -> list[Shown]:
+def draw_diagnosis_figures(diagnosis: Diagnosis, exhibits: ReportContent) -> list[ReportFigure]:
     """Every figure, drawn or found missing."""
     # A dollar in the name of a column or a file is no formula.
     with paper_style(), mpl.rc_context({"text.parse_math": False}):
         shown = [
-            Shown(key, title, _caption(key, caption, diagnosis), draw(diagnosis, exhibits))
+            ReportFigure(key, title, _caption(key, caption, diagnosis), draw(diagnosis, exhibits))
             for key, title, caption, draw in _catalogue()
         ]
         for one in shown:
@@ -51,7 +51,7 @@ def draw_all(diagnosis: Diagnosis, exhibits: Exhibits) -> list[Shown]:
 
 
 def _caption(key: str, caption: str, diagnosis: Diagnosis) -> str:
-    if key == "time" and not located(diagnosis.where, "smoothed"):
+    if key == "time" and not get_location(diagnosis.where, "smoothed"):
         return "Forecasts of held-out blocks (vertical lines: new starts); the residual was not computed."
     return caption
 
@@ -84,7 +84,7 @@ def _verdict() -> list[Entry]:
             "Forecasts before and after",
             "Held-out blocks that the sim forecasts worst, in the middle and best, each from a state "
             "estimated on its first ten samples. Grey: measured.",
-            lambda diagnosis, _: draw_side_by_side(diagnosis),
+            lambda diagnosis, _: draw_forecast_comparison(diagnosis),
         ),
     ]
 
@@ -124,14 +124,14 @@ def _place() -> list[Entry]:
             "At which stage",
             "Error of each stage from the picture to the forecast, over its floor (dashed), with its 95 % "
             "interval.",
-            lambda _, exhibits: draw_ladder(exhibits),
+            lambda _, exhibits: draw_error_budget(exhibits),
         ),
         (
             "picture",
             "Where on the picture",
             "Left: squared error of the sim's pictures beyond what drawing leaves. Right: how well a force "
             "on each point of the body explains the residual, with the force on the best.",
-            lambda _, exhibits: draw_picture(exhibits),
+            lambda _, exhibits: draw_image_maps(exhibits),
         ),
     ]
 
@@ -160,6 +160,6 @@ def _certainty() -> list[Entry]:
             "Correlation of the residual force with what may drive it; a white dot marks one that chance "
             "reaches in fewer than 1 of 20 recordings. The largest of a row hints at the kind of effect: "
             "sign v at dry friction, |v| v at drag, q³ at a stiffness that grows, an input at its gain.",
-            lambda _, exhibits: draw_fingerprint(exhibits),
+            lambda _, exhibits: draw_residual_correlations(exhibits),
         ),
     ]

@@ -11,27 +11,27 @@ from jinja2 import Environment, StrictUndefined
 from lagsplat.diagnose.core.result import Candidate, Diagnosis, Interval
 from lagsplat.diagnose.effects.descriptions import WORDS, short_title
 from lagsplat.io.files.atomic import write_text
-from lagsplat.report.common.latex import format_number, percent, probability
+from lagsplat.report.common.formatting import format_number, format_percent, format_probability
 from lagsplat.report.diagnosis.content import (
-    TOLD_APART,
-    Exhibits,
-    advice,
-    effects_shown,
-    excitations,
-    findings,
-    measures,
-    not_computed,
+    EXCITATION_GRADES,
+    ReportContent,
+    list_missing_fields,
+    read_excitations,
+    read_findings,
+    read_measures,
+    recommend_recordings,
+    select_effects,
 )
-from lagsplat.report.diagnosis.figure_state import film_uri
-from lagsplat.report.diagnosis.figures import draw_all
+from lagsplat.report.diagnosis.figure_state import encode_video_uri
+from lagsplat.report.diagnosis.figures import draw_diagnosis_figures
 from lagsplat.report.diagnosis.inline_svg import inline_svg
-from lagsplat.report.diagnosis.summary import estimates, headline, paragraph, place
+from lagsplat.report.diagnosis.summary import format_estimates, name_candidate, write_headline, write_summary
 from lagsplat.report.diagnosis.template import PAGE, STYLE
 
-EXPLAINED = 0.02  # probability from which a candidate is explained
-FEW = 6  # numbers that a tile holds
-GRADES = {"yes": "Shown well", "weak": "Shown weakly", "no": "Cannot be shown"}
-LABELS = {
+EXPLAINED_FROM = 0.02  # probability from which a candidate is explained
+MAX_TILE_NUMBERS = 6  # numbers that a tile holds
+GRADE_TITLES = {"yes": "Shown well", "weak": "Shown weakly", "no": "Cannot be shown"}
+MEASURE_LABELS = {
     "natural_period_s": "natural period (s)",
     "period_s": "natural period (s)",
     "periods": "natural periods recorded",
@@ -44,40 +44,40 @@ LABELS = {
 """What is told of the data beforehand; other numbers stand at the end."""
 
 
-def save_page(path: str | os.PathLike[str], diagnosis: Diagnosis, exhibits: Exhibits) -> None:
+def save_report(path: str | os.PathLike[str], diagnosis: Diagnosis, exhibits: ReportContent) -> None:
     """Write the page, whole or not at all.
 
     Raises:
-        ValueError: as of `diagnosis_page`.
+        ValueError: as of `render_report`.
         OSError: as of `write_text`.
     """
-    write_text(path, diagnosis_page(diagnosis, exhibits))
+    write_text(path, render_report(diagnosis, exhibits))
 
 
-def diagnosis_page(diagnosis: Diagnosis, exhibits: Exhibits) -> str:
+def render_report(diagnosis: Diagnosis, exhibits: ReportContent) -> str:
     """The page as HTML. Every text that comes from data is escaped; what is missing is said to be.
 
     Raises:
         ValueError: a name that no diagnosis gives, or a film that cannot be encoded.
     """
-    drawn = draw_all(diagnosis, exhibits)
-    rows = excitations(diagnosis)
+    drawn = draw_diagnosis_figures(diagnosis, exhibits)
+    rows = read_excitations(diagnosis)
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=False)
     environment.filters |= {"sentence": _sentence, "unbroken": _unbroken}
     return environment.from_string(PAGE).render(
         style=STYLE,
-        headline=headline(diagnosis),
+        headline=write_headline(diagnosis),
         verdict=diagnosis.verdict,
-        paragraph=paragraph(diagnosis),
+        paragraph=write_summary(diagnosis),
         files=_files(diagnosis),
         tiles=_tiles(diagnosis),
         numbers=_numbers(diagnosis),
-        findings=findings(diagnosis),
+        findings=read_findings(diagnosis),
         checked="findings" in diagnosis.checks,
         shown=_shown(diagnosis),
         equivalent=[[short_title(name) for name in names] for names in diagnosis.equivalent],
         excitations=[_named(row) for row in rows],
-        advice=[f"{short_title(name)}: {record}" for name, record in advice(diagnosis)],
+        advice=[f"{short_title(name)}: {record}" for name, record in recommend_recordings(diagnosis)],
         warnings=_further(diagnosis),
         absorbed=[short_title(name) for name in diagnosis.absorbed],
         figures=[
@@ -90,7 +90,7 @@ def diagnosis_page(diagnosis: Diagnosis, exhibits: Exhibits) -> str:
             for one in drawn
             if one.figure is not None
         ],
-        film=None if exhibits.film is None else film_uri(exhibits.film),
+        film=None if exhibits.film is None else encode_video_uri(exhibits.film),
         slowed=1.0 if exhibits.film is None else exhibits.film.slowed,
         missing=_missing(diagnosis, [one.title for one in drawn if one.figure is None]),
         candidates=[_candidate(one, diagnosis) for one in diagnosis.candidates],
@@ -114,7 +114,7 @@ def _unbroken(text: str) -> str:
 
 def _further(diagnosis: Diagnosis) -> list[str]:
     """Warnings that the findings about the data do not hold already."""
-    told = [one.what for one in findings(diagnosis) if one.what]
+    told = [one.what for one in read_findings(diagnosis) if one.what]
     return [text for text in diagnosis.warnings if not any(what in text for what in told)]
 
 
@@ -123,8 +123,10 @@ def _files(diagnosis: Diagnosis) -> list[str]:
 
 
 def _tiles(diagnosis: Diagnosis) -> list[dict[str, str]]:
-    told = {name: _told(value) for name, value in measures(diagnosis).items()}
-    tiles = [{"label": label, "value": told[name]} for name, label in LABELS.items() if told.get(name)]
+    told = {name: _told(value) for name, value in read_measures(diagnosis).items()}
+    tiles = [
+        {"label": label, "value": told[name]} for name, label in MEASURE_LABELS.items() if told.get(name)
+    ]
     if diagnosis.blocks:
         tiles.append({"label": "held-out blocks forecast", "value": str(len(diagnosis.blocks))})
     return tiles
@@ -132,7 +134,7 @@ def _tiles(diagnosis: Diagnosis) -> list[dict[str, str]]:
 
 def _numbers(diagnosis: Diagnosis) -> list[dict[str, str]]:
     """The checks that came with the fits."""
-    rest = [(name, value) for name, value in measures(diagnosis).items() if name not in LABELS]
+    rest = [(name, value) for name, value in read_measures(diagnosis).items() if name not in MEASURE_LABELS]
     told = [(name, _listed(value) if isinstance(value, Mapping) else _told(value)) for name, value in rest]
     return [{"label": name.replace("_", " "), "value": value} for name, value in told if value]
 
@@ -148,7 +150,7 @@ def _told(value: Any) -> str:
         return _told(value["sigma"] if "sigma" in value else list(value.values()))
     if isinstance(value, list):
         several = [_told(one) for one in value]
-        return ", ".join(several) if all(several) and len(several) <= FEW else ""
+        return ", ".join(several) if all(several) and len(several) <= MAX_TILE_NUMBERS else ""
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, int):
@@ -157,12 +159,12 @@ def _told(value: Any) -> str:
 
 
 def _shown(diagnosis: Diagnosis) -> list[dict[str, Any]]:
-    rows = excitations(diagnosis)
+    rows = read_excitations(diagnosis)
     shown = []
-    for grade in TOLD_APART:
-        names = [short_title(name) for name in effects_shown(rows, grade)]
+    for grade in EXCITATION_GRADES:
+        names = [short_title(name) for name in select_effects(rows, grade)]
         if names:
-            shown.append({"label": GRADES[grade], "grade": grade, "names": names})
+            shown.append({"label": GRADE_TITLES[grade], "grade": grade, "names": names})
     return shown
 
 
@@ -176,7 +178,7 @@ def _named(row: Any) -> dict[str, str]:
 
 
 def _missing(diagnosis: Diagnosis, titles: list[str]) -> list[str]:
-    names = (name.removesuffix("_s").removesuffix("_hz") for name in not_computed(diagnosis.where))
+    names = (name.removesuffix("_s").removesuffix("_hz") for name in list_missing_fields(diagnosis.where))
     fields = [name.replace("_", " ") for name in names]
     figures = [f"“{title}”" for title in titles]
     return ([f"of where the gap lies: {', '.join(fields)}"] if fields else []) + (
@@ -191,9 +193,9 @@ def _candidate(one: Candidate, diagnosis: Diagnosis) -> dict[str, Any]:
     known = math.isfinite(one.log_evidence) and one.name != "none"
     return {
         "kind": kind,
-        "place": place(one),
-        "probability": probability(one.probability),
-        "parameters": estimates(one),
+        "place": name_candidate(one),
+        "probability": format_probability(one.probability),
+        "parameters": format_estimates(one),
         "closure": _interval(one.closure),
         "evidence": format_number(one.log_evidence, digits=3) if known else "–",
         "misfit": "–" if one.misfit is None else format_number(one.misfit, digits=3),
@@ -204,8 +206,8 @@ def _interval(closure: Interval | None) -> str:
     if closure is None or closure.value is None:
         return "–"
     if closure.low is None or closure.high is None:
-        return percent(closure.value)
-    return f"{percent(closure.value)} [{percent(closure.low)}, {percent(closure.high)}]"
+        return format_percent(closure.value)
+    return f"{format_percent(closure.value)} [{format_percent(closure.low)}, {format_percent(closure.high)}]"
 
 
 def _explained(diagnosis: Diagnosis) -> list[dict[str, Any]]:
@@ -213,12 +215,12 @@ def _explained(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     names = [
         one.name
         for one in diagnosis.candidates
-        if one.probability >= EXPLAINED or one.name in diagnosis.combination or one.name in alike
+        if one.probability >= EXPLAINED_FROM or one.name in diagnosis.combination or one.name in alike
     ]
     return [{"name": short_title(name), "words": WORDS[name]} for name in dict.fromkeys(names)]
 
 
-def _provenance(exhibits: Exhibits) -> list[dict[str, str]]:
+def _provenance(exhibits: ReportContent) -> list[dict[str, str]]:
     stamp = exhibits.stamp
     rows = [(f"SHA-256 of {name}", digest) for name, digest in exhibits.digests.items()]
     if stamp.get("commit"):

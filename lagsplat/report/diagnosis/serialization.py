@@ -24,8 +24,12 @@ from lagsplat.diagnose.core.result import (
 )
 from lagsplat.diagnose.effects.descriptions import WORDS
 from lagsplat.io.files.atomic import write_text
-from lagsplat.report.common.published_values import plain
-from lagsplat.report.diagnosis.content import FURTHER, located, not_computed
+from lagsplat.report.diagnosis.content import (
+    OPTIONAL_FIELDS,
+    get_location,
+    list_missing_fields,
+    to_plain_data,
+)
 
 
 def save_diagnosis(path: str | os.PathLike[str], diagnosis: Diagnosis) -> None:
@@ -35,7 +39,7 @@ def save_diagnosis(path: str | os.PathLike[str], diagnosis: Diagnosis) -> None:
         ValueError: it breaks a rule of the format, such as probabilities that do not sum to one.
         OSError: as of `write_text`.
     """
-    content = diagnosis_content(diagnosis)
+    content = build_diagnosis_content(diagnosis)
     check_diagnosis(content)
     write_text(path, json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
 
@@ -72,60 +76,64 @@ def load_diagnosis(path: str | os.PathLike[str], *, blocks: tuple[Block, ...] = 
     )
 
 
-def diagnosis_content(diagnosis: Diagnosis) -> dict[str, Any]:
+def build_diagnosis_content(diagnosis: Diagnosis) -> dict[str, Any]:
     """The content of the file as plain data."""
     return {
         "schema": SCHEMA,
         "verdict": diagnosis.verdict,
         "effects": [_effect(candidate) for candidate in diagnosis.candidates],
         "combination": list(diagnosis.combination),
-        "where": where_content(diagnosis.where),
+        "where": build_where_content(diagnosis.where),
         "gap": _gap_content(diagnosis.gap),
-        "equivalent": plain(diagnosis.equivalent),
+        "equivalent": to_plain_data(diagnosis.equivalent),
         "excitation": list(diagnosis.excitation),
         "warnings": list(diagnosis.warnings),
         "absorbed": list(diagnosis.absorbed),
-        "checks": plain(diagnosis.checks),
+        "checks": to_plain_data(diagnosis.checks),
         "q_names": list(diagnosis.q_names),
         "u_names": list(diagnosis.u_names),
     }
 
 
-def where_content(where: Any) -> dict[str, Any]:
-    """Where the gap lies as plain data; empty, and listed as ``not_computed``, where a part is missing."""
+def build_where_content(where: Any) -> dict[str, Any]:
+    """Where the gap lies as plain data; empty, and listed as ``list_missing_fields``, where a part is missing."""
     content = {
-        "level": located(where, "level"),
-        "coordinates": plain(located(where, "coordinates") or {}),
-        "time_s": plain(located(where, "time_s") or []),
-        "frequency_hz": plain(located(where, "frequency_hz") or []),
-        "state_region": plain(located(where, "state_region") or {}),
-        "image_region": plain(located(where, "image_region")),
+        "level": get_location(where, "level"),
+        "coordinates": to_plain_data(get_location(where, "coordinates") or {}),
+        "time_s": to_plain_data(get_location(where, "time_s") or []),
+        "frequency_hz": to_plain_data(get_location(where, "frequency_hz") or []),
+        "state_region": to_plain_data(get_location(where, "state_region") or {}),
+        "image_region": to_plain_data(get_location(where, "image_region")),
     }
-    further = {name: plain(located(where, name)) for name in FURTHER if located(where, name) is not None}
-    return content | further | {"not_computed": list(not_computed(where))}
+    further = {
+        name: to_plain_data(get_location(where, name))
+        for name in OPTIONAL_FIELDS
+        if get_location(where, name) is not None
+    }
+    return content | further | {"not_computed": list(list_missing_fields(where))}
 
 
 def _effect(candidate: Candidate) -> dict[str, Any]:
     return {
         "name": candidate.name,
-        "probability": plain(candidate.probability),
+        "probability": to_plain_data(candidate.probability),
         "coordinate": candidate.coordinate,
         "input": candidate.input,
         "places": list(candidate.places),
-        "parameters": plain(candidate.parameters),
-        "closure": plain(candidate.closure or Interval(None, None, None)),
-        "log_evidence": plain(candidate.log_evidence),
-        "misfit": plain(candidate.misfit),
+        "parameters": to_plain_data(candidate.parameters),
+        "closure": to_plain_data(candidate.closure or Interval(None, None, None)),
+        "log_evidence": to_plain_data(candidate.log_evidence),
+        "misfit": to_plain_data(candidate.misfit),
     }
 
 
 def _gap_content(gap: Gap | None) -> dict[str, Any]:
     # Without a gap the keys stand all the same, so that readers find what they look for.
     names = ("before", "refit", "after", "floor", "horizon_s")
-    numbers = {name: None if gap is None else plain(getattr(gap, name)) for name in names}
+    numbers = {name: None if gap is None else to_plain_data(getattr(gap, name)) for name in names}
     closure = Interval(None, None, None) if gap is None else gap.closure
     counts = {"blocks": gap.blocks if gap else 0, "diverged": dict(gap.diverged) if gap else {}}
-    return numbers | {"unit": GAP_UNIT, "closure": plain(closure)} | counts
+    return numbers | {"unit": GAP_UNIT, "closure": to_plain_data(closure)} | counts
 
 
 def _candidate(effect: Mapping[str, Any]) -> Candidate:
@@ -169,7 +177,7 @@ def _interval(content: Mapping[str, Any]) -> Interval:
     return Interval(content.get("value"), content.get("low"), content.get("high"))
 
 
-SUMS_TO = 1e-6
+PROBABILITY_TOLERANCE = 1e-6
 GAP_UNIT = "fraction of each coordinate's rms"
 LEVELS = ("perception", "chart", "actuation", "dynamics")
 
@@ -187,7 +195,7 @@ def check_diagnosis(content: Mapping[str, Any]) -> None:
         place = "/".join(str(step) for step in error.absolute_path) or "the whole"
         raise ValueError(f"not a diagnosis, at {place}: {error.message}")
     likely = [effect["probability"] for effect in content["effects"]]
-    if not math.isclose(sum(likely), 1.0, abs_tol=SUMS_TO):
+    if not math.isclose(sum(likely), 1.0, abs_tol=PROBABILITY_TOLERANCE):
         raise ValueError(f"the probabilities of all effects sum to {sum(likely):.9g}, not to 1")
     if likely != sorted(likely, reverse=True):
         raise ValueError("the effects are not in the order of their probabilities, the most probable first")
@@ -210,7 +218,7 @@ def _schema() -> dict[str, Any]:
     parameter = _object(value=numbers, low=numbers, high=numbers, unit={"type": "string"})
     effect = _object(
         name=name,
-        probability={"type": "number", "minimum": 0.0, "maximum": 1.0 + SUMS_TO},
+        probability={"type": "number", "minimum": 0.0, "maximum": 1.0 + PROBABILITY_TOLERANCE},
         coordinate=text,
         input=text,
         parameters={"type": "object", "additionalProperties": parameter},

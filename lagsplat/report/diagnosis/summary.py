@@ -7,49 +7,56 @@ import math
 
 from lagsplat.diagnose.core.result import Candidate, Diagnosis, Gap
 from lagsplat.diagnose.effects.descriptions import WORDS, Kind, short_title, words_of
-from lagsplat.report.common.latex import format_number, percent, probability, spread, values, with_unit
+from lagsplat.report.common.formatting import (
+    append_unit,
+    format_interval,
+    format_number,
+    format_percent,
+    format_probability,
+    list_numbers,
+)
 from lagsplat.report.diagnosis.content import (
-    advice,
-    brief,
-    effects_shown,
-    excitations,
-    located,
-    main_coordinate,
-    reasons,
+    describe_event,
+    explain_undecided,
+    find_main_coordinate,
+    get_location,
+    read_excitations,
+    recommend_recordings,
+    select_effects,
 )
 
-LABELS = {
+PARAMETER_LABELS = {
     ("", "ratio"): "ratio (real to simulated)",
     ("viscous_damping", "rate"): "rate (real minus simulated)",
 }
 
 
-def chosen(diagnosis: Diagnosis) -> list[Candidate]:
+def select_chosen(diagnosis: Diagnosis) -> list[Candidate]:
     """The effects that were named, in the order of the combination; the most probable where there is none."""
     found = [next(one for one in diagnosis.candidates if one.name == name) for name in diagnosis.combination]
     return found or [one for one in diagnosis.candidates if one.name not in ("none", "unknown")][:1]
 
 
-def alike(diagnosis: Diagnosis) -> list[str]:
+def list_indistinguishable(diagnosis: Diagnosis) -> list[str]:
     """The first chosen effect and those this recording cannot tell from it, most probable first."""
-    if not chosen(diagnosis):
+    if not select_chosen(diagnosis):
         return []
-    name = chosen(diagnosis)[0].name
+    name = select_chosen(diagnosis)[0].name
     others = {other for group in diagnosis.equivalent if name in group for other in group}
-    return sorted({name} | others, key=lambda other: (-chance_of(diagnosis, other), other != name))
+    return sorted({name} | others, key=lambda other: (-sum_probability(diagnosis, other), other != name))
 
 
-def chance_of(diagnosis: Diagnosis, name: str) -> float:
+def sum_probability(diagnosis: Diagnosis, name: str) -> float:
     """Probability of an effect, wherever it acts."""
     return sum(one.probability for one in diagnosis.candidates if one.name == name)
 
 
-def second_forecast(diagnosis: Diagnosis) -> str:
+def name_second_forecast(diagnosis: Diagnosis) -> str:
     """What the augmented forecasts are of: the sim with its effects, or refit where none was chosen."""
     return "sim with effects" if diagnosis.combination else "sim, refit"
 
 
-def place(candidate: Candidate) -> str:
+def name_candidate(candidate: Candidate) -> str:
     """An effect and where it acts, such as "Coulomb friction at q1"."""
     coordinate, source = _spots(candidate)
     at = [f"at {coordinate}"] if coordinate else []
@@ -65,7 +72,7 @@ def _spots(candidate: Candidate) -> tuple[str | None, str | None]:
     return (None, several) if candidate.name.startswith("input_") else (several, None)
 
 
-def titled(candidate: Candidate) -> str:
+def title_candidate(candidate: Candidate) -> str:
     """The title with its place, such as "a delay of input u0"."""
     title = words_of(candidate.name).title
     coordinate, source = _spots(candidate)
@@ -77,21 +84,25 @@ def titled(candidate: Candidate) -> str:
     return f"{title} at {coordinate}" if coordinate else title
 
 
-def estimates(candidate: Candidate) -> list[str]:
+def format_estimates(candidate: Candidate) -> list[str]:
     """Each parameter with unit and 90 % interval, one text each."""
     told = []
     for name, one in candidate.parameters.items():
         several = isinstance(one.value, list | tuple)
-        rows = zip(values(one.value), _bounds(one.low, one.value), _bounds(one.high, one.value), strict=True)
-        texts = [spread(*row) for row in rows]
+        rows = zip(
+            list_numbers(one.value), _bounds(one.low, one.value), _bounds(one.high, one.value), strict=True
+        )
+        texts = [format_interval(*row) for row in rows]
         value = ", ".join(text for text, _, _ in texts) or "–"
         bounds = "" if several or texts[0][1] == "–" else f" (90 % interval {texts[0][1]} to {texts[0][2]})"
-        label = LABELS.get((candidate.name, name), LABELS.get(("", name), name.replace("_", " ")))
-        told.append(f"{label} {with_unit(value, one.unit)}{bounds}")
+        label = PARAMETER_LABELS.get(
+            (candidate.name, name), PARAMETER_LABELS.get(("", name), name.replace("_", " "))
+        )
+        told.append(f"{label} {append_unit(value, one.unit)}{bounds}")
     return told
 
 
-def shares_of_closure(gap: Gap) -> tuple[float, float] | None:
+def split_closure(gap: Gap) -> tuple[float, float] | None:
     """What refitting alone takes away and what the effects take, of what lies above the floor."""
     above = gap.before - gap.floor
     if not above > 0.0 or not math.isfinite(gap.refit):
@@ -99,7 +110,7 @@ def shares_of_closure(gap: Gap) -> tuple[float, float] | None:
     return (gap.before - gap.refit) / above, (gap.refit - gap.after) / above
 
 
-def joined(texts: list[str], word: str) -> str:
+def join_texts(texts: list[str], word: str) -> str:
     """Texts as a list in a sentence, ``word`` before the last."""
     if len(texts) < 2:
         return "".join(texts)
@@ -107,17 +118,20 @@ def joined(texts: list[str], word: str) -> str:
 
 
 def _bounds(bound: object, value: object) -> list[float | None]:
-    found: list[float | None] = list(values(bound))
-    return found if len(found) == len(values(value)) else [None] * len(values(value))
+    found: list[float | None] = list(list_numbers(bound))
+    return found if len(found) == len(list_numbers(value)) else [None] * len(list_numbers(value))
 
 
-SURE, LIKELY = 0.8, 0.5  # probability of a class from which it is called the cause, and the likely cause
-LEFT_OVER = 1.25  # times the floor: above it something else is missing too
-POSSIBLE = 0.01  # probability from which on it is worth a recording to know more of an effect
-WHOLE = 0.85  # natural periods from which on a horizon counts as one
-NEARER = 0.5  # share of what the nearest effect leaves at which several together are told of
-NAMED = 4  # effects that a sentence lists at most
-PLACES = {
+CERTAIN_FROM, LIKELY_FROM = (
+    0.8,
+    0.5,
+)  # probability of a class from which it is called the cause, and the likely cause
+UNEXPLAINED_RATIO = 1.25  # times the floor: above it something else is missing too
+ADVICE_FROM = 0.01  # probability from which on it is worth a recording to know more of an effect
+FULL_PERIOD = 0.85  # natural periods from which on a horizon counts as one
+SUBSTANTIAL_SHARE = 0.5  # share of what the nearest effect leaves at which several together are told of
+MAX_NAMED = 4  # effects that a sentence lists at most
+LEVEL_TITLES = {
     "perception": "The gap arises where the pictures are read, before any physics",
     "chart": "The gap lies in how positions are read, not in the forces",
     "actuation": "The gap lies in how the inputs act",
@@ -134,13 +148,13 @@ ACTS_LIKE = {
 NUMERALS = ("No", "One", "Two", "Three")
 
 
-def paragraph(diagnosis: Diagnosis) -> str:
+def write_summary(diagnosis: Diagnosis) -> str:
     """The verdict, what it rests on and what to do, in a few sentences of plain text."""
     tell = {"effect": _effect, "none": _none, "unknown": _unknown, "undetermined": _undetermined}
     return " ".join(sentence for sentence in tell[diagnosis.verdict](diagnosis) if sentence)
 
 
-def headline(diagnosis: Diagnosis) -> str:
+def write_headline(diagnosis: Diagnosis) -> str:
     """The verdict in a few words."""
     if diagnosis.verdict != "effect":
         return {
@@ -148,24 +162,24 @@ def headline(diagnosis: Diagnosis) -> str:
             "unknown": "A gap that no known effect explains",
             "undetermined": "This recording cannot decide",
         }[diagnosis.verdict]
-    names = alike(diagnosis)
-    if sum(chance_of(diagnosis, name) for name in names) < LIKELY:
+    names = list_indistinguishable(diagnosis)
+    if sum(sum_probability(diagnosis, name) for name in names) < LIKELY_FROM:
         return "A gap whose cause is undecided"
     if len(diagnosis.combination) > 1:
-        return _capital(joined([place(one) for one in chosen(diagnosis)], "and"))
+        return _capital(join_texts([name_candidate(one) for one in select_chosen(diagnosis)], "and"))
     if len(names) > 1:
-        return _capital(joined([short_title(name) for name in names], "or"))
-    return _capital(place(chosen(diagnosis)[0]))
+        return _capital(join_texts([short_title(name) for name in names], "or"))
+    return _capital(name_candidate(select_chosen(diagnosis)[0]))
 
 
 def _effect(diagnosis: Diagnosis) -> list[str]:
-    named, names = chosen(diagnosis), alike(diagnosis)
+    named, names = select_chosen(diagnosis), list_indistinguishable(diagnosis)
     if not named:
         return _unknown(diagnosis)
-    together = sum(chance_of(diagnosis, name) for name in names)
+    together = sum(sum_probability(diagnosis, name) for name in names)
     kinds = {words_of(one.name).kind for one in named}
     sentences = [_size(diagnosis), _located(diagnosis), _cause(diagnosis, named, names, together)]
-    if together >= LIKELY:
+    if together >= LIKELY_FROM:
         sentences += [_estimated(one, len(named), len(names)) for one in named if one.parameters]
         sentences.append(_consequence(kinds))
         sentences.append(_closure(diagnosis, _act(kinds, len(named), names)))
@@ -175,39 +189,41 @@ def _effect(diagnosis: Diagnosis) -> list[str]:
 
 def _none(diagnosis: Diagnosis) -> list[str]:
     gap = diagnosis.gap
-    chance = chance_of(diagnosis, "none")
+    chance = sum_probability(diagnosis, "none")
     agrees = "The simulation agrees with the recording: nothing has to be added"
-    opening = f"{agrees} (probability {probability(chance)})."
+    opening = f"{agrees} (probability {format_probability(chance)})."
     size = ""
     if gap is not None:
         floor = (
-            f"; even the true model would miss by {percent(gap.floor)}" if math.isfinite(gap.floor) else ""
+            f"; even the true model would miss by {format_percent(gap.floor)}"
+            if math.isfinite(gap.floor)
+            else ""
         )
         over = _over(gap, diagnosis)
-        size = f"{over}, its forecasts miss by {percent(gap.before)} of the size of the motion{floor}."
-    blind = effects_shown(excitations(diagnosis), "no")
+        size = f"{over}, its forecasts miss by {format_percent(gap.before)} of the size of the motion{floor}."
+    blind = select_effects(read_excitations(diagnosis), "no")
     caveat = f"This recording could not have shown {_listed(blind, 'or')}." if blind else ""
     return [opening, size, caveat, _next(diagnosis) if blind else ""]
 
 
 def _unknown(diagnosis: Diagnosis) -> list[str]:
-    chance = chance_of(diagnosis, "unknown")
+    chance = sum_probability(diagnosis, "unknown")
     known = [one for one in diagnosis.candidates if one.name not in ("none", "unknown")]
     doubt = diagnosis.checks.get("doubt")
     verb = "can be held responsible for" if doubt else "explains"
     sentences = [
         _size(diagnosis),
         _located(diagnosis),
-        f"No effect of the catalogue {verb} it (probability {probability(chance)}).",
+        f"No effect of the catalogue {verb} it (probability {format_probability(chance)}).",
     ]
     if doubt:
-        nearest = _capital(place(known[0])) if known else "An outer force"
+        nearest = _capital(name_candidate(known[0])) if known else "An outer force"
         sentences.append(DOUBTS[doubt].format(nearest=nearest))
     elif known:
         closes = (known[0].closure and known[0].closure.value) or 0.0
-        much = f" would close {percent(closes)} of it but" if closes > 0.0 else ""
+        much = f" would close {format_percent(closes)} of it but" if closes > 0.0 else ""
         sentences.append(
-            f"The nearest, {place(known[0])},{much} leaves more than noise behind; it should not be taken "
+            f"The nearest, {name_candidate(known[0])},{much} leaves more than noise behind; it should not be taken "
             f"for the cause, since a wrong effect often closes much of a gap.{_nearer(diagnosis)}"
         )
     return [*sentences, WORDS["unknown"].do, _next(diagnosis)]
@@ -217,10 +233,10 @@ def _nearer(diagnosis: Diagnosis) -> str:
     """What several effects together leave, where that is far less than the nearest alone does."""
     noise = max(diagnosis.checks.get("sim_misfit", 1.0), 1.0)
     left = [max(one["misfit"] - noise, 0.0) for one in diagnosis.checks.get("chain", [])]
-    if len(left) < 2 or not left[-1] < NEARER * left[0]:
+    if len(left) < 2 or not left[-1] < SUBSTANTIAL_SHARE * left[0]:
         return ""
     names = [short_title(name) for name in diagnosis.checks["chain"][-1]["effects"]]
-    return f" Nearer are {joined(names, 'and')} together, which leave {percent(left[-1] / left[0])} as much."
+    return f" Nearer are {join_texts(names, 'and')} together, which leave {format_percent(left[-1] / left[0])} as much."
 
 
 DOUBTS = {
@@ -235,14 +251,14 @@ DOUBTS = {
 
 
 def _undetermined(diagnosis: Diagnosis) -> list[str]:
-    why = reasons(diagnosis)[0].rstrip(".")
+    why = explain_undecided(diagnosis)[0].rstrip(".")
     sentences = [f"This recording cannot decide what is wrong with the simulation, if anything: {why}."]
     if diagnosis.gap is not None:
         sentences.append(_size(diagnosis))
     first = [one for one in diagnosis.candidates if one.name not in ("none", "unknown")][:3]
     if first and first[0].probability > 0.0:
-        told = [f"{place(one)} ({probability(one.probability)})" for one in first]
-        sentences.append(f"Most probable so far: {joined(told, 'and')}; none of them is established.")
+        told = [f"{name_candidate(one)} ({format_probability(one.probability)})" for one in first]
+        sentences.append(f"Most probable so far: {join_texts(told, 'and')}; none of them is established.")
     return [*sentences, _next(diagnosis)]
 
 
@@ -250,9 +266,9 @@ def _size(diagnosis: Diagnosis) -> str:
     gap = diagnosis.gap
     if gap is None:
         return ""
-    floor = f"; noise alone would leave {percent(gap.floor)}" if math.isfinite(gap.floor) else ""
+    floor = f"; noise alone would leave {format_percent(gap.floor)}" if math.isfinite(gap.floor) else ""
     return (
-        f"{_over(gap, diagnosis)}, the simulation's forecasts miss the measurement by {percent(gap.before)} "
+        f"{_over(gap, diagnosis)}, the simulation's forecasts miss the measurement by {format_percent(gap.before)} "
         f"of the size of the motion{floor}.{_runaways(gap)}"
     )
 
@@ -272,52 +288,55 @@ def _over(gap: Gap, diagnosis: Diagnosis) -> str:
     if not math.isfinite(gap.horizon_s):
         return "Over one natural period"
     periods = gap.horizon_s / diagnosis.checks.get("natural_period_s", gap.horizon_s)
-    if periods > WHOLE:
+    if periods > FULL_PERIOD:
         return f"Over one natural period ({format_number(gap.horizon_s)} s)"
     return f"Over {format_number(gap.horizon_s)} s, {format_number(periods)} of a natural period"
 
 
 def _located(diagnosis: Diagnosis) -> str:
     where = diagnosis.where
-    level = located(where, "level")
-    if level not in PLACES:
+    level = get_location(where, "level")
+    if level not in LEVEL_TITLES:
         return ""
-    text = PLACES[level]
-    shares = located(where, "coordinates") or {}
-    main = main_coordinate(where)
+    text = LEVEL_TITLES[level]
+    shares = get_location(where, "coordinates") or {}
+    main = find_main_coordinate(where)
     if main is not None and len(shares) > 1:
-        text += f", mostly in {main} ({percent(shares[main])})"
-    components = {k: v for k, v in (located(where, "components") or {}).items() if k in ACTS_LIKE}
+        text += f", mostly in {main} ({format_percent(shares[main])})"
+    components = {k: v for k, v in (get_location(where, "components") or {}).items() if k in ACTS_LIKE}
     if level == "dynamics" and components and max(components.values()) >= 0.4:
         best = max(components, key=lambda name: components[name])
-        text += f", and acts like {ACTS_LIKE[best]} ({percent(components[best])})"
-    return f"{text}.{brief(where, diagnosis.checks.get('natural_period_s', 0.0))}"
+        text += f", and acts like {ACTS_LIKE[best]} ({format_percent(components[best])})"
+    return f"{text}.{describe_event(where, diagnosis.checks.get('natural_period_s', 0.0))}"
 
 
 def _cause(diagnosis: Diagnosis, named: list[Candidate], names: list[str], together: float) -> str:
-    verb = "The cause is" if together >= SURE else "The likely cause is"
-    if together < LIKELY:
+    verb = "The cause is" if together >= CERTAIN_FROM else "The likely cause is"
+    if together < LIKELY_FROM:
         first = [one for one in diagnosis.candidates if one.name != "none"][:3]
         told = [
-            f"{words_of(one.name).title if one.name == 'unknown' else place(one)} "
-            f"({probability(one.probability)})"
+            f"{words_of(one.name).title if one.name == 'unknown' else name_candidate(one)} "
+            f"({format_probability(one.probability)})"
             for one in first
         ]
-        return f"Its cause is undecided; most probable are {joined(told, 'and')}."
+        return f"Its cause is undecided; most probable are {join_texts(told, 'and')}."
     if len(named) > 1:
         what = " ".join(words_of(one.name).what for one in named)
         return (
-            f"{NUMERALS[len(named)]} effects act together: {joined([titled(one) for one in named], 'and')} "
-            f"(the first with probability {probability(together)}). {what}"
+            f"{NUMERALS[len(named)]} effects act together: {join_texts([title_candidate(one) for one in named], 'and')} "
+            f"(the first with probability {format_probability(together)}). {what}"
         )
     if len(names) > 1:
-        told = [f"{words_of(name).title} ({probability(chance_of(diagnosis, name))})" for name in names]
+        told = [
+            f"{words_of(name).title} ({format_probability(sum_probability(diagnosis, name))})"
+            for name in names
+        ]
         return (
-            f"{verb} one of these, which this recording cannot tell apart: {joined(told, 'or')}; together "
-            f"they have probability {probability(together)}."
+            f"{verb} one of these, which this recording cannot tell apart: {join_texts(told, 'or')}; together "
+            f"they have probability {format_probability(together)}."
         )
-    chance = probability(together)
-    return f"{verb} {titled(named[0])} (probability {chance}). {words_of(named[0].name).what}"
+    chance = format_probability(together)
+    return f"{verb} {title_candidate(named[0])} (probability {chance}). {words_of(named[0].name).what}"
 
 
 def _consequence(kinds: set[Kind]) -> str:
@@ -334,8 +353,8 @@ def _estimated(candidate: Candidate, together: int, alike_: int) -> str:
     if alike_ > 1:
         opening = f"If it is {short_title(candidate.name)}: "
     else:
-        opening = "Estimated: " if together == 1 else f"Estimated for {place(candidate)}: "
-    return f"{opening}{'; '.join(estimates(candidate))}."
+        opening = "Estimated: " if together == 1 else f"Estimated for {name_candidate(candidate)}: "
+    return f"{opening}{'; '.join(format_estimates(candidate))}."
 
 
 def _act(kinds: set[Kind], together: int, names: list[str]) -> str:
@@ -356,36 +375,36 @@ def _closure(diagnosis: Diagnosis, act: str) -> str:
         return "How far it closes the gap cannot be told: the gap hardly exceeds what noise leaves."
     interval = ""
     if gap.closure.low is not None and gap.closure.high is not None:
-        interval = f" (95 % interval {percent(gap.closure.low)} to {percent(gap.closure.high)})"
-    share = f"{percent(gap.closure.value)} of what can be removed{interval}"
+        interval = f" (95 % interval {format_percent(gap.closure.low)} to {format_percent(gap.closure.high)})"
+    share = f"{format_percent(gap.closure.value)} of what can be removed{interval}"
     if gap.closure.value >= 1.0:
         share = "as little as can be asked of forecasts from noisy beginnings"
-    text = f"{act} shrinks the miss from {percent(gap.before)} to {percent(gap.after)}, which is {share}"
+    text = f"{act} shrinks the miss from {format_percent(gap.before)} to {format_percent(gap.after)}, which is {share}"
     if gap.after >= gap.before:
-        text = f"{act} does not shrink the miss of held-out forecasts ({percent(gap.after)} with it)"
-    shares = shares_of_closure(gap)
+        text = f"{act} does not shrink the miss of held-out forecasts ({format_percent(gap.after)} with it)"
+    shares = split_closure(gap)
     moved = "moving the simulation's own numbers within their uncertainty would remove"
-    text += f"; {moved} {percent(shares[0])}." if shares and shares[0] > 0.0 else "."
-    if gap.floor > 0.0 and gap.after > LEFT_OVER * gap.floor:
+    text += f"; {moved} {format_percent(shares[0])}." if shares and shares[0] > 0.0 else "."
+    if gap.floor > 0.0 and gap.after > UNEXPLAINED_RATIO * gap.floor:
         times = format_number(gap.after / gap.floor)
         text += f" What remains is {times} times what noise leaves, so that something else is missing too."
     return text
 
 
 def _next(diagnosis: Diagnosis) -> str:
-    wanted = advice(diagnosis)
+    wanted = recommend_recordings(diagnosis)
     if not wanted:
         return ""
     effect, record = wanted[0]
-    if diagnosis.verdict != "none" and chance_of(diagnosis, effect) < POSSIBLE:
+    if diagnosis.verdict != "none" and sum_probability(diagnosis, effect) < ADVICE_FROM:
         return ""
     return f"To know more of {short_title(effect)}, record this next: {record.rstrip('.')}."
 
 
 def _listed(names: list[str], word: str) -> str:
-    more = len(names) - NAMED
-    told = [short_title(name) for name in names[:NAMED]]
-    return joined([*told, f"{more} others"] if more > 0 else told, word)
+    more = len(names) - MAX_NAMED
+    told = [short_title(name) for name in names[:MAX_NAMED]]
+    return join_texts([*told, f"{more} others"] if more > 0 else told, word)
 
 
 def _capital(text: str) -> str:

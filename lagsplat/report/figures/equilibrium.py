@@ -19,13 +19,15 @@ from lagsplat.report.common.style import (
 )
 
 COLOURS = (INPUTS[3], INPUTS[1])
-FLOOR = 1e-5  # share of the amplitude below which a motion is drawn at the edge
-RUNS = "LaGSplat"
+MIN_SHARE = 1e-5  # share of the amplitude below which a motion is drawn at the edge
+RUN_TITLE = "LaGSplat"
 
-Found = Mapping[str, Any]
+Extrapolation = Mapping[str, Any]
 
 
-def draw_equilibrium(run: Found, models: Mapping[str, Sequence[Found]], *, title: str) -> Figure:
+def draw_equilibrium(
+    run: Extrapolation, models: Mapping[str, Sequence[Extrapolation]], *, title: str
+) -> Figure:
     """Trajectories of a run and of the models beside it, where they are in the end, and what is left.
 
     ``run`` and ``models`` are results of the extrapolation of one clip; the first seed of each model is drawn
@@ -33,7 +35,7 @@ def draw_equilibrium(run: Found, models: Mapping[str, Sequence[Found]], *, title
 
     Source: paper, the figure of free extrapolation far past the clip.
     """
-    shown = {RUNS: [run], **{name: found for name, found in models.items() if found}}
+    shown = {RUN_TITLE: [run], **{name: found for name, found in models.items() if found}}
     colours = dict(zip(shown, (PREDICTED, *COLOURS), strict=False))
     with paper_style():
         figure = new_figure(PAGE_IN, 1.15 * len(shown) + 0.5, title=title)
@@ -55,7 +57,9 @@ def _coordinate(states: Any) -> np.ndarray:
     return series[:, int(np.argmax(np.nanstd(series, axis=0)))]
 
 
-def _trajectory(axis: Axes, run: Found, found: Sequence[Found], name: str, colour: str) -> None:
+def _trajectory(
+    axis: Axes, run: Extrapolation, found: Sequence[Extrapolation], name: str, colour: str
+) -> None:
     dt_s, frames = run["recording"]["dt_s"], run["recording"]["frames"]
     boundary = frames - run["recording"]["held_out"]
     axis.axvspan(0, (frames - 1) * dt_s, color=QUIET, alpha=0.18, linewidth=0)
@@ -71,7 +75,7 @@ def _trajectory(axis: Axes, run: Found, found: Sequence[Found], name: str, colou
     ends = np.ptp(_coordinate(run["clip"])) * 0.62
     middle = run["equilibrium"][0]
     axis.set_ylim(middle - ends, middle + ends)
-    if name == RUNS:
+    if name == RUN_TITLE:
         axis.annotate(
             "the clip", (0.5 * frames * dt_s, middle + 0.93 * ends), ha="center", va="top", color=ENCODED
         )
@@ -83,7 +87,9 @@ def _trajectory(axis: Axes, run: Found, found: Sequence[Found], name: str, colou
         )  # fmt: skip
 
 
-def _phase_plane(axis: Axes, run: Found, shown: Mapping[str, Sequence[Found]], colours: Any) -> None:
+def _phase_plane(
+    axis: Axes, run: Extrapolation, shown: Mapping[str, Sequence[Extrapolation]], colours: Any
+) -> None:
     """The last seconds of the shown part, where the clip is long over."""
     dt_s = run["recording"]["dt_s"]
     clip = _coordinate(run["clip"])
@@ -93,7 +99,7 @@ def _phase_plane(axis: Axes, run: Found, shown: Mapping[str, Sequence[Found]], c
             continue
         path = _coordinate(found[0]["looks"][0]["states"])
         late = path[-max(len(path) // 8, 8) :]
-        if name == RUNS:
+        if name == RUN_TITLE:
             axis.plot(path, np.gradient(path, dt_s), color=colours[name], linewidth=0.4, alpha=0.6)
             axis.plot(late[-1], 0.0, "o", color=colours[name], markersize=4, zorder=5)
         else:
@@ -105,7 +111,7 @@ def _phase_plane(axis: Axes, run: Found, shown: Mapping[str, Sequence[Found]], c
     axis.set_ylim(-1.25 * speed, 1.25 * speed)
 
 
-def _what_is_left(axis: Axes, shown: Mapping[str, Sequence[Found]], colours: Any) -> None:
+def _what_is_left(axis: Axes, shown: Mapping[str, Sequence[Extrapolation]], colours: Any) -> None:
     for name, found in shown.items():
         for index, one in enumerate(found):
             if one["reason"]:
@@ -113,20 +119,20 @@ def _what_is_left(axis: Axes, shown: Mapping[str, Sequence[Found]], colours: Any
             time_s, share = _envelope(one)
             alpha, width = (0.3, 0.5) if index else (1.0, 1.0)
             label = None if index else name
-            dashes = "--" if name == RUNS else "-"  # drawn over whatever falls on the same line
+            dashes = "--" if name == RUN_TITLE else "-"  # drawn over whatever falls on the same line
             axis.plot(
                 time_s, share, dashes, color=colours[name], label=label, alpha=alpha, linewidth=width,
-                zorder=3 if name == RUNS else 2,
+                zorder=3 if name == RUN_TITLE else 2,
             )  # fmt: skip
             later = len(one["looks"]) - 1
             axis.plot(time_s[-later:], share[-later:], "o", color=colours[name], markersize=2, alpha=alpha)
     axis.set(xscale="log", yscale="log", xlabel="time past the training frames [s]")
-    axis.set_ylim(FLOOR / 1.5, 3.0)
+    axis.set_ylim(MIN_SHARE / 1.5, 3.0)
     axis.set_title("amplitude left, as a share of the clip's first", loc="left", pad=2)
     axis.legend(loc="lower left", handlelength=0.0, handletextpad=0.0, labelcolor="linecolor")
 
 
-def _envelope(found: Found) -> tuple[np.ndarray, np.ndarray]:
+def _envelope(found: Extrapolation) -> tuple[np.ndarray, np.ndarray]:
     """Amplitudes over the clip's first: along the shown part, two periods at a time, then of every look."""
     dt_s, start = found["recording"]["dt_s"], found["start_amplitude"]
     first, *later = found["looks"]
@@ -135,4 +141,4 @@ def _envelope(found: Found) -> tuple[np.ndarray, np.ndarray]:
     points = [((cut + width / 2) * dt_s, float(np.ptp(path[cut : cut + width])) / 2) for cut in cuts]
     points += [(look["time_s"] + len(look["states"]) * dt_s, look["amplitude"]) for look in later]
     time_s, left = np.array(points).T
-    return time_s, np.clip(np.nan_to_num(left / start, nan=10.0, posinf=10.0), FLOOR, 10.0)
+    return time_s, np.clip(np.nan_to_num(left / start, nan=10.0, posinf=10.0), MIN_SHARE, 10.0)

@@ -34,11 +34,11 @@ from lagsplat.report.common.style import PAGE_IN, new_figure, paper_style
 from lagsplat.splat.projection import View, make_view
 from lagsplat.views.camera import Camera, orbit_camera
 
-SIDES = ((0.0, 0.0), (-12.0, 4.0), (12.0, -4.0))
+VIEW_ANGLES_DEG = ((0.0, 0.0), (-12.0, 4.0), (12.0, -4.0))
 """Yaw and pitch of the columns [degree], about the pivot."""
-ARROW = 0.4
+ARROW_SHARE = 0.4
 """Of the picture's smaller side, at the pivot's depth."""
-FAINT = 1e-3
+MIN_PRINTED_SHIFT = 1e-3
 """A shift below it is told by its order of magnitude."""
 SUPERSAMPLING = 4
 """Pixels drawn in place of one of the film's, each way."""
@@ -53,15 +53,15 @@ def draw_space_push(held: OperatingPoint, push: SpacePush, *, title: str) -> Fig
     Source: paper, Figure "Applying a force inside the 3D scene".
     """
     height, width = held.kinematics.height, held.kinematics.width
-    length = ARROW * min(height, width)
-    cameras = [sideways(held, yaw, pitch) for yaw, pitch in SIDES]
+    length = ARROW_SHARE * min(height, width)
+    cameras = [turn_camera(held, yaw, pitch) for yaw, pitch in VIEW_ANGLES_DEG]
     q = torch.from_numpy(push.states)
     names = ("no force", "a force across the motion", "a force downwards")
     with paper_style():
         side = PAGE_IN / 3.0
         figure = new_figure(PAGE_IN, 3 * (side * height / width + 0.12) + 0.35, title=title)
         axes = figure.subplots(3, 3, squeeze=False)
-        for column, (camera, (yaw, pitch)) in enumerate(zip(cameras, SIDES, strict=True)):
+        for column, (camera, (yaw, pitch)) in enumerate(zip(cameras, VIEW_ANGLES_DEG, strict=True)):
             pictures = held.pictures(q, scale=SUPERSAMPLING, view=make_view([camera]))
             for row, (axis, picture) in enumerate(zip(axes[:, column], pictures, strict=True)):
                 axis.imshow(picture.clip(0.0, 1.0), extent=(0, width, height, 0))
@@ -76,7 +76,7 @@ def draw_space_push(held: OperatingPoint, push: SpacePush, *, title: str) -> Fig
     return figure
 
 
-def sideways(held: OperatingPoint, yaw_deg: float, pitch_deg: float) -> Camera:
+def turn_camera(held: OperatingPoint, yaw_deg: float, pitch_deg: float) -> Camera:
     """The film's camera, moved about the pivot of the coordinates of space."""
     own: View = held.autoencoder.filmed_view(held.autoencoder.gaussians.center)
     focal, middle = own.focal[0].tolist(), own.middle[0].tolist()
@@ -96,7 +96,7 @@ def _moved(push: SpacePush, row: int) -> str:
     shift = push.states[row] - push.states[0]
     load = push.size * push.grip.pull_back(torch.from_numpy(push.directions[row - 1])).norm()
     pulled, size = (f"{value:.1g}" for value in (float(load), float(np.linalg.norm(shift))))
-    if np.linalg.norm(shift) < FAINT:
+    if np.linalg.norm(shift) < MIN_PRINTED_SHIFT:
         return rf"$|J^T f|$ = {pulled}, $|\Delta q|$ = {size}"
     return rf"$|J^T f|$ = {pulled}, $\Delta q$ = " + ", ".join(f"{x:+.2f}" for x in shift)
 
@@ -106,13 +106,13 @@ def _arrow(axis: Axes, camera: Camera, foot: Float64[np.ndarray, "3"], way: Floa
     draw_arrow(axis, start, stop - start)
 
 
-FORCE = "#AA1E1E"
-LONGEST = 0.3
+FORCE_COLOUR = "#AA1E1E"
+MAX_ARROW_SHARE = 0.3
 """Of the picture's smaller side: the longest arrow."""
 
 
 @dataclass(frozen=True)
-class Panel:
+class ForcePanel:
     """One equilibrium: its ``pushes``, its state, how far that is from rest, and its picture.
 
     ``arrows`` (n, 2, 2) are foot and direction times size of each force, in pixels of the training
@@ -128,21 +128,21 @@ class Panel:
 
 
 @dataclass(frozen=True)
-class Panels:
+class ForcePanels:
     """All panels of a run, with the outline of the object at rest.
 
     ``object`` (h, w) is true where the picture at rest shows the object, ``size`` (rows, columns) that of the
     training pictures, in whose pixels arrows are; ``reach`` the visited range.
     """
 
-    panels: tuple[Panel, ...]
+    panels: tuple[ForcePanel, ...]
     object: Bool[np.ndarray, "h w"]
     size: tuple[int, int]
     rest: Float64[np.ndarray, " d"]
     reach: float
 
 
-def draw_forces(shown: Panels, *, title: str) -> Figure:
+def draw_forces(shown: ForcePanels, *, title: str) -> Figure:
     """Three by three pictures of the loaded states. Red arrows, all on one scale, start where the pushed
     matter has come to; the dashed line is the outline of what moves, at rest.
 
@@ -150,7 +150,7 @@ def draw_forces(shown: Panels, *, title: str) -> Figure:
     """
     height, width = shown.size
     largest = max(float(np.linalg.norm(panel.arrows[:, 1], axis=1).max()) for panel in shown.panels)
-    scale = LONGEST * min(height, width) / largest
+    scale = MAX_ARROW_SHARE * min(height, width) / largest
     with paper_style():
         side = PAGE_IN / 3.0
         rows = -(-len(shown.panels) // 3)
@@ -169,14 +169,14 @@ def draw_forces(shown: Panels, *, title: str) -> Figure:
     return figure
 
 
-def _answer(panel: Panel) -> str:
+def _answer(panel: ForcePanel) -> str:
     way = rf", {panel.moved_px:.1f} px"
     if len(panel.shift) == 1:
         return rf"$\Delta q = {panel.shift[0]:+.{2 if abs(panel.shift[0]) > 0.05 else 4}f}$" + way
     return rf"$|\Delta q| = {np.linalg.norm(panel.shift):.2f}$" + way
 
 
-def _outline(axis: Axes, shown: Panels) -> None:
+def _outline(axis: Axes, shown: ForcePanels) -> None:
     fine = shown.object.astype(float)
     rows, columns = (
         size * (np.arange(count) + 0.5) / count for size, count in zip(shown.size, fine.shape, strict=True)
@@ -192,7 +192,7 @@ def draw_arrow(axis: Axes, foot: np.ndarray, way: np.ndarray) -> None:
         xytext=tuple(foot),
         arrowprops={
             "arrowstyle": "-|>",
-            "color": FORCE,
+            "color": FORCE_COLOUR,
             "linewidth": 1.4,
             "mutation_scale": 8,
             "shrinkA": 0.0,
@@ -203,18 +203,18 @@ def draw_arrow(axis: Axes, foot: np.ndarray, way: np.ndarray) -> None:
     rim = [Stroke(linewidth=2.6, foreground="white"), Normal()]
     if arrow.arrow_patch is not None:
         arrow.arrow_patch.set_path_effects(rim)
-    axis.plot(*foot, "o", color=FORCE, markersize=2.5, markeredgecolor="white", markeredgewidth=0.5)
+    axis.plot(*foot, "o", color=FORCE_COLOUR, markersize=2.5, markeredgecolor="white", markeredgewidth=0.5)
 
 
 DOWN, RIGHT = np.array([0.0, 1.0]), np.array([1.0, 0.0])
 OBLIQUE = np.array([np.sqrt(0.5), np.sqrt(0.5)])
 MIN_WIDTH_PX = 384
 """Pixels that a drawn picture's width has at least."""
-BACKGROUND = 3
+N_BACKGROUND = 3
 
 
 @dataclass(frozen=True)
-class Push:
+class ImagePush:
     """A force on a grip: unit ``direction`` (right, down) and ``size`` [energy per px]."""
 
     grip: GraspPoint
@@ -227,7 +227,7 @@ class Push:
         return self.size * self.grip.pull_back(torch.from_numpy(self.direction))
 
 
-def push_panels(held: OperatingPoint, config: ForcesConfig, *, hanging: bool) -> Panels:
+def compute_force_panels(held: OperatingPoint, config: ForcesConfig, *, hanging: bool) -> ForcePanels:
     """The paper's nine panels: levers, directions and background of what has one coordinate; what hangs is
     pushed at its middle and its tip, across and along.
 
@@ -248,36 +248,40 @@ def push_panels(held: OperatingPoint, config: ForcesConfig, *, hanging: bool) ->
         for (name, pushes), q, picture in zip(named, states, pictures, strict=True)
     )
     seen = draw_outline(held.pictures(held.rest[None], scale=scale)[0], scene)
-    return Panels(panels, seen, scene.motion.shape, held.rest.numpy(), held.reach)
+    return ForcePanels(panels, seen, scene.motion.shape, held.rest.numpy(), held.reach)
 
 
 def _panel(
-    held: OperatingPoint, name: str, pushes: list[Push], q: torch.Tensor, picture: Float[np.ndarray, "h w 3"]
-) -> Panel:
+    held: OperatingPoint,
+    name: str,
+    pushes: list[ImagePush],
+    q: torch.Tensor,
+    picture: Float[np.ndarray, "h w 3"],
+) -> ForcePanel:
     feet = np.stack([push.grip.place(q).numpy() for push in pushes])
     sizes = np.stack([push.size * push.direction for push in pushes])
     moved = float(np.linalg.norm(feet[0] - pushes[0].grip.at.numpy()))
-    return Panel(name, q.numpy(), (q - held.rest).numpy(), moved, np.stack([feet, sizes], 1), picture)
+    return ForcePanel(name, q.numpy(), (q - held.rest).numpy(), moved, np.stack([feet, sizes], 1), picture)
 
 
-def _rolling(held: OperatingPoint, config: ForcesConfig, radius: float) -> list[tuple[str, list[Push]]]:
+def _rolling(held: OperatingPoint, config: ForcesConfig, radius: float) -> list[tuple[str, list[ImagePush]]]:
     """Levers (a)-(c), directions at one material point (d)-(f), background (g)-(i)."""
     scene = find_moving_parts(held.autoencoder, held.chart, held.rest.numpy())
     grips = [_grip(held, point, radius) for point in choose_lever_points(scene, margin=radius)]
     far = grips[-1]
     size = held.magnitude(far, DOWN, share=config.response)
-    named = [("lever", [Push(grip, DOWN, size)]) for grip in grips[:3]]
-    named += [("direction", [Push(far, direction, size)]) for direction in (DOWN, OBLIQUE, RIGHT)]
+    named = [("lever", [ImagePush(grip, DOWN, size)]) for grip in grips[:3]]
+    named += [("direction", [ImagePush(far, direction, size)]) for direction in (DOWN, OBLIQUE, RIGHT)]
     found = []
-    for point in choose_background_points(scene, 4 * BACKGROUND, margin=2 * radius):
+    for point in choose_background_points(scene, 4 * N_BACKGROUND, margin=2 * radius):
         try:
             found.append(_grip(held, point, radius))
         except NoMatterError:  # the background colour has no Gaussian there
             continue
-    return named + [("background", [Push(grip, DOWN, size)]) for grip in found[:BACKGROUND]]
+    return named + [("background", [ImagePush(grip, DOWN, size)]) for grip in found[:N_BACKGROUND]]
 
 
-def _hanging(held: OperatingPoint, config: ForcesConfig, radius: float) -> list[tuple[str, list[Push]]]:
+def _hanging(held: OperatingPoint, config: ForcesConfig, radius: float) -> list[tuple[str, list[ImagePush]]]:
     """Across and along at the tip and the middle, either way, and two opposed forces."""
     scene = find_moving_parts(held.autoencoder, held.chart, held.rest.numpy())
     *points, along = choose_hanging_points(scene)
@@ -287,7 +291,7 @@ def _hanging(held: OperatingPoint, config: ForcesConfig, radius: float) -> list[
     size = held.magnitude(tip, across, share=config.response)
     axial = held.magnitude(tip, along, share=config.response)
     named = [
-        (name, [Push(grip, sign * direction, amount)])
+        (name, [ImagePush(grip, sign * direction, amount)])
         for name, grip, direction, amount in (
             ("across the tip", tip, across, size),
             ("across the middle", middle, across, size),
@@ -296,14 +300,14 @@ def _hanging(held: OperatingPoint, config: ForcesConfig, radius: float) -> list[
         )
         for sign in (-1.0, 1.0)
     ]
-    return [*named, ("opposed", [Push(middle, -across, size), Push(tip, across, size)])]
+    return [*named, ("opposed", [ImagePush(middle, -across, size), ImagePush(tip, across, size)])]
 
 
 def _grip(held: OperatingPoint, point: Point, radius: float) -> GraspPoint:
     return grasp_brush(held.kinematics, held.rest, point, radius=radius)
 
 
-SHOWN = (
+MAPPED_ERRORS = (
     ("direction_deg", "direction of the pushed point (degrees)", 1.0, 60.0),
     ("shape", "shape of the answer (%)", 100.0, 100.0),
     ("amplitude", "amplitude after one poke (%)", 100.0, 100.0),
@@ -322,7 +326,7 @@ def draw_force_map(picture: Float[np.ndarray, "H W 3"], truth: Mapping[str, Any]
             figure.text(0.01, 0.5, f"nothing was measured: {truth['refused']}", wrap=True)
             return figure
         rows = truth["map"]
-        for axis, (name, what, scale, most) in zip(figure.subplots(1, 3), SHOWN, strict=True):
+        for axis, (name, what, scale, most) in zip(figure.subplots(1, 3), MAPPED_ERRORS, strict=True):
             axis.imshow(picture.clip(0.0, 1.0), extent=(0, width, height, 0), alpha=0.45)
             told = [(*row["place"], scale * row[name]) for row in rows if row[name] is not None]
             x, y, values = np.array(told).reshape(-1, 3).T

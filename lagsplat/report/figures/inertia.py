@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 
 from lagsplat.report.common.style import ENCODED, PAGE_IN, PREDICTED, QUIET, new_figure, paper_style
 
-ELLIPSES = 24
-SIZE = 0.07  # of the range of the trajectory: the median half axis
+N_ELLIPSES = 24
+ELLIPSE_SHARE = 0.07  # of the range of the trajectory: the median half axis
 PANEL_IN = 1.75
 
 Matrices = Float64[np.ndarray, "T d d"]
@@ -64,9 +64,9 @@ def _line(axis: Any, q: np.ndarray, mass: np.ndarray) -> None:
 
 def _plane(axis: Any, states: np.ndarray, matrices: np.ndarray) -> None:
     axis.plot(*states.T, color=ENCODED, linewidth=0.3, alpha=0.12)
-    chosen = _apart(states, ELLIPSES)
+    chosen = _apart(states, N_ELLIPSES)
     half = 1.0 / np.sqrt(np.linalg.eigvalsh(matrices))
-    scale = SIZE * float(np.ptp(states, axis=0).max()) / float(np.median(half))
+    scale = ELLIPSE_SHARE * float(np.ptp(states, axis=0).max()) / float(np.median(half))
     mean = np.broadcast_to(matrices.mean(axis=0), matrices[chosen].shape)
     for shapes, colour, fill in ((mean, QUIET, 0.35), (matrices[chosen], PREDICTED, 0.0)):
         values, vectors = np.linalg.eigh(shapes)

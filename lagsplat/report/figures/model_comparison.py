@@ -16,10 +16,10 @@ from lagsplat.report.common.style import MARK, PAGE_IN, new_figure, paper_style
 
 TIMES_S = (0.0, 0.25, 0.5, 1.0, 2.0, 5.0)
 
-Pictures = Float32[np.ndarray, "n 3 H W"]
+FrameStack = Float32[np.ndarray, "n 3 H W"]
 
 
-class Attention(NamedTuple):
+class AttentionMaps(NamedTuple):
     """The maps of one model at one frame."""
 
     name: str
@@ -29,14 +29,14 @@ class Attention(NamedTuple):
     """``(row, column)`` in pixels, counted from the centre of the first one."""
 
 
-def moments(subject: EvaluationSubject) -> np.ndarray:
+def choose_frames(subject: EvaluationSubject) -> np.ndarray:
     """Frames of `TIMES_S` after the first scored one of the longest clip, as far as the clip goes."""
     first, stop = subject.held.longest
     frames = first + np.round(np.array(TIMES_S) / subject.held.dt_s).astype(np.int64)
     return frames[frames < stop]
 
 
-def rolled_out(subject: EvaluationSubject, frames: np.ndarray) -> Pictures:
+def predict_frames(subject: EvaluationSubject, frames: np.ndarray) -> FrameStack:
     """What a model predicts of frames, from its own state at the first of them."""
     held, start, length = subject.held, frames[:1], int(frames[-1] - frames[0]) + 1
     q0, v0 = initial_states(held, start)
@@ -47,7 +47,9 @@ def rolled_out(subject: EvaluationSubject, frames: np.ndarray) -> Pictures:
 
 
 @torch.no_grad()
-def attention_of(name: str, baseline: Baseline, picture: Float32[np.ndarray, "3 H W"]) -> Attention | None:
+def compute_attention(
+    name: str, baseline: Baseline, picture: Float32[np.ndarray, "3 H W"]
+) -> AttentionMaps | None:
     """The maps of a model at an image; None where it has none."""
     decoder = baseline.decoder
     if not isinstance(decoder, AttentionDecoder):
@@ -55,20 +57,20 @@ def attention_of(name: str, baseline: Baseline, picture: Float32[np.ndarray, "3 
     maps = decoder.maps(baseline.encoder(torch.from_numpy(picture[None]))[0])
     side = torch.tensor(decoder.size) - 1
     places = 0.5 * (compute_attention_centres(maps, decoder.places)[0] + 1.0) * side
-    return Attention(name, picture, maps[0].unflatten(1, decoder.size).numpy(), places.numpy())
+    return AttentionMaps(name, picture, maps[0].unflatten(1, decoder.size).numpy(), places.numpy())
 
 
-def compare(models: Mapping[str, EvaluationSubject], *, title: str) -> Figure:
+def draw_comparison(models: Mapping[str, EvaluationSubject], *, title: str) -> Figure:
     """`draw_gallery` of the recording and of all models, from the first scored frame of its longest clip."""
     subject = next(iter(models.values()))
-    frames = moments(subject)
+    frames = choose_frames(subject)
     rows = [("recorded", subject.pictures(frames))]
-    rows += [(name, rolled_out(model, frames)) for name, model in models.items()]
+    rows += [(name, predict_frames(model, frames)) for name, model in models.items()]
     times_s = (subject.held.dt_s * (frames - frames[0])).tolist()
     return draw_gallery(rows, times_s, title=f"Every model from the same start · {title}")
 
 
-def draw_gallery(rows: Sequence[tuple[str, Pictures]], times_s: Sequence[float], *, title: str) -> Figure:
+def draw_gallery(rows: Sequence[tuple[str, FrameStack]], times_s: Sequence[float], *, title: str) -> Figure:
     """A row for the recording and each model, a column a moment."""
     with paper_style():
         side = PAGE_IN / 8.0
@@ -84,7 +86,7 @@ def draw_gallery(rows: Sequence[tuple[str, Pictures]], times_s: Sequence[float],
     return figure
 
 
-def draw_attention(models: Sequence[Attention], *, title: str) -> Figure:
+def draw_attention(models: Sequence[AttentionMaps], *, title: str) -> Figure:
     """A row a model: the image, then the map of each node with its centre of mass.
 
     Raises:

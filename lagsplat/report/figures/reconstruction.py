@@ -12,17 +12,19 @@ from lagsplat.report.common.style import PAGE_IN, new_figure, paper_style
 from lagsplat.stage1.autoencoder import Autoencoder, decode_latents, encode_frames
 from lagsplat.views.novel import NovelViews
 
-SHOWN = 6
+N_COLUMNS = 6
 """Columns: cameras in turn, each at another instant."""
 
 
-def draw_sides(autoencoder: Autoencoder, recording: Recording, views: NovelViews, *, title: str) -> Figure:
+def draw_novel_views(
+    autoencoder: Autoencoder, recording: Recording, views: NovelViews, *, title: str
+) -> Figure:
     """Seen, rendered and absolute error of the held-out cameras at instants spread over the whole recording.
 
     Where none is held out, of those that training saw. The error is the mean over channels, on one scale.
     """
     cameras = np.flatnonzero(views.held_out) if views.held_out.any() else np.array(views.seen)
-    instants = np.linspace(0, recording.n_frames - 1, SHOWN).round().astype(int)
+    instants = np.linspace(0, recording.n_frames - 1, N_COLUMNS).round().astype(int)
     chosen = [(int(cameras[i % len(cameras)]), int(instant)) for i, instant in enumerate(instants)]
     n_train = recording.split()[0].n_frames
     latents = encode_frames(autoencoder, np.asarray(recording.frames[instants]))
@@ -34,9 +36,9 @@ def draw_sides(autoencoder: Autoencoder, recording: Recording, views: NovelViews
     error = [np.abs(a - b).mean(2) for a, b in zip(seen, drawn, strict=True)]
     limit = max(float(np.max(error)), 1e-6)
     with paper_style():
-        cell = PAGE_IN / (SHOWN + 0.6)
+        cell = PAGE_IN / (N_COLUMNS + 0.6)
         figure = new_figure(PAGE_IN, 3 * cell * recording.height / recording.width + 0.6, title=title)
-        axes = figure.subplots(3, SHOWN, squeeze=False)
+        axes = figure.subplots(3, N_COLUMNS, squeeze=False)
         for column, (camera, instant) in enumerate(chosen):
             axes[0, column].imshow(seen[column])
             axes[1, column].imshow(drawn[column])
@@ -54,7 +56,7 @@ def draw_sides(autoencoder: Autoencoder, recording: Recording, views: NovelViews
 
 
 QUANTILES = (0.0, 0.25, 0.5, 0.75, 0.95, 1.0)
-CANDIDATES = 300
+MAX_CANDIDATES = 300
 
 
 def draw_reconstruction(autoencoder: Autoencoder, recording: Recording, *, title: str) -> Figure:
@@ -63,7 +65,7 @@ def draw_reconstruction(autoencoder: Autoencoder, recording: Recording, *, title
     Columns are the quantiles of the error over up to 300 evenly spaced frames of ``recording``, so that the
     worst is shown beside the typical. The error is the mean over channels, on one scale for all columns.
     """
-    frames = np.unique(np.linspace(0, recording.n_frames - 1, CANDIDATES).round().astype(int))
+    frames = np.unique(np.linspace(0, recording.n_frames - 1, MAX_CANDIDATES).round().astype(int))
     stored = np.asarray(recording.frames[frames])
     rendered = decode_latents(autoencoder, encode_frames(autoencoder, stored))
     real = stored.astype(np.float32) / np.float32(255)

@@ -18,10 +18,10 @@ from lagsplat.report.common.style import (
     new_figure,
     paper_style,
 )
-from lagsplat.report.figures.training_curves import visibility_order
+from lagsplat.report.figures.training_curves import order_by_visibility
 
-LEAST_SHIFT_PX = 0.25
-SHADE = "#E6E6E6"
+MIN_SHIFT_PX = 0.25
+HELD_OUT_COLOUR = "#E6E6E6"
 
 
 def draw_rollout(view: LongRollout, *, title: str) -> Figure:
@@ -58,7 +58,7 @@ def _measured(view: LongRollout) -> str:
 
 
 def _series(figure: Any, view: LongRollout) -> None:
-    order, share = visibility_order(view.metric)
+    order, share = order_by_visibility(view.metric)
     slim = int(view.inputs.shape[1] > 0)
     heights = [1.0] * len(order) + [0.7] * slim
     axes = figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
@@ -73,7 +73,7 @@ def _series(figure: Any, view: LongRollout) -> None:
         room = 0.35 * max(high - low, 1e-9)
         axis.set_ylim(low - room, high + room)
         if view.held_s is not None:
-            axis.axvspan(view.held_s, view.time_s[-1], color=SHADE, linewidth=0, zorder=0)
+            axis.axvspan(view.held_s, view.time_s[-1], color=HELD_OUT_COLOUR, linewidth=0, zorder=0)
         if view.lost_s is not None:
             axis.axvline(view.lost_s, color=MARK, linestyle=":")
     axes[0].legend(loc="lower left", bbox_to_anchor=(0.0, 0.98), ncols=2, borderaxespad=0.0)
@@ -140,7 +140,7 @@ def _windows(axes: Any, view: LongRollout) -> None:
         f"shift {length / view.scale:.2f} px (of {width}×{height})\n"
         f"{inset.ratio:.1f} × the local\nreconstruction error"
     )
-    if length >= LEAST_SHIFT_PX:
+    if length >= MIN_SHIFT_PX:
         _arrow(axes[1], inset.side, np.array(inset.shift_px) / length)
 
 

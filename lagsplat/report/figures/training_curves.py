@@ -58,11 +58,11 @@ def draw_horizon(models: Sequence[tuple[str, Mapping[str, Any]]], *, title: str)
     return figure
 
 
-BINS = 700
+N_BINS = 700
 CLOSE_UP_S = 10.0
 
 
-def visibility_order(metric: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def order_by_visibility(metric: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Coordinates by decreasing share of the metric's trace, and these shares in the same order."""
     share = np.diag(metric) / np.trace(metric)
     order = np.argsort(-share, kind="stable")
@@ -75,7 +75,7 @@ def draw_latents(chart: Chart, *, title: str, input_names: tuple[str, ...] = ())
     Long series are drawn as the range within each of 700 bins. Panels carry the coordinate's share of the
     visibility metric's trace; the split between training and held-out frames is marked.
     """
-    order, share = visibility_order(chart.metric)
+    order, share = order_by_visibility(chart.metric)
     time_s = chart.time_s - chart.time_s[0]
     split_s = float(time_s[min(chart.n_train, len(time_s) - 1)])
     near = np.abs(time_s - split_s) <= 0.5 * CLOSE_UP_S
@@ -116,10 +116,10 @@ def draw_latents(chart: Chart, *, title: str, input_names: tuple[str, ...] = ())
 
 def _range(axis: Any, time_s: np.ndarray, series: np.ndarray, colour: str, label: str) -> None:
     """A line, or the range within bins where a line would only be a smear."""
-    if len(series) <= 2 * BINS:
+    if len(series) <= 2 * N_BINS:
         axis.plot(time_s, series, color=colour, label=label)
         return
-    edges = np.linspace(0, len(series), BINS + 1).astype(int)[:-1]
+    edges = np.linspace(0, len(series), N_BINS + 1).astype(int)[:-1]
     low, high = np.minimum.reduceat(series, edges), np.maximum.reduceat(series, edges)
     axis.fill_between(time_s[edges], low, high, color=colour, alpha=0.75, linewidth=0.2, label=label)
 

@@ -7,11 +7,17 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from lagsplat.report.common.latex import block_title, cells, escape, latex_float, latex_number
+from lagsplat.report.common.formatting import (
+    escape_latex,
+    format_block_title,
+    format_cells,
+    format_latex_number,
+    format_latex_table,
+)
 from lagsplat.report.common.style import PAGE_IN, new_figure, paper_style
 
-NAMES = {"conditioned": "Conditioned on the state (LaGSplat)", "deformed": "Deformation field"}
-MEASURES = {
+DECODER_TITLES = {"conditioned": "Conditioned on the state (LaGSplat)", "deformed": "Deformation field"}
+DEFORMATION_MEASURES = {
     "l1": "L1",
     "dissimilarity": "1 - SSIM",
     "roughness": "Roughness, px/s",
@@ -21,19 +27,27 @@ MEASURES = {
     "parameters": "Parameters",
     "wall_s": "Training, s",
 }
-COLUMNS = ("system", "decoder", *MEASURES, "n_gaussians", "steps", "recording", "profile")
+DEFORMATION_COLUMNS = (
+    "system",
+    "decoder",
+    *DEFORMATION_MEASURES,
+    "n_gaussians",
+    "steps",
+    "recording",
+    "profile",
+)
 # Appendix "Deformation-Field Decoder at Equal Budget": 15 000 primitives, on its film of the rocker.
-PUBLISHED: dict[str, dict[str, dict[str, float]]] = {
+PAPER_DECODERS: dict[str, dict[str, dict[str, float]]] = {
     "rainbow_rocker": {
         "conditioned": {"l1": 0.0142, "dissimilarity": 0.063, "roughness": 1.4, "parameters": 195e3},
         "deformed": {"l1": 0.0157, "dissimilarity": 0.076, "roughness": 6.9, "parameters": 9.8e6},
     }
 }
-PRIMITIVES = 15000
+PAPER_PRIMITIVES = 15000
 MAPS = ("picture", "speed")
 
 
-def deformation_table(
+def build_deformation_table(
     runs: Sequence[Mapping[str, Any]], found: Sequence[Mapping[str, Mapping[str, Any]]]
 ) -> pd.DataFrame:
     """A row for each decoder of each system, and the paper's own on its film.
@@ -51,36 +65,42 @@ def deformation_table(
                 "system": system,
                 "decoder": name,
                 **measures,
-                "n_gaussians": PRIMITIVES,
+                "n_gaussians": PAPER_PRIMITIVES,
                 "recording": "filmed, the paper's",
                 "profile": "the paper's",
             }
-            for name, measures in PUBLISHED.get(system, {}).items()
+            for name, measures in PAPER_DECODERS.get(system, {}).items()
         ]
     return (
         pd.DataFrame(rows, dtype=object)
-        .reindex(columns=list(COLUMNS))
+        .reindex(columns=list(DEFORMATION_COLUMNS))
         .sort_values("system", kind="stable")
         .reset_index(drop=True)
     )
 
 
-def latex_deformation(table: pd.DataFrame, *, titles: Mapping[str, str]) -> str:
+def format_deformation_latex(table: pd.DataFrame, *, titles: Mapping[str, str]) -> str:
     """The same table in LaTeX."""
     body = []
     for system, block in table.groupby("system", sort=False):
-        body.append(block_title(titles.get(str(system), str(system)), columns=len(MEASURES) + 2))
+        body.append(
+            format_block_title(titles.get(str(system), str(system)), columns=len(DEFORMATION_MEASURES) + 2)
+        )
         for row in block.to_dict("records"):
-            name = NAMES.get(str(row["decoder"]), str(row["decoder"]))
-            values = (latex_number(row[measure]) for measure in MEASURES)
-            body.append(cells(escape(name), *values, escape(str(row["recording"]))))
+            name = DECODER_TITLES.get(str(row["decoder"]), str(row["decoder"]))
+            values = (format_latex_number(row[measure]) for measure in DEFORMATION_MEASURES)
+            body.append(format_cells(escape_latex(name), *values, escape_latex(str(row["recording"]))))
     own = table[table["profile"] != "the paper's"]
     steps, count = (" and ".join(sorted(set(own[key].astype(str)))) for key in ("steps", "n_gaussians"))
     profiles = " and ".join(sorted(set(own["profile"].astype(str))))
-    return latex_float(
-        head=[cells("Decoder", *(escape(title) for title in MEASURES.values()), "Recording")],
+    return format_latex_table(
+        head=[
+            format_cells(
+                "Decoder", *(escape_latex(title) for title in DEFORMATION_MEASURES.values()), "Recording"
+            )
+        ],
         body=body,
-        columns="@{}l" + "c" * len(MEASURES) + "l@{}",
+        columns="@{}l" + "c" * len(DEFORMATION_MEASURES) + "l@{}",
         caption=(
             f"Two decoders of the same frozen latents with {count} Gaussians each, the same losses, step "
             f"sizes and {steps} steps; profile {profiles}. L1 and SSIM are over the frames that were fitted. "
@@ -109,7 +129,7 @@ def draw_jacobian_field(
         axes = figure.subplots(1, 2 * len(decoders))
         for index, (name, maps) in enumerate(decoders.items()):
             axes[2 * index].imshow(np.clip(np.moveaxis(maps["picture"], 0, 2), 0.0, 1.0))
-            axes[2 * index].set_title(NAMES[name].partition(" (")[0], loc="left")
+            axes[2 * index].set_title(DECODER_TITLES[name].partition(" (")[0], loc="left")
             image = axes[2 * index + 1].imshow(maps["speed"], cmap="magma", vmin=0.0, vmax=max(top, 1e-9))
             rough = measures[name]["roughness"]
             said = "no primitive is visible" if rough is None else f"neighbours differ by {rough:.3g} px/s"

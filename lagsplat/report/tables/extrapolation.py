@@ -9,19 +9,26 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from lagsplat.report.common.latex import block_title, cells, escape, latex_float, latex_number, scaled
+from lagsplat.report.common.formatting import (
+    escape_latex,
+    format_block_title,
+    format_cells,
+    format_latex_number,
+    format_latex_table,
+    rescale,
+)
 
 OURS, FORECASTER, FREE = "LaGSplat", "key-point forecaster (re-implementation)", "neural ODE"
 AUTHORS = "GaussianPrediction (the authors' code)"
-PAPER = {"LaGSplat": "LaGSplat (paper)", "GaussianPrediction": "GaussianPrediction (paper)"}
+PAPER_TITLES = {"LaGSplat": "LaGSplat (paper)", "GaussianPrediction": "GaussianPrediction (paper)"}
 ON_FILM = "filmed, the paper's"
-COLUMNS = (
+EXTRAPOLATION_COLUMNS = (
     "system", "model", "measure", "value", "low", "high", "n_seeds", "n_measured", "sigma", "note",
     "recording", "profile",
 )  # fmt: skip
 
 
-class Measure(NamedTuple):
+class ExtrapolationMeasure(NamedTuple):
     """One line of the table: how it is called, its unit, and where it stands in what was found."""
 
     name: str
@@ -31,7 +38,7 @@ class Measure(NamedTuple):
     sigma: Callable[[Mapping[str, Any]], float | None] | None = None
 
 
-class Model(NamedTuple):
+class ModelResults(NamedTuple):
     """What was found of one model on one system, seed by seed."""
 
     system: str
@@ -68,27 +75,27 @@ def _energy_left(found: Mapping[str, Any]) -> float | None:
 
 
 MEASURES = (
-    Measure("psnr_mean", "Mean on held-out frames", 1.0, _at("psnr", "mean")),
-    Measure("psnr_first", "First predicted frame", 1.0, _at("psnr", "first")),
-    Measure("psnr_last", "Last predicted frame", 1.0, _at("psnr", "last")),
-    Measure("psnr_aligned", "Mean, phase taken out", 1.0, _at("aligned", "mean")),
-    Measure(
+    ExtrapolationMeasure("psnr_mean", "Mean on held-out frames", 1.0, _at("psnr", "mean")),
+    ExtrapolationMeasure("psnr_first", "First predicted frame", 1.0, _at("psnr", "first")),
+    ExtrapolationMeasure("psnr_last", "Last predicted frame", 1.0, _at("psnr", "last")),
+    ExtrapolationMeasure("psnr_aligned", "Mean, phase taken out", 1.0, _at("aligned", "mean")),
+    ExtrapolationMeasure(
         "frequency_error", "Frequency error (%)", 100.0, _size("physics", "frequency_error"),
         _at("physics", "frequency_error_sigma"),
     ),
-    Measure(
+    ExtrapolationMeasure(
         "rate_error", "Dissipation error (%)", 100.0, _size("physics", "rate_error"),
         _at("physics", "rate_error_sigma"),
     ),
-    Measure("left_shown", "Amplitude left where the figure ends (%)", 100.0, _at("left_shown")),
-    Measure("left", "Amplitude left at the horizon (%)", 100.0, _at("left")),
-    Measure("energy_left", "Energy left at the horizon (%)", 100.0, _energy_left),
-    Measure("inside", "Frames in the encoder's range (%)", 100.0, _at("range", "inside")),
+    ExtrapolationMeasure("left_shown", "Amplitude left where the figure ends (%)", 100.0, _at("left_shown")),
+    ExtrapolationMeasure("left", "Amplitude left at the horizon (%)", 100.0, _at("left")),
+    ExtrapolationMeasure("energy_left", "Energy left at the horizon (%)", 100.0, _energy_left),
+    ExtrapolationMeasure("inside", "Frames in the encoder's range (%)", 100.0, _at("range", "inside")),
 )  # fmt: skip
-FLOOR = Measure("floor", "Autoencoder floor on these frames", 1.0, _at("floor", "mean"))
+FLOOR = ExtrapolationMeasure("floor", "Autoencoder floor on these frames", 1.0, _at("floor", "mean"))
 
 # Table "Extrapolation past the training window"; the amplitudes where the figure ends from the text.
-PUBLISHED: dict[str, dict[str, dict[str, float]]] = {
+PAPER_EXTRAPOLATION: dict[str, dict[str, dict[str, float]]] = {
     "rainbow_rocker": {
         "LaGSplat": {
             "psnr_mean": 25.88,
@@ -112,18 +119,18 @@ PUBLISHED: dict[str, dict[str, dict[str, float]]] = {
 }
 
 
-def gathered_models(
+def group_models(
     runs: Sequence[Mapping[str, Any]], others: Sequence[Mapping[str, Any]], found: Sequence[dict[str, Any]]
-) -> list[Model]:
+) -> list[ModelResults]:
     """What was found, by system and model; ``found`` is of the runs, then of the others."""
     groups: dict[tuple[str, str, str, str], list[dict[str, Any]]] = {}
     for run, one in zip([*runs, *others], found, strict=True):
-        key = (str(run["system"]), model_name(run), str(run["recording"]), str(run["profile"]))
+        key = (str(run["system"]), name_model(run), str(run["recording"]), str(run["profile"]))
         groups.setdefault(key, []).append(one)
-    return [Model(*key, members) for key, members in groups.items()]
+    return [ModelResults(*key, members) for key, members in groups.items()]
 
 
-def model_name(run: Mapping[str, Any]) -> str:
+def name_model(run: Mapping[str, Any]) -> str:
     """How tables call a run or the model beside it; a variant's file is named with it."""
     if "kind" not in run:
         return OURS
@@ -136,7 +143,7 @@ def model_name(run: Mapping[str, Any]) -> str:
     return name if run["model"] == usual else f"{name}, {run['model']}"
 
 
-def extrapolation_rows(models: Sequence[Model]) -> pd.DataFrame:
+def build_extrapolation_table(models: Sequence[ModelResults]) -> pd.DataFrame:
     """A row for every system, model and measure, the paper's own beside them; plain numbers, no per cent.
 
     ``value`` is the median over the ``n_measured`` seeds in which the measure exists, ``low`` and ``high``
@@ -151,14 +158,14 @@ def extrapolation_rows(models: Sequence[Model]) -> pd.DataFrame:
     rows = [_row(model, measure) for model in models for measure in (*MEASURES, FLOOR)]
     for system in dict.fromkeys(model.system for model in models):
         rows += _published(system)
-    frame = pd.DataFrame(rows, columns=list(COLUMNS), dtype=object)
+    frame = pd.DataFrame(rows, columns=list(EXTRAPOLATION_COLUMNS), dtype=object)
     order = list(dict.fromkeys(model.system for model in models))
     return frame.sort_values("system", key=lambda names: names.map(order.index), kind="stable").reset_index(
         drop=True
     )
 
 
-def _row(model: Model, measure: Measure) -> dict[str, Any]:
+def _row(model: ModelResults, measure: ExtrapolationMeasure) -> dict[str, Any]:
     values = [measure.of(found) for found in model.found]
     known = [value for value in values if value is not None and np.isfinite(value)]
     several = len(set(known)) > 1
@@ -179,7 +186,7 @@ def _row(model: Model, measure: Measure) -> dict[str, Any]:
     }
 
 
-def _why(found: Sequence[Mapping[str, Any]], measure: Measure) -> str:
+def _why(found: Sequence[Mapping[str, Any]], measure: ExtrapolationMeasure) -> str:
     reasons = {
         "the rollout diverged" if one["diverged"] else str(one["reason"] or one["physics"]["reason"])
         for one in found
@@ -192,7 +199,7 @@ def _published(system: str) -> list[dict[str, Any]]:
     return [
         {
             "system": system,
-            "model": PAPER[name],
+            "model": PAPER_TITLES[name],
             "measure": measure,
             "value": value,
             "n_seeds": 1,
@@ -201,49 +208,49 @@ def _published(system: str) -> list[dict[str, Any]]:
             "recording": ON_FILM,
             "profile": "the paper's",
         }
-        for name, values in PUBLISHED.get(system, {}).items()
+        for name, values in PAPER_EXTRAPOLATION.get(system, {}).items()
         for measure, value in values.items()
     ]
 
 
-RENDERING = 4  # measures of pictures, before those of physics
-USUAL = (OURS, FORECASTER, FREE, AUTHORS)
-HEADS = {
+N_IMAGE_MEASURES = 4  # measures of pictures, before those of physics
+USUAL_MODELS = (OURS, FORECASTER, FREE, AUTHORS)
+SHORT_TITLES = {
     OURS: "LaGSplat",
     FORECASTER: "Key points",
     FREE: "Neural ODE",
     AUTHORS: "Authors' code",
-    PAPER["LaGSplat"]: "LaGSplat",
-    PAPER["GaussianPrediction"]: "GaussianPred.",
+    PAPER_TITLES["LaGSplat"]: "LaGSplat",
+    PAPER_TITLES["GaussianPrediction"]: "GaussianPred.",
 }
 
 
-def latex_extrapolation(table: pd.DataFrame, *, titles: Mapping[str, str]) -> str:
-    """The rows of `extrapolation_rows` in LaTeX; ``titles`` gives the name of each system.
+def format_extrapolation_latex(table: pd.DataFrame, *, titles: Mapping[str, str]) -> str:
+    """The rows of `build_extrapolation_table` in LaTeX; ``titles`` gives the name of each system.
 
     A cell without a number is a dash whose footnote says why.
 
     Source: paper, Table "Extrapolation past the training window".
     """
     here = list(dict.fromkeys(table["model"]))
-    variants = [name for name in here if name not in (*USUAL, *PAPER.values())]
-    shown = [*USUAL, *variants, *PAPER.values()]
+    variants = [name for name in here if name not in (*USUAL_MODELS, *PAPER_TITLES.values())]
+    shown = [*USUAL_MODELS, *variants, *PAPER_TITLES.values()]
     notes: list[str] = []
     if AUTHORS not in here:
         notes.append("The authors' code needs CUDA and was not run on this recording.")
     body: list[str] = []
     for system, block in table.groupby("system", sort=False):
-        body.append(block_title(titles.get(str(system), str(system)), columns=len(shown) + 1))
-        for index, measure in enumerate((*MEASURES[:RENDERING], FLOOR, *MEASURES[RENDERING:])):
-            if index == RENDERING + 1:
+        body.append(format_block_title(titles.get(str(system), str(system)), columns=len(shown) + 1))
+        for index, measure in enumerate((*MEASURES[:N_IMAGE_MEASURES], FLOOR, *MEASURES[N_IMAGE_MEASURES:])):
+            if index == N_IMAGE_MEASURES + 1:
                 body.append(r"\addlinespace[2pt]")
-            body.append(cells(escape(measure.title), *_line(block, measure, shown, notes)))
+            body.append(format_cells(escape_latex(measure.title), *_line(block, measure, shown, notes)))
     head = [
-        rf" & \multicolumn{{{len(USUAL) + len(variants)}}}{{c}}{{this work}} & "
-        rf"\multicolumn{{{len(PAPER)}}}{{c}}{{the paper, on its film}} \\",
-        cells("", *(escape(HEADS.get(name, name)) for name in shown)),
+        rf" & \multicolumn{{{len(USUAL_MODELS) + len(variants)}}}{{c}}{{this work}} & "
+        rf"\multicolumn{{{len(PAPER_TITLES)}}}{{c}}{{the paper, on its film}} \\",
+        format_cells("", *(escape_latex(SHORT_TITLES.get(name, name)) for name in shown)),
     ]
-    return latex_float(
+    return format_latex_table(
         head=head,
         body=body,
         columns="@{}l" + "c" * len(shown) + "@{}",
@@ -252,7 +259,9 @@ def latex_extrapolation(table: pd.DataFrame, *, titles: Mapping[str, str]) -> st
     ).replace(r"\addlinespace[2pt]", r"\noalign{\vskip 2pt}")
 
 
-def _line(block: pd.DataFrame, measure: Measure, shown: list[str], notes: list[str]) -> list[str]:
+def _line(
+    block: pd.DataFrame, measure: ExtrapolationMeasure, shown: list[str], notes: list[str]
+) -> list[str]:
     line = []
     for name in shown:
         found = block[(block["model"] == name) & (block["measure"] == measure.name)].to_dict("records")
@@ -260,7 +269,9 @@ def _line(block: pd.DataFrame, measure: Measure, shown: list[str], notes: list[s
             line.append(r"--$^{1}$" if name == AUTHORS and notes else "--")
             continue
         row = found[0]
-        text = latex_number(*(scaled(row.get(key), measure.scale) for key in ("value", "low", "high")))
+        text = format_latex_number(
+            *(rescale(row.get(key), measure.scale) for key in ("value", "low", "high"))
+        )
         line.append(text + _footnote(row, notes))
     return line
 
@@ -280,7 +291,7 @@ def _caption(table: pd.DataFrame, notes: list[str]) -> str:
     recordings = " and ".join(sorted(set(own["recording"].astype(str))))
     profiles = " and ".join(sorted(set(own["profile"].astype(str))))
     seeds = "; ".join(
-        f"{HEADS.get(str(name), str(name))} {int(group['n_seeds'].iloc[0])}"
+        f"{SHORT_TITLES.get(str(name), str(name))} {int(group['n_seeds'].iloc[0])}"
         for name, group in own.groupby("model", sort=False)
     )
     told = " ".join(f"({index + 1}) {note}" for index, note in enumerate(notes))

@@ -9,11 +9,18 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from lagsplat.report.common.aggregate import grouped
-from lagsplat.report.common.latex import block_title, cells, escape, latex_float, latex_number, scaled
+from lagsplat.report.common.formatting import (
+    escape_latex,
+    format_block_title,
+    format_cells,
+    format_latex_number,
+    format_latex_table,
+    rescale,
+)
 from lagsplat.report.common.published_values import RECORDING
+from lagsplat.report.common.table_rows import group_runs
 
-ERRORS = (
+ACCURACY_ERRORS = (
     "direction_deg",
     "shape",
     "amplitude",
@@ -21,16 +28,18 @@ ERRORS = (
     "pictured_shape",
     "pictured_amplitude",
 )
-ACCURACY_COLUMNS = ("system", "what", "n", *(f"{name}{end}" for name in ERRORS for end in ("", "_p90")), "error",
+ACCURACY_COLUMNS = ("system", "what", "n", *(f"{name}{end}" for name in ACCURACY_ERRORS for end in ("", "_p90")), "error",
            "span", "scale_low", "scale_high", "refused", "recording", "profile", "n_seeds")  # fmt: skip
 
 
-def force_rows(runs: Sequence[Mapping[str, Any]], metrics: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+def build_force_rows(
+    runs: Sequence[Mapping[str, Any]], metrics: Sequence[dict[str, Any]]
+) -> list[dict[str, Any]]:
     """Rows of each simulated system, medians over seeds: inside the visited range with a brush and with one
     Gaussian, each level of force, the answer in time, and the first motion with three masses.
     """
     rows: list[dict[str, Any]] = []
-    for place, variants in grouped(runs, metrics).items():
+    for place, variants in group_runs(runs, metrics).items():
         context = {"system": place.system, "recording": place.recording, "profile": place.profile}
         for members in variants.values():
             told = [_rows(run["truth"]) for run in members if run["truth"] is not None]
@@ -40,16 +49,16 @@ def force_rows(runs: Sequence[Mapping[str, Any]], metrics: Sequence[dict[str, An
     return rows
 
 
-def force_table(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
-    """The rows of `force_rows` with the columns `ACCURACY_COLUMNS`."""
+def build_force_table(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
+    """The rows of `build_force_rows` with the columns `ACCURACY_COLUMNS`."""
     return pd.DataFrame(list(rows), dtype=object).reindex(columns=list(ACCURACY_COLUMNS))
 
 
-def latex_forces(rows: Sequence[Mapping[str, Any]], *, titles: Mapping[str, str]) -> str:
+def format_force_latex(rows: Sequence[Mapping[str, Any]], *, titles: Mapping[str, str]) -> str:
     """The same table in LaTeX; ``titles`` gives the heading of each system's block."""
-    frame, body = force_table(rows), []
+    frame, body = build_force_table(rows), []
     for system, block in frame.groupby("system", sort=False):
-        body += [block_title(titles.get(str(system), str(system)), columns=9)]
+        body += [format_block_title(titles.get(str(system), str(system)), columns=9)]
         body += [_accuracy_line(row) for row in block.to_dict("records")]
     head = [
         r"& & \multicolumn{3}{c}{Matter} & \multicolumn{3}{c}{Picture} & In time \\",
@@ -70,25 +79,27 @@ def latex_forces(rows: Sequence[Mapping[str, Any]], *, titles: Mapping[str, str]
         "the true masses. Span of energies: largest over smallest eigenvalue relative to the true matrix; "
         "one factor makes all energies true where it is 1."
     )
-    return latex_float(
+    return format_latex_table(
         head=head, body=body, columns="@{}lcccccccc@{}", caption=caption, label="tab:force-truth"
     )
 
 
 def _accuracy_line(row: Mapping[Any, Any]) -> str:
     if isinstance(row["refused"], str):
-        return cells(escape(f"{row['what']}: {row['refused']}"), *[""] * 8)
+        return format_cells(escape_latex(f"{row['what']}: {row['refused']}"), *[""] * 8)
 
     def cell(name: str) -> str:
         scale = 1.0 if name.endswith("deg") else 100.0
-        typical, most = (latex_number(scaled(row.get(f"{name}{end}"), scale)) for end in ("", "_p90"))
+        typical, most = (format_latex_number(rescale(row.get(f"{name}{end}"), scale)) for end in ("", "_p90"))
         return typical if most == "--" else f"{typical} ({most})"
 
-    spread = [latex_number(row[name]) for name in ("scale_low", "scale_high")]
-    what = escape(str(row["what"])) + ("" if "--" in spread else f" [{', '.join(spread)}]")
-    what += "" if pd.isna(row["span"]) else f": {latex_number(row['span'])}"
+    spread = [format_latex_number(row[name]) for name in ("scale_low", "scale_high")]
+    what = escape_latex(str(row["what"])) + ("" if "--" in spread else f" [{', '.join(spread)}]")
+    what += "" if pd.isna(row["span"]) else f": {format_latex_number(row['span'])}"
     n = "--" if pd.isna(row["n"]) else f"{row['n']:.0f}"
-    return cells(what, n, *(cell(name) for name in ERRORS), latex_number(scaled(row["error"], 100.0)))
+    return format_cells(
+        what, n, *(cell(name) for name in ACCURACY_ERRORS), format_latex_number(rescale(row["error"], 100.0))
+    )
 
 
 def _rows(truth: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
@@ -128,21 +139,21 @@ def _medians(same: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     return found
 
 
-VALUES = (
+INVARIANTS = (
     "lever_rank", "lever_sign", "left", "right", "background", "typical", "ratio", "force_sum", "answer_sum",
     "small_answer_sum", "chart_state", "chart_picture", "across",
 )  # fmt: skip
-INVARIANT_COLUMNS = ("system", "method", *VALUES, "recording", "profile", "n_seeds")
+INVARIANT_COLUMNS = ("system", "method", *INVARIANTS, "recording", "profile", "n_seeds")
 PAPER_SYSTEM = "rainbow_rocker"
 # The same downward force at three slats: -0.50, -0.76, -0.84; on the other side +1.22. Sums: one force from
 # the other two by linearity. Across: in three dimensions, and absolute.
-PAPER = {
+PAPER_INVARIANTS = {
     "left": -0.84, "right": 1.22, "background": 0.007, "typical": 0.50, "ratio": 70.0, "force_sum": 8e-8,
     "across": 3.1e-17,
 }  # fmt: skip
 
 
-def invariants_rows(
+def build_invariant_rows(
     runs: Sequence[Mapping[str, Any]],
     metrics: Sequence[dict[str, Any]],
     *,
@@ -153,18 +164,18 @@ def invariants_rows(
     ``solid`` are runs with Gaussians in space and the numbers of `lagsplat.evaluate.forces.motion`: a row each.
     """
     rows: list[dict[str, Any]] = []
-    for place, variants in grouped(runs, metrics).items():
+    for place, variants in group_runs(runs, metrics).items():
         for members in variants.values():
             each = [_values(run["invariants"]) for run in members]
             row: dict[str, Any] = {"system": place.system, "method": "ours", "n_seeds": len(members)}
-            for name in VALUES:
+            for name in INVARIANTS:
                 known = [value for values in each if (value := values[name]) is not None]
                 row[name] = float(np.median(known)) if known else None
             rows.append(row | {"recording": place.recording, "profile": place.profile})
         if place.system == PAPER_SYSTEM:
             rows.append(
                 {"system": place.system, "method": "paper", "recording": RECORDING, "profile": "the paper's"}
-                | PAPER
+                | PAPER_INVARIANTS
             )
     for run, numbers in solid:
         rows.append(
@@ -179,19 +190,19 @@ def invariants_rows(
     return rows
 
 
-def invariants_table(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
-    """The rows of `invariants_rows` with the columns `INVARIANT_COLUMNS`."""
+def build_invariant_table(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
+    """The rows of `build_invariant_rows` with the columns `INVARIANT_COLUMNS`."""
     return pd.DataFrame(list(rows), dtype=object).reindex(columns=list(INVARIANT_COLUMNS))
 
 
-def latex_invariants(rows: Sequence[Mapping[str, Any]], *, titles: Mapping[str, str]) -> str:
+def format_invariant_latex(rows: Sequence[Mapping[str, Any]], *, titles: Mapping[str, str]) -> str:
     """The same table in LaTeX; ``titles`` gives the heading of each system's block.
 
     Source: paper, "Applying forces".
     """
-    frame, body = invariants_table(rows), []
+    frame, body = build_invariant_table(rows), []
     for system, block in frame.groupby("system", sort=False):
-        body += [block_title(titles.get(str(system), str(system)), columns=9)]
+        body += [format_block_title(titles.get(str(system), str(system)), columns=9)]
         body += [_invariant_line(row) for row in block.to_dict("records")]
     head = [
         r"& \multicolumn{3}{c}{Lever} & Background & \multicolumn{2}{c}{Sums} & Chart & Across \\",
@@ -211,24 +222,27 @@ def latex_invariants(rows: Sequence[Mapping[str, Any]], *, titles: Mapping[str, 
         "on what a ray met first. The paper's row holds its own numbers, on its film of its rocker; its last "
         "is of a force in space, and not a share but the force itself."
     )
-    return latex_float(
+    return format_latex_table(
         head=head, body=body, columns="@{}lcccccccc@{}", caption=caption, label="tab:force-invariants"
     )
 
 
 def _invariant_line(row: Mapping[Any, Any]) -> str:
-    ends = [latex_number(row[name]) for name in ("left", "right")]
-    return cells(
-        escape(f"{row['method']} ({row['recording']})"),
-        latex_number(row["lever_rank"]),
-        latex_number(scaled(row["lever_sign"], 100.0)),
+    ends = [format_latex_number(row[name]) for name in ("left", "right")]
+    return format_cells(
+        escape_latex(f"{row['method']} ({row['recording']})"),
+        format_latex_number(row["lever_rank"]),
+        format_latex_number(rescale(row["lever_sign"], 100.0)),
         "--" if "--" in ends else ", ".join(ends),
-        latex_number(row["ratio"]),
-        *(power(row[name]) for name in ("force_sum", "small_answer_sum", "chart_picture", "across")),
+        format_latex_number(row["ratio"]),
+        *(
+            format_order_of_magnitude(row[name])
+            for name in ("force_sum", "small_answer_sum", "chart_picture", "across")
+        ),
     )
 
 
-def power(value: float | None) -> str:
+def format_order_of_magnitude(value: float | None) -> str:
     """A number so small that its order of magnitude is what is told."""
     if value is None or pd.isna(value):
         return "--"

@@ -6,10 +6,15 @@ from typing import Any
 import pandas as pd
 
 from lagsplat.diagnose.effects.descriptions import short_title
-from lagsplat.report.common.latex import cells, escape, latex_float, latex_number
+from lagsplat.report.common.formatting import (
+    escape_latex,
+    format_cells,
+    format_latex_number,
+    format_latex_table,
+)
 
 HELD_OUT = "held_out"
-COLUMNS = (
+GAP_COLUMNS = (
     "system",
     "against",
     "planted",
@@ -35,45 +40,47 @@ COLUMNS = (
     "recording",
     "profile",
 )
-GAPS = ("before", "after", "floor")
-MARKS = {"effect": "", "none": "none", "unknown": "unknown", "undetermined": "undetermined"}
+GAP_MEASURES = ("before", "after", "floor")
+VERDICT_TITLES = {"effect": "", "none": "none", "unknown": "unknown", "undetermined": "undetermined"}
 
 
-def gap_rows(
+def build_gap_rows(
     runs: Sequence[Mapping[str, Any]], diagnoses: Sequence[Mapping[str, Any]]
 ) -> list[dict[str, Any]]:
     """One row a diagnosis: the wildcards of its run, with ``real`` beside them, and what it found."""
     return [_row(run, found) for run, found in zip(runs, diagnoses, strict=True)]
 
 
-def gap_table(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
-    """The rows with the columns `COLUMNS`."""
-    return pd.DataFrame(rows, columns=list(COLUMNS))
+def build_gap_table(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
+    """The rows with the columns `GAP_COLUMNS`."""
+    return pd.DataFrame(rows, columns=list(GAP_COLUMNS))
 
 
-def latex_gap(rows: Sequence[Mapping[str, Any]], *, titles: Mapping[str, str]) -> str:
+def format_gap_latex(rows: Sequence[Mapping[str, Any]], *, titles: Mapping[str, str]) -> str:
     """The same table in LaTeX; ``titles`` gives the name of each system."""
     body: list[str] = []
     for system in dict.fromkeys(row["system"] for row in rows):
         body.append(r"\midrule")
         for index, row in enumerate(row for row in rows if row["system"] == system):
-            name = escape(titles.get(system, system)) if index == 0 else ""
+            name = escape_latex(titles.get(system, system)) if index == 0 else ""
             against = "held-out part" if row["planted"] is None else f"with {_named(row['planted'])}"
             found = "; ".join(_named(one) for one in row["found"].split("+")) if row["found"] else ""
-            answer = found or MARKS[row["verdict"]]
-            sizes = [latex_number(None if row[key] is None else 100.0 * row[key]) for key in GAPS]
-            closure = latex_number(
+            answer = found or VERDICT_TITLES[row["verdict"]]
+            sizes = [
+                format_latex_number(None if row[key] is None else 100.0 * row[key]) for key in GAP_MEASURES
+            ]
+            closure = format_latex_number(
                 *(_percent(row[key]) for key in ("closure", "closure_low", "closure_high"))
             )
             chance = "--" if row["probability"] is None else f"${row['probability']:.2f}$"
-            texts = (escape(text) for text in (against, answer, row["recording"]))
+            texts = (escape_latex(text) for text in (against, answer, row["recording"]))
             held, told, recording = texts
-            body.append(cells(name, held, told, chance, *sizes, closure, _runaways(row), recording))
+            body.append(format_cells(name, held, told, chance, *sizes, closure, _runaways(row), recording))
     head = [
         r"System & Held against & Found & $p$ & Gap & After & Floor & Closed & Diverged & Recording \\",
         r" & & & & (\%) & (\%) & (\%) & (\%) & & \\",
     ]
-    return latex_float(
+    return format_latex_table(
         head=head, body=body, columns="@{}lllccccccl@{}", caption=_caption(rows), label="tab:gap"
     )
 

@@ -14,26 +14,33 @@ import numpy as np
 import pandas as pd
 
 from lagsplat.evaluate.aggregate import aggregate, paired_margin
-from lagsplat.report.common.aggregate import (
-    beside_paper,
-    counted,
-    diverged,
-    grouped,
-    measured,
-    spreads,
-    table_row,
-    told,
+from lagsplat.report.common.formatting import (
+    escape_latex,
+    format_block_title,
+    format_cells,
+    format_latex_number,
+    format_latex_table,
+    rescale,
 )
-from lagsplat.report.common.latex import block_title, cells, escape, latex_float, latex_number, scaled
 from lagsplat.report.common.published_values import RECORDING
+from lagsplat.report.common.table_rows import (
+    build_row,
+    count_rollouts,
+    describe_runs,
+    format_diverged,
+    format_score,
+    group_runs,
+    list_spread_columns,
+    merge_with_published,
+)
 
 TRUTH_COLUMNS = ("system", "quantity", "learned", "truth", "error")
-CONTEXT = ("encoded", "residual", "recording", "profile", "n_seeds")
-SPREAD = ("learned_low", "learned_high")
+TRUTH_CONTEXT = ("encoded", "residual", "recording", "profile", "n_seeds")
+TRUTH_SPREAD = ("learned_low", "learned_high")
 
 
-def truth_table(runs: Sequence[Mapping[str, Any]], metrics: Sequence[dict[str, Any]]) -> pd.DataFrame:
-    """A row for each quantity of each simulated system; ``runs`` and ``metrics`` as in `grouped`.
+def build_truth_table(runs: Sequence[Mapping[str, Any]], metrics: Sequence[dict[str, Any]]) -> pd.DataFrame:
+    """A row for each quantity of each simulated system; ``runs`` and ``metrics`` as in `group_runs`.
 
     Over several seeds every number is the median, and ``learned_low`` and ``learned_high`` are the smallest
     and the largest value; ``error`` is the median of the seeds' own. Dynamics other than the default are
@@ -43,7 +50,7 @@ def truth_table(runs: Sequence[Mapping[str, Any]], metrics: Sequence[dict[str, A
         ValueError: no recording has a truth.
     """
     rows: list[dict[str, Any]] = []
-    for (system, recording, profile, stage1), variants in grouped(runs, metrics).items():
+    for (system, recording, profile, stage1), variants in group_runs(runs, metrics).items():
         for stage2, members in variants.items():
             known = [run["truth"]["rows"] for run in members if "truth" in run]
             changed = ", ".join(name for name in (stage1, stage2) if name != "default")
@@ -57,8 +64,8 @@ def truth_table(runs: Sequence[Mapping[str, Any]], metrics: Sequence[dict[str, A
     if not rows:
         raise ValueError("no run has a truth to compare with: evaluate one of a simulated recording")
     frame = pd.DataFrame(rows, dtype=object)
-    spread = [name for name in SPREAD if frame[name].notna().any()]
-    return frame.reindex(columns=[*TRUTH_COLUMNS, *CONTEXT, *spread])
+    spread = [name for name in TRUTH_SPREAD if frame[name].notna().any()]
+    return frame.reindex(columns=[*TRUTH_COLUMNS, *TRUTH_CONTEXT, *spread])
 
 
 def _medians(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
@@ -73,17 +80,17 @@ def _medians(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     return found
 
 
-def latex_truth(table: pd.DataFrame, *, titles: Mapping[str, str]) -> str:
+def format_truth_latex(table: pd.DataFrame, *, titles: Mapping[str, str]) -> str:
     """The same table in LaTeX, block by block; ``titles`` gives the name of each system."""
     body = []
     for system, block in table.groupby("system", sort=False):
-        body += [block_title(titles.get(str(system), str(system)), columns=6)]
+        body += [format_block_title(titles.get(str(system), str(system)), columns=6)]
         body += [
-            cells(
-                escape(str(row["quantity"])),
-                latex_number(row["learned"], row.get("learned_low"), row.get("learned_high")),
-                *(latex_number(row[name]) for name in ("truth", "encoded")),
-                *(latex_number(scaled(row[name], 100.0)) for name in ("error", "residual")),
+            format_cells(
+                escape_latex(str(row["quantity"])),
+                format_latex_number(row["learned"], row.get("learned_low"), row.get("learned_high")),
+                *(format_latex_number(row[name]) for name in ("truth", "encoded")),
+                *(format_latex_number(rescale(row[name], 100.0)) for name in ("error", "residual")),
             )
             for row in block.to_dict("records")
         ]
@@ -99,29 +106,33 @@ def latex_truth(table: pd.DataFrame, *, titles: Mapping[str, str]) -> str:
         "fractions of the motion's rms."
     )
     head = [r"Quantity & Learned & Truth & Encoded & Error (\%) & Map (\%) \\"]
-    return latex_float(head=head, body=body, columns="@{}lccccc@{}", caption=caption, label="tab:truth")
+    return format_latex_table(
+        head=head, body=body, columns="@{}lccccc@{}", caption=caption, label="tab:truth"
+    )
 
 
-MASSES = {"constant_mass": "constant", "induced_mass": "induced by the decoder"}
-LEARNED = "learned"
-BASELINE = "constant_mass"
-INERTIA = ("state_dependence", "span", "condition_median", "condition_max")
-SCORES = ("mse_half_second", "frequency_error", "latent_nrmse")
+MASS_TITLES = {"constant_mass": "constant", "induced_mass": "induced by the decoder"}
+LEARNED_MASS = "learned"
+CONSTANT_MASS = "constant_mass"
+INERTIA_MEASURES = ("state_dependence", "span", "condition_median", "condition_max")
+MASS_SCORES = ("mse_half_second", "frequency_error", "latent_nrmse")
 MASS_COLUMNS = (
-    "robot", "mass", "d", *SCORES, "margin", "margin_low", "margin_high", *INERTIA, "ae_floor", "diverged",
+    "robot", "mass", "d", *MASS_SCORES, "margin", "margin_low", "margin_high", *INERTIA_MEASURES, "ae_floor", "diverged",
     "recording", "profile", "n_seeds",
 )  # fmt: skip
 MASS_SCALES = {"mse_half_second": 1e3, "margin": 1e3, "frequency_error": 1e2}
 # Half-second error and frequency error of the two-segment arm; of the constant mass the first alone.
-PAPER = {
-    LEARNED: {"mse_half_second": 0.769e-3, "frequency_error": 0.057},
-    MASSES["induced_mass"]: {"mse_half_second": 1.33e-3, "frequency_error": 0.069},
-    MASSES["constant_mass"]: {"mse_half_second": 4.8e-3},
+PAPER_MASSES = {
+    LEARNED_MASS: {"mse_half_second": 0.769e-3, "frequency_error": 0.057},
+    MASS_TITLES["induced_mass"]: {"mse_half_second": 1.33e-3, "frequency_error": 0.069},
+    MASS_TITLES["constant_mass"]: {"mse_half_second": 4.8e-3},
 }
 PAPER_ROBOT = "krauss_2seg"
 
 
-def mass_rows(runs: Sequence[Mapping[str, Any]], metrics: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+def build_mass_rows(
+    runs: Sequence[Mapping[str, Any]], metrics: Sequence[dict[str, Any]]
+) -> list[dict[str, Any]]:
     """A row for each form of the mass on each recording, and the paper's own for the robot it gives them of.
 
     ``margin`` is how much lower the half-second image error is than with the constant mass on the same
@@ -129,67 +140,69 @@ def mass_rows(runs: Sequence[Mapping[str, Any]], metrics: Sequence[dict[str, Any
     medians over seeds.
     """
     rows: list[dict[str, Any]] = []
-    for place, variants in grouped(runs, metrics).items():
-        constant = variants.get(BASELINE, [])
+    for place, variants in group_runs(runs, metrics).items():
+        constant = variants.get(CONSTANT_MASS, [])
         for name, members in variants.items():
-            row = table_row(
+            row = build_row(
                 aggregate(members),
                 robot=place.system,
                 method="LaGSplat",
                 recording=place.recording,
                 profile=place.profile,
             )
-            row["mass"] = MASSES.get(name, LEARNED)
-            row |= {key: float(np.median([run["inertia"][key] for run in members])) for key in INERTIA}
-            if constant and name != BASELINE:
+            row["mass"] = MASS_TITLES.get(name, LEARNED_MASS)
+            row |= {
+                key: float(np.median([run["inertia"][key] for run in members])) for key in INERTIA_MEASURES
+            }
+            if constant and name != CONSTANT_MASS:
                 gain = paired_margin(members, constant, score="mse_half_second")
                 row |= {"margin": gain["value"], "margin_low": gain["low"], "margin_high": gain["high"]}
             rows.append(row)
         if place.system == PAPER_ROBOT:
             paper = {"robot": place.system, "d": 4, "recording": RECORDING, "profile": "the paper's"}
-            rows += [{**paper, "mass": f"{name} (paper)", **scores} for name, scores in PAPER.items()]
+            rows += [{**paper, "mass": f"{name} (paper)", **scores} for name, scores in PAPER_MASSES.items()]
     return rows
 
 
-def mass_table(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
-    """The rows of `mass_rows` with the columns `MASS_COLUMNS`."""
+def build_mass_table(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
+    """The rows of `build_mass_rows` with the columns `MASS_COLUMNS`."""
     return pd.DataFrame(list(rows), dtype=object).reindex(columns=list(MASS_COLUMNS))
 
 
-def latex_mass(rows: Sequence[Mapping[str, Any]], *, titles: Mapping[str, str]) -> str:
+def format_mass_latex(rows: Sequence[Mapping[str, Any]], *, titles: Mapping[str, str]) -> str:
     """The same table in LaTeX; ``titles`` gives the heading of each robot's block.
 
     Source: paper, "Decoder-induced inertia".
     """
     frame, body = pd.DataFrame(list(rows), dtype=object), []
     for robot, block in frame.groupby("robot", sort=False):
-        body += [block_title(titles.get(str(robot), str(robot)), columns=9)]
+        body += [format_block_title(titles.get(str(robot), str(robot)), columns=9)]
         body += [_line(row) for row in block.to_dict("records")]
     head = [
         r"Mass & MSE 0.5\,s & Gain & $\varepsilon_{\mathrm{freq}}$ & NRMSE & State & Span & Condition & "
         r"Recording \\",
         r" & $(10^{-3})$ & $(10^{-3})$ & (\%) & latent & (\%) & & median (max) & \\",
     ]
-    return latex_float(
+    return format_latex_table(
         head=head, body=body, columns="@{}lccccccll@{}", caption=_mass_caption(rows), label="tab:mass"
     )
 
 
 def _line(row: Mapping[Any, Any]) -> str:
     def cell(name: str) -> str:
-        return measured(row, name, scale=MASS_SCALES.get(name, 1.0))
+        return format_score(row, name, scale=MASS_SCALES.get(name, 1.0))
 
-    typical, most = (latex_number(row.get(name)) for name in ("condition_median", "condition_max"))
-    return cells(
-        escape(str(row["mass"])),
+    typical, most = (format_latex_number(row.get(name)) for name in ("condition_median", "condition_max"))
+    return format_cells(
+        escape_latex(str(row["mass"])),
         cell("mse_half_second"),
         cell("margin"),
         cell("frequency_error"),
         cell("latent_nrmse"),
-        latex_number(scaled(row.get("state_dependence"), 100.0)),
-        latex_number(row.get("span")),
+        format_latex_number(rescale(row.get("state_dependence"), 100.0)),
+        format_latex_number(row.get("span")),
         "--" if typical == "--" else f"{typical} ({most})",
-        escape(str(row["recording"])),
+        escape_latex(str(row["recording"])),
     )
 
 
@@ -206,12 +219,12 @@ def _mass_caption(rows: Sequence[Mapping[str, Any]]) -> str:
     )
 
 
-MEASURED = ("frequency_error", "latent_nrmse", "image_ratio", "ae_floor")
-PHYSICAL_COLUMNS = ("system", "d", *MEASURED, "diverged", "recording", "profile", "n_seeds")
+PHYSICAL_SCORES = ("frequency_error", "latent_nrmse", "image_ratio", "ae_floor")
+PHYSICAL_COLUMNS = ("system", "d", *PHYSICAL_SCORES, "diverged", "recording", "profile", "n_seeds")
 PHYSICAL_SCALES = {"ae_floor": 1e4, "frequency_error": 1e2}
 
 
-def physical_table(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
+def build_physical_table(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
     """Our rows and the paper's own beside them, system by system; the rows are those of `rows_of`.
 
     The columns are `PHYSICAL_COLUMNS`, then ``dynamics`` if there are any but the default, then ``_low`` and ``_high``
@@ -220,33 +233,39 @@ def physical_table(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
     Raises:
         ValueError: no row.
     """
-    frame = beside_paper(rows).rename(columns={"robot": "system"})
+    frame = merge_with_published(rows).rename(columns={"robot": "system"})
     several = {row["method"] for row in rows} - {"LaGSplat"}
     frame["dynamics"] = [_named(row) for row in frame.to_dict("records")]
-    columns = [*PHYSICAL_COLUMNS, *(["dynamics"] if several else []), *spreads(frame, MEASURED)]
+    columns = [
+        *PHYSICAL_COLUMNS,
+        *(["dynamics"] if several else []),
+        *list_spread_columns(frame, PHYSICAL_SCORES),
+    ]
     return frame.reindex(columns=columns)
 
 
-def latex_physical(rows: Sequence[Mapping[str, Any]], *, titles: Mapping[str, str]) -> str:
+def format_physical_latex(rows: Sequence[Mapping[str, Any]], *, titles: Mapping[str, str]) -> str:
     """The same table in LaTeX; ``titles`` gives the name of each system.
 
     Source: paper, Table "Free rollouts".
     """
-    rollouts, body = counted(rows), []
-    for system, block in beside_paper(rows).groupby("robot", sort=False):
+    rollouts, body = count_rollouts(rows), []
+    for system, block in merge_with_published(rows).groupby("robot", sort=False):
         body += [r"\midrule"]
-        title = escape(titles.get(str(system), str(system)))
+        title = escape_latex(titles.get(str(system), str(system)))
         for index, row in enumerate(block.to_dict("records")):
-            name = title if index == 0 else rf"\quad {escape(_named(row))}"
-            scores = (measured(row, score, scale=PHYSICAL_SCALES.get(score, 1.0)) for score in MEASURED)
-            recording = escape(str(row["recording"]))
-            body.append(cells(name, str(row["d"]), *scores, diverged(row, rollouts), recording))
+            name = title if index == 0 else rf"\quad {escape_latex(_named(row))}"
+            scores = (
+                format_score(row, score, scale=PHYSICAL_SCALES.get(score, 1.0)) for score in PHYSICAL_SCORES
+            )
+            recording = escape_latex(str(row["recording"]))
+            body.append(format_cells(name, str(row["d"]), *scores, format_diverged(row, rollouts), recording))
     head = [
         r"System & $d$ & $\varepsilon_{\mathrm{freq}}$ & $\varepsilon_{q}$ & $\varepsilon_{I}$ & "
         r"$\varepsilon_{\mathrm{AE}}$ & Diverged & Recording \\",
         r" & & (\%) & & $(\times\,\varepsilon_{\mathrm{AE}})$ & $(10^{-4})$ & rollouts & \\",
     ]
-    return latex_float(
+    return format_latex_table(
         head=head, body=body, columns="@{}lccccccl@{}", caption=_physical_caption(rows), label="tab:physical"
     )
 
@@ -262,20 +281,22 @@ def _physical_caption(rows: Sequence[Mapping[str, Any]]) -> str:
     return (
         "Free rollouts on the held-out part: error of the free frequency, of the latent state and of the "
         "image over two natural periods, the image's as a multiple of the static error of the autoencoder. "
-        f"{recordings.capitalize()} recordings, {told(rows)} A rollout that diverges stays in every mean, "
+        f"{recordings.capitalize()} recordings, {describe_runs(rows)} A rollout that diverges stays in every mean, "
         "scored no better than the mean prediction, and is counted over all scores of the run. The paper's "
         "own numbers were measured on its filmed recordings, and are not comparable with a simulated one."
     )
 
 
-PATH = ("system", "recording", "profile", "stage1", "ae", "stage2", "seed")
-FOUND = (
+RUN_FIELDS = ("system", "recording", "profile", "stage1", "ae", "stage2", "seed")
+GUARANTEE_FIELDS = (
     "holds", "rise", "rise_at_half_step", "step_s", "starts", "far", "free_settled", "free_diverged",
     "free_time_s", "held_settled", "held_diverged", "held_time_s", "held_force_error", "reason",
 )  # fmt: skip
 
 
-def guarantee_table(runs: Sequence[Mapping[str, Any]], found: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
+def build_guarantee_table(
+    runs: Sequence[Mapping[str, Any]], found: Sequence[Mapping[str, Any]]
+) -> pd.DataFrame:
     """A row for each run with the results of `lagsplat.evaluate.guarantee.measure_guarantee`.
 
     Raises:
@@ -283,5 +304,7 @@ def guarantee_table(runs: Sequence[Mapping[str, Any]], found: Sequence[Mapping[s
     """
     if not runs:
         raise ValueError("no law to ask: train a run first")
-    rows = [{name: run[name] for name in PATH} | dict(one) for run, one in zip(runs, found, strict=True)]
-    return pd.DataFrame(rows, dtype=object).reindex(columns=[*PATH, *FOUND])
+    rows = [
+        {name: run[name] for name in RUN_FIELDS} | dict(one) for run, one in zip(runs, found, strict=True)
+    ]
+    return pd.DataFrame(rows, dtype=object).reindex(columns=[*RUN_FIELDS, *GUARANTEE_FIELDS])

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from lagsplat.diagnose.imaging.rendering import body_points, drawing_errors, drawn, evenly, measured
-from lagsplat.report.figures.forces import sideways
+from lagsplat.report.figures.forces import turn_camera
 from tests.unit.evaluate import tiny_run
 from tests.unit.forces.solid import turning
 
@@ -67,7 +67,7 @@ def test_a_run_in_which_nothing_moves_is_refused(parts):
 def test_points_in_space_stand_and_move_where_the_film_shows_them():
     held = turning()
     body = body_points(held.autoencoder, held.chart)
-    camera = sideways(held, 0.0, 0.0)
+    camera = turn_camera(held, 0.0, 0.0)
     places = held.kinematics.places(torch.tensor([[0.0], [1e-4]], dtype=torch.float64)).numpy()
     on = held.kinematics.geometry.jacobian[:, :, 0].norm(dim=1).numpy() > 0
     seen = np.stack([camera.project(at[on]) for at in places])

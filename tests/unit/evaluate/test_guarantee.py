@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from lagsplat.evaluate.guarantee import measure_guarantee, summarize_guarantees
-from lagsplat.report.tables.learned_physics import guarantee_table
+from lagsplat.report.tables.learned_physics import build_guarantee_table
 from lagsplat.stage2.lagrangian import Lagrangian
 from tests.stage2_problems import random_lagrangian
 from tests.unit.evaluate import swing, tiny_run
@@ -41,12 +41,12 @@ def test_an_induced_mass_cannot_be_asked_and_says_so() -> None:
     chart = tiny_run.chart(tiny_run.autoencoder(1, swing.SIDE), swing.recording())
     config = swing.settings().guarantee
     found = measure_guarantee(random_lagrangian(1, 0, 1, mass="induced"), chart, config)
-    table = guarantee_table([RUN, RUN], [found, measure_guarantee(swing.lagrangian(), chart, config)])
+    table = build_guarantee_table([RUN, RUN], [found, measure_guarantee(swing.lagrangian(), chart, config)])
     assert "decoder-induced" in table["reason"][0]
     assert table["holds"][1]
     assert table["free_settled"][1] == 4
     with pytest.raises(ValueError, match="no law to ask"):
-        guarantee_table([], [])
+        build_guarantee_table([], [])
 
 
 def test_time_that_is_too_short_is_not_called_settled() -> None:

@@ -8,7 +8,7 @@ import torch
 
 from lagsplat.evaluate.novel_views import draw_novel_view, score_novel_views
 from lagsplat.io.recording.recording import Recording
-from lagsplat.report.figures.reconstruction import draw_sides
+from lagsplat.report.figures.reconstruction import draw_novel_views
 from lagsplat.stage1.autoencoder import Autoencoder, encode_frames
 from lagsplat.stage1.gaussian_initialization import initialize_gaussians
 from lagsplat.stage1.training_data import TrainingFrames
@@ -70,7 +70,7 @@ def test_holes_do_not_count(run) -> None:
 
 
 def test_the_figure_shows_held_out_cameras(run) -> None:
-    figure = draw_sides(*run, title="toy")
+    figure = draw_novel_views(*run, title="toy")
     titles = [axis.get_title() for axis in figure.axes if axis.get_title()]
     assert len(titles) == 6
     assert "(train)" in titles[0]

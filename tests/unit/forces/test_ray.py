@@ -8,7 +8,7 @@ from lagsplat.evaluate.forces.motion import push_across, push_in_space
 from lagsplat.forces.config import ForcesConfig
 from lagsplat.forces.equilibrium import OperatingPoint
 from lagsplat.forces.grasp import NoMatterError, cast_ray, grasp_along_ray, grasp_brush
-from lagsplat.report.figures.forces import draw_space_push, sideways
+from lagsplat.report.figures.forces import draw_space_push, turn_camera
 from lagsplat.splat.projection import View, make_view
 from tests.unit.forces.rocking import rocking
 from tests.unit.forces.solid import FOCAL, FRONT, HEIGHT, WALL, WIDTH, turning
@@ -32,12 +32,12 @@ def test_the_plate_is_met_before_the_wall_and_the_wall_beside_it(held: Operating
         assert hit.depth == pytest.approx(depth, abs=1e-3)
         assert 0.5 < hit.cover < 1.0
         place = held.kinematics.places(held.rest[None])[0, hit.gaussian].numpy()
-        seen = sideways(held, 0.0, 0.0).project(place[None])[0]
+        seen = turn_camera(held, 0.0, 0.0).project(place[None])[0]
         assert np.hypot(*(seen - pixel)) < 2.5
 
 
 def test_from_the_side_the_ray_meets_what_stands_there(held: OperatingPoint) -> None:
-    camera = sideways(held, 20.0, 0.0)
+    camera = turn_camera(held, 20.0, 0.0)
     on_the_wall = np.array([[-12.0 * WALL / FOCAL, -9.0 * WALL / FOCAL, WALL]])
     at = camera.project(on_the_wall)[0]
     hit = cast_ray(held.autoencoder, held.chart, held.rest, make_view([camera]), (float(at[0]), float(at[1])))

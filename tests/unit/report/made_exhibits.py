@@ -7,7 +7,7 @@ import numpy as np
 from lagsplat.diagnose.inference.identifiability import Separability
 from lagsplat.diagnose.inference.profile_likelihood import ProfileLikelihood
 from lagsplat.diagnose.residual.components import Fingerprint
-from lagsplat.report.diagnosis.content import Exhibits, Film, PictureForce, PictureGap
+from lagsplat.report.diagnosis.content import ImageErrorMap, ImageForceMap, ReportContent, VideoComparison
 from tests.unit.report import made_diagnoses
 
 
@@ -32,14 +32,14 @@ def body(angle, size=(48, 64)):
 def film(n=12):
     angles = 0.7 * np.cos(np.linspace(0.0, 6.0, n))
     made = [np.stack([body(scale * angle) for angle in angles]) for scale in (1.0, 1.3, 1.02)]
-    return Film(*made, frames_per_s=12.0)
+    return VideoComparison(*made, frames_per_s=12.0)
 
 
 def picture_gap():
     films = film()
     square = [(one.astype(float) - films.real) ** 2 for one in (films.sim, films.augmented)]
     excess = (square[0] - square[1]).mean(axis=(0, 3))
-    return PictureGap(films.real[0], excess, ((44, 18, 60, 40, 0.41), (4, 18, 20, 40, 0.37)))
+    return ImageErrorMap(films.real[0], excess, ((44, 18, 60, 40, 0.41), (4, 18, 20, 40, 0.37)))
 
 
 def picture_force(localisable=True):
@@ -47,7 +47,7 @@ def picture_force(localisable=True):
     points = np.stack([32.0 + along * np.sin(0.7), 4.0 + along * np.cos(0.7)], axis=1)
     explained = np.linspace(0.3, 0.9, 10)
     forces = np.outer(explained, [-0.7, 0.3])
-    return PictureForce(body(0.7), points, explained, forces, (8, 9) if localisable else (), localisable)
+    return ImageForceMap(body(0.7), points, explained, forces, (8, 9) if localisable else (), localisable)
 
 
 def exhibits():
@@ -59,7 +59,7 @@ def exhibits():
     after = made_diagnoses.MadeMap(1, before.position_edges, before.velocity_edges, 0.05 * before.mean,
                                    0.1 * before.score)  # fmt: skip
     grid = np.linspace(0.74, 0.87, 11)
-    return Exhibits(
+    return ReportContent(
         rungs=(
             MadeRung("perception", 0.021, 0.02, 0.022, 0.02),
             MadeRung("chart", 0.011, 0.010, 0.012, 0.01),

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from lagsplat.report.tables.learned_physics import TRUTH_COLUMNS, latex_truth, truth_table
+from lagsplat.report.tables.learned_physics import TRUTH_COLUMNS, build_truth_table, format_truth_latex
 from tests.unit.report.test_tables import names
 
 
@@ -23,14 +23,14 @@ def table():
         names(0, system="rocking_chair"),
         names(0, system="pendulum_pair", recording="filmed"),
     ]
-    return truth_table(runs, [measured(1.9), measured(2.3), measured(2.1), measured(None), {}])
+    return build_truth_table(runs, [measured(1.9), measured(2.3), measured(2.1), measured(None), {}])
 
 
 def test_a_row_for_each_system_and_quantity_and_none_without_truth(table):
     assert tuple(table.columns[:5]) == TRUTH_COLUMNS == ("system", "quantity", "learned", "truth", "error")
     assert table["system"].tolist() == ["pendulum"] * 2 + ["rocking_chair"] * 2
     with pytest.raises(ValueError, match="no run has a truth"):
-        truth_table([names(0, recording="filmed")], [{}])
+        build_truth_table([names(0, recording="filmed")], [{}])
 
 
 def test_seeds_give_a_median_and_a_range(table):
@@ -43,11 +43,13 @@ def test_seeds_give_a_median_and_a_range(table):
 
 def test_other_dynamics_are_named():
     runs = [names(0, system="pendulum", stage2="constant")]
-    assert truth_table(runs, [measured(2.0)])["quantity"][0] == "frequency, free rollout [Hz] (constant)"
+    assert (
+        build_truth_table(runs, [measured(2.0)])["quantity"][0] == "frequency, free rollout [Hz] (constant)"
+    )
 
 
 def test_latex(table):
-    text = latex_truth(table, titles={"pendulum": "Pendulum"})
+    text = format_truth_latex(table, titles={"pendulum": "Pendulum"})
     assert r"\emph{Pendulum}" in text
     lines = [line for line in text.splitlines() if line.endswith(r"\\") and "multicolumn" not in line]
     assert len(lines) == 5

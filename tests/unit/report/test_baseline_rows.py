@@ -3,7 +3,11 @@
 import numpy as np
 import pytest
 
-from lagsplat.report.tables.benchmark import benchmark_table, latex_table, with_baselines
+from lagsplat.report.tables.benchmark import (
+    build_benchmark_rows,
+    build_benchmark_table,
+    format_benchmark_latex,
+)
 from tests.unit.report.test_tables import names, run
 
 
@@ -25,7 +29,7 @@ def test_each_baseline_has_a_row_with_our_gain_on_the_same_starts():
     runs = [place("osc_abcd"), place("osc_abcd", seed=1), place("koopman_deconv")]
     theirs = [scored(3e-3, seed=1), scored(5e-3, seed=2), scored(2e-4, seed=3)]
     ours = [scored(1e-3), scored(4e-3, seed=5)]
-    rows = with_baselines([names(0), names(0, stage2="constant")], ours, runs, theirs)
+    rows = build_benchmark_rows([names(0), names(0, stage2="constant")], ours, runs, theirs)
     assert [row["method"] for row in rows] == [
         "LaGSplat",
         "LaGSplat (constant)",
@@ -37,24 +41,28 @@ def test_each_baseline_has_a_row_with_our_gain_on_the_same_starts():
     assert 0 < worse["margin_low"] < worse["margin"] < worse["margin_high"]
     assert better["margin_high"] < 0
     assert (worse["n_seeds"], worse["steps"], worse["wall_s"]) == (2, 1000, 250.0)
-    frame = benchmark_table(rows)
+    frame = build_benchmark_table(rows)
     assert frame["margin"].notna().sum() == 2
     assert frame["method"].tolist()[4:] == [
         "LaGSplat (paper)",
         *(f"{law} + {decoder} (paper)" for law in ("Osc.", "Koopman") for decoder in ("deconv", "ABCD")),
     ]
     line = next(
-        line for line in latex_table(rows, titles={}).splitlines() if line.startswith("Osc. + ABCD &")
+        line
+        for line in format_benchmark_latex(rows, titles={}).splitlines()
+        if line.startswith("Osc. + ABCD &")
     )
     assert "& 1000 & simulated" in line
     assert r"\,{\scriptstyle[" in line
 
 
 def test_without_ours_there_is_no_gain():
-    rows = with_baselines([names(0, stage2="constant")], [scored(1e-3)], [place("osc_abcd")], [scored(2e-3)])
+    rows = build_benchmark_rows(
+        [names(0, stage2="constant")], [scored(1e-3)], [place("osc_abcd")], [scored(2e-3)]
+    )
     assert rows[1]["margin"] is None
 
 
 def test_other_starts_cannot_be_paired():
     with pytest.raises(ValueError, match="windows differ"):
-        with_baselines([names(0)], [scored(1e-3)], [place("osc_abcd")], [scored(2e-3, starts=49)])
+        build_benchmark_rows([names(0)], [scored(1e-3)], [place("osc_abcd")], [scored(2e-3, starts=49)])

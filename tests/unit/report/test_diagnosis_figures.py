@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from lagsplat.diagnose.core.result import Interval
-from lagsplat.report.common.latex import percent
+from lagsplat.report.common.formatting import format_percent
 from lagsplat.report.common.style import save_figure
-from lagsplat.report.diagnosis.content import Exhibits
+from lagsplat.report.diagnosis.content import ReportContent
 from lagsplat.report.diagnosis.figure_hypotheses import draw_separability, draw_waterfall
-from lagsplat.report.diagnosis.figure_residual import draw_side_by_side, draw_time_strip
-from lagsplat.report.diagnosis.figure_state import SIDE, draw_picture, film_uri
-from lagsplat.report.diagnosis.figures import draw_all
+from lagsplat.report.diagnosis.figure_residual import draw_forecast_comparison, draw_time_strip
+from lagsplat.report.diagnosis.figure_state import MAX_SIDE_PX, draw_image_maps, encode_video_uri
+from lagsplat.report.diagnosis.figures import draw_diagnosis_figures
 from lagsplat.report.diagnosis.inline_svg import inline_svg
 from tests.unit.report import made_diagnoses, made_exhibits
 
@@ -30,7 +30,7 @@ def texts(figure) -> str:
 
 @pytest.fixture(scope="module")
 def drawn():
-    return {one.key: one.figure for one in draw_all(KINDS["single"], made_exhibits.exhibits())}
+    return {one.key: one.figure for one in draw_diagnosis_figures(KINDS["single"], made_exhibits.exhibits())}
 
 
 def test_everything_is_drawn_where_everything_is_there(drawn):
@@ -39,7 +39,7 @@ def test_everything_is_drawn_where_everything_is_there(drawn):
 
 def test_no_global_style_moves(tmp_path):
     before = dict(mpl.rcParams)
-    figure = draw_waterfall(KINDS["single"], Exhibits())
+    figure = draw_waterfall(KINDS["single"], ReportContent())
     save_figure(tmp_path / "a.pdf", figure)
     inline_svg(figure, key="a", title="b")
     assert dict(mpl.rcParams) == before
@@ -47,7 +47,7 @@ def test_no_global_style_moves(tmp_path):
 
 @pytest.mark.parametrize("kind", ["undetermined", "push", "none"])
 def test_what_is_missing_is_left_out(kind):
-    absent = {one.key for one in draw_all(KINDS[kind], Exhibits()) if one.figure is None}
+    absent = {one.key for one in draw_diagnosis_figures(KINDS[kind], ReportContent()) if one.figure is None}
     assert absent >= {"ladder", "picture", "separability", "profiles", "fingerprint"}
     assert ("waterfall" in absent) == (KINDS[kind].gap is None)
     assert ("rollouts" in absent) == (not KINDS[kind].blocks)
@@ -59,8 +59,8 @@ def test_the_waterfall_goes_from_before_to_after(drawn):
     gap = KINDS["single"].gap
     words = texts(drawn["waterfall"])
     for value in (gap.before, gap.after):
-        assert percent(value) in words
-    assert f"floor {percent(gap.floor)}" in words
+        assert format_percent(value) in words
+    assert f"floor {format_percent(gap.floor)}" in words
     # Bars that float: where one ends the next begins, and the last stands on the ground.
     bars = [bar for box in drawn["waterfall"].axes[0].containers for bar in box]
     assert bars[0].get_height() == pytest.approx(gap.before)
@@ -74,7 +74,7 @@ def test_the_waterfall_goes_from_before_to_after(drawn):
 def test_the_waterfall_bears_numbers_that_are_missing():
     gap = KINDS["single"].gap
     bare = replace(gap, refit=float("nan"), floor=float("nan"), closure=Interval(None, None, None))
-    words = texts(draw_waterfall(replace(KINDS["single"], gap=bare), Exhibits()))
+    words = texts(draw_waterfall(replace(KINDS["single"], gap=bare), ReportContent()))
     assert "floor" not in words
     assert "nan" not in words
 
@@ -102,7 +102,7 @@ def test_a_forecast_that_runs_away_does_not_flatten_the_motion():
     strip = draw_time_strip(replace(made, blocks=wild))
     low, high = strip.axes[0].get_ylim()
     assert high - low < 10.0
-    pairs = draw_side_by_side(replace(made, blocks=wild))
+    pairs = draw_forecast_comparison(replace(made, blocks=wild))
     assert "not finite" not in texts(pairs)
 
 
@@ -133,12 +133,12 @@ def test_pairs_below_three_nats_are_framed(drawn):
     off_diagonal = exhibits.separability.nats[~np.eye(5, dtype=bool)]
     frames = [one for one in drawn["separability"].axes[0].patches if isinstance(one, mpl.patches.Rectangle)]
     assert len(frames) == np.sum(off_diagonal < 3.0)
-    assert draw_separability(Exhibits()) is None
+    assert draw_separability(ReportContent()) is None
 
 
 def test_a_force_that_cannot_be_placed_is_not_drawn():
     placed, vague = (
-        draw_picture(Exhibits(force=made_exhibits.picture_force(localisable=there)))
+        draw_image_maps(ReportContent(force=made_exhibits.picture_force(localisable=there)))
         for there in (True, False)
     )
     assert any(isinstance(one, mpl.quiver.Quiver) for one in placed.axes[1].get_children())
@@ -148,21 +148,21 @@ def test_a_force_that_cannot_be_placed_is_not_drawn():
 
 def test_a_film_comes_back(tmp_path):
     film = made_exhibits.film(9)
-    head, _, data = film_uri(film).partition(",")
+    head, _, data = encode_video_uri(film).partition(",")
     assert head == "data:image/webp;base64"
     (tmp_path / "a.webp").write_bytes(base64.b64decode(data))
     read, animation = cv2.imreadanimation(str(tmp_path / "a.webp"))
     assert read
     assert len(animation.frames) == 9
     height, width = animation.frames[0].shape[:2]
-    assert (height, width // 3) == (48 * (SIDE // 64), 64 * (SIDE // 64) + 2)
+    assert (height, width // 3) == (48 * (MAX_SIDE_PX // 64), 64 * (MAX_SIDE_PX // 64) + 2)
     # The sim's pictures differ from the measured ones, those with the effects hardly.
     first = animation.frames[0][..., :3].astype(float)
     third = (width - 8) // 3
     real, sim, augmented = (first[:, at : at + third] for at in (0, third + 4, 2 * third + 8))
     assert np.abs(sim - real).mean() > 3.0 * np.abs(augmented - real).mean()
     with pytest.raises(ValueError, match="alike"):
-        film_uri(replace(film, sim=film.sim[:5]))
+        encode_video_uri(replace(film, sim=film.sim[:5]))
 
 
 def test_long_films_are_thinned():
@@ -170,7 +170,7 @@ def test_long_films_are_thinned():
     small = replace(
         film, real=film.real[:, ::8, ::8], sim=film.sim[:, ::8, ::8], augmented=film.augmented[:, ::8, ::8]
     )
-    assert len(film_uri(small)) < 3_000_000
+    assert len(encode_video_uri(small)) < 3_000_000
 
 
 def test_inline_figures_keep_their_names_apart(drawn):

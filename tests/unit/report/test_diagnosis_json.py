@@ -8,11 +8,15 @@ import pandas as pd
 import pytest
 
 from lagsplat.diagnose.core.result import Block
-from lagsplat.report.common.published_values import plain
-from lagsplat.report.diagnosis.content import load_rollouts, rollouts_table, save_rollouts
+from lagsplat.report.diagnosis.content import (
+    build_rollouts_table,
+    load_rollouts,
+    save_rollouts,
+    to_plain_data,
+)
 from lagsplat.report.diagnosis.serialization import (
+    build_diagnosis_content,
     check_diagnosis,
-    diagnosis_content,
     load_diagnosis,
     save_diagnosis,
 )
@@ -60,15 +64,15 @@ def test_the_file_has_the_promised_keys(tmp_path):
 
 
 def test_what_is_missing_is_named():
-    where = diagnosis_content(KINDS["undetermined"])["where"]
+    where = build_diagnosis_content(KINDS["undetermined"])["where"]
     assert set(where["not_computed"]) >= {"level", "coordinates", "time_s", "state_region"}
-    assert diagnosis_content(KINDS["single"])["where"]["not_computed"] == []
-    without_pictures = diagnosis_content(KINDS["push"])["where"]["not_computed"]
+    assert build_diagnosis_content(KINDS["single"])["where"]["not_computed"] == []
+    without_pictures = build_diagnosis_content(KINDS["push"])["where"]["not_computed"]
     assert set(without_pictures) == {"time_s", "frequency_hz", "state_region", "image_region", "components"}
 
 
 def break_with(change):
-    content = diagnosis_content(KINDS["single"])
+    content = build_diagnosis_content(KINDS["single"])
     change(content)
     return content
 
@@ -89,7 +93,7 @@ def break_with(change):
     ],
 )
 def test_a_broken_diagnosis_is_refused(change, told):
-    check_diagnosis(diagnosis_content(KINDS["single"]))
+    check_diagnosis(build_diagnosis_content(KINDS["single"]))
     with pytest.raises(ValueError, match=told):
         check_diagnosis(break_with(change))
 
@@ -98,7 +102,7 @@ def test_none_and_unknown_are_always_there():
     made = KINDS["single"]
     without = tuple(replace(one, name="creep") if one.name == "none" else one for one in made.candidates)
     with pytest.raises(ValueError, match="`none` is missing"):
-        check_diagnosis(diagnosis_content(replace(made, candidates=without)))
+        check_diagnosis(build_diagnosis_content(replace(made, candidates=without)))
 
 
 def test_nothing_is_written_where_it_is_refused(tmp_path):
@@ -119,10 +123,12 @@ def test_reading_a_file_that_is_none(tmp_path):
 
 
 def test_plain_data():
-    made = plain({"a": np.float32(0.5), "b": np.array([1.0, np.nan]), "c": (1, float("inf")), 3: {"y", "x"}})
+    made = to_plain_data(
+        {"a": np.float32(0.5), "b": np.array([1.0, np.nan]), "c": (1, float("inf")), 3: {"y", "x"}}
+    )
     assert made == {"a": 0.5, "b": [1.0, None], "c": [1, None], "3": ["x", "y"]}
     with pytest.raises(TypeError, match="no place in JSON"):
-        plain(object())
+        to_plain_data(object())
 
 
 def test_rollouts_come_back_to_the_last_bit(tmp_path):
@@ -153,10 +159,17 @@ def test_the_gap_can_be_computed_again_from_the_file(tmp_path):
 
 
 def test_rollouts_of_other_columns_are_refused(tmp_path):
-    table = rollouts_table(made_diagnoses.blocks())
+    table = build_rollouts_table(made_diagnoses.blocks())
     table.drop(columns="q1_sim").to_csv(tmp_path / "a.csv", index=False)
     with pytest.raises(ValueError, match="rollouts have"):
         load_rollouts(tmp_path / "a.csv")
     with pytest.raises(ValueError, match="coordinates"):
-        rollouts_table(made_diagnoses.blocks(), q_names=("q0",))
-    assert list(rollouts_table(()).columns) == ["file", "block", "t", "q0_real", "q0_sim", "q0_augmented"]
+        build_rollouts_table(made_diagnoses.blocks(), q_names=("q0",))
+    assert list(build_rollouts_table(()).columns) == [
+        "file",
+        "block",
+        "t",
+        "q0_real",
+        "q0_sim",
+        "q0_augmented",
+    ]

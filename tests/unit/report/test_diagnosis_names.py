@@ -3,7 +3,7 @@
 import pytest
 
 from lagsplat.diagnose.core.result import Candidate
-from lagsplat.report.diagnosis.summary import place, titled
+from lagsplat.report.diagnosis.summary import name_candidate, title_candidate
 
 
 @pytest.mark.parametrize(
@@ -24,6 +24,6 @@ from lagsplat.report.diagnosis.summary import place, titled
     ],
 )
 def test_an_effect_is_named_with_all_its_places(candidate: Candidate, short: str, end: str) -> None:
-    assert place(candidate) == short
-    assert titled(candidate).endswith(end)
-    assert "at u0" not in titled(candidate)
+    assert name_candidate(candidate) == short
+    assert title_candidate(candidate).endswith(end)
+    assert "at u0" not in title_candidate(candidate)

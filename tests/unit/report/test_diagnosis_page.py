@@ -6,9 +6,9 @@ from html.parser import HTMLParser
 
 import pytest
 
-from lagsplat.report.diagnosis.content import Exhibits
-from lagsplat.report.diagnosis.html import diagnosis_page, save_page
-from lagsplat.report.diagnosis.summary import paragraph
+from lagsplat.report.diagnosis.content import ReportContent
+from lagsplat.report.diagnosis.html import render_report, save_report
+from lagsplat.report.diagnosis.summary import write_summary
 from tests.unit.report import made_diagnoses, made_exhibits
 
 KINDS = made_diagnoses.every_kind()
@@ -49,7 +49,7 @@ class Page(HTMLParser):
 
 @pytest.fixture(scope="module")
 def full():
-    return diagnosis_page(KINDS["single"], made_exhibits.exhibits())
+    return render_report(KINDS["single"], made_exhibits.exhibits())
 
 
 def test_the_page_is_whole_in_itself(full):
@@ -67,7 +67,7 @@ def test_the_page_is_whole_in_itself(full):
 
 def test_the_first_paragraph_is_the_verdict_in_words(full):
     said = Page(full).paragraphs[0].replace("\N{NO-BREAK SPACE}", " ")
-    assert said == paragraph(KINDS["single"]).replace("\N{NO-BREAK SPACE}", " ")
+    assert said == write_summary(KINDS["single"]).replace("\N{NO-BREAK SPACE}", " ")
 
 
 def test_checks_come_first(full):
@@ -87,7 +87,7 @@ def test_everything_is_told(full):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_verdict_has_a_page(kind, tmp_path):
-    save_page(tmp_path / "report.html", KINDS[kind], Exhibits())
+    save_report(tmp_path / "report.html", KINDS[kind], ReportContent())
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert Page(page).open == []
     visible = re.sub(r"<svg.*?</svg>|<style>.*?</style>", "", page, flags=re.DOTALL)
@@ -99,13 +99,13 @@ def test_every_verdict_has_a_page(kind, tmp_path):
 def test_noise_is_told_by_coordinate(full):
     assert "<b>0.011, 0.0098</b>noise of each coordinate" in full
     made = replace(KINDS["single"], checks={"noise": {"sigma": [0.25, 0.5], "ar1": [0.1, 0.2]}, "blocks": 16})
-    page = diagnosis_page(made, Exhibits())
+    page = render_report(made, ReportContent())
     assert "<b>0.25, 0.50</b>" in page
     assert "The quality of the data was not checked." in page
 
 
 def test_an_unknown_place_is_said(tmp_path):
-    page = diagnosis_page(KINDS["undetermined"], Exhibits())
+    page = render_report(KINDS["undetermined"], ReportContent())
     assert "level, coordinates, time, frequency, state region, image region, components" in page
     assert "the recording lasts only 1.4 periods" in page
 
@@ -130,8 +130,10 @@ def test_text_from_data_is_never_markup():
         q_names=("q0", EVIL),
         where={"level": "dynamics", "coordinates": {EVIL: 0.9, "q0": 0.1}},
     )
-    exhibits = Exhibits(command=EVIL, digests={EVIL: EVIL}, stamp={"commit": EVIL, "versions": {EVIL: EVIL}})
-    text = diagnosis_page(bad, exhibits)
+    exhibits = ReportContent(
+        command=EVIL, digests={EVIL: EVIL}, stamp={"commit": EVIL, "versions": {EVIL: EVIL}}
+    )
+    text = render_report(bad, exhibits)
     assert Page(text).open == []
     assert "<script" not in text
     assert "<img" not in text
@@ -141,7 +143,7 @@ def test_text_from_data_is_never_markup():
 def test_numbers_of_the_fits_stand_at_the_end_and_not_among_the_data():
     made = KINDS["single"]
     fitted = {"misfit_none": 75.0, "answers": {"half the noise": "coulomb_friction"}}
-    page = diagnosis_page(replace(made, checks={**made.checks, **fitted}), made_exhibits.exhibits())
+    page = render_report(replace(made, checks={**made.checks, **fitted}), made_exhibits.exhibits())
     beginning, end = page.split("<h2>All candidates</h2>", 1)
     assert "misfit none" not in beginning
     assert "<td>misfit none</td><td>75</td>" in end

@@ -10,15 +10,15 @@ import pytest
 from lagsplat.diagnose import effects
 from lagsplat.diagnose.core.result import Candidate, Interval
 from lagsplat.diagnose.effects.descriptions import WORDS, words_of
-from lagsplat.report.common.latex import percent
+from lagsplat.report.common.formatting import format_percent
 from lagsplat.report.diagnosis.summary import (
     DOUBTS,
-    chosen,
-    estimates,
-    headline,
-    paragraph,
-    place,
-    shares_of_closure,
+    format_estimates,
+    name_candidate,
+    select_chosen,
+    split_closure,
+    write_headline,
+    write_summary,
 )
 from tests.unit.report import made_diagnoses
 
@@ -61,63 +61,63 @@ def test_words_are_sentences(name):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_paragraph_is_clean(kind):
-    text = paragraph(KINDS[kind])
+    text = write_summary(KINDS[kind])
     assert text.endswith(".")
     assert not re.search(r"None|nan|inf\b|  |\.\.|_|\(\)|0\.99\d|1\.00", text), text
     assert len(text) < 1400
-    assert headline(KINDS[kind])
+    assert write_headline(KINDS[kind])
 
 
 def test_a_single_cause():
-    text = paragraph(KINDS["single"])
+    text = write_summary(KINDS["single"])
     gap = KINDS["single"].gap
     for part in ("The cause is dry friction at q1 (probability 0.99)", "0.801\u00a0q1/s²", "0.771 to 0.832",
-                 f"from {percent(gap.before)} to {percent(gap.after)}",
+                 f"from {format_percent(gap.before)} to {format_percent(gap.after)}",
                  "within their uncertainty would remove 20 %",
                  "mostly in q1 (96 %)", "a loss of energy (83 %)"):  # fmt: skip
         assert part in text
 
 
 def test_a_combination():
-    text = paragraph(KINDS["combination"])
+    text = write_summary(KINDS["combination"])
     assert "Two effects act together: dry friction at q1 and a delay of input u0" in text
     assert "delay 0.083\u00a0s" in text
 
 
 def test_a_class_is_never_one_cause():
-    text = paragraph(KINDS["class"])
+    text = write_summary(KINDS["class"])
     assert "cannot tell apart: dry friction (0.50) or dry friction that sticks (0.35)" in text
     assert "together they have probability 0.85" in text
     assert "The cause is dry friction" not in text
-    assert headline(KINDS["class"]) == "Coulomb friction or Stribeck friction"
+    assert write_headline(KINDS["class"]) == "Coulomb friction or Stribeck friction"
 
 
 def test_what_is_undecided_is_not_named():
-    text = paragraph(KINDS["undecided"])
+    text = write_summary(KINDS["undecided"])
     assert "undecided" in text
     assert "cause is dry" not in text
 
 
 def test_likely_below_four_fifths():
-    assert "The likely cause is clocks" in paragraph(KINDS["observation"])
-    assert "camera or timing" in paragraph(KINDS["observation"])
+    assert "The likely cause is clocks" in write_summary(KINDS["observation"])
+    assert "camera or timing" in write_summary(KINDS["observation"])
 
 
 def test_a_parameter_change():
-    text = paragraph(KINDS["parameter"])
+    text = write_summary(KINDS["parameter"])
     assert "a refit suffices" in text
     assert "ratio (real to simulated) 1.123 (90 % interval 1.110 to 1.137)" in text
-    assert "a refit suffices" not in paragraph(KINDS["single"])
+    assert "a refit suffices" not in write_summary(KINDS["single"])
 
 
 def test_none_says_what_it_could_not_see():
-    text = paragraph(KINDS["none"])
+    text = write_summary(KINDS["none"])
     assert text.startswith("The simulation agrees with the recording")
     assert "could not have shown input lag or input delay" in text
 
 
 def test_unknown_names_no_cause():
-    text = paragraph(KINDS["unknown"])
+    text = write_summary(KINDS["unknown"])
     assert "No effect of the catalogue explains it (probability 0.90)" in text
     assert "should not be taken for the cause" in text
     assert "cause is" not in text
@@ -130,7 +130,7 @@ def test_a_short_event_that_holds_most_of_the_residual_is_told_with_its_time():
 
     def told(*, share: float, stop_s: float) -> str:
         at = (*event[:2], stop_s, share)
-        return paragraph(replace(made, checks=checks, where={**made.where, "time_s": [at]}))
+        return write_summary(replace(made, checks=checks, where={**made.where, "time_s": [at]}))
 
     assert "91 % of what is missing acts between 16.01 and 16.17 s of swing.csv" in told(
         share=0.91, stop_s=16.17
@@ -142,7 +142,7 @@ def test_a_short_event_that_holds_most_of_the_residual_is_told_with_its_time():
 def test_an_effect_that_does_not_help_forecasts_is_not_said_to():
     made = KINDS["single"]
     assert made.gap is not None
-    text = paragraph(replace(made, gap=replace(made.gap, after=1.1 * made.gap.before)))
+    text = write_summary(replace(made, gap=replace(made.gap, after=1.1 * made.gap.before)))
     assert "does not shrink the miss of held-out forecasts" in text
     assert "shrinks the miss" not in text
 
@@ -150,58 +150,58 @@ def test_an_effect_that_does_not_help_forecasts_is_not_said_to():
 def test_unknown_tells_of_several_effects_that_leave_far_less_together():
     made = KINDS["unknown"]
     chain = [{"effects": ["creep"], "misfit": 21.0}, {"effects": ["creep", "external_push"], "misfit": 3.0}]
-    text = paragraph(replace(made, checks={**made.checks, "sim_misfit": 1.0, "chain": chain}))
+    text = write_summary(replace(made, checks={**made.checks, "sim_misfit": 1.0, "chain": chain}))
     assert "creep and external push together, which leave 10 % as much" in text
-    assert "together" not in paragraph(replace(made, checks={**made.checks, "chain": chain[:1]}))
+    assert "together" not in write_summary(replace(made, checks={**made.checks, "chain": chain[:1]}))
 
 
 @pytest.mark.parametrize("why", sorted(DOUBTS))
 def test_unknown_says_what_makes_a_fitting_effect_doubtful(why):
     made = KINDS["unknown"]
-    text = paragraph(replace(made, checks={**made.checks, "doubt": why}))
+    text = write_summary(replace(made, checks={**made.checks, "doubt": why}))
     assert DOUBTS[why].partition("}")[2][-60:] in text
     assert "more than noise" not in text
 
 
 def test_undetermined_gives_its_reason():
     made = KINDS["undetermined"]
-    assert "the recording lasts only 1.4 periods" in paragraph(made)
+    assert "the recording lasts only 1.4 periods" in write_summary(made)
     found = [{"level": "undetermined", "source": "a.csv", "what": "it is at rest", "why": "nothing moves"}]
-    assert "it is at rest; nothing moves" in paragraph(replace(made, checks={"findings": found}))
-    assert "about equally well" in paragraph(replace(made, checks={}, warnings=()))
+    assert "it is at rest; nothing moves" in write_summary(replace(made, checks={"findings": found}))
+    assert "about equally well" in write_summary(replace(made, checks={}, warnings=()))
 
 
 def test_what_remains_is_said():
     made = KINDS["single"]
     worse = replace(made, gap=replace(made.gap, after=2.0 * made.gap.floor))
-    assert "2.0 times what noise leaves" in paragraph(worse)
-    assert "something else is missing" not in paragraph(made)
+    assert "2.0 times what noise leaves" in write_summary(worse)
+    assert "something else is missing" not in write_summary(made)
 
 
 def test_a_closure_that_is_not_defined():
     made = KINDS["single"]
     vague = replace(made, gap=replace(made.gap, closure=Interval(None, None, None)))
-    assert "cannot be told" in paragraph(vague)
+    assert "cannot be told" in write_summary(vague)
 
 
 def test_forecasts_that_diverged_are_told():
     made = KINDS["single"]
     lost = replace(made, gap=replace(made.gap, blocks=8, diverged={"before": 2, "refit": 1, "after": 0}))
-    assert "Of 8 forecasts 2 of the simulation left the motion for good; all count." in paragraph(lost)
-    assert "left the motion" not in paragraph(made)
+    assert "Of 8 forecasts 2 of the simulation left the motion for good; all count." in write_summary(lost)
+    assert "left the motion" not in write_summary(made)
 
 
 def test_shares_of_closure_add_up():
     gap = KINDS["single"].gap
-    refit, effect = shares_of_closure(gap)
+    refit, effect = split_closure(gap)
     assert refit + effect == pytest.approx(gap.closure.value)
-    assert shares_of_closure(replace(gap, before=gap.floor)) is None
+    assert split_closure(replace(gap, before=gap.floor)) is None
 
 
 def test_several_pushes_and_bare_bounds():
-    push = chosen(KINDS["push"])[0]
-    assert estimates(push)[0] == "times 3.21, 7.40\u00a0s"
-    assert place(push) == "external push at q1"
+    push = select_chosen(KINDS["push"])[0]
+    assert format_estimates(push)[0] == "times 3.21, 7.40\u00a0s"
+    assert name_candidate(push) == "external push at q1"
     bare = Candidate("creep", 1.0, parameters={"time_constant": replace(push.parameters["times"], value=2.0,
                      low=None, high=None)})  # fmt: skip
-    assert estimates(bare) == ["time constant 2.00\u00a0s"]
+    assert format_estimates(bare) == ["time constant 2.00\u00a0s"]

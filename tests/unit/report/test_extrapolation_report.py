@@ -5,15 +5,19 @@ import pytest
 
 from lagsplat.report.common.style import save_figure
 from lagsplat.report.figures.equilibrium import draw_equilibrium
-from lagsplat.report.tables.deformation import deformation_table, draw_jacobian_field, latex_deformation
+from lagsplat.report.tables.deformation import (
+    build_deformation_table,
+    draw_jacobian_field,
+    format_deformation_latex,
+)
 from lagsplat.report.tables.extrapolation import (
     AUTHORS,
     FORECASTER,
     FREE,
     OURS,
-    extrapolation_rows,
-    gathered_models,
-    latex_extrapolation,
+    build_extrapolation_table,
+    format_extrapolation_latex,
+    group_models,
 )
 
 RUN = {"profile": "toy", "recording": "simulated", "system": "rainbow_rocker", "stage1": "default", "ae": 0,
@@ -55,11 +59,11 @@ def found(*, decay: float = 0.25, level: float = 30.0, diverged: bool = False, r
 def models():
     others = [other("forecaster", "keypoints", n) for n in range(3)] + [other("ode", "default", 0)]
     results = [found(), found(decay=0.0, level=31.0), found(decay=0.02, level=29.0), found(diverged=True)]
-    return gathered_models([RUN], others, [*results, found(decay=0.1)])
+    return group_models([RUN], others, [*results, found(decay=0.1)])
 
 
 def test_medians_ranges_and_what_is_missing_stand_in_the_rows(models) -> None:
-    table = extrapolation_rows(models).set_index(["model", "measure"])
+    table = build_extrapolation_table(models).set_index(["model", "measure"])
     assert table.loc[(OURS, "psnr_mean"), "value"] == 30.0
     left = table.loc[(FORECASTER, "left")]
     assert (left["n_seeds"], left["n_measured"]) == (3, 2)
@@ -72,25 +76,25 @@ def test_medians_ranges_and_what_is_missing_stand_in_the_rows(models) -> None:
 
 
 def test_the_latex_has_dashes_with_reasons_and_no_number_that_was_not_measured(models) -> None:
-    text = latex_extrapolation(extrapolation_rows(models), titles={"rainbow_rocker": "rainbow rocker"})
+    text = format_extrapolation_latex(
+        build_extrapolation_table(models), titles={"rainbow_rocker": "rainbow rocker"}
+    )
     assert r"--$^{1}$" in text
     assert "The authors' code needs CUDA and was not run" in text
     assert "In 2 of 3 seeds: the rollout diverged." in text
     assert "rainbow rocker" in text
-    with_authors = gathered_models(
-        [RUN], [other("authors", "default", 0)], [found(), found(reason="too dark")]
-    )
+    with_authors = group_models([RUN], [other("authors", "default", 0)], [found(), found(reason="too dark")])
     assert with_authors[1].model == AUTHORS
-    text = latex_extrapolation(extrapolation_rows(with_authors), titles={})
+    text = format_extrapolation_latex(build_extrapolation_table(with_authors), titles={})
     assert "was not run" not in text
     assert "In 0 of 1 seeds: too dark." in text
 
 
 def test_variants_are_named_and_nothing_is_no_table() -> None:
-    named = gathered_models([], [other("forecaster", "keypoints_noise", 0)], [found()])
+    named = group_models([], [other("forecaster", "keypoints_noise", 0)], [found()])
     assert named[0].model.endswith("keypoints_noise")
     with pytest.raises(ValueError, match="extrapolated="):
-        extrapolation_rows([])
+        build_extrapolation_table([])
 
 
 def test_the_figure_shows_every_model_and_the_minimum(tmp_path) -> None:
@@ -113,10 +117,10 @@ def decoders() -> dict:
 
 
 def test_decoders_stand_beside_the_papers(tmp_path) -> None:
-    table = deformation_table([RUN], [decoders()])
+    table = build_deformation_table([RUN], [decoders()])
     assert list(table["decoder"]) == ["conditioned", "deformed"] * 2
     assert table["roughness"].tolist()[2:] == [1.4, 6.9]
-    text = latex_deformation(table, titles={"rainbow_rocker": "rainbow rocker"})
+    text = format_deformation_latex(table, titles={"rainbow_rocker": "rainbow rocker"})
     assert "filmed, the paper's" in text
     assert "40 Gaussians" in text
     picture, speed = np.full((3, 8, 12), 0.5, np.float32), np.eye(8, 12, dtype=np.float32)

@@ -9,18 +9,18 @@ import pytest
 from scipy.ndimage import gaussian_filter, shift
 
 from lagsplat.evaluate.long_rollout import (
-    Fine,
+    FineDecoder,
+    choose_figure_window,
     choose_inset,
-    choose_stretch,
+    compute_long_rollout,
+    estimate_shift,
     first_held_out,
-    measured_shift,
-    roll_out,
 )
 from lagsplat.evaluate.protocol import select_held_out
 from lagsplat.report.common.style import save_figure
 from lagsplat.report.figures.reconstruction import draw_reconstruction
 from lagsplat.report.figures.rollout import draw_rollout
-from lagsplat.report.figures.training_curves import draw_curves, draw_latents, visibility_order
+from lagsplat.report.figures.training_curves import draw_curves, draw_latents, order_by_visibility
 from tests.unit.evaluate import tiny_run
 from tests.unit.evaluate.stand_ins import settings
 
@@ -35,7 +35,7 @@ def parts():
 
 @pytest.fixture(scope="module")
 def view(parts):
-    return roll_out(*parts, settings(figure={"duration_s": 3.0}))
+    return compute_long_rollout(*parts, settings(figure={"duration_s": 3.0}))
 
 
 def texts(figure) -> str:
@@ -63,7 +63,7 @@ def test_latents(parts, tmp_path):
     chart = parts[1]
     figure = draw_latents(chart, title=TITLE)
     save(figure, tmp_path)
-    order, share = visibility_order(chart.metric)
+    order, share = order_by_visibility(chart.metric)
     words = texts(figure)
     assert TITLE in words
     assert words.index(f"$q_{{{order[0] + 1}}}$") < words.index(f"$q_{{{order[1] + 1}}}$")
@@ -106,7 +106,7 @@ def test_rollout_is_long_unanchored_and_starts_from_the_encoding(view):
 def test_rollout_crosses_the_boundary(parts, tmp_path):
     """600 frames of one clip, half of them held out; the last five seconds are drawn."""
     crossing = settings(figure={"start": "boundary", "duration_s": 7.0})
-    view = roll_out(*parts, crossing)
+    view = compute_long_rollout(*parts, crossing)
     assert len(view.time_s) == 421
     assert view.held_s == pytest.approx((421 - 300) * tiny_run.DT_S)
     chart = parts[1]
@@ -123,7 +123,7 @@ def test_rollout_crosses_the_boundary(parts, tmp_path):
 def test_the_boundary_is_in_the_figure(parts, duration_s, begin, end):
     """The two first frames of a clip are spent on the velocity of the third."""
     config = settings(figure={"start": "boundary", "duration_s": duration_s})
-    stretch = choose_stretch(parts[1], config)
+    stretch = choose_figure_window(parts[1], config)
     assert (stretch.start, stretch.stop) == (begin, end)
     assert first_held_out(stretch, parts[1]) == 300 - begin
 
@@ -131,8 +131,8 @@ def test_the_boundary_is_in_the_figure(parts, duration_s, begin, end):
 def test_an_unseen_clip_cannot_be_crossed_into(parts):
     clips = replace(parts[1], segments=((0, 300), (300, 600)))
     with pytest.raises(ValueError, match="use held_out"):
-        choose_stretch(clips, settings(figure={"start": "boundary"}))
-    whole = choose_stretch(clips, settings())
+        choose_figure_window(clips, settings(figure={"start": "boundary"}))
+    whole = choose_figure_window(clips, settings())
     assert (whole.offset, whole.start, whole.stop, whole.last) == (300, 2, 300, 599)
     assert first_held_out(whole, clips) is None
 
@@ -141,13 +141,13 @@ def test_a_finer_decoder_draws_its_own_recording(parts):
     """Twice the resolution; the shift is still told in pixels that the latents were encoded at."""
     film = parts[3]
     larger = replace(film, frames=film.frames.repeat(2, axis=1).repeat(2, axis=2))
-    finer = Fine(tiny_run.autoencoder(side=32), larger)
-    view = roll_out(*parts, settings(figure={"duration_s": 0.5}), fine=finer)
+    finer = FineDecoder(tiny_run.autoencoder(side=32), larger)
+    view = compute_long_rollout(*parts, settings(figure={"duration_s": 0.5}), fine=finer)
     assert view.recorded.shape == (32, 32, 3)
     assert view.scale == 16.0
-    short = Fine(finer.decoder, larger.part(0, 500))
+    short = FineDecoder(finer.decoder, larger.part(0, 500))
     with pytest.raises(ValueError, match="500 frames and the recording 600"):
-        roll_out(*parts, settings(figure={"duration_s": 0.5}), fine=short)
+        compute_long_rollout(*parts, settings(figure={"duration_s": 0.5}), fine=short)
 
 
 def test_latent_error_is_that_of_the_protocol(view, parts):
@@ -164,7 +164,7 @@ def test_latent_error_is_that_of_the_protocol(view, parts):
 def test_rollout_is_cut_to_the_clip_and_shows_a_divergence(parts, tmp_path):
     model, chart, _, film = parts
     wild = tiny_run.lagrangian(frequency_hz=60.0)  # beyond the integrator's stability at this frame rate
-    view = roll_out(model, chart, wild, film, settings())
+    view = compute_long_rollout(model, chart, wild, film, settings())
     assert len(view.time_s) == 298
     assert view.lost_s is not None
     assert np.isnan(view.predicted[-1]).all()
@@ -193,11 +193,11 @@ def blob(row: float, column: float) -> np.ndarray:
 
 @pytest.mark.parametrize("moved", [(0.0, 0.0), (3.0, -2.0), (-0.5, 1.25)])
 def test_shift_is_measured_below_a_pixel(moved):
-    assert measured_shift(blob(0, 0), blob(*moved)) == pytest.approx(moved, abs=0.25)
+    assert estimate_shift(blob(0, 0), blob(*moved)) == pytest.approx(moved, abs=0.25)
 
 
 def test_no_structure_no_shift():
-    assert measured_shift(np.zeros((16, 16)), blob(0, 0)[:16, :16]) == (0.0, 0.0)
+    assert estimate_shift(np.zeros((16, 16)), blob(0, 0)[:16, :16]) == (0.0, 0.0)
 
 
 def test_inset_looks_at_what_moved():

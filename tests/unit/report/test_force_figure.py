@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from lagsplat.config.compose import compose
-from lagsplat.report.figures.forces import draw_forces, push_panels
+from lagsplat.report.figures.forces import compute_force_panels, draw_forces
 from tests.unit.forces.rocking import hanging, rocking
 
 SETTINGS = compose().forces
 
 
 def test_a_rocker_shows_levers_directions_and_background():
-    shown = push_panels(rocking(), SETTINGS, hanging=False)
+    shown = compute_force_panels(rocking(), SETTINGS, hanging=False)
     assert [panel.name for panel in shown.panels] == ["lever"] * 3 + ["direction"] * 3 + ["background"] * 3
     shifts = [panel.shift[0] for panel in shown.panels]
     assert 0 > shifts[0] > shifts[1] > shifts[2]
@@ -24,14 +24,14 @@ def test_a_rocker_shows_levers_directions_and_background():
 
 
 def test_the_arrow_starts_where_the_matter_has_come_to():
-    panel = push_panels(rocking(), SETTINGS, hanging=False).panels[3]
+    panel = compute_force_panels(rocking(), SETTINGS, hanging=False).panels[3]
     turned = 0.1 * panel.shift[0]
     foot = panel.arrows[0, 0]
     assert panel.moved_px == pytest.approx(turned * np.hypot(foot[0] - 16, foot[1] - 19), rel=0.35)
 
 
 def test_an_arm_is_bent_stretched_and_pulled_apart():
-    shown = push_panels(hanging(), SETTINGS, hanging=True)
+    shown = compute_force_panels(hanging(), SETTINGS, hanging=True)
     shift = np.stack([panel.shift for panel in shown.panels])
     assert len(shift) == 9
     assert shift[:4, 0] * [1, -1, 1, -1] == pytest.approx(-np.abs(shift[:4, 0]))

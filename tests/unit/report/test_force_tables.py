@@ -6,13 +6,13 @@ import numpy as np
 
 from lagsplat.report.figures.forces import draw_force_map
 from lagsplat.report.tables.forces import (
-    force_rows,
-    force_table,
-    invariants_rows,
-    invariants_table,
-    latex_forces,
-    latex_invariants,
-    power,
+    build_force_rows,
+    build_force_table,
+    build_invariant_rows,
+    build_invariant_table,
+    format_force_latex,
+    format_invariant_latex,
+    format_order_of_magnitude,
 )
 
 RUN = {"profile": "quick", "recording": "simulated", "system": "rainbow_rocker", "stage1": "default", "ae": 0,
@@ -41,59 +41,61 @@ TRUTH = {
 
 
 def test_the_paper_s_values_stand_beside_ours_and_say_so() -> None:
-    rows = invariants_rows([RUN], [{"invariants": INVARIANTS}])
+    rows = build_invariant_rows([RUN], [{"invariants": INVARIANTS}])
     assert [row["method"] for row in rows] == ["ours", "paper"]
-    frame = invariants_table(rows)
+    frame = build_invariant_table(rows)
     assert frame["ratio"].tolist() == [500.0, 70.0]
     assert frame["n_seeds"].tolist()[0] == 1
-    tex = latex_invariants(rows, titles={"rainbow_rocker": "rocker"})
+    tex = format_invariant_latex(rows, titles={"rainbow_rocker": "rocker"})
     assert "paper" in tex
     assert "simulated" in tex
-    other = invariants_rows([{**RUN, "system": "toy"}], [{"invariants": {**INVARIANTS, "lever": None}}])
+    other = build_invariant_rows([{**RUN, "system": "toy"}], [{"invariants": {**INVARIANTS, "lever": None}}])
     assert [row["method"] for row in other] == ["ours"]
-    assert math.isnan(invariants_table(other).astype({"left": float})["left"][0])
+    assert math.isnan(build_invariant_table(other).astype({"left": float})["left"][0])
 
 
 def test_a_run_in_space_has_a_row_of_what_is_felt_across() -> None:
     solid = [({**RUN, "system": "rocker_3d"}, {"felt_across": 7e-19})]
-    rows = invariants_rows([RUN], [{"invariants": INVARIANTS}], solid=solid)
+    rows = build_invariant_rows([RUN], [{"invariants": INVARIANTS}], solid=solid)
     assert [row["method"] for row in rows] == ["ours", "paper", "ours, in space"]
     assert rows[-1]["across"] == 7e-19
-    assert r"$7\cdot 10^{-19}$" in latex_invariants(rows, titles={"rocker_3d": "rocker in space"})
+    assert r"$7\cdot 10^{-19}$" in format_invariant_latex(rows, titles={"rocker_3d": "rocker in space"})
 
 
 def test_seeds_are_brought_together_by_their_median() -> None:
     other = {**INVARIANTS, "background": {"largest": 0.003, "typical": 0.5, "ratio": 100.0}}
-    rows = invariants_rows([RUN, {**RUN, "seed": 1}], [{"invariants": INVARIANTS}, {"invariants": other}])
+    rows = build_invariant_rows(
+        [RUN, {**RUN, "seed": 1}], [{"invariants": INVARIANTS}, {"invariants": other}]
+    )
     assert rows[0]["ratio"] == 300.0
     assert rows[0]["n_seeds"] == 2
 
 
 def test_small_numbers_are_told_by_their_order() -> None:
-    assert power(3.2e-17) == r"$3\cdot 10^{-17}$"
-    assert power(0.0) == "$0$"
-    assert power(None) == "--"
+    assert format_order_of_magnitude(3.2e-17) == r"$3\cdot 10^{-17}$"
+    assert format_order_of_magnitude(0.0) == "$0$"
+    assert format_order_of_magnitude(None) == "--"
 
 
 def test_every_kind_of_answer_has_a_row() -> None:
-    rows = force_rows([RUN], [{"truth": TRUTH}])
+    rows = build_force_rows([RUN], [{"truth": TRUTH}])
     assert [row["what"] for row in rows] == [
         "visited, brush", "visited, one Gaussian", "level 0.3", "in time, 0.5 s",
         "span of energies, mass", "first motion, learned mass",
     ]  # fmt: skip
-    frame = force_table(rows)
+    frame = build_force_table(rows)
     assert frame["scale_high"][0] == 1.2
     assert frame["error"][3] == 0.3
     assert frame["span"][4] == 30.0
-    tex = latex_forces(rows, titles={"rainbow_rocker": "rocker"})
+    tex = format_force_latex(rows, titles={"rainbow_rocker": "rocker"})
     assert "the wrong way" in tex
     assert r"$2$ ($4$)" in tex
 
 
 def test_a_law_that_answers_the_wrong_way_says_why() -> None:
-    rows = force_rows([RUN], [{"truth": {"refused": "against the measured way"}}])
+    rows = build_force_rows([RUN], [{"truth": {"refused": "against the measured way"}}])
     assert [row["what"] for row in rows] == ["nothing measured"]
-    assert "against the measured way" in latex_forces(rows, titles={})
+    assert "against the measured way" in format_force_latex(rows, titles={})
 
 
 def test_the_map_shows_three_errors_or_the_reason() -> None:

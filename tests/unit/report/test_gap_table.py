@@ -2,8 +2,8 @@
 
 import math
 
-from lagsplat.report.diagnosis.serialization import diagnosis_content
-from lagsplat.report.tables.gap import COLUMNS, gap_rows, gap_table, latex_gap
+from lagsplat.report.diagnosis.serialization import build_diagnosis_content
+from lagsplat.report.tables.gap import GAP_COLUMNS, build_gap_rows, build_gap_table, format_gap_latex
 from tests.unit.report import made_diagnoses
 
 RUN = {"recording": "simulated", "profile": "quick", "stage2": "default", "seed": 0}
@@ -22,12 +22,12 @@ def rows():
         {**RUN, "system": "bag", "real": "held_out", "recording": "filmed"},
     ]
     found = [own, made["combination"], made["unknown"], made["undetermined"]]
-    return gap_rows(runs, [diagnosis_content(one) for one in found])
+    return build_gap_rows(runs, [build_diagnosis_content(one) for one in found])
 
 
 def test_every_diagnosis_has_a_row_that_says_of_what_it_is():
-    table = gap_table(rows())
-    assert tuple(table.columns) == COLUMNS
+    table = build_gap_table(rows())
+    assert tuple(table.columns) == GAP_COLUMNS
     assert table["system"].tolist() == ["arm", "arm", "arm", "bag"]
     assert table["planted"].tolist()[1:3] == ["coulomb_friction", "none"]
     assert table["planted"].isna().tolist() == [True, False, False, True]
@@ -50,7 +50,7 @@ def test_numbers_are_those_of_the_diagnoses():
 
 
 def test_the_latex_says_what_was_planted_and_what_was_found():
-    text = latex_gap(rows(), titles={"arm": "An arm", "bag": "A bag"})
+    text = format_gap_latex(rows(), titles={"arm": "An arm", "bag": "A bag"})
     lines = [line for line in text.splitlines() if line.endswith(r"\\") and "&" in line]
     assert len(lines) == 2 + 4
     planted = next(line for line in lines if "with Coulomb friction" in line)
@@ -61,5 +61,5 @@ def test_the_latex_says_what_was_planted_and_what_was_found():
     assert lines[-1].count("--") == 6  # chance, three sizes, what is closed and what diverged
     assert "Filmed" in text or "filmed and simulated" in text
     assert "second simulated recording" in text
-    alone = latex_gap(rows()[-1:], titles={})
+    alone = format_gap_latex(rows()[-1:], titles={})
     assert "second simulated" not in alone

@@ -5,7 +5,7 @@ import pytest
 
 from lagsplat.config.compose import compose
 from lagsplat.io.recording.recording import Recording
-from lagsplat.report.inspection import describe
+from lagsplat.report.inspection import describe_recording
 
 DT_S = 0.02
 
@@ -26,7 +26,7 @@ def recording(n: int = 400) -> Recording:
 
 
 def test_every_fact_is_said() -> None:
-    text = describe(recording(), config=compose("system=toy").evaluate)
+    text = describe_recording(recording(), config=compose("system=toy").evaluate)
     assert "by hand (simulated)" in text
     assert "400, 8 x 6 px, 1 clip(s)" in text
     assert "50.0000 frames/s" in text
@@ -39,4 +39,4 @@ def test_every_fact_is_said() -> None:
 
 def test_a_recording_that_is_not_divided_is_refused() -> None:
     with pytest.raises(ValueError, match="divide the recording first"):
-        describe(recording(300).part(0, 5), config=compose("system=toy").evaluate)
+        describe_recording(recording(300).part(0, 5), config=compose("system=toy").evaluate)

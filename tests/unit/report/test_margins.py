@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from lagsplat.report.tables.benchmark import MARGIN_COLUMNS, margin_table
+from lagsplat.report.tables.benchmark import MARGIN_COLUMNS, build_margin_table
 
 
 def scores(level: float, *, period: bool = True) -> dict:
@@ -22,7 +22,7 @@ def names(stage2: str, seed: int = 0, system: str = "krauss_2seg") -> dict:
 
 def test_every_variant_stands_against_the_constant_one():
     runs = [names("default", 0), names("default", 1), names("constant"), names("induced_mass")]
-    table = margin_table(runs, [scores(0.8), scores(0.9), scores(1.0), scores(1.1)])
+    table = build_margin_table(runs, [scores(0.8), scores(0.9), scores(1.0), scores(1.1)])
     assert list(table.columns) == list(MARGIN_COLUMNS)
     assert list(table.dynamics) == ["default", "default", "induced_mass", "induced_mass"]
     better, worse = table.iloc[0], table.iloc[2]
@@ -34,9 +34,11 @@ def test_every_variant_stands_against_the_constant_one():
 
 def test_systems_are_not_mixed_and_a_missing_baseline_leaves_no_row():
     runs = [names("default"), names("constant", system="krauss_1seg")]
-    assert margin_table(runs, [scores(0.8), scores(1.0)]).empty
+    assert build_margin_table(runs, [scores(0.8), scores(1.0)]).empty
 
 
 def test_a_score_that_was_not_measured_has_no_row():
-    table = margin_table([names("default"), names("constant")], [scores(0.8, period=False), scores(1.0)])
+    table = build_margin_table(
+        [names("default"), names("constant")], [scores(0.8, period=False), scores(1.0)]
+    )
     assert list(table.score) == ["mse_half_second"]

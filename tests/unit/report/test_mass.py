@@ -2,7 +2,12 @@
 
 import pytest
 
-from lagsplat.report.tables.learned_physics import MASS_COLUMNS, latex_mass, mass_rows, mass_table
+from lagsplat.report.tables.learned_physics import (
+    MASS_COLUMNS,
+    build_mass_rows,
+    build_mass_table,
+    format_mass_latex,
+)
 from tests.unit.report.test_baseline_rows import scored
 from tests.unit.report.test_tables import names
 
@@ -19,11 +24,13 @@ def rows() -> list[dict]:
     ]
     errors = (1e-3, 1.1e-3, 2e-3, 2.1e-3, 5e-3, 5e-3)
     dependence = (0.2, 0.4, 0.1, 0.1, 0.0, 0.0)
-    return mass_rows(runs, [with_inertia(*made) for made in zip(errors, range(6), dependence, strict=True)])
+    return build_mass_rows(
+        runs, [with_inertia(*made) for made in zip(errors, range(6), dependence, strict=True)]
+    )
 
 
 def test_each_form_has_a_row_and_its_gain(rows):
-    frame = mass_table(rows)
+    frame = build_mass_table(rows)
     assert tuple(frame.columns) == MASS_COLUMNS
     forms = ["learned", "induced by the decoder", "constant"]
     assert frame["mass"].tolist() == [
@@ -40,7 +47,7 @@ def test_each_form_has_a_row_and_its_gain(rows):
 
 
 def test_latex_has_nine_cells_a_line_and_says_whose_numbers(rows):
-    text = latex_mass(rows, titles={"krauss_2seg": "Two segments"})
+    text = format_mass_latex(rows, titles={"krauss_2seg": "Two segments"})
     lines = [line for line in text.splitlines() if line.endswith(r"\\") and "multicolumn" not in line]
     assert all(line.replace(r"\&", "").count("&") == 8 for line in lines)
     assert "$2$ ($3$)" in text
@@ -49,5 +56,5 @@ def test_latex_has_nine_cells_a_line_and_says_whose_numbers(rows):
 
 
 def test_other_arms_have_no_paper_rows():
-    made = mass_rows([names(0, system="krauss_1seg")], [with_inertia(1e-3, 0, 0.1)])
+    made = build_mass_rows([names(0, system="krauss_1seg")], [with_inertia(1e-3, 0, 0.1)])
     assert [row["mass"] for row in made] == ["learned"]

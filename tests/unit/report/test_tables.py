@@ -7,9 +7,9 @@ import subprocess
 import numpy as np
 import pytest
 
-from lagsplat.report.common.aggregate import rows_of, table_row
-from lagsplat.report.common.latex import digits
-from lagsplat.report.tables.benchmark import BENCHMARK_COLUMNS, benchmark_table, latex_table
+from lagsplat.report.common.formatting import format_digits
+from lagsplat.report.common.table_rows import build_row, build_rows
+from lagsplat.report.tables.benchmark import BENCHMARK_COLUMNS, build_benchmark_table, format_benchmark_latex
 
 SPREAD = "median and range over seeds"
 PAPERS = [f"{law} + {decoder} (paper)" for law in ("Osc.", "Koopman") for decoder in ("deconv", "ABCD")]
@@ -56,17 +56,17 @@ def rows() -> list[dict]:
         names(0, stage2="constant_mass"),
         names(0, system="krauss_1seg"),
     ]
-    return rows_of(runs, [run(0), run(1), run(2), run(0), run(0, d=2, frequency_error=None)])
+    return build_rows(runs, [run(0), run(1), run(2), run(0), run(0, d=2, frequency_error=None)])
 
 
 def test_columns_are_those_agreed_then_the_spreads(rows):
-    frame = benchmark_table(rows)
+    frame = build_benchmark_table(rows)
     assert tuple(frame.columns[: len(BENCHMARK_COLUMNS)]) == BENCHMARK_COLUMNS
     assert set(frame.columns[len(BENCHMARK_COLUMNS) :]) == {"mse_half_second_low", "mse_half_second_high"}
 
 
 def test_rows_group_seeds_and_stand_beside_the_paper(rows):
-    frame = benchmark_table(rows)
+    frame = build_benchmark_table(rows)
     assert frame["robot"].tolist() == ["krauss_2seg"] * 7 + ["krauss_1seg"] * 6
     assert frame["method"].tolist() == [
         "LaGSplat",
@@ -89,23 +89,23 @@ def test_rows_group_seeds_and_stand_beside_the_paper(rows):
 
 
 def test_unmeasured_is_empty_in_csv_and_a_dash_in_latex(rows):
-    assert benchmark_table(rows)["frequency_error"].iloc[7] is None
+    assert build_benchmark_table(rows)["frequency_error"].iloc[7] is None
     line = next(
         line
-        for line in latex_table(rows, titles={}).splitlines()
+        for line in format_benchmark_latex(rows, titles={}).splitlines()
         if line.startswith("LaGSplat & non") and " 2 " in line
     )
     assert " -- " in line
 
 
 def test_caption_says_recording_profile_and_spread(rows):
-    caption = re.search(r"\\caption\{(.*)\}", latex_table(rows, titles={})).group(1)
+    caption = re.search(r"\\caption\{(.*)\}", format_benchmark_latex(rows, titles={})).group(1)
     for part in ("simulated recording", "profile quick", SPREAD, "95\\% interval".replace("\\%", " \\%")):
         assert part in caption
 
 
 def test_latex_is_balanced_and_every_line_has_fourteen_cells(rows):
-    text = latex_table(rows, titles={"krauss_2seg": "Two segments & co_1"})
+    text = format_benchmark_latex(rows, titles={"krauss_2seg": "Two segments & co_1"})
     assert r"\emph{Two segments \& co\_1}" in text
     assert text.count(r"\begin{") == text.count(r"\end{")
     plain = re.sub(r"\\[{}]", "", text)
@@ -118,7 +118,7 @@ def test_latex_is_balanced_and_every_line_has_fourteen_cells(rows):
 @pytest.mark.skipif(shutil.which("pdflatex") is None, reason="no pdflatex")
 @pytest.mark.parametrize("preamble", ["", r"\usepackage{booktabs}"])
 def test_latex_compiles_in_a_plain_article(rows, tmp_path, preamble):
-    (tmp_path / "table.tex").write_text(latex_table(rows, titles={}))
+    (tmp_path / "table.tex").write_text(format_benchmark_latex(rows, titles={}))
     document = rf"\documentclass{{article}}{preamble}\begin{{document}}\input{{table}}\end{{document}}"
     (tmp_path / "paper.tex").write_text(document)
     command = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "paper.tex"]
@@ -127,13 +127,13 @@ def test_latex_compiles_in_a_plain_article(rows, tmp_path, preamble):
 
 def test_a_row_cannot_be_labelled_with_another_recording():
     with pytest.raises(ValueError, match="scores are of a filmed recording"):
-        rows_of([names(0)], [run(0, origin="filmed")])
+        build_rows([names(0)], [run(0, origin="filmed")])
     with pytest.raises(ValueError, match="at least one row"):
-        benchmark_table([])
+        build_benchmark_table([])
 
 
 def test_toy_rows_need_no_paper(rows):
-    frame = benchmark_table(rows_of([names(0, system="toy")], [run(0)]))
+    frame = build_benchmark_table(build_rows([names(0, system="toy")], [run(0)]))
     assert len(frame) == 1
     assert np.isclose(frame["mse_half_second_low"].iloc[0], 3.8e-4)
 
@@ -143,9 +143,9 @@ def test_toy_rows_need_no_paper(rows):
     [(0.44, "0.44"), (12.345, "12.3"), (1234.5, "1234"), (0.00001234, "0.000012"), (0.0, "0")],
 )
 def test_digits_are_plain(value, text):
-    assert digits(value) == text
+    assert format_digits(value) == text
 
 
 def test_table_row_carries_what_the_caption_needs(rows):
     assert {"rollouts", "spread"} <= set(rows[0])
-    assert callable(table_row)
+    assert callable(build_row)

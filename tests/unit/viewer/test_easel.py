@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from lagsplat.report.figures.forces import sideways
+from lagsplat.report.figures.forces import turn_camera
 from lagsplat.splat.projection import make_view
 from lagsplat.viewer.rendering.renderer import open_renderer
 from tests.unit.forces.rocking import rocking
@@ -23,7 +23,7 @@ def test_a_state_is_drawn_as_the_decoder_draws_it():
 def test_space_is_drawn_as_the_decoder_draws_it_from_the_film_and_from_aside():
     held, q = turning(), torch.tensor([[0.4]], dtype=torch.float64)
     easel = open_renderer(held.autoencoder, held.chart, side=64)
-    aside = sideways(held, 25.0, 10.0)
+    aside = turn_camera(held, 25.0, 10.0)
     for picture, view in (
         (easel.draw(q[0].numpy()), None),
         (easel.seen(q[0].numpy(), aside.resized(48, 64)), make_view([aside])),

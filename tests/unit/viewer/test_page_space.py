@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from lagsplat.forces.grasp import GraspPoint, NoMatterError, cast_ray, grasp_along_ray, grasp_brush
-from lagsplat.report.figures.forces import sideways
+from lagsplat.report.figures.forces import turn_camera
 from lagsplat.splat.projection import compute_depths, make_view
 from lagsplat.viewer.simulation.session import Session
 from lagsplat.viewer.static_page.build import MECHANICS, pack_page
@@ -58,7 +58,7 @@ def one() -> Session:
 
 
 def seen_from(one: Session, side: tuple[float, float, float]) -> Camera:
-    camera = sideways(one.held, *side[:2])
+    camera = turn_camera(one.held, *side[:2])
     return replace(camera, focal=(side[2] * camera.focal[0], side[2] * camera.focal[1]))
 
 

@@ -9,26 +9,26 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from lagsplat.evaluate.aggregate import MEASURED, aggregate
-from lagsplat.report.common.latex import latex_number, scaled
-from lagsplat.report.common.published_values import paper_rows
+from lagsplat.report.common.formatting import format_latex_number, rescale
+from lagsplat.report.common.published_values import list_paper_rows
 
 
-def rows_of(runs: Sequence[Mapping[str, Any]], metrics: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+def build_rows(runs: Sequence[Mapping[str, Any]], metrics: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """One row for each group of runs that differ by their seeds only, in the order of their first run.
 
-    ``runs`` and ``metrics`` as in `grouped`. Dynamics other than the default are named with the method.
+    ``runs`` and ``metrics`` as in `group_runs`. Dynamics other than the default are named with the method.
     """
     rows = []
-    for (system, recording, profile, stage1), variants in grouped(runs, metrics).items():
+    for (system, recording, profile, stage1), variants in group_runs(runs, metrics).items():
         for stage2, members in variants.items():
             changed = ", ".join(name for name in (stage1, stage2) if name != "default")
             method = f"LaGSplat ({changed})" if changed else "LaGSplat"
             scores = aggregate(members)
-            rows.append(table_row(scores, robot=system, method=method, recording=recording, profile=profile))
+            rows.append(build_row(scores, robot=system, method=method, recording=recording, profile=profile))
     return rows
 
 
-def table_row(
+def build_row(
     aggregated: Mapping[str, Any], *, robot: str, method: str, recording: str, profile: str
 ) -> dict[str, Any]:
     """One row of the table from the scores of `lagsplat.evaluate.aggregate.aggregate`.
@@ -68,8 +68,8 @@ def table_row(
     return row
 
 
-def beside_paper(
-    rows: Sequence[Mapping[str, Any]], paper: Callable[[set[str]], list[dict[str, Any]]] = paper_rows
+def merge_with_published(
+    rows: Sequence[Mapping[str, Any]], paper: Callable[[set[str]], list[dict[str, Any]]] = list_paper_rows
 ) -> pd.DataFrame:
     """Every column of the rows and of the paper's own, robot by robot in the order of the rows.
 
@@ -86,36 +86,38 @@ def beside_paper(
     return everything.reset_index(drop=True)
 
 
-def spreads(frame: pd.DataFrame, scores: Sequence[str]) -> list[str]:
+def list_spread_columns(frame: pd.DataFrame, scores: Sequence[str]) -> list[str]:
     """The ``_low`` and ``_high`` columns of those scores that have a spread anywhere."""
     bounds = [f"{name}_{end}" for name in scores for end in ("low", "high")]
     return [name for name in bounds if name in frame and frame[name].notna().any()]
 
 
-def counted(rows: Sequence[Mapping[str, Any]]) -> dict[tuple[str, str, str], int]:
+def count_rollouts(rows: Sequence[Mapping[str, Any]]) -> dict[tuple[str, str, str], int]:
     """Number of rollouts behind each row, by robot, method and recording."""
     return {(row["robot"], row["method"], row["recording"]): row["rollouts"] for row in rows}
 
 
-def measured(row: Mapping[Any, Any], name: str, *, scale: float) -> str:
+def format_score(row: Mapping[Any, Any], name: str, *, scale: float) -> str:
     """The cell of a score with its spread, in the table's unit."""
-    return latex_number(*(scaled(row.get(key), scale) for key in (name, f"{name}_low", f"{name}_high")))
+    return format_latex_number(
+        *(rescale(row.get(key), scale) for key in (name, f"{name}_low", f"{name}_high"))
+    )
 
 
-def diverged(row: Mapping[Any, Any], rollouts: Mapping[tuple[str, str, str], int]) -> str:
+def format_diverged(row: Mapping[Any, Any], rollouts: Mapping[tuple[str, str, str], int]) -> str:
     """The cell that counts diverged rollouts among all, which are listed by robot, method and recording."""
     total = rollouts.get((row["robot"], row["method"], row["recording"]))
     return "--" if pd.isna(row["diverged"]) or total is None else f"{row['diverged']}/{total}"
 
 
-def told(rows: Sequence[Mapping[str, Any]]) -> str:
+def describe_runs(rows: Sequence[Mapping[str, Any]]) -> str:
     """What a caption says of the profiles and of the brackets."""
     profiles = " and ".join(sorted({str(row["profile"]) for row in rows}))
     brackets = "; ".join(sorted({f"{row['spread']} ({row['n_seeds']})" for row in rows}))
     return f"profile {profiles}. Values and brackets: {brackets}."
 
 
-class Place(NamedTuple):
+class RunGroup(NamedTuple):
     """What an autoencoder was trained on, and how; dynamics of one place can be compared."""
 
     system: str
@@ -124,16 +126,16 @@ class Place(NamedTuple):
     stage1: str
 
 
-def grouped(
+def group_runs(
     runs: Sequence[Mapping[str, Any]], metrics: Sequence[dict[str, Any]]
-) -> dict[Place, dict[str, list[dict[str, Any]]]]:
+) -> dict[RunGroup, dict[str, list[dict[str, Any]]]]:
     """The scores of all seeds, by place and then by dynamics, in the order of their first run.
 
     ``runs`` are the wildcards of each run's path (profile, recording, system, stage1, ae, stage2, seed), with
     the scores of each in ``metrics``.
     """
-    groups: dict[Place, dict[str, list[dict[str, Any]]]] = {}
+    groups: dict[RunGroup, dict[str, list[dict[str, Any]]]] = {}
     for run, scores in zip(runs, metrics, strict=True):
-        place = Place(*(str(run[name]) for name in Place._fields))
+        place = RunGroup(*(str(run[name]) for name in RunGroup._fields))
         groups.setdefault(place, {}).setdefault(str(run["stage2"]), []).append(scores)
     return groups

@@ -10,18 +10,18 @@ from typing import Any
 
 import pandas as pd
 
-SPECIAL = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"} | {
+LATEX_ESCAPES = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"} | {
     letter: "\\" + letter for letter in "_%&#${}"
 }
 # With booktabs loaded these three do nothing; without it the table still compiles.
-RULES = (
+BOOKTABS_FALLBACK = (
     r"\providecommand{\toprule}{\hline}"
     r"\providecommand{\midrule}{\hline}"
     r"\providecommand{\bottomrule}{\hline}"
 )
 
 
-def latex_float(
+def format_latex_table(
     *, head: Sequence[str], body: Sequence[str], columns: str, caption: str, label: str, wide: bool = True
 ) -> str:
     """A floating table for ``\\input`` in any article, over both columns of its page if ``wide``.
@@ -32,10 +32,10 @@ def latex_float(
     environment = "table*" if wide else "table"
     return "\n".join(
         [
-            RULES,
+            BOOKTABS_FALLBACK,
             rf"\begin{{{environment}}}",
             r"\centering\footnotesize\setlength{\tabcolsep}{3pt}",
-            rf"\caption{{{escape(caption)}}}",
+            rf"\caption{{{escape_latex(caption)}}}",
             rf"\label{{{label}}}",
             rf"\begin{{tabular}}{{{columns}}}",
             r"\toprule",
@@ -49,43 +49,43 @@ def latex_float(
     )
 
 
-def block_title(title: str, *, columns: int) -> str:
+def format_block_title(title: str, *, columns: int) -> str:
     """The line that heads a block of rows."""
-    return rf"\midrule \multicolumn{{{columns}}}{{@{{}}l}}{{\emph{{{escape(title)}}}}} \\"
+    return rf"\midrule \multicolumn{{{columns}}}{{@{{}}l}}{{\emph{{{escape_latex(title)}}}}} \\"
 
 
-def cells(*texts: str) -> str:
+def format_cells(*texts: str) -> str:
     """One row of a table."""
     return " & ".join(texts) + r" \\"
 
 
-def latex_number(value: float | None, low: float | None = None, high: float | None = None) -> str:
+def format_latex_number(value: float | None, low: float | None = None, high: float | None = None) -> str:
     """Three digits and, smaller, the spread; a dash where nothing was measured."""
     if value is None or pd.isna(value):
         return "--"
-    text = digits(value)
+    text = format_digits(value)
     if low is None or high is None or pd.isna(low) or pd.isna(high):
         return f"${text}$"
-    return rf"${text}\,{{\scriptstyle[{digits(low)},\,{digits(high)}]}}$"
+    return rf"${text}\,{{\scriptstyle[{format_digits(low)},\,{format_digits(high)}]}}$"
 
 
-def scaled(value: float | None, scale: float) -> float | None:
+def rescale(value: float | None, scale: float) -> float | None:
     """``value`` in another unit, or still nothing."""
     return None if value is None or pd.isna(value) else scale * value
 
 
-def digits(value: float) -> str:
+def format_digits(value: float) -> str:
     """Three significant digits in plain notation, so that columns can be compared by eye."""
     text = f"{value:.3g}"
     return f"{value:.0f}" if "e+" in text else f"{value:.6f}".rstrip("0").rstrip(".") if "e" in text else text
 
 
-def escape(text: str) -> str:
+def escape_latex(text: str) -> str:
     """Plain text as LaTeX prints it."""
-    return "".join(SPECIAL.get(letter, letter) for letter in text)
+    return "".join(LATEX_ESCAPES.get(letter, letter) for letter in text)
 
 
-MOST_CERTAIN = 0.99
+MAX_PROBABILITY = 0.99
 MINUS = "\N{MINUS SIGN}"
 
 
@@ -103,11 +103,11 @@ def format_number(value: float, *, digits: int = 2) -> str:
         text = f"{rounded:.{max(places, 0)}f}"
     else:
         mantissa, _, exponent = f"{rounded:.{digits - 1}e}".partition("e")
-        text = f"{mantissa}·{power_of_ten(int(exponent))}"
+        text = f"{mantissa}·{format_power_of_ten(int(exponent))}"
     return text.replace("-", MINUS)
 
 
-def spread(value: float, low: float | None, high: float | None) -> tuple[str, str, str]:
+def format_interval(value: float, low: float | None, high: float | None) -> tuple[str, str, str]:
     """Value and bounds, all to the decimal place at which the interval has two digits.
 
     Without finite bounds the value has three digits and the bounds are dashes.
@@ -126,7 +126,7 @@ def spread(value: float, low: float | None, high: float | None) -> tuple[str, st
     return first, second, third
 
 
-def percent(share: float) -> str:
+def format_percent(share: float) -> str:
     """A share in percent: whole numbers, and a decimal below ten."""
     if not math.isfinite(share):
         return format_number(share)
@@ -137,31 +137,31 @@ def percent(share: float) -> str:
     return f"{text.replace('-', MINUS)} %"
 
 
-def probability(p: float) -> str:
+def format_probability(p: float) -> str:
     """A probability, never more certain than a model of the data can be: between 0.01 and 0.99."""
     if p < 0.01:
         return "< 0.01"
-    return f"{min(p, MOST_CERTAIN):.2f}"
+    return f"{min(p, MAX_PROBABILITY):.2f}"
 
 
-def unit(name: str) -> str:
+def format_unit(name: str) -> str:
     """A unit with raised powers; nothing for a pure number."""
     if name in ("", "1"):
         return ""
     return re.sub(r"\^(-?\d+)", lambda found: _raised(int(found.group(1))), name)
 
 
-def with_unit(text: str, name: str) -> str:
+def append_unit(text: str, name: str) -> str:
     """A number and its unit, on one line."""
-    return f"{text}\N{NO-BREAK SPACE}{unit(name)}" if unit(name) else text
+    return f"{text}\N{NO-BREAK SPACE}{format_unit(name)}" if format_unit(name) else text
 
 
-def power_of_ten(power: int) -> str:
+def format_power_of_ten(power: int) -> str:
     """Such as 10⁻³."""
     return f"10{_raised(power)}"
 
 
-def values(value: Any) -> list[float]:
+def list_numbers(value: Any) -> list[float]:
     """One number or several, as a list; numbers that are not there are left out."""
     several = value if isinstance(value, list | tuple) else [value]
     return [float(one) for one in several if one is not None]
