@@ -17,7 +17,7 @@ import numpy as np
 from benchmarks.diagnose import CASES
 from benchmarks.gapgen.make import make_one
 from lagsplat.config.compose import compose
-from lagsplat.diagnose.data_quality.natural_period import rough_period_s
+from lagsplat.diagnose.data_quality.natural_period import estimate_spectral_period_s
 from lagsplat.diagnose.estimation.dataset import cut_windows, prepare_dataset
 from lagsplat.diagnose.estimation.multiple_shooting import ShootingData, differentiate_predictions
 from lagsplat.diagnose.estimation.rollout import ParameterSensitivity
@@ -45,18 +45,18 @@ def compare(case: str, folder: Path) -> str:
     config = compose().diagnose
     setting = make_identification_settings(config)
     motions = read_sources(find_sources(f"{folder}/data/{case}/sim_*.csv"))
-    period_s = rough_period_s(motions)
+    period_s = estimate_spectral_period_s(motions)
     ready = prepare_dataset(motions, period_s=period_s)
-    windows = cut_windows(ready.record, length_s=config.window_periods * period_s, least=12)
-    found = identify_model(ready.record, ready.smooth, ready.sigma, period_s, setting, windows, held=False)
-    moves = list_free_directions(found.model, found.form, np.std(ready.record.v, axis=0))
-    steps = max(1, int(np.ceil(ready.record.dt_s * setting.steps_per_period / period_s)))
+    windows = cut_windows(ready.dataset, length_s=config.window_periods * period_s, least=12)
+    found = identify_model(ready.dataset, ready.smooth, ready.sigma, period_s, setting, windows, held=False)
+    moves = list_free_directions(found.model, found.form, np.std(ready.dataset.v, axis=0))
+    steps = max(1, int(np.ceil(ready.dataset.dt_s * setting.steps_per_period / period_s)))
     moving = ParameterSensitivity(
-        found.model, ready.record, found.windows, moves, ready.smooth, steps, held=False
+        found.model, ready.dataset, found.windows, moves, ready.smooth, steps, held=False
     )
-    scale = np.concatenate([np.std(ready.record.q, axis=0), np.std(ready.record.v, axis=0)])
+    scale = np.concatenate([np.std(ready.dataset.q, axis=0), np.std(ready.dataset.v, axis=0)])
     weight = found.windows.mask()[..., None] / ready.sigma
-    data = ShootingData(found.windows.take(ready.record.q), weight, 1e-4 * scale)
+    data = ShootingData(found.windows.take(ready.dataset.q), weight, 1e-4 * scale)
     x, starts = np.zeros(len(moves)), found.fit.starts
     exact = seconds(lambda: moving.derivatives(x, starts, data))
     by_differences = seconds(

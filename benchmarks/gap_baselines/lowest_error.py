@@ -12,17 +12,17 @@ import numpy as np
 
 from benchmarks.gap_baselines.case import Case
 from benchmarks.gap_baselines.said import Said
-from lagsplat.diagnose.core.config import DiagnoseConfig
+from lagsplat.diagnose.core.config import HOLDOUT, DiagnoseConfig
 from lagsplat.diagnose.core.result import Block
 from lagsplat.diagnose.effects.base import PlacedEffect
 from lagsplat.diagnose.estimation.dataset import WindowSet
 from lagsplat.diagnose.identification.estimated_simulator import estimate_simulator
-from lagsplat.diagnose.inference.holdout import BURN_IN, Forecast, cut_blocks, forecast_blocks, split_windows
+from lagsplat.diagnose.inference.holdout import Forecast, cut_blocks, forecast_blocks, split_windows
 from lagsplat.diagnose.inference.model_selection import fit_candidate
 from lagsplat.diagnose.inference.placement import extract_hints, place_effects
 from lagsplat.diagnose.inference.problem import EstimationProblem, build_problem
 from lagsplat.diagnose.inference.score_test import score_test
-from lagsplat.diagnose.residual.latent_force import smooth
+from lagsplat.diagnose.residual.latent_force import estimate_latent_force
 
 
 def lowest_error(case: Case, config: DiagnoseConfig) -> Said:
@@ -69,7 +69,9 @@ def lowest_error(case: Case, config: DiagnoseConfig) -> Said:
 def _offers(
     contest: EstimationProblem, case: Case, period_s: float, config: DiagnoseConfig
 ) -> list[PlacedEffect]:
-    smoothed = smooth(contest.rollout_model.model, case.real, period_s=period_s, hold=config.input_hold)
+    smoothed = estimate_latent_force(
+        contest.rollout_model.model, case.real, period_s=period_s, hold=config.input_hold
+    )
     return place_effects(
         contest.rollout_model,
         extract_hints(smoothed, period_s=period_s),
@@ -87,15 +89,15 @@ def _error(
 
 def _square(contest: EstimationProblem, blocks: WindowSet, said: Forecast) -> float:
     """Mean square past the burn-in, in each coordinate's rms; infinite where a forecast escapes."""
-    q = contest.rollout_model.record.q
-    wrong = ((said.y - blocks.take(q)) / np.std(q, axis=0))[:, BURN_IN:]
+    q = contest.rollout_model.dataset.q
+    wrong = ((said.y - blocks.take(q)) / np.std(q, axis=0))[:, HOLDOUT.start_samples :]
     return float(np.mean(wrong**2)) if np.isfinite(wrong).all() else float("inf")
 
 
 def _blocks(
     contest: EstimationProblem, blocks: WindowSet, sim: Forecast, augmented: Forecast
 ) -> tuple[Block, ...]:
-    record = contest.rollout_model.record
+    record = contest.rollout_model.dataset
     real = blocks.take(record.q)
     whole = []
     for k, (start, length) in enumerate(zip(blocks.first, blocks.length, strict=True)):

@@ -19,7 +19,7 @@ from benchmarks.gap_baselines.case import Case
 from benchmarks.gap_baselines.mujoco_model import KINDS, Drawn, draw, gear_field, joint_field
 from benchmarks.gap_baselines.said import Said
 from lagsplat.diagnose.core.config import DiagnoseConfig
-from lagsplat.diagnose.data_quality.natural_period import rough_period_s
+from lagsplat.diagnose.data_quality.natural_period import estimate_spectral_period_s
 from lagsplat.diagnose.estimation.dataset import PreparedDataset, cut_windows, prepare_dataset
 from lagsplat.io.trajectory.trajectory import Trajectory
 
@@ -60,7 +60,7 @@ def mujoco_sysid(case: Case, config: DiagnoseConfig) -> Said:
             f"the best of {KINDS.get(case.d, ())} leaves {misfit:.2f} of the rms of the nominal motions; "
             "MuJoCo does not express this mechanism"
         )
-    period_s = rough_period_s(case.real)
+    period_s = estimate_spectral_period_s(case.real)
     ready = prepare_dataset(case.real, period_s=period_s)
     found = None
     for held in HELD:
@@ -97,12 +97,12 @@ def mujoco_sysid(case: Case, config: DiagnoseConfig) -> Said:
 
 def _nominal(motions: tuple[Trajectory, ...], d: int) -> tuple[Drawn, float]:
     """The mechanism that tells the nominal motions best, its parameters written into it, and its misfit."""
-    period_s = rough_period_s(motions)
+    period_s = estimate_spectral_period_s(motions)
     ready = prepare_dataset(motions, period_s=period_s)
     best: tuple[Drawn, float] | None = None
     for kind in KINDS.get(d, ()):
         size = float(np.abs(ready.smooth).max())
-        drawn = draw(kind, d, ready.record.u.shape[1], guess_s=period_s, dt_s=ready.record.dt_s, size=size)
+        drawn = draw(kind, d, ready.dataset.u.shape[1], guess_s=period_s, dt_s=ready.dataset.dt_s, size=size)
         fitted, _, misfit = _fit(drawn.spec, drawn.parameters, ready, period_s)
         drawn.parameters.update_from_vector(fitted)
         spec = sysid.apply_param_modifiers_spec(drawn.parameters, drawn.spec.copy())
@@ -117,7 +117,7 @@ def _fit(
     spec: mujoco.MjSpec, parameters: sysid.ParameterDict, ready: PreparedDataset, window_s: float
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Best parameters, the half widths of their 95 % intervals, and the rms residual in the rms of each q."""
-    record, model = ready.record, spec.compile()
+    record, model = ready.dataset, spec.compile()
     rms = np.std(record.q, axis=0)
     windows = cut_windows(record, length_s=window_s, least=12)
     chosen = np.unique(np.linspace(0, len(windows.first) - 1, WINDOWS).astype(int))
@@ -148,7 +148,7 @@ def _sequence(
     spec: mujoco.MjSpec, model: mujoco.MjModel, ready: PreparedDataset, first: int, length: int, number: int
 ) -> sysid.ModelSequences:
     """One window with its smoothed starting state, its inputs copied to the motors of every joint."""
-    record, cut = ready.record, slice(first, first + length)
+    record, cut = ready.dataset, slice(first, first + length)
     time = record.time[cut] - record.time[first]
     control = np.tile(record.u[cut], (1, record.d))
     return sysid.ModelSequences(
@@ -167,7 +167,7 @@ def _changes(
     """Every change that the toolbox is offered but those ``held``, and what each one means."""
     model = drawn.spec.copy().compile()
     inertia = _inertia(model, ready)
-    rms, speed = np.std(ready.record.q, axis=0), np.sqrt(np.mean(ready.record.v**2, axis=0))
+    rms, speed = np.std(ready.dataset.q, axis=0), np.sqrt(np.mean(ready.dataset.v**2, axis=0))
     bend = inertia * np.sqrt(np.mean(ready.acceleration**2, axis=0))
     out, changes = sysid.ParameterDict(), []
 
@@ -193,10 +193,10 @@ def _changes(
     for motor in drawn.spec.actuators:
         i, j = (int(part) for part in motor.name[1:].split("_"))
         gear = float(motor.gear[0])
-        if abs(gear) > 0.0 and np.ptp(ready.record.u[:, j]) > 0.0:
+        if abs(gear) > 0.0 and np.ptp(ready.dataset.u[:, j]) > 0.0:
             wide = 2.0 * abs(gear)
             add("input_gain", f"gear{i}_{j}", gear, gear - wide, gear + wide, gear_field(motor.name), i, j)
-    if ready.record.u.shape[1]:
+    if ready.dataset.u.shape[1]:
         out.add(sysid.Parameter("delay", 0.0, -DELAY_S, DELAY_S))
         changes.append(Change("delay", "input_delay", None, None, 0.0))
     return out, changes
@@ -219,7 +219,7 @@ def _inertial(model: mujoco.MjModel, ready: PreparedDataset) -> np.ndarray:
 
 def _unit_force(change: Change, model: mujoco.MjModel, ready: PreparedDataset, force: np.ndarray) -> float:
     """RMS force of a unit of change, in the inertial force of its joint; of a delay the shift it makes."""
-    record = ready.record
+    record = ready.dataset
     if change.joint is None:
         speed = np.sqrt(np.mean(record.v**2, axis=0))
         return float(np.max(speed / np.std(record.q, axis=0)))

@@ -12,7 +12,7 @@ from scipy.integrate import cumulative_trapezoid
 
 from benchmarks.gap_baselines.case import Case
 from lagsplat.diagnose.core.config import DiagnoseConfig
-from lagsplat.diagnose.data_quality.natural_period import rough_period_s
+from lagsplat.diagnose.data_quality.natural_period import estimate_spectral_period_s
 from lagsplat.diagnose.estimation.dataset import Dataset, prepare_dataset
 from lagsplat.diagnose.identification.estimated_simulator import estimate_simulator
 from lagsplat.diagnose.mechanics.model import MechanicalModel
@@ -54,9 +54,9 @@ def residual_of(case: Case, config: DiagnoseConfig) -> Residual:
         ValueError: nothing moves, or no clip is long enough for a window.
     """
     model = estimate_simulator(case.sim, config).model
-    period_s = rough_period_s(case.real)
+    period_s = estimate_spectral_period_s(case.real)
     ready = prepare_dataset(case.real, period_s=period_s)
-    record, q = ready.record, ready.smooth
+    record, q = ready.dataset, ready.smooth
     nominal = model.acceleration(q, record.v, record.u)
     speed = record.v.copy()
     for start, stop in record.clips:

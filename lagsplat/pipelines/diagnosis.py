@@ -14,16 +14,17 @@ from tqdm import tqdm
 from lagsplat.diagnose.augmented.model import AugmentedSimulator, build_augmented, save_augmented
 from lagsplat.diagnose.core.config import DiagnoseConfig
 from lagsplat.diagnose.core.result import Diagnosis
-from lagsplat.diagnose.data_quality.checks import Checked
-from lagsplat.diagnose.data_quality.compatibility import BEYOND
+from lagsplat.diagnose.data_quality.checks import DataCheck
+from lagsplat.diagnose.data_quality.compatibility import MOSTLY_OUTSIDE_CHECK
 from lagsplat.diagnose.diagnosis import DiagnosisRun, diagnose
 from lagsplat.diagnose.effects.base import SampleEffect
+from lagsplat.diagnose.effects.registry import list_effects
 from lagsplat.diagnose.estimation.dataset import sample_operating_region
 from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
 from lagsplat.diagnose.inference.problem import measure_misfit
 from lagsplat.diagnose.inference.recalibration import calibrate_null_evidence, match_windows
-from lagsplat.diagnose.residual.error_budget import Perception
-from lagsplat.diagnose.residual.localization import Where, locate
+from lagsplat.diagnose.residual.error_budget import PerceptionQuality
+from lagsplat.diagnose.residual.localization import ResidualLocation, locate
 from lagsplat.pipelines.apply_diagnosis import AUGMENTED_FILE
 from lagsplat.pipelines.diagnosis_images import build_report_content
 from lagsplat.pipelines.diagnosis_inputs import LAWLESS, DiagnosisInputs, open_diagnosis_inputs
@@ -52,16 +53,22 @@ def run_diagnosis(
                 pair, sim=measure_misfit(pair.sim, match_windows(pair.sim, null, pair.real, config))
             )
     config = _adapt_settings(pair, config)
-    nats = 0.0
+    log_evidence_offset = 0.0
     with contextlib.suppress(ValueError):
         if null is not None:
-            nats = calibrate_null_evidence(pair.sim, null, pair.real, config, tell=tell)
+            log_evidence_offset = calibrate_null_evidence(pair.sim, null, pair.real, config, tell=tell)
     sight = pair.films.sight if pair.films is not None else None
     seen = sight.perception if sight is not None else None
-    found = diagnose(discount_image_error(pair.sim, seen), pair.real, config, null=nats, tell=tell)
+    found = diagnose(
+        discount_image_error(pair.sim, seen),
+        pair.real,
+        config,
+        log_evidence_offset=log_evidence_offset,
+        tell=tell,
+    )
     tell("where")
     natural_s = found.diagnosis.checks["natural_period_s"]
-    where: Where | None = None
+    where: ResidualLocation | None = None
     blind: tuple[str, ...] = ()
     try:
         where = locate(
@@ -83,9 +90,9 @@ def run_diagnosis(
         absorbed=absorbed_effects() if pair.own else (),
         checks={
             **found.diagnosis.checks,
-            "samples_as_one": config.temper,
+            "samples_as_one": config.effective_sample_ratio,
             "sim_misfit": pair.sim.misfit,
-            "null_evidence": nats,
+            "null_evidence": log_evidence_offset,
             "excitation": [asdict(row) for row in pair.rows],
             "findings": [asdict(finding) for finding in pair.checked.findings],
         },
@@ -98,7 +105,7 @@ def run_diagnosis(
     return replace(found, diagnosis=diagnosis)
 
 
-def discount_image_error(sim: EstimatedSimulator, seen: Perception | None) -> EstimatedSimulator:
+def discount_image_error(sim: EstimatedSimulator, seen: PerceptionQuality | None) -> EstimatedSimulator:
     """The sim, missing the motion by as much more as its pictures are drawn worse than those that taught it.
 
     An encoder that errs in the pictures errs in the state, and does so smoothly along the motion.
@@ -111,7 +118,11 @@ def discount_image_error(sim: EstimatedSimulator, seen: Perception | None) -> Es
 def _adapt_settings(pair: DiagnosisInputs, config: DiagnoseConfig) -> DiagnoseConfig:
     """The settings for this sim: how far it may be off, and what cannot be the cause."""
     hold = pair.hold or config.input_hold
-    config = replace(config, temper=max(config.temper, pair.sim.correlation), input_hold=hold)
+    config = replace(
+        config,
+        effective_sample_ratio=max(config.effective_sample_ratio, pair.sim.correlation),
+        input_hold=hold,
+    )
     if pair.own:
         config = replace(config, without=[*config.without, *absorbed_effects()])
     if pair.films is None:
@@ -119,12 +130,12 @@ def _adapt_settings(pair: DiagnosisInputs, config: DiagnoseConfig) -> DiagnoseCo
     return replace(
         config,
         without=[*config.without, *pair.films.ruled_out],
-        **{name: min(config.learned * getattr(config, name), 0.5) for name in
+        **{name: min(config.learned_factor * getattr(config, name), 0.5) for name in
            ("potential", "damping", "inputs", "offset", "warp")},
     )  # fmt: skip
 
 
-def locate_with_verdict(where: Where, found: DiagnosisRun) -> Where:
+def locate_with_verdict(where: ResidualLocation, found: DiagnosisRun) -> ResidualLocation:
     """Where the gap lies, given what it was found to be: as sure as the name, the rest by the residual."""
     chosen = [effect.effect for effect in found.chosen.effects]
     sure = found.diagnosis.candidates[0].probability
@@ -137,19 +148,12 @@ def locate_with_verdict(where: Where, found: DiagnosisRun) -> Where:
 
 def absorbed_effects() -> tuple[str, ...]:
     """Effects that a sim fitted to the same recording has already taken up in its own terms."""
-    return (
-        "viscous_damping",
-        "linear_stiffness",
-        "mass_change",
-        "constant_force",
-        "input_gain",
-        "cubic_stiffness",
-    )
+    return tuple(effect.name for effect in list_effects() if effect.absorbed_by_fit)
 
 
-def flag_extrapolation(found: Diagnosis, checked: Checked) -> Diagnosis:
+def flag_extrapolation(found: Diagnosis, checked: DataCheck) -> Diagnosis:
     """``found``, undetermined if nothing explains it and the sim was hardly seen there or is true nowhere."""
-    why = [finding.text for finding in checked.findings if finding.check in (BEYOND, LAWLESS)]
+    why = [finding.text for finding in checked.findings if finding.check in (MOSTLY_OUTSIDE_CHECK, LAWLESS)]
     if found.verdict != "unknown" or not why:
         return found
     return replace(found, checks={**found.checks, "undetermined": why})
@@ -217,7 +221,7 @@ def _diagnose_arguments(
         return pair, found, replace(figures, picture=seen.picture, force=seen.force, film=seen.film)
 
 
-def _explain_failure(checked: Checked, error: ValueError) -> str:
+def _explain_failure(checked: DataCheck, error: ValueError) -> str:
     """Why nothing could be fitted, what was seen of the data beforehand coming first."""
     text = str(error)
     if isinstance(error, np.linalg.LinAlgError) or "infs or NaNs" in text:
@@ -270,5 +274,5 @@ def build_augmented_simulator(pair: DiagnosisInputs, found: DiagnosisRun) -> Aug
         chosen.fit.x,
         q_names=pair.real[0].q_names,
         u_names=pair.real[0].u_names,
-        region=sample_operating_region(bench.record),
+        region=sample_operating_region(bench.dataset),
     )

@@ -12,11 +12,23 @@ import numpy as np
 
 from lagsplat.diagnose.core.result import Block
 from lagsplat.diagnose.diagnosis import DiagnosisRun
-from lagsplat.diagnose.imaging.localization import Localisation, excess_error, image_region, localise
-from lagsplat.diagnose.imaging.rendering import Body, body_points, drawn, evenly, frames_at, measured
+from lagsplat.diagnose.imaging.localization import (
+    ForceLocalization,
+    compute_excess_error,
+    describe_image_region,
+    localize_force,
+)
+from lagsplat.diagnose.imaging.rendering import (
+    BodyPoints,
+    choose_evenly,
+    find_body_points,
+    find_nearest_frames,
+    read_frames,
+    render_latents,
+)
 from lagsplat.diagnose.mechanics.model import compute_rest_inertia
-from lagsplat.diagnose.residual.error_budget import forecast, stage_shares
-from lagsplat.diagnose.residual.latent_force import Smoothed
+from lagsplat.diagnose.residual.error_budget import compute_stage_shares, forecast_positions
+from lagsplat.diagnose.residual.latent_force import LatentForceEstimate
 from lagsplat.evaluate.forecast import image_errors
 from lagsplat.pipelines.diagnosis_videos import RecordedTrajectory, RecordingPair
 from lagsplat.report.diagnosis.content import ImageErrorMap, ImageForceMap, ReportContent, VideoComparison
@@ -28,9 +40,10 @@ from typing import TYPE_CHECKING
 
 from lagsplat.diagnose.inference.identifiability import compute_separability
 from lagsplat.diagnose.inference.profile_likelihood import compute_profiles
-from lagsplat.diagnose.residual.components import fingerprint
-from lagsplat.diagnose.residual.error_budget import Rung, climb
-from lagsplat.diagnose.residual.latent_force import smooth
+from lagsplat.diagnose.residual.components import compute_residual_correlations
+from lagsplat.diagnose.residual.error_budget import ErrorStage
+from lagsplat.diagnose.residual.error_budget import compute_error_stages as climb
+from lagsplat.diagnose.residual.latent_force import estimate_latent_force
 from lagsplat.io.trajectory.trajectory import Trajectory, leading_samples
 
 if TYPE_CHECKING:
@@ -69,11 +82,11 @@ def build_image_content(pair: "DiagnosisInputs", found: DiagnosisRun) -> tuple[D
     seen = drawer.seen()
     if seen is None:
         return found, ReportContent()
-    excess = excess_error(seen.real, seen.sim, seen.encoded)
+    excess = compute_excess_error(seen.real, seen.sim, seen.encoded)
     place, body = drawer.place()
     where = replace(
         found.diagnosis.where,
-        image_region=image_region(excess, place, None if body is None else body.at(seen.q)),
+        image_region=describe_image_region(excess, place, None if body is None else body.at(seen.q)),
     )
     checks = {**found.diagnosis.checks, "image": drawer.image_gap(seen)}
     diagnosis = replace(found.diagnosis, where=where, checks=checks)
@@ -95,13 +108,13 @@ class _BlockRenderer:
         self.period_s = float(found.diagnosis.checks["natural_period_s"])
 
     @cached_property
-    def smoothed(self) -> Sequence[Smoothed]:
+    def smoothed(self) -> Sequence[LatentForceEstimate]:
         """The real motions with the force the sim lacks."""
         return self.found.diagnosis.where.smoothed
 
     def draw(self, q: np.ndarray) -> np.ndarray:
         """Pictures of latents."""
-        return drawn(self.run.autoencoder, self.run.chart, q)
+        return render_latents(self.run.autoencoder, self.run.chart, q)
 
     def seen(self) -> RenderedBlocks | None:
         """Held-out blocks, drawn; None where no block has pictures."""
@@ -116,12 +129,12 @@ class _BlockRenderer:
     def _seen(self, side: RecordedTrajectory, blocks: Sequence[Block], most: int) -> RenderedBlocks:
         assert side.recording is not None
         time_s = np.concatenate([block.time_s for block in blocks])
-        chosen = evenly(len(time_s), most)
-        at = frames_at(side.recording, time_s[chosen])
+        chosen = choose_evenly(len(time_s), most)
+        at = find_nearest_frames(side.recording, time_s[chosen])
         q = {name: np.concatenate([getattr(b, name) for b in blocks])[chosen]
              for name in ("real", "sim", "augmented")}  # fmt: skip
         return RenderedBlocks(
-            side, at, q["real"], measured(side.recording, at),
+            side, at, q["real"], read_frames(side.recording, at),
             self.draw(q["sim"]), self.draw(q["augmented"]), self.draw(q["real"]),
         )  # fmt: skip
 
@@ -137,16 +150,16 @@ class _BlockRenderer:
         return told if shares is None else told | {"stages": shares}
 
     def _stages(self, seen: RenderedBlocks, rollout: float) -> dict[str, float] | None:
-        """Share of the rollouts' squared error that each stage adds; see `stage_shares`."""
+        """Share of the rollouts' squared error that each stage adds; see `compute_stage_shares`."""
         one = next((s for s in self.smoothed if s.motion.source == seen.side.motion.source), None)
         if one is None or seen.side.recording is None:
             return None
         recording, motion = seen.side.recording, one.motion
         begins = {start for start, _ in motion.segments}
-        inside = np.array([i for i in evenly(motion.n, COMPARED) if i not in begins])
-        real = measured(recording, frames_at(recording, motion.time_s[inside]))
+        inside = np.array([i for i in choose_evenly(motion.n, COMPARED) if i not in begins])
+        real = read_frames(recording, find_nearest_frames(recording, motion.time_s[inside]))
         before = np.stack([inside - 1, inside], axis=1)
-        step = forecast(
+        step = forecast_positions(
             self.pair.sim.model,
             one.q[inside - 1], one.v[inside - 1], motion.time_s[before], motion.u[before],
             finest_s=self.period_s / 50.0,
@@ -154,41 +167,41 @@ class _BlockRenderer:
         errors = [
             float(np.mean(image_errors(self.draw(q), real))) for q in (motion.q[inside], one.q[inside], step)
         ]
-        shares = stage_shares(
+        shares = compute_stage_shares(
             decoded=errors[0], smoothed=errors[1], one_step=errors[2], rollout=max(rollout**2, *errors)
         )
         return {name: share for name, (share, _) in shares.items()}
 
-    def place(self) -> tuple[Localisation | None, Body | None]:
+    def place(self) -> tuple[ForceLocalization | None, BodyPoints | None]:
         """The point on which a force explains the residual best; None where the sim lacks none."""
         one = max(self.smoothed, key=lambda s: float(np.mean(s.residual**2)))
         if not one.active.any():
             return None, None
-        body = body_points(self.run.autoencoder, self.run.chart)
-        at = evenly(one.motion.n, PLACED)
+        body = find_body_points(self.run.autoencoder, self.run.chart)
+        at = choose_evenly(one.motion.n, PLACED)
         force = one.residual[at]
         # A force too small to be noticed is not known to be none.
         least = SEEN * float(np.sqrt(np.mean(force**2)))
         covariance = one.covariance[at] + least**2 * np.eye(force.shape[1])
         felt = body.jacobian / compute_rest_inertia(self.pair.sim.model)[None, :, None]
         reach = np.broadcast_to(felt, (len(at), *felt.shape))
-        return localise(force, covariance, reach, one.v[at]), body
+        return localize_force(force, covariance, reach, one.v[at]), body
 
-    def force(self, seen: RenderedBlocks, place: Localisation, body: Body) -> ImageForceMap:
+    def force(self, seen: RenderedBlocks, place: ForceLocalization, body: BodyPoints) -> ImageForceMap:
         """The force where it is largest, on the frame of that instant."""
         one = max(self.smoothed, key=lambda s: float(np.mean(s.residual**2)))
-        times = one.motion.time_s[evenly(one.motion.n, PLACED)]
+        times = one.motion.time_s[choose_evenly(one.motion.n, PLACED)]
         main = 0 if place.force is None else int(np.argmax(np.linalg.norm(place.force, axis=1)))
         side = next((s for s in self.films.sides if s.motion.source == one.motion.source), seen.side)
         recording = side.recording or seen.side.recording
         assert recording is not None
-        at = frames_at(recording, times[[main]])
-        q = one.q[evenly(one.motion.n, PLACED)][[main]]
+        at = find_nearest_frames(recording, times[[main]])
+        q = one.q[choose_evenly(one.motion.n, PLACED)][[main]]
         forces = np.zeros((len(place.explained), 2))
         for number, force in zip(place.near, place.forces, strict=True):
             forces[number] = force[main]
         return ImageForceMap(
-            _to_bytes(measured(recording, at)[0]),
+            _to_bytes(read_frames(recording, at)[0]),
             body.at(q)[0],
             place.explained,
             forces,
@@ -226,13 +239,14 @@ def build_report_content(pair: "DiagnosisInputs", found: DiagnosisRun) -> Report
     where = found.diagnosis.where
     return ReportContent(
         rungs=compute_error_stages(pair, found),
-        fingerprint=where and fingerprint(where.smoothed, q_names=real.q_names, u_names=real.u_names),
+        fingerprint=where
+        and compute_residual_correlations(where.smoothed, q_names=real.q_names, u_names=real.u_names),
         separability=compute_separability(found.contest, found.ranking.found, temper=temper),
         profiles=tuple(compute_profiles(found.contest, found.chosen, temper=temper)),
     )
 
 
-def compute_error_stages(pair: "DiagnosisInputs", found: DiagnosisRun) -> tuple[Rung, ...]:
+def compute_error_stages(pair: "DiagnosisInputs", found: DiagnosisRun) -> tuple[ErrorStage, ...]:
     """The ladder; floors are those of the sim's own motions, of its training part if it is a fitted run.
 
     None where the residual could not be worked out.
@@ -245,7 +259,7 @@ def compute_error_stages(pair: "DiagnosisInputs", found: DiagnosisRun) -> tuple[
         part = _first_part(checked.motions, CLIMBED * period_s)
         hold = "zoh" if found.contest.rollout_model.held else "linear"
         with contextlib.suppress(np.linalg.LinAlgError):  # a sim that cannot follow even its own motions
-            nominal = smooth(pair.sim.model, part, period_s=period_s, hold=hold)
+            nominal = estimate_latent_force(pair.sim.model, part, period_s=period_s, hold=hold)
     sight = None if pair.films is None else pair.films.sight
     return climb(
         pair.sim.model,

@@ -10,9 +10,9 @@ import numpy as np
 
 from lagsplat.diagnose.core.config import DiagnoseConfig
 from lagsplat.diagnose.core.result import Finding
-from lagsplat.diagnose.data_quality.checks import Checked, check
-from lagsplat.diagnose.data_quality.natural_period import rough_period_s
-from lagsplat.diagnose.data_quality.sampling import REPEATED, thinned
+from lagsplat.diagnose.data_quality.checks import DataCheck, check_data
+from lagsplat.diagnose.data_quality.natural_period import estimate_spectral_period_s
+from lagsplat.diagnose.data_quality.sampling import REPEATED_SAMPLES_CHECK, average_dense_samples
 from lagsplat.diagnose.effects.excitation import Excitation, assess_excitation
 from lagsplat.diagnose.estimation.dataset import prepare_dataset, sample_operating_region
 from lagsplat.diagnose.identification.estimated_simulator import (
@@ -49,7 +49,7 @@ class DiagnosisInputs:
     """A sim and the motions it is held against, checked."""
 
     sim: EstimatedSimulator
-    checked: Checked
+    checked: DataCheck
     rows: tuple[Excitation, ...]
     own: bool
     """The sim was fitted to the very recording."""
@@ -93,14 +93,14 @@ def open_diagnosis_inputs(sim: str, real: str, config: DiagnoseConfig) -> Diagno
         )
 
         films = open_recording_pair(
-            Path(models[0].path), real, columns=config.columns, longest_s=config.own_longest_s
+            Path(models[0].path), real, columns=config.columns, longest_s=config.reference_longest_s
         )
         nominal, motions, own = films.nominal, films.real, films.own
     else:
         motions = read_sources(find_sources(real), columns=config.columns)
         if not models:
             nominal = read_sources(sims, columns=config.columns)
-    checked = check(nominal, motions)
+    checked = check_data(nominal, motions)
     if films is not None:
         checked = replace(checked, findings=(*films.findings, *checked.findings))
     else:  # each sample of a film belongs to a frame
@@ -131,20 +131,20 @@ def open_diagnosis_inputs(sim: str, real: str, config: DiagnoseConfig) -> Diagno
     return DiagnosisInputs(known, checked, rows, own, films, hold)
 
 
-def _decimate(checked: Checked, *, hold: str) -> Checked:
+def _decimate(checked: DataCheck, *, hold: str) -> DataCheck:
     """Both sides with no more samples than their motion needs; of what was averaged none is single."""
-    real, told = thinned(checked.real.motions, hold=hold)
+    real, told = average_dense_samples(checked.real.motions, hold=hold)
     checked = replace(checked, real=replace(checked.real, motions=real))
     if checked.sim is not None:
-        own, more = thinned(checked.sim.motions, hold=hold)
+        own, more = average_dense_samples(checked.sim.motions, hold=hold)
         checked, told = replace(checked, sim=replace(checked.sim, motions=own)), (*told, *more)
     fine = {one.source for one in told}
-    kept = [one for one in checked.findings if one.check != REPEATED or one.source not in fine]
+    kept = [one for one in checked.findings if one.check != REPEATED_SAMPLES_CHECK or one.source not in fine]
     return replace(checked, findings=(*kept, *told))
 
 
 def _try_held_inputs(
-    checked: Checked, config: DiagnoseConfig, known: EstimatedSimulator
+    checked: DataCheck, config: DiagnoseConfig, known: EstimatedSimulator
 ) -> EstimatedSimulator | None:
     """The sim whose inputs are held between samples, if they step and it is the better told for it.
 
@@ -227,14 +227,14 @@ def _lost_recordings_finding(sim: EstimatedSimulator, nominal: Sequence[Trajecto
 
 
 def _open_simulator(
-    models: Sequence[DataSource], checked: Checked, config: DiagnoseConfig, null: Trajectory | None
+    models: Sequence[DataSource], checked: DataCheck, config: DiagnoseConfig, null: Trajectory | None
 ) -> EstimatedSimulator:
     if not models:
         assert checked.sim is not None
         return estimate_simulator(checked.sim.motions, config)
     # Where its own recordings went too, the sim must be itself: there its misfit is measured.
     seen = (*checked.real.motions, *(checked.sim.motions if checked.sim is not None else ()))
-    ready = prepare_dataset(seen, period_s=rough_period_s(checked.real.motions))
+    ready = prepare_dataset(seen, period_s=estimate_spectral_period_s(checked.real.motions))
     sampled = sample_simulator(
         models[0].path,
         sample_operating_region(ready.record),

@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 
 from lagsplat.diagnose.core.result import Diagnosis, Finding
-from lagsplat.diagnose.imaging.rendering import drawing_errors, evenly
+from lagsplat.diagnose.imaging.rendering import choose_evenly, compute_decoding_errors
 from lagsplat.diagnose.imaging.video_checks import (
     CameraShift,
-    camera_findings,
-    camera_shift,
-    keep_whole,
-    settings_for,
+    check_camera,
+    derive_recording_settings,
+    drop_unusable_frames,
+    measure_camera_shift,
 )
-from lagsplat.diagnose.residual.error_budget import SUSPECT_RATIO, Perception, perception
+from lagsplat.diagnose.residual.error_budget import SUSPECT_RATIO, PerceptionQuality, assess_perception
 from lagsplat.diagnose.simulators.fitted_run import read_chart_trajectory
 from lagsplat.diagnose.simulators.sources import VIDEO_KINDS, DataSource, find_sources, make_video_trajectory
 from lagsplat.io.read import read_recording, read_trajectory
@@ -67,11 +67,13 @@ class RecordingPair:
             return None
         run = self.run
         train, held = run.recording.split()
-        nominal = drawing_errors(run.autoencoder, run.chart, train if self.own else held)
-        real = np.concatenate([drawing_errors(run.autoencoder, run.chart, one) for one in recordings])
+        nominal = compute_decoding_errors(run.autoencoder, run.chart, train if self.own else held)
+        real = np.concatenate(
+            [compute_decoding_errors(run.autoencoder, run.chart, one) for one in recordings]
+        )
         latents = np.concatenate([motion.q for motion in self.real])
-        seen = self.nominal[0].q[evenly(self.nominal[0].n, MOST_LATENTS)]
-        return ImageQuality(real, nominal, perception(real, nominal, latents, seen))
+        seen = self.nominal[0].q[choose_evenly(self.nominal[0].n, MOST_LATENTS)]
+        return ImageQuality(real, nominal, assess_perception(real, nominal, latents, seen))
 
     def judge(self, found: Diagnosis) -> Diagnosis:
         """The diagnosis with what the pictures say of it.
@@ -143,7 +145,7 @@ class ImageQuality:
 
     error_real: np.ndarray
     error_nominal: np.ndarray
-    perception: Perception
+    perception: PerceptionQuality
 
     @property
     def drawn_badly(self) -> bool:
@@ -199,8 +201,8 @@ def _open_holdout(run: FittedRun, names: tuple[str, ...], longest_s: float) -> R
         leading_samples(read_chart_trajectory(run.chart, held_out=True), longest_s), names
     )
     train, held = run.recording.split()
-    shift = camera_shift(held, train, run.autoencoder, run.chart)
-    return RecordedTrajectory(motion, held, shift, tuple(camera_findings(shift, source=motion.source)))
+    shift = measure_camera_shift(held, train, run.autoencoder, run.chart)
+    return RecordedTrajectory(motion, held, shift, tuple(check_camera(shift, source=motion.source)))
 
 
 def _read_trajectory(
@@ -225,9 +227,9 @@ def _read_trajectory(
             f"{source.path}: pictures of {size[0]} x {size[1]} px, but the run was fitted to {own[0]} x "
             f"{own[1]}; give a recording that was read as the run's own was"
         )
-    recording, findings = keep_whole(recording)
-    shift = camera_shift(recording, run.recording.split()[0], run.autoencoder, run.chart)
-    findings += camera_findings(shift, source=Path(source.path).name)
+    recording, findings = drop_unusable_frames(recording)
+    shift = measure_camera_shift(recording, run.recording.split()[0], run.autoencoder, run.chart)
+    findings += check_camera(shift, source=Path(source.path).name)
     log = read_input_log(source.inputs) if source.inputs else None
     latents = run.chart.to_whitened(encode_frames(run.autoencoder, recording.frames))
     motion = make_video_trajectory(recording, latents, log=log, source=source.path)
@@ -238,7 +240,7 @@ def _read_trajectory(
 def _read_video(folder: Path, run: FittedRun, source: DataSource) -> Recording:
     if source.kind == "recording":
         return load_recording(source.path)
-    settings = settings_for(source, folder, run.recording, dt_s=run.chart.dt_s)
+    settings = derive_recording_settings(source, folder, run.recording, dt_s=run.chart.dt_s)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         recording = read_recording(settings)

@@ -97,7 +97,7 @@ def offers(bench: RolloutModel) -> list[PlacedEffect]:
 
 
 def starts(bench: RolloutModel) -> np.ndarray:
-    return np.concatenate([bench.record.q, bench.record.v], axis=1)[WINDOWS.first]
+    return np.concatenate([bench.dataset.q, bench.dataset.v], axis=1)[WINDOWS.first]
 
 
 def usual(one: PlacedEffect) -> np.ndarray:
@@ -195,7 +195,7 @@ def test_a_passive_effect_never_feeds_energy_over_a_closed_cycle(name: str) -> N
     for variant in effect.variants:
         for _ in range(4):
             x = [max(rng.normal(p.prior.mean, p.prior.deviation), p.prior.lowest) for p in effect.parameters]
-            physical = PlacedEffect(effect, UNIT).physical(np.array([x]))[0]
+            physical = PlacedEffect(effect, UNIT).to_physical(np.array([x]))[0]
             theta = np.concatenate([physical, effect.constants(UNIT, variant)])
             assert work(effect, theta, rng.normal(0.0, 0.4, 3), rng.uniform(1.0, 3.0)) <= 1e-5, (name, theta)
 

@@ -127,10 +127,10 @@ def build_augmented(
         at += size
     x = np.asarray(x, dtype=np.float64)
     x = x[[*kept, *range(at, len(x))]]
-    step_s = bench.record.dt_s / bench.steps
+    step_s = bench.dataset.dt_s / bench.steps
     return AugmentedSimulator(
         bench.model, bench.nuisance, tuple(moving), x, bench.held,
-        step_s, bench.record.dt_s, tuple(q_names), tuple(u_names), region,
+        step_s, bench.dataset.dt_s, tuple(q_names), tuple(u_names), region,
     )  # fmt: skip
 
 

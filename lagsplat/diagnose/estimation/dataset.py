@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
-from lagsplat.diagnose.data_quality.noise import local_cubic, noise_level
+from lagsplat.diagnose.data_quality.noise import estimate_noise_level, fit_local_cubic
 from lagsplat.io.trajectory.trajectory import Trajectory
 
 FILE_BREAK_S = 10.0
@@ -27,7 +27,7 @@ class Dataset:
     time: Float64[np.ndarray, " N"]
     q: Float64[np.ndarray, "N d"]
     v: Float64[np.ndarray, "N d"]
-    """Velocity estimates to start from [1/s]; see `lagsplat.diagnose.data_quality.noise.local_cubic`."""
+    """Velocity estimates to start from [1/s]; see `lagsplat.diagnose.data_quality.noise.fit_local_cubic`."""
     u: Float64[np.ndarray, "N n_u"]
     clips: Int64[np.ndarray, "C 2"]
     files: tuple[str, ...]
@@ -233,7 +233,7 @@ MIN_RELATIVE_NOISE = 1e-3
 class PreparedDataset:
     """A record with its smoothed coordinates, accelerations and noise."""
 
-    record: Dataset
+    dataset: Dataset
     smooth: Float64[np.ndarray, "N d"]
     acceleration: Float64[np.ndarray, "N d"]
     sigma: Float64[np.ndarray, " d"]
@@ -243,7 +243,7 @@ def prepare_dataset(motions: Sequence[Trajectory], *, period_s: float) -> Prepar
     """Noise from a local cubic over a seventh of the period, velocities over more if noise is strong."""
     clips = [np.array(m.segments, dtype=np.int64) for m in motions]
     levels = [
-        noise_level(m.time_s, m.q, clip, width_s=0.15 * period_s)
+        estimate_noise_level(m.time_s, m.q, clip, width_s=0.15 * period_s)
         for m, clip in zip(motions, clips, strict=True)
     ]
     known = np.array([level for level in levels if np.isfinite(level).all()])
@@ -251,7 +251,9 @@ def prepare_dataset(motions: Sequence[Trajectory], *, period_s: float) -> Prepar
     sigma = np.median(known, axis=0) if len(known) else MIN_RELATIVE_NOISE * rms
     worst = float(np.max(sigma / np.maximum(rms, 1e-300)))
     width = (0.12 if worst < 0.004 else 0.2 if worst < 0.015 else 0.28) * period_s
-    cubics = [local_cubic(m.time_s, m.q, clip, width_s=width) for m, clip in zip(motions, clips, strict=True)]
+    cubics = [
+        fit_local_cubic(m.time_s, m.q, clip, width_s=width) for m, clip in zip(motions, clips, strict=True)
+    ]
     return PreparedDataset(
         join_trajectories(motions, [slope for _, slope, _ in cubics]),
         np.concatenate([smooth for smooth, _, _ in cubics]),

@@ -35,7 +35,7 @@ class RolloutModel:
     """A sim beside a record: everything a rollout needs that no hypothesis changes."""
 
     model: MechanicalModel
-    record: Dataset
+    dataset: Dataset
     nuisance: NuisanceParameters
     steps: int
     """Substeps of a rollout between two frames."""
@@ -46,17 +46,17 @@ class RolloutModel:
     @cached_property
     def inputs(self) -> tuple[InputSignal, ...]:
         """The logged inputs."""
-        return build_input_signals(self.record, steps=self.steps, held=self.held)
+        return build_input_signals(self.dataset, steps=self.steps, held=self.held)
 
     @cached_property
     def stages(self) -> tuple[int, int, int]:
         """Shape of a signal: frames, substeps, stages."""
-        return (len(self.record.time), self.steps, 3)
+        return (len(self.dataset.time), self.steps, 3)
 
     @cached_property
     def logged(self) -> Float64[np.ndarray, "1 N S 3 n_u"]:
         """The inputs as a rollout takes them."""
-        n_u = self.record.u.shape[1]
+        n_u = self.dataset.u.shape[1]
         if n_u == 0:
             return np.zeros((1, *self.stages, 0))
         return np.ascontiguousarray(
@@ -66,7 +66,7 @@ class RolloutModel:
     @cached_property
     def forces(self) -> tuple[np.ndarray, np.ndarray]:
         """The sim's spring and drive (N, d) along the recorded motion."""
-        return self.model.spring(self.smooth), self.model.drive(self.smooth, self.record.u)
+        return self.model.spring(self.smooth), self.model.drive(self.smooth, self.dataset.u)
 
     def rollouts(
         self,
@@ -80,13 +80,13 @@ class RolloutModel:
         effects = [part for effect in effects for part in effect.parts or (effect,)]
         for effect in effects:
             size = len(effect.effect.parameters)
-            parts.append(effect.physical(x[:, at : at + size]))
+            parts.append(effect.to_physical(x[:, at : at + size]))
             at += size
         spare = x[:, at:]
         states = self._states(effects, parts, spare, starts, windows)
-        y, v = states[..., : self.record.d], states[..., self.record.d :]
+        y, v = states[..., : self.dataset.d], states[..., self.dataset.d :]
         y = self.nuisance.observe(y, spare, self.model)
-        t = windows.take(self.record.time)
+        t = windows.take(self.dataset.time)
         for effect, theta in zip(effects, parts, strict=True):
             if isinstance(effect.effect, ObservationEffect):
                 y = effect.effect.observe(y, v, t, theta, effect)
@@ -118,7 +118,7 @@ class RolloutModel:
             np.ascontiguousarray(starts),
             windows.first,
             windows.length,
-            self.record.time,
+            self.dataset.time,
             u,
             u_of,
             self.steps,
@@ -196,7 +196,7 @@ class RolloutModel:
         effect, direction = instance.effect, instance.direction
         assert isinstance(effect, ForceEffect)
         assert direction is not None
-        p, record = direction.covector, self.record
+        p, record = direction.covector, self.dataset
         spring, drive = self.forces
         s, v = (self.smooth - self.model.rest) @ p, record.v @ p
         distinct, which = np.unique(np.concatenate([theta, begun], axis=1), axis=0, return_inverse=True)
@@ -259,7 +259,7 @@ class ParameterSensitivity:
     """Rollouts of ``model`` over ``windows`` of a record, its coefficients moved along ``moves``."""
 
     model: MechanicalModel
-    record: Dataset
+    dataset: Dataset
     windows: WindowSet
     moves: Float64[np.ndarray, "n K"]
     smooth: Float64[np.ndarray, "N d"]
@@ -273,7 +273,7 @@ class ParameterSensitivity:
         """Nothing is uncertain but how far each move goes."""
         d, n_u = self.model.d, self.model.n_u
         nuisance = NuisanceParameters(1.0, 1.0, 1.0, np.ones(d), 1.0, n_u, self.moves)
-        return RolloutModel(self.model, self.record, nuisance, self.steps, self.held, self.smooth)
+        return RolloutModel(self.model, self.dataset, nuisance, self.steps, self.held, self.smooth)
 
     @cached_property
     def columns(self) -> SensitivityColumns:
@@ -303,7 +303,7 @@ class ParameterSensitivity:
         roll_out_with_sensitivities(
             (basis.kind, basis.order, basis.centre, basis.scale),
             (*(move_functions_last(field[None])[0] for field in fields), here.width, here.rest), self.columns.of,
-            n, np.ascontiguousarray(starts), windows.first, windows.length, self.record.time,
+            n, np.ascontiguousarray(starts), windows.first, windows.length, self.dataset.time,
             self.rollout_model.logged[0], self.steps, y, slopes,
         )  # fmt: skip
         slopes *= data.weight[..., None]

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from lagsplat.diagnose.core.config import DiagnoseConfig
-from lagsplat.diagnose.data_quality.natural_period import rough_period_s
+from lagsplat.diagnose.data_quality.natural_period import estimate_spectral_period_s
 from lagsplat.diagnose.estimation.dataset import (
     FileSpan,
     cut_windows,
@@ -70,21 +70,21 @@ def estimate_simulator(motions: Sequence[Trajectory], config: DiagnoseConfig) ->
     Raises:
         ValueError: nothing moves, or no clip is long enough for a window.
     """
-    period_s = rough_period_s(motions)
+    period_s = estimate_spectral_period_s(motions)
     ready = prepare_dataset(motions, period_s=period_s)
     again = partial(
-        identify_model, ready.record, ready.smooth, ready.sigma, period_s, make_identification_settings(config),
+        identify_model, ready.dataset, ready.smooth, ready.sigma, period_s, make_identification_settings(config),
         held=config.input_hold == "zoh",
     )  # fmt: skip
 
     def told(reach: float, without: tuple[FileSpan, ...] = ()) -> EstimatedSimulator:
         length_s = reach * config.window_periods * period_s
-        windows = cut_windows(ready.record, length_s=length_s, least=12)
-        kept = drop_overlapping_windows(windows, ready.record, without)
+        windows = cut_windows(ready.dataset, length_s=length_s, least=12)
+        kept = drop_overlapping_windows(windows, ready.dataset, without)
         if len(kept.first) >= MIN_WINDOWS:
             windows = kept
         found, odd = drop_outlier_windows(again(windows), again)
-        all_odd = (*without, *locate_windows(odd, ready.record))
+        all_odd = (*without, *locate_windows(odd, ready.dataset))
         model = move_rest_to_minimum(found.model, ready.smooth)
         return EstimatedSimulator(
             model,

@@ -109,7 +109,7 @@ class IdentificationSettings:
 class IdentificationProblem:
     """The recordings of a sim, ready for shooting."""
 
-    record: Dataset
+    dataset: Dataset
     smooth: Float64[np.ndarray, "N d"]
     speed: Float64[np.ndarray, " d"]
     windows: WindowSet
@@ -122,12 +122,12 @@ class IdentificationProblem:
     def n_data(self) -> float:
         """Number of samples less what the starts take."""
         w = self.windows
-        return float(w.length.sum() * self.record.d - 2 * self.record.d * len(w.first))
+        return float(w.length.sum() * self.dataset.d - 2 * self.dataset.d * len(w.first))
 
     def make_sensitivity(self, model: MechanicalModel, moves: np.ndarray) -> ParameterSensitivity:
         """Rollouts for changes of a model along ``moves``."""
         return ParameterSensitivity(
-            model, self.record, self.windows, moves, self.smooth, self.steps, self.held
+            model, self.dataset, self.windows, moves, self.smooth, self.steps, self.held
         )
 
     def fit_moves(
@@ -149,7 +149,7 @@ class IdentificationProblem:
     @property
     def initial_states(self) -> Float64[np.ndarray, "W s"]:
         """Where the windows start by the smoothed record."""
-        return np.concatenate([self.smooth, self.record.v], axis=1)[self.windows.first]
+        return np.concatenate([self.smooth, self.dataset.v], axis=1)[self.windows.first]
 
     def compute_misfit(self, model: MechanicalModel) -> float:
         """Misfit of a model where only the starts of the windows are fitted."""
@@ -246,7 +246,7 @@ def fit_first_model(
     Of many coordinates some swing so much faster than others that no one test function suits all, and weigh
     so little that a ridge would outweigh them: there the models by several of them compete.
     """
-    record, rest = trial.record, np.median(trial.record.q, axis=0)
+    record, rest = trial.dataset, np.median(trial.dataset.q, axis=0)
 
     def told(share: float, *ridges: float) -> list[MechanicalModel]:
         test_s = share * trial.setting.test_s
@@ -255,7 +255,7 @@ def fit_first_model(
         return [build_model(samples, form, solve_ridge(rows, known, ridge), names, rest) for ridge in ridges]
 
     ridge = trial.setting.ridge
-    if trial.record.d > MAX_FEW_COORDINATES:
+    if trial.dataset.d > MAX_FEW_COORDINATES:
         return min(
             (m for share in TEST_WIDTH_FACTORS for m in told(share, ridge, 1e-3 * ridge)),
             key=trial.compute_misfit,
@@ -296,7 +296,7 @@ def search_structure(
             worth = tried[1].misfit < (1.0 - MIN_MISFIT_REDUCTION) * fit.misfit
             (model, fit, moves), form = tried, candidate
             best = cost(fit, len(moves))
-            if trial.record.d > MAX_FEW_COORDINATES and not worth:
+            if trial.dataset.d > MAX_FEW_COORDINATES and not worth:
                 return best, model, form, fit, moves
             refused.clear()
         else:

@@ -22,7 +22,7 @@ class WeakFormSamples:
     """A record through the eyes of a basis, and the test functions."""
 
     basis: Basis
-    record: Dataset
+    dataset: Dataset
     q: Float64[np.ndarray, "N d"]
     v: Float64[np.ndarray, "N d"]
     width: Float64[np.ndarray, " d"]
@@ -62,7 +62,7 @@ def build_regressors(
 
     Rows are test functions times coordinates; ``columns @ coefficients = known``.
     """
-    q, v, u, d = samples.q, samples.v, samples.record.u, samples.q.shape[1]
+    q, v, u, d = samples.q, samples.v, samples.dataset.u, samples.q.shape[1]
     phi, slope = samples.basis.values(q), samples.basis.slopes(q)
     plain, rated, names = [], [], []  # a column is  int psi plain + int psi' rated, each (N, d)
 
@@ -126,7 +126,7 @@ def build_model(
     rest: np.ndarray,
 ) -> MechanicalModel:
     """The model with these coefficients."""
-    d, n_u = samples.q.shape[1], samples.record.u.shape[1]
+    d, n_u = samples.q.shape[1], samples.dataset.u.shape[1]
     fields = {
         "mass": np.zeros((form.mass, d, d)),
         "damping": np.zeros((form.damping, d, d)),

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float64
 
+from lagsplat.diagnose.core.config import HOLDOUT
 from lagsplat.diagnose.core.result import Block, Gap, Interval
 from lagsplat.diagnose.effects.base import PlacedEffect, SampleEffect
 from lagsplat.diagnose.estimation.dataset import WindowSet
@@ -22,15 +23,6 @@ from lagsplat.diagnose.estimation.multiple_shooting import (
 from lagsplat.diagnose.inference.evidence import HypothesisFit
 from lagsplat.diagnose.inference.problem import EstimationProblem
 from lagsplat.diagnose.mechanics.model import MechanicalModel
-
-BURN_IN = 10
-"""Samples that a starting state is fitted to; those that repeat an earlier one do not count."""
-PART = 0.25
-"""Share of a period that a forecast spans at least, where the sim can be followed no longer than a part."""
-LEAST = 20
-"""Samples of the shortest block."""
-DIVERGED = 10.0
-"""Error, in rms of a coordinate, from which on a forecast no longer says anything of the measurement."""
 
 
 @dataclass(frozen=True)
@@ -53,11 +45,11 @@ def cut_blocks(contest: EstimationProblem, held: WindowSet, *, period_s: float) 
     """One natural period after the other within the held-out windows, or windows where these are shorter.
 
     Raises:
-        ValueError: none of them is as long as `PART` of a period.
+        ValueError: none of them is as long as `HOLDOUT.min_period_share` of a period.
     """
-    frames = max(LEAST, round(period_s / contest.rollout_model.record.dt_s) + 1)
+    frames = max(HOLDOUT.min_block_samples, round(period_s / contest.rollout_model.dataset.dt_s) + 1)
     longest = int(held.length.max(initial=0))
-    if PART * frames <= longest < frames:
+    if HOLDOUT.min_period_share * frames <= longest < frames:
         frames = longest
     first = [
         start + k * (frames - 1)
@@ -83,7 +75,7 @@ def forecast_blocks(
         return here.predict(real)(np.repeat(x[None], len(starts), axis=0), starts)
 
     seen_so_far = (here.data.weight > 0.0).any(axis=2).cumsum(axis=1)
-    early = here.data.weight * (seen_so_far <= BURN_IN)[..., None]
+    early = here.data.weight * (seen_so_far <= HOLDOUT.start_samples)[..., None]
     data = ShootingData(here.data.y, early, here.data.start_step)
     nobody = GaussianPrior(*(np.zeros(0) for _ in range(4)))
     fit = fit_multiple_shooting(
@@ -111,8 +103,8 @@ def relative_square_error(error: Float64[np.ndarray, "B L d"], rms: Float64[np.n
 
 
 def count_diverged(error: Float64[np.ndarray, "B L d"], rms: Float64[np.ndarray, " d"]) -> int:
-    """How many forecasts end up farther from the measurement than `DIVERGED` rms."""
-    return int((~(np.abs(error / rms) <= DIVERGED)).any(axis=(1, 2)).sum())
+    """How many forecasts end up farther from the measurement than `HOLDOUT.diverged_error` rms."""
+    return int((~(np.abs(error / rms) <= HOLDOUT.diverged_error)).any(axis=(1, 2)).sum())
 
 
 def estimate_closure(before: np.ndarray, after: np.ndarray, floor: np.ndarray, *, seed: int = 0) -> Interval:
@@ -162,7 +154,7 @@ def forecast_holdout(
     """
     half, held = split_windows(contest)
     blocks = cut_blocks(contest, held, period_s=period_s)
-    record = contest.rollout_model.record
+    record = contest.rollout_model.dataset
     rms = np.std(record.q, axis=0)
     real = blocks.take(record.q)
     n = contest.rollout_model.nuisance.size
@@ -200,11 +192,11 @@ def estimate_single_closure(
     """The closure of another hypothesis on the same blocks."""
     half, windows = split_windows(contest)
     blocks = cut_blocks(contest, windows, period_s=period_s)
-    rms = np.std(contest.rollout_model.record.q, axis=0)
+    rms = np.std(contest.rollout_model.dataset.q, axis=0)
     told = forecast_blocks(contest, blocks, one.effects, fit_half(half, one))
     return estimate_closure(
         held.before,
-        relative_square_error(told.y - blocks.take(contest.rollout_model.record.q), rms),
+        relative_square_error(told.y - blocks.take(contest.rollout_model.dataset.q), rms),
         held.floor,
     )
 
@@ -212,7 +204,7 @@ def estimate_single_closure(
 def _result_blocks(
     contest: EstimationProblem, blocks: WindowSet, real: np.ndarray, sim: np.ndarray, augmented: np.ndarray
 ) -> tuple[Block, ...]:
-    record = contest.rollout_model.record
+    record = contest.rollout_model.dataset
     out = []
     for i, (start, length) in enumerate(zip(blocks.first, blocks.length, strict=True)):
         clip = int(np.searchsorted(record.clips[:, 1], start, side="right"))

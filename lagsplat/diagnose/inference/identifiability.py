@@ -6,13 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 
+from lagsplat.diagnose.core.config import IDENTIFIABILITY
 from lagsplat.diagnose.effects.base import SampleEffect
 from lagsplat.diagnose.estimation.multiple_shooting import eliminate_starts
 from lagsplat.diagnose.inference.evidence import HypothesisFit
 from lagsplat.diagnose.inference.problem import EstimationProblem, joint_prior
-
-MOST = 8
-"""Effects that are held against each other."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +36,7 @@ def compute_separability(
         lone = len(one.effects) == 1 and not isinstance(one.effects[0].effect, SampleEffect)
         if lone and np.isfinite(one.fit.slopes).all() and np.isfinite(one.fit.start_slopes).all():
             best.setdefault(one.effects[0].effect.name, one)
-    fits = list(best.values())[:MOST]
+    fits = list(best.values())[: IDENTIFIABILITY.max_effects]
     if len(fits) < 2:
         return None
     marks = [_effect_signature(contest, one) for one in fits]
@@ -70,7 +68,7 @@ def _unexplained_square(contest: EstimationProblem, mark: np.ndarray, other: Hyp
     curvature, gradient, _, _, own = eliminate_starts(mark, fit.slopes, fit.start_slopes)
     flat = mark.reshape(len(mark), -1)
     # the effect itself may grow to any size, the rest only as far as it is believed to move
-    price = np.where(np.arange(len(spread)) < other.n_own, 1e-9 * np.diag(curvature), 1.0 / spread**2)
-    move = np.linalg.lstsq(curvature + np.diag(price), gradient, rcond=1e-12)[0]
+    precision = np.where(np.arange(len(spread)) < other.n_own, 1e-9 * np.diag(curvature), 1.0 / spread**2)
+    move = np.linalg.lstsq(curvature + np.diag(precision), gradient, rcond=1e-12)[0]
     started = float(np.sum((flat - np.einsum("wms,ws->wm", fit.start_slopes, own)) ** 2))
     return max(started - float(gradient @ move), 0.0)

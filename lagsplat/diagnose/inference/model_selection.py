@@ -6,23 +6,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import label, mean
 
-from lagsplat.diagnose.core.config import DiagnoseConfig
+from lagsplat.diagnose.core.config import SELECTION, DiagnoseConfig
 from lagsplat.diagnose.effects.base import PlacedEffect, SampleEffect
 from lagsplat.diagnose.estimation.multiple_shooting import ShootingFit
 from lagsplat.diagnose.inference.evidence import HypothesisFit, log_evidence
 from lagsplat.diagnose.inference.problem import EstimationProblem
 from lagsplat.diagnose.inference.score_test import ScoreTestResult, score_test
-
-SETTLED = 3
-"""Best fits that are carried on to their end."""
-LONGER = 5
-"""Steps they may take beside those of every fit, in multiples of these."""
-FINER = 0.03
-"""Gain that still is worth a step, in multiples of what every fit thinks so."""
-SMOOTH = 0.5
-"""Correlation between neighbouring samples of a residual that no effect on single samples leaves."""
-SEEN = 4.0
-"""Mean square, in units of the noise, by which repeats of a sample must miss the motion to be seen."""
 
 ProgressCallback = Callable[[str], None]
 
@@ -34,20 +23,28 @@ class SearchBudget:
     families: int
     places: int
     starts: int
-    always: tuple[str, ...]
+    always_fitted: tuple[str, ...]
     """Families that are fitted whatever the score test says."""
     temper: float
     """Over how many samples of the residual an independent one comes, at least."""
     nominal: float
     """Mean square of the residual, in units of the noise, that the sim leaves of its own recordings."""
-    null: float = 0.0
+    log_evidence_offset: float = 0.0
     """Nats that effects gain where there are none, by the sim's own errors; so much counts for nothing."""
 
     @classmethod
-    def of(cls, config: DiagnoseConfig, *, nominal: float, null: float = 0.0) -> "SearchBudget":
+    def of(
+        cls, config: DiagnoseConfig, *, nominal: float, log_evidence_offset: float = 0.0
+    ) -> "SearchBudget":
         """What the settings say."""
         return cls(
-            config.families, config.places, config.starts, tuple(config.always), config.temper, nominal, null
+            config.families,
+            config.places,
+            config.starts,
+            tuple(config.always_fitted),
+            config.effective_sample_ratio,
+            nominal,
+            log_evidence_offset,
         )
 
 
@@ -104,7 +101,7 @@ def rank_hypotheses(
                 family.append((lead, HypothesisFit(base.effects, fit)))
     chosen = list(dict.fromkeys([name for row in zip(*orders, strict=False) for name in row]
                                 + [name for order in orders for name in order]
-                                + [name for name in effort.always if name in by_family]))  # fmt: skip
+                                + [name for name in effort.always_fitted if name in by_family]))  # fmt: skip
     found = []
     for name in chosen:
         tell(name)
@@ -112,13 +109,17 @@ def rank_hypotheses(
         for lead, start in family:
             found.append(fit_candidate(contest, base.effects, start.fit, lead, starts=effort.starts))
     found.sort(key=lambda one: one.fit.cost)
-    found[:SETTLED] = [refine_fit(contest, one) for one in found[:SETTLED]]
+    found[: SELECTION.refined_fits] = [refine_fit(contest, one) for one in found[: SELECTION.refined_fits]]
     return rank_by_evidence(contest, base, found, offers, effort, first=known is None)
 
 
 def refine_fit(contest: EstimationProblem, one: HypothesisFit) -> HypothesisFit:
     """A fit carried on to its end, beyond the steps and the gain with which every fit must make do."""
-    longer = replace(contest, iterations=LONGER * contest.iterations, tolerance=FINER * contest.tolerance)
+    longer = replace(
+        contest,
+        iterations=SELECTION.refined_iterations * contest.iterations,
+        tolerance=SELECTION.refined_tolerance * contest.tolerance,
+    )
     near = (one.fit.slopes[..., one.n_own :], one.fit.start_slopes) if one.effects else None
     return replace(one, fit=longer.fit(one.effects, one.fit.x, one.fit.starts, near))
 
@@ -136,12 +137,18 @@ def rank_by_evidence(
     least = min([one.fit.misfit for one in found] + [base.fit.misfit])
     noisy = _explain_by_sample_noise(contest, base, offers) if first else []
     explained = max(noisy, key=lambda row: row[0], default=(0.0, base))[1].fit.misfit
-    temper = max(effort.nominal, min(least, explained) / contest.uncertainty_directions) * effort.temper
-    floor = log_evidence(base, contest.rollout_model, temper) + (effort.null if first else 0.0)
+    temper = (
+        max(effort.nominal, min(least, explained) / contest.degrees_of_freedom)
+        * effort.effective_sample_ratio
+    )
+    floor = log_evidence(base, contest.rollout_model, temper) + (effort.log_evidence_offset if first else 0.0)
     rows = [
         replace(one, log_evidence=log_evidence(one, contest.rollout_model, temper) - floor) for one in found
     ]
-    rows += [replace(one, log_evidence=gain / effort.temper - 4.0 - effort.null) for gain, one in noisy]
+    rows += [
+        replace(one, log_evidence=gain / effort.effective_sample_ratio - 4.0 - effort.log_evidence_offset)
+        for gain, one in noisy
+    ]
     rows.sort(key=lambda one: -one.log_evidence)
     return ModelRanking(replace(base, log_evidence=0.0), tuple(rows), temper)
 
@@ -152,7 +159,7 @@ def _repeated_sample_misfit(contest: EstimationProblem, base: HypothesisFit) -> 
     wrong = np.nan_to_num(((contest.data.y - predicted) / contest.sigma) ** 2).mean(axis=2)
     runs, n = label(contest.repeats, structure=[[0, 0, 0], [1, 1, 1], [0, 0, 0]])
     number = np.arange(1, n + 1)
-    seen = runs * np.isin(runs, number[mean(wrong, runs, number) > SEEN])
+    seen = runs * np.isin(runs, number[mean(wrong, runs, number) > SELECTION.visible_repeat_misfit])
     missed = (wrong - 1.0)[contest.repeats].sum() * contest.data.y.shape[2]
     return float(missed), int(np.count_nonzero(seen))
 
@@ -173,12 +180,15 @@ def _explain_by_sample_noise(
         if not isinstance(offer.effect, SampleEffect):
             continue
         v = (
-            contest.windows.take(contest.rollout_model.record.v)
+            contest.windows.take(contest.rollout_model.dataset.v)
             / contest.sigma
-            * contest.rollout_model.record.dt_s
+            * contest.rollout_model.dataset.dt_s
         )
         gain, parameters, misfit = offer.effect.explain(base.fit.residual[mask], v[mask])
-        gain *= min(max(0.0, 1.0 - _lag_one_correlation(base.fit.residual, mask) / SMOOTH), 1.0)
+        gain *= min(
+            max(0.0, 1.0 - _lag_one_correlation(base.fit.residual, mask) / SELECTION.max_noise_correlation),
+            1.0,
+        )
         if offer.effect.repeats:
             missed, n = _repeated_sample_misfit(contest, base)
             gain += 0.5 * missed
@@ -186,9 +196,6 @@ def _explain_by_sample_noise(
         fit = replace(base.fit, misfit=misfit)
         out.append((gain, HypothesisFit((*base.effects, offer), fit, noise=parameters)))
     return out
-
-
-SHARES = (1.0, 0.5, 0.25, 0.1, 0.03)
 
 
 def _scale_start(
@@ -200,9 +207,9 @@ def _scale_start(
 ) -> np.ndarray:
     """Unknowns to begin from: as much of the promised amplitude as the full rollouts welcome."""
     known, n = sum(len(e.effect.parameters) for e in effects), offer.effect.amplitudes
-    tried = np.repeat(x[None], len(SHARES) if n else 1, axis=0)
+    tried = np.repeat(x[None], len(SELECTION.start_shares) if n else 1, axis=0)
     if n:
-        tried[:, :n] *= np.array(SHARES)[:, None]
+        tried[:, :n] *= np.array(SELECTION.start_shares)[:, None]
     whole = np.stack([np.concatenate([base.x[:known], row, base.x[known:]]) for row in tried])
     if not n:
         return whole[0]

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float64
 from scipy.signal import find_peaks
 
+from lagsplat.diagnose.core.config import PLACEMENT
 from lagsplat.diagnose.effects.actuation.external_periodic_force import repeating
 from lagsplat.diagnose.effects.actuation.external_push import N_PUSHES
 from lagsplat.diagnose.effects.base import (
@@ -29,14 +30,9 @@ from lagsplat.diagnose.effects.registry import catalogue
 from lagsplat.diagnose.estimation.dataset import compute_clock_shifts
 from lagsplat.diagnose.estimation.rollout import RolloutModel
 from lagsplat.diagnose.mechanics.model import MechanicalModel
-from lagsplat.diagnose.residual.change_points import events
-from lagsplat.diagnose.residual.latent_force import Smoothed, smooth
+from lagsplat.diagnose.residual.change_points import find_events
+from lagsplat.diagnose.residual.latent_force import LatentForceEstimate, estimate_latent_force
 from lagsplat.io.trajectory.trajectory import Trajectory
-
-PAIRED = 3
-"""Coordinates up to which effects are looked for between each two of them."""
-FREE_CLIPS = 3
-"""Clips, the longest, in which a hidden memory may begin anywhere."""
 
 
 def coordinate_directions(bench: RolloutModel, names: Sequence[str]) -> list[Direction]:
@@ -48,7 +44,7 @@ def coordinate_directions(bench: RolloutModel, names: Sequence[str]) -> list[Dir
 def joint_directions(bench: RolloutModel, names: Sequence[str]) -> list[Direction]:
     """One along the difference of each two coordinates, if these are few."""
     model, eye = bench.model, np.eye(bench.model.d)
-    pairs = combinations(range(model.d if model.d <= PAIRED else 0), 2)
+    pairs = combinations(range(model.d if model.d <= PLACEMENT.max_joint_coordinates else 0), 2)
     return [make_direction(f"{names[j]} - {names[i]}", eye[j] - eye[i], model) for i, j in pairs]
 
 
@@ -117,8 +113,8 @@ def _place_along(
 
 def _longest_clips(bench: RolloutModel) -> list[int]:
     """The clips that tell most of where a memory begins."""
-    order = np.argsort(np.diff(bench.record.clips, axis=1)[:, 0], kind="stable")[::-1]
-    return sorted(order[:FREE_CLIPS].tolist())
+    order = np.argsort(np.diff(bench.dataset.clips, axis=1)[:, 0], kind="stable")[::-1]
+    return sorted(order[: PLACEMENT.free_memory_clips].tolist())
 
 
 def _push_grid(hint: DisturbanceHints, size: Scales) -> tuple[tuple[float, ...], ...]:
@@ -137,14 +133,14 @@ def _push_grid(hint: DisturbanceHints, size: Scales) -> tuple[tuple[float, ...],
 
 
 def _place_on_inputs(effect: Effect, bench: RolloutModel, u_names: Sequence[str]) -> list[PlacedEffect]:
-    driven = [j for j in range(bench.record.u.shape[1]) if np.ptp(bench.record.u[:, j]) > 0.0]
+    driven = [j for j in range(bench.dataset.u.shape[1]) if np.ptp(bench.dataset.u[:, j]) > 0.0]
     if not driven:
         return []
     if effect.along == "whole":
         return [PlacedEffect(effect, largest_motion_scales(bench))]
     out = []
     for j in driven:
-        u = bench.record.u[:, j]
+        u = bench.dataset.u[:, j]
         base = largest_motion_scales(bench)
         size = replace(base, input=float(np.sqrt(np.mean(u * u))), input_reach=float(np.abs(u).max()))
         out.append(PlacedEffect(effect, size, channel=j, input_name=u_names[j]))
@@ -154,7 +150,7 @@ def _place_on_inputs(effect: Effect, bench: RolloutModel, u_names: Sequence[str]
 def motion_scales(bench: RolloutModel, place: Direction, variant: str = "") -> Scales:
     """Sizes of the recorded motion along a direction."""
     s = (bench.smooth - bench.model.rest) @ place.covector
-    v = bench.record.v @ place.covector
+    v = bench.dataset.v @ place.covector
     reach = {"upper": s.max(), "lower": -s.min()}.get(variant, np.abs(s).max())
     size = float(np.sqrt(np.mean(s * s)))
     return Scales(
@@ -162,8 +158,8 @@ def motion_scales(bench: RolloutModel, place: Direction, variant: str = "") -> S
         velocity=max(float(np.sqrt(np.mean(v * v))), 1e-6 * size),
         reach=float(reach) if reach > 0.3 * size else 0.0,
         stiffness=_stiffness(bench, place),
-        frame_s=bench.record.dt_s,
-        duration_s=float(max(bench.record.time[b - 1] for _, b in bench.record.clips)),
+        frame_s=bench.dataset.dt_s,
+        duration_s=float(max(bench.dataset.time[b - 1] for _, b in bench.dataset.clips)),
     )
 
 
@@ -174,22 +170,19 @@ def _stiffness(bench: RolloutModel, place: Direction) -> float:
 
 def largest_motion_scales(bench: RolloutModel) -> Scales:
     """Sizes of the coordinate that moves most, by its kinetic energy."""
-    energy = np.diag(bench.model.inertia) * np.mean(bench.record.v**2, axis=0)
+    energy = np.diag(bench.model.inertia) * np.mean(bench.dataset.v**2, axis=0)
     i = int(np.argmax(energy))
     return motion_scales(bench, make_direction(None, np.eye(bench.model.d)[i], bench.model))
 
 
-LINES = 5
-HIGHEST = 0.2
-"""Highest line, as a share of the rate of frames."""
-
-
-def extract_hints(smoothed: Sequence[Smoothed], *, period_s: float) -> tuple[DisturbanceHints, ...]:
+def extract_hints(
+    smoothed: Sequence[LatentForceEstimate], *, period_s: float
+) -> tuple[DisturbanceHints, ...]:
     """The loudest spans, on the joint clock, and lines of the longest file, for each coordinate."""
     shifts = compute_clock_shifts([one.motion for one in smoothed])
     pushes = tuple(
         (one.start_s - shifts[one.motion], one.end_s - shifts[one.motion])
-        for one in events(smoothed, period_s=period_s)
+        for one in find_events(smoothed, period_s=period_s)
     )
     longest = max(smoothed, key=lambda one: one.motion.n)
     return tuple(DisturbanceHints(pushes, find_spectral_lines(longest, i)) for i in range(longest.motion.d))
@@ -200,12 +193,14 @@ def find_hints(
 ) -> tuple[DisturbanceHints, ...]:
     """Hints from the force that the sim lacks; none where it cannot follow the motions at all."""
     try:
-        return extract_hints(smooth(model, motions, period_s=period_s, hold=hold), period_s=period_s)
+        return extract_hints(
+            estimate_latent_force(model, motions, period_s=period_s, hold=hold), period_s=period_s
+        )
     except np.linalg.LinAlgError:
         return (DisturbanceHints((), ()),) * model.d
 
 
-def find_spectral_lines(one: Smoothed, coordinate: int) -> tuple[float, ...]:
+def find_spectral_lines(one: LatentForceEstimate, coordinate: int) -> tuple[float, ...]:
     """The frequencies [Hz] of the highest peaks in the spectrum of the residual."""
     motion = one.motion
     time = np.arange(motion.time_s[0], motion.time_s[-1], motion.dt_s)
@@ -213,7 +208,7 @@ def find_spectral_lines(one: Smoothed, coordinate: int) -> tuple[float, ...]:
     size = 4 * len(x)
     power = np.abs(np.fft.rfft((x - x.mean()) * np.hanning(len(x)), size))
     frequency = np.fft.rfftfreq(size, motion.dt_s)
-    power[frequency > HIGHEST / motion.dt_s] = 0.0
+    power[frequency > PLACEMENT.max_line_frequency / motion.dt_s] = 0.0
     peaks, found = find_peaks(power[2:], height=0.0)
-    best = peaks[np.argsort(found["peak_heights"])[::-1][:LINES]] + 2
+    best = peaks[np.argsort(found["peak_heights"])[::-1][: PLACEMENT.max_lines]] + 2
     return tuple(float(frequency[i]) for i in best)

@@ -10,9 +10,9 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float64
 
-from lagsplat.diagnose.core.config import DiagnoseConfig
-from lagsplat.diagnose.data_quality.discontinuities import frozen
-from lagsplat.diagnose.data_quality.natural_period import rough_period_s
+from lagsplat.diagnose.core.config import PROBLEM, DiagnoseConfig
+from lagsplat.diagnose.data_quality.discontinuities import find_repeated_samples
+from lagsplat.diagnose.data_quality.natural_period import estimate_spectral_period_s
 from lagsplat.diagnose.effects.base import PlacedEffect
 from lagsplat.diagnose.estimation.dataset import PreparedDataset, WindowSet, cut_windows, prepare_dataset
 from lagsplat.diagnose.estimation.multiple_shooting import (
@@ -28,9 +28,6 @@ from lagsplat.diagnose.estimation.rollout import RolloutModel
 from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
 from lagsplat.diagnose.mechanics.model import MechanicalModel
 from lagsplat.io.trajectory.trajectory import Trajectory
-
-PAID = 40.0
-"""Square of the moved uncertainties, over their price, that is no longer believed."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +56,7 @@ class EstimationProblem:
     @cached_property
     def data(self) -> ShootingData:
         """The windows' samples in units of the noise."""
-        record = self.rollout_model.record
+        record = self.rollout_model.dataset
         return ShootingData(
             self.windows.take(record.q),
             (self.windows.mask() * ~self.repeats)[..., None] / self.sigma,
@@ -67,15 +64,15 @@ class EstimationProblem:
         )
 
     @property
-    def uncertainty_directions(self) -> float:
+    def degrees_of_freedom(self) -> float:
         """Samples less what the starts take."""
-        w, d = self.windows, self.rollout_model.record.d
+        w, d = self.windows, self.rollout_model.dataset.d
         return float((w.length.sum() - self.repeats.sum()) * d - 2 * d * len(w.first))
 
     @cached_property
     def initial_states(self) -> np.ndarray:
         """Where the windows start by the smoothed record, (W, 2 d)."""
-        return np.concatenate([self.rollout_model.smooth, self.rollout_model.record.v], axis=1)[
+        return np.concatenate([self.rollout_model.smooth, self.rollout_model.dataset.v], axis=1)[
             self.windows.first
         ]
 
@@ -107,7 +104,7 @@ class EstimationProblem:
 
 def excess_penalty(fit: ShootingFit, price: float) -> float:
     """How much further a fit moved the uncertainties than is believed of them, in units of its misfit."""
-    return max(fit.penalty - PAID * price, 0.0)
+    return max(fit.penalty - PROBLEM.max_squared_deviation * price, 0.0)
 
 
 def joint_prior(effects: Sequence[PlacedEffect], bench: RolloutModel) -> GaussianPrior:
@@ -121,14 +118,6 @@ def joint_prior(effects: Sequence[PlacedEffect], bench: RolloutModel) -> Gaussia
         np.concatenate([[p.lowest for p in priors], np.full(len(spare), -np.inf)]),
         np.concatenate([1e-3 * np.minimum(deviation[: len(priors)], 1.0), 1e-2 * spare]),
     )
-
-
-MOSTLY = 0.7
-"""Share of the windows that must be familiar for the others to be left aside."""
-
-
-OPEN = 6
-"""Directions at most that the sim's identification leaves open."""
 
 
 @dataclass(frozen=True)
@@ -156,9 +145,9 @@ def build_problem(
 ) -> tuple[EstimationProblem, PreparedDataset, NaturalPeriods]:
     """The contest of all hypotheses about ``real``."""
     model = sim.model
-    natural = natural_periods(model, rough_period_s(real))
+    natural = natural_periods(model, estimate_spectral_period_s(real))
     ready = prepare_dataset(real, period_s=natural.shortest_s)
-    record = ready.record
+    record = ready.dataset
     omega = 2.0 * np.pi / natural.longest_s
     force = np.var(record.v, axis=0) / np.maximum(np.std(ready.smooth, axis=0), 1e-12)
     nuisance = NuisanceParameters(
@@ -178,7 +167,7 @@ def build_problem(
     like = select_known_windows(sim, windows, ready)
     aside, windows = int(np.count_nonzero(~like)), windows.select(like)
     bench = RolloutModel(model, record, nuisance, steps, config.input_hold == "zoh", ready.smooth)
-    late = frozen(record.q, record.clips, ready.sigma)
+    late = find_repeated_samples(record.q, record.clips, ready.sigma)
     price = max(sim.misfit, 1.0) * sim.correlation
     contest = EstimationProblem(
         bench, windows, ready.sigma, config.iterations, config.tolerance, late, price, aside
@@ -197,8 +186,8 @@ def select_known_windows(
     """Windows in which it moves as the sim was seen to; all, if most are not such or it does not ask."""
     if sim.novelty_detector is None:
         return np.ones(len(windows.first), dtype=bool)
-    like = sim.novelty_detector.find_similar(windows, ready.smooth, ready.record)
-    return like if like.sum() > MOSTLY * len(like) else np.ones_like(like)
+    like = sim.novelty_detector.find_similar(windows, ready.smooth, ready.dataset)
+    return like if like.sum() > PROBLEM.min_known_share * len(like) else np.ones_like(like)
 
 
 def select_visible_directions(
@@ -215,7 +204,7 @@ def select_visible_directions(
     )
     curvature, *_ = eliminate_starts(residual, slopes, begun)
     values, vectors = np.linalg.eigh(curvature[n - len(freedom) :, n - len(freedom) :])
-    chosen = np.argsort(values)[::-1][:OPEN]
+    chosen = np.argsort(values)[::-1][: PROBLEM.max_open_directions]
     return vectors[:, chosen[values[chosen] > 0.3]].T @ freedom
 
 
@@ -228,7 +217,7 @@ def calibrate_misfit(
     recordings as much is looked at as `own_longest_s` says, here and there.
     """
     contest, _, _ = build_problem(sim, motions, config)
-    frames = config.own_longest_s / contest.rollout_model.record.dt_s
+    frames = config.reference_longest_s / contest.rollout_model.dataset.dt_s
     return measure_misfit(sim, replace(contest, windows=contest.windows.subsample(frames)))
 
 
@@ -237,9 +226,9 @@ def measure_misfit(sim: EstimatedSimulator, contest: EstimationProblem) -> Estim
     still, length = np.zeros(contest.rollout_model.nuisance.size), contest.windows.length
     fit = contest.fit((), still)
     # what is wrong for long is cheaper to leave than to follow, which shows only once it is known
-    price = max(fit.misfit / contest.uncertainty_directions, 1.0) * autocorrelation_time(fit.residual, length)
+    price = max(fit.misfit / contest.degrees_of_freedom, 1.0) * autocorrelation_time(fit.residual, length)
     fit = replace(contest, price=price).fit((), still)
-    left = (fit.misfit + excess_penalty(fit, price)) / contest.uncertainty_directions
+    left = (fit.misfit + excess_penalty(fit, price)) / contest.degrees_of_freedom
     return replace(sim, misfit=left, correlation=autocorrelation_time(fit.residual, length))
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
+from lagsplat.diagnose.core.config import PROFILES
 from lagsplat.diagnose.core.result import Parameter
 from lagsplat.diagnose.effects.base import PlacedEffect, SampleEffect
 from lagsplat.diagnose.effects.parameters import UNITS
@@ -35,8 +36,8 @@ def estimate_parameters(
         replace(one, effects=tuple(known)), contest.rollout_model.nuisance.deviation, prior, temper
     )
     cut = one.own(instance)
-    rows = instance.physical(np.stack([one.fit.x[cut], low[cut], high[cut]]))
-    best, *ends = (published_parameters(instance, row, contest.rollout_model.record) for row in rows)
+    rows = instance.to_physical(np.stack([one.fit.x[cut], low[cut], high[cut]]))
+    best, *ends = (published_parameters(instance, row, contest.rollout_model.dataset) for row in rows)
     out = {}
     for key, value in best.items():
         first, second = (end.get(key, value) for end in ends)
@@ -53,14 +54,16 @@ def parameter_unit(instance: PlacedEffect, key: str) -> str:
     kinds = {p.name: p.kind for p in instance.effect.parameters}
     if key == "files":
         return "1"
-    if key == "added_stiffness":
-        return "1/s^2"
+    if key in instance.effect.report_units:
+        return instance.effect.report_units[key]
     if key.endswith("_hz"):
         return "Hz"
     first = instance.effect.parameters[0].kind
     raw = UNITS[kinds.get(key, kinds.get(f"{key.removesuffix('s')} 0", first))]
     raw = instance.effect.variant_units.get(instance.variant, raw)
-    place = next((part.place for part in instance.parts if key.endswith(f" {part.place}")), instance.place)
+    place = next(
+        (part.location for part in instance.parts if key.endswith(f" {part.location}")), instance.location
+    )
     name = f"({place})" if place and " " in place else place
     return raw.format(q=name or "q", u=name or "u")
 
@@ -73,24 +76,15 @@ def published_parameters(instance: PlacedEffect, row: np.ndarray, record: Datase
         for p, value in zip(effect.parameters, row, strict=True)
         if not p.name.startswith("memory ")
     }
-    told: dict[str, Any] = effect.reports(plain, instance) if effect.reports is not None else dict(plain)
+    told: dict[str, Any] = (
+        effect.report_parameters(plain, instance) if effect.report_parameters else dict(plain)
+    )
     if "times" in told:
         places = [record.to_file_time(time) for time in told["times"]]
         told["times"] = [time for _, time in places]
         if len(record.files) > 1:
             told["files"] = [number for number, _ in places]
     return told
-
-
-POINTS = 4
-"""To each side of the best value."""
-FAR = 3.5
-"""Standard deviations that they reach out."""
-STEPS = 4
-MOST = 4
-"""Parameters that are profiled."""
-HELD = 1e-4
-"""Standard deviations within which the parameter is held."""
 
 
 @dataclass(frozen=True)
@@ -122,19 +116,19 @@ def compute_profiles(
     for instance in effects:
         own = one.own(instance)
         keys = published_parameters(
-            instance, instance.physical(one.fit.x[None, own])[0], contest.rollout_model.record
+            instance, instance.to_physical(one.fit.x[None, own])[0], contest.rollout_model.dataset
         )
         for i, parameter in enumerate(instance.effect.parameters):
-            if parameter.name not in keys or count == MOST:
+            if parameter.name not in keys or count == PROFILES.max_parameters:
                 continue
             count += 1
             at = own.start + i
             x, fall = _profile_parameter(contest, replace(one, effects=effects), at, spread[at], temper)
             rows = np.repeat(one.fit.x[None, own], len(x), axis=0)
             rows[:, i] = x
-            physical = instance.physical(rows)
+            physical = instance.to_physical(rows)
             values = [
-                published_parameters(instance, row, contest.rollout_model.record)[parameter.name]
+                published_parameters(instance, row, contest.rollout_model.dataset)[parameter.name]
                 for row in physical
             ]
             where = parameter_unit(instance, parameter.name)
@@ -150,18 +144,21 @@ def _profile_parameter(
     rows = [(best, 0.0)]
     for side in (-1.0, 1.0):
         x, starts = one.fit.x, one.fit.starts
-        for k in range(1, POINTS + 1):
-            value = max(best + side * FAR * spread * k / POINTS, held.lowest[at])
+        for k in range(1, PROFILES.points_per_side + 1):
+            value = max(
+                best + side * PROFILES.reach_deviations * spread * k / PROFILES.points_per_side,
+                held.lowest[at],
+            )
             if value == x[at]:
                 break
             mean, deviation = held.mean.copy(), held.deviation.copy()
-            mean[at], deviation[at] = value, HELD * spread
+            mean[at], deviation[at] = value, PROFILES.pin_deviation * spread
             pinned = replace(held, mean=mean, deviation=deviation)
             moved = x.copy()
             moved[at] = value
             fit = fit_multiple_shooting(
                 contest.predict(one.effects), moved, starts, contest.data, pinned,
-                iterations=STEPS, tolerance=contest.tolerance, known=near,
+                iterations=PROFILES.iterations, tolerance=contest.tolerance, known=near,
             )  # fmt: skip
             x, starts = fit.x, fit.starts
             paid = float(compute_penalty(fit.x[None], held)[0])

@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.core.config import DiagnoseConfig
-from lagsplat.diagnose.data_quality.natural_period import rough_period_s
+from lagsplat.diagnose.core.config import RECALIBRATION, DiagnoseConfig
+from lagsplat.diagnose.data_quality.natural_period import estimate_spectral_period_s
 from lagsplat.diagnose.estimation.dataset import drop_overlapping_windows
 from lagsplat.diagnose.estimation.multiple_shooting import GaussianPrior, ShootingFit, eliminate_starts
 from lagsplat.diagnose.identification.estimated_simulator import (
@@ -42,9 +42,6 @@ from lagsplat.diagnose.mechanics.structure import (
 from lagsplat.diagnose.simulators.projection import find_rest
 from lagsplat.io.trajectory.trajectory import Trajectory, leading_samples
 
-ELSEWHERE = 4.0
-"""How much more the same errors may pass for in another recording than in the sim's own."""
-
 
 def calibrate_null_evidence(
     sim: EstimatedSimulator,
@@ -54,7 +51,7 @@ def calibrate_null_evidence(
     *,
     tell: Callable[[str], None] = lambda name: None,
 ) -> float:
-    """Nats that an effect must gain beyond: `ELSEWHERE` times what the best gains where there is none.
+    """Nats that an effect must gain beyond: `RECALIBRATION.null_evidence_factor` times what the best gains where there is none.
 
     That is on ``own``, taken as long as ``real`` is. Evidence grows with the time recorded, so that a shorter
     one is scaled up. Where the sim knows how it was seen to move, those stretches of ``own`` are taken that
@@ -67,11 +64,11 @@ def calibrate_null_evidence(
     part = leading_samples(own, wanted_s)
     if sim.novelty_detector is None:
         contest, more = build_problem(sim, [part], config)[0], max(1.0, wanted_s / part.duration_s)
-        quiet = drop_overlapping_windows(contest.windows, contest.rollout_model.record, sim.outlier_spans)
+        quiet = drop_overlapping_windows(contest.windows, contest.rollout_model.dataset, sim.outlier_spans)
         contest = replace(contest, windows=quiet)
     else:
         contest, more = match_windows(sim, own, real, config), 1.0
-    natural = natural_periods(sim.model, rough_period_s([part]))
+    natural = natural_periods(sim.model, estimate_spectral_period_s([part]))
     offers = place_effects(
         contest.rollout_model,
         find_hints(sim.model, [part], period_s=natural.longest_s, hold=config.input_hold),
@@ -82,7 +79,7 @@ def calibrate_null_evidence(
     effort = SearchBudget.of(config, nominal=max(1.0, sim.misfit))
     found = rank_hypotheses(contest, offers, effort, tell=tell).found
     gained = max((one.log_evidence for one in found), default=0.0)
-    return ELSEWHERE * max(gained, 0.0) * more
+    return RECALIBRATION.null_evidence_factor * max(gained, 0.0) * more
 
 
 def match_windows(
@@ -97,24 +94,10 @@ def match_windows(
     there, ready, _ = build_problem(sim, real, config)
     here, own_ready, _ = build_problem(sim, [own], config)
     chosen = sim.novelty_detector.find_nearest(
-        window_features(there.windows, ready.smooth, ready.record),
-        window_features(here.windows, own_ready.smooth, own_ready.record),
+        window_features(there.windows, ready.smooth, ready.dataset),
+        window_features(here.windows, own_ready.smooth, own_ready.dataset),
     )
     return replace(here, windows=here.windows.select(chosen))
-
-
-STEPS = ((0, 1, 4, 1), (0, 2, 4, 2))
-"""Degrees up to which mass, damping, potential and input map move, one step after the other."""
-PLAIN = ((0, 0, 3, 0),)
-"""The same of more than a `MAX_FEW_COORDINATES` coordinates."""
-ITERATIONS = 2
-"""Times as many steps are taken as when a sim is identified: a fitted law is stiffer."""
-WRONG_BY = 0.3
-"""How far each move is believed to go, in units of the acceleration that it changes."""
-BETTER = 0.9
-"""Share of the misfit, on windows that were not fitted, that the moved sim must leave at most."""
-SAMPLES, SMALL, BLIND = 400, 1e-6, 1e-8
-"""Samples at which moves are compared, by how much, and the share of the largest below which one is none."""
 
 
 @dataclass(frozen=True)
@@ -138,32 +121,34 @@ def recalibrate_simulator(
     """
     contest, ready, _ = build_problem(sim, motions, config)
     bench = contest.rollout_model
-    windows = contest.windows.subsample(2.0 * config.own_longest_s / bench.record.dt_s)
+    windows = contest.windows.subsample(2.0 * config.reference_longest_s / bench.dataset.dt_s)
     setting = make_identification_settings(config)
 
     def trial(first: int) -> IdentificationProblem:
         chosen = windows.select(np.arange(len(windows.first)) % 2 == first)
         data = replace(contest, windows=chosen).data
-        speed = np.std(bench.record.v, axis=0)
+        speed = np.std(bench.dataset.v, axis=0)
         return IdentificationProblem(
-            bench.record, ready.smooth, speed, chosen, data, bench.steps, bench.held, setting
+            bench.dataset, ready.smooth, speed, chosen, data, bench.steps, bench.held, setting
         )
 
     fitted, judging = trial(0), trial(1)
     missed, found = judging.compute_misfit(sim.model), None
-    for step in STEPS if sim.model.d <= MAX_FEW_COORDINATES else PLAIN:
+    for step in (
+        RECALIBRATION.degree_steps if sim.model.d <= MAX_FEW_COORDINATES else RECALIBRATION.degree_steps_many
+    ):
         model = found.model if found else sim.model
         # by the half that is missed less: a law may run off in a single window of the other
         half = min(missed / judging.n_data, fitted.compute_misfit(model) / fitted.n_data)
         tried = fit_coefficients(fitted, model, step, excess=max(half, 1.0))
         left = judging.compute_misfit(tried.model)
-        if not left < BETTER * missed:
+        if not left < RECALIBRATION.max_remaining_misfit * missed:
             break
         missed, found = left, tried
     if found is None:
         return sim
     rested = replace(found.model, rest=find_rest(found.model))
-    known = NoveltyDetector.from_recordings(contest.windows, ready.smooth, bench.record)
+    known = NoveltyDetector.from_recordings(contest.windows, ready.smooth, bench.dataset)
     return replace(
         sim,
         model=rested,
@@ -195,9 +180,12 @@ def fit_coefficients(
     moves = independent_directions(trial, model, movable_structure(model, step))
     n = len(moves)
     belief = GaussianPrior(
-        np.zeros(n), np.full(n, WRONG_BY / np.sqrt(excess)), np.full(n, -np.inf), np.full(n, 1e-4)
+        np.zeros(n),
+        np.full(n, RECALIBRATION.move_deviation / np.sqrt(excess)),
+        np.full(n, -np.inf),
+        np.full(n, 1e-4),
     )
-    iterations = ITERATIONS * trial.setting.iterations
+    iterations = RECALIBRATION.iterations_factor * trial.setting.iterations
     fit = trial.fit_moves(model, moves, trial.initial_states, belief, iterations=iterations)
     return CoefficientFit(shift_coefficients(model, fit.x @ moves), fit, moves)
 
@@ -209,18 +197,22 @@ def independent_directions(
 
     A coordinate that is light, or hardly moves, is then moved no further than another one.
     """
-    record = trial.record
-    at = np.unique(np.linspace(0, len(record.q) - 1, SAMPLES).astype(int))
+    record = trial.dataset
+    at = np.unique(np.linspace(0, len(record.q) - 1, RECALIBRATION.direction_samples).astype(int))
     q, v, u = trial.smooth[at], record.v[at], record.u[at]
     base = model.acceleration(q, v, u)
     size = np.linalg.cholesky(np.linalg.pinv(base.T @ base / len(at)) + 1e-12 * np.eye(model.d))
     plain = list_free_directions(model, form, trial.speed)
     change = np.stack(
-        [(shift_coefficients(model, SMALL * one).acceleration(q, v, u) - base) / SMALL for one in plain]
+        [
+            (shift_coefficients(model, RECALIBRATION.direction_step * one).acceleration(q, v, u) - base)
+            / RECALIBRATION.direction_step
+            for one in plain
+        ]
     )
     rows = (change @ size).reshape(len(plain), -1) / np.sqrt(len(at))
     values, vectors = np.linalg.eigh(rows @ rows.T)
-    kept = values > BLIND * values.max()
+    kept = values > RECALIBRATION.direction_cutoff * values.max()
     return (vectors[:, kept] / np.sqrt(values[kept])).T @ plain
 
 
@@ -242,4 +234,6 @@ def _unidentified_directions(one: CoefficientFit, trial: IdentificationProblem) 
     curvature, *_ = eliminate_starts(*linear)
     misfit = max(one.fit.misfit / max(trial.n_data - len(one.moves), 1.0), 1.0)
     alike = autocorrelation_time(one.fit.residual, trial.windows.length)
-    return list_uncertain_directions(curvature / (misfit * alike), moves, deviation=WRONG_BY)
+    return list_uncertain_directions(
+        curvature / (misfit * alike), moves, deviation=RECALIBRATION.move_deviation
+    )

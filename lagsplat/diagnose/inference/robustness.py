@@ -13,16 +13,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lagsplat.diagnose.core.config import DiagnoseConfig
+from lagsplat.diagnose.core.config import ROBUSTNESS, DiagnoseConfig
 from lagsplat.diagnose.effects.base import PlacedEffect, SampleEffect
 from lagsplat.diagnose.inference.evidence import HypothesisFit
 from lagsplat.diagnose.inference.model_selection import ModelRanking, SearchBudget, rank_by_evidence
 from lagsplat.diagnose.inference.plausibility import Implausibility
-from lagsplat.diagnose.inference.posterior import CLASSES, Judgement, judge_hypotheses, motionless_misfit
+from lagsplat.diagnose.effects.registry import find_confusable
+from lagsplat.diagnose.inference.posterior import Judgement, judge_hypotheses, motionless_misfit
 from lagsplat.diagnose.inference.problem import EstimationProblem, autocorrelation_time
-
-FAR = 4.0
-"""Mean square residual, in multiples of what the sim leaves of its own recordings, that asks for it."""
 
 
 def inflate_noise(
@@ -33,24 +31,14 @@ def inflate_noise(
     What it leaves is that of the middle window: a push by hand in a few of them says nothing of the law.
     """
     each = [(row[:n] ** 2).mean() for row, n in zip(best.fit.residual, contest.windows.length, strict=True)]
-    left = min(best.fit.misfit / contest.uncertainty_directions, float(np.median(each)))
-    if left <= FAR * effort.nominal:
+    left = min(best.fit.misfit / contest.degrees_of_freedom, float(np.median(each)))
+    if left <= ROBUSTNESS.inflation_misfit * effort.nominal:
         return None
     alike = autocorrelation_time(best.fit.residual, contest.windows.length)
     price = max(contest.price, left * alike)
-    return replace(contest, price=price), replace(effort, temper=max(effort.temper, alike))
-
-
-KEPT = 4
-"""Repeats of the five that must keep the name, or one of its class."""
-RIVALS = 3
-"""Effects, the most evident of each name, that are fitted again beside those of the verdict."""
-STEPS = 4
-"""Of each fit, which begins where the first one ended."""
-SEEDS = (101, 102)
-"""Of the noise that is added."""
-UNBENT = 1e-6
-"""Share of the coordinates' warp that is left where none is allowed."""
+    return replace(contest, price=price), replace(
+        effort, effective_sample_ratio=max(effort.effective_sample_ratio, alike)
+    )
 
 
 @dataclass(frozen=True)
@@ -82,8 +70,8 @@ def check_robustness(
         told = _judge_again(shaken, ranking, chain, leading, offers, again, config, lambda one: doubted)
         answers[name] = most_probable_name(told)
     own = most_probable_name(judgement)
-    kin = {own}.union(*(group for group in CLASSES if own in group))
-    return RobustnessCheck(sum(one in kin for one in answers.values()) < KEPT, answers)
+    kin = {own} | find_confusable(own)
+    return RobustnessCheck(sum(one in kin for one in answers.values()) < ROBUSTNESS.min_agreeing, answers)
 
 
 def most_probable_name(judgement: Judgement) -> str:
@@ -95,7 +83,7 @@ def _leading_fits(ranking: ModelRanking, judgement: Judgement) -> list[Hypothesi
     """The best fit of the most probable names, those on single samples aside, which need no fit."""
     names = [name for name in judgement.probabilities if ranking.best_of(name) is not None]
     best = [one for one in map(ranking.best_of, names) if one is not None]
-    return [one for one in best if not _is_sample_noise(one)][:RIVALS]
+    return [one for one in best if not _is_sample_noise(one)][: ROBUSTNESS.refitted_effects]
 
 
 def _is_sample_noise(one: HypothesisFit) -> bool:
@@ -110,11 +98,11 @@ def _perturbed_problems(
     for name, factor in (("half the noise", 0.5), ("twice the noise", 2.0)):
         price = max(1.0, contest.price / factor**2)
         yield name, replace(contest, sigma=factor * sigma, price=price), max(1.0, nominal / factor**2)
-    flat = replace(bench.nuisance, warp=UNBENT * bench.nuisance.warp)
+    flat = replace(bench.nuisance, warp=ROBUSTNESS.frozen_warp_share * bench.nuisance.warp)
     yield "coordinates not bent", replace(contest, rollout_model=replace(bench, nuisance=flat)), nominal
-    for seed in SEEDS:
-        drawn = np.random.default_rng(seed).normal(0.0, sigma, bench.record.q.shape)
-        noisy = replace(bench, record=replace(bench.record, q=bench.record.q + drawn))
+    for seed in ROBUSTNESS.noise_seeds:
+        drawn = np.random.default_rng(seed).normal(0.0, sigma, bench.dataset.q.shape)
+        noisy = replace(bench, dataset=replace(bench.dataset, q=bench.dataset.q + drawn))
         louder = replace(contest, rollout_model=noisy, sigma=np.sqrt(2.0) * sigma)
         yield f"noise added, seed {seed}", louder, max(1.0, 0.5 * (nominal + 1.0))
 
@@ -129,7 +117,7 @@ def _judge_again(
     config: DiagnoseConfig,
     doubt: Callable[[HypothesisFit], Implausibility],
 ) -> Judgement:
-    brief = replace(shaken, iterations=STEPS)
+    brief = replace(shaken, iterations=ROBUSTNESS.iterations)
 
     def refit(one: HypothesisFit) -> HypothesisFit:
         return replace(one, fit=brief.fit(one.effects, one.fit.x, one.fit.starts))
@@ -143,7 +131,7 @@ def _judge_again(
     return judge_hypotheses(
         told,
         sets,
-        shaken.uncertainty_directions,
+        shaken.degrees_of_freedom,
         effort.nominal,
         config,
         most=motionless_misfit(shaken),

@@ -1,7 +1,7 @@
-"""Functions of the coordinates in which a sim's mass, damping, potential and input map are written.
+"""Basis functions of the coordinates, in which mass, damping, potential and input map are written.
 
-``phi_k(q)`` is a monomial of the scaled coordinates ``x = (q - centre) / scale``, or the cosine or sine of a
-whole multiple of angles. Sorted by degree, so that a coarser field uses the first few.
+``phi_k(q)`` is a monomial of the scaled coordinates ``x = (q - centre) / scale``, or the cosine or sine of an
+integer combination of angles. Functions are sorted by degree, so that a coarser field uses the first few.
 """
 
 from dataclasses import dataclass, replace
@@ -12,17 +12,21 @@ import numpy as np
 from jaxtyping import Float64, Int64
 from numba import njit
 
-POWER, COSINE, SINE = 0, 1, 2
+POWER, COSINE, SINE = 0, 1, 2  # the kinds of basis functions, as the compiled code takes them
 
 
 @dataclass(frozen=True)
 class Basis:
-    """``kind`` (K,); ``order`` (K, d): powers of a monomial, or multiples of the angles."""
+    """``K`` functions of ``d`` coordinates, the constant first."""
 
     kind: Int64[np.ndarray, " K"]
+    """`POWER`, `COSINE` or `SINE`."""
     order: Int64[np.ndarray, "K d"]
+    """Powers of a monomial, or integer multiples of the angles."""
     centre: Float64[np.ndarray, " d"]
+    """Middle of the region [unit of the coordinate]."""
     scale: Float64[np.ndarray, " d"]
+    """Half the width of the region [unit of the coordinate]."""
 
     @property
     def size(self) -> int:
@@ -35,7 +39,7 @@ class Basis:
         return len(self.centre)
 
     def first(self, k: int) -> "Basis":
-        """The first ``k`` functions."""
+        """The basis of the first ``k`` functions."""
         return replace(self, kind=self.kind[:k], order=self.order[:k])
 
     def values(self, q: Float64[np.ndarray, "N d"]) -> Float64[np.ndarray, "N K"]:
@@ -50,18 +54,18 @@ class Basis:
 def make_polynomial_basis(
     degree: int, *, centre: Float64[np.ndarray, " d"], scale: Float64[np.ndarray, " d"]
 ) -> Basis:
-    """All monomials up to ``degree``, the constant first."""
+    """All monomials of the scaled coordinates up to ``degree``, the constant first."""
     d = len(centre)
     orders = sorted(
-        (e for e in product(range(degree + 1), repeat=d) if sum(e) <= degree),
-        key=lambda e: (sum(e), tuple(-i for i in e)),
+        (powers for powers in product(range(degree + 1), repeat=d) if sum(powers) <= degree),
+        key=lambda powers: (sum(powers), tuple(-i for i in powers)),
     )
     order = np.array(orders, dtype=np.int64).reshape(-1, d)
     return Basis(np.full(len(order), POWER), order, np.asarray(centre, float), np.asarray(scale, float))
 
 
 def add_angle_functions(basis: Basis, multiples: Int64[np.ndarray, "A d"]) -> Basis:
-    """The same and the cosine and sine of each of ``multiples`` of the coordinates [rad]."""
+    """The basis with the cosine and sine of ``multiples @ q`` behind its functions; ``q`` is in radians."""
     kind = np.repeat([COSINE, SINE], len(multiples))
     return replace(
         basis,
@@ -73,7 +77,10 @@ def add_angle_functions(basis: Basis, multiples: Int64[np.ndarray, "A d"]) -> Ba
 @njit(cache=True, error_model="numpy")
 @no_type_check
 def evaluate_basis(kind, order, centre, scale, q, powers, value, slope):
-    """Write ``phi`` (K,) and its gradient (K, d) at ``q`` (d,); ``powers`` (d, 1 + highest) is scratch."""
+    """Write ``phi`` (K,) into ``value`` and its gradient (K, d) into ``slope`` at ``q`` (d,), compiled.
+
+    ``powers`` (d, 1 + highest power) is scratch, which `evaluate_basis_curvature` reads afterwards.
+    """
     n, d = order.shape
     for i in range(d):
         x = (q[i] - centre[i]) / scale[i]
@@ -82,54 +89,54 @@ def evaluate_basis(kind, order, centre, scale, q, powers, value, slope):
             powers[i, e] = powers[i, e - 1] * x
     for k in range(n):
         if kind[k] == POWER:
-            whole = 1.0
+            product_of_powers = 1.0
             for i in range(d):
-                whole *= powers[i, order[k, i]]
-            value[k] = whole
+                product_of_powers *= powers[i, order[k, i]]
+            value[k] = product_of_powers
             for i in range(d):
                 e = order[k, i]
-                part = 0.0
+                derivative = 0.0
                 if e > 0:
-                    part = e / scale[i] * powers[i, e - 1]
+                    derivative = e / scale[i] * powers[i, e - 1]
                     for j in range(d):
                         if j != i:
-                            part *= powers[j, order[k, j]]
-                slope[k, i] = part
+                            derivative *= powers[j, order[k, j]]
+                slope[k, i] = derivative
         else:
             angle = 0.0
             for i in range(d):
                 angle += order[k, i] * q[i]
             cosine, sine = np.cos(angle), np.sin(angle)
             value[k] = cosine if kind[k] == COSINE else sine
-            turn = -sine if kind[k] == COSINE else cosine
+            by_angle = -sine if kind[k] == COSINE else cosine
             for i in range(d):
-                slope[k, i] = turn * order[k, i]
+                slope[k, i] = by_angle * order[k, i]
 
 
 @njit(cache=True, error_model="numpy")
 @no_type_check
 def evaluate_basis_curvature(kind, order, scale, powers, value, curvature):
-    """Write the second derivatives (d, d, K) after `evaluate_basis` has written ``powers`` and ``value``."""
+    """Write the second derivatives (d, d, K), compiled, from ``powers`` and ``value`` of `evaluate_basis`."""
     n, d = order.shape
     for k in range(n):
         for i in range(d):
             for j in range(i + 1):
                 if kind[k] != POWER:
-                    part = -value[k] * order[k, i] * order[k, j]
+                    second = -value[k] * order[k, i] * order[k, j]
                 else:
-                    own = order[k, i]
-                    other = order[k, j] if i != j else own - 1
-                    part = own * other / (scale[i] * scale[j])
-                    for m in range(d if part != 0.0 else 0):
-                        part *= powers[m, order[k, m] - (1 if m == i else 0) - (1 if m == j else 0)]
-                curvature[i, j, k] = part
-                curvature[j, i, k] = part
+                    e_i = order[k, i]
+                    e_j = order[k, j] if i != j else e_i - 1
+                    second = e_i * e_j / (scale[i] * scale[j])
+                    for m in range(d if second != 0.0 else 0):
+                        second *= powers[m, order[k, m] - (1 if m == i else 0) - (1 if m == j else 0)]
+                curvature[i, j, k] = second
+                curvature[j, i, k] = second
 
 
 @njit(cache=True)
 @no_type_check
 def find_highest_power(kind, order):
-    """The highest power of one coordinate in any monomial."""
+    """The highest power of a single coordinate in any monomial of a basis, compiled."""
     highest = 0
     for k in range(order.shape[0]):
         if kind[k] == POWER:

@@ -1,17 +1,13 @@
-"""How fast a mechanism swings about its rest, from its own equations.
+"""The equations of motion of a mechanism, and its natural frequencies at rest.
 
-A sim as the diagnosis sees it: mass, damping, potential, input map and friction, in one basis.
+`Mechanics` is what the diagnosis asks of any simulated mechanism: ``M(q) a = force(q, v, u)``, where
+``force`` holds everything but the inertial term. `MechanicalModel` writes it in one basis of functions:
 
     M(q) a + c(q, v) + C(q) v + dry tanh(v / width) + drag |v| v + dV/dq = b(q)^T u
 
-with ``c = M' v - d(v.M v / 2)/dq``, so that energy is lost by ``C`` and friction alone. Inertia is counted in
-units of the reference inertia: only ratios of M, C, V and b move anything.
-
-What the diagnosis asks of a simulated mechanism, whoever delivers it.
-
-    M(q) a = force(q, v, u),
-
-with ``force`` everything but the inertial term. All functions take N states at once.
+with ``c = M' v - d(v.M v / 2)/dq``, so that only ``C`` and friction dissipate energy. Inertia is counted in
+units of the reference inertia: the motion depends on ratios of M, C, V and b alone. All functions take N
+states at once.
 """
 
 from dataclasses import dataclass
@@ -25,6 +21,7 @@ from scipy.linalg import eig
 from lagsplat.diagnose.mechanics.basis import Basis
 
 STIFFNESS_STEP = 1e-4
+"""Step of central differences of a force, as a share of how far each coordinate usually moves."""
 
 
 class Mechanics(Protocol):
@@ -52,16 +49,16 @@ class Mechanics(Protocol):
         """``M(q)^-1 force(q, v, u)``, (N, d)."""
 
     def inverse_dynamics(self, q: np.ndarray, v: np.ndarray, a: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """``M(q) a - force(q, v, u)``: the force that the mechanism lacks, (N, d)."""
+        """``M(q) a - force(q, v, u)``: the generalised force that is missing, (N, d)."""
 
 
 def compute_rest_frequencies_hz(
     mechanics: Mechanics, scale: Float64[np.ndarray, " d"]
 ) -> Float64[np.ndarray, " modes"]:
-    """Undamped natural frequencies at rest, rising; only those of modes that are pulled back, if any.
+    """Undamped natural frequencies [Hz] at rest, in rising order, of the modes with a restoring force.
 
-    ``scale`` (d,) is how far each coordinate usually moves: stiffness is the slope of the force across a
-    ten-thousandth of it, without inputs.
+    ``scale`` (d,) is how far each coordinate usually moves: stiffness is measured by central differences of
+    the force over `STIFFNESS_STEP` of it, without inputs.
     """
     d = mechanics.d
     rest = np.asarray(mechanics.rest, dtype=float)
@@ -71,15 +68,15 @@ def compute_rest_frequencies_hz(
     rise = mechanics.force(rest + step, zero, inputs) - mechanics.force(rest - step, zero, inputs)
     stiffness = -(rise / (2.0 * STIFFNESS_STEP * scale[:, None])).T
     squares = eig(stiffness, mechanics.mass_at(rest[None])[0], right=False)
-    # A stiffness not symmetric (a learned one) may have a small imaginary part: its real part swings.
+    # A stiffness that is not symmetric (a learned one) gives small imaginary parts, which are dropped.
     return np.sqrt(np.sort(squares.real[squares.real > 0.0])) / (2.0 * np.pi)
 
 
 def compute_rest_period_s(mechanics: Mechanics, scale: Float64[np.ndarray, " d"]) -> float:
-    """Period of the slowest mode [s].
+    """Natural period of the slowest mode at rest [s].
 
     Raises:
-        ValueError: no mode is pulled back to rest.
+        ValueError: no mode has a restoring force.
     """
     frequencies = compute_rest_frequencies_hz(mechanics, scale)
     if not frequencies.size:
@@ -92,7 +89,7 @@ def compute_rest_period_s(mechanics: Mechanics, scale: Float64[np.ndarray, " d"]
 
 @dataclass(frozen=True)
 class MechanicalModel:
-    """Coefficients of the fields; each uses as many of the basis' functions as it has rows."""
+    """Coefficients of the fields in a basis; each field uses as many of its functions as it has rows."""
 
     basis: Basis
     mass: Float64[np.ndarray, "Km d d"]
@@ -100,11 +97,13 @@ class MechanicalModel:
     potential: Float64[np.ndarray, " Kv"]
     input_map: Float64[np.ndarray, "Kb n_u d"]
     dry: Float64[np.ndarray, " d"]
+    """Dry friction of each coordinate, a generalised force."""
     drag: Float64[np.ndarray, " d"]
+    """Quadratic drag of each coordinate, a generalised force over the squared velocity."""
     width: Float64[np.ndarray, " d"]
-    """Speed below which dry friction is linear [1/s times the coordinate's unit]."""
+    """Speed below which dry friction is linear [unit of the coordinate per second]."""
     rest: Float64[np.ndarray, " d"]
-    """Where the unloaded mechanism comes to rest, or the middle of the motion if it never does."""
+    """Equilibrium without inputs, or the middle of the motion if there is none."""
 
     @property
     def d(self) -> int:
@@ -117,11 +116,11 @@ class MechanicalModel:
         return self.input_map.shape[1]
 
     def mass_at(self, q: Float64[np.ndarray, "N d"]) -> Float64[np.ndarray, "N d d"]:
-        """``M(q)``."""
+        """The mass matrix ``M(q)``."""
         return np.tensordot(self.basis.first(len(self.mass)).values(q), self.mass, 1)
 
     def damping_at(self, q: Float64[np.ndarray, "N d"]) -> Float64[np.ndarray, "N d d"]:
-        """``C(q)``."""
+        """The damping matrix ``C(q)``."""
         return np.tensordot(self.basis.first(len(self.damping)).values(q), self.damping, 1)
 
     def spring(self, q: Float64[np.ndarray, "N d"]) -> Float64[np.ndarray, "N d"]:
@@ -142,12 +141,13 @@ class MechanicalModel:
         v: Float64[np.ndarray, "N d"],
         u: Float64[np.ndarray, "N n_u"],
     ) -> Float64[np.ndarray, "N d"]:
-        """Everything but inertia: ``M a = force``."""
+        """Everything but inertia in ``M a = force``."""
         slopes = np.einsum("nki,kab->niab", self.basis.first(len(self.mass)).slopes(q), self.mass)
-        turning = np.einsum("niab,ni,nb->na", slopes, v, v) - 0.5 * np.einsum("niab,na,nb->ni", slopes, v, v)
+        coriolis = np.einsum("niab,ni,nb->na", slopes, v, v)
+        coriolis = coriolis - 0.5 * np.einsum("niab,na,nb->ni", slopes, v, v)
         friction = np.einsum("nij,nj->ni", self.damping_at(q), v)
         friction = friction + self.dry * np.tanh(v / self.width) + self.drag * np.abs(v) * v
-        return self.spring(q) + self.drive(q, u) - turning - friction
+        return self.spring(q) + self.drive(q, u) - coriolis - friction
 
     def acceleration(
         self,
@@ -155,7 +155,7 @@ class MechanicalModel:
         v: Float64[np.ndarray, "N d"],
         u: Float64[np.ndarray, "N n_u"],
     ) -> Float64[np.ndarray, "N d"]:
-        """``M^-1 force``."""
+        """``M(q)^-1 force(q, v, u)``."""
         return np.linalg.solve(self.mass_at(q), self.force(q, v, u)[..., None])[..., 0]
 
     def inverse_dynamics(
@@ -165,18 +165,18 @@ class MechanicalModel:
         a: Float64[np.ndarray, "N d"],
         u: Float64[np.ndarray, "N n_u"],
     ) -> Float64[np.ndarray, "N d"]:
-        """The generalised force that is missing: ``M a - force``."""
+        """``M(q) a - force(q, v, u)``: the generalised force that is missing."""
         return np.einsum("nij,nj->ni", self.mass_at(q), a) - self.force(q, v, u)
 
     @cached_property
     def inertia(self) -> Float64[np.ndarray, "d d"]:
-        """``M(rest)``."""
+        """The mass matrix at rest."""
         return self.mass_at(self.rest[None])[0]
 
     @cached_property
     def stiffness(self) -> Float64[np.ndarray, "d d"]:
         """Second derivative of the potential at rest, by central differences of its gradient."""
-        step = 1e-4 * self.basis.scale
+        step = STIFFNESS_STEP * self.basis.scale
         ends = self.rest + np.concatenate([np.diag(step), -np.diag(step)])
         forward, backward = np.split(-self.spring(ends), 2)
         slope = (forward - backward) / (2.0 * step[:, None])
@@ -184,9 +184,9 @@ class MechanicalModel:
 
 
 def compute_rest_inertia(mechanics: Mechanics) -> Float64[np.ndarray, " d"]:
-    """Reference inertia of each coordinate: the diagonal of ``M`` at rest, by which forces are divided.
+    """Reference inertia of each coordinate, by which forces are divided: the diagonal of ``M`` at rest.
 
-    The diagonal, so that a force on one coordinate stays a number of that coordinate alone where inertia
-    couples them.
+    Only the diagonal, so that a force on one coordinate remains a number of that coordinate where inertia
+    couples it to others.
     """
     return np.diagonal(mechanics.mass_at(np.asarray(mechanics.rest, dtype=float)[None])[0]).copy()

@@ -1,42 +1,51 @@
-"""The sizes that a sim's fields may have, and what may change in a model of a given size."""
+"""The structure of a model: how many basis functions each field uses, and which coefficients are free."""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lagsplat.diagnose.mechanics.basis import Basis, add_angle_functions, make_polynomial_basis
+from lagsplat.diagnose.mechanics.basis import POWER, Basis, add_angle_functions, make_polynomial_basis
 from lagsplat.diagnose.mechanics.model import MechanicalModel
 
 MAX_FEW_COORDINATES = 2
-"""Coordinates up to which fields grow by two degrees at once and all slopes are taken at every step."""
+"""Up to so many coordinates the search is cheap: fields grow by up to two degrees at once."""
 COEFFICIENT_FIELDS = ("mass", "damping", "potential", "input_map", "dry", "drag")
+"""Fields of `MechanicalModel` that are estimated, in the order in which they are flattened."""
+MIN_ANGLE_RANGE = 0.6
+"""Range [rad] of every coordinate above which sines and cosines are tried beside polynomials."""
+NO_DEGREE = 99
+"""Stands for the degree of cosines and sines, above that of every polynomial."""
 
 
 def build_candidate_bases(q: np.ndarray, *, degree: int) -> list[Basis]:
-    """Candidate bases over the region of ``q``: polynomials, and angles where the range allows them."""
+    """Candidate bases over the region of ``q`` (N, d), the preferred one first.
+
+    Polynomials up to ``degree``, and a quadratic with cosines and sines of the coordinates and of their sums
+    and differences, where the coordinates move far enough to be angles.
+    """
     low, high = q.min(axis=0), q.max(axis=0)
     centre, scale = 0.5 * (low + high), np.maximum(0.5 * (high - low), 1e-9)
-    out = [make_polynomial_basis(degree, centre=centre, scale=scale)]
-    if (high - low > 0.6).all():
+    candidates = [make_polynomial_basis(degree, centre=centre, scale=scale)]
+    if (high - low > MIN_ANGLE_RANGE).all():
         d = len(low)
         multiples = [np.eye(d, dtype=np.int64)]
         for i in range(d):
             for j in range(i + 1, d):
-                difference = np.zeros((2, d), dtype=np.int64)
-                difference[:, i] = 1
-                difference[0, j], difference[1, j] = -1, 1
-                multiples.append(difference)
-        # Beyond a whole turn a polynomial of one turn tells nothing of the next, if these are angles.
+                pair = np.zeros((2, d), dtype=np.int64)
+                pair[:, i] = 1
+                pair[0, j], pair[1, j] = -1, 1
+                multiples.append(pair)
+        # If these are angles, a polynomial that is fitted to one turn does not extend to the next.
         around = bool((high - low > 2.0 * np.pi).all())
         plain = make_polynomial_basis(1 if around else 2, centre=centre, scale=scale)
         turning = add_angle_functions(plain, np.concatenate(multiples))
-        out = [turning, *out] if around else [*out, turning]
-    return out
+        candidates = [turning, *candidates] if around else [*candidates, turning]
+    return candidates
 
 
 def list_field_sizes(basis: Basis) -> list[int]:
-    """Sizes at which a field may end: after each degree of the polynomials, and after the angles."""
-    total = np.where(basis.kind == 0, basis.order.sum(axis=1), 99)
+    """Numbers of functions that a field may use: up to each degree of the polynomials, and all of them."""
+    total = np.where(basis.kind == POWER, basis.order.sum(axis=1), NO_DEGREE)
     return [int(np.sum(total <= level)) for level in np.unique(total)]
 
 
@@ -53,50 +62,56 @@ class ModelStructure:
 
     @property
     def order(self) -> tuple[int, ...]:
-        """A measure of size, to prefer the smaller of two equals."""
+        """Sizes of the fields, to prefer the smaller of two structures that fit equally well."""
         return (self.mass, self.potential, self.damping, self.input_map, self.dry, self.drag)
 
 
-def list_larger_structures(form: ModelStructure, basis: Basis, *, driven: bool) -> list[ModelStructure]:
-    """The forms that are one step larger."""
+def list_larger_structures(structure: ModelStructure, basis: Basis, *, driven: bool) -> list[ModelStructure]:
+    """The structures that are larger than ``structure`` by a single step of one field."""
     ends = list_field_sizes(basis)
     ahead = 2 if basis.order.shape[1] <= MAX_FEW_COORDINATES else 1
 
     def larger(size: int) -> list[int]:
         return [end for end in ends if end > size][:ahead]
 
-    out = [replace(form, potential=end) for end in larger(form.potential)]
-    out += [replace(form, mass=end) for end in larger(form.mass) if end <= form.potential]
-    out += [replace(form, damping=end) for end in larger(form.damping) if end <= form.potential]
+    candidates = [replace(structure, potential=end) for end in larger(structure.potential)]
+    candidates += [
+        replace(structure, mass=end) for end in larger(structure.mass) if end <= structure.potential
+    ]
+    candidates += [
+        replace(structure, damping=end) for end in larger(structure.damping) if end <= structure.potential
+    ]
     if driven:
-        out += [replace(form, input_map=end) for end in larger(form.input_map) if end <= form.potential]
-    if not form.dry:
-        out.append(replace(form, dry=True))
-    if not form.drag:
-        out.append(replace(form, drag=True))
-    return out
+        sizes = larger(structure.input_map)
+        candidates += [replace(structure, input_map=end) for end in sizes if end <= structure.potential]
+    if not structure.dry:
+        candidates.append(replace(structure, dry=True))
+    if not structure.drag:
+        candidates.append(replace(structure, drag=True))
+    return candidates
 
 
-def pad_model(model: MechanicalModel, form: ModelStructure) -> MechanicalModel:
-    """The same model with room for the coefficients of a larger form."""
+def pad_model(model: MechanicalModel, structure: ModelStructure) -> MechanicalModel:
+    """The model with zeros appended to its coefficients, as many as a larger structure has."""
 
     def pad(value: np.ndarray, size: int) -> np.ndarray:
         return np.concatenate([value, np.zeros((max(size - len(value), 0), *value.shape[1:]))])
 
     return replace(
         model,
-        mass=pad(model.mass, form.mass),
-        damping=pad(model.damping, form.damping),
-        potential=pad(model.potential, form.potential),
-        input_map=pad(model.input_map, form.input_map),
+        mass=pad(model.mass, structure.mass),
+        damping=pad(model.damping, structure.damping),
+        potential=pad(model.potential, structure.potential),
+        input_map=pad(model.input_map, structure.input_map),
     )
 
 
-def list_free_directions(model: MechanicalModel, form: ModelStructure, speed: np.ndarray) -> np.ndarray:
-    """Moves (K_free, K) of all coefficients of a model of this form, one for each number that is free.
+def list_free_directions(model: MechanicalModel, structure: ModelStructure, speed: np.ndarray) -> np.ndarray:
+    """Directions (K_free, K) in the space of all coefficients, one for each number that is free.
 
-    Each is in a unit of its field, so that one size of step suits all: the inertia, the potential at the
-    edge of the region, and the damping, friction and drag that take a twentieth of it at the rms speed.
+    Each is scaled by the size of its field, so that one size of step suits all: the inertia, the potential at
+    the edge of the region, and the damping, friction and drag that dissipate a twentieth of it at the rms
+    speed ``speed`` (d,).
     """
     d, rows = model.d, []
     blank = {name: np.zeros_like(getattr(model, name)) for name in COEFFICIENT_FIELDS}
@@ -113,30 +128,30 @@ def list_free_directions(model: MechanicalModel, form: ModelStructure, speed: np
         rows.append(np.concatenate([(blank | {name: field})[n].ravel() for n in COEFFICIENT_FIELDS]))
 
     pairs = [(i, j) for i in range(d) for j in range(i, d)]
-    for k in range(form.mass):
+    for k in range(structure.mass):
         for i, j in pairs:
             size = float(np.sqrt(model.mass[0, i, i] * model.mass[0, j, j]))
             last = (0, d - 1, d - 1)
             if k == 0 and i == j == d - 1:
                 continue  # the scale of inertia is fixed by the trace
             add("mass", size, (k, i, j), (k, j, i), minus=last if k == 0 and i == j else None)
-    for k in range(1, form.potential):
+    for k in range(1, structure.potential):
         add("potential", height, (k,))
-    for k in range(form.damping):
+    for k in range(structure.damping):
         for i, j in pairs:
             add("damping", loss, (k, i, j), (k, j, i))
-    for k in range(form.input_map):
+    for k in range(structure.input_map):
         for c in range(model.n_u):
             for i in range(d):
                 add("input_map", reach or 1.0, (k, c, i))
-    for name, flag, sizes in (("dry", form.dry, loss * speed), ("drag", form.drag, loss / speed)):
+    for name, flag, sizes in (("dry", structure.dry, loss * speed), ("drag", structure.drag, loss / speed)):
         for i in range(d) if flag else ():
             add(name, float(sizes[i]), (i,))
     return np.array(rows)
 
 
 def shift_coefficients(model: MechanicalModel, change: np.ndarray) -> MechanicalModel:
-    """The model with all its coefficients changed."""
+    """The model with ``change`` (K,) added to all its coefficients, in the order of `COEFFICIENT_FIELDS`."""
     values, at = {}, 0
     for name in COEFFICIENT_FIELDS:
         value = getattr(model, name)

@@ -10,20 +10,24 @@ from ruptures import KernelCPD
 from scipy.ndimage import uniform_filter1d
 from scipy.stats import chi2, false_discovery_control
 
-from lagsplat.diagnose.residual.latent_force import Smoothed, energies, swing_acceleration
+from lagsplat.diagnose.residual.latent_force import (
+    LatentForceEstimate,
+    compute_relative_squares,
+    compute_rms_acceleration,
+)
 
-STRIDE = 0.125  # of the period, between the levels among which changes are sought
-WINDOW = 0.5  # of the period: over it, the square of a swing is level
-SPREAD = 0.5  # variance of a level's logarithm where nothing changes
-ALIKE = 2.0  # neighbours whose levels' logarithms differ by less are one event
-EDGE = 0.25  # an event ends where the residual last exceeds this part of its peak
-SMALLEST = 0.02  # share below which an event is not told
-RATE = 0.05  # of false discoveries
-MOST = 5
+LEVEL_STRIDE = 0.125  # of the period, between the levels among which changes are sought
+LEVEL_WINDOW = 0.5  # of the period: over it, the square of a swing is level
+LEVEL_VARIANCE = 0.5  # variance of a level's logarithm where nothing changes
+MAX_LEVEL_DIFFERENCE = 2.0  # neighbours whose levels' logarithms differ by less are one event
+EDGE_SHARE = 0.25  # an event ends where the residual last exceeds this part of its peak
+MIN_EVENT_SHARE = 0.02  # share below which an event is not told
+FALSE_DISCOVERY_RATE = 0.05  # of false discoveries
+MAX_EVENTS = 5
 
 
 @dataclass(frozen=True)
-class Event:
+class ResidualEvent:
     """A span of one motion in which the residual stands out: the motion's number, from ``start_s`` to
     ``end_s`` on its clock, and the ``share`` of all motions' residual inside."""
 
@@ -33,7 +37,7 @@ class Event:
     share: float
 
 
-def events(smoothed: Sequence[Smoothed], *, period_s: float) -> list[Event]:
+def find_events(smoothed: Sequence[LatentForceEstimate], *, period_s: float) -> list[ResidualEvent]:
     """The spans that hold most of the residual, largest share first, at most five.
 
     Change points of the residual's level (the logarithm of its square over half a period) divide each clip;
@@ -42,30 +46,32 @@ def events(smoothed: Sequence[Smoothed], *, period_s: float) -> list[Event]:
 
     Source: Killick, Fearnhead, Eckley (2012) for the change points; Benjamini and Hochberg (1995).
     """
-    squares = [energy.sum(axis=1) for energy in energies(smoothed)]
-    total = sum(_integral(one, square) for one, square in zip(smoothed, squares, strict=True))
+    squares = [energy.sum(axis=1) for energy in compute_relative_squares(smoothed)]
+    total = sum(_integrate(one, square) for one, square in zip(smoothed, squares, strict=True))
     spans = [
         (number, start, stop)
         for number, (one, square) in enumerate(zip(smoothed, squares, strict=True))
-        for start, stop in _divided(one, square, swing_acceleration(smoothed), period_s)
+        for start, stop in _split_at_changes(one, square, compute_rms_acceleration(smoothed), period_s)
     ]
     if not spans or total <= 0.0:
         return []
-    p = [_chance(smoothed[number], start, stop, period_s) for number, start, stop in spans]
-    kept = [span for span, q in zip(spans, false_discovery_control(p), strict=True) if q < RATE]
+    p = [_compute_chance(smoothed[number], start, stop, period_s) for number, start, stop in spans]
+    kept = [
+        span for span, q in zip(spans, false_discovery_control(p), strict=True) if q < FALSE_DISCOVERY_RATE
+    ]
     found = []
-    for number, start, stop in _joined(kept, squares):
+    for number, start, stop in _join_spans(kept, squares):
         square, time_s = squares[number], smoothed[number].motion.time_s
-        loud = start + np.flatnonzero(square[start:stop] >= EDGE**2 * square[start:stop].max())
+        loud = start + np.flatnonzero(square[start:stop] >= EDGE_SHARE**2 * square[start:stop].max())
         inside = np.zeros(len(square), dtype=bool)
         inside[loud[0] : loud[-1] + 1] = True
-        share = _integral(smoothed[number], np.where(inside, square, 0.0)) / total
-        found.append(Event(number, float(time_s[loud[0]]), float(time_s[loud[-1]]), float(share)))
-    found = [event for event in _bridged(found, period_s) if event.share >= SMALLEST]
-    return sorted(found, key=lambda event: -event.share)[:MOST]
+        share = _integrate(smoothed[number], np.where(inside, square, 0.0)) / total
+        found.append(ResidualEvent(number, float(time_s[loud[0]]), float(time_s[loud[-1]]), float(share)))
+    found = [event for event in _bridge_events(found, period_s) if event.share >= MIN_EVENT_SHARE]
+    return sorted(found, key=lambda event: -event.share)[:MAX_EVENTS]
 
 
-def sample_weights(one: Smoothed) -> Float64[np.ndarray, " T"]:
+def compute_sample_weights(one: LatentForceEstimate) -> Float64[np.ndarray, " T"]:
     """Time each sample stands for [s]: half a step to either side, inside its clip."""
     weights = np.zeros(one.motion.n)
     for start, stop in one.motion.segments:
@@ -75,17 +81,19 @@ def sample_weights(one: Smoothed) -> Float64[np.ndarray, " T"]:
     return weights
 
 
-def _integral(one: Smoothed, square: np.ndarray) -> float:
-    return float(sample_weights(one) @ square)
+def _integrate(one: LatentForceEstimate, square: np.ndarray) -> float:
+    return float(compute_sample_weights(one) @ square)
 
 
-def _divided(one: Smoothed, square: np.ndarray, unit: np.ndarray, period_s: float) -> list[tuple[int, int]]:
+def _split_at_changes(
+    one: LatentForceEstimate, square: np.ndarray, unit: np.ndarray, period_s: float
+) -> list[tuple[int, int]]:
     """Half-open spans between change points, clip by clip; none where no force was kept."""
     if not one.active.any():
         return []
     dt_s = one.motion.dt_s
-    stride = max(1, round(STRIDE * period_s / dt_s))
-    width = max(1, round(WINDOW * period_s / dt_s))
+    stride = max(1, round(LEVEL_STRIDE * period_s / dt_s))
+    width = max(1, round(LEVEL_WINDOW * period_s / dt_s))
     uncertain = np.where(one.active, one.std / unit, 0.0) ** 2
     floor = np.mean(uncertain.sum(axis=1)) + np.finfo(float).tiny
     spans = []
@@ -93,20 +101,20 @@ def _divided(one: Smoothed, square: np.ndarray, unit: np.ndarray, period_s: floa
         level = np.log(uniform_filter1d(square[start:stop], width, mode="nearest") + floor)[::stride]
         ends = [len(level)]
         if len(level) >= 4:
-            penalty = 2.0 * SPREAD * np.log(len(level))
+            penalty = 2.0 * LEVEL_VARIANCE * np.log(len(level))
             ends = KernelCPD(kernel="linear", min_size=2).fit(level[:, None]).predict(pen=penalty)
         borders = [start, *(min(start + end * stride, stop) for end in ends[:-1]), stop]
         spans += [(a, b) for a, b in pairwise(borders) if b > a]
     return spans
 
 
-def _chance(one: Smoothed, start: int, stop: int, period_s: float) -> float:
+def _compute_chance(one: LatentForceEstimate, start: int, stop: int, period_s: float) -> float:
     """Probability of as large a residual between two samples if there were none (an upper bound).
 
     What the windows of a long span's ends share with its neighbours is left out of it.
     """
     active: Bool[np.ndarray, " d"] = one.active
-    edge = round((0.5 * WINDOW + STRIDE) * period_s / one.motion.dt_s)
+    edge = round((0.5 * LEVEL_WINDOW + LEVEL_STRIDE) * period_s / one.motion.dt_s)
     if stop - start > 4 * edge:
         start, stop = start + edge, stop - edge
     spacing = max(1, round(one.length_s / one.motion.dt_s))
@@ -117,27 +125,27 @@ def _chance(one: Smoothed, start: int, stop: int, period_s: float) -> float:
     return float(chi2.sf(distance, residual.size))
 
 
-def _bridged(found: list[Event], period_s: float) -> list[Event]:
+def _bridge_events(found: list[ResidualEvent], period_s: float) -> list[ResidualEvent]:
     """Events in the order of time, those less than a period apart made one if they are equally strong."""
-    bridged: list[Event] = []
+    bridged: list[ResidualEvent] = []
     for event in found:
         last = bridged[-1] if bridged else event
         near = last.motion == event.motion and 0.0 < event.start_s - last.end_s < period_s
         strengths = [one.share / max(one.end_s - one.start_s, 1e-9) for one in (last, event)]
-        if near and abs(np.log(strengths[0] / strengths[1])) < ALIKE:
-            bridged[-1] = Event(last.motion, last.start_s, event.end_s, last.share + event.share)
+        if near and abs(np.log(strengths[0] / strengths[1])) < MAX_LEVEL_DIFFERENCE:
+            bridged[-1] = ResidualEvent(last.motion, last.start_s, event.end_s, last.share + event.share)
         else:
             bridged.append(event)
     return bridged
 
 
-def _joined(kept: list[tuple[int, int, int]], squares: list[np.ndarray]) -> list[tuple[int, int, int]]:
+def _join_spans(kept: list[tuple[int, int, int]], squares: list[np.ndarray]) -> list[tuple[int, int, int]]:
     joined: list[tuple[int, int, int]] = []
     levels: list[float] = []
     for number, start, stop in kept:
         level = float(np.log(np.mean(squares[number][start:stop])))
         touches = joined and joined[-1][0] == number and joined[-1][2] == start
-        if touches and abs(level - levels[-1]) < ALIKE:
+        if touches and abs(level - levels[-1]) < MAX_LEVEL_DIFFERENCE:
             joined[-1] = (number, joined[-1][1], stop)
         else:
             joined.append((number, start, stop))

@@ -17,17 +17,17 @@ from jaxtyping import Float64
 from scipy.signal import correlate
 from sklearn.kernel_ridge import KernelRidge
 
-from lagsplat.diagnose.residual.features import FOLDS, GROUPS, Features, input_rates
-from lagsplat.diagnose.residual.latent_force import Smoothed
+from lagsplat.diagnose.residual.features import FEATURE_GROUPS, FOLDS, ResidualFeatures, compute_input_rates
+from lagsplat.diagnose.residual.latent_force import LatentForceEstimate
 
 RIDGES = (1e-5, 1e-3, 1e-1)
-WIDTHS = (1.0, 3.0)  # of the kernel, over the root of the number of features
-MOST_SAMPLES = 400
+KERNEL_WIDTHS = (1.0, 3.0)  # of the kernel, over the root of the number of features
+MAX_KERNEL_SAMPLES = 400
 
 
 @dataclass(frozen=True)
-class Components:
-    """``shares`` of the residual by group, and ``unexplained``, summing to one; ``memory_index``: what the
+class ResidualComponents:
+    """``shares`` of the residual by group, and ``unexplained``, summing to one; ``compute_memory_index``: what the
     past adds to a prediction from the present, without assuming a form; both over all coordinates."""
 
     shares: dict[str, float]
@@ -36,10 +36,12 @@ class Components:
     @property
     def largest(self) -> str:
         """The group of largest share."""
-        return max(GROUPS, key=lambda name: self.shares[name])
+        return max(FEATURE_GROUPS, key=lambda name: self.shares[name])
 
 
-def components(found: Features, coordinate_share: Float64[np.ndarray, " d"]) -> Components:
+def compute_components(
+    found: ResidualFeatures, coordinate_share: Float64[np.ndarray, " d"]
+) -> ResidualComponents:
     """Shares of every group, coordinates weighted by their own share of the residual.
 
     Groups share what they explain together by Shapley's rule (LMG), but memory gets only what no present
@@ -47,27 +49,29 @@ def components(found: Features, coordinate_share: Float64[np.ndarray, " d"]) -> 
 
     Source: Lindeman, Merenda, Gold (1980) and Groemping (2007) for the shares.
     """
-    shares = dict.fromkeys((*GROUPS, "unexplained"), 0.0)
+    shares = dict.fromkeys((*FEATURE_GROUPS, "unexplained"), 0.0)
     index = 0.0
     for i in np.flatnonzero(coordinate_share > 0.01):
-        own = _shapley(found, int(i))
+        own = _compute_shapley_shares(found, int(i))
         shares = {name: shares[name] + coordinate_share[i] * own[name] for name in shares}
-        index += coordinate_share[i] * memory_index(found, int(i))
+        index += coordinate_share[i] * compute_memory_index(found, int(i))
     total = sum(shares.values())
     if total <= 0.0:
-        return Components(shares | {"unexplained": 1.0}, 0.0)
-    return Components({name: float(share / total) for name, share in shares.items()}, float(index))
+        return ResidualComponents(shares | {"unexplained": 1.0}, 0.0)
+    return ResidualComponents({name: float(share / total) for name, share in shares.items()}, float(index))
 
 
-def explained(found: Features, coordinate: int, columns: Float64[np.ndarray, "n k"]) -> float:
+def compute_explained_share(
+    found: ResidualFeatures, coordinate: int, columns: Float64[np.ndarray, "n k"]
+) -> float:
     """Share of the residual's square that a ridge regression on ``columns`` predicts on left-out blocks.
 
     Against zero, not the mean: a constant force is a finding. At least zero; the best of three ridges.
     """
-    return _Folded(found, coordinate, columns).score(np.arange(columns.shape[1]))
+    return _FoldedRegression(found, coordinate, columns).score(np.arange(columns.shape[1]))
 
 
-def memory_index(found: Features, coordinate: int) -> float:
+def compute_memory_index(found: ResidualFeatures, coordinate: int) -> float:
     """How much better lags predict the residual on left-out blocks than the present alone, in [0, 1].
 
     By kernel regression, which needs no form of the dependence.
@@ -83,13 +87,17 @@ def memory_index(found: Features, coordinate: int) -> float:
         axis=1,
     )
     wide = np.concatenate([present, groups["memory"]], axis=1)
-    return max(0.0, _kernel_score(found, coordinate, wide) - _kernel_score(found, coordinate, present))
+    return max(
+        0.0,
+        _score_kernel_regression(found, coordinate, wide)
+        - _score_kernel_regression(found, coordinate, present),
+    )
 
 
-class _Folded:
+class _FoldedRegression:
     """Normal equations of one coordinate's regression, fold by fold."""
 
-    def __init__(self, found: Features, coordinate: int, columns: np.ndarray) -> None:
+    def __init__(self, found: ResidualFeatures, coordinate: int, columns: np.ndarray) -> None:
         weight = found.weight[:, coordinate]
         weight = weight / weight.sum()
         rms = np.sqrt(weight @ columns**2)
@@ -114,14 +122,14 @@ class _Folded:
         return best
 
 
-def _shapley(found: Features, coordinate: int) -> dict[str, float]:
+def _compute_shapley_shares(found: ResidualFeatures, coordinate: int) -> dict[str, float]:
     groups = found.groups[coordinate]
-    present = [name for name in GROUPS[:-1] if groups[name].shape[1]]
+    present = [name for name in FEATURE_GROUPS[:-1] if groups[name].shape[1]]
     sizes = np.cumsum([0, *(groups[name].shape[1] for name in (*present, "memory"))])
     columns = {
         name: np.arange(a, b) for name, a, b in zip((*present, "memory"), sizes[:-1], sizes[1:], strict=True)
     }
-    fit = _Folded(found, coordinate, np.concatenate([groups[name] for name in columns], axis=1))
+    fit = _FoldedRegression(found, coordinate, np.concatenate([groups[name] for name in columns], axis=1))
 
     def value(names: Sequence[str]) -> float:
         return fit.score(np.concatenate([columns[name] for name in names])) if names else 0.0
@@ -132,7 +140,7 @@ def _shapley(found: Features, coordinate: int) -> dict[str, float]:
         for names in combinations(present, count)
     }
     n = len(present)
-    shares = dict.fromkeys(GROUPS, 0.0)
+    shares = dict.fromkeys(FEATURE_GROUPS, 0.0)
     for name in present:
         others = [other for other in present if other != name]
         for count in range(n):
@@ -149,8 +157,8 @@ def _shapley(found: Features, coordinate: int) -> dict[str, float]:
     return positive | {"unexplained": max(0.0, 1.0 - sum(positive.values()))}
 
 
-def _kernel_score(found: Features, coordinate: int, columns: np.ndarray) -> float:
-    picked = slice(None, None, max(1, int(np.ceil(len(columns) / MOST_SAMPLES))))
+def _score_kernel_regression(found: ResidualFeatures, coordinate: int, columns: np.ndarray) -> float:
+    picked = slice(None, None, max(1, int(np.ceil(len(columns) / MAX_KERNEL_SAMPLES))))
     x, y = columns[picked], found.target[picked, coordinate]
     spread = np.std(x, axis=0)
     x = (x / np.where(spread > 0.0, spread, 1.0))[:, spread > 0.0]
@@ -158,7 +166,7 @@ def _kernel_score(found: Features, coordinate: int, columns: np.ndarray) -> floa
     if not x.shape[1] or scale == 0.0:
         return 0.0
     fold, scores = found.fold[picked], []
-    for width in WIDTHS:
+    for width in KERNEL_WIDTHS:
         gamma = 0.5 / (width**2 * x.shape[1])
         error = 0.0
         for left_out in range(FOLDS):
@@ -170,12 +178,12 @@ def _kernel_score(found: Features, coordinate: int, columns: np.ndarray) -> floa
     return max(0.0, *scores)
 
 
-BOUND = 1.96
+CHANCE_BOUND = 1.96
 """Standard deviations that chance exceeds once in twenty times."""
 
 
 @dataclass(frozen=True)
-class Fingerprint:
+class ResidualCorrelations:
     """Correlation of each coordinate's residual with its regressors: ``score`` (d, k) is its size over the
     5 % bound, zero where a coordinate has no residual or a regressor does not vary."""
 
@@ -184,49 +192,51 @@ class Fingerprint:
     score: Float64[np.ndarray, "d k"]
 
 
-def fingerprint(
-    smoothed: Sequence[Smoothed], *, q_names: Sequence[str], u_names: Sequence[str]
-) -> Fingerprint:
+def compute_residual_correlations(
+    smoothed: Sequence[LatentForceEstimate], *, q_names: Sequence[str], u_names: Sequence[str]
+) -> ResidualCorrelations:
     """Test the residual of ``smoothed`` motions against inputs, their rates, and functions of its own
     coordinate and velocity, and time."""
     lengths = [stop - start for one in smoothed for start, stop in one.motion.segments]
     residual = np.concatenate([one.residual for one in smoothed])
     q, v = (np.concatenate([getattr(one, name) for one in smoothed]) for name in ("q", "v"))
-    inputs = _driving(smoothed, u_names)
+    inputs = _get_input_regressors(smoothed, u_names)
     time_s = np.concatenate([one.motion.time_s for one in smoothed])
     names: tuple[str, ...] = ()
     rows = []
     for i in range(q.shape[1]):
-        named = inputs | _own(q[:, i], v[:, i]) | {"t": time_s}
+        named = inputs | _compute_coordinate_regressors(q[:, i], v[:, i]) | {"t": time_s}
         names = tuple(named)
-        rows.append([_over_bound(residual[:, i], column, lengths) for column in named.values()])
-    return Fingerprint(tuple(q_names), names, np.array(rows))
+        rows.append([_score_correlation(residual[:, i], column, lengths) for column in named.values()])
+    return ResidualCorrelations(tuple(q_names), names, np.array(rows))
 
 
-def _driving(smoothed: Sequence[Smoothed], u_names: Sequence[str]) -> dict[str, np.ndarray]:
+def _get_input_regressors(
+    smoothed: Sequence[LatentForceEstimate], u_names: Sequence[str]
+) -> dict[str, np.ndarray]:
     u = np.concatenate([one.motion.u for one in smoothed])
-    rates = np.concatenate([input_rates(one) for one in smoothed])
+    rates = np.concatenate([compute_input_rates(one) for one in smoothed])
     out = {name: u[:, j] for j, name in enumerate(u_names)}
     return out | {f"d{name}/dt": rates[:, j] for j, name in enumerate(u_names)}
 
 
-def _own(q: np.ndarray, v: np.ndarray) -> dict[str, np.ndarray]:
+def _compute_coordinate_regressors(q: np.ndarray, v: np.ndarray) -> dict[str, np.ndarray]:
     middle = q - q.mean()
     return {"q": q, "q²": middle**2, "q³": middle**3, "v": v, "sign v": np.sign(v), "|v| v": np.abs(v) * v}
 
 
-def _over_bound(residual: np.ndarray, column: np.ndarray, lengths: Sequence[int]) -> float:
-    """Size of the correlation of two series of several clips over `BOUND` of its standard deviations."""
+def _score_correlation(residual: np.ndarray, column: np.ndarray, lengths: Sequence[int]) -> float:
+    """Size of the correlation of two series of several clips over `CHANCE_BOUND` of its standard deviations."""
     first, second = (series - series.mean() for series in (residual, column))
     power = np.sqrt((first @ first) * (second @ second))
     # a constant leaves only what rounding makes of it
     if power <= 1e-12 * len(first) * np.abs(column).max(initial=0.0) * np.abs(residual).max(initial=0.0):
         return 0.0
     parts = zip(*(np.split(series, np.cumsum(lengths)[:-1]) for series in (first, second)), strict=True)
-    spread = sum(float(_alike(a) @ _alike(b)) for a, b in parts)
-    return float(abs(first @ second) / (BOUND * np.sqrt(max(spread, np.finfo(float).tiny))))
+    spread = sum(float(_autocorrelate(a) @ _autocorrelate(b)) for a, b in parts)
+    return float(abs(first @ second) / (CHANCE_BOUND * np.sqrt(max(spread, np.finfo(float).tiny))))
 
 
-def _alike(series: np.ndarray) -> np.ndarray:
+def _autocorrelate(series: np.ndarray) -> np.ndarray:
     """Sum of products of a series (n,) with itself at every lag (2 n - 1,), over the root of its length."""
     return correlate(series, series, method="fft") / np.sqrt(len(series))

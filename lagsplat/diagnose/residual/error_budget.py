@@ -13,19 +13,20 @@ from jaxtyping import Float64
 from sklearn.covariance import MinCovDet
 
 from lagsplat.diagnose.mechanics.model import Mechanics
-from lagsplat.diagnose.residual.latent_force import Smoothed
+from lagsplat.diagnose.residual.latent_force import LatentForceEstimate
+from lagsplat.diagnose.solvers.runge_kutta import take_runge_kutta_step
 
-DRAWS = 999
+BOOTSTRAP_DRAWS = 999
 COVERAGE = 0.95
 SUSPECT_RATIO = 2.0  # of the real pictures' error to that of those the sim was learnt from
-SUSPECT_OUTSIDE = 0.05  # share of frames beyond what 1 in 1000 should be
-OUTSIDE = 0.999
-WORST = 1e3  # rms: a forecast that leaves all bounds counts as this
-FINEST = 0.02  # of the horizon, one step of the forecast's integrator at most
+SUSPECT_OUTSIDE_SHARE = 0.05  # share of frames beyond what 1 in 1000 should be
+NOMINAL_QUANTILE = 0.999
+MAX_RELATIVE_ERROR = 1e3  # rms: a forecast that leaves all bounds counts as this
+MAX_STEP_SHARE = 0.02  # of the horizon, one step of the forecast's integrator at most
 
 
 @dataclass(frozen=True)
-class Rung:
+class ErrorStage:
     """A ``value`` between ``low`` and ``high`` (95 %, over blocks) above its ``floor``, None if unknown."""
 
     name: str
@@ -36,7 +37,7 @@ class Rung:
 
 
 @dataclass(frozen=True)
-class Perception:
+class PerceptionQuality:
     """``ratio`` of the real pictures' error to the nominal, ``outside`` share of frames beyond the nominal
     cloud of latents; ``suspect`` where either says that later findings stand on bad pictures."""
 
@@ -45,12 +46,12 @@ class Perception:
     suspect: bool
 
 
-def perception(
+def assess_perception(
     error_real: Float64[np.ndarray, " T"],
     error_nominal: Float64[np.ndarray, " N"],
     latents_real: Float64[np.ndarray, "T d"],
     latents_nominal: Float64[np.ndarray, "N d"],
-) -> Perception:
+) -> PerceptionQuality:
     """Judge pictures and latents by those the sim was learnt from.
 
     Errors are mean squared ones of each frame, decoded from its own latents. The nominal cloud is robustly
@@ -63,39 +64,41 @@ def perception(
         raise ValueError("the nominal pictures are drawn without any error; give errors of pictures held out")
     ratio = float(np.mean(error_real) / np.mean(error_nominal))
     cloud = MinCovDet(random_state=0).fit(latents_nominal)
-    limit = np.quantile(cloud.mahalanobis(latents_nominal), OUTSIDE)
+    limit = np.quantile(cloud.mahalanobis(latents_nominal), NOMINAL_QUANTILE)
     outside = float(np.mean(cloud.mahalanobis(latents_real) > limit))
-    return Perception(ratio, outside, ratio > SUSPECT_RATIO or outside > SUSPECT_OUTSIDE)
+    return PerceptionQuality(ratio, outside, ratio > SUSPECT_RATIO or outside > SUSPECT_OUTSIDE_SHARE)
 
 
-def perception_rung(
+def compute_perception_stage(
     error_real: Float64[np.ndarray, " T"],
     error_nominal: Float64[np.ndarray, " N"],
     *,
     block: int,
     seed: int = 0,
-) -> Rung:
+) -> ErrorStage:
     """Root mean squared error of pictures over blocks of so many frames; the floor is the nominal one's."""
     blocks = [error_real[start : start + block] for start in range(0, len(error_real), block)]
     floor = float(np.sqrt(np.mean(error_nominal)))
-    return _rung("perception", [np.mean(one) for one in blocks], floor, seed)
+    return _bootstrap_stage("perception", [np.mean(one) for one in blocks], floor, seed)
 
 
-def chart_rung(smoothed: Sequence[Smoothed], nominal: Sequence[Smoothed] | None, *, seed: int = 0) -> Rung:
+def compute_chart_stage(
+    smoothed: Sequence[LatentForceEstimate], nominal: Sequence[LatentForceEstimate] | None, *, seed: int = 0
+) -> ErrorStage:
     """Jitter of positions about their smoothed path, clip by clip; the floor is that of the sim's motions."""
-    floor = None if nominal is None else float(np.sqrt(np.mean(_jitters(nominal))))
-    return _rung("chart", _jitters(smoothed), floor, seed)
+    floor = None if nominal is None else float(np.sqrt(np.mean(_compute_jitters(nominal))))
+    return _bootstrap_stage("chart", _compute_jitters(smoothed), floor, seed)
 
 
-def forecast_rung(
+def compute_forecast_stage(
     mechanics: Mechanics,
-    smoothed: Sequence[Smoothed],
+    smoothed: Sequence[LatentForceEstimate],
     *,
     horizon_s: float,
-    nominal: Sequence[Smoothed] | None = None,
+    nominal: Sequence[LatentForceEstimate] | None = None,
     name: str = "rollout",
     seed: int = 0,
-) -> Rung:
+) -> ErrorStage:
     """Gap of the sim's forecasts from smoothed states, one after another, each ``horizon_s`` long.
 
     The floor is the same number on ``nominal`` motions, which the sim should forecast.
@@ -105,46 +108,46 @@ def forecast_rung(
     """
     floor = None
     if nominal is not None:
-        floor = float(np.sqrt(np.mean(_forecast_errors(mechanics, nominal, horizon_s))))
-    return _rung(name, _forecast_errors(mechanics, smoothed, horizon_s), floor, seed)
+        floor = float(np.sqrt(np.mean(_compute_forecast_errors(mechanics, nominal, horizon_s))))
+    return _bootstrap_stage(name, _compute_forecast_errors(mechanics, smoothed, horizon_s), floor, seed)
 
 
-def one_step_rung(
+def compute_one_step_stage(
     mechanics: Mechanics,
-    smoothed: Sequence[Smoothed],
+    smoothed: Sequence[LatentForceEstimate],
     *,
-    nominal: Sequence[Smoothed] | None = None,
+    nominal: Sequence[LatentForceEstimate] | None = None,
     seed: int = 0,
-) -> Rung:
+) -> ErrorStage:
     """Gap one sample ahead, from every tenth smoothed state on."""
     horizon_s = 1.001 * max(one.motion.dt_s for one in smoothed)
-    return forecast_rung(
+    return compute_forecast_stage(
         mechanics, smoothed, horizon_s=horizon_s, nominal=nominal, name="one step", seed=seed
     )
 
 
-def climb(
+def compute_error_stages(
     mechanics: Mechanics,
-    smoothed: Sequence[Smoothed],
-    nominal: Sequence[Smoothed] | None,
+    smoothed: Sequence[LatentForceEstimate],
+    nominal: Sequence[LatentForceEstimate] | None,
     *,
     horizon_s: float,
     pictures: tuple[Float64[np.ndarray, " T"], Float64[np.ndarray, " N"]] | None = None,
     block: int = 1,
-) -> tuple[Rung, ...]:
+) -> tuple[ErrorStage, ...]:
     """All rungs from the picture on; without ``pictures`` (errors, nominal errors) those from the chart on.
 
     A forecast that no clip is long enough for is left out.
     """
-    rungs = [] if pictures is None else [perception_rung(*pictures, block=block)]
-    rungs.append(chart_rung(smoothed, nominal))
+    rungs = [] if pictures is None else [compute_perception_stage(*pictures, block=block)]
+    rungs.append(compute_chart_stage(smoothed, nominal))
     with contextlib.suppress(ValueError):
-        rungs.append(one_step_rung(mechanics, smoothed, nominal=nominal))
-        rungs.append(forecast_rung(mechanics, smoothed, horizon_s=horizon_s, nominal=nominal))
+        rungs.append(compute_one_step_stage(mechanics, smoothed, nominal=nominal))
+        rungs.append(compute_forecast_stage(mechanics, smoothed, horizon_s=horizon_s, nominal=nominal))
     return tuple(rungs)
 
 
-def stage_shares(
+def compute_stage_shares(
     *, decoded: float, smoothed: float, one_step: float, rollout: float
 ) -> dict[str, tuple[float, float]]:
     """Share of a picture's error that each stage adds, (at least zero, as computed), by telescoping.
@@ -162,7 +165,7 @@ def stage_shares(
     return {name: (max(0.0, float(share)), float(share)) for name, share in zip(names, raw, strict=True)}
 
 
-def forecast(
+def forecast_positions(
     mechanics: Mechanics,
     q: Float64[np.ndarray, "B d"],
     v: Float64[np.ndarray, "B d"],
@@ -192,17 +195,15 @@ def forecast(
                 first, middle, last = (
                     u[:, k] + (i + share) / count * (u[:, k + 1] - u[:, k]) for share in (0.0, 0.5, 1.0)
                 )
-                k1 = slope(state, first)
-                k2 = slope(state + 0.5 * part * k1, middle)
-                k3 = slope(state + 0.5 * part * k2, middle)
-                k4 = slope(state + part * k3, last)
-                state = state + part / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+                state = take_runge_kutta_step(slope, state, part, (first, middle, last))
             path.append(state[:, :d])
     return np.nan_to_num(np.stack(path, axis=1), nan=np.inf)
 
 
-def _forecast_errors(mechanics: Mechanics, smoothed: Sequence[Smoothed], horizon_s: float) -> list[float]:
-    """Mean squared error of each forecast over its coordinate's variance, at most that of `WORST`."""
+def _compute_forecast_errors(
+    mechanics: Mechanics, smoothed: Sequence[LatentForceEstimate], horizon_s: float
+) -> list[float]:
+    """Mean squared error of each forecast over its coordinate's variance, at most that of `MAX_RELATIVE_ERROR`."""
     variance = np.var(np.concatenate([one.motion.q for one in smoothed]), axis=0)
     errors: list[float] = []
     for one in smoothed:
@@ -213,18 +214,18 @@ def _forecast_errors(mechanics: Mechanics, smoothed: Sequence[Smoothed], horizon
         if not starts:
             continue
         at = np.array(starts)[:, None] + np.arange(length)
-        path = forecast(
+        path = forecast_positions(
             mechanics, one.q[starts], one.v[starts], motion.time_s[at], motion.u[at],
-            finest_s=max(FINEST * horizon_s, 0.25 * motion.dt_s),
+            finest_s=max(MAX_STEP_SHARE * horizon_s, 0.25 * motion.dt_s),
         )  # fmt: skip
         squares = np.mean((path[:, 1:] - motion.q[at[:, 1:]]) ** 2 / variance, axis=(1, 2))
-        errors += np.minimum(squares, WORST**2).tolist()
+        errors += np.minimum(squares, MAX_RELATIVE_ERROR**2).tolist()
     if not errors:
         raise ValueError(f"no clip lasts {horizon_s:.3g} s, so nothing can be forecast that far; shorten it")
     return errors
 
 
-def _jitters(smoothed: Sequence[Smoothed]) -> list[float]:
+def _compute_jitters(smoothed: Sequence[LatentForceEstimate]) -> list[float]:
     variance = np.var(np.concatenate([one.motion.q for one in smoothed]), axis=0)
     return [
         float(np.mean(one.innovation[a:b] ** 2 / variance))
@@ -233,10 +234,10 @@ def _jitters(smoothed: Sequence[Smoothed]) -> list[float]:
     ]
 
 
-def _rung(name: str, squares: Sequence[float], floor: float | None, seed: int) -> Rung:
+def _bootstrap_stage(name: str, squares: Sequence[float], floor: float | None, seed: int) -> ErrorStage:
     """Root of the mean square with its bootstrap interval over blocks."""
     values = np.asarray(squares, dtype=float)
-    drawn = np.random.default_rng(seed).integers(0, len(values), (DRAWS, len(values)))
+    drawn = np.random.default_rng(seed).integers(0, len(values), (BOOTSTRAP_DRAWS, len(values)))
     tail = 0.5 * (1.0 - COVERAGE)
     low, high = np.sqrt(np.quantile(values[drawn].mean(axis=1), [tail, 1.0 - tail]))
-    return Rung(name, float(np.sqrt(values.mean())), float(low), float(high), floor)
+    return ErrorStage(name, float(np.sqrt(values.mean())), float(low), float(high), floor)

@@ -13,19 +13,19 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from lagsplat.diagnose.mechanics.model import Mechanics, compute_rest_inertia
-from lagsplat.diagnose.residual.change_points import sample_weights
-from lagsplat.diagnose.residual.latent_force import Smoothed
+from lagsplat.diagnose.residual.change_points import compute_sample_weights
+from lagsplat.diagnose.residual.latent_force import LatentForceEstimate
 
-GROUPS = ("inertial", "conservative", "dissipative", "actuation", "exogenous", "memory")
-LAGS = (0.125, 0.25, 0.5, 1.0)  # of the period
-REVERSAL = 0.05  # of the rms velocity: what is slower counts as a reversal
-BLOCK = 0.75  # of the period
+FEATURE_GROUPS = ("inertial", "conservative", "dissipative", "actuation", "exogenous", "memory")
+LAG_PERIODS = (0.125, 0.25, 0.5, 1.0)  # of the period
+REVERSAL_SPEED = 0.05  # of the rms velocity: what is slower counts as a reversal
+BLOCK_PERIODS = 0.75  # of the period
 FOLDS = 5
-MOST_SAMPLES = 800
+MAX_SAMPLES = 800
 
 
 @dataclass(frozen=True)
-class Features:
+class ResidualFeatures:
     """Samples of the residual and what may explain it.
 
     ``picked`` (n,) their numbers among the samples of all motions; ``target`` (n, d); ``weight`` (n, d) one
@@ -40,51 +40,53 @@ class Features:
     groups: tuple[dict[str, np.ndarray], ...]
 
 
-def features(
+def compute_features(
     mechanics: Mechanics,
-    smoothed: Sequence[Smoothed],
+    smoothed: Sequence[LatentForceEstimate],
     *,
     period_s: float,
     lines_hz: Sequence[float] = (),
-) -> Features:
+) -> ResidualFeatures:
     """Features of every coordinate on evenly picked samples; ``lines_hz`` [Hz] are sinusoids to try."""
-    q, v, u = (np.concatenate([_series(one, name) for one in smoothed]) for name in ("q", "v", "u"))
+    q, v, u = (np.concatenate([_get_series(one, name) for one in smoothed]) for name in ("q", "v", "u"))
     residual = np.concatenate([one.residual for one in smoothed])
     time_s = np.concatenate([one.motion.time_s for one in smoothed])
     elapsed = np.concatenate([one.motion.time_s - one.motion.time_s[0] for one in smoothed])
     variance = np.concatenate([one.std for one in smoothed]) ** 2 + (0.05 * np.std(residual, axis=0)) ** 2
-    rates = np.concatenate([input_rates(one) for one in smoothed])
-    fold = _folds(smoothed, period_s)
-    picked = np.arange(0, len(q), max(1, int(np.ceil(len(q) / MOST_SAMPLES))))
-    lagged = np.concatenate([_lagged(one, period_s) for one in smoothed])
+    rates = np.concatenate([compute_input_rates(one) for one in smoothed])
+    fold = _assign_folds(smoothed, period_s)
+    picked = np.arange(0, len(q), max(1, int(np.ceil(len(q) / MAX_SAMPLES))))
+    lagged = np.concatenate([_compute_lagged_columns(one, period_s) for one in smoothed])
     position = (q - mechanics.rest) / np.std(q, axis=0)
     velocity = v / np.sqrt(np.mean(v**2, axis=0))
     whole = mechanics.force(q, v, u) / compute_rest_inertia(mechanics)
-    driven = _scaled(u)
+    driven = _scale_columns(u)
     bends = (driven**3, np.abs(driven) * driven, np.tanh(3 * driven))
-    earlier = lagged[:, mechanics.d * len(LAGS) :]
-    actuated = np.concatenate([driven, _scaled(rates), *bends, earlier], axis=1)
-    outside = _outside(time_s, elapsed / elapsed.max(), lines_hz)
+    earlier = lagged[:, mechanics.d * len(LAG_PERIODS) :]
+    actuated = np.concatenate([driven, _scale_columns(rates), *bends, earlier], axis=1)
+    outside = _compute_outside_columns(time_s, elapsed / elapsed.max(), lines_hz)
     groups = []
     for i in range(mechanics.d):
         other = np.arange(mechanics.d) != i
         members = {
             "inertial": np.stack([whole[:, i], position[:, i] * whole[:, i]], axis=1),
-            "conservative": np.concatenate([_restoring(position[:, i]), position[:, other]], axis=1),
+            "conservative": np.concatenate(
+                [_compute_restoring_columns(position[:, i]), position[:, other]], axis=1
+            ),
             "dissipative": np.concatenate(
-                [_resisting(velocity[:, i], position[:, i]), velocity[:, other]], axis=1
+                [_compute_resisting_columns(velocity[:, i], position[:, i]), velocity[:, other]], axis=1
             ),
             "actuation": actuated,
-            "exogenous": np.concatenate([outside, _drifting(elapsed, position[:, i])], axis=1),
-            "memory": lagged[:, : mechanics.d * len(LAGS)],
+            "exogenous": np.concatenate([outside, _compute_drifting_column(elapsed, position[:, i])], axis=1),
+            "memory": lagged[:, : mechanics.d * len(LAG_PERIODS)],
         }
         groups.append({name: matrix[picked] for name, matrix in members.items()})
-    return Features(
+    return ResidualFeatures(
         picked, residual[picked], 1.0 / np.maximum(variance[picked], 1e-300), fold[picked], tuple(groups)
     )
 
 
-def input_rates(one: Smoothed) -> Float64[np.ndarray, "T n_u"]:
+def compute_input_rates(one: LatentForceEstimate) -> Float64[np.ndarray, "T n_u"]:
     """Rates of the inputs, clip by clip: they are known, so that differencing them adds no noise."""
     rates = np.zeros_like(one.motion.u)
     for start, stop in one.motion.segments:
@@ -94,58 +96,62 @@ def input_rates(one: Smoothed) -> Float64[np.ndarray, "T n_u"]:
     return np.where(np.ptp(one.motion.u, axis=0) > 0.0, rates, 0.0)
 
 
-def _series(one: Smoothed, name: str) -> np.ndarray:
+def _get_series(one: LatentForceEstimate, name: str) -> np.ndarray:
     return one.motion.u if name == "u" else getattr(one, name)
 
 
-def _scaled(columns: np.ndarray) -> np.ndarray:
+def _scale_columns(columns: np.ndarray) -> np.ndarray:
     rms = np.sqrt(np.mean(columns**2, axis=0))
     return columns / np.where(rms > 0.0, rms, 1.0)
 
 
-def _restoring(position: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, "n 6"]:
+def _compute_restoring_columns(position: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, "n 6"]:
     low, high = np.quantile(position, [0.2, 0.8])
     kinks = [np.maximum(position - high, 0.0), np.maximum(low - position, 0.0)]
     return np.stack([np.ones_like(position), position, position**2, position**3, *kinks], axis=1)
 
 
-def _resisting(
+def _compute_resisting_columns(
     velocity: Float64[np.ndarray, " n"], position: Float64[np.ndarray, " n"]
 ) -> Float64[np.ndarray, "n 4"]:
-    sign = np.tanh(velocity / REVERSAL)
+    sign = np.tanh(velocity / REVERSAL_SPEED)
     return np.stack([velocity, sign, np.abs(velocity) * velocity, np.abs(position) * sign], axis=1)
 
 
-def _outside(time_s: np.ndarray, elapsed: np.ndarray, lines_hz: Sequence[float]) -> np.ndarray:
+def _compute_outside_columns(
+    time_s: np.ndarray, elapsed: np.ndarray, lines_hz: Sequence[float]
+) -> np.ndarray:
     columns = [elapsed]
     for frequency in lines_hz:
         columns += [np.sin(2 * np.pi * frequency * time_s), np.cos(2 * np.pi * frequency * time_s)]
     return np.stack(columns, axis=1)
 
 
-def _drifting(elapsed: np.ndarray, position: np.ndarray) -> Float64[np.ndarray, "n 1"]:
+def _compute_drifting_column(elapsed: np.ndarray, position: np.ndarray) -> Float64[np.ndarray, "n 1"]:
     """A stiffness that changes in time, less the constant one it looks like."""
     changing = elapsed * position
     return (changing - position * (changing @ position) / (position @ position))[:, None]
 
 
-def _lagged(one: Smoothed, period_s: float) -> np.ndarray:
+def _compute_lagged_columns(one: LatentForceEstimate, period_s: float) -> np.ndarray:
     """Positions and inputs some time earlier; before a clip's beginning, those at its beginning."""
     columns = np.concatenate([one.q, one.motion.u], axis=1)
-    lagged = np.empty((len(columns), columns.shape[1] * len(LAGS)))
+    lagged = np.empty((len(columns), columns.shape[1] * len(LAG_PERIODS)))
     for start, stop in one.motion.segments:
         time_s = one.motion.time_s[start:stop]
         for i in range(lagged.shape[1]):
-            lag = LAGS[i % len(LAGS)] * period_s
-            lagged[start:stop, i] = np.interp(time_s - lag, time_s, columns[start:stop, i // len(LAGS)])
-    return _scaled(lagged - lagged.mean(axis=0))
+            lag = LAG_PERIODS[i % len(LAG_PERIODS)] * period_s
+            lagged[start:stop, i] = np.interp(
+                time_s - lag, time_s, columns[start:stop, i // len(LAG_PERIODS)]
+            )
+    return _scale_columns(lagged - lagged.mean(axis=0))
 
 
-def _folds(smoothed: Sequence[Smoothed], period_s: float) -> Int64[np.ndarray, " n"]:
+def _assign_folds(smoothed: Sequence[LatentForceEstimate], period_s: float) -> Int64[np.ndarray, " n"]:
     """Fold of each sample: blocks of three quarters of a period, dealt out in turn."""
     elapsed, before = [], 0.0
     for one in smoothed:
-        passed = np.cumsum(sample_weights(one))
+        passed = np.cumsum(compute_sample_weights(one))
         elapsed.append(before + passed)
         before += float(passed[-1])
-    return (np.concatenate(elapsed) / (BLOCK * period_s)).astype(np.int64) % FOLDS
+    return (np.concatenate(elapsed) / (BLOCK_PERIODS * period_s)).astype(np.int64) % FOLDS

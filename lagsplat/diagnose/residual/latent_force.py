@@ -17,27 +17,32 @@ import numpy as np
 from jaxtyping import Bool, Float64
 
 from lagsplat.diagnose.mechanics.model import Mechanics, compute_rest_frequencies_hz, compute_rest_inertia
-from lagsplat.diagnose.residual.linearization import Path, Steps, kinematic_steps, linear_steps
+from lagsplat.diagnose.residual.linearization import (
+    LinearSteps,
+    StatePath,
+    compute_kinematic_steps,
+    linearize_steps,
+)
 from lagsplat.diagnose.residual.state_space import (
     FORCE_BOUNDS,
-    Estimate,
-    Record,
-    estimate,
-    evidence,
-    first_guess,
-    most_likely,
+    SmoothedPath,
+    SmootherData,
+    compute_force_evidence,
+    guess_variances,
+    maximize_likelihood,
+    smooth_path,
 )
 from lagsplat.io.trajectory.trajectory import Trajectory
 
 
 @dataclass(frozen=True)
-class Smoothed:
+class LatentForceEstimate:
     """A motion and the force its sim lacks.
 
     ``q``, ``v``, ``a`` (T, d): position, velocity and acceleration; ``residual`` (T, d): the force the sim
     lacks (real minus sim) over the inertia at rest, with its ``covariance`` (T, d, d). ``innovation`` (T, d)
     is what the smoothed position leaves of the measured one. Of all motions smoothed together:
-    ``evidence`` (d,) nats by which each force made the measurements more likely (too few: no force is kept),
+    ``compute_force_evidence`` (d,) nats by which each force made the measurements more likely (too few: no force is kept),
     ``amplitude`` (d,) standard deviation of the force over the inertia at rest, ``noise`` (d,) that of the
     measurement, ``length_s`` the force's length scale, ``log_likelihood`` in nats.
     """
@@ -63,33 +68,33 @@ class Smoothed:
     @property
     def active(self) -> Bool[np.ndarray, " d"]:
         """Coordinates whose force was kept, because its evidence pays for it."""
-        return self.evidence >= ADMITTED
+        return self.evidence >= MIN_EVIDENCE
 
 
-def swing_acceleration(smoothed: Sequence[Smoothed]) -> Float64[np.ndarray, " d"]:
+def compute_rms_acceleration(smoothed: Sequence[LatentForceEstimate]) -> Float64[np.ndarray, " d"]:
     """Root mean square of each coordinate's acceleration, the unit of its residual."""
     return np.sqrt(np.mean(np.concatenate([one.a for one in smoothed]) ** 2, axis=0))
 
 
-def energies(smoothed: Sequence[Smoothed]) -> list[Float64[np.ndarray, "T d"]]:
+def compute_relative_squares(smoothed: Sequence[LatentForceEstimate]) -> list[Float64[np.ndarray, "T d"]]:
     """Squared residual of each sample of each motion, over the swing's; zero where no force was kept."""
-    unit = swing_acceleration(smoothed)
+    unit = compute_rms_acceleration(smoothed)
     return [np.where(one.active, (one.residual / unit) ** 2, 0.0) for one in smoothed]
 
 
-def coordinate_shares(smoothed: Sequence[Smoothed]) -> Float64[np.ndarray, " d"]:
+def compute_coordinate_shares(smoothed: Sequence[LatentForceEstimate]) -> Float64[np.ndarray, " d"]:
     """Share of the residual in each coordinate, summing to one; zeros where there is no residual."""
-    total = np.sum([energy.sum(axis=0) for energy in energies(smoothed)], axis=0)
+    total = np.sum([energy.sum(axis=0) for energy in compute_relative_squares(smoothed)], axis=0)
     return total / total.sum() if total.sum() > 0.0 else total
 
 
-LENGTHS = (0.125, 0.5, 2.0)  # of the natural period
-SETTLED = 1e-3  # of the path's rms: a smaller change ends the iteration
-ITERATIONS = 5
-ADMITTED = 3.0  # nats: of records without a force, 1 in 100 gains more by chance
+LENGTH_SCALES = (0.125, 0.5, 2.0)  # of the natural period
+PATH_TOLERANCE = 1e-3  # of the path's rms: a smaller change ends the iteration
+MAX_ITERATIONS = 5
+MIN_EVIDENCE = 3.0  # nats: of records without a force, 1 in 100 gains more by chance
 
 
-def smooth(
+def estimate_latent_force(
     mechanics: Mechanics,
     motions: Sequence[Trajectory],
     *,
@@ -97,7 +102,7 @@ def smooth(
     ar1: float = 0.0,
     hold: str = "linear",
     noise: Float64[np.ndarray, " d"] | None = None,
-) -> list[Smoothed]:
+) -> list[LatentForceEstimate]:
     """Smooth all ``motions`` under one set of variances.
 
     ``period_s`` is the natural period; ``ar1`` in [0, 1) the correlation of the measurement noise from one
@@ -112,50 +117,52 @@ def smooth(
     Source: method of latent forces (Alvarez, Luengo, Lawrence 2009) by state-space smoothing (Hartikainen and
     Sarkka 2012), iterated as by Bell (1994).
     """
-    record = _record(mechanics, motions, period_s, ar1)
-    inputs = _inputs(motions, hold)
+    record = _build_record(mechanics, motions, period_s, ar1)
+    inputs = _stack_inputs(motions, hold)
     known = noise is not None
-    start = first_guess(record, LENGTHS[1] * period_s)
+    start = guess_variances(record, LENGTH_SCALES[1] * period_s)
     if noise is not None:
         start = replace(start, values=np.append(start.values[: record.d], (noise / record.scale) ** 2))
-    lawless = kinematic_steps(record.h, record.d)
-    free = most_likely(record, lawless, start, noise_known=known)
-    path = estimate(record, lawless, free)
+    lawless = compute_kinematic_steps(record.h, record.d)
+    free = maximize_likelihood(record, lawless, start, noise_known=known)
+    path = smooth_path(record, lawless, free)
     fastest_s = min([period_s, *(1.0 / compute_rest_frequencies_hz(mechanics, record.scale)[-1:])])
 
-    def steps(at: Estimate, *, with_force: bool) -> Steps:
-        along = _path(record, at, inputs, with_force=with_force)
-        return linear_steps(mechanics, along, scale=record.scale, period_s=fastest_s)
+    def steps(at: SmoothedPath, *, with_force: bool) -> LinearSteps:
+        along = _build_path(record, at, inputs, with_force=with_force)
+        return linearize_steps(mechanics, along, scale=record.scale, period_s=fastest_s)
 
     # What moves the body is mostly known now: the hidden force is sought from a tenth of it.
     first = replace(free, values=free.values * np.repeat([0.01, 1.0], record.d))
     linear = steps(path, with_force=False)
-    best = most_likely(record, linear, first, noise_known=known)
-    linear = steps(estimate(record, linear, best), with_force=True)
+    best = maximize_likelihood(record, linear, first, noise_known=known)
+    linear = steps(smooth_path(record, linear, best), with_force=True)
     tried = [
-        most_likely(record, linear, replace(best, length_s=share * period_s), noise_known=known)
-        for share in LENGTHS
+        maximize_likelihood(record, linear, replace(best, length_s=share * period_s), noise_known=known)
+        for share in LENGTH_SCALES
     ]
     best = max(tried, key=lambda one: one.log_likelihood)
-    gained = evidence(record, linear, best)
+    gained = compute_force_evidence(record, linear, best)
     # A variance is positive in half of all records without a force: only what pays for itself is kept.
-    silent = np.append(gained < ADMITTED, np.zeros(record.d, dtype=bool))
+    silent = np.append(gained < MIN_EVIDENCE, np.zeros(record.d, dtype=bool))
     best = replace(best, values=np.where(silent, FORCE_BOUNDS[0], best.values))
-    path = estimate(record, linear, best)
-    for _ in range(ITERATIONS):
-        before, path = path, estimate(record, steps(path, with_force=True), best)
-        if np.max(np.sqrt(np.mean((path.q - before.q) ** 2, axis=0)) / record.scale) < SETTLED:
+    path = smooth_path(record, linear, best)
+    for _ in range(MAX_ITERATIONS):
+        before, path = path, smooth_path(record, steps(path, with_force=True), best)
+        if np.max(np.sqrt(np.mean((path.q - before.q) ** 2, axis=0)) / record.scale) < PATH_TOLERANCE:
             break
-    return _finite(_split(mechanics, motions, record, path, gained))
+    return _require_finite(_split_by_motion(mechanics, motions, record, path, gained))
 
 
-def _finite(found: list[Smoothed]) -> list[Smoothed]:
+def _require_finite(found: list[LatentForceEstimate]) -> list[LatentForceEstimate]:
     if not all(np.isfinite(part).all() for one in found for part in (one.v, one.a, one.residual, one.std)):
         raise np.linalg.LinAlgError("the sim's forces are not finite along the motion; check units and signs")
     return found
 
 
-def _record(mechanics: Mechanics, motions: Sequence[Trajectory], period_s: float, ar1: float) -> Record:
+def _build_record(
+    mechanics: Mechanics, motions: Sequence[Trajectory], period_s: float, ar1: float
+) -> SmootherData:
     for motion in motions:
         if (motion.d, motion.n_u) != (mechanics.d, mechanics.n_u):
             raise ValueError(
@@ -171,10 +178,10 @@ def _record(mechanics: Mechanics, motions: Sequence[Trajectory], period_s: float
     if not np.all(moved > 0.0):
         raise ValueError(f"coordinates {np.flatnonzero(moved == 0.0).tolist()} stand still in every motion")
     h = np.where(np.append(fresh[1:], True), 0.0, np.append(np.diff(times), 0.0))
-    return Record(np.ascontiguousarray(y, dtype=float), fresh, h, moved, period_s / (2.0 * np.pi), ar1)
+    return SmootherData(np.ascontiguousarray(y, dtype=float), fresh, h, moved, period_s / (2.0 * np.pi), ar1)
 
 
-def _inputs(motions: Sequence[Trajectory], hold: str) -> Float64[np.ndarray, "T 3 n_u"]:
+def _stack_inputs(motions: Sequence[Trajectory], hold: str) -> Float64[np.ndarray, "T 3 n_u"]:
     """Inputs at the start, middle and end of every step."""
     parts = []
     for motion in motions:
@@ -185,22 +192,26 @@ def _inputs(motions: Sequence[Trajectory], hold: str) -> Float64[np.ndarray, "T 
     return np.concatenate(parts)
 
 
-def _path(record: Record, at: Estimate, inputs: np.ndarray, *, with_force: bool) -> Path:
+def _build_path(record: SmootherData, at: SmoothedPath, inputs: np.ndarray, *, with_force: bool) -> StatePath:
     steps: Bool[np.ndarray, " T"] = record.h > 0.0
     h = record.h[:, None]
     q, v = at.q, at.v
     ahead = np.minimum(np.arange(len(q)) + 1, len(q) - 1)
     ahead = np.where(steps, ahead, np.arange(len(q)))
     middle = 0.5 * (q + q[ahead]) + 0.125 * h * (v - v[ahead])
-    return Path(
+    return StatePath(
         h=record.h, q=q, v=v, middle=middle, end=q[ahead], u=inputs,
         r=at.force_in_step(record.h) if with_force else np.zeros((len(q), 3, q.shape[1])),
     )  # fmt: skip
 
 
-def _split(
-    mechanics: Mechanics, motions: Sequence[Trajectory], record: Record, path: Estimate, gained: np.ndarray
-) -> list[Smoothed]:
+def _split_by_motion(
+    mechanics: Mechanics,
+    motions: Sequence[Trajectory],
+    record: SmootherData,
+    path: SmoothedPath,
+    gained: np.ndarray,
+) -> list[LatentForceEstimate]:
     results, start = [], 0
     inertia = compute_rest_inertia(mechanics)
     values = path.variances.values
@@ -210,7 +221,7 @@ def _split(
         q, v, r = path.q[part], path.v[part], path.force[part]
         response = np.linalg.solve(mechanics.mass_at(q), (inertia * r)[..., None])[..., 0]
         results.append(
-            Smoothed(
+            LatentForceEstimate(
                 motion=motion,
                 q=q,
                 v=v,

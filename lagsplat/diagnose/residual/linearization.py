@@ -15,14 +15,15 @@ import numpy as np
 from jaxtyping import Float64
 
 from lagsplat.diagnose.mechanics.model import Mechanics, compute_rest_inertia
+from lagsplat.diagnose.solvers.runge_kutta import take_runge_kutta_step
 
-STEP = 1e-5
-FINEST = 0.5  # a Runge-Kutta step spans at most this many radians of the fastest mode
-MOST_PARTS = 300  # Runge-Kutta steps that a sample is worth
+DIFFERENCE_STEP = 1e-5
+MAX_PHASE_STEP = 0.5  # a Runge-Kutta step spans at most this many radians of the fastest mode
+MAX_SUBSTEPS = 300  # Runge-Kutta steps that a sample is worth
 
 
 @dataclass(frozen=True)
-class Path:
+class StatePath:
     """States and outside force about which a step is linearised.
 
     ``h`` (S,) step lengths [s]; ``q``, ``v`` (S, d) at the start; ``middle`` and ``end`` (S, d) the positions
@@ -39,7 +40,7 @@ class Path:
 
 
 @dataclass(frozen=True)
-class Steps:
+class LinearSteps:
     """Linear steps: ``phi`` (S, 2d, 2d), ``gamma`` (S, 3, 2d, d) and ``offset`` (S, 2d)."""
 
     phi: np.ndarray
@@ -47,16 +48,16 @@ class Steps:
     offset: np.ndarray
 
 
-def linear_steps(
-    mechanics: Mechanics, path: Path, *, scale: Float64[np.ndarray, " d"], period_s: float
-) -> Steps:
+def linearize_steps(
+    mechanics: Mechanics, path: StatePath, *, scale: Float64[np.ndarray, " d"], period_s: float
+) -> LinearSteps:
     """The steps of a mechanism along ``path``.
 
     ``scale`` (d,) is how far each coordinate usually moves and ``period_s`` the shortest natural period: they
     set the differences taken and how many Runge-Kutta steps a sample step needs.
 
     Raises:
-        LinAlgError: the fastest mode takes more than `MOST_PARTS` of these.
+        LinAlgError: the fastest mode takes more than `MAX_SUBSTEPS` of these.
     """
     d = mechanics.d
     inertia = compute_rest_inertia(mechanics)
@@ -66,20 +67,20 @@ def linear_steps(
     )
     outside = np.einsum("sjab,sjb->sja", response, path.r)
     state = np.concatenate([path.q, path.v], axis=1)
-    eps = STEP * np.concatenate([scale, scale * 2.0 * np.pi / period_s])
+    eps = DIFFERENCE_STEP * np.concatenate([scale, scale * 2.0 * np.pi / period_s])
     moves = np.concatenate([np.zeros((1, 2 * d)), np.diag(eps), -np.diag(eps)])
-    count = _parts(path.h, period_s)
-    reached = _runge_kutta(mechanics, state + moves[:, None, :], path.h, path.u, outside, count)
+    count = _count_substeps(path.h, period_s)
+    reached = _integrate_steps(mechanics, state + moves[:, None, :], path.h, path.u, outside, count)
     phi = np.moveaxis((reached[1 : 2 * d + 1] - reached[2 * d + 1 :]) / (2.0 * eps[:, None, None]), 0, 2)
-    gamma = _simpson(response, path.h)
+    gamma = _compute_simpson_response(response, path.h)
     offset = reached[0] - np.einsum("sab,sb->sa", phi, state) - np.einsum("sjab,sjb->sa", gamma, path.r)
-    return Steps(np.ascontiguousarray(phi), gamma, offset)
+    return LinearSteps(np.ascontiguousarray(phi), gamma, offset)
 
 
-def _parts(h: np.ndarray, period_s: float) -> int:
+def _count_substeps(h: np.ndarray, period_s: float) -> int:
     """How many Runge-Kutta steps the longest sample step takes."""
-    parts = float(np.ceil(h.max(initial=0.0) * 2.0 * np.pi / period_s / FINEST))
-    if not parts <= MOST_PARTS:
+    parts = float(np.ceil(h.max(initial=0.0) * 2.0 * np.pi / period_s / MAX_PHASE_STEP))
+    if not parts <= MAX_SUBSTEPS:
         raise np.linalg.LinAlgError(
             f"the sim's fastest mode, {1.0 / period_s:.3g} Hz, needs {parts:.3g} integration steps a sample; "
             "check its units and signs"
@@ -87,15 +88,15 @@ def _parts(h: np.ndarray, period_s: float) -> int:
     return max(1, int(parts))
 
 
-def kinematic_steps(h: Float64[np.ndarray, " S"], d: int) -> Steps:
+def compute_kinematic_steps(h: Float64[np.ndarray, " S"], d: int) -> LinearSteps:
     """Steps of a point that knows no law: all its acceleration is the outside force."""
     phi = np.broadcast_to(np.eye(2 * d), (len(h), 2 * d, 2 * d)).copy()
     phi[:, :d, d:] = h[:, None, None] * np.eye(d)
     response = np.broadcast_to(np.eye(d), (len(h), 3, d, d))
-    return Steps(phi, _simpson(response, h), np.zeros((len(h), 2 * d)))
+    return LinearSteps(phi, _compute_simpson_response(response, h), np.zeros((len(h), 2 * d)))
 
 
-def _simpson(response: np.ndarray, h: np.ndarray) -> np.ndarray:
+def _compute_simpson_response(response: np.ndarray, h: np.ndarray) -> np.ndarray:
     """What the outside force at three instants adds to position and velocity, (S, 3, 2d, d)."""
     to_velocity = np.array([1.0, 4.0, 1.0]) / 6.0
     to_position = np.array([1.0, 2.0, 0.0]) / 6.0
@@ -109,7 +110,7 @@ def _simpson(response: np.ndarray, h: np.ndarray) -> np.ndarray:
     )
 
 
-def _runge_kutta(
+def _integrate_steps(
     mechanics: Mechanics,
     state: np.ndarray,  # (moves, S, 2d)
     h: np.ndarray,
@@ -138,9 +139,5 @@ def _runge_kutta(
 
     for step in range(count):
         start, middle, end = ((step + part_) / count for part_ in (0.0, 0.5, 1.0))
-        k1 = slope(state, start)
-        k2 = slope(state + 0.5 * part * k1, middle)
-        k3 = slope(state + 0.5 * part * k2, middle)
-        k4 = slope(state + part * k3, end)
-        state = state + part / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+        state = take_runge_kutta_step(slope, state, part, (start, middle, end))
     return state

@@ -7,36 +7,47 @@ from typing import Any
 import numpy as np
 
 from lagsplat.diagnose.mechanics.model import Mechanics, compute_rest_period_s
-from lagsplat.diagnose.residual.change_points import Event, events
-from lagsplat.diagnose.residual.components import Components, components, explained
-from lagsplat.diagnose.residual.features import GROUPS, Features, features
-from lagsplat.diagnose.residual.latent_force import Smoothed, coordinate_shares, energies, smooth
-from lagsplat.diagnose.residual.measurement_model import explained_by_observation, noise_with_speed
-from lagsplat.diagnose.residual.spectrum import Spectrum, spectrum
-from lagsplat.diagnose.residual.state_maps import Map, Region, regions
+from lagsplat.diagnose.residual.change_points import ResidualEvent, find_events
+from lagsplat.diagnose.residual.components import (
+    ResidualComponents,
+    compute_components,
+    compute_explained_share,
+)
+from lagsplat.diagnose.residual.features import FEATURE_GROUPS, ResidualFeatures, compute_features
+from lagsplat.diagnose.residual.latent_force import (
+    LatentForceEstimate,
+    compute_coordinate_shares,
+    compute_relative_squares,
+    estimate_latent_force,
+)
+from lagsplat.diagnose.residual.measurement_model import compute_distortion_share, measure_speed_noise
+from lagsplat.diagnose.residual.spectrum import ResidualSpectrum, compute_spectrum
+from lagsplat.diagnose.residual.state_maps import StateMap, StateRegion, find_state_regions
 from lagsplat.io.trajectory.trajectory import Trajectory
 
-ACTUATION = 0.4  # share of all that is explained which functions of the inputs must explain,
-LEAST = 0.1  # and of the residual
-CHART = 0.5  # share that distorted positions must explain,
-CLEARLY = 0.1  # and more than any kind of force by this much
-SPEED_NOISE = 0.3  # share of the noise that must grow with speed
-SPEED_NOISE_P = 0.01
-BRIEF = 0.2  # of the time: events that fill less and hold most of the residual come from outside
-HOLD_MOST = 0.7
+MIN_ACTUATION_OF_EXPLAINED = 0.4  # share of all that is explained which functions of the inputs must explain,
+MIN_ACTUATION_SHARE = 0.1  # and of the residual
+MIN_CHART_SHARE = 0.5  # share that distorted positions must explain,
+CHART_MARGIN = 0.1  # and more than any kind of force by this much
+MIN_SPEED_NOISE_SHARE = 0.3  # share of the noise that must grow with speed
+MAX_SPEED_NOISE_P = 0.01
+MAX_BRIEF_TIME_SHARE = (
+    0.2  # of the time: events that fill less and hold most of the residual come from outside
+)
+MIN_BRIEF_SHARE = 0.7
 
 
 @dataclass(frozen=True)
-class Where:
+class ResidualLocation:
     """Where a gap lies. Shares are of the square of the residual acceleration over each coordinate's swing.
 
     ``level`` "perception", "chart", "actuation" or "dynamics"; ``coordinates`` share by name; ``time_s``
     (file, start, end, share); ``frequency_hz`` (low, high, share); ``state_region`` by coordinate, the boxes
     in which the residual keeps its sign; ``image_region`` as of `image_region`, None without pictures;
-    ``components`` share by kind of term, with "unexplained"; ``memory_index`` in [0, 1]; ``evidence`` nats by
+    ``compute_components`` share by kind of term, with "unexplained"; ``memory_index`` in [0, 1]; ``evidence`` nats by
     which each coordinate's residual force makes the recording more likely; ``size`` rms of the residual over
     the swing's acceleration: of a hundredth or less, all else says little. For figures: ``smoothed`` of
-    every motion, ``spectrum`` (None for short clips), ``maps`` of state.
+    every motion, ``compute_spectrum`` (None for short clips), ``maps`` of state.
     """
 
     level: str
@@ -49,9 +60,9 @@ class Where:
     memory_index: float
     evidence: dict[str, float]
     size: float
-    smoothed: tuple[Smoothed, ...]
-    spectrum: Spectrum | None
-    maps: tuple[Map, ...]
+    smoothed: tuple[LatentForceEstimate, ...]
+    spectrum: ResidualSpectrum | None
+    maps: tuple[StateMap, ...]
 
 
 def locate(
@@ -64,44 +75,46 @@ def locate(
     noise: np.ndarray | None = None,
     perception_suspect: bool = False,
     image_region: dict[str, Any] | None = None,
-) -> Where:
+) -> ResidualLocation:
     """Where the force that ``mechanics`` lacks on ``motions`` lies.
 
     ``period_s`` is the natural period, by default the sim's slowest at rest; ``ar1``, ``hold`` and ``noise``
-    as of `smooth`. ``perception_suspect`` says that pictures are drawn or encoded worse than those the sim
+    as of `estimate_latent_force`. ``perception_suspect`` says that pictures are drawn or encoded worse than those the sim
     was learnt from, which makes perception the level whatever the forces say.
 
     Raises:
-        ValueError: as of `smooth`; or the sim has no natural period and none is given.
+        ValueError: as of `estimate_latent_force`; or the sim has no natural period and none is given.
     """
     scale = np.std(np.concatenate([motion.q for motion in motions]), axis=0)
     period = compute_rest_period_s(mechanics, scale) if period_s is None else period_s
-    smoothed = smooth(mechanics, motions, period_s=period, ar1=ar1, hold=hold, noise=noise)
-    share = coordinate_shares(smoothed)
-    seen = spectrum(smoothed, period_s=period)
-    found = features(mechanics, smoothed, period_s=period, lines_hz=_outside_lines(seen, motions[0].n_u))
-    happened = events(smoothed, period_s=period)
-    parts = _with_brief_events(components(found, share), happened, smoothed)
-    boxes, maps = regions(smoothed, period_s=period)
+    smoothed = estimate_latent_force(mechanics, motions, period_s=period, ar1=ar1, hold=hold, noise=noise)
+    share = compute_coordinate_shares(smoothed)
+    seen = compute_spectrum(smoothed, period_s=period)
+    found = compute_features(
+        mechanics, smoothed, period_s=period, lines_hz=_find_undriven_lines(seen, motions[0].n_u)
+    )
+    happened = find_events(smoothed, period_s=period)
+    parts = _assign_brief_events(compute_components(found, share), happened, smoothed)
+    boxes, maps = find_state_regions(smoothed, period_s=period)
     names = motions[0].q_names
-    return Where(
-        level=_level(mechanics, smoothed, found, share, parts, period, perception_suspect),
+    return ResidualLocation(
+        level=_decide_level(mechanics, smoothed, found, share, parts, period, perception_suspect),
         coordinates=dict(zip(names, share.tolist(), strict=True)),
         time_s=tuple((motions[one.motion].source, one.start_s, one.end_s, one.share) for one in happened),
         frequency_hz=() if seen is None else seen.bands,
-        state_region=_boxes(boxes, names),
+        state_region=_describe_regions(boxes, names),
         image_region=image_region,
         components=parts.shares,
         memory_index=parts.memory_index,
         evidence=dict(zip(names, smoothed[0].evidence.tolist(), strict=True)),
-        size=float(np.sqrt(np.mean(np.concatenate(energies(smoothed))))),
+        size=float(np.sqrt(np.mean(np.concatenate(compute_relative_squares(smoothed))))),
         smoothed=tuple(smoothed),
         spectrum=seen,
         maps=tuple(maps),
     )
 
 
-def _outside_lines(seen: Spectrum | None, n_u: int) -> list[float]:
+def _find_undriven_lines(seen: ResidualSpectrum | None, n_u: int) -> list[float]:
     """Frequencies of lines that no input drives."""
     if seen is None:
         return []
@@ -114,9 +127,9 @@ def _outside_lines(seen: Spectrum | None, n_u: int) -> list[float]:
     return free[:3]
 
 
-def _with_brief_events(
-    parts: Components, happened: Sequence[Event], smoothed: Sequence[Smoothed]
-) -> Components:
+def _assign_brief_events(
+    parts: ResidualComponents, happened: Sequence[ResidualEvent], smoothed: Sequence[LatentForceEstimate]
+) -> ResidualComponents:
     """What nothing explains and acts briefly came from outside, since left-out blocks cannot foretell it.
 
     Unless it acts where the motion goes at no other time: then position may be its cause.
@@ -124,21 +137,23 @@ def _with_brief_events(
     lasted = sum(one.end_s - one.start_s for one in happened)
     held = sum(one.share for one in happened)
     moved = parts.shares["unexplained"] + parts.shares["memory"]
-    brief = lasted < BRIEF * sum(one.motion.duration_s for one in smoothed)
-    if moved < 0.5 or held < HOLD_MOST or not brief:
+    brief = lasted < MAX_BRIEF_TIME_SHARE * sum(one.motion.duration_s for one in smoothed)
+    if moved < 0.5 or held < MIN_BRIEF_SHARE or not brief:
         return parts
-    cause = "conservative" if _far_out(happened, smoothed) else "exogenous"
+    cause = "conservative" if _acts_beyond_usual_positions(happened, smoothed) else "exogenous"
     left = {"memory": 0.0, "unexplained": (1.0 - held) * moved, cause: parts.shares[cause] + held * moved}
-    return Components(parts.shares | left, parts.memory_index)
+    return ResidualComponents(parts.shares | left, parts.memory_index)
 
 
-def _far_out(happened: Sequence[Event], smoothed: Sequence[Smoothed]) -> bool:
+def _acts_beyond_usual_positions(
+    happened: Sequence[ResidualEvent], smoothed: Sequence[LatentForceEstimate]
+) -> bool:
     """Whether most of the events' residual acts beyond the positions of all other times."""
     inside = [np.zeros(one.motion.n, dtype=bool) for one in smoothed]
     for event in happened:
         time_s = smoothed[event.motion].motion.time_s
         inside[event.motion] |= (time_s >= event.start_s) & (time_s <= event.end_s)
-    within, square = np.concatenate(inside), np.concatenate(energies(smoothed))
+    within, square = np.concatenate(inside), np.concatenate(compute_relative_squares(smoothed))
     main = int(np.argmax(square.sum(axis=0)))
     q = np.concatenate([one.q[:, main] for one in smoothed])
     low, high = np.quantile(q[~within], [0.005, 0.995])
@@ -146,7 +161,7 @@ def _far_out(happened: Sequence[Event], smoothed: Sequence[Smoothed]) -> bool:
     return bool(square[beyond, main].sum() > 0.5 * square[within, main].sum())
 
 
-def _boxes(found: Sequence[Region], names: Sequence[str]) -> dict[str, Any]:
+def _describe_regions(found: Sequence[StateRegion], names: Sequence[str]) -> dict[str, Any]:
     return {
         name: [
             {
@@ -164,25 +179,30 @@ def _boxes(found: Sequence[Region], names: Sequence[str]) -> dict[str, Any]:
     }
 
 
-def _level(
+def _decide_level(
     mechanics: Mechanics,
-    smoothed: Sequence[Smoothed],
-    found: Features,
+    smoothed: Sequence[LatentForceEstimate],
+    found: ResidualFeatures,
     share: np.ndarray,
-    parts: Components,
+    parts: ResidualComponents,
     period_s: float,
     perception_suspect: bool,
 ) -> str:
-    uncertain = noise_with_speed(smoothed, period_s=period_s)
-    if perception_suspect or (uncertain.p < SPEED_NOISE_P and uncertain.share > SPEED_NOISE):
+    uncertain = measure_speed_noise(smoothed, period_s=period_s)
+    if perception_suspect or (uncertain.p < MAX_SPEED_NOISE_P and uncertain.share > MIN_SPEED_NOISE_SHARE):
         return "perception"
     if share.max() > 0.0:
         main = int(np.argmax(share))
-        distorted = explained_by_observation(found, mechanics, smoothed, main)
-        forces = max(explained(found, main, found.groups[main][name]) for name in GROUPS)
-        if distorted > CHART and distorted > forces + CLEARLY:
+        distorted = compute_distortion_share(found, mechanics, smoothed, main)
+        forces = max(
+            compute_explained_share(found, main, found.groups[main][name]) for name in FEATURE_GROUPS
+        )
+        if distorted > MIN_CHART_SHARE and distorted > forces + CHART_MARGIN:
             return "chart"
     explained_share = 1.0 - parts.shares["unexplained"]
-    if parts.shares["actuation"] > max(ACTUATION * explained_share, LEAST) and parts.largest == "actuation":
+    if (
+        parts.shares["actuation"] > max(MIN_ACTUATION_OF_EXPLAINED * explained_share, MIN_ACTUATION_SHARE)
+        and parts.largest == "actuation"
+    ):
         return "actuation"
     return "dynamics"

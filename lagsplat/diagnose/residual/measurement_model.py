@@ -7,13 +7,13 @@ import numpy as np
 from jaxtyping import Float64
 
 from lagsplat.diagnose.mechanics.model import Mechanics, compute_rest_inertia
-from lagsplat.diagnose.residual.change_points import sample_weights
-from lagsplat.diagnose.residual.components import explained
-from lagsplat.diagnose.residual.features import BLOCK, Features
-from lagsplat.diagnose.residual.latent_force import Smoothed
+from lagsplat.diagnose.residual.change_points import compute_sample_weights
+from lagsplat.diagnose.residual.components import compute_explained_share
+from lagsplat.diagnose.residual.features import BLOCK_PERIODS, ResidualFeatures
+from lagsplat.diagnose.residual.latent_force import LatentForceEstimate
 
-STEP = 1e-4
-FLIPS = 999
+DIFFERENCE_STEP = 1e-4
+SIGN_FLIPS = 999
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,9 @@ class SpeedNoise:
     p: float
 
 
-def noise_with_speed(smoothed: Sequence[Smoothed], *, period_s: float, seed: int = 0) -> SpeedNoise:
+def measure_speed_noise(
+    smoothed: Sequence[LatentForceEstimate], *, period_s: float, seed: int = 0
+) -> SpeedNoise:
     """Test noise that grows with speed: what lost, repeated or badly stamped samples look like.
 
     The squared remainders of the smoothed positions, against those of a random order of blocks' signs.
@@ -35,27 +37,29 @@ def noise_with_speed(smoothed: Sequence[Smoothed], *, period_s: float, seed: int
         noise = (one.innovation / np.std(one.innovation, axis=0)) ** 2
         speed = one.v**2 / np.mean(one.v**2, axis=0)
         excess = np.sum((noise - noise.mean(axis=0)) * (speed - speed.mean(axis=0)), axis=1)
-        block = (np.cumsum(sample_weights(one)) / (BLOCK * period_s)).astype(np.int64)
+        block = (np.cumsum(compute_sample_weights(one)) / (BLOCK_PERIODS * period_s)).astype(np.int64)
         slopes.append(np.bincount(block, excess))
         total += float(np.sum((speed - speed.mean(axis=0)) ** 2))
     sums = np.concatenate(slopes)
-    signs = np.random.default_rng(seed).choice([-1.0, 1.0], (FLIPS, len(sums)))
-    p = (1.0 + np.sum(signs @ sums >= sums.sum())) / (1.0 + FLIPS)
+    signs = np.random.default_rng(seed).choice([-1.0, 1.0], (SIGN_FLIPS, len(sums)))
+    p = (1.0 + np.sum(signs @ sums >= sums.sum())) / (1.0 + SIGN_FLIPS)
     return SpeedNoise(float(np.clip(sums.sum() / max(total, 1e-300), 0.0, 1.0)), float(p))
 
 
-def apparent_forces(
-    mechanics: Mechanics, smoothed: Sequence[Smoothed], coordinate: int
+def compute_apparent_forces(
+    mechanics: Mechanics, smoothed: Sequence[LatentForceEstimate], coordinate: int
 ) -> Float64[np.ndarray, "n 3d"]:
     """Residual acceleration of ``coordinate`` that distorted positions would feign, were the forces right.
 
     Columns: for each coordinate, positions bent by their square, moved in time, and drifting. A small
     distortion e(t) of the positions feigns M(q) (e'' - da/dq e - da/dv e') over the inertia at rest.
     """
-    return np.concatenate([_apparent(mechanics, one)[:, coordinate] for one in smoothed])
+    return np.concatenate([_compute_apparent_columns(mechanics, one)[:, coordinate] for one in smoothed])
 
 
-def _apparent(mechanics: Mechanics, one: Smoothed) -> Float64[np.ndarray, "n d 3d"]:
+def _compute_apparent_columns(
+    mechanics: Mechanics, one: LatentForceEstimate
+) -> Float64[np.ndarray, "n d 3d"]:
     d, time_s = mechanics.d, one.motion.time_s
     jerk = np.zeros_like(one.a)
     for start, stop in one.motion.segments:
@@ -73,7 +77,7 @@ def _apparent(mechanics: Mechanics, one: Smoothed) -> Float64[np.ndarray, "n d 3
     for e, rate, bend in distortions:
         for j in range(d):
             own = np.arange(d) == j
-            eps = STEP * np.std(one.q[:, j]) / max(float(np.abs(e[:, j]).max()), 1e-300)
+            eps = DIFFERENCE_STEP * np.std(one.q[:, j]) / max(float(np.abs(e[:, j]).max()), 1e-300)
             up, down = (
                 mechanics.acceleration(
                     one.q + sign * eps * e * own, one.v + sign * eps * rate * own, one.motion.u
@@ -87,9 +91,9 @@ def _apparent(mechanics: Mechanics, one: Smoothed) -> Float64[np.ndarray, "n d 3
     return np.stack(columns, axis=2)
 
 
-def explained_by_observation(
-    found: Features, mechanics: Mechanics, smoothed: Sequence[Smoothed], coordinate: int
+def compute_distortion_share(
+    found: ResidualFeatures, mechanics: Mechanics, smoothed: Sequence[LatentForceEstimate], coordinate: int
 ) -> float:
     """Share of a coordinate's residual that distorted positions predict on left-out blocks."""
-    columns = apparent_forces(mechanics, smoothed, coordinate)
-    return explained(found, coordinate, columns[found.picked])
+    columns = compute_apparent_forces(mechanics, smoothed, coordinate)
+    return compute_explained_share(found, coordinate, columns[found.picked])

@@ -13,22 +13,22 @@ from scipy.signal.windows import dpss
 from scipy.stats import f as fisher
 from scipy.stats import false_discovery_control
 
-from lagsplat.diagnose.residual.latent_force import Smoothed, swing_acceleration
+from lagsplat.diagnose.residual.latent_force import LatentForceEstimate, compute_rms_acceleration
 
 HALF_BANDWIDTH = 3.0  # over the clip's length: with five tapers
 TAPERS = 5
-PADDING = 6  # of the transform: a line between two frequencies is not mistaken for noise
-SHORTEST = 3.0  # periods a clip must last to have a spectrum
-FASTEST = 12.0  # times the natural frequency: what is faster is not told
-LINE_RATE = 0.01  # of false lines
-DROP = 0.1  # a band reaches to where the power falls to this part of its peak
-SMALLEST = 0.05
-FAINT = 1e-3  # of the largest power: below it, coherence says nothing
-MOST = 5
+TRANSFORM_PADDING = 6  # of the transform: a line between two frequencies is not mistaken for noise
+MIN_CLIP_PERIODS = 3.0  # periods a clip must last to have a spectrum
+MAX_FREQUENCY_RATIO = 12.0  # times the natural frequency: what is faster is not told
+LINE_FALSE_DISCOVERY_RATE = 0.01  # of false lines
+BAND_EDGE_SHARE = 0.1  # a band reaches to where the power falls to this part of its peak
+MIN_BAND_SHARE = 0.05
+MIN_POWER_SHARE = 1e-3  # of the largest power: below it, coherence says nothing
+MAX_BANDS = 5
 
 
 @dataclass(frozen=True)
-class Line:
+class SpectralLine:
     """A sinusoid in a coordinate's residual: frequency [Hz] and the chance of as clear a one in noise."""
 
     frequency_hz: float
@@ -37,7 +37,7 @@ class Line:
 
 
 @dataclass(frozen=True)
-class Spectrum:
+class ResidualSpectrum:
     """Spectra of the residual.
 
     ``frequency_hz`` (F,); ``power`` (F, d) of the residual over its coordinate's swing, [1/Hz], zero where no
@@ -51,7 +51,7 @@ class Spectrum:
     names: tuple[str, ...]
     significant: float
     bands: tuple[tuple[float, float, float], ...]
-    lines: tuple[Line, ...]
+    lines: tuple[SpectralLine, ...]
 
 
 @dataclass(frozen=True)
@@ -63,22 +63,22 @@ class _Tapered:
     seconds: float
 
 
-def spectrum(smoothed: Sequence[Smoothed], *, period_s: float) -> Spectrum | None:
+def compute_spectrum(smoothed: Sequence[LatentForceEstimate], *, period_s: float) -> ResidualSpectrum | None:
     """Spectrum of the residuals of all motions; None where no clip lasts three periods.
 
     Source: Thomson (1982), spectrum estimation and harmonic analysis, for the tapers and the test of lines.
     """
     d, n_u = smoothed[0].motion.d, smoothed[0].motion.n_u
-    unit = swing_acceleration(smoothed)
+    unit = compute_rms_acceleration(smoothed)
     active = smoothed[0].active
-    pieces = _clips(smoothed, unit, period_s)
+    pieces = _resample_clips(smoothed, unit, period_s)
     if not pieces:
         return None
     dt_s = min(dt for _, dt in pieces)
-    size = 2 ** int(np.ceil(np.log2(PADDING * max(len(values) for values, _ in pieces))))
+    size = 2 ** int(np.ceil(np.log2(TRANSFORM_PADDING * max(len(values) for values, _ in pieces))))
     frequency = np.fft.rfftfreq(size, dt_s)
-    kept = (frequency > 0.0) & (frequency <= min(FASTEST / period_s, 0.4 / dt_s))
-    clips = [_taper(values, dt_s, size, kept) for values, _ in pieces]
+    kept = (frequency > 0.0) & (frequency <= min(MAX_FREQUENCY_RATIO / period_s, 0.4 / dt_s))
+    clips = [_taper_clip(values, dt_s, size, kept) for values, _ in pieces]
     seconds = np.array([clip.seconds for clip in clips])
     cross = sum(
         clip.seconds * np.einsum("fkr,fkz->frz", clip.transform[..., :d].conj(), clip.transform)
@@ -91,21 +91,21 @@ def spectrum(smoothed: Sequence[Smoothed], *, period_s: float) -> Spectrum | Non
     with np.errstate(invalid="ignore", divide="ignore"):
         coherence = np.abs(cross[..., d:]) ** 2 / (own[:, :d, None] * own[:, None, d:])
     # Where the residual has no power of its own, leakage of what is strong elsewhere would seem coherent.
-    loud = power > FAINT * power.max(axis=0)
+    loud = power > MIN_POWER_SHARE * power.max(axis=0)
     coherence = np.where(loud[..., None], np.nan_to_num(coherence), 0.0)
     first = smoothed[0].motion
-    return Spectrum(
+    return ResidualSpectrum(
         frequency_hz=frequency[kept],
         power=power,
         coherence=coherence,
         names=(*first.u_names[:n_u], *(f"v_{name}" for name in first.q_names)),
         significant=1.0 - 0.01 ** (1.0 / (TAPERS * len(clips) - 1)),
-        bands=_bands(frequency[kept], power.sum(axis=1)),
-        lines=_lines(clips, frequency[kept], active),
+        bands=_find_bands(frequency[kept], power.sum(axis=1)),
+        lines=_find_lines(clips, frequency[kept], active),
     )
 
 
-def coherent_share(found: Spectrum, coordinate: int) -> dict[str, float]:
+def coherent_share(found: ResidualSpectrum, coordinate: int) -> dict[str, float]:
     """Share of a coordinate's residual power that goes with each input and velocity, by name."""
     power = found.power[:, coordinate]
     total = power.sum()
@@ -115,8 +115,8 @@ def coherent_share(found: Spectrum, coordinate: int) -> dict[str, float]:
     return {name: float(power @ clear[:, i] / total) for i, name in enumerate(found.names)}
 
 
-def _clips(
-    smoothed: Sequence[Smoothed], unit: np.ndarray, period_s: float
+def _resample_clips(
+    smoothed: Sequence[LatentForceEstimate], unit: np.ndarray, period_s: float
 ) -> list[tuple[Float64[np.ndarray, "N channels"], float]]:
     """Residual, inputs and velocities of each clip that is long enough, on an even clock."""
     dt_s = max(one.motion.dt_s for one in smoothed)
@@ -125,14 +125,14 @@ def _clips(
         channels = np.concatenate([one.residual / unit, one.motion.u, one.v], axis=1)
         for start, stop in one.motion.segments:
             time_s = one.motion.time_s[start:stop]
-            if time_s[-1] - time_s[0] < SHORTEST * period_s or stop - start < 8 * TAPERS:
+            if time_s[-1] - time_s[0] < MIN_CLIP_PERIODS * period_s or stop - start < 8 * TAPERS:
                 continue
             even = time_s[0] + dt_s * np.arange(int((time_s[-1] - time_s[0]) / dt_s + 1e-6) + 1)
             clips.append((CubicSpline(time_s, channels[start:stop])(np.minimum(even, time_s[-1])), dt_s))
     return clips
 
 
-def _taper(values: np.ndarray, dt_s: float, size: int, kept: np.ndarray) -> _Tapered:
+def _taper_clip(values: np.ndarray, dt_s: float, size: int, kept: np.ndarray) -> _Tapered:
     tapers = dpss(len(values), HALF_BANDWIDTH, TAPERS)  # (K, N)
     centred = values - values.mean(axis=0)
     transform: Complex[np.ndarray, "F K channels"] = np.fft.rfft(
@@ -141,7 +141,7 @@ def _taper(values: np.ndarray, dt_s: float, size: int, kept: np.ndarray) -> _Tap
     return _Tapered(np.sqrt(dt_s) * transform[kept], np.sqrt(dt_s) * tapers.sum(axis=1), dt_s * len(values))
 
 
-def _lines(clips: list[_Tapered], frequency: np.ndarray, active: np.ndarray) -> tuple[Line, ...]:
+def _find_lines(clips: list[_Tapered], frequency: np.ndarray, active: np.ndarray) -> tuple[SpectralLine, ...]:
     """Sinusoids by the F test, at most one to a bandwidth, under a bounded rate of false discoveries."""
     found = []
     longest = max(clip.seconds for clip in clips)
@@ -156,37 +156,37 @@ def _lines(clips: list[_Tapered], frequency: np.ndarray, active: np.ndarray) -> 
         freedom = 2 * len(clips) * (TAPERS - 1)
         ratio = (above / (2 * len(clips))) / np.maximum(below / freedom, np.finfo(float).tiny)
         p = fisher.sf(ratio, 2 * len(clips), freedom)
-        peaks = _local_maxima(ratio, apart)
+        peaks = _find_local_maxima(ratio, apart)
         # p of a peak is the smallest of as many as lie in its neighbourhood
         q = false_discovery_control(np.minimum(1.0, 3.0 * p[peaks])) if len(peaks) else []
         found += [
-            Line(float(frequency[at]), int(i), float(p[at]))
+            SpectralLine(float(frequency[at]), int(i), float(p[at]))
             for at, rate in zip(peaks, q, strict=True)
-            if rate < LINE_RATE
+            if rate < LINE_FALSE_DISCOVERY_RATE
         ]
     return tuple(sorted(found, key=lambda line: line.p))
 
 
-def _local_maxima(values: np.ndarray, apart: int) -> np.ndarray:
+def _find_local_maxima(values: np.ndarray, apart: int) -> np.ndarray:
     padded = np.pad(values, apart, mode="constant", constant_values=-np.inf)
     windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * apart + 1)
     return np.flatnonzero(values >= windows.max(axis=1))
 
 
-def _bands(frequency: np.ndarray, power: np.ndarray) -> tuple[tuple[float, float, float], ...]:
+def _find_bands(frequency: np.ndarray, power: np.ndarray) -> tuple[tuple[float, float, float], ...]:
     """Peaks with their surroundings, largest share first."""
     total = power.sum()
     left = power.copy()
     found: list[tuple[float, float, float]] = []
-    while total > 0.0 and len(found) < MOST:
+    while total > 0.0 and len(found) < MAX_BANDS:
         peak = int(np.argmax(left))
-        level = DROP * left[peak]
+        level = BAND_EDGE_SHARE * left[peak]
         if left[peak] <= 0.0:
             break
         low = peak - int(np.argmax(np.append(left[peak::-1] < level, True))) + 1
         high = peak + int(np.argmax(np.append(left[peak:] < level, True))) - 1
         share = float(left[low : high + 1].sum() / total)
-        if share < SMALLEST:
+        if share < MIN_BAND_SHARE:
             break
         found.append((float(frequency[low]), float(frequency[high]), share))
         left[low : high + 1] = 0.0

@@ -8,20 +8,20 @@ import numpy as np
 from jaxtyping import Float64, Int64
 from scipy.ndimage import label
 
-from lagsplat.diagnose.residual.change_points import sample_weights
-from lagsplat.diagnose.residual.features import BLOCK
-from lagsplat.diagnose.residual.latent_force import Smoothed, energies
+from lagsplat.diagnose.residual.change_points import compute_sample_weights
+from lagsplat.diagnose.residual.features import BLOCK_PERIODS
+from lagsplat.diagnose.residual.latent_force import LatentForceEstimate, compute_relative_squares
 
-BINS = 8
+MAP_BINS = 8
 PROFILE_BINS = 12
-FLIPS = 999
-LEVEL = 0.05
-STANDS_OUT = 2.0  # standard errors at which a bin joins a cluster
-FEWEST_BLOCKS = 6  # two to the sixth sign patterns are the fewest that can reach one in twenty
+SIGN_FLIPS = 999
+SIGNIFICANCE = 0.05
+CLUSTER_SCORE = 2.0  # standard errors at which a bin joins a cluster
+MIN_BLOCKS = 6  # two to the sixth sign patterns are the fewest that can reach one in twenty
 
 
 @dataclass(frozen=True)
-class Region:
+class StateRegion:
     """A connected set of bins of one coordinate in which the residual keeps its sign.
 
     ``position`` and ``velocity`` (low, high) of the box around it (velocity None for a profile over position
@@ -38,7 +38,7 @@ class Region:
 
 
 @dataclass(frozen=True)
-class Map:
+class StateMap:
     """Mean residual acceleration of one coordinate over bins; NaN where fewer than two blocks went.
 
     ``mean`` and ``score`` (in standard errors) are (positions, velocities) between ``position_edges`` and
@@ -52,9 +52,9 @@ class Map:
     score: np.ndarray
 
 
-def regions(
-    smoothed: Sequence[Smoothed], *, period_s: float, seed: int = 0
-) -> tuple[list[Region], list[Map]]:
+def find_state_regions(
+    smoothed: Sequence[LatentForceEstimate], *, period_s: float, seed: int = 0
+) -> tuple[list[StateRegion], list[StateMap]]:
     """Regions of all coordinates by falling share, and the maps in which they were found.
 
     Every coordinate with a kept force has a map over position and velocity and a profile over position. Each
@@ -63,43 +63,45 @@ def regions(
 
     Source: Maris and Oostenveld (2007), cluster-based permutation.
     """
-    block = _blocks(smoothed, period_s)
-    signs = np.random.default_rng(seed).choice([-1.0, 1.0], (FLIPS, block.max() + 1))
-    weight = np.concatenate([sample_weights(one) for one in smoothed])
-    square = np.concatenate(energies(smoothed))
+    block = _number_blocks(smoothed, period_s)
+    signs = np.random.default_rng(seed).choice([-1.0, 1.0], (SIGN_FLIPS, block.max() + 1))
+    weight = np.concatenate([compute_sample_weights(one) for one in smoothed])
+    square = np.concatenate(compute_relative_squares(smoothed))
     state = [np.concatenate([getattr(one, name) for one in smoothed]) for name in ("q", "v", "residual")]
     coordinates = np.flatnonzero(smoothed[0].active)
-    shapes = ((BINS, BINS), (PROFILE_BINS, 1))
+    shapes = ((MAP_BINS, MAP_BINS), (PROFILE_BINS, 1))
     maps, found = [], []
     for i, shape in product(coordinates, shapes):
         q, v, r = (values[:, i] for values in state)
-        edges = _edges(q, shape[0]), _edges(v, shape[1])
-        at = np.ravel_multi_index([_bin(q, edges[0]), _bin(v, edges[1])], shape)
-        sums, visits = _block_sums(block, at, weight * r, int(np.prod(shape)))
+        edges = _compute_edges(q, shape[0]), _compute_edges(v, shape[1])
+        at = np.ravel_multi_index([_assign_bins(q, edges[0]), _assign_bins(v, edges[1])], shape)
+        sums, visits = _sum_blocks(block, at, weight * r, int(np.prod(shape)))
         spread = np.maximum(np.sqrt(np.sum(sums**2, axis=0)), 1e-300)
         spread[visits < 2] = np.inf
         time_s = np.bincount(at, weight, minlength=len(spread))
         mean = np.divide(sums.sum(axis=0), time_s, out=np.full(len(spread), np.nan), where=visits >= 2)
         score = sums.sum(axis=0) / spread
-        maps.append(Map(int(i), *edges, mean.reshape(shape), score.reshape(shape)))
+        maps.append(StateMap(int(i), *edges, mean.reshape(shape), score.reshape(shape)))
         share = np.bincount(at, weight * square[:, i], minlength=len(spread)).reshape(shape)
-        if block.max() + 1 >= FEWEST_BLOCKS:
-            heaviest = np.array([_heaviest(one) for one in (signs @ sums / spread).reshape(FLIPS, *shape)])
-            found += _found(maps[-1], share / share.sum(), heaviest, len(coordinates) * len(shapes))
+        if block.max() + 1 >= MIN_BLOCKS:
+            heaviest = np.array(
+                [_find_heaviest_cluster(one) for one in (signs @ sums / spread).reshape(SIGN_FLIPS, *shape)]
+            )
+            found += _select_regions(maps[-1], share / share.sum(), heaviest, len(coordinates) * len(shapes))
     return sorted(found, key=lambda region: -region.share), maps
 
 
-def _blocks(smoothed: Sequence[Smoothed], period_s: float) -> Int64[np.ndarray, " n"]:
+def _number_blocks(smoothed: Sequence[LatentForceEstimate], period_s: float) -> Int64[np.ndarray, " n"]:
     """Number of each sample's block; a block belongs to one motion."""
     numbers, first = [], 0
     for one in smoothed:
-        own = (np.cumsum(sample_weights(one)) / (BLOCK * period_s)).astype(np.int64)
+        own = (np.cumsum(compute_sample_weights(one)) / (BLOCK_PERIODS * period_s)).astype(np.int64)
         numbers.append(first + own)
         first += int(own[-1]) + 1
     return np.concatenate(numbers)
 
 
-def _edges(values: np.ndarray, count: int) -> Float64[np.ndarray, " bins"]:
+def _compute_edges(values: np.ndarray, count: int) -> Float64[np.ndarray, " bins"]:
     """Even bins between the 1 % and the 99 % quantile, the outermost widened to hold the rest."""
     low, high = np.quantile(values, [0.01, 0.99])
     edges = np.linspace(low, high, count + 1)
@@ -107,11 +109,11 @@ def _edges(values: np.ndarray, count: int) -> Float64[np.ndarray, " bins"]:
     return edges
 
 
-def _bin(values: np.ndarray, edges: np.ndarray) -> Int64[np.ndarray, " n"]:
+def _assign_bins(values: np.ndarray, edges: np.ndarray) -> Int64[np.ndarray, " n"]:
     return np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)
 
 
-def _block_sums(
+def _sum_blocks(
     block: np.ndarray, at: np.ndarray, values: np.ndarray, bins: int
 ) -> tuple[Float64[np.ndarray, "B bins"], Int64[np.ndarray, " bins"]]:
     """Sums of ``values`` by block and bin, and how many blocks went through each bin."""
@@ -122,34 +124,34 @@ def _block_sums(
     return sums, went.sum(axis=0)
 
 
-def _clusters(score: np.ndarray) -> list[tuple[np.ndarray, float]]:
+def _find_clusters(score: np.ndarray) -> list[tuple[np.ndarray, float]]:
     """Connected bins of one sign that stand out, with their summed scores."""
     found = []
     for sign in (1.0, -1.0):
-        numbers, count = label(sign * score > STANDS_OUT)
+        numbers, count = label(sign * score > CLUSTER_SCORE)
         if count:
             masses = np.bincount(numbers.ravel(), (sign * score).ravel())
             found += [(numbers == number, float(masses[number])) for number in range(1, count + 1)]
     return found
 
 
-def _heaviest(score: np.ndarray) -> float:
-    if np.abs(score).max() <= STANDS_OUT:
+def _find_heaviest_cluster(score: np.ndarray) -> float:
+    if np.abs(score).max() <= CLUSTER_SCORE:
         return 0.0
-    return max(mass for _, mass in _clusters(score))
+    return max(mass for _, mass in _find_clusters(score))
 
 
-def _found(one: Map, share: np.ndarray, heaviest: np.ndarray, tests: int) -> list[Region]:
+def _select_regions(one: StateMap, share: np.ndarray, heaviest: np.ndarray, tests: int) -> list[StateRegion]:
     found = []
-    for inside, mass in _clusters(one.score):
+    for inside, mass in _find_clusters(one.score):
         p = min(1.0, tests * (1.0 + np.sum(heaviest >= mass)) / (1.0 + len(heaviest)))
-        if p > LEVEL:
+        if p > SIGNIFICANCE:
             continue
         rows, columns = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))
         profile = len(one.velocity_edges) == 2
         velocity = (float(one.velocity_edges[columns[0]]), float(one.velocity_edges[columns[-1] + 1]))
         found.append(
-            Region(
+            StateRegion(
                 coordinate=one.coordinate,
                 position=(float(one.position_edges[rows[0]]), float(one.position_edges[rows[-1] + 1])),
                 velocity=None if profile else velocity,

@@ -19,16 +19,16 @@ from numba import njit
 from scipy.optimize import minimize
 from scipy.stats import median_abs_deviation
 
-from lagsplat.diagnose.residual.linearization import Steps
+from lagsplat.diagnose.residual.linearization import LinearSteps
 
 FORCE_BOUNDS = (1e-10, 1e4)  # variance of the force, over the square of what swings the motion
 NOISE_BOUNDS = (1e-14, 1.0)  # variance of the noise, over the motion's
-START_POSITION, START_VELOCITY = 1.0, 25.0  # variances at a clip's start, over the motion's
-STEPS = 40
+START_POSITION_VARIANCE, START_VELOCITY_VARIANCE = 1.0, 25.0  # variances at a clip's start, over the motion's
+MAX_OPTIMIZER_STEPS = 40
 
 
 @dataclass(frozen=True)
-class Record:
+class SmootherData:
     """Measured positions ``y`` (T, d), where clips begin ``fresh`` (T,), the step to the next sample ``h``
     (T,) [s], zero at a clip's end. ``scale`` (d,) is the motion's size and ``unit_s`` its period over 2 pi:
     they make every variance a number near one. ``ar1`` is the noise's correlation over a median step.
@@ -53,9 +53,9 @@ class Record:
 
 
 @dataclass(frozen=True)
-class Variances:
+class ForceVariances:
     """Length scale of the hidden force [s], and variances (2d,) of the forces, then of the noise, each over
-    the square of its `Record` scale, with the log-likelihood they reach (nats)."""
+    the square of its `SmootherData` scale, with the log-likelihood they reach (nats)."""
 
     length_s: float
     values: np.ndarray
@@ -63,7 +63,7 @@ class Variances:
 
 
 @dataclass(frozen=True)
-class Estimate:
+class SmoothedPath:
     """Smoothed ``q``, ``v``, hidden ``force``, its ``rate`` (T, d) and its ``covariance`` (T, d, d)."""
 
     q: np.ndarray
@@ -71,34 +71,37 @@ class Estimate:
     force: np.ndarray
     rate: np.ndarray
     covariance: np.ndarray
-    variances: Variances
+    variances: ForceVariances
 
     def force_in_step(self, h: Float64[np.ndarray, " T"]) -> Float64[np.ndarray, "T 3 d"]:
         """Expected force at the start, middle and end of each step of length ``h``."""
         weights = [
-            matern_weights(np.sqrt(3.0) / self.variances.length_s, part * h) for part in (0.0, 0.5, 1.0)
+            compute_matern_weights(np.sqrt(3.0) / self.variances.length_s, part * h)
+            for part in (0.0, 0.5, 1.0)
         ]
         return np.stack([a[:, None] * self.force + b[:, None] * self.rate for a, b in weights], axis=1)
 
 
-def matern_weights(rate: float, h: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def compute_matern_weights(rate: float, h: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Weights of the value and of the derivative now in the expected value ``h`` later, Matern-3/2."""
     fade = np.exp(-rate * h)
     return (1.0 + rate * h) * fade, h * fade
 
 
-def first_guess(record: Record, length_s: float) -> Variances:
+def guess_variances(record: SmootherData, length_s: float) -> ForceVariances:
     """Noise from fourth differences of each clip, forces as large as what swings the motion."""
     cuts = np.flatnonzero(record.fresh)[1:]
     fourth = np.concatenate([np.diff(clip, n=4, axis=0) for clip in np.split(record.y, cuts)])
     noise = median_abs_deviation(fourth, axis=0, scale="normal") ** 2 / 70.0 / record.scale**2
     values = np.concatenate([np.ones(record.d), np.clip(noise, 100 * NOISE_BOUNDS[0], 0.01)])
-    return Variances(length_s, values)
+    return ForceVariances(length_s, values)
 
 
-def most_likely(record: Record, steps: Steps, start: Variances, *, noise_known: bool = False) -> Variances:
+def maximize_likelihood(
+    record: SmootherData, steps: LinearSteps, start: ForceVariances, *, noise_known: bool = False
+) -> ForceVariances:
     """Variances of largest marginal likelihood at ``start``'s length scale, sought from its values."""
-    chain = _chain(record, steps, start.length_s)
+    chain = _build_model(record, steps, start.length_s)
     free = np.arange(record.d if noise_known else 2 * record.d)
     limits = np.log([FORCE_BOUNDS] * record.d + [NOISE_BOUNDS] * record.d)
     values = np.log(start.values)
@@ -112,15 +115,17 @@ def most_likely(record: Record, steps: Steps, start: Variances, *, noise_known: 
 
     found = minimize(
         loss, np.clip(values[free], *limits[free].T), jac=True, method="L-BFGS-B", bounds=limits[free],
-        options={"maxiter": STEPS, "ftol": 1e-7, "gtol": 1e-2},
+        options={"maxiter": MAX_OPTIMIZER_STEPS, "ftol": 1e-7, "gtol": 1e-2},
     )  # fmt: skip
     values[free] = found.x
     return replace(start, values=np.exp(values), log_likelihood=-float(found.fun))
 
 
-def evidence(record: Record, steps: Steps, variances: Variances) -> Float64[np.ndarray, " d"]:
+def compute_force_evidence(
+    record: SmootherData, steps: LinearSteps, variances: ForceVariances
+) -> Float64[np.ndarray, " d"]:
     """Nats by which each coordinate's force makes the record more likely than without it."""
-    chain = _chain(record, steps, variances.length_s)
+    chain = _build_model(record, steps, variances.length_s)
     full = chain.forward(variances.values)[-1]
     without = []
     for i in range(record.d):
@@ -130,16 +135,16 @@ def evidence(record: Record, steps: Steps, variances: Variances) -> Float64[np.n
     return full - np.array(without)
 
 
-def estimate(record: Record, steps: Steps, variances: Variances) -> Estimate:
+def smooth_path(record: SmootherData, steps: LinearSteps, variances: ForceVariances) -> SmoothedPath:
     """Smoothed path and force under given variances; their likelihood is computed anew."""
-    chain = _chain(record, steps, variances.length_s)
+    chain = _build_model(record, steps, variances.length_s)
     filtered = chain.forward(variances.values)
     mean, covariance, _ = chain.backward(filtered, moments=True)
     d = record.d
     mean = mean * chain.units
     pick = slice(2 * d, 3 * d)
     units = chain.units[pick]
-    return Estimate(
+    return SmoothedPath(
         q=mean[:, :d], v=mean[:, d : 2 * d], force=mean[:, pick], rate=mean[:, 3 * d : 4 * d],
         covariance=covariance[:, pick, pick] * units[:, None] * units,
         variances=replace(variances, log_likelihood=filtered[-1]),
@@ -147,7 +152,7 @@ def estimate(record: Record, steps: Steps, variances: Variances) -> Estimate:
 
 
 @dataclass(frozen=True)
-class _Chain:
+class _LinearGaussianModel:
     """The arguments of the kernels, in scaled units; ``units`` (n,) leads back."""
 
     y: np.ndarray
@@ -162,19 +167,19 @@ class _Chain:
 
     def forward(self, variances: np.ndarray) -> tuple:
         d = self.y.shape[1]
-        start = np.repeat([START_POSITION, START_VELOCITY], d)
-        return forward(
+        start = np.repeat([START_POSITION_VARIANCE, START_VELOCITY_VARIANCE], d)
+        return filter_forward(
             self.y, self.fresh, self.see, self.transition, self.offset, self.drive, self.colour, variances,
             self.rate, start,
         )  # fmt: skip
 
     def backward(self, filtered: tuple, *, moments: bool) -> tuple:
-        return backward(
+        return smooth_backward(
             self.fresh, self.see, self.transition, self.drive, self.colour, self.rate, filtered, moments
         )
 
 
-def _chain(record: Record, steps: Steps, length_s: float) -> _Chain:
+def _build_model(record: SmootherData, steps: LinearSteps, length_s: float) -> _LinearGaussianModel:
     d, unit = record.d, record.unit_s
     n = 5 * d if record.ar1 > 0.0 else 4 * d
     rate = np.sqrt(3.0) / length_s
@@ -183,7 +188,7 @@ def _chain(record: Record, steps: Steps, length_s: float) -> _Chain:
     transition = np.zeros((len(h), n, n))
     transition[:, : 2 * d, : 2 * d] = steps.phi
     for part, gamma in zip((0.0, 0.5, 1.0), np.moveaxis(steps.gamma, 1, 0), strict=True):
-        now, slope = matern_weights(rate, part * h)
+        now, slope = compute_matern_weights(rate, part * h)
         transition[:, : 2 * d, 2 * d : 3 * d] += now[:, None, None] * gamma
         transition[:, : 2 * d, 3 * d : 4 * d] += slope[:, None, None] * gamma
     fade = np.exp(-rate * h)
@@ -204,7 +209,7 @@ def _chain(record: Record, steps: Steps, length_s: float) -> _Chain:
     drive = still - np.einsum("abt,bc,dct->tad", scaled, still, scaled)
     offset = np.zeros((len(h), n))
     offset[:, : 2 * d] = steps.offset
-    return _Chain(
+    return _LinearGaussianModel(
         y=np.ascontiguousarray(record.y / record.scale), fresh=record.fresh, see=see,
         transition=np.ascontiguousarray(transition * units / units[:, None]), offset=offset / units,
         drive=np.ascontiguousarray(drive), colour=colour, rate=rate * unit, units=units,
@@ -212,7 +217,7 @@ def _chain(record: Record, steps: Steps, length_s: float) -> _Chain:
 
 
 @njit(cache=True)
-def _times(a, b, out):
+def _multiply(a, b, out):
     """out = a b; a's zeros are passed over, because transitions are mostly empty."""
     rows, inner = a.shape
     columns = b.shape[1]
@@ -227,7 +232,7 @@ def _times(a, b, out):
 
 
 @njit(cache=True)
-def _times_transposed(a, b, out):
+def _multiply_transposed(a, b, out):
     """out = a b^T, with b's zeros passed over."""
     rows = a.shape[0]
     columns, inner = b.shape
@@ -243,7 +248,7 @@ def _times_transposed(a, b, out):
 
 
 @njit(cache=True)
-def _transposed_times(a, b, out):
+def _transposed_multiply(a, b, out):
     """out = a^T b, with a's zeros passed over."""
     inner, rows = a.shape
     columns = b.shape[1]
@@ -281,8 +286,8 @@ def _observe(x, p, y, see, variances, innovation, inverse, gain):
     n = len(x)
     cross = np.empty((n, d))
     s = np.empty((d, d))
-    _times_transposed(p, see, cross)
-    _times(see, cross, s)
+    _multiply_transposed(p, see, cross)
+    _multiply(see, cross, s)
     for j in range(d):
         innovation[j] = y[j]
         for i in range(n):
@@ -290,7 +295,7 @@ def _observe(x, p, y, see, variances, innovation, inverse, gain):
         if n == 4 * d:
             s[j, j] += variances[d + j]
     inverse[:] = np.linalg.inv(s)
-    _times(cross, inverse, gain)
+    _multiply(cross, inverse, gain)
     quadratic = 0.0
     for i in range(d):
         for j in range(d):
@@ -313,8 +318,8 @@ def _advance(x, p, cross, innovation, gain, transition, offset, drive, colour, v
         x[i] = offset[i]
         for k in range(n):
             x[i] += transition[i, k] * updated[k]
-    _times_transposed(p, transition, half)
-    _times(transition, half, p)
+    _multiply_transposed(p, transition, half)
+    _multiply(transition, half, p)
     for i in range(d):
         for a in range(2):
             for b in range(2):
@@ -327,7 +332,7 @@ def _advance(x, p, cross, innovation, gain, transition, offset, drive, colour, v
 
 
 @njit(cache=True)
-def forward(y, fresh, see, transition, offset, drive, colour, variances, rate, start):
+def filter_forward(y, fresh, see, transition, offset, drive, colour, variances, rate, start):
     """Predictions (T, n), their covariances (T, n, n), innovations (T, d), inverse innovation covariances
     (T, d, d), gains (T, n, d) and the log-likelihood.
 
@@ -362,7 +367,7 @@ def forward(y, fresh, see, transition, offset, drive, colour, variances, rate, s
 
 
 @njit(cache=True)
-def _pull_back(r, big, transition, half):
+def _propagate_backward(r, big, transition, half):
     """r = A^T r and N = A^T N A, in place."""
     n = len(r)
     pulled = np.zeros(n)
@@ -370,20 +375,20 @@ def _pull_back(r, big, transition, half):
         for k in range(n):
             pulled[k] += transition[i, k] * r[i]
     r[:] = pulled
-    _transposed_times(transition, big, half)
-    _times(half, transition, big)
+    _transposed_multiply(transition, big, half)
+    _multiply(half, transition, big)
 
 
 @njit(cache=True)
-def _take_in(r, big, see, innovation, inverse, gain, score, half):
+def _update_backward(r, big, see, innovation, inverse, gain, score, half):
     """r and N before an observation from those after it, in place; adds the white noise's derivative."""
     n = len(r)
     d = len(innovation)
     back = np.empty(d)
     shrunk = np.empty((n, d))
     middle = np.empty((d, d))
-    _times(big, gain, shrunk)
-    _transposed_times(gain, shrunk, middle)
+    _multiply(big, gain, shrunk)
+    _transposed_multiply(gain, shrunk, middle)
     for i in range(d):
         u = 0.0
         for j in range(d):
@@ -399,13 +404,13 @@ def _take_in(r, big, see, innovation, inverse, gain, score, half):
             r[k] += see[i, k] * back[i]
     # N <- L^T N L + Z^T F^-1 Z with L = I - K Z
     wide = np.empty((d, n))
-    _times(middle, see, wide)
+    _multiply(middle, see, wide)
     for j in range(d):
         for k in range(n):
             wide[j, k] *= 0.5
             wide[j, k] -= shrunk[k, j]
     both = np.empty((n, n))
-    _transposed_times(see, wide, both)
+    _transposed_multiply(see, wide, both)
     for i in range(n):
         for k in range(n):
             half[i, k] = big[i, k] + both[i, k] + both[k, i]
@@ -429,11 +434,11 @@ def _add_scores(score, r, big, drive, colour):
 
 
 @njit(cache=True)
-def backward(fresh, see, transition, drive, colour, rate, filtered, moments):
+def smooth_backward(fresh, see, transition, drive, colour, rate, filtered, moments):
     """Smoothed means (T, n) and covariances (T, n, n), and the derivatives (2d,) of the log-likelihood with
     respect to the variances.
 
-    ``filtered`` is what `forward` returned. Without ``moments`` the first two stay empty.
+    ``filtered`` is what `filter_forward` returned. Without ``moments`` the first two stay empty.
     """
     mean, covariance, innovation, inverse, gain, _ = filtered
     length, n = mean.shape
@@ -452,14 +457,14 @@ def backward(fresh, see, transition, drive, colour, rate, filtered, moments):
             big[:] = 0.0
         else:
             _add_scores(score, r, big, drive[t], colour[t])
-            _pull_back(r, big, transition[t], half)
-        _take_in(r, big, see, innovation[t], inverse[t], gain[t], score, half)
+            _propagate_backward(r, big, transition[t], half)
+        _update_backward(r, big, see, innovation[t], inverse[t], gain[t], score, half)
         if fresh[t]:
             _add_scores(score, r, big, at_start, 1.0)
         if moments:
             p = covariance[t]
-            _times(p, big, half)
-            _times(half, p, back)
+            _multiply(p, big, half)
+            _multiply(half, p, back)
             for i in range(n):
                 smooth_mean[t, i] = mean[t, i]
                 for k in range(n):

@@ -1,12 +1,15 @@
-"""Many rollouts of a sim with unmodelled forces, by the classical Runge-Kutta method.
+"""The classical Runge-Kutta method: compiled rollouts of a simulator with added forces, and a NumPy step.
 
-A batch is ``P`` sets of parameters times ``W`` windows of a recording. A force acts along a direction ``p``:
-with ``s = p.(q - rest)`` its law says an acceleration ``f(t, s, ds/dt, ...)``, and ``p m f`` is added to the
-generalised forces, ``m`` being the reference inertia along ``p``. Laws are compiled one by one and handed
-over as functions, so that a new effect compiles alone.
+A batch is ``P`` sets of parameters times ``W`` windows of a recording. An added force acts along a direction
+``p``: with ``s = p.(q - rest)`` its law returns an acceleration ``f(t, s, ds/dt, ...)``, and ``p m f`` is
+added to the generalised forces, ``m`` being the reference inertia along ``p``. Force laws are compiled one by
+one and passed as functions, so that a new effect compiles alone.
+
+Source: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, 2nd ed., II.1.
 """
 
 import math
+from collections.abc import Callable
 from typing import Any, no_type_check
 
 import numpy as np
@@ -18,29 +21,56 @@ FORCE_LAW_SIGNATURE = float64(
     float64, float64, float64, float64, float64, float64[::1], float64[::1], float64[::1]
 )
 """``law(t, s, v, spring, drive, memory, theta, d_memory) -> acceleration``; writes the rate of its memory."""
-DIVERGED_SCALES = 1e6  # in units of the scale of the coordinates: a rollout that has left for good
+DIVERGED_SCALES = 1e6
+"""Distance from rest, in units of the scale of a coordinate, beyond which a rollout counts as diverged."""
+MEMORY_STEPS = 8
+"""Midpoint steps of a force law's memory between two frames."""
+MIN_PIVOT = 1e-12
+"""Floor of a squared pivot, so that a mass matrix that is not positive gives no NaN."""
+
+
+def take_runge_kutta_step(
+    rate: Callable[[np.ndarray, Any], np.ndarray],
+    state: np.ndarray,
+    step: np.ndarray,
+    points: tuple[Any, Any, Any],
+) -> np.ndarray:
+    """The state one step of ``d state/dt = rate(state, point)`` later, in NumPy for any function and shape.
+
+    Args:
+        rate: the function to integrate, of a state and of one of ``points``.
+        state: where the step starts, of any shape.
+        step: length of the step [s], of a shape that broadcasts to that of ``state``.
+        points: what ``rate`` takes besides the state (times or inputs) at the step's start, middle and end.
+    """
+    start, middle, end = points
+    k1 = rate(state, start)
+    k2 = rate(state + 0.5 * step * k1, middle)
+    k3 = rate(state + 0.5 * step * k2, middle)
+    k4 = rate(state + step * k3, end)
+    return state + step / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
 
 
 def compile_force_law(function: Any) -> Any:
-    """Decorator: compile a law of force under the one signature all of them share."""
+    """Compile a force law under the signature that all of them share; a decorator."""
     return njit(FORCE_LAW_SIGNATURE, cache=True)(function)
 
 
 @compile_force_law
 @no_type_check
 def zero_force(t, s, v, spring, drive, memory, theta, d_memory):
-    """No force: fills the slots that are not needed."""
+    """A force law that is zero, for the slots that no effect uses."""
     return 0.0
 
 
 @njit(cache=True)
 @no_type_check
 def factorize_cholesky(a, d):
-    """Overwrite the lower triangle of ``a`` (d, d), which is symmetric, with its Cholesky factor."""
+    """Overwrite the lower triangle of a symmetric ``a`` (d, d) with its Cholesky factor, compiled."""
     for j in range(d):
         for k in range(j):
             a[j, j] -= a[j, k] * a[j, k]
-        a[j, j] = math.sqrt(max(a[j, j], 1e-12))
+        a[j, j] = math.sqrt(max(a[j, j], MIN_PIVOT))
         for i in range(j + 1, d):
             for k in range(j):
                 a[i, j] -= a[i, k] * a[j, k]
@@ -50,7 +80,7 @@ def factorize_cholesky(a, d):
 @njit(cache=True)
 @no_type_check
 def solve_cholesky(a, b, d):
-    """Overwrite the second half of ``b`` (2 d,) with the solution for the factor ``a``."""
+    """Overwrite the second half of ``b`` (2 d,) with the solution for the Cholesky factor ``a``, compiled."""
     for i in range(d):
         for k in range(i):
             b[d + i] -= a[i, k] * b[d + k]
@@ -64,9 +94,19 @@ def solve_cholesky(a, b, d):
 @njit(cache=True, error_model="numpy", inline="always")
 @no_type_check
 def compute_forces(basis, fields, state, u, rate, phi, slope, work, m, powers):
-    """Write velocities and generalised forces of the sim alone into ``rate``, and the mass into ``m``.
+    """Write velocities and generalised forces of the simulator into ``rate``, its mass into ``m``, compiled.
 
-    ``work`` (2 d,) is what spring and drive do; of ``m`` (d, d) the lower triangle counts.
+    Args:
+        basis: kind, order, centre and scale of the basis.
+        fields: mass, damping, potential, input map, dry friction, drag, friction width and rest.
+        state: coordinates and velocities (2 d,); more may follow.
+        u: inputs (n_u,).
+        rate: velocities and forces (2 d,), written.
+        phi: values of the basis (K,), scratch.
+        slope: their derivatives (d, K), scratch.
+        work: the conservative and the actuated forces (2 d,), written.
+        m: the mass matrix (d, d), of which the lower triangle is written.
+        powers: scratch of `lagsplat.diagnose.mechanics.basis.evaluate_basis`.
     """
     kind, order, centre, scale = basis
     mass, damping, potential, input_map, dry, drag, width, rest = fields
@@ -77,14 +117,14 @@ def compute_forces(basis, fields, state, u, rate, phi, slope, work, m, powers):
         rate[d + i] = -drag[i] * abs(state[d + i]) * state[d + i]
         if dry[i] != 0.0:
             rate[d + i] -= dry[i] * math.tanh(state[d + i] / width[i])
-        pull, push = 0.0, 0.0
+        spring, drive = 0.0, 0.0
         for k in range(potential.shape[0]):
-            pull -= potential[k] * slope[i, k]
+            spring -= potential[k] * slope[i, k]
         for c in range(n_u):
             for k in range(input_map.shape[2]):
-                push += phi[k] * input_map[c, i, k] * u[c]
-        work[i], work[d + i] = pull, push
-        rate[d + i] += pull + push
+                drive += phi[k] * input_map[c, i, k] * u[c]
+        work[i], work[d + i] = spring, drive
+        rate[d + i] += spring + drive
         for j in range(d):
             loss = 0.0
             for k in range(damping.shape[2]):
@@ -109,7 +149,7 @@ def compute_forces(basis, fields, state, u, rate, phi, slope, work, m, powers):
 @njit(cache=True, error_model="numpy", inline="always")
 @no_type_check
 def _rate(basis, fields, laws, along, inertia, theta, t, state, u, rate, phi, slope, work, m, powers):
-    """Write the rate of ``state``: coordinates, velocities and the laws' memories, slot after slot."""
+    """Write the rate of ``state``: coordinates, velocities and the force laws' memories, slot after slot."""
     rest = fields[7]
     d = rest.shape[0]
     n_z = (state.shape[0] - 2 * d) // inertia.shape[0]
@@ -117,17 +157,17 @@ def _rate(basis, fields, laws, along, inertia, theta, t, state, u, rate, phi, sl
     for slot in range(inertia.shape[0]):
         if inertia[slot] == 0.0:
             continue
-        s, v, pull, push = 0.0, 0.0, 0.0, 0.0
+        s, v, spring, drive = 0.0, 0.0, 0.0, 0.0
         for i in range(d):
             s += along[slot, i] * (state[i] - rest[i])
             v += along[slot, i] * state[d + i]
-            pull += along[slot, i] * work[i]
-            push += along[slot, i] * work[d + i]
-        heavy = inertia[slot]
+            spring += along[slot, i] * work[i]
+            drive += along[slot, i] * work[d + i]
+        reference = inertia[slot]
         at = slice(2 * d + slot * n_z, 2 * d + (slot + 1) * n_z)
-        f = laws[slot](t, s, v, pull / heavy, push / heavy, state[at], theta[slot], rate[at])
+        f = laws[slot](t, s, v, spring / reference, drive / reference, state[at], theta[slot], rate[at])
         for i in range(d):
-            rate[d + i] += along[slot, i] * heavy * f
+            rate[d + i] += along[slot, i] * reference * f
     factorize_cholesky(m, d)
     solve_cholesky(m, rate, d)
 
@@ -135,15 +175,56 @@ def _rate(basis, fields, laws, along, inertia, theta, t, state, u, rate, phi, sl
 @njit(parallel=True, cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
 @no_type_check
 def roll_out_batch(
-    basis, mass, damping, potential, input_map, dry, drag, width, rest, laws, along, inertia, theta, memory,
-    starts, first, length, time, u, u_of, steps, out,
-):  # fmt: skip
-    """Write the states (P, W, L, 2 d) at the frames of every window, for every set of parameters.
+    basis,
+    mass,
+    damping,
+    potential,
+    input_map,
+    dry,
+    drag,
+    width,
+    rest,
+    laws,
+    along,
+    inertia,
+    theta,
+    memory,
+    starts,
+    first,
+    length,
+    time,
+    u,
+    u_of,
+    steps,
+    out,
+):
+    """Write the states at the frames of every window, for every set of parameters, compiled and in parallel.
 
-    ``u`` (S, N, steps, 3, n_u) holds the inputs at the beginning, middle and end of every substep; ``u_of``
-    (P,) says which of them a set uses. ``memory`` (P, W, laws, Z) is the laws' memory at the windows' starts.
-    Coefficients have the functions of the basis last, (P, d, d, K) and (P, n_u, d, K), for sums over these
-    are most of the work.
+    Coefficients have the functions of the basis last, because sums over these are most of the work.
+
+    Args:
+        basis: kind, order, centre and scale of the basis.
+        mass: coefficients (P, d, d, K).
+        damping: coefficients (P, d, d, K).
+        potential: coefficients (P, K).
+        input_map: coefficients (P, n_u, d, K).
+        dry: dry friction (P, d).
+        drag: quadratic drag (P, d).
+        width: speed (d,) below which dry friction is linear [unit of the coordinate per second].
+        rest: equilibrium (d,).
+        laws: compiled force laws, one a slot.
+        along: their directions (slots, d).
+        inertia: reference inertia along each; zero for a slot that is not used.
+        theta: parameters of the laws (P, slots, n).
+        memory: the laws' memory at the windows' starts (P, W, slots, Z).
+        starts: initial states (P, W, 2 d).
+        first: first frame of each window (W,).
+        length: its number of frames (W,).
+        time: times of all frames (N,) [s].
+        u: inputs (S, N, steps, 3, n_u) at the start, middle and end of every substep.
+        u_of: which of the S signals each set of parameters uses (P,).
+        steps: Runge-Kutta steps between two frames.
+        out: states (P, W, L, 2 d), written. A diverged rollout stays at `DIVERGED_SCALES`.
     """
     n_sets, n_windows, two_d = starts.shape
     d = two_d // 2
@@ -165,13 +246,26 @@ def roll_out_batch(
             for step in range(steps if frame < length[w] - 1 and not lost else 0):
                 h = (time[n + 1] - time[n]) / steps
                 for stage in range(4):
-                    at = 0 if stage == 0 else (2 if stage == 3 else 1)
+                    at = 0 if stage == 0 else (2 if stage == 3 else 1)  # in half steps
                     for i in range(size):
                         y[i] = x[i] + 0.5 * at * h * rate[i]
                     _rate(
-                        basis, fields, laws, along, inertia, theta[p], time[n] + (step + 0.5 * at) * h, y,
-                        u[u_of[p], n, step, at], rate, phi, slope, work, m, powers,
-                    )  # fmt: skip
+                        basis,
+                        fields,
+                        laws,
+                        along,
+                        inertia,
+                        theta[p],
+                        time[n] + (step + 0.5 * at) * h,
+                        y,
+                        u[u_of[p], n, step, at],
+                        rate,
+                        phi,
+                        slope,
+                        work,
+                        m,
+                        powers,
+                    )
                     for i in range(size):
                         total[i] = (0.0 if stage == 0 else total[i]) + rate[i] * (2.0 if at == 1 else 1.0)
                 for i in range(size):
@@ -187,17 +281,34 @@ def roll_out_batch(
 
 @njit(
     (
-        types.FunctionType(FORCE_LAW_SIGNATURE), float64[:, ::1], float64[::1], float64[::1], float64[::1], float64[::1],
-        float64[::1], types.int64[:, ::1], float64[:, :, ::1], float64[:, :, ::1],
+        types.FunctionType(FORCE_LAW_SIGNATURE),
+        float64[:, ::1],
+        float64[::1],
+        float64[::1],
+        float64[::1],
+        float64[::1],
+        float64[::1],
+        types.int64[:, ::1],
+        float64[:, :, ::1],
+        float64[:, :, ::1],
     ),
     cache=True,
-)  # fmt: skip
+)
 @no_type_check
 def integrate_memory(force, theta, time, s, v, spring, drive, clips, begin, out):
-    """Write a law's memory (P, N, Z) along a given motion, from ``begin`` (P, C, Z) where a clip starts.
+    """Write a force law's memory along a recorded motion by the explicit midpoint rule, compiled.
 
-    ``s``, ``v``, ``spring``, ``drive`` are (N,); between frames they are interpolated linearly. The memory
-    steps by the explicit midpoint rule, eight times a frame.
+    Args:
+        force: the law.
+        theta: its parameters (P, n).
+        time: times of the frames (N,) [s].
+        s: coordinate along the law's direction (N,); it is linear between frames, as the next three.
+        v: its rate (N,).
+        spring: the simulator's conservative acceleration along the direction (N,).
+        drive: its actuated acceleration along the direction (N,).
+        clips: first frame and end of each clip (C, 2).
+        begin: memory where each clip starts (P, C, Z).
+        out: memory at the frames (P, N, Z), written.
     """
     n_sets, _, n_z = out.shape
     rate, y = np.zeros(n_z), np.zeros(n_z)
@@ -208,15 +319,15 @@ def integrate_memory(force, theta, time, s, v, spring, drive, clips, begin, out)
                 out[p, n] = z
                 if n + 1 == clips[clip, 1]:
                     break
-                h = (time[n + 1] - time[n]) / 8.0
-                for step in range(8):
+                h = (time[n + 1] - time[n]) / MEMORY_STEPS
+                for step in range(MEMORY_STEPS):
                     for half in range(2):
-                        share = (step + 0.5 * half) / 8.0
+                        share = (step + 0.5 * half) / MEMORY_STEPS
                         y[:] = z
                         if half == 1:
                             y[:] += 0.5 * h * rate
                         force(
-                            time[n] + share * 8.0 * h,
+                            time[n] + share * MEMORY_STEPS * h,
                             s[n] + share * (s[n + 1] - s[n]),
                             v[n] + share * (v[n + 1] - v[n]),
                             spring[n] + share * (spring[n + 1] - spring[n]),

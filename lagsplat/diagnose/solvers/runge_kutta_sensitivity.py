@@ -1,9 +1,9 @@
-"""Rollouts of a sim together with their derivatives by its coefficients and by the starting states.
+"""Rollouts of a simulator with their derivatives by its coefficients and by the initial states, compiled.
 
 The sensitivities ``S`` of the state obey ``dS/dt = J S + [0; M^-1 g]``, ``J`` being the Jacobian of the rate
-by the state and ``g`` the generalised force of one unit of a coefficient, its inertia included. They run
-through the same Runge-Kutta stages as the state, so that they are the derivatives of the very rollouts that
-`lagsplat.diagnose.solvers.runge_kutta` makes. Only the sim itself is rolled out here: no laws, no memories.
+by the state and ``g`` the generalised force of one unit of a coefficient, its inertia included. They pass
+through the same Runge-Kutta stages as the state, so that they are the exact derivatives of the rollouts of
+`lagsplat.diagnose.solvers.runge_kutta`. Only the simulator itself is rolled out here, without added forces.
 
 Source: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, 2nd ed., I.14 and II.6.
 """
@@ -26,42 +26,42 @@ from lagsplat.diagnose.solvers.runge_kutta import (
 @njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
 @no_type_check
 def _jacobian(fields, state, u, a, phi, slope, curvature, parts, out):
-    """Write the derivatives (d, 2 d) by the state of ``forces - M a``, at an acceleration that stays.
+    """Write the derivatives (d, 2 d) of ``forces - M a`` by the state, at a constant acceleration.
 
-    ``parts`` (2 + 3 d, K) is scratch: of every function of the basis what multiplies its slope and its
-    curvature, its rate along the motion, and what its mass and its curvature make of the velocity.
+    ``parts`` (2 + 3 d, K) is scratch. It holds for every function of the basis the factor of its slope and of
+    its curvature, its rate along the motion, and the products of mass and of curvature with the velocity.
     """
     mass, damping, potential, input_map, dry, drag, width, _ = fields
     d, n_v = dry.shape[0], mass.shape[2]
     parts[:] = 0.0
-    height, turn = parts[0], parts[1]
-    load, momentum, bent = parts[2 : 2 + d], parts[2 + d : 2 + 2 * d], parts[2 + 2 * d :]
+    curvature_factor, phi_rate = parts[0], parts[1]
+    slope_factor, momentum, curvature_rate = parts[2 : 2 + d], parts[2 + d : 2 + 2 * d], parts[2 + 2 * d :]
     for k in range(potential.shape[0]):
-        height[k] -= potential[k]
+        curvature_factor[k] -= potential[k]
     for i in range(d):
         for j in range(d):
-            heavy = mass[max(i, j), min(i, j)]
+            mass_ij = mass[max(i, j), min(i, j)]
             for k in range(n_v):
-                load[i, k] -= heavy[k] * a[d + j]
-                momentum[i, k] += heavy[k] * state[d + j]
-                bent[i, k] += curvature[i, j, k] * state[d + j]
+                slope_factor[i, k] -= mass_ij[k] * a[d + j]
+                momentum[i, k] += mass_ij[k] * state[d + j]
+                curvature_rate[i, k] += curvature[i, j, k] * state[d + j]
             for k in range(damping.shape[2]):
-                load[i, k] -= damping[i, j, k] * state[d + j]
+                slope_factor[i, k] -= damping[i, j, k] * state[d + j]
         for c in range(input_map.shape[0]):
             for k in range(input_map.shape[2]):
-                load[i, k] += input_map[c, i, k] * u[c]
+                slope_factor[i, k] += input_map[c, i, k] * u[c]
         for k in range(n_v):
-            turn[k] += slope[i, k] * state[d + i]
-            height[k] += 0.5 * momentum[i, k] * state[d + i]
+            phi_rate[k] += slope[i, k] * state[d + i]
+            curvature_factor[k] += 0.5 * momentum[i, k] * state[d + i]
     for i in range(d):
         for j in range(d):
             by_q, by_v = 0.0, 0.0
             for k in range(phi.shape[0]):
-                by_q += slope[j, k] * load[i, k] + curvature[i, j, k] * height[k]
+                by_q += slope[j, k] * slope_factor[i, k] + curvature[i, j, k] * curvature_factor[k]
             for k in range(n_v):
-                by_q -= bent[j, k] * momentum[i, k]
+                by_q -= curvature_rate[j, k] * momentum[i, k]
                 by_v += slope[i, k] * momentum[j, k] - slope[j, k] * momentum[i, k]
-                by_v -= turn[k] * mass[max(i, j), min(i, j), k]
+                by_v -= phi_rate[k] * mass[max(i, j), min(i, j), k]
             for k in range(damping.shape[2]):
                 by_v -= phi[k] * damping[i, j, k]
             out[i, j], out[i, d + j] = by_q, by_v
@@ -73,7 +73,7 @@ def _jacobian(fields, state, u, a, phi, slope, curvature, parts, out):
 @njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
 @no_type_check
 def _add_units(columns, width, state, u, a, phi, slope, g):
-    """Add to ``g`` (d, C) what one unit of every coefficient does to ``forces - M a``, column by column."""
+    """Add to ``g`` (d, C) the derivative of ``forces - M a`` by every coefficient, column by column."""
     mass, damping, potential, input_map, dry, drag = columns
     d = width.shape[0]
     for k in range(potential.shape[0]):
@@ -95,18 +95,18 @@ def _add_units(columns, width, state, u, a, phi, slope, g):
                 if input_map[c, i, k] >= 0:
                     g[i, input_map[c, i, k]] += phi[k] * u[c]
         for j in range(i + 1):
-            lively = (0.5 if i == j else 1.0) * v * state[d + j]
+            kinetic = (0.5 if i == j else 1.0) * v * state[d + j]
             for k in range(mass.shape[2]):
                 at = mass[i, j, k]
                 if at < 0:
                     continue
-                turn = 0.0
+                phi_rate = 0.0
                 for n in range(d):
-                    turn += slope[n, k] * state[d + n]
-                    g[n, at] += lively * slope[n, k]
-                g[i, at] -= phi[k] * a[d + j] + turn * state[d + j]
+                    phi_rate += slope[n, k] * state[d + n]
+                    g[n, at] += kinetic * slope[n, k]
+                g[i, at] -= phi[k] * a[d + j] + phi_rate * state[d + j]
                 if i != j:
-                    g[j, at] -= phi[k] * a[d + i] + turn * v
+                    g[j, at] -= phi[k] * a[d + i] + phi_rate * v
 
 
 @njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
@@ -151,24 +151,29 @@ def _rates(basis, fields, columns, x, s, u, scratch, rate, s_rate):
 @njit(cache=True)
 @no_type_check
 def _scratch(basis, d, n_c):
-    """Room for what `_rates` works out on the way."""
+    """Work arrays of `_rates` for ``d`` coordinates and ``n_c`` columns."""
     n = basis[0].shape[0]
     powers = np.empty((d, find_highest_power(basis[0], basis[1]) + 1))
     values = (np.empty(n), np.empty((d, n)), np.empty((d, d, n)), powers, np.empty((2 + 3 * d, n)))
     return (
-        *values, np.empty((d, 2 * d)), np.empty((d, d)), np.empty(2 * d), np.empty(2 * d), np.empty((d, n_c))
-    )  # fmt: skip
+        *values,
+        np.empty((d, 2 * d)),
+        np.empty((d, d)),
+        np.empty(2 * d),
+        np.empty(2 * d),
+        np.empty((d, n_c)),
+    )
 
 
 @njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
 @no_type_check
 def _roll(basis, fields, columns, n_columns, start, time, u, steps, out, slopes):
-    """Roll out one window, ``time`` and ``u`` of which are given."""
+    """Roll out a single window, whose ``time`` and ``u`` are given."""
     rest, n_frames = fields[7], time.shape[0]
     d, n_c = rest.shape[0], slopes.shape[2]
     scratch = _scratch(basis, d, n_c)
     x, y, total, rate = start.copy(), np.empty(2 * d), np.empty(2 * d), np.zeros(2 * d)
-    s, moved = np.zeros((2 * d, n_c)), np.empty((2 * d, n_c))
+    s, s_stage = np.zeros((2 * d, n_c)), np.empty((2 * d, n_c))
     s_total, s_rate = np.empty((2 * d, n_c)), np.zeros((2 * d, n_c))
     for i in range(2 * d):
         s[i, n_columns + i] = 1.0
@@ -186,8 +191,8 @@ def _roll(basis, fields, columns, n_columns, start, time, u, steps, out, slopes)
                 for i in range(2 * d):
                     y[i] = x[i] + share * rate[i]
                     for c in range(n_c):
-                        moved[i, c] = s[i, c] + share * s_rate[i, c]
-                _rates(basis, fields, columns, y, moved, u[frame, step, at], scratch, rate, s_rate)
+                        s_stage[i, c] = s[i, c] + share * s_rate[i, c]
+                _rates(basis, fields, columns, y, s_stage, u[frame, step, at], scratch, rate, s_rate)
                 if stage == 0:
                     total[:] = 0.0
                     s_total[:] = 0.0
@@ -213,16 +218,26 @@ def _roll(basis, fields, columns, n_columns, start, time, u, steps, out, slopes)
 @no_type_check
 def roll_out_with_sensitivities(
     basis, fields, columns, n_columns, starts, first, length, time, u, steps, out, slopes
-):  # fmt: skip
-    """Write the coordinates (W, L, d) of every window and their derivatives (W, L, d, C + 2 d).
+):
+    """Write the coordinates of every window and their derivatives, compiled and in parallel.
 
-    ``fields`` are the coefficients of one set of `lagsplat.diagnose.solvers.runge_kutta.roll_out_batch`, widths and rest.
-    ``columns`` are shaped as the first six of them and say which of the ``C`` columns holds the derivative
-    by each, -1 for none; coefficients of one column move together. The starting state's own columns follow.
-    ``u`` is (N, steps, 3, n_u). What has left for good stays where it is lost, and nothing moves it any more.
+    Args:
+        basis: kind, order, centre and scale of the basis.
+        fields: mass, damping, potential, input map, dry friction, drag, friction width and rest, shaped as in
+            `lagsplat.diagnose.solvers.runge_kutta.roll_out_batch` without the first axis.
+        columns: shaped as the first six of ``fields``, the column of each coefficient's derivative or -1 for
+            none; coefficients of one column move together.
+        n_columns: number of these columns, C.
+        starts: initial states (W, 2 d).
+        first: first frame of each window (W,).
+        length: its number of frames (W,).
+        time: times of all frames (N,) [s].
+        u: inputs (N, steps, 3, n_u) at the start, middle and end of every substep.
+        steps: Runge-Kutta steps between two frames.
+        out: coordinates (W, L, d), written. A diverged rollout stays where it is lost.
+        slopes: derivatives (W, L, d, C + 2 d), written: by the columns, then by the initial state. Those of a
+            diverged rollout are zero.
     """
     for w in prange(len(first)):
         span = slice(first[w], first[w] + length[w])
-        _roll(
-            basis, fields, columns, n_columns, starts[w], time[span], u[span], steps, out[w], slopes[w]
-        )  # fmt: skip
+        _roll(basis, fields, columns, n_columns, starts[w], time[span], u[span], steps, out[w], slopes[w])

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from lagsplat.diagnose.residual.latent_force import Smoothed
+from lagsplat.diagnose.residual.latent_force import LatentForceEstimate
 from lagsplat.io.trajectory.trajectory import Trajectory
 
 RATE_HZ = 60.0
@@ -32,7 +32,7 @@ def made(residual, seconds: float = 20.0, *, seed: int = 0, coordinates: int = 1
     active = ~np.isin(np.arange(coordinates), quiet)
     true = np.broadcast_to(residual(t[:, None], q, v, u), q.shape)
     r = np.where(active, true + std * errors, 0.0)
-    return Smoothed(
+    return LatentForceEstimate(
         motion=Trajectory(time_s=t, q=q, u=u, source=f"made {seed}"),
         q=q, v=v, a=a, residual=r,
         covariance=np.broadcast_to(std**2 * np.eye(coordinates), (len(t), coordinates, coordinates)),

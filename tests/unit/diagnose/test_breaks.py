@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.data_quality.checks import unwrap
+from lagsplat.diagnose.data_quality.checks import unwrap_angles
 from lagsplat.diagnose.data_quality.discontinuities import cut_gaps, cut_jumps, drop_holds
 from lagsplat.diagnose.data_quality.noise import measure_noise
 from lagsplat.io.trajectory.trajectory import Trajectory
@@ -101,10 +101,10 @@ def test_angles_are_continued_over_the_end_of_a_turn(turn: float) -> None:
     motion = swing(noise=0.001)
     about = replace(motion, q=turn / 2.0 + 0.3 * turn * motion.q)
     wrapped = replace(about, q=np.mod(about.q, turn))
-    found, findings = unwrap(wrapped)
+    found, findings = unwrap_angles(wrapped)
     np.testing.assert_allclose(found.q, about.q, atol=1e-9 * turn)
     assert [finding.check for finding in findings] == (["wrapped"] if np.ptp(wrapped.q - about.q) else [])
-    assert unwrap(about)[1] == ()
+    assert unwrap_angles(about)[1] == ()
 
 
 def test_a_hand_that_holds_is_left_out_and_a_rest_is_not() -> None:

@@ -14,7 +14,7 @@ from lagsplat.diagnose.inference.placement import (
 )
 from lagsplat.diagnose.inference.problem import EstimationProblem
 from lagsplat.diagnose.inference.profile_likelihood import parameter_unit
-from lagsplat.diagnose.residual.latent_force import smooth
+from lagsplat.diagnose.residual.latent_force import estimate_latent_force
 from lagsplat.io.trajectory.trajectory import Trajectory
 from tests.unit.diagnose.residuals import made
 from tests.unit.diagnose.toys import OMEGA, contest, coupled, film, oscillator, own, wave
@@ -27,7 +27,7 @@ def driven() -> EstimationProblem:
 
 def offered(one: EstimationProblem, *, without: tuple[str, ...] = (), hint: DisturbanceHints | None = None):
     known = [hint or DisturbanceHints(((1.0, 1.4), (3.0, 3.2)), (0.7,))]
-    names = tuple(f"u{i}" for i in range(one.rollout_model.record.u.shape[1]))
+    names = tuple(f"u{i}" for i in range(one.rollout_model.dataset.u.shape[1]))
     return place_effects(one.rollout_model, known, q_names=("q0",), u_names=names, without=without)
 
 
@@ -81,12 +81,12 @@ def test_what_acts_in_a_joint_is_looked_for_between_two_coordinates_as_well() ->
     found = place_effects(
         one.rollout_model, [DisturbanceHints((), ())] * 2, q_names=("a", "b"), u_names=("u0", "u1"), without=()
     )  # fmt: skip
-    between = {one.label for one in found if one.place == "b - a"}
+    between = {one.label for one in found if one.location == "b - a"}
     assert between == {
         "viscous_damping b - a", "coulomb_friction b - a", "stribeck_friction b - a", "creep b - a",
         "linear_stiffness b - a spring",
     }  # fmt: skip
-    place = next(one.direction for one in found if one.place == "b - a")
+    place = next(one.direction for one in found if one.location == "b - a")
     np.testing.assert_array_equal(place.covector, [-1.0, 1.0])
     inertia = one.rollout_model.model.inertia
     assert place.inertia == pytest.approx((inertia[0, 0] + inertia[1, 1] - 2.0 * inertia[0, 1]) / 4.0)
@@ -96,7 +96,7 @@ def test_what_acts_in_a_joint_is_looked_for_between_two_coordinates_as_well() ->
 
 
 def test_sizes_are_those_of_the_motion(driven: EstimationProblem) -> None:
-    record, model = driven.rollout_model.record, driven.rollout_model.model
+    record, model = driven.rollout_model.dataset, driven.rollout_model.model
     place = coordinate_directions(driven.rollout_model, ("q0",))[0]
     size = motion_scales(driven.rollout_model, place)
     assert size.coordinate == pytest.approx(np.sqrt(np.mean(record.q**2)), rel=5e-3)
@@ -129,7 +129,9 @@ def test_a_push_is_a_hint() -> None:
         return own(q, v, u) + 25.0 * (4.0 < t < 4.3), []
 
     motion = film(pushed, u=wave(), seconds=8.0, noise=0.003)
-    found = extract_hints(smooth(oscillator(), [motion], period_s=1.0, hold="linear"), period_s=1.0)
+    found = extract_hints(
+        estimate_latent_force(oscillator(), [motion], period_s=1.0, hold="linear"), period_s=1.0
+    )
     assert len(found) == 1
     start, end = found[0].pushes[0]
     assert start < 4.2 < end
@@ -147,6 +149,6 @@ def test_a_push_in_the_first_file_leaves_the_second_alone() -> None:
     there = both.predict((push,))(np.array([[*x, *[0.0] * n]]), both.initial_states[None])[0]
     still = both.predict(())(np.zeros((1, n)), both.initial_states[None])[0]
     moved = np.abs(there - still).max(axis=(1, 2)) > 1e-6
-    second = both.windows.first >= both.rollout_model.record.clips[1, 0]
+    second = both.windows.first >= both.rollout_model.dataset.clips[1, 0]
     assert moved[~second].any()
     assert not moved[second].any()

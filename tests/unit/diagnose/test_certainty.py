@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from lagsplat.diagnose.core.config import PROFILES
 from lagsplat.diagnose.effects.actuation.external_periodic_force import repeating
 from lagsplat.diagnose.effects.base import Direction, PlacedEffect
 from lagsplat.diagnose.effects.registry import catalogue
@@ -11,7 +12,6 @@ from lagsplat.diagnose.inference.identifiability import compute_separability
 from lagsplat.diagnose.inference.placement import largest_motion_scales, motion_scales
 from lagsplat.diagnose.inference.problem import EstimationProblem
 from lagsplat.diagnose.inference.profile_likelihood import (
-    POINTS,
     compute_profiles,
     estimate_parameters,
     parameter_unit,
@@ -68,10 +68,10 @@ def test_a_profile_peaks_at_the_fit_and_falls_by_its_interval(driven: Estimation
     one = fitted(driven, "linear_stiffness")
     (profile,) = compute_profiles(driven, one, temper=TEMPER)
     assert (profile.effect, profile.parameter) == ("linear_stiffness", "ratio")
-    assert len(profile.values) == 2 * POINTS + 1
+    assert len(profile.values) == 2 * PROFILES.points_per_side + 1
     assert (np.diff(profile.values) > 0.0).all()
     best = int(np.argmax(profile.log_likelihood))
-    assert best == POINTS
+    assert best == PROFILES.points_per_side
     told = estimate_parameters(driven, one, one.effects[0], TEMPER)["ratio"]
     assert profile.values[best] == pytest.approx(told.value)
     # a normal likelihood loses half of the square of the standard deviations walked

@@ -8,12 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lagsplat.diagnose.core.result import Finding
-from lagsplat.diagnose.data_quality.checks import Checked, check
+from lagsplat.diagnose.data_quality.checks import DataCheck, check_data
 from lagsplat.io.trajectory.trajectory import Trajectory
 from tests.unit.diagnose.motions import PERIOD_S, glued, multisine, swing
 
 
-def said(checked: Checked) -> set[tuple[str, str, str, tuple[str, ...]]]:
+def said(checked: DataCheck) -> set[tuple[str, str, str, tuple[str, ...]]]:
     return {(found.level, found.check, found.source, found.columns) for found in checked.findings}
 
 
@@ -26,7 +26,7 @@ def test_a_good_pair_passes_without_a_word() -> None:
         ),
         ([], [swing(start=(1.0, -0.4), seconds=18.0)]),
     ):
-        checked = check(sim, real)
+        checked = check_data(sim, real)
         assert said(checked) == set()
         assert checked.undetermined == checked.warnings == checked.closed_loop == ()
         assert checked.real.period_s == pytest.approx(PERIOD_S, rel=0.02)
@@ -36,14 +36,14 @@ def test_a_good_pair_passes_without_a_word() -> None:
 
 def test_nothing_real_and_nothing_common_are_refused() -> None:
     with pytest.raises(ValueError, match="no motion at all"):
-        check([swing()], [])
+        check_data([swing()], [])
     with pytest.raises(ValueError, match="coordinates q0, q1"):
-        check([swing()], [swing(start=(1.0, 1.0))])
+        check_data([swing()], [swing(start=(1.0, 1.0))])
 
 
 def test_what_forbids_a_verdict_is_told_first() -> None:
     real = glued(swing(seconds=1.0), swing(seconds=1.0, start=(-0.8,)))
-    checked = check([swing()], [real])
+    checked = check_data([swing()], [real])
     assert len(checked.undetermined) == 1
     assert "natural periods" in checked.undetermined[0]
     assert checked.warnings[0] == checked.undetermined[0]
@@ -51,7 +51,7 @@ def test_what_forbids_a_verdict_is_told_first() -> None:
 
 def test_the_real_side_is_returned_cut() -> None:
     real = glued(swing(seconds=9.0), swing(seconds=9.0, start=(-0.8,), seed=1))
-    checked = check([swing(noise=0.0)], [real])
+    checked = check_data([swing(noise=0.0)], [real])
     assert checked.real.motions[0].segments == ((0, 540), (540, 1080))
     assert [found.check for found in checked.findings] == ["undeclared cut"]
 
@@ -60,7 +60,7 @@ def test_a_driven_motion_on_another_clock_is_undetermined() -> None:
     drive = multisine(1200)
     real = swing(drive=drive, seconds=20.0, seed=1)
     late = np.interp(real.time_s + 2.0, real.time_s, drive)[:, None]
-    checked = check([swing(drive=multisine(1200, seed=3), seconds=20.0)], [replace(real, u=late)])
+    checked = check_data([swing(drive=multisine(1200, seed=3), seconds=20.0)], [replace(real, u=late)])
     assert [found.check for found in checked.findings if found.level == "undetermined"] == ["time offset"]
 
 
@@ -84,7 +84,7 @@ def test_zeros_units_and_the_order_of_coordinates_change_nothing(
     scale: float, shift: float, later: float, swap: bool
 ) -> None:
     sim, real = faulty()
-    expected = said(check([sim], [real]))
+    expected = said(check_data([sim], [real]))
     assert expected
 
     def other(motion: Trajectory) -> Trajectory:
@@ -94,7 +94,7 @@ def test_zeros_units_and_the_order_of_coordinates_change_nothing(
     renamed = {"q0": "q1", "q1": "q0"} if swap else {"q0": "q0", "q1": "q1"}
     found = {
         (level, name, source, tuple(sorted(renamed[column] for column in columns)))
-        for level, name, source, columns in said(check([other(sim)], [other(real)]))
+        for level, name, source, columns in said(check_data([other(sim)], [other(real)]))
     }
     assert found == {(*rest, tuple(sorted(columns))) for *rest, columns in expected}
 

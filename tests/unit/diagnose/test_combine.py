@@ -27,7 +27,7 @@ U = wave(4)
 
 def few() -> DiagnoseConfig:
     left_out = sorted(set(catalogue()) - set(RIVALS))
-    return replace(settings(), without=left_out, always=[], families=5, starts=1, places=1)
+    return replace(settings(), without=left_out, always_fitted=[], families=5, starts=1, places=1)
 
 
 def told(real: Trajectory) -> Diagnosis:

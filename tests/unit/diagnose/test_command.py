@@ -11,12 +11,12 @@ import pytest
 
 from lagsplat.cli.main import main
 from lagsplat.diagnose.core.result import Candidate, Diagnosis, Finding, Verdict
-from lagsplat.diagnose.data_quality.checks import Checked, Side
-from lagsplat.diagnose.data_quality.compatibility import BEYOND
-from lagsplat.diagnose.data_quality.noise import Noise
+from lagsplat.diagnose.data_quality.checks import DataCheck, PreparedSide
+from lagsplat.diagnose.data_quality.compatibility import MOSTLY_OUTSIDE_CHECK
+from lagsplat.diagnose.data_quality.noise import MeasurementNoise
 from lagsplat.diagnose.effects.registry import catalogue
 from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
-from lagsplat.diagnose.residual.error_budget import Perception
+from lagsplat.diagnose.residual.error_budget import PerceptionQuality
 from lagsplat.io.trajectory.trajectory import Trajectory
 from lagsplat.pipelines.diagnosis import UNSURE, discount_image_error, flag_extrapolation, withhold_verdict
 from lagsplat.pipelines.diagnosis_inputs import LAWLESS
@@ -28,7 +28,7 @@ QUICK = (
     "diagnose.families=2",
     "diagnose.starts=1",
     "diagnose.places=1",
-    "diagnose.always=[]",
+    "diagnose.always_fitted=[]",
 )
 
 
@@ -130,8 +130,8 @@ def test_a_verdict_that_the_data_forbid_keeps_no_name_above_the_rest() -> None:
 
 
 @pytest.mark.parametrize(("verdict", "check", "held"), [
-    ("unknown", BEYOND, False), ("unknown", LAWLESS, False), ("effect", LAWLESS, True),
-    ("unknown", "outside the sim", True), ("effect", BEYOND, True),
+    ("unknown", MOSTLY_OUTSIDE_CHECK, False), ("unknown", LAWLESS, False), ("effect", LAWLESS, True),
+    ("unknown", "outside the sim", True), ("effect", MOSTLY_OUTSIDE_CHECK, True),
 ])  # fmt: skip
 def test_what_a_sim_misses_where_it_was_not_seen_is_not_called_unknown_physics(
     verdict: Verdict, check: str, held: bool
@@ -139,7 +139,7 @@ def test_what_a_sim_misses_where_it_was_not_seen_is_not_called_unknown_physics(
     rows = (Candidate(verdict, 0.9), Candidate("creep", 0.1))
     found = Diagnosis(verdict, rows, (), None, None, (), (), (), (), (), {})
     finding = Finding("warn", check, "real", "60 % lie outside", "there it is extrapolated", "record a sim")
-    checked = Checked(None, Side((), (), None, Noise(*np.zeros((3, 1))), 4), (finding,))
+    checked = DataCheck(None, PreparedSide((), (), None, MeasurementNoise(*np.zeros((3, 1))), 4), (finding,))
     assert ("undetermined" not in flag_extrapolation(found, checked).checks) == held
 
 
@@ -147,4 +147,4 @@ def test_what_a_sim_misses_where_it_was_not_seen_is_not_called_unknown_physics(
 def test_a_sim_misses_more_where_its_pictures_are_drawn_worse(suspect: bool, misfit: float) -> None:
     sim = replace(EstimatedSimulator.exact(oscillator()), misfit=2.0)
     assert discount_image_error(sim, None) is sim
-    assert discount_image_error(sim, Perception(3.0, 0.0, suspect)).misfit == pytest.approx(misfit)
+    assert discount_image_error(sim, PerceptionQuality(3.0, 0.0, suspect)).misfit == pytest.approx(misfit)

@@ -80,8 +80,8 @@ def test_the_amplitude_is_found_to_a_few_hundredths(dragged: EstimationProblem) 
     none = none_of(dragged)
     lead = score_test(dragged, (), none.fit, offers(dragged))[0]
     found = fit_candidate(dragged, (), none.fit, lead, starts=1)
-    assert lead.instance.physical(found.fit.x[None, :1])[0, 0] == pytest.approx(0.25, rel=0.08)
-    assert found.fit.misfit / dragged.uncertainty_directions == pytest.approx(1.0, abs=0.15)
+    assert lead.instance.to_physical(found.fit.x[None, :1])[0, 0] == pytest.approx(0.25, rel=0.08)
+    assert found.fit.misfit / dragged.degrees_of_freedom == pytest.approx(1.0, abs=0.15)
 
 
 def test_evidence_is_the_integral_over_parameters_and_starts_where_all_is_linear() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lagsplat.diagnose.core.result import Finding, refuse
-from lagsplat.diagnose.data_quality.compatibility import BEYOND, check_coordinates, check_region
+from lagsplat.diagnose.data_quality.compatibility import MOSTLY_OUTSIDE_CHECK, check_coordinates, check_region
 from lagsplat.diagnose.data_quality.excitation_measures import check_inputs
 from lagsplat.io.trajectory.trajectory import Trajectory
 from tests.unit.diagnose.motions import multisine, swing
@@ -73,7 +73,7 @@ def test_units_are_suspected_in_both_directions(factor: float, units: str) -> No
 def test_another_region_is_no_overlap_and_somewhat_larger_swings_are_a_warning() -> None:
     assert said(check_region([FREE], [replace(FREE, q=FREE.q + AWAY)])) == [("undetermined", "no overlap")]
     assert said(check_region([FREE], [replace(FREE, q=3.0 * FREE.q)])) == [("warn", "outside the sim")]
-    assert said(check_region([FREE], [replace(FREE, q=12.0 * FREE.q)])) == [("warn", BEYOND)]
+    assert said(check_region([FREE], [replace(FREE, q=12.0 * FREE.q)])) == [("warn", MOSTLY_OUTSIDE_CHECK)]
     assert check_region([], [FREE]) == []
 
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from lagsplat.diagnose.core.config import IMPLAUSIBILITY
 from lagsplat.diagnose.diagnosis import diagnose
 from lagsplat.diagnose.effects.base import Direction, PlacedEffect
 from lagsplat.diagnose.effects.registry import catalogue
@@ -13,7 +14,6 @@ from lagsplat.diagnose.inference.evidence import HypothesisFit
 from lagsplat.diagnose.inference.model_selection import ModelRanking
 from lagsplat.diagnose.inference.placement import largest_motion_scales, motion_scales
 from lagsplat.diagnose.inference.plausibility import (
-    FITTING,
     Implausibility,
     assess_implausibility,
     recurrence,
@@ -115,7 +115,9 @@ def test_two_shapes_that_fit_anything_are_doubted_and_one_is_not() -> None:
     alone = replace(alone, fit=replace(alone.fit, misfit=0.0))
     both = replace(alone, effects=(*alone.effects, *explained(one, "creep").effects))
     assert assess_implausibility(one, rows, alone, nominal=1.0).chance < 0.1
-    assert assess_implausibility(one, rows, both, nominal=1.0) == Implausibility(FITTING, "shapeless")
+    assert assess_implausibility(one, rows, both, nominal=1.0) == Implausibility(
+        IMPLAUSIBILITY.flexible_chance, "shapeless"
+    )
 
 
 def test_a_sim_that_misses_its_own_recordings_is_no_rival_either() -> None:
@@ -127,7 +129,7 @@ def test_a_sim_that_misses_its_own_recordings_is_no_rival_either() -> None:
 
 def test_parameters_that_are_off_together_are_not_called_an_effect() -> None:
     known = ("coulomb_friction", "creep", "hysteresis")
-    config = replace(settings(), without=sorted(set(catalogue()) - set(known)), always=[])
+    config = replace(settings(), without=sorted(set(catalogue()) - set(known)), always_fitted=[])
     real = film(several, u=U, noise=0.005, seconds=16.0)
     found = diagnose(EstimatedSimulator.exact(oscillator()), [real], config).diagnosis
     assert (found.verdict, found.checks["doubt"]) == ("unknown", "loose")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lagsplat.diagnose.data_quality.closed_loop import check_feedback, measure_feedback
-from lagsplat.diagnose.data_quality.time_alignment import check_offset, explained_by_shift
+from lagsplat.diagnose.data_quality.time_alignment import check_time_offset, score_input_shifts
 from lagsplat.io.trajectory.trajectory import Trajectory
 from tests.unit.diagnose.motions import PERIOD_S, multisine, swing
 
@@ -25,18 +25,18 @@ def test_a_gross_offset_of_the_clocks_is_found_and_a_delay_is_none(
     drive: np.ndarray, late_s: float, noise: float
 ) -> None:
     motion = shifted(drive, late_s, noise)
-    shifts, shares = explained_by_shift(motion, period_s=PERIOD_S)
+    shifts, shares = score_input_shifts(motion, period_s=PERIOD_S)
     assert shifts[np.argmax(shares)] == pytest.approx(late_s, abs=PERIOD_S / 16)
-    found = check_offset([motion], period_s=PERIOD_S)
+    found = check_time_offset([motion], period_s=PERIOD_S)
     gross = abs(late_s) > 0.5 * PERIOD_S
     assert [finding.level for finding in found] == (["undetermined"] if gross else [])
 
 
 def test_what_cannot_be_shifted_is_not_asked() -> None:
-    assert check_offset([swing()], period_s=PERIOD_S) == []
-    assert check_offset([shifted(STEPS, 0.9, 0.0)], period_s=None) == []
+    assert check_time_offset([swing()], period_s=PERIOD_S) == []
+    assert check_time_offset([shifted(STEPS, 0.9, 0.0)], period_s=None) == []
     brief = shifted(STEPS, 0.9, 0.0).pieces([(0, 100)])
-    assert check_offset([brief], period_s=PERIOD_S) == []
+    assert check_time_offset([brief], period_s=PERIOD_S) == []
 
 
 def controlled(

@@ -63,9 +63,9 @@ def test_friction_in_both_joints_is_told_from_friction_in_one() -> None:
     seen = contest([film(lambda v: -FRICTION * heavy * np.tanh(v / 0.02))], model=coupled())
     offers = offered(seen, "coulomb_friction")
     joint = offers["coulomb_friction everywhere"]
-    assert {offer.place for label, offer in offers.items() if label != joint.label} == {*NAMES, "q1 - q0"}
+    assert {offer.location for label, offer in offers.items() if label != joint.label} == {*NAMES, "q1 - q0"}
     fits = {label: best(seen, offer) for label, offer in offers.items()}
-    misfit = {label: one.fit.misfit / seen.uncertainty_directions for label, one in fits.items()}
+    misfit = {label: one.fit.misfit / seen.degrees_of_freedom for label, one in fits.items()}
     assert misfit.pop("coulomb_friction everywhere") < 1.3
     assert min(misfit.values()) > 5.0
     told = estimate_parameters(seen, fits[joint.label], joint, 2.0)
@@ -77,9 +77,9 @@ def test_a_lag_of_both_actuators_is_told_from_a_lag_of_one() -> None:
     seen = contest([film(np.zeros_like, lag_s=LAG_S)], model=coupled())
     fits = {label: best(seen, offer) for label, offer in offered(seen, "input_lag").items()}
     joint = fits.pop("input_lag everywhere")
-    assert joint.fit.misfit / seen.uncertainty_directions < 1.3
+    assert joint.fit.misfit / seen.degrees_of_freedom < 1.3
     assert min(one.fit.misfit for one in fits.values()) > 3.0 * joint.fit.misfit
-    lags = joint.effects[0].physical(joint.fit.x[None, :2])[0]
+    lags = joint.effects[0].to_physical(joint.fit.x[None, :2])[0]
     assert lags == pytest.approx(LAG_S, rel=0.05)
 
 
@@ -87,7 +87,7 @@ def test_the_sim_with_it_holds_each_place_by_itself() -> None:
     seen = contest([film(np.zeros_like)], model=coupled())
     both = offered(seen, "coulomb_friction")["coulomb_friction everywhere"]
     x = np.concatenate([[0.2, 0.3], np.zeros(seen.rollout_model.nuisance.size)])
-    region = sample_operating_region(seen.rollout_model.record)
+    region = sample_operating_region(seen.rollout_model.dataset)
     joint = build_augmented(seen.rollout_model, [both], x, q_names=NAMES, u_names=("u0", "u1"), region=region)
     assert [one.label for one in joint.effects] == ["coulomb_friction q0", "coulomb_friction q1"]
     drive = AppliedSignals(np.arange(200) * 0.02, np.ones((200, 2)))

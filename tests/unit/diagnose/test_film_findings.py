@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.imaging.video_checks import camera_findings, camera_shift, keep_whole
+from lagsplat.diagnose.imaging.video_checks import check_camera, drop_unusable_frames, measure_camera_shift
 from lagsplat.io.recording.recording import Recording
 from tests.unit.evaluate import tiny_run
 
@@ -58,22 +58,22 @@ def reader():
 
 
 def test_a_camera_that_stood_still_is_not_told_of(reader):
-    shift = camera_shift(film(still()), film(still()), *reader)
+    shift = measure_camera_shift(film(still()), film(still()), *reader)
     assert not shift.moved
     assert shift.still_within
     assert shift.still_between
     assert shift.share == 0.0
-    assert camera_findings(shift, source="film") == []
+    assert check_camera(shift, source="film") == []
 
 
 def test_a_camera_moved_since_the_nominal_film_is_measured(reader):
-    shift = camera_shift(film(still((2.0, -1.0))), film(still()), *reader)
+    shift = measure_camera_shift(film(still((2.0, -1.0))), film(still()), *reader)
     np.testing.assert_allclose(shift.between_px, (2.0, -1.0), atol=0.15)
     assert shift.within_px < 0.1
     assert shift.still_within
     assert not shift.still_between
     assert shift.share > 0.0
-    (found,) = camera_findings(shift, source="film.mp4")
+    (found,) = check_camera(shift, source="film.mp4")
     assert found.level == "warn"
     assert "since the recording" in found.text
     assert "during" not in found.text
@@ -81,10 +81,10 @@ def test_a_camera_moved_since_the_nominal_film_is_measured(reader):
 
 def test_a_camera_that_drifts_during_the_film_is_measured(reader):
     path = np.linspace(0.0, 3.0, 60)[:, None] * np.array([1.0, 0.0])
-    shift = camera_shift(film(path), film(still()), *reader)
+    shift = measure_camera_shift(film(path), film(still()), *reader)
     # rms about the mean of a ramp of 3 px is 3 / sqrt(12)
     np.testing.assert_allclose(shift.within_px, 3.0 / np.sqrt(12.0), rtol=0.1)
-    assert "during the recording" in camera_findings(shift, source="film")[0].text
+    assert "during the recording" in check_camera(shift, source="film")[0].text
 
 
 def footage(**found):
@@ -99,11 +99,11 @@ def with_footage(**found):
 
 def test_a_whole_film_stays_whole():
     recording = with_footage()
-    assert keep_whole(recording) == (recording, [])
+    assert drop_unusable_frames(recording) == (recording, [])
 
 
 def test_a_cut_parts_a_film_and_nothing_is_lost():
-    recording, (found,) = keep_whole(with_footage(cuts=[{"time_s": 1.0, "ratio": 9.0}]))
+    recording, (found,) = drop_unusable_frames(with_footage(cuts=[{"time_s": 1.0, "ratio": 9.0}]))
     assert recording.segments == ((0, 30), (30, 60))
     assert found.check == "cut"
     assert "1.000 s" in found.what
@@ -112,14 +112,14 @@ def test_a_cut_parts_a_film_and_nothing_is_lost():
 def test_visitors_and_repetitions_are_left_out():
     seen = {"gone_s": 0.5, "back_s": None, "share": 0.2}
     again = {"start_s": 1.5, "stop_s": 2.0, "original_s": 0.6}
-    recording, findings = keep_whole(with_footage(visit=seen, repeat=again))
+    recording, findings = drop_unusable_frames(with_footage(visit=seen, repeat=again))
     assert (recording.time_s[0], recording.n_frames) == (0.5, 30)
     assert {found.check for found in findings} == {"visitor", "repetition"}
 
 
 def test_what_would_leave_nothing_is_told_and_not_done():
     seen = {"gone_s": 1.9, "back_s": None, "share": 0.2}
-    recording, findings = keep_whole(with_footage(visit=seen))
+    recording, findings = drop_unusable_frames(with_footage(visit=seen))
     assert recording.n_frames == 60
     assert len(findings) == 1
 
@@ -131,6 +131,6 @@ def test_other_warnings_of_a_film_become_findings():
         "the exposure flickers by 4.0 % rms, mostly at 3.00 Hz; above 2 % colours change more than they are "
         "learned to. Lock the camera's exposure, or cut to a steady part with recording.skip_s and end_s",
     )
-    _, findings = keep_whole(with_footage(warnings=said))
+    _, findings = drop_unusable_frames(with_footage(warnings=said))
     assert [found.check for found in findings] == ["flicker", "sampling"]
     assert findings[1].what.startswith("only 5.0 frames a period")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.residual.components import fingerprint
+from lagsplat.diagnose.residual.components import compute_residual_correlations
 from tests.unit.diagnose.residuals import made
 
 LAWS = {
@@ -16,7 +16,7 @@ LAWS = {
 
 
 def row(smoothed):
-    found = fingerprint(smoothed, q_names=["q0"], u_names=["u0"])
+    found = compute_residual_correlations(smoothed, q_names=["q0"], u_names=["u0"])
     return dict(zip(found.regressors, found.score[0], strict=True))
 
 
@@ -40,7 +40,7 @@ def test_clips_are_not_glued():
 def test_a_silent_coordinate_and_a_constant_input_score_nothing():
     silent = made(LAWS["v"], coordinates=2, quiet=(1,))
     silent.motion.u[:] = 3.0
-    found = fingerprint([silent], q_names=["a", "b"], u_names=["u0"])
+    found = compute_residual_correlations([silent], q_names=["a", "b"], u_names=["u0"])
     assert not found.score[1].any()
     assert not found.score[:, :2].any()
     assert found.coordinates == ("a", "b")

@@ -58,14 +58,14 @@ def test_what_is_held_out_is_not_fitted_to(
     for start in blocks.first:
         home = held.first[(held.first <= start) & (start + blocks.length[0] <= held.first + held.length)]
         assert len(home) == 1
-        clips = made[0].rollout_model.record.clips
+        clips = made[0].rollout_model.dataset.clips
         assert ((clips[:, 0] <= start) & (start + blocks.length[0] <= clips[:, 1])).sum() == 1
 
 
 def test_the_gap_is_that_of_its_blocks(made: tuple[EstimationProblem, HypothesisFit, HypothesisFit]) -> None:
     one, none, true = made
     held = forecast_holdout(one, none, true, period_s=PERIOD_S, given=one.rollout_model.model)
-    rms = one.rollout_model.record.q.std(axis=0)
+    rms = one.rollout_model.dataset.q.std(axis=0)
     for kind, size in (("sim", held.gap.before), ("augmented", held.gap.after)):
         squares = [np.mean(((getattr(b, kind) - b.real) / rms) ** 2) for b in held.blocks]
         assert size == pytest.approx(np.sqrt(np.mean(squares)), rel=1e-12)
@@ -93,11 +93,11 @@ def test_a_forecast_looks_at_ten_samples_only(
     one, none, _ = made
     blocks = cut_blocks(one, split_windows(one)[1], period_s=PERIOD_S)
     told = forecast_blocks(one, blocks, (), fit_half(split_windows(one)[0], none))
-    record = one.rollout_model.record
+    record = one.rollout_model.dataset
     changed = record.q.copy()
     for start, length in zip(blocks.first, blocks.length, strict=True):
         changed[start + 10 : start + length - 1] += 7.0
-    other = replace(one, rollout_model=replace(one.rollout_model, record=replace(record, q=changed)))
+    other = replace(one, rollout_model=replace(one.rollout_model, dataset=replace(record, q=changed)))
     again = forecast_blocks(other, blocks, (), fit_half(split_windows(one)[0], none))
     assert np.abs(again.y - told.y).max() < 1e-6
 
@@ -108,7 +108,7 @@ def test_the_floor_is_the_error_that_the_true_model_makes(
     one, _, true = made
     blocks = cut_blocks(one, split_windows(one)[1], period_s=PERIOD_S)
     told = forecast_blocks(one, blocks, true.effects, true.fit.x)
-    errors = relative_square_error(told.y - blocks.take(one.rollout_model.record.q), np.ones(1))
+    errors = relative_square_error(told.y - blocks.take(one.rollout_model.dataset.q), np.ones(1))
     assert errors.mean() == pytest.approx(told.expected.mean(), rel=0.35)
 
 

@@ -19,7 +19,7 @@ def told(friction: float) -> Diagnosis:
         return own(q, v, u) - friction * math.tanh(v / 0.02), []
 
     known = ("input_gain", "coulomb_friction", "constant_force")
-    config = replace(settings(), without=sorted(set(catalogue()) - set(known)), always=[])
+    config = replace(settings(), without=sorted(set(catalogue()) - set(known)), always_fitted=[])
     real = film(law, u=wave(2), noise=0.03, seconds=8.0)
     return diagnose(EstimatedSimulator.exact(oscillator()), [real], config).diagnosis
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.data_quality.discontinuities import cut_jumps, frozen
+from lagsplat.diagnose.data_quality.discontinuities import cut_jumps, find_repeated_samples
 from lagsplat.diagnose.diagnosis import diagnose
 from lagsplat.diagnose.effects.base import PlacedEffect
 from lagsplat.diagnose.effects.registry import catalogue
@@ -30,7 +30,7 @@ def swing(*, stuck: bool = True) -> Trajectory:
 
 
 def marked(motion: Trajectory) -> np.ndarray:
-    return frozen(motion.q, np.array(motion.segments), SIGMA * motion.q.std(axis=0))
+    return find_repeated_samples(motion.q, np.array(motion.segments), SIGMA * motion.q.std(axis=0))
 
 
 def test_repeated_frames_are_found() -> None:
@@ -47,7 +47,7 @@ def test_a_motion_that_turns_or_sticks_repeats_nothing() -> None:
     t = np.arange(400) / 50.0
     held = np.where(t < 4.0, 0.3, 0.3 * np.cos(2.0 * np.pi * (t - 4.0)))[:, None]
     noisy = held + 0.001 * np.random.default_rng(1).standard_normal(held.shape)
-    assert not frozen(noisy, np.array([[0, 400]]), np.array([0.001])).any()
+    assert not find_repeated_samples(noisy, np.array([[0, 400]]), np.array([0.001])).any()
 
 
 def test_a_picture_that_catches_up_is_no_cut() -> None:

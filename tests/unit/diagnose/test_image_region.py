@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.imaging.localization import excess_error, image_region, localise
+from lagsplat.diagnose.imaging.localization import compute_excess_error, describe_image_region, localize_force
 
 RNG = np.random.default_rng(0)
 
@@ -37,7 +37,7 @@ def arm(t: int = 300):
 def test_a_constant_force_is_found_where_it_pulls(point):
     _, jacobian, v = arm()
     force = jacobian[:, point] @ np.array([0.3, -0.2]) + 0.3 * RNG.standard_normal((300, 2))
-    found = localise(force, np.broadcast_to(0.09 * np.eye(2), (300, 2, 2)), jacobian, v)
+    found = localize_force(force, np.broadcast_to(0.09 * np.eye(2), (300, 2, 2)), jacobian, v)
     assert found.localisable
     if point >= 5:
         assert found.point == point
@@ -48,10 +48,10 @@ def test_drag_is_found_where_it_brakes():
     points, jacobian, v = arm()
     speed = np.einsum("tac,ta->tc", jacobian[:, 9], v)
     force = np.einsum("tac,tc->ta", jacobian[:, 9], -0.01 * speed)
-    found = localise(force, np.broadcast_to(np.eye(2), (300, 2, 2)), jacobian, v)
+    found = localize_force(force, np.broadcast_to(np.eye(2), (300, 2, 2)), jacobian, v)
     assert (found.point, found.law[9]) == (9, "drag")
     np.testing.assert_allclose(found.force, -0.01 * speed, atol=1e-6)
-    told = image_region(None, found, points)
+    told = describe_image_region(None, found, points)
     assert told["localisable"]
     np.testing.assert_allclose(told["point"], points[:, 9].mean(axis=0))
 
@@ -60,10 +60,10 @@ def test_one_coordinate_tells_no_point_from_another():
     points, jacobian, v = arm()
     one = jacobian[:, :5, :1]
     force = one[:, 2] @ np.array([0.3, -0.2]) + 0.1 * RNG.standard_normal((300, 1))
-    found = localise(force, np.broadcast_to(np.eye(1), (300, 1, 1)), one, v[:, :1])
+    found = localize_force(force, np.broadcast_to(np.eye(1), (300, 1, 1)), one, v[:, :1])
     assert not found.localisable
     assert found.point is None
-    assert image_region(None, found, points) == {"localisable": False}
+    assert describe_image_region(None, found, points) == {"localisable": False}
 
 
 def test_noise_is_not_localised():
@@ -71,20 +71,20 @@ def test_noise_is_not_localised():
     told = 0
     for _ in range(20):
         force = RNG.standard_normal((300, 2))
-        told += localise(force, np.broadcast_to(np.eye(2), (300, 2, 2)), jacobian, v).localisable
+        told += localize_force(force, np.broadcast_to(np.eye(2), (300, 2, 2)), jacobian, v).localisable
     assert told <= 1
     with pytest.raises(ValueError, match="zero throughout"):
-        localise(np.zeros((300, 2)), np.broadcast_to(np.eye(2), (300, 2, 2)), jacobian, v)
+        localize_force(np.zeros((300, 2)), np.broadcast_to(np.eye(2), (300, 2, 2)), jacobian, v)
 
 
 def test_excess_is_where_the_sim_draws_wrongly():
     real = RNG.uniform(0, 1, (6, 32, 40, 3))
     encoded = real + 0.05 * RNG.standard_normal(real.shape)
     sim = real + 0.05 * RNG.standard_normal(real.shape)
-    assert excess_error(real, sim, encoded).parts == ()
+    assert compute_excess_error(real, sim, encoded).parts == ()
     sim[:, 10:20, 5:12] += 0.5
-    left, top, right, bottom, share = excess_error(real, sim, encoded).parts[0]
+    left, top, right, bottom, share = compute_excess_error(real, sim, encoded).parts[0]
     assert (left, top, right, bottom) == (5, 10, 12, 20)
     assert share > 0.9
     with pytest.raises(ValueError, match="render all three alike"):
-        excess_error(real, sim[:3], encoded)
+        compute_excess_error(real, sim[:3], encoded)

@@ -5,15 +5,15 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from lagsplat.diagnose.residual.error_budget import (
-    chart_rung,
-    forecast,
-    forecast_rung,
-    one_step_rung,
-    perception,
-    perception_rung,
-    stage_shares,
+    assess_perception,
+    compute_chart_stage,
+    compute_forecast_stage,
+    compute_one_step_stage,
+    compute_perception_stage,
+    compute_stage_shares,
+    forecast_positions,
 )
-from lagsplat.diagnose.residual.latent_force import smooth
+from lagsplat.diagnose.residual.latent_force import estimate_latent_force
 from tests.unit.diagnose.mechanisms import Duffing, TwoLink, film
 
 
@@ -24,7 +24,7 @@ def swing(t):
 @pytest.fixture(scope="module")
 def nominal():
     motion = film(Duffing(), 16.0, inputs=swing, noise=0.01, finer=2)
-    return smooth(Duffing(), [motion], period_s=1.0)
+    return estimate_latent_force(Duffing(), [motion], period_s=1.0)
 
 
 @pytest.fixture(scope="module")
@@ -32,14 +32,14 @@ def real():
     motion = film(
         Duffing(), 16.0, inputs=swing, noise=0.01, finer=2, force=lambda t, q, v, u: -8.0 * q, seed=1
     )
-    return smooth(Duffing(), [motion], period_s=1.0)
+    return estimate_latent_force(Duffing(), [motion], period_s=1.0)
 
 
 def test_a_forecast_is_that_of_another_integrator():
     rng = np.random.default_rng(0)
     q, v = rng.uniform(-0.5, 0.5, (2, 3, 2))
     times = np.cumsum(rng.uniform(0.02, 0.06, (3, 12)), axis=1)
-    path = forecast(TwoLink(), q, v, times, np.zeros((3, 12, 0)), finest_s=0.01)
+    path = forecast_positions(TwoLink(), q, v, times, np.zeros((3, 12, 0)), finest_s=0.01)
 
     def slope(t, x):
         return np.concatenate([x[2:], TwoLink().acceleration(x[:2], x[2:], np.zeros(0))])
@@ -54,49 +54,49 @@ def test_a_forecast_is_that_of_another_integrator():
 def test_a_forecast_without_bounds_ends_in_infinity_and_still_counts():
     runaway = Duffing(hard=-1e6, n_u=0)
     q = np.full((1, 1), 2.0)
-    path = forecast(runaway, q, q, np.linspace(0, 1, 30)[None], np.zeros((1, 30, 0)), finest_s=0.1)
+    path = forecast_positions(runaway, q, q, np.linspace(0, 1, 30)[None], np.zeros((1, 30, 0)), finest_s=0.1)
     assert np.isinf(path[0, -1, 0])
 
 
 def test_the_gap_shows_in_the_rollout_and_not_in_the_chart(nominal, real):
-    rollout = forecast_rung(Duffing(), real, horizon_s=1.0, nominal=nominal)
+    rollout = compute_forecast_stage(Duffing(), real, horizon_s=1.0, nominal=nominal)
     assert rollout.low <= rollout.value <= rollout.high
     assert rollout.low > 3.0 * rollout.floor
-    own = forecast_rung(Duffing(), nominal, horizon_s=1.0)
+    own = compute_forecast_stage(Duffing(), nominal, horizon_s=1.0)
     assert own.value == pytest.approx(rollout.floor)
-    chart = chart_rung(real, nominal)
+    chart = compute_chart_stage(real, nominal)
     assert chart.value == pytest.approx(chart.floor, rel=0.2)
     assert chart.value == pytest.approx(0.01, rel=0.2)
 
 
 def test_gaps_grow_with_the_horizon(real):
-    values = [forecast_rung(Duffing(), real, horizon_s=h).value for h in (0.25, 0.5, 1.0)]
+    values = [compute_forecast_stage(Duffing(), real, horizon_s=h).value for h in (0.25, 0.5, 1.0)]
     assert values == sorted(values)
-    assert one_step_rung(Duffing(), real).value < values[0]
+    assert compute_one_step_stage(Duffing(), real).value < values[0]
     with pytest.raises(ValueError, match="nothing can be forecast"):
-        forecast_rung(Duffing(), real, horizon_s=60.0)
+        compute_forecast_stage(Duffing(), real, horizon_s=60.0)
 
 
 def test_pictures_are_judged_by_the_nominal_ones():
     rng = np.random.default_rng(1)
     cloud, same = rng.standard_normal((2, 2000, 2))
     errors = rng.uniform(0.5, 1.5, 2000)
-    alike = perception(errors, errors[::-1], same, cloud)
+    alike = assess_perception(errors, errors[::-1], same, cloud)
     assert not alike.suspect
     assert alike.ratio == pytest.approx(1.0)
     assert alike.outside < 0.01
-    assert perception(errors, errors, same + np.array([8.0, 0.0]), cloud).suspect
-    assert perception(3.0 * errors, errors, same, cloud).suspect
+    assert assess_perception(errors, errors, same + np.array([8.0, 0.0]), cloud).suspect
+    assert assess_perception(3.0 * errors, errors, same, cloud).suspect
     with pytest.raises(ValueError, match="without any error"):
-        perception(errors, 0.0 * errors, same, cloud)
-    rung = perception_rung(4.0 * errors, errors, block=100)
+        assess_perception(errors, 0.0 * errors, same, cloud)
+    rung = compute_perception_stage(4.0 * errors, errors, block=100)
     assert rung.value == pytest.approx(2.0 * rung.floor)
 
 
 def test_stages_share_the_whole_error():
-    shares = stage_shares(decoded=1.0, smoothed=0.8, one_step=1.2, rollout=4.0)
+    shares = compute_stage_shares(decoded=1.0, smoothed=0.8, one_step=1.2, rollout=4.0)
     assert sum(raw for _, raw in shares.values()) == pytest.approx(1.0)
     assert shares["chart"] == (0.0, pytest.approx(-0.05))
     assert shares["rollout"][0] == pytest.approx(0.7)
     with pytest.raises(ValueError, match="nothing to share"):
-        stage_shares(decoded=0.0, smoothed=0.0, one_step=0.0, rollout=0.0)
+        compute_stage_shares(decoded=0.0, smoothed=0.0, one_step=0.0, rollout=0.0)

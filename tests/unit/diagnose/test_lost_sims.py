@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lagsplat.diagnose.inference.placement import find_hints
-from lagsplat.diagnose.residual.latent_force import smooth
+from lagsplat.diagnose.residual.latent_force import estimate_latent_force
 from tests.unit.diagnose.toys import film, oscillator, own, wave
 
 
@@ -22,7 +22,7 @@ def _as_every_diagnosis_runs():
 
 def test_it_cannot_be_smoothed() -> None:
     with pytest.raises(np.linalg.LinAlgError):
-        smooth(lost(), [film(u=wave(3), noise=0.01, seed=3)], period_s=1.0)
+        estimate_latent_force(lost(), [film(u=wave(3), noise=0.01, seed=3)], period_s=1.0)
 
 
 def test_a_sim_that_overflows_gives_no_hints() -> None:

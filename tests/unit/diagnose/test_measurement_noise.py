@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from lagsplat.diagnose.data_quality.noise import measure_noise, quantisation_step
+from lagsplat.diagnose.data_quality.noise import find_quantisation_step, measure_noise
 from lagsplat.io.trajectory.trajectory import Trajectory
 from tests.unit.diagnose.motions import PERIOD_S, multisine, swing
 
@@ -61,8 +61,8 @@ def test_quantisation_is_found_and_counts_as_noise() -> None:
     found = measure_noise([rounded], period_s=PERIOD_S)
     assert found.step == pytest.approx(0.02)
     assert 0.02 / np.sqrt(12.0) - 1e-12 <= found.sigma[0] < 0.02
-    assert quantisation_step(swing().q[:, 0]) == 0.0
-    assert quantisation_step(np.ones(50)) == 0.0
+    assert find_quantisation_step(swing().q[:, 0]) == 0.0
+    assert find_quantisation_step(np.ones(50)) == 0.0
 
 
 def test_clips_too_short_have_no_noise_to_show() -> None:

@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 import torch
 
-from lagsplat.diagnose.imaging.rendering import body_points, drawing_errors, drawn, evenly, measured
+from lagsplat.diagnose.imaging.rendering import (
+    choose_evenly,
+    compute_decoding_errors,
+    find_body_points,
+    read_frames,
+    render_latents,
+)
 from lagsplat.report.figures.forces import turn_camera
 from tests.unit.evaluate import tiny_run
 from tests.unit.forces.solid import turning
@@ -18,30 +24,32 @@ def parts():
 
 
 def test_frames_are_chosen_evenly_with_both_ends():
-    np.testing.assert_array_equal(evenly(5, 9), np.arange(5))
-    chosen = evenly(1000, 11)
+    np.testing.assert_array_equal(choose_evenly(5, 9), np.arange(5))
+    chosen = choose_evenly(1000, 11)
     assert (chosen[0], chosen[-1], len(chosen)) == (0, 999, 11)
 
 
 def test_the_error_of_a_drawn_frame_is_that_of_the_picture_at_its_own_latents(parts):
     model, chart, film = parts
-    errors = drawing_errors(model, chart, film)
-    at = evenly(film.n_frames, len(errors))
-    mine = np.mean((drawn(model, chart, chart.latents[at]) - measured(film, at)) ** 2, axis=(1, 2, 3))
+    errors = compute_decoding_errors(model, chart, film)
+    at = choose_evenly(film.n_frames, len(errors))
+    mine = np.mean(
+        (render_latents(model, chart, chart.latents[at]) - read_frames(film, at)) ** 2, axis=(1, 2, 3)
+    )
     np.testing.assert_allclose(errors, mine, rtol=1e-5)
     assert errors.min() > 0.0
 
 
 def test_a_forecast_that_left_all_bounds_is_still_drawn(parts):
     model, chart, _ = parts
-    assert np.isfinite(drawn(model, chart, np.array([[np.inf, np.nan], [1e30, 0.0]]))).all()
+    assert np.isfinite(render_latents(model, chart, np.array([[np.inf, np.nan], [1e30, 0.0]]))).all()
 
 
 def test_points_move_as_the_gaussians_that_are_drawn(parts):
     model, chart, _ = parts
     with torch.no_grad():
         model.gaussians.coupling[:20] = 0.0  # they stand still
-    body = body_points(model, chart)
+    body = find_body_points(model, chart)
     assert len(body.rest) <= 10
     q = np.array([[0.0, 0.0], [0.7, -0.3]])
     with torch.no_grad():
@@ -59,14 +67,14 @@ def test_a_run_in_which_nothing_moves_is_refused(parts):
         kept = model.gaussians.coupling.clone()
         model.gaussians.coupling.zero_()
     with pytest.raises(ValueError, match="no visible Gaussian"):
-        body_points(model, chart)
+        find_body_points(model, chart)
     with torch.no_grad():
         model.gaussians.coupling.copy_(kept)
 
 
 def test_points_in_space_stand_and_move_where_the_film_shows_them():
     held = turning()
-    body = body_points(held.autoencoder, held.chart)
+    body = find_body_points(held.autoencoder, held.chart)
     camera = turn_camera(held, 0.0, 0.0)
     places = held.kinematics.places(torch.tensor([[0.0], [1e-4]], dtype=torch.float64)).numpy()
     on = held.kinematics.geometry.jacobian[:, :, 0].norm(dim=1).numpy() > 0

@@ -4,10 +4,14 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from lagsplat.diagnose.residual.components import components, explained, memory_index
-from lagsplat.diagnose.residual.features import FOLDS, GROUPS, features
-from lagsplat.diagnose.residual.latent_force import smooth
-from lagsplat.diagnose.residual.measurement_model import apparent_forces, noise_with_speed
+from lagsplat.diagnose.residual.components import (
+    compute_components,
+    compute_explained_share,
+    compute_memory_index,
+)
+from lagsplat.diagnose.residual.features import FEATURE_GROUPS, FOLDS, compute_features
+from lagsplat.diagnose.residual.latent_force import estimate_latent_force
+from lagsplat.diagnose.residual.measurement_model import compute_apparent_forces, measure_speed_noise
 from lagsplat.io.trajectory.trajectory import Trajectory
 from tests.unit.diagnose.mechanisms import Duffing, TwoLink, film
 from tests.unit.diagnose.residuals import made
@@ -17,11 +21,11 @@ MECHANISM = Duffing(hard=0.0)
 
 def of(residual, **kinds):
     one = made(residual, **kinds)
-    return features(MECHANISM, [one], period_s=1.0)
+    return compute_features(MECHANISM, [one], period_s=1.0)
 
 
 def largest(residual) -> str:
-    return components(of(residual), np.ones(1)).largest
+    return compute_components(of(residual), np.ones(1)).largest
 
 
 @pytest.mark.parametrize(
@@ -40,26 +44,26 @@ def test_each_group_is_found(residual, group):
 
 
 def test_shares_are_a_division_of_the_whole():
-    found = components(of(lambda t, q, v, u: -0.2 * v - 0.5 * q**3 + 0.5 * u), np.ones(1))
+    found = compute_components(of(lambda t, q, v, u: -0.2 * v - 0.5 * q**3 + 0.5 * u), np.ones(1))
     assert sum(found.shares.values()) == pytest.approx(1.0)
     assert min(found.shares.values()) >= 0.0
-    assert set(found.shares) == {*GROUPS, "unexplained"}
+    assert set(found.shares) == {*FEATURE_GROUPS, "unexplained"}
     assert found.shares["unexplained"] < 0.1
 
 
 def test_noise_is_unexplained():
     for seed in range(10):
-        found = components(of(lambda t, q, v, u: 0.0 * q, seed=seed), np.ones(1))
+        found = compute_components(of(lambda t, q, v, u: 0.0 * q, seed=seed), np.ones(1))
         assert found.shares["unexplained"] > 0.8
         assert found.memory_index < 0.1
-    assert components(of(lambda t, q, v, u: 0.0 * q), np.zeros(1)).shares["unexplained"] == 1.0
+    assert compute_components(of(lambda t, q, v, u: 0.0 * q), np.zeros(1)).shares["unexplained"] == 1.0
 
 
 def test_features_that_know_nothing_explain_nothing_on_left_out_blocks():
     found = of(lambda t, q, v, u: -0.4 * v)
     rng = np.random.default_rng(0)
-    assert explained(found, 0, rng.standard_normal((len(found.target), 20))) < 0.05
-    assert explained(found, 0, found.groups[0]["dissipative"]) > 0.9
+    assert compute_explained_share(found, 0, rng.standard_normal((len(found.target), 20))) < 0.05
+    assert compute_explained_share(found, 0, found.groups[0]["dissipative"]) > 0.9
     assert set(found.fold) == set(range(FOLDS))
 
 
@@ -68,18 +72,18 @@ def test_the_past_matters_where_a_force_lags_and_only_there():
         slow = lfilter([0.02], [1.0, -0.98], q[:, 0])[:, None]
         return 3.0 * np.roll(q, 30, axis=0) + 10.0 * slow
 
-    assert memory_index(of(lagging), 0) > 0.1
-    assert memory_index(of(lambda t, q, v, u: -np.tanh(v / 0.5)), 0) < 0.1
-    assert memory_index(of(lambda t, q, v, u: -q + 0.5 * u), 0) < 0.1
+    assert compute_memory_index(of(lagging), 0) > 0.1
+    assert compute_memory_index(of(lambda t, q, v, u: -np.tanh(v / 0.5)), 0) < 0.1
+    assert compute_memory_index(of(lambda t, q, v, u: -q + 0.5 * u), 0) < 0.1
 
 
 def test_bent_positions_feign_the_force_that_the_smoother_finds():
     clean = film(TwoLink(), 8.0, start=(0.6, -0.4), finer=4)
     bend = 0.05 * clean.q**2 * np.array([1.0, 0.0])
     bent = Trajectory(time_s=clean.time_s, q=clean.q + bend, u=clean.u)
-    smoothed = smooth(TwoLink(), [bent], period_s=1.6)
+    smoothed = estimate_latent_force(TwoLink(), [bent], period_s=1.6)
     for i in (0, 1):
-        expected = 0.05 * apparent_forces(TwoLink(), smoothed, i)[30:-30, 0]
+        expected = 0.05 * compute_apparent_forces(TwoLink(), smoothed, i)[30:-30, 0]
         found = smoothed[0].residual[30:-30, i]
         assert np.corrcoef(expected, found)[0, 1] > 0.9
         assert np.std(found) == pytest.approx(np.std(expected), rel=0.25)
@@ -87,11 +91,11 @@ def test_bent_positions_feign_the_force_that_the_smoother_finds():
 
 def test_noise_that_grows_with_speed_is_told_from_noise_that_does_not():
     even = [made(lambda t, q, v, u: 0.0 * q, seed=seed) for seed in range(100)]
-    told = sum(noise_with_speed([one], period_s=1.0, seed=7).p < 0.05 for one in even)
+    told = sum(measure_speed_noise([one], period_s=1.0, seed=7).p < 0.05 for one in even)
     assert told <= 11
     one = even[0]
     late = 0.02 * one.v * np.random.default_rng(0).standard_normal(one.v.shape)
     worse = type(one)(**{**vars(one), "innovation": one.innovation * 0.1 + late})
-    found = noise_with_speed([worse], period_s=1.0)
+    found = measure_speed_noise([worse], period_s=1.0)
     assert found.p < 0.01
     assert found.share > 0.3

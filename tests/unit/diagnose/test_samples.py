@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from lagsplat.diagnose.core.result import Finding
-from lagsplat.diagnose.data_quality.natural_period import natural_period_s
-from lagsplat.diagnose.data_quality.noise import Noise, measure_noise
+from lagsplat.diagnose.data_quality.natural_period import estimate_natural_period_s
+from lagsplat.diagnose.data_quality.noise import MeasurementNoise, measure_noise
 from lagsplat.diagnose.data_quality.sampling import check_length, check_samples, count_blocks
 from lagsplat.io.trajectory.trajectory import Trajectory
 from tests.unit.diagnose.motions import PERIOD_S, swing
@@ -19,7 +19,7 @@ def of_samples(motion: Trajectory) -> list[str]:
 
 
 def of_length(*motions: Trajectory) -> list[Finding]:
-    period_s = natural_period_s(motions)
+    period_s = estimate_natural_period_s(motions)
     noise = measure_noise(motions, period_s=period_s)
     return check_length(motions, period_s=period_s, noise=noise, side="real")
 
@@ -57,7 +57,7 @@ def test_a_sensor_at_its_limit() -> None:
 @pytest.mark.parametrize(("per_period", "expected"), [(10.0, []), (6.0, ["warn"]), (3.0, ["undetermined"])])
 def test_samples_a_period(per_period: float, expected: list[str]) -> None:
     motion = swing(rate_hz=per_period / PERIOD_S, seconds=40.0)
-    noise = Noise(np.zeros(1), np.zeros(1), np.zeros(1))
+    noise = MeasurementNoise(np.zeros(1), np.zeros(1), np.zeros(1))
     assert [found.level for found in check_samples(motion, period_s=PERIOD_S, noise=noise)] == expected
 
 

@@ -118,7 +118,7 @@ CASES = {
 def diagnosed(clean: Trajectory) -> Diagnosis:
     noise = 0.005 * clean.q.std() * np.random.default_rng(0).standard_normal(clean.q.shape)
     left_out = sorted(set(catalogue()) - set(RIVALS))
-    config = replace(settings(), without=left_out, always=[], families=4, starts=2, places=1)
+    config = replace(settings(), without=left_out, always_fitted=[], families=4, starts=2, places=1)
     return diagnose(
         EstimatedSimulator.exact(oscillator()), [replace(clean, q=clean.q + noise)], config
     ).diagnosis
@@ -152,7 +152,9 @@ def test_an_effect_recovers_itself_with_its_parameters(name: str) -> None:
 def test_a_second_mass_may_swing_already_where_the_recording_begins() -> None:
     clean = carrying(away=2.0)
     noise = 0.005 * clean.q.std() * np.random.default_rng(0).standard_normal(clean.q.shape)
-    config = replace(settings(), without=sorted(set(catalogue()) - {"hidden_mode"}), always=[], starts=2)
+    config = replace(
+        settings(), without=sorted(set(catalogue()) - {"hidden_mode"}), always_fitted=[], starts=2
+    )
     whole = diagnose(EstimatedSimulator.exact(oscillator()), [replace(clean, q=clean.q + noise)], config)
     found, bench = whole.diagnosis, whole.contest.rollout_model
     assert found.candidates[0].parameters["mass_ratio"].value == pytest.approx(0.125, rel=0.05)
@@ -160,7 +162,7 @@ def test_a_second_mass_may_swing_already_where_the_recording_begins() -> None:
     assert set(found.candidates[0].parameters) == {"mass_ratio", "frequency_hz", "damping_ratio"}
     kept = build_augmented(
         bench, whole.chosen.effects, whole.chosen.fit.x, q_names=["q0"], u_names=["u0"],
-        region=sample_operating_region(bench.record),
+        region=sample_operating_region(bench.dataset),
     )  # fmt: skip
     assert set(kept.parameters(0)) == {"mass_ratio", "angular_frequency", "damping_ratio"}
     assert len(kept.x) == 3 + bench.nuisance.size
@@ -168,7 +170,9 @@ def test_a_second_mass_may_swing_already_where_the_recording_begins() -> None:
 
 def test_without_any_noise_the_parameter_is_found_as_well() -> None:
     """The best fit, which fifty steps reach: a ratio of 1.2 and no uncertainty moved."""
-    config = replace(settings(), without=sorted(set(catalogue()) - {"linear_stiffness"}), always=[], starts=1)
+    config = replace(
+        settings(), without=sorted(set(catalogue()) - {"linear_stiffness"}), always_fitted=[], starts=1
+    )
     found = diagnose(
         EstimatedSimulator.exact(oscillator()), [CASES["linear_stiffness"][0]()], config
     ).diagnosis

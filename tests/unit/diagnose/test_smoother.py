@@ -5,9 +5,15 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from lagsplat.diagnose.mechanics.model import compute_rest_inertia, compute_rest_period_s
-from lagsplat.diagnose.residual.latent_force import smooth
-from lagsplat.diagnose.residual.linearization import Path, kinematic_steps, linear_steps
-from lagsplat.diagnose.residual.state_space import Record, Variances, _chain, estimate, most_likely
+from lagsplat.diagnose.residual.latent_force import estimate_latent_force
+from lagsplat.diagnose.residual.linearization import StatePath, compute_kinematic_steps, linearize_steps
+from lagsplat.diagnose.residual.state_space import (
+    ForceVariances,
+    SmootherData,
+    _build_model,
+    maximize_likelihood,
+    smooth_path,
+)
 from lagsplat.io.trajectory.trajectory import Trajectory
 from tests.unit.diagnose.mechanisms import Chain, Duffing, TwoLink, film
 
@@ -20,20 +26,20 @@ def smooth_push(t, q, v, u):
     return np.array([6.0 * np.exp(-0.5 * ((t - 5.0) / 0.2) ** 2)])
 
 
-def small_record(ar1: float = 0.0) -> Record:
+def small_record(ar1: float = 0.0) -> SmootherData:
     rng = np.random.default_rng(0)
     h = rng.uniform(0.01, 0.03, 40)
     fresh = np.zeros(40, dtype=bool)
     fresh[[0, 23]] = True
     h[[22, 39]] = 0.0
     y = np.cumsum(rng.standard_normal((40, 2)), axis=0)
-    return Record(y, fresh, h, y.std(axis=0), 0.2, ar1)
+    return SmootherData(y, fresh, h, y.std(axis=0), 0.2, ar1)
 
 
 @pytest.mark.parametrize("ar1", [0.0, 0.6])
 def test_slope_of_the_likelihood_is_its_difference(ar1):
     record = small_record(ar1)
-    chain = _chain(record, kinematic_steps(record.h, 2), 0.3)
+    chain = _build_model(record, compute_kinematic_steps(record.h, 2), 0.3)
     values = np.array([0.3, 2.0, 0.01, 0.2])
     filtered = chain.forward(values)
     score = chain.backward(filtered, moments=False)[2]
@@ -48,7 +54,7 @@ def test_smoother_is_the_posterior_of_one_large_gaussian(ar1):
     """An independent oracle: the joint covariance of all states and measurements, conditioned at once."""
     record = small_record(ar1)
     values = np.array([0.3, 2.0, 0.01, 0.2])
-    chain = _chain(record, kinematic_steps(record.h, 2), 0.3)
+    chain = _build_model(record, compute_kinematic_steps(record.h, 2), 0.3)
     clip = slice(0, 23)
     n = chain.transition.shape[1]
     start = np.concatenate([np.ones(2), np.full(2, 25.0), values[:2], chain.rate**2 * values[:2]])
@@ -78,7 +84,7 @@ def test_smoother_is_the_posterior_of_one_large_gaussian(ar1):
     gain = joint @ see.T @ np.linalg.inv(see @ joint @ see.T + np.diag(white))
     expected = (mean + gain @ (y - see @ mean)).reshape(23, n) * chain.units
     covariance = joint - gain @ see @ joint
-    found = estimate(record, kinematic_steps(record.h, 2), Variances(0.3, values))
+    found = smooth_path(record, compute_kinematic_steps(record.h, 2), ForceVariances(0.3, values))
     np.testing.assert_allclose(found.q[clip], expected[:, :2], rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(found.force[clip], expected[:, 4:6], rtol=1e-5, atol=1e-5)
     at = slice(11 * n + 4, 11 * n + 6)
@@ -99,8 +105,8 @@ def test_a_linear_step_is_that_of_a_finer_integrator(beside, error):
     ]
     a = mechanism.acceleration(q, v, np.zeros((4, 0))) + push
     later = [q + h * v + 0.5 * h**2 * a for h in (0.005, 0.01)]
-    path = Path(np.full(4, 0.01), q, v, *later, np.zeros((4, 3, 0)), r)
-    steps = linear_steps(mechanism, path, scale=np.ones(2), period_s=0.05)
+    path = StatePath(np.full(4, 0.01), q, v, *later, np.zeros((4, 3, 0)), r)
+    steps = linearize_steps(mechanism, path, scale=np.ones(2), period_s=0.05)
     move = beside * rng.standard_normal((4, 4))
 
     def slope(t, x, force):
@@ -117,7 +123,7 @@ def test_a_linear_step_is_that_of_a_finer_integrator(beside, error):
 
 def test_a_push_is_found_in_size_and_time_with_honest_uncertainty():
     motion = film(Duffing(), 20.0, force=smooth_push, inputs=swing, noise=0.01)
-    (found,) = smooth(Duffing(), [motion], period_s=1.0)
+    (found,) = estimate_latent_force(Duffing(), [motion], period_s=1.0)
     true = np.array([smooth_push(t, 0, 0, 0)[0] for t in motion.time_s]) / 2.0
     assert motion.time_s[np.argmax(found.residual)] == pytest.approx(5.0, abs=0.05)
     assert found.residual.max() == pytest.approx(3.0, rel=0.1)
@@ -131,7 +137,7 @@ def test_a_push_is_found_in_size_and_time_with_honest_uncertainty():
 
 def test_acceleration_balances_force_and_residual():
     motion = film(TwoLink(), 5.0, start=(0.3, 0.2), noise=0.01)
-    (found,) = smooth(TwoLink(), [motion], period_s=1.6)
+    (found,) = estimate_latent_force(TwoLink(), [motion], period_s=1.6)
     lacking = TwoLink().inverse_dynamics(found.q, found.v, found.a, motion.u)
     np.testing.assert_allclose(lacking, found.residual * compute_rest_inertia(TwoLink()), atol=1e-9)
 
@@ -141,7 +147,7 @@ def test_nothing_is_found_where_nothing_is(mechanism):
     found = []
     for seed in range(24):
         motion = film(mechanism, 8.0, inputs=swing if mechanism.n_u else None, noise=0.02, seed=seed, finer=2)
-        (one,) = smooth(mechanism, [motion], period_s=1.0)
+        (one,) = estimate_latent_force(mechanism, [motion], period_s=1.0)
         found.append(one.evidence[0] > 0 and np.any(one.residual != 0) and one.amplitude[0] > 1e-3)
     assert np.sum(found) <= 2
 
@@ -151,7 +157,7 @@ def test_the_force_stays_in_its_coordinate():
         return np.array([0.0, -0.05 * np.tanh(v[1] / 0.02)])
 
     motion = film(TwoLink(), 12.0, start=(0.3, 0.4), force=friction, noise=0.005)
-    (found,) = smooth(TwoLink(), [motion], period_s=1.6)
+    (found,) = estimate_latent_force(TwoLink(), [motion], period_s=1.6)
     rms = np.sqrt(np.mean(found.residual**2, axis=0))
     assert rms[0] < 0.1 * rms[1]
     true = -0.05 * np.tanh(found.v[:, 1] / 0.02) / compute_rest_inertia(TwoLink())[1]
@@ -168,7 +174,7 @@ def test_uneven_samples_and_cuts_are_respected():
         u=np.zeros((1200, 0)),
         segments=((0, 600), (600, 1200)),
     )
-    (found,) = smooth(Duffing(n_u=0), [again], period_s=1.0)
+    (found,) = estimate_latent_force(Duffing(n_u=0), [again], period_s=1.0)
     assert np.sqrt(np.mean(found.residual**2)) < 0.01 * np.std(found.a)
     np.testing.assert_allclose(found.q[:600], found.q[600:], atol=1e-9)
 
@@ -181,14 +187,14 @@ def test_coloured_noise_is_not_taken_for_a_force():
     for i in range(1, motion.n):
         noise[i] = 0.8 * noise[i - 1] + 0.6 * size * rng.standard_normal()
     noisy = Trajectory(time_s=motion.time_s, q=motion.q + noise[:, None], u=motion.u)
-    (found,) = smooth(Duffing(), [noisy], period_s=1.0, ar1=0.8)
+    (found,) = estimate_latent_force(Duffing(), [noisy], period_s=1.0, ar1=0.8)
     assert np.mean(np.abs(found.residual) > 2.0 * found.std) < 0.05
     assert found.noise[0] == pytest.approx(size, rel=0.25)
 
 
 def test_given_noise_is_kept():
     motion = film(Duffing(), 5.0, inputs=swing, noise=0.02)
-    (found,) = smooth(Duffing(), [motion], period_s=1.0, noise=np.array([0.05]))
+    (found,) = estimate_latent_force(Duffing(), [motion], period_s=1.0, noise=np.array([0.05]))
     assert found.noise[0] == pytest.approx(0.05)
 
 
@@ -204,7 +210,7 @@ def test_what_is_not_pulled_back_is_smoothed_all_the_same():
     """A slider on a rail: no natural period, and so as fine as the given one asks for."""
     slider = Duffing(k=0.0, hard=0.0)
     motion = film(slider, 5.0, inputs=swing, noise=0.01)
-    (found,) = smooth(slider, [motion], period_s=1.0)
+    (found,) = estimate_latent_force(slider, [motion], period_s=1.0)
     clean = film(slider, 5.0, inputs=swing)
     assert np.sqrt(np.mean((found.q - clean.q) ** 2)) < 0.5 * found.noise[0]
 
@@ -212,18 +218,18 @@ def test_what_is_not_pulled_back_is_smoothed_all_the_same():
 def test_wrong_columns_and_stillness_are_refused():
     motion = film(Duffing(n_u=0), 2.0)
     with pytest.raises(ValueError, match="1 coordinates and 0 inputs, but the sim has 1 and 1"):
-        smooth(Duffing(), [motion], period_s=1.0)
+        estimate_latent_force(Duffing(), [motion], period_s=1.0)
     still = Trajectory(time_s=motion.time_s, q=np.ones((motion.n, 1)), u=motion.u)
     with pytest.raises(ValueError, match="stand still"):
-        smooth(Duffing(n_u=0), [still], period_s=1.0)
+        estimate_latent_force(Duffing(n_u=0), [still], period_s=1.0)
 
 
 def test_likelihood_rises_to_its_maximum():
     record = small_record()
-    steps = kinematic_steps(record.h, 2)
-    start = Variances(0.3, np.array([1.0, 1.0, 0.01, 0.01]))
-    best = most_likely(record, steps, start)
+    steps = compute_kinematic_steps(record.h, 2)
+    start = ForceVariances(0.3, np.array([1.0, 1.0, 0.01, 0.01]))
+    best = maximize_likelihood(record, steps, start)
     for factor in (0.8, 1.25):
         for i in range(4):
             moved = best.values * np.where(np.arange(4) == i, factor, 1.0)
-            assert _chain(record, steps, 0.3).forward(moved)[-1] <= best.log_likelihood + 1e-6
+            assert _build_model(record, steps, 0.3).forward(moved)[-1] <= best.log_likelihood + 1e-6

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lagsplat.diagnose.core.config import VERDICT
 from lagsplat.diagnose.effects.base import PlacedEffect
 from lagsplat.diagnose.effects.parameters import HalfNormal, Normal, Scales
 from lagsplat.diagnose.effects.registry import catalogue
@@ -13,9 +14,6 @@ from lagsplat.diagnose.inference.evidence import HypothesisFit
 from lagsplat.diagnose.inference.model_selection import ModelRanking
 from lagsplat.diagnose.inference.plausibility import Implausibility
 from lagsplat.diagnose.inference.posterior import (
-    ROUGH,
-    SURE,
-    WIDER,
     find_equivalent_effects,
     judge_hypotheses,
     laplace_interval,
@@ -171,7 +169,7 @@ def test_probabilities_are_a_distribution_over_the_catalogue_none_and_unknown() 
     assert sum(probabilities.values()) == pytest.approx(1.0)
     assert set(probabilities) == {*catalogue(), "none", "unknown"}
     assert min(probabilities.values()) > 0.0
-    assert max(probabilities.values()) <= SURE
+    assert max(probabilities.values()) <= VERDICT.max_probability
     assert list(probabilities.values()) == sorted(probabilities.values(), reverse=True)
 
 
@@ -205,6 +203,8 @@ def test_intervals_are_laplaces_made_wider_and_respect_the_bound() -> None:
         HypothesisFit((PlacedEffect(catalogue()["external_periodic_force"], UNIT),), fit), np.zeros(0),
         [HalfNormal(1e3), Normal(1e3), Normal(1e3)], temper=4.0,
     )  # fmt: skip
-    near, far = (1.645 * (WIDER * spread + ROUGH) for spread in (0.1, 0.2))
+    near, far = (
+        1.645 * (VERDICT.deviation_factor * spread + VERDICT.deviation_floor) for spread in (0.1, 0.2)
+    )
     assert high[:2] == pytest.approx([0.1 + near, 2.0 + far], rel=1e-4)
     assert low[:2] == pytest.approx([0.0, 2.0 - far], rel=1e-4)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.residual.localization import Where, locate
+from lagsplat.diagnose.residual.localization import ResidualLocation, locate
 from lagsplat.io.trajectory.trajectory import Trajectory
 from tests.unit.diagnose.mechanisms import Chain, Duffing, TwoLink, film
 
@@ -12,7 +12,7 @@ def inputs(t):
     return np.sin(2.3 * t) + 0.5 * np.sin(8.2 * t + 1) + 0.6 * np.sin(5.2 * t)
 
 
-def looked(force, *, forced: bool = True, seconds: float = 16.0, **kinds) -> Where:
+def looked(force, *, forced: bool = True, seconds: float = 16.0, **kinds) -> ResidualLocation:
     mechanism = Duffing(n_u=int(forced))
     motion = film(
         mechanism, seconds, force=force, inputs=inputs if forced else None, noise=0.01, finer=2, **kinds

@@ -36,7 +36,7 @@ def test_what_is_left_counts_as_noise_where_nothing_explains(odd: EstimationProb
     left, alike = np.median(each), autocorrelation_time(none.fit.residual, odd.windows.length)
     assert left > 100.0
     assert dear.price == pytest.approx(left * alike)
-    assert effort_there.temper == pytest.approx(max(effort.temper, alike))
+    assert effort_there.effective_sample_ratio == pytest.approx(max(effort.effective_sample_ratio, alike))
     deviation = odd.rollout_model.nuisance.deviation
 
     def far(one: HypothesisFit) -> float:
@@ -56,7 +56,7 @@ def test_a_sim_that_misses_its_own_recordings_is_not_asked_for_more(odd: Estimat
     none = plain(odd)
     assert (
         inflate_noise(
-            odd, SearchBudget.of(settings(), nominal=none.fit.misfit / odd.uncertainty_directions), none
+            odd, SearchBudget.of(settings(), nominal=none.fit.misfit / odd.degrees_of_freedom), none
         )
         is None
     )
@@ -69,5 +69,5 @@ def test_a_push_in_one_stretch_says_nothing_of_the_law() -> None:
     residual = none.fit.residual.copy()
     residual[2] *= 30.0
     loud = replace(none, fit=replace(none.fit, residual=residual, misfit=float((residual**2).sum())))
-    assert loud.fit.misfit > 10.0 * quiet.uncertainty_directions
+    assert loud.fit.misfit > 10.0 * quiet.degrees_of_freedom
     assert inflate_noise(quiet, SearchBudget.of(settings(), nominal=1.0), loud) is None
