@@ -233,8 +233,8 @@ def full_parser() -> argparse.ArgumentParser:
     parser = _Parser(
         prog="lagsplat",
         usage="lagsplat VERB [key=value ...]",
-        description="From one fixed-camera video to a simulation that can be pushed, and why it differs from the "
-        "real mechanism.\n\nverbs:\n"
+        description="From one fixed-camera video to a simulation that can be pushed, and why it differs "
+        "from the real mechanism.\n\nverbs:\n"
         + "\n".join(f"  {name:<{width}}{verb.summary}" for name, verb in VERBS.items()),
         epilog=f"usage of each verb:\n{calls}\n\n`lagsplat VERB --help` explains its keys.\n\n{EXIT_CODES}",
         formatter_class=argparse.RawDescriptionHelpFormatter,

@@ -121,7 +121,7 @@ def _simulate_augmented(words: list[str]) -> None:
         raise CommandError(f"input_hold={input_hold}: choose linear or zoh")
     from lagsplat.diagnose.augmented.model import load_augmented
     from lagsplat.diagnose.augmented.simulate import AppliedSignals, simulate_augmented
-    from lagsplat.io.trajectory.inputs import read_input_table, read_initial_state
+    from lagsplat.io.trajectory.inputs import read_initial_state, read_input_table
 
     sim = load_augmented(keys["run"])
     if "input" in keys:

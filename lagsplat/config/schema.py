@@ -5,8 +5,7 @@ from pathlib import Path
 
 from lagsplat.baselines.config import AuthorsConfig, BaselineConfig, ForecasterConfig, OdeConfig
 from lagsplat.chart.config import ChartConfig
-from lagsplat.diagnose.core.blind_config import BlindConfig
-from lagsplat.diagnose.core.config import DiagnoseConfig
+from lagsplat.diagnose.core.config import BlindConfig, DiagnoseConfig
 from lagsplat.evaluate.config import EvaluateConfig, ExtrapolationConfig
 from lagsplat.forces.config import ForcesConfig
 from lagsplat.io.config import RecordingConfig

@@ -145,8 +145,8 @@ def planned_runs(overrides: Overrides) -> list[PlannedRun]:
     """Every run behind the tables and figures, each composed, hence checked, before anything is trained.
 
     Raises:
-        ConfigError: see :func:`lagsplat.config.compose.compose`; also a recording that is not there, or one file for
-            several systems.
+        ConfigError: see :func:`lagsplat.config.compose.compose`; also a recording that is not there, or one file
+            for several systems.
     """
     experiment = shared_experiment(overrides)
     for system in overrides.of_system:
@@ -291,8 +291,8 @@ def script_digest(script: Path, *commands: str) -> str:
     """SHA-256 of what a workflow script can execute: its own code and all of ``lagsplat`` that it imports,
     and the modules that it runs as ``commands``.
 
-    Comments and docstrings do not count. Nor does ``lagsplat.planning.job``, the frame around a script: it decides
-    where a result is logged, not what it is.
+    Comments and docstrings do not count. Nor does ``lagsplat.planning.job``, the frame around a script: it
+    decides where a result is logged, not what it is.
     """
     tree = ast.parse(script.read_text(encoding="utf-8"), filename=str(script))
     imports = [node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.module]
