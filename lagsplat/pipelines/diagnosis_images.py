@@ -42,7 +42,7 @@ from lagsplat.diagnose.inference.identifiability import compute_separability
 from lagsplat.diagnose.inference.profile_likelihood import compute_profiles
 from lagsplat.diagnose.residual.components import compute_residual_correlations
 from lagsplat.diagnose.residual.error_budget import ErrorStage
-from lagsplat.diagnose.residual.error_budget import compute_error_stages as climb
+from lagsplat.diagnose.residual.error_budget import measure_error_stages
 from lagsplat.diagnose.residual.latent_force import estimate_latent_force
 from lagsplat.io.trajectory.trajectory import Trajectory, leading_samples
 
@@ -235,14 +235,16 @@ CLIMBED = 40  # natural periods of the sim's own motions by which the floors of 
 
 def build_report_content(pair: "DiagnosisInputs", found: DiagnosisRun) -> ReportContent:
     """The ladder, what the residual goes with, what is told apart, how sharply numbers are known."""
-    temper, real = found.ranking.temper, pair.real[0]
+    noise_inflation, real = found.ranking.noise_inflation, pair.real[0]
     where = found.diagnosis.where
     return ReportContent(
         rungs=compute_error_stages(pair, found),
         fingerprint=where
         and compute_residual_correlations(where.smoothed, q_names=real.q_names, u_names=real.u_names),
-        separability=compute_separability(found.contest, found.ranking.found, temper=temper),
-        profiles=tuple(compute_profiles(found.contest, found.chosen, temper=temper)),
+        separability=compute_separability(
+            found.problem, found.ranking.found, noise_inflation=noise_inflation
+        ),
+        profiles=tuple(compute_profiles(found.problem, found.chosen, noise_inflation=noise_inflation)),
     )
 
 
@@ -257,11 +259,11 @@ def compute_error_stages(pair: "DiagnosisInputs", found: DiagnosisRun) -> tuple[
     nominal = None
     if checked is not None:
         part = _first_part(checked.motions, CLIMBED * period_s)
-        hold = "zoh" if found.contest.rollout_model.held else "linear"
+        hold = "zoh" if found.problem.rollout_model.held else "linear"
         with contextlib.suppress(np.linalg.LinAlgError):  # a sim that cannot follow even its own motions
             nominal = estimate_latent_force(pair.sim.model, part, period_s=period_s, hold=hold)
     sight = None if pair.films is None else pair.films.sight
-    return climb(
+    return measure_error_stages(
         pair.sim.model,
         found.diagnosis.where.smoothed,
         nominal,

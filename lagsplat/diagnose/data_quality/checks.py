@@ -13,16 +13,16 @@ from lagsplat.diagnose.data_quality.closed_loop import check_feedback
 from lagsplat.diagnose.data_quality.compatibility import check_coordinates, check_region
 from lagsplat.diagnose.data_quality.discontinuities import cut_gaps, cut_jumps, drop_holds
 from lagsplat.diagnose.data_quality.excitation_measures import check_inputs
-from lagsplat.diagnose.data_quality.natural_period import natural_period_s
-from lagsplat.diagnose.data_quality.noise import Noise, measure_noise
+from lagsplat.diagnose.data_quality.natural_period import estimate_natural_period_s
+from lagsplat.diagnose.data_quality.noise import MeasurementNoise, measure_noise
 from lagsplat.diagnose.data_quality.sampling import check_length, check_samples, count_blocks
-from lagsplat.diagnose.data_quality.time_alignment import check_offset
+from lagsplat.diagnose.data_quality.time_alignment import check_time_offset
 from lagsplat.io.trajectory.trajectory import Trajectory
 
-TURNS = (2.0 * np.pi, 360.0)
+FULL_TURNS = (2.0 * np.pi, 360.0)
 
 
-def unwrap(motion: Trajectory) -> tuple[Trajectory, tuple[Finding, ...]]:
+def unwrap_angles(motion: Trajectory) -> tuple[Trajectory, tuple[Finding, ...]]:
     """The motion with angles continued where a sensor starts again from the other end of a turn.
 
     A step of a whole turn, in radians or degrees, to within a quarter of it counts, where no other step is a
@@ -32,7 +32,7 @@ def unwrap(motion: Trajectory) -> tuple[Trajectory, tuple[Finding, ...]]:
     inside = motion.joined
     for i in range(motion.d):
         step = np.diff(q[:, i])
-        for turn in TURNS:
+        for turn in FULL_TURNS:
             jumps = np.flatnonzero(inside & (np.abs(np.abs(step) - turn) < 0.25 * turn))
             others = np.delete(np.abs(step), jumps)
             span = np.ptp(q[:, i])
@@ -59,11 +59,13 @@ def unwrap(motion: Trajectory) -> tuple[Trajectory, tuple[Finding, ...]]:
     return replace(motion, q=q), tuple(found)
 
 
-ASTRAY = 2.0  # times the sim's period, or one by it: a driven motion whose own period is not believed
+MAX_PERIOD_RATIO = (
+    2.0  # times the sim's period, or one by it: a driven motion whose own period is not believed
+)
 
 
 @dataclass(frozen=True)
-class Side:
+class PreparedSide:
     """The motions of one side, unwrapped and cut where they are not continued, with what was found.
 
     ``period_s`` is the natural period [s], None where nothing swings; ``blocks`` counts what can be divided
@@ -73,16 +75,16 @@ class Side:
     motions: tuple[Trajectory, ...]
     findings: tuple[Finding, ...]
     period_s: float | None
-    noise: Noise
+    noise: MeasurementNoise
     blocks: int
 
 
 @dataclass(frozen=True)
-class Checked:
+class DataCheck:
     """Both sides as they are to be used; ``sim`` is None where the sim is no motion but a model."""
 
-    sim: Side | None
-    real: Side
+    sim: PreparedSide | None
+    real: PreparedSide
     findings: tuple[Finding, ...]
 
     @property
@@ -102,7 +104,7 @@ class Checked:
         return tuple(sorted({name for columns in found for name in columns}))
 
 
-def check(sim: Sequence[Trajectory], real: Sequence[Trajectory]) -> Checked:
+def check_data(sim: Sequence[Trajectory], real: Sequence[Trajectory]) -> DataCheck:
     """Both sides checked; ``sim`` is empty where the sim is a model without motions of its own.
 
     Raises:
@@ -112,8 +114,8 @@ def check(sim: Sequence[Trajectory], real: Sequence[Trajectory]) -> Checked:
         raise ValueError("real: no motion at all; name at least one recording with real=FILE")
     agreed = check_coordinates(sim, real)
     refuse(agreed)
-    nominal = prepare(sim) if sim else None
-    seen = prepare(real, nominal_period_s=nominal.period_s if nominal else None)
+    nominal = prepare_side(sim) if sim else None
+    seen = prepare_side(real, nominal_period_s=nominal.period_s if nominal else None)
     found = [*agreed]
     if nominal:
         found += check_region(nominal.motions, seen.motions)
@@ -126,16 +128,16 @@ def check(sim: Sequence[Trajectory], real: Sequence[Trajectory]) -> Checked:
     found += seen.findings
     found += check_inputs(nominal.motions if nominal else (), seen.motions)
     known_s = nominal.period_s if nominal and nominal.period_s else seen.period_s
-    found += check_offset(seen.motions, period_s=known_s)
+    found += check_time_offset(seen.motions, period_s=known_s)
     found += check_feedback(seen.motions, period_s=seen.period_s)
-    return Checked(nominal, seen, tuple(_once(found)))
+    return DataCheck(nominal, seen, tuple(_drop_duplicates(found)))
 
 
-def prepare(motions: Sequence[Trajectory], *, nominal_period_s: float | None = None) -> Side:
+def prepare_side(motions: Sequence[Trajectory], *, nominal_period_s: float | None = None) -> PreparedSide:
     """One side unwrapped and cut, with its natural period, its noise and what was found on the way.
 
     ``nominal_period_s`` stands in for the own period of a driven motion where the two differ by more than
-    `ASTRAY` times: then inputs and coordinates do not belong together, or too little of them is there.
+    `MAX_PERIOD_RATIO` times: then inputs and coordinates do not belong together, or too little of them is there.
     """
     found: list[Finding] = []
 
@@ -143,24 +145,24 @@ def prepare(motions: Sequence[Trajectory], *, nominal_period_s: float | None = N
         found.extend(step[1])
         return step[0]
 
-    ready = [apply(unwrap(motion)) for motion in motions]
-    period_s = natural_period_s(ready)
+    ready = [apply(unwrap_angles(motion)) for motion in motions]
+    period_s = estimate_natural_period_s(ready)
     ready = [apply(cut_gaps(motion, period_s=period_s)) for motion in ready]
     sigma = measure_noise(ready, period_s=period_s).sigma
     ready = [apply(cut_jumps(motion, sigma=sigma, period_s=period_s)) for motion in ready]
     ready = [apply(drop_holds(motion, sigma=sigma, period_s=period_s)) for motion in ready]
-    period_s = natural_period_s(ready)
+    period_s = estimate_natural_period_s(ready)
     if nominal_period_s is not None and any(
         motion.n_u and np.ptp(motion.u, axis=0).any() for motion in ready
     ):
         ratio = (period_s or np.inf) / nominal_period_s
-        period_s = period_s if 1.0 / ASTRAY < ratio < ASTRAY else nominal_period_s
+        period_s = period_s if 1.0 / MAX_PERIOD_RATIO < ratio < MAX_PERIOD_RATIO else nominal_period_s
     noise = measure_noise(ready, period_s=period_s)
     for motion in ready:
         found += check_samples(motion, period_s=period_s, noise=noise)
     blocks = count_blocks(ready, period_s=period_s) if period_s is not None else 0
-    return Side(tuple(ready), tuple(found), period_s, noise, blocks)
+    return PreparedSide(tuple(ready), tuple(found), period_s, noise, blocks)
 
 
-def _once(findings: Sequence[Finding]) -> list[Finding]:
+def _drop_duplicates(findings: Sequence[Finding]) -> list[Finding]:
     return list(dict.fromkeys(findings))

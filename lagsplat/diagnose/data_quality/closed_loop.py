@@ -10,14 +10,21 @@ from lagsplat.diagnose.core.result import Finding
 from lagsplat.diagnose.data_quality.noise import fit_locally
 from lagsplat.io.trajectory.trajectory import Trajectory
 
-ORDER = 6  # of the differences that leave errors and take the motion away
-ROUGH = 1.2  # power that one more difference must add; white noise adds 3.7, anything smooth loses
-STEP = 8.0  # times the usual change between two samples
-LAGS = 4  # samples that a controller may take to answer
-SHARE, CHANCE = 0.1, 1e-6  # of an input's own error that errors of q must explain, and the chance of it
-STATIC = 0.95  # share of an input that its dependence on q and v must explain where there is no noise
-QUASI_STATIC = 0.5  # of the restoring acceleration: below it a slow motion follows any input
-ONE_LINE = 0.9  # share of an input's power in one line: then q and v follow whatever the cause
+DIFFERENCE_ORDER = 6  # of the differences that leave errors and take the motion away
+NOISE_POWER_GROWTH = (
+    1.2  # power that one more difference must add; white noise adds 3.7, anything smooth loses
+)
+INPUT_STEP_RATIO = 8.0  # times the usual change between two samples
+FEEDBACK_LAGS = 4  # samples that a controller may take to answer
+MIN_ERROR_SHARE, MAX_CHANCE = (
+    0.1,
+    1e-6,
+)  # of an input's own error that errors of q must explain, and the chance of it
+MIN_STATIC_SHARE = (
+    0.95  # share of an input that its dependence on q and v must explain where there is no noise
+)
+MIN_ACCELERATION_RATIO = 0.5  # of the restoring acceleration: below it a slow motion follows any input
+MAX_LINE_POWER = 0.9  # share of an input's power in one line: then q and v follow whatever the cause
 
 
 @dataclass(frozen=True)
@@ -33,45 +40,52 @@ def measure_feedback(motion: Trajectory, *, channel: int, period_s: float) -> Fe
     """Traces that a controller leaves in input ``channel``.
 
     A controller passes on the sensor's noise: differences of the input, of an order that leaves noise alone,
-    are regressed on those of q at that sample and the `LAGS` before, given the `LAGS` after. The mechanism
+    are regressed on those of q at that sample and the `FEEDBACK_LAGS` before, given the `FEEDBACK_LAGS` after. The mechanism
     itself answers an input smoothly, so that this cannot come from it. Without noise the input is regressed
     on q and v, which is only telling where the motion is neither slow nor at one frequency.
     """
     if motion.n < 60:
         return Feedback(np.nan, np.nan)
-    return Feedback(_error_share(motion, channel), _static_share(motion, channel, period_s))
+    return Feedback(_compute_error_share(motion, channel), _compute_static_share(motion, channel, period_s))
 
 
-def _error_share(motion: Trajectory, channel: int) -> float:
+def _compute_error_share(motion: Trajectory, channel: int) -> float:
     shares, weights = [], []
     for start, stop in motion.segments:
         if stop - start < 60:
             continue
         own, errors = motion.u[start:stop, channel], motion.q[start:stop]
-        fine = np.diff(own, ORDER)
+        fine = np.diff(own, DIFFERENCE_ORDER)
         # Steps of an input are no errors: differences across one are left out.
         change = np.abs(np.diff(own))
-        step = np.convolve(change > STEP * np.median(change), np.ones(ORDER), mode="valid") > 0.5
-        rows = np.arange(LAGS, len(fine) - LAGS)
+        step = (
+            np.convolve(
+                change > INPUT_STEP_RATIO * np.median(change), np.ones(DIFFERENCE_ORDER), mode="valid"
+            )
+            > 0.5
+        )
+        rows = np.arange(FEEDBACK_LAGS, len(fine) - FEEDBACK_LAGS)
         rows = rows[~step[rows]]
         if len(rows) < 60 or not (_is_rough(own) and any(_is_rough(column) for column in errors.T)):
             continue
-        rough = np.diff(errors, ORDER, axis=0)
-        past = np.hstack([rough[rows - lag] for lag in range(LAGS + 1)])
-        ahead = np.hstack([rough[rows + lag] for lag in range(1, LAGS + 1)])
-        shares.append(_explained(past, fine[rows], given=ahead))
+        rough = np.diff(errors, DIFFERENCE_ORDER, axis=0)
+        past = np.hstack([rough[rows - lag] for lag in range(FEEDBACK_LAGS + 1)])
+        ahead = np.hstack([rough[rows + lag] for lag in range(1, FEEDBACK_LAGS + 1)])
+        shares.append(_compute_partial_share(past, fine[rows], given=ahead))
         weights.append(len(rows))
     return float(np.average(shares, weights=weights)) if shares else np.nan
 
 
 def _is_rough(values: np.ndarray) -> bool:
     """Whether what differences leave of a column is noise, and not what is left of its motion."""
-    fine, finer = np.abs(np.diff(values, ORDER - 1)), np.abs(np.diff(values, ORDER))
+    fine, finer = np.abs(np.diff(values, DIFFERENCE_ORDER - 1)), np.abs(np.diff(values, DIFFERENCE_ORDER))
     floor = 1e-11 * np.abs(values).max()
-    return bool(np.median(finer) > floor and np.median(finer) ** 2 > ROUGH * np.median(fine) ** 2)
+    return bool(
+        np.median(finer) > floor and np.median(finer) ** 2 > NOISE_POWER_GROWTH * np.median(fine) ** 2
+    )
 
 
-def _explained(columns: np.ndarray, target: np.ndarray, *, given: np.ndarray) -> float:
+def _compute_partial_share(columns: np.ndarray, target: np.ndarray, *, given: np.ndarray) -> float:
     """Share of what ``given`` leaves of ``target`` that ``columns`` explain, 0 where chance would do."""
     base = np.linalg.qr(given / np.maximum(np.linalg.norm(given, axis=0), 1e-300))[0]
     rest, free = target - base @ (base.T @ target), columns - base @ (base.T @ columns)
@@ -80,23 +94,23 @@ def _explained(columns: np.ndarray, target: np.ndarray, *, given: np.ndarray) ->
         return 0.0
     fitted = free @ np.linalg.lstsq(free, rest, rcond=1e-9)[0]
     share = min(float(fitted @ fitted) / size, 1.0 - 1e-12)
-    n, p = len(target) // ORDER, columns.shape[1]  # differences make neighbours alike
+    n, p = len(target) // DIFFERENCE_ORDER, columns.shape[1]  # differences make neighbours alike
     ratio = share / p / ((1.0 - share) / max(n - p, 1))
-    return share if f_law.sf(ratio, p, max(n - p, 1)) < CHANCE else 0.0
+    return share if f_law.sf(ratio, p, max(n - p, 1)) < MAX_CHANCE else 0.0
 
 
-def _static_share(motion: Trajectory, channel: int, period_s: float) -> float:
+def _compute_static_share(motion: Trajectory, channel: int, period_s: float) -> float:
     u = motion.u[:, channel] - motion.u[:, channel].mean()
     if not u.any():
         return np.nan
     power = np.abs(np.fft.rfft(u * np.hanning(len(u)))) ** 2
     peak = int(np.argmax(power))
-    if power[max(0, peak - 2) : peak + 3].sum() > ONE_LINE * power.sum():
+    if power[max(0, peak - 2) : peak + 3].sum() > MAX_LINE_POWER * power.sum():
         return np.nan
     half = int(np.clip(0.08 * period_s / motion.dt_s, 2, 40))
     fit = fit_locally(motion, half_width=half)
     pull = (2.0 * np.pi / period_s) ** 2 * (fit.q - fit.q.mean(axis=0))
-    if not (fit.a.std(axis=0) > QUASI_STATIC * pull.std(axis=0)).any():
+    if not (fit.a.std(axis=0) > MIN_ACCELERATION_RATIO * pull.std(axis=0)).any():
         return np.nan
     scaled = (fit.q - fit.q.mean(axis=0)) / np.maximum(fit.q.std(axis=0), 1e-300)
     rate = fit.v / np.maximum(fit.v.std(axis=0), 1e-300)
@@ -113,8 +127,8 @@ def check_feedback(motions: Sequence[Trajectory], *, period_s: float | None) -> 
             if period_s is None or not np.ptp(motion.u[:, channel]):
                 continue
             trace = measure_feedback(motion, channel=channel, period_s=period_s)
-            passes_noise = trace.error_share > SHARE
-            if not passes_noise and not trace.static_share > STATIC:
+            passes_noise = trace.error_share > MIN_ERROR_SHARE
+            if not passes_noise and not trace.static_share > MIN_STATIC_SHARE:
                 continue
             said = (
                 f"{100 * trace.error_share:.2g} % of its errors repeat earlier errors of the coordinates"

@@ -7,12 +7,12 @@ import numpy as np
 from lagsplat.diagnose.core.result import Finding
 from lagsplat.io.trajectory.trajectory import Trajectory
 
-REACH = 1.5  # times the farthest sample of the sim (its 99 % quantile) that still counts as its region
-OUTSIDE, APART = 0.05, 0.5  # shares of the real samples outside it
-BEYOND = "mostly outside the sim"
-"""The check that finds more than `APART` of them there: what is left unexplained may be the sim's own."""
+REGION_REACH = 1.5  # times the farthest sample of the sim (its 99 % quantile) that still counts as its region
+WARN_OUTSIDE_SHARE, MOST_OUTSIDE_SHARE = 0.05, 0.5  # shares of the real samples outside it
+MOSTLY_OUTSIDE_CHECK = "mostly outside the sim"
+"""The check that finds more than `MOST_OUTSIDE_SHARE` of them there: what is left unexplained may be the sim's own."""
 ELSEWHERE = 6.0  # times the sim's own spread by which the middle of the real motion lies off
-UNITS = {
+UNIT_RATIOS = {
     180.0 / np.pi: "degrees and radians",
     1000.0: "millimetres and metres",
     100.0: "centimetres and metres",
@@ -20,8 +20,8 @@ UNITS = {
     2.0 * np.pi: "turns and radians",
     360.0: "turns and degrees",
 }
-LIKE = 0.35  # by which the ratio of sizes may miss one of them, as a share
-STRIKING = 20.0  # ratio of sizes that asks for an explanation
+UNIT_RATIO_TOLERANCE = 0.35  # by which the ratio of sizes may miss one of them, as a share
+SUSPICIOUS_SIZE_RATIO = 20.0  # ratio of sizes that asks for an explanation
 
 
 def check_coordinates(sim: Sequence[Trajectory], real: Sequence[Trajectory]) -> list[Finding]:
@@ -52,11 +52,11 @@ def check_coordinates(sim: Sequence[Trajectory], real: Sequence[Trajectory]) -> 
         for motion in motions:
             lacking = sorted(names[side] - set(motion.u_names))
             if lacking:
-                found.append(_missing(motion.source, lacking, f"other files of {side} have it"))
+                found.append(_report_missing_input(motion.source, lacking, f"other files of {side} have it"))
     if sim and real and (lacking := sorted(names["sim"] - names["real"])):
-        found.append(_missing("real", lacking, "the sim is driven by it"))
+        found.append(_report_missing_input("real", lacking, "the sim is driven by it"))
     extra = sorted(names["real"] - names["sim"]) if sim and real else []
-    moving = [name for name in extra if any(_moves(motion, name) for motion in real)]
+    moving = [name for name in extra if any(_input_moves(motion, name) for motion in real)]
     if moving:
         found.append(
             Finding(
@@ -84,7 +84,7 @@ def check_coordinates(sim: Sequence[Trajectory], real: Sequence[Trajectory]) -> 
     return found
 
 
-def _missing(source: str, names: Sequence[str], why: str) -> Finding:
+def _report_missing_input(source: str, names: Sequence[str], why: str) -> Finding:
     return Finding(
         "refuse",
         "missing input",
@@ -96,7 +96,7 @@ def _missing(source: str, names: Sequence[str], why: str) -> Finding:
     )
 
 
-def _moves(motion: Trajectory, name: str) -> bool:
+def _input_moves(motion: Trajectory, name: str) -> bool:
     column = motion.u[:, motion.u_names.index(name)]
     return bool(np.ptp(column) > 1e-9 * np.abs(column).max())
 
@@ -112,15 +112,17 @@ def check_region(sim: Sequence[Trajectory], real: Sequence[Trajectory]) -> list[
     nominal = np.concatenate([motion.q for motion in sim])
     seen = np.concatenate([motion.q for motion in real])
     found = [
-        finding for i in range(sim[0].d) if (finding := _units(nominal[:, i], seen[:, i], sim[0].q_names[i]))
+        finding
+        for i in range(sim[0].d)
+        if (finding := _check_units(nominal[:, i], seen[:, i], sim[0].q_names[i]))
     ]
-    centre, root = _robust(nominal)
+    centre, root = _estimate_robust_cloud(nominal)
     reach = np.quantile(np.linalg.norm((nominal - centre) @ root, axis=1), 0.99)
     distance = np.linalg.norm((seen - centre) @ root, axis=1)
-    outside = float((distance > REACH * reach).mean())
+    outside = float((distance > REGION_REACH * reach).mean())
     off = float(np.linalg.norm((np.median(seen, axis=0) - centre) @ root))
     middle = off / max(float(reach), 1e-6 * off, np.finfo(float).tiny)
-    if outside > APART and middle > ELSEWHERE / 3.0:
+    if outside > MOST_OUTSIDE_SHARE and middle > ELSEWHERE / 3.0:
         found.append(
             Finding(
                 "undetermined",
@@ -132,11 +134,11 @@ def check_region(sim: Sequence[Trajectory], real: Sequence[Trajectory]) -> list[
                 "check zero points, signs and units of both sides, or give a sim of that region",
             )
         )
-    elif outside > OUTSIDE:
+    elif outside > WARN_OUTSIDE_SHARE:
         found.append(
             Finding(
                 "warn",
-                BEYOND if outside > APART else "outside the sim",
+                MOSTLY_OUTSIDE_CHECK if outside > MOST_OUTSIDE_SHARE else "outside the sim",
                 "real",
                 f"{100 * outside:.3g} % of the real samples lie outside the region the sim was seen in",
                 "there the sim is extrapolated, and its own error passes for an effect",
@@ -146,10 +148,10 @@ def check_region(sim: Sequence[Trajectory], real: Sequence[Trajectory]) -> list[
     return found
 
 
-def _robust(cloud: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _estimate_robust_cloud(cloud: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Median, and a root of the inverse covariance, from ranks and quartiles."""
     centre = np.median(cloud, axis=0)
-    spread = _spread(cloud)
+    spread = _estimate_robust_spread(cloud)
     ranks = cloud.argsort(axis=0).argsort(axis=0)
     # Spearman's correlation; a little of the identity keeps coordinates that move as one invertible.
     correlation = np.corrcoef(ranks.T).reshape(len(centre), len(centre))
@@ -160,27 +162,27 @@ def _robust(cloud: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return centre, vectors / np.sqrt(np.maximum(values, 1e-300))
 
 
-def _spread(cloud: np.ndarray) -> np.ndarray:
+def _estimate_robust_spread(cloud: np.ndarray) -> np.ndarray:
     low, high = np.quantile(cloud, [0.02, 0.98], axis=0)
     return np.maximum(0.25 * (high - low), 1e-9 * np.maximum(np.abs(cloud).max(axis=0), 1e-290))
 
 
-def _units(sim: np.ndarray, real: np.ndarray, name: str) -> Finding | None:
+def _check_units(sim: np.ndarray, real: np.ndarray, name: str) -> Finding | None:
     """A suspicion of units, where sizes differ by far, and by about what two units differ."""
     sizes = [float(np.quantile(np.abs(side - np.median(side)), 0.98)) for side in (sim, real)]
     if min(sizes) <= 0.0:
         return None
     ratio = sizes[1] / sizes[0]
-    if 1.0 / STRIKING < ratio < STRIKING:
+    if 1.0 / SUSPICIOUS_SIZE_RATIO < ratio < SUSPICIOUS_SIZE_RATIO:
         return None
-    factor = min(UNITS, key=lambda unit: abs(np.log(max(ratio, 1.0 / ratio) / unit)))
-    alike = abs(np.log(max(ratio, 1.0 / ratio) / factor)) < LIKE
+    factor = min(UNIT_RATIOS, key=lambda unit: abs(np.log(max(ratio, 1.0 / ratio) / unit)))
+    alike = abs(np.log(max(ratio, 1.0 / ratio) / factor)) < UNIT_RATIO_TOLERANCE
     return Finding(
         "undetermined" if ratio > 1.0 or alike else "warn",
         "units",
         "real",
         f"{name} moves {ratio:.3g} times as far as in the sim"
-        + (f", about the ratio of {UNITS[factor]}" if alike else ""),
+        + (f", about the ratio of {UNIT_RATIOS[factor]}" if alike else ""),
         "the sim was never seen at that size, or the units differ",
         "give both sides in one unit, or a sim that moves as far as the real thing",
         (name,),

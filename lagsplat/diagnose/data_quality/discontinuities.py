@@ -13,25 +13,27 @@ from lagsplat.diagnose.core.result import Finding
 from lagsplat.diagnose.data_quality.noise import fit_locally
 from lagsplat.io.trajectory.trajectory import Trajectory
 
-SIDE = 8  # samples of the polynomial on either side of a border...
-PERIODS = 0.15  # ...and natural periods that they last at most
-CERTAIN = 8.0  # standard errors of a jump
-BENT = 2.0  # times what a knock between two samples could displace
-UNUSUAL, USUAL = (
+SIDE_SAMPLES = 8  # samples of the polynomial on either side of a border...
+SIDE_PERIODS = 0.15  # ...and natural periods that they last at most
+JUMP_STANDARD_ERRORS = 8.0  # standard errors of a jump
+KNOCK_RATIO = 2.0  # times what a knock between two samples could displace
+MISMATCH_RATIO, MISMATCH_QUANTILE = (
     3.0,
     0.9,
 )  # times the quantile of the mismatches around, which the bending of the motion makes
-AROUND = 6  # lengths of the polynomial that count as around
-SUDDEN = 0.5  # of a jump, by which the step stands out from those before and after; a swing takes several
-VISIBLE = 0.03  # of the range of the motion around
-SAME_RATE = 0.4  # times the typical speed by which the rates on both sides may differ
+NEIGHBOURHOOD_SIDES = 6  # lengths of the polynomial that count as around
+SUDDEN_SHARE = (
+    0.5  # of a jump, by which the step stands out from those before and after; a swing takes several
+)
+MIN_RANGE_SHARE = 0.03  # of the range of the motion around
+RATE_TOLERANCE = 0.4  # times the typical speed by which the rates on both sides may differ
 MAX_CUTS_PER_PERIOD = 0.5  # cuts a period that are too many to be cuts
-MOST_MISSING = 10.5  # frames that a camera loses at once
-LONG_STEPS, LONG_PERIODS = 3.0, 0.125  # a gap is longer than both
-HOLD_PERIODS = 0.4  # that a hold lasts at least
-OFF_CENTRE = 0.7  # times the swing that follows: how far from its middle a hold is
-HOLD_TOLERANCE = 0.2  # times that swing: how far it may wander
-CLEARLY = 12.0  # times the noise: how large that swing must be
+MAX_MISSING_FRAMES = 10.5  # frames that a camera loses at once
+GAP_STEPS, GAP_PERIODS = 3.0, 0.125  # a gap is longer than both
+MIN_HOLD_PERIODS = 0.4  # that a hold lasts at least
+MIN_HOLD_OFFSET = 0.7  # times the swing that follows: how far from its middle a hold is
+MAX_HOLD_WANDER = 0.2  # times that swing: how far it may wander
+MIN_SWING_OVER_NOISE = 12.0  # times the noise: how large that swing must be
 
 
 @dataclass(frozen=True)
@@ -54,7 +56,7 @@ class _Jump:
 def cut_gaps(motion: Trajectory, *, period_s: float | None) -> tuple[Trajectory, tuple[Finding, ...]]:
     """The motion cut where samples are missing for longer than the motion can be followed."""
     step = np.diff(motion.time_s)
-    limit = max(LONG_STEPS * motion.dt_s, LONG_PERIODS * (period_s or 0.0))
+    limit = max(GAP_STEPS * motion.dt_s, GAP_PERIODS * (period_s or 0.0))
     torn = 1 + np.flatnonzero(motion.joined & (step > limit))
     if not torn.size:
         return motion, ()
@@ -82,16 +84,16 @@ def cut_jumps(
     missing; that is said, not cut.
     Jumps more frequent than `MAX_CUTS_PER_PERIOD` a period are left alone, and said: then they are how the thing moves.
     """
-    jumps = _jumps(motion, sigma, period_s)
+    jumps = _find_jumps(motion, sigma, period_s)
     if not jumps:
         return motion, ()
     speed = np.array([np.std(np.diff(motion.q[:, i])) / motion.dt_s for i in range(motion.d)])
-    caught_up = _thaws(motion, sigma)
+    caught_up = _find_catch_ups(motion, sigma)
     lost = [
         jump
         for jump in jumps
         if np.abs(caught_up - jump.at).min(initial=2) < 2
-        or _is_loss(jump, motion, float(speed[jump.coordinate]), period_s)
+        or _is_frame_loss(jump, motion, float(speed[jump.coordinate]), period_s)
     ]
     cuts = sorted({jump.at for jump in jumps if jump not in lost})
     if len(lost) > len(cuts):  # some losses are too long, or too slow, to be known as such one by one
@@ -110,7 +112,7 @@ def cut_jumps(
             )
         )
     if period_s is not None and len(cuts) > max(3.0, MAX_CUTS_PER_PERIOD * motion.duration_s / period_s):
-        found.append(_frequent(motion, cuts))
+        found.append(_report_frequent_jumps(motion, cuts))
         cuts = []
     if not cuts:
         return motion, tuple(found)
@@ -140,9 +142,9 @@ def drop_holds(
         return motion, ()
     kept, dropped = [], []
     for start, stop in motion.segments:
-        holds = _holds(motion, start, stop, sigma, period_s)
+        holds = _find_holds(motion, start, stop, sigma, period_s)
         edges = [start, *(edge for hold in holds for edge in hold), stop]
-        kept += [(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= SIDE]
+        kept += [(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= SIDE_SAMPLES]
         dropped += holds
     if not dropped or not kept:
         return motion, ()
@@ -159,15 +161,21 @@ def drop_holds(
     )
 
 
-def _thaws(motion: Trajectory, sigma: np.ndarray) -> Int64[np.ndarray, " J"]:
+def _find_catch_ups(motion: Trajectory, sigma: np.ndarray) -> Int64[np.ndarray, " J"]:
     """First samples after a picture that stood still."""
-    late = frozen(motion.q, np.array(motion.segments), np.where(np.isfinite(sigma), sigma, 0.0))
+    late = find_repeated_samples(
+        motion.q, np.array(motion.segments), np.where(np.isfinite(sigma), sigma, 0.0)
+    )
     return np.flatnonzero(late[:-1] & ~late[1:]) + 1
 
 
-def _jumps(motion: Trajectory, sigma: np.ndarray, period_s: float | None) -> list[_Jump]:
+def _find_jumps(motion: Trajectory, sigma: np.ndarray, period_s: float | None) -> list[_Jump]:
     """The largest significant mismatch of each neighbourhood."""
-    side = SIDE if period_s is None else int(np.clip(PERIODS * period_s / motion.dt_s, 4, SIDE))
+    side = (
+        SIDE_SAMPLES
+        if period_s is None
+        else int(np.clip(SIDE_PERIODS * period_s / motion.dt_s, 4, SIDE_SAMPLES))
+    )
     degree = 2 if side >= 5 else 1
     found: list[_Jump] = []
     for start, stop in motion.segments:
@@ -191,16 +199,21 @@ def _jumps(motion: Trajectory, sigma: np.ndarray, period_s: float | None) -> lis
             size = right[:, 0] - left[:, 0]
             error = noise * max(float(sigma[i]) if np.isfinite(sigma[i]) else 0.0, 1e-12 * np.ptp(values))
             change = right[:, 1] - left[:, 1]
-            usual, span = _around(np.abs(size), motion.q[at, i], side)
+            usual, span = _describe_surroundings(np.abs(size), motion.q[at, i], side)
             limit = np.maximum.reduce(
-                [CERTAIN * error, UNUSUAL * usual, VISIBLE * span, BENT * np.abs(change)]
+                [
+                    JUMP_STANDARD_ERRORS * error,
+                    MISMATCH_RATIO * usual,
+                    MIN_RANGE_SHARE * span,
+                    KNOCK_RATIO * np.abs(change),
+                ]
             )
             rate = 0.5 * (left[:, 1] + right[:, 1])
             before, step, after = (np.diff(values[:, side - 2 : side + 2]) * np.sign(size)[:, None]).T
-            sudden = step - np.maximum(before, after) > SUDDEN * np.abs(size)
+            sudden = step - np.maximum(before, after) > SUDDEN_SHARE * np.abs(size)
             beyond = sudden * np.abs(size) / np.maximum(limit, np.finfo(float).tiny)
             numbers = np.stack([np.abs(size), error, rate * np.sign(size), np.abs(change), span], axis=1)
-            found += [_Jump(int(at[k]), i, *numbers[k].tolist()) for k in _peaks(beyond, side)]
+            found += [_Jump(int(at[k]), i, *numbers[k].tolist()) for k in _find_peaks(beyond, side)]
     # One event shows in several coordinates: the one where it is largest speaks.
     kept: list[_Jump] = []
     for jump in sorted(found, key=lambda jump: -jump.size / max(jump.span, np.finfo(float).tiny)):
@@ -209,15 +222,15 @@ def _jumps(motion: Trajectory, sigma: np.ndarray, period_s: float | None) -> lis
     return kept
 
 
-def _around(size: np.ndarray, q: np.ndarray, side: int) -> tuple[np.ndarray, np.ndarray]:
+def _describe_surroundings(size: np.ndarray, q: np.ndarray, side: int) -> tuple[np.ndarray, np.ndarray]:
     """Usual mismatch and range of the motion around each border, the neighbourhood of the border left out."""
-    reach = AROUND * side
+    reach = NEIGHBOURHOOD_SIDES * side
     index = np.concatenate([np.arange(-reach, -side), np.arange(side + 1, reach + 1)])
     index = np.clip(np.arange(len(size))[:, None] + index, 0, len(size) - 1)
-    return np.quantile(size[index], USUAL, axis=1), np.ptp(q[index], axis=1)
+    return np.quantile(size[index], MISMATCH_QUANTILE, axis=1), np.ptp(q[index], axis=1)
 
 
-def _peaks(score: np.ndarray, distance: int) -> list[int]:
+def _find_peaks(score: np.ndarray, distance: int) -> list[int]:
     """Samples above one that no other within ``distance`` exceeds, the largest first."""
     peaks: list[int] = []
     for k in np.argsort(-score):
@@ -228,16 +241,16 @@ def _peaks(score: np.ndarray, distance: int) -> list[int]:
     return peaks
 
 
-def _is_loss(jump: _Jump, motion: Trajectory, speed: float, period_s: float | None) -> bool:
+def _is_frame_loss(jump: _Jump, motion: Trajectory, speed: float, period_s: float | None) -> bool:
     """Whether lost frames explain a jump: whole steps along a motion whose rate goes on as it must."""
     frames = jump.size / jump.rate if jump.rate else np.inf
     angle = 2.0 * np.pi * motion.dt_s / period_s if period_s is not None else 0.0
     usual = max(speed * motion.dt_s, 0.5 * jump.span * angle)
-    allowed = (SAME_RATE + 1.5 * angle * frames) * usual + jump.error
-    return 0.5 < frames < MOST_MISSING and jump.rate_change < allowed
+    allowed = (RATE_TOLERANCE + 1.5 * angle * frames) * usual + jump.error
+    return 0.5 < frames < MAX_MISSING_FRAMES and jump.rate_change < allowed
 
 
-def _frequent(motion: Trajectory, cuts: list[int]) -> Finding:
+def _report_frequent_jumps(motion: Trajectory, cuts: list[int]) -> Finding:
     return Finding(
         "warn",
         "frequent jumps",
@@ -248,14 +261,14 @@ def _frequent(motion: Trajectory, cuts: list[int]) -> Finding:
     )
 
 
-def _holds(
+def _find_holds(
     motion: Trajectory, start: int, stop: int, sigma: np.ndarray, period_s: float
 ) -> list[tuple[int, int]]:
-    least = max(int(HOLD_PERIODS * period_s / motion.dt_s), 2 * SIDE)
+    least = max(int(MIN_HOLD_PERIODS * period_s / motion.dt_s), 2 * SIDE_SAMPLES)
     if stop - start < 2 * least:
         return []
     clip = motion.pieces([(start, stop)])
-    half = max(2, min(SIDE, least // 4))
+    half = max(2, min(SIDE_SAMPLES, least // 4))
     fit = fit_locally(clip, half_width=half)
     typical = clip.q.std(axis=0)
     noise = np.where(np.isfinite(sigma), sigma, 0.0)
@@ -270,32 +283,34 @@ def _holds(
         swing = 0.5 * np.ptp(after, axis=0)
         held = fit.q[first:last]
         away = np.abs(np.median(held, axis=0) - 0.5 * (after.max(axis=0) + after.min(axis=0)))
-        moves = swing > np.maximum(CLEARLY * noise, 0.1 * typical)
-        if (moves & (away > OFF_CENTRE * swing) & (np.ptp(held, axis=0) < HOLD_TOLERANCE * swing)).any():
+        moves = swing > np.maximum(MIN_SWING_OVER_NOISE * noise, 0.1 * typical)
+        if (
+            moves & (away > MIN_HOLD_OFFSET * swing) & (np.ptp(held, axis=0) < MAX_HOLD_WANDER * swing)
+        ).any():
             holds.append((start + int(first), start + int(last)))
     return holds
 
 
-REPEAT_TOLERANCE, JUMP = 3.0, 6.0
+REPEAT_TOLERANCE, CATCH_UP_STEPS = 3.0, 6.0
 """Steps, in those that noise makes, up to which a picture is the same, and from which it has jumped."""
-LONGEST = 200
+MAX_REPEAT_SAMPLES = 200
 """Samples that a picture may stand still."""
-LAG, REPEAT_QUANTILE = 3, 0.95
+CURVATURE_LAG, CURVATURE_QUANTILE = 3, 0.95
 """Samples over which the motion bends, and the quantile that tells how sharply it mostly does."""
-BESIDE, DEGREE = 5, 3
+PATH_SAMPLES, PATH_DEGREE = 5, 3
 """Samples to either side, and the degree of the polynomial that is laid through them."""
-CLEAR = 5.0
+MIN_PATH_MISS = 5.0
 """Steps of noise by which what stands still must miss that polynomial somewhere."""
-SHARPER = 1.3
+MAX_CURVATURE_RATIO = 1.3
 """How much more sharply than it mostly does the motion may have bent meanwhile."""
-SMOOTH = 0.1
+MAX_FIT_ERROR_SHARE = 0.1
 """Of that, what the samples beside may miss it by, or a step of noise."""
-MIN_REPEATS = 5
-"""Repeats beyond doubt from which on what stands still for `SHORTEST` samples or up to a jump is one."""
-SHORTEST = 4
+MIN_CERTAIN_REPEATS = 5
+"""Repeats beyond doubt from which on what stands still for `MIN_STANDSTILL_SAMPLES` samples or up to a jump is one."""
+MIN_STANDSTILL_SAMPLES = 4
 
 
-def frozen(
+def find_repeated_samples(
     q: Float64[np.ndarray, "N d"], clips: Int64[np.ndarray, "C 2"], sigma: Float64[np.ndarray, " d"]
 ) -> Bool[np.ndarray, " N"]:
     """Which samples repeat an earlier one.
@@ -306,20 +321,20 @@ def frozen(
     step = np.sqrt(2.0) * np.maximum(sigma, 1e-300)
     for start, stop in clips:
         z = q[start:stop] / step
-        stood = _before_jumps(z)
-        sure = [run for run in stood if _misses(z, *run)]
+        stood = _find_repeats_before_jumps(z)
+        sure = [run for run in stood if _misses_smooth_path(z, *run)]
         # samples beside a repeat may be repeats, too, and a motion that turns catches up without a jump
-        for first, end in [*stood, *_standstills(z)] if len(sure) >= MIN_REPEATS else sure:
+        for first, end in [*stood, *_find_standstills(z)] if len(sure) >= MIN_CERTAIN_REPEATS else sure:
             late[start + first + 1 : start + end] = True
     return late
 
 
-def _before_jumps(z: np.ndarray) -> list[tuple[int, int]]:
+def _find_repeats_before_jumps(z: np.ndarray) -> list[tuple[int, int]]:
     """First sample of each picture that stands still, and the sample that has jumped away from it."""
     moved = np.abs(np.diff(z, axis=0)).max(axis=1)
     found = []
-    for jump in map(int, np.flatnonzero((moved[1:] > JUMP) & (moved[:-1] <= REPEAT_TOLERANCE)) + 2):
-        back = max(0, jump - LONGEST)
+    for jump in map(int, np.flatnonzero((moved[1:] > CATCH_UP_STEPS) & (moved[:-1] <= REPEAT_TOLERANCE)) + 2):
+        back = max(0, jump - MAX_REPEAT_SAMPLES)
         stays = (np.abs(z[back:jump] - z[jump - 1]) <= REPEAT_TOLERANCE).all(axis=1)
         first = back if stays.all() else back + int(np.flatnonzero(~stays)[-1]) + 1
         if jump - first >= 2:
@@ -327,29 +342,34 @@ def _before_jumps(z: np.ndarray) -> list[tuple[int, int]]:
     return found
 
 
-def _standstills(z: np.ndarray) -> list[tuple[int, int]]:
+def _find_standstills(z: np.ndarray) -> list[tuple[int, int]]:
     """First sample and end of all that stays within noise of where it begins, one after the other."""
     found, first = [], 0
     while first < len(z):
-        stays = (np.abs(z[first : first + LONGEST] - z[first]) <= REPEAT_TOLERANCE).all(axis=1)
+        stays = (np.abs(z[first : first + MAX_REPEAT_SAMPLES] - z[first]) <= REPEAT_TOLERANCE).all(axis=1)
         end = first + (len(stays) if stays.all() else int(np.argmin(stays)))
-        if end - first >= SHORTEST:
+        if end - first >= MIN_STANDSTILL_SAMPLES:
             found.append((first, end))
         first = end
     return found
 
 
-def _misses(z: np.ndarray, first: int, jump: int) -> bool:
+def _misses_smooth_path(z: np.ndarray, first: int, jump: int) -> bool:
     """Whether the motion before and after goes on smoothly past what stands still from ``first`` on."""
-    if first + 1 < BESIDE or jump + BESIDE > len(z):
+    if first + 1 < PATH_SAMPLES or jump + PATH_SAMPLES > len(z):
         return False
     i = int(np.argmax(np.abs(z[jump] - z[jump - 1])))
-    beside = np.r_[first + 1 - BESIDE : first + 1, jump : jump + BESIDE]
-    path = Polynomial.fit(beside, z[beside, i], DEGREE)
+    beside = np.r_[first + 1 - PATH_SAMPLES : first + 1, jump : jump + PATH_SAMPLES]
+    path = Polynomial.fit(beside, z[beside, i], PATH_DEGREE)
     late = np.arange(first + 1, jump)
     missed = float(np.abs(z[late, i] - path(late)).max())
     left = float(np.sqrt(np.mean((z[beside, i] - path(beside)) ** 2)))
     bent = float(np.abs(path.deriv(2)(np.arange(first, jump + 1))).max())
-    usual = np.abs(z[2 * LAG :, i] - 2.0 * z[LAG:-LAG, i] + z[: -2 * LAG, i]) / LAG**2
-    allowed = SHARPER * float(np.quantile(usual, REPEAT_QUANTILE))
-    return missed > CLEAR and left < max(1.0, SMOOTH * missed) and bent < allowed
+    usual = (
+        np.abs(
+            z[2 * CURVATURE_LAG :, i] - 2.0 * z[CURVATURE_LAG:-CURVATURE_LAG, i] + z[: -2 * CURVATURE_LAG, i]
+        )
+        / CURVATURE_LAG**2
+    )
+    allowed = MAX_CURVATURE_RATIO * float(np.quantile(usual, CURVATURE_QUANTILE))
+    return missed > MIN_PATH_MISS and left < max(1.0, MAX_FIT_ERROR_SHARE * missed) and bent < allowed

@@ -9,14 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from lagsplat.diagnose.core.result import Finding
-from lagsplat.diagnose.data_quality.noise import LocalFit, Noise, fit_locally
+from lagsplat.diagnose.data_quality.noise import LocalFit, MeasurementNoise, fit_locally
 from lagsplat.io.trajectory.trajectory import Trajectory
 
-ABOVE_NOISE = 5.0  # standard deviations of noise that a swing must exceed to be one
-SLOW = 0.1  # of the rms rate
-REST_RATE = 0.03  # of the rms rate, or the noise of the rate if that is more
-REST_PERIODS = 0.5
-LEVEL = 0.1  # of the range: what sets two holds, or two levels of an input, apart
+MIN_SWING_OVER_NOISE = 5.0  # standard deviations of noise that a swing must exceed to be one
+SLOW_RATE_SHARE = 0.1  # of the rms rate
+REST_RATE_SHARE = 0.03  # of the rms rate, or the noise of the rate if that is more
+MIN_REST_PERIODS = 0.5
+LEVEL_SEPARATION = 0.1  # of the range: what sets two holds, or two levels of an input, apart
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class ExcitationMeasures:
     """Of the whole recording, the best that any coordinate shows.
 
     ``amplitude_ratio`` is that of large swings to small ones, ``speed_ratio`` that of slow half-swings to
-    fast ones in time; ``slow_share`` is of samples below `SLOW` of the rms rate; ``rest_periods`` the longest
+    fast ones in time; ``slow_share`` is of samples below `SLOW_RATE_SHARE` of the rms rate; ``rest_periods`` the longest
     rest; ``holds`` counts rests at positions apart; ``step_over_noise`` is how far the motion between two
     samples exceeds the noise.
     """
@@ -69,7 +69,9 @@ class ExcitationMeasures:
         return any(channel.moves for channel in self.inputs)
 
 
-def measure_excitation(motions: Sequence[Trajectory], *, period_s: float, noise: Noise) -> ExcitationMeasures:
+def measure_excitation(
+    motions: Sequence[Trajectory], *, period_s: float, noise: MeasurementNoise
+) -> ExcitationMeasures:
     """The measures of motions of one side; ``period_s`` is the natural period [s]."""
     dt_s = float(np.median([motion.dt_s for motion in motions]))
     half = int(np.clip(0.08 * period_s / dt_s, 2, 60))
@@ -80,13 +82,13 @@ def measure_excitation(motions: Sequence[Trajectory], *, period_s: float, noise:
     size = np.maximum(q.std(axis=0), np.finfo(float).tiny)
     best = int(np.argmax(size / np.maximum(sigma, 1e-9 * size)))
     swings = [
-        _swings(m, f, i, sigma[i]) for i in range(q.shape[1]) for m, f in zip(motions, fits, strict=True)
+        _find_swings(m, f, i, sigma[i]) for i in range(q.shape[1]) for m, f in zip(motions, fits, strict=True)
     ]
     per_coordinate = [swings[i * len(motions) : (i + 1) * len(motions)] for i in range(q.shape[1])]
-    ratios = [_ratio(np.concatenate([s[0] for s in own]), 0.9) for own in per_coordinate]
-    speeds = [_ratio(np.concatenate([s[1] for s in own]), 0.9) for own in per_coordinate]
-    rests = [_rests(m, f, rate, sigma, period_s) for m, f in zip(motions, fits, strict=True)]
-    slow = np.concatenate([np.abs(fit.v) < SLOW * rate for fit in fits]).mean(axis=0)
+    ratios = [_compute_quantile_ratio(np.concatenate([s[0] for s in own]), 0.9) for own in per_coordinate]
+    speeds = [_compute_quantile_ratio(np.concatenate([s[1] for s in own]), 0.9) for own in per_coordinate]
+    rests = [_find_rests(m, f, rate, sigma, period_s) for m, f in zip(motions, fits, strict=True)]
+    slow = np.concatenate([np.abs(fit.v) < SLOW_RATE_SHARE * rate for fit in fits]).mean(axis=0)
     return ExcitationMeasures(
         period_s=period_s,
         periods=sum(motion.duration_s for motion in motions) / period_s,
@@ -97,39 +99,39 @@ def measure_excitation(motions: Sequence[Trajectory], *, period_s: float, noise:
         reversals=max(sum(len(s[0]) for s in own) for own in per_coordinate),
         slow_share=float(slow.max()),
         rest_periods=max((length for rest in rests for length, _ in rest), default=0.0) / period_s,
-        holds=_apart(np.array([place for rest in rests for _, place in rest]), np.ptp(q, axis=0)),
+        holds=_count_distinct(np.array([place for rest in rests for _, place in rest]), np.ptp(q, axis=0)),
         swing_over_noise=float(np.min([size[best] / max(sigma[best], 1e-9 * size[best]), 1e6])),
         step_over_noise=float(min(rate[best] * dt_s / max(sigma[best], 1e-9 * size[best]), 1e6)),
         samples_per_period=period_s / dt_s,
-        inputs=tuple(_input(motions, i, period_s) for i in range(motions[0].n_u)),
+        inputs=tuple(_measure_input(motions, i, period_s) for i in range(motions[0].n_u)),
     )
 
 
-def _swings(motion: Trajectory, fit: LocalFit, i: int, sigma: float) -> tuple[np.ndarray, np.ndarray]:
+def _find_swings(motion: Trajectory, fit: LocalFit, i: int, sigma: float) -> tuple[np.ndarray, np.ndarray]:
     """Half the way from each turning point to the next, and the time it takes [s]; noise makes none."""
     sizes, times = [], []
     for start, stop in motion.segments:
         v = fit.v[start:stop, i]
         turns = start + 1 + np.flatnonzero((v[1:] > 0) != (v[:-1] > 0))
         ways = 0.5 * np.abs(np.diff(fit.q[turns, i]))
-        real = ways > ABOVE_NOISE * sigma + 1e-6 * np.ptp(motion.q[:, i])
+        real = ways > MIN_SWING_OVER_NOISE * sigma + 1e-6 * np.ptp(motion.q[:, i])
         sizes.append(ways[real])
         times.append(np.diff(motion.time_s[turns])[real])
     return np.concatenate(sizes), np.concatenate(times)
 
 
-def _ratio(values: np.ndarray, share: float) -> float:
+def _compute_quantile_ratio(values: np.ndarray, share: float) -> float:
     if len(values) < 3:
         return 1.0
     low, high = np.quantile(values, [1.0 - share, share])
     return float(high / low) if low > 0 else 1.0
 
 
-def _rests(
+def _find_rests(
     motion: Trajectory, fit: LocalFit, rate: np.ndarray, sigma: np.ndarray, period_s: float
 ) -> list[tuple[float, np.ndarray]]:
-    """Length [s] and place of every rest of at least `REST_PERIODS`."""
-    limit = np.maximum(REST_RATE * rate, 4.0 * sigma * np.median(fit.rate_gain))
+    """Length [s] and place of every rest of at least `MIN_REST_PERIODS`."""
+    limit = np.maximum(REST_RATE_SHARE * rate, 4.0 * sigma * np.median(fit.rate_gain))
     # Noise that hides the motion is no rest.
     limit = np.minimum(limit, 0.3 * rate)
     still = (np.abs(fit.v) < limit).all(axis=1)
@@ -138,21 +140,21 @@ def _rests(
         edges = start + np.flatnonzero(np.diff(np.concatenate([[0], still[start:stop].astype(int), [0]])))
         for a, b in zip(edges[::2], edges[1::2], strict=True):
             length = float(motion.time_s[b - 1] - motion.time_s[a])
-            if length >= REST_PERIODS * period_s:
+            if length >= MIN_REST_PERIODS * period_s:
                 found.append((length, np.median(motion.q[a:b], axis=0)))
     return found
 
 
-def _apart(places: np.ndarray, span: np.ndarray) -> int:
-    """How many places there are, if those nearer than `LEVEL` of the range are one."""
+def _count_distinct(places: np.ndarray, span: np.ndarray) -> int:
+    """How many places there are, if those nearer than `LEVEL_SEPARATION` of the range are one."""
     kept: list[np.ndarray] = []
     for place in places:
-        if all((np.abs(place - other) > LEVEL * span).any() for other in kept):
+        if all((np.abs(place - other) > LEVEL_SEPARATION * span).any() for other in kept):
             kept.append(place)
     return len(kept)
 
 
-def _input(motions: Sequence[Trajectory], i: int, period_s: float) -> InputMeasures:
+def _measure_input(motions: Sequence[Trajectory], i: int, period_s: float) -> InputMeasures:
     u = np.concatenate([motion.u[:, i] for motion in motions])
     size, span = float(np.abs(u).max()), float(np.ptp(u))
     name = motions[0].u_names[i]
@@ -175,8 +177,8 @@ def _input(motions: Sequence[Trajectory], i: int, period_s: float) -> InputMeasu
                 even = np.interp(grid, time, clip - clip.mean())
                 power.append(np.abs(np.fft.rfft(even)) ** 2)
                 frequency.append(np.fft.rfftfreq(len(grid), motion.dt_s))
-    low, high = _band(np.concatenate(frequency), np.concatenate(power)) if power else (0.0, 0.0)
-    levels = _apart(np.abs(np.array(peaks))[:500, None], np.array([size])) if peaks else 2
+    low, high = _find_power_band(np.concatenate(frequency), np.concatenate(power)) if power else (0.0, 0.0)
+    levels = _count_distinct(np.abs(np.array(peaks))[:500, None], np.array([size])) if peaks else 2
     return InputMeasures(
         name,
         True,
@@ -190,7 +192,7 @@ def _input(motions: Sequence[Trajectory], i: int, period_s: float) -> InputMeasu
     )
 
 
-def _band(frequency: np.ndarray, power: np.ndarray) -> tuple[float, float]:
+def _find_power_band(frequency: np.ndarray, power: np.ndarray) -> tuple[float, float]:
     order = np.argsort(frequency)
     summed = np.cumsum(power[order])
     if summed[-1] <= 0.0:
@@ -199,7 +201,7 @@ def _band(frequency: np.ndarray, power: np.ndarray) -> tuple[float, float]:
     return float(frequency[order][low]), float(frequency[order][min(high, len(order) - 1)])
 
 
-STILL = 1e-6  # of an input's size: what a constant may wander by
+CONSTANT_INPUT_TOLERANCE = 1e-6  # of an input's size: what a constant may wander by
 
 
 def check_inputs(sim: Sequence[Trajectory], real: Sequence[Trajectory]) -> list[Finding]:
@@ -212,7 +214,7 @@ def check_inputs(sim: Sequence[Trajectory], real: Sequence[Trajectory]) -> list[
     found = []
     shared = [name for name in real[0].u_names if not sim or name in sim[0].u_names]
     for name in shared:
-        moves_real, moves_sim = _moves(real, name), not sim or _moves(sim, name)
+        moves_real, moves_sim = _input_moves(real, name), not sim or _input_moves(sim, name)
         if not moves_real:
             found.append(
                 Finding(
@@ -240,6 +242,6 @@ def check_inputs(sim: Sequence[Trajectory], real: Sequence[Trajectory]) -> list[
     return found
 
 
-def _moves(motions: Sequence[Trajectory], name: str) -> bool:
+def _input_moves(motions: Sequence[Trajectory], name: str) -> bool:
     values = np.concatenate([motion.u[:, motion.u_names.index(name)] for motion in motions])
-    return bool(np.ptp(values) > STILL * np.abs(values).max())
+    return bool(np.ptp(values) > CONSTANT_INPUT_TOLERANCE * np.abs(values).max())

@@ -9,14 +9,14 @@ from scipy.signal import oaconvolve
 
 from lagsplat.io.trajectory.trajectory import Trajectory
 
-PER_DECADE = 14  # lengths of test functions tried
-LEAST_SAMPLES = 9  # of a test function
-MOST_SAMPLES = 6000  # of all clips together; longer ones are thinned
-FITS = 0.3  # share of the weighted accelerations that a linear law must explain to be believed
-SPARE = 2.0  # independent test functions beyond the unknowns: with fewer, any law fits
-DOUBTFUL = 0.15  # relative error of a stiffness that says nothing
-TURN = 0.1  # standard deviations of the motion that it must come back by to have turned
-HEARD = 0.08  # share of the motion that the slowest mode must carry to count
+LENGTHS_PER_DECADE = 14  # lengths of test functions tried
+MIN_TEST_SAMPLES = 9  # of a test function
+MAX_SAMPLES = 6000  # of all clips together; longer ones are thinned
+MIN_EXPLAINED_SHARE = 0.3  # share of the weighted accelerations that a linear law must explain to be believed
+MIN_SPARE_ROWS = 2.0  # independent test functions beyond the unknowns: with fewer, any law fits
+MAX_STIFFNESS_ERROR = 0.15  # relative error of a stiffness that says nothing
+MIN_TURN = 0.1  # standard deviations of the motion that it must come back by to have turned
+MIN_MODE_SHARE = 0.08  # share of the motion that the slowest mode must carry to count
 
 
 @dataclass(frozen=True)
@@ -28,16 +28,16 @@ class _Clip:
     dt_s: float
 
 
-def natural_period_s(motions: Sequence[Trajectory]) -> float | None:
-    """Undamped period [s] of the slowest mode that carries `HEARD` of the motion; None where none swings.
+def estimate_natural_period_s(motions: Sequence[Trajectory]) -> float | None:
+    """Undamped period [s] of the slowest mode that carries `MIN_MODE_SHARE` of the motion; None where none swings.
 
-    As `natural_periods_s`, whose first value this is.
+    As `estimate_natural_periods_s`, whose first value this is.
     """
-    periods = natural_periods_s(motions)
+    periods = estimate_natural_periods_s(motions)
     return float(periods[0]) if len(periods) else None
 
 
-def natural_periods_s(motions: Sequence[Trajectory]) -> Float64[np.ndarray, " m"]:
+def estimate_natural_periods_s(motions: Sequence[Trajectory]) -> Float64[np.ndarray, " m"]:
     """Undamped periods [s] of the modes, slowest first, m at most d; empty where nothing swings.
 
     A linear law ``a = -K q - C v + B u + c + e t`` is fitted in the weak form: with test functions that
@@ -50,30 +50,30 @@ def natural_periods_s(motions: Sequence[Trajectory]) -> Float64[np.ndarray, " m"
 
     Source: weak form, Messenger and Bortz 2021.
     """
-    clips = _even_clips(motions)
+    clips = _resample_clips(motions)
     if not clips:
         return np.zeros(0)
     longest_s = max(len(clip.q) * clip.dt_s for clip in clips)
-    shortest_s = LEAST_SAMPLES * min(clip.dt_s for clip in clips)
+    shortest_s = MIN_TEST_SAMPLES * min(clip.dt_s for clip in clips)
     if longest_s <= shortest_s:
-        return _turning_period(clips)
-    count = max(2, round(PER_DECADE * np.log10(longest_s / shortest_s)))
+        return _estimate_turning_period(clips)
+    count = max(2, round(LENGTHS_PER_DECADE * np.log10(longest_s / shortest_s)))
     best, found = -np.inf, np.zeros(0)
     for length_s in np.geomspace(shortest_s, longest_s, count):
-        periods, doubt = _weak_law(clips, length_s)
-        if len(periods) == 0 or doubt > DOUBTFUL:
+        periods, doubt = _fit_weak_law(clips, length_s)
+        if len(periods) == 0 or doubt > MAX_STIFFNESS_ERROR:
             continue
         # A period much longer than the test function is not seen by it, a much shorter one is averaged away.
         score = -np.log(doubt) - 4.0 * np.log(periods[0] / length_s) ** 2
         if score > best:
             best, found = score, periods
-    return found if len(found) else _turning_period(clips)
+    return found if len(found) else _estimate_turning_period(clips)
 
 
-def _even_clips(motions: Sequence[Trajectory]) -> list[_Clip]:
+def _resample_clips(motions: Sequence[Trajectory]) -> list[_Clip]:
     """Clips long enough for a test function, interpolated onto even grids, in units of the whole motion."""
     total = sum(motion.n for motion in motions)
-    thin = max(1, total // MOST_SAMPLES)
+    thin = max(1, total // MAX_SAMPLES)
     q = np.concatenate([motion.q for motion in motions])
     u = np.concatenate([motion.u for motion in motions])
     centre, size = q.mean(axis=0), np.maximum(q.std(axis=0), np.finfo(float).tiny)
@@ -82,12 +82,12 @@ def _even_clips(motions: Sequence[Trajectory]) -> list[_Clip]:
     clips = []
     for motion in motions:
         for start, stop in motion.segments:
-            if stop - start < 2 * LEAST_SAMPLES or not q.std(axis=0).any():
+            if stop - start < 2 * MIN_TEST_SAMPLES or not q.std(axis=0).any():
                 continue
             time = motion.time_s[start:stop]
-            dt_s = thin * motion.dt_s if stop - start >= 2 * LEAST_SAMPLES * thin else motion.dt_s
+            dt_s = thin * motion.dt_s if stop - start >= 2 * MIN_TEST_SAMPLES * thin else motion.dt_s
             grid = np.arange(time[0], time[-1], dt_s)
-            if len(grid) < LEAST_SAMPLES + 2:
+            if len(grid) < MIN_TEST_SAMPLES + 2:
                 continue
             swing = [np.interp(grid, time, column) for column in motion.q[start:stop].T]
             drive = [np.interp(grid, time, column) for column in motion.u[start:stop].T[moving]]
@@ -100,13 +100,13 @@ def _even_clips(motions: Sequence[Trajectory]) -> list[_Clip]:
     return clips
 
 
-def _weak_law(clips: Sequence[_Clip], length_s: float) -> tuple[Float64[np.ndarray, " m"], float]:
+def _fit_weak_law(clips: Sequence[_Clip], length_s: float) -> tuple[Float64[np.ndarray, " m"], float]:
     """Periods of the linear law seen by test functions of ``length_s``, and the first's relative error."""
     left, right = [], []
     d = clips[0].q.shape[1]
     for number, clip in enumerate(clips):
         n = round(length_s / clip.dt_s)
-        if n < LEAST_SAMPLES or n > len(clip.q):
+        if n < MIN_TEST_SAMPLES or n > len(clip.q):
             continue
         s = np.linspace(-1.0, 1.0, n)
         half_s = 0.5 * (n - 1) * clip.dt_s
@@ -131,21 +131,21 @@ def _weak_law(clips: Sequence[_Clip], length_s: float) -> tuple[Float64[np.ndarr
     solution, _, rank, _ = np.linalg.lstsq(rows, target, rcond=1e-10)
     plain = target - constants @ np.linalg.lstsq(constants, target, rcond=1e-10)[0]
     rest = ((target - rows @ solution) ** 2).sum(axis=0)
-    if rest.sum() > (1.0 - FITS) * (plain**2).sum():
+    if rest.sum() > (1.0 - MIN_EXPLAINED_SHARE) * (plain**2).sum():
         return np.zeros(0), np.inf
     # Test functions overlap: four neighbours tell about as much as one.
     freedom = len(rows) / 4.0 - rank
-    if freedom < SPARE:
+    if freedom < MIN_SPARE_ROWS:
         return np.zeros(0), np.inf
     variance = (rest + 1e-12 * (target**2).sum(axis=0)) / freedom
-    return _heard(solution[:d].T, np.linalg.pinv(rows.T @ rows, rcond=1e-12)[:d, :d], variance, clips)
+    return _select_modes(solution[:d].T, np.linalg.pinv(rows.T @ rows, rcond=1e-12)[:d, :d], variance, clips)
 
 
 def _correlate(series: np.ndarray, test: np.ndarray) -> np.ndarray:
     return oaconvolve(series, test[::-1, None], mode="valid", axes=0)
 
 
-def _heard(
+def _select_modes(
     stiffness: np.ndarray, spread: np.ndarray, variance: np.ndarray, clips: Sequence[_Clip]
 ) -> tuple[Float64[np.ndarray, " m"], float]:
     """Periods of the modes of ``a = -K q`` that carry their share of the motion, slowest first, and the
@@ -157,7 +157,7 @@ def _heard(
     rows = np.linalg.inv(shapes)
     carried = (np.abs(q @ rows.T) ** 2).mean(axis=0) * (np.abs(shapes) ** 2).sum(axis=0)
     swings = (values.real > 0) & (np.abs(values.imag) < 0.5 * values.real)
-    kept = np.flatnonzero(swings & (carried > HEARD * carried.sum()))
+    kept = np.flatnonzero(swings & (carried > MIN_MODE_SHARE * carried.sum()))
     if not kept.size:
         return np.zeros(0), np.inf
     kept = kept[np.argsort(values.real[kept])]
@@ -169,42 +169,42 @@ def _heard(
     return periods, float(np.sqrt(error.real)) / float(values.real[slowest])
 
 
-def _turning_period(clips: Sequence[_Clip]) -> Float64[np.ndarray, " m"]:
+def _estimate_turning_period(clips: Sequence[_Clip]) -> Float64[np.ndarray, " m"]:
     """Twice the median time between turning points, by the coordinate that turns most often."""
     found = []
     for i in range(clips[0].q.shape[1] if clips else 0):
-        halves = [np.diff(_turns(clip.q[:, i])) * clip.dt_s for clip in clips]
+        halves = [np.diff(_find_turning_points(clip.q[:, i])) * clip.dt_s for clip in clips]
         found.append(np.concatenate(halves))
     often = max(found, key=len, default=np.zeros(0))
     return np.array([2.0 * float(np.median(often))]) if len(often) >= 2 else np.zeros(0)
 
 
-def _turns(q: np.ndarray) -> list[int]:
-    """Samples at which a column turns round, by more than `TURN` of its standard deviation over all clips."""
+def _find_turning_points(q: np.ndarray) -> list[int]:
+    """Samples at which a column turns round, by more than `MIN_TURN` of its standard deviation over all clips."""
     turns: list[int] = []
     low = high = 0
     rising = None
     for k, value in enumerate(q):
         low = k if value < q[low] else low
         high = k if value > q[high] else high
-        if rising is not False and q[high] - value > TURN:
+        if rising is not False and q[high] - value > MIN_TURN:
             turns += [high] if rising else []
             rising, low = False, k
             high = k
-        elif rising is not True and value - q[low] > TURN:
+        elif rising is not True and value - q[low] > MIN_TURN:
             turns += [low] if rising is False else []
             rising, high = True, k
             low = k
     return turns
 
 
-def rms_period_s(motions: Sequence[Trajectory], order: int) -> float | None:
+def compute_rms_period_s(motions: Sequence[Trajectory], order: int) -> float | None:
     """The rms period of the spectrum of the ``order``-th derivative; None where nothing moves."""
     weighted = total = 0.0
     for motion in motions:
         for start, stop in motion.segments:
             x = motion.q[start:stop] - motion.q[start:stop].mean(axis=0)
-            if len(x) < LEAST or not (x.std(axis=0) > 0.0).all():
+            if len(x) < MIN_SPECTRUM_SAMPLES or not (x.std(axis=0) > 0.0).all():
                 continue
             step = (motion.time_s[stop - 1] - motion.time_s[start]) / (len(x) - 1)
             omega = 2.0 * np.pi * np.fft.rfftfreq(len(x), step)
@@ -218,7 +218,7 @@ def rms_period_s(motions: Sequence[Trajectory], order: int) -> float | None:
     return float(2.0 * np.pi / np.sqrt(weighted / total)) if weighted > 0.0 else None
 
 
-def rough_period_s(motions: Sequence[Trajectory]) -> float:
+def estimate_spectral_period_s(motions: Sequence[Trajectory]) -> float:
     """The rms period of the motion's spectrum, from the part of it that stands above noise [s].
 
     Where a mechanism goes over the top or is held for long, its steps outweigh its swings; there the spectrum
@@ -228,22 +228,22 @@ def rough_period_s(motions: Sequence[Trajectory]) -> float:
         ValueError: no clip is long enough, or nothing moves.
     """
     longest = max(stop - start for motion in motions for start, stop in motion.segments)
-    if longest < LEAST:
+    if longest < MIN_SPECTRUM_SAMPLES:
         raise ValueError(
             f"{motions[0].source}: the longest clip has {longest} samples, too few to tell how it swings; "
-            f"record at least {LEAST} without a cut, and better ten periods"
+            f"record at least {MIN_SPECTRUM_SAMPLES} without a cut, and better ten periods"
         )
-    swing_s, rate_s = rms_period_s(motions, 0), rms_period_s(motions, 1)
+    swing_s, rate_s = compute_rms_period_s(motions, 0), compute_rms_period_s(motions, 1)
     if swing_s is None or rate_s is None:
         raise ValueError(
-            f"{motions[0].source}: nothing moves in any clip of {LEAST} samples; record a motion"
+            f"{motions[0].source}: nothing moves in any clip of {MIN_SPECTRUM_SAMPLES} samples; record a motion"
         )
-    return rate_s if swing_s > STEPPED * rate_s else swing_s
+    return rate_s if swing_s > STEPPED_PERIOD_RATIO * rate_s else swing_s
 
 
-LEAST = 16
+MIN_SPECTRUM_SAMPLES = 16
 """Samples of the shortest clip whose spectrum is taken."""
 
 
-STEPPED = 1.6
+STEPPED_PERIOD_RATIO = 1.6
 """Times by which the period of the coordinates exceeds that of their rates where they step."""

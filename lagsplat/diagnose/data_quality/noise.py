@@ -14,7 +14,7 @@ from scipy.stats import chi2
 
 from lagsplat.io.trajectory.trajectory import Trajectory
 
-CHUNK = 4096
+CHUNK_SAMPLES = 4096
 
 
 @dataclass(frozen=True)
@@ -46,10 +46,10 @@ def fit_locally(motion: Trajectory, *, half_width: int) -> LocalFit:
     parts = [np.zeros((3, motion.n, motion.d)), np.zeros(motion.n)]
     for start, stop in motion.segments:
         width = min(2 * half_width + 1, stop - start)
-        for first in range(start, stop, CHUNK):
-            at = np.arange(first, min(first + CHUNK, stop))
+        for first in range(start, stop, CHUNK_SAMPLES):
+            at = np.arange(first, min(first + CHUNK_SAMPLES, stop))
             left = np.clip(at - half_width, start, stop - width)
-            weights = _weights(motion.time_s, at, left[:, None] + np.arange(width))
+            weights = _compute_polynomial_weights(motion.time_s, at, left[:, None] + np.arange(width))
             around = motion.q[left[:, None] + np.arange(width)]
             parts[0][:, at] = np.einsum("nck,nkd->cnd", weights, around)
             parts[1][at] = np.linalg.norm(weights[:, 1], axis=1)
@@ -57,7 +57,9 @@ def fit_locally(motion: Trajectory, *, half_width: int) -> LocalFit:
     return LocalFit(q, v, a, gain)
 
 
-def _weights(time_s: np.ndarray, at: np.ndarray, window: np.ndarray) -> Float64[np.ndarray, "N 3 K"]:
+def _compute_polynomial_weights(
+    time_s: np.ndarray, at: np.ndarray, window: np.ndarray
+) -> Float64[np.ndarray, "N 3 K"]:
     """Rows that turn the samples of a window into value, rate and acceleration at sample ``at``."""
     degree = min(3, window.shape[1] - 1)
     offset = time_s[window] - time_s[at][:, None]
@@ -73,7 +75,7 @@ def _weights(time_s: np.ndarray, at: np.ndarray, window: np.ndarray) -> Float64[
     return weights
 
 
-def local_cubic(
+def fit_local_cubic(
     time: Float64[np.ndarray, " N"],
     q: Float64[np.ndarray, "N d"],
     clips: Int64[np.ndarray, "C 2"],
@@ -107,7 +109,7 @@ def local_cubic(
     return smooth, slope, bend
 
 
-def noise_level(
+def estimate_noise_level(
     time: Float64[np.ndarray, " N"],
     q: Float64[np.ndarray, "N d"],
     clips: Int64[np.ndarray, "C 2"],
@@ -127,7 +129,7 @@ def noise_level(
         if half < 4:
             continue
         clip = np.array([[0, n]])
-        smooth = local_cubic(time[start:stop], q[start:stop], clip, width_s=width_s)[0]
+        smooth = fit_local_cubic(time[start:stop], q[start:stop], clip, width_s=width_s)[0]
         m = 2 * half + 1
         kept = 1.0 - 0.75 * (3.0 * m * m - 7.0) / (m * (m * m - 4.0))
         residuals.append((q[start:stop] - smooth)[half : n - half] / np.sqrt(kept))
@@ -139,18 +141,18 @@ def noise_level(
     return np.sqrt(np.sum(np.where(inside, every, 0.0) ** 2, axis=0) / np.maximum(inside.sum(axis=0), 1))
 
 
-DEGREE = 5  # of the polynomial that stands for the motion inside a window
-SHORTEST, LONGEST = 9, 24  # samples of a window
-PERIODS = 0.25  # and what a window covers at most, in natural periods
-WINDOWS = 600  # windows looked at, evenly over the motions
-FREEDOM = 4.0  # of Student's t: kinks of the motion fall into some windows
-CORRELATIONS = np.linspace(-0.6, 0.9, 16)
-AGREE = 1.25  # times the noise in the shortest windows, beyond which longer ones hold motion
-CLEAR = 6.0  # nats by which correlated noise must beat white noise
+CONTRAST_DEGREE = 5  # of the polynomial that stands for the motion inside a window
+MIN_WINDOW, MAX_WINDOW = 9, 24  # samples of a window
+WINDOW_PERIODS = 0.25  # and what a window covers at most, in natural periods
+MAX_WINDOWS = 600  # windows looked at, evenly over the motions
+STUDENT_FREEDOM = 4.0  # of Student's t: kinks of the motion fall into some windows
+CORRELATION_GRID = np.linspace(-0.6, 0.9, 16)
+MAX_NOISE_GROWTH = 1.25  # times the noise in the shortest windows, beyond which longer ones hold motion
+MIN_CORRELATION_EVIDENCE = 6.0  # nats by which correlated noise must beat white noise
 
 
 @dataclass(frozen=True)
-class Noise:
+class MeasurementNoise:
     """Standard deviation of each coordinate's error [its unit], correlation of neighbouring errors, and the
     quantisation step [its unit], 0 where there is none."""
 
@@ -159,34 +161,38 @@ class Noise:
     step: Float64[np.ndarray, " d"]
 
 
-def measure_noise(motions: Sequence[Trajectory], *, period_s: float | None) -> Noise:
+def measure_noise(motions: Sequence[Trajectory], *, period_s: float | None) -> MeasurementNoise:
     """Noise of motions that one sensor took: what no polynomial over a part of a period explains.
 
-    Contrasts of a window that are orthogonal to polynomials of degree `DEGREE` are Gaussian with the
+    Contrasts of a window that are orthogonal to polynomials of degree `CONTRAST_DEGREE` are Gaussian with the
     covariance of a first-order autoregression; Student's t makes windows with a kink harmless. Correlation
-    is 0 unless the data ask for it by `CLEAR` nats. Without a period windows are the shortest. Sigma is NaN
-    where no clip has `SHORTEST` samples; it is at least that of rounding to the quantisation step.
+    is 0 unless the data ask for it by `MIN_CORRELATION_EVIDENCE` nats. Without a period windows are the shortest. Sigma is NaN
+    where no clip has `MIN_WINDOW` samples; it is at least that of rounding to the quantisation step.
 
     Source: marginal likelihood over contrasts as in REML, Patterson and Thompson 1971.
     """
     d = motions[0].d
     sigma, correlation = np.full(d, np.nan), np.zeros(d)
     step = np.array(
-        [quantisation_step(np.concatenate([motion.q[:, i] for motion in motions])) for i in range(d)]
+        [find_quantisation_step(np.concatenate([motion.q[:, i] for motion in motions])) for i in range(d)]
     )
     dt_s = np.median([motion.dt_s for motion in motions])
-    longest = SHORTEST if period_s is None else int(np.clip(PERIODS * period_s / dt_s, SHORTEST, LONGEST))
-    shortest = _estimates(motions, SHORTEST, dt_s)
+    longest = (
+        MIN_WINDOW
+        if period_s is None
+        else int(np.clip(WINDOW_PERIODS * period_s / dt_s, MIN_WINDOW, MAX_WINDOW))
+    )
+    shortest = _estimate_in_windows(motions, MIN_WINDOW, dt_s)
     for i in range(d if shortest else 0):
         sigma[i], correlation[i] = shortest[i][:2]
-    for width in sorted({longest, (SHORTEST + longest) // 2} - {SHORTEST}):
-        for i, (size, rho, plain) in enumerate(_estimates(motions, width, dt_s)):
-            if plain < AGREE * shortest[i][2]:
+    for width in sorted({longest, (MIN_WINDOW + longest) // 2} - {MIN_WINDOW}):
+        for i, (size, rho, plain) in enumerate(_estimate_in_windows(motions, width, dt_s)):
+            if plain < MAX_NOISE_GROWTH * shortest[i][2]:
                 sigma[i], correlation[i] = size, rho
-    return Noise(np.maximum(sigma, step / np.sqrt(12.0)), correlation, step)
+    return MeasurementNoise(np.maximum(sigma, step / np.sqrt(12.0)), correlation, step)
 
 
-def quantisation_step(values: Float64[np.ndarray, " T"]) -> float:
+def find_quantisation_step(values: Float64[np.ndarray, " T"]) -> float:
     """The step of which all differences are whole multiples; 0 where there is none or too few repeats.
 
     Digits of a text are a step too; whether a step matters is seen beside the noise.
@@ -203,77 +209,79 @@ def quantisation_step(values: Float64[np.ndarray, " T"]) -> float:
     return step if exact.mean() > 0.98 and span < 1e5 * step else 0.0
 
 
-def _windows(motions: Sequence[Trajectory], width: int) -> list[tuple[int, int]]:
+def _choose_windows(motions: Sequence[Trajectory], width: int) -> list[tuple[int, int]]:
     found = [
         (m, k)
         for m, motion in enumerate(motions)
         for start, stop in motion.segments
         for k in range(start, stop - width + 1, width)
     ]
-    chosen = np.unique(np.linspace(0, len(found) - 1, min(len(found), WINDOWS)).astype(int))
+    chosen = np.unique(np.linspace(0, len(found) - 1, min(len(found), MAX_WINDOWS)).astype(int))
     return [found[k] for k in chosen] if found else []
 
 
-def _estimates(motions: Sequence[Trajectory], width: int, dt_s: float) -> list[tuple[float, float, float]]:
+def _estimate_in_windows(
+    motions: Sequence[Trajectory], width: int, dt_s: float
+) -> list[tuple[float, float, float]]:
     """Per coordinate: standard deviation, correlation, and the standard deviation if it were white."""
-    windows = _windows(motions, width)
+    windows = _choose_windows(motions, width)
     if not windows:
         return []
     time = np.stack([motions[m].time_s[k : k + width] for m, k in windows]) / dt_s
     values = np.stack([motions[m].q[k : k + width] for m, k in windows])
-    contrasts = _contrasts(time)
+    contrasts = _compute_contrasts(time)
     lags = np.abs(time[:, :, None] - time[:, None, :])
     seen = np.einsum("wkc,wkd->dwc", contrasts, values - values.mean(axis=1, keepdims=True))
     rounding = 1e-14 * np.abs(values).max(axis=(0, 1))
     return [
-        (0.0, 0.0, 0.0) if np.abs(observed).max() <= least else _autoregression(observed, contrasts, lags)
+        (0.0, 0.0, 0.0) if np.abs(observed).max() <= least else _fit_autoregression(observed, contrasts, lags)
         for observed, least in zip(seen, rounding, strict=True)
     ]
 
 
-def _contrasts(time: np.ndarray) -> Float64[np.ndarray, "W K c"]:
+def _compute_contrasts(time: np.ndarray) -> Float64[np.ndarray, "W K c"]:
     """An orthonormal basis of what polynomials over each window leave."""
     offset = time - time.mean(axis=1, keepdims=True)
     offset = offset / np.abs(offset).max(axis=1, keepdims=True)
-    powers = offset[..., None] ** np.arange(DEGREE + 1)
-    return np.linalg.qr(powers, mode="complete")[0][..., DEGREE + 1 :]
+    powers = offset[..., None] ** np.arange(CONTRAST_DEGREE + 1)
+    return np.linalg.qr(powers, mode="complete")[0][..., CONTRAST_DEGREE + 1 :]
 
 
-def _autoregression(
+def _fit_autoregression(
     observed: np.ndarray, contrasts: np.ndarray, lags: np.ndarray
 ) -> tuple[float, float, float]:
     """Standard deviation and correlation of the likeliest first-order autoregression, and of white noise."""
     scores = []
     size = observed.shape[1]
     even = bool(np.abs(lags - np.rint(lags)).max() < 0.2)
-    for rho in np.where(np.abs(CORRELATIONS) < 1e-9, 0.0, CORRELATIONS):
+    for rho in np.where(np.abs(CORRELATION_GRID) < 1e-9, 0.0, CORRELATION_GRID):
         if rho < 0.0 and not even:  # it alternates from sample to sample, which uneven ones cannot
             continue
         signs = np.where(np.rint(lags) % 2, -1.0, 1.0) if rho < 0 else 1.0
         errors = signs * np.abs(rho) ** lags if rho else (lags == 0).astype(float)
         covariance = np.einsum("wkc,wkl,wld->wcd", contrasts, errors, contrasts, optimize=True)
         distance = (observed * np.linalg.solve(covariance, observed[..., None])[..., 0]).sum(axis=1)
-        variance = _student_variance(distance, size)
-        fitted = np.log1p(distance / (FREEDOM * variance)).sum() * (FREEDOM + size) / 2.0
+        variance = _fit_student_variance(distance, size)
+        fitted = np.log1p(distance / (STUDENT_FREEDOM * variance)).sum() * (STUDENT_FREEDOM + size) / 2.0
         volume = np.linalg.slogdet(covariance)[1].sum() / 2.0 + observed.size * np.log(variance) / 2.0
         # Noise that wanders for longer than a window cannot be told from motion: a prior keeps it small.
         prior = 3.0 * np.log1p(-(rho**2))
         scores.append((float(prior - fitted - volume), variance, float(rho)))
     white = next(score for score in scores if score[2] == 0.0)
     best = max(scores)
-    chosen = best if best[0] - white[0] > CLEAR else white
+    chosen = best if best[0] - white[0] > MIN_CORRELATION_EVIDENCE else white
     # Student's scale is below the variance of the Gaussian it stands for, by a fixed factor.
-    factor = _gaussian_factor(size)
+    factor = _compute_gaussian_factor(size)
     return float(np.sqrt(chosen[1] * factor)), chosen[2], float(np.sqrt(white[1] * factor))
 
 
-def _student_variance(distance: np.ndarray, size: int) -> float:
+def _fit_student_variance(distance: np.ndarray, size: int) -> float:
     """Scale of Student's t that makes ``distance`` (W,) likeliest, by reweighting."""
     # Where most windows are exactly at rest the scale goes to zero, as it should, but not all the way.
     floor = 1e-12 * float(distance.mean()) / size
     variance = max(float(np.median(distance)) / size, floor)
     for _ in range(50):
-        weight = (FREEDOM + size) / (FREEDOM + distance / variance)
+        weight = (STUDENT_FREEDOM + size) / (STUDENT_FREEDOM + distance / variance)
         following = max(float((weight * distance).mean()) / size, floor)
         if abs(following - variance) < 1e-6 * variance:
             break
@@ -281,7 +289,7 @@ def _student_variance(distance: np.ndarray, size: int) -> float:
     return variance
 
 
-def _gaussian_factor(size: int) -> float:
+def _compute_gaussian_factor(size: int) -> float:
     """Variance of Gaussian errors over the scale that Student's t finds for them."""
     distance = chi2.ppf((np.arange(2000) + 0.5) / 2000, size)
-    return 1.0 / _student_variance(distance, size)
+    return 1.0 / _fit_student_variance(distance, size)

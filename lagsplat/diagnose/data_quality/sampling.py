@@ -11,30 +11,30 @@ from dataclasses import replace
 import numpy as np
 
 from lagsplat.diagnose.core.result import Finding
-from lagsplat.diagnose.data_quality.natural_period import rms_period_s
-from lagsplat.diagnose.data_quality.noise import Noise, fit_locally
+from lagsplat.diagnose.data_quality.natural_period import compute_rms_period_s
+from lagsplat.diagnose.data_quality.noise import MeasurementNoise, fit_locally
 from lagsplat.io.trajectory.trajectory import Trajectory
 
-ENOUGH = 100.0
+SAMPLES_PER_PERIOD = 100.0
 """Samples that are kept, at least, of the rms period of the rates."""
-CAMERA_HZ = 120.0
+MIN_RATE_HZ = 120.0
 """As many a second are left in any case: at such rates frames that are lost, or come late, are looked for."""
 
 
-def thinned(
+def average_dense_samples(
     motions: Sequence[Trajectory], *, hold: str
 ) -> tuple[tuple[Trajectory, ...], tuple[Finding, ...]]:
-    """The motions as means of so many neighbours that a period keeps `ENOUGH`, and what was done.
+    """The motions as means of so many neighbours that a period keeps `SAMPLES_PER_PERIOD`, and what was done.
 
     ``hold`` says how inputs act between samples: ``zoh`` or ``linear``.
     """
-    period_s = rms_period_s(motions, 1)
+    period_s = compute_rms_period_s(motions, 1)
     out, told = [], []
     for motion in motions:
-        many = (period_s or 0.0) / (ENOUGH * motion.dt_s)
-        many = min(many, 1.0 / (CAMERA_HZ * motion.dt_s))
+        many = (period_s or 0.0) / (SAMPLES_PER_PERIOD * motion.dt_s)
+        many = min(many, 1.0 / (MIN_RATE_HZ * motion.dt_s))
         n = 2 * int((many - 1.0) / 2.0) + 1 if many > 1.0 else 1
-        shorter = averaged(motion, n, held=hold == "zoh") if n > 1 else motion
+        shorter = average_samples(motion, n, held=hold == "zoh") if n > 1 else motion
         out.append(shorter)
         if shorter is not motion:
             told.append(
@@ -51,7 +51,7 @@ def thinned(
     return tuple(out), tuple(told)
 
 
-def averaged(motion: Trajectory, n: int, *, held: bool) -> Trajectory:
+def average_samples(motion: Trajectory, n: int, *, held: bool) -> Trajectory:
     """Means of ``n`` samples, an odd number, each within one clip; what is over at a clip's end is left out.
 
     Inputs that are ``held`` act from one sample until the next: theirs are means from one middle to the next.
@@ -79,15 +79,17 @@ def averaged(motion: Trajectory, n: int, *, held: bool) -> Trajectory:
     )
 
 
-REPEATED = "repeated samples"  # the check's name
-MOVING = 4.0  # standard deviations of noise that a step must exceed before a repeated value is a repeat
-COARSE, HOPELESS = 8.0, 4.0  # samples a period
-ROUGH = 0.1  # of a coordinate's rms: a quantisation step worth mentioning
-CLIPPED, RUN = 0.02, 4  # share of samples at an extreme, and samples in a row there
-FROZEN = 10  # most repeats in a row that are a lost frame; more are a rest
-AT_REST = 3.0  # standard deviations of noise below which nothing moves
-BLOCK_PERIODS, BLOCK_FRAMES, BLOCKS = 1.5, 60, 8
-LEAST_PERIODS = 2.5
+REPEATED_SAMPLES_CHECK = "repeated samples"  # the check's name
+REPEAT_MOTION_NOISE = (
+    4.0  # standard deviations of noise that a step must exceed before a repeated value is a repeat
+)
+COARSE_SAMPLES_PER_PERIOD, MIN_SAMPLES_PER_PERIOD = 8.0, 4.0  # samples a period
+MAX_STEP_SHARE = 0.1  # of a coordinate's rms: a quantisation step worth mentioning
+CLIPPED_SHARE, CLIPPED_RUN = 0.02, 4  # share of samples at an extreme, and samples in a row there
+MAX_LOST_FRAMES = 10  # most repeats in a row that are a lost frame; more are a rest
+REST_NOISE = 3.0  # standard deviations of noise below which nothing moves
+BLOCK_PERIODS, BLOCK_FRAMES, MIN_BLOCKS = 1.5, 60, 8
+MIN_PERIODS = 2.5
 
 
 def count_blocks(motions: Sequence[Trajectory], *, period_s: float) -> int:
@@ -101,14 +103,16 @@ def count_blocks(motions: Sequence[Trajectory], *, period_s: float) -> int:
 
 
 def check_length(
-    motions: Sequence[Trajectory], *, period_s: float | None, noise: Noise, side: str
+    motions: Sequence[Trajectory], *, period_s: float | None, noise: MeasurementNoise, side: str
 ) -> list[Finding]:
     """Whether there is motion at all, and long enough to fit on one half and to test on the other."""
     q = np.concatenate([motion.q - motion.q.mean(axis=0) for motion in motions])
     sigma = np.where(np.isfinite(noise.sigma), noise.sigma, 0.0)
     size = np.sqrt((q**2).mean(axis=0))
-    still = size <= np.maximum(AT_REST * sigma, 1e-12 * np.abs(np.concatenate([m.q for m in motions])).max())
-    still &= ~_wanders(motions, still)
+    still = size <= np.maximum(
+        REST_NOISE * sigma, 1e-12 * np.abs(np.concatenate([m.q for m in motions])).max()
+    )
+    still &= ~_moves_smoothly(motions, still)
     names = tuple(name for name, rests in zip(motions[0].q_names, still, strict=True) if rests)
     if still.all() or period_s is None:
         return [
@@ -135,14 +139,14 @@ def check_length(
                 names,
             )
         )
-    return found + _too_little(motions, period_s, side)
+    return found + _check_duration(motions, period_s, side)
 
 
-def _too_little(motions: Sequence[Trajectory], period_s: float, side: str) -> list[Finding]:
+def _check_duration(motions: Sequence[Trajectory], period_s: float, side: str) -> list[Finding]:
     duration_s = sum(motion.duration_s for motion in motions)
     periods, blocks = duration_s / period_s, count_blocks(motions, period_s=period_s)
     found = []
-    if periods < LEAST_PERIODS:
+    if periods < MIN_PERIODS:
         found.append(
             Finding(
                 "undetermined",
@@ -150,24 +154,24 @@ def _too_little(motions: Sequence[Trajectory], period_s: float, side: str) -> li
                 side,
                 f"{duration_s:.3g} s, or {periods:.2g} natural periods of {period_s:.3g} s",
                 "on so little every cause looks alike",
-                f"record at least {BLOCKS * BLOCK_PERIODS * period_s:.3g} s",
+                f"record at least {MIN_BLOCKS * BLOCK_PERIODS * period_s:.3g} s",
             )
         )
-    elif blocks < BLOCKS:
+    elif blocks < MIN_BLOCKS:
         found.append(
             Finding(
                 "warn",
                 "short",
                 side,
                 f"{blocks} block(s) of {BLOCK_PERIODS:g} natural periods ({duration_s:.3g} s in all)",
-                f"{BLOCKS // 2} to fit and {BLOCKS // 2} to test are wanted, so that less can be told apart",
-                f"record at least {BLOCKS * BLOCK_PERIODS * period_s:.3g} s in clips of several periods",
+                f"{MIN_BLOCKS // 2} to fit and {MIN_BLOCKS // 2} to test are wanted, so that less can be told apart",
+                f"record at least {MIN_BLOCKS * BLOCK_PERIODS * period_s:.3g} s in clips of several periods",
             )
         )
     return found
 
 
-def _wanders(motions: Sequence[Trajectory], still: np.ndarray) -> np.ndarray:
+def _moves_smoothly(motions: Sequence[Trajectory], still: np.ndarray) -> np.ndarray:
     """Coordinates whose small motion is smooth all the same: several samples in a row agree."""
     smooth = np.zeros(len(still), dtype=bool)
     for motion in motions:
@@ -181,12 +185,16 @@ def _wanders(motions: Sequence[Trajectory], still: np.ndarray) -> np.ndarray:
     return smooth
 
 
-def check_samples(motion: Trajectory, *, period_s: float | None, noise: Noise) -> list[Finding]:
+def check_samples(motion: Trajectory, *, period_s: float | None, noise: MeasurementNoise) -> list[Finding]:
     """Repeated, rounded and clipped values, and how many samples a period has."""
-    found = [*_rounded(motion, noise), *_clipped(motion, noise), *_repeated(motion, noise)]
-    if period_s is not None and period_s / motion.dt_s < COARSE:
+    found = [
+        *_check_quantisation(motion, noise),
+        *_check_clipping(motion, noise),
+        *_check_repeats(motion, noise),
+    ]
+    if period_s is not None and period_s / motion.dt_s < COARSE_SAMPLES_PER_PERIOD:
         density = period_s / motion.dt_s
-        hopeless = density < HOPELESS
+        hopeless = density < MIN_SAMPLES_PER_PERIOD
         found.append(
             Finding(
                 "undetermined" if hopeless else "warn",
@@ -194,15 +202,15 @@ def check_samples(motion: Trajectory, *, period_s: float | None, noise: Noise) -
                 motion.source,
                 f"{density:.2g} samples a natural period",
                 "rates and accelerations are guesswork between so few",
-                f"record at least {2.0 * COARSE / period_s:.3g} samples a second",
+                f"record at least {2.0 * COARSE_SAMPLES_PER_PERIOD / period_s:.3g} samples a second",
             )
         )
     return found
 
 
-def _rounded(motion: Trajectory, noise: Noise) -> list[Finding]:
+def _check_quantisation(motion: Trajectory, noise: MeasurementNoise) -> list[Finding]:
     size = motion.q.std(axis=0)
-    rough = noise.step > ROUGH * size
+    rough = noise.step > MAX_STEP_SHARE * size
     return [
         Finding(
             "warn",
@@ -218,7 +226,7 @@ def _rounded(motion: Trajectory, noise: Noise) -> list[Finding]:
     ]
 
 
-def _clipped(motion: Trajectory, noise: Noise) -> list[Finding]:
+def _check_clipping(motion: Trajectory, noise: MeasurementNoise) -> list[Finding]:
     found = []
     for i, name in enumerate(motion.q_names):
         values = motion.q[:, i]
@@ -226,7 +234,7 @@ def _clipped(motion: Trajectory, noise: Noise) -> list[Finding]:
             at = values == extreme
             edges = np.flatnonzero(np.diff(np.concatenate([[0], at.astype(int), [0]])))
             runs = edges[1::2] - edges[::2]
-            many = at.mean() > CLIPPED and (runs >= RUN).sum() >= 2
+            many = at.mean() > CLIPPED_SHARE and (runs >= CLIPPED_RUN).sum() >= 2
             # A coarse step makes plateaus at every turning point; so does a rest that is the extreme.
             if many and noise.step[i] < 0.02 * np.ptp(values) and at.mean() < 0.5:
                 found.append(
@@ -235,7 +243,7 @@ def _clipped(motion: Trajectory, noise: Noise) -> list[Finding]:
                         "clipped",
                         motion.source,
                         f"{name} stays exactly at its {word} value {extreme:.6g} in {100 * at.mean():.2g} % "
-                        f"of the samples, {int((runs >= RUN).sum())} times",
+                        f"of the samples, {int((runs >= CLIPPED_RUN).sum())} times",
                         "a sensor at its limit looks like an end stop",
                         "check the sensor's range",
                         (name,),
@@ -244,7 +252,7 @@ def _clipped(motion: Trajectory, noise: Noise) -> list[Finding]:
     return found
 
 
-def _repeated(motion: Trajectory, noise: Noise) -> list[Finding]:
+def _check_repeats(motion: Trajectory, noise: MeasurementNoise) -> list[Finding]:
     """Samples that repeat the one before while the motion goes on."""
     if motion.n < 12:
         return []
@@ -253,17 +261,17 @@ def _repeated(motion: Trajectory, noise: Noise) -> list[Finding]:
         return []
     speed = np.abs(fit_locally(motion, half_width=4).v[1:]) * np.diff(motion.time_s)[:, None]
     sigma = np.where(np.isfinite(noise.sigma), noise.sigma, 0.0)
-    moves = speed > MOVING * np.maximum(sigma, noise.step) + 1e-9 * np.ptp(motion.q, axis=0)
+    moves = speed > REPEAT_MOTION_NOISE * np.maximum(sigma, noise.step) + 1e-9 * np.ptp(motion.q, axis=0)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(int), [0]])))
     for start, stop in zip(edges[::2], edges[1::2], strict=True):
-        same[start:stop] &= stop - start <= FROZEN
+        same[start:stop] &= stop - start <= MAX_LOST_FRAMES
     frozen = np.flatnonzero(same & moves.any(axis=1))
     if not frozen.size:
         return []
     return [
         Finding(
             "warn",
-            REPEATED,
+            REPEATED_SAMPLES_CHECK,
             motion.source,
             f"{len(frozen)} sample(s) repeat the one before while the motion goes on, the first at "
             f"{motion.time_s[frozen[0] + 1]:.6g} s",

@@ -7,22 +7,31 @@ import numpy as np
 from lagsplat.diagnose.core.result import Finding
 from lagsplat.io.trajectory.trajectory import Trajectory
 
-REACH = 3.0  # natural periods that inputs are shifted by, at most
-STEPS = 16  # shifts a period
-GROSS = 0.5  # of a period: what no delay of a mechanism or a line is
-POOR, GAIN = 0.6, 0.35  # share explained below which the given times are doubted; a gain that settles it
-LEAST_PERIODS = 6.0  # of a recording, for less than which chance fits some shift
-FAIR, SHRINK = 0.85, 4.0  # the same where what is not explained shrinks by so many times
+MAX_SHIFT_PERIODS = 3.0  # natural periods that inputs are shifted by, at most
+SHIFTS_PER_PERIOD = 16  # shifts a period
+PLAUSIBLE_DELAY_PERIODS = 0.5  # of a period: what no delay of a mechanism or a line is
+POOR_SHARE, MIN_SHARE_GAIN = (
+    0.6,
+    0.35,
+)  # share explained below which the given times are doubted; a gain that settles it
+MIN_PERIODS = 6.0  # of a recording, for less than which chance fits some shift
+FAIR_SHARE, MIN_ERROR_SHRINKAGE = 0.85, 4.0  # the same where what is not explained shrinks by so many times
 
 
-def explained_by_shift(motion: Trajectory, *, period_s: float) -> tuple[np.ndarray, np.ndarray]:
+def score_input_shifts(motion: Trajectory, *, period_s: float) -> tuple[np.ndarray, np.ndarray]:
     """Shifts of the inputs [s], and the share of the motion's forced part that each explains, from 0 to 1.
 
     For each shift ``a = -K q - C v + B u(t - shift) + c`` is fitted in the weak form, with test functions of
     one period; the share is that of the residual without inputs that these remove. Clips shorter than two
     periods have no say. Without any the arrays are empty.
     """
-    shifts = period_s / STEPS * np.arange(-round(REACH * STEPS), round(REACH * STEPS) + 1)
+    shifts = (
+        period_s
+        / SHIFTS_PER_PERIOD
+        * np.arange(
+            -round(MAX_SHIFT_PERIODS * SHIFTS_PER_PERIOD), round(MAX_SHIFT_PERIODS * SHIFTS_PER_PERIOD) + 1
+        )
+    )
     left, drive, right = [], [], []
     half_s = 0.5 * period_s
     s = np.linspace(-1.0, 1.0, 33)
@@ -72,22 +81,22 @@ def explained_by_shift(motion: Trajectory, *, period_s: float) -> tuple[np.ndarr
     return shifts, np.array(shares)
 
 
-def check_offset(motions: Sequence[Trajectory], *, period_s: float | None) -> list[Finding]:
+def check_time_offset(motions: Sequence[Trajectory], *, period_s: float | None) -> list[Finding]:
     """Whether inputs and coordinates seem to come from clocks that differ by more than half a period."""
     found: list[Finding] = []
     for motion in motions:
         if period_s is None or not motion.n_u or not np.ptp(motion.u, axis=0).any():
             continue
-        if motion.duration_s < LEAST_PERIODS * period_s:
+        if motion.duration_s < MIN_PERIODS * period_s:
             continue
-        shifts, shares = explained_by_shift(motion, period_s=period_s)
+        shifts, shares = score_input_shifts(motion, period_s=period_s)
         if not len(shifts):
             continue
-        near = np.abs(shifts) <= GROSS * period_s
+        near = np.abs(shifts) <= PLAUSIBLE_DELAY_PERIODS * period_s
         best = int(np.argmax(shares))
         usual = float(shares[near].max())
-        better = usual < POOR and shares[best] > usual + GAIN
-        better |= usual < FAIR and 1.0 - usual > SHRINK * (1.0 - shares[best])
+        better = usual < POOR_SHARE and shares[best] > usual + MIN_SHARE_GAIN
+        better |= usual < FAIR_SHARE and 1.0 - usual > MIN_ERROR_SHRINKAGE * (1.0 - shares[best])
         if not near[best] and better:
             found.append(
                 Finding(

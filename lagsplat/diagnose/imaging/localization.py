@@ -12,16 +12,16 @@ import numpy as np
 from jaxtyping import Float64
 from scipy.ndimage import label
 
-LAWS = ("constant", "drag")
-CONTRAST = 0.05  # between the best point and the worst that moves, below which none is told
-NEAR = 0.02  # points within this of the best explain as well
-LEVEL = 6.0  # robust standard deviations at which a pixel stands out
-SMALLEST = 4  # pixels of a part
-MOST = 5
+FORCE_LAWS = ("constant", "drag")
+MIN_CONTRAST = 0.05  # between the best point and the worst that moves, below which none is told
+EQUAL_SHARE_TOLERANCE = 0.02  # points within this of the best explain as well
+PIXEL_DEVIATIONS = 6.0  # robust standard deviations at which a pixel stands out
+MIN_PART_PIXELS = 4  # pixels of a part
+MAX_PARTS = 5
 
 
 @dataclass(frozen=True)
-class Excess:
+class ExcessError:
     """``map`` (H, W) of squared error beyond what decoding leaves; ``parts`` of connected pixels as
     (left, top, right, bottom, share), the largest share first."""
 
@@ -30,7 +30,7 @@ class Excess:
 
 
 @dataclass(frozen=True)
-class Localisation:
+class ForceLocalization:
     """How well a force on each point explains the residual.
 
     ``explained`` (P,) share by the best law of each point and ``law`` (P,) its name; ``localisable`` False
@@ -52,11 +52,11 @@ class Localisation:
         return None if self.point is None else self.forces[self.near.index(self.point)]
 
 
-def excess_error(
+def compute_excess_error(
     real: Float64[np.ndarray, "T H W C"],
     sim: Float64[np.ndarray, "T H W C"],
     encoded: Float64[np.ndarray, "T H W C"],
-) -> Excess:
+) -> ExcessError:
     """Error of the sim's pictures beyond that of pictures decoded from the encoded frames themselves.
 
     Raises:
@@ -71,25 +71,27 @@ def excess_error(
     excess = np.mean(by_frame, axis=0)
     centre = np.median(excess)
     spread = 1.4826 * np.median(np.abs(excess - centre))
-    numbers, count = label(excess > centre + max(LEVEL * spread, 1e-3 * np.max(np.abs(excess)) + 1e-300))
+    numbers, count = label(
+        excess > centre + max(PIXEL_DEVIATIONS * spread, 1e-3 * np.max(np.abs(excess)) + 1e-300)
+    )
     total = np.maximum(excess, 0.0).sum()
     parts = []
     for number in range(1, count + 1):
         rows, columns = np.nonzero(numbers == number)
-        if len(rows) >= SMALLEST:
+        if len(rows) >= MIN_PART_PIXELS:
             share = float(np.maximum(excess, 0.0)[rows, columns].sum() / total)
             left, right = int(columns.min()), int(columns.max()) + 1
             parts.append((left, int(rows.min()), right, int(rows.max()) + 1, share))
     parts.sort(key=lambda part: -part[4])
-    return Excess(excess, tuple(parts[:MOST]))
+    return ExcessError(excess, tuple(parts[:MAX_PARTS]))
 
 
-def localise(
+def localize_force(
     force: Float64[np.ndarray, "T d"],
     covariance: Float64[np.ndarray, "T d d"],
     jacobian: Float64[np.ndarray, "T P d 2"],
     velocity: Float64[np.ndarray, "T d"],
-) -> Localisation:
+) -> ForceLocalization:
     """The material point whose force explains generalised forces ``force`` best.
 
     Laws: a constant force, and drag against the point's velocity and its square. A free force at every
@@ -105,25 +107,25 @@ def localise(
     best, laws, forces = [], [], []
     for p in range(jacobian.shape[1]):
         fits = [
-            _fit(force, weight, jacobian[:, p], columns)
-            for columns in _laws(np.einsum("tac,ta->tc", jacobian[:, p], velocity))
+            _fit_law(force, weight, jacobian[:, p], columns)
+            for columns in _compute_law_columns(np.einsum("tac,ta->tc", jacobian[:, p], velocity))
         ]
         number = int(np.argmin([error for error, _ in fits]))
         best.append(1.0 - fits[number][0] / total)
-        laws.append(LAWS[number])
+        laws.append(FORCE_LAWS[number])
         forces.append(fits[number][1])
     explained = np.array(best)
     moves = np.abs(jacobian).max(axis=(0, 2, 3)) > 0.0
-    localisable = bool(explained.max() - explained[moves].min() >= CONTRAST)
+    localisable = bool(explained.max() - explained[moves].min() >= MIN_CONTRAST)
     point = int(np.argmax(explained))
-    near = tuple(int(p) for p in np.flatnonzero(explained >= explained.max() - NEAR))
+    near = tuple(int(p) for p in np.flatnonzero(explained >= explained.max() - EQUAL_SHARE_TOLERANCE))
     if not localisable:
-        return Localisation(explained, tuple(laws), False, None, (), np.zeros((0, len(force), 2)))
-    return Localisation(explained, tuple(laws), True, point, near, np.stack([forces[p] for p in near]))
+        return ForceLocalization(explained, tuple(laws), False, None, (), np.zeros((0, len(force), 2)))
+    return ForceLocalization(explained, tuple(laws), True, point, near, np.stack([forces[p] for p in near]))
 
 
-def image_region(
-    excess: Excess | None, place: Localisation | None, points: Float64[np.ndarray, "T P 2"] | None
+def describe_image_region(
+    excess: ExcessError | None, place: ForceLocalization | None, points: Float64[np.ndarray, "T P 2"] | None
 ) -> dict[str, Any]:
     """Both findings as plain values: boxes in pixels, and the mean place of the point a force acts on."""
     told: dict[str, Any] = {"localisable": False if place is None else place.localisable}
@@ -137,14 +139,14 @@ def image_region(
     return told
 
 
-def _laws(velocity: Float64[np.ndarray, "T 2"]) -> list[Float64[np.ndarray, "T 2 k"]]:
+def _compute_law_columns(velocity: Float64[np.ndarray, "T 2"]) -> list[Float64[np.ndarray, "T 2 k"]]:
     """Forces on a point of this velocity that each law is a weighted sum of."""
     speed = np.linalg.norm(velocity, axis=1, keepdims=True)
     still = np.broadcast_to(np.eye(2), (len(velocity), 2, 2))
     return [still, np.stack([velocity, speed * velocity], axis=2)]
 
 
-def _fit(
+def _fit_law(
     force: np.ndarray, weight: np.ndarray, jacobian: np.ndarray, columns: np.ndarray
 ) -> tuple[float, Float64[np.ndarray, "T 2"]]:
     """Squared error, whitened, of the best sum of ``columns`` felt through ``jacobian``, and that sum."""

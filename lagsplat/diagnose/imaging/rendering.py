@@ -12,24 +12,24 @@ from lagsplat.evaluate.forecast import image_errors
 from lagsplat.io.recording.recording import Recording
 from lagsplat.stage1.autoencoder import Autoencoder, decode_latents, encode_frames
 
-JUDGED = 240  # frames of a recording on which its drawing is judged
-POINTS = 64
-PRESENT = 0.9  # of all that is seen to move, for which the fewest Gaussians make up the body
+MAX_JUDGED_FRAMES = 240  # frames of a recording on which its drawing is judged
+MAX_BODY_POINTS = 64
+BODY_WEIGHT_SHARE = 0.9  # of all that is seen to move, for which the fewest Gaussians make up the body
 
 
-def evenly(n: int, most: int) -> np.ndarray:
+def choose_evenly(n: int, most: int) -> np.ndarray:
     """At most ``most`` numbers of ``n`` frames, evenly spaced, the first and the last among them."""
     return np.unique(np.linspace(0, n - 1, min(most, n)).round().astype(int))
 
 
-def measured(recording: Recording, at: np.ndarray) -> Float64[np.ndarray, "T H W 3"]:
+def read_frames(recording: Recording, at: np.ndarray) -> Float64[np.ndarray, "T H W 3"]:
     """Frames of these numbers, colours in [0, 1]."""
     if not len(at):
         return np.zeros((0, *recording.frames.shape[1:]))
     return np.stack([np.asarray(recording.frames[i]) for i in at]) / 255.0
 
 
-def drawn(
+def render_latents(
     autoencoder: Autoencoder, chart: Chart, q: Float64[np.ndarray, "T d"]
 ) -> Float64[np.ndarray, "T H W 3"]:
     """Pictures at whitened latents, colours in [0, 1]; a latent that is not finite is drawn far away."""
@@ -37,16 +37,18 @@ def drawn(
     return np.clip(np.moveaxis(images, 1, 3).astype(np.float64), 0.0, 1.0)
 
 
-def drawing_errors(autoencoder: Autoencoder, chart: Chart, recording: Recording) -> Float64[np.ndarray, " T"]:
+def compute_decoding_errors(
+    autoencoder: Autoencoder, chart: Chart, recording: Recording
+) -> Float64[np.ndarray, " T"]:
     """Mean squared error of evenly spaced frames, each drawn at its own latents."""
-    at = evenly(recording.n_frames, JUDGED)
+    at = choose_evenly(recording.n_frames, MAX_JUDGED_FRAMES)
     frames = np.stack([np.asarray(recording.frames[i]) for i in at])
     q = chart.to_whitened(encode_frames(autoencoder, frames))
-    return image_errors(drawn(autoencoder, chart, q), frames / 255.0)
+    return image_errors(render_latents(autoencoder, chart, q), frames / 255.0)
 
 
 @dataclass(frozen=True)
-class Body:
+class BodyPoints:
     """Points of what moves: ``rest`` (P, 2) [pixel, x to the right and y down] at the latents' mean, and
     ``jacobian`` (P, d, 2), the pixels by which each whitened latent moves them."""
 
@@ -58,7 +60,7 @@ class Body:
         return self.rest + np.einsum("td,pdc->tpc", q, self.jacobian)
 
 
-def body_points(autoencoder: Autoencoder, chart: Chart, *, seed: int = 0) -> Body:
+def find_body_points(autoencoder: Autoencoder, chart: Chart, *, seed: int = 0) -> BodyPoints:
     """The material points that a force may act on: clusters of Gaussians that move alike, by their presence.
 
     Gaussians count by their presence along the training part, by their area and by how far they move.
@@ -70,7 +72,7 @@ def body_points(autoencoder: Autoencoder, chart: Chart, *, seed: int = 0) -> Bod
     """
     gaussians = autoencoder.gaussians
     latents = chart.train.latents
-    z = torch.as_tensor(chart.to_raw(latents[evenly(len(latents), 64)]), dtype=torch.float32)
+    z = torch.as_tensor(chart.to_raw(latents[choose_evenly(len(latents), 64)]), dtype=torch.float32)
     with torch.no_grad():
         presence = (torch.sigmoid(gaussians.opacity_logit) * gaussians.gate(z)).mean(0).double().numpy()
         raw = gaussians.jacobian().double().numpy()
@@ -79,25 +81,25 @@ def body_points(autoencoder: Autoencoder, chart: Chart, *, seed: int = 0) -> Bod
         area = gaussians.shape_log_diagonal[:, :2].sum(1).exp().double().numpy()
     rest = centre + np.einsum("kcj,kj->kc", raw, chart.mean - own)
     if gaussians.space == 3:
-        rest, raw = _pictured(autoencoder, rest, raw)
+        rest, raw = _project_points(autoencoder, rest, raw)
     jacobian = np.einsum("kcj,ij->kic", raw, chart.unwhiten)
     moves = np.sqrt((jacobian**2).sum(axis=(1, 2)))
     weight = presence * area * moves
     inside = np.all((rest > 0.0) & (rest < [autoencoder.width, autoencoder.height]), axis=1)
     weight = np.where(inside, weight, 0.0)
     order = np.argsort(-weight)
-    enough = 1 + int(np.searchsorted(np.cumsum(weight[order]), PRESENT * weight.sum()))
+    enough = 1 + int(np.searchsorted(np.cumsum(weight[order]), BODY_WEIGHT_SHARE * weight.sum()))
     kept = order[:enough][weight[order[:enough]] > 0.0]
     if not len(kept):
         raise ValueError("no visible Gaussian of the run moves with its latents; check what stage 1 learned")
     features = np.concatenate([rest, jacobian.reshape(len(rest), -1)], axis=1)[kept]
-    number = min(POINTS, len(features))
+    number = min(MAX_BODY_POINTS, len(features))
     found = KMeans(number, n_init=1, random_state=seed).fit(features, sample_weight=weight[kept])
     middle = found.cluster_centers_
-    return Body(middle[:, :2].copy(), middle[:, 2:].reshape(number, -1, 2))
+    return BodyPoints(middle[:, :2].copy(), middle[:, 2:].reshape(number, -1, 2))
 
 
-def _pictured(
+def _project_points(
     autoencoder: Autoencoder, places: np.ndarray, jacobian: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Where the film shows points of space (K, 3), and how they move in it for their Jacobians (K, 3, d)."""
@@ -108,7 +110,7 @@ def _pictured(
     return focal * slope + middle, focal[:, None] * moved / places[:, 2:, None]
 
 
-def frames_at(recording: Recording, time_s: np.ndarray) -> np.ndarray:
+def find_nearest_frames(recording: Recording, time_s: np.ndarray) -> np.ndarray:
     """Numbers of the frames nearest to ``time_s`` (n,) [s] on the recording's own clock."""
     after = np.clip(np.searchsorted(recording.time_s, time_s), 1, recording.n_frames - 1)
     nearer = np.abs(recording.time_s[after - 1] - time_s) <= np.abs(recording.time_s[after] - time_s)

@@ -25,10 +25,10 @@ from lagsplat.video_quality.assessment import CAMERA_PX
 from lagsplat.video_quality.camera_motion import measure_path, track_background
 from lagsplat.video_quality.frames import make_small_grey
 
-CAMERA = "camera moved"
-LOOKED_AT = 300  # frames of a recording whose film is not at hand
-SHIFTED = 24  # frames by which a shift of the picture is told in latents
-LEAST_CLIP = 20  # frames of a clip that is kept
+CAMERA_MOVED_CHECK = "camera moved"
+MAX_CHECKED_FRAMES = 300  # frames of a recording whose film is not at hand
+SHIFT_FRAMES = 24  # frames by which a shift of the picture is told in latents
+MIN_CLIP_FRAMES = 20  # frames of a clip that is kept
 
 
 @dataclass(frozen=True)
@@ -58,18 +58,18 @@ class CameraShift:
         return max(far) > CAMERA_PX
 
 
-def camera_shift(
+def measure_camera_shift(
     recording: Recording, nominal: Recording, autoencoder: Autoencoder, chart: Chart
 ) -> CameraShift:
     """The camera's motion during ``recording`` and since ``nominal``, by what stands still in both."""
-    within = _within(recording)
-    between = _between(recording, nominal)
+    within = _measure_within(recording)
+    between = _measure_between(recording, nominal)
     far = max(within or 0.0, float(np.hypot(*(between or (0.0, 0.0)))))
-    share = _passes_for(recording, autoencoder, chart, far) if far > CAMERA_PX else 0.0
+    share = _measure_latent_shift(recording, autoencoder, chart, far) if far > CAMERA_PX else 0.0
     return CameraShift(within, between, share)
 
 
-def camera_findings(shift: CameraShift, *, source: str) -> list[Finding]:
+def check_camera(shift: CameraShift, *, source: str) -> list[Finding]:
     """The finding of a camera that moved; none where it stood still or nothing tells."""
     if not shift.moved:
         return []
@@ -82,7 +82,7 @@ def camera_findings(shift: CameraShift, *, source: str) -> list[Finding]:
     return [
         Finding(
             "warn",
-            CAMERA,
+            CAMERA_MOVED_CHECK,
             source,
             f"the camera moved {' and '.join(told)} (pixels of a frame, measured on the background)",
             f"the encoder reads such a shift as motion of up to {100 * shift.share:.2g} % of the motion's "
@@ -92,7 +92,7 @@ def camera_findings(shift: CameraShift, *, source: str) -> list[Finding]:
     ]
 
 
-def keep_whole(recording: Recording) -> tuple[Recording, list[Finding]]:
+def drop_unusable_frames(recording: Recording) -> tuple[Recording, list[Finding]]:
     """The frames between visitors, cuts and repetitions, with a finding for everything left out.
 
     Nothing is continued across a cut. Clips that become too short are dropped, unless none would be left.
@@ -104,14 +104,14 @@ def keep_whole(recording: Recording) -> tuple[Recording, list[Finding]]:
     findings: list[Finding] = []
     pieces: list[tuple[int, int]] = []
     for clip, seen in zip(recording.segments, footage, strict=True):
-        findings += _findings_of(seen, source)
-        pieces += _pieces(recording.time_s, clip, seen)
+        findings += _report_clip(seen, source)
+        pieces += _select_pieces(recording.time_s, clip, seen)
     if not pieces or tuple(pieces) == recording.segments:
         return recording, findings
     return recording.pieces(pieces), findings
 
 
-def _pieces(
+def _select_pieces(
     time_s: Float64[np.ndarray, " T"], clip: tuple[int, int], seen: Mapping[str, Any]
 ) -> list[tuple[int, int]]:
     """What of a clip is kept; times of ``seen`` count from the first frame of the film."""
@@ -124,11 +124,11 @@ def _pieces(
     start += int(np.sum(own < max([begin for begin in begins if begin is not None], default=-np.inf)))
     cuts = [clip[0] + int(np.searchsorted(own, cut["time_s"] - 1e-6)) for cut in seen["cuts"]]
     borders = [start, *(cut for cut in sorted(cuts) if start < cut < stop), stop]
-    kept = [(a, b) for a, b in pairwise(borders) if b - a >= LEAST_CLIP]
+    kept = [(a, b) for a, b in pairwise(borders) if b - a >= MIN_CLIP_FRAMES]
     return kept or [clip]
 
 
-def _findings_of(seen: Mapping[str, Any], source: str) -> list[Finding]:
+def _report_clip(seen: Mapping[str, Any], source: str) -> list[Finding]:
     """Findings of one clip's footage, the camera's own motion apart."""
     found = []
 
@@ -157,7 +157,7 @@ def _findings_of(seen: Mapping[str, Any], source: str) -> list[Finding]:
     return found
 
 
-def _within(recording: Recording) -> float | None:
+def _measure_within(recording: Recording) -> float | None:
     """Rms of the picture's motion [pixel of a frame], from the film's own check or from the frames."""
     footage: Sequence[Mapping[str, Any]] = recording.meta.get("footage") or ()
     if footage:
@@ -167,7 +167,7 @@ def _within(recording: Recording) -> float | None:
         return max(sizes, default=None)
     paths = []
     for start, stop in recording.segments:
-        stride = -(-(stop - start) // LOOKED_AT)
+        stride = -(-(stop - start) // MAX_CHECKED_FRAMES)
         pictures = make_small_grey(np.asarray(recording.frames[start:stop:stride]), most=10**9)
         path = track_background([picture.astype(np.uint8) for picture in pictures])
         if path is not None and np.isfinite(path[:, 0]).any():
@@ -175,9 +175,9 @@ def _within(recording: Recording) -> float | None:
     return max(paths, default=None)
 
 
-def _between(recording: Recording, nominal: Recording) -> tuple[float, float] | None:
+def _measure_between(recording: Recording, nominal: Recording) -> tuple[float, float] | None:
     """How far the background of one lies from that of the other [pixel of a frame]."""
-    usual = [np.ascontiguousarray(_median(one)) for one in (nominal, recording)]
+    usual = [np.ascontiguousarray(_compute_median_image(one)) for one in (nominal, recording)]
     grey = [cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY) for picture in usual]
     path = track_background(grey)
     if path is None or not np.isfinite(path).all():
@@ -185,15 +185,17 @@ def _between(recording: Recording, nominal: Recording) -> tuple[float, float] | 
     return float(path[1, 0]), float(path[1, 1])
 
 
-def _median(recording: Recording) -> np.ndarray:
+def _compute_median_image(recording: Recording) -> np.ndarray:
     """The median picture, uint8 (H, W, 3), without what moves."""
-    stride = -(-recording.n_frames // LOOKED_AT)
+    stride = -(-recording.n_frames // MAX_CHECKED_FRAMES)
     return np.round(np.median(np.asarray(recording.frames[::stride]), axis=0)).astype(np.uint8)
 
 
-def _passes_for(recording: Recording, autoencoder: Autoencoder, chart: Chart, far_px: float) -> float:
+def _measure_latent_shift(
+    recording: Recording, autoencoder: Autoencoder, chart: Chart, far_px: float
+) -> float:
     """Largest mean change of a whitened latent when pictures are shifted so far, to either side."""
-    chosen = np.linspace(0, recording.n_frames - 1, SHIFTED).astype(int)
+    chosen = np.linspace(0, recording.n_frames - 1, SHIFT_FRAMES).astype(int)
     frames = np.stack([np.asarray(recording.frames[i]) for i in chosen])
     q = chart.to_whitened(encode_frames(autoencoder, frames))
     changes = []
@@ -206,7 +208,9 @@ def _passes_for(recording: Recording, autoencoder: Autoencoder, chart: Chart, fa
     return float(max(changes))
 
 
-def settings_for(source: DataSource, folder: Path, own: Recording, *, dt_s: float) -> RecordingConfig:
+def derive_recording_settings(
+    source: DataSource, folder: Path, own: Recording, *, dt_s: float
+) -> RecordingConfig:
     """Settings by which ``source`` is read for the run in ``folder``, which was fitted to ``own``.
 
     Pictures are turned, cropped, resized and stabilised alike. Archives without times
@@ -216,13 +220,13 @@ def settings_for(source: DataSource, folder: Path, own: Recording, *, dt_s: floa
         ValueError: a log, while the run was not fitted to one.
     """
     meta, filmed = own.meta, source.kind != "krauss"
-    said = _said(folder)
+    said = _read_fitted_settings(folder)
     return RecordingConfig(
         kind=source.kind,
         path=source.path,
         archive=None,
         member=None,
-        dt_s=_spacing(source, said, dt_s),
+        dt_s=_derive_spacing(source, said, dt_s),
         n_inputs=0 if filmed else own.inputs.shape[1],
         rotate=int(meta.get("rotate", 0)) if filmed else 0,
         stabilise=bool(meta.get("stabilise", False)) and source.kind == "video",
@@ -234,11 +238,11 @@ def settings_for(source: DataSource, folder: Path, own: Recording, *, dt_s: floa
         height=own.height if filmed else None,
         width=own.width if filmed else None,
         split=SplitConfig(0.5, None, None),
-        mcap=_topics(source, said) if source.kind == "mcap" else None,
+        mcap=_derive_topics(source, said) if source.kind == "mcap" else None,
     )
 
 
-def _topics(source: DataSource, said: Mapping[str, Any]) -> McapConfig:
+def _derive_topics(source: DataSource, said: Mapping[str, Any]) -> McapConfig:
     topics = said.get("mcap") or {}
     if not topics.get("camera"):
         raise ValueError(
@@ -248,14 +252,14 @@ def _topics(source: DataSource, said: Mapping[str, Any]) -> McapConfig:
     return McapConfig(**{**topics, "inputs": [McapInputConfig(**each) for each in topics["inputs"]]})
 
 
-def _spacing(source: DataSource, said: Mapping[str, Any], dt_s: float) -> float | None:
+def _derive_spacing(source: DataSource, said: Mapping[str, Any], dt_s: float) -> float | None:
     """Seconds between frames of files without times: archives, and images without a table of times."""
     if source.kind == "krauss":
         return said.get("dt_s") or dt_s
     return said.get("dt_s") if Path(source.path).is_dir() and said.get("kind") == "video" else None
 
 
-def _said(folder: Path) -> dict[str, Any]:
+def _read_fitted_settings(folder: Path) -> dict[str, Any]:
     """What was set for the run's own recording, as far as its files tell."""
     for place in (folder, *folder.resolve().parents[:2]):
         if (place / "dynamics.safetensors").is_file():

@@ -126,7 +126,7 @@ def compute_one_step_stage(
     )
 
 
-def compute_error_stages(
+def measure_error_stages(
     mechanics: Mechanics,
     smoothed: Sequence[LatentForceEstimate],
     nominal: Sequence[LatentForceEstimate] | None,
