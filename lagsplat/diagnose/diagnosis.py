@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Any
 
-from lagsplat.diagnose.core.config import DiagnoseConfig
+from lagsplat.diagnose.core.config import MATERIALITY, DiagnoseConfig
 from lagsplat.diagnose.core.result import Candidate, Diagnosis
 from lagsplat.diagnose.effects.base import PlacedEffect, SampleEffect
 from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
@@ -27,22 +27,13 @@ from lagsplat.diagnose.inference.robustness import check_robustness, inflate_noi
 from lagsplat.diagnose.mechanics.model import MechanicalModel
 from lagsplat.io.trajectory.trajectory import Trajectory
 
-OBVIOUS = 30.0
-"""Nats beyond which an effect is named even if the forecasts hardly gain by it."""
-CLOSE = 1.5
-"""Forecasts that are off by so many times what noise leaves, at most, may go without a cause."""
-TOLD = 0.5
-"""Mean square, in that of the noise, below which a sim tells a recording of less noise than is assumed."""
-CLOSED = 4
-"""Candidates whose own closure is worked out."""
-
 
 @dataclass(frozen=True)
 class DiagnosisRun:
     """A diagnosis, with the bench it was made on, all that was fitted and the fit it chose."""
 
     diagnosis: Diagnosis
-    contest: EstimationProblem
+    problem: EstimationProblem
     ranking: ModelRanking
     chosen: HypothesisFit
 
@@ -52,44 +43,44 @@ def diagnose(
     real: Sequence[Trajectory],
     config: DiagnoseConfig,
     *,
-    null: float = 0.0,
-    tell: Callable[[str], None] = lambda name: None,
+    log_evidence_offset: float = 0.0,
+    report_progress: Callable[[str], None] = lambda name: None,
 ) -> DiagnosisRun:
-    """Why ``sim`` and the motions ``real`` disagree; ``tell`` hears the name of every effect that is tried.
+    """Why ``sim`` and the motions ``real`` disagree; ``report_progress`` hears the name of every effect that is tried.
 
     ``null`` is what effects gain by the sim's own errors [nat], and must gain more (`null_evidence`).
 
     Raises:
         ValueError: the motions are too short for a single window.
     """
-    contest, ready, natural = build_problem(sim, real, config)
+    problem, ready, natural = build_problem(sim, real, config)
     hints = find_hints(sim.model, real, period_s=natural.longest_s, hold=config.input_hold)
     q_names, u_names = real[0].q_names, real[0].u_names
-    offers = place_effects(
-        contest.rollout_model, hints, q_names=q_names, u_names=u_names, without=config.without
+    candidates = place_effects(
+        problem.rollout_model, hints, q_names=q_names, u_names=u_names, without=config.without
     )
-    effort = SearchBudget.of(config, nominal=max(1.0, sim.misfit), null=null)
-    ranking, chain = _search_effects(contest, offers, effort, config, tell)
-    wider = inflate_noise(contest, effort, chain[-1] if chain else ranking.none)
+    budget = SearchBudget.of(config, nominal=max(1.0, sim.misfit), log_evidence_offset=log_evidence_offset)
+    ranking, chain = _search_effects(problem, candidates, budget, config, report_progress)
+    wider = inflate_noise(problem, budget, chain[-1] if chain else ranking.none)
     if wider is not None:
-        contest, effort = wider
-        ranking, chain = _search_effects(contest, offers, effort, config, tell)
-    doubts = partial(assess_implausibility, contest, ranking, nominal=effort.nominal)
+        problem, budget = wider
+        ranking, chain = _search_effects(problem, candidates, budget, config, report_progress)
+    doubts = partial(assess_implausibility, problem, ranking, nominal=budget.nominal)
     judgement = judge_hypotheses(
         ranking,
         chain,
-        contest.uncertainty_directions,
-        effort.nominal,
+        problem.degrees_of_freedom,
+        budget.nominal,
         config,
-        most=motionless_misfit(contest),
+        most=motionless_misfit(problem),
         doubt=doubts,
     )
     best = judgement.best
     chosen = best if best is not None and judgement.verdict == "effect" else ranking.none
     held, warnings = _forecast_holdout(
-        contest, ranking, chosen, natural.longest_s, (sim.original or sim).model
+        problem, ranking, chosen, natural.longest_s, (sim.original or sim).model
     )
-    bare = ranking.none.fit.misfit / contest.uncertainty_directions
+    bare = ranking.none.fit.misfit / problem.degrees_of_freedom
     if held is not None and chosen is best and best is not None and _is_immaterial(held, best, bare, config):
         judgement, chosen = reject_effect(judgement), ranking.none
     told = {
@@ -97,80 +88,82 @@ def diagnose(
         "noise": ready.sigma.tolist(),
         "sim_misfit": sim.misfit,
         **({} if sim.original is None else {"sim_misfit_as_given": sim.original.misfit}),
-        **_fit_measures(contest, ranking, chain, judgement),
-        **asdict(check_robustness(contest, ranking, chain, judgement, offers, effort, config)),
+        **_fit_measures(problem, ranking, chain, judgement),
+        **asdict(check_robustness(problem, ranking, chain, judgement, candidates, budget, config)),
     }
     diagnosis = Diagnosis(
         verdict=judgement.verdict,
-        candidates=_list_candidates(contest, ranking, best, judgement, held, natural.longest_s),
+        candidates=_list_candidates(problem, ranking, best, judgement, held, natural.longest_s),
         combination=tuple(e.effect.name for e in chosen.effects),
         gap=held.gap if held else None,
         where=None,
         equivalent=judgement.equivalent if chosen.effects else (),
         excitation=(),
-        warnings=(*warnings, *_excluded_windows_warning(contest)),
+        warnings=(*warnings, *_excluded_windows_warning(problem)),
         absorbed=(),
         blocks=held.blocks if held else (),
         checks=told,
         q_names=q_names,
         u_names=u_names,
     )
-    return DiagnosisRun(diagnosis, contest, ranking, chosen)
+    return DiagnosisRun(diagnosis, problem, ranking, chosen)
 
 
 def _search_effects(
-    contest: EstimationProblem,
-    offers: Sequence[PlacedEffect],
-    effort: SearchBudget,
+    problem: EstimationProblem,
+    candidates: Sequence[PlacedEffect],
+    budget: SearchBudget,
     config: DiagnoseConfig,
-    tell: Callable[[str], None],
+    report_progress: Callable[[str], None],
 ) -> tuple[ModelRanking, tuple[HypothesisFit, ...]]:
     """Every single effect, and the best sets of one to three."""
-    ranking = rank_hypotheses(contest, offers, effort, tell=tell)
-    return ranking, combine_effects(contest, ranking, offers, effort, config, tell=tell)
+    ranking = rank_hypotheses(problem, candidates, budget, report_progress=report_progress)
+    return ranking, combine_effects(
+        problem, ranking, candidates, budget, config, report_progress=report_progress
+    )
 
 
 def _fit_measures(
-    contest: EstimationProblem, ranking: ModelRanking, chain: Sequence[HypothesisFit], judgement: Judgement
+    problem: EstimationProblem, ranking: ModelRanking, chain: Sequence[HypothesisFit], judgement: Judgement
 ) -> dict[str, Any]:
     """How well each explanation fits: mean square residuals in units of the noise."""
     best = judgement.best or ranking.none
     return {
-        "misfit_none": ranking.none.fit.misfit / contest.uncertainty_directions,
-        "misfit_best": best.fit.misfit / contest.uncertainty_directions,
+        "misfit_none": ranking.none.fit.misfit / problem.degrees_of_freedom,
+        "misfit_best": best.fit.misfit / problem.degrees_of_freedom,
         "unexplained": judgement.left,
         "doubt": judgement.doubted,
         "chain": [
             {
                 "effects": [e.effect.name for e in one.effects],
-                "misfit": one.fit.misfit / contest.uncertainty_directions,
+                "misfit": one.fit.misfit / problem.degrees_of_freedom,
             }
             for one in chain
         ],
-        "windows": len(contest.windows.first),
-        "temper": ranking.temper,
-        "price": contest.price,
+        "windows": len(problem.windows.first),
+        "temper": ranking.noise_inflation,
+        "price": problem.noise_inflation,
     }
 
 
 def _forecast_holdout(
-    contest: EstimationProblem,
+    problem: EstimationProblem,
     ranking: ModelRanking,
     chosen: HypothesisFit,
     period_s: float,
     given: MechanicalModel,
 ) -> tuple[HoldoutForecasts | None, list[str]]:
     try:
-        return forecast_holdout(contest, ranking.none, chosen, period_s=period_s, given=given), []
+        return forecast_holdout(problem, ranking.none, chosen, period_s=period_s, given=given), []
     except ValueError as error:
         return None, [f"no closure: {error}"]
 
 
-def _excluded_windows_warning(contest: EstimationProblem) -> list[str]:
+def _excluded_windows_warning(problem: EstimationProblem) -> list[str]:
     """What is said of stretches that the sim cannot know."""
-    if not contest.aside:
+    if not problem.aside:
         return []
-    share = contest.aside / (contest.aside + len(contest.windows.first))
+    share = problem.aside / (problem.aside + len(problem.windows.first))
     return [
         f"{100.0 * share:.2g} % of the recording was left aside: there it is driven, or moves, as the sim's "
         "own recordings nowhere do (a sudden release, say), and what the sim foretells of it is chance"
@@ -182,17 +175,17 @@ def _is_immaterial(
 ) -> bool:
     """Whether what ``best`` takes away is too little of the motion; ``misfit`` is what no effect leaves."""
     gap = held.gap
-    if misfit < TOLD and gap.before <= gap.floor:
+    if misfit < MATERIALITY.overestimated_noise_misfit and gap.before <= gap.floor:
         return True
     return (
-        best.log_evidence < OBVIOUS
+        best.log_evidence < MATERIALITY.certain_log_evidence
         and gap.before - gap.after < config.materiality * gap.before
-        and gap.before < CLOSE * gap.floor
+        and gap.before < MATERIALITY.close_floor_ratio * gap.floor
     )
 
 
 def _list_candidates(
-    contest: EstimationProblem,
+    problem: EstimationProblem,
     ranking: ModelRanking,
     best: HypothesisFit | None,
     judgement: Judgement,
@@ -211,20 +204,24 @@ def _list_candidates(
             out.append(Candidate(name, probability))
             continue
         one, instance = fits[name]
-        near = number < CLOSED and held is not None and not isinstance(instance.effect, SampleEffect)
+        near = (
+            number < MATERIALITY.max_closures
+            and held is not None
+            and not isinstance(instance.effect, SampleEffect)
+        )
         out.append(
             Candidate(
                 name,
                 probability,
                 coordinate=instance.direction.name if instance.direction else None,
                 input=instance.input_name,
-                places=tuple(str(part.place) for part in instance.parts),
-                parameters=estimate_parameters(contest, one, instance, ranking.temper),
-                closure=estimate_single_closure(contest, one, held, period_s=period_s)
+                places=tuple(str(part.location) for part in instance.parts),
+                parameters=estimate_parameters(problem, one, instance, ranking.noise_inflation),
+                closure=estimate_single_closure(problem, one, held, period_s=period_s)
                 if near and held
                 else None,
                 log_evidence=one.log_evidence,
-                misfit=one.fit.misfit / contest.uncertainty_directions,
+                misfit=one.fit.misfit / problem.degrees_of_freedom,
             )
         )
     return tuple(out)

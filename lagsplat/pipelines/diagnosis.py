@@ -39,44 +39,47 @@ UNSURE = 0.4
 
 
 def run_diagnosis(
-    pair: DiagnosisInputs, config: DiagnoseConfig, *, tell: Callable[[str], None]
+    inputs: DiagnosisInputs, config: DiagnoseConfig, *, report_progress: Callable[[str], None]
 ) -> DiagnosisRun:
     """The diagnosis of a checked pair, with where the gap lies and what to record next.
 
     Raises:
         ValueError: the motions are too short for a single window.
     """
-    null = pair.null
+    null_motion = inputs.null_motion
     with contextlib.suppress(ValueError):  # too short a recording says nothing of the sim's errors
-        if null is not None and pair.sim.novelty_detector is not None:
-            pair = replace(
-                pair, sim=measure_misfit(pair.sim, match_windows(pair.sim, null, pair.real, config))
+        if null_motion is not None and inputs.sim.novelty_detector is not None:
+            inputs = replace(
+                inputs,
+                sim=measure_misfit(inputs.sim, match_windows(inputs.sim, null_motion, inputs.real, config)),
             )
-    config = _adapt_settings(pair, config)
+    config = _adapt_settings(inputs, config)
     log_evidence_offset = 0.0
     with contextlib.suppress(ValueError):
-        if null is not None:
-            log_evidence_offset = calibrate_null_evidence(pair.sim, null, pair.real, config, tell=tell)
-    sight = pair.films.sight if pair.films is not None else None
-    seen = sight.perception if sight is not None else None
+        if null_motion is not None:
+            log_evidence_offset = calibrate_null_evidence(
+                inputs.sim, null_motion, inputs.real, config, report_progress=report_progress
+            )
+    image_quality = inputs.recordings.image_quality if inputs.recordings is not None else None
+    seen = image_quality.perception if image_quality is not None else None
     found = diagnose(
-        discount_image_error(pair.sim, seen),
-        pair.real,
+        discount_image_error(inputs.sim, seen),
+        inputs.real,
         config,
         log_evidence_offset=log_evidence_offset,
-        tell=tell,
+        report_progress=report_progress,
     )
-    tell("where")
+    report_progress("where")
     natural_s = found.diagnosis.checks["natural_period_s"]
     where: ResidualLocation | None = None
     blind: tuple[str, ...] = ()
     try:
         where = locate(
-            pair.sim.model,
-            pair.real,
+            inputs.sim.model,
+            inputs.real,
             period_s=natural_s,
             hold=config.input_hold,
-            perception_suspect=sight is not None and sight.drawn_badly,
+            perception_suspect=image_quality is not None and image_quality.drawn_badly,
         )
     except np.linalg.LinAlgError:
         blind = (NOWHERE,)
@@ -85,22 +88,22 @@ def run_diagnosis(
     diagnosis = replace(
         found.diagnosis,
         where=where,
-        warnings=(*pair.checked.warnings, *found.diagnosis.warnings, *blind),
-        excitation=tuple(f"{row.effect}: {row.record}" for row in pair.rows if row.record),
-        absorbed=absorbed_effects() if pair.own else (),
+        warnings=(*inputs.checked.warnings, *found.diagnosis.warnings, *blind),
+        excitation=tuple(f"{row.effect}: {row.record}" for row in inputs.excitation if row.record),
+        absorbed=absorbed_effects() if inputs.same_recording else (),
         checks={
             **found.diagnosis.checks,
             "samples_as_one": config.effective_sample_ratio,
-            "sim_misfit": pair.sim.misfit,
+            "sim_misfit": inputs.sim.misfit,
             "null_evidence": log_evidence_offset,
-            "excitation": [asdict(row) for row in pair.rows],
-            "findings": [asdict(finding) for finding in pair.checked.findings],
+            "excitation": [asdict(row) for row in inputs.excitation],
+            "findings": [asdict(finding) for finding in inputs.checked.findings],
         },
     )
-    if pair.films is not None:
-        diagnosis = pair.films.judge(diagnosis)
-    diagnosis = flag_extrapolation(diagnosis, pair.checked)
-    if pair.checked.undetermined or "undetermined" in diagnosis.checks:
+    if inputs.recordings is not None:
+        diagnosis = inputs.recordings.judge(diagnosis)
+    diagnosis = flag_extrapolation(diagnosis, inputs.checked)
+    if inputs.checked.undetermined or "undetermined" in diagnosis.checks:
         diagnosis = withhold_verdict(diagnosis)
     return replace(found, diagnosis=diagnosis)
 
@@ -115,21 +118,21 @@ def discount_image_error(sim: EstimatedSimulator, seen: PerceptionQuality | None
     return replace(sim, misfit=max(sim.misfit, 1.0) * max(seen.ratio, 1.0))
 
 
-def _adapt_settings(pair: DiagnosisInputs, config: DiagnoseConfig) -> DiagnoseConfig:
+def _adapt_settings(inputs: DiagnosisInputs, config: DiagnoseConfig) -> DiagnoseConfig:
     """The settings for this sim: how far it may be off, and what cannot be the cause."""
-    hold = pair.hold or config.input_hold
+    hold = inputs.hold or config.input_hold
     config = replace(
         config,
-        effective_sample_ratio=max(config.effective_sample_ratio, pair.sim.correlation),
+        effective_sample_ratio=max(config.effective_sample_ratio, inputs.sim.correlation),
         input_hold=hold,
     )
-    if pair.own:
+    if inputs.same_recording:
         config = replace(config, without=[*config.without, *absorbed_effects()])
-    if pair.films is None:
+    if inputs.recordings is None:
         return config
     return replace(
         config,
-        without=[*config.without, *pair.films.ruled_out],
+        without=[*config.without, *inputs.recordings.ruled_out],
         **{name: min(config.learned_factor * getattr(config, name), 0.5) for name in
            ("potential", "damping", "inputs", "offset", "warp")},
     )  # fmt: skip
@@ -181,12 +184,12 @@ def diagnose_files(sim: str, real: str, out: Path, config: DiagnoseConfig, *, co
     with warnings.catch_warnings(record=True) as caught, np.errstate(all="ignore"):
         # Rollouts of a wrong hypothesis leave for good; what is not finite is refused where it is compared.
         warnings.simplefilter("always")
-        pair, found, exhibits = _diagnose_arguments(sim, real, config)
+        inputs, found, exhibits = _diagnose_arguments(sim, real, config)
     found = replace(found, diagnosis=_add_warnings(found.diagnosis, caught))
     diagnosis = found.diagnosis
     out.mkdir(parents=True, exist_ok=True)
     settings: dict[str, Any] = {"sim": sim, "real": real, "config": asdict(config), "stamp": stamp()}
-    added = build_augmented_simulator(pair, found)
+    added = build_augmented_simulator(inputs, found)
     save_augmented(out / AUGMENTED_FILE, added, settings)
     diagnosis = write_mujoco_patch(sim, out / "patched.xml", added, diagnosis, config)
     # without a row where nothing could be held out, so that an older file does not pass for this one's
@@ -199,26 +202,26 @@ def diagnose_files(sim: str, real: str, out: Path, config: DiagnoseConfig, *, co
 def _diagnose_arguments(
     sim: str, real: str, config: DiagnoseConfig
 ) -> tuple[DiagnosisInputs, DiagnosisRun, ReportContent]:
-    pair = open_diagnosis_inputs(sim, real, config)
+    inputs = open_diagnosis_inputs(sim, real, config)
     with tqdm(unit="effect", leave=False) as bar:
 
-        def tell(name: str) -> None:
+        def report_progress(name: str) -> None:
             bar.set_description(name)
             bar.update()
 
         try:
-            found = run_diagnosis(pair, config, tell=tell)
+            found = run_diagnosis(inputs, config, report_progress=report_progress)
         except ValueError as error:
-            raise ValueError(_explain_failure(pair.checked, error)) from error
-        tell("figures")
-        figures = build_report_content(pair, found)
-        if pair.films is None:
-            return pair, found, figures
+            raise ValueError(_explain_failure(inputs.checked, error)) from error
+        report_progress("figures")
+        figures = build_report_content(inputs, found)
+        if inputs.recordings is None:
+            return inputs, found, figures
         from lagsplat.pipelines.diagnosis_images import build_image_content
 
-        tell("pictures")
-        found, seen = build_image_content(pair, found)
-        return pair, found, replace(figures, picture=seen.picture, force=seen.force, film=seen.film)
+        report_progress("pictures")
+        found, seen = build_image_content(inputs, found)
+        return inputs, found, replace(figures, picture=seen.picture, force=seen.force, film=seen.film)
 
 
 def _explain_failure(checked: DataCheck, error: ValueError) -> str:
@@ -264,15 +267,15 @@ def write_mujoco_patch(
     return replace(diagnosis, checks={**diagnosis.checks, "mujoco": told})
 
 
-def build_augmented_simulator(pair: DiagnosisInputs, found: DiagnosisRun) -> AugmentedSimulator:
+def build_augmented_simulator(inputs: DiagnosisInputs, found: DiagnosisRun) -> AugmentedSimulator:
     """The sim with the effects that were chosen, or with its own parameters re-anchored alone."""
-    bench, chosen = found.contest.rollout_model, found.chosen
+    rollout_model, chosen = found.problem.rollout_model, found.chosen
     effects = [effect for effect in chosen.effects if not isinstance(effect.effect, SampleEffect)]
     return build_augmented(
-        bench,
+        rollout_model,
         effects,
         chosen.fit.x,
-        q_names=pair.real[0].q_names,
-        u_names=pair.real[0].u_names,
-        region=sample_operating_region(bench.dataset),
+        q_names=inputs.real[0].q_names,
+        u_names=inputs.real[0].u_names,
+        region=sample_operating_region(rollout_model.dataset),
     )

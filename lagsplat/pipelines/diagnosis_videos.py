@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from lagsplat.diagnose.core.result import Diagnosis, Finding
+from lagsplat.diagnose.effects.registry import catalogue, list_effects
 from lagsplat.diagnose.imaging.rendering import choose_evenly, compute_decoding_errors
 from lagsplat.diagnose.imaging.video_checks import (
     CameraShift,
@@ -31,43 +32,49 @@ HELD_OUT = "held_out"  # names a run's own recording, of which the part that no 
 MOST_LATENTS = 4000  # of the training part, that say where latents usually lie
 BADLY = 5.0  # times the nominal error of the pictures: from there on their states are not known
 CAMERA_GAP = 0.5  # of the gap: a camera that passes for more forbids every other name
+MOVED = (
+    "moves while recording",
+    "moved between recordings",
+)  # what effects are about that the background rules out
 
 
 @dataclass(frozen=True)
 class RecordingPair:
     """A run with its training part and the real motions, all in its whitened latents.
 
-    ``own`` says that the real motions are the held-out part of the very recording the run was fitted to.
+    ``same_recording`` says that the real motions are the held-out part of the very recording the run was fitted to.
     """
 
     run: FittedRun
     nominal: tuple[Trajectory, ...]
-    sides: tuple["RecordedTrajectory", ...]
-    own: bool
+    real_recordings: tuple["RecordedTrajectory", ...]
+    same_recording: bool
 
     @property
     def real(self) -> tuple[Trajectory, ...]:
         """The real motions."""
-        return tuple(side.motion for side in self.sides)
+        return tuple(recorded.motion for recorded in self.real_recordings)
 
     @property
     def findings(self) -> tuple[Finding, ...]:
         """Those of the films themselves."""
-        return tuple(finding for side in self.sides for finding in side.findings)
+        return tuple(finding for recorded in self.real_recordings for finding in recorded.findings)
 
     @cached_property
-    def sight(self) -> "ImageQuality | None":
+    def image_quality(self) -> "ImageQuality | None":
         """How well the real pictures are drawn and where their latents lie; None without pictures.
 
         The yardstick is the part of the run's own recording that no fit saw, or its training part where that
         part is what is diagnosed.
         """
-        recordings = [side.recording for side in self.sides if side.recording is not None]
+        recordings = [
+            recorded.recording for recorded in self.real_recordings if recorded.recording is not None
+        ]
         if not recordings:
             return None
         run = self.run
         train, held = run.recording.split()
-        nominal = compute_decoding_errors(run.autoencoder, run.chart, train if self.own else held)
+        nominal = compute_decoding_errors(run.autoencoder, run.chart, train if self.same_recording else held)
         real = np.concatenate(
             [compute_decoding_errors(run.autoencoder, run.chart, one) for one in recordings]
         )
@@ -82,9 +89,9 @@ class RecordingPair:
         latents that these never had. It is undetermined where they are drawn so badly that the encoder cannot
         read them, and where a moved camera passes for half of the gap and the name is not that of a camera.
         """
-        warnings_, checks = list(found.warnings), dict(found.checks)
-        if self.sight is not None:
-            seen = self.sight.perception
+        warnings_, checks, known = list(found.warnings), dict(found.checks), catalogue()
+        if self.image_quality is not None:
+            seen = self.image_quality.perception
             checks |= {
                 "drawn_over_nominal": seen.ratio,
                 "outside_nominal": seen.outside,
@@ -96,14 +103,14 @@ class RecordingPair:
                     f"as the run's own, and {100 * seen.outside:.2g} % of the frames lie where it was never "
                     "trained; what follows holds only if the encoder is right there"
                 )
-            seeing = set(found.combination) & {"camera_change", "camera_drift", "exposure_blur"}
+            seeing = {known[name].camera for name in found.combination} - {None}
             if seen.ratio > BADLY and found.verdict != "none" and not seeing:
                 checks["undetermined"] = [
                     f"the real pictures are drawn {seen.ratio:.2g} times as badly as the run's own, so that "
                     "the encoder does not read their states; film with the camera and compression of before"
                 ]
         gap = found.gap.before if found.gap is not None else np.inf
-        named = found.combination and not set(found.combination) & {"camera_change", "camera_drift"}
+        named = found.combination and not any(known[name].camera in MOVED for name in found.combination)
         if named and self.camera_share > CAMERA_GAP * gap:
             checks["undetermined"] = [
                 f"the camera moved, which alone passes for {100 * self.camera_share:.2g} % of the motion's "
@@ -112,10 +119,10 @@ class RecordingPair:
         return replace(found, warnings=tuple(warnings_), checks=checks)
 
     @property
-    def null(self) -> Trajectory:
+    def null_motion(self) -> Trajectory:
         """A motion of the very mechanism the run was fitted to: what no fit saw of it, unless just that is
         diagnosed; then its training part."""
-        if self.own:
+        if self.same_recording:
             return self.nominal[0]
         return _rename_inputs(
             read_chart_trajectory(self.run.chart, held_out=True), tuple(self.run.recording.input_names)
@@ -127,16 +134,20 @@ class RecordingPair:
 
         What stood still during the run's own recording did not move between its two parts either.
         """
-        seen = [side.camera for side in self.sides]
+        seen = [recorded.camera for recorded in self.real_recordings]
         still = all(one is not None and one.still_within for one in seen)
-        there = still and self.own
+        there = still and self.same_recording
         there = there or all(one is not None and one.still_between for one in seen)
-        return (*(["camera_drift"] if still else []), *(["camera_change"] if there else []))
+        impossible = (MOVED[0],) * still + (MOVED[1],) * there
+        return tuple(effect.name for effect in list_effects() if effect.camera in impossible)
 
     @property
     def camera_share(self) -> float:
         """Share of a latent's spread that motion of the camera passes for at most."""
-        return max((side.camera.share for side in self.sides if side.camera is not None), default=0.0)
+        return max(
+            (recorded.camera.share for recorded in self.real_recordings if recorded.camera is not None),
+            default=0.0,
+        )
 
 
 @dataclass(frozen=True)
@@ -182,18 +193,18 @@ def open_recording_pair(
     names = tuple(run.recording.input_names)
     nominal = (_rename_inputs(read_chart_trajectory(run.chart, held_out=False), names),)
     found = () if real == HELD_OUT else find_sources(real)
-    sides = [_read_trajectory(folder, run, source, columns) for source in found]
-    own = [side is None for side in sides]
+    real_recordings = [_read_trajectory(folder, run, source, columns) for source in found]
+    own = [recorded is None for recorded in real_recordings]
     if any(own) and not all(own):
         raise ValueError(
             f"real={real}: some of these are the recording the run was fitted to, and others are not; give "
             "one kind at a time"
         )
-    if not sides or any(own):
-        return RecordingPair(run, nominal, (_open_holdout(run, names, longest_s),), own=True)
-    kept = [side for side in sides if side is not None]
-    named = tuple(replace(side, motion=_rename_inputs(side.motion, names)) for side in kept)
-    return RecordingPair(run, nominal, named, own=False)
+    if not real_recordings or any(own):
+        return RecordingPair(run, nominal, (_open_holdout(run, names, longest_s),), same_recording=True)
+    kept = [recorded for recorded in real_recordings if recorded is not None]
+    named = tuple(replace(recorded, motion=_rename_inputs(recorded.motion, names)) for recorded in kept)
+    return RecordingPair(run, nominal, named, same_recording=False)
 
 
 def _open_holdout(run: FittedRun, names: tuple[str, ...], longest_s: float) -> RecordedTrajectory:

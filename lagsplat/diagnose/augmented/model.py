@@ -15,12 +15,10 @@ from jaxtyping import Float64
 from lagsplat.diagnose.effects.base import (
     Direction,
     ForceEffect,
-    ModelEffect,
     PlacedEffect,
     SampleEffect,
     make_direction,
 )
-from lagsplat.diagnose.effects.dynamics.linear_stiffness import SPRING
 from lagsplat.diagnose.effects.parameters import Scales
 from lagsplat.diagnose.effects.registry import catalogue
 from lagsplat.diagnose.estimation.dataset import OperatingRegion
@@ -33,8 +31,6 @@ from lagsplat.io.files.artifact import load_artifact, save_artifact
 KIND, SCHEMA = "augmented", 1
 FIELDS = ("mass", "damping", "potential", "input_map", "dry", "drag", "width", "rest")
 BASIS = ("kind", "order", "centre", "scale")
-HARMLESS = ("linear_stiffness", "mass_change")
-SIGNED = ("viscous_damping", "cubic_stiffness")
 
 
 @dataclass(frozen=True)
@@ -60,30 +56,15 @@ class AugmentedSimulator:
         """Parameters of effect number ``n`` in the units of the recording."""
         before = sum(len(e.effect.parameters) for e in self.effects[:n])
         effect = self.effects[n]
-        specs = effect.effect.parameters
-        values = effect.physical(self.x[None, before : before + len(specs)])[0]
-        return {
-            p.name: float(np.exp(value) if p.kind == "log_ratio" else value)
-            for p, value in zip(specs, values, strict=True)
-        }
+        return effect.name_parameters(self.x[before : before + len(effect.effect.parameters)])
 
     @property
     def bounded(self) -> bool:
-        """Whether no effect feeds energy, so that a bounded push has a bounded answer if the sim's has.
-
-        Effects of inputs and of cameras act on no energy; a stiffness or inertia that is scaled, damping,
-        hardening and springs that are added, keep the sim's bounds.
-        """
-        return all(self._harmless(n) for n in range(len(self.effects)))
-
-    def _harmless(self, n: int) -> bool:
-        one = self.effects[n]
-        effect = one.effect
-        if effect.name == "linear_stiffness" and one.variant == SPRING:
-            return self.parameters(n)["ratio"] >= 1.0
-        if effect.passive or effect.name in HARMLESS or not isinstance(effect, ForceEffect | ModelEffect):
-            return True
-        return effect.name in SIGNED and next(iter(self.parameters(n).values())) >= 0.0
+        """Whether no effect feeds energy, so that a bounded push has a bounded response if the simulator's has."""
+        return all(
+            placed.effect.keeps_energy_bounded(self.parameters(n), placed)
+            for n, placed in enumerate(self.effects)
+        )
 
 
 def wrap_without_effects(
@@ -121,7 +102,7 @@ def build_augmented(
     moving, kept, at = [], [], 0
     for one in (p for e in effects if not isinstance(e.effect, SampleEffect) for p in e.parts or (e,)):
         size = len(one.effect.parameters)
-        effect = one.effect.begun(()) if isinstance(one.effect, ForceEffect) else one.effect
+        effect = one.effect.with_free_memory(()) if isinstance(one.effect, ForceEffect) else one.effect
         kept += list(range(at, at + len(effect.parameters)))
         moving.append(replace(one, effect=effect))
         at += size

@@ -1,17 +1,128 @@
-"""Effects of a diagnosis written into a MuJoCo model file, where MuJoCo has a counterpart of them."""
+"""Effects of a diagnosis written into a MuJoCo model file.
+
+Each effect says itself which element of MuJoCo is its counterpart (`Effect.mujoco`) and changes it through a
+`MujocoElement`. A generalised force of a diagnosis is an acceleration times the reference inertia of its
+joint, the diagonal of the mass matrix at rest; in the file it is a force again.
+"""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.polynomial import Polynomial
 
 from lagsplat.diagnose.augmented.model import AugmentedSimulator
-from lagsplat.diagnose.augmented.mujoco_counterparts import COUNTERPARTS, Place
 from lagsplat.diagnose.core.result import Candidate
-from lagsplat.diagnose.effects.dynamics.linear_stiffness import SPRING
-from lagsplat.diagnose.effects.dynamics.linear_stiffness import stiffness as stiffness_of
-from lagsplat.diagnose.simulators.mujoco_model import load_mujoco, make_mujoco_fields, require_mujoco
+from lagsplat.diagnose.effects.registry import catalogue
+from lagsplat.diagnose.simulators.mujoco_model import (
+    MujocoSelection,
+    load_mujoco,
+    make_mujoco_fields,
+    require_mujoco,
+)
+
+WEAK_SPRING = 1e-6
+"""Stiffness, relative to its force, of a spring that stands for a constant force."""
+
+
+@dataclass(frozen=True)
+class MujocoElement:
+    """Where an effect acts in a MuJoCo specification, and what can be changed there.
+
+    Methods that change the specification return what they changed, for people, or nothing if they cannot.
+    """
+
+    spec: Any
+    """The ``mujoco.MjSpec``."""
+    selection: MujocoSelection
+    """The compiled model, with the joints and actuators that are coordinates and inputs."""
+    joint: Any
+    """None where the effect acts on all of several joints."""
+    actuator: Any
+    inertia: float
+    """Reference inertia: diagonal of the mass matrix at rest."""
+    compliance: float
+    """Diagonal of the inverse mass matrix at rest."""
+    rest: float
+    """Coordinate at rest."""
+    variant: str
+    stiffness: float
+    """What stiffness ratios of the effect are counted in [1/s^2]."""
+
+    @property
+    def mujoco(self) -> Any:
+        """The module, for its enumerations."""
+        return require_mujoco()
+
+    @property
+    def angle_unit(self) -> float:
+        """Unit of the joint's positions in the specification: a degree for hinges of files in degrees."""
+        hinge = self.joint.type == self.mujoco.mjtJoint.mjJNT_HINGE
+        return np.pi / 180.0 if hinge and self.spec.compiler.degree else 1.0
+
+    def add_spring(self, added: Polynomial) -> tuple[str, ...]:
+        """Add to the joint's spring; MuJoCo counts powers from where the spring is slack, a root.
+
+        ``added`` is the force with the sign reversed, over the coordinate.
+        """
+        joint = self.joint
+        shifted = Polynomial([-float(joint.springref) * self.angle_unit, 1.0])
+        present = Polynomial([0.0, *np.asarray(joint.stiffness, dtype=np.float64)])(shifted)
+        total = (present + added).trim()
+        size = float(np.abs(total.coef).max())
+        if total.degree() < 1:
+            total = total + Polynomial([0.0, WEAK_SPRING * size])
+        roots = total.roots()
+        real = roots.real[np.abs(roots.imag) < 1e-9 * (1.0 + np.abs(roots))]
+        if not len(real):
+            return ()
+        slack = float(real[np.argmin(np.abs(real - float(joint.springref) * self.angle_unit))])
+        about = total(Polynomial([slack, 1.0]))
+        k = np.zeros(3)
+        k[: about.degree()] = about.coef[1:]
+        joint.stiffness, joint.springref = k, slack / self.angle_unit
+        return (f"joint {joint.name}: stiffness {self.format_row(k)} about springref {slack:.6g}",)
+
+    def scale_springs(self, joints: Sequence[Any], ratio: float) -> tuple[str, ...]:
+        """Multiply the springs of some joints."""
+        changed = []
+        for joint in joints:
+            joint.stiffness = ratio * np.asarray(joint.stiffness, dtype=np.float64)
+            if np.any(joint.stiffness):
+                changed.append(f"joint {joint.name}: stiffness {self.format_row(joint.stiffness)}")
+        return tuple(changed)
+
+    def raise_damping(self, power: int, acceleration: float) -> tuple[str, ...]:
+        """Add to the joint's damping, linear (``power`` 0) or quadratic (1) in the speed."""
+        joint = self.joint
+        if joint is None:
+            return ()
+        row = np.asarray(joint.damping, dtype=np.float64).copy()
+        row[power] += acceleration * self.inertia
+        if row[power] < 0.0:
+            return ()
+        joint.damping = row
+        return (f"joint {joint.name}: damping {self.format_row(row)}",)
+
+    def scale_masses(self, ratio: float) -> None:
+        """Multiply mass and inertia of everything, whichever way the file gives them."""
+        for body in self.spec.bodies:
+            if body.explicitinertial:
+                body.mass = ratio * body.mass
+                body.inertia = ratio * np.asarray(body.inertia, dtype=np.float64)
+                body.fullinertia = ratio * np.asarray(body.fullinertia, dtype=np.float64)
+        for geom in self.spec.geoms:
+            if np.isnan(geom.mass):
+                geom.density = ratio * geom.density
+            else:
+                geom.mass = ratio * geom.mass
+
+    @staticmethod
+    def format_row(values: Any) -> str:
+        """Numbers as in a MuJoCo file."""
+        return " ".join(f"{value:.6g}" for value in np.asarray(values, dtype=np.float64))
 
 
 def patch_xml(
@@ -62,7 +173,7 @@ def patch_augmented(
         joint = None if along is None else chosen.joints[along]
         actuator = None if effect.channel is None else chosen.actuators[effect.channel]
         values = one.parameters(n)
-        size = stiffness_of(effect.scales) if effect.variant == SPRING else effect.scales.stiffness
+        size = effect.effect.stiffness_unit(effect.scales, effect.variant)
         entries.append((effect.effect.name, values, joint, actuator, effect.variant, size))
     return _patch(path, out, entries, rest=one.model.rest.tolist(), joints=joints, actuators=actuators)
 
@@ -76,7 +187,7 @@ def _patch(
     joints: Sequence[str] | None,
     actuators: Sequence[str] | None,
 ) -> tuple[str, ...]:
-    mujoco = require_mujoco()
+    mujoco, known = require_mujoco(), catalogue()
     chosen = load_mujoco(path, joints=joints, actuators=actuators)
     at = chosen.data.qpos[chosen.at_q].copy() if rest is None else np.asarray(rest, dtype=np.float64)
     mass = make_mujoco_fields(chosen).mass(at[None])[0]
@@ -88,11 +199,19 @@ def _patch(
         driven = chosen.actuators[0] if len(chosen.actuators) == 1 else None
         joint, actuator = joint or alone, actuator or driven
         n = chosen.joints.index(joint) if joint in chosen.joints else 0
-        place = Place(
-            spec, chosen, _element(spec.joints, joint, path), _element(spec.actuators, actuator, path),
-            float(mass[n, n]), float(inverse[n, n]), float(at[n]), variant, stiffness,
-        )  # fmt: skip
-        said = COUNTERPARTS[name](place, values) if name in COUNTERPARTS else ()
+        element = MujocoElement(
+            spec=spec,
+            selection=chosen,
+            joint=_find_element(spec.joints, joint, path),
+            actuator=_find_element(spec.actuators, actuator, path),
+            inertia=float(mass[n, n]),
+            compliance=float(inverse[n, n]),
+            rest=float(at[n]),
+            variant=variant,
+            stiffness=stiffness,
+        )
+        counterpart = known[name].mujoco if name in known else ""
+        said = () if isinstance(counterpart, str) else counterpart(element, values)
         if not said:
             return ()
         told += said
@@ -108,7 +227,7 @@ def _patch(
     return tuple(told)
 
 
-def _element(elements: Sequence[Any], name: str | None, path: Path) -> Any:
+def _find_element(elements: Sequence[Any], name: str | None, path: Path) -> Any:
     if name is None:
         return None
     found = [element for element in elements if element.name == name]

@@ -1,16 +1,20 @@
-"""What an effect is: a name, parameters with priors, and the place where it enters the sim.
+"""What an effect of the catalogue is, and how it is placed on a mechanism.
 
-Every parameter is counted in a unit of the motion at hand (its rms, its speed, its period, the rms of an
-input), so that the same prior serves any mechanism in any coordinates. The leading parameters, usually one,
-are *amplitudes*: with amplitude zero the effect is not there.
+An effect is a law with parameters and everything else that a diagnosis needs to know of it: priors, the
+places where it may act, the excitation that reveals it, the effects it may be confused with, its words for
+people and its counterpart in MuJoCo. One file defines one effect and names it `EFFECT`; see
+`lagsplat.diagnose.effects.dynamics.coulomb_friction` for a short one to copy, and
+`lagsplat.diagnose.effects.registry` for how the catalogue finds it.
 
-What is believed of a parameter before a recording is looked at.
+Parameters are counted in units of the recorded motion (`lagsplat.diagnose.effects.parameters`), so that one
+prior serves any mechanism in any coordinates. The leading parameters, usually one, are *amplitudes*: with
+amplitude zero the effect is absent.
 """
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Float64
@@ -22,69 +26,149 @@ Component = Literal["inertial", "conservative", "dissipative", "actuation", "exo
 
 
 @dataclass(frozen=True)
+class EffectDescription:
+    """An effect in words that need no training in mechanics."""
+
+    title: str
+    """Completes "the cause is ..."."""
+    kind: Literal["parameter", "mechanism", "outside", "observation", "verdict"]
+    """A number of the simulation that is off, physics that it lacks, something that acts on the mechanism
+    from elsewhere, or camera and clock; "verdict" for `none` and `unknown`."""
+    what: str
+    """What the effect is, one sentence."""
+    symptom: str
+    """How it shows in a recording, one sentence."""
+    remedy: str
+    """What to do about it, one sentence."""
+    short_title: str = ""
+    """Its name in a label, by default the effect's name with spaces for underscores."""
+
+
+class Grade(NamedTuple):
+    """How well a recording excites an effect."""
+
+    excited: Literal["yes", "weak", "no"]
+    reason: str
+    record: str
+    """What to record instead, with its length."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Effect:
-    """One entry of the catalogue."""
+    """One entry of the catalogue; use one of the five subclasses, which say where the effect enters."""
 
     name: str
     group: str
     """A parameter, B dissipation, C actuation, D memory, E contact or external, F structure, G camera."""
+    number: int = 100
+    """Position within the group wherever effects are listed for people."""
     equation: str
     parameters: tuple[EffectParameter, ...]
-    needs: str = ""
-    """What a recording must contain to show it."""
     amplitudes: int = 1
+    """Number of leading parameters that are amplitudes."""
+    needs: str = ""
+    """What a recording must contain to reveal it."""
+    excitation: Callable[..., Grade]
+    """Grades a recording: ``excitation(measures)`` of `ExcitationMeasures`, or for an effect of an input
+    ``excitation(channel, measures)`` with the `InputMeasures` of one input."""
+    description: EffectDescription
+    mujoco: Callable[[Any, Mapping[str, Any]], tuple[str, ...]] | str
+    """``mujoco(element, values)`` writes the effect into a MuJoCo model and returns what it changed, or nothing
+    if it cannot (``element`` is a `lagsplat.diagnose.augmented.mujoco_export.MujocoElement`); or a sentence that
+    says why MuJoCo has no counterpart."""
+    confusable_with: tuple[str, ...] = ()
+    """Effects that some recordings cannot separate from this one; it is enough that one of two names the other."""
+    log_prior_penalty: float = 0.0
+    """By how much the effect is less likely than others before the data [nat]; give the reason beside it."""
+    fitted_penalty: Callable[[Mapping[str, float], "PlacedEffect"], float] | None = None
+    """A further penalty [nat] that depends on the fitted parameters."""
+    flexible: bool = False
+    """Has times, frequencies or states of its own, so that two such effects fit almost anything."""
+    recurrence: Callable[[Mapping[str, float], Any, "PlacedEffect"], float] | None = None
+    """For external effects: from the fitted parameters and the dataset, how far the recording shows that the
+    force does not depend on the state of the mechanism, from 0 to 1."""
+    absorbed_by_fit: bool = False
+    """A simulation that was fitted to the same recording has taken this effect up in its own parameters."""
+    camera: Literal["moved between recordings", "moves while recording", "shutter"] | None = None
+    """What of the camera the effect is about."""
     component: Component | None = None
     """The term of the equations of motion that it belongs to; None for camera and clock."""
     level: Literal["perception", "chart", "actuation", "dynamics"] = "dynamics"
-    """Where on the way from picture to motion it acts."""
+    """Where on the way from image to motion it acts."""
     passive: bool = False
     """Never feeds energy into the mechanism."""
+    energy_bounded: Callable[[Mapping[str, float], "PlacedEffect"], bool] | None = None
+    """Whether fitted parameters keep the energy bounded, where `passive` alone does not say so."""
     variants: tuple[str, ...] = ("",)
-    variant_units: Mapping[str, str] = field(default_factory=dict)  # where not of the parameters' kind
+    variant_units: Mapping[str, str] = field(default_factory=dict)
+    """Unit of a variant's parameters where it is not that of their kind."""
     along: Literal["coordinates", "whole", "both", "channels"] = "coordinates"
-    together: bool = False
+    acts_everywhere: bool = False
     """May act at all of its places at once, with parameters of its own at each."""
-    between: tuple[str, ...] = ()
-    """Variants that may act between two coordinates: in the joint of bodies that are told each by itself."""
-    reports: Callable[[Mapping[str, float], "PlacedEffect"], dict[str, Any]] | None = None
-    """From the fitted parameters to those of a diagnosis, where they differ."""
+    between_variants: tuple[str, ...] = ()
+    """Variants that may also act between two coordinates: in the joint of two bodies."""
+    place: Callable[[Any, "PlacementProblem"], list["PlacedEffect"]] | None = None
+    """``place(effect, problem)``: the places where it may act, where `place_effect` does not serve."""
+    stiffness_unit: Callable[[Scales, str], float] = field(default=lambda scales, variant: scales.stiffness)
+    """What stiffness ratios of a variant are counted in [1/s^2]."""
+    report_parameters: Callable[[Mapping[str, float], "PlacedEffect"], dict[str, Any]] | None = None
+    """From the fitted parameters to those of a diagnosis, where they differ; ``times`` are on the clock of the
+    dataset."""
+    report_units: Mapping[str, str] = field(default_factory=dict)
+    """Units of reported parameters that are not parameters of the fit."""
+
+    def find_places(self, problem: "PlacementProblem") -> list["PlacedEffect"]:
+        """The effect at every place of a mechanism where it may act."""
+        return (self.place or place_effect)(self, problem)
+
+    def keeps_energy_bounded(self, parameters: Mapping[str, float], placed: "PlacedEffect") -> bool:
+        """Whether a bounded input has a bounded response with this effect, if it has one without.
+
+        Effects of inputs, cameras and clocks feed no energy; of forces and changes of the model the effect
+        itself says so.
+        """
+        if self.energy_bounded is not None:
+            return self.energy_bounded(parameters, placed)
+        return self.passive or not isinstance(self, ForceEffect | ModelEffect)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ForceEffect(Effect):
     """An effect that is a force along one direction: see `lagsplat.diagnose.solvers.runge_kutta` for the law."""
 
-    law: Any = None
+    law: Any
     n_memory: int = 0
     memory_start: tuple[str, ...] = ()
     """What each memory holds where a clip begins: ``zero``, ``s`` or ``v``."""
     memory_kinds: tuple[ParameterKind, ...] = ()
     """What each memory is counted in, if it may begin elsewhere where a clip begins in mid-motion."""
     free_clips: tuple[int, ...] = ()
-    """Clips whose memory begins by as much beside ``memory_start`` as the last parameters say."""
+    """Clips whose memory begins off ``memory_start`` by what the last parameters say."""
     constants: Callable[[Scales, str], tuple[float, ...]] = field(default=lambda scales, variant: ())
     """What the law gets after its parameters."""
     whole: Any = None
-    """``whole(fields, theta (P, k), model)``: the same on all coordinates at once, as a change of the sim."""
+    """``whole(coefficients, theta (P, k), model)``: the same on all coordinates at once, as a change of the
+    model."""
 
     @property
     def n_law(self) -> int:
         """Number of parameters that the law takes; those after them say where its memory begins."""
         return len(self.parameters) - self.n_memory * len(self.free_clips)
 
-    def begun(self, clips: Sequence[int]) -> "ForceEffect":
-        """The same with a memory that begins anywhere in ``clips``."""
-        own = (
+    def with_free_memory(self, clips: Sequence[int]) -> "ForceEffect":
+        """The same effect with a memory that may begin anywhere in ``clips``."""
+        beginnings = (
             EffectParameter(f"memory {i} of clip {c}", kind, Normal(1.0), (0.0,))
             for c in clips
             for i, kind in enumerate(self.memory_kinds)
         )
-        return replace(self, parameters=(*self.parameters[: self.n_law], *own), free_clips=tuple(clips))
+        parameters = (*self.parameters[: self.n_law], *beginnings)
+        return replace(self, parameters=parameters, free_clips=tuple(clips))
 
 
 @dataclass(frozen=True)
 class CoefficientBatch:
-    """Coefficients of the sim for ``P`` sets of parameters at once; the names are those of `MechanicalModel`."""
+    """Coefficients of the model for ``P`` sets of parameters at once; the names are those of `MechanicalModel`."""
 
     mass: Float64[np.ndarray, "P Km d d"]
     damping: Float64[np.ndarray, "P Kc d d"]
@@ -94,44 +178,44 @@ class CoefficientBatch:
     drag: Float64[np.ndarray, "P d"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ModelEffect(Effect):
-    """An effect that changes the sim's coefficients: ``change(fields, theta (P, k), instance, model)``."""
+    """An effect that changes the model: ``change(coefficients, theta (P, k), placed, model) -> coefficients``."""
 
-    change: Any = None
+    change: Any
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class InputEffect(Effect):
-    """An effect on the way of an input: ``change(signal, channel, theta (P, k)) -> (P, M)`` samples."""
+    """An effect between command and actuator: ``change(signal, theta (P, k)) -> (P, M)`` samples of the input."""
 
-    change: Any = None
+    change: Any
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ObservationEffect(Effect):
-    """An effect of camera or clock: ``observe(y, v, t, theta (P, k), instance) -> y``."""
+    """An effect of camera or clock: ``observe(y, v, t, theta (P, k), placed) -> y``, all (P, W, L, d)."""
 
-    observe: Any = None
+    observe: Any
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class SampleEffect(Effect):
     """An effect that moves single samples and nothing else.
 
     ``explain(residual, speed) -> (gain, parameters, misfit)``: by how much the log likelihood of a fit's
-    residual (n, d) grows [nat] if it is there, both in units of the noise, ``speed`` a frame; its best
-    parameters; and the sum of squares that it leaves. ``repeats`` says that samples are its making which show
-    again what an earlier one showed.
+    residual (n, d) grows [nat] with the effect, its best parameters with the ends of their 90 % intervals, and
+    the sum of squares that it leaves. ``residual`` is in units of the noise, ``speed`` in these per frame.
     """
 
-    explain: Any = None
+    explain: Any
     repeats: bool = False
+    """It makes samples that repeat an earlier one."""
 
 
 @dataclass(frozen=True)
 class Direction:
-    """A way to push: the covector ``p`` with its reference inertia, ``s = p.(q - rest)``."""
+    """A direction of force: the covector ``p`` with its reference inertia; ``s = p.(q - rest)``."""
 
     name: str | None
     covector: Float64[np.ndarray, " d"]
@@ -140,9 +224,17 @@ class Direction:
     """``p.rest``."""
 
 
+def make_direction(
+    name: str | None, covector: Float64[np.ndarray, " d"], model: MechanicalModel
+) -> Direction:
+    """A covector with the inertia and the rest that a model has along it."""
+    along = covector / float(covector @ covector)
+    return Direction(name, covector, float(along @ model.inertia @ along), float(covector @ model.rest))
+
+
 @dataclass(frozen=True)
 class PlacedEffect:
-    """One effect at one place: along a direction, on a channel, or on the whole."""
+    """One effect at one place: along a direction, on an input, or on the whole."""
 
     effect: Effect
     scales: Scales
@@ -151,58 +243,145 @@ class PlacedEffect:
     channel: int | None = None
     input_name: str | None = None
     grid: tuple[tuple[float, ...], ...] | None = None
-    """Values of all but the amplitudes that the search tries first, in place of their own grids."""
+    """Values of all but the amplitudes that the search tries first, in place of the parameters' own grids."""
     parts: tuple["PlacedEffect", ...] = ()
     """Where it acts at several places at once: each of them, in the order of the parameters."""
 
     @property
     def label(self) -> str:
-        """For people: the effect and its place."""
+        """For people: the effect and its location."""
         everywhere = "everywhere" if self.parts else None
-        return " ".join(p for p in (self.effect.name, self.place, self.variant, everywhere) if p)
+        return " ".join(p for p in (self.effect.name, self.location, self.variant, everywhere) if p)
 
     @property
-    def place(self) -> str | None:
+    def location(self) -> str | None:
         """The coordinate or the input where it acts; None on the whole and everywhere."""
         return self.direction.name if self.direction else self.input_name
 
-    def physical(self, x: Float64[np.ndarray, "P k"]) -> Float64[np.ndarray, "P k"]:
+    def to_physical(self, x: Float64[np.ndarray, "P k"]) -> Float64[np.ndarray, "P k"]:
         """Parameters in the units of the recording, for unknowns ``x``."""
         if self.parts:
             split = np.split(x, len(self.parts), axis=1)
             return np.concatenate(
-                [part.physical(own) for part, own in zip(self.parts, split, strict=True)], 1
+                [part.to_physical(values) for part, values in zip(self.parts, split, strict=True)], 1
             )
         columns = [
             p.prior.value(x[:, i]) * self.scales.of(p.kind) for i, p in enumerate(self.effect.parameters)
         ]
         return np.stack(columns, axis=1) if columns else np.zeros((len(x), 0))
 
+    def name_parameters(self, x: Float64[np.ndarray, " k"]) -> dict[str, float]:
+        """Parameters by name, in the units of the recording and ratios as such, for unknowns ``x``."""
+        values = self.to_physical(x[None])[0]
+        return {
+            p.name: float(np.exp(value) if p.kind == "log_ratio" else value)
+            for p, value in zip(self.effect.parameters, values, strict=True)
+        }
+
+
+@dataclass(frozen=True)
+class DisturbanceHints:
+    """Where to look for disturbances of one coordinate, from the force that the simulation lacks."""
+
+    pushes: tuple[tuple[float, float], ...]
+    """Start and end [s] on the clock of the dataset, the strongest first."""
+    lines_hz: tuple[float, ...]
+    """Frequencies of the highest spectral lines."""
+
+
+@dataclass(frozen=True)
+class PlacementProblem:
+    """The mechanism and the recording at hand, as far as effects need them to be placed."""
+
+    coordinates: tuple[Direction, ...]
+    pairs: tuple[Direction, ...]
+    """Along the difference of each two coordinates; empty where there are many."""
+    hints: tuple[DisturbanceHints, ...]
+    """One of each coordinate."""
+    inputs: tuple[tuple[int, str, Scales], ...]
+    """Channel, name and scales of each input that moves."""
+    measure: Callable[[Direction, str], Scales]
+    """Scales of the motion along a direction; the variants ``upper`` and ``lower`` look at one side alone."""
+    whole: Scales
+    """Scales of the coordinate that moves most."""
+    longest_clips: tuple[int, ...]
+    """Clips long enough to show where a memory began."""
+    constant_inertia: bool
+
+
+def place_effect(effect: Effect, problem: PlacementProblem) -> list[PlacedEffect]:
+    """Every place that ``effect.along`` and ``effect.between_variants`` allow, variant by variant."""
+    placed: list[PlacedEffect] = []
+    for variant in effect.variants:
+        if isinstance(effect, InputEffect):
+            placed += place_on_inputs(effect, problem)
+        elif effect.along == "whole":
+            placed.append(place_on_whole(effect, variant, problem))
+        else:
+            placed += place_along_coordinates(effect, variant, problem)
+            if variant in effect.between_variants:
+                placed += place_between_coordinates(effect, variant, problem)
+            # a force on the whole of one coordinate is the force along it
+            if effect.along == "both" and (
+                len(problem.coordinates) > 1 or not isinstance(effect, ForceEffect)
+            ):
+                placed.append(place_on_whole(effect, variant, problem))
+    return placed
+
+
+def place_along_coordinates(effect: Effect, variant: str, problem: PlacementProblem) -> list[PlacedEffect]:
+    """The effect along each coordinate, and everywhere at once if it may act so."""
+    return _with_joint_placement(_place_along(effect, variant, problem.coordinates, problem))
+
+
+def place_between_coordinates(effect: Effect, variant: str, problem: PlacementProblem) -> list[PlacedEffect]:
+    """The effect between each two coordinates."""
+    return _place_along(effect, variant, problem.pairs, problem)
+
+
+def place_on_whole(effect: Effect, variant: str, problem: PlacementProblem) -> PlacedEffect:
+    """The effect on all coordinates at once, with the scales of the one that moves most."""
+    return PlacedEffect(effect, problem.whole, variant)
+
+
+def place_on_inputs(effect: Effect, problem: PlacementProblem) -> list[PlacedEffect]:
+    """The effect on each input that moves, or on all at once if it acts on the whole."""
+    if effect.along == "whole":
+        return [PlacedEffect(effect, problem.whole)] if problem.inputs else []
+    placed = [
+        PlacedEffect(effect, scales, channel=channel, input_name=name)
+        for channel, name, scales in problem.inputs
+    ]
+    return _with_joint_placement(placed)
+
 
 def place_everywhere(places: Sequence[PlacedEffect]) -> PlacedEffect:
-    """One effect at all of ``places`` at once, its parameters after the place that each belongs to.
+    """One effect at all of ``places`` at once, its parameters named after the place that each belongs to.
 
     Its parameters are all amplitudes, or none is; then the search begins with the same at every place.
     """
     effect, n = places[0].effect, len(places)
-    own = [replace(p, name=f"{p.name} {one.place}") for one in places for p in effect.parameters]
-    whole = replace(effect, parameters=tuple(own), amplitudes=n * effect.amplitudes)
+    parameters = tuple(
+        replace(p, name=f"{p.name} {placed.location}") for placed in places for p in effect.parameters
+    )
+    whole = replace(effect, parameters=parameters, amplitudes=n * effect.amplitudes)
     same = [point * n for point in itertools.product(*(p.grid for p in effect.parameters))]
     grid = None if effect.amplitudes else tuple(same)
     return PlacedEffect(whole, places[0].scales, places[0].variant, grid=grid, parts=tuple(places))
 
 
-def make_direction(
-    name: str | None, covector: Float64[np.ndarray, " d"], model: MechanicalModel
-) -> Direction:
-    """A covector with the inertia and the rest that a sim has along it."""
-    along = covector / float(covector @ covector)
-    return Direction(name, covector, float(along @ model.inertia @ along), float(covector @ model.rest))
+def _place_along(
+    effect: Effect, variant: str, directions: Sequence[Direction], problem: PlacementProblem
+) -> list[PlacedEffect]:
+    if isinstance(effect, ForceEffect) and effect.memory_kinds:
+        effect = effect.with_free_memory(problem.longest_clips)
+    return [
+        PlacedEffect(effect, problem.measure(direction, variant), variant, direction)
+        for direction in directions
+    ]
 
 
-@dataclass(frozen=True)
-class DisturbanceHints:
-    """Where to look for disturbances: pushes (start, end) [s] on the joint clock, and lines [Hz]."""
-
-    pushes: tuple[tuple[float, float], ...]
-    lines_hz: tuple[float, ...]
+def _with_joint_placement(places: list[PlacedEffect]) -> list[PlacedEffect]:
+    moving = [placed for placed in places if placed.scales.reach > 0.0]
+    joint = len(moving) > 1 and moving[0].effect.acts_everywhere
+    return [*places, *([place_everywhere(moving)] if joint else [])]

@@ -1,6 +1,10 @@
-"""What this recording can tell apart, family by family, and what to record where it cannot."""
+"""How well a recording excites each effect, and what to record where it does not.
 
-from collections.abc import Callable, Sequence
+Each effect grades a recording itself, from its measures; this module holds what several effects say alike and
+collects the grades of the whole catalogue.
+"""
+
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from lagsplat.diagnose.data_quality.excitation_measures import (
@@ -8,66 +12,114 @@ from lagsplat.diagnose.data_quality.excitation_measures import (
     InputMeasures,
     measure_excitation,
 )
-from lagsplat.diagnose.data_quality.noise import Noise
-from lagsplat.diagnose.effects.excitation_rules import INPUT_RULES, RULES, Grade
+from lagsplat.diagnose.data_quality.noise import MeasurementNoise
+from lagsplat.diagnose.effects.base import Effect, Grade, InputEffect
+from lagsplat.diagnose.effects.registry import list_effects
 from lagsplat.io.trajectory.trajectory import Trajectory
 
 
 @dataclass(frozen=True)
 class Excitation:
-    """One family of effects: ``excited`` is ``yes``, ``weak`` or ``no``; the reason, and what to record next.
-
-    ``record`` is empty where it is excited; ``inputs`` are the channels that excite an effect of an input.
-    """
+    """Whether a recording excites one effect."""
 
     effect: str
     excited: str
+    """``yes``, ``weak`` or ``no``."""
     reason: str
     record: str
+    """What to record next; empty where the effect is excited."""
     inputs: tuple[str, ...] = ()
+    """Inputs that excite it, if it is an effect of an input."""
 
 
 def assess_excitation(
-    motions: Sequence[Trajectory], *, period_s: float, noise: Noise, closed_loop: Sequence[str] = ()
+    trajectories: Sequence[Trajectory],
+    *,
+    period_s: float,
+    noise: MeasurementNoise,
+    closed_loop: Sequence[str] = (),
 ) -> tuple[Excitation, ...]:
-    """A row for every family of the catalogue; ``closed_loop`` names inputs that answer the motion.
+    """Grade a recording for every effect of the catalogue, effects of inputs last.
 
-    Source: signatures and the minimal excitation that separates them, as tabulated with each effect.
+    Args:
+        trajectories: The clips of the recording.
+        period_s: Natural period of the mechanism [s].
+        noise: Noise of the coordinates.
+        closed_loop: Names of inputs that respond to the motion.
     """
-    measures = measure_excitation(motions, period_s=period_s, noise=noise)
-    rows = [_row(effect, rule(measures)) for effect, rule in RULES.items()]
-    return (*rows, *(_input_row(effect, rule, measures, closed_loop) for effect, rule in INPUT_RULES.items()))
-
-
-def _row(effect: str, grade: Grade, inputs: tuple[str, ...] = ()) -> Excitation:
-    excited, reason, record = grade
-    return Excitation(effect, excited, reason, "" if excited == "yes" else record, inputs)
-
-
-def _input_row(
-    effect: str,
-    rule: Callable[[InputMeasures, ExcitationMeasures], Grade],
-    measures: ExcitationMeasures,
-    closed_loop: Sequence[str],
-) -> Excitation:
-    """The best channel speaks; one in a closed loop counts as weak."""
-    order = ("no", "weak", "yes")
-    graded = [(channel.name, rule(channel, measures)) for channel in measures.inputs if channel.moves]
-    if not graded:
-        reason = "all inputs are constant" if measures.inputs else "no input is recorded"
-        return Excitation(effect, "no", reason, _drive_advice(measures))
-    looped = [
-        (name, ("weak", f"{name} answers the motion", "drive it open loop"))
-        if name in closed_loop and grade[0] == "yes"
-        else (name, grade)
-        for name, grade in graded
-    ]
-    best = max((grade for _, grade in looped), key=lambda grade: order.index(grade[0]))
-    return _row(effect, best, tuple(name for name, grade in looped if grade[0] == best[0] != "no"))
-
-
-def _drive_advice(measures: ExcitationMeasures) -> str:
+    measures = measure_excitation(trajectories, period_s=period_s, noise=noise)
+    effects = list_effects()
+    of_inputs = [effect for effect in effects if isinstance(effect, InputEffect)]
+    others = [effect for effect in effects if not isinstance(effect, InputEffect)]
     return (
-        f"record {20 * measures.period_s:.3g} s with the input swinging through zero, slowly and up to twice "
-        "the natural frequency"
+        *(_make_row(effect.name, effect.excitation(measures)) for effect in others),
+        *(_assess_input_effect(effect, measures, closed_loop) for effect in of_inputs),
+    )
+
+
+def _make_row(effect: str, grade: Grade, inputs: tuple[str, ...] = ()) -> Excitation:
+    record = "" if grade.excited == "yes" else grade.record
+    return Excitation(effect, grade.excited, grade.reason, record, inputs)
+
+
+def _assess_input_effect(
+    effect: Effect, measures: ExcitationMeasures, closed_loop: Sequence[str]
+) -> Excitation:
+    """The grade of the input that excites it best; an input in a closed loop counts as weak."""
+    order = ("no", "weak", "yes")
+    grades = {
+        channel.name: effect.excitation(channel, measures) for channel in measures.inputs if channel.moves
+    }
+    if not grades:
+        reason = "all inputs are constant" if measures.inputs else "no input is recorded"
+        record = (
+            f"record {20 * measures.period_s:.3g} s with the input swinging through zero, slowly and up to "
+            "twice the natural frequency"
+        )
+        return Excitation(effect.name, "no", reason, record)
+    for name in closed_loop:
+        if name in grades and grades[name].excited == "yes":
+            grades[name] = Grade("weak", f"{name} answers the motion", "drive it open loop")
+    best = max(grades.values(), key=lambda grade: order.index(grade.excited))
+    inputs = tuple(name for name, grade in grades.items() if grade.excited == best.excited != "no")
+    return _make_row(effect.name, best, inputs)
+
+
+def make_grade(yes: bool, weak: bool, reason: str, record: str) -> Grade:
+    """``yes`` and ``weak`` as a grade, the better one that holds."""
+    return Grade("yes" if yes else "weak" if weak else "no", reason, record)
+
+
+def describe_swings(measures: ExcitationMeasures) -> str:
+    """The number of swings and the range of their sizes."""
+    return f"{measures.periods:.3g} periods, large swings {measures.amplitude_ratio:.2g} times the small ones"
+
+
+def ask_for_decay(measures: ExcitationMeasures, periods: float = 10.0) -> str:
+    """Ask for a free decay over so many natural periods."""
+    return (
+        f"let it go from a large deflection and record {periods * measures.period_s:.3g} s, "
+        "until it is at rest"
+    )
+
+
+def ask_for_steps(measures: ExcitationMeasures) -> str:
+    """Ask for inputs that are held long enough to show the static response."""
+    return f"drive it by steps held for {3 * measures.period_s:.3g} s each, with the input recorded"
+
+
+def grade_timing(measures: ExcitationMeasures, record: str) -> Grade:
+    """Errors of single time stamps show where the motion between two samples exceeds the noise."""
+    reason = f"between two samples it moves {measures.step_over_noise:.2g} times the noise"
+    return make_grade(measures.step_over_noise > 4, measures.step_over_noise > 1, reason, record)
+
+
+def grade_fast_input(channel: InputMeasures, measures: ExcitationMeasures) -> Grade:
+    """A late response shows with steps of the input, or with frequencies above the natural one."""
+    reason = f"{channel.name} has {channel.steps} step(s) and reaches {channel.high:.2g} natural frequencies"
+    return make_grade(
+        channel.steps >= 3 or channel.high > 1.2,
+        channel.high > 0.4,
+        reason,
+        f"drive it by steps, or up to twice the natural frequency ({1 / measures.period_s:.3g} Hz)",
     )

@@ -1,4 +1,7 @@
-"""What an effect is: a name, parameters with priors, and the place where it enters the sim."""
+"""Parameters of effects: what they are counted in, and what is believed of them before a recording is seen.
+
+A parameter is counted in a unit of the recorded motion (its rms, its speed, its period, the rms of an input).
+"""
 
 import math
 from collections.abc import Mapping
@@ -49,7 +52,7 @@ UNITS: Mapping[ParameterKind, str] = {
 
 @dataclass(frozen=True)
 class Scales:
-    """Size of a motion along one direction and of the input of one channel."""
+    """Sizes of a motion along one direction, and of one input; they make up the units of parameters."""
 
     coordinate: float
     """Root mean square of the distance from rest."""
@@ -58,12 +61,15 @@ class Scales:
     reach: float
     """Largest distance from rest that is reached on the side in question."""
     frame_s: float
+    """Median time between two samples [s]."""
     duration_s: float
+    """Length of the recording [s]."""
     stiffness: float = 1.0
     """Second derivative of the potential at rest over the reference inertia [1/s^2]."""
     input: float = 1.0
     """Root mean square of the input."""
     input_reach: float = 1.0
+    """Largest absolute value of the input."""
 
     def of(self, kind: ParameterKind) -> float:
         """The size of one unit of a parameter of ``kind``, in the units of the recording."""
@@ -90,11 +96,12 @@ class Scales:
 
 @dataclass(frozen=True)
 class Normal:
-    """A priori normal about ``mean``; the unknown is the parameter itself."""
+    """Normal prior; the unknown of the fit is the parameter itself."""
 
     deviation: float
     mean: float = 0.0
     lowest: float = -math.inf
+    """Smallest value that the unknown may take."""
 
     def value(self, x: Any) -> Any:
         """The parameter of unknown ``x``."""
@@ -112,7 +119,7 @@ class Normal:
 
 @dataclass(frozen=True)
 class HalfNormal(Normal):
-    """A priori half-normal: never negative."""
+    """Half-normal prior: the parameter is never negative."""
 
     lowest: float = 0.0
 
@@ -123,7 +130,7 @@ class HalfNormal(Normal):
 
 @dataclass(frozen=True)
 class LogNormal(Normal):
-    """A priori log-normal; the unknown is the logarithm. ``mean`` is that of the logarithm."""
+    """Log-normal prior; the unknown of the fit is the logarithm, of which ``mean`` and ``deviation`` are."""
 
     def value(self, x: Any) -> Any:
         """The parameter of unknown ``x``; never zero, since laws divide by it."""
@@ -145,10 +152,12 @@ def log_normal(median: float, spread: float) -> LogNormal:
 
 @dataclass(frozen=True)
 class EffectParameter:
-    """One parameter: its key in a diagnosis, what it is counted in, what is believed of it beforehand."""
+    """One parameter: its key in a diagnosis, what it is counted in, and its prior."""
 
     name: str
     kind: ParameterKind
     prior: Normal
     grid: tuple[float, ...] = ()
     """Values that the search tries first; empty for an amplitude."""
+    label: str = ""
+    """How it is called in a sentence, by default its name."""

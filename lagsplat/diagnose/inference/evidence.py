@@ -22,7 +22,7 @@ class HypothesisFit:
     """Parameters of an effect that only moves single samples, each with its 90 % interval."""
 
     @property
-    def n_own(self) -> int:
+    def n_effect_parameters(self) -> int:
         """Number of unknowns that belong to the effects."""
         return sum(len(e.effect.parameters) for e in self.effects)
 
@@ -33,24 +33,26 @@ class HypothesisFit:
         return slice(at, at + len(instance.effect.parameters))
 
 
-def log_evidence(one: HypothesisFit, bench: RolloutModel, temper: float) -> float:
-    """Laplace's approximation of the logarithm of the evidence, with the noise widened by ``temper``.
+def log_evidence(one: HypothesisFit, rollout_model: RolloutModel, noise_inflation: float) -> float:
+    """Laplace's approximation of the logarithm of the evidence, with the noise widened by ``noise_inflation``.
 
     Source: MacKay, "Information Theory, Inference, and Learning Algorithms", 2003, ch. 28.
     """
-    prior, fit = joint_prior(one.effects, bench), one.fit
+    prior, fit = joint_prior(one.effects, rollout_model), one.fit
     effect_priors = [p.prior for e in one.effects for p in e.effect.parameters]
     own = sum(p.log_density(float(x)) for p, x in zip(effect_priors, fit.x, strict=False))
-    spare = fit.x[one.n_own :] / prior.deviation[one.n_own :]
-    spare_density = -0.5 * float(spare @ spare) - float(np.log(prior.deviation[one.n_own :]).sum())
+    spare = fit.x[one.n_effect_parameters :] / prior.deviation[one.n_effect_parameters :]
+    spare_density = -0.5 * float(spare @ spare) - float(
+        np.log(prior.deviation[one.n_effect_parameters :]).sum()
+    )
     spare_density -= 0.5 * len(spare) * np.log(2.0 * np.pi)
-    h = fit.curvature / temper + np.diag(1.0 / prior.deviation**2)
+    h = fit.curvature / noise_inflation + np.diag(1.0 / prior.deviation**2)
     sign, log_det = np.linalg.slogdet(h)
     if sign <= 0:
         log_det = float(np.log(np.maximum(np.linalg.eigvalsh(h), 1e-12)).sum())
     k = len(fit.x)
     return (
-        -0.5 * fit.misfit / temper
+        -0.5 * fit.misfit / noise_inflation
         + own
         + spare_density
         + 0.5 * k * np.log(2.0 * np.pi)

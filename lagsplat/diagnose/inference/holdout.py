@@ -33,21 +33,21 @@ class Forecast:
     expected: Float64[np.ndarray, "B L d"]
 
 
-def split_windows(contest: EstimationProblem) -> tuple[EstimationProblem, WindowSet]:
+def split_windows(problem: EstimationProblem) -> tuple[EstimationProblem, WindowSet]:
     """The contest on every other window, and the windows in between, held out."""
-    number = np.arange(len(contest.windows.first))
-    kept = contest.windows.select(number % 2 == 0)
-    held = contest.windows.select(number % 2 == 1)
-    return replace(contest, windows=kept), held
+    number = np.arange(len(problem.windows.first))
+    kept = problem.windows.select(number % 2 == 0)
+    held = problem.windows.select(number % 2 == 1)
+    return replace(problem, windows=kept), held
 
 
-def cut_blocks(contest: EstimationProblem, held: WindowSet, *, period_s: float) -> WindowSet:
+def cut_blocks(problem: EstimationProblem, held: WindowSet, *, period_s: float) -> WindowSet:
     """One natural period after the other within the held-out windows, or windows where these are shorter.
 
     Raises:
         ValueError: none of them is as long as `HOLDOUT.min_period_share` of a period.
     """
-    frames = max(HOLDOUT.min_block_samples, round(period_s / contest.rollout_model.dataset.dt_s) + 1)
+    frames = max(HOLDOUT.min_block_samples, round(period_s / problem.rollout_model.dataset.dt_s) + 1)
     longest = int(held.length.max(initial=0))
     if HOLDOUT.min_period_share * frames <= longest < frames:
         frames = longest
@@ -65,11 +65,11 @@ def cut_blocks(contest: EstimationProblem, held: WindowSet, *, period_s: float) 
 
 
 def forecast_blocks(
-    contest: EstimationProblem, blocks: WindowSet, effects: Sequence[PlacedEffect], x: np.ndarray
+    problem: EstimationProblem, blocks: WindowSet, effects: Sequence[PlacedEffect], x: np.ndarray
 ) -> Forecast:
     """Forecasts of ``blocks`` with unknowns ``x`` of ``effects`` and the uncertainties."""
     real = [e for e in effects if not isinstance(e.effect, SampleEffect)]
-    here = replace(contest, windows=blocks)
+    here = replace(problem, windows=blocks)
 
     def predict(_: np.ndarray, starts: np.ndarray) -> np.ndarray:
         return here.predict(real)(np.repeat(x[None], len(starts), axis=0), starts)
@@ -86,7 +86,7 @@ def forecast_blocks(
     n_blocks, length, d = early.shape
     slopes = slopes.reshape(n_blocks, length * d, -1)
     seen = (early.reshape(n_blocks, -1) > 0.0)[..., None]
-    variance = np.tile(contest.sigma**2, length)
+    variance = np.tile(problem.sigma**2, length)
     weighted = slopes * seen / variance[None, :, None]
     gram = np.einsum("bms,bmt->bst", weighted, slopes)
     gram += 1e-9 * np.eye(gram.shape[1]) * np.trace(gram, axis1=1, axis2=2)[:, None, None]
@@ -138,7 +138,7 @@ class HoldoutForecasts:
 
 
 def forecast_holdout(
-    contest: EstimationProblem,
+    problem: EstimationProblem,
     none: HypothesisFit,
     chosen: HypothesisFit,
     *,
@@ -152,21 +152,21 @@ def forecast_holdout(
     Raises:
         ValueError: the held-out part has no stretch of one period.
     """
-    half, held = split_windows(contest)
-    blocks = cut_blocks(contest, held, period_s=period_s)
-    record = contest.rollout_model.dataset
+    half, held = split_windows(problem)
+    blocks = cut_blocks(problem, held, period_s=period_s)
+    record = problem.rollout_model.dataset
     rms = np.std(record.q, axis=0)
     real = blocks.take(record.q)
-    n = contest.rollout_model.nuisance.size
-    own = replace(contest, rollout_model=replace(contest.rollout_model, model=given))
+    n = problem.rollout_model.nuisance.size
+    own = replace(problem, rollout_model=replace(problem.rollout_model, model=given))
     sim = forecast_blocks(own, blocks, (), np.zeros(n))
-    refit = forecast_blocks(contest, blocks, (), fit_half(half, none))
-    after = forecast_blocks(contest, blocks, chosen.effects, fit_half(half, chosen))
+    refit = forecast_blocks(problem, blocks, (), fit_half(half, none))
+    after = forecast_blocks(problem, blocks, chosen.effects, fit_half(half, chosen))
     errors = {"before": sim.y - real, "refit": refit.y - real, "after": after.y - real}
-    if contest.late is not None and any(
+    if problem.late is not None and any(
         isinstance(e.effect, SampleEffect) and e.effect.repeats for e in chosen.effects
     ):
-        errors["after"][blocks.take(contest.late)] = 0.0  # what repeats an earlier sample is explained
+        errors["after"][blocks.take(problem.late)] = 0.0  # what repeats an earlier sample is explained
     squares = {name: relative_square_error(error, rms) for name, error in errors.items()}
     squares["floor"] = np.mean(after.expected / rms**2, axis=(1, 2))
     gap = Gap(
@@ -176,7 +176,7 @@ def forecast_holdout(
         blocks=len(real),
         diverged={name: count_diverged(error, rms) for name, error in errors.items()},
     )
-    shown = _result_blocks(contest, blocks, real, sim.y, after.y)
+    shown = _result_blocks(problem, blocks, real, sim.y, after.y)
     return HoldoutForecasts(gap, shown, squares["before"], squares["floor"])
 
 
@@ -187,24 +187,24 @@ def fit_half(half: EstimationProblem, one: HypothesisFit) -> np.ndarray:
 
 
 def estimate_single_closure(
-    contest: EstimationProblem, one: HypothesisFit, held: HoldoutForecasts, *, period_s: float
+    problem: EstimationProblem, one: HypothesisFit, held: HoldoutForecasts, *, period_s: float
 ) -> Interval:
     """The closure of another hypothesis on the same blocks."""
-    half, windows = split_windows(contest)
-    blocks = cut_blocks(contest, windows, period_s=period_s)
-    rms = np.std(contest.rollout_model.dataset.q, axis=0)
-    told = forecast_blocks(contest, blocks, one.effects, fit_half(half, one))
+    half, windows = split_windows(problem)
+    blocks = cut_blocks(problem, windows, period_s=period_s)
+    rms = np.std(problem.rollout_model.dataset.q, axis=0)
+    told = forecast_blocks(problem, blocks, one.effects, fit_half(half, one))
     return estimate_closure(
         held.before,
-        relative_square_error(told.y - blocks.take(contest.rollout_model.dataset.q), rms),
+        relative_square_error(told.y - blocks.take(problem.rollout_model.dataset.q), rms),
         held.floor,
     )
 
 
 def _result_blocks(
-    contest: EstimationProblem, blocks: WindowSet, real: np.ndarray, sim: np.ndarray, augmented: np.ndarray
+    problem: EstimationProblem, blocks: WindowSet, real: np.ndarray, sim: np.ndarray, augmented: np.ndarray
 ) -> tuple[Block, ...]:
-    record = contest.rollout_model.dataset
+    record = problem.rollout_model.dataset
     out = []
     for i, (start, length) in enumerate(zip(blocks.first, blocks.length, strict=True)):
         clip = int(np.searchsorted(record.clips[:, 1], start, side="right"))

@@ -22,12 +22,12 @@ class Separability:
 
 
 def compute_separability(
-    contest: EstimationProblem, found: Sequence[HypothesisFit], *, temper: float
+    problem: EstimationProblem, found: Sequence[HypothesisFit], *, noise_inflation: float
 ) -> Separability | None:
     """The best fits of single effects against each other; None if fewer than two moved anything.
 
     What an effect does to the motion is laid out by the slopes of another one, of the uncertainties and of
-    the starts; half of the square that they leave, over ``temper`` samples that count as one, is the expected
+    the starts; half of the square that they leave, over ``noise_inflation`` samples that count as one, is the expected
     logarithm of the Bayes factor.
     """
     best: dict[str, HypothesisFit] = {}
@@ -39,14 +39,14 @@ def compute_separability(
     fits = list(best.values())[: IDENTIFIABILITY.max_effects]
     if len(fits) < 2:
         return None
-    marks = [_effect_signature(contest, one) for one in fits]
-    nats = np.array([[_unexplained_square(contest, mark, other) for other in fits] for mark in marks]) / (
-        2.0 * temper
+    marks = [_effect_signature(problem, one) for one in fits]
+    nats = np.array([[_unexplained_square(problem, mark, other) for other in fits] for mark in marks]) / (
+        2.0 * noise_inflation
     )
     return Separability(tuple(one.effects[0].effect.name for one in fits), nats)
 
 
-def _effect_signature(contest: EstimationProblem, one: HypothesisFit) -> Float64[np.ndarray, "W L d"]:
+def _effect_signature(problem: EstimationProblem, one: HypothesisFit) -> Float64[np.ndarray, "W L d"]:
     """What the effect alone does to the motion, in units of the noise: to first order in its amplitudes.
 
     What has none, a delay say, does it whole.
@@ -54,21 +54,23 @@ def _effect_signature(contest: EstimationProblem, one: HypothesisFit) -> Float64
     amplitudes = one.effects[0].effect.amplitudes
     if amplitudes:
         change = one.fit.slopes[..., :amplitudes] @ one.fit.x[:amplitudes]
-        return change.reshape(contest.data.y.shape)
+        return change.reshape(problem.data.y.shape)
     x, starts = one.fit.x[None], one.fit.starts[None]
-    with_it = contest.predict(one.effects)(x, starts)[0]
-    without = contest.predict(())(x[:, one.n_own :], starts)[0]
-    return np.nan_to_num((with_it - without) * contest.data.weight)
+    with_it = problem.predict(one.effects)(x, starts)[0]
+    without = problem.predict(())(x[:, one.n_effect_parameters :], starts)[0]
+    return np.nan_to_num((with_it - without) * problem.data.weight)
 
 
-def _unexplained_square(contest: EstimationProblem, mark: np.ndarray, other: HypothesisFit) -> float:
+def _unexplained_square(problem: EstimationProblem, mark: np.ndarray, other: HypothesisFit) -> float:
     """The square of ``mark`` that the best change of the ``other`` effect and of all else leaves."""
     fit = other.fit
-    spread = joint_prior(other.effects, contest.rollout_model).deviation
+    spread = joint_prior(other.effects, problem.rollout_model).deviation
     curvature, gradient, _, _, own = eliminate_starts(mark, fit.slopes, fit.start_slopes)
     flat = mark.reshape(len(mark), -1)
     # the effect itself may grow to any size, the rest only as far as it is believed to move
-    precision = np.where(np.arange(len(spread)) < other.n_own, 1e-9 * np.diag(curvature), 1.0 / spread**2)
+    precision = np.where(
+        np.arange(len(spread)) < other.n_effect_parameters, 1e-9 * np.diag(curvature), 1.0 / spread**2
+    )
     move = np.linalg.lstsq(curvature + np.diag(precision), gradient, rcond=1e-12)[0]
     started = float(np.sum((flat - np.einsum("wms,ws->wm", fit.start_slopes, own)) ** 2))
     return max(started - float(gradient @ move), 0.0)

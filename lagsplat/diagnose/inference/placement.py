@@ -5,6 +5,7 @@ Where to look for disturbances: the spans and the lines of the force that a sim 
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -12,19 +13,13 @@ from jaxtyping import Float64
 from scipy.signal import find_peaks
 
 from lagsplat.diagnose.core.config import PLACEMENT
-from lagsplat.diagnose.effects.actuation.external_periodic_force import repeating
-from lagsplat.diagnose.effects.actuation.external_push import N_PUSHES
 from lagsplat.diagnose.effects.base import (
     Direction,
     DisturbanceHints,
-    Effect,
-    ForceEffect,
-    InputEffect,
     PlacedEffect,
+    PlacementProblem,
     make_direction,
-    place_everywhere,
 )
-from lagsplat.diagnose.effects.dynamics.linear_stiffness import SPRING
 from lagsplat.diagnose.effects.parameters import Scales
 from lagsplat.diagnose.effects.registry import catalogue
 from lagsplat.diagnose.estimation.dataset import compute_clock_shifts
@@ -35,21 +30,21 @@ from lagsplat.diagnose.residual.latent_force import LatentForceEstimate, estimat
 from lagsplat.io.trajectory.trajectory import Trajectory
 
 
-def coordinate_directions(bench: RolloutModel, names: Sequence[str]) -> list[Direction]:
+def coordinate_directions(rollout_model: RolloutModel, names: Sequence[str]) -> list[Direction]:
     """One along each coordinate."""
-    eye = np.eye(bench.model.d)
-    return [make_direction(name, eye[i], bench.model) for i, name in enumerate(names)]
+    eye = np.eye(rollout_model.model.d)
+    return [make_direction(name, eye[i], rollout_model.model) for i, name in enumerate(names)]
 
 
-def joint_directions(bench: RolloutModel, names: Sequence[str]) -> list[Direction]:
+def joint_directions(rollout_model: RolloutModel, names: Sequence[str]) -> list[Direction]:
     """One along the difference of each two coordinates, if these are few."""
-    model, eye = bench.model, np.eye(bench.model.d)
+    model, eye = rollout_model.model, np.eye(rollout_model.model.d)
     pairs = combinations(range(model.d if model.d <= PLACEMENT.max_joint_coordinates else 0), 2)
     return [make_direction(f"{names[j]} - {names[i]}", eye[j] - eye[i], model) for i, j in pairs]
 
 
 def place_effects(
-    bench: RolloutModel,
+    rollout_model: RolloutModel,
     hints: Sequence[DisturbanceHints],
     *,
     q_names: Sequence[str],
@@ -57,122 +52,75 @@ def place_effects(
     without: Sequence[str],
 ) -> list[PlacedEffect]:
     """The catalogue at every place; ``extract_hints`` hold one entry a coordinate."""
-    places, pairs = coordinate_directions(bench, q_names), joint_directions(bench, q_names)
-    out: list[PlacedEffect] = []
-    for effect in catalogue().values():
-        if effect.name in without:
-            continue
-        for variant in effect.variants:
-            if effect.along == "channels" or isinstance(effect, InputEffect):
-                out += add_joint_placement(_place_on_inputs(effect, bench, u_names))
-            elif effect.along == "whole":
-                out.append(PlacedEffect(effect, largest_motion_scales(bench), variant))
-            else:
-                out += add_joint_placement(_place_along(effect, variant, bench, places, hints))
-                if variant in effect.between:
-                    out += _place_along(
-                        effect, variant, bench, pairs, [DisturbanceHints((), ())] * len(pairs)
-                    )
-                everything = effect.along == "both" and variant != SPRING  # a spring is at one coordinate
-                if everything and (bench.model.d > 1 or not isinstance(effect, ForceEffect)):
-                    out.append(PlacedEffect(effect, largest_motion_scales(bench), variant))
-    return [one for one in out if one.scales.reach > 0.0]
+    problem = make_placement_problem(rollout_model, hints, q_names=q_names, u_names=u_names)
+    effects = (effect for effect in catalogue().values() if effect.name not in without)
+    placed = [one for effect in effects for one in effect.find_places(problem)]
+    return [one for one in placed if one.scales.reach > 0.0]
 
 
-def add_joint_placement(places: Sequence[PlacedEffect]) -> list[PlacedEffect]:
-    """The same, and where it may act at all of these places at once, that too."""
-    moved = [one for one in places if one.scales.reach > 0.0]
-    joint = len(moved) > 1 and moved[0].effect.together
-    return [*places, *([place_everywhere(moved)] if joint else [])]
-
-
-def _place_along(
-    effect: Effect,
-    variant: str,
-    bench: RolloutModel,
-    places: list[Direction],
+def make_placement_problem(
+    rollout_model: RolloutModel,
     hints: Sequence[DisturbanceHints],
-) -> list[PlacedEffect]:
-    if variant == "weight" or (effect.name == "mass_change" and len(bench.model.mass) == 1 == bench.model.d):
-        return []  # weight acts on the whole; a constant mass of one coordinate is the whole
-    if isinstance(effect, ForceEffect) and effect.memory_kinds:
-        effect = effect.begun(_longest_clips(bench))
-    out = []
-    for place, hint in zip(places, hints, strict=True):
-        one = PlacedEffect(effect, motion_scales(bench, place, variant), variant, place)
-        if effect.name == "external_push":
-            one = replace(one, grid=_push_grid(hint, one.scales))
-        if effect.name == "external_periodic_force":
-            unit = one.scales.of("rate")
-            lines = tuple((2.0 * np.pi * line / unit,) for line in hint.lines_hz)
-            one = replace(one, effect=repeating(effect, one.scales), grid=lines)
-        if one.grid is None or one.grid:
-            out.append(one)
-    return out
+    *,
+    q_names: Sequence[str],
+    u_names: Sequence[str],
+) -> PlacementProblem:
+    """What effects need to know of the mechanism and its recording to be placed."""
+    whole = largest_motion_scales(rollout_model)
+    return PlacementProblem(
+        coordinates=tuple(coordinate_directions(rollout_model, q_names)),
+        pairs=tuple(joint_directions(rollout_model, q_names)),
+        hints=tuple(hints),
+        inputs=tuple(
+            (j, u_names[j], replace(whole, input=_rms(u), input_reach=float(np.abs(u).max())))
+            for j, u in enumerate(rollout_model.record.u.T)
+            if np.ptp(u) > 0.0
+        ),
+        measure=partial(motion_scales, rollout_model),
+        whole=whole,
+        longest_clips=tuple(_longest_clips(rollout_model)),
+        constant_inertia=len(rollout_model.model.mass) == 1,
+    )
 
 
-def _longest_clips(bench: RolloutModel) -> list[int]:
-    """The clips that tell most of where a memory begins."""
-    order = np.argsort(np.diff(bench.dataset.clips, axis=1)[:, 0], kind="stable")[::-1]
+def _longest_clips(rollout_model: RolloutModel) -> list[int]:
+    """The clips that show best where a memory began."""
+    order = np.argsort(np.diff(rollout_model.record.clips, axis=1)[:, 0], kind="stable")[::-1]
     return sorted(order[: PLACEMENT.free_memory_clips].tolist())
 
 
-def _push_grid(hint: DisturbanceHints, size: Scales) -> tuple[tuple[float, ...], ...]:
-    """The strongest pushes together, each as long as its event, or half of it."""
-    unit, chosen = size.of("time"), hint.pushes[:N_PUSHES]
-    if not chosen:
-        return ()
-    rows = []
-    for share in (1.0, 0.5):
-        middle = [0.5 * (start + end) / unit for start, end in chosen]
-        lasts = [share * max(end - start, size.frame_s) / unit for start, end in chosen]
-        # a push that is not needed stands where no window is
-        absent = N_PUSHES - len(chosen)
-        rows.append((*middle, *[-1e3] * absent, *lasts, *[1.0] * absent))
-    return tuple(rows)
+def _rms(x: Float64[np.ndarray, " N"]) -> float:
+    return float(np.sqrt(np.mean(x * x)))
 
 
-def _place_on_inputs(effect: Effect, bench: RolloutModel, u_names: Sequence[str]) -> list[PlacedEffect]:
-    driven = [j for j in range(bench.dataset.u.shape[1]) if np.ptp(bench.dataset.u[:, j]) > 0.0]
-    if not driven:
-        return []
-    if effect.along == "whole":
-        return [PlacedEffect(effect, largest_motion_scales(bench))]
-    out = []
-    for j in driven:
-        u = bench.dataset.u[:, j]
-        base = largest_motion_scales(bench)
-        size = replace(base, input=float(np.sqrt(np.mean(u * u))), input_reach=float(np.abs(u).max()))
-        out.append(PlacedEffect(effect, size, channel=j, input_name=u_names[j]))
-    return out
-
-
-def motion_scales(bench: RolloutModel, place: Direction, variant: str = "") -> Scales:
+def motion_scales(rollout_model: RolloutModel, place: Direction, variant: str = "") -> Scales:
     """Sizes of the recorded motion along a direction."""
-    s = (bench.smooth - bench.model.rest) @ place.covector
-    v = bench.dataset.v @ place.covector
+    s = (rollout_model.smooth - rollout_model.model.rest) @ place.covector
+    v = rollout_model.dataset.v @ place.covector
     reach = {"upper": s.max(), "lower": -s.min()}.get(variant, np.abs(s).max())
     size = float(np.sqrt(np.mean(s * s)))
     return Scales(
         coordinate=size,
         velocity=max(float(np.sqrt(np.mean(v * v))), 1e-6 * size),
         reach=float(reach) if reach > 0.3 * size else 0.0,
-        stiffness=_stiffness(bench, place),
-        frame_s=bench.dataset.dt_s,
-        duration_s=float(max(bench.dataset.time[b - 1] for _, b in bench.dataset.clips)),
+        stiffness=_stiffness(rollout_model, place),
+        frame_s=rollout_model.dataset.dt_s,
+        duration_s=float(max(rollout_model.dataset.time[b - 1] for _, b in rollout_model.dataset.clips)),
     )
 
 
-def _stiffness(bench: RolloutModel, place: Direction) -> float:
+def _stiffness(rollout_model: RolloutModel, place: Direction) -> float:
     p = place.covector
-    return float(p @ bench.model.stiffness @ p) / float(p @ bench.model.inertia @ p)
+    return float(p @ rollout_model.model.stiffness @ p) / float(p @ rollout_model.model.inertia @ p)
 
 
-def largest_motion_scales(bench: RolloutModel) -> Scales:
+def largest_motion_scales(rollout_model: RolloutModel) -> Scales:
     """Sizes of the coordinate that moves most, by its kinetic energy."""
-    energy = np.diag(bench.model.inertia) * np.mean(bench.dataset.v**2, axis=0)
+    energy = np.diag(rollout_model.model.inertia) * np.mean(rollout_model.dataset.v**2, axis=0)
     i = int(np.argmax(energy))
-    return motion_scales(bench, make_direction(None, np.eye(bench.model.d)[i], bench.model))
+    return motion_scales(
+        rollout_model, make_direction(None, np.eye(rollout_model.model.d)[i], rollout_model.model)
+    )
 
 
 def extract_hints(

@@ -13,16 +13,13 @@ Where the sim explains as much with its parameters let loose, and is far more ev
 the cause.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from lagsplat.diagnose.core.config import IMPLAUSIBILITY
-from lagsplat.diagnose.effects.base import PlacedEffect, SampleEffect
-from lagsplat.diagnose.estimation.dataset import Dataset
+from lagsplat.diagnose.effects.base import SampleEffect
 from lagsplat.diagnose.inference.evidence import HypothesisFit, log_evidence
 from lagsplat.diagnose.inference.model_selection import ModelRanking
 from lagsplat.diagnose.inference.problem import EstimationProblem
@@ -41,40 +38,47 @@ class Implausibility:
 
 
 def assess_implausibility(
-    contest: EstimationProblem, ranking: ModelRanking, one: HypothesisFit, *, nominal: float
+    problem: EstimationProblem, ranking: ModelRanking, one: HypothesisFit, *, nominal: float
 ) -> Implausibility:
     """The strongest doubt in ``one``, if it explains the gap; none in what only moves single samples."""
     if any(isinstance(instance.effect, SampleEffect) for instance in one.effects):
         return Implausibility(0.0, "loose")
-    ahead = relaxed_model_log_evidence(contest, ranking.none, one, nominal=nominal, temper=ranking.temper)
+    ahead = relaxed_model_log_evidence(
+        problem, ranking.none, one, nominal=nominal, noise_inflation=ranking.noise_inflation
+    )
     loose = 1.0 / (
         1.0
         + np.exp(np.clip((IMPLAUSIBILITY.relaxed_lead - ahead) / IMPLAUSIBILITY.relaxed_scatter, -50.0, 50.0))
     )
     shapes = sum(instance.effect.flexible for instance in one.effects)
     reasons = (
-        Implausibility(IMPLAUSIBILITY.unrepeated_chance * (1.0 - recurrence(one, contest)), "unrepeated"),
+        Implausibility(IMPLAUSIBILITY.unrepeated_chance * (1.0 - recurrence(one, problem)), "unrepeated"),
         Implausibility(IMPLAUSIBILITY.flexible_chance if shapes > 1 else 0.0, "shapeless"),
         Implausibility(float(loose), "loose"),
     )
     return max(reasons, key=lambda reason: reason.chance)
 
 
-def recurrence(one: HypothesisFit, contest: EstimationProblem) -> float:
+def recurrence(one: HypothesisFit, problem: EstimationProblem) -> float:
     """How far the record shows that the exogenous effects of ``one`` come from outside, from 0 to 1.
 
     One where there are none of them.
     """
-    record, shown = contest.rollout_model.dataset, 1.0
+    record, shown = problem.rollout_model.dataset, 1.0
     for instance in one.effects:
         if instance.effect.recurrence is not None:
-            parameters = instance.name_parameters(one.fit.x[one.own(instance)])
+            parameters = instance.name_parameters(one.fit.x[one.parameter_slice(instance)])
             shown = min(shown, instance.effect.recurrence(parameters, record, instance))
     return shown
 
 
 def relaxed_model_log_evidence(
-    contest: EstimationProblem, none: HypothesisFit, best: HypothesisFit, *, nominal: float, temper: float
+    problem: EstimationProblem,
+    none: HypothesisFit,
+    best: HypothesisFit,
+    *,
+    nominal: float,
+    noise_inflation: float,
 ) -> float:
     """Nats by which the loosened sim is more evident than ``best``; minus infinity if it explains less.
 
@@ -82,14 +86,16 @@ def relaxed_model_log_evidence(
     """
     if nominal > IMPLAUSIBILITY.max_nominal_misfit:
         return -np.inf
-    bench = contest.rollout_model
+    rollout_model = problem.rollout_model
     loose = replace(
-        contest,
-        rollout_model=replace(bench, nuisance=bench.nuisance.scale_mechanics(IMPLAUSIBILITY.relaxation)),
+        problem,
+        rollout_model=replace(
+            rollout_model, nuisance=rollout_model.nuisance.scale_mechanics(IMPLAUSIBILITY.relaxation)
+        ),
     )
     fit = loose.fit((), none.fit.x, none.fit.starts)
-    noise = nominal * contest.degrees_of_freedom
+    noise = nominal * problem.degrees_of_freedom
     if fit.misfit > max(best.fit.misfit, noise) + IMPLAUSIBILITY.relaxed_misfit_margin * noise:
         return -np.inf
-    there = log_evidence(HypothesisFit((), fit), loose.rollout_model, temper)
-    return there - log_evidence(best, bench, temper)
+    there = log_evidence(HypothesisFit((), fit), loose.rollout_model, noise_inflation)
+    return there - log_evidence(best, rollout_model, noise_inflation)

@@ -26,13 +26,13 @@ from lagsplat.diagnose.inference.problem import EstimationProblem, excess_penalt
 
 
 def combine_effects(
-    contest: EstimationProblem,
+    problem: EstimationProblem,
     ranking: ModelRanking,
-    offers: Sequence[PlacedEffect],
-    effort: SearchBudget,
+    candidates: Sequence[PlacedEffect],
+    budget: SearchBudget,
     config: DiagnoseConfig,
     *,
-    tell: ProgressCallback,
+    report_progress: ProgressCallback,
 ) -> tuple[HypothesisFit, ...]:
     """The best single effect, the best pair and the best triple, while there is something left to explain.
 
@@ -45,35 +45,35 @@ def combine_effects(
     if not singles:
         return ()
     firsts = [one for one in singles if not isinstance(one.effects[-1].effect, SampleEffect)]
-    narrow = replace(effort, families=max(3, effort.families // 2), places=1, starts=1, always_fitted=())
+    narrow = replace(budget, families=max(3, budget.families // 2), places=1, starts=1, always_fitted=())
     chain = [singles[0]]
     while len(chain) < COMBINATIONS.max_effects and (
-        excess_misfit(chain[-1], contest, effort.nominal) > COMBINATIONS.min_excess
-        or exceeds_prior(chain[-1], effort.nominal, config)
+        excess_misfit(chain[-1], problem, budget.nominal) > COMBINATIONS.min_excess
+        or exceeds_prior(chain[-1], budget.nominal, config)
     ):
         beside = firsts[: COMBINATIONS.max_first_effects] if len(chain) == 1 else chain[-1:]
         tried = []
         for held in beside:
-            others = [o for o in offers if o.effect.name not in {e.effect.name for e in held.effects}]
-            more = rank_hypotheses(contest, others, narrow, known=held, tell=tell)
+            others = [o for o in candidates if o.effect.name not in {e.effect.name for e in held.effects}]
+            more = rank_hypotheses(problem, others, narrow, known=held, report_progress=report_progress)
             found = [one for one in more.found if not isinstance(one.effects[-1].effect, SampleEffect)][:1]
             tried += [replace(one, log_evidence=held.log_evidence + one.log_evidence) for one in found]
         if not tried:
             break
-        least = min(one.fit.misfit for one in tried) / contest.degrees_of_freedom
-        temper = max(effort.nominal, least) * effort.effective_sample_ratio
-        best = max(tried, key=lambda one: log_evidence(one, contest.rollout_model, temper))
+        least = min(one.fit.misfit for one in tried) / problem.degrees_of_freedom
+        noise_inflation = max(budget.nominal, least) * budget.effective_sample_ratio
+        best = max(tried, key=lambda one: log_evidence(one, problem.rollout_model, noise_inflation))
         # of what stands above the noise, what the moved uncertainties cost included
-        floor = effort.nominal * contest.degrees_of_freedom
+        floor = budget.nominal * problem.degrees_of_freedom
         if best.fit.cost - floor > (1.0 - config.second_effect_share) * (chain[-1].fit.cost - floor):
             break
         chain.append(best)
     return tuple(chain)
 
 
-def excess_misfit(one: HypothesisFit, contest: EstimationProblem, nominal: float) -> float:
+def excess_misfit(one: HypothesisFit, problem: EstimationProblem, nominal: float) -> float:
     """Mean square residual of a fit above what the sim leaves of its own recordings."""
-    return one.fit.misfit / contest.degrees_of_freedom - nominal
+    return one.fit.misfit / problem.degrees_of_freedom - nominal
 
 
 def evidence_temperature(ranking: ModelRanking) -> float:
@@ -111,7 +111,7 @@ def _log_prior_penalty(fit: HypothesisFit) -> float:
     effect = placed.effect
     if effect.fitted_penalty is None:
         return effect.log_prior_penalty
-    parameters = placed.name_parameters(fit.fit.x[fit.own(placed)])
+    parameters = placed.name_parameters(fit.fit.x[fit.parameter_slice(placed)])
     return effect.log_prior_penalty + effect.fitted_penalty(parameters, placed)
 
 
@@ -125,8 +125,6 @@ def effects_above_none(
         best.setdefault(one.effects[-1].effect.name, one)
     above = [name for name in best if scores[name] > scores["none"]]
     return [best[name] for name in sorted(above, key=lambda name: -scores[name])]
-
-
 
 
 @dataclass(frozen=True)
@@ -166,11 +164,11 @@ def choose_explanation(
     return chain[0], share[0], _unknown_probability(left[0], before, freedom, nominal, config)
 
 
-def motionless_misfit(contest: EstimationProblem) -> float:
+def motionless_misfit(problem: EstimationProblem) -> float:
     """Mean square of the motion about its middle [noise]: what a sim that stood still would miss."""
-    data = contest.data
+    data = problem.data
     middle = np.average(data.y, axis=(0, 1), weights=data.weight > 0.0)
-    return float((((data.y - middle) * data.weight) ** 2).sum()) / contest.degrees_of_freedom
+    return float((((data.y - middle) * data.weight) ** 2).sum()) / problem.degrees_of_freedom
 
 
 def unexplained_misfit(one: HypothesisFit, freedom: float, nominal: float, config: DiagnoseConfig) -> float:
@@ -178,7 +176,9 @@ def unexplained_misfit(one: HypothesisFit, freedom: float, nominal: float, confi
 
     What it has pushed into the sim's own uncertainties, beyond what is believed of these, is left, too.
     """
-    return (one.fit.misfit + excess_penalty(one.fit, nominal * config.effective_sample_ratio)) / freedom - nominal
+    return (
+        one.fit.misfit + excess_penalty(one.fit, nominal * config.effective_sample_ratio)
+    ) / freedom - nominal
 
 
 def exceeds_prior(one: HypothesisFit, nominal: float, config: DiagnoseConfig) -> bool:
@@ -189,7 +189,8 @@ def exceeds_prior(one: HypothesisFit, nominal: float, config: DiagnoseConfig) ->
 def detectable_misfit(freedom: float, nominal: float, config: DiagnoseConfig) -> float:
     """Excess of a mean square residual that stands out of its scatter, and of what laws are wrong by."""
     return float(
-        VERDICT.law_error * nominal + 2.5 * nominal * np.sqrt(2.0 * config.effective_sample_ratio / max(freedom, 1.0))
+        VERDICT.law_error * nominal
+        + 2.5 * nominal * np.sqrt(2.0 * config.effective_sample_ratio / max(freedom, 1.0))
     )
 
 
@@ -201,7 +202,8 @@ def _unknown_probability(
         return VERDICT.min_unknown
     share = min(loud / max(before, loud), 1.0)
     return max(
-        float(1.0 / (1.0 + (config.unknown_midpoint / share) ** VERDICT.unknown_exponent)), VERDICT.min_unknown
+        float(1.0 / (1.0 + (config.unknown_midpoint / share) ** VERDICT.unknown_exponent)),
+        VERDICT.min_unknown,
     )
 
 
@@ -292,12 +294,12 @@ def find_equivalent_effects(ranking: ModelRanking) -> tuple[tuple[str, ...], ...
 
 
 def laplace_interval(
-    one: HypothesisFit, bench_deviation: np.ndarray, prior: Sequence, temper: float
+    one: HypothesisFit, bench_deviation: np.ndarray, prior: Sequence, noise_inflation: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Unknowns of the effects at both ends of their 90 % intervals, by Laplace's approximation."""
-    n = one.n_own
+    n = one.n_effect_parameters
     deviation = np.concatenate([[p.deviation for p in prior], bench_deviation])
-    h = one.fit.curvature / temper + np.diag(1.0 / deviation**2)
+    h = one.fit.curvature / noise_inflation + np.diag(1.0 / deviation**2)
     spread = (
         VERDICT.deviation_factor * np.sqrt(np.maximum(np.diag(np.linalg.pinv(h))[:n], 0.0))
         + VERDICT.deviation_floor

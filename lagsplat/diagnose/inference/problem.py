@@ -41,7 +41,7 @@ class EstimationProblem:
     tolerance: float
     late: Bool[np.ndarray, " N"] | None = None
     """Samples that repeat an earlier one, on which nothing is fitted."""
-    price: float = 1.0
+    noise_inflation: float = 1.0
     """Of a moved parameter, in units of what it costs beside white noise: what a sim leaves of its own
     recordings weighs less than noise does, in fits as in evidence."""
     aside: int = 0
@@ -83,7 +83,7 @@ class EstimationProblem:
     def belief(self, effects: Sequence[PlacedEffect]) -> GaussianPrior:
         """What fits hold of the unknowns beforehand."""
         prior = joint_prior(effects, self.rollout_model)
-        return replace(prior, deviation=prior.deviation / np.sqrt(self.price))
+        return replace(prior, deviation=prior.deviation / np.sqrt(self.noise_inflation))
 
     def fit(
         self,
@@ -102,15 +102,15 @@ class EstimationProblem:
         )  # fmt: skip
 
 
-def excess_penalty(fit: ShootingFit, price: float) -> float:
+def excess_penalty(fit: ShootingFit, noise_inflation: float) -> float:
     """How much further a fit moved the uncertainties than is believed of them, in units of its misfit."""
-    return max(fit.penalty - PROBLEM.max_squared_deviation * price, 0.0)
+    return max(fit.penalty - PROBLEM.max_squared_deviation * noise_inflation, 0.0)
 
 
-def joint_prior(effects: Sequence[PlacedEffect], bench: RolloutModel) -> GaussianPrior:
+def joint_prior(effects: Sequence[PlacedEffect], rollout_model: RolloutModel) -> GaussianPrior:
     """Prior of the unknowns of ``effects`` followed by the uncertainties."""
     priors = [p.prior for e in effects for p in e.effect.parameters]
-    spare = bench.nuisance.deviation
+    spare = rollout_model.nuisance.deviation
     deviation = np.concatenate([[p.deviation for p in priors], spare])
     return GaussianPrior(
         np.concatenate([[p.mean for p in priors], np.zeros(len(spare))]),
@@ -161,20 +161,20 @@ def build_problem(
     )
     steps = max(1, int(np.ceil(record.dt_s * config.steps_per_period / natural.shortest_s)))
     reach_s = config.window_periods * sim.reach * natural.longest_s
-    windows = cut_windows(record, length_s=reach_s, least=20)
+    windows = cut_windows(record, length_s=reach_s, min_frames=20)
     if len(windows.first) < 4:
-        windows = cut_windows(record, length_s=natural.longest_s, least=20)
+        windows = cut_windows(record, length_s=natural.longest_s, min_frames=20)
     like = select_known_windows(sim, windows, ready)
     aside, windows = int(np.count_nonzero(~like)), windows.select(like)
-    bench = RolloutModel(model, record, nuisance, steps, config.input_hold == "zoh", ready.smooth)
+    rollout_model = RolloutModel(model, record, nuisance, steps, config.input_hold == "zoh", ready.smooth)
     late = find_repeated_samples(record.q, record.clips, ready.sigma)
-    price = max(sim.misfit, 1.0) * sim.correlation
-    contest = EstimationProblem(
-        bench, windows, ready.sigma, config.iterations, config.tolerance, late, price, aside
+    noise_inflation = max(sim.misfit, 1.0) * sim.correlation
+    problem = EstimationProblem(
+        rollout_model, windows, ready.sigma, config.iterations, config.tolerance, late, noise_inflation, aside
     )
-    kept = select_visible_directions(contest, sim.uncertainty_directions)
+    kept = select_visible_directions(problem, sim.uncertainty_directions)
     return (
-        replace(contest, rollout_model=replace(bench, nuisance=replace(nuisance, directions=kept))),
+        replace(problem, rollout_model=replace(rollout_model, nuisance=replace(nuisance, directions=kept))),
         ready,
         natural,
     )
@@ -191,16 +191,16 @@ def select_known_windows(
 
 
 def select_visible_directions(
-    contest: EstimationProblem, freedom: Float64[np.ndarray, "R K"]
+    problem: EstimationProblem, freedom: Float64[np.ndarray, "R K"]
 ) -> Float64[np.ndarray, "r K"]:
     """The few combinations of open directions that this recording can see at all, the most visible first."""
     if not len(freedom):
         return freedom
-    prior, n = joint_prior((), contest.rollout_model), contest.rollout_model.nuisance.size
+    prior, n = joint_prior((), problem.rollout_model), problem.rollout_model.nuisance.size
     step = prior.step.copy()
     step[n - len(freedom) :] = 0.1
     residual, slopes, begun = differentiate_predictions(
-        contest.predict(()), np.zeros(n), contest.initial_states, contest.data, step
+        problem.predict(()), np.zeros(n), problem.initial_states, problem.data, step
     )
     curvature, *_ = eliminate_starts(residual, slopes, begun)
     values, vectors = np.linalg.eigh(curvature[n - len(freedom) :, n - len(freedom) :])
@@ -216,19 +216,21 @@ def calibrate_misfit(
     What a sim has wrong stays wrong for a part of a period, so that many samples count as one. Of long
     recordings as much is looked at as `own_longest_s` says, here and there.
     """
-    contest, _, _ = build_problem(sim, motions, config)
-    frames = config.reference_longest_s / contest.rollout_model.dataset.dt_s
-    return measure_misfit(sim, replace(contest, windows=contest.windows.subsample(frames)))
+    problem, _, _ = build_problem(sim, motions, config)
+    frames = config.reference_longest_s / problem.rollout_model.dataset.dt_s
+    return measure_misfit(sim, replace(problem, windows=problem.windows.subsample(frames)))
 
 
-def measure_misfit(sim: EstimatedSimulator, contest: EstimationProblem) -> EstimatedSimulator:
+def measure_misfit(sim: EstimatedSimulator, problem: EstimationProblem) -> EstimatedSimulator:
     """The sim with its misfit, and its correlation, on the windows of a contest with its own motion."""
-    still, length = np.zeros(contest.rollout_model.nuisance.size), contest.windows.length
-    fit = contest.fit((), still)
+    still, length = np.zeros(problem.rollout_model.nuisance.size), problem.windows.length
+    fit = problem.fit((), still)
     # what is wrong for long is cheaper to leave than to follow, which shows only once it is known
-    price = max(fit.misfit / contest.degrees_of_freedom, 1.0) * autocorrelation_time(fit.residual, length)
-    fit = replace(contest, price=price).fit((), still)
-    left = (fit.misfit + excess_penalty(fit, price)) / contest.degrees_of_freedom
+    noise_inflation = max(fit.misfit / problem.degrees_of_freedom, 1.0) * autocorrelation_time(
+        fit.residual, length
+    )
+    fit = replace(problem, noise_inflation=noise_inflation).fit((), still)
+    left = (fit.misfit + excess_penalty(fit, noise_inflation)) / problem.degrees_of_freedom
     return replace(sim, misfit=left, correlation=autocorrelation_time(fit.residual, length))
 
 

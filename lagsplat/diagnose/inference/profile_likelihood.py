@@ -22,7 +22,7 @@ from lagsplat.diagnose.inference.problem import EstimationProblem, joint_prior
 
 
 def estimate_parameters(
-    contest: EstimationProblem, one: HypothesisFit, instance: PlacedEffect, temper: float
+    problem: EstimationProblem, one: HypothesisFit, instance: PlacedEffect, noise_inflation: float
 ) -> dict[str, Parameter]:
     """The fitted parameters of one of the effects, with 90 % intervals, under their published keys."""
     effect, scales = instance.effect, instance.scales
@@ -33,11 +33,11 @@ def estimate_parameters(
     known = [e for e in one.effects if not isinstance(e.effect, SampleEffect)]
     prior = [p.prior for e in known for p in e.effect.parameters]
     low, high = laplace_interval(
-        replace(one, effects=tuple(known)), contest.rollout_model.nuisance.deviation, prior, temper
+        replace(one, effects=tuple(known)), problem.rollout_model.nuisance.deviation, prior, noise_inflation
     )
-    cut = one.own(instance)
+    cut = one.parameter_slice(instance)
     rows = instance.to_physical(np.stack([one.fit.x[cut], low[cut], high[cut]]))
-    best, *ends = (published_parameters(instance, row, contest.rollout_model.dataset) for row in rows)
+    best, *ends = (published_parameters(instance, row, problem.rollout_model.dataset) for row in rows)
     out = {}
     for key, value in best.items():
         first, second = (end.get(key, value) for end in ends)
@@ -99,7 +99,7 @@ class ProfileLikelihood:
 
 
 def compute_profiles(
-    contest: EstimationProblem, one: HypothesisFit, *, temper: float
+    problem: EstimationProblem, one: HypothesisFit, *, noise_inflation: float
 ) -> Iterator[ProfileLikelihood]:
     """Profiles of the first parameters of the effects that are told by one number each.
 
@@ -108,27 +108,29 @@ def compute_profiles(
     effects = tuple(e for e in one.effects if not isinstance(e.effect, SampleEffect))
     if not np.isfinite(one.fit.curvature).all():
         return
-    curvature = one.fit.curvature / temper + np.diag(
-        1.0 / joint_prior(effects, contest.rollout_model).deviation ** 2
+    curvature = one.fit.curvature / noise_inflation + np.diag(
+        1.0 / joint_prior(effects, problem.rollout_model).deviation ** 2
     )
     spread = np.sqrt(np.maximum(np.diag(np.linalg.pinv(curvature)), 0.0))
     count = 0
     for instance in effects:
-        own = one.own(instance)
+        own = one.parameter_slice(instance)
         keys = published_parameters(
-            instance, instance.to_physical(one.fit.x[None, own])[0], contest.rollout_model.dataset
+            instance, instance.to_physical(one.fit.x[None, own])[0], problem.rollout_model.dataset
         )
         for i, parameter in enumerate(instance.effect.parameters):
             if parameter.name not in keys or count == PROFILES.max_parameters:
                 continue
             count += 1
             at = own.start + i
-            x, fall = _profile_parameter(contest, replace(one, effects=effects), at, spread[at], temper)
+            x, fall = _profile_parameter(
+                problem, replace(one, effects=effects), at, spread[at], noise_inflation
+            )
             rows = np.repeat(one.fit.x[None, own], len(x), axis=0)
             rows[:, i] = x
             physical = instance.to_physical(rows)
             values = [
-                published_parameters(instance, row, contest.rollout_model.dataset)[parameter.name]
+                published_parameters(instance, row, problem.rollout_model.dataset)[parameter.name]
                 for row in physical
             ]
             where = parameter_unit(instance, parameter.name)
@@ -136,11 +138,11 @@ def compute_profiles(
 
 
 def _profile_parameter(
-    contest: EstimationProblem, one: HypothesisFit, at: int, spread: float, temper: float
+    problem: EstimationProblem, one: HypothesisFit, at: int, spread: float, noise_inflation: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Unknowns to both sides of the best, and the nats that the best fit beside each loses."""
-    best, held = one.fit.x[at], contest.belief(one.effects)
-    near = (one.fit.slopes[..., one.n_own :], one.fit.start_slopes)
+    best, held = one.fit.x[at], problem.belief(one.effects)
+    near = (one.fit.slopes[..., one.n_effect_parameters :], one.fit.start_slopes)
     rows = [(best, 0.0)]
     for side in (-1.0, 1.0):
         x, starts = one.fit.x, one.fit.starts
@@ -157,13 +159,13 @@ def _profile_parameter(
             moved = x.copy()
             moved[at] = value
             fit = fit_multiple_shooting(
-                contest.predict(one.effects), moved, starts, contest.data, pinned,
-                iterations=PROFILES.iterations, tolerance=contest.tolerance, known=near,
+                problem.predict(one.effects), moved, starts, problem.data, pinned,
+                iterations=PROFILES.iterations, tolerance=problem.tolerance, known=near,
             )  # fmt: skip
             x, starts = fit.x, fit.starts
             paid = float(compute_penalty(fit.x[None], held)[0])
-            priced = 0.5 * (paid - one.fit.penalty) / contest.price
-            lost = 0.5 * (fit.misfit - one.fit.misfit) / temper + priced
+            priced = 0.5 * (paid - one.fit.penalty) / problem.noise_inflation
+            lost = 0.5 * (fit.misfit - one.fit.misfit) / noise_inflation + priced
             rows.append((float(value), -lost))
     rows.sort()
     values, fall = np.array(rows).T

@@ -49,7 +49,7 @@ def calibrate_null_evidence(
     real: Sequence[Trajectory],
     config: DiagnoseConfig,
     *,
-    tell: Callable[[str], None] = lambda name: None,
+    report_progress: Callable[[str], None] = lambda name: None,
 ) -> float:
     """Nats that an effect must gain beyond: `RECALIBRATION.null_evidence_factor` times what the best gains where there is none.
 
@@ -63,21 +63,21 @@ def calibrate_null_evidence(
     wanted_s = sum(motion.duration_s for motion in real)
     part = leading_samples(own, wanted_s)
     if sim.novelty_detector is None:
-        contest, more = build_problem(sim, [part], config)[0], max(1.0, wanted_s / part.duration_s)
-        quiet = drop_overlapping_windows(contest.windows, contest.rollout_model.dataset, sim.outlier_spans)
-        contest = replace(contest, windows=quiet)
+        problem, more = build_problem(sim, [part], config)[0], max(1.0, wanted_s / part.duration_s)
+        quiet = drop_overlapping_windows(problem.windows, problem.rollout_model.dataset, sim.outlier_spans)
+        problem = replace(problem, windows=quiet)
     else:
-        contest, more = match_windows(sim, own, real, config), 1.0
+        problem, more = match_windows(sim, own, real, config), 1.0
     natural = natural_periods(sim.model, estimate_spectral_period_s([part]))
-    offers = place_effects(
-        contest.rollout_model,
+    candidates = place_effects(
+        problem.rollout_model,
         find_hints(sim.model, [part], period_s=natural.longest_s, hold=config.input_hold),
         q_names=own.q_names,
         u_names=own.u_names,
         without=config.without,
     )
-    effort = SearchBudget.of(config, nominal=max(1.0, sim.misfit))
-    found = rank_hypotheses(contest, offers, effort, tell=tell).found
+    budget = SearchBudget.of(config, nominal=max(1.0, sim.misfit))
+    found = rank_hypotheses(problem, candidates, budget, report_progress=report_progress).found
     gained = max((one.log_evidence for one in found), default=0.0)
     return RECALIBRATION.null_evidence_factor * max(gained, 0.0) * more
 
@@ -119,17 +119,24 @@ def recalibrate_simulator(
     Raises:
         ValueError: the motions are too short for a single window.
     """
-    contest, ready, _ = build_problem(sim, motions, config)
-    bench = contest.rollout_model
-    windows = contest.windows.subsample(2.0 * config.reference_longest_s / bench.dataset.dt_s)
+    problem, ready, _ = build_problem(sim, motions, config)
+    rollout_model = problem.rollout_model
+    windows = problem.windows.subsample(2.0 * config.reference_longest_s / rollout_model.dataset.dt_s)
     setting = make_identification_settings(config)
 
     def trial(first: int) -> IdentificationProblem:
         chosen = windows.select(np.arange(len(windows.first)) % 2 == first)
-        data = replace(contest, windows=chosen).data
-        speed = np.std(bench.dataset.v, axis=0)
+        data = replace(problem, windows=chosen).data
+        speed = np.std(rollout_model.dataset.v, axis=0)
         return IdentificationProblem(
-            bench.dataset, ready.smooth, speed, chosen, data, bench.steps, bench.held, setting
+            rollout_model.dataset,
+            ready.smooth,
+            speed,
+            chosen,
+            data,
+            rollout_model.steps,
+            rollout_model.held,
+            setting,
         )
 
     fitted, judging = trial(0), trial(1)
@@ -148,7 +155,7 @@ def recalibrate_simulator(
     if found is None:
         return sim
     rested = replace(found.model, rest=find_rest(found.model))
-    known = NoveltyDetector.from_recordings(contest.windows, ready.smooth, bench.dataset)
+    known = NoveltyDetector.from_recordings(problem.windows, ready.smooth, rollout_model.dataset)
     return replace(
         sim,
         model=rested,

@@ -15,29 +15,29 @@ import numpy as np
 
 from lagsplat.diagnose.core.config import ROBUSTNESS, DiagnoseConfig
 from lagsplat.diagnose.effects.base import PlacedEffect, SampleEffect
+from lagsplat.diagnose.effects.registry import find_confusable
 from lagsplat.diagnose.inference.evidence import HypothesisFit
 from lagsplat.diagnose.inference.model_selection import ModelRanking, SearchBudget, rank_by_evidence
 from lagsplat.diagnose.inference.plausibility import Implausibility
-from lagsplat.diagnose.effects.registry import find_confusable
 from lagsplat.diagnose.inference.posterior import Judgement, judge_hypotheses, motionless_misfit
 from lagsplat.diagnose.inference.problem import EstimationProblem, autocorrelation_time
 
 
 def inflate_noise(
-    contest: EstimationProblem, effort: SearchBudget, best: HypothesisFit
+    problem: EstimationProblem, budget: SearchBudget, best: HypothesisFit
 ) -> tuple[EstimationProblem, SearchBudget] | None:
     """The contest at the price of what the ``best`` explanation leaves; None if that is near the noise.
 
     What it leaves is that of the middle window: a push by hand in a few of them says nothing of the law.
     """
-    each = [(row[:n] ** 2).mean() for row, n in zip(best.fit.residual, contest.windows.length, strict=True)]
-    left = min(best.fit.misfit / contest.degrees_of_freedom, float(np.median(each)))
-    if left <= ROBUSTNESS.inflation_misfit * effort.nominal:
+    each = [(row[:n] ** 2).mean() for row, n in zip(best.fit.residual, problem.windows.length, strict=True)]
+    left = min(best.fit.misfit / problem.degrees_of_freedom, float(np.median(each)))
+    if left <= ROBUSTNESS.inflation_misfit * budget.nominal:
         return None
-    alike = autocorrelation_time(best.fit.residual, contest.windows.length)
-    price = max(contest.price, left * alike)
-    return replace(contest, price=price), replace(
-        effort, effective_sample_ratio=max(effort.effective_sample_ratio, alike)
+    alike = autocorrelation_time(best.fit.residual, problem.windows.length)
+    noise_inflation = max(problem.noise_inflation, left * alike)
+    return replace(problem, noise_inflation=noise_inflation), replace(
+        budget, effective_sample_ratio=max(budget.effective_sample_ratio, alike)
     )
 
 
@@ -50,12 +50,12 @@ class RobustnessCheck:
 
 
 def check_robustness(
-    contest: EstimationProblem,
+    problem: EstimationProblem,
     ranking: ModelRanking,
     chain: Sequence[HypothesisFit],
     judgement: Judgement,
-    offers: Sequence[PlacedEffect],
-    effort: SearchBudget,
+    candidates: Sequence[PlacedEffect],
+    budget: SearchBudget,
     config: DiagnoseConfig,
 ) -> RobustnessCheck:
     """The verdict again with half and twice the noise, unbent coordinates, and noise added, twice.
@@ -65,9 +65,9 @@ def check_robustness(
     leading = _leading_fits(ranking, judgement)
     doubted = Implausibility(judgement.probabilities["unknown"] if judgement.doubted else 0.0, "loose")
     answers = {}
-    for name, shaken, nominal in _perturbed_problems(contest, effort.nominal):
-        again = replace(effort, nominal=nominal)
-        told = _judge_again(shaken, ranking, chain, leading, offers, again, config, lambda one: doubted)
+    for name, shaken, nominal in _perturbed_problems(problem, budget.nominal):
+        again = replace(budget, nominal=nominal)
+        told = _judge_again(shaken, ranking, chain, leading, candidates, again, config, lambda one: doubted)
         answers[name] = most_probable_name(told)
     own = most_probable_name(judgement)
     kin = {own} | find_confusable(own)
@@ -81,8 +81,8 @@ def most_probable_name(judgement: Judgement) -> str:
 
 def _leading_fits(ranking: ModelRanking, judgement: Judgement) -> list[HypothesisFit]:
     """The best fit of the most probable names, those on single samples aside, which need no fit."""
-    names = [name for name in judgement.probabilities if ranking.best_of(name) is not None]
-    best = [one for one in map(ranking.best_of, names) if one is not None]
+    names = [name for name in judgement.probabilities if ranking.best_fit(name) is not None]
+    best = [one for one in map(ranking.best_fit, names) if one is not None]
     return [one for one in best if not _is_sample_noise(one)][: ROBUSTNESS.refitted_effects]
 
 
@@ -91,19 +91,29 @@ def _is_sample_noise(one: HypothesisFit) -> bool:
 
 
 def _perturbed_problems(
-    contest: EstimationProblem, nominal: float
+    problem: EstimationProblem, nominal: float
 ) -> Iterator[tuple[str, EstimationProblem, float]]:
     """Name, contest and what the sim leaves of its own recordings in the noise as it is taken there."""
-    bench, sigma = contest.rollout_model, contest.sigma
+    rollout_model, sigma = problem.rollout_model, problem.sigma
     for name, factor in (("half the noise", 0.5), ("twice the noise", 2.0)):
-        price = max(1.0, contest.price / factor**2)
-        yield name, replace(contest, sigma=factor * sigma, price=price), max(1.0, nominal / factor**2)
-    flat = replace(bench.nuisance, warp=ROBUSTNESS.frozen_warp_share * bench.nuisance.warp)
-    yield "coordinates not bent", replace(contest, rollout_model=replace(bench, nuisance=flat)), nominal
+        noise_inflation = max(1.0, problem.noise_inflation / factor**2)
+        yield (
+            name,
+            replace(problem, sigma=factor * sigma, noise_inflation=noise_inflation),
+            max(1.0, nominal / factor**2),
+        )
+    flat = replace(rollout_model.nuisance, warp=ROBUSTNESS.frozen_warp_share * rollout_model.nuisance.warp)
+    yield (
+        "coordinates not bent",
+        replace(problem, rollout_model=replace(rollout_model, nuisance=flat)),
+        nominal,
+    )
     for seed in ROBUSTNESS.noise_seeds:
-        drawn = np.random.default_rng(seed).normal(0.0, sigma, bench.dataset.q.shape)
-        noisy = replace(bench, dataset=replace(bench.dataset, q=bench.dataset.q + drawn))
-        louder = replace(contest, rollout_model=noisy, sigma=np.sqrt(2.0) * sigma)
+        drawn = np.random.default_rng(seed).normal(0.0, sigma, rollout_model.dataset.q.shape)
+        noisy = replace(
+            rollout_model, dataset=replace(rollout_model.dataset, q=rollout_model.dataset.q + drawn)
+        )
+        louder = replace(problem, rollout_model=noisy, sigma=np.sqrt(2.0) * sigma)
         yield f"noise added, seed {seed}", louder, max(1.0, 0.5 * (nominal + 1.0))
 
 
@@ -112,8 +122,8 @@ def _judge_again(
     ranking: ModelRanking,
     chain: Sequence[HypothesisFit],
     leading: Sequence[HypothesisFit],
-    offers: Sequence[PlacedEffect],
-    effort: SearchBudget,
+    candidates: Sequence[PlacedEffect],
+    budget: SearchBudget,
     config: DiagnoseConfig,
     doubt: Callable[[HypothesisFit], Implausibility],
 ) -> Judgement:
@@ -123,16 +133,16 @@ def _judge_again(
         return replace(one, fit=brief.fit(one.effects, one.fit.x, one.fit.starts))
 
     none, singles = refit(ranking.none), [refit(one) for one in leading]
-    told = rank_by_evidence(shaken, none, singles, offers, effort, first=True)
+    told = rank_by_evidence(shaken, none, singles, candidates, budget, first=True)
     sets = []
     for one in chain:
-        alone = told.best_of(one.effects[-1].effect.name) if len(one.effects) == 1 else None
+        alone = told.best_fit(one.effects[-1].effect.name) if len(one.effects) == 1 else None
         sets.append(alone or (one if _is_sample_noise(one) else refit(one)))
     return judge_hypotheses(
         told,
         sets,
         shaken.degrees_of_freedom,
-        effort.nominal,
+        budget.nominal,
         config,
         most=motionless_misfit(shaken),
         doubt=doubt,

@@ -28,45 +28,45 @@ class ScoreTestResult:
 
 
 def score_test(
-    contest: EstimationProblem,
+    problem: EstimationProblem,
     effects: tuple[PlacedEffect, ...],
     fit: ShootingFit,
-    offers: Sequence[PlacedEffect],
+    candidates: Sequence[PlacedEffect],
 ) -> list[ScoreTestResult]:
-    """How much misfit each of ``offers`` would take away beside ``effects``, to first order; best first.
+    """How much misfit each of ``candidates`` would take away beside ``effects``, to first order; best first.
 
     Source: the score (Lagrange multiplier) test, Rao, 1948, doi:10.1017/S0305004100023987.
     """
-    prior = contest.belief(effects)
+    prior = problem.belief(effects)
     residual, slopes, begun = differentiate_predictions(
-        contest.predict(effects), fit.x, fit.starts, contest.data, prior.step
+        problem.predict(effects), fit.x, fit.starts, problem.data, prior.step
     )
     leads = []
-    for offer in offers:
-        if isinstance(offer.effect, SampleEffect):
+    for candidate in candidates:
+        if isinstance(candidate.effect, SampleEffect):
             continue
-        guesses, columns = _trial_changes(contest, effects, fit, offer)
+        guesses, columns = _trial_changes(problem, effects, fit, candidate)
         tried = []
         for guess, group in zip(guesses, columns, strict=True):
-            gain, amount = _score_gain(fit, residual, slopes, begun, prior, group, offer)
+            gain, amount = _score_gain(fit, residual, slopes, begun, prior, group, candidate)
             x = guess.copy()
-            n = offer.effect.amplitudes
+            n = candidate.effect.amplitudes
             if n:
                 x[:n] = amount
             tried.append((gain, x))
         tried.sort(key=lambda row: -row[0])
         if tried:
-            leads.append(ScoreTestResult(offer, tried[0][0], tuple(x for _, x in tried[:3])))
+            leads.append(ScoreTestResult(candidate, tried[0][0], tuple(x for _, x in tried[:3])))
     return sorted(leads, key=lambda lead: -lead.gain)
 
 
 def _trial_changes(
-    contest: EstimationProblem, effects: tuple[PlacedEffect, ...], fit: ShootingFit, offer: PlacedEffect
+    problem: EstimationProblem, effects: tuple[PlacedEffect, ...], fit: ShootingFit, candidate: PlacedEffect
 ) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Unknowns on a grid of shapes, and what each of their amplitudes changes, (W, M, amplitudes)."""
-    effect = offer.effect
+    effect = candidate.effect
     shapes = [p.grid for p in effect.parameters[effect.amplitudes :]]
-    grid = list(itertools.product(*shapes)) if offer.grid is None else list(offer.grid)
+    grid = list(itertools.product(*shapes)) if candidate.grid is None else list(candidate.grid)
     n = effect.amplitudes
     guesses = [
         np.array([0.0] * n + [p.prior.unknown(g) for p, g in zip(effect.parameters[n:], point, strict=True)])
@@ -83,11 +83,11 @@ def _trial_changes(
     known = sum(len(e.effect.parameters) for e in effects)
     whole = np.stack([np.concatenate([fit.x[:known], x, fit.x[known:]]) for x in sets])
     starts = np.repeat(fit.starts[None], len(whole), axis=0)
-    y = contest.predict((*effects, offer))(whole, starts)
-    y0 = contest.predict(effects)(fit.x[None], fit.starts[None])
+    y = problem.predict((*effects, candidate))(whole, starts)
+    y0 = problem.predict(effects)(fit.x[None], fit.starts[None])
     # a trial that has left for good says nothing of small amounts
-    far = 1e3 * contest.rollout_model.model.basis.scale
-    change = np.clip(np.where(np.isfinite(y), y - y0, 0.0), -far, far) * contest.data.weight
+    far = 1e3 * problem.rollout_model.model.basis.scale
+    change = np.clip(np.where(np.isfinite(y), y - y0, 0.0), -far, far) * problem.data.weight
     if n:
         change /= np.tile(step, len(guesses))[:, None, None, None]
     each = max(n, 1)
@@ -97,7 +97,7 @@ def _trial_changes(
 
 def _score_gain(
     fit: ShootingFit, residual: np.ndarray, slopes: np.ndarray, begun: np.ndarray, prior: GaussianPrior,
-    group: np.ndarray, offer: PlacedEffect,
+    group: np.ndarray, candidate: PlacedEffect,
 ) -> tuple[float, np.ndarray]:  # fmt: skip
     """Misfit taken away by the best amount of a change, and that amount."""
     k = slopes.shape[2]
@@ -105,9 +105,12 @@ def _score_gain(
     curvature, gradient, *_ = eliminate_starts(residual, both, begun)
     # what a moved uncertainty costs counts too: an effect that lets it go back gains that
     gradient[:k] -= (fit.x - prior.mean) / prior.deviation**2
-    n = offer.effect.amplitudes
+    n = candidate.effect.amplitudes
     inverse = np.concatenate(
-        [1.0 / prior.deviation**2, [1.0 / p.prior.deviation**2 for p in offer.effect.parameters[:n]] or [1.0]]
+        [
+            1.0 / prior.deviation**2,
+            [1.0 / p.prior.deviation**2 for p in candidate.effect.parameters[:n]] or [1.0],
+        ]
     )
     h = curvature + np.diag(inverse)
     spare = np.linalg.solve(h[:k, :k], np.concatenate([h[:k, k:], gradient[:k, None]], axis=1))
@@ -116,7 +119,7 @@ def _score_gain(
     amount = np.linalg.lstsq(own, pull, rcond=1e-10)[0]
     if n == 0:
         amount = np.clip(amount, 0.0, 1.0)
-    for i, p in enumerate(offer.effect.parameters[:n]):
+    for i, p in enumerate(candidate.effect.parameters[:n]):
         if isinstance(p.prior, HalfNormal):
             amount[i] = max(amount[i], 1e-3 * p.prior.deviation)
         amount[i] = np.clip(amount[i], -3.0 * p.prior.deviation, 3.0 * p.prior.deviation)

@@ -20,7 +20,7 @@ from jaxtyping import Float64, UInt8
 from lagsplat.diagnose.core.result import Block, Diagnosis
 from lagsplat.diagnose.inference.identifiability import Separability
 from lagsplat.diagnose.inference.profile_likelihood import ProfileLikelihood
-from lagsplat.diagnose.residual.components import Fingerprint
+from lagsplat.diagnose.residual.components import ResidualCorrelations
 from lagsplat.io.files.atomic import replace_atomically
 from lagsplat.report.common.formatting import format_percent
 
@@ -71,7 +71,7 @@ class ReportContent:
     maps_after: tuple[Any, ...] = ()
     separability: Separability | None = None
     profiles: tuple[ProfileLikelihood, ...] = ()
-    fingerprint: Fingerprint | None = None
+    fingerprint: ResidualCorrelations | None = None
     picture: ImageErrorMap | None = None
     force: ImageForceMap | None = None
     film: VideoComparison | None = None

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from lagsplat.diagnose.core.result import Diagnosis, Gap
-from lagsplat.diagnose.effects.descriptions import short_title
+from lagsplat.diagnose.effects.registry import short_title
 from lagsplat.diagnose.inference.profile_likelihood import ProfileLikelihood
 from lagsplat.report.common.formatting import (
     format_number,

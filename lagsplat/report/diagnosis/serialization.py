@@ -22,7 +22,7 @@ from lagsplat.diagnose.core.result import (
     Parameter,
     Verdict,
 )
-from lagsplat.diagnose.effects.descriptions import WORDS
+from lagsplat.diagnose.effects.registry import list_names
 from lagsplat.io.files.atomic import write_text
 from lagsplat.report.diagnosis.content import (
     OPTIONAL_FIELDS,
@@ -212,7 +212,7 @@ def _schema() -> dict[str, Any]:
     number: dict[str, Any] = {"type": ["number", "null"]}
     numbers: dict[str, Any] = {"anyOf": [number, {"type": "array", "items": number}]}
     text: dict[str, Any] = {"type": ["string", "null"]}
-    name = {"enum": list(WORDS)}
+    name = {"enum": list_names()}
     texts = {"type": "array", "items": {"type": "string"}}
     interval = _object(value=number, low=number, high=number)
     parameter = _object(value=numbers, low=numbers, high=numbers, unit={"type": "string"})

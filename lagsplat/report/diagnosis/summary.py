@@ -6,7 +6,8 @@ A diagnosis in one paragraph that needs no training in mechanics.
 import math
 
 from lagsplat.diagnose.core.result import Candidate, Diagnosis, Gap
-from lagsplat.diagnose.effects.descriptions import WORDS, Kind, short_title, words_of
+from lagsplat.diagnose.effects.base import InputEffect
+from lagsplat.diagnose.effects.registry import catalogue, describe_effect, label_parameter, short_title
 from lagsplat.report.common.formatting import (
     append_unit,
     format_interval,
@@ -24,11 +25,6 @@ from lagsplat.report.diagnosis.content import (
     recommend_recordings,
     select_effects,
 )
-
-PARAMETER_LABELS = {
-    ("", "ratio"): "ratio (real to simulated)",
-    ("viscous_damping", "rate"): "rate (real minus simulated)",
-}
 
 
 def select_chosen(diagnosis: Diagnosis) -> list[Candidate]:
@@ -69,12 +65,13 @@ def _spots(candidate: Candidate) -> tuple[str | None, str | None]:
     if not candidate.places:
         return candidate.coordinate, candidate.input
     several = " and ".join([", ".join(candidate.places[:-1]), candidate.places[-1]])
-    return (None, several) if candidate.name.startswith("input_") else (several, None)
+    on_inputs = isinstance(catalogue().get(candidate.name), InputEffect)
+    return (None, several) if on_inputs else (several, None)
 
 
 def title_candidate(candidate: Candidate) -> str:
     """The title with its place, such as "a delay of input u0"."""
-    title = words_of(candidate.name).title
+    title = describe_effect(candidate.name).title
     coordinate, source = _spots(candidate)
     inputs = "inputs" if candidate.places else "input"
     if source and "an input" in title:
@@ -95,9 +92,7 @@ def format_estimates(candidate: Candidate) -> list[str]:
         texts = [format_interval(*row) for row in rows]
         value = ", ".join(text for text, _, _ in texts) or "–"
         bounds = "" if several or texts[0][1] == "–" else f" (90 % interval {texts[0][1]} to {texts[0][2]})"
-        label = PARAMETER_LABELS.get(
-            (candidate.name, name), PARAMETER_LABELS.get(("", name), name.replace("_", " "))
-        )
+        label = label_parameter(candidate.name, name)
         told.append(f"{label} {append_unit(value, one.unit)}{bounds}")
     return told
 
@@ -177,13 +172,13 @@ def _effect(diagnosis: Diagnosis) -> list[str]:
     if not named:
         return _unknown(diagnosis)
     together = sum(sum_probability(diagnosis, name) for name in names)
-    kinds = {words_of(one.name).kind for one in named}
+    kinds = {describe_effect(one.name).kind for one in named}
     sentences = [_size(diagnosis), _located(diagnosis), _cause(diagnosis, named, names, together)]
     if together >= LIKELY_FROM:
         sentences += [_estimated(one, len(named), len(names)) for one in named if one.parameters]
         sentences.append(_consequence(kinds))
         sentences.append(_closure(diagnosis, _act(kinds, len(named), names)))
-        sentences += [words_of(one.name).do for one in named] if len(names) == 1 else []
+        sentences += [describe_effect(one.name).remedy for one in named] if len(names) == 1 else []
     return [*sentences, _next(diagnosis)]
 
 
@@ -226,7 +221,7 @@ def _unknown(diagnosis: Diagnosis) -> list[str]:
             f"The nearest, {name_candidate(known[0])},{much} leaves more than noise behind; it should not be taken "
             f"for the cause, since a wrong effect often closes much of a gap.{_nearer(diagnosis)}"
         )
-    return [*sentences, WORDS["unknown"].do, _next(diagnosis)]
+    return [*sentences, describe_effect("unknown").remedy, _next(diagnosis)]
 
 
 def _nearer(diagnosis: Diagnosis) -> str:
@@ -315,20 +310,20 @@ def _cause(diagnosis: Diagnosis, named: list[Candidate], names: list[str], toget
     if together < LIKELY_FROM:
         first = [one for one in diagnosis.candidates if one.name != "none"][:3]
         told = [
-            f"{words_of(one.name).title if one.name == 'unknown' else name_candidate(one)} "
+            f"{describe_effect(one.name).title if one.name == 'unknown' else name_candidate(one)} "
             f"({format_probability(one.probability)})"
             for one in first
         ]
         return f"Its cause is undecided; most probable are {join_texts(told, 'and')}."
     if len(named) > 1:
-        what = " ".join(words_of(one.name).what for one in named)
+        what = " ".join(describe_effect(one.name).what for one in named)
         return (
             f"{NUMERALS[len(named)]} effects act together: {join_texts([title_candidate(one) for one in named], 'and')} "
             f"(the first with probability {format_probability(together)}). {what}"
         )
     if len(names) > 1:
         told = [
-            f"{words_of(name).title} ({format_probability(sum_probability(diagnosis, name))})"
+            f"{describe_effect(name).title} ({format_probability(sum_probability(diagnosis, name))})"
             for name in names
         ]
         return (
@@ -336,10 +331,10 @@ def _cause(diagnosis: Diagnosis, named: list[Candidate], names: list[str], toget
             f"they have probability {format_probability(together)}."
         )
     chance = format_probability(together)
-    return f"{verb} {title_candidate(named[0])} (probability {chance}). {words_of(named[0].name).what}"
+    return f"{verb} {title_candidate(named[0])} (probability {chance}). {describe_effect(named[0].name).what}"
 
 
-def _consequence(kinds: set[Kind]) -> str:
+def _consequence(kinds: set[str]) -> str:
     if kinds == {"parameter"}:
         return "This is a parameter change: the simulation lacks no physics, and a refit suffices."
     if kinds == {"observation"}:
@@ -357,7 +352,7 @@ def _estimated(candidate: Candidate, together: int, alike_: int) -> str:
     return f"{opening}{'; '.join(format_estimates(candidate))}."
 
 
-def _act(kinds: set[Kind], together: int, names: list[str]) -> str:
+def _act(kinds: set[str], together: int, names: list[str]) -> str:
     if len(names) > 1:
         return f"Adding {short_title(names[0])} to the simulation"
     if together > 1:

@@ -5,7 +5,7 @@ from typing import Any
 
 import pandas as pd
 
-from lagsplat.diagnose.effects.descriptions import short_title
+from lagsplat.diagnose.effects.registry import short_title
 from lagsplat.report.common.formatting import (
     escape_latex,
     format_cells,

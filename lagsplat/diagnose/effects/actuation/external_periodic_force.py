@@ -1,10 +1,24 @@
 """A periodic disturbance at a frequency of its own, also while the mechanism rests."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import no_type_check
+from typing import Any, no_type_check
 
-from lagsplat.diagnose.effects.base import Effect, ForceEffect
+import numpy as np
+
+from lagsplat.diagnose.core.config import IMPLAUSIBILITY
+from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
+from lagsplat.diagnose.effects.base import (
+    Effect,
+    EffectDescription,
+    ForceEffect,
+    Grade,
+    PlacedEffect,
+    PlacementProblem,
+    place_along_coordinates,
+)
+from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, Scales, log_normal
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
@@ -16,7 +30,7 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
     return theta[0] * math.cos(theta[2] * t) + theta[1] * math.sin(theta[2] * t)
 
 
-def repeating(effect: Effect, scales: Scales) -> Effect:
+def _limit_period(effect: Effect, scales: Scales) -> Effect:
     """The effect with a period of at most the recording's length: a part of a wave is a drift."""
     slowest = math.log(2.0 * math.pi / scales.duration_s / scales.of("rate"))
     known = effect.parameters
@@ -27,9 +41,37 @@ def repeating(effect: Effect, scales: Scales) -> Effect:
     return replace(effect, parameters=bounded)
 
 
+def excitation(measures: ExcitationMeasures) -> Grade:
+    """A line that no input explains; at rest it stands alone."""
+    return make_grade(
+        measures.rest_periods > 5 or measures.periods > 15,
+        measures.periods > 6,
+        f"{measures.periods:.3g} periods, the longest rest {measures.rest_periods:.2g}",
+        f"record {15 * measures.period_s:.3g} s, ten periods of it left at rest",
+    )
+
+
+def place(effect: ForceEffect, problem: PlacementProblem) -> list[PlacedEffect]:
+    """Along each coordinate, at the spectral lines of the force that the simulation lacks."""
+    placed = []
+    for one, hints in zip(place_along_coordinates(effect, "", problem), problem.hints, strict=True):
+        unit = one.scales.of("rate")
+        grid = tuple((2.0 * np.pi * line / unit,) for line in hints.lines_hz)
+        if grid:
+            placed.append(replace(one, effect=_limit_period(effect, one.scales), grid=grid))
+    return placed
+
+
+def recurrence(parameters: Mapping[str, float], dataset: Any, placed: PlacedEffect) -> float:
+    """Number of cycles in the longest clip, as a share of those from which on a force counts as periodic."""
+    longest_s = max(dataset.time[stop - 1] - dataset.time[start] for start, stop in dataset.clips)
+    return min(1.0, abs(parameters["angular_frequency"]) * longest_s / (2.0 * np.pi) / IMPLAUSIBILITY.certain_cycles)
+
+
 EFFECT = ForceEffect(
     name="external_periodic_force",
     group="E",
+    number=3,
     component="exogenous",
     equation="a = acceleration cos(2 pi frequency t + phase)",
     parameters=(
@@ -40,8 +82,21 @@ EFFECT = ForceEffect(
     needs="a stretch at rest of ten cycles",
     amplitudes=2,
     law=force,
-    reports=lambda p, instance: {
+    report_parameters=lambda p, placed: {
         "frequency_hz": p["angular_frequency"] / (2.0 * math.pi),
         "acceleration": math.hypot(p["cosine"], p["sine"]),
     },
+    excitation=excitation,
+    description=EffectDescription(
+        title="a vibration from outside",
+        kind="outside",
+        what="Something shakes the mechanism at a steady frequency, such as a motor or the floor.",
+        symptom="One frequency stands out that no input explains, even at rest.",
+        remedy="Find and stop its source, or add it to the simulation.",
+    ),
+    confusable_with=("hidden_mode",),
+    flexible=True,
+    recurrence=recurrence,
+    place=place,
+    mujoco="a force that depends on time is applied in the control loop (qfrc_applied), not in the model",
 )

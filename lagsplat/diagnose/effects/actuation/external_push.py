@@ -2,13 +2,29 @@
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, no_type_check
 
-from lagsplat.diagnose.effects.base import ForceEffect, PlacedEffect
-from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, log_normal
+import numpy as np
+from scipy.spatial import cKDTree
+
+from lagsplat.diagnose.core.config import IMPLAUSIBILITY
+from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
+from lagsplat.diagnose.effects.base import (
+    DisturbanceHints,
+    EffectDescription,
+    ForceEffect,
+    Grade,
+    PlacedEffect,
+    PlacementProblem,
+    place_along_coordinates,
+)
+from lagsplat.diagnose.effects.excitation import make_grade
+from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, Scales, log_normal
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
 N_PUSHES = 3
+"""Most pushes in one recording; the law below is compiled for as many."""
 
 
 @compile_force_law
@@ -23,7 +39,7 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
     return total
 
 
-def _told(parameters: Mapping[str, float], instance: PlacedEffect) -> dict[str, Any]:
+def report_pushes(parameters: Mapping[str, float], placed: PlacedEffect) -> dict[str, Any]:
     """Pushes that are there at all, in the order of time."""
     strongest = max(abs(parameters[f"acceleration {n}"]) for n in range(N_PUSHES))
     rows = sorted(
@@ -34,9 +50,62 @@ def _told(parameters: Mapping[str, float], instance: PlacedEffect) -> dict[str, 
     return {"times": [time for time, _ in rows], "accelerations": [a for _, a in rows]}
 
 
+def excitation(measures: ExcitationMeasures) -> Grade:
+    """An event: it shows whenever the rest of the motion is known."""
+    reason = f"{measures.periods:.3g} periods of motion"
+    return make_grade(
+        measures.periods > 6, measures.periods > 3, reason, f"record {10 * measures.period_s:.3g} s or more"
+    )
+
+
+def place(effect: ForceEffect, problem: PlacementProblem) -> list[PlacedEffect]:
+    """Along each coordinate, at the times where the force that the simulation lacks is largest."""
+    placed = place_along_coordinates(effect, "", problem)
+    grids = [_push_grid(hints, one.scales) for hints, one in zip(problem.hints, placed, strict=True)]
+    return [replace(one, grid=grid) for one, grid in zip(placed, grids, strict=True) if grid]
+
+
+def _push_grid(hints: DisturbanceHints, scales: Scales) -> tuple[tuple[float, ...], ...]:
+    """The strongest pushes together, each as long as its event, or half of it."""
+    unit, pushes = scales.of("time"), hints.pushes[:N_PUSHES]
+    if not pushes:
+        return ()
+    rows = []
+    for share in (1.0, 0.5):
+        middle = [0.5 * (start + end) / unit for start, end in pushes]
+        lasts = [share * max(end - start, scales.frame_s) / unit for start, end in pushes]
+        # a push that is not needed is put where no window is
+        absent = N_PUSHES - len(pushes)
+        rows.append((*middle, *[-1e3] * absent, *lasts, *[1.0] * absent))
+    return tuple(rows)
+
+
+def recurrence(parameters: Mapping[str, float], dataset: Any, placed: PlacedEffect) -> float:
+    """Share of the pushed states that the recording also passes through without a push, at another time.
+
+    Only the pushed coordinate counts: several coordinates together hardly ever come back.
+    """
+    assert placed.direction is not None
+    strength = np.abs([parameters[f"acceleration {n}"] for n in range(N_PUSHES)])
+    s, v = dataset.q @ placed.direction.covector, dataset.v @ placed.direction.covector
+    rms_s, rms_v = max(float(np.std(s)), 1e-12), max(float(np.std(v)), 1e-12)
+    pause_s = IMPLAUSIBILITY.passage_periods * 2.0 * np.pi * rms_s / rms_v
+    pushed, free = np.zeros(len(dataset.time), dtype=bool), np.ones(len(dataset.time), dtype=bool)
+    for n in np.flatnonzero(strength > IMPLAUSIBILITY.min_push_share * strength.max()):
+        off_s = np.abs(dataset.time - parameters[f"time {n}"]) - 0.5 * parameters[f"duration {n}"]
+        pushed |= off_s <= dataset.dt_s
+        free &= off_s > max(pause_s, dataset.dt_s)
+    if not pushed.any() or not free.any():
+        return 0.0
+    state = np.stack([s / rms_s, v / rms_v], axis=1)
+    distance, _ = cKDTree(state[free]).query(state[pushed])
+    return float(np.mean(distance < IMPLAUSIBILITY.state_distance))
+
+
 EFFECT = ForceEffect(
     name="external_push",
     group="E",
+    number=2,
     component="exogenous",
     equation="a = acceleration for a duration about a time, up to three times",
     parameters=(
@@ -48,5 +117,19 @@ EFFECT = ForceEffect(
     amplitudes=N_PUSHES,
     law=force,
     constants=lambda scales, variant: (scales.frame_s,),
-    reports=_told,
+    report_parameters=report_pushes,
+    excitation=excitation,
+    description=EffectDescription(
+        title="a push that nobody logged",
+        kind="outside",
+        what="Something or somebody touched the mechanism for a moment.",
+        symptom="The forecast is right before and after, and wrong across one instant.",
+        remedy="Leave that stretch out, or give the push to the simulation as an input.",
+    ),
+    # three pushes at free times imitate most of what happens once
+    log_prior_penalty=3.0,
+    flexible=True,
+    recurrence=recurrence,
+    place=place,
+    mujoco="it belongs to one recording and is applied in the control loop (xfrc_applied), not in the model",
 )

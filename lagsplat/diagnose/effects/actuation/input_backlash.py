@@ -9,7 +9,11 @@ import numpy as np
 from jaxtyping import Float64
 from numba import njit
 
-from lagsplat.diagnose.effects.base import InputEffect
+from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures, InputMeasures
+from lagsplat.diagnose.effects.base import EffectDescription, Grade, InputEffect
+from lagsplat.diagnose.effects.excitation import (
+    make_grade,
+)
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, log_normal
 
 
@@ -30,9 +34,21 @@ def change(signal: Any, theta: Float64[np.ndarray, "P 2"]) -> Float64[np.ndarray
     return out
 
 
+def excitation(channel: InputMeasures, measures: ExcitationMeasures) -> Grade:
+    """Play that is taken up at every reversal of the input."""
+    reason = f"{channel.name} reverses {channel.reversals} times, from {channel.levels} size(s)"
+    return make_grade(
+        channel.reversals >= 8 and channel.levels >= 2,
+        channel.reversals >= 4,
+        reason,
+        f"drive it by slow triangles of two sizes for {20 * measures.period_s:.3g} s",
+    )
+
+
 EFFECT = InputEffect(
     name="input_backlash",
     group="C",
+    number=5,
     component="actuation",
     level="actuation",
     equation="u = play of u_logged with a gap of width",
@@ -40,9 +56,19 @@ EFFECT = InputEffect(
         EffectParameter("width", "input", log_normal(0.5, 1.0), (0.1, 0.3, 0.8, 1.6, 2.6)),
         EffectParameter("start", "ratio", Normal(0.7), (-0.9, 0.0, 0.9)),
     ),
-    reports=lambda p, instance: {"width": p["width"]},
+    report_parameters=lambda p, placed: {"width": p["width"]},
     needs="slow reversals of the input at two amplitudes",
     amplitudes=0,
     along="channels",
     change=change,
+    excitation=excitation,
+    description=EffectDescription(
+        title="play between actuator and mechanism",
+        kind="mechanism",
+        what="After each reversal of the command some travel is lost before anything moves.",
+        symptom="The response lags by the same amount of command in both directions.",
+        remedy="Put play before that input of the simulation, or take up the slack.",
+    ),
+    confusable_with=("input_dead_zone", "coulomb_friction"),
+    mujoco="actuators have no play; it would need a body between motor and joint",
 )

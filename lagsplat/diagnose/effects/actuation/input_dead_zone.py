@@ -5,7 +5,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.effects.base import InputEffect
+from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures, InputMeasures
+from lagsplat.diagnose.effects.base import EffectDescription, Grade, InputEffect
+from lagsplat.diagnose.effects.excitation import (
+    make_grade,
+)
 from lagsplat.diagnose.effects.parameters import EffectParameter, log_normal
 
 
@@ -15,9 +19,24 @@ def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray
     return np.sign(u) * np.maximum(np.abs(u) - np.abs(theta[:, :1]), 0.0)
 
 
+def excitation(channel: InputMeasures, measures: ExcitationMeasures) -> Grade:
+    """No answer to small inputs."""
+    reason = (
+        f"{channel.name} {'crosses zero' if channel.crosses_zero else 'stays on one side of zero'}, "
+        f"{100 * channel.small_share:.2g} % of it small"
+    )
+    return make_grade(
+        channel.crosses_zero and channel.small_share > 0.1,
+        channel.small_share > 0.03,
+        reason,
+        f"let it pass slowly through zero for {10 * measures.period_s:.3g} s",
+    )
+
+
 EFFECT = InputEffect(
     name="input_dead_zone",
     group="C",
+    number=3,
     component="actuation",
     level="actuation",
     equation="u = sign(u_logged) max(|u_logged| - half_width, 0)",
@@ -25,6 +44,16 @@ EFFECT = InputEffect(
     needs="slow, small inputs through zero",
     amplitudes=0,
     along="channels",
-    together=True,
+    acts_everywhere=True,
     change=change,
+    excitation=excitation,
+    description=EffectDescription(
+        title="a dead zone of an input",
+        kind="mechanism",
+        what="Commands below a threshold do nothing, as with a valve that opens late.",
+        symptom="Small commands move nothing, and each passage through zero brings a pause.",
+        remedy="Put a dead zone before that input, or compensate it in the controller.",
+    ),
+    confusable_with=("input_backlash", "coulomb_friction"),
+    mujoco="actuators have no dead zone",
 )

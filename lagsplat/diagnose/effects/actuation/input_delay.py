@@ -1,11 +1,16 @@
 """An input that arrives late as a whole: ``u(t) = u_logged(t - delay)``."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.effects.base import InputEffect
+from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures, InputMeasures
+from lagsplat.diagnose.effects.base import EffectDescription, Grade, InputEffect
+from lagsplat.diagnose.effects.excitation import (
+    grade_fast_input,
+)
 from lagsplat.diagnose.effects.parameters import EffectParameter, log_normal
 
 
@@ -14,9 +19,27 @@ def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray
     return np.stack([signal.at(signal.time - delay) for delay in theta[:, 0]])
 
 
+def excitation(channel: InputMeasures, measures: ExcitationMeasures) -> Grade:
+    """An answer that is late and whole."""
+    return grade_fast_input(channel, measures)
+
+
+def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
+    """Lengthen the delay of the actuator."""
+    actuator = element.actuator
+    if actuator is None:
+        return ()
+    delay = float(actuator.delay) + values["delay"]
+    actuator.delay = delay
+    actuator.nsample = int(np.ceil(delay / float(element.spec.option.timestep))) + 2
+    actuator.interp = 1
+    return (f"actuator {actuator.name}: delay {delay:.6g}",)
+
+
 EFFECT = InputEffect(
     name="input_delay",
     group="C",
+    number=2,
     component="actuation",
     level="actuation",
     equation="u(t) = u_logged(t - delay)",
@@ -24,6 +47,16 @@ EFFECT = InputEffect(
     needs="an input with steps, and an event that starts without it",
     amplitudes=0,
     along="channels",
-    together=True,
+    acts_everywhere=True,
     change=change,
+    excitation=excitation,
+    description=EffectDescription(
+        title="a delay of an input",
+        kind="mechanism",
+        what="The actuator does what it is told, a fixed time later.",
+        symptom="Nothing happens for a moment after each step, then everything as predicted.",
+        remedy="Delay that input in the simulation, or find the wait in the communication.",
+    ),
+    confusable_with=("time_offset", "input_lag"),
+    mujoco=to_mujoco,
 )

@@ -1,11 +1,16 @@
 """An actuator that gives more or less than the sim's: ``u_j -> ratio u_j``."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.effects.base import InputEffect
+from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures, InputMeasures
+from lagsplat.diagnose.effects.base import EffectDescription, Grade, InputEffect
+from lagsplat.diagnose.effects.excitation import (
+    make_grade,
+)
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal
 
 
@@ -14,15 +19,49 @@ def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray
     return np.exp(theta[:, :1]) * signal.values
 
 
+def excitation(channel: InputMeasures, measures: ExcitationMeasures) -> Grade:
+    """The answer in proportion to the input."""
+    reason = f"{channel.name} moves, between {channel.low:.2g} and {channel.high:.2g} natural frequencies"
+    return make_grade(measures.periods > 4, True, reason, f"record {10 * measures.period_s:.3g} s of it")
+
+
+def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
+    """Scale the gain of the actuator."""
+    actuator = element.actuator
+    if actuator is None:
+        return ()
+    actuator.gainprm = values["ratio"] * np.asarray(actuator.gainprm, dtype=np.float64)
+    return (f"actuator {actuator.name}: gainprm {element.format_row(actuator.gainprm[:3])}",)
+
+
 EFFECT = InputEffect(
     name="input_gain",
     group="A",
+    number=5,
     component="actuation",
     level="actuation",
     equation="u = ratio u_logged",
-    parameters=(EffectParameter("ratio", "log_ratio", Normal(0.3)),),
+    parameters=(EffectParameter("ratio", "log_ratio", Normal(0.3), label="ratio (real to simulated)"),),
     needs="the input logged, with free motion beside it",
     along="channels",
-    together=True,
+    acts_everywhere=True,
     change=change,
+    excitation=excitation,
+    description=EffectDescription(
+        title="another strength of an input",
+        kind="parameter",
+        what="The actuator pushes more or less for the same command than in the simulation, or not at all.",
+        symptom="Every response to that input is too large or too small by the same factor.",
+        remedy="Calibrate the actuator, or set its gain in the simulation anew.",
+    ),
+    confusable_with=(
+        "mass_change",
+        "linear_stiffness",
+        "viscous_damping",
+        "camera_change",
+        "constant_force",
+        "input_saturation",
+    ),
+    absorbed_by_fit=True,
+    mujoco=to_mujoco,
 )

@@ -1,12 +1,17 @@
 """An actuator that follows its command late: ``time_constant du/dt = command - u``."""
 
+from collections.abc import Mapping
 from typing import Any, no_type_check
 
 import numpy as np
 from jaxtyping import Float64
 from numba import njit
 
-from lagsplat.diagnose.effects.base import InputEffect
+from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures, InputMeasures
+from lagsplat.diagnose.effects.base import EffectDescription, Grade, InputEffect
+from lagsplat.diagnose.effects.excitation import (
+    grade_fast_input,
+)
 from lagsplat.diagnose.effects.parameters import EffectParameter, log_normal
 
 
@@ -36,9 +41,27 @@ def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray
     return out
 
 
+def excitation(channel: InputMeasures, measures: ExcitationMeasures) -> Grade:
+    """An answer that fades and falls behind as the input gets faster."""
+    return grade_fast_input(channel, measures)
+
+
+def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
+    """Give the actuator first-order dynamics, if it has none."""
+    actuator, kinds = element.actuator, element.mujoco.mjtDyn
+    if actuator is None or actuator.dyntype != kinds.mjDYN_NONE:
+        return ()
+    actuator.dyntype = kinds.mjDYN_FILTEREXACT
+    row = np.asarray(actuator.dynprm, dtype=np.float64).copy()
+    row[0] = values["time_constant"]
+    actuator.dynprm = row
+    return (f"actuator {actuator.name}: dyntype filterexact, dynprm {row[0]:.6g}",)
+
+
 EFFECT = InputEffect(
     name="input_lag",
     group="C",
+    number=1,
     component="actuation",
     level="actuation",
     equation="time_constant du/dt = u_logged - u",
@@ -46,6 +69,16 @@ EFFECT = InputEffect(
     needs="an input with steps or with frequencies above the lag's",
     amplitudes=0,
     along="channels",
-    together=True,
+    acts_everywhere=True,
     change=change,
+    excitation=excitation,
+    description=EffectDescription(
+        title="an actuator that follows its command slowly",
+        kind="mechanism",
+        what="What the actuator does creeps up to what it is told, as a filling chamber does.",
+        symptom="Steps are answered gently, and fast commands are answered weakly and late.",
+        remedy="Put a first-order filter before that input of the simulation.",
+    ),
+    confusable_with=("input_delay", "time_offset"),
+    mujoco=to_mujoco,
 )

@@ -1,11 +1,16 @@
 """An actuator that gives no more than a limit: ``u = clip(u, -limit, limit)``."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.effects.base import InputEffect
+from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures, InputMeasures
+from lagsplat.diagnose.effects.base import EffectDescription, Grade, InputEffect
+from lagsplat.diagnose.effects.excitation import (
+    make_grade,
+)
 from lagsplat.diagnose.effects.parameters import EffectParameter, log_normal
 
 
@@ -14,9 +19,36 @@ def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray
     return np.clip(signal.values, -theta[:, :1], theta[:, :1])
 
 
+def excitation(channel: InputMeasures, measures: ExcitationMeasures) -> Grade:
+    """No more answer to large inputs."""
+    reason = f"{channel.name} peaks at {channel.levels} size(s)"
+    return make_grade(
+        channel.levels >= 3,
+        channel.levels >= 2,
+        reason,
+        f"drive it at three sizes up to its limit, {5 * measures.period_s:.3g} s each",
+    )
+
+
+def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
+    """Narrow the control range of the actuator."""
+    actuator, selection = element.actuator, element.selection
+    if actuator is None:
+        return ()
+    limit = float(values["limit"])
+    i = selection.at_u[selection.actuators.index(actuator.name)]
+    low, high = -np.inf, np.inf
+    if selection.model.actuator_ctrllimited[i]:
+        low, high = selection.model.actuator_ctrlrange[i]
+    actuator.ctrllimited = int(element.mujoco.mjtLimited.mjLIMITED_TRUE)
+    actuator.ctrlrange = np.array([max(low, -limit), min(high, limit)])
+    return (f"actuator {actuator.name}: ctrlrange {element.format_row(actuator.ctrlrange)}",)
+
+
 EFFECT = InputEffect(
     name="input_saturation",
     group="C",
+    number=4,
     component="actuation",
     level="actuation",
     equation="u = clip(u_logged, -limit, limit)",
@@ -24,6 +56,16 @@ EFFECT = InputEffect(
     needs="inputs on both sides of the limit",
     amplitudes=0,
     along="channels",
-    together=True,
+    acts_everywhere=True,
     change=change,
+    excitation=excitation,
+    description=EffectDescription(
+        title="an actuator at its limit",
+        kind="mechanism",
+        what="Above some command the actuator gives no more.",
+        symptom="Weak commands are answered as predicted, strong ones too weakly.",
+        remedy="Limit that input of the simulation, or command less.",
+    ),
+    confusable_with=("input_gain",),
+    mujoco=to_mujoco,
 )

@@ -1,9 +1,12 @@
 """Coulomb friction, smooth within a small speed: ``Q = -m acceleration tanh(v / 0.02 rms v)``."""
 
 import math
-from typing import no_type_check
+from collections.abc import Mapping
+from typing import Any, no_type_check
 
-from lagsplat.diagnose.effects.base import ForceEffect
+from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
+from lagsplat.diagnose.effects.base import EffectDescription, ForceEffect, Grade
+from lagsplat.diagnose.effects.excitation import ask_for_decay, describe_swings, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
@@ -15,16 +18,50 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
     return -theta[0] * math.tanh(v / theta[1])
 
 
+def excitation(measures: ExcitationMeasures) -> Grade:
+    """A step of force at every reversal; small swings show it best."""
+    reason = f"{measures.reversals} reversals, {describe_swings(measures)}"
+    yes = measures.reversals >= 6 and (measures.amplitude_ratio > 2.0 or measures.rest_periods > 0.5)
+    return make_grade(yes, measures.reversals >= 4, reason, ask_for_decay(measures))
+
+
+def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
+    """Raise the friction loss of the joint."""
+    joint = element.joint
+    if joint is None:
+        return ()
+    joint.frictionloss = float(joint.frictionloss) + values["acceleration"] * element.inertia
+    return (f"joint {joint.name}: frictionloss {joint.frictionloss:.6g}",)
+
+
 EFFECT = ForceEffect(
     name="coulomb_friction",
     group="B",
+    number=1,
     component="dissipative",
     equation="a = -acceleration sign(v)",
     parameters=(EffectParameter("acceleration", "acceleration", HalfNormal(0.2)),),
     needs="a decay down to rest, or slow reversals",
     passive=True,
-    between=("",),
+    between_variants=("",),
     law=force,
-    together=True,
+    acts_everywhere=True,
     constants=lambda scales, variant: (0.02 * scales.velocity,),
+    excitation=excitation,
+    description=EffectDescription(
+        title="dry friction",
+        kind="mechanism",
+        what="A rubbing contact resists with the same force at every speed, however slow.",
+        symptom="Swings shrink by the same amount each time, and it stops short of its rest position.",
+        remedy="Add dry friction to the simulation, or look after the bearings and seals.",
+        short_title="Coulomb friction",
+    ),
+    confusable_with=(
+        "stribeck_friction",
+        "load_dependent_friction",
+        "hysteresis",
+        "input_dead_zone",
+        "input_backlash",
+    ),
+    mujoco=to_mujoco,
 )

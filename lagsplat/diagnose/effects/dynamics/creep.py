@@ -1,8 +1,12 @@
 """Viscoelastic creep: a spring in series with a dashpot beside the mechanism's own (linear solid)."""
 
+from collections.abc import Mapping
 from typing import no_type_check
 
-from lagsplat.diagnose.effects.base import ForceEffect
+from lagsplat.diagnose.core.config import VERDICT
+from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
+from lagsplat.diagnose.effects.base import EffectDescription, ForceEffect, Grade, PlacedEffect
+from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal, log_normal
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
@@ -16,9 +20,31 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
     return -theta[0] * theta[2] * late
 
 
+def excitation(measures: ExcitationMeasures) -> Grade:
+    """A slow answer to a step, and stiffness that grows with speed."""
+    wide = (
+        measures.speed_ratio > 2.0
+        or any(c.moves and c.steps and c.low < 0.3 for c in measures.inputs)
+        or measures.holds >= 2
+    )
+    return make_grade(
+        wide and measures.periods > 5,
+        measures.periods > 8,
+        f"slow half-swings last {measures.speed_ratio:.2g} times the fast ones, {measures.holds} hold(s)",
+        f"hold a step for {5 * measures.period_s:.3g} s or more, release it, and swing for as long",
+    )
+
+
+def fitted_penalty(parameters: Mapping[str, float], placed: PlacedEffect) -> float:
+    """Creep that takes most of the recording never came to rest in it: it is a spring, which is simpler."""
+    slow = parameters["time_constant"] > VERDICT.elastic_creep_share * placed.scales.duration_s
+    return VERDICT.elastic_creep_penalty if slow else 0.0
+
+
 EFFECT = ForceEffect(
     name="creep",
     group="D",
+    number=2,
     component="memory",
     equation="a = -stiffness_ratio omega^2 (s - x), time_constant dx/dt = s - x",
     parameters=(
@@ -27,10 +53,22 @@ EFFECT = ForceEffect(
     ),
     needs="a step held for three time constants, and cycles",
     passive=True,
-    between=("",),
+    between_variants=("",),
     law=force,
     n_memory=1,
     memory_start=("s",),
     memory_kinds=("coordinate",),
     constants=lambda scales, variant: (scales.stiffness,),
+    excitation=excitation,
+    description=EffectDescription(
+        title="creep of a soft material",
+        kind="mechanism",
+        what="The material yields slowly under load and recovers slowly afterwards.",
+        symptom="After a step it keeps moving for long, and losses peak at one rate of motion.",
+        remedy="Add a spring in series with a dashpot to the simulation.",
+    ),
+    confusable_with=("viscous_damping", "linear_stiffness", "parameter_drift"),
+    flexible=True,
+    fitted_penalty=fitted_penalty,
+    mujoco="springs of joints have no internal state; it would need a massless body in series",
 )

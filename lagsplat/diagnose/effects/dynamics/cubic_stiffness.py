@@ -1,8 +1,13 @@
 """Hardening or softening: ``Q = -m coefficient s^3``."""
 
-from typing import no_type_check
+from collections.abc import Mapping
+from typing import Any, no_type_check
 
-from lagsplat.diagnose.effects.base import ForceEffect
+from numpy.polynomial import Polynomial
+
+from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
+from lagsplat.diagnose.effects.base import EffectDescription, ForceEffect, Grade
+from lagsplat.diagnose.effects.excitation import describe_swings, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
@@ -14,12 +19,45 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
     return -theta[0] * s * s * s
 
 
+def excitation(measures: ExcitationMeasures) -> Grade:
+    """A frequency that depends on amplitude."""
+    wide = measures.amplitude_ratio > 2.0
+    return make_grade(
+        wide and measures.periods > 5,
+        measures.amplitude_ratio > 1.3 or measures.driven,
+        describe_swings(measures),
+        f"record swings at two amplitudes, one twice the other, {8 * measures.period_s:.3g} s each",
+    )
+
+
+def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
+    """Add a cubic term to the spring of the joint."""
+    if element.joint is None:
+        return ()
+    stretch = Polynomial([-element.rest, 1.0])
+    changed: tuple[str, ...] = element.add_spring(values["coefficient"] * element.inertia * stretch**3)
+    return changed
+
+
 EFFECT = ForceEffect(
     name="cubic_stiffness",
     group="A",
+    number=6,
     component="conservative",
     equation="a = -coefficient s^3",
     parameters=(EffectParameter("coefficient", "cubic", Normal(0.3)),),
     needs="two amplitudes, one at least twice the other",
     law=force,
+    excitation=excitation,
+    description=EffectDescription(
+        title="a spring that hardens or softens",
+        kind="parameter",
+        what="The pull back to rest grows faster, or slower, than the deflection.",
+        symptom="The frequency depends on how far it swings, while small swings are predicted well.",
+        remedy="Give the simulation's potential a term of fourth order.",
+    ),
+    confusable_with=("end_stop",),
+    absorbed_by_fit=True,
+    energy_bounded=lambda p, placed: p["coefficient"] >= 0.0,
+    mujoco=to_mujoco,
 )

@@ -7,9 +7,16 @@ import math
 from collections.abc import Mapping
 from typing import Any, no_type_check
 
-from lagsplat.diagnose.effects.base import ForceEffect, PlacedEffect
+import numpy as np
+
+from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
+from lagsplat.diagnose.effects.base import EffectDescription, ForceEffect, Grade, PlacedEffect
+from lagsplat.diagnose.effects.excitation import describe_swings, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal, Scales, log_normal
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
+
+LIMIT_IMPEDANCE = 0.005
+"""Impedance of a MuJoCo limit that adds its force to the others instead of taking their place."""
 
 
 @compile_force_law
@@ -26,19 +33,50 @@ def _constants(scales: Scales, variant: str) -> tuple[float, ...]:
     return scales.stiffness, (1.0 if variant == "upper" else -1.0), 0.01 * scales.coordinate
 
 
-def _told(parameters: Mapping[str, float], instance: PlacedEffect) -> dict[str, Any]:
+def _report_parameters(parameters: Mapping[str, float], placed: PlacedEffect) -> dict[str, Any]:
     """The position as a value of the coordinate, on either side of rest."""
-    assert instance.direction is not None
-    away = parameters["position"] * (1.0 if instance.variant == "upper" else -1.0)
+    assert placed.direction is not None
+    away = parameters["position"] * (1.0 if placed.variant == "upper" else -1.0)
     return {
-        "position": instance.direction.rest + away,
+        "position": placed.direction.rest + away,
         "stiffness_ratio": parameters["stiffness_ratio"],
     }
+
+
+def excitation(measures: ExcitationMeasures) -> Grade:
+    """A force on one side only, met at several speeds."""
+    return make_grade(
+        measures.reversals >= 6 and measures.amplitude_ratio > 1.5,
+        measures.reversals >= 4,
+        f"{measures.reversals} reversals, {describe_swings(measures)}",
+        f"reach the suspected stop at three speeds within {10 * measures.period_s:.3g} s",
+    )
+
+
+def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
+    """Limit the range of the joint on one side, if it has no limit yet."""
+    joint, push = element.joint, float(values["stiffness_ratio"]) * element.stiffness
+    if joint is None or element.variant not in ("upper", "lower") or push <= 0.0:
+        return ()
+    if element.selection.model.joint(joint.name).limited[0]:
+        return ()
+    far = 1e3 * (1.0 + abs(values["position"]))
+    side = 1.0 if element.variant == "upper" else -1.0
+    edge = element.rest + side * float(values["position"])
+    joint.limited = int(element.mujoco.mjtLimited.mjLIMITED_TRUE)
+    between = np.array([edge - far, edge] if side > 0.0 else [edge, edge + far])
+    joint.range = between / element.angle_unit
+    # a negative reference is a stiffness; so low an impedance leaves the other forces as they are
+    joint.solref_limit = np.array([-push * element.inertia * element.compliance, -1e-9])
+    joint.solimp_limit = np.array([LIMIT_IMPEDANCE, LIMIT_IMPEDANCE, 0.001, 0.5, 2.0])
+    row = element.format_row
+    return (f"joint {joint.name}: range {row(between)}, solreflimit {row(joint.solref_limit)}",)
 
 
 EFFECT = ForceEffect(
     name="end_stop",
     group="E",
+    number=1,
     component="conservative",
     equation="a = -stiffness_ratio omega^2 max(s - position, 0)",
     parameters=(
@@ -46,11 +84,21 @@ EFFECT = ForceEffect(
         EffectParameter("position", "reach", log_normal(0.8, 0.25), (0.3, 0.5, 0.65, 0.8, 0.9)),
         EffectParameter("loss", "slowness", HalfNormal(1.0), (0.05,)),
     ),
-    reports=_told,
+    report_parameters=_report_parameters,
     needs="motion past the stop at three speeds",
     amplitudes=0,
     passive=True,
     variants=("upper", "lower"),
     law=force,
     constants=_constants,
+    excitation=excitation,
+    description=EffectDescription(
+        title="a stop or a contact on one side",
+        kind="mechanism",
+        what="Beyond some position the mechanism runs into something stiff.",
+        symptom="Motion is cut off on one side only, with a sudden turn.",
+        remedy="Add the stop to the simulation, or clear what is in the way.",
+    ),
+    confusable_with=("cubic_stiffness",),
+    mujoco=to_mujoco,
 )

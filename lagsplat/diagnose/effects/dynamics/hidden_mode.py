@@ -2,7 +2,9 @@
 
 from typing import no_type_check
 
-from lagsplat.diagnose.effects.base import ForceEffect
+from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
+from lagsplat.diagnose.effects.base import EffectDescription, ForceEffect, Grade
+from lagsplat.diagnose.effects.excitation import describe_swings, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal, log_normal
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
@@ -18,9 +20,22 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
     return theta[0] * pull
 
 
+def excitation(measures: ExcitationMeasures) -> Grade:
+    """A second resonance, and what it gives back."""
+    broad = any(channel.high > 1.5 for channel in measures.inputs)
+    sharp = measures.samples_per_period > 25 and measures.swing_over_noise > 30
+    return make_grade(
+        (broad or sharp) and measures.periods > 6,
+        measures.periods > 4,
+        "inputs reach above the natural frequency" if broad else describe_swings(measures),
+        f"drive it up to twice the natural frequency, then let it ring for {10 * measures.period_s:.3g} s",
+    )
+
+
 EFFECT = ForceEffect(
     name="hidden_mode",
     group="F",
+    number=1,
     component="memory",
     equation="a = mass_ratio (omega^2 (s2 - s) + 2 damping_ratio omega (v2 - v)), s2'' minus the same",
     parameters=(
@@ -34,9 +49,22 @@ EFFECT = ForceEffect(
     n_memory=2,
     memory_start=("s", "v"),
     memory_kinds=("coordinate", "velocity"),
-    reports=lambda p, instance: {
+    report_parameters=lambda p, placed: {
         "frequency_hz": p["angular_frequency"] / 6.283185307179586,
         "mass_ratio": p["mass_ratio"],
         "damping_ratio": p["damping_ratio"],
     },
+    excitation=excitation,
+    description=EffectDescription(
+        title="a part that swings along and that the simulation does not have",
+        kind="mechanism",
+        what="A loose or flexible part moves on its own and pulls on the rest.",
+        symptom="A second frequency appears, and energy leaves and comes back.",
+        remedy="Give the simulation one more coordinate, or fasten the part.",
+    ),
+    confusable_with=("external_periodic_force", "mass_change"),
+    # a resonance of its own imitates inertia, damping and vibration
+    log_prior_penalty=3.0,
+    flexible=True,
+    mujoco="it would need another body, whose place and axis a generalised coordinate does not tell",
 )

@@ -5,7 +5,9 @@ Source: Ikhouane and Rodellar, "Systems with Hysteresis", 2007, doi:10.1002/9780
 
 from typing import no_type_check
 
-from lagsplat.diagnose.effects.base import ForceEffect
+from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
+from lagsplat.diagnose.effects.base import EffectDescription, ForceEffect, Grade
+from lagsplat.diagnose.effects.excitation import describe_swings, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal, log_normal
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
@@ -19,9 +21,22 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
     return -theta[0] * z
 
 
+def excitation(measures: ExcitationMeasures) -> Grade:
+    """A loop that does not depend on speed."""
+    slow = measures.driven and any(channel.low < 0.4 for channel in measures.inputs)
+    reason = f"{measures.reversals} reversals, {describe_swings(measures)}{', slow inputs among them' if slow else ''}"
+    return make_grade(
+        measures.reversals >= 8 and measures.amplitude_ratio > 2.0,
+        measures.reversals >= 6,
+        reason,
+        f"record slow cycles at three amplitudes and two speeds, {20 * measures.period_s:.3g} s",
+    )
+
+
 EFFECT = ForceEffect(
     name="hysteresis",
     group="D",
+    number=1,
     component="memory",
     equation="a = -acceleration z, displacement dz/dt = v - |v| z / 2 - v |z| / 2",
     parameters=(
@@ -32,4 +47,14 @@ EFFECT = ForceEffect(
     law=force,
     n_memory=1,
     memory_start=("zero",),
+    excitation=excitation,
+    description=EffectDescription(
+        title="hysteresis",
+        kind="mechanism",
+        what="The force depends on the way by which a position was reached, not on speed.",
+        symptom="Loading and unloading follow two curves, however slowly it is done.",
+        remedy="Add an internal state of Bouc-Wen type to the simulation.",
+    ),
+    confusable_with=("coulomb_friction", "stribeck_friction", "load_dependent_friction"),
+    mujoco="springs of joints have no internal state",
 )

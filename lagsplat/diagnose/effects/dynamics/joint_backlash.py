@@ -2,7 +2,9 @@
 
 from typing import no_type_check
 
-from lagsplat.diagnose.effects.base import ForceEffect
+from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
+from lagsplat.diagnose.effects.base import EffectDescription, ForceEffect, Grade
+from lagsplat.diagnose.effects.excitation import ask_for_decay, describe_swings, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, log_normal
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
@@ -14,9 +16,20 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
     return theta[1] * min(max(s, -theta[0]), theta[0])
 
 
+def excitation(measures: ExcitationMeasures) -> Grade:
+    """Free play about the rest: the smallest swings show it."""
+    return make_grade(
+        measures.amplitude_ratio > 3.0 and measures.reversals >= 8,
+        measures.amplitude_ratio > 1.8 or measures.slow_share > 0.1,
+        describe_swings(measures),
+        ask_for_decay(measures, 15.0),
+    )
+
+
 EFFECT = ForceEffect(
     name="joint_backlash",
     group="D",
+    number=3,
     component="conservative",
     equation="a = omega^2 clip(s, -gap, gap)",
     parameters=(EffectParameter("gap", "coordinate", log_normal(0.2, 1.0), (0.05, 0.15, 0.4, 0.8)),),
@@ -24,4 +37,13 @@ EFFECT = ForceEffect(
     amplitudes=0,
     law=force,
     constants=lambda scales, variant: (scales.stiffness,),
+    excitation=excitation,
+    description=EffectDescription(
+        title="free play in a joint",
+        kind="mechanism",
+        what="Around its rest position the joint is loose and nothing pulls it back.",
+        symptom="Small swings are slower than large ones, down to no pull at all.",
+        remedy="Add the gap to the simulation's potential, or tighten the joint.",
+    ),
+    mujoco="the force of a joint's spring is a polynomial, which has no flat part about rest",
 )

@@ -10,14 +10,27 @@ from typing import Any, no_type_check
 
 import numpy as np
 from jaxtyping import Float64
+from numpy.polynomial import Polynomial
 
-from lagsplat.diagnose.effects.base import CoefficientBatch, ForceEffect, PlacedEffect
+from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
+from lagsplat.diagnose.effects.base import (
+    CoefficientBatch,
+    EffectDescription,
+    ForceEffect,
+    Grade,
+    PlacedEffect,
+    PlacementProblem,
+    place_along_coordinates,
+    place_between_coordinates,
+    place_on_whole,
+)
+from lagsplat.diagnose.effects.excitation import ask_for_steps, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, Scales
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
 SPRING = "spring"
 SOFT = 0.1
-"""Stiffness of the sim at rest, in units of the motion's mean square rate, below which it counts for none."""
+"""Stiffness at rest, in units of the motion's mean square rate, below which a model counts as having none."""
 
 
 @compile_force_law
@@ -27,41 +40,93 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
     return (math.exp(theta[0]) - 1.0) * (theta[1] * spring - theta[2] * s)
 
 
-def whole(fields: CoefficientBatch, theta: Float64[np.ndarray, "P 1"], model: Any) -> CoefficientBatch:
+def whole(coefficients: CoefficientBatch, theta: Float64[np.ndarray, "P 1"], model: Any) -> CoefficientBatch:
     """The potential times ``ratio``."""
-    return replace(fields, potential=fields.potential * np.exp(theta[:, :1]))
+    return replace(coefficients, potential=coefficients.potential * np.exp(theta[:, :1]))
 
 
 def _shares(scales: Scales, variant: str) -> tuple[float, float]:
     """How much of the sim's own force, and the ``omega^2`` of a spring."""
-    return (0.0, stiffness(scales)) if variant == SPRING else (1.0, 0.0)
+    return (0.0, stiffness_unit(scales, variant)) if variant == SPRING else (1.0, 0.0)
 
 
-def stiffness(scales: Scales) -> float:
-    """What a spring's ratio is of [1/s^2]: the sim's stiffness at rest, or where it has none the motion's."""
-    swung = scales.of("rate") ** 2
-    return scales.stiffness if scales.stiffness > SOFT * swung else swung
+def stiffness_unit(scales: Scales, variant: str) -> float:
+    """What a ratio is of [1/s^2]: the stiffness at rest; for a spring beside hardly any, that of the motion."""
+    of_motion = scales.of("rate") ** 2
+    soft = variant == SPRING and scales.stiffness <= SOFT * of_motion
+    return of_motion if soft else scales.stiffness
 
 
-def _told(values: Mapping[str, float], one: PlacedEffect) -> dict[str, float]:
-    """The ratio; a spring beside no stiffness has none, and is told by itself."""
-    if one.variant != SPRING or stiffness(one.scales) == one.scales.stiffness:
+def _report_parameters(values: Mapping[str, float], placed: PlacedEffect) -> dict[str, float]:
+    """The ratio; where the model has hardly any stiffness, the stiffness of the added spring."""
+    unit = stiffness_unit(placed.scales, placed.variant)
+    if placed.variant != SPRING or unit == placed.scales.stiffness:
         return dict(values)
-    return {"added_stiffness": (values["ratio"] - 1.0) * stiffness(one.scales)}
+    return {"added_stiffness": (values["ratio"] - 1.0) * unit}
+
+
+def excitation(measures: ExcitationMeasures) -> Grade:
+    """A frequency, and a static answer that tells it from inertia."""
+    static = measures.driven and any(channel.low < 0.5 for channel in measures.inputs)
+    reason = "slow inputs show stiffness apart from inertia" if static else "only the ratio to inertia shows"
+    return make_grade(static and measures.periods > 3, measures.periods > 2, reason, ask_for_steps(measures))
+
+
+def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
+    """Scale gravity, springs and what servos hold with; or add a spring."""
+    if element.variant == SPRING:
+        added = (values["ratio"] - 1.0) * element.stiffness * element.inertia
+        changed: tuple[str, ...] = element.add_spring(added * Polynomial([-element.rest, 1.0]))
+        return changed
+    ratio, gravity = values["ratio"], np.asarray(element.spec.option.gravity, dtype=np.float64)
+    if element.joint is not None and len(element.selection.joints) > 1:
+        return () if gravity.any() else element.scale_springs([element.joint], ratio)
+    element.spec.option.gravity = ratio * gravity
+    joints = [joint for joint in element.spec.joints if joint.name in element.selection.joints]
+    springs = element.scale_springs(joints, ratio)
+    for actuator in element.spec.actuators:
+        bias = np.asarray(actuator.biasprm, dtype=np.float64).copy()
+        bias[:2] *= ratio
+        actuator.biasprm = bias
+    return (*springs, f"gravity {element.format_row(element.spec.option.gravity)}")
+
+
+def place(effect: ForceEffect, problem: PlacementProblem) -> list[PlacedEffect]:
+    """The scaled potential along each coordinate and on the whole; a spring along or between coordinates."""
+    placed = place_along_coordinates(effect, "", problem)
+    if len(problem.coordinates) > 1:  # else the whole is the coordinate
+        placed.append(place_on_whole(effect, "", problem))
+    placed += place_along_coordinates(effect, SPRING, problem)
+    return placed + place_between_coordinates(effect, SPRING, problem)
 
 
 EFFECT = ForceEffect(
     name="linear_stiffness",
     group="A",
+    number=2,
     component="conservative",
     equation="V = ratio V_sim, or V = V_sim + (ratio - 1) m omega^2 s^2 / 2",
-    parameters=(EffectParameter("ratio", "log_ratio", Normal(0.3)),),
+    parameters=(EffectParameter("ratio", "log_ratio", Normal(0.3), label="ratio (real to simulated)"),),
     needs="free motion, or a static hold under a known input",
-    along="both",
     variants=("", SPRING),
-    between=(SPRING,),
-    reports=_told,
+    report_parameters=_report_parameters,
     law=force,
     constants=_shares,
     whole=whole,
+    excitation=excitation,
+    description=EffectDescription(
+        title="another stiffness than the simulation's",
+        kind="parameter",
+        what="What pulls the mechanism back to rest is stronger or weaker than in the simulation.",
+        symptom="It swings at another frequency, and a steady load deflects it by another amount.",
+        remedy="Set the simulation's stiffness anew.",
+    ),
+    confusable_with=("mass_change", "input_gain", "viscous_damping", "creep", "parameter_drift"),
+    absorbed_by_fit=True,
+    # a scaled potential keeps its bounds; a spring that is taken away may not
+    energy_bounded=lambda p, placed: placed.variant != SPRING or p["ratio"] >= 1.0,
+    place=place,
+    stiffness_unit=stiffness_unit,
+    report_units={"added_stiffness": "1/s^2"},
+    mujoco=to_mujoco,
 )

@@ -6,7 +6,9 @@ Source: Duclusaud et al., "Extended friction models for the physics simulation o
 import math
 from typing import no_type_check
 
-from lagsplat.diagnose.effects.base import ForceEffect
+from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
+from lagsplat.diagnose.effects.base import EffectDescription, ForceEffect, Grade
+from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
@@ -18,9 +20,21 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
     return -(theta[1] + theta[0] * abs(spring - drive)) * math.tanh(v / theta[2])
 
 
+def excitation(measures: ExcitationMeasures) -> Grade:
+    """Friction that grows with the load: two loads are needed."""
+    loads = measures.holds >= 2 or any(channel.levels >= 3 for channel in measures.inputs)
+    return make_grade(
+        loads and measures.reversals >= 8 and measures.amplitude_ratio > 2.0,
+        measures.amplitude_ratio > 2.0 and measures.reversals >= 6,
+        f"{measures.reversals} reversals, {'several' if loads else 'one'} static load(s)",
+        f"record {10 * measures.period_s:.3g} s of small swings about each of two loaded poses",
+    )
+
+
 EFFECT = ForceEffect(
     name="load_dependent_friction",
     group="B",
+    number=3,
     component="dissipative",
     equation="a = -(acceleration + load_factor |load|) sign(v)",
     parameters=(
@@ -32,5 +46,17 @@ EFFECT = ForceEffect(
     passive=True,
     law=force,
     constants=lambda scales, variant: (0.02 * scales.velocity,),
-    reports=lambda p, instance: {"acceleration": p["acceleration"], "load_factor": p["load_factor"]},
+    report_parameters=lambda p, placed: {"acceleration": p["acceleration"], "load_factor": p["load_factor"]},
+    excitation=excitation,
+    description=EffectDescription(
+        title="friction that grows with load",
+        kind="mechanism",
+        what="A bearing or gear rubs more the harder it is pressed.",
+        symptom="Losses differ between poses, or between weak and strong inputs, at equal speed.",
+        remedy="Let the simulation's friction depend on the load that the joint carries.",
+    ),
+    confusable_with=("coulomb_friction", "stribeck_friction", "hysteresis"),
+    # has Coulomb friction as a special case
+    log_prior_penalty=2.0,
+    mujoco="the friction loss of a joint does not depend on the load that it carries",
 )

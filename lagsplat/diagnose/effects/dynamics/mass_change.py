@@ -1,40 +1,103 @@
 """Another inertia than the sim's: ``M -> ratio M``; what hangs has weight too, ``V -> ratio V``."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.effects.base import CoefficientBatch, ModelEffect, PlacedEffect
+from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
+from lagsplat.diagnose.effects.base import (
+    CoefficientBatch,
+    EffectDescription,
+    Grade,
+    ModelEffect,
+    PlacedEffect,
+    PlacementProblem,
+    place_along_coordinates,
+    place_on_whole,
+)
+from lagsplat.diagnose.effects.excitation import ask_for_steps, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal
+
+WEIGHT = "weight"
+"""Variant in which the mass hangs, so that gravity acts on it."""
 
 
 def change(
-    fields: CoefficientBatch, theta: Float64[np.ndarray, "P 1"], instance: PlacedEffect, model: Any
+    coefficients: CoefficientBatch, theta: Float64[np.ndarray, "P 1"], placed: PlacedEffect, model: Any
 ) -> CoefficientBatch:
-    """``M`` times ``ratio``, and ``V`` too where the variant is ``weight``."""
+    """``M`` times ``ratio``, and ``V`` too where the mass hangs."""
     ratio = np.exp(theta[:, 0])
-    if instance.direction is not None:
-        p = instance.direction.covector
-        added = (ratio - 1.0)[:, None, None] * instance.direction.inertia * np.outer(p, p)
-        mass = fields.mass.copy()
+    if placed.direction is not None:
+        p = placed.direction.covector
+        added = (ratio - 1.0)[:, None, None] * placed.direction.inertia * np.outer(p, p)
+        mass = coefficients.mass.copy()
         mass[:, 0] += added
-        return replace(fields, mass=mass)
-    mass = fields.mass * ratio[:, None, None, None]
-    if instance.variant != "weight":
-        return replace(fields, mass=mass)
-    return replace(fields, mass=mass, potential=fields.potential * ratio[:, None])
+        return replace(coefficients, mass=mass)
+    mass = coefficients.mass * ratio[:, None, None, None]
+    if placed.variant != WEIGHT:
+        return replace(coefficients, mass=mass)
+    return replace(coefficients, mass=mass, potential=coefficients.potential * ratio[:, None])
+
+
+def excitation(measures: ExcitationMeasures) -> Grade:
+    """Frequency and damping change together, the static answer does not."""
+    broad = measures.driven and any(channel.low < 0.5 and channel.high > 0.8 for channel in measures.inputs)
+    reason = "inputs below and at the natural frequency" if broad else "only the ratio to stiffness shows"
+    return make_grade(broad and measures.periods > 3, measures.periods > 2, reason, ask_for_steps(measures))
+
+
+def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
+    """Scale all masses, or give the joint an armature; gravity makes up for a mass without weight."""
+    ratio, spec, joint = values["ratio"], element.spec, element.joint
+    alone = len(element.selection.joints) == 1
+    if joint is not None and not (alone and element.variant == WEIGHT):
+        armature = float(joint.armature) + (ratio - 1.0) * element.inertia
+        if armature < 0.0:
+            return ()
+        joint.armature = armature
+        return (f"joint {joint.name}: armature {armature:.6g}",)
+    element.scale_masses(ratio)
+    for other in spec.joints:
+        other.armature = ratio * float(other.armature)
+    masses = f"all masses times {ratio:.6g}"
+    if element.variant == WEIGHT:
+        return (masses, *element.scale_springs(spec.joints, ratio))
+    spec.option.gravity = np.asarray(spec.option.gravity, dtype=np.float64) / ratio
+    return (masses, f"gravity {element.format_row(spec.option.gravity)}, so that the weight stays")
+
+
+def place(effect: ModelEffect, problem: PlacementProblem) -> list[PlacedEffect]:
+    """Along each coordinate and on the whole; weight acts on the whole alone."""
+    single = problem.constant_inertia and len(problem.coordinates) == 1  # then both are the same
+    along = [] if single else place_along_coordinates(effect, "", problem)
+    return [*along, place_on_whole(effect, "", problem), place_on_whole(effect, WEIGHT, problem)]
 
 
 EFFECT = ModelEffect(
     name="mass_change",
     group="A",
+    number=3,
     component="inertial",
     equation="M = ratio M_sim (and V = ratio V_sim where the mass hangs)",
-    parameters=(EffectParameter("ratio", "log_ratio", Normal(0.3)),),
+    parameters=(EffectParameter("ratio", "log_ratio", Normal(0.3), label="ratio (real to simulated)"),),
     needs="a static hold and a motion, both under known inputs",
     along="both",
-    variants=("", "weight"),
+    variants=("", WEIGHT),
     change=change,
+    excitation=excitation,
+    description=EffectDescription(
+        title="another mass than the simulation's",
+        kind="parameter",
+        what="The mechanism is heavier or lighter than in the simulation, by a payload for placed.",
+        symptom="It swings at another frequency and fades at another rate, yet rests where it should.",
+        remedy="Weigh the payload, or set the simulation's inertia anew.",
+    ),
+    confusable_with=("linear_stiffness", "input_gain", "viscous_damping", "hidden_mode"),
+    absorbed_by_fit=True,
+    energy_bounded=lambda p, placed: True,
+    place=place,
+    mujoco=to_mujoco,
 )

@@ -2,7 +2,9 @@
 
 from typing import no_type_check
 
-from lagsplat.diagnose.effects.base import ForceEffect
+from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
+from lagsplat.diagnose.effects.base import EffectDescription, ForceEffect, Grade
+from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, Scales
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
@@ -18,9 +20,20 @@ def _constants(scales: Scales, variant: str) -> tuple[float, ...]:
     return (0.0 if variant == "" else scales.of("acceleration"), scales.duration_s)
 
 
+def excitation(measures: ExcitationMeasures) -> Grade:
+    """A slow change over the whole recording."""
+    return make_grade(
+        measures.periods > 25,
+        measures.periods > 8,
+        f"{measures.periods:.3g} periods in {measures.clips} clip(s)",
+        f"repeat the same motion early and late within {40 * measures.period_s:.3g} s",
+    )
+
+
 EFFECT = ForceEffect(
     name="parameter_drift",
     group="E",
+    number=4,
     component="exogenous",
     equation="V = (1 + rate t + bend t^2 / duration) V_sim, or a likewise",
     parameters=(
@@ -33,7 +46,17 @@ EFFECT = ForceEffect(
     variant_units={"load": "{q}/s^3"},
     law=force,
     constants=_constants,
-    reports=lambda p, instance: {
-        "rate": p["rate"] * (_constants(instance.scales, instance.variant)[0] or 1.0)
+    report_parameters=lambda p, placed: {
+        "rate": p["rate"] * (_constants(placed.scales, placed.variant)[0] or 1.0)
     },
+    excitation=excitation,
+    description=EffectDescription(
+        title="a property that changes slowly",
+        kind="outside",
+        what="Something warms up, wears or leaks while the recording lasts.",
+        symptom="The simulation fits early and fails late, for the same motion.",
+        remedy="Record after warming up, or let that parameter depend on time.",
+    ),
+    confusable_with=("creep", "viscous_damping", "linear_stiffness", "camera_drift"),
+    mujoco="parameters of a model do not depend on time",
 )

@@ -1,8 +1,11 @@
 """Drag that grows with the square of the speed: ``Q = -m coefficient |v| v``."""
 
-from typing import no_type_check
+from collections.abc import Mapping
+from typing import Any, no_type_check
 
-from lagsplat.diagnose.effects.base import ForceEffect
+from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
+from lagsplat.diagnose.effects.base import EffectDescription, ForceEffect, Grade
+from lagsplat.diagnose.effects.excitation import ask_for_decay, describe_swings, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
@@ -14,14 +17,42 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
     return -theta[0] * abs(v) * v
 
 
+def excitation(measures: ExcitationMeasures) -> Grade:
+    """Decay that is faster at large swings."""
+    reason = describe_swings(measures)
+    return make_grade(
+        measures.amplitude_ratio > 3.0 and measures.periods > 4,
+        measures.amplitude_ratio > 1.8,
+        reason,
+        ask_for_decay(measures),
+    )
+
+
+def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
+    """Raise the damping of the joint that grows with the square of the speed."""
+    changed: tuple[str, ...] = element.raise_damping(1, values["coefficient"])
+    return changed
+
+
 EFFECT = ForceEffect(
     name="quadratic_drag",
     group="B",
+    number=4,
     component="dissipative",
     equation="a = -coefficient |v| v",
     parameters=(EffectParameter("coefficient", "per_coordinate", HalfNormal(0.2)),),
     needs="amplitudes that differ threefold",
     passive=True,
     law=force,
-    together=True,
+    acts_everywhere=True,
+    excitation=excitation,
+    description=EffectDescription(
+        title="drag of air or water",
+        kind="mechanism",
+        what="A resistance that grows with the square of speed.",
+        symptom="Large swings die away quickly, small ones hardly at all.",
+        remedy="Add a quadratic drag to the simulation.",
+    ),
+    confusable_with=("viscous_damping",),
+    mujoco=to_mujoco,
 )

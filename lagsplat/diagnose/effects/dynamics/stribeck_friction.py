@@ -6,7 +6,9 @@ Source: Armstrong-Helouvry, Dupont and Canudas de Wit, doi:10.1016/0005-1098(94)
 import math
 from typing import no_type_check
 
-from lagsplat.diagnose.effects.base import ForceEffect
+from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
+from lagsplat.diagnose.effects.base import EffectDescription, ForceEffect, Grade
+from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal, log_normal
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
@@ -19,9 +21,21 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
     return -theta[0] * (1.0 + theta[1] * math.exp(-ratio * ratio)) * math.tanh(v / theta[3])
 
 
+def excitation(measures: ExcitationMeasures) -> Grade:
+    """Friction that falls as sliding begins."""
+    reason = f"{100 * measures.slow_share:.2g} % of the samples creep, {measures.reversals} reversals"
+    return make_grade(
+        measures.slow_share > 0.1 and measures.reversals >= 6,
+        measures.slow_share > 0.05 and measures.reversals >= 4,
+        reason,
+        f"record slow reversals for {20 * measures.period_s:.3g} s, a tenth of the time nearly at rest",
+    )
+
+
 EFFECT = ForceEffect(
     name="stribeck_friction",
     group="B",
+    number=2,
     component="dissipative",
     equation="a = -(coulomb + (static - coulomb) exp(-(v/velocity)^2)) sign(v)",
     parameters=(
@@ -31,12 +45,25 @@ EFFECT = ForceEffect(
     ),
     needs="a tenth of the samples slower than the Stribeck velocity",
     passive=True,
-    between=("",),
+    between_variants=("",),
     law=force,
     constants=lambda scales, variant: (0.02 * scales.velocity,),
-    reports=lambda p, instance: {
+    report_parameters=lambda p, placed: {
         "coulomb": p["coulomb"],
         "static": p["coulomb"] * (1.0 + p["excess"]),
         "velocity": p["velocity"],
     },
+    excitation=excitation,
+    description=EffectDescription(
+        title="dry friction that sticks",
+        kind="mechanism",
+        what="A rubbing contact holds harder at rest than it resists while sliding.",
+        symptom="Slow motion goes in jerks: it sticks, breaks loose and slips.",
+        remedy="Add friction that falls with speed to the simulation, or lubricate.",
+        short_title="Stribeck friction",
+    ),
+    confusable_with=("coulomb_friction", "load_dependent_friction", "hysteresis"),
+    # has Coulomb friction as a special case
+    log_prior_penalty=2.0,
+    mujoco="the friction loss of a joint does not depend on its speed",
 )

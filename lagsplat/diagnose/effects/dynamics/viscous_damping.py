@@ -1,12 +1,15 @@
 """Viscous damping that differs from the sim's: ``Q = -rate m v``, real minus sim."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, no_type_check
 
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.effects.base import CoefficientBatch, ForceEffect
+from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
+from lagsplat.diagnose.effects.base import CoefficientBatch, EffectDescription, ForceEffect, Grade
+from lagsplat.diagnose.effects.excitation import ask_for_decay, describe_swings, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
@@ -18,23 +21,59 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
     return -theta[0] * v
 
 
-def whole(fields: CoefficientBatch, theta: Float64[np.ndarray, "P 1"], model: Any) -> CoefficientBatch:
+def whole(coefficients: CoefficientBatch, theta: Float64[np.ndarray, "P 1"], model: Any) -> CoefficientBatch:
     """Damping in proportion to the inertia at rest."""
-    damping = fields.damping.copy()
+    damping = coefficients.damping.copy()
     damping[:, 0] += theta[:, :1, None] * model.inertia
-    return replace(fields, damping=damping)
+    return replace(coefficients, damping=damping)
+
+
+def excitation(measures: ExcitationMeasures) -> Grade:
+    """Decay that is the same at every amplitude."""
+    return make_grade(
+        measures.amplitude_ratio > 1.8 and measures.periods > 4,
+        measures.periods > 3,
+        describe_swings(measures),
+        ask_for_decay(measures),
+    )
+
+
+def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
+    """Raise the linear damping of the joint."""
+    changed: tuple[str, ...] = element.raise_damping(0, values["rate"])
+    return changed
 
 
 EFFECT = ForceEffect(
     name="viscous_damping",
     group="A",
+    number=1,
     component="dissipative",
     equation="a = -rate v",
-    parameters=(EffectParameter("rate", "rate", Normal(0.2)),),
+    parameters=(EffectParameter("rate", "rate", Normal(0.2), label="rate (real minus simulated)"),),
     needs="ring-downs at two amplitudes",
     along="both",
-    between=("",),
+    between_variants=("",),
     law=force,
-    together=True,
+    acts_everywhere=True,
     whole=whole,
+    excitation=excitation,
+    description=EffectDescription(
+        title="another viscous damping than the simulation's",
+        kind="parameter",
+        what="A resistance in proportion to speed is stronger or weaker than in the simulation.",
+        symptom="Swings die away faster or slower than predicted, by the same share at every size.",
+        remedy="Set the simulation's damping anew.",
+    ),
+    confusable_with=(
+        "mass_change",
+        "linear_stiffness",
+        "input_gain",
+        "creep",
+        "parameter_drift",
+        "quadratic_drag",
+    ),
+    absorbed_by_fit=True,
+    energy_bounded=lambda p, placed: p["rate"] >= 0.0,
+    mujoco=to_mujoco,
 )

@@ -5,13 +5,15 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.effects.base import ObservationEffect, PlacedEffect
+from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
+from lagsplat.diagnose.effects.base import EffectDescription, Grade, ObservationEffect, PlacedEffect
+from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal
 
 
-def observe(y: Any, v: Any, t: Any, theta: Float64[np.ndarray, "P 2"], instance: PlacedEffect) -> Any:
+def observe(y: Any, v: Any, t: Any, theta: Float64[np.ndarray, "P 2"], placed: PlacedEffect) -> Any:
     """``y + zoom (y - rest) + shift`` along the direction."""
-    along = instance.direction
+    along = placed.direction
     assert along is not None
     p = along.covector
     s = y @ p - along.rest
@@ -19,9 +21,21 @@ def observe(y: Any, v: Any, t: Any, theta: Float64[np.ndarray, "P 2"], instance:
     return y + move[..., None] * (p / (p @ p))
 
 
+def excitation(measures: ExcitationMeasures) -> Grade:
+    """Coordinates that are scaled and shifted although the mechanism is the same."""
+    nonlinear = measures.amplitude_ratio > 2.0
+    return make_grade(
+        False,
+        measures.periods > 3 and (nonlinear or measures.driven),
+        "without pictures only the curvature of the law tells a scale",
+        "film a static background too, and give the video",
+    )
+
+
 EFFECT = ObservationEffect(
     name="camera_change",
     group="G",
+    number=4,
     level="chart",
     equation="y = q + zoom (q - rest) + shift",
     parameters=(
@@ -31,5 +45,18 @@ EFFECT = ObservationEffect(
     needs="a background that stands still",
     amplitudes=2,
     observe=observe,
-    reports=lambda p, instance: {"zoom": 1.0 + p["zoom"], "shift": p["shift"]},
+    report_parameters=lambda p, placed: {"zoom": 1.0 + p["zoom"], "shift": p["shift"]},
+    excitation=excitation,
+    description=EffectDescription(
+        title="a camera that was moved or zoomed",
+        kind="observation",
+        what="The picture was taken from another place or with another zoom than the simulation was learnt from.",
+        symptom="Everything appears shifted or stretched, at rest as well; the background is too.",
+        remedy="Put the camera back or calibrate it; leave the simulation alone.",
+    ),
+    confusable_with=("input_gain", "constant_force"),
+    # zoom and shift imitate a gain, a stiffness or a tilt
+    log_prior_penalty=4.0,
+    camera="moved between recordings",
+    mujoco="it concerns the camera of the recording, not the mechanism",
 )

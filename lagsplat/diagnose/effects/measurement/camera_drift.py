@@ -5,24 +5,44 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.effects.base import ObservationEffect, PlacedEffect
+from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
+from lagsplat.diagnose.effects.base import EffectDescription, Grade, ObservationEffect, PlacedEffect
+from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal
 
 
-def observe(y: Any, v: Any, t: Any, theta: Float64[np.ndarray, "P 1"], instance: PlacedEffect) -> Any:
+def observe(y: Any, v: Any, t: Any, theta: Float64[np.ndarray, "P 1"], placed: PlacedEffect) -> Any:
     """``y + rate t`` along the direction."""
-    along = instance.direction
+    along = placed.direction
     assert along is not None
     p = along.covector
     return y + (theta[:, 0, None, None] * t)[..., None] * (p / (p @ p))
 
 
+def excitation(measures: ExcitationMeasures) -> Grade:
+    """A slow shift of everything that is seen."""
+    reason = f"{measures.periods:.3g} periods; a drift of the rest looks the same"
+    return make_grade(False, measures.periods > 8, reason, "film a static background too, and give the video")
+
+
 EFFECT = ObservationEffect(
     name="camera_drift",
     group="G",
+    number=5,
     level="chart",
     equation="y = q + rate t",
     parameters=(EffectParameter("rate", "drift", Normal(0.2)),),
     needs="a background that stands still, or the same motion early and late",
     observe=observe,
+    excitation=excitation,
+    description=EffectDescription(
+        title="a camera that moves slowly",
+        kind="observation",
+        what="The camera sinks or turns while the recording lasts.",
+        symptom="The rest position wanders, and the background with it.",
+        remedy="Fix the camera or stabilise the film; leave the simulation alone.",
+    ),
+    confusable_with=("parameter_drift",),
+    camera="moves while recording",
+    mujoco="it concerns the camera of the recording, not the mechanism",
 )

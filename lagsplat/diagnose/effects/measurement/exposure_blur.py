@@ -5,11 +5,13 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.effects.base import ObservationEffect, PlacedEffect
+from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
+from lagsplat.diagnose.effects.base import EffectDescription, Grade, ObservationEffect, PlacedEffect
+from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal
 
 
-def observe(y: Any, v: Any, t: Any, theta: Float64[np.ndarray, "P 1"], instance: PlacedEffect) -> Any:
+def observe(y: Any, v: Any, t: Any, theta: Float64[np.ndarray, "P 1"], placed: PlacedEffect) -> Any:
     """``y + exposure^2 / 24 d^2y/dt^2``, to second order in the exposure.
 
     Beyond the end of a window time stands still; nothing is differenced across that.
@@ -27,13 +29,31 @@ def observe(y: Any, v: Any, t: Any, theta: Float64[np.ndarray, "P 1"], instance:
     return y + theta[:, 0, None, None, None] ** 2 / 24.0 * bend
 
 
+def excitation(measures: ExcitationMeasures) -> Grade:
+    """Fast motion that is seen smaller and later."""
+    fast = measures.samples_per_period < 25 or measures.speed_ratio > 2.0
+    reason = f"{measures.samples_per_period:.3g} samples a period"
+    return make_grade(False, fast, reason, "give the video, with its exposure time")
+
+
 EFFECT = ObservationEffect(
     name="exposure_blur",
     group="G",
+    number=6,
     level="chart",
     equation="y = mean of q over the exposure",
     parameters=(EffectParameter("exposure", "frame", HalfNormal(1.0)),),
     needs="motion within one exposure, seen in the pictures",
     along="whole",
     observe=observe,
+    excitation=excitation,
+    description=EffectDescription(
+        title="a long exposure",
+        kind="observation",
+        what="Each frame is a mean over the time the shutter is open.",
+        symptom="Fast turns look smaller than they are.",
+        remedy="Shorten the exposure; leave the simulation alone.",
+    ),
+    camera="shutter",
+    mujoco="it concerns the camera of the recording, not the mechanism",
 )

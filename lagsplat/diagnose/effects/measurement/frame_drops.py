@@ -3,7 +3,9 @@
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.effects.base import SampleEffect
+from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
+from lagsplat.diagnose.effects.base import EffectDescription, Grade, SampleEffect
+from lagsplat.diagnose.effects.excitation import grade_timing
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal
 
 SHARES = np.geomspace(0.0005, 0.3, 30)
@@ -34,9 +36,15 @@ def explain(
     return best, {"count": (count, max(count - about, 0.0), count + about)}, float(off.min(axis=0).sum())
 
 
+def excitation(measures: ExcitationMeasures) -> Grade:
+    """Jumps along the motion."""
+    return grade_timing(measures, "record faster swings, or read the camera's own frame counter")
+
+
 EFFECT = SampleEffect(
     name="frame_drops",
     group="G",
+    number=3,
     level="perception",
     equation="y_k = q(t_{k-1}) for some frames k",
     parameters=(EffectParameter("count", "ratio", HalfNormal(100.0)),),
@@ -44,4 +52,13 @@ EFFECT = SampleEffect(
     along="whole",
     explain=explain,
     repeats=True,
+    excitation=excitation,
+    description=EffectDescription(
+        title="lost or repeated frames",
+        kind="observation",
+        what="Some frames are missing or shown twice, and the clock does not say so.",
+        symptom="The motion halts or leaps for single frames.",
+        remedy="Record again without losses, or cut there; leave the simulation alone.",
+    ),
+    mujoco="it concerns the frames of the recording, not the mechanism",
 )

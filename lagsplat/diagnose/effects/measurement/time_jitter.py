@@ -3,7 +3,9 @@
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.effects.base import SampleEffect
+from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
+from lagsplat.diagnose.effects.base import EffectDescription, Grade, SampleEffect
+from lagsplat.diagnose.effects.excitation import grade_timing
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal
 
 SIZES = np.geomspace(0.003, 3.0, 80)
@@ -46,13 +48,28 @@ def _gains(
     return -0.5 * np.sum(square / variance + np.log(variance / even) - 1.0, axis=2)
 
 
+def excitation(measures: ExcitationMeasures) -> Grade:
+    """Errors that grow with speed."""
+    return grade_timing(measures, "record faster swings, with the sensor's noise reduced")
+
+
 EFFECT = SampleEffect(
     name="time_jitter",
     group="G",
+    number=2,
     level="perception",
     equation="y = q(t + e), e of standard deviation std",
     parameters=(EffectParameter("std", "frame", HalfNormal(0.5)),),
     needs="fast and slow stretches",
     along="whole",
     explain=explain,
+    excitation=excitation,
+    description=EffectDescription(
+        title="time stamps that scatter",
+        kind="observation",
+        what="Frames are stamped a little early or late at random.",
+        symptom="Errors are large where motion is fast and vanish where it turns.",
+        remedy="Use the camera's own time stamps; leave the simulation alone.",
+    ),
+    mujoco="it concerns the time stamps of the recording, not the mechanism",
 )

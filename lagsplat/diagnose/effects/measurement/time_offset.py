@@ -8,7 +8,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.effects.base import InputEffect
+from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures, InputMeasures
+from lagsplat.diagnose.effects.base import EffectDescription, Grade, InputEffect
+from lagsplat.diagnose.effects.excitation import (
+    grade_fast_input,
+)
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal
 
 
@@ -17,9 +21,20 @@ def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray
     return np.stack([signal.at(signal.time + offset) for offset in theta[:, 0]])
 
 
+def excitation(channel: InputMeasures, measures: ExcitationMeasures) -> Grade:
+    """Two clocks that differ; a delay of the input looks the same without an event that both show."""
+    grade = grade_fast_input(channel, measures)
+    return Grade(
+        "weak" if grade.excited == "yes" else grade.excited,
+        f"{grade.reason}; a delay looks the same",
+        "record an event that both show, such as a knock",
+    )
+
+
 EFFECT = InputEffect(
     name="time_offset",
     group="G",
+    number=1,
     level="perception",
     equation="y(t) = q(t + offset)",
     parameters=(
@@ -29,4 +44,14 @@ EFFECT = InputEffect(
     amplitudes=0,
     along="whole",
     change=change,
+    excitation=excitation,
+    description=EffectDescription(
+        title="clocks of motion and inputs that disagree",
+        kind="observation",
+        what="The log of the inputs is shifted in time against the motion.",
+        symptom="All responses start too early or too late by the same time; the physics is right.",
+        remedy="Shift one clock by the offset; leave the simulation alone.",
+    ),
+    confusable_with=("input_delay", "input_lag"),
+    mujoco="it concerns the clocks of the recording, not the mechanism",
 )
