@@ -219,7 +219,9 @@ def verb_parser(name: str, parser: argparse.ArgumentParser | None = None) -> arg
     width = max(len(key) for key, _ in verb.keys) + 2
     keys = "\n".join(f"  {key:<{width}}{text}" for key, text in verb.keys)
     parser.epilog = f"keys:\n{keys}\n\nexample:\n  {verb.example}\n\n{EXIT_CODES}"
-    words: Any = parser.add_argument("words", nargs="*", metavar="key=value", help=argparse.SUPPRESS)
+    words: Any = parser.add_argument(
+        "words", nargs="*", metavar="WORD", help="FILE, FOLDER or key=value; see keys"
+    )
     words.complete = {"bash": "_shtab_compgen_files", "zsh": "_files", "tcsh": "f"}
     for flag, text in verb.flags:
         parser.add_argument(flag, action="store_true", help=text)
@@ -228,24 +230,20 @@ def verb_parser(name: str, parser: argparse.ArgumentParser | None = None) -> arg
 
 def full_parser() -> argparse.ArgumentParser:
     """The parser of everything, for help and for the completion of shells."""
-    width = max(map(len, VERBS)) + 2
     calls = "\n".join(f"  lagsplat {name} {text}" for name, verb in VERBS.items() for text in verb.usage)
     parser = _Parser(
         prog="lagsplat",
         usage="lagsplat VERB [key=value ...]",
         description="From one fixed-camera video to a simulation that can be pushed, and why it differs "
-        "from the real mechanism.\n\nverbs:\n"
-        + "\n".join(f"  {name:<{width}}{verb.summary}" for name, verb in VERBS.items()),
+        "from the real mechanism.",
         epilog=f"usage of each verb:\n{calls}\n\n`lagsplat VERB --help` explains its keys.\n\n{EXIT_CODES}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action=_PrintVersion)
     parser.add_argument(
-        "--print-completion",
-        choices=("bash", "zsh", "tcsh"),
-        help='completion script: eval "$(lagsplat --print-completion bash)"',
+        "--print-completion", choices=("bash", "zsh", "tcsh"), help="print a completion script for this shell"
     )
-    verbs = parser.add_subparsers(dest="verb", metavar="VERB", help=argparse.SUPPRESS)
+    verbs = parser.add_subparsers(dest="verb", title="verbs", metavar="VERB")
     for name, verb in VERBS.items():
         verb_parser(name, verbs.add_parser(name, help=verb.summary))
     return parser
