@@ -93,8 +93,8 @@ def attempt(place: Path, out: Path, work: Callable[[Path, Path], None]) -> bool:
 
 
 def _write_diagnosis(place: Path, out: Path, config: DiagnoseConfig) -> None:
-    pair = open_diagnosis_inputs(str(place / SIM), str(place / REAL), config)
-    found = run_diagnosis(pair, config, tell=lambda name: None).diagnosis
+    inputs = open_diagnosis_inputs(str(place / SIM), str(place / REAL), config)
+    found = run_diagnosis(inputs, config, report_progress=lambda name: None).diagnosis
     if found.blocks:
         save_rollouts(out / "rollouts.csv", found.blocks, q_names=found.q_names)
     save_diagnosis(out / "diagnosis.json", found)

@@ -41,8 +41,7 @@ from typing import TYPE_CHECKING
 from lagsplat.diagnose.inference.identifiability import compute_separability
 from lagsplat.diagnose.inference.profile_likelihood import compute_profiles
 from lagsplat.diagnose.residual.components import compute_residual_correlations
-from lagsplat.diagnose.residual.error_budget import ErrorStage
-from lagsplat.diagnose.residual.error_budget import measure_error_stages
+from lagsplat.diagnose.residual.error_budget import ErrorStage, measure_error_stages
 from lagsplat.diagnose.residual.latent_force import estimate_latent_force
 from lagsplat.io.trajectory.trajectory import Trajectory, leading_samples
 
@@ -63,7 +62,7 @@ class RenderedBlocks:
     """Frames of held-out blocks (T, H, W, 3): measured, and drawn of the sim's forecast, of the one with
     effects, and of the latents as encoded, which are ``q`` (T, d). ``at`` (T,) are their numbers."""
 
-    side: RecordedTrajectory
+    recorded: RecordedTrajectory
     at: np.ndarray
     q: np.ndarray
     real: np.ndarray
@@ -72,13 +71,13 @@ class RenderedBlocks:
     encoded: np.ndarray
 
 
-def build_image_content(pair: "DiagnosisInputs", found: DiagnosisRun) -> tuple[DiagnosisRun, ReportContent]:
+def build_image_content(inputs: "DiagnosisInputs", found: DiagnosisRun) -> tuple[DiagnosisRun, ReportContent]:
     """The diagnosis with its region of the picture and its errors in pictures, and the figures of both.
 
     Of tables of latents there are no pictures, and none are shown.
     """
-    assert pair.films is not None, "the sim is no fitted run"
-    drawer = _BlockRenderer(pair.films, pair, found)
+    assert inputs.recordings is not None, "the sim is no fitted run"
+    drawer = _BlockRenderer(inputs.recordings, inputs, found)
     seen = drawer.seen()
     if seen is None:
         return found, ReportContent()
@@ -102,9 +101,9 @@ def build_image_content(pair: "DiagnosisInputs", found: DiagnosisRun) -> tuple[D
 class _BlockRenderer:
     """Draws one diagnosed run."""
 
-    def __init__(self, films: RecordingPair, pair: "DiagnosisInputs", found: DiagnosisRun) -> None:
-        self.films, self.pair, self.found = films, pair, found
-        self.run = films.run
+    def __init__(self, recordings: RecordingPair, inputs: "DiagnosisInputs", found: DiagnosisRun) -> None:
+        self.recordings, self.inputs, self.found = recordings, inputs, found
+        self.run = recordings.run
         self.period_s = float(found.diagnosis.checks["natural_period_s"])
 
     @cached_property
@@ -118,23 +117,23 @@ class _BlockRenderer:
 
     def seen(self) -> RenderedBlocks | None:
         """Held-out blocks, drawn; None where no block has pictures."""
-        for side in self.films.sides:
-            if side.recording is None:
+        for recorded in self.recordings.real_recordings:
+            if recorded.recording is None:
                 continue
-            blocks = [b for b in self.found.diagnosis.blocks if b.file == side.motion.source]
+            blocks = [b for b in self.found.diagnosis.blocks if b.file == recorded.motion.source]
             if blocks:
-                return self._seen(side, blocks, COMPARED)
+                return self._seen(recorded, blocks, COMPARED)
         return None
 
-    def _seen(self, side: RecordedTrajectory, blocks: Sequence[Block], most: int) -> RenderedBlocks:
-        assert side.recording is not None
+    def _seen(self, recorded: RecordedTrajectory, blocks: Sequence[Block], most: int) -> RenderedBlocks:
+        assert recorded.recording is not None
         time_s = np.concatenate([block.time_s for block in blocks])
         chosen = choose_evenly(len(time_s), most)
-        at = find_nearest_frames(side.recording, time_s[chosen])
+        at = find_nearest_frames(recorded.recording, time_s[chosen])
         q = {name: np.concatenate([getattr(b, name) for b in blocks])[chosen]
              for name in ("real", "sim", "augmented")}  # fmt: skip
         return RenderedBlocks(
-            side, at, q["real"], read_frames(side.recording, at),
+            recorded, at, q["real"], read_frames(recorded.recording, at),
             self.draw(q["sim"]), self.draw(q["augmented"]), self.draw(q["real"]),
         )  # fmt: skip
 
@@ -151,16 +150,16 @@ class _BlockRenderer:
 
     def _stages(self, seen: RenderedBlocks, rollout: float) -> dict[str, float] | None:
         """Share of the rollouts' squared error that each stage adds; see `compute_stage_shares`."""
-        one = next((s for s in self.smoothed if s.motion.source == seen.side.motion.source), None)
-        if one is None or seen.side.recording is None:
+        one = next((s for s in self.smoothed if s.motion.source == seen.recorded.motion.source), None)
+        if one is None or seen.recorded.recording is None:
             return None
-        recording, motion = seen.side.recording, one.motion
+        recording, motion = seen.recorded.recording, one.motion
         begins = {start for start, _ in motion.segments}
         inside = np.array([i for i in choose_evenly(motion.n, COMPARED) if i not in begins])
         real = read_frames(recording, find_nearest_frames(recording, motion.time_s[inside]))
         before = np.stack([inside - 1, inside], axis=1)
         step = forecast_positions(
-            self.pair.sim.model,
+            self.inputs.sim.model,
             one.q[inside - 1], one.v[inside - 1], motion.time_s[before], motion.u[before],
             finest_s=self.period_s / 50.0,
         )[:, 1]  # fmt: skip
@@ -183,7 +182,7 @@ class _BlockRenderer:
         # A force too small to be noticed is not known to be none.
         least = SEEN * float(np.sqrt(np.mean(force**2)))
         covariance = one.covariance[at] + least**2 * np.eye(force.shape[1])
-        felt = body.jacobian / compute_rest_inertia(self.pair.sim.model)[None, :, None]
+        felt = body.jacobian / compute_rest_inertia(self.inputs.sim.model)[None, :, None]
         reach = np.broadcast_to(felt, (len(at), *felt.shape))
         return localize_force(force, covariance, reach, one.v[at]), body
 
@@ -192,8 +191,11 @@ class _BlockRenderer:
         one = max(self.smoothed, key=lambda s: float(np.mean(s.residual**2)))
         times = one.motion.time_s[choose_evenly(one.motion.n, PLACED)]
         main = 0 if place.force is None else int(np.argmax(np.linalg.norm(place.force, axis=1)))
-        side = next((s for s in self.films.sides if s.motion.source == one.motion.source), seen.side)
-        recording = side.recording or seen.side.recording
+        recorded = next(
+            (s for s in self.recordings.real_recordings if s.motion.source == one.motion.source),
+            seen.recorded,
+        )
+        recording = recorded.recording or seen.recorded.recording
         assert recording is not None
         at = find_nearest_frames(recording, times[[main]])
         q = one.q[choose_evenly(one.motion.n, PLACED)][[main]]
@@ -211,18 +213,18 @@ class _BlockRenderer:
 
     def film(self) -> VideoComparison | None:
         """Blocks in a row around the one that the sim forecasts worst."""
-        for side in self.films.sides:
-            blocks = [b for b in self.found.diagnosis.blocks if b.file == side.motion.source]
-            if side.recording is None or not blocks:
+        for recorded in self.recordings.real_recordings:
+            blocks = [b for b in self.found.diagnosis.blocks if b.file == recorded.motion.source]
+            if recorded.recording is None or not blocks:
                 continue
             worst = int(np.argmax([np.mean((b.sim - b.real) ** 2) for b in blocks]))
             first = max(0, min(worst - FILMED // 2, len(blocks) - FILMED))
-            seen = self._seen(side, blocks[first : first + FILMED], FILMED_FRAMES)
-            step_s = side.motion.dt_s * max(1.0, sum(len(b.time_s) for b in blocks[first : first + FILMED])
+            seen = self._seen(recorded, blocks[first : first + FILMED], FILMED_FRAMES)
+            step_s = recorded.motion.dt_s * max(1.0, sum(len(b.time_s) for b in blocks[first : first + FILMED])
                                             / len(seen.at))  # fmt: skip
             slowed = max(1.0, SLOWEST_S / self.period_s)
-            films = (_to_bytes(seen.real), _to_bytes(seen.sim), _to_bytes(seen.augmented))
-            return VideoComparison(*films, frames_per_s=1.0 / (step_s * slowed), slowed=slowed)
+            recordings = (_to_bytes(seen.real), _to_bytes(seen.sim), _to_bytes(seen.augmented))
+            return VideoComparison(*recordings, frames_per_s=1.0 / (step_s * slowed), slowed=slowed)
         return None
 
 
@@ -233,12 +235,12 @@ def _to_bytes(picture: np.ndarray) -> np.ndarray:
 CLIMBED = 40  # natural periods of the sim's own motions by which the floors of the ladder are told
 
 
-def build_report_content(pair: "DiagnosisInputs", found: DiagnosisRun) -> ReportContent:
+def build_report_content(inputs: "DiagnosisInputs", found: DiagnosisRun) -> ReportContent:
     """The ladder, what the residual goes with, what is told apart, how sharply numbers are known."""
-    noise_inflation, real = found.ranking.noise_inflation, pair.real[0]
+    noise_inflation, real = found.ranking.noise_inflation, inputs.real[0]
     where = found.diagnosis.where
     return ReportContent(
-        rungs=compute_error_stages(pair, found),
+        rungs=compute_error_stages(inputs, found),
         fingerprint=where
         and compute_residual_correlations(where.smoothed, q_names=real.q_names, u_names=real.u_names),
         separability=compute_separability(
@@ -248,27 +250,27 @@ def build_report_content(pair: "DiagnosisInputs", found: DiagnosisRun) -> Report
     )
 
 
-def compute_error_stages(pair: "DiagnosisInputs", found: DiagnosisRun) -> tuple[ErrorStage, ...]:
+def compute_error_stages(inputs: "DiagnosisInputs", found: DiagnosisRun) -> tuple[ErrorStage, ...]:
     """The ladder; floors are those of the sim's own motions, of its training part if it is a fitted run.
 
     None where the residual could not be worked out.
     """
     if found.diagnosis.where is None:
         return ()
-    checked, period_s = pair.checked.sim, float(found.diagnosis.checks["natural_period_s"])
+    checked, period_s = inputs.checked.sim, float(found.diagnosis.checks["natural_period_s"])
     nominal = None
     if checked is not None:
         part = _first_part(checked.motions, CLIMBED * period_s)
         hold = "zoh" if found.problem.rollout_model.held else "linear"
         with contextlib.suppress(np.linalg.LinAlgError):  # a sim that cannot follow even its own motions
-            nominal = estimate_latent_force(pair.sim.model, part, period_s=period_s, hold=hold)
-    sight = None if pair.films is None else pair.films.sight
+            nominal = estimate_latent_force(inputs.sim.model, part, period_s=period_s, hold=hold)
+    image_quality = None if inputs.recordings is None else inputs.recordings.image_quality
     return measure_error_stages(
-        pair.sim.model,
+        inputs.sim.model,
         found.diagnosis.where.smoothed,
         nominal,
         horizon_s=period_s,
-        pictures=None if sight is None else (sight.error_real, sight.error_nominal),
+        pictures=None if image_quality is None else (image_quality.error_real, image_quality.error_nominal),
         block=10,
     )
 

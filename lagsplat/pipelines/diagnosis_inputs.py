@@ -50,10 +50,10 @@ class DiagnosisInputs:
 
     sim: EstimatedSimulator
     checked: DataCheck
-    rows: tuple[Excitation, ...]
-    own: bool
+    excitation: tuple[Excitation, ...]
+    same_recording: bool
     """The sim was fitted to the very recording."""
-    films: "RecordingPair | None" = None
+    recordings: "RecordingPair | None" = None
     """The pictures of both sides, where the sim is a fitted run."""
     hold: str | None = None
     """How inputs act between samples, where the sim's own recordings say another thing than the settings."""
@@ -64,10 +64,10 @@ class DiagnosisInputs:
         return self.checked.real.motions
 
     @property
-    def null(self) -> Trajectory | None:
+    def null_motion(self) -> Trajectory | None:
         """A motion without any effect that the sim misses all the same, as fitted runs always do; or None."""
-        if self.films is not None:
-            return self.films.null
+        if self.recordings is not None:
+            return self.recordings.null_motion
         if self.checked.sim is None or self.sim.misfit < MISSED:
             return None
         return max(self.checked.sim.motions, key=lambda motion: motion.duration_s)
@@ -86,35 +86,37 @@ def open_diagnosis_inputs(sim: str, real: str, config: DiagnoseConfig) -> Diagno
     if models and len(sims) > 1:
         raise ValueError(f"sim={sim}: name one model, or recordings; {models[0].path} is a {models[0].kind}")
     nominal: tuple[Trajectory, ...] = ()
-    own, films = False, None
+    own, recordings = False, None
     if models and models[0].kind == "run":
         from lagsplat.pipelines.diagnosis_videos import (
             open_recording_pair,  # torch, which the other sims do without
         )
 
-        films = open_recording_pair(
+        recordings = open_recording_pair(
             Path(models[0].path), real, columns=config.columns, longest_s=config.reference_longest_s
         )
-        nominal, motions, own = films.nominal, films.real, films.own
+        nominal, motions, own = recordings.nominal, recordings.real, recordings.same_recording
     else:
         motions = read_sources(find_sources(real), columns=config.columns)
         if not models:
             nominal = read_sources(sims, columns=config.columns)
     checked = check_data(nominal, motions)
-    if films is not None:
-        checked = replace(checked, findings=(*films.findings, *checked.findings))
+    if recordings is not None:
+        checked = replace(checked, findings=(*recordings.findings, *checked.findings))
     else:  # each sample of a film belongs to a frame
         checked = _decimate(checked, hold=config.input_hold)
-    rows: tuple[Excitation, ...] = ()
+    excitation: tuple[Excitation, ...] = ()
     period_s = checked.real.period_s or (checked.sim.period_s if checked.sim else None)
     if period_s is not None:
-        rows = assess_excitation(
+        excitation = assess_excitation(
             checked.real.motions,
             period_s=period_s,
             noise=checked.real.noise,
             closed_loop=checked.closed_loop,
         )
-    known = _open_simulator(models, checked, config, films.null if films is not None else None)
+    known = _open_simulator(
+        models, checked, config, recordings.null_motion if recordings is not None else None
+    )
     hold = None
     if not models and config.input_hold == "linear":
         held = _try_held_inputs(checked, config, known)
@@ -128,7 +130,7 @@ def open_diagnosis_inputs(sim: str, real: str, config: DiagnoseConfig) -> Diagno
         checked = replace(checked, findings=(*checked.findings, _recalibrated_finding(known, sim)))
     if known.outlier_spans:
         checked = replace(checked, findings=(*checked.findings, _disturbed_finding(known)))
-    return DiagnosisInputs(known, checked, rows, own, films, hold)
+    return DiagnosisInputs(known, checked, excitation, own, recordings, hold)
 
 
 def _decimate(checked: DataCheck, *, hold: str) -> DataCheck:
@@ -227,7 +229,7 @@ def _lost_recordings_finding(sim: EstimatedSimulator, nominal: Sequence[Trajecto
 
 
 def _open_simulator(
-    models: Sequence[DataSource], checked: DataCheck, config: DiagnoseConfig, null: Trajectory | None
+    models: Sequence[DataSource], checked: DataCheck, config: DiagnoseConfig, null_motion: Trajectory | None
 ) -> EstimatedSimulator:
     if not models:
         assert checked.sim is not None
@@ -245,18 +247,18 @@ def _open_simulator(
     if checked.sim is None:
         return bare
     told = checked.sim.motions
-    known = _calibrate(bare, null, told, config)
+    known = _calibrate(bare, null_motion, told, config)
     if known.misfit < MISSED:
         return known
     moved = recalibrate_simulator(known, told, config)
-    return known if moved is known else _calibrate(moved, null, told, config)
+    return known if moved is known else _calibrate(moved, null_motion, told, config)
 
 
 def _calibrate(
-    sim: EstimatedSimulator, null: Trajectory | None, own: Sequence[Trajectory], config: DiagnoseConfig
+    sim: EstimatedSimulator, null_motion: Trajectory | None, own: Sequence[Trajectory], config: DiagnoseConfig
 ) -> EstimatedSimulator:
     """The sim held to what no fit saw of its own mechanism, or to all there is where that is too short."""
-    if null is not None:
+    if null_motion is not None:
         with contextlib.suppress(ValueError):
-            return calibrate_misfit(sim, [null], config)
+            return calibrate_misfit(sim, [null_motion], config)
     return calibrate_misfit(sim, own, config)

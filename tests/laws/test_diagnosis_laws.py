@@ -23,7 +23,7 @@ U = wave(4)
 def told(sim: EstimatedSimulator, real: list[Trajectory]) -> Diagnosis:
     """The diagnosis among a few effects."""
     left_out = sorted(set(catalogue()) - set(RIVALS))
-    config = replace(settings(), without=left_out, always=[], families=3, starts=1, places=1)
+    config = replace(settings(), without=left_out, always_fitted=[], families=3, starts=1, places=1)
     return diagnose(sim, real, config).diagnosis
 
 

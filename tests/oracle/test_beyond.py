@@ -25,7 +25,7 @@ def pendulum(seed: int, push: float, *, seconds: float, rate: float, noise: floa
 
 def compared(real: Trajectory) -> Diagnosis:
     """A real motion beside a sim that is known by 20 s without noise."""
-    config = replace(settings(), without=sorted(set(catalogue()) - set(KNOWN)), always=[])
+    config = replace(settings(), without=sorted(set(catalogue()) - set(KNOWN)), always_fitted=[])
     nominal = pendulum(1, 0.0, seconds=20.0, rate=1.2, noise=0.0)
     return diagnose(estimate_simulator([nominal], config), [real], config).diagnosis
 

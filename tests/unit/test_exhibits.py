@@ -22,51 +22,51 @@ PERIOD_S = 0.5
 
 
 @pytest.fixture(scope="module")
-def films():
+def recordings():
     film = tiny_run.recording(400, tail=100)
     model = tiny_run.autoencoder()
     run = FittedRun(film, model, tiny_run.chart(model, film), tiny_run.lagrangian())
     real, nominal = (read_chart_trajectory(run.chart, held_out=held) for held in (True, False))
-    return RecordingPair(run, (nominal,), (RecordedTrajectory(real, film.split()[1]),), own=True)
+    return RecordingPair(run, (nominal,), (RecordedTrajectory(real, film.split()[1]),), same_recording=True)
 
 
 @pytest.fixture(scope="module")
-def mechanics(films):
-    motion = films.nominal[0]
+def mechanics(recordings):
+    motion = recordings.nominal[0]
     v = np.gradient(motion.q, motion.time_s, axis=0)
-    return project_run(films.run.lagrangian, OperatingRegion(motion.q, v, motion.u), what="run").model
+    return project_run(recordings.run.lagrangian, OperatingRegion(motion.q, v, motion.u), what="run").model
 
 
-def diagnosed(films, mechanics):
+def diagnosed(recordings, mechanics):
     """A pair and a finding, of which only what the pictures need is there."""
-    real = films.real[0]
+    real = recordings.real[0]
     blocks = tuple(
         Block(real.source, i, real.time_s[a : a + 31], real.q[a : a + 31], real.q[a : a + 31] + 0.4,
               real.q[a : a + 31] + 0.05)
         for i, a in enumerate((20, 50, 110))
     )  # fmt: skip
-    where = locate(mechanics, films.real, period_s=PERIOD_S)
+    where = locate(mechanics, recordings.real, period_s=PERIOD_S)
     made = replace(
         made_diagnoses.friction(), blocks=blocks, where=where, checks={"natural_period_s": PERIOD_S}
     )
     pair = SimpleNamespace(
-        films=films,
+        recordings=recordings,
         sim=SimpleNamespace(model=mechanics),
-        real=films.real,
-        checked=SimpleNamespace(sim=SimpleNamespace(motions=films.nominal)),
+        real=recordings.real,
+        checked=SimpleNamespace(sim=SimpleNamespace(motions=recordings.nominal)),
     )
-    contest = SimpleNamespace(rollout_model=SimpleNamespace(held=False))
-    return pair, SimpleNamespace(diagnosis=made, contest=contest)
+    problem = SimpleNamespace(rollout_model=SimpleNamespace(held=False))
+    return pair, SimpleNamespace(diagnosis=made, problem=problem)
 
 
 @pytest.fixture(scope="module")
-def shown(films, mechanics):
-    pair, found = diagnosed(films, mechanics)
-    return build_image_content(pair, DiagnosisRun(found.diagnosis, found.contest, None, None))
+def shown(recordings, mechanics):
+    pair, found = diagnosed(recordings, mechanics)
+    return build_image_content(pair, DiagnosisRun(found.diagnosis, found.problem, None, None))
 
 
-def test_the_ladder_has_every_rung_with_its_floor(films, mechanics):
-    rungs = {rung.name: rung for rung in ladder(*diagnosed(films, mechanics))}
+def test_the_ladder_has_every_rung_with_its_floor(recordings, mechanics):
+    rungs = {rung.name: rung for rung in ladder(*diagnosed(recordings, mechanics))}
     assert list(rungs) == ["perception", "chart", "one step", "rollout"]
     assert all(rung.floor > 0.0 and rung.low <= rung.value <= rung.high for rung in rungs.values())
 
@@ -88,18 +88,20 @@ def test_the_picture_shows_where_the_sim_draws_wrongly(shown):
     assert region["localisable"] in (True, False)
 
 
-def test_the_film_shows_the_blocks_side_by_side(shown, films):
+def test_the_film_shows_the_blocks_side_by_side(shown, recordings):
     film = shown[1].film
     assert film.real.shape == film.sim.shape == film.augmented.shape == (93, 16, 16, 3)
-    np.testing.assert_array_equal(film.real[0], films.sides[0].recording.frames[20])
+    np.testing.assert_array_equal(film.real[0], recordings.real_recordings[0].recording.frames[20])
     assert film.slowed == pytest.approx(1.0 / PERIOD_S)
     assert film.frames_per_s == pytest.approx(60.0 * PERIOD_S)
 
 
-def test_latents_without_pictures_have_a_ladder_without_them(films, mechanics):
-    bare = RecordingPair(films.run, films.nominal, (RecordedTrajectory(films.real[0]),), own=False)
+def test_latents_without_pictures_have_a_ladder_without_them(recordings, mechanics):
+    bare = RecordingPair(
+        recordings.run, recordings.nominal, (RecordedTrajectory(recordings.real[0]),), same_recording=False
+    )
     pair, found = diagnosed(bare, mechanics)
     assert [rung.name for rung in ladder(pair, found)] == ["chart", "one step", "rollout"]
-    found, exhibits = build_image_content(pair, DiagnosisRun(found.diagnosis, found.contest, None, None))
+    found, exhibits = build_image_content(pair, DiagnosisRun(found.diagnosis, found.problem, None, None))
     assert exhibits.film is None
     assert "image" not in found.diagnosis.checks

@@ -10,9 +10,9 @@ import pytest
 
 from lagsplat.chart.chart import save_chart
 from lagsplat.diagnose.core.result import Gap, Interval
-from lagsplat.diagnose.imaging.rendering import frames_at
+from lagsplat.diagnose.imaging.rendering import find_nearest_frames
 from lagsplat.diagnose.imaging.video_checks import CameraShift
-from lagsplat.diagnose.residual.error_budget import Perception
+from lagsplat.diagnose.residual.error_budget import PerceptionQuality
 from lagsplat.io.recording.recording import save_recording
 from lagsplat.io.trajectory.trajectory import Trajectory, leading_samples
 from lagsplat.pipelines.diagnosis_videos import (
@@ -65,33 +65,33 @@ def write_film(path, frames):
 
 
 def test_a_run_against_itself_is_its_own_held_out_part(folder):
-    films = open_recording_pair(folder, "held_out")
-    assert films.own
-    assert films.nominal[0].n == films.real[0].n == 150
-    np.testing.assert_allclose(films.real[0].time_s, films.run.recording.time_s[150:])
-    np.testing.assert_allclose(films.real[0].q, films.run.chart.latents[150:])
-    assert films.real[0].u_names == films.nominal[0].u_names == ("push",)
-    assert films.sides[0].recording.n_frames == 150
+    recordings = open_recording_pair(folder, "held_out")
+    assert recordings.same_recording
+    assert recordings.nominal[0].n == recordings.real[0].n == 150
+    np.testing.assert_allclose(recordings.real[0].time_s, recordings.run.recording.time_s[150:])
+    np.testing.assert_allclose(recordings.real[0].q, recordings.run.chart.latents[150:])
+    assert recordings.real[0].u_names == recordings.nominal[0].u_names == ("push",)
+    assert recordings.real_recordings[0].recording.n_frames == 150
     again = open_recording_pair(folder, str(folder / "recording.safetensors"))
-    assert again.own
-    np.testing.assert_array_equal(again.real[0].q, films.real[0].q)
+    assert again.same_recording
+    np.testing.assert_array_equal(again.real[0].q, recordings.real[0].q)
 
 
 def test_of_a_long_held_out_part_the_start_is_taken(folder):
-    films = open_recording_pair(folder, "held_out", longest_s=1.0)
-    assert films.real[0].n == 61
+    recordings = open_recording_pair(folder, "held_out", longest_s=1.0)
+    assert recordings.real[0].n == 61
 
 
 def test_another_recording_is_encoded_by_the_run(folder, tmp_path):
     other = another()
     save_recording(tmp_path / "other.safetensors", other)
-    films = open_recording_pair(folder, str(tmp_path / "other.safetensors"))
-    assert not films.own
-    raw = encode_frames(films.run.autoencoder, other.frames)
-    np.testing.assert_allclose(films.real[0].q, films.run.chart.to_whitened(raw))
-    np.testing.assert_allclose(films.real[0].u, other.inputs)
-    assert films.real[0].source == "other.safetensors"
-    assert films.sight.perception.ratio > 0.0
+    recordings = open_recording_pair(folder, str(tmp_path / "other.safetensors"))
+    assert not recordings.same_recording
+    raw = encode_frames(recordings.run.autoencoder, other.frames)
+    np.testing.assert_allclose(recordings.real[0].q, recordings.run.chart.to_whitened(raw))
+    np.testing.assert_allclose(recordings.real[0].u, other.inputs)
+    assert recordings.real[0].source == "other.safetensors"
+    assert recordings.image_quality.perception.ratio > 0.0
 
 
 def test_a_film_takes_its_inputs_from_the_table_beside_it(folder, tmp_path):
@@ -100,17 +100,17 @@ def test_a_film_takes_its_inputs_from_the_table_beside_it(folder, tmp_path):
         open_recording_pair(folder, str(path))
     with path.with_suffix(".csv").open("w", newline="", encoding="utf-8") as file:
         csv.writer(file).writerows([["t", "u0"], *([k / 10, 0.5 * k] for k in range(40))])
-    films = open_recording_pair(folder, str(path))
-    assert (films.real[0].d, films.real[0].n_u) == (2, 1)
-    np.testing.assert_allclose(films.real[0].u[:, 0], 5.0 * films.real[0].time_s, atol=1e-6)
+    recordings = open_recording_pair(folder, str(path))
+    assert (recordings.real[0].d, recordings.real[0].n_u) == (2, 1)
+    np.testing.assert_allclose(recordings.real[0].u[:, 0], 5.0 * recordings.real[0].time_s, atol=1e-6)
 
 
 def test_latents_are_taken_as_they_are(folder, tmp_path):
-    films = open_recording_pair(folder, str(latents(tmp_path / "q.csv")))
-    assert films.sides[0].recording is None
-    assert films.sight is None
-    assert films.real[0].u_names == ("push",)
-    assert films.camera_share == 0.0
+    recordings = open_recording_pair(folder, str(latents(tmp_path / "q.csv")))
+    assert recordings.real_recordings[0].recording is None
+    assert recordings.image_quality is None
+    assert recordings.real[0].u_names == ("push",)
+    assert recordings.camera_share == 0.0
 
 
 @pytest.mark.parametrize(
@@ -141,7 +141,7 @@ def test_the_own_recording_and_others_are_not_mixed(folder, tmp_path):
 
 def test_frames_are_found_by_their_times():
     film = tiny_run.recording(100, tail=30)
-    np.testing.assert_array_equal(frames_at(film, film.time_s[[0, 7, 99]] + 0.004), [0, 7, 99])
+    np.testing.assert_array_equal(find_nearest_frames(film, film.time_s[[0, 7, 99]] + 0.004), [0, 7, 99])
 
 
 def test_leading_clips_last_as_long_as_asked():
@@ -156,21 +156,21 @@ def test_leading_clips_last_as_long_as_asked():
 class Judged(RecordingPair):
     """Films whose pictures need not be drawn."""
 
-    seen = ImageQuality(np.ones(1), np.ones(1), Perception(1.0, 0.0, False))
+    seen = ImageQuality(np.ones(1), np.ones(1), PerceptionQuality(1.0, 0.0, False))
 
     @property
-    def sight(self):
+    def image_quality(self):
         return self.seen
 
 
 def judged(folder, *, share, perception=None):
     made = open_recording_pair(folder, "held_out")
-    camera = replace(made.sides[0].camera, share=share)
-    side = RecordedTrajectory(made.sides[0].motion, made.sides[0].recording, camera)
-    films = Judged(made.run, made.nominal, (side,), True)
+    camera = replace(made.real_recordings[0].camera, share=share)
+    side = RecordedTrajectory(made.real_recordings[0].motion, made.real_recordings[0].recording, camera)
+    recordings = Judged(made.run, made.nominal, (side,), True)
     if perception is not None:
-        object.__setattr__(films, "seen", ImageQuality(np.ones(1), np.ones(1), perception))
-    return films
+        object.__setattr__(recordings, "seen", ImageQuality(np.ones(1), np.ones(1), perception))
+    return recordings
 
 
 def test_a_moved_camera_forbids_a_name_that_it_passes_for(folder):
@@ -186,7 +186,7 @@ def test_a_moved_camera_forbids_a_name_that_it_passes_for(folder):
 def test_strange_pictures_make_a_verdict_conditional(folder):
     fine = judged(folder, share=0.0).judge(made_diagnoses.friction())
     assert fine.checks["conditional_on_perception"] is False
-    strange = Perception(3.0, 0.2, True)
+    strange = PerceptionQuality(3.0, 0.2, True)
     found = judged(folder, share=0.0, perception=strange).judge(made_diagnoses.friction())
     assert found.checks["conditional_on_perception"] is True
     assert any("conditional on perception" in text for text in found.warnings)
@@ -194,7 +194,7 @@ def test_strange_pictures_make_a_verdict_conditional(folder):
 
 
 def test_pictures_that_the_encoder_cannot_read_name_nothing_but_a_camera(folder):
-    unread = judged(folder, share=0.0, perception=Perception(10.0, 0.0, True))
+    unread = judged(folder, share=0.0, perception=PerceptionQuality(10.0, 0.0, True))
     found = unread.judge(made_diagnoses.friction())
     assert "10 times as badly" in found.checks["undetermined"][0]
     blurred = replace(made_diagnoses.friction(), combination=("exposure_blur",))
@@ -214,7 +214,7 @@ def test_pictures_that_the_encoder_cannot_read_name_nothing_but_a_camera(folder)
 )
 def test_a_background_that_stood_still_rules_cameras_out(folder, within, between, own, names):
     made = open_recording_pair(folder, "held_out")
-    side = replace(made.sides[0], camera=CameraShift(within, between, 0.0))
-    assert set(replace(made, sides=(side,), own=own).ruled_out) == names
-    bare = replace(made, sides=(side, RecordedTrajectory(made.sides[0].motion)))
+    side = replace(made.real_recordings[0], camera=CameraShift(within, between, 0.0))
+    assert set(replace(made, real_recordings=(side,), same_recording=own).ruled_out) == names
+    bare = replace(made, real_recordings=(side, RecordedTrajectory(made.real_recordings[0].motion)))
     assert bare.ruled_out == ()

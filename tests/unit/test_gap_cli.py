@@ -9,7 +9,7 @@ import pytest
 
 from lagsplat.cli.main import main
 from lagsplat.config.compose import ConfigError, compose
-from lagsplat.diagnose.data_quality.checks import check
+from lagsplat.diagnose.data_quality.checks import check_data
 from lagsplat.diagnose.simulators.python_model import load_python
 from lagsplat.io.trajectory.trajectory import read_trajectory_file
 from lagsplat.pipelines.diagnosis import diagnose_files, require_writable
@@ -111,7 +111,7 @@ def test_each_segment_may_begin_its_own_clock(sim: Path) -> None:
     path = write(sim.parent / "real.csv", np.column_stack([rows, segment]), HEADER + ",segment")
     with pytest.warns(UserWarning, match="begin their own clock"):
         real = read_trajectory_file(path)
-    assert check([read_trajectory_file(sim)], [real]).real.motions[0].segments == ((0, 400), (400, 800))
+    assert check_data([read_trajectory_file(sim)], [real]).real.motions[0].segments == ((0, 400), (400, 800))
 
 
 def test_a_place_that_cannot_take_results(sim: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -44,7 +44,7 @@ def driven() -> EstimationProblem:
 
 def test_stiffness_and_damping_are_told_apart_and_each_not_from_itself(driven: EstimationProblem) -> None:
     fits = [fitted(driven, name) for name in ("linear_stiffness", "viscous_damping")]
-    told = compute_separability(driven, fits, temper=TEMPER)
+    told = compute_separability(driven, fits, noise_inflation=TEMPER)
     assert told is not None
     assert told.names == ("linear_stiffness", "viscous_damping")
     assert np.diag(told.nats) == pytest.approx(0.0, abs=0.5)
@@ -54,19 +54,19 @@ def test_stiffness_and_damping_are_told_apart_and_each_not_from_itself(driven: E
 def test_mass_and_stiffness_of_a_free_motion_are_not_told_apart() -> None:
     free = contest([film(stiff, noise=0.01, seconds=12.0)])
     told = compute_separability(
-        free, [fitted(free, name) for name in ("linear_stiffness", "mass_change")], temper=TEMPER
+        free, [fitted(free, name) for name in ("linear_stiffness", "mass_change")], noise_inflation=TEMPER
     )
     assert told is not None
     assert told.nats[0, 1] < 3.0
 
 
 def test_one_effect_alone_has_nothing_to_be_told_from(driven: EstimationProblem) -> None:
-    assert compute_separability(driven, [fitted(driven, "linear_stiffness")], temper=TEMPER) is None
+    assert compute_separability(driven, [fitted(driven, "linear_stiffness")], noise_inflation=TEMPER) is None
 
 
 def test_a_profile_peaks_at_the_fit_and_falls_by_its_interval(driven: EstimationProblem) -> None:
     one = fitted(driven, "linear_stiffness")
-    (profile,) = compute_profiles(driven, one, temper=TEMPER)
+    (profile,) = compute_profiles(driven, one, noise_inflation=TEMPER)
     assert (profile.effect, profile.parameter) == ("linear_stiffness", "ratio")
     assert len(profile.values) == 2 * PROFILES.points_per_side + 1
     assert (np.diff(profile.values) > 0.0).all()
@@ -108,6 +108,7 @@ def test_every_number_has_its_unit(
 
 def test_numbers_that_no_single_unknown_makes_have_no_profile(driven: EstimationProblem) -> None:
     told = {
-        one.parameter for one in compute_profiles(driven, fitted(driven, "stribeck_friction"), temper=TEMPER)
+        one.parameter
+        for one in compute_profiles(driven, fitted(driven, "stribeck_friction"), noise_inflation=TEMPER)
     }
     assert told <= {"coulomb", "velocity"}

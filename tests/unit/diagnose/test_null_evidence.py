@@ -32,10 +32,10 @@ def test_longer_real_motions_let_the_errors_pass_for_more(motion) -> None:
 def test_what_the_errors_pass_for_counts_for_nothing(motion) -> None:
     sim = EstimatedSimulator.exact(oscillator(hard=1.5 * HARD))
     plain = diagnose(sim, [motion], settings())
-    less = diagnose(sim, [motion], settings(), null=25.0)
+    less = diagnose(sim, [motion], settings(), log_evidence_offset=25.0)
     first, same = plain.ranking.found[0], less.ranking.found[0]
     assert first.effects[0].effect.name == same.effects[0].effect.name
     assert same.log_evidence == pytest.approx(first.log_evidence - 25.0)
-    beyond = diagnose(sim, [motion], settings(), null=2.0 * first.log_evidence)
+    beyond = diagnose(sim, [motion], settings(), log_evidence_offset=2.0 * first.log_evidence)
     assert plain.diagnosis.verdict == "effect"
     assert beyond.diagnosis.verdict != "effect"

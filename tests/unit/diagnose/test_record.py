@@ -37,9 +37,9 @@ def test_windows_never_cross_a_cut_and_leave_no_frame_of_a_long_clip_out(
     whole = record(lengths)
     if max(lengths) < least:
         with pytest.raises(ValueError, match=f"no clip has {least} frames"):
-            cut_windows(whole, length_s=length_s, least=least)
+            cut_windows(whole, length_s=length_s, min_frames=least)
         return
-    windows = cut_windows(whole, length_s=length_s, least=least)
+    windows = cut_windows(whole, length_s=length_s, min_frames=least)
     covered = np.zeros(len(whole.time), int)
     for first, length in zip(windows.first, windows.length, strict=True):
         home = [(a, b) for a, b in whole.clips if a <= first < b]

@@ -156,7 +156,7 @@ def test_a_second_mass_may_swing_already_where_the_recording_begins() -> None:
         settings(), without=sorted(set(catalogue()) - {"hidden_mode"}), always_fitted=[], starts=2
     )
     whole = diagnose(EstimatedSimulator.exact(oscillator()), [replace(clean, q=clean.q + noise)], config)
-    found, bench = whole.diagnosis, whole.contest.rollout_model
+    found, bench = whole.diagnosis, whole.problem.rollout_model
     assert found.candidates[0].parameters["mass_ratio"].value == pytest.approx(0.125, rel=0.05)
     assert found.candidates[0].misfit == pytest.approx(1.0, abs=0.15)
     assert set(found.candidates[0].parameters) == {"mass_ratio", "frequency_hz", "damping_ratio"}

@@ -201,7 +201,7 @@ def test_intervals_are_laplaces_made_wider_and_respect_the_bound() -> None:
     fit = replace(fitted(1.0, 3), x=np.array([0.1, 2.0, 0.0]), curvature=np.diag([400.0, 100.0, 1.0]))
     low, high = laplace_interval(
         HypothesisFit((PlacedEffect(catalogue()["external_periodic_force"], UNIT),), fit), np.zeros(0),
-        [HalfNormal(1e3), Normal(1e3), Normal(1e3)], temper=4.0,
+        [HalfNormal(1e3), Normal(1e3), Normal(1e3)], noise_inflation=4.0,
     )  # fmt: skip
     near, far = (
         1.645 * (VERDICT.deviation_factor * spread + VERDICT.deviation_floor) for spread in (0.1, 0.2)

@@ -35,7 +35,7 @@ def test_what_is_left_counts_as_noise_where_nothing_explains(odd: EstimationProb
     each = [(row[:n] ** 2).mean() for row, n in zip(none.fit.residual, odd.windows.length, strict=True)]
     left, alike = np.median(each), autocorrelation_time(none.fit.residual, odd.windows.length)
     assert left > 100.0
-    assert dear.price == pytest.approx(left * alike)
+    assert dear.noise_inflation == pytest.approx(left * alike)
     assert effort_there.effective_sample_ratio == pytest.approx(max(effort.effective_sample_ratio, alike))
     deviation = odd.rollout_model.nuisance.deviation
 
