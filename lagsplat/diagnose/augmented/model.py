@@ -60,7 +60,7 @@ class AugmentedSimulator:
 
     @property
     def bounded(self) -> bool:
-        """Whether no effect feeds energy, so that a bounded push has a bounded response if the simulator's has."""
+        """Whether no effect feeds energy, so that a bounded push has a bounded response."""
         return all(
             placed.effect.keeps_energy_bounded(self.parameters(n), placed)
             for n, placed in enumerate(self.effects)

@@ -73,11 +73,11 @@ class Effect:
     ``excitation(channel, measures)`` with the `InputMeasures` of one input."""
     description: EffectDescription
     mujoco: Callable[[Any, Mapping[str, Any]], tuple[str, ...]] | str
-    """``mujoco(element, values)`` writes the effect into a MuJoCo model and returns what it changed, or nothing
-    if it cannot (``element`` is a `lagsplat.diagnose.augmented.mujoco_export.MujocoElement`); or a sentence that
+    """``mujoco(element, values)`` writes the effect into a MuJoCo model and returns what it changed, nothing if
+    it cannot (``element`` is a `lagsplat.diagnose.augmented.mujoco_export.MujocoElement`). Or a clause that
     says why MuJoCo has no counterpart."""
     confusable_with: tuple[str, ...] = ()
-    """Effects that some recordings cannot separate from this one; it is enough that one of two names the other."""
+    """Effects that some recordings cannot separate from this one; one of two may name the other alone."""
     log_prior_penalty: float = 0.0
     """By how much the effect is less likely than others before the data [nat]; give the reason beside it."""
     fitted_penalty: Callable[[Mapping[str, float], "PlacedEffect"], float] | None = None
@@ -112,8 +112,8 @@ class Effect:
     stiffness_unit: Callable[[Scales, str], float] = field(default=lambda scales, variant: scales.stiffness)
     """What stiffness ratios of a variant are counted in [1/s^2]."""
     report_parameters: Callable[[Mapping[str, float], "PlacedEffect"], dict[str, Any]] | None = None
-    """From the fitted parameters to those of a diagnosis, where they differ; ``times`` are on the clock of the
-    dataset."""
+    """From the fitted parameters to those of a diagnosis, where they differ; ``times`` are on the clock of
+    the dataset."""
     report_units: Mapping[str, str] = field(default_factory=dict)
     """Units of reported parameters that are not parameters of the fit."""
 
@@ -134,7 +134,7 @@ class Effect:
 
 @dataclass(frozen=True, kw_only=True)
 class ForceEffect(Effect):
-    """An effect that is a force along one direction: see `lagsplat.diagnose.solvers.runge_kutta` for the law."""
+    """A force along one direction: see `lagsplat.diagnose.solvers.runge_kutta` for the law."""
 
     law: Any
     n_memory: int = 0
@@ -168,7 +168,7 @@ class ForceEffect(Effect):
 
 @dataclass(frozen=True)
 class CoefficientBatch:
-    """Coefficients of the model for ``P`` sets of parameters at once; the names are those of `MechanicalModel`."""
+    """Coefficients of a `MechanicalModel`, under the same names, for ``P`` sets of parameters at once."""
 
     mass: Float64[np.ndarray, "P Km d d"]
     damping: Float64[np.ndarray, "P Kc d d"]
@@ -180,14 +180,14 @@ class CoefficientBatch:
 
 @dataclass(frozen=True, kw_only=True)
 class ModelEffect(Effect):
-    """An effect that changes the model: ``change(coefficients, theta (P, k), placed, model) -> coefficients``."""
+    """A change of the model: ``change(coefficients, theta (P, k), placed, model) -> coefficients``."""
 
     change: Any
 
 
 @dataclass(frozen=True, kw_only=True)
 class InputEffect(Effect):
-    """An effect between command and actuator: ``change(signal, theta (P, k)) -> (P, M)`` samples of the input."""
+    """A change of an input on its way: ``change(signal, theta (P, k)) -> (P, M)`` samples of the input."""
 
     change: Any
 
@@ -204,8 +204,8 @@ class SampleEffect(Effect):
     """An effect that moves single samples and nothing else.
 
     ``explain(residual, speed) -> (gain, parameters, misfit)``: by how much the log likelihood of a fit's
-    residual (n, d) grows [nat] with the effect, its best parameters with the ends of their 90 % intervals, and
-    the sum of squares that it leaves. ``residual`` is in units of the noise, ``speed`` in these per frame.
+    residual (n, d) grows [nat] with the effect, its best parameters with the ends of their 90 % intervals,
+    and the sum of squares that it leaves. ``residual`` is in units of the noise, ``speed`` in these per frame.
     """
 
     explain: Any

@@ -65,7 +65,9 @@ def place(effect: ForceEffect, problem: PlacementProblem) -> list[PlacedEffect]:
 def recurrence(parameters: Mapping[str, float], dataset: Any, placed: PlacedEffect) -> float:
     """Number of cycles in the longest clip, as a share of those from which on a force counts as periodic."""
     longest_s = max(dataset.time[stop - 1] - dataset.time[start] for start, stop in dataset.clips)
-    return min(1.0, abs(parameters["angular_frequency"]) * longest_s / (2.0 * np.pi) / IMPLAUSIBILITY.certain_cycles)
+    return min(
+        1.0, abs(parameters["angular_frequency"]) * longest_s / (2.0 * np.pi) / IMPLAUSIBILITY.certain_cycles
+    )
 
 
 EFFECT = ForceEffect(

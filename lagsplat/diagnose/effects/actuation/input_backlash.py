@@ -11,9 +11,7 @@ from numba import njit
 
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures, InputMeasures
 from lagsplat.diagnose.effects.base import EffectDescription, Grade, InputEffect
-from lagsplat.diagnose.effects.excitation import (
-    make_grade,
-)
+from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, log_normal
 
 

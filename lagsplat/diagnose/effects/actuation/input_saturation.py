@@ -8,9 +8,7 @@ from jaxtyping import Float64
 
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures, InputMeasures
 from lagsplat.diagnose.effects.base import EffectDescription, Grade, InputEffect
-from lagsplat.diagnose.effects.excitation import (
-    make_grade,
-)
+from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, log_normal
 
 

@@ -24,7 +24,8 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
 def excitation(measures: ExcitationMeasures) -> Grade:
     """A loop that does not depend on speed."""
     slow = measures.driven and any(channel.low < 0.4 for channel in measures.inputs)
-    reason = f"{measures.reversals} reversals, {describe_swings(measures)}{', slow inputs among them' if slow else ''}"
+    slowly = ", slow inputs among them" if slow else ""
+    reason = f"{measures.reversals} reversals, {describe_swings(measures)}{slowly}"
     return make_grade(
         measures.reversals >= 8 and measures.amplitude_ratio > 2.0,
         measures.reversals >= 6,

@@ -51,7 +51,7 @@ def _shares(scales: Scales, variant: str) -> tuple[float, float]:
 
 
 def stiffness_unit(scales: Scales, variant: str) -> float:
-    """What a ratio is of [1/s^2]: the stiffness at rest; for a spring beside hardly any, that of the motion."""
+    """What a ratio is of [1/s^2]: the stiffness at rest, or of the motion for a spring beside hardly any."""
     of_motion = scales.of("rate") ** 2
     soft = variant == SPRING and scales.stiffness <= SOFT * of_motion
     return of_motion if soft else scales.stiffness

@@ -10,9 +10,7 @@ from jaxtyping import Float64
 
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures, InputMeasures
 from lagsplat.diagnose.effects.base import EffectDescription, Grade, InputEffect
-from lagsplat.diagnose.effects.excitation import (
-    grade_fast_input,
-)
+from lagsplat.diagnose.effects.excitation import grade_fast_input
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal
 
 
