@@ -119,7 +119,7 @@ def _fit(
     """Best parameters, the half widths of their 95 % intervals, and the rms residual in the rms of each q."""
     record, model = ready.dataset, spec.compile()
     rms = np.std(record.q, axis=0)
-    windows = cut_windows(record, length_s=window_s, least=12)
+    windows = cut_windows(record, length_s=window_s, min_frames=12)
     chosen = np.unique(np.linspace(0, len(windows.first) - 1, WINDOWS).astype(int))
     parts = [_sequence(spec, model, ready, windows.first[k], windows.length[k], k) for k in chosen]
     latest = DELAY_S if "delay" in parameters else 0.0

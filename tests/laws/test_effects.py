@@ -129,7 +129,7 @@ def absent(one: PlacedEffect) -> np.ndarray:
 
 def moved(bench: RolloutModel, one: PlacedEffect | None, x: np.ndarray) -> np.ndarray:
     whole = np.concatenate([x, np.zeros(bench.nuisance.size)])[None]
-    return bench.rollouts([one] if one else [], whole, starts(bench)[None], WINDOWS)[0][0]
+    return bench.roll_out([one] if one else [], whole, starts(bench)[None], WINDOWS)[0][0]
 
 
 def test_the_catalogue_is_what_is_tested_here() -> None:
@@ -167,7 +167,7 @@ def test_a_window_is_seen_as_it_is_alone(bench: RolloutModel) -> None:
         for w, length in enumerate(WINDOWS.length):
             only = WINDOWS.select(np.array([w]))
             whole = np.concatenate([x, np.zeros(bench.nuisance.size)])[None]
-            alone = bench.rollouts([one], whole, starts(bench)[None, [w]], only)[0][0, 0]
+            alone = bench.roll_out([one], whole, starts(bench)[None, [w]], only)[0][0, 0]
             assert np.abs(together[w, :length] - alone).max() < 1e-12, one.label
 
 

@@ -145,7 +145,7 @@ def rolled(
     known = NuisanceParameters(1.0, 1.0, 1.0, np.ones(d), 1.0, u.shape[1], np.zeros((0, 0)))
     bench = RolloutModel(model, record, known, steps, held, states[:, :d])
     whole = np.concatenate([x, np.zeros(known.size)])[None]
-    y, v = bench.rollouts(effects, whole, states[windows.first][None], windows)
+    y, v = bench.roll_out(effects, whole, states[windows.first][None], windows)
     return y[0], v[0]
 
 
@@ -328,8 +328,8 @@ def test_every_set_of_a_batch_is_what_it_is_alone() -> None:
         [-2.0, 0.3, -1.0] + [0.0] * spare.size
     )
     starts = np.random.default_rng(2).normal(0.0, 0.4, (4, 3, 4))
-    together = bench.rollouts(effects, x, starts, windows)[0]
+    together = bench.roll_out(effects, x, starts, windows)[0]
     for n in range(4):
-        alone = bench.rollouts(effects, x[n : n + 1], starts[n : n + 1], windows)[0]
+        alone = bench.roll_out(effects, x[n : n + 1], starts[n : n + 1], windows)[0]
         for w, length in enumerate(windows.length):
             assert np.array_equal(together[n, w, :length], alone[0, w, :length])

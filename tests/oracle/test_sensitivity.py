@@ -45,7 +45,7 @@ def trial(
         np.zeros(1, np.int64),
         (0.0,),
     )
-    windows = cut_windows(record, length_s=0.35, least=12)
+    windows = cut_windows(record, length_s=0.35, min_frames=12)
     form = whole(model)
     model = pad_model(model, form)
     moves = list_free_directions(model, form, np.ones(d))

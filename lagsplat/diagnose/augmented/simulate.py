@@ -102,7 +102,7 @@ def simulate_augmented(
     bench = RolloutModel(one.model, record, one.nuisance, steps, one.held if held is None else held, record.q)
     start = np.concatenate(at)[None, None]
     whole = WindowSet(np.zeros(1, dtype=np.int64), np.array([n]))
-    seen, rate = bench.rollouts(one.effects, one.x[None], start, whole)
+    seen, rate = bench.roll_out(one.effects, one.x[None], start, whole)
     return seen[0, 0], rate[0, 0]
 
 

@@ -1,10 +1,8 @@
-"""What a simulation is held against: motions joined clip by clip, cut into windows.
+"""The data that a model is fitted to: trajectories joined clip by clip and cut into windows.
 
-The inputs at every instant at which a rollout asks for them.
-
-From motions to a record that can be shot through: noise, velocities and natural period.
-
-Where a mechanism was seen: the states and inputs at which a sim that is given pointwise is asked.
+`prepare_dataset` joins trajectories and estimates velocities, accelerations and measurement noise;
+`cut_windows` and `WindowSet` select frames; `build_input_signals` gives the inputs at every stage of a
+rollout; `sample_operating_region` draws the states and inputs at which a given simulator is evaluated.
 """
 
 from collections.abc import Sequence
@@ -17,24 +15,42 @@ from lagsplat.diagnose.data_quality.noise import estimate_noise_level, fit_local
 from lagsplat.io.trajectory.trajectory import Trajectory
 
 FILE_BREAK_S = 10.0
-"""Between files whose own clocks do not go on from one to the next."""
+"""Pause [s] put between files whose clocks do not continue from one to the next."""
+MIN_RELATIVE_NOISE = 1e-3
+"""Floor of the noise, in fractions of the rms of a coordinate: smaller errors are not worth explaining."""
+CUBIC_WIDTHS = ((0.004, 0.12), (0.015, 0.2), (np.inf, 0.28))
+"""Width of the local cubic in natural periods, by the noise, relative to the rms, that it is used below."""
+NOISE_WIDTH = 0.15
+"""Width [natural periods] of the local cubic whose residual is the noise: about a seventh of a period."""
+REGION_MARGIN = 0.15
+"""How far beyond the visited range a simulator is evaluated, as a share of half the range."""
+REGION_POINTS = 600
+"""Points of an operating region, for no coordinate and again for each."""
+CLOCK_SLACK_S = 1e-9
+"""Tolerance [s] when instants are compared with the log of a held input."""
+HOLD_SLACK_S = 1e-7
+"""How much before the end of a substep [s] a held input is read, so that it is still the earlier one."""
+MIN_SUBSAMPLE = 4
+"""A subsample of windows has at least so many."""
 
 
 @dataclass(frozen=True)
 class Dataset:
-    """Files joined along one clock: ``time`` (N,) [s] counts from the first's start; clips never touch."""
+    """``N`` frames of one or more files, joined along a common clock that starts with the first file."""
 
     time: Float64[np.ndarray, " N"]
+    """Common clock [s]."""
     q: Float64[np.ndarray, "N d"]
     v: Float64[np.ndarray, "N d"]
     """Velocity estimates to start from [1/s]; see `lagsplat.diagnose.data_quality.noise.fit_local_cubic`."""
     u: Float64[np.ndarray, "N n_u"]
     clips: Int64[np.ndarray, "C 2"]
+    """First frame and end of each clip; there is a cut between clips."""
     files: tuple[str, ...]
     file_of: Int64[np.ndarray, " C"]
     """Number of the file of each clip."""
     shifts_s: tuple[float, ...]
-    """What each file's own clock shows at zero of the joint one [s]."""
+    """What each file's clock shows at zero of the common one [s]."""
 
     @property
     def d(self) -> int:
@@ -47,7 +63,7 @@ class Dataset:
         return float(np.median(np.concatenate([np.diff(self.time[a:b]) for a, b in self.clips])))
 
     def to_file_time(self, time_s: float) -> tuple[int, float]:
-        """The file that an instant of the joint clock falls into or after, and its own clock then [s]."""
+        """Number of the file that an instant of the common clock falls into or after, and its clock [s]."""
         begun = self.time[self.clips[:, 0]] <= time_s
         number = int(self.file_of[np.flatnonzero(begun)[-1]]) if begun.any() else 0
         return number, time_s + self.shifts_s[number]
@@ -55,20 +71,20 @@ class Dataset:
 
 @dataclass(frozen=True)
 class FileSpan:
-    """A stretch of a file, by the file's own clock [s]."""
+    """A part of a file, from ``start_s`` to ``stop_s`` by the file's own clock [s]."""
 
     file: str
     start_s: float
     stop_s: float
 
     def overlaps(self, other: "FileSpan") -> bool:
-        """Whether both hold more than a border."""
+        """Whether the two spans share more than an end point."""
         return self.file == other.file and self.start_s < other.stop_s and other.start_s < self.stop_s
 
 
 @dataclass(frozen=True)
 class WindowSet:
-    """Stretches of a record that are simulated each from a state of its own."""
+    """Windows of a dataset, each simulated from an initial state of its own."""
 
     first: Int64[np.ndarray, " W"]
     length: Int64[np.ndarray, " W"]
@@ -83,193 +99,197 @@ class WindowSet:
         return (np.arange(self.longest)[None, :] < self.length[:, None]).astype(np.float64)
 
     def take(self, values: np.ndarray) -> np.ndarray:
-        """Samples (W, L, ...) of the windows; beyond a window's end its last one stands."""
+        """Samples (W, L, ...) of the windows; beyond a window's end its last sample is repeated."""
         index = self.first[:, None] + np.minimum(np.arange(self.longest)[None, :], self.length[:, None] - 1)
         return values[index]
 
     def select(self, chosen: np.ndarray) -> "WindowSet":
-        """Those of the windows that are ``chosen``, a mask or an index."""
+        """The windows that ``chosen``, a mask or an index, selects."""
         return WindowSet(self.first[chosen], self.length[chosen])
 
     def subsample(self, frames: float) -> "WindowSet":
-        """As many of the windows, evenly apart, as hold about ``frames`` frames; all if these are fewer."""
+        """Evenly spaced windows with about ``frames`` frames in total; all windows if they have fewer."""
         total, n = float(self.length.sum()), len(self.first)
         if frames >= total:
             return self
-        return self.select(np.unique(np.linspace(0, n - 1, max(round(n * frames / total), 4)).astype(int)))
+        return self.select(
+            np.unique(np.linspace(0, n - 1, max(round(n * frames / total), MIN_SUBSAMPLE)).astype(int))
+        )
 
 
-def locate_windows(windows: WindowSet, record: Dataset) -> tuple[FileSpan, ...]:
-    """Where the windows lie in the files of their record."""
-    out = []
+def locate_windows(windows: WindowSet, dataset: Dataset) -> tuple[FileSpan, ...]:
+    """Where the windows lie in the files of their dataset."""
+    spans = []
     for first, length in zip(windows.first, windows.length, strict=True):
-        number, start_s = record.to_file_time(float(record.time[first]))
-        stop_s = float(record.time[first + length - 1]) + record.shifts_s[number]
-        out.append(FileSpan(record.files[number], start_s, stop_s))
-    return tuple(out)
+        number, start_s = dataset.to_file_time(float(dataset.time[first]))
+        stop_s = float(dataset.time[first + length - 1]) + dataset.shifts_s[number]
+        spans.append(FileSpan(dataset.files[number], start_s, stop_s))
+    return tuple(spans)
 
 
-def drop_overlapping_windows(windows: WindowSet, record: Dataset, others: Sequence[FileSpan]) -> WindowSet:
-    """Those of the windows that meet none of ``others``."""
-    met = [any(one.overlaps(other) for other in others) for one in locate_windows(windows, record)]
-    return windows.select(~np.array(met, dtype=bool))
+def drop_overlapping_windows(windows: WindowSet, dataset: Dataset, others: Sequence[FileSpan]) -> WindowSet:
+    """The windows that overlap none of ``others``."""
+    overlapping = [any(span.overlaps(other) for other in others) for span in locate_windows(windows, dataset)]
+    return windows.select(~np.array(overlapping, dtype=bool))
 
 
-def join_trajectories(motions: Sequence[Trajectory], velocities: Sequence[np.ndarray]) -> Dataset:
-    """One record of ``motions`` with their velocity estimates."""
-    clips, file_of, offset, shifts = [], [], 0, compute_clock_shifts(motions)
-    for number, motion in enumerate(motions):
-        for start, stop in motion.segments:
+def join_trajectories(trajectories: Sequence[Trajectory], velocities: Sequence[np.ndarray]) -> Dataset:
+    """One dataset of ``trajectories`` with their velocity estimates."""
+    clips, file_of, offset, shifts = [], [], 0, compute_clock_shifts(trajectories)
+    for number, trajectory in enumerate(trajectories):
+        for start, stop in trajectory.segments:
             clips.append((offset + start, offset + stop))
             file_of.append(number)
-        offset += motion.n
+        offset += trajectory.n
     return Dataset(
-        time=np.concatenate([m.time_s - shift for m, shift in zip(motions, shifts, strict=True)]),
-        q=np.concatenate([m.q for m in motions]),
+        time=np.concatenate([m.time_s - shift for m, shift in zip(trajectories, shifts, strict=True)]),
+        q=np.concatenate([m.q for m in trajectories]),
         v=np.concatenate(list(velocities)),
-        u=np.concatenate([m.u for m in motions]),
+        u=np.concatenate([m.u for m in trajectories]),
         clips=np.array(clips, dtype=np.int64),
-        files=tuple(m.source for m in motions),
+        files=tuple(m.source for m in trajectories),
         file_of=np.array(file_of, dtype=np.int64),
         shifts_s=shifts,
     )
 
 
-def compute_clock_shifts(motions: Sequence[Trajectory]) -> tuple[float, ...]:
-    """What each file's own clock shows at zero of a joint one [s], which starts with the first file.
+def compute_clock_shifts(trajectories: Sequence[Trajectory]) -> tuple[float, ...]:
+    """What each file's clock shows [s] at zero of a common clock, which starts with the first file.
 
-    Files whose clocks go on from one to the next keep them, where no pause is longer than all that was
-    recorded; others follow each other after a break.
+    Files whose clocks continue from one to the next keep their distances, unless a pause is longer than all
+    recordings together; others follow each other after `FILE_BREAK_S`.
     """
-    first, last = (np.array([m.time_s[i] for m in motions]) for i in (0, -1))
+    first, last = (np.array([m.time_s[i] for m in trajectories]) for i in (0, -1))
     pauses = first[1:] - last[:-1]
     if ((pauses > 0.0) & (pauses < (last - first).sum())).all():
-        return (float(first[0]),) * len(motions)
+        return (float(first[0]),) * len(trajectories)
     begins = np.append(0.0, np.cumsum(last - first + FILE_BREAK_S)[:-1])
     return tuple((first - begins).tolist())
 
 
-def cut_windows(record: Dataset, *, length_s: float, least: int) -> WindowSet:
-    """Windows of about ``length_s``, end to end, none across a cut and none below ``least`` frames.
+def cut_windows(dataset: Dataset, *, length_s: float, min_frames: int) -> WindowSet:
+    """Windows of about ``length_s`` [s], end to end, none across a cut and none below ``min_frames`` frames.
 
     Neighbours share their border frame.
+
+    Raises:
+        ValueError: no clip has ``min_frames`` frames.
     """
     first, length = [], []
-    for start, stop in record.clips:
-        span = record.time[stop - 1] - record.time[start]
+    for start, stop in dataset.clips:
+        span = dataset.time[stop - 1] - dataset.time[start]
         wanted = max(1, int(span / length_s + 0.5))
-        number = max(1, min(wanted, (stop - start - 1) // max(least - 1, 1)))
-        if stop - start < least:
+        number = max(1, min(wanted, (stop - start - 1) // max(min_frames - 1, 1)))
+        if stop - start < min_frames:
             continue
         borders = np.round(np.linspace(start, stop - 1, number + 1)).astype(int)
         first += borders[:-1].tolist()
         length += (np.diff(borders) + 1).tolist()
     if not first:
-        raise ValueError(f"no clip has {least} frames; record longer stretches without a cut")
+        raise ValueError(f"no clip has {min_frames} frames; record longer stretches without a cut")
     return WindowSet(np.array(first, dtype=np.int64), np.array(length, dtype=np.int64))
 
 
 @dataclass(frozen=True)
 class InputSignal:
-    """One input in the order of time: beginning, middle and end of every substep of every frame.
-
-    ``begins`` marks where a clip begins. Between samples of the log it is linear, or held.
-    """
+    """A single input at the start, middle and end of every substep of every frame, in the order of time."""
 
     time: Float64[np.ndarray, " M"]
     values: Float64[np.ndarray, " M"]
     begins: Bool[np.ndarray, " M"]
+    """Where a clip begins."""
     clip: np.ndarray
+    """Number of the clip of each instant (M,)."""
     logged: tuple[tuple[np.ndarray, np.ndarray], ...]
     """Times and values of the log, clip by clip."""
     held: bool
+    """Held between samples of the log (zero-order hold) instead of linear."""
 
     def at(self, time: Float64[np.ndarray, " M"]) -> Float64[np.ndarray, " M"]:
-        """The logged input at other instants; outside a clip its nearest sample."""
+        """The logged input at other instants [s]; outside a clip its nearest sample."""
         out = np.empty(len(time))
-        for number, (known, values) in enumerate(self.logged):
-            mine = self.clip == number
+        for number, (logged_s, values) in enumerate(self.logged):
+            inside = self.clip == number
             if self.held:
-                index = np.searchsorted(known, time[mine] + 1e-9, side="right") - 1
-                out[mine] = values[np.clip(index, 0, len(values) - 1)]
+                index = np.searchsorted(logged_s, time[inside] + CLOCK_SLACK_S, side="right") - 1
+                out[inside] = values[np.clip(index, 0, len(values) - 1)]
             else:
-                out[mine] = np.interp(time[mine], known, values)
+                out[inside] = np.interp(time[inside], logged_s, values)
         return out
 
 
-def compute_stage_times(record: Dataset, steps: int) -> tuple[np.ndarray, np.ndarray]:
-    """Instants (N, steps, 3) of a rollout's stages and the clip of each frame (N,)."""
-    clip = np.zeros(len(record.time), dtype=np.int64)
-    ahead = np.zeros(len(record.time))
-    for number, (start, stop) in enumerate(record.clips):
+def compute_stage_times(dataset: Dataset, steps: int) -> tuple[np.ndarray, np.ndarray]:
+    """Instants (N, steps, 3) [s] of a rollout's stages and the number of the clip of each frame (N,)."""
+    clip = np.zeros(len(dataset.time), dtype=np.int64)
+    ahead = np.zeros(len(dataset.time))
+    for number, (start, stop) in enumerate(dataset.clips):
         clip[start:stop] = number
-        ahead[start : stop - 1] = np.diff(record.time[start:stop])
+        ahead[start : stop - 1] = np.diff(dataset.time[start:stop])
     share = (np.arange(steps)[:, None] + np.array([0.0, 0.5, 1.0])[None, :]) / steps
-    return record.time[:, None, None] + ahead[:, None, None] * share, clip
+    return dataset.time[:, None, None] + ahead[:, None, None] * share, clip
 
 
-def build_input_signals(record: Dataset, *, steps: int, held: bool) -> tuple[InputSignal, ...]:
-    """The inputs of a record, one signal a channel."""
-    time, clip = compute_stage_times(record, steps)
-    if held:  # the end of a substep is still under the input that was held during it, however late that acts
-        time[:, :, 2] -= 1e-7
+def build_input_signals(dataset: Dataset, *, steps: int, held: bool) -> tuple[InputSignal, ...]:
+    """The inputs of a dataset, one signal a channel, for ``steps`` substeps between two frames."""
+    time, clip = compute_stage_times(dataset, steps)
+    if held:  # the end of a substep still has the input that was held during it
+        time[:, :, 2] -= HOLD_SLACK_S
     per_frame = time.shape[1] * 3
     flat, clips = time.reshape(-1), np.repeat(clip, per_frame)
     begins = np.zeros(len(flat), dtype=bool)
-    begins[record.clips[:, 0] * per_frame] = True
-    out = []
-    for column in record.u.T:
-        logged = tuple((record.time[a:b], np.ascontiguousarray(column[a:b])) for a, b in record.clips)
+    begins[dataset.clips[:, 0] * per_frame] = True
+    inputs = []
+    for column in dataset.u.T:
+        logged = tuple((dataset.time[a:b], np.ascontiguousarray(column[a:b])) for a, b in dataset.clips)
         blank = InputSignal(flat, np.zeros(len(flat)), begins, clips, logged, held)
-        out.append(replace(blank, values=blank.at(flat)))
-    return tuple(out)
-
-
-MIN_RELATIVE_NOISE = 1e-3
-"""Noise that is assumed at least, in fractions of the rms: less of a motion is not worth explaining."""
+        inputs.append(replace(blank, values=blank.at(flat)))
+    return tuple(inputs)
 
 
 @dataclass(frozen=True)
 class PreparedDataset:
-    """A record with its smoothed coordinates, accelerations and noise."""
+    """A dataset with what was estimated from it."""
 
     dataset: Dataset
     smooth: Float64[np.ndarray, "N d"]
+    """Smoothed coordinates."""
     acceleration: Float64[np.ndarray, "N d"]
+    """Accelerations [1/s^2]."""
     sigma: Float64[np.ndarray, " d"]
+    """Standard deviation of the measurement noise."""
 
 
-def prepare_dataset(motions: Sequence[Trajectory], *, period_s: float) -> PreparedDataset:
-    """Noise from a local cubic over a seventh of the period, velocities over more if noise is strong."""
-    clips = [np.array(m.segments, dtype=np.int64) for m in motions]
+def prepare_dataset(trajectories: Sequence[Trajectory], *, period_s: float) -> PreparedDataset:
+    """Join trajectories and estimate noise, velocities and accelerations by local cubics.
+
+    ``period_s`` is the natural period [s]. The noise is the residual of a cubic over `NOISE_WIDTH` of it;
+    velocities come from a wider cubic where the noise is stronger (`CUBIC_WIDTHS`).
+    """
+    clips = [np.array(m.segments, dtype=np.int64) for m in trajectories]
     levels = [
-        estimate_noise_level(m.time_s, m.q, clip, width_s=0.15 * period_s)
-        for m, clip in zip(motions, clips, strict=True)
+        estimate_noise_level(m.time_s, m.q, clip, width_s=NOISE_WIDTH * period_s)
+        for m, clip in zip(trajectories, clips, strict=True)
     ]
     known = np.array([level for level in levels if np.isfinite(level).all()])
-    rms = np.std(np.concatenate([m.q for m in motions]), axis=0)
+    rms = np.std(np.concatenate([m.q for m in trajectories]), axis=0)
     sigma = np.median(known, axis=0) if len(known) else MIN_RELATIVE_NOISE * rms
     worst = float(np.max(sigma / np.maximum(rms, 1e-300)))
-    width = (0.12 if worst < 0.004 else 0.2 if worst < 0.015 else 0.28) * period_s
+    width = next((share for limit, share in CUBIC_WIDTHS if worst < limit), CUBIC_WIDTHS[-1][1]) * period_s
     cubics = [
-        fit_local_cubic(m.time_s, m.q, clip, width_s=width) for m, clip in zip(motions, clips, strict=True)
+        fit_local_cubic(m.time_s, m.q, clip, width_s=width)
+        for m, clip in zip(trajectories, clips, strict=True)
     ]
     return PreparedDataset(
-        join_trajectories(motions, [slope for _, slope, _ in cubics]),
+        join_trajectories(trajectories, [slope for _, slope, _ in cubics]),
         np.concatenate([smooth for smooth, _, _ in cubics]),
         np.concatenate([bend for _, _, bend in cubics]),
         np.maximum(sigma, MIN_RELATIVE_NOISE * rms),
     )
 
 
-REGION_MARGIN = 0.15
-"""How far beyond what was visited a sim is asked, as a share of half the range."""
-REGION_POINTS = 600
-
-
 @dataclass(frozen=True)
 class OperatingRegion:
-    """States and inputs, a row each: visited ones, and as many that mix what never came together."""
+    """States and inputs, one a row: visited ones, and as many that combine values from different frames."""
 
     q: Float64[np.ndarray, "N d"]
     v: Float64[np.ndarray, "N d"]
@@ -291,26 +311,27 @@ class OperatingRegion:
         return np.sqrt(np.mean(self.v**2, axis=0))
 
 
-def sample_operating_region(record: Dataset, *, n: int | None = None, seed: int = 0) -> OperatingRegion:
-    """About ``n`` points in the region of a record and `REGION_MARGIN` around it, by default `REGION_POINTS` and as many
-    more for each coordinate.
+def sample_operating_region(dataset: Dataset, *, n: int | None = None, seed: int = 0) -> OperatingRegion:
+    """About ``n`` states and inputs in the region of a dataset and `REGION_MARGIN` around it.
 
-    An input or a rate that never changes is varied by its own size, or by one, so that what it does can be
-    told.
+    By default ``n`` is `REGION_POINTS` and as many more for each coordinate. An input or a rate that never
+    changes is varied by its own size, or by 1, so that its influence can be measured.
     """
     rng = np.random.default_rng(seed)
-    half = max((REGION_POINTS * (1 + record.d) if n is None else n) // 2, 1)
-    visited = np.linspace(0, len(record.q) - 1, min(half, len(record.q))).astype(int)
-    drawn = rng.integers(len(record.q), size=(3, half))
+    half = max((REGION_POINTS * (1 + dataset.d) if n is None else n) // 2, 1)
+    visited = np.linspace(0, len(dataset.q) - 1, min(half, len(dataset.q))).astype(int)
+    drawn = rng.integers(len(dataset.q), size=(3, half))
 
     def around(x: np.ndarray, mixed: np.ndarray) -> np.ndarray:
         low, high = x.min(axis=0), x.max(axis=0)
         centre, reach = 0.5 * (low + high), 0.5 * (high - low)
         still = reach <= 1e-9 * np.maximum(np.abs(centre), 1e-9)
-        own = np.where(still, np.where(np.abs(centre) > 0.0, np.abs(centre), 1.0), reach)
-        near = x[mixed] + own * np.where(still, 1.0, REGION_MARGIN) * rng.uniform(
+        spread = np.where(still, np.where(np.abs(centre) > 0.0, np.abs(centre), 1.0), reach)
+        near = x[mixed] + spread * np.where(still, 1.0, REGION_MARGIN) * rng.uniform(
             -1.0, 1.0, (half, x.shape[1])
         )
         return np.concatenate([centre + (1.0 + REGION_MARGIN) * (x[visited] - centre), near])
 
-    return OperatingRegion(around(record.q, drawn[0]), around(record.v, drawn[1]), around(record.u, drawn[2]))
+    return OperatingRegion(
+        around(dataset.q, drawn[0]), around(dataset.v, drawn[1]), around(dataset.u, drawn[2])
+    )

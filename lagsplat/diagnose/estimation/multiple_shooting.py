@@ -1,11 +1,12 @@
-"""Multiple shooting: parameters and the windows' starting states by Levenberg-Marquardt.
+"""Multiple shooting: parameters and the windows' initial states by the Levenberg-Marquardt method.
 
 Minimises ``sum |(y - predicted)/sigma|^2 + sum ((x - mean)/deviation)^2`` over parameters ``x`` and the
-starting state of every window. States enter only their own window, so that they are eliminated window by
-window (Schur complement). Derivatives are differences of rollouts, all of them in one batch, unless exact
-ones are handed over.
+initial state of every window. An initial state enters its own window alone, so that all of them are
+eliminated window by window (Schur complement). Derivatives are finite differences of rollouts, all in one
+batch, unless exact ones are given.
 
-Source: Bock, "Recent advances in parameter identification for ODE", 1983; paper's rollouts, eq. (roll).
+Source: Bock, "Recent advances in parameter identification techniques for o.d.e.", 1983; the paper's
+rollouts, eq. (roll).
 """
 
 from collections.abc import Callable
@@ -15,77 +16,95 @@ import numpy as np
 from jaxtyping import Float64
 
 PredictionFunction = Callable[[np.ndarray, np.ndarray], np.ndarray]
-"""From parameters (P, k) and starts (P, W, 2 d) to predictions (P, W, L, d)."""
+"""From parameters (P, k) and initial states (P, W, 2 d) to predictions (P, W, L, d)."""
+MAX_STALE_STEPS = 4
+"""Steps after which all derivatives are computed again, where those from a nearby fit are used."""
+MAX_ATTEMPTS = 6
+"""Dampings that are tried for a step before it is given up."""
 
 
 @dataclass(frozen=True)
 class GaussianPrior:
-    """What is believed of the parameters beforehand: normal, cut off below ``lowest``."""
+    """Prior of the parameters: normal, cut off below ``lowest``."""
 
     mean: Float64[np.ndarray, " k"]
     deviation: Float64[np.ndarray, " k"]
     lowest: Float64[np.ndarray, " k"]
     step: Float64[np.ndarray, " k"]
-    """Differences for derivatives."""
+    """Steps of finite differences."""
 
 
 @dataclass(frozen=True)
 class ShootingData:
-    """Samples (W, L, d) of the windows, one over their standard deviations, zero where there is none."""
+    """Samples of the windows, and how much each counts."""
 
     y: Float64[np.ndarray, "W L d"]
     weight: Float64[np.ndarray, "W L d"]
+    """One over the standard deviation of a sample, zero where there is none."""
     start_step: Float64[np.ndarray, " s"]
-    """Differences of the starting state, (2 d,)."""
+    """Steps of finite differences of the initial state, (2 d,)."""
 
 
 LinearizationFunction = Callable[
     [np.ndarray, np.ndarray, ShootingData], tuple[np.ndarray, np.ndarray, np.ndarray]
 ]
-"""What `differentiate_predictions` says of parameters, starts and data, worked out in another way."""
+"""Computes from parameters, initial states and data what `differentiate_predictions` returns."""
 
 
 @dataclass(frozen=True)
 class ShootingFit:
-    """Parameters ``x``, starts, the weighted residual and the Gauss-Newton curvature of half the cost."""
+    """The result of multiple shooting."""
 
     x: Float64[np.ndarray, " k"]
+    """Parameters."""
     starts: Float64[np.ndarray, "W s"]
+    """Initial states of the windows."""
     residual: Float64[np.ndarray, "W L d"]
+    """Weighted residual."""
     misfit: float
     """Sum of squares of the weighted residual."""
     penalty: float
-    """Sum of squares of the parameters' distance from their beliefs."""
+    """Sum of squares of the parameters' distances from their prior means, in standard deviations."""
     curvature: Float64[np.ndarray, "k k"]
-    """Of the data alone, starts eliminated."""
+    """Gauss-Newton curvature of half the misfit by the parameters, initial states eliminated."""
     log_det_starts: float
+    """Log determinant of the curvature by the initial states."""
     iterations: int
     slopes: Float64[np.ndarray, "W M k"]
-    """Of the weighted prediction by the parameters."""
+    """Derivatives of the weighted prediction by the parameters; M = L d."""
     start_slopes: Float64[np.ndarray, "W M s"]
+    """The same by the initial states."""
 
     @property
     def cost(self) -> float:
-        """Misfit, and what the moved parameters cost."""
+        """Misfit and penalty together."""
         return self.misfit + self.penalty
 
 
-def compute_penalty(x: Float64[np.ndarray, "P k"], belief: GaussianPrior) -> Float64[np.ndarray, " P"]:
-    """Sum of squares of the standardised parameters."""
-    return np.sum(((x - belief.mean) / belief.deviation) ** 2, axis=1)
+def compute_penalty(x: Float64[np.ndarray, "P k"], prior: GaussianPrior) -> Float64[np.ndarray, " P"]:
+    """Sum of squares of the parameters' distances from their prior means, in standard deviations."""
+    return np.sum(((x - prior.mean) / prior.deviation) ** 2, axis=1)
 
 
 def differentiate_predictions(
     predict: PredictionFunction, x: np.ndarray, starts: np.ndarray, data: ShootingData, step: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Weighted residual (W, L, d), slopes by parameters (W, M, k) and by starts (W, M, s)."""
+    """Weighted residual (W, L, d), its prediction's derivatives by parameters (W, M, k) and starts (W, M, s).
+
+    Args:
+        predict: rollouts of many sets of parameters.
+        x: parameters (k,).
+        starts: initial states (W, s).
+        data: samples and weights.
+        step: steps of finite differences (k,).
+    """
     k, s = len(x), starts.shape[1]
-    many = np.repeat(x[None], 1 + k + s, axis=0)
-    begun = np.repeat(starts[None], 1 + k + s, axis=0)
-    many[1 + np.arange(k), np.arange(k)] += step
+    shifted = np.repeat(x[None], 1 + k + s, axis=0)
+    shifted_starts = np.repeat(starts[None], 1 + k + s, axis=0)
+    shifted[1 + np.arange(k), np.arange(k)] += step
     for i in range(s):
-        begun[1 + k + i, :, i] += data.start_step[i]
-    y = predict(many, begun)
+        shifted_starts[1 + k + i, :, i] += data.start_step[i]
+    y = predict(shifted, shifted_starts)
     slopes = _quotients(y, np.concatenate([step, data.start_step]), data)
     return (data.y - y[0]) * data.weight, slopes[..., :k], slopes[..., k:]
 
@@ -98,13 +117,16 @@ def differentiate_leading_parameters(
     step: np.ndarray,
     n: int,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Weighted residual, and slopes by the first ``n`` parameters alone."""
+    """Weighted residual (W, L, d), and derivatives (W, M, n) by the first ``n`` parameters alone.
+
+    The other arguments are those of `differentiate_predictions`.
+    """
     if n == 0:
         residual = (data.y - predict(x[None], starts[None])[0]) * data.weight
         return residual, np.zeros((len(starts), residual[0].size, 0))
-    many = np.repeat(x[None], 1 + n, axis=0)
-    many[1 + np.arange(n), np.arange(n)] += step[:n]
-    y = predict(many, np.repeat(starts[None], 1 + n, axis=0))
+    shifted = np.repeat(x[None], 1 + n, axis=0)
+    shifted[1 + np.arange(n), np.arange(n)] += step[:n]
+    y = predict(shifted, np.repeat(starts[None], 1 + n, axis=0))
     return (data.y - y[0]) * data.weight, _quotients(y, step[:n], data)
 
 
@@ -116,24 +138,38 @@ def _quotients(y: np.ndarray, step: np.ndarray, data: ShootingData) -> np.ndarra
 def eliminate_starts(
     residual: np.ndarray, slopes: np.ndarray, start_slopes: np.ndarray, damping: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray, float, np.ndarray, np.ndarray]:
-    """Curvature and gradient of the parameters with the starts eliminated, and what gives the starts back."""
+    """Normal equations of the parameters after elimination of the initial states (Schur complement).
+
+    Args:
+        residual: weighted residual (W, L, d).
+        slopes: derivatives by the parameters (W, M, k).
+        start_slopes: derivatives by the initial states (W, M, s).
+        damping: added to the curvature by the initial states, as a share of its diagonal.
+
+    Returns:
+        Curvature (k, k) and gradient (k,) of the parameters, the log determinant of the curvature by the
+        initial states, and the best move of these as a function of that of the parameters: minus its slope
+        (W, s, k) and its constant (W, s).
+    """
     flat = residual.reshape(len(residual), -1)
-    across = start_slopes.transpose(0, 2, 1)
-    own = across @ start_slopes
-    diagonal = np.einsum("waa->wa", own)
+    transposed = start_slopes.transpose(0, 2, 1)
+    curvature_starts = transposed @ start_slopes
+    diagonal = np.einsum("waa->wa", curvature_starts)
     diagonal += damping * diagonal + 1e-12 * (diagonal.max(axis=1, keepdims=True) + 1e-30)
-    cross = across @ slopes
-    pull = (across @ flat[..., None])[..., 0]
-    solved = np.linalg.solve(own, np.concatenate([cross, pull[..., None]], axis=2))
+    cross = transposed @ slopes
+    start_gradient = (transposed @ flat[..., None])[..., 0]
+    solved = np.linalg.solve(curvature_starts, np.concatenate([cross, start_gradient[..., None]], axis=2))
     k = slopes.shape[2]
-    every, shared = (x.transpose(2, 0, 1).reshape(k, len(x) * x.shape[1]) for x in (slopes, cross))
-    curvature = every @ every.T - shared @ solved[..., :-1].reshape(shared.shape[1], k)
-    gradient = every @ flat.reshape(-1) - shared @ solved[..., -1].reshape(-1)
-    return curvature, gradient, float(np.linalg.slogdet(own)[1].sum()), solved[..., :-1], solved[..., -1]
-
-
-MAX_STALE_STEPS = 4
-"""Steps after which all slopes are taken anew."""
+    all_slopes, all_cross = (x.transpose(2, 0, 1).reshape(k, len(x) * x.shape[1]) for x in (slopes, cross))
+    curvature = all_slopes @ all_slopes.T - all_cross @ solved[..., :-1].reshape(all_cross.shape[1], k)
+    gradient = all_slopes @ flat.reshape(-1) - all_cross @ solved[..., -1].reshape(-1)
+    return (
+        curvature,
+        gradient,
+        float(np.linalg.slogdet(curvature_starts)[1].sum()),
+        solved[..., :-1],
+        solved[..., -1],
+    )
 
 
 def fit_multiple_shooting(
@@ -141,62 +177,77 @@ def fit_multiple_shooting(
     x: Float64[np.ndarray, " k"],
     starts: Float64[np.ndarray, "W s"],
     data: ShootingData,
-    belief: GaussianPrior,
+    prior: GaussianPrior,
     *,
     iterations: int,
     tolerance: float,
     known: tuple[np.ndarray, np.ndarray] | None = None,
     exact: LinearizationFunction | None = None,
 ) -> ShootingFit:
-    """Minimise from ``x`` and ``starts``; stops when a step gains less than ``tolerance`` of the cost.
+    """Fit parameters and initial states; stops when a step gains less than ``tolerance`` of the cost.
 
-    ``exact`` derivatives take the place of differences. ``known`` are slopes by the last parameters and by
-    the starts from a fit nearby: those of the first parameters are then taken anew after every step and the
-    rest now and then, for they change little.
+    Args:
+        predict: rollouts of many sets of parameters.
+        x: parameters to begin with (k,).
+        starts: initial states to begin with (W, 2 d).
+        data: samples and weights.
+        prior: prior of the parameters.
+        iterations: steps at most.
+        tolerance: relative gain of a step below which the fit has converged.
+        known: derivatives by the last parameters and by the starts, from a fit nearby. Those by the first
+            parameters are then computed after every step, the rest every `MAX_STALE_STEPS`, because they change
+            little.
+        exact: exact derivatives in the place of finite differences.
     """
 
     def linear(x: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         return (
             exact(x, starts, data)
             if exact
-            else differentiate_predictions(predict, x, starts, data, belief.step)
+            else differentiate_predictions(predict, x, starts, data, prior.step)
         )
 
-    n_own = 0 if known is None else len(x) - known[0].shape[2]
-    damping = 1e-3
-    inverse = 1.0 / belief.deviation**2
+    n_leading = 0 if known is None else len(x) - known[0].shape[2]
+    damping = (
+        1e-3  # a share of the curvature; it falls fivefold after a success, rises eightfold after a failure
+    )
+    inverse = 1.0 / prior.deviation**2
     done, age = 0, 0
     if known is None:
-        residual, slopes, begun = linear(x, starts)
+        residual, slopes, start_slopes = linear(x, starts)
     else:
-        residual, own = differentiate_leading_parameters(predict, x, starts, data, belief.step, n_own)
-        slopes, begun = np.concatenate([own, known[0]], axis=2), known[1]
+        residual, leading = differentiate_leading_parameters(predict, x, starts, data, prior.step, n_leading)
+        slopes, start_slopes = np.concatenate([leading, known[0]], axis=2), known[1]
         age = 1
-    misfit, paid = float(np.sum(residual**2)), float(compute_penalty(x[None], belief)[0])
-    cost = misfit + paid
+    misfit, penalty = float(np.sum(residual**2)), float(compute_penalty(x[None], prior)[0])
+    cost = misfit + penalty
     while done < iterations:
         done += 1
-        step = _step(predict, x, starts, data, belief, (residual, slopes, begun), cost, damping, inverse)
+        step = _step(
+            predict, x, starts, data, prior, (residual, slopes, start_slopes), cost, damping, inverse
+        )
         if step is None and age == 0:
             break
         gain = 0.0
         if step is not None:
-            x, starts, misfit, paid, damping = step
-            gain, cost = cost - misfit - paid, misfit + paid
+            x, starts, misfit, penalty, damping = step
+            gain, cost = cost - misfit - penalty, misfit + penalty
         if gain >= tolerance * cost + 1e-9 and known is not None and age < MAX_STALE_STEPS:
-            residual, own = differentiate_leading_parameters(predict, x, starts, data, belief.step, n_own)
-            slopes = np.concatenate([own, slopes[..., n_own:]], axis=2)
+            residual, leading = differentiate_leading_parameters(
+                predict, x, starts, data, prior.step, n_leading
+            )
+            slopes = np.concatenate([leading, slopes[..., n_leading:]], axis=2)
             age += 1
             continue
         fresh = age == 0
-        residual, slopes, begun = linear(x, starts)
+        residual, slopes, start_slopes = linear(x, starts)
         age = 0
         if gain < tolerance * cost + 1e-9 and fresh:
             break
     if age:
-        residual, slopes, begun = linear(x, starts)
-    curvature, _, log_det, _, _ = eliminate_starts(residual, slopes, begun)
-    return ShootingFit(x, starts, residual, misfit, paid, curvature, log_det, done, slopes, begun)
+        residual, slopes, start_slopes = linear(x, starts)
+    curvature, _, log_det, _, _ = eliminate_starts(residual, slopes, start_slopes)
+    return ShootingFit(x, starts, residual, misfit, penalty, curvature, log_det, done, slopes, start_slopes)
 
 
 def _step(
@@ -204,23 +255,26 @@ def _step(
     x: np.ndarray,
     starts: np.ndarray,
     data: ShootingData,
-    belief: GaussianPrior,
+    prior: GaussianPrior,
     linear: tuple[np.ndarray, np.ndarray, np.ndarray],
     cost: float,
     damping: float,
     inverse: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, float, float, float] | None:
-    """A step that lowers the cost, with its misfit, its penalty and the next damping; None if six fail."""
-    for _ in range(6):
-        curvature, gradient, _, back, own = eliminate_starts(*linear, damping)
+    """A step that lowers the cost, with its misfit, its penalty and the next damping.
+
+    None if `MAX_ATTEMPTS` dampings, each stronger than the last, fail.
+    """
+    for _ in range(MAX_ATTEMPTS):
+        curvature, gradient, _, start_slope, start_move = eliminate_starts(*linear, damping)
         h = curvature + np.diag(inverse + damping * (np.diag(curvature) + inverse))
-        g = gradient - (x - belief.mean) * inverse
+        g = gradient - (x - prior.mean) * inverse
         move = np.linalg.lstsq(h, g, rcond=1e-13)[0] if len(x) else g
-        new = np.maximum(x + move, belief.lowest)
-        new_starts = starts + own - np.einsum("wak,k->wa", back, new - x)
-        tried = (data.y - predict(new[None], new_starts[None])[0]) * data.weight
-        misfit, paid = float(np.sum(tried**2)), float(compute_penalty(new[None], belief)[0])
-        if np.isfinite(misfit) and misfit + paid < cost:
-            return new, new_starts, misfit, paid, max(damping * 0.2, 1e-9)
+        new = np.maximum(x + move, prior.lowest)
+        new_starts = starts + start_move - np.einsum("wak,k->wa", start_slope, new - x)
+        residual = (data.y - predict(new[None], new_starts[None])[0]) * data.weight
+        misfit, penalty = float(np.sum(residual**2)), float(compute_penalty(new[None], prior)[0])
+        if np.isfinite(misfit) and misfit + penalty < cost:
+            return new, new_starts, misfit, penalty, max(damping * 0.2, 1e-9)
         damping = min(damping * 8.0 + 1e-6, 1e9)
     return None

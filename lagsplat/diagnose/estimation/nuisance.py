@@ -1,6 +1,6 @@
-"""The small uncertainties of a sim, which every hypothesis may use: how far its parameters wander.
+"""The small uncertainties of a simulator, which every hypothesis may use (nuisance parameters).
 
-They are believed to be near zero; an effect must explain more than moving these does.
+Their prior is narrow and centred at zero; an effect must explain more than these do.
 """
 
 from dataclasses import dataclass, replace
@@ -9,26 +9,32 @@ import numpy as np
 from jaxtyping import Float64
 
 from lagsplat.diagnose.effects.base import CoefficientBatch
+from lagsplat.diagnose.mechanics.basis import POWER
 from lagsplat.diagnose.mechanics.model import MechanicalModel
+from lagsplat.diagnose.mechanics.structure import COEFFICIENT_FIELDS
 
 
 @dataclass(frozen=True)
 class NuisanceParameters:
-    """Standard deviations of the uncertainties, in this order: potential, damping, inputs, offset, warp.
+    """Standard deviations of the nuisance parameters, which are ordered as the fields.
 
-    The potential and each input may be off by a share; the damping by a rate [1/s]; a constant acceleration
-    may act along every coordinate; what is seen may be bent, ``y = q + warp (q - rest)^2 / scale``.
-    ``directions`` are changes of all coefficients that the sim's identification leaves open, each of one
-    standard deviation.
+    Parameters ``x`` (n,) are unknowns of a fit; zero is the simulator as it is.
     """
 
     potential: float
+    """Relative error of the potential."""
     damping: float
+    """Error of the damping rate [1/s]."""
     inputs: float
+    """Relative error of each input's gain."""
     offset: Float64[np.ndarray, " d"]
+    """Constant acceleration along every coordinate [unit of the coordinate per s^2]."""
     warp: float
+    """Curvature of the measurement, ``y = q + warp (q - rest)^2 / scale``."""
     n_u: int
+    """Number of inputs."""
     directions: Float64[np.ndarray, "R K"]
+    """Changes of all coefficients that identification leaves open, each of one standard deviation."""
 
     @property
     def d(self) -> int:
@@ -37,12 +43,12 @@ class NuisanceParameters:
 
     @property
     def size(self) -> int:
-        """Number of uncertainties."""
+        """Number of nuisance parameters."""
         return 2 + self.n_u + 2 * self.d + len(self.directions)
 
     @property
     def deviation(self) -> Float64[np.ndarray, " n"]:
-        """Their standard deviations."""
+        """Standard deviations of all nuisance parameters."""
         return np.concatenate(
             [
                 [self.potential, self.damping],
@@ -54,8 +60,8 @@ class NuisanceParameters:
         )
 
     def freeze(self) -> "NuisanceParameters":
-        """The same with nothing left uncertain."""
-        tiny = 1e-6
+        """The same with all deviations close to zero, so that nothing is left uncertain."""
+        tiny = 1e-6  # not zero, because fits divide by the deviations
         return replace(
             self,
             potential=tiny * self.potential,
@@ -67,7 +73,7 @@ class NuisanceParameters:
         )
 
     def scale_mechanics(self, factor: float) -> "NuisanceParameters":
-        """The same with the mechanism's own parameters ``factor`` times as uncertain; what is seen is not."""
+        """The same with the mechanism's parameters ``factor`` times as uncertain, the measurement as before."""
         return replace(
             self,
             potential=factor * self.potential,
@@ -77,7 +83,7 @@ class NuisanceParameters:
         )
 
     def names(self) -> tuple[str, ...]:
-        """What each of them is."""
+        """Names of all nuisance parameters."""
         return (
             "potential",
             "damping",
@@ -87,8 +93,8 @@ class NuisanceParameters:
             *(f"identification {i}" for i in range(len(self.directions))),
         )
 
-    def fields(self, model: MechanicalModel, x: Float64[np.ndarray, "P n"]) -> CoefficientBatch:
-        """The sim's coefficients, moved by ``x``."""
+    def change_coefficients(self, model: MechanicalModel, x: Float64[np.ndarray, "P n"]) -> CoefficientBatch:
+        """The model's coefficients under nuisance parameters ``x``."""
         n, n_u, d = len(x), self.n_u, self.d
         fields = repeat_coefficients(model, n)
         tail = x[:, 2 + n_u + 2 * d :]
@@ -108,42 +114,35 @@ class NuisanceParameters:
         )
 
     def observe(self, y: np.ndarray, x: np.ndarray, model: MechanicalModel) -> np.ndarray:
-        """What is seen of coordinates ``y`` (P, W, L, d)."""
+        """The measurement of coordinates ``y`` (P, W, L, d) under nuisance parameters ``x`` (P, n)."""
         warp = x[:, 2 + self.n_u + self.d : 2 + self.n_u + 2 * self.d]
         if not warp.any():
             return y
+        # a diverged rollout is clipped, so that its square stays finite
         away = np.clip((y - model.rest) / model.basis.scale, -10.0, 10.0)
         return y + warp[:, None, None, :] * away**2 * model.basis.scale
 
 
 def find_linear_terms(model: MechanicalModel) -> np.ndarray:
-    """Positions in the basis of the coordinates themselves, (d,)."""
+    """Positions (d,) in the basis of the monomials that are the scaled coordinates themselves."""
     order, kind = model.basis.order, model.basis.kind
-    first = (kind == 0) & (order.sum(axis=1) == 1)
+    first = (kind == POWER) & (order.sum(axis=1) == 1)
     return np.array([int(np.flatnonzero(first & (order[:, i] == 1))[0]) for i in range(model.d)])
 
 
 def repeat_coefficients(model: MechanicalModel, n: int) -> CoefficientBatch:
-    """The sim's coefficients, ``n`` times."""
+    """The model's coefficients as a batch of ``n`` equal sets."""
     return CoefficientBatch(
-        **{
-            name: np.repeat(getattr(model, name)[None], n, axis=0)
-            for name in CoefficientBatch.__dataclass_fields__
-        }
+        **{name: np.repeat(getattr(model, name)[None], n, axis=0) for name in COEFFICIENT_FIELDS}
     )
 
 
-def flatten_coefficients(model: MechanicalModel) -> Float64[np.ndarray, " K"]:
-    """All coefficients of a sim in one row."""
-    return np.concatenate([getattr(model, name).ravel() for name in CoefficientBatch.__dataclass_fields__])
-
-
 def add_to_coefficients(fields: CoefficientBatch, moves: Float64[np.ndarray, "P K"]) -> CoefficientBatch:
-    """Coefficients moved by rows that are ordered as `flatten_coefficients`."""
-    out, at = {}, 0
-    for name in CoefficientBatch.__dataclass_fields__:
+    """The coefficients with rows added that are ordered as `flatten_coefficients`."""
+    values, at = {}, 0
+    for name in COEFFICIENT_FIELDS:
         value = getattr(fields, name)
         size = value[0].size
-        out[name] = value + moves[:, at : at + size].reshape(value.shape)
+        values[name] = value + moves[:, at : at + size].reshape(value.shape)
         at += size
-    return CoefficientBatch(**out)
+    return CoefficientBatch(**values)

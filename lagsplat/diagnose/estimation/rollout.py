@@ -1,6 +1,7 @@
-"""Rollouts of a hypothesis: the sim, its small uncertainties and up to three effects, over windows.
+"""Rollouts of a model over the windows of a dataset, from parameters to what would be measured.
 
-A sim whose coefficients move along given rows: its rollouts over windows, and their exact slopes.
+`RolloutModel` rolls out a hypothesis: the simulator, its nuisance parameters and any effects.
+`ParameterSensitivity` rolls out a model whose coefficients move along given directions, with exact derivatives.
 """
 
 from collections.abc import Sequence
@@ -27,12 +28,12 @@ from lagsplat.diagnose.solvers.runge_kutta import integrate_memory, roll_out_bat
 from lagsplat.diagnose.solvers.runge_kutta_sensitivity import roll_out_with_sensitivities
 
 FORCE_SLOTS = 3
-"""Forces that act at once, at one place each, unless some act everywhere."""
+"""Forces that act at once; the kernel is compiled for so many, or so many for each coordinate."""
 
 
 @dataclass(frozen=True)
 class RolloutModel:
-    """A sim beside a record: everything a rollout needs that no hypothesis changes."""
+    """What all hypotheses about a dataset share: the model, its uncertainties and the inputs."""
 
     model: MechanicalModel
     dataset: Dataset
@@ -40,12 +41,13 @@ class RolloutModel:
     steps: int
     """Substeps of a rollout between two frames."""
     held: bool
-    """Inputs are held between samples instead of interpolated."""
+    """Inputs are held between samples (zero-order hold) instead of interpolated."""
     smooth: Float64[np.ndarray, "N d"] = field(repr=False)
+    """Smoothed coordinates, along which memories of effects are carried to the windows' starts."""
 
     @cached_property
     def inputs(self) -> tuple[InputSignal, ...]:
-        """The logged inputs."""
+        """The logged inputs, one signal a channel."""
         return build_input_signals(self.dataset, steps=self.steps, held=self.held)
 
     @cached_property
@@ -55,7 +57,7 @@ class RolloutModel:
 
     @cached_property
     def logged(self) -> Float64[np.ndarray, "1 N S 3 n_u"]:
-        """The inputs as a rollout takes them."""
+        """The logged inputs at every stage of a rollout, as the kernel takes them."""
         n_u = self.dataset.u.shape[1]
         if n_u == 0:
             return np.zeros((1, *self.stages, 0))
@@ -65,27 +67,34 @@ class RolloutModel:
 
     @cached_property
     def forces(self) -> tuple[np.ndarray, np.ndarray]:
-        """The sim's spring and drive (N, d) along the recorded motion."""
+        """The model's conservative and actuated forces (N, d) along the recorded motion."""
         return self.model.spring(self.smooth), self.model.drive(self.smooth, self.dataset.u)
 
-    def rollouts(
+    def roll_out(
         self,
         effects: Sequence[PlacedEffect],
         x: Float64[np.ndarray, "P k"],
         starts: Float64[np.ndarray, "P W s"],
         windows: WindowSet,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """What is seen, and its rate, (P, W, L, d), for unknowns of ``effects`` followed by the nuisance."""
+        """Measured coordinates and their rates, (P, W, L, d) each.
+
+        Args:
+            effects: the effects of the hypothesis.
+            x: unknowns of the effects, one after another, then the nuisance parameters.
+            starts: initial states of the windows.
+            windows: frames to roll out.
+        """
         parts, at = [], 0
         effects = [part for effect in effects for part in effect.parts or (effect,)]
         for effect in effects:
             size = len(effect.effect.parameters)
             parts.append(effect.to_physical(x[:, at : at + size]))
             at += size
-        spare = x[:, at:]
-        states = self._states(effects, parts, spare, starts, windows)
+        nuisance = x[:, at:]
+        states = self._states(effects, parts, nuisance, starts, windows)
         y, v = states[..., : self.dataset.d], states[..., self.dataset.d :]
-        y = self.nuisance.observe(y, spare, self.model)
+        y = self.nuisance.observe(y, nuisance, self.model)
         t = windows.take(self.dataset.time)
         for effect, theta in zip(effects, parts, strict=True):
             if isinstance(effect.effect, ObservationEffect):
@@ -96,18 +105,18 @@ class RolloutModel:
         self,
         effects: Sequence[PlacedEffect],
         parts: Sequence[np.ndarray],
-        spare: np.ndarray,
+        nuisance: np.ndarray,
         starts: np.ndarray,
         windows: WindowSet,
     ) -> np.ndarray:
-        fields = self._fields(effects, parts, spare)
-        u, u_of = self._inputs(effects, parts, len(spare))
-        laws, along, inertia, theta, memory = self._laws(effects, parts, len(spare), windows)
+        fields = self._fields(effects, parts, nuisance)
+        u, u_of = self._inputs(effects, parts, len(nuisance))
+        laws, along, inertia, theta, memory = self._laws(effects, parts, len(nuisance), windows)
         basis, model = self.model.basis, self.model
-        out = np.zeros((len(spare), len(windows.first), windows.longest, 2 * model.d))
+        out = np.zeros((len(nuisance), len(windows.first), windows.longest, 2 * model.d))
         roll_out_batch(
             (basis.kind, basis.order, basis.centre, basis.scale),
-            *(move_functions_last(getattr(fields, name)) for name in CoefficientBatch.__dataclass_fields__),
+            *(move_functions_last(getattr(fields, name)) for name in COEFFICIENT_FIELDS),
             model.width,
             model.rest,
             laws,
@@ -127,9 +136,9 @@ class RolloutModel:
         return out
 
     def _fields(
-        self, effects: Sequence[PlacedEffect], parts: Sequence[np.ndarray], spare: np.ndarray
+        self, effects: Sequence[PlacedEffect], parts: Sequence[np.ndarray], nuisance: np.ndarray
     ) -> CoefficientBatch:
-        fields = self.nuisance.fields(self.model, spare)
+        fields = self.nuisance.change_coefficients(self.model, nuisance)
         for effect, theta in zip(effects, parts, strict=True):
             if isinstance(effect.effect, ModelEffect):
                 fields = effect.effect.change(fields, theta, effect, self.model)
@@ -144,16 +153,16 @@ class RolloutModel:
         if not changes:
             return self.logged, np.zeros(n_sets, dtype=np.int64)
         theta = np.concatenate([t for _, t in changes], axis=1)
-        # Most sets of a difference quotient share the input's parameters; each distinct one is made once.
+        # Most sets of a finite difference have the same input parameters; each distinct signal is made once.
         distinct, u_of = np.unique(theta, axis=0, return_inverse=True)
         u = np.repeat(self.logged, len(distinct), axis=0)
         at = 0
         for effect, part in changes:
-            own = distinct[:, at : at + part.shape[1]]
+            values = distinct[:, at : at + part.shape[1]]
             at += part.shape[1]
             channels = range(u.shape[-1]) if effect.channel is None else [effect.channel]
             for channel in channels:
-                changed = effect.effect.change(self.inputs[channel], own)  # type: ignore[attr-defined]
+                changed = effect.effect.change(self.inputs[channel], values)  # type: ignore[attr-defined]
                 u[..., channel] = changed.reshape(len(distinct), *self.stages)
         return u, u_of.reshape(-1).astype(np.int64)
 
@@ -166,76 +175,86 @@ class RolloutModel:
             if isinstance(e.effect, ForceEffect) and e.direction is not None
         ]
         d = self.model.d
-        n = (
-            FORCE_SLOTS if len(forces) <= FORCE_SLOTS else FORCE_SLOTS * d
-        )  # few sizes, for a kernel is compiled for each
+        # few sizes, because a kernel is compiled for each
+        n = FORCE_SLOTS if len(forces) <= FORCE_SLOTS else FORCE_SLOTS * d
         laws, along, inertia = [zero_force] * n, np.zeros((n, d)), np.zeros(n)
         tables, size = [], 1
         n_memory = max([e.effect.n_memory for e, _ in forces], default=0)  # type: ignore[attr-defined]
         memory = np.zeros((n_sets, len(windows.first), n, n_memory))
-        for slot, (instance, theta) in enumerate(forces):
-            effect, direction = instance.effect, instance.direction
+        for slot, (placed, theta) in enumerate(forces):
+            effect, direction = placed.effect, placed.direction
             assert isinstance(effect, ForceEffect)
             assert direction is not None
             laws[slot], along[slot], inertia[slot] = effect.law, direction.covector, direction.inertia
-            fixed = np.array(effect.constants(instance.scales, instance.variant))
-            own, begun = theta[:, : effect.n_law], theta[:, effect.n_law :]
-            tables.append(np.concatenate([own, np.repeat(fixed[None], n_sets, axis=0)], axis=1))
+            fixed = np.array(effect.constants(placed.scales, placed.variant))
+            law_theta, initial = theta[:, : effect.n_law], theta[:, effect.n_law :]
+            tables.append(np.concatenate([law_theta, np.repeat(fixed[None], n_sets, axis=0)], axis=1))
             size = max(size, tables[-1].shape[1])
             if effect.n_memory:
-                memory[:, :, slot, : effect.n_memory] = self._memory(instance, tables[-1], begun, windows)
+                memory[:, :, slot, : effect.n_memory] = self._memory(placed, tables[-1], initial, windows)
         table = np.zeros((n_sets, n, size))
         for slot, values in enumerate(tables):
             table[:, slot, : values.shape[1]] = values
         return tuple(laws), along, inertia, table, memory
 
     def _memory(
-        self, instance: PlacedEffect, theta: np.ndarray, begun: np.ndarray, windows: WindowSet
+        self, placed: PlacedEffect, theta: np.ndarray, initial: np.ndarray, windows: WindowSet
     ) -> np.ndarray:
-        """Memory (P, W, Z) where the windows begin, carried along the recorded motion."""
-        effect, direction = instance.effect, instance.direction
+        """Memory (P, W, Z) where the windows begin, integrated along the recorded motion.
+
+        ``theta`` (P, n) are the law's parameters, ``initial`` the memory's free values where clips begin.
+        """
+        effect, direction = placed.effect, placed.direction
         assert isinstance(effect, ForceEffect)
         assert direction is not None
-        p, record = direction.covector, self.dataset
+        p, dataset = direction.covector, self.dataset
         spring, drive = self.forces
-        s, v = (self.smooth - self.model.rest) @ p, record.v @ p
-        distinct, which = np.unique(np.concatenate([theta, begun], axis=1), axis=0, return_inverse=True)
-        own, beside = distinct[:, : theta.shape[1]], distinct[:, theta.shape[1] :]
+        s, v = (self.smooth - self.model.rest) @ p, dataset.v @ p
+        distinct, which = np.unique(np.concatenate([theta, initial], axis=1), axis=0, return_inverse=True)
+        law_theta, free = distinct[:, : theta.shape[1]], distinct[:, theta.shape[1] :]
         out = np.zeros((len(distinct), len(s), effect.n_memory))
-        begin = np.zeros((len(distinct), len(record.clips), effect.n_memory))
+        begin = np.zeros((len(distinct), len(dataset.clips), effect.n_memory))
         for i, name in enumerate(effect.memory_start):
             values = {"zero": np.zeros_like(s), "s": s, "v": v}[name]
-            begin[:, :, i] = values[record.clips[:, 0]]
-        begin[:, list(effect.free_clips)] += beside.reshape(len(beside), -1, effect.n_memory)
+            begin[:, :, i] = values[dataset.clips[:, 0]]
+        begin[:, list(effect.free_clips)] += free.reshape(len(free), -1, effect.n_memory)
         integrate_memory(
-            effect.law, np.ascontiguousarray(own), record.time, s, v,
-            spring @ p / direction.inertia, drive @ p / direction.inertia, record.clips, begin, out,
-        )  # fmt: skip
+            effect.law,
+            np.ascontiguousarray(law_theta),
+            dataset.time,
+            s,
+            v,
+            spring @ p / direction.inertia,
+            drive @ p / direction.inertia,
+            dataset.clips,
+            begin,
+            out,
+        )
         return out[which.reshape(-1)][:, windows.first]
 
 
 def move_functions_last(coefficients: np.ndarray) -> np.ndarray:
-    """Coefficients (P, K, ...) of fields as the kernel takes them; (P, K) and (P, d) are as they are."""
+    """Coefficients (P, K, ...) with the functions last, as the kernel takes them; (P, K) and (P, d) stay."""
     return np.ascontiguousarray(np.moveaxis(coefficients, 1, -1) if coefficients.ndim > 2 else coefficients)
 
 
 def count_substeps(dt_s: float, period_s: float, per_period: float) -> int:
-    """Substeps between frames ``dt_s`` apart so that a period has at least ``per_period`` of them."""
+    """Substeps between frames ``dt_s`` apart, so that a period has at least ``per_period`` of them."""
     return max(1, int(np.ceil(dt_s / (period_s / per_period))))
 
 
 @dataclass(frozen=True)
 class SensitivityColumns:
-    """Which coefficients are differentiated by: those that always move alike share a column."""
+    """The columns of a sensitivity: coefficients that always change by the same amount share a column."""
 
     of: tuple[np.ndarray, ...]
-    """Column of each coefficient, shaped as these in the order of `COEFFICIENT_FIELDS`, -1 where none moves it."""
+    """Column of each coefficient, shaped as `COEFFICIENT_FIELDS`; -1 where none changes it."""
     moves: Float64[np.ndarray, "n C"]
-    """How far each move takes the coefficients of each column."""
+    """How far each of ``n`` moves takes the coefficients of each column."""
 
     @classmethod
     def along(cls, moves: Float64[np.ndarray, "n K"], model: MechanicalModel) -> "SensitivityColumns":
-        """Of the coefficients of ``model`` that ``moves`` change at all."""
+        """The columns of those coefficients of ``model`` that ``moves`` change at all."""
         touched = np.flatnonzero(moves.any(axis=0))
         distinct, which = np.zeros((len(moves), 0)), np.zeros(0, np.int64)
         if len(touched):
@@ -256,7 +275,7 @@ def _shaped(column: Int64[np.ndarray, " K"], model: MechanicalModel) -> list[np.
 
 @dataclass(frozen=True)
 class ParameterSensitivity:
-    """Rollouts of ``model`` over ``windows`` of a record, its coefficients moved along ``moves``."""
+    """Rollouts of ``model`` over ``windows``, its coefficients moved along ``moves``, and their derivatives."""
 
     model: MechanicalModel
     dataset: Dataset
@@ -266,46 +285,51 @@ class ParameterSensitivity:
     steps: int
     """Substeps between two frames."""
     held: bool
-    """Inputs are held between samples instead of interpolated."""
+    """Inputs are held between samples (zero-order hold) instead of interpolated."""
 
     @cached_property
     def rollout_model(self) -> RolloutModel:
-        """Nothing is uncertain but how far each move goes."""
+        """The rollouts, with the extent of each move as the only nuisance parameters."""
         d, n_u = self.model.d, self.model.n_u
         nuisance = NuisanceParameters(1.0, 1.0, 1.0, np.ones(d), 1.0, n_u, self.moves)
         return RolloutModel(self.model, self.dataset, nuisance, self.steps, self.held, self.smooth)
 
     @cached_property
     def columns(self) -> SensitivityColumns:
-        """What is differentiated by."""
+        """The columns of the derivatives."""
         return SensitivityColumns.along(self.moves, self.model)
 
     def __call__(self, x: np.ndarray, starts: np.ndarray) -> np.ndarray:
         """Coordinates (P, W, L, d) for moves ``x`` (P, n) and starts (P, W, 2 d)."""
         fixed = self.rollout_model.nuisance.size - len(self.moves)
         padded = np.concatenate([np.zeros((len(x), fixed)), x], axis=1)
-        return self.rollout_model.rollouts((), padded, starts, self.windows)[0]
+        return self.rollout_model.roll_out((), padded, starts, self.windows)[0]
 
     def derivatives(
         self, x: np.ndarray, starts: np.ndarray, data: ShootingData
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """As `lagsplat.diagnose.estimation.multiple_shooting.differentiate_predictions`, but exact, by the variational equations."""
-        here, windows, n = (
-            shift_coefficients(self.model, x @ self.moves),
-            self.windows,
-            self.columns.moves.shape[1],
-        )
-        fields = [getattr(here, name) for name in COEFFICIENT_FIELDS]
+        """As `differentiate_predictions` of multiple shooting, but exact, by the variational equations."""
+        model, windows = shift_coefficients(self.model, x @ self.moves), self.windows
+        n = self.columns.moves.shape[1]
+        fields = [getattr(model, name) for name in COEFFICIENT_FIELDS]
         used = max(len(field) for field in fields[:4])
-        basis = here.basis.first(used)
+        basis = model.basis.first(used)
         y = np.zeros(data.y.shape)
         slopes = np.zeros((*y.shape, n + starts.shape[1]))
         roll_out_with_sensitivities(
             (basis.kind, basis.order, basis.centre, basis.scale),
-            (*(move_functions_last(field[None])[0] for field in fields), here.width, here.rest), self.columns.of,
-            n, np.ascontiguousarray(starts), windows.first, windows.length, self.dataset.time,
-            self.rollout_model.logged[0], self.steps, y, slopes,
-        )  # fmt: skip
+            (*(move_functions_last(field[None])[0] for field in fields), model.width, model.rest),
+            self.columns.of,
+            n,
+            np.ascontiguousarray(starts),
+            windows.first,
+            windows.length,
+            self.dataset.time,
+            self.rollout_model.logged[0],
+            self.steps,
+            y,
+            slopes,
+        )
         slopes *= data.weight[..., None]
         flat = slopes.reshape(len(starts), -1, slopes.shape[-1])
         return (data.y - y) * data.weight, flat[..., :n] @ self.columns.moves.T, flat[..., n:]

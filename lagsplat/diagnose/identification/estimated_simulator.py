@@ -79,7 +79,7 @@ def estimate_simulator(motions: Sequence[Trajectory], config: DiagnoseConfig) ->
 
     def told(reach: float, without: tuple[FileSpan, ...] = ()) -> EstimatedSimulator:
         length_s = reach * config.window_periods * period_s
-        windows = cut_windows(ready.dataset, length_s=length_s, least=12)
+        windows = cut_windows(ready.dataset, length_s=length_s, min_frames=12)
         kept = drop_overlapping_windows(windows, ready.dataset, without)
         if len(kept.first) >= MIN_WINDOWS:
             windows = kept

@@ -78,7 +78,7 @@ class EstimationProblem:
 
     def predict(self, effects: Sequence[PlacedEffect]) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
         """Predictions of a set of effects."""
-        return lambda x, starts: self.rollout_model.rollouts(effects, x, starts, self.windows)[0]
+        return lambda x, starts: self.rollout_model.roll_out(effects, x, starts, self.windows)[0]
 
     def belief(self, effects: Sequence[PlacedEffect]) -> GaussianPrior:
         """What fits hold of the unknowns beforehand."""

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Float64
 
 from lagsplat.diagnose.mechanics.basis import POWER, Basis, add_angle_functions, make_polynomial_basis
 from lagsplat.diagnose.mechanics.model import MechanicalModel
@@ -158,3 +159,8 @@ def shift_coefficients(model: MechanicalModel, change: np.ndarray) -> Mechanical
         values[name] = value + change[at : at + value.size].reshape(value.shape)
         at += value.size
     return replace(model, **values)
+
+
+def flatten_coefficients(model: MechanicalModel) -> Float64[np.ndarray, " K"]:
+    """All coefficients of a model in a single row, in the order of `COEFFICIENT_FIELDS`."""
+    return np.concatenate([getattr(model, name).ravel() for name in COEFFICIENT_FIELDS])

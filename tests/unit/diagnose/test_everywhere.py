@@ -99,6 +99,6 @@ def test_the_sim_with_it_holds_each_place_by_itself() -> None:
     )
     np.testing.assert_array_equal(moved, simulate_augmented(alone, drive, q=np.array([0.4, 0.1]))[0])
     first = replace(seen.windows, first=seen.windows.first[:1], length=seen.windows.length[:1])
-    together = seen.rollout_model.rollouts([both], x[None], starts, first)[0]
-    apart = seen.rollout_model.rollouts(both.parts, x[None], starts, first)[0]
+    together = seen.rollout_model.roll_out([both], x[None], starts, first)[0]
+    apart = seen.rollout_model.roll_out(both.parts, x[None], starts, first)[0]
     np.testing.assert_array_equal(together, apart)

@@ -3,13 +3,8 @@
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.estimation.nuisance import (
-    NuisanceParameters,
-    add_to_coefficients,
-    flatten_coefficients,
-    repeat_coefficients,
-)
-from lagsplat.diagnose.mechanics.structure import COEFFICIENT_FIELDS
+from lagsplat.diagnose.estimation.nuisance import NuisanceParameters, add_to_coefficients, repeat_coefficients
+from lagsplat.diagnose.mechanics.structure import COEFFICIENT_FIELDS, flatten_coefficients
 from tests.unit.diagnose.toys import coupled
 
 
@@ -33,7 +28,7 @@ def test_names_and_deviations_stand_in_one_order() -> None:
 
 def test_nothing_moved_is_the_sim_itself() -> None:
     known, model = nuisance(), coupled()
-    fields = known.fields(model, np.zeros((3, known.size)))
+    fields = known.change_coefficients(model, np.zeros((3, known.size)))
     for name in COEFFICIENT_FIELDS:
         assert np.array_equal(getattr(fields, name), np.stack([getattr(model, name)] * 3))
     y = np.random.default_rng(0).normal(size=(3, 2, 4, 2))
@@ -49,18 +44,18 @@ def at(name: str, value: float) -> np.ndarray:
 
 def test_each_uncertainty_does_what_its_name_says() -> None:
     known, model = nuisance(), coupled()
-    assert known.fields(model, at("potential", 0.1)).potential[0] == pytest.approx(1.1 * model.potential)
-    damping = known.fields(model, at("damping", 0.1)).damping[0]
+    assert known.change_coefficients(model, at("potential", 0.1)).potential[0] == pytest.approx(1.1 * model.potential)
+    damping = known.change_coefficients(model, at("damping", 0.1)).damping[0]
     assert damping[0] == pytest.approx(model.damping[0] + 0.1 * model.inertia)
     assert np.array_equal(damping[1:], model.damping[1:])
-    gained = known.fields(model, at("input 1", 0.1)).input_map[0]
+    gained = known.change_coefficients(model, at("input 1", 0.1)).input_map[0]
     assert gained[:, 1] == pytest.approx(1.1 * model.input_map[:, 1])
     assert np.array_equal(gained[:, 0], model.input_map[:, 0])
 
 
 def test_an_offset_is_a_constant_force_of_so_much_acceleration() -> None:
     known, model = nuisance(), coupled()
-    tilted = known.fields(model, at("offset 1", 0.7)).potential[0] - model.potential
+    tilted = known.change_coefficients(model, at("offset 1", 0.7)).potential[0] - model.potential
     q = np.random.default_rng(0).normal(size=(5, 2))
     force = -np.einsum("nki,k->ni", model.basis.slopes(q), tilted)
     assert force == pytest.approx(np.tile([0.0, 0.7 * model.inertia[1, 1]], (5, 1)), abs=1e-12)
@@ -76,7 +71,7 @@ def test_a_warp_bends_one_coordinate_about_rest() -> None:
 
 def test_directions_move_all_coefficients_in_their_order() -> None:
     known, model = nuisance(), coupled()
-    moved = known.fields(model, at("identification 1", 0.5))
+    moved = known.change_coefficients(model, at("identification 1", 0.5))
     told = np.concatenate([getattr(moved, name)[0].ravel() for name in COEFFICIENT_FIELDS])
     assert told == pytest.approx(flatten_coefficients(model) + 0.5 * known.directions[1])
     assert np.array_equal(
@@ -88,7 +83,7 @@ def test_pinned_leaves_next_to_nothing_uncertain() -> None:
     known = nuisance()
     model = coupled()
     x = np.ones((1, known.size)) * known.freeze().deviation
-    fields = known.freeze().fields(model, x)
+    fields = known.freeze().change_coefficients(model, x)
     assert np.concatenate([getattr(fields, n)[0].ravel() for n in COEFFICIENT_FIELDS]) == pytest.approx(
         flatten_coefficients(model), abs=1e-4
     )

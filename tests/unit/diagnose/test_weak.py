@@ -5,7 +5,6 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from lagsplat.diagnose.estimation.dataset import Dataset
-from lagsplat.diagnose.estimation.nuisance import flatten_coefficients
 from lagsplat.diagnose.identification.weak_form import (
     build_model,
     build_regressors,
@@ -17,6 +16,7 @@ from lagsplat.diagnose.mechanics.model import MechanicalModel
 from lagsplat.diagnose.mechanics.structure import (
     ModelStructure,
     build_candidate_bases,
+    flatten_coefficients,
     list_field_sizes,
     list_free_directions,
     list_larger_structures,
