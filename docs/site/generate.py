@@ -4,9 +4,10 @@ A page asks for a part by a comment such as ``<!-- generated: effects -->``. Not
 """
 
 import ast
+import inspect
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,18 @@ API = {
 """Folders whose public names a page describes; the last page gets the names of all other folders."""
 BY_NAME = {"view": "pushing", "push": "pushing", "export_page": "pushing", "evaluate": "models"}
 """Pages of names that live in folders such as `pipelines`, which serve several pages."""
+
+
+GROUPS = {
+    "A": "Parameters",
+    "B": "Dissipation",
+    "C": "Actuation",
+    "D": "Memory",
+    "E": "Contact and external forces",
+    "F": "Structure",
+    "G": "Camera and clock",
+}
+"""Groups of effects, in the order of the catalogue's page."""
 
 
 def fill(markdown: str) -> str:
@@ -75,32 +88,19 @@ def _effects(_: str) -> str:
     from lagsplat.diagnose.effects.registry import catalogue
 
     effects, parts = catalogue().values(), []
-    for group, title in _groups().items():
-        chosen = [effect for effect in effects if effect.group == group]
+    for group, title in GROUPS.items():
+        chosen = sorted((e for e in effects if e.group == group), key=lambda effect: effect.number)
         if chosen:
-            parts += [f"## {title}", *(_effect(effect) for effect in chosen)]
+            parts += [f"## {title}", *(_effect(effect, effects) for effect in chosen)]
     return "\n\n".join(parts)
 
 
-def _groups() -> dict[str, str]:
-    return {
-        "A": "Parameters",
-        "B": "Dissipation",
-        "C": "Actuation",
-        "D": "Memory",
-        "E": "Contact and external forces",
-        "F": "Structure",
-        "G": "Camera and clock",
-    }
-
-
-def _effect(effect: Any) -> str:
+def _effect(effect: Any, effects: Iterable[Any]) -> str:
     from lagsplat.diagnose.effects.parameters import UNITS
 
     lines = [f"### `{effect.name}`"]
-    words = getattr(effect, "description", None)
-    if words is not None:
-        lines.append(f"{words.what} **Seen as:** {words.symptom} **Remedy:** {words.remedy}")
+    words = effect.description
+    lines.append(f"{words.what} *Symptom:* {words.symptom} *Remedy:* {words.remedy}")
     lines.append(f"Equation: `{effect.equation}`. A recording needs {effect.needs or 'nothing special'}.")
     if effect.parameters:
         rows = [
@@ -108,10 +108,12 @@ def _effect(effect: Any) -> str:
             for p in effect.parameters
         ]
         lines.append("\n".join(["| parameter | unit | prior |", "|---|---|---|", *rows]))
-    similar = getattr(effect, "confusable_with", ())
-    if similar:
-        names = ", ".join(f"[`{name}`](#{name})" for name in similar)
+    similar = {other.name for other in effects if effect.name in other.confusable_with}
+    if similar := similar | set(effect.confusable_with):
+        names = ", ".join(f"[`{name}`](#{name})" for name in sorted(similar))
         lines.append(f"May be confused with {names}.")
+    mujoco = f"none, {effect.mujoco}" if isinstance(effect.mujoco, str) else inspect.getdoc(effect.mujoco)
+    lines.append(f"Counterpart in MuJoCo: {mujoco}")
     return "\n\n".join(lines)
 
 
@@ -145,9 +147,32 @@ def _configuration_values(_: str) -> str:
     return "\n\n".join(parts)
 
 
+def _verbs(_: str) -> str:
+    from lagsplat.cli.main import VERBS
+
+    parts = []
+    for name, verb in VERBS.items():
+        usage = "\n".join(f"lagsplat {name} {words}" for words in verb.usage)
+        rows = [f"| `{_cell(key)}` | {_cell(text)} |" for key, text in (*verb.flags, *verb.keys)]
+        parts += [
+            f"## {name}",
+            verb.summary,
+            f"```bash\n{usage}\n```",
+            "\n".join(["| key | meaning |", "|---|---|", *rows]),
+            f"Example: `{verb.example}`",
+        ]
+    return "\n\n".join(parts)
+
+
+def _cell(text: str) -> str:
+    """Text for a cell of a table, in which a bar would begin the next one."""
+    return text.replace("|", r"\|").replace("\n", " ")
+
+
 PARTS: dict[str, Callable[[str], str]] = {
     "api": _api,
     "effects": _effects,
     "groups": _configuration_groups,
     "values": _configuration_values,
+    "verbs": _verbs,
 }

@@ -73,9 +73,9 @@ class Effect:
     ``excitation(channel, measures)`` with the `InputMeasures` of one input."""
     description: EffectDescription
     mujoco: Callable[[Any, Mapping[str, Any]], tuple[str, ...]] | str
-    """``mujoco(element, values)`` writes the effect into a MuJoCo model and returns what it changed, nothing if
-    it cannot (``element`` is a `lagsplat.diagnose.augmented.mujoco_export.MujocoElement`). Or a clause that
-    says why MuJoCo has no counterpart."""
+    """``mujoco(element, values)`` writes the effect into a MuJoCo model and returns what it changed, or
+    nothing if it cannot; ``element`` is a `lagsplat.diagnose.augmented.mujoco_export.MujocoElement`. Instead
+    of a function, a clause that says why MuJoCo has no counterpart."""
     confusable_with: tuple[str, ...] = ()
     """Effects that some recordings cannot separate from this one; one of two may name the other alone."""
     log_prior_penalty: float = 0.0
@@ -205,7 +205,7 @@ class SampleEffect(Effect):
 
     ``explain(residual, speed) -> (gain, parameters, misfit)``: by how much the log likelihood of a fit's
     residual (n, d) grows [nat] with the effect, its best parameters with the ends of their 90 % intervals,
-    and the sum of squares that it leaves. ``residual`` is in units of the noise, ``speed`` in these per frame.
+    and the sum of squares that it leaves. ``residual`` is in units of the noise, ``speed`` in these a frame.
     """
 
     explain: Any

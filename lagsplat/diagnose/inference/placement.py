@@ -73,7 +73,7 @@ def make_placement_problem(
         hints=tuple(hints),
         inputs=tuple(
             (j, u_names[j], replace(whole, input=_rms(u), input_reach=float(np.abs(u).max())))
-            for j, u in enumerate(rollout_model.record.u.T)
+            for j, u in enumerate(rollout_model.dataset.u.T)
             if np.ptp(u) > 0.0
         ),
         measure=partial(motion_scales, rollout_model),
@@ -85,7 +85,7 @@ def make_placement_problem(
 
 def _longest_clips(rollout_model: RolloutModel) -> list[int]:
     """The clips that show best where a memory began."""
-    order = np.argsort(np.diff(rollout_model.record.clips, axis=1)[:, 0], kind="stable")[::-1]
+    order = np.argsort(np.diff(rollout_model.dataset.clips, axis=1)[:, 0], kind="stable")[::-1]
     return sorted(order[: PLACEMENT.free_memory_clips].tolist())
 
 

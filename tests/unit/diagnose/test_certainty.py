@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lagsplat.diagnose.core.config import PROFILES
-from lagsplat.diagnose.effects.actuation.external_periodic_force import repeating
+from lagsplat.diagnose.effects.actuation.external_periodic_force import limit_period
 from lagsplat.diagnose.effects.base import Direction, PlacedEffect
 from lagsplat.diagnose.effects.registry import catalogue
 from lagsplat.diagnose.inference.evidence import HypothesisFit
@@ -82,7 +82,7 @@ def test_a_profile_peaks_at_the_fit_and_falls_by_its_interval(driven: Estimation
 def test_a_periodic_force_shows_a_whole_period() -> None:
     short = contest([film(seconds=8.0)])
     along = motion_scales(short.rollout_model, ALONG)
-    effect = repeating(catalogue()["external_periodic_force"], along)
+    effect = limit_period(catalogue()["external_periodic_force"], along)
     slowest = {p.name: p.prior for p in effect.parameters}["angular_frequency"]
     period_s = 2.0 * np.pi / (slowest.value(slowest.lowest) * along.of("rate"))
     assert period_s == pytest.approx(along.duration_s)

@@ -2,14 +2,11 @@
 
 import re
 from dataclasses import replace
-from importlib import import_module
-from pkgutil import iter_modules
 
 import pytest
 
-from lagsplat.diagnose import effects
 from lagsplat.diagnose.core.result import Candidate, Interval
-from lagsplat.diagnose.effects.descriptions import WORDS, words_of
+from lagsplat.diagnose.effects.registry import catalogue, describe_effect, list_names
 from lagsplat.report.common.formatting import format_percent
 from lagsplat.report.diagnosis.summary import (
     DOUBTS,
@@ -32,29 +29,23 @@ hidden_mode time_offset time_jitter frame_drops camera_change camera_drift expos
 """
 
 
-def catalogue():
-    """Effects by name, straight from their files."""
-    names = [info.name for info in iter_modules(effects.__path__) if info.name != "effect"]
-    return {name: import_module(f"{effects.__name__}.{name}").EFFECT for name in names}
-
-
 def test_every_name_has_words():
-    assert set(WORDS) == set(DESIGNED.split())
-    assert set(catalogue()) <= set(WORDS)
+    assert set(list_names()) == set(DESIGNED.split())
+    assert set(catalogue()) == set(list_names()) - {"none", "unknown"}
     with pytest.raises(ValueError, match="magnetism"):
-        words_of("magnetism")
+        describe_effect("magnetism")
 
 
 def test_kinds_follow_the_groups_of_the_catalogue():
     for name, effect in catalogue().items():
-        assert (words_of(name).kind == "parameter") == (effect.group == "A"), name
-        assert (words_of(name).kind == "observation") == (effect.group == "G"), name
+        assert (describe_effect(name).kind == "parameter") == (effect.group == "A"), name
+        assert (describe_effect(name).kind == "observation") == (effect.group == "G"), name
 
 
-@pytest.mark.parametrize("name", WORDS)
+@pytest.mark.parametrize("name", list_names())
 def test_words_are_sentences(name):
-    words = words_of(name)
-    for sentence in (words.what, words.seen, words.do):
+    words = describe_effect(name)
+    for sentence in (words.what, words.symptom, words.remedy):
         assert re.fullmatch(r"[A-Z][^.]+\.", sentence), sentence
     assert not words.title.endswith(".")
 

@@ -30,7 +30,7 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
     return theta[0] * math.cos(theta[2] * t) + theta[1] * math.sin(theta[2] * t)
 
 
-def _limit_period(effect: Effect, scales: Scales) -> Effect:
+def limit_period(effect: Effect, scales: Scales) -> Effect:
     """The effect with a period of at most the recording's length: a part of a wave is a drift."""
     slowest = math.log(2.0 * math.pi / scales.duration_s / scales.of("rate"))
     known = effect.parameters
@@ -58,7 +58,7 @@ def place(effect: ForceEffect, problem: PlacementProblem) -> list[PlacedEffect]:
         unit = one.scales.of("rate")
         grid = tuple((2.0 * np.pi * line / unit,) for line in hints.lines_hz)
         if grid:
-            placed.append(replace(one, effect=_limit_period(effect, one.scales), grid=grid))
+            placed.append(replace(one, effect=limit_period(effect, one.scales), grid=grid))
     return placed
 
 

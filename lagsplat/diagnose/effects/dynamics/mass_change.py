@@ -91,7 +91,7 @@ EFFECT = ModelEffect(
     description=EffectDescription(
         title="another mass than the simulation's",
         kind="parameter",
-        what="The mechanism is heavier or lighter than in the simulation, by a payload for placed.",
+        what="The mechanism is heavier or lighter than in the simulation, by a payload for instance.",
         symptom="It swings at another frequency and fades at another rate, yet rests where it should.",
         remedy="Weigh the payload, or set the simulation's inertia anew.",
     ),
