@@ -6,15 +6,14 @@ importing them.
 
 import ast
 import hashlib
+import json
 import os
-import platform
 import random
-import subprocess
+import sqlite3
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from datetime import UTC, datetime
 from functools import cache
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +21,10 @@ PACKAGE = "lagsplat"
 BESIDE = ("benchmarks",)
 """Folders of modules beside the package whose code makes results, too."""
 ROOT = Path(__file__).resolve().parent
+TEMPLATES = "templates"
+"""Folder of page templates beside a package's ``__init__.py``."""
+MOST_ANSWERS = 20_000
+"""More of them are deleted: answers about files that have changed since are never asked for again."""
 LIBRARIES = ("numpy", "scipy", "torch", "numba", "safetensors", "opencv-python-headless", "gsplat")
 
 
@@ -30,8 +33,8 @@ def code_digest(*modules: str) -> str:
     `lagsplat` and from the folders `BESIDE` it.
 
     Comments, docstrings and formatting do not enter; everything else does, the ``__init__`` of sub-packages
-    included. Imports inside functions are followed too. The modules are parsed, never imported, and the
-    answer is kept for the life of the process. Only absolute imports written as statements can be seen.
+    and the files in their folders `TEMPLATES` included. Imports inside functions are followed too. The
+    modules are parsed, never imported. Only absolute imports written as statements can be seen.
 
     Raises:
         ModuleNotFoundError: a named module is not part of the package.
@@ -48,15 +51,62 @@ def code_digest(*modules: str) -> str:
             digests[name], imported = _digest_and_imports(name)
             pending += imported
     text = "\n".join(f"{name} {digests[name]}" for name in sorted(digests))
-    return hashlib.sha256(text.encode()).hexdigest()
+    return sha256_hex(text.encode())
+
+
+def sha256_hex(data: bytes) -> str:
+    """SHA-256 of ``data``, in hexadecimal."""
+    return hashlib.sha256(data).hexdigest()
+
+
+def recall(key: str, make: Callable[[], Any]) -> Any:
+    """What ``make`` returned for ``key`` before, or now: plain JSON data that depends on ``key`` alone.
+
+    Answers are kept between processes in ``.snakemake/`` of the checkout, since planning a workflow asks for
+    the same ones every time. Outside a checkout, or where that folder cannot be written, nothing is kept.
+    """
+    store, digest = _answers(), sha256_hex(key.encode())
+    if store is None:
+        return make()
+    try:
+        row = store.execute("SELECT answer FROM answers WHERE key = ?", (digest,)).fetchone()
+        if row is not None:
+            return json.loads(row[0])
+        answer = make()
+        store.execute("INSERT OR REPLACE INTO answers VALUES (?, ?)", (digest, json.dumps(answer)))
+    except sqlite3.Error:  # another process holds the file, or it is damaged: only time is lost
+        return make()
+    return answer
+
+
+@cache
+def _answers() -> sqlite3.Connection | None:
+    folder = Path(__file__).resolve().parents[1] / ".snakemake"
+    if not (folder.parent / "Snakefile").is_file():
+        return None
+    try:
+        folder.mkdir(exist_ok=True)
+        store = sqlite3.connect(folder / "lagsplat-planning.sqlite", timeout=1.0, isolation_level=None)
+        store.execute("PRAGMA synchronous = OFF")  # a lost answer is made again
+        store.execute("CREATE TABLE IF NOT EXISTS answers (key TEXT PRIMARY KEY, answer TEXT)")
+        if store.execute("SELECT COUNT(*) FROM answers").fetchone()[0] > MOST_ANSWERS:
+            store.execute("DELETE FROM answers")
+    except (sqlite3.Error, OSError):
+        return None
+    return store
 
 
 def _source(name: str) -> Path | None:
     # What importlib.util.find_spec would answer, which imports the parent packages to do so.
+    return _find_source(ROOT, name)
+
+
+@cache
+def _find_source(root: Path, name: str) -> Path | None:
     head, *rest = name.split(".")
     if head != PACKAGE and head not in BESIDE:
         return None
-    base = (ROOT if head == PACKAGE else ROOT.parent / head).joinpath(*rest)
+    base = (root if head == PACKAGE else root.parent / head).joinpath(*rest)
     module, package = base.with_name(base.name + ".py"), base / "__init__.py"
     if package.is_file():
         return package
@@ -76,25 +126,59 @@ def _digest_and_imports(name: str) -> tuple[str, tuple[str, ...]]:
     path = _source(name)
     if path is None:
         raise ModuleNotFoundError(f"code_digest: no module {name!r} under {ROOT}")
-    tree = ast.parse(path.read_bytes(), filename=str(path))
-    imported = tuple(sorted({target for node in ast.walk(tree) for target in _imports(node, path)}))
-    _drop_docstrings(tree)
-    return hashlib.sha256(ast.dump(tree).encode()).hexdigest(), imported
+    digest, imports = parse_source(path)
+    if path.name == "__init__.py":  # templates beside a package make its pages as its code does
+        for template in sorted((path.parent / TEMPLATES).glob("*")):
+            digest = sha256_hex(f"{digest} {template.name} ".encode() + template.read_bytes())
+    return digest, modules_in(imports)
+
+
+def modules_in(imports: Iterable[str]) -> tuple[str, ...]:
+    """Modules of this repository, packages included, that imports such as ``module.name`` load."""
+    # Whether `y` of `from x import y` is a module or a name of x, only the folder tells.
+    return tuple(sorted({module for target in imports for module in _with_parents(target)}))
+
+
+def parse_source(path: Path) -> tuple[str, list[str]]:
+    """SHA-256 of a file's code without comments and docstrings, and what it imports of this repository.
+
+    An import is given as ``module.name``, whether the name is a module or not.
+
+    Raises:
+        ValueError: a relative import.
+        SyntaxError: the file is no Python.
+    """
+    source = path.read_bytes()
+
+    def parse() -> tuple[str, list[str]]:
+        tree = ast.parse(source, filename=str(path))
+        imports = sorted({target for node in ast.walk(tree) for target in _imports(node, path)})
+        _drop_docstrings(tree)
+        return sha256_hex(ast.dump(tree).encode()), imports
+
+    # `ast.dump` differs between versions of Python.
+    key = f"source {sys.version_info[:2]} {_own_digest()} {sha256_hex(source)}"
+    digest, imports = recall(key, parse)
+    return digest, imports
+
+
+@cache
+def _own_digest() -> str:
+    return sha256_hex(Path(__file__).read_bytes())
 
 
 def _imports(node: ast.AST, path: Path) -> Iterator[str]:
+    targets: list[str] = []
     if isinstance(node, ast.Import):
-        for alias in node.names:
-            yield from _with_parents(alias.name)
+        targets = [alias.name for alias in node.names]
     elif isinstance(node, ast.ImportFrom):
         if node.level:
             raise ValueError(
                 f"{path}, line {node.lineno}: a relative import hides what the code depends on; "
                 f"write it as `from {PACKAGE}...`"
             )
-        for alias in node.names:
-            # Whether `y` of `from x import y` is a module or a name of x, only the folder tells.
-            yield from _with_parents(f"{node.module}.{alias.name}")
+        targets = [f"{node.module}.{alias.name}" for alias in node.names]
+    yield from (target for target in targets if target.partition(".")[0] in (PACKAGE, *BESIDE))
 
 
 def _drop_docstrings(tree: ast.AST) -> None:
@@ -120,6 +204,8 @@ def stamp() -> dict[str, Any]:
     then None too; ``dirty`` tells whether tracked files differ from the commit. ``threads`` and ``device``
     are those of torch where torch is loaded, else None: asking must not load it. ``time_utc`` is ISO 8601.
     """
+    import platform
+
     commit, tree, dirty = _commit()
     torch = sys.modules.get("torch")
     loaded = torch is not None and hasattr(torch, "get_num_threads")
@@ -139,6 +225,8 @@ def stamp() -> dict[str, Any]:
 
 
 def _commit() -> tuple[str | None, str | None, bool | None]:
+    import subprocess
+
     git = ["git", "-C", str(ROOT)]
     try:
         # An installed copy may lie inside somebody else's checkout; its commit would say nothing about this
@@ -171,6 +259,8 @@ def _versions() -> dict[str, str | None]:
 
 
 def _version(name: str) -> str | None:
+    from importlib.metadata import PackageNotFoundError, version
+
     try:
         return version(name)
     except PackageNotFoundError:

@@ -37,6 +37,7 @@ FILES = {
         '"""A saw."""\n\nimport lagsplat.tools.blade as blade\n\n\ndef cut(x):\n    return blade.EDGE * x\n'
     ),
     "tools/blade.py": "# sharp\nEDGE = 2  # mm\n",
+    "room/templates/page.html.j2": "<p>{{ text }}</p>\n",
 }
 
 
@@ -45,7 +46,7 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """A small package in place of the real one."""
     for name, text in FILES.items():
         path = tmp_path / name
-        path.parent.mkdir(exist_ok=True)
+        path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text)
     monkeypatch.setattr(provenance, "ROOT", tmp_path)
     provenance._digest_and_imports.cache_clear()
@@ -85,6 +86,7 @@ def changes(package: Path) -> Callable[..., bool]:
         ),  # runs on import
         ("lagsplat.room", "room/__init__.py", '"""A room."""', "X = 1"),
         ("lagsplat.top", "top.py", "import cut\n", "import cut as cut\n"),
+        ("lagsplat.room.chair", "room/templates/page.html.j2", "<p>", "<div>"),
     ],
 )
 def test_code_counts(changes: Callable[..., bool], module: str, file: str, old: str, new: str) -> None:

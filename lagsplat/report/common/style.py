@@ -3,6 +3,8 @@
 One look for every figure, set in a context and never globally.
 """
 
+import base64
+import io
 import math
 import os
 from collections.abc import Iterator
@@ -12,10 +14,13 @@ import matplotlib as mpl
 from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from lagsplat.io.files.atomic import replace_atomically
 from lagsplat.report.common.formatting import format_power_of_ten
 
+SVG_LAYOUT_PASSES = 3
+SVG_PAD_IN = 0.09
 MAX_PLAIN_POWER = 3  # decades about one that are written out
 
 
@@ -86,3 +91,22 @@ def save_figure(path: str | os.PathLike[str], figure: Figure) -> None:
             # The layout refines itself at every drawing; one pass, and every format shows the same picture.
             figure.set_layout_engine("none")
         figure.savefig(temporary, metadata=dates)
+
+
+def encode_svg_uri(figure: Figure) -> str:
+    """Encode a figure as SVG in a data URI for an ``<img>`` element; the same figure gives the same text.
+
+    Letters are outlines, so that a page looks the same where the font is missing.
+    """
+    buffer = io.BytesIO()
+    with paper_style(), mpl.rc_context({"svg.fonttype": "path", "svg.hashsalt": "lagsplat"}):
+        layout = figure.get_layout_engine()
+        if isinstance(layout, ConstrainedLayoutEngine):
+            # Outlines of letters are a little wider than the pixels they are measured by.
+            layout.set(w_pad=SVG_PAD_IN)
+            # The layout refines itself at every drawing: long labels have their space after a few.
+            for _ in range(SVG_LAYOUT_PASSES):
+                figure.draw_without_rendering()
+            figure.set_layout_engine("none")
+        figure.savefig(buffer, format="svg", metadata=dict.fromkeys(("Date", "Creator", "Format", "Type")))
+    return "data:image/svg+xml;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")

@@ -10,6 +10,7 @@ from typing import Any
 
 import pandas as pd
 
+from lagsplat.baselines.config import BASELINE_TITLES
 from lagsplat.evaluate.aggregate import MEASURED, SERIES, aggregate, paired_margin
 from lagsplat.report.common.formatting import (
     escape_latex,
@@ -30,12 +31,6 @@ from lagsplat.report.common.table_rows import (
     merge_with_published,
 )
 
-BASELINE_TITLES = {
-    "osc_deconv": "Osc. + deconv",
-    "osc_abcd": "Osc. + ABCD",
-    "koopman_deconv": "Koopman + deconv",
-    "koopman_abcd": "Koopman + ABCD",
-}
 MARGIN_SCORE = "mse_half_second"
 DEFAULT_DYNAMICS = "default"  # conf/stage2/default.yaml: the dynamics that baselines are compared with
 

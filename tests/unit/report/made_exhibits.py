@@ -6,7 +6,7 @@ import numpy as np
 
 from lagsplat.diagnose.inference.identifiability import Separability
 from lagsplat.diagnose.inference.profile_likelihood import ProfileLikelihood
-from lagsplat.diagnose.residual.components import Fingerprint
+from lagsplat.diagnose.residual.components import ResidualCorrelations
 from lagsplat.report.diagnosis.content import ImageErrorMap, ImageForceMap, ReportContent, VideoComparison
 from tests.unit.report import made_diagnoses
 
@@ -74,7 +74,7 @@ def exhibits():
             ProfileLikelihood("stribeck_friction", "velocity", "q1/s", np.geomspace(0.002, 0.5, 11),
                     -np.maximum(np.linspace(-3, 3, 11), 0.0) ** 2),
         ),
-        fingerprint=Fingerprint(
+        fingerprint=ResidualCorrelations(
             ("q0", "q1"), ("u0", "du0", "q", "v", "sign v", "|v| v", "q²", "q³", "t"),
             np.array([[0.4, 0.5, 0.7, 0.9, 0.6, 0.5, 0.3, 0.2, 0.8],
                       [0.3, 0.4, 0.6, 5.2, 9.1, 3.8, 0.7, 0.5, 0.9]]),

@@ -12,13 +12,12 @@ import pytest
 
 from lagsplat.diagnose.core.result import Interval
 from lagsplat.report.common.formatting import format_percent
-from lagsplat.report.common.style import save_figure
+from lagsplat.report.common.style import encode_svg_uri, save_figure
 from lagsplat.report.diagnosis.content import ReportContent
 from lagsplat.report.diagnosis.figure_hypotheses import draw_separability, draw_waterfall
 from lagsplat.report.diagnosis.figure_residual import draw_forecast_comparison, draw_time_strip
 from lagsplat.report.diagnosis.figure_state import MAX_SIDE_PX, draw_image_maps, encode_video_uri
 from lagsplat.report.diagnosis.figures import draw_diagnosis_figures
-from lagsplat.report.diagnosis.inline_svg import inline_svg
 from tests.unit.report import made_diagnoses, made_exhibits
 
 KINDS = made_diagnoses.every_kind()
@@ -41,7 +40,7 @@ def test_no_global_style_moves(tmp_path):
     before = dict(mpl.rcParams)
     figure = draw_waterfall(KINDS["single"], ReportContent())
     save_figure(tmp_path / "a.pdf", figure)
-    inline_svg(figure, key="a", title="b")
+    encode_svg_uri(figure)
     assert dict(mpl.rcParams) == before
 
 
@@ -173,16 +172,12 @@ def test_long_films_are_thinned():
     assert len(encode_video_uri(small)) < 3_000_000
 
 
-def test_inline_figures_keep_their_names_apart(drawn):
-    first, again = (inline_svg(drawn["ladder"], key="ladder", title='a "b" & <c>') for _ in range(2))
+def test_figures_for_a_page_are_whole_and_the_same_each_time(drawn):
+    first, again = (encode_svg_uri(drawn["ladder"]) for _ in range(2))
     assert first == again
-    other = inline_svg(drawn["components"], key="components", title="b")
-    names = [set(re.findall(r'\bid="([^"]+)"', text)) for text in (first, other)]
-    assert not names[0] & names[1]
-    for text in (first, other):
-        root = ElementTree.fromstring(text)
-        known = set(re.findall(r'\bid="([^"]+)"', text))
-        assert set(re.findall(r'(?:href="|url\()#([^")]+)', text)) <= known
-        assert "width" not in root.attrib
-        assert root.attrib["viewBox"]
-    assert ElementTree.fromstring(first).attrib["aria-label"] == 'a "b" & <c>'
+    kind, _, data = first.partition(",")
+    assert kind == "data:image/svg+xml;base64"
+    text = base64.b64decode(data).decode()
+    assert ElementTree.fromstring(text).attrib["viewBox"]
+    known = set(re.findall(r'\bid="([^"]+)"', text))
+    assert set(re.findall(r'(?:href="|url\()#([^")]+)', text)) <= known
