@@ -153,7 +153,12 @@ def _verbs(_: str) -> str:
     parts = []
     for name, verb in VERBS.items():
         usage = "\n".join(f"lagsplat {name} {words}" for words in verb.usage)
-        rows = [f"| `{_cell(key)}` | {_cell(text)} |" for key, text in (*verb.flags, *verb.keys)]
+        rows: list[str] = []
+        for key, text in (*verb.flags, *verb.keys):
+            if key:
+                rows.append(f"| <code>{key.replace('|', '&#124;')}</code> | {text.replace('|', '&#124;')} |")
+            else:  # the text of the key before goes on
+                rows[-1] = f"{rows[-1].removesuffix(' |')} {text} |"
         parts += [
             f"## {name}",
             verb.summary,
@@ -162,11 +167,6 @@ def _verbs(_: str) -> str:
             f"Example: `{verb.example}`",
         ]
     return "\n\n".join(parts)
-
-
-def _cell(text: str) -> str:
-    """Text for a cell of a table, in which a bar would begin the next one."""
-    return text.replace("|", r"\|").replace("\n", " ")
 
 
 PARTS: dict[str, Callable[[str], str]] = {
