@@ -1,13 +1,12 @@
-"""How large a residual force is, and against what: the measure in which every share is counted.
+"""The latent force: what a simulator lacks, over time and with its uncertainty, from measured positions.
 
-The force a sim lacks, over time and with its uncertainty, read off positions without differencing them.
-
-Each coordinate is given a hidden force with a Matern-3/2 covariance. Position, velocity, force and force rate
-are estimated together by an iterated extended Kalman smoother: the mechanism is linearised along the last
+Each coordinate is given a force with a Matern-3/2 covariance. Position, velocity, force and force rate are
+estimated together by an iterated extended Kalman smoother: the mechanism is linearised along the last
 estimate of the whole path, smoothed, and so on. The forces' and the noise's variances are those of largest
-marginal likelihood, and so is the force's length scale among an eighth, a half and two natural periods.
+marginal likelihood, and so is the force's length scale among `LENGTH_SCALES`. No position is differenced.
+differenced.
 
-Everything is stated as an acceleration: forces are divided by the inertia at rest (`compute_rest_inertia`).
+Forces are accelerations throughout: they are divided by the inertia at rest (`compute_rest_inertia`).
 """
 
 from collections.abc import Sequence
@@ -34,17 +33,29 @@ from lagsplat.diagnose.residual.state_space import (
 )
 from lagsplat.io.trajectory.trajectory import Trajectory
 
+LENGTH_SCALES = (0.125, 0.5, 2.0)
+"""Length scales of the force that are tried, over the natural period."""
+PATH_TOLERANCE = 1e-3
+"""The iteration ends where the path changes by less than this share of its rms."""
+MAX_ITERATIONS = 5
+"""Linearisations of the mechanism about the last smoothed path."""
+MIN_EVIDENCE = 3.0
+"""Nats that a force must gain: of recordings without a force, 1 in 100 gains more by chance."""
+START_FORCE_SHARE = 0.01
+"""Variance of the force where its fit starts, over that of all that accelerates the motion."""
+
 
 @dataclass(frozen=True)
 class LatentForceEstimate:
-    """A motion and the force its sim lacks.
+    """A motion and the force that its simulator lacks.
 
-    ``q``, ``v``, ``a`` (T, d): position, velocity and acceleration; ``residual`` (T, d): the force the sim
-    lacks (real minus sim) over the inertia at rest, with its ``covariance`` (T, d, d). ``innovation`` (T, d)
-    is what the smoothed position leaves of the measured one. Of all motions smoothed together:
-    ``compute_force_evidence`` (d,) nats by which each force made the measurements more likely (too few: no force is kept),
-    ``amplitude`` (d,) standard deviation of the force over the inertia at rest, ``noise`` (d,) that of the
-    measurement, ``length_s`` the force's length scale, ``log_likelihood`` in nats.
+    ``q``, ``v``, ``a`` (T, d): smoothed position, velocity and acceleration; ``residual`` (T, d): the force
+    that the simulator lacks (real minus simulated) over the inertia at rest, with its ``covariance``
+    (T, d, d); ``innovation`` (T, d): measured minus smoothed position. The rest is common to all motions that
+    were smoothed together: ``evidence`` (d,) nats by which each force makes the measurements more likely (a
+    force with fewer than `MIN_EVIDENCE` is not kept), ``amplitude`` (d,) standard deviation of the force over
+    the inertia at rest, ``noise`` (d,) that of the measurement, ``length_s`` the force's length scale [s],
+    ``log_likelihood`` [nats].
     """
 
     motion: Trajectory
@@ -67,31 +78,25 @@ class LatentForceEstimate:
 
     @property
     def active(self) -> Bool[np.ndarray, " d"]:
-        """Coordinates whose force was kept, because its evidence pays for it."""
+        """Which coordinates have a force with enough evidence to be kept."""
         return self.evidence >= MIN_EVIDENCE
 
 
 def compute_rms_acceleration(smoothed: Sequence[LatentForceEstimate]) -> Float64[np.ndarray, " d"]:
-    """Root mean square of each coordinate's acceleration, the unit of its residual."""
-    return np.sqrt(np.mean(np.concatenate([one.a for one in smoothed]) ** 2, axis=0))
+    """Root mean square (d,) of each coordinate's acceleration, the unit in which its residual is measured."""
+    return np.sqrt(np.mean(np.concatenate([estimate.a for estimate in smoothed]) ** 2, axis=0))
 
 
 def compute_relative_squares(smoothed: Sequence[LatentForceEstimate]) -> list[Float64[np.ndarray, "T d"]]:
-    """Squared residual of each sample of each motion, over the swing's; zero where no force was kept."""
+    """Squared residual of every sample over the mean squared acceleration; zero where no force was kept."""
     unit = compute_rms_acceleration(smoothed)
-    return [np.where(one.active, (one.residual / unit) ** 2, 0.0) for one in smoothed]
+    return [np.where(estimate.active, (estimate.residual / unit) ** 2, 0.0) for estimate in smoothed]
 
 
 def compute_coordinate_shares(smoothed: Sequence[LatentForceEstimate]) -> Float64[np.ndarray, " d"]:
-    """Share of the residual in each coordinate, summing to one; zeros where there is no residual."""
-    total = np.sum([energy.sum(axis=0) for energy in compute_relative_squares(smoothed)], axis=0)
+    """Share (d,) of the squared residual in each coordinate, summing to one; zeros where there is none."""
+    total = np.sum([square.sum(axis=0) for square in compute_relative_squares(smoothed)], axis=0)
     return total / total.sum() if total.sum() > 0.0 else total
-
-
-LENGTH_SCALES = (0.125, 0.5, 2.0)  # of the natural period
-PATH_TOLERANCE = 1e-3  # of the path's rms: a smaller change ends the iteration
-MAX_ITERATIONS = 5
-MIN_EVIDENCE = 3.0  # nats: of records without a force, 1 in 100 gains more by chance
 
 
 def estimate_latent_force(
@@ -103,16 +108,23 @@ def estimate_latent_force(
     hold: str = "linear",
     noise: Float64[np.ndarray, " d"] | None = None,
 ) -> list[LatentForceEstimate]:
-    """Smooth all ``motions`` under one set of variances.
+    """Estimate the path and the latent force of all ``motions`` under one set of variances.
 
-    ``period_s`` is the natural period; ``ar1`` in [0, 1) the correlation of the measurement noise from one
-    sample to the next; ``hold`` "linear" for inputs linear between samples, "zoh" for held ones. ``noise``
-    (d,) fixes the noise's standard deviation, which is otherwise estimated. Measured velocities are left
-    aside: most are filtered positions, delayed and smoothed by a law that nobody states.
+    Measured velocities are not used: most are filtered positions, delayed and smoothed in unknown ways.
+
+    Args:
+        mechanics: the simulator's equations of motion.
+        motions: measured positions and inputs.
+        period_s: the natural period [s].
+        ar1: correlation in [0, 1) of the measurement noise from one sample to the next.
+        hold: "linear" for inputs that are linear between samples, "zoh" for constant ones.
+        noise: standard deviation (d,) of the measurement noise; by default it is estimated.
 
     Raises:
-        ValueError: another number of coordinates or inputs than the sim has, or a motion that stands still.
-        LinAlgError: the sim's forces along the motion are not finite, or its fastest mode is far too fast.
+        ValueError: another number of coordinates or inputs than the simulator has, or a coordinate that never
+            moves.
+        LinAlgError: the simulator's forces along the motion are not finite, or its fastest mode is far too
+            fast for the sampling.
 
     Source: method of latent forces (Alvarez, Luengo, Lawrence 2009) by state-space smoothing (Hartikainen and
     Sarkka 2012), iterated as by Bell (1994).
@@ -123,46 +135,51 @@ def estimate_latent_force(
     start = guess_variances(record, LENGTH_SCALES[1] * period_s)
     if noise is not None:
         start = replace(start, values=np.append(start.values[: record.d], (noise / record.scale) ** 2))
-    lawless = compute_kinematic_steps(record.h, record.d)
-    free = maximize_likelihood(record, lawless, start, noise_known=known)
-    path = smooth_path(record, lawless, free)
+    kinematic = compute_kinematic_steps(record.h, record.d)
+    free = maximize_likelihood(record, kinematic, start, noise_known=known)
+    path = smooth_path(record, kinematic, free)
     fastest_s = min([period_s, *(1.0 / compute_rest_frequencies_hz(mechanics, record.scale)[-1:])])
 
     def steps(at: SmoothedPath, *, with_force: bool) -> LinearSteps:
         along = _build_path(record, at, inputs, with_force=with_force)
         return linearize_steps(mechanics, along, scale=record.scale, period_s=fastest_s)
 
-    # What moves the body is mostly known now: the hidden force is sought from a tenth of it.
-    first = replace(free, values=free.values * np.repeat([0.01, 1.0], record.d))
+    # The model explains most of the acceleration now, so the search starts from a small force.
+    first = replace(free, values=free.values * np.repeat([START_FORCE_SHARE, 1.0], record.d))
     linear = steps(path, with_force=False)
     best = maximize_likelihood(record, linear, first, noise_known=known)
     linear = steps(smooth_path(record, linear, best), with_force=True)
-    tried = [
+    candidates = [
         maximize_likelihood(record, linear, replace(best, length_s=share * period_s), noise_known=known)
         for share in LENGTH_SCALES
     ]
-    best = max(tried, key=lambda one: one.log_likelihood)
+    best = max(candidates, key=lambda candidate: candidate.log_likelihood)
     gained = compute_force_evidence(record, linear, best)
-    # A variance is positive in half of all records without a force: only what pays for itself is kept.
+    # The likeliest variance is positive in half of all recordings without a force, hence the threshold.
     silent = np.append(gained < MIN_EVIDENCE, np.zeros(record.d, dtype=bool))
     best = replace(best, values=np.where(silent, FORCE_BOUNDS[0], best.values))
     path = smooth_path(record, linear, best)
     for _ in range(MAX_ITERATIONS):
-        before, path = path, smooth_path(record, steps(path, with_force=True), best)
-        if np.max(np.sqrt(np.mean((path.q - before.q) ** 2, axis=0)) / record.scale) < PATH_TOLERANCE:
+        previous, path = path, smooth_path(record, steps(path, with_force=True), best)
+        if np.max(np.sqrt(np.mean((path.q - previous.q) ** 2, axis=0)) / record.scale) < PATH_TOLERANCE:
             break
     return _require_finite(_split_by_motion(mechanics, motions, record, path, gained))
 
 
-def _require_finite(found: list[LatentForceEstimate]) -> list[LatentForceEstimate]:
-    if not all(np.isfinite(part).all() for one in found for part in (one.v, one.a, one.residual, one.std)):
-        raise np.linalg.LinAlgError("the sim's forces are not finite along the motion; check units and signs")
-    return found
+def _require_finite(estimates: list[LatentForceEstimate]) -> list[LatentForceEstimate]:
+    for estimate in estimates:
+        for values in (estimate.v, estimate.a, estimate.residual, estimate.std):
+            if not np.isfinite(values).all():
+                raise np.linalg.LinAlgError(
+                    "the sim's forces are not finite along the motion; check units and signs"
+                )
+    return estimates
 
 
 def _build_record(
     mechanics: Mechanics, motions: Sequence[Trajectory], period_s: float, ar1: float
 ) -> SmootherData:
+    """Positions of all motions, checked against the simulator, with the scales of the state-space model."""
     for motion in motions:
         if (motion.d, motion.n_u) != (mechanics.d, mechanics.n_u):
             raise ValueError(
@@ -172,17 +189,17 @@ def _build_record(
     y = np.concatenate([motion.q for motion in motions])
     times = np.concatenate([motion.time_s for motion in motions])
     lengths = [b - a for motion in motions for a, b in motion.segments]
-    fresh = np.zeros(len(y), dtype=bool)
-    fresh[np.cumsum([0, *lengths[:-1]])] = True
-    moved = np.std(y, axis=0)
-    if not np.all(moved > 0.0):
-        raise ValueError(f"coordinates {np.flatnonzero(moved == 0.0).tolist()} stand still in every motion")
-    h = np.where(np.append(fresh[1:], True), 0.0, np.append(np.diff(times), 0.0))
-    return SmootherData(np.ascontiguousarray(y, dtype=float), fresh, h, moved, period_s / (2.0 * np.pi), ar1)
+    starts = np.zeros(len(y), dtype=bool)
+    starts[np.cumsum([0, *lengths[:-1]])] = True
+    scale = np.std(y, axis=0)
+    if not np.all(scale > 0.0):
+        raise ValueError(f"coordinates {np.flatnonzero(scale == 0.0).tolist()} stand still in every motion")
+    h = np.where(np.append(starts[1:], True), 0.0, np.append(np.diff(times), 0.0))
+    return SmootherData(np.ascontiguousarray(y, dtype=float), starts, h, scale, period_s / (2.0 * np.pi), ar1)
 
 
 def _stack_inputs(motions: Sequence[Trajectory], hold: str) -> Float64[np.ndarray, "T 3 n_u"]:
-    """Inputs at the start, middle and end of every step."""
+    """Inputs at the start, middle and end of every step, held or linear between samples."""
     parts = []
     for motion in motions:
         for a, b in motion.segments:
@@ -200,9 +217,14 @@ def _build_path(record: SmootherData, at: SmoothedPath, inputs: np.ndarray, *, w
     ahead = np.where(steps, ahead, np.arange(len(q)))
     middle = 0.5 * (q + q[ahead]) + 0.125 * h * (v - v[ahead])
     return StatePath(
-        h=record.h, q=q, v=v, middle=middle, end=q[ahead], u=inputs,
+        h=record.h,
+        q=q,
+        v=v,
+        middle=middle,
+        end=q[ahead],
+        u=inputs,
         r=at.force_in_step(record.h) if with_force else np.zeros((len(q), 3, q.shape[1])),
-    )  # fmt: skip
+    )
 
 
 def _split_by_motion(

@@ -29,11 +29,11 @@ def smooth_push(t, q, v, u):
 def small_record(ar1: float = 0.0) -> SmootherData:
     rng = np.random.default_rng(0)
     h = rng.uniform(0.01, 0.03, 40)
-    fresh = np.zeros(40, dtype=bool)
-    fresh[[0, 23]] = True
+    starts = np.zeros(40, dtype=bool)
+    starts[[0, 23]] = True
     h[[22, 39]] = 0.0
     y = np.cumsum(rng.standard_normal((40, 2)), axis=0)
-    return SmootherData(y, fresh, h, y.std(axis=0), 0.2, ar1)
+    return SmootherData(y, starts, h, y.std(axis=0), 0.2, ar1)
 
 
 @pytest.mark.parametrize("ar1", [0.0, 0.6])
@@ -74,7 +74,7 @@ def test_smoother_is_the_posterior_of_one_large_gaussian(ar1):
             if ar1:
                 noise[8 + i, 8 + i] = chain.colour[t - 1] * values[2 + i]
         joint[row, row] = a @ joint[(t - 1) * n : t * n, (t - 1) * n : t * n] @ a.T + noise
-    see = np.kron(np.eye(23), chain.see)
+    see = np.kron(np.eye(23), chain.design)
     y = chain.y[clip].ravel()
     mean = np.zeros(23 * n)
     for t in range(23):

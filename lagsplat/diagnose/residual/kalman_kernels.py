@@ -1,0 +1,313 @@
+# mypy: ignore-errors
+"""Compiled Kalman filter of a mechanism with latent forces, and the disturbance smoother behind it.
+
+The state of d coordinates is (q, v, r, r', e), each (d,): position, velocity, latent force, its rate, and
+coloured measurement noise. Only q + e is observed. The state has n = 4d entries with white noise, which needs
+no e, and n = 5d with coloured noise. The smoother runs the recursion of the disturbances backwards, which
+inverts no state covariance, and yields the derivative of the log-likelihood with respect to every variance on
+the way. Numba compiles these functions and infers their types, so they carry no annotations.
+
+Names follow the source: ``design`` is Z, ``transition`` T, ``innovation`` v, ``inverse`` the inverse of F,
+``information`` N.
+
+Source: J. Durbin and S. J. Koopman, Time Series Analysis by State Space Methods, 2nd ed., 4.3-4.5 and 7.3.3.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True)
+def _multiply(a, b, out):
+    """Write ``a b`` to ``out``; zeros of ``a`` are skipped, because transition matrices are mostly empty."""
+    rows, inner = a.shape
+    columns = b.shape[1]
+    for i in range(rows):
+        for j in range(columns):
+            out[i, j] = 0.0
+        for k in range(inner):
+            factor = a[i, k]
+            if factor != 0.0:
+                for j in range(columns):
+                    out[i, j] += factor * b[k, j]
+
+
+@njit(cache=True)
+def _multiply_transposed(a, b, out):
+    """Write ``a b^T`` to ``out``, skipping zeros of ``b``."""
+    rows = a.shape[0]
+    columns, inner = b.shape
+    for i in range(rows):
+        for j in range(columns):
+            out[i, j] = 0.0
+    for j in range(columns):
+        for k in range(inner):
+            factor = b[j, k]
+            if factor != 0.0:
+                for i in range(rows):
+                    out[i, j] += a[i, k] * factor
+
+
+@njit(cache=True)
+def _transposed_multiply(a, b, out):
+    """Write ``a^T b`` to ``out``, skipping zeros of ``a``."""
+    inner, rows = a.shape
+    columns = b.shape[1]
+    for i in range(rows):
+        for j in range(columns):
+            out[i, j] = 0.0
+    for k in range(inner):
+        for i in range(rows):
+            factor = a[k, i]
+            if factor != 0.0:
+                for j in range(columns):
+                    out[i, j] += factor * b[k, j]
+
+
+@njit(cache=True)
+def _set_start(x, p, y, start, variances, rate):
+    """Start a clip in place: position near the first sample, all else known only by its variance."""
+    d = len(y)
+    x[:] = 0.0
+    p[:] = 0.0
+    for i in range(d):
+        x[i] = y[i]
+        p[i, i] = start[i]
+        p[d + i, d + i] = start[d + i]
+        p[2 * d + i, 2 * d + i] = variances[i]
+        p[3 * d + i, 3 * d + i] = rate * rate * variances[i]
+        if len(x) == 5 * d:
+            p[4 * d + i, 4 * d + i] = variances[d + i]
+
+
+@njit(cache=True)
+def _observe(x, p, y, design, variances, innovation, inverse, gain):
+    """Fill innovation (d,), inverse covariance (d, d) and gain (n, d) of one sample, from the prediction.
+
+    Returns the covariance (n, d) of state and observation, and the log density of the innovation.
+    """
+    d = len(y)
+    n = len(x)
+    cross = np.empty((n, d))
+    s = np.empty((d, d))
+    _multiply_transposed(p, design, cross)
+    _multiply(design, cross, s)
+    for j in range(d):
+        innovation[j] = y[j]
+        for i in range(n):
+            innovation[j] -= design[j, i] * x[i]
+        if n == 4 * d:
+            s[j, j] += variances[d + j]
+    inverse[:] = np.linalg.inv(s)
+    _multiply(cross, inverse, gain)
+    quadratic = 0.0
+    for i in range(d):
+        for j in range(d):
+            quadratic += innovation[i] * inverse[i, j] * innovation[j]
+    return cross, -0.5 * (quadratic + math.log(np.linalg.det(s)) + d * math.log(2.0 * math.pi))
+
+
+@njit(cache=True)
+def _advance(x, p, cross, innovation, gain, transition, offset, drive, colour, variances, work):
+    """Condition the prediction on the observation, then predict the next sample; all in place."""
+    d = len(innovation)
+    n = len(x)
+    updated = x.copy()
+    for i in range(n):
+        for j in range(d):
+            updated[i] += gain[i, j] * innovation[j]
+            for k in range(n):
+                p[i, k] -= gain[i, j] * cross[k, j]
+    for i in range(n):
+        x[i] = offset[i]
+        for k in range(n):
+            x[i] += transition[i, k] * updated[k]
+    _multiply_transposed(p, transition, work)
+    _multiply(transition, work, p)
+    for i in range(d):
+        for a in range(2):
+            for b in range(2):
+                p[(2 + a) * d + i, (2 + b) * d + i] += drive[a, b] * variances[i]
+        if n == 5 * d:
+            p[4 * d + i, 4 * d + i] += colour * variances[d + i]
+    for i in range(n):
+        for k in range(i):
+            p[i, k] = p[k, i] = 0.5 * (p[i, k] + p[k, i])
+
+
+@njit(cache=True)
+def filter_forward(y, starts, design, transition, offset, drive, colour, variances, rate, start):
+    """Run the Kalman filter over all clips.
+
+    Args:
+        y: observations (T, d).
+        starts: (T,) True where a clip begins.
+        design: (d, n), the part of the state that is observed.
+        transition: (T, n, n), from each sample to the next.
+        offset: (T, n), added to the state on the way.
+        drive: (T, 2, 2) process noise of (r, r') for a force of variance one.
+        colour: (T,) process noise of e for measurement noise of variance one.
+        variances: (2d,) of the forces, then of the measurement noise.
+        rate: decay rate of the Matern-3/2 covariance of the forces.
+        start: (2d,) variances of the first q and v of a clip.
+
+    Returns:
+        Predicted means (T, n), their covariances (T, n, n), innovations (T, d), the inverses of
+        their covariances (T, d, d), gains (T, n, d) and the log-likelihood [nats].
+    """
+    length, d = y.shape
+    n = transition.shape[1]
+    mean = np.zeros((length, n))
+    covariance = np.zeros((length, n, n))
+    innovation = np.zeros((length, d))
+    inverse = np.zeros((length, d, d))
+    gain = np.zeros((length, n, d))
+    work = np.zeros((n, n))
+    x = np.zeros(n)
+    p = np.zeros((n, n))
+    likelihood = 0.0
+    for t in range(length):
+        if starts[t]:
+            _set_start(x, p, y[t], start, variances, rate)
+        mean[t] = x
+        covariance[t] = p
+        cross, density = _observe(x, p, y[t], design, variances, innovation[t], inverse[t], gain[t])
+        likelihood += density
+        if t + 1 < length and not starts[t + 1]:
+            _advance(
+                x,
+                p,
+                cross,
+                innovation[t],
+                gain[t],
+                transition[t],
+                offset[t],
+                drive[t],
+                colour[t],
+                variances,
+                work,
+            )
+    return mean, covariance, innovation, inverse, gain, likelihood
+
+
+@njit(cache=True)
+def _propagate_backward(r, information, transition, work):
+    """Carry ``r`` and ``information`` back over a step, in place: A^T r and A^T N A."""
+    n = len(r)
+    pulled = np.zeros(n)
+    for i in range(n):
+        for k in range(n):
+            pulled[k] += transition[i, k] * r[i]
+    r[:] = pulled
+    _transposed_multiply(transition, information, work)
+    _multiply(work, transition, information)
+
+
+@njit(cache=True)
+def _update_backward(r, information, design, innovation, inverse, gain, score, work):
+    """Carry ``r`` and ``information`` back over an observation, in place.
+
+    Adds the derivatives by the variances of white measurement noise to ``score``.
+    """
+    n = len(r)
+    d = len(innovation)
+    back = np.empty(d)
+    shrunk = np.empty((n, d))
+    middle = np.empty((d, d))
+    _multiply(information, gain, shrunk)
+    _transposed_multiply(gain, shrunk, middle)
+    for i in range(d):
+        u = 0.0
+        for j in range(d):
+            middle[i, j] += inverse[i, j]
+            u += inverse[i, j] * innovation[j]
+        for k in range(n):
+            u -= gain[k, i] * r[k]
+        back[i] = u
+    for i in range(d):
+        if n == 4 * d:
+            score[d + i] += 0.5 * (back[i] ** 2 - middle[i, i])
+        for k in range(n):
+            r[k] += design[i, k] * back[i]
+    # N <- L^T N L + Z^T F^-1 Z with L = I - K Z
+    wide = np.empty((d, n))
+    _multiply(middle, design, wide)
+    for j in range(d):
+        for k in range(n):
+            wide[j, k] *= 0.5
+            wide[j, k] -= shrunk[k, j]
+    both = np.empty((n, n))
+    _transposed_multiply(design, wide, both)
+    for i in range(n):
+        for k in range(n):
+            work[i, k] = information[i, k] + both[i, k] + both[k, i]
+    for i in range(n):
+        for k in range(n):
+            information[i, k] = 0.5 * (work[i, k] + work[k, i])
+
+
+@njit(cache=True)
+def _add_scores(score, r, information, drive, colour):
+    """Add the derivatives of the log-likelihood by the variances that drive a step to ``score`` (2d,)."""
+    d = len(score) // 2
+    for i in range(d):
+        for a in range(2):
+            for b in range(2):
+                row, column = (2 + a) * d + i, (2 + b) * d + i
+                score[i] += 0.5 * drive[a, b] * (r[row] * r[column] - information[row, column])
+        if len(r) == 5 * d:
+            e = 4 * d + i
+            score[d + i] += 0.5 * colour * (r[e] * r[e] - information[e, e])
+
+
+@njit(cache=True)
+def smooth_backward(starts, design, transition, drive, colour, rate, filtered, moments):
+    """Run the disturbance smoother backwards over all clips.
+
+    Args:
+        starts: (T,) True where a clip begins.
+        design: (d, n), the part of the state that is observed.
+        transition: (T, n, n), from each sample to the next.
+        drive: (T, 2, 2) process noise of (r, r') for a force of variance one.
+        colour: (T,) process noise of e for measurement noise of variance one.
+        rate: decay rate of the Matern-3/2 covariance of the forces.
+        filtered: what `filter_forward` returned.
+        moments: whether to compute smoothed means and covariances; without, these stay empty.
+
+    Returns:
+        Smoothed means (T, n) and covariances (T, n, n), and the derivatives (2d,) of the log-likelihood by
+        the variances.
+    """
+    mean, covariance, innovation, inverse, gain, _ = filtered
+    length, n = mean.shape
+    kept = length if moments else 0
+    smooth_mean = np.zeros((kept, n))
+    smooth_covariance = np.zeros((kept, n, n))
+    score = np.zeros(2 * innovation.shape[1])
+    at_start = np.diag(np.array([1.0, rate * rate]))
+    r = np.zeros(n)
+    information = np.zeros((n, n))
+    work = np.zeros((n, n))
+    back = np.zeros((n, n))
+    for t in range(length - 1, -1, -1):
+        if t + 1 == length or starts[t + 1]:
+            r[:] = 0.0
+            information[:] = 0.0
+        else:
+            _add_scores(score, r, information, drive[t], colour[t])
+            _propagate_backward(r, information, transition[t], work)
+        _update_backward(r, information, design, innovation[t], inverse[t], gain[t], score, work)
+        if starts[t]:
+            _add_scores(score, r, information, at_start, 1.0)
+        if moments:
+            p = covariance[t]
+            _multiply(p, information, work)
+            _multiply(work, p, back)
+            for i in range(n):
+                smooth_mean[t, i] = mean[t, i]
+                for k in range(n):
+                    smooth_mean[t, i] += p[i, k] * r[k]
+                    smooth_covariance[t, i, k] = p[i, k] - back[i, k]
+    return smooth_mean, smooth_covariance, score
