@@ -1,4 +1,4 @@
-"""A diagnosis from end to end: a sim and real motions in, the verdict with all it rests on out."""
+"""A diagnosis from end to end: from a simulator and real trajectories to the verdict and its evidence."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
@@ -30,7 +30,7 @@ from lagsplat.io.trajectory.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class DiagnosisRun:
-    """A diagnosis, with the bench it was made on, all that was fitted and the fit it chose."""
+    """A diagnosis with the estimation problem, all fits, and the chosen fit."""
 
     diagnosis: Diagnosis
     problem: EstimationProblem
@@ -46,9 +46,15 @@ def diagnose(
     log_evidence_offset: float = 0.0,
     report_progress: Callable[[str], None] = lambda name: None,
 ) -> DiagnosisRun:
-    """Why ``sim`` and the motions ``real`` disagree; ``report_progress`` hears the name of every effect that is tried.
+    """Find out why a simulator and real trajectories disagree.
 
-    ``null`` is what effects gain by the sim's own errors [nat], and must gain more (`null_evidence`).
+    Args:
+        sim: the simulator with what is uncertain about it.
+        real: real trajectories, cut where they are not continued.
+        config: settings of the diagnosis.
+        log_evidence_offset: log evidence that effects gain by the sim's own errors [nat]; see
+            `calibrate_null_evidence`.
+        report_progress: called with the name of each effect before it is fitted.
 
     Raises:
         ValueError: the motions are too short for a single window.
@@ -77,13 +83,18 @@ def diagnose(
     )
     best = judgement.best
     chosen = best if best is not None and judgement.verdict == "effect" else ranking.none
-    held, warnings = _forecast_holdout(
+    holdout, warnings = _forecast_holdout(
         problem, ranking, chosen, natural.longest_s, (sim.original or sim).model
     )
     bare = ranking.none.fit.misfit / problem.degrees_of_freedom
-    if held is not None and chosen is best and best is not None and _is_immaterial(held, best, bare, config):
+    if (
+        holdout is not None
+        and chosen is best
+        and best is not None
+        and _is_immaterial(holdout, best, bare, config)
+    ):
         judgement, chosen = reject_effect(judgement), ranking.none
-    told = {
+    checks = {
         "natural_period_s": natural.longest_s,
         "noise": ready.sigma.tolist(),
         "sim_misfit": sim.misfit,
@@ -93,16 +104,16 @@ def diagnose(
     }
     diagnosis = Diagnosis(
         verdict=judgement.verdict,
-        candidates=_list_candidates(problem, ranking, best, judgement, held, natural.longest_s),
+        candidates=_list_candidates(problem, ranking, best, judgement, holdout, natural.longest_s),
         combination=tuple(e.effect.name for e in chosen.effects),
-        gap=held.gap if held else None,
+        gap=holdout.gap if holdout else None,
         where=None,
         equivalent=judgement.equivalent if chosen.effects else (),
         excitation=(),
         warnings=(*warnings, *_excluded_windows_warning(problem)),
         absorbed=(),
-        blocks=held.blocks if held else (),
-        checks=told,
+        blocks=holdout.blocks if holdout else (),
+        checks=checks,
         q_names=q_names,
         u_names=u_names,
     )
@@ -116,7 +127,7 @@ def _search_effects(
     config: DiagnoseConfig,
     report_progress: Callable[[str], None],
 ) -> tuple[ModelRanking, tuple[HypothesisFit, ...]]:
-    """Every single effect, and the best sets of one to three."""
+    """Fit the single effects, then the best sets of one to three."""
     ranking = rank_hypotheses(problem, candidates, budget, report_progress=report_progress)
     return ranking, combine_effects(
         problem, ranking, candidates, budget, config, report_progress=report_progress
@@ -126,7 +137,7 @@ def _search_effects(
 def _fit_measures(
     problem: EstimationProblem, ranking: ModelRanking, chain: Sequence[HypothesisFit], judgement: Judgement
 ) -> dict[str, Any]:
-    """How well each explanation fits: mean square residuals in units of the noise."""
+    """Mean square residual of each explanation [noise variances], as `Diagnosis.checks` lists it."""
     best = judgement.best or ranking.none
     return {
         "misfit_none": ranking.none.fit.misfit / problem.degrees_of_freedom,
@@ -135,10 +146,10 @@ def _fit_measures(
         "doubt": judgement.doubted,
         "chain": [
             {
-                "effects": [e.effect.name for e in one.effects],
-                "misfit": one.fit.misfit / problem.degrees_of_freedom,
+                "effects": [e.effect.name for e in hypothesis.effects],
+                "misfit": hypothesis.fit.misfit / problem.degrees_of_freedom,
             }
-            for one in chain
+            for hypothesis in chain
         ],
         "windows": len(problem.windows.first),
         "temper": ranking.noise_inflation,
@@ -160,10 +171,10 @@ def _forecast_holdout(
 
 
 def _excluded_windows_warning(problem: EstimationProblem) -> list[str]:
-    """What is said of stretches that the sim cannot know."""
-    if not problem.aside:
+    """The warning that windows were left out in which the sim was never seen."""
+    if not problem.excluded_windows:
         return []
-    share = problem.aside / (problem.aside + len(problem.windows.first))
+    share = problem.excluded_windows / (problem.excluded_windows + len(problem.windows.first))
     return [
         f"{100.0 * share:.2g} % of the recording was left aside: there it is driven, or moves, as the sim's "
         "own recordings nowhere do (a sudden release, say), and what the sim foretells of it is chance"
@@ -171,10 +182,10 @@ def _excluded_windows_warning(problem: EstimationProblem) -> list[str]:
 
 
 def _is_immaterial(
-    held: HoldoutForecasts, best: HypothesisFit, misfit: float, config: DiagnoseConfig
+    holdout: HoldoutForecasts, best: HypothesisFit, misfit: float, config: DiagnoseConfig
 ) -> bool:
-    """Whether what ``best`` takes away is too little of the motion; ``misfit`` is what no effect leaves."""
-    gap = held.gap
+    """Whether ``best`` improves the forecasts too little; ``misfit`` is the mean square without effects."""
+    gap = holdout.gap
     if misfit < MATERIALITY.overestimated_noise_misfit and gap.before <= gap.floor:
         return True
     return (
@@ -189,39 +200,39 @@ def _list_candidates(
     ranking: ModelRanking,
     best: HypothesisFit | None,
     judgement: Judgement,
-    held: HoldoutForecasts | None,
+    holdout: HoldoutForecasts | None,
     period_s: float,
 ) -> tuple[Candidate, ...]:
     fits: dict[str, tuple[HypothesisFit, PlacedEffect]] = {}
-    for one in ranking.found:
-        fits.setdefault(one.effects[-1].effect.name, (one, one.effects[-1]))
+    for hypothesis in ranking.found:
+        fits.setdefault(hypothesis.name, (hypothesis, hypothesis.effects[-1]))
     if best is not None:
-        for instance in best.effects:
-            fits[instance.effect.name] = (best, instance)
+        for placed in best.effects:
+            fits[placed.effect.name] = (best, placed)
     out = []
     for number, (name, probability) in enumerate(judgement.probabilities.items()):
         if name not in fits:
             out.append(Candidate(name, probability))
             continue
-        one, instance = fits[name]
+        hypothesis, placed = fits[name]
         near = (
             number < MATERIALITY.max_closures
-            and held is not None
-            and not isinstance(instance.effect, SampleEffect)
+            and holdout is not None
+            and not isinstance(placed.effect, SampleEffect)
         )
         out.append(
             Candidate(
                 name,
                 probability,
-                coordinate=instance.direction.name if instance.direction else None,
-                input=instance.input_name,
-                places=tuple(str(part.location) for part in instance.parts),
-                parameters=estimate_parameters(problem, one, instance, ranking.noise_inflation),
-                closure=estimate_single_closure(problem, one, held, period_s=period_s)
-                if near and held
+                coordinate=placed.direction.name if placed.direction else None,
+                input=placed.input_name,
+                places=tuple(str(part.location) for part in placed.parts),
+                parameters=estimate_parameters(problem, hypothesis, placed, ranking.noise_inflation),
+                closure=estimate_single_closure(problem, hypothesis, holdout, period_s=period_s)
+                if near and holdout
                 else None,
-                log_evidence=one.log_evidence,
-                misfit=one.fit.misfit / problem.degrees_of_freedom,
+                log_evidence=hypothesis.log_evidence,
+                misfit=hypothesis.fit.misfit / problem.degrees_of_freedom,
             )
         )
     return tuple(out)

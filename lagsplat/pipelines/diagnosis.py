@@ -172,7 +172,7 @@ def withhold_verdict(found: Diagnosis) -> Diagnosis:
 
 
 def diagnose_files(sim: str, real: str, out: Path, config: DiagnoseConfig, *, command: str) -> Diagnosis:
-    """Write ``diagnosis.json``, ``rollouts.csv``, ``build_augmented_simulator.safetensors`` and ``report.html``.
+    """Write ``diagnosis.json``, ``rollouts.csv``, ``augmented.safetensors`` and ``report.html``.
 
     Raises:
         OSError: ``out`` cannot be written to.

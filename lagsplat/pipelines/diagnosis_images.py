@@ -220,8 +220,8 @@ class _BlockRenderer:
             worst = int(np.argmax([np.mean((b.sim - b.real) ** 2) for b in blocks]))
             first = max(0, min(worst - FILMED // 2, len(blocks) - FILMED))
             seen = self._seen(recorded, blocks[first : first + FILMED], FILMED_FRAMES)
-            step_s = recorded.motion.dt_s * max(1.0, sum(len(b.time_s) for b in blocks[first : first + FILMED])
-                                            / len(seen.at))  # fmt: skip
+            frames = sum(len(b.time_s) for b in blocks[first : first + FILMED])
+            step_s = recorded.motion.dt_s * max(1.0, frames / len(seen.at))
             slowed = max(1.0, SLOWEST_S / self.period_s)
             recordings = (_to_bytes(seen.real), _to_bytes(seen.sim), _to_bytes(seen.augmented))
             return VideoComparison(*recordings, frames_per_s=1.0 / (step_s * slowed), slowed=slowed)

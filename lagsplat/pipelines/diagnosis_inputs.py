@@ -8,18 +8,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lagsplat.diagnose.core.config import DiagnoseConfig
+from lagsplat.diagnose.core.config import ESTIMATED_SIMULATOR, DiagnoseConfig
 from lagsplat.diagnose.core.result import Finding
 from lagsplat.diagnose.data_quality.checks import DataCheck, check_data
 from lagsplat.diagnose.data_quality.natural_period import estimate_spectral_period_s
 from lagsplat.diagnose.data_quality.sampling import REPEATED_SAMPLES_CHECK, average_dense_samples
 from lagsplat.diagnose.effects.excitation import Excitation, assess_excitation
 from lagsplat.diagnose.estimation.dataset import prepare_dataset, sample_operating_region
-from lagsplat.diagnose.identification.estimated_simulator import (
-    DIVERGED_MISFIT,
-    EstimatedSimulator,
-    estimate_simulator,
-)
+from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator, estimate_simulator
 from lagsplat.diagnose.inference.problem import calibrate_misfit
 from lagsplat.diagnose.inference.recalibration import recalibrate_simulator
 from lagsplat.diagnose.simulators.sources import DataSource, find_sources, read_sources
@@ -123,7 +119,7 @@ def open_diagnosis_inputs(sim: str, real: str, config: DiagnoseConfig) -> Diagno
         if held is not None:
             known, hold = held, "zoh"
             checked = replace(checked, findings=(*checked.findings, _held_inputs_finding(sim)))
-    if known.misfit > DIVERGED_MISFIT:
+    if known.misfit > ESTIMATED_SIMULATOR.diverged_misfit:
         lost = _lost_model_finding(known, sim) if models else _lost_recordings_finding(known, nominal)
         checked = replace(checked, findings=(*checked.findings, lost))
     if known.original is not None:
@@ -239,7 +235,7 @@ def _open_simulator(
     ready = prepare_dataset(seen, period_s=estimate_spectral_period_s(checked.real.motions))
     sampled = sample_simulator(
         models[0].path,
-        sample_operating_region(ready.record),
+        sample_operating_region(ready.dataset),
         joints=config.joints,
         actuators=config.actuators,
     )

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from lagsplat.diagnose.core.config import ERROR_BUDGET
 from lagsplat.diagnose.core.result import Diagnosis, Finding
 from lagsplat.diagnose.effects.registry import catalogue, list_effects
 from lagsplat.diagnose.imaging.rendering import choose_evenly, compute_decoding_errors
@@ -18,7 +19,7 @@ from lagsplat.diagnose.imaging.video_checks import (
     drop_unusable_frames,
     measure_camera_shift,
 )
-from lagsplat.diagnose.residual.error_budget import SUSPECT_RATIO, PerceptionQuality, assess_perception
+from lagsplat.diagnose.residual.error_budget import PerceptionQuality, assess_perception
 from lagsplat.diagnose.simulators.fitted_run import read_chart_trajectory
 from lagsplat.diagnose.simulators.sources import VIDEO_KINDS, DataSource, find_sources, make_video_trajectory
 from lagsplat.io.read import read_recording, read_trajectory
@@ -42,7 +43,8 @@ MOVED = (
 class RecordingPair:
     """A run with its training part and the real motions, all in its whitened latents.
 
-    ``same_recording`` says that the real motions are the held-out part of the very recording the run was fitted to.
+    ``same_recording`` says that the real motions are the held-out part of the very recording the run was
+    fitted to.
     """
 
     run: FittedRun
@@ -161,7 +163,7 @@ class ImageQuality:
     @property
     def drawn_badly(self) -> bool:
         """The pictures themselves are strange to the run, not only the places they show."""
-        return self.perception.ratio > SUSPECT_RATIO
+        return self.perception.ratio > ERROR_BUDGET.suspect_error_ratio
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from lagsplat.diagnose.core.config import TRAJECTORY_CHECKS
 from lagsplat.diagnose.core.result import Finding, refuse
 from lagsplat.diagnose.data_quality.closed_loop import check_feedback
 from lagsplat.diagnose.data_quality.compatibility import check_coordinates, check_region
@@ -57,11 +58,6 @@ def unwrap_angles(motion: Trajectory) -> tuple[Trajectory, tuple[Finding, ...]]:
             )
             break
     return replace(motion, q=q), tuple(found)
-
-
-MAX_PERIOD_RATIO = (
-    2.0  # times the sim's period, or one by it: a driven motion whose own period is not believed
-)
 
 
 @dataclass(frozen=True)
@@ -137,7 +133,8 @@ def prepare_side(motions: Sequence[Trajectory], *, nominal_period_s: float | Non
     """One side unwrapped and cut, with its natural period, its noise and what was found on the way.
 
     ``nominal_period_s`` stands in for the own period of a driven motion where the two differ by more than
-    `MAX_PERIOD_RATIO` times: then inputs and coordinates do not belong together, or too little of them is there.
+    `TRAJECTORY_CHECKS.period_ratio_warning` times: then inputs and coordinates do not belong together, or too
+    little of them is there.
     """
     found: list[Finding] = []
 
@@ -156,7 +153,11 @@ def prepare_side(motions: Sequence[Trajectory], *, nominal_period_s: float | Non
         motion.n_u and np.ptp(motion.u, axis=0).any() for motion in ready
     ):
         ratio = (period_s or np.inf) / nominal_period_s
-        period_s = period_s if 1.0 / MAX_PERIOD_RATIO < ratio < MAX_PERIOD_RATIO else nominal_period_s
+        period_s = (
+            period_s
+            if 1.0 / TRAJECTORY_CHECKS.period_ratio_warning < ratio < TRAJECTORY_CHECKS.period_ratio_warning
+            else nominal_period_s
+        )
     noise = measure_noise(ready, period_s=period_s)
     for motion in ready:
         found += check_samples(motion, period_s=period_s, noise=noise)

@@ -6,25 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import f as f_law
 
+from lagsplat.diagnose.core.config import CLOSED_LOOP
 from lagsplat.diagnose.core.result import Finding
 from lagsplat.diagnose.data_quality.noise import fit_locally
 from lagsplat.io.trajectory.trajectory import Trajectory
-
-DIFFERENCE_ORDER = 6  # of the differences that leave errors and take the motion away
-NOISE_POWER_GROWTH = (
-    1.2  # power that one more difference must add; white noise adds 3.7, anything smooth loses
-)
-INPUT_STEP_RATIO = 8.0  # times the usual change between two samples
-FEEDBACK_LAGS = 4  # samples that a controller may take to answer
-MIN_ERROR_SHARE, MAX_CHANCE = (
-    0.1,
-    1e-6,
-)  # of an input's own error that errors of q must explain, and the chance of it
-MIN_STATIC_SHARE = (
-    0.95  # share of an input that its dependence on q and v must explain where there is no noise
-)
-MIN_ACCELERATION_RATIO = 0.5  # of the restoring acceleration: below it a slow motion follows any input
-MAX_LINE_POWER = 0.9  # share of an input's power in one line: then q and v follow whatever the cause
 
 
 @dataclass(frozen=True)
@@ -40,9 +25,10 @@ def measure_feedback(motion: Trajectory, *, channel: int, period_s: float) -> Fe
     """Traces that a controller leaves in input ``channel``.
 
     A controller passes on the sensor's noise: differences of the input, of an order that leaves noise alone,
-    are regressed on those of q at that sample and the `FEEDBACK_LAGS` before, given the `FEEDBACK_LAGS` after. The mechanism
-    itself answers an input smoothly, so that this cannot come from it. Without noise the input is regressed
-    on q and v, which is only telling where the motion is neither slow nor at one frequency.
+    are regressed on those of q at that sample and the `CLOSED_LOOP.max_controller_lag` before, given the
+    `CLOSED_LOOP.max_controller_lag` after. The mechanism itself answers an input smoothly, so that this
+    cannot come from it. Without noise the input is regressed on q and v, which is only telling where the
+    motion is neither slow nor at one frequency.
     """
     if motion.n < 60:
         return Feedback(np.nan, np.nan)
@@ -55,22 +41,24 @@ def _compute_error_share(motion: Trajectory, channel: int) -> float:
         if stop - start < 60:
             continue
         own, errors = motion.u[start:stop, channel], motion.q[start:stop]
-        fine = np.diff(own, DIFFERENCE_ORDER)
+        fine = np.diff(own, CLOSED_LOOP.difference_order)
         # Steps of an input are no errors: differences across one are left out.
         change = np.abs(np.diff(own))
         step = (
             np.convolve(
-                change > INPUT_STEP_RATIO * np.median(change), np.ones(DIFFERENCE_ORDER), mode="valid"
+                change > CLOSED_LOOP.step_ratio * np.median(change),
+                np.ones(CLOSED_LOOP.difference_order),
+                mode="valid",
             )
             > 0.5
         )
-        rows = np.arange(FEEDBACK_LAGS, len(fine) - FEEDBACK_LAGS)
+        rows = np.arange(CLOSED_LOOP.max_controller_lag, len(fine) - CLOSED_LOOP.max_controller_lag)
         rows = rows[~step[rows]]
         if len(rows) < 60 or not (_is_rough(own) and any(_is_rough(column) for column in errors.T)):
             continue
-        rough = np.diff(errors, DIFFERENCE_ORDER, axis=0)
-        past = np.hstack([rough[rows - lag] for lag in range(FEEDBACK_LAGS + 1)])
-        ahead = np.hstack([rough[rows + lag] for lag in range(1, FEEDBACK_LAGS + 1)])
+        rough = np.diff(errors, CLOSED_LOOP.difference_order, axis=0)
+        past = np.hstack([rough[rows - lag] for lag in range(CLOSED_LOOP.max_controller_lag + 1)])
+        ahead = np.hstack([rough[rows + lag] for lag in range(1, CLOSED_LOOP.max_controller_lag + 1)])
         shares.append(_compute_partial_share(past, fine[rows], given=ahead))
         weights.append(len(rows))
     return float(np.average(shares, weights=weights)) if shares else np.nan
@@ -78,10 +66,14 @@ def _compute_error_share(motion: Trajectory, channel: int) -> float:
 
 def _is_rough(values: np.ndarray) -> bool:
     """Whether what differences leave of a column is noise, and not what is left of its motion."""
-    fine, finer = np.abs(np.diff(values, DIFFERENCE_ORDER - 1)), np.abs(np.diff(values, DIFFERENCE_ORDER))
+    fine, finer = (
+        np.abs(np.diff(values, CLOSED_LOOP.difference_order - 1)),
+        np.abs(np.diff(values, CLOSED_LOOP.difference_order)),
+    )
     floor = 1e-11 * np.abs(values).max()
     return bool(
-        np.median(finer) > floor and np.median(finer) ** 2 > NOISE_POWER_GROWTH * np.median(fine) ** 2
+        np.median(finer) > floor
+        and np.median(finer) ** 2 > CLOSED_LOOP.min_power_growth * np.median(fine) ** 2
     )
 
 
@@ -94,9 +86,9 @@ def _compute_partial_share(columns: np.ndarray, target: np.ndarray, *, given: np
         return 0.0
     fitted = free @ np.linalg.lstsq(free, rest, rcond=1e-9)[0]
     share = min(float(fitted @ fitted) / size, 1.0 - 1e-12)
-    n, p = len(target) // DIFFERENCE_ORDER, columns.shape[1]  # differences make neighbours alike
+    n, p = len(target) // CLOSED_LOOP.difference_order, columns.shape[1]  # differences make neighbours alike
     ratio = share / p / ((1.0 - share) / max(n - p, 1))
-    return share if f_law.sf(ratio, p, max(n - p, 1)) < MAX_CHANCE else 0.0
+    return share if f_law.sf(ratio, p, max(n - p, 1)) < CLOSED_LOOP.max_p_value else 0.0
 
 
 def _compute_static_share(motion: Trajectory, channel: int, period_s: float) -> float:
@@ -105,12 +97,12 @@ def _compute_static_share(motion: Trajectory, channel: int, period_s: float) -> 
         return np.nan
     power = np.abs(np.fft.rfft(u * np.hanning(len(u)))) ** 2
     peak = int(np.argmax(power))
-    if power[max(0, peak - 2) : peak + 3].sum() > MAX_LINE_POWER * power.sum():
+    if power[max(0, peak - 2) : peak + 3].sum() > CLOSED_LOOP.single_line_share * power.sum():
         return np.nan
     half = int(np.clip(0.08 * period_s / motion.dt_s, 2, 40))
     fit = fit_locally(motion, half_width=half)
     pull = (2.0 * np.pi / period_s) ** 2 * (fit.q - fit.q.mean(axis=0))
-    if not (fit.a.std(axis=0) > MIN_ACCELERATION_RATIO * pull.std(axis=0)).any():
+    if not (fit.a.std(axis=0) > CLOSED_LOOP.max_relative_acceleration * pull.std(axis=0)).any():
         return np.nan
     scaled = (fit.q - fit.q.mean(axis=0)) / np.maximum(fit.q.std(axis=0), 1e-300)
     rate = fit.v / np.maximum(fit.v.std(axis=0), 1e-300)
@@ -127,8 +119,8 @@ def check_feedback(motions: Sequence[Trajectory], *, period_s: float | None) -> 
             if period_s is None or not np.ptp(motion.u[:, channel]):
                 continue
             trace = measure_feedback(motion, channel=channel, period_s=period_s)
-            passes_noise = trace.error_share > MIN_ERROR_SHARE
-            if not passes_noise and not trace.static_share > MIN_STATIC_SHARE:
+            passes_noise = trace.error_share > CLOSED_LOOP.min_explained_share
+            if not passes_noise and not trace.static_share > CLOSED_LOOP.min_static_share:
                 continue
             said = (
                 f"{100 * trace.error_share:.2g} % of its errors repeat earlier errors of the coordinates"

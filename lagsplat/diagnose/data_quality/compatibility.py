@@ -4,14 +4,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from lagsplat.diagnose.core.config import COMPATIBILITY
 from lagsplat.diagnose.core.result import Finding
 from lagsplat.io.trajectory.trajectory import Trajectory
 
-REGION_REACH = 1.5  # times the farthest sample of the sim (its 99 % quantile) that still counts as its region
-WARN_OUTSIDE_SHARE, MOST_OUTSIDE_SHARE = 0.05, 0.5  # shares of the real samples outside it
 MOSTLY_OUTSIDE_CHECK = "mostly outside the sim"
-"""The check that finds more than `MOST_OUTSIDE_SHARE` of them there: what is left unexplained may be the sim's own."""
-ELSEWHERE = 6.0  # times the sim's own spread by which the middle of the real motion lies off
+"""The check that finds more than `COMPATIBILITY.undetermined_outside_share` of them there: what is left
+unexplained may be the sim's own."""
 UNIT_RATIOS = {
     180.0 / np.pi: "degrees and radians",
     1000.0: "millimetres and metres",
@@ -20,8 +19,6 @@ UNIT_RATIOS = {
     2.0 * np.pi: "turns and radians",
     360.0: "turns and degrees",
 }
-UNIT_RATIO_TOLERANCE = 0.35  # by which the ratio of sizes may miss one of them, as a share
-SUSPICIOUS_SIZE_RATIO = 20.0  # ratio of sizes that asks for an explanation
 
 
 def check_coordinates(sim: Sequence[Trajectory], real: Sequence[Trajectory]) -> list[Finding]:
@@ -119,10 +116,10 @@ def check_region(sim: Sequence[Trajectory], real: Sequence[Trajectory]) -> list[
     centre, root = _estimate_robust_cloud(nominal)
     reach = np.quantile(np.linalg.norm((nominal - centre) @ root, axis=1), 0.99)
     distance = np.linalg.norm((seen - centre) @ root, axis=1)
-    outside = float((distance > REGION_REACH * reach).mean())
+    outside = float((distance > COMPATIBILITY.region_factor * reach).mean())
     off = float(np.linalg.norm((np.median(seen, axis=0) - centre) @ root))
     middle = off / max(float(reach), 1e-6 * off, np.finfo(float).tiny)
-    if outside > MOST_OUTSIDE_SHARE and middle > ELSEWHERE / 3.0:
+    if outside > COMPATIBILITY.undetermined_outside_share and middle > COMPATIBILITY.max_center_offset / 3.0:
         found.append(
             Finding(
                 "undetermined",
@@ -134,11 +131,13 @@ def check_region(sim: Sequence[Trajectory], real: Sequence[Trajectory]) -> list[
                 "check zero points, signs and units of both sides, or give a sim of that region",
             )
         )
-    elif outside > WARN_OUTSIDE_SHARE:
+    elif outside > COMPATIBILITY.warning_outside_share:
         found.append(
             Finding(
                 "warn",
-                MOSTLY_OUTSIDE_CHECK if outside > MOST_OUTSIDE_SHARE else "outside the sim",
+                MOSTLY_OUTSIDE_CHECK
+                if outside > COMPATIBILITY.undetermined_outside_share
+                else "outside the sim",
                 "real",
                 f"{100 * outside:.3g} % of the real samples lie outside the region the sim was seen in",
                 "there the sim is extrapolated, and its own error passes for an effect",
@@ -173,10 +172,10 @@ def _check_units(sim: np.ndarray, real: np.ndarray, name: str) -> Finding | None
     if min(sizes) <= 0.0:
         return None
     ratio = sizes[1] / sizes[0]
-    if 1.0 / SUSPICIOUS_SIZE_RATIO < ratio < SUSPICIOUS_SIZE_RATIO:
+    if 1.0 / COMPATIBILITY.striking_size_ratio < ratio < COMPATIBILITY.striking_size_ratio:
         return None
     factor = min(UNIT_RATIOS, key=lambda unit: abs(np.log(max(ratio, 1.0 / ratio) / unit)))
-    alike = abs(np.log(max(ratio, 1.0 / ratio) / factor)) < UNIT_RATIO_TOLERANCE
+    alike = abs(np.log(max(ratio, 1.0 / ratio) / factor)) < COMPATIBILITY.unit_ratio_tolerance
     return Finding(
         "undetermined" if ratio > 1.0 or alike else "warn",
         "units",

@@ -9,31 +9,10 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64
 from numpy.polynomial import Polynomial
 
+from lagsplat.diagnose.core.config import DISCONTINUITIES, REPEATED_FRAMES
 from lagsplat.diagnose.core.result import Finding
 from lagsplat.diagnose.data_quality.noise import fit_locally
 from lagsplat.io.trajectory.trajectory import Trajectory
-
-SIDE_SAMPLES = 8  # samples of the polynomial on either side of a border...
-SIDE_PERIODS = 0.15  # ...and natural periods that they last at most
-JUMP_STANDARD_ERRORS = 8.0  # standard errors of a jump
-KNOCK_RATIO = 2.0  # times what a knock between two samples could displace
-MISMATCH_RATIO, MISMATCH_QUANTILE = (
-    3.0,
-    0.9,
-)  # times the quantile of the mismatches around, which the bending of the motion makes
-NEIGHBOURHOOD_SIDES = 6  # lengths of the polynomial that count as around
-SUDDEN_SHARE = (
-    0.5  # of a jump, by which the step stands out from those before and after; a swing takes several
-)
-MIN_RANGE_SHARE = 0.03  # of the range of the motion around
-RATE_TOLERANCE = 0.4  # times the typical speed by which the rates on both sides may differ
-MAX_CUTS_PER_PERIOD = 0.5  # cuts a period that are too many to be cuts
-MAX_MISSING_FRAMES = 10.5  # frames that a camera loses at once
-GAP_STEPS, GAP_PERIODS = 3.0, 0.125  # a gap is longer than both
-MIN_HOLD_PERIODS = 0.4  # that a hold lasts at least
-MIN_HOLD_OFFSET = 0.7  # times the swing that follows: how far from its middle a hold is
-MAX_HOLD_WANDER = 0.2  # times that swing: how far it may wander
-MIN_SWING_OVER_NOISE = 12.0  # times the noise: how large that swing must be
 
 
 @dataclass(frozen=True)
@@ -56,7 +35,9 @@ class _Jump:
 def cut_gaps(motion: Trajectory, *, period_s: float | None) -> tuple[Trajectory, tuple[Finding, ...]]:
     """The motion cut where samples are missing for longer than the motion can be followed."""
     step = np.diff(motion.time_s)
-    limit = max(GAP_STEPS * motion.dt_s, GAP_PERIODS * (period_s or 0.0))
+    limit = max(
+        DISCONTINUITIES.min_gap_steps * motion.dt_s, DISCONTINUITIES.min_gap_periods * (period_s or 0.0)
+    )
     torn = 1 + np.flatnonzero(motion.joined & (step > limit))
     if not torn.size:
         return motion, ()
@@ -81,8 +62,8 @@ def cut_jumps(
     ``sigma`` (d,) is the noise. Polynomials through the samples on either side of each border are compared in
     the middle. A knock, an end stop or a push changes the rate alone, and is no cut. Where a jump goes along
     with the motion by some frames' worth and the rate stays, or catches up after a standstill, frames are
-    missing; that is said, not cut.
-    Jumps more frequent than `MAX_CUTS_PER_PERIOD` a period are left alone, and said: then they are how the thing moves.
+    missing; that is said, not cut. Jumps more frequent than `DISCONTINUITIES.max_cuts_per_period` a period
+    are left alone, and said: then they are how the thing moves.
     """
     jumps = _find_jumps(motion, sigma, period_s)
     if not jumps:
@@ -111,7 +92,9 @@ def cut_jumps(
                 "it is not cut, and `frame_drops` is among the candidates",
             )
         )
-    if period_s is not None and len(cuts) > max(3.0, MAX_CUTS_PER_PERIOD * motion.duration_s / period_s):
+    if period_s is not None and len(cuts) > max(
+        3.0, DISCONTINUITIES.max_cuts_per_period * motion.duration_s / period_s
+    ):
         found.append(_report_frequent_jumps(motion, cuts))
         cuts = []
     if not cuts:
@@ -144,7 +127,11 @@ def drop_holds(
     for start, stop in motion.segments:
         holds = _find_holds(motion, start, stop, sigma, period_s)
         edges = [start, *(edge for hold in holds for edge in hold), stop]
-        kept += [(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= SIDE_SAMPLES]
+        kept += [
+            (a, b)
+            for a, b in zip(edges[::2], edges[1::2], strict=True)
+            if b - a >= DISCONTINUITIES.polynomial_samples
+        ]
         dropped += holds
     if not dropped or not kept:
         return motion, ()
@@ -172,9 +159,15 @@ def _find_catch_ups(motion: Trajectory, sigma: np.ndarray) -> Int64[np.ndarray, 
 def _find_jumps(motion: Trajectory, sigma: np.ndarray, period_s: float | None) -> list[_Jump]:
     """The largest significant mismatch of each neighbourhood."""
     side = (
-        SIDE_SAMPLES
+        DISCONTINUITIES.polynomial_samples
         if period_s is None
-        else int(np.clip(SIDE_PERIODS * period_s / motion.dt_s, 4, SIDE_SAMPLES))
+        else int(
+            np.clip(
+                DISCONTINUITIES.polynomial_periods * period_s / motion.dt_s,
+                4,
+                DISCONTINUITIES.polynomial_samples,
+            )
+        )
     )
     degree = 2 if side >= 5 else 1
     found: list[_Jump] = []
@@ -202,15 +195,15 @@ def _find_jumps(motion: Trajectory, sigma: np.ndarray, period_s: float | None) -
             usual, span = _describe_surroundings(np.abs(size), motion.q[at, i], side)
             limit = np.maximum.reduce(
                 [
-                    JUMP_STANDARD_ERRORS * error,
-                    MISMATCH_RATIO * usual,
-                    MIN_RANGE_SHARE * span,
-                    KNOCK_RATIO * np.abs(change),
+                    DISCONTINUITIES.jump_standard_errors * error,
+                    DISCONTINUITIES.mismatch_ratio * usual,
+                    DISCONTINUITIES.min_range_share * span,
+                    DISCONTINUITIES.knock_ratio * np.abs(change),
                 ]
             )
             rate = 0.5 * (left[:, 1] + right[:, 1])
             before, step, after = (np.diff(values[:, side - 2 : side + 2]) * np.sign(size)[:, None]).T
-            sudden = step - np.maximum(before, after) > SUDDEN_SHARE * np.abs(size)
+            sudden = step - np.maximum(before, after) > DISCONTINUITIES.isolated_step_share * np.abs(size)
             beyond = sudden * np.abs(size) / np.maximum(limit, np.finfo(float).tiny)
             numbers = np.stack([np.abs(size), error, rate * np.sign(size), np.abs(change), span], axis=1)
             found += [_Jump(int(at[k]), i, *numbers[k].tolist()) for k in _find_peaks(beyond, side)]
@@ -224,10 +217,10 @@ def _find_jumps(motion: Trajectory, sigma: np.ndarray, period_s: float | None) -
 
 def _describe_surroundings(size: np.ndarray, q: np.ndarray, side: int) -> tuple[np.ndarray, np.ndarray]:
     """Usual mismatch and range of the motion around each border, the neighbourhood of the border left out."""
-    reach = NEIGHBOURHOOD_SIDES * side
+    reach = DISCONTINUITIES.neighborhood_lengths * side
     index = np.concatenate([np.arange(-reach, -side), np.arange(side + 1, reach + 1)])
     index = np.clip(np.arange(len(size))[:, None] + index, 0, len(size) - 1)
-    return np.quantile(size[index], MISMATCH_QUANTILE, axis=1), np.ptp(q[index], axis=1)
+    return np.quantile(size[index], DISCONTINUITIES.mismatch_quantile, axis=1), np.ptp(q[index], axis=1)
 
 
 def _find_peaks(score: np.ndarray, distance: int) -> list[int]:
@@ -246,8 +239,8 @@ def _is_frame_loss(jump: _Jump, motion: Trajectory, speed: float, period_s: floa
     frames = jump.size / jump.rate if jump.rate else np.inf
     angle = 2.0 * np.pi * motion.dt_s / period_s if period_s is not None else 0.0
     usual = max(speed * motion.dt_s, 0.5 * jump.span * angle)
-    allowed = (RATE_TOLERANCE + 1.5 * angle * frames) * usual + jump.error
-    return 0.5 < frames < MAX_MISSING_FRAMES and jump.rate_change < allowed
+    allowed = (DISCONTINUITIES.rate_mismatch_ratio + 1.5 * angle * frames) * usual + jump.error
+    return 0.5 < frames < DISCONTINUITIES.max_lost_frames and jump.rate_change < allowed
 
 
 def _report_frequent_jumps(motion: Trajectory, cuts: list[int]) -> Finding:
@@ -264,11 +257,13 @@ def _report_frequent_jumps(motion: Trajectory, cuts: list[int]) -> Finding:
 def _find_holds(
     motion: Trajectory, start: int, stop: int, sigma: np.ndarray, period_s: float
 ) -> list[tuple[int, int]]:
-    least = max(int(MIN_HOLD_PERIODS * period_s / motion.dt_s), 2 * SIDE_SAMPLES)
+    least = max(
+        int(DISCONTINUITIES.min_hold_periods * period_s / motion.dt_s), 2 * DISCONTINUITIES.polynomial_samples
+    )
     if stop - start < 2 * least:
         return []
     clip = motion.pieces([(start, stop)])
-    half = max(2, min(SIDE_SAMPLES, least // 4))
+    half = max(2, min(DISCONTINUITIES.polynomial_samples, least // 4))
     fit = fit_locally(clip, half_width=half)
     typical = clip.q.std(axis=0)
     noise = np.where(np.isfinite(sigma), sigma, 0.0)
@@ -283,31 +278,14 @@ def _find_holds(
         swing = 0.5 * np.ptp(after, axis=0)
         held = fit.q[first:last]
         away = np.abs(np.median(held, axis=0) - 0.5 * (after.max(axis=0) + after.min(axis=0)))
-        moves = swing > np.maximum(MIN_SWING_OVER_NOISE * noise, 0.1 * typical)
+        moves = swing > np.maximum(DISCONTINUITIES.min_swing_noise_ratio * noise, 0.1 * typical)
         if (
-            moves & (away > MIN_HOLD_OFFSET * swing) & (np.ptp(held, axis=0) < MAX_HOLD_WANDER * swing)
+            moves
+            & (away > DISCONTINUITIES.min_hold_offset * swing)
+            & (np.ptp(held, axis=0) < DISCONTINUITIES.max_hold_motion * swing)
         ).any():
             holds.append((start + int(first), start + int(last)))
     return holds
-
-
-REPEAT_TOLERANCE, CATCH_UP_STEPS = 3.0, 6.0
-"""Steps, in those that noise makes, up to which a picture is the same, and from which it has jumped."""
-MAX_REPEAT_SAMPLES = 200
-"""Samples that a picture may stand still."""
-CURVATURE_LAG, CURVATURE_QUANTILE = 3, 0.95
-"""Samples over which the motion bends, and the quantile that tells how sharply it mostly does."""
-PATH_SAMPLES, PATH_DEGREE = 5, 3
-"""Samples to either side, and the degree of the polynomial that is laid through them."""
-MIN_PATH_MISS = 5.0
-"""Steps of noise by which what stands still must miss that polynomial somewhere."""
-MAX_CURVATURE_RATIO = 1.3
-"""How much more sharply than it mostly does the motion may have bent meanwhile."""
-MAX_FIT_ERROR_SHARE = 0.1
-"""Of that, what the samples beside may miss it by, or a step of noise."""
-MIN_CERTAIN_REPEATS = 5
-"""Repeats beyond doubt from which on what stands still for `MIN_STANDSTILL_SAMPLES` samples or up to a jump is one."""
-MIN_STANDSTILL_SAMPLES = 4
 
 
 def find_repeated_samples(
@@ -324,7 +302,9 @@ def find_repeated_samples(
         stood = _find_repeats_before_jumps(z)
         sure = [run for run in stood if _misses_smooth_path(z, *run)]
         # samples beside a repeat may be repeats, too, and a motion that turns catches up without a jump
-        for first, end in [*stood, *_find_standstills(z)] if len(sure) >= MIN_CERTAIN_REPEATS else sure:
+        for first, end in (
+            [*stood, *_find_standstills(z)] if len(sure) >= REPEATED_FRAMES.min_certain_repeats else sure
+        ):
             late[start + first + 1 : start + end] = True
     return late
 
@@ -333,9 +313,15 @@ def _find_repeats_before_jumps(z: np.ndarray) -> list[tuple[int, int]]:
     """First sample of each picture that stands still, and the sample that has jumped away from it."""
     moved = np.abs(np.diff(z, axis=0)).max(axis=1)
     found = []
-    for jump in map(int, np.flatnonzero((moved[1:] > CATCH_UP_STEPS) & (moved[:-1] <= REPEAT_TOLERANCE)) + 2):
-        back = max(0, jump - MAX_REPEAT_SAMPLES)
-        stays = (np.abs(z[back:jump] - z[jump - 1]) <= REPEAT_TOLERANCE).all(axis=1)
+    for jump in map(
+        int,
+        np.flatnonzero(
+            (moved[1:] > REPEATED_FRAMES.jump_steps) & (moved[:-1] <= REPEATED_FRAMES.same_image_steps)
+        )
+        + 2,
+    ):
+        back = max(0, jump - REPEATED_FRAMES.max_repeats)
+        stays = (np.abs(z[back:jump] - z[jump - 1]) <= REPEATED_FRAMES.same_image_steps).all(axis=1)
         first = back if stays.all() else back + int(np.flatnonzero(~stays)[-1]) + 1
         if jump - first >= 2:
             found.append((first, jump))
@@ -346,9 +332,12 @@ def _find_standstills(z: np.ndarray) -> list[tuple[int, int]]:
     """First sample and end of all that stays within noise of where it begins, one after the other."""
     found, first = [], 0
     while first < len(z):
-        stays = (np.abs(z[first : first + MAX_REPEAT_SAMPLES] - z[first]) <= REPEAT_TOLERANCE).all(axis=1)
+        stays = (
+            np.abs(z[first : first + REPEATED_FRAMES.max_repeats] - z[first])
+            <= REPEATED_FRAMES.same_image_steps
+        ).all(axis=1)
         end = first + (len(stays) if stays.all() else int(np.argmin(stays)))
-        if end - first >= MIN_STANDSTILL_SAMPLES:
+        if end - first >= REPEATED_FRAMES.min_uncertain_length:
             found.append((first, end))
         first = end
     return found
@@ -356,20 +345,29 @@ def _find_standstills(z: np.ndarray) -> list[tuple[int, int]]:
 
 def _misses_smooth_path(z: np.ndarray, first: int, jump: int) -> bool:
     """Whether the motion before and after goes on smoothly past what stands still from ``first`` on."""
-    if first + 1 < PATH_SAMPLES or jump + PATH_SAMPLES > len(z):
+    if first + 1 < REPEATED_FRAMES.neighbor_samples or jump + REPEATED_FRAMES.neighbor_samples > len(z):
         return False
     i = int(np.argmax(np.abs(z[jump] - z[jump - 1])))
-    beside = np.r_[first + 1 - PATH_SAMPLES : first + 1, jump : jump + PATH_SAMPLES]
-    path = Polynomial.fit(beside, z[beside, i], PATH_DEGREE)
+    beside = np.r_[
+        first + 1 - REPEATED_FRAMES.neighbor_samples : first + 1,
+        jump : jump + REPEATED_FRAMES.neighbor_samples,
+    ]
+    path = Polynomial.fit(beside, z[beside, i], REPEATED_FRAMES.polynomial_degree)
     late = np.arange(first + 1, jump)
     missed = float(np.abs(z[late, i] - path(late)).max())
     left = float(np.sqrt(np.mean((z[beside, i] - path(beside)) ** 2)))
     bent = float(np.abs(path.deriv(2)(np.arange(first, jump + 1))).max())
     usual = (
         np.abs(
-            z[2 * CURVATURE_LAG :, i] - 2.0 * z[CURVATURE_LAG:-CURVATURE_LAG, i] + z[: -2 * CURVATURE_LAG, i]
+            z[2 * REPEATED_FRAMES.curvature_lag :, i]
+            - 2.0 * z[REPEATED_FRAMES.curvature_lag : -REPEATED_FRAMES.curvature_lag, i]
+            + z[: -2 * REPEATED_FRAMES.curvature_lag, i]
         )
-        / CURVATURE_LAG**2
+        / REPEATED_FRAMES.curvature_lag**2
     )
-    allowed = MAX_CURVATURE_RATIO * float(np.quantile(usual, CURVATURE_QUANTILE))
-    return missed > MIN_PATH_MISS and left < max(1.0, MAX_FIT_ERROR_SHARE * missed) and bent < allowed
+    allowed = REPEATED_FRAMES.curvature_margin * float(np.quantile(usual, REPEATED_FRAMES.curvature_quantile))
+    return (
+        missed > REPEATED_FRAMES.significant_miss
+        and left < max(1.0, REPEATED_FRAMES.neighbor_misfit_share * missed)
+        and bent < allowed
+    )

@@ -8,15 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lagsplat.diagnose.core.config import EXCITATION
 from lagsplat.diagnose.core.result import Finding
 from lagsplat.diagnose.data_quality.noise import LocalFit, MeasurementNoise, fit_locally
 from lagsplat.io.trajectory.trajectory import Trajectory
-
-MIN_SWING_OVER_NOISE = 5.0  # standard deviations of noise that a swing must exceed to be one
-SLOW_RATE_SHARE = 0.1  # of the rms rate
-REST_RATE_SHARE = 0.03  # of the rms rate, or the noise of the rate if that is more
-MIN_REST_PERIODS = 0.5
-LEVEL_SEPARATION = 0.1  # of the range: what sets two holds, or two levels of an input, apart
 
 
 @dataclass(frozen=True)
@@ -43,9 +38,9 @@ class ExcitationMeasures:
     """Of the whole recording, the best that any coordinate shows.
 
     ``amplitude_ratio`` is that of large swings to small ones, ``speed_ratio`` that of slow half-swings to
-    fast ones in time; ``slow_share`` is of samples below `SLOW_RATE_SHARE` of the rms rate; ``rest_periods`` the longest
-    rest; ``holds`` counts rests at positions apart; ``step_over_noise`` is how far the motion between two
-    samples exceeds the noise.
+    fast ones in time; ``slow_share`` is of samples below `EXCITATION.slow_rate_share` of the rms rate;
+    ``rest_periods`` the longest rest; ``holds`` counts rests at positions apart; ``step_over_noise`` is how
+    far the motion between two samples exceeds the noise.
     """
 
     period_s: float
@@ -88,7 +83,7 @@ def measure_excitation(
     ratios = [_compute_quantile_ratio(np.concatenate([s[0] for s in own]), 0.9) for own in per_coordinate]
     speeds = [_compute_quantile_ratio(np.concatenate([s[1] for s in own]), 0.9) for own in per_coordinate]
     rests = [_find_rests(m, f, rate, sigma, period_s) for m, f in zip(motions, fits, strict=True)]
-    slow = np.concatenate([np.abs(fit.v) < SLOW_RATE_SHARE * rate for fit in fits]).mean(axis=0)
+    slow = np.concatenate([np.abs(fit.v) < EXCITATION.slow_rate_share * rate for fit in fits]).mean(axis=0)
     return ExcitationMeasures(
         period_s=period_s,
         periods=sum(motion.duration_s for motion in motions) / period_s,
@@ -114,7 +109,7 @@ def _find_swings(motion: Trajectory, fit: LocalFit, i: int, sigma: float) -> tup
         v = fit.v[start:stop, i]
         turns = start + 1 + np.flatnonzero((v[1:] > 0) != (v[:-1] > 0))
         ways = 0.5 * np.abs(np.diff(fit.q[turns, i]))
-        real = ways > MIN_SWING_OVER_NOISE * sigma + 1e-6 * np.ptp(motion.q[:, i])
+        real = ways > EXCITATION.swing_noise_ratio * sigma + 1e-6 * np.ptp(motion.q[:, i])
         sizes.append(ways[real])
         times.append(np.diff(motion.time_s[turns])[real])
     return np.concatenate(sizes), np.concatenate(times)
@@ -130,8 +125,8 @@ def _compute_quantile_ratio(values: np.ndarray, share: float) -> float:
 def _find_rests(
     motion: Trajectory, fit: LocalFit, rate: np.ndarray, sigma: np.ndarray, period_s: float
 ) -> list[tuple[float, np.ndarray]]:
-    """Length [s] and place of every rest of at least `MIN_REST_PERIODS`."""
-    limit = np.maximum(REST_RATE_SHARE * rate, 4.0 * sigma * np.median(fit.rate_gain))
+    """Length [s] and place of every rest of at least `EXCITATION.min_rest_periods`."""
+    limit = np.maximum(EXCITATION.rest_rate_share * rate, 4.0 * sigma * np.median(fit.rate_gain))
     # Noise that hides the motion is no rest.
     limit = np.minimum(limit, 0.3 * rate)
     still = (np.abs(fit.v) < limit).all(axis=1)
@@ -140,16 +135,16 @@ def _find_rests(
         edges = start + np.flatnonzero(np.diff(np.concatenate([[0], still[start:stop].astype(int), [0]])))
         for a, b in zip(edges[::2], edges[1::2], strict=True):
             length = float(motion.time_s[b - 1] - motion.time_s[a])
-            if length >= MIN_REST_PERIODS * period_s:
+            if length >= EXCITATION.min_rest_periods * period_s:
                 found.append((length, np.median(motion.q[a:b], axis=0)))
     return found
 
 
 def _count_distinct(places: np.ndarray, span: np.ndarray) -> int:
-    """How many places there are, if those nearer than `LEVEL_SEPARATION` of the range are one."""
+    """How many places there are, if those nearer than `EXCITATION.level_separation` of the range are one."""
     kept: list[np.ndarray] = []
     for place in places:
-        if all((np.abs(place - other) > LEVEL_SEPARATION * span).any() for other in kept):
+        if all((np.abs(place - other) > EXCITATION.level_separation * span).any() for other in kept):
             kept.append(place)
     return len(kept)
 
@@ -201,9 +196,6 @@ def _find_power_band(frequency: np.ndarray, power: np.ndarray) -> tuple[float, f
     return float(frequency[order][low]), float(frequency[order][min(high, len(order) - 1)])
 
 
-CONSTANT_INPUT_TOLERANCE = 1e-6  # of an input's size: what a constant may wander by
-
-
 def check_inputs(sim: Sequence[Trajectory], real: Sequence[Trajectory]) -> list[Finding]:
     """Inputs that are constant on the real side, and those that only the real side ever moved.
 
@@ -244,4 +236,4 @@ def check_inputs(sim: Sequence[Trajectory], real: Sequence[Trajectory]) -> list[
 
 def _input_moves(motions: Sequence[Trajectory], name: str) -> bool:
     values = np.concatenate([motion.u[:, motion.u_names.index(name)] for motion in motions])
-    return bool(np.ptp(values) > CONSTANT_INPUT_TOLERANCE * np.abs(values).max())
+    return bool(np.ptp(values) > EXCITATION.constant_tolerance * np.abs(values).max())

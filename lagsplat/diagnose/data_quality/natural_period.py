@@ -7,16 +7,8 @@ import numpy as np
 from jaxtyping import Float64
 from scipy.signal import oaconvolve
 
+from lagsplat.diagnose.core.config import NATURAL_PERIOD
 from lagsplat.io.trajectory.trajectory import Trajectory
-
-LENGTHS_PER_DECADE = 14  # lengths of test functions tried
-MIN_TEST_SAMPLES = 9  # of a test function
-MAX_SAMPLES = 6000  # of all clips together; longer ones are thinned
-MIN_EXPLAINED_SHARE = 0.3  # share of the weighted accelerations that a linear law must explain to be believed
-MIN_SPARE_ROWS = 2.0  # independent test functions beyond the unknowns: with fewer, any law fits
-MAX_STIFFNESS_ERROR = 0.15  # relative error of a stiffness that says nothing
-MIN_TURN = 0.1  # standard deviations of the motion that it must come back by to have turned
-MIN_MODE_SHARE = 0.08  # share of the motion that the slowest mode must carry to count
 
 
 @dataclass(frozen=True)
@@ -29,7 +21,8 @@ class _Clip:
 
 
 def estimate_natural_period_s(motions: Sequence[Trajectory]) -> float | None:
-    """Undamped period [s] of the slowest mode that carries `MIN_MODE_SHARE` of the motion; None where none swings.
+    """Undamped period [s] of the slowest mode that carries `NATURAL_PERIOD.min_mode_share` of the motion;
+    None where none swings.
 
     As `estimate_natural_periods_s`, whose first value this is.
     """
@@ -54,14 +47,14 @@ def estimate_natural_periods_s(motions: Sequence[Trajectory]) -> Float64[np.ndar
     if not clips:
         return np.zeros(0)
     longest_s = max(len(clip.q) * clip.dt_s for clip in clips)
-    shortest_s = MIN_TEST_SAMPLES * min(clip.dt_s for clip in clips)
+    shortest_s = NATURAL_PERIOD.min_test_samples * min(clip.dt_s for clip in clips)
     if longest_s <= shortest_s:
         return _estimate_turning_period(clips)
-    count = max(2, round(LENGTHS_PER_DECADE * np.log10(longest_s / shortest_s)))
+    count = max(2, round(NATURAL_PERIOD.lengths_per_decade * np.log10(longest_s / shortest_s)))
     best, found = -np.inf, np.zeros(0)
     for length_s in np.geomspace(shortest_s, longest_s, count):
         periods, doubt = _fit_weak_law(clips, length_s)
-        if len(periods) == 0 or doubt > MAX_STIFFNESS_ERROR:
+        if len(periods) == 0 or doubt > NATURAL_PERIOD.max_stiffness_error:
             continue
         # A period much longer than the test function is not seen by it, a much shorter one is averaged away.
         score = -np.log(doubt) - 4.0 * np.log(periods[0] / length_s) ** 2
@@ -73,7 +66,7 @@ def estimate_natural_periods_s(motions: Sequence[Trajectory]) -> Float64[np.ndar
 def _resample_clips(motions: Sequence[Trajectory]) -> list[_Clip]:
     """Clips long enough for a test function, interpolated onto even grids, in units of the whole motion."""
     total = sum(motion.n for motion in motions)
-    thin = max(1, total // MAX_SAMPLES)
+    thin = max(1, total // NATURAL_PERIOD.max_samples)
     q = np.concatenate([motion.q for motion in motions])
     u = np.concatenate([motion.u for motion in motions])
     centre, size = q.mean(axis=0), np.maximum(q.std(axis=0), np.finfo(float).tiny)
@@ -82,12 +75,16 @@ def _resample_clips(motions: Sequence[Trajectory]) -> list[_Clip]:
     clips = []
     for motion in motions:
         for start, stop in motion.segments:
-            if stop - start < 2 * MIN_TEST_SAMPLES or not q.std(axis=0).any():
+            if stop - start < 2 * NATURAL_PERIOD.min_test_samples or not q.std(axis=0).any():
                 continue
             time = motion.time_s[start:stop]
-            dt_s = thin * motion.dt_s if stop - start >= 2 * MIN_TEST_SAMPLES * thin else motion.dt_s
+            dt_s = (
+                thin * motion.dt_s
+                if stop - start >= 2 * NATURAL_PERIOD.min_test_samples * thin
+                else motion.dt_s
+            )
             grid = np.arange(time[0], time[-1], dt_s)
-            if len(grid) < MIN_TEST_SAMPLES + 2:
+            if len(grid) < NATURAL_PERIOD.min_test_samples + 2:
                 continue
             swing = [np.interp(grid, time, column) for column in motion.q[start:stop].T]
             drive = [np.interp(grid, time, column) for column in motion.u[start:stop].T[moving]]
@@ -106,7 +103,7 @@ def _fit_weak_law(clips: Sequence[_Clip], length_s: float) -> tuple[Float64[np.n
     d = clips[0].q.shape[1]
     for number, clip in enumerate(clips):
         n = round(length_s / clip.dt_s)
-        if n < MIN_TEST_SAMPLES or n > len(clip.q):
+        if n < NATURAL_PERIOD.min_test_samples or n > len(clip.q):
             continue
         s = np.linspace(-1.0, 1.0, n)
         half_s = 0.5 * (n - 1) * clip.dt_s
@@ -131,11 +128,11 @@ def _fit_weak_law(clips: Sequence[_Clip], length_s: float) -> tuple[Float64[np.n
     solution, _, rank, _ = np.linalg.lstsq(rows, target, rcond=1e-10)
     plain = target - constants @ np.linalg.lstsq(constants, target, rcond=1e-10)[0]
     rest = ((target - rows @ solution) ** 2).sum(axis=0)
-    if rest.sum() > (1.0 - MIN_EXPLAINED_SHARE) * (plain**2).sum():
+    if rest.sum() > (1.0 - NATURAL_PERIOD.min_explained_share) * (plain**2).sum():
         return np.zeros(0), np.inf
     # Test functions overlap: four neighbours tell about as much as one.
     freedom = len(rows) / 4.0 - rank
-    if freedom < MIN_SPARE_ROWS:
+    if freedom < NATURAL_PERIOD.min_surplus:
         return np.zeros(0), np.inf
     variance = (rest + 1e-12 * (target**2).sum(axis=0)) / freedom
     return _select_modes(solution[:d].T, np.linalg.pinv(rows.T @ rows, rcond=1e-12)[:d, :d], variance, clips)
@@ -157,7 +154,7 @@ def _select_modes(
     rows = np.linalg.inv(shapes)
     carried = (np.abs(q @ rows.T) ** 2).mean(axis=0) * (np.abs(shapes) ** 2).sum(axis=0)
     swings = (values.real > 0) & (np.abs(values.imag) < 0.5 * values.real)
-    kept = np.flatnonzero(swings & (carried > MIN_MODE_SHARE * carried.sum()))
+    kept = np.flatnonzero(swings & (carried > NATURAL_PERIOD.min_mode_share * carried.sum()))
     if not kept.size:
         return np.zeros(0), np.inf
     kept = kept[np.argsort(values.real[kept])]
@@ -180,18 +177,19 @@ def _estimate_turning_period(clips: Sequence[_Clip]) -> Float64[np.ndarray, " m"
 
 
 def _find_turning_points(q: np.ndarray) -> list[int]:
-    """Samples at which a column turns round, by more than `MIN_TURN` of its standard deviation over all clips."""
+    """Samples at which a column turns round, by more than `NATURAL_PERIOD.turn_size` of its standard
+    deviation over all clips."""
     turns: list[int] = []
     low = high = 0
     rising = None
     for k, value in enumerate(q):
         low = k if value < q[low] else low
         high = k if value > q[high] else high
-        if rising is not False and q[high] - value > MIN_TURN:
+        if rising is not False and q[high] - value > NATURAL_PERIOD.turn_size:
             turns += [high] if rising else []
             rising, low = False, k
             high = k
-        elif rising is not True and value - q[low] > MIN_TURN:
+        elif rising is not True and value - q[low] > NATURAL_PERIOD.turn_size:
             turns += [low] if rising is False else []
             rising, high = True, k
             low = k
@@ -204,7 +202,7 @@ def compute_rms_period_s(motions: Sequence[Trajectory], order: int) -> float | N
     for motion in motions:
         for start, stop in motion.segments:
             x = motion.q[start:stop] - motion.q[start:stop].mean(axis=0)
-            if len(x) < MIN_SPECTRUM_SAMPLES or not (x.std(axis=0) > 0.0).all():
+            if len(x) < NATURAL_PERIOD.min_spectrum_samples or not (x.std(axis=0) > 0.0).all():
                 continue
             step = (motion.time_s[stop - 1] - motion.time_s[start]) / (len(x) - 1)
             omega = 2.0 * np.pi * np.fft.rfftfreq(len(x), step)
@@ -228,22 +226,15 @@ def estimate_spectral_period_s(motions: Sequence[Trajectory]) -> float:
         ValueError: no clip is long enough, or nothing moves.
     """
     longest = max(stop - start for motion in motions for start, stop in motion.segments)
-    if longest < MIN_SPECTRUM_SAMPLES:
+    if longest < NATURAL_PERIOD.min_spectrum_samples:
         raise ValueError(
             f"{motions[0].source}: the longest clip has {longest} samples, too few to tell how it swings; "
-            f"record at least {MIN_SPECTRUM_SAMPLES} without a cut, and better ten periods"
+            f"record at least {NATURAL_PERIOD.min_spectrum_samples} without a cut, and better ten periods"
         )
     swing_s, rate_s = compute_rms_period_s(motions, 0), compute_rms_period_s(motions, 1)
     if swing_s is None or rate_s is None:
         raise ValueError(
-            f"{motions[0].source}: nothing moves in any clip of {MIN_SPECTRUM_SAMPLES} samples; record a motion"
+            f"{motions[0].source}: nothing moves in any clip of {NATURAL_PERIOD.min_spectrum_samples} samples; "
+            "record a motion"
         )
-    return rate_s if swing_s > STEPPED_PERIOD_RATIO * rate_s else swing_s
-
-
-MIN_SPECTRUM_SAMPLES = 16
-"""Samples of the shortest clip whose spectrum is taken."""
-
-
-STEPPED_PERIOD_RATIO = 1.6
-"""Times by which the period of the coordinates exceeds that of their rates where they step."""
+    return rate_s if swing_s > NATURAL_PERIOD.step_period_ratio * rate_s else swing_s

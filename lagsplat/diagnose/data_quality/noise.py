@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float64, Int64
 from scipy.stats import chi2
 
+from lagsplat.diagnose.core.config import NOISE_ESTIMATION
 from lagsplat.io.trajectory.trajectory import Trajectory
 
 CHUNK_SAMPLES = 4096
@@ -141,16 +142,6 @@ def estimate_noise_level(
     return np.sqrt(np.sum(np.where(inside, every, 0.0) ** 2, axis=0) / np.maximum(inside.sum(axis=0), 1))
 
 
-CONTRAST_DEGREE = 5  # of the polynomial that stands for the motion inside a window
-MIN_WINDOW, MAX_WINDOW = 9, 24  # samples of a window
-WINDOW_PERIODS = 0.25  # and what a window covers at most, in natural periods
-MAX_WINDOWS = 600  # windows looked at, evenly over the motions
-STUDENT_FREEDOM = 4.0  # of Student's t: kinks of the motion fall into some windows
-CORRELATION_GRID = np.linspace(-0.6, 0.9, 16)
-MAX_NOISE_GROWTH = 1.25  # times the noise in the shortest windows, beyond which longer ones hold motion
-MIN_CORRELATION_EVIDENCE = 6.0  # nats by which correlated noise must beat white noise
-
-
 @dataclass(frozen=True)
 class MeasurementNoise:
     """Standard deviation of each coordinate's error [its unit], correlation of neighbouring errors, and the
@@ -164,10 +155,11 @@ class MeasurementNoise:
 def measure_noise(motions: Sequence[Trajectory], *, period_s: float | None) -> MeasurementNoise:
     """Noise of motions that one sensor took: what no polynomial over a part of a period explains.
 
-    Contrasts of a window that are orthogonal to polynomials of degree `CONTRAST_DEGREE` are Gaussian with the
-    covariance of a first-order autoregression; Student's t makes windows with a kink harmless. Correlation
-    is 0 unless the data ask for it by `MIN_CORRELATION_EVIDENCE` nats. Without a period windows are the shortest. Sigma is NaN
-    where no clip has `MIN_WINDOW` samples; it is at least that of rounding to the quantisation step.
+    Contrasts of a window that are orthogonal to polynomials of degree `NOISE_ESTIMATION.polynomial_degree`
+    are Gaussian with the covariance of a first-order autoregression; Student's t makes windows with a kink
+    harmless. Correlation is 0 unless the data ask for it by `NOISE_ESTIMATION.correlated_log_ratio` nats.
+    Without a period windows are the shortest. Sigma is NaN where no clip has `NOISE_ESTIMATION.min_window`
+    samples; it is at least that of rounding to the quantisation step.
 
     Source: marginal likelihood over contrasts as in REML, Patterson and Thompson 1971.
     """
@@ -178,16 +170,24 @@ def measure_noise(motions: Sequence[Trajectory], *, period_s: float | None) -> M
     )
     dt_s = np.median([motion.dt_s for motion in motions])
     longest = (
-        MIN_WINDOW
+        NOISE_ESTIMATION.min_window
         if period_s is None
-        else int(np.clip(WINDOW_PERIODS * period_s / dt_s, MIN_WINDOW, MAX_WINDOW))
+        else int(
+            np.clip(
+                NOISE_ESTIMATION.max_window_periods * period_s / dt_s,
+                NOISE_ESTIMATION.min_window,
+                NOISE_ESTIMATION.max_window,
+            )
+        )
     )
-    shortest = _estimate_in_windows(motions, MIN_WINDOW, dt_s)
+    shortest = _estimate_in_windows(motions, NOISE_ESTIMATION.min_window, dt_s)
     for i in range(d if shortest else 0):
         sigma[i], correlation[i] = shortest[i][:2]
-    for width in sorted({longest, (MIN_WINDOW + longest) // 2} - {MIN_WINDOW}):
+    for width in sorted(
+        {longest, (NOISE_ESTIMATION.min_window + longest) // 2} - {NOISE_ESTIMATION.min_window}
+    ):
         for i, (size, rho, plain) in enumerate(_estimate_in_windows(motions, width, dt_s)):
-            if plain < MAX_NOISE_GROWTH * shortest[i][2]:
+            if plain < NOISE_ESTIMATION.window_agreement * shortest[i][2]:
                 sigma[i], correlation[i] = size, rho
     return MeasurementNoise(np.maximum(sigma, step / np.sqrt(12.0)), correlation, step)
 
@@ -216,7 +216,9 @@ def _choose_windows(motions: Sequence[Trajectory], width: int) -> list[tuple[int
         for start, stop in motion.segments
         for k in range(start, stop - width + 1, width)
     ]
-    chosen = np.unique(np.linspace(0, len(found) - 1, min(len(found), MAX_WINDOWS)).astype(int))
+    chosen = np.unique(
+        np.linspace(0, len(found) - 1, min(len(found), NOISE_ESTIMATION.max_windows)).astype(int)
+    )
     return [found[k] for k in chosen] if found else []
 
 
@@ -243,8 +245,8 @@ def _compute_contrasts(time: np.ndarray) -> Float64[np.ndarray, "W K c"]:
     """An orthonormal basis of what polynomials over each window leave."""
     offset = time - time.mean(axis=1, keepdims=True)
     offset = offset / np.abs(offset).max(axis=1, keepdims=True)
-    powers = offset[..., None] ** np.arange(CONTRAST_DEGREE + 1)
-    return np.linalg.qr(powers, mode="complete")[0][..., CONTRAST_DEGREE + 1 :]
+    powers = offset[..., None] ** np.arange(NOISE_ESTIMATION.polynomial_degree + 1)
+    return np.linalg.qr(powers, mode="complete")[0][..., NOISE_ESTIMATION.polynomial_degree + 1 :]
 
 
 def _fit_autoregression(
@@ -254,7 +256,11 @@ def _fit_autoregression(
     scores = []
     size = observed.shape[1]
     even = bool(np.abs(lags - np.rint(lags)).max() < 0.2)
-    for rho in np.where(np.abs(CORRELATION_GRID) < 1e-9, 0.0, CORRELATION_GRID):
+    for rho in np.where(
+        np.abs(np.linspace(*NOISE_ESTIMATION.correlation_grid)) < 1e-9,
+        0.0,
+        np.linspace(*NOISE_ESTIMATION.correlation_grid),
+    ):
         if rho < 0.0 and not even:  # it alternates from sample to sample, which uneven ones cannot
             continue
         signs = np.where(np.rint(lags) % 2, -1.0, 1.0) if rho < 0 else 1.0
@@ -262,14 +268,18 @@ def _fit_autoregression(
         covariance = np.einsum("wkc,wkl,wld->wcd", contrasts, errors, contrasts, optimize=True)
         distance = (observed * np.linalg.solve(covariance, observed[..., None])[..., 0]).sum(axis=1)
         variance = _fit_student_variance(distance, size)
-        fitted = np.log1p(distance / (STUDENT_FREEDOM * variance)).sum() * (STUDENT_FREEDOM + size) / 2.0
+        fitted = (
+            np.log1p(distance / (NOISE_ESTIMATION.student_t_freedom * variance)).sum()
+            * (NOISE_ESTIMATION.student_t_freedom + size)
+            / 2.0
+        )
         volume = np.linalg.slogdet(covariance)[1].sum() / 2.0 + observed.size * np.log(variance) / 2.0
         # Noise that wanders for longer than a window cannot be told from motion: a prior keeps it small.
         prior = 3.0 * np.log1p(-(rho**2))
         scores.append((float(prior - fitted - volume), variance, float(rho)))
     white = next(score for score in scores if score[2] == 0.0)
     best = max(scores)
-    chosen = best if best[0] - white[0] > MIN_CORRELATION_EVIDENCE else white
+    chosen = best if best[0] - white[0] > NOISE_ESTIMATION.correlated_log_ratio else white
     # Student's scale is below the variance of the Gaussian it stands for, by a fixed factor.
     factor = _compute_gaussian_factor(size)
     return float(np.sqrt(chosen[1] * factor)), chosen[2], float(np.sqrt(white[1] * factor))
@@ -281,7 +291,9 @@ def _fit_student_variance(distance: np.ndarray, size: int) -> float:
     floor = 1e-12 * float(distance.mean()) / size
     variance = max(float(np.median(distance)) / size, floor)
     for _ in range(50):
-        weight = (STUDENT_FREEDOM + size) / (STUDENT_FREEDOM + distance / variance)
+        weight = (NOISE_ESTIMATION.student_t_freedom + size) / (
+            NOISE_ESTIMATION.student_t_freedom + distance / variance
+        )
         following = max(float((weight * distance).mean()) / size, floor)
         if abs(following - variance) < 1e-6 * variance:
             break

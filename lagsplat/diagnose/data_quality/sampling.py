@@ -10,29 +10,26 @@ from dataclasses import replace
 
 import numpy as np
 
+from lagsplat.diagnose.core.config import SAMPLING
 from lagsplat.diagnose.core.result import Finding
 from lagsplat.diagnose.data_quality.natural_period import compute_rms_period_s
 from lagsplat.diagnose.data_quality.noise import MeasurementNoise, fit_locally
 from lagsplat.io.trajectory.trajectory import Trajectory
 
-SAMPLES_PER_PERIOD = 100.0
-"""Samples that are kept, at least, of the rms period of the rates."""
-MIN_RATE_HZ = 120.0
-"""As many a second are left in any case: at such rates frames that are lost, or come late, are looked for."""
-
 
 def average_dense_samples(
     motions: Sequence[Trajectory], *, hold: str
 ) -> tuple[tuple[Trajectory, ...], tuple[Finding, ...]]:
-    """The motions as means of so many neighbours that a period keeps `SAMPLES_PER_PERIOD`, and what was done.
+    """The motions as means of so many neighbours that a period keeps `SAMPLING.decimated_samples_per_period`,
+    and what was done.
 
     ``hold`` says how inputs act between samples: ``zoh`` or ``linear``.
     """
     period_s = compute_rms_period_s(motions, 1)
     out, told = [], []
     for motion in motions:
-        many = (period_s or 0.0) / (SAMPLES_PER_PERIOD * motion.dt_s)
-        many = min(many, 1.0 / (MIN_RATE_HZ * motion.dt_s))
+        many = (period_s or 0.0) / (SAMPLING.decimated_samples_per_period * motion.dt_s)
+        many = min(many, 1.0 / (SAMPLING.decimated_rate_hz * motion.dt_s))
         n = 2 * int((many - 1.0) / 2.0) + 1 if many > 1.0 else 1
         shorter = average_samples(motion, n, held=hold == "zoh") if n > 1 else motion
         out.append(shorter)
@@ -80,23 +77,13 @@ def average_samples(motion: Trajectory, n: int, *, held: bool) -> Trajectory:
 
 
 REPEATED_SAMPLES_CHECK = "repeated samples"  # the check's name
-REPEAT_MOTION_NOISE = (
-    4.0  # standard deviations of noise that a step must exceed before a repeated value is a repeat
-)
-COARSE_SAMPLES_PER_PERIOD, MIN_SAMPLES_PER_PERIOD = 8.0, 4.0  # samples a period
-MAX_STEP_SHARE = 0.1  # of a coordinate's rms: a quantisation step worth mentioning
-CLIPPED_SHARE, CLIPPED_RUN = 0.02, 4  # share of samples at an extreme, and samples in a row there
-MAX_LOST_FRAMES = 10  # most repeats in a row that are a lost frame; more are a rest
-REST_NOISE = 3.0  # standard deviations of noise below which nothing moves
-BLOCK_PERIODS, BLOCK_FRAMES, MIN_BLOCKS = 1.5, 60, 8
-MIN_PERIODS = 2.5
 
 
 def count_blocks(motions: Sequence[Trajectory], *, period_s: float) -> int:
-    """Blocks of `BLOCK_PERIODS` natural periods, or of `BLOCK_FRAMES` samples if that is longer."""
+    """Number of blocks in the motions; the length of a block is set in `SAMPLING`."""
     blocks = 0
     for motion in motions:
-        length_s = max(BLOCK_PERIODS * period_s, BLOCK_FRAMES * motion.dt_s)
+        length_s = max(SAMPLING.block_periods * period_s, SAMPLING.block_samples * motion.dt_s)
         for start, stop in motion.segments:
             blocks += int((motion.time_s[stop - 1] - motion.time_s[start] + motion.dt_s) / length_s + 1e-9)
     return blocks
@@ -110,7 +97,7 @@ def check_length(
     sigma = np.where(np.isfinite(noise.sigma), noise.sigma, 0.0)
     size = np.sqrt((q**2).mean(axis=0))
     still = size <= np.maximum(
-        REST_NOISE * sigma, 1e-12 * np.abs(np.concatenate([m.q for m in motions])).max()
+        SAMPLING.rest_noise_ratio * sigma, 1e-12 * np.abs(np.concatenate([m.q for m in motions])).max()
     )
     still &= ~_moves_smoothly(motions, still)
     names = tuple(name for name, rests in zip(motions[0].q_names, still, strict=True) if rests)
@@ -146,7 +133,7 @@ def _check_duration(motions: Sequence[Trajectory], period_s: float, side: str) -
     duration_s = sum(motion.duration_s for motion in motions)
     periods, blocks = duration_s / period_s, count_blocks(motions, period_s=period_s)
     found = []
-    if periods < MIN_PERIODS:
+    if periods < SAMPLING.min_periods:
         found.append(
             Finding(
                 "undetermined",
@@ -154,18 +141,21 @@ def _check_duration(motions: Sequence[Trajectory], period_s: float, side: str) -
                 side,
                 f"{duration_s:.3g} s, or {periods:.2g} natural periods of {period_s:.3g} s",
                 "on so little every cause looks alike",
-                f"record at least {MIN_BLOCKS * BLOCK_PERIODS * period_s:.3g} s",
+                f"record at least {SAMPLING.min_blocks * SAMPLING.block_periods * period_s:.3g} s",
             )
         )
-    elif blocks < MIN_BLOCKS:
+    elif blocks < SAMPLING.min_blocks:
         found.append(
             Finding(
                 "warn",
                 "short",
                 side,
-                f"{blocks} block(s) of {BLOCK_PERIODS:g} natural periods ({duration_s:.3g} s in all)",
-                f"{MIN_BLOCKS // 2} to fit and {MIN_BLOCKS // 2} to test are wanted, so that less can be told apart",
-                f"record at least {MIN_BLOCKS * BLOCK_PERIODS * period_s:.3g} s in clips of several periods",
+                f"{blocks} block(s) of {SAMPLING.block_periods:g} natural periods "
+                f"({duration_s:.3g} s in all)",
+                f"{SAMPLING.min_blocks // 2} to fit and {SAMPLING.min_blocks // 2} to test are wanted, so that "
+                "less can be told apart",
+                f"record at least {SAMPLING.min_blocks * SAMPLING.block_periods * period_s:.3g} s in clips of "
+                "several periods",
             )
         )
     return found
@@ -192,9 +182,9 @@ def check_samples(motion: Trajectory, *, period_s: float | None, noise: Measurem
         *_check_clipping(motion, noise),
         *_check_repeats(motion, noise),
     ]
-    if period_s is not None and period_s / motion.dt_s < COARSE_SAMPLES_PER_PERIOD:
+    if period_s is not None and period_s / motion.dt_s < SAMPLING.coarse_samples_per_period:
         density = period_s / motion.dt_s
-        hopeless = density < MIN_SAMPLES_PER_PERIOD
+        hopeless = density < SAMPLING.min_samples_per_period
         found.append(
             Finding(
                 "undetermined" if hopeless else "warn",
@@ -202,7 +192,7 @@ def check_samples(motion: Trajectory, *, period_s: float | None, noise: Measurem
                 motion.source,
                 f"{density:.2g} samples a natural period",
                 "rates and accelerations are guesswork between so few",
-                f"record at least {2.0 * COARSE_SAMPLES_PER_PERIOD / period_s:.3g} samples a second",
+                f"record at least {2.0 * SAMPLING.coarse_samples_per_period / period_s:.3g} samples a second",
             )
         )
     return found
@@ -210,7 +200,7 @@ def check_samples(motion: Trajectory, *, period_s: float | None, noise: Measurem
 
 def _check_quantisation(motion: Trajectory, noise: MeasurementNoise) -> list[Finding]:
     size = motion.q.std(axis=0)
-    rough = noise.step > MAX_STEP_SHARE * size
+    rough = noise.step > SAMPLING.quantization_share * size
     return [
         Finding(
             "warn",
@@ -234,7 +224,7 @@ def _check_clipping(motion: Trajectory, noise: MeasurementNoise) -> list[Finding
             at = values == extreme
             edges = np.flatnonzero(np.diff(np.concatenate([[0], at.astype(int), [0]])))
             runs = edges[1::2] - edges[::2]
-            many = at.mean() > CLIPPED_SHARE and (runs >= CLIPPED_RUN).sum() >= 2
+            many = at.mean() > SAMPLING.clipped_share and (runs >= SAMPLING.clipped_run).sum() >= 2
             # A coarse step makes plateaus at every turning point; so does a rest that is the extreme.
             if many and noise.step[i] < 0.02 * np.ptp(values) and at.mean() < 0.5:
                 found.append(
@@ -243,7 +233,7 @@ def _check_clipping(motion: Trajectory, noise: MeasurementNoise) -> list[Finding
                         "clipped",
                         motion.source,
                         f"{name} stays exactly at its {word} value {extreme:.6g} in {100 * at.mean():.2g} % "
-                        f"of the samples, {int((runs >= CLIPPED_RUN).sum())} times",
+                        f"of the samples, {int((runs >= SAMPLING.clipped_run).sum())} times",
                         "a sensor at its limit looks like an end stop",
                         "check the sensor's range",
                         (name,),
@@ -261,10 +251,12 @@ def _check_repeats(motion: Trajectory, noise: MeasurementNoise) -> list[Finding]
         return []
     speed = np.abs(fit_locally(motion, half_width=4).v[1:]) * np.diff(motion.time_s)[:, None]
     sigma = np.where(np.isfinite(noise.sigma), noise.sigma, 0.0)
-    moves = speed > REPEAT_MOTION_NOISE * np.maximum(sigma, noise.step) + 1e-9 * np.ptp(motion.q, axis=0)
+    moves = speed > SAMPLING.repeat_noise_ratio * np.maximum(sigma, noise.step) + 1e-9 * np.ptp(
+        motion.q, axis=0
+    )
     edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(int), [0]])))
     for start, stop in zip(edges[::2], edges[1::2], strict=True):
-        same[start:stop] &= stop - start <= MAX_LOST_FRAMES
+        same[start:stop] &= stop - start <= SAMPLING.max_repeats
     frozen = np.flatnonzero(same & moves.any(axis=1))
     if not frozen.size:
         return []

@@ -4,18 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from lagsplat.diagnose.core.config import TIME_ALIGNMENT
 from lagsplat.diagnose.core.result import Finding
 from lagsplat.io.trajectory.trajectory import Trajectory
-
-MAX_SHIFT_PERIODS = 3.0  # natural periods that inputs are shifted by, at most
-SHIFTS_PER_PERIOD = 16  # shifts a period
-PLAUSIBLE_DELAY_PERIODS = 0.5  # of a period: what no delay of a mechanism or a line is
-POOR_SHARE, MIN_SHARE_GAIN = (
-    0.6,
-    0.35,
-)  # share explained below which the given times are doubted; a gain that settles it
-MIN_PERIODS = 6.0  # of a recording, for less than which chance fits some shift
-FAIR_SHARE, MIN_ERROR_SHRINKAGE = 0.85, 4.0  # the same where what is not explained shrinks by so many times
 
 
 def score_input_shifts(motion: Trajectory, *, period_s: float) -> tuple[np.ndarray, np.ndarray]:
@@ -27,9 +18,10 @@ def score_input_shifts(motion: Trajectory, *, period_s: float) -> tuple[np.ndarr
     """
     shifts = (
         period_s
-        / SHIFTS_PER_PERIOD
+        / TIME_ALIGNMENT.shifts_per_period
         * np.arange(
-            -round(MAX_SHIFT_PERIODS * SHIFTS_PER_PERIOD), round(MAX_SHIFT_PERIODS * SHIFTS_PER_PERIOD) + 1
+            -round(TIME_ALIGNMENT.max_shift_periods * TIME_ALIGNMENT.shifts_per_period),
+            round(TIME_ALIGNMENT.max_shift_periods * TIME_ALIGNMENT.shifts_per_period) + 1,
         )
     )
     left, drive, right = [], [], []
@@ -87,16 +79,22 @@ def check_time_offset(motions: Sequence[Trajectory], *, period_s: float | None) 
     for motion in motions:
         if period_s is None or not motion.n_u or not np.ptp(motion.u, axis=0).any():
             continue
-        if motion.duration_s < MIN_PERIODS * period_s:
+        if motion.duration_s < TIME_ALIGNMENT.min_periods * period_s:
             continue
         shifts, shares = score_input_shifts(motion, period_s=period_s)
         if not len(shifts):
             continue
-        near = np.abs(shifts) <= PLAUSIBLE_DELAY_PERIODS * period_s
+        near = np.abs(shifts) <= TIME_ALIGNMENT.gross_shift_periods * period_s
         best = int(np.argmax(shares))
         usual = float(shares[near].max())
-        better = usual < POOR_SHARE and shares[best] > usual + MIN_SHARE_GAIN
-        better |= usual < FAIR_SHARE and 1.0 - usual > MIN_ERROR_SHRINKAGE * (1.0 - shares[best])
+        better = (
+            usual < TIME_ALIGNMENT.poor_explained_share
+            and shares[best] > usual + TIME_ALIGNMENT.min_share_gain
+        )
+        better |= (
+            usual < TIME_ALIGNMENT.fair_explained_share
+            and 1.0 - usual > TIME_ALIGNMENT.min_error_ratio * (1.0 - shares[best])
+        )
         if not near[best] and better:
             found.append(
                 Finding(

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float64
 
+from lagsplat.diagnose.core.config import STRUCTURE_SEARCH
 from lagsplat.diagnose.estimation.dataset import Dataset, WindowSet
 from lagsplat.diagnose.estimation.multiple_shooting import (
     GaussianPrior,
@@ -41,41 +42,28 @@ from lagsplat.diagnose.mechanics.structure import (
     shift_coefficients,
 )
 
-MAX_INERTIA_COUPLING = 0.3
-"""How far inertia is believed to couple two coordinates, as a share of their own."""
-
 
 def decouple_inertia(
     model: MechanicalModel, freedom: Float64[np.ndarray, "R K"]
 ) -> tuple[MechanicalModel, Float64[np.ndarray, "R K"]]:
     """The model moved within what its recordings leave open, and what is open then.
 
-    ``uncertainty_directions`` are changes of all coefficients of one standard deviation each. An inertia that depends on the
-    coordinates is not moved, for the motion tells it.
+    ``uncertainty_directions`` are changes of all coefficients of one standard deviation each. An inertia that
+    depends on the coordinates is not moved, for the motion tells it.
     """
     if model.d == 1 or len(model.mass) > 1 or not len(freedom):
         return model, freedom
     at, across = np.diag_indices(model.d), np.triu_indices(model.d, 1)
     size = np.sqrt(np.outer(model.mass[0][at], model.mass[0][at]))[across]
     rows = freedom[:, : model.mass.size].reshape(-1, model.d, model.d)
-    slope = rows[(slice(None), *across)] / (MAX_INERTIA_COUPLING * size)
+    slope = rows[(slice(None), *across)] / (STRUCTURE_SEARCH.max_inertia_coupling * size)
     scatter = np.linalg.inv(np.eye(len(freedom)) + slope @ slope.T)
-    far = model.mass[0][across] / (MAX_INERTIA_COUPLING * size)
+    far = model.mass[0][across] / (STRUCTURE_SEARCH.max_inertia_coupling * size)
     apart = shift_coefficients(model, -(scatter @ slope @ far) @ freedom)
     if np.linalg.eigvalsh(apart.mass[0]).min() <= 0.0:
         return model, freedom
     values, vectors = np.linalg.eigh(scatter)
     return apart, (vectors * np.sqrt(np.maximum(values, 0.0))).T[::-1] @ freedom
-
-
-MIN_MISFIT_REDUCTION = 0.2
-"""Share of the misfit that a larger form must take away where each costs minutes."""
-COEFFICIENT_DEVIATION = 3.0
-"""How far a coefficient is believed to lie from its first estimate, in units of its field."""
-EQUIVALENT_MISFIT_RATIO = 1.02
-"""Times the misfit that a law may have at most which is said to tell a motion alike."""
-TEST_WIDTH_FACTORS = (1.0, 0.5, 0.25)
-"""Lengths of test functions, in multiples of the usual one."""
 
 
 @dataclass(frozen=True)
@@ -171,7 +159,7 @@ class IdentificationProblem:
 def make_weak_prior(n: int) -> GaussianPrior:
     """Hardly any belief about ``n`` coefficients."""
     return GaussianPrior(
-        np.zeros(n), np.full(n, COEFFICIENT_DEVIATION), np.full(n, -np.inf), np.full(n, 1e-5)
+        np.zeros(n), np.full(n, STRUCTURE_SEARCH.coefficient_deviation), np.full(n, -np.inf), np.full(n, 1e-5)
     )
 
 
@@ -257,7 +245,7 @@ def fit_first_model(
     ridge = trial.setting.ridge
     if trial.dataset.d > MAX_FEW_COORDINATES:
         return min(
-            (m for share in TEST_WIDTH_FACTORS for m in told(share, ridge, 1e-3 * ridge)),
+            (m for share in STRUCTURE_SEARCH.test_width_factors for m in told(share, ridge, 1e-3 * ridge)),
             key=trial.compute_misfit,
         )
     model, stiff = told(1.0, ridge, 0.1)
@@ -293,7 +281,7 @@ def search_structure(
         candidate = chosen.form
         tried = trial.refine(pad_model(model, candidate), candidate, fit.starts)
         if cost(tried[1], len(tried[2])) < best:
-            worth = tried[1].misfit < (1.0 - MIN_MISFIT_REDUCTION) * fit.misfit
+            worth = tried[1].misfit < (1.0 - STRUCTURE_SEARCH.min_misfit_reduction) * fit.misfit
             (model, fit, moves), form = tried, candidate
             best = cost(fit, len(moves))
             if trial.dataset.d > MAX_FEW_COORDINATES and not worth:
@@ -361,9 +349,11 @@ def identify_model(
     curvature = fit.curvature
     if record.d <= MAX_FEW_COORDINATES:
         model, curvature, moves = add_unseen_terms(trial, model, form, fit, whole)
-    freedom = list_uncertain_directions(curvature / max(misfit, 1.0), moves, deviation=COEFFICIENT_DEVIATION)
+    freedom = list_uncertain_directions(
+        curvature / max(misfit, 1.0), moves, deviation=STRUCTURE_SEARCH.coefficient_deviation
+    )
     apart, left = decouple_inertia(model, freedom)
-    if apart is not model and trial.compute_misfit(apart) < EQUIVALENT_MISFIT_RATIO * max(
+    if apart is not model and trial.compute_misfit(apart) < STRUCTURE_SEARCH.equivalent_misfit_ratio * max(
         fit.misfit, trial.n_data
     ):
         model, freedom = apart, left

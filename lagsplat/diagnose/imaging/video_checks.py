@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from lagsplat.chart.chart import Chart
+from lagsplat.diagnose.core.config import VIDEO_CHECKS
 from lagsplat.diagnose.core.result import Finding
 from lagsplat.diagnose.simulators.sources import DataSource
 from lagsplat.io.config import McapConfig, McapInputConfig, RecordingConfig, SplitConfig
@@ -26,9 +27,6 @@ from lagsplat.video_quality.camera_motion import measure_path, track_background
 from lagsplat.video_quality.frames import make_small_grey
 
 CAMERA_MOVED_CHECK = "camera moved"
-MAX_CHECKED_FRAMES = 300  # frames of a recording whose film is not at hand
-SHIFT_FRAMES = 24  # frames by which a shift of the picture is told in latents
-MIN_CLIP_FRAMES = 20  # frames of a clip that is kept
 
 
 @dataclass(frozen=True)
@@ -124,7 +122,7 @@ def _select_pieces(
     start += int(np.sum(own < max([begin for begin in begins if begin is not None], default=-np.inf)))
     cuts = [clip[0] + int(np.searchsorted(own, cut["time_s"] - 1e-6)) for cut in seen["cuts"]]
     borders = [start, *(cut for cut in sorted(cuts) if start < cut < stop), stop]
-    kept = [(a, b) for a, b in pairwise(borders) if b - a >= MIN_CLIP_FRAMES]
+    kept = [(a, b) for a, b in pairwise(borders) if b - a >= VIDEO_CHECKS.min_clip_frames]
     return kept or [clip]
 
 
@@ -167,7 +165,7 @@ def _measure_within(recording: Recording) -> float | None:
         return max(sizes, default=None)
     paths = []
     for start, stop in recording.segments:
-        stride = -(-(stop - start) // MAX_CHECKED_FRAMES)
+        stride = -(-(stop - start) // VIDEO_CHECKS.max_frames)
         pictures = make_small_grey(np.asarray(recording.frames[start:stop:stride]), most=10**9)
         path = track_background([picture.astype(np.uint8) for picture in pictures])
         if path is not None and np.isfinite(path[:, 0]).any():
@@ -187,7 +185,7 @@ def _measure_between(recording: Recording, nominal: Recording) -> tuple[float, f
 
 def _compute_median_image(recording: Recording) -> np.ndarray:
     """The median picture, uint8 (H, W, 3), without what moves."""
-    stride = -(-recording.n_frames // MAX_CHECKED_FRAMES)
+    stride = -(-recording.n_frames // VIDEO_CHECKS.max_frames)
     return np.round(np.median(np.asarray(recording.frames[::stride]), axis=0)).astype(np.uint8)
 
 
@@ -195,7 +193,7 @@ def _measure_latent_shift(
     recording: Recording, autoencoder: Autoencoder, chart: Chart, far_px: float
 ) -> float:
     """Largest mean change of a whitened latent when pictures are shifted so far, to either side."""
-    chosen = np.linspace(0, recording.n_frames - 1, SHIFT_FRAMES).astype(int)
+    chosen = np.linspace(0, recording.n_frames - 1, VIDEO_CHECKS.shifted_frames).astype(int)
     frames = np.stack([np.asarray(recording.frames[i]) for i in chosen])
     q = chart.to_whitened(encode_frames(autoencoder, frames))
     changes = []

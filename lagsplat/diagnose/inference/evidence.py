@@ -1,4 +1,4 @@
-"""Hypotheses against a record: which effects can explain it, and how well each does."""
+"""The fit of one hypothesis, and its evidence by Laplace's approximation."""
 
 from dataclasses import dataclass, field
 
@@ -12,40 +12,51 @@ from lagsplat.diagnose.inference.problem import joint_prior
 
 @dataclass(frozen=True)
 class HypothesisFit:
-    """One hypothesis after its fit."""
+    """A set of effects, fitted to the data. The sim alone (`none`) is the empty set."""
 
     effects: tuple[PlacedEffect, ...]
     fit: ShootingFit
     log_evidence: float = float("nan")
-    """Over `none` [nat]."""
+    """Log evidence over `none` [nat]."""
     noise: dict[str, tuple[float, float, float]] = field(default_factory=dict)
-    """Parameters of an effect that only moves single samples, each with its 90 % interval."""
+    """Parameters of an effect on single samples: estimate and both ends of the 90 % interval."""
+
+    @property
+    def name(self) -> str:
+        """Name of the effect that was added last."""
+        return self.effects[-1].effect.name
 
     @property
     def n_effect_parameters(self) -> int:
-        """Number of unknowns that belong to the effects."""
+        """Number of fitted parameters that belong to the effects; nuisance parameters follow them."""
         return sum(len(e.effect.parameters) for e in self.effects)
 
-    def own(self, instance: PlacedEffect) -> slice:
-        """Where the unknowns of one of the effects stand; what only moves single samples has none."""
+    def parameter_slice(self, placed: PlacedEffect) -> slice:
+        """Where the parameters of one of the effects are in ``fit.x``; effects on single samples have
+        none."""
         fitted = [e for e in self.effects if not isinstance(e.effect, SampleEffect)]
-        at = sum(len(e.effect.parameters) for e in fitted[: fitted.index(instance)])
-        return slice(at, at + len(instance.effect.parameters))
+        at = sum(len(e.effect.parameters) for e in fitted[: fitted.index(placed)])
+        return slice(at, at + len(placed.effect.parameters))
 
 
-def log_evidence(one: HypothesisFit, rollout_model: RolloutModel, noise_inflation: float) -> float:
-    """Laplace's approximation of the logarithm of the evidence, with the noise widened by ``noise_inflation``.
+def log_evidence(hypothesis: HypothesisFit, rollout_model: RolloutModel, noise_inflation: float) -> float:
+    """Laplace's approximation of the log evidence [nat].
+
+    Args:
+        hypothesis: the effects with their fit.
+        rollout_model: the sim beside the data, with the prior of the nuisance parameters.
+        noise_inflation: factor on the variance of the noise.
 
     Source: MacKay, "Information Theory, Inference, and Learning Algorithms", 2003, ch. 28.
     """
-    prior, fit = joint_prior(one.effects, rollout_model), one.fit
-    effect_priors = [p.prior for e in one.effects for p in e.effect.parameters]
-    own = sum(p.log_density(float(x)) for p, x in zip(effect_priors, fit.x, strict=False))
-    spare = fit.x[one.n_effect_parameters :] / prior.deviation[one.n_effect_parameters :]
-    spare_density = -0.5 * float(spare @ spare) - float(
-        np.log(prior.deviation[one.n_effect_parameters :]).sum()
+    prior, fit = joint_prior(hypothesis.effects, rollout_model), hypothesis.fit
+    effect_priors = [p.prior for e in hypothesis.effects for p in e.effect.parameters]
+    log_prior = sum(p.log_density(float(x)) for p, x in zip(effect_priors, fit.x, strict=False))
+    nuisance = fit.x[hypothesis.n_effect_parameters :] / prior.deviation[hypothesis.n_effect_parameters :]
+    nuisance_log_prior = -0.5 * float(nuisance @ nuisance) - float(
+        np.log(prior.deviation[hypothesis.n_effect_parameters :]).sum()
     )
-    spare_density -= 0.5 * len(spare) * np.log(2.0 * np.pi)
+    nuisance_log_prior -= 0.5 * len(nuisance) * np.log(2.0 * np.pi)
     h = fit.curvature / noise_inflation + np.diag(1.0 / prior.deviation**2)
     sign, log_det = np.linalg.slogdet(h)
     if sign <= 0:
@@ -53,8 +64,8 @@ def log_evidence(one: HypothesisFit, rollout_model: RolloutModel, noise_inflatio
     k = len(fit.x)
     return (
         -0.5 * fit.misfit / noise_inflation
-        + own
-        + spare_density
+        + log_prior
+        + nuisance_log_prior
         + 0.5 * k * np.log(2.0 * np.pi)
         - 0.5 * log_det
         - 0.5 * fit.log_det_starts

@@ -163,10 +163,12 @@ def forecast_holdout(
     refit = forecast_blocks(problem, blocks, (), fit_half(half, none))
     after = forecast_blocks(problem, blocks, chosen.effects, fit_half(half, chosen))
     errors = {"before": sim.y - real, "refit": refit.y - real, "after": after.y - real}
-    if problem.late is not None and any(
+    if problem.repeated_samples is not None and any(
         isinstance(e.effect, SampleEffect) and e.effect.repeats for e in chosen.effects
     ):
-        errors["after"][blocks.take(problem.late)] = 0.0  # what repeats an earlier sample is explained
+        errors["after"][blocks.take(problem.repeated_samples)] = (
+            0.0  # what repeats an earlier sample is explained
+        )
     squares = {name: relative_square_error(error, rms) for name, error in errors.items()}
     squares["floor"] = np.mean(after.expected / rms**2, axis=(1, 2))
     gap = Gap(
@@ -180,20 +182,20 @@ def forecast_holdout(
     return HoldoutForecasts(gap, shown, squares["before"], squares["floor"])
 
 
-def fit_half(half: EstimationProblem, one: HypothesisFit) -> np.ndarray:
+def fit_half(half: EstimationProblem, hypothesis: HypothesisFit) -> np.ndarray:
     """The unknowns of a hypothesis, fitted to half of the windows."""
-    effects = [e for e in one.effects if not isinstance(e.effect, SampleEffect)]
-    return half.fit(effects, one.fit.x).x
+    effects = [e for e in hypothesis.effects if not isinstance(e.effect, SampleEffect)]
+    return half.fit(effects, hypothesis.fit.x).x
 
 
 def estimate_single_closure(
-    problem: EstimationProblem, one: HypothesisFit, held: HoldoutForecasts, *, period_s: float
+    problem: EstimationProblem, hypothesis: HypothesisFit, held: HoldoutForecasts, *, period_s: float
 ) -> Interval:
     """The closure of another hypothesis on the same blocks."""
     half, windows = split_windows(problem)
     blocks = cut_blocks(problem, windows, period_s=period_s)
     rms = np.std(problem.rollout_model.dataset.q, axis=0)
-    told = forecast_blocks(problem, blocks, one.effects, fit_half(half, one))
+    told = forecast_blocks(problem, blocks, hypothesis.effects, fit_half(half, hypothesis))
     return estimate_closure(
         held.before,
         relative_square_error(told.y - blocks.take(problem.rollout_model.dataset.q), rms),

@@ -27,37 +27,41 @@ def compute_separability(
     """The best fits of single effects against each other; None if fewer than two moved anything.
 
     What an effect does to the motion is laid out by the slopes of another one, of the uncertainties and of
-    the starts; half of the square that they leave, over ``noise_inflation`` samples that count as one, is the expected
-    logarithm of the Bayes factor.
+    the starts; half of the square that they leave, over ``noise_inflation`` samples that count as one, is the
+    expected logarithm of the Bayes factor.
     """
     best: dict[str, HypothesisFit] = {}
-    for one in found:
+    for hypothesis in found:
         # what moves nothing, or overflows, has no slopes to lay out anything by
-        lone = len(one.effects) == 1 and not isinstance(one.effects[0].effect, SampleEffect)
-        if lone and np.isfinite(one.fit.slopes).all() and np.isfinite(one.fit.start_slopes).all():
-            best.setdefault(one.effects[0].effect.name, one)
+        lone = len(hypothesis.effects) == 1 and not isinstance(hypothesis.effects[0].effect, SampleEffect)
+        if (
+            lone
+            and np.isfinite(hypothesis.fit.slopes).all()
+            and np.isfinite(hypothesis.fit.start_slopes).all()
+        ):
+            best.setdefault(hypothesis.effects[0].effect.name, hypothesis)
     fits = list(best.values())[: IDENTIFIABILITY.max_effects]
     if len(fits) < 2:
         return None
-    marks = [_effect_signature(problem, one) for one in fits]
+    marks = [_effect_signature(problem, hypothesis) for hypothesis in fits]
     nats = np.array([[_unexplained_square(problem, mark, other) for other in fits] for mark in marks]) / (
         2.0 * noise_inflation
     )
-    return Separability(tuple(one.effects[0].effect.name for one in fits), nats)
+    return Separability(tuple(hypothesis.effects[0].effect.name for hypothesis in fits), nats)
 
 
-def _effect_signature(problem: EstimationProblem, one: HypothesisFit) -> Float64[np.ndarray, "W L d"]:
+def _effect_signature(problem: EstimationProblem, hypothesis: HypothesisFit) -> Float64[np.ndarray, "W L d"]:
     """What the effect alone does to the motion, in units of the noise: to first order in its amplitudes.
 
     What has none, a delay say, does it whole.
     """
-    amplitudes = one.effects[0].effect.amplitudes
+    amplitudes = hypothesis.effects[0].effect.amplitudes
     if amplitudes:
-        change = one.fit.slopes[..., :amplitudes] @ one.fit.x[:amplitudes]
+        change = hypothesis.fit.slopes[..., :amplitudes] @ hypothesis.fit.x[:amplitudes]
         return change.reshape(problem.data.y.shape)
-    x, starts = one.fit.x[None], one.fit.starts[None]
-    with_it = problem.predict(one.effects)(x, starts)[0]
-    without = problem.predict(())(x[:, one.n_effect_parameters :], starts)[0]
+    x, starts = hypothesis.fit.x[None], hypothesis.fit.starts[None]
+    with_it = problem.predict(hypothesis.effects)(x, starts)[0]
+    without = problem.predict(())(x[:, hypothesis.n_effect_parameters :], starts)[0]
     return np.nan_to_num((with_it - without) * problem.data.weight)
 
 

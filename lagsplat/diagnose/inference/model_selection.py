@@ -1,4 +1,4 @@
-"""Which effects explain a record best: screen all, fit the promising, then look for a second and a third."""
+"""Rank single effects: a score test of all, full fits of the best, and the evidence of each fit."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -18,25 +18,28 @@ ProgressCallback = Callable[[str], None]
 
 @dataclass(frozen=True)
 class SearchBudget:
-    """How far the search goes: families and places fitted in full, and beginnings of each fit."""
+    """How many hypotheses are fitted in full, and what their evidence is measured against."""
 
     families: int
+    """Effects that are fitted [count]."""
     places: int
+    """Coordinates or inputs at which each is fitted [count]."""
     starts: int
+    """Starting points of each fit [count]."""
     always_fitted: tuple[str, ...]
-    """Families that are fitted whatever the score test says."""
+    """Effects that are fitted whatever the score test says."""
     effective_sample_ratio: float
-    """Over how many samples of the residual an independent one comes, at least."""
+    """Samples of the residual that count as one independent sample, at least [1]."""
     nominal: float
-    """Mean square of the residual, in units of the noise, that the sim leaves of its own recordings."""
+    """Mean square residual of the sim on its own recordings [noise variances]."""
     log_evidence_offset: float = 0.0
-    """Nats that effects gain where there are none, by the sim's own errors; so much counts for nothing."""
+    """Log evidence that effects gain by the sim's own errors [nat]; it is subtracted."""
 
     @classmethod
     def of(
         cls, config: DiagnoseConfig, *, nominal: float, log_evidence_offset: float = 0.0
     ) -> "SearchBudget":
-        """What the settings say."""
+        """The budget that the settings give."""
         return cls(
             config.families,
             config.places,
@@ -50,16 +53,16 @@ class SearchBudget:
 
 @dataclass(frozen=True)
 class ModelRanking:
-    """`none`, and every hypothesis that was fitted, the most evident first."""
+    """`none` and every fitted hypothesis, by falling log evidence."""
 
     none: HypothesisFit
     found: tuple[HypothesisFit, ...]
     noise_inflation: float
-    """By how much the noise is widened so that the best hypothesis fits."""
+    """Factor on the variance of the noise [1] at which the best hypothesis fits."""
 
     def best_fit(self, name: str) -> HypothesisFit | None:
-        """The most evident fit of one family."""
-        return next((one for one in self.found if one.effects[-1].effect.name == name), None)
+        """The fit of one effect with the largest evidence, over all places."""
+        return next((hypothesis for hypothesis in self.found if hypothesis.name == name), None)
 
 
 def rank_hypotheses(
@@ -70,10 +73,17 @@ def rank_hypotheses(
     known: HypothesisFit | None = None,
     report_progress: ProgressCallback = lambda name: None,
 ) -> ModelRanking:
-    """Every family of ``candidates`` beside the ``known`` effects; without these, beside none.
+    """Rank the candidates, each added to the ``known`` effects.
 
-    Leads come from two score tests: where the uncertainties have moved to make up for the gap, and where
-    they have not. The first is blind to an effect that they imitate.
+    Two score tests choose what is fitted: one with the nuisance parameters fitted to the gap, one with them
+    at zero. The first cannot see an effect that the nuisance parameters imitate.
+
+    Args:
+        problem: data, sim and noise.
+        candidates: effects at their places.
+        budget: how many are fitted.
+        known: effects that are kept, with their fit; None for the sim alone.
+        report_progress: called with the name of each effect before it is fitted.
     """
     n = problem.rollout_model.nuisance.size
     base = known or refine_fit(problem, HypothesisFit((), problem.fit((), np.zeros(n))))
@@ -89,16 +99,16 @@ def rank_hypotheses(
     by_family: dict[str, list[tuple[ScoreTestResult, HypothesisFit]]] = {}
     orders = []
     for fit in beginnings:
-        leads = score_test(problem, base.effects, fit, candidates)
-        order = list(dict.fromkeys(lead.instance.effect.name for lead in leads))
+        scores = score_test(problem, base.effects, fit, candidates)
+        order = list(dict.fromkeys(score.placed.effect.name for score in scores))
         orders.append(order[: budget.families])
-        for lead in leads:
-            family = by_family.setdefault(lead.instance.effect.name, [])
+        for score in scores:
+            family = by_family.setdefault(score.placed.effect.name, [])
             if (
-                sum(one.instance is lead.instance for one, _ in family) == 0
+                sum(hypothesis.placed is score.placed for hypothesis, _ in family) == 0
                 and len(family) < budget.places * 2
             ):
-                family.append((lead, HypothesisFit(base.effects, fit)))
+                family.append((score, HypothesisFit(base.effects, fit)))
     chosen = list(dict.fromkeys([name for row in zip(*orders, strict=False) for name in row]
                                 + [name for order in orders for name in order]
                                 + [name for name in budget.always_fitted if name in by_family]))  # fmt: skip
@@ -106,22 +116,30 @@ def rank_hypotheses(
     for name in chosen:
         report_progress(name)
         family = sorted(by_family[name], key=lambda pair: -pair[0].gain)[: budget.places]
-        for lead, start in family:
-            found.append(fit_candidate(problem, base.effects, start.fit, lead, starts=budget.starts))
-    found.sort(key=lambda one: one.fit.cost)
-    found[: SELECTION.refined_fits] = [refine_fit(problem, one) for one in found[: SELECTION.refined_fits]]
+        for score, start in family:
+            found.append(fit_candidate(problem, base.effects, start.fit, score, starts=budget.starts))
+    found.sort(key=lambda hypothesis: hypothesis.fit.cost)
+    found[: SELECTION.refined_fits] = [
+        refine_fit(problem, hypothesis) for hypothesis in found[: SELECTION.refined_fits]
+    ]
     return rank_by_evidence(problem, base, found, candidates, budget, first=known is None)
 
 
-def refine_fit(problem: EstimationProblem, one: HypothesisFit) -> HypothesisFit:
-    """A fit carried on to its end, beyond the steps and the gain with which every fit must make do."""
+def refine_fit(problem: EstimationProblem, hypothesis: HypothesisFit) -> HypothesisFit:
+    """Continue a fit to convergence, with more iterations and a smaller tolerance than the first pass."""
     longer = replace(
         problem,
         iterations=SELECTION.refined_iterations * problem.iterations,
         tolerance=SELECTION.refined_tolerance * problem.tolerance,
     )
-    near = (one.fit.slopes[..., one.n_effect_parameters :], one.fit.start_slopes) if one.effects else None
-    return replace(one, fit=longer.fit(one.effects, one.fit.x, one.fit.starts, near))
+    near = (
+        (hypothesis.fit.slopes[..., hypothesis.n_effect_parameters :], hypothesis.fit.start_slopes)
+        if hypothesis.effects
+        else None
+    )
+    return replace(
+        hypothesis, fit=longer.fit(hypothesis.effects, hypothesis.fit.x, hypothesis.fit.starts, near)
+    )
 
 
 def rank_by_evidence(
@@ -133,8 +151,19 @@ def rank_by_evidence(
     *,
     first: bool,
 ) -> ModelRanking:
-    """Evidence of each fit over the base, under noise as wide as the best of them needs."""
-    least = min([one.fit.misfit for one in found] + [base.fit.misfit])
+    """Rank fits by their log evidence over the base, all under one noise inflation.
+
+    The noise is inflated until the best fit agrees with it.
+
+    Args:
+        problem: data, sim and noise.
+        base: the fit without the new effects.
+        found: fits with them.
+        candidates: effects at their places; those on single samples are judged by the residual of the base.
+        budget: nominal misfit, effective sample ratio and evidence offset.
+        first: whether the base has no effects.
+    """
+    least = min([hypothesis.fit.misfit for hypothesis in found] + [base.fit.misfit])
     noisy = _explain_by_sample_noise(problem, base, candidates) if first else []
     explained = max(noisy, key=lambda row: row[0], default=(0.0, base))[1].fit.misfit
     noise_inflation = (
@@ -145,19 +174,23 @@ def rank_by_evidence(
         budget.log_evidence_offset if first else 0.0
     )
     rows = [
-        replace(one, log_evidence=log_evidence(one, problem.rollout_model, noise_inflation) - floor)
-        for one in found
+        replace(
+            hypothesis, log_evidence=log_evidence(hypothesis, problem.rollout_model, noise_inflation) - floor
+        )
+        for hypothesis in found
     ]
     rows += [
-        replace(one, log_evidence=gain / budget.effective_sample_ratio - 4.0 - budget.log_evidence_offset)
-        for gain, one in noisy
+        replace(
+            hypothesis, log_evidence=gain / budget.effective_sample_ratio - 4.0 - budget.log_evidence_offset
+        )
+        for gain, hypothesis in noisy
     ]
-    rows.sort(key=lambda one: -one.log_evidence)
+    rows.sort(key=lambda hypothesis: -hypothesis.log_evidence)
     return ModelRanking(replace(base, log_evidence=0.0), tuple(rows), noise_inflation)
 
 
 def _repeated_sample_misfit(problem: EstimationProblem, base: HypothesisFit) -> tuple[float, int]:
-    """By how much repeats of an earlier sample miss what should have been seen, and how many do."""
+    """Squared error of samples that repeat an earlier one, above the noise, and how many are visible."""
     predicted = problem.predict(base.effects)(base.fit.x[None], base.fit.starts[None])[0]
     wrong = np.nan_to_num(((problem.data.y - predicted) / problem.sigma) ** 2).mean(axis=2)
     runs, n = label(problem.repeats, structure=[[0, 0, 0], [1, 1, 1], [0, 0, 0]])
@@ -176,7 +209,7 @@ def _lag_one_correlation(residual: np.ndarray, mask: np.ndarray) -> float:
 def _explain_by_sample_noise(
     problem: EstimationProblem, base: HypothesisFit, candidates: Sequence[PlacedEffect]
 ) -> list[tuple[float, HypothesisFit]]:
-    """Effects that only move single samples, judged by the residual of the base."""
+    """Gain of misfit by each effect on single samples, from the residual of the base."""
     out = []
     mask = problem.data.weight[..., 0] > 0.0  # a frame shows all coordinates or none
     for candidate in candidates:
@@ -208,7 +241,7 @@ def _scale_start(
     candidate: PlacedEffect,
     x: np.ndarray,
 ) -> np.ndarray:
-    """Unknowns to begin from: as much of the promised amplitude as the full rollouts welcome."""
+    """Parameters to start from: the share of the score test's amplitude that full rollouts fit best."""
     known, n = sum(len(e.effect.parameters) for e in effects), candidate.effect.amplitudes
     tried = np.repeat(x[None], len(SELECTION.start_shares) if n else 1, axis=0)
     if n:
@@ -225,18 +258,26 @@ def fit_candidate(
     problem: EstimationProblem,
     effects: tuple[PlacedEffect, ...],
     base: ShootingFit,
-    lead: ScoreTestResult,
+    score: ScoreTestResult,
     *,
     starts: int,
 ) -> HypothesisFit:
-    """The best fit of ``effects`` and the lead's one, from the best few beginnings."""
+    """Fit one candidate beside ``effects`` from its best few starting points, and return the best fit.
+
+    Args:
+        problem: data, sim and noise.
+        effects: effects that are kept.
+        base: their fit.
+        lead: the candidate with its starting points.
+        starts: how many of these are used.
+    """
     known = sum(len(e.effect.parameters) for e in effects)
     near = (base.slopes[..., known:], base.start_slopes)
     best: ShootingFit | None = None
-    for x in lead.starts[:starts]:
-        whole = _scale_start(problem, effects, base, lead.instance, x)
-        fit = problem.fit((*effects, lead.instance), whole, base.starts, near)
+    for x in score.starts[:starts]:
+        whole = _scale_start(problem, effects, base, score.placed, x)
+        fit = problem.fit((*effects, score.placed), whole, base.starts, near)
         if best is None or fit.cost < best.cost:
             best = fit
     assert best is not None
-    return HypothesisFit((*effects, lead.instance), best)
+    return HypothesisFit((*effects, score.placed), best)

@@ -38,37 +38,40 @@ class Implausibility:
 
 
 def assess_implausibility(
-    problem: EstimationProblem, ranking: ModelRanking, one: HypothesisFit, *, nominal: float
+    problem: EstimationProblem, ranking: ModelRanking, hypothesis: HypothesisFit, *, nominal: float
 ) -> Implausibility:
-    """The strongest doubt in ``one``, if it explains the gap; none in what only moves single samples."""
-    if any(isinstance(instance.effect, SampleEffect) for instance in one.effects):
+    """The strongest doubt in ``hypothesis``, if it explains the gap; none in what only moves single
+    samples."""
+    if any(isinstance(placed.effect, SampleEffect) for placed in hypothesis.effects):
         return Implausibility(0.0, "loose")
     ahead = relaxed_model_log_evidence(
-        problem, ranking.none, one, nominal=nominal, noise_inflation=ranking.noise_inflation
+        problem, ranking.none, hypothesis, nominal=nominal, noise_inflation=ranking.noise_inflation
     )
     loose = 1.0 / (
         1.0
         + np.exp(np.clip((IMPLAUSIBILITY.relaxed_lead - ahead) / IMPLAUSIBILITY.relaxed_scatter, -50.0, 50.0))
     )
-    shapes = sum(instance.effect.flexible for instance in one.effects)
+    shapes = sum(placed.effect.flexible for placed in hypothesis.effects)
     reasons = (
-        Implausibility(IMPLAUSIBILITY.unrepeated_chance * (1.0 - recurrence(one, problem)), "unrepeated"),
+        Implausibility(
+            IMPLAUSIBILITY.unrepeated_chance * (1.0 - recurrence(hypothesis, problem)), "unrepeated"
+        ),
         Implausibility(IMPLAUSIBILITY.flexible_chance if shapes > 1 else 0.0, "shapeless"),
         Implausibility(float(loose), "loose"),
     )
     return max(reasons, key=lambda reason: reason.chance)
 
 
-def recurrence(one: HypothesisFit, problem: EstimationProblem) -> float:
-    """How far the record shows that the exogenous effects of ``one`` come from outside, from 0 to 1.
+def recurrence(hypothesis: HypothesisFit, problem: EstimationProblem) -> float:
+    """How far the record shows that the exogenous effects of ``hypothesis`` come from outside, from 0 to 1.
 
     One where there are none of them.
     """
     record, shown = problem.rollout_model.dataset, 1.0
-    for instance in one.effects:
-        if instance.effect.recurrence is not None:
-            parameters = instance.name_parameters(one.fit.x[one.parameter_slice(instance)])
-            shown = min(shown, instance.effect.recurrence(parameters, record, instance))
+    for placed in hypothesis.effects:
+        if placed.effect.recurrence is not None:
+            parameters = placed.name_parameters(hypothesis.fit.x[hypothesis.parameter_slice(placed)])
+            shown = min(shown, placed.effect.recurrence(parameters, record, placed))
     return shown
 
 

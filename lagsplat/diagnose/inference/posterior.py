@@ -1,9 +1,4 @@
-"""A second and a third effect, where one leaves too much.
-
-How hypotheses stand to one another once priors are counted and laws are taken for what they are.
-
-From evidence to probabilities, and from probabilities to a verdict.
-"""
+"""From log evidence to probabilities and a verdict; sets of several effects."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -34,17 +29,27 @@ def combine_effects(
     *,
     report_progress: ProgressCallback,
 ) -> tuple[HypothesisFit, ...]:
-    """The best single effect, the best pair and the best triple, while there is something left to explain.
+    """The best single effect, pair and triple, as long as a larger set explains enough more.
 
-    The second is looked for beside each of the best few first ones, so that the first may turn out to be
-    another (swap). Empty where nothing beats `none`.
+    A second effect is sought beside each of the best few single effects, so that the pair may hold another
+    first effect than the best single one. Empty where nothing beats `none`.
+
+    Args:
+        problem: data, sim and noise.
+        ranking: fits of the single effects.
+        candidates: effects at their places.
+        budget: search budget of the single effects; half of the families are fitted here.
+        config: settings of the diagnosis.
+        report_progress: called with the name of each effect before it is fitted.
     """
     singles = effects_above_none(
         ranking, [name for name in catalogue() if name not in config.without], config
     )
     if not singles:
         return ()
-    firsts = [one for one in singles if not isinstance(one.effects[-1].effect, SampleEffect)]
+    firsts = [
+        hypothesis for hypothesis in singles if not isinstance(hypothesis.effects[-1].effect, SampleEffect)
+    ]
     narrow = replace(budget, families=max(3, budget.families // 2), places=1, starts=1, always_fitted=())
     chain = [singles[0]]
     while len(chain) < COMBINATIONS.max_effects and (
@@ -56,14 +61,23 @@ def combine_effects(
         for held in beside:
             others = [o for o in candidates if o.effect.name not in {e.effect.name for e in held.effects}]
             more = rank_hypotheses(problem, others, narrow, known=held, report_progress=report_progress)
-            found = [one for one in more.found if not isinstance(one.effects[-1].effect, SampleEffect)][:1]
-            tried += [replace(one, log_evidence=held.log_evidence + one.log_evidence) for one in found]
+            found = [
+                hypothesis
+                for hypothesis in more.found
+                if not isinstance(hypothesis.effects[-1].effect, SampleEffect)
+            ][:1]
+            tried += [
+                replace(hypothesis, log_evidence=held.log_evidence + hypothesis.log_evidence)
+                for hypothesis in found
+            ]
         if not tried:
             break
-        least = min(one.fit.misfit for one in tried) / problem.degrees_of_freedom
+        least = min(hypothesis.fit.misfit for hypothesis in tried) / problem.degrees_of_freedom
         noise_inflation = max(budget.nominal, least) * budget.effective_sample_ratio
-        best = max(tried, key=lambda one: log_evidence(one, problem.rollout_model, noise_inflation))
-        # of what stands above the noise, what the moved uncertainties cost included
+        best = max(
+            tried, key=lambda hypothesis: log_evidence(hypothesis, problem.rollout_model, noise_inflation)
+        )
+        # the share above the noise floor; the cost includes the penalty of the nuisance parameters
         floor = budget.nominal * problem.degrees_of_freedom
         if best.fit.cost - floor > (1.0 - config.second_effect_share) * (chain[-1].fit.cost - floor):
             break
@@ -71,42 +85,43 @@ def combine_effects(
     return tuple(chain)
 
 
-def excess_misfit(one: HypothesisFit, problem: EstimationProblem, nominal: float) -> float:
-    """Mean square residual of a fit above what the sim leaves of its own recordings."""
-    return one.fit.misfit / problem.degrees_of_freedom - nominal
+def excess_misfit(hypothesis: HypothesisFit, problem: EstimationProblem, nominal: float) -> float:
+    """Mean square residual of a fit above the nominal one [noise variances]."""
+    return hypothesis.fit.misfit / problem.degrees_of_freedom - nominal
 
 
 def evidence_temperature(ranking: ModelRanking) -> float:
-    """What a nat is worth: the laws of the catalogue are never quite those of nature.
+    """Factor in (0, 1] on every log evidence, because the laws of the catalogue are approximate.
 
-    Where thousands of nats stand between `none` and the best, a per cent of them between two effects may be
-    the fault of a law, so that no more than `VERDICT.max_log_evidence` nats count in all.
+    Where the best effect gains thousands of nats, an error of one per cent in its law moves tens of nats.
+    With this factor no log evidence counts more than `VERDICT.max_log_evidence`.
     """
-    most = max((one.log_evidence for one in ranking.found), default=0.0)
+    most = max((hypothesis.log_evidence for hypothesis in ranking.found), default=0.0)
     return 1.0 / (1.0 + max(most, 0.0) / VERDICT.max_log_evidence)
 
 
 def log_posteriors(ranking: ModelRanking, names: list[str], config: DiagnoseConfig) -> dict[str, float]:
-    """Log posterior, up to a constant, of `none` and of every effect that was fitted, at its best place.
+    """Log posterior, up to a constant, of `none` and of every fitted effect at its best place [nat].
 
-    Each of the ``names`` of the catalogue is as likely beforehand, whatever the number of its places.
+    All ``names`` of the catalogue have the same prior probability, whatever the number of their places, less
+    the penalty that an effect may have.
     """
     prior = np.log((1.0 - config.prior_none - config.prior_unknown) / len(names))
     scores = {"none": float(np.log(config.prior_none))}
     places: dict[str, int] = {}
     worth = evidence_temperature(ranking)
-    for one in ranking.found:
-        name = one.effects[-1].effect.name
+    for hypothesis in ranking.found:
+        name = hypothesis.name
         places[name] = places.get(name, 0) + 1
-        rare = _log_prior_penalty(one)
-        scores.setdefault(name, float(prior) + worth * one.log_evidence - rare)
+        rare = _log_prior_penalty(hypothesis)
+        scores.setdefault(name, float(prior) + worth * hypothesis.log_evidence - rare)
     for name, n in places.items():
         scores[name] -= float(np.log(n))
     return scores
 
 
 def _log_prior_penalty(fit: HypothesisFit) -> float:
-    """By how much the effect of a hypothesis is less likely than others, before the data [nat]."""
+    """Reduction of the log prior of a hypothesis' effect [nat]."""
     placed = fit.effects[-1]
     effect = placed.effect
     if effect.fitted_penalty is None:
@@ -118,18 +133,18 @@ def _log_prior_penalty(fit: HypothesisFit) -> float:
 def effects_above_none(
     ranking: ModelRanking, names: list[str], config: DiagnoseConfig
 ) -> list[HypothesisFit]:
-    """The best fit of every effect that stands above `none`, the best first."""
+    """The best fit of every effect that is more probable than `none`, the most probable first."""
     scores = log_posteriors(ranking, names, config)
     best: dict[str, HypothesisFit] = {}
-    for one in ranking.found:
-        best.setdefault(one.effects[-1].effect.name, one)
+    for hypothesis in ranking.found:
+        best.setdefault(hypothesis.name, hypothesis)
     above = [name for name in best if scores[name] > scores["none"]]
     return [best[name] for name in sorted(above, key=lambda name: -scores[name])]
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """Probabilities of all names, the names of the most probable explanation, and the verdict."""
+    """Probabilities of all names, the best explanation, and the verdict."""
 
     verdict: Verdict
     probabilities: Mapping[str, float]
@@ -139,55 +154,66 @@ class Judgement:
     best: HypothesisFit | None
     """The best explanation, whether or not the verdict names it."""
     doubted: str | None = None
-    """Why it is not believed although it explains the gap."""
+    """The reason against it, where the verdict is `unknown` although it explains the gap."""
 
 
 def choose_explanation(
     chain: Sequence[HypothesisFit], before: float, freedom: float, nominal: float, config: DiagnoseConfig
 ) -> tuple[HypothesisFit | None, float, float]:
-    """The single effect or the set that explains the gap, the share of it that it leaves, and P(unknown).
+    """The effect or set that explains the gap, the share of the gap that it leaves, and P(unknown).
 
-    ``before`` is the excess without effects. A set is believed only if it leaves next to nothing, for two
-    wrong effects imitate most of anything, and three all the more. Otherwise the best single effect stands,
-    and the more it leaves, the likelier is something that the catalogue lacks: logistic in the logarithm of
-    that share over ``config.unknown_midpoint``. What is `unexplained_misfit` counts where it is `detectable_misfit`.
+    Two wrong effects imitate nearly anything, and three even more. So a set is chosen only if it leaves less
+    than `detectable_misfit` or ``config.sufficient_share``, and both for three effects. Otherwise the best
+    single effect is chosen, and P(unknown) is logistic in the logarithm of the share that it leaves.
+
+    Args:
+        chain: the best single effect, pair and triple.
+        before: `unexplained_misfit` without effects.
+        freedom: degrees of freedom of the residual.
+        nominal: mean square residual of the sim on its own recordings [noise variances].
+        config: settings of the diagnosis.
     """
     if not chain:
         return None, 1.0, _unknown_probability(before, before, freedom, nominal, config)
-    left = [unexplained_misfit(one, freedom, nominal, config) for one in chain]
+    left = [unexplained_misfit(hypothesis, freedom, nominal, config) for hypothesis in chain]
     share = [max(rest, 0.0) / max(before, rest, 1e-9) for rest in left]
     if share[0] > config.sufficient_share or exceeds_prior(chain[0], nominal, config):
-        for one, rest, part in zip(chain[1:], left[1:], share[1:], strict=True):
+        for hypothesis, rest, part in zip(chain[1:], left[1:], share[1:], strict=True):
             enough = (rest < detectable_misfit(freedom, nominal, config), part < config.sufficient_share)
-            if all(enough) if len(one.effects) > 2 else any(enough):
-                return one, part, VERDICT.min_unknown
+            if all(enough) if len(hypothesis.effects) > 2 else any(enough):
+                return hypothesis, part, VERDICT.min_unknown
     return chain[0], share[0], _unknown_probability(left[0], before, freedom, nominal, config)
 
 
 def motionless_misfit(problem: EstimationProblem) -> float:
-    """Mean square of the motion about its middle [noise]: what a sim that stood still would miss."""
+    """Mean square of the motion about its mean [noise variances]: the misfit of a sim that does not move."""
     data = problem.data
     middle = np.average(data.y, axis=(0, 1), weights=data.weight > 0.0)
     return float((((data.y - middle) * data.weight) ** 2).sum()) / problem.degrees_of_freedom
 
 
-def unexplained_misfit(one: HypothesisFit, freedom: float, nominal: float, config: DiagnoseConfig) -> float:
-    """Mean square that an explanation leaves above what the sim does of its own recordings [noise].
+def unexplained_misfit(
+    hypothesis: HypothesisFit, freedom: float, nominal: float, config: DiagnoseConfig
+) -> float:
+    """Mean square that an explanation leaves above the nominal one [noise variances].
 
-    What it has pushed into the sim's own uncertainties, beyond what is believed of these, is left, too.
+    Nuisance parameters that moved further than their prior allows count as unexplained.
     """
     return (
-        one.fit.misfit + excess_penalty(one.fit, nominal * config.effective_sample_ratio)
+        hypothesis.fit.misfit + excess_penalty(hypothesis.fit, nominal * config.effective_sample_ratio)
     ) / freedom - nominal
 
 
-def exceeds_prior(one: HypothesisFit, nominal: float, config: DiagnoseConfig) -> bool:
-    """Whether the sim's own uncertainties had to move further than they are believed to."""
-    return excess_penalty(one.fit, nominal * config.effective_sample_ratio) > 0.0
+def exceeds_prior(hypothesis: HypothesisFit, nominal: float, config: DiagnoseConfig) -> bool:
+    """Whether the nuisance parameters moved further than their prior allows."""
+    return excess_penalty(hypothesis.fit, nominal * config.effective_sample_ratio) > 0.0
 
 
 def detectable_misfit(freedom: float, nominal: float, config: DiagnoseConfig) -> float:
-    """Excess of a mean square residual that stands out of its scatter, and of what laws are wrong by."""
+    """Excess mean square residual that is detectable [noise variances].
+
+    The errors of a right law, plus 2.5 standard deviations of a mean square with correlated samples.
+    """
     return float(
         VERDICT.law_error * nominal
         + 2.5 * nominal * np.sqrt(2.0 * config.effective_sample_ratio / max(freedom, 1.0))
@@ -215,12 +241,17 @@ def judge_hypotheses(
     config: DiagnoseConfig,
     *,
     most: float = np.inf,
-    doubt: Callable[[HypothesisFit], Implausibility] = lambda one: Implausibility(0.0, "loose"),
+    doubt: Callable[[HypothesisFit], Implausibility] = lambda hypothesis: Implausibility(0.0, "loose"),
 ) -> Judgement:
-    """Probabilities by evidence and prior; the share that is left unexplained speaks for `unknown`.
+    """Probabilities of all names by evidence and prior, and the verdict.
 
-    So does ``doubt``, the doubt in an explanation if it is the best. A sim that runs off misses no more than
-    one that stands still, ``most`` (`motionless_misfit`): nearly anything would explain the most part of a larger gap.
+    P(unknown) grows with the share that the best explanation leaves, and is at least its implausibility.
+
+    Args: ranking: fits of the single effects. chain: the best single effect, pair and triple. freedom:
+        degrees of freedom of the residual. nominal: mean square residual of the sim on its own recordings
+        [noise variances]. config: settings of the diagnosis. most: largest gap that counts,
+        `motionless_misfit`; nearly anything explains most of a diverged rollout.
+        doubt: implausibility of an explanation.
     """
     names = [name for name in catalogue() if name not in config.without]
     scores = log_posteriors(ranking, names, config)
@@ -247,7 +278,7 @@ def judge_hypotheses(
 
 
 def reject_effect(judgement: Judgement) -> Judgement:
-    """The verdict `none` after all: it changes places with the most probable effect."""
+    """Change the verdict to `none`: it swaps its probability with the most probable effect."""
     probabilities = dict(judgement.probabilities)
     first = next(iter(probabilities))
     probabilities["none"], probabilities[first] = probabilities[first], probabilities["none"]
@@ -256,7 +287,7 @@ def reject_effect(judgement: Judgement) -> Judgement:
 
 
 def _smooth_probabilities(probabilities: Mapping[str, float]) -> dict[str, float]:
-    """No name gets more than `VERDICT.max_probability`; what is cut off is spread over the rest."""
+    """Limit every probability to about `VERDICT.max_probability`; the rest is spread evenly."""
     size = len(probabilities)
     mixed = {
         name: p * (VERDICT.max_probability - 1.0 / size * VERDICT.max_probability)
@@ -275,7 +306,8 @@ def _most_probable_verdict(probabilities: Mapping[str, float]) -> Verdict:
 
 
 def find_equivalent_effects(ranking: ModelRanking) -> tuple[tuple[str, ...], ...]:
-    """The best effect with those that are as evident: of its class, or within the same nats."""
+    """The best effect with those of nearly the same evidence; the limit is twice as wide for confusable
+    ones."""
     if not ranking.found or ranking.found[0].log_evidence <= 0.0:
         return ()
     best = ranking.found[0]
@@ -283,9 +315,9 @@ def find_equivalent_effects(ranking: ModelRanking) -> tuple[tuple[str, ...], ...
     kin = find_confusable(name)
     near: list[str] = [name]
     strength = evidence_temperature(ranking)
-    for one in ranking.found[1:]:
-        other = one.effects[-1].effect.name
-        behind = strength * (best.log_evidence - one.log_evidence)
+    for hypothesis in ranking.found[1:]:
+        other = hypothesis.name
+        behind = strength * (best.log_evidence - hypothesis.log_evidence)
         if other not in near and behind < (
             VERDICT.equivalent_log_evidence if other not in kin else 2.0 * VERDICT.equivalent_log_evidence
         ):
@@ -294,15 +326,15 @@ def find_equivalent_effects(ranking: ModelRanking) -> tuple[tuple[str, ...], ...
 
 
 def laplace_interval(
-    one: HypothesisFit, bench_deviation: np.ndarray, prior: Sequence, noise_inflation: float
+    hypothesis: HypothesisFit, bench_deviation: np.ndarray, prior: Sequence, noise_inflation: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Unknowns of the effects at both ends of their 90 % intervals, by Laplace's approximation."""
-    n = one.n_effect_parameters
+    """Parameters of the effects at both ends of their 90 % intervals, by Laplace's approximation."""
+    n = hypothesis.n_effect_parameters
     deviation = np.concatenate([[p.deviation for p in prior], bench_deviation])
-    h = one.fit.curvature / noise_inflation + np.diag(1.0 / deviation**2)
+    h = hypothesis.fit.curvature / noise_inflation + np.diag(1.0 / deviation**2)
     spread = (
         VERDICT.deviation_factor * np.sqrt(np.maximum(np.diag(np.linalg.pinv(h))[:n], 0.0))
         + VERDICT.deviation_floor
     )
     lowest = np.array([p.lowest for p in prior])
-    return np.maximum(one.fit.x[:n] - 1.645 * spread, lowest), one.fit.x[:n] + 1.645 * spread
+    return np.maximum(hypothesis.fit.x[:n] - 1.645 * spread, lowest), hypothesis.fit.x[:n] + 1.645 * spread

@@ -1,7 +1,4 @@
-"""Hypotheses against a record: which effects can explain it, and how well each does.
-
-A quick score test ranks all of them; the best are fitted by shooting; evidence compares the fits.
-"""
+"""The estimation problem of all hypotheses: data, simulator, noise and priors, and how to fit one of them."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -32,30 +29,37 @@ from lagsplat.io.trajectory.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class EstimationProblem:
-    """A bench, the windows to be explained, and the noise (d,) of a sample."""
+    """What a hypothesis is fitted to: a simulator beside the data, the windows, and the noise.
+
+    ``sigma`` (d,) is the standard deviation of a sample; ``iterations`` and ``tolerance`` end a fit.
+    """
 
     rollout_model: RolloutModel
     windows: WindowSet
     sigma: Float64[np.ndarray, " d"]
     iterations: int
     tolerance: float
-    late: Bool[np.ndarray, " N"] | None = None
-    """Samples that repeat an earlier one, on which nothing is fitted."""
+    repeated_samples: Bool[np.ndarray, " N"] | None = None
+    """Samples that repeat an earlier one; they are not fitted."""
     noise_inflation: float = 1.0
-    """Of a moved parameter, in units of what it costs beside white noise: what a sim leaves of its own
-    recordings weighs less than noise does, in fits as in evidence."""
-    aside: int = 0
-    """Windows that are not looked at, for the sim was never seen to move so."""
+    """Factor on the noise variance in fits: what the sim leaves of its own recordings, and its
+    correlation."""
+    excluded_windows: int = 0
+    """Number of windows that are left out because the sim was never seen to move so."""
 
     @cached_property
     def repeats(self) -> Bool[np.ndarray, "W L"]:
-        """Where the windows hold such samples."""
+        """Mask of the repeated samples in the windows."""
         inside = self.windows.mask() > 0.0
-        return np.zeros_like(inside) if self.late is None else inside & self.windows.take(self.late)
+        return (
+            np.zeros_like(inside)
+            if self.repeated_samples is None
+            else inside & self.windows.take(self.repeated_samples)
+        )
 
     @cached_property
     def data(self) -> ShootingData:
-        """The windows' samples in units of the noise."""
+        """The windows' samples with their weights, 1 / sigma, and the steps of the initial states."""
         record = self.rollout_model.dataset
         return ShootingData(
             self.windows.take(record.q),
@@ -65,23 +69,23 @@ class EstimationProblem:
 
     @property
     def degrees_of_freedom(self) -> float:
-        """Samples less what the starts take."""
+        """Number of samples less that of the initial states."""
         w, d = self.windows, self.rollout_model.dataset.d
         return float((w.length.sum() - self.repeats.sum()) * d - 2 * d * len(w.first))
 
     @cached_property
     def initial_states(self) -> np.ndarray:
-        """Where the windows start by the smoothed record, (W, 2 d)."""
+        """Initial states of the windows from the smoothed data, (W, 2 d)."""
         return np.concatenate([self.rollout_model.smooth, self.rollout_model.dataset.v], axis=1)[
             self.windows.first
         ]
 
     def predict(self, effects: Sequence[PlacedEffect]) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
-        """Predictions of a set of effects."""
+        """The rollout function of a set of effects, of parameters and initial states."""
         return lambda x, starts: self.rollout_model.roll_out(effects, x, starts, self.windows)[0]
 
-    def belief(self, effects: Sequence[PlacedEffect]) -> GaussianPrior:
-        """What fits hold of the unknowns beforehand."""
+    def prior(self, effects: Sequence[PlacedEffect]) -> GaussianPrior:
+        """Prior of the parameters in a fit, narrowed by the noise inflation."""
         prior = joint_prior(effects, self.rollout_model)
         return replace(prior, deviation=prior.deviation / np.sqrt(self.noise_inflation))
 
@@ -92,23 +96,27 @@ class EstimationProblem:
         starts: np.ndarray | None = None,
         known: tuple[np.ndarray, np.ndarray] | None = None,
     ) -> ShootingFit:
-        """The best parameters from ``x``, those of the effects followed by the uncertainties.
+        """Fit the parameters of ``effects`` and the nuisance parameters by multiple shooting.
 
-        ``known`` are slopes of a fit nearby by the uncertainties and by the starts.
+        Args:
+            effects: effects of the hypothesis.
+            x: parameters to start from: those of the effects, then the nuisance parameters.
+            starts: initial states of the windows, (W, 2 d); None for `initial_states`.
+            known: derivatives of a fit nearby by the nuisance parameters and by the initial states.
         """
         return fit_multiple_shooting(
             self.predict(effects), x, self.initial_states if starts is None else starts, self.data,
-            self.belief(effects), iterations=self.iterations, tolerance=self.tolerance, known=known,
+            self.prior(effects), iterations=self.iterations, tolerance=self.tolerance, known=known,
         )  # fmt: skip
 
 
 def excess_penalty(fit: ShootingFit, noise_inflation: float) -> float:
-    """How much further a fit moved the uncertainties than is believed of them, in units of its misfit."""
+    """Penalty of the nuisance parameters beyond what their prior allows, in the units of the misfit."""
     return max(fit.penalty - PROBLEM.max_squared_deviation * noise_inflation, 0.0)
 
 
 def joint_prior(effects: Sequence[PlacedEffect], rollout_model: RolloutModel) -> GaussianPrior:
-    """Prior of the unknowns of ``effects`` followed by the uncertainties."""
+    """Gaussian prior of the parameters of ``effects``, then of the nuisance parameters."""
     priors = [p.prior for e in effects for p in e.effect.parameters]
     spare = rollout_model.nuisance.deviation
     deviation = np.concatenate([[p.deviation for p in priors], spare])
@@ -122,14 +130,18 @@ def joint_prior(effects: Sequence[PlacedEffect], rollout_model: RolloutModel) ->
 
 @dataclass(frozen=True)
 class NaturalPeriods:
-    """Natural periods of the sim about rest [s]; the rms period of the motion where it has none."""
+    """Longest and shortest natural period of the sim about its rest [s]."""
 
     longest_s: float
     shortest_s: float
 
 
 def natural_periods(model: MechanicalModel, fallback_s: float) -> NaturalPeriods:
-    """Natural periods by stiffness and inertia at rest, no further than threefold from the motion's."""
+    """Natural periods from stiffness and inertia at rest, limited to a factor of 3 (shortest: 5) from the
+    motion's.
+
+    Where no mode is stable both are ``fallback_s``, the rms period of the motion [s].
+    """
     values = np.linalg.eigvals(np.linalg.solve(model.inertia, model.stiffness)).real
     values = values[values > 0.0]
     if not len(values):
@@ -143,7 +155,11 @@ def natural_periods(model: MechanicalModel, fallback_s: float) -> NaturalPeriods
 def build_problem(
     sim: EstimatedSimulator, real: Sequence[Trajectory], config: DiagnoseConfig
 ) -> tuple[EstimationProblem, PreparedDataset, NaturalPeriods]:
-    """The contest of all hypotheses about ``real``."""
+    """The estimation problem of all hypotheses about ``real``, its data set, and the natural periods.
+
+    Raises:
+        ValueError: the trajectories are too short for a single window.
+    """
     model = sim.model
     natural = natural_periods(model, estimate_spectral_period_s(real))
     ready = prepare_dataset(real, period_s=natural.shortest_s)
@@ -165,12 +181,19 @@ def build_problem(
     if len(windows.first) < 4:
         windows = cut_windows(record, length_s=natural.longest_s, min_frames=20)
     like = select_known_windows(sim, windows, ready)
-    aside, windows = int(np.count_nonzero(~like)), windows.select(like)
+    excluded_windows, windows = int(np.count_nonzero(~like)), windows.select(like)
     rollout_model = RolloutModel(model, record, nuisance, steps, config.input_hold == "zoh", ready.smooth)
-    late = find_repeated_samples(record.q, record.clips, ready.sigma)
+    repeated_samples = find_repeated_samples(record.q, record.clips, ready.sigma)
     noise_inflation = max(sim.misfit, 1.0) * sim.correlation
     problem = EstimationProblem(
-        rollout_model, windows, ready.sigma, config.iterations, config.tolerance, late, noise_inflation, aside
+        rollout_model,
+        windows,
+        ready.sigma,
+        config.iterations,
+        config.tolerance,
+        repeated_samples,
+        noise_inflation,
+        excluded_windows,
     )
     kept = select_visible_directions(problem, sim.uncertainty_directions)
     return (
@@ -183,7 +206,7 @@ def build_problem(
 def select_known_windows(
     sim: EstimatedSimulator, windows: WindowSet, ready: PreparedDataset
 ) -> Bool[np.ndarray, " W"]:
-    """Windows in which it moves as the sim was seen to; all, if most are not such or it does not ask."""
+    """Mask of the windows that move as the sim was seen to move; all where too few do, or none is known."""
     if sim.novelty_detector is None:
         return np.ones(len(windows.first), dtype=bool)
     like = sim.novelty_detector.find_similar(windows, ready.smooth, ready.dataset)
@@ -193,7 +216,7 @@ def select_known_windows(
 def select_visible_directions(
     problem: EstimationProblem, freedom: Float64[np.ndarray, "R K"]
 ) -> Float64[np.ndarray, "r K"]:
-    """The few combinations of open directions that this recording can see at all, the most visible first."""
+    """The combinations of uncertain directions that the data can determine, the most visible first."""
     if not len(freedom):
         return freedom
     prior, n = joint_prior((), problem.rollout_model), problem.rollout_model.nuisance.size
@@ -211,10 +234,10 @@ def select_visible_directions(
 def calibrate_misfit(
     sim: EstimatedSimulator, motions: Sequence[Trajectory], config: DiagnoseConfig
 ) -> EstimatedSimulator:
-    """A given sim with the misfit, and its correlation, that it leaves of the recordings it is true to.
+    """Measure a given sim's misfit, and its correlation, on recordings of the very mechanism it models.
 
-    What a sim has wrong stays wrong for a part of a period, so that many samples count as one. Of long
-    recordings as much is looked at as `own_longest_s` says, here and there.
+    An error of a sim lasts for a part of a period, so many samples count as one. Of long recordings windows
+    that last ``config.reference_longest_s`` together are used, evenly spread.
     """
     problem, _, _ = build_problem(sim, motions, config)
     frames = config.reference_longest_s / problem.rollout_model.dataset.dt_s
@@ -222,10 +245,10 @@ def calibrate_misfit(
 
 
 def measure_misfit(sim: EstimatedSimulator, problem: EstimationProblem) -> EstimatedSimulator:
-    """The sim with its misfit, and its correlation, on the windows of a contest with its own motion."""
+    """Set the sim's misfit, and its correlation, to what it leaves of a problem without any effect."""
     still, length = np.zeros(problem.rollout_model.nuisance.size), problem.windows.length
     fit = problem.fit((), still)
-    # what is wrong for long is cheaper to leave than to follow, which shows only once it is known
+    # the second fit knows the correlation: a long error then costs less to leave than to follow
     noise_inflation = max(fit.misfit / problem.degrees_of_freedom, 1.0) * autocorrelation_time(
         fit.residual, length
     )
@@ -235,7 +258,8 @@ def measure_misfit(sim: EstimatedSimulator, problem: EstimationProblem) -> Estim
 
 
 def autocorrelation_time(residual: Float64[np.ndarray, "W L d"], length: np.ndarray) -> float:
-    """Samples that count as one: the sum of the autocorrelation up to its first zero, both ways.
+    """Samples that count as one independent sample: the two-sided sum of the autocorrelation to its first
+    zero.
 
     Source: the integrated autocorrelation time with the initial positive sequence (Geyer 1992).
     """

@@ -22,22 +22,27 @@ from lagsplat.diagnose.inference.problem import EstimationProblem, joint_prior
 
 
 def estimate_parameters(
-    problem: EstimationProblem, one: HypothesisFit, instance: PlacedEffect, noise_inflation: float
+    problem: EstimationProblem, hypothesis: HypothesisFit, placed: PlacedEffect, noise_inflation: float
 ) -> dict[str, Parameter]:
     """The fitted parameters of one of the effects, with 90 % intervals, under their published keys."""
-    effect, scales = instance.effect, instance.scales
+    effect, scales = placed.effect, placed.scales
     kinds = {p.name: p.kind for p in effect.parameters}
     if isinstance(effect, SampleEffect):
-        sized = {name: [v * scales.of(kinds[name]) for v in values] for name, values in one.noise.items()}
+        sized = {
+            name: [v * scales.of(kinds[name]) for v in values] for name, values in hypothesis.noise.items()
+        }
         return {name: Parameter(v[0], v[1], v[2], UNITS[kinds[name]]) for name, v in sized.items()}
-    known = [e for e in one.effects if not isinstance(e.effect, SampleEffect)]
+    known = [e for e in hypothesis.effects if not isinstance(e.effect, SampleEffect)]
     prior = [p.prior for e in known for p in e.effect.parameters]
     low, high = laplace_interval(
-        replace(one, effects=tuple(known)), problem.rollout_model.nuisance.deviation, prior, noise_inflation
+        replace(hypothesis, effects=tuple(known)),
+        problem.rollout_model.nuisance.deviation,
+        prior,
+        noise_inflation,
     )
-    cut = one.parameter_slice(instance)
-    rows = instance.to_physical(np.stack([one.fit.x[cut], low[cut], high[cut]]))
-    best, *ends = (published_parameters(instance, row, problem.rollout_model.dataset) for row in rows)
+    cut = hypothesis.parameter_slice(placed)
+    rows = placed.to_physical(np.stack([hypothesis.fit.x[cut], low[cut], high[cut]]))
+    best, *ends = (published_parameters(placed, row, problem.rollout_model.dataset) for row in rows)
     out = {}
     for key, value in best.items():
         first, second = (end.get(key, value) for end in ends)
@@ -45,39 +50,39 @@ def estimate_parameters(
             first = second = value
         elif not isinstance(value, list) and first > second:
             first, second = second, first
-        out[key] = Parameter(value, first, second, parameter_unit(instance, key))
+        out[key] = Parameter(value, first, second, parameter_unit(placed, key))
     return out
 
 
-def parameter_unit(instance: PlacedEffect, key: str) -> str:
+def parameter_unit(placed: PlacedEffect, key: str) -> str:
     """Of what a parameter is told in: its own, that of the first of a list, or that of the effect's first."""
-    kinds = {p.name: p.kind for p in instance.effect.parameters}
+    kinds = {p.name: p.kind for p in placed.effect.parameters}
     if key == "files":
         return "1"
-    if key in instance.effect.report_units:
-        return instance.effect.report_units[key]
+    if key in placed.effect.report_units:
+        return placed.effect.report_units[key]
     if key.endswith("_hz"):
         return "Hz"
-    first = instance.effect.parameters[0].kind
+    first = placed.effect.parameters[0].kind
     raw = UNITS[kinds.get(key, kinds.get(f"{key.removesuffix('s')} 0", first))]
-    raw = instance.effect.variant_units.get(instance.variant, raw)
+    raw = placed.effect.variant_units.get(placed.variant, raw)
     place = next(
-        (part.location for part in instance.parts if key.endswith(f" {part.location}")), instance.location
+        (part.location for part in placed.parts if key.endswith(f" {part.location}")), placed.location
     )
     name = f"({place})" if place and " " in place else place
     return raw.format(q=name or "q", u=name or "u")
 
 
-def published_parameters(instance: PlacedEffect, row: np.ndarray, record: Dataset) -> dict[str, Any]:
+def published_parameters(placed: PlacedEffect, row: np.ndarray, record: Dataset) -> dict[str, Any]:
     """The parameters in a row of physical values, by the keys under which they are published."""
-    effect = instance.effect
+    effect = placed.effect
     plain = {
         p.name: float(np.exp(value) if p.kind == "log_ratio" else value)
         for p, value in zip(effect.parameters, row, strict=True)
         if not p.name.startswith("memory ")
     }
     told: dict[str, Any] = (
-        effect.report_parameters(plain, instance) if effect.report_parameters else dict(plain)
+        effect.report_parameters(plain, placed) if effect.report_parameters else dict(plain)
     )
     if "times" in told:
         places = [record.to_file_time(time) for time in told["times"]]
@@ -99,53 +104,53 @@ class ProfileLikelihood:
 
 
 def compute_profiles(
-    problem: EstimationProblem, one: HypothesisFit, *, noise_inflation: float
+    problem: EstimationProblem, hypothesis: HypothesisFit, *, noise_inflation: float
 ) -> Iterator[ProfileLikelihood]:
     """Profiles of the first parameters of the effects that are told by one number each.
 
     Source: profile likelihood, Raue et al., 2009, doi:10.1093/bioinformatics/btp358.
     """
-    effects = tuple(e for e in one.effects if not isinstance(e.effect, SampleEffect))
-    if not np.isfinite(one.fit.curvature).all():
+    effects = tuple(e for e in hypothesis.effects if not isinstance(e.effect, SampleEffect))
+    if not np.isfinite(hypothesis.fit.curvature).all():
         return
-    curvature = one.fit.curvature / noise_inflation + np.diag(
+    curvature = hypothesis.fit.curvature / noise_inflation + np.diag(
         1.0 / joint_prior(effects, problem.rollout_model).deviation ** 2
     )
     spread = np.sqrt(np.maximum(np.diag(np.linalg.pinv(curvature)), 0.0))
     count = 0
-    for instance in effects:
-        own = one.parameter_slice(instance)
+    for placed in effects:
+        own = hypothesis.parameter_slice(placed)
         keys = published_parameters(
-            instance, instance.to_physical(one.fit.x[None, own])[0], problem.rollout_model.dataset
+            placed, placed.to_physical(hypothesis.fit.x[None, own])[0], problem.rollout_model.dataset
         )
-        for i, parameter in enumerate(instance.effect.parameters):
+        for i, parameter in enumerate(placed.effect.parameters):
             if parameter.name not in keys or count == PROFILES.max_parameters:
                 continue
             count += 1
             at = own.start + i
             x, fall = _profile_parameter(
-                problem, replace(one, effects=effects), at, spread[at], noise_inflation
+                problem, replace(hypothesis, effects=effects), at, spread[at], noise_inflation
             )
-            rows = np.repeat(one.fit.x[None, own], len(x), axis=0)
+            rows = np.repeat(hypothesis.fit.x[None, own], len(x), axis=0)
             rows[:, i] = x
-            physical = instance.to_physical(rows)
+            physical = placed.to_physical(rows)
             values = [
-                published_parameters(instance, row, problem.rollout_model.dataset)[parameter.name]
+                published_parameters(placed, row, problem.rollout_model.dataset)[parameter.name]
                 for row in physical
             ]
-            where = parameter_unit(instance, parameter.name)
-            yield ProfileLikelihood(instance.effect.name, parameter.name, where, np.array(values), fall)
+            where = parameter_unit(placed, parameter.name)
+            yield ProfileLikelihood(placed.effect.name, parameter.name, where, np.array(values), fall)
 
 
 def _profile_parameter(
-    problem: EstimationProblem, one: HypothesisFit, at: int, spread: float, noise_inflation: float
+    problem: EstimationProblem, hypothesis: HypothesisFit, at: int, spread: float, noise_inflation: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Unknowns to both sides of the best, and the nats that the best fit beside each loses."""
-    best, held = one.fit.x[at], problem.belief(one.effects)
-    near = (one.fit.slopes[..., one.n_effect_parameters :], one.fit.start_slopes)
+    best, held = hypothesis.fit.x[at], problem.prior(hypothesis.effects)
+    near = (hypothesis.fit.slopes[..., hypothesis.n_effect_parameters :], hypothesis.fit.start_slopes)
     rows = [(best, 0.0)]
     for side in (-1.0, 1.0):
-        x, starts = one.fit.x, one.fit.starts
+        x, starts = hypothesis.fit.x, hypothesis.fit.starts
         for k in range(1, PROFILES.points_per_side + 1):
             value = max(
                 best + side * PROFILES.reach_deviations * spread * k / PROFILES.points_per_side,
@@ -159,13 +164,13 @@ def _profile_parameter(
             moved = x.copy()
             moved[at] = value
             fit = fit_multiple_shooting(
-                problem.predict(one.effects), moved, starts, problem.data, pinned,
+                problem.predict(hypothesis.effects), moved, starts, problem.data, pinned,
                 iterations=PROFILES.iterations, tolerance=problem.tolerance, known=near,
             )  # fmt: skip
             x, starts = fit.x, fit.starts
             paid = float(compute_penalty(fit.x[None], held)[0])
-            priced = 0.5 * (paid - one.fit.penalty) / problem.noise_inflation
-            lost = 0.5 * (fit.misfit - one.fit.misfit) / noise_inflation + priced
+            priced = 0.5 * (paid - hypothesis.fit.penalty) / problem.noise_inflation
+            lost = 0.5 * (fit.misfit - hypothesis.fit.misfit) / noise_inflation + priced
             rows.append((float(value), -lost))
     rows.sort()
     values, fall = np.array(rows).T

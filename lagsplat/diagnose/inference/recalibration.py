@@ -51,7 +51,8 @@ def calibrate_null_evidence(
     *,
     report_progress: Callable[[str], None] = lambda name: None,
 ) -> float:
-    """Nats that an effect must gain beyond: `RECALIBRATION.null_evidence_factor` times what the best gains where there is none.
+    """Nats that an effect must gain beyond: `RECALIBRATION.null_evidence_factor` times what the best gains
+    where there is none.
 
     That is on ``own``, taken as long as ``real`` is. Evidence grows with the time recorded, so that a shorter
     one is scaled up. Where the sim knows how it was seen to move, those stretches of ``own`` are taken that

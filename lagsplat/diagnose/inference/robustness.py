@@ -67,11 +67,15 @@ def check_robustness(
     answers = {}
     for name, shaken, nominal in _perturbed_problems(problem, budget.nominal):
         again = replace(budget, nominal=nominal)
-        told = _judge_again(shaken, ranking, chain, leading, candidates, again, config, lambda one: doubted)
+        told = _judge_again(
+            shaken, ranking, chain, leading, candidates, again, config, lambda hypothesis: doubted
+        )
         answers[name] = most_probable_name(told)
     own = most_probable_name(judgement)
     kin = {own} | find_confusable(own)
-    return RobustnessCheck(sum(one in kin for one in answers.values()) < ROBUSTNESS.min_agreeing, answers)
+    return RobustnessCheck(
+        sum(hypothesis in kin for hypothesis in answers.values()) < ROBUSTNESS.min_agreeing, answers
+    )
 
 
 def most_probable_name(judgement: Judgement) -> str:
@@ -82,12 +86,14 @@ def most_probable_name(judgement: Judgement) -> str:
 def _leading_fits(ranking: ModelRanking, judgement: Judgement) -> list[HypothesisFit]:
     """The best fit of the most probable names, those on single samples aside, which need no fit."""
     names = [name for name in judgement.probabilities if ranking.best_fit(name) is not None]
-    best = [one for one in map(ranking.best_fit, names) if one is not None]
-    return [one for one in best if not _is_sample_noise(one)][: ROBUSTNESS.refitted_effects]
+    best = [hypothesis for hypothesis in map(ranking.best_fit, names) if hypothesis is not None]
+    return [hypothesis for hypothesis in best if not _is_sample_noise(hypothesis)][
+        : ROBUSTNESS.refitted_effects
+    ]
 
 
-def _is_sample_noise(one: HypothesisFit) -> bool:
-    return any(isinstance(instance.effect, SampleEffect) for instance in one.effects)
+def _is_sample_noise(hypothesis: HypothesisFit) -> bool:
+    return any(isinstance(placed.effect, SampleEffect) for placed in hypothesis.effects)
 
 
 def _perturbed_problems(
@@ -129,15 +135,15 @@ def _judge_again(
 ) -> Judgement:
     brief = replace(shaken, iterations=ROBUSTNESS.iterations)
 
-    def refit(one: HypothesisFit) -> HypothesisFit:
-        return replace(one, fit=brief.fit(one.effects, one.fit.x, one.fit.starts))
+    def refit(hypothesis: HypothesisFit) -> HypothesisFit:
+        return replace(hypothesis, fit=brief.fit(hypothesis.effects, hypothesis.fit.x, hypothesis.fit.starts))
 
-    none, singles = refit(ranking.none), [refit(one) for one in leading]
+    none, singles = refit(ranking.none), [refit(hypothesis) for hypothesis in leading]
     told = rank_by_evidence(shaken, none, singles, candidates, budget, first=True)
     sets = []
-    for one in chain:
-        alone = told.best_fit(one.effects[-1].effect.name) if len(one.effects) == 1 else None
-        sets.append(alone or (one if _is_sample_noise(one) else refit(one)))
+    for hypothesis in chain:
+        alone = told.best_fit(hypothesis.name) if len(hypothesis.effects) == 1 else None
+        sets.append(alone or (hypothesis if _is_sample_noise(hypothesis) else refit(hypothesis)))
     return judge_hypotheses(
         told,
         sets,

@@ -1,4 +1,4 @@
-"""Hypotheses against a record: which effects can explain it, and how well each does."""
+"""The score test: the misfit that each effect would remove, to first order and without fitting it."""
 
 import itertools
 from collections.abc import Sequence
@@ -19,12 +19,12 @@ from lagsplat.diagnose.inference.problem import EstimationProblem
 
 @dataclass(frozen=True)
 class ScoreTestResult:
-    """What the score test promises of one effect: the misfit it takes away, and where to begin."""
+    """The misfit that an effect would remove, ``gain``, and where a fit of it starts."""
 
-    instance: PlacedEffect
+    placed: PlacedEffect
     gain: float
     starts: tuple[np.ndarray, ...]
-    """Unknowns of the effect to begin from, the best first."""
+    """Parameters of the effect to start from, the best first."""
 
 
 def score_test(
@@ -33,15 +33,21 @@ def score_test(
     fit: ShootingFit,
     candidates: Sequence[PlacedEffect],
 ) -> list[ScoreTestResult]:
-    """How much misfit each of ``candidates`` would take away beside ``effects``, to first order; best first.
+    """The misfit that each candidate would remove beside ``effects``, to first order; the largest first.
+
+    Args:
+        problem: data, sim and noise.
+        effects: effects that are kept.
+        fit: their fit.
+        candidates: effects at their places.
 
     Source: the score (Lagrange multiplier) test, Rao, 1948, doi:10.1017/S0305004100023987.
     """
-    prior = problem.belief(effects)
+    prior = problem.prior(effects)
     residual, slopes, begun = differentiate_predictions(
         problem.predict(effects), fit.x, fit.starts, problem.data, prior.step
     )
-    leads = []
+    scores = []
     for candidate in candidates:
         if isinstance(candidate.effect, SampleEffect):
             continue
@@ -56,14 +62,15 @@ def score_test(
             tried.append((gain, x))
         tried.sort(key=lambda row: -row[0])
         if tried:
-            leads.append(ScoreTestResult(candidate, tried[0][0], tuple(x for _, x in tried[:3])))
-    return sorted(leads, key=lambda lead: -lead.gain)
+            scores.append(ScoreTestResult(candidate, tried[0][0], tuple(x for _, x in tried[:3])))
+    return sorted(scores, key=lambda score: -score.gain)
 
 
 def _trial_changes(
     problem: EstimationProblem, effects: tuple[PlacedEffect, ...], fit: ShootingFit, candidate: PlacedEffect
 ) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Unknowns on a grid of shapes, and what each of their amplitudes changes, (W, M, amplitudes)."""
+    """Parameters on the grid of shapes, and the change of the motion by their amplitudes, (W, M,
+    amplitudes)."""
     effect = candidate.effect
     shapes = [p.grid for p in effect.parameters[effect.amplitudes :]]
     grid = list(itertools.product(*shapes)) if candidate.grid is None else list(candidate.grid)
@@ -85,7 +92,7 @@ def _trial_changes(
     starts = np.repeat(fit.starts[None], len(whole), axis=0)
     y = problem.predict((*effects, candidate))(whole, starts)
     y0 = problem.predict(effects)(fit.x[None], fit.starts[None])
-    # a trial that has left for good says nothing of small amounts
+    # a diverged trial carries no derivative
     far = 1e3 * problem.rollout_model.model.basis.scale
     change = np.clip(np.where(np.isfinite(y), y - y0, 0.0), -far, far) * problem.data.weight
     if n:
@@ -99,11 +106,12 @@ def _score_gain(
     fit: ShootingFit, residual: np.ndarray, slopes: np.ndarray, begun: np.ndarray, prior: GaussianPrior,
     group: np.ndarray, candidate: PlacedEffect,
 ) -> tuple[float, np.ndarray]:  # fmt: skip
-    """Misfit taken away by the best amount of a change, and that amount."""
+    """Misfit that the best amount of a change removes, and that amount, with all other parameters
+    refitted."""
     k = slopes.shape[2]
     both = np.concatenate([slopes, group], axis=2)
     curvature, gradient, *_ = eliminate_starts(residual, both, begun)
-    # what a moved uncertainty costs counts too: an effect that lets it go back gains that
+    # the penalty counts as well: an effect gains by letting the nuisance parameters return
     gradient[:k] -= (fit.x - prior.mean) / prior.deviation**2
     n = candidate.effect.amplitudes
     inverse = np.concatenate(

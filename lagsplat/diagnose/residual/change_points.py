@@ -10,20 +10,12 @@ from ruptures import KernelCPD
 from scipy.ndimage import uniform_filter1d
 from scipy.stats import chi2, false_discovery_control
 
+from lagsplat.diagnose.core.config import CHANGE_POINTS
 from lagsplat.diagnose.residual.latent_force import (
     LatentForceEstimate,
     compute_relative_squares,
     compute_rms_acceleration,
 )
-
-LEVEL_STRIDE = 0.125  # of the period, between the levels among which changes are sought
-LEVEL_WINDOW = 0.5  # of the period: over it, the square of a swing is level
-LEVEL_VARIANCE = 0.5  # variance of a level's logarithm where nothing changes
-MAX_LEVEL_DIFFERENCE = 2.0  # neighbours whose levels' logarithms differ by less are one event
-EDGE_SHARE = 0.25  # an event ends where the residual last exceeds this part of its peak
-MIN_EVENT_SHARE = 0.02  # share below which an event is not told
-FALSE_DISCOVERY_RATE = 0.05  # of false discoveries
-MAX_EVENTS = 5
 
 
 @dataclass(frozen=True)
@@ -57,18 +49,24 @@ def find_events(smoothed: Sequence[LatentForceEstimate], *, period_s: float) -> 
         return []
     p = [_compute_chance(smoothed[number], start, stop, period_s) for number, start, stop in spans]
     kept = [
-        span for span, q in zip(spans, false_discovery_control(p), strict=True) if q < FALSE_DISCOVERY_RATE
+        span
+        for span, q in zip(spans, false_discovery_control(p), strict=True)
+        if q < CHANGE_POINTS.false_discovery_rate
     ]
     found = []
     for number, start, stop in _join_spans(kept, squares):
         square, time_s = squares[number], smoothed[number].motion.time_s
-        loud = start + np.flatnonzero(square[start:stop] >= EDGE_SHARE**2 * square[start:stop].max())
+        loud = start + np.flatnonzero(
+            square[start:stop] >= CHANGE_POINTS.edge_share**2 * square[start:stop].max()
+        )
         inside = np.zeros(len(square), dtype=bool)
         inside[loud[0] : loud[-1] + 1] = True
         share = _integrate(smoothed[number], np.where(inside, square, 0.0)) / total
         found.append(ResidualEvent(number, float(time_s[loud[0]]), float(time_s[loud[-1]]), float(share)))
-    found = [event for event in _bridge_events(found, period_s) if event.share >= MIN_EVENT_SHARE]
-    return sorted(found, key=lambda event: -event.share)[:MAX_EVENTS]
+    found = [
+        event for event in _bridge_events(found, period_s) if event.share >= CHANGE_POINTS.min_energy_share
+    ]
+    return sorted(found, key=lambda event: -event.share)[: CHANGE_POINTS.max_events]
 
 
 def compute_sample_weights(one: LatentForceEstimate) -> Float64[np.ndarray, " T"]:
@@ -92,8 +90,8 @@ def _split_at_changes(
     if not one.active.any():
         return []
     dt_s = one.motion.dt_s
-    stride = max(1, round(LEVEL_STRIDE * period_s / dt_s))
-    width = max(1, round(LEVEL_WINDOW * period_s / dt_s))
+    stride = max(1, round(CHANGE_POINTS.stride_periods * period_s / dt_s))
+    width = max(1, round(CHANGE_POINTS.window_periods * period_s / dt_s))
     uncertain = np.where(one.active, one.std / unit, 0.0) ** 2
     floor = np.mean(uncertain.sum(axis=1)) + np.finfo(float).tiny
     spans = []
@@ -101,7 +99,7 @@ def _split_at_changes(
         level = np.log(uniform_filter1d(square[start:stop], width, mode="nearest") + floor)[::stride]
         ends = [len(level)]
         if len(level) >= 4:
-            penalty = 2.0 * LEVEL_VARIANCE * np.log(len(level))
+            penalty = 2.0 * CHANGE_POINTS.log_level_variance * np.log(len(level))
             ends = KernelCPD(kernel="linear", min_size=2).fit(level[:, None]).predict(pen=penalty)
         borders = [start, *(min(start + end * stride, stop) for end in ends[:-1]), stop]
         spans += [(a, b) for a, b in pairwise(borders) if b > a]
@@ -114,7 +112,9 @@ def _compute_chance(one: LatentForceEstimate, start: int, stop: int, period_s: f
     What the windows of a long span's ends share with its neighbours is left out of it.
     """
     active: Bool[np.ndarray, " d"] = one.active
-    edge = round((0.5 * LEVEL_WINDOW + LEVEL_STRIDE) * period_s / one.motion.dt_s)
+    edge = round(
+        (0.5 * CHANGE_POINTS.window_periods + CHANGE_POINTS.stride_periods) * period_s / one.motion.dt_s
+    )
     if stop - start > 4 * edge:
         start, stop = start + edge, stop - edge
     spacing = max(1, round(one.length_s / one.motion.dt_s))
@@ -132,7 +132,7 @@ def _bridge_events(found: list[ResidualEvent], period_s: float) -> list[Residual
         last = bridged[-1] if bridged else event
         near = last.motion == event.motion and 0.0 < event.start_s - last.end_s < period_s
         strengths = [one.share / max(one.end_s - one.start_s, 1e-9) for one in (last, event)]
-        if near and abs(np.log(strengths[0] / strengths[1])) < MAX_LEVEL_DIFFERENCE:
+        if near and abs(np.log(strengths[0] / strengths[1])) < CHANGE_POINTS.merge_log_ratio:
             bridged[-1] = ResidualEvent(last.motion, last.start_s, event.end_s, last.share + event.share)
         else:
             bridged.append(event)
@@ -145,7 +145,7 @@ def _join_spans(kept: list[tuple[int, int, int]], squares: list[np.ndarray]) -> 
     for number, start, stop in kept:
         level = float(np.log(np.mean(squares[number][start:stop])))
         touches = joined and joined[-1][0] == number and joined[-1][2] == start
-        if touches and abs(level - levels[-1]) < MAX_LEVEL_DIFFERENCE:
+        if touches and abs(level - levels[-1]) < CHANGE_POINTS.merge_log_ratio:
             joined[-1] = (number, joined[-1][1], stop)
         else:
             joined.append((number, start, stop))

@@ -17,18 +17,16 @@ from jaxtyping import Float64
 from scipy.signal import correlate
 from sklearn.kernel_ridge import KernelRidge
 
-from lagsplat.diagnose.residual.features import FEATURE_GROUPS, FOLDS, ResidualFeatures, compute_input_rates
+from lagsplat.diagnose.core.config import COMPONENTS, RESIDUAL_FEATURES
+from lagsplat.diagnose.residual.features import FEATURE_GROUPS, ResidualFeatures, compute_input_rates
 from lagsplat.diagnose.residual.latent_force import LatentForceEstimate
-
-RIDGES = (1e-5, 1e-3, 1e-1)
-KERNEL_WIDTHS = (1.0, 3.0)  # of the kernel, over the root of the number of features
-MAX_KERNEL_SAMPLES = 400
 
 
 @dataclass(frozen=True)
 class ResidualComponents:
-    """``shares`` of the residual by group, and ``unexplained``, summing to one; ``compute_memory_index``: what the
-    past adds to a prediction from the present, without assuming a form; both over all coordinates."""
+    """``shares`` of the residual by group, and ``unexplained``, summing to one; ``compute_memory_index``:
+    what the past adds to a prediction from the present, without assuming a form; both over all
+    coordinates."""
 
     shares: dict[str, float]
     memory_index: float
@@ -103,7 +101,7 @@ class _FoldedRegression:
         rms = np.sqrt(weight @ columns**2)
         x = np.sqrt(weight)[:, None] * columns / np.where(rms > 0.0, rms, 1.0)
         y = np.sqrt(weight) * found.target[:, coordinate]
-        folds = [found.fold == fold for fold in range(FOLDS)]
+        folds = [found.fold == fold for fold in range(RESIDUAL_FEATURES.folds)]
         self.gram = np.stack([x[fold].T @ x[fold] for fold in folds])
         self.moment = np.stack([x[fold].T @ y[fold] for fold in folds])
         self.square = float(y @ y)
@@ -114,7 +112,7 @@ class _FoldedRegression:
         gram = self.gram[:, chosen][:, :, chosen]
         moment = self.moment[:, chosen]
         best = 0.0
-        for ridge in RIDGES:
+        for ridge in COMPONENTS.ridges:
             learnt = gram.sum(axis=0) - gram + ridge * np.eye(len(chosen))
             beta = np.linalg.solve(learnt, (moment.sum(axis=0) - moment)[..., None])[..., 0]
             error = np.einsum("fa,fab,fb->", beta, gram, beta) - 2.0 * np.sum(beta * moment)
@@ -158,7 +156,7 @@ def _compute_shapley_shares(found: ResidualFeatures, coordinate: int) -> dict[st
 
 
 def _score_kernel_regression(found: ResidualFeatures, coordinate: int, columns: np.ndarray) -> float:
-    picked = slice(None, None, max(1, int(np.ceil(len(columns) / MAX_KERNEL_SAMPLES))))
+    picked = slice(None, None, max(1, int(np.ceil(len(columns) / COMPONENTS.max_samples))))
     x, y = columns[picked], found.target[picked, coordinate]
     spread = np.std(x, axis=0)
     x = (x / np.where(spread > 0.0, spread, 1.0))[:, spread > 0.0]
@@ -166,20 +164,16 @@ def _score_kernel_regression(found: ResidualFeatures, coordinate: int, columns: 
     if not x.shape[1] or scale == 0.0:
         return 0.0
     fold, scores = found.fold[picked], []
-    for width in KERNEL_WIDTHS:
+    for width in COMPONENTS.width_factors:
         gamma = 0.5 / (width**2 * x.shape[1])
         error = 0.0
-        for left_out in range(FOLDS):
+        for left_out in range(RESIDUAL_FEATURES.folds):
             test = fold == left_out
             if test.any() and not test.all():
                 model = KernelRidge(alpha=1e-3, kernel="rbf", gamma=gamma).fit(x[~test], y[~test] / scale)
                 error += float(np.sum((y[test] / scale - model.predict(x[test])) ** 2))
         scores.append(1.0 - error / float(np.sum((y / scale) ** 2)))
     return max(0.0, *scores)
-
-
-CHANCE_BOUND = 1.96
-"""Standard deviations that chance exceeds once in twenty times."""
 
 
 @dataclass(frozen=True)
@@ -226,7 +220,8 @@ def _compute_coordinate_regressors(q: np.ndarray, v: np.ndarray) -> dict[str, np
 
 
 def _score_correlation(residual: np.ndarray, column: np.ndarray, lengths: Sequence[int]) -> float:
-    """Size of the correlation of two series of several clips over `CHANCE_BOUND` of its standard deviations."""
+    """Size of the correlation of two series of several clips over `COMPONENTS.correlation_z` of its standard
+    deviations."""
     first, second = (series - series.mean() for series in (residual, column))
     power = np.sqrt((first @ first) * (second @ second))
     # a constant leaves only what rounding makes of it
@@ -234,7 +229,9 @@ def _score_correlation(residual: np.ndarray, column: np.ndarray, lengths: Sequen
         return 0.0
     parts = zip(*(np.split(series, np.cumsum(lengths)[:-1]) for series in (first, second)), strict=True)
     spread = sum(float(_autocorrelate(a) @ _autocorrelate(b)) for a, b in parts)
-    return float(abs(first @ second) / (CHANCE_BOUND * np.sqrt(max(spread, np.finfo(float).tiny))))
+    return float(
+        abs(first @ second) / (COMPONENTS.correlation_z * np.sqrt(max(spread, np.finfo(float).tiny)))
+    )
 
 
 def _autocorrelate(series: np.ndarray) -> np.ndarray:

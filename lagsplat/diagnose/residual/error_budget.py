@@ -12,17 +12,10 @@ import numpy as np
 from jaxtyping import Float64
 from sklearn.covariance import MinCovDet
 
+from lagsplat.diagnose.core.config import ERROR_BUDGET
 from lagsplat.diagnose.mechanics.model import Mechanics
 from lagsplat.diagnose.residual.latent_force import LatentForceEstimate
 from lagsplat.diagnose.solvers.runge_kutta import take_runge_kutta_step
-
-BOOTSTRAP_DRAWS = 999
-COVERAGE = 0.95
-SUSPECT_RATIO = 2.0  # of the real pictures' error to that of those the sim was learnt from
-SUSPECT_OUTSIDE_SHARE = 0.05  # share of frames beyond what 1 in 1000 should be
-NOMINAL_QUANTILE = 0.999
-MAX_RELATIVE_ERROR = 1e3  # rms: a forecast that leaves all bounds counts as this
-MAX_STEP_SHARE = 0.02  # of the horizon, one step of the forecast's integrator at most
 
 
 @dataclass(frozen=True)
@@ -64,9 +57,13 @@ def assess_perception(
         raise ValueError("the nominal pictures are drawn without any error; give errors of pictures held out")
     ratio = float(np.mean(error_real) / np.mean(error_nominal))
     cloud = MinCovDet(random_state=0).fit(latents_nominal)
-    limit = np.quantile(cloud.mahalanobis(latents_nominal), NOMINAL_QUANTILE)
+    limit = np.quantile(cloud.mahalanobis(latents_nominal), ERROR_BUDGET.outside_quantile)
     outside = float(np.mean(cloud.mahalanobis(latents_real) > limit))
-    return PerceptionQuality(ratio, outside, ratio > SUSPECT_RATIO or outside > SUSPECT_OUTSIDE_SHARE)
+    return PerceptionQuality(
+        ratio,
+        outside,
+        ratio > ERROR_BUDGET.suspect_error_ratio or outside > ERROR_BUDGET.suspect_outside_share,
+    )
 
 
 def compute_perception_stage(
@@ -203,7 +200,8 @@ def forecast_positions(
 def _compute_forecast_errors(
     mechanics: Mechanics, smoothed: Sequence[LatentForceEstimate], horizon_s: float
 ) -> list[float]:
-    """Mean squared error of each forecast over its coordinate's variance, at most that of `MAX_RELATIVE_ERROR`."""
+    """Mean squared error of each forecast over its coordinate's variance, at most that of
+    `ERROR_BUDGET.max_relative_error`."""
     variance = np.var(np.concatenate([one.motion.q for one in smoothed]), axis=0)
     errors: list[float] = []
     for one in smoothed:
@@ -216,10 +214,10 @@ def _compute_forecast_errors(
         at = np.array(starts)[:, None] + np.arange(length)
         path = forecast_positions(
             mechanics, one.q[starts], one.v[starts], motion.time_s[at], motion.u[at],
-            finest_s=max(MAX_STEP_SHARE * horizon_s, 0.25 * motion.dt_s),
+            finest_s=max(ERROR_BUDGET.max_step_share * horizon_s, 0.25 * motion.dt_s),
         )  # fmt: skip
         squares = np.mean((path[:, 1:] - motion.q[at[:, 1:]]) ** 2 / variance, axis=(1, 2))
-        errors += np.minimum(squares, MAX_RELATIVE_ERROR**2).tolist()
+        errors += np.minimum(squares, ERROR_BUDGET.max_relative_error**2).tolist()
     if not errors:
         raise ValueError(f"no clip lasts {horizon_s:.3g} s, so nothing can be forecast that far; shorten it")
     return errors
@@ -237,7 +235,7 @@ def _compute_jitters(smoothed: Sequence[LatentForceEstimate]) -> list[float]:
 def _bootstrap_stage(name: str, squares: Sequence[float], floor: float | None, seed: int) -> ErrorStage:
     """Root of the mean square with its bootstrap interval over blocks."""
     values = np.asarray(squares, dtype=float)
-    drawn = np.random.default_rng(seed).integers(0, len(values), (BOOTSTRAP_DRAWS, len(values)))
-    tail = 0.5 * (1.0 - COVERAGE)
+    drawn = np.random.default_rng(seed).integers(0, len(values), (ERROR_BUDGET.bootstrap_draws, len(values)))
+    tail = 0.5 * (1.0 - ERROR_BUDGET.coverage)
     low, high = np.sqrt(np.quantile(values[drawn].mean(axis=1), [tail, 1.0 - tail]))
     return ErrorStage(name, float(np.sqrt(values.mean())), float(low), float(high), floor)

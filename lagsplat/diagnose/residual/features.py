@@ -12,16 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64, Int64
 
+from lagsplat.diagnose.core.config import RESIDUAL_FEATURES
 from lagsplat.diagnose.mechanics.model import Mechanics, compute_rest_inertia
 from lagsplat.diagnose.residual.change_points import compute_sample_weights
 from lagsplat.diagnose.residual.latent_force import LatentForceEstimate
 
 FEATURE_GROUPS = ("inertial", "conservative", "dissipative", "actuation", "exogenous", "memory")
-LAG_PERIODS = (0.125, 0.25, 0.5, 1.0)  # of the period
-REVERSAL_SPEED = 0.05  # of the rms velocity: what is slower counts as a reversal
-BLOCK_PERIODS = 0.75  # of the period
-FOLDS = 5
-MAX_SAMPLES = 800
 
 
 @dataclass(frozen=True)
@@ -55,14 +51,14 @@ def compute_features(
     variance = np.concatenate([one.std for one in smoothed]) ** 2 + (0.05 * np.std(residual, axis=0)) ** 2
     rates = np.concatenate([compute_input_rates(one) for one in smoothed])
     fold = _assign_folds(smoothed, period_s)
-    picked = np.arange(0, len(q), max(1, int(np.ceil(len(q) / MAX_SAMPLES))))
+    picked = np.arange(0, len(q), max(1, int(np.ceil(len(q) / RESIDUAL_FEATURES.max_samples))))
     lagged = np.concatenate([_compute_lagged_columns(one, period_s) for one in smoothed])
     position = (q - mechanics.rest) / np.std(q, axis=0)
     velocity = v / np.sqrt(np.mean(v**2, axis=0))
     whole = mechanics.force(q, v, u) / compute_rest_inertia(mechanics)
     driven = _scale_columns(u)
     bends = (driven**3, np.abs(driven) * driven, np.tanh(3 * driven))
-    earlier = lagged[:, mechanics.d * len(LAG_PERIODS) :]
+    earlier = lagged[:, mechanics.d * len(RESIDUAL_FEATURES.lags_periods) :]
     actuated = np.concatenate([driven, _scale_columns(rates), *bends, earlier], axis=1)
     outside = _compute_outside_columns(time_s, elapsed / elapsed.max(), lines_hz)
     groups = []
@@ -78,7 +74,7 @@ def compute_features(
             ),
             "actuation": actuated,
             "exogenous": np.concatenate([outside, _compute_drifting_column(elapsed, position[:, i])], axis=1),
-            "memory": lagged[:, : mechanics.d * len(LAG_PERIODS)],
+            "memory": lagged[:, : mechanics.d * len(RESIDUAL_FEATURES.lags_periods)],
         }
         groups.append({name: matrix[picked] for name, matrix in members.items()})
     return ResidualFeatures(
@@ -114,7 +110,7 @@ def _compute_restoring_columns(position: Float64[np.ndarray, " n"]) -> Float64[n
 def _compute_resisting_columns(
     velocity: Float64[np.ndarray, " n"], position: Float64[np.ndarray, " n"]
 ) -> Float64[np.ndarray, "n 4"]:
-    sign = np.tanh(velocity / REVERSAL_SPEED)
+    sign = np.tanh(velocity / RESIDUAL_FEATURES.reversal_rate_share)
     return np.stack([velocity, sign, np.abs(velocity) * velocity, np.abs(position) * sign], axis=1)
 
 
@@ -136,13 +132,13 @@ def _compute_drifting_column(elapsed: np.ndarray, position: np.ndarray) -> Float
 def _compute_lagged_columns(one: LatentForceEstimate, period_s: float) -> np.ndarray:
     """Positions and inputs some time earlier; before a clip's beginning, those at its beginning."""
     columns = np.concatenate([one.q, one.motion.u], axis=1)
-    lagged = np.empty((len(columns), columns.shape[1] * len(LAG_PERIODS)))
+    lagged = np.empty((len(columns), columns.shape[1] * len(RESIDUAL_FEATURES.lags_periods)))
     for start, stop in one.motion.segments:
         time_s = one.motion.time_s[start:stop]
         for i in range(lagged.shape[1]):
-            lag = LAG_PERIODS[i % len(LAG_PERIODS)] * period_s
+            lag = RESIDUAL_FEATURES.lags_periods[i % len(RESIDUAL_FEATURES.lags_periods)] * period_s
             lagged[start:stop, i] = np.interp(
-                time_s - lag, time_s, columns[start:stop, i // len(LAG_PERIODS)]
+                time_s - lag, time_s, columns[start:stop, i // len(RESIDUAL_FEATURES.lags_periods)]
             )
     return _scale_columns(lagged - lagged.mean(axis=0))
 
@@ -154,4 +150,6 @@ def _assign_folds(smoothed: Sequence[LatentForceEstimate], period_s: float) -> I
         passed = np.cumsum(compute_sample_weights(one))
         elapsed.append(before + passed)
         before += float(passed[-1])
-    return (np.concatenate(elapsed) / (BLOCK_PERIODS * period_s)).astype(np.int64) % FOLDS
+    return (np.concatenate(elapsed) / (RESIDUAL_FEATURES.block_periods * period_s)).astype(
+        np.int64
+    ) % RESIDUAL_FEATURES.folds

@@ -4,7 +4,6 @@ Each coordinate is given a force with a Matern-3/2 covariance. Position, velocit
 estimated together by an iterated extended Kalman smoother: the mechanism is linearised along the last
 estimate of the whole path, smoothed, and so on. The forces' and the noise's variances are those of largest
 marginal likelihood, and so is the force's length scale among `LENGTH_SCALES`. No position is differenced.
-differenced.
 
 Forces are accelerations throughout: they are divided by the inertia at rest (`compute_rest_inertia`).
 """

@@ -14,11 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 
+from lagsplat.diagnose.core.config import LINEARIZATION
 from lagsplat.diagnose.mechanics.model import Mechanics, compute_rest_inertia
 from lagsplat.diagnose.solvers.runge_kutta import take_runge_kutta_step
 
 DIFFERENCE_STEP = 1e-5
-MAX_PHASE_STEP = 0.5  # a Runge-Kutta step spans at most this many radians of the fastest mode
 MAX_SUBSTEPS = 300  # Runge-Kutta steps that a sample is worth
 
 
@@ -79,7 +79,7 @@ def linearize_steps(
 
 def _count_substeps(h: np.ndarray, period_s: float) -> int:
     """How many Runge-Kutta steps the longest sample step takes."""
-    parts = float(np.ceil(h.max(initial=0.0) * 2.0 * np.pi / period_s / MAX_PHASE_STEP))
+    parts = float(np.ceil(h.max(initial=0.0) * 2.0 * np.pi / period_s / LINEARIZATION.max_step_rad))
     if not parts <= MAX_SUBSTEPS:
         raise np.linalg.LinAlgError(
             f"the sim's fastest mode, {1.0 / period_s:.3g} Hz, needs {parts:.3g} integration steps a sample; "

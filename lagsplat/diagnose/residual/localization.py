@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from lagsplat.diagnose.core.config import LOCALIZATION
 from lagsplat.diagnose.mechanics.model import Mechanics, compute_rest_period_s
 from lagsplat.diagnose.residual.change_points import ResidualEvent, find_events
 from lagsplat.diagnose.residual.components import (
@@ -25,17 +26,6 @@ from lagsplat.diagnose.residual.spectrum import ResidualSpectrum, compute_spectr
 from lagsplat.diagnose.residual.state_maps import StateMap, StateRegion, find_state_regions
 from lagsplat.io.trajectory.trajectory import Trajectory
 
-MIN_ACTUATION_OF_EXPLAINED = 0.4  # share of all that is explained which functions of the inputs must explain,
-MIN_ACTUATION_SHARE = 0.1  # and of the residual
-MIN_CHART_SHARE = 0.5  # share that distorted positions must explain,
-CHART_MARGIN = 0.1  # and more than any kind of force by this much
-MIN_SPEED_NOISE_SHARE = 0.3  # share of the noise that must grow with speed
-MAX_SPEED_NOISE_P = 0.01
-MAX_BRIEF_TIME_SHARE = (
-    0.2  # of the time: events that fill less and hold most of the residual come from outside
-)
-MIN_BRIEF_SHARE = 0.7
-
 
 @dataclass(frozen=True)
 class ResidualLocation:
@@ -44,10 +34,10 @@ class ResidualLocation:
     ``level`` "perception", "chart", "actuation" or "dynamics"; ``coordinates`` share by name; ``time_s``
     (file, start, end, share); ``frequency_hz`` (low, high, share); ``state_region`` by coordinate, the boxes
     in which the residual keeps its sign; ``image_region`` as of `image_region`, None without pictures;
-    ``compute_components`` share by kind of term, with "unexplained"; ``memory_index`` in [0, 1]; ``evidence`` nats by
-    which each coordinate's residual force makes the recording more likely; ``size`` rms of the residual over
-    the swing's acceleration: of a hundredth or less, all else says little. For figures: ``smoothed`` of
-    every motion, ``compute_spectrum`` (None for short clips), ``maps`` of state.
+    ``compute_components`` share by kind of term, with "unexplained"; ``memory_index`` in [0, 1]; ``evidence``
+    nats by which each coordinate's residual force makes the recording more likely; ``size`` rms of the
+    residual over the swing's acceleration: of a hundredth or less, all else says little. For figures:
+    ``smoothed`` of every motion, ``compute_spectrum`` (None for short clips), ``maps`` of state.
     """
 
     level: str
@@ -79,8 +69,8 @@ def locate(
     """Where the force that ``mechanics`` lacks on ``motions`` lies.
 
     ``period_s`` is the natural period, by default the sim's slowest at rest; ``ar1``, ``hold`` and ``noise``
-    as of `estimate_latent_force`. ``perception_suspect`` says that pictures are drawn or encoded worse than those the sim
-    was learnt from, which makes perception the level whatever the forces say.
+    as of `estimate_latent_force`. ``perception_suspect`` says that pictures are drawn or encoded worse than
+    those the sim was learnt from, which makes perception the level whatever the forces say.
 
     Raises:
         ValueError: as of `estimate_latent_force`; or the sim has no natural period and none is given.
@@ -137,8 +127,8 @@ def _assign_brief_events(
     lasted = sum(one.end_s - one.start_s for one in happened)
     held = sum(one.share for one in happened)
     moved = parts.shares["unexplained"] + parts.shares["memory"]
-    brief = lasted < MAX_BRIEF_TIME_SHARE * sum(one.motion.duration_s for one in smoothed)
-    if moved < 0.5 or held < MIN_BRIEF_SHARE or not brief:
+    brief = lasted < LOCALIZATION.max_event_time_share * sum(one.motion.duration_s for one in smoothed)
+    if moved < 0.5 or held < LOCALIZATION.min_event_energy_share or not brief:
         return parts
     cause = "conservative" if _acts_beyond_usual_positions(happened, smoothed) else "exogenous"
     left = {"memory": 0.0, "unexplained": (1.0 - held) * moved, cause: parts.shares[cause] + held * moved}
@@ -189,7 +179,9 @@ def _decide_level(
     perception_suspect: bool,
 ) -> str:
     uncertain = measure_speed_noise(smoothed, period_s=period_s)
-    if perception_suspect or (uncertain.p < MAX_SPEED_NOISE_P and uncertain.share > MIN_SPEED_NOISE_SHARE):
+    if perception_suspect or (
+        uncertain.p < LOCALIZATION.max_speed_noise_p and uncertain.share > LOCALIZATION.min_speed_noise_share
+    ):
         return "perception"
     if share.max() > 0.0:
         main = int(np.argmax(share))
@@ -197,11 +189,12 @@ def _decide_level(
         forces = max(
             compute_explained_share(found, main, found.groups[main][name]) for name in FEATURE_GROUPS
         )
-        if distorted > MIN_CHART_SHARE and distorted > forces + CHART_MARGIN:
+        if distorted > LOCALIZATION.min_chart_share and distorted > forces + LOCALIZATION.min_chart_lead:
             return "chart"
     explained_share = 1.0 - parts.shares["unexplained"]
     if (
-        parts.shares["actuation"] > max(MIN_ACTUATION_OF_EXPLAINED * explained_share, MIN_ACTUATION_SHARE)
+        parts.shares["actuation"]
+        > max(LOCALIZATION.min_actuation_share * explained_share, LOCALIZATION.min_actuation_residual_share)
         and parts.largest == "actuation"
     ):
         return "actuation"

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 
+from lagsplat.diagnose.core.config import MEASUREMENT_MODEL, RESIDUAL_FEATURES
 from lagsplat.diagnose.mechanics.model import Mechanics, compute_rest_inertia
 from lagsplat.diagnose.residual.change_points import compute_sample_weights
 from lagsplat.diagnose.residual.components import compute_explained_share
-from lagsplat.diagnose.residual.features import BLOCK_PERIODS, ResidualFeatures
+from lagsplat.diagnose.residual.features import ResidualFeatures
 from lagsplat.diagnose.residual.latent_force import LatentForceEstimate
 
 DIFFERENCE_STEP = 1e-4
-SIGN_FLIPS = 999
 
 
 @dataclass(frozen=True)
@@ -37,12 +37,14 @@ def measure_speed_noise(
         noise = (one.innovation / np.std(one.innovation, axis=0)) ** 2
         speed = one.v**2 / np.mean(one.v**2, axis=0)
         excess = np.sum((noise - noise.mean(axis=0)) * (speed - speed.mean(axis=0)), axis=1)
-        block = (np.cumsum(compute_sample_weights(one)) / (BLOCK_PERIODS * period_s)).astype(np.int64)
+        block = (
+            np.cumsum(compute_sample_weights(one)) / (RESIDUAL_FEATURES.block_periods * period_s)
+        ).astype(np.int64)
         slopes.append(np.bincount(block, excess))
         total += float(np.sum((speed - speed.mean(axis=0)) ** 2))
     sums = np.concatenate(slopes)
-    signs = np.random.default_rng(seed).choice([-1.0, 1.0], (SIGN_FLIPS, len(sums)))
-    p = (1.0 + np.sum(signs @ sums >= sums.sum())) / (1.0 + SIGN_FLIPS)
+    signs = np.random.default_rng(seed).choice([-1.0, 1.0], (MEASUREMENT_MODEL.sign_flips, len(sums)))
+    p = (1.0 + np.sum(signs @ sums >= sums.sum())) / (1.0 + MEASUREMENT_MODEL.sign_flips)
     return SpeedNoise(float(np.clip(sums.sum() / max(total, 1e-300), 0.0, 1.0)), float(p))
 
 

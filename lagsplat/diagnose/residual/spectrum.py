@@ -13,18 +13,8 @@ from scipy.signal.windows import dpss
 from scipy.stats import f as fisher
 from scipy.stats import false_discovery_control
 
+from lagsplat.diagnose.core.config import SPECTRUM
 from lagsplat.diagnose.residual.latent_force import LatentForceEstimate, compute_rms_acceleration
-
-HALF_BANDWIDTH = 3.0  # over the clip's length: with five tapers
-TAPERS = 5
-TRANSFORM_PADDING = 6  # of the transform: a line between two frequencies is not mistaken for noise
-MIN_CLIP_PERIODS = 3.0  # periods a clip must last to have a spectrum
-MAX_FREQUENCY_RATIO = 12.0  # times the natural frequency: what is faster is not told
-LINE_FALSE_DISCOVERY_RATE = 0.01  # of false lines
-BAND_EDGE_SHARE = 0.1  # a band reaches to where the power falls to this part of its peak
-MIN_BAND_SHARE = 0.05
-MIN_POWER_SHARE = 1e-3  # of the largest power: below it, coherence says nothing
-MAX_BANDS = 5
 
 
 @dataclass(frozen=True)
@@ -75,23 +65,23 @@ def compute_spectrum(smoothed: Sequence[LatentForceEstimate], *, period_s: float
     if not pieces:
         return None
     dt_s = min(dt for _, dt in pieces)
-    size = 2 ** int(np.ceil(np.log2(TRANSFORM_PADDING * max(len(values) for values, _ in pieces))))
+    size = 2 ** int(np.ceil(np.log2(SPECTRUM.padding * max(len(values) for values, _ in pieces))))
     frequency = np.fft.rfftfreq(size, dt_s)
-    kept = (frequency > 0.0) & (frequency <= min(MAX_FREQUENCY_RATIO / period_s, 0.4 / dt_s))
+    kept = (frequency > 0.0) & (frequency <= min(SPECTRUM.max_frequency_ratio / period_s, 0.4 / dt_s))
     clips = [_taper_clip(values, dt_s, size, kept) for values, _ in pieces]
     seconds = np.array([clip.seconds for clip in clips])
     cross = sum(
         clip.seconds * np.einsum("fkr,fkz->frz", clip.transform[..., :d].conj(), clip.transform)
         for clip in clips
-    ) / (TAPERS * seconds.sum())
+    ) / (SPECTRUM.tapers * seconds.sum())
     own = sum(clip.seconds * np.sum(np.abs(clip.transform) ** 2, axis=1) for clip in clips) / (
-        TAPERS * seconds.sum()
+        SPECTRUM.tapers * seconds.sum()
     )
     power = np.where(active, own[:, :d], 0.0)
     with np.errstate(invalid="ignore", divide="ignore"):
         coherence = np.abs(cross[..., d:]) ** 2 / (own[:, :d, None] * own[:, None, d:])
     # Where the residual has no power of its own, leakage of what is strong elsewhere would seem coherent.
-    loud = power > MIN_POWER_SHARE * power.max(axis=0)
+    loud = power > SPECTRUM.min_relative_power * power.max(axis=0)
     coherence = np.where(loud[..., None], np.nan_to_num(coherence), 0.0)
     first = smoothed[0].motion
     return ResidualSpectrum(
@@ -99,7 +89,7 @@ def compute_spectrum(smoothed: Sequence[LatentForceEstimate], *, period_s: float
         power=power,
         coherence=coherence,
         names=(*first.u_names[:n_u], *(f"v_{name}" for name in first.q_names)),
-        significant=1.0 - 0.01 ** (1.0 / (TAPERS * len(clips) - 1)),
+        significant=1.0 - 0.01 ** (1.0 / (SPECTRUM.tapers * len(clips) - 1)),
         bands=_find_bands(frequency[kept], power.sum(axis=1)),
         lines=_find_lines(clips, frequency[kept], active),
     )
@@ -125,7 +115,10 @@ def _resample_clips(
         channels = np.concatenate([one.residual / unit, one.motion.u, one.v], axis=1)
         for start, stop in one.motion.segments:
             time_s = one.motion.time_s[start:stop]
-            if time_s[-1] - time_s[0] < MIN_CLIP_PERIODS * period_s or stop - start < 8 * TAPERS:
+            if (
+                time_s[-1] - time_s[0] < SPECTRUM.min_clip_periods * period_s
+                or stop - start < 8 * SPECTRUM.tapers
+            ):
                 continue
             even = time_s[0] + dt_s * np.arange(int((time_s[-1] - time_s[0]) / dt_s + 1e-6) + 1)
             clips.append((CubicSpline(time_s, channels[start:stop])(np.minimum(even, time_s[-1])), dt_s))
@@ -133,7 +126,7 @@ def _resample_clips(
 
 
 def _taper_clip(values: np.ndarray, dt_s: float, size: int, kept: np.ndarray) -> _Tapered:
-    tapers = dpss(len(values), HALF_BANDWIDTH, TAPERS)  # (K, N)
+    tapers = dpss(len(values), SPECTRUM.half_bandwidth, SPECTRUM.tapers)  # (K, N)
     centred = values - values.mean(axis=0)
     transform: Complex[np.ndarray, "F K channels"] = np.fft.rfft(
         centred[:, None, :] * tapers.T[:, :, None], size, axis=0
@@ -153,7 +146,7 @@ def _find_lines(clips: list[_Tapered], frequency: np.ndarray, active: np.ndarray
             amplitude = y @ h / (h @ h)
             above += np.abs(amplitude) ** 2 * (h @ h)
             below += np.sum(np.abs(y - amplitude[:, None] * h) ** 2, axis=1)
-        freedom = 2 * len(clips) * (TAPERS - 1)
+        freedom = 2 * len(clips) * (SPECTRUM.tapers - 1)
         ratio = (above / (2 * len(clips))) / np.maximum(below / freedom, np.finfo(float).tiny)
         p = fisher.sf(ratio, 2 * len(clips), freedom)
         peaks = _find_local_maxima(ratio, apart)
@@ -162,7 +155,7 @@ def _find_lines(clips: list[_Tapered], frequency: np.ndarray, active: np.ndarray
         found += [
             SpectralLine(float(frequency[at]), int(i), float(p[at]))
             for at, rate in zip(peaks, q, strict=True)
-            if rate < LINE_FALSE_DISCOVERY_RATE
+            if rate < SPECTRUM.line_false_alarm_rate
         ]
     return tuple(sorted(found, key=lambda line: line.p))
 
@@ -178,15 +171,15 @@ def _find_bands(frequency: np.ndarray, power: np.ndarray) -> tuple[tuple[float, 
     total = power.sum()
     left = power.copy()
     found: list[tuple[float, float, float]] = []
-    while total > 0.0 and len(found) < MAX_BANDS:
+    while total > 0.0 and len(found) < SPECTRUM.max_bands:
         peak = int(np.argmax(left))
-        level = BAND_EDGE_SHARE * left[peak]
+        level = SPECTRUM.band_edge_share * left[peak]
         if left[peak] <= 0.0:
             break
         low = peak - int(np.argmax(np.append(left[peak::-1] < level, True))) + 1
         high = peak + int(np.argmax(np.append(left[peak:] < level, True))) - 1
         share = float(left[low : high + 1].sum() / total)
-        if share < MIN_BAND_SHARE:
+        if share < SPECTRUM.min_band_share:
             break
         found.append((float(frequency[low]), float(frequency[high]), share))
         left[low : high + 1] = 0.0

@@ -8,16 +8,9 @@ import numpy as np
 from jaxtyping import Float64, Int64
 from scipy.ndimage import label
 
+from lagsplat.diagnose.core.config import RESIDUAL_FEATURES, STATE_MAPS
 from lagsplat.diagnose.residual.change_points import compute_sample_weights
-from lagsplat.diagnose.residual.features import BLOCK_PERIODS
 from lagsplat.diagnose.residual.latent_force import LatentForceEstimate, compute_relative_squares
-
-MAP_BINS = 8
-PROFILE_BINS = 12
-SIGN_FLIPS = 999
-SIGNIFICANCE = 0.05
-CLUSTER_SCORE = 2.0  # standard errors at which a bin joins a cluster
-MIN_BLOCKS = 6  # two to the sixth sign patterns are the fewest that can reach one in twenty
 
 
 @dataclass(frozen=True)
@@ -64,12 +57,12 @@ def find_state_regions(
     Source: Maris and Oostenveld (2007), cluster-based permutation.
     """
     block = _number_blocks(smoothed, period_s)
-    signs = np.random.default_rng(seed).choice([-1.0, 1.0], (SIGN_FLIPS, block.max() + 1))
+    signs = np.random.default_rng(seed).choice([-1.0, 1.0], (STATE_MAPS.sign_flips, block.max() + 1))
     weight = np.concatenate([compute_sample_weights(one) for one in smoothed])
     square = np.concatenate(compute_relative_squares(smoothed))
     state = [np.concatenate([getattr(one, name) for one in smoothed]) for name in ("q", "v", "residual")]
     coordinates = np.flatnonzero(smoothed[0].active)
-    shapes = ((MAP_BINS, MAP_BINS), (PROFILE_BINS, 1))
+    shapes = ((STATE_MAPS.map_bins, STATE_MAPS.map_bins), (STATE_MAPS.profile_bins, 1))
     maps, found = [], []
     for i, shape in product(coordinates, shapes):
         q, v, r = (values[:, i] for values in state)
@@ -83,9 +76,12 @@ def find_state_regions(
         score = sums.sum(axis=0) / spread
         maps.append(StateMap(int(i), *edges, mean.reshape(shape), score.reshape(shape)))
         share = np.bincount(at, weight * square[:, i], minlength=len(spread)).reshape(shape)
-        if block.max() + 1 >= MIN_BLOCKS:
+        if block.max() + 1 >= STATE_MAPS.min_blocks:
             heaviest = np.array(
-                [_find_heaviest_cluster(one) for one in (signs @ sums / spread).reshape(SIGN_FLIPS, *shape)]
+                [
+                    _find_heaviest_cluster(one)
+                    for one in (signs @ sums / spread).reshape(STATE_MAPS.sign_flips, *shape)
+                ]
             )
             found += _select_regions(maps[-1], share / share.sum(), heaviest, len(coordinates) * len(shapes))
     return sorted(found, key=lambda region: -region.share), maps
@@ -95,7 +91,9 @@ def _number_blocks(smoothed: Sequence[LatentForceEstimate], period_s: float) -> 
     """Number of each sample's block; a block belongs to one motion."""
     numbers, first = [], 0
     for one in smoothed:
-        own = (np.cumsum(compute_sample_weights(one)) / (BLOCK_PERIODS * period_s)).astype(np.int64)
+        own = (np.cumsum(compute_sample_weights(one)) / (RESIDUAL_FEATURES.block_periods * period_s)).astype(
+            np.int64
+        )
         numbers.append(first + own)
         first += int(own[-1]) + 1
     return np.concatenate(numbers)
@@ -128,7 +126,7 @@ def _find_clusters(score: np.ndarray) -> list[tuple[np.ndarray, float]]:
     """Connected bins of one sign that stand out, with their summed scores."""
     found = []
     for sign in (1.0, -1.0):
-        numbers, count = label(sign * score > CLUSTER_SCORE)
+        numbers, count = label(sign * score > STATE_MAPS.cluster_standard_errors)
         if count:
             masses = np.bincount(numbers.ravel(), (sign * score).ravel())
             found += [(numbers == number, float(masses[number])) for number in range(1, count + 1)]
@@ -136,7 +134,7 @@ def _find_clusters(score: np.ndarray) -> list[tuple[np.ndarray, float]]:
 
 
 def _find_heaviest_cluster(score: np.ndarray) -> float:
-    if np.abs(score).max() <= CLUSTER_SCORE:
+    if np.abs(score).max() <= STATE_MAPS.cluster_standard_errors:
         return 0.0
     return max(mass for _, mass in _find_clusters(score))
 
@@ -145,7 +143,7 @@ def _select_regions(one: StateMap, share: np.ndarray, heaviest: np.ndarray, test
     found = []
     for inside, mass in _find_clusters(one.score):
         p = min(1.0, tests * (1.0 + np.sum(heaviest >= mass)) / (1.0 + len(heaviest)))
-        if p > SIGNIFICANCE:
+        if p > STATE_MAPS.significance:
             continue
         rows, columns = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))
         profile = len(one.velocity_edges) == 2

@@ -1,4 +1,5 @@
-"""A sim that is given point by point, as mass, slope of the potential and so on, in the basis of a `MechanicalModel`.
+"""A sim that is given point by point, as mass, slope of the potential and so on, in the basis of a
+`MechanicalModel`.
 
 How each field is fitted is told in `lagsplat.diagnose.simulators.projection_fields`.
 """
@@ -11,13 +12,12 @@ import numpy as np
 from jaxtyping import Float64
 from scipy.optimize import root
 
+from lagsplat.diagnose.core.config import PROJECTION, PROJECTION_FIELDS
 from lagsplat.diagnose.estimation.dataset import OperatingRegion
 from lagsplat.diagnose.mechanics.model import MechanicalModel
 from lagsplat.diagnose.mechanics.structure import build_candidate_bases
-from lagsplat.diagnose.simulators.projection_fields import FIELD_TOLERANCE, FieldSamples, fit_fields
+from lagsplat.diagnose.simulators.projection_fields import FieldSamples, fit_fields
 
-WARN_ERROR = 0.02
-"""Error above which a user is warned."""
 EXACT_ERROR = 1e-6
 MAX_DEGREE = {1: 9, 2: 8, 3: 4}
 """Highest degree of the polynomials by number of coordinates."""
@@ -98,7 +98,7 @@ def compute_acceleration_error(
 
 def rank_projection(one: ProjectedModel) -> tuple[int, float]:
     """To be minimised: exact ones first, then the smallest that is good, then the least bad."""
-    if one.error < FIELD_TOLERANCE:
+    if one.error < PROJECTION_FIELDS.tolerance:
         m = one.model
         return int(
             one.error > EXACT_ERROR
@@ -108,7 +108,7 @@ def rank_projection(one: ProjectedModel) -> tuple[int, float]:
 
 def finish_projection(one: ProjectedModel, *, what: str) -> ProjectedModel:
     """The same, cut to the functions it uses and with its point of rest; warns where it is poor."""
-    if one.error > WARN_ERROR:
+    if one.error > PROJECTION.warning_error:
         warnings.warn(
             f"{what}: its acceleration could be written in mass, damping, potential and inputs only to "
             f"within {100.0 * one.error:.1f} % over the region of the recording; what is missing (a "

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 
+from lagsplat.diagnose.core.config import PROJECTION_FIELDS
 from lagsplat.diagnose.estimation.dataset import OperatingRegion
 from lagsplat.diagnose.mechanics.basis import Basis
 from lagsplat.diagnose.mechanics.model import MechanicalModel
@@ -26,13 +27,7 @@ from lagsplat.diagnose.simulators.projection import (
     finish_projection,
     rank_projection,
 )
-from lagsplat.diagnose.simulators.projection_fields import (
-    DEFAULT_FRICTION_WIDTH,
-    FIELD_TOLERANCE,
-    FRICTION_WIDTHS,
-    build_friction_columns,
-    make_symmetric_basis,
-)
+from lagsplat.diagnose.simulators.projection_fields import build_friction_columns, make_symmetric_basis
 
 RIDGE = 1e-10
 """Of standardised columns: what the accelerations leave open stays at an inertia of one."""
@@ -153,12 +148,12 @@ def _grow(terms: AccelerationTerms) -> ProjectedModel:
     def climb(
         best: tuple[float, ModelStructure, float, MechanicalModel],
     ) -> tuple[float, ModelStructure, float, MechanicalModel]:
-        while best[0] > 0.1 * FIELD_TOLERANCE:
+        while best[0] > 0.1 * PROJECTION_FIELDS.tolerance:
             error, form, ratio, _ = best
             steps = [
                 tried(larger, other)
                 for larger in list_larger_structures(form, terms.basis, driven=driven)
-                for other in (FRICTION_WIDTHS if larger.dry and not form.dry else (ratio,))
+                for other in (PROJECTION_FIELDS.friction_widths if larger.dry and not form.dry else (ratio,))
             ]
             # equals go to the smaller form
             step = min(
@@ -171,10 +166,15 @@ def _grow(terms: AccelerationTerms) -> ProjectedModel:
 
     one = 1 if driven else 0
     ends = list_field_sizes(terms.basis)
-    best = climb(tried(ModelStructure(1, 1, ends[2], one), DEFAULT_FRICTION_WIDTH))
-    if best[0] > FIELD_TOLERANCE:  # mass and potential that balance one another help only together
+    best = climb(tried(ModelStructure(1, 1, ends[2], one), PROJECTION_FIELDS.default_friction_width))
+    if (
+        best[0] > PROJECTION_FIELDS.tolerance
+    ):  # mass and potential that balance one another help only together
         jump = min(
-            (tried(ModelStructure(end, 1, end, one), DEFAULT_FRICTION_WIDTH) for end in ends[2:]),
+            (
+                tried(ModelStructure(end, 1, end, one), PROJECTION_FIELDS.default_friction_width)
+                for end in ends[2:]
+            ),
             key=lambda row: row[0],
         )
         best = climb(jump) if jump[0] < 0.5 * best[0] else best

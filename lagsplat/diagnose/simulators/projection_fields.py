@@ -13,16 +13,11 @@ import numpy as np
 from jaxtyping import Float64
 from scipy.linalg import lstsq
 
+from lagsplat.diagnose.core.config import PROJECTION_FIELDS
 from lagsplat.diagnose.estimation.dataset import OperatingRegion
 from lagsplat.diagnose.mechanics.basis import Basis
 from lagsplat.diagnose.mechanics.model import MechanicalModel
 from lagsplat.diagnose.mechanics.structure import list_field_sizes
-
-FIELD_TOLERANCE = 0.003
-"""Error of the acceleration, in units of its root mean square, below which nothing is added."""
-DEFAULT_FRICTION_WIDTH = 0.02
-"""Width of the smooth dry friction, in units of the rms of the speed, unless another fits better."""
-FRICTION_WIDTHS = (0.02, 0.05, 0.1, 0.2)
 
 
 @dataclass(frozen=True)
@@ -108,7 +103,7 @@ def _smallest(
         wrong = error(tried)
         if wrong < 0.9 * lowest:
             best, lowest = tried, wrong
-        if wrong < 0.1 * FIELD_TOLERANCE:
+        if wrong < 0.1 * PROJECTION_FIELDS.tolerance:
             break
     return best
 
@@ -162,7 +157,7 @@ def _losses(seen: FieldSamples, phi: np.ndarray, ends: list[int]) -> tuple[np.nd
     lost = seen.share(seen.loss[..., None])
     options: list[tuple[np.ndarray | None, bool, np.ndarray]] = []
     for drag in (False, True):
-        for width in (None, *FRICTION_WIDTHS):
+        for width in (None, *PROJECTION_FIELDS.friction_widths):
             wide = None if width is None else width * speed
             options.append((wide, drag, seen.share(build_friction_columns(v, wide, drag))))
     best: tuple[np.ndarray, ...] = ()
@@ -182,8 +177,8 @@ def _losses(seen: FieldSamples, phi: np.ndarray, ends: list[int]) -> tuple[np.nd
                     _matrices(x[:n], d),
                     dry,
                     drags,
-                    DEFAULT_FRICTION_WIDTH * speed if wide is None else wide,
+                    PROJECTION_FIELDS.default_friction_width * speed if wide is None else wide,
                 )
-            if lowest < 0.1 * FIELD_TOLERANCE:
+            if lowest < 0.1 * PROJECTION_FIELDS.tolerance:
                 return best
     return best

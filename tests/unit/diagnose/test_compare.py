@@ -66,7 +66,7 @@ def test_the_true_effect_has_the_most_evidence_and_the_score_test_leads_to_it(
     assert max(told, key=lambda name: told[name]) == "quadratic_drag"
     assert told["quadratic_drag"] > 50.0
     lead = score_test(dragged, (), none_of(dragged).fit, offers(dragged))[0]
-    assert lead.instance.effect.name == "quadratic_drag"
+    assert lead.placed.effect.name == "quadratic_drag"
 
 
 def test_where_nothing_is_missing_every_effect_costs_evidence(faithful: EstimationProblem) -> None:
@@ -80,7 +80,7 @@ def test_the_amplitude_is_found_to_a_few_hundredths(dragged: EstimationProblem) 
     none = none_of(dragged)
     lead = score_test(dragged, (), none.fit, offers(dragged))[0]
     found = fit_candidate(dragged, (), none.fit, lead, starts=1)
-    assert lead.instance.to_physical(found.fit.x[None, :1])[0, 0] == pytest.approx(0.25, rel=0.08)
+    assert lead.placed.to_physical(found.fit.x[None, :1])[0, 0] == pytest.approx(0.25, rel=0.08)
     assert found.fit.misfit / dragged.degrees_of_freedom == pytest.approx(1.0, abs=0.15)
 
 

@@ -44,7 +44,9 @@ def at(name: str, value: float) -> np.ndarray:
 
 def test_each_uncertainty_does_what_its_name_says() -> None:
     known, model = nuisance(), coupled()
-    assert known.change_coefficients(model, at("potential", 0.1)).potential[0] == pytest.approx(1.1 * model.potential)
+    assert known.change_coefficients(model, at("potential", 0.1)).potential[0] == pytest.approx(
+        1.1 * model.potential
+    )
     damping = known.change_coefficients(model, at("damping", 0.1)).damping[0]
     assert damping[0] == pytest.approx(model.damping[0] + 0.1 * model.inertia)
     assert np.array_equal(damping[1:], model.damping[1:])

@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from lagsplat.diagnose.core.config import RESIDUAL_FEATURES
 from lagsplat.diagnose.residual.components import (
     compute_components,
     compute_explained_share,
     compute_memory_index,
 )
-from lagsplat.diagnose.residual.features import FEATURE_GROUPS, FOLDS, compute_features
+from lagsplat.diagnose.residual.features import FEATURE_GROUPS, compute_features
 from lagsplat.diagnose.residual.latent_force import estimate_latent_force
 from lagsplat.diagnose.residual.measurement_model import compute_apparent_forces, measure_speed_noise
 from lagsplat.io.trajectory.trajectory import Trajectory
@@ -64,7 +65,7 @@ def test_features_that_know_nothing_explain_nothing_on_left_out_blocks():
     rng = np.random.default_rng(0)
     assert compute_explained_share(found, 0, rng.standard_normal((len(found.target), 20))) < 0.05
     assert compute_explained_share(found, 0, found.groups[0]["dissipative"]) > 0.9
-    assert set(found.fold) == set(range(FOLDS))
+    assert set(found.fold) == set(range(RESIDUAL_FEATURES.folds))
 
 
 def test_the_past_matters_where_a_force_lags_and_only_there():
