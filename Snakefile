@@ -81,7 +81,3 @@ rule all:
         [rules.reconstruction.output.figure.format(**run) for run in planned()],
         [rules.latent.output.figure.format(**run) for run in planned()],
         [rules.baseline_curve.output.figure.format(**run) for run in baseline_runs()],
-
-
-onstart:
-    workflow.run_lock = hold(Path(".snakemake") / "run.lock")

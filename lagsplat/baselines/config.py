@@ -12,6 +12,13 @@ from dataclasses import dataclass
 DECODERS = ("deconv", "abcd")
 LAWS = ("oscillators", "koopman")
 ORDERS = ("sequential", "shuffled")
+BASELINE_TITLES = {
+    "osc_deconv": "Osc. + deconv",
+    "osc_abcd": "Osc. + ABCD",
+    "koopman_deconv": "Koopman + deconv",
+    "koopman_abcd": "Koopman + ABCD",
+}
+"""What tables and figures call the choices of ``conf/baseline``."""
 
 
 @dataclass  # not frozen: OmegaConf turns frozen dataclasses into read-only nodes

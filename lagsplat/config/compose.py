@@ -1,24 +1,23 @@
 """One experiment, composed once and typed: the only module that knows Hydra.
 
 ``conf/`` holds values, the dataclasses of the stages hold types and domains, and this module joins the two.
-It loads neither torch nor numba, so that planning a workflow stays fast.
+Planning a workflow composes dozens of experiments, so each is kept between processes; Hydra and OmegaConf are
+loaded for new ones only, and torch and Numba never.
 """
 
 import difflib
 import re
 from collections.abc import Mapping
-from dataclasses import fields, is_dataclass
-from functools import lru_cache
+from dataclasses import asdict, fields, is_dataclass
+from functools import cache, lru_cache
+from pathlib import Path
 from typing import Any, TypeVar
 
-from hydra import compose as hydra_compose
-from hydra import initialize_config_dir
-from hydra.core.config_store import ConfigStore
-from hydra.errors import HydraException
-from omegaconf import OmegaConf, open_dict
-from omegaconf.errors import OmegaConfBaseException
+import msgspec
 
-from lagsplat.config.schema import CONF, GROUPS, Config
+from lagsplat.config import schema
+from lagsplat.config.schema import GROUPS, Config
+from lagsplat.provenance import code_digest, recall, sha256_hex
 
 OPEN_TABLES = ("diagnose.columns",)
 """Tables of ``conf/`` whose keys are the user's own."""
@@ -42,19 +41,38 @@ def compose(*overrides: str) -> Config:
     for item in overrides:
         if not re.match(r"[A-Za-z_][\w.]*=", item):
             raise ConfigError(f"override {item!r} is not key=value; only keys that exist in conf/ can be set")
-    ConfigStore.instance().store(name="schema", node=Config)
     # Hydra refuses two choices for one group; the last one wins here, so that a path can overrule a user.
     kept = list({key_of(item): item for item in overrides}.values())
+    key = f"experiment {_conf_digest(schema.CONF)} {kept}"
+    return msgspec.convert(recall(key, lambda: asdict(_compose_anew(kept))), Config)
+
+
+@cache
+def _conf_digest(conf: Path) -> str:
+    """Digest of the values in ``conf`` and of the code that types and checks them."""
+    files = [f"{path} {sha256_hex(path.read_bytes())}" for path in sorted(conf.rglob("*.yaml"))]
+    return sha256_hex("\n".join([*files, code_digest(__name__, schema.__name__)]).encode())
+
+
+def _compose_anew(overrides: list[str]) -> Config:
+    from hydra import compose as hydra_compose
+    from hydra import initialize_config_dir
+    from hydra.core.config_store import ConfigStore
+    from hydra.errors import HydraException
+    from omegaconf import OmegaConf, open_dict
+    from omegaconf.errors import OmegaConfBaseException
+
+    ConfigStore.instance().store(name="schema", node=Config)
     try:
-        with initialize_config_dir(str(CONF), version_base="1.3"):
-            tree = hydra_compose("config", [_opened(item) for item in kept], return_hydra_config=True)
+        with initialize_config_dir(str(schema.CONF), version_base="1.3"):
+            tree = hydra_compose("config", [_opened(item) for item in overrides], return_hydra_config=True)
         choices = {group: str(tree.hydra.runtime.choices[group]) for group in GROUPS}
         with open_dict(tree):
             tree.pop("hydra")
         tree.choices = choices
         experiment = OmegaConf.to_object(tree)
     except (HydraException, OmegaConfBaseException, ValueError) as error:
-        raise ConfigError(_explain(error, kept)) from error
+        raise ConfigError(_explain(error, overrides)) from error
     assert isinstance(experiment, Config)
     return experiment
 
@@ -66,22 +84,25 @@ def key_of(override: str) -> str:
 
 def _opened(override: str) -> str:
     """The override in Hydra's words: a table whose keys the user chooses takes keys that conf/ lacks."""
-    key = override.partition("=")[0]
+    key = key_of(override)
     free = any(key == name or key.startswith(f"{name}.") for name in OPEN_TABLES)
     return f"++{override}" if free else override
 
 
-def rebuild(schema: type[Section], values: Mapping[str, Any]) -> Section:
+def rebuild(section: type[Section], values: Mapping[str, Any]) -> Section:
     """A section of the configuration from plain data, checked again.
 
     Raises:
         ConfigError: values that do not fit the section, for instance of an artefact of another version.
     """
+    from omegaconf import OmegaConf
+    from omegaconf.errors import OmegaConfBaseException
+
     try:
-        tree = OmegaConf.merge(OmegaConf.structured(schema), dict(values))
+        tree = OmegaConf.merge(OmegaConf.structured(section), dict(values))
         return OmegaConf.to_object(tree)  # type: ignore[return-value]
     except (OmegaConfBaseException, ValueError) as error:
-        raise ConfigError(f"{schema.__name__}: {error}") from error
+        raise ConfigError(f"{section.__name__}: {error}") from error
 
 
 def _explain(error: BaseException | None, overrides: list[str]) -> str:
@@ -110,10 +131,10 @@ def _keys_of(name: str) -> list[str]:
     """Fields of the configuration class ``name``, wherever it stands below :class:`Config`."""
     waiting: list[type] = [Config]
     while waiting:
-        schema = waiting.pop()
-        if schema.__name__ == name:
-            return [field.name for field in fields(schema)]
-        kinds = [kind for f in fields(schema) for kind in (f.type, *getattr(f.type, "__args__", ()))]
+        section = waiting.pop()
+        if section.__name__ == name:
+            return [field.name for field in fields(section)]
+        kinds = [kind for f in fields(section) for kind in (f.type, *getattr(f.type, "__args__", ()))]
         waiting += [kind for kind in kinds if isinstance(kind, type) and is_dataclass(kind)]
     return []
 

@@ -5,7 +5,6 @@ the rule's log, and on success leaves the record of what was run beside the resu
 goes to stderr; a failure is one line there, with the traceback in the log.
 """
 
-import fcntl
 import hashlib
 import json
 import logging
@@ -15,7 +14,7 @@ import sys
 import time
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any, Self, TypeVar
+from typing import Any, Self, TypeVar
 
 from lagsplat.config.compose import rebuild
 from lagsplat.io.files.atomic import sha256_of
@@ -24,27 +23,6 @@ from lagsplat.provenance import seed_everything, set_threads, stamp
 
 Section = TypeVar("Section")
 log = logging.getLogger(__name__)
-
-
-def hold(path: Path) -> IO[str]:
-    """Keep other runs out of a working directory for as long as the returned file is open.
-
-    The operating system lets go of the lock when the process ends, however it ends: a killed run can simply
-    be started again, which Snakemake's own lock forbids.
-
-    Raises:
-        BlockingIOError: another run is at work.
-    """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    file = path.open("w", encoding="utf-8")
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError as error:
-        file.close()
-        raise BlockingIOError(
-            f"another run is at work in {Path.cwd()} ({path} is locked); wait for it or stop it"
-        ) from error
-    return file
 
 
 class Job:

@@ -6,19 +6,17 @@ so that a path never holds another system's result.
 Which runs have Gaussians in space, and the files of a rig. Loads no torch, so that planning stays fast.
 """
 
-import ast
-import hashlib
 import shlex
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 from lagsplat.config.compose import ConfigError, closest, compose, key_of
 from lagsplat.config.schema import Config, options
 from lagsplat.io.video.clips import find_clips
-from lagsplat.provenance import code_digest
-from lagsplat.views.rig import read_rig
+from lagsplat.provenance import code_digest, modules_in, parse_source, sha256_hex
 
 MASSES = ("induced_mass", "constant_mass")
 """Choices of ``conf/stage2`` that differ from the default in the form of the mass alone."""
@@ -145,7 +143,7 @@ def planned_runs(overrides: Overrides) -> list[PlannedRun]:
     """Every run behind the tables and figures, each composed, hence checked, before anything is trained.
 
     Raises:
-        ConfigError: see :func:`lagsplat.config.compose.compose`; also a recording that is not there, or one file
+        ConfigError: see `lagsplat.config.compose.compose`; also a recording that is not there, or one file
             for several systems.
     """
     experiment = shared_experiment(overrides)
@@ -287,6 +285,7 @@ def _check_file(experiment: Config, system: str, files: dict[str, str], *, meant
     files[recording.path] = system
 
 
+@cache
 def script_digest(script: Path, *commands: str) -> str:
     """SHA-256 of what a workflow script can execute: its own code and all of ``lagsplat`` that it imports,
     and the modules that it runs as ``commands``.
@@ -294,11 +293,9 @@ def script_digest(script: Path, *commands: str) -> str:
     Comments and docstrings do not count. Nor does ``lagsplat.planning.job``, the frame around a script: it
     decides where a result is logged, not what it is.
     """
-    tree = ast.parse(script.read_text(encoding="utf-8"), filename=str(script))
-    imports = [node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.module]
-    modules = {name for name in imports if name.startswith("lagsplat.")} - {"lagsplat.planning.job"}
-    tree.body = [node for node in tree.body if not isinstance(node, ast.Expr)]
-    return hashlib.sha256((ast.dump(tree) + code_digest(*sorted(modules), *commands)).encode()).hexdigest()
+    digest, imports = parse_source(script)
+    modules = set(modules_in(imports)) - {"lagsplat.planning.job"}
+    return sha256_hex((digest + code_digest(*sorted(modules), *commands)).encode())
 
 
 SUFFIX = "_3d"
@@ -343,6 +340,8 @@ def files_of_rig(path: str) -> list[str]:
     Raises:
         ConfigError: a file is missing, or the JSON is not a rig.
     """
+    from lagsplat.views.rig import read_rig  # NumPy, which the rest of planning does without
+
     try:
         rig = read_rig(path)
     except (OSError, ValueError) as error:

@@ -1,4 +1,4 @@
-"""The frame of a workflow job: log, record, failure, lock."""
+"""The frame of a workflow job: log, record, failure."""
 
 import json
 import logging
@@ -13,7 +13,7 @@ from snakemake.iocontainers import InputFiles, OutputFiles, Params, Wildcards
 
 from lagsplat.config.compose import compose
 from lagsplat.io.config import RecordingConfig, SplitConfig
-from lagsplat.planning.job import Job, hold
+from lagsplat.planning.job import Job
 
 
 @pytest.fixture(autouse=True)
@@ -94,12 +94,3 @@ def test_a_section_is_typed_again(tmp_path: Path) -> None:
     assert isinstance(section.split, SplitConfig)
     assert asdict(section) == values
     assert job.choice(RecordingConfig, "other") is None
-
-
-def test_one_run_at_a_time_and_the_lock_dies_with_its_holder(tmp_path: Path) -> None:
-    path = tmp_path / "below" / "run.lock"
-    first = hold(path)
-    with pytest.raises(BlockingIOError, match="another run is at work"):
-        hold(path)
-    first.close()
-    hold(path).close()

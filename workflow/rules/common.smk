@@ -2,9 +2,9 @@ from dataclasses import asdict, is_dataclass
 from operator import attrgetter
 from pathlib import Path
 
+from lagsplat.baselines.config import BASELINE_TITLES
 from lagsplat.config.compose import ConfigError
 from lagsplat.config.schema import options
-from lagsplat.planning.job import hold
 from lagsplat.planning.lineage import lineage
 from lagsplat.planning.plan import (
     SUFFIX,
@@ -22,7 +22,6 @@ from lagsplat.planning.plan import (
     weights_of,
 )
 from lagsplat.provenance import let_waiting_threads_sleep
-from lagsplat.report.tables.benchmark import BASELINE_TITLES
 
 let_waiting_threads_sleep()  # the jobs inherit it
 
@@ -136,7 +135,7 @@ def baseline_files(system, output):
 def baseline_names(system):
     """How figures call them."""
     return [
-        METHODS.get(run["baseline"], run["baseline"]) for run in first_baselines(system)
+        BASELINE_TITLES.get(run["baseline"], run["baseline"]) for run in first_baselines(system)
     ]
 
 
