@@ -49,7 +49,7 @@ def compare(case: str, folder: Path) -> str:
     ready = prepare_dataset(motions, period_s=period_s)
     windows = cut_windows(ready.dataset, length_s=config.window_periods * period_s, min_frames=12)
     found = identify_model(ready.dataset, ready.smooth, ready.sigma, period_s, setting, windows, held=False)
-    moves = list_free_directions(found.model, found.form, np.std(ready.dataset.v, axis=0))
+    moves = list_free_directions(found.model, found.structure, np.std(ready.dataset.v, axis=0))
     steps = max(1, int(np.ceil(ready.dataset.dt_s * setting.steps_per_period / period_s)))
     moving = ParameterSensitivity(
         found.model, ready.dataset, found.windows, moves, ready.smooth, steps, held=False

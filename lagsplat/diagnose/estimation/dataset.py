@@ -11,27 +11,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
+from lagsplat.diagnose.core.config import DATASET
 from lagsplat.diagnose.data_quality.noise import estimate_noise_level, fit_local_cubic
 from lagsplat.io.trajectory.trajectory import Trajectory
 
 FILE_BREAK_S = 10.0
 """Pause [s] put between files whose clocks do not continue from one to the next."""
-MIN_RELATIVE_NOISE = 1e-3
-"""Floor of the noise, in fractions of the rms of a coordinate: smaller errors are not worth explaining."""
 CUBIC_WIDTHS = ((0.004, 0.12), (0.015, 0.2), (np.inf, 0.28))
 """Width of the local cubic in natural periods, by the noise, relative to the rms, that it is used below."""
-NOISE_WIDTH = 0.15
-"""Width [natural periods] of the local cubic whose residual is the noise: about a seventh of a period."""
-REGION_MARGIN = 0.15
-"""How far beyond the visited range a simulator is evaluated, as a share of half the range."""
 REGION_POINTS = 600
 """Points of an operating region, for no coordinate and again for each."""
-CLOCK_SLACK_S = 1e-9
-"""Tolerance [s] when instants are compared with the log of a held input."""
-HOLD_SLACK_S = 1e-7
-"""How much before the end of a substep [s] a held input is read, so that it is still the earlier one."""
-MIN_SUBSAMPLE = 4
-"""A subsample of windows has at least so many."""
 
 
 @dataclass(frozen=True)
@@ -112,9 +101,7 @@ class WindowSet:
         total, n = float(self.length.sum()), len(self.first)
         if frames >= total:
             return self
-        return self.select(
-            np.unique(np.linspace(0, n - 1, max(round(n * frames / total), MIN_SUBSAMPLE)).astype(int))
-        )
+        return self.select(np.unique(np.linspace(0, n - 1, max(round(n * frames / total), 4)).astype(int)))
 
 
 def locate_windows(windows: WindowSet, dataset: Dataset) -> tuple[FileSpan, ...]:
@@ -210,8 +197,8 @@ class InputSignal:
         out = np.empty(len(time))
         for number, (logged_s, values) in enumerate(self.logged):
             inside = self.clip == number
-            if self.held:
-                index = np.searchsorted(logged_s, time[inside] + CLOCK_SLACK_S, side="right") - 1
+            if self.held:  # an instant that rounding put a nanosecond early still has the new value
+                index = np.searchsorted(logged_s, time[inside] + 1e-9, side="right") - 1
                 out[inside] = values[np.clip(index, 0, len(values) - 1)]
             else:
                 out[inside] = np.interp(time[inside], logged_s, values)
@@ -232,8 +219,8 @@ def compute_stage_times(dataset: Dataset, steps: int) -> tuple[np.ndarray, np.nd
 def build_input_signals(dataset: Dataset, *, steps: int, held: bool) -> tuple[InputSignal, ...]:
     """The inputs of a dataset, one signal a channel, for ``steps`` substeps between two frames."""
     time, clip = compute_stage_times(dataset, steps)
-    if held:  # the end of a substep still has the input that was held during it
-        time[:, :, 2] -= HOLD_SLACK_S
+    if held:  # the end of a substep, read 0.1 us early, still has the input that was held during it
+        time[:, :, 2] -= 1e-7
     per_frame = time.shape[1] * 3
     flat, clips = time.reshape(-1), np.repeat(clip, per_frame)
     begins = np.zeros(len(flat), dtype=bool)
@@ -262,17 +249,18 @@ class PreparedDataset:
 def prepare_dataset(trajectories: Sequence[Trajectory], *, period_s: float) -> PreparedDataset:
     """Join trajectories and estimate noise, velocities and accelerations by local cubics.
 
-    ``period_s`` is the natural period [s]. The noise is the residual of a cubic over `NOISE_WIDTH` of it;
-    velocities come from a wider cubic where the noise is stronger (`CUBIC_WIDTHS`).
+    ``period_s`` is the natural period [s]. The noise is the residual of a cubic over
+    `DATASET.noise_window_periods` of it; velocities come from a wider cubic where the noise is stronger
+    (`CUBIC_WIDTHS`).
     """
     clips = [np.array(m.segments, dtype=np.int64) for m in trajectories]
     levels = [
-        estimate_noise_level(m.time_s, m.q, clip, width_s=NOISE_WIDTH * period_s)
+        estimate_noise_level(m.time_s, m.q, clip, width_s=DATASET.noise_window_periods * period_s)
         for m, clip in zip(trajectories, clips, strict=True)
     ]
     known = np.array([level for level in levels if np.isfinite(level).all()])
     rms = np.std(np.concatenate([m.q for m in trajectories]), axis=0)
-    sigma = np.median(known, axis=0) if len(known) else MIN_RELATIVE_NOISE * rms
+    sigma = np.median(known, axis=0) if len(known) else DATASET.min_relative_noise * rms
     worst = float(np.max(sigma / np.maximum(rms, 1e-300)))
     width = next((share for limit, share in CUBIC_WIDTHS if worst < limit), CUBIC_WIDTHS[-1][1]) * period_s
     cubics = [
@@ -283,7 +271,7 @@ def prepare_dataset(trajectories: Sequence[Trajectory], *, period_s: float) -> P
         join_trajectories(trajectories, [slope for _, slope, _ in cubics]),
         np.concatenate([smooth for smooth, _, _ in cubics]),
         np.concatenate([bend for _, _, bend in cubics]),
-        np.maximum(sigma, MIN_RELATIVE_NOISE * rms),
+        np.maximum(sigma, DATASET.min_relative_noise * rms),
     )
 
 
@@ -312,7 +300,7 @@ class OperatingRegion:
 
 
 def sample_operating_region(dataset: Dataset, *, n: int | None = None, seed: int = 0) -> OperatingRegion:
-    """About ``n`` states and inputs in the region of a dataset and `REGION_MARGIN` around it.
+    """About ``n`` states and inputs in the region of a dataset and `DATASET.region_margin` around it.
 
     By default ``n`` is `REGION_POINTS` and as many more for each coordinate. An input or a rate that never
     changes is varied by its own size, or by 1, so that its influence can be measured.
@@ -327,10 +315,10 @@ def sample_operating_region(dataset: Dataset, *, n: int | None = None, seed: int
         centre, reach = 0.5 * (low + high), 0.5 * (high - low)
         still = reach <= 1e-9 * np.maximum(np.abs(centre), 1e-9)
         spread = np.where(still, np.where(np.abs(centre) > 0.0, np.abs(centre), 1.0), reach)
-        near = x[mixed] + spread * np.where(still, 1.0, REGION_MARGIN) * rng.uniform(
+        near = x[mixed] + spread * np.where(still, 1.0, DATASET.region_margin) * rng.uniform(
             -1.0, 1.0, (half, x.shape[1])
         )
-        return np.concatenate([centre + (1.0 + REGION_MARGIN) * (x[visited] - centre), near])
+        return np.concatenate([centre + (1.0 + DATASET.region_margin) * (x[visited] - centre), near])
 
     return OperatingRegion(
         around(dataset.q, drawn[0]), around(dataset.v, drawn[1]), around(dataset.u, drawn[2])

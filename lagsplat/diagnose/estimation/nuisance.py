@@ -73,7 +73,7 @@ class NuisanceParameters:
         )
 
     def scale_mechanics(self, factor: float) -> "NuisanceParameters":
-        """The same with the mechanism's parameters ``factor`` times as uncertain, the measurement as before."""
+        """The same with the mechanism's parameters ``factor`` times as uncertain, the measurement not."""
         return replace(
             self,
             potential=factor * self.potential,

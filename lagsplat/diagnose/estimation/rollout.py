@@ -1,7 +1,8 @@
 """Rollouts of a model over the windows of a dataset, from parameters to what would be measured.
 
 `RolloutModel` rolls out a hypothesis: the simulator, its nuisance parameters and any effects.
-`ParameterSensitivity` rolls out a model whose coefficients move along given directions, with exact derivatives.
+`ParameterSensitivity` rolls out a model whose coefficients move along given directions,
+with exact derivatives.
 """
 
 from collections.abc import Sequence
@@ -275,7 +276,7 @@ def _shaped(column: Int64[np.ndarray, " K"], model: MechanicalModel) -> list[np.
 
 @dataclass(frozen=True)
 class ParameterSensitivity:
-    """Rollouts of ``model`` over ``windows``, its coefficients moved along ``moves``, and their derivatives."""
+    """Rollouts of ``model`` with its coefficients moved along ``moves``, and their exact derivatives."""
 
     model: MechanicalModel
     dataset: Dataset

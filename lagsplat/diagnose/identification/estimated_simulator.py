@@ -23,12 +23,6 @@ from lagsplat.diagnose.mechanics.model import MechanicalModel
 from lagsplat.diagnose.mechanics.structure import flatten_coefficients
 from lagsplat.io.trajectory.trajectory import Trajectory
 
-WINDOW_SCALES = (0.35, 0.12)
-"""Shorter windows, as shares of the usual one, for motion about an unstable rest, as an upright
-pendulum's."""
-MIN_WINDOW_FRAMES = 12
-"""Frames of a window at least."""
-
 
 @dataclass(frozen=True)
 class EstimatedSimulator:
@@ -80,7 +74,9 @@ def estimate_simulator(motions: Sequence[Trajectory], config: DiagnoseConfig) ->
 
     def fit_windows(reach: float, without: tuple[FileSpan, ...] = ()) -> EstimatedSimulator:
         length_s = reach * config.window_periods * period_s
-        windows = cut_windows(ready.dataset, length_s=length_s, min_frames=MIN_WINDOW_FRAMES)
+        windows = cut_windows(
+            ready.dataset, length_s=length_s, min_frames=ESTIMATED_SIMULATOR.min_window_frames
+        )
         kept = drop_overlapping_windows(windows, ready.dataset, without)
         if len(kept.first) >= NOVELTY.min_windows:
             windows = kept
@@ -98,7 +94,7 @@ def estimate_simulator(motions: Sequence[Trajectory], config: DiagnoseConfig) ->
     usual = fit_windows(1.0)
     if usual.misfit < ESTIMATED_SIMULATOR.diverged_misfit:
         return usual
-    middle_scale, short_scale = WINDOW_SCALES
+    middle_scale, short_scale = ESTIMATED_SIMULATOR.window_scales
     short = fit_windows(short_scale)  # the shortest windows show best where an outlier lies
     middle = fit_windows(middle_scale, short.outlier_spans)
     for candidate in (middle, short):

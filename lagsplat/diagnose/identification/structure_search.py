@@ -1,10 +1,12 @@
-"""Of the laws that tell a motion alike, the one whose coordinates have an inertia each of their own.
+"""From recordings of a simulator to its model: which terms it has, and their coefficients.
 
-A linear mechanism under few inputs moves alike by ``M, C, K, b`` and by ``A M, A C, A K, A b``, as long as
-these stay symmetric: no recording of it tells which. Added forces enter by ``M^-1``, however, so that
-friction or a spring at one coordinate would be none at any coordinate of a law that was picked by chance.
+A linear model comes from weak-form regression and is refined by multiple shooting. Terms are then added step
+by step as long as the Bayesian information criterion falls (`search_structure`).
 
-From recordings of a simulator to its model: structure by weak regression, coefficients by shooting.
+Recordings do not always fix the inertia: a linear mechanism with few inputs moves alike by ``M, C, K, b`` and
+by ``A M, A C, A K, A b``, as long as these stay symmetric. Added forces enter by ``M^-1``, however, so that
+friction at one coordinate would act on all coordinates of an arbitrary choice. Of equivalent models the one
+with the least inertia between coordinates is taken (`decouple_inertia`).
 """
 
 from dataclasses import dataclass, replace
@@ -35,6 +37,7 @@ from lagsplat.diagnose.mechanics.structure import (
     MAX_FEW_COORDINATES,
     ModelStructure,
     build_candidate_bases,
+    flatten_coefficients,
     list_field_sizes,
     list_free_directions,
     list_larger_structures,
@@ -43,39 +46,16 @@ from lagsplat.diagnose.mechanics.structure import (
 )
 
 
-def decouple_inertia(
-    model: MechanicalModel, freedom: Float64[np.ndarray, "R K"]
-) -> tuple[MechanicalModel, Float64[np.ndarray, "R K"]]:
-    """The model moved within what its recordings leave open, and what is open then.
-
-    ``uncertainty_directions`` are changes of all coefficients of one standard deviation each. An inertia that
-    depends on the coordinates is not moved, for the motion tells it.
-    """
-    if model.d == 1 or len(model.mass) > 1 or not len(freedom):
-        return model, freedom
-    at, across = np.diag_indices(model.d), np.triu_indices(model.d, 1)
-    size = np.sqrt(np.outer(model.mass[0][at], model.mass[0][at]))[across]
-    rows = freedom[:, : model.mass.size].reshape(-1, model.d, model.d)
-    slope = rows[(slice(None), *across)] / (STRUCTURE_SEARCH.max_inertia_coupling * size)
-    scatter = np.linalg.inv(np.eye(len(freedom)) + slope @ slope.T)
-    far = model.mass[0][across] / (STRUCTURE_SEARCH.max_inertia_coupling * size)
-    apart = shift_coefficients(model, -(scatter @ slope @ far) @ freedom)
-    if np.linalg.eigvalsh(apart.mass[0]).min() <= 0.0:
-        return model, freedom
-    values, vectors = np.linalg.eigh(scatter)
-    return apart, (vectors * np.sqrt(np.maximum(values, 0.0))).T[::-1] @ freedom
-
-
 @dataclass(frozen=True)
 class IdentifiedModel:
-    """A model, how well it tells the sim's own recordings, and what they leave open."""
+    """A simulator's model as identified from its recordings."""
 
     model: MechanicalModel
-    form: ModelStructure
+    structure: ModelStructure
     misfit: float
-    """Mean square of the residual over its own windows, in units of the noise."""
+    """Mean square residual over the windows, in units of the noise."""
     uncertainty_directions: Float64[np.ndarray, "R K"]
-    """Changes of all coefficients of one standard deviation each, the largest first."""
+    """Changes of all coefficients, each of one standard deviation, the largest first."""
     fit: ShootingFit
     windows: WindowSet
     cost: float
@@ -84,36 +64,45 @@ class IdentifiedModel:
 
 @dataclass(frozen=True)
 class IdentificationSettings:
-    """How a sim is identified: what `conf/diagnose` says of it."""
+    """How a simulator is identified, from ``conf/diagnose``."""
 
     steps_per_period: float
+    """Runge-Kutta steps in a natural period at least."""
     ridge: float
+    """Penalty of the weak-form regression in standardised columns."""
     iterations: int
+    """Steps of each fit at most."""
     tolerance: float
+    """Relative gain of a step below which a fit has converged."""
     test_s: float = 0.0
+    """Width of a test function [s]."""
 
 
 @dataclass(frozen=True)
 class IdentificationProblem:
-    """The recordings of a sim, ready for shooting."""
+    """The recordings of a simulator, ready for multiple shooting."""
 
     dataset: Dataset
     smooth: Float64[np.ndarray, "N d"]
+    """Smoothed coordinates."""
     speed: Float64[np.ndarray, " d"]
+    """Standard deviation of the velocities."""
     windows: WindowSet
     data: ShootingData
     steps: int
+    """Substeps between two frames."""
     held: bool
+    """Inputs are held between samples (zero-order hold) instead of interpolated."""
     setting: IdentificationSettings
 
     @property
     def n_data(self) -> float:
-        """Number of samples less what the starts take."""
+        """Degrees of freedom: the number of samples less that of the initial states."""
         w = self.windows
         return float(w.length.sum() * self.dataset.d - 2 * self.dataset.d * len(w.first))
 
     def make_sensitivity(self, model: MechanicalModel, moves: np.ndarray) -> ParameterSensitivity:
-        """Rollouts for changes of a model along ``moves``."""
+        """Rollouts of a model with its coefficients moved along ``moves``."""
         return ParameterSensitivity(
             model, self.dataset, self.windows, moves, self.smooth, self.steps, self.held
         )
@@ -123,33 +112,51 @@ class IdentificationProblem:
         model: MechanicalModel,
         moves: np.ndarray,
         starts: np.ndarray,
-        belief: GaussianPrior,
+        prior: GaussianPrior,
         *,
         iterations: int,
     ) -> ShootingFit:
-        """How far to go along ``moves``, by shooting."""
-        moving = self.make_sensitivity(model, moves)
+        """Fit how far to move a model along ``moves``, by multiple shooting.
+
+        Args:
+            model: the model to move.
+            moves: directions in the space of all coefficients (n, K).
+            starts: initial states to begin with (W, 2 d).
+            prior: prior of the n unknowns.
+            iterations: steps at most.
+        """
+        sensitivity = self.make_sensitivity(model, moves)
         return fit_multiple_shooting(
-            moving, np.zeros(len(moves)), starts, self.data, belief,
-            iterations=iterations, tolerance=self.setting.tolerance, exact=moving.derivatives,
-        )  # fmt: skip
+            sensitivity,
+            np.zeros(len(moves)),
+            starts,
+            self.data,
+            prior,
+            iterations=iterations,
+            tolerance=self.setting.tolerance,
+            exact=sensitivity.derivatives,
+        )
 
     @property
     def initial_states(self) -> Float64[np.ndarray, "W s"]:
-        """Where the windows start by the smoothed record."""
+        """Initial states of the windows by the smoothed coordinates and estimated velocities."""
         return np.concatenate([self.smooth, self.dataset.v], axis=1)[self.windows.first]
 
     def compute_misfit(self, model: MechanicalModel) -> float:
-        """Misfit of a model where only the starts of the windows are fitted."""
-        nothing = np.zeros((0, sum(getattr(model, name).size for name in COEFFICIENT_FIELDS)))
-        fit = self.fit_moves(model, nothing, self.initial_states, make_weak_prior(0), iterations=4)
+        """Misfit of a model when only the windows' initial states are fitted; infinite if it diverges."""
+        no_moves = np.zeros((0, flatten_coefficients(model).size))
+        fit = self.fit_moves(model, no_moves, self.initial_states, make_weak_prior(0), iterations=4)
         return fit.misfit if np.isfinite(fit.misfit) else np.inf
 
     def refine(
-        self, model: MechanicalModel, form: ModelStructure, starts: np.ndarray
+        self, model: MechanicalModel, structure: ModelStructure, starts: np.ndarray
     ) -> tuple[MechanicalModel, ShootingFit, np.ndarray]:
-        """Coefficients by shooting; the fit, and the moves that its unknowns mean."""
-        moves = list_free_directions(model, form, self.speed)
+        """Refine all free coefficients by multiple shooting.
+
+        Returns:
+            The refined model, the fit, and the direction of each of its unknowns (n, K).
+        """
+        moves = list_free_directions(model, structure, self.speed)
         fit = self.fit_moves(
             model, moves, starts, make_weak_prior(len(moves)), iterations=self.setting.iterations
         )
@@ -157,7 +164,7 @@ class IdentificationProblem:
 
 
 def make_weak_prior(n: int) -> GaussianPrior:
-    """Hardly any belief about ``n`` coefficients."""
+    """A wide prior of ``n`` coefficients, which are counted in units of their fields."""
     return GaussianPrior(
         np.zeros(n), np.full(n, STRUCTURE_SEARCH.coefficient_deviation), np.full(n, -np.inf), np.full(n, 1e-5)
     )
@@ -166,9 +173,10 @@ def make_weak_prior(n: int) -> GaussianPrior:
 def list_uncertain_directions(
     curvature: Float64[np.ndarray, "n n"], moves: Float64[np.ndarray, "n K"], *, deviation: float
 ) -> Float64[np.ndarray, "n K"]:
-    """Changes of all coefficients, one standard deviation each and the largest first, that a fit leaves open.
+    """Principal axes of the coefficients' posterior, of one standard deviation each, the largest first.
 
-    ``curvature`` is of the data by the fit's unknowns, ``deviation`` what was believed of each of these.
+    ``curvature`` is that of the data by a fit's unknowns, ``moves`` are the directions of these and
+    ``deviation`` is the prior standard deviation of each.
     """
     scatter = np.linalg.inv(curvature + np.eye(len(moves)) / deviation**2)
     values, vectors = np.linalg.eigh(scatter)
@@ -177,21 +185,22 @@ def list_uncertain_directions(
 
 @dataclass(frozen=True)
 class PredictedGain:
-    """A larger form, how many numbers are free in it, and the misfit it would take away to first order."""
+    """A larger structure and its predicted benefit."""
 
     gain: float
-    form: ModelStructure
+    """Reduction of the misfit, to first order."""
+    structure: ModelStructure
     n: int
+    """Number of free coefficients."""
 
 
 def predict_gains(
-    trial: IdentificationProblem,
+    problem: IdentificationProblem,
     model: MechanicalModel,
-    form: ModelStructure,
     larger: list[ModelStructure],
     fit: ShootingFit,
 ) -> list[PredictedGain]:
-    """What each larger form promises, from one set of slopes for all."""
+    """Predict the gain of each ``larger`` structure from a single linearisation at ``fit``."""
     union = ModelStructure(
         mass=max(f.mass for f in larger),
         damping=max(f.damping for f in larger),
@@ -200,117 +209,153 @@ def predict_gains(
         dry=True,
         drag=True,
     )
-    roomy = pad_model(model, union)
-    moves = list_free_directions(roomy, union, trial.speed)
-    linear = trial.make_sensitivity(roomy, moves).derivatives(np.zeros(len(moves)), fit.starts, trial.data)
+    padded = pad_model(model, union)
+    moves = list_free_directions(padded, union, problem.speed)
+    linear = problem.make_sensitivity(padded, moves).derivatives(
+        np.zeros(len(moves)), fit.starts, problem.data
+    )
     curvature, gradient, *_ = eliminate_starts(*linear)
-    out = []
+    gains = []
     for candidate in larger:
-        own = list_free_directions(pad_model(model, candidate), candidate, trial.speed)
-        kept = np.flatnonzero(_within(roomy, own, moves, pad_model(model, candidate)))
-        h = curvature[np.ix_(kept, kept)] + np.eye(len(kept)) / 9.0
+        small = pad_model(model, candidate)
+        free = list_free_directions(small, candidate, problem.speed)
+        kept = np.flatnonzero(_find_moves_within(padded, moves, small, free))
+        h = curvature[np.ix_(kept, kept)] + np.eye(len(kept)) / STRUCTURE_SEARCH.coefficient_deviation**2
         gain = float(gradient[kept] @ np.linalg.lstsq(h, gradient[kept], rcond=1e-12)[0])
-        out.append(PredictedGain(gain, candidate, len(kept)))
-    return out
+        gains.append(PredictedGain(gain, candidate, len(kept)))
+    return gains
 
 
-def _within(roomy: MechanicalModel, own: np.ndarray, moves: np.ndarray, small: MechanicalModel) -> np.ndarray:
-    """Which of ``moves`` of the roomy model change only what the small one has and its form frees."""
-    touched = np.zeros(moves.shape[1], dtype=bool)
+def _find_moves_within(
+    large: MechanicalModel, moves: np.ndarray, small: MechanicalModel, free: np.ndarray
+) -> np.ndarray:
+    """Which ``moves`` of the large model change only coefficients that ``free`` moves of the small one do."""
+    allowed = np.zeros(moves.shape[1], dtype=bool)
     at, at_small = 0, 0
-    freed = (own != 0.0).any(axis=0)
+    changed = (free != 0.0).any(axis=0)
     for name in COEFFICIENT_FIELDS:
-        size, size_small = getattr(roomy, name).size, getattr(small, name).size
-        touched[at : at + size_small] = freed[at_small : at_small + size_small]
+        size, size_small = getattr(large, name).size, getattr(small, name).size
+        allowed[at : at + size_small] = changed[at_small : at_small + size_small]
         at, at_small = at + size, at_small + size_small
-    return np.array([touched[row != 0.0].all() for row in moves])
+    return np.array([allowed[row != 0.0].all() for row in moves])
 
 
 def fit_first_model(
-    trial: IdentificationProblem, basis: Basis, form: ModelStructure, width: np.ndarray
+    problem: IdentificationProblem, basis: Basis, structure: ModelStructure, width: np.ndarray
 ) -> MechanicalModel:
-    """A model by the weak equations.
+    """A model of a given structure by weak-form regression; ``width`` (d,) is that of dry friction.
 
-    Of many coordinates some swing so much faster than others that no one test function suits all, and weigh
-    so little that a ridge would outweigh them: there the models by several of them compete.
+    With many coordinates some oscillate much faster than others, so that no single test function suits all,
+    and have so little inertia that a ridge would outweigh it: models by several test functions and ridges
+    are then compared by their misfit.
     """
-    record, rest = trial.dataset, np.median(trial.dataset.q, axis=0)
+    dataset, rest = problem.dataset, np.median(problem.dataset.q, axis=0)
 
-    def told(share: float, *ridges: float) -> list[MechanicalModel]:
-        test_s = share * trial.setting.test_s
-        samples = build_weak_form_samples(basis, record, trial.smooth, record.v, width_s=test_s, speed=width)
-        rows, known, names = build_regressors(samples, form)
-        return [build_model(samples, form, solve_ridge(rows, known, ridge), names, rest) for ridge in ridges]
-
-    ridge = trial.setting.ridge
-    if trial.dataset.d > MAX_FEW_COORDINATES:
-        return min(
-            (m for share in STRUCTURE_SEARCH.test_width_factors for m in told(share, ridge, 1e-3 * ridge)),
-            key=trial.compute_misfit,
+    def regress(share: float, *ridges: float) -> list[MechanicalModel]:
+        test_s = share * problem.setting.test_s
+        samples = build_weak_form_samples(
+            basis, dataset, problem.smooth, dataset.v, width_s=test_s, speed=width
         )
-    model, stiff = told(1.0, ridge, 0.1)
-    return model if np.linalg.eigvalsh(model.mass[0]).min() >= 0.05 else stiff
+        rows, known, names = build_regressors(samples, structure)
+        return [
+            build_model(samples, structure, solve_ridge(rows, known, ridge), names, rest) for ridge in ridges
+        ]
+
+    ridge = problem.setting.ridge
+    if problem.dataset.d > MAX_FEW_COORDINATES:
+        return min(
+            (m for share in STRUCTURE_SEARCH.test_width_factors for m in regress(share, ridge, 1e-3 * ridge)),
+            key=problem.compute_misfit,
+        )
+    model, damped = regress(1.0, ridge, 0.1)
+    # noise may leave hardly any inertia in some direction, so that rollouts diverge; a strong ridge does not
+    return model if np.linalg.eigvalsh(model.mass[0]).min() >= 0.05 else damped
+
+
+@dataclass(frozen=True)
+class StructureFit:
+    """A model of a certain structure, refined by multiple shooting."""
+
+    cost: float
+    """Bayesian information criterion."""
+    model: MechanicalModel
+    structure: ModelStructure
+    fit: ShootingFit
+    moves: Float64[np.ndarray, "n K"]
+    """Direction in the space of all coefficients of each unknown of the fit."""
 
 
 def search_structure(
-    trial: IdentificationProblem, basis: Basis, *, driven: bool, width: np.ndarray
-) -> tuple[float, MechanicalModel, ModelStructure, ShootingFit, np.ndarray]:
-    """From a linear system, by the form that promises most, as long as it keeps its promise.
+    problem: IdentificationProblem, basis: Basis, *, driven: bool, width: np.ndarray
+) -> StructureFit:
+    """Grow a linear model by the step with the best predicted criterion, as long as the criterion falls.
 
-    The cost is that of the Bayesian information criterion.
+    Args:
+        problem: the recordings.
+        basis: functions that the fields may use.
+        driven: whether there are inputs.
+        width: speed (d,) below which dry friction is linear.
     """
-    form = ModelStructure(1, 1, list_field_sizes(basis)[2], 1 if driven else 0)
-    model, fit, moves = trial.refine(fit_first_model(trial, basis, form, width), form, trial.initial_states)
 
-    def cost(fit: ShootingFit, n: int) -> float:
-        return trial.n_data * np.log(max(fit.misfit / trial.n_data, 0.5)) + n * np.log(trial.n_data)
+    def criterion(misfit: float, n: int) -> float:
+        # less than half the noise's own variance is no better fit
+        return problem.n_data * np.log(max(misfit / problem.n_data, 0.5)) + n * np.log(problem.n_data)
 
-    best, refused = cost(fit, len(moves)), set[ModelStructure]()
+    def refine(model: MechanicalModel, structure: ModelStructure, starts: np.ndarray) -> StructureFit:
+        model, fit, moves = problem.refine(model, structure, starts)
+        return StructureFit(criterion(fit.misfit, len(moves)), model, structure, fit, moves)
+
+    structure = ModelStructure(1, 1, list_field_sizes(basis)[2], 1 if driven else 0)
+    best = refine(fit_first_model(problem, basis, structure, width), structure, problem.initial_states)
+    refused = set[ModelStructure]()
     while True:
-        larger = [f for f in list_larger_structures(form, basis, driven=driven) if f not in refused]
-        if not larger or fit.misfit < 0.6 * trial.n_data:
-            return best, model, form, fit, moves
-        after = [
-            (trial.n_data * np.log(max((fit.misfit - one.gain) / trial.n_data, 0.5))
-             + one.n * np.log(trial.n_data), one.form.order, one)
-            for one in predict_gains(trial, model, form, larger, fit)
-        ]  # fmt: skip
-        hoped, _, chosen = min(after, key=lambda row: row[:2])
-        if hoped > best:
-            return best, model, form, fit, moves
-        candidate = chosen.form
-        tried = trial.refine(pad_model(model, candidate), candidate, fit.starts)
-        if cost(tried[1], len(tried[2])) < best:
-            worth = tried[1].misfit < (1.0 - STRUCTURE_SEARCH.min_misfit_reduction) * fit.misfit
-            (model, fit, moves), form = tried, candidate
-            best = cost(fit, len(moves))
-            if trial.dataset.d > MAX_FEW_COORDINATES and not worth:
-                return best, model, form, fit, moves
+        larger = [f for f in list_larger_structures(best.structure, basis, driven=driven) if f not in refused]
+        if (
+            not larger or best.fit.misfit < 0.6 * problem.n_data
+        ):  # below the noise: nothing is left to explain
+            return best
+        predicted = [
+            (
+                criterion(best.fit.misfit - candidate.gain, candidate.n),
+                candidate.structure.order,
+                candidate.structure,
+            )
+            for candidate in predict_gains(problem, best.model, larger, best.fit)
+        ]
+        cost, _, structure = min(predicted, key=lambda row: row[:2])
+        if cost > best.cost:
+            return best
+        candidate = refine(pad_model(best.model, structure), structure, best.fit.starts)
+        if candidate.cost < best.cost:
+            reduction = 1.0 - STRUCTURE_SEARCH.min_misfit_reduction
+            worthwhile = candidate.fit.misfit < reduction * best.fit.misfit
+            best = candidate
+            if problem.dataset.d > MAX_FEW_COORDINATES and not worthwhile:
+                return best
             refused.clear()
         else:
-            refused.add(candidate)
+            refused.add(structure)
 
 
 def add_unseen_terms(
-    trial: IdentificationProblem, model: MechanicalModel, form: ModelStructure, fit: ShootingFit, basis: Basis
+    problem: IdentificationProblem, best: StructureFit
 ) -> tuple[MechanicalModel, np.ndarray, np.ndarray]:
-    """The model with room for the next terms of its potential; the curvature and the moves with these.
+    """The model with zeros for the next terms of its potential, and the curvature and moves with these.
 
-    The recordings did not pay for them, and so say that they are small where they were, and nothing of what
-    lies beyond: a motion that goes further must not find the law certain there.
+    The recordings did not require them: they are small within the recorded range, but unknown beyond it. A
+    motion that goes further must not find the model certain there.
     """
-    ends = [end for end in list_field_sizes(basis) if end > form.potential][:2]
-    wider = replace(form, potential=ends[-1]) if ends else form
-    roomy = pad_model(model, wider)
-    sizes = (len(roomy.mass), len(roomy.damping), len(roomy.potential), len(roomy.input_map))
-    roomy = replace(roomy, basis=basis.first(max(sizes)))
-    moves = list_free_directions(roomy, wider, trial.speed)
-    linear = trial.make_sensitivity(roomy, moves).derivatives(np.zeros(len(moves)), fit.starts, trial.data)
-    return roomy, eliminate_starts(*linear)[0], moves
+    sizes = [size for size in list_field_sizes(best.model.basis) if size > best.structure.potential][:2]
+    wider = replace(best.structure, potential=sizes[-1]) if sizes else best.structure
+    padded = pad_model(best.model, wider).trim_basis()
+    moves = list_free_directions(padded, wider, problem.speed)
+    sensitivity = problem.make_sensitivity(padded, moves)
+    linear = sensitivity.derivatives(np.zeros(len(moves)), best.fit.starts, problem.data)
+    return padded, eliminate_starts(*linear)[0], moves
 
 
 def identify_model(
-    record: Dataset,
+    dataset: Dataset,
     smooth: Float64[np.ndarray, "N d"],
     sigma: Float64[np.ndarray, " d"],
     period_s: float,
@@ -319,42 +364,72 @@ def identify_model(
     *,
     held: bool,
 ) -> IdentifiedModel:
-    """The model of a sim from some ``windows`` of its recordings."""
+    """Identify the model of a simulator from ``windows`` of its recordings.
+
+    Args:
+        dataset: the recordings.
+        smooth: their smoothed coordinates.
+        sigma: standard deviation of the measurement noise.
+        period_s: natural period [s].
+        setting: numbers of the search.
+        windows: frames that are fitted.
+        held: inputs are held between samples (zero-order hold) instead of interpolated.
+    """
     data = ShootingData(
-        windows.take(record.q),
+        windows.take(dataset.q),
         windows.mask()[..., None] / sigma,
-        1e-4 * np.concatenate([np.std(record.q, axis=0), np.std(record.v, axis=0)]),
+        1e-4 * np.concatenate([np.std(dataset.q, axis=0), np.std(dataset.v, axis=0)]),
     )
-    steps = max(1, int(np.ceil(record.dt_s * setting.steps_per_period / period_s)))
-    speed = np.std(record.v, axis=0)
-    trial = IdentificationProblem(
-        record, smooth, speed, windows, data, steps, held, replace(setting, test_s=0.5 * period_s)
+    steps = max(1, int(np.ceil(dataset.dt_s * setting.steps_per_period / period_s)))
+    speed = np.std(dataset.v, axis=0)
+    problem = IdentificationProblem(
+        dataset, smooth, speed, windows, data, steps, held, replace(setting, test_s=0.5 * period_s)
     )
-    driven = record.u.shape[1] > 0
-    degree = {1: 7, 2: 5}.get(record.d, 3)
-    options = []
-    for basis in build_candidate_bases(record.q, degree=degree):
-        options.append(search_structure(trial, basis, driven=driven, width=0.02 * speed))
-        if options[-1][3].misfit < 1.1 * trial.n_data:
+    driven = dataset.u.shape[1] > 0
+    degree = {1: 7, 2: 5}.get(dataset.d, 3)  # of the polynomials; the number of terms grows fast with d
+    candidates = []
+    for basis in build_candidate_bases(dataset.q, degree=degree):
+        candidates.append(search_structure(problem, basis, driven=driven, width=0.02 * speed))
+        if (
+            candidates[-1].fit.misfit < 1.1 * problem.n_data
+        ):  # down to the noise: no other basis can be better
             break
-    cost, model, form, fit, moves = min(options, key=lambda option: option[0])
-    whole = model.basis
-    model = replace(
-        model,
-        basis=model.basis.first(
-            max(len(model.mass), len(model.damping), len(model.potential), len(model.input_map))
-        ),
-    )
-    misfit = fit.misfit / max(trial.n_data - len(moves), 1.0)
-    curvature = fit.curvature
-    if record.d <= MAX_FEW_COORDINATES:
-        model, curvature, moves = add_unseen_terms(trial, model, form, fit, whole)
+    best = min(candidates, key=lambda candidate: candidate.cost)
+    misfit = best.fit.misfit / max(problem.n_data - len(best.moves), 1.0)
+    model, curvature, moves = best.model.trim_basis(), best.fit.curvature, best.moves
+    if dataset.d <= MAX_FEW_COORDINATES:
+        model, curvature, moves = add_unseen_terms(problem, best)
     freedom = list_uncertain_directions(
         curvature / max(misfit, 1.0), moves, deviation=STRUCTURE_SEARCH.coefficient_deviation
     )
-    apart, left = decouple_inertia(model, freedom)
-    if apart is not model and trial.compute_misfit(apart) < STRUCTURE_SEARCH.equivalent_misfit_ratio * max(
-        fit.misfit, trial.n_data
-    ):
-        model, freedom = apart, left
-    return IdentifiedModel(model, form, misfit, freedom, fit, windows, cost)
+    decoupled, remaining = decouple_inertia(model, freedom)
+    limit = STRUCTURE_SEARCH.equivalent_misfit_ratio * max(best.fit.misfit, problem.n_data)
+    if decoupled is not model and problem.compute_misfit(decoupled) < limit:
+        model, freedom = decoupled, remaining
+    return IdentifiedModel(model, best.structure, misfit, freedom, best.fit, windows, best.cost)
+
+
+def decouple_inertia(
+    model: MechanicalModel, freedom: Float64[np.ndarray, "R K"]
+) -> tuple[MechanicalModel, Float64[np.ndarray, "R K"]]:
+    """The equivalent model with the least inertia between coordinates, and what is then still uncertain.
+
+    An inertia that depends on the coordinates stays as it is, because the motion determines it.
+
+    Args:
+        model: the identified model.
+        freedom: its uncertainty, changes of all coefficients of one standard deviation each.
+    """
+    if model.d == 1 or len(model.mass) > 1 or not len(freedom):
+        return model, freedom
+    at, across = np.diag_indices(model.d), np.triu_indices(model.d, 1)
+    size = np.sqrt(np.outer(model.mass[0][at], model.mass[0][at]))[across]
+    rows = freedom[:, : model.mass.size].reshape(-1, model.d, model.d)
+    slope = rows[(slice(None), *across)] / (STRUCTURE_SEARCH.max_inertia_coupling * size)
+    scatter = np.linalg.inv(np.eye(len(freedom)) + slope @ slope.T)
+    far = model.mass[0][across] / (STRUCTURE_SEARCH.max_inertia_coupling * size)
+    decoupled = shift_coefficients(model, -(scatter @ slope @ far) @ freedom)
+    if np.linalg.eigvalsh(decoupled.mass[0]).min() <= 0.0:
+        return model, freedom
+    values, vectors = np.linalg.eigh(scatter)
+    return decoupled, (vectors * np.sqrt(np.maximum(values, 0.0))).T[::-1] @ freedom

@@ -1,6 +1,6 @@
-"""A first model of a sim by linear regression of the weak Euler-Lagrange equations.
+"""A first model of a simulator by linear regression of the weak form of the Euler-Lagrange equations.
 
-Multiplied by a test function and integrated by parts, the equations need velocities only, and are linear in
+Multiplied by a test function and integrated by parts, the equations need no accelerations and are linear in
 every coefficient. The scale of inertia is fixed by ``tr M_0 = d``.
 
 Source: Messenger and Bortz, "Weak SINDy for partial differential equations", doi:10.1016/j.jcp.2021.110525.
@@ -19,24 +19,34 @@ from lagsplat.diagnose.mechanics.structure import ModelStructure
 
 @dataclass(frozen=True)
 class WeakFormSamples:
-    """A record through the eyes of a basis, and the test functions."""
+    """Samples of the motion in a certain basis, and the test functions."""
 
     basis: Basis
     dataset: Dataset
     q: Float64[np.ndarray, "N d"]
     v: Float64[np.ndarray, "N d"]
     width: Float64[np.ndarray, " d"]
+    """Speed below which dry friction is linear."""
     tests: tuple[tuple[slice, np.ndarray, np.ndarray], ...]
-    """Frames, test function times step and its rate times step, window by window."""
+    """Frames of each test function, and its values and its time derivative there, both times the step [s]."""
 
 
 def build_weak_form_samples(
-    basis: Basis, record: Dataset, q: np.ndarray, v: np.ndarray, *, width_s: float, speed: np.ndarray
+    basis: Basis, dataset: Dataset, q: np.ndarray, v: np.ndarray, *, width_s: float, speed: np.ndarray
 ) -> WeakFormSamples:
-    """Test functions ``(1 - s^2)^4`` of ``width_s``, a quarter of it apart."""
+    """Place test functions ``(1 - s^2)^4`` on all clips, a quarter of their width apart.
+
+    Args:
+        basis: functions of the fields.
+        dataset: the recordings.
+        q: their smoothed coordinates (N, d).
+        v: velocities (N, d).
+        width_s: support of a test function [s].
+        speed: speed (d,) below which dry friction is linear.
+    """
     tests = []
-    for start, stop in record.clips:
-        time = record.time[start:stop]
+    for start, stop in dataset.clips:
+        time = dataset.time[start:stop]
         step = np.gradient(time) if stop - start > 1 else np.zeros(1)
         half = 0.5 * min(width_s, time[-1] - time[0])
         if stop - start < 8 or half <= 0.0:
@@ -52,86 +62,100 @@ def build_weak_form_samples(
                     -8.0 * s / half * keep**3 * step[first:last],
                 )
             )
-    return WeakFormSamples(basis, record, q, v, speed, tuple(tests))
+    return WeakFormSamples(basis, dataset, q, v, speed, tuple(tests))
 
 
 def build_regressors(
-    samples: WeakFormSamples, form: ModelStructure
+    samples: WeakFormSamples, structure: ModelStructure
 ) -> tuple[np.ndarray, np.ndarray, list[tuple]]:
-    """Weak equations (R, K), the side that is known (R,), and what each column is.
+    """The linear equations of the coefficients, ``rows @ coefficients = known``.
 
-    Rows are test functions times coordinates; ``columns @ coefficients = known``.
+    Returns:
+        ``rows`` (R, K), one for each test function and coordinate; ``known`` (R,); and for each column its
+        field and the indices of its coefficient.
     """
     q, v, u, d = samples.q, samples.v, samples.dataset.u, samples.q.shape[1]
     phi, slope = samples.basis.values(q), samples.basis.slopes(q)
-    plain, rated, names = [], [], []  # a column is  int psi plain + int psi' rated, each (N, d)
+    forces, momenta, names = [], [], []  # a column is  int psi force + int psi' momentum, each (N, d)
 
-    def add(name: tuple, still: np.ndarray, moving: np.ndarray | None = None) -> None:
+    def add(name: tuple, force: np.ndarray, momentum: np.ndarray | None = None) -> None:
         names.append(name)
-        plain.append(still)
-        rated.append(np.zeros_like(still) if moving is None else moving)
+        forces.append(force)
+        momenta.append(np.zeros_like(force) if momentum is None else momentum)
 
-    for k in range(form.mass):
+    for k in range(structure.mass):
         for i in range(d):
             for j in range(i, d):
                 if k == 0 and i == j == d - 1:
-                    continue  # given by the trace
-                push = np.zeros_like(v)
-                push[:, i] += v[:, j]
+                    continue  # fixed by the trace
+                column = np.zeros_like(v)
+                column[:, i] += v[:, j]
                 energy = v[:, i] * v[:, j] * (0.5 if i == j else 1.0)
                 if i != j:
-                    push[:, j] += v[:, i]
+                    column[:, j] += v[:, i]
                 if k == 0 and i == j:
-                    push[:, d - 1] -= v[:, d - 1]
-                    add(("mass", k, i, j), np.zeros_like(v), -push)
+                    column[:, d - 1] -= v[:, d - 1]
+                    add(("mass", k, i, j), np.zeros_like(v), -column)
                     continue
-                add(("mass", k, i, j), -slope[:, k] * energy[:, None], -phi[:, k, None] * push)
-    for k in range(1, form.potential):
+                add(("mass", k, i, j), -slope[:, k] * energy[:, None], -phi[:, k, None] * column)
+    for k in range(1, structure.potential):
         add(("potential", k), slope[:, k])
-    for k in range(form.damping):
+    for k in range(structure.damping):
         for i in range(d):
             for j in range(i, d):
-                push = np.zeros_like(v)
-                push[:, i] += v[:, j]
+                column = np.zeros_like(v)
+                column[:, i] += v[:, j]
                 if i != j:
-                    push[:, j] += v[:, i]
-                add(("damping", k, i, j), phi[:, k, None] * push)
-    for k in range(form.input_map):
+                    column[:, j] += v[:, i]
+                add(("damping", k, i, j), phi[:, k, None] * column)
+    for k in range(structure.input_map):
         for c in range(u.shape[1]):
             for i in range(d):
-                push = np.zeros_like(v)
-                push[:, i] = -phi[:, k] * u[:, c]
-                add(("input_map", k, c, i), push)
-    for flag, name in ((form.dry, "dry"), (form.drag, "drag")):
+                column = np.zeros_like(v)
+                column[:, i] = -phi[:, k] * u[:, c]
+                add(("input_map", k, c, i), column)
+    for flag, name in ((structure.dry, "dry"), (structure.drag, "drag")):
         for i in range(d) if flag else ():
-            push = np.zeros_like(v)
-            push[:, i] = np.tanh(v[:, i] / samples.width[i]) if name == "dry" else np.abs(v[:, i]) * v[:, i]
-            add((name, i), push)
-    still, moving = np.array(plain), np.array(rated)  # (K, N, d)
-    rows = np.array(
+            column = np.zeros_like(v)
+            column[:, i] = np.tanh(v[:, i] / samples.width[i]) if name == "dry" else np.abs(v[:, i]) * v[:, i]
+            add((name, i), column)
+    rows = _integrate(samples, np.array(forces), np.array(momenta))
+    known = np.array([np.einsum("n,nd->d", rate, v[frames]) for frames, _, rate in samples.tests])
+    return rows.reshape(-1, len(names)), known.reshape(-1), names
+
+
+def _integrate(samples: WeakFormSamples, forces: np.ndarray, momenta: np.ndarray) -> np.ndarray:
+    """Integrals (T, d, K) of each column, given by forces and momenta (K, N, d), with each test function."""
+    return np.array(
         [
-            np.einsum("n,knd->dk", psi, still[:, at]) + np.einsum("n,knd->dk", rate, moving[:, at])
-            for at, psi, rate in samples.tests
+            np.einsum("n,knd->dk", psi, forces[:, frames]) + np.einsum("n,knd->dk", rate, momenta[:, frames])
+            for frames, psi, rate in samples.tests
         ]
     )
-    known = np.array([np.einsum("n,nd->d", rate, v[at]) for at, _, rate in samples.tests])
-    return rows.reshape(-1, len(names)), known.reshape(-1), names
 
 
 def build_model(
     samples: WeakFormSamples,
-    form: ModelStructure,
+    structure: ModelStructure,
     coefficients: np.ndarray,
     names: list[tuple],
     rest: np.ndarray,
 ) -> MechanicalModel:
-    """The model with these coefficients."""
+    """The model with the coefficients of a regression.
+
+    Args:
+        samples: samples of the motion.
+        structure: sizes of the fields.
+        coefficients: solution of `build_regressors`' equations (K,).
+        names: field and indices of each.
+        rest: equilibrium (d,).
+    """
     d, n_u = samples.q.shape[1], samples.dataset.u.shape[1]
     fields = {
-        "mass": np.zeros((form.mass, d, d)),
-        "damping": np.zeros((form.damping, d, d)),
-        "potential": np.zeros(form.potential),
-        "input_map": np.zeros((form.input_map, n_u, d)),
+        "mass": np.zeros((structure.mass, d, d)),
+        "damping": np.zeros((structure.damping, d, d)),
+        "potential": np.zeros(structure.potential),
+        "input_map": np.zeros((structure.input_map, n_u, d)),
         "dry": np.zeros(d),
         "drag": np.zeros(d),
     }
@@ -147,7 +171,7 @@ def build_model(
 
 
 def solve_ridge(rows: np.ndarray, known: np.ndarray, ridge: float) -> Float64[np.ndarray, " K"]:
-    """Ridge regression in standardised columns."""
+    """Ridge regression of ``known`` (R,) on the standardised columns of ``rows`` (R, K)."""
     size = np.sqrt(np.mean(rows**2, axis=0)) + 1e-30
     a = rows / size
     gram = a.T @ a / len(a)

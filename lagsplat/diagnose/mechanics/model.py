@@ -10,7 +10,7 @@ units of the reference inertia: the motion depends on ratios of M, C, V and b al
 states at once.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol
 
@@ -114,6 +114,11 @@ class MechanicalModel:
     def n_u(self) -> int:
         """Number of inputs."""
         return self.input_map.shape[1]
+
+    def trim_basis(self) -> "MechanicalModel":
+        """The model with its basis cut to the functions that some field uses."""
+        used = max(len(self.mass), len(self.damping), len(self.potential), len(self.input_map))
+        return replace(self, basis=self.basis.first(used))
 
     def mass_at(self, q: Float64[np.ndarray, "N d"]) -> Float64[np.ndarray, "N d d"]:
         """The mass matrix ``M(q)``."""

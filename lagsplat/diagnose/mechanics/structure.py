@@ -14,8 +14,6 @@ COEFFICIENT_FIELDS = ("mass", "damping", "potential", "input_map", "dry", "drag"
 """Fields of `MechanicalModel` that are estimated, in the order in which they are flattened."""
 MIN_ANGLE_RANGE = 0.6
 """Range [rad] of every coordinate above which sines and cosines are tried beside polynomials."""
-NO_DEGREE = 99
-"""Stands for the degree of cosines and sines, above that of every polynomial."""
 
 
 def build_candidate_bases(q: np.ndarray, *, degree: int) -> list[Basis]:
@@ -46,7 +44,7 @@ def build_candidate_bases(q: np.ndarray, *, degree: int) -> list[Basis]:
 
 def list_field_sizes(basis: Basis) -> list[int]:
     """Numbers of functions that a field may use: up to each degree of the polynomials, and all of them."""
-    total = np.where(basis.kind == POWER, basis.order.sum(axis=1), NO_DEGREE)
+    total = np.where(basis.kind == POWER, basis.order.sum(axis=1), 99)  # angles come after every degree
     return [int(np.sum(total <= level)) for level in np.unique(total)]
 
 
