@@ -1,6 +1,6 @@
-"""``diagnosis.json``: written whole and checked, read back as a `Diagnosis`.
+"""``diagnosis.json``: its form, and a `Diagnosis` written to it and read back.
 
-The form of ``diagnosis.json``, and whether a file has it.
+The form is the record classes below: `msgspec` checks a file against them, and exports them as a JSON Schema.
 """
 
 import json
@@ -8,9 +8,11 @@ import math
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, get_args
+from typing import Annotated, Any, Literal
 
-from jsonschema import Draft202012Validator
+import msgspec
+from msgspec import Meta, Struct
+from msgspec.structs import asdict
 
 from lagsplat.diagnose.core.result import (
     SCHEMA,
@@ -31,6 +33,84 @@ from lagsplat.report.diagnosis.content import (
     to_plain_data,
 )
 
+PROBABILITY_TOLERANCE = 1e-6
+"""Largest distance of the sum of all probabilities from one."""
+Number = int | float | None
+NAN = float("nan")
+NO_INTERVAL = Interval(None, None, None)
+NO_GAP = Gap(NAN, NAN, NAN, NAN, NAN, NO_INTERVAL)
+"""Written where there is no gap, so that readers find its keys all the same."""
+
+
+class ParameterRecord(Struct):
+    """A parameter with its 90 % interval; lists where an effect happens several times."""
+
+    value: Number | list[Number]
+    low: Number | list[Number]
+    high: Number | list[Number]
+    unit: str
+
+
+class EffectRecord(Struct, kw_only=True):
+    """One candidate."""
+
+    name: str
+    probability: Annotated[float, Meta(ge=0.0, le=1.0 + PROBABILITY_TOLERANCE)]
+    coordinate: str | None
+    input: str | None
+    places: tuple[str, ...] = ()
+    parameters: dict[str, ParameterRecord]
+    closure: Interval
+    log_evidence: Number = None
+    misfit: Number = None
+
+
+class GapRecord(Struct, kw_only=True):
+    """Root mean square of the held-out forecasts' errors; null where it was not computed."""
+
+    before: Number
+    refit: Number = None
+    after: Number
+    floor: Number
+    horizon_s: Number
+    unit: Literal["fraction of each coordinate's rms"]
+    closure: Interval = NO_INTERVAL
+    blocks: int = 0
+    diverged: dict[str, int] = {}
+
+
+class WhereRecord(Struct):
+    """Where the gap lies."""
+
+    level: Literal["perception", "chart", "actuation", "dynamics"] | None
+    coordinates: dict[str, Number]
+    time_s: list[tuple[str, Number, Number, Number]]
+    frequency_hz: list[tuple[Number, Number, Number]]
+    state_region: dict[str, Any]
+    image_region: dict[str, Any] | None
+
+
+class DiagnosisRecord(Struct, kw_only=True):
+    """The whole file; further keys are free at every level."""
+
+    schema: Literal[1]
+    verdict: Verdict
+    effects: Annotated[list[EffectRecord], Meta(min_length=2)]
+    combination: tuple[str, ...]
+    where: WhereRecord
+    gap: GapRecord
+    equivalent: tuple[Annotated[tuple[str, ...], Meta(min_length=2)], ...]
+    excitation: tuple[str, ...]
+    warnings: tuple[str, ...]
+    absorbed: tuple[str, ...] = ()
+    checks: dict[str, Any] = {}
+    q_names: tuple[str, ...] = ()
+    u_names: tuple[str, ...] = ()
+
+
+COPIED_FIELDS = tuple(set(DiagnosisRecord.__struct_fields__) - {"schema", "effects", "where", "gap"})
+"""Fields that a `Diagnosis` and its record share."""
+
 
 def save_diagnosis(path: str | os.PathLike[str], diagnosis: Diagnosis) -> None:
     """Write ``diagnosis`` to ``path``, whole or not at all; rollouts and figures have files of their own.
@@ -45,8 +125,9 @@ def save_diagnosis(path: str | os.PathLike[str], diagnosis: Diagnosis) -> None:
 
 
 def load_diagnosis(path: str | os.PathLike[str], *, blocks: tuple[Block, ...] = ()) -> Diagnosis:
-    """Read a diagnosis back; ``where`` and ``checks`` are then plain mappings. ``blocks`` come from
-    `load_rollouts`.
+    """Read a diagnosis back; its ``where`` and ``checks`` are plain mappings.
+
+    ``blocks`` come from `load_rollouts`.
 
     Raises:
         ValueError: the file is no JSON or no diagnosis.
@@ -56,47 +137,75 @@ def load_diagnosis(path: str | os.PathLike[str], *, blocks: tuple[Block, ...] = 
     except json.JSONDecodeError as error:
         raise ValueError(f"{os.fspath(path)} is not JSON: {error}") from error
     try:
-        check_diagnosis(content)
+        record = check_diagnosis(content)
     except ValueError as error:
         raise ValueError(f"{os.fspath(path)}: {error}") from error
     return Diagnosis(
-        verdict=content["verdict"],
-        candidates=tuple(_candidate(effect) for effect in content["effects"]),
-        combination=tuple(content["combination"]),
-        gap=_gap(content["gap"]),
+        candidates=tuple(_to_candidate(effect) for effect in record.effects),
+        gap=_to_gap(record.gap),
         where=content["where"],
-        equivalent=tuple(tuple(names) for names in content["equivalent"]),
-        excitation=tuple(content["excitation"]),
-        warnings=tuple(content["warnings"]),
-        absorbed=tuple(content.get("absorbed", ())),
         blocks=blocks,
-        checks=content.get("checks", {}),
-        q_names=tuple(content.get("q_names", ())),
-        u_names=tuple(content.get("u_names", ())),
+        **{name: getattr(record, name) for name in COPIED_FIELDS},
     )
 
 
+def check_diagnosis(content: Mapping[str, Any]) -> DiagnosisRecord:
+    """Check that ``content`` is a diagnosis: its fields, their types, and probabilities that sum to one.
+
+    Raises:
+        ValueError: it is not; the message says where and why.
+    """
+    try:
+        record = msgspec.convert(content, DiagnosisRecord)
+    except msgspec.ValidationError as error:
+        reason, _, path = str(error).partition(" - at `$")
+        place = path.rstrip("`").replace("[", "/").replace("]", "").replace(".", "/").strip("/")
+        raise ValueError(f"not a diagnosis, at {place or 'the whole'}: {reason}") from error
+    catalogue = set(list_names())
+    for index, effect in enumerate(record.effects):
+        if effect.name not in catalogue:
+            raise ValueError(f"not a diagnosis, at effects/{index}/name: {effect.name!r} is no known effect")
+    for index, equivalent in enumerate(record.equivalent):
+        if unknown := sorted(set(equivalent) - catalogue):
+            raise ValueError(f"not a diagnosis, at equivalent/{index}: {unknown} are no known effects")
+    probabilities = [effect.probability for effect in record.effects]
+    if not math.isclose(sum(probabilities), 1.0, abs_tol=PROBABILITY_TOLERANCE):
+        raise ValueError(f"the probabilities of all effects sum to {sum(probabilities):.9g}, not to 1")
+    if probabilities != sorted(probabilities, reverse=True):
+        raise ValueError("the effects are not in the order of their probabilities, the most probable first")
+    names = {effect.name for effect in record.effects}
+    for name in ("none", "unknown"):
+        if name not in names:
+            raise ValueError(f"`{name}` is missing among the effects; it is always a candidate")
+    if missing := sorted(set(record.combination) - names):
+        raise ValueError(f"the combination names {', '.join(missing)}, not among the effects")
+    return record
+
+
+def export_schema() -> dict[str, Any]:
+    """Export the form of the file as a JSON Schema."""
+    return msgspec.json.schema(DiagnosisRecord)
+
+
 def build_diagnosis_content(diagnosis: Diagnosis) -> dict[str, Any]:
-    """The content of the file as plain data."""
-    return {
-        "schema": SCHEMA,
-        "verdict": diagnosis.verdict,
-        "effects": [_effect(candidate) for candidate in diagnosis.candidates],
-        "combination": list(diagnosis.combination),
-        "where": build_where_content(diagnosis.where),
-        "gap": _gap_content(diagnosis.gap),
-        "equivalent": to_plain_data(diagnosis.equivalent),
-        "excitation": list(diagnosis.excitation),
-        "warnings": list(diagnosis.warnings),
-        "absorbed": list(diagnosis.absorbed),
-        "checks": to_plain_data(diagnosis.checks),
-        "q_names": list(diagnosis.q_names),
-        "u_names": list(diagnosis.u_names),
-    }
+    """Build the content of the file as plain data, its keys in the order of the record classes."""
+    fields = {name: to_plain_data(getattr(diagnosis, name)) for name in COPIED_FIELDS}
+    fields["schema"] = SCHEMA
+    fields["effects"] = [
+        _in_order(
+            EffectRecord,
+            to_plain_data(candidate) | {"closure": to_plain_data(candidate.closure or NO_INTERVAL)},
+        )
+        for candidate in diagnosis.candidates
+    ]
+    fields["where"] = build_where_content(diagnosis.where)
+    unit = {"unit": "fraction of each coordinate's rms"}
+    fields["gap"] = _in_order(GapRecord, to_plain_data(diagnosis.gap or NO_GAP) | unit)
+    return _in_order(DiagnosisRecord, fields)
 
 
 def build_where_content(where: Any) -> dict[str, Any]:
-    """Where the gap lies as plain data; empty, and listed as ``list_missing_fields``, where a part is missing."""
+    """Build the place of the gap as plain data; a missing part is empty, and listed as ``not_computed``."""
     content = {
         "level": get_location(where, "level"),
         "coordinates": to_plain_data(get_location(where, "coordinates") or {}),
@@ -105,151 +214,32 @@ def build_where_content(where: Any) -> dict[str, Any]:
         "state_region": to_plain_data(get_location(where, "state_region") or {}),
         "image_region": to_plain_data(get_location(where, "image_region")),
     }
-    further = {
-        name: to_plain_data(get_location(where, name))
-        for name in OPTIONAL_FIELDS
-        if get_location(where, name) is not None
+    for name in OPTIONAL_FIELDS:
+        if get_location(where, name) is not None:
+            content[name] = to_plain_data(get_location(where, name))
+    return content | {"not_computed": list(list_missing_fields(where))}
+
+
+def _in_order(record: type[Struct], fields: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: fields[name] for name in record.__struct_fields__}
+
+
+def _to_candidate(effect: EffectRecord) -> Candidate:
+    parameters = {name: Parameter(**asdict(parameter)) for name, parameter in effect.parameters.items()}
+    undefined = effect.closure.value is None and effect.closure.low is None
+    changed = {
+        "parameters": parameters,
+        "closure": None if undefined else effect.closure,
+        "log_evidence": NAN if effect.log_evidence is None else effect.log_evidence,
     }
-    return content | further | {"not_computed": list(list_missing_fields(where))}
+    return Candidate(**asdict(effect) | changed)
 
 
-def _effect(candidate: Candidate) -> dict[str, Any]:
-    return {
-        "name": candidate.name,
-        "probability": to_plain_data(candidate.probability),
-        "coordinate": candidate.coordinate,
-        "input": candidate.input,
-        "places": list(candidate.places),
-        "parameters": to_plain_data(candidate.parameters),
-        "closure": to_plain_data(candidate.closure or Interval(None, None, None)),
-        "log_evidence": to_plain_data(candidate.log_evidence),
-        "misfit": to_plain_data(candidate.misfit),
-    }
-
-
-def _gap_content(gap: Gap | None) -> dict[str, Any]:
-    # Without a gap the keys stand all the same, so that readers find what they look for.
-    names = ("before", "refit", "after", "floor", "horizon_s")
-    numbers = {name: None if gap is None else to_plain_data(getattr(gap, name)) for name in names}
-    closure = Interval(None, None, None) if gap is None else gap.closure
-    counts = {"blocks": gap.blocks if gap else 0, "diverged": dict(gap.diverged) if gap else {}}
-    return numbers | {"unit": GAP_UNIT, "closure": to_plain_data(closure)} | counts
-
-
-def _candidate(effect: Mapping[str, Any]) -> Candidate:
-    evidence = effect.get("log_evidence")
-    closure = _interval(effect["closure"])
-    return Candidate(
-        name=effect["name"],
-        probability=effect["probability"],
-        coordinate=effect["coordinate"],
-        input=effect["input"],
-        places=tuple(effect.get("places", ())),
-        parameters={
-            name: Parameter(one["value"], one["low"], one["high"], one["unit"])
-            for name, one in effect["parameters"].items()
-        },
-        closure=None if closure.value is None and closure.low is None else closure,
-        log_evidence=float("nan") if evidence is None else evidence,
-        misfit=effect.get("misfit"),
-    )
-
-
-def _gap(content: Mapping[str, Any]) -> Gap | None:
-    if content["before"] is None or content["after"] is None:
+def _to_gap(record: GapRecord) -> Gap | None:
+    if record.before is None or record.after is None:
         return None
-    # A floor that could not be computed stays visible as not a number.
-    floor = float("nan") if content["floor"] is None else content["floor"]
-    refit = content.get("refit")
-    return Gap(
-        before=content["before"],
-        refit=float("nan") if refit is None else refit,
-        after=content["after"],
-        floor=floor,
-        horizon_s=float("nan") if content["horizon_s"] is None else content["horizon_s"],
-        closure=_interval(content.get("closure") or {}),
-        blocks=content.get("blocks", 0),
-        diverged=content.get("diverged", {}),
-    )
-
-
-def _interval(content: Mapping[str, Any]) -> Interval:
-    return Interval(content.get("value"), content.get("low"), content.get("high"))
-
-
-PROBABILITY_TOLERANCE = 1e-6
-GAP_UNIT = "fraction of each coordinate's rms"
-LEVELS = ("perception", "chart", "actuation", "dynamics")
-
-
-def check_diagnosis(content: Mapping[str, Any]) -> None:
-    """Whether ``content`` is a diagnosis: its fields, their kinds, and probabilities that sum to one.
-
-    Further keys are free.
-
-    Raises:
-        ValueError: it is not; the message says where and why.
-    """
-    validator = Draft202012Validator(_schema())
-    for error in sorted(validator.iter_errors(content), key=lambda error: list(map(str, error.path))):
-        place = "/".join(str(step) for step in error.absolute_path) or "the whole"
-        raise ValueError(f"not a diagnosis, at {place}: {error.message}")
-    likely = [effect["probability"] for effect in content["effects"]]
-    if not math.isclose(sum(likely), 1.0, abs_tol=PROBABILITY_TOLERANCE):
-        raise ValueError(f"the probabilities of all effects sum to {sum(likely):.9g}, not to 1")
-    if likely != sorted(likely, reverse=True):
-        raise ValueError("the effects are not in the order of their probabilities, the most probable first")
-    names = {effect["name"] for effect in content["effects"]}
-    for name in ("none", "unknown"):
-        if name not in names:
-            raise ValueError(f"`{name}` is missing among the effects; it is always a candidate")
-    strangers = sorted(set(content["combination"]) - names)
-    if strangers:
-        raise ValueError(f"the combination names {', '.join(strangers)}, not among the effects")
-
-
-def _schema() -> dict[str, Any]:
-    number: dict[str, Any] = {"type": ["number", "null"]}
-    numbers: dict[str, Any] = {"anyOf": [number, {"type": "array", "items": number}]}
-    text: dict[str, Any] = {"type": ["string", "null"]}
-    name = {"enum": list_names()}
-    texts = {"type": "array", "items": {"type": "string"}}
-    interval = _object(value=number, low=number, high=number)
-    parameter = _object(value=numbers, low=numbers, high=numbers, unit={"type": "string"})
-    effect = _object(
-        name=name,
-        probability={"type": "number", "minimum": 0.0, "maximum": 1.0 + PROBABILITY_TOLERANCE},
-        coordinate=text,
-        input=text,
-        parameters={"type": "object", "additionalProperties": parameter},
-        closure=interval,
-    )
-    where = _object(
-        level={"enum": [*LEVELS, None]},
-        coordinates={"type": "object", "additionalProperties": number},
-        time_s=_rows({"type": "string"}, number, number, number),
-        frequency_hz=_rows(number, number, number),
-        state_region={"type": "object"},
-        image_region={"type": ["object", "null"]},
-    )
-    gap = _object(before=number, after=number, floor=number, unit={"const": GAP_UNIT}, horizon_s=number)
-    return _object(
-        schema={"const": SCHEMA},
-        verdict={"enum": list(get_args(Verdict))},
-        effects={"type": "array", "items": effect, "minItems": 2},
-        combination={"type": "array", "items": name},
-        where=where,
-        gap=gap,
-        equivalent={"type": "array", "items": {"type": "array", "items": name, "minItems": 2}},
-        excitation=texts,
-        warnings=texts,
-    )
-
-
-def _object(**properties: dict[str, Any]) -> dict[str, Any]:
-    return {"type": "object", "properties": properties, "required": list(properties)}
-
-
-def _rows(*columns: dict[str, Any]) -> dict[str, Any]:
-    row = {"type": "array", "prefixItems": list(columns), "minItems": len(columns), "maxItems": len(columns)}
-    return {"type": "array", "items": row}
+    # A number that could not be computed, such as the floor, stays visible as not a number.
+    numbers = {
+        name: NAN if value is None else value for name, value in asdict(record).items() if name != "unit"
+    }
+    return Gap(**numbers)
