@@ -205,6 +205,60 @@ def test_planning_loads_no_heavy_library(module: str) -> None:
     assert done.stdout.strip() == "[]"
 
 
+NUMERIC_CALLS = (
+    "np.linspace",
+    "np.geomspace",
+    "np.array",
+    "np.arange",
+    "np.sqrt",
+    "np.log",
+    "math.sqrt",
+    "float",
+)
+MOST_CONSTANTS = 60
+"""Numeric constants of ``diagnose/`` that may stay beside the code; the others are settings in ``core/``."""
+
+
+def is_numeric(node: ast.expr) -> bool:
+    """Whether an expression is a number, a tuple of numbers, or made of numbers alone."""
+    if isinstance(node, ast.Constant):
+        return isinstance(node.value, int | float) and not isinstance(node.value, bool)
+    if isinstance(node, ast.UnaryOp):
+        return is_numeric(node.operand)
+    if isinstance(node, ast.BinOp):
+        return is_numeric(node.left) and is_numeric(node.right)
+    if isinstance(node, ast.Tuple | ast.List):
+        return bool(node.elts) and all(is_numeric(item) for item in node.elts)
+    if isinstance(node, ast.Call):
+        return ast.unparse(node.func) in NUMERIC_CALLS and all(is_numeric(item) for item in node.args)
+    return isinstance(node, ast.Attribute) and ast.unparse(node) in ("np.pi", "math.pi")
+
+
+def numeric_constants(tree: ast.Module) -> Iterator[tuple[str, ast.stmt, ast.stmt | None]]:
+    """Name, assignment and following statement of every numeric constant of a module."""
+    for node, after in zip(tree.body, [*tree.body[1:], None], strict=True):
+        if isinstance(node, ast.Assign | ast.AnnAssign) and node.value is not None and is_numeric(node.value):
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            for target in targets:
+                names = target.elts if isinstance(target, ast.Tuple) else [target]
+                yield from ((ast.unparse(name), node, after) for name in names)
+
+
+def test_numbers_of_a_diagnosis_are_settings(trees: dict[Path, ast.Module]) -> None:
+    found, bare = [], []
+    for path in (PACKAGE / "diagnose").rglob("*.py"):
+        if path == PACKAGE / "diagnose/core/config.py":
+            continue
+        lines = path.read_text(encoding="utf-8").splitlines()
+        for name, node, after in numeric_constants(trees[path]):
+            found.append(f"{short(path)} {name}")
+            explained = isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant)
+            if not explained and "#" not in lines[(node.end_lineno or node.lineno) - 1]:
+                bare.append(f"{short(path)}:{node.lineno} {name} has no comment or docstring")
+    assert len(found) < MOST_CONSTANTS, "\n".join(found)
+    assert not bare, "\n".join(bare)
+
+
 def is_public(node: ast.AST) -> bool:
     return isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_")
 

@@ -12,7 +12,7 @@ import numpy as np
 from tqdm import tqdm
 
 from lagsplat.diagnose.augmented.model import AugmentedSimulator, build_augmented, save_augmented
-from lagsplat.diagnose.core.config import DiagnoseConfig
+from lagsplat.diagnose.core.config import WITHHELD, DiagnoseConfig
 from lagsplat.diagnose.core.result import Diagnosis
 from lagsplat.diagnose.data_quality.checks import DataCheck
 from lagsplat.diagnose.data_quality.compatibility import MOSTLY_OUTSIDE_CHECK
@@ -34,8 +34,6 @@ from lagsplat.report.diagnosis.html import save_report
 from lagsplat.report.diagnosis.serialization import save_diagnosis
 
 NOWHERE = "Where the gap lies cannot be told: along the real motion the sim's forces are not finite."
-UNSURE = 0.4
-"""Probability that no name exceeds where the data forbid a verdict."""
 
 
 def run_diagnosis(
@@ -163,9 +161,11 @@ def flag_extrapolation(found: Diagnosis, checked: DataCheck) -> Diagnosis:
 
 
 def withhold_verdict(found: Diagnosis) -> Diagnosis:
-    """The same without a verdict: no name keeps more than `UNSURE`, the rest is spread evenly."""
+    """Withhold the verdict: no name keeps more than `WITHHELD.max_probability`, the rest is spread evenly."""
     top, even = found.candidates[0].probability, 1.0 / len(found.candidates)
-    share = 1.0 if top <= UNSURE else max(UNSURE - even, 0.0) / (top - even)
+    share = (
+        1.0 if top <= WITHHELD.max_probability else max(WITHHELD.max_probability - even, 0.0) / (top - even)
+    )
     spread = (1.0 - share) * even
     flat = tuple(replace(c, probability=share * c.probability + spread) for c in found.candidates)
     return replace(found, verdict="undetermined", candidates=flat, combination=())

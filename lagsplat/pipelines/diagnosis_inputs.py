@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lagsplat.diagnose.core.config import ESTIMATED_SIMULATOR, DiagnoseConfig
+from lagsplat.diagnose.core.config import CALIBRATION_CHECKS, ESTIMATED_SIMULATOR, DiagnoseConfig
 from lagsplat.diagnose.core.result import Finding
 from lagsplat.diagnose.data_quality.checks import DataCheck, check_data
 from lagsplat.diagnose.data_quality.natural_period import estimate_spectral_period_s
@@ -28,16 +28,6 @@ if TYPE_CHECKING:
 MODELS = ("run", "model", "mujoco", "python")
 LAWLESS = "a law that is true nowhere"
 """Name of the finding that a run's law misses its own recordings."""
-MISSED = 1.5
-"""Mean square residual, in units of the noise, above which a sim misses its own recordings."""
-
-
-STEPPED = 0.5
-"""Share of an input's samples that repeat the one before, from which it may be one that is held."""
-SURELY = 10.0
-"""By how much the criterion of a sim with held inputs must be lower for it to be taken."""
-TRUER = 0.5
-"""Share of the misfit that a sim with held inputs may have at most where other stretches were looked at."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +54,7 @@ class DiagnosisInputs:
         """A motion without any effect that the sim misses all the same, as fitted runs always do; or None."""
         if self.recordings is not None:
             return self.recordings.null_motion
-        if self.checked.sim is None or self.sim.misfit < MISSED:
+        if self.checked.sim is None or self.sim.misfit < CALIBRATION_CHECKS.missed_misfit:
             return None
         return max(self.checked.sim.motions, key=lambda motion: motion.duration_s)
 
@@ -150,11 +140,18 @@ def _try_held_inputs(
     """
     assert checked.sim is not None
     change = np.concatenate([np.diff(m.u, axis=0) for m in checked.sim.motions])
-    if not change.any() or np.mean(change[:, change.any(axis=0)] == 0.0) < STEPPED:
+    if (
+        not change.any()
+        or np.mean(change[:, change.any(axis=0)] == 0.0) < CALIBRATION_CHECKS.min_repeated_share
+    ):
         return None
     held = estimate_simulator(checked.sim.motions, replace(config, input_hold="zoh"))
     alike = held.reach == known.reach and held.outlier_spans == known.outlier_spans
-    better = held.cost < known.cost - SURELY if alike else held.misfit < TRUER * known.misfit
+    better = (
+        held.cost < known.cost - CALIBRATION_CHECKS.min_criterion_gain
+        if alike
+        else held.misfit < CALIBRATION_CHECKS.max_misfit_share * known.misfit
+    )
     return held if better else None
 
 
@@ -244,7 +241,7 @@ def _open_simulator(
         return bare
     told = checked.sim.motions
     known = _calibrate(bare, null_motion, told, config)
-    if known.misfit < MISSED:
+    if known.misfit < CALIBRATION_CHECKS.missed_misfit:
         return known
     moved = recalibrate_simulator(known, told, config)
     return known if moved is known else _calibrate(moved, null_motion, told, config)

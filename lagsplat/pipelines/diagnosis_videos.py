@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lagsplat.diagnose.core.config import ERROR_BUDGET
+from lagsplat.diagnose.core.config import ERROR_BUDGET, VIDEO_LIMITS
 from lagsplat.diagnose.core.result import Diagnosis, Finding
 from lagsplat.diagnose.effects.registry import catalogue, list_effects
 from lagsplat.diagnose.imaging.rendering import choose_evenly, compute_decoding_errors
@@ -30,9 +30,6 @@ from lagsplat.runs.run import FittedRun, open_run
 from lagsplat.stage1.autoencoder import encode_frames
 
 HELD_OUT = "held_out"  # names a run's own recording, of which the part that no fit saw is taken
-MOST_LATENTS = 4000  # of the training part, that say where latents usually lie
-BADLY = 5.0  # times the nominal error of the pictures: from there on their states are not known
-CAMERA_GAP = 0.5  # of the gap: a camera that passes for more forbids every other name
 MOVED = (
     "moves while recording",
     "moved between recordings",
@@ -81,7 +78,7 @@ class RecordingPair:
             [compute_decoding_errors(run.autoencoder, run.chart, one) for one in recordings]
         )
         latents = np.concatenate([motion.q for motion in self.real])
-        seen = self.nominal[0].q[choose_evenly(self.nominal[0].n, MOST_LATENTS)]
+        seen = self.nominal[0].q[choose_evenly(self.nominal[0].n, VIDEO_LIMITS.max_latents)]
         return ImageQuality(real, nominal, assess_perception(real, nominal, latents, seen))
 
     def judge(self, found: Diagnosis) -> Diagnosis:
@@ -106,14 +103,14 @@ class RecordingPair:
                     "trained; what follows holds only if the encoder is right there"
                 )
             seeing = {known[name].camera for name in found.combination} - {None}
-            if seen.ratio > BADLY and found.verdict != "none" and not seeing:
+            if seen.ratio > VIDEO_LIMITS.unreadable_error_ratio and found.verdict != "none" and not seeing:
                 checks["undetermined"] = [
                     f"the real pictures are drawn {seen.ratio:.2g} times as badly as the run's own, so that "
                     "the encoder does not read their states; film with the camera and compression of before"
                 ]
         gap = found.gap.before if found.gap is not None else np.inf
         named = found.combination and not any(known[name].camera in MOVED for name in found.combination)
-        if named and self.camera_share > CAMERA_GAP * gap:
+        if named and self.camera_share > VIDEO_LIMITS.max_camera_share * gap:
             checks["undetermined"] = [
                 f"the camera moved, which alone passes for {100 * self.camera_share:.2g} % of the motion's "
                 f"size while the gap is {100 * gap:.2g} %; no effect can be told from that"

@@ -157,6 +157,8 @@ class EstimationProblemSettings:
     """Share of windows the simulator must know before the others are left out [1]. Commit 937389d."""
     max_open_directions: int = 6
     """Directions that the identification of the simulator leaves open, at most [count]. Commit 0e95f8e."""
+    min_visibility: float = 0.3
+    """Curvature of the misfit along such a direction, in prior standard deviations, that is visible [1]."""
 
 
 PROBLEM = EstimationProblemSettings()
@@ -180,6 +182,11 @@ class SelectionSettings:
     97b9096."""
     start_shares: tuple[float, ...] = (1.0, 0.5, 0.25, 0.1, 0.03)
     """Shares of the amplitude from the score test that are tried as starts [1]. Commit 123f88b."""
+    unmoved_misfit_ratio: float = 1.02
+    """Misfit with the nuisance parameters at zero, over that with them fitted [1], from which both score tests
+    are made."""
+    sample_noise_penalty: float = 4.0
+    """Log evidence that an effect on single samples must exceed [nat]: its parameters are not integrated out."""
 
 
 SELECTION = SelectionSettings()
@@ -220,6 +227,9 @@ class VerdictSettings:
     law_error: float = 0.03
     """Mean square residual that a right law may leave by its own errors, as a share of the nominal one [1].
     Commit 0fc4d5b."""
+    detectable_deviations: float = 2.5
+    """Standard deviations of a mean square residual from which an excess is detectable [1]: the one-sided
+    false-alarm rate of a normal variable is 0.006."""
     min_unknown: float = 0.015
     """Probability of `unknown`, at least [1]. Commit 8360ea4."""
     unknown_exponent: float = 2.5
@@ -231,6 +241,8 @@ class VerdictSettings:
     set_lead: float = 5.0
     """Log posterior of a set's members above any single effect, where the set explains everything [nat].
     Commit df5bf1f."""
+    interval_z: float = 1.645
+    """Half width of an interval in standard deviations [1]: the normal quantile of 0.95, for 90 %."""
 
 
 VERDICT = VerdictSettings()
@@ -941,6 +953,10 @@ class EstimatedSimulatorSettings:
     """Mean square residual beyond which a window is too long to follow [noise variances]."""
     fit_tolerance: float = 1e-4
     """Gain of a step that ends the fit, as a share of the misfit [1]."""
+    window_scales: tuple[float, float] = (0.35, 0.12)
+    """Lengths of shorter windows, as shares of the usual one [1], for motion about an unstable rest."""
+    min_window_frames: int = 12
+    """Frames of a window, at least [count]."""
 
 
 ESTIMATED_SIMULATOR = EstimatedSimulatorSettings()
@@ -1084,3 +1100,102 @@ class VideoCheckSettings:
 
 
 VIDEO_CHECKS = VideoCheckSettings()
+
+
+@dataclass(frozen=True)
+class LatentForceSettings:
+    """Smoother of the force that the simulator lacks.
+
+    Source: set by hand when the module was written (commit 6c919a8), before any fitted calibration.
+    """
+
+    length_scales_periods: tuple[float, ...] = (0.125, 0.5, 2.0)
+    """Length scales tried [natural periods]."""
+    path_tolerance: float = 1e-3
+    """Change of the path, over its rms [1], that ends the iteration."""
+    max_iterations: int = 5
+    """Relinearizations, at most [count]."""
+    start_force_share: float = 0.01
+    """Variance of the force where its fit starts, over that of the acceleration [1]."""
+    min_log_likelihood_gain: float = 3.0
+    """Gain from which a force is admitted [nat]; without a force, 1 record in 100 gains more by chance."""
+
+
+LATENT_FORCE = LatentForceSettings()
+
+
+@dataclass(frozen=True)
+class DatasetSettings:
+    """How recordings become the data of an estimation.
+
+    Source: set by hand when the module was written (commit 66f7fa5), before any fitted calibration.
+    """
+
+    min_relative_noise: float = 1e-3
+    """Assumed noise, at least, over the rms of the coordinate [1]."""
+    noise_window_periods: float = 0.15
+    """Width of the local cubic whose residual is the noise [natural periods]: about a seventh of a period."""
+    region_margin: float = 0.15
+    """Margin around the visited region, as a share of half its range [1]."""
+
+
+DATASET = DatasetSettings()
+
+
+@dataclass(frozen=True)
+class ShootingSettings:
+    """Gauss-Newton iterations of multiple shooting (Bock 1983).
+
+    Source: set by hand when the module was written (commit 66f7fa5), before any fitted calibration.
+    """
+
+    max_stale_steps: int = 4
+    """Steps after which all derivatives are computed anew [count]."""
+    max_attempts: int = 6
+    """Damping factors tried for one step before the fit ends [count]."""
+
+
+SHOOTING = ShootingSettings()
+
+
+@dataclass(frozen=True)
+class CalibrationThresholds:
+    """When a given simulator is recalibrated, and when inputs are held between samples."""
+
+    missed_misfit: float = 1.5
+    """Mean square residual above which a simulator misses its own recordings [noise variances]."""
+    min_repeated_share: float = 0.5
+    """Share of an input's samples that repeat the one before [1], from which it may be held."""
+    min_criterion_gain: float = 10.0
+    """Decrease of the Bayesian information criterion for which held inputs are chosen [nat, doubled]."""
+    max_misfit_share: float = 0.5
+    """Misfit with held inputs, over that without [1], where other windows were used."""
+
+
+CALIBRATION_CHECKS = CalibrationThresholds()
+
+
+@dataclass(frozen=True)
+class VideoLimits:
+    """When images or a moved camera forbid a verdict."""
+
+    max_latents: int = 4000
+    """Nominal latents that a real latent is compared with, at most [count]."""
+    unreadable_error_ratio: float = 5.0
+    """Error of the real images, over the nominal one [1], from which states cannot be read."""
+    max_camera_share: float = 0.5
+    """Motion of the camera, as a share of the gap [1], above which only a camera effect is named."""
+
+
+VIDEO_LIMITS = VideoLimits()
+
+
+@dataclass(frozen=True)
+class WithheldVerdictSettings:
+    """Probabilities where the data forbid a verdict."""
+
+    max_probability: float = 0.4
+    """Probability that no name exceeds there [1]."""
+
+
+WITHHELD = WithheldVerdictSettings()

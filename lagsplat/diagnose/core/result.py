@@ -55,6 +55,7 @@ def refuse(findings: Sequence[Finding]) -> None:
 
 
 SCHEMA = 1
+"""Version of the layout of ``diagnosis.json``."""
 Verdict = Literal["effect", "none", "unknown", "undetermined"]
 
 

@@ -21,6 +21,7 @@ from lagsplat.diagnose.data_quality.time_alignment import check_time_offset
 from lagsplat.io.trajectory.trajectory import Trajectory
 
 FULL_TURNS = (2.0 * np.pi, 360.0)
+"""A full turn [rad, deg]."""
 
 
 def unwrap_angles(motion: Trajectory) -> tuple[Trajectory, tuple[Finding, ...]]:

@@ -234,7 +234,7 @@ def estimate_spectral_period_s(motions: Sequence[Trajectory]) -> float:
     swing_s, rate_s = compute_rms_period_s(motions, 0), compute_rms_period_s(motions, 1)
     if swing_s is None or rate_s is None:
         raise ValueError(
-            f"{motions[0].source}: nothing moves in any clip of {NATURAL_PERIOD.min_spectrum_samples} samples; "
-            "record a motion"
+            f"{motions[0].source}: nothing moves in any clip of "
+            f"{NATURAL_PERIOD.min_spectrum_samples} samples; record a motion"
         )
     return rate_s if swing_s > NATURAL_PERIOD.step_period_ratio * rate_s else swing_s

@@ -16,6 +16,7 @@ from lagsplat.diagnose.core.config import NOISE_ESTIMATION
 from lagsplat.io.trajectory.trajectory import Trajectory
 
 CHUNK_SAMPLES = 4096
+"""Samples that are fitted at once, to bound the memory."""
 
 
 @dataclass(frozen=True)

@@ -152,10 +152,10 @@ def _check_duration(motions: Sequence[Trajectory], period_s: float, side: str) -
                 side,
                 f"{blocks} block(s) of {SAMPLING.block_periods:g} natural periods "
                 f"({duration_s:.3g} s in all)",
-                f"{SAMPLING.min_blocks // 2} to fit and {SAMPLING.min_blocks // 2} to test are wanted, so that "
-                "less can be told apart",
-                f"record at least {SAMPLING.min_blocks * SAMPLING.block_periods * period_s:.3g} s in clips of "
-                "several periods",
+                f"{SAMPLING.min_blocks // 2} to fit and {SAMPLING.min_blocks // 2} to test are wanted, "
+                "so that less can be told apart",
+                f"record at least {SAMPLING.min_blocks * SAMPLING.block_periods * period_s:.3g} s "
+                "in clips of several periods",
             )
         )
     return found

@@ -94,7 +94,7 @@ def rank_hypotheses(
             rollout_model=replace(problem.rollout_model, nuisance=problem.rollout_model.nuisance.freeze()),
         )
         unmoved = frozen.fit((), np.zeros(n))
-        if unmoved.misfit > 1.02 * base.fit.misfit:
+        if unmoved.misfit > SELECTION.unmoved_misfit_ratio * base.fit.misfit:
             beginnings.append(replace(unmoved, x=np.zeros(n)))
     by_family: dict[str, list[tuple[ScoreTestResult, HypothesisFit]]] = {}
     orders = []
@@ -181,7 +181,7 @@ def rank_by_evidence(
     ]
     rows += [
         replace(
-            hypothesis, log_evidence=gain / budget.effective_sample_ratio - 4.0 - budget.log_evidence_offset
+            hypothesis, log_evidence=gain / budget.effective_sample_ratio - SELECTION.sample_noise_penalty - budget.log_evidence_offset
         )
         for gain, hypothesis in noisy
     ]

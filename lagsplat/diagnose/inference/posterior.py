@@ -212,11 +212,11 @@ def exceeds_prior(hypothesis: HypothesisFit, nominal: float, config: DiagnoseCon
 def detectable_misfit(freedom: float, nominal: float, config: DiagnoseConfig) -> float:
     """Excess mean square residual that is detectable [noise variances].
 
-    The errors of a right law, plus 2.5 standard deviations of a mean square with correlated samples.
+    The errors of a right law, plus `VERDICT.detectable_deviations` standard deviations of a mean square with correlated samples.
     """
     return float(
         VERDICT.law_error * nominal
-        + 2.5 * nominal * np.sqrt(2.0 * config.effective_sample_ratio / max(freedom, 1.0))
+        + VERDICT.detectable_deviations * nominal * np.sqrt(2.0 * config.effective_sample_ratio / max(freedom, 1.0))
     )
 
 
@@ -337,4 +337,4 @@ def laplace_interval(
         + VERDICT.deviation_floor
     )
     lowest = np.array([p.lowest for p in prior])
-    return np.maximum(hypothesis.fit.x[:n] - 1.645 * spread, lowest), hypothesis.fit.x[:n] + 1.645 * spread
+    return np.maximum(hypothesis.fit.x[:n] - VERDICT.interval_z * spread, lowest), hypothesis.fit.x[:n] + VERDICT.interval_z * spread

@@ -228,7 +228,7 @@ def select_visible_directions(
     curvature, *_ = eliminate_starts(residual, slopes, begun)
     values, vectors = np.linalg.eigh(curvature[n - len(freedom) :, n - len(freedom) :])
     chosen = np.argsort(values)[::-1][: PROBLEM.max_open_directions]
-    return vectors[:, chosen[values[chosen] > 0.3]].T @ freedom
+    return vectors[:, chosen[values[chosen] > PROBLEM.min_visibility]].T @ freedom
 
 
 def calibrate_misfit(

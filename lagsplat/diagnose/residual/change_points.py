@@ -1,4 +1,4 @@
-"""When the residual acts: spans between change points, kept under a bounded rate of false discoveries."""
+"""When the residual acts: spans of time between change points, under a bounded rate of false discoveries."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,8 +20,11 @@ from lagsplat.diagnose.residual.latent_force import (
 
 @dataclass(frozen=True)
 class ResidualEvent:
-    """A span of one motion in which the residual stands out: the motion's number, from ``start_s`` to
-    ``end_s`` on its clock, and the ``share`` of all motions' residual inside."""
+    """A span of one motion in which the residual is large.
+
+    ``motion`` is the motion's number, ``start_s`` and ``end_s`` are on its clock [s], and ``share`` is the
+    part of all motions' residual inside.
+    """
 
     motion: int
     start_s: float
@@ -29,73 +32,75 @@ class ResidualEvent:
     share: float
 
 
-def find_events(smoothed: Sequence[LatentForceEstimate], *, period_s: float) -> list[ResidualEvent]:
-    """The spans that hold most of the residual, largest share first, at most five.
+def find_events(estimates: Sequence[LatentForceEstimate], *, period_s: float) -> list[ResidualEvent]:
+    """Find the spans that hold most of the residual, largest share first, at most `CHANGE_POINTS.max_events`.
 
-    Change points of the residual's level (the logarithm of its square over half a period) divide each clip;
-    a span is kept where the residual differs from zero given its uncertainty, 5 in 100 of them falsely; alike
-    neighbours are joined and the ends drawn in to where the residual acts.
+    Change points of the residual's level (the logarithm of its square, averaged over half a period) divide
+    each clip. A span is kept where the residual differs from zero given its uncertainty, under a false
+    discovery rate of `CHANGE_POINTS.false_discovery_rate`. Neighbours of similar level are joined, and each
+    event is shrunk to where the residual acts.
 
     Source: Killick, Fearnhead, Eckley (2012) for the change points; Benjamini and Hochberg (1995).
     """
-    squares = [energy.sum(axis=1) for energy in compute_relative_squares(smoothed)]
-    total = sum(_integrate(one, square) for one, square in zip(smoothed, squares, strict=True))
+    squares = [energy.sum(axis=1) for energy in compute_relative_squares(estimates)]
+    total = sum(_integrate(estimate, square) for estimate, square in zip(estimates, squares, strict=True))
     spans = [
         (number, start, stop)
-        for number, (one, square) in enumerate(zip(smoothed, squares, strict=True))
-        for start, stop in _split_at_changes(one, square, compute_rms_acceleration(smoothed), period_s)
+        for number, (estimate, square) in enumerate(zip(estimates, squares, strict=True))
+        for start, stop in _split_at_changes(estimate, square, compute_rms_acceleration(estimates), period_s)
     ]
     if not spans or total <= 0.0:
         return []
-    p = [_compute_chance(smoothed[number], start, stop, period_s) for number, start, stop in spans]
+    chances = [_compute_chance(estimates[number], start, stop, period_s) for number, start, stop in spans]
     kept = [
         span
-        for span, q in zip(spans, false_discovery_control(p), strict=True)
-        if q < CHANGE_POINTS.false_discovery_rate
+        for span, adjusted in zip(spans, false_discovery_control(chances), strict=True)
+        if adjusted < CHANGE_POINTS.false_discovery_rate
     ]
-    found = []
+    events = []
     for number, start, stop in _join_spans(kept, squares):
-        square, time_s = squares[number], smoothed[number].motion.time_s
+        square, time_s = squares[number], estimates[number].motion.time_s
         loud = start + np.flatnonzero(
             square[start:stop] >= CHANGE_POINTS.edge_share**2 * square[start:stop].max()
         )
         inside = np.zeros(len(square), dtype=bool)
         inside[loud[0] : loud[-1] + 1] = True
-        share = _integrate(smoothed[number], np.where(inside, square, 0.0)) / total
-        found.append(ResidualEvent(number, float(time_s[loud[0]]), float(time_s[loud[-1]]), float(share)))
-    found = [
-        event for event in _bridge_events(found, period_s) if event.share >= CHANGE_POINTS.min_energy_share
+        share = _integrate(estimates[number], np.where(inside, square, 0.0)) / total
+        events.append(ResidualEvent(number, float(time_s[loud[0]]), float(time_s[loud[-1]]), float(share)))
+    events = [
+        event for event in _bridge_events(events, period_s) if event.share >= CHANGE_POINTS.min_energy_share
     ]
-    return sorted(found, key=lambda event: -event.share)[: CHANGE_POINTS.max_events]
+    return sorted(events, key=lambda event: -event.share)[: CHANGE_POINTS.max_events]
 
 
-def compute_sample_weights(one: LatentForceEstimate) -> Float64[np.ndarray, " T"]:
-    """Time each sample stands for [s]: half a step to either side, inside its clip."""
-    weights = np.zeros(one.motion.n)
-    for start, stop in one.motion.segments:
-        half = 0.5 * np.diff(one.motion.time_s[start:stop])
+def compute_sample_weights(estimate: LatentForceEstimate) -> Float64[np.ndarray, " T"]:
+    """Time that each sample represents [s]: half a step to either side, inside its clip."""
+    weights = np.zeros(estimate.motion.n)
+    for start, stop in estimate.motion.segments:
+        half = 0.5 * np.diff(estimate.motion.time_s[start:stop])
         weights[start : stop - 1] += half
         weights[start + 1 : stop] += half
     return weights
 
 
-def _integrate(one: LatentForceEstimate, square: np.ndarray) -> float:
-    return float(compute_sample_weights(one) @ square)
+def _integrate(estimate: LatentForceEstimate, square: np.ndarray) -> float:
+    """Integral over time of a value at every sample."""
+    return float(compute_sample_weights(estimate) @ square)
 
 
 def _split_at_changes(
-    one: LatentForceEstimate, square: np.ndarray, unit: np.ndarray, period_s: float
+    estimate: LatentForceEstimate, square: np.ndarray, unit: np.ndarray, period_s: float
 ) -> list[tuple[int, int]]:
     """Half-open spans between change points, clip by clip; none where no force was kept."""
-    if not one.active.any():
+    if not estimate.active.any():
         return []
-    dt_s = one.motion.dt_s
+    dt_s = estimate.motion.dt_s
     stride = max(1, round(CHANGE_POINTS.stride_periods * period_s / dt_s))
     width = max(1, round(CHANGE_POINTS.window_periods * period_s / dt_s))
-    uncertain = np.where(one.active, one.std / unit, 0.0) ** 2
+    uncertain = np.where(estimate.active, estimate.std / unit, 0.0) ** 2
     floor = np.mean(uncertain.sum(axis=1)) + np.finfo(float).tiny
     spans = []
-    for start, stop in one.motion.segments:
+    for start, stop in estimate.motion.segments:
         level = np.log(uniform_filter1d(square[start:stop], width, mode="nearest") + floor)[::stride]
         ends = [len(level)]
         if len(level) >= 4:
@@ -106,40 +111,41 @@ def _split_at_changes(
     return spans
 
 
-def _compute_chance(one: LatentForceEstimate, start: int, stop: int, period_s: float) -> float:
+def _compute_chance(estimate: LatentForceEstimate, start: int, stop: int, period_s: float) -> float:
     """Probability of as large a residual between two samples if there were none (an upper bound).
 
-    What the windows of a long span's ends share with its neighbours is left out of it.
+    The ends of a long span share their averaging window with its neighbours, and are left out.
     """
-    active: Bool[np.ndarray, " d"] = one.active
+    active: Bool[np.ndarray, " d"] = estimate.active
     edge = round(
-        (0.5 * CHANGE_POINTS.window_periods + CHANGE_POINTS.stride_periods) * period_s / one.motion.dt_s
+        (0.5 * CHANGE_POINTS.window_periods + CHANGE_POINTS.stride_periods) * period_s / estimate.motion.dt_s
     )
     if stop - start > 4 * edge:
         start, stop = start + edge, stop - edge
-    spacing = max(1, round(one.length_s / one.motion.dt_s))
+    spacing = max(1, round(estimate.length_s / estimate.motion.dt_s))
     picked = np.arange(start, stop)[:: min(spacing, stop - start)]
-    residual = one.residual[np.ix_(picked, active)]
-    covariance = one.covariance[np.ix_(picked, active, active)]
+    residual = estimate.residual[np.ix_(picked, active)]
+    covariance = estimate.covariance[np.ix_(picked, active, active)]
     distance = np.einsum("ta,ta->", residual, np.linalg.solve(covariance, residual[..., None])[..., 0])
     return float(chi2.sf(distance, residual.size))
 
 
-def _bridge_events(found: list[ResidualEvent], period_s: float) -> list[ResidualEvent]:
-    """Events in the order of time, those less than a period apart made one if they are equally strong."""
-    bridged: list[ResidualEvent] = []
-    for event in found:
-        last = bridged[-1] if bridged else event
+def _bridge_events(events: list[ResidualEvent], period_s: float) -> list[ResidualEvent]:
+    """Join events, in order of time, that are less than a period apart and equally strong."""
+    joined: list[ResidualEvent] = []
+    for event in events:
+        last = joined[-1] if joined else event
         near = last.motion == event.motion and 0.0 < event.start_s - last.end_s < period_s
-        strengths = [one.share / max(one.end_s - one.start_s, 1e-9) for one in (last, event)]
+        strengths = [span.share / max(span.end_s - span.start_s, 1e-9) for span in (last, event)]
         if near and abs(np.log(strengths[0] / strengths[1])) < CHANGE_POINTS.merge_log_ratio:
-            bridged[-1] = ResidualEvent(last.motion, last.start_s, event.end_s, last.share + event.share)
+            joined[-1] = ResidualEvent(last.motion, last.start_s, event.end_s, last.share + event.share)
         else:
-            bridged.append(event)
-    return bridged
+            joined.append(event)
+    return joined
 
 
 def _join_spans(kept: list[tuple[int, int, int]], squares: list[np.ndarray]) -> list[tuple[int, int, int]]:
+    """Join adjacent spans of similar level."""
     joined: list[tuple[int, int, int]] = []
     levels: list[float] = []
     for number, start, stop in kept:

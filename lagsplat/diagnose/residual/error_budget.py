@@ -1,7 +1,8 @@
-"""The ladder from picture to forecast: how much of a gap each stage adds, over what it could not avoid.
+"""The error budget from image to forecast: how much each stage adds to the gap, above an unavoidable floor.
 
-Perception (how well pictures are drawn), chart (how well positions are read), one step, and the rollout over
-a horizon. The latter three are fractions of each coordinate's rms; errors of pictures keep their own unit.
+The stages are perception (how well images are decoded), chart (how well positions are measured), one step,
+and the rollout over a horizon. The last three are fractions of each coordinate's rms; image errors keep their
+own unit.
 """
 
 import contextlib
@@ -20,7 +21,10 @@ from lagsplat.diagnose.solvers.runge_kutta import take_runge_kutta_step
 
 @dataclass(frozen=True)
 class ErrorStage:
-    """A ``value`` between ``low`` and ``high`` (95 %, over blocks) above its ``floor``, None if unknown."""
+    """The error of one stage, with its 95 % interval over blocks from ``low`` to ``high``.
+
+    ``floor`` is the same error on nominal data, None if that is not known.
+    """
 
     name: str
     value: float
@@ -31,8 +35,11 @@ class ErrorStage:
 
 @dataclass(frozen=True)
 class PerceptionQuality:
-    """``ratio`` of the real pictures' error to the nominal, ``outside`` share of frames beyond the nominal
-    cloud of latents; ``suspect`` where either says that later findings stand on bad pictures."""
+    """How well the real images are read, compared with those that the simulator was learnt from.
+
+    ``ratio`` of the real images' error to the nominal one; ``outside``, share of frames beyond the nominal
+    cloud of latents; ``suspect`` where either is so large that later findings rest on badly read images.
+    """
 
     ratio: float
     outside: float
@@ -45,10 +52,16 @@ def assess_perception(
     latents_real: Float64[np.ndarray, "T d"],
     latents_nominal: Float64[np.ndarray, "N d"],
 ) -> PerceptionQuality:
-    """Judge pictures and latents by those the sim was learnt from.
+    """Compare image errors and latents with those of the recording that the simulator was learnt from.
 
-    Errors are mean squared ones of each frame, decoded from its own latents. The nominal cloud is robustly
-    fitted, and outside lies what is farther than all but 1 in 1000 of it, by its own count.
+    The nominal cloud of latents is fitted robustly; a frame is outside if it is farther from its middle than
+    all but 1 in 1000 of the nominal ones.
+
+    Args:
+        error_real: mean squared error of each real frame, decoded from its own latents.
+        error_nominal: the same of each nominal frame.
+        latents_real: latents of the real frames.
+        latents_nominal: latents of the nominal frames.
 
     Raises:
         ValueError: a nominal error of zero on average, against which nothing has a ratio.
@@ -73,32 +86,38 @@ def compute_perception_stage(
     block: int,
     seed: int = 0,
 ) -> ErrorStage:
-    """Root mean squared error of pictures over blocks of so many frames; the floor is the nominal one's."""
+    """Root mean squared error of images, over blocks of ``block`` frames; the floor is the nominal error."""
     blocks = [error_real[start : start + block] for start in range(0, len(error_real), block)]
     floor = float(np.sqrt(np.mean(error_nominal)))
-    return _bootstrap_stage("perception", [np.mean(one) for one in blocks], floor, seed)
+    return _bootstrap_stage("perception", [np.mean(frames) for frames in blocks], floor, seed)
 
 
 def compute_chart_stage(
-    smoothed: Sequence[LatentForceEstimate], nominal: Sequence[LatentForceEstimate] | None, *, seed: int = 0
+    estimates: Sequence[LatentForceEstimate], nominal: Sequence[LatentForceEstimate] | None, *, seed: int = 0
 ) -> ErrorStage:
-    """Jitter of positions about their smoothed path, clip by clip; the floor is that of the sim's motions."""
+    """Deviation of measured from smoothed positions by clip; the floor is that of the nominal motions."""
     floor = None if nominal is None else float(np.sqrt(np.mean(_compute_jitters(nominal))))
-    return _bootstrap_stage("chart", _compute_jitters(smoothed), floor, seed)
+    return _bootstrap_stage("chart", _compute_jitters(estimates), floor, seed)
 
 
 def compute_forecast_stage(
     mechanics: Mechanics,
-    smoothed: Sequence[LatentForceEstimate],
+    estimates: Sequence[LatentForceEstimate],
     *,
     horizon_s: float,
     nominal: Sequence[LatentForceEstimate] | None = None,
     name: str = "rollout",
     seed: int = 0,
 ) -> ErrorStage:
-    """Gap of the sim's forecasts from smoothed states, one after another, each ``horizon_s`` long.
+    """Error of the simulator's forecasts from smoothed states, one after another.
 
-    The floor is the same number on ``nominal`` motions, which the sim should forecast.
+    Args:
+        mechanics: the simulator's equations of motion.
+        estimates: the motions to forecast.
+        horizon_s: length of each forecast [s].
+        nominal: motions that the simulator should forecast well, for the floor.
+        name: name of the stage.
+        seed: of the bootstrap.
 
     Raises:
         ValueError: no clip lasts a horizon.
@@ -106,57 +125,65 @@ def compute_forecast_stage(
     floor = None
     if nominal is not None:
         floor = float(np.sqrt(np.mean(_compute_forecast_errors(mechanics, nominal, horizon_s))))
-    return _bootstrap_stage(name, _compute_forecast_errors(mechanics, smoothed, horizon_s), floor, seed)
+    return _bootstrap_stage(name, _compute_forecast_errors(mechanics, estimates, horizon_s), floor, seed)
 
 
 def compute_one_step_stage(
     mechanics: Mechanics,
-    smoothed: Sequence[LatentForceEstimate],
+    estimates: Sequence[LatentForceEstimate],
     *,
     nominal: Sequence[LatentForceEstimate] | None = None,
     seed: int = 0,
 ) -> ErrorStage:
-    """Gap one sample ahead, from every tenth smoothed state on."""
-    horizon_s = 1.001 * max(one.motion.dt_s for one in smoothed)
+    """Error of the simulator's forecast one sample ahead, from every tenth smoothed state."""
+    horizon_s = 1.001 * max(estimate.motion.dt_s for estimate in estimates)
     return compute_forecast_stage(
-        mechanics, smoothed, horizon_s=horizon_s, nominal=nominal, name="one step", seed=seed
+        mechanics, estimates, horizon_s=horizon_s, nominal=nominal, name="one step", seed=seed
     )
 
 
 def measure_error_stages(
     mechanics: Mechanics,
-    smoothed: Sequence[LatentForceEstimate],
+    estimates: Sequence[LatentForceEstimate],
     nominal: Sequence[LatentForceEstimate] | None,
     *,
     horizon_s: float,
-    pictures: tuple[Float64[np.ndarray, " T"], Float64[np.ndarray, " N"]] | None = None,
+    image_errors: tuple[Float64[np.ndarray, " T"], Float64[np.ndarray, " N"]] | None = None,
     block: int = 1,
 ) -> tuple[ErrorStage, ...]:
-    """All rungs from the picture on; without ``pictures`` (errors, nominal errors) those from the chart on.
+    """Compute all stages; a forecast for which no clip is long enough is left out.
 
-    A forecast that no clip is long enough for is left out.
+    Args:
+        mechanics: the simulator's equations of motion.
+        estimates: the real motions.
+        nominal: motions that the simulator should forecast well, for the floors; None if there are none.
+        horizon_s: length of the rollouts [s].
+        image_errors: mean squared errors of the real and of the nominal frames; without them the budget
+            starts at the chart.
+        block: frames in a block of the image errors.
     """
-    rungs = [] if pictures is None else [compute_perception_stage(*pictures, block=block)]
-    rungs.append(compute_chart_stage(smoothed, nominal))
+    stages = [] if image_errors is None else [compute_perception_stage(*image_errors, block=block)]
+    stages.append(compute_chart_stage(estimates, nominal))
     with contextlib.suppress(ValueError):
-        rungs.append(compute_one_step_stage(mechanics, smoothed, nominal=nominal))
-        rungs.append(compute_forecast_stage(mechanics, smoothed, horizon_s=horizon_s, nominal=nominal))
-    return tuple(rungs)
+        stages.append(compute_one_step_stage(mechanics, estimates, nominal=nominal))
+        stages.append(compute_forecast_stage(mechanics, estimates, horizon_s=horizon_s, nominal=nominal))
+    return tuple(stages)
 
 
 def compute_stage_shares(
     *, decoded: float, smoothed: float, one_step: float, rollout: float
 ) -> dict[str, tuple[float, float]]:
-    """Share of a picture's error that each stage adds, (at least zero, as computed), by telescoping.
+    """Share of the rollout's image error that each stage adds, as pairs (at least zero, as computed).
 
-    Mean squared errors of pictures decoded from the encoded positions, the smoothed ones, one step and a
-    rollout of the sim. As computed, shares sum to one; a negative one is a stage that repaired the last.
+    The arguments are mean squared errors of images decoded from the encoded positions, from the smoothed
+    ones, from one step and from a rollout of the simulator. Differences of neighbouring stages sum to one; a
+    stage that reduces the error of the one before has a negative share.
 
     Raises:
         ValueError: a rollout without error.
     """
     if not rollout > 0.0:
-        raise ValueError(f"the rollout's error is {rollout}: there is nothing to share out")
+        raise ValueError(f"the rollout's error is {rollout}: there is nothing to divide")
     raw = np.array([decoded, smoothed - decoded, one_step - smoothed, rollout - one_step]) / rollout
     names = ("perception", "chart", "one step", "rollout")
     return {name: (max(0.0, float(share)), float(share)) for name, share in zip(names, raw, strict=True)}
@@ -171,10 +198,20 @@ def forecast_positions(
     *,
     finest_s: float,
 ) -> Float64[np.ndarray, "B K d"]:
-    """Positions at ``time_s`` from states at its first instants, inputs linear between samples.
+    """Roll the simulator out from states at the first instants of ``time_s``; all forecasts run side by side.
 
-    Runge-Kutta of fourth order, no step longer than ``finest_s``. All forecasts run side by side. One that
-    leaves all bounds stays infinite.
+    Inputs are linear between samples; the method is Runge-Kutta of fourth order.
+
+    Args:
+        mechanics: the simulator's equations of motion.
+        q: positions to start from.
+        v: velocities to start from.
+        time_s: instants of each forecast [s].
+        u: inputs at these instants.
+        finest_s: longest step of the integrator [s].
+
+    Returns:
+        Positions at ``time_s``; infinite from where a forecast diverges.
     """
     d = q.shape[1]
     state = np.concatenate([q, v], axis=1)
@@ -198,14 +235,13 @@ def forecast_positions(
 
 
 def _compute_forecast_errors(
-    mechanics: Mechanics, smoothed: Sequence[LatentForceEstimate], horizon_s: float
+    mechanics: Mechanics, estimates: Sequence[LatentForceEstimate], horizon_s: float
 ) -> list[float]:
-    """Mean squared error of each forecast over its coordinate's variance, at most that of
-    `ERROR_BUDGET.max_relative_error`."""
-    variance = np.var(np.concatenate([one.motion.q for one in smoothed]), axis=0)
+    """Mean squared error of each forecast over its coordinate's variance, at most that of a diverged one."""
+    variance = np.var(np.concatenate([estimate.motion.q for estimate in estimates]), axis=0)
     errors: list[float] = []
-    for one in smoothed:
-        motion = one.motion
+    for estimate in estimates:
+        motion = estimate.motion
         length = max(2, int(np.floor(horizon_s / motion.dt_s + 1e-6)) + 1)
         stride = max(length - 1, 10) if length == 2 else length - 1
         starts = [start for a, b in motion.segments for start in range(a, b - length + 1, stride)]
@@ -213,7 +249,7 @@ def _compute_forecast_errors(
             continue
         at = np.array(starts)[:, None] + np.arange(length)
         path = forecast_positions(
-            mechanics, one.q[starts], one.v[starts], motion.time_s[at], motion.u[at],
+            mechanics, estimate.q[starts], estimate.v[starts], motion.time_s[at], motion.u[at],
             finest_s=max(ERROR_BUDGET.max_step_share * horizon_s, 0.25 * motion.dt_s),
         )  # fmt: skip
         squares = np.mean((path[:, 1:] - motion.q[at[:, 1:]]) ** 2 / variance, axis=(1, 2))
@@ -223,17 +259,18 @@ def _compute_forecast_errors(
     return errors
 
 
-def _compute_jitters(smoothed: Sequence[LatentForceEstimate]) -> list[float]:
-    variance = np.var(np.concatenate([one.motion.q for one in smoothed]), axis=0)
+def _compute_jitters(estimates: Sequence[LatentForceEstimate]) -> list[float]:
+    """Mean squared deviation of measured from smoothed positions of each clip, over the variance."""
+    variance = np.var(np.concatenate([estimate.motion.q for estimate in estimates]), axis=0)
     return [
-        float(np.mean(one.innovation[a:b] ** 2 / variance))
-        for one in smoothed
-        for a, b in one.motion.segments
+        float(np.mean(estimate.innovation[a:b] ** 2 / variance))
+        for estimate in estimates
+        for a, b in estimate.motion.segments
     ]
 
 
 def _bootstrap_stage(name: str, squares: Sequence[float], floor: float | None, seed: int) -> ErrorStage:
-    """Root of the mean square with its bootstrap interval over blocks."""
+    """Root of the mean of ``squares`` with its bootstrap interval over blocks."""
     values = np.asarray(squares, dtype=float)
     drawn = np.random.default_rng(seed).integers(0, len(values), (ERROR_BUDGET.bootstrap_draws, len(values)))
     tail = 0.5 * (1.0 - ERROR_BUDGET.coverage)

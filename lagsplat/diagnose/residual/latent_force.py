@@ -3,7 +3,8 @@
 Each coordinate is given a force with a Matern-3/2 covariance. Position, velocity, force and force rate are
 estimated together by an iterated extended Kalman smoother: the mechanism is linearised along the last
 estimate of the whole path, smoothed, and so on. The forces' and the noise's variances are those of largest
-marginal likelihood, and so is the force's length scale among `LENGTH_SCALES`. No position is differenced.
+marginal likelihood, and so is the force's length scale among `LATENT_FORCE.length_scales_periods`. No
+position is differenced.
 
 Forces are accelerations throughout: they are divided by the inertia at rest (`compute_rest_inertia`).
 """
@@ -14,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float64
 
+from lagsplat.diagnose.core.config import LATENT_FORCE
 from lagsplat.diagnose.mechanics.model import Mechanics, compute_rest_frequencies_hz, compute_rest_inertia
 from lagsplat.diagnose.residual.linearization import (
     LinearSteps,
@@ -32,29 +34,18 @@ from lagsplat.diagnose.residual.state_space import (
 )
 from lagsplat.io.trajectory.trajectory import Trajectory
 
-LENGTH_SCALES = (0.125, 0.5, 2.0)
-"""Length scales of the force that are tried, over the natural period."""
-PATH_TOLERANCE = 1e-3
-"""The iteration ends where the path changes by less than this share of its rms."""
-MAX_ITERATIONS = 5
-"""Linearisations of the mechanism about the last smoothed path."""
-MIN_EVIDENCE = 3.0
-"""Nats that a force must gain: of recordings without a force, 1 in 100 gains more by chance."""
-START_FORCE_SHARE = 0.01
-"""Variance of the force where its fit starts, over that of all that accelerates the motion."""
-
 
 @dataclass(frozen=True)
 class LatentForceEstimate:
     """A motion and the force that its simulator lacks.
 
     ``q``, ``v``, ``a`` (T, d): smoothed position, velocity and acceleration; ``residual`` (T, d): the force
-    that the simulator lacks (real minus simulated) over the inertia at rest, with its ``covariance``
-    (T, d, d); ``innovation`` (T, d): measured minus smoothed position. The rest is common to all motions that
-    were smoothed together: ``evidence`` (d,) nats by which each force makes the measurements more likely (a
-    force with fewer than `MIN_EVIDENCE` is not kept), ``amplitude`` (d,) standard deviation of the force over
-    the inertia at rest, ``noise`` (d,) that of the measurement, ``length_s`` the force's length scale [s],
-    ``log_likelihood`` [nats].
+    that the simulator lacks (real minus simulated) over the inertia at rest, with its ``covariance`` (T, d,
+    d); ``innovation`` (T, d): measured minus smoothed position. The rest is common to all motions that were
+    smoothed together: ``evidence`` (d,) nats by which each force makes the measurements more likely (a force
+    with fewer than `LATENT_FORCE.min_log_likelihood_gain` is not kept), ``amplitude`` (d,) standard deviation
+    of the force over the inertia at rest, ``noise`` (d,) that of the measurement, ``length_s`` the force's
+    length scale [s], ``log_likelihood`` [nats].
     """
 
     motion: Trajectory
@@ -78,7 +69,7 @@ class LatentForceEstimate:
     @property
     def active(self) -> Bool[np.ndarray, " d"]:
         """Which coordinates have a force with enough evidence to be kept."""
-        return self.evidence >= MIN_EVIDENCE
+        return self.evidence >= LATENT_FORCE.min_log_likelihood_gain
 
 
 def compute_rms_acceleration(smoothed: Sequence[LatentForceEstimate]) -> Float64[np.ndarray, " d"]:
@@ -131,7 +122,7 @@ def estimate_latent_force(
     record = _build_record(mechanics, motions, period_s, ar1)
     inputs = _stack_inputs(motions, hold)
     known = noise is not None
-    start = guess_variances(record, LENGTH_SCALES[1] * period_s)
+    start = guess_variances(record, LATENT_FORCE.length_scales_periods[1] * period_s)
     if noise is not None:
         start = replace(start, values=np.append(start.values[: record.d], (noise / record.scale) ** 2))
     kinematic = compute_kinematic_steps(record.h, record.d)
@@ -144,23 +135,26 @@ def estimate_latent_force(
         return linearize_steps(mechanics, along, scale=record.scale, period_s=fastest_s)
 
     # The model explains most of the acceleration now, so the search starts from a small force.
-    first = replace(free, values=free.values * np.repeat([START_FORCE_SHARE, 1.0], record.d))
+    first = replace(free, values=free.values * np.repeat([LATENT_FORCE.start_force_share, 1.0], record.d))
     linear = steps(path, with_force=False)
     best = maximize_likelihood(record, linear, first, noise_known=known)
     linear = steps(smooth_path(record, linear, best), with_force=True)
     candidates = [
         maximize_likelihood(record, linear, replace(best, length_s=share * period_s), noise_known=known)
-        for share in LENGTH_SCALES
+        for share in LATENT_FORCE.length_scales_periods
     ]
     best = max(candidates, key=lambda candidate: candidate.log_likelihood)
     gained = compute_force_evidence(record, linear, best)
     # The likeliest variance is positive in half of all recordings without a force, hence the threshold.
-    silent = np.append(gained < MIN_EVIDENCE, np.zeros(record.d, dtype=bool))
+    silent = np.append(gained < LATENT_FORCE.min_log_likelihood_gain, np.zeros(record.d, dtype=bool))
     best = replace(best, values=np.where(silent, FORCE_BOUNDS[0], best.values))
     path = smooth_path(record, linear, best)
-    for _ in range(MAX_ITERATIONS):
+    for _ in range(LATENT_FORCE.max_iterations):
         previous, path = path, smooth_path(record, steps(path, with_force=True), best)
-        if np.max(np.sqrt(np.mean((path.q - previous.q) ** 2, axis=0)) / record.scale) < PATH_TOLERANCE:
+        if (
+            np.max(np.sqrt(np.mean((path.q - previous.q) ** 2, axis=0)) / record.scale)
+            < LATENT_FORCE.path_tolerance
+        ):
             break
     return _require_finite(_split_by_motion(mechanics, motions, record, path, gained))
 

@@ -1,12 +1,12 @@
-"""One sample step of a mechanism under a force that acts on it from outside, linearised along a path.
+"""One sample step of a mechanism under an additional force, linearised along a path.
 
 The step from sample ``k`` to ``k + 1`` is
 
     (q, v)_{k+1} = Phi_k (q, v)_k + sum_j Gamma_{k, j} r(t_k + j h / 2) + c_k,      j = 0, 1, 2,
 
-with ``r`` the outside force as an acceleration (divided by the inertia at rest) at the start, middle and end
-of the step. Gamma follows from Simpson's rule, Phi from central differences of a Runge-Kutta step, c from
-that step itself along the path: wherever the path is right, the linear map is exact.
+with ``r`` the additional force as an acceleration (divided by the inertia at rest) at the start, middle and
+end of the step. Gamma follows from Simpson's rule, Phi from central differences of a Runge-Kutta step, c from
+that step itself along the path: at the path itself, the linear map is exact.
 """
 
 from dataclasses import dataclass
@@ -19,15 +19,16 @@ from lagsplat.diagnose.mechanics.model import Mechanics, compute_rest_inertia
 from lagsplat.diagnose.solvers.runge_kutta import take_runge_kutta_step
 
 DIFFERENCE_STEP = 1e-5
+"""Step of central differences, over the scale of a coordinate: about the cube root of the precision."""
 MAX_SUBSTEPS = 300  # Runge-Kutta steps that a sample is worth
 
 
 @dataclass(frozen=True)
 class StatePath:
-    """States and outside force about which a step is linearised.
+    """States and additional force about which steps are linearised.
 
     ``h`` (S,) step lengths [s]; ``q``, ``v`` (S, d) at the start; ``middle`` and ``end`` (S, d) the positions
-    later in the step; ``u`` (S, 3, n_u) inputs and ``r`` (S, 3, d) outside force at start, middle and end.
+    later in the step; ``u`` (S, 3, n_u) inputs and ``r`` (S, 3, d) additional force at start, middle and end.
     """
 
     h: np.ndarray
@@ -51,13 +52,16 @@ class LinearSteps:
 def linearize_steps(
     mechanics: Mechanics, path: StatePath, *, scale: Float64[np.ndarray, " d"], period_s: float
 ) -> LinearSteps:
-    """The steps of a mechanism along ``path``.
+    """Linearise the steps of a mechanism along ``path``.
 
-    ``scale`` (d,) is how far each coordinate usually moves and ``period_s`` the shortest natural period: they
-    set the differences taken and how many Runge-Kutta steps a sample step needs.
+    Args:
+        mechanics: the simulator's equations of motion.
+        path: where to linearise.
+        scale: typical excursion (d,) of each coordinate; it sets the size of the differences.
+        period_s: the shortest natural period [s]; it sets the number of Runge-Kutta steps in a sample step.
 
     Raises:
-        LinAlgError: the fastest mode takes more than `MAX_SUBSTEPS` of these.
+        LinAlgError: the fastest mode needs more than `LINEARIZATION.max_substeps` of these.
     """
     d = mechanics.d
     inertia = compute_rest_inertia(mechanics)
@@ -65,12 +69,14 @@ def linearize_steps(
         [np.linalg.solve(mechanics.mass_at(q), np.diag(inertia)) for q in (path.q, path.middle, path.end)],
         axis=1,
     )
-    outside = np.einsum("sjab,sjb->sja", response, path.r)
+    accelerations = np.einsum("sjab,sjb->sja", response, path.r)
     state = np.concatenate([path.q, path.v], axis=1)
     eps = DIFFERENCE_STEP * np.concatenate([scale, scale * 2.0 * np.pi / period_s])
-    moves = np.concatenate([np.zeros((1, 2 * d)), np.diag(eps), -np.diag(eps)])
+    displacements = np.concatenate([np.zeros((1, 2 * d)), np.diag(eps), -np.diag(eps)])
     count = _count_substeps(path.h, period_s)
-    reached = _integrate_steps(mechanics, state + moves[:, None, :], path.h, path.u, outside, count)
+    reached = _integrate_steps(
+        mechanics, state + displacements[:, None, :], path.h, path.u, accelerations, count
+    )
     phi = np.moveaxis((reached[1 : 2 * d + 1] - reached[2 * d + 1 :]) / (2.0 * eps[:, None, None]), 0, 2)
     gamma = _compute_simpson_response(response, path.h)
     offset = reached[0] - np.einsum("sab,sb->sa", phi, state) - np.einsum("sjab,sjb->sa", gamma, path.r)
@@ -78,7 +84,7 @@ def linearize_steps(
 
 
 def _count_substeps(h: np.ndarray, period_s: float) -> int:
-    """How many Runge-Kutta steps the longest sample step takes."""
+    """Number of Runge-Kutta steps in each sample step, enough for the longest."""
     parts = float(np.ceil(h.max(initial=0.0) * 2.0 * np.pi / period_s / LINEARIZATION.max_step_rad))
     if not parts <= MAX_SUBSTEPS:
         raise np.linalg.LinAlgError(
@@ -89,7 +95,7 @@ def _count_substeps(h: np.ndarray, period_s: float) -> int:
 
 
 def compute_kinematic_steps(h: Float64[np.ndarray, " S"], d: int) -> LinearSteps:
-    """Steps of a point that knows no law: all its acceleration is the outside force."""
+    """Steps of lengths ``h`` (S,) without any mechanics: all acceleration is the additional force."""
     phi = np.broadcast_to(np.eye(2 * d), (len(h), 2 * d, 2 * d)).copy()
     phi[:, :d, d:] = h[:, None, None] * np.eye(d)
     response = np.broadcast_to(np.eye(d), (len(h), 3, d, d))
@@ -97,7 +103,7 @@ def compute_kinematic_steps(h: Float64[np.ndarray, " S"], d: int) -> LinearSteps
 
 
 def _compute_simpson_response(response: np.ndarray, h: np.ndarray) -> np.ndarray:
-    """What the outside force at three instants adds to position and velocity, (S, 3, 2d, d)."""
+    """Effect of the additional force at three instants on position and velocity, (S, 3, 2d, d)."""
     to_velocity = np.array([1.0, 4.0, 1.0]) / 6.0
     to_position = np.array([1.0, 2.0, 0.0]) / 6.0
     rows = h[:, None, None, None] * response
@@ -118,6 +124,12 @@ def _integrate_steps(
     outside: np.ndarray,
     count: int,
 ) -> np.ndarray:
+    """Integrate steps of lengths ``h`` (S,) from ``state`` (moves, S, 2d), each in ``count`` Runge-Kutta
+    steps.
+
+    The inputs ``u`` and the accelerations ``outside`` (S, 3, d) of the additional force follow parabolas in a
+    step.
+    """
     d = state.shape[-1] // 2
     part = (h / count)[:, None]
 
@@ -134,8 +146,8 @@ def _integrate_steps(
         inputs = np.broadcast_to(at(u, phase), (*x.shape[:-1], u.shape[-1]))
         rows = int(np.prod(x.shape[:-1]))  # stated, because none can be inferred without inputs
         flat = (values.reshape(rows, values.shape[-1]) for values in (q, v, inputs))
-        own = mechanics.acceleration(*flat)
-        return np.concatenate([v, own.reshape(q.shape) + at(outside, phase)], axis=-1)
+        acceleration = mechanics.acceleration(*flat)
+        return np.concatenate([v, acceleration.reshape(q.shape) + at(outside, phase)], axis=-1)
 
     for step in range(count):
         start, middle, end = ((step + part_) / count for part_ in (0.0, 0.5, 1.0))

@@ -1,4 +1,6 @@
-"""Where the gap between a sim and a recording lies: level, coordinate, time, frequency, state, component."""
+"""Where the gap between a simulator and a recording lies: level, coordinate, time, frequency, state,
+component.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -29,15 +31,16 @@ from lagsplat.io.trajectory.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class ResidualLocation:
-    """Where a gap lies. Shares are of the square of the residual acceleration over each coordinate's swing.
+    """Where a gap lies; shares are of the squared residual over each coordinate's mean squared acceleration.
 
-    ``level`` "perception", "chart", "actuation" or "dynamics"; ``coordinates`` share by name; ``time_s``
-    (file, start, end, share); ``frequency_hz`` (low, high, share); ``state_region`` by coordinate, the boxes
-    in which the residual keeps its sign; ``image_region`` as of `image_region`, None without pictures;
-    ``compute_components`` share by kind of term, with "unexplained"; ``memory_index`` in [0, 1]; ``evidence``
-    nats by which each coordinate's residual force makes the recording more likely; ``size`` rms of the
-    residual over the swing's acceleration: of a hundredth or less, all else says little. For figures:
-    ``smoothed`` of every motion, ``compute_spectrum`` (None for short clips), ``maps`` of state.
+    ``level`` is "perception", "chart", "actuation" or "dynamics"; ``coordinates`` the share by name;
+    ``time_s`` (file, start [s], end [s], share) of events; ``frequency_hz`` (low [Hz], high [Hz], share) of
+    bands; ``state_region`` by coordinate, the boxes in which the residual keeps its sign; ``image_region`` as
+    returned by `describe_image_region`, None without images; ``components`` the share by kind of term, with
+    "unexplained"; ``memory_index`` in [0, 1]; ``evidence`` nats by which each coordinate's residual force
+    makes the recording more likely; ``size`` rms of the residual over that of the acceleration: at a
+    hundredth or less, the rest says little. For figures: ``smoothed`` of every motion, ``spectrum`` (None for
+    short clips), ``maps`` over the state.
     """
 
     level: str
@@ -66,136 +69,168 @@ def locate(
     perception_suspect: bool = False,
     image_region: dict[str, Any] | None = None,
 ) -> ResidualLocation:
-    """Where the force that ``mechanics`` lacks on ``motions`` lies.
+    """Locate the force that ``mechanics`` lacks on ``motions``.
 
-    ``period_s`` is the natural period, by default the sim's slowest at rest; ``ar1``, ``hold`` and ``noise``
-    as of `estimate_latent_force`. ``perception_suspect`` says that pictures are drawn or encoded worse than
-    those the sim was learnt from, which makes perception the level whatever the forces say.
+    Args:
+        mechanics: the simulator's equations of motion.
+        motions: the recording.
+        period_s: the natural period [s], by default the simulator's slowest at rest.
+        ar1: correlation of the measurement noise from one sample to the next.
+        hold: "linear" for inputs that are linear between samples, "zoh" for constant ones.
+        noise: standard deviation (d,) of the measurement noise; by default it is estimated.
+        perception_suspect: images are decoded or encoded worse than those the simulator was learnt from,
+            which makes perception the level in any case.
+        image_region: what is known of the place in the image, to be passed on.
 
     Raises:
-        ValueError: as of `estimate_latent_force`; or the sim has no natural period and none is given.
+        ValueError: as `estimate_latent_force`; or the simulator has no natural period and none is given.
     """
     scale = np.std(np.concatenate([motion.q for motion in motions]), axis=0)
     period = compute_rest_period_s(mechanics, scale) if period_s is None else period_s
-    smoothed = estimate_latent_force(mechanics, motions, period_s=period, ar1=ar1, hold=hold, noise=noise)
-    share = compute_coordinate_shares(smoothed)
-    seen = compute_spectrum(smoothed, period_s=period)
-    found = compute_features(
-        mechanics, smoothed, period_s=period, lines_hz=_find_undriven_lines(seen, motions[0].n_u)
+    estimates = estimate_latent_force(mechanics, motions, period_s=period, ar1=ar1, hold=hold, noise=noise)
+    coordinate_share = compute_coordinate_shares(estimates)
+    spectrum = compute_spectrum(estimates, period_s=period)
+    features = compute_features(
+        mechanics, estimates, period_s=period, lines_hz=_find_undriven_lines(spectrum, motions[0].n_u)
     )
-    happened = find_events(smoothed, period_s=period)
-    parts = _assign_brief_events(compute_components(found, share), happened, smoothed)
-    boxes, maps = find_state_regions(smoothed, period_s=period)
+    events = find_events(estimates, period_s=period)
+    components = _assign_brief_events(compute_components(features, coordinate_share), events, estimates)
+    regions, maps = find_state_regions(estimates, period_s=period)
     names = motions[0].q_names
     return ResidualLocation(
-        level=_decide_level(mechanics, smoothed, found, share, parts, period, perception_suspect),
-        coordinates=dict(zip(names, share.tolist(), strict=True)),
-        time_s=tuple((motions[one.motion].source, one.start_s, one.end_s, one.share) for one in happened),
-        frequency_hz=() if seen is None else seen.bands,
-        state_region=_describe_regions(boxes, names),
+        level=_decide_level(
+            mechanics, estimates, features, coordinate_share, components, period, perception_suspect
+        ),
+        coordinates=dict(zip(names, coordinate_share.tolist(), strict=True)),
+        time_s=tuple(
+            (motions[event.motion].source, event.start_s, event.end_s, event.share) for event in events
+        ),
+        frequency_hz=() if spectrum is None else spectrum.bands,
+        state_region=_describe_regions(regions, names),
         image_region=image_region,
-        components=parts.shares,
-        memory_index=parts.memory_index,
-        evidence=dict(zip(names, smoothed[0].evidence.tolist(), strict=True)),
-        size=float(np.sqrt(np.mean(np.concatenate(compute_relative_squares(smoothed))))),
-        smoothed=tuple(smoothed),
-        spectrum=seen,
+        components=components.shares,
+        memory_index=components.memory_index,
+        evidence=dict(zip(names, estimates[0].evidence.tolist(), strict=True)),
+        size=float(np.sqrt(np.mean(np.concatenate(compute_relative_squares(estimates))))),
+        estimates=tuple(estimates),
+        spectrum=spectrum,
         maps=tuple(maps),
     )
 
 
-def _find_undriven_lines(seen: ResidualSpectrum | None, n_u: int) -> list[float]:
+def _find_undriven_lines(spectrum: ResidualSpectrum | None, n_u: int) -> list[float]:
     """Frequencies of lines that no input drives."""
-    if seen is None:
+    if spectrum is None:
         return []
-    free = []
-    for line in seen.lines:
-        at = int(np.argmin(np.abs(seen.frequency_hz - line.frequency_hz)))
-        driven = np.max(seen.coherence[at, line.coordinate, :n_u], initial=0.0)
-        if driven < seen.significant:
-            free.append(line.frequency_hz)
-    return free[:3]
+    undriven = []
+    for line in spectrum.lines:
+        at = int(np.argmin(np.abs(spectrum.frequency_hz - line.frequency_hz)))
+        driven = np.max(spectrum.coherence[at, line.coordinate, :n_u], initial=0.0)
+        if driven < spectrum.significant:
+            undriven.append(line.frequency_hz)
+    return undriven[:3]
 
 
 def _assign_brief_events(
-    parts: ResidualComponents, happened: Sequence[ResidualEvent], smoothed: Sequence[LatentForceEstimate]
+    components: ResidualComponents, events: Sequence[ResidualEvent], estimates: Sequence[LatentForceEstimate]
 ) -> ResidualComponents:
-    """What nothing explains and acts briefly came from outside, since left-out blocks cannot foretell it.
+    """Attribute what nothing explains but acts briefly to the outside, because left-out blocks cannot predict
+    it.
 
-    Unless it acts where the motion goes at no other time: then position may be its cause.
+    If it acts at positions that the motion reaches at no other time, position may be its cause instead.
     """
-    lasted = sum(one.end_s - one.start_s for one in happened)
-    held = sum(one.share for one in happened)
-    moved = parts.shares["unexplained"] + parts.shares["memory"]
-    brief = lasted < LOCALIZATION.max_event_time_share * sum(one.motion.duration_s for one in smoothed)
-    if moved < 0.5 or held < LOCALIZATION.min_event_energy_share or not brief:
-        return parts
-    cause = "conservative" if _acts_beyond_usual_positions(happened, smoothed) else "exogenous"
-    left = {"memory": 0.0, "unexplained": (1.0 - held) * moved, cause: parts.shares[cause] + held * moved}
-    return ResidualComponents(parts.shares | left, parts.memory_index)
+    duration_s = sum(one.end_s - one.start_s for one in events)
+    event_share = sum(one.share for one in events)
+    open_share = components.shares["unexplained"] + components.shares["memory"]
+    brief = duration_s < LOCALIZATION.max_event_time_share * sum(one.motion.duration_s for one in estimates)
+    if open_share < 0.5 or event_share < LOCALIZATION.min_event_energy_share or not brief:
+        return components
+    cause = "conservative" if _acts_beyond_usual_positions(events, estimates) else "exogenous"
+    moved = {
+        "memory": 0.0,
+        "unexplained": (1.0 - event_share) * open_share,
+        cause: components.shares[cause] + event_share * open_share,
+    }
+    return ResidualComponents(components.shares | moved, components.memory_index)
 
 
 def _acts_beyond_usual_positions(
-    happened: Sequence[ResidualEvent], smoothed: Sequence[LatentForceEstimate]
+    events: Sequence[ResidualEvent], estimates: Sequence[LatentForceEstimate]
 ) -> bool:
     """Whether most of the events' residual acts beyond the positions of all other times."""
-    inside = [np.zeros(one.motion.n, dtype=bool) for one in smoothed]
-    for event in happened:
-        time_s = smoothed[event.motion].motion.time_s
+    inside = [np.zeros(estimate.motion.n, dtype=bool) for estimate in estimates]
+    for event in events:
+        time_s = estimates[event.motion].motion.time_s
         inside[event.motion] |= (time_s >= event.start_s) & (time_s <= event.end_s)
-    within, square = np.concatenate(inside), np.concatenate(compute_relative_squares(smoothed))
+    within, square = np.concatenate(inside), np.concatenate(compute_relative_squares(estimates))
     main = int(np.argmax(square.sum(axis=0)))
-    q = np.concatenate([one.q[:, main] for one in smoothed])
+    q = np.concatenate([estimate.q[:, main] for estimate in estimates])
     low, high = np.quantile(q[~within], [0.005, 0.995])
     beyond = within & ((q < low) | (q > high))
     return bool(square[beyond, main].sum() > 0.5 * square[within, main].sum())
 
 
-def _describe_regions(found: Sequence[StateRegion], names: Sequence[str]) -> dict[str, Any]:
+def _describe_regions(regions: Sequence[StateRegion], names: Sequence[str]) -> dict[str, Any]:
+    """Regions by coordinate as plain values."""
     return {
         name: [
             {
-                "position": list(one.position),
-                "velocity": None if one.velocity is None else list(one.velocity),
-                "mean": one.mean,
-                "share": one.share,
-                "p": one.p,
+                "position": list(region.position),
+                "velocity": None if region.velocity is None else list(region.velocity),
+                "mean": region.mean,
+                "share": region.share,
+                "p": region.p,
             }
-            for one in found
-            if names[one.coordinate] == name
+            for region in regions
+            if names[region.coordinate] == name
         ]
         for name in names
-        if any(names[one.coordinate] == name for one in found)
+        if any(names[region.coordinate] == name for region in regions)
     }
 
 
 def _decide_level(
     mechanics: Mechanics,
-    smoothed: Sequence[LatentForceEstimate],
-    found: ResidualFeatures,
+    estimates: Sequence[LatentForceEstimate],
+    features: ResidualFeatures,
     share: np.ndarray,
-    parts: ResidualComponents,
+    components: ResidualComponents,
     period_s: float,
     perception_suspect: bool,
 ) -> str:
-    uncertain = measure_speed_noise(smoothed, period_s=period_s)
+    """Level of the gap: perception, chart, actuation or dynamics, in this order of precedence.
+
+    Args:
+        mechanics: the simulator's equations of motion.
+        estimates: smoothed motions with their residuals.
+        features: samples of the residual and what may explain it.
+        share: share of the residual in each coordinate (d,).
+        components: share of the residual by kind of term.
+        period_s: the natural period [s].
+        perception_suspect: whether the images themselves are known to be worse.
+    """
+    speed_noise = measure_speed_noise(estimates, period_s=period_s)
     if perception_suspect or (
-        uncertain.p < LOCALIZATION.max_speed_noise_p and uncertain.share > LOCALIZATION.min_speed_noise_share
+        speed_noise.p < LOCALIZATION.max_speed_noise_p
+        and speed_noise.share > LOCALIZATION.min_speed_noise_share
     ):
         return "perception"
     if share.max() > 0.0:
         main = int(np.argmax(share))
-        distorted = compute_distortion_share(found, mechanics, smoothed, main)
-        forces = max(
-            compute_explained_share(found, main, found.groups[main][name]) for name in FEATURE_GROUPS
+        distortion_share = compute_distortion_share(features, mechanics, estimates, main)
+        force_share = max(
+            compute_explained_share(features, main, features.groups[main][name]) for name in FEATURE_GROUPS
         )
-        if distorted > LOCALIZATION.min_chart_share and distorted > forces + LOCALIZATION.min_chart_lead:
+        if (
+            distortion_share > LOCALIZATION.min_chart_share
+            and distortion_share > force_share + LOCALIZATION.min_chart_lead
+        ):
             return "chart"
-    explained_share = 1.0 - parts.shares["unexplained"]
+    explained_share = 1.0 - components.shares["unexplained"]
     if (
-        parts.shares["actuation"]
+        components.shares["actuation"]
         > max(LOCALIZATION.min_actuation_share * explained_share, LOCALIZATION.min_actuation_residual_share)
-        and parts.largest == "actuation"
+        and components.largest == "actuation"
     ):
         return "actuation"
     return "dynamics"

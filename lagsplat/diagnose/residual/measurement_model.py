@@ -1,4 +1,4 @@
-"""Whether the gap lies in how positions were measured rather than in the forces that made them."""
+"""Whether the gap lies in how positions are measured rather than in the forces that act."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,31 +14,36 @@ from lagsplat.diagnose.residual.features import ResidualFeatures
 from lagsplat.diagnose.residual.latent_force import LatentForceEstimate
 
 DIFFERENCE_STEP = 1e-4
+"""Step of central differences, over the standard deviation of a coordinate."""
 
 
 @dataclass(frozen=True)
 class SpeedNoise:
-    """``share`` of the measurement noise's variance that grows with the square of the speed, and the chance
-    ``p`` of as clear a growth if noise knew nothing of speed."""
+    """Measurement noise that grows with speed.
+
+    ``share`` of the noise's variance that grows with the square of the speed; ``p``, the chance of as large a
+    share if noise does not depend on speed.
+    """
 
     share: float
     p: float
 
 
 def measure_speed_noise(
-    smoothed: Sequence[LatentForceEstimate], *, period_s: float, seed: int = 0
+    estimates: Sequence[LatentForceEstimate], *, period_s: float, seed: int = 0
 ) -> SpeedNoise:
-    """Test noise that grows with speed: what lost, repeated or badly stamped samples look like.
+    """Measure noise that grows with speed, as lost, repeated or wrongly timed samples cause.
 
-    The squared remainders of the smoothed positions, against those of a random order of blocks' signs.
+    The slope of squared innovations over squared speed is compared with its slopes under random signs of
+    blocks. ``period_s`` is the natural period [s], ``seed`` that of the signs.
     """
     slopes, total = [], 0.0
-    for one in smoothed:
-        noise = (one.innovation / np.std(one.innovation, axis=0)) ** 2
-        speed = one.v**2 / np.mean(one.v**2, axis=0)
+    for estimate in estimates:
+        noise = (estimate.innovation / np.std(estimate.innovation, axis=0)) ** 2
+        speed = estimate.v**2 / np.mean(estimate.v**2, axis=0)
         excess = np.sum((noise - noise.mean(axis=0)) * (speed - speed.mean(axis=0)), axis=1)
         block = (
-            np.cumsum(compute_sample_weights(one)) / (RESIDUAL_FEATURES.block_periods * period_s)
+            np.cumsum(compute_sample_weights(estimate)) / (RESIDUAL_FEATURES.block_periods * period_s)
         ).astype(np.int64)
         slopes.append(np.bincount(block, excess))
         total += float(np.sum((speed - speed.mean(axis=0)) ** 2))
@@ -49,53 +54,61 @@ def measure_speed_noise(
 
 
 def compute_apparent_forces(
-    mechanics: Mechanics, smoothed: Sequence[LatentForceEstimate], coordinate: int
+    mechanics: Mechanics, estimates: Sequence[LatentForceEstimate], coordinate: int
 ) -> Float64[np.ndarray, "n 3d"]:
-    """Residual acceleration of ``coordinate`` that distorted positions would feign, were the forces right.
+    """Residual acceleration of ``coordinate`` that distorted measurements cause where the simulator is right.
 
-    Columns: for each coordinate, positions bent by their square, moved in time, and drifting. A small
-    distortion e(t) of the positions feigns M(q) (e'' - da/dq e - da/dv e') over the inertia at rest.
+    Columns, for each coordinate: positions distorted by their square, shifted in time, and drifting. A small
+    distortion e(t) of the positions appears as M(q) (e'' - da/dq e - da/dv e') over the inertia at rest.
     """
-    return np.concatenate([_compute_apparent_columns(mechanics, one)[:, coordinate] for one in smoothed])
+    return np.concatenate(
+        [_compute_apparent_columns(mechanics, estimate)[:, coordinate] for estimate in estimates]
+    )
 
 
 def _compute_apparent_columns(
-    mechanics: Mechanics, one: LatentForceEstimate
+    mechanics: Mechanics, estimate: LatentForceEstimate
 ) -> Float64[np.ndarray, "n d 3d"]:
-    d, time_s = mechanics.d, one.motion.time_s
-    jerk = np.zeros_like(one.a)
-    for start, stop in one.motion.segments:
+    d, time_s = mechanics.d, estimate.motion.time_s
+    jerk = np.zeros_like(estimate.a)
+    for start, stop in estimate.motion.segments:
         if stop - start > 1:
-            jerk[start:stop] = np.gradient(one.a[start:stop], time_s[start:stop], axis=0)
-    s = one.q - mechanics.rest
+            jerk[start:stop] = np.gradient(estimate.a[start:stop], time_s[start:stop], axis=0)
+    displacement = estimate.q - mechanics.rest
     elapsed = (time_s - time_s[0])[:, None]
-    zero = np.zeros_like(s)
+    zero = np.zeros_like(displacement)
     distortions = [
-        (s**2, 2 * s * one.v, 2 * one.v**2 + 2 * s * one.a),
-        (one.v, one.a, jerk),
+        (displacement**2, 2 * displacement * estimate.v, 2 * estimate.v**2 + 2 * displacement * estimate.a),
+        (estimate.v, estimate.a, jerk),
         (elapsed + zero, 1.0 + zero, zero),
     ]
     columns = []
     for e, rate, bend in distortions:
         for j in range(d):
-            own = np.arange(d) == j
-            eps = DIFFERENCE_STEP * np.std(one.q[:, j]) / max(float(np.abs(e[:, j]).max()), 1e-300)
+            unit = np.arange(d) == j
+            eps = DIFFERENCE_STEP * np.std(estimate.q[:, j]) / max(float(np.abs(e[:, j]).max()), 1e-300)
             up, down = (
                 mechanics.acceleration(
-                    one.q + sign * eps * e * own, one.v + sign * eps * rate * own, one.motion.u
+                    estimate.q + sign * eps * e * unit,
+                    estimate.v + sign * eps * rate * unit,
+                    estimate.motion.u,
                 )
                 for sign in (1.0, -1.0)
             )
-            lacking = bend * own - (up - down) / (2.0 * eps)
+            lacking = bend * unit - (up - down) / (2.0 * eps)
             columns.append(
-                np.einsum("nab,nb->na", mechanics.mass_at(one.q), lacking) / compute_rest_inertia(mechanics)
+                np.einsum("nab,nb->na", mechanics.mass_at(estimate.q), lacking)
+                / compute_rest_inertia(mechanics)
             )
     return np.stack(columns, axis=2)
 
 
 def compute_distortion_share(
-    found: ResidualFeatures, mechanics: Mechanics, smoothed: Sequence[LatentForceEstimate], coordinate: int
+    features: ResidualFeatures,
+    mechanics: Mechanics,
+    estimates: Sequence[LatentForceEstimate],
+    coordinate: int,
 ) -> float:
-    """Share of a coordinate's residual that distorted positions predict on left-out blocks."""
-    columns = compute_apparent_forces(mechanics, smoothed, coordinate)
-    return compute_explained_share(found, coordinate, columns[found.picked])
+    """Share of a coordinate's residual that distorted measurements predict on left-out blocks."""
+    columns = compute_apparent_forces(mechanics, estimates, coordinate)
+    return compute_explained_share(features, coordinate, columns[features.picked])

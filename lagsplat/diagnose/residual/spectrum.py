@@ -1,6 +1,6 @@
-"""At which frequencies the residual acts: multitaper spectra, lines, coherence with motion and inputs.
+"""Frequencies at which the residual acts: multitaper spectra, lines, coherence with motion and inputs.
 
-Clips are put on an even clock, tapered by Slepian sequences of their own length and averaged by it.
+Clips are resampled to even steps, tapered by Slepian sequences of their own length, and averaged by length.
 """
 
 from collections.abc import Sequence
@@ -19,7 +19,10 @@ from lagsplat.diagnose.residual.latent_force import LatentForceEstimate, compute
 
 @dataclass(frozen=True)
 class SpectralLine:
-    """A sinusoid in a coordinate's residual: frequency [Hz] and the chance of as clear a one in noise."""
+    """A sinusoid in a coordinate's residual.
+
+    ``p`` is the chance of as clear a sinusoid in noise.
+    """
 
     frequency_hz: float
     coordinate: int
@@ -30,9 +33,10 @@ class SpectralLine:
 class ResidualSpectrum:
     """Spectra of the residual.
 
-    ``frequency_hz`` (F,); ``power`` (F, d) of the residual over its coordinate's swing, [1/Hz], zero where no
-    force was kept; ``coherence`` (F, d, m) squared with each of ``names`` (inputs, then velocities) and
-    ``significant``, the value that noise exceeds in 1 of 100; ``bands`` of (low, high, share); ``lines``.
+    ``frequency_hz`` (F,); ``power`` (F, d) of the residual over its coordinate's rms acceleration [1/Hz],
+    zero where no force was kept; ``coherence`` (F, d, m) squared with each of ``names`` (inputs, then
+    velocities) and ``significant``, the value that noise exceeds in 1 of 100; ``bands`` of (low [Hz], high
+    [Hz], share of the power); ``lines``.
     """
 
     frequency_hz: np.ndarray
@@ -46,22 +50,24 @@ class ResidualSpectrum:
 
 @dataclass(frozen=True)
 class _Tapered:
-    """Transforms (F, K, channels) of one clip with those of its tapers' sums (K,) and its length [s]."""
+    """Transforms (F, K, channels) of one clip, its tapers' sums (K,) and its length [s]."""
 
     transform: np.ndarray
     sums: np.ndarray
     seconds: float
 
 
-def compute_spectrum(smoothed: Sequence[LatentForceEstimate], *, period_s: float) -> ResidualSpectrum | None:
-    """Spectrum of the residuals of all motions; None where no clip lasts three periods.
+def compute_spectrum(estimates: Sequence[LatentForceEstimate], *, period_s: float) -> ResidualSpectrum | None:
+    """Compute the spectrum of the residuals of all motions.
+
+    ``period_s`` is the natural period [s]. None where no clip lasts `SPECTRUM.min_clip_periods` of it.
 
     Source: Thomson (1982), spectrum estimation and harmonic analysis, for the tapers and the test of lines.
     """
-    d, n_u = smoothed[0].motion.d, smoothed[0].motion.n_u
-    unit = compute_rms_acceleration(smoothed)
-    active = smoothed[0].active
-    pieces = _resample_clips(smoothed, unit, period_s)
+    d, n_u = estimates[0].motion.d, estimates[0].motion.n_u
+    unit = compute_rms_acceleration(estimates)
+    active = estimates[0].active
+    pieces = _resample_clips(estimates, unit, period_s)
     if not pieces:
         return None
     dt_s = min(dt for _, dt in pieces)
@@ -74,16 +80,16 @@ def compute_spectrum(smoothed: Sequence[LatentForceEstimate], *, period_s: float
         clip.seconds * np.einsum("fkr,fkz->frz", clip.transform[..., :d].conj(), clip.transform)
         for clip in clips
     ) / (SPECTRUM.tapers * seconds.sum())
-    own = sum(clip.seconds * np.sum(np.abs(clip.transform) ** 2, axis=1) for clip in clips) / (
+    auto = sum(clip.seconds * np.sum(np.abs(clip.transform) ** 2, axis=1) for clip in clips) / (
         SPECTRUM.tapers * seconds.sum()
     )
-    power = np.where(active, own[:, :d], 0.0)
+    power = np.where(active, auto[:, :d], 0.0)
     with np.errstate(invalid="ignore", divide="ignore"):
-        coherence = np.abs(cross[..., d:]) ** 2 / (own[:, :d, None] * own[:, None, d:])
-    # Where the residual has no power of its own, leakage of what is strong elsewhere would seem coherent.
+        coherence = np.abs(cross[..., d:]) ** 2 / (auto[:, :d, None] * auto[:, None, d:])
+    # Where the residual has no power, leakage from stronger frequencies would look coherent.
     loud = power > SPECTRUM.min_relative_power * power.max(axis=0)
     coherence = np.where(loud[..., None], np.nan_to_num(coherence), 0.0)
-    first = smoothed[0].motion
+    first = estimates[0].motion
     return ResidualSpectrum(
         frequency_hz=frequency[kept],
         power=power,
@@ -95,26 +101,16 @@ def compute_spectrum(smoothed: Sequence[LatentForceEstimate], *, period_s: float
     )
 
 
-def coherent_share(found: ResidualSpectrum, coordinate: int) -> dict[str, float]:
-    """Share of a coordinate's residual power that goes with each input and velocity, by name."""
-    power = found.power[:, coordinate]
-    total = power.sum()
-    if total <= 0.0:
-        return dict.fromkeys(found.names, 0.0)
-    clear = np.where(found.coherence[:, coordinate] > found.significant, found.coherence[:, coordinate], 0.0)
-    return {name: float(power @ clear[:, i] / total) for i, name in enumerate(found.names)}
-
-
 def _resample_clips(
-    smoothed: Sequence[LatentForceEstimate], unit: np.ndarray, period_s: float
+    estimates: Sequence[LatentForceEstimate], unit: np.ndarray, period_s: float
 ) -> list[tuple[Float64[np.ndarray, "N channels"], float]]:
-    """Residual, inputs and velocities of each clip that is long enough, on an even clock."""
-    dt_s = max(one.motion.dt_s for one in smoothed)
+    """Residual, inputs and velocities of each clip that is long enough, at even steps, and the step [s]."""
+    dt_s = max(estimate.motion.dt_s for estimate in estimates)
     clips = []
-    for one in smoothed:
-        channels = np.concatenate([one.residual / unit, one.motion.u, one.v], axis=1)
-        for start, stop in one.motion.segments:
-            time_s = one.motion.time_s[start:stop]
+    for estimate in estimates:
+        channels = np.concatenate([estimate.residual / unit, estimate.motion.u, estimate.v], axis=1)
+        for start, stop in estimate.motion.segments:
+            time_s = estimate.motion.time_s[start:stop]
             if (
                 time_s[-1] - time_s[0] < SPECTRUM.min_clip_periods * period_s
                 or stop - start < 8 * SPECTRUM.tapers
@@ -126,6 +122,7 @@ def _resample_clips(
 
 
 def _taper_clip(values: np.ndarray, dt_s: float, size: int, kept: np.ndarray) -> _Tapered:
+    """Transform a clip under each taper, at the frequencies in ``kept``."""
     tapers = dpss(len(values), SPECTRUM.half_bandwidth, SPECTRUM.tapers)  # (K, N)
     centred = values - values.mean(axis=0)
     transform: Complex[np.ndarray, "F K channels"] = np.fft.rfft(
@@ -135,8 +132,8 @@ def _taper_clip(values: np.ndarray, dt_s: float, size: int, kept: np.ndarray) ->
 
 
 def _find_lines(clips: list[_Tapered], frequency: np.ndarray, active: np.ndarray) -> tuple[SpectralLine, ...]:
-    """Sinusoids by the F test, at most one to a bandwidth, under a bounded rate of false discoveries."""
-    found = []
+    """Sinusoids by the F test, at most one in a bandwidth, under a bounded false discovery rate."""
+    lines = []
     longest = max(clip.seconds for clip in clips)
     apart = max(1, round(1.0 / longest / (frequency[1] - frequency[0])))
     for i in np.flatnonzero(active):
@@ -150,14 +147,14 @@ def _find_lines(clips: list[_Tapered], frequency: np.ndarray, active: np.ndarray
         ratio = (above / (2 * len(clips))) / np.maximum(below / freedom, np.finfo(float).tiny)
         p = fisher.sf(ratio, 2 * len(clips), freedom)
         peaks = _find_local_maxima(ratio, apart)
-        # p of a peak is the smallest of as many as lie in its neighbourhood
+        # The p of a peak is the smallest of some three independent ones around it.
         q = false_discovery_control(np.minimum(1.0, 3.0 * p[peaks])) if len(peaks) else []
-        found += [
+        lines += [
             SpectralLine(float(frequency[at]), int(i), float(p[at]))
             for at, rate in zip(peaks, q, strict=True)
             if rate < SPECTRUM.line_false_alarm_rate
         ]
-    return tuple(sorted(found, key=lambda line: line.p))
+    return tuple(sorted(lines, key=lambda line: line.p))
 
 
 def _find_local_maxima(values: np.ndarray, apart: int) -> np.ndarray:
@@ -167,11 +164,11 @@ def _find_local_maxima(values: np.ndarray, apart: int) -> np.ndarray:
 
 
 def _find_bands(frequency: np.ndarray, power: np.ndarray) -> tuple[tuple[float, float, float], ...]:
-    """Peaks with their surroundings, largest share first."""
+    """Peaks of the power with their surroundings, largest share first."""
     total = power.sum()
     left = power.copy()
-    found: list[tuple[float, float, float]] = []
-    while total > 0.0 and len(found) < SPECTRUM.max_bands:
+    bands: list[tuple[float, float, float]] = []
+    while total > 0.0 and len(bands) < SPECTRUM.max_bands:
         peak = int(np.argmax(left))
         level = SPECTRUM.band_edge_share * left[peak]
         if left[peak] <= 0.0:
@@ -181,6 +178,6 @@ def _find_bands(frequency: np.ndarray, power: np.ndarray) -> tuple[tuple[float, 
         share = float(left[low : high + 1].sum() / total)
         if share < SPECTRUM.min_band_share:
             break
-        found.append((float(frequency[low]), float(frequency[high]), share))
+        bands.append((float(frequency[low]), float(frequency[high]), share))
         left[low : high + 1] = 0.0
-    return tuple(sorted(found, key=lambda band: -band[2]))
+    return tuple(sorted(bands, key=lambda band: -band[2]))

@@ -18,6 +18,7 @@ from lagsplat.stage2.fit import load_dynamics
 from lagsplat.stage2.lagrangian import Lagrangian
 
 BATCH_SIZE = 256
+"""States that a network evaluates at once, to bound the memory."""
 
 
 def load_run_dynamics(folder: Path) -> Lagrangian:

@@ -27,7 +27,7 @@ from lagsplat.diagnose.simulators.projection import (
     finish_projection,
     rank_projection,
 )
-from lagsplat.diagnose.simulators.projection_fields import build_friction_columns, make_symmetric_basis
+from lagsplat.diagnose.simulators.projection import build_friction_columns, make_symmetric_basis
 
 RIDGE = 1e-10
 """Of standardised columns: what the accelerations leave open stays at an inertia of one."""

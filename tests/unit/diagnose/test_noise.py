@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from lagsplat.diagnose.core.config import DATASET
 from lagsplat.diagnose.data_quality.natural_period import estimate_spectral_period_s
 from lagsplat.diagnose.data_quality.noise import estimate_noise_level, fit_local_cubic
-from lagsplat.diagnose.estimation.dataset import MIN_RELATIVE_NOISE, prepare_dataset
+from lagsplat.diagnose.estimation.dataset import prepare_dataset
 from lagsplat.io.trajectory.trajectory import Trajectory
 from tests.unit.diagnose.motions import PERIOD_S, swing
 
@@ -48,7 +49,7 @@ def test_the_level_of_noise_is_found_and_outliers_do_not_raise_it() -> None:
 def test_a_noise_free_motion_is_given_the_least_noise() -> None:
     ready = prepare_dataset([swing(noise=0.0, seconds=6.0)], period_s=PERIOD_S)
     rms = ready.dataset.q.std(axis=0)
-    assert (ready.sigma >= MIN_RELATIVE_NOISE * rms).all()
+    assert (ready.sigma >= DATASET.min_relative_noise * rms).all()
     assert (ready.sigma < 2e-3 * rms).all()
 
 

@@ -9,7 +9,9 @@ from lagsplat.diagnose.effects.excitation import grade_timing
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal
 
 SIZES = np.geomspace(0.003, 3.0, 80)
+"""Grid of the jitter [frames], for the maximum of the likelihood."""
 LEVELS = np.geomspace(0.05, 1.0, 16)
+"""Grid of the remaining noise [assumed standard deviations]."""
 INSIDE = 1.353
 """Nats below the best at which the 90 % interval of one parameter ends."""
 
