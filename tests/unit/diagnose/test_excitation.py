@@ -32,7 +32,7 @@ def test_every_family_has_one_row_with_its_reason_and_its_remedy() -> None:
         for row in found.values():
             assert row.excited in ("yes", "weak", "no")
             assert row.reason
-            assert bool(row.dataset) == (row.excited != "yes")
+            assert bool(row.record) == (row.excited != "yes")
 
 
 def test_a_free_decay_shows_dissipation_and_no_input() -> None:
