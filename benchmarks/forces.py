@@ -15,10 +15,10 @@ import numpy as np
 import torch
 
 from lagsplat.config.compose import compose
-from lagsplat.forces.batched_lagrangian import Single
 from lagsplat.runs.run import open_run
 from lagsplat.stage2.config import FormConfig
 from lagsplat.stage2.lagrangian import Coefficients, Floors, Lagrangian
+from lagsplat.stage2.numpy_lagrangian import NumpyLagrangian
 from lagsplat.stage2.rollout import advance, split_inputs
 
 REPEATS = 400
@@ -42,7 +42,7 @@ def milliseconds(action: Callable[[], object]) -> tuple[float, float]:
 
 @torch.no_grad()
 def measure(name: str, law: Lagrangian, dt_s: float) -> None:
-    single, jacobian = Single(law), np.ones((2, law.d))
+    single, jacobian = NumpyLagrangian(law), np.ones((2, law.d))
     q, v, u, force = np.zeros(law.d), np.zeros(law.d), np.zeros(law.n_inputs), np.array([0.3, -0.2])
     start = (torch.from_numpy(x)[None] for x in (q, v, u))
     batched, ready = tuple(start), law.prepare()

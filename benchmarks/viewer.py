@@ -21,8 +21,8 @@ import torch
 
 from benchmarks.forces import default_law
 from lagsplat.config.compose import compose
-from lagsplat.forces.batched_lagrangian import open_stepper
 from lagsplat.forces.equilibrium import OperatingPoint, hold_at_load
+from lagsplat.forces.loaded_lagrangian import make_fast_lagrangian
 from lagsplat.report.figures.forces import turn_camera
 from lagsplat.runs.run import open_run
 from lagsplat.splat.cpu.slice import FrameRasterizer
@@ -85,7 +85,7 @@ def in_turns(actions: dict[str, Callable[[], object]], rounds: int = 100) -> Non
 
 def parts(d: int, n_inputs: int) -> dict[str, Callable[[], object]]:
     """What a picture is made of, at one number of coordinates."""
-    law = open_stepper(default_law(d, n_inputs, compose().stage2.form))
+    law = make_fast_lagrangian(default_law(d, n_inputs, compose().stage2.form))
     q, u, load = np.zeros(d), np.zeros(n_inputs), np.ones(d)
     drawer = FrameRasterizer(big_cloud(d), height=SIDE, width=SIDE, stretch=(1.0, 1.0))
     return {

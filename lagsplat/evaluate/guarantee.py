@@ -11,7 +11,7 @@ from lagsplat.chart.chart import Chart
 from lagsplat.evaluate.config import GuaranteeConfig
 from lagsplat.evaluate.forces.known_forces import mechanical_energy
 from lagsplat.stage2.lagrangian import Lagrangian, find_equilibrium
-from lagsplat.stage2.numpy_lagrangian import FrozenLaw, roll_out_free
+from lagsplat.stage2.numpy_lagrangian import NumpyLagrangian, roll_out_free
 from lagsplat.stage2.rollout import split_inputs
 
 HALVINGS = 6
@@ -60,15 +60,15 @@ def summarize_guarantees(
 
     Source: paper, Appendix "Bounded forced response".
     """
-    law = FrozenLaw(lagrangian)
+    law = NumpyLagrangian(lagrangian)
     # The workflow divides a long step into equal pieces; here a step is what the scheme really takes.
-    dt_s = dt_s / split_inputs(dt_s / law.time_unit_s, law.longest_step)
+    dt_s = dt_s / split_inputs(dt_s / law.unit_s, law.longest_step)
     law.longest_step = np.inf
     rest = find_equilibrium(lagrangian, torch.zeros(lagrangian.n_inputs, dtype=torch.float64)).numpy()
     rng = np.random.default_rng(seed)
     sides = _sides(rng, config.starts, lagrangian.d)
     start = rest + config.far * reach * sides
-    speed = config.far * reach / law.time_unit_s * _sides(rng, config.starts, lagrangian.d)
+    speed = config.far * reach / law.unit_s * _sides(rng, config.starts, lagrangian.d)
     moving = np.arange(config.starts)[:, None] % 2 * speed
     tolerance = config.settled * reach
     fine_s, half = _step_in_order(lagrangian, law, start, moving, dt_s)
@@ -76,11 +76,11 @@ def summarize_guarantees(
         lagrangian, law, start, moving, np.broadcast_to(rest, start.shape), fine_s, config, tolerance
     )
     held_at = rest + config.force * reach * sides
-    force = law.slope_of_potential(held_at)
+    force = -law.conservative_force(held_at)
     still = np.zeros_like(held_at)
     begin = np.broadcast_to(rest, held_at.shape).copy()
     held = _settle(lagrangian, law, begin, still, held_at, dt_s, config, tolerance, force=force)
-    missed = np.abs(law.slope_of_potential(held.ends) - force).max() / max(np.abs(force).max(), 1e-300)
+    missed = np.abs(-law.conservative_force(held.ends) - force).max() / max(np.abs(force).max(), 1e-300)
     order = _falls_in_order(free.rise, half)
     return {
         "starts": config.starts,
@@ -100,7 +100,7 @@ def summarize_guarantees(
 
 
 def _step_in_order(
-    lagrangian: Lagrangian, law: FrozenLaw, q: np.ndarray, v: np.ndarray, dt_s: float
+    lagrangian: Lagrangian, law: NumpyLagrangian, q: np.ndarray, v: np.ndarray, dt_s: float
 ) -> tuple[float, float]:
     """The longest step, halved a few times at most, whose rise of the energy is small and falls by the order
     of the scheme where the step is halved once more; and the rise at half of it.
@@ -128,7 +128,7 @@ def _sides(rng: np.random.Generator, count: int, d: int) -> np.ndarray:
 
 def _settle(
     lagrangian: Lagrangian,
-    law: FrozenLaw,
+    law: NumpyLagrangian,
     q: np.ndarray,
     v: np.ndarray,
     goal: np.ndarray,
@@ -145,7 +145,7 @@ def _settle(
         dt_s /= 2
     rise, elapsed_s = _rise(lagrangian, law, q, v, dt_s=dt_s, force=force), 0.0
     while elapsed_s < config.duration_s:
-        paths, speeds = roll_out_free(law, q, v, states=STRETCH + 1, dt_s=dt_s, force=force)
+        paths, speeds = roll_out_free(law, q, v, states=STRETCH + 1, dt_s=dt_s, load=force)
         q, v, elapsed_s = paths[:, -1], speeds[:, -1], elapsed_s + STRETCH * dt_s
         # a passage through the goal is no rest there: the whole stretch must lie at it
         apart = np.linalg.norm(paths - goal[:, None], axis=2).max(axis=1)
@@ -158,7 +158,7 @@ def _settle(
 
 def _rise(
     lagrangian: Lagrangian,
-    law: FrozenLaw,
+    law: NumpyLagrangian,
     q: np.ndarray,
     v: np.ndarray,
     *,
@@ -167,7 +167,7 @@ def _rise(
     states: int = STRETCH + 1,
 ) -> float:
     """Largest rise of the energy over an earlier moment, over where it began; infinite on divergence."""
-    paths, speeds = roll_out_free(law, q, v, states=states, dt_s=dt_s, force=force)
+    paths, speeds = roll_out_free(law, q, v, states=states, dt_s=dt_s, load=force)
     if not (np.isfinite(paths).all() and np.isfinite(speeds).all()):
         return float("inf")
     push = np.broadcast_to(force, q.shape)

@@ -15,10 +15,10 @@ from torch import Tensor
 from lagsplat.array_types import Inputs, Latents
 from lagsplat.chart.chart import Chart
 from lagsplat.forces.grasp import GraspPoint, MatterKinematics, compute_kinematics
-from lagsplat.forces.loaded_lagrangian import UNTOUCHED, LawEdits, LoadedLagrangian
+from lagsplat.forces.loaded_lagrangian import LoadedLagrangian
 from lagsplat.splat.projection import View
 from lagsplat.stage1.autoencoder import Autoencoder
-from lagsplat.stage2.lagrangian import Lagrangian, PreparedCoefficients
+from lagsplat.stage2.lagrangian import UNTOUCHED, Lagrangian, LawEdits, PreparedCoefficients
 
 ITERATIONS = 200
 TOLERANCE = 1e-10

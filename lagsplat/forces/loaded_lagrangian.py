@@ -1,44 +1,18 @@
-"""A learned law under a load, with its damping, inertia and stiffness edited.
+"""A fitted law under a generalised force, with edited damping, inertia and stiffness."""
 
-The motion under forces that change with time.
-"""
-
-from dataclasses import dataclass
-from math import isfinite
-
+import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Float64
 from torch import Tensor
 
 from lagsplat.array_types import Inputs, Latents, Spd
-from lagsplat.stage2.lagrangian import Lagrangian, PreparedCoefficients
+from lagsplat.stage2.decoder_mass import InducedMass
+from lagsplat.stage2.lagrangian import UNTOUCHED, Lagrangian, LawEdits, PreparedCoefficients
+from lagsplat.stage2.numpy_lagrangian import NumpyLagrangian
 from lagsplat.stage2.rollout import advance
 
-
-@dataclass(frozen=True)
-class LawEdits:
-    """Factors on ``C``, ``M`` and ``V``; 1 leaves a term as it was learned.
-
-    Raises:
-        ValueError: a factor that is not positive and finite; damping may be zero.
-
-    Source: paper, "Interactive loop".
-    """
-
-    damping: float = 1.0
-    inertia: float = 1.0
-    stiffness: float = 1.0
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if not (isfinite(value) and (value > 0.0 or (name == "damping" and value == 0.0))):
-                raise ValueError(
-                    f"edit {name}={value}: must be a positive number (damping may be 0); the law would not "
-                    "come to rest, or not move at all"
-                )
-
-
-UNTOUCHED = LawEdits()
+Vector = Float64[np.ndarray, " d"]
+Input = Float64[np.ndarray, " n_u"]
 
 
 class LoadedLagrangian(Lagrangian):
@@ -125,3 +99,66 @@ def rollout_under_force(
         positions.append(q)
         velocities.append(v)
     return torch.stack(positions, 1), torch.stack(velocities, 1) / unit
+
+
+class TorchLagrangian:
+    """A law with its edits for one state at a time, in tensors: for masses induced by the decoder.
+
+    The methods are those of `NumpyLagrangian`.
+    """
+
+    def __init__(self, law: Lagrangian, *, edits: LawEdits = UNTOUCHED) -> None:
+        self.edits, self.unit_s = edits, float(law.time_unit_s)
+        self.law = LoadedLagrangian(law, torch.zeros(law.d, dtype=torch.float64), edits=edits)
+        with torch.no_grad():
+            self.ready = law.prepare()
+
+    @torch.no_grad()
+    def step(self, q: Vector, v: Vector, u: Input, load: Vector, *, dt_s: float) -> tuple[Vector, Vector]:
+        """State and velocity [1/s] ``dt_s`` later, input and generalised force held."""
+        self.law.load = torch.from_numpy(load)
+        state, velocity = advance(
+            self.law, _row(q), _row(v * self.unit_s), _row(u), step=dt_s / self.unit_s, ready=self.ready
+        )
+        return state[0].numpy(), velocity[0].numpy() / self.unit_s
+
+    @torch.no_grad()
+    def conservative_force(self, q: Vector, u: Input) -> Vector:
+        """``-grad (V - u.nu)``."""
+        self.law.load = torch.zeros_like(self.law.load)
+        return self.law.conservative_force(_row(q), _row(u), self.ready)[0].numpy()
+
+    @torch.no_grad()
+    def potential(self, q: Vector) -> float:
+        """``V(q)``."""
+        self.law.load = torch.zeros_like(self.law.load)
+        return float(self.law.potential(_row(q))[0])
+
+    @torch.no_grad()
+    def kinetic(self, q: Vector, v: Vector) -> float:
+        """``v.M v / 2`` at a velocity in 1/s."""
+        w = v * self.unit_s
+        return float(0.5 * w @ self.law.mass(_row(q))[0].numpy() @ w)
+
+    @torch.no_grad()
+    def dissipated_power(self, q: Vector, v: Vector) -> float:
+        """``v.C v`` per second, at a velocity in 1/s."""
+        w = v * self.unit_s
+        return float(w @ self.law.damping(_row(q))[0].numpy() @ w / self.unit_s)
+
+
+def _row(x: np.ndarray) -> torch.Tensor:
+    return torch.from_numpy(x)[None]
+
+
+FastLagrangian = NumpyLagrangian | TorchLagrangian
+"""A law with its edits, one state at a time."""
+
+
+def make_fast_lagrangian(law: Lagrangian, *, edits: LawEdits = UNTOUCHED) -> FastLagrangian:
+    """``law`` with its edits in the faster form that can carry it: arrays, or tensors for an induced mass."""
+    return (
+        TorchLagrangian(law, edits=edits)
+        if isinstance(law.mass_term, InducedMass)
+        else NumpyLagrangian(law, edits=edits)
+    )

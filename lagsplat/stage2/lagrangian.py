@@ -5,6 +5,7 @@ What the learned Lagrangian says in physical units: equilibria, natural frequenc
 
 import math
 from dataclasses import dataclass
+from math import isfinite
 
 import numpy as np
 import torch
@@ -300,3 +301,29 @@ def linearize_modes(lagrangian: Lagrangian, u: Float[Tensor, " n_u"]) -> Lineari
         frequency_hz=[float(r.imag / (2.0 * np.pi)) for r in roots],
         decay_per_s=[float(-r.real) for r in roots],
     )
+
+
+@dataclass(frozen=True)
+class LawEdits:
+    """Factors on ``C``, ``M`` and ``V``; 1 leaves a term as it was learned.
+
+    Raises:
+        ValueError: a factor that is not positive and finite; damping may be zero.
+
+    Source: paper, "Interactive loop".
+    """
+
+    damping: float = 1.0
+    inertia: float = 1.0
+    stiffness: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not (isfinite(value) and (value > 0.0 or (name == "damping" and value == 0.0))):
+                raise ValueError(
+                    f"edit {name}={value}: must be a positive number (damping may be 0); the law would not "
+                    "come to rest, or not move at all"
+                )
+
+
+UNTOUCHED = LawEdits()

@@ -1,164 +1,273 @@
-"""A learned law frozen for long free rollouts: its numbers in NumPy, without the machinery of training.
+"""The learned law in NumPy, for one state or a batch: long rollouts, the live viewer, exported pages.
 
-A step of a small law in torch is nearly all overhead. The same formulas on plain arrays take about a quarter
-of the time, so that a thousand seconds of motion are seconds of work.
+A step of a small law in torch is nearly all overhead; the same formulas on plain arrays take about a quarter
+of the time. The tensors of `lagsplat.stage2.lagrangian` are the specification;
+`tests/oracle/test_numpy_lagrangian.py` compares the two.
 """
 
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float64
+from torch import Tensor
 
-from lagsplat.stage2.lagrangian import Lagrangian
-from lagsplat.stage2.networks import ConstantMatrix, MatrixField
+from lagsplat.stage2.lagrangian import UNTOUCHED, Lagrangian, LawEdits
+from lagsplat.stage2.networks import ConstantMatrix, Icnn, MatrixField
 from lagsplat.stage2.rollout import split_inputs
 
-States = Float64[np.ndarray, "B d"]
+States = Float64[np.ndarray, "*B d"]
+Inputs = Float64[np.ndarray, "*B n_u"]
+Values = Float64[np.ndarray, "*B"] | float
 Paths = Float64[np.ndarray, "B N d"]
 
 
-class FrozenLaw:
-    """`Lagrangian.acceleration` of a trained law at zero inputs, under a generalised force of one's own.
+class NumpyLagrangian:
+    """A `Lagrangian` as it is now, with its edits, in arrays; later changes of its parameters do not enter.
+
+    States `q` and velocities `v` are (d,) or (B, d); inputs `u` (n_u,) or (B, n_u), or None for zero inputs.
+
+    Args:
+        law: the fitted law.
+        edits: factors on its damping, inertia and stiffness.
 
     Raises:
-        ValueError: the mass is induced by the decoder, which has no closed form in these arrays.
+        ValueError: the mass is induced by the decoder, whose sums over Gaussians gain nothing here.
+
+    Source: paper eqs. (EL), (pressure) and (forced-eom).
     """
 
-    def __init__(self, lagrangian: Lagrangian) -> None:
-        if not isinstance(lagrangian.mass_term, MatrixField | ConstantMatrix):
-            raise ValueError("a decoder-induced mass cannot be frozen: take lagsplat.stage2.rollout.rollout")
-        ready = lagrangian.prepare()
-        self.d, self.time_unit_s = lagrangian.d, float(lagrangian.time_unit_s)
-        self.longest_step = lagrangian.longest_step
+    def __init__(self, law: Lagrangian, *, edits: LawEdits = UNTOUCHED) -> None:
+        if not isinstance(law.mass_term, MatrixField | ConstantMatrix):
+            raise ValueError(
+                "a mass induced by the decoder has no closed form in arrays: "
+                "take lagsplat.stage2.rollout.rollout or lagsplat.forces.loaded_lagrangian.TorchLagrangian"
+            )
+        ready = law.prepare()
+        self.edits, self.d, self.signed = edits, law.d, law.signed
+        self.unit_s, self.longest_step = float(law.time_unit_s), law.longest_step
+        self.mass, self.damping = _spd_field(law.mass_term), _spd_field(law.damping_term)
         self.blocks = [tuple(_array(part) for part in block) for block in ready.blocks]
-        self.stiffness, self.image = _array(ready.stiffness), _array(ready.rest_image)
-        self.slope = _array(ready.rest_slope)
-        self.convex: dict[str, np.ndarray] | None = None
-        if lagrangian.convex is not None and ready.between is not None:
-            net = lagrangian.convex
-            names = ("first", "first_bias", "second", "second_bias", "head")
-            self.convex = {name: _array(getattr(net, name)) for name in names}
-            self.convex["between"] = _array(ready.between)
-        self.mass, self.damping = _matrix(lagrangian.mass_term), _matrix(lagrangian.damping_term)
+        self.stiffness, self.rest_image = _array(ready.stiffness), _array(ready.rest_image)[0]
+        self.rest_slope, self.pressure_map = _array(ready.rest_slope)[0], _array(law.pressure_map)
+        self.curvature = None if ready.curvature is None else _array(ready.curvature)
+        self.convex = ConvexNet.of(law.convex, ready.between)
+        self.volume = ConvexNet.of(law.volume_net, ready.between_volume)
 
-    def acceleration(self, q: States, v: States, force: States | float = 0.0) -> States:
-        """Acceleration in internal time units, under the law's own forces and ``force``."""
-        push = force - self.slope_of_potential(q) - self.damping.product(q, v)
-        return self.mass.accelerate(q, v, push)
+    def conservative_force(self, q: States, u: Inputs | None = None) -> States:
+        """``-grad_q (k V - u.nu)`` with the edit ``k`` of the stiffness."""
+        image, hidden = self._push(q)
+        offset = image - self.rest_image
+        slope = offset @ self.stiffness - self.rest_slope
+        if self.convex is not None:
+            slope = slope + self.convex.gradient(image, self.convex.head[0])
+        slope = self.edits.stiffness * slope
+        if u is not None and u.shape[-1]:
+            slope = slope - u @ self.pressure_map
+            if self.curvature is not None:
+                slope = slope + np.einsum("...c,cij,...j->...i", u, self.curvature, offset)
+            if self.volume is not None:
+                shares = np.concatenate([np.maximum(u, 0.0), np.maximum(-u, 0.0)], -1) if self.signed else u
+                slope = slope + self.volume.gradient(image, shares @ self.volume.head)
+        for (inner, _, outer, _), h in zip(reversed(self.blocks), reversed(hidden), strict=True):
+            slope = slope + ((slope @ outer) * (1.0 - h * h)) @ inner
+        return -slope
 
-    def slope_of_potential(self, q: States) -> States:
-        """``dV/dq``."""
+    def acceleration(
+        self, q: States, v: States, u: Inputs | None = None, load: States | float = 0.0
+    ) -> States:
+        """Acceleration in internal time units, under the generalised force ``load`` beside the law's own."""
+        force = load + self.conservative_force(q, u) - self.edits.damping * self.damping.product(q, v)
+        return self.mass.accelerate(q, v, force / self.edits.inertia)
+
+    def potential(self, q: States) -> Values:
+        """``k V(q)``, zero at the rest state of the law."""
+        image, _ = self._push(q)
+        offset = image - self.rest_image
+        value = 0.5 * ((offset @ self.stiffness) * offset).sum(-1)
+        if self.convex is not None:
+            head = self.convex.head[0]
+            rise = self.convex.value(image, head) - self.convex.value(self.rest_image, head)
+            value = value + rise - offset @ self.rest_slope
+        return self.edits.stiffness * value
+
+    def kinetic(self, q: States, v: States) -> Values:
+        """``m v.M v / 2`` at a velocity in 1/s."""
+        w = v * self.unit_s
+        return 0.5 * self.edits.inertia * (w * self.mass.product(q, w)).sum(-1)
+
+    def dissipated_power(self, q: States, v: States) -> Values:
+        """``c v.C v`` per second, at a velocity in 1/s."""
+        w = v * self.unit_s
+        return self.edits.damping * (w * self.damping.product(q, w)).sum(-1) / self.unit_s
+
+    def step(
+        self,
+        q: States,
+        v: States,
+        u: Inputs | None = None,
+        load: States | float = 0.0,
+        *,
+        dt_s: float,
+    ) -> tuple[States, States]:
+        """State and velocity [1/s] ``dt_s`` later, input and load held.
+
+        Takes as many velocity-Verlet steps as `lagsplat.stage2.rollout.advance`.
+        """
+        q, w = self.advance(q, v * self.unit_s, u, load, step=dt_s / self.unit_s)
+        return q, w / self.unit_s
+
+    def advance(
+        self, q: States, w: States, u: Inputs | None, load: States | float, *, step: float
+    ) -> tuple[States, States]:
+        """`step` in internal time units: ``w`` is the velocity in them, ``step`` the time to go."""
+        pieces = split_inputs(step, self.longest_step)
+        h = step / pieces
+        for _ in range(pieces):
+            a = self.acceleration(q, w, u, load)
+            half = w + (0.5 * h) * a
+            q = q + h * half
+            w = half + (0.5 * h) * self.acceleration(q, half + (0.5 * h) * a, u, load)
+        return q, w
+
+    def _push(self, q: States) -> tuple[States, list[np.ndarray]]:
         image, hidden = q, []
         for inner, inner_bias, outer, outer_bias in self.blocks:
             hidden.append(np.tanh(image @ inner.T + inner_bias))
             image = image + hidden[-1] @ outer.T + outer_bias
-        slope = (image - self.image) @ self.stiffness - self.slope
-        if self.convex is not None:
-            slope = slope + _convex_slope(image, **self.convex)
-        for (inner, _, outer, _), h in zip(reversed(self.blocks), reversed(hidden), strict=True):
-            slope = slope + ((slope @ outer) * (1.0 - h * h)) @ inner
-        return slope
+        return image, hidden
 
 
 def roll_out_free(
-    law: FrozenLaw, q0: States, v0: States, *, states: int, dt_s: float, force: States | float = 0.0
+    law: NumpyLagrangian, q0: States, v0: States, *, states: int, dt_s: float, load: States | float = 0.0
 ) -> tuple[Paths, Paths]:
     """States and velocities [1/s] at ``states`` instants ``dt_s`` apart, the first as given.
 
-    The scheme is that of `lagsplat.stage2.rollout.rollout`, the inputs are zero and ``force`` is held. Never
+    The scheme is that of `lagsplat.stage2.rollout.rollout`, the inputs are zero and ``load`` is held. Never
     raises on divergence: what leaves the finite numbers is not finite from there on.
+
+    Args:
+        law: the law.
+        q0: first states (B, d).
+        v0: first velocities (B, d) [1/s].
+        states: number of instants.
+        dt_s: time between them [s].
+        load: generalised force (B, d), or one number for all.
     """
-    step = dt_s / law.time_unit_s
-    pieces = split_inputs(step, law.longest_step)
-    h = step / pieces
-    q, v = q0.astype(np.float64), v0 * law.time_unit_s
+    q, w = q0.astype(np.float64), v0 * law.unit_s
     positions, velocities = np.empty((states, *q.shape)), np.empty((states, *q.shape))
-    positions[0], velocities[0] = q, v
+    positions[0], velocities[0] = q, w
     with np.errstate(all="ignore"):
         for i in range(1, states):
-            for _ in range(pieces):
-                a = law.acceleration(q, v, force)
-                half = v + (0.5 * h) * a
-                q = q + h * half
-                v = half + (0.5 * h) * law.acceleration(q, half + (0.5 * h) * a, force)
-            positions[i], velocities[i] = q, v
-    return np.moveaxis(positions, 0, 1), np.moveaxis(velocities, 0, 1) / law.time_unit_s
+            q, w = law.advance(q, w, None, load, step=dt_s / law.unit_s)
+            positions[i], velocities[i] = q, w
+    return np.moveaxis(positions, 0, 1), np.moveaxis(velocities, 0, 1) / law.unit_s
 
 
-class _Constant:
-    def __init__(self, matrix: np.ndarray) -> None:
-        self.whole, self.inverse = matrix, np.linalg.inv(matrix)
+class ConstantSpd:
+    """A constant mass or damping matrix in arrays."""
 
-    def product(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        return v @ self.whole
+    net: None = None
 
-    def accelerate(self, q: np.ndarray, v: np.ndarray, force: np.ndarray) -> np.ndarray:
+    def __init__(self, term: ConstantMatrix) -> None:
+        self.lower, self.floor = np.tril(_array(term.factor)), term.floor
+        self.matrix = self.lower @ self.lower.T + self.floor * np.eye(len(self.lower))
+        self.inverse = np.linalg.inv(self.matrix)
+
+    def product(self, q: States, v: States) -> States:
+        """``S v``."""
+        return v @ self.matrix
+
+    def accelerate(self, q: States, v: States, force: States) -> States:
+        """``S^-1 force``; a constant matrix has no velocity forces."""
         return force @ self.inverse
 
 
-class _Field:
-    """`MatrixField` in arrays; the network's last layer is kept with its entries above the diagonal at 0."""
+class SpdField:
+    """A mass or damping matrix that depends on the state: `MatrixField` in arrays."""
 
     def __init__(self, field: MatrixField) -> None:
-        d = field.mask.shape[0]
-        self.lower, self.floor, self.eye = np.tril(_array(field.factor)), field.floor, np.eye(d)
-        self.first, self.first_bias = _array(field.first), _array(field.first_bias)
-        self.second, self.second_bias = _array(field.second), _array(field.second_bias)
-        self.third = _array(field.third) * _array(field.mask).reshape(-1, 1)
+        self.lower, self.floor = np.tril(_array(field.factor)), field.floor
+        self.eye = np.eye(len(self.lower))
+        # entries above the diagonal are kept at zero, as the field's mask does
+        third = _array(field.third) * _array(field.mask).reshape(-1, 1)
+        self.net = (
+            _array(field.first),
+            _array(field.first_bias),
+            _array(field.second),
+            _array(field.second_bias),
+            third,
+        )
 
-    def _hidden(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        h1 = np.tanh(q @ self.first.T + self.first_bias)
-        h2 = np.tanh(h1 @ self.second.T + self.second_bias)
-        return h1, h2, self.eye + (h2 @ self.third.T).reshape(-1, *self.eye.shape)
+    def product(self, q: States, v: States) -> States:
+        """``S(q) v``."""
+        _, _, e = self._factor(q)
+        y = (v @ self.lower)[..., None, :] @ e
+        return (y @ e.swapaxes(-1, -2))[..., 0, :] @ self.lower.T + self.floor * v
 
-    def product(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        e = self._hidden(q)[2]
-        y = (v @ self.lower)[:, None] @ e
-        return (y @ e.swapaxes(1, 2))[:, 0] @ self.lower.T + self.floor * v
-
-    def accelerate(self, q: np.ndarray, v: np.ndarray, force: np.ndarray) -> np.ndarray:
-        h1, h2, e = self._hidden(q)
+    def accelerate(self, q: States, v: States, force: States) -> States:
+        """``S^-1 (force + grad_q (v.S v / 2) - (dS/dt) v)``."""
+        first, _, second, _, third = self.net
+        h1, h2, e = self._factor(q)
         s1, s2 = 1.0 - h1 * h1, 1.0 - h2 * h2
-        y = (v @ self.lower)[:, :, None]
-        p = e.swapaxes(1, 2) @ y
-        rate = ((((v @ self.first.T) * s1) @ self.second.T) * s2 @ self.third.T).reshape(e.shape)
-        change = (rate @ p + e @ (rate.swapaxes(1, 2) @ y))[:, :, 0] @ self.lower.T
-        back = (y @ p.swapaxes(1, 2)).reshape(len(q), -1) @ self.third
-        gradient = (((back * s2) @ self.second) * s1) @ self.first
+        y = (v @ self.lower)[..., :, None]
+        p = e.swapaxes(-1, -2) @ y
+        rate = ((((v @ first.T) * s1) @ second.T) * s2 @ third.T).reshape(e.shape)
+        change = (rate @ p + e @ (rate.swapaxes(-1, -2) @ y))[..., 0] @ self.lower.T
+        back = (y @ p.swapaxes(-1, -2)).reshape(*q.shape[:-1], -1) @ third
+        gradient = (((back * s2) @ second) * s1) @ first
         whole = self.lower @ e
-        matrix = whole @ whole.swapaxes(1, 2) + self.floor * self.eye
+        matrix = whole @ whole.swapaxes(-1, -2) + self.floor * self.eye
         total = force + gradient - change
         if len(self.eye) == 1:
-            return total / matrix[:, :, 0]
-        return np.linalg.solve(matrix, total[:, :, None])[:, :, 0]
+            return total / matrix[..., 0]
+        return np.linalg.solve(matrix, total[..., None])[..., 0]
+
+    def _factor(self, q: States) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        first, first_bias, second, second_bias, third = self.net
+        h1 = np.tanh(q @ first.T + first_bias)
+        h2 = np.tanh(h1 @ second.T + second_bias)
+        return h1, h2, self.eye + (h2 @ third.T).reshape(*q.shape[:-1], *self.eye.shape)
 
 
-def _matrix(term: Any) -> _Constant | _Field:
-    if isinstance(term, MatrixField):
-        return _Field(term)
-    lower = np.tril(_array(term.factor))
-    return _Constant(lower @ lower.T + term.floor * np.eye(len(lower)))
+@dataclass(frozen=True)
+class ConvexNet:
+    """`lagsplat.stage2.networks.Icnn` in arrays."""
+
+    first: np.ndarray
+    first_bias: np.ndarray
+    second: np.ndarray
+    second_bias: np.ndarray
+    between: np.ndarray
+    head: np.ndarray
+
+    @classmethod
+    def of(cls, net: Icnn | None, between: Tensor | None) -> "ConvexNet | None":
+        """The arrays of ``net`` with its prepared weights ``between``; None of None."""
+        if net is None or between is None:
+            return None
+        parts = (net.first, net.first_bias, net.second, net.second_bias, between, net.head)
+        return cls(*(_array(part) for part in parts))
+
+    def value(self, x: States, head: np.ndarray) -> Values:
+        """The convex function with the weights ``head`` (h,) or (B, h) of its last layer."""
+        h1 = np.logaddexp(0.0, x @ self.first.T + self.first_bias)
+        return np.logaddexp(0.0, x @ self.second.T + self.second_bias + h1 @ self.between.T) @ head
+
+    def gradient(self, x: States, head: np.ndarray) -> States:
+        """Its gradient by ``x``."""
+        z1 = x @ self.first.T + self.first_bias
+        z2 = x @ self.second.T + self.second_bias + np.logaddexp(0.0, z1) @ self.between.T
+        g2 = _sigmoid(z2) * head
+        return g2 @ self.second + ((g2 @ self.between) * _sigmoid(z1)) @ self.first
 
 
-def _convex_slope(
-    image: np.ndarray,
-    *,
-    first: np.ndarray,
-    first_bias: np.ndarray,
-    second: np.ndarray,
-    second_bias: np.ndarray,
-    between: np.ndarray,
-    head: np.ndarray,
-) -> np.ndarray:
-    z1 = image @ first.T + first_bias
-    z2 = image @ second.T + second_bias + np.logaddexp(0.0, z1) @ between.T
-    g2 = _sigmoid(z2) * head
-    return g2 @ second + ((g2 @ between) * _sigmoid(z1)) @ first
+def _spd_field(term: MatrixField | ConstantMatrix) -> ConstantSpd | SpdField:
+    return SpdField(term) if isinstance(term, MatrixField) else ConstantSpd(term)
 
 
 def _sigmoid(z: np.ndarray) -> np.ndarray:
-    return 0.5 + 0.5 * np.tanh(0.5 * z)
+    return 0.5 + 0.5 * np.tanh(0.5 * z)  # without overflow on either side
 
 
-def _array(tensor: Any) -> np.ndarray:
-    return tensor.detach().cpu().double().numpy()
+def _array(tensor: Tensor) -> np.ndarray:
+    return tensor.detach().cpu().double().numpy().copy()

@@ -10,9 +10,9 @@ import numpy as np
 import torch
 from jaxtyping import Float64
 
-from lagsplat.forces.batched_lagrangian import Stepper
 from lagsplat.forces.equilibrium import OperatingPoint, static_stiffness
 from lagsplat.forces.grasp import GraspPoint, NoMatterError, Place, Point, grasp_along_ray, grasp_brush
+from lagsplat.forces.loaded_lagrangian import FastLagrangian
 from lagsplat.forces.moving_parts import STILL
 
 Vector = Float64[np.ndarray, " d"]
@@ -54,16 +54,16 @@ class EnergyBalance:
     Source: paper, Appendix, the energy balance.
     """
 
-    def __init__(self, law: Stepper, q: Vector, v: Vector) -> None:
+    def __init__(self, law: FastLagrangian, q: Vector, v: Vector) -> None:
         self.open(law, q, v)
 
-    def open(self, law: Stepper, q: Vector, v: Vector) -> None:
+    def open(self, law: FastLagrangian, q: Vector, v: Vector) -> None:
         """Begin at this state."""
         self.hand = self.inputs = self.edits = self.dissipated = 0.0
         self._look(law, q, v)
         self.began = self.kinetic + self.potential
 
-    def edit(self, law: Stepper, q: Vector, v: Vector) -> None:
+    def edit(self, law: FastLagrangian, q: Vector, v: Vector) -> None:
         """The law was changed in this state: what its energy jumps by was put in from outside."""
         before = self.kinetic + self.potential
         self._look(law, q, v)
@@ -71,7 +71,7 @@ class EnergyBalance:
 
     def book(
         self,
-        law: Stepper,
+        law: FastLagrangian,
         before: tuple[Vector, Vector],
         after: tuple[Vector, Vector],
         u: Float64[np.ndarray, " n_u"],
@@ -98,7 +98,7 @@ class EnergyBalance:
             self.kinetic, self.potential, self.hand, self.inputs, self.edits, self.dissipated, self.began
         )
 
-    def _look(self, law: Stepper, q: Vector, v: Vector) -> None:
+    def _look(self, law: FastLagrangian, q: Vector, v: Vector) -> None:
         self.kinetic, self.potential = law.kinetic(q, v), law.potential(q)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from lagsplat.chart.chart import Chart
-from lagsplat.forces.loaded_lagrangian import LawEdits
+from lagsplat.stage2.lagrangian import LawEdits
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,11 @@ import numpy as np
 import torch
 from jaxtyping import Float64
 
-from lagsplat.forces.batched_lagrangian import open_stepper
 from lagsplat.forces.config import ForcesConfig
 from lagsplat.forces.equilibrium import OperatingPoint, fit_energy_scale, settle
 from lagsplat.forces.grasp import Place, Point
-from lagsplat.forces.loaded_lagrangian import UNTOUCHED, LawEdits
+from lagsplat.forces.loaded_lagrangian import make_fast_lagrangian
+from lagsplat.stage2.lagrangian import UNTOUCHED, LawEdits
 from lagsplat.viewer.config import ViewerConfig
 from lagsplat.viewer.simulation.grasp import EnergyBalance, EnergyTerms, Grasp, GraspModel
 from lagsplat.viewer.simulation.history import HistoryBuffer, RecordedData, SessionHistory, measure_coverage
@@ -71,7 +71,7 @@ class Session:
             held, radius_px=forces.brush * width, drag_px=config.reach * width, response=forces.response
         )
         self.coverage = measure_coverage(held.chart, beyond=config.beyond)
-        self.edits, self.law = UNTOUCHED, open_stepper(held.law)
+        self.edits, self.law = UNTOUCHED, make_fast_lagrangian(held.law)
         self.u = held.u.numpy().copy()
         self.q, self.v = held.rest.numpy().copy(), np.zeros(held.law.d)
         self.tape = HistoryBuffer(
@@ -266,7 +266,7 @@ class Session:
         self.status = "running" if self.status == "stopped" else self.status
 
     def _take(self, edits: LawEdits) -> None:
-        self.edits, self.law = edits, open_stepper(self.held.law, edits=edits)
+        self.edits, self.law = edits, make_fast_lagrangian(self.held.law, edits=edits)
         self.ledger.edit(self.law, self.q, self.v)
 
     def _note(self, load: Float64[np.ndarray, " d"]) -> None:

@@ -15,8 +15,9 @@ import torch
 from jaxtyping import Float32
 from jinja2 import Template
 
-from lagsplat.forces.batched_lagrangian import Single, convex_arrays, field_arrays, open_stepper
+from lagsplat.forces.loaded_lagrangian import make_fast_lagrangian
 from lagsplat.io.files.atomic import write_text
+from lagsplat.stage2.numpy_lagrangian import ConstantSpd, ConvexNet, NumpyLagrangian, SpdField
 from lagsplat.viewer.rendering.overlays import PRESENT, AccelerationField, select_moving, trace_rest_outline
 from lagsplat.viewer.simulation.history import RecordedData
 from lagsplat.viewer.simulation.session import Session
@@ -80,8 +81,8 @@ def pack_page(session: Session) -> dict[str, Any]:
         ValueError: the law's mass is induced by the decoder, which pages do not compute.
     """
     held, recorded = session.held, session.recorded
-    law = open_stepper(held.law)
-    if not isinstance(law, Single):
+    law = make_fast_lagrangian(held.law)
+    if not isinstance(law, NumpyLagrangian):
         raise ValueError(
             "the mass of this run is induced by its decoder: a page does not compute that; export a run "
             "whose mass is learned or constant, or push this one with lagsplat view"
@@ -108,7 +109,7 @@ def pack_page(session: Session) -> dict[str, Any]:
     }
 
 
-def pack_law(law: Single) -> dict[str, Any]:
+def pack_law(law: NumpyLagrangian) -> dict[str, Any]:
     """Every number of a law, under the names of ``page/law.js``."""
     names = ("inner", "innerBias", "outer", "outerBias")
     blocks = [dict(zip(names, (part.tolist() for part in block), strict=True)) for block in law.blocks]
@@ -123,10 +124,10 @@ def pack_law(law: Single) -> dict[str, Any]:
         "restSlope": law.rest_slope.tolist(),
         "pressureMap": law.pressure_map.tolist(),
         "curvature": None if law.curvature is None else law.curvature.tolist(),
-        "convex": convex_arrays(law.convex),
-        "volume": convex_arrays(law.volume),
-        "mass": field_arrays(law.mass),
-        "damping": field_arrays(law.damping),
+        "convex": pack_convex_net(law.convex),
+        "volume": pack_convex_net(law.volume),
+        "mass": pack_spd_field(law.mass),
+        "damping": pack_spd_field(law.damping),
     }
 
 
@@ -208,3 +209,24 @@ def _field(session: Session) -> dict[str, Any]:
     swing = np.abs(session.recorded.v).max(0)
     fastest = float(np.linalg.norm(field.along(swing), axis=1).max(initial=1e-12))
     return {"chosen": field.chosen.tolist(), "scale": SWING * field.cell / fastest}
+
+
+def pack_convex_net(net: ConvexNet | None) -> dict[str, Any] | None:
+    """The weights of a convex network of a `NumpyLagrangian` as plain lists; None of None."""
+    if net is None:
+        return None
+    return {
+        "first": net.first.tolist(),
+        "firstBias": net.first_bias.tolist(),
+        "second": net.second.tolist(),
+        "secondBias": net.second_bias.tolist(),
+        "between": net.between.tolist(),
+        "head": net.head.tolist(),
+    }
+
+
+def pack_spd_field(field: SpdField | ConstantSpd) -> dict[str, Any]:
+    """The numbers of a mass or damping matrix as plain lists; no ``net`` if it is constant."""
+    names = ("first", "firstBias", "second", "secondBias", "third")
+    net = None if field.net is None else {n: w.tolist() for n, w in zip(names, field.net, strict=True)}
+    return {"lower": field.lower.tolist(), "floor": field.floor, "net": net}

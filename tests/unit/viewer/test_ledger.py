@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from lagsplat.forces.batched_lagrangian import open_stepper
-from lagsplat.forces.loaded_lagrangian import LawEdits
+from lagsplat.forces.loaded_lagrangian import make_fast_lagrangian
+from lagsplat.stage2.lagrangian import LawEdits
 from lagsplat.viewer.simulation.grasp import EnergyBalance
 from tests.stage2_problems import random_lagrangian
 
@@ -12,11 +12,11 @@ from tests.stage2_problems import random_lagrangian
 def left_over(dt_s: float) -> tuple[float, float]:
     """Error of the books of one second with pushes, inputs and an edit, and the largest flow."""
     base = random_lagrangian(2, 1, 3)
-    law, q, v = open_stepper(base), np.array([0.3, -0.2]), np.zeros(2)
+    law, q, v = make_fast_lagrangian(base), np.array([0.3, -0.2]), np.zeros(2)
     books = EnergyBalance(law, q, v)
     for i in range(round(1.0 / dt_s)):
         if i == round(0.5 / dt_s):
-            law = open_stepper(base, edits=LawEdits(stiffness=1.5, inertia=0.8, damping=2.0))
+            law = make_fast_lagrangian(base, edits=LawEdits(stiffness=1.5, inertia=0.8, damping=2.0))
             books.edit(law, q, v)
         u, load = np.array([0.6 * (i * dt_s > 0.2)]), np.array([0.4, -0.1]) * (i * dt_s < 0.7)
         after = law.step(q, v, u, load, dt_s=dt_s)

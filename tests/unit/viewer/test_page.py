@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from lagsplat.cli.main import main
-from lagsplat.forces.batched_lagrangian import Single
-from lagsplat.forces.loaded_lagrangian import LawEdits
+from lagsplat.stage2.numpy_lagrangian import NumpyLagrangian
+from lagsplat.stage2.lagrangian import LawEdits
 from lagsplat.viewer.simulation.session import Session
 from lagsplat.viewer.static_page.build import (
     LARGEST_BYTES,
@@ -66,7 +66,7 @@ def test_ten_seconds_of_a_law_are_the_same(form: str, d: int) -> None:
     steps, rng = round(SECONDS * 30), np.random.default_rng(d)
     loads = 0.3 * np.repeat(rng.normal(size=(steps // 30, d)), 30, axis=0)
     u = np.repeat(rng.uniform(size=(steps // 30, 2)), 30, axis=0) - 0.5 * (form == "signed")
-    single = Single(law, edits=edits)
+    single = NumpyLagrangian(law, edits=edits)
     q, v = rng.normal(size=(2, d)) * 0.5
     data = {"law": pack_law(single), "q": q.tolist(), "v": v.tolist(), "u": u.tolist(), "dt": dt}
     data |= {"loads": loads.tolist(), "edits": vars(edits)}
