@@ -270,7 +270,9 @@ def compute_error_stages(inputs: "DiagnosisInputs", found: DiagnosisRun) -> tupl
         found.diagnosis.where.smoothed,
         nominal,
         horizon_s=period_s,
-        pictures=None if image_quality is None else (image_quality.error_real, image_quality.error_nominal),
+        image_errors=None
+        if image_quality is None
+        else (image_quality.error_real, image_quality.error_nominal),
         block=10,
     )
 

@@ -1,1 +1,8 @@
-"""The room `residual`."""
+"""The force that a simulator lacks on a recording, and where it lies.
+
+`latent_force` estimates it (`estimate_latent_force`, `LatentForceEstimate`), on the state-space model of
+`state_space`, `linearization` and `kalman_kernels`. `localization` says where it lies (`locate`,
+`ResidualLocation`), by time (`change_points`), frequency (`spectrum`), state (`state_maps`), kind of term
+(`features`, `components`) and measurement (`measurement_model`). `error_budget` says how much each stage from
+image to forecast adds to the gap (`measure_error_stages`).
+"""

@@ -124,11 +124,10 @@ def _integrate_steps(
     outside: np.ndarray,
     count: int,
 ) -> np.ndarray:
-    """Integrate steps of lengths ``h`` (S,) from ``state`` (moves, S, 2d), each in ``count`` Runge-Kutta
-    steps.
+    """Integrate steps of lengths ``h`` (S,) from ``state`` (moves, S, 2d).
 
-    The inputs ``u`` and the accelerations ``outside`` (S, 3, d) of the additional force follow parabolas in a
-    step.
+    Each takes ``count`` Runge-Kutta steps. The inputs ``u`` and the accelerations ``outside`` (S, 3, d) of
+    the additional force follow parabolas in a step.
     """
     d = state.shape[-1] // 2
     part = (h / count)[:, None]

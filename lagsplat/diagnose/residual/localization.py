@@ -1,5 +1,7 @@
-"""Where the gap between a simulator and a recording lies: level, coordinate, time, frequency, state,
-component.
+"""Where the gap between a simulator and a recording lies.
+
+`locate` says at which level, in which coordinate, when, at which frequencies, in which state and in which
+kind of term.
 """
 
 from collections.abc import Sequence
@@ -112,7 +114,7 @@ def locate(
         memory_index=components.memory_index,
         evidence=dict(zip(names, estimates[0].evidence.tolist(), strict=True)),
         size=float(np.sqrt(np.mean(np.concatenate(compute_relative_squares(estimates))))),
-        estimates=tuple(estimates),
+        smoothed=tuple(estimates),
         spectrum=spectrum,
         maps=tuple(maps),
     )
@@ -134,15 +136,17 @@ def _find_undriven_lines(spectrum: ResidualSpectrum | None, n_u: int) -> list[fl
 def _assign_brief_events(
     components: ResidualComponents, events: Sequence[ResidualEvent], estimates: Sequence[LatentForceEstimate]
 ) -> ResidualComponents:
-    """Attribute what nothing explains but acts briefly to the outside, because left-out blocks cannot predict
-    it.
+    """Attribute what nothing explains and what acts briefly to the outside.
 
-    If it acts at positions that the motion reaches at no other time, position may be its cause instead.
+    Left-out blocks cannot predict a brief event. If it acts at positions that the motion reaches at no other
+    time, position may be its cause instead.
     """
-    duration_s = sum(one.end_s - one.start_s for one in events)
-    event_share = sum(one.share for one in events)
+    duration_s = sum(event.end_s - event.start_s for event in events)
+    event_share = sum(event.share for event in events)
     open_share = components.shares["unexplained"] + components.shares["memory"]
-    brief = duration_s < LOCALIZATION.max_event_time_share * sum(one.motion.duration_s for one in estimates)
+    brief = duration_s < LOCALIZATION.max_event_time_share * sum(
+        estimate.motion.duration_s for estimate in estimates
+    )
     if open_share < 0.5 or event_share < LOCALIZATION.min_event_energy_share or not brief:
         return components
     cause = "conservative" if _acts_beyond_usual_positions(events, estimates) else "exogenous"
