@@ -1,7 +1,7 @@
 """A sim that is given point by point, as mass, slope of the potential and so on, in the basis of a
 `MechanicalModel`.
 
-How each field is fitted is told in `lagsplat.diagnose.simulators.projection_fields`.
+How each field is fitted is told in `lagsplat.diagnose.simulators.projection`.
 
 The fields of a sim that is given point by point, each in as few functions of a basis as serve.
 
@@ -13,26 +13,18 @@ light.
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-import numpy as np
-from jaxtyping import Float64
-from scipy.optimize import root
-from lagsplat.diagnose.core.config import PROJECTION, PROJECTION_FIELDS
-from lagsplat.diagnose.estimation.dataset import OperatingRegion
-from lagsplat.diagnose.mechanics.model import MechanicalModel
-from lagsplat.diagnose.mechanics.structure import build_candidate_bases
-from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cached_property
+
 import numpy as np
 from jaxtyping import Float64
 from scipy.linalg import lstsq
-from lagsplat.diagnose.core.config import PROJECTION_FIELDS
+from scipy.optimize import root
+
+from lagsplat.diagnose.core.config import PROJECTION, PROJECTION_FIELDS
 from lagsplat.diagnose.estimation.dataset import OperatingRegion
 from lagsplat.diagnose.mechanics.basis import Basis
 from lagsplat.diagnose.mechanics.model import MechanicalModel
-from lagsplat.diagnose.mechanics.structure import list_field_sizes
-
-
+from lagsplat.diagnose.mechanics.structure import build_candidate_bases, list_field_sizes
 
 EXACT_ERROR = 1e-6
 """Relative error of the acceleration below which a projection counts as exact: rounding of a regression."""

@@ -23,11 +23,12 @@ from lagsplat.diagnose.mechanics.structure import (
 from lagsplat.diagnose.simulators.projection import (
     EXACT_ERROR,
     ProjectedModel,
+    build_friction_columns,
     compute_acceleration_error,
     finish_projection,
+    make_symmetric_basis,
     rank_projection,
 )
-from lagsplat.diagnose.simulators.projection import build_friction_columns, make_symmetric_basis
 
 RIDGE = 1e-10
 """Of standardised columns: what the accelerations leave open stays at an inertia of one."""
