@@ -1,1 +1,6 @@
-"""Whitening, visibility and intrinsic dimension: how the latent chart of a frozen autoencoder is read."""
+"""The latent coordinates of a trained autoencoder: whitening, visibility metric, intrinsic dimension, time
+base.
+
+`chart` fits and keeps them (`Chart`, `fit_chart`), `visibility` measures how much each coordinate changes
+the image, and `trajectory` smooths the encoded states.
+"""

@@ -1,1 +1,7 @@
-"""Forces given in the image: what they grip, what they are to the latent law, and what it answers."""
+"""Forces given in the image or in space: what they act on, their generalised force, and the answer of the
+law.
+
+`grasp` finds the matter under a brush or a ray (`grasp_brush`, `GraspPoint`), `equilibrium` the state under
+a constant load (`hold_at_load`, `OperatingPoint`), and `loaded_lagrangian` the motion under a force
+(`rollout_under_force`).
+"""

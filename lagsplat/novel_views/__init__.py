@@ -1,1 +1,5 @@
-"""The room `novel_views`."""
+"""Novel views of a filmed clip by SHARP, an external tool, and their cache.
+
+`sharp` makes the views (`make_sharp_views`, `obtain_views`); `sharp_tool` runs the tool and keeps what it
+returned (`SharpCache`).
+"""

@@ -1,1 +1,5 @@
-"""Simulated mechanisms whose truth is known: the arms, their inputs, their pictures."""
+"""Simulated mechanisms with known truth: the seven systems of the paper, their inputs and their videos.
+
+`simulate` makes a recording (`simulate_system`), `arm`, `linkage` and `mechanism` hold the equations of
+motion, `truth` what a fitted law is compared with (`Truth`), and `rendering` draws the frames.
+"""

@@ -1,2 +1,5 @@
-"""The place to push the filmed object: an engine without a browser, a live server, and one self-contained
-page."""
+"""The interactive simulation of a fitted run: a live server, and one self-contained page.
+
+`simulation` steps the law and keeps energy and history, `rendering` draws frames and overlays, `server`
+serves them to a browser (`ViewerServer`), and `static_page` writes the page (`save_page`).
+"""
