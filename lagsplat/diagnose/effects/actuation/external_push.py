@@ -113,12 +113,18 @@ EFFECT = ForceEffect(
         *(EffectParameter(f"time {n}", "time", Normal(1000.0), (1.0,)) for n in range(N_PUSHES)),
         *(EffectParameter(f"duration {n}", "time", log_normal(1.0, 0.8), (1.0,)) for n in range(N_PUSHES)),
     ),
-    needs="a stretch in which nothing else moves it",
     amplitudes=N_PUSHES,
+    needs="a stretch in which nothing else moves it",
+    place=place,
     law=force,
     constants=lambda scales, variant: (scales.frame_s,),
     report_parameters=report_pushes,
     excitation=excitation,
+    # three pushes at free times imitate most of what happens once
+    log_prior_penalty=3.0,
+    flexible=True,
+    recurrence=recurrence,
+    mujoco="it belongs to one recording and is applied in the control loop (xfrc_applied), not in the model",
     description=EffectDescription(
         title="a push that nobody logged",
         kind="outside",
@@ -126,10 +132,4 @@ EFFECT = ForceEffect(
         symptom="The forecast is right before and after, and wrong across one instant.",
         remedy="Leave that stretch out, or give the push to the simulation as an input.",
     ),
-    # three pushes at free times imitate most of what happens once
-    log_prior_penalty=3.0,
-    flexible=True,
-    recurrence=recurrence,
-    place=place,
-    mujoco="it belongs to one recording and is applied in the control loop (xfrc_applied), not in the model",
 )

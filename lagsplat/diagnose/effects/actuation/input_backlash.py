@@ -54,12 +54,14 @@ EFFECT = InputEffect(
         EffectParameter("width", "input", log_normal(0.5, 1.0), (0.1, 0.3, 0.8, 1.6, 2.6)),
         EffectParameter("start", "ratio", Normal(0.7), (-0.9, 0.0, 0.9)),
     ),
-    report_parameters=lambda p, placed: {"width": p["width"]},
-    needs="slow reversals of the input at two amplitudes",
     amplitudes=0,
+    needs="slow reversals of the input at two amplitudes",
     along="channels",
     change=change,
+    report_parameters=lambda p, placed: {"width": p["width"]},
     excitation=excitation,
+    confusable_with=("input_dead_zone", "coulomb_friction"),
+    mujoco="actuators have no play; it would need a body between motor and joint",
     description=EffectDescription(
         title="play between actuator and mechanism",
         kind="mechanism",
@@ -67,6 +69,4 @@ EFFECT = InputEffect(
         symptom="The response lags by the same amount of command in both directions.",
         remedy="Put play before that input of the simulation, or take up the slack.",
     ),
-    confusable_with=("input_dead_zone", "coulomb_friction"),
-    mujoco="actuators have no play; it would need a body between motor and joint",
 )

@@ -39,12 +39,14 @@ EFFECT = InputEffect(
     level="actuation",
     equation="u = sign(u_logged) max(|u_logged| - half_width, 0)",
     parameters=(EffectParameter("half_width", "input", log_normal(0.3, 1.0), (0.05, 0.2, 0.5, 1.0)),),
-    needs="slow, small inputs through zero",
     amplitudes=0,
+    needs="slow, small inputs through zero",
     along="channels",
     acts_everywhere=True,
     change=change,
     excitation=excitation,
+    confusable_with=("input_backlash", "coulomb_friction"),
+    mujoco="actuators have no dead zone",
     description=EffectDescription(
         title="a dead zone of an input",
         kind="mechanism",
@@ -52,6 +54,4 @@ EFFECT = InputEffect(
         symptom="Small commands move nothing, and each passage through zero brings a pause.",
         remedy="Put a dead zone before that input, or compensate it in the controller.",
     ),
-    confusable_with=("input_backlash", "coulomb_friction"),
-    mujoco="actuators have no dead zone",
 )

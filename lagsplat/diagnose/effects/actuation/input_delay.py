@@ -42,12 +42,14 @@ EFFECT = InputEffect(
     level="actuation",
     equation="u(t) = u_logged(t - delay)",
     parameters=(EffectParameter("delay", "time", log_normal(0.3, 1.0), (0.05, 0.2, 0.6, 1.2)),),
-    needs="an input with steps, and an event that starts without it",
     amplitudes=0,
+    needs="an input with steps, and an event that starts without it",
     along="channels",
     acts_everywhere=True,
     change=change,
     excitation=excitation,
+    confusable_with=("time_offset", "input_lag"),
+    mujoco=to_mujoco,
     description=EffectDescription(
         title="a delay of an input",
         kind="mechanism",
@@ -55,6 +57,4 @@ EFFECT = InputEffect(
         symptom="Nothing happens for a moment after each step, then everything as predicted.",
         remedy="Delay that input in the simulation, or find the wait in the communication.",
     ),
-    confusable_with=("time_offset", "input_lag"),
-    mujoco=to_mujoco,
 )

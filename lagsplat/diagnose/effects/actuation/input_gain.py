@@ -45,13 +45,6 @@ EFFECT = InputEffect(
     acts_everywhere=True,
     change=change,
     excitation=excitation,
-    description=EffectDescription(
-        title="another strength of an input",
-        kind="parameter",
-        what="The actuator pushes more or less for the same command than in the simulation, or not at all.",
-        symptom="Every response to that input is too large or too small by the same factor.",
-        remedy="Calibrate the actuator, or set its gain in the simulation anew.",
-    ),
     confusable_with=(
         "mass_change",
         "linear_stiffness",
@@ -62,4 +55,11 @@ EFFECT = InputEffect(
     ),
     absorbed_by_fit=True,
     mujoco=to_mujoco,
+    description=EffectDescription(
+        title="another strength of an input",
+        kind="parameter",
+        what="The actuator pushes more or less for the same command than in the simulation, or not at all.",
+        symptom="Every response to that input is too large or too small by the same factor.",
+        remedy="Calibrate the actuator, or set its gain in the simulation anew.",
+    ),
 )

@@ -64,12 +64,14 @@ EFFECT = InputEffect(
     level="actuation",
     equation="time_constant du/dt = u_logged - u",
     parameters=(EffectParameter("time_constant", "time", log_normal(0.3, 1.0), (0.03, 0.1, 0.3, 1.0)),),
-    needs="an input with steps or with frequencies above the lag's",
     amplitudes=0,
+    needs="an input with steps or with frequencies above the lag's",
     along="channels",
     acts_everywhere=True,
     change=change,
     excitation=excitation,
+    confusable_with=("input_delay", "time_offset"),
+    mujoco=to_mujoco,
     description=EffectDescription(
         title="an actuator that follows its command slowly",
         kind="mechanism",
@@ -77,6 +79,4 @@ EFFECT = InputEffect(
         symptom="Steps are answered gently, and fast commands are answered weakly and late.",
         remedy="Put a first-order filter before that input of the simulation.",
     ),
-    confusable_with=("input_delay", "time_offset"),
-    mujoco=to_mujoco,
 )

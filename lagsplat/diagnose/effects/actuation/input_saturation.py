@@ -51,12 +51,14 @@ EFFECT = InputEffect(
     level="actuation",
     equation="u = clip(u_logged, -limit, limit)",
     parameters=(EffectParameter("limit", "input", log_normal(1.0, 0.5), (0.4, 0.7, 1.0, 1.4, 2.0)),),
-    needs="inputs on both sides of the limit",
     amplitudes=0,
+    needs="inputs on both sides of the limit",
     along="channels",
     acts_everywhere=True,
     change=change,
     excitation=excitation,
+    confusable_with=("input_gain",),
+    mujoco=to_mujoco,
     description=EffectDescription(
         title="an actuator at its limit",
         kind="mechanism",
@@ -64,6 +66,4 @@ EFFECT = InputEffect(
         symptom="Weak commands are answered as predicted, strong ones too weakly.",
         remedy="Limit that input of the simulation, or command less.",
     ),
-    confusable_with=("input_gain",),
-    mujoco=to_mujoco,
 )

@@ -48,9 +48,12 @@ EFFECT = ForceEffect(
     equation="a = acceleration",
     parameters=(EffectParameter("acceleration", "acceleration", Normal(0.3)),),
     needs="a stretch at rest",
-    law=force,
     acts_everywhere=True,
+    law=force,
     excitation=excitation,
+    confusable_with=("camera_change", "input_gain"),
+    absorbed_by_fit=True,
+    mujoco=to_mujoco,
     description=EffectDescription(
         title="a constant force or a tilt",
         kind="parameter",
@@ -58,7 +61,4 @@ EFFECT = ForceEffect(
         symptom="The mechanism comes to rest somewhere else than predicted.",
         remedy="Level the base, take out the offset, or add it to the simulation.",
     ),
-    confusable_with=("camera_change", "input_gain"),
-    absorbed_by_fit=True,
-    mujoco=to_mujoco,
 )

@@ -48,7 +48,11 @@ EFFECT = ForceEffect(
     parameters=(EffectParameter("coefficient", "cubic", Normal(0.3)),),
     needs="two amplitudes, one at least twice the other",
     law=force,
+    energy_bounded=lambda p, placed: p["coefficient"] >= 0.0,
     excitation=excitation,
+    confusable_with=("end_stop",),
+    absorbed_by_fit=True,
+    mujoco=to_mujoco,
     description=EffectDescription(
         title="a spring that hardens or softens",
         kind="parameter",
@@ -56,8 +60,4 @@ EFFECT = ForceEffect(
         symptom="The frequency depends on how far it swings, while small swings are predicted well.",
         remedy="Give the simulation's potential a term of fourth order.",
     ),
-    confusable_with=("end_stop",),
-    absorbed_by_fit=True,
-    energy_bounded=lambda p, placed: p["coefficient"] >= 0.0,
-    mujoco=to_mujoco,
 )

@@ -44,17 +44,22 @@ EFFECT = ForceEffect(
         EffectParameter("damping_ratio", "ratio", log_normal(0.03, 0.8), (0.03,)),
     ),
     needs="broadband motion up to twice its frequency",
-    passive=True,
     law=force,
     n_memory=2,
     memory_start=("s", "v"),
     memory_kinds=("coordinate", "velocity"),
+    passive=True,
     report_parameters=lambda p, placed: {
         "frequency_hz": p["angular_frequency"] / 6.283185307179586,
         "mass_ratio": p["mass_ratio"],
         "damping_ratio": p["damping_ratio"],
     },
     excitation=excitation,
+    confusable_with=("external_periodic_force", "mass_change"),
+    # a resonance of its own imitates inertia, damping and vibration
+    log_prior_penalty=3.0,
+    flexible=True,
+    mujoco="it would need another body, whose place and axis a generalised coordinate does not tell",
     description=EffectDescription(
         title="a part that swings along and that the simulation does not have",
         kind="mechanism",
@@ -62,9 +67,4 @@ EFFECT = ForceEffect(
         symptom="A second frequency appears, and energy leaves and comes back.",
         remedy="Give the simulation one more coordinate, or fasten the part.",
     ),
-    confusable_with=("external_periodic_force", "mass_change"),
-    # a resonance of its own imitates inertia, damping and vibration
-    log_prior_penalty=3.0,
-    flexible=True,
-    mujoco="it would need another body, whose place and axis a generalised coordinate does not tell",
 )

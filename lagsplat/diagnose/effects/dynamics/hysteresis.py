@@ -49,6 +49,8 @@ EFFECT = ForceEffect(
     n_memory=1,
     memory_start=("zero",),
     excitation=excitation,
+    confusable_with=("coulomb_friction", "stribeck_friction", "load_dependent_friction"),
+    mujoco="springs of joints have no internal state",
     description=EffectDescription(
         title="hysteresis",
         kind="mechanism",
@@ -56,6 +58,4 @@ EFFECT = ForceEffect(
         symptom="Loading and unloading follow two curves, however slowly it is done.",
         remedy="Add an internal state of Bouc-Wen type to the simulation.",
     ),
-    confusable_with=("coulomb_friction", "stribeck_friction", "load_dependent_friction"),
-    mujoco="springs of joints have no internal state",
 )

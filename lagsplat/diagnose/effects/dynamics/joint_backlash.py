@@ -33,11 +33,12 @@ EFFECT = ForceEffect(
     component="conservative",
     equation="a = omega^2 clip(s, -gap, gap)",
     parameters=(EffectParameter("gap", "coordinate", log_normal(0.2, 1.0), (0.05, 0.15, 0.4, 0.8)),),
-    needs="a decay through small amplitudes",
     amplitudes=0,
+    needs="a decay through small amplitudes",
     law=force,
     constants=lambda scales, variant: (scales.stiffness,),
     excitation=excitation,
+    mujoco="the force of a joint's spring is a polynomial, which has no flat part about rest",
     description=EffectDescription(
         title="free play in a joint",
         kind="mechanism",
@@ -45,5 +46,4 @@ EFFECT = ForceEffect(
         symptom="Small swings are slower than large ones, down to no pull at all.",
         remedy="Add the gap to the simulation's potential, or tighten the joint.",
     ),
-    mujoco="the force of a joint's spring is a polynomial, which has no flat part about rest",
 )

@@ -109,11 +109,19 @@ EFFECT = ForceEffect(
     parameters=(EffectParameter("ratio", "log_ratio", Normal(0.3), label="ratio (real to simulated)"),),
     needs="free motion, or a static hold under a known input",
     variants=("", SPRING),
-    report_parameters=_report_parameters,
+    place=place,
     law=force,
     constants=_shares,
     whole=whole,
+    # a scaled potential keeps its bounds; a spring that is taken away may not
+    energy_bounded=lambda p, placed: placed.variant != SPRING or p["ratio"] >= 1.0,
+    stiffness_unit=stiffness_unit,
+    report_parameters=_report_parameters,
+    report_units={"added_stiffness": "1/s^2"},
     excitation=excitation,
+    confusable_with=("mass_change", "input_gain", "viscous_damping", "creep", "parameter_drift"),
+    absorbed_by_fit=True,
+    mujoco=to_mujoco,
     description=EffectDescription(
         title="another stiffness than the simulation's",
         kind="parameter",
@@ -121,12 +129,4 @@ EFFECT = ForceEffect(
         symptom="It swings at another frequency, and a steady load deflects it by another amount.",
         remedy="Set the simulation's stiffness anew.",
     ),
-    confusable_with=("mass_change", "input_gain", "viscous_damping", "creep", "parameter_drift"),
-    absorbed_by_fit=True,
-    # a scaled potential keeps its bounds; a spring that is taken away may not
-    energy_bounded=lambda p, placed: placed.variant != SPRING or p["ratio"] >= 1.0,
-    place=place,
-    stiffness_unit=stiffness_unit,
-    report_units={"added_stiffness": "1/s^2"},
-    mujoco=to_mujoco,
 )

@@ -41,13 +41,17 @@ EFFECT = ForceEffect(
         EffectParameter("load_factor", "ratio", HalfNormal(0.2)),
         EffectParameter("acceleration", "acceleration", HalfNormal(0.1)),
     ),
-    needs="two static loads or poses",
     amplitudes=2,
-    passive=True,
+    needs="two static loads or poses",
     law=force,
     constants=lambda scales, variant: (0.02 * scales.velocity,),
+    passive=True,
     report_parameters=lambda p, placed: {"acceleration": p["acceleration"], "load_factor": p["load_factor"]},
     excitation=excitation,
+    confusable_with=("coulomb_friction", "stribeck_friction", "hysteresis"),
+    # has Coulomb friction as a special case
+    log_prior_penalty=2.0,
+    mujoco="the friction loss of a joint does not depend on the load that it carries",
     description=EffectDescription(
         title="friction that grows with load",
         kind="mechanism",
@@ -55,8 +59,4 @@ EFFECT = ForceEffect(
         symptom="Losses differ between poses, or between weak and strong inputs, at equal speed.",
         remedy="Let the simulation's friction depend on the load that the joint carries.",
     ),
-    confusable_with=("coulomb_friction", "stribeck_friction", "hysteresis"),
-    # has Coulomb friction as a special case
-    log_prior_penalty=2.0,
-    mujoco="the friction loss of a joint does not depend on the load that it carries",
 )

@@ -50,6 +50,8 @@ EFFECT = ForceEffect(
         "rate": p["rate"] * (_constants(placed.scales, placed.variant)[0] or 1.0)
     },
     excitation=excitation,
+    confusable_with=("creep", "viscous_damping", "linear_stiffness", "camera_drift"),
+    mujoco="parameters of a model do not depend on time",
     description=EffectDescription(
         title="a property that changes slowly",
         kind="outside",
@@ -57,6 +59,4 @@ EFFECT = ForceEffect(
         symptom="The simulation fits early and fails late, for the same motion.",
         remedy="Record after warming up, or let that parameter depend on time.",
     ),
-    confusable_with=("creep", "viscous_damping", "linear_stiffness", "camera_drift"),
-    mujoco="parameters of a model do not depend on time",
 )

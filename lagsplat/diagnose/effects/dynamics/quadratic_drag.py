@@ -42,10 +42,12 @@ EFFECT = ForceEffect(
     equation="a = -coefficient |v| v",
     parameters=(EffectParameter("coefficient", "per_coordinate", HalfNormal(0.2)),),
     needs="amplitudes that differ threefold",
-    passive=True,
-    law=force,
     acts_everywhere=True,
+    law=force,
+    passive=True,
     excitation=excitation,
+    confusable_with=("viscous_damping",),
+    mujoco=to_mujoco,
     description=EffectDescription(
         title="drag of air or water",
         kind="mechanism",
@@ -53,6 +55,4 @@ EFFECT = ForceEffect(
         symptom="Large swings die away quickly, small ones hardly at all.",
         remedy="Add a quadratic drag to the simulation.",
     ),
-    confusable_with=("viscous_damping",),
-    mujoco=to_mujoco,
 )

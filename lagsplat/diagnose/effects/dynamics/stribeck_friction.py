@@ -44,16 +44,20 @@ EFFECT = ForceEffect(
         EffectParameter("velocity", "velocity", log_normal(0.3, 0.8), (0.1, 0.3, 0.8)),
     ),
     needs="a tenth of the samples slower than the Stribeck velocity",
-    passive=True,
     between_variants=("",),
     law=force,
     constants=lambda scales, variant: (0.02 * scales.velocity,),
+    passive=True,
     report_parameters=lambda p, placed: {
         "coulomb": p["coulomb"],
         "static": p["coulomb"] * (1.0 + p["excess"]),
         "velocity": p["velocity"],
     },
     excitation=excitation,
+    confusable_with=("coulomb_friction", "load_dependent_friction", "hysteresis"),
+    # has Coulomb friction as a special case
+    log_prior_penalty=2.0,
+    mujoco="the friction loss of a joint does not depend on its speed",
     description=EffectDescription(
         title="dry friction that sticks",
         kind="mechanism",
@@ -62,8 +66,4 @@ EFFECT = ForceEffect(
         remedy="Add friction that falls with speed to the simulation, or lubricate.",
         short_title="Stribeck friction",
     ),
-    confusable_with=("coulomb_friction", "load_dependent_friction", "hysteresis"),
-    # has Coulomb friction as a special case
-    log_prior_penalty=2.0,
-    mujoco="the friction loss of a joint does not depend on its speed",
 )

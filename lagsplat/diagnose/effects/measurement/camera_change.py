@@ -42,11 +42,16 @@ EFFECT = ObservationEffect(
         EffectParameter("zoom", "ratio", Normal(0.1)),
         EffectParameter("shift", "coordinate", Normal(0.1)),
     ),
-    needs="a background that stands still",
     amplitudes=2,
+    needs="a background that stands still",
     observe=observe,
     report_parameters=lambda p, placed: {"zoom": 1.0 + p["zoom"], "shift": p["shift"]},
     excitation=excitation,
+    confusable_with=("input_gain", "constant_force"),
+    # zoom and shift imitate a gain, a stiffness or a tilt
+    log_prior_penalty=4.0,
+    camera="moved between recordings",
+    mujoco="it concerns the camera of the recording, not the mechanism",
     description=EffectDescription(
         title="a camera that was moved or zoomed",
         kind="observation",
@@ -55,9 +60,4 @@ EFFECT = ObservationEffect(
         symptom="Everything appears shifted or stretched, at rest as well; the background is too.",
         remedy="Put the camera back or calibrate it; leave the simulation alone.",
     ),
-    confusable_with=("input_gain", "constant_force"),
-    # zoom and shift imitate a gain, a stiffness or a tilt
-    log_prior_penalty=4.0,
-    camera="moved between recordings",
-    mujoco="it concerns the camera of the recording, not the mechanism",
 )

@@ -35,6 +35,9 @@ EFFECT = ObservationEffect(
     needs="a background that stands still, or the same motion early and late",
     observe=observe,
     excitation=excitation,
+    confusable_with=("parameter_drift",),
+    camera="moves while recording",
+    mujoco="it concerns the camera of the recording, not the mechanism",
     description=EffectDescription(
         title="a camera that moves slowly",
         kind="observation",
@@ -42,7 +45,4 @@ EFFECT = ObservationEffect(
         symptom="The rest position wanders, and the background with it.",
         remedy="Fix the camera or stabilise the film; leave the simulation alone.",
     ),
-    confusable_with=("parameter_drift",),
-    camera="moves while recording",
-    mujoco="it concerns the camera of the recording, not the mechanism",
 )

@@ -47,6 +47,8 @@ EFFECT = ObservationEffect(
     along="whole",
     observe=observe,
     excitation=excitation,
+    camera="shutter",
+    mujoco="it concerns the camera of the recording, not the mechanism",
     description=EffectDescription(
         title="a long exposure",
         kind="observation",
@@ -54,6 +56,4 @@ EFFECT = ObservationEffect(
         symptom="Fast turns look smaller than they are.",
         remedy="Shorten the exposure; leave the simulation alone.",
     ),
-    camera="shutter",
-    mujoco="it concerns the camera of the recording, not the mechanism",
 )

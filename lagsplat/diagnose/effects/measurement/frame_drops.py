@@ -54,6 +54,7 @@ EFFECT = SampleEffect(
     explain=explain,
     repeats=True,
     excitation=excitation,
+    mujoco="it concerns the frames of the recording, not the mechanism",
     description=EffectDescription(
         title="lost or repeated frames",
         kind="observation",
@@ -61,5 +62,4 @@ EFFECT = SampleEffect(
         symptom="The motion halts or leaps for single frames.",
         remedy="Record again without losses, or cut there; leave the simulation alone.",
     ),
-    mujoco="it concerns the frames of the recording, not the mechanism",
 )

@@ -66,6 +66,7 @@ EFFECT = SampleEffect(
     along="whole",
     explain=explain,
     excitation=excitation,
+    mujoco="it concerns the time stamps of the recording, not the mechanism",
     description=EffectDescription(
         title="time stamps that scatter",
         kind="observation",
@@ -73,5 +74,4 @@ EFFECT = SampleEffect(
         symptom="Errors are large where motion is fast and vanish where it turns.",
         remedy="Use the camera's own time stamps; leave the simulation alone.",
     ),
-    mujoco="it concerns the time stamps of the recording, not the mechanism",
 )

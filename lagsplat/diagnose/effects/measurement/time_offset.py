@@ -38,11 +38,13 @@ EFFECT = InputEffect(
     parameters=(
         EffectParameter("offset", "time", Normal(0.5), (-1.2, -0.6, -0.2, -0.05, 0.05, 0.2, 0.6, 1.2)),
     ),
-    needs="an input with steps, and an event that starts without it",
     amplitudes=0,
+    needs="an input with steps, and an event that starts without it",
     along="whole",
     change=change,
     excitation=excitation,
+    confusable_with=("input_delay", "input_lag"),
+    mujoco="it concerns the clocks of the recording, not the mechanism",
     description=EffectDescription(
         title="clocks of motion and inputs that disagree",
         kind="observation",
@@ -50,6 +52,4 @@ EFFECT = InputEffect(
         symptom="All responses start too early or too late by the same time; the physics is right.",
         remedy="Shift one clock by the offset; leave the simulation alone.",
     ),
-    confusable_with=("input_delay", "input_lag"),
-    mujoco="it concerns the clocks of the recording, not the mechanism",
 )
