@@ -9,7 +9,7 @@ Which runs have Gaussians in space, and the files of a rig. Loads no torch, so t
 import shlex
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
-from functools import cache
+
 from pathlib import Path
 from typing import Any
 
@@ -285,7 +285,6 @@ def _check_file(experiment: Config, system: str, files: dict[str, str], *, meant
     files[recording.path] = system
 
 
-@cache
 def script_digest(script: Path, *commands: str) -> str:
     """SHA-256 of what a workflow script can execute: its own code and all of ``lagsplat`` that it imports,
     and the modules that it runs as ``commands``.
