@@ -1,4 +1,4 @@
-"""A sim that is a fitted run: its Lagrangian in whitened latents and seconds, and recordings in these."""
+"""A simulator that is a fitted run: its Lagrangian over whitened latents, and videos encoded into these."""
 
 from collections.abc import Callable
 from itertools import pairwise
@@ -18,18 +18,19 @@ from lagsplat.stage2.fit import load_dynamics
 from lagsplat.stage2.lagrangian import Lagrangian
 
 BATCH_SIZE = 256
+"""Points that the networks evaluate at once, which bounds their memory."""
 """States that a network evaluates at once, to bound the memory."""
 
 
 def load_run_dynamics(folder: Path) -> Lagrangian:
-    """The Lagrangian of the run in ``folder``.
+    """Load the Lagrangian of the run in ``folder``.
 
     Raises:
         FileNotFoundError: it is neither there nor in the two folders above.
     """
-    for place in (folder, *folder.resolve().parents[:2]):
-        if (place / "dynamics.safetensors").is_file():
-            return load_dynamics(place / "dynamics.safetensors")[0]
+    for candidate in (folder, *folder.resolve().parents[:2]):
+        if (candidate / "dynamics.safetensors").is_file():
+            return load_dynamics(candidate / "dynamics.safetensors")[0]
     raise FileNotFoundError(
         f"{folder}: no dynamics.safetensors there or up to two folders above; give the folder of a "
         "finished fit"
@@ -37,7 +38,7 @@ def load_run_dynamics(folder: Path) -> Lagrangian:
 
 
 def project_run(lagrangian: Lagrangian, region: OperatingRegion, *, what: str) -> ProjectedModel:
-    """The model of a fitted Lagrangian over a region of whitened latents, per second.
+    """The model of a fitted Lagrangian over a region of whitened latents, with time in seconds.
 
     Raises:
         ValueError: the region has other numbers of latents or inputs.
@@ -51,19 +52,18 @@ def project_run(lagrangian: Lagrangian, region: OperatingRegion, *, what: str) -
 
 
 def make_run_fields(lagrangian: Lagrangian, region: OperatingRegion) -> FieldFunctions:
-    """Mass, forces and input map of a Lagrangian in seconds; energies keep the Lagrangian's own unit.
+    """Mass, forces and input map of a Lagrangian with time in seconds; energies keep the Lagrangian's unit.
 
-    With ``t = time_unit_s tau`` the mass takes the square of the unit and the damping the unit itself. The
-    input map is measured with inputs of the size of the region's; one that acts otherwise with the other sign
-    gets the mean of both if the region has both.
+    With ``t = time_unit_s tau`` the mass is multiplied by the square of the unit and the damping by the unit.
+    The input map is measured with inputs as large as the region's; for an input that acts differently with
+    either sign it is the mean over the signs that the region has.
     """
     unit = float(lagrangian.time_unit_s)
     size = np.sqrt(np.mean(region.u**2, axis=0)) + 1e-12
-    signs = [(s for s in (1.0, -1.0) if (s * column > 0.0).any()) for column in region.u.T]
-    pushes = [tuple(own) for own in signs]
+    signs = [tuple(s for s in (1.0, -1.0) if (s * column > 0.0).any()) for column in region.u.T]
 
     @torch.no_grad()
-    def slope(q: np.ndarray, u: np.ndarray) -> np.ndarray:
+    def minus_conservative_force(q: np.ndarray, u: np.ndarray) -> np.ndarray:
         ready = lagrangian.prepare()
         parts = [
             -lagrangian.conservative_force(torch.as_tensor(a), torch.as_tensor(b), ready)
@@ -71,17 +71,18 @@ def make_run_fields(lagrangian: Lagrangian, region: OperatingRegion) -> FieldFun
         ]
         return torch.cat(parts).double().numpy()
 
-    def still(q: np.ndarray) -> np.ndarray:
-        return slope(q, np.zeros((len(q), lagrangian.n_inputs)))
+    def potential_gradient(q: np.ndarray) -> np.ndarray:
+        return minus_conservative_force(q, np.zeros((len(q), lagrangian.n_inputs)))
 
-    def reach(q: np.ndarray) -> np.ndarray:
-        out, base = np.zeros((len(q), lagrangian.n_inputs, lagrangian.d)), still(q)
-        for c, own in enumerate(pushes):
-            for sign in own or (1.0,):
+    def input_map(q: np.ndarray) -> np.ndarray:
+        forces, unloaded = np.zeros((len(q), lagrangian.n_inputs, lagrangian.d)), potential_gradient(q)
+        for c, own_signs in enumerate(signs):
+            for sign in own_signs or (1.0,):
                 u = np.zeros((len(q), lagrangian.n_inputs))
                 u[:, c] = sign * size[c]
-                out[:, c] += (base - slope(q, u)) / (sign * size[c]) / max(len(own), 1)
-        return out
+                difference = unloaded - minus_conservative_force(q, u)
+                forces[:, c] += difference / (sign * size[c]) / max(len(own_signs), 1)
+        return forces
 
     @torch.no_grad()
     def mass(q: np.ndarray) -> np.ndarray:
@@ -89,26 +90,25 @@ def make_run_fields(lagrangian: Lagrangian, region: OperatingRegion) -> FieldFun
         return unit**2 * torch.cat(parts).double().numpy()
 
     @torch.no_grad()
-    def loss(q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    def dissipation(q: np.ndarray, v: np.ndarray) -> np.ndarray:
         parts = [lagrangian.damping(torch.as_tensor(a)) for a in _batches(q)]
         return unit * np.einsum("nij,nj->ni", torch.cat(parts).double().numpy(), v)
 
-    return FieldFunctions(mass, still, reach, loss)
+    return FieldFunctions(mass, potential_gradient, input_map, dissipation)
 
 
 def make_encoder(autoencoder: Autoencoder, chart: Chart, *, what: str) -> Callable[[np.ndarray], np.ndarray]:
-    """From frames (T, H, W, 3), uint8, to whitened latents (T, d) of a run, not smoothed.
+    """A function from frames (T, H, W, 3), uint8, to whitened latents (T, d) of a run, not smoothed.
 
-    Raises:
-        ValueError: on frames of another size than the run's.
+    It raises a ValueError on frames of another size than the run's; ``what`` names the run in the message.
     """
 
     def encode(frames: np.ndarray) -> np.ndarray:
-        size, own = tuple(frames.shape[1:3]), (autoencoder.height, autoencoder.width)
-        if size != own:
+        size, fitted = tuple(frames.shape[1:3]), (autoencoder.height, autoencoder.width)
+        if size != fitted:
             raise ValueError(
-                f"{what}: was fitted to pictures of {own[0]} x {own[1]} px, but these are "
-                f"{size[0]} x {size[1]}; read the film with the run's own settings"
+                f"{what}: was fitted to frames of {fitted[0]} x {fitted[1]} px, but these are "
+                f"{size[0]} x {size[1]}; read the video with the run's own settings"
             )
         return chart.to_whitened(encode_frames(autoencoder, frames))
 
@@ -116,10 +116,10 @@ def make_encoder(autoencoder: Autoencoder, chart: Chart, *, what: str) -> Callab
 
 
 def encode_recording(autoencoder: Autoencoder, chart: Chart, recording: Recording) -> Trajectory:
-    """A film as whitened latents of a run, not smoothed, with its own clips, times and inputs.
+    """Encode a video as a trajectory of whitened latents, not smoothed, with its clips, times and inputs.
 
     Raises:
-        ValueError: the film has another number of inputs than the run, or pictures of another size.
+        ValueError: the video has another number of inputs than the run, or frames of another size.
     """
     n_u, source = chart.inputs.shape[1], str(recording.meta.get("source", "recording"))
     if recording.inputs.shape[1] != n_u:
@@ -132,7 +132,7 @@ def encode_recording(autoencoder: Autoencoder, chart: Chart, recording: Recordin
 
 
 def read_chart_trajectory(chart: Chart, *, held_out: bool) -> Trajectory:
-    """The recording a run was fitted to: its held-out part, for the self mode, or its training part.
+    """The trajectory a run was fitted to: its held-out part, to diagnose a run with itself, or its training part.
 
     Raises:
         ValueError: that part has no frame.

@@ -1,11 +1,12 @@
-"""A sim that is given by its acceleration alone, as the mass, potential and so on that make it.
+"""A simulator that is given by its acceleration alone, written as a `MechanicalModel`.
 
-``M a + c(q, v) + C v + friction + dV/dq - b^T u = 0`` is linear in every coefficient; its scale is fixed by
-``tr M_0 = d``. Terms are added as long as the acceleration gains by them.
+``M a + c(q, v) + C v + friction + dV/dq - b^T u = 0`` is linear in every coefficient, and its scale is fixed
+by ``tr M_0 = d``. Terms are added step by step as long as the error of the acceleration falls.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float64
@@ -31,21 +32,36 @@ from lagsplat.diagnose.simulators.projection import (
 )
 
 RIDGE = 1e-10
-"""Of standardised columns: what the accelerations leave open stays at an inertia of one."""
+"""Penalty in standardised columns, towards unit inertia where the accelerations leave it open."""
 MAX_ACCELERATION_DEGREE = {1: 7, 2: 5, 3: 3}
+"""Highest degree of the polynomials by number of coordinates."""
 
 
 @dataclass(frozen=True)
 class AccelerationTerms:
-    """Forces (N, d, k) that a coefficient of one makes, field by field, for the largest form there may be."""
+    """Generalised forces by a unit of each coefficient, field by field, for the largest structure."""
 
     basis: Basis
     region: OperatingRegion
     acceleration: Float64[np.ndarray, "N d"]
     mass: np.ndarray
+    """(N, d, K, P): by function and symmetric matrix."""
     potential: np.ndarray
+    """(N, d, K - 1): by function, without the constant."""
     damping: np.ndarray
+    """(N, d, K, P): by function and symmetric matrix."""
     input_map: np.ndarray
+    """(N, d, K, n_u d): by function, input and coordinate."""
+
+
+class _Candidate(NamedTuple):
+    """A model of a certain structure and its relative error of the acceleration."""
+
+    error: float
+    structure: ModelStructure
+    width: float
+    """Width of dry friction, relative to the root mean square speed."""
+    model: MechanicalModel
 
 
 def project_acceleration(
@@ -54,16 +70,16 @@ def project_acceleration(
     *,
     what: str,
 ) -> ProjectedModel:
-    """The model of a sim whose ``acceleration(q, v, u)`` (N, d) is given; ``what`` names it in warnings.
+    """The model of a simulator with a given ``acceleration(q, v, u)`` (N, d); ``what`` names it in messages.
 
-    Accelerations alone leave open how inertia is shared between coordinates that do not act on one another,
-    and with it what a force along one of them would do to the others; such a sim is given equal inertias.
+    Accelerations alone do not determine the ratio of the inertias of coordinates that do not act on each
+    other, and with it the effect of a force on both; such coordinates get equal inertias.
 
     Raises:
         ValueError: the acceleration is not finite somewhere in the region, or zero everywhere.
     """
-    known = acceleration(region.q, region.v, region.u)
-    bad = ~np.isfinite(known).all(axis=1)
+    given = acceleration(region.q, region.v, region.u)
+    bad = ~np.isfinite(given).all(axis=1)
     if bad.any():
         n = int(np.argmax(bad))
         at = ", ".join(f"{k} = {getattr(region, k)[n].tolist()}" for k in ("q", "v", "u"))
@@ -71,112 +87,114 @@ def project_acceleration(
             f"{what}: the acceleration is not finite at {at}, which the recording comes near; check units "
             "and the range in which the sim is defined"
         )
-    if not known.any():
+    if not given.any():
         raise ValueError(f"{what}: the acceleration is zero everywhere; nothing would ever move")
-    found = []
+    candidates = []
     for basis in reversed(build_candidate_bases(region.q, degree=MAX_ACCELERATION_DEGREE.get(region.d, 2))):
-        found.append(_grow(_terms(basis, region, known)))
-        if found[-1].error < EXACT_ERROR:
+        candidates.append(_search_structure(_build_terms(basis, region, given)))
+        if candidates[-1].error < EXACT_ERROR:
             break
-    return finish_projection(min(found, key=rank_projection), what=what)
+    return finish_projection(min(candidates, key=rank_projection), what=what)
 
 
-def _terms(basis: Basis, region: OperatingRegion, a: np.ndarray) -> AccelerationTerms:
+def _build_terms(basis: Basis, region: OperatingRegion, a: np.ndarray) -> AccelerationTerms:
     phi, slope, v = basis.values(region.q), basis.slopes(region.q), region.v
     n, d = region.q.shape
     pairs = make_symmetric_basis(d)
-    push, energy = np.einsum("pij,nj->npi", pairs, v), np.einsum("ni,pij,nj->np", v, pairs, v)
+    momentum, energy = np.einsum("pij,nj->npi", pairs, v), np.einsum("ni,pij,nj->np", v, pairs, v)
     mass = np.einsum("nk,pij,nj->nikp", phi, pairs, a)
-    mass += np.einsum("nkj,nj,npi->nikp", slope, v, push) - 0.5 * np.einsum("nki,np->nikp", slope, energy)
+    mass += np.einsum("nkj,nj,npi->nikp", slope, v, momentum) - 0.5 * np.einsum("nki,np->nikp", slope, energy)
     drive = -np.einsum("nk,nc,ij->nikcj", phi, region.u, np.eye(d))
     return AccelerationTerms(
-        basis, region, a, mass, slope[:, 1:].transpose(0, 2, 1),
-        np.einsum("nk,npi->nikp", phi, push), drive.reshape(n, d, basis.size, -1),
-    )  # fmt: skip
+        basis,
+        region,
+        a,
+        mass,
+        slope[:, 1:].transpose(0, 2, 1),
+        np.einsum("nk,npi->nikp", phi, momentum),
+        drive.reshape(n, d, basis.size, -1),
+    )
 
 
-def _solve(terms: AccelerationTerms, form: ModelStructure, width: np.ndarray) -> MechanicalModel:
-    """Coefficients of a form; those of the constant inertia have a trace of ``d``."""
+def _fit_coefficients(
+    terms: AccelerationTerms, structure: ModelStructure, width: np.ndarray
+) -> MechanicalModel:
+    """The model of a structure by ridge regression, with a constant inertia of trace ``d``."""
     n, d = terms.acceleration.shape
     pairs, n_u = make_symmetric_basis(d), terms.region.n_u
     trace = np.einsum("pii->p", pairs)
     first = terms.mass[:, :, 0] - trace / d * (terms.mass[:, :, 0] @ trace)[..., None]
     blocks = [
         first,
-        terms.mass[:, :, 1 : form.mass].reshape(n, d, -1),
-        terms.damping[:, :, : form.damping].reshape(n, d, -1),
-        terms.potential[:, :, : form.potential - 1],
-        terms.input_map[:, :, : form.input_map].reshape(n, d, -1),
-        build_friction_columns(terms.region.v, width if form.dry else None, form.drag),
+        terms.mass[:, :, 1 : structure.mass].reshape(n, d, -1),
+        terms.damping[:, :, : structure.damping].reshape(n, d, -1),
+        terms.potential[:, :, : structure.potential - 1],
+        terms.input_map[:, :, : structure.input_map].reshape(n, d, -1),
+        build_friction_columns(terms.region.v, width if structure.dry else None, structure.drag),
     ]
     columns = np.concatenate(blocks, axis=2).reshape(n * d, -1)
-    # an equation counts by the acceleration of its coordinate
+    # an equation is weighted by one over the root mean square acceleration of its coordinate
     weight = np.tile(1.0 / (np.sqrt(np.mean(terms.acceleration**2, axis=0)) + 1e-12), n)
     known = -(terms.mass[:, :, 0] @ trace).reshape(-1)
     size = np.sqrt(np.mean((weight[:, None] * columns) ** 2, axis=0)) + 1e-30
     scaled = weight[:, None] * columns / size
     tail = np.sqrt(RIDGE * len(scaled)) * np.eye(len(size))
-    x = np.linalg.lstsq(
-        np.concatenate([scaled, tail]), np.concatenate([weight * known, np.zeros(len(size))]), rcond=None
-    )[0] / size  # fmt: skip
+    right = np.concatenate([weight * known, np.zeros(len(size))])
+    x = np.linalg.lstsq(np.concatenate([scaled, tail]), right, rcond=None)[0] / size
     parts = np.split(x, np.cumsum([block.shape[2] for block in blocks])[:-1])
-    heavy = np.concatenate([parts[0], parts[1]]).reshape(form.mass, -1)
-    mass = np.einsum("kp,pij->kij", heavy, pairs)
+    amounts = np.concatenate([parts[0], parts[1]]).reshape(structure.mass, -1)
+    mass = np.einsum("kp,pij->kij", amounts, pairs)
     mass[0] += np.eye(d) * (1.0 - np.trace(mass[0]) / d)
     friction = parts[5]
     return MechanicalModel(
         terms.basis,
         mass,
-        np.einsum("kp,pij->kij", parts[2].reshape(form.damping, -1), pairs),
+        np.einsum("kp,pij->kij", parts[2].reshape(structure.damping, -1), pairs),
         np.concatenate([[0.0], parts[3]]),
-        parts[4].reshape(form.input_map, n_u, d),
-        friction[:d] if form.dry else np.zeros(d),
-        friction[-d:] if form.drag else np.zeros(d),
+        parts[4].reshape(structure.input_map, n_u, d),
+        friction[:d] if structure.dry else np.zeros(d),
+        friction[-d:] if structure.drag else np.zeros(d),
         width,
         np.median(terms.region.q, axis=0),
     )
 
 
-def _grow(terms: AccelerationTerms) -> ProjectedModel:
-    """From a linear system, by the step that helps the acceleration most."""
-    region = terms.region
+def _search_structure(terms: AccelerationTerms) -> ProjectedModel:
+    """Grow a linear model by the step with the least error of the acceleration, as long as it helps."""
+    region, settings = terms.region, PROJECTION_FIELDS
     speed, driven = np.maximum(region.speed, 1e-12), region.n_u > 0
 
-    def tried(form: ModelStructure, ratio: float) -> tuple[float, ModelStructure, float, MechanicalModel]:
-        model = _solve(terms, form, ratio * speed)
-        return compute_acceleration_error(model, region, terms.acceleration), form, ratio, model
+    def fit(structure: ModelStructure, width: float) -> _Candidate:
+        model = _fit_coefficients(terms, structure, width * speed)
+        error = compute_acceleration_error(model, region, terms.acceleration)
+        return _Candidate(error, structure, width, model)
 
-    def climb(
-        best: tuple[float, ModelStructure, float, MechanicalModel],
-    ) -> tuple[float, ModelStructure, float, MechanicalModel]:
-        while best[0] > 0.1 * PROJECTION_FIELDS.tolerance:
-            error, form, ratio, _ = best
+    def grow(best: _Candidate) -> _Candidate:
+        while best.error > 0.1 * settings.tolerance:
             steps = [
-                tried(larger, other)
-                for larger in list_larger_structures(form, terms.basis, driven=driven)
-                for other in (PROJECTION_FIELDS.friction_widths if larger.dry and not form.dry else (ratio,))
+                fit(larger, width)
+                for larger in list_larger_structures(best.structure, terms.basis, driven=driven)
+                for width in (
+                    settings.friction_widths if larger.dry and not best.structure.dry else (best.width,)
+                )
             ]
-            # equals go to the smaller form
+            # of models with errors equal to a tenth of a decade the smaller one is taken
             step = min(
-                steps, key=lambda row: (np.log10(row[0] + EXACT_ERROR).round(1), row[1].order), default=best
+                steps,
+                key=lambda row: (np.log10(row.error + EXACT_ERROR).round(1), row.structure.order),
+                default=best,
             )
-            if step[0] > 0.8 * error and not (np.isinf(error) and np.isfinite(step[0])):
+            if step.error > 0.8 * best.error and not (np.isinf(best.error) and np.isfinite(step.error)):
                 break
             best = step
         return best
 
-    one = 1 if driven else 0
-    ends = list_field_sizes(terms.basis)
-    best = climb(tried(ModelStructure(1, 1, ends[2], one), PROJECTION_FIELDS.default_friction_width))
-    if (
-        best[0] > PROJECTION_FIELDS.tolerance
-    ):  # mass and potential that balance one another help only together
-        jump = min(
-            (
-                tried(ModelStructure(end, 1, end, one), PROJECTION_FIELDS.default_friction_width)
-                for end in ends[2:]
-            ),
-            key=lambda row: row[0],
-        )
-        best = climb(jump) if jump[0] < 0.5 * best[0] else best
-    return ProjectedModel(best[3], best[0])
+    n_input_map = 1 if driven else 0
+    sizes, width = list_field_sizes(terms.basis), settings.default_friction_width
+    best = grow(fit(ModelStructure(1, 1, sizes[2], n_input_map), width))
+    if best.error > settings.tolerance:
+        # a mass and a potential that balance each other help only together
+        both = [fit(ModelStructure(size, 1, size, n_input_map), width) for size in sizes[2:]]
+        start = min(both, key=lambda row: row.error)
+        best = grow(start) if start.error < 0.5 * best.error else best
+    return ProjectedModel(best.model, best.error)
