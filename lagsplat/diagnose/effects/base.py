@@ -75,7 +75,7 @@ class Effect:
     mujoco: Callable[[Any, Mapping[str, Any]], tuple[str, ...]] | str
     """``mujoco(element, values)`` writes the effect into a MuJoCo model and returns what it changed, or
     nothing if it cannot; ``element`` is a `lagsplat.diagnose.augmented.mujoco_export.MujocoElement`. Instead
-    of a function, a clause that says why MuJoCo has no counterpart."""
+    of a function, a clause that says why MuJoCo has none."""
     confusable_with: tuple[str, ...] = ()
     """Effects that some recordings cannot separate from this one; one of two may name the other alone."""
     log_prior_penalty: float = 0.0

@@ -1,1 +1,4 @@
-"""The room `actuation`."""
+"""Effects between the command and the mechanism, and forces from outside.
+
+One file each; see `lagsplat.diagnose.effects.base` for what a file defines.
+"""

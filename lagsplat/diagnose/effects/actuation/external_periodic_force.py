@@ -1,4 +1,4 @@
-"""A periodic disturbance at a frequency of its own, also while the mechanism rests."""
+"""A vibration from outside: a periodic force at a frequency of its own, also while the mechanism rests."""
 
 import math
 from collections.abc import Mapping
@@ -26,12 +26,12 @@ from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 @compile_force_law
 @no_type_check
 def force(t, s, v, spring, drive, memory, theta, d_memory):
-    """``cosine cos(omega t) + sine sin(omega t)``."""
+    """Return ``cosine cos(omega t) + sine sin(omega t)``."""
     return theta[0] * math.cos(theta[2] * t) + theta[1] * math.sin(theta[2] * t)
 
 
 def limit_period(effect: Effect, scales: Scales) -> Effect:
-    """The effect with a period of at most the recording's length: a part of a wave is a drift."""
+    """The effect with a period of at most the length of the recording; a longer wave is a drift."""
     slowest = math.log(2.0 * math.pi / scales.duration_s / scales.of("rate"))
     known = effect.parameters
     bounded = tuple(
@@ -41,8 +41,8 @@ def limit_period(effect: Effect, scales: Scales) -> Effect:
     return replace(effect, parameters=bounded)
 
 
-def excitation(measures: ExcitationMeasures) -> Grade:
-    """A line that no input explains; at rest it stands alone."""
+def grade_excitation(measures: ExcitationMeasures) -> Grade:
+    """It shows as a spectral line that no input explains, best at rest."""
     return make_grade(
         measures.rest_periods > 5 or measures.periods > 15,
         measures.periods > 6,
@@ -62,7 +62,7 @@ def place(effect: ForceEffect, problem: PlacementProblem) -> list[PlacedEffect]:
     return placed
 
 
-def recurrence(parameters: Mapping[str, float], dataset: Any, placed: PlacedEffect) -> float:
+def measure_recurrence(parameters: Mapping[str, float], dataset: Any, placed: PlacedEffect) -> float:
     """Number of cycles in the longest clip, as a share of those from which on a force counts as periodic."""
     longest_s = max(dataset.time[stop - 1] - dataset.time[start] for start, stop in dataset.clips)
     return min(
@@ -89,11 +89,11 @@ EFFECT = ForceEffect(
         "frequency_hz": p["angular_frequency"] / (2.0 * math.pi),
         "acceleration": math.hypot(p["cosine"], p["sine"]),
     },
-    excitation=excitation,
+    excitation=grade_excitation,
     confusable_with=("hidden_mode",),
     flexible=True,
-    recurrence=recurrence,
-    mujoco="a force that depends on time is applied in the control loop (qfrc_applied), not in the model",
+    recurrence=measure_recurrence,
+    mujoco="a force that depends on time is applied in the control loop (qfrc_applied), not in the model.",
     description=EffectDescription(
         title="a vibration from outside",
         kind="outside",

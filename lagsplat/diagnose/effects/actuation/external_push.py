@@ -1,4 +1,4 @@
-"""Pushes that nobody logged: a constant force for a while, up to three times."""
+"""Pushes that were not logged: a constant force for a while, up to three times."""
 
 import math
 from collections.abc import Mapping
@@ -30,7 +30,7 @@ N_PUSHES = 3
 @compile_force_law
 @no_type_check
 def force(t, s, v, spring, drive, memory, theta, d_memory):
-    """``acceleration`` from half a ``duration`` before each ``time`` to half after, with edges of a frame."""
+    """Return the sum of pushes, each half a ``duration`` to both sides of its ``time``, with smooth edges."""
     total = 0.0
     for n in range(3):
         x = (0.5 * theta[6 + n] - abs(t - theta[3 + n])) / theta[9]
@@ -40,7 +40,7 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
 
 
 def report_pushes(parameters: Mapping[str, float], placed: PlacedEffect) -> dict[str, Any]:
-    """Pushes that are there at all, in the order of time."""
+    """Times and accelerations of all pushes above a tenth of the strongest, in the order of time."""
     strongest = max(abs(parameters[f"acceleration {n}"]) for n in range(N_PUSHES))
     rows = sorted(
         (parameters[f"time {n}"], parameters[f"acceleration {n}"])
@@ -50,8 +50,8 @@ def report_pushes(parameters: Mapping[str, float], placed: PlacedEffect) -> dict
     return {"times": [time for time, _ in rows], "accelerations": [a for _, a in rows]}
 
 
-def excitation(measures: ExcitationMeasures) -> Grade:
-    """An event: it shows whenever the rest of the motion is known."""
+def grade_excitation(measures: ExcitationMeasures) -> Grade:
+    """It is a single event, which shows wherever the rest of the motion is predicted well."""
     reason = f"{measures.periods:.3g} periods of motion"
     return make_grade(
         measures.periods > 6, measures.periods > 3, reason, f"record {10 * measures.period_s:.3g} s or more"
@@ -80,7 +80,7 @@ def _push_grid(hints: DisturbanceHints, scales: Scales) -> tuple[tuple[float, ..
     return tuple(rows)
 
 
-def recurrence(parameters: Mapping[str, float], dataset: Any, placed: PlacedEffect) -> float:
+def measure_recurrence(parameters: Mapping[str, float], dataset: Any, placed: PlacedEffect) -> float:
     """Share of the pushed states that the recording also passes through without a push, at another time.
 
     Only the pushed coordinate counts: several coordinates together hardly ever come back.
@@ -119,12 +119,12 @@ EFFECT = ForceEffect(
     law=force,
     constants=lambda scales, variant: (scales.frame_s,),
     report_parameters=report_pushes,
-    excitation=excitation,
+    excitation=grade_excitation,
     # three pushes at free times imitate most of what happens once
     log_prior_penalty=3.0,
     flexible=True,
-    recurrence=recurrence,
-    mujoco="it belongs to one recording and is applied in the control loop (xfrc_applied), not in the model",
+    recurrence=measure_recurrence,
+    mujoco="it belongs to one recording and is applied in the control loop (xfrc_applied), not in the model.",
     description=EffectDescription(
         title="a push that nobody logged",
         kind="outside",

@@ -1,4 +1,4 @@
-"""Play on the way of an input: it moves on only once its command has crossed a gap of ``width``.
+"""Play between actuator and mechanism: the input follows once its command has crossed a gap of ``width``.
 
 Source: the play operator, Brokate and Sprekels, "Hysteresis and Phase Transitions", 1996.
 """
@@ -25,15 +25,15 @@ def _play(values, begins, half, start, out):
 
 
 def change(signal: Any, theta: Float64[np.ndarray, "P 2"]) -> Float64[np.ndarray, "P M"]:
-    """The play operator on the input; ``start`` says where in the gap a clip begins, from -1 to 1."""
+    """Apply the play operator; ``start`` says where in the gap a clip begins, from -1 to 1."""
     out = np.empty((len(theta), len(signal.values)))
     half, start = 0.5 * theta[:, 0], np.clip(theta[:, 1], -1.0, 1.0)
     _play(signal.values, signal.begins, half, start, out)
     return out
 
 
-def excitation(channel: InputMeasures, measures: ExcitationMeasures) -> Grade:
-    """Play that is taken up at every reversal of the input."""
+def grade_excitation(channel: InputMeasures, measures: ExcitationMeasures) -> Grade:
+    """It shows at every reversal of the input, and as a gap of one width at all sizes."""
     reason = f"{channel.name} reverses {channel.reversals} times, from {channel.levels} size(s)"
     return make_grade(
         channel.reversals >= 8 and channel.levels >= 2,
@@ -59,9 +59,9 @@ EFFECT = InputEffect(
     along="channels",
     change=change,
     report_parameters=lambda p, placed: {"width": p["width"]},
-    excitation=excitation,
+    excitation=grade_excitation,
     confusable_with=("input_dead_zone", "coulomb_friction"),
-    mujoco="actuators have no play; it would need a body between motor and joint",
+    mujoco="actuators have no play; it would need a body between motor and joint.",
     description=EffectDescription(
         title="play between actuator and mechanism",
         kind="mechanism",

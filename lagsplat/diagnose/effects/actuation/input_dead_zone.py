@@ -12,13 +12,13 @@ from lagsplat.diagnose.effects.parameters import EffectParameter, log_normal
 
 
 def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray, "P M"]:
-    """What is left of the input beyond the dead zone."""
+    """Return what is left of the input beyond the dead zone."""
     u = signal.values
     return np.sign(u) * np.maximum(np.abs(u) - np.abs(theta[:, :1]), 0.0)
 
 
-def excitation(channel: InputMeasures, measures: ExcitationMeasures) -> Grade:
-    """No answer to small inputs."""
+def grade_excitation(channel: InputMeasures, measures: ExcitationMeasures) -> Grade:
+    """It shows in small inputs, which get no response."""
     reason = (
         f"{channel.name} {'crosses zero' if channel.crosses_zero else 'stays on one side of zero'}, "
         f"{100 * channel.small_share:.2g} % of it small"
@@ -44,9 +44,9 @@ EFFECT = InputEffect(
     along="channels",
     acts_everywhere=True,
     change=change,
-    excitation=excitation,
+    excitation=grade_excitation,
     confusable_with=("input_backlash", "coulomb_friction"),
-    mujoco="actuators have no dead zone",
+    mujoco="actuators have no dead zone.",
     description=EffectDescription(
         title="a dead zone of an input",
         kind="mechanism",

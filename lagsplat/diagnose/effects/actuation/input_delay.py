@@ -13,12 +13,12 @@ from lagsplat.diagnose.effects.parameters import EffectParameter, log_normal
 
 
 def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray, "P M"]:
-    """The input as it was ``delay`` ago; before the first sample of a clip, that sample."""
+    """Return the input as it was ``delay`` ago; before the first sample of a clip, that sample."""
     return np.stack([signal.at(signal.time - delay) for delay in theta[:, 0]])
 
 
-def excitation(channel: InputMeasures, measures: ExcitationMeasures) -> Grade:
-    """An answer that is late and whole."""
+def grade_excitation(channel: InputMeasures, measures: ExcitationMeasures) -> Grade:
+    """It shows where the input is fast: the response is late but complete."""
     return grade_fast_input(channel, measures)
 
 
@@ -47,7 +47,7 @@ EFFECT = InputEffect(
     along="channels",
     acts_everywhere=True,
     change=change,
-    excitation=excitation,
+    excitation=grade_excitation,
     confusable_with=("time_offset", "input_lag"),
     mujoco=to_mujoco,
     description=EffectDescription(

@@ -1,4 +1,4 @@
-"""An actuator that gives more or less than the sim's: ``u_j -> ratio u_j``."""
+"""An actuator that is stronger or weaker than the simulation's: ``u_j -> ratio u_j``."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -13,12 +13,12 @@ from lagsplat.diagnose.effects.parameters import EffectParameter, Normal
 
 
 def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray, "P M"]:
-    """``ratio u``."""
+    """Return ``ratio u``."""
     return np.exp(theta[:, :1]) * signal.values
 
 
-def excitation(channel: InputMeasures, measures: ExcitationMeasures) -> Grade:
-    """The answer in proportion to the input."""
+def grade_excitation(channel: InputMeasures, measures: ExcitationMeasures) -> Grade:
+    """It shows in every response to the input, in proportion."""
     reason = f"{channel.name} moves, between {channel.low:.2g} and {channel.high:.2g} natural frequencies"
     return make_grade(measures.periods > 4, True, reason, f"record {10 * measures.period_s:.3g} s of it")
 
@@ -44,7 +44,7 @@ EFFECT = InputEffect(
     along="channels",
     acts_everywhere=True,
     change=change,
-    excitation=excitation,
+    excitation=grade_excitation,
     confusable_with=(
         "mass_change",
         "linear_stiffness",

@@ -16,7 +16,7 @@ from lagsplat.diagnose.effects.parameters import EffectParameter, log_normal
 @njit(cache=True)
 @no_type_check
 def _follow(time, values, begins, constant, out):
-    """Exact for a command that is linear between samples."""
+    """Write the exact response to a command that is linear between samples."""
     for p in range(constant.shape[0]):
         for n in range(values.shape[0]):
             if begins[n]:
@@ -33,14 +33,14 @@ def _follow(time, values, begins, constant, out):
 
 
 def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray, "P M"]:
-    """The command through a first-order lag, in step with it where a clip begins."""
+    """Filter the command by a first-order lag that has settled where a clip begins."""
     out = np.empty((len(theta), len(signal.values)))
     _follow(signal.time, signal.values, signal.begins, np.ascontiguousarray(theta[:, 0]), out)
     return out
 
 
-def excitation(channel: InputMeasures, measures: ExcitationMeasures) -> Grade:
-    """An answer that fades and falls behind as the input gets faster."""
+def grade_excitation(channel: InputMeasures, measures: ExcitationMeasures) -> Grade:
+    """It shows where the input is fast: the response becomes weaker and later."""
     return grade_fast_input(channel, measures)
 
 
@@ -69,7 +69,7 @@ EFFECT = InputEffect(
     along="channels",
     acts_everywhere=True,
     change=change,
-    excitation=excitation,
+    excitation=grade_excitation,
     confusable_with=("input_delay", "time_offset"),
     mujoco=to_mujoco,
     description=EffectDescription(

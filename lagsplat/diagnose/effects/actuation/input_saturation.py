@@ -1,4 +1,4 @@
-"""An actuator that gives no more than a limit: ``u = clip(u, -limit, limit)``."""
+"""An actuator at its limit: ``u = clip(u, -limit, limit)``."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -13,12 +13,12 @@ from lagsplat.diagnose.effects.parameters import EffectParameter, log_normal
 
 
 def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray, "P M"]:
-    """The input, cut at the limit on both sides."""
+    """Return the input, cut at the limit on both sides."""
     return np.clip(signal.values, -theta[:, :1], theta[:, :1])
 
 
-def excitation(channel: InputMeasures, measures: ExcitationMeasures) -> Grade:
-    """No more answer to large inputs."""
+def grade_excitation(channel: InputMeasures, measures: ExcitationMeasures) -> Grade:
+    """It shows in inputs of several sizes, of which the large ones get too weak a response."""
     reason = f"{channel.name} peaks at {channel.levels} size(s)"
     return make_grade(
         channel.levels >= 3,
@@ -56,7 +56,7 @@ EFFECT = InputEffect(
     along="channels",
     acts_everywhere=True,
     change=change,
-    excitation=excitation,
+    excitation=grade_excitation,
     confusable_with=("input_gain",),
     mujoco=to_mujoco,
     description=EffectDescription(

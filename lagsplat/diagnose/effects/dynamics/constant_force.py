@@ -15,12 +15,12 @@ from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 @compile_force_law
 @no_type_check
 def force(t, s, v, spring, drive, memory, theta, d_memory):
-    """``acceleration``."""
+    """Return ``acceleration``."""
     return theta[0]
 
 
-def excitation(measures: ExcitationMeasures) -> Grade:
-    """A shifted rest."""
+def grade_excitation(measures: ExcitationMeasures) -> Grade:
+    """It shows as a shifted rest position."""
     reason = f"{measures.periods:.3g} periods about one middle" + (
         f", and at rest for {measures.rest_periods:.2g}" if measures.rest_periods else ""
     )
@@ -50,7 +50,7 @@ EFFECT = ForceEffect(
     needs="a stretch at rest",
     acts_everywhere=True,
     law=force,
-    excitation=excitation,
+    excitation=grade_excitation,
     confusable_with=("camera_change", "input_gain"),
     absorbed_by_fit=True,
     mujoco=to_mujoco,

@@ -14,12 +14,12 @@ from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 @compile_force_law
 @no_type_check
 def force(t, s, v, spring, drive, memory, theta, d_memory):
-    """``-acceleration sign(v)``."""
+    """Return ``-acceleration sign(v)``, smoothed near zero."""
     return -theta[0] * math.tanh(v / theta[1])
 
 
-def excitation(measures: ExcitationMeasures) -> Grade:
-    """A step of force at every reversal; small swings show it best."""
+def grade_excitation(measures: ExcitationMeasures) -> Grade:
+    """It shows as a step of force at every reversal, best in small swings."""
     reason = f"{measures.reversals} reversals, {describe_swings(measures)}"
     yes = measures.reversals >= 6 and (measures.amplitude_ratio > 2.0 or measures.rest_periods > 0.5)
     return make_grade(yes, measures.reversals >= 4, reason, ask_for_decay(measures))
@@ -47,7 +47,7 @@ EFFECT = ForceEffect(
     law=force,
     constants=lambda scales, variant: (0.02 * scales.velocity,),
     passive=True,
-    excitation=excitation,
+    excitation=grade_excitation,
     confusable_with=(
         "stribeck_friction",
         "load_dependent_friction",

@@ -1,4 +1,4 @@
-"""Viscoelastic creep: a spring in series with a dashpot beside the mechanism's own (linear solid)."""
+"""Viscoelastic creep of a linear solid: a spring in series with a dashpot, beside the mechanism's spring."""
 
 from collections.abc import Mapping
 from typing import no_type_check
@@ -14,14 +14,14 @@ from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 @compile_force_law
 @no_type_check
 def force(t, s, v, spring, drive, memory, theta, d_memory):
-    """``-k (s - x)`` with ``dx/dt = (s - x) / time_constant`` and ``k = stiffness_ratio omega^2``."""
+    """Return ``-k (s - x)`` with ``dx/dt = (s - x) / time_constant`` and ``k = stiffness_ratio omega^2``."""
     late = s - memory[0]
     d_memory[0] = late / theta[1]
     return -theta[0] * theta[2] * late
 
 
-def excitation(measures: ExcitationMeasures) -> Grade:
-    """A slow answer to a step, and stiffness that grows with speed."""
+def grade_excitation(measures: ExcitationMeasures) -> Grade:
+    """It shows as a slow response to a step, and as a stiffness that grows with speed."""
     wide = (
         measures.speed_ratio > 2.0
         or any(c.moves and c.steps and c.low < 0.3 for c in measures.inputs)
@@ -35,8 +35,8 @@ def excitation(measures: ExcitationMeasures) -> Grade:
     )
 
 
-def fitted_penalty(parameters: Mapping[str, float], placed: PlacedEffect) -> float:
-    """Creep that takes most of the recording never came to rest in it: it is a spring, which is simpler."""
+def penalize_unsettled(parameters: Mapping[str, float], placed: PlacedEffect) -> float:
+    """Creep that takes half of the recording or more has not settled in it; a spring explains it as well."""
     slow = parameters["time_constant"] > VERDICT.elastic_creep_share * placed.scales.duration_s
     return VERDICT.elastic_creep_penalty if slow else 0.0
 
@@ -59,11 +59,11 @@ EFFECT = ForceEffect(
     memory_kinds=("coordinate",),
     constants=lambda scales, variant: (scales.stiffness,),
     passive=True,
-    excitation=excitation,
+    excitation=grade_excitation,
     confusable_with=("viscous_damping", "linear_stiffness", "parameter_drift"),
-    fitted_penalty=fitted_penalty,
+    fitted_penalty=penalize_unsettled,
     flexible=True,
-    mujoco="springs of joints have no internal state; it would need a massless body in series",
+    mujoco="springs of joints have no internal state; it would need a massless body in series.",
     description=EffectDescription(
         title="creep of a soft material",
         kind="mechanism",

@@ -1,4 +1,4 @@
-"""Hardening or softening: ``Q = -m coefficient s^3``."""
+"""A spring that hardens or softens: ``Q = -m coefficient s^3``."""
 
 from collections.abc import Mapping
 from typing import Any, no_type_check
@@ -15,12 +15,12 @@ from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 @compile_force_law
 @no_type_check
 def force(t, s, v, spring, drive, memory, theta, d_memory):
-    """``-coefficient s^3``."""
+    """Return ``-coefficient s^3``."""
     return -theta[0] * s * s * s
 
 
-def excitation(measures: ExcitationMeasures) -> Grade:
-    """A frequency that depends on amplitude."""
+def grade_excitation(measures: ExcitationMeasures) -> Grade:
+    """It shows as a frequency that depends on amplitude."""
     wide = measures.amplitude_ratio > 2.0
     return make_grade(
         wide and measures.periods > 5,
@@ -49,7 +49,7 @@ EFFECT = ForceEffect(
     needs="two amplitudes, one at least twice the other",
     law=force,
     energy_bounded=lambda p, placed: p["coefficient"] >= 0.0,
-    excitation=excitation,
+    excitation=grade_excitation,
     confusable_with=("end_stop",),
     absorbed_by_fit=True,
     mujoco=to_mujoco,

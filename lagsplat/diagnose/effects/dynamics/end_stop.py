@@ -1,4 +1,4 @@
-"""A stop on one side: beyond ``position`` a stiff spring pushes back, and loses energy.
+"""A stop on one side: beyond ``position`` a stiff spring pushes back and loses energy.
 
 Source: Hunt and Crossley, doi:10.1115/1.3423596.
 """
@@ -22,7 +22,7 @@ LIMIT_IMPEDANCE = 0.005
 @compile_force_law
 @no_type_check
 def force(t, s, v, spring, drive, memory, theta, d_memory):
-    """``-stiffness_ratio omega^2 depth (1 + loss v)``, never pulling; the depth is smooth within a width."""
+    """Return ``-stiffness_ratio omega^2 depth (1 + loss v)``, never pulling; the depth starts smoothly."""
     side, width = theta[4], theta[5]
     x = (side * s - theta[1]) / width
     depth = width * (x if x > 30.0 else math.log1p(math.exp(x)))
@@ -34,7 +34,7 @@ def _constants(scales: Scales, variant: str) -> tuple[float, ...]:
 
 
 def _report_parameters(parameters: Mapping[str, float], placed: PlacedEffect) -> dict[str, Any]:
-    """The position as a value of the coordinate, on either side of rest."""
+    """The position as a value of the coordinate instead of a distance from rest."""
     assert placed.direction is not None
     away = parameters["position"] * (1.0 if placed.variant == "upper" else -1.0)
     return {
@@ -43,8 +43,8 @@ def _report_parameters(parameters: Mapping[str, float], placed: PlacedEffect) ->
     }
 
 
-def excitation(measures: ExcitationMeasures) -> Grade:
-    """A force on one side only, met at several speeds."""
+def grade_excitation(measures: ExcitationMeasures) -> Grade:
+    """It shows where the motion turns on one side, at several speeds."""
     return make_grade(
         measures.reversals >= 6 and measures.amplitude_ratio > 1.5,
         measures.reversals >= 4,
@@ -91,7 +91,7 @@ EFFECT = ForceEffect(
     constants=_constants,
     passive=True,
     report_parameters=_report_parameters,
-    excitation=excitation,
+    excitation=grade_excitation,
     confusable_with=("cubic_stiffness",),
     mujoco=to_mujoco,
     description=EffectDescription(

@@ -1,4 +1,4 @@
-"""A degree of freedom that the sim lacks: a second mass on a spring, carried along."""
+"""A degree of freedom that the simulation lacks: a second mass on a spring that is carried along."""
 
 from typing import no_type_check
 
@@ -12,7 +12,7 @@ from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 @compile_force_law
 @no_type_check
 def force(t, s, v, spring, drive, memory, theta, d_memory):
-    """``mass_ratio (omega^2 x + 2 zeta omega dx/dt)``, ``x`` from the first mass to the second."""
+    """Return ``mass_ratio (omega^2 x + 2 zeta omega dx/dt)``, ``x`` from the first mass to the second."""
     omega = theta[1]
     pull = omega * omega * (memory[0] - s) + 2.0 * theta[2] * omega * (memory[1] - v)
     d_memory[0] = memory[1]
@@ -20,8 +20,8 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
     return theta[0] * pull
 
 
-def excitation(measures: ExcitationMeasures) -> Grade:
-    """A second resonance, and what it gives back."""
+def grade_excitation(measures: ExcitationMeasures) -> Grade:
+    """It shows as a second resonance, and as energy that comes back."""
     broad = any(channel.high > 1.5 for channel in measures.inputs)
     sharp = measures.samples_per_period > 25 and measures.swing_over_noise > 30
     return make_grade(
@@ -54,12 +54,12 @@ EFFECT = ForceEffect(
         "mass_ratio": p["mass_ratio"],
         "damping_ratio": p["damping_ratio"],
     },
-    excitation=excitation,
+    excitation=grade_excitation,
     confusable_with=("external_periodic_force", "mass_change"),
     # a resonance of its own imitates inertia, damping and vibration
     log_prior_penalty=3.0,
     flexible=True,
-    mujoco="it would need another body, whose place and axis a generalised coordinate does not tell",
+    mujoco="it would need another body, whose place and axis a generalised coordinate does not tell.",
     description=EffectDescription(
         title="a part that swings along and that the simulation does not have",
         kind="mechanism",

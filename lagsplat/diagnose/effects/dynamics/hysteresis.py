@@ -15,14 +15,14 @@ from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 @compile_force_law
 @no_type_check
 def force(t, s, v, spring, drive, memory, theta, d_memory):
-    """``-acceleration z`` with ``dz/dt = (v - |v| z / 2 - v |z| / 2) / displacement``."""
+    """Return ``-acceleration z`` with ``dz/dt = (v - |v| z / 2 - v |z| / 2) / displacement``."""
     z = memory[0]
     d_memory[0] = (v - 0.5 * abs(v) * z - 0.5 * v * abs(z)) / theta[1]
     return -theta[0] * z
 
 
-def excitation(measures: ExcitationMeasures) -> Grade:
-    """A loop that does not depend on speed."""
+def grade_excitation(measures: ExcitationMeasures) -> Grade:
+    """It shows as a loop of force over position that does not depend on speed."""
     slow = measures.driven and any(channel.low < 0.4 for channel in measures.inputs)
     slowly = ", slow inputs among them" if slow else ""
     reason = f"{measures.reversals} reversals, {describe_swings(measures)}{slowly}"
@@ -48,9 +48,9 @@ EFFECT = ForceEffect(
     law=force,
     n_memory=1,
     memory_start=("zero",),
-    excitation=excitation,
+    excitation=grade_excitation,
     confusable_with=("coulomb_friction", "stribeck_friction", "load_dependent_friction"),
-    mujoco="springs of joints have no internal state",
+    mujoco="springs of joints have no internal state.",
     description=EffectDescription(
         title="hysteresis",
         kind="mechanism",

@@ -12,12 +12,12 @@ from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 @compile_force_law
 @no_type_check
 def force(t, s, v, spring, drive, memory, theta, d_memory):
-    """``omega^2 (s - s beyond the gap)``: takes the spring away within the gap, and the gap beyond it."""
+    """Return ``omega^2 clip(s, -gap, gap)``, which cancels the spring within the gap."""
     return theta[1] * min(max(s, -theta[0]), theta[0])
 
 
-def excitation(measures: ExcitationMeasures) -> Grade:
-    """Free play about the rest: the smallest swings show it."""
+def grade_excitation(measures: ExcitationMeasures) -> Grade:
+    """It shows in the smallest swings."""
     return make_grade(
         measures.amplitude_ratio > 3.0 and measures.reversals >= 8,
         measures.amplitude_ratio > 1.8 or measures.slow_share > 0.1,
@@ -37,8 +37,8 @@ EFFECT = ForceEffect(
     needs="a decay through small amplitudes",
     law=force,
     constants=lambda scales, variant: (scales.stiffness,),
-    excitation=excitation,
-    mujoco="the force of a joint's spring is a polynomial, which has no flat part about rest",
+    excitation=grade_excitation,
+    mujoco="the force of a joint's spring is a polynomial, which has no flat part about rest.",
     description=EffectDescription(
         title="free play in a joint",
         kind="mechanism",

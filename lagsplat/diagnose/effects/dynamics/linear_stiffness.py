@@ -1,4 +1,4 @@
-"""A stiffer or softer return to rest: the sim's potential times ``ratio``, or a spring beside it.
+"""Another stiffness: the potential of the simulation times ``ratio``, or a spring beside it.
 
 A spring that is missed beside gravity is no share of the potential: at a large angle the two part.
 """
@@ -36,21 +36,23 @@ SOFT = 0.1
 @compile_force_law
 @no_type_check
 def force(t, s, v, spring, drive, memory, theta, d_memory):
-    """``(ratio - 1)`` times the conservative force of the sim, or that of a spring ``-omega^2 s``."""
+    """Return ``(ratio - 1)`` times the conservative force of the model, or of a spring ``-omega^2 s``."""
     return (math.exp(theta[0]) - 1.0) * (theta[1] * spring - theta[2] * s)
 
 
-def whole(coefficients: CoefficientBatch, theta: Float64[np.ndarray, "P 1"], model: Any) -> CoefficientBatch:
-    """The potential times ``ratio``."""
+def scale_potential(
+    coefficients: CoefficientBatch, theta: Float64[np.ndarray, "P 1"], model: Any
+) -> CoefficientBatch:
+    """Multiply the potential by ``ratio``."""
     return replace(coefficients, potential=coefficients.potential * np.exp(theta[:, :1]))
 
 
 def _shares(scales: Scales, variant: str) -> tuple[float, float]:
-    """How much of the sim's own force, and the ``omega^2`` of a spring."""
-    return (0.0, stiffness_unit(scales, variant)) if variant == SPRING else (1.0, 0.0)
+    """The share of the model's own force, and the ``omega^2`` of a spring."""
+    return (0.0, choose_stiffness_unit(scales, variant)) if variant == SPRING else (1.0, 0.0)
 
 
-def stiffness_unit(scales: Scales, variant: str) -> float:
+def choose_stiffness_unit(scales: Scales, variant: str) -> float:
     """What a ratio is of [1/s^2]: the stiffness at rest, or of the motion for a spring beside hardly any."""
     of_motion = scales.of("rate") ** 2
     soft = variant == SPRING and scales.stiffness <= SOFT * of_motion
@@ -59,14 +61,14 @@ def stiffness_unit(scales: Scales, variant: str) -> float:
 
 def _report_parameters(values: Mapping[str, float], placed: PlacedEffect) -> dict[str, float]:
     """The ratio; where the model has hardly any stiffness, the stiffness of the added spring."""
-    unit = stiffness_unit(placed.scales, placed.variant)
+    unit = choose_stiffness_unit(placed.scales, placed.variant)
     if placed.variant != SPRING or unit == placed.scales.stiffness:
         return dict(values)
     return {"added_stiffness": (values["ratio"] - 1.0) * unit}
 
 
-def excitation(measures: ExcitationMeasures) -> Grade:
-    """A frequency, and a static answer that tells it from inertia."""
+def grade_excitation(measures: ExcitationMeasures) -> Grade:
+    """It shows as a frequency, and apart from inertia as a static response."""
     static = measures.driven and any(channel.low < 0.5 for channel in measures.inputs)
     reason = "slow inputs show stiffness apart from inertia" if static else "only the ratio to inertia shows"
     return make_grade(static and measures.periods > 3, measures.periods > 2, reason, ask_for_steps(measures))
@@ -112,13 +114,13 @@ EFFECT = ForceEffect(
     place=place,
     law=force,
     constants=_shares,
-    whole=whole,
+    whole=scale_potential,
     # a scaled potential keeps its bounds; a spring that is taken away may not
     energy_bounded=lambda p, placed: placed.variant != SPRING or p["ratio"] >= 1.0,
-    stiffness_unit=stiffness_unit,
+    stiffness_unit=choose_stiffness_unit,
     report_parameters=_report_parameters,
     report_units={"added_stiffness": "1/s^2"},
-    excitation=excitation,
+    excitation=grade_excitation,
     confusable_with=("mass_change", "input_gain", "viscous_damping", "creep", "parameter_drift"),
     absorbed_by_fit=True,
     mujoco=to_mujoco,

@@ -16,12 +16,12 @@ from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 @compile_force_law
 @no_type_check
 def force(t, s, v, spring, drive, memory, theta, d_memory):
-    """``-(acceleration + load_factor |load|) sign(v)``, the load being what spring and drive press with."""
+    """Return ``-(acceleration + load_factor |load|) sign(v)``; spring and drive make up the load."""
     return -(theta[1] + theta[0] * abs(spring - drive)) * math.tanh(v / theta[2])
 
 
-def excitation(measures: ExcitationMeasures) -> Grade:
-    """Friction that grows with the load: two loads are needed."""
+def grade_excitation(measures: ExcitationMeasures) -> Grade:
+    """It shows at two loads or more."""
     loads = measures.holds >= 2 or any(channel.levels >= 3 for channel in measures.inputs)
     return make_grade(
         loads and measures.reversals >= 8 and measures.amplitude_ratio > 2.0,
@@ -47,11 +47,11 @@ EFFECT = ForceEffect(
     constants=lambda scales, variant: (0.02 * scales.velocity,),
     passive=True,
     report_parameters=lambda p, placed: {"acceleration": p["acceleration"], "load_factor": p["load_factor"]},
-    excitation=excitation,
+    excitation=grade_excitation,
     confusable_with=("coulomb_friction", "stribeck_friction", "hysteresis"),
     # has Coulomb friction as a special case
     log_prior_penalty=2.0,
-    mujoco="the friction loss of a joint does not depend on the load that it carries",
+    mujoco="the friction loss of a joint does not depend on the load that it carries.",
     description=EffectDescription(
         title="friction that grows with load",
         kind="mechanism",

@@ -1,4 +1,4 @@
-"""Another inertia than the sim's: ``M -> ratio M``; what hangs has weight too, ``V -> ratio V``."""
+"""Another inertia than the simulation's: ``M -> ratio M``, and ``V -> ratio V`` where the mass hangs."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -28,7 +28,7 @@ WEIGHT = "weight"
 def change(
     coefficients: CoefficientBatch, theta: Float64[np.ndarray, "P 1"], placed: PlacedEffect, model: Any
 ) -> CoefficientBatch:
-    """``M`` times ``ratio``, and ``V`` too where the mass hangs."""
+    """Multiply ``M`` by ``ratio``, and ``V`` too where the mass hangs."""
     ratio = np.exp(theta[:, 0])
     if placed.direction is not None:
         p = placed.direction.covector
@@ -42,8 +42,8 @@ def change(
     return replace(coefficients, mass=mass, potential=coefficients.potential * ratio[:, None])
 
 
-def excitation(measures: ExcitationMeasures) -> Grade:
-    """Frequency and damping change together, the static answer does not."""
+def grade_excitation(measures: ExcitationMeasures) -> Grade:
+    """It changes frequency and damping together, but not the static response."""
     broad = measures.driven and any(channel.low < 0.5 and channel.high > 0.8 for channel in measures.inputs)
     reason = "inputs below and at the natural frequency" if broad else "only the ratio to stiffness shows"
     return make_grade(broad and measures.periods > 3, measures.periods > 2, reason, ask_for_steps(measures))
@@ -89,7 +89,7 @@ EFFECT = ModelEffect(
     place=place,
     change=change,
     energy_bounded=lambda p, placed: True,
-    excitation=excitation,
+    excitation=grade_excitation,
     confusable_with=("linear_stiffness", "input_gain", "viscous_damping", "hidden_mode"),
     absorbed_by_fit=True,
     mujoco=to_mujoco,

@@ -1,4 +1,4 @@
-"""A parameter that changes slowly: the stiffness by ``rate`` a second, or a load; the change may bend."""
+"""A parameter that changes slowly: the stiffness, or a load, by ``rate`` a second and a quadratic term."""
 
 from typing import no_type_check
 
@@ -12,7 +12,7 @@ from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 @compile_force_law
 @no_type_check
 def force(t, s, v, spring, drive, memory, theta, d_memory):
-    """``rate t + bend t^2 / duration`` times the conservative force, or times the unit of acceleration."""
+    """Return ``rate t + bend t^2 / duration`` times the conservative force or the unit of acceleration."""
     return (theta[0] + theta[1] * t / theta[3]) * t * (spring if theta[2] == 0.0 else theta[2])
 
 
@@ -20,8 +20,8 @@ def _constants(scales: Scales, variant: str) -> tuple[float, ...]:
     return (0.0 if variant == "" else scales.of("acceleration"), scales.duration_s)
 
 
-def excitation(measures: ExcitationMeasures) -> Grade:
-    """A slow change over the whole recording."""
+def grade_excitation(measures: ExcitationMeasures) -> Grade:
+    """It shows as a slow change over the whole recording."""
     return make_grade(
         measures.periods > 25,
         measures.periods > 8,
@@ -49,9 +49,9 @@ EFFECT = ForceEffect(
     report_parameters=lambda p, placed: {
         "rate": p["rate"] * (_constants(placed.scales, placed.variant)[0] or 1.0)
     },
-    excitation=excitation,
+    excitation=grade_excitation,
     confusable_with=("creep", "viscous_damping", "linear_stiffness", "camera_drift"),
-    mujoco="parameters of a model do not depend on time",
+    mujoco="parameters of a model do not depend on time.",
     description=EffectDescription(
         title="a property that changes slowly",
         kind="outside",

@@ -13,12 +13,12 @@ from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 @compile_force_law
 @no_type_check
 def force(t, s, v, spring, drive, memory, theta, d_memory):
-    """``-coefficient |v| v``."""
+    """Return ``-coefficient |v| v``."""
     return -theta[0] * abs(v) * v
 
 
-def excitation(measures: ExcitationMeasures) -> Grade:
-    """Decay that is faster at large swings."""
+def grade_excitation(measures: ExcitationMeasures) -> Grade:
+    """It shows as a decay that is faster at large swings."""
     reason = describe_swings(measures)
     return make_grade(
         measures.amplitude_ratio > 3.0 and measures.periods > 4,
@@ -45,7 +45,7 @@ EFFECT = ForceEffect(
     acts_everywhere=True,
     law=force,
     passive=True,
-    excitation=excitation,
+    excitation=grade_excitation,
     confusable_with=("viscous_damping",),
     mujoco=to_mujoco,
     description=EffectDescription(

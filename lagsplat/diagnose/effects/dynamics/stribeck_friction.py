@@ -16,13 +16,13 @@ from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 @compile_force_law
 @no_type_check
 def force(t, s, v, spring, drive, memory, theta, d_memory):
-    """``-coulomb (1 + excess exp(-(v/velocity)^2)) sign(v)``."""
+    """Return ``-coulomb (1 + excess exp(-(v/velocity)^2)) sign(v)``."""
     ratio = v / theta[2]
     return -theta[0] * (1.0 + theta[1] * math.exp(-ratio * ratio)) * math.tanh(v / theta[3])
 
 
-def excitation(measures: ExcitationMeasures) -> Grade:
-    """Friction that falls as sliding begins."""
+def grade_excitation(measures: ExcitationMeasures) -> Grade:
+    """It shows where sliding begins: friction falls there."""
     reason = f"{100 * measures.slow_share:.2g} % of the samples creep, {measures.reversals} reversals"
     return make_grade(
         measures.slow_share > 0.1 and measures.reversals >= 6,
@@ -53,11 +53,11 @@ EFFECT = ForceEffect(
         "static": p["coulomb"] * (1.0 + p["excess"]),
         "velocity": p["velocity"],
     },
-    excitation=excitation,
+    excitation=grade_excitation,
     confusable_with=("coulomb_friction", "load_dependent_friction", "hysteresis"),
     # has Coulomb friction as a special case
     log_prior_penalty=2.0,
-    mujoco="the friction loss of a joint does not depend on its speed",
+    mujoco="the friction loss of a joint does not depend on its speed.",
     description=EffectDescription(
         title="dry friction that sticks",
         kind="mechanism",

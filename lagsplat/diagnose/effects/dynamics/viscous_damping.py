@@ -1,4 +1,4 @@
-"""Viscous damping that differs from the sim's: ``Q = -rate m v``, real minus sim."""
+"""Viscous damping that differs from the simulation's: ``Q = -rate m v``, real minus simulated."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -17,19 +17,21 @@ from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 @compile_force_law
 @no_type_check
 def force(t, s, v, spring, drive, memory, theta, d_memory):
-    """``-rate v``."""
+    """Return ``-rate v``."""
     return -theta[0] * v
 
 
-def whole(coefficients: CoefficientBatch, theta: Float64[np.ndarray, "P 1"], model: Any) -> CoefficientBatch:
-    """Damping in proportion to the inertia at rest."""
+def add_damping(
+    coefficients: CoefficientBatch, theta: Float64[np.ndarray, "P 1"], model: Any
+) -> CoefficientBatch:
+    """Add damping in proportion to the inertia at rest."""
     damping = coefficients.damping.copy()
     damping[:, 0] += theta[:, :1, None] * model.inertia
     return replace(coefficients, damping=damping)
 
 
-def excitation(measures: ExcitationMeasures) -> Grade:
-    """Decay that is the same at every amplitude."""
+def grade_excitation(measures: ExcitationMeasures) -> Grade:
+    """It shows as a decay that is the same at every amplitude."""
     return make_grade(
         measures.amplitude_ratio > 1.8 and measures.periods > 4,
         measures.periods > 3,
@@ -56,9 +58,9 @@ EFFECT = ForceEffect(
     acts_everywhere=True,
     between_variants=("",),
     law=force,
-    whole=whole,
+    whole=add_damping,
     energy_bounded=lambda p, placed: p["rate"] >= 0.0,
-    excitation=excitation,
+    excitation=grade_excitation,
     confusable_with=(
         "mass_change",
         "linear_stiffness",

@@ -1,4 +1,4 @@
-"""A lens or pose that changed: the coordinates are seen shifted and stretched."""
+"""A camera that was moved or zoomed: the coordinates appear shifted and stretched."""
 
 from typing import Any
 
@@ -12,7 +12,7 @@ from lagsplat.diagnose.effects.parameters import EffectParameter, Normal
 
 
 def observe(y: Any, v: Any, t: Any, theta: Float64[np.ndarray, "P 2"], placed: PlacedEffect) -> Any:
-    """``y + zoom (y - rest) + shift`` along the direction."""
+    """Return ``y + zoom (y - rest) + shift`` along the direction."""
     along = placed.direction
     assert along is not None
     p = along.covector
@@ -21,8 +21,8 @@ def observe(y: Any, v: Any, t: Any, theta: Float64[np.ndarray, "P 2"], placed: P
     return y + move[..., None] * (p / (p @ p))
 
 
-def excitation(measures: ExcitationMeasures) -> Grade:
-    """Coordinates that are scaled and shifted although the mechanism is the same."""
+def grade_excitation(measures: ExcitationMeasures) -> Grade:
+    """Trajectories alone hardly show it: only a nonlinear law tells a scale."""
     nonlinear = measures.amplitude_ratio > 2.0
     return make_grade(
         False,
@@ -46,12 +46,12 @@ EFFECT = ObservationEffect(
     needs="a background that stands still",
     observe=observe,
     report_parameters=lambda p, placed: {"zoom": 1.0 + p["zoom"], "shift": p["shift"]},
-    excitation=excitation,
+    excitation=grade_excitation,
     confusable_with=("input_gain", "constant_force"),
     # zoom and shift imitate a gain, a stiffness or a tilt
     log_prior_penalty=4.0,
     camera="moved between recordings",
-    mujoco="it concerns the camera of the recording, not the mechanism",
+    mujoco="it concerns the camera of the recording, not the mechanism.",
     description=EffectDescription(
         title="a camera that was moved or zoomed",
         kind="observation",

@@ -1,4 +1,4 @@
-"""A camera that moves slowly: what is seen walks away by ``rate`` a second."""
+"""A camera that moves slowly: all coordinates shift by ``rate`` a second."""
 
 from typing import Any
 
@@ -12,15 +12,15 @@ from lagsplat.diagnose.effects.parameters import EffectParameter, Normal
 
 
 def observe(y: Any, v: Any, t: Any, theta: Float64[np.ndarray, "P 1"], placed: PlacedEffect) -> Any:
-    """``y + rate t`` along the direction."""
+    """Return ``y + rate t`` along the direction."""
     along = placed.direction
     assert along is not None
     p = along.covector
     return y + (theta[:, 0, None, None] * t)[..., None] * (p / (p @ p))
 
 
-def excitation(measures: ExcitationMeasures) -> Grade:
-    """A slow shift of everything that is seen."""
+def grade_excitation(measures: ExcitationMeasures) -> Grade:
+    """Trajectories alone never show it well: a drift of the rest looks the same."""
     reason = f"{measures.periods:.3g} periods; a drift of the rest looks the same"
     return make_grade(False, measures.periods > 8, reason, "film a static background too, and give the video")
 
@@ -34,10 +34,10 @@ EFFECT = ObservationEffect(
     parameters=(EffectParameter("rate", "drift", Normal(0.2)),),
     needs="a background that stands still, or the same motion early and late",
     observe=observe,
-    excitation=excitation,
+    excitation=grade_excitation,
     confusable_with=("parameter_drift",),
     camera="moves while recording",
-    mujoco="it concerns the camera of the recording, not the mechanism",
+    mujoco="it concerns the camera of the recording, not the mechanism.",
     description=EffectDescription(
         title="a camera that moves slowly",
         kind="observation",

@@ -1,4 +1,4 @@
-"""A long exposure: what is seen is the mean over it, so that fast motion looks smaller."""
+"""A long exposure: a frame is the mean over it, so that fast motion looks smaller."""
 
 from typing import Any
 
@@ -12,9 +12,9 @@ from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal
 
 
 def observe(y: Any, v: Any, t: Any, theta: Float64[np.ndarray, "P 1"], placed: PlacedEffect) -> Any:
-    """``y + exposure^2 / 24 d^2y/dt^2``, to second order in the exposure.
+    """Return ``y + exposure^2 / 24 d^2y/dt^2``, to second order in the exposure.
 
-    Beyond the end of a window time stands still; nothing is differenced across that.
+    Padding after the end of a window repeats its last time; no difference is taken across it.
     """
     gap = np.diff(t, axis=1)
     real = gap > 0.0
@@ -29,8 +29,8 @@ def observe(y: Any, v: Any, t: Any, theta: Float64[np.ndarray, "P 1"], placed: P
     return y + theta[:, 0, None, None, None] ** 2 / 24.0 * bend
 
 
-def excitation(measures: ExcitationMeasures) -> Grade:
-    """Fast motion that is seen smaller and later."""
+def grade_excitation(measures: ExcitationMeasures) -> Grade:
+    """Trajectories alone hardly show it: fast motion appears smaller."""
     fast = measures.samples_per_period < 25 or measures.speed_ratio > 2.0
     reason = f"{measures.samples_per_period:.3g} samples a period"
     return make_grade(False, fast, reason, "give the video, with its exposure time")
@@ -46,9 +46,9 @@ EFFECT = ObservationEffect(
     needs="motion within one exposure, seen in the pictures",
     along="whole",
     observe=observe,
-    excitation=excitation,
+    excitation=grade_excitation,
     camera="shutter",
-    mujoco="it concerns the camera of the recording, not the mechanism",
+    mujoco="it concerns the camera of the recording, not the mechanism.",
     description=EffectDescription(
         title="a long exposure",
         kind="observation",

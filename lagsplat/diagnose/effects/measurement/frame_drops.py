@@ -1,4 +1,4 @@
-"""Frames that show again what the camera saw a few frames before."""
+"""Lost or repeated frames: some frames show again what the camera saw a few frames before."""
 
 import numpy as np
 from jaxtyping import Float64
@@ -17,7 +17,9 @@ LATE = (0.4, 0.25, 0.15, 0.1, 0.06, 0.04)
 def explain(
     residual: Float64[np.ndarray, "n d"], speed: Float64[np.ndarray, "n d"]
 ) -> tuple[float, dict[str, tuple[float, float, float]], float]:
-    """A share of the frames is late by whole ones, all coordinates at once, against even noise.
+    """Compare a mixture, in which a share of the frames is late by whole frames, with even noise.
+
+    All coordinates of a frame are late at once.
 
     The level of the noise in the mixture is that of the middle half of the residuals.
     """
@@ -37,8 +39,8 @@ def explain(
     return best, {"count": (count, max(count - about, 0.0), count + about)}, float(off.min(axis=0).sum())
 
 
-def excitation(measures: ExcitationMeasures) -> Grade:
-    """Jumps along the motion."""
+def grade_excitation(measures: ExcitationMeasures) -> Grade:
+    """It shows as jumps along the motion."""
     return grade_timing(measures, "record faster swings, or read the camera's own frame counter")
 
 
@@ -53,8 +55,8 @@ EFFECT = SampleEffect(
     along="whole",
     explain=explain,
     repeats=True,
-    excitation=excitation,
-    mujoco="it concerns the frames of the recording, not the mechanism",
+    excitation=grade_excitation,
+    mujoco="it concerns the frames of the recording, not the mechanism.",
     description=EffectDescription(
         title="lost or repeated frames",
         kind="observation",

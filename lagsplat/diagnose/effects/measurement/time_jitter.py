@@ -1,4 +1,4 @@
-"""Instants of the frames that are only known roughly: noise that grows with the speed."""
+"""Time stamps that scatter: noise that grows with the speed."""
 
 import numpy as np
 from jaxtyping import Float64
@@ -19,10 +19,10 @@ INSIDE = 1.353
 def explain(
     residual: Float64[np.ndarray, "n d"], speed: Float64[np.ndarray, "n d"]
 ) -> tuple[float, dict[str, tuple[float, float, float]], float]:
-    """Noise of covariance ``level I + std^2 speed speed^T`` against even noise of the best level.
+    """Compare noise of covariance ``level I + std^2 speed speed^T`` with even noise of the best level.
 
-    An instant that is off moves all coordinates at once along their speed. What a law has wrong grows with
-    speed, too, but with that of each coordinate alone: of several, jitter must be likelier than that as well.
+    A wrong instant moves all coordinates at once along their speed. The error of a law grows with speed,
+    too, but with that of each coordinate alone: of several coordinates, jitter must be likelier than that.
     """
     even = float(np.mean(residual**2))
     levels, sizes = even * LEVELS, np.concatenate([[0.0], SIZES])
@@ -50,8 +50,8 @@ def _gains(
     return -0.5 * np.sum(square / variance + np.log(variance / even) - 1.0, axis=2)
 
 
-def excitation(measures: ExcitationMeasures) -> Grade:
-    """Errors that grow with speed."""
+def grade_excitation(measures: ExcitationMeasures) -> Grade:
+    """It shows as errors that grow with speed."""
     return grade_timing(measures, "record faster swings, with the sensor's noise reduced")
 
 
@@ -65,8 +65,8 @@ EFFECT = SampleEffect(
     needs="fast and slow stretches",
     along="whole",
     explain=explain,
-    excitation=excitation,
-    mujoco="it concerns the time stamps of the recording, not the mechanism",
+    excitation=grade_excitation,
+    mujoco="it concerns the time stamps of the recording, not the mechanism.",
     description=EffectDescription(
         title="time stamps that scatter",
         kind="observation",

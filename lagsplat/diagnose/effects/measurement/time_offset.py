@@ -15,12 +15,12 @@ from lagsplat.diagnose.effects.parameters import EffectParameter, Normal
 
 
 def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray, "P M"]:
-    """The input as it will be in ``offset``, or was."""
+    """Return the input as it is ``offset`` later, or earlier if that is negative."""
     return np.stack([signal.at(signal.time + offset) for offset in theta[:, 0]])
 
 
-def excitation(channel: InputMeasures, measures: ExcitationMeasures) -> Grade:
-    """Two clocks that differ; a delay of the input looks the same without an event that both show."""
+def grade_excitation(channel: InputMeasures, measures: ExcitationMeasures) -> Grade:
+    """It shows where the input is fast, but a delay looks the same unless both clocks record one event."""
     grade = grade_fast_input(channel, measures)
     return Grade(
         "weak" if grade.excited == "yes" else grade.excited,
@@ -42,9 +42,9 @@ EFFECT = InputEffect(
     needs="an input with steps, and an event that starts without it",
     along="whole",
     change=change,
-    excitation=excitation,
+    excitation=grade_excitation,
     confusable_with=("input_delay", "input_lag"),
-    mujoco="it concerns the clocks of the recording, not the mechanism",
+    mujoco="it concerns the clocks of the recording, not the mechanism.",
     description=EffectDescription(
         title="clocks of motion and inputs that disagree",
         kind="observation",
