@@ -15,7 +15,7 @@ from lagsplat.systems import chain
 from lagsplat.systems.arm import Arm, build_arm
 from lagsplat.systems.config import PlantedConfig, SimulationConfig
 from lagsplat.systems.release import draw_pressures, spline_coefficients
-from lagsplat.systems.rendering.arm import paint_board
+from lagsplat.systems.rendering.painting import paint_board
 from lagsplat.systems.simulate import choose_rate, film_simulation
 
 CREEP_RAD_S = 0.05

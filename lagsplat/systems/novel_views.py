@@ -7,7 +7,7 @@ from jaxtyping import UInt8
 from lagsplat.systems.config import ReleaseConfig
 from lagsplat.systems.mechanism import Poses, Series
 from lagsplat.systems.release import make_mechanism
-from lagsplat.systems.rendering.bodies import paint
+from lagsplat.systems.rendering.painting import paint_bodies
 from lagsplat.systems.video import make_camera, set_up_scene
 from lagsplat.views.camera import Camera, ViewSpace, arrange_cameras
 from lagsplat.views.config import ArrangementConfig
@@ -38,7 +38,7 @@ def photograph_scene(config: ReleaseConfig, poses: Poses, camera: Camera) -> UIn
     """What a camera sees of the bodies in their poses."""
     fine = camera.resized(FINE * camera.height, FINE * camera.width)
     wall, bodies = set_up_scene(config, fine)
-    return np.stack([_small(paint(wall, bodies, pose, fine), camera) for pose in poses])
+    return np.stack([_small(paint_bodies(wall, bodies, pose, fine), camera) for pose in poses])
 
 
 def _small(picture: np.ndarray, camera: Camera) -> UInt8[np.ndarray, "H W 3"]:

@@ -19,7 +19,7 @@ from lagsplat.systems import chain
 from lagsplat.systems.arm import Arm, build_arm
 from lagsplat.systems.config import ReleaseConfig, SimulationConfig
 from lagsplat.systems.release import draw_pressures, release, spline_coefficients
-from lagsplat.systems.rendering.arm import Board, paint, paint_board
+from lagsplat.systems.rendering.painting import Board, paint_arm, paint_board
 from lagsplat.systems.truth import Truth, compute_truth
 
 CHUNK_FRAMES = 1024
@@ -86,7 +86,7 @@ def film_simulation(
     frames = np.empty((len(states), *board.shape), np.uint8)
     for start in range(0, len(states), CHUNK_FRAMES):
         part = slice(start, start + CHUNK_FRAMES)
-        clean = paint(
+        clean = paint_arm(
             states[part], arm=arm, half_width=config.arm.half_width, view_width=config.view_width, board=board
         )
         noise = generator.standard_normal(clean.shape, dtype=np.float32)

@@ -10,7 +10,7 @@ from lagsplat.io.recording.recording import Recording
 from lagsplat.io.video.read import read_video
 from lagsplat.systems.config import ReleaseConfig
 from lagsplat.systems.mechanism import Poses
-from lagsplat.systems.rendering.bodies import DrawnBody, Picture, backdrop, paint
+from lagsplat.systems.rendering.painting import DrawnBody, Picture, backdrop, paint_bodies
 from lagsplat.systems.rendering.textures import SHAPES, photograph
 from lagsplat.views.camera import Camera, look_at
 
@@ -86,7 +86,9 @@ def _write(
     try:
         for pose in poses:
             noise = generator.standard_normal(wall.shape, dtype=np.float32)
-            levels = 255 * paint(wall, bodies, pose, camera) + np.float32(config.scene.noise_levels) * noise
+            levels = (
+                255 * paint_bodies(wall, bodies, pose, camera) + np.float32(config.scene.noise_levels) * noise
+            )
             picture = np.clip(np.rint(levels), 0, 255).astype(np.uint8)
             writer.write(cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
     finally:

@@ -10,9 +10,9 @@ from torch.autograd.functional import jacobian
 
 from lagsplat.forces.equilibrium import potential_energy, settle
 from lagsplat.forces.grasp import MatterKinematics, grasp_brush
-from lagsplat.forces.loaded_lagrangian import LawEdits, LoadedLagrangian, rollout_under_force
+from lagsplat.forces.loaded_lagrangian import LoadedLagrangian, rollout_under_force
 from lagsplat.stage2.decoder_mass import DecoderGeometry
-from lagsplat.stage2.lagrangian import Lagrangian, find_equilibrium
+from lagsplat.stage2.lagrangian import Lagrangian, LawEdits, find_equilibrium
 from lagsplat.stage2.rollout import rollout
 from tests.stage2_problems import random_lagrangian
 

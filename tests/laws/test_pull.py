@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from lagsplat.forces.equilibrium import OperatingPoint
 from lagsplat.report.figures.forces import turn_camera
-from lagsplat.viewer.server.drag import ImageDrag, RayDrag
+from lagsplat.viewer.server.canvas import ImageDrag, RayDrag
 from tests.unit.forces.solid import FRONT, HEIGHT, WIDTH, turning
 
 YAW, PITCH = st.floats(-40.0, 40.0), st.floats(-25.0, 25.0)

@@ -32,9 +32,9 @@ def double_pendulum() -> FieldFunctions:
 
     return FieldFunctions(
         mass=mass,
-        slope=lambda q: GRAVITY * LENGTH * np.sin(q) * np.array([2.0, 1.0]),
+        potential_gradient=lambda q: GRAVITY * LENGTH * np.sin(q) * np.array([2.0, 1.0]),
         input_map=lambda q: np.tile([[[1.0, -1.0]]], (len(q), 1, 1)),
-        loss=lambda q, v: 0.02 * v,
+        dissipation=lambda q, v: 0.02 * v,
     )
 
 
@@ -112,7 +112,7 @@ def test_what_cannot_be_written_is_told() -> None:
     with pytest.raises(ValueError, match="zero everywhere"):
         project_acceleration(lambda q, v, u: 0.0 * q, region, what="sim")
     heavy = double_pendulum()
-    without = FieldFunctions(lambda q: -heavy.mass(q), heavy.slope, heavy.input_map, heavy.loss)
+    without = FieldFunctions(lambda q: -heavy.mass(q), heavy.potential_gradient, heavy.input_map, heavy.dissipation)
     with pytest.raises(ValueError, match="not positive at q"):
         project_fields(without, sample_operating_region(swing(2, 1, 0.7)), what="sim")
 

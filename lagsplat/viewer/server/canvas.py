@@ -7,6 +7,8 @@ one beside it, which turns the view.
 What shows the filmed object to visitors and tells what they do to it: a sheet, or windows into space.
 
 A run whose Gaussians live in the picture: one sheet in the scene, the same for everyone who looks.
+
+What a pointer means that is pressed and moved: a place on the matter, and a way to pull it.
 """
 
 from collections.abc import Callable
@@ -14,16 +16,24 @@ from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
+import torch
 import viser
 from jaxtyping import Float64
 
 from lagsplat.forces.equilibrium import OperatingPoint
-from lagsplat.viewer.rendering.drag_proxies import DragProxies, make_ball
-from lagsplat.viewer.rendering.lines import REST, draw_lines, to_segments
-from lagsplat.viewer.rendering.overlays import Silhouettes, trace_rest_outline
+from lagsplat.forces.grasp import Place, Point, cast_ray
+from lagsplat.splat.projection import make_view
+from lagsplat.viewer.rendering.overlays import (
+    REST,
+    DragProxies,
+    Silhouettes,
+    draw_lines,
+    make_ball,
+    to_segments,
+    trace_rest_outline,
+)
 from lagsplat.viewer.rendering.renderer import ImageRenderer, Picture, SceneRenderer
 from lagsplat.viewer.rendering.scene_frame import FLIP, ImagePlane, SceneFrame
-from lagsplat.viewer.server.drag import Drag, ImageDrag, Pointer, RayDrag
 from lagsplat.views.camera import Camera
 
 MATTER = "/matter"
@@ -48,6 +58,26 @@ class PaintedFrame:
     places: Float64[np.ndarray, "K 3"]
     halves: Float64[np.ndarray, "K 3"]
     windows: list[CameraView]
+
+
+Pointer = Float64[np.ndarray, "2"]
+
+
+@runtime_checkable
+class Drag(Protocol):
+    """One drag, from its ``press`` on [px]."""
+
+    press: Pointer
+
+    def aim(self, q: Float64[np.ndarray, " d"]) -> tuple[Point | Place, int | None]:
+        """The place that was pressed at the state ``q`` [px], and in space the Gaussian that was met.
+
+        Raises:
+            ValueError: there is nothing.
+        """
+
+    def way(self, pointer: Pointer) -> Float64[np.ndarray, " n"]:
+        """How far the pointer has come [px], in the picture or in space."""
 
 
 Act = Callable[[str, Drag | None, Pointer, int], None]
@@ -313,3 +343,52 @@ class ImageCanvas:
         camera = self.server.initial_camera
         camera.position, camera.look_at, camera.up = (0.0, 0.0, self.far), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0)
         camera.fov = FOV
+
+
+class ImageDrag:
+    """A press in the picture [px of the training resolution]."""
+
+    def __init__(self, press: Pointer) -> None:
+        self.press = press
+
+    def aim(self, q: Float64[np.ndarray, " d"]) -> tuple[Point, None]:
+        """The press itself."""
+        return (float(self.press[0]), float(self.press[1])), None
+
+    def way(self, pointer: Pointer) -> Float64[np.ndarray, "2"]:
+        """From the press to the pointer."""
+        return pointer - self.press
+
+
+class RayDrag:
+    """A press in a pixel of a ``camera`` that looks into space.
+
+    The ray through the pixel meets a Gaussian, and the drag lives in the plane through that point parallel to
+    the image: what the pointer does on the screen, the pulled point would do under it.
+
+    Source: paper, "Forces in three dimensions".
+    """
+
+    def __init__(self, held: OperatingPoint, camera: Camera, press: Pointer) -> None:
+        self.held, self.camera, self.press = held, camera, press
+        self.depth = 0.0
+
+    def aim(self, q: Float64[np.ndarray, " d"]) -> tuple[Place, int]:
+        """The point of the ray beside the Gaussian that it meets first, and its number.
+
+        Raises:
+            ValueError: as `lagsplat.forces.grasp.cast_ray`.
+        """
+        pixel = (float(self.press[0]), float(self.press[1]))
+        hit = cast_ray(
+            self.held.autoencoder, self.held.chart, torch.from_numpy(q), make_view([self.camera]), pixel,
+            size=(self.camera.height, self.camera.width),
+        )  # fmt: skip
+        self.depth = hit.depth
+        x, y, z = (self.camera.position + hit.depth * self.camera.ray(pixel)).tolist()
+        return (x, y, z), hit.gaussian
+
+    def way(self, pointer: Pointer) -> Float64[np.ndarray, "3"]:
+        """From the press to the pointer, in the plane of the drag; nothing before `aim` has met something."""
+        right, down = self.depth * (pointer - self.press) / np.array(self.camera.focal)
+        return right * self.camera.rotation[0] + down * self.camera.rotation[1]

@@ -10,8 +10,7 @@ import viser
 from jaxtyping import Float64, UInt8
 
 from lagsplat.forces.equilibrium import OperatingPoint
-from lagsplat.viewer.rendering.lines import draw_lines, to_segments
-from lagsplat.viewer.rendering.overlays import AccelerationField
+from lagsplat.viewer.rendering.overlays import AccelerationField, draw_lines, to_segments
 from lagsplat.viewer.rendering.renderer import ImageRenderer, open_renderer
 from lagsplat.viewer.server.canvas import QUALITY, UPRIGHT, CameraCanvas, Canvas, ImageCanvas
 from lagsplat.viewer.simulation.session import Session, Snapshot

@@ -17,8 +17,8 @@ from jaxtyping import Float64, UInt8
 from lagsplat.viewer.config import ViewerConfig
 from lagsplat.viewer.rendering.renderer import open_renderer
 from lagsplat.viewer.server.access_control import restrict_access, warn_of_open_host
+from lagsplat.viewer.server.canvas import Drag, Pointer
 from lagsplat.viewer.server.controls import ControlPanel, Keep
-from lagsplat.viewer.server.drag import Drag, Pointer
 from lagsplat.viewer.server.scene import SceneView, open_canvas
 from lagsplat.viewer.server.session_export import export_session
 from lagsplat.viewer.simulation.history import SessionHistory

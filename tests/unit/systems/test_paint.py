@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from lagsplat.systems.arm import build_arm
-from lagsplat.systems.rendering.arm import paint, paint_board
+from lagsplat.systems.rendering.painting import paint_arm, paint_board
 
 
 def picture(config, states, *, pixels=None, seed=0):
@@ -10,7 +10,7 @@ def picture(config, states, *, pixels=None, seed=0):
     share = config.arm.half_width / config.view_width
     board = paint_board(height=size, width=size, arm_share=share, generator=np.random.default_rng(seed))
     arm = build_arm(config.arm)
-    images = paint(
+    images = paint_arm(
         states, arm=arm, half_width=config.arm.half_width, view_width=config.view_width, board=board
     )
     return images, board

@@ -10,7 +10,7 @@ from lagsplat.config.compose import compose
 from lagsplat.config.schema import options
 from lagsplat.systems.config import PushConfig, ReleaseClipConfig, ReleaseConfig
 from lagsplat.systems.release import make_mechanism, release
-from lagsplat.systems.rendering.bodies import DrawnBody, paint
+from lagsplat.systems.rendering.painting import DrawnBody, paint_bodies
 from lagsplat.systems.rendering.textures import SHAPES, photograph
 from lagsplat.systems.simulate import resize_simulation, simulate_system
 from lagsplat.systems.truth import load_truth, save_truth
@@ -71,7 +71,7 @@ def test_the_ball_is_where_the_truth_says_to_a_hundredth_of_its_path() -> None:
     poses = mechanism.poses(angles)
     columns = []
     for pose in poses:
-        picture = paint(black, [DrawnBody(sprite, 0.0, 1)], pose, camera)
+        picture = paint_bodies(black, [DrawnBody(sprite, 0.0, 1)], pose, camera)
         ball = picture[:, :, 0] - picture[:, :, 1]  # the rod is grey
         ball = np.where(ball > 0.2, ball, 0)
         columns.append((ball.sum(0) @ (np.arange(camera.width) + 0.5)) / ball.sum())

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from lagsplat.systems.arm import build_arm
-from lagsplat.systems.rendering.arm import paint, paint_board
+from lagsplat.systems.rendering.painting import paint_arm, paint_board
 from lagsplat.systems.simulate import simulate
 
 
@@ -51,7 +51,7 @@ def test_frames_show_the_true_states(load):
     share = config.arm.half_width / config.view_width
     scene = np.random.default_rng(np.random.SeedSequence(0).spawn(4)[3])
     board = paint_board(height=16, width=16, arm_share=share, generator=scene)
-    images = paint(
+    images = paint_arm(
         truth.states, arm=build_arm(config.arm), half_width=config.arm.half_width,
         view_width=config.view_width, board=board,
     )  # fmt: skip

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from lagsplat.splat.projection import SQUARE
-from lagsplat.viewer.rendering.drag_proxies import OPAQUE, DragProxies, make_ball
+from lagsplat.viewer.rendering.overlays import OPAQUE, DragProxies, make_ball
 from lagsplat.viewer.rendering.scene_frame import FLIP
 from tests.unit.forces.solid import FRONT, turning
 
