@@ -1,7 +1,4 @@
-"""Angles that a sensor starts again from the other end of a turn.
-
-Everything that can be known of the data before anything is fitted.
-"""
+"""All checks of the data before anything is fitted: both sides made ready, and what was found on the way."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -21,52 +18,15 @@ from lagsplat.diagnose.data_quality.time_alignment import check_time_offset
 from lagsplat.io.trajectory.trajectory import Trajectory
 
 FULL_TURNS = (2.0 * np.pi, 360.0)
-"""A full turn [rad, deg]."""
-
-
-def unwrap_angles(motion: Trajectory) -> tuple[Trajectory, tuple[Finding, ...]]:
-    """The motion with angles continued where a sensor starts again from the other end of a turn.
-
-    A step of a whole turn, in radians or degrees, to within a quarter of it counts, where no other step is a
-    tenth as long; rates are not touched.
-    """
-    q, found = motion.q.copy(), []
-    inside = motion.joined
-    for i in range(motion.d):
-        step = np.diff(q[:, i])
-        for turn in FULL_TURNS:
-            jumps = np.flatnonzero(inside & (np.abs(np.abs(step) - turn) < 0.25 * turn))
-            others = np.delete(np.abs(step), jumps)
-            span = np.ptp(q[:, i])
-            if not jumps.size or span > 1.1 * turn or (others[np.delete(inside, jumps)] > 0.1 * turn).any():
-                continue
-            shift = np.zeros(motion.n)
-            for start, stop in motion.segments:
-                own = jumps[(jumps >= start) & (jumps < stop - 1)]
-                for at in own:
-                    shift[at + 1 : stop] -= turn * np.sign(step[at])
-            q[:, i] += shift
-            found.append(
-                Finding(
-                    "warn",
-                    "wrapped",
-                    motion.source,
-                    f"{motion.q_names[i]} steps by a whole turn ({turn:.4g}) {len(jumps)} time(s)",
-                    "an angle that starts again is no motion",
-                    "it is continued here; record it unwrapped if that is wrong",
-                    (motion.q_names[i],),
-                )
-            )
-            break
-    return replace(motion, q=q), tuple(found)
+"""A whole turn in radians and in degrees."""
 
 
 @dataclass(frozen=True)
 class PreparedSide:
-    """The motions of one side, unwrapped and cut where they are not continued, with what was found.
+    """The motions of one side, unwrapped and cut where they must not be continued, with all findings.
 
-    ``period_s`` is the natural period [s], None where nothing swings; ``blocks`` counts what can be divided
-    into fit and test.
+    ``period_s`` is the natural period [s], None where nothing swings; ``noise`` that of the measurement;
+    ``blocks`` the number of blocks that can be divided between fit and test.
     """
 
     motions: tuple[Trajectory, ...]
@@ -78,7 +38,7 @@ class PreparedSide:
 
 @dataclass(frozen=True)
 class DataCheck:
-    """Both sides as they are to be used; ``sim`` is None where the sim is no motion but a model."""
+    """Both sides, ready for use; ``sim`` is None where the simulator is a model without recordings."""
 
     sim: PreparedSide | None
     real: PreparedSide
@@ -86,61 +46,63 @@ class DataCheck:
 
     @property
     def undetermined(self) -> tuple[str, ...]:
-        """Why any name would be a guess; empty where the data allow a verdict."""
+        """Texts of the findings that make any verdict a guess; empty where the data allow one."""
         return tuple(finding.text for finding in self.findings if finding.level == "undetermined")
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What to keep in mind, those that forbid a verdict first."""
-        return self.undetermined + tuple(found.text for found in self.findings if found.level == "warn")
+        """Texts of all warnings, those that forbid a verdict first."""
+        return self.undetermined + tuple(finding.text for finding in self.findings if finding.level == "warn")
 
     @property
     def closed_loop(self) -> tuple[str, ...]:
-        """Inputs of the real side that answer the motion."""
-        found = [finding.columns for finding in self.findings if finding.check == "closed_loop"]
-        return tuple(sorted({name for columns in found for name in columns}))
+        """Names of the real side's inputs that a controller derives from the motion."""
+        columns = [finding.columns for finding in self.findings if finding.check == "closed_loop"]
+        return tuple(sorted({name for names in columns for name in names}))
 
 
 def check_data(sim: Sequence[Trajectory], real: Sequence[Trajectory]) -> DataCheck:
-    """Both sides checked; ``sim`` is empty where the sim is a model without motions of its own.
+    """Check both sides and prepare their motions.
+
+    ``sim`` is empty where the simulator is a model without recordings.
 
     Raises:
         ValueError: no real motion, or sides that cannot be compared: other coordinates, or a missing input.
     """
     if not real:
         raise ValueError("real: no motion at all; name at least one recording with real=FILE")
-    agreed = check_coordinates(sim, real)
-    refuse(agreed)
+    coordinate_findings = check_coordinates(sim, real)
+    refuse(coordinate_findings)
     nominal = prepare_side(sim) if sim else None
-    seen = prepare_side(real, nominal_period_s=nominal.period_s if nominal else None)
-    found = [*agreed]
+    measured = prepare_side(real, nominal_period_s=nominal.period_s if nominal else None)
+    findings = [*coordinate_findings]
     if nominal:
-        found += check_region(nominal.motions, seen.motions)
-        found += check_length(nominal.motions, period_s=nominal.period_s, noise=nominal.noise, side="sim")
-        found += nominal.findings
-    # What is sought may have slowed the real thing down, or left too little of it to tell.
-    periods_s = [side.period_s for side in (nominal, seen) if side and side.period_s]
-    shorter_s = min(periods_s) if seen.period_s else None
-    found += check_length(seen.motions, period_s=shorter_s, noise=seen.noise, side="real")
-    found += seen.findings
-    found += check_inputs(nominal.motions if nominal else (), seen.motions)
-    known_s = nominal.period_s if nominal and nominal.period_s else seen.period_s
-    found += check_time_offset(seen.motions, period_s=known_s)
-    found += check_feedback(seen.motions, period_s=seen.period_s)
-    return DataCheck(nominal, seen, tuple(_drop_duplicates(found)))
+        findings += check_region(nominal.motions, measured.motions)
+        findings += check_length(nominal.motions, period_s=nominal.period_s, noise=nominal.noise, side="sim")
+        findings += nominal.findings
+    # An effect may have slowed the real motion: count its length in the shorter of both periods.
+    periods_s = [side.period_s for side in (nominal, measured) if side and side.period_s]
+    shorter_s = min(periods_s) if measured.period_s else None
+    findings += check_length(measured.motions, period_s=shorter_s, noise=measured.noise, side="real")
+    findings += measured.findings
+    findings += check_inputs(nominal.motions if nominal else (), measured.motions)
+    known_s = nominal.period_s if nominal and nominal.period_s else measured.period_s
+    findings += check_time_offset(measured.motions, period_s=known_s)
+    findings += check_feedback(measured.motions, period_s=measured.period_s)
+    return DataCheck(nominal, measured, tuple(_drop_duplicates(findings)))
 
 
 def prepare_side(motions: Sequence[Trajectory], *, nominal_period_s: float | None = None) -> PreparedSide:
-    """One side unwrapped and cut, with its natural period, its noise and what was found on the way.
+    """Unwrap and cut the motions of one side, and measure their natural period and noise.
 
-    ``nominal_period_s`` stands in for the own period of a driven motion where the two differ by more than
-    `TRAJECTORY_CHECKS.period_ratio_warning` times: then inputs and coordinates do not belong together, or too
-    little of them is there.
+    ``nominal_period_s`` replaces the measured period of a driven motion where the two differ by more than
+    `TRAJECTORY_CHECKS.period_ratio_warning` times: then inputs and coordinates do not belong together, or
+    there is too little data.
     """
-    found: list[Finding] = []
+    findings: list[Finding] = []
 
     def apply(step: tuple[Trajectory, tuple[Finding, ...]]) -> Trajectory:
-        found.extend(step[1])
+        findings.extend(step[1])
         return step[0]
 
     ready = [apply(unwrap_angles(motion)) for motion in motions]
@@ -161,10 +123,48 @@ def prepare_side(motions: Sequence[Trajectory], *, nominal_period_s: float | Non
         )
     noise = measure_noise(ready, period_s=period_s)
     for motion in ready:
-        found += check_samples(motion, period_s=period_s, noise=noise)
+        findings += check_samples(motion, period_s=period_s, noise=noise)
     blocks = count_blocks(ready, period_s=period_s) if period_s is not None else 0
-    return PreparedSide(tuple(ready), tuple(found), period_s, noise, blocks)
+    return PreparedSide(tuple(ready), tuple(findings), period_s, noise, blocks)
+
+
+def unwrap_angles(motion: Trajectory) -> tuple[Trajectory, tuple[Finding, ...]]:
+    """Continue angles where a sensor wraps around from one end of a turn to the other.
+
+    A step counts that is a whole turn, in radians or degrees, to within a quarter of it, where no other step
+    is a tenth as long. Measured rates are not touched.
+    """
+    q, findings = motion.q.copy(), []
+    inside = motion.joined
+    for i in range(motion.d):
+        step = np.diff(q[:, i])
+        for turn in FULL_TURNS:
+            jumps = np.flatnonzero(inside & (np.abs(np.abs(step) - turn) < 0.25 * turn))
+            others = np.delete(np.abs(step), jumps)
+            span = np.ptp(q[:, i])
+            if not jumps.size or span > 1.1 * turn or (others[np.delete(inside, jumps)] > 0.1 * turn).any():
+                continue
+            shift = np.zeros(motion.n)
+            for start, stop in motion.segments:
+                wraps = jumps[(jumps >= start) & (jumps < stop - 1)]
+                for at in wraps:
+                    shift[at + 1 : stop] -= turn * np.sign(step[at])
+            q[:, i] += shift
+            findings.append(
+                Finding(
+                    "warn",
+                    "wrapped",
+                    motion.source,
+                    f"{motion.q_names[i]} steps by a whole turn ({turn:.4g}) {len(jumps)} time(s)",
+                    "an angle that starts again is no motion",
+                    "it is continued here; record it unwrapped if that is wrong",
+                    (motion.q_names[i],),
+                )
+            )
+            break
+    return replace(motion, q=q), tuple(findings)
 
 
 def _drop_duplicates(findings: Sequence[Finding]) -> list[Finding]:
+    """Findings in their order, each once."""
     return list(dict.fromkeys(findings))

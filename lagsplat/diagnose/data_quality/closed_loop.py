@@ -1,4 +1,4 @@
-"""Whether the inputs were free, or the answer of a controller to what the mechanism did."""
+"""Whether the inputs were chosen freely, or by a controller that answered the motion."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,21 +14,24 @@ from lagsplat.io.trajectory.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class Feedback:
-    """Of one input: the share of its error that earlier errors of q explain, and the share of it that is a
-    static function of position and rate; NaN where this cannot be told."""
+    """Signs of a controller in one input; NaN where the data cannot show them.
+
+    ``error_share`` is the share of the input's noise that earlier measurement noise explains,
+    ``static_share`` the share of the input that is a function of position and rate.
+    """
 
     error_share: float
     static_share: float
 
 
 def measure_feedback(motion: Trajectory, *, channel: int, period_s: float) -> Feedback:
-    """Traces that a controller leaves in input ``channel``.
+    """Measure signs of a controller in input ``channel``, with the natural period ``period_s`` [s].
 
-    A controller passes on the sensor's noise: differences of the input, of an order that leaves noise alone,
-    are regressed on those of q at that sample and the `CLOSED_LOOP.max_controller_lag` before, given the
-    `CLOSED_LOOP.max_controller_lag` after. The mechanism itself answers an input smoothly, so that this
-    cannot come from it. Without noise the input is regressed on q and v, which is only telling where the
-    motion is neither slow nor at one frequency.
+    A controller passes on the sensor's noise. Differences of the input, of an order that leaves only noise,
+    are regressed on those of q at that sample and the `CLOSED_LOOP.max_controller_lag` before, given those
+    after. The mechanism itself answers an input smoothly, so this dependence cannot come from it. Without
+    noise the input is regressed on q and v, which is conclusive only where the motion is neither slow nor at
+    one frequency.
     """
     if motion.n < 60:
         return Feedback(np.nan, np.nan)
@@ -36,14 +39,15 @@ def measure_feedback(motion: Trajectory, *, channel: int, period_s: float) -> Fe
 
 
 def _compute_error_share(motion: Trajectory, channel: int) -> float:
+    """Share of the input's noise that earlier noise of q explains, over all clips; NaN without noise."""
     shares, weights = [], []
     for start, stop in motion.segments:
         if stop - start < 60:
             continue
-        own, errors = motion.u[start:stop, channel], motion.q[start:stop]
-        fine = np.diff(own, CLOSED_LOOP.difference_order)
-        # Steps of an input are no errors: differences across one are left out.
-        change = np.abs(np.diff(own))
+        signal, errors = motion.u[start:stop, channel], motion.q[start:stop]
+        fine = np.diff(signal, CLOSED_LOOP.difference_order)
+        # Steps of an input are no noise: differences across one are left out.
+        change = np.abs(np.diff(signal))
         step = (
             np.convolve(
                 change > CLOSED_LOOP.step_ratio * np.median(change),
@@ -54,7 +58,7 @@ def _compute_error_share(motion: Trajectory, channel: int) -> float:
         )
         rows = np.arange(CLOSED_LOOP.max_controller_lag, len(fine) - CLOSED_LOOP.max_controller_lag)
         rows = rows[~step[rows]]
-        if len(rows) < 60 or not (_is_rough(own) and any(_is_rough(column) for column in errors.T)):
+        if len(rows) < 60 or not (_is_rough(signal) and any(_is_rough(column) for column in errors.T)):
             continue
         rough = np.diff(errors, CLOSED_LOOP.difference_order, axis=0)
         past = np.hstack([rough[rows - lag] for lag in range(CLOSED_LOOP.max_controller_lag + 1)])
@@ -65,7 +69,7 @@ def _compute_error_share(motion: Trajectory, channel: int) -> float:
 
 
 def _is_rough(values: np.ndarray) -> bool:
-    """Whether what differences leave of a column is noise, and not what is left of its motion."""
+    """Whether high differences of a column contain noise rather than a remainder of its motion."""
     fine, finer = (
         np.abs(np.diff(values, CLOSED_LOOP.difference_order - 1)),
         np.abs(np.diff(values, CLOSED_LOOP.difference_order)),
@@ -78,7 +82,7 @@ def _is_rough(values: np.ndarray) -> bool:
 
 
 def _compute_partial_share(columns: np.ndarray, target: np.ndarray, *, given: np.ndarray) -> float:
-    """Share of what ``given`` leaves of ``target`` that ``columns`` explain, 0 where chance would do."""
+    """Share of ``target`` that ``columns`` explain beyond ``given``; zero where chance explains as much."""
     base = np.linalg.qr(given / np.maximum(np.linalg.norm(given, axis=0), 1e-300))[0]
     rest, free = target - base @ (base.T @ target), columns - base @ (base.T @ columns)
     size = float(rest @ rest)
@@ -92,6 +96,7 @@ def _compute_partial_share(columns: np.ndarray, target: np.ndarray, *, given: np
 
 
 def _compute_static_share(motion: Trajectory, channel: int, period_s: float) -> float:
+    """Share of the input that is a function of position and rate; NaN where this would be inconclusive."""
     u = motion.u[:, channel] - motion.u[:, channel].mean()
     if not u.any():
         return np.nan
@@ -112,8 +117,8 @@ def _compute_static_share(motion: Trajectory, channel: int, period_s: float) -> 
 
 
 def check_feedback(motions: Sequence[Trajectory], *, period_s: float | None) -> list[Finding]:
-    """Inputs that answer the motion: a controller's, with which delays and gains come out biased."""
-    found: list[Finding] = []
+    """Report inputs that a controller derives from the motion, which biases delays and gains."""
+    findings: list[Finding] = []
     for motion in motions:
         for channel, name in enumerate(motion.u_names):
             if period_s is None or not np.ptp(motion.u[:, channel]):
@@ -122,20 +127,20 @@ def check_feedback(motions: Sequence[Trajectory], *, period_s: float | None) -> 
             passes_noise = trace.error_share > CLOSED_LOOP.min_explained_share
             if not passes_noise and not trace.static_share > CLOSED_LOOP.min_static_share:
                 continue
-            said = (
+            evidence = (
                 f"{100 * trace.error_share:.2g} % of its errors repeat earlier errors of the coordinates"
                 if passes_noise
                 else f"{100 * trace.static_share:.3g} % of it is a function of position and rate"
             )
-            found.append(
+            findings.append(
                 Finding(
                     "warn",
                     "closed_loop",
                     motion.source,
-                    f"{name} answers the motion: {said}",
+                    f"{name} answers the motion: {evidence}",
                     "in a closed loop delays and gains of the input come out biased",
                     "drive it open loop, or with a reference of its own added, to tell input effects apart",
                     (name,),
                 )
             )
-    return found
+    return findings

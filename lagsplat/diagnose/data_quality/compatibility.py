@@ -1,4 +1,4 @@
-"""Whether the sim and the real thing are described in the same coordinates, and move in the same region."""
+"""Whether simulator and recording have the same coordinates and inputs, and move in the same region."""
 
 from collections.abc import Sequence
 
@@ -9,8 +9,8 @@ from lagsplat.diagnose.core.result import Finding
 from lagsplat.io.trajectory.trajectory import Trajectory
 
 MOSTLY_OUTSIDE_CHECK = "mostly outside the sim"
-"""The check that finds more than `COMPATIBILITY.undetermined_outside_share` of them there: what is left
-unexplained may be the sim's own."""
+"""Name of the check for recordings that lie mostly outside the region of the simulator's data, where an
+unexplained residual may be the simulator's own error."""
 UNIT_RATIOS = {
     180.0 / np.pi: "degrees and radians",
     1000.0: "millimetres and metres",
@@ -19,19 +19,20 @@ UNIT_RATIOS = {
     2.0 * np.pi: "turns and radians",
     360.0: "turns and degrees",
 }
+"""Ratios of units that are often confused."""
 
 
 def check_coordinates(sim: Sequence[Trajectory], real: Sequence[Trajectory]) -> list[Finding]:
-    """Numbers and names of coordinates and inputs must agree, on each side and across.
+    """Check that numbers and names of coordinates and inputs agree, within each side and between them.
 
-    An input that the real side alone has leaves the verdict undetermined where it moves: the sim does not say
-    what it does. One that the sim alone has is refused: what acted on the real thing is not known.
+    An input that only the real side has leaves the verdict undetermined where it moves, because the simulator
+    does not model it. One that only the simulator has is refused, because its real values are unknown.
     """
-    found = []
+    findings = []
     first = (*sim, *real)[0]
     for motion in (*sim, *real):
         if motion.q_names != first.q_names:
-            found.append(
+            findings.append(
                 Finding(
                     "refuse",
                     "coordinates",
@@ -49,13 +50,15 @@ def check_coordinates(sim: Sequence[Trajectory], real: Sequence[Trajectory]) -> 
         for motion in motions:
             lacking = sorted(names[side] - set(motion.u_names))
             if lacking:
-                found.append(_report_missing_input(motion.source, lacking, f"other files of {side} have it"))
+                findings.append(
+                    _report_missing_input(motion.source, lacking, f"other files of {side} have it")
+                )
     if sim and real and (lacking := sorted(names["sim"] - names["real"])):
-        found.append(_report_missing_input("real", lacking, "the sim is driven by it"))
+        findings.append(_report_missing_input("real", lacking, "the sim is driven by it"))
     extra = sorted(names["real"] - names["sim"]) if sim and real else []
     moving = [name for name in extra if any(_input_moves(motion, name) for motion in real)]
     if moving:
-        found.append(
+        findings.append(
             Finding(
                 "undetermined",
                 "input of one side",
@@ -67,7 +70,7 @@ def check_coordinates(sim: Sequence[Trajectory], real: Sequence[Trajectory]) -> 
             )
         )
     elif extra:
-        found.append(
+        findings.append(
             Finding(
                 "note",
                 "input of one side",
@@ -78,10 +81,11 @@ def check_coordinates(sim: Sequence[Trajectory], real: Sequence[Trajectory]) -> 
                 tuple(extra),
             )
         )
-    return found
+    return findings
 
 
 def _report_missing_input(source: str, names: Sequence[str], why: str) -> Finding:
+    """The finding of inputs that ``source`` lacks."""
     return Finding(
         "refuse",
         "missing input",
@@ -94,33 +98,34 @@ def _report_missing_input(source: str, names: Sequence[str], why: str) -> Findin
 
 
 def _input_moves(motion: Trajectory, name: str) -> bool:
+    """Whether the named input is more than a constant."""
     column = motion.u[:, motion.u_names.index(name)]
     return bool(np.ptp(column) > 1e-9 * np.abs(column).max())
 
 
 def check_region(sim: Sequence[Trajectory], real: Sequence[Trajectory]) -> list[Finding]:
-    """Whether the real motion lies where the sim was seen, and in its units.
+    """Check that the real motion lies in the region of the simulator's data, and has the same units.
 
-    The distance is Mahalanobis', with the sim's median and a covariance of its ranks' spread, so that a few
-    wild samples do not count.
+    Distances are Mahalanobis', with the simulator's median and a covariance from rank correlations, so that a
+    few outliers do not matter.
     """
     if not sim or not real or sim[0].d != real[0].d:
         return []
     nominal = np.concatenate([motion.q for motion in sim])
-    seen = np.concatenate([motion.q for motion in real])
-    found = [
+    measured = np.concatenate([motion.q for motion in real])
+    findings = [
         finding
         for i in range(sim[0].d)
-        if (finding := _check_units(nominal[:, i], seen[:, i], sim[0].q_names[i]))
+        if (finding := _check_units(nominal[:, i], measured[:, i], sim[0].q_names[i]))
     ]
     centre, root = _estimate_robust_cloud(nominal)
     reach = np.quantile(np.linalg.norm((nominal - centre) @ root, axis=1), 0.99)
-    distance = np.linalg.norm((seen - centre) @ root, axis=1)
+    distance = np.linalg.norm((measured - centre) @ root, axis=1)
     outside = float((distance > COMPATIBILITY.region_factor * reach).mean())
-    off = float(np.linalg.norm((np.median(seen, axis=0) - centre) @ root))
+    off = float(np.linalg.norm((np.median(measured, axis=0) - centre) @ root))
     middle = off / max(float(reach), 1e-6 * off, np.finfo(float).tiny)
     if outside > COMPATIBILITY.undetermined_outside_share and middle > COMPATIBILITY.max_center_offset / 3.0:
-        found.append(
+        findings.append(
             Finding(
                 "undetermined",
                 "no overlap",
@@ -132,7 +137,7 @@ def check_region(sim: Sequence[Trajectory], real: Sequence[Trajectory]) -> list[
             )
         )
     elif outside > COMPATIBILITY.warning_outside_share:
-        found.append(
+        findings.append(
             Finding(
                 "warn",
                 MOSTLY_OUTSIDE_CHECK
@@ -144,15 +149,15 @@ def check_region(sim: Sequence[Trajectory], real: Sequence[Trajectory]) -> list[
                 "give a sim of larger motions, or real motions as large as the sim's",
             )
         )
-    return found
+    return findings
 
 
 def _estimate_robust_cloud(cloud: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Median, and a root of the inverse covariance, from ranks and quartiles."""
+    """Median, and a root of the inverse covariance, from rank correlations and quantiles."""
     centre = np.median(cloud, axis=0)
     spread = _estimate_robust_spread(cloud)
     ranks = cloud.argsort(axis=0).argsort(axis=0)
-    # Spearman's correlation; a little of the identity keeps coordinates that move as one invertible.
+    # Spearman's correlation; some of the identity keeps it invertible where coordinates move together.
     correlation = np.corrcoef(ranks.T).reshape(len(centre), len(centre))
     correlation = np.where(np.isfinite(correlation), correlation, 0.0)
     np.fill_diagonal(correlation, 1.0)
@@ -162,12 +167,13 @@ def _estimate_robust_cloud(cloud: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _estimate_robust_spread(cloud: np.ndarray) -> np.ndarray:
+    """A quarter of the range of the central 96 % of each column, at least a rounding error."""
     low, high = np.quantile(cloud, [0.02, 0.98], axis=0)
     return np.maximum(0.25 * (high - low), 1e-9 * np.maximum(np.abs(cloud).max(axis=0), 1e-290))
 
 
 def _check_units(sim: np.ndarray, real: np.ndarray, name: str) -> Finding | None:
-    """A suspicion of units, where sizes differ by far, and by about what two units differ."""
+    """Finding of a probable difference of units, where sizes differ by a large factor; else None."""
     sizes = [float(np.quantile(np.abs(side - np.median(side)), 0.98)) for side in (sim, real)]
     if min(sizes) <= 0.0:
         return None

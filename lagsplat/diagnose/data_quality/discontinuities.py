@@ -1,6 +1,7 @@
-"""Places where a motion is not continued: cuts that nobody declared, gaps in time, a hand that lets go.
+"""Places where a motion must not be continued: gaps in time, undeclared cuts, holds by hand, repeated frames.
 
-Frames that show again what an earlier one showed: the motion stands still, then catches up in one step.
+`cut_gaps`, `cut_jumps` and `drop_holds` return the motion in clips, with their findings;
+`find_repeated_samples` marks samples that repeat an earlier one.
 """
 
 from dataclasses import dataclass
@@ -17,9 +18,10 @@ from lagsplat.io.trajectory.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class _Jump:
-    """A mismatch between both sides of the border before sample ``at``, in units of the coordinate.
+    """A mismatch of position across the border before sample ``at``, in units of the coordinate.
 
-    Its sign is taken out: ``rate``, a sample, is along the jump.
+    ``size`` is positive and ``rate`` (a sample) is along the jump; ``error`` is the standard error of the
+    size, ``rate_change`` the mismatch of the rates, ``span`` the range of the motion around.
     """
 
     at: int
@@ -29,11 +31,13 @@ class _Jump:
     rate: float
     rate_change: float
     span: float
-    """Range of the motion around."""
 
 
 def cut_gaps(motion: Trajectory, *, period_s: float | None) -> tuple[Trajectory, tuple[Finding, ...]]:
-    """The motion cut where samples are missing for longer than the motion can be followed."""
+    """Cut the motion where samples are missing for longer than it can be interpolated.
+
+    ``period_s`` is the natural period [s].
+    """
     step = np.diff(motion.time_s)
     limit = max(
         DISCONTINUITIES.min_gap_steps * motion.dt_s, DISCONTINUITIES.min_gap_periods * (period_s or 0.0)
@@ -57,31 +61,31 @@ def cut_gaps(motion: Trajectory, *, period_s: float | None) -> tuple[Trajectory,
 def cut_jumps(
     motion: Trajectory, *, sigma: np.ndarray, period_s: float | None
 ) -> tuple[Trajectory, tuple[Finding, ...]]:
-    """The motion cut where position jumps by more than its velocity and its noise allow.
+    """Cut the motion where position jumps by more than velocity and noise allow.
 
-    ``sigma`` (d,) is the noise. Polynomials through the samples on either side of each border are compared in
-    the middle. A knock, an end stop or a push changes the rate alone, and is no cut. Where a jump goes along
-    with the motion by some frames' worth and the rate stays, or catches up after a standstill, frames are
-    missing; that is said, not cut. Jumps more frequent than `DISCONTINUITIES.max_cuts_per_period` a period
-    are left alone, and said: then they are how the thing moves.
+    ``sigma`` (d,) is the noise and ``period_s`` the natural period [s]. Polynomials through the samples on
+    either side of each border are compared in the middle. A knock, an end stop or a push changes only the
+    rate, and is no cut. Where a jump goes along with the motion by a few frames' worth and the rate stays, or
+    follows a standstill, frames are missing; this is reported, not cut. Jumps more frequent than
+    `DISCONTINUITIES.max_cuts_per_period` are reported and not cut, because then they belong to the motion.
     """
     jumps = _find_jumps(motion, sigma, period_s)
     if not jumps:
         return motion, ()
     speed = np.array([np.std(np.diff(motion.q[:, i])) / motion.dt_s for i in range(motion.d)])
-    caught_up = _find_catch_ups(motion, sigma)
+    catch_ups = _find_catch_ups(motion, sigma)
     lost = [
         jump
         for jump in jumps
-        if np.abs(caught_up - jump.at).min(initial=2) < 2
+        if np.abs(catch_ups - jump.at).min(initial=2) < 2
         or _is_frame_loss(jump, motion, float(speed[jump.coordinate]), period_s)
     ]
     cuts = sorted({jump.at for jump in jumps if jump not in lost})
-    if len(lost) > len(cuts):  # some losses are too long, or too slow, to be known as such one by one
+    if len(lost) > len(cuts):  # some losses are too long or too slow to be recognised singly
         lost, cuts = jumps, []
-    found = []
+    findings = []
     if lost:
-        found.append(
+        findings.append(
             Finding(
                 "warn",
                 "missing frames",
@@ -95,12 +99,12 @@ def cut_jumps(
     if period_s is not None and len(cuts) > max(
         3.0, DISCONTINUITIES.max_cuts_per_period * motion.duration_s / period_s
     ):
-        found.append(_report_frequent_jumps(motion, cuts))
+        findings.append(_report_frequent_jumps(motion, cuts))
         cuts = []
     if not cuts:
-        return motion, tuple(found)
+        return motion, tuple(findings)
     where = ", ".join(f"{motion.time_s[k]:.6g} s" for k in cuts[:5])
-    found.append(
+    findings.append(
         Finding(
             "warn",
             "undeclared cut",
@@ -110,16 +114,17 @@ def cut_jumps(
             "it is cut there; declare cuts in a column `segment`",
         )
     )
-    return motion.cut(cuts), tuple(found)
+    return motion.cut(cuts), tuple(findings)
 
 
 def drop_holds(
     motion: Trajectory, *, sigma: np.ndarray, period_s: float | None
 ) -> tuple[Trajectory, tuple[Finding, ...]]:
-    """The motion without stretches in which it is held away from its middle and then let go.
+    """Drop spans in which the motion is held away from its middle and then released.
 
-    Only where inputs are constant: an input that moves is reason enough to start. A clip that rests in the
-    middle of its later swing is no hold, nor is one that never moves again.
+    ``sigma`` (d,) is the noise and ``period_s`` the natural period [s]. Inputs must be constant, because an
+    input that moves is reason enough to start. A clip that rests in the middle of its later swing is no hold,
+    nor is one that never moves again.
     """
     if period_s is None or (motion.n_u and np.ptp(motion.u, axis=0).any()):
         return motion, ()
@@ -149,15 +154,15 @@ def drop_holds(
 
 
 def _find_catch_ups(motion: Trajectory, sigma: np.ndarray) -> Int64[np.ndarray, " J"]:
-    """First samples after a picture that stood still."""
-    late = find_repeated_samples(
+    """First samples after a span of repeated frames."""
+    repeated = find_repeated_samples(
         motion.q, np.array(motion.segments), np.where(np.isfinite(sigma), sigma, 0.0)
     )
-    return np.flatnonzero(late[:-1] & ~late[1:]) + 1
+    return np.flatnonzero(repeated[:-1] & ~repeated[1:]) + 1
 
 
 def _find_jumps(motion: Trajectory, sigma: np.ndarray, period_s: float | None) -> list[_Jump]:
-    """The largest significant mismatch of each neighbourhood."""
+    """Find the largest significant mismatch of each neighbourhood, the most visible coordinate first."""
     side = (
         DISCONTINUITIES.polynomial_samples
         if period_s is None
@@ -170,7 +175,7 @@ def _find_jumps(motion: Trajectory, sigma: np.ndarray, period_s: float | None) -
         )
     )
     degree = 2 if side >= 5 else 1
-    found: list[_Jump] = []
+    jumps: list[_Jump] = []
     for start, stop in motion.segments:
         if stop - start < 2 * side + 2:
             continue
@@ -206,17 +211,17 @@ def _find_jumps(motion: Trajectory, sigma: np.ndarray, period_s: float | None) -
             sudden = step - np.maximum(before, after) > DISCONTINUITIES.isolated_step_share * np.abs(size)
             beyond = sudden * np.abs(size) / np.maximum(limit, np.finfo(float).tiny)
             numbers = np.stack([np.abs(size), error, rate * np.sign(size), np.abs(change), span], axis=1)
-            found += [_Jump(int(at[k]), i, *numbers[k].tolist()) for k in _find_peaks(beyond, side)]
-    # One event shows in several coordinates: the one where it is largest speaks.
+            jumps += [_Jump(int(at[k]), i, *numbers[k].tolist()) for k in _find_peaks(beyond, side)]
+    # One event shows in several coordinates: keep the one in which it is largest.
     kept: list[_Jump] = []
-    for jump in sorted(found, key=lambda jump: -jump.size / max(jump.span, np.finfo(float).tiny)):
+    for jump in sorted(jumps, key=lambda jump: -jump.size / max(jump.span, np.finfo(float).tiny)):
         if all(abs(jump.at - other.at) > side for other in kept):
             kept.append(jump)
     return kept
 
 
 def _describe_surroundings(size: np.ndarray, q: np.ndarray, side: int) -> tuple[np.ndarray, np.ndarray]:
-    """Usual mismatch and range of the motion around each border, the neighbourhood of the border left out."""
+    """Usual mismatch around each border and range of the motion there, without the border's own samples."""
     reach = DISCONTINUITIES.neighborhood_lengths * side
     index = np.concatenate([np.arange(-reach, -side), np.arange(side + 1, reach + 1)])
     index = np.clip(np.arange(len(size))[:, None] + index, 0, len(size) - 1)
@@ -224,7 +229,7 @@ def _describe_surroundings(size: np.ndarray, q: np.ndarray, side: int) -> tuple[
 
 
 def _find_peaks(score: np.ndarray, distance: int) -> list[int]:
-    """Samples above one that no other within ``distance`` exceeds, the largest first."""
+    """Samples with scores above 1 that no other within ``distance`` exceeds, the largest first."""
     peaks: list[int] = []
     for k in np.argsort(-score):
         if score[k] <= 1.0:
@@ -235,7 +240,7 @@ def _find_peaks(score: np.ndarray, distance: int) -> list[int]:
 
 
 def _is_frame_loss(jump: _Jump, motion: Trajectory, speed: float, period_s: float | None) -> bool:
-    """Whether lost frames explain a jump: whole steps along a motion whose rate goes on as it must."""
+    """Whether lost frames explain a jump: whole steps along a motion whose rate continues."""
     frames = jump.size / jump.rate if jump.rate else np.inf
     angle = 2.0 * np.pi * motion.dt_s / period_s if period_s is not None else 0.0
     usual = max(speed * motion.dt_s, 0.5 * jump.span * angle)
@@ -244,6 +249,7 @@ def _is_frame_loss(jump: _Jump, motion: Trajectory, speed: float, period_s: floa
 
 
 def _report_frequent_jumps(motion: Trajectory, cuts: list[int]) -> Finding:
+    """The finding of jumps too frequent to be cuts."""
     return Finding(
         "warn",
         "frequent jumps",
@@ -257,6 +263,7 @@ def _report_frequent_jumps(motion: Trajectory, cuts: list[int]) -> Finding:
 def _find_holds(
     motion: Trajectory, start: int, stop: int, sigma: np.ndarray, period_s: float
 ) -> list[tuple[int, int]]:
+    """Spans of a clip in which the motion is held still away from its middle, as (first sample, end)."""
     least = max(
         int(DISCONTINUITIES.min_hold_periods * period_s / motion.dt_s), 2 * DISCONTINUITIES.polynomial_samples
     )
@@ -276,13 +283,13 @@ def _find_holds(
         if last - first < least or len(after) < least:
             continue
         swing = 0.5 * np.ptp(after, axis=0)
-        held = fit.q[first:last]
-        away = np.abs(np.median(held, axis=0) - 0.5 * (after.max(axis=0) + after.min(axis=0)))
+        position = fit.q[first:last]
+        away = np.abs(np.median(position, axis=0) - 0.5 * (after.max(axis=0) + after.min(axis=0)))
         moves = swing > np.maximum(DISCONTINUITIES.min_swing_noise_ratio * noise, 0.1 * typical)
         if (
             moves
             & (away > DISCONTINUITIES.min_hold_offset * swing)
-            & (np.ptp(held, axis=0) < DISCONTINUITIES.max_hold_motion * swing)
+            & (np.ptp(position, axis=0) < DISCONTINUITIES.max_hold_motion * swing)
         ).any():
             holds.append((start + int(first), start + int(last)))
     return holds
@@ -291,28 +298,31 @@ def _find_holds(
 def find_repeated_samples(
     q: Float64[np.ndarray, "N d"], clips: Int64[np.ndarray, "C 2"], sigma: Float64[np.ndarray, " d"]
 ) -> Bool[np.ndarray, " N"]:
-    """Which samples repeat an earlier one.
+    """Mark the samples that repeat an earlier one because a frame was shown again.
 
-    A mechanism that sticks moves on from where it stood; it does not appear where it would have been by now.
+    A mechanism that sticks moves on from where it stood; a repeated frame is followed by a jump to where the
+    motion has arrived by then. ``clips`` are (first sample, end) and ``sigma`` is the noise.
     """
-    late = np.zeros(len(q), dtype=bool)
+    repeated = np.zeros(len(q), dtype=bool)
     step = np.sqrt(2.0) * np.maximum(sigma, 1e-300)
     for start, stop in clips:
         z = q[start:stop] / step
-        stood = _find_repeats_before_jumps(z)
-        sure = [run for run in stood if _misses_smooth_path(z, *run)]
-        # samples beside a repeat may be repeats, too, and a motion that turns catches up without a jump
+        candidates = _find_repeats_before_jumps(z)
+        certain = [span for span in candidates if _misses_smooth_path(z, *span)]
+        # Samples beside a repeat may be repeats, too, and a motion that turns catches up without a jump.
         for first, end in (
-            [*stood, *_find_standstills(z)] if len(sure) >= REPEATED_FRAMES.min_certain_repeats else sure
+            [*candidates, *_find_standstills(z)]
+            if len(certain) >= REPEATED_FRAMES.min_certain_repeats
+            else certain
         ):
-            late[start + first + 1 : start + end] = True
-    return late
+            repeated[start + first + 1 : start + end] = True
+    return repeated
 
 
 def _find_repeats_before_jumps(z: np.ndarray) -> list[tuple[int, int]]:
-    """First sample of each picture that stands still, and the sample that has jumped away from it."""
+    """First sample of each standstill that ends in a jump, and the first sample after it."""
     moved = np.abs(np.diff(z, axis=0)).max(axis=1)
-    found = []
+    repeats = []
     for jump in map(
         int,
         np.flatnonzero(
@@ -324,13 +334,13 @@ def _find_repeats_before_jumps(z: np.ndarray) -> list[tuple[int, int]]:
         stays = (np.abs(z[back:jump] - z[jump - 1]) <= REPEATED_FRAMES.same_image_steps).all(axis=1)
         first = back if stays.all() else back + int(np.flatnonzero(~stays)[-1]) + 1
         if jump - first >= 2:
-            found.append((first, jump))
-    return found
+            repeats.append((first, jump))
+    return repeats
 
 
 def _find_standstills(z: np.ndarray) -> list[tuple[int, int]]:
-    """First sample and end of all that stays within noise of where it begins, one after the other."""
-    found, first = [], 0
+    """Spans (first sample, end) that stay within noise of their first sample."""
+    standstills, first = [], 0
     while first < len(z):
         stays = (
             np.abs(z[first : first + REPEATED_FRAMES.max_repeats] - z[first])
@@ -338,13 +348,13 @@ def _find_standstills(z: np.ndarray) -> list[tuple[int, int]]:
         ).all(axis=1)
         end = first + (len(stays) if stays.all() else int(np.argmin(stays)))
         if end - first >= REPEATED_FRAMES.min_uncertain_length:
-            found.append((first, end))
+            standstills.append((first, end))
         first = end
-    return found
+    return standstills
 
 
 def _misses_smooth_path(z: np.ndarray, first: int, jump: int) -> bool:
-    """Whether the motion before and after goes on smoothly past what stands still from ``first`` on."""
+    """Whether a smooth path through the motion before and after misses the standstill from ``first`` on."""
     if first + 1 < REPEATED_FRAMES.neighbor_samples or jump + REPEATED_FRAMES.neighbor_samples > len(z):
         return False
     i = int(np.argmax(np.abs(z[jump] - z[jump - 1])))
@@ -353,10 +363,10 @@ def _misses_smooth_path(z: np.ndarray, first: int, jump: int) -> bool:
         jump : jump + REPEATED_FRAMES.neighbor_samples,
     ]
     path = Polynomial.fit(beside, z[beside, i], REPEATED_FRAMES.polynomial_degree)
-    late = np.arange(first + 1, jump)
-    missed = float(np.abs(z[late, i] - path(late)).max())
-    left = float(np.sqrt(np.mean((z[beside, i] - path(beside)) ** 2)))
-    bent = float(np.abs(path.deriv(2)(np.arange(first, jump + 1))).max())
+    inside = np.arange(first + 1, jump)
+    miss = float(np.abs(z[inside, i] - path(inside)).max())
+    misfit = float(np.sqrt(np.mean((z[beside, i] - path(beside)) ** 2)))
+    curvature = float(np.abs(path.deriv(2)(np.arange(first, jump + 1))).max())
     usual = (
         np.abs(
             z[2 * REPEATED_FRAMES.curvature_lag :, i]
@@ -367,7 +377,7 @@ def _misses_smooth_path(z: np.ndarray, first: int, jump: int) -> bool:
     )
     allowed = REPEATED_FRAMES.curvature_margin * float(np.quantile(usual, REPEATED_FRAMES.curvature_quantile))
     return (
-        missed > REPEATED_FRAMES.significant_miss
-        and left < max(1.0, REPEATED_FRAMES.neighbor_misfit_share * missed)
-        and bent < allowed
+        miss > REPEATED_FRAMES.significant_miss
+        and misfit < max(1.0, REPEATED_FRAMES.neighbor_misfit_share * miss)
+        and curvature < allowed
     )

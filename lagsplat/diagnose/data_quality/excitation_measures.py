@@ -1,7 +1,4 @@
-"""What a recording exercises: amplitudes, speeds, rests and inputs, in units of its own period and noise.
-
-Inputs that never move: nothing can be said of what they would do.
-"""
+"""What a recording excites: amplitudes, speeds, rests and inputs, over its natural period and noise."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,10 +13,11 @@ from lagsplat.io.trajectory.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class InputMeasures:
-    """One input.
+    """Measures of one input.
 
-    ``low`` and ``high`` bound nine tenths of its power, in natural frequencies; ``small_share`` of its
-    samples lie within a fifth of its largest value; ``levels`` counts sizes at which it turned round.
+    ``low`` and ``high`` bound nine tenths of its power, over the natural frequency; ``small_share`` is the
+    share of samples within a fifth of its largest value; ``levels`` counts the distinct sizes at which it
+    reversed; ``steps`` counts sudden changes, ``reversals`` changes of direction.
     """
 
     name: str
@@ -35,12 +33,12 @@ class InputMeasures:
 
 @dataclass(frozen=True)
 class ExcitationMeasures:
-    """Of the whole recording, the best that any coordinate shows.
+    """Measures of a whole recording; of several coordinates, those of the best one.
 
-    ``amplitude_ratio`` is that of large swings to small ones, ``speed_ratio`` that of slow half-swings to
-    fast ones in time; ``slow_share`` is of samples below `EXCITATION.slow_rate_share` of the rms rate;
-    ``rest_periods`` the longest rest; ``holds`` counts rests at positions apart; ``step_over_noise`` is how
-    far the motion between two samples exceeds the noise.
+    ``amplitude_ratio`` compares large with small swings, ``speed_ratio`` the durations of slow with fast
+    half-swings; ``slow_share`` is the share of samples below `EXCITATION.slow_rate_share` of the rms rate;
+    ``rest_periods`` the longest rest; ``holds`` counts rests at distinct positions; ``step_over_noise`` is
+    the motion between two samples over the noise.
     """
 
     period_s: float
@@ -67,7 +65,10 @@ class ExcitationMeasures:
 def measure_excitation(
     motions: Sequence[Trajectory], *, period_s: float, noise: MeasurementNoise
 ) -> ExcitationMeasures:
-    """The measures of motions of one side; ``period_s`` is the natural period [s]."""
+    """Measure what the motions of one side excite.
+
+    ``period_s`` is the natural period [s] and ``noise`` that of the measurement.
+    """
     dt_s = float(np.median([motion.dt_s for motion in motions]))
     half = int(np.clip(0.08 * period_s / dt_s, 2, 60))
     fits = [fit_locally(motion, half_width=half) for motion in motions]
@@ -80,8 +81,14 @@ def measure_excitation(
         _find_swings(m, f, i, sigma[i]) for i in range(q.shape[1]) for m, f in zip(motions, fits, strict=True)
     ]
     per_coordinate = [swings[i * len(motions) : (i + 1) * len(motions)] for i in range(q.shape[1])]
-    ratios = [_compute_quantile_ratio(np.concatenate([s[0] for s in own]), 0.9) for own in per_coordinate]
-    speeds = [_compute_quantile_ratio(np.concatenate([s[1] for s in own]), 0.9) for own in per_coordinate]
+    ratios = [
+        _compute_quantile_ratio(np.concatenate([s[0] for s in coordinate_swings]), 0.9)
+        for coordinate_swings in per_coordinate
+    ]
+    speeds = [
+        _compute_quantile_ratio(np.concatenate([s[1] for s in coordinate_swings]), 0.9)
+        for coordinate_swings in per_coordinate
+    ]
     rests = [_find_rests(m, f, rate, sigma, period_s) for m, f in zip(motions, fits, strict=True)]
     slow = np.concatenate([np.abs(fit.v) < EXCITATION.slow_rate_share * rate for fit in fits]).mean(axis=0)
     return ExcitationMeasures(
@@ -91,7 +98,7 @@ def measure_excitation(
         d=q.shape[1],
         amplitude_ratio=max(ratios),
         speed_ratio=max(speeds),
-        reversals=max(sum(len(s[0]) for s in own) for own in per_coordinate),
+        reversals=max(sum(len(s[0]) for s in coordinate_swings) for coordinate_swings in per_coordinate),
         slow_share=float(slow.max()),
         rest_periods=max((length for rest in rests for length, _ in rest), default=0.0) / period_s,
         holds=_count_distinct(np.array([place for rest in rests for _, place in rest]), np.ptp(q, axis=0)),
@@ -103,19 +110,20 @@ def measure_excitation(
 
 
 def _find_swings(motion: Trajectory, fit: LocalFit, i: int, sigma: float) -> tuple[np.ndarray, np.ndarray]:
-    """Half the way from each turning point to the next, and the time it takes [s]; noise makes none."""
+    """Half the distance between turning points, and the time between them [s], where above the noise."""
     sizes, times = [], []
     for start, stop in motion.segments:
         v = fit.v[start:stop, i]
         turns = start + 1 + np.flatnonzero((v[1:] > 0) != (v[:-1] > 0))
-        ways = 0.5 * np.abs(np.diff(fit.q[turns, i]))
-        real = ways > EXCITATION.swing_noise_ratio * sigma + 1e-6 * np.ptp(motion.q[:, i])
-        sizes.append(ways[real])
-        times.append(np.diff(motion.time_s[turns])[real])
+        amplitudes = 0.5 * np.abs(np.diff(fit.q[turns, i]))
+        visible = amplitudes > EXCITATION.swing_noise_ratio * sigma + 1e-6 * np.ptp(motion.q[:, i])
+        sizes.append(amplitudes[visible])
+        times.append(np.diff(motion.time_s[turns])[visible])
     return np.concatenate(sizes), np.concatenate(times)
 
 
 def _compute_quantile_ratio(values: np.ndarray, share: float) -> float:
+    """Ratio of the upper to the lower quantile; 1 with fewer than three values."""
     if len(values) < 3:
         return 1.0
     low, high = np.quantile(values, [1.0 - share, share])
@@ -125,23 +133,23 @@ def _compute_quantile_ratio(values: np.ndarray, share: float) -> float:
 def _find_rests(
     motion: Trajectory, fit: LocalFit, rate: np.ndarray, sigma: np.ndarray, period_s: float
 ) -> list[tuple[float, np.ndarray]]:
-    """Length [s] and place of every rest of at least `EXCITATION.min_rest_periods`."""
+    """Duration [s] and position of every rest of at least `EXCITATION.min_rest_periods`."""
     limit = np.maximum(EXCITATION.rest_rate_share * rate, 4.0 * sigma * np.median(fit.rate_gain))
-    # Noise that hides the motion is no rest.
+    # Noise that hides the motion must not count as rest.
     limit = np.minimum(limit, 0.3 * rate)
     still = (np.abs(fit.v) < limit).all(axis=1)
-    found = []
+    rests = []
     for start, stop in motion.segments:
         edges = start + np.flatnonzero(np.diff(np.concatenate([[0], still[start:stop].astype(int), [0]])))
         for a, b in zip(edges[::2], edges[1::2], strict=True):
             length = float(motion.time_s[b - 1] - motion.time_s[a])
             if length >= EXCITATION.min_rest_periods * period_s:
-                found.append((length, np.median(motion.q[a:b], axis=0)))
-    return found
+                rests.append((length, np.median(motion.q[a:b], axis=0)))
+    return rests
 
 
 def _count_distinct(places: np.ndarray, span: np.ndarray) -> int:
-    """How many places there are, if those nearer than `EXCITATION.level_separation` of the range are one."""
+    """Number of places farther apart than `EXCITATION.level_separation` of the range ``span``."""
     kept: list[np.ndarray] = []
     for place in places:
         if all((np.abs(place - other) > EXCITATION.level_separation * span).any() for other in kept):
@@ -150,6 +158,7 @@ def _count_distinct(places: np.ndarray, span: np.ndarray) -> int:
 
 
 def _measure_input(motions: Sequence[Trajectory], i: int, period_s: float) -> InputMeasures:
+    """Measures of input ``i`` of all motions."""
     u = np.concatenate([motion.u[:, i] for motion in motions])
     size, span = float(np.abs(u).max()), float(np.ptp(u))
     name = motions[0].u_names[i]
@@ -188,6 +197,7 @@ def _measure_input(motions: Sequence[Trajectory], i: int, period_s: float) -> In
 
 
 def _find_power_band(frequency: np.ndarray, power: np.ndarray) -> tuple[float, float]:
+    """Frequencies [Hz] between which nine tenths of the power lie."""
     order = np.argsort(frequency)
     summed = np.cumsum(power[order])
     if summed[-1] <= 0.0:
@@ -197,18 +207,19 @@ def _find_power_band(frequency: np.ndarray, power: np.ndarray) -> tuple[float, f
 
 
 def check_inputs(sim: Sequence[Trajectory], real: Sequence[Trajectory]) -> list[Finding]:
-    """Inputs that are constant on the real side, and those that only the real side ever moved.
+    """Report inputs that are constant on the real side, and those that move only there.
 
-    The second leave the verdict undetermined: a sim that never saw an input move does not know what it does.
+    The latter leave the verdict undetermined: a simulator that never saw an input move does not know its
+    effect.
     """
     if not real:
         return []
-    found = []
+    findings = []
     shared = [name for name in real[0].u_names if not sim or name in sim[0].u_names]
     for name in shared:
         moves_real, moves_sim = _input_moves(real, name), not sim or _input_moves(sim, name)
         if not moves_real:
-            found.append(
+            findings.append(
                 Finding(
                     "warn",
                     "constant input",
@@ -220,7 +231,7 @@ def check_inputs(sim: Sequence[Trajectory], real: Sequence[Trajectory]) -> list[
                 )
             )
         elif not moves_sim:
-            found.append(
+            findings.append(
                 Finding(
                     "undetermined",
                     "input of one side",
@@ -231,9 +242,10 @@ def check_inputs(sim: Sequence[Trajectory], real: Sequence[Trajectory]) -> list[
                     (name,),
                 )
             )
-    return found
+    return findings
 
 
 def _input_moves(motions: Sequence[Trajectory], name: str) -> bool:
+    """Whether the named input is more than a constant over all motions."""
     values = np.concatenate([motion.u[:, motion.u_names.index(name)] for motion in motions])
     return bool(np.ptp(values) > EXCITATION.constant_tolerance * np.abs(values).max())

@@ -1,4 +1,4 @@
-"""The natural period of a mechanism, seen in how it moves: free or driven, damped, drifting or noisy."""
+"""The natural period of a mechanism from its motion: free or driven, damped, drifting or noisy."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from lagsplat.io.trajectory.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class _Clip:
-    """A clip on an even grid of ``dt_s``, centred and scaled."""
+    """A clip at even steps of ``dt_s`` [s], centred and scaled."""
 
     q: Float64[np.ndarray, "N d"]
     u: Float64[np.ndarray, "N n_u"]
@@ -21,25 +21,24 @@ class _Clip:
 
 
 def estimate_natural_period_s(motions: Sequence[Trajectory]) -> float | None:
-    """Undamped period [s] of the slowest mode that carries `NATURAL_PERIOD.min_mode_share` of the motion;
-    None where none swings.
+    """Estimate the undamped period [s] of the slowest mode; None where nothing swings.
 
-    As `estimate_natural_periods_s`, whose first value this is.
+    It is the first of `estimate_natural_periods_s`.
     """
     periods = estimate_natural_periods_s(motions)
     return float(periods[0]) if len(periods) else None
 
 
 def estimate_natural_periods_s(motions: Sequence[Trajectory]) -> Float64[np.ndarray, " m"]:
-    """Undamped periods [s] of the modes, slowest first, m at most d; empty where nothing swings.
+    """Estimate the undamped periods [s] of the modes, slowest first, m at most d; empty where nothing swings.
 
-    A linear law ``a = -K q - C v + B u + c + e t`` is fitted in the weak form: with test functions that
-    vanish at both ends, derivatives fall on them and noise is not differenced. Inputs are part of the law, so
-    that a driven motion shows the mechanism's own period and not its driver's. Test functions should last
-    about one period: of all lengths that one is taken which finds a period near itself and is surest of it.
-    Where no law fits, as where a pendulum goes over the top, half-periods between turning points are counted
-    instead.
-    For large amplitudes the period is the one of an oscillation as large as those seen.
+    Only modes that carry `NATURAL_PERIOD.min_mode_share` of the motion count. A linear law ``a = -K q - C v +
+    B u + c + e t`` is fitted in the weak form: with test functions that vanish at both ends, derivatives fall
+    on them and noise is not differenced. Inputs are part of the law, so that a driven motion yields the
+    mechanism's period and not its driver's. Test functions should last about one period: of all lengths
+    tried, the one is taken whose period is close to it and has the smallest error. Where no law fits, as when
+    a pendulum goes over the top, half-periods between turning points are counted instead. For large
+    amplitudes the period is that of an oscillation of the amplitudes in the data.
 
     Source: weak form, Messenger and Bortz 2021.
     """
@@ -51,22 +50,22 @@ def estimate_natural_periods_s(motions: Sequence[Trajectory]) -> Float64[np.ndar
     if longest_s <= shortest_s:
         return _estimate_turning_period(clips)
     count = max(2, round(NATURAL_PERIOD.lengths_per_decade * np.log10(longest_s / shortest_s)))
-    best, found = -np.inf, np.zeros(0)
+    best_score, best_periods = -np.inf, np.zeros(0)
     for length_s in np.geomspace(shortest_s, longest_s, count):
-        periods, doubt = _fit_weak_law(clips, length_s)
-        if len(periods) == 0 or doubt > NATURAL_PERIOD.max_stiffness_error:
+        periods, error = _fit_weak_law(clips, length_s)
+        if len(periods) == 0 or error > NATURAL_PERIOD.max_stiffness_error:
             continue
-        # A period much longer than the test function is not seen by it, a much shorter one is averaged away.
-        score = -np.log(doubt) - 4.0 * np.log(periods[0] / length_s) ** 2
-        if score > best:
-            best, found = score, periods
-    return found if len(found) else _estimate_turning_period(clips)
+        # A test function misses a period much longer than itself and averages a much shorter one away.
+        score = -np.log(error) - 4.0 * np.log(periods[0] / length_s) ** 2
+        if score > best_score:
+            best_score, best_periods = score, periods
+    return best_periods if len(best_periods) else _estimate_turning_period(clips)
 
 
 def _resample_clips(motions: Sequence[Trajectory]) -> list[_Clip]:
-    """Clips long enough for a test function, interpolated onto even grids, in units of the whole motion."""
+    """Clips long enough for a test function, at even steps, in units of the whole motion's deviation."""
     total = sum(motion.n for motion in motions)
-    thin = max(1, total // NATURAL_PERIOD.max_samples)
+    stride = max(1, total // NATURAL_PERIOD.max_samples)
     q = np.concatenate([motion.q for motion in motions])
     u = np.concatenate([motion.u for motion in motions])
     centre, size = q.mean(axis=0), np.maximum(q.std(axis=0), np.finfo(float).tiny)
@@ -79,26 +78,26 @@ def _resample_clips(motions: Sequence[Trajectory]) -> list[_Clip]:
                 continue
             time = motion.time_s[start:stop]
             dt_s = (
-                thin * motion.dt_s
-                if stop - start >= 2 * NATURAL_PERIOD.min_test_samples * thin
+                stride * motion.dt_s
+                if stop - start >= 2 * NATURAL_PERIOD.min_test_samples * stride
                 else motion.dt_s
             )
             grid = np.arange(time[0], time[-1], dt_s)
             if len(grid) < NATURAL_PERIOD.min_test_samples + 2:
                 continue
-            swing = [np.interp(grid, time, column) for column in motion.q[start:stop].T]
-            drive = [np.interp(grid, time, column) for column in motion.u[start:stop].T[moving]]
-            drive = [*drive, np.zeros_like(grid)][: max(1, len(drive))]
+            position = [np.interp(grid, time, column) for column in motion.q[start:stop].T]
+            inputs = [np.interp(grid, time, column) for column in motion.u[start:stop].T[moving]]
+            inputs = [*inputs, np.zeros_like(grid)][: max(1, len(inputs))]
             scale = np.where(u_size[moving] > 0, u_size[moving], 1.0) if moving.any() else np.ones(1)
             mean = u_centre[moving] if moving.any() else np.zeros(1)
             clips.append(
-                _Clip((np.stack(swing, 1) - centre) / size, (np.stack(drive, 1) - mean) / scale, dt_s)
+                _Clip((np.stack(position, 1) - centre) / size, (np.stack(inputs, 1) - mean) / scale, dt_s)
             )
     return clips
 
 
 def _fit_weak_law(clips: Sequence[_Clip], length_s: float) -> tuple[Float64[np.ndarray, " m"], float]:
-    """Periods of the linear law seen by test functions of ``length_s``, and the first's relative error."""
+    """Periods of the linear law by test functions of ``length_s`` [s], and the first's relative error."""
     left, right = [], []
     d = clips[0].q.shape[1]
     for number, clip in enumerate(clips):
@@ -112,41 +111,51 @@ def _fit_weak_law(clips: Sequence[_Clip], length_s: float) -> tuple[Float64[np.n
             -8 * s * (1 - s**2) ** 3 / half_s,
             (56 * s**2 - 8) * (1 - s**2) ** 2 / half_s**2,
         )
-        seen = [_correlate(np.hstack([clip.q, clip.u]), test) for test in tests]
+        projected = [_correlate(np.hstack([clip.q, clip.u]), test) for test in tests]
         stride = max(1, n // 8)
-        value, slope, bend = (part[::stride] for part in seen)
-        own = np.zeros((len(value), 2 * len(clips)))
-        own[:, 2 * number] = tests[0].sum()
-        own[:, 2 * number + 1] = tests[0].sum() * np.linspace(-1.0, 1.0, len(value))
+        value, slope, bend = (part[::stride] for part in projected)
+        trend = np.zeros((len(value), 2 * len(clips)))
+        trend[:, 2 * number] = tests[0].sum()
+        trend[:, 2 * number + 1] = tests[0].sum() * np.linspace(-1.0, 1.0, len(value))
         weight = 1.0 / tests[0].sum()
-        left.append(weight * np.hstack([-value[:, :d], slope[:, :d], value[:, d:], own]))
+        left.append(weight * np.hstack([-value[:, :d], slope[:, :d], value[:, d:], trend]))
         right.append(weight * bend[:, :d])
     if not left:
         return np.zeros(0), np.inf
     rows, target = np.concatenate(left), np.concatenate(right)
     constants = rows[:, 2 * d + clips[0].u.shape[1] :]
     solution, _, rank, _ = np.linalg.lstsq(rows, target, rcond=1e-10)
-    plain = target - constants @ np.linalg.lstsq(constants, target, rcond=1e-10)[0]
-    rest = ((target - rows @ solution) ** 2).sum(axis=0)
-    if rest.sum() > (1.0 - NATURAL_PERIOD.min_explained_share) * (plain**2).sum():
+    unforced = target - constants @ np.linalg.lstsq(constants, target, rcond=1e-10)[0]
+    squared_error = ((target - rows @ solution) ** 2).sum(axis=0)
+    if squared_error.sum() > (1.0 - NATURAL_PERIOD.min_explained_share) * (unforced**2).sum():
         return np.zeros(0), np.inf
-    # Test functions overlap: four neighbours tell about as much as one.
+    # Test functions overlap: four neighbours hold about as much information as one.
     freedom = len(rows) / 4.0 - rank
     if freedom < NATURAL_PERIOD.min_surplus:
         return np.zeros(0), np.inf
-    variance = (rest + 1e-12 * (target**2).sum(axis=0)) / freedom
+    variance = (squared_error + 1e-12 * (target**2).sum(axis=0)) / freedom
     return _select_modes(solution[:d].T, np.linalg.pinv(rows.T @ rows, rcond=1e-12)[:d, :d], variance, clips)
 
 
 def _correlate(series: np.ndarray, test: np.ndarray) -> np.ndarray:
+    """Inner products of a series (N, k) with a test function at every position."""
     return oaconvolve(series, test[::-1, None], mode="valid", axes=0)
 
 
 def _select_modes(
     stiffness: np.ndarray, spread: np.ndarray, variance: np.ndarray, clips: Sequence[_Clip]
 ) -> tuple[Float64[np.ndarray, " m"], float]:
-    """Periods of the modes of ``a = -K q`` that carry their share of the motion, slowest first, and the
-    relative standard error of the first; ``spread`` and ``variance`` are those of the fit of K."""
+    """Periods of the modes of ``a = -K q`` that carry enough of the motion, slowest first.
+
+    Args:
+        stiffness: K (d, d).
+        spread: covariance of the fit's coefficients, over the error's variance.
+        variance: of the error of each coordinate.
+        clips: the motion.
+
+    Returns:
+        The periods [s] and the relative standard error of the first mode's stiffness.
+    """
     values, shapes = np.linalg.eig(stiffness)
     if np.linalg.cond(shapes) > 1e8:
         return np.zeros(0), np.inf
@@ -167,18 +176,17 @@ def _select_modes(
 
 
 def _estimate_turning_period(clips: Sequence[_Clip]) -> Float64[np.ndarray, " m"]:
-    """Twice the median time between turning points, by the coordinate that turns most often."""
-    found = []
+    """Twice the median time between turning points, of the coordinate that turns most often."""
+    halves_s = []
     for i in range(clips[0].q.shape[1] if clips else 0):
         halves = [np.diff(_find_turning_points(clip.q[:, i])) * clip.dt_s for clip in clips]
-        found.append(np.concatenate(halves))
-    often = max(found, key=len, default=np.zeros(0))
-    return np.array([2.0 * float(np.median(often))]) if len(often) >= 2 else np.zeros(0)
+        halves_s.append(np.concatenate(halves))
+    most_turns = max(halves_s, key=len, default=np.zeros(0))
+    return np.array([2.0 * float(np.median(most_turns))]) if len(most_turns) >= 2 else np.zeros(0)
 
 
 def _find_turning_points(q: np.ndarray) -> list[int]:
-    """Samples at which a column turns round, by more than `NATURAL_PERIOD.turn_size` of its standard
-    deviation over all clips."""
+    """Samples at which a column reverses by more than `NATURAL_PERIOD.turn_size`, in its own deviations."""
     turns: list[int] = []
     low = high = 0
     rising = None
@@ -197,7 +205,7 @@ def _find_turning_points(q: np.ndarray) -> list[int]:
 
 
 def compute_rms_period_s(motions: Sequence[Trajectory], order: int) -> float | None:
-    """The rms period of the spectrum of the ``order``-th derivative; None where nothing moves."""
+    """Period [s] of the rms frequency of the ``order``-th derivative's spectrum; None where nothing moves."""
     weighted = total = 0.0
     for motion in motions:
         for start, stop in motion.segments:
@@ -207,20 +215,20 @@ def compute_rms_period_s(motions: Sequence[Trajectory], order: int) -> float | N
             step = (motion.time_s[stop - 1] - motion.time_s[start]) / (len(x) - 1)
             omega = 2.0 * np.pi * np.fft.rfftfreq(len(x), step)
             power = np.abs(np.fft.rfft(x * np.hanning(len(x))[:, None], axis=0)) ** 2 / x.var(axis=0)
-            whole = power.sum(axis=1)
-            whole[0] = 0.0
-            whole[whole < (0.02 if order == 0 else 0.002) * whole.max()] = 0.0
-            whole = whole * omega ** (2 * order)
-            weighted += float((whole * omega**2).sum())
-            total += float(whole.sum())
+            power_sum = power.sum(axis=1)
+            power_sum[0] = 0.0
+            power_sum[power_sum < (0.02 if order == 0 else 0.002) * power_sum.max()] = 0.0
+            power_sum = power_sum * omega ** (2 * order)
+            weighted += float((power_sum * omega**2).sum())
+            total += float(power_sum.sum())
     return float(2.0 * np.pi / np.sqrt(weighted / total)) if weighted > 0.0 else None
 
 
 def estimate_spectral_period_s(motions: Sequence[Trajectory]) -> float:
-    """The rms period of the motion's spectrum, from the part of it that stands above noise [s].
+    """Estimate the period [s] of the motion from the part of its spectrum that is above the noise.
 
-    Where a mechanism goes over the top or is held for long, its steps outweigh its swings; there the spectrum
-    of its rate is taken, which weighs both alike.
+    Where a mechanism goes over the top or is held for long, steps outweigh swings in the spectrum; then the
+    spectrum of the rates is used, which weighs both alike.
 
     Raises:
         ValueError: no clip is long enough, or nothing moves.

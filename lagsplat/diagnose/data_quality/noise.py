@@ -1,8 +1,9 @@
-"""Value, rate and acceleration at a sample, by a polynomial through the samples around it.
+"""Measurement noise of a recorded motion, and local polynomials that smooth it.
 
-Noise and velocity of a recorded motion, by local cubics in true time.
-
-How noisy coordinates are, and whether one sample's error resembles the next one's.
+`measure_noise` estimates deviation, correlation and quantisation step of the noise by likelihood.
+`estimate_noise_level` is a faster estimate of the deviation alone, from the residual of local cubics.
+`fit_locally` and `fit_local_cubic` give value, rate and acceleration at every sample; they differ at borders
+and in how they choose the window.
 """
 
 from collections.abc import Sequence
@@ -16,7 +17,7 @@ from lagsplat.diagnose.core.config import NOISE_ESTIMATION
 from lagsplat.io.trajectory.trajectory import Trajectory
 
 CHUNK_SAMPLES = 4096
-"""Samples that are fitted at once, to bound the memory."""
+"""Samples fitted at once, which bounds memory."""
 
 
 @dataclass(frozen=True)
@@ -33,10 +34,10 @@ class LocalFit:
 
 
 def fit_locally(motion: Trajectory, *, half_width: int) -> LocalFit:
-    """A cubic through the ``2 half_width + 1`` samples nearest to each, never across the border of a clip.
+    """Fit a cubic through the ``2 half_width + 1`` samples nearest to each, never across a clip's border.
 
     Times may be uneven. Near its border a clip's window is one-sided; a clip of fewer samples than a window
-    is fitted as a whole, by a polynomial of as high a degree as it can bear, at most three.
+    is fitted as a whole, by a polynomial of degree three or, for fewer than four samples, lower.
 
     Raises:
         ValueError: a half width below 2.
@@ -62,7 +63,7 @@ def fit_locally(motion: Trajectory, *, half_width: int) -> LocalFit:
 def _compute_polynomial_weights(
     time_s: np.ndarray, at: np.ndarray, window: np.ndarray
 ) -> Float64[np.ndarray, "N 3 K"]:
-    """Rows that turn the samples of a window into value, rate and acceleration at sample ``at``."""
+    """Weights that turn the samples of a window into value, rate and acceleration at sample ``at``."""
     degree = min(3, window.shape[1] - 1)
     offset = time_s[window] - time_s[at][:, None]
     scale = np.abs(offset).max(axis=1, keepdims=True)
@@ -78,29 +79,35 @@ def _compute_polynomial_weights(
 
 
 def fit_local_cubic(
-    time: Float64[np.ndarray, " N"],
+    time_s: Float64[np.ndarray, " N"],
     q: Float64[np.ndarray, "N d"],
     clips: Int64[np.ndarray, "C 2"],
     *,
     width_s: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Value, slope and curvature (N, d) of the cubic fitted to the samples about each one.
+    """Value, slope and curvature (N, d) of the cubic fitted to the samples around each one.
 
     The fit spans ``width_s`` or nine samples, whichever is more, and is one-sided where a clip ends.
+
+    Args:
+        time_s: times of all samples [s].
+        q: coordinates.
+        clips: first sample and end of each clip.
+        width_s: width of the window [s].
     """
     smooth, slope, bend = np.empty_like(q), np.empty_like(q), np.empty_like(q)
     for start, stop in clips:
         n = stop - start
-        dt = (time[stop - 1] - time[start]) / max(n - 1, 1)
-        half = int(min(max(round(0.5 * width_s / max(dt, 1e-12)), 4), (n - 1) // 2))
+        half = _choose_half_width(time_s[start:stop], width_s)
         if n < 5:
             smooth[start:stop] = q[start:stop]
-            slope[start:stop] = np.gradient(q[start:stop], time[start:stop], axis=0) if n > 1 else 0.0
+            slope[start:stop] = np.gradient(q[start:stop], time_s[start:stop], axis=0) if n > 1 else 0.0
             bend[start:stop] = 0.0
             continue
+        dt = (time_s[stop - 1] - time_s[start]) / (n - 1)
         centre = np.clip(np.arange(n), half, n - 1 - half)
         index = start + centre[:, None] + np.arange(-half, half + 1)[None, :]
-        x = (time[index] - time[start:stop, None]) / (half * dt)
+        x = (time_s[index] - time_s[start:stop, None]) / (half * dt)
         degree = 3 if 2 * half + 1 > 5 else 2
         powers = x[..., None] ** np.arange(degree + 1)
         gram = np.einsum("nka,nkb->nab", powers, powers)
@@ -111,42 +118,58 @@ def fit_local_cubic(
     return smooth, slope, bend
 
 
+def _choose_half_width(time_s: np.ndarray, width_s: float) -> int:
+    """Samples to either side in a window of ``width_s`` or of nine samples, inside a clip at ``time_s``."""
+    n = len(time_s)
+    dt = (time_s[-1] - time_s[0]) / max(n - 1, 1)
+    return int(min(max(round(0.5 * width_s / max(dt, 1e-12)), 4), (n - 1) // 2))
+
+
 def estimate_noise_level(
-    time: Float64[np.ndarray, " N"],
+    time_s: Float64[np.ndarray, " N"],
     q: Float64[np.ndarray, "N d"],
     clips: Int64[np.ndarray, "C 2"],
     *,
     width_s: float,
 ) -> Float64[np.ndarray, " d"]:
-    """Standard deviation of the noise of each coordinate, robust to a few outliers.
+    """Standard deviation (d,) of the noise of each coordinate, robust to a few outliers.
 
-    The residual of a local cubic, corrected for what the fit takes of white noise (Savitzky-Golay
-    centre weight ``(3/4)(3 m^2 - 7) / (m (m^2 - 4))`` of ``m`` samples).
+    It is that of the residual of a local cubic, corrected for what the fit takes of white noise
+    (Savitzky-Golay centre weight ``(3/4)(3 m^2 - 7) / (m (m^2 - 4))`` of ``m`` samples); NaN where no clip
+    has nine samples.
+
+    Args:
+        time_s: times of all samples [s].
+        q: coordinates.
+        clips: first sample and end of each clip.
+        width_s: width of the window [s].
     """
     residuals = []
     for start, stop in clips:
         n = stop - start
-        dt = (time[stop - 1] - time[start]) / max(n - 1, 1)
-        half = int(min(max(round(0.5 * width_s / max(dt, 1e-12)), 4), (n - 1) // 2))
+        half = _choose_half_width(time_s[start:stop], width_s)
         if half < 4:
             continue
         clip = np.array([[0, n]])
-        smooth = fit_local_cubic(time[start:stop], q[start:stop], clip, width_s=width_s)[0]
+        smooth = fit_local_cubic(time_s[start:stop], q[start:stop], clip, width_s=width_s)[0]
         m = 2 * half + 1
         kept = 1.0 - 0.75 * (3.0 * m * m - 7.0) / (m * (m * m - 4.0))
         residuals.append((q[start:stop] - smooth)[half : n - half] / np.sqrt(kept))
     if not residuals:
         return np.full(q.shape[1], np.nan)
-    every = np.concatenate(residuals)
-    middle = 1.4826 * np.median(np.abs(every), axis=0)
-    inside = np.abs(every) <= 4.0 * middle
-    return np.sqrt(np.sum(np.where(inside, every, 0.0) ** 2, axis=0) / np.maximum(inside.sum(axis=0), 1))
+    residual = np.concatenate(residuals)
+    deviation = 1.4826 * np.median(np.abs(residual), axis=0)
+    inside = np.abs(residual) <= 4.0 * deviation
+    return np.sqrt(np.sum(np.where(inside, residual, 0.0) ** 2, axis=0) / np.maximum(inside.sum(axis=0), 1))
 
 
 @dataclass(frozen=True)
 class MeasurementNoise:
-    """Standard deviation of each coordinate's error [its unit], correlation of neighbouring errors, and the
-    quantisation step [its unit], 0 where there is none."""
+    """Noise of each coordinate's measurement.
+
+    ``sigma`` is its standard deviation [the coordinate's unit], ``correlation`` that of neighbouring errors,
+    and ``step`` the quantisation step [the coordinate's unit], 0 where there is none.
+    """
 
     sigma: Float64[np.ndarray, " d"]
     correlation: Float64[np.ndarray, " d"]
@@ -154,13 +177,14 @@ class MeasurementNoise:
 
 
 def measure_noise(motions: Sequence[Trajectory], *, period_s: float | None) -> MeasurementNoise:
-    """Noise of motions that one sensor took: what no polynomial over a part of a period explains.
+    """Measure the noise of motions that one sensor recorded.
 
-    Contrasts of a window that are orthogonal to polynomials of degree `NOISE_ESTIMATION.polynomial_degree`
-    are Gaussian with the covariance of a first-order autoregression; Student's t makes windows with a kink
-    harmless. Correlation is 0 unless the data ask for it by `NOISE_ESTIMATION.correlated_log_ratio` nats.
-    Without a period windows are the shortest. Sigma is NaN where no clip has `NOISE_ESTIMATION.min_window`
-    samples; it is at least that of rounding to the quantisation step.
+    Noise is what no polynomial over part of a period explains. Contrasts of a window that are orthogonal to
+    polynomials of degree `NOISE_ESTIMATION.polynomial_degree` are Gaussian with the covariance of a
+    first-order autoregression; Student's t reduces the weight of windows with a kink. Correlation is 0 unless
+    its log evidence exceeds `NOISE_ESTIMATION.correlated_log_ratio` nats. ``period_s`` is the natural period
+    [s]; without it the shortest windows are used. Sigma is NaN where no clip has
+    `NOISE_ESTIMATION.min_window` samples; it is at least that of rounding to the quantisation step.
 
     Source: marginal likelihood over contrasts as in REML, Patterson and Thompson 1971.
     """
@@ -194,9 +218,10 @@ def measure_noise(motions: Sequence[Trajectory], *, period_s: float | None) -> M
 
 
 def find_quantisation_step(values: Float64[np.ndarray, " T"]) -> float:
-    """The step of which all differences are whole multiples; 0 where there is none or too few repeats.
+    """Find the step of which all differences are whole multiples; 0 without one.
 
-    Digits of a text are a step too; whether a step matters is seen beside the noise.
+    At least three tenths of the values must repeat others. Rounding to decimals of a text is such a step,
+    too; compare it with the noise to see whether it matters.
     """
     levels = np.unique(values)
     if len(levels) < 2 or len(levels) > 0.7 * len(values):
@@ -211,22 +236,23 @@ def find_quantisation_step(values: Float64[np.ndarray, " T"]) -> float:
 
 
 def _choose_windows(motions: Sequence[Trajectory], width: int) -> list[tuple[int, int]]:
-    found = [
+    """Motion and first sample of windows of ``width`` samples, spread evenly over all motions."""
+    windows = [
         (m, k)
         for m, motion in enumerate(motions)
         for start, stop in motion.segments
         for k in range(start, stop - width + 1, width)
     ]
     chosen = np.unique(
-        np.linspace(0, len(found) - 1, min(len(found), NOISE_ESTIMATION.max_windows)).astype(int)
+        np.linspace(0, len(windows) - 1, min(len(windows), NOISE_ESTIMATION.max_windows)).astype(int)
     )
-    return [found[k] for k in chosen] if found else []
+    return [windows[k] for k in chosen] if windows else []
 
 
 def _estimate_in_windows(
     motions: Sequence[Trajectory], width: int, dt_s: float
 ) -> list[tuple[float, float, float]]:
-    """Per coordinate: standard deviation, correlation, and the standard deviation if it were white."""
+    """Per coordinate: standard deviation, correlation, and the standard deviation if the noise were white."""
     windows = _choose_windows(motions, width)
     if not windows:
         return []
@@ -234,16 +260,16 @@ def _estimate_in_windows(
     values = np.stack([motions[m].q[k : k + width] for m, k in windows])
     contrasts = _compute_contrasts(time)
     lags = np.abs(time[:, :, None] - time[:, None, :])
-    seen = np.einsum("wkc,wkd->dwc", contrasts, values - values.mean(axis=1, keepdims=True))
+    projected = np.einsum("wkc,wkd->dwc", contrasts, values - values.mean(axis=1, keepdims=True))
     rounding = 1e-14 * np.abs(values).max(axis=(0, 1))
     return [
         (0.0, 0.0, 0.0) if np.abs(observed).max() <= least else _fit_autoregression(observed, contrasts, lags)
-        for observed, least in zip(seen, rounding, strict=True)
+        for observed, least in zip(projected, rounding, strict=True)
     ]
 
 
 def _compute_contrasts(time: np.ndarray) -> Float64[np.ndarray, "W K c"]:
-    """An orthonormal basis of what polynomials over each window leave."""
+    """An orthonormal basis of the complement of polynomials over each window."""
     offset = time - time.mean(axis=1, keepdims=True)
     offset = offset / np.abs(offset).max(axis=1, keepdims=True)
     powers = offset[..., None] ** np.arange(NOISE_ESTIMATION.polynomial_degree + 1)
@@ -262,7 +288,7 @@ def _fit_autoregression(
         0.0,
         np.linspace(*NOISE_ESTIMATION.correlation_grid),
     ):
-        if rho < 0.0 and not even:  # it alternates from sample to sample, which uneven ones cannot
+        if rho < 0.0 and not even:  # negative correlation alternates, which is defined for even steps only
             continue
         signs = np.where(np.rint(lags) % 2, -1.0, 1.0) if rho < 0 else 1.0
         errors = signs * np.abs(rho) ** lags if rho else (lags == 0).astype(float)
@@ -275,20 +301,20 @@ def _fit_autoregression(
             / 2.0
         )
         volume = np.linalg.slogdet(covariance)[1].sum() / 2.0 + observed.size * np.log(variance) / 2.0
-        # Noise that wanders for longer than a window cannot be told from motion: a prior keeps it small.
+        # Noise correlated over more than a window looks like motion: a prior keeps the correlation small.
         prior = 3.0 * np.log1p(-(rho**2))
         scores.append((float(prior - fitted - volume), variance, float(rho)))
     white = next(score for score in scores if score[2] == 0.0)
     best = max(scores)
     chosen = best if best[0] - white[0] > NOISE_ESTIMATION.correlated_log_ratio else white
-    # Student's scale is below the variance of the Gaussian it stands for, by a fixed factor.
+    # Student's scale is below the variance of Gaussian noise, by a factor that depends on the size only.
     factor = _compute_gaussian_factor(size)
     return float(np.sqrt(chosen[1] * factor)), chosen[2], float(np.sqrt(white[1] * factor))
 
 
 def _fit_student_variance(distance: np.ndarray, size: int) -> float:
-    """Scale of Student's t that makes ``distance`` (W,) likeliest, by reweighting."""
-    # Where most windows are exactly at rest the scale goes to zero, as it should, but not all the way.
+    """Scale of Student's t that makes squared distances (W,) likeliest, by reweighting."""
+    # Where most windows are exactly at rest the scale goes to zero; the floor avoids a division by zero.
     floor = 1e-12 * float(distance.mean()) / size
     variance = max(float(np.median(distance)) / size, floor)
     for _ in range(50):

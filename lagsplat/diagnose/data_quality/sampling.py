@@ -1,8 +1,8 @@
-"""Recordings far finer than their motion, averaged: a log at 1 kHz of a swing of one second, say.
+"""Sampling of a recording: averages of one far finer than its motion, and checks of one too coarse or short.
 
-Time is spent on every sample, and a thousand of them a period tell no more than a hundred means of ten.
-
-Repeated, rounded or clipped samples, too few of them a period, and recordings too short or at rest.
+`average_dense_samples` shortens a log at 1 kHz of a swing of one second, say: computing time grows with every
+sample, and a thousand of them a period hold no more than a hundred means of ten. The checks find repeated,
+rounded or clipped samples, too few of them a period, and recordings too short or at rest.
 """
 
 from collections.abc import Sequence
@@ -16,25 +16,28 @@ from lagsplat.diagnose.data_quality.natural_period import compute_rms_period_s
 from lagsplat.diagnose.data_quality.noise import MeasurementNoise, fit_locally
 from lagsplat.io.trajectory.trajectory import Trajectory
 
+REPEATED_SAMPLES_CHECK = "repeated samples"
+"""Name of the check for samples that repeat the one before."""
+
 
 def average_dense_samples(
     motions: Sequence[Trajectory], *, hold: str
 ) -> tuple[tuple[Trajectory, ...], tuple[Finding, ...]]:
-    """The motions as means of so many neighbours that a period keeps `SAMPLING.decimated_samples_per_period`,
-    and what was done.
+    """Average neighbours where a period has far more than `SAMPLING.decimated_samples_per_period` samples.
 
-    ``hold`` says how inputs act between samples: ``zoh`` or ``linear``.
+    At least `SAMPLING.decimated_rate_hz` a second remain. ``hold`` is how inputs act between samples: ``zoh``
+    or ``linear``. Returns the motions and a finding for each that was averaged.
     """
     period_s = compute_rms_period_s(motions, 1)
-    out, told = [], []
+    averaged, findings = [], []
     for motion in motions:
-        many = (period_s or 0.0) / (SAMPLING.decimated_samples_per_period * motion.dt_s)
-        many = min(many, 1.0 / (SAMPLING.decimated_rate_hz * motion.dt_s))
-        n = 2 * int((many - 1.0) / 2.0) + 1 if many > 1.0 else 1
+        ratio = (period_s or 0.0) / (SAMPLING.decimated_samples_per_period * motion.dt_s)
+        ratio = min(ratio, 1.0 / (SAMPLING.decimated_rate_hz * motion.dt_s))
+        n = 2 * int((ratio - 1.0) / 2.0) + 1 if ratio > 1.0 else 1
         shorter = average_samples(motion, n, held=hold == "zoh") if n > 1 else motion
-        out.append(shorter)
+        averaged.append(shorter)
         if shorter is not motion:
-            told.append(
+            findings.append(
                 Finding(
                     "note",
                     "averaged",
@@ -45,13 +48,14 @@ def average_dense_samples(
                     "cut out and give a short stretch, if that is what is sought",
                 )
             )
-    return tuple(out), tuple(told)
+    return tuple(averaged), tuple(findings)
 
 
 def average_samples(motion: Trajectory, n: int, *, held: bool) -> Trajectory:
-    """Means of ``n`` samples, an odd number, each within one clip; what is over at a clip's end is left out.
+    """Average ``n`` samples at a time, an odd number, each within one clip.
 
-    Inputs that are ``held`` act from one sample until the next: theirs are means from one middle to the next.
+    Samples left over at a clip's end are dropped. Inputs that are ``held`` are constant from one sample to
+    the next: they are averaged from one middle to the next.
     """
     rows, later, segments, at = [], [], [], 0
     for start, stop in motion.segments:
@@ -76,11 +80,12 @@ def average_samples(motion: Trajectory, n: int, *, held: bool) -> Trajectory:
     )
 
 
-REPEATED_SAMPLES_CHECK = "repeated samples"  # the check's name
-
-
 def count_blocks(motions: Sequence[Trajectory], *, period_s: float) -> int:
-    """Number of blocks in the motions; the length of a block is set in `SAMPLING`."""
+    """Count the blocks into which motions can be divided.
+
+    A block lasts `SAMPLING.block_periods` natural periods ``period_s`` [s], or `SAMPLING.block_samples`
+    samples if that is longer.
+    """
     blocks = 0
     for motion in motions:
         length_s = max(SAMPLING.block_periods * period_s, SAMPLING.block_samples * motion.dt_s)
@@ -92,7 +97,14 @@ def count_blocks(motions: Sequence[Trajectory], *, period_s: float) -> int:
 def check_length(
     motions: Sequence[Trajectory], *, period_s: float | None, noise: MeasurementNoise, side: str
 ) -> list[Finding]:
-    """Whether there is motion at all, and long enough to fit on one half and to test on the other."""
+    """Check that there is motion, and enough of it to fit on one half and to test on the other.
+
+    Args:
+        motions: the motions of one side.
+        period_s: the natural period [s], None where nothing swings.
+        noise: of the measurement.
+        side: "sim" or "real", for the findings.
+    """
     q = np.concatenate([motion.q - motion.q.mean(axis=0) for motion in motions])
     sigma = np.where(np.isfinite(noise.sigma), noise.sigma, 0.0)
     size = np.sqrt((q**2).mean(axis=0))
@@ -100,7 +112,7 @@ def check_length(
         SAMPLING.rest_noise_ratio * sigma, 1e-12 * np.abs(np.concatenate([m.q for m in motions])).max()
     )
     still &= ~_moves_smoothly(motions, still)
-    names = tuple(name for name, rests in zip(motions[0].q_names, still, strict=True) if rests)
+    names = tuple(name for name, at_rest in zip(motions[0].q_names, still, strict=True) if at_rest)
     if still.all() or period_s is None:
         return [
             Finding(
@@ -113,9 +125,9 @@ def check_length(
                 names,
             )
         ]
-    found = []
+    findings = []
     if names:
-        found.append(
+        findings.append(
             Finding(
                 "warn",
                 "coordinate at rest",
@@ -126,15 +138,16 @@ def check_length(
                 names,
             )
         )
-    return found + _check_duration(motions, period_s, side)
+    return findings + _check_duration(motions, period_s, side)
 
 
 def _check_duration(motions: Sequence[Trajectory], period_s: float, side: str) -> list[Finding]:
+    """Findings of recordings with too few periods or blocks."""
     duration_s = sum(motion.duration_s for motion in motions)
     periods, blocks = duration_s / period_s, count_blocks(motions, period_s=period_s)
-    found = []
+    findings = []
     if periods < SAMPLING.min_periods:
-        found.append(
+        findings.append(
             Finding(
                 "undetermined",
                 "too short",
@@ -145,7 +158,7 @@ def _check_duration(motions: Sequence[Trajectory], period_s: float, side: str) -
             )
         )
     elif blocks < SAMPLING.min_blocks:
-        found.append(
+        findings.append(
             Finding(
                 "warn",
                 "short",
@@ -158,11 +171,11 @@ def _check_duration(motions: Sequence[Trajectory], period_s: float, side: str) -
                 "in clips of several periods",
             )
         )
-    return found
+    return findings
 
 
 def _moves_smoothly(motions: Sequence[Trajectory], still: np.ndarray) -> np.ndarray:
-    """Coordinates whose small motion is smooth all the same: several samples in a row agree."""
+    """Whether each coordinate, though small, moves smoothly: several samples in a row agree."""
     smooth = np.zeros(len(still), dtype=bool)
     for motion in motions:
         for start, stop in motion.segments:
@@ -176,8 +189,8 @@ def _moves_smoothly(motions: Sequence[Trajectory], still: np.ndarray) -> np.ndar
 
 
 def check_samples(motion: Trajectory, *, period_s: float | None, noise: MeasurementNoise) -> list[Finding]:
-    """Repeated, rounded and clipped values, and how many samples a period has."""
-    found = [
+    """Check for repeated, rounded and clipped values, and for too few samples in a natural period."""
+    findings = [
         *_check_quantisation(motion, noise),
         *_check_clipping(motion, noise),
         *_check_repeats(motion, noise),
@@ -185,7 +198,7 @@ def check_samples(motion: Trajectory, *, period_s: float | None, noise: Measurem
     if period_s is not None and period_s / motion.dt_s < SAMPLING.coarse_samples_per_period:
         density = period_s / motion.dt_s
         hopeless = density < SAMPLING.min_samples_per_period
-        found.append(
+        findings.append(
             Finding(
                 "undetermined" if hopeless else "warn",
                 "too coarse",
@@ -195,10 +208,11 @@ def check_samples(motion: Trajectory, *, period_s: float | None, noise: Measurem
                 f"record at least {2.0 * SAMPLING.coarse_samples_per_period / period_s:.3g} samples a second",
             )
         )
-    return found
+    return findings
 
 
 def _check_quantisation(motion: Trajectory, noise: MeasurementNoise) -> list[Finding]:
+    """Findings of coordinates whose quantisation step is large compared with their motion."""
     size = motion.q.std(axis=0)
     rough = noise.step > SAMPLING.quantization_share * size
     return [
@@ -217,33 +231,34 @@ def _check_quantisation(motion: Trajectory, noise: MeasurementNoise) -> list[Fin
 
 
 def _check_clipping(motion: Trajectory, noise: MeasurementNoise) -> list[Finding]:
-    found = []
+    """Findings of coordinates that stay at an extreme value."""
+    findings = []
     for i, name in enumerate(motion.q_names):
         values = motion.q[:, i]
-        for extreme, word in ((values.max(), "largest"), (values.min(), "smallest")):
+        for extreme, which in ((values.max(), "largest"), (values.min(), "smallest")):
             at = values == extreme
             edges = np.flatnonzero(np.diff(np.concatenate([[0], at.astype(int), [0]])))
             runs = edges[1::2] - edges[::2]
-            many = at.mean() > SAMPLING.clipped_share and (runs >= SAMPLING.clipped_run).sum() >= 2
+            clipped = at.mean() > SAMPLING.clipped_share and (runs >= SAMPLING.clipped_run).sum() >= 2
             # A coarse step makes plateaus at every turning point; so does a rest that is the extreme.
-            if many and noise.step[i] < 0.02 * np.ptp(values) and at.mean() < 0.5:
-                found.append(
+            if clipped and noise.step[i] < 0.02 * np.ptp(values) and at.mean() < 0.5:
+                findings.append(
                     Finding(
                         "warn",
                         "clipped",
                         motion.source,
-                        f"{name} stays exactly at its {word} value {extreme:.6g} in {100 * at.mean():.2g} % "
+                        f"{name} stays exactly at its {which} value {extreme:.6g} in {100 * at.mean():.2g} % "
                         f"of the samples, {int((runs >= SAMPLING.clipped_run).sum())} times",
                         "a sensor at its limit looks like an end stop",
                         "check the sensor's range",
                         (name,),
                     )
                 )
-    return found
+    return findings
 
 
 def _check_repeats(motion: Trajectory, noise: MeasurementNoise) -> list[Finding]:
-    """Samples that repeat the one before while the motion goes on."""
+    """Finding of samples that repeat the one before while the motion goes on."""
     if motion.n < 12:
         return []
     same = (np.diff(motion.q, axis=0) == 0.0).all(axis=1)
@@ -257,16 +272,16 @@ def _check_repeats(motion: Trajectory, noise: MeasurementNoise) -> list[Finding]
     edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(int), [0]])))
     for start, stop in zip(edges[::2], edges[1::2], strict=True):
         same[start:stop] &= stop - start <= SAMPLING.max_repeats
-    frozen = np.flatnonzero(same & moves.any(axis=1))
-    if not frozen.size:
+    repeats = np.flatnonzero(same & moves.any(axis=1))
+    if not repeats.size:
         return []
     return [
         Finding(
             "warn",
             REPEATED_SAMPLES_CHECK,
             motion.source,
-            f"{len(frozen)} sample(s) repeat the one before while the motion goes on, the first at "
-            f"{motion.time_s[frozen[0] + 1]:.6g} s",
+            f"{len(repeats)} sample(s) repeat the one before while the motion goes on, the first at "
+            f"{motion.time_s[repeats[0] + 1]:.6g} s",
             "a frame that is shown twice is a frame that was lost",
             "record without dropped frames; `frame_drops` is among the candidates",
         )

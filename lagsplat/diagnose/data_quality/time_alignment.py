@@ -1,4 +1,4 @@
-"""How well a linear law explains a driven motion when its inputs are taken to act earlier or later."""
+"""Whether inputs and coordinates share a clock: how well the motion is explained by shifted inputs."""
 
 from collections.abc import Sequence
 
@@ -10,11 +10,11 @@ from lagsplat.io.trajectory.trajectory import Trajectory
 
 
 def score_input_shifts(motion: Trajectory, *, period_s: float) -> tuple[np.ndarray, np.ndarray]:
-    """Shifts of the inputs [s], and the share of the motion's forced part that each explains, from 0 to 1.
+    """Shifts of the inputs [s], and the share of the forced motion that each explains, from 0 to 1.
 
     For each shift ``a = -K q - C v + B u(t - shift) + c`` is fitted in the weak form, with test functions of
-    one period; the share is that of the residual without inputs that these remove. Clips shorter than two
-    periods have no say. Without any the arrays are empty.
+    one period; the share is the part of the residual without inputs that these remove. ``period_s`` is the
+    natural period [s]. Clips shorter than two periods are left out; if none is left the arrays are empty.
     """
     shifts = (
         period_s
@@ -24,7 +24,7 @@ def score_input_shifts(motion: Trajectory, *, period_s: float) -> tuple[np.ndarr
             round(TIME_ALIGNMENT.max_shift_periods * TIME_ALIGNMENT.shifts_per_period) + 1,
         )
     )
-    left, drive, right = [], [], []
+    state_columns, input_columns, accelerations = [], [], []
     half_s = 0.5 * period_s
     s = np.linspace(-1.0, 1.0, 33)
     tests = np.stack(
@@ -42,9 +42,9 @@ def score_input_shifts(motion: Trajectory, *, period_s: float) -> tuple[np.ndarr
         grid = middles[:, None] + half_s * s
         q = np.stack([np.interp(grid, time, column) for column in motion.q[start:stop].T], axis=-1)
         value, slope, bend = (np.einsum("k,nkd->nd", test, q) for test in tests)
-        left.append(np.hstack([value, slope, np.ones((len(middles), 1))]))
-        right.append(bend)
-        drive.append(
+        state_columns.append(np.hstack([value, slope, np.ones((len(middles), 1))]))
+        accelerations.append(bend)
+        input_columns.append(
             np.stack(
                 [
                     np.stack(
@@ -58,11 +58,11 @@ def score_input_shifts(motion: Trajectory, *, period_s: float) -> tuple[np.ndarr
                 ]
             )
         )
-    if not left:
+    if not state_columns:
         return np.zeros(0), np.zeros(0)
-    own, target = np.concatenate(left), np.concatenate(right)
-    inputs = np.concatenate(drive, axis=1)
-    basis = np.linalg.qr(own / np.maximum(np.linalg.norm(own, axis=0), 1e-300))[0]
+    constrained, target = np.concatenate(state_columns), np.concatenate(accelerations)
+    inputs = np.concatenate(input_columns, axis=1)
+    basis = np.linalg.qr(constrained / np.maximum(np.linalg.norm(constrained, axis=0), 1e-300))[0]
     rest = target - basis @ (basis.T @ target)
     size = np.maximum((rest**2).sum(axis=0), 1e-300)
     shares = []
@@ -74,8 +74,8 @@ def score_input_shifts(motion: Trajectory, *, period_s: float) -> tuple[np.ndarr
 
 
 def check_time_offset(motions: Sequence[Trajectory], *, period_s: float | None) -> list[Finding]:
-    """Whether inputs and coordinates seem to come from clocks that differ by more than half a period."""
-    found: list[Finding] = []
+    """Report clocks of inputs and coordinates that differ by more than half a period."""
+    findings: list[Finding] = []
     for motion in motions:
         if period_s is None or not motion.n_u or not np.ptp(motion.u, axis=0).any():
             continue
@@ -96,7 +96,7 @@ def check_time_offset(motions: Sequence[Trajectory], *, period_s: float | None) 
             and 1.0 - usual > TIME_ALIGNMENT.min_error_ratio * (1.0 - shares[best])
         )
         if not near[best] and better:
-            found.append(
+            findings.append(
                 Finding(
                     "undetermined",
                     "time offset",
@@ -107,4 +107,4 @@ def check_time_offset(motions: Sequence[Trajectory], *, period_s: float | None) 
                     "align the two logs, on an event that both show, and run again",
                 )
             )
-    return found
+    return findings

@@ -1,8 +1,8 @@
-"""Where on the picture the gap lies: excess error of the sim's pictures, and the point that a force acts on.
+"""Where in the image a gap lies: excess error of simulated images, and the point that a force acts on.
 
 A point p of the body moves by ``J_p`` (d, 2) pixels for a step of the coordinates (row i: of coordinate i),
-so that a force f on it is felt as ``J_p f``. A force by one of two laws is sought for each point; the
-coordinates may be too few to tell points apart, and then nothing is localised.
+so a force f on it acts on the coordinates as ``J_p f``. A force by one of two laws is fitted for each point;
+with too few coordinates points cannot be distinguished, and then nothing is localised.
 """
 
 from dataclasses import dataclass
@@ -19,8 +19,11 @@ FORCE_LAWS = ("constant", "drag")
 
 @dataclass(frozen=True)
 class ExcessError:
-    """``map`` (H, W) of squared error beyond what decoding leaves; ``parts`` of connected pixels as
-    (left, top, right, bottom, share), the largest share first."""
+    """Where simulated images are worse than decoded ones.
+
+    ``map`` (H, W) is the squared error beyond that of decoding; ``parts`` are regions of connected pixels as
+    (left, top, right, bottom, share), the largest share first.
+    """
 
     map: np.ndarray
     parts: tuple[tuple[int, int, int, int, float], ...]
@@ -28,12 +31,12 @@ class ExcessError:
 
 @dataclass(frozen=True)
 class ForceLocalization:
-    """How well a force on each point explains the residual.
+    """How well a force on each of P points explains the residual.
 
-    ``explained`` (P,) share by the best law of each point and ``law`` (P,) its name; ``localisable`` False
-    where the kinematics cannot tell points apart, and then ``point`` is None; else ``point`` is the best,
-    ``near`` all that explain as well, and ``forces`` (n, T, 2) the force on each of these, in units of the
-    coordinates' forces a pixel.
+    ``explained`` (P,) is the share by the best law of each point and ``law`` (P,) its name. ``localisable``
+    is False where the kinematics cannot distinguish points, and then ``point`` is None; else ``point`` is the
+    best, ``near`` all that explain as much, and ``forces`` (n, T, 2) the force on each of these, in units of
+    the coordinates' forces per pixel.
     """
 
     explained: np.ndarray
@@ -45,7 +48,7 @@ class ForceLocalization:
 
     @property
     def force(self) -> np.ndarray | None:
-        """The force (T, 2) on the best point."""
+        """The force (T, 2) on the best point; None without one."""
         return None if self.point is None else self.forces[self.near.index(self.point)]
 
 
@@ -54,10 +57,15 @@ def compute_excess_error(
     sim: Float64[np.ndarray, "T H W C"],
     encoded: Float64[np.ndarray, "T H W C"],
 ) -> ExcessError:
-    """Error of the sim's pictures beyond that of pictures decoded from the encoded frames themselves.
+    """Compute the error of simulated images beyond that of images decoded from the real frames' own latents.
+
+    Args:
+        real: the recorded images.
+        sim: images decoded from the simulator's positions.
+        encoded: images decoded from the recorded images' latents.
 
     Raises:
-        ValueError: pictures of different shapes.
+        ValueError: images of different shapes.
     """
     if not real.shape == sim.shape == encoded.shape:
         raise ValueError(
@@ -89,10 +97,16 @@ def localize_force(
     jacobian: Float64[np.ndarray, "T P d 2"],
     velocity: Float64[np.ndarray, "T d"],
 ) -> ForceLocalization:
-    """The material point whose force explains generalised forces ``force`` best.
+    """Find the material point on which a force explains the generalised forces ``force`` best.
 
-    Laws: a constant force, and drag against the point's velocity and its square. A free force at every
+    The laws are a constant force, and drag against the point's velocity and its square. A free force at every
     instant is not among them: with one or two coordinates it would explain anything at any point.
+
+    Args:
+        force: generalised forces.
+        covariance: their covariance.
+        jacobian: pixels by which each coordinate moves each of P points, at every instant.
+        velocity: of the coordinates.
 
     Raises:
         ValueError: a force that is zero throughout.
@@ -100,7 +114,7 @@ def localize_force(
     weight = np.linalg.inv(covariance)
     total = np.einsum("ta,tab,tb->", force, weight, force)
     if not total > 0.0:
-        raise ValueError("the residual force is zero throughout: there is nothing to place on the picture")
+        raise ValueError("the residual force is zero throughout: there is nothing to place in the image")
     best, laws, forces = [], [], []
     for p in range(jacobian.shape[1]):
         fits = [
@@ -126,20 +140,24 @@ def localize_force(
 def describe_image_region(
     excess: ExcessError | None, place: ForceLocalization | None, points: Float64[np.ndarray, "T P 2"] | None
 ) -> dict[str, Any]:
-    """Both findings as plain values: boxes in pixels, and the mean place of the point a force acts on."""
-    told: dict[str, Any] = {"localisable": False if place is None else place.localisable}
+    """Describe both results as plain values.
+
+    These are boxes [pixel] of excess error, and the mean position of the point a force acts on; ``points``
+    (T, P, 2) [pixel] are the positions of the body's points.
+    """
+    region: dict[str, Any] = {"localisable": False if place is None else place.localisable}
     if excess is not None:
-        told["excess"] = [{"box": list(part[:4]), "share": part[4]} for part in excess.parts]
+        region["excess"] = [{"box": list(part[:4]), "share": part[4]} for part in excess.parts]
     if place is not None and place.point is not None and points is not None:
-        told["point"] = points[:, place.point].mean(axis=0).tolist()
-        told["law"] = place.law[place.point]
-        told["explained"] = float(place.explained[place.point])
-        told["as_good"] = points[:, list(place.near)].mean(axis=0).tolist()
-    return told
+        region["point"] = points[:, place.point].mean(axis=0).tolist()
+        region["law"] = place.law[place.point]
+        region["explained"] = float(place.explained[place.point])
+        region["as_good"] = points[:, list(place.near)].mean(axis=0).tolist()
+    return region
 
 
 def _compute_law_columns(velocity: Float64[np.ndarray, "T 2"]) -> list[Float64[np.ndarray, "T 2 k"]]:
-    """Forces on a point of this velocity that each law is a weighted sum of."""
+    """Force columns (T, 2, k) of each law for a point of this velocity; a force is a sum of one law's."""
     speed = np.linalg.norm(velocity, axis=1, keepdims=True)
     still = np.broadcast_to(np.eye(2), (len(velocity), 2, 2))
     return [still, np.stack([velocity, speed * velocity], axis=2)]
@@ -148,13 +166,23 @@ def _compute_law_columns(velocity: Float64[np.ndarray, "T 2"]) -> list[Float64[n
 def _fit_law(
     force: np.ndarray, weight: np.ndarray, jacobian: np.ndarray, columns: np.ndarray
 ) -> tuple[float, Float64[np.ndarray, "T 2"]]:
-    """Squared error, whitened, of the best sum of ``columns`` felt through ``jacobian``, and that sum."""
-    felt = np.einsum("tac,tck->tak", jacobian, columns)
-    size = np.sqrt(np.mean(felt**2, axis=(0, 1)))
-    felt = felt / np.where(size > 0.0, size, 1.0)
-    gram = np.einsum("tak,tab,tbl->kl", felt, weight, felt)
-    moment = np.einsum("tak,tab,tb->k", felt, weight, force)
+    """Fit a sum of ``columns``, acting through ``jacobian``, to the generalised forces.
+
+    Args:
+        force: generalised forces (T, d).
+        weight: inverse of their covariance (T, d, d).
+        jacobian: of one point (T, d, 2).
+        columns: force columns of one law (T, 2, k).
+
+    Returns:
+        The whitened squared error and the fitted force (T, 2).
+    """
+    generalised = np.einsum("tac,tck->tak", jacobian, columns)
+    size = np.sqrt(np.mean(generalised**2, axis=(0, 1)))
+    generalised = generalised / np.where(size > 0.0, size, 1.0)
+    gram = np.einsum("tak,tab,tbl->kl", generalised, weight, generalised)
+    moment = np.einsum("tak,tab,tb->k", generalised, weight, force)
     solution = np.linalg.lstsq(gram, moment, rcond=1e-12)[0]
-    left = force - felt @ solution
+    error = force - generalised @ solution
     solution = solution / np.where(size > 0.0, size, 1.0)
-    return float(np.einsum("ta,tab,tb->", left, weight, left)), columns @ solution
+    return float(np.einsum("ta,tab,tb->", error, weight, error)), columns @ solution

@@ -1,4 +1,4 @@
-"""Pictures that a run draws of its latents, how well it draws those of a recording, and its body's points."""
+"""Images that a run decodes from its latents, their error on a recording, and material points of the body."""
 
 from dataclasses import dataclass
 
@@ -15,12 +15,12 @@ from lagsplat.stage1.autoencoder import Autoencoder, decode_latents, encode_fram
 
 
 def choose_evenly(n: int, most: int) -> np.ndarray:
-    """At most ``most`` numbers of ``n`` frames, evenly spaced, the first and the last among them."""
+    """Choose at most ``most`` of ``n`` frame numbers, evenly spaced, the first and the last among them."""
     return np.unique(np.linspace(0, n - 1, min(most, n)).round().astype(int))
 
 
 def read_frames(recording: Recording, at: np.ndarray) -> Float64[np.ndarray, "T H W 3"]:
-    """Frames of these numbers, colours in [0, 1]."""
+    """Read the frames with numbers ``at``, colours in [0, 1]."""
     if not len(at):
         return np.zeros((0, *recording.frames.shape[1:]))
     return np.stack([np.asarray(recording.frames[i]) for i in at]) / 255.0
@@ -29,7 +29,7 @@ def read_frames(recording: Recording, at: np.ndarray) -> Float64[np.ndarray, "T 
 def render_latents(
     autoencoder: Autoencoder, chart: Chart, q: Float64[np.ndarray, "T d"]
 ) -> Float64[np.ndarray, "T H W 3"]:
-    """Pictures at whitened latents, colours in [0, 1]; a latent that is not finite is drawn far away."""
+    """Decode images from whitened latents, colours in [0, 1]; a latent that is not finite is clipped."""
     images = decode_latents(autoencoder, chart.to_raw(np.nan_to_num(np.clip(q, -1e3, 1e3))))
     return np.clip(np.moveaxis(images, 1, 3).astype(np.float64), 0.0, 1.0)
 
@@ -37,7 +37,7 @@ def render_latents(
 def compute_decoding_errors(
     autoencoder: Autoencoder, chart: Chart, recording: Recording
 ) -> Float64[np.ndarray, " T"]:
-    """Mean squared error of evenly spaced frames, each drawn at its own latents."""
+    """Mean squared error of evenly spaced frames, each decoded from its own latents."""
     at = choose_evenly(recording.n_frames, IMAGE_RENDERING.max_frames)
     frames = np.stack([np.asarray(recording.frames[i]) for i in at])
     q = chart.to_whitened(encode_frames(autoencoder, frames))
@@ -46,21 +46,24 @@ def compute_decoding_errors(
 
 @dataclass(frozen=True)
 class BodyPoints:
-    """Points of what moves: ``rest`` (P, 2) [pixel, x to the right and y down] at the latents' mean, and
-    ``jacobian`` (P, d, 2), the pixels by which each whitened latent moves them."""
+    """Points of the moving body.
+
+    ``rest`` (P, 2) [pixel, x to the right and y down] are their positions at the latents' mean, and
+    ``jacobian`` (P, d, 2) the pixels by which each whitened latent moves them.
+    """
 
     rest: np.ndarray
     jacobian: np.ndarray
 
     def at(self, q: Float64[np.ndarray, "T d"]) -> Float64[np.ndarray, "T P 2"]:
-        """The points at whitened latents."""
+        """Positions of the points at whitened latents [pixel]."""
         return self.rest + np.einsum("td,pdc->tpc", q, self.jacobian)
 
 
 def find_body_points(autoencoder: Autoencoder, chart: Chart, *, seed: int = 0) -> BodyPoints:
-    """The material points that a force may act on: clusters of Gaussians that move alike, by their presence.
+    """Find material points that a force may act on: centres of clusters of Gaussians that move alike.
 
-    Gaussians count by their presence along the training part, by their area and by how far they move.
+    Gaussians are weighted by their opacity along the training part, by their area and by how far they move.
 
     Raises:
         ValueError: no Gaussian moves.
@@ -74,14 +77,14 @@ def find_body_points(autoencoder: Autoencoder, chart: Chart, *, seed: int = 0) -
         presence = (torch.sigmoid(gaussians.opacity_logit) * gaussians.gate(z)).mean(0).double().numpy()
         raw = gaussians.jacobian().double().numpy()
         centre = gaussians.center.double().numpy()
-        own = gaussians.latent_center.double().numpy()
+        latent_centre = gaussians.latent_center.double().numpy()
         area = gaussians.shape_log_diagonal[:, :2].sum(1).exp().double().numpy()
-    rest = centre + np.einsum("kcj,kj->kc", raw, chart.mean - own)
+    rest = centre + np.einsum("kcj,kj->kc", raw, chart.mean - latent_centre)
     if gaussians.space == 3:
         rest, raw = _project_points(autoencoder, rest, raw)
     jacobian = np.einsum("kcj,ij->kic", raw, chart.unwhiten)
-    moves = np.sqrt((jacobian**2).sum(axis=(1, 2)))
-    weight = presence * area * moves
+    motion = np.sqrt((jacobian**2).sum(axis=(1, 2)))
+    weight = presence * area * motion
     inside = np.all((rest > 0.0) & (rest < [autoencoder.width, autoencoder.height]), axis=1)
     weight = np.where(inside, weight, 0.0)
     order = np.argsort(-weight)
@@ -91,15 +94,15 @@ def find_body_points(autoencoder: Autoencoder, chart: Chart, *, seed: int = 0) -
         raise ValueError("no visible Gaussian of the run moves with its latents; check what stage 1 learned")
     features = np.concatenate([rest, jacobian.reshape(len(rest), -1)], axis=1)[kept]
     number = min(IMAGE_RENDERING.max_points, len(features))
-    found = KMeans(number, n_init=1, random_state=seed).fit(features, sample_weight=weight[kept])
-    middle = found.cluster_centers_
+    clusters = KMeans(number, n_init=1, random_state=seed).fit(features, sample_weight=weight[kept])
+    middle = clusters.cluster_centers_
     return BodyPoints(middle[:, :2].copy(), middle[:, 2:].reshape(number, -1, 2))
 
 
 def _project_points(
     autoencoder: Autoencoder, places: np.ndarray, jacobian: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Where the film shows points of space (K, 3), and how they move in it for their Jacobians (K, 3, d)."""
+    """Project points of space (K, 3) and their Jacobians (K, 3, d) into the recorded image."""
     view = autoencoder.filmed_view(autoencoder.gaussians.center)
     focal, middle = (part[0].double().numpy() for part in (view.focal, view.middle))
     slope = places[:, :2] / places[:, 2:]
@@ -108,7 +111,7 @@ def _project_points(
 
 
 def find_nearest_frames(recording: Recording, time_s: np.ndarray) -> np.ndarray:
-    """Numbers of the frames nearest to ``time_s`` (n,) [s] on the recording's own clock."""
+    """Numbers of the frames nearest to ``time_s`` (n,) [s] on the recording's clock."""
     after = np.clip(np.searchsorted(recording.time_s, time_s), 1, recording.n_frames - 1)
     nearer = np.abs(recording.time_s[after - 1] - time_s) <= np.abs(recording.time_s[after] - time_s)
     return np.where(nearer, after - 1, after)

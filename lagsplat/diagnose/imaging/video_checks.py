@@ -1,6 +1,7 @@
-"""What a film's own pictures forbid or ask for: a camera that moved, cuts, visitors, frames that repeat.
+"""Checks of a recording's images, and the settings by which another recording is read like the run's own.
 
-How another film, log or archive is read for a run: as its own recording was, less the cuts in time.
+A camera that moved, cuts, foreign objects in view and repeated takes limit what a diagnosis of images can
+say.
 """
 
 from collections.abc import Mapping, Sequence
@@ -31,9 +32,12 @@ CAMERA_MOVED_CHECK = "camera moved"
 
 @dataclass(frozen=True)
 class CameraShift:
-    """How far the camera moved [pixel of a frame]: ``within_px`` rms during the recording, ``between_px``
-    (x, y) from the recording the sim was learnt from to this one; None where the picture has no background
-    to tell by. ``share`` of a latent's spread that either passes for, the larger one."""
+    """How far the camera moved [pixel of a frame].
+
+    ``within_px`` is the rms during the recording, ``between_px`` (x, y) the shift from the recording the
+    simulator was learnt from to this one; None where the image has no background to measure it by. ``share``
+    is the change of a latent that the larger of both causes, over its standard deviation.
+    """
 
     within_px: float | None
     between_px: tuple[float, float] | None
@@ -41,17 +45,17 @@ class CameraShift:
 
     @property
     def still_within(self) -> bool:
-        """The camera was seen not to move during the recording."""
+        """Whether the camera is known to have stood still during the recording."""
         return self.within_px is not None and self.within_px <= CAMERA_PX
 
     @property
     def still_between(self) -> bool:
-        """The camera was seen where it had been for the nominal recording."""
+        """Whether the camera is known to have stood where it was for the nominal recording."""
         return self.between_px is not None and float(np.hypot(*self.between_px)) <= CAMERA_PX
 
     @property
     def moved(self) -> bool:
-        """Whether either is more than can be told from none."""
+        """Whether the camera moved measurably, during the recording or since the nominal one."""
         far = [self.within_px or 0.0, float(np.hypot(*(self.between_px or (0.0, 0.0))))]
         return max(far) > CAMERA_PX
 
@@ -59,7 +63,7 @@ class CameraShift:
 def measure_camera_shift(
     recording: Recording, nominal: Recording, autoencoder: Autoencoder, chart: Chart
 ) -> CameraShift:
-    """The camera's motion during ``recording`` and since ``nominal``, by what stands still in both."""
+    """Measure the camera's motion during ``recording`` and since ``nominal``, by the background of both."""
     within = _measure_within(recording)
     between = _measure_between(recording, nominal)
     far = max(within or 0.0, float(np.hypot(*(between or (0.0, 0.0)))))
@@ -68,21 +72,21 @@ def measure_camera_shift(
 
 
 def check_camera(shift: CameraShift, *, source: str) -> list[Finding]:
-    """The finding of a camera that moved; none where it stood still or nothing tells."""
+    """Report a camera that moved; no finding where it stood still or cannot be measured."""
     if not shift.moved:
         return []
-    told = []
+    motions = []
     if (shift.within_px or 0.0) > CAMERA_PX:
-        told.append(f"by {shift.within_px:.2f} px rms during the recording")
+        motions.append(f"by {shift.within_px:.2f} px rms during the recording")
     if shift.between_px is not None and float(np.hypot(*shift.between_px)) > CAMERA_PX:
         x, y = shift.between_px
-        told.append(f"by ({x:+.2f}, {y:+.2f}) px since the recording the sim was learnt from")
+        motions.append(f"by ({x:+.2f}, {y:+.2f}) px since the recording the sim was learnt from")
     return [
         Finding(
             "warn",
             CAMERA_MOVED_CHECK,
             source,
-            f"the camera moved {' and '.join(told)} (pixels of a frame, measured on the background)",
+            f"the camera moved {' and '.join(motions)} (pixels of a frame, measured on the background)",
             f"the encoder reads such a shift as motion of up to {100 * shift.share:.2g} % of the motion's "
             "spread, which passes for a force or an offset",
             "film from a tripod that stays where it is, or fit the run with recording.stabilise=true",
@@ -91,7 +95,7 @@ def check_camera(shift: CameraShift, *, source: str) -> list[Finding]:
 
 
 def drop_unusable_frames(recording: Recording) -> tuple[Recording, list[Finding]]:
-    """The frames between visitors, cuts and repetitions, with a finding for everything left out.
+    """Keep the frames between foreign objects, cuts and repetitions, with a finding for all that is left out.
 
     Nothing is continued across a cut. Clips that become too short are dropped, unless none would be left.
     """
@@ -101,82 +105,97 @@ def drop_unusable_frames(recording: Recording) -> tuple[Recording, list[Finding]
         return recording, []
     findings: list[Finding] = []
     pieces: list[tuple[int, int]] = []
-    for clip, seen in zip(recording.segments, footage, strict=True):
-        findings += _report_clip(seen, source)
-        pieces += _select_pieces(recording.time_s, clip, seen)
+    for clip, assessment in zip(recording.segments, footage, strict=True):
+        findings += _report_clip(assessment, source)
+        pieces += _select_pieces(recording.time_s, clip, assessment)
     if not pieces or tuple(pieces) == recording.segments:
         return recording, findings
     return recording.pieces(pieces), findings
 
 
 def _select_pieces(
-    time_s: Float64[np.ndarray, " T"], clip: tuple[int, int], seen: Mapping[str, Any]
+    time_s: Float64[np.ndarray, " T"], clip: tuple[int, int], assessment: Mapping[str, Any]
 ) -> list[tuple[int, int]]:
-    """What of a clip is kept; times of ``seen`` count from the first frame of the film."""
+    """What of a clip is kept; times in ``assessment`` count from the first frame of the video."""
     start, stop = clip
-    own = time_s[start:stop] - time_s[start] + seen["start_s"]
-    repeat, visit = seen["repeat"], seen["visit"]
-    ends = [repeat["start_s"] if repeat else None, visit["back_s"] if visit else None]
-    begins = [visit["gone_s"] if visit else None]
-    stop = start + int(np.sum(own < min([end for end in ends if end is not None], default=np.inf)))
-    start += int(np.sum(own < max([begin for begin in begins if begin is not None], default=-np.inf)))
-    cuts = [clip[0] + int(np.searchsorted(own, cut["time_s"] - 1e-6)) for cut in seen["cuts"]]
+    video_time_s = time_s[start:stop] - time_s[start] + assessment["start_s"]
+    repeat, visitor = assessment["repeat"], assessment["visit"]
+    ends = [repeat["start_s"] if repeat else None, visitor["back_s"] if visitor else None]
+    begins = [visitor["gone_s"] if visitor else None]
+    stop = start + int(np.sum(video_time_s < min([end for end in ends if end is not None], default=np.inf)))
+    start += int(
+        np.sum(video_time_s < max([begin for begin in begins if begin is not None], default=-np.inf))
+    )
+    cuts = [clip[0] + int(np.searchsorted(video_time_s, cut["time_s"] - 1e-6)) for cut in assessment["cuts"]]
     borders = [start, *(cut for cut in sorted(cuts) if start < cut < stop), stop]
     kept = [(a, b) for a, b in pairwise(borders) if b - a >= VIDEO_CHECKS.min_clip_frames]
     return kept or [clip]
 
 
-def _report_clip(seen: Mapping[str, Any], source: str) -> list[Finding]:
-    """Findings of one clip's footage, the camera's own motion apart."""
-    found = []
+def _report_clip(assessment: Mapping[str, Any], source: str) -> list[Finding]:
+    """Findings of one clip's assessment, except the camera's motion."""
+    findings = []
 
     def add(check: str, what: str, why: str, remedy: str) -> None:
-        found.append(Finding("warn", check, source, what, why, remedy))
+        findings.append(Finding("warn", check, source, what, why, remedy))
 
-    for cut in seen["cuts"]:
-        add("cut", f"the film jumps at {cut['time_s']:.3f} s", "nothing is continued across a cut",
-            "give the takes as films of their own")  # fmt: skip
-    if repeat := seen["repeat"]:
-        add("repetition", f"the film repeats itself from {repeat['start_s']:.2f} s on",
-            "what was seen before says nothing new, and is left out", "cut the film there")  # fmt: skip
+    for cut in assessment["cuts"]:
+        add(
+            "cut",
+            f"the film jumps at {cut['time_s']:.3f} s",
+            "nothing is continued across a cut",
+            "give the takes as films of their own",
+        )
+    if repeat := assessment["repeat"]:
+        add(
+            "repetition",
+            f"the film repeats itself from {repeat['start_s']:.2f} s on",
+            "what was seen before says nothing new, and is left out",
+            "cut the film there",
+        )
     for when, edge in (("until", "gone_s"), ("from", "back_s")):
-        if (visit := seen["visit"]) and visit[edge] is not None:
-            add("visitor", f"something that does not belong to the motion, a hand perhaps, is in the picture "
-                f"{when} {visit[edge]:.2f} s", "that part is left out", "cut it off")  # fmt: skip
+        if (visit := assessment["visit"]) and visit[edge] is not None:
+            add(
+                "visitor",
+                f"something that does not belong to the motion, a hand perhaps, is in the picture "
+                f"{when} {visit[edge]:.2f} s",
+                "that part is left out",
+                "cut it off",
+            )
     for check, word, begins in (
         ("flicker", "Lock the camera's exposure", "the exposure flickers"),
         ("sampling", "Film with a higher frame rate", "only "),
     ):
-        for sentence in seen["warnings"]:
+        for sentence in assessment["warnings"]:
             if sentence.startswith(begins):
                 what, _, _ = sentence.partition(word)
                 head, _, tail = what.rstrip(". ").partition("; ")
                 add(check, head, tail or "what is read off such pictures is poor", word.lower())
-    return found
+    return findings
 
 
 def _measure_within(recording: Recording) -> float | None:
-    """Rms of the picture's motion [pixel of a frame], from the film's own check or from the frames."""
+    """Rms of the image's motion [pixel of a frame], from the video's assessment or from the frames."""
     footage: Sequence[Mapping[str, Any]] = recording.meta.get("footage") or ()
     if footage:
-        seen = [clip for clip in footage if clip["camera"] is not None]
+        assessed = [clip for clip in footage if clip["camera"] is not None]
         # The limit is CAMERA_PX of a frame, in pixels of the film.
-        sizes = [CAMERA_PX * clip["camera"]["rms_px"] / clip["camera_limit_px"] for clip in seen]
+        sizes = [CAMERA_PX * clip["camera"]["rms_px"] / clip["camera_limit_px"] for clip in assessed]
         return max(sizes, default=None)
     paths = []
     for start, stop in recording.segments:
         stride = -(-(stop - start) // VIDEO_CHECKS.max_frames)
-        pictures = make_small_grey(np.asarray(recording.frames[start:stop:stride]), most=10**9)
-        path = track_background([picture.astype(np.uint8) for picture in pictures])
+        images = make_small_grey(np.asarray(recording.frames[start:stop:stride]), most=10**9)
+        path = track_background([image.astype(np.uint8) for image in images])
         if path is not None and np.isfinite(path[:, 0]).any():
-            paths.append(measure_path(path).rms_px * recording.width / pictures.shape[2])
+            paths.append(measure_path(path).rms_px * recording.width / images.shape[2])
     return max(paths, default=None)
 
 
 def _measure_between(recording: Recording, nominal: Recording) -> tuple[float, float] | None:
-    """How far the background of one lies from that of the other [pixel of a frame]."""
-    usual = [np.ascontiguousarray(_compute_median_image(one)) for one in (nominal, recording)]
-    grey = [cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY) for picture in usual]
+    """How far the background moved between two recordings [pixel of a frame]; None without background."""
+    medians = [np.ascontiguousarray(_compute_median_image(source)) for source in (nominal, recording)]
+    grey = [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in medians]
     path = track_background(grey)
     if path is None or not np.isfinite(path).all():
         return None
@@ -184,7 +203,7 @@ def _measure_between(recording: Recording, nominal: Recording) -> tuple[float, f
 
 
 def _compute_median_image(recording: Recording) -> np.ndarray:
-    """The median picture, uint8 (H, W, 3), without what moves."""
+    """The median image, uint8 (H, W, 3), in which nothing moves."""
     stride = -(-recording.n_frames // VIDEO_CHECKS.max_frames)
     return np.round(np.median(np.asarray(recording.frames[::stride]), axis=0)).astype(np.uint8)
 
@@ -192,7 +211,7 @@ def _compute_median_image(recording: Recording) -> np.ndarray:
 def _measure_latent_shift(
     recording: Recording, autoencoder: Autoencoder, chart: Chart, far_px: float
 ) -> float:
-    """Largest mean change of a whitened latent when pictures are shifted so far, to either side."""
+    """Largest mean change of a whitened latent when images are shifted by ``far_px`` along x or y."""
     chosen = np.linspace(0, recording.n_frames - 1, VIDEO_CHECKS.shifted_frames).astype(int)
     frames = np.stack([np.asarray(recording.frames[i]) for i in chosen])
     q = chart.to_whitened(encode_frames(autoencoder, frames))
@@ -209,22 +228,22 @@ def _measure_latent_shift(
 def derive_recording_settings(
     source: DataSource, folder: Path, own: Recording, *, dt_s: float
 ) -> RecordingConfig:
-    """Settings by which ``source`` is read for the run in ``folder``, which was fitted to ``own``.
+    """Derive the settings by which ``source`` is read for the run in ``folder``, which was fitted to ``own``.
 
-    Pictures are turned, cropped, resized and stabilised alike. Archives without times
-    take the spacing that was set for the run's own, or ``dt_s``.
+    Images are rotated, cropped, resized and stabilised as for the run. Archives without times take the
+    spacing that was set for the run's own recording, or ``dt_s`` [s].
 
     Raises:
         ValueError: a log, while the run was not fitted to one.
     """
     meta, filmed = own.meta, source.kind != "krauss"
-    said = _read_fitted_settings(folder)
+    settings = _read_fitted_settings(folder)
     return RecordingConfig(
         kind=source.kind,
         path=source.path,
         archive=None,
         member=None,
-        dt_s=_derive_spacing(source, said, dt_s),
+        dt_s=_derive_spacing(source, settings, dt_s),
         n_inputs=0 if filmed else own.inputs.shape[1],
         rotate=int(meta.get("rotate", 0)) if filmed else 0,
         stabilise=bool(meta.get("stabilise", False)) and source.kind == "video",
@@ -236,29 +255,30 @@ def derive_recording_settings(
         height=own.height if filmed else None,
         width=own.width if filmed else None,
         split=SplitConfig(0.5, None, None),
-        mcap=_derive_topics(source, said) if source.kind == "mcap" else None,
+        mcap=_derive_topics(source, settings) if source.kind == "mcap" else None,
     )
 
 
-def _derive_topics(source: DataSource, said: Mapping[str, Any]) -> McapConfig:
-    topics = said.get("mcap") or {}
+def _derive_topics(source: DataSource, settings: Mapping[str, Any]) -> McapConfig:
+    """The run's topics of a log."""
+    topics = settings.get("mcap") or {}
     if not topics.get("camera"):
         raise ValueError(
             f"{source.path}: the run was not fitted to a log, so that nothing says which topics hold "
-            "pictures and inputs; export the camera as a film, with its inputs in a CSV of the same stem"
+            "images and inputs; export the camera as a video, with its inputs in a CSV of the same stem"
         )
     return McapConfig(**{**topics, "inputs": [McapInputConfig(**each) for each in topics["inputs"]]})
 
 
-def _derive_spacing(source: DataSource, said: Mapping[str, Any], dt_s: float) -> float | None:
+def _derive_spacing(source: DataSource, settings: Mapping[str, Any], dt_s: float) -> float | None:
     """Seconds between frames of files without times: archives, and images without a table of times."""
     if source.kind == "krauss":
-        return said.get("dt_s") or dt_s
-    return said.get("dt_s") if Path(source.path).is_dir() and said.get("kind") == "video" else None
+        return settings.get("dt_s") or dt_s
+    return settings.get("dt_s") if Path(source.path).is_dir() and settings.get("kind") == "video" else None
 
 
 def _read_fitted_settings(folder: Path) -> dict[str, Any]:
-    """What was set for the run's own recording, as far as its files tell."""
+    """Settings of the run's own recording, as far as its files hold them."""
     for place in (folder, *folder.resolve().parents[:2]):
         if (place / "dynamics.safetensors").is_file():
             header = read_header(place / "dynamics.safetensors")

@@ -249,9 +249,13 @@ def _compute_forecast_errors(
             continue
         at = np.array(starts)[:, None] + np.arange(length)
         path = forecast_positions(
-            mechanics, estimate.q[starts], estimate.v[starts], motion.time_s[at], motion.u[at],
+            mechanics,
+            estimate.q[starts],
+            estimate.v[starts],
+            motion.time_s[at],
+            motion.u[at],
             finest_s=max(ERROR_BUDGET.max_step_share * horizon_s, 0.25 * motion.dt_s),
-        )  # fmt: skip
+        )
         squares = np.mean((path[:, 1:] - motion.q[at[:, 1:]]) ** 2 / variance, axis=(1, 2))
         errors += np.minimum(squares, ERROR_BUDGET.max_relative_error**2).tolist()
     if not errors:
