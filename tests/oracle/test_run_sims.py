@@ -110,7 +110,7 @@ def test_frames_become_whitened_latents_of_the_run() -> None:
     with torch.no_grad():
         raw = seeing.encode(torch.as_tensor(frames).permute(0, 3, 1, 2).float() / 255.0).double().numpy()
     np.testing.assert_allclose(encode(frames), (raw - 0.5) * 2.0, atol=1e-6)
-    with pytest.raises(ValueError, match="pictures of 32 x 32 px, but these are 20 x 32"):
+    with pytest.raises(ValueError, match="frames of 32 x 32 px, but these are 20 x 32"):
         encode(frames[:, :20])
 
 

@@ -132,7 +132,7 @@ def encode_recording(autoencoder: Autoencoder, chart: Chart, recording: Recordin
 
 
 def read_chart_trajectory(chart: Chart, *, held_out: bool) -> Trajectory:
-    """The trajectory a run was fitted to: its held-out part, to diagnose a run with itself, or its training part.
+    """The trajectory that a run was fitted to: its held-out part, or its training part.
 
     Raises:
         ValueError: that part has no frame.

@@ -1,8 +1,8 @@
-"""A sim that is a MuJoCo model file: mass, bias, passive and actuator forces of chosen joints.
+"""A simulator that is a MuJoCo model file: mass, bias, passive and actuator forces of chosen joints.
 
-All other joints are held where the model's first key frame, or its reference pose, has them. An actuator with
-a state of its own counts as one that has settled. Time is continuous: the integrator's own error is no part
-of the sim. Friction loss is dry friction. Contacts, limits and equalities are left out, which is told.
+All other joints are fixed where the model's first key frame, or its reference pose, has them. An actuator
+with a state counts as one that has settled. Time is continuous: the error of MuJoCo's integrator is not part
+of the simulator. Friction loss is dry friction. Contacts, limits and equalities are left out, with a warning.
 """
 
 import warnings
@@ -19,7 +19,7 @@ from lagsplat.diagnose.simulators.projection import FieldFunctions, ProjectedMod
 
 @dataclass(frozen=True)
 class MujocoSelection:
-    """A compiled model with its data, and the joints and actuators that are coordinates and inputs."""
+    """A compiled model with its data, and the joints and actuators that serve as coordinates and inputs."""
 
     model: Any
     data: Any
@@ -30,10 +30,11 @@ class MujocoSelection:
     at_v: np.ndarray
     """Positions of the coordinates in ``qvel``."""
     at_u: np.ndarray
+    """Positions of the inputs in ``ctrl``."""
 
 
 def require_mujoco() -> Any:
-    """The module ``mujoco``.
+    """The module ``mujoco``, which is an optional dependency.
 
     Raises:
         ValueError: it is not installed.
@@ -50,7 +51,7 @@ def require_mujoco() -> Any:
 def load_mujoco(
     path: Path, *, joints: Sequence[str] | None = None, actuators: Sequence[str] | None = None
 ) -> MujocoSelection:
-    """A model file with its joints and actuators, by default all hinges, slides and actuators in order.
+    """Load a model file with its joints and actuators, by default all hinges, slides and actuators in order.
 
     Raises:
         FileNotFoundError: no such file.
@@ -65,21 +66,21 @@ def load_mujoco(
     except ValueError as error:
         raise ValueError(f"{path}: MuJoCo cannot read it ({error})") from error
     straight = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
-    usual = [i for i in range(model.njnt) if model.jnt_type[i] in straight]
+    all_straight = [i for i in range(model.njnt) if model.jnt_type[i] in straight]
     index = (
-        usual
+        all_straight
         if joints is None
-        else _find(path, "joint", joints, [model.joint(i).name for i in range(model.njnt)])
+        else _find_indices(path, "joint", joints, [model.joint(i).name for i in range(model.njnt)])
     )
-    bent = [model.joint(i).name for i in index if model.jnt_type[i] not in straight]
-    if bent:
-        raise ValueError(f"{path}: joint {bent[0]!r} is a ball or free; only hinges and slides serve")
+    other = [model.joint(i).name for i in index if model.jnt_type[i] not in straight]
+    if other:
+        raise ValueError(f"{path}: joint {other[0]!r} is a ball or free; only hinges and slides serve")
     if not index:
         raise ValueError(f"{path}: has no hinge and no slide; nothing to diagnose")
     driven = (
         list(range(model.nu))
         if actuators is None
-        else _find(path, "actuator", actuators, [model.actuator(i).name for i in range(model.nu)])
+        else _find_indices(path, "actuator", actuators, [model.actuator(i).name for i in range(model.nu)])
     )
     data = mujoco.MjData(model)
     if model.nkey:
@@ -102,7 +103,7 @@ def project_mujoco(
     joints: Sequence[str] | None = None,
     actuators: Sequence[str] | None = None,
 ) -> ProjectedModel:
-    """The model of a MuJoCo file over a region.
+    """The model of a MuJoCo file over a region, with a warning of what it leaves out.
 
     Raises:
         FileNotFoundError: no such file.
@@ -118,7 +119,7 @@ def project_mujoco(
                 f"{path}: {len(names)} {what} {list(names)}, but the recording has {n} column(s) {letter}; "
                 f"name those that belong to them with diagnose.{what}=[...]"
             )
-    _warn(path, chosen, region)
+    _warn_of_omissions(path, chosen, region)
     return project_fields(make_mujoco_fields(chosen), region, what=path.name)
 
 
@@ -129,7 +130,7 @@ def make_mujoco_fields(chosen: MujocoSelection) -> FieldFunctions:
     d, n_u = len(at_v), len(chosen.at_u)
     dry = model.dof_frictionloss[at_v].copy()
 
-    def place(q: np.ndarray, v: np.ndarray | None = None, u: np.ndarray | None = None) -> None:
+    def set_state(q: np.ndarray, v: np.ndarray | None = None, u: np.ndarray | None = None) -> None:
         data.qpos[chosen.at_q] = q
         data.qvel[:] = 0.0
         data.ctrl[:] = 0.0
@@ -147,44 +148,44 @@ def make_mujoco_fields(chosen: MujocoSelection) -> FieldFunctions:
         return data.qfrc_actuator[at_v].copy()
 
     def mass(q: np.ndarray) -> np.ndarray:
-        out, full = np.empty((len(q), d, d)), np.zeros((model.nv, model.nv))
-        for n, at in enumerate(q):
-            place(at)
+        masses, full = np.empty((len(q), d, d)), np.zeros((model.nv, model.nv))
+        for n, point in enumerate(q):
+            set_state(point)
             mujoco.mj_fullM(model, data, full)
-            out[n] = full[np.ix_(at_v, at_v)]
-        return out
+            masses[n] = full[np.ix_(at_v, at_v)]
+        return masses
 
-    def slope(q: np.ndarray) -> np.ndarray:
-        out = np.empty_like(q)
-        for n, at in enumerate(q):
-            place(at)
-            out[n] = data.qfrc_bias[at_v] - data.qfrc_passive[at_v] - actuation()
-        return out
+    def potential_gradient(q: np.ndarray) -> np.ndarray:
+        gradients = np.empty_like(q)
+        for n, point in enumerate(q):
+            set_state(point)
+            gradients[n] = data.qfrc_bias[at_v] - data.qfrc_passive[at_v] - actuation()
+        return gradients
 
-    def loss(q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        out = np.empty_like(q)
-        for n, (at, speed) in enumerate(zip(q, v, strict=True)):
-            place(at)
-            still = data.qfrc_passive[at_v] + actuation()
-            place(at, speed)
-            out[n] = still - data.qfrc_passive[at_v] - actuation() + dry * np.sign(speed)
-        return out
+    def dissipation(q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        forces = np.empty_like(q)
+        for n, (point, velocity) in enumerate(zip(q, v, strict=True)):
+            set_state(point)
+            at_rest = data.qfrc_passive[at_v] + actuation()
+            set_state(point, velocity)
+            forces[n] = at_rest - data.qfrc_passive[at_v] - actuation() + dry * np.sign(velocity)
+        return forces
 
-    def reach(q: np.ndarray) -> np.ndarray:
-        out = np.empty((len(q), n_u, d))
-        for n, at in enumerate(q):
-            place(at)
-            still = actuation()
-            for c, size in enumerate(_commands(model, chosen.at_u)):
-                place(at, u=size * np.eye(n_u)[c])
-                out[n, c] = (actuation() - still) / size
-        return out
+    def input_map(q: np.ndarray) -> np.ndarray:
+        forces = np.empty((len(q), n_u, d))
+        for n, point in enumerate(q):
+            set_state(point)
+            unloaded = actuation()
+            for c, size in enumerate(_list_test_commands(model, chosen.at_u)):
+                set_state(point, u=size * np.eye(n_u)[c])
+                forces[n, c] = (actuation() - unloaded) / size
+        return forces
 
-    return FieldFunctions(mass, slope, reach, loss)
+    return FieldFunctions(mass, potential_gradient, input_map, dissipation)
 
 
 def _settle(mujoco: Any, model: Any, data: Any) -> None:
-    """States of actuators that follow their command, as they are once they have."""
+    """Set the states of filtered actuators to their commands, as they are after a long time."""
     for i in range(model.nu):
         at = model.actuator_actadr[i]
         kind = mujoco.mjtDyn(model.actuator_dyntype[i])
@@ -192,16 +193,16 @@ def _settle(mujoco: Any, model: Any, data: Any) -> None:
             data.act[at] = data.ctrl[i]
 
 
-def _commands(model: Any, index: np.ndarray) -> list[float]:
-    """Commands within each actuator's range, to measure what they do."""
-    out = []
+def _list_test_commands(model: Any, index: np.ndarray) -> list[float]:
+    """A command within each actuator's range, at most 1, by which its gain is measured."""
+    commands = []
     for i in index:
         low, high = model.actuator_ctrlrange[i] if model.actuator_ctrllimited[i] else (-1.0, 1.0)
-        out.append(float(min(1.0, high) if high > 0.0 else max(-1.0, low)))
-    return out
+        commands.append(float(min(1.0, high) if high > 0.0 else max(-1.0, low)))
+    return commands
 
 
-def _find(path: Path, what: str, wanted: Sequence[str], names: Sequence[str]) -> list[int]:
+def _find_indices(path: Path, what: str, wanted: Sequence[str], names: Sequence[str]) -> list[int]:
     for name in wanted:
         if name not in names:
             raise ValueError(f"{path}: no {what} {name!r}, only {list(names)}")
@@ -210,34 +211,36 @@ def _find(path: Path, what: str, wanted: Sequence[str], names: Sequence[str]) ->
     return [list(names).index(name) for name in wanted]
 
 
-def _warn(path: Path, chosen: MujocoSelection, region: OperatingRegion) -> None:
-    """Tell what the model does beside mass, forces and inputs."""
+def _warn_of_omissions(path: Path, chosen: MujocoSelection, region: OperatingRegion) -> None:
+    """Warn of what the model has beyond mass, forces and inputs."""
     model, mujoco = chosen.model, require_mujoco()
-    told = []
+    omitted = []
     for n, name in enumerate(chosen.joints):
         joint = int(np.flatnonzero(model.jnt_dofadr == chosen.at_v[n])[0])
         low, high = model.jnt_range[joint]
         if not model.jnt_limited[joint]:
             continue
         if region.q[:, n].min() < low or region.q[:, n].max() > high:
-            told.append(f"the range {low:g} to {high:g} of joint {name!r}, beyond which the recording goes")
+            omitted.append(
+                f"the range {low:g} to {high:g} of joint {name!r}, beyond which the recording goes"
+            )
     for n, i in enumerate(chosen.at_u):
         low, high = model.actuator_ctrlrange[i]
         beyond = region.u[:, n].min() < low or region.u[:, n].max() > high
         if model.actuator_ctrllimited[i] and beyond:
-            told.append(f"the range {low:g} to {high:g} of actuator {chosen.actuators[n]!r}")
+            omitted.append(f"the range {low:g} to {high:g} of actuator {chosen.actuators[n]!r}")
         if model.actuator_dyntype[i] != int(mujoco.mjtDyn.mjDYN_NONE):
-            told.append(f"the state of actuator {chosen.actuators[n]!r}, which counts as settled")
+            omitted.append(f"the state of actuator {chosen.actuators[n]!r}, which counts as settled")
         if model.actuator_delay[i] > 0.0:
-            told.append(f"the delay of actuator {chosen.actuators[n]!r}")
+            omitted.append(f"the delay of actuator {chosen.actuators[n]!r}")
     if model.neq:
-        told.append(f"{model.neq} equality constraint(s)")
+        omitted.append(f"{model.neq} equality constraint(s)")
     data = chosen.data
-    for at in region.q[:: max(1, len(region.q) // 50)]:
-        data.qpos[chosen.at_q] = at
+    for point in region.q[:: max(1, len(region.q) // 50)]:  # 50 points, because contacts are slow to find
+        data.qpos[chosen.at_q] = point
         mujoco.mj_fwdPosition(model, data)
         if data.ncon:
-            told.append("contacts between bodies")
+            omitted.append("contacts between bodies")
             break
-    if told:
-        warnings.warn(f"{path.name}: not in the sim as it is diagnosed: {'; '.join(told)}", stacklevel=3)
+    if omitted:
+        warnings.warn(f"{path.name}: not in the sim as it is diagnosed: {'; '.join(omitted)}", stacklevel=3)

@@ -1,10 +1,10 @@
-"""A sim that is Python: ``sim=package.module:attribute`` or ``sim=file.py:attribute``.
+"""A simulator that is a Python object: ``sim=package.module:attribute`` or ``sim=file.py:attribute``.
 
 The attribute is a callable ``(q, v, u) -> acceleration``, or an object with ``mass(q)`` and
 ``potential_gradient(q)`` or ``potential(q)``, and, where it has them, ``damping(q)``, ``friction(q, v)`` and
 ``input_map(q)`` (inputs by coordinates); or something that returns one of these when called without
-arguments. Functions may be of NumPy or of torch, of one point or of many. It is the user's own program and is
-run as such.
+arguments. Functions may take NumPy arrays or torch tensors, a single point or many. The file is the user's
+own program and is executed.
 """
 
 import importlib
@@ -24,20 +24,21 @@ from lagsplat.diagnose.simulators.projection import FieldFunctions, ProjectedMod
 from lagsplat.diagnose.simulators.projection_acceleration import project_acceleration
 
 ROUNDING_POWER_SHARE = 1e-9
-"""Share of the power that swings to and fro below which damping feeds none."""
+"""Power that damping seems to feed in, relative to the reactive power, which may be rounding error."""
 EXPECTED_METHODS = "mass(q), potential_gradient(q) or potential(q), damping(q), friction(q, v), input_map(q)"
+"""What an object needs, for messages."""
 
 
 def load_python(name: str) -> Any:
-    """The object that ``module:attribute`` or ``file.py:attribute`` names.
+    """Import the object that ``module:attribute`` or ``file.py:attribute`` names.
 
     Raises:
         FileNotFoundError: there is no such file.
         ValueError: no such module or attribute, or the program fails when it is imported or called.
     """
-    place, _, attribute = name.rpartition(":")
+    source, _, attribute = name.rpartition(":")
     try:
-        module = _from_file(Path(place)) if place.endswith(".py") else importlib.import_module(place)
+        module = _import_file(Path(source)) if source.endswith(".py") else importlib.import_module(source)
     except ModuleNotFoundError as error:
         raise ValueError(
             f"sim={name}: {error}; give file.py:attribute, or install the package of the module"
@@ -45,21 +46,23 @@ def load_python(name: str) -> Any:
     except FileNotFoundError:
         raise
     except Exception as error:
-        raise ValueError(f"sim={name}: importing {place} fails with {error!r}; run it alone first") from error
+        raise ValueError(
+            f"sim={name}: importing {source} fails with {error!r}; run it alone first"
+        ) from error
     if not hasattr(module, attribute):
-        have = [key for key in vars(module) if not key.startswith("_")]
-        raise ValueError(f"sim={name}: {place} has no {attribute!r}, only {have[:12]}")
-    found = getattr(module, attribute)
-    if not _is_factory(found):
-        return found
+        public = [key for key in vars(module) if not key.startswith("_")]
+        raise ValueError(f"sim={name}: {source} has no {attribute!r}, only {public[:12]}")
+    value = getattr(module, attribute)
+    if not _is_factory(value):
+        return value
     try:
-        return found()
+        return value()
     except Exception as error:
         raise ValueError(f"sim={name}: {attribute}() fails with {error!r}") from error
 
 
 def project_python(sim: Any, region: OperatingRegion, *, what: str) -> ProjectedModel:
-    """The model of a Python sim over a region; ``what`` names it in messages.
+    """The model of a Python simulator over a region; ``what`` names it in messages.
 
     Raises:
         ValueError: it has neither mass and potential nor an acceleration, or they return other shapes, NaN,
@@ -72,7 +75,7 @@ def project_python(sim: Any, region: OperatingRegion, *, what: str) -> Projected
             f"object with {EXPECTED_METHODS}"
         )
     if not hasattr(sim, "mass"):
-        takes = _arguments(sim)
+        takes = _count_arguments(sim)
         if takes is not None and takes not in (2, 3):
             raise ValueError(
                 f"{what}: takes {takes} arguments; (q, v, u) or (q, v) -> acceleration is needed"
@@ -81,52 +84,59 @@ def project_python(sim: Any, region: OperatingRegion, *, what: str) -> Projected
             sim if takes != 2 else (lambda q, v, u: sim(q, v)), (d,), what, "acceleration(q, v, u)"
         )
         call.probe(region.q, region.v, region.u)
-        return _sane(project_acceleration(call, region, what=what), region, what)
-    mechanics = _mechanics(sim, region, what)
+        return _check_passivity(project_acceleration(call, region, what=what), region, what)
+    mechanics = _make_fields(sim, region, what)
     mass = mechanics.mass(region.q)
-    crooked = float(np.abs(mass - mass.transpose(0, 2, 1)).max() / np.abs(mass).max())
-    if crooked > 1e-6:
-        raise ValueError(f"{what}: mass(q) is not symmetric (by {crooked:.2g} of its largest entry)")
+    asymmetry = float(np.abs(mass - mass.transpose(0, 2, 1)).max() / np.abs(mass).max())
+    if asymmetry > 1e-6:
+        raise ValueError(f"{what}: mass(q) is not symmetric (by {asymmetry:.2g} of its largest entry)")
     if n_u and not hasattr(sim, "input_map"):
         warnings.warn(
             f"{what}: the recording has {n_u} input(s), but the sim has no input_map(q); it is taken as not "
             "driven",
             stacklevel=2,
         )
-    return _sane(project_fields(mechanics, region, what=what), region, what)
+    return _check_passivity(project_fields(mechanics, region, what=what), region, what)
 
 
 @dataclass
 class PointwiseFunction:
-    """A user's function of one point or of many, of NumPy or of torch, as one of many points of NumPy."""
+    """A user's function of a single point or of many, of NumPy or of torch, called with many NumPy points."""
 
     function: Callable[..., Any]
     shape: tuple[int, ...]
-    """Of the result at one point."""
+    """Shape of the result at a single point."""
     what: str
+    """The simulator's name in messages."""
     name: str
+    """The function's name in messages."""
     torch: bool = False
+    """Whether it takes torch tensors."""
     many: bool = False
+    """Whether it takes many points at once."""
 
     def probe(self, *points: np.ndarray) -> None:
-        """Find out which kind it is, from the first few of ``points``, and that the shape is right.
+        """Find out from the first few of ``points`` what the function takes, and check its result's shape.
 
         Raises:
             ValueError: it fails, or returns something of another shape or type.
         """
-        one = tuple(x[0] for x in points)
+        point = tuple(x[0] for x in points)
         try:
-            first = self._ask(one)
+            first = self._evaluate(point)
         except Exception as plain:
             self.torch = True
             try:
-                first = self._ask(one)
+                first = self._evaluate(point)
             except ImportError:
-                raise ValueError(f"{self.what}: {self.name} fails at {_told(one)} with {plain!r}") from plain
+                raise ValueError(
+                    f"{self.what}: {self.name} fails at {_format_point(point)} with {plain!r}"
+                ) from plain
             except Exception as error:
                 cause = plain if type(plain) is type(error) else error
                 raise ValueError(
-                    f"{self.what}: {self.name} fails at {_told(one)} with {cause!r}, also with torch tensors"
+                    f"{self.what}: {self.name} fails at {_format_point(point)} with {cause!r}, "
+                    "also with torch tensors"
                 ) from plain
         if first.size != int(np.prod(self.shape)):
             raise ValueError(
@@ -134,27 +144,27 @@ class PointwiseFunction:
             )
         few = tuple(x[:3] for x in points)
         alone = np.stack(
-            [self._ask(tuple(x[n] for x in few)).reshape(self.shape) for n in range(len(few[0]))]
+            [self._evaluate(tuple(x[n] for x in few)).reshape(self.shape) for n in range(len(few[0]))]
         )
         try:
-            together = self._ask(few)
+            together = self._evaluate(few)
             self.many = together.shape == alone.shape and bool(
                 np.allclose(
                     together, alone, rtol=1e-6, atol=1e-9 * float(np.abs(alone).max()), equal_nan=True
                 )
             )
         except Exception:
-            self.many = False  # a function of one point need not survive many
+            self.many = False  # a function of a single point may raise anything when given many
 
     def __call__(self, *points: np.ndarray) -> np.ndarray:
         """Values (N, ...) at points (N, ...)."""
         if self.many:
-            return self._ask(points)
-        return np.stack([self._ask(tuple(x[n] for x in points)) for n in range(len(points[0]))]).reshape(
+            return self._evaluate(points)
+        return np.stack([self._evaluate(tuple(x[n] for x in points)) for n in range(len(points[0]))]).reshape(
             len(points[0]), *self.shape
         )
 
-    def _ask(self, points: tuple[np.ndarray, ...]) -> np.ndarray:
+    def _evaluate(self, points: tuple[np.ndarray, ...]) -> np.ndarray:
         if not self.torch:
             return np.asarray(self.function(*points), dtype=np.float64)
         import torch
@@ -163,7 +173,7 @@ class PointwiseFunction:
         return np.asarray(torch.as_tensor(value).detach().cpu().numpy(), dtype=np.float64)
 
 
-def _mechanics(sim: Any, region: OperatingRegion, what: str) -> FieldFunctions:
+def _make_fields(sim: Any, region: OperatingRegion, what: str) -> FieldFunctions:
     q, v, d = region.q, region.v, region.d
 
     def field(name: str, shape: tuple[int, ...], *points: np.ndarray) -> PointwiseFunction:
@@ -174,31 +184,31 @@ def _mechanics(sim: Any, region: OperatingRegion, what: str) -> FieldFunctions:
         return call
 
     mass = field("mass", (d, d), q)
-    slope: Callable[[np.ndarray], np.ndarray]
+    gradient: Callable[[np.ndarray], np.ndarray]
     if hasattr(sim, "potential"):
-        slope = _Gradient(field("potential", (), q), np.maximum(np.ptp(q, axis=0), 1e-9))
+        gradient = _Gradient(field("potential", (), q), np.maximum(np.ptp(q, axis=0), 1e-9))
     if hasattr(sim, "potential_gradient"):
         given = field("potential_gradient", (d,), q)
         if hasattr(sim, "potential"):
-            _require_gradient(given(q), slope(q), what)
-        slope = given
+            _check_gradient(given(q), gradient(q), what)
+        gradient = given
     elif not hasattr(sim, "potential"):
         raise ValueError(f"{what}: has mass(q) but no potential; an object needs {EXPECTED_METHODS}")
     damping = field("damping", (d, d), q) if hasattr(sim, "damping") else None
     friction = field("friction", (d,), q, v) if hasattr(sim, "friction") else None
     n_u = region.n_u
-    reach = field("input_map", (n_u, d), q) if hasattr(sim, "input_map") and n_u else None
+    input_map = field("input_map", (n_u, d), q) if hasattr(sim, "input_map") and n_u else None
 
-    def loss(q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        out = np.zeros_like(q) if damping is None else np.einsum("nij,nj->ni", damping(q), v)
-        return out if friction is None else out + friction(q, v)
+    def dissipation(q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        force = np.zeros_like(q) if damping is None else np.einsum("nij,nj->ni", damping(q), v)
+        return force if friction is None else force + friction(q, v)
 
-    return FieldFunctions(mass, slope, reach or (lambda q: np.zeros((len(q), n_u, d))), loss)
+    return FieldFunctions(mass, gradient, input_map or (lambda q: np.zeros((len(q), n_u, d))), dissipation)
 
 
 @dataclass
 class _Gradient:
-    """Central differences of a potential, of fourth order."""
+    """The gradient of a potential by central differences of fourth order."""
 
     potential: PointwiseFunction
     reach: np.ndarray
@@ -212,7 +222,7 @@ class _Gradient:
         return np.stack(columns, axis=1)
 
 
-def _require_gradient(given: np.ndarray, measured: np.ndarray, what: str) -> None:
+def _check_gradient(given: np.ndarray, measured: np.ndarray, what: str) -> None:
     wrong = float(np.abs(given - measured).max() / max(np.abs(measured).max(), np.abs(given).max(), 1e-300))
     if wrong > 1e-3:
         raise ValueError(
@@ -221,15 +231,15 @@ def _require_gradient(given: np.ndarray, measured: np.ndarray, what: str) -> Non
         )
 
 
-def _sane(sampled: ProjectedModel, region: OperatingRegion, what: str) -> ProjectedModel:
-    """Warn of a damping that feeds energy, which a passive mechanism has nowhere."""
+def _check_passivity(sampled: ProjectedModel, region: OperatingRegion, what: str) -> ProjectedModel:
+    """Warn if the damping feeds energy into the motion, which no passive mechanism does."""
     model = sampled.model
     lowest = np.linalg.eigvalsh(model.damping_at(region.q)).min(axis=1)
     power = np.einsum("ni,nij,nj->n", region.v, model.damping_at(region.q), region.v)
     power += np.abs(region.v) @ model.dry + np.abs(region.v) ** 3 @ model.drag
     rate = model.acceleration(region.q, region.v, region.u)
     swing = np.abs(np.einsum("ni,nij,nj->n", region.v, model.mass_at(region.q), rate)).max()
-    # a frictionless sim has a damping by rounding alone
+    # a simulator without friction has a damping by rounding alone
     if (power < -max(1e-3 * np.abs(power).max(), max(sampled.error, ROUNDING_POWER_SHARE) * swing)).any():
         at = np.array2string(region.q[int(np.argmin(lowest))], precision=4)
         warnings.warn(
@@ -240,7 +250,7 @@ def _sane(sampled: ProjectedModel, region: OperatingRegion, what: str) -> Projec
     return sampled
 
 
-def _from_file(path: Path) -> Any:
+def _import_file(path: Path) -> Any:
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such file; sim=file.py:attribute names a Python file")
     spec = importlib.util.spec_from_file_location(f"_sim_{path.stem}", path)
@@ -255,11 +265,11 @@ def _from_file(path: Path) -> Any:
 def _is_factory(found: Any) -> bool:
     if not callable(found) or (hasattr(found, "mass") and not inspect.isclass(found)):
         return False
-    return inspect.isclass(found) or _arguments(found) == 0
+    return inspect.isclass(found) or _count_arguments(found) == 0
 
 
-def _arguments(function: Any) -> int | None:
-    """Number of arguments it needs, None where it cannot be told."""
+def _count_arguments(function: Any) -> int | None:
+    """Number of arguments that a function requires; None if it is variable or unknown."""
     try:
         parameters = inspect.signature(function).parameters.values()
     except (TypeError, ValueError):
@@ -271,5 +281,5 @@ def _arguments(function: Any) -> int | None:
     )
 
 
-def _told(point: tuple[np.ndarray, ...]) -> str:
+def _format_point(point: tuple[np.ndarray, ...]) -> str:
     return ", ".join(np.array2string(x, precision=4) for x in point)

@@ -1,4 +1,4 @@
-"""What the arguments ``sim`` and ``real`` name: files of which kind, and the motions in them."""
+"""The files that the arguments ``sim`` and ``real`` name, their kinds, and the trajectories in them."""
 
 import csv
 import re
@@ -19,86 +19,100 @@ from lagsplat.io.trajectory.trajectory import Trajectory
 from lagsplat.io.video.clips import IMAGE_SUFFIXES, VIDEO_SUFFIXES, natural_order
 
 TABLES = (".csv", ".txt", ".tsv", ".parquet", ".pq")
+"""Suffixes of trajectory files that are tables."""
 VIDEO_KINDS = ("video", "mcap", "krauss", "recording")
+"""Kinds of sources that hold frames, and need an encoder to become a trajectory."""
 KINDS = ("trajectory", *VIDEO_KINDS, "run", "model", "mujoco", "python")
+"""All kinds of sources."""
 PYTHON_OBJECT = r"(?P<module>[A-Za-z_][\w.]*|.+\.py):(?P<attribute>[A-Za-z_][\w.]*)"
+"""Pattern of ``module:attribute`` and ``file.py:attribute``."""
 LatentEncoder = Callable[[np.ndarray], np.ndarray]
+"""From frames (T, H, W, 3), uint8, to latents (T, d)."""
 
 
 @dataclass(frozen=True)
 class DataSource:
-    """One thing named: its kind (one of `KINDS`), its path or ``module:attribute``, and the table of the
-    inputs that go with a film, if there is one."""
+    """A file, folder or Python object that ``sim`` or ``real`` names."""
 
     kind: str
+    """One of `KINDS`."""
     path: str
+    """A path, or ``module:attribute``."""
     inputs: str | None = None
+    """Table of the inputs that belong to a video."""
 
 
 def find_sources(argument: str) -> tuple[DataSource, ...]:
-    """The things that ``a.csv``, ``[a.csv,b.csv]``, ``runs/*.csv``, a folder or ``module:attribute`` name.
+    """Find what ``a.csv``, ``[a.csv,b.csv]``, ``runs/*.csv``, a folder or ``module:attribute`` names.
 
-    A folder is a fitted run where it holds ``dynamics.safetensors``, a film where it holds pictures, and else
-    all that can be read in it, in the order in which a person counts
-    names. A table of the same stem as a film beside it holds
-    the film's inputs and is no trajectory. Of the names of archives and artefacts the content decides.
+    A folder is a fitted run if it holds ``dynamics.safetensors``, a video if it holds images, and otherwise
+    stands for all readable files in it, in natural order of their names. A table with the stem of a video
+    beside it holds that video's inputs and is no trajectory. The kind of an archive or artefact is read from
+    its content.
 
     Raises:
         FileNotFoundError: nothing is there, or nothing matches.
         ValueError: a kind of file that is not known; the message lists those that are.
     """
-    words = _words(argument)
-    if not words:
+    names = _split_list(argument)
+    if not names:
         raise ValueError("an empty list of files; name at least one")
     paths: list[Path] = []
-    found: list[DataSource] = []
-    for word in words:
-        path = Path(word).expanduser()
-        if not path.exists() and re.fullmatch(PYTHON_OBJECT, word):
-            found.append(DataSource("python", word))
+    objects: list[DataSource] = []
+    for name in names:
+        path = Path(name).expanduser()
+        if not path.exists() and re.fullmatch(PYTHON_OBJECT, name):
+            objects.append(DataSource("python", name))
         else:
             paths += _expand(path)
-    films = {path.with_suffix("") for path in paths if path.suffix.lower() in (*VIDEO_SUFFIXES, ".mcap")}
+    video_stems = {
+        path.with_suffix("") for path in paths if path.suffix.lower() in (*VIDEO_SUFFIXES, ".mcap")
+    }
     kept = [
         path
         for path in dict.fromkeys(paths)
-        if not (path.suffix.lower() in TABLES and path.with_suffix("") in films)
+        if not (path.suffix.lower() in TABLES and path.with_suffix("") in video_stems)
     ]
-    return (*found, *(_source(path) for path in kept))
+    return (*objects, *(_classify(path) for path in kept))
 
 
 def read_sources(
     sources: Sequence[DataSource],
     *,
     columns: Mapping[str, str] | None = None,
-    record: Callable[[DataSource], Recording] | None = None,
+    open_recording: Callable[[DataSource], Recording] | None = None,
     encode: LatentEncoder | None = None,
 ) -> tuple[Trajectory, ...]:
-    """The motions of trajectories and films; other kinds are models, and must be taken out before.
+    """Read trajectories, and encode videos into trajectories.
 
-    ``record`` opens a film; ``encode`` turns its frames (T, H, W, 3), uint8, into latents (T, d).
+    Args:
+        sources: trajectories and videos.
+        columns: names of a table's columns, where they are not the usual ones.
+        open_recording: opens a video.
+        encode: turns its frames into latents.
 
     Raises:
-        ValueError: a model, a film without ``record`` and ``encode``, or as the reader of its kind.
+        ValueError: a source is a model, a video is given without ``open_recording`` and ``encode``, or a file
+        is unreadable.
     """
-    motions = []
+    trajectories = []
     for source in sources:
         if source.kind == "trajectory":
-            motions.append(read_trajectory(source.path, columns=columns))
+            trajectories.append(read_trajectory(source.path, columns=columns))
         elif source.kind not in VIDEO_KINDS:
-            raise ValueError(f"{source.path}: a {source.kind} is a model and has no motion of its own")
-        elif record is None or encode is None:
+            raise ValueError(f"{source.path}: a {source.kind} is a model and has no trajectory of its own")
+        elif open_recording is None or encode is None:
             raise ValueError(
-                f"{source.path}: a film needs the encoder of a fitted run to become a motion; give the run "
-                "as sim=FOLDER, or give trajectories"
+                f"{source.path}: a video needs the encoder of a fitted run to become a trajectory; "
+                "give the run as sim=FOLDER, or give trajectories"
             )
         else:
-            recording = record(source)
+            recording = open_recording(source)
             log = read_input_log(source.inputs) if source.inputs else None
-            motions.append(
+            trajectories.append(
                 make_video_trajectory(recording, encode(recording.frames), log=log, source=source.path)
             )
-    return tuple(motions)
+    return tuple(trajectories)
 
 
 def make_video_trajectory(
@@ -108,43 +122,48 @@ def make_video_trajectory(
     source: str,
     log: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Trajectory:
-    """A film as a motion: its latents (T, d) at the times of its frames, with its inputs.
+    """The trajectory of a video: its latents at the times of its frames, with its inputs.
 
-    ``log`` holds times (N,) [s] and inputs (N, n_u) on the film's clock; they are interpolated. Frames that
-    it does not cover are left out, with a warning.
+    Frames that ``log`` does not cover are left out, with a warning.
+
+    Args:
+        recording: the video.
+        latents: latents of its frames (T, d).
+        source: name of the file.
+        log: times (N,) [s] on the video's clock and inputs (N, n_u), which are interpolated.
 
     Raises:
-        ValueError: latents of another length, inputs in the film and beside it, or a log of another time.
+        ValueError: latents of another length, inputs in the video and beside it, or a log of another time.
     """
     if latents.ndim != 2 or len(latents) != recording.n_frames:
         raise ValueError(f"{source}: latents of shape {latents.shape} for {recording.n_frames} frames")
     name = Path(source).name
-    motion = Trajectory(
+    trajectory = Trajectory(
         time_s=recording.time_s, q=latents, u=recording.inputs, segments=recording.segments, source=name
     )
     if log is None:
-        return motion
+        return trajectory
     if recording.inputs.shape[1]:
-        raise ValueError(f"{name}: inputs stand in the film and in a table beside it; remove one of them")
+        raise ValueError(f"{name}: inputs are in the video and in a table beside it; remove one of them")
     time_s, inputs = log
-    slack = 0.5 * motion.dt_s
-    covered = (motion.time_s >= time_s[0] - slack) & (motion.time_s <= time_s[-1] + slack)
+    slack = 0.5 * trajectory.dt_s
+    covered = (trajectory.time_s >= time_s[0] - slack) & (trajectory.time_s <= time_s[-1] + slack)
     if not covered.any():
         raise ValueError(
-            f"{name}: its frames are from {motion.time_s[0]:.6g} to {motion.time_s[-1]:.6g} s, its inputs "
-            f"from {time_s[0]:.6g} to {time_s[-1]:.6g} s; give both on one clock"
+            f"{name}: its frames are from {trajectory.time_s[0]:.6g} to {trajectory.time_s[-1]:.6g} s, "
+            f"its inputs from {time_s[0]:.6g} to {time_s[-1]:.6g} s; give both on one clock"
         )
-    columns = [np.interp(motion.time_s, time_s, column) for column in inputs.T]
-    motion = replace(motion, u=np.stack(columns, axis=1), u_names=())
+    columns = [np.interp(trajectory.time_s, time_s, column) for column in inputs.T]
+    trajectory = replace(trajectory, u=np.stack(columns, axis=1), u_names=())
     if covered.all():
-        return motion
+        return trajectory
     warnings.warn(f"{name}: {(~covered).sum()} frames without inputs are left out", stacklevel=2)
     first, last = np.flatnonzero(covered)[[0, -1]]
-    clips = [(max(a, int(first)), min(b, int(last) + 1)) for a, b in motion.segments]
-    return motion.pieces([(a, b) for a, b in clips if a < b])
+    clips = [(max(a, int(first)), min(b, int(last) + 1)) for a, b in trajectory.segments]
+    return trajectory.pieces([(a, b) for a, b in clips if a < b])
 
 
-def _words(argument: str) -> list[str]:
+def _split_list(argument: str) -> list[str]:
     text = argument.strip()
     if not (text.startswith("[") and text.endswith("]")):
         return [text.strip("'\"")] if text else []
@@ -153,7 +172,7 @@ def _words(argument: str) -> list[str]:
 
 
 def _expand(path: Path) -> list[Path]:
-    """The files that a path, a pattern or a folder stands for."""
+    """The files that a path, a pattern or a folder stands for, in natural order."""
     if not path.exists():
         root = Path(path.anchor or ".")
         pattern = str(path.relative_to(path.anchor)) if path.anchor else str(path)
@@ -169,41 +188,42 @@ def _expand(path: Path) -> list[Path]:
     known = [item for item in inside if item.suffix.lower() in (*TABLES, *VIDEO_SUFFIXES, ".npz", ".mcap")]
     if not known:
         raise FileNotFoundError(
-            f"{path}: a folder without a trajectory, a film or dynamics.safetensors; name the files"
+            f"{path}: a folder without a trajectory, a video or dynamics.safetensors; name the files"
         )
     return known
 
 
-def _source(path: Path) -> DataSource:
-    """The kind of one file or folder, by its name and, where that does not tell, its content."""
-    name, kind = str(path), path.suffix.lower()
+def _classify(path: Path) -> DataSource:
+    """Find the kind of a single file or folder, by its name or, where this is ambiguous, by its content."""
+    name, suffix = str(path), path.suffix.lower()
     if path.is_dir():
         return DataSource("run" if (path / "dynamics.safetensors").is_file() else "video", name)
-    if kind in TABLES:
+    if suffix in TABLES:
         return DataSource("trajectory", name)
-    if kind == ".mcap" and is_session(path):
+    if suffix == ".mcap" and is_session(path):
         return DataSource("trajectory", name)
-    if kind in VIDEO_SUFFIXES or kind == ".mcap":
+    if suffix in VIDEO_SUFFIXES or suffix == ".mcap":
         beside = [path.with_suffix(suffix) for suffix in TABLES if path.with_suffix(suffix).is_file()]
         return DataSource(
-            "video" if kind in VIDEO_SUFFIXES else "mcap", name, str(beside[0]) if beside else None
+            "video" if suffix in VIDEO_SUFFIXES else "mcap", name, str(beside[0]) if beside else None
         )
-    if kind == ".npz":
-        return DataSource("krauss" if "images.npy" in _members(path) else "trajectory", name)
-    if kind == ".xml":
+    if suffix == ".npz":
+        return DataSource("krauss" if "images.npy" in _list_members(path) else "trajectory", name)
+    if suffix == ".xml":
         return DataSource("mujoco", name)
-    if kind == ".safetensors":
-        made = read_header(path)["kind"]
-        if made == "dynamics":
+    if suffix == ".safetensors":
+        kind = read_header(path)["kind"]
+        if kind == "dynamics":
             return DataSource("run", str(path.parent))
-        return DataSource("recording" if made == "recording" else "model", name)
+        return DataSource("recording" if kind == "recording" else "model", name)
     raise ValueError(
-        f"{path}: {kind or 'a file without suffix'} is neither a trajectory ({', '.join(TABLES)}, .npz), a "
-        f"film ({', '.join(VIDEO_SUFFIXES)}, .mcap), a fitted run, a MuJoCo model (.xml) nor module:attribute"
+        f"{path}: {suffix or 'a file without suffix'} is neither a trajectory ({', '.join(TABLES)}, .npz), a "
+        f"video ({', '.join(VIDEO_SUFFIXES)}, .mcap), a fitted run, a MuJoCo model (.xml) nor "
+        "module:attribute"
     )
 
 
-def _members(path: Path) -> list[str]:
+def _list_members(path: Path) -> list[str]:
     try:
         with zipfile.ZipFile(path) as archive:
             return archive.namelist()

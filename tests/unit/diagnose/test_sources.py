@@ -118,7 +118,7 @@ def test_films_become_motions_through_an_encoder(tmp_path: Path) -> None:
 
     source = DataSource("video", "films/bag.mp4", str(tmp_path / "bag.csv"))
     cut = film(segments=((0, 4), (4, 10)))
-    (motion,) = read_sources([source], record=lambda given: cut, encode=encode)
+    (motion,) = read_sources([source], open_recording=lambda source: cut, encode=encode)
     assert asked == [(10, 2, 2, 3)]
     assert (motion.source, motion.segments, motion.u_names) == ("bag.mp4", ((0, 4), (4, 10)), ("u0", "u1"))
     np.testing.assert_allclose(motion.u, np.stack([1.0 + motion.time_s, np.ones(10)], axis=1))
@@ -134,7 +134,7 @@ def test_frames_without_inputs_are_left_out() -> None:
         make_video_trajectory(film(), latents, log=(log[0] + 9.0, log[1]), source="bag.mp4")
     driven = film(inputs=np.ones((10, 1)), input_names=("p1",), input_units=("atm",))
     assert make_video_trajectory(driven, latents, source="arm.npz").u_names == ("u0",)
-    with pytest.raises(ValueError, match="in the film and in a table"):
+    with pytest.raises(ValueError, match="in the video and in a table"):
         make_video_trajectory(driven, latents, log=log, source="bag.mp4")
     with pytest.raises(ValueError, match="for 10 frames"):
         make_video_trajectory(film(), latents[:4], source="bag.mp4")
