@@ -52,8 +52,7 @@ def diagnose(
         sim: the simulator with what is uncertain about it.
         real: real trajectories, cut where they are not continued.
         config: settings of the diagnosis.
-        log_evidence_offset: log evidence that effects gain by the sim's own errors [nat]; see
-            `calibrate_null_evidence`.
+        log_evidence_offset: what effects gain by the sim's own errors [nat]; see `calibrate_null_evidence`.
         report_progress: called with the name of each effect before it is fitted.
 
     Raises:
@@ -66,39 +65,20 @@ def diagnose(
         problem.rollout_model, hints, q_names=q_names, u_names=u_names, without=config.without
     )
     budget = SearchBudget.of(config, nominal=max(1.0, sim.misfit), log_evidence_offset=log_evidence_offset)
-    ranking, chain = _search_effects(problem, candidates, budget, config, report_progress)
-    wider = inflate_noise(problem, budget, chain[-1] if chain else ranking.none)
-    if wider is not None:
-        problem, budget = wider
-        ranking, chain = _search_effects(problem, candidates, budget, config, report_progress)
-    doubts = partial(assess_implausibility, problem, ranking, nominal=budget.nominal)
-    judgement = judge_hypotheses(
-        ranking,
-        chain,
-        problem.degrees_of_freedom,
-        budget.nominal,
-        config,
-        most=motionless_misfit(problem),
-        doubt=doubts,
-    )
+    problem, budget, ranking, chain = _search(problem, candidates, budget, config, report_progress)
+    judgement = _judge(problem, ranking, chain, budget, config)
     best = judgement.best
     chosen = best if best is not None and judgement.verdict == "effect" else ranking.none
     holdout, warnings = _forecast_holdout(
         problem, ranking, chosen, natural.longest_s, (sim.original or sim).model
     )
     bare = ranking.none.fit.misfit / problem.degrees_of_freedom
-    if (
-        holdout is not None
-        and chosen is best
-        and best is not None
-        and _is_immaterial(holdout, best, bare, config)
-    ):
+    if best is not None and chosen is best and _is_immaterial(holdout, best, bare, config):
         judgement, chosen = reject_effect(judgement), ranking.none
     checks = {
         "natural_period_s": natural.longest_s,
         "noise": ready.sigma.tolist(),
-        "sim_misfit": sim.misfit,
-        **({} if sim.original is None else {"sim_misfit_as_given": sim.original.misfit}),
+        **_sim_misfits(sim),
         **_fit_measures(problem, ranking, chain, judgement),
         **asdict(check_robustness(problem, ranking, chain, judgement, candidates, budget, config)),
     }
@@ -118,6 +98,48 @@ def diagnose(
         u_names=u_names,
     )
     return DiagnosisRun(diagnosis, problem, ranking, chosen)
+
+
+def _search(
+    problem: EstimationProblem,
+    candidates: Sequence[PlacedEffect],
+    budget: SearchBudget,
+    config: DiagnoseConfig,
+    report_progress: Callable[[str], None],
+) -> tuple[EstimationProblem, SearchBudget, ModelRanking, tuple[HypothesisFit, ...]]:
+    """Fit all effects and sets; again with inflated noise, which is returned, where none of them fits."""
+    ranking, chain = _search_effects(problem, candidates, budget, config, report_progress)
+    inflated = inflate_noise(problem, budget, chain[-1] if chain else ranking.none)
+    if inflated is not None:
+        problem, budget = inflated
+        ranking, chain = _search_effects(problem, candidates, budget, config, report_progress)
+    return problem, budget, ranking, chain
+
+
+def _judge(
+    problem: EstimationProblem,
+    ranking: ModelRanking,
+    chain: Sequence[HypothesisFit],
+    budget: SearchBudget,
+    config: DiagnoseConfig,
+) -> Judgement:
+    """The verdict from all fits and the implausibility of the best explanation."""
+    return judge_hypotheses(
+        ranking,
+        chain,
+        problem.degrees_of_freedom,
+        budget.nominal,
+        config,
+        most=motionless_misfit(problem),
+        doubt=partial(assess_implausibility, problem, ranking, nominal=budget.nominal),
+    )
+
+
+def _sim_misfits(sim: EstimatedSimulator) -> dict[str, float]:
+    """Mean square residual of the sim on its own recordings [noise variances], and before a recalibration."""
+    if sim.original is None:
+        return {"sim_misfit": sim.misfit}
+    return {"sim_misfit": sim.misfit, "sim_misfit_as_given": sim.original.misfit}
 
 
 def _search_effects(
@@ -182,9 +204,11 @@ def _excluded_windows_warning(problem: EstimationProblem) -> list[str]:
 
 
 def _is_immaterial(
-    holdout: HoldoutForecasts, best: HypothesisFit, misfit: float, config: DiagnoseConfig
+    holdout: HoldoutForecasts | None, best: HypothesisFit, misfit: float, config: DiagnoseConfig
 ) -> bool:
     """Whether ``best`` improves the forecasts too little; ``misfit`` is the mean square without effects."""
+    if holdout is None:
+        return False
     gap = holdout.gap
     if misfit < MATERIALITY.overestimated_noise_misfit and gap.before <= gap.floor:
         return True

@@ -1,4 +1,4 @@
-"""The road from two arguments to a diagnosis on disk, for the command line and the workflow."""
+"""A diagnosis from two arguments to files on disk, for the command line and the workflow."""
 
 import contextlib
 import os
@@ -25,6 +25,7 @@ from lagsplat.diagnose.inference.problem import measure_misfit
 from lagsplat.diagnose.inference.recalibration import calibrate_null_evidence, match_windows
 from lagsplat.diagnose.residual.error_budget import PerceptionQuality
 from lagsplat.diagnose.residual.localization import ResidualLocation, locate
+from lagsplat.io.trajectory.trajectory import Trajectory
 from lagsplat.pipelines.apply_diagnosis import AUGMENTED_FILE
 from lagsplat.pipelines.diagnosis_images import build_report_content
 from lagsplat.pipelines.diagnosis_inputs import LAWLESS, DiagnosisInputs, open_diagnosis_inputs
@@ -39,21 +40,16 @@ NOWHERE = "Where the gap lies cannot be told: along the real motion the sim's fo
 def run_diagnosis(
     inputs: DiagnosisInputs, config: DiagnoseConfig, *, report_progress: Callable[[str], None]
 ) -> DiagnosisRun:
-    """The diagnosis of a checked pair, with where the gap lies and what to record next.
+    """Diagnose checked inputs, locate the gap, and say what to record next.
 
     Raises:
         ValueError: the motions are too short for a single window.
     """
     null_motion = inputs.null_motion
-    with contextlib.suppress(ValueError):  # too short a recording says nothing of the sim's errors
-        if null_motion is not None and inputs.sim.novelty_detector is not None:
-            inputs = replace(
-                inputs,
-                sim=measure_misfit(inputs.sim, match_windows(inputs.sim, null_motion, inputs.real, config)),
-            )
+    inputs = _match_misfit(inputs, null_motion, config)
     config = _adapt_settings(inputs, config)
     log_evidence_offset = 0.0
-    with contextlib.suppress(ValueError):
+    with contextlib.suppress(ValueError):  # a reference that is too short has no windows
         if null_motion is not None:
             log_evidence_offset = calibrate_null_evidence(
                 inputs.sim, null_motion, inputs.real, config, report_progress=report_progress
@@ -68,25 +64,15 @@ def run_diagnosis(
         report_progress=report_progress,
     )
     report_progress("where")
-    natural_s = found.diagnosis.checks["natural_period_s"]
-    where: ResidualLocation | None = None
-    blind: tuple[str, ...] = ()
-    try:
-        where = locate(
-            inputs.sim.model,
-            inputs.real,
-            period_s=natural_s,
-            hold=config.input_hold,
-            perception_suspect=image_quality is not None and image_quality.drawn_badly,
-        )
-    except np.linalg.LinAlgError:
-        blind = (NOWHERE,)
-    if where is not None and found.diagnosis.combination and found.chosen.effects:
-        where = locate_with_verdict(where, found)
+    where = _locate(inputs, found, config, suspect=image_quality is not None and image_quality.drawn_badly)
     diagnosis = replace(
         found.diagnosis,
         where=where,
-        warnings=(*inputs.checked.warnings, *found.diagnosis.warnings, *blind),
+        warnings=(
+            *inputs.checked.warnings,
+            *found.diagnosis.warnings,
+            *((NOWHERE,) if where is None else ()),
+        ),
         excitation=tuple(f"{row.effect}: {row.record}" for row in inputs.excitation if row.record),
         absorbed=absorbed_effects() if inputs.same_recording else (),
         checks={
@@ -104,6 +90,40 @@ def run_diagnosis(
     if inputs.checked.undetermined or "undetermined" in diagnosis.checks:
         diagnosis = withhold_verdict(diagnosis)
     return replace(found, diagnosis=diagnosis)
+
+
+def _locate(
+    inputs: DiagnosisInputs, found: DiagnosisRun, config: DiagnoseConfig, *, suspect: bool
+) -> ResidualLocation | None:
+    """Where the gap lies; None where the sim's forces are not finite along the real motion."""
+    period_s = found.diagnosis.checks["natural_period_s"]
+    try:
+        where = locate(
+            inputs.sim.model,
+            inputs.real,
+            period_s=period_s,
+            hold=config.input_hold,
+            perception_suspect=suspect,
+        )
+    except np.linalg.LinAlgError:
+        return None
+    if found.diagnosis.combination and found.chosen.effects:
+        return locate_with_verdict(where, found)
+    return where
+
+
+def _match_misfit(
+    inputs: DiagnosisInputs, null_motion: Trajectory | None, config: DiagnoseConfig
+) -> DiagnosisInputs:
+    """Measure the sim's misfit on reference windows like the real ones, where the sim has a novelty
+    detector."""
+    if null_motion is None or inputs.sim.novelty_detector is None:
+        return inputs
+    try:
+        problem = match_windows(inputs.sim, null_motion, inputs.real, config)
+        return replace(inputs, sim=measure_misfit(inputs.sim, problem))
+    except ValueError:  # the reference is too short for a window
+        return inputs
 
 
 def discount_image_error(sim: EstimatedSimulator, seen: PerceptionQuality | None) -> EstimatedSimulator:

@@ -68,4 +68,4 @@ def own_number(wildcards):
 
 def planned_tiers():
     """The tiers that the experiment asks for."""
-    return [tier for tier in ("T0", "T1") if getattr(experiment.blind, tier.lower())]
+    return [tier for tier, count in (("T0", experiment.blind.t0), ("T1", experiment.blind.t1)) if count]

@@ -1,7 +1,7 @@
-"""Held-out forecasts: how far a sim, and the sim with an effect, are from what was measured.
+"""Held-out forecasts: errors of the sim, and of the sim with effects, on windows that were not fitted.
 
-A block is one natural period long. Its starting state is fitted to its first ten samples by the model that
-forecasts, and nothing after them is looked at.
+A block is one natural period long. Its initial state is fitted to its first ten samples by the model that
+forecasts; no later sample is used.
 """
 
 from collections.abc import Sequence
@@ -27,14 +27,14 @@ from lagsplat.diagnose.mechanics.model import MechanicalModel
 
 @dataclass(frozen=True)
 class Forecast:
-    """Forecasts (B, L, d) of every block, and the variance of their errors if the model is true."""
+    """Forecasts of every block, and the expected variance of their errors if the model is true."""
 
     y: Float64[np.ndarray, "B L d"]
     expected: Float64[np.ndarray, "B L d"]
 
 
 def split_windows(problem: EstimationProblem) -> tuple[EstimationProblem, WindowSet]:
-    """The contest on every other window, and the windows in between, held out."""
+    """Split into the problem on every other window and the windows in between, which are held out."""
     number = np.arange(len(problem.windows.first))
     kept = problem.windows.select(number % 2 == 0)
     held = problem.windows.select(number % 2 == 1)
@@ -42,10 +42,10 @@ def split_windows(problem: EstimationProblem) -> tuple[EstimationProblem, Window
 
 
 def cut_blocks(problem: EstimationProblem, held: WindowSet, *, period_s: float) -> WindowSet:
-    """One natural period after the other within the held-out windows, or windows where these are shorter.
+    """Cut held-out windows into blocks of one natural period, or of a window where windows are shorter.
 
     Raises:
-        ValueError: none of them is as long as `HOLDOUT.min_period_share` of a period.
+        ValueError: no window is as long as `HOLDOUT.min_period_share` of a period.
     """
     frames = max(HOLDOUT.min_block_samples, round(period_s / problem.rollout_model.dataset.dt_s) + 1)
     longest = int(held.length.max(initial=0))
@@ -67,7 +67,14 @@ def cut_blocks(problem: EstimationProblem, held: WindowSet, *, period_s: float) 
 def forecast_blocks(
     problem: EstimationProblem, blocks: WindowSet, effects: Sequence[PlacedEffect], x: np.ndarray
 ) -> Forecast:
-    """Forecasts of ``blocks`` with unknowns ``x`` of ``effects`` and the uncertainties."""
+    """Forecast ``blocks`` with the parameters ``x`` of ``effects`` and of the nuisance model.
+
+    Args:
+        problem: data, sim and noise.
+        blocks: held-out blocks.
+        effects: effects of the hypothesis.
+        x: its fitted parameters.
+    """
     real = [e for e in effects if not isinstance(e.effect, SampleEffect)]
     here = replace(problem, windows=blocks)
 
@@ -90,7 +97,7 @@ def forecast_blocks(
     weighted = slopes * seen / variance[None, :, None]
     gram = np.einsum("bms,bmt->bst", weighted, slopes)
     gram += 1e-9 * np.eye(gram.shape[1]) * np.trace(gram, axis1=1, axis2=2)[:, None, None]
-    # where the law has left all bounds nothing depends on the start any more
+    # a diverged rollout no longer depends on its initial state
     start_covariance = np.linalg.pinv(np.nan_to_num(gram, posinf=0.0, neginf=0.0), hermitian=True)
     spread = np.einsum("bms,bst,bmt->bm", slopes, start_covariance, slopes)
     expected = np.where(seen[..., 0], np.maximum(variance - spread, 0.0), variance + spread)
@@ -103,14 +110,20 @@ def relative_square_error(error: Float64[np.ndarray, "B L d"], rms: Float64[np.n
 
 
 def count_diverged(error: Float64[np.ndarray, "B L d"], rms: Float64[np.ndarray, " d"]) -> int:
-    """How many forecasts end up farther from the measurement than `HOLDOUT.diverged_error` rms."""
+    """Number of forecasts whose error exceeds `HOLDOUT.diverged_error` rms somewhere."""
     return int((~(np.abs(error / rms) <= HOLDOUT.diverged_error)).any(axis=(1, 2)).sum())
 
 
 def estimate_closure(before: np.ndarray, after: np.ndarray, floor: np.ndarray, *, seed: int = 0) -> Interval:
-    """Share of the gap above the floor that is closed, from mean squares of blocks; 95 % by bootstrap.
+    """Share of the gap above the noise floor that is closed, with a 95 % bootstrap interval over blocks.
 
-    None where the gap is not above the floor by two standard errors.
+    None where the gap is less than two standard errors above the floor.
+
+    Args:
+        before: mean square of each block without effects.
+        after: mean square of each block with effects.
+        floor: expected mean square of each block if the model is true.
+        seed: of the bootstrap.
     """
     rng = np.random.default_rng(seed)
     draws = rng.integers(0, len(before), (2000, len(before)))
@@ -129,7 +142,7 @@ def estimate_closure(before: np.ndarray, after: np.ndarray, floor: np.ndarray, *
 
 @dataclass(frozen=True)
 class HoldoutForecasts:
-    """What the held-out half says: the gap, its blocks, and the closure of single hypotheses."""
+    """Errors on the held-out half: the gap, the blocks, and mean squares of each block."""
 
     gap: Gap
     blocks: tuple[Block, ...]
@@ -145,9 +158,14 @@ def forecast_holdout(
     period_s: float,
     given: MechanicalModel,
 ) -> HoldoutForecasts:
-    """The gap before, after a refit alone and after the ``chosen`` effects, on windows held out.
+    """The held-out error of the sim as given, after a refit alone, and with the ``chosen`` effects.
 
-    Before anything the sim is the ``given`` one, which the contest's may have been moved from.
+    Args:
+        problem: data, sim and noise.
+        none: fit without effects.
+        chosen: fit with the chosen effects.
+        period_s: length of a block, the longest natural period [s].
+        given: the model before any recalibration.
 
     Raises:
         ValueError: the held-out part has no stretch of one period.
@@ -183,7 +201,7 @@ def forecast_holdout(
 
 
 def fit_half(half: EstimationProblem, hypothesis: HypothesisFit) -> np.ndarray:
-    """The unknowns of a hypothesis, fitted to half of the windows."""
+    """Parameters of a hypothesis, fitted to the half of the windows that is not held out."""
     effects = [e for e in hypothesis.effects if not isinstance(e.effect, SampleEffect)]
     return half.fit(effects, hypothesis.fit.x).x
 
@@ -191,7 +209,7 @@ def fit_half(half: EstimationProblem, hypothesis: HypothesisFit) -> np.ndarray:
 def estimate_single_closure(
     problem: EstimationProblem, hypothesis: HypothesisFit, held: HoldoutForecasts, *, period_s: float
 ) -> Interval:
-    """The closure of another hypothesis on the same blocks."""
+    """Closure of another hypothesis on the same blocks."""
     half, windows = split_windows(problem)
     blocks = cut_blocks(problem, windows, period_s=period_s)
     rms = np.std(problem.rollout_model.dataset.q, axis=0)

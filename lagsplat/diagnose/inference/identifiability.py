@@ -1,4 +1,4 @@
-"""Which effects a recording could tell apart: how much of one is left once the other has done its best."""
+"""Practical identifiability: which effects these data could separate."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from lagsplat.diagnose.inference.problem import EstimationProblem, joint_prior
 
 @dataclass(frozen=True)
 class Separability:
-    """Nats (n, n) by which this recording would prefer the effect of a row over that of a column."""
+    """Expected log Bayes factor (n, n) of the effect of a row over that of a column [nat]."""
 
     names: tuple[str, ...]
     nats: Float64[np.ndarray, "n n"]
@@ -24,15 +24,15 @@ class Separability:
 def compute_separability(
     problem: EstimationProblem, found: Sequence[HypothesisFit], *, noise_inflation: float
 ) -> Separability | None:
-    """The best fits of single effects against each other; None if fewer than two moved anything.
+    """Compare the best fits of single effects; None if fewer than two change the motion.
 
-    What an effect does to the motion is laid out by the slopes of another one, of the uncertainties and of
-    the starts; half of the square that they leave, over ``noise_inflation`` samples that count as one, is the
-    expected logarithm of the Bayes factor.
+    The change by one effect is regressed on the derivatives by another one, by the nuisance parameters and by
+    the initial states. Half of the square that remains, over ``noise_inflation``, is the expected log Bayes
+    factor.
     """
     best: dict[str, HypothesisFit] = {}
     for hypothesis in found:
-        # what moves nothing, or overflows, has no slopes to lay out anything by
+        # an effect that changes nothing, or overflows, has no derivatives to regress on
         lone = len(hypothesis.effects) == 1 and not isinstance(hypothesis.effects[0].effect, SampleEffect)
         if (
             lone
@@ -51,9 +51,9 @@ def compute_separability(
 
 
 def _effect_signature(problem: EstimationProblem, hypothesis: HypothesisFit) -> Float64[np.ndarray, "W L d"]:
-    """What the effect alone does to the motion, in units of the noise: to first order in its amplitudes.
+    """Change of the motion by the effect alone, over the noise: to first order in its amplitudes.
 
-    What has none, a delay say, does it whole.
+    Of an effect without amplitudes, as a delay, it is the full change.
     """
     amplitudes = hypothesis.effects[0].effect.amplitudes
     if amplitudes:
@@ -66,12 +66,13 @@ def _effect_signature(problem: EstimationProblem, hypothesis: HypothesisFit) -> 
 
 
 def _unexplained_square(problem: EstimationProblem, mark: np.ndarray, other: HypothesisFit) -> float:
-    """The square of ``mark`` that the best change of the ``other`` effect and of all else leaves."""
+    """The square of ``mark`` that regression on the ``other`` effect and on all nuisance parameters
+    leaves."""
     fit = other.fit
     spread = joint_prior(other.effects, problem.rollout_model).deviation
     curvature, gradient, _, _, own = eliminate_starts(mark, fit.slopes, fit.start_slopes)
     flat = mark.reshape(len(mark), -1)
-    # the effect itself may grow to any size, the rest only as far as it is believed to move
+    # the effect itself has a flat prior, the nuisance parameters keep theirs
     precision = np.where(
         np.arange(len(spread)) < other.n_effect_parameters, 1e-9 * np.diag(curvature), 1.0 / spread**2
     )

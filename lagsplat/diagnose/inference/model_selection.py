@@ -181,7 +181,10 @@ def rank_by_evidence(
     ]
     rows += [
         replace(
-            hypothesis, log_evidence=gain / budget.effective_sample_ratio - SELECTION.sample_noise_penalty - budget.log_evidence_offset
+            hypothesis,
+            log_evidence=gain / budget.effective_sample_ratio
+            - SELECTION.sample_noise_penalty
+            - budget.log_evidence_offset,
         )
         for gain, hypothesis in noisy
     ]

@@ -1,7 +1,5 @@
-"""Every effect at every place where it may act on the mechanism at hand.
-
-Where to look for disturbances: the spans and the lines of the force that a sim lacks.
-"""
+"""Every effect at every place where it may act, and where in time and frequency to look for external
+forces."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -31,13 +29,13 @@ from lagsplat.io.trajectory.trajectory import Trajectory
 
 
 def coordinate_directions(rollout_model: RolloutModel, names: Sequence[str]) -> list[Direction]:
-    """One along each coordinate."""
+    """Directions along each coordinate."""
     eye = np.eye(rollout_model.model.d)
     return [make_direction(name, eye[i], rollout_model.model) for i, name in enumerate(names)]
 
 
 def joint_directions(rollout_model: RolloutModel, names: Sequence[str]) -> list[Direction]:
-    """One along the difference of each two coordinates, if these are few."""
+    """Directions along the difference of each two coordinates, where these are few."""
     model, eye = rollout_model.model, np.eye(rollout_model.model.d)
     pairs = combinations(range(model.d if model.d <= PLACEMENT.max_joint_coordinates else 0), 2)
     return [make_direction(f"{names[j]} - {names[i]}", eye[j] - eye[i], model) for i, j in pairs]
@@ -51,7 +49,15 @@ def place_effects(
     u_names: Sequence[str],
     without: Sequence[str],
 ) -> list[PlacedEffect]:
-    """The catalogue at every place; ``extract_hints`` hold one entry a coordinate."""
+    """Every effect of the catalogue at every place where something moves.
+
+    Args:
+        rollout_model: the sim beside the data.
+        hints: pushes and spectral lines of each coordinate.
+        q_names: names of the coordinates.
+        u_names: names of the inputs.
+        without: effects that are left out.
+    """
     problem = make_placement_problem(rollout_model, hints, q_names=q_names, u_names=u_names)
     effects = (effect for effect in catalogue().values() if effect.name not in without)
     placed = [one for effect in effects for one in effect.find_places(problem)]
@@ -126,7 +132,8 @@ def largest_motion_scales(rollout_model: RolloutModel) -> Scales:
 def extract_hints(
     smoothed: Sequence[LatentForceEstimate], *, period_s: float
 ) -> tuple[DisturbanceHints, ...]:
-    """The loudest spans, on the joint clock, and lines of the longest file, for each coordinate."""
+    """Events of the residual force on the joint clock, and spectral lines of the longest file by
+    coordinate."""
     shifts = compute_clock_shifts([one.motion for one in smoothed])
     pushes = tuple(
         (one.start_s - shifts[one.motion], one.end_s - shifts[one.motion])
@@ -139,7 +146,7 @@ def extract_hints(
 def find_hints(
     model: MechanicalModel, motions: Sequence[Trajectory], *, period_s: float, hold: str
 ) -> tuple[DisturbanceHints, ...]:
-    """Hints from the force that the sim lacks; none where it cannot follow the motions at all."""
+    """Hints from the force that the sim lacks; none where the sim diverges along the motions."""
     try:
         return extract_hints(
             estimate_latent_force(model, motions, period_s=period_s, hold=hold), period_s=period_s

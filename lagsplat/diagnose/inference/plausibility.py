@@ -1,16 +1,9 @@
-"""What speaks against an explanation that leaves nothing unexplained: that it would explain anything.
+"""Reasons against an explanation that fits: it would fit anything, or the sim itself explains as much.
 
-Whether what seems to come from outside could as well depend on the state of the mechanism.
-
-A push at a given time explains anything that happens once. That it came from outside shows only where the
-mechanism passes through the same state again and nothing happens; that a force is periodic, only where it
-repeats.
-
-A sim whose parameters are all somewhat wrong, as the rival of every effect.
-
-What moves several of the mechanism's own parameters at once can be imitated by an effect with enough freedom.
-Where the sim explains as much with its parameters let loose, and is far more evident so, the effect is not
-the cause.
+A push at a given time explains anything that happens once. That it is external shows only where the mechanism
+passes through the same state again without it, and that a force is periodic only where it repeats. An effect
+with many parameters imitates a sim whose parameters are all somewhat wrong. Where the sim with relaxed priors
+fits as well, with more evidence, the effect is not the cause.
 """
 
 from dataclasses import dataclass, replace
@@ -27,10 +20,10 @@ from lagsplat.diagnose.inference.problem import EstimationProblem
 
 @dataclass(frozen=True)
 class Implausibility:
-    """P(unknown), at the least, for one reason.
+    """A lower bound of P(unknown), and its reason.
 
-    ``unrepeated``: an outer force in states that the record passes only with it. ``shapeless``: several
-    effects that fit anything. ``loose``: the sim's own parameters, all moved, are more evident.
+    ``unrepeated``: an external force in states that occur only with it. ``shapeless``: several flexible
+    effects. ``loose``: the sim with relaxed priors has more evidence.
     """
 
     chance: float
@@ -40,8 +33,7 @@ class Implausibility:
 def assess_implausibility(
     problem: EstimationProblem, ranking: ModelRanking, hypothesis: HypothesisFit, *, nominal: float
 ) -> Implausibility:
-    """The strongest doubt in ``hypothesis``, if it explains the gap; none in what only moves single
-    samples."""
+    """The strongest reason against an explanation; none against effects on single samples."""
     if any(isinstance(placed.effect, SampleEffect) for placed in hypothesis.effects):
         return Implausibility(0.0, "loose")
     ahead = relaxed_model_log_evidence(
@@ -63,9 +55,9 @@ def assess_implausibility(
 
 
 def recurrence(hypothesis: HypothesisFit, problem: EstimationProblem) -> float:
-    """How far the record shows that the exogenous effects of ``hypothesis`` come from outside, from 0 to 1.
+    """How clearly the data show that the external effects of a hypothesis are external, from 0 to 1.
 
-    One where there are none of them.
+    It is 1 where there are none.
     """
     record, shown = problem.rollout_model.dataset, 1.0
     for placed in hypothesis.effects:
@@ -83,9 +75,17 @@ def relaxed_model_log_evidence(
     nominal: float,
     noise_inflation: float,
 ) -> float:
-    """Nats by which the loosened sim is more evident than ``best``; minus infinity if it explains less.
+    """Log evidence of the sim with relaxed priors over that of ``best`` [nat].
 
-    So it is where the sim misses even its own recordings: then to explain the rest is no achievement.
+    Minus infinity where the relaxed sim fits worse, and where the sim misses even its own recordings: then it
+    fits anything.
+
+    Args:
+        problem: data, sim and noise.
+        none: fit without effects, from which the relaxed fit starts.
+        best: the explanation.
+        nominal: mean square residual of the sim on its own recordings [noise variances].
+        noise_inflation: factor on the noise variance in the evidence.
     """
     if nominal > IMPLAUSIBILITY.max_nominal_misfit:
         return -np.inf

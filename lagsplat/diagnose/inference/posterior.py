@@ -47,9 +47,7 @@ def combine_effects(
     )
     if not singles:
         return ()
-    firsts = [
-        hypothesis for hypothesis in singles if not isinstance(hypothesis.effects[-1].effect, SampleEffect)
-    ]
+    firsts = _without_sample_effects(singles)
     narrow = replace(budget, families=max(3, budget.families // 2), places=1, starts=1, always_fitted=())
     chain = [singles[0]]
     while len(chain) < COMBINATIONS.max_effects and (
@@ -57,32 +55,29 @@ def combine_effects(
         or exceeds_prior(chain[-1], budget.nominal, config)
     ):
         beside = firsts[: COMBINATIONS.max_first_effects] if len(chain) == 1 else chain[-1:]
-        tried = []
-        for held in beside:
-            others = [o for o in candidates if o.effect.name not in {e.effect.name for e in held.effects}]
-            more = rank_hypotheses(problem, others, narrow, known=held, report_progress=report_progress)
-            found = [
-                hypothesis
-                for hypothesis in more.found
-                if not isinstance(hypothesis.effects[-1].effect, SampleEffect)
-            ][:1]
-            tried += [
-                replace(hypothesis, log_evidence=held.log_evidence + hypothesis.log_evidence)
-                for hypothesis in found
-            ]
-        if not tried:
+        larger = []
+        for known in beside:
+            names = {placed.effect.name for placed in known.effects}
+            others = [candidate for candidate in candidates if candidate.effect.name not in names]
+            more = rank_hypotheses(problem, others, narrow, known=known, report_progress=report_progress)
+            for fit in _without_sample_effects(more.found)[:1]:
+                larger.append(replace(fit, log_evidence=known.log_evidence + fit.log_evidence))
+        if not larger:
             break
-        least = min(hypothesis.fit.misfit for hypothesis in tried) / problem.degrees_of_freedom
+        least = min(fit.fit.misfit for fit in larger) / problem.degrees_of_freedom
         noise_inflation = max(budget.nominal, least) * budget.effective_sample_ratio
-        best = max(
-            tried, key=lambda hypothesis: log_evidence(hypothesis, problem.rollout_model, noise_inflation)
-        )
+        best = max(larger, key=lambda fit: log_evidence(fit, problem.rollout_model, noise_inflation))
         # the share above the noise floor; the cost includes the penalty of the nuisance parameters
         floor = budget.nominal * problem.degrees_of_freedom
         if best.fit.cost - floor > (1.0 - config.second_effect_share) * (chain[-1].fit.cost - floor):
             break
         chain.append(best)
     return tuple(chain)
+
+
+def _without_sample_effects(fits: Sequence[HypothesisFit]) -> list[HypothesisFit]:
+    """The fits whose last effect is none on single samples."""
+    return [fit for fit in fits if not isinstance(fit.effects[-1].effect, SampleEffect)]
 
 
 def excess_misfit(hypothesis: HypothesisFit, problem: EstimationProblem, nominal: float) -> float:
@@ -212,11 +207,14 @@ def exceeds_prior(hypothesis: HypothesisFit, nominal: float, config: DiagnoseCon
 def detectable_misfit(freedom: float, nominal: float, config: DiagnoseConfig) -> float:
     """Excess mean square residual that is detectable [noise variances].
 
-    The errors of a right law, plus `VERDICT.detectable_deviations` standard deviations of a mean square with correlated samples.
+    The errors of a right law, plus `VERDICT.detectable_deviations` standard deviations of a mean square with
+    correlated samples.
     """
     return float(
         VERDICT.law_error * nominal
-        + VERDICT.detectable_deviations * nominal * np.sqrt(2.0 * config.effective_sample_ratio / max(freedom, 1.0))
+        + VERDICT.detectable_deviations
+        * nominal
+        * np.sqrt(2.0 * config.effective_sample_ratio / max(freedom, 1.0))
     )
 
 
@@ -337,4 +335,6 @@ def laplace_interval(
         + VERDICT.deviation_floor
     )
     lowest = np.array([p.lowest for p in prior])
-    return np.maximum(hypothesis.fit.x[:n] - VERDICT.interval_z * spread, lowest), hypothesis.fit.x[:n] + VERDICT.interval_z * spread
+    return np.maximum(hypothesis.fit.x[:n] - VERDICT.interval_z * spread, lowest), hypothesis.fit.x[
+        :n
+    ] + VERDICT.interval_z * spread

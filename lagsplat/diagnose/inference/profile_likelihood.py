@@ -1,7 +1,4 @@
-"""Fitted parameters as they are told: published keys, units, intervals, the clocks of the files.
-
-How likely the data are along one parameter of an effect, everything else fitted anew.
-"""
+"""Fitted parameters with units and intervals, and their profile likelihoods."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -24,7 +21,17 @@ from lagsplat.diagnose.inference.problem import EstimationProblem, joint_prior
 def estimate_parameters(
     problem: EstimationProblem, hypothesis: HypothesisFit, placed: PlacedEffect, noise_inflation: float
 ) -> dict[str, Parameter]:
-    """The fitted parameters of one of the effects, with 90 % intervals, under their published keys."""
+    """The parameters of one effect of a hypothesis in physical units, with 90 % intervals.
+
+    Args:
+        problem: data, sim and noise.
+        hypothesis: the fit.
+        placed: the effect.
+        noise_inflation: factor on the noise variance.
+
+    Returns:
+        The parameters by the keys that ``diagnosis.json`` uses.
+    """
     effect, scales = placed.effect, placed.scales
     kinds = {p.name: p.kind for p in effect.parameters}
     if isinstance(effect, SampleEffect):
@@ -55,7 +62,8 @@ def estimate_parameters(
 
 
 def parameter_unit(placed: PlacedEffect, key: str) -> str:
-    """Of what a parameter is told in: its own, that of the first of a list, or that of the effect's first."""
+    """Unit of a published parameter: its kind's, or that of the first in a list, or that of the first
+    parameter."""
     kinds = {p.name: p.kind for p in placed.effect.parameters}
     if key == "files":
         return "1"
@@ -74,7 +82,7 @@ def parameter_unit(placed: PlacedEffect, key: str) -> str:
 
 
 def published_parameters(placed: PlacedEffect, row: np.ndarray, record: Dataset) -> dict[str, Any]:
-    """The parameters in a row of physical values, by the keys under which they are published."""
+    """Physical values of an effect's parameters by published key; times are on the clocks of their files."""
     effect = placed.effect
     plain = {
         p.name: float(np.exp(value) if p.kind == "log_ratio" else value)
@@ -94,7 +102,7 @@ def published_parameters(placed: PlacedEffect, row: np.ndarray, record: Dataset)
 
 @dataclass(frozen=True)
 class ProfileLikelihood:
-    """Nats below the best fit at ``values`` of a parameter, in its ``parameter_unit``."""
+    """Log likelihood [nat], relative to the best fit, at ``values`` of a parameter in its ``unit``."""
 
     effect: str
     parameter: str
@@ -106,7 +114,7 @@ class ProfileLikelihood:
 def compute_profiles(
     problem: EstimationProblem, hypothesis: HypothesisFit, *, noise_inflation: float
 ) -> Iterator[ProfileLikelihood]:
-    """Profiles of the first parameters of the effects that are told by one number each.
+    """Profile likelihoods of the first scalar parameters of a hypothesis' effects.
 
     Source: profile likelihood, Raue et al., 2009, doi:10.1093/bioinformatics/btp358.
     """
@@ -145,7 +153,7 @@ def compute_profiles(
 def _profile_parameter(
     problem: EstimationProblem, hypothesis: HypothesisFit, at: int, spread: float, noise_inflation: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Unknowns to both sides of the best, and the nats that the best fit beside each loses."""
+    """Values of one parameter on both sides of the best, and the log likelihood of the best fit at each."""
     best, held = hypothesis.fit.x[at], problem.prior(hypothesis.effects)
     near = (hypothesis.fit.slopes[..., hypothesis.n_effect_parameters :], hypothesis.fit.start_slopes)
     rows = [(best, 0.0)]

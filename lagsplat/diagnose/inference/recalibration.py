@@ -1,9 +1,8 @@
-"""Evidence for effects in recordings that have none: what a sim's own errors pass for.
+"""Calibration of a sim on recordings without any effect: of its coefficients, and of the evidence it gives.
 
-A sim that was fitted is wrong in its own way wherever it goes. What effects gain on a recording of the very
-mechanism it was fitted to, they gain by these errors, and on another recording they must gain more.
-
-A given sim, moved until it tells its own recordings: what its law lacks there is not an effect.
+A fitted sim has errors of its own. On a recording of the very mechanism it was fitted to, effects gain
+evidence by these errors alone; on another recording they must gain more. A given sim is recalibrated on its
+own recordings before anything is compared, so that what its law lacks there does not count as an effect.
 """
 
 from collections.abc import Callable, Sequence
@@ -51,12 +50,22 @@ def calibrate_null_evidence(
     *,
     report_progress: Callable[[str], None] = lambda name: None,
 ) -> float:
-    """Nats that an effect must gain beyond: `RECALIBRATION.null_evidence_factor` times what the best gains
-    where there is none.
+    """Log evidence that the best effect gains where there is none, times
+    `RECALIBRATION.null_evidence_factor`.
 
-    That is on ``own``, taken as long as ``real`` is. Evidence grows with the time recorded, so that a shorter
-    one is scaled up. Where the sim knows how it was seen to move, those stretches of ``own`` are taken that
-    are most like those of ``real``, each as often as it is called for. Zero where nothing gains.
+    Evidence grows with duration, so a reference that is shorter than the real trajectories counts more in
+    proportion. Where the sim has a novelty detector, the windows of the reference that are most similar to
+    the real ones are used, each as often as it is the nearest.
+
+    Args:
+        sim: the simulator.
+        own: reference trajectory of the very mechanism that the sim models.
+        real: real trajectories.
+        config: settings of the diagnosis.
+        report_progress: called with the name of each effect before it is fitted.
+
+    Returns:
+        The offset of every log evidence [nat]; 0 where no effect gains.
 
     Raises:
         ValueError: ``own`` is too short for a single window.
@@ -86,10 +95,15 @@ def calibrate_null_evidence(
 def match_windows(
     sim: EstimatedSimulator, own: Trajectory, real: Sequence[Trajectory], config: DiagnoseConfig
 ) -> EstimationProblem:
-    """The contest on stretches of the sim's ``own`` motion, one for each of ``real`` and most like it.
+    """The estimation problem on windows of the reference, the most similar one for each real window.
 
-    A law has its errors where it has them: a recording that mostly swings freely meets other ones than the
-    sim's own, which hardly does.
+    The errors of a law depend on the state, so the reference must visit the states of the real trajectories.
+
+    Args:
+        sim: the simulator; it needs a novelty detector.
+        own: reference trajectory.
+        real: real trajectories.
+        config: settings of the diagnosis.
     """
     assert sim.novelty_detector is not None
     there, ready, _ = build_problem(sim, real, config)
@@ -103,7 +117,8 @@ def match_windows(
 
 @dataclass(frozen=True)
 class CoefficientFit:
-    """A model, the fit that moved it, and the moves (n, K) that the fit's unknowns mean."""
+    """A recalibrated model, its fit, and the coefficient changes (n, K) that the fitted parameters stand
+    for."""
 
     model: MechanicalModel
     fit: ShootingFit
@@ -113,9 +128,10 @@ class CoefficientFit:
 def recalibrate_simulator(
     sim: EstimatedSimulator, motions: Sequence[Trajectory], config: DiagnoseConfig
 ) -> EstimatedSimulator:
-    """``sim`` with its lower coefficients moved as ``motions``, which it is true to, ask for.
+    """Fit a sim's coefficients of low degree to recordings of the very mechanism it models.
 
-    Every other window is fitted, the others judge; a sim that does not tell these better comes back as it is.
+    Every other window is fitted, and the others validate: a step that does not improve them is undone. The
+    sim itself is returned where no step does.
 
     Raises:
         ValueError: the motions are too short for a single window.
@@ -146,7 +162,7 @@ def recalibrate_simulator(
         RECALIBRATION.degree_steps if sim.model.d <= MAX_FEW_COORDINATES else RECALIBRATION.degree_steps_many
     ):
         model = found.model if found else sim.model
-        # by the half that is missed less: a law may run off in a single window of the other
+        # the half with the smaller misfit counts: a law may diverge in a single window of the other
         half = min(missed / judging.n_data, fitted.compute_misfit(model) / fitted.n_data)
         tried = fit_coefficients(fitted, model, step, excess=max(half, 1.0))
         left = judging.compute_misfit(tried.model)
@@ -167,9 +183,9 @@ def recalibrate_simulator(
 
 
 def movable_structure(model: MechanicalModel, step: tuple[int, int, int, int]) -> ModelStructure:
-    """What may move in a step, within what the model has room for.
+    """The coefficients that may change in a step, as far as the model has them.
 
-    The mass does so only as a whole: a fitted one may be all but singular, and soon is not positive.
+    The mass changes only as a whole: a fitted one may be nearly singular and soon be no longer positive.
     """
     ends = list_field_sizes(model.basis)
     mass, damping, potential, inputs = (ends[min(k, len(ends) - 1)] for k in step)
@@ -184,7 +200,14 @@ def movable_structure(model: MechanicalModel, step: tuple[int, int, int, int]) -
 def fit_coefficients(
     trial: IdentificationProblem, model: MechanicalModel, step: tuple[int, int, int, int], *, excess: float
 ) -> CoefficientFit:
-    """The model moved; a misfit that is ``excess`` times the noise's is believed the less."""
+    """Fit the coefficients of one step; ``excess``, the misfit in noise variances, narrows the prior.
+
+    Args:
+        trial: the windows that are fitted.
+        model: the model before the step.
+        step: highest degrees of mass, damping, potential and input map that change.
+        excess: mean square residual before the step [noise variances].
+    """
     moves = independent_directions(trial, model, movable_structure(model, step))
     n = len(moves)
     belief = GaussianPrior(
@@ -201,9 +224,9 @@ def fit_coefficients(
 def independent_directions(
     trial: IdentificationProblem, model: MechanicalModel, form: ModelStructure
 ) -> Float64[np.ndarray, "n K"]:
-    """Moves within a form that change the acceleration by its own size each, and independently of each other.
+    """Independent coefficient changes, each of which changes the acceleration by its own rms.
 
-    A coordinate that is light, or hardly moves, is then moved no further than another one.
+    Scaled so, a coordinate that is light, or hardly moves, changes no more than another one.
     """
     record = trial.dataset
     at = np.unique(np.linspace(0, len(record.q) - 1, RECALIBRATION.direction_samples).astype(int))
@@ -225,15 +248,15 @@ def independent_directions(
 
 
 def inertia_direction(model: MechanicalModel) -> Float64[np.ndarray, " K"]:
-    """The change of all coefficients that doubles the inertia, and nothing else."""
+    """The change of all coefficients that doubles the inertia and nothing else."""
     return np.concatenate([(name == "mass") * getattr(model, name).ravel() for name in COEFFICIENT_FIELDS])
 
 
 def _unidentified_directions(one: CoefficientFit, trial: IdentificationProblem) -> Float64[np.ndarray, "n K"]:
-    """What the fit leaves open, its correlated residual counted as fewer samples.
+    """Directions of one posterior standard deviation each; a correlated residual counts as fewer samples.
 
-    So is how heavy the mechanism is as a whole, which no move changes: without it a wrong inertia of the law
-    would be a change of mass in whatever it is held against.
+    The scale of the inertia is added, which no step changes: otherwise a wrong inertia of the law would
+    appear as a change of mass in every diagnosis.
     """
     moves = np.concatenate([one.moves, inertia_direction(one.model)[None]])
     linear = trial.make_sensitivity(one.model, moves).derivatives(

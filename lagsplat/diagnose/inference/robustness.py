@@ -1,11 +1,9 @@
-"""A recording that nothing tells to within its noise, held against every hypothesis once more.
+"""Noise inflation where no hypothesis fits, and whether the verdict survives other noise.
 
-Where the best explanation misses by many times the noise, laws are wrong in ways of their own, for long
-stretches at once. Taken for white noise, samples so precise and so many would outweigh whatever is believed
-of the sim: its own parameters would move by hundreds of standard deviations to make up for the gap, and
-`none` would look good. What is left counts as the noise, therefore, and samples that agree in it as one.
-
-Whether a verdict hangs on how noisy the data are taken to be, or on the noise that was there by chance.
+Where the best explanation misses by many times the noise, the laws are wrong, and their errors are correlated
+over many samples. Taken as white noise, these samples would outweigh the priors: the nuisance parameters
+would move by hundreds of standard deviations to close the gap, and `none` would look good. So the remaining
+misfit counts as noise, and correlated samples count as one.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -26,9 +24,10 @@ from lagsplat.diagnose.inference.problem import EstimationProblem, autocorrelati
 def inflate_noise(
     problem: EstimationProblem, budget: SearchBudget, best: HypothesisFit
 ) -> tuple[EstimationProblem, SearchBudget] | None:
-    """The contest at the price of what the ``best`` explanation leaves; None if that is near the noise.
+    """Inflate the noise to the misfit that the ``best`` explanation leaves; None if that is near the nominal
+    one.
 
-    What it leaves is that of the middle window: a push by hand in a few of them says nothing of the law.
+    The median over the windows counts: a push by hand in a few of them is no error of the law.
     """
     each = [(row[:n] ** 2).mean() for row, n in zip(best.fit.residual, problem.windows.length, strict=True)]
     left = min(best.fit.misfit / problem.degrees_of_freedom, float(np.median(each)))
@@ -43,7 +42,7 @@ def inflate_noise(
 
 @dataclass(frozen=True)
 class RobustnessCheck:
-    """What each repeat answers, and whether too few answer as the verdict does."""
+    """The most probable name in each repeat, and whether too few agree with the verdict."""
 
     fragile: bool
     answers: dict[str, str]
@@ -58,9 +57,18 @@ def check_robustness(
     budget: SearchBudget,
     config: DiagnoseConfig,
 ) -> RobustnessCheck:
-    """The verdict again with half and twice the noise, unbent coordinates, and noise added, twice.
+    """Repeat the verdict with half and twice the noise, undistorted coordinates, and added noise (twice).
 
-    The leading effects alone are fitted again, and what was doubted remains so.
+    Only the leading effects are fitted again, and the implausibility of the explanation is kept.
+
+    Args:
+        problem: data, sim and noise.
+        ranking: fits of the single effects.
+        chain: the best single effect, pair and triple.
+        judgement: the verdict that is repeated.
+        candidates: effects at their places.
+        budget: nominal misfit and effective sample ratio.
+        config: settings of the diagnosis.
     """
     leading = _leading_fits(ranking, judgement)
     doubted = Implausibility(judgement.probabilities["unknown"] if judgement.doubted else 0.0, "loose")
@@ -84,7 +92,7 @@ def most_probable_name(judgement: Judgement) -> str:
 
 
 def _leading_fits(ranking: ModelRanking, judgement: Judgement) -> list[HypothesisFit]:
-    """The best fit of the most probable names, those on single samples aside, which need no fit."""
+    """The best fits of the most probable names; effects on single samples are left out, they need no fit."""
     names = [name for name in judgement.probabilities if ranking.best_fit(name) is not None]
     best = [hypothesis for hypothesis in map(ranking.best_fit, names) if hypothesis is not None]
     return [hypothesis for hypothesis in best if not _is_sample_noise(hypothesis)][
@@ -99,7 +107,7 @@ def _is_sample_noise(hypothesis: HypothesisFit) -> bool:
 def _perturbed_problems(
     problem: EstimationProblem, nominal: float
 ) -> Iterator[tuple[str, EstimationProblem, float]]:
-    """Name, contest and what the sim leaves of its own recordings in the noise as it is taken there."""
+    """Name, perturbed problem, and the nominal misfit in the noise that it assumes."""
     rollout_model, sigma = problem.rollout_model, problem.sigma
     for name, factor in (("half the noise", 0.5), ("twice the noise", 2.0)):
         noise_inflation = max(1.0, problem.noise_inflation / factor**2)
