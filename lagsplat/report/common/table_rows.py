@@ -1,41 +1,79 @@
-"""What every table is made of: one row for each group of runs, the paper's beside it, and their cells.
-
-Runs that differ by their seeds only, brought together.
-"""
+"""Rows of the tables: runs grouped by what they share, one row a group, and the paper's own beside them."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import pandas as pd
 
-from lagsplat.evaluate.aggregate import MEASURED, aggregate
-from lagsplat.report.common.formatting import format_latex_number, rescale
+from lagsplat.evaluate.aggregate import MEASURED, aggregate, paired_margin
+from lagsplat.report.common.formatting import format_latex_number, join_distinct, rescale
 from lagsplat.report.common.published_values import list_paper_rows
 
 
+class RunGroup(NamedTuple):
+    """Runs over one autoencoder, whose dynamics can be compared."""
+
+    system: str
+    recording: str
+    profile: str
+    stage1: str
+
+
+def group_runs(
+    runs: Sequence[Mapping[str, Any]], metrics: Sequence[dict[str, Any]]
+) -> dict[RunGroup, dict[str, list[dict[str, Any]]]]:
+    """Group the scores of all seeds by autoencoder and then by dynamics, in the order of their first run.
+
+    ``runs`` are the wildcards of each run's path (profile, recording, system, stage1, ae, stage2, seed), with
+    the scores of each in ``metrics``.
+    """
+    groups: dict[RunGroup, dict[str, list[dict[str, Any]]]] = {}
+    for run, scores in zip(runs, metrics, strict=True):
+        group = RunGroup(*(str(run[name]) for name in RunGroup._fields))
+        groups.setdefault(group, {}).setdefault(str(run["stage2"]), []).append(scores)
+    return groups
+
+
 def build_rows(runs: Sequence[Mapping[str, Any]], metrics: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """One row for each group of runs that differ by their seeds only, in the order of their first run.
+    """Build one row for each group of runs that differ by their seeds only, in the order of their first run.
 
     ``runs`` and ``metrics`` as in `group_runs`. Dynamics other than the default are named with the method.
     """
     rows = []
-    for (system, recording, profile, stage1), variants in group_runs(runs, metrics).items():
+    for group, variants in group_runs(runs, metrics).items():
         for stage2, members in variants.items():
-            changed = ", ".join(name for name in (stage1, stage2) if name != "default")
-            method = f"LaGSplat ({changed})" if changed else "LaGSplat"
-            scores = aggregate(members)
-            rows.append(build_row(scores, robot=system, method=method, recording=recording, profile=profile))
+            changed = name_changes(group.stage1, stage2)
+            row = build_row(
+                aggregate(members),
+                robot=group.system,
+                method="LaGSplat" + changed,
+                recording=group.recording,
+                profile=group.profile,
+            )
+            rows.append(row)
     return rows
+
+
+def name_changes(stage1: str, stage2: str) -> str:
+    """Name the settings that are not the default, such as `` (constant)``; empty where all are."""
+    changed = ", ".join(name for name in (stage1, stage2) if name != "default")
+    return f" ({changed})" if changed else ""
 
 
 def build_row(
     aggregated: Mapping[str, Any], *, robot: str, method: str, recording: str, profile: str
 ) -> dict[str, Any]:
-    """One row of the table from the scores of `lagsplat.evaluate.aggregate.aggregate`.
+    """Build one row from the scores of `lagsplat.evaluate.aggregate.aggregate`.
 
-    ``robot`` is the system's name, ``recording`` says what was measured on (``simulated``, ``filmed``).
     Ratios and errors are plain numbers (a frequency error of 0.05 is five per cent); a score without spread
     has no ``_low`` and ``_high``.
+
+    Args:
+        aggregated: the scores.
+        robot: name of the system.
+        method: name of the model.
+        recording: kind of recording, such as ``simulated`` or ``filmed``.
+        profile: name of the profile.
 
     Raises:
         ValueError: the recording's own origin is another one than ``recording`` says.
@@ -71,9 +109,9 @@ def build_row(
 def merge_with_published(
     rows: Sequence[Mapping[str, Any]], paper: Callable[[set[str]], list[dict[str, Any]]] = list_paper_rows
 ) -> pd.DataFrame:
-    """Every column of the rows and of the paper's own, robot by robot in the order of the rows.
+    """Merge the rows with the paper's own, robot by robot in the order of the rows.
 
-    ``paper`` gives the paper's rows of some robots.
+    ``paper`` gives the paper's rows of the named robots.
 
     Raises:
         ValueError: no row.
@@ -81,61 +119,53 @@ def merge_with_published(
     if not rows:
         raise ValueError("a table needs at least one row; evaluate a run first")
     robots = list(dict.fromkeys(row["robot"] for row in rows))
-    everything = pd.DataFrame([*rows, *paper(set(robots))], dtype=object)
-    everything = everything.sort_values("robot", key=lambda names: names.map(robots.index), kind="stable")
-    return everything.reset_index(drop=True)
+    merged = pd.DataFrame([*rows, *paper(set(robots))], dtype=object)
+    merged = merged.sort_values("robot", key=lambda names: names.map(robots.index), kind="stable")
+    return merged.reset_index(drop=True)
 
 
 def list_spread_columns(frame: pd.DataFrame, scores: Sequence[str]) -> list[str]:
-    """The ``_low`` and ``_high`` columns of those scores that have a spread anywhere."""
+    """List the ``_low`` and ``_high`` columns of those scores that have a spread in any row."""
     bounds = [f"{name}_{end}" for name in scores for end in ("low", "high")]
     return [name for name in bounds if name in frame and frame[name].notna().any()]
 
 
 def count_rollouts(rows: Sequence[Mapping[str, Any]]) -> dict[tuple[str, str, str], int]:
-    """Number of rollouts behind each row, by robot, method and recording."""
+    """Count the rollouts behind each row, by robot, method and recording."""
     return {(row["robot"], row["method"], row["recording"]): row["rollouts"] for row in rows}
 
 
 def format_score(row: Mapping[Any, Any], name: str, *, scale: float) -> str:
-    """The cell of a score with its spread, in the table's unit."""
+    """Format the cell of a score with its spread, in the unit of the table."""
     return format_latex_number(
         *(rescale(row.get(key), scale) for key in (name, f"{name}_low", f"{name}_high"))
     )
 
 
 def format_diverged(row: Mapping[Any, Any], rollouts: Mapping[tuple[str, str, str], int]) -> str:
-    """The cell that counts diverged rollouts among all, which are listed by robot, method and recording."""
+    """Format the share of diverged rollouts; ``rollouts`` counts all by robot, method and recording."""
     total = rollouts.get((row["robot"], row["method"], row["recording"]))
     return "--" if pd.isna(row["diverged"]) or total is None else f"{row['diverged']}/{total}"
 
 
 def describe_runs(rows: Sequence[Mapping[str, Any]]) -> str:
-    """What a caption says of the profiles and of the brackets."""
-    profiles = " and ".join(sorted({str(row["profile"]) for row in rows}))
+    """Describe profiles, values and brackets for a caption."""
+    profiles = join_distinct(row["profile"] for row in rows)
     brackets = "; ".join(sorted({f"{row['spread']} ({row['n_seeds']})" for row in rows}))
     return f"profile {profiles}. Values and brackets: {brackets}."
 
 
-class RunGroup(NamedTuple):
-    """What an autoencoder was trained on, and how; dynamics of one place can be compared."""
+def measure_margin(
+    runs: Sequence[dict[str, Any]], reference: Sequence[dict[str, Any]], score: str
+) -> dict[str, float | None]:
+    """Measure how much lower ``runs`` score than ``reference`` on the same starts, with the 95 % interval.
 
-    system: str
-    recording: str
-    profile: str
-    stage1: str
+    The values are None without runs.
 
-
-def group_runs(
-    runs: Sequence[Mapping[str, Any]], metrics: Sequence[dict[str, Any]]
-) -> dict[RunGroup, dict[str, list[dict[str, Any]]]]:
-    """The scores of all seeds, by place and then by dynamics, in the order of their first run.
-
-    ``runs`` are the wildcards of each run's path (profile, recording, system, stage1, ae, stage2, seed), with
-    the scores of each in ``metrics``.
+    Raises:
+        ValueError: the two were scored on different starts.
     """
-    groups: dict[RunGroup, dict[str, list[dict[str, Any]]]] = {}
-    for run, scores in zip(runs, metrics, strict=True):
-        place = RunGroup(*(str(run[name]) for name in RunGroup._fields))
-        groups.setdefault(place, {}).setdefault(str(run["stage2"]), []).append(scores)
-    return groups
+    if not runs:
+        return {"margin": None, "margin_low": None, "margin_high": None}
+    margin = paired_margin(runs, reference, score=score)
+    return {"margin": margin["value"], "margin_low": margin["low"], "margin_high": margin["high"]}

@@ -9,10 +9,10 @@ from matplotlib.figure import Figure
 
 from lagsplat.report.common.formatting import (
     escape_latex,
-    format_block_title,
     format_cells,
+    format_grouped_table,
     format_latex_number,
-    format_latex_table,
+    join_distinct,
 )
 from lagsplat.report.common.style import PAGE_IN, new_figure, paper_style
 
@@ -48,15 +48,15 @@ MAPS = ("picture", "speed")
 
 
 def build_deformation_table(
-    runs: Sequence[Mapping[str, Any]], found: Sequence[Mapping[str, Mapping[str, Any]]]
+    runs: Sequence[Mapping[str, Any]], results: Sequence[Mapping[str, Mapping[str, Any]]]
 ) -> pd.DataFrame:
-    """A row for each decoder of each system, and the paper's own on its film.
+    """Build a row for each decoder of each system, and the paper's own on its film.
 
-    ``found`` holds, for each run, the measures of `lagsplat.evaluate.velocity_field` by decoder, with
+    ``results`` holds, for each run, the measures of `lagsplat.evaluate.velocity_field` by decoder, with
     ``wall_s`` and ``steps`` of the training.
     """
     rows: list[dict[str, Any]] = []
-    for run, decoders in zip(runs, found, strict=True):
+    for run, decoders in zip(runs, results, strict=True):
         shared = {"system": run["system"], "recording": run["recording"], "profile": run["profile"]}
         rows += [{**shared, "decoder": name, **measures} for name, measures in decoders.items()]
     for system in dict.fromkeys(str(run["system"]) for run in runs):
@@ -80,33 +80,32 @@ def build_deformation_table(
 
 
 def format_deformation_latex(table: pd.DataFrame, *, titles: Mapping[str, str]) -> str:
-    """The same table in LaTeX."""
-    body = []
-    for system, block in table.groupby("system", sort=False):
-        body.append(
-            format_block_title(titles.get(str(system), str(system)), columns=len(DEFORMATION_MEASURES) + 2)
-        )
-        for row in block.to_dict("records"):
-            name = DECODER_TITLES.get(str(row["decoder"]), str(row["decoder"]))
-            values = (format_latex_number(row[measure]) for measure in DEFORMATION_MEASURES)
-            body.append(format_cells(escape_latex(name), *values, escape_latex(str(row["recording"]))))
-    own = table[table["profile"] != "the paper's"]
-    steps, count = (" and ".join(sorted(set(own[key].astype(str)))) for key in ("steps", "n_gaussians"))
-    profiles = " and ".join(sorted(set(own["profile"].astype(str))))
-    return format_latex_table(
+    """Format the table of `build_deformation_table` in LaTeX; ``titles`` gives the name of each system."""
+
+    def format_row(row: Mapping[Any, Any]) -> str:
+        name = DECODER_TITLES.get(str(row["decoder"]), str(row["decoder"]))
+        values = (format_latex_number(row[measure]) for measure in DEFORMATION_MEASURES)
+        return format_cells(escape_latex(name), *values, escape_latex(str(row["recording"])))
+
+    ours = table[table["profile"] != "the paper's"]
+    return format_grouped_table(
+        table,
+        by="system",
+        titles=titles,
+        row=format_row,
         head=[
             format_cells(
                 "Decoder", *(escape_latex(title) for title in DEFORMATION_MEASURES.values()), "Recording"
             )
         ],
-        body=body,
-        columns="@{}l" + "c" * len(DEFORMATION_MEASURES) + "l@{}",
+        alignment="l" + "c" * len(DEFORMATION_MEASURES) + "l",
         caption=(
-            f"Two decoders of the same frozen latents with {count} Gaussians each, the same losses, step "
-            f"sizes and {steps} steps; profile {profiles}. L1 and SSIM are over the frames that were fitted. "
-            "Roughness is how far a primitive's velocity differs from its neighbours', the median over "
-            "visible primitives at the frame of the fastest motion; painted means drawn with the primitives' "
-            "own opacities and shapes. The paper's rows are of its film, with 15000 primitives."
+            f"Two decoders of the same frozen latents with {join_distinct(ours['n_gaussians'])} Gaussians "
+            f"each, the same losses, step sizes and {join_distinct(ours['steps'])} steps; profile "
+            f"{join_distinct(ours['profile'])}. L1 and SSIM are over the frames that were fitted. Roughness "
+            "is how far a primitive's velocity differs from its neighbours', the median over visible "
+            "primitives at the frame of the fastest motion; painted means drawn with the primitives' own "
+            "opacities and shapes. The paper's rows are of its film, with 15000 primitives."
         ),
         label="tab:deformation",
     )
@@ -132,8 +131,8 @@ def draw_jacobian_field(
             axes[2 * index].set_title(DECODER_TITLES[name].partition(" (")[0], loc="left")
             image = axes[2 * index + 1].imshow(maps["speed"], cmap="magma", vmin=0.0, vmax=max(top, 1e-9))
             rough = measures[name]["roughness"]
-            said = "no primitive is visible" if rough is None else f"neighbours differ by {rough:.3g} px/s"
-            axes[2 * index + 1].set_title(said, loc="left")
+            text = "no primitive is visible" if rough is None else f"neighbours differ by {rough:.3g} px/s"
+            axes[2 * index + 1].set_title(text, loc="left")
         for axis in axes:
             axis.set(xticks=[], yticks=[])
         figure.colorbar(image, ax=list(axes), label="speed of the primitives [px/s]", shrink=0.9, pad=0.01)

@@ -1,7 +1,4 @@
-"""Rows of the table of extrapolation: every measure of every model, over its seeds.
-
-The table of extrapolation in LaTeX: measures down, models across, one block a system.
-"""
+"""The table of extrapolation: every measure of every model over its seeds, and the same in LaTeX."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -15,21 +12,32 @@ from lagsplat.report.common.formatting import (
     format_cells,
     format_latex_number,
     format_latex_table,
+    join_distinct,
     rescale,
 )
+from lagsplat.report.common.published_values import RECORDING
 
 OURS, FORECASTER, FREE = "LaGSplat", "key-point forecaster (re-implementation)", "neural ODE"
 AUTHORS = "GaussianPrediction (the authors' code)"
 PAPER_TITLES = {"LaGSplat": "LaGSplat (paper)", "GaussianPrediction": "GaussianPrediction (paper)"}
-ON_FILM = "filmed, the paper's"
+N_IMAGE_MEASURES = 4  # the first of `MEASURES`; the others are of physics
+USUAL_MODELS = (OURS, FORECASTER, FREE, AUTHORS)
+SHORT_TITLES = {
+    OURS: "LaGSplat",
+    FORECASTER: "Key points",
+    FREE: "Neural ODE",
+    AUTHORS: "Authors' code",
+    PAPER_TITLES["LaGSplat"]: "LaGSplat",
+    PAPER_TITLES["GaussianPrediction"]: "GaussianPred.",
+}
 EXTRAPOLATION_COLUMNS = (
-    "system", "model", "measure", "value", "low", "high", "n_seeds", "n_measured", "sigma", "note",
-    "recording", "profile",
-)  # fmt: skip
+    *("system", "model", "measure", "value", "low", "high", "n_seeds", "n_measured", "sigma", "note"),
+    *("recording", "profile"),
+)
 
 
 class ExtrapolationMeasure(NamedTuple):
-    """One line of the table: how it is called, its unit, and where it stands in what was found."""
+    """One measure: its name, its title, the factor to its printed unit, and how to read it from a result."""
 
     name: str
     title: str
@@ -39,60 +47,68 @@ class ExtrapolationMeasure(NamedTuple):
 
 
 class ModelResults(NamedTuple):
-    """What was found of one model on one system, seed by seed."""
+    """The results of one model on one system, seed by seed."""
 
     system: str
     model: str
     recording: str
     profile: str
-    found: list[dict[str, Any]]
+    results: list[dict[str, Any]]
 
 
-def _at(*path: str) -> Callable[[Mapping[str, Any]], Any]:
-    def value(found: Mapping[str, Any]) -> Any:
+def _read(*path: str) -> Callable[[Mapping[str, Any]], Any]:
+    def read(result: Mapping[str, Any]) -> Any:
         for key in path:
-            found = found[key]
-        return found
+            result = result[key]
+        return result
 
-    return value
+    return read
 
 
-def _size(*path: str) -> Callable[[Mapping[str, Any]], float | None]:
-    def value(found: Mapping[str, Any]) -> float | None:
-        signed = _at(*path)(found)
+def _read_size(*path: str) -> Callable[[Mapping[str, Any]], float | None]:
+    def read(result: Mapping[str, Any]) -> float | None:
+        signed = _read(*path)(result)
         return None if signed is None else abs(signed)
 
-    return value
+    return read
 
 
-def _energy_left(found: Mapping[str, Any]) -> float | None:
+def _read_energy_left(result: Mapping[str, Any]) -> float | None:
     """Mean energy of the last look over that of the first natural period past the training frames."""
-    first, last = found["looks"][0]["energy"], found["looks"][-1]["energy"]
-    if first is None or last is None or found["reason"]:
+    first, last = result["looks"][0]["energy"], result["looks"][-1]["energy"]
+    if first is None or last is None or result["reason"]:
         return None
     early = float(np.mean(first[: max(4, len(first) // 8)]))
     return float(np.mean(last)) / early if early > 0 else None
 
 
 MEASURES = (
-    ExtrapolationMeasure("psnr_mean", "Mean on held-out frames", 1.0, _at("psnr", "mean")),
-    ExtrapolationMeasure("psnr_first", "First predicted frame", 1.0, _at("psnr", "first")),
-    ExtrapolationMeasure("psnr_last", "Last predicted frame", 1.0, _at("psnr", "last")),
-    ExtrapolationMeasure("psnr_aligned", "Mean, phase taken out", 1.0, _at("aligned", "mean")),
+    ExtrapolationMeasure("psnr_mean", "Mean on held-out frames", 1.0, _read("psnr", "mean")),
+    ExtrapolationMeasure("psnr_first", "First predicted frame", 1.0, _read("psnr", "first")),
+    ExtrapolationMeasure("psnr_last", "Last predicted frame", 1.0, _read("psnr", "last")),
+    ExtrapolationMeasure("psnr_aligned", "Mean, phase taken out", 1.0, _read("aligned", "mean")),
     ExtrapolationMeasure(
-        "frequency_error", "Frequency error (%)", 100.0, _size("physics", "frequency_error"),
-        _at("physics", "frequency_error_sigma"),
+        "frequency_error",
+        "Frequency error (%)",
+        100.0,
+        _read_size("physics", "frequency_error"),
+        _read("physics", "frequency_error_sigma"),
     ),
     ExtrapolationMeasure(
-        "rate_error", "Dissipation error (%)", 100.0, _size("physics", "rate_error"),
-        _at("physics", "rate_error_sigma"),
+        "rate_error",
+        "Dissipation error (%)",
+        100.0,
+        _read_size("physics", "rate_error"),
+        _read("physics", "rate_error_sigma"),
     ),
-    ExtrapolationMeasure("left_shown", "Amplitude left where the figure ends (%)", 100.0, _at("left_shown")),
-    ExtrapolationMeasure("left", "Amplitude left at the horizon (%)", 100.0, _at("left")),
-    ExtrapolationMeasure("energy_left", "Energy left at the horizon (%)", 100.0, _energy_left),
-    ExtrapolationMeasure("inside", "Frames in the encoder's range (%)", 100.0, _at("range", "inside")),
-)  # fmt: skip
-FLOOR = ExtrapolationMeasure("floor", "Autoencoder floor on these frames", 1.0, _at("floor", "mean"))
+    ExtrapolationMeasure(
+        "left_shown", "Amplitude left where the figure ends (%)", 100.0, _read("left_shown")
+    ),
+    ExtrapolationMeasure("left", "Amplitude left at the horizon (%)", 100.0, _read("left")),
+    ExtrapolationMeasure("energy_left", "Energy left at the horizon (%)", 100.0, _read_energy_left),
+    ExtrapolationMeasure("inside", "Frames in the encoder's range (%)", 100.0, _read("range", "inside")),
+)
+FLOOR = ExtrapolationMeasure("floor", "Autoencoder floor on these frames", 1.0, _read("floor", "mean"))
 
 # Table "Extrapolation past the training window"; the amplitudes where the figure ends from the text.
 PAPER_EXTRAPOLATION: dict[str, dict[str, dict[str, float]]] = {
@@ -120,18 +136,20 @@ PAPER_EXTRAPOLATION: dict[str, dict[str, dict[str, float]]] = {
 
 
 def group_models(
-    runs: Sequence[Mapping[str, Any]], others: Sequence[Mapping[str, Any]], found: Sequence[dict[str, Any]]
+    runs: Sequence[Mapping[str, Any]],
+    others: Sequence[Mapping[str, Any]],
+    results: Sequence[dict[str, Any]],
 ) -> list[ModelResults]:
-    """What was found, by system and model; ``found`` is of the runs, then of the others."""
+    """Group the results by system and model; ``results`` are of the runs, then of the others."""
     groups: dict[tuple[str, str, str, str], list[dict[str, Any]]] = {}
-    for run, one in zip([*runs, *others], found, strict=True):
+    for run, result in zip([*runs, *others], results, strict=True):
         key = (str(run["system"]), name_model(run), str(run["recording"]), str(run["profile"]))
-        groups.setdefault(key, []).append(one)
+        groups.setdefault(key, []).append(result)
     return [ModelResults(*key, members) for key, members in groups.items()]
 
 
 def name_model(run: Mapping[str, Any]) -> str:
-    """How tables call a run or the model beside it; a variant's file is named with it."""
+    """Name a run, or the model beside it, as tables do; a variant's file is named with it."""
     if "kind" not in run:
         return OURS
     known = {
@@ -144,32 +162,31 @@ def name_model(run: Mapping[str, Any]) -> str:
 
 
 def build_extrapolation_table(models: Sequence[ModelResults]) -> pd.DataFrame:
-    """A row for every system, model and measure, the paper's own beside them; plain numbers, no per cent.
+    """Build a row for every system, model and measure, the paper's own beside them.
 
-    ``value`` is the median over the ``n_measured`` seeds in which the measure exists, ``low`` and ``high``
-    their range where they differ, ``sigma`` the median of the estimator's own uncertainty. ``note`` says why
-    a seed has none: it diverged, it left the range of the encoder, nothing oscillated.
+    Values are plain numbers, no per cent. ``value`` is the median over the ``n_measured`` seeds in which the
+    measure exists, ``low`` and ``high`` their range where they differ, ``sigma`` the median of the
+    estimator's own uncertainty. ``note`` says why a seed has none: it diverged, it left the range of the
+    encoder, nothing oscillated.
 
     Raises:
         ValueError: nothing was measured.
     """
     if not models:
         raise ValueError("the table of extrapolation would be empty; choose systems with extrapolated=[...]")
-    rows = [_row(model, measure) for model in models for measure in (*MEASURES, FLOOR)]
-    for system in dict.fromkeys(model.system for model in models):
-        rows += _published(system)
+    systems = list(dict.fromkeys(model.system for model in models))
+    rows = [_build_row(model, measure) for model in models for measure in (*MEASURES, FLOOR)]
+    rows += [row for system in systems for row in _list_paper_rows(system)]
     frame = pd.DataFrame(rows, columns=list(EXTRAPOLATION_COLUMNS), dtype=object)
-    order = list(dict.fromkeys(model.system for model in models))
-    return frame.sort_values("system", key=lambda names: names.map(order.index), kind="stable").reset_index(
-        drop=True
-    )
+    order = frame["system"].map(systems.index).argsort(kind="stable")
+    return frame.iloc[order].reset_index(drop=True)
 
 
-def _row(model: ModelResults, measure: ExtrapolationMeasure) -> dict[str, Any]:
-    values = [measure.of(found) for found in model.found]
+def _build_row(model: ModelResults, measure: ExtrapolationMeasure) -> dict[str, Any]:
+    values = [measure.of(result) for result in model.results]
     known = [value for value in values if value is not None and np.isfinite(value)]
     several = len(set(known)) > 1
-    sigmas = [s for found in model.found if measure.sigma and (s := measure.sigma(found)) is not None]
+    sigmas = [s for result in model.results if measure.sigma and (s := measure.sigma(result)) is not None]
     return {
         "system": model.system,
         "model": model.model,
@@ -180,22 +197,22 @@ def _row(model: ModelResults, measure: ExtrapolationMeasure) -> dict[str, Any]:
         "n_seeds": len(values),
         "n_measured": len(known),
         "sigma": float(np.median(sigmas)) if sigmas else None,
-        "note": "" if len(known) == len(values) else _why(model.found, measure),
+        "note": "" if len(known) == len(values) else _list_reasons(model.results, measure),
         "recording": model.recording,
         "profile": model.profile,
     }
 
 
-def _why(found: Sequence[Mapping[str, Any]], measure: ExtrapolationMeasure) -> str:
+def _list_reasons(results: Sequence[Mapping[str, Any]], measure: ExtrapolationMeasure) -> str:
     reasons = {
-        "the rollout diverged" if one["diverged"] else str(one["reason"] or one["physics"]["reason"])
-        for one in found
-        if measure.of(one) is None
+        "the rollout diverged" if result["diverged"] else str(result["reason"] or result["physics"]["reason"])
+        for result in results
+        if measure.of(result) is None
     }
     return "; ".join(sorted(reason for reason in reasons if reason))
 
 
-def _published(system: str) -> list[dict[str, Any]]:
+def _list_paper_rows(system: str) -> list[dict[str, Any]]:
     return [
         {
             "system": system,
@@ -205,7 +222,7 @@ def _published(system: str) -> list[dict[str, Any]]:
             "n_seeds": 1,
             "n_measured": 1,
             "note": "",
-            "recording": ON_FILM,
+            "recording": RECORDING,
             "profile": "the paper's",
         }
         for name, values in PAPER_EXTRAPOLATION.get(system, {}).items()
@@ -213,71 +230,51 @@ def _published(system: str) -> list[dict[str, Any]]:
     ]
 
 
-N_IMAGE_MEASURES = 4  # measures of pictures, before those of physics
-USUAL_MODELS = (OURS, FORECASTER, FREE, AUTHORS)
-SHORT_TITLES = {
-    OURS: "LaGSplat",
-    FORECASTER: "Key points",
-    FREE: "Neural ODE",
-    AUTHORS: "Authors' code",
-    PAPER_TITLES["LaGSplat"]: "LaGSplat",
-    PAPER_TITLES["GaussianPrediction"]: "GaussianPred.",
-}
-
-
 def format_extrapolation_latex(table: pd.DataFrame, *, titles: Mapping[str, str]) -> str:
-    """The rows of `build_extrapolation_table` in LaTeX; ``titles`` gives the name of each system.
+    """Format the table of `build_extrapolation_table` in LaTeX: measures down, models across.
 
-    A cell without a number is a dash whose footnote says why.
+    ``titles`` gives the name of each system. A cell without a number is a dash whose footnote says why.
 
     Source: paper, Table "Extrapolation past the training window".
     """
-    here = list(dict.fromkeys(table["model"]))
-    variants = [name for name in here if name not in (*USUAL_MODELS, *PAPER_TITLES.values())]
-    shown = [*USUAL_MODELS, *variants, *PAPER_TITLES.values()]
+    present = list(dict.fromkeys(table["model"]))
+    variants = [name for name in present if name not in (*USUAL_MODELS, *PAPER_TITLES.values())]
+    models = [*USUAL_MODELS, *variants, *PAPER_TITLES.values()]
     notes: list[str] = []
-    if AUTHORS not in here:
+    if AUTHORS not in present:
         notes.append("The authors' code needs CUDA and was not run on this recording.")
     body: list[str] = []
     for system, block in table.groupby("system", sort=False):
-        body.append(format_block_title(titles.get(str(system), str(system)), columns=len(shown) + 1))
+        body.append(format_block_title(titles.get(str(system), str(system)), columns=len(models) + 1))
         for index, measure in enumerate((*MEASURES[:N_IMAGE_MEASURES], FLOOR, *MEASURES[N_IMAGE_MEASURES:])):
             if index == N_IMAGE_MEASURES + 1:
-                body.append(r"\addlinespace[2pt]")
-            body.append(format_cells(escape_latex(measure.title), *_line(block, measure, shown, notes)))
+                body.append(r"\noalign{\vskip 2pt}")
+            cells = (_format_cell(block, measure, model, notes) for model in models)
+            body.append(format_cells(escape_latex(measure.title), *cells))
     head = [
         rf" & \multicolumn{{{len(USUAL_MODELS) + len(variants)}}}{{c}}{{this work}} & "
         rf"\multicolumn{{{len(PAPER_TITLES)}}}{{c}}{{the paper, on its film}} \\",
-        format_cells("", *(escape_latex(SHORT_TITLES.get(name, name)) for name in shown)),
+        format_cells("", *(escape_latex(SHORT_TITLES.get(name, name)) for name in models)),
     ]
     return format_latex_table(
         head=head,
         body=body,
-        columns="@{}l" + "c" * len(shown) + "@{}",
-        caption=_caption(table, notes),
+        alignment="l" + "c" * len(models),
+        caption=_write_caption(table, notes),
         label="tab:extrapolation",
-    ).replace(r"\addlinespace[2pt]", r"\noalign{\vskip 2pt}")
+    )
 
 
-def _line(
-    block: pd.DataFrame, measure: ExtrapolationMeasure, shown: list[str], notes: list[str]
-) -> list[str]:
-    line = []
-    for name in shown:
-        found = block[(block["model"] == name) & (block["measure"] == measure.name)].to_dict("records")
-        if not found:
-            line.append(r"--$^{1}$" if name == AUTHORS and notes else "--")
-            continue
-        row = found[0]
-        text = format_latex_number(
-            *(rescale(row.get(key), measure.scale) for key in ("value", "low", "high"))
-        )
-        line.append(text + _footnote(row, notes))
-    return line
+def _format_cell(block: pd.DataFrame, measure: ExtrapolationMeasure, model: str, notes: list[str]) -> str:
+    rows = block[(block["model"] == model) & (block["measure"] == measure.name)].to_dict("records")
+    if not rows:
+        return r"--$^{1}$" if model == AUTHORS and notes else "--"
+    values = (rescale(rows[0].get(key), measure.scale) for key in ("value", "low", "high"))
+    return format_latex_number(*values) + _add_footnote(rows[0], notes)
 
 
-def _footnote(row: Mapping[object, object], notes: list[str]) -> str:
-    """A mark at the cell, and what it says in the list of notes, once."""
+def _add_footnote(row: Mapping[Any, Any], notes: list[str]) -> str:
+    """The mark at a cell; what it stands for is added to ``notes`` once."""
     if row["n_measured"] == row["n_seeds"]:
         return ""
     note = f"In {row['n_measured']} of {row['n_seeds']} seeds: {row['note']}."
@@ -286,22 +283,21 @@ def _footnote(row: Mapping[object, object], notes: list[str]) -> str:
     return rf"$^{{{notes.index(note) + 1}}}$"
 
 
-def _caption(table: pd.DataFrame, notes: list[str]) -> str:
-    own = table[table["recording"] != ON_FILM]
-    recordings = " and ".join(sorted(set(own["recording"].astype(str))))
-    profiles = " and ".join(sorted(set(own["profile"].astype(str))))
+def _write_caption(table: pd.DataFrame, notes: list[str]) -> str:
+    ours = table[table["recording"] != RECORDING]
     seeds = "; ".join(
         f"{SHORT_TITLES.get(str(name), str(name))} {int(group['n_seeds'].iloc[0])}"
-        for name, group in own.groupby("model", sort=False)
+        for name, group in ours.groupby("model", sort=False)
     )
-    told = " ".join(f"({index + 1}) {note}" for index, note in enumerate(notes))
+    numbered = " ".join(f"({index + 1}) {note}" for index, note in enumerate(notes))
     return (
-        f"Extrapolation past the training frames; {recordings} recording, profile {profiles}. Medians over "
-        f"seeds with their range ({seeds}). Rendering: PSNR in dB against the recorded frames; with its "
-        "phase taken out, each frame is held against the best of those shown up to two frames earlier or "
-        "later. Physics is read in the chart of the frozen encoder, over the whole clip and by one estimator "
-        "for all: error of the frequency and of the decay rate of the envelope against the encoded clip. "
-        "Amplitudes are shares of the clip's first period, at the end of the figure and of the whole "
-        "rollout. Key points: a re-implementation of a graph-network forecaster in two dimensions. Columns "
-        f"of the paper were measured on its film, another recording. {told}"
+        f"Extrapolation past the training frames; {join_distinct(ours['recording'])} recording, profile "
+        f"{join_distinct(ours['profile'])}. Medians over seeds with their range ({seeds}). Rendering: PSNR "
+        "in dB against the recorded frames; with its phase taken out, each frame is held against the best of "
+        "those shown up to two frames earlier or later. Physics is read in the chart of the frozen encoder, "
+        "over the whole clip and by one estimator for all: error of the frequency and of the decay rate of "
+        "the envelope against the encoded clip. Amplitudes are shares of the clip's first period, at the end "
+        "of the figure and of the whole rollout. Key points: a re-implementation of a graph-network "
+        "forecaster in two dimensions. Columns of the paper were measured on its film, another recording. "
+        f"{numbered}"
     )

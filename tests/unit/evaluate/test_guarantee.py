@@ -45,7 +45,7 @@ def test_an_induced_mass_cannot_be_asked_and_says_so() -> None:
     assert "decoder-induced" in table["reason"][0]
     assert table["holds"][1]
     assert table["free_settled"][1] == 4
-    with pytest.raises(ValueError, match="no law to ask"):
+    with pytest.raises(ValueError, match="no learned Lagrangian to check"):
         build_guarantee_table([], [])
 
 
