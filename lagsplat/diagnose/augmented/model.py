@@ -1,7 +1,8 @@
-"""The sim with the effects that a diagnosis added: one file that is simulated like any other sim.
+"""A simulator with the effects that a diagnosis added, in one file that runs like any other simulator.
 
-The file, kind ``augmented``: the sim's coefficients, what a diagnosis moved of them, and of every effect its
-name, place, sizes and fitted unknowns. Nothing in it is a program; laws are looked up by name.
+The file, an artifact of kind ``augmented``, holds the coefficients of the model, the fitted nuisance
+parameters, and of every effect its name, place, scales and fitted unknowns. It holds no code: laws are looked
+up in the catalogue by name.
 """
 
 import os
@@ -35,12 +36,14 @@ BASIS = ("kind", "order", "centre", "scale")
 
 @dataclass(frozen=True)
 class AugmentedSimulator:
-    """A sim, effects and their fitted unknowns ``x`` (k,), those of the effects followed by the sim's own."""
+    """A mechanical model with effects and their fitted unknowns."""
 
     model: MechanicalModel
     nuisance: NuisanceParameters
+    """What a fit may change of the model itself."""
     effects: tuple[PlacedEffect, ...]
     x: Float64[np.ndarray, " k"]
+    """Unknowns of the effects, one after the other, followed by the nuisance parameters."""
     held: bool
     """Inputs are held between samples instead of interpolated."""
     step_s: float
@@ -54,9 +57,9 @@ class AugmentedSimulator:
 
     def parameters(self, n: int) -> dict[str, float]:
         """Parameters of effect number ``n`` in the units of the recording."""
-        before = sum(len(e.effect.parameters) for e in self.effects[:n])
-        effect = self.effects[n]
-        return effect.name_parameters(self.x[before : before + len(effect.effect.parameters)])
+        before = sum(len(placed.effect.parameters) for placed in self.effects[:n])
+        placed = self.effects[n]
+        return placed.name_parameters(self.x[before : before + len(placed.effect.parameters)])
 
     @property
     def bounded(self) -> bool:
@@ -77,8 +80,10 @@ def wrap_without_effects(
     u_names: Sequence[str],
     region: OperatingRegion,
 ) -> AugmentedSimulator:
-    """A sim to which nothing was added yet."""
-    nothing = NuisanceParameters(1.0, 1.0, 1.0, np.ones(model.d), 1.0, model.n_u, np.zeros((0, _size(model))))
+    """A simulator to which nothing is added yet; the arguments are those of `AugmentedSimulator`."""
+    nothing = NuisanceParameters(
+        1.0, 1.0, 1.0, np.ones(model.d), 1.0, model.n_u, np.zeros((0, _count_coefficients(model)))
+    )
     x = np.zeros(nothing.size)
     return AugmentedSimulator(
         model, nothing, (), x, held, step_s, dt_s, tuple(q_names), tuple(u_names), region
@@ -86,7 +91,7 @@ def wrap_without_effects(
 
 
 def build_augmented(
-    bench: RolloutModel,
+    rollout_model: RolloutModel,
     effects: Sequence[PlacedEffect],
     x: Float64[np.ndarray, " k"],
     *,
@@ -94,108 +99,138 @@ def build_augmented(
     u_names: Sequence[str],
     region: OperatingRegion,
 ) -> AugmentedSimulator:
-    """What a fit on a bench found, ``x`` being its unknowns: the effects' own, then the uncertainties'.
+    """The simulator that a fit describes.
 
-    Effects that only widen the noise move nothing, have no unknowns in ``x`` and are left out; so is where
-    the memory of others began in the recording.
+    Effects of single samples move nothing and are left out. So are the unknowns that say where a memory began
+    in the recording.
+
+    Args:
+        rollout_model: The model, the data and the settings of the fit.
+        effects: The effects of the fit.
+        x: Its unknowns (k,): those of the effects, except effects of single samples, then the nuisance
+            parameters.
+        q_names: Names of the coordinates.
+        u_names: Names of the inputs.
+        region: States and inputs of the real recording.
     """
     moving, kept, at = [], [], 0
-    for one in (p for e in effects if not isinstance(e.effect, SampleEffect) for p in e.parts or (e,)):
-        size = len(one.effect.parameters)
-        effect = one.effect.with_free_memory(()) if isinstance(one.effect, ForceEffect) else one.effect
+    for placed in (p for e in effects if not isinstance(e.effect, SampleEffect) for p in e.parts or (e,)):
+        effect = placed.effect
+        if isinstance(effect, ForceEffect):
+            effect = effect.with_free_memory(())
         kept += list(range(at, at + len(effect.parameters)))
-        moving.append(replace(one, effect=effect))
-        at += size
+        moving.append(replace(placed, effect=effect))
+        at += len(placed.effect.parameters)
     x = np.asarray(x, dtype=np.float64)
     x = x[[*kept, *range(at, len(x))]]
-    step_s = bench.dataset.dt_s / bench.steps
+    step_s = rollout_model.dataset.dt_s / rollout_model.steps
     return AugmentedSimulator(
-        bench.model, bench.nuisance, tuple(moving), x, bench.held,
-        step_s, bench.dataset.dt_s, tuple(q_names), tuple(u_names), region,
-    )  # fmt: skip
+        model=rollout_model.model,
+        nuisance=rollout_model.nuisance,
+        effects=tuple(moving),
+        x=x,
+        held=rollout_model.held,
+        step_s=step_s,
+        dt_s=rollout_model.dataset.dt_s,
+        q_names=tuple(q_names),
+        u_names=tuple(u_names),
+        region=region,
+    )
 
 
-def transfer_effects(one: AugmentedSimulator, model: MechanicalModel) -> AugmentedSimulator:
-    """The effects of ``one`` on another sim of the same coordinates and inputs, whose own parameters stay.
+def transfer_effects(simulator: AugmentedSimulator, model: MechanicalModel) -> AugmentedSimulator:
+    """The effects of a simulator on another model of the same coordinates and inputs, which stays as it is.
 
     Raises:
-        ValueError: the sim has another number of coordinates or inputs.
+        ValueError: the model has another number of coordinates or inputs.
     """
-    if (model.d, model.n_u) != (one.model.d, one.model.n_u):
+    if (model.d, model.n_u) != (simulator.model.d, simulator.model.n_u):
         raise ValueError(
-            f"the effects were found on {one.model.d} coordinate(s) and {one.model.n_u} input(s), but this "
-            f"sim has {model.d} and {model.n_u}; give the sim of that diagnosis, or a version of it"
+            f"the effects were found on {simulator.model.d} coordinate(s) and {simulator.model.n_u} "
+            f"input(s), but this sim has {model.d} and {model.n_u}; give the sim of that diagnosis, or a version of it"
         )
-    spare = replace(one.nuisance, directions=np.zeros((0, _size(model))))
-    own = sum(len(e.effect.parameters) for e in one.effects)
-    effects = tuple(replace(e, direction=_moved(e.direction, model)) for e in one.effects)
-    x = np.concatenate([one.x[:own], np.zeros(spare.size)])
-    return replace(one, model=model, nuisance=spare, effects=effects, x=x)
+    nuisance = replace(simulator.nuisance, directions=np.zeros((0, _count_coefficients(model))))
+    n = sum(len(placed.effect.parameters) for placed in simulator.effects)
+    effects = tuple(
+        replace(placed, direction=_transfer_direction(placed.direction, model))
+        for placed in simulator.effects
+    )
+    x = np.concatenate([simulator.x[:n], np.zeros(nuisance.size)])
+    return replace(simulator, model=model, nuisance=nuisance, effects=effects, x=x)
 
 
-def save_augmented(path: str | os.PathLike[str], one: AugmentedSimulator, header: Mapping[str, Any]) -> None:
-    """Write an augmented sim; ``header`` says how it was made."""
-    tensors: dict[str, np.ndarray] = {name: getattr(one.model, name) for name in FIELDS}
-    tensors |= {f"basis.{name}": getattr(one.model.basis, name) for name in BASIS}
-    tensors |= {f"region.{name}": getattr(one.region, name) for name in ("q", "v", "u")}
-    tensors |= {"directions": one.nuisance.directions, "offset": one.nuisance.offset, "x": one.x}
-    own = one.nuisance
+def save_augmented(
+    path: str | os.PathLike[str], simulator: AugmentedSimulator, header: Mapping[str, Any]
+) -> None:
+    """Write an augmented simulator; ``header`` says how it was made."""
+    tensors: dict[str, np.ndarray] = {name: getattr(simulator.model, name) for name in FIELDS}
+    tensors |= {f"basis.{name}": getattr(simulator.model.basis, name) for name in BASIS}
+    tensors |= {f"region.{name}": getattr(simulator.region, name) for name in ("q", "v", "u")}
+    tensors |= {
+        "directions": simulator.nuisance.directions,
+        "offset": simulator.nuisance.offset,
+        "x": simulator.x,
+    }
+    nuisance = simulator.nuisance
     settings = {
-        "nuisance": {name: getattr(own, name) for name in ("potential", "damping", "inputs", "warp", "n_u")},
+        "nuisance": {
+            name: getattr(nuisance, name) for name in ("potential", "damping", "inputs", "warp", "n_u")
+        },
         "effects": [
-            {**_written(effect), "parameters": one.parameters(n)} for n, effect in enumerate(one.effects)
+            {**_describe_effect(placed), "parameters": simulator.parameters(n)}
+            for n, placed in enumerate(simulator.effects)
         ],
-        "held": one.held,
-        "step_s": one.step_s,
-        "dt_s": one.dt_s,
-        "q_names": list(one.q_names),
-        "u_names": list(one.u_names),
+        "held": simulator.held,
+        "step_s": simulator.step_s,
+        "dt_s": simulator.dt_s,
+        "q_names": list(simulator.q_names),
+        "u_names": list(simulator.u_names),
     }
     save_artifact(
         path,
         tensors,
-        {**header, "kind": KIND, "schema": SCHEMA, "bounded": one.bounded, "augmented": settings},
+        {**header, "kind": KIND, "schema": SCHEMA, "bounded": simulator.bounded, "augmented": settings},
     )
 
 
 def load_augmented(path: str | os.PathLike[str]) -> AugmentedSimulator:
-    """Read an augmented sim.
+    """Read an augmented simulator.
 
     Raises:
         FileNotFoundError: nothing is at ``path``.
         ValueError: it is something else, of another schema, or names an effect that is not in the catalogue.
     """
     tensors, header = load_artifact(path, kind=KIND, schema=SCHEMA)
-    said = header["augmented"]
+    settings = header["augmented"]
     basis = Basis(**{name: tensors[f"basis.{name}"] for name in BASIS})
     return AugmentedSimulator(
         model=MechanicalModel(basis, **{name: tensors[name] for name in FIELDS}),
         nuisance=NuisanceParameters(
-            **said["nuisance"], offset=tensors["offset"], directions=tensors["directions"]
+            **settings["nuisance"], offset=tensors["offset"], directions=tensors["directions"]
         ),
-        effects=tuple(_read(entry, path) for entry in said["effects"]),
+        effects=tuple(_restore_effect(entry, path) for entry in settings["effects"]),
         x=tensors["x"],
-        held=said["held"],
-        step_s=said["step_s"],
-        dt_s=said["dt_s"],
-        q_names=tuple(said["q_names"]),
-        u_names=tuple(said["u_names"]),
+        held=settings["held"],
+        step_s=settings["step_s"],
+        dt_s=settings["dt_s"],
+        q_names=tuple(settings["q_names"]),
+        u_names=tuple(settings["u_names"]),
         region=OperatingRegion(*(tensors[f"region.{name}"] for name in ("q", "v", "u"))),
     )
 
 
-def _written(effect: PlacedEffect) -> dict[str, Any]:
+def _describe_effect(placed: PlacedEffect) -> dict[str, Any]:
     return {
-        "name": effect.effect.name,
-        "variant": effect.variant,
-        "channel": effect.channel,
-        "input_name": effect.input_name,
-        "scales": asdict(effect.scales),
-        "direction": None if effect.direction is None else asdict(effect.direction),
+        "name": placed.effect.name,
+        "variant": placed.variant,
+        "channel": placed.channel,
+        "input_name": placed.input_name,
+        "scales": asdict(placed.scales),
+        "direction": None if placed.direction is None else asdict(placed.direction),
     }
 
 
-def _read(entry: Mapping[str, Any], path: str | os.PathLike[str]) -> PlacedEffect:
+def _restore_effect(entry: Mapping[str, Any], path: str | os.PathLike[str]) -> PlacedEffect:
     known = catalogue()
     if entry["name"] not in known:
         raise ValueError(
@@ -205,14 +240,18 @@ def _read(entry: Mapping[str, Any], path: str | os.PathLike[str]) -> PlacedEffec
     along = entry["direction"]
     direction = along and Direction(**{**along, "covector": np.array(along["covector"], dtype=np.float64)})
     return PlacedEffect(
-        known[entry["name"]], Scales(**entry["scales"]), entry["variant"], direction or None,
-        entry["channel"], entry["input_name"],
-    )  # fmt: skip
+        known[entry["name"]],
+        Scales(**entry["scales"]),
+        entry["variant"],
+        direction or None,
+        entry["channel"],
+        entry["input_name"],
+    )
 
 
-def _moved(direction: Direction | None, model: MechanicalModel) -> Direction | None:
+def _transfer_direction(direction: Direction | None, model: MechanicalModel) -> Direction | None:
     return None if direction is None else make_direction(direction.name, direction.covector, model)
 
 
-def _size(model: MechanicalModel) -> int:
+def _count_coefficients(model: MechanicalModel) -> int:
     return sum(getattr(model, name).size for name in FIELDS[:6])

@@ -137,11 +137,21 @@ def patch_xml(
     variant: str = "",
     stiffness: float = 0.0,
 ) -> tuple[str, ...]:
-    """Write the model at ``path`` with the effect of ``candidate`` to ``out``; what was changed, for people.
+    """Write a MuJoCo model with one effect added, and return what was changed, for people.
 
-    Nothing is written, and nothing returned, where MuJoCo has no such effect. ``rest`` (d,) is where the
-    diagnosis has the joints' reference inertia, by default the model's own pose; ``joints`` are its
-    coordinates. ``variant`` and ``stiffness`` are those of the effect's place in the catalogue.
+    Where MuJoCo has no such effect, it writes and returns nothing.
+
+    Args:
+        path: The model file.
+        out: The file to write.
+        candidate: The effect, with its fitted parameters.
+        joint: The joint where the effect acts; None for all, or for the only one.
+        actuator: The actuator where it acts, likewise.
+        rest: Coordinates (d,) at which the diagnosis takes the reference inertia, by default the pose of the
+            model.
+        joints: The joints that are the coordinates, by default all.
+        variant: Variant of the effect.
+        stiffness: What its stiffness ratios are counted in [1/s^2].
 
     Raises:
         FileNotFoundError, ValueError: as `load_mujoco`, or the changed model is refused by MuJoCo.
@@ -154,28 +164,28 @@ def patch_xml(
 def patch_augmented(
     path: Path,
     out: Path,
-    one: AugmentedSimulator,
+    simulator: AugmentedSimulator,
     *,
     joints: Sequence[str] | None = None,
     actuators: Sequence[str] | None = None,
 ) -> tuple[str, ...]:
-    """The same for all effects of an augmented sim; written only if each has a counterpart.
+    """As `patch_xml`, for all effects of an augmented simulator; written only if each has a counterpart.
 
     Raises:
         FileNotFoundError, ValueError: as `patch_xml`.
     """
-    chosen = load_mujoco(path, joints=joints, actuators=actuators)
+    selection = load_mujoco(path, joints=joints, actuators=actuators)
     entries = []
-    for n, effect in enumerate(one.effects):
-        if effect.direction is not None and np.count_nonzero(effect.direction.covector) > 1:
+    for n, placed in enumerate(simulator.effects):
+        if placed.direction is not None and np.count_nonzero(placed.direction.covector) > 1:
             return ()  # between two joints
-        along = None if effect.direction is None else int(np.argmax(np.abs(effect.direction.covector)))
-        joint = None if along is None else chosen.joints[along]
-        actuator = None if effect.channel is None else chosen.actuators[effect.channel]
-        values = one.parameters(n)
-        size = effect.effect.stiffness_unit(effect.scales, effect.variant)
-        entries.append((effect.effect.name, values, joint, actuator, effect.variant, size))
-    return _patch(path, out, entries, rest=one.model.rest.tolist(), joints=joints, actuators=actuators)
+        along = None if placed.direction is None else int(np.argmax(np.abs(placed.direction.covector)))
+        joint = None if along is None else selection.joints[along]
+        actuator = None if placed.channel is None else selection.actuators[placed.channel]
+        values = simulator.parameters(n)
+        size = placed.effect.stiffness_unit(placed.scales, placed.variant)
+        entries.append((placed.effect.name, values, joint, actuator, placed.variant, size))
+    return _patch(path, out, entries, rest=simulator.model.rest.tolist(), joints=joints, actuators=actuators)
 
 
 def _patch(
@@ -188,20 +198,20 @@ def _patch(
     actuators: Sequence[str] | None,
 ) -> tuple[str, ...]:
     mujoco, known = require_mujoco(), catalogue()
-    chosen = load_mujoco(path, joints=joints, actuators=actuators)
-    at = chosen.data.qpos[chosen.at_q].copy() if rest is None else np.asarray(rest, dtype=np.float64)
-    mass = make_mujoco_fields(chosen).mass(at[None])[0]
+    selection = load_mujoco(path, joints=joints, actuators=actuators)
+    at = selection.data.qpos[selection.at_q].copy() if rest is None else np.asarray(rest, dtype=np.float64)
+    mass = make_mujoco_fields(selection).mass(at[None])[0]
     inverse = np.linalg.inv(mass)
     spec = mujoco.MjSpec.from_file(str(path))
-    told: list[str] = []
+    changed: list[str] = []
     for name, values, joint, actuator, variant, stiffness in entries:
-        alone = chosen.joints[0] if len(chosen.joints) == 1 else None
-        driven = chosen.actuators[0] if len(chosen.actuators) == 1 else None
+        alone = selection.joints[0] if len(selection.joints) == 1 else None
+        driven = selection.actuators[0] if len(selection.actuators) == 1 else None
         joint, actuator = joint or alone, actuator or driven
-        n = chosen.joints.index(joint) if joint in chosen.joints else 0
+        n = selection.joints.index(joint) if joint in selection.joints else 0
         element = MujocoElement(
             spec=spec,
-            selection=chosen,
+            selection=selection,
             joint=_find_element(spec.joints, joint, path),
             actuator=_find_element(spec.actuators, actuator, path),
             inertia=float(mass[n, n]),
@@ -211,26 +221,27 @@ def _patch(
             stiffness=stiffness,
         )
         counterpart = known[name].mujoco if name in known else ""
-        said = () if isinstance(counterpart, str) else counterpart(element, values)
-        if not said:
+        written = () if isinstance(counterpart, str) else counterpart(element, values)
+        if not written:
             return ()
-        told += said
+        changed += written
     if spec.meshes or spec.textures or spec.hfields or spec.skins:
         spec.meshdir = str((path.parent / (spec.meshdir or "")).resolve())
         spec.texturedir = str((path.parent / (spec.texturedir or "")).resolve())
     try:
         spec.compile()
     except ValueError as error:
-        raise ValueError(f"{path}: MuJoCo refuses the changed model ({error}); {'; '.join(told)}") from error
+        changes = "; ".join(changed)
+        raise ValueError(f"{path}: MuJoCo refuses the changed model ({error}); {changes}") from error
     out.parent.mkdir(parents=True, exist_ok=True)
     out.write_text(spec.to_xml(), encoding="utf-8")
-    return tuple(told)
+    return tuple(changed)
 
 
 def _find_element(elements: Sequence[Any], name: str | None, path: Path) -> Any:
     if name is None:
         return None
-    found = [element for element in elements if element.name == name]
-    if not found:
+    named = [element for element in elements if element.name == name]
+    if not named:
         raise ValueError(f"{path}: {name!r} has no name in the file; give it one, so that it can be changed")
-    return found[0]
+    return named[0]
