@@ -1,4 +1,4 @@
-"""The two sides of a diagnosis: a sim of any kind and the motions it is held against, checked."""
+"""The inputs of a diagnosis: a simulator of any kind and real trajectories, read and checked."""
 
 import contextlib
 from collections.abc import Sequence
@@ -32,26 +32,26 @@ LAWLESS = "a law that is true nowhere"
 
 @dataclass(frozen=True)
 class DiagnosisInputs:
-    """A sim and the motions it is held against, checked."""
+    """A simulator and the real trajectories it is compared with, checked."""
 
     sim: EstimatedSimulator
     checked: DataCheck
     excitation: tuple[Excitation, ...]
     same_recording: bool
-    """The sim was fitted to the very recording."""
+    """Whether the sim was fitted to the very recording that is diagnosed."""
     recordings: "RecordingPair | None" = None
-    """The pictures of both sides, where the sim is a fitted run."""
+    """The recordings with their images, where the sim is a fitted run."""
     hold: str | None = None
-    """How inputs act between samples, where the sim's own recordings say another thing than the settings."""
+    """Inputs between samples, where the sim's own recordings contradict the settings."""
 
     @property
     def real(self) -> tuple[Trajectory, ...]:
-        """The real motions, cut where they are not continued."""
+        """The real trajectories, cut where they are not continued."""
         return self.checked.real.motions
 
     @property
     def null_motion(self) -> Trajectory | None:
-        """A motion without any effect that the sim misses all the same, as fitted runs always do; or None."""
+        """A trajectory without any effect that the sim still misses, as every fitted run does; or None."""
         if self.recordings is not None:
             return self.recordings.null_motion
         if self.checked.sim is None or self.sim.misfit < CALIBRATION_CHECKS.missed_misfit:
@@ -60,12 +60,16 @@ class DiagnosisInputs:
 
 
 def open_diagnosis_inputs(sim: str, real: str, config: DiagnoseConfig) -> DiagnosisInputs:
-    """What the arguments name, read and checked, and the sim's model.
+    """Read and check what the arguments name, and make the simulator's model.
 
-    ``real`` is a fitted run's own held-out part where it is ``held_out``.
+    Args:
+        sim: recordings, a program, a MuJoCo file, an augmented sim, or the folder of a fitted run.
+        real: recordings of the real mechanism; ``held_out`` is a fitted run's own held-out part.
+        config: settings of the diagnosis.
 
     Raises:
-        FileNotFoundError, ValueError: nothing is there, it cannot be read, or the sides cannot be compared.
+        FileNotFoundError: a file does not exist.
+        ValueError: a file cannot be read, or sim and real have different coordinates or inputs.
     """
     sims = find_sources(sim)
     models = [source for source in sims if source.kind in MODELS]
@@ -89,7 +93,7 @@ def open_diagnosis_inputs(sim: str, real: str, config: DiagnoseConfig) -> Diagno
     checked = check_data(nominal, motions)
     if recordings is not None:
         checked = replace(checked, findings=(*recordings.findings, *checked.findings))
-    else:  # each sample of a film belongs to a frame
+    else:  # samples of a video belong to its frames, so they are kept
         checked = _decimate(checked, hold=config.input_hold)
     excitation: tuple[Excitation, ...] = ()
     period_s = checked.real.period_s or (checked.sim.period_s if checked.sim else None)
@@ -120,7 +124,7 @@ def open_diagnosis_inputs(sim: str, real: str, config: DiagnoseConfig) -> Diagno
 
 
 def _decimate(checked: DataCheck, *, hold: str) -> DataCheck:
-    """Both sides with no more samples than their motion needs; of what was averaged none is single."""
+    """Average samples that are denser than the motion needs; findings of repeats in them no longer hold."""
     real, told = average_dense_samples(checked.real.motions, hold=hold)
     checked = replace(checked, real=replace(checked.real, motions=real))
     if checked.sim is not None:
@@ -134,9 +138,9 @@ def _decimate(checked: DataCheck, *, hold: str) -> DataCheck:
 def _try_held_inputs(
     checked: DataCheck, config: DiagnoseConfig, known: EstimatedSimulator
 ) -> EstimatedSimulator | None:
-    """The sim whose inputs are held between samples, if they step and it is the better told for it.
+    """Estimate the sim with a zero-order hold of the inputs; None unless they step and the fit is better.
 
-    Half a sample is little, but a law that has to make up for it grows, and is wrong beyond its recordings.
+    Half a sample is little, but a law that compensates for it needs more terms and extrapolates badly.
     """
     assert checked.sim is not None
     change = np.concatenate([np.diff(m.u, axis=0) for m in checked.sim.motions])
@@ -146,9 +150,9 @@ def _try_held_inputs(
     ):
         return None
     held = estimate_simulator(checked.sim.motions, replace(config, input_hold="zoh"))
-    alike = held.reach == known.reach and held.outlier_spans == known.outlier_spans
+    alike = held.window_scale == known.window_scale and held.outlier_spans == known.outlier_spans
     better = (
-        held.cost < known.cost - CALIBRATION_CHECKS.min_criterion_gain
+        held.bic < known.bic - CALIBRATION_CHECKS.min_criterion_gain
         if alike
         else held.misfit < CALIBRATION_CHECKS.max_misfit_share * known.misfit
     )
@@ -160,10 +164,10 @@ def _held_inputs_finding(source: str) -> Finding:
         "note",
         "held inputs",
         source,
-        "the inputs step, and the sim's recordings are told better, or by a simpler law, if each value is "
-        "held until the next; so they were on both sides",
-        "a step that is drawn as a slope between two samples acts half a sample early",
-        "set diagnose.input_hold=zoh to have it so in any case",
+        "the inputs step, and the sim's recordings fit better, or with a simpler law, if each value is held "
+        "until the next; so it was done for the sim and for the real recordings",
+        "a step that is interpolated linearly between two samples acts half a sample early",
+        "set diagnose.input_hold=zoh to hold inputs in any case",
     )
 
 
@@ -174,9 +178,9 @@ def _recalibrated_finding(sim: EstimatedSimulator, source: str) -> Finding:
         "warn",
         "law of the run",
         source,
-        f"the law misses its own recordings by {given:.2g} times their noise within two periods; before "
-        f"anything was compared it was moved until it misses them by {left:.2g}",
-        "what the law itself lacks is then not taken for an effect: it is part of what a refit closes",
+        f"the law misses its own recordings by {given:.2g} times their noise within two periods; it was "
+        f"recalibrated before the comparison and now misses them by {left:.2g}",
+        "the errors of the law are then not taken for an effect: they count as part of what a refit closes",
         "fit the run longer if that part is large",
     )
 
@@ -190,9 +194,9 @@ def _disturbed_finding(sim: EstimatedSimulator) -> Finding:
         "warn",
         "disturbed sim",
         "sim",
-        f"no law that tells the rest tells {told}; the sim was found without",
-        "something acted there that no column tells, as a push by hand, or the mechanism is another there",
-        "look at what happened then, and cut it out",
+        f"no law fits {told} together with the rest; the sim was estimated without these outliers",
+        "something acted there that no column records, as a push by hand, or the mechanism was different",
+        "look at what happened there, and cut it out",
     )
 
 
@@ -202,8 +206,8 @@ def _lost_model_finding(sim: EstimatedSimulator, source: str) -> Finding:
         LAWLESS,
         source,
         f"the law misses its own recordings by {np.sqrt(sim.misfit):.0f} times their noise within two "
-        "periods, and no change of its potential, damping and input map mended that",
-        "what the law lacks already cannot be told from what the real mechanism adds",
+        "periods, and no change of its potential, damping and input map corrected that",
+        "errors of the law cannot be separated from what the real mechanism adds",
         "fit the run longer, or look at its rollouts first",
     )
 
@@ -213,11 +217,11 @@ def _lost_recordings_finding(sim: EstimatedSimulator, nominal: Sequence[Trajecto
         "undetermined",
         "law of the sim",
         "sim",
-        f"the law found from {', '.join(m.source for m in nominal)} misses these recordings themselves by "
-        f"{np.sqrt(sim.misfit):.0f} times their noise within two periods",
-        "something acted there that no column tells, as a push by hand, or the law is not smooth; what the "
-        "sim lacks already cannot be told from what the real mechanism adds",
-        "cut the recordings to stretches in which only the logged inputs act, or give the sim as a program",
+        f"the law estimated from {', '.join(m.source for m in nominal)} misses these recordings themselves "
+        f"by {np.sqrt(sim.misfit):.0f} times their noise within two periods",
+        "something acted there that no column records, as a push by hand, or the law is not smooth; errors "
+        "of the sim cannot be separated from what the real mechanism adds",
+        "cut the recordings to parts in which only the logged inputs act, or give the sim as a program",
     )
 
 
@@ -227,7 +231,7 @@ def _open_simulator(
     if not models:
         assert checked.sim is not None
         return estimate_simulator(checked.sim.motions, config)
-    # Where its own recordings went too, the sim must be itself: there its misfit is measured.
+    # the projection must hold on the sim's own recordings as well: its misfit is measured there
     seen = (*checked.real.motions, *(checked.sim.motions if checked.sim is not None else ()))
     ready = prepare_dataset(seen, period_s=estimate_spectral_period_s(checked.real.motions))
     sampled = sample_simulator(
@@ -250,7 +254,7 @@ def _open_simulator(
 def _calibrate(
     sim: EstimatedSimulator, null_motion: Trajectory | None, own: Sequence[Trajectory], config: DiagnoseConfig
 ) -> EstimatedSimulator:
-    """The sim held to what no fit saw of its own mechanism, or to all there is where that is too short."""
+    """Measure the sim's misfit on the reference that no fit used, or on all recordings where it is too short."""
     if null_motion is not None:
         with contextlib.suppress(ValueError):
             return calibrate_misfit(sim, [null_motion], config)

@@ -35,7 +35,7 @@ class EstimatedSimulator:
     """Mean square residual on its own recordings, in units of their noise."""
     correlation: float = 1.0
     """Samples of that residual that count as one independent sample."""
-    reach: float = 1.0
+    window_scale: float = 1.0
     """Length of the windows that it can predict, as a share of the length in the settings."""
     original: "EstimatedSimulator | None" = None
     """The simulator before its coefficients were recalibrated; None if they were not."""
@@ -43,7 +43,7 @@ class EstimatedSimulator:
     """Recognises the motion it was fitted to, where other windows are to be left out."""
     outlier_spans: tuple[FileSpan, ...] = ()
     """Parts of its own recordings that were left out, because no law fits them together with the rest."""
-    cost: float = np.nan
+    bic: float = np.nan
     """Bayesian information criterion of the model, if it was identified."""
 
     @classmethod
@@ -72,8 +72,8 @@ def estimate_simulator(motions: Sequence[Trajectory], config: DiagnoseConfig) ->
         held=config.input_hold == "zoh",
     )
 
-    def fit_windows(reach: float, without: tuple[FileSpan, ...] = ()) -> EstimatedSimulator:
-        length_s = reach * config.window_periods * period_s
+    def fit_windows(scale: float, without: tuple[FileSpan, ...] = ()) -> EstimatedSimulator:
+        length_s = scale * config.window_periods * period_s
         windows = cut_windows(
             ready.dataset, length_s=length_s, min_frames=ESTIMATED_SIMULATOR.min_window_frames
         )
@@ -86,9 +86,9 @@ def estimate_simulator(motions: Sequence[Trajectory], config: DiagnoseConfig) ->
             model,
             identified.uncertainty_directions,
             identified.misfit,
-            reach=reach,
+            window_scale=scale,
             outlier_spans=(*without, *locate_windows(outliers, ready.dataset)),
-            cost=identified.cost,
+            bic=identified.bic,
         )
 
     usual = fit_windows(1.0)

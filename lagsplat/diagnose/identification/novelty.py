@@ -25,13 +25,13 @@ from lagsplat.diagnose.identification.structure_search import IdentifiedModel
 class NoveltyDetector:
     """A simulator's own windows as points in a space of standardised features."""
 
-    middle: Float64[np.ndarray, " f"]
+    mean: Float64[np.ndarray, " f"]
     """Means of the features."""
     spread: Float64[np.ndarray, " f"]
     """Standard deviations of the features."""
     points: KDTree
     """The standardised features of the windows."""
-    reach: float
+    max_distance: float
     """Distance to the nearest point beyond which a window is novel."""
 
     @classmethod
@@ -40,24 +40,24 @@ class NoveltyDetector:
     ) -> "NoveltyDetector":
         """The detector of a simulator whose recordings are ``dataset``."""
         points = window_features(windows, smooth, dataset)
-        middle, spread = points.mean(axis=0), np.maximum(points.std(axis=0), 1e-12)
-        tree = KDTree((points - middle) / spread)
+        mean, spread = points.mean(axis=0), np.maximum(points.std(axis=0), 1e-12)
+        tree = KDTree((points - mean) / spread)
         distance = tree.query(tree.data, k=2)[0][:, 1]  # the nearest is the point itself
-        return cls(middle, spread, tree, float(np.quantile(distance, NOVELTY.distance_quantile)))
+        return cls(mean, spread, tree, float(np.quantile(distance, NOVELTY.distance_quantile)))
 
     def find_similar(
         self, windows: WindowSet, smooth: Float64[np.ndarray, "N d"], dataset: Dataset
     ) -> Bool[np.ndarray, " W"]:
         """Which windows of another recording resemble a window of the simulator."""
-        points = (window_features(windows, smooth, dataset) - self.middle) / self.spread
-        return self.points.query(points)[0] <= self.reach
+        points = (window_features(windows, smooth, dataset) - self.mean) / self.spread
+        return self.points.query(points)[0] <= self.max_distance
 
     def find_nearest(
         self, wanted: Float64[np.ndarray, "W f"], offered: Float64[np.ndarray, "V f"]
     ) -> Int64[np.ndarray, " W"]:
         """For each row of features (`window_features`) the index of the most similar row of ``offered``."""
-        tree = KDTree((offered - self.middle) / self.spread)
-        return np.asarray(tree.query((wanted - self.middle) / self.spread)[1], dtype=np.int64)
+        tree = KDTree((offered - self.mean) / self.spread)
+        return np.asarray(tree.query((wanted - self.mean) / self.spread)[1], dtype=np.int64)
 
 
 def window_features(
@@ -69,21 +69,21 @@ def window_features(
 
 
 def drop_outlier_windows(
-    found: IdentifiedModel, again: Callable[[WindowSet], IdentifiedModel]
+    identified: IdentifiedModel, identify: Callable[[WindowSet], IdentifiedModel]
 ) -> tuple[IdentifiedModel, WindowSet]:
     """Identify a model again without its worst windows, and keep it if the rest then fits far better.
 
     Args:
-        found: the model that was identified from all windows.
-        again: identifies a model from other windows.
+        identified: the model that was identified from all windows.
+        identify: identifies a model from other windows.
 
     Returns:
-        ``found`` or the model without the outliers, and the windows that were left out.
+        ``identified`` or the model without the outliers, and the windows that were left out.
     """
-    windows, best, n = found.windows, found, len(found.windows.first)
+    windows, best, n = identified.windows, identified, len(identified.windows.first)
     kept = np.arange(n)
     attempts = min(NOVELTY.max_outliers, n // NOVELTY.min_windows_per_outlier)
-    if not found.misfit > NOVELTY.poor_misfit or n < NOVELTY.min_windows:
+    if not identified.misfit > NOVELTY.poor_misfit or n < NOVELTY.min_windows:
         attempts = 0
     for _ in range(attempts):
         misfits = compute_window_misfits(best)
@@ -91,13 +91,15 @@ def drop_outlier_windows(
         if best.misfit < NOVELTY.good_misfit or misfits[worst] < NOVELTY.outlier_ratio * np.median(misfits):
             break
         kept = np.delete(kept, worst)
-        best = again(windows.select(kept))
-    if best.misfit < NOVELTY.max_remaining_share * found.misfit:
+        best = identify(windows.select(kept))
+    if best.misfit < NOVELTY.max_remaining_share * identified.misfit:
         return best, windows.select(np.setdiff1d(np.arange(n), kept))
-    return found, windows.select(np.zeros(0, dtype=np.int64))
+    return identified, windows.select(np.zeros(0, dtype=np.int64))
 
 
-def compute_window_misfits(found: IdentifiedModel) -> Float64[np.ndarray, " W"]:
+def compute_window_misfits(identified: IdentifiedModel) -> Float64[np.ndarray, " W"]:
     """Mean square residual of every window, in units of the noise."""
-    length: Int64[np.ndarray, " W"] = found.windows.length
-    return np.array([float((row[:n] ** 2).mean()) for row, n in zip(found.fit.residual, length, strict=True)])
+    length: Int64[np.ndarray, " W"] = identified.windows.length
+    return np.array(
+        [float((row[:n] ** 2).mean()) for row, n in zip(identified.fit.residual, length, strict=True)]
+    )

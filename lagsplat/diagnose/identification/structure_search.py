@@ -58,7 +58,7 @@ class IdentifiedModel:
     """Changes of all coefficients, each of one standard deviation, the largest first."""
     fit: ShootingFit
     windows: WindowSet
-    cost: float
+    bic: float
     """Bayesian information criterion."""
 
 
@@ -276,7 +276,7 @@ def fit_first_model(
 class StructureFit:
     """A model of a certain structure, refined by multiple shooting."""
 
-    cost: float
+    bic: float
     """Bayesian information criterion."""
     model: MechanicalModel
     structure: ModelStructure
@@ -322,11 +322,11 @@ def search_structure(
             )
             for candidate in predict_gains(problem, best.model, larger, best.fit)
         ]
-        cost, _, structure = min(predicted, key=lambda row: row[:2])
-        if cost > best.cost:
+        bic, _, structure = min(predicted, key=lambda row: row[:2])
+        if bic > best.bic:
             return best
         candidate = refine(pad_model(best.model, structure), structure, best.fit.starts)
-        if candidate.cost < best.cost:
+        if candidate.bic < best.bic:
             reduction = 1.0 - STRUCTURE_SEARCH.min_misfit_reduction
             worthwhile = candidate.fit.misfit < reduction * best.fit.misfit
             best = candidate
@@ -394,7 +394,7 @@ def identify_model(
             candidates[-1].fit.misfit < 1.1 * problem.n_data
         ):  # down to the noise: no other basis can be better
             break
-    best = min(candidates, key=lambda candidate: candidate.cost)
+    best = min(candidates, key=lambda candidate: candidate.bic)
     misfit = best.fit.misfit / max(problem.n_data - len(best.moves), 1.0)
     model, curvature, moves = best.model.trim_basis(), best.fit.curvature, best.moves
     if dataset.d <= MAX_FEW_COORDINATES:
@@ -406,7 +406,7 @@ def identify_model(
     limit = STRUCTURE_SEARCH.equivalent_misfit_ratio * max(best.fit.misfit, problem.n_data)
     if decoupled is not model and problem.compute_misfit(decoupled) < limit:
         model, freedom = decoupled, remaining
-    return IdentifiedModel(model, best.structure, misfit, freedom, best.fit, windows, best.cost)
+    return IdentifiedModel(model, best.structure, misfit, freedom, best.fit, windows, best.bic)
 
 
 def decouple_inertia(

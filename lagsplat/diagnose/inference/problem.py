@@ -176,7 +176,7 @@ def build_problem(
         sim.uncertainty_directions,
     )
     steps = max(1, int(np.ceil(record.dt_s * config.steps_per_period / natural.shortest_s)))
-    reach_s = config.window_periods * sim.reach * natural.longest_s
+    reach_s = config.window_periods * sim.window_scale * natural.longest_s
     windows = cut_windows(record, length_s=reach_s, min_frames=20)
     if len(windows.first) < 4:
         windows = cut_windows(record, length_s=natural.longest_s, min_frames=20)

@@ -102,7 +102,7 @@ def test_what_is_not_known_is_said(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     with pytest.raises(FileNotFoundError, match="a folder without"):
         find_sources(str(tmp_path / "empty"))
-    with pytest.raises(ValueError, match="is a model and has no motion"):
+    with pytest.raises(ValueError, match="is a model and has no trajectory"):
         read_sources([DataSource("mujoco", "arm.xml")])
     with pytest.raises(ValueError, match="needs the encoder of a fitted run"):
         read_sources([DataSource("video", "bag.mp4")])
