@@ -34,8 +34,19 @@ def made(residual, seconds: float = 20.0, *, seed: int = 0, coordinates: int = 1
     r = np.where(active, true + std * errors, 0.0)
     return LatentForceEstimate(
         motion=Trajectory(time_s=t, q=q, u=u, source=f"made {seed}"),
-        q=q, v=v, a=a, residual=r,
+        q=q,
+        v=v,
+        a=a,
+        residual=r,
         covariance=np.broadcast_to(std**2 * np.eye(coordinates), (len(t), coordinates, coordinates)),
-        innovation=0.01 * rng.standard_normal(q.shape), evidence=np.where(active, 100.0, 0.0),
-        amplitude=np.ones(coordinates), noise=np.full(coordinates, 0.01), length_s=0.2, log_likelihood=0.0,
-    )  # fmt: skip
+        innovation=0.01 * rng.standard_normal(q.shape),
+        evidence=np.where(active, 100.0, 0.0),
+        amplitude=np.ones(coordinates),
+        noise=np.full(coordinates, 0.01),
+        length_s=0.2,
+        log_likelihood=0.0,
+    )
+
+
+def no_force(t, q, v, u):
+    return 0.0 * q

@@ -1,4 +1,4 @@
-"""Rungs of sims that are right, that lack a force, and of pictures that are worse than they were."""
+"""Error stages of simulators that are right, that lack a force, and of images that got worse."""
 
 import numpy as np
 import pytest
@@ -45,9 +45,11 @@ def test_a_forecast_is_that_of_another_integrator():
         return np.concatenate([x[2:], TwoLink().acceleration(x[:2], x[2:], np.zeros(0))])
 
     for i in range(3):
-        exact = solve_ivp(
-            slope, times[i, [0, -1]], [*q[i], *v[i]], t_eval=times[i], rtol=1e-10, atol=1e-12
-        ).y[:2].T  # fmt: skip
+        exact = (
+            solve_ivp(slope, times[i, [0, -1]], [*q[i], *v[i]], t_eval=times[i], rtol=1e-10, atol=1e-12)
+            .y[:2]
+            .T
+        )
         np.testing.assert_allclose(path[i], exact, atol=1e-7)
 
 
@@ -98,5 +100,5 @@ def test_stages_share_the_whole_error():
     assert sum(raw for _, raw in shares.values()) == pytest.approx(1.0)
     assert shares["chart"] == (0.0, pytest.approx(-0.05))
     assert shares["rollout"][0] == pytest.approx(0.7)
-    with pytest.raises(ValueError, match="nothing to share"):
+    with pytest.raises(ValueError, match="nothing to divide"):
         compute_stage_shares(decoded=0.0, smoothed=0.0, one_step=0.0, rollout=0.0)

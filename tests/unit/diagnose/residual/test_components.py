@@ -1,4 +1,4 @@
-"""Shares of groups of features, the past's part in a residual, and distortions of what was measured."""
+"""Shares of groups of features, memory, measurement errors, and correlations with single signals."""
 
 import numpy as np
 import pytest
@@ -9,6 +9,7 @@ from lagsplat.diagnose.residual.components import (
     compute_components,
     compute_explained_share,
     compute_memory_index,
+    compute_residual_correlations,
 )
 from lagsplat.diagnose.residual.features import FEATURE_GROUPS, compute_features
 from lagsplat.diagnose.residual.latent_force import estimate_latent_force
@@ -20,13 +21,13 @@ from tests.unit.diagnose.residuals import made
 MECHANISM = Duffing(hard=0.0)
 
 
-def of(residual, **kinds):
+def components_of(residual, **kinds):
     one = made(residual, **kinds)
     return compute_features(MECHANISM, [one], period_s=1.0)
 
 
 def largest(residual) -> str:
-    return compute_components(of(residual), np.ones(1)).largest
+    return compute_components(components_of(residual), np.ones(1)).largest
 
 
 @pytest.mark.parametrize(
@@ -45,7 +46,7 @@ def test_each_group_is_found(residual, group):
 
 
 def test_shares_are_a_division_of_the_whole():
-    found = compute_components(of(lambda t, q, v, u: -0.2 * v - 0.5 * q**3 + 0.5 * u), np.ones(1))
+    found = compute_components(components_of(lambda t, q, v, u: -0.2 * v - 0.5 * q**3 + 0.5 * u), np.ones(1))
     assert sum(found.shares.values()) == pytest.approx(1.0)
     assert min(found.shares.values()) >= 0.0
     assert set(found.shares) == {*FEATURE_GROUPS, "unexplained"}
@@ -54,14 +55,17 @@ def test_shares_are_a_division_of_the_whole():
 
 def test_noise_is_unexplained():
     for seed in range(10):
-        found = compute_components(of(lambda t, q, v, u: 0.0 * q, seed=seed), np.ones(1))
+        found = compute_components(components_of(lambda t, q, v, u: 0.0 * q, seed=seed), np.ones(1))
         assert found.shares["unexplained"] > 0.8
         assert found.memory_index < 0.1
-    assert compute_components(of(lambda t, q, v, u: 0.0 * q), np.zeros(1)).shares["unexplained"] == 1.0
+    assert (
+        compute_components(components_of(lambda t, q, v, u: 0.0 * q), np.zeros(1)).shares["unexplained"]
+        == 1.0
+    )
 
 
 def test_features_that_know_nothing_explain_nothing_on_left_out_blocks():
-    found = of(lambda t, q, v, u: -0.4 * v)
+    found = components_of(lambda t, q, v, u: -0.4 * v)
     rng = np.random.default_rng(0)
     assert compute_explained_share(found, 0, rng.standard_normal((len(found.target), 20))) < 0.05
     assert compute_explained_share(found, 0, found.groups[0]["dissipative"]) > 0.9
@@ -73,9 +77,9 @@ def test_the_past_matters_where_a_force_lags_and_only_there():
         slow = lfilter([0.02], [1.0, -0.98], q[:, 0])[:, None]
         return 3.0 * np.roll(q, 30, axis=0) + 10.0 * slow
 
-    assert compute_memory_index(of(lagging), 0) > 0.1
-    assert compute_memory_index(of(lambda t, q, v, u: -np.tanh(v / 0.5)), 0) < 0.1
-    assert compute_memory_index(of(lambda t, q, v, u: -q + 0.5 * u), 0) < 0.1
+    assert compute_memory_index(components_of(lagging), 0) > 0.1
+    assert compute_memory_index(components_of(lambda t, q, v, u: -np.tanh(v / 0.5)), 0) < 0.1
+    assert compute_memory_index(components_of(lambda t, q, v, u: -q + 0.5 * u), 0) < 0.1
 
 
 def test_bent_positions_feign_the_force_that_the_smoother_finds():
@@ -100,3 +104,45 @@ def test_noise_that_grows_with_speed_is_told_from_noise_that_does_not():
     found = measure_speed_noise([worse], period_s=1.0)
     assert found.p < 0.01
     assert found.share > 0.3
+
+
+LAWS = {
+    "u0": lambda t, q, v, u: 0.5 * u,
+    "q³": lambda t, q, v, u: 0.5 * q**3,
+    "v": lambda t, q, v, u: -0.3 * v,
+    "sign v": lambda t, q, v, u: -0.3 * np.sign(v),
+    "|v| v": lambda t, q, v, u: -0.02 * np.abs(v) * v,
+}
+
+
+def score_row(smoothed):
+    found = compute_residual_correlations(smoothed, q_names=["q0"], u_names=["u0"])
+    return dict(zip(found.regressors, found.score[0], strict=True))
+
+
+@pytest.mark.parametrize("name", sorted(LAWS))
+def test_the_law_behind_the_residual_leads_or_nearly_so(name):
+    scores = score_row([made(LAWS[name])])
+    assert scores[name] > 0.85 * max(scores.values())  # v and |v| v are much alike
+    assert scores[name] > 1.0
+
+
+def test_chance_passes_the_bound_as_often_as_the_bound_says():
+    scores = np.array(
+        [list(score_row([made(lambda t, q, v, u: 0.0 * q, seed=k)]).values()) for k in range(60)]
+    )
+    assert 0.01 < np.mean(scores > 1.0) < 0.10
+
+
+def test_clips_are_not_glued():
+    first, second = made(LAWS["sign v"], seed=1), made(LAWS["sign v"], seed=2)
+    assert score_row([first, second])["sign v"] > score_row([first])["sign v"]
+
+
+def test_a_silent_coordinate_and_a_constant_input_score_nothing():
+    silent = made(LAWS["v"], coordinates=2, quiet=(1,))
+    silent.motion.u[:] = 3.0
+    found = compute_residual_correlations([silent], q_names=["a", "b"], u_names=["u0"])
+    assert not found.score[1].any()
+    assert not found.score[:, :2].any()
+    assert found.coordinates == ("a", "b")
