@@ -112,7 +112,9 @@ def test_what_cannot_be_written_is_told() -> None:
     with pytest.raises(ValueError, match="zero everywhere"):
         project_acceleration(lambda q, v, u: 0.0 * q, region, what="sim")
     heavy = double_pendulum()
-    without = FieldFunctions(lambda q: -heavy.mass(q), heavy.potential_gradient, heavy.input_map, heavy.dissipation)
+    without = FieldFunctions(
+        lambda q: -heavy.mass(q), heavy.potential_gradient, heavy.input_map, heavy.dissipation
+    )
     with pytest.raises(ValueError, match="not positive at q"):
         project_fields(without, sample_operating_region(swing(2, 1, 0.7)), what="sim")
 

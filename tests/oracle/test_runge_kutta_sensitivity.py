@@ -16,7 +16,7 @@ from lagsplat.diagnose.mechanics.structure import (
     list_free_directions,
     pad_model,
 )
-from tests.oracle.test_kernel import wild
+from tests.oracle.test_runge_kutta import wild
 from tests.unit.diagnose.toys import coupled, oscillator
 
 STEP = 1e-5
