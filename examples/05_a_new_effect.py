@@ -49,8 +49,6 @@ def simulate(strength: float, seed: int) -> dict[str, np.ndarray]:
 
 register_effect(EFFECT)
 others = sorted(set(catalogue()) - {"ratchet", "coulomb_friction", "constant_force"})  # to save time
-    set(catalogue()) - {"ratchet", "coulomb_friction", "constant_force"}
-)  # a short list saves time
 diagnosis = lagsplat.diagnose(simulate(strength=0.0, seed=1), simulate(strength=2.0, seed=2), without=others)
 best = diagnosis.candidates[0]
 print(f"{diagnosis.verdict}: {best.name} ({best.probability:.2f}), {best.parameters}")

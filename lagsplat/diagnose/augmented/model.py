@@ -147,7 +147,8 @@ def transfer_effects(simulator: AugmentedSimulator, model: MechanicalModel) -> A
     if (model.d, model.n_u) != (simulator.model.d, simulator.model.n_u):
         raise ValueError(
             f"the effects were found on {simulator.model.d} coordinate(s) and {simulator.model.n_u} "
-            f"input(s), but this sim has {model.d} and {model.n_u}; give the sim of that diagnosis, or a version of it"
+            f"input(s), but this sim has {model.d} and {model.n_u}; give the sim of that diagnosis, or a "
+            "version of it"
         )
     nuisance = replace(simulator.nuisance, directions=np.zeros((0, _count_coefficients(model))))
     n = sum(len(placed.effect.parameters) for placed in simulator.effects)

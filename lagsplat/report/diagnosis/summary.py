@@ -4,6 +4,7 @@ A diagnosis in one paragraph that needs no training in mechanics.
 """
 
 import math
+from collections.abc import Set
 
 from lagsplat.diagnose.core.result import Candidate, Diagnosis, Gap
 from lagsplat.diagnose.effects.base import InputEffect
@@ -334,7 +335,7 @@ def _cause(diagnosis: Diagnosis, named: list[Candidate], names: list[str], toget
     return f"{verb} {title_candidate(named[0])} (probability {chance}). {describe_effect(named[0].name).what}"
 
 
-def _consequence(kinds: set[str]) -> str:
+def _consequence(kinds: Set[str]) -> str:
     if kinds == {"parameter"}:
         return "This is a parameter change: the simulation lacks no physics, and a refit suffices."
     if kinds == {"observation"}:
@@ -352,7 +353,7 @@ def _estimated(candidate: Candidate, together: int, alike_: int) -> str:
     return f"{opening}{'; '.join(format_estimates(candidate))}."
 
 
-def _act(kinds: set[str], together: int, names: list[str]) -> str:
+def _act(kinds: Set[str], together: int, names: list[str]) -> str:
     if len(names) > 1:
         return f"Adding {short_title(names[0])} to the simulation"
     if together > 1:
