@@ -200,7 +200,14 @@ def predict_gains(
     larger: list[ModelStructure],
     fit: ShootingFit,
 ) -> list[PredictedGain]:
-    """Predict the gain of each ``larger`` structure from a single linearisation at ``fit``."""
+    """Predict the gain of each larger structure, from a single linearisation for all.
+
+    Args:
+        problem: the recordings.
+        model: the present model.
+        larger: structures that contain its own.
+        fit: its fit, where it is linearised.
+    """
     union = ModelStructure(
         mass=max(f.mass for f in larger),
         damping=max(f.damping for f in larger),
@@ -243,11 +250,17 @@ def _find_moves_within(
 def fit_first_model(
     problem: IdentificationProblem, basis: Basis, structure: ModelStructure, width: np.ndarray
 ) -> MechanicalModel:
-    """A model of a given structure by weak-form regression; ``width`` (d,) is that of dry friction.
+    """A model of a given structure by weak-form regression.
 
     With many coordinates some oscillate much faster than others, so that no single test function suits all,
     and have so little inertia that a ridge would outweigh it: models by several test functions and ridges
     are then compared by their misfit.
+
+    Args:
+        problem: the recordings.
+        basis: functions of the fields.
+        structure: sizes of the fields.
+        width: speed (d,) below which dry friction is linear.
     """
     dataset, rest = problem.dataset, np.median(problem.dataset.q, axis=0)
 
@@ -268,7 +281,7 @@ def fit_first_model(
             key=problem.compute_misfit,
         )
     model, damped = regress(1.0, ridge, 0.1)
-    # noise may leave hardly any inertia in some direction, so that rollouts diverge; a strong ridge does not
+    # noise may leave hardly any inertia in some direction, so that rollouts diverge: a strong ridge helps
     return model if np.linalg.eigvalsh(model.mass[0]).min() >= 0.05 else damped
 
 
@@ -298,7 +311,7 @@ def search_structure(
     """
 
     def criterion(misfit: float, n: int) -> float:
-        # less than half the noise's own variance is no better fit
+        # a misfit below half the noise's variance is overfitting and gains nothing
         return problem.n_data * np.log(max(misfit / problem.n_data, 0.5)) + n * np.log(problem.n_data)
 
     def refine(model: MechanicalModel, structure: ModelStructure, starts: np.ndarray) -> StructureFit:
@@ -310,9 +323,8 @@ def search_structure(
     refused = set[ModelStructure]()
     while True:
         larger = [f for f in list_larger_structures(best.structure, basis, driven=driven) if f not in refused]
-        if (
-            not larger or best.fit.misfit < 0.6 * problem.n_data
-        ):  # below the noise: nothing is left to explain
+        # a residual below the noise leaves nothing to explain
+        if not larger or best.fit.misfit < 0.6 * problem.n_data:
             return best
         predicted = [
             (
@@ -390,9 +402,8 @@ def identify_model(
     candidates = []
     for basis in build_candidate_bases(dataset.q, degree=degree):
         candidates.append(search_structure(problem, basis, driven=driven, width=0.02 * speed))
-        if (
-            candidates[-1].fit.misfit < 1.1 * problem.n_data
-        ):  # down to the noise: no other basis can be better
+        # down to the noise, no other basis can be better
+        if candidates[-1].fit.misfit < 1.1 * problem.n_data:
             break
     best = min(candidates, key=lambda candidate: candidate.bic)
     misfit = best.fit.misfit / max(problem.n_data - len(best.moves), 1.0)

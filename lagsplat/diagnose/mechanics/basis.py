@@ -77,9 +77,17 @@ def add_angle_functions(basis: Basis, multiples: Int64[np.ndarray, "A d"]) -> Ba
 @njit(cache=True, error_model="numpy")
 @no_type_check
 def evaluate_basis(kind, order, centre, scale, q, powers, value, slope):
-    """Write ``phi`` (K,) into ``value`` and its gradient (K, d) into ``slope`` at ``q`` (d,), compiled.
+    """Write the functions and their gradients at a single point, compiled.
 
-    ``powers`` (d, 1 + highest power) is scratch, which `evaluate_basis_curvature` reads afterwards.
+    Args:
+        kind: kinds of the functions (K,).
+        order: their powers or multiples (K, d).
+        centre: middle of the region (d,).
+        scale: half its width (d,).
+        q: the point (d,).
+        powers: scratch (d, 1 + highest power), which `evaluate_basis_curvature` reads afterwards.
+        value: functions (K,), written.
+        slope: gradients (K, d), written.
     """
     n, d = order.shape
     for i in range(d):
@@ -116,7 +124,16 @@ def evaluate_basis(kind, order, centre, scale, q, powers, value, slope):
 @njit(cache=True, error_model="numpy")
 @no_type_check
 def evaluate_basis_curvature(kind, order, scale, powers, value, curvature):
-    """Write the second derivatives (d, d, K), compiled, from ``powers`` and ``value`` of `evaluate_basis`."""
+    """Write the second derivatives of the functions at the last point of `evaluate_basis`, compiled.
+
+    Args:
+        kind: kinds of the functions (K,).
+        order: their powers or multiples (K, d).
+        scale: half the width of the region (d,).
+        powers: as `evaluate_basis` left it.
+        value: as `evaluate_basis` wrote it.
+        curvature: second derivatives (d, d, K), written.
+    """
     n, d = order.shape
     for k in range(n):
         for i in range(d):

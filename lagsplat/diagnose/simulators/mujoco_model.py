@@ -105,6 +105,12 @@ def project_mujoco(
 ) -> ProjectedModel:
     """The model of a MuJoCo file over a region, with a warning of what it leaves out.
 
+    Args:
+        path: the model file.
+        region: states and inputs at which it is evaluated.
+        joints: names of the coordinates, by default all hinges and slides.
+        actuators: names of the inputs, by default all.
+
     Raises:
         FileNotFoundError: no such file.
         ValueError: as `load_mujoco`, or another number of joints or actuators than the recording has columns.
