@@ -69,7 +69,7 @@ def compute_excess_error(
     """
     if not real.shape == sim.shape == encoded.shape:
         raise ValueError(
-            f"pictures of shapes {real.shape} (real), {sim.shape} (sim) and {encoded.shape} (encoded); "
+            f"images of shapes {real.shape} (real), {sim.shape} (sim) and {encoded.shape} (encoded); "
             "render all three alike"
         )
     by_frame = np.mean((sim - real) ** 2 - (encoded - real) ** 2, axis=3)

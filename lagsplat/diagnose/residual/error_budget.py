@@ -67,7 +67,7 @@ def assess_perception(
         ValueError: a nominal error of zero on average, against which nothing has a ratio.
     """
     if not np.mean(error_nominal) > 0.0:
-        raise ValueError("the nominal pictures are drawn without any error; give errors of pictures held out")
+        raise ValueError("the nominal images are decoded without any error; give errors of held-out images")
     ratio = float(np.mean(error_real) / np.mean(error_nominal))
     cloud = MinCovDet(random_state=0).fit(latents_nominal)
     limit = np.quantile(cloud.mahalanobis(latents_nominal), ERROR_BUDGET.outside_quantile)
@@ -276,7 +276,9 @@ def _compute_jitters(estimates: Sequence[LatentForceEstimate]) -> list[float]:
 def _bootstrap_stage(name: str, squares: Sequence[float], floor: float | None, seed: int) -> ErrorStage:
     """Root of the mean of ``squares`` with its bootstrap interval over blocks."""
     values = np.asarray(squares, dtype=float)
-    drawn = np.random.default_rng(seed).integers(0, len(values), (ERROR_BUDGET.bootstrap_draws, len(values)))
+    resampled = np.random.default_rng(seed).integers(
+        0, len(values), (ERROR_BUDGET.bootstrap_draws, len(values))
+    )
     tail = 0.5 * (1.0 - ERROR_BUDGET.coverage)
-    low, high = np.sqrt(np.quantile(values[drawn].mean(axis=1), [tail, 1.0 - tail]))
+    low, high = np.sqrt(np.quantile(values[resampled].mean(axis=1), [tail, 1.0 - tail]))
     return ErrorStage(name, float(np.sqrt(values.mean())), float(low), float(high), floor)
