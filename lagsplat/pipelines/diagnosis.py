@@ -21,20 +21,23 @@ from lagsplat.diagnose.effects.base import SampleEffect
 from lagsplat.diagnose.effects.registry import list_effects
 from lagsplat.diagnose.estimation.dataset import sample_operating_region
 from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
+from lagsplat.diagnose.inference.identifiability import compute_separability
 from lagsplat.diagnose.inference.problem import measure_misfit
+from lagsplat.diagnose.inference.profile_likelihood import compute_profiles
 from lagsplat.diagnose.inference.recalibration import calibrate_null_evidence, match_windows
-from lagsplat.diagnose.residual.error_budget import PerceptionQuality
+from lagsplat.diagnose.residual.components import compute_residual_correlations
+from lagsplat.diagnose.residual.error_budget import ErrorStage, PerceptionQuality, measure_error_stages
+from lagsplat.diagnose.residual.latent_force import estimate_latent_force
 from lagsplat.diagnose.residual.localization import ResidualLocation, locate
-from lagsplat.io.trajectory.trajectory import Trajectory
+from lagsplat.io.trajectory.trajectory import Trajectory, leading_samples
 from lagsplat.pipelines.apply_diagnosis import AUGMENTED_FILE
-from lagsplat.pipelines.diagnosis_images import build_report_content
 from lagsplat.pipelines.diagnosis_inputs import LAWLESS, DiagnosisInputs, open_diagnosis_inputs
 from lagsplat.provenance import stamp
 from lagsplat.report.diagnosis.content import ReportContent, save_rollouts
 from lagsplat.report.diagnosis.html import save_report
 from lagsplat.report.diagnosis.serialization import save_diagnosis
 
-NOWHERE = "Where the gap lies cannot be told: along the real motion the sim's forces are not finite."
+NOWHERE = "The gap cannot be located: along the real motion the sim's forces are not finite."
 
 
 def run_diagnosis(
@@ -127,9 +130,9 @@ def _match_misfit(
 
 
 def discount_image_error(sim: EstimatedSimulator, seen: PerceptionQuality | None) -> EstimatedSimulator:
-    """The sim, missing the motion by as much more as its pictures are drawn worse than those that taught it.
+    """Raise the sim's misfit in proportion to the error of the real images over that of its own.
 
-    An encoder that errs in the pictures errs in the state, and does so smoothly along the motion.
+    An encoder with errors in the images has errors in the state, and they are smooth along the motion.
     """
     if seen is None or not seen.suspect:
         return sim
@@ -137,7 +140,7 @@ def discount_image_error(sim: EstimatedSimulator, seen: PerceptionQuality | None
 
 
 def _adapt_settings(inputs: DiagnosisInputs, config: DiagnoseConfig) -> DiagnoseConfig:
-    """The settings for this sim: how far it may be off, and what cannot be the cause."""
+    """Adapt the settings to the sim: its priors, correlation and inputs, and effects that are ruled out."""
     hold = inputs.hold or config.input_hold
     config = replace(
         config,
@@ -157,7 +160,7 @@ def _adapt_settings(inputs: DiagnosisInputs, config: DiagnoseConfig) -> Diagnose
 
 
 def locate_with_verdict(where: ResidualLocation, found: DiagnosisRun) -> ResidualLocation:
-    """Where the gap lies, given what it was found to be: as sure as the name, the rest by the residual."""
+    """Combine the verdict with the residual: the named components get its probability, the residual the rest."""
     chosen = [effect.effect for effect in found.chosen.effects]
     sure = found.diagnosis.candidates[0].probability
     own = [effect.component for effect in chosen if effect.component is not None]
@@ -168,12 +171,12 @@ def locate_with_verdict(where: ResidualLocation, found: DiagnosisRun) -> Residua
 
 
 def absorbed_effects() -> tuple[str, ...]:
-    """Effects that a sim fitted to the same recording has already taken up in its own terms."""
+    """Effects that a sim fitted to the same recording has already absorbed in its parameters."""
     return tuple(effect.name for effect in list_effects() if effect.absorbed_by_fit)
 
 
 def flag_extrapolation(found: Diagnosis, checked: DataCheck) -> Diagnosis:
-    """``found``, undetermined if nothing explains it and the sim was hardly seen there or is true nowhere."""
+    """Mark a verdict `unknown` as undetermined where the sim is extrapolated or misses its own recordings."""
     why = [finding.text for finding in checked.findings if finding.check in (MOSTLY_OUTSIDE_CHECK, LAWLESS)]
     if found.verdict != "unknown" or not why:
         return found
@@ -202,7 +205,7 @@ def diagnose_files(sim: str, real: str, out: Path, config: DiagnoseConfig, *, co
     require_writable(out)
     (out / "diagnosis.json").unlink(missing_ok=True)  # an older one must not pass for this one
     with warnings.catch_warnings(record=True) as caught, np.errstate(all="ignore"):
-        # Rollouts of a wrong hypothesis leave for good; what is not finite is refused where it is compared.
+        # rollouts of a wrong hypothesis overflow; what is not finite is rejected where it is compared
         warnings.simplefilter("always")
         inputs, found, exhibits = _diagnose_arguments(sim, real, config)
     found = replace(found, diagnosis=_add_warnings(found.diagnosis, caught))
@@ -212,7 +215,7 @@ def diagnose_files(sim: str, real: str, out: Path, config: DiagnoseConfig, *, co
     added = build_augmented_simulator(inputs, found)
     save_augmented(out / AUGMENTED_FILE, added, settings)
     diagnosis = write_mujoco_patch(sim, out / "patched.xml", added, diagnosis, config)
-    # without a row where nothing could be held out, so that an older file does not pass for this one's
+    # written even without blocks, so that no older file passes for this one's
     save_rollouts(out / "rollouts.csv", diagnosis.blocks, q_names=diagnosis.q_names)
     save_report(out / "report.html", diagnosis, replace(exhibits, command=command, stamp=stamp()))
     save_diagnosis(out / "diagnosis.json", diagnosis)
@@ -241,11 +244,15 @@ def _diagnose_arguments(
 
         report_progress("pictures")
         found, seen = build_image_content(inputs, found)
-        return inputs, found, replace(figures, picture=seen.picture, force=seen.force, film=seen.film)
+        return (
+            inputs,
+            found,
+            replace(figures, image_error=seen.image_error, image_force=seen.image_force, video=seen.video),
+        )
 
 
 def _explain_failure(checked: DataCheck, error: ValueError) -> str:
-    """Why nothing could be fitted, what was seen of the data beforehand coming first."""
+    """Say why nothing could be fitted, after the findings on the data."""
     text = str(error)
     if isinstance(error, np.linalg.LinAlgError) or "infs or NaNs" in text:
         text = "The sim cannot follow the real motions, its numbers overflow; check units and signs"
@@ -253,20 +260,20 @@ def _explain_failure(checked: DataCheck, error: ValueError) -> str:
 
 
 def _add_warnings(diagnosis: Diagnosis, caught: Sequence[warnings.WarningMessage]) -> Diagnosis:
-    """The diagnosis with what was warned of on the way, which a user must know and not a programmer."""
+    """Add the user warnings that were raised on the way; those for programmers are dropped."""
     said = [str(one.message) for one in caught if one.category is UserWarning]
     new = [text for text in dict.fromkeys(said) if text not in diagnosis.warnings]
     return replace(diagnosis, warnings=(*diagnosis.warnings, *new))
 
 
 def require_writable(out: Path) -> None:
-    """Refuse a place for results before minutes are spent on them.
+    """Check that results can be written to ``out``, before minutes are spent on them.
 
     Raises:
         OSError: ``out`` is a file, lies below one, or cannot be written to.
     """
     if out.exists() and not out.is_dir():
-        raise NotADirectoryError(f"out={out}: a file stands there; name a folder")
+        raise NotADirectoryError(f"out={out} is a file; name a folder")
     place = next(place for place in (out, *out.absolute().parents) if place.exists())
     if not place.is_dir():
         raise NotADirectoryError(f"out={out}: {place} is a file; name another folder")
@@ -277,7 +284,15 @@ def require_writable(out: Path) -> None:
 def write_mujoco_patch(
     sim: str, out: Path, added: AugmentedSimulator, diagnosis: Diagnosis, config: DiagnoseConfig
 ) -> Diagnosis:
-    """For a MuJoCo sim, its file with the effects that have a counterpart there; the diagnosis says which."""
+    """Write a MuJoCo sim's file with the effects that MuJoCo can express; ``checks`` lists them.
+
+    Args:
+        sim: the argument that names the sim; nothing is written unless it is a MuJoCo file.
+        out: the file to write.
+        added: the sim with its effects.
+        diagnosis: the diagnosis, returned with the list.
+        config: settings that name joints and actuators.
+    """
     if Path(sim).suffix.lower() not in (".xml", ".mjcf") or not added.effects:
         return diagnosis
     from lagsplat.diagnose.augmented.mujoco_export import patch_augmented
@@ -288,7 +303,7 @@ def write_mujoco_patch(
 
 
 def build_augmented_simulator(inputs: DiagnosisInputs, found: DiagnosisRun) -> AugmentedSimulator:
-    """The sim with the effects that were chosen, or with its own parameters re-anchored alone."""
+    """The sim with the chosen effects, or with its refitted parameters alone."""
     rollout_model, chosen = found.problem.rollout_model, found.chosen
     effects = [effect for effect in chosen.effects if not isinstance(effect.effect, SampleEffect)]
     return build_augmented(
@@ -299,3 +314,60 @@ def build_augmented_simulator(inputs: DiagnosisInputs, found: DiagnosisRun) -> A
         u_names=inputs.real[0].u_names,
         region=sample_operating_region(rollout_model.dataset),
     )
+
+
+def build_report_content(inputs: "DiagnosisInputs", found: DiagnosisRun) -> ReportContent:
+    """Content of the report beside the verdict: error budget, correlations, separability and profiles."""
+    noise_inflation, real = found.ranking.noise_inflation, inputs.real[0]
+    where = found.diagnosis.where
+    return ReportContent(
+        stages=compute_error_stages(inputs, found),
+        correlations=where
+        and compute_residual_correlations(where.smoothed, q_names=real.q_names, u_names=real.u_names),
+        separability=compute_separability(
+            found.problem, found.ranking.found, noise_inflation=noise_inflation
+        ),
+        profiles=tuple(compute_profiles(found.problem, found.chosen, noise_inflation=noise_inflation)),
+    )
+
+
+def compute_error_stages(inputs: "DiagnosisInputs", found: DiagnosisRun) -> tuple[ErrorStage, ...]:
+    """The error budget; its floors are the errors on the sim's own trajectories.
+
+    Empty where the residual could not be estimated.
+    """
+    if found.diagnosis.where is None:
+        return ()
+    checked, period_s = inputs.checked.sim, float(found.diagnosis.checks["natural_period_s"])
+    nominal = None
+    if checked is not None:
+        part = _first_part(checked.motions, MAX_NOMINAL_PERIODS * period_s)
+        hold = "zoh" if found.problem.rollout_model.held else "linear"
+        with contextlib.suppress(np.linalg.LinAlgError):  # the sim diverges even on its own trajectories
+            nominal = estimate_latent_force(inputs.sim.model, part, period_s=period_s, hold=hold)
+    image_quality = None if inputs.recordings is None else inputs.recordings.image_quality
+    return measure_error_stages(
+        inputs.sim.model,
+        found.diagnosis.where.smoothed,
+        nominal,
+        horizon_s=period_s,
+        image_errors=None
+        if image_quality is None
+        else (image_quality.error_real, image_quality.error_nominal),
+        block=10,
+    )
+
+
+def _first_part(motions: Sequence[Trajectory], length_s: float) -> list[Trajectory]:
+    """The first trajectories that last ``length_s`` together."""
+    kept: list[Trajectory] = []
+    for motion in motions:
+        if length_s > 0.0:
+            kept.append(leading_samples(motion, length_s))
+            length_s -= kept[-1].duration_s
+    return kept
+
+
+MAX_NOMINAL_PERIODS = (
+    40  # natural periods of the sim's own motions by which the floors of the ladder are told
+)

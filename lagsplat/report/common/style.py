@@ -1,7 +1,4 @@
-"""Logarithmic axes whose labels are plain text.
-
-One look for every figure, set in a context and never globally.
-"""
+"""One look for every figure, set in a context and never globally; figures as files and for pages."""
 
 import base64
 import io
@@ -9,38 +6,26 @@ import math
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import matplotlib as mpl
+from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colorbar import Colorbar
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from lagsplat.io.files.atomic import replace_atomically
 from lagsplat.report.common.formatting import format_power_of_ten
 
-SVG_LAYOUT_PASSES = 3
-SVG_PAD_IN = 0.09
-MAX_PLAIN_POWER = 3  # decades about one that are written out
-
-
-def label_decades(axis: Axis) -> None:
-    """Label decades as 0.1, 1, 10, far ones as powers, and nothing between."""
-    axis.set_major_formatter(lambda x, _: _decade(x))
-    axis.set_minor_formatter(lambda x, _: "")
-
-
-def _decade(x: float) -> str:
-    if not x > 0.0:
-        return ""
-    power = round(math.log10(x))
-    return f"{x:g}" if abs(power) <= MAX_PLAIN_POWER else format_power_of_ten(power)
-
-
 PAGE_IN = 7.0
-# Okabe and Ito's palette: told apart by readers with any common colour vision.
+# Okabe and Ito's palette, for readers with any common colour vision.
 ENCODED, PREDICTED, MARK, QUIET = "#0072B2", "#D55E00", "#009E73", "#7F7F7F"
 INPUTS = ("#56B4E9", "#E69F00", "#009E73", "#CC79A7", "#F0E442", "#000000")
+SVG_LAYOUT_PASSES = 3
+SVG_PAD_IN = 0.09
+MAX_PLAIN_POWER = 3  # largest power of ten that is written out
 
 
 @contextmanager
@@ -74,11 +59,58 @@ def paper_style() -> Iterator[None]:
 
 
 def new_figure(width_in: float, height_in: float, *, title: str) -> Figure:
-    """An empty figure with its caption line; call it within `paper_style`."""
+    """Create an empty figure with its caption line; call it within `paper_style`."""
     figure = Figure(figsize=(width_in, height_in), layout="constrained")
     FigureCanvasAgg(figure)
     figure.suptitle(title, x=0.01, ha="left")
     return figure
+
+
+def label_decades(axis: Axis) -> None:
+    """Label decades as 0.1, 1, 10, far ones as powers, and nothing between."""
+    axis.set_major_formatter(lambda x, _: _format_decade(x))
+    axis.set_minor_formatter(lambda x, _: "")
+
+
+def _format_decade(x: float) -> str:
+    if not x > 0.0:
+        return ""
+    power = round(math.log10(x))
+    return f"{x:g}" if abs(power) <= MAX_PLAIN_POWER else format_power_of_ten(power)
+
+
+def add_colorbar(figure: Figure, image: Any, axes: Any, label: str, **settings: Any) -> Colorbar:
+    """Add a labelled colour bar of ``image`` beside ``axes``; ``settings`` as of `Figure.colorbar`."""
+    bar = figure.colorbar(image, ax=axes, pad=0.01, **settings)
+    bar.set_label(label)
+    return bar
+
+
+def annotate(
+    axis: Axes,
+    text: str,
+    point: tuple[Any, Any],
+    *,
+    at: Any = "data",
+    offset: tuple[int, int] = (0, 0),
+    **style: Any,
+) -> None:
+    """Write ``text`` at a point of an axis.
+
+    Args:
+        axis: where to write.
+        text: what to write.
+        point: in the coordinates ``at``.
+        at: ``"data"``, ``"axes fraction"``, or one of the two for each direction.
+        offset: distance from the point, to the right and up [points].
+        style: as of `Axes.annotate`.
+    """
+    axis.annotate(text, point, offset, xycoords=at, textcoords="offset points", **style)
+
+
+def place_legend_above(axis: Axes, columns: int, height: float = 1.0) -> None:
+    """Place the legend above the right end of an axis, at ``height`` in shares of the axis."""
+    axis.legend(loc="lower right", bbox_to_anchor=(1.0, height), ncols=columns, borderaxespad=0.0)
 
 
 def save_figure(path: str | os.PathLike[str], figure: Figure) -> None:
@@ -88,7 +120,7 @@ def save_figure(path: str | os.PathLike[str], figure: Figure) -> None:
     with paper_style(), replace_atomically(path) as temporary:
         if figure.get_layout_engine() is not None:
             figure.draw_without_rendering()
-            # The layout refines itself at every drawing; one pass, and every format shows the same picture.
+            # The layout refines itself at every drawing; one pass, and every format shows the same drawing.
             figure.set_layout_engine("none")
         figure.savefig(temporary, metadata=dates)
 

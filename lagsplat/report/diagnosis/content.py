@@ -1,10 +1,7 @@
-"""What a report of a diagnosis may show beside the diagnosis itself; every part may be missing.
+"""What a report shows of a diagnosis, computed or read back: images, checks of the data, place, rollouts.
 
-What was known of a recording before anything was fitted, read from the checks of a diagnosis.
-
-What is known of where a gap lies, whichever parts of it were computed or read back.
-
-``rollouts.csv``: every held-out block, measured and forecast twice, so that anybody can score it again.
+`ReportContent` holds what stands beside the diagnosis. The functions read its loosely typed parts, ``checks``
+and ``where``, of which any may be missing, and write the held-out forecasts to ``rollouts.csv``.
 """
 
 import math
@@ -24,23 +21,37 @@ from lagsplat.diagnose.residual.components import ResidualCorrelations
 from lagsplat.io.files.atomic import replace_atomically
 from lagsplat.report.common.formatting import format_percent
 
+SEPARATE_CHECKS = ("findings", "excitation", "undetermined", "chain")
+"""Checks that have a function of their own; `read_measures` gives the others."""
+SEVERITY = {"refuse": 0, "undetermined": 1, "warn": 2}
+REQUIRED_FIELDS = ("level", "coordinates", "time_s", "frequency_hz", "state_region", "image_region")
+"""Fields of ``where`` in every `diagnosis.json`."""
+OPTIONAL_FIELDS = ("components", "memory_index", "evidence")
+MIN_EVENT_SHARE = 0.5
+"""Share of the residual from which the summary mentions a short event."""
+FORECAST_KINDS = ("real", "sim", "augmented")
+
 
 @dataclass(frozen=True)
 class ImageErrorMap:
-    """Excess error (H, W) of the sim's pictures over one; parts (left, top, right, bottom, share)."""
+    """Excess error (H, W) of the sim's images over one frame; parts (left, top, right, bottom, share)."""
 
-    picture: UInt8[np.ndarray, "H W 3"]
+    frame: UInt8[np.ndarray, "H W 3"]
     excess: Float64[np.ndarray, "H W"]
     parts: tuple[tuple[int, int, int, int, float], ...] = ()
 
 
 @dataclass(frozen=True)
 class ImageForceMap:
-    """Points (P, 2) of the body on one ``picture`` (x to the right, y down, pixels): the share ``explained``
-    (P,) by a force on each, and mean forces (P, 2) of those ``near`` the best; no force where not
-    ``localisable``."""
+    """How well a force on each point of the body explains the residual.
 
-    picture: UInt8[np.ndarray, "H W 3"]
+    ``points`` (P, 2) lie on ``frame`` (x to the right, y down, pixels). ``explained`` (P,) is the share that
+    a force on each explains, and ``forces`` (P, 2) are the mean forces; ``near`` are the points next to the
+    best.
+    Where the force is not ``localisable`` none is drawn.
+    """
+
+    frame: UInt8[np.ndarray, "H W 3"]
     points: Float64[np.ndarray, "P 2"]
     explained: Float64[np.ndarray, " P"]
     forces: Float64[np.ndarray, "P 2"]
@@ -50,8 +61,10 @@ class ImageForceMap:
 
 @dataclass(frozen=True)
 class VideoComparison:
-    """Pictures (T, H, W, 3) of one stretch: measured, forecast by the sim, and with the effects; shown
-    ``slowed`` times slower than they were filmed."""
+    """Frames (T, H, W, 3) of one stretch: measured, forecast by the sim, and with the effects.
+
+    They are shown ``slowed`` times slower than they were recorded.
+    """
 
     real: UInt8[np.ndarray, "T H W 3"]
     sim: UInt8[np.ndarray, "T H W 3"]
@@ -62,31 +75,30 @@ class VideoComparison:
 
 @dataclass(frozen=True)
 class ReportContent:
-    """``rungs`` of the ladder and ``maps_after`` are as `lagsplat.diagnose` computes them (`Rung`, `Map`);
-    ``steps`` (label, gap) lie between the refit sim and the last effect; ``command`` and ``digests`` say how
-    the diagnosis was made, ``stamp`` with what."""
+    """What a report shows beside the diagnosis itself; every part may be missing.
 
-    rungs: tuple[Any, ...] = ()
+    ``stages`` of the error budget and ``maps_after`` are as `lagsplat.diagnose.residual` computes them;
+    ``steps`` (label, gap) lie between the refit sim and the last effect. ``command`` and ``digests`` say how
+    the diagnosis was made, ``stamp`` with which code and libraries.
+    """
+
+    stages: tuple[Any, ...] = ()
     steps: tuple[tuple[str, float], ...] = ()
     maps_after: tuple[Any, ...] = ()
     separability: Separability | None = None
     profiles: tuple[ProfileLikelihood, ...] = ()
-    fingerprint: ResidualCorrelations | None = None
-    picture: ImageErrorMap | None = None
-    force: ImageForceMap | None = None
-    film: VideoComparison | None = None
+    correlations: ResidualCorrelations | None = None
+    image_error: ImageErrorMap | None = None
+    image_force: ImageForceMap | None = None
+    video: VideoComparison | None = None
     command: str = ""
     digests: Mapping[str, str] = field(default_factory=dict)
     stamp: Mapping[str, Any] = field(default_factory=dict)
 
 
-EXCITATION_GRADES = ("yes", "weak", "no")
-SEPARATE_CHECKS = ("findings", "excitation", "undetermined", "chain")
-
-
 @dataclass(frozen=True)
 class DataFinding:
-    """One finding of the data's checks: its ``level``, whose it is, and three sentences."""
+    """One finding of the checks of the data: its ``level``, the file it concerns, and three sentences."""
 
     level: str
     source: str
@@ -106,76 +118,65 @@ class EffectExcitation:
 
 
 def read_findings(diagnosis: Diagnosis) -> list[DataFinding]:
-    """The findings in ``checks["findings"]``, the gravest first; none where they were not made."""
-    rows = [_fields(row) for row in diagnosis.checks.get("findings") or ()]
+    """Read the findings in ``checks["findings"]``, the gravest first; none where there were no checks."""
+    rows = [_read_fields(row) for row in diagnosis.checks.get("findings") or ()]
     names = ("level", "source", "what", "why", "remedy")
-    found = [DataFinding(*(str(row.get(name) or "") for name in names)) for row in rows]
-    order = {"refuse": 0, "undetermined": 1, "warn": 2}
-    return sorted(found, key=lambda one: order.get(one.level, 3))
+    findings = [DataFinding(*(str(row.get(name) or "") for name in names)) for row in rows]
+    return sorted(findings, key=lambda finding: SEVERITY.get(finding.level, len(SEVERITY)))
 
 
 def read_excitations(diagnosis: Diagnosis) -> list[EffectExcitation]:
-    """What the recording can show, family by family, from ``checks["excitation"]``; none where not made."""
-    rows = [_fields(row) for row in diagnosis.checks.get("excitation") or ()]
+    """Read from ``checks["excitation"]`` which effects the recording can show; none where not computed."""
+    rows = [_read_fields(row) for row in diagnosis.checks.get("excitation") or ()]
     names = ("effect", "excited", "reason", "record")
     return [EffectExcitation(*(str(row.get(name) or "") for name in names)) for row in rows]
 
 
 def select_effects(rows: Sequence[EffectExcitation], grade: str) -> list[str]:
-    """Names of the effects of one grade."""
+    """Select the names of the effects of one grade."""
     return [row.effect for row in rows if row.excited == grade]
 
 
 def recommend_recordings(diagnosis: Diagnosis) -> list[tuple[str, str]]:
-    """What to record to see each effect that this recording shows badly, the likeliest of them first."""
-    told = [text.partition(": ")[::2] for text in diagnosis.excitation]
-    chance = {one.name: one.probability for one in diagnosis.candidates}
-    named = [(name, record) for name, record in told if name not in diagnosis.combination]
-    return sorted(named, key=lambda row: -chance.get(row[0], 0.0))
+    """Recommend what to record for each effect that this recording shows badly, the likeliest first."""
+    rows = [text.partition(": ")[::2] for text in diagnosis.excitation]
+    probabilities = {candidate.name: candidate.probability for candidate in diagnosis.candidates}
+    open_effects = [(name, record) for name, record in rows if name not in diagnosis.combination]
+    return sorted(open_effects, key=lambda row: -probabilities.get(row[0], 0.0))
 
 
 def read_measures(diagnosis: Diagnosis) -> dict[str, Any]:
-    """The other checks as plain values by name."""
-    return {
-        str(name): to_plain_data(value) for name, value in diagnosis.checks.items() if name not in SEPARATE_CHECKS
-    }  # fmt: skip
+    """Read the other checks as plain values by name."""
+    checks = diagnosis.checks.items()
+    return {str(name): to_plain_data(value) for name, value in checks if name not in SEPARATE_CHECKS}
 
 
 def explain_undecided(diagnosis: Diagnosis) -> list[str]:
-    """Why nothing can be decided, most telling first; one general sentence where no reason was given."""
-    told = diagnosis.checks.get("undetermined") or ()
-    if isinstance(told, str):
-        told = (told,)
-    grave = [one for one in read_findings(diagnosis) if one.level == "undetermined"]
-    found = [str(one) for one in told] or [f"{one.what}; {one.why}" for one in grave]
-    return (
-        found or list(diagnosis.warnings[:1]) or ["the candidates explain the recording about equally well"]
-    )
+    """Explain why nothing can be decided, the main reason first; one general sentence without a reason."""
+    given = diagnosis.checks.get("undetermined") or ()
+    reasons = [given] if isinstance(given, str) else [str(reason) for reason in given]
+    findings = [finding for finding in read_findings(diagnosis) if finding.level == "undetermined"]
+    reasons = reasons or [f"{finding.what}; {finding.why}" for finding in findings]
+    general = "the candidates explain the recording about equally well"
+    return reasons or list(diagnosis.warnings[:1]) or [general]
 
 
-def _fields(row: Any) -> Mapping[str, Any]:
-    made = to_plain_data(row)
-    if not isinstance(made, Mapping):
+def _read_fields(row: Any) -> Mapping[str, Any]:
+    fields_of_row = to_plain_data(row)
+    if not isinstance(fields_of_row, Mapping):
         raise TypeError(f"a check must have named fields, but is {row!r}")
-    return made
-
-
-REQUIRED_FIELDS = ("level", "coordinates", "time_s", "frequency_hz", "state_region", "image_region")
-"""What every `diagnosis.json` holds."""
-OPTIONAL_FIELDS = ("components", "memory_index", "evidence")
-MIN_EVENT_SHARE = 0.5
-"""Share of the residual from which on a short event is told of."""
+    return fields_of_row
 
 
 def get_location(where: Any, name: str) -> Any:
-    """One field of ``where``, an object or a mapping; None where it was not computed."""
+    """Get one field of ``where``, an object or a mapping; None where it was not computed."""
     if isinstance(where, Mapping):
         return where.get(name)
     return getattr(where, name, None)
 
 
 def list_missing_fields(where: Any) -> tuple[str, ...]:
-    """The fields that are missing. An image region of None says that there are no pictures, and is not."""
+    """List the fields that are missing; an image region of None only says that there are no images."""
     if isinstance(where, Mapping) and "not_computed" in where:
         return tuple(where["not_computed"])
     absent = object()
@@ -188,7 +189,7 @@ def list_missing_fields(where: Any) -> tuple[str, ...]:
 
 
 def find_main_coordinate(where: Any) -> str | None:
-    """The coordinate with the largest share of the residual; None where none has any."""
+    """Find the coordinate with the largest share of the residual; None where none has any."""
     shares = get_location(where, "coordinates") or {}
     if not shares or max(shares.values()) <= 0.0:
         return None
@@ -196,25 +197,22 @@ def find_main_coordinate(where: Any) -> str | None:
 
 
 def describe_event(where: Any, period_s: float) -> str:
-    """When most of the residual acts, in a sentence, if that is within a natural period; else nothing."""
+    """Describe when most of the residual acts, if that is within a natural period [s]; else empty."""
     events = get_location(where, "time_s") or ()
     if not events:
         return ""
     file, start_s, end_s, share = events[0]
     if share < MIN_EVENT_SHARE or not end_s - start_s < period_s:
         return ""
-    return (
-        f" {format_percent(share)} of what is missing acts between {start_s:.4g} and {end_s:.4g} s of {file}."
-    )
-
-
-FORECAST_KINDS = ("real", "sim", "augmented")
+    percent = format_percent(share)
+    return f" {percent} of what is missing acts between {start_s:.4g} and {end_s:.4g} s of {file}."
 
 
 def build_rollouts_table(blocks: Sequence[Block], *, q_names: Sequence[str] = ()) -> pd.DataFrame:
-    """Columns ``file, block, t``, then every coordinate as measured, of the sim and of the sim with effects.
+    """Build the table of all held-out blocks, measured and forecast twice, so that anybody can score them.
 
-    ``t`` is the recording's own clock [s]. Names default to ``q0, q1, ...``.
+    Its columns are ``file, block, t``, then every coordinate as measured, of the sim and of the sim with
+    effects. ``t`` is the recording's own clock [s]. Names default to ``q0, q1, ...``.
 
     Raises:
         ValueError: blocks or names of different numbers of coordinates.
@@ -245,7 +243,7 @@ def save_rollouts(
 
 
 def load_rollouts(path: str | os.PathLike[str]) -> tuple[tuple[Block, ...], tuple[str, ...]]:
-    """The blocks of a file and the names of their coordinates.
+    """Load the blocks of a file and the names of their coordinates.
 
     Raises:
         ValueError: the columns are not those of rollouts.
@@ -269,9 +267,7 @@ def load_rollouts(path: str | os.PathLike[str]) -> tuple[tuple[Block, ...], tupl
 
 
 def to_plain_data(value: Any) -> Any:
-    """Dataclasses, mappings, sequences and arrays as dictionaries and lists; what is not finite as None.
-
-    JSON knows neither infinity nor NaN, and readers other than Python's stumble over them.
+    """Convert to what JSON can hold: dictionaries and lists, with None in the place of infinity and NaN.
 
     Raises:
         TypeError: something that has no such form.
@@ -285,11 +281,11 @@ def to_plain_data(value: Any) -> Any:
     if is_dataclass(value) and not isinstance(value, type):
         return {field.name: to_plain_data(getattr(value, field.name)) for field in fields(value)}
     if isinstance(value, Mapping):
-        return {str(key): to_plain_data(one) for key, one in value.items()}
-    if isinstance(value, list | tuple | set | frozenset):
-        return [
-            to_plain_data(one) for one in (sorted(value) if isinstance(value, set | frozenset) else value)
-        ]
+        return {str(key): to_plain_data(element) for key, element in value.items()}
+    if isinstance(value, set | frozenset):
+        return [to_plain_data(element) for element in sorted(value)]
+    if isinstance(value, list | tuple):
+        return [to_plain_data(element) for element in value]
     if isinstance(value, np.ndarray):
         return to_plain_data(value.tolist())
     if isinstance(value, os.PathLike):

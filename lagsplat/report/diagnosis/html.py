@@ -89,7 +89,7 @@ def render_report(diagnosis: Diagnosis, content: ReportContent) -> str:
         advice=[f"{short_title(name)}: {record}" for name, record in recommend_recordings(diagnosis)],
         warnings=_select_warnings(diagnosis),
         figures=[drawing for drawing in drawn if drawing.figure is not None],
-        video=None if content.film is None else encode_video_uri(content.film),
+        video=None if content.video is None else encode_video_uri(content.video),
         missing=_list_missing(diagnosis, [drawing.title for drawing in drawn if drawing.figure is None]),
         candidates=[_format_candidate(candidate, diagnosis) for candidate in diagnosis.candidates],
         descriptions=_describe_likely(diagnosis),

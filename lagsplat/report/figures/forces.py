@@ -62,7 +62,7 @@ def draw_space_push(held: OperatingPoint, push: SpacePush, *, title: str) -> Fig
         figure = new_figure(PAGE_IN, 3 * (side * height / width + 0.12) + 0.35, title=title)
         axes = figure.subplots(3, 3, squeeze=False)
         for column, (camera, (yaw, pitch)) in enumerate(zip(cameras, VIEW_ANGLES_DEG, strict=True)):
-            pictures = held.pictures(q, scale=SUPERSAMPLING, view=make_view([camera]))
+            pictures = held.render_images(q, scale=SUPERSAMPLING, view=make_view([camera]))
             for row, (axis, picture) in enumerate(zip(axes[:, column], pictures, strict=True)):
                 axis.imshow(picture.clip(0.0, 1.0), extent=(0, width, height, 0))
                 if row:
@@ -240,15 +240,15 @@ def compute_force_panels(held: OperatingPoint, config: ForcesConfig, *, hanging:
     radius = config.brush * held.kinematics.width
     named = _hanging(held, config, radius) if hanging else _rolling(held, config, radius)
     loads = torch.stack([torch.stack([push.load for push in pushes]).sum(0) for _, pushes in named])
-    states = held.settled(loads)
+    states = held.equilibria(loads)
     scale = -(-MIN_WIDTH_PX // held.kinematics.width)
-    pictures = held.pictures(states, scale=scale)
+    pictures = held.render_images(states, scale=scale)
     panels = tuple(
         _panel(held, name, pushes, q, picture)
         for (name, pushes), q, picture in zip(named, states, pictures, strict=True)
     )
-    seen = draw_outline(held.pictures(held.rest[None], scale=scale)[0], scene)
-    return ForcePanels(panels, seen, scene.motion.shape, held.rest.numpy(), held.reach)
+    seen = draw_outline(held.render_images(held.rest[None], scale=scale)[0], scene)
+    return ForcePanels(panels, seen, scene.motion.shape, held.rest.numpy(), held.visited_radius)
 
 
 def _panel(
@@ -269,7 +269,7 @@ def _rolling(held: OperatingPoint, config: ForcesConfig, radius: float) -> list[
     scene = find_moving_parts(held.autoencoder, held.chart, held.rest.numpy())
     grips = [_grip(held, point, radius) for point in choose_lever_points(scene, margin=radius)]
     far = grips[-1]
-    size = held.magnitude(far, DOWN, share=config.response)
+    size = held.find_force_size(far, DOWN, share=config.response)
     named = [("lever", [ImagePush(grip, DOWN, size)]) for grip in grips[:3]]
     named += [("direction", [ImagePush(far, direction, size)]) for direction in (DOWN, OBLIQUE, RIGHT)]
     found = []
@@ -288,8 +288,8 @@ def _hanging(held: OperatingPoint, config: ForcesConfig, radius: float) -> list[
     middle, tip = (_grip(held, point, radius) for point in points)
     across = np.array([-along[1], along[0]])
     across = across * np.sign(across[0])
-    size = held.magnitude(tip, across, share=config.response)
-    axial = held.magnitude(tip, along, share=config.response)
+    size = held.find_force_size(tip, across, share=config.response)
+    axial = held.find_force_size(tip, along, share=config.response)
     named = [
         (name, [ImagePush(grip, sign * direction, amount)])
         for name, grip, direction, amount in (

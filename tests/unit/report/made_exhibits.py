@@ -60,7 +60,7 @@ def exhibits():
                                    0.1 * before.score)  # fmt: skip
     grid = np.linspace(0.74, 0.87, 11)
     return ReportContent(
-        rungs=(
+        stages=(
             MadeRung("perception", 0.021, 0.02, 0.022, 0.02),
             MadeRung("chart", 0.011, 0.010, 0.012, 0.01),
             MadeRung("one step", 0.016, 0.014, 0.019, 0.011),
@@ -74,14 +74,14 @@ def exhibits():
             ProfileLikelihood("stribeck_friction", "velocity", "q1/s", np.geomspace(0.002, 0.5, 11),
                     -np.maximum(np.linspace(-3, 3, 11), 0.0) ** 2),
         ),
-        fingerprint=ResidualCorrelations(
+        correlations=ResidualCorrelations(
             ("q0", "q1"), ("u0", "du0", "q", "v", "sign v", "|v| v", "q²", "q³", "t"),
             np.array([[0.4, 0.5, 0.7, 0.9, 0.6, 0.5, 0.3, 0.2, 0.8],
                       [0.3, 0.4, 0.6, 5.2, 9.1, 3.8, 0.7, 0.5, 0.9]]),
         ),
-        picture=picture_gap(),
-        force=picture_force(),
-        film=film(),
+        image_error=picture_gap(),
+        image_force=picture_force(),
+        video=film(),
         command="lagsplat diagnose sim=sim.csv real=swing.csv out=out",
         digests={"swing.csv": "ab" * 32, "sim.csv": "cd" * 32},
         stamp={"package": "lagsplat", "commit": "0" * 40, "dirty": False, "python": "3.11.9",

@@ -137,7 +137,7 @@ def test_pairs_below_three_nats_are_framed(drawn):
 
 def test_a_force_that_cannot_be_placed_is_not_drawn():
     placed, vague = (
-        draw_image_maps(ReportContent(force=made_exhibits.picture_force(localisable=there)))
+        draw_image_maps(ReportContent(image_force=made_exhibits.picture_force(localisable=there)))
         for there in (True, False)
     )
     assert any(isinstance(one, mpl.quiver.Quiver) for one in placed.axes[1].get_children())
