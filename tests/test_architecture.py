@@ -157,7 +157,9 @@ def test_no_drawers_and_no_relative_imports(trees: dict[Path, ast.Module]) -> No
 
 def test_packages_hold_a_docstring_and_import_nothing(trees: dict[Path, ast.Module]) -> None:
     for path in MODULES:
-        if path.name == "__init__.py":
+        if (
+            path.name == "__init__.py" and path.parent != PACKAGE
+        ):  # the public face names what is in the rooms
             body = trees[path].body
             assert ast.get_docstring(trees[path]), short(path)
             assert not any(isinstance(node, ast.Import | ast.ImportFrom) for node in body), short(path)
@@ -182,6 +184,7 @@ def test_importing_defines_and_does_nothing(trees: dict[Path, ast.Module]) -> No
     active = [
         f"{short(path)}:{node.lineno}"
         for path in MODULES
+        if path != PACKAGE / "__init__.py"  # it makes two packages callable
         for node in trees[path].body
         if not is_definition(node)
     ]

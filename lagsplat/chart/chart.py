@@ -34,6 +34,12 @@ class Chart:
     ``metric * metric_scale`` is the mean squared image change per whitened unit, summed over pixels and
     channels. ``rest`` encodes the rest image. The first ``n_train`` frames are for training.
     ``smoothing_frames`` is the sigma with which later stages smooth latents and inputs, in median spacings.
+
+    Example:
+        >>> import lagsplat
+        >>> chart = lagsplat.open_run("run").chart
+        >>> chart.latents.shape[1] == chart.d
+        True
     """
 
     mean: Float64[np.ndarray, " d"]

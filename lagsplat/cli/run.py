@@ -3,9 +3,7 @@
 import os
 import sys
 import warnings
-import zipfile
 from argparse import Namespace
-from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +11,7 @@ from jaxtyping import Float64
 
 from lagsplat.cli.main import CommandError, split_words
 from lagsplat.config.compose import compose
-from lagsplat.provenance import code_digest, set_threads
+from lagsplat.provenance import set_threads
 
 FITTED_RUN_KEYS = ("run", "out", "input", "seconds", "frame")
 AUGMENTED_KEYS = ("run", "out", "input", "seconds", "initial", "input_hold")
@@ -30,6 +28,7 @@ def inspect_file(given: Namespace) -> None:
     from lagsplat.io.read import read_recording
     from lagsplat.io.recording.recording import load_recording
     from lagsplat.io.recording.segments import split_train_held_out
+    from lagsplat.pipelines.steps import reading_overrides
     from lagsplat.report.inspection import describe_recording, describe_video, propose_system
 
     if path.suffix == ".mcap":
@@ -60,20 +59,6 @@ def inspect_file(given: Namespace) -> None:
             print(propose_system(recording, path=path, settings=experiment.recording))
 
 
-def reading_overrides(path: Path) -> list[str]:
-    """How a file is read by default: an archive by its pressures, a log by its topics, else as a video."""
-    source = ["recording=filmed", f"recording.path={str(path)!r}"]
-    if path.suffix == ".safetensors":
-        return source
-    if path.suffix == ".mcap":
-        return [*source, "recording.kind=mcap"]
-    if path.suffix != ".npz":
-        return [*source, "recording.kind=video", "recording.n_inputs=0", "recording.dt_s=null"]
-    names = zipfile.ZipFile(path).namelist() if zipfile.is_zipfile(path) else []
-    pressures = sum(name.removesuffix(".npy")[1:].isdigit() for name in names if name.startswith("p"))
-    return [*source, "recording.kind=krauss", f"recording.n_inputs={pressures}"]
-
-
 def fit_recording(given: Namespace) -> None:
     """Fit every stage to one recording."""
     keys, overrides = split_words(given.words, needed=("out",), allowed=("out",))
@@ -81,8 +66,7 @@ def fit_recording(given: Namespace) -> None:
     from lagsplat.runs.fit import fit_run
 
     set_threads(os.cpu_count() or 1)
-    header = {"config": asdict(experiment), "code": code_digest("lagsplat.runs.fit")}
-    fit_run(experiment, out=Path(keys["out"]), header=header)
+    fit_run(experiment, out=Path(keys["out"]))
     print(keys["out"])
 
 

@@ -37,6 +37,11 @@ def compose(*overrides: str) -> Config:
 
     Raises:
         ConfigError: an unknown key or choice, a value of the wrong type or outside its domain.
+
+    Example:
+        >>> import lagsplat
+        >>> lagsplat.compose("system=rainbow_rocker", "stage1.steps=9").stage1.steps
+        9
     """
     for item in overrides:
         if not re.match(r"[A-Za-z_][\w.]*=", item):

@@ -67,7 +67,7 @@ def settle(
     for _ in range(0 if overflow else ITERATIONS):
         left = ~(force.norm(dim=1) <= TOLERANCE * scale)  # what is not a number is left, too
         if not bool(left.any()):
-            return _polished(loaded, q, u, force, hessian, ready)
+            return _polish(loaded, q, u, force, hessian, ready)
         q = torch.where(left[:, None], _descend(loaded, q, u, force, hessian), q)
         force, hessian = _slopes(loaded, q, u, ready)
     worst = int((force.norm(dim=1) / scale).nan_to_num(torch.inf).argmax())
@@ -78,12 +78,12 @@ def settle(
     )
 
 
-def potential_energy(law: Lagrangian, q: Latents, u: Inputs) -> Float[Tensor, " B"]:
+def compute_loaded_energy(law: Lagrangian, q: Latents, u: Inputs) -> Float[Tensor, " B"]:
     """``V - u.nu``, and less the work of the load if there is one."""
     return law.potential(q) - (law.volume(q, u) * u).sum(1)
 
 
-def static_stiffness(law: Lagrangian, q: Latents, u: Inputs) -> Float[Tensor, "B d d"]:
+def compute_static_stiffness(law: Lagrangian, q: Latents, u: Inputs) -> Float[Tensor, "B d d"]:
     """The symmetric Hessian of the energy at ``q``."""
     return _slopes(law, q, u, law.prepare())[1]
 
@@ -109,11 +109,11 @@ def _descend(
     size = size.clamp(min=LEAST_CURVATURE * size.amax(1, keepdim=True).clamp(min=1e-300))
     step = (vectors @ ((vectors.mT @ force[:, :, None])[:, :, 0] / size)[:, :, None])[:, :, 0]
     gain = (step * force).sum(1)
-    before = potential_energy(law, q, u)
+    before = compute_loaded_energy(law, q, u)
     fine = gain <= UNRESOLVED * (1.0 + before.abs())
     length = torch.ones_like(gain)
     while True:
-        after = potential_energy(law, q + length[:, None] * step, u)
+        after = compute_loaded_energy(law, q + length[:, None] * step, u)
         falls: Bool[Tensor, " B"] = fine | (after <= before - DECREASE * length * gain)
         if bool(falls.all()) or float(length.min()) < SHORTEST:
             return torch.where(falls[:, None], q + length[:, None] * step, q)
@@ -121,7 +121,7 @@ def _descend(
 
 
 @torch.no_grad()
-def _polished(
+def _polish(
     law: Lagrangian,
     q: Latents,
     u: Inputs,
@@ -147,6 +147,12 @@ STILL = 1e-6
 class OperatingPoint:
     """A law at rest under the constant inputs ``u`` (n_u,), in the state ``rest`` (d,); ``reach`` is how
     far training states lie from there, the 99th percentile [whitened units].
+
+    Example:
+        >>> import lagsplat
+        >>> point = lagsplat.hold("run")
+        >>> point.rest.shape
+        torch.Size([2])
     """
 
     autoencoder: Autoencoder
@@ -155,13 +161,13 @@ class OperatingPoint:
     kinematics: MatterKinematics
     u: Float[Tensor, " n_u"]
     rest: Float[Tensor, " d"]
-    reach: float
+    visited_radius: float
 
-    def settled(self, loads: Float[Tensor, "B d"]) -> Latents:
+    def equilibria(self, loads: Float[Tensor, "B d"]) -> Latents:
         """Equilibria under generalised forces, one a row."""
         return settle(self.law, self.u.expand(len(loads), -1), loads, start=self.rest)
 
-    def pictures(
+    def render_images(
         self, q: Latents, *, scale: int = 1, view: View | None = None
     ) -> Float[np.ndarray, "B H W 3"]:
         """Pictures at whitened states, ``scale`` times as large as in training; in space of any camera."""
@@ -172,7 +178,9 @@ class OperatingPoint:
             )
         return np.moveaxis(drawn.cpu().numpy(), 1, 3)
 
-    def magnitude(self, grip: GraspPoint, direction: Float64[np.ndarray, " n"], *, share: float) -> float:
+    def find_force_size(
+        self, grip: GraspPoint, direction: Float64[np.ndarray, " n"], *, share: float
+    ) -> float:
         """The force along ``direction`` on ``grip`` that drives the state ``share`` of the reach away.
 
         In the law's own units of energy per pixel. Found among forces four decades apart at most, around what
@@ -187,11 +195,11 @@ class OperatingPoint:
                 f"a force along {direction.tolist()} moves nothing at {grip.at.tolist()}: the matter there "
                 "does not move that way; choose another point or direction"
             )
-        small = 1e-3 * self.reach / float(unit.norm())
-        answer = float((self.settled(small * unit[None])[0] - self.rest).norm())
-        linear = share * self.reach * small / answer
+        small = 1e-3 * self.visited_radius / float(unit.norm())
+        answer = float((self.equilibria(small * unit[None])[0] - self.rest).norm())
+        linear = share * self.visited_radius * small / answer
         sizes = torch.from_numpy(np.geomspace(linear / np.sqrt(SPAN), linear * np.sqrt(SPAN), MAGNITUDES))
-        away = (self.settled(sizes[:, None] * unit) - self.rest).norm(dim=1) / self.reach
+        away = (self.equilibria(sizes[:, None] * unit) - self.rest).norm(dim=1) / self.visited_radius
         return float(np.exp(np.interp(np.log(share), away.log().numpy(), sizes.log().numpy())))
 
 
@@ -216,7 +224,7 @@ class NoScaleError(ValueError):
     """A poke that no energy scale makes the law answer as measured; the message says why."""
 
 
-def share_of_motion(
+def compute_motion_ratio(
     answer: Float64[np.ndarray, "*B P n"], measured: Float64[np.ndarray, "P n"]
 ) -> Float64[np.ndarray, "*B"]:
     """How much of the measured ways an answer makes, by least squares: 1 where it is as large."""
@@ -242,10 +250,10 @@ def fit_energy_scale(
     direction = torch.from_numpy(load)
 
     def shares(sizes: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, " n"]:
-        away = (held.settled(torch.from_numpy(sizes)[:, None] * direction) - held.rest).numpy()
-        return share_of_motion(np.einsum("pcd,nd->npc", jacobian, away), measured)
+        away = (held.equilibria(torch.from_numpy(sizes)[:, None] * direction) - held.rest).numpy()
+        return compute_motion_ratio(np.einsum("pcd,nd->npc", jacobian, away), measured)
 
-    small = 1e-3 * held.reach / max(float(np.linalg.norm(load)), 1e-300)
+    small = 1e-3 * held.visited_radius / max(float(np.linalg.norm(load)), 1e-300)
     slope = float(shares(np.array([small]))[0]) / small
     if not slope > 0.0:
         raise NoScaleError(

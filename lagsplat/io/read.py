@@ -103,6 +103,12 @@ def read_trajectory(path: str | os.PathLike[str], *, columns: Mapping[str, str] 
 
     Raises:
         FileNotFoundError, ValueError: as `read_trajectory_file` and `read_session_motion`.
+
+    Example:
+        >>> import lagsplat
+        >>> trajectory = lagsplat.read_trajectory("real.csv")
+        >>> trajectory.q_names, trajectory.u_names
+        (('q0',), ('u0',))
     """
     if os.fspath(path).lower().endswith(".mcap"):
         return read_session_motion(path)

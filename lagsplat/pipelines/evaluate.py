@@ -1,5 +1,6 @@
 """Score a fitted run under the protocol it was made with."""
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -8,9 +9,9 @@ from omegaconf import OmegaConf
 
 from lagsplat.config.compose import ConfigError, rebuild
 from lagsplat.evaluate.config import EvaluateConfig
-from lagsplat.evaluate.evaluate import evaluate
+from lagsplat.evaluate.evaluate import evaluate as evaluate_models
 from lagsplat.io.files.json_files import load_json
-from lagsplat.runs.run import FittedRun, locate_artefact
+from lagsplat.runs.run import FittedRun, locate_artefact, open_run
 from lagsplat.stage2.fit import load_dynamics
 
 
@@ -39,4 +40,30 @@ def read_protocol(folder: Path, changes: Sequence[str] = ()) -> EvaluateConfig:
 
 def evaluate_run(run: FittedRun, config: EvaluateConfig) -> dict[str, Any]:
     """Every score of a run under a protocol."""
-    return evaluate(run.autoencoder, run.chart, run.lagrangian, run.recording, config)
+    return evaluate_models(run.autoencoder, run.chart, run.lagrangian, run.recording, config)
+
+
+def evaluate(run: FittedRun | str | os.PathLike[str], *overrides: str) -> dict[str, Any]:
+    """Score a run on the held-out part of its recording, under the protocol it was made with.
+
+    Args:
+        run: A fitted run from a folder, or the folder.
+        overrides: Changes of the protocol, such as ``"evaluate.starts=20"``.
+
+    Returns:
+        Scores by name, and the curves behind them; errors are mean squares of images in [0, 1] or fractions.
+
+    Raises:
+        FileNotFoundError: nothing says how the run is scored.
+        ValueError: a change of something else than the protocol, or a run that was never in a folder.
+
+    Example:
+        >>> import lagsplat
+        >>> scores = lagsplat.evaluate("run", "evaluate.starts=2")["scores"]
+        >>> 0 < scores["ae_floor"] < 1
+        True
+    """
+    run = run if isinstance(run, FittedRun) else open_run(run)
+    if run.folder is None:
+        raise ValueError("this run has no folder, which holds how it is scored; open it with open_run")
+    return evaluate_run(run, read_protocol(run.folder, overrides))

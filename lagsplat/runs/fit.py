@@ -4,6 +4,7 @@ The workflow calls the same functions one job at a time and keeps what it can; t
 """
 
 import logging
+import os
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -15,6 +16,7 @@ from lagsplat.io.read import read_recording
 from lagsplat.io.recording.recording import Recording, save_recording
 from lagsplat.io.recording.segments import split_train_held_out
 from lagsplat.novel_views.sharp import obtain_views
+from lagsplat.provenance import code_digest
 from lagsplat.runs.run import FittedRun
 from lagsplat.stage1.autoencoder import save_autoencoder
 from lagsplat.stage1.fit import fit_autoencoder
@@ -34,15 +36,32 @@ def obtain_recording(experiment: Config) -> tuple[Recording, Truth | None]:
     return simulate_system(experiment.simulation, experiment.release, seed=0)
 
 
-def fit_run(experiment: Config, *, out: Path, header: Mapping[str, Any]) -> FittedRun:
+def fit_run(
+    experiment: Config, *, out: str | os.PathLike[str], header: Mapping[str, Any] | None = None
+) -> FittedRun:
     """Fit every stage to the experiment's recording and write the artefacts to the folder ``out``.
 
     The first autoencoder seed and the first dynamics seed of the experiment are used. A fit that was stopped
     continues from the checkpoint of stage 1.
 
+    Args:
+        experiment: From `lagsplat.compose`.
+        out: The folder.
+        header: Plain data kept in every artefact; the settings and the digest of the code if left out.
+
     Raises:
         ValueError: the recording is unreadable or too short for the split, or stage 1 learned nothing.
+
+    Example:
+        >>> import lagsplat
+        >>> experiment = lagsplat.compose("profile=toy", "system=toy", "simulation.n_frames=9")
+        >>> lagsplat.fit_run(experiment, out="short")
+        Traceback (most recent call last):
+        ValueError: ...
     """
+    out = Path(out).expanduser()
+    if header is None:
+        header = {"config": asdict(experiment), "code": code_digest(__name__)}
     made, truth = obtain_recording(experiment)
     recording = split_train_held_out(made, experiment.recording.split)
     train, _ = recording.split()

@@ -24,7 +24,14 @@ ARTEFACTS = ("recording", "autoencoder", "chart", "dynamics")
 
 @dataclass(frozen=True)
 class FittedRun:
-    """One trained simulation: its recording, image model, chart and dynamics."""
+    """One trained simulation: its recording, image model, chart and dynamics.
+
+    Example:
+        >>> import lagsplat
+        >>> run = lagsplat.open_run("run")
+        >>> run.recording.n_frames == len(run.chart.latents)
+        True
+    """
 
     recording: Recording
     autoencoder: Autoencoder
@@ -39,6 +46,11 @@ def open_run(folder: str | Path) -> FittedRun:
 
     Raises:
         FileNotFoundError: an artefact is neither there nor in the two folders above.
+
+    Example:
+        >>> import lagsplat
+        >>> lagsplat.open_run("run").chart.d
+        2
     """
     folder = Path(folder).expanduser()
     paths = {name: locate_artefact(folder, name) for name in ARTEFACTS}
@@ -74,6 +86,13 @@ def rollout(
     Raises:
         ValueError: the number of inputs is not the run's, the frame is not in the recording, or its clip has
         less than three frames.
+
+    Example:
+        >>> import lagsplat, numpy
+        >>> run = lagsplat.open_run("run")
+        >>> states, velocities = lagsplat.rollout(run, numpy.zeros((9, 2)))
+        >>> states.shape
+        (9, 2)
     """
     chart = run.chart
     if inputs.shape[1] != chart.inputs.shape[1]:

@@ -41,6 +41,11 @@ class Gaussians(nn.Module):
     reference camera covers at its pivot, see `lagsplat.views.camera`.
 
     Source: paper eqs. (schur-mean), (schur-cov), (latent_opacity).
+
+    Example:
+        >>> import lagsplat
+        >>> lagsplat.Gaussians(100, d=2).n
+        100
     """
 
     def __init__(self, n: int, d: int, *, space: int = 2, background: str = "learned") -> None:

@@ -27,6 +27,13 @@ def rasterize(
         ValueError: shapes, types or devices do not fit together.
 
     Source: the image model in `lagsplat.splat.image_model`.
+
+    Example:
+        >>> import lagsplat, torch
+        >>> means, opacity = torch.tensor([[[8.0, 4.0]]]), torch.ones(1, 1)
+        >>> covariance, color = torch.tensor([[[4.0, 0.0, 4.0]]]), torch.ones(1, 1, 3)
+        >>> lagsplat.rasterize(means, covariance, opacity, color, torch.zeros(3), height=8, width=16).shape
+        torch.Size([1, 3, 8, 16])
     """
     require_scene(means, covariance, opacity, color, background, height=height, width=width)
     frames = [

@@ -32,6 +32,12 @@ class Autoencoder(nn.Module):
         lens: Focal lengths and principal point (x, y, x, y) [px] of the film's camera, where the Gaussians
             live in space (`lagsplat.views.camera`); None where they live in the picture.
         backend: Rasteriser, see `lagsplat.splat.backend.choose_rasterizer`.
+
+    Example:
+        >>> import lagsplat
+        >>> model = lagsplat.open_run("run").autoencoder
+        >>> model.height, model.width
+        (...)
     """
 
     def __init__(

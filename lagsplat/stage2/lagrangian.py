@@ -83,6 +83,12 @@ class Lagrangian(nn.Module):
     them. Every network starts at zero.
 
     Source: paper eqs. (EL), (pressure) and Appendix, "Bounded forced response".
+
+    Example:
+        >>> import lagsplat, torch
+        >>> lagrangian = lagsplat.open_run("run").lagrangian
+        >>> lagrangian.potential(torch.zeros(1, lagrangian.d, dtype=torch.float64)).shape
+        torch.Size([1])
     """
 
     time_unit_s: Tensor

@@ -77,7 +77,13 @@ def unregister_effect(name: str) -> None:
 
 
 def list_effects() -> list[Effect]:
-    """All effects in the order in which people read them: by group, and by number within it."""
+    """All effects in the order in which people read them: by group, and by number within it.
+
+    Example:
+        >>> import lagsplat
+        >>> "coulomb_friction" in [effect.name for effect in lagsplat.effects()]
+        True
+    """
     return sorted(catalogue().values(), key=lambda effect: (effect.group, effect.number, effect.name))
 
 

@@ -34,6 +34,14 @@ class Recording:
 
     Raises:
         ValueError: a field breaks one of these rules; the message names the source, the field and the value.
+
+    Example:
+        >>> import lagsplat, numpy
+        >>> frames = numpy.zeros((3, 4, 4, 3), numpy.uint8)
+        >>> meta = {"origin": "filmed", "source": "black", "sha256": "0", "licence": "none"}
+        >>> times = numpy.arange(3.0)
+        >>> lagsplat.Recording(frames, times, numpy.zeros((3, 0)), (), (), meta=meta).n_frames
+        3
     """
 
     # Shapes are not in the annotations, because they are checked in every run, with messages for users.

@@ -31,6 +31,12 @@ class Trajectory:
 
     Raises:
         ValueError: a field breaks one of these rules; the message names the source, the field and the row.
+
+    Example:
+        >>> import lagsplat, numpy
+        >>> t = numpy.linspace(0, 1, 5)
+        >>> lagsplat.Trajectory(t, q=numpy.sin(t)[:, None], u=numpy.zeros((5, 0))).d
+        1
     """
 
     # Shapes are not in the annotations, because they are checked in every run, with messages for users.

@@ -1,0 +1,337 @@
+"""Each step from a video to a diagnosed simulation as one call with plain arguments.
+
+These are the functions of ``import lagsplat``. They read the settings of ``conf/`` and call the steps of the
+other rooms, which take typed settings. Overrides are words of Hydra, such as ``"stage1.steps=9000"``.
+"""
+
+import os
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import torch
+from jaxtyping import Float64
+
+from lagsplat.chart.chart import Chart, require_trained_autoencoder
+from lagsplat.chart.chart import fit_chart as fit_chart_with
+from lagsplat.config.compose import compose
+from lagsplat.diagnose.augmented.model import AugmentedSimulator
+from lagsplat.forces.equilibrium import OperatingPoint, hold_at_load
+from lagsplat.forces.grasp import grasp_brush
+from lagsplat.forces.loaded_lagrangian import rollout_under_force
+from lagsplat.io.read import read_recording as read_with
+from lagsplat.io.recording.recording import Recording, load_recording
+from lagsplat.io.recording.segments import split_train_held_out
+from lagsplat.pipelines import apply_diagnosis as applying
+from lagsplat.pipelines import view as viewing
+from lagsplat.runs.fit import obtain_recording
+from lagsplat.runs.run import FittedRun, open_run
+from lagsplat.stage1.autoencoder import Autoencoder
+from lagsplat.stage1.fit import fit_autoencoder as fit_autoencoder_with
+from lagsplat.stage2.decoder_mass import compute_decoder_geometry
+from lagsplat.stage2.fit import fit_dynamics as fit_dynamics_with
+from lagsplat.stage2.lagrangian import Lagrangian
+
+PathLike = str | os.PathLike[str]
+
+
+def reading_overrides(path: Path) -> list[str]:
+    """How a file is read by default: an archive by its pressures, a log by its topics, else as a video."""
+    source = ["recording=filmed", f"recording.path={str(path)!r}"]
+    if path.suffix == ".safetensors":
+        return source
+    if path.suffix == ".mcap":
+        return [*source, "recording.kind=mcap"]
+    if path.suffix != ".npz":
+        return [*source, "recording.kind=video", "recording.n_inputs=0", "recording.dt_s=null"]
+    names = zipfile.ZipFile(path).namelist() if zipfile.is_zipfile(path) else []
+    pressures = sum(name.removesuffix(".npy")[1:].isdigit() for name in names if name.startswith("p"))
+    return [*source, "recording.kind=krauss", f"recording.n_inputs={pressures}"]
+
+
+def read_recording(path: PathLike, *overrides: str) -> Recording:
+    """Read a video, a folder of images, an archive, an MCAP log or a ``recording.safetensors``.
+
+    Args:
+        path: The file or folder.
+        overrides: Settings of ``conf/recording``, such as ``"recording.height=64"`` [px].
+
+    Returns:
+        The recording: frames (T, H, W, 3), times [s], inputs (T, n_u), and which frames are held out.
+
+    Raises:
+        FileNotFoundError: nothing is there.
+        ValueError: the file cannot be read, or a setting is unknown.
+
+    Example:
+        >>> import lagsplat
+        >>> recording = lagsplat.read_recording("run/recording.safetensors")
+        >>> recording.frames.shape[3]
+        3
+    """
+    path = Path(path).expanduser()
+    if not path.exists():
+        raise FileNotFoundError(f"{path}: no such file or folder; check the path")
+    if path.suffix == ".safetensors":
+        return load_recording(path)
+    config = compose(*reading_overrides(path), *overrides).recording
+    return split_train_held_out(read_with(config), config.split)
+
+
+def simulate_recording(*overrides: str) -> Recording:
+    """Simulate the recording of a mechanism, with its train and held-out parts.
+
+    Args:
+        overrides: Settings such as ``"system=rainbow_rocker"``; a driven arm without any.
+
+    Raises:
+        ValueError: an unknown setting, or a system that is only filmed.
+
+    Example:
+        >>> import lagsplat
+        >>> lagsplat.simulate_recording("system=toy", "simulation.n_frames=60").n_frames
+        60
+    """
+    experiment = compose("recording=simulated", *overrides)
+    return split_train_held_out(obtain_recording(experiment)[0], experiment.recording.split)
+
+
+def fit_autoencoder(recording: Recording, *overrides: str, seed: int = 0) -> Autoencoder:
+    """Fit the image model, an encoder and Gaussians that move with the latent state, to a recording.
+
+    Args:
+        recording: Only its training frames are used.
+        overrides: Settings such as ``"system.d=2"`` (latent dimension) or ``"stage1.steps=9000"``.
+        seed: Of the random numbers of the fit.
+
+    Raises:
+        ValueError: an unknown setting, or the fit drew nothing but the background.
+
+    Example:
+        >>> import lagsplat
+        >>> recording = lagsplat.read_recording("run/recording.safetensors")
+        >>> small = ("system=toy", "system.n_gaussians=32", "stage1.steps=2", "stage1.batch=2")
+        >>> lagsplat.fit_autoencoder(recording, *small).gaussians.n > 0
+        True
+    """
+    train, _ = recording.split()
+    autoencoder, _ = fit_autoencoder_with(train.frames, compose(*overrides).stage1, seed=seed)
+    return autoencoder
+
+
+def fit_chart(autoencoder: Autoencoder, recording: Recording, *overrides: str, seed: int = 0) -> Chart:
+    """Encode a recording and whiten its latents: the coordinates in which the dynamics are learned.
+
+    Args:
+        autoencoder: From `fit_autoencoder`.
+        recording: The same recording.
+        overrides: Settings such as ``"chart.smoothing_frames=2"`` [frames].
+        seed: Of the frames on which visibility and dimension are measured.
+
+    Raises:
+        ValueError: an unknown setting, or latents that do not vary: the image model learned nothing.
+
+    Example:
+        >>> import lagsplat
+        >>> run = lagsplat.open_run("run")
+        >>> lagsplat.fit_chart(run.autoencoder, run.recording, "chart.visibility_frames=4").d
+        2
+    """
+    require_trained_autoencoder(autoencoder, recording.split()[0].frames)
+    return fit_chart_with(autoencoder, recording, compose(*overrides).chart, seed=seed)
+
+
+def fit_dynamics(autoencoder: Autoencoder, chart: Chart, *overrides: str, seed: int = 0) -> Lagrangian:
+    """Fit mass, damping, potential and input map of a Lagrangian to the training part of a chart.
+
+    Args:
+        autoencoder: From `fit_autoencoder`; its Gaussians give the mass its form.
+        chart: From `fit_chart`.
+        overrides: Settings such as ``"stage2=constant"`` or ``"stage2.steps=200"``.
+        seed: Of the networks and batches.
+
+    Raises:
+        ValueError: an unknown setting, or a recording too short for the settings.
+
+    Example:
+        >>> import lagsplat
+        >>> run = lagsplat.open_run("run")
+        >>> short = ("profile=toy", "system=toy", "stage2.steps=0", "stage2.shoot.steps=0")
+        >>> lagsplat.fit_dynamics(run.autoencoder, run.chart, *short).d
+        2
+    """
+    lagrangian, _ = fit_dynamics_with(
+        chart.train.smoothed(chart.smoothing_frames),
+        chart.metric,
+        compose(*overrides).stage2,
+        seed,
+        rest=chart.rest,
+        geometry=compute_decoder_geometry(autoencoder, chart),
+    )
+    return lagrangian
+
+
+def hold(run: FittedRun | PathLike, inputs: Float64[np.ndarray, " n_u"] | None = None) -> OperatingPoint:
+    """Let a run come to rest under constant inputs, so that it can be pushed there.
+
+    Args:
+        run: A fitted run or its folder.
+        inputs: Constant inputs; the mean of the recorded ones if left out.
+
+    Raises:
+        ValueError: no equilibrium is reached.
+
+    Example:
+        >>> import lagsplat
+        >>> lagsplat.hold("run").rest.shape
+        torch.Size([2])
+    """
+    run = run if isinstance(run, FittedRun) else open_run(run)
+    return hold_at_load(run.autoencoder, run.chart, run.lagrangian, inputs)
+
+
+def push(
+    run: FittedRun | PathLike,
+    at: tuple[float, float],
+    direction: tuple[float, float],
+    *,
+    share: float = 0.5,
+    hold_s: float = 1.0,
+    duration_s: float = 3.0,
+    brush: float = 0.05,
+) -> tuple[Float64[np.ndarray, "N d"], Float64[np.ndarray, "N d"]]:
+    """Push a run at a point of its image, let go, and follow the motion.
+
+    The force is constant while it is held. It needs no scale in newtons: ``share`` says how far it drives the
+    state at rest, as a share of how far the recording went.
+
+    Args:
+        run: A fitted run or its folder.
+        at: Where to push, x to the right and y down [px of the training image].
+        direction: Along which to push (right, down); only its direction counts.
+        share: Of the recorded range [1].
+        hold_s: How long the force is held [s].
+        duration_s: How long the motion is followed [s].
+        brush: Radius within which matter is grasped, as a share of the image's width [1].
+
+    Returns:
+        States (N, d), whitened, and velocities (N, d) [1/s], one frame of the recording apart.
+
+    Raises:
+        ValueError: nothing is drawn at the point, or the matter there does not move that way.
+
+    Example:
+        >>> import lagsplat
+        >>> run = lagsplat.open_run("run")
+        >>> at, along = lagsplat.find_lever(run)
+        >>> states, velocities = lagsplat.push(run, at, along, duration_s=0.5)
+        >>> states.shape == velocities.shape
+        True
+    """
+    point = hold(run)
+    grasp = grasp_brush(point.kinematics, point.rest, at, radius=brush * point.kinematics.width)
+    unit = np.asarray(direction, dtype=np.float64) / np.linalg.norm(direction)
+    load = grasp.pull_back(torch.from_numpy(point.find_force_size(grasp, unit, share=share) * unit))
+    dt_s = point.chart.dt_s
+    n = round(duration_s / dt_s) + 1
+    loads = torch.zeros(1, n, len(load), dtype=torch.float64)
+    loads[:, : round(hold_s / dt_s)] = load
+    inputs = point.u.expand(1, n, -1)
+    rest = point.rest[None]
+    q, v = rollout_under_force(point.law, rest, torch.zeros_like(rest), inputs, loads, dt_s=dt_s)
+    return q[0].numpy(), v[0].numpy()
+
+
+def find_lever(run: FittedRun | PathLike) -> tuple[tuple[float, float], tuple[float, float]]:
+    """A point of the image that moves most when the state changes, and the direction in which it moves.
+
+    Returns:
+        The point [px], x to the right and y down, and a unit vector (right, down).
+
+    Example:
+        >>> import lagsplat
+        >>> at, along = lagsplat.find_lever("run")
+        >>> len(at), len(along)
+        (2, 2)
+    """
+    kinematics = hold(run).kinematics
+    rest = hold(run).rest
+    weight = kinematics.presence(rest[None])[0]
+    inside = torch.tensor([kinematics.width, kinematics.height], dtype=torch.float64)
+    centers = kinematics.places(rest[None])[0, :, :2]
+    visible = ((centers > 0) & (centers < inside)).all(1)
+    moves = torch.linalg.svd(kinematics.geometry.jacobian[:, :2], full_matrices=False)
+    best = int((weight * visible * moves.S[:, 0]).argmax())
+    x, y = centers[best].tolist()
+    right, down = moves.U[best, :, 0].tolist()
+    return (x, y), (right, down)
+
+
+def apply_diagnosis(diagnosis: PathLike, sim: str | None = None, *, out: PathLike) -> AugmentedSimulator:
+    """Add the effects of a diagnosis to a simulator, and write the result.
+
+    Args:
+        diagnosis: The ``diagnosis.json``, or its folder.
+        sim: A MuJoCo ``.xml``, ``file.py:attribute`` or a run; the diagnosed simulator if left out.
+        out: The file that is written, ``.safetensors``.
+
+    Raises:
+        FileNotFoundError: no diagnosis is there.
+        ValueError: the simulator is known by recordings only, or has other coordinates or inputs.
+
+    Example:
+        >>> import lagsplat
+        >>> lagsplat.apply_diagnosis("diagnosis", out="augmented.safetensors").model.d
+        1
+    """
+    path = Path(diagnosis).expanduser()
+    path = path / "diagnosis.json" if path.is_dir() else path
+    return applying.apply_diagnosis(path, sim, out=Path(out))
+
+
+def view(folder: PathLike, *overrides: str, browser: bool = True, **files: PathLike) -> None:
+    """Serve a fitted run to the browser, to be pushed there, until interrupted.
+
+    Args:
+        folder: Of the run.
+        overrides: Settings such as ``"viewer.port=8081"``.
+        browser: Open the system's browser.
+        files: ``diagnosis`` (folder), ``replay`` (a saved session) or ``out`` (folder for sessions).
+
+    Raises:
+        FileNotFoundError: a file of the run or of ``files`` is not there.
+        ValueError: a file cannot be read, or belongs to another run.
+
+    Example:
+        >>> import lagsplat
+        >>> lagsplat.view("nowhere")
+        Traceback (most recent call last):
+        FileNotFoundError: nowhere: no recording.safetensors there ...
+    """
+    names: Mapping[str, str] = {name: os.fspath(path) for name, path in files.items()}
+    viewing.view(Path(folder).expanduser(), compose(*overrides), names, browser=browser)
+
+
+def export_page(folder: PathLike, out: PathLike, *overrides: str) -> Path:
+    """Write a fitted run as one web page that can be pushed without a server.
+
+    Args:
+        folder: Of the run.
+        out: The HTML file that is written.
+        overrides: Settings such as ``"forces.brush=0.1"``.
+
+    Returns:
+        The file.
+
+    Raises:
+        FileNotFoundError: a file of the run is not there.
+        ValueError: the page cannot compute this form of the dynamics, or would be too large.
+
+    Example:
+        >>> import lagsplat
+        >>> lagsplat.export_page("run", "run.html").name
+        'run.html'
+    """
+    viewing.export_page(Path(folder).expanduser(), compose(*overrides), Path(out))
+    return Path(out)

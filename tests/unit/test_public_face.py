@@ -1,0 +1,68 @@
+"""What ``import lagsplat`` gives: its names, lazily, and two packages that are functions, too."""
+
+import inspect
+import subprocess
+import sys
+from types import ModuleType
+
+import pytest
+
+import lagsplat
+
+HEAVY = ("torch", "numpy", "numba", "pandas", "scipy", "matplotlib", "hydra")
+
+
+def run(program: str) -> str:
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    return done.stdout.strip()
+
+
+def test_importing_loads_no_library() -> None:
+    program = f"import sys, lagsplat; dir(lagsplat); print([m for m in {HEAVY} if m in sys.modules])"
+    assert run(program) == "[]"
+
+
+def test_importing_takes_a_moment() -> None:
+    program = "import time; t = time.process_time(); import lagsplat; print(time.process_time() - t)"
+    assert min(float(run(program)) for _ in range(3)) < 0.3
+
+
+def test_the_names_are_sorted_and_all_there() -> None:
+    assert lagsplat.__all__ == sorted(lagsplat._HOMES)
+    assert set(lagsplat.__all__) <= set(dir(lagsplat))
+    with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
+        lagsplat.nonsense  # noqa: B018
+
+
+@pytest.mark.parametrize("name", lagsplat.__all__)
+def test_a_public_name_is_documented(name: str) -> None:
+    thing = getattr(lagsplat, name)
+    assert callable(thing)
+    function = getattr(thing, "__wrapped__", thing) if isinstance(thing, ModuleType) else thing
+    text = inspect.getdoc(function) or ""
+    assert text.splitlines()[0].endswith("."), name
+    assert "Example:" in text, name
+    if inspect.isfunction(function) and len(inspect.signature(function).parameters) > 3:
+        assert "Args:" in text, name
+
+
+@pytest.mark.parametrize("name", ["diagnose", "evaluate"])
+@pytest.mark.parametrize(
+    "imports",
+    [
+        "import lagsplat; thing = lagsplat.{name}",
+        "from lagsplat import {name} as thing",
+        "import lagsplat.{name}.config; thing = lagsplat.{name}",
+        "import lagsplat; lagsplat.{name}; import lagsplat.{name} as thing",
+        "import importlib; thing = importlib.import_module('lagsplat.{name}')",
+    ],
+)
+def test_a_package_is_also_its_function(name: str, imports: str) -> None:
+    imports = imports.format(name=name).replace("diagnose.config", "diagnose.core.config")
+    program = (
+        f"{imports}\nimport inspect, types, lagsplat.{name}\n"
+        "assert isinstance(thing, types.ModuleType) and callable(thing) and thing.__path__\n"
+        f"assert thing is lagsplat.{name}\n"
+        "print(*inspect.signature(thing).parameters)"
+    )
+    assert run(program).startswith({"diagnose": "sim real out", "evaluate": "run overrides"}[name])
