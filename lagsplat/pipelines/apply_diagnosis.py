@@ -1,7 +1,4 @@
-"""The effects of a diagnosis, added to a sim again.
-
-Sims that are models and no recordings: sampled where the real mechanism was seen.
-"""
+"""Add the effects of a diagnosis to a simulator; project given simulators on polynomial fields."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -31,14 +28,21 @@ def apply_diagnosis(
     joints: Sequence[str] | None = None,
     actuators: Sequence[str] | None = None,
 ) -> AugmentedSimulator:
-    """Add the effects that a ``diagnosis.json`` chose to ``sim``, and keep the result in ``out``.
+    """Add the effects that a ``diagnosis.json`` chose to ``sim``, and save the result as ``out``.
 
-    The fitted effects stand in the augmented sim beside the diagnosis. Without ``sim`` it is copied as it is,
-    with the sim's own parameters as the diagnosis moved them; on another sim these stay what they are.
+    The fitted effects are read from the augmented sim beside the diagnosis.
+
+    Args:
+        diagnosis: path of the ``diagnosis.json``.
+        sim: the simulator that gets the effects; None for the diagnosed one, with its parameters as refitted.
+            Another simulator keeps its own parameters.
+        out: file to write.
+        joints: joints of a MuJoCo model that are the coordinates; None for all.
+        actuators: actuators of a MuJoCo model that are the inputs; None for all.
 
     Raises:
         FileNotFoundError: no diagnosis, or no augmented sim beside it.
-        ValueError: the sim is one of recordings alone, or has other coordinates or inputs.
+        ValueError: the sim is given by recordings, or has other coordinates or inputs.
     """
     said = load_json(diagnosis)
     beside = diagnosis.parent / AUGMENTED_FILE
@@ -70,9 +74,15 @@ def sample_simulator(
     joints: Sequence[str] | None = None,
     actuators: Sequence[str] | None = None,
 ) -> ProjectedModel:
-    """The model that ``sim=name`` gives over a region, with the error of its acceleration there.
+    """Project the simulator that ``sim=name`` gives on polynomial fields over a region.
 
-    Of an augmented sim its own model is taken, without the effects.
+    Of an augmented sim the model without its effects is taken. The result has the error of the acceleration.
+
+    Args:
+        name: a program, a MuJoCo file, an augmented sim, or the folder of a fitted run.
+        region: states and inputs at which the model must hold.
+        joints: joints of a MuJoCo model that are the coordinates; None for all.
+        actuators: actuators of a MuJoCo model that are the inputs; None for all.
 
     Raises:
         FileNotFoundError: nothing is there.

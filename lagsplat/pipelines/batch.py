@@ -1,8 +1,6 @@
-"""Recordings that are diagnosed one after another, nobody being there to read a report of each.
+"""Diagnose many recordings one after another; encode videos with an autoencoder of the nominal ones.
 
-Films of recordings nobody looks at: an autoencoder of the nominal ones, frozen, and what it sees in all.
-
-Source: the paper's stage 1; the real films never enter a fit.
+Source: the paper's stage 1; real videos never enter a fit.
 """
 
 import json
@@ -38,22 +36,26 @@ SIM, REAL = "sim_*.csv", "real_*.csv"
 
 @dataclass(frozen=True)
 class BatchItem:
-    """A recording and the effects that are left out of the catalogue for it."""
+    """The folder of a recording, and the effects that are left out of the catalogue for it."""
 
     place: Path
     without: tuple[str, ...]
 
 
 def list_batch(folder: Path, number: int, size: int) -> list[Path]:
-    """The recordings of batch ``number`` (from 0) of a folder that holds one folder a recording, by name."""
+    """Folders of batch ``number`` (from 0) with ``size`` recordings each, in the order of their names."""
     places = sorted(path for path in folder.iterdir() if path.is_dir())
     return places[number * size : (number + 1) * size]
 
 
 def read_batch_items(listed: Path, folders: Sequence[Path], number: int, size: int) -> list[BatchItem]:
-    """Batch ``number`` (from 0) of the runs ``listed`` one a line as ``{"id": ..., "without": [...]}``.
+    """Read batch ``number`` (from 0) of a list with one ``{"id": ..., "without": [...]}`` a line.
 
-    ``folders`` hold one folder a recording.
+    Args:
+        listed: the list.
+        folders: folders that hold one folder a recording, named by its id.
+        number: number of the batch.
+        size: recordings in a batch.
     """
     places = {place.name: place for folder in folders for place in folder.iterdir()}
     lines = listed.read_text(encoding="utf-8").splitlines()[number * size : (number + 1) * size]
@@ -62,14 +64,14 @@ def read_batch_items(listed: Path, folders: Sequence[Path], number: int, size: i
 
 
 def write_provenance(out: Path, seal: Path, header: Mapping[str, Any]) -> None:
-    """Write beside predictions who made them, from which code and under which seal: ``made_by.json``."""
+    """Write ``made_by.json`` beside predictions: who made them, from which code and under which seal."""
     save_json(out / "made_by.json", {**header, **stamp(), "seal": sha256_of(seal)})
 
 
 def predict_recording(place: Path, out: Path, config: DiagnoseConfig, *, without: Sequence[str] = ()) -> bool:
-    """Write ``diagnosis.json`` and ``rollouts.csv`` of the recording in ``place`` to ``out``, see `attempt`.
+    """Diagnose ``sim_*.csv`` against ``real_*.csv`` in ``place``; False where that fails, see `attempt`.
 
-    Its sim is ``sim_*.csv`` and its real side ``real_*.csv``; effects named ``without`` are left out of the
+    ``diagnosis.json`` and ``rollouts.csv`` go to ``out``. Effects named ``without`` are left out of the
     catalogue.
     """
     chosen = replace(config, without=[*config.without, *without])
@@ -77,16 +79,15 @@ def predict_recording(place: Path, out: Path, config: DiagnoseConfig, *, without
 
 
 def attempt(place: Path, out: Path, work: Callable[[Path, Path], None]) -> bool:
-    """Do ``work`` on the recording in ``place``, into ``out``.
+    """Run ``work`` on the recording in ``place``, with results in ``out``; False where it raises.
 
-    A recording that is refused, or at which the work fails, must not end the others: the reason then stands
-    in ``out/failed.txt`` and in the log, and the answer is False.
+    A failure must not end the other recordings: its reason is logged and written to ``out/failed.txt``.
     """
     out.mkdir(parents=True, exist_ok=True)
     try:
         work(place, out)
     except Exception as error:
-        log.exception("nothing comes of %s", place.name)
+        log.exception("%s failed", place.name)
         write_text(out / "failed.txt", f"{type(error).__name__}: {error}\n")
         return False
     return True
@@ -101,13 +102,18 @@ def _write_diagnosis(place: Path, out: Path, config: DiagnoseConfig) -> None:
 
 
 def encode_videos(place: Path, out: Path, stage1: Stage1Config, chart: ChartConfig) -> None:
-    """Write ``sim_0.csv`` and ``real_0.csv`` in whitened latents, one clip a film, for a folder of films.
+    """Encode a folder of videos into whitened latents, ``sim_0.csv`` and ``real_0.csv``; each is one clip.
 
-    ``place`` holds ``sim_*.npz``, ``real_*.npz`` and ``about.json`` with the number of ``coordinates`` and
-    the seconds between frames, ``frame_s``. Both sides are whitened by the nominal one.
+    Args:
+        place: folder with ``sim_*.npz``, ``real_*.npz`` and ``about.json``, which has the number of
+            ``coordinates`` and the time between frames, ``frame_s`` [s].
+        out: folder of the results.
+        stage1: settings of the autoencoder, fitted to the nominal videos alone.
+        chart: settings of the whitening, by the nominal videos alone.
 
     Raises:
-        FileNotFoundError, ValueError: a film is missing or damaged, or stage 1 learned nothing.
+        FileNotFoundError: a video is missing.
+        ValueError: a video is damaged, or stage 1 learned nothing.
     """
     about = load_json(place / "about.json")
     sides = {name: _read_videos(place, name, float(about["frame_s"])) for name in ("sim", "real")}
@@ -125,10 +131,10 @@ def encode_videos(place: Path, out: Path, stage1: Stage1Config, chart: ChartConf
 
 
 def _read_videos(place: Path, name: str, frame_s: float) -> list[Recording]:
-    """The films of one side in the order of their numbers."""
+    """The sim or the real videos in the order of their numbers."""
     paths = sorted(place.glob(f"{name}_*.npz"), key=lambda path: int(path.stem.rpartition("_")[2]))
     if not paths:
-        raise FileNotFoundError(f"{place}: no {name}_*.npz there; a recording needs films of both sides")
+        raise FileNotFoundError(f"{place} has no {name}_*.npz; a recording needs sim and real videos")
     out = []
     for path in paths:
         with zipfile.ZipFile(path) as archive:
@@ -138,7 +144,7 @@ def _read_videos(place: Path, name: str, frame_s: float) -> list[Recording]:
 
 
 def _latent_rows(films: Sequence[Recording], latents: Sequence[np.ndarray]) -> list[dict[str, float | int]]:
-    """One row a frame; each film is a clip, and begins two frames after the last one's end."""
+    """One row a frame; each video is a clip, and begins two frames after the end of the last one."""
     rows: list[dict[str, float | int]] = []
     begun = 0.0
     for number, (film, q) in enumerate(zip(films, latents, strict=True)):

@@ -160,7 +160,7 @@ def _adapt_settings(inputs: DiagnosisInputs, config: DiagnoseConfig) -> Diagnose
 
 
 def locate_with_verdict(where: ResidualLocation, found: DiagnosisRun) -> ResidualLocation:
-    """Combine the verdict with the residual: the named components get its probability, the residual the rest."""
+    """Combine verdict and residual: named components get its probability, the residual shares the rest."""
     chosen = [effect.effect for effect in found.chosen.effects]
     sure = found.diagnosis.candidates[0].probability
     own = [effect.component for effect in chosen if effect.component is not None]

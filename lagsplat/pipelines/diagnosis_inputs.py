@@ -254,7 +254,7 @@ def _open_simulator(
 def _calibrate(
     sim: EstimatedSimulator, null_motion: Trajectory | None, own: Sequence[Trajectory], config: DiagnoseConfig
 ) -> EstimatedSimulator:
-    """Measure the sim's misfit on the reference that no fit used, or on all recordings where it is too short."""
+    """Measure the sim's misfit on a reference that no fit used, or on all recordings if it is too short."""
     if null_motion is not None:
         with contextlib.suppress(ValueError):
             return calibrate_misfit(sim, [null_motion], config)

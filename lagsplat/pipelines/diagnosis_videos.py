@@ -1,4 +1,4 @@
-"""A fitted run as the sim, and what it is held against: films, logs and tables in its whitened latents."""
+"""A fitted run as the simulator, and the recordings it is compared with, in its whitened latents."""
 
 import warnings
 from collections.abc import Mapping, Sequence
@@ -29,7 +29,7 @@ from lagsplat.io.trajectory.trajectory import Trajectory, leading_samples
 from lagsplat.runs.run import FittedRun, open_run
 from lagsplat.stage1.autoencoder import encode_frames
 
-HELD_OUT = "held_out"  # names a run's own recording, of which the part that no fit saw is taken
+HELD_OUT = "held_out"  # names the held-out part of a run's own recording
 MOVED = (
     "moves while recording",
     "moved between recordings",
@@ -38,10 +38,9 @@ MOVED = (
 
 @dataclass(frozen=True)
 class RecordingPair:
-    """A run with its training part and the real motions, all in its whitened latents.
+    """A run with its training part and the real recordings, all in its whitened latents.
 
-    ``same_recording`` says that the real motions are the held-out part of the very recording the run was
-    fitted to.
+    ``same_recording``: the real one is the held-out part of the very recording the run was fitted to.
     """
 
     run: FittedRun
@@ -51,20 +50,20 @@ class RecordingPair:
 
     @property
     def real(self) -> tuple[Trajectory, ...]:
-        """The real motions."""
+        """The real trajectories in whitened latents."""
         return tuple(recorded.motion for recorded in self.real_recordings)
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Those of the films themselves."""
+        """Findings on the videos themselves."""
         return tuple(finding for recorded in self.real_recordings for finding in recorded.findings)
 
     @cached_property
     def image_quality(self) -> "ImageQuality | None":
-        """How well the real pictures are drawn and where their latents lie; None without pictures.
+        """Reconstruction errors of the real images and the place of their latents; None without images.
 
-        The yardstick is the part of the run's own recording that no fit saw, or its training part where that
-        part is what is diagnosed.
+        They are compared with the held-out part of the run's own recording, or with its training part where
+        the held-out part is diagnosed.
         """
         recordings = [
             recorded.recording for recorded in self.real_recordings if recorded.recording is not None
@@ -82,11 +81,12 @@ class RecordingPair:
         return ImageQuality(real, nominal, assess_perception(real, nominal, latents, seen))
 
     def judge(self, found: Diagnosis) -> Diagnosis:
-        """The diagnosis with what the pictures say of it.
+        """Add to a diagnosis what the images say about it.
 
-        It is conditional on perception where the real pictures are drawn worse than the nominal ones, or show
-        latents that these never had. It is undetermined where they are drawn so badly that the encoder cannot
-        read them, and where a moved camera passes for half of the gap and the name is not that of a camera.
+        It is conditional on perception where the real images are reconstructed worse than the nominal ones,
+        or have latents outside of theirs. It is undetermined where they are reconstructed so badly that the
+        states are unknown, and where motion of the camera explains half of the gap but no camera effect is
+        named.
         """
         warnings_, checks, known = list(found.warnings), dict(found.checks), catalogue()
         if self.image_quality is not None:
@@ -119,8 +119,8 @@ class RecordingPair:
 
     @property
     def null_motion(self) -> Trajectory:
-        """A motion of the very mechanism the run was fitted to: what no fit saw of it, unless just that is
-        diagnosed; then its training part."""
+        """A trajectory without any effect: the held-out part of the run's own recording, or its training part
+        where the held-out part is diagnosed."""
         if self.same_recording:
             return self.nominal[0]
         return _rename_inputs(
@@ -129,9 +129,9 @@ class RecordingPair:
 
     @property
     def ruled_out(self) -> tuple[str, ...]:
-        """Effects of a camera that the background forbids: in every film it was seen not to move.
+        """Camera effects that the background rules out, because it does not move in any video.
 
-        What stood still during the run's own recording did not move between its two parts either.
+        A camera that is still during the run's own recording did not move between its two parts either.
         """
         seen = [recorded.camera for recorded in self.real_recordings]
         still = all(one is not None and one.still_within for one in seen)
@@ -142,7 +142,7 @@ class RecordingPair:
 
     @property
     def camera_share(self) -> float:
-        """Share of a latent's spread that motion of the camera passes for at most."""
+        """Motion of the camera, as a share of the standard deviation of a latent, at most."""
         return max(
             (recorded.camera.share for recorded in self.real_recordings if recorded.camera is not None),
             default=0.0,
@@ -151,7 +151,7 @@ class RecordingPair:
 
 @dataclass(frozen=True)
 class ImageQuality:
-    """Mean squared errors of drawing the real frames (T,) and the nominal ones (N,), and the judgement."""
+    """Mean square reconstruction errors of real frames (T,) and nominal frames (N,), and their comparison."""
 
     error_real: np.ndarray
     error_nominal: np.ndarray
@@ -159,13 +159,13 @@ class ImageQuality:
 
     @property
     def drawn_badly(self) -> bool:
-        """The pictures themselves are strange to the run, not only the places they show."""
+        """Whether the images differ from the run's own, and not only the states that they show."""
         return self.perception.ratio > ERROR_BUDGET.suspect_error_ratio
 
 
 @dataclass(frozen=True)
 class RecordedTrajectory:
-    """One real motion; ``recording`` with the frames behind it and ``camera`` are None for latents."""
+    """One real trajectory; its ``recording`` and ``camera`` are None for a table of latents."""
 
     motion: Trajectory
     recording: Recording | None = None
@@ -176,12 +176,17 @@ class RecordedTrajectory:
 def open_recording_pair(
     folder: Path, real: str, *, columns: Mapping[str, str] | None = None, longest_s: float = np.inf
 ) -> RecordingPair:
-    """The run in ``folder`` beside the real thing that ``real`` names.
+    """Open a run and the real recordings that ``real`` names.
 
-    Films and logs are turned, cropped and resized as the run's own recording was; the cuts in time of that
-    one are not theirs. Their inputs stand in a table of the same stem, unless they carry them. ``held_out``,
-    the run's own film or its ``recording.safetensors`` stand for its held-out part, of which the first
-    ``longest_s`` are taken. ``columns`` names the columns of tables of latents.
+    Videos and logs are rotated, cropped and resized as the run's own recording was, but not cut in time as it
+    was. Their inputs are in a table of the same stem, unless they contain them.
+
+    Args:
+        folder: folder of the run.
+        real: videos, logs or tables of latents. ``held_out``, the run's own video and its
+            ``recording.safetensors`` name the held-out part of its own recording.
+        columns: names of the columns in tables of latents, where they differ.
+        longest_s: duration of the held-out part that is used, at most [s].
 
     Raises:
         FileNotFoundError: no run, or nothing where ``real`` points.
@@ -218,15 +223,15 @@ def _open_holdout(run: FittedRun, names: tuple[str, ...], longest_s: float) -> R
 def _read_trajectory(
     folder: Path, run: FittedRun, source: DataSource, columns: Mapping[str, str] | None
 ) -> RecordedTrajectory | None:
-    """One real motion with its frames, or None where it is the run's own recording."""
+    """Read one real trajectory with its frames; None where it is the run's own recording."""
     if source.kind == "trajectory":
         motion = read_trajectory(source.path, columns=columns)
         _check_size(run, motion.d, motion.n_u, source.path)
         return RecordedTrajectory(motion)
     if source.kind not in VIDEO_KINDS:
         raise ValueError(
-            f"{source.path}: a {source.kind} has no motion to hold a run against; name a film, a log or a "
-            "table of its latents"
+            f"{source.path}: a {source.kind} has no trajectory to compare a run with; name a video, a log or "
+            "a table of its latents"
         )
     recording = _read_video(folder, run, source)
     if recording.meta.get("sha256") == run.recording.meta.get("sha256"):
@@ -234,7 +239,7 @@ def _read_trajectory(
     size, own = recording.frames.shape[1:3], run.recording.frames.shape[1:3]
     if size != own:
         raise ValueError(
-            f"{source.path}: pictures of {size[0]} x {size[1]} px, but the run was fitted to {own[0]} x "
+            f"{source.path}: images of {size[0]} x {size[1]} px, but the run was fitted to {own[0]} x "
             f"{own[1]}; give a recording that was read as the run's own was"
         )
     recording, findings = drop_unusable_frames(recording)
@@ -256,7 +261,7 @@ def _read_video(folder: Path, run: FittedRun, source: DataSource) -> Recording:
         recording = read_recording(settings)
     footage = recording.meta.get("footage") or []
     known = [sentence for clip in footage for sentence in clip["warnings"]]
-    for one in caught:  # those of the footage become findings
+    for one in caught:  # warnings about the video become findings
         if not any(str(one.message).endswith(sentence) for sentence in known):
             warnings.warn(str(one.message), one.category, stacklevel=4)
     return recording
@@ -266,7 +271,7 @@ def _check_size(run: FittedRun, d: int, n_u: int, source: str) -> None:
     wanted = run.chart.d, run.chart.inputs.shape[1]
     if d != wanted[0]:
         raise ValueError(
-            f"{source}: {d} coordinate(s), but the run has {wanted[0]} whitened latent(s); give a film, or "
+            f"{source}: {d} coordinate(s), but the run has {wanted[0]} whitened latent(s); give a video, or "
             "latents that this run's autoencoder encoded"
         )
     if n_u < wanted[1]:
@@ -277,6 +282,6 @@ def _check_size(run: FittedRun, d: int, n_u: int, source: str) -> None:
 
 
 def _rename_inputs(motion: Trajectory, names: Sequence[str]) -> Trajectory:
-    """Inputs by the names of the run's own, as far as these go."""
+    """Give the inputs the names of the run's inputs, as far as it has as many."""
     own = (*names[: motion.n_u], *(f"u{i}" for i in range(len(names), motion.n_u)))
     return replace(motion, u_names=own)

@@ -11,8 +11,8 @@ from lagsplat.diagnose.diagnosis import DiagnosisRun
 from lagsplat.diagnose.estimation.dataset import OperatingRegion
 from lagsplat.diagnose.residual.localization import locate
 from lagsplat.diagnose.simulators.fitted_run import project_run, read_chart_trajectory
+from lagsplat.pipelines.diagnosis import compute_error_stages as ladder
 from lagsplat.pipelines.diagnosis_images import build_image_content
-from lagsplat.pipelines.diagnosis_images import compute_error_stages as ladder
 from lagsplat.pipelines.diagnosis_videos import RecordedTrajectory, RecordingPair
 from lagsplat.runs.run import FittedRun
 from tests.unit.evaluate import tiny_run

@@ -31,15 +31,17 @@ import json
 import os
 from collections.abc import Collection, Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
-import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
 from lagsplat.io.files.atomic import replace_atomically
 from lagsplat.provenance import stamp
+
+if TYPE_CHECKING:
+    import torch
 
 KEY = "lagsplat"
 DTYPES = {
@@ -204,7 +206,7 @@ def _plain(value: Any) -> Any:
     raise TypeError(f"{value!r} is of type {type(value).__name__}")
 
 
-M = TypeVar("M", bound=torch.nn.Module)
+M = TypeVar("M", bound="torch.nn.Module")
 
 
 def restore_module(module: M, tensors: Mapping[str, np.ndarray], path: str | os.PathLike[str]) -> M:
@@ -213,6 +215,8 @@ def restore_module(module: M, tensors: Mapping[str, np.ndarray], path: str | os.
     Raises:
         ValueError: the tensors are not those of this module.
     """
+    import torch  # only here, so that reading and planning need no torch
+
     try:
         module.load_state_dict({name: torch.as_tensor(np.array(value)) for name, value in tensors.items()})
     except RuntimeError as error:
