@@ -88,7 +88,7 @@ class Effect:
     """For external effects: from the fitted parameters and the dataset, how far the recording shows that the
     force does not depend on the state of the mechanism, from 0 to 1."""
     absorbed_by_fit: bool = False
-    """A simulation that was fitted to the same recording has taken this effect up in its own parameters."""
+    """A simulation that was fitted to the same recording has absorbed this effect in its parameters."""
     camera: Literal["moved between recordings", "moves while recording", "shutter"] | None = None
     """What of the camera the effect is about."""
     component: Component | None = None

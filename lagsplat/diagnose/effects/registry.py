@@ -131,12 +131,12 @@ def label_parameter(name: str, parameter: str) -> str:
 def _installed_effects() -> dict[str, Effect]:
     names = (info.name for info in walk_packages(effects.__path__, f"{effects.__name__}.") if not info.ispkg)
     inner = [name for name in names if name.count(".") > effects.__name__.count(".") + 1]
-    found = [_effect_of(import_module(name), name) for name in inner]
+    installed = [_effect_of(import_module(name), name) for name in inner]
     for entry in entry_points(group=ENTRY_POINTS):
         loaded = entry.load()
-        found.append(loaded if isinstance(loaded, Effect) else _effect_of(loaded, entry.value))
+        installed.append(loaded if isinstance(loaded, Effect) else _effect_of(loaded, entry.value))
     known: dict[str, Effect] = {}
-    for effect in found:
+    for effect in installed:
         if effect.name in known:
             raise ValueError(f"two effects are called {effect.name!r}; rename one or uninstall its package")
         known[effect.name] = effect

@@ -53,13 +53,13 @@ def grade_excitation(measures: ExcitationMeasures) -> Grade:
 
 def place(effect: ForceEffect, problem: PlacementProblem) -> list[PlacedEffect]:
     """Along each coordinate, at the spectral lines of the force that the simulation lacks."""
-    placed = []
-    for one, hints in zip(place_along_coordinates(effect, "", problem), problem.hints, strict=True):
-        unit = one.scales.of("rate")
+    places = []
+    for placed, hints in zip(place_along_coordinates(effect, "", problem), problem.hints, strict=True):
+        unit = placed.scales.of("rate")
         grid = tuple((2.0 * np.pi * line / unit,) for line in hints.lines_hz)
         if grid:
-            placed.append(replace(one, effect=limit_period(effect, one.scales), grid=grid))
-    return placed
+            places.append(replace(placed, effect=limit_period(effect, placed.scales), grid=grid))
+    return places
 
 
 def measure_recurrence(parameters: Mapping[str, float], dataset: Any, placed: PlacedEffect) -> float:

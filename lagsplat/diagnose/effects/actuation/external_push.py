@@ -60,9 +60,9 @@ def grade_excitation(measures: ExcitationMeasures) -> Grade:
 
 def place(effect: ForceEffect, problem: PlacementProblem) -> list[PlacedEffect]:
     """Along each coordinate, at the times where the force that the simulation lacks is largest."""
-    placed = place_along_coordinates(effect, "", problem)
-    grids = [_push_grid(hints, one.scales) for hints, one in zip(problem.hints, placed, strict=True)]
-    return [replace(one, grid=grid) for one, grid in zip(placed, grids, strict=True) if grid]
+    places = place_along_coordinates(effect, "", problem)
+    grids = [_push_grid(hints, placed.scales) for hints, placed in zip(problem.hints, places, strict=True)]
+    return [replace(placed, grid=grid) for placed, grid in zip(places, grids, strict=True) if grid]
 
 
 def _push_grid(hints: DisturbanceHints, scales: Scales) -> tuple[tuple[float, ...], ...]:

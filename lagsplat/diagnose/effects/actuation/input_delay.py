@@ -53,7 +53,7 @@ EFFECT = InputEffect(
     description=EffectDescription(
         title="a delay of an input",
         kind="mechanism",
-        what="The actuator does what it is told, a fixed time later.",
+        what="The actuator follows its command, a fixed time later.",
         symptom="Nothing happens for a moment after each step, then everything as predicted.",
         remedy="Delay that input in the simulation, or find the wait in the communication.",
     ),

@@ -75,7 +75,7 @@ EFFECT = InputEffect(
     description=EffectDescription(
         title="an actuator that follows its command slowly",
         kind="mechanism",
-        what="What the actuator does creeps up to what it is told, as a filling chamber does.",
+        what="The actuator approaches its command gradually, as a filling chamber does.",
         symptom="Steps are answered gently, and fast commands are answered weakly and late.",
         remedy="Put a first-order filter before that input of the simulation.",
     ),

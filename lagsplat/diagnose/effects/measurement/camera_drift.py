@@ -43,6 +43,6 @@ EFFECT = ObservationEffect(
         kind="observation",
         what="The camera sinks or turns while the recording lasts.",
         symptom="The rest position wanders, and the background with it.",
-        remedy="Fix the camera or stabilise the film; leave the simulation alone.",
+        remedy="Fix the camera or stabilise the video; leave the simulation alone.",
     ),
 )

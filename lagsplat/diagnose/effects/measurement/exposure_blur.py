@@ -19,14 +19,14 @@ def observe(y: Any, v: Any, t: Any, theta: Float64[np.ndarray, "P 1"], placed: P
     gap = np.diff(t, axis=1)
     real = gap > 0.0
     slope = np.diff(v, axis=2) * (real / np.where(real, gap, 1.0))[None, :, :, None]
-    sides = np.zeros_like(v)
-    sides[:, :, :-1] += slope
-    sides[:, :, 1:] += slope
+    total = np.zeros_like(v)
+    total[:, :, :-1] += slope
+    total[:, :, 1:] += slope
     count = np.zeros(t.shape)
     count[:, :-1] += real
     count[:, 1:] += real
-    bend = sides / np.maximum(count, 1.0)[None, :, :, None]
-    return y + theta[:, 0, None, None, None] ** 2 / 24.0 * bend
+    second = total / np.maximum(count, 1.0)[None, :, :, None]
+    return y + theta[:, 0, None, None, None] ** 2 / 24.0 * second
 
 
 def grade_excitation(measures: ExcitationMeasures) -> Grade:
@@ -43,7 +43,7 @@ EFFECT = ObservationEffect(
     level="chart",
     equation="y = mean of q over the exposure",
     parameters=(EffectParameter("exposure", "frame", HalfNormal(1.0)),),
-    needs="motion within one exposure, seen in the pictures",
+    needs="motion within one exposure, seen in the images",
     along="whole",
     observe=observe,
     excitation=grade_excitation,

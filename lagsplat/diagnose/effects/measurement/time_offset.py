@@ -1,6 +1,6 @@
 """Clocks of motion and inputs that disagree: ``u(t) = u_logged(t + offset)`` for every input at once.
 
-Motion that is stamped late, a negative offset, cannot be told from a delay of every input.
+Motion that is stamped late, a negative offset, looks the same as a delay of every input.
 """
 
 from typing import Any
