@@ -106,11 +106,7 @@ def _fit_weak_law(clips: Sequence[_Clip], length_s: float) -> tuple[Float64[np.n
             continue
         s = np.linspace(-1.0, 1.0, n)
         half_s = 0.5 * (n - 1) * clip.dt_s
-        tests = (
-            (1 - s**2) ** 4,
-            -8 * s * (1 - s**2) ** 3 / half_s,
-            (56 * s**2 - 8) * (1 - s**2) ** 2 / half_s**2,
-        )
+        tests = compute_test_functions(s, half_s)
         projected = [_correlate(np.hstack([clip.q, clip.u]), test) for test in tests]
         stride = max(1, n // 8)
         value, slope, bend = (part[::stride] for part in projected)
@@ -135,6 +131,20 @@ def _fit_weak_law(clips: Sequence[_Clip], length_s: float) -> tuple[Float64[np.n
         return np.zeros(0), np.inf
     variance = (squared_error + 1e-12 * (target**2).sum(axis=0)) / freedom
     return _select_modes(solution[:d].T, np.linalg.pinv(rows.T @ rows, rcond=1e-12)[:d, :d], variance, clips)
+
+
+def compute_test_functions(
+    s: Float64[np.ndarray, " n"], half_width_s: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The test function (1 - s^2)^4 and its first two derivatives by time, each (n,).
+
+    ``s`` runs from -1 to 1 over the function's width of twice ``half_width_s`` [s].
+    """
+    return (
+        (1 - s**2) ** 4,
+        -8 * s * (1 - s**2) ** 3 / half_width_s,
+        (56 * s**2 - 8) * (1 - s**2) ** 2 / half_width_s**2,
+    )
 
 
 def _correlate(series: np.ndarray, test: np.ndarray) -> np.ndarray:

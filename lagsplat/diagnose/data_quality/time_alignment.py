@@ -6,6 +6,7 @@ import numpy as np
 
 from lagsplat.diagnose.core.config import TIME_ALIGNMENT
 from lagsplat.diagnose.core.result import Finding
+from lagsplat.diagnose.data_quality.natural_period import compute_test_functions
 from lagsplat.io.trajectory.trajectory import Trajectory
 
 
@@ -16,24 +17,12 @@ def score_input_shifts(motion: Trajectory, *, period_s: float) -> tuple[np.ndarr
     one period; the share is the part of the residual without inputs that these remove. ``period_s`` is the
     natural period [s]. Clips shorter than two periods are left out; if none is left the arrays are empty.
     """
-    shifts = (
-        period_s
-        / TIME_ALIGNMENT.shifts_per_period
-        * np.arange(
-            -round(TIME_ALIGNMENT.max_shift_periods * TIME_ALIGNMENT.shifts_per_period),
-            round(TIME_ALIGNMENT.max_shift_periods * TIME_ALIGNMENT.shifts_per_period) + 1,
-        )
-    )
+    most = round(TIME_ALIGNMENT.max_shift_periods * TIME_ALIGNMENT.shifts_per_period)
+    shifts = period_s / TIME_ALIGNMENT.shifts_per_period * np.arange(-most, most + 1)
     state_columns, input_columns, accelerations = [], [], []
     half_s = 0.5 * period_s
     s = np.linspace(-1.0, 1.0, 33)
-    tests = np.stack(
-        [
-            (1 - s**2) ** 4,
-            -8 * s * (1 - s**2) ** 3 / half_s,
-            (56 * s**2 - 8) * (1 - s**2) ** 2 / half_s**2,
-        ]
-    )
+    tests = np.stack(compute_test_functions(s, half_s))
     for start, stop in motion.segments:
         time = motion.time_s[start:stop]
         middles = np.arange(time[0] + half_s, time[-1] - half_s, period_s / 8.0)
@@ -44,33 +33,26 @@ def score_input_shifts(motion: Trajectory, *, period_s: float) -> tuple[np.ndarr
         value, slope, bend = (np.einsum("k,nkd->nd", test, q) for test in tests)
         state_columns.append(np.hstack([value, slope, np.ones((len(middles), 1))]))
         accelerations.append(bend)
-        input_columns.append(
-            np.stack(
-                [
-                    np.stack(
-                        [
-                            np.interp(grid - shift, time, column) @ tests[0]
-                            for column in motion.u[start:stop].T
-                        ],
-                        1,
-                    )
-                    for shift in shifts
-                ]
-            )
-        )
+        u = motion.u[start:stop]
+        shifted = [[np.interp(grid - shift, time, column) @ tests[0] for column in u.T] for shift in shifts]
+        input_columns.append(np.stack([np.stack(columns, 1) for columns in shifted]))
     if not state_columns:
         return np.zeros(0), np.zeros(0)
-    constrained, target = np.concatenate(state_columns), np.concatenate(accelerations)
-    inputs = np.concatenate(input_columns, axis=1)
-    basis = np.linalg.qr(constrained / np.maximum(np.linalg.norm(constrained, axis=0), 1e-300))[0]
+    state, target = np.concatenate(state_columns), np.concatenate(accelerations)
+    return shifts, _explain_beyond_state(np.concatenate(input_columns, axis=1), state, target)
+
+
+def _explain_beyond_state(inputs: np.ndarray, state: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """Share of what ``state`` (n, k) leaves of ``target`` (n, d) that each of ``inputs`` (S, n, m) adds."""
+    basis = np.linalg.qr(state / np.maximum(np.linalg.norm(state, axis=0), 1e-300))[0]
     rest = target - basis @ (basis.T @ target)
     size = np.maximum((rest**2).sum(axis=0), 1e-300)
     shares = []
-    for column in inputs:
-        free = column - basis @ (basis.T @ column)
+    for columns in inputs:
+        free = columns - basis @ (basis.T @ columns)
         fitted = free @ np.linalg.lstsq(free, rest, rcond=1e-9)[0]
         shares.append(float(((fitted**2).sum(axis=0) / size).mean()))
-    return shifts, np.array(shares)
+    return np.array(shares)
 
 
 def check_time_offset(motions: Sequence[Trajectory], *, period_s: float | None) -> list[Finding]:

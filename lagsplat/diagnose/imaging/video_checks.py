@@ -63,7 +63,14 @@ class CameraShift:
 def measure_camera_shift(
     recording: Recording, nominal: Recording, autoencoder: Autoencoder, chart: Chart
 ) -> CameraShift:
-    """Measure the camera's motion during ``recording`` and since ``nominal``, by the background of both."""
+    """Measure the camera's motion by the background of two recordings.
+
+    Args:
+        recording: the recording to check.
+        nominal: the recording that the simulator was learnt from.
+        autoencoder: of the fitted run; it tells how far a shift changes the latents.
+        chart: of the fitted run.
+    """
     within = _measure_within(recording)
     between = _measure_between(recording, nominal)
     far = max(within or 0.0, float(np.hypot(*(between or (0.0, 0.0)))))
@@ -228,10 +235,15 @@ def _measure_latent_shift(
 def derive_recording_settings(
     source: DataSource, folder: Path, own: Recording, *, dt_s: float
 ) -> RecordingConfig:
-    """Derive the settings by which ``source`` is read for the run in ``folder``, which was fitted to ``own``.
+    """Derive the settings by which another recording is read like the run's own.
 
-    Images are rotated, cropped, resized and stabilised as for the run. Archives without times take the
-    spacing that was set for the run's own recording, or ``dt_s`` [s].
+    Images are rotated, cropped, resized and stabilised as for the run.
+
+    Args:
+        source: the recording to read.
+        folder: of the fitted run.
+        own: the recording that the run was fitted to.
+        dt_s: spacing of archives without times, unless one was set for the run [s].
 
     Raises:
         ValueError: a log, while the run was not fitted to one.

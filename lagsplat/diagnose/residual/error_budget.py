@@ -86,7 +86,14 @@ def compute_perception_stage(
     block: int,
     seed: int = 0,
 ) -> ErrorStage:
-    """Root mean squared error of images, over blocks of ``block`` frames; the floor is the nominal error."""
+    """Root mean squared error of images over blocks; the floor is the error of the nominal images.
+
+    Args:
+        error_real: mean squared error of each real frame.
+        error_nominal: mean squared error of each nominal frame.
+        block: frames in a block.
+        seed: of the bootstrap.
+    """
     blocks = [error_real[start : start + block] for start in range(0, len(error_real), block)]
     floor = float(np.sqrt(np.mean(error_nominal)))
     return _bootstrap_stage("perception", [np.mean(frames) for frames in blocks], floor, seed)
@@ -135,7 +142,14 @@ def compute_one_step_stage(
     nominal: Sequence[LatentForceEstimate] | None = None,
     seed: int = 0,
 ) -> ErrorStage:
-    """Error of the simulator's forecast one sample ahead, from every tenth smoothed state."""
+    """Error of the simulator's forecast one sample ahead, from every tenth smoothed state.
+
+    Args:
+        mechanics: the simulator's equations of motion.
+        estimates: the motions to forecast.
+        nominal: motions that the simulator should forecast well, for the floor.
+        seed: of the bootstrap.
+    """
     horizon_s = 1.001 * max(estimate.motion.dt_s for estimate in estimates)
     return compute_forecast_stage(
         mechanics, estimates, horizon_s=horizon_s, nominal=nominal, name="one step", seed=seed
@@ -175,9 +189,14 @@ def compute_stage_shares(
 ) -> dict[str, tuple[float, float]]:
     """Share of the rollout's image error that each stage adds, as pairs (at least zero, as computed).
 
-    The arguments are mean squared errors of images decoded from the encoded positions, from the smoothed
-    ones, from one step and from a rollout of the simulator. Differences of neighbouring stages sum to one; a
-    stage that reduces the error of the one before has a negative share.
+    Differences of neighbouring stages sum to one; a stage that reduces the error of the one before has a
+    negative share.
+
+    Args:
+        decoded: mean squared error of images decoded from the encoded positions.
+        smoothed: of images decoded from the smoothed positions.
+        one_step: of images decoded from the simulator's forecast by one step.
+        rollout: of images decoded from the simulator's rollout.
 
     Raises:
         ValueError: a rollout without error.

@@ -25,6 +25,7 @@ from lagsplat.diagnose.residual.linearization import (
 )
 from lagsplat.diagnose.residual.state_space import (
     FORCE_BOUNDS,
+    ForceVariances,
     SmoothedPath,
     SmootherData,
     compute_force_evidence,
@@ -139,15 +140,7 @@ def estimate_latent_force(
     linear = steps(path, with_force=False)
     best = maximize_likelihood(record, linear, first, noise_known=known)
     linear = steps(smooth_path(record, linear, best), with_force=True)
-    candidates = [
-        maximize_likelihood(record, linear, replace(best, length_s=share * period_s), noise_known=known)
-        for share in LATENT_FORCE.length_scales_periods
-    ]
-    best = max(candidates, key=lambda candidate: candidate.log_likelihood)
-    gained = compute_force_evidence(record, linear, best)
-    # The likeliest variance is positive in half of all recordings without a force, hence the threshold.
-    silent = np.append(gained < LATENT_FORCE.min_log_likelihood_gain, np.zeros(record.d, dtype=bool))
-    best = replace(best, values=np.where(silent, FORCE_BOUNDS[0], best.values))
+    best, gained = _choose_length_scale(record, linear, best, period_s, noise_known=known)
     path = smooth_path(record, linear, best)
     for _ in range(LATENT_FORCE.max_iterations):
         previous, path = path, smooth_path(record, steps(path, with_force=True), best)
@@ -159,7 +152,23 @@ def estimate_latent_force(
     return _require_finite(_split_by_motion(mechanics, motions, record, path, gained))
 
 
+def _choose_length_scale(
+    record: SmootherData, steps: LinearSteps, start: ForceVariances, period_s: float, *, noise_known: bool
+) -> tuple[ForceVariances, Float64[np.ndarray, " d"]]:
+    """Variances at the likeliest length scale, with only forces of enough evidence, and the evidence (d,)."""
+    candidates = [
+        maximize_likelihood(record, steps, replace(start, length_s=share * period_s), noise_known=noise_known)
+        for share in LATENT_FORCE.length_scales_periods
+    ]
+    best = max(candidates, key=lambda candidate: candidate.log_likelihood)
+    gained = compute_force_evidence(record, steps, best)
+    # The likeliest variance is positive in half of all recordings without a force, hence the threshold.
+    silent = np.append(gained < LATENT_FORCE.min_log_likelihood_gain, np.zeros(record.d, dtype=bool))
+    return replace(best, values=np.where(silent, FORCE_BOUNDS[0], best.values)), gained
+
+
 def _require_finite(estimates: list[LatentForceEstimate]) -> list[LatentForceEstimate]:
+    """Return the estimates if all their numbers are finite; else raise."""
     for estimate in estimates:
         for values in (estimate.v, estimate.a, estimate.residual, estimate.std):
             if not np.isfinite(values).all():
@@ -203,6 +212,7 @@ def _stack_inputs(motions: Sequence[Trajectory], hold: str) -> Float64[np.ndarra
 
 
 def _build_path(record: SmootherData, at: SmoothedPath, inputs: np.ndarray, *, with_force: bool) -> StatePath:
+    """States, inputs and force about which the mechanism is linearised."""
     steps: Bool[np.ndarray, " T"] = record.h > 0.0
     h = record.h[:, None]
     q, v = at.q, at.v
@@ -227,6 +237,7 @@ def _split_by_motion(
     path: SmoothedPath,
     gained: np.ndarray,
 ) -> list[LatentForceEstimate]:
+    """Estimates of the single motions from the path of all."""
     results, start = [], 0
     inertia = compute_rest_inertia(mechanics)
     values = path.variances.values

@@ -109,6 +109,13 @@ def compute_distortion_share(
     estimates: Sequence[LatentForceEstimate],
     coordinate: int,
 ) -> float:
-    """Share of a coordinate's residual that distorted measurements predict on left-out blocks."""
+    """Share of a coordinate's residual that distorted measurements predict on left-out blocks.
+
+    Args:
+        features: samples of the residual.
+        mechanics: the simulator's equations of motion.
+        estimates: the motions and their residuals.
+        coordinate: number of the coordinate.
+    """
     columns = compute_apparent_forces(mechanics, estimates, coordinate)
     return compute_explained_share(features, coordinate, columns[features.picked])
