@@ -3,6 +3,8 @@
 import ast
 import importlib.util
 from collections.abc import Iterator
+from dataclasses import replace
+from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +12,7 @@ import pytest
 
 from lagsplat.diagnose.core.result import Candidate
 from lagsplat.diagnose.data_quality.noise import measure_noise
+from lagsplat.diagnose.effects import registry
 from lagsplat.diagnose.effects.base import Effect
 from lagsplat.diagnose.effects.excitation import assess_excitation
 from lagsplat.diagnose.effects.registry import (
@@ -130,6 +133,22 @@ def test_a_name_stands_once(ratchet: Effect, tmp_path: Path) -> None:
         register_effect(tmp_path / "empty.py")
     with pytest.raises(FileNotFoundError, match="no such file"):
         register_effect(tmp_path / "gone.py")
+
+
+def test_installed_packages_may_bring_effects(ratchet: Effect, monkeypatch: pytest.MonkeyPatch) -> None:
+    other = replace(ratchet, name="pawl")
+
+    def entry_points(group: str) -> list[EntryPoint]:
+        assert group == "lagsplat.effects"
+        return [EntryPoint("pawl", "some_package.pawl:EFFECT", group)]
+
+    monkeypatch.setattr(registry, "entry_points", entry_points)
+    monkeypatch.setattr(EntryPoint, "load", lambda self: other)
+    registry._installed_effects.cache_clear()
+    try:
+        assert catalogue()["pawl"] is other
+    finally:
+        registry._installed_effects.cache_clear()
 
 
 def test_no_other_file_names_an_effect() -> None:

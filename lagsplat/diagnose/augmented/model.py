@@ -236,7 +236,7 @@ def _restore_effect(entry: Mapping[str, Any], path: str | os.PathLike[str]) -> P
     if entry["name"] not in known:
         raise ValueError(
             f"{path}: effect {entry['name']!r} is not in the catalogue {sorted(known)}; use the version that "
-            "made the file"
+            "made the file, or register the effect before"
         )
     along = entry["direction"]
     direction = along and Direction(**{**along, "covector": np.array(along["covector"], dtype=np.float64)})

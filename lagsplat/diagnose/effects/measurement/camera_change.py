@@ -55,7 +55,7 @@ EFFECT = ObservationEffect(
     description=EffectDescription(
         title="a camera that was moved or zoomed",
         kind="observation",
-        what="The camera has another pose or another zoom than in the video that the simulation was learnt from.",
+        what="The camera has another pose or zoom than in the video that the simulation was learnt from.",
         symptom="Everything appears shifted or stretched, at rest as well; the background is too.",
         remedy="Put the camera back or calibrate it; leave the simulation alone.",
     ),
