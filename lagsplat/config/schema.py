@@ -1,4 +1,4 @@
-"""One experiment, composed once and typed: the only module that knows Hydra."""
+"""Names and types of everything in ``conf/``: the groups, their choices, and the whole experiment."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -45,8 +45,11 @@ GROUPS = (
 
 
 def options(group: str) -> list[str]:
-    """Names of the choices in ``conf/<group>/``: the closed vocabulary of a wildcard."""
-    return sorted(path.stem for path in (CONF / group).glob("*.yaml"))
+    """Names of the choices in ``conf/<group>/``: the closed vocabulary of a wildcard.
+
+    A file ``base.yaml`` holds what several choices share and is none itself.
+    """
+    return sorted(path.stem for path in (CONF / group).glob("*.yaml") if path.stem != "base")
 
 
 @dataclass  # not frozen: OmegaConf turns frozen dataclasses into read-only nodes
