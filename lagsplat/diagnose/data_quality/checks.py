@@ -1,4 +1,4 @@
-"""All checks of the data before anything is fitted: both sides made ready, and what was found on the way."""
+"""All checks of the data before anything is fitted: both sides prepared for use, with their findings."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

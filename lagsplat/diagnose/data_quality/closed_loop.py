@@ -90,7 +90,7 @@ def _compute_partial_share(columns: np.ndarray, target: np.ndarray, *, given: np
         return 0.0
     fitted = free @ np.linalg.lstsq(free, rest, rcond=1e-9)[0]
     share = min(float(fitted @ fitted) / size, 1.0 - 1e-12)
-    n, p = len(target) // CLOSED_LOOP.difference_order, columns.shape[1]  # differences make neighbours alike
+    n, p = len(target) // CLOSED_LOOP.difference_order, columns.shape[1]  # differencing correlates neighbours
     ratio = share / p / ((1.0 - share) / max(n - p, 1))
     return share if f_law.sf(ratio, p, max(n - p, 1)) < CLOSED_LOOP.max_p_value else 0.0
 

@@ -181,13 +181,13 @@ def _check_units(sim: np.ndarray, real: np.ndarray, name: str) -> Finding | None
     if 1.0 / COMPATIBILITY.striking_size_ratio < ratio < COMPATIBILITY.striking_size_ratio:
         return None
     factor = min(UNIT_RATIOS, key=lambda unit: abs(np.log(max(ratio, 1.0 / ratio) / unit)))
-    alike = abs(np.log(max(ratio, 1.0 / ratio) / factor)) < COMPATIBILITY.unit_ratio_tolerance
+    plausible = abs(np.log(max(ratio, 1.0 / ratio) / factor)) < COMPATIBILITY.unit_ratio_tolerance
     return Finding(
-        "undetermined" if ratio > 1.0 or alike else "warn",
+        "undetermined" if ratio > 1.0 or plausible else "warn",
         "units",
         "real",
         f"{name} moves {ratio:.3g} times as far as in the sim"
-        + (f", about the ratio of {UNIT_RATIOS[factor]}" if alike else ""),
+        + (f", about the ratio of {UNIT_RATIOS[factor]}" if plausible else ""),
         "the sim was never seen at that size, or the units differ",
         "give both sides in one unit, or a sim that moves as far as the real thing",
         (name,),

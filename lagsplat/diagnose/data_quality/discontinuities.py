@@ -298,7 +298,7 @@ def _find_holds(
 def find_repeated_samples(
     q: Float64[np.ndarray, "N d"], clips: Int64[np.ndarray, "C 2"], sigma: Float64[np.ndarray, " d"]
 ) -> Bool[np.ndarray, " N"]:
-    """Mark the samples that repeat an earlier one because a frame was shown again.
+    """Mark the samples that repeat an earlier one because a frame was recorded twice.
 
     A mechanism that sticks moves on from where it stood; a repeated frame is followed by a jump to where the
     motion has arrived by then. ``clips`` are (first sample, end) and ``sigma`` is the noise.

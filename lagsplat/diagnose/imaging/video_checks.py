@@ -35,7 +35,7 @@ class CameraShift:
     """How far the camera moved [pixel of a frame].
 
     ``within_px`` is the rms during the recording, ``between_px`` (x, y) the shift from the recording the
-    simulator was learnt from to this one; None where the image has no background to measure it by. ``share``
+    simulator was fitted to, to this one; None where the image has no background to measure it by. ``share``
     is the change of a latent that the larger of both causes, over its standard deviation.
     """
 
@@ -67,8 +67,8 @@ def measure_camera_shift(
 
     Args:
         recording: the recording to check.
-        nominal: the recording that the simulator was learnt from.
-        autoencoder: of the fitted run; it tells how far a shift changes the latents.
+        nominal: the recording that the simulator was fitted to.
+        autoencoder: of the fitted run; it shows how far a shift changes the latents.
         chart: of the fitted run.
     """
     within = _measure_within(recording)
@@ -186,7 +186,7 @@ def _measure_within(recording: Recording) -> float | None:
     footage: Sequence[Mapping[str, Any]] = recording.meta.get("footage") or ()
     if footage:
         assessed = [clip for clip in footage if clip["camera"] is not None]
-        # The limit is CAMERA_PX of a frame, in pixels of the film.
+        # The limit is CAMERA_PX of a frame, in pixels of the video.
         sizes = [CAMERA_PX * clip["camera"]["rms_px"] / clip["camera_limit_px"] for clip in assessed]
         return max(sizes, default=None)
     paths = []
@@ -248,7 +248,7 @@ def derive_recording_settings(
     Raises:
         ValueError: a log, while the run was not fitted to one.
     """
-    meta, filmed = own.meta, source.kind != "krauss"
+    meta, from_images = own.meta, source.kind != "krauss"
     settings = _read_fitted_settings(folder)
     return RecordingConfig(
         kind=source.kind,
@@ -256,16 +256,16 @@ def derive_recording_settings(
         archive=None,
         member=None,
         dt_s=_derive_spacing(source, settings, dt_s),
-        n_inputs=0 if filmed else own.inputs.shape[1],
-        rotate=int(meta.get("rotate", 0)) if filmed else 0,
+        n_inputs=0 if from_images else own.inputs.shape[1],
+        rotate=int(meta.get("rotate", 0)) if from_images else 0,
         stabilise=bool(meta.get("stabilise", False)) and source.kind == "video",
-        grey=bool(meta.get("grey", False)) if filmed else False,
-        crop=meta.get("crop") if filmed else None,
+        grey=bool(meta.get("grey", False)) if from_images else False,
+        crop=meta.get("crop") if from_images else None,
         skip_s=0.0,
         end_s=None,
         spans_s=None,
-        height=own.height if filmed else None,
-        width=own.width if filmed else None,
+        height=own.height if from_images else None,
+        width=own.width if from_images else None,
         split=SplitConfig(0.5, None, None),
         mcap=_derive_topics(source, settings) if source.kind == "mcap" else None,
     )

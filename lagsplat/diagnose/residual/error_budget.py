@@ -35,7 +35,7 @@ class ErrorStage:
 
 @dataclass(frozen=True)
 class PerceptionQuality:
-    """How well the real images are read, compared with those that the simulator was learnt from.
+    """How well the real images are read, compared with those that the simulator was fitted to.
 
     ``ratio`` of the real images' error to the nominal one; ``outside``, share of frames beyond the nominal
     cloud of latents; ``suspect`` where either is so large that later findings rest on badly read images.
@@ -52,7 +52,7 @@ def assess_perception(
     latents_real: Float64[np.ndarray, "T d"],
     latents_nominal: Float64[np.ndarray, "N d"],
 ) -> PerceptionQuality:
-    """Compare image errors and latents with those of the recording that the simulator was learnt from.
+    """Compare image errors and latents with those of the recording that the simulator was fitted to.
 
     The nominal cloud of latents is fitted robustly; a frame is outside if it is farther from its middle than
     all but 1 in 1000 of the nominal ones.

@@ -40,13 +40,13 @@ from lagsplat.io.trajectory.trajectory import Trajectory
 class LatentForceEstimate:
     """A motion and the force that its simulator lacks.
 
-    ``q``, ``v``, ``a`` (T, d): smoothed position, velocity and acceleration; ``residual`` (T, d): the force
-    that the simulator lacks (real minus simulated) over the inertia at rest, with its ``covariance`` (T, d,
-    d); ``innovation`` (T, d): measured minus smoothed position. The rest is common to all motions that were
-    smoothed together: ``evidence`` (d,) nats by which each force makes the measurements more likely (a force
-    with fewer than `LATENT_FORCE.min_log_likelihood_gain` is not kept), ``amplitude`` (d,) standard deviation
-    of the force over the inertia at rest, ``noise`` (d,) that of the measurement, ``length_s`` the force's
-    length scale [s], ``log_likelihood`` [nats].
+    ``q``, ``v``, ``a`` (T, d) are smoothed position, velocity and acceleration. ``residual`` (T, d) is the
+    force that the simulator lacks (real minus simulated) over the inertia at rest, and ``covariance``
+    (T, d, d) its covariance. ``innovation`` (T, d) is measured minus smoothed position. The rest is common to
+    all motions that were smoothed together: ``evidence`` (d,) nats by which each force makes the measurements
+    more likely (a force with fewer than `LATENT_FORCE.min_log_likelihood_gain` is not kept), ``amplitude``
+    (d,) standard deviation of the force over the inertia at rest, ``noise`` (d,) that of the measurement,
+    ``length_s`` the force's length scale [s], ``log_likelihood`` [nats].
     """
 
     motion: Trajectory

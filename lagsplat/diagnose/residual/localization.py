@@ -80,7 +80,7 @@ def locate(
         ar1: correlation of the measurement noise from one sample to the next.
         hold: "linear" for inputs that are linear between samples, "zoh" for constant ones.
         noise: standard deviation (d,) of the measurement noise; by default it is estimated.
-        perception_suspect: images are decoded or encoded worse than those the simulator was learnt from,
+        perception_suspect: images are decoded or encoded worse than those the simulator was fitted to,
             which makes perception the level in any case.
         image_region: what is known of the place in the image, to be passed on.
 

@@ -49,7 +49,7 @@ class ResidualSpectrum:
 
 
 @dataclass(frozen=True)
-class _Tapered:
+class _TaperedClip:
     """Transforms (F, K, channels) of one clip, its tapers' sums (K,) and its length [s]."""
 
     transform: np.ndarray
@@ -121,17 +121,21 @@ def _resample_clips(
     return clips
 
 
-def _taper_clip(values: np.ndarray, dt_s: float, size: int, kept: np.ndarray) -> _Tapered:
+def _taper_clip(values: np.ndarray, dt_s: float, size: int, kept: np.ndarray) -> _TaperedClip:
     """Transform a clip under each taper, at the frequencies in ``kept``."""
     tapers = dpss(len(values), SPECTRUM.half_bandwidth, SPECTRUM.tapers)  # (K, N)
     centred = values - values.mean(axis=0)
     transform: Complex[np.ndarray, "F K channels"] = np.fft.rfft(
         centred[:, None, :] * tapers.T[:, :, None], size, axis=0
     )
-    return _Tapered(np.sqrt(dt_s) * transform[kept], np.sqrt(dt_s) * tapers.sum(axis=1), dt_s * len(values))
+    return _TaperedClip(
+        np.sqrt(dt_s) * transform[kept], np.sqrt(dt_s) * tapers.sum(axis=1), dt_s * len(values)
+    )
 
 
-def _find_lines(clips: list[_Tapered], frequency: np.ndarray, active: np.ndarray) -> tuple[SpectralLine, ...]:
+def _find_lines(
+    clips: list[_TaperedClip], frequency: np.ndarray, active: np.ndarray
+) -> tuple[SpectralLine, ...]:
     """Sinusoids by the F test, at most one in a bandwidth, under a bounded false discovery rate."""
     lines = []
     longest = max(clip.seconds for clip in clips)
