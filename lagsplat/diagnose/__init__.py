@@ -1,1 +1,5 @@
-"""The gap between a simulation and a recording: where it lies, what causes it, how far it closes."""
+"""Why a simulation and a recording disagree: where the gap lies, what causes it, and how far it closes.
+
+`diagnosis` has `diagnose`, from a simulator and real trajectories to a verdict with its evidence. The packages
+below it follow the data: data quality, residual, effects, estimation, identification, inference.
+"""

@@ -183,10 +183,11 @@ class SelectionSettings:
     start_shares: tuple[float, ...] = (1.0, 0.5, 0.25, 0.1, 0.03)
     """Shares of the amplitude from the score test that are tried as starts [1]. Commit 123f88b."""
     unmoved_misfit_ratio: float = 1.02
-    """Misfit with the nuisance parameters at zero, over that with them fitted [1], from which both score tests
-    are made."""
+    """Misfit with the nuisance parameters at zero, over that with them fitted [1], from which both
+    score tests are made."""
     sample_noise_penalty: float = 4.0
-    """Log evidence that an effect on single samples must exceed [nat]: its parameters are not integrated out."""
+    """Log evidence that an effect on single samples must exceed [nat]; its parameters are not integrated
+    out."""
 
 
 SELECTION = SelectionSettings()
