@@ -47,8 +47,7 @@ class ImageForceMap:
 
     ``points`` (P, 2) lie on ``frame`` (x to the right, y down, pixels). ``explained`` (P,) is the share that
     a force on each explains, and ``forces`` (P, 2) are the mean forces; ``near`` are the points next to the
-    best.
-    Where the force is not ``localisable`` none is drawn.
+    best. Where the force is not ``localisable`` none is drawn.
     """
 
     frame: UInt8[np.ndarray, "H W 3"]

@@ -21,13 +21,10 @@ from lagsplat.report.diagnosis.figure_hypotheses import (
 from lagsplat.report.diagnosis.figure_residual import draw_forecast_comparison, draw_spectrum, draw_time_strip
 from lagsplat.report.diagnosis.figure_state import draw_image_maps, draw_state_maps
 
-Entry = tuple[str, str, str, Callable[[Diagnosis, ReportContent], Figure | None]]
-"""Key, title, caption and how it is drawn."""
-
 
 @dataclass(frozen=True)
 class ReportFigure:
-    """A figure with what it is of; ``figure`` is None where what it needs was not computed."""
+    """A drawn figure with its title and caption; ``figure`` is None where its data were not computed."""
 
     key: str
     title: str
@@ -35,131 +32,114 @@ class ReportFigure:
     figure: Figure | None
 
 
-def draw_diagnosis_figures(diagnosis: Diagnosis, exhibits: ReportContent) -> list[ReportFigure]:
-    """Every figure, drawn or found missing."""
+CATALOGUE: tuple[tuple[str, str, str, Callable[[Diagnosis, ReportContent], Figure | None]], ...] = (
+    (
+        "waterfall",
+        "How far the gap closes",
+        "Root mean square error of held-out forecasts over one natural period, or as long as the sim can "
+        "be followed, over each coordinate's own size. From the sim as delivered, over the sim with its "
+        "own numbers moved within their uncertainty, to the sim with the chosen effects (whisker: 95 % "
+        "interval). The dashed floor is what the true model would leave, given the noise.",
+        draw_waterfall,
+    ),
+    (
+        "posterior",
+        "Which effect",
+        "Probability of every candidate; the chosen ones in orange; “none” and “unknown” hatched. To the "
+        "right, how much more likely the data are under it than under no effect.",
+        lambda diagnosis, _: draw_posterior(diagnosis),
+    ),
+    (
+        "rollouts",
+        "Forecasts before and after",
+        "Held-out blocks that the sim forecasts worst, in the middle and best, each from a state "
+        "estimated on its first ten samples. Grey: measured.",
+        lambda diagnosis, _: draw_forecast_comparison(diagnosis),
+    ),
+    (
+        "time",
+        "Where in time",
+        "The acceleration that the sim lacks, with twice its standard deviation; shaded: spans in which "
+        "it stands out, with their share. Below, the stretch between the dotted lines: forecasts of "
+        "held-out blocks (vertical lines: new starts).",
+        lambda diagnosis, _: draw_time_strip(diagnosis),
+    ),
+    (
+        "components",
+        "What kind of term",
+        "Share of the residual that each kind of term predicts on blocks left out.",
+        lambda diagnosis, _: draw_components(diagnosis),
+    ),
+    (
+        "state",
+        "At which positions and velocities",
+        "Mean acceleration that the sim lacks. Dots: two standard errors from zero; frames: regions in "
+        "which it keeps its sign; grey: hardly visited.",
+        draw_state_maps,
+    ),
+    (
+        "spectrum",
+        "At which frequencies",
+        "Left: spectrum of the residual, lines dotted. Right: its coherence with inputs and velocities.",
+        lambda diagnosis, _: draw_spectrum(diagnosis),
+    ),
+    (
+        "ladder",
+        "At which stage",
+        "Error of each stage from the image to the forecast, over its floor (dashed), with its 95 % "
+        "interval.",
+        lambda _, content: draw_error_budget(content),
+    ),
+    (
+        "picture",
+        "Where in the image",
+        "Left: squared error of the sim's images beyond what rendering leaves. Right: how well a force "
+        "on each point of the body explains the residual, with the force on the best.",
+        lambda _, content: draw_image_maps(content),
+    ),
+    (
+        "separability",
+        "What this recording distinguishes",
+        "Nats by which the recording would prefer the effect of the row, were it there as fitted, over "
+        "that of the column, to first order about the fits. Below three, the two cannot be distinguished.",
+        lambda _, content: draw_separability(content),
+    ),
+    (
+        "profiles",
+        "How sharply the numbers are known",
+        "Log-likelihood along each parameter, the others fitted anew; dashed: where a 90 % interval "
+        "ends. A flat side is a number without a bound. Orange: fitted value, and the interval that is "
+        "reported, which is wider, for no model is exact.",
+        draw_profiles,
+    ),
+    (
+        "fingerprint",
+        "What the residual goes with",
+        "Correlation of the residual force with what may drive it; a white dot marks one that chance "
+        "reaches in fewer than 1 of 20 recordings. The largest of a row hints at the kind of effect: "
+        "sign v at dry friction, |v| v at drag, q³ at a stiffness that grows, an input at its gain.",
+        lambda _, content: draw_residual_correlations(content),
+    ),
+)
+"""Key, title, caption and drawing function of every figure: verdict, place of the gap, certainty."""
+
+
+def draw_diagnosis_figures(diagnosis: Diagnosis, content: ReportContent) -> list[ReportFigure]:
+    """Draw every figure of the report whose data are there."""
     # A dollar in the name of a column or a file is no formula.
     with paper_style(), mpl.rc_context({"text.parse_math": False}):
-        shown = [
-            ReportFigure(key, title, _caption(key, caption, diagnosis), draw(diagnosis, exhibits))
-            for key, title, caption, draw in _catalogue()
+        figures = [
+            ReportFigure(key, title, _choose_caption(key, caption, diagnosis), draw(diagnosis, content))
+            for key, title, caption, draw in CATALOGUE
         ]
-        for one in shown:
-            if one.figure is not None:
+        for drawing in figures:
+            if drawing.figure is not None:
                 # Labels of ticks are made at the first drawing, which must fall under these settings.
-                one.figure.draw_without_rendering()
-    return shown
+                drawing.figure.draw_without_rendering()
+    return figures
 
 
-def _caption(key: str, caption: str, diagnosis: Diagnosis) -> str:
+def _choose_caption(key: str, caption: str, diagnosis: Diagnosis) -> str:
     if key == "time" and not get_location(diagnosis.where, "smoothed"):
         return "Forecasts of held-out blocks (vertical lines: new starts); the residual was not computed."
     return caption
-
-
-def _catalogue() -> list[Entry]:
-    return [*_verdict(), *_place(), *_certainty()]
-
-
-def _verdict() -> list[Entry]:
-    """What was found and how far it goes."""
-    return [
-        (
-            "waterfall",
-            "How far the gap closes",
-            "Root mean square error of held-out forecasts over one natural period, or as long as the sim can "
-            "be followed, over each coordinate's own size. From the sim as delivered, over the sim with its "
-            "own numbers moved within their uncertainty, to the sim with the chosen effects (whisker: 95 % "
-            "interval). The dashed floor is what the true model would leave, given the noise.",
-            draw_waterfall,
-        ),
-        (
-            "posterior",
-            "Which effect",
-            "Probability of every candidate; the chosen ones in orange; “none” and “unknown” hatched. To the "
-            "right, how much more likely the data are under it than under no effect.",
-            lambda diagnosis, _: draw_posterior(diagnosis),
-        ),
-        (
-            "rollouts",
-            "Forecasts before and after",
-            "Held-out blocks that the sim forecasts worst, in the middle and best, each from a state "
-            "estimated on its first ten samples. Grey: measured.",
-            lambda diagnosis, _: draw_forecast_comparison(diagnosis),
-        ),
-    ]
-
-
-def _place() -> list[Entry]:
-    """Where the gap lies."""
-    return [
-        (
-            "time",
-            "Where in time",
-            "The acceleration that the sim lacks, with twice its standard deviation; shaded: spans in which "
-            "it stands out, with their share. Below, the stretch between the dotted lines: forecasts of "
-            "held-out blocks (vertical lines: new starts).",
-            lambda diagnosis, _: draw_time_strip(diagnosis),
-        ),
-        (
-            "components",
-            "What kind of term",
-            "Share of the residual that each kind of term predicts on blocks left out.",
-            lambda diagnosis, _: draw_components(diagnosis),
-        ),
-        (
-            "state",
-            "At which positions and velocities",
-            "Mean acceleration that the sim lacks. Dots: two standard errors from zero; frames: regions in "
-            "which it keeps its sign; grey: hardly visited.",
-            draw_state_maps,
-        ),
-        (
-            "spectrum",
-            "At which frequencies",
-            "Left: spectrum of the residual, lines dotted. Right: its coherence with inputs and velocities.",
-            lambda diagnosis, _: draw_spectrum(diagnosis),
-        ),
-        (
-            "ladder",
-            "At which stage",
-            "Error of each stage from the picture to the forecast, over its floor (dashed), with its 95 % "
-            "interval.",
-            lambda _, exhibits: draw_error_budget(exhibits),
-        ),
-        (
-            "picture",
-            "Where on the picture",
-            "Left: squared error of the sim's pictures beyond what drawing leaves. Right: how well a force "
-            "on each point of the body explains the residual, with the force on the best.",
-            lambda _, exhibits: draw_image_maps(exhibits),
-        ),
-    ]
-
-
-def _certainty() -> list[Entry]:
-    """What the recording can tell."""
-    return [
-        (
-            "separability",
-            "What this recording tells apart",
-            "Nats by which the recording would prefer the effect of the row, were it there as fitted, over "
-            "that of the column, to first order about the fits. Below three, the two cannot be told apart.",
-            lambda _, exhibits: draw_separability(exhibits),
-        ),
-        (
-            "profiles",
-            "How sharply the numbers are known",
-            "Log-likelihood along each parameter, the others fitted anew; dashed: where a 90 % interval "
-            "ends. A flat side is a number without a bound. Orange: fitted value, and the interval that is "
-            "told, which is wider, for no law is quite nature's.",
-            draw_profiles,
-        ),
-        (
-            "fingerprint",
-            "What the residual goes with",
-            "Correlation of the residual force with what may drive it; a white dot marks one that chance "
-            "reaches in fewer than 1 of 20 recordings. The largest of a row hints at the kind of effect: "
-            "sign v at dry friction, |v| v at drag, q³ at a stiffness that grows, an input at its gain.",
-            lambda _, exhibits: draw_residual_correlations(exhibits),
-        ),
-    ]

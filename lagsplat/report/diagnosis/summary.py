@@ -1,7 +1,4 @@
-"""What was named in a diagnosis, and how it is called in a sentence.
-
-A diagnosis in one paragraph that needs no training in mechanics.
-"""
+"""A diagnosis in one paragraph that needs no training in mechanics, and the names in its sentences."""
 
 import math
 from collections.abc import Set
@@ -27,106 +24,13 @@ from lagsplat.report.diagnosis.content import (
     select_effects,
 )
 
-
-def select_chosen(diagnosis: Diagnosis) -> list[Candidate]:
-    """The effects that were named, in the order of the combination; the most probable where there is none."""
-    found = [next(one for one in diagnosis.candidates if one.name == name) for name in diagnosis.combination]
-    return found or [one for one in diagnosis.candidates if one.name not in ("none", "unknown")][:1]
-
-
-def list_indistinguishable(diagnosis: Diagnosis) -> list[str]:
-    """The first chosen effect and those this recording cannot tell from it, most probable first."""
-    if not select_chosen(diagnosis):
-        return []
-    name = select_chosen(diagnosis)[0].name
-    others = {other for group in diagnosis.equivalent if name in group for other in group}
-    return sorted({name} | others, key=lambda other: (-sum_probability(diagnosis, other), other != name))
-
-
-def sum_probability(diagnosis: Diagnosis, name: str) -> float:
-    """Probability of an effect, wherever it acts."""
-    return sum(one.probability for one in diagnosis.candidates if one.name == name)
-
-
-def name_second_forecast(diagnosis: Diagnosis) -> str:
-    """What the augmented forecasts are of: the sim with its effects, or refit where none was chosen."""
-    return "sim with effects" if diagnosis.combination else "sim, refit"
-
-
-def name_candidate(candidate: Candidate) -> str:
-    """An effect and where it acts, such as "Coulomb friction at q1"."""
-    coordinate, source = _spots(candidate)
-    at = [f"at {coordinate}"] if coordinate else []
-    of = [f"of {source}"] if source else []
-    return " ".join([short_title(candidate.name), *at, *of])
-
-
-def _spots(candidate: Candidate) -> tuple[str | None, str | None]:
-    """The coordinates and the inputs where it acts, as read in a sentence."""
-    if not candidate.places:
-        return candidate.coordinate, candidate.input
-    several = " and ".join([", ".join(candidate.places[:-1]), candidate.places[-1]])
-    on_inputs = isinstance(catalogue().get(candidate.name), InputEffect)
-    return (None, several) if on_inputs else (several, None)
-
-
-def title_candidate(candidate: Candidate) -> str:
-    """The title with its place, such as "a delay of input u0"."""
-    title = describe_effect(candidate.name).title
-    coordinate, source = _spots(candidate)
-    inputs = "inputs" if candidate.places else "input"
-    if source and "an input" in title:
-        title = title.replace("an input", f"{inputs} {source}")
-    elif source:
-        title += f", on {inputs} {source}"
-    return f"{title} at {coordinate}" if coordinate else title
-
-
-def format_estimates(candidate: Candidate) -> list[str]:
-    """Each parameter with unit and 90 % interval, one text each."""
-    told = []
-    for name, one in candidate.parameters.items():
-        several = isinstance(one.value, list | tuple)
-        rows = zip(
-            list_numbers(one.value), _bounds(one.low, one.value), _bounds(one.high, one.value), strict=True
-        )
-        texts = [format_interval(*row) for row in rows]
-        value = ", ".join(text for text, _, _ in texts) or "–"
-        bounds = "" if several or texts[0][1] == "–" else f" (90 % interval {texts[0][1]} to {texts[0][2]})"
-        label = label_parameter(candidate.name, name)
-        told.append(f"{label} {append_unit(value, one.unit)}{bounds}")
-    return told
-
-
-def split_closure(gap: Gap) -> tuple[float, float] | None:
-    """What refitting alone takes away and what the effects take, of what lies above the floor."""
-    above = gap.before - gap.floor
-    if not above > 0.0 or not math.isfinite(gap.refit):
-        return None
-    return (gap.before - gap.refit) / above, (gap.refit - gap.after) / above
-
-
-def join_texts(texts: list[str], word: str) -> str:
-    """Texts as a list in a sentence, ``word`` before the last."""
-    if len(texts) < 2:
-        return "".join(texts)
-    return f"{', '.join(texts[:-1])} {word} {texts[-1]}"
-
-
-def _bounds(bound: object, value: object) -> list[float | None]:
-    found: list[float | None] = list(list_numbers(bound))
-    return found if len(found) == len(list_numbers(value)) else [None] * len(list_numbers(value))
-
-
-CERTAIN_FROM, LIKELY_FROM = (
-    0.8,
-    0.5,
-)  # probability of a class from which it is called the cause, and the likely cause
-UNEXPLAINED_RATIO = 1.25  # times the floor: above it something else is missing too
-ADVICE_FROM = 0.01  # probability from which on it is worth a recording to know more of an effect
-FULL_PERIOD = 0.85  # natural periods from which on a horizon counts as one
-SUBSTANTIAL_SHARE = 0.5  # share of what the nearest effect leaves at which several together are told of
-MAX_NAMED = 4  # effects that a sentence lists at most
+CERTAIN_FROM = 0.8  # probability from which the summary says "the cause"
+LIKELY_FROM = 0.5  # probability from which it says "the likely cause"
+UNEXPLAINED_RATIO = 1.25  # remaining gap over its floor, above which something else is missing too
+ADVICE_FROM = 0.01  # probability of an effect from which the summary advises a recording for it
+FULL_PERIOD = 0.85  # natural periods from which a horizon counts as one
+SUBSTANTIAL_SHARE = 0.5  # misfit of several effects over that of the nearest, below which they are mentioned
+MAX_NAMED = 4  # effects that a sentence lists
 LEVEL_TITLES = {
     "perception": "The gap arises where the pictures are read, before any physics",
     "chart": "The gap lies in how positions are read, not in the forces",
@@ -142,16 +46,30 @@ ACTS_LIKE = {
     "memory": "something that remembers the past",
 }
 NUMERALS = ("No", "One", "Two", "Three")
+IMPLAUSIBLE = {
+    "unrepeated": "{nearest} would fit, but nothing shows that it comes from outside: in this recording the "
+    "mechanism never passes through the same states without it, or not often enough.",
+    "shapeless": "Only effects with times, frequencies or states of their own, several of them together, "
+    "would fit; such effects fit almost anything.",
+    "loose": "The simulation's own stiffness, damping, gains and loads, all moved together, fit better than "
+    "any effect does: identify the simulation anew before looking for physics that it lacks.",
+}
+"""Why an explanation is rejected although it leaves nothing unexplained."""
 
 
 def write_summary(diagnosis: Diagnosis) -> str:
-    """The verdict, what it rests on and what to do, in a few sentences of plain text."""
-    tell = {"effect": _effect, "none": _none, "unknown": _unknown, "undetermined": _undetermined}
-    return " ".join(sentence for sentence in tell[diagnosis.verdict](diagnosis) if sentence)
+    """Write the verdict, its evidence and what to do, in a few sentences of plain text."""
+    writers = {
+        "effect": _write_effect,
+        "none": _write_none,
+        "unknown": _write_unknown,
+        "undetermined": _write_undetermined,
+    }
+    return " ".join(sentence for sentence in writers[diagnosis.verdict](diagnosis) if sentence)
 
 
 def write_headline(diagnosis: Diagnosis) -> str:
-    """The verdict in a few words."""
+    """Write the verdict in a few words."""
     if diagnosis.verdict != "effect":
         return {
             "none": "No gap beyond the sim's own uncertainty",
@@ -162,28 +80,33 @@ def write_headline(diagnosis: Diagnosis) -> str:
     if sum(sum_probability(diagnosis, name) for name in names) < LIKELY_FROM:
         return "A gap whose cause is undecided"
     if len(diagnosis.combination) > 1:
-        return _capital(join_texts([name_candidate(one) for one in select_chosen(diagnosis)], "and"))
+        return _capitalize(join_texts([name_candidate(effect) for effect in select_chosen(diagnosis)], "and"))
     if len(names) > 1:
-        return _capital(join_texts([short_title(name) for name in names], "or"))
-    return _capital(name_candidate(select_chosen(diagnosis)[0]))
+        return _capitalize(join_texts([short_title(name) for name in names], "or"))
+    return _capitalize(name_candidate(select_chosen(diagnosis)[0]))
 
 
-def _effect(diagnosis: Diagnosis) -> list[str]:
-    named, names = select_chosen(diagnosis), list_indistinguishable(diagnosis)
-    if not named:
-        return _unknown(diagnosis)
-    together = sum(sum_probability(diagnosis, name) for name in names)
-    kinds = {describe_effect(one.name).kind for one in named}
-    sentences = [_size(diagnosis), _located(diagnosis), _cause(diagnosis, named, names, together)]
-    if together >= LIKELY_FROM:
-        sentences += [_estimated(one, len(named), len(names)) for one in named if one.parameters]
-        sentences.append(_consequence(kinds))
-        sentences.append(_closure(diagnosis, _act(kinds, len(named), names)))
-        sentences += [describe_effect(one.name).remedy for one in named] if len(names) == 1 else []
-    return [*sentences, _next(diagnosis)]
+def _write_effect(diagnosis: Diagnosis) -> list[str]:
+    chosen, equivalent = select_chosen(diagnosis), list_indistinguishable(diagnosis)
+    if not chosen:
+        return _write_unknown(diagnosis)
+    probability = sum(sum_probability(diagnosis, name) for name in equivalent)
+    kinds = {describe_effect(effect.name).kind for effect in chosen}
+    sentences = [
+        _describe_size(diagnosis),
+        _describe_place(diagnosis),
+        _describe_cause(diagnosis, chosen, equivalent, probability),
+    ]
+    if probability >= LIKELY_FROM:
+        sentences += [_list_estimates(e, len(chosen), len(equivalent)) for e in chosen if e.parameters]
+        sentences.append(_describe_consequence(kinds))
+        sentences.append(_describe_closure(diagnosis, _name_remedy(kinds, len(chosen), equivalent)))
+        if len(equivalent) == 1:
+            sentences += [describe_effect(effect.name).remedy for effect in chosen]
+    return [*sentences, _recommend_next(diagnosis)]
 
 
-def _none(diagnosis: Diagnosis) -> list[str]:
+def _write_none(diagnosis: Diagnosis) -> list[str]:
     gap = diagnosis.gap
     chance = sum_probability(diagnosis, "none")
     agrees = "The simulation agrees with the recording: nothing has to be added"
@@ -195,92 +118,81 @@ def _none(diagnosis: Diagnosis) -> list[str]:
             if math.isfinite(gap.floor)
             else ""
         )
-        over = _over(gap, diagnosis)
+        over = _name_horizon(gap, diagnosis)
         size = f"{over}, its forecasts miss by {format_percent(gap.before)} of the size of the motion{floor}."
-    blind = select_effects(read_excitations(diagnosis), "no")
-    caveat = f"This recording could not have shown {_listed(blind, 'or')}." if blind else ""
-    return [opening, size, caveat, _next(diagnosis) if blind else ""]
+    invisible = select_effects(read_excitations(diagnosis), "no")
+    caveat = f"This recording could not have shown {_list_effects(invisible, 'or')}." if invisible else ""
+    return [opening, size, caveat, _recommend_next(diagnosis) if invisible else ""]
 
 
-def _unknown(diagnosis: Diagnosis) -> list[str]:
+def _write_unknown(diagnosis: Diagnosis) -> list[str]:
     chance = sum_probability(diagnosis, "unknown")
-    known = [one for one in diagnosis.candidates if one.name not in ("none", "unknown")]
-    doubt = diagnosis.checks.get("doubt")
-    verb = "can be held responsible for" if doubt else "explains"
+    known = _list_effect_candidates(diagnosis)
+    reason = diagnosis.checks.get("doubt")
+    verb = "is accepted as the cause of" if reason else "explains"
     sentences = [
-        _size(diagnosis),
-        _located(diagnosis),
+        _describe_size(diagnosis),
+        _describe_place(diagnosis),
         f"No effect of the catalogue {verb} it (probability {format_probability(chance)}).",
     ]
-    if doubt:
-        nearest = _capital(name_candidate(known[0])) if known else "An outer force"
-        sentences.append(DOUBTS[doubt].format(nearest=nearest))
+    if reason:
+        nearest = _capitalize(name_candidate(known[0])) if known else "An outer force"
+        sentences.append(IMPLAUSIBLE[reason].format(nearest=nearest))
     elif known:
         closes = (known[0].closure and known[0].closure.value) or 0.0
         much = f" would close {format_percent(closes)} of it but" if closes > 0.0 else ""
         sentences.append(
-            f"The nearest, {name_candidate(known[0])},{much} leaves more than noise behind; it should not be taken "
-            f"for the cause, since a wrong effect often closes much of a gap.{_nearer(diagnosis)}"
+            f"The nearest, {name_candidate(known[0])},{much} leaves more than noise behind; it should not be "
+            "taken for the cause, since a wrong effect often closes much of a "
+            f"gap.{_mention_combination(diagnosis)}"
         )
-    return [*sentences, describe_effect("unknown").remedy, _next(diagnosis)]
+    return [*sentences, describe_effect("unknown").remedy, _recommend_next(diagnosis)]
 
 
-def _nearer(diagnosis: Diagnosis) -> str:
-    """What several effects together leave, where that is far less than the nearest alone does."""
+def _mention_combination(diagnosis: Diagnosis) -> str:
+    """Mention several effects that together leave far less than the nearest alone."""
     noise = max(diagnosis.checks.get("sim_misfit", 1.0), 1.0)
-    left = [max(one["misfit"] - noise, 0.0) for one in diagnosis.checks.get("chain", [])]
+    left = [max(step["misfit"] - noise, 0.0) for step in diagnosis.checks.get("chain", [])]
     if len(left) < 2 or not left[-1] < SUBSTANTIAL_SHARE * left[0]:
         return ""
     names = [short_title(name) for name in diagnosis.checks["chain"][-1]["effects"]]
-    return f" Nearer are {join_texts(names, 'and')} together, which leave {format_percent(left[-1] / left[0])} as much."
+    share = format_percent(left[-1] / left[0])
+    return f" Nearer are {join_texts(names, 'and')} together, which leave {share} as much."
 
 
-DOUBTS = {
-    "unrepeated": "{nearest} would fit, but nothing shows that it comes from outside: in this recording the "
-    "mechanism never passes through the same states without it, or not often enough.",
-    "shapeless": "Only effects with times, frequencies or states of their own, several of them together, "
-    "would fit; such effects fit almost anything.",
-    "loose": "The simulation's own stiffness, damping, gains and loads, all moved together, fit better than "
-    "any effect does: identify the simulation anew before looking for physics that it lacks.",
-}
-"""Why what leaves nothing unexplained is not believed all the same."""
-
-
-def _undetermined(diagnosis: Diagnosis) -> list[str]:
+def _write_undetermined(diagnosis: Diagnosis) -> list[str]:
     why = explain_undecided(diagnosis)[0].rstrip(".")
     sentences = [f"This recording cannot decide what is wrong with the simulation, if anything: {why}."]
     if diagnosis.gap is not None:
-        sentences.append(_size(diagnosis))
-    first = [one for one in diagnosis.candidates if one.name not in ("none", "unknown")][:3]
+        sentences.append(_describe_size(diagnosis))
+    first = _list_effect_candidates(diagnosis)[:3]
     if first and first[0].probability > 0.0:
-        told = [f"{name_candidate(one)} ({format_probability(one.probability)})" for one in first]
-        sentences.append(f"Most probable so far: {join_texts(told, 'and')}; none of them is established.")
-    return [*sentences, _next(diagnosis)]
+        texts = [f"{name_candidate(effect)} ({format_probability(effect.probability)})" for effect in first]
+        sentences.append(f"Most probable so far: {join_texts(texts, 'and')}; none of them is established.")
+    return [*sentences, _recommend_next(diagnosis)]
 
 
-def _size(diagnosis: Diagnosis) -> str:
+def _describe_size(diagnosis: Diagnosis) -> str:
     gap = diagnosis.gap
     if gap is None:
         return ""
     floor = f"; noise alone would leave {format_percent(gap.floor)}" if math.isfinite(gap.floor) else ""
     return (
-        f"{_over(gap, diagnosis)}, the simulation's forecasts miss the measurement by {format_percent(gap.before)} "
-        f"of the size of the motion{floor}.{_runaways(gap)}"
+        f"{_name_horizon(gap, diagnosis)}, the simulation's forecasts miss the measurement by "
+        f"{format_percent(gap.before)} of the size of the motion{floor}.{_describe_divergence(gap)}"
     )
 
 
-def _runaways(gap: Gap) -> str:
-    """What forecasts that left the measurement do to the numbers, if any did."""
+def _describe_divergence(gap: Gap) -> str:
+    """Say how many forecasts diverged, if any did."""
     lost, added = gap.diverged.get("before", 0), gap.diverged.get("after", 0)
     if not lost and not added:
         return ""
     with_it = f" and {added} with what is added to it" if added else ""
-    return (
-        f" Of {gap.blocks} forecasts {lost} of the simulation{with_it} left the motion for good; all count."
-    )
+    return f" Of {gap.blocks} forecasts {lost} of the simulation{with_it} diverged; all count."
 
 
-def _over(gap: Gap, diagnosis: Diagnosis) -> str:
+def _name_horizon(gap: Gap, diagnosis: Diagnosis) -> str:
     if not math.isfinite(gap.horizon_s):
         return "Over one natural period"
     periods = gap.horizon_s / diagnosis.checks.get("natural_period_s", gap.horizon_s)
@@ -289,7 +201,7 @@ def _over(gap: Gap, diagnosis: Diagnosis) -> str:
     return f"Over {format_number(gap.horizon_s)} s, {format_number(periods)} of a natural period"
 
 
-def _located(diagnosis: Diagnosis) -> str:
+def _describe_place(diagnosis: Diagnosis) -> str:
     where = diagnosis.where
     level = get_location(where, "level")
     if level not in LEVEL_TITLES:
@@ -306,36 +218,48 @@ def _located(diagnosis: Diagnosis) -> str:
     return f"{text}.{describe_event(where, diagnosis.checks.get('natural_period_s', 0.0))}"
 
 
-def _cause(diagnosis: Diagnosis, named: list[Candidate], names: list[str], together: float) -> str:
-    verb = "The cause is" if together >= CERTAIN_FROM else "The likely cause is"
-    if together < LIKELY_FROM:
-        first = [one for one in diagnosis.candidates if one.name != "none"][:3]
-        told = [
-            f"{describe_effect(one.name).title if one.name == 'unknown' else name_candidate(one)} "
-            f"({format_probability(one.probability)})"
-            for one in first
+def _describe_cause(
+    diagnosis: Diagnosis, chosen: list[Candidate], equivalent: list[str], probability: float
+) -> str:
+    """Describe the cause.
+
+    Args:
+        diagnosis: the whole diagnosis.
+        chosen: the effects of the combination.
+        equivalent: names of the first effect and of those this recording cannot distinguish from it.
+        probability: of all equivalent effects together.
+    """
+    verb = "The cause is" if probability >= CERTAIN_FROM else "The likely cause is"
+    together = format_probability(probability)
+    if probability < LIKELY_FROM:
+        first = [candidate for candidate in diagnosis.candidates if candidate.name != "none"][:3]
+        texts = [
+            f"{describe_effect(effect.name).title if effect.name == 'unknown' else name_candidate(effect)} "
+            f"({format_probability(effect.probability)})"
+            for effect in first
         ]
-        return f"Its cause is undecided; most probable are {join_texts(told, 'and')}."
-    if len(named) > 1:
-        what = " ".join(describe_effect(one.name).what for one in named)
+        return f"Its cause is undecided; most probable are {join_texts(texts, 'and')}."
+    if len(chosen) > 1:
+        titles = join_texts([title_candidate(effect) for effect in chosen], "and")
+        what = " ".join(describe_effect(effect.name).what for effect in chosen)
         return (
-            f"{NUMERALS[len(named)]} effects act together: {join_texts([title_candidate(one) for one in named], 'and')} "
-            f"(the first with probability {format_probability(together)}). {what}"
+            f"{NUMERALS[len(chosen)]} effects act together: {titles} "
+            f"(the first with probability {together}). {what}"
         )
-    if len(names) > 1:
-        told = [
+    if len(equivalent) > 1:
+        texts = [
             f"{describe_effect(name).title} ({format_probability(sum_probability(diagnosis, name))})"
-            for name in names
+            for name in equivalent
         ]
         return (
-            f"{verb} one of these, which this recording cannot tell apart: {join_texts(told, 'or')}; together "
-            f"they have probability {format_probability(together)}."
+            f"{verb} one of these, which this recording cannot distinguish: {join_texts(texts, 'or')}; "
+            f"together they have probability {together}."
         )
-    chance = format_probability(together)
-    return f"{verb} {title_candidate(named[0])} (probability {chance}). {describe_effect(named[0].name).what}"
+    what = describe_effect(chosen[0].name).what
+    return f"{verb} {title_candidate(chosen[0])} (probability {together}). {what}"
 
 
-def _consequence(kinds: Set[str]) -> str:
+def _describe_consequence(kinds: Set[str]) -> str:
     if kinds == {"parameter"}:
         return "This is a parameter change: the simulation lacks no physics, and a refit suffices."
     if kinds == {"observation"}:
@@ -345,15 +269,15 @@ def _consequence(kinds: Set[str]) -> str:
     return ""
 
 
-def _estimated(candidate: Candidate, together: int, alike_: int) -> str:
-    if alike_ > 1:
+def _list_estimates(candidate: Candidate, chosen: int, equivalent: int) -> str:
+    if equivalent > 1:
         opening = f"If it is {short_title(candidate.name)}: "
     else:
-        opening = "Estimated: " if together == 1 else f"Estimated for {name_candidate(candidate)}: "
+        opening = "Estimated: " if chosen == 1 else f"Estimated for {name_candidate(candidate)}: "
     return f"{opening}{'; '.join(format_estimates(candidate))}."
 
 
-def _act(kinds: Set[str], together: int, names: list[str]) -> str:
+def _name_remedy(kinds: Set[str], together: int, names: list[str]) -> str:
     if len(names) > 1:
         return f"Adding {short_title(names[0])} to the simulation"
     if together > 1:
@@ -363,31 +287,32 @@ def _act(kinds: Set[str], together: int, names: list[str]) -> str:
     return "Setting it right" if kinds == {"parameter"} else "Adding it to the simulation"
 
 
-def _closure(diagnosis: Diagnosis, act: str) -> str:
+def _describe_closure(diagnosis: Diagnosis, act: str) -> str:
     gap = diagnosis.gap
     if gap is None:
         return ""
     if gap.closure.value is None:
-        return "How far it closes the gap cannot be told: the gap hardly exceeds what noise leaves."
+        return "How far it closes the gap is unknown: the gap hardly exceeds what noise leaves."
     interval = ""
     if gap.closure.low is not None and gap.closure.high is not None:
         interval = f" (95 % interval {format_percent(gap.closure.low)} to {format_percent(gap.closure.high)})"
     share = f"{format_percent(gap.closure.value)} of what can be removed{interval}"
     if gap.closure.value >= 1.0:
         share = "as little as can be asked of forecasts from noisy beginnings"
-    text = f"{act} shrinks the miss from {format_percent(gap.before)} to {format_percent(gap.after)}, which is {share}"
+    before, after = format_percent(gap.before), format_percent(gap.after)
+    text = f"{act} shrinks the miss from {before} to {after}, which is {share}"
     if gap.after >= gap.before:
-        text = f"{act} does not shrink the miss of held-out forecasts ({format_percent(gap.after)} with it)"
+        text = f"{act} does not shrink the miss of held-out forecasts ({after} with it)"
     shares = split_closure(gap)
-    moved = "moving the simulation's own numbers within their uncertainty would remove"
-    text += f"; {moved} {format_percent(shares[0])}." if shares and shares[0] > 0.0 else "."
+    refit = "moving the simulation's own numbers within their uncertainty would remove"
+    text += f"; {refit} {format_percent(shares[0])}." if shares and shares[0] > 0.0 else "."
     if gap.floor > 0.0 and gap.after > UNEXPLAINED_RATIO * gap.floor:
         times = format_number(gap.after / gap.floor)
         text += f" What remains is {times} times what noise leaves, so that something else is missing too."
     return text
 
 
-def _next(diagnosis: Diagnosis) -> str:
+def _recommend_next(diagnosis: Diagnosis) -> str:
     wanted = recommend_recordings(diagnosis)
     if not wanted:
         return ""
@@ -397,11 +322,112 @@ def _next(diagnosis: Diagnosis) -> str:
     return f"To know more of {short_title(effect)}, record this next: {record.rstrip('.')}."
 
 
-def _listed(names: list[str], word: str) -> str:
+def _list_effects(names: list[str], word: str) -> str:
     more = len(names) - MAX_NAMED
-    told = [short_title(name) for name in names[:MAX_NAMED]]
-    return join_texts([*told, f"{more} others"] if more > 0 else told, word)
+    titles = [short_title(name) for name in names[:MAX_NAMED]]
+    return join_texts([*titles, f"{more} others"] if more > 0 else titles, word)
 
 
-def _capital(text: str) -> str:
+def _capitalize(text: str) -> str:
     return text[:1].upper() + text[1:]
+
+
+def select_chosen(diagnosis: Diagnosis) -> list[Candidate]:
+    """Select the effects of the combination in its order; the most probable effect where there is none."""
+    candidates = diagnosis.candidates
+    chosen = [next(item for item in candidates if item.name == name) for name in diagnosis.combination]
+    return chosen or _list_effect_candidates(diagnosis)[:1]
+
+
+def _list_effect_candidates(diagnosis: Diagnosis) -> list[Candidate]:
+    """All candidates but the verdicts ``none`` and ``unknown``."""
+    return [candidate for candidate in diagnosis.candidates if candidate.name not in ("none", "unknown")]
+
+
+def list_indistinguishable(diagnosis: Diagnosis) -> list[str]:
+    """List the first chosen effect and those equivalent to it in this recording, most probable first."""
+    if not select_chosen(diagnosis):
+        return []
+    name = select_chosen(diagnosis)[0].name
+    others = {other for group in diagnosis.equivalent if name in group for other in group}
+    return sorted({name} | others, key=lambda other: (-sum_probability(diagnosis, other), other != name))
+
+
+def sum_probability(diagnosis: Diagnosis, name: str) -> float:
+    """Sum the probability of an effect over the places where it may act."""
+    return sum(candidate.probability for candidate in diagnosis.candidates if candidate.name == name)
+
+
+def name_second_forecast(diagnosis: Diagnosis) -> str:
+    """Name the second of two forecasts: the sim with effects, or only refitted where none was chosen."""
+    return "sim with effects" if diagnosis.combination else "sim, refit"
+
+
+def name_candidate(candidate: Candidate) -> str:
+    """Name an effect and its place, such as "Coulomb friction at q1"."""
+    coordinate, source = _name_places(candidate)
+    at = [f"at {coordinate}"] if coordinate else []
+    of = [f"of {source}"] if source else []
+    return " ".join([short_title(candidate.name), *at, *of])
+
+
+def _name_places(candidate: Candidate) -> tuple[str | None, str | None]:
+    """The coordinates and the inputs where an effect acts, as in a sentence."""
+    if not candidate.places:
+        return candidate.coordinate, candidate.input
+    several = " and ".join([", ".join(candidate.places[:-1]), candidate.places[-1]])
+    on_inputs = isinstance(catalogue().get(candidate.name), InputEffect)
+    return (None, several) if on_inputs else (several, None)
+
+
+def title_candidate(candidate: Candidate) -> str:
+    """Write the title of an effect with its place, such as "a delay of input u0"."""
+    title = describe_effect(candidate.name).title
+    coordinate, source = _name_places(candidate)
+    inputs = "inputs" if candidate.places else "input"
+    if source and "an input" in title:
+        title = title.replace("an input", f"{inputs} {source}")
+    elif source:
+        title += f", on {inputs} {source}"
+    return f"{title} at {coordinate}" if coordinate else title
+
+
+def format_estimates(candidate: Candidate) -> list[str]:
+    """Format each parameter with its unit and its 90 % interval."""
+    texts = []
+    for name, parameter in candidate.parameters.items():
+        several = isinstance(parameter.value, list | tuple)
+        numbers = list_numbers(parameter.value)
+        bounds = [_match_bounds(bound, len(numbers)) for bound in (parameter.low, parameter.high)]
+        rows = zip(numbers, *bounds, strict=True)
+        intervals = [format_interval(*row) for row in rows]
+        value = ", ".join(text for text, _, _ in intervals) or "–"
+        interval = (
+            ""
+            if several or intervals[0][1] == "–"
+            else f" (90 % interval {intervals[0][1]} to {intervals[0][2]})"
+        )
+        label = label_parameter(candidate.name, name)
+        texts.append(f"{label} {append_unit(value, parameter.unit)}{interval}")
+    return texts
+
+
+def split_closure(gap: Gap) -> tuple[float, float] | None:
+    """Split the gap above its floor into the shares that refitting alone and the effects take away."""
+    above = gap.before - gap.floor
+    if not above > 0.0 or not math.isfinite(gap.refit):
+        return None
+    return (gap.before - gap.refit) / above, (gap.refit - gap.after) / above
+
+
+def join_texts(texts: list[str], word: str) -> str:
+    """Join texts as in a sentence, with ``word`` before the last."""
+    if len(texts) < 2:
+        return "".join(texts)
+    return f"{', '.join(texts[:-1])} {word} {texts[-1]}"
+
+
+def _match_bounds(bound: object, count: int) -> list[float | None]:
+    """``count`` bounds, all None where the number of bounds is another."""
+    bounds: list[float | None] = list(list_numbers(bound))
+    return bounds if len(bounds) == count else [None] * count

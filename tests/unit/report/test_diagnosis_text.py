@@ -77,7 +77,7 @@ def test_a_combination():
 
 def test_a_class_is_never_one_cause():
     text = write_summary(KINDS["class"])
-    assert "cannot tell apart: dry friction (0.50) or dry friction that sticks (0.35)" in text
+    assert "cannot distinguish: dry friction (0.50) or dry friction that sticks (0.35)" in text
     assert "together they have probability 0.85" in text
     assert "The cause is dry friction" not in text
     assert write_headline(KINDS["class"]) == "Coulomb friction or Stribeck friction"
@@ -178,7 +178,7 @@ def test_a_closure_that_is_not_defined():
 def test_forecasts_that_diverged_are_told():
     made = KINDS["single"]
     lost = replace(made, gap=replace(made.gap, blocks=8, diverged={"before": 2, "refit": 1, "after": 0}))
-    assert "Of 8 forecasts 2 of the simulation left the motion for good; all count." in write_summary(lost)
+    assert "Of 8 forecasts 2 of the simulation diverged; all count." in write_summary(lost)
     assert "left the motion" not in write_summary(made)
 
 
