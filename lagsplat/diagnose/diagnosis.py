@@ -164,8 +164,8 @@ def _fit_measures(
     return {
         "misfit_none": ranking.none.fit.misfit / problem.degrees_of_freedom,
         "misfit_best": best.fit.misfit / problem.degrees_of_freedom,
-        "unexplained": judgement.left,
-        "doubt": judgement.doubted,
+        "unexplained": judgement.unexplained,
+        "doubt": judgement.implausibility,
         "chain": [
             {
                 "effects": [e.effect.name for e in hypothesis.effects],

@@ -38,6 +38,9 @@ from lagsplat.report.diagnosis.html import save_report
 from lagsplat.report.diagnosis.serialization import save_diagnosis
 
 NOWHERE = "The gap cannot be located: along the real motion the sim's forces are not finite."
+MAX_NOMINAL_PERIODS = (
+    40  # natural periods of the sim's own trajectories that give the floors of the error budget
+)
 
 
 def run_diagnosis(
@@ -154,9 +157,11 @@ def _adapt_settings(inputs: DiagnosisInputs, config: DiagnoseConfig) -> Diagnose
     return replace(
         config,
         without=[*config.without, *inputs.recordings.ruled_out],
-        **{name: min(config.learned_factor * getattr(config, name), 0.5) for name in
-           ("potential", "damping", "inputs", "offset", "warp")},
-    )  # fmt: skip
+        **{
+            name: min(config.learned_factor * getattr(config, name), 0.5)
+            for name in ("potential", "damping", "inputs", "offset", "warp")
+        },
+    )
 
 
 def locate_with_verdict(where: ResidualLocation, found: DiagnosisRun) -> ResidualLocation:
@@ -298,8 +303,8 @@ def write_mujoco_patch(
     from lagsplat.diagnose.augmented.mujoco_export import patch_augmented
 
     changes = patch_augmented(Path(sim), out, added, joints=config.joints, actuators=config.actuators)
-    told = list(changes) or ["MuJoCo has no counterpart of what was found; the file was left as it is"]
-    return replace(diagnosis, checks={**diagnosis.checks, "mujoco": told})
+    lines = list(changes) or ["MuJoCo has no counterpart of what was found; the file was left as it is"]
+    return replace(diagnosis, checks={**diagnosis.checks, "mujoco": lines})
 
 
 def build_augmented_simulator(inputs: DiagnosisInputs, found: DiagnosisRun) -> AugmentedSimulator:
@@ -366,8 +371,3 @@ def _first_part(motions: Sequence[Trajectory], length_s: float) -> list[Trajecto
             kept.append(leading_samples(motion, length_s))
             length_s -= kept[-1].duration_s
     return kept
-
-
-MAX_NOMINAL_PERIODS = (
-    40  # natural periods of the sim's own motions by which the floors of the ladder are told
-)

@@ -98,22 +98,22 @@ class RecordingPair:
             }
             if seen.suspect:
                 warnings_.append(
-                    f"conditional on perception: the real pictures are drawn {seen.ratio:.2g} times as badly "
-                    f"as the run's own, and {100 * seen.outside:.2g} % of the frames lie where it was never "
-                    "trained; what follows holds only if the encoder is right there"
+                    f"conditional on perception: the real images are reconstructed {seen.ratio:.2g} times as "
+                    f"badly as the run's own, and {100 * seen.outside:.2g} % of the frames lie where it was "
+                    "never trained; what follows holds only if the encoder is right there"
                 )
             seeing = {known[name].camera for name in found.combination} - {None}
             if seen.ratio > VIDEO_LIMITS.unreadable_error_ratio and found.verdict != "none" and not seeing:
                 checks["undetermined"] = [
-                    f"the real pictures are drawn {seen.ratio:.2g} times as badly as the run's own, so that "
-                    "the encoder does not read their states; film with the camera and compression of before"
+                    f"the real images are reconstructed {seen.ratio:.2g} times as badly as the run's own, so "
+                    "the encoder cannot read their states; record with the same camera and compression"
                 ]
         gap = found.gap.before if found.gap is not None else np.inf
         named = found.combination and not any(known[name].camera in MOVED for name in found.combination)
         if named and self.camera_share > VIDEO_LIMITS.max_camera_share * gap:
             checks["undetermined"] = [
-                f"the camera moved, which alone passes for {100 * self.camera_share:.2g} % of the motion's "
-                f"size while the gap is {100 * gap:.2g} %; no effect can be told from that"
+                f"the camera moved, which alone imitates {100 * self.camera_share:.2g} % of the motion's "
+                f"size while the gap is {100 * gap:.2g} %; no effect can be separated from that"
             ]
         return replace(found, warnings=tuple(warnings_), checks=checks)
 

@@ -1,7 +1,4 @@
-"""What a check of the data found, how grave it is, and what to do about it.
-
-What a diagnosis says, as plain data: the content of ``diagnosis.json`` and of its report.
-"""
+"""The result of a diagnosis as plain data: findings on recordings, candidates, gap and verdict."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -17,9 +14,10 @@ goes on, with less to go by. ``note``: worth knowing."""
 
 @dataclass(frozen=True)
 class Finding:
-    """One finding. ``check`` names the check; ``source`` the file or the side; ``columns`` whom it concerns.
+    """One finding of a check on the data.
 
-    ``what`` was found, ``why`` it matters and the ``remedy`` are sentences without a full stop.
+    ``check`` names the check, ``source`` the file, and ``columns`` the coordinates or inputs. ``what`` was
+    found, ``why`` it matters, and the ``remedy`` are sentences without a full stop.
 
     Raises:
         ValueError: an unknown level.
@@ -39,12 +37,12 @@ class Finding:
 
     @property
     def text(self) -> str:
-        """The finding in one line, as users read it."""
+        """The finding in one line."""
         return f"{self.source}: {self.what}. {self.why[:1].upper()}{self.why[1:]}; {self.remedy}"
 
 
 def refuse(findings: Sequence[Finding]) -> None:
-    """Stop where a finding says that nothing can be computed.
+    """Raise where a finding says that nothing can be computed.
 
     Raises:
         ValueError: a finding of level ``refuse``; the message holds all of them.
@@ -61,7 +59,7 @@ Verdict = Literal["effect", "none", "unknown", "undetermined"]
 
 @dataclass(frozen=True)
 class Parameter:
-    """A fitted parameter with its 90 % interval; lists where an effect happens several times."""
+    """A fitted parameter with its 90 % interval; lists where an effect occurs several times."""
 
     value: Any
     low: Any
@@ -93,34 +91,33 @@ class Candidate:
     misfit: float | None = None
     """Mean square of its residual, in units of the noise."""
     places: tuple[str, ...] = ()
-    """The coordinates or the inputs, where it acts at several at once."""
+    """The coordinates or inputs, where the effect acts at several at once."""
 
 
 @dataclass(frozen=True)
 class Gap:
-    """Root mean square of the held-out forecasts' errors, in fractions of each coordinate's rms."""
+    """Root mean square errors of held-out forecasts [rms of each coordinate]."""
 
     before: float
-    """The sim as delivered."""
+    """The sim as given."""
     refit: float
-    """The sim with its own parameters moved within their uncertainty, and nothing added."""
+    """The sim with its nuisance parameters fitted, and no effect."""
     after: float
     """With the chosen effects."""
     floor: float
-    """What the true model would leave, given the noise."""
+    """The error of the true model, by the measurement noise."""
     horizon_s: float
     closure: Interval
-    """Share of what is above the floor that the chosen effects and the refit take away."""
+    """Share of the gap above the floor that the chosen effects and the refit remove."""
     blocks: int = 0
-    """Forecasts that were made, each over the horizon."""
+    """Number of forecasts, each over the horizon."""
     diverged: Mapping[str, int] = field(default_factory=dict)
-    """How many of them left the measurement for good, by ``before``, ``refit`` and ``after``; all of them
-    stand in the root mean squares."""
+    """Number of forecasts that diverged, by ``before``, ``refit`` and ``after``; the errors include them."""
 
 
 @dataclass(frozen=True)
 class Block:
-    """One held-out stretch: what was measured, and two forecasts from states of its first ten samples."""
+    """One held-out block: the measurement, and two forecasts from states fitted to its first samples."""
 
     file: str
     index: int
@@ -132,7 +129,7 @@ class Block:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """The verdict with everything it rests on; candidates stand most probable first."""
+    """The verdict with its evidence; the most probable candidate comes first."""
 
     verdict: Verdict
     candidates: tuple[Candidate, ...]
@@ -143,9 +140,9 @@ class Diagnosis:
     excitation: tuple[str, ...]
     warnings: tuple[str, ...]
     absorbed: tuple[str, ...]
-    """Effects that a sim fitted on the same recording has already taken up."""
+    """Effects that a sim fitted on the same recording has already absorbed."""
     blocks: tuple[Block, ...]
     checks: Mapping[str, Any]
-    """What the recording allows: periods, noise, excitation of each family."""
+    """Numbers behind the verdict: periods, noise, misfits, excitation of each effect, robustness."""
     q_names: tuple[str, ...] = ()
     u_names: tuple[str, ...] = ()

@@ -76,31 +76,31 @@ def forecast_blocks(
         x: its fitted parameters.
     """
     real = [e for e in effects if not isinstance(e.effect, SampleEffect)]
-    here = replace(problem, windows=blocks)
+    held_problem = replace(problem, windows=blocks)
 
     def predict(_: np.ndarray, starts: np.ndarray) -> np.ndarray:
-        return here.predict(real)(np.repeat(x[None], len(starts), axis=0), starts)
+        return held_problem.predict(real)(np.repeat(x[None], len(starts), axis=0), starts)
 
-    seen_so_far = (here.data.weight > 0.0).any(axis=2).cumsum(axis=1)
-    early = here.data.weight * (seen_so_far <= HOLDOUT.start_samples)[..., None]
-    data = ShootingData(here.data.y, early, here.data.start_step)
-    nobody = GaussianPrior(*(np.zeros(0) for _ in range(4)))
+    seen_so_far = (held_problem.data.weight > 0.0).any(axis=2).cumsum(axis=1)
+    early = held_problem.data.weight * (seen_so_far <= HOLDOUT.start_samples)[..., None]
+    data = ShootingData(held_problem.data.y, early, held_problem.data.start_step)
+    no_prior = GaussianPrior(*(np.zeros(0) for _ in range(4)))
     fit = fit_multiple_shooting(
-        predict, np.zeros(0), here.initial_states, data, nobody, iterations=8, tolerance=1e-6
+        predict, np.zeros(0), held_problem.initial_states, data, no_prior, iterations=8, tolerance=1e-6
     )
     flat = replace(data, weight=np.ones_like(early))
     residual, _, slopes = differentiate_predictions(predict, np.zeros(0), fit.starts, flat, np.zeros(0))
     n_blocks, length, d = early.shape
     slopes = slopes.reshape(n_blocks, length * d, -1)
-    seen = (early.reshape(n_blocks, -1) > 0.0)[..., None]
+    is_seen = (early.reshape(n_blocks, -1) > 0.0)[..., None]
     variance = np.tile(problem.sigma**2, length)
-    weighted = slopes * seen / variance[None, :, None]
+    weighted = slopes * is_seen / variance[None, :, None]
     gram = np.einsum("bms,bmt->bst", weighted, slopes)
     gram += 1e-9 * np.eye(gram.shape[1]) * np.trace(gram, axis1=1, axis2=2)[:, None, None]
     # a diverged rollout no longer depends on its initial state
     start_covariance = np.linalg.pinv(np.nan_to_num(gram, posinf=0.0, neginf=0.0), hermitian=True)
     spread = np.einsum("bms,bst,bmt->bm", slopes, start_covariance, slopes)
-    expected = np.where(seen[..., 0], np.maximum(variance - spread, 0.0), variance + spread)
+    expected = np.where(is_seen[..., 0], np.maximum(variance - spread, 0.0), variance + spread)
     return Forecast(flat.y - residual, expected.reshape(n_blocks, length, d))
 
 
@@ -213,10 +213,10 @@ def estimate_single_closure(
     half, windows = split_windows(problem)
     blocks = cut_blocks(problem, windows, period_s=period_s)
     rms = np.std(problem.rollout_model.dataset.q, axis=0)
-    told = forecast_blocks(problem, blocks, hypothesis.effects, fit_half(half, hypothesis))
+    forecast = forecast_blocks(problem, blocks, hypothesis.effects, fit_half(half, hypothesis))
     return estimate_closure(
         held.before,
-        relative_square_error(told.y - blocks.take(problem.rollout_model.dataset.q), rms),
+        relative_square_error(forecast.y - blocks.take(problem.rollout_model.dataset.q), rms),
         held.floor,
     )
 

@@ -109,9 +109,13 @@ def rank_hypotheses(
                 and len(family) < budget.places * 2
             ):
                 family.append((score, HypothesisFit(base.effects, fit)))
-    chosen = list(dict.fromkeys([name for row in zip(*orders, strict=False) for name in row]
-                                + [name for order in orders for name in order]
-                                + [name for name in budget.always_fitted if name in by_family]))  # fmt: skip
+    chosen = list(
+        dict.fromkeys(
+            [name for row in zip(*orders, strict=False) for name in row]
+            + [name for order in orders for name in order]
+            + [name for name in budget.always_fitted if name in by_family]
+        )
+    )
     found = []
     for name in chosen:
         report_progress(name)

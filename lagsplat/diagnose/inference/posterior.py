@@ -144,11 +144,11 @@ class Judgement:
     verdict: Verdict
     probabilities: Mapping[str, float]
     equivalent: tuple[tuple[str, ...], ...]
-    left: float
+    unexplained: float
     """Share of the excess misfit that the best explanation leaves."""
     best: HypothesisFit | None
     """The best explanation, whether or not the verdict names it."""
-    doubted: str | None = None
+    implausibility: str | None = None
     """The reason against it, where the verdict is `unknown` although it explains the gap."""
 
 
@@ -170,14 +170,14 @@ def choose_explanation(
     """
     if not chain:
         return None, 1.0, _unknown_probability(before, before, freedom, nominal, config)
-    left = [unexplained_misfit(hypothesis, freedom, nominal, config) for hypothesis in chain]
-    share = [max(rest, 0.0) / max(before, rest, 1e-9) for rest in left]
+    unexplained = [unexplained_misfit(hypothesis, freedom, nominal, config) for hypothesis in chain]
+    share = [max(rest, 0.0) / max(before, rest, 1e-9) for rest in unexplained]
     if share[0] > config.sufficient_share or exceeds_prior(chain[0], nominal, config):
-        for hypothesis, rest, part in zip(chain[1:], left[1:], share[1:], strict=True):
+        for hypothesis, rest, part in zip(chain[1:], unexplained[1:], share[1:], strict=True):
             enough = (rest < detectable_misfit(freedom, nominal, config), part < config.sufficient_share)
             if all(enough) if len(hypothesis.effects) > 2 else any(enough):
                 return hypothesis, part, VERDICT.min_unknown
-    return chain[0], share[0], _unknown_probability(left[0], before, freedom, nominal, config)
+    return chain[0], share[0], _unknown_probability(unexplained[0], before, freedom, nominal, config)
 
 
 def motionless_misfit(problem: EstimationProblem) -> float:
@@ -219,9 +219,9 @@ def detectable_misfit(freedom: float, nominal: float, config: DiagnoseConfig) ->
 
 
 def _unknown_probability(
-    left: float, before: float, freedom: float, nominal: float, config: DiagnoseConfig
+    unexplained: float, before: float, freedom: float, nominal: float, config: DiagnoseConfig
 ) -> float:
-    loud = left - detectable_misfit(freedom, nominal, config)
+    loud = unexplained - detectable_misfit(freedom, nominal, config)
     if loud <= 0.0:
         return VERDICT.min_unknown
     share = min(loud / max(before, loud), 1.0)
@@ -254,10 +254,10 @@ def judge_hypotheses(
     names = [name for name in catalogue() if name not in config.without]
     scores = log_posteriors(ranking, names, config)
     before = min(unexplained_misfit(ranking.none, freedom, nominal, config), most)
-    best, left, strange = choose_explanation(chain, before, freedom, nominal, config)
-    doubted = doubt(best or ranking.none)
-    told = doubted.why if doubted.chance > strange else None
-    strange = max(strange, doubted.chance)
+    best, unexplained, p_unknown = choose_explanation(chain, before, freedom, nominal, config)
+    implausibility = doubt(best or ranking.none)
+    reason = implausibility.why if implausibility.chance > p_unknown else None
+    p_unknown = max(p_unknown, implausibility.chance)
     if best is not None and len(best.effects) > 1:
         top = max(scores.values())
         own = sorted((e.effect.name for e in best.effects), key=lambda n: -scores.get(n, -np.inf))
@@ -265,14 +265,14 @@ def judge_hypotheses(
     top = max(scores.values())
     weights = {name: float(np.exp(score - top)) for name, score in scores.items()}
     total = sum(weights.values())
-    probabilities = {name: weight / total * (1.0 - strange) for name, weight in weights.items()}
-    probabilities["unknown"] = strange
+    probabilities = {name: weight / total * (1.0 - p_unknown) for name, weight in weights.items()}
+    probabilities["unknown"] = p_unknown
     for name in names:
         probabilities.setdefault(name, 0.0)
     probabilities = _smooth_probabilities(probabilities)
     verdict = _most_probable_verdict(probabilities)
-    why = told if verdict == "unknown" else None
-    return Judgement(verdict, probabilities, find_equivalent_effects(ranking), left, best, why)
+    why = reason if verdict == "unknown" else None
+    return Judgement(verdict, probabilities, find_equivalent_effects(ranking), unexplained, best, why)
 
 
 def reject_effect(judgement: Judgement) -> Judgement:
@@ -310,17 +310,19 @@ def find_equivalent_effects(ranking: ModelRanking) -> tuple[tuple[str, ...], ...
         return ()
     best = ranking.found[0]
     name = best.effects[-1].effect.name
-    kin = find_confusable(name)
-    near: list[str] = [name]
-    strength = evidence_temperature(ranking)
+    confusable = find_confusable(name)
+    equivalent: list[str] = [name]
+    temperature = evidence_temperature(ranking)
     for hypothesis in ranking.found[1:]:
         other = hypothesis.name
-        behind = strength * (best.log_evidence - hypothesis.log_evidence)
-        if other not in near and behind < (
-            VERDICT.equivalent_log_evidence if other not in kin else 2.0 * VERDICT.equivalent_log_evidence
+        behind = temperature * (best.log_evidence - hypothesis.log_evidence)
+        if other not in equivalent and behind < (
+            VERDICT.equivalent_log_evidence
+            if other not in confusable
+            else 2.0 * VERDICT.equivalent_log_evidence
         ):
-            near.append(other)
-    return (tuple(near),) if len(near) > 1 else ()
+            equivalent.append(other)
+    return (tuple(equivalent),) if len(equivalent) > 1 else ()
 
 
 def laplace_interval(

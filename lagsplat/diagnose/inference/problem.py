@@ -105,9 +105,15 @@ class EstimationProblem:
             known: derivatives of a fit nearby by the nuisance parameters and by the initial states.
         """
         return fit_multiple_shooting(
-            self.predict(effects), x, self.initial_states if starts is None else starts, self.data,
-            self.prior(effects), iterations=self.iterations, tolerance=self.tolerance, known=known,
-        )  # fmt: skip
+            self.predict(effects),
+            x,
+            self.initial_states if starts is None else starts,
+            self.data,
+            self.prior(effects),
+            iterations=self.iterations,
+            tolerance=self.tolerance,
+            known=known,
+        )
 
 
 def excess_penalty(fit: ShootingFit, noise_inflation: float) -> float:
@@ -222,10 +228,10 @@ def select_visible_directions(
     prior, n = joint_prior((), problem.rollout_model), problem.rollout_model.nuisance.size
     step = prior.step.copy()
     step[n - len(freedom) :] = 0.1
-    residual, slopes, begun = differentiate_predictions(
+    residual, derivatives, start_derivatives = differentiate_predictions(
         problem.predict(()), np.zeros(n), problem.initial_states, problem.data, step
     )
-    curvature, *_ = eliminate_starts(residual, slopes, begun)
+    curvature, *_ = eliminate_starts(residual, derivatives, start_derivatives)
     values, vectors = np.linalg.eigh(curvature[n - len(freedom) :, n - len(freedom) :])
     chosen = np.argsort(values)[::-1][: PROBLEM.max_open_directions]
     return vectors[:, chosen[values[chosen] > PROBLEM.min_visibility]].T @ freedom

@@ -89,15 +89,15 @@ def published_parameters(placed: PlacedEffect, row: np.ndarray, record: Dataset)
         for p, value in zip(effect.parameters, row, strict=True)
         if not p.name.startswith("memory ")
     }
-    told: dict[str, Any] = (
+    published: dict[str, Any] = (
         effect.report_parameters(plain, placed) if effect.report_parameters else dict(plain)
     )
-    if "times" in told:
-        places = [record.to_file_time(time) for time in told["times"]]
-        told["times"] = [time for _, time in places]
+    if "times" in published:
+        places = [record.to_file_time(time) for time in published["times"]]
+        published["times"] = [time for _, time in places]
         if len(record.files) > 1:
-            told["files"] = [number for number, _ in places]
-    return told
+            published["files"] = [number for number, _ in places]
+    return published
 
 
 @dataclass(frozen=True)
@@ -172,9 +172,15 @@ def _profile_parameter(
             moved = x.copy()
             moved[at] = value
             fit = fit_multiple_shooting(
-                problem.predict(hypothesis.effects), moved, starts, problem.data, pinned,
-                iterations=PROFILES.iterations, tolerance=problem.tolerance, known=near,
-            )  # fmt: skip
+                problem.predict(hypothesis.effects),
+                moved,
+                starts,
+                problem.data,
+                pinned,
+                iterations=PROFILES.iterations,
+                tolerance=problem.tolerance,
+                known=near,
+            )
             x, starts = fit.x, fit.starts
             paid = float(compute_penalty(fit.x[None], held)[0])
             priced = 0.5 * (paid - hypothesis.fit.penalty) / problem.noise_inflation

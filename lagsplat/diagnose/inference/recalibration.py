@@ -44,7 +44,7 @@ from lagsplat.io.trajectory.trajectory import Trajectory, leading_samples
 
 def calibrate_null_evidence(
     sim: EstimatedSimulator,
-    own: Trajectory,
+    reference: Trajectory,
     real: Sequence[Trajectory],
     config: DiagnoseConfig,
     *,
@@ -59,7 +59,7 @@ def calibrate_null_evidence(
 
     Args:
         sim: the simulator.
-        own: reference trajectory of the very mechanism that the sim models.
+        reference: reference trajectory of the very mechanism that the sim models.
         real: real trajectories.
         config: settings of the diagnosis.
         report_progress: called with the name of each effect before it is fitted.
@@ -68,32 +68,32 @@ def calibrate_null_evidence(
         The offset of every log evidence [nat]; 0 where no effect gains.
 
     Raises:
-        ValueError: ``own`` is too short for a single window.
+        ValueError: ``reference`` is too short for a single window.
     """
     wanted_s = sum(motion.duration_s for motion in real)
-    part = leading_samples(own, wanted_s)
+    part = leading_samples(reference, wanted_s)
     if sim.novelty_detector is None:
-        problem, more = build_problem(sim, [part], config)[0], max(1.0, wanted_s / part.duration_s)
+        problem, duration_ratio = build_problem(sim, [part], config)[0], max(1.0, wanted_s / part.duration_s)
         quiet = drop_overlapping_windows(problem.windows, problem.rollout_model.dataset, sim.outlier_spans)
         problem = replace(problem, windows=quiet)
     else:
-        problem, more = match_windows(sim, own, real, config), 1.0
+        problem, duration_ratio = match_windows(sim, reference, real, config), 1.0
     natural = natural_periods(sim.model, estimate_spectral_period_s([part]))
     candidates = place_effects(
         problem.rollout_model,
         find_hints(sim.model, [part], period_s=natural.longest_s, hold=config.input_hold),
-        q_names=own.q_names,
-        u_names=own.u_names,
+        q_names=reference.q_names,
+        u_names=reference.u_names,
         without=config.without,
     )
     budget = SearchBudget.of(config, nominal=max(1.0, sim.misfit))
     found = rank_hypotheses(problem, candidates, budget, report_progress=report_progress).found
-    gained = max((one.log_evidence for one in found), default=0.0)
-    return RECALIBRATION.null_evidence_factor * max(gained, 0.0) * more
+    gained = max((fit.log_evidence for fit in found), default=0.0)
+    return RECALIBRATION.null_evidence_factor * max(gained, 0.0) * duration_ratio
 
 
 def match_windows(
-    sim: EstimatedSimulator, own: Trajectory, real: Sequence[Trajectory], config: DiagnoseConfig
+    sim: EstimatedSimulator, reference: Trajectory, real: Sequence[Trajectory], config: DiagnoseConfig
 ) -> EstimationProblem:
     """The estimation problem on windows of the reference, the most similar one for each real window.
 
@@ -101,18 +101,18 @@ def match_windows(
 
     Args:
         sim: the simulator; it needs a novelty detector.
-        own: reference trajectory.
+        reference: reference trajectory.
         real: real trajectories.
         config: settings of the diagnosis.
     """
     assert sim.novelty_detector is not None
-    there, ready, _ = build_problem(sim, real, config)
-    here, own_ready, _ = build_problem(sim, [own], config)
+    real_problem, ready, _ = build_problem(sim, real, config)
+    own_problem, reference_ready, _ = build_problem(sim, [reference], config)
     chosen = sim.novelty_detector.find_nearest(
-        window_features(there.windows, ready.smooth, ready.dataset),
-        window_features(here.windows, own_ready.smooth, own_ready.dataset),
+        window_features(real_problem.windows, ready.smooth, ready.dataset),
+        window_features(own_problem.windows, reference_ready.smooth, reference_ready.dataset),
     )
-    return replace(here, windows=here.windows.select(chosen))
+    return replace(own_problem, windows=own_problem.windows.select(chosen))
 
 
 @dataclass(frozen=True)
@@ -236,9 +236,9 @@ def independent_directions(
     plain = list_free_directions(model, form, trial.speed)
     change = np.stack(
         [
-            (shift_coefficients(model, RECALIBRATION.direction_step * one).acceleration(q, v, u) - base)
+            (shift_coefficients(model, RECALIBRATION.direction_step * move).acceleration(q, v, u) - base)
             / RECALIBRATION.direction_step
-            for one in plain
+            for move in plain
         ]
     )
     rows = (change @ size).reshape(len(plain), -1) / np.sqrt(len(at))
@@ -252,19 +252,19 @@ def inertia_direction(model: MechanicalModel) -> Float64[np.ndarray, " K"]:
     return np.concatenate([(name == "mass") * getattr(model, name).ravel() for name in COEFFICIENT_FIELDS])
 
 
-def _unidentified_directions(one: CoefficientFit, trial: IdentificationProblem) -> Float64[np.ndarray, "n K"]:
+def _unidentified_directions(fit: CoefficientFit, trial: IdentificationProblem) -> Float64[np.ndarray, "n K"]:
     """Directions of one posterior standard deviation each; a correlated residual counts as fewer samples.
 
     The scale of the inertia is added, which no step changes: otherwise a wrong inertia of the law would
     appear as a change of mass in every diagnosis.
     """
-    moves = np.concatenate([one.moves, inertia_direction(one.model)[None]])
-    linear = trial.make_sensitivity(one.model, moves).derivatives(
-        np.zeros(len(moves)), one.fit.starts, trial.data
+    moves = np.concatenate([fit.moves, inertia_direction(fit.model)[None]])
+    linear = trial.make_sensitivity(fit.model, moves).derivatives(
+        np.zeros(len(moves)), fit.fit.starts, trial.data
     )
     curvature, *_ = eliminate_starts(*linear)
-    misfit = max(one.fit.misfit / max(trial.n_data - len(one.moves), 1.0), 1.0)
-    alike = autocorrelation_time(one.fit.residual, trial.windows.length)
+    misfit = max(fit.fit.misfit / max(trial.n_data - len(fit.moves), 1.0), 1.0)
+    alike = autocorrelation_time(fit.fit.residual, trial.windows.length)
     return list_uncertain_directions(
         curvature / (misfit * alike), moves, deviation=RECALIBRATION.move_deviation
     )

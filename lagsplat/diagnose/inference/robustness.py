@@ -71,14 +71,14 @@ def check_robustness(
         config: settings of the diagnosis.
     """
     leading = _leading_fits(ranking, judgement)
-    doubted = Implausibility(judgement.probabilities["unknown"] if judgement.doubted else 0.0, "loose")
+    doubted = Implausibility(judgement.probabilities["unknown"] if judgement.implausibility else 0.0, "loose")
     answers = {}
     for name, shaken, nominal in _perturbed_problems(problem, budget.nominal):
         again = replace(budget, nominal=nominal)
-        told = _judge_again(
+        ranking_again = _judge_again(
             shaken, ranking, chain, leading, candidates, again, config, lambda hypothesis: doubted
         )
-        answers[name] = most_probable_name(told)
+        answers[name] = most_probable_name(ranking_again)
     own = most_probable_name(judgement)
     kin = {own} | find_confusable(own)
     return RobustnessCheck(
@@ -123,9 +123,9 @@ def _perturbed_problems(
         nominal,
     )
     for seed in ROBUSTNESS.noise_seeds:
-        drawn = np.random.default_rng(seed).normal(0.0, sigma, rollout_model.dataset.q.shape)
+        noise = np.random.default_rng(seed).normal(0.0, sigma, rollout_model.dataset.q.shape)
         noisy = replace(
-            rollout_model, dataset=replace(rollout_model.dataset, q=rollout_model.dataset.q + drawn)
+            rollout_model, dataset=replace(rollout_model.dataset, q=rollout_model.dataset.q + noise)
         )
         louder = replace(problem, rollout_model=noisy, sigma=np.sqrt(2.0) * sigma)
         yield f"noise added, seed {seed}", louder, max(1.0, 0.5 * (nominal + 1.0))
@@ -147,13 +147,13 @@ def _judge_again(
         return replace(hypothesis, fit=brief.fit(hypothesis.effects, hypothesis.fit.x, hypothesis.fit.starts))
 
     none, singles = refit(ranking.none), [refit(hypothesis) for hypothesis in leading]
-    told = rank_by_evidence(shaken, none, singles, candidates, budget, first=True)
+    ranking_again = rank_by_evidence(shaken, none, singles, candidates, budget, first=True)
     sets = []
     for hypothesis in chain:
-        alone = told.best_fit(hypothesis.name) if len(hypothesis.effects) == 1 else None
+        alone = ranking_again.best_fit(hypothesis.name) if len(hypothesis.effects) == 1 else None
         sets.append(alone or (hypothesis if _is_sample_noise(hypothesis) else refit(hypothesis)))
     return judge_hypotheses(
-        told,
+        ranking_again,
         sets,
         shaken.degrees_of_freedom,
         budget.nominal,

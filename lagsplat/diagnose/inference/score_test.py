@@ -44,7 +44,7 @@ def score_test(
     Source: the score (Lagrange multiplier) test, Rao, 1948, doi:10.1017/S0305004100023987.
     """
     prior = problem.prior(effects)
-    residual, slopes, begun = differentiate_predictions(
+    residual, derivatives, start_derivatives = differentiate_predictions(
         problem.predict(effects), fit.x, fit.starts, problem.data, prior.step
     )
     scores = []
@@ -54,7 +54,7 @@ def score_test(
         guesses, columns = _trial_changes(problem, effects, fit, candidate)
         tried = []
         for guess, group in zip(guesses, columns, strict=True):
-            gain, amount = _score_gain(fit, residual, slopes, begun, prior, group, candidate)
+            gain, amount = _score_gain(fit, residual, derivatives, start_derivatives, prior, group, candidate)
             x = guess.copy()
             n = candidate.effect.amplitudes
             if n:
@@ -103,14 +103,19 @@ def _trial_changes(
 
 
 def _score_gain(
-    fit: ShootingFit, residual: np.ndarray, slopes: np.ndarray, begun: np.ndarray, prior: GaussianPrior,
-    group: np.ndarray, candidate: PlacedEffect,
-) -> tuple[float, np.ndarray]:  # fmt: skip
+    fit: ShootingFit,
+    residual: np.ndarray,
+    derivatives: np.ndarray,
+    start_derivatives: np.ndarray,
+    prior: GaussianPrior,
+    group: np.ndarray,
+    candidate: PlacedEffect,
+) -> tuple[float, np.ndarray]:
     """Misfit that the best amount of a change removes, and that amount, with all other parameters
     refitted."""
-    k = slopes.shape[2]
-    both = np.concatenate([slopes, group], axis=2)
-    curvature, gradient, *_ = eliminate_starts(residual, both, begun)
+    k = derivatives.shape[2]
+    both = np.concatenate([derivatives, group], axis=2)
+    curvature, gradient, *_ = eliminate_starts(residual, both, start_derivatives)
     # the penalty counts as well: an effect gains by letting the nuisance parameters return
     gradient[:k] -= (fit.x - prior.mean) / prior.deviation**2
     n = candidate.effect.amplitudes

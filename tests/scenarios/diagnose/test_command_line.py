@@ -62,8 +62,11 @@ def test_a_pair_of_tables_becomes_a_verdict_with_its_files(
     coefficient = told["effects"][0]["parameters"]["coefficient"]["value"]
     assert coefficient == pytest.approx(0.4, rel=0.1)
     assert {path.name for path in (tmp_path / "d").iterdir()} >= {
-        "diagnosis.json", "report.html", "rollouts.csv", "augmented.safetensors"
-    }  # fmt: skip
+        "diagnosis.json",
+        "report.html",
+        "rollouts.csv",
+        "augmented.safetensors",
+    }
     said = capsys.readouterr().out
     assert "drag" in said
     assert str(tmp_path / "d" / "report.html") in said
@@ -129,10 +132,16 @@ def test_a_verdict_that_the_data_forbid_keeps_no_name_above_the_rest() -> None:
     assert max(one.probability for one in flat.candidates) == pytest.approx(UNSURE)
 
 
-@pytest.mark.parametrize(("verdict", "check", "held"), [
-    ("unknown", MOSTLY_OUTSIDE_CHECK, False), ("unknown", LAWLESS, False), ("effect", LAWLESS, True),
-    ("unknown", "outside the sim", True), ("effect", MOSTLY_OUTSIDE_CHECK, True),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("verdict", "check", "held"),
+    [
+        ("unknown", MOSTLY_OUTSIDE_CHECK, False),
+        ("unknown", LAWLESS, False),
+        ("effect", LAWLESS, True),
+        ("unknown", "outside the sim", True),
+        ("effect", MOSTLY_OUTSIDE_CHECK, True),
+    ],
+)
 def test_what_a_sim_misses_where_it_was_not_seen_is_not_called_unknown_physics(
     verdict: Verdict, check: str, held: bool
 ) -> None:

@@ -30,7 +30,9 @@ def test_a_sim_that_overflows_gives_no_hints() -> None:
     (hint,) = find_hints(lost(), [real], period_s=1.0, hold="linear")
     assert (hint.pushes, hint.lines_hz) == ((), ())
     (hint,) = find_hints(
-        oscillator(), [film(lambda t, q, v, u, z: (own(q, v, u) + 9.0 * (5.0 < t < 5.3), []), u=wave(3))],
-        period_s=1.0, hold="linear",
-    )  # fmt: skip
+        oscillator(),
+        [film(lambda t, q, v, u, z: (own(q, v, u) + 9.0 * (5.0 < t < 5.3), []), u=wave(3))],
+        period_s=1.0,
+        hold="linear",
+    )
     assert any(start < 5.3 and end > 5.0 for start, end in hint.pushes)

@@ -161,9 +161,13 @@ def test_a_second_mass_may_swing_already_where_the_recording_begins() -> None:
     assert found.candidates[0].misfit == pytest.approx(1.0, abs=0.15)
     assert set(found.candidates[0].parameters) == {"mass_ratio", "frequency_hz", "damping_ratio"}
     kept = build_augmented(
-        bench, whole.chosen.effects, whole.chosen.fit.x, q_names=["q0"], u_names=["u0"],
+        bench,
+        whole.chosen.effects,
+        whole.chosen.fit.x,
+        q_names=["q0"],
+        u_names=["u0"],
         region=sample_operating_region(bench.dataset),
-    )  # fmt: skip
+    )
     assert set(kept.parameters(0)) == {"mass_ratio", "angular_frequency", "damping_ratio"}
     assert len(kept.x) == 3 + bench.nuisance.size
 

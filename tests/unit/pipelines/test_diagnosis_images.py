@@ -41,10 +41,16 @@ def diagnosed(recordings, mechanics):
     """A pair and a finding, of which only what the pictures need is there."""
     real = recordings.real[0]
     blocks = tuple(
-        Block(real.source, i, real.time_s[a : a + 31], real.q[a : a + 31], real.q[a : a + 31] + 0.4,
-              real.q[a : a + 31] + 0.05)
+        Block(
+            real.source,
+            i,
+            real.time_s[a : a + 31],
+            real.q[a : a + 31],
+            real.q[a : a + 31] + 0.4,
+            real.q[a : a + 31] + 0.05,
+        )
         for i, a in enumerate((20, 50, 110))
-    )  # fmt: skip
+    )
     where = locate(mechanics, recordings.real, period_s=PERIOD_S)
     made = replace(
         made_diagnoses.friction(), blocks=blocks, where=where, checks={"natural_period_s": PERIOD_S}

@@ -127,8 +127,10 @@ def test_what_does_not_fit_the_run_is_refused(folder, tmp_path, make, words):
 
 
 def test_pictures_of_another_size_are_refused(folder, tmp_path):
-    save_recording(tmp_path / "large.safetensors", replace(another(), frames=tiny_run.recording(
-        200, tail=100, side=20).frames))  # fmt: skip
+    save_recording(
+        tmp_path / "large.safetensors",
+        replace(another(), frames=tiny_run.recording(200, tail=100, side=20).frames),
+    )
     with pytest.raises(ValueError, match="20 x 20 px"):
         open_recording_pair(folder, str(tmp_path / "large.safetensors"))
 

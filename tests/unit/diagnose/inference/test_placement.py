@@ -79,13 +79,20 @@ def test_what_acts_in_a_joint_is_looked_for_between_two_coordinates_as_well() ->
     q = 0.4 * np.sin(np.array([5.0, 7.0]) * time[:, None])
     one = contest([Trajectory(time, q, rng.normal(size=(400, 2)), source="made")], model=coupled())
     found = place_effects(
-        one.rollout_model, [DisturbanceHints((), ())] * 2, q_names=("a", "b"), u_names=("u0", "u1"), without=()
-    )  # fmt: skip
+        one.rollout_model,
+        [DisturbanceHints((), ())] * 2,
+        q_names=("a", "b"),
+        u_names=("u0", "u1"),
+        without=(),
+    )
     between = {one.label for one in found if one.location == "b - a"}
     assert between == {
-        "viscous_damping b - a", "coulomb_friction b - a", "stribeck_friction b - a", "creep b - a",
+        "viscous_damping b - a",
+        "coulomb_friction b - a",
+        "stribeck_friction b - a",
+        "creep b - a",
         "linear_stiffness b - a spring",
-    }  # fmt: skip
+    }
     place = next(one.direction for one in found if one.location == "b - a")
     np.testing.assert_array_equal(place.covector, [-1.0, 1.0])
     inertia = one.rollout_model.model.inertia

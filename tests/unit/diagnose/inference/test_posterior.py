@@ -29,7 +29,7 @@ def fitted(misfit: float, k: int = 0) -> ShootingFit:
     empty = np.zeros((1, 1, 1))
     return ShootingFit(
         np.zeros(k), np.zeros((1, 2)), empty, misfit * FREEDOM, 0.0, np.eye(k), 0.0, 1, empty[..., :0], empty
-    )  # fmt: skip
+    )
 
 
 def one(name: str, evidence: float, misfit: float = 1.0, *others: str) -> HypothesisFit:
@@ -53,7 +53,7 @@ def test_a_gap_that_one_effect_explains_is_that_effect() -> None:
     assert said.verdict == "effect"
     assert next(iter(said.probabilities)) == "coulomb_friction"
     assert said.best is best
-    assert said.left == pytest.approx(0.0, abs=1e-9)
+    assert said.unexplained == pytest.approx(0.0, abs=1e-9)
 
 
 def test_no_gap_is_none_whatever_little_an_effect_gains() -> None:
@@ -67,7 +67,7 @@ def test_a_gap_that_nothing_explains_is_unknown() -> None:
     poor = one("coulomb_friction", 900.0, 6.0)
     said = told(ranking(poor, none=10.0), poor)
     assert said.verdict == "unknown"
-    assert said.left == pytest.approx(5.0 / 9.0)
+    assert said.unexplained == pytest.approx(5.0 / 9.0)
     assert told(ranking(one("creep", -3.0, 10.0), none=10.0)).verdict == "unknown"
 
 
@@ -78,7 +78,7 @@ def test_a_sim_that_runs_off_misses_no_more_than_one_that_stands_still() -> None
     assert told(rows, push).verdict == "effect"
     within = judge_hypotheses(rows, (push,), FREEDOM, 1.0, settings(), most=10000.0)
     assert within.verdict == "unknown"
-    assert within.left == pytest.approx(0.9, abs=0.01)
+    assert within.unexplained == pytest.approx(0.9, abs=0.01)
 
 
 def test_creep_that_never_comes_to_rest_is_a_spring() -> None:
@@ -110,7 +110,7 @@ def test_what_an_effect_pushes_into_the_sims_own_uncertainties_is_left_unexplain
     assert told(ranking(within, none=3.0), within).verdict == "effect"
     said = told(ranking(beyond, none=3.0), beyond)
     assert said.verdict == "unknown"
-    assert said.left == pytest.approx((1.5 - 0.08) / 2.0)
+    assert said.unexplained == pytest.approx((1.5 - 0.08) / 2.0)
 
 
 def test_no_effect_and_a_sim_moved_beyond_belief_is_unknown() -> None:
@@ -130,7 +130,7 @@ def test_doubt_in_the_best_explanation_or_in_none_speaks_for_unknown() -> None:
         settings(),
         doubt=lambda one: Implausibility(0.8, "loose"),
     )
-    assert (said.verdict, said.doubted) == ("unknown", "loose")
+    assert (said.verdict, said.implausibility) == ("unknown", "loose")
     assert said.probabilities["unknown"] == pytest.approx(0.8, abs=0.02)
     nothing = ranking(one("creep", -3.0), none=1.0)
     asked = []
@@ -200,9 +200,11 @@ def test_what_evidence_cannot_separate_is_reported_as_a_class() -> None:
 def test_intervals_are_laplaces_made_wider_and_respect_the_bound() -> None:
     fit = replace(fitted(1.0, 3), x=np.array([0.1, 2.0, 0.0]), curvature=np.diag([400.0, 100.0, 1.0]))
     low, high = laplace_interval(
-        HypothesisFit((PlacedEffect(catalogue()["external_periodic_force"], UNIT),), fit), np.zeros(0),
-        [HalfNormal(1e3), Normal(1e3), Normal(1e3)], noise_inflation=4.0,
-    )  # fmt: skip
+        HypothesisFit((PlacedEffect(catalogue()["external_periodic_force"], UNIT),), fit),
+        np.zeros(0),
+        [HalfNormal(1e3), Normal(1e3), Normal(1e3)],
+        noise_inflation=4.0,
+    )
     near, far = (
         1.645 * (VERDICT.deviation_factor * spread + VERDICT.deviation_floor) for spread in (0.1, 0.2)
     )
