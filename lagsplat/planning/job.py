@@ -94,7 +94,7 @@ class Job:
         Raises:
             RuntimeError: it failed; its last words are in the message, all of them in the log.
         """
-        root = str(Path(self.scripts).parents[1])
+        root = str(next(place for place in Path(self.scripts).parents if (place / "Snakefile").is_file()))
         done = subprocess.run(
             [sys.executable, "-m", module, *map(str, words)],
             env={**os.environ, "PYTHONPATH": os.pathsep.join([root, os.environ.get("PYTHONPATH", "")])},

@@ -19,7 +19,9 @@ def lineage(overrides: Overrides, scripts: Path, stage: str, **choices: str) -> 
     experiment = compose_for(overrides, **choices)
     road = road_to(stage, experiment)
     before = list(road.values())[: list(road).index(stage)]
-    text = "\n".join(f"{settings} {script_digest(scripts / f'{script}.py')}" for settings, script in before)
+    text = "\n".join(
+        f"{settings} {script_digest(next(scripts.rglob(f'{script}.py')))}" for settings, script in before
+    )
     return hashlib.sha256(f"{experiment.recording.split} {text}".encode()).hexdigest()
 
 

@@ -9,7 +9,6 @@ Which runs have Gaussians in space, and the files of a rig. Loads no torch, so t
 import shlex
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
-
 from pathlib import Path
 from typing import Any
 

@@ -143,8 +143,8 @@ def test_a_script_is_known_by_its_code_and_not_by_its_comments(tmp_path: Path) -
 
 
 def test_every_script_has_a_digest_of_its_own() -> None:
-    digests = {script_digest(path) for path in SCRIPTS.glob("*.py")}
-    assert len(digests) == len(list(SCRIPTS.glob("*.py")))
+    digests = {script_digest(path) for path in SCRIPTS.rglob("*.py")}
+    assert len(digests) == len(list(SCRIPTS.rglob("*.py")))
 
 
 def test_a_lineage_holds_what_lies_upstream_and_nothing_else() -> None:

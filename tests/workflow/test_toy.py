@@ -266,7 +266,11 @@ def test_the_report_builds(source: Path, results: Path) -> None:
 
 
 def test_an_edited_comment_runs_nothing(source: Path, results: Path) -> None:
-    for name in ("lagsplat/stage1/fit.py", "lagsplat/stage2/lagrangian.py", "workflow/scripts/stage1.py"):
+    for name in (
+        "lagsplat/stage1/fit.py",
+        "lagsplat/stage2/lagrangian.py",
+        "workflow/scripts/stage1/stage1.py",
+    ):
         path = source / name
         path.write_text("# reworded\n" + path.read_text(encoding="utf-8"), encoding="utf-8")
     assert jobs(source, results, TOY) == set()

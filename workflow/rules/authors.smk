@@ -19,13 +19,13 @@ rule authors:
     params:
         cfg=section("authors"),
         before=before("authors"),
-        code=script_digest(SCRIPTS / "authors.py"),
+        code=script_digest(SCRIPTS / "baselines/authors.py"),
         # Not an output: what the tool leaves behind is its user's to keep or to delete.
         place="results/{profile}/{recording}/{system}/authors/tool",
     message:
         "The authors' own forecaster on {wildcards.system} ({wildcards.recording})"
     script:
-        "../scripts/authors.py"
+        "../scripts/baselines/authors.py"
 
 
 rule extrapolate_authors:
@@ -56,8 +56,8 @@ rule extrapolate_authors:
             before("extrapolate")(wildcards),
             before("authors_read")(wildcards),
         ],
-        code=script_digest(SCRIPTS / "extrapolate_authors.py"),
+        code=script_digest(SCRIPTS / "extrapolation/extrapolate_authors.py"),
     message:
         "Read what the authors' own forecaster predicts of {wildcards.system} ({wildcards.recording})"
     script:
-        "../scripts/extrapolate_authors.py"
+        "../scripts/extrapolation/extrapolate_authors.py"

@@ -20,13 +20,13 @@ rule baseline:
     params:
         cfg=section("baseline"),
         before=before("baseline"),
-        code=script_digest(SCRIPTS / "baseline.py"),
+        code=script_digest(SCRIPTS / "baselines/baseline.py"),
         # Not an output: it must outlive a failed or killed job. A finished one deletes it.
         checkpoint="results/{profile}/{recording}/{system}/baselines/{baseline}-{seed}/checkpoint/state.pt",
     message:
         "Baseline {wildcards.baseline} of {wildcards.system} ({wildcards.recording}), seed {wildcards.seed}"
     script:
-        "../scripts/baseline.py"
+        "../scripts/baselines/baseline.py"
 
 
 rule baseline_evaluate:
@@ -51,11 +51,11 @@ rule baseline_evaluate:
     params:
         cfg=section("evaluate"),
         before=before("baseline_evaluate"),
-        code=script_digest(SCRIPTS / "baseline_evaluate.py"),
+        code=script_digest(SCRIPTS / "baselines/baseline_evaluate.py"),
     message:
         "Score baseline {wildcards.baseline} of {wildcards.system} ({wildcards.recording}), seed {wildcards.seed}"
     script:
-        "../scripts/baseline_evaluate.py"
+        "../scripts/baselines/baseline_evaluate.py"
 
 
 rule baseline_curve:
@@ -85,8 +85,8 @@ rule baseline_curve:
     params:
         title=section("system.title"),
         before=before("baseline_evaluate"),
-        code=script_digest(SCRIPTS / "baseline_curve.py"),
+        code=script_digest(SCRIPTS / "baselines/baseline_curve.py"),
     message:
         "Draw the training curve of baseline {wildcards.baseline} of {wildcards.system} ({wildcards.recording})"
     script:
-        "../scripts/baseline_curve.py"
+        "../scripts/baselines/baseline_curve.py"

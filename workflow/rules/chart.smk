@@ -20,11 +20,11 @@ rule chart:
     params:
         cfg=section("chart"),
         before=before("chart"),
-        code=script_digest(SCRIPTS / "chart.py"),
+        code=script_digest(SCRIPTS / "stage2/chart.py"),
     message:
         "Chart: whiten and measure the latents of {wildcards.system} ({wildcards.recording})"
     script:
-        "../scripts/chart.py"
+        "../scripts/stage2/chart.py"
 
 
 rule latent:
@@ -54,8 +54,8 @@ rule latent:
     params:
         title=section("system.title"),
         before=before("stage2"),
-        code=script_digest(SCRIPTS / "latent.py"),
+        code=script_digest(SCRIPTS / "stage2/latent.py"),
     message:
         "Draw the latent trajectory of {wildcards.system} ({wildcards.recording})"
     script:
-        "../scripts/latent.py"
+        "../scripts/stage2/latent.py"

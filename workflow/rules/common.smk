@@ -135,7 +135,8 @@ def baseline_files(system, output):
 def baseline_names(system):
     """How figures call them."""
     return [
-        BASELINE_TITLES.get(run["baseline"], run["baseline"]) for run in first_baselines(system)
+        BASELINE_TITLES.get(run["baseline"], run["baseline"])
+        for run in first_baselines(system)
     ]
 
 
@@ -215,7 +216,7 @@ def forces_before(runs):
         [
             before("evaluate")(run),
             section("forces")(run),
-            script_digest(SCRIPTS / "forces.py"),
+            script_digest(SCRIPTS / "forces/forces.py"),
         ]
         for run in runs
     ]

@@ -21,11 +21,11 @@ rule field:
         cfg=section("deformation"),
         stage1=section("stage1"),
         before=before("field"),
-        code=script_digest(SCRIPTS / "field.py"),
+        code=script_digest(SCRIPTS / "extrapolation/field.py"),
     message:
         "The {wildcards.field} decoder of {wildcards.system} ({wildcards.recording})"
     script:
-        "../scripts/field.py"
+        "../scripts/extrapolation/field.py"
 
 
 rule velocity_field:
@@ -59,11 +59,11 @@ rule velocity_field:
         cfg=section("deformation"),
         window=section("stage1.loss.ssim_window"),
         before=before("field_read"),
-        code=script_digest(SCRIPTS / "velocity_field.py"),
+        code=script_digest(SCRIPTS / "extrapolation/velocity_field.py"),
     message:
         "Read the velocities of both decoders of {wildcards.system} ({wildcards.recording})"
     script:
-        "../scripts/velocity_field.py"
+        "../scripts/extrapolation/velocity_field.py"
 
 
 rule deformation:
@@ -95,11 +95,11 @@ rule deformation:
         runs=lambda wildcards: field_runs(),
         titles=lambda wildcards: titles(field_runs()),
         before=lambda wildcards: [before("field_table")(run) for run in field_runs()],
-        code=script_digest(SCRIPTS / "deformation.py"),
+        code=script_digest(SCRIPTS / "extrapolation/deformation.py"),
     message:
         "Compare two decoders at an equal number of primitives"
     script:
-        "../scripts/deformation.py"
+        "../scripts/extrapolation/deformation.py"
 
 
 rule jacobian_field:
@@ -138,8 +138,8 @@ rule jacobian_field:
         before=lambda wildcards: [
             before("field_table")(run) for run in field_runs()[:1]
         ],
-        code=script_digest(SCRIPTS / "jacobian_field.py"),
+        code=script_digest(SCRIPTS / "extrapolation/jacobian_field.py"),
     message:
         "Draw the velocities of the primitives of two decoders"
     script:
-        "../scripts/jacobian_field.py"
+        "../scripts/extrapolation/jacobian_field.py"

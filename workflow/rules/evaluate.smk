@@ -31,8 +31,8 @@ rule evaluate:
     params:
         cfg=section("evaluate"),
         before=before("evaluate"),
-        code=script_digest(SCRIPTS / "evaluate.py"),
+        code=script_digest(SCRIPTS / "stage2/evaluate.py"),
     message:
         "Evaluate {wildcards.stage2} dynamics of {wildcards.system} ({wildcards.recording}), seed {wildcards.seed}"
     script:
-        "../scripts/evaluate.py"
+        "../scripts/stage2/evaluate.py"

@@ -22,13 +22,13 @@ rule forecaster:
     params:
         cfg=section("forecaster"),
         before=before("forecaster"),
-        code=script_digest(SCRIPTS / "forecaster.py"),
+        code=script_digest(SCRIPTS / "baselines/forecaster.py"),
         # Not an output: it must outlive a failed or killed job. A finished one deletes it.
         checkpoint="results/{profile}/{recording}/{system}/forecasters/{forecaster}-{seed}/checkpoint/state.pt",
     message:
         "Forecaster {wildcards.forecaster} of {wildcards.system} ({wildcards.recording}), seed {wildcards.seed}"
     script:
-        "../scripts/forecaster.py"
+        "../scripts/baselines/forecaster.py"
 
 
 rule ode:
@@ -55,12 +55,12 @@ rule ode:
     params:
         cfg=section("ode"),
         before=before("ode"),
-        code=script_digest(SCRIPTS / "ode.py"),
+        code=script_digest(SCRIPTS / "baselines/ode.py"),
         checkpoint="results/{profile}/{recording}/{system}/{stage1}-{ae}/odes/{ode}-{seed}/checkpoint/state.pt",
     message:
         "Free differential equation of {wildcards.system} ({wildcards.recording}), seed {wildcards.seed}"
     script:
-        "../scripts/ode.py"
+        "../scripts/baselines/ode.py"
 
 
 rule extrapolate:
@@ -91,11 +91,11 @@ rule extrapolate:
     params:
         cfg=section("extrapolation"),
         before=before("extrapolate"),
-        code=script_digest(SCRIPTS / "extrapolate.py"),
+        code=script_digest(SCRIPTS / "extrapolation/extrapolate.py"),
     message:
         "Roll {wildcards.system} ({wildcards.recording}) out far past its training frames, seed {wildcards.seed}"
     script:
-        "../scripts/extrapolate.py"
+        "../scripts/extrapolation/extrapolate.py"
 
 
 rule extrapolate_forecaster:
@@ -129,11 +129,11 @@ rule extrapolate_forecaster:
             before("extrapolate")(wildcards),
             before("forecaster_read")(wildcards),
         ],
-        code=script_digest(SCRIPTS / "extrapolate_forecaster.py"),
+        code=script_digest(SCRIPTS / "extrapolation/extrapolate_forecaster.py"),
     message:
         "Carry forecaster {wildcards.forecaster}-{wildcards.trial} of {wildcards.system} ({wildcards.recording}) on"
     script:
-        "../scripts/extrapolate_forecaster.py"
+        "../scripts/extrapolation/extrapolate_forecaster.py"
 
 
 rule extrapolate_ode:
@@ -167,8 +167,8 @@ rule extrapolate_ode:
             before("extrapolate")(wildcards),
             before("ode_read")(wildcards),
         ],
-        code=script_digest(SCRIPTS / "extrapolate_ode.py"),
+        code=script_digest(SCRIPTS / "extrapolation/extrapolate_ode.py"),
     message:
         "Carry the free differential equation of {wildcards.system} ({wildcards.recording}) on, {wildcards.trial}"
     script:
-        "../scripts/extrapolate_ode.py"
+        "../scripts/extrapolation/extrapolate_ode.py"

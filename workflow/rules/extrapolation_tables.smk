@@ -38,11 +38,11 @@ rule extrapolation:
         others=lambda wildcards: extrapolated()[1],
         titles=lambda wildcards: titles(extrapolated()[0]),
         before=lambda wildcards: before_extrapolations(),
-        code=script_digest(SCRIPTS / "extrapolation.py"),
+        code=script_digest(SCRIPTS / "extrapolation/extrapolation.py"),
     message:
         "Compare the models past their training frames"
     script:
-        "../scripts/extrapolation.py"
+        "../scripts/extrapolation/extrapolation.py"
 
 
 rule equilibrium:
@@ -86,8 +86,8 @@ rule equilibrium:
             **first_extrapolated("run")[0],
         ),
         before=lambda wildcards: before_extrapolations(),
-        code=script_digest(SCRIPTS / "equilibrium.py"),
+        code=script_digest(SCRIPTS / "extrapolation/equilibrium.py"),
     message:
         "Draw where long rollouts end"
     script:
-        "../scripts/equilibrium.py"
+        "../scripts/extrapolation/equilibrium.py"

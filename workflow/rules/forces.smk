@@ -27,11 +27,11 @@ rule forces:
         simulation=section("simulation"),
         release=section("release"),
         before=before("evaluate"),
-        code=script_digest(SCRIPTS / "forces.py"),
+        code=script_digest(SCRIPTS / "forces/forces.py"),
     message:
         "Push {wildcards.system} ({wildcards.recording}, {wildcards.stage2}, seed {wildcards.seed}) in the picture"
     script:
-        "../scripts/forces.py"
+        "../scripts/forces/forces.py"
 
 
 rule force:
@@ -72,11 +72,11 @@ rule force:
             **pushed(wildcards.mechanism)
         ),
         before=lambda wildcards: before("evaluate")(pushed(wildcards.mechanism)),
-        code=script_digest(SCRIPTS / "force.py"),
+        code=script_digest(SCRIPTS / "forces/force.py"),
     message:
         "Draw {wildcards.mechanism} under forces given in the picture"
     script:
-        "../scripts/force.py"
+        "../scripts/forces/force.py"
 
 
 rule force_map:
@@ -114,11 +114,11 @@ rule force_map:
             **pushed(wildcards.mechanism)
         ),
         before=lambda wildcards: forces_before([pushed(wildcards.mechanism)]),
-        code=script_digest(SCRIPTS / "force_map.py"),
+        code=script_digest(SCRIPTS / "forces/force_map.py"),
     message:
         "Draw where on {wildcards.mechanism} forces are answered wrongly"
     script:
-        "../scripts/force_map.py"
+        "../scripts/forces/force_map.py"
 
 
 rule force_invariants:
@@ -157,11 +157,11 @@ rule force_invariants:
             forces_before(pushable(main_runs())),
             [before("evaluate")(spatial(name)) for name in planned_spatial(overrides)],
         ],
-        code=script_digest(SCRIPTS / "force_invariants.py"),
+        code=script_digest(SCRIPTS / "forces/force_invariants.py"),
     message:
         "Gather what holds of forces whatever the energy scale is"
     script:
-        "../scripts/force_invariants.py"
+        "../scripts/forces/force_invariants.py"
 
 
 rule force_truth:
@@ -190,8 +190,8 @@ rule force_truth:
         runs=lambda wildcards: pushable(true_runs()),
         titles=lambda wildcards: titles(pushable(true_runs())),
         before=lambda wildcards: forces_before(pushable(true_runs())),
-        code=script_digest(SCRIPTS / "force_truth.py"),
+        code=script_digest(SCRIPTS / "forces/force_truth.py"),
     message:
         "Compare the answers to known forces with the true ones"
     script:
-        "../scripts/force_truth.py"
+        "../scripts/forces/force_truth.py"

@@ -20,11 +20,11 @@ rule plant:
         planted=lambda wildcards: section("planted")(wildcards)["effects"][
             wildcards.effect
         ],
-        code=script_digest(SCRIPTS / "plant.py"),
+        code=script_digest(SCRIPTS / "diagnosis/plant.py"),
     message:
         "Simulate {wildcards.system} once more, with {wildcards.effect} planted"
     script:
-        "../scripts/plant.py"
+        "../scripts/diagnosis/plant.py"
 
 
 rule diagnose:
@@ -72,11 +72,11 @@ rule diagnose:
     params:
         cfg=section("diagnose"),
         before=before("evaluate"),
-        code=script_digest(SCRIPTS / "diagnose.py"),
+        code=script_digest(SCRIPTS / "diagnosis/diagnose.py"),
     message:
         "Diagnose {wildcards.system} ({wildcards.recording}) against {wildcards.real}"
     script:
-        "../scripts/diagnose.py"
+        "../scripts/diagnosis/diagnose.py"
 
 
 rule gap:
@@ -108,8 +108,8 @@ rule gap:
         runs=lambda wildcards: diagnosed(),
         titles=lambda wildcards: titles(diagnosed()),
         before=lambda wildcards: [before("table")(one) for one in diagnosed()],
-        code=script_digest(SCRIPTS / "gap.py"),
+        code=script_digest(SCRIPTS / "diagnosis/gap.py"),
     message:
         "Gather the diagnoses of every system in one table"
     script:
-        "../scripts/gap.py"
+        "../scripts/diagnosis/gap.py"

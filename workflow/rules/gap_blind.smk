@@ -26,7 +26,7 @@ rule gap_make:
     message:
         "Draw split {wildcards.split} ({wildcards.tier}) of recordings with withheld effects, and seal it"
     script:
-        "../scripts/gap_make.py"
+        "../scripts/gap/gap_make.py"
 
 
 rule gap_encode:
@@ -57,7 +57,7 @@ rule gap_encode:
     message:
         "An autoencoder of each nominal film in batch {wildcards.batch} of {wildcards.split}, and what it sees"
     script:
-        "../scripts/gap_encode.py"
+        "../scripts/gap/gap_encode.py"
 
 
 rule gap_predict:
@@ -83,7 +83,7 @@ rule gap_predict:
     message:
         "Diagnose batch {wildcards.batch} of split {wildcards.split} ({wildcards.tier})"
     script:
-        "../scripts/gap_predict.py"
+        "../scripts/gap/gap_predict.py"
 
 
 rule gap_baseline:
@@ -109,7 +109,7 @@ rule gap_baseline:
     message:
         "Let {wildcards.method} name the effects of batch {wildcards.batch} of {wildcards.split}"
     script:
-        "../scripts/gap_baseline.py"
+        "../scripts/gap/gap_baseline.py"
 
 
 rule gap_open:
@@ -135,7 +135,7 @@ rule gap_open:
     message:
         "Choose what is diagnosed again without its effect, now that {wildcards.split} is predicted"
     script:
-        "../scripts/gap_open.py"
+        "../scripts/gap/gap_open.py"
 
 
 rule gap_left_out:
@@ -165,7 +165,7 @@ rule gap_left_out:
     message:
         "Diagnose batch {wildcards.batch} of {wildcards.split} with the true effects left out"
     script:
-        "../scripts/gap_left_out.py"
+        "../scripts/gap/gap_left_out.py"
 
 
 rule gap_score:
@@ -213,7 +213,7 @@ rule gap_score:
     message:
         "Open split {wildcards.split} ({wildcards.tier}) and score its predictions"
     script:
-        "../scripts/gap_score.py"
+        "../scripts/gap/gap_score.py"
 
 
 rule gap_blind:
@@ -249,4 +249,4 @@ rule gap_blind:
     message:
         "Gather the blind check in one table"
     script:
-        "../scripts/gap_blind.py"
+        "../scripts/gap/gap_blind.py"

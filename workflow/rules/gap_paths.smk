@@ -22,7 +22,7 @@ wildcard_constraints:
 
 def made_of(script, *commands):
     """Digest of a script and of what it runs, taken when a job is planned and not before."""
-    return lambda wildcards: script_digest(SCRIPTS / f"{script}.py", *commands)
+    return lambda wildcards: script_digest(SCRIPTS / f"gap/{script}.py", *commands)
 
 
 def key_file(wildcards):
@@ -68,4 +68,8 @@ def own_number(wildcards):
 
 def planned_tiers():
     """The tiers that the experiment asks for."""
-    return [tier for tier, count in (("T0", experiment.blind.t0), ("T1", experiment.blind.t1)) if count]
+    return [
+        tier
+        for tier, count in (("T0", experiment.blind.t0), ("T1", experiment.blind.t1))
+        if count
+    ]

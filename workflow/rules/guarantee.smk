@@ -29,8 +29,8 @@ rule guarantee:
         runs=lambda wildcards: planned(),
         cfg=lambda wildcards: section("extrapolation.guarantee")(planned()[0]),
         before=lambda wildcards: [before("evaluate")(run) for run in planned()],
-        code=script_digest(SCRIPTS / "guarantee.py"),
+        code=script_digest(SCRIPTS / "stage2/guarantee.py"),
     message:
         "Ask every trained law whether it comes to rest from anywhere"
     script:
-        "../scripts/guarantee.py"
+        "../scripts/stage2/guarantee.py"

@@ -31,11 +31,11 @@ rule horizon:
         names=lambda wildcards: ["LaGSplat", *baseline_names(wildcards.system)],
         title=lambda wildcards: f"Image error over time · {shown_as(wildcards.system)}",
         before=lambda wildcards: before_figures(wildcards.system),
-        code=script_digest(SCRIPTS / "horizon.py"),
+        code=script_digest(SCRIPTS / "report/horizon.py"),
     message:
         "Draw the image error of every model of {wildcards.system} over time"
     script:
-        "../scripts/horizon.py"
+        "../scripts/report/horizon.py"
 
 
 rule gallery:
@@ -80,11 +80,11 @@ rule gallery:
         names=lambda wildcards: baseline_names(wildcards.system),
         title=lambda wildcards: shown_as(wildcards.system),
         before=lambda wildcards: before_figures(wildcards.system),
-        code=script_digest(SCRIPTS / "gallery.py"),
+        code=script_digest(SCRIPTS / "report/gallery.py"),
     message:
         "Draw every model of {wildcards.system} from the same start"
     script:
-        "../scripts/gallery.py"
+        "../scripts/report/gallery.py"
 
 
 rule attention:
@@ -122,11 +122,11 @@ rule attention:
             before("baseline_evaluate")(run)
             for run in first_baselines(wildcards.system)
         ],
-        code=script_digest(SCRIPTS / "attention.py"),
+        code=script_digest(SCRIPTS / "report/attention.py"),
     message:
         "Draw the attention maps of the baselines of {wildcards.system}"
     script:
-        "../scripts/attention.py"
+        "../scripts/report/attention.py"
 
 
 rule inertia:
@@ -167,8 +167,8 @@ rule inertia:
         before=lambda wildcards: [
             before("evaluate")(run) for run in first_masses(wildcards.system)
         ],
-        code=script_digest(SCRIPTS / "inertia.py"),
+        code=script_digest(SCRIPTS / "report/inertia.py"),
     message:
         "Draw the forms of the mass of {wildcards.system}"
     script:
-        "../scripts/inertia.py"
+        "../scripts/report/inertia.py"

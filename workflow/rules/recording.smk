@@ -16,11 +16,11 @@ rule simulate:
         simulation=section("simulation", recording="simulated"),
         release=section("release", recording="simulated"),
         split=section("recording.split", recording="simulated"),
-        code=script_digest(SCRIPTS / "simulate.py"),
+        code=script_digest(SCRIPTS / "recording/simulate.py"),
     message:
         "Simulate {wildcards.system}"
     script:
-        "../scripts/simulate.py"
+        "../scripts/recording/simulate.py"
 
 
 rule ingest:
@@ -40,8 +40,8 @@ rule ingest:
         mem_mb=2000,
     params:
         cfg=section("recording", recording="filmed"),
-        code=script_digest(SCRIPTS / "ingest.py"),
+        code=script_digest(SCRIPTS / "recording/ingest.py"),
     message:
         "Read and check the recording of {wildcards.system}"
     script:
-        "../scripts/ingest.py"
+        "../scripts/recording/ingest.py"

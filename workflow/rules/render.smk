@@ -21,11 +21,11 @@ rule refine:
         release=section("release"),
         render=section("render"),
         before=before("stage1"),
-        code=script_digest(SCRIPTS / "refine.py"),
+        code=script_digest(SCRIPTS / "stage1/refine.py"),
     message:
         "Make the recording of {wildcards.system} ({wildcards.recording}) once more, with finer frames"
     script:
-        "../scripts/refine.py"
+        "../scripts/stage1/refine.py"
 
 
 rule sharpen:
@@ -52,10 +52,10 @@ rule sharpen:
         cfg=section("stage1"),
         render=section("render"),
         before=before("stage2"),
-        code=script_digest(SCRIPTS / "sharpen.py"),
+        code=script_digest(SCRIPTS / "stage1/sharpen.py"),
         # Not an output: it must outlive a failed or killed job. A finished one deletes it.
         checkpoint="results/{profile}/{recording}/{system}/{stage1}-{ae}/checkpoint/decoder.pt",
     message:
         "A finer decoder over the frozen chart of {wildcards.system} ({wildcards.recording})"
     script:
-        "../scripts/sharpen.py"
+        "../scripts/stage1/sharpen.py"

@@ -23,11 +23,11 @@ rule rollout:
         cfg=section("evaluate"),
         title=section("system.title"),
         before=before("evaluate"),
-        code=script_digest(SCRIPTS / "rollout.py"),
+        code=script_digest(SCRIPTS / "report/rollout.py"),
     message:
         "Draw a long rollout of {wildcards.system} ({wildcards.recording}, {wildcards.stage2})"
     script:
-        "../scripts/rollout.py"
+        "../scripts/report/rollout.py"
 
 
 rule figure:
@@ -53,8 +53,8 @@ rule figure:
         mem_mb=500,
     params:
         before=lambda wildcards: before("evaluate")(planned(**wildcards)[0]),
-        code=script_digest(SCRIPTS / "figure.py"),
+        code=script_digest(SCRIPTS / "report/figure.py"),
     message:
         "Show the rollout of {wildcards.system}"
     script:
-        "../scripts/figure.py"
+        "../scripts/report/figure.py"

@@ -28,11 +28,11 @@ rule sides:
     params:
         title=section("system.title"),
         before=before("chart"),
-        code=script_digest(SCRIPTS / "sides.py"),
+        code=script_digest(SCRIPTS / "stage1/sides.py"),
     message:
         "Score and draw {wildcards.system} ({wildcards.recording}) from held-out sides"
     script:
-        "../scripts/sides.py"
+        "../scripts/stage1/sides.py"
 
 
 rule force_space:
@@ -72,8 +72,8 @@ rule force_space:
             **spatial(wildcards.solid)
         ),
         before=lambda wildcards: before("evaluate")(spatial(wildcards.solid)),
-        code=script_digest(SCRIPTS / "force_space.py"),
+        code=script_digest(SCRIPTS / "forces/force_space.py"),
     message:
         "Push {wildcards.solid} in space"
     script:
-        "../scripts/force_space.py"
+        "../scripts/forces/force_space.py"

@@ -29,13 +29,13 @@ rule stage1:
         cfg=section("stage1"),
         views=section("views"),
         before=before("stage1"),
-        code=script_digest(SCRIPTS / "stage1.py"),
+        code=script_digest(SCRIPTS / "stage1/stage1.py"),
         # Not an output: it must outlive a failed or killed job. A finished one deletes it.
         checkpoint="results/{profile}/{recording}/{system}/{stage1}-{ae}/checkpoint/state.pt",
     message:
         "Stage 1: encoder and Gaussians of {wildcards.system} ({wildcards.recording})"
     script:
-        "../scripts/stage1.py"
+        "../scripts/stage1/stage1.py"
 
 
 rule reconstruction:
@@ -66,11 +66,11 @@ rule reconstruction:
     params:
         title=section("system.title"),
         before=before("chart"),
-        code=script_digest(SCRIPTS / "reconstruction.py"),
+        code=script_digest(SCRIPTS / "stage1/reconstruction.py"),
     message:
         "Draw recorded and reconstructed frames of {wildcards.system} ({wildcards.recording})"
     script:
-        "../scripts/reconstruction.py"
+        "../scripts/stage1/reconstruction.py"
 
 
 rule curve:
@@ -100,8 +100,8 @@ rule curve:
     params:
         title=section("system.title"),
         before=before("chart"),
-        code=script_digest(SCRIPTS / "curve.py"),
+        code=script_digest(SCRIPTS / "stage1/curve.py"),
     message:
         "Draw the training curve of {wildcards.system} ({wildcards.recording})"
     script:
-        "../scripts/curve.py"
+        "../scripts/stage1/curve.py"

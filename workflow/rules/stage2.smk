@@ -23,8 +23,8 @@ rule stage2:
     params:
         cfg=section("stage2"),
         before=before("stage2"),
-        code=script_digest(SCRIPTS / "stage2.py"),
+        code=script_digest(SCRIPTS / "stage2/stage2.py"),
     message:
         "Stage 2: {wildcards.stage2} dynamics of {wildcards.system} ({wildcards.recording}), seed {wildcards.seed}"
     script:
-        "../scripts/stage2.py"
+        "../scripts/stage2/stage2.py"

@@ -35,11 +35,11 @@ rule table:
             *(before("table")(run) for run in krauss_runs()),
             *(before("baseline_table")(run) for run in baseline_runs()),
         ],
-        code=script_digest(SCRIPTS / "table.py"),
+        code=script_digest(SCRIPTS / "report/table.py"),
     message:
         "Gather the scores of every arm in one table"
     script:
-        "../scripts/table.py"
+        "../scripts/report/table.py"
 
 
 rule mass:
@@ -67,11 +67,11 @@ rule mass:
         runs=lambda wildcards: mass_runs(),
         titles=lambda wildcards: titles(mass_runs()),
         before=lambda wildcards: [before("table")(run) for run in mass_runs()],
-        code=script_digest(SCRIPTS / "mass.py"),
+        code=script_digest(SCRIPTS / "report/mass.py"),
     message:
         "Compare the forms of the mass of every arm"
     script:
-        "../scripts/mass.py"
+        "../scripts/report/mass.py"
 
 
 rule physical:
@@ -99,11 +99,11 @@ rule physical:
         runs=lambda wildcards: main_runs(),
         titles=lambda wildcards: titles(main_runs()),
         before=lambda wildcards: [before("table")(run) for run in main_runs()],
-        code=script_digest(SCRIPTS / "physical.py"),
+        code=script_digest(SCRIPTS / "report/physical.py"),
     message:
         "Gather the free rollouts of every system in one table"
     script:
-        "../scripts/physical.py"
+        "../scripts/report/physical.py"
 
 
 rule truth:
@@ -131,11 +131,11 @@ rule truth:
         runs=lambda wildcards: true_runs(),
         titles=lambda wildcards: titles(true_runs()),
         before=lambda wildcards: [before("table")(run) for run in true_runs()],
-        code=script_digest(SCRIPTS / "truth.py"),
+        code=script_digest(SCRIPTS / "report/truth.py"),
     message:
         "Compare what was learned of every simulated system with its truth"
     script:
-        "../scripts/truth.py"
+        "../scripts/report/truth.py"
 
 
 rule margins:
@@ -161,8 +161,8 @@ rule margins:
     params:
         runs=lambda wildcards: planned(),
         before=lambda wildcards: [before("table")(run) for run in planned()],
-        code=script_digest(SCRIPTS / "margins.py"),
+        code=script_digest(SCRIPTS / "report/margins.py"),
     message:
         "Compare the dynamics with constant coefficients"
     script:
-        "../scripts/margins.py"
+        "../scripts/report/margins.py"

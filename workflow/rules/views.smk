@@ -25,10 +25,10 @@ rule views:
         source=section("recording"),
         release=section("release"),
         before=before("views"),
-        code=script_digest(SCRIPTS / "views.py"),
+        code=script_digest(SCRIPTS / "recording/views.py"),
         # Not an output: lifted frames took long and outlive a failed or killed job.
         cache="results/{profile}/{recording}/{system}/sharp",
     message:
         "Views of {wildcards.system} ({wildcards.recording}) from other sides"
     script:
-        "../scripts/views.py"
+        "../scripts/recording/views.py"

@@ -15,4 +15,4 @@ with Job(snakemake) as job:
     unknown = {"refused": "true answers are known of simulated recordings alone"}
     truth = load_json(job.input.metrics)["truth"] or unknown
     for path in job.output:
-        save_figure(path, draw_force_map(held.pictures(held.rest[None])[0], truth, title=job.params.title))
+        save_figure(path, draw_force_map(held.render_images(held.rest[None])[0], truth, title=job.params.title))
