@@ -310,11 +310,8 @@ def find_repeated_samples(
         candidates = _find_repeats_before_jumps(z)
         certain = [span for span in candidates if _misses_smooth_path(z, *span)]
         # Samples beside a repeat may be repeats, too, and a motion that turns catches up without a jump.
-        for first, end in (
-            [*candidates, *_find_standstills(z)]
-            if len(certain) >= REPEATED_FRAMES.min_certain_repeats
-            else certain
-        ):
+        many = len(certain) >= REPEATED_FRAMES.min_certain_repeats
+        for first, end in [*candidates, *_find_standstills(z)] if many else certain:
             repeated[start + first + 1 : start + end] = True
     return repeated
 
@@ -323,13 +320,8 @@ def _find_repeats_before_jumps(z: np.ndarray) -> list[tuple[int, int]]:
     """First sample of each standstill that ends in a jump, and the first sample after it."""
     moved = np.abs(np.diff(z, axis=0)).max(axis=1)
     repeats = []
-    for jump in map(
-        int,
-        np.flatnonzero(
-            (moved[1:] > REPEATED_FRAMES.jump_steps) & (moved[:-1] <= REPEATED_FRAMES.same_image_steps)
-        )
-        + 2,
-    ):
+    jumps = (moved[1:] > REPEATED_FRAMES.jump_steps) & (moved[:-1] <= REPEATED_FRAMES.same_image_steps)
+    for jump in (np.flatnonzero(jumps) + 2).tolist():
         back = max(0, jump - REPEATED_FRAMES.max_repeats)
         stays = (np.abs(z[back:jump] - z[jump - 1]) <= REPEATED_FRAMES.same_image_steps).all(axis=1)
         first = back if stays.all() else back + int(np.flatnonzero(~stays)[-1]) + 1
@@ -358,23 +350,15 @@ def _misses_smooth_path(z: np.ndarray, first: int, jump: int) -> bool:
     if first + 1 < REPEATED_FRAMES.neighbor_samples or jump + REPEATED_FRAMES.neighbor_samples > len(z):
         return False
     i = int(np.argmax(np.abs(z[jump] - z[jump - 1])))
-    beside = np.r_[
-        first + 1 - REPEATED_FRAMES.neighbor_samples : first + 1,
-        jump : jump + REPEATED_FRAMES.neighbor_samples,
-    ]
+    side = REPEATED_FRAMES.neighbor_samples
+    beside = np.r_[first + 1 - side : first + 1, jump : jump + side]
     path = Polynomial.fit(beside, z[beside, i], REPEATED_FRAMES.polynomial_degree)
     inside = np.arange(first + 1, jump)
     miss = float(np.abs(z[inside, i] - path(inside)).max())
     misfit = float(np.sqrt(np.mean((z[beside, i] - path(beside)) ** 2)))
     curvature = float(np.abs(path.deriv(2)(np.arange(first, jump + 1))).max())
-    usual = (
-        np.abs(
-            z[2 * REPEATED_FRAMES.curvature_lag :, i]
-            - 2.0 * z[REPEATED_FRAMES.curvature_lag : -REPEATED_FRAMES.curvature_lag, i]
-            + z[: -2 * REPEATED_FRAMES.curvature_lag, i]
-        )
-        / REPEATED_FRAMES.curvature_lag**2
-    )
+    lag = REPEATED_FRAMES.curvature_lag
+    usual = np.abs(z[2 * lag :, i] - 2.0 * z[lag:-lag, i] + z[: -2 * lag, i]) / lag**2
     allowed = REPEATED_FRAMES.curvature_margin * float(np.quantile(usual, REPEATED_FRAMES.curvature_quantile))
     return (
         miss > REPEATED_FRAMES.significant_miss
