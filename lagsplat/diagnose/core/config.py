@@ -5,9 +5,10 @@ other number that can change a verdict: one class a subject, one instance a clas
 ``VERDICT.max_probability``. Each number has its unit in brackets (``[1]`` is a ratio) and its source.
 
 No number here is the result of a fitted calibration yet. "Commit" names the commit of this repository in
-which a value was set by hand. Commits before 0de462e precede every sealed split of the benchmark; 0fc4d5b
-followed the opening of blind-1, 97c6964 and e6e25e8 that of the four-coordinate and video splits (a61a354),
-and 620ccf8 that of blind-6 (95ad2a5): values of these four were chosen with spent splits in view.
+which a value was set by hand: beside the value, or beside its class for all of them. Commits before 0de462e
+precede every sealed split of the benchmark; 0fc4d5b followed the opening of blind-1, 97c6964 and e6e25e8 that
+of the four-coordinate and video splits (a61a354), and 620ccf8 that of blind-6 (95ad2a5): values of these four
+were chosen with spent splits in view.
 """
 
 from dataclasses import dataclass
@@ -144,6 +145,676 @@ class BlindConfig:
                 raise ValueError(f"blind.{name}={getattr(self, name)} must be at least 1")
         if not self.split.replace("-", "").isalnum():
             raise ValueError(f"blind.split={self.split!r} names a folder; take letters, digits and hyphens")
+
+
+# --- Data quality
+
+
+@dataclass(frozen=True)
+class TrajectoryCheckThresholds:
+    """Checks of both trajectories against each other. Commit d06fac6."""
+
+    period_ratio_warning: float = 2.0
+    """Ratio of the two sides' periods, either way [1], from which the period of a driven motion is not
+    trusted."""
+
+
+TRAJECTORY_CHECKS = TrajectoryCheckThresholds()
+
+
+@dataclass(frozen=True)
+class ClosedLoopThresholds:
+    """Tests for inputs that a controller computes from the measured motion. Commit d06fac6."""
+
+    difference_order: int = 6
+    """Order of the differences that keep the measurement errors and remove the smooth motion [count]."""
+    min_power_growth: float = 1.2
+    """Growth of the power from one more difference [1]; white noise gives 3.7, a smooth signal less than
+    1."""
+    step_ratio: float = 8.0
+    """Change between two samples, in usual changes [1], from which an input steps."""
+    max_controller_lag: int = 4
+    """Samples that a controller may take to respond [count]."""
+    min_explained_share: float = 0.1
+    """Share of an input's own error that the errors of q must explain [1]."""
+    max_p_value: float = 1e-6
+    """Probability that chance alone explains as much [1]: a false-alarm rate of one in a million tests."""
+    min_static_share: float = 0.95
+    """Share of an input that a static function of q and v must explain where there is no noise [1]."""
+    max_relative_acceleration: float = 0.5
+    """Acceleration over the restoring one [1] below which a slow motion follows any input."""
+    single_line_share: float = 0.9
+    """Share of an input's power in one spectral line [1] from which q and v follow it whatever the cause."""
+
+
+CLOSED_LOOP = ClosedLoopThresholds()
+
+
+@dataclass(frozen=True)
+class CompatibilityThresholds:
+    """Whether the real motion lies where the simulator was seen, and in the same units. Commit d06fac6."""
+
+    region_factor: float = 1.5
+    """Size of the simulator's region, in its 99 % quantile of the distance [1]."""
+    warning_outside_share: float = 0.05
+    """Share of real samples outside the region that is worth a warning [1]."""
+    undetermined_outside_share: float = 0.5
+    """Share of real samples outside the region that forbids a verdict [1]."""
+    max_center_offset: float = 6.0
+    """Distance of the two motions' middles, in the simulator's standard deviations [1]."""
+    unit_ratio_tolerance: float = 0.35
+    """Relative error within which a ratio of sizes counts as a known ratio of units [1]."""
+    striking_size_ratio: float = 20.0
+    """Ratio of sizes that asks for an explanation [1]."""
+
+
+COMPATIBILITY = CompatibilityThresholds()
+
+
+@dataclass(frozen=True)
+class DiscontinuityThresholds:
+    """Where a trajectory is not continued: cuts, gaps and holds before a release. Commit d06fac6 and
+    71ca292."""
+
+    polynomial_samples: int = 8
+    """Samples of the polynomial on either side of a border, at most [count]."""
+    polynomial_periods: float = 0.15
+    """Duration of that polynomial, at most [natural periods]."""
+    jump_standard_errors: float = 8.0
+    """Jump, in standard errors [1], from which it is significant."""
+    knock_ratio: float = 2.0
+    """Jump over what a knock between two samples could displace [1]."""
+    mismatch_ratio: float = 3.0
+    """Jump over the usual mismatch around it [1]; the usual mismatch comes from the curvature of the
+    motion."""
+    mismatch_quantile: float = 0.9
+    """Quantile of the mismatches around a jump that counts as usual [1]."""
+    neighborhood_lengths: int = 6
+    """Polynomial lengths to either side that count as around [1]."""
+    isolated_step_share: float = 0.5
+    """Share of the jump by which the step must exceed its neighbors [1]; a swing takes several samples."""
+    min_range_share: float = 0.03
+    """Jump over the range of the motion around it [1]."""
+    rate_mismatch_ratio: float = 0.4
+    """Difference of the rates on both sides, in typical speeds [1]."""
+    max_cuts_per_period: float = 0.5
+    """Cuts in one natural period above which they are no cuts [count]."""
+    max_lost_frames: float = 10.5
+    """Frames that a camera loses at once, at most [count]."""
+    min_gap_steps: float = 3.0
+    """Length of a gap, in sampling steps [1]."""
+    min_gap_periods: float = 0.125
+    """Length of a gap, in natural periods [1]; a gap exceeds both."""
+    min_hold_periods: float = 0.4
+    """Duration of a hold [natural periods]."""
+    min_hold_offset: float = 0.7
+    """Distance of a hold from the middle of the swing after it, in its amplitudes [1]."""
+    max_hold_motion: float = 0.2
+    """Motion during a hold, in amplitudes of the swing after it [1]."""
+    min_swing_noise_ratio: float = 12.0
+    """Amplitude of that swing over the noise [1]."""
+
+
+DISCONTINUITIES = DiscontinuityThresholds()
+
+
+@dataclass(frozen=True)
+class RepeatedFrameThresholds:
+    """Samples that repeat an earlier one, as from a camera that lost frames. Commit d06fac6 and 71ca292."""
+
+    same_image_steps: float = 3.0
+    """Step, in those that noise makes, up to which an image is the same [1]."""
+    jump_steps: float = 6.0
+    """Step, in those that noise makes, from which the image has jumped [1]."""
+    max_repeats: int = 200
+    """Samples in a row that an image may stay the same [count]."""
+    curvature_lag: int = 3
+    """Samples over which the curvature of the motion is measured [count]."""
+    curvature_quantile: float = 0.95
+    """Quantile of the curvature that counts as usual [1]."""
+    neighbor_samples: int = 5
+    """Samples on either side of a repeat through which a polynomial is laid [count]."""
+    polynomial_degree: int = 3
+    """Degree of that polynomial [1]."""
+    significant_miss: float = 5.0
+    """Distance of a repeat from the polynomial, in noise steps [1], from which it is a repeat."""
+    curvature_margin: float = 1.3
+    """Curvature during the repeat over the usual one [1]."""
+    neighbor_misfit_share: float = 0.1
+    """Share of that distance by which the neighbors may miss the polynomial [1]."""
+    min_certain_repeats: int = 5
+    """Certain repeats from which shorter ones count too [count]."""
+    min_uncertain_length: int = 4
+    """Samples of such a shorter repeat [count]."""
+
+
+REPEATED_FRAMES = RepeatedFrameThresholds()
+
+
+@dataclass(frozen=True)
+class ExcitationThresholds:
+    """What counts as motion, rest and a level when excitation is measured. Commit d06fac6."""
+
+    swing_noise_ratio: float = 5.0
+    """Swing over the noise's standard deviation [1] from which it is one."""
+    slow_rate_share: float = 0.1
+    """Rate, as a share of its rms [1], below which the motion is slow."""
+    rest_rate_share: float = 0.03
+    """Rate, as a share of its rms [1], below which the motion rests; the noise of the rate if that is
+    larger."""
+    min_rest_periods: float = 0.5
+    """Duration of a rest [natural periods]."""
+    level_separation: float = 0.1
+    """Distance of two holds or input levels, as a share of the range [1]."""
+    constant_tolerance: float = 1e-6
+    """Variation of a constant input, as a share of its size [1]: rounding of printed numbers."""
+
+
+EXCITATION = ExcitationThresholds()
+
+
+@dataclass(frozen=True)
+class NaturalPeriodThresholds:
+    """Weak-form regression of a linear law for the natural period. Commit d06fac6."""
+
+    lengths_per_decade: int = 14
+    """Lengths of test functions tried in a decade [count]."""
+    min_test_samples: int = 9
+    """Samples of the shortest test function [count]."""
+    max_samples: int = 6000
+    """Samples of all clips together; longer ones are decimated [count]."""
+    min_explained_share: float = 0.3
+    """Share of the weighted accelerations that the linear law must explain [1]."""
+    min_surplus: float = 2.0
+    """Independent test functions beyond the unknowns [count]; with fewer, any law fits."""
+    max_stiffness_error: float = 0.15
+    """Relative standard error of a stiffness [1] from which it is dropped."""
+    turn_size: float = 0.1
+    """Return of the motion, in its standard deviations [1], that counts as a turn."""
+    min_mode_share: float = 0.08
+    """Share of the motion that the slowest mode must carry [1]."""
+    min_spectrum_samples: int = 16
+    """Samples of the shortest clip whose spectrum is taken [count]."""
+    step_period_ratio: float = 1.6
+    """Period of the coordinates over that of their rates [1] from which the motion steps."""
+
+
+NATURAL_PERIOD = NaturalPeriodThresholds()
+
+
+@dataclass(frozen=True)
+class NoiseEstimationSettings:
+    """Moving-window polynomial fit that separates noise from motion. Commit d06fac6."""
+
+    polynomial_degree: int = 5
+    """Degree of the polynomial in a window [1]."""
+    min_window: int = 9
+    """Samples of the shortest window [count]."""
+    max_window: int = 24
+    """Samples of the longest window [count]."""
+    max_window_periods: float = 0.25
+    """Duration of a window, at most [natural periods]."""
+    max_windows: int = 600
+    """Windows looked at, evenly over the motions [count]."""
+    student_t_freedom: float = 4.0
+    """Degrees of freedom of Student's t [1]; heavy tails, because kinks of the motion fall into some
+    windows."""
+    correlation_grid: tuple[float, float, int] = (-0.6, 0.9, 16)
+    """First and last correlation of neighboring errors that is tried, and how many [1, 1, count]."""
+    window_agreement: float = 1.25
+    """Noise of a longer window over that of the shortest [1], beyond which it holds motion."""
+    correlated_log_ratio: float = 6.0
+    """Log-likelihood ratio by which correlated noise must beat white noise [nat]."""
+
+
+NOISE_ESTIMATION = NoiseEstimationSettings()
+
+
+@dataclass(frozen=True)
+class SamplingThresholds:
+    """How densely, evenly and finely a motion is sampled. Commit d06fac6."""
+
+    decimated_samples_per_period: float = 100.0
+    """Samples in the rms period of the rates that decimation keeps [count]."""
+    decimated_rate_hz: float = 120.0
+    """Rate that decimation keeps [Hz]; lost and late frames are looked for at camera rates."""
+    repeat_noise_ratio: float = 4.0
+    """Step, in standard deviations of noise [1], that the motion must make before an equal value is a
+    repeat."""
+    coarse_samples_per_period: float = 8.0
+    """Samples in a period below which a warning is due [count]."""
+    min_samples_per_period: float = 4.0
+    """Samples in a period below which nothing is computed [count]."""
+    quantization_share: float = 0.1
+    """Quantization step over the rms of the coordinate [1] that is worth a note."""
+    clipped_share: float = 0.02
+    """Share of samples at an extreme [1] from which a sensor saturates."""
+    clipped_run: int = 4
+    """Samples in a row at that extreme [count]."""
+    max_repeats: int = 10
+    """Repeats in a row that are a lost frame [count]; more are a rest."""
+    rest_noise_ratio: float = 3.0
+    """Motion over the noise [1] below which nothing moves."""
+    block_periods: float = 1.5
+    """Duration of a block whose sampling is judged [natural periods]."""
+    block_samples: int = 60
+    """Samples of such a block, at least [count]."""
+    min_blocks: int = 8
+    """Blocks from which a comparison is made [count]."""
+    min_periods: float = 2.5
+    """Duration of a recording [natural periods] below which too little repeats."""
+
+
+SAMPLING = SamplingThresholds()
+
+
+@dataclass(frozen=True)
+class TimeAlignmentThresholds:
+    """Whether inputs and coordinates share a clock. Commit d06fac6."""
+
+    max_shift_periods: float = 3.0
+    """Shift of the inputs, at most [natural periods]."""
+    shifts_per_period: int = 16
+    """Shifts tried in one natural period [count]."""
+    gross_shift_periods: float = 0.5
+    """Shift [natural periods] that no delay of a mechanism or a line explains."""
+    poor_explained_share: float = 0.6
+    """Share explained [1] below which the given times are questioned."""
+    min_share_gain: float = 0.35
+    """Gain of the explained share [1] that decides for a shift."""
+    min_periods: float = 6.0
+    """Duration of a recording [natural periods] below which chance fits some shift."""
+    fair_explained_share: float = 0.85
+    """Share explained [1] below which the times are questioned if `min_error_ratio` is reached as well."""
+    min_error_ratio: float = 4.0
+    """Ratio by which a shift must shrink what is not explained [1]."""
+
+
+TIME_ALIGNMENT = TimeAlignmentThresholds()
+
+
+# --- Residual
+
+
+@dataclass(frozen=True)
+class ChangePointSettings:
+    """Events: stretches in which the residual is larger than around them. Commit 09186ef."""
+
+    stride_periods: float = 0.125
+    """Distance of the levels among which changes are sought [natural periods]."""
+    window_periods: float = 0.5
+    """Moving window [natural periods] over which the square of a swing is level."""
+    log_level_variance: float = 0.5
+    """Variance of a level's logarithm where nothing changes [1]."""
+    merge_log_ratio: float = 2.0
+    """Difference of two neighbors' log levels [1] below which they are one event."""
+    edge_share: float = 0.25
+    """Share of its peak [1] at which an event begins and ends."""
+    min_energy_share: float = 0.02
+    """Share of the residual's energy below which an event is not reported [1]."""
+    false_discovery_rate: float = 0.05
+    """Rate of false discoveries [1]."""
+    max_events: int = 5
+    """Events that are reported, at most [count]."""
+
+
+CHANGE_POINTS = ChangePointSettings()
+
+
+@dataclass(frozen=True)
+class ComponentSettings:
+    """Kernel regression of the residual on groups of features. Commit 09186ef."""
+
+    ridges: tuple[float, ...] = (1e-5, 1e-3, 1e-1)
+    """Ridge penalties tried by cross-validation [1]."""
+    width_factors: tuple[float, ...] = (1.0, 3.0)
+    """Kernel widths tried, over the root of the number of features [1]."""
+    max_samples: int = 400
+    """Samples of the regression, at most [count]."""
+    correlation_z: float = 1.96
+    """Standard deviations of a correlation that chance exceeds with probability 0.05 [1]: the normal quantile
+    of 0.975."""
+
+
+COMPONENTS = ComponentSettings()
+
+
+@dataclass(frozen=True)
+class ErrorBudgetSettings:
+    """Shares of the forecast error by stage, and whether images can be trusted. Commit 6e0f2c7."""
+
+    bootstrap_draws: int = 999
+    """Draws of the block bootstrap [count]."""
+    coverage: float = 0.95
+    """Coverage of its intervals [1]."""
+    suspect_error_ratio: float = 2.0
+    """Error of the real images over that of the nominal ones [1] from which perception is suspect."""
+    suspect_outside_share: float = 0.05
+    """Share of frames outside the nominal latents [1] from which perception is suspect."""
+    outside_quantile: float = 0.999
+    """Quantile of the nominal distances beyond which a frame is outside [1]."""
+    max_relative_error: float = 1e3
+    """Error that a diverged forecast counts with [rms of the coordinate]."""
+    max_step_share: float = 0.02
+    """Step of the forecast's integrator, as a share of the horizon, at most [1]."""
+
+
+ERROR_BUDGET = ErrorBudgetSettings()
+
+
+@dataclass(frozen=True)
+class ResidualFeatureSettings:
+    """Features that the residual is regressed on. Commit 09186ef."""
+
+    lags_periods: tuple[float, ...] = (0.125, 0.25, 0.5, 1.0)
+    """Lags of memory features [natural periods]."""
+    reversal_rate_share: float = 0.05
+    """Rate, as a share of its rms [1], below which the motion reverses."""
+    block_periods: float = 0.75
+    """Length of a block of the cross-validation [natural periods]."""
+    folds: int = 5
+    """Folds of the cross-validation [count]."""
+    max_samples: int = 800
+    """Samples of the regression, at most [count]."""
+
+
+RESIDUAL_FEATURES = ResidualFeatureSettings()
+
+
+@dataclass(frozen=True)
+class LatentForceSettings:
+    """Smoother of the force that the simulator lacks. Commit 6c919a8."""
+
+    length_scales_periods: tuple[float, ...] = (0.125, 0.5, 2.0)
+    """Length scales tried [natural periods]."""
+    path_tolerance: float = 1e-3
+    """Change of the path, over its rms [1], that ends the iteration."""
+    max_iterations: int = 5
+    """Relinearizations, at most [count]."""
+    start_force_share: float = 0.01
+    """Variance of the force where its fit starts, over that of the acceleration [1]."""
+    min_log_likelihood_gain: float = 3.0
+    """Gain from which a force is admitted [nat]; without a force, 1 record in 100 gains more by chance."""
+
+
+LATENT_FORCE = LatentForceSettings()
+
+
+@dataclass(frozen=True)
+class LinearizationSettings:
+    """Transition matrices along a path. Commit 6c919a8."""
+
+    max_step_rad: float = 0.5
+    """Runge-Kutta step, at most [rad of the fastest mode]."""
+
+
+LINEARIZATION = LinearizationSettings()
+
+
+@dataclass(frozen=True)
+class LocalizationThresholds:
+    """Level at which the gap arises: perception, chart, actuation or dynamics. Commit 09186ef."""
+
+    min_actuation_share: float = 0.4
+    """Share of all that is explained that functions of the inputs must explain [1]."""
+    min_actuation_residual_share: float = 0.1
+    """Share of the residual that they must explain [1]."""
+    min_chart_share: float = 0.5
+    """Share that distorted coordinates must explain [1]."""
+    min_chart_lead: float = 0.1
+    """Lead of that share over any kind of force [1]."""
+    min_speed_noise_share: float = 0.3
+    """Share of the noise that must grow with speed [1]."""
+    max_speed_noise_p: float = 0.01
+    """Probability of that growth by chance [1]."""
+    max_event_time_share: float = 0.2
+    """Share of the time that brief events fill, at most [1]."""
+    min_event_energy_share: float = 0.7
+    """Share of the residual's energy that brief events hold, at least [1]."""
+
+
+LOCALIZATION = LocalizationThresholds()
+
+
+@dataclass(frozen=True)
+class MeasurementModelSettings:
+    """Tests of the measurement against the force. Commit 09186ef."""
+
+    sign_flips: int = 999
+    """Random sign flips of the permutation test [count]."""
+
+
+MEASUREMENT_MODEL = MeasurementModelSettings()
+
+
+@dataclass(frozen=True)
+class SpectrumSettings:
+    """Multitaper spectrum of the residual (Thomson 1982, doi:10.1109/PROC.1982.12433). Commit 09186ef."""
+
+    half_bandwidth: float = 3.0
+    """Time-bandwidth product of the tapers [1]."""
+    tapers: int = 5
+    """Number of tapers [count]: twice the product less one."""
+    padding: int = 6
+    """Zero padding of the transform [1], so that a line between two frequencies is not taken for noise."""
+    min_clip_periods: float = 3.0
+    """Duration of a clip that has a spectrum [natural periods]."""
+    max_frequency_ratio: float = 12.0
+    """Highest frequency, in natural frequencies [1]."""
+    line_false_alarm_rate: float = 0.01
+    """Probability of a false line [1]."""
+    band_edge_share: float = 0.1
+    """Share of its peak [1] at which a band begins and ends."""
+    min_band_share: float = 0.05
+    """Share of the power below which a band is not reported [1]."""
+    min_relative_power: float = 1e-3
+    """Power over the largest one [1] below which coherence means nothing."""
+    max_bands: int = 5
+    """Bands that are reported, at most [count]."""
+
+
+SPECTRUM = SpectrumSettings()
+
+
+@dataclass(frozen=True)
+class StateMapSettings:
+    """Cluster permutation test on maps over position and velocity. Commit 09186ef."""
+
+    map_bins: int = 8
+    """Bins of a map in each direction [count]."""
+    profile_bins: int = 12
+    """Bins of a profile [count]."""
+    sign_flips: int = 999
+    """Random sign flips of the permutation test [count]."""
+    significance: float = 0.05
+    """Level of that test [1]."""
+    cluster_standard_errors: float = 2.0
+    """Standard errors at which a bin joins a cluster [1]."""
+    min_blocks: int = 6
+    """Blocks of a test [count]: 2^6 sign patterns are the fewest that can reach a level of 0.05."""
+
+
+STATE_MAPS = StateMapSettings()
+
+
+# --- Estimation
+
+
+@dataclass(frozen=True)
+class DatasetSettings:
+    """How recordings become the data of an estimation. Commit 66f7fa5."""
+
+    min_relative_noise: float = 1e-3
+    """Assumed noise, at least, over the rms of the coordinate [1]."""
+    noise_window_periods: float = 0.15
+    """Width of the local cubic whose residual is the noise [natural periods]: about a seventh of a period."""
+    region_margin: float = 0.15
+    """Margin around the visited region, as a share of half its range [1]."""
+
+
+DATASET = DatasetSettings()
+
+
+@dataclass(frozen=True)
+class ShootingSettings:
+    """Gauss-Newton iterations of multiple shooting (Bock 1983). Commit 66f7fa5."""
+
+    max_stale_steps: int = 4
+    """Steps after which all derivatives are computed anew [count]."""
+    max_attempts: int = 6
+    """Damping factors tried for one step before the fit ends [count]."""
+
+
+SHOOTING = ShootingSettings()
+
+
+# --- Identification
+
+
+@dataclass(frozen=True)
+class EstimatedSimulatorSettings:
+    """Windows on which a simulator is fitted to its own recordings. Commit 0e95f8e."""
+
+    diverged_misfit: float = 50.0
+    """Mean square residual beyond which a window is too long to follow [noise variances]."""
+    fit_tolerance: float = 1e-4
+    """Gain of a step that ends the fit, as a share of the misfit [1]."""
+    window_scales: tuple[float, float] = (0.35, 0.12)
+    """Lengths of shorter windows, as shares of the usual one [1], for motion about an unstable rest."""
+    min_window_frames: int = 12
+    """Frames of a window, at least [count]."""
+
+
+ESTIMATED_SIMULATOR = EstimatedSimulatorSettings()
+
+
+@dataclass(frozen=True)
+class NoveltyThresholds:
+    """Windows that a simulator was never seen in, and outlier windows of its own recordings. Commit
+    937389d."""
+
+    distance_quantile: float = 0.999
+    """Quantile of the distance between reference windows beyond which a window is new [1]."""
+    poor_misfit: float = 4.0
+    """Mean square residual above which outlier windows are looked for [noise variances]."""
+    good_misfit: float = 1.5
+    """Mean square residual below which the remaining windows are explained [noise variances]."""
+    outlier_ratio: float = 4.0
+    """Mean square of an outlier window over the median [1]."""
+    max_remaining_share: float = 0.25
+    """Share of the mean square that the other windows may leave [1]."""
+    max_outliers: int = 3
+    """Outlier windows, at most [count]."""
+    min_windows_per_outlier: int = 4
+    """Windows for each outlier, at least [count]."""
+    min_windows: int = 8
+    """Windows from which outliers are looked for [count]; the median of fewer is unreliable."""
+
+
+NOVELTY = NoveltyThresholds()
+
+
+@dataclass(frozen=True)
+class StructureSearchSettings:
+    """Growth of the polynomial law of an estimated simulator. Commit 66f7fa5."""
+
+    max_inertia_coupling: float = 0.3
+    """Prior standard deviation of the inertia between two coordinates, over their own [1]."""
+    min_misfit_reduction: float = 0.2
+    """Share of the misfit that a larger structure must remove where each costs minutes [1]."""
+    coefficient_deviation: float = 3.0
+    """Prior standard deviation of a coefficient about its first estimate, in units of its field [1]."""
+    equivalent_misfit_ratio: float = 1.02
+    """Misfit, over the least one [1], up to which a simpler law is as good."""
+    test_width_factors: tuple[float, ...] = (1.0, 0.5, 0.25)
+    """Lengths of test functions, over the usual one [1]."""
+
+
+STRUCTURE_SEARCH = StructureSearchSettings()
+
+
+# --- Given simulators
+
+
+@dataclass(frozen=True)
+class ProjectionThresholds:
+    """Projection of a given simulator on polynomial fields. Commit 3c11127."""
+
+    warning_error: float = 0.02
+    """Relative error of the acceleration above which a warning is due [1]."""
+
+
+PROJECTION = ProjectionThresholds()
+
+
+@dataclass(frozen=True)
+class ProjectionFieldSettings:
+    """Fields of that projection. Commit 692b79f."""
+
+    tolerance: float = 0.003
+    """Relative error of the acceleration below which no field is added [1]."""
+    default_friction_width: float = 0.02
+    """Width of smooth dry friction unless another fits better [rms of the speed]."""
+    friction_widths: tuple[float, ...] = (0.02, 0.05, 0.1, 0.2)
+    """Widths tried [rms of the speed]."""
+
+
+PROJECTION_FIELDS = ProjectionFieldSettings()
+
+
+# --- Images and videos
+
+
+@dataclass(frozen=True)
+class ImageLocalizationThresholds:
+    """Where in the image a force acts, and where the image is wrong. Commit 6e0f2c7."""
+
+    min_contrast: float = 0.05
+    """Contrast between the best point and the worst that moves [1], below which no point is reported."""
+    equivalent_share: float = 0.02
+    """Difference of the explained share [1] within which points explain as well."""
+    pixel_z: float = 6.0
+    """Robust standard deviations at which a pixel is an outlier [1]."""
+    min_region_pixels: int = 4
+    """Pixels of a region [count]."""
+    max_regions: int = 5
+    """Regions that are reported, at most [count]."""
+
+
+IMAGE_LOCALIZATION = ImageLocalizationThresholds()
+
+
+@dataclass(frozen=True)
+class ImageRenderingSettings:
+    """Which frames and Gaussians are looked at. Commit d32643f."""
+
+    max_frames: int = 240
+    """Frames of a recording whose reconstruction is measured, at most [count]."""
+    max_points: int = 64
+    """Points of the moving body, at most [count]."""
+    body_share: float = 0.9
+    """Share of all visible motion that the fewest Gaussians of the body make up [1]."""
+
+
+IMAGE_RENDERING = ImageRenderingSettings()
+
+
+@dataclass(frozen=True)
+class VideoCheckSettings:
+    """Checks of a video that a fitted run is compared with. Commit 3858606."""
+
+    max_frames: int = 300
+    """Frames looked at where the video file is not there [count]."""
+    shifted_frames: int = 24
+    """Frames on which a shift of the image is expressed in latents [count]."""
+    min_clip_frames: int = 20
+    """Frames of a clip that is kept [count]."""
+
+
+VIDEO_CHECKS = VideoCheckSettings()
+
+
+# --- Inference
 
 
 @dataclass(frozen=True)
@@ -400,10 +1071,7 @@ ROBUSTNESS = RobustnessSettings()
 
 @dataclass(frozen=True)
 class MaterialitySettings:
-    """When an effect is too small to be named.
-
-    Source: set by hand when the module was written (commit 0e95f8e), before any fitted calibration.
-    """
+    """When an effect is too small to be named. Commit 0e95f8e."""
 
     certain_log_evidence: float = 30.0
     """Log evidence from which an effect is named even if the forecasts hardly improve [nat]. Commit
@@ -420,743 +1088,7 @@ class MaterialitySettings:
 MATERIALITY = MaterialitySettings()
 
 
-@dataclass(frozen=True)
-class TrajectoryCheckThresholds:
-    """Checks of both trajectories against each other.
-
-    Source: set by hand when the module was written (commit d06fac6), before any fitted calibration.
-    """
-
-    period_ratio_warning: float = 2.0
-    """Ratio of the two sides' periods, either way [1], from which the period of a driven motion is not
-    trusted."""
-
-
-TRAJECTORY_CHECKS = TrajectoryCheckThresholds()
-
-
-@dataclass(frozen=True)
-class ClosedLoopThresholds:
-    """Tests for inputs that a controller computes from the measured motion.
-
-    Source: set by hand when the module was written (commit d06fac6), before any fitted calibration.
-    """
-
-    difference_order: int = 6
-    """Order of the differences that keep the measurement errors and remove the smooth motion [count]."""
-    min_power_growth: float = 1.2
-    """Growth of the power from one more difference [1]; white noise gives 3.7, a smooth signal less than
-    1."""
-    step_ratio: float = 8.0
-    """Change between two samples, in usual changes [1], from which an input steps."""
-    max_controller_lag: int = 4
-    """Samples that a controller may take to respond [count]."""
-    min_explained_share: float = 0.1
-    """Share of an input's own error that the errors of q must explain [1]."""
-    max_p_value: float = 1e-6
-    """Probability that chance alone explains as much [1]: a false-alarm rate of one in a million tests."""
-    min_static_share: float = 0.95
-    """Share of an input that a static function of q and v must explain where there is no noise [1]."""
-    max_relative_acceleration: float = 0.5
-    """Acceleration over the restoring one [1] below which a slow motion follows any input."""
-    single_line_share: float = 0.9
-    """Share of an input's power in one spectral line [1] from which q and v follow it whatever the cause."""
-
-
-CLOSED_LOOP = ClosedLoopThresholds()
-
-
-@dataclass(frozen=True)
-class CompatibilityThresholds:
-    """Whether the real motion lies where the simulator was seen, and in the same units.
-
-    Source: set by hand when the module was written (commit d06fac6), before any fitted calibration.
-    """
-
-    region_factor: float = 1.5
-    """Size of the simulator's region, in its 99 % quantile of the distance [1]."""
-    warning_outside_share: float = 0.05
-    """Share of real samples outside the region that is worth a warning [1]."""
-    undetermined_outside_share: float = 0.5
-    """Share of real samples outside the region that forbids a verdict [1]."""
-    max_center_offset: float = 6.0
-    """Distance of the two motions' middles, in the simulator's standard deviations [1]."""
-    unit_ratio_tolerance: float = 0.35
-    """Relative error within which a ratio of sizes counts as a known ratio of units [1]."""
-    striking_size_ratio: float = 20.0
-    """Ratio of sizes that asks for an explanation [1]."""
-
-
-COMPATIBILITY = CompatibilityThresholds()
-
-
-@dataclass(frozen=True)
-class DiscontinuityThresholds:
-    """Where a trajectory is not continued: cuts, gaps and holds before a release.
-
-    Source: set by hand when the module was written (commit d06fac6 and 71ca292), before any fitted
-    calibration.
-    """
-
-    polynomial_samples: int = 8
-    """Samples of the polynomial on either side of a border, at most [count]."""
-    polynomial_periods: float = 0.15
-    """Duration of that polynomial, at most [natural periods]."""
-    jump_standard_errors: float = 8.0
-    """Jump, in standard errors [1], from which it is significant."""
-    knock_ratio: float = 2.0
-    """Jump over what a knock between two samples could displace [1]."""
-    mismatch_ratio: float = 3.0
-    """Jump over the usual mismatch around it [1]; the usual mismatch comes from the curvature of the
-    motion."""
-    mismatch_quantile: float = 0.9
-    """Quantile of the mismatches around a jump that counts as usual [1]."""
-    neighborhood_lengths: int = 6
-    """Polynomial lengths to either side that count as around [1]."""
-    isolated_step_share: float = 0.5
-    """Share of the jump by which the step must exceed its neighbors [1]; a swing takes several samples."""
-    min_range_share: float = 0.03
-    """Jump over the range of the motion around it [1]."""
-    rate_mismatch_ratio: float = 0.4
-    """Difference of the rates on both sides, in typical speeds [1]."""
-    max_cuts_per_period: float = 0.5
-    """Cuts in one natural period above which they are no cuts [count]."""
-    max_lost_frames: float = 10.5
-    """Frames that a camera loses at once, at most [count]."""
-    min_gap_steps: float = 3.0
-    """Length of a gap, in sampling steps [1]."""
-    min_gap_periods: float = 0.125
-    """Length of a gap, in natural periods [1]; a gap exceeds both."""
-    min_hold_periods: float = 0.4
-    """Duration of a hold [natural periods]."""
-    min_hold_offset: float = 0.7
-    """Distance of a hold from the middle of the swing after it, in its amplitudes [1]."""
-    max_hold_motion: float = 0.2
-    """Motion during a hold, in amplitudes of the swing after it [1]."""
-    min_swing_noise_ratio: float = 12.0
-    """Amplitude of that swing over the noise [1]."""
-
-
-DISCONTINUITIES = DiscontinuityThresholds()
-
-
-@dataclass(frozen=True)
-class RepeatedFrameThresholds:
-    """Samples that repeat an earlier one, as from a camera that lost frames.
-
-    Source: set by hand when the module was written (commit d06fac6 and 71ca292), before any fitted
-    calibration.
-    """
-
-    same_image_steps: float = 3.0
-    """Step, in those that noise makes, up to which an image is the same [1]."""
-    jump_steps: float = 6.0
-    """Step, in those that noise makes, from which the image has jumped [1]."""
-    max_repeats: int = 200
-    """Samples in a row that an image may stay the same [count]."""
-    curvature_lag: int = 3
-    """Samples over which the curvature of the motion is measured [count]."""
-    curvature_quantile: float = 0.95
-    """Quantile of the curvature that counts as usual [1]."""
-    neighbor_samples: int = 5
-    """Samples on either side of a repeat through which a polynomial is laid [count]."""
-    polynomial_degree: int = 3
-    """Degree of that polynomial [1]."""
-    significant_miss: float = 5.0
-    """Distance of a repeat from the polynomial, in noise steps [1], from which it is a repeat."""
-    curvature_margin: float = 1.3
-    """Curvature during the repeat over the usual one [1]."""
-    neighbor_misfit_share: float = 0.1
-    """Share of that distance by which the neighbors may miss the polynomial [1]."""
-    min_certain_repeats: int = 5
-    """Certain repeats from which shorter ones count too [count]."""
-    min_uncertain_length: int = 4
-    """Samples of such a shorter repeat [count]."""
-
-
-REPEATED_FRAMES = RepeatedFrameThresholds()
-
-
-@dataclass(frozen=True)
-class ExcitationThresholds:
-    """What counts as motion, rest and a level when excitation is measured.
-
-    Source: set by hand when the module was written (commit d06fac6), before any fitted calibration.
-    """
-
-    swing_noise_ratio: float = 5.0
-    """Swing over the noise's standard deviation [1] from which it is one."""
-    slow_rate_share: float = 0.1
-    """Rate, as a share of its rms [1], below which the motion is slow."""
-    rest_rate_share: float = 0.03
-    """Rate, as a share of its rms [1], below which the motion rests; the noise of the rate if that is
-    larger."""
-    min_rest_periods: float = 0.5
-    """Duration of a rest [natural periods]."""
-    level_separation: float = 0.1
-    """Distance of two holds or input levels, as a share of the range [1]."""
-    constant_tolerance: float = 1e-6
-    """Variation of a constant input, as a share of its size [1]: rounding of printed numbers."""
-
-
-EXCITATION = ExcitationThresholds()
-
-
-@dataclass(frozen=True)
-class NaturalPeriodThresholds:
-    """Weak-form regression of a linear law for the natural period.
-
-    Source: set by hand when the module was written (commit d06fac6), before any fitted calibration.
-    """
-
-    lengths_per_decade: int = 14
-    """Lengths of test functions tried in a decade [count]."""
-    min_test_samples: int = 9
-    """Samples of the shortest test function [count]."""
-    max_samples: int = 6000
-    """Samples of all clips together; longer ones are decimated [count]."""
-    min_explained_share: float = 0.3
-    """Share of the weighted accelerations that the linear law must explain [1]."""
-    min_surplus: float = 2.0
-    """Independent test functions beyond the unknowns [count]; with fewer, any law fits."""
-    max_stiffness_error: float = 0.15
-    """Relative standard error of a stiffness [1] from which it is dropped."""
-    turn_size: float = 0.1
-    """Return of the motion, in its standard deviations [1], that counts as a turn."""
-    min_mode_share: float = 0.08
-    """Share of the motion that the slowest mode must carry [1]."""
-    min_spectrum_samples: int = 16
-    """Samples of the shortest clip whose spectrum is taken [count]."""
-    step_period_ratio: float = 1.6
-    """Period of the coordinates over that of their rates [1] from which the motion steps."""
-
-
-NATURAL_PERIOD = NaturalPeriodThresholds()
-
-
-@dataclass(frozen=True)
-class NoiseEstimationSettings:
-    """Moving-window polynomial fit that separates noise from motion.
-
-    Source: set by hand when the module was written (commit d06fac6), before any fitted calibration.
-    """
-
-    polynomial_degree: int = 5
-    """Degree of the polynomial in a window [1]."""
-    min_window: int = 9
-    """Samples of the shortest window [count]."""
-    max_window: int = 24
-    """Samples of the longest window [count]."""
-    max_window_periods: float = 0.25
-    """Duration of a window, at most [natural periods]."""
-    max_windows: int = 600
-    """Windows looked at, evenly over the motions [count]."""
-    student_t_freedom: float = 4.0
-    """Degrees of freedom of Student's t [1]; heavy tails, because kinks of the motion fall into some
-    windows."""
-    correlation_grid: tuple[float, float, int] = (-0.6, 0.9, 16)
-    """First and last correlation of neighboring errors that is tried, and how many [1, 1, count]."""
-    window_agreement: float = 1.25
-    """Noise of a longer window over that of the shortest [1], beyond which it holds motion."""
-    correlated_log_ratio: float = 6.0
-    """Log-likelihood ratio by which correlated noise must beat white noise [nat]."""
-
-
-NOISE_ESTIMATION = NoiseEstimationSettings()
-
-
-@dataclass(frozen=True)
-class SamplingThresholds:
-    """How densely, evenly and finely a motion is sampled.
-
-    Source: set by hand when the module was written (commit d06fac6), before any fitted calibration.
-    """
-
-    decimated_samples_per_period: float = 100.0
-    """Samples in the rms period of the rates that decimation keeps [count]."""
-    decimated_rate_hz: float = 120.0
-    """Rate that decimation keeps [Hz]; lost and late frames are looked for at camera rates."""
-    repeat_noise_ratio: float = 4.0
-    """Step, in standard deviations of noise [1], that the motion must make before an equal value is a
-    repeat."""
-    coarse_samples_per_period: float = 8.0
-    """Samples in a period below which a warning is due [count]."""
-    min_samples_per_period: float = 4.0
-    """Samples in a period below which nothing is computed [count]."""
-    quantization_share: float = 0.1
-    """Quantization step over the rms of the coordinate [1] that is worth a note."""
-    clipped_share: float = 0.02
-    """Share of samples at an extreme [1] from which a sensor saturates."""
-    clipped_run: int = 4
-    """Samples in a row at that extreme [count]."""
-    max_repeats: int = 10
-    """Repeats in a row that are a lost frame [count]; more are a rest."""
-    rest_noise_ratio: float = 3.0
-    """Motion over the noise [1] below which nothing moves."""
-    block_periods: float = 1.5
-    """Duration of a block whose sampling is judged [natural periods]."""
-    block_samples: int = 60
-    """Samples of such a block, at least [count]."""
-    min_blocks: int = 8
-    """Blocks from which a comparison is made [count]."""
-    min_periods: float = 2.5
-    """Duration of a recording [natural periods] below which too little repeats."""
-
-
-SAMPLING = SamplingThresholds()
-
-
-@dataclass(frozen=True)
-class TimeAlignmentThresholds:
-    """Whether inputs and coordinates share a clock.
-
-    Source: set by hand when the module was written (commit d06fac6), before any fitted calibration.
-    """
-
-    max_shift_periods: float = 3.0
-    """Shift of the inputs, at most [natural periods]."""
-    shifts_per_period: int = 16
-    """Shifts tried in one natural period [count]."""
-    gross_shift_periods: float = 0.5
-    """Shift [natural periods] that no delay of a mechanism or a line explains."""
-    poor_explained_share: float = 0.6
-    """Share explained [1] below which the given times are questioned."""
-    min_share_gain: float = 0.35
-    """Gain of the explained share [1] that decides for a shift."""
-    min_periods: float = 6.0
-    """Duration of a recording [natural periods] below which chance fits some shift."""
-    fair_explained_share: float = 0.85
-    """Share explained [1] below which the times are questioned if `min_error_ratio` is reached as well."""
-    min_error_ratio: float = 4.0
-    """Ratio by which a shift must shrink what is not explained [1]."""
-
-
-TIME_ALIGNMENT = TimeAlignmentThresholds()
-
-
-@dataclass(frozen=True)
-class ChangePointSettings:
-    """Events: stretches in which the residual is larger than around them.
-
-    Source: set by hand when the module was written (commit 09186ef), before any fitted calibration.
-    """
-
-    stride_periods: float = 0.125
-    """Distance of the levels among which changes are sought [natural periods]."""
-    window_periods: float = 0.5
-    """Moving window [natural periods] over which the square of a swing is level."""
-    log_level_variance: float = 0.5
-    """Variance of a level's logarithm where nothing changes [1]."""
-    merge_log_ratio: float = 2.0
-    """Difference of two neighbors' log levels [1] below which they are one event."""
-    edge_share: float = 0.25
-    """Share of its peak [1] at which an event begins and ends."""
-    min_energy_share: float = 0.02
-    """Share of the residual's energy below which an event is not reported [1]."""
-    false_discovery_rate: float = 0.05
-    """Rate of false discoveries [1]."""
-    max_events: int = 5
-    """Events that are reported, at most [count]."""
-
-
-CHANGE_POINTS = ChangePointSettings()
-
-
-@dataclass(frozen=True)
-class ComponentSettings:
-    """Kernel regression of the residual on groups of features.
-
-    Source: set by hand when the module was written (commit 09186ef), before any fitted calibration.
-    """
-
-    ridges: tuple[float, ...] = (1e-5, 1e-3, 1e-1)
-    """Ridge penalties tried by cross-validation [1]."""
-    width_factors: tuple[float, ...] = (1.0, 3.0)
-    """Kernel widths tried, over the root of the number of features [1]."""
-    max_samples: int = 400
-    """Samples of the regression, at most [count]."""
-    correlation_z: float = 1.96
-    """Standard deviations of a correlation that chance exceeds with probability 0.05 [1]: the normal quantile
-    of 0.975."""
-
-
-COMPONENTS = ComponentSettings()
-
-
-@dataclass(frozen=True)
-class ErrorBudgetSettings:
-    """Shares of the forecast error by stage, and whether images can be trusted.
-
-    Source: set by hand when the module was written (commit 6e0f2c7), before any fitted calibration.
-    """
-
-    bootstrap_draws: int = 999
-    """Draws of the block bootstrap [count]."""
-    coverage: float = 0.95
-    """Coverage of its intervals [1]."""
-    suspect_error_ratio: float = 2.0
-    """Error of the real images over that of the nominal ones [1] from which perception is suspect."""
-    suspect_outside_share: float = 0.05
-    """Share of frames outside the nominal latents [1] from which perception is suspect."""
-    outside_quantile: float = 0.999
-    """Quantile of the nominal distances beyond which a frame is outside [1]."""
-    max_relative_error: float = 1e3
-    """Error that a diverged forecast counts with [rms of the coordinate]."""
-    max_step_share: float = 0.02
-    """Step of the forecast's integrator, as a share of the horizon, at most [1]."""
-
-
-ERROR_BUDGET = ErrorBudgetSettings()
-
-
-@dataclass(frozen=True)
-class ResidualFeatureSettings:
-    """Features that the residual is regressed on.
-
-    Source: set by hand when the module was written (commit 09186ef), before any fitted calibration.
-    """
-
-    lags_periods: tuple[float, ...] = (0.125, 0.25, 0.5, 1.0)
-    """Lags of memory features [natural periods]."""
-    reversal_rate_share: float = 0.05
-    """Rate, as a share of its rms [1], below which the motion reverses."""
-    block_periods: float = 0.75
-    """Length of a block of the cross-validation [natural periods]."""
-    folds: int = 5
-    """Folds of the cross-validation [count]."""
-    max_samples: int = 800
-    """Samples of the regression, at most [count]."""
-
-
-RESIDUAL_FEATURES = ResidualFeatureSettings()
-
-
-@dataclass(frozen=True)
-class LinearizationSettings:
-    """Transition matrices along a path.
-
-    Source: set by hand when the module was written (commit 6c919a8), before any fitted calibration.
-    """
-
-    max_step_rad: float = 0.5
-    """Runge-Kutta step, at most [rad of the fastest mode]."""
-
-
-LINEARIZATION = LinearizationSettings()
-
-
-@dataclass(frozen=True)
-class LocalizationThresholds:
-    """Level at which the gap arises: perception, chart, actuation or dynamics.
-
-    Source: set by hand when the module was written (commit 09186ef), before any fitted calibration.
-    """
-
-    min_actuation_share: float = 0.4
-    """Share of all that is explained that functions of the inputs must explain [1]."""
-    min_actuation_residual_share: float = 0.1
-    """Share of the residual that they must explain [1]."""
-    min_chart_share: float = 0.5
-    """Share that distorted coordinates must explain [1]."""
-    min_chart_lead: float = 0.1
-    """Lead of that share over any kind of force [1]."""
-    min_speed_noise_share: float = 0.3
-    """Share of the noise that must grow with speed [1]."""
-    max_speed_noise_p: float = 0.01
-    """Probability of that growth by chance [1]."""
-    max_event_time_share: float = 0.2
-    """Share of the time that brief events fill, at most [1]."""
-    min_event_energy_share: float = 0.7
-    """Share of the residual's energy that brief events hold, at least [1]."""
-
-
-LOCALIZATION = LocalizationThresholds()
-
-
-@dataclass(frozen=True)
-class MeasurementModelSettings:
-    """Tests of the measurement against the force.
-
-    Source: set by hand when the module was written (commit 09186ef), before any fitted calibration.
-    """
-
-    sign_flips: int = 999
-    """Random sign flips of the permutation test [count]."""
-
-
-MEASUREMENT_MODEL = MeasurementModelSettings()
-
-
-@dataclass(frozen=True)
-class SpectrumSettings:
-    """Multitaper spectrum of the residual (Thomson 1982, doi:10.1109/PROC.1982.12433).
-
-    Source: set by hand when the module was written (commit 09186ef), before any fitted calibration.
-    """
-
-    half_bandwidth: float = 3.0
-    """Time-bandwidth product of the tapers [1]."""
-    tapers: int = 5
-    """Number of tapers [count]: twice the product less one."""
-    padding: int = 6
-    """Zero padding of the transform [1], so that a line between two frequencies is not taken for noise."""
-    min_clip_periods: float = 3.0
-    """Duration of a clip that has a spectrum [natural periods]."""
-    max_frequency_ratio: float = 12.0
-    """Highest frequency, in natural frequencies [1]."""
-    line_false_alarm_rate: float = 0.01
-    """Probability of a false line [1]."""
-    band_edge_share: float = 0.1
-    """Share of its peak [1] at which a band begins and ends."""
-    min_band_share: float = 0.05
-    """Share of the power below which a band is not reported [1]."""
-    min_relative_power: float = 1e-3
-    """Power over the largest one [1] below which coherence means nothing."""
-    max_bands: int = 5
-    """Bands that are reported, at most [count]."""
-
-
-SPECTRUM = SpectrumSettings()
-
-
-@dataclass(frozen=True)
-class StateMapSettings:
-    """Cluster permutation test on maps over position and velocity.
-
-    Source: set by hand when the module was written (commit 09186ef), before any fitted calibration.
-    """
-
-    map_bins: int = 8
-    """Bins of a map in each direction [count]."""
-    profile_bins: int = 12
-    """Bins of a profile [count]."""
-    sign_flips: int = 999
-    """Random sign flips of the permutation test [count]."""
-    significance: float = 0.05
-    """Level of that test [1]."""
-    cluster_standard_errors: float = 2.0
-    """Standard errors at which a bin joins a cluster [1]."""
-    min_blocks: int = 6
-    """Blocks of a test [count]: 2^6 sign patterns are the fewest that can reach a level of 0.05."""
-
-
-STATE_MAPS = StateMapSettings()
-
-
-@dataclass(frozen=True)
-class EstimatedSimulatorSettings:
-    """Windows on which a simulator is fitted to its own recordings.
-
-    Source: set by hand when the module was written (commit 0e95f8e), before any fitted calibration.
-    """
-
-    diverged_misfit: float = 50.0
-    """Mean square residual beyond which a window is too long to follow [noise variances]."""
-    fit_tolerance: float = 1e-4
-    """Gain of a step that ends the fit, as a share of the misfit [1]."""
-    window_scales: tuple[float, float] = (0.35, 0.12)
-    """Lengths of shorter windows, as shares of the usual one [1], for motion about an unstable rest."""
-    min_window_frames: int = 12
-    """Frames of a window, at least [count]."""
-
-
-ESTIMATED_SIMULATOR = EstimatedSimulatorSettings()
-
-
-@dataclass(frozen=True)
-class NoveltyThresholds:
-    """Windows that a simulator was never seen in, and outlier windows of its own recordings.
-
-    Source: set by hand when the module was written (commit 937389d), before any fitted calibration.
-    """
-
-    distance_quantile: float = 0.999
-    """Quantile of the distance between reference windows beyond which a window is new [1]."""
-    poor_misfit: float = 4.0
-    """Mean square residual above which outlier windows are looked for [noise variances]."""
-    good_misfit: float = 1.5
-    """Mean square residual below which the remaining windows are explained [noise variances]."""
-    outlier_ratio: float = 4.0
-    """Mean square of an outlier window over the median [1]."""
-    max_remaining_share: float = 0.25
-    """Share of the mean square that the other windows may leave [1]."""
-    max_outliers: int = 3
-    """Outlier windows, at most [count]."""
-    min_windows_per_outlier: int = 4
-    """Windows for each outlier, at least [count]."""
-    min_windows: int = 8
-    """Windows from which outliers are looked for [count]; the median of fewer is unreliable."""
-
-
-NOVELTY = NoveltyThresholds()
-
-
-@dataclass(frozen=True)
-class StructureSearchSettings:
-    """Growth of the polynomial law of an estimated simulator.
-
-    Source: set by hand when the module was written (commit 66f7fa5), before any fitted calibration.
-    """
-
-    max_inertia_coupling: float = 0.3
-    """Prior standard deviation of the inertia between two coordinates, over their own [1]."""
-    min_misfit_reduction: float = 0.2
-    """Share of the misfit that a larger structure must remove where each costs minutes [1]."""
-    coefficient_deviation: float = 3.0
-    """Prior standard deviation of a coefficient about its first estimate, in units of its field [1]."""
-    equivalent_misfit_ratio: float = 1.02
-    """Misfit, over the least one [1], up to which a simpler law is as good."""
-    test_width_factors: tuple[float, ...] = (1.0, 0.5, 0.25)
-    """Lengths of test functions, over the usual one [1]."""
-
-
-STRUCTURE_SEARCH = StructureSearchSettings()
-
-
-@dataclass(frozen=True)
-class ProjectionThresholds:
-    """Projection of a given simulator on polynomial fields.
-
-    Source: set by hand when the module was written (commit 3c11127), before any fitted calibration.
-    """
-
-    warning_error: float = 0.02
-    """Relative error of the acceleration above which a warning is due [1]."""
-
-
-PROJECTION = ProjectionThresholds()
-
-
-@dataclass(frozen=True)
-class ProjectionFieldSettings:
-    """Fields of that projection.
-
-    Source: set by hand when the module was written (commit 692b79f), before any fitted calibration.
-    """
-
-    tolerance: float = 0.003
-    """Relative error of the acceleration below which no field is added [1]."""
-    default_friction_width: float = 0.02
-    """Width of smooth dry friction unless another fits better [rms of the speed]."""
-    friction_widths: tuple[float, ...] = (0.02, 0.05, 0.1, 0.2)
-    """Widths tried [rms of the speed]."""
-
-
-PROJECTION_FIELDS = ProjectionFieldSettings()
-
-
-@dataclass(frozen=True)
-class ImageLocalizationThresholds:
-    """Where in the image a force acts, and where the image is wrong.
-
-    Source: set by hand when the module was written (commit 6e0f2c7), before any fitted calibration.
-    """
-
-    min_contrast: float = 0.05
-    """Contrast between the best point and the worst that moves [1], below which no point is reported."""
-    equivalent_share: float = 0.02
-    """Difference of the explained share [1] within which points explain as well."""
-    pixel_z: float = 6.0
-    """Robust standard deviations at which a pixel is an outlier [1]."""
-    min_region_pixels: int = 4
-    """Pixels of a region [count]."""
-    max_regions: int = 5
-    """Regions that are reported, at most [count]."""
-
-
-IMAGE_LOCALIZATION = ImageLocalizationThresholds()
-
-
-@dataclass(frozen=True)
-class ImageRenderingSettings:
-    """Which frames and Gaussians are looked at.
-
-    Source: set by hand when the module was written (commit d32643f), before any fitted calibration.
-    """
-
-    max_frames: int = 240
-    """Frames of a recording whose reconstruction is measured, at most [count]."""
-    max_points: int = 64
-    """Points of the moving body, at most [count]."""
-    body_share: float = 0.9
-    """Share of all visible motion that the fewest Gaussians of the body make up [1]."""
-
-
-IMAGE_RENDERING = ImageRenderingSettings()
-
-
-@dataclass(frozen=True)
-class VideoCheckSettings:
-    """Checks of a video that a fitted run is compared with.
-
-    Source: set by hand when the module was written (commit 3858606), before any fitted calibration.
-    """
-
-    max_frames: int = 300
-    """Frames looked at where the video file is not there [count]."""
-    shifted_frames: int = 24
-    """Frames on which a shift of the image is expressed in latents [count]."""
-    min_clip_frames: int = 20
-    """Frames of a clip that is kept [count]."""
-
-
-VIDEO_CHECKS = VideoCheckSettings()
-
-
-@dataclass(frozen=True)
-class LatentForceSettings:
-    """Smoother of the force that the simulator lacks.
-
-    Source: set by hand when the module was written (commit 6c919a8), before any fitted calibration.
-    """
-
-    length_scales_periods: tuple[float, ...] = (0.125, 0.5, 2.0)
-    """Length scales tried [natural periods]."""
-    path_tolerance: float = 1e-3
-    """Change of the path, over its rms [1], that ends the iteration."""
-    max_iterations: int = 5
-    """Relinearizations, at most [count]."""
-    start_force_share: float = 0.01
-    """Variance of the force where its fit starts, over that of the acceleration [1]."""
-    min_log_likelihood_gain: float = 3.0
-    """Gain from which a force is admitted [nat]; without a force, 1 record in 100 gains more by chance."""
-
-
-LATENT_FORCE = LatentForceSettings()
-
-
-@dataclass(frozen=True)
-class DatasetSettings:
-    """How recordings become the data of an estimation.
-
-    Source: set by hand when the module was written (commit 66f7fa5), before any fitted calibration.
-    """
-
-    min_relative_noise: float = 1e-3
-    """Assumed noise, at least, over the rms of the coordinate [1]."""
-    noise_window_periods: float = 0.15
-    """Width of the local cubic whose residual is the noise [natural periods]: about a seventh of a period."""
-    region_margin: float = 0.15
-    """Margin around the visited region, as a share of half its range [1]."""
-
-
-DATASET = DatasetSettings()
-
-
-@dataclass(frozen=True)
-class ShootingSettings:
-    """Gauss-Newton iterations of multiple shooting (Bock 1983).
-
-    Source: set by hand when the module was written (commit 66f7fa5), before any fitted calibration.
-    """
-
-    max_stale_steps: int = 4
-    """Steps after which all derivatives are computed anew [count]."""
-    max_attempts: int = 6
-    """Damping factors tried for one step before the fit ends [count]."""
-
-
-SHOOTING = ShootingSettings()
+# --- Inputs and verdict of the pipelines
 
 
 @dataclass(frozen=True)
