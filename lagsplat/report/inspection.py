@@ -1,8 +1,6 @@
-"""What an MCAP file holds, in words, and how to make a recording of it.
+"""What a file holds, in words, before anything is trained on it: a recording, an MCAP log, a video.
 
-What a recording is, in words, before anything is trained on it.
-
-What a film's own checks found, in words, and the configuration that follows from it.
+For a log and a video the text ends with the overrides or the configuration that follow from it.
 """
 
 import re
@@ -31,126 +29,14 @@ UNITS = {
     "temperature": "degC",
 }
 """Units that ROS messages prescribe; a prismatic joint has m, m/s and N."""
-
-
-def describe_mcap(survey: McapSurvey) -> str:
-    """Topics with type, encoding, count, rate, longest gap and time; what is wrong; and what to type.
-
-    Times count from the first message logged in the file.
-    """
-    times = [ns for topic in survey.topics for ns in (min(topic.log_ns), max(topic.log_ns))]
-    lines = [f"source     {survey.path.name}"]
-    if not times:
-        return "\n".join([*lines, "topics     none: the file holds no message", *_warnings(survey)])
-    start = min(times)
-    lines.append(f"duration   {(max(times) - start) / 1e9:.3f} s, from {start / 1e9:.6f} s (log time)")
-    for topic in survey.topics:
-        lines += _topic(topic, start)
-    return "\n".join([*lines, *_warnings(survey), *_advice(survey)])
-
-
-def _topic(topic: TopicSummary, start_ns: int) -> list[str]:
-    rate = "" if topic.rate_hz is None else f", {topic.rate_hz:.3f} Hz"
-    first, last = ((ns - start_ns) / 1e9 for ns in (min(topic.log_ns), max(topic.log_ns)))
-    lines = [
-        f"topic      {topic.name}",
-        f"           {topic.schema or '(no schema)'}, {topic.encoding}: {len(topic.log_ns)} messages{rate}, "
-        f"longest gap {topic.longest_gap_s:.3f} s, from {first:.3f} s to {last:.3f} s",
-    ]
-    if topic.numbers:
-        shown = ", ".join(topic.numbers[:MAX_INPUTS])
-        lines.append(f"           numbers: {shown}{', ...' if len(topic.numbers) > MAX_INPUTS else ''}")
-    return lines
-
-
-def _warnings(survey: McapSurvey) -> list[str]:
-    lines = [f"damaged    {loss}" for loss in survey.losses]
-    for topic in survey.topics:
-        if topic.problem:
-            lines.append(f"unreadable {topic.problem}")
-        lines += [
-            f"warning    {topic.name}: the {clock} clock jumps back {count} times"
-            for clock, count in topic.backwards.items()
-            if count
-        ]
-        if len(topic.header_ns) > 1 and None not in topic.header_ns and not topic.stamped:
-            lines.append(f"warning    {topic.name}: all header stamps are the same; use the log clock")
-    return lines
-
-
-def _advice(survey: McapSurvey) -> list[str]:
-    words = suggest_overrides(survey)
-    if not words:
-        return ["to use it  no topic holds pictures that can be read, so there is no recording in this file"]
-    varying = sum(len(topic.moving) for topic in survey.topics)
-    lines = [
-        "to use it  lagsplat fit out=FOLDER system=SYSTEM \\",
-        *(f"           {shlex.quote(word)} \\" for word in words[:-1]),
-        f"           {shlex.quote(words[-1])}",
-        "           leave out inputs that do not drive the mechanism; units are those of ROS, or unknown",
-    ]
-    if varying > MAX_INPUTS:
-        lines.append(f"           {varying} numbers vary; the first {MAX_INPUTS} are listed")
-    return lines
-
-
-def suggest_overrides(survey: McapSurvey) -> list[str]:
-    """Overrides that make a recording of the file: its busiest camera, and numbers that vary; none without a
-    camera."""
-    cameras = [topic for topic in survey.topics if topic.picture and not topic.problem]
-    if not cameras:
-        return []
-    camera = max(cameras, key=lambda topic: len(topic.log_ns))
-    driving = [topic for topic in survey.topics if topic.moving and not topic.problem]
-    fields = [(topic, path) for topic in driving for path in topic.numbers if path in topic.moving][
-        :MAX_INPUTS
-    ]
-    used = [camera, *(topic for topic, _ in fields)]
-    stamped = all(topic.stamped and not topic.backwards["header"] for topic in used)
-    names = [_name(path) for _, path in fields]
-    inputs = ", ".join(
-        _mcap_input(topic, path, name if names.count(name) == 1 else _name(f"{topic.name}.{path}"))
-        for (topic, path), name in zip(fields, names, strict=True)
-    )
-    return [
-        "recording=filmed",
-        f"recording.path={_quoted(str(survey.path))}",
-        "recording.kind=mcap",
-        f"recording.mcap.camera={_quoted(camera.name)}",
-        f"recording.mcap.clock={'header' if stamped else 'log'}",
-        f"recording.mcap.inputs=[{inputs}]",
-    ]
-
-
-def _mcap_input(topic: TopicSummary, path: str, name: str) -> str:
-    values = {"topic": topic.name, "field": path, "name": name, "unit": _unit(path)}
-    return "{" + ", ".join(f"{key}: {_quoted(value)}" for key, value in values.items()) + "}"
-
-
-def _name(path: str) -> str:
-    return re.sub(r"\W+", "_", path).strip("_")
-
-
-def _quoted(text: str) -> str:
-    """As Hydra's grammar wants it: brackets and spaces need quotes."""
-    return (
-        text
-        if re.fullmatch(r"[\w/.-]+( [\w/.-]+)*", text, re.ASCII)
-        else '"' + text.replace('"', '\\"') + '"'
-    )
-
-
-def _unit(path: str) -> str:
-    parts: Sequence[str] = re.findall(r"[^.\[\]]+", path)
-    return next((UNITS[part] for part in reversed(parts) if part in UNITS), "unknown")
-
-
-GAP_RATIO = 1.5  # spacings above this many medians are gaps
+GAP_RATIO = 1.5  # a spacing above this many medians is a gap
 MAX_LISTED = 5
+MAX_SIDE_PX = 96  # of a frame: enough for a mechanism on video, and quick to learn
+DEFAULT_PERIOD_FRAMES = 20.0  # where no period was measured: smoothing over one frame
 
 
 def describe_recording(recording: Recording, *, config: EvaluateConfig) -> str:
-    """Origin, size, clock, inputs, gaps, free segments and split, a line each.
+    """Describe origin, size, clock, inputs, gaps, free segments and split, a line each.
 
     A gap is a spacing of more than 1.5 medians within a clip. Free segments are those of the whole recording,
     by the same rule as the evaluation's.
@@ -166,42 +52,42 @@ def describe_recording(recording: Recording, *, config: EvaluateConfig) -> str:
         f"frames     {recording.n_frames}, {recording.width} x {recording.height} px, "
         f"{len(recording.segments)} clip(s)",
         f"duration   {duration_s:.3f} s, {1.0 / recording.dt_s:.4f} frames/s, spacing {recording.dt_s:.6f} s",
-        f"colours    {_colours(recording)}",
-        *(_input(recording, column) for column in range(recording.inputs.shape[1])),
+        f"colours    {_describe_colours(recording)}",
+        *(_describe_input(recording, column) for column in range(recording.inputs.shape[1])),
         *([] if recording.inputs.shape[1] else ["inputs     none"]),
-        f"gaps       {_gaps(recording)}",
-        f"free       {_free(recording, config)}",
+        f"gaps       {_describe_gaps(recording)}",
+        f"free       {_describe_free(recording, config)}",
         f"split      {train.n_frames} frames to train on, {held_out.n_frames} held out",
     ]
     return "\n".join(lines)
 
 
-def _colours(recording: Recording) -> str:
+def _describe_colours(recording: Recording) -> str:
     frames = np.asarray(recording.frames[:: max(1, recording.n_frames // 200)])
     moving = frames.astype(np.float32).std(axis=0).max() / 255.0
     return f"{frames.min()} to {frames.max()} of 255; the busiest pixel varies by {moving:.3f} (rms, of 1)"
 
 
-def _input(recording: Recording, column: int) -> str:
+def _describe_input(recording: Recording, column: int) -> str:
     values = recording.inputs[:, column]
     name, unit = recording.input_names[column], recording.input_units[column]
     return f"input {name:<4} {values.min():.4g} to {values.max():.4g} {unit}, mean {values.mean():.4g}"
 
 
-def _gaps(recording: Recording) -> str:
-    found = []
+def _describe_gaps(recording: Recording) -> str:
+    gaps = []
     for start, stop in recording.segments:
         steps = np.diff(recording.time_s[start:stop])
-        found += [
+        gaps += [
             f"{step:.3f} s after frame {start + i}"
             for i, step in enumerate(steps)
             if step > GAP_RATIO * recording.dt_s
         ]
-    more = f" and {len(found) - MAX_LISTED} more" if len(found) > MAX_LISTED else ""
-    return ", ".join(found[:MAX_LISTED]) + more if found else "none"
+    more = f" and {len(gaps) - MAX_LISTED} more" if len(gaps) > MAX_LISTED else ""
+    return ", ".join(gaps[:MAX_LISTED]) + more if gaps else "none"
 
 
-def _free(recording: Recording, config: EvaluateConfig) -> str:
+def _describe_free(recording: Recording, config: EvaluateConfig) -> str:
     still = np.zeros((recording.n_frames, 1))
     held = HeldOut(
         encoded=still,
@@ -213,43 +99,157 @@ def _free(recording: Recording, config: EvaluateConfig) -> str:
         dt_s=recording.dt_s,
         skip=0,
     )
-    found = [
+    segments = [
         f"frames {a} to {b} ({(b - a) * recording.dt_s:.1f} s)"
         for a, b in find_free_segments(held, config)[:MAX_LISTED]
     ]
-    return ", ".join(found) if found else f"no stretch of {config.free_min_s:g} s without a change of input"
+    return (
+        ", ".join(segments)
+        if segments
+        else f"no stretch of {config.free_min_s:g} s without a change of input"
+    )
 
 
-MAX_SIDE_PX = 96  # pixels of a frame: enough for a filmed mechanism, and quick to learn
-DEFAULT_PERIOD_FRAMES = 20.0  # frames a period where none was found: smoothing over one frame
+def describe_mcap(survey: McapSurvey) -> str:
+    """Describe the topics of an MCAP file, what is damaged, and the command that makes a recording of it.
+
+    Times count from the first message logged in the file.
+    """
+    times = [ns for topic in survey.topics for ns in (min(topic.log_ns), max(topic.log_ns))]
+    lines = [f"source     {survey.path.name}"]
+    if not times:
+        return "\n".join([*lines, "topics     none: the file holds no message", *_list_warnings(survey)])
+    start = min(times)
+    lines.append(f"duration   {(max(times) - start) / 1e9:.3f} s, from {start / 1e9:.6f} s (log time)")
+    for topic in survey.topics:
+        lines += _describe_topic(topic, start)
+    return "\n".join([*lines, *_list_warnings(survey), *_list_advice(survey)])
+
+
+def _describe_topic(topic: TopicSummary, start_ns: int) -> list[str]:
+    rate = "" if topic.rate_hz is None else f", {topic.rate_hz:.3f} Hz"
+    first, last = ((ns - start_ns) / 1e9 for ns in (min(topic.log_ns), max(topic.log_ns)))
+    lines = [
+        f"topic      {topic.name}",
+        f"           {topic.schema or '(no schema)'}, {topic.encoding}: {len(topic.log_ns)} messages{rate}, "
+        f"longest gap {topic.longest_gap_s:.3f} s, from {first:.3f} s to {last:.3f} s",
+    ]
+    if topic.numbers:
+        shown = ", ".join(topic.numbers[:MAX_INPUTS])
+        lines.append(f"           numbers: {shown}{', ...' if len(topic.numbers) > MAX_INPUTS else ''}")
+    return lines
+
+
+def _list_warnings(survey: McapSurvey) -> list[str]:
+    lines = [f"damaged    {loss}" for loss in survey.losses]
+    for topic in survey.topics:
+        if topic.problem:
+            lines.append(f"unreadable {topic.problem}")
+        lines += [
+            f"warning    {topic.name}: the {clock} clock jumps back {count} times"
+            for clock, count in topic.backwards.items()
+            if count
+        ]
+        if len(topic.header_ns) > 1 and None not in topic.header_ns and not topic.stamped:
+            lines.append(f"warning    {topic.name}: all header stamps are the same; use the log clock")
+    return lines
+
+
+def _list_advice(survey: McapSurvey) -> list[str]:
+    overrides = suggest_overrides(survey)
+    if not overrides:
+        return ["to use it  no topic holds pictures that can be read, so there is no recording in this file"]
+    varying = sum(len(topic.moving) for topic in survey.topics)
+    lines = [
+        "to use it  lagsplat fit out=FOLDER system=SYSTEM \\",
+        *(f"           {shlex.quote(override)} \\" for override in overrides[:-1]),
+        f"           {shlex.quote(overrides[-1])}",
+        "           leave out inputs that do not drive the mechanism; units are those of ROS, or unknown",
+    ]
+    if varying > MAX_INPUTS:
+        lines.append(f"           {varying} numbers vary; the first {MAX_INPUTS} are listed")
+    return lines
+
+
+def suggest_overrides(survey: McapSurvey) -> list[str]:
+    """Suggest the overrides that make a recording of the file; none without a camera.
+
+    They name the camera with the most frames and numbers that vary.
+    """
+    cameras = [topic for topic in survey.topics if topic.picture and not topic.problem]
+    if not cameras:
+        return []
+    camera = max(cameras, key=lambda topic: len(topic.log_ns))
+    driving = [topic for topic in survey.topics if topic.moving and not topic.problem]
+    fields = [(topic, path) for topic in driving for path in topic.numbers if path in topic.moving][
+        :MAX_INPUTS
+    ]
+    used = [camera, *(topic for topic, _ in fields)]
+    stamped = all(topic.stamped and not topic.backwards["header"] for topic in used)
+    names = [_make_name(path) for _, path in fields]
+    inputs = ", ".join(
+        _format_input(topic, path, name if names.count(name) == 1 else _make_name(f"{topic.name}.{path}"))
+        for (topic, path), name in zip(fields, names, strict=True)
+    )
+    return [
+        "recording=filmed",
+        f"recording.path={_quote(str(survey.path))}",
+        "recording.kind=mcap",
+        f"recording.mcap.camera={_quote(camera.name)}",
+        f"recording.mcap.clock={'header' if stamped else 'log'}",
+        f"recording.mcap.inputs=[{inputs}]",
+    ]
+
+
+def _format_input(topic: TopicSummary, path: str, name: str) -> str:
+    values = {"topic": topic.name, "field": path, "name": name, "unit": _guess_unit(path)}
+    return "{" + ", ".join(f"{key}: {_quote(value)}" for key, value in values.items()) + "}"
+
+
+def _make_name(path: str) -> str:
+    return re.sub(r"\W+", "_", path).strip("_")
+
+
+def _quote(text: str) -> str:
+    """Quote as the grammar of Hydra requires: brackets and spaces need quotes."""
+    return (
+        text
+        if re.fullmatch(r"[\w/.-]+( [\w/.-]+)*", text, re.ASCII)
+        else '"' + text.replace('"', '\\"') + '"'
+    )
+
+
+def _guess_unit(path: str) -> str:
+    parts: Sequence[str] = re.findall(r"[^.\[\]]+", path)
+    return next((UNITS[part] for part in reversed(parts) if part in UNITS), "unknown")
 
 
 def describe_video(recording: Recording) -> str:
-    """The numbers of ``recording.meta["footage"]``, a block of lines for each clip."""
+    """Describe the quality of a video, ``recording.meta["footage"]``, with a block of lines for each clip."""
     lines = []
-    for clip, found in zip(recording.meta["clips"], recording.meta["footage"], strict=True):
+    for clip, quality in zip(recording.meta["clips"], recording.meta["footage"], strict=True):
         if len(recording.meta["clips"]) > 1:
             lines.append(f"clip       {clip['source']}, {clip['frames']} frames")
-        lines += _measured(found)
-        lines += [f"warning    {sentence}" for sentence in found["warnings"]]
+        lines += _describe_quality(quality)
+        lines += [f"warning    {sentence}" for sentence in quality["warnings"]]
     return "\n".join(lines)
 
 
 def propose_system(recording: Recording, *, path: Path, settings: RecordingConfig) -> str:
-    """A ``conf/system/NAME.yaml`` for this recording, ready to be pasted; only ``d`` is left to its user."""
+    """Propose a ``conf/system/NAME.yaml`` for this recording; only ``d`` is left to its user."""
     name = re.sub(r"\W+", "_", path.stem).strip("_").lower() or "film"
-    found = recording.meta["footage"]
-    height, width = _size(recording, settings)
+    clips = recording.meta["footage"]
+    height, width = _choose_size(recording, settings)
     crop = "null" if settings.crop is None else str(list(settings.crop))
-    skips = [clip["skip_s"] for clip in found if clip["skip_s"] is not None]
-    ends = [clip["end_s"] for clip in found if clip["end_s"] is not None]
-    shakes = any(
-        clip["camera"] is not None and clip["camera"]["rms_px"] > clip["camera_limit_px"] for clip in found
+    skips = [clip["skip_s"] for clip in clips if clip["skip_s"] is not None]
+    ends = [clip["end_s"] for clip in clips if clip["end_s"] is not None]
+    moves = any(
+        clip["camera"] is not None and clip["camera"]["rms_px"] > clip["camera_limit_px"] for clip in clips
     )
     skip_s = max([settings.skip_s, *skips])
     end_s = min([end for end in ends if end > skip_s], default=settings.end_s)
     split = settings.split
-    samples = [clip["sampling"]["samples"] for clip in found if clip["sampling"] is not None]
+    samples = [clip["sampling"]["samples"] for clip in clips if clip["sampling"] is not None]
     smoothing = min(samples, default=DEFAULT_PERIOD_FRAMES) / 20
     images = "" if settings.dt_s is None else f"\n  dt_s: {settings.dt_s:g}"
     return f"""
@@ -272,7 +272,7 @@ simulation: null
 recording:
   path: {str(path)!r}{images} # spacing of frames: {recording.dt_s:.6g} s
   rotate: {settings.rotate}
-  stabilise: {str(settings.stabilise or shakes).lower()}
+  stabilise: {str(settings.stabilise or moves).lower()}
   grey: {str(settings.grey).lower()}
   crop: {crop} # x, y, width, height, tight around the motion
   skip_s: {skip_s:g}
@@ -280,20 +280,20 @@ recording:
   height: {height}
   width: {width}
   split:
-    train_fraction: {_given(split.train_fraction)}
-    held_out_frames: {_given(split.held_out_frames)}
-    held_out_clips: {_given(split.held_out_clips)}
+    train_fraction: {_format_optional(split.train_fraction)}
+    held_out_frames: {_format_optional(split.held_out_frames)}
+    held_out_clips: {_format_optional(split.held_out_clips)}
 
 chart:
   smoothing_frames: {smoothing:.2g} # a twentieth of a period"""
 
 
-def _given(value: float | None) -> str:
+def _format_optional(value: float | None) -> str:
     return "null" if value is None else f"{value:g}"
 
 
-def _size(recording: Recording, settings: RecordingConfig) -> tuple[int, int]:
-    """Height and width [pixel] in the proportions of what is kept, as given or at most 96 a side."""
+def _choose_size(recording: Recording, settings: RecordingConfig) -> tuple[int, int]:
+    """Height and width [pixel] in the proportions of the cropped frame, as given or at most 96 a side."""
     if settings.height is not None and settings.width is not None:
         return settings.height, settings.width
     longest = max(recording.height, recording.width)
@@ -301,10 +301,10 @@ def _size(recording: Recording, settings: RecordingConfig) -> tuple[int, int]:
     return max(1, round(recording.height * scale)), max(1, round(recording.width * scale))
 
 
-def _measured(found: Mapping[str, Any]) -> list[str]:
-    camera, flicker, sampling = found["camera"], found["flicker"], found["sampling"]
+def _describe_quality(quality: Mapping[str, Any]) -> list[str]:
+    camera, flicker, sampling = quality["camera"], quality["flicker"], quality["sampling"]
     unknown = "not measured"
-    cuts = ", ".join(f"{cut['time_s']:.3f} s" for cut in found["cuts"])
+    cuts = ", ".join(f"{cut['time_s']:.3f} s" for cut in quality["cuts"])
     return [
         "camera     "
         + (
@@ -312,7 +312,7 @@ def _measured(found: Mapping[str, Any]) -> list[str]:
             if camera is None
             else f"moves {camera['rms_px']:.2f} px rms, {camera['max_px']:.2f} px at most (drift "
             f"{camera['drift_px']:.2f}, jitter {camera['jitter_px']:.2f}); limit "
-            f"{found['camera_limit_px']:.2f} px rms of the film"
+            f"{quality['camera_limit_px']:.2f} px rms of the film"
         ),
         "exposure   "
         + (

@@ -28,50 +28,50 @@ Extrapolation = Mapping[str, Any]
 def draw_equilibrium(
     run: Extrapolation, models: Mapping[str, Sequence[Extrapolation]], *, title: str
 ) -> Figure:
-    """Trajectories of a run and of the models beside it, where they are in the end, and what is left.
+    """Draw the trajectories of a run and of other models, their end states, and the amplitude that is left.
 
     ``run`` and ``models`` are results of the extrapolation of one clip; the first seed of each model is drawn
-    in full, the others thin. The most visible coordinate is shown.
+    in full, the others as faint lines. Where there are several coordinates, the one that moves most is drawn.
 
     Source: paper, the figure of free extrapolation far past the clip.
     """
-    shown = {RUN_TITLE: [run], **{name: found for name, found in models.items() if found}}
-    colours = dict(zip(shown, (PREDICTED, *COLOURS), strict=False))
+    results = {RUN_TITLE: [run], **{name: seeds for name, seeds in models.items() if seeds}}
+    colours = dict(zip(results, (PREDICTED, *COLOURS), strict=False))
     with paper_style():
-        figure = new_figure(PAGE_IN, 1.15 * len(shown) + 0.5, title=title)
+        figure = new_figure(PAGE_IN, 1.15 * len(results) + 0.5, title=title)
         left, right = np.asarray(figure.subfigures(1, 2, width_ratios=(1.75, 1.0)))
-        axes = np.atleast_1d(left.subplots(len(shown), 1, sharex=True, sharey=True))
-        for axis, (name, found) in zip(axes, shown.items(), strict=True):
-            _trajectory(axis, run, found, name, colours[name])
+        axes = np.atleast_1d(left.subplots(len(results), 1, sharex=True, sharey=True))
+        for axis, (name, seeds) in zip(axes, results.items(), strict=True):
+            _draw_trajectory(axis, run, seeds, name, colours[name])
         axes[-1].set_xlabel("time since the start of the clip [s]")
         axes[len(axes) // 2].set_ylabel("state in the chart of the frozen encoder")
         phase, decay = right.subplots(2, 1)
-        _phase_plane(phase, run, shown, colours)
-        _what_is_left(decay, shown, colours)
+        _draw_phase_plane(phase, run, results, colours)
+        _draw_decay(decay, results, colours)
     return figure
 
 
 def _coordinate(states: Any) -> np.ndarray:
-    """The coordinate that is drawn: the one that moves most where there are several."""
+    """The series of the coordinate that moves most."""
     series = np.asarray(states, dtype=np.float64)
     return series[:, int(np.argmax(np.nanstd(series, axis=0)))]
 
 
-def _trajectory(
-    axis: Axes, run: Extrapolation, found: Sequence[Extrapolation], name: str, colour: str
+def _draw_trajectory(
+    axis: Axes, run: Extrapolation, seeds: Sequence[Extrapolation], name: str, colour: str
 ) -> None:
     dt_s, frames = run["recording"]["dt_s"], run["recording"]["frames"]
     boundary = frames - run["recording"]["held_out"]
     axis.axvspan(0, (frames - 1) * dt_s, color=QUIET, alpha=0.18, linewidth=0)
     axis.axhline(run["equilibrium"][0], color=MARK, linestyle="--", linewidth=0.6)
-    for index, one in reversed(list(enumerate(found))):
-        path = _coordinate(one["looks"][0]["states"])
+    for index, result in reversed(list(enumerate(seeds))):
+        path = _coordinate(result["looks"][0]["states"])
         time_s = (boundary - 1 + np.arange(len(path))) * dt_s
         alpha, width = (0.25, 0.4) if index else (1.0, 0.7)
         axis.plot(time_s, path, color=colour, alpha=alpha, linewidth=width)
     axis.plot(np.arange(frames) * dt_s, _coordinate(run["clip"]), color=ENCODED, linewidth=0.6)
-    told = f"{name}: out of the range that the encoder knows" if found[0]["reason"] else name
-    axis.set_title(told, loc="left", color=colour, pad=2)
+    text = f"{name}: outside the range of the encoder" if seeds[0]["reason"] else name
+    axis.set_title(text, loc="left", color=colour, pad=2)
     ends = np.ptp(_coordinate(run["clip"])) * 0.62
     middle = run["equilibrium"][0]
     axis.set_ylim(middle - ends, middle + ends)
@@ -79,25 +79,31 @@ def _trajectory(
         axis.annotate(
             "the clip", (0.5 * frames * dt_s, middle + 0.93 * ends), ha="center", va="top", color=ENCODED
         )
-        last = (boundary - 1 + len(found[0]["looks"][0]["states"])) * dt_s
+        last = (boundary - 1 + len(seeds[0]["looks"][0]["states"])) * dt_s
         paper = {"facecolor": "white", "edgecolor": "none", "pad": 0.5, "alpha": 0.7}
         axis.annotate(
-            "minimum of V", (last, middle), (0, 1), textcoords="offset points", ha="right", va="bottom",
-            color=MARK, bbox=paper,
-        )  # fmt: skip
+            "minimum of V",
+            (last, middle),
+            (0, 1),
+            textcoords="offset points",
+            ha="right",
+            va="bottom",
+            color=MARK,
+            bbox=paper,
+        )
 
 
-def _phase_plane(
-    axis: Axes, run: Extrapolation, shown: Mapping[str, Sequence[Extrapolation]], colours: Any
+def _draw_phase_plane(
+    axis: Axes, run: Extrapolation, results: Mapping[str, Sequence[Extrapolation]], colours: Any
 ) -> None:
-    """The last seconds of the shown part, where the clip is long over."""
+    """Draw the last seconds of the drawn part, long after the end of the clip."""
     dt_s = run["recording"]["dt_s"]
     clip = _coordinate(run["clip"])
     axis.plot(clip, np.gradient(clip, dt_s), color=ENCODED, alpha=0.25, linewidth=0.5)
-    for name, found in shown.items():
-        if found[0]["reason"]:
+    for name, seeds in results.items():
+        if seeds[0]["reason"]:
             continue
-        path = _coordinate(found[0]["looks"][0]["states"])
+        path = _coordinate(seeds[0]["looks"][0]["states"])
         late = path[-max(len(path) // 8, 8) :]
         if name == RUN_TITLE:
             axis.plot(path, np.gradient(path, dt_s), color=colours[name], linewidth=0.4, alpha=0.6)
@@ -111,20 +117,26 @@ def _phase_plane(
     axis.set_ylim(-1.25 * speed, 1.25 * speed)
 
 
-def _what_is_left(axis: Axes, shown: Mapping[str, Sequence[Extrapolation]], colours: Any) -> None:
-    for name, found in shown.items():
-        for index, one in enumerate(found):
-            if one["reason"]:
+def _draw_decay(axis: Axes, results: Mapping[str, Sequence[Extrapolation]], colours: Any) -> None:
+    for name, seeds in results.items():
+        for index, result in enumerate(seeds):
+            if result["reason"]:
                 continue
-            time_s, share = _envelope(one)
+            time_s, share = _measure_envelope(result)
             alpha, width = (0.3, 0.5) if index else (1.0, 1.0)
             label = None if index else name
             dashes = "--" if name == RUN_TITLE else "-"  # drawn over whatever falls on the same line
             axis.plot(
-                time_s, share, dashes, color=colours[name], label=label, alpha=alpha, linewidth=width,
+                time_s,
+                share,
+                dashes,
+                color=colours[name],
+                label=label,
+                alpha=alpha,
+                linewidth=width,
                 zorder=3 if name == RUN_TITLE else 2,
-            )  # fmt: skip
-            later = len(one["looks"]) - 1
+            )
+            later = len(result["looks"]) - 1
             axis.plot(time_s[-later:], share[-later:], "o", color=colours[name], markersize=2, alpha=alpha)
     axis.set(xscale="log", yscale="log", xlabel="time past the training frames [s]")
     axis.set_ylim(MIN_SHARE / 1.5, 3.0)
@@ -132,11 +144,11 @@ def _what_is_left(axis: Axes, shown: Mapping[str, Sequence[Extrapolation]], colo
     axis.legend(loc="lower left", handlelength=0.0, handletextpad=0.0, labelcolor="linecolor")
 
 
-def _envelope(found: Extrapolation) -> tuple[np.ndarray, np.ndarray]:
-    """Amplitudes over the clip's first: along the shown part, two periods at a time, then of every look."""
-    dt_s, start = found["recording"]["dt_s"], found["start_amplitude"]
-    first, *later = found["looks"]
-    path, width = _coordinate(first["states"]), max(round(2 * found["recording"]["period_s"] / dt_s), 4)
+def _measure_envelope(result: Extrapolation) -> tuple[np.ndarray, np.ndarray]:
+    """Amplitudes over the clip's first: along the drawn part, two periods at a time, then of each look."""
+    dt_s, start = result["recording"]["dt_s"], result["start_amplitude"]
+    first, *later = result["looks"]
+    path, width = _coordinate(first["states"]), max(round(2 * result["recording"]["period_s"] / dt_s), 4)
     cuts = range(0, len(path) - width + 1, width)
     points = [((cut + width / 2) * dt_s, float(np.ptp(path[cut : cut + width])) / 2) for cut in cuts]
     points += [(look["time_s"] + len(look["states"]) * dt_s, look["amplitude"]) for look in later]

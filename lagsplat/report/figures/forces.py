@@ -1,11 +1,4 @@
-"""A force in space that moves nothing and one that does, seen from three sides.
-
-Nine equilibria under forces given in the image, each with its arrow and the outline of the rest.
-
-What the nine panels of a figure of forces show: where each force acts, and the state that balances it.
-
-Errors of the answers to known forces, at the points on which the forces acted.
-"""
+"""Figures of forces: nine equilibria in the image, one force in space from three sides, and their errors."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -34,89 +27,35 @@ from lagsplat.report.common.style import PAGE_IN, new_figure, paper_style
 from lagsplat.splat.projection import View, make_view
 from lagsplat.views.camera import Camera, orbit_camera
 
+FORCE_COLOUR = "#AA1E1E"
+MAX_ARROW_SHARE = 0.3
+"""Length of the longest arrow over the smaller side of the image."""
 VIEW_ANGLES_DEG = ((0.0, 0.0), (-12.0, 4.0), (12.0, -4.0))
 """Yaw and pitch of the columns [degree], about the pivot."""
 ARROW_SHARE = 0.4
-"""Of the picture's smaller side, at the pivot's depth."""
+"""Length of an arrow over the smaller side of the image, at the depth of the pivot."""
 MIN_PRINTED_SHIFT = 1e-3
-"""A shift below it is told by its order of magnitude."""
+"""Smaller shifts are printed by their order of magnitude."""
 SUPERSAMPLING = 4
-"""Pixels drawn in place of one of the film's, each way."""
-
-
-def draw_space_push(held: OperatingPoint, push: SpacePush, *, title: str) -> Figure:
-    """Three by three: rest, the force across the motion, the force downwards, each from three sides.
-
-    Arrows start where the pushed matter has come to, and have one length in space, which says nothing of the
-    force's size and which only the viewpoint foreshortens.
-
-    Source: paper, Figure "Applying a force inside the 3D scene".
-    """
-    height, width = held.kinematics.height, held.kinematics.width
-    length = ARROW_SHARE * min(height, width)
-    cameras = [turn_camera(held, yaw, pitch) for yaw, pitch in VIEW_ANGLES_DEG]
-    q = torch.from_numpy(push.states)
-    names = ("no force", "a force across the motion", "a force downwards")
-    with paper_style():
-        side = PAGE_IN / 3.0
-        figure = new_figure(PAGE_IN, 3 * (side * height / width + 0.12) + 0.35, title=title)
-        axes = figure.subplots(3, 3, squeeze=False)
-        for column, (camera, (yaw, pitch)) in enumerate(zip(cameras, VIEW_ANGLES_DEG, strict=True)):
-            pictures = held.render_images(q, scale=SUPERSAMPLING, view=make_view([camera]))
-            for row, (axis, picture) in enumerate(zip(axes[:, column], pictures, strict=True)):
-                axis.imshow(picture.clip(0.0, 1.0), extent=(0, width, height, 0))
-                if row:
-                    foot = push.grip.place(q[row]).numpy()
-                    _arrow(axis, camera, foot, length * push.directions[row - 1])
-                told = f"yaw {yaw:+.0f}°, pitch {pitch:+.0f}°" if row == 0 else _moved(push, row)
-                axis.set_title(f"({ascii_lowercase[3 * row + column]}) {told}", loc="left")
-                axis.set(xticks=[], yticks=[], xlim=(0, width), ylim=(height, 0))
-        for axis, name in zip(axes[:, 0], names, strict=True):
-            axis.set_ylabel(name)
-    return figure
-
-
-def turn_camera(held: OperatingPoint, yaw_deg: float, pitch_deg: float) -> Camera:
-    """The film's camera, moved about the pivot of the coordinates of space."""
-    own: View = held.autoencoder.filmed_view(held.autoencoder.gaussians.center)
-    focal, middle = own.focal[0].tolist(), own.middle[0].tolist()
-    front = Camera(
-        rotation=np.eye(3),
-        position=np.zeros(3),
-        focal=(focal[0], focal[1]),
-        middle=(middle[0], middle[1]),
-        height=held.kinematics.height,
-        width=held.kinematics.width,
-    )
-    return orbit_camera(front, focal[0], yaw_deg=yaw_deg, pitch_deg=pitch_deg)
-
-
-def _moved(push: SpacePush, row: int) -> str:
-    """The pull-back of the row's force, and how far it moves the state."""
-    shift = push.states[row] - push.states[0]
-    load = push.size * push.grip.pull_back(torch.from_numpy(push.directions[row - 1])).norm()
-    pulled, size = (f"{value:.1g}" for value in (float(load), float(np.linalg.norm(shift))))
-    if np.linalg.norm(shift) < MIN_PRINTED_SHIFT:
-        return rf"$|J^T f|$ = {pulled}, $|\Delta q|$ = {size}"
-    return rf"$|J^T f|$ = {pulled}, $\Delta q$ = " + ", ".join(f"{x:+.2f}" for x in shift)
-
-
-def _arrow(axis: Axes, camera: Camera, foot: Float64[np.ndarray, "3"], way: Float64[np.ndarray, "3"]) -> None:
-    start, stop = camera.project(np.stack([foot, foot + way]))
-    draw_arrow(axis, start, stop - start)
-
-
-FORCE_COLOUR = "#AA1E1E"
-MAX_ARROW_SHARE = 0.3
-"""Of the picture's smaller side: the longest arrow."""
+"""Pixels rendered in place of one of the recording, each way."""
+DOWN, RIGHT = np.array([0.0, 1.0]), np.array([1.0, 0.0])
+OBLIQUE = np.array([np.sqrt(0.5), np.sqrt(0.5)])
+MIN_WIDTH_PX = 384
+"""Smallest width of a rendered image."""
+N_BACKGROUND = 3
+MAPPED_ERRORS = (
+    ("direction_deg", "direction of the pushed point (degrees)", 1.0, 60.0),
+    ("shape", "shape of the answer (%)", 100.0, 100.0),
+    ("amplitude", "amplitude after one poke (%)", 100.0, 100.0),
+)
 
 
 @dataclass(frozen=True)
 class ForcePanel:
-    """One equilibrium: its ``pushes``, its state, how far that is from rest, and its picture.
+    """One equilibrium: its forces, its state, how far that is from rest, and its image.
 
     ``arrows`` (n, 2, 2) are foot and direction times size of each force, in pixels of the training
-    resolution and energy per pixel. ``moved_px`` is the way of the matter that was pushed first.
+    resolution and energy per pixel. ``moved_px`` is how far the matter moved that was pushed first.
     """
 
     name: str
@@ -124,15 +63,15 @@ class ForcePanel:
     shift: Float64[np.ndarray, " d"]
     moved_px: float
     arrows: Float64[np.ndarray, "n 2 2"]
-    picture: Float[np.ndarray, "h w 3"]
+    image: Float[np.ndarray, "h w 3"]
 
 
 @dataclass(frozen=True)
 class ForcePanels:
     """All panels of a run, with the outline of the object at rest.
 
-    ``object`` (h, w) is true where the picture at rest shows the object, ``size`` (rows, columns) that of the
-    training pictures, in whose pixels arrows are; ``reach`` the visited range.
+    ``object`` (h, w) is true where the image at rest shows the object, ``size`` (rows, columns) that of the
+    training images, in whose pixels arrows are; ``reach`` the visited range.
     """
 
     panels: tuple[ForcePanel, ...]
@@ -140,77 +79,6 @@ class ForcePanels:
     size: tuple[int, int]
     rest: Float64[np.ndarray, " d"]
     reach: float
-
-
-def draw_forces(shown: ForcePanels, *, title: str) -> Figure:
-    """Three by three pictures of the loaded states. Red arrows, all on one scale, start where the pushed
-    matter has come to; the dashed line is the outline of what moves, at rest.
-
-    Source: paper, figures of interactive forces.
-    """
-    height, width = shown.size
-    largest = max(float(np.linalg.norm(panel.arrows[:, 1], axis=1).max()) for panel in shown.panels)
-    scale = MAX_ARROW_SHARE * min(height, width) / largest
-    with paper_style():
-        side = PAGE_IN / 3.0
-        rows = -(-len(shown.panels) // 3)
-        figure = new_figure(PAGE_IN, rows * (side * height / width + 0.1) + 0.35, title=title)
-        axes = figure.subplots(rows, 3, squeeze=False).ravel()
-        for axis, letter, panel in zip(axes, ascii_lowercase, shown.panels, strict=False):
-            axis.imshow(panel.picture.clip(0.0, 1.0), extent=(0, width, height, 0))
-            _outline(axis, shown)
-            for foot, force in panel.arrows:
-                draw_arrow(axis, foot, scale * force)
-            axis.set_title(f"({letter}) {panel.name}: {_answer(panel)}", loc="left")
-        for axis in axes:
-            axis.set(xticks=[], yticks=[], xlim=(0, width), ylim=(height, 0))
-        for axis in axes[len(shown.panels) :]:
-            axis.set_axis_off()
-    return figure
-
-
-def _answer(panel: ForcePanel) -> str:
-    way = rf", {panel.moved_px:.1f} px"
-    if len(panel.shift) == 1:
-        return rf"$\Delta q = {panel.shift[0]:+.{2 if abs(panel.shift[0]) > 0.05 else 4}f}$" + way
-    return rf"$|\Delta q| = {np.linalg.norm(panel.shift):.2f}$" + way
-
-
-def _outline(axis: Axes, shown: ForcePanels) -> None:
-    fine = shown.object.astype(float)
-    rows, columns = (
-        size * (np.arange(count) + 0.5) / count for size, count in zip(shown.size, fine.shape, strict=True)
-    )
-    axis.contour(columns, rows, fine, levels=[0.5], colors="white", linewidths=0.8, linestyles="dashed")
-
-
-def draw_arrow(axis: Axes, foot: np.ndarray, way: np.ndarray) -> None:
-    """A red arrow with a white rim, its foot marked [px]."""
-    arrow = axis.annotate(
-        "",
-        xy=tuple(foot + way),
-        xytext=tuple(foot),
-        arrowprops={
-            "arrowstyle": "-|>",
-            "color": FORCE_COLOUR,
-            "linewidth": 1.4,
-            "mutation_scale": 8,
-            "shrinkA": 0.0,
-            "shrinkB": 0.0,
-        },
-        annotation_clip=False,
-    )
-    rim = [Stroke(linewidth=2.6, foreground="white"), Normal()]
-    if arrow.arrow_patch is not None:
-        arrow.arrow_patch.set_path_effects(rim)
-    axis.plot(*foot, "o", color=FORCE_COLOUR, markersize=2.5, markeredgecolor="white", markeredgewidth=0.5)
-
-
-DOWN, RIGHT = np.array([0.0, 1.0]), np.array([1.0, 0.0])
-OBLIQUE = np.array([np.sqrt(0.5), np.sqrt(0.5)])
-MIN_WIDTH_PX = 384
-"""Pixels that a drawn picture's width has at least."""
-N_BACKGROUND = 3
 
 
 @dataclass(frozen=True)
@@ -227,65 +95,115 @@ class ImagePush:
         return self.size * self.grip.pull_back(torch.from_numpy(self.direction))
 
 
+def draw_forces(panels: ForcePanels, *, title: str) -> Figure:
+    """Draw three by three images of the loaded states.
+
+    Red arrows, all on one scale, start where the pushed matter has come to; the dashed line is the outline of
+    what moves, at rest.
+
+    Source: paper, figures of interactive forces.
+    """
+    height, width = panels.size
+    largest = max(float(np.linalg.norm(panel.arrows[:, 1], axis=1).max()) for panel in panels.panels)
+    scale = MAX_ARROW_SHARE * min(height, width) / largest
+    with paper_style():
+        side = PAGE_IN / 3.0
+        rows = -(-len(panels.panels) // 3)
+        figure = new_figure(PAGE_IN, rows * (side * height / width + 0.1) + 0.35, title=title)
+        axes = figure.subplots(rows, 3, squeeze=False).ravel()
+        for axis, letter, panel in zip(axes, ascii_lowercase, panels.panels, strict=False):
+            axis.imshow(panel.image.clip(0.0, 1.0), extent=(0, width, height, 0))
+            _draw_outline(axis, panels)
+            for foot, force in panel.arrows:
+                draw_arrow(axis, foot, scale * force)
+            axis.set_title(f"({letter}) {panel.name}: {_describe_answer(panel)}", loc="left")
+        for axis in axes:
+            axis.set(xticks=[], yticks=[], xlim=(0, width), ylim=(height, 0))
+        for axis in axes[len(panels.panels) :]:
+            axis.set_axis_off()
+    return figure
+
+
+def _describe_answer(panel: ForcePanel) -> str:
+    distance = rf", {panel.moved_px:.1f} px"
+    if len(panel.shift) == 1:
+        return rf"$\Delta q = {panel.shift[0]:+.{2 if abs(panel.shift[0]) > 0.05 else 4}f}$" + distance
+    return rf"$|\Delta q| = {np.linalg.norm(panel.shift):.2f}$" + distance
+
+
+def _draw_outline(axis: Axes, panels: ForcePanels) -> None:
+    fine = panels.object.astype(float)
+    rows, columns = (
+        size * (np.arange(count) + 0.5) / count for size, count in zip(panels.size, fine.shape, strict=True)
+    )
+    axis.contour(columns, rows, fine, levels=[0.5], colors="white", linewidths=0.8, linestyles="dashed")
+
+
 def compute_force_panels(held: OperatingPoint, config: ForcesConfig, *, hanging: bool) -> ForcePanels:
-    """The paper's nine panels: levers, directions and background of what has one coordinate; what hangs is
-    pushed at its middle and its tip, across and along.
+    """Compute the equilibria of the paper's nine panels.
+
+    Of a mechanism with one coordinate they are levers, directions and background; what hangs is pushed at
+    its middle and its tip, across and along.
 
     Raises:
-        ValueError: nothing moves in the picture, or not on both sides of a centre of rotation.
+        ValueError: nothing moves in the image, or not on both sides of a centre of rotation.
 
     Source: paper, figures of interactive forces.
     """
     scene = find_moving_parts(held.autoencoder, held.chart, held.rest.numpy())
     radius = config.brush * held.kinematics.width
-    named = _hanging(held, config, radius) if hanging else _rolling(held, config, radius)
+    named = _push_hanging(held, config, radius) if hanging else _push_rolling(held, config, radius)
     loads = torch.stack([torch.stack([push.load for push in pushes]).sum(0) for _, pushes in named])
     states = held.equilibria(loads)
     scale = -(-MIN_WIDTH_PX // held.kinematics.width)
-    pictures = held.render_images(states, scale=scale)
+    images = held.render_images(states, scale=scale)
     panels = tuple(
-        _panel(held, name, pushes, q, picture)
-        for (name, pushes), q, picture in zip(named, states, pictures, strict=True)
+        _make_panel(held, name, pushes, q, image)
+        for (name, pushes), q, image in zip(named, states, images, strict=True)
     )
     seen = draw_outline(held.render_images(held.rest[None], scale=scale)[0], scene)
     return ForcePanels(panels, seen, scene.motion.shape, held.rest.numpy(), held.visited_radius)
 
 
-def _panel(
+def _make_panel(
     held: OperatingPoint,
     name: str,
     pushes: list[ImagePush],
     q: torch.Tensor,
-    picture: Float[np.ndarray, "h w 3"],
+    image: Float[np.ndarray, "h w 3"],
 ) -> ForcePanel:
     feet = np.stack([push.grip.place(q).numpy() for push in pushes])
     sizes = np.stack([push.size * push.direction for push in pushes])
     moved = float(np.linalg.norm(feet[0] - pushes[0].grip.at.numpy()))
-    return ForcePanel(name, q.numpy(), (q - held.rest).numpy(), moved, np.stack([feet, sizes], 1), picture)
+    return ForcePanel(name, q.numpy(), (q - held.rest).numpy(), moved, np.stack([feet, sizes], 1), image)
 
 
-def _rolling(held: OperatingPoint, config: ForcesConfig, radius: float) -> list[tuple[str, list[ImagePush]]]:
+def _push_rolling(
+    held: OperatingPoint, config: ForcesConfig, radius: float
+) -> list[tuple[str, list[ImagePush]]]:
     """Levers (a)-(c), directions at one material point (d)-(f), background (g)-(i)."""
     scene = find_moving_parts(held.autoencoder, held.chart, held.rest.numpy())
-    grips = [_grip(held, point, radius) for point in choose_lever_points(scene, margin=radius)]
+    grips = [_grasp(held, point, radius) for point in choose_lever_points(scene, margin=radius)]
     far = grips[-1]
     size = held.find_force_size(far, DOWN, share=config.response)
     named = [("lever", [ImagePush(grip, DOWN, size)]) for grip in grips[:3]]
     named += [("direction", [ImagePush(far, direction, size)]) for direction in (DOWN, OBLIQUE, RIGHT)]
-    found = []
+    grips_off_object = []
     for point in choose_background_points(scene, 4 * N_BACKGROUND, margin=2 * radius):
         try:
-            found.append(_grip(held, point, radius))
+            grips_off_object.append(_grasp(held, point, radius))
         except NoMatterError:  # the background colour has no Gaussian there
             continue
-    return named + [("background", [ImagePush(grip, DOWN, size)]) for grip in found[:N_BACKGROUND]]
+    return named + [("background", [ImagePush(grip, DOWN, size)]) for grip in grips_off_object[:N_BACKGROUND]]
 
 
-def _hanging(held: OperatingPoint, config: ForcesConfig, radius: float) -> list[tuple[str, list[ImagePush]]]:
+def _push_hanging(
+    held: OperatingPoint, config: ForcesConfig, radius: float
+) -> list[tuple[str, list[ImagePush]]]:
     """Across and along at the tip and the middle, either way, and two opposed forces."""
     scene = find_moving_parts(held.autoencoder, held.chart, held.rest.numpy())
     *points, along = choose_hanging_points(scene)
-    middle, tip = (_grip(held, point, radius) for point in points)
+    middle, tip = (_grasp(held, point, radius) for point in points)
     across = np.array([-along[1], along[0]])
     across = across * np.sign(across[0])
     size = held.find_force_size(tip, across, share=config.response)
@@ -303,23 +221,79 @@ def _hanging(held: OperatingPoint, config: ForcesConfig, radius: float) -> list[
     return [*named, ("opposed", [ImagePush(middle, -across, size), ImagePush(tip, across, size)])]
 
 
-def _grip(held: OperatingPoint, point: Point, radius: float) -> GraspPoint:
+def _grasp(held: OperatingPoint, point: Point, radius: float) -> GraspPoint:
     return grasp_brush(held.kinematics, held.rest, point, radius=radius)
 
 
-MAPPED_ERRORS = (
-    ("direction_deg", "direction of the pushed point (degrees)", 1.0, 60.0),
-    ("shape", "shape of the answer (%)", 100.0, 100.0),
-    ("amplitude", "amplitude after one poke (%)", 100.0, 100.0),
-)
+def draw_space_push(held: OperatingPoint, push: SpacePush, *, title: str) -> Figure:
+    """Draw rest, the force across the motion and the force downwards, each from three viewpoints.
 
+    Arrows start where the pushed matter has come to. They have one length in space, whatever the size of the
+    force, and only the viewpoint foreshortens them.
 
-def draw_force_map(picture: Float[np.ndarray, "H W 3"], truth: Mapping[str, Any], *, title: str) -> Figure:
-    """Three pictures of the object at rest, with the median error of forces on each point in colour.
-
-    ``truth`` is what `lagsplat.evaluate.forces.accuracy.compare_answers` returns, or the reason why there is nothing.
+    Source: paper, Figure "Applying a force inside the 3D scene".
     """
-    height, width = picture.shape[:2]
+    height, width = held.kinematics.height, held.kinematics.width
+    length = ARROW_SHARE * min(height, width)
+    cameras = [turn_camera(held, yaw, pitch) for yaw, pitch in VIEW_ANGLES_DEG]
+    q = torch.from_numpy(push.states)
+    names = ("no force", "a force across the motion", "a force downwards")
+    with paper_style():
+        side = PAGE_IN / 3.0
+        figure = new_figure(PAGE_IN, 3 * (side * height / width + 0.12) + 0.35, title=title)
+        axes = figure.subplots(3, 3, squeeze=False)
+        for column, (camera, (yaw, pitch)) in enumerate(zip(cameras, VIEW_ANGLES_DEG, strict=True)):
+            images = held.render_images(q, scale=SUPERSAMPLING, view=make_view([camera]))
+            for row, (axis, image) in enumerate(zip(axes[:, column], images, strict=True)):
+                axis.imshow(image.clip(0.0, 1.0), extent=(0, width, height, 0))
+                if row:
+                    foot = push.grip.place(q[row]).numpy()
+                    _arrow(axis, camera, foot, length * push.directions[row - 1])
+                text = f"yaw {yaw:+.0f}°, pitch {pitch:+.0f}°" if row == 0 else _describe_shift(push, row)
+                axis.set_title(f"({ascii_lowercase[3 * row + column]}) {text}", loc="left")
+                axis.set(xticks=[], yticks=[], xlim=(0, width), ylim=(height, 0))
+        for axis, name in zip(axes[:, 0], names, strict=True):
+            axis.set_ylabel(name)
+    return figure
+
+
+def turn_camera(held: OperatingPoint, yaw_deg: float, pitch_deg: float) -> Camera:
+    """Turn the camera of the recording about the pivot of the coordinates of space [degree]."""
+    view: View = held.autoencoder.filmed_view(held.autoencoder.gaussians.center)
+    focal, middle = view.focal[0].tolist(), view.middle[0].tolist()
+    front = Camera(
+        rotation=np.eye(3),
+        position=np.zeros(3),
+        focal=(focal[0], focal[1]),
+        middle=(middle[0], middle[1]),
+        height=held.kinematics.height,
+        width=held.kinematics.width,
+    )
+    return orbit_camera(front, focal[0], yaw_deg=yaw_deg, pitch_deg=pitch_deg)
+
+
+def _describe_shift(push: SpacePush, row: int) -> str:
+    """The generalised force of a row, and how far it moves the state."""
+    shift = push.states[row] - push.states[0]
+    load = push.size * push.grip.pull_back(torch.from_numpy(push.directions[row - 1])).norm()
+    pulled, size = (f"{value:.1g}" for value in (float(load), float(np.linalg.norm(shift))))
+    if np.linalg.norm(shift) < MIN_PRINTED_SHIFT:
+        return rf"$|J^T f|$ = {pulled}, $|\Delta q|$ = {size}"
+    return rf"$|J^T f|$ = {pulled}, $\Delta q$ = " + ", ".join(f"{x:+.2f}" for x in shift)
+
+
+def _arrow(axis: Axes, camera: Camera, foot: Float64[np.ndarray, "3"], way: Float64[np.ndarray, "3"]) -> None:
+    start, stop = camera.project(np.stack([foot, foot + way]))
+    draw_arrow(axis, start, stop - start)
+
+
+def draw_force_map(image: Float[np.ndarray, "H W 3"], truth: Mapping[str, Any], *, title: str) -> Figure:
+    """Draw the object at rest three times, with the median error of forces on each point in colour.
+
+    ``truth`` is what `lagsplat.evaluate.forces.accuracy.compare_answers` returns, or the reason why there is
+    nothing.
+    """
+    height, width = image.shape[:2]
     with paper_style():
         figure = new_figure(PAGE_IN, PAGE_IN / 3.0 * height / width + 0.75, title=title)
         if "refused" in truth:
@@ -327,12 +301,34 @@ def draw_force_map(picture: Float[np.ndarray, "H W 3"], truth: Mapping[str, Any]
             return figure
         rows = truth["map"]
         for axis, (name, what, scale, most) in zip(figure.subplots(1, 3), MAPPED_ERRORS, strict=True):
-            axis.imshow(picture.clip(0.0, 1.0), extent=(0, width, height, 0), alpha=0.45)
-            told = [(*row["place"], scale * row[name]) for row in rows if row[name] is not None]
-            x, y, values = np.array(told).reshape(-1, 3).T
+            axis.imshow(image.clip(0.0, 1.0), extent=(0, width, height, 0), alpha=0.45)
+            errors = [(*row["place"], scale * row[name]) for row in rows if row[name] is not None]
+            x, y, values = np.array(errors).reshape(-1, 3).T
             dots = axis.scatter(
                 x, y, c=values, s=26, vmin=0.0, vmax=most, cmap="viridis_r", edgecolors="k", linewidths=0.3
             )
             figure.colorbar(dots, ax=axis, orientation="horizontal", extend="max", shrink=0.9, aspect=30)
             axis.set(xticks=[], yticks=[], xlim=(0, width), ylim=(height, 0), title=what)
     return figure
+
+
+def draw_arrow(axis: Axes, foot: np.ndarray, vector: np.ndarray) -> None:
+    """Draw a red arrow with a white rim, its foot marked [px]."""
+    arrow = axis.annotate(
+        "",
+        xy=tuple(foot + vector),
+        xytext=tuple(foot),
+        arrowprops={
+            "arrowstyle": "-|>",
+            "color": FORCE_COLOUR,
+            "linewidth": 1.4,
+            "mutation_scale": 8,
+            "shrinkA": 0.0,
+            "shrinkB": 0.0,
+        },
+        annotation_clip=False,
+    )
+    rim = [Stroke(linewidth=2.6, foreground="white"), Normal()]
+    if arrow.arrow_patch is not None:
+        arrow.arrow_patch.set_path_effects(rim)
+    axis.plot(*foot, "o", color=FORCE_COLOUR, markersize=2.5, markeredgecolor="white", markeredgewidth=0.5)

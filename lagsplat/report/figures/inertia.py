@@ -19,7 +19,7 @@ States = Float64[np.ndarray, "T d"]
 
 
 def draw_inertia(forms: Sequence[tuple[str, Matrices]], states: States, *, title: str) -> Figure:
-    """A column for each named form of the mass and a row for each two coordinates, in the order of the chart.
+    """Draw a column for each form of the mass and a row for each two coordinates, in the order of the chart.
 
     An ellipse holds the velocities in the plane of the panel whose kinetic energy is at most one common
     value: wide where the inertia is small. Grey is the mean of the matrices, at the same places, so that what
@@ -41,9 +41,9 @@ def draw_inertia(forms: Sequence[tuple[str, Matrices]], states: States, *, title
         for column, (name, matrices) in enumerate(forms):
             axes[0, column].set_title(f"mass: {name}")
             if not planes:
-                _line(axes[0, column], states[:, 0], matrices[:, 0, 0])
+                _draw_line(axes[0, column], states[:, 0], matrices[:, 0, 0])
             for row, plane in enumerate(planes):
-                _plane(axes[row, column], states[:, plane], matrices[:, plane][:, :, plane])
+                _draw_plane(axes[row, column], states[:, plane], matrices[:, plane][:, :, plane])
         for row, (i, j) in enumerate(planes):
             axes[row, 0].set_ylabel(f"$q_{{{j + 1}}}$")
             for axis in axes[row]:
@@ -55,16 +55,16 @@ def draw_inertia(forms: Sequence[tuple[str, Matrices]], states: States, *, title
     return figure
 
 
-def _line(axis: Any, q: np.ndarray, mass: np.ndarray) -> None:
+def _draw_line(axis: Any, q: np.ndarray, mass: np.ndarray) -> None:
     order = np.argsort(q)
     axis.plot(q[order], mass[order], color=PREDICTED)
     axis.axhline(float(mass.mean()), color=QUIET, linestyle="--")
     axis.set_ylim(bottom=0.0)
 
 
-def _plane(axis: Any, states: np.ndarray, matrices: np.ndarray) -> None:
+def _draw_plane(axis: Any, states: np.ndarray, matrices: np.ndarray) -> None:
     axis.plot(*states.T, color=ENCODED, linewidth=0.3, alpha=0.12)
-    chosen = _apart(states, N_ELLIPSES)
+    chosen = _choose_distant(states, N_ELLIPSES)
     half = 1.0 / np.sqrt(np.linalg.eigvalsh(matrices))
     scale = ELLIPSE_SHARE * float(np.ptp(states, axis=0).max()) / float(np.median(half))
     mean = np.broadcast_to(matrices.mean(axis=0), matrices[chosen].shape)
@@ -80,7 +80,7 @@ def _plane(axis: Any, states: np.ndarray, matrices: np.ndarray) -> None:
                 units="xy",
                 offsets=states[chosen],
                 offset_transform=axis.transData,
-                facecolors=(*_rgb(colour), fill),
+                facecolors=(*_to_rgb(colour), fill),
                 edgecolors="none" if fill else colour,
                 linewidths=0.7,
             )
@@ -89,11 +89,11 @@ def _plane(axis: Any, states: np.ndarray, matrices: np.ndarray) -> None:
     axis.set_aspect("equal", adjustable="box")
 
 
-def _rgb(colour: str) -> tuple[float, ...]:
+def _to_rgb(colour: str) -> tuple[float, ...]:
     return tuple(int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5))
 
 
-def _apart(states: np.ndarray, count: int) -> Int64[np.ndarray, " chosen"]:
+def _choose_distant(states: np.ndarray, count: int) -> Int64[np.ndarray, " chosen"]:
     """Indices of states that are far from each other, the first one included (farthest-point sampling)."""
     chosen = [0]
     distance = np.linalg.norm(states - states[0], axis=1)

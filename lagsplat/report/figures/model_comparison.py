@@ -1,4 +1,4 @@
-"""Every model from the same start, picture by picture, and what the attention maps attend to."""
+"""Every model from the same start, image by image, and the attention maps of the baselines."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -20,7 +20,7 @@ FrameStack = Float32[np.ndarray, "n 3 H W"]
 
 
 class AttentionMaps(NamedTuple):
-    """The maps of one model at one frame."""
+    """The attention maps of one model at one frame."""
 
     name: str
     picture: Float32[np.ndarray, "3 H W"]
@@ -30,27 +30,27 @@ class AttentionMaps(NamedTuple):
 
 
 def choose_frames(subject: EvaluationSubject) -> np.ndarray:
-    """Frames of `TIMES_S` after the first scored one of the longest clip, as far as the clip goes."""
+    """Choose the frames `TIMES_S` after the first scored one of the longest clip, as far as the clip goes."""
     first, stop = subject.held.longest
     frames = first + np.round(np.array(TIMES_S) / subject.held.dt_s).astype(np.int64)
     return frames[frames < stop]
 
 
 def predict_frames(subject: EvaluationSubject, frames: np.ndarray) -> FrameStack:
-    """What a model predicts of frames, from its own state at the first of them."""
+    """Predict frames with a model, from its own state at the first of them."""
     held, start, length = subject.held, frames[:1], int(frames[-1] - frames[0]) + 1
     q0, v0 = initial_states(held, start)
     steps_s = held.clock.steps_s(start, length)
     states = subject.integrate(q0, v0, cut_windows(held.forcing, start, length), steps_s)[0]
-    shown = np.nan_to_num(states[frames - frames[0]], posinf=0.0, neginf=0.0)
-    return subject.render(shown).astype(np.float32)
+    finite = np.nan_to_num(states[frames - frames[0]], posinf=0.0, neginf=0.0)
+    return subject.render(finite).astype(np.float32)
 
 
 @torch.no_grad()
 def compute_attention(
     name: str, baseline: Baseline, picture: Float32[np.ndarray, "3 H W"]
 ) -> AttentionMaps | None:
-    """The maps of a model at an image; None where it has none."""
+    """Compute the attention maps of a model at an image; None where it has none."""
     decoder = baseline.decoder
     if not isinstance(decoder, AttentionDecoder):
         return None
@@ -61,7 +61,7 @@ def compute_attention(
 
 
 def draw_comparison(models: Mapping[str, EvaluationSubject], *, title: str) -> Figure:
-    """`draw_gallery` of the recording and of all models, from the first scored frame of its longest clip."""
+    """Draw the gallery of the recording and all models, from the first scored frame of its longest clip."""
     subject = next(iter(models.values()))
     frames = choose_frames(subject)
     rows = [("recorded", subject.pictures(frames))]
@@ -71,23 +71,23 @@ def draw_comparison(models: Mapping[str, EvaluationSubject], *, title: str) -> F
 
 
 def draw_gallery(rows: Sequence[tuple[str, FrameStack]], times_s: Sequence[float], *, title: str) -> Figure:
-    """A row for the recording and each model, a column a moment."""
+    """Draw a row for the recording and each model, and a column for each instant."""
     with paper_style():
         side = PAGE_IN / 8.0
         figure = new_figure(side * len(times_s) + 1.4, side * len(rows) + 0.6, title=title)
         axes = figure.subplots(len(rows), len(times_s), squeeze=False)
-        for line, (name, pictures) in zip(axes, rows, strict=True):
-            for axis, picture in zip(line, pictures, strict=True):
-                axis.imshow(np.clip(np.moveaxis(picture, 0, 2), 0.0, 1.0))
+        for row, (name, images) in zip(axes, rows, strict=True):
+            for axis, image in zip(row, images, strict=True):
+                axis.imshow(np.clip(np.moveaxis(image, 0, 2), 0.0, 1.0))
                 axis.set(xticks=[], yticks=[])
-            line[0].set_ylabel(name, rotation=0, ha="right", va="center")
+            row[0].set_ylabel(name, rotation=0, ha="right", va="center")
         for axis, time_s in zip(axes[0], times_s, strict=True):
             axis.set_title(f"{time_s:.2g} s")
     return figure
 
 
 def draw_attention(models: Sequence[AttentionMaps], *, title: str) -> Figure:
-    """A row a model: the image, then the map of each node with its centre of mass.
+    """Draw a row for each model: the image, then the map of each node with its centre of mass.
 
     Raises:
         ValueError: no model has maps.

@@ -25,7 +25,7 @@ HELD_OUT_COLOUR = "#E6E6E6"
 
 
 def draw_rollout(view: LongRollout, *, title: str) -> Figure:
-    """Encoded against predicted coordinates, most visible first, and the last state as images.
+    """Draw encoded and predicted coordinates, most visible first, and the last state as images.
 
     Below: the recorded image, the render at the encoded state (the image model's own floor) and at the
     predicted one, with the window where the two renders differ most in excess of the image model's error,
@@ -37,17 +37,17 @@ def draw_rollout(view: LongRollout, *, title: str) -> Figure:
     panels = view.encoded.shape[1] + int(view.inputs.shape[1] > 0)
     with paper_style():
         height, width = view.at_encoded.shape[:2]
-        # five pictures side by side, upright or not, between two lines of title and three of numbers
+        # five images side by side, upright or not, between two lines of title and three of numbers
         top_in, bottom_in = 0.62 * panels + 0.3, 0.85 + PAGE_IN / 5.2 * max(height / width, 1.0)
-        figure = new_figure(PAGE_IN, top_in + bottom_in + 0.45, title=f"{title}\n{_measured(view)}")
+        figure = new_figure(PAGE_IN, top_in + bottom_in + 0.45, title=f"{title}\n{_write_scores(view)}")
         above, below = figure.subfigures(2, 1, height_ratios=[top_in, bottom_in], squeeze=False)[:, 0]
-        _series(above, view)
-        _images(below, view)
+        _draw_series(above, view)
+        _draw_images(below, view)
     return figure
 
 
-def _measured(view: LongRollout) -> str:
-    """What the caption line says of the drawn stretch."""
+def _write_scores(view: LongRollout) -> str:
+    """The caption line: scores over the drawn stretch."""
     length = view.time_s[-1]
     text = f"latent NRMSE {view.nrmse:.3f} over {length:.1f} s"
     if view.period_s is not None:
@@ -57,10 +57,10 @@ def _measured(view: LongRollout) -> str:
     return text
 
 
-def _series(figure: Any, view: LongRollout) -> None:
+def _draw_series(figure: Any, view: LongRollout) -> None:
     order, share = order_by_visibility(view.metric)
-    slim = int(view.inputs.shape[1] > 0)
-    heights = [1.0] * len(order) + [0.7] * slim
+    n_input_rows = int(view.inputs.shape[1] > 0)
+    heights = [1.0] * len(order) + [0.7] * n_input_rows
     axes = figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
     for axis, index, part in zip(axes, order, share, strict=False):
         axis.plot(view.time_s, view.encoded[:, index], color=ENCODED, label="encoded frames")
@@ -70,32 +70,32 @@ def _series(figure: Any, view: LongRollout) -> None:
         axis.set_ylabel(f"$q_{{{index + 1}}}$")
         axis.set_title(f"{100 * part:.1f} % of tr G", loc="right", pad=2)
         low, high = view.encoded[:, index].min(), view.encoded[:, index].max()
-        room = 0.35 * max(high - low, 1e-9)
-        axis.set_ylim(low - room, high + room)
+        margin = 0.35 * max(high - low, 1e-9)
+        axis.set_ylim(low - margin, high + margin)
         if view.held_s is not None:
             axis.axvspan(view.held_s, view.time_s[-1], color=HELD_OUT_COLOUR, linewidth=0, zorder=0)
         if view.lost_s is not None:
             axis.axvline(view.lost_s, color=MARK, linestyle=":")
     axes[0].legend(loc="lower left", bbox_to_anchor=(0.0, 0.98), ncols=2, borderaxespad=0.0)
-    if slim:
+    if n_input_rows:
         for column in range(view.inputs.shape[1]):
             axes[-1].plot(
                 view.time_s, view.inputs[:, column], color=INPUTS[column % len(INPUTS)], linewidth=0.6
             )
         axes[-1].set_ylabel(f"inputs\n({', '.join(view.input_units)})")
-    axes[-1].set_xlabel("time since the start (s)" + _lost(view))
+    axes[-1].set_xlabel("time since the start (s)" + _mention_divergence(view))
     axes[-1].set_xlim(view.time_s[0], view.time_s[-1])
     figure.align_ylabels(axes)
 
 
-def _lost(view: LongRollout) -> str:
+def _mention_divergence(view: LongRollout) -> str:
     return "" if view.lost_s is None else f"; the rollout diverged at {view.lost_s:.1f} s (dotted)"
 
 
-def _images(figure: Any, view: LongRollout) -> None:
+def _draw_images(figure: Any, view: LongRollout) -> None:
     axes = figure.subplots(1, 5)
-    _whole(axes[:3], view)
-    _windows(axes[3:], view)
+    _draw_whole_images(axes[:3], view)
+    _draw_windows(axes[3:], view)
     for axis in axes:
         axis.set(xticks=[], yticks=[])
         axis.spines[:].set_visible(True)
@@ -105,7 +105,7 @@ def _images(figure: Any, view: LongRollout) -> None:
         axis.spines[:].set_linewidth(1.2)
 
 
-def _whole(axes: Any, view: LongRollout) -> None:
+def _draw_whole_images(axes: Any, view: LongRollout) -> None:
     """Each panel adds one source of error to the one before."""
     height, width = view.at_encoded.shape[:2]
     rows, columns = view.recorded.shape[:2]
@@ -124,14 +124,14 @@ def _whole(axes: Any, view: LongRollout) -> None:
         axis.add_patch(Rectangle(corner, inset.side, inset.side, fill=False, color=MARK, linewidth=0.9))
 
 
-def _windows(axes: Any, view: LongRollout) -> None:
+def _draw_windows(axes: Any, view: LongRollout) -> None:
     """The two renders in the window, and how far the prediction lies off there."""
     inset = view.inset
     window = (slice(inset.row, inset.row + inset.side), slice(inset.column, inset.column + inset.side))
-    for axis, picture, state in zip(
+    for axis, image, state in zip(
         axes, (view.at_encoded, view.at_predicted), ("encoded", "predicted"), strict=True
     ):
-        axis.imshow(picture[window])
+        axis.imshow(image[window])
         axis.set_title(f"window\nat {state} q")
     length = float(np.hypot(*inset.shift_px))
     # A finer decoder may be shown, but the motion was read off frames of this size.
@@ -141,10 +141,10 @@ def _windows(axes: Any, view: LongRollout) -> None:
         f"{inset.ratio:.1f} × the local\nreconstruction error"
     )
     if length >= MIN_SHIFT_PX:
-        _arrow(axes[1], inset.side, np.array(inset.shift_px) / length)
+        _draw_arrow(axes[1], inset.side, np.array(inset.shift_px) / length)
 
 
-def _arrow(axis: Any, side: int, direction: np.ndarray) -> None:
+def _draw_arrow(axis: Any, side: int, direction: np.ndarray) -> None:
     """An arrow of fixed length through the middle; a white rim keeps it visible on any ground."""
     down, right = 0.2 * side * direction
     middle = 0.5 * (side - 1)

@@ -1,9 +1,4 @@
-"""The image error of every model along the same long rollouts.
-
-The latent trajectory of a chart, most visible coordinate first.
-
-Training curves.
-"""
+"""Curves over time and over training: image errors of rollouts, latent trajectories, losses."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -25,31 +20,33 @@ from lagsplat.report.common.style import (
 )
 
 COLOURS = (PREDICTED, *INPUTS[:4], INPUTS[5])
+N_BINS = 700
+CLOSE_UP_S = 10.0
 
 
 def draw_horizon(models: Sequence[tuple[str, Mapping[str, Any]]], *, title: str) -> Figure:
-    """Median error over time with the band of the central two thirds of the starts, for each named model.
+    """Draw the median error of each model over time, with the band of the central two thirds of the starts.
 
-    ``models`` are names with the results of `lagsplat.evaluate.forecast.error_over_horizon`, all from the same
-    starts. The grey lines are what holding the first frame and the mean frame would give.
+    ``models`` are names with the results of `lagsplat.evaluate.forecast.error_over_horizon`, all from the
+    same starts. The grey lines are what holding the first frame and the mean frame would give.
 
     Raises:
         ValueError: no model has such rollouts, or they began at different frames.
     """
-    drawn = [(name, found) for name, found in models if "reason" not in found]
+    drawn = [(name, errors) for name, errors in models if "reason" not in errors]
     if not drawn:
-        reason = next((found["reason"] for _, found in models), "no model was given")
+        reason = next((errors["reason"] for _, errors in models), "no model was given")
         raise ValueError(f"nothing to draw: {reason}")
-    if len({str(found["starts"]) for _, found in drawn}) > 1:
+    if len({str(errors["starts"]) for _, errors in drawn}) > 1:
         raise ValueError("the models were started at different frames; evaluate all with the same settings")
     with paper_style():
         figure = new_figure(PAGE_IN, 2.8, title=title)
         axis = figure.subplots()
-        for (name, found), colour in zip(drawn, COLOURS, strict=False):
+        for (name, errors), colour in zip(drawn, COLOURS, strict=False):
             axis.fill_between(
-                found["time_s"], found["low"], found["high"], color=colour, alpha=0.15, linewidth=0
+                errors["time_s"], errors["low"], errors["high"], color=colour, alpha=0.15, linewidth=0
             )
-            axis.plot(found["time_s"], found["median"], color=colour, label=name)
+            axis.plot(errors["time_s"], errors["median"], color=colour, label=name)
         _, any_model = drawn[0]
         for key, style, label in (("hold", "--", "first frame held"), ("mean_frame", ":", "mean frame")):
             axis.plot(any_model["time_s"], any_model[key], color=QUIET, linestyle=style, label=label)
@@ -58,19 +55,15 @@ def draw_horizon(models: Sequence[tuple[str, Mapping[str, Any]]], *, title: str)
     return figure
 
 
-N_BINS = 700
-CLOSE_UP_S = 10.0
-
-
 def order_by_visibility(metric: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Coordinates by decreasing share of the metric's trace, and these shares in the same order."""
+    """Order coordinates by decreasing share of the metric's trace; the shares are in the same order."""
     share = np.diag(metric) / np.trace(metric)
     order = np.argsort(-share, kind="stable")
     return order, share[order]
 
 
 def draw_latents(chart: Chart, *, title: str, input_names: tuple[str, ...] = ()) -> Figure:
-    """Each whitened coordinate over the whole recording and, on the right, ten seconds around the split.
+    """Draw each whitened coordinate over the whole recording and, on the right, ten seconds around the split.
 
     Long series are drawn as the range within each of 700 bins. Panels carry the coordinate's share of the
     visibility metric's trace; the split between training and held-out frames is marked.
@@ -90,7 +83,7 @@ def draw_latents(chart: Chart, *, title: str, input_names: tuple[str, ...] = ())
                 (slice(None, chart.n_train), ENCODED, "training"),
                 (slice(chart.n_train, None), PREDICTED, "held out"),
             ):
-                _range(whole, time_s[stretch], series[stretch], colour, name)
+                _draw_range(whole, time_s[stretch], series[stretch], colour, name)
             for stretch, colour in ((time_s < split_s, ENCODED), (time_s >= split_s, PREDICTED)):
                 close.plot(time_s[near & stretch], series[near & stretch], color=colour)
             whole.set_ylabel(f"$q_{{{index + 1}}}$")
@@ -99,7 +92,7 @@ def draw_latents(chart: Chart, *, title: str, input_names: tuple[str, ...] = ())
             names = input_names or tuple(f"u{i + 1}" for i in range(chart.inputs.shape[1]))
             for column, name in enumerate(names):
                 colour = INPUTS[column % len(INPUTS)]
-                _range(axes[-1, 0], time_s, chart.inputs[:, column], colour, name)
+                _draw_range(axes[-1, 0], time_s, chart.inputs[:, column], colour, name)
                 axes[-1, 1].plot(time_s[near], chart.inputs[near, column], color=colour, label=name)
             axes[-1, 0].set_ylabel("inputs")
             axes[-1, 1].legend(
@@ -114,8 +107,8 @@ def draw_latents(chart: Chart, *, title: str, input_names: tuple[str, ...] = ())
     return figure
 
 
-def _range(axis: Any, time_s: np.ndarray, series: np.ndarray, colour: str, label: str) -> None:
-    """A line, or the range within bins where a line would only be a smear."""
+def _draw_range(axis: Any, time_s: np.ndarray, series: np.ndarray, colour: str, label: str) -> None:
+    """Draw a line, or the range within bins where a line would be a smear."""
     if len(series) <= 2 * N_BINS:
         axis.plot(time_s, series, color=colour, label=label)
         return
@@ -127,7 +120,7 @@ def _range(axis: Any, time_s: np.ndarray, series: np.ndarray, colour: str, label
 def draw_curves(
     curve: pd.DataFrame, *, title: str, columns: Sequence[str], labels: Mapping[str, str]
 ) -> Figure:
-    """Positive columns of a training curve over its first column, on a logarithmic scale.
+    """Draw positive columns of a training curve over its first column, on a logarithmic scale.
 
     Raises:
         ValueError: a column is not in the curve.
