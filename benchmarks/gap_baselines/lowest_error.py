@@ -47,12 +47,12 @@ def lowest_error(case: Case, config: DiagnoseConfig) -> Said:
     place: dict[str, PlacedEffect] = {}
     told: dict[str, Forecast] = {}
     for lead in score_test(half, (), fit, offers):
-        name = lead.instance.effect.name
+        name = lead.placed.effect.name
         if name in place:
             continue  # its best place stands first
-        place[name] = lead.instance
+        place[name] = lead.placed
         x = fit_candidate(half, (), fit, lead, starts=1).fit.x
-        told[name] = forecast_blocks(contest, blocks, (lead.instance,), x)
+        told[name] = forecast_blocks(contest, blocks, (lead.placed,), x)
         error[name] = _square(contest, blocks, told[name])
     least = min(error.values())
     scores = {n: -0.5 * len(blocks.first) * np.log(e / least) for n, e in error.items() if np.isfinite(e)}

@@ -17,8 +17,8 @@ from lagsplat.diagnose.inference.plausibility import assess_implausibility
 from lagsplat.diagnose.inference.posterior import (
     Judgement,
     combine_effects,
+    compute_motionless_misfit,
     judge_hypotheses,
-    motionless_misfit,
     reject_effect,
 )
 from lagsplat.diagnose.inference.problem import EstimationProblem, build_problem
@@ -72,8 +72,7 @@ def diagnose(
     holdout, warnings = _forecast_holdout(
         problem, ranking, chosen, natural.longest_s, (sim.original or sim).model
     )
-    bare = ranking.none.fit.misfit / problem.degrees_of_freedom
-    if best is not None and chosen is best and _is_immaterial(holdout, best, bare, config):
+    if best is not None and chosen is best and _is_immaterial(problem, ranking, holdout, best, config):
         judgement, chosen = reject_effect(judgement), ranking.none
     checks = {
         "natural_period_s": natural.longest_s,
@@ -130,7 +129,7 @@ def _judge(
         problem.degrees_of_freedom,
         budget.nominal,
         config,
-        most=motionless_misfit(problem),
+        most=compute_motionless_misfit(problem),
         doubt=partial(assess_implausibility, problem, ranking, nominal=budget.nominal),
     )
 
@@ -204,12 +203,16 @@ def _excluded_windows_warning(problem: EstimationProblem) -> list[str]:
 
 
 def _is_immaterial(
-    holdout: HoldoutForecasts | None, best: HypothesisFit, misfit: float, config: DiagnoseConfig
+    problem: EstimationProblem,
+    ranking: ModelRanking,
+    holdout: HoldoutForecasts | None,
+    best: HypothesisFit,
+    config: DiagnoseConfig,
 ) -> bool:
-    """Whether ``best`` improves the forecasts too little; ``misfit`` is the mean square without effects."""
+    """Whether the best explanation improves the held-out forecasts too little to be named."""
     if holdout is None:
         return False
-    gap = holdout.gap
+    gap, misfit = holdout.gap, ranking.none.fit.misfit / problem.degrees_of_freedom
     if misfit < MATERIALITY.overestimated_noise_misfit and gap.before <= gap.floor:
         return True
     return (

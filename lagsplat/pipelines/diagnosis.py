@@ -80,7 +80,7 @@ def run_diagnosis(
             *((NOWHERE,) if where is None else ()),
         ),
         excitation=tuple(f"{row.effect}: {row.record}" for row in inputs.excitation if row.record),
-        absorbed=absorbed_effects() if inputs.same_recording else (),
+        absorbed=list_absorbed_effects() if inputs.same_recording else (),
         checks={
             **found.diagnosis.checks,
             "samples_as_one": config.effective_sample_ratio,
@@ -151,7 +151,7 @@ def _adapt_settings(inputs: DiagnosisInputs, config: DiagnoseConfig) -> Diagnose
         input_hold=hold,
     )
     if inputs.same_recording:
-        config = replace(config, without=[*config.without, *absorbed_effects()])
+        config = replace(config, without=[*config.without, *list_absorbed_effects()])
     if inputs.recordings is None:
         return config
     return replace(
@@ -175,7 +175,7 @@ def locate_with_verdict(where: ResidualLocation, found: DiagnosisRun) -> Residua
     return replace(where, level=chosen[0].level, components=shares)
 
 
-def absorbed_effects() -> tuple[str, ...]:
+def list_absorbed_effects() -> tuple[str, ...]:
     """Effects that a sim fitted to the same recording has already absorbed in its parameters."""
     return tuple(effect.name for effect in list_effects() if effect.absorbed_by_fit)
 

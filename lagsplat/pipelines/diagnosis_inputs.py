@@ -113,14 +113,22 @@ def open_diagnosis_inputs(sim: str, real: str, config: DiagnoseConfig) -> Diagno
         if held is not None:
             known, hold = held, "zoh"
             checked = replace(checked, findings=(*checked.findings, _held_inputs_finding(sim)))
-    if known.misfit > ESTIMATED_SIMULATOR.diverged_misfit:
-        lost = _lost_model_finding(known, sim) if models else _lost_recordings_finding(known, nominal)
-        checked = replace(checked, findings=(*checked.findings, lost))
-    if known.original is not None:
-        checked = replace(checked, findings=(*checked.findings, _recalibrated_finding(known, sim)))
-    if known.outlier_spans:
-        checked = replace(checked, findings=(*checked.findings, _disturbed_finding(known)))
+    findings = _simulator_findings(known, sim, () if models else nominal)
+    checked = replace(checked, findings=(*checked.findings, *findings))
     return DiagnosisInputs(known, checked, excitation, own, recordings, hold)
+
+
+def _simulator_findings(known: EstimatedSimulator, sim: str, nominal: Sequence[Trajectory]) -> list[Finding]:
+    """Findings on the simulator; ``nominal`` are the recordings it was estimated from, none for a given one."""
+    findings = []
+    if known.misfit > ESTIMATED_SIMULATOR.diverged_misfit:
+        lost = _lost_recordings_finding(known, nominal) if nominal else _lost_model_finding(known, sim)
+        findings.append(lost)
+    if known.original is not None:
+        findings.append(_recalibrated_finding(known, sim))
+    if known.outlier_spans:
+        findings.append(_disturbed_finding(known))
+    return findings
 
 
 def _decimate(checked: DataCheck, *, hold: str) -> DataCheck:

@@ -6,9 +6,9 @@ other number that can change a verdict: one class a subject, one instance a clas
 
 No number here is the result of a fitted calibration yet. "Commit" names the commit of this repository in
 which a value was set by hand: beside the value, or beside its class for all of them. Commits before 0de462e
-precede every sealed split of the benchmark; 0fc4d5b followed the opening of blind-1, 97c6964 and e6e25e8 that
-of the four-coordinate and video splits (a61a354), and 620ccf8 that of blind-6 (95ad2a5): values of these four
-were chosen with spent splits in view.
+precede every sealed split of the benchmark. Later ones followed the opening of one split or more (22a8644
+opened blind-1, 5353e65 blind-2, a61a354 two small splits, 95ad2a5 blind-6), so that their values may have
+been chosen with a spent split in view.
 """
 
 from dataclasses import dataclass

@@ -7,7 +7,7 @@ import numpy as np
 from lagsplat.diagnose.effects.base import PlacedEffect, SampleEffect
 from lagsplat.diagnose.estimation.multiple_shooting import ShootingFit
 from lagsplat.diagnose.estimation.rollout import RolloutModel
-from lagsplat.diagnose.inference.problem import joint_prior
+from lagsplat.diagnose.inference.problem import make_joint_prior
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,9 @@ class HypothesisFit:
         return slice(at, at + len(placed.effect.parameters))
 
 
-def log_evidence(hypothesis: HypothesisFit, rollout_model: RolloutModel, noise_inflation: float) -> float:
+def compute_log_evidence(
+    hypothesis: HypothesisFit, rollout_model: RolloutModel, noise_inflation: float
+) -> float:
     """Laplace's approximation of the log evidence [nat].
 
     Args:
@@ -49,7 +51,7 @@ def log_evidence(hypothesis: HypothesisFit, rollout_model: RolloutModel, noise_i
 
     Source: MacKay, "Information Theory, Inference, and Learning Algorithms", 2003, ch. 28.
     """
-    prior, fit = joint_prior(hypothesis.effects, rollout_model), hypothesis.fit
+    prior, fit = make_joint_prior(hypothesis.effects, rollout_model), hypothesis.fit
     effect_priors = [p.prior for e in hypothesis.effects for p in e.effect.parameters]
     log_prior = sum(p.log_density(float(x)) for p, x in zip(effect_priors, fit.x, strict=False))
     nuisance = fit.x[hypothesis.n_effect_parameters :] / prior.deviation[hypothesis.n_effect_parameters :]

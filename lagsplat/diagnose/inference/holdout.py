@@ -104,7 +104,9 @@ def forecast_blocks(
     return Forecast(flat.y - residual, expected.reshape(n_blocks, length, d))
 
 
-def relative_square_error(error: Float64[np.ndarray, "B L d"], rms: Float64[np.ndarray, " d"]) -> np.ndarray:
+def compute_relative_square_error(
+    error: Float64[np.ndarray, "B L d"], rms: Float64[np.ndarray, " d"]
+) -> np.ndarray:
     """Mean square of each block's error, in fractions of each coordinate's rms, (B,)."""
     return np.mean((error / rms) ** 2, axis=(1, 2))
 
@@ -187,7 +189,7 @@ def forecast_holdout(
         errors["after"][blocks.take(problem.repeated_samples)] = (
             0.0  # what repeats an earlier sample is explained
         )
-    squares = {name: relative_square_error(error, rms) for name, error in errors.items()}
+    squares = {name: compute_relative_square_error(error, rms) for name, error in errors.items()}
     squares["floor"] = np.mean(after.expected / rms**2, axis=(1, 2))
     gap = Gap(
         **{name: float(np.sqrt(np.mean(values))) for name, values in squares.items()},
@@ -216,7 +218,7 @@ def estimate_single_closure(
     forecast = forecast_blocks(problem, blocks, hypothesis.effects, fit_half(half, hypothesis))
     return estimate_closure(
         held.before,
-        relative_square_error(forecast.y - blocks.take(problem.rollout_model.dataset.q), rms),
+        compute_relative_square_error(forecast.y - blocks.take(problem.rollout_model.dataset.q), rms),
         held.floor,
     )
 

@@ -10,7 +10,7 @@ from lagsplat.diagnose.core.config import IDENTIFIABILITY
 from lagsplat.diagnose.effects.base import SampleEffect
 from lagsplat.diagnose.estimation.multiple_shooting import eliminate_starts
 from lagsplat.diagnose.inference.evidence import HypothesisFit
-from lagsplat.diagnose.inference.problem import EstimationProblem, joint_prior
+from lagsplat.diagnose.inference.problem import EstimationProblem, make_joint_prior
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ def _unexplained_square(problem: EstimationProblem, mark: np.ndarray, other: Hyp
     """The square of ``mark`` that regression on the ``other`` effect and on all nuisance parameters
     leaves."""
     fit = other.fit
-    spread = joint_prior(other.effects, problem.rollout_model).deviation
+    spread = make_joint_prior(other.effects, problem.rollout_model).deviation
     curvature, gradient, _, _, own = eliminate_starts(mark, fit.slopes, fit.start_slopes)
     flat = mark.reshape(len(mark), -1)
     # the effect itself has a flat prior, the nuisance parameters keep theirs

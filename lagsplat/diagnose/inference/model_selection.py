@@ -9,7 +9,7 @@ from scipy.ndimage import label, mean
 from lagsplat.diagnose.core.config import SELECTION, DiagnoseConfig
 from lagsplat.diagnose.effects.base import PlacedEffect, SampleEffect
 from lagsplat.diagnose.estimation.multiple_shooting import ShootingFit
-from lagsplat.diagnose.inference.evidence import HypothesisFit, log_evidence
+from lagsplat.diagnose.inference.evidence import HypothesisFit, compute_log_evidence
 from lagsplat.diagnose.inference.problem import EstimationProblem
 from lagsplat.diagnose.inference.score_test import ScoreTestResult, score_test
 
@@ -104,20 +104,14 @@ def rank_hypotheses(
         orders.append(order[: budget.families])
         for score in scores:
             family = by_family.setdefault(score.placed.effect.name, [])
-            if (
-                sum(hypothesis.placed is score.placed for hypothesis, _ in family) == 0
-                and len(family) < budget.places * 2
-            ):
+            is_new = all(previous.placed is not score.placed for previous, _ in family)
+            if is_new and len(family) < budget.places * 2:
                 family.append((score, HypothesisFit(base.effects, fit)))
-    chosen = list(
-        dict.fromkeys(
-            [name for row in zip(*orders, strict=False) for name in row]
-            + [name for order in orders for name in order]
-            + [name for name in budget.always_fitted if name in by_family]
-        )
-    )
+    names = [name for row in zip(*orders, strict=False) for name in row]
+    names += [name for order in orders for name in order]
+    names += [name for name in budget.always_fitted if name in by_family]
     found = []
-    for name in chosen:
+    for name in dict.fromkeys(names):
         report_progress(name)
         family = sorted(by_family[name], key=lambda pair: -pair[0].gain)[: budget.places]
         for score, start in family:
@@ -174,12 +168,13 @@ def rank_by_evidence(
         max(budget.nominal, min(least, explained) / problem.degrees_of_freedom)
         * budget.effective_sample_ratio
     )
-    floor = log_evidence(base, problem.rollout_model, noise_inflation) + (
+    floor = compute_log_evidence(base, problem.rollout_model, noise_inflation) + (
         budget.log_evidence_offset if first else 0.0
     )
     rows = [
         replace(
-            hypothesis, log_evidence=log_evidence(hypothesis, problem.rollout_model, noise_inflation) - floor
+            hypothesis,
+            log_evidence=compute_log_evidence(hypothesis, problem.rollout_model, noise_inflation) - floor,
         )
         for hypothesis in found
     ]

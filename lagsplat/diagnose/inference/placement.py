@@ -28,13 +28,13 @@ from lagsplat.diagnose.residual.latent_force import LatentForceEstimate, estimat
 from lagsplat.io.trajectory.trajectory import Trajectory
 
 
-def coordinate_directions(rollout_model: RolloutModel, names: Sequence[str]) -> list[Direction]:
+def list_coordinate_directions(rollout_model: RolloutModel, names: Sequence[str]) -> list[Direction]:
     """Directions along each coordinate."""
     eye = np.eye(rollout_model.model.d)
     return [make_direction(name, eye[i], rollout_model.model) for i, name in enumerate(names)]
 
 
-def joint_directions(rollout_model: RolloutModel, names: Sequence[str]) -> list[Direction]:
+def list_joint_directions(rollout_model: RolloutModel, names: Sequence[str]) -> list[Direction]:
     """Directions along the difference of each two coordinates, where these are few."""
     model, eye = rollout_model.model, np.eye(rollout_model.model.d)
     pairs = combinations(range(model.d if model.d <= PLACEMENT.max_joint_coordinates else 0), 2)
@@ -72,17 +72,17 @@ def make_placement_problem(
     u_names: Sequence[str],
 ) -> PlacementProblem:
     """What effects need to know of the mechanism and its recording to be placed."""
-    whole = largest_motion_scales(rollout_model)
+    whole = measure_largest_motion_scales(rollout_model)
     return PlacementProblem(
-        coordinates=tuple(coordinate_directions(rollout_model, q_names)),
-        pairs=tuple(joint_directions(rollout_model, q_names)),
+        coordinates=tuple(list_coordinate_directions(rollout_model, q_names)),
+        pairs=tuple(list_joint_directions(rollout_model, q_names)),
         hints=tuple(hints),
         inputs=tuple(
             (j, u_names[j], replace(whole, input=_rms(u), input_reach=float(np.abs(u).max())))
             for j, u in enumerate(rollout_model.dataset.u.T)
             if np.ptp(u) > 0.0
         ),
-        measure=partial(motion_scales, rollout_model),
+        measure=partial(measure_motion_scales, rollout_model),
         whole=whole,
         longest_clips=tuple(_longest_clips(rollout_model)),
         constant_inertia=len(rollout_model.model.mass) == 1,
@@ -99,7 +99,7 @@ def _rms(x: Float64[np.ndarray, " N"]) -> float:
     return float(np.sqrt(np.mean(x * x)))
 
 
-def motion_scales(rollout_model: RolloutModel, place: Direction, variant: str = "") -> Scales:
+def measure_motion_scales(rollout_model: RolloutModel, place: Direction, variant: str = "") -> Scales:
     """Sizes of the recorded motion along a direction."""
     s = (rollout_model.smooth - rollout_model.model.rest) @ place.covector
     v = rollout_model.dataset.v @ place.covector
@@ -120,11 +120,11 @@ def _stiffness(rollout_model: RolloutModel, place: Direction) -> float:
     return float(p @ rollout_model.model.stiffness @ p) / float(p @ rollout_model.model.inertia @ p)
 
 
-def largest_motion_scales(rollout_model: RolloutModel) -> Scales:
+def measure_largest_motion_scales(rollout_model: RolloutModel) -> Scales:
     """Sizes of the coordinate that moves most, by its kinetic energy."""
     energy = np.diag(rollout_model.model.inertia) * np.mean(rollout_model.dataset.v**2, axis=0)
     i = int(np.argmax(energy))
-    return motion_scales(
+    return measure_motion_scales(
         rollout_model, make_direction(None, np.eye(rollout_model.model.d)[i], rollout_model.model)
     )
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from lagsplat.diagnose.core.config import IMPLAUSIBILITY
 from lagsplat.diagnose.effects.base import SampleEffect
-from lagsplat.diagnose.inference.evidence import HypothesisFit, log_evidence
+from lagsplat.diagnose.inference.evidence import HypothesisFit, compute_log_evidence
 from lagsplat.diagnose.inference.model_selection import ModelRanking
 from lagsplat.diagnose.inference.problem import EstimationProblem
 
@@ -46,7 +46,7 @@ def assess_implausibility(
     shapes = sum(placed.effect.flexible for placed in hypothesis.effects)
     reasons = (
         Implausibility(
-            IMPLAUSIBILITY.unrepeated_chance * (1.0 - recurrence(hypothesis, problem)), "unrepeated"
+            IMPLAUSIBILITY.unrepeated_chance * (1.0 - measure_recurrence(hypothesis, problem)), "unrepeated"
         ),
         Implausibility(IMPLAUSIBILITY.flexible_chance if shapes > 1 else 0.0, "shapeless"),
         Implausibility(float(loose), "loose"),
@@ -54,7 +54,7 @@ def assess_implausibility(
     return max(reasons, key=lambda reason: reason.chance)
 
 
-def recurrence(hypothesis: HypothesisFit, problem: EstimationProblem) -> float:
+def measure_recurrence(hypothesis: HypothesisFit, problem: EstimationProblem) -> float:
     """How clearly the data show that the external effects of a hypothesis are external, from 0 to 1.
 
     It is 1 where there are none.
@@ -100,5 +100,5 @@ def relaxed_model_log_evidence(
     noise = nominal * problem.degrees_of_freedom
     if fit.misfit > max(best.fit.misfit, noise) + IMPLAUSIBILITY.relaxed_misfit_margin * noise:
         return -np.inf
-    there = log_evidence(HypothesisFit((), fit), loose.rollout_model, noise_inflation)
-    return there - log_evidence(best, rollout_model, noise_inflation)
+    there = compute_log_evidence(HypothesisFit((), fit), loose.rollout_model, noise_inflation)
+    return there - compute_log_evidence(best, rollout_model, noise_inflation)

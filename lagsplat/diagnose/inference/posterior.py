@@ -9,7 +9,7 @@ from lagsplat.diagnose.core.config import COMBINATIONS, VERDICT, DiagnoseConfig
 from lagsplat.diagnose.core.result import Verdict
 from lagsplat.diagnose.effects.base import PlacedEffect, SampleEffect
 from lagsplat.diagnose.effects.registry import catalogue, find_confusable
-from lagsplat.diagnose.inference.evidence import HypothesisFit, log_evidence
+from lagsplat.diagnose.inference.evidence import HypothesisFit, compute_log_evidence
 from lagsplat.diagnose.inference.model_selection import (
     ModelRanking,
     ProgressCallback,
@@ -17,7 +17,7 @@ from lagsplat.diagnose.inference.model_selection import (
     rank_hypotheses,
 )
 from lagsplat.diagnose.inference.plausibility import Implausibility
-from lagsplat.diagnose.inference.problem import EstimationProblem, excess_penalty
+from lagsplat.diagnose.inference.problem import EstimationProblem, compute_excess_penalty
 
 
 def combine_effects(
@@ -42,7 +42,7 @@ def combine_effects(
         config: settings of the diagnosis.
         report_progress: called with the name of each effect before it is fitted.
     """
-    singles = effects_above_none(
+    singles = select_probable_effects(
         ranking, [name for name in catalogue() if name not in config.without], config
     )
     if not singles:
@@ -51,7 +51,7 @@ def combine_effects(
     narrow = replace(budget, families=max(3, budget.families // 2), places=1, starts=1, always_fitted=())
     chain = [singles[0]]
     while len(chain) < COMBINATIONS.max_effects and (
-        excess_misfit(chain[-1], problem, budget.nominal) > COMBINATIONS.min_excess
+        compute_excess_misfit(chain[-1], problem, budget.nominal) > COMBINATIONS.min_excess
         or exceeds_prior(chain[-1], budget.nominal, config)
     ):
         beside = firsts[: COMBINATIONS.max_first_effects] if len(chain) == 1 else chain[-1:]
@@ -66,7 +66,7 @@ def combine_effects(
             break
         least = min(fit.fit.misfit for fit in larger) / problem.degrees_of_freedom
         noise_inflation = max(budget.nominal, least) * budget.effective_sample_ratio
-        best = max(larger, key=lambda fit: log_evidence(fit, problem.rollout_model, noise_inflation))
+        best = max(larger, key=lambda fit: compute_log_evidence(fit, problem.rollout_model, noise_inflation))
         # the share above the noise floor; the cost includes the penalty of the nuisance parameters
         floor = budget.nominal * problem.degrees_of_freedom
         if best.fit.cost - floor > (1.0 - config.second_effect_share) * (chain[-1].fit.cost - floor):
@@ -80,7 +80,7 @@ def _without_sample_effects(fits: Sequence[HypothesisFit]) -> list[HypothesisFit
     return [fit for fit in fits if not isinstance(fit.effects[-1].effect, SampleEffect)]
 
 
-def excess_misfit(hypothesis: HypothesisFit, problem: EstimationProblem, nominal: float) -> float:
+def compute_excess_misfit(hypothesis: HypothesisFit, problem: EstimationProblem, nominal: float) -> float:
     """Mean square residual of a fit above the nominal one [noise variances]."""
     return hypothesis.fit.misfit / problem.degrees_of_freedom - nominal
 
@@ -125,7 +125,7 @@ def _log_prior_penalty(fit: HypothesisFit) -> float:
     return effect.log_prior_penalty + effect.fitted_penalty(parameters, placed)
 
 
-def effects_above_none(
+def select_probable_effects(
     ranking: ModelRanking, names: list[str], config: DiagnoseConfig
 ) -> list[HypothesisFit]:
     """The best fit of every effect that is more probable than `none`, the most probable first."""
@@ -158,36 +158,39 @@ def choose_explanation(
     """The effect or set that explains the gap, the share of the gap that it leaves, and P(unknown).
 
     Two wrong effects imitate nearly anything, and three even more. So a set is chosen only if it leaves less
-    than `detectable_misfit` or ``config.sufficient_share``, and both for three effects. Otherwise the best
-    single effect is chosen, and P(unknown) is logistic in the logarithm of the share that it leaves.
+    than `compute_detectable_misfit` or ``config.sufficient_share``, and both for three effects. Otherwise the
+    best single effect is chosen, and P(unknown) is logistic in the logarithm of the share that it leaves.
 
     Args:
         chain: the best single effect, pair and triple.
-        before: `unexplained_misfit` without effects.
+        before: `compute_unexplained_misfit` without effects.
         freedom: degrees of freedom of the residual.
         nominal: mean square residual of the sim on its own recordings [noise variances].
         config: settings of the diagnosis.
     """
     if not chain:
         return None, 1.0, _unknown_probability(before, before, freedom, nominal, config)
-    unexplained = [unexplained_misfit(hypothesis, freedom, nominal, config) for hypothesis in chain]
+    unexplained = [compute_unexplained_misfit(hypothesis, freedom, nominal, config) for hypothesis in chain]
     share = [max(rest, 0.0) / max(before, rest, 1e-9) for rest in unexplained]
     if share[0] > config.sufficient_share or exceeds_prior(chain[0], nominal, config):
         for hypothesis, rest, part in zip(chain[1:], unexplained[1:], share[1:], strict=True):
-            enough = (rest < detectable_misfit(freedom, nominal, config), part < config.sufficient_share)
+            enough = (
+                rest < compute_detectable_misfit(freedom, nominal, config),
+                part < config.sufficient_share,
+            )
             if all(enough) if len(hypothesis.effects) > 2 else any(enough):
                 return hypothesis, part, VERDICT.min_unknown
     return chain[0], share[0], _unknown_probability(unexplained[0], before, freedom, nominal, config)
 
 
-def motionless_misfit(problem: EstimationProblem) -> float:
+def compute_motionless_misfit(problem: EstimationProblem) -> float:
     """Mean square of the motion about its mean [noise variances]: the misfit of a sim that does not move."""
     data = problem.data
     middle = np.average(data.y, axis=(0, 1), weights=data.weight > 0.0)
     return float((((data.y - middle) * data.weight) ** 2).sum()) / problem.degrees_of_freedom
 
 
-def unexplained_misfit(
+def compute_unexplained_misfit(
     hypothesis: HypothesisFit, freedom: float, nominal: float, config: DiagnoseConfig
 ) -> float:
     """Mean square that an explanation leaves above the nominal one [noise variances].
@@ -195,16 +198,17 @@ def unexplained_misfit(
     Nuisance parameters that moved further than their prior allows count as unexplained.
     """
     return (
-        hypothesis.fit.misfit + excess_penalty(hypothesis.fit, nominal * config.effective_sample_ratio)
+        hypothesis.fit.misfit
+        + compute_excess_penalty(hypothesis.fit, nominal * config.effective_sample_ratio)
     ) / freedom - nominal
 
 
 def exceeds_prior(hypothesis: HypothesisFit, nominal: float, config: DiagnoseConfig) -> bool:
     """Whether the nuisance parameters moved further than their prior allows."""
-    return excess_penalty(hypothesis.fit, nominal * config.effective_sample_ratio) > 0.0
+    return compute_excess_penalty(hypothesis.fit, nominal * config.effective_sample_ratio) > 0.0
 
 
-def detectable_misfit(freedom: float, nominal: float, config: DiagnoseConfig) -> float:
+def compute_detectable_misfit(freedom: float, nominal: float, config: DiagnoseConfig) -> float:
     """Excess mean square residual that is detectable [noise variances].
 
     The errors of a right law, plus `VERDICT.detectable_deviations` standard deviations of a mean square with
@@ -221,7 +225,7 @@ def detectable_misfit(freedom: float, nominal: float, config: DiagnoseConfig) ->
 def _unknown_probability(
     unexplained: float, before: float, freedom: float, nominal: float, config: DiagnoseConfig
 ) -> float:
-    loud = unexplained - detectable_misfit(freedom, nominal, config)
+    loud = unexplained - compute_detectable_misfit(freedom, nominal, config)
     if loud <= 0.0:
         return VERDICT.min_unknown
     share = min(loud / max(before, loud), 1.0)
@@ -248,12 +252,12 @@ def judge_hypotheses(
     Args: ranking: fits of the single effects. chain: the best single effect, pair and triple. freedom:
         degrees of freedom of the residual. nominal: mean square residual of the sim on its own recordings
         [noise variances]. config: settings of the diagnosis. most: largest gap that counts,
-        `motionless_misfit`; nearly anything explains most of a diverged rollout.
+        `compute_motionless_misfit`; nearly anything explains most of a diverged rollout.
         doubt: implausibility of an explanation.
     """
     names = [name for name in catalogue() if name not in config.without]
     scores = log_posteriors(ranking, names, config)
-    before = min(unexplained_misfit(ranking.none, freedom, nominal, config), most)
+    before = min(compute_unexplained_misfit(ranking.none, freedom, nominal, config), most)
     best, unexplained, p_unknown = choose_explanation(chain, before, freedom, nominal, config)
     implausibility = doubt(best or ranking.none)
     reason = implausibility.why if implausibility.chance > p_unknown else None
@@ -325,7 +329,7 @@ def find_equivalent_effects(ranking: ModelRanking) -> tuple[tuple[str, ...], ...
     return (tuple(equivalent),) if len(equivalent) > 1 else ()
 
 
-def laplace_interval(
+def compute_laplace_interval(
     hypothesis: HypothesisFit, bench_deviation: np.ndarray, prior: Sequence, noise_inflation: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Parameters of the effects at both ends of their 90 % intervals, by Laplace's approximation."""

@@ -86,7 +86,7 @@ class EstimationProblem:
 
     def prior(self, effects: Sequence[PlacedEffect]) -> GaussianPrior:
         """Prior of the parameters in a fit, narrowed by the noise inflation."""
-        prior = joint_prior(effects, self.rollout_model)
+        prior = make_joint_prior(effects, self.rollout_model)
         return replace(prior, deviation=prior.deviation / np.sqrt(self.noise_inflation))
 
     def fit(
@@ -116,12 +116,12 @@ class EstimationProblem:
         )
 
 
-def excess_penalty(fit: ShootingFit, noise_inflation: float) -> float:
+def compute_excess_penalty(fit: ShootingFit, noise_inflation: float) -> float:
     """Penalty of the nuisance parameters beyond what their prior allows, in the units of the misfit."""
     return max(fit.penalty - PROBLEM.max_squared_deviation * noise_inflation, 0.0)
 
 
-def joint_prior(effects: Sequence[PlacedEffect], rollout_model: RolloutModel) -> GaussianPrior:
+def make_joint_prior(effects: Sequence[PlacedEffect], rollout_model: RolloutModel) -> GaussianPrior:
     """Gaussian prior of the parameters of ``effects``, then of the nuisance parameters."""
     priors = [p.prior for e in effects for p in e.effect.parameters]
     spare = rollout_model.nuisance.deviation
@@ -142,7 +142,7 @@ class NaturalPeriods:
     shortest_s: float
 
 
-def natural_periods(model: MechanicalModel, fallback_s: float) -> NaturalPeriods:
+def estimate_natural_periods(model: MechanicalModel, fallback_s: float) -> NaturalPeriods:
     """Natural periods from stiffness and inertia at rest, limited to a factor of 3 (shortest: 5) from the
     motion's.
 
@@ -167,7 +167,7 @@ def build_problem(
         ValueError: the trajectories are too short for a single window.
     """
     model = sim.model
-    natural = natural_periods(model, estimate_spectral_period_s(real))
+    natural = estimate_natural_periods(model, estimate_spectral_period_s(real))
     ready = prepare_dataset(real, period_s=natural.shortest_s)
     record = ready.dataset
     omega = 2.0 * np.pi / natural.longest_s
@@ -225,7 +225,7 @@ def select_visible_directions(
     """The combinations of uncertain directions that the data can determine, the most visible first."""
     if not len(freedom):
         return freedom
-    prior, n = joint_prior((), problem.rollout_model), problem.rollout_model.nuisance.size
+    prior, n = make_joint_prior((), problem.rollout_model), problem.rollout_model.nuisance.size
     step = prior.step.copy()
     step[n - len(freedom) :] = 0.1
     residual, derivatives, start_derivatives = differentiate_predictions(
@@ -255,15 +255,15 @@ def measure_misfit(sim: EstimatedSimulator, problem: EstimationProblem) -> Estim
     still, length = np.zeros(problem.rollout_model.nuisance.size), problem.windows.length
     fit = problem.fit((), still)
     # the second fit knows the correlation: a long error then costs less to leave than to follow
-    noise_inflation = max(fit.misfit / problem.degrees_of_freedom, 1.0) * autocorrelation_time(
+    noise_inflation = max(fit.misfit / problem.degrees_of_freedom, 1.0) * compute_autocorrelation_time(
         fit.residual, length
     )
     fit = replace(problem, noise_inflation=noise_inflation).fit((), still)
-    left = (fit.misfit + excess_penalty(fit, noise_inflation)) / problem.degrees_of_freedom
-    return replace(sim, misfit=left, correlation=autocorrelation_time(fit.residual, length))
+    left = (fit.misfit + compute_excess_penalty(fit, noise_inflation)) / problem.degrees_of_freedom
+    return replace(sim, misfit=left, correlation=compute_autocorrelation_time(fit.residual, length))
 
 
-def autocorrelation_time(residual: Float64[np.ndarray, "W L d"], length: np.ndarray) -> float:
+def compute_autocorrelation_time(residual: Float64[np.ndarray, "W L d"], length: np.ndarray) -> float:
     """Samples that count as one independent sample: the two-sided sum of the autocorrelation to its first
     zero.
 

@@ -14,8 +14,8 @@ from lagsplat.diagnose.effects.parameters import UNITS
 from lagsplat.diagnose.estimation.dataset import Dataset
 from lagsplat.diagnose.estimation.multiple_shooting import compute_penalty, fit_multiple_shooting
 from lagsplat.diagnose.inference.evidence import HypothesisFit
-from lagsplat.diagnose.inference.posterior import laplace_interval
-from lagsplat.diagnose.inference.problem import EstimationProblem, joint_prior
+from lagsplat.diagnose.inference.posterior import compute_laplace_interval
+from lagsplat.diagnose.inference.problem import EstimationProblem, make_joint_prior
 
 
 def estimate_parameters(
@@ -41,7 +41,7 @@ def estimate_parameters(
         return {name: Parameter(v[0], v[1], v[2], UNITS[kinds[name]]) for name, v in sized.items()}
     known = [e for e in hypothesis.effects if not isinstance(e.effect, SampleEffect)]
     prior = [p.prior for e in known for p in e.effect.parameters]
-    low, high = laplace_interval(
+    low, high = compute_laplace_interval(
         replace(hypothesis, effects=tuple(known)),
         problem.rollout_model.nuisance.deviation,
         prior,
@@ -49,7 +49,7 @@ def estimate_parameters(
     )
     cut = hypothesis.parameter_slice(placed)
     rows = placed.to_physical(np.stack([hypothesis.fit.x[cut], low[cut], high[cut]]))
-    best, *ends = (published_parameters(placed, row, problem.rollout_model.dataset) for row in rows)
+    best, *ends = (list_published_parameters(placed, row, problem.rollout_model.dataset) for row in rows)
     out = {}
     for key, value in best.items():
         first, second = (end.get(key, value) for end in ends)
@@ -57,11 +57,11 @@ def estimate_parameters(
             first = second = value
         elif not isinstance(value, list) and first > second:
             first, second = second, first
-        out[key] = Parameter(value, first, second, parameter_unit(placed, key))
+        out[key] = Parameter(value, first, second, format_parameter_unit(placed, key))
     return out
 
 
-def parameter_unit(placed: PlacedEffect, key: str) -> str:
+def format_parameter_unit(placed: PlacedEffect, key: str) -> str:
     """Unit of a published parameter: its kind's, or that of the first in a list, or that of the first
     parameter."""
     kinds = {p.name: p.kind for p in placed.effect.parameters}
@@ -81,7 +81,7 @@ def parameter_unit(placed: PlacedEffect, key: str) -> str:
     return raw.format(q=name or "q", u=name or "u")
 
 
-def published_parameters(placed: PlacedEffect, row: np.ndarray, record: Dataset) -> dict[str, Any]:
+def list_published_parameters(placed: PlacedEffect, row: np.ndarray, record: Dataset) -> dict[str, Any]:
     """Physical values of an effect's parameters by published key; times are on the clocks of their files."""
     effect = placed.effect
     plain = {
@@ -122,13 +122,13 @@ def compute_profiles(
     if not np.isfinite(hypothesis.fit.curvature).all():
         return
     curvature = hypothesis.fit.curvature / noise_inflation + np.diag(
-        1.0 / joint_prior(effects, problem.rollout_model).deviation ** 2
+        1.0 / make_joint_prior(effects, problem.rollout_model).deviation ** 2
     )
     spread = np.sqrt(np.maximum(np.diag(np.linalg.pinv(curvature)), 0.0))
     count = 0
     for placed in effects:
         own = hypothesis.parameter_slice(placed)
-        keys = published_parameters(
+        keys = list_published_parameters(
             placed, placed.to_physical(hypothesis.fit.x[None, own])[0], problem.rollout_model.dataset
         )
         for i, parameter in enumerate(placed.effect.parameters):
@@ -143,10 +143,10 @@ def compute_profiles(
             rows[:, i] = x
             physical = placed.to_physical(rows)
             values = [
-                published_parameters(placed, row, problem.rollout_model.dataset)[parameter.name]
+                list_published_parameters(placed, row, problem.rollout_model.dataset)[parameter.name]
                 for row in physical
             ]
-            where = parameter_unit(placed, parameter.name)
+            where = format_parameter_unit(placed, parameter.name)
             yield ProfileLikelihood(placed.effect.name, parameter.name, where, np.array(values), fall)
 
 

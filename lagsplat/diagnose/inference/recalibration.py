@@ -25,9 +25,9 @@ from lagsplat.diagnose.inference.model_selection import SearchBudget, rank_hypot
 from lagsplat.diagnose.inference.placement import find_hints, place_effects
 from lagsplat.diagnose.inference.problem import (
     EstimationProblem,
-    autocorrelation_time,
     build_problem,
-    natural_periods,
+    compute_autocorrelation_time,
+    estimate_natural_periods,
 )
 from lagsplat.diagnose.mechanics.model import MechanicalModel
 from lagsplat.diagnose.mechanics.structure import (
@@ -78,7 +78,7 @@ def calibrate_null_evidence(
         problem = replace(problem, windows=quiet)
     else:
         problem, duration_ratio = match_windows(sim, reference, real, config), 1.0
-    natural = natural_periods(sim.model, estimate_spectral_period_s([part]))
+    natural = estimate_natural_periods(sim.model, estimate_spectral_period_s([part]))
     candidates = place_effects(
         problem.rollout_model,
         find_hints(sim.model, [part], period_s=natural.longest_s, hold=config.input_hold),
@@ -182,7 +182,7 @@ def recalibrate_simulator(
     )
 
 
-def movable_structure(model: MechanicalModel, step: tuple[int, int, int, int]) -> ModelStructure:
+def choose_structure(model: MechanicalModel, step: tuple[int, int, int, int]) -> ModelStructure:
     """The coefficients that may change in a step, as far as the model has them.
 
     The mass changes only as a whole: a fitted one may be nearly singular and soon be no longer positive.
@@ -208,7 +208,7 @@ def fit_coefficients(
         step: highest degrees of mass, damping, potential and input map that change.
         excess: mean square residual before the step [noise variances].
     """
-    moves = independent_directions(trial, model, movable_structure(model, step))
+    moves = find_independent_directions(trial, model, choose_structure(model, step))
     n = len(moves)
     belief = GaussianPrior(
         np.zeros(n),
@@ -221,7 +221,7 @@ def fit_coefficients(
     return CoefficientFit(shift_coefficients(model, fit.x @ moves), fit, moves)
 
 
-def independent_directions(
+def find_independent_directions(
     trial: IdentificationProblem, model: MechanicalModel, form: ModelStructure
 ) -> Float64[np.ndarray, "n K"]:
     """Independent coefficient changes, each of which changes the acceleration by its own rms.
@@ -247,7 +247,7 @@ def independent_directions(
     return (vectors[:, kept] / np.sqrt(values[kept])).T @ plain
 
 
-def inertia_direction(model: MechanicalModel) -> Float64[np.ndarray, " K"]:
+def make_inertia_direction(model: MechanicalModel) -> Float64[np.ndarray, " K"]:
     """The change of all coefficients that doubles the inertia and nothing else."""
     return np.concatenate([(name == "mass") * getattr(model, name).ravel() for name in COEFFICIENT_FIELDS])
 
@@ -258,13 +258,13 @@ def _unidentified_directions(fit: CoefficientFit, trial: IdentificationProblem) 
     The scale of the inertia is added, which no step changes: otherwise a wrong inertia of the law would
     appear as a change of mass in every diagnosis.
     """
-    moves = np.concatenate([fit.moves, inertia_direction(fit.model)[None]])
+    moves = np.concatenate([fit.moves, make_inertia_direction(fit.model)[None]])
     linear = trial.make_sensitivity(fit.model, moves).derivatives(
         np.zeros(len(moves)), fit.fit.starts, trial.data
     )
     curvature, *_ = eliminate_starts(*linear)
     misfit = max(fit.fit.misfit / max(trial.n_data - len(fit.moves), 1.0), 1.0)
-    alike = autocorrelation_time(fit.fit.residual, trial.windows.length)
+    alike = compute_autocorrelation_time(fit.fit.residual, trial.windows.length)
     return list_uncertain_directions(
         curvature / (misfit * alike), moves, deviation=RECALIBRATION.move_deviation
     )

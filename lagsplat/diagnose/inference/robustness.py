@@ -17,8 +17,8 @@ from lagsplat.diagnose.effects.registry import find_confusable
 from lagsplat.diagnose.inference.evidence import HypothesisFit
 from lagsplat.diagnose.inference.model_selection import ModelRanking, SearchBudget, rank_by_evidence
 from lagsplat.diagnose.inference.plausibility import Implausibility
-from lagsplat.diagnose.inference.posterior import Judgement, judge_hypotheses, motionless_misfit
-from lagsplat.diagnose.inference.problem import EstimationProblem, autocorrelation_time
+from lagsplat.diagnose.inference.posterior import Judgement, compute_motionless_misfit, judge_hypotheses
+from lagsplat.diagnose.inference.problem import EstimationProblem, compute_autocorrelation_time
 
 
 def inflate_noise(
@@ -33,7 +33,7 @@ def inflate_noise(
     left = min(best.fit.misfit / problem.degrees_of_freedom, float(np.median(each)))
     if left <= ROBUSTNESS.inflation_misfit * budget.nominal:
         return None
-    alike = autocorrelation_time(best.fit.residual, problem.windows.length)
+    alike = compute_autocorrelation_time(best.fit.residual, problem.windows.length)
     noise_inflation = max(problem.noise_inflation, left * alike)
     return replace(problem, noise_inflation=noise_inflation), replace(
         budget, effective_sample_ratio=max(budget.effective_sample_ratio, alike)
@@ -78,15 +78,15 @@ def check_robustness(
         ranking_again = _judge_again(
             shaken, ranking, chain, leading, candidates, again, config, lambda hypothesis: doubted
         )
-        answers[name] = most_probable_name(ranking_again)
-    own = most_probable_name(judgement)
+        answers[name] = find_most_probable_name(ranking_again)
+    own = find_most_probable_name(judgement)
     kin = {own} | find_confusable(own)
     return RobustnessCheck(
         sum(hypothesis in kin for hypothesis in answers.values()) < ROBUSTNESS.min_agreeing, answers
     )
 
 
-def most_probable_name(judgement: Judgement) -> str:
+def find_most_probable_name(judgement: Judgement) -> str:
     """The most probable name."""
     return next(iter(judgement.probabilities))
 
@@ -158,6 +158,6 @@ def _judge_again(
         shaken.degrees_of_freedom,
         budget.nominal,
         config,
-        most=motionless_misfit(shaken),
+        most=compute_motionless_misfit(shaken),
         doubt=doubt,
     )

@@ -10,7 +10,7 @@ from lagsplat.diagnose.effects.registry import catalogue
 from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
 from lagsplat.diagnose.inference.evidence import HypothesisFit
 from lagsplat.diagnose.inference.model_selection import ModelRanking
-from lagsplat.diagnose.inference.placement import largest_motion_scales
+from lagsplat.diagnose.inference.placement import measure_largest_motion_scales
 from lagsplat.diagnose.inference.plausibility import assess_implausibility
 from lagsplat.io.trajectory.trajectory import Trajectory
 from tests.unit.diagnose.toys import contest, film, oscillator, settings, wave
@@ -86,6 +86,6 @@ def test_where_repeats_are_many_those_about_a_turn_are_found_too() -> None:
 def test_what_only_moves_single_samples_is_not_doubted() -> None:
     one = contest([film(u=wave(5), noise=SIGMA, seconds=8.0)])
     none = HypothesisFit((), one.fit((), np.zeros(one.rollout_model.nuisance.size)))
-    drops = PlacedEffect(catalogue()["frame_drops"], largest_motion_scales(one.rollout_model))
+    drops = PlacedEffect(catalogue()["frame_drops"], measure_largest_motion_scales(one.rollout_model))
     said = HypothesisFit((drops,), none.fit, noise={"count": (3.0, 0.0, 6.0)})
     assert assess_implausibility(one, ModelRanking(none, (), 2.0), said, nominal=1.0).chance == 0.0

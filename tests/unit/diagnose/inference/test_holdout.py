@@ -9,16 +9,16 @@ from lagsplat.diagnose.effects.base import Direction, PlacedEffect
 from lagsplat.diagnose.effects.dynamics import linear_stiffness
 from lagsplat.diagnose.inference.evidence import HypothesisFit
 from lagsplat.diagnose.inference.holdout import (
+    compute_relative_square_error,
     count_diverged,
     cut_blocks,
     estimate_closure,
     fit_half,
     forecast_blocks,
     forecast_holdout,
-    relative_square_error,
     split_windows,
 )
-from lagsplat.diagnose.inference.placement import motion_scales
+from lagsplat.diagnose.inference.placement import measure_motion_scales
 from lagsplat.diagnose.inference.problem import EstimationProblem
 from tests.unit.diagnose.toys import OMEGA, RATE, contest, film, own, wave
 
@@ -37,7 +37,9 @@ def made() -> tuple[EstimationProblem, HypothesisFit, HypothesisFit]:
     films = [film(stiff, u=wave(i), noise=0.01, seconds=16.0 - 4.0 * i, seed=i) for i in (0, 1)]
     one = contest(films)
     along = Direction("q0", np.ones(1), 1.0)
-    effect = PlacedEffect(linear_stiffness.EFFECT, motion_scales(one.rollout_model, along), direction=along)
+    effect = PlacedEffect(
+        linear_stiffness.EFFECT, measure_motion_scales(one.rollout_model, along), direction=along
+    )
     n = one.rollout_model.nuisance.size
     none = HypothesisFit((), one.fit((), np.zeros(n)))
     true = HypothesisFit((effect,), one.fit((effect,), np.concatenate([[np.log(STIFFER)], np.zeros(n)])))
@@ -108,7 +110,7 @@ def test_the_floor_is_the_error_that_the_true_model_makes(
     one, _, true = made
     blocks = cut_blocks(one, split_windows(one)[1], period_s=PERIOD_S)
     told = forecast_blocks(one, blocks, true.effects, true.fit.x)
-    errors = relative_square_error(told.y - blocks.take(one.rollout_model.dataset.q), np.ones(1))
+    errors = compute_relative_square_error(told.y - blocks.take(one.rollout_model.dataset.q), np.ones(1))
     assert errors.mean() == pytest.approx(told.expected.mean(), rel=0.35)
 
 

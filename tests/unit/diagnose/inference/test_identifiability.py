@@ -9,12 +9,12 @@ from lagsplat.diagnose.effects.base import Direction, PlacedEffect
 from lagsplat.diagnose.effects.registry import catalogue
 from lagsplat.diagnose.inference.evidence import HypothesisFit
 from lagsplat.diagnose.inference.identifiability import compute_separability
-from lagsplat.diagnose.inference.placement import largest_motion_scales, motion_scales
+from lagsplat.diagnose.inference.placement import measure_largest_motion_scales, measure_motion_scales
 from lagsplat.diagnose.inference.problem import EstimationProblem
 from lagsplat.diagnose.inference.profile_likelihood import (
     compute_profiles,
     estimate_parameters,
-    parameter_unit,
+    format_parameter_unit,
 )
 from tests.unit.diagnose.toys import contest, film, own, wave
 
@@ -29,9 +29,11 @@ def stiff(t: float, q: float, v: float, u: float, z: np.ndarray) -> tuple[float,
 def fitted(one: EstimationProblem, name: str) -> HypothesisFit:
     effect = catalogue()[name]
     if effect.along == "channels":
-        instance = PlacedEffect(effect, largest_motion_scales(one.rollout_model), channel=0, input_name="u0")
+        instance = PlacedEffect(
+            effect, measure_largest_motion_scales(one.rollout_model), channel=0, input_name="u0"
+        )
     else:
-        instance = PlacedEffect(effect, motion_scales(one.rollout_model, ALONG), direction=ALONG)
+        instance = PlacedEffect(effect, measure_motion_scales(one.rollout_model, ALONG), direction=ALONG)
     start = [p.prior.mean for p in effect.parameters]
     begun = np.concatenate([start, np.zeros(one.rollout_model.nuisance.size)])
     return HypothesisFit((instance,), one.fit((instance,), begun))
@@ -81,7 +83,7 @@ def test_a_profile_peaks_at_the_fit_and_falls_by_its_interval(driven: Estimation
 
 def test_a_periodic_force_shows_a_whole_period() -> None:
     short = contest([film(seconds=8.0)])
-    along = motion_scales(short.rollout_model, ALONG)
+    along = measure_motion_scales(short.rollout_model, ALONG)
     effect = limit_period(catalogue()["external_periodic_force"], along)
     slowest = {p.name: p.prior for p in effect.parameters}["angular_frequency"]
     period_s = 2.0 * np.pi / (slowest.value(slowest.lowest) * along.of("rate"))
@@ -101,9 +103,9 @@ def test_every_number_has_its_unit(
     driven: EstimationProblem, name: str, variant: str, key: str, expected: str
 ) -> None:
     one = PlacedEffect(
-        catalogue()[name], motion_scales(driven.rollout_model, ALONG), variant, direction=ALONG
+        catalogue()[name], measure_motion_scales(driven.rollout_model, ALONG), variant, direction=ALONG
     )
-    assert parameter_unit(one, key) == expected
+    assert format_parameter_unit(one, key) == expected
 
 
 def test_numbers_that_no_single_unknown_makes_have_no_profile(driven: EstimationProblem) -> None:

@@ -8,10 +8,10 @@ from scipy.stats import multivariate_normal
 
 from lagsplat.diagnose.effects.base import PlacedEffect, SampleEffect
 from lagsplat.diagnose.estimation.multiple_shooting import ShootingFit, eliminate_starts
-from lagsplat.diagnose.inference.evidence import HypothesisFit, log_evidence
+from lagsplat.diagnose.inference.evidence import HypothesisFit, compute_log_evidence
 from lagsplat.diagnose.inference.model_selection import fit_candidate
 from lagsplat.diagnose.inference.placement import place_effects
-from lagsplat.diagnose.inference.problem import EstimationProblem, joint_prior
+from lagsplat.diagnose.inference.problem import EstimationProblem, make_joint_prior
 from lagsplat.diagnose.inference.score_test import score_test
 from tests.unit.diagnose.toys import contest, film, own, wave
 
@@ -55,8 +55,10 @@ def evidences(one: EstimationProblem) -> dict[str, float]:
     none = none_of(one)
     leads = score_test(one, (), none.fit, offers(one))
     fits = [fit_candidate(one, (), none.fit, lead, starts=1) for lead in leads]
-    floor = log_evidence(none, one.rollout_model, 1.0)
-    return {fit.effects[0].effect.name: log_evidence(fit, one.rollout_model, 1.0) - floor for fit in fits}
+    floor = compute_log_evidence(none, one.rollout_model, 1.0)
+    return {
+        fit.effects[0].effect.name: compute_log_evidence(fit, one.rollout_model, 1.0) - floor for fit in fits
+    }
 
 
 def test_the_true_effect_has_the_most_evidence_and_the_score_test_leads_to_it(
@@ -100,7 +102,7 @@ def test_evidence_is_the_integral_over_parameters_and_starts_where_all_is_linear
         misfit, starts = float((residual**2).sum()), np.zeros((3, 2))
         fit = ShootingFit(x, starts, residual, misfit, 0.0, curvature, log_det, 1, slopes, begun)
         bench = SimpleNamespace(nuisance=SimpleNamespace(deviation=deviation))
-        return log_evidence(HypothesisFit((), fit), bench, 1.0)  # type: ignore[arg-type]
+        return compute_log_evidence(HypothesisFit((), fit), bench, 1.0)  # type: ignore[arg-type]
 
     def truth(deviation: np.ndarray) -> float:
         seen = beyond @ design
@@ -113,7 +115,7 @@ def test_evidence_is_the_integral_over_parameters_and_starts_where_all_is_linear
 
 def test_unknowns_stand_in_the_order_effects_then_uncertainties(faithful: EstimationProblem) -> None:
     chosen = [o for o in offers(faithful) if not isinstance(o.effect, SampleEffect)][:2]
-    prior = joint_prior(chosen, faithful.rollout_model)
+    prior = make_joint_prior(chosen, faithful.rollout_model)
     own_ = [p.prior for o in chosen for p in o.effect.parameters]
     assert prior.mean[: len(own_)].tolist() == [p.mean for p in own_]
     assert prior.lowest[: len(own_)].tolist() == [p.lowest for p in own_]

@@ -6,14 +6,14 @@ import pytest
 from lagsplat.diagnose.effects.base import DisturbanceHints, ForceEffect, InputEffect
 from lagsplat.diagnose.effects.registry import catalogue
 from lagsplat.diagnose.inference.placement import (
-    coordinate_directions,
     extract_hints,
     find_spectral_lines,
-    motion_scales,
+    list_coordinate_directions,
+    measure_motion_scales,
     place_effects,
 )
 from lagsplat.diagnose.inference.problem import EstimationProblem
-from lagsplat.diagnose.inference.profile_likelihood import parameter_unit
+from lagsplat.diagnose.inference.profile_likelihood import format_parameter_unit
 from lagsplat.diagnose.residual.latent_force import estimate_latent_force
 from lagsplat.io.trajectory.trajectory import Trajectory
 from tests.unit.diagnose.residuals import made
@@ -99,22 +99,22 @@ def test_what_acts_in_a_joint_is_looked_for_between_two_coordinates_as_well() ->
     assert place.inertia == pytest.approx((inertia[0, 0] + inertia[1, 1] - 2.0 * inertia[0, 1]) / 4.0)
     assert len({one.label for one in found}) == len(found)
     friction = next(one for one in found if one.label == "coulomb_friction b - a")
-    assert parameter_unit(friction, "acceleration") == "(b - a)/s^2"
+    assert format_parameter_unit(friction, "acceleration") == "(b - a)/s^2"
 
 
 def test_sizes_are_those_of_the_motion(driven: EstimationProblem) -> None:
     record, model = driven.rollout_model.dataset, driven.rollout_model.model
-    place = coordinate_directions(driven.rollout_model, ("q0",))[0]
-    size = motion_scales(driven.rollout_model, place)
+    place = list_coordinate_directions(driven.rollout_model, ("q0",))[0]
+    size = measure_motion_scales(driven.rollout_model, place)
     assert size.coordinate == pytest.approx(np.sqrt(np.mean(record.q**2)), rel=5e-3)
     assert size.velocity == pytest.approx(np.sqrt(np.mean(record.v**2)), rel=1e-6)
     assert size.stiffness == pytest.approx(OMEGA**2, rel=1e-6)
     assert size.frame_s == pytest.approx(0.02)
     assert place.inertia == model.inertia[0, 0]
-    assert motion_scales(driven.rollout_model, place, "upper").reach == pytest.approx(
+    assert measure_motion_scales(driven.rollout_model, place, "upper").reach == pytest.approx(
         record.q.max(), rel=1e-2
     )
-    assert motion_scales(driven.rollout_model, place, "lower").reach == pytest.approx(
+    assert measure_motion_scales(driven.rollout_model, place, "lower").reach == pytest.approx(
         -record.q.min(), rel=1e-2
     )
 

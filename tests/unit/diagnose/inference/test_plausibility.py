@@ -12,11 +12,11 @@ from lagsplat.diagnose.effects.registry import catalogue
 from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
 from lagsplat.diagnose.inference.evidence import HypothesisFit
 from lagsplat.diagnose.inference.model_selection import ModelRanking
-from lagsplat.diagnose.inference.placement import largest_motion_scales, motion_scales
+from lagsplat.diagnose.inference.placement import measure_largest_motion_scales, measure_motion_scales
 from lagsplat.diagnose.inference.plausibility import (
     Implausibility,
     assess_implausibility,
-    recurrence,
+    measure_recurrence,
     relaxed_model_log_evidence,
 )
 from lagsplat.diagnose.inference.problem import EstimationProblem
@@ -28,7 +28,9 @@ ALONG = Direction("q0", np.ones(1), 1.0, 0.0)
 
 def explained(one: EstimationProblem, name: str, **unknowns: float) -> HypothesisFit:
     """The effect with parameters as given in their own units, whatever the data say."""
-    instance = PlacedEffect(catalogue()[name], motion_scales(one.rollout_model, ALONG), direction=ALONG)
+    instance = PlacedEffect(
+        catalogue()[name], measure_motion_scales(one.rollout_model, ALONG), direction=ALONG
+    )
     parameters = instance.effect.parameters
     x = [
         p.prior.unknown(unknowns.get(p.name.replace(" ", "_"), 0.0) / instance.scales.of(p.kind))
@@ -44,24 +46,24 @@ def test_a_push_comes_from_outside_only_where_its_state_is_passed_again() -> Non
     one = contest([film(u=lambda t: math.sin(2.0 * np.pi * 0.5 * t), seconds=20.0, start=(0.0, 0.0))])
     # halfway through a motion that repeats every two seconds
     among = explained(one, "external_push", acceleration_0=2.0, time_0=10.3, duration_0=0.2)
-    assert recurrence(among, one) == 1.0
+    assert measure_recurrence(among, one) == 1.0
     swing = contest([film(seconds=12.0, start=(0.8, 0.0))])
     # the first swing, which a decaying motion never reaches again
     first = explained(swing, "external_push", acceleration_0=2.0, time_0=0.1, duration_0=0.3)
-    assert recurrence(first, swing) < 0.5
+    assert measure_recurrence(first, swing) < 0.5
 
 
 def test_a_periodic_force_shows_only_where_it_repeats() -> None:
     one = contest([film(seconds=12.0)])
     slow = explained(one, "external_periodic_force", cosine=1.0, angular_frequency=2.0 * np.pi / 12.0)
     quick = explained(one, "external_periodic_force", cosine=1.0, angular_frequency=2.0 * np.pi)
-    assert recurrence(slow, one) < 0.3
-    assert recurrence(quick, one) == 1.0
+    assert measure_recurrence(slow, one) < 0.3
+    assert measure_recurrence(quick, one) == 1.0
 
 
 def test_what_depends_on_the_state_needs_no_repetition() -> None:
     one = contest([film(seconds=6.0)])
-    assert recurrence(explained(one, "coulomb_friction"), one) == 1.0
+    assert measure_recurrence(explained(one, "coulomb_friction"), one) == 1.0
 
 
 def several(t: float, q: float, v: float, u: float, z: np.ndarray) -> tuple[float, list[float]]:
@@ -81,7 +83,7 @@ def test_a_loose_sim_beats_an_effect_where_several_parameters_are_off() -> None:
     one = contest([film(several, u=U, noise=0.005, seconds=16.0)])
     none = HypothesisFit((), one.fit((), np.zeros(one.rollout_model.nuisance.size)))
     instance = PlacedEffect(
-        catalogue()["coulomb_friction"], motion_scales(one.rollout_model, ALONG), direction=ALONG
+        catalogue()["coulomb_friction"], measure_motion_scales(one.rollout_model, ALONG), direction=ALONG
     )
     start = np.concatenate([np.zeros(1), none.fit.x])
     wrong = HypothesisFit((instance,), one.fit((instance,), start))
@@ -92,7 +94,10 @@ def test_a_loose_sim_loses_against_the_one_parameter_that_is_off() -> None:
     one = contest([film(gain_only, u=U, noise=0.005, seconds=16.0)])
     none = HypothesisFit((), one.fit((), np.zeros(one.rollout_model.nuisance.size)))
     gain = PlacedEffect(
-        catalogue()["input_gain"], largest_motion_scales(one.rollout_model), channel=0, input_name="u0"
+        catalogue()["input_gain"],
+        measure_largest_motion_scales(one.rollout_model),
+        channel=0,
+        input_name="u0",
     )
     right = HypothesisFit((gain,), one.fit((gain,), np.concatenate([np.zeros(1), none.fit.x])))
     assert relaxed_model_log_evidence(one, none, right, nominal=1.0, noise_inflation=2.0) < 0.0
@@ -102,7 +107,7 @@ def test_a_loose_sim_that_explains_less_is_no_rival() -> None:
     one = contest([film(dry, u=U, noise=0.005, seconds=12.0)])
     none = HypothesisFit((), one.fit((), np.zeros(one.rollout_model.nuisance.size)))
     instance = PlacedEffect(
-        catalogue()["coulomb_friction"], motion_scales(one.rollout_model, ALONG), direction=ALONG
+        catalogue()["coulomb_friction"], measure_motion_scales(one.rollout_model, ALONG), direction=ALONG
     )
     right = HypothesisFit((instance,), one.fit((instance,), np.concatenate([[0.1], none.fit.x])))
     assert relaxed_model_log_evidence(one, none, right, nominal=1.0, noise_inflation=2.0) == -np.inf

@@ -14,9 +14,9 @@ from lagsplat.diagnose.inference.evidence import HypothesisFit
 from lagsplat.diagnose.inference.model_selection import ModelRanking
 from lagsplat.diagnose.inference.plausibility import Implausibility
 from lagsplat.diagnose.inference.posterior import (
+    compute_laplace_interval,
     find_equivalent_effects,
     judge_hypotheses,
-    laplace_interval,
     log_posteriors,
 )
 from tests.unit.diagnose.toys import settings
@@ -199,7 +199,7 @@ def test_what_evidence_cannot_separate_is_reported_as_a_class() -> None:
 
 def test_intervals_are_laplaces_made_wider_and_respect_the_bound() -> None:
     fit = replace(fitted(1.0, 3), x=np.array([0.1, 2.0, 0.0]), curvature=np.diag([400.0, 100.0, 1.0]))
-    low, high = laplace_interval(
+    low, high = compute_laplace_interval(
         HypothesisFit((PlacedEffect(catalogue()["external_periodic_force"], UNIT),), fit),
         np.zeros(0),
         [HalfNormal(1e3), Normal(1e3), Normal(1e3)],

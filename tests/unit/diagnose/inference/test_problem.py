@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from lagsplat.diagnose.inference.problem import autocorrelation_time
+from lagsplat.diagnose.inference.problem import compute_autocorrelation_time
 
 RNG = np.random.default_rng(5)
 
@@ -18,15 +18,15 @@ def series(rho, *, windows=40, length=400):
 
 def test_independent_samples_count_each():
     white = series(0.0)
-    np.testing.assert_allclose(autocorrelation_time(white, np.full(40, 400)), 1.0, atol=0.1)
+    np.testing.assert_allclose(compute_autocorrelation_time(white, np.full(40, 400)), 1.0, atol=0.1)
 
 
 def test_correlated_samples_count_as_their_autocorrelation_says():
     """(1 + rho) / (1 - rho) of an autoregression of first order."""
     tied = series(0.8)
-    np.testing.assert_allclose(autocorrelation_time(tied, np.full(40, 400)), 9.0, rtol=0.15)
+    np.testing.assert_allclose(compute_autocorrelation_time(tied, np.full(40, 400)), 9.0, rtol=0.15)
 
 
 def test_what_lies_beyond_a_window_does_not_count():
     padded = np.concatenate([series(0.8), np.full((40, 50, 2), 1e3)], axis=1)
-    np.testing.assert_allclose(autocorrelation_time(padded, np.full(40, 400)), 9.0, rtol=0.15)
+    np.testing.assert_allclose(compute_autocorrelation_time(padded, np.full(40, 400)), 9.0, rtol=0.15)

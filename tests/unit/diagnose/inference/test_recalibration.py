@@ -9,7 +9,7 @@ from lagsplat.diagnose.core.config import RECALIBRATION
 from lagsplat.diagnose.diagnosis import diagnose
 from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
 from lagsplat.diagnose.inference.problem import calibrate_misfit
-from lagsplat.diagnose.inference.recalibration import movable_structure, recalibrate_simulator
+from lagsplat.diagnose.inference.recalibration import choose_structure, recalibrate_simulator
 from lagsplat.diagnose.mechanics.model import MechanicalModel
 from tests.unit.diagnose.toys import HARD, RATE, film, oscillator, own, settings, wave
 
@@ -78,5 +78,5 @@ def test_a_release_that_it_never_saw_is_left_aside_and_told(known: EstimatedSimu
 
 
 def test_a_mass_moves_only_as_a_whole() -> None:
-    form = movable_structure(oscillator(), RECALIBRATION.degree_steps[0])
+    form = choose_structure(oscillator(), RECALIBRATION.degree_steps[0])
     assert (form.mass, form.damping, form.potential, form.input_map) == (1, 1, 5, 1)
