@@ -28,7 +28,7 @@ from lagsplat.runs.run import open_run
 from lagsplat.splat.cpu.slice import FrameRasterizer
 from lagsplat.splat.gaussians import Gaussians
 from lagsplat.viewer.rendering.renderer import ImageRenderer, open_renderer
-from lagsplat.viewer.server.drag import Drag, ImageDrag, RayDrag
+from lagsplat.viewer.server.canvas import Drag, ImageDrag, RayDrag
 from lagsplat.viewer.simulation.history import read_recorded_data
 from lagsplat.viewer.simulation.realtime_loop import RealtimeLoop
 from lagsplat.viewer.simulation.session import Session, Snapshot
@@ -92,68 +92,77 @@ def parts(d: int, n_inputs: int) -> dict[str, Callable[[], object]]:
         f"d = {d}, steps": lambda: law.step(q, q, u, load, dt_s=0.005),
         f"d = {d}, pictures": lambda: drawer.draw(q),
         f"d = {d}, a step, a picture and its JPEG": lambda: (
-            law.step(q, q, u, load, dt_s=0.005), encoded(drawer.draw(q)),
+            law.step(q, q, u, load, dt_s=0.005),
+            encoded(drawer.draw(q)),
         ),
-    }  # fmt: skip
+    }
 
 
-def object_at(held: OperatingPoint) -> np.ndarray:
+def object_at(operating_point: OperatingPoint) -> np.ndarray:
     """Where the matter is that moves most."""
-    kinematics = held.kinematics
-    most = kinematics.geometry.jacobian.flatten(1).norm(dim=1) * kinematics.presence(held.rest[None])[0]
-    return kinematics.places(held.rest[None])[0, most.argmax()].numpy()
+    kinematics = operating_point.kinematics
+    most = (
+        kinematics.geometry.jacobian.flatten(1).norm(dim=1)
+        * kinematics.presence(operating_point.rest[None])[0]
+    )
+    return kinematics.places(operating_point.rest[None])[0, most.argmax()].numpy()
 
 
-def hands_on(held: OperatingPoint, side: int) -> tuple[Callable[[np.ndarray], np.ndarray], Drag]:
+def hands_on(operating_point: OperatingPoint, side: int) -> tuple[Callable[[np.ndarray], np.ndarray], Drag]:
     """What draws a state, and a press on the object."""
-    easel, at = open_renderer(held.autoencoder, held.chart, side=side), object_at(held)
-    if isinstance(easel, ImageRenderer):
-        return easel.draw, ImageDrag(
-            at.clip(1.0, [held.kinematics.width - 1.0, held.kinematics.height - 1.0])
+    renderer, at = (
+        open_renderer(operating_point.autoencoder, operating_point.chart, side=side),
+        object_at(operating_point),
+    )
+    if isinstance(renderer, ImageRenderer):
+        return renderer.draw, ImageDrag(
+            at.clip(1.0, [operating_point.kinematics.width - 1.0, operating_point.kinematics.height - 1.0])
         )
-    turned = turn_camera(held, YAW_DEG, PITCH_DEG)
-    camera = replace(turned.resized(side, side), focal=(easel.filmed.focal[0],) * 2)
-    return lambda q: easel.seen(q, camera), RayDrag(held, camera, camera.project(at[None])[0])
+    turned = turn_camera(operating_point, YAW_DEG, PITCH_DEG)
+    camera = replace(turned.resized(side, side), focal=(renderer.recording_camera.focal[0],) * 2)
+    return lambda q: renderer.render_view(q, camera), RayDrag(
+        operating_point, camera, camera.project(at[None])[0]
+    )
 
 
-def grasp(session: Session, pull: Drag, now_s: float) -> None:
-    at, met = pull.aim(session.q)
-    session.grasp(at, met=met, asked_s=now_s)
+def grasp(session: Session, drag: Drag, now_s: float) -> None:
+    at, gaussian = drag.find_target(session.q)
+    session.grasp(at, gaussian=gaussian, requested_s=now_s)
 
 
 def measure_run(folder: str) -> None:
     run, settings = open_run(Path(folder)), compose()
-    held = hold_at_load(run.autoencoder, run.chart, run.lagrangian)
+    operating_point = hold_at_load(run.autoencoder, run.chart, run.lagrangian)
     recorded = read_recorded_data(run.chart, names=run.recording.input_names, units=run.recording.input_units)
-    session = Session(held, recorded, settings.viewer, settings.forces)
-    draw, pull = hands_on(held, settings.viewer.side)
-    alone = Session(held, recorded, settings.viewer, settings.forces)
-    steps, pictures = rate(alone.step), rate(lambda: encoded(draw(alone.q)))
+    session = Session(operating_point, recorded, settings.viewer, settings.forces)
+    draw, pull = hands_on(operating_point, settings.viewer.side)
+    loopback_only = Session(operating_point, recorded, settings.viewer, settings.forces)
+    steps, pictures = rate(loopback_only.step), rate(lambda: encoded(draw(loopback_only.q)))
     wide = ""
-    if held.kinematics.space == 3:
-        draw_wide, side = hands_on(held, settings.viewer.window)[0], settings.viewer.window
-        wide = f" ({rate(lambda: encoded(draw_wide(alone.q))):.0f} of {side} x {side})"
+    if operating_point.kinematics.space == 3:
+        draw_wide, side = hands_on(operating_point, settings.viewer.window)[0], settings.viewer.window
+        wide = f" ({rate(lambda: encoded(draw_wide(loopback_only.q))):.0f} of {side} x {side})"
     taken: dict[float, float] = {}
 
     def show(snapshot: Snapshot) -> None:
         encoded(draw(snapshot.q))
-        if snapshot.asked_s is not None:
-            taken.setdefault(snapshot.asked_s, 1e3 * (time.perf_counter() - snapshot.asked_s))
+        if snapshot.requested_s is not None:
+            taken.setdefault(snapshot.requested_s, 1e3 * (time.perf_counter() - snapshot.requested_s))
 
     loop = RealtimeLoop(session, show, pictures_hz=settings.viewer.pictures_hz)
     loop.start()
     began = time.perf_counter()
-    loop.tell(lambda s: grasp(s, pull, began))
+    loop.submit(lambda s: grasp(s, pull, began))
     for i in range(DRAGS):
         pointer, now = pull.press + np.array([np.sin(0.3 * i), 0.0]), time.perf_counter()
-        loop.tell(lambda s, pointer=pointer, now=now: s.pull(pull.way(pointer), asked_s=now))
+        loop.submit(lambda s, pointer=pointer, now=now: s.pull(pull.displacement(pointer), requested_s=now))
         time.sleep(0.05)
     kept = loop.rates()
     loop.stop()
     latency = statistics.median(taken.values())
     print(
-        f"{folder}: d = {held.law.d}, {held.kinematics.center.shape[0]} Gaussians in "
-        f"{held.kinematics.space} dimensions, recording at {1 / session.dt_s:.0f} Hz: up to {steps:.0f} "
+        f"{folder}: d = {operating_point.law.d}, {operating_point.kinematics.center.shape[0]} Gaussians in "
+        f"{operating_point.kinematics.space} dimensions, recording at {1 / session.dt_s:.0f} Hz: up to {steps:.0f} "
         f"session steps/s, {pictures:.0f} pictures/s{wide}; live "
         f"{kept[0]:.0f} steps/s and {kept[1]:.0f} pictures/s, drag to picture {latency:.1f} ms median, "
         f"{max(taken.values()):.1f} ms at most of {len(taken)}"

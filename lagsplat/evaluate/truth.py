@@ -20,7 +20,7 @@ from torch import Tensor
 from lagsplat.chart.chart import Chart
 from lagsplat.evaluate.free_motion import dominant_mode
 from lagsplat.evaluate.modes import fit_modes
-from lagsplat.forces.equilibrium import OperatingPoint, potential_energy
+from lagsplat.forces.equilibrium import OperatingPoint, compute_loaded_energy
 from lagsplat.forces.grasp import GraspPoint
 from lagsplat.stage2.lagrangian import Lagrangian, find_equilibrium
 
@@ -206,7 +206,7 @@ def has_settled_elsewhere(
     """
     rng, d = np.random.default_rng(seed), held.law.d
     turns = [np.linalg.qr(rng.standard_normal((d, d)))[0] for _ in range(2)]
-    mixing = held.reach * turns[0] @ np.diag(rng.uniform(0.6, 1.7, d)) @ turns[1]
+    mixing = held.visited_radius * turns[0] @ np.diag(rng.uniform(0.6, 1.7, d)) @ turns[1]
     ready, rest = held.law.prepare(), held.rest.numpy()
 
     def back(x: np.ndarray) -> np.ndarray:
@@ -222,7 +222,8 @@ def has_settled_elsewhere(
         q = torch.from_numpy(back(x))
         with torch.no_grad():
             return float(
-                potential_energy(held.law, q[None], held.u[None])[0] - torch.from_numpy(force) @ grip.place(q)
+                compute_loaded_energy(held.law, q[None], held.u[None])[0]
+                - torch.from_numpy(force) @ grip.place(q)
             )
 
     near = minimize(value, np.zeros(d), jac=slope, method="BFGS").x

@@ -1,28 +1,28 @@
-"""Settings of forces given in the image. Torch-free, so that planning stays fast."""
+"""Settings of forces given in the image; loads no torch, so that planning stays fast."""
 
 from dataclasses import dataclass
 
 
 @dataclass  # not frozen: OmegaConf turns frozen dataclasses into read-only nodes
 class ForcesConfig:
-    """How a force takes hold of the picture, and how large the shown and the checked ones are.
+    """Size of the brush and the forces that figures and checks apply.
 
     Raises:
         ValueError: a value outside its domain.
     """
 
     brush: float
-    """Radius of the brush, as a fraction of the picture's width."""
+    """Radius of the brush as a share of the image's width."""
     response: float
-    """Of the range that the training frames visit: how far the figure's force drives the state."""
+    """Distance that the force of a figure moves the state, as a share of the visited radius."""
     points: int
-    """Material points a body along each direction at which the truth is asked."""
+    """Material points per body along each direction at which the truth is computed."""
     directions: int
     """Directions of the force at each point, evenly spaced."""
     levels: list[float]
-    """Of the visited range: how far the forces drive the true state."""
+    """Distances that the forces move the true state, as shares of the visited radius."""
     periods: float
-    """Length of the answer in time to a sudden force, in slowest natural periods."""
+    """Length of the response to a sudden force in slowest natural periods."""
 
     def __post_init__(self) -> None:
         """Check the domains."""

@@ -1,8 +1,7 @@
-"""Where a law settles under held inputs and held forces: the minimum of ``V - u.nu - load.q``.
+"""Equilibria of a law under constant inputs and loads: the minima of ``V - u.nu - load.q``.
 
-A fitted run held at one operating point, ready to be pushed.
-
-The one number that a film does not tell: how much energy of the law is a joule.
+`OperatingPoint` is a run at rest, ready to be pushed. `fit_energy_scale` finds the number that a video cannot
+show: how much energy of the law is a joule.
 """
 
 from dataclasses import dataclass
@@ -22,17 +21,19 @@ from lagsplat.stage2.lagrangian import UNTOUCHED, Lagrangian, LawEdits, Prepared
 
 ITERATIONS = 200
 TOLERANCE = 1e-10
-"""Of the force left over, relative to the load and to the force that a whitened unit takes at the start."""
+"""Largest remaining force, relative to the load plus the force of a whitened unit at the start."""
 LEAST_CURVATURE = 1e-6
-"""Relative to the largest: below it, or negative, a curvature is replaced before the step."""
+"""Smallest curvature in a Newton step, relative to the largest."""
 DECREASE = 1e-4
+"""Armijo's constant: share of the predicted decrease that a step must reach."""
 UNRESOLVED = 1e-12
-"""Of the energy, or of one: gains below it drown in rounding, and Newton's step is taken as it is."""
+"""Predicted decrease, relative to 1 plus the energy, that rounding hides: the step is accepted."""
 SHORTEST = 2.0**-40
+"""Smallest factor on a Newton step."""
 
 
 class NotSettledError(ValueError):
-    """An equilibrium that was not reached, for instance because the energy left the finite numbers."""
+    """No equilibrium was reached, for instance because the energy overflowed."""
 
 
 def settle(
@@ -43,13 +44,19 @@ def settle(
     edits: LawEdits = UNTOUCHED,
     start: Float[Tensor, " d"] | None = None,
 ) -> Latents:
-    """The equilibria (B, d) under inputs ``u`` and generalised forces ``load``, one a row.
+    """Find the equilibria (B, d) under inputs ``u`` and generalised forces ``load``, one per row.
 
-    Newton's method on the energy: where its Hessian is not positive definite its eigenvalues are replaced by
-    their size, so that each direction descends, and a step is halved until the energy falls by Armijo's rule.
-    The energy is coercive (the quadratic floor of ``V`` outgrows a load, linear in ``q``), so its lower level
-    sets are compact and every limit point is stationary, whatever the networks learned and however large the
-    load. Begins at ``start``, or at the law's rest state.
+    Newton's method on the energy. Where its Hessian is not positive definite, eigenvalues are replaced by
+    their absolute value, so that every step descends; a step is halved until the energy falls by Armijo's
+    rule. The energy is coercive because the quadratic floor of ``V`` outgrows the linear work of a load.
+    Hence its lower level sets are compact and every limit point is stationary for any network and load.
+
+    Args:
+        law: the law.
+        u: constant inputs, one row per equilibrium.
+        load: generalised forces, one row per equilibrium.
+        edits: factors on damping, inertia and stiffness.
+        start: first state of the iteration; the rest state of the law if not given.
 
     Raises:
         NotSettledError: the load is so large that energies overflow, or the iterations do not suffice.
@@ -65,10 +72,10 @@ def settle(
     scale = load.norm(dim=1) + hessian.abs().amax((1, 2))
     overflow = not bool(torch.isfinite(scale).all())
     for _ in range(0 if overflow else ITERATIONS):
-        left = ~(force.norm(dim=1) <= TOLERANCE * scale)  # what is not a number is left, too
-        if not bool(left.any()):
+        moving = ~(force.norm(dim=1) <= TOLERANCE * scale)  # true for NaN, too
+        if not bool(moving.any()):
             return _polish(loaded, q, u, force, hessian, ready)
-        q = torch.where(left[:, None], _descend(loaded, q, u, force, hessian), q)
+        q = torch.where(moving[:, None], _descend(loaded, q, u, force, hessian), q)
         force, hessian = _slopes(loaded, q, u, ready)
     worst = int((force.norm(dim=1) / scale).nan_to_num(torch.inf).argmax())
     raise NotSettledError(
@@ -79,19 +86,19 @@ def settle(
 
 
 def compute_loaded_energy(law: Lagrangian, q: Latents, u: Inputs) -> Float[Tensor, " B"]:
-    """``V - u.nu``, and less the work of the load if there is one."""
+    """Compute ``V - u.nu``, less the work of the load if there is one."""
     return law.potential(q) - (law.volume(q, u) * u).sum(1)
 
 
 def compute_static_stiffness(law: Lagrangian, q: Latents, u: Inputs) -> Float[Tensor, "B d d"]:
-    """The symmetric Hessian of the energy at ``q``."""
+    """Compute the symmetric Hessian of the energy at ``q``."""
     return _slopes(law, q, u, law.prepare())[1]
 
 
 def _slopes(
     law: Lagrangian, q: Latents, u: Inputs, ready: PreparedCoefficients
 ) -> tuple[Latents, Float[Tensor, "B d d"]]:
-    """Force at ``q`` and the symmetric Hessian of the energy."""
+    """Compute the force at ``q`` and the symmetric Hessian of the energy."""
     with torch.enable_grad():
         point = q.detach().requires_grad_()
         force = law.conservative_force(point, u, ready)
@@ -129,24 +136,28 @@ def _polish(
     hessian: Float[Tensor, "B d d"],
     ready: PreparedCoefficients,
 ) -> Latents:
-    """After one more Newton step where that leaves less of the force: differences of answers are small."""
+    """Take one more Newton step where it lowers the force; responses are small differences of equilibria."""
     closer = q + torch.linalg.solve_ex(hessian, force[:, :, None])[0][:, :, 0]
-    left = law.conservative_force(closer, u, ready).norm(dim=1)
-    return torch.where((left < force.norm(dim=1))[:, None], closer, q)
+    remaining = law.conservative_force(closer, u, ready).norm(dim=1)
+    return torch.where((remaining < force.norm(dim=1))[:, None], closer, q)
 
 
 VISITED = 0.99
-"""Quantile of the training states' distances from the rest: what lies further was hardly seen."""
+"""Quantile of the distances of the training states from rest that gives the visited radius."""
 MAGNITUDES = 60
+"""Forces among which the requested one is interpolated."""
 SPAN = 1e4
+"""Ratio of the largest to the smallest of these forces."""
 STILL = 1e-6
-"""Of the largest Jacobian: matter that moves less does not move."""
+"""Share of the largest Jacobian below which matter does not move."""
 
 
 @dataclass(frozen=True)
 class OperatingPoint:
-    """A law at rest under the constant inputs ``u`` (n_u,), in the state ``rest`` (d,); ``reach`` is how
-    far training states lie from there, the 99th percentile [whitened units].
+    """A law at rest in the state ``rest`` (d,) under the constant inputs ``u`` (n_u,).
+
+    ``visited_radius`` is the 99th percentile of the distances of the training states from rest [whitened
+    units].
 
     Example:
         >>> import lagsplat
@@ -164,13 +175,13 @@ class OperatingPoint:
     visited_radius: float
 
     def equilibria(self, loads: Float[Tensor, "B d"]) -> Latents:
-        """Equilibria under generalised forces, one a row."""
+        """Find the equilibria under generalised forces, one per row."""
         return settle(self.law, self.u.expand(len(loads), -1), loads, start=self.rest)
 
     def render_images(
         self, q: Latents, *, scale: int = 1, view: View | None = None
     ) -> Float[np.ndarray, "B H W 3"]:
-        """Pictures at whitened states, ``scale`` times as large as in training; in space of any camera."""
+        """Draw whitened states, ``scale`` times as large as in training; in space from any camera."""
         raw = torch.from_numpy(self.chart.to_raw(q.numpy())).to(self.autoencoder.gaussians.center)
         with torch.no_grad():
             drawn = self.autoencoder.decode(
@@ -179,21 +190,21 @@ class OperatingPoint:
         return np.moveaxis(drawn.cpu().numpy(), 1, 3)
 
     def find_force_size(
-        self, grip: GraspPoint, direction: Float64[np.ndarray, " n"], *, share: float
+        self, grasp_point: GraspPoint, direction: Float64[np.ndarray, " n"], *, share: float
     ) -> float:
-        """The force along ``direction`` on ``grip`` that drives the state ``share`` of the reach away.
+        """Find the force along ``direction`` that moves the state by ``share`` of the visited radius.
 
-        In the law's own units of energy per pixel. Found among forces four decades apart at most, around what
-        the stiffness at rest asks for, and interpolated.
+        The force [energy of the law per px] is interpolated among forces within four decades around the
+        linear estimate from the stiffness at rest.
 
         Raises:
             ValueError: the matter there does not move along ``direction``.
         """
-        unit = grip.pull_back(torch.from_numpy(direction))
+        unit = grasp_point.pull_back(torch.from_numpy(direction))
         if not float(unit.norm()) > STILL * float(self.kinematics.geometry.jacobian.abs().max()):
             raise ValueError(
-                f"a force along {direction.tolist()} moves nothing at {grip.at.tolist()}: the matter there "
-                "does not move that way; choose another point or direction"
+                f"a force along {direction.tolist()} moves nothing at {grasp_point.at.tolist()}: the matter "
+                "there does not move that way; choose another point or direction"
             )
         small = 1e-3 * self.visited_radius / float(unit.norm())
         answer = float((self.equilibria(small * unit[None])[0] - self.rest).norm())
@@ -206,7 +217,7 @@ class OperatingPoint:
 def hold_at_load(
     autoencoder: Autoencoder, chart: Chart, law: Lagrangian, u: Float64[np.ndarray, " n_u"] | None = None
 ) -> OperatingPoint:
-    """A run at rest under constant inputs: the mean of the training ones unless told otherwise."""
+    """Hold a run at rest under constant inputs ``u``, by default the mean of the training inputs."""
     inputs = torch.from_numpy(chart.train.inputs.mean(0) if u is None else u)
     rest = settle(law, inputs[None], torch.zeros(1, law.d, dtype=torch.float64))[0]
     away = np.linalg.norm(chart.train.latents - rest.numpy(), axis=1)
@@ -217,56 +228,65 @@ def hold_at_load(
 
 
 SIZES = 81
+"""Energy scales among which the answer is interpolated."""
 SCALE_SPAN = 1e4
+"""Ratio of the largest to the smallest of these scales."""
 
 
 class NoScaleError(ValueError):
-    """A poke that no energy scale makes the law answer as measured; the message says why."""
+    """No energy scale makes the response of the law match a measured push; the message says why."""
 
 
 def compute_motion_ratio(
     answer: Float64[np.ndarray, "*B P n"], measured: Float64[np.ndarray, "P n"]
 ) -> Float64[np.ndarray, "*B"]:
-    """How much of the measured ways an answer makes, by least squares: 1 where it is as large."""
+    """Compute the least-squares ratio of a response to the measured displacements; 1 where they agree."""
     return np.einsum("...pc,pc->...", answer, measured) / np.sum(measured**2)
 
 
 def fit_energy_scale(
-    held: OperatingPoint,
+    operating_point: OperatingPoint,
     load: Float64[np.ndarray, " d"],
     jacobian: Float64[np.ndarray, "P n d"],
     measured: Float64[np.ndarray, "P n"],
 ) -> float:
-    """The factor kappa with which the law answers ``kappa load`` by as much as was ``measured``.
+    """Fit the factor kappa with which the response to ``kappa load`` matches the measured displacements.
 
-    ``load`` is a known force, pulled back; ``measured`` are the ways [px] of points of the object, whose
-    matter the model moves by ``jacobian``. One poke decides, and kappa is one for the whole model.
+    One push decides; kappa holds for the whole model.
+
+    Args:
+        operating_point: the run at rest.
+        load: the generalised force of a known force.
+        jacobian: Jacobians of the observed points [px per whitened unit].
+        measured: their measured displacements [px].
 
     Raises:
-        NoScaleError: the answer does not grow along the measured ways, whatever the force.
+        NoScaleError: the response does not grow along the measured displacements.
 
     Source: paper, "Interaction and Inference", the energy factor.
     """
     direction = torch.from_numpy(load)
 
-    def shares(sizes: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, " n"]:
-        away = (held.equilibria(torch.from_numpy(sizes)[:, None] * direction) - held.rest).numpy()
+    def motion_ratios(sizes: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, " n"]:
+        away = (
+            operating_point.equilibria(torch.from_numpy(sizes)[:, None] * direction) - operating_point.rest
+        ).numpy()
         return compute_motion_ratio(np.einsum("pcd,nd->npc", jacobian, away), measured)
 
-    small = 1e-3 * held.visited_radius / max(float(np.linalg.norm(load)), 1e-300)
-    slope = float(shares(np.array([small]))[0]) / small
+    small = 1e-3 * operating_point.visited_radius / max(float(np.linalg.norm(load)), 1e-300)
+    slope = float(motion_ratios(np.array([small]))[0]) / small
     if not slope > 0.0:
         raise NoScaleError(
-            "the law answers this poke against the measured way, or not at all: no energy scale makes them "
-            "agree; poke another point"
+            "the law moves against the measured displacement, or not at all: no energy scale makes them "
+            "agree; push another point"
         )
     sizes = np.geomspace(1.0 / np.sqrt(SCALE_SPAN), np.sqrt(SCALE_SPAN), SIZES) / slope
-    found = shares(sizes)
-    after = int(np.argmax(found >= 1.0))
+    ratios = motion_ratios(sizes)
+    after = int(np.argmax(ratios >= 1.0))
     if after == 0:
         raise NoScaleError(
-            "no energy scale within four decades makes the law answer as measured; poke softer"
+            "no energy scale within four decades makes the law respond as measured; push with less force"
         )
-    low, high = np.log(np.maximum(found[after - 1 : after + 1], 1e-300))
+    low, high = np.log(np.maximum(ratios[after - 1 : after + 1], 1e-300))
     ratio = -low / (high - low)
     return float(np.exp(np.log(sizes[after - 1]) + ratio * np.log(sizes[after] / sizes[after - 1])))

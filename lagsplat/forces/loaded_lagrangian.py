@@ -80,8 +80,8 @@ def rollout_under_force(
 ) -> tuple[Float[Tensor, "B N d"], Float[Tensor, "B N d"]]:
     """States and velocities (per second) at ``N`` instants ``dt_s`` apart; the first is the given one.
 
-    Load ``i``, from `lagsplat.forces.grasp.GraspPoint.pull_back`, and input ``i`` are held from state ``i`` to
-    ``i + 1``. Never raises on divergence: a row that leaves the finite numbers stays outside them.
+    Load ``i`` (see `lagsplat.forces.grasp.GraspPoint.pull_back`) and input ``i`` are constant from state
+    ``i`` to ``i + 1``. Never raises on divergence: a row that leaves the finite numbers stays outside them.
 
     Raises:
         ValueError: a load that is not finite.

@@ -58,7 +58,7 @@ def export_page(folder: Path, experiment: Config, out: Path) -> None:
     from lagsplat.viewer.static_page.build import save_page
 
     session = pushable(open_run(folder), experiment)
-    kinematics = session.held.kinematics
+    kinematics = session.operating_point.kinematics
     coordinates = "one learned coordinate" if kinematics.d == 1 else f"{kinematics.d} learned coordinates"
     seen = "one camera" if kinematics.space == 2 else "cameras on several sides"
     subtitle = f"Seen by {seen}, never pushed. {kinematics.center.shape[0]} Gaussians, {coordinates}."
@@ -68,8 +68,8 @@ def export_page(folder: Path, experiment: Config, out: Path) -> None:
 
 def pushable(run: FittedRun, experiment: Config) -> Session:
     """A run at rest, ready to be pushed."""
-    held, recorded = held_run(run)
-    return Session(held, recorded, experiment.viewer, experiment.forces)
+    operating_point, recorded = held_run(run)
+    return Session(operating_point, recorded, experiment.viewer, experiment.forces)
 
 
 def held_run(run: FittedRun) -> tuple[OperatingPoint, RecordedData]:

@@ -5,32 +5,32 @@ from dataclasses import dataclass
 
 @dataclass  # not frozen: OmegaConf turns frozen dataclasses into read-only nodes
 class ViewerConfig:
-    """Where the live page is served, how it is paced and what it keeps.
+    """Settings of the live page and of an interactive session.
 
     Raises:
         ValueError: a value outside its domain.
     """
 
     host: str
-    """Address that the server listens on; anything but loopback opens it to the network."""
+    """Address that the server listens on; any other than loopback opens it to the network."""
     port: int
-    """The first one tried; the next free one is taken."""
+    """First port to try; the next free one is taken."""
     pictures_hz: float
-    """Pictures a second at most; the dynamics keep the recording's rate whatever the pictures do."""
+    """Largest number of frames a second; the dynamics keep the rate of the recording."""
     side: int
-    """Longer side of the drawn picture [px]."""
+    """Longer side of the drawn image [px]."""
     window: int
-    """The same of what each visitor sees of a run in space."""
+    """Longer side of the image that each visitor sees of a run in space [px]."""
     reach: float
-    """Of the picture's width: the drag that drives the state ``forces.response`` of the visited range."""
+    """Drag, as a share of the image's width, that moves the state by ``forces.response``."""
     beyond: float
-    """Of the rms spread of the recorded states: how far from the nearest of them is still covered."""
+    """Distance from the recorded states that still counts as covered, as a share of their rms spread."""
     divergence: float
-    """Of how far the recorded states reach: the integration stops beyond it."""
+    """Distance from rest at which the integration stops, as a multiple of the visited radius."""
     history_s: float
-    """How much the live plots show [s]."""
+    """Time span of the live plots [s]."""
     log_s: float
-    """How much of a session is kept for a file [s]; older samples are dropped."""
+    """Time span of a session that is kept for a file [s]; older steps are dropped."""
 
     def __post_init__(self) -> None:
         """Check the domains."""

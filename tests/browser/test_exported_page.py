@@ -65,7 +65,9 @@ def test_the_picture_is_the_one_that_python_draws(page) -> None:
     one, state = disc(), 0.6
     drawn = pixels(page, [state])
     assert drawn.shape == (192, 256, 3)
-    expected = 255.0 * one.held.pictures(torch.tensor([[state]], dtype=torch.float64), scale=8)[0]
+    expected = (
+        255.0 * one.operating_point.render_images(torch.tensor([[state]], dtype=torch.float64), scale=8)[0]
+    )
     assert np.abs(drawn - expected).max() < 4.0
     assert np.abs(drawn - expected).mean() < 0.5
 

@@ -42,10 +42,10 @@ def test_the_picture_is_the_one_that_python_draws(page, plate, side) -> None:
     state, (yaw, pitch, zoom) = 0.6, side
     page.evaluate(LOOK, side)
     drawn = pixels(page, [state])
-    camera = turn_camera(plate.held, yaw, pitch)
+    camera = turn_camera(plate.operating_point, yaw, pitch)
     view = make_view([replace(camera, focal=(zoom * camera.focal[0], zoom * camera.focal[1]))])
     q = torch.tensor([[state]], dtype=torch.float64)
-    expected = 255.0 * plate.held.pictures(q, scale=8, view=view)[0]
+    expected = 255.0 * plate.operating_point.render_images(q, scale=8, view=view)[0]
     assert np.ptp(expected) > 100.0
     assert np.abs(drawn - expected).max() < 2.5
     assert np.abs(drawn - expected).mean() < 0.4

@@ -36,13 +36,13 @@ def page(chromium, live):
     tab = opened(chromium, live)
     yield tab
     tab.close()
-    live.loop.tell(lambda session: (session.release(), session.to_rest()))
+    live.loop.submit(lambda session: (session.release(), session.to_rest()))
 
 
 def at(page, live, place: tuple[float, float]) -> tuple[float, float]:
     """Where a place of the picture [px] is on the screen: the camera faces the picture's middle."""
-    box, plane = canvas_of(page), live.stage.board.plane
-    unit = 0.5 * box["height"] / (live.stage.board.far * np.tan(0.5 * 0.75)) / plane.unit
+    box, image_plane = canvas_of(page), live.scene_view.canvas.image_plane
+    unit = 0.5 * box["height"] / (live.scene_view.canvas.far * np.tan(0.5 * 0.75)) / image_plane.unit
     x = box["x"] + 0.5 * box["width"] + unit * (place[0] - 0.5 * SIZE[0])
     return x, box["y"] + 0.5 * box["height"] + unit * (place[1] - 0.5 * SIZE[1])
 
@@ -52,47 +52,52 @@ def drag(page, live, place: tuple[float, float], by: float) -> None:
 
 
 def test_a_drag_pushes_the_matter_under_the_pointer_and_its_release_lets_go(page, live) -> None:
-    session = live.show.session
+    session = live.content.session
     drag(page, live, TOP, 60.0)
-    hand = until(lambda: session.hand is not None and session.hand.force[0] > 0 and session.hand, "a push")
-    np.testing.assert_allclose(hand.grip.at, TOP, atol=1.0)
-    place = until(lambda: (p := hand.place(session.q)[0]) > TOP[0] + 0.3 and p, "a motion to the right")
+    grasp = until(
+        lambda: (
+            session.active_grasp is not None and session.active_grasp.force[0] > 0 and session.active_grasp
+        ),
+        "a push",
+    )
+    np.testing.assert_allclose(grasp.grasp_point.at, TOP, atol=1.0)
+    place = until(lambda: (p := grasp.place(session.q)[0]) > TOP[0] + 0.3 and p, "a motion to the right")
     assert place < SIZE[0]
     page.mouse.up()
-    until(lambda: session.hand is None, "the release")
-    live.loop.tell(lambda s: s.edit(damping=5.0))
-    until(lambda: abs(hand.place(session.q)[0] - TOP[0]) < 0.2, "the return to rest")
-    live.loop.tell(lambda s: s.edit(damping=1.0))
+    until(lambda: session.active_grasp is None, "the release")
+    live.loop.submit(lambda s: s.edit(damping=5.0))
+    until(lambda: abs(grasp.place(session.q)[0] - TOP[0]) < 0.2, "the return to rest")
+    live.loop.submit(lambda s: s.edit(damping=1.0))
 
 
 def test_what_is_seen_moves_in_the_pushed_direction_and_comes_back(page, live) -> None:
     before = settled(page)
     drag(page, live, TOP, 60.0)
-    until(lambda: live.show.session.hand is not None, "a push")
+    until(lambda: live.content.session.active_grasp is not None, "a push")
     time.sleep(0.5)
     page.mouse.up()
-    until(lambda: live.show.session.hand is None, "the release")
-    live.loop.tell(lambda s: s.to_frame(25))  # pushed or started to the right, without the arrow over it
-    live.loop.tell(lambda s: s.pause(True))
+    until(lambda: live.content.session.active_grasp is None, "the release")
+    live.loop.submit(lambda s: s.to_frame(25))  # pushed or started to the right, without the arrow over it
+    live.loop.submit(lambda s: s.pause(True))
     until(lambda: middle(page) > before + 2.0, "drawn pixels to the right")
-    live.loop.tell(lambda s: s.to_rest())
+    live.loop.submit(lambda s: s.to_rest())
     until(lambda: abs(middle(page) - before) < 1.0, "drawn pixels back at rest")
-    live.loop.tell(lambda s: s.pause(False))
+    live.loop.submit(lambda s: s.pause(False))
 
 
 def test_a_drag_on_the_wall_moves_nothing(page, live) -> None:
-    session = live.show.session
+    session = live.content.session
     rest = session.q.copy()
     drag(page, live, WALL, 80.0)
-    until(lambda: session.hand is not None, "a hold of the wall")
+    until(lambda: session.active_grasp is not None, "a hold of the wall")
     time.sleep(0.5)
     np.testing.assert_allclose(session.q, rest, atol=1e-3)
     page.mouse.up()
-    until(lambda: session.hand is None, "the release")
+    until(lambda: session.active_grasp is None, "the release")
 
 
 def test_controls_reach_the_session(page, live) -> None:
-    session = live.show.session
+    session = live.content.session
     page.get_by_role("button", name="Pause").dispatch_event("click")
     until(lambda: session.status == "paused", "the pause")
     steps = session.steps
@@ -101,57 +106,63 @@ def test_controls_reach_the_session(page, live) -> None:
     page.get_by_role("button", name="Run").dispatch_event("click")
     until(lambda: session.status == "running", "running again")
     page.get_by_role("tab", name="Mechanics").click()
-    slider = page.get_by_text("Damping", exact=True).locator(
-        "xpath=ancestor::*[.//*[@role='slider']][1]"
-    ).get_by_role("slider")  # fmt: skip
+    slider = (
+        page.get_by_text("Damping", exact=True)
+        .locator("xpath=ancestor::*[.//*[@role='slider']][1]")
+        .get_by_role("slider")
+    )
     slider.press("ArrowRight")
     until(lambda: session.edits.damping == pytest.approx(1.05), "more damping")
     page.get_by_role("button", name="As learned").dispatch_event("click")
     until(lambda: session.edits.damping == 1.0, "damping as learned")
     page.get_by_role("tab", name="View").click()
     page.get_by_label("Outline at rest").dispatch_event("click")
-    until(lambda: live.stage.shown.outline, "the outline")
+    until(lambda: live.scene_view.options.outline, "the outline")
     page.get_by_role("tab", name="Record").click()
     page.get_by_role("button", name="Save the session").dispatch_event("click")
     until(
-        lambda: {p.suffix for p in live.show.folder.glob("session_*")} == {".mcap", ".mp4", ".gif"}, "files"
+        lambda: {p.suffix for p in live.content.folder.glob("session_*")} == {".mcap", ".mp4", ".gif"},
+        "files",
     )
     page.get_by_role("button", name="Replay what I did").dispatch_event("click")
-    until(lambda: session.playing is not None, "the replay")
+    until(lambda: session.replaying is not None, "the replay")
     page.get_by_role("button", name="Rest").dispatch_event("click")
     until(lambda: session.frame is None and not session.v.any(), "rest")
 
 
 def test_a_tab_that_closes_lets_go_and_may_come_back(chromium, live) -> None:
-    session = live.show.session
+    session = live.content.session
     tab = opened(chromium, live)
     drag(tab, live, TOP, 60.0)
-    until(lambda: session.hand is not None, "a push")
+    until(lambda: session.active_grasp is not None, "a push")
     tab.close()
-    until(lambda: session.hand is None, "the release of a closed tab")
+    until(lambda: session.active_grasp is None, "the release of a closed tab")
     again = opened(chromium, live)
     drag(again, live, TOP, -60.0)
-    until(lambda: session.hand is not None and session.hand.force[0] < 0, "a push of the new tab")
+    until(
+        lambda: session.active_grasp is not None and session.active_grasp.force[0] < 0,
+        "a push of the new tab",
+    )
     again.mouse.up()
-    until(lambda: session.hand is None, "its release")
+    until(lambda: session.active_grasp is None, "its release")
     again.close()
 
 
 def test_two_tabs_see_the_same_and_the_last_hand_holds(chromium, live) -> None:
-    session = live.show.session
+    session = live.content.session
     one, two = opened(chromium, live), opened(chromium, live)
     drag(one, live, TOP, 60.0)
-    until(lambda: session.hand is not None and session.hand.force[0] > 0, "the first hand")
+    until(lambda: session.active_grasp is not None and session.active_grasp.force[0] > 0, "the first hand")
     drag(two, live, TOP, -60.0)
-    until(lambda: session.hand is not None and session.hand.force[0] < 0, "the second hand")
+    until(lambda: session.active_grasp is not None and session.active_grasp.force[0] < 0, "the second hand")
     one.mouse.up()
     time.sleep(0.3)
-    assert session.hand is not None
+    assert session.active_grasp is not None
     two.mouse.up()
-    until(lambda: session.hand is None, "the release")
-    live.loop.tell(lambda s: (s.to_frame(25), s.pause(True)))
+    until(lambda: session.active_grasp is None, "the release")
+    live.loop.submit(lambda s: (s.to_frame(25), s.pause(True)))
     until(lambda: abs(middle(one) - middle(two)) < 1.0, "the same picture in both")
-    live.loop.tell(lambda s: (s.pause(False), s.to_rest()))
+    live.loop.submit(lambda s: (s.pause(False), s.to_rest()))
     one.close()
     two.close()
 

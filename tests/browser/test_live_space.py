@@ -41,32 +41,32 @@ def page(live):
 @pytest.fixture(autouse=True)
 def at_rest(live):
     yield
-    live.loop.tell(lambda session: (session.release(), session.to_rest(), session.pause(False)))
+    live.loop.submit(lambda session: (session.release(), session.to_rest(), session.pause(False)))
 
 
 def at(page, live, place: np.ndarray) -> tuple[float, float]:
     """Where a place in space is on the screen, for the one visitor there is."""
     (client,) = live.server.get_clients().values()
-    camera, box = live.stage.board.camera(client), canvas_of(page)
+    camera, box = live.scene_view.canvas.camera(client), canvas_of(page)
     x, y = camera.project(place[None])[0] / (camera.width, camera.height)
     return box["x"] + x * box["width"], box["y"] + y * box["height"]
 
 
 def looks_from(live) -> np.ndarray:
     (client,) = live.server.get_clients().values()
-    return live.stage.board.camera(client).position
+    return live.scene_view.canvas.camera(client).position
 
 
 def stands(live) -> None:
     """Wait until the view has glided to a stand."""
     (client,) = live.server.get_clients().values()
 
-    def still() -> bool:
+    def is_background() -> bool:
         before = client.camera.update_timestamp
         time.sleep(0.4)
         return client.camera.update_timestamp == before
 
-    until(still, "a view that stands")
+    until(is_background, "a view that stands")
 
 
 def turn(page, live) -> None:
@@ -80,31 +80,36 @@ def turn(page, live) -> None:
 
 def pushed(page, live, by: float) -> np.ndarray:
     """Drag the plate and hold it until the state has gone that way; the force."""
-    session = live.show.session
+    session = live.content.session
     x, y = at(page, live, TOP)
     drag_from(page, x, y, by)
-    hand = until(lambda: session.hand is not None and session.hand.force.any() and session.hand, "a push")
+    grasp = until(
+        lambda: (
+            session.active_grasp is not None and session.active_grasp.force.any() and session.active_grasp
+        ),
+        "a push",
+    )
     until(lambda: np.sign(by) * session.q[0] > 0.05, "a motion with the push")
-    return hand.force
+    return grasp.force
 
 
 def test_a_drag_moves_what_is_seen_with_it_and_it_comes_back(page, live) -> None:
-    before, session = settled(page), live.show.session
+    before, session = settled(page), live.content.session
     force = pushed(page, live, BY)
     assert force[0] > 0.0
     assert abs(force[2]) < 1e-9, "seen from the front, a drag does not push into the screen"
     page.mouse.up()
-    until(lambda: session.hand is None, "the release")
-    live.loop.tell(lambda s: (s.to_frame(25), s.pause(True)))  # without the arrow over it
+    until(lambda: session.active_grasp is None, "the release")
+    live.loop.submit(lambda s: (s.to_frame(25), s.pause(True)))  # without the arrow over it
     until(lambda: middle(page) > before + 2.0, "drawn pixels to the right")
-    live.loop.tell(lambda s: s.to_rest())
+    live.loop.submit(lambda s: s.to_rest())
     until(lambda: abs(middle(page) - before) < 1.0, "drawn pixels back at rest")
 
 
 def test_a_drag_beside_it_turns_the_camera_and_moves_nothing(page, live) -> None:
-    session, before = live.show.session, live.show.session.q.copy()
+    session, before = live.content.session, live.content.session.q.copy()
     turn(page, live)
-    assert session.hand is None
+    assert session.active_grasp is None
     np.testing.assert_allclose(session.q, before, atol=1e-6)
 
 
@@ -113,26 +118,26 @@ def test_from_the_side_it_can_be_pushed_again_in_the_plane_of_the_screen(page, l
         turn(page, live)
     force = pushed(page, live, -BY)
     (client,) = live.server.get_clients().values()
-    ahead = live.stage.board.camera(client).rotation[2]
+    ahead = live.scene_view.canvas.camera(client).rotation[2]
     assert abs(ahead @ force) < 1e-3 * np.linalg.norm(force)
     assert abs(force[2]) > 0.05 * np.linalg.norm(force), "seen from the side, a drag also pushes into depth"
     page.mouse.up()
-    until(lambda: live.show.session.hand is None, "the release")
+    until(lambda: live.content.session.active_grasp is None, "the release")
 
 
 def test_a_button_looks_from_the_camera_of_the_film_again(page, live) -> None:
     page.get_by_role("tab", name="View").click()
     page.get_by_label("Outline at rest").dispatch_event("click")
-    until(lambda: live.stage.board.silhouettes.handles, "the outline")
+    until(lambda: live.scene_view.canvas.silhouettes.handles, "the outline")
     page.get_by_role("button", name="Look from the film's camera").dispatch_event("click")
     until(lambda: np.linalg.norm(looks_from(live)) < 0.1, "the film's camera")
     until(lambda: abs(middle(page) / canvas_of(page)["width"] - 0.5) < 0.1, "the picture from there")
 
 
 def test_a_tab_that_closes_while_it_pushes_lets_go(page, live) -> None:
-    session = live.show.session
+    session = live.content.session
     pushed(page, live, BY)
     page.close()
-    until(lambda: session.hand is None, "the release of a closed tab")
+    until(lambda: session.active_grasp is None, "the release of a closed tab")
     assert live.loop.rates()[0] > 0
-    until(lambda: not live.stage.board.seen, "a visitor that is forgotten")
+    until(lambda: not live.scene_view.canvas.drawn_keys, "a visitor that is forgotten")

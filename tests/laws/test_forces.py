@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 from torch.autograd.functional import jacobian
 
-from lagsplat.forces.equilibrium import potential_energy, settle
+from lagsplat.forces.equilibrium import compute_loaded_energy, settle
 from lagsplat.forces.grasp import MatterKinematics, grasp_brush
 from lagsplat.forces.loaded_lagrangian import LoadedLagrangian, rollout_under_force
 from lagsplat.stage2.decoder_mass import DecoderGeometry
@@ -51,9 +51,9 @@ def test_a_held_force_is_balanced_where_the_energy_is_least(seed: int, d: int, s
     loaded = LoadedLagrangian(law, load)
     with torch.no_grad():
         left = loaded.conservative_force(q, u.expand(5, -1), loaded.prepare())
-        least = potential_energy(loaded, q, u.expand(5, -1))
+        least = compute_loaded_energy(loaded, q, u.expand(5, -1))
         around = torch.stack(
-            [potential_energy(loaded, q + 0.05 * torch.randn(5, d), u.expand(5, -1)) for _ in range(9)]
+            [compute_loaded_energy(loaded, q + 0.05 * torch.randn(5, d), u.expand(5, -1)) for _ in range(9)]
         )
     assert float(left.norm(dim=1).max()) < 1e-7 * max(1.0, size)
     assert bool((around >= least - 1e-9 * least.abs()).all())
@@ -75,7 +75,7 @@ def test_the_force_is_the_slope_of_the_energy(seed: int, d: int) -> None:
     law, _, u = problem(d, seed)
     loaded = LoadedLagrangian(law, torch.randn(d, dtype=torch.float64), edits=LawEdits(2.0, 3.0, 0.5))
     q = torch.randn(d, dtype=torch.float64)
-    slope = jacobian(lambda x: potential_energy(loaded, x[None], u)[0], q)
+    slope = jacobian(lambda x: compute_loaded_energy(loaded, x[None], u)[0], q)
     with torch.no_grad():
         force = loaded.conservative_force(q[None], u, loaded.prepare())[0]
     torch.testing.assert_close(force, -slope)
@@ -112,7 +112,10 @@ def test_under_a_held_force_energy_is_lost_as_fast_as_the_damping_takes_it(seed:
     loaded = LoadedLagrangian(law, torch.randn(1, d, dtype=torch.float64), edits=LawEdits(3.0, 2.0, 0.5))
 
     def total(q: torch.Tensor, v: torch.Tensor) -> torch.Tensor:
-        return 0.5 * torch.einsum("bi,bij,bj->", v, loaded.mass(q), v) + potential_energy(loaded, q, u).sum()
+        return (
+            0.5 * torch.einsum("bi,bij,bj->", v, loaded.mass(q), v)
+            + compute_loaded_energy(loaded, q, u).sum()
+        )
 
     by_q, by_v = jacobian(total, (q, v))
     with torch.no_grad():
@@ -174,7 +177,7 @@ def test_the_answer_does_not_depend_on_the_chart(seed: int, d: int) -> None:
         stretch = jacobian(psi, x)
         with torch.no_grad():
             elastic = law.conservative_force(psi(x)[None], u, law.prepare())[0] @ stretch
-            value = potential_energy(law, psi(x)[None], u)[0] - force @ grip.place(psi(x))
+            value = compute_loaded_energy(law, psi(x)[None], u)[0] - force @ grip.place(psi(x))
         bent = grip.jacobian @ stretch  # the Jacobian of the matter in the new chart
         return float(value), -(elastic + bent.T @ force).numpy()
 

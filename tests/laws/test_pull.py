@@ -17,26 +17,26 @@ PIXEL = st.tuples(st.floats(-WIDTH, 2.0 * WIDTH), st.floats(-HEIGHT, 2.0 * HEIGH
 
 
 @cache
-def held() -> OperatingPoint:
+def operating_point() -> OperatingPoint:
     return turning()
 
 
 def pressed(yaw: float, pitch: float, offset: tuple[float, float]) -> tuple[RayDrag, np.ndarray]:
     """A press on the plate from some side, and the place that was met."""
-    camera = turn_camera(held(), yaw, pitch)
+    camera = turn_camera(operating_point(), yaw, pitch)
     camera = camera.resized(4 * camera.height, 4 * camera.width)
     press = camera.project(np.array([[*offset, FRONT]]))[0]
-    pull = RayDrag(held(), camera, press)
-    place, gaussian = pull.aim(held().rest.numpy())
-    center = held().kinematics.places(held().rest[None])[0, gaussian].numpy()
-    assert abs(camera.within(center[None])[0, 2] - pull.depth) < 1e-3
-    return pull, np.array(place)
+    drag = RayDrag(operating_point(), camera, press)
+    place, gaussian = drag.find_target(operating_point().rest.numpy())
+    center = operating_point().kinematics.places(operating_point().rest[None])[0, gaussian].numpy()
+    assert abs(camera.within(center[None])[0, 2] - drag.depth) < 1e-3
+    return drag, np.array(place)
 
 
 @given(YAW, PITCH, ON_THE_PLATE)
 def test_the_place_that_a_ray_meets_is_seen_in_the_pixel_that_was_pressed(yaw, pitch, offset) -> None:
-    pull, place = pressed(yaw, pitch, offset)
-    np.testing.assert_allclose(pull.camera.project(place[None])[0], pull.press, atol=1e-6)
+    drag, place = pressed(yaw, pitch, offset)
+    np.testing.assert_allclose(drag.camera.project(place[None])[0], drag.press, atol=1e-6)
     assert abs(place[2] - FRONT) < 5.0, "the plate is met, not the wall behind it"
 
 
@@ -44,20 +44,20 @@ def test_the_place_that_a_ray_meets_is_seen_in_the_pixel_that_was_pressed(yaw, p
 def test_a_dragged_place_stays_under_the_pointer_in_the_plane_of_the_image(
     yaw, pitch, offset, pointer
 ) -> None:
-    pull, place = pressed(yaw, pitch, offset)
-    way = pull.way(np.array(pointer))
-    np.testing.assert_allclose(pull.camera.project((place + way)[None])[0], pointer, atol=1e-6)
-    assert abs(pull.camera.rotation[2] @ way) < 1e-9 * (1.0 + np.linalg.norm(way))
+    drag, place = pressed(yaw, pitch, offset)
+    displacement = drag.displacement(np.array(pointer))
+    np.testing.assert_allclose(drag.camera.project((place + displacement)[None])[0], pointer, atol=1e-6)
+    assert abs(drag.camera.rotation[2] @ displacement) < 1e-9 * (1.0 + np.linalg.norm(displacement))
 
 
 @given(PIXEL)
 def test_no_way_leads_anywhere_before_something_was_met(pointer) -> None:
-    pull = RayDrag(held(), turn_camera(held(), 0.0, 0.0), np.array([1.0, 1.0]))
-    assert not pull.way(np.array(pointer)).any()
+    drag = RayDrag(operating_point(), turn_camera(operating_point(), 0.0, 0.0), np.array([1.0, 1.0]))
+    assert not drag.displacement(np.array(pointer)).any()
 
 
 @given(PIXEL, PIXEL)
 def test_in_the_picture_a_press_is_its_place_and_a_drag_the_way_between(press, pointer) -> None:
-    pull = ImageDrag(np.array(press))
-    assert pull.aim(np.zeros(1)) == (press, None)
-    np.testing.assert_array_equal(pull.way(np.array(pointer)), np.subtract(pointer, press))
+    drag = ImageDrag(np.array(press))
+    assert drag.find_target(np.zeros(1)) == (press, None)
+    np.testing.assert_array_equal(drag.displacement(np.array(pointer)), np.subtract(pointer, press))

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float64
 
 from lagsplat.evaluate.forces.known_forces import KnownForces
 from lagsplat.forces.equilibrium import NoScaleError, OperatingPoint, fit_energy_scale
-from lagsplat.forces.grasp import GraspPoint, NoMatterError, Point, grasp_brush, nearest_place
+from lagsplat.forces.grasp import GraspPoint, NoMatterError, Point, grasp_brush, grasp_nearest
 
 OTHERS = 40
 """Other pokes that are asked which energy scale they would have set."""
@@ -28,7 +28,7 @@ def choose_grasps(
     for x, y in places:
         point: Point = (float(x), float(y))
         try:
-            taken = nearest_place(held.kinematics, held.rest, point) if radius is None else None
+            taken = grasp_nearest(held.kinematics, held.rest, point) if radius is None else None
             found.append(taken or grasp_brush(held.kinematics, held.rest, point, radius=radius or 1.0))
         except NoMatterError:
             found.append(None)
@@ -49,7 +49,7 @@ def compare_answers(held: OperatingPoint, pokes: KnownForces, *, radius: float, 
     The same force on the same material point for both; the energy scale from one poke, that of the easiest
     point and direction at the level `KnownForces.reference`. ``inside`` are medians (and 90th percentiles)
     over pokes whose true answer lies in the visited range, ``levels`` those at each level of force; a
-    ``nearest_place`` block takes hold of one Gaussian instead of a brush. Of an answer, ``direction_deg`` is the
+    ``nearest`` block takes hold of one Gaussian instead of a brush. Of an answer, ``direction_deg`` is the
     angle between the ways of the pushed point, ``shape`` what is left of the ways of all points after the
     best factor, over their size, and ``amplitude`` how far that factor is from 1. ``pictured`` errors read
     the ways off the picture (a map from latents to true coordinates), the others off the matter that the
@@ -140,7 +140,7 @@ def compute_errors(
     loads = scale * list_loads(pokes, grips, held.law.d)
     known = np.isfinite(loads).all(2) & np.isfinite(pokes.distance)
     states = np.full((*known.shape, held.law.d), np.nan)
-    states[known] = held.settled(torch.from_numpy(loads[known])).numpy()
+    states[known] = held.equilibria(torch.from_numpy(loads[known])).numpy()
     carried = np.einsum("pcd,nld->nlpc", field, states - held.rest.numpy())
     flat = states.reshape(-1, held.law.d)
     pictured = (read(flat) - read(held.rest.numpy()[None])).reshape(pokes.ways.shape)

@@ -41,7 +41,7 @@ def force_invariants(held: OperatingPoint, config: ForcesConfig) -> dict[str, An
     grips = _on(held, scene, radius)
     best = max(grips, key=lambda grip: float(torch.linalg.matrix_norm(grip.jacobian, 2)))
     along = _easiest(best)
-    size = held.magnitude(best, along, share=config.response)
+    size = held.find_force_size(best, along, share=config.response)
     return {
         "size": size,
         "lever": _lever(held, grips, size) if held.law.d == 1 else None,
@@ -89,7 +89,7 @@ def _answers(
     held: OperatingPoint, grips: list[GraspPoint], forces: Float64[np.ndarray, "n 2"]
 ) -> Float64[np.ndarray, "n d"]:
     loads = [grip.pull_back(torch.from_numpy(force)) for grip, force in zip(grips, forces, strict=True)]
-    return (held.settled(torch.stack(loads)) - held.rest).numpy()
+    return (held.equilibria(torch.stack(loads)) - held.rest).numpy()
 
 
 def _lever(held: OperatingPoint, grips: list[GraspPoint], size: float) -> dict[str, float]:
@@ -136,11 +136,11 @@ def _excess(three: Float64[np.ndarray, "3 d"]) -> float:
 
 
 def _chart(held: OperatingPoint, grip: GraspPoint, force: Float64[np.ndarray, "2"]) -> dict[str, float]:
-    here = held.settled(grip.pull_back(torch.from_numpy(force))[None])[0]
+    here = held.equilibria(grip.pull_back(torch.from_numpy(force))[None])[0]
     there = has_settled_elsewhere(held, grip, force)
-    pictures = held.pictures(torch.stack([here, there]))
+    pictures = held.render_images(torch.stack([here, there]))
     return {
-        "state": float((here - there).norm()) / held.reach,
+        "state": float((here - there).norm()) / held.visited_radius,
         "picture": float(np.abs(pictures[0] - pictures[1]).max()),
     }
 

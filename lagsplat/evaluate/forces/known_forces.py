@@ -15,7 +15,7 @@ from jaxtyping import Float64, Int64
 from lagsplat.chart.trajectory import TimeBase
 from lagsplat.evaluate.protocol import STENCILS
 from lagsplat.forces.config import ForcesConfig
-from lagsplat.forces.equilibrium import VISITED, OperatingPoint, static_stiffness
+from lagsplat.forces.equilibrium import VISITED, OperatingPoint, compute_static_stiffness
 from lagsplat.stage2.decoder_mass import InducedMass
 from lagsplat.stage2.lagrangian import Lagrangian
 from lagsplat.systems.pushable import Pushable
@@ -111,7 +111,7 @@ def measure_energy_spans(
     """Largest over smallest eigenvalue of matrices at rest relative to the true ones; None with one
     coordinate, where it says nothing.
 
-    1 where one factor makes all energies true. ``mass`` and ``static_stiffness`` are the law's, ``induced`` the mass
+    1 where one factor makes all energies true. ``mass`` and ``stiffness`` are the law's, ``induced`` the mass
     that equally heavy Gaussians induce. ``slope`` are the derivatives of the true coordinates by the latents.
     A free motion tells the ratio of stiffness and mass in each of its modes, and one that follows slow inputs
     the ratio of stiffness and input: neither tells the energy of one mode from that of another.
@@ -122,7 +122,7 @@ def measure_energy_spans(
     with torch.no_grad():
         mass = held.law.mass(rest)[0].numpy()
         induced = InducedMass(held.kinematics.geometry, scale=1.0, floor=FLOOR).matrix(rest)[0].numpy()
-    elastic = static_stiffness(held.law, rest, held.u[None])[0].numpy()
+    elastic = compute_static_stiffness(held.law, rest, held.u[None])[0].numpy()
     true_mass, true_elastic = (slope.T @ matrix @ slope for matrix in _true(system))
     return {
         "mass": _span(mass, true_mass),

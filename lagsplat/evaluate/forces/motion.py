@@ -270,9 +270,9 @@ def push_in_space(held: OperatingPoint, config: ForcesConfig) -> SpacePush:
     hit = cast_ray(held.autoencoder, held.chart, held.rest, view, pixel)
     grip = grasp_along_ray(held.kinematics, held.rest, hit.gaussian)
     directions = np.stack([push_across(grip.jacobian), DOWN])
-    size = held.magnitude(grip, DOWN, share=config.response)
+    size = held.find_force_size(grip, DOWN, share=config.response)
     loads = size * grip.pull_back(torch.from_numpy(directions))
-    states = held.settled(torch.cat([torch.zeros(1, held.law.d, dtype=loads.dtype), loads]))
+    states = held.equilibria(torch.cat([torch.zeros(1, held.law.d, dtype=loads.dtype), loads]))
     return SpacePush(pixel, hit, grip, size, directions, states.numpy())
 
 

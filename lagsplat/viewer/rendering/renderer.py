@@ -1,4 +1,4 @@
-"""Pictures of a session, at a size of one's own choice: as the film's camera sees it, or any other."""
+"""Draws states of a run at any size, from the recording camera or, in space, from any other."""
 
 from typing import Protocol, runtime_checkable
 
@@ -13,74 +13,77 @@ from lagsplat.splat.projection import make_view, project
 from lagsplat.stage1.autoencoder import Autoencoder
 from lagsplat.views.camera import Camera
 
-Picture = UInt8[np.ndarray, "H W 3"]
+RgbImage = UInt8[np.ndarray, "H W 3"]
 
 
 @runtime_checkable
 class FrameRenderer(Protocol):
-    """Draws whitened states as the film's camera sees them; ``stretch`` pixels of its pictures make one of
-    the training resolution.
+    """Draws whitened states as the recording camera sees them.
+
+    ``stretch`` is the number of drawn pixels per pixel of the training resolution.
     """
 
     stretch: float
 
-    def draw(self, q: Float64[np.ndarray, " d"]) -> Picture:
-        """The picture at a state."""
+    def draw(self, q: Float64[np.ndarray, " d"]) -> RgbImage:
+        """Draw a whitened state."""
 
-    def pixels(self, places: Float64[np.ndarray, "*B n"]) -> Float64[np.ndarray, "*B 2"]:
-        """Where places on the matter are in the drawn picture."""
+    def project_points(self, places: Float64[np.ndarray, "*B n"]) -> Float64[np.ndarray, "*B 2"]:
+        """Pixels of the drawn image at ``places`` on the matter [px of the training resolution]."""
 
     @property
-    def middle(self) -> tuple[float, ...]:
-        """The place in the middle of the picture; in space at the pivot."""
+    def center(self) -> tuple[float, ...]:
+        """The position at the centre of the image [px]; in space the pivot."""
 
 
 class ImageRenderer:
-    """An `FrameRenderer` for Gaussians that live in the picture."""
+    """A `FrameRenderer` for Gaussians in the image plane."""
 
     def __init__(self, autoencoder: Autoencoder, chart: Chart, *, side: int) -> None:
         self.chart = chart
         self.stretch, height, width = _sized(autoencoder, side)
         stretch = (width / autoencoder.width, height / autoencoder.height)
-        self.drawer = FrameRasterizer(autoencoder.gaussians, height=height, width=width, stretch=stretch)
+        self.rasterizer = FrameRasterizer(autoencoder.gaussians, height=height, width=width, stretch=stretch)
 
-    def draw(self, q: Float64[np.ndarray, " d"]) -> Picture:
-        """The picture at a state."""
-        return self.drawer.draw(self.chart.to_raw(q[None])[0])
+    def draw(self, q: Float64[np.ndarray, " d"]) -> RgbImage:
+        """Draw a whitened state."""
+        return self.rasterizer.draw(self.chart.to_raw(q[None])[0])
 
-    def pixels(self, places: Float64[np.ndarray, "*B 2"]) -> Float64[np.ndarray, "*B 2"]:
-        """Where places on the matter are in the drawn picture."""
+    def project_points(self, places: Float64[np.ndarray, "*B 2"]) -> Float64[np.ndarray, "*B 2"]:
+        """Pixels of the drawn image at ``places`` on the matter [px of the training resolution]."""
         return self.stretch * places
 
     @property
-    def middle(self) -> tuple[float, float]:
-        """The place in the middle of the picture."""
-        return 0.5 * self.drawer.width / self.stretch, 0.5 * self.drawer.height / self.stretch
+    def center(self) -> tuple[float, float]:
+        """The position at the centre of the image [px]."""
+        return 0.5 * self.rasterizer.width / self.stretch, 0.5 * self.rasterizer.height / self.stretch
 
 
 class SceneRenderer:
-    """An `FrameRenderer` for Gaussians that live in space, which other cameras may see, too."""
+    """A `FrameRenderer` for Gaussians in space, which also draws the view of other cameras."""
 
     def __init__(self, autoencoder: Autoencoder, chart: Chart, *, side: int) -> None:
-        assert autoencoder.lens is not None, "only Gaussians of space are seen by cameras"
+        assert autoencoder.lens is not None, "only Gaussians in space have a camera"
         self.model, self.chart = autoencoder.gaussians, chart
         self.rasterize = choose_rasterizer(autoencoder.backend, self.model.center.device)
         self.stretch, height, width = _sized(autoencoder, side)
         across, down, x, y = autoencoder.lens
         size = {"height": autoencoder.height, "width": autoencoder.width}
-        filmed = Camera(np.eye(3), np.zeros(3), (across, down), (x, y), **size)
-        self.filmed = filmed.resized(height, width)
+        camera = Camera(np.eye(3), np.zeros(3), (across, down), (x, y), **size)
+        self.recording_camera = camera.resized(height, width)
 
-    def draw(self, q: Float64[np.ndarray, " d"]) -> Picture:
-        """The picture at a state, from where the film was taken."""
-        return self.seen(q, self.filmed)
+    def draw(self, q: Float64[np.ndarray, " d"]) -> RgbImage:
+        """Draw a whitened state from the recording camera."""
+        return self.render_view(q, self.recording_camera)
 
     @torch.no_grad()
-    def seen(
+    def render_view(
         self, q: Float64[np.ndarray, " d"], camera: Camera, *, color: torch.Tensor | None = None
-    ) -> Picture:
-        """What a camera of the run's coordinates sees, in its own pixels; a state or a camera beyond the
-        numbers shows the background alone. ``color`` (K, 3) may stand in place of the colours, over black.
+    ) -> RgbImage:
+        """Draw what ``camera``, in the coordinates of the run, sees at a whitened state.
+
+        A state or camera that overflows gives the background alone. ``color`` (K, 3) replaces the colours,
+        over a black background.
         """
         raw = torch.from_numpy(self.chart.to_raw(q[None])).to(self.model.center)
         scene = self.model.condition(raw)
@@ -90,18 +93,18 @@ class SceneRenderer:
         drawn = self.rasterize(*project(scene, make_view([camera]), **size), **size)
         return drawn[0].clamp(0.0, 1.0).mul(255.0).add(0.5).byte().permute(1, 2, 0).cpu().numpy()
 
-    def pixels(self, places: Float64[np.ndarray, "*B 3"]) -> Float64[np.ndarray, "*B 2"]:
-        """Where places on the matter are in the drawn picture."""
-        return self.filmed.project(places.reshape(-1, 3)).reshape(*places.shape[:-1], 2)
+    def project_points(self, places: Float64[np.ndarray, "*B 3"]) -> Float64[np.ndarray, "*B 2"]:
+        """Pixels of the drawn image at ``places`` on the matter [px of the training resolution]."""
+        return self.recording_camera.project(places.reshape(-1, 3)).reshape(*places.shape[:-1], 2)
 
     @property
-    def middle(self) -> tuple[float, float, float]:
-        """The pivot."""
-        return 0.0, 0.0, self.filmed.focal[0] / self.stretch
+    def center(self) -> tuple[float, float, float]:
+        """The pivot [px at the pivot]."""
+        return 0.0, 0.0, self.recording_camera.focal[0] / self.stretch
 
 
 def open_renderer(autoencoder: Autoencoder, chart: Chart, *, side: int) -> ImageRenderer | SceneRenderer:
-    """The easel that suits where the Gaussians live; ``side`` is the longer side of its pictures [px]."""
+    """Open the renderer for a decoder in the image plane or in space; ``side`` is the longer side [px]."""
     kind = ImageRenderer if autoencoder.gaussians.space == 2 else SceneRenderer
     return kind(autoencoder, chart, side=side)
 

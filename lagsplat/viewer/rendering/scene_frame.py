@@ -1,7 +1,4 @@
-"""Where the picture stands in the scene: a sheet at z = 0, x to the right, y up, seen from the front.
-
-Where space stands in the scene, and what a visitor's camera there sees of it.
-"""
+"""Coordinates of the browser's scene: x right, y up, z towards the recording camera, the image at z = 0."""
 
 from dataclasses import dataclass
 
@@ -12,24 +9,20 @@ from viser.transforms import SO3
 from lagsplat.views.camera import Camera
 
 LONG = 4.0
-"""Length of the picture's longer side in the scene."""
+"""Length of the longer side of the image in the scene."""
 Vector3 = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
 class ImagePlane:
-    """A picture of ``width`` x ``height`` pixels (training resolution), its middle at the origin.
-
-    It turns what a pointer means in the scene into a place in the picture; of a run whose Gaussians live in
-    space `lagsplat.viewer.rendering.scene_frame.SceneFrame` knows where things are.
-    """
+    """An image of ``width`` x ``height`` pixels (training resolution), centred at the scene's origin."""
 
     width: int
     height: int
 
     @property
     def unit(self) -> float:
-        """Pixels in one unit of the scene."""
+        """Pixels per unit of the scene."""
         return max(self.width, self.height) / LONG
 
     @property
@@ -40,70 +33,72 @@ class ImagePlane:
     def to_scene(
         self, pixels: Float64[np.ndarray, "*B 2"], *, lift: float = 0.0
     ) -> Float64[np.ndarray, "*B 3"]:
-        """Scene coordinates of places in the picture, ``lift`` before it."""
+        """Scene coordinates of pixels, raised by ``lift`` above the image."""
         x = (pixels[..., 0] - 0.5 * self.width) / self.unit
         y = (0.5 * self.height - pixels[..., 1]) / self.unit
         return np.stack([x, y, np.full_like(x, lift)], axis=-1)
 
     def to_pixels(self, point: Vector3, *, eye: Vector3) -> Float64[np.ndarray, "2"]:
-        """The place in the picture that ``point`` covers for who looks from ``eye``.
+        """The pixel that ``point`` covers for an observer at ``eye``.
 
         Raises:
-            ValueError: the line of sight does not meet the picture's plane in front of the eye.
+            ValueError: the line of sight does not meet the plane of the image in front of the eye.
         """
         at, start = np.asarray(point, np.float64), np.asarray(eye, np.float64)
         with np.errstate(all="ignore"):
             ray = at - start
             along = -start[2] / ray[2]
-            met = (start + along * ray) * self.unit
+            hit = (start + along * ray) * self.unit
         if along <= 0.0 or ray[2] == 0.0:
-            raise ValueError("the pointer does not point at the picture; turn the view back to its front")
-        if not np.isfinite(met).all():
-            raise ValueError("the pointer's place is not finite; nothing was pushed")
-        return np.array([met[0] + 0.5 * self.width, 0.5 * self.height - met[1]])
+            raise ValueError("the pointer does not point at the image; turn the view back to its front")
+        if not np.isfinite(hit).all():
+            raise ValueError("the position of the pointer is not finite; nothing was pushed")
+        return np.array([hit[0] + 0.5 * self.width, 0.5 * self.height - hit[1]])
 
 
 FLIP = np.array([1.0, -1.0, -1.0])
-"""The scene has y up and z towards the film's camera, space has y down and z ahead of it."""
+"""The scene has y up and z towards the recording camera, space has y down and z away from it."""
 ROOM = 1.12
-"""Of the film's picture: how much of space is seen from the front."""
+"""Size of the view from the front, as a multiple of the recorded image."""
 FARTHEST = 1e6
-"""From the scene's middle: a visitor does not go further."""
+"""Largest coordinate of a visitor's camera in the scene."""
 SLIM = 8.0
-"""Sides of a window: one that is slimmer is drawn as slim as this."""
+"""Largest ratio of the sides of a window; a slimmer one is drawn with this ratio."""
 
 
 @dataclass(frozen=True)
 class SceneFrame:
-    """Space as `lagsplat.views.camera` has it, the pivot of a film with ``focal`` length [px] at the scene's
-    origin, where the film's picture would be the ``plane``.
+    """Maps the space of `lagsplat.views.camera` to the scene.
+
+    The pivot of a recording camera with the focal length ``focal`` [px] lies at the scene's origin, where
+    its image would be the ``image_plane``.
     """
 
     focal: float
-    plane: ImagePlane
+    image_plane: ImagePlane
 
     @property
     def pivot(self) -> Float64[np.ndarray, "3"]:
-        """The middle of the scene [px at the pivot]."""
+        """The origin of the scene in space [px at the pivot]."""
         return np.array([0.0, 0.0, self.focal])
 
     @property
     def eye(self) -> tuple[float, float, float]:
-        """Where the film's camera stands in the scene."""
-        return 0.0, 0.0, self.focal / self.plane.unit
+        """Position of the recording camera in the scene."""
+        return 0.0, 0.0, self.focal / self.image_plane.unit
 
     def fov(self, aspect: float) -> float:
-        """Vertical angle [rad] at which the film's camera shows its whole picture in a window."""
-        half = 0.5 * ROOM * max(self.plane.height, self.plane.width / aspect)
+        """Vertical field of view [rad] that shows the whole recorded image in a window of ``aspect``."""
+        half = 0.5 * ROOM * max(self.image_plane.height, self.image_plane.width / aspect)
         return float(2.0 * np.arctan(half / self.focal))
 
     def to_scene(self, points: Float64[np.ndarray, "*B 3"]) -> Float64[np.ndarray, "*B 3"]:
         """Scene coordinates of points of space [px at the pivot]."""
-        return (points - self.pivot) * FLIP / self.plane.unit
+        return (points - self.pivot) * FLIP / self.image_plane.unit
 
     def to_space(self, points: Float64[np.ndarray, "*B 3"]) -> Float64[np.ndarray, "*B 3"]:
         """Points of space [px at the pivot] of scene coordinates."""
-        return self.pivot + self.plane.unit * points * FLIP
+        return self.pivot + self.image_plane.unit * points * FLIP
 
     def camera(
         self,
@@ -114,17 +109,21 @@ class SceneFrame:
         aspect: float,
         side: int,
     ) -> Camera:
-        """A visitor's camera in the run's coordinates, with ``side`` pixels along its longer side.
+        """Convert a visitor's camera to the coordinates of the run.
 
-        ``wxyz`` turns camera coordinates (x right, y down, z ahead) into the scene's, ``fov`` is vertical
-        [rad], ``aspect`` the width of the window over its height.
+        Args:
+            wxyz: quaternion from camera coordinates (x right, y down, z ahead) to the scene's.
+            position: position in the scene.
+            fov: vertical field of view [rad].
+            aspect: width of the window over its height.
+            side: pixels along the longer side.
 
         Raises:
-            ValueError: numbers that are no camera's.
+            ValueError: numbers that define no camera.
         """
-        told = np.concatenate([np.ravel(wxyz), np.ravel(position), [fov, aspect]]).astype(np.float64)
-        near = len(told) == 9 and np.isfinite(told).all() and np.abs(told[:7]).max() <= FARTHEST
-        if not (near and told[:4].any() and 0.0 < fov < np.pi and aspect > 0.0):
+        numbers = np.concatenate([np.ravel(wxyz), np.ravel(position), [fov, aspect]]).astype(np.float64)
+        near = len(numbers) == 9 and np.isfinite(numbers).all() and np.abs(numbers[:7]).max() <= FARTHEST
+        if not (near and numbers[:4].any() and 0.0 < fov < np.pi and aspect > 0.0):
             raise ValueError(
                 f"a camera at {np.ravel(position).tolist()} with an angle of {fov} rad and an aspect of "
                 f"{aspect} sees nothing; nothing was drawn or pushed"
@@ -133,8 +132,8 @@ class SceneFrame:
         height, width = round(side * min(1.0, 1.0 / share)), round(side * min(1.0, share))
         focal = 0.5 * height / float(np.tan(0.5 * fov))
         return Camera(
-            rotation=SO3(told[:4]).as_matrix().T * FLIP,
-            position=self.to_space(told[4:7]),
+            rotation=SO3(numbers[:4]).as_matrix().T * FLIP,
+            position=self.to_space(numbers[4:7]),
             focal=(focal, focal),
             middle=(0.5 * width, 0.5 * height),
             height=height,

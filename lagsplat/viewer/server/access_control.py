@@ -1,8 +1,8 @@
-"""Who may come in, and what they may ask: a page of another site, or a crafted message, gets nothing.
+"""Access control of the live server: refuses pages of other sites and crafted messages.
 
-viser serves whoever reaches its port. Here browsers of other origins are turned away, what a control may be
-told is its value alone, and no client can have the session shared through a public tunnel. No message names
-a file: what is saved goes to the folder that the server was started with.
+viser serves everyone who reaches its port. This module refuses browsers of other origins, lets a message
+change only the value of a control, and keeps clients from sharing the session through a public tunnel. No
+message names a file: sessions are saved in the folder that the server was started with.
 """
 
 import ipaddress
@@ -17,7 +17,9 @@ from viser import infra
 
 log = logging.getLogger(__name__)
 LARGEST = 1e9
+"""Largest number that a control accepts."""
 LONGEST = 200
+"""Longest text that a control accepts."""
 WARNING = (
     "WARNING: listening on {host}, which is not this machine alone. Whoever reaches it over the network can "
     "push the simulation, change its settings and make it write session files. There is no password. "
@@ -26,29 +28,29 @@ WARNING = (
 
 
 def warn_of_open_host(host: str) -> str | None:
-    """What must be said of listening on ``host``; None for loopback."""
+    """Return a warning if ``host`` is reachable from the network, None for loopback."""
     if host == "localhost":
         return None
     try:
-        alone = ipaddress.ip_address(host).is_loopback
+        loopback_only = ipaddress.ip_address(host).is_loopback
     except ValueError:
-        alone = False
-    return None if alone else WARNING.format(host=host)
+        loopback_only = False
+    return None if loopback_only else WARNING.format(host=host)
 
 
-def foreign(headers: Any, *, alone: bool) -> bool:
-    """Whether a connection comes from a page of another site than the one it asks.
+def is_foreign_origin(headers: Any, *, loopback_only: bool) -> bool:
+    """Tell whether a connection comes from a page of another site.
 
-    A server that is ``alone`` on its machine is asked by a name of that machine only: another site may have
-    its own name point here.
+    A ``loopback_only`` server must be addressed by a name of its own machine, because another site may let
+    its name point here.
     """
     origin, host = headers.get("Origin"), headers.get("Host") or ""
     named = warn_of_open_host(urlsplit(f"//{host}").hostname or "") is None
-    return (origin is not None and urlsplit(origin).netloc != host) or (alone and not named)
+    return (origin is not None and urlsplit(origin).netloc != host) or (loopback_only and not named)
 
 
-def plain(value: object) -> bool:
-    """Whether a value may be one of a control: viser would pass on to everyone what it cannot even send."""
+def is_plain_value(value: object) -> bool:
+    """Tell whether a value is a finite number, a truth value or a short text, as controls have it."""
     if isinstance(value, bool):
         return True
     if isinstance(value, int | float):
@@ -56,27 +58,27 @@ def plain(value: object) -> bool:
     return isinstance(value, str) and len(value) <= LONGEST
 
 
-def restrict_access(server: viser.ViserServer, *, alone: bool) -> None:
-    """Turn away other origins, refuse tunnels, and let clients set values of controls and nothing else.
+def restrict_access(server: viser.ViserServer, *, loopback_only: bool) -> None:
+    """Refuse other origins and tunnels, and let clients set only the values of controls.
 
-    ``alone`` says that the server listens on loopback.
+    ``loopback_only`` is true for a server that listens on loopback.
     """
     socket = server._websock_server
 
-    async def look(connection: infra.WebsockClientConnection) -> None:
+    async def check_origin(connection: infra.WebsockClientConnection) -> None:
         live = socket._live_connections[connection.client_id]
         headers = {} if live.request is None else live.request.headers
-        if foreign(headers, alone=alone):
+        if is_foreign_origin(headers, loopback_only=loopback_only):
             log.warning("a page of %s was turned away", headers.get("Origin"))
             await live.close(1008, "other origins are not served")
 
-    socket.on_client_connect(look)
+    socket.on_client_connect(check_origin)
     for refused in (messages.ShareUrlRequest, messages.ShareUrlDisconnect):
         socket.unregister_handler(refused)
     set_value = socket._incoming_handlers.pop(messages.GuiUpdateMessage)
 
     async def only_values(client: infra.ClientId, message: messages.GuiUpdateMessage) -> None:
-        if set(message.updates) != {"value"} or not plain(message.updates["value"]):
+        if set(message.updates) != {"value"} or not is_plain_value(message.updates["value"]):
             log.warning("client %s sent what is no value of a control; refused", client)
             return
         for handler in set_value:

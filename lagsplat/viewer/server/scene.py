@@ -1,4 +1,4 @@
-"""The scene in the browser: the filmed object, the hand's arrow and brush, overlays, the real frame."""
+"""The scene in the browser: the object, the arrow and brush of a grasp, overlays and the recorded frame."""
 
 import time
 from collections import deque
@@ -17,113 +17,147 @@ from lagsplat.viewer.simulation.session import Session, Snapshot
 
 FORCE, BRUSH, FIELD, RESIDUAL = (240, 84, 0), (255, 255, 255), (120, 230, 150), (240, 90, 200)
 CORNERS = 48
+"""Corners of the circle that shows the brush."""
 LATENCIES = 200
+"""Latest drags over which the latency is measured."""
 SHORTEST_PX = 0.15
+"""Arrows that are shorter are hidden."""
 GAP = 1.06
-NOTHING = np.zeros((1, 2, 3))
+"""Distance of the recorded frame from the image, in widths of the image."""
+EMPTY = np.zeros((1, 2, 3))
 
 
 @dataclass
 class DisplayOptions:
-    """What is laid over the picture."""
+    """Which overlays are shown."""
 
     outline: bool = False
     velocity: bool = False
     residual: bool = False
-    real: bool = False
+    recorded: bool = False
 
 
 class SceneView:
-    """Nodes of a viser scene that follow the snapshots of a session.
+    """The nodes of a viser scene, updated with the snapshots of a session.
 
-    ``frame`` gives the recorded picture of a frame; ``residual`` the acceleration of the whitened state
-    that a diagnosis found missing, or None.
+    Args:
+        server: the server that shows the scene.
+        session: the session.
+        canvas: shows the object.
+        read_frame: reads the recorded image of a frame.
+        residual: acceleration of the whitened state that a diagnosis found missing, or None.
     """
 
     def __init__(
         self,
         server: viser.ViserServer,
         session: Session,
-        board: Canvas,
+        canvas: Canvas,
         *,
-        frame: Callable[[int], UInt8[np.ndarray, "H W 3"]],
+        read_frame: Callable[[int], UInt8[np.ndarray, "H W 3"]],
         residual: Callable[[Snapshot], Float64[np.ndarray, " d"]] | None = None,
     ) -> None:
-        held, recorded = session.held, session.recorded
-        self.server, self.board, self.frame, self.residual = server, board, frame, residual
-        self.touch, self.shown, self.field = session.touch, DisplayOptions(), AccelerationField(held)
-        swing = np.abs(recorded.v).max(0) if recorded.frames else np.ones(held.law.d)
+        operating_point, recorded = session.operating_point, session.recorded
+        self.server, self.canvas, self.read_frame, self.residual = server, canvas, read_frame, residual
+        self.grasp_model, self.options, self.field = (
+            session.grasp_model,
+            DisplayOptions(),
+            AccelerationField(operating_point),
+        )
+        swing = np.abs(recorded.v).max(0) if recorded.n_frames else np.ones(operating_point.law.d)
         self.fastest = float(np.linalg.norm(self.field.along(swing), axis=1).max(initial=1e-12))
         self.latencies_ms: deque[float] = deque(maxlen=LATENCIES)
         self.measured_s: float | None = None
-        scene, (width, height) = server.scene, board.size
+        scene, (width, height) = server.scene, canvas.size
         scene.set_up_direction("+y")
         scene.world_axes.visible = False
-        blank = np.zeros((held.kinematics.height, held.kinematics.width, 3), np.uint8)
-        self.real = scene.add_image("/real", blank, width, height, format="jpeg", jpeg_quality=QUALITY,
-                                    cast_shadow=False, receive_shadow=False, visible=False,
-                                    position=(GAP * width, 0.0, 0.0), wxyz=UPRIGHT)  # fmt: skip
-        self.real_name = scene.add_label("/real/name", "recorded", position=(0.0, 0.54 * height, 0.0),
-                                         anchor="top-center", visible=False)  # fmt: skip
-        self.arrow = scene.add_arrows("/force", NOTHING.astype(np.float32), FORCE, shaft_radius=0.035,
-                                      head_radius=0.091, head_length=0.175, visible=False)  # fmt: skip
-        # lines and no arrowheads, which would stay where nothing moves
-        self.velocity = draw_lines(scene, "/velocity", NOTHING, FIELD, thick=0.02)
-        self.missing = draw_lines(scene, "/residual", NOTHING, RESIDUAL, thick=0.024)
-        self.brush = draw_lines(scene, "/brush", NOTHING, BRUSH, thick=0.02)
+        blank = np.zeros((operating_point.kinematics.height, operating_point.kinematics.width, 3), np.uint8)
+        self.recorded_image = scene.add_image(
+            "/real",
+            blank,
+            width,
+            height,
+            format="jpeg",
+            jpeg_quality=QUALITY,
+            cast_shadow=False,
+            receive_shadow=False,
+            visible=False,
+            position=(GAP * width, 0.0, 0.0),
+            wxyz=UPRIGHT,
+        )
+        self.recorded_label = scene.add_label(
+            "/real/name", "recorded", position=(0.0, 0.54 * height, 0.0), anchor="top-center", visible=False
+        )
+        self.arrow = scene.add_arrows(
+            "/force",
+            EMPTY.astype(np.float32),
+            FORCE,
+            shaft_radius=0.035,
+            head_radius=0.091,
+            head_length=0.175,
+            visible=False,
+        )
+        # lines have no heads, which would stay visible where nothing moves
+        self.velocity = draw_lines(scene, "/velocity", EMPTY, FIELD, thick=0.02)
+        self.residual_lines = draw_lines(scene, "/residual", EMPTY, RESIDUAL, thick=0.024)
+        self.brush = draw_lines(scene, "/brush", EMPTY, BRUSH, thick=0.02)
 
-    def show(self, snapshot: Snapshot) -> None:
-        """Draw a snapshot for everyone who looks."""
-        self.board.show_rest(self.shown.outline)
-        painted = self.board.paint(snapshot.q)
+    def draw(self, snapshot: Snapshot) -> None:
+        """Draw a snapshot for every visitor."""
+        self.canvas.show_rest(self.options.outline)
+        painted = self.canvas.paint(snapshot.q)
         with self.server.atomic():
-            self.board.put(painted)
-            self._show_hand(snapshot)
-            self._show_overlays(snapshot)
-        if snapshot.asked_s is not None and snapshot.asked_s != self.measured_s:
-            self.measured_s = snapshot.asked_s
-            self.latencies_ms.append(1e3 * (time.perf_counter() - snapshot.asked_s))
+            self.canvas.send(painted)
+            self._draw_grasp(snapshot)
+            self._draw_overlays(snapshot)
+        if snapshot.requested_s is not None and snapshot.requested_s != self.measured_s:
+            self.measured_s = snapshot.requested_s
+            self.latencies_ms.append(1e3 * (time.perf_counter() - snapshot.requested_s))
 
-    def _show_hand(self, snapshot: Snapshot) -> None:
-        hand = snapshot.hand
-        self.arrow.visible = self.brush.visible = hand is not None
-        if hand is None:
+    def _draw_grasp(self, snapshot: Snapshot) -> None:
+        grasp = snapshot.active_grasp
+        self.arrow.visible = self.brush.visible = grasp is not None
+        if grasp is None:
             return
-        place = hand.place(snapshot.q)
-        self.brush.points = draw_ring(self.board, place, self.touch.radius_px)
-        tip = place + hand.force / self.touch.gain
+        place = grasp.place(snapshot.q)
+        self.brush.points = draw_ring(self.canvas, place, self.grasp_model.radius_px)
+        tip = place + grasp.force / self.grasp_model.gain
         self.arrow.visible = bool(np.linalg.norm(tip - place) > SHORTEST_PX)
-        self.arrow.points = self.board.over(np.stack([place, tip])[None], layer=2).astype(np.float32)
+        self.arrow.points = self.canvas.to_scene(np.stack([place, tip])[None], layer=2).astype(np.float32)
 
-    def _show_overlays(self, snapshot: Snapshot) -> None:
-        shown = self.shown
-        self.velocity.visible = shown.velocity
-        self.real.visible = self.real_name.visible = shown.real and snapshot.frame is not None
-        self.missing.visible = shown.residual and self.residual is not None
+    def _draw_overlays(self, snapshot: Snapshot) -> None:
+        options = self.options
+        self.velocity.visible = options.velocity
+        self.recorded_image.visible = self.recorded_label.visible = (
+            options.recorded and snapshot.frame is not None
+        )
+        self.residual_lines.visible = options.residual and self.residual is not None
         if self.velocity.visible:
-            self.velocity.points = self._drawn(snapshot.q, snapshot.v, self.fastest)
-        if self.missing.visible and self.residual is not None:
+            self.velocity.points = self._arrows(snapshot.q, snapshot.v, self.fastest)
+        if self.residual_lines.visible and self.residual is not None:
             rate = self.residual(snapshot)
             largest = float(np.linalg.norm(self.field.along(rate), axis=1).max(initial=1e-12))
-            self.missing.points = self._drawn(snapshot.q, rate, largest)
-        if self.real.visible and snapshot.frame is not None:
-            self.real.image = self.frame(snapshot.frame)
+            self.residual_lines.points = self._arrows(snapshot.q, rate, largest)
+        if self.recorded_image.visible and snapshot.frame is not None:
+            self.recorded_image.image = self.read_frame(snapshot.frame)
 
-    def _drawn(self, q: np.ndarray, rate: np.ndarray, largest: float) -> np.ndarray:
+    def _arrows(self, q: np.ndarray, rate: np.ndarray, largest: float) -> np.ndarray:
         arrows = self.field.arrows(q, rate, largest=largest)
-        return self.board.over(arrows).astype(np.float32)
+        return self.canvas.to_scene(arrows).astype(np.float32)
 
 
-def open_canvas(server: viser.ViserServer, held: OperatingPoint, *, side: int, window: int) -> Canvas:
-    """The board that suits where a run's Gaussians live: a sheet of ``side``, or windows of ``window`` px."""
-    easel = open_renderer(held.autoencoder, held.chart, side=side)
-    if isinstance(easel, ImageRenderer):
-        return ImageCanvas(server, held, easel)
-    return CameraCanvas(server, held, easel, side=window)
+def open_canvas(
+    server: viser.ViserServer, operating_point: OperatingPoint, *, side: int, window: int
+) -> Canvas:
+    """Open the canvas for a run: one image of ``side`` px, or in space one of ``window`` px per visitor."""
+    renderer = open_renderer(operating_point.autoencoder, operating_point.chart, side=side)
+    if isinstance(renderer, ImageRenderer):
+        return ImageCanvas(server, operating_point, renderer)
+    return CameraCanvas(server, operating_point, renderer, side=window)
 
 
-def draw_ring(board: Canvas, middle: Float64[np.ndarray, " n"], radius_px: float) -> np.ndarray:
-    """A circle around ``middle`` as segments of the scene, in the plane of the latest drag."""
+def draw_ring(canvas: Canvas, center: Float64[np.ndarray, " n"], radius_px: float) -> np.ndarray:
+    """Make a circle around ``center`` as segments of the scene, in the plane of the latest drag."""
     angle = np.linspace(0.0, 2.0 * np.pi, CORNERS)
-    circle = middle + radius_px * (np.stack([np.cos(angle), np.sin(angle)], axis=1) @ board.axes)
-    return to_segments(board.over(circle)).astype(np.float32)
+    circle = center + radius_px * (np.stack([np.cos(angle), np.sin(angle)], axis=1) @ canvas.axes)
+    return to_segments(canvas.to_scene(circle)).astype(np.float32)

@@ -1,4 +1,4 @@
-"""The live simulation in a browser: a session, its two clocks, the scene and the controls, on one port."""
+"""The live simulation in a browser: a session, its real-time loop, the scene and the controls on one port."""
 
 import contextlib
 import logging
@@ -7,6 +7,7 @@ import threading
 import time
 import webbrowser
 from collections.abc import Callable
+from concurrent.futures import Future
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,7 +19,7 @@ from lagsplat.viewer.config import ViewerConfig
 from lagsplat.viewer.rendering.renderer import open_renderer
 from lagsplat.viewer.server.access_control import restrict_access, warn_of_open_host
 from lagsplat.viewer.server.canvas import Drag, Pointer
-from lagsplat.viewer.server.controls import ControlPanel, Keep
+from lagsplat.viewer.server.controls import ControlPanel, SessionActions
 from lagsplat.viewer.server.scene import SceneView, open_canvas
 from lagsplat.viewer.server.session_export import export_session
 from lagsplat.viewer.simulation.history import SessionHistory
@@ -26,62 +27,70 @@ from lagsplat.viewer.simulation.realtime_loop import RealtimeLoop
 from lagsplat.viewer.simulation.session import Session, Snapshot
 
 PATIENCE_S = 20.0
+"""Longest wait for the history of the session [s]."""
 log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class ViewerContent:
-    """What is shown: the session, its title, the recorded pictures, and where sessions are saved.
+    """What a server shows: a session, its title and recorded images; sessions are saved in ``folder``.
 
     ``residual`` is the acceleration of the state that a diagnosis found missing, or None.
     """
 
     session: Session
     title: str
-    frame: Callable[[int], UInt8[np.ndarray, "H W 3"]]
+    read_frame: Callable[[int], UInt8[np.ndarray, "H W 3"]]
     folder: Path
     residual: Callable[[Snapshot], Float64[np.ndarray, " d"]] | None = None
 
 
 class ViewerServer:
-    """Serves a show until `stop`.
+    """Serves the live view of a session until `stop`.
 
     Raises:
         OSError: no port is free from ``viewer.port`` on, or the address is not this machine's.
     """
 
-    def __init__(self, show: ViewerContent, config: ViewerConfig) -> None:
+    def __init__(self, content: ViewerContent, config: ViewerConfig) -> None:
         if text := warn_of_open_host(config.host):
             log.warning(text)
         _require_address(config.host)
-        session, held = show.session, show.session.held
-        self.show, self.config = show, config
-        own = max(held.kinematics.height, held.kinematics.width)
-        self.easel, self.small = (
-            open_renderer(held.autoencoder, held.chart, side=side) for side in (config.side, own)
+        session, operating_point = content.session, content.session.operating_point
+        self.content, self.config = content, config
+        training_side = max(operating_point.kinematics.height, operating_point.kinematics.width)
+        self.renderer, self.small_renderer = (
+            open_renderer(operating_point.autoencoder, operating_point.chart, side=side)
+            for side in (config.side, training_side)
         )
         self.server = viser.ViserServer(config.host, config.port, verbose=False)
-        restrict_access(self.server, alone=warn_of_open_host(config.host) is None)
-        board = open_canvas(self.server, held, side=config.side, window=config.window)
-        self.stage = SceneView(self.server, session, board, frame=show.frame, residual=show.residual)
-        self.loop = RealtimeLoop(session, self._show, pictures_hz=config.pictures_hz, refuse=self._refuse)
-        keep = Keep(self._save, self._replay)
-        self.panel = ControlPanel(self.server, session, self.loop, self.stage, keep, title=show.title)
-        self.holder: int | None = None
-        self.pull: Drag | None = None
+        restrict_access(self.server, loopback_only=warn_of_open_host(config.host) is None)
+        canvas = open_canvas(self.server, operating_point, side=config.side, window=config.window)
+        self.scene_view = SceneView(
+            self.server, session, canvas, read_frame=content.read_frame, residual=content.residual
+        )
+        self.loop = RealtimeLoop(
+            session, self._draw, pictures_hz=config.pictures_hz, report_error=self._refuse
+        )
+        actions = SessionActions(self._save, self._replay)
+        self.panel = ControlPanel(
+            self.server, session, self.loop, self.scene_view, actions, title=content.title
+        )
+        self.holder_id: int | None = None
+        self.drag: Drag | None = None
         self.saving = threading.Lock()
-        board.on_drag(self._drag)
-        board.on_look(lambda: self.loop.tell(lambda s: None))
+        canvas.on_drag(self._drag)
+        canvas.on_camera_change(lambda: self.loop.submit(lambda s: None))
         self.loop.start()
 
     @property
     def url(self) -> str:
-        """Where to look."""
+        """Address of the page."""
         host = "localhost" if self.config.host in ("0.0.0.0", "::") else self.config.host
         return f"http://{host}:{self.server.get_port()}"
 
     def open_browser(self) -> None:
-        """Open the system's browser there, if there is one."""
+        """Open the page in the system's browser, if there is one."""
         with contextlib.suppress(webbrowser.Error):
             webbrowser.open(self.url)
 
@@ -92,76 +101,79 @@ class ViewerServer:
                 time.sleep(1.0)
 
     def stop(self) -> None:
-        """End the clocks and the server."""
+        """Stop the loop and the server."""
         self.loop.stop()
         self.server.stop()
 
-    def _show(self, snapshot: Snapshot) -> None:
-        self.stage.show(snapshot)
+    def _draw(self, snapshot: Snapshot) -> None:
+        self.scene_view.draw(snapshot)
         self.panel.refresh(snapshot, time.perf_counter())
 
     def _refuse(self, text: str) -> None:
         log.warning(text)
-        self.panel.tell(text)
+        self.panel.notify(text)
 
-    def _drag(self, phase: str, pull: Drag | None, pointer: Pointer, who: int) -> None:
-        """One hand at a time: who grasped last holds, and others' releases do not let go."""
+    def _drag(self, phase: str, drag: Drag | None, pointer: Pointer, client_id: int) -> None:
+        """Apply a drag; the last visitor who grasped holds, and only their release ends the grasp."""
         now = time.perf_counter()
         if phase == "end":
-            if who == self.holder:
-                self.loop.tell(lambda s: s.release(asked_s=now))
+            if client_id == self.holder_id:
+                self.loop.submit(lambda s: s.release(requested_s=now))
             return
         if phase == "start":
-            self.holder, self.pull = who, pull
-            self.loop.tell(lambda s: self._grasp(s, pull, now))
-        if who == self.holder and (held := self.pull) is not None:
-            self.loop.tell(lambda s: s.pull(held.way(pointer), asked_s=now))
+            self.holder_id, self.drag = client_id, drag
+            self.loop.submit(lambda s: self._grasp(s, drag, now))
+        if client_id == self.holder_id and (drag := self.drag) is not None:
+            self.loop.submit(lambda s: s.pull(drag.displacement(pointer), requested_s=now))
 
-    def _grasp(self, session: Session, pull: Drag | None, now_s: float) -> None:
+    def _grasp(self, session: Session, drag: Drag | None, now_s: float) -> None:
         session.release()
-        if pull is None:
+        if drag is None:
             raise ValueError("the pointer does not point at anything; nothing was pushed")
-        at, met = pull.aim(session.q)
-        if session.grasp(at, met=met, asked_s=now_s).still:
-            self.panel.tell("Nothing there moves: that is background. Drag the object.")
+        at, gaussian = drag.find_target(session.q)
+        if session.grasp(at, gaussian=gaussian, requested_s=now_s).is_background:
+            self.panel.notify("Nothing there moves: that is background. Drag the object.")
 
-    def _taped(self) -> SessionHistory:
-        found: list[SessionHistory | ValueError] = []
-        ready = threading.Event()
+    def _read_history(self) -> SessionHistory:
+        future: Future[SessionHistory] = Future()
 
         def read(session: Session) -> None:
             try:
-                found.append(session.tape.read())
+                future.set_result(session.history.read())
             except ValueError as error:
-                found.append(error)
-            ready.set()
+                future.set_exception(error)
 
-        self.loop.tell(read)
-        if not ready.wait(PATIENCE_S):
-            raise ValueError("the simulation does not answer; look at the server's log")
-        if isinstance(found[0], ValueError):
-            raise found[0]
-        return found[0]
+        self.loop.submit(read)
+        try:
+            return future.result(PATIENCE_S)
+        except TimeoutError as error:
+            raise ValueError("the simulation does not answer; look at the server's log") from error
 
     def _replay(self) -> str:
-        taped = self._taped()
-        self.loop.tell(lambda s: s.replay(taped))
-        return f"Replaying {taped.time_s[-1]:.1f} s."
+        history = self._read_history()
+        self.loop.submit(lambda s: s.replay(history))
+        return f"Replaying {history.time_s[-1]:.1f} s."
 
     def _save(self) -> str:
-        taped, session = self._taped(), self.show.session
+        history, session = self._read_history(), self.content.session
         with self.saving:
             number = 1
-            while (stem := self.show.folder / f"session_{number:03d}").with_suffix(".mcap").exists():
+            while (stem := self.content.folder / f"session_{number:03d}").with_suffix(".mcap").exists():
                 number += 1
-            meta = {"title": self.show.title, "inputs": list(session.recorded.names), "kappa": session.kappa}
-            gain = session.touch.gain
-            paths = export_session(stem, taped, self.easel, meta, gain=gain, small=self.small)
-        return "Saved " + ", ".join(path.name for path in paths) + f" in {self.show.folder}"
+            meta = {
+                "title": self.content.title,
+                "inputs": list(session.recorded.names),
+                "kappa": session.kappa,
+            }
+            gain = session.grasp_model.gain
+            paths = export_session(
+                stem, history, self.renderer, meta, gain=gain, small_renderer=self.small_renderer
+            )
+        return "Saved " + ", ".join(path.name for path in paths) + f" in {self.content.folder}"
 
 
 def _require_address(host: str) -> None:
-    # viser tries a thousand ports where an address cannot be bound, and says nothing
+    # viser would try a thousand ports in silence if the address cannot be bound
     try:
         family, _, _, _, address = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[0]
         with socket.socket(family, socket.SOCK_STREAM) as probe:

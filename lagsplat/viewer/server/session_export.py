@@ -1,4 +1,4 @@
-"""A session on disk: an MCAP file with everything, a small film and an animation to show."""
+"""Writes a session as MCAP with all its data, as MP4 and as GIF, and reads the MCAP file."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,33 +13,40 @@ from lagsplat.io.video.read import save_gif, save_mp4
 from lagsplat.viewer.rendering.renderer import FrameRenderer
 from lagsplat.viewer.simulation.history import SessionHistory
 
-FILM_HZ, GIF_HZ = 30.0, 15.0
+VIDEO_HZ, GIF_HZ = 30.0, 15.0
 GIF_S = 12.0
+"""Length of the animation [s]: the end of the session."""
 ARROW = (255, 122, 26)
-SHARP = 4  # OpenCV's fraction bits of a place, so that an arrow glides
+FRACTION_BITS = 4  # of a position in OpenCV, so that an arrow moves smoothly
 
 
-def history_to_log(taped: SessionHistory, meta: dict[str, Any], *, middle: tuple[float, ...]) -> SessionLog:
-    """A tape as columns without gaps; where nothing is held the place is the ``middle``."""
-    held = np.isfinite(taped.place).all(1)
+def history_to_log(history: SessionHistory, meta: dict[str, Any], *, center: tuple[float, ...]) -> SessionLog:
+    """Convert a history to columns without NaN: where nothing is grasped, the place is ``center``."""
+    grasped = np.isfinite(history.place).all(1)
     columns = {
-        "q": taped.q, "v": taped.v, "u": taped.u, "load": taped.load, "force": taped.force,
-        "place": np.where(held[:, None], taped.place, middle), "edits": taped.edits, "energy": taped.energy,
-        "clip": taped.clip[:, None].astype(np.float64),
-    }  # fmt: skip
-    return SessionLog(taped.dt_s, columns, meta)
+        "q": history.q,
+        "v": history.v,
+        "u": history.u,
+        "load": history.load,
+        "force": history.force,
+        "place": np.where(grasped[:, None], history.place, center),
+        "edits": history.edits,
+        "energy": history.energy,
+        "clip": history.clip[:, None].astype(np.float64),
+    }
+    return SessionLog(history.dt_s, columns, meta)
 
 
 def log_to_history(log: SessionLog) -> SessionHistory:
-    """The tape of a log, to be replayed."""
+    """Convert the columns of a log to a history that can be replayed."""
     columns = dict(log.columns)
-    held = np.any(columns["force"] != 0.0, axis=1)
-    columns["place"] = np.where(held[:, None], columns["place"], np.nan)
+    grasped = np.any(columns["force"] != 0.0, axis=1)
+    columns["place"] = np.where(grasped[:, None], columns["place"], np.nan)
     return SessionHistory(log.dt_s, columns.pop("clip")[:, 0].astype(np.int64), **columns)
 
 
 def load_history(path: Path) -> SessionHistory:
-    """What a session did, from its MCAP file.
+    """Read the history of a session from its MCAP file.
 
     Raises:
         FileNotFoundError, ValueError: as `lagsplat.io.mcap.write.read_session`.
@@ -49,51 +56,58 @@ def load_history(path: Path) -> SessionHistory:
 
 def export_session(
     stem: Path,
-    taped: SessionHistory,
-    easel: FrameRenderer,
+    history: SessionHistory,
+    renderer: FrameRenderer,
     meta: dict[str, Any],
     *,
     gain: float,
-    small: FrameRenderer,
+    small_renderer: FrameRenderer,
 ) -> tuple[Path, ...]:
-    """Write ``stem.mcap`` with pictures by ``small``, ``stem.mp4`` and ``stem.gif`` with the arrow drawn in.
+    """Write a session as ``stem.mcap``, ``stem.mp4`` and ``stem.gif``; the videos show the force as an arrow.
 
-    ``gain`` is the force that is drawn as one pixel.
+    Args:
+        stem: path of the files without suffix.
+        history: what happened.
+        renderer: draws the frames of the MP4.
+        meta: facts to store in the MCAP file.
+        gain: force that is drawn as one pixel.
+        small_renderer: draws the frames of the MCAP file and of the GIF.
 
     Raises:
-        FileExistsError: the MCAP file is there already.
+        FileExistsError: the MCAP file exists already.
     """
-    pictures = ImageTopic("/camera/session", taped.time_s, (small.draw(q) for q in taped.q))
-    mcap, film, animation = (stem.with_suffix(suffix) for suffix in (".mcap", ".mp4", ".gif"))
-    save_session(mcap, history_to_log(taped, meta, middle=easel.middle), pictures=[pictures])
-    save_mp4(film, _frames(taped, easel, gain=gain, rate_hz=FILM_HZ), rate_hz=FILM_HZ)
-    last = _frames(taped, small, gain=gain, rate_hz=GIF_HZ, since_s=taped.time_s[-1] - GIF_S)
+    images = ImageTopic("/camera/session", history.time_s, (small_renderer.draw(q) for q in history.q))
+    mcap, video, animation = (stem.with_suffix(suffix) for suffix in (".mcap", ".mp4", ".gif"))
+    save_session(mcap, history_to_log(history, meta, center=renderer.center), pictures=[images])
+    save_mp4(video, _frames(history, renderer, gain=gain, rate_hz=VIDEO_HZ), rate_hz=VIDEO_HZ)
+    last = _frames(history, small_renderer, gain=gain, rate_hz=GIF_HZ, since_s=history.time_s[-1] - GIF_S)
     save_gif(animation, last, rate_hz=GIF_HZ)
-    return mcap, film, animation
+    return mcap, video, animation
 
 
 def _frames(
-    taped: SessionHistory, easel: FrameRenderer, *, gain: float, rate_hz: float, since_s: float = 0.0
+    history: SessionHistory, renderer: FrameRenderer, *, gain: float, rate_hz: float, since_s: float = 0.0
 ) -> Iterator[UInt8[np.ndarray, "H W 3"]]:
     begin = max(0.0, since_s)
-    for now in np.arange(begin, taped.time_s[-1] + 0.5 / rate_hz, 1.0 / rate_hz):
-        row = min(len(taped) - 1, round(now / taped.dt_s))
-        picture = easel.draw(taped.q[row])
-        if np.isfinite(taped.place[row]).all() and taped.force[row].any():
-            picture = pointed(picture, easel, taped.place[row], taped.force[row] / gain)
-        yield picture
+    for now in np.arange(begin, history.time_s[-1] + 0.5 / rate_hz, 1.0 / rate_hz):
+        row = min(len(history) - 1, round(now / history.dt_s))
+        frame = renderer.draw(history.q[row])
+        if np.isfinite(history.place[row]).all() and history.force[row].any():
+            frame = draw_drag_arrow(frame, renderer, history.place[row], history.force[row] / gain)
+        yield frame
 
 
-def pointed(
-    picture: UInt8[np.ndarray, "H W 3"], easel: FrameRenderer, place: np.ndarray, drag: np.ndarray
+def draw_drag_arrow(
+    frame: UInt8[np.ndarray, "H W 3"], renderer: FrameRenderer, place: np.ndarray, drag: np.ndarray
 ) -> UInt8[np.ndarray, "H W 3"]:
-    """The picture with an arrow from ``place`` along ``drag`` [px of the training resolution, or at the
-    pivot]."""
-    drawn = picture.copy(order="C")
-    foot, tip = np.round(2**SHARP * easel.pixels(np.stack([place, place + drag]))).astype(int)
-    thick = max(1, round(max(picture.shape) / 110))
+    """Draw an arrow from ``place`` along ``drag`` [px of the training resolution, or at the pivot]."""
+    drawn = frame.copy(order="C")
+    foot, tip = np.round(2**FRACTION_BITS * renderer.project_points(np.stack([place, place + drag]))).astype(
+        int
+    )
+    thick = max(1, round(max(frame.shape) / 110))
     for color, width in (((0, 0, 0), thick + 2), (ARROW, thick)):
         cv2.arrowedLine(
-            drawn, foot.tolist(), tip.tolist(), color, width, cv2.LINE_AA, shift=SHARP, tipLength=0.25
+            drawn, foot.tolist(), tip.tolist(), color, width, cv2.LINE_AA, shift=FRACTION_BITS, tipLength=0.25
         )
     return drawn

@@ -1,8 +1,4 @@
-"""The books of energy: what came in by the hand, the inputs and edits, what damping took, and what is left
-over.
-
-The hand: a drag in the picture as a force on the matter that was grasped.
-"""
+"""The grasp of a user: the force of a drag on the grasped matter, and the energy balance."""
 
 from dataclasses import dataclass, replace
 
@@ -10,7 +6,7 @@ import numpy as np
 import torch
 from jaxtyping import Float64
 
-from lagsplat.forces.equilibrium import OperatingPoint, static_stiffness
+from lagsplat.forces.equilibrium import OperatingPoint, compute_static_stiffness
 from lagsplat.forces.grasp import GraspPoint, NoMatterError, Place, Point, grasp_along_ray, grasp_brush
 from lagsplat.forces.loaded_lagrangian import FastLagrangian
 from lagsplat.forces.moving_parts import STILL
@@ -20,56 +16,56 @@ Vector = Float64[np.ndarray, " d"]
 
 @dataclass(frozen=True)
 class EnergyTerms:
-    """Energy now, and the flows since the books were opened, in the law's own unit.
+    """Energy now, and the energy that flowed since the last reset, in the law's own unit.
 
-    ``hand``, ``inputs`` and ``edits`` flowed in, ``dissipated`` out. ``error`` is what the integrator made or
-    lost: ``total - began - hand - inputs - edits + dissipated``.
+    ``hand_work``, ``input_work`` and ``edit_work`` flowed in, ``dissipated`` flowed out, ``initial`` is the
+    energy at the reset.
     """
 
     kinetic: float
     potential: float
-    hand: float
-    inputs: float
-    edits: float
+    hand_work: float
+    input_work: float
+    edit_work: float
     dissipated: float
-    began: float
+    initial: float
 
     @property
     def total(self) -> float:
-        """Kinetic plus potential."""
+        """Kinetic plus potential energy."""
         return self.kinetic + self.potential
 
     @property
     def error(self) -> float:
-        """What the books cannot explain."""
-        return self.total - self.began - self.hand - self.inputs - self.edits + self.dissipated
+        """The energy that the integrator created or lost."""
+        return self.total - self.initial - self.hand_work - self.input_work - self.edit_work + self.dissipated
 
 
 class EnergyBalance:
-    """Books of one motion, kept step by step; `open` begins them anew.
+    """The energy balance of a motion, updated step by step.
 
-    Within a step the hand's force is held, so that its work is exact; dissipation and the work of the inputs
-    follow the trapezoidal rule, of the integrator's own order.
+    The force of the hand is constant within a step, so its work is exact. Dissipation and the work of the
+    inputs use the trapezoidal rule, which has the order of the integrator.
 
     Source: paper, Appendix, the energy balance.
     """
 
     def __init__(self, law: FastLagrangian, q: Vector, v: Vector) -> None:
-        self.open(law, q, v)
+        self.reset(law, q, v)
 
-    def open(self, law: FastLagrangian, q: Vector, v: Vector) -> None:
-        """Begin at this state."""
-        self.hand = self.inputs = self.edits = self.dissipated = 0.0
-        self._look(law, q, v)
-        self.began = self.kinetic + self.potential
+    def reset(self, law: FastLagrangian, q: Vector, v: Vector) -> None:
+        """Start a new balance at the state ``q`` with the velocity ``v`` [1/s]."""
+        self.hand_work = self.input_work = self.edit_work = self.dissipated = 0.0
+        self._evaluate(law, q, v)
+        self.initial = self.kinetic + self.potential
 
-    def edit(self, law: FastLagrangian, q: Vector, v: Vector) -> None:
-        """The law was changed in this state: what its energy jumps by was put in from outside."""
+    def record_edit(self, law: FastLagrangian, q: Vector, v: Vector) -> None:
+        """Count the jump of the energy when the law is edited as work from outside."""
         before = self.kinetic + self.potential
-        self._look(law, q, v)
-        self.edits += self.kinetic + self.potential - before
+        self._evaluate(law, q, v)
+        self.edit_work += self.kinetic + self.potential - before
 
-    def book(
+    def record_step(
         self,
         law: FastLagrangian,
         before: tuple[Vector, Vector],
@@ -79,99 +75,128 @@ class EnergyBalance:
         *,
         dt_s: float,
     ) -> None:
-        """One step from ``before`` to ``after`` under the held inputs and generalised force."""
-        way = after[0] - before[0]
-        self.hand += float(load @ way)
-        if len(u):
-            none = np.zeros_like(u)
-            push = [
-                law.conservative_force(q, u) - law.conservative_force(q, none) for q, _ in (before, after)
-            ]
-            self.inputs += float(0.5 * (push[0] + push[1]) @ way)
-        taken = [law.dissipated_power(q, v) for q, v in (before, after)]
-        self.dissipated += 0.5 * dt_s * (taken[0] + taken[1])
-        self._look(law, *after)
+        """Add one step to the balance.
 
-    def told(self) -> EnergyTerms:
-        """The books as they stand."""
+        Args:
+            law: the law that made the step.
+            before: state and velocity [1/s] at its start.
+            after: state and velocity [1/s] at its end.
+            u: inputs, constant during the step.
+            load: generalised force of the hand, constant during the step.
+            dt_s: length of the step [s].
+        """
+        displacement = after[0] - before[0]
+        self.hand_work += float(load @ displacement)
+        if len(u):
+            zero = np.zeros_like(u)
+            start, end = (
+                law.conservative_force(q, u) - law.conservative_force(q, zero) for q, _ in (before, after)
+            )
+            self.input_work += float(0.5 * (start + end) @ displacement)
+        power = [law.dissipated_power(q, v) for q, v in (before, after)]
+        self.dissipated += 0.5 * dt_s * (power[0] + power[1])
+        self._evaluate(law, *after)
+
+    def terms(self) -> EnergyTerms:
+        """The balance as it is now."""
         return EnergyTerms(
-            self.kinetic, self.potential, self.hand, self.inputs, self.edits, self.dissipated, self.began
+            self.kinetic,
+            self.potential,
+            self.hand_work,
+            self.input_work,
+            self.edit_work,
+            self.dissipated,
+            self.initial,
         )
 
-    def _look(self, law: FastLagrangian, q: Vector, v: Vector) -> None:
+    def _evaluate(self, law: FastLagrangian, q: Vector, v: Vector) -> None:
         self.kinetic, self.potential = law.kinetic(q, v), law.potential(q)
 
 
 OBJECT = 0.5
-"""Of the largest motion: Gaussians that move as much decide how strong a drag is."""
+"""Share of the largest motion: the Gaussians that move at least as much set the strength of a drag."""
 PRESENT = 0.1
+"""Opacity above which a Gaussian counts as visible at rest."""
 LARGEST = 0.98
-"""The quantile of the motions that counts as the largest."""
+"""Quantile of the motions that is taken as the largest, so that a few outliers do not set it."""
 WEAKEST = 1e-6
-"""Of the largest stiffness: what is softer, or unstable, is taken to be as stiff as this."""
+"""Share of the largest stiffness: lower bound on every stiffness, and the size of an unstable one."""
 
 
 @dataclass(frozen=True)
 class Grasp:
-    """What holds the matter of ``grip`` with ``force`` [energy of the law per px]: right, down and, in
-    space, ahead of the film's camera.
+    """A force on the matter of ``grasp_point``.
 
-    ``still`` says that the matter grasped there hardly moves with any coordinate: it is background.
+    ``force`` [energy of the law per px] points right, down and, in space, away from the recording camera.
+    ``is_background`` is true where the matter hardly moves with any coordinate.
     """
 
-    grip: GraspPoint
+    grasp_point: GraspPoint
     force: Float64[np.ndarray, " n"]
-    still: bool
+    is_background: bool
 
     @property
     def load(self) -> Float64[np.ndarray, " d"]:
-        """The generalised force."""
-        return self.force @ self.grip.jacobian.numpy()
+        """The generalised force [energy of the law per whitened unit]."""
+        return self.force @ self.grasp_point.jacobian.numpy()
 
     def place(self, q: Float64[np.ndarray, " d"]) -> Float64[np.ndarray, " n"]:
-        """Where the matter is now [px]."""
-        return self.grip.place(torch.from_numpy(q)).numpy()
+        """Position of the grasped matter at the state ``q`` [px]."""
+        return self.grasp_point.place(torch.from_numpy(q)).numpy()
 
 
 class GraspModel:
-    """How a picture is touched: the width of the brush, and how much force a pixel of drag is worth.
+    """Turns a drag into a force: the radius of the brush and the force per pixel of drag.
 
-    ``gain`` [energy per px^2] is such that a drag of ``drag_px`` on the object drives the state
-    ``response`` of the visited range away from rest, by the stiffness there.
+    The ``gain`` [energy per px^2] is chosen from the stiffness at rest: a drag of ``drag_px`` on the object
+    moves the state by the share ``response`` of the visited radius.
+
+    Args:
+        operating_point: the run at rest.
+        radius_px: radius of the brush [px].
+        drag_px: the drag that produces ``response`` [px].
+        response: share of the visited radius.
     """
 
-    def __init__(self, held: OperatingPoint, *, radius_px: float, drag_px: float, response: float) -> None:
-        self.kinematics, self.radius_px = held.kinematics, radius_px
-        present = held.kinematics.presence(held.rest[None])[0] > PRESENT
-        jacobian = held.kinematics.geometry.jacobian
+    def __init__(
+        self, operating_point: OperatingPoint, *, radius_px: float, drag_px: float, response: float
+    ) -> None:
+        self.kinematics, self.radius_px = operating_point.kinematics, radius_px
+        present = operating_point.kinematics.presence(operating_point.rest[None])[0] > PRESENT
+        jacobian = operating_point.kinematics.geometry.jacobian
         motion = jacobian.flatten(1).norm(dim=1)
-        shown = motion[present] if bool(present.any()) else motion
-        self.motion = float(shown.quantile(LARGEST))
-        # ties and a decoder of few Gaussians must leave at least one of them
-        chosen = jacobian[present & (motion >= OBJECT * self.motion)]
+        visible = motion[present] if bool(present.any()) else motion
+        self.largest_motion = float(visible.quantile(LARGEST))
+        # at least one must remain, even where all motions are equal or the decoder has few Gaussians
+        chosen = jacobian[present & (motion >= OBJECT * self.largest_motion)]
         chosen = chosen if len(chosen) else jacobian[motion.argmax()][None]
-        values, vectors = torch.linalg.eigh(static_stiffness(held.law, held.rest[None], held.u[None])[0])
+        values, vectors = torch.linalg.eigh(
+            compute_static_stiffness(
+                operating_point.law, operating_point.rest[None], operating_point.u[None]
+            )[0]
+        )
         values = values.abs().clamp(min=WEAKEST * float(values.abs().max()))
         compliance = (vectors / values) @ vectors.T
         answers = torch.linalg.matrix_norm(chosen @ compliance, ord=2)
-        self.gain = response * held.reach / (float(answers.median()) * drag_px)
+        self.gain = response * operating_point.visited_radius / (float(answers.median()) * drag_px)
 
-    def grasp(self, q: Float64[np.ndarray, " d"], at: Point | Place, *, met: int | None = None) -> Grasp:
-        """Take hold of the matter around ``at`` [px] at the state ``q``, without pulling yet.
+    def grasp(self, q: Float64[np.ndarray, " d"], at: Point | Place, *, gaussian: int | None = None) -> Grasp:
+        """Grasp the matter around ``at`` [px] at the state ``q``, without pulling yet.
 
-        Of the Gaussian ``met`` alone where no centre is under the brush, and one was met.
+        Where no centre is under the brush, the Gaussian with the number ``gaussian`` is grasped, if one is
+        given.
 
         Raises:
             ValueError: as `lagsplat.forces.grasp.grasp_brush`.
         """
         state = torch.from_numpy(q)
         try:
-            grip = grasp_brush(self.kinematics, state, at, radius=self.radius_px)
+            grasp_point = grasp_brush(self.kinematics, state, at, radius=self.radius_px)
         except NoMatterError:
-            if met is None:
+            if gaussian is None:
                 raise
-            grip = replace(
-                grasp_along_ray(self.kinematics, state, met), at=torch.tensor(at, dtype=torch.float64)
+            grasp_point = replace(
+                grasp_along_ray(self.kinematics, state, gaussian), at=torch.tensor(at, dtype=torch.float64)
             )
-        still = float(grip.jacobian.norm()) < STILL * self.motion
-        return Grasp(grip, np.zeros(self.kinematics.space), still)
+        is_background = float(grasp_point.jacobian.norm()) < STILL * self.largest_motion
+        return Grasp(grasp_point, np.zeros(self.kinematics.space), is_background)

@@ -1,9 +1,4 @@
-"""What was pushed and what happened: one row a step, of which the last ones are kept.
-
-What the recording offers an interactive session: states to start from, and inputs to replay.
-
-Whether a state is one the recording covered: what lies beyond was never seen, and is the law's guess.
-"""
+"""Data of a session: its history, the recording to start from, and the states that the recording covers."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -18,11 +13,11 @@ from lagsplat.stage2.lagrangian import LawEdits
 
 @dataclass(frozen=True)
 class SessionHistory:
-    """Rows of a session, ``dt_s`` apart; row ``i`` is the state before the step that row ``i`` drove.
+    """The last steps of a session, ``dt_s`` apart; row ``i`` holds the state before step ``i``.
 
-    ``clip`` counts the resets before a row, where the state jumps. ``force`` [energy of the law per px]
-    acts at ``place`` [px], NaN where nothing is held; ``load`` is the same pulled back. ``edits`` are the
-    factors of damping, inertia and stiffness.
+    ``clip`` counts the resets before a row, where the state jumps. ``force`` [energy of the law per px] acts
+    at ``place`` [px], which is NaN where nothing is grasped; ``load`` is its generalised force. ``edits``
+    are the factors of damping, inertia and stiffness.
     """
 
     dt_s: float
@@ -35,30 +30,38 @@ class SessionHistory:
     place: Float64[np.ndarray, "N n"]
     edits: Float64[np.ndarray, "N 3"]
     energy: Float64[np.ndarray, "N 5"]
-    """Kinetic, potential, work of the hand, work of the inputs, dissipated."""
+    """Kinetic, potential, work of the hand, work of the inputs and dissipated energy."""
 
     def __len__(self) -> int:
         return len(self.q)
 
     @property
     def time_s(self) -> Float64[np.ndarray, " N"]:
-        """Instants of the rows, the first at 0."""
+        """Times of the rows [s]; the first is 0."""
         return self.dt_s * np.arange(len(self))
 
     @property
     def segments(self) -> tuple[tuple[int, int], ...]:
-        """Rows between resets, half-open."""
+        """Half-open ranges of rows between two resets."""
         cuts = [0, *(1 + np.flatnonzero(np.diff(self.clip))).tolist(), len(self)]
         return tuple((a, b) for a, b in pairwise(cuts) if a < b)
 
     def edits_at(self, row: int) -> LawEdits:
-        """The edits of a row."""
+        """The edits of the law at a row."""
         damping, inertia, stiffness = (float(x) for x in self.edits[row])
         return LawEdits(damping=damping, inertia=inertia, stiffness=stiffness)
 
 
 class HistoryBuffer:
-    """Keeps the last ``rows`` rows; older ones are dropped, so that memory is bounded."""
+    """Ring buffer of the last ``rows`` steps, so that memory stays bounded.
+
+    Args:
+        d: number of coordinates.
+        n_u: number of inputs.
+        space: number of dimensions of a force, 2 or 3.
+        dt_s: time between rows [s].
+        rows: capacity.
+    """
 
     def __init__(self, *, d: int, n_u: int, space: int, dt_s: float, rows: int) -> None:
         self.d, self.n_u, self.space, self.dt_s = d, n_u, space, dt_s
@@ -68,14 +71,14 @@ class HistoryBuffer:
         return len(self.rows)
 
     def add(self, clip: int, *parts: np.ndarray) -> None:
-        """One row: the parts of `SessionHistory` in their order, after ``clip``."""
+        """Append a row: ``clip`` and the other columns of `SessionHistory` in their order."""
         self.rows.append(np.concatenate([[clip], *parts]))
 
     def read(self) -> SessionHistory:
-        """What is kept.
+        """The stored rows as arrays.
 
         Raises:
-            ValueError: nothing happened yet.
+            ValueError: the buffer is empty.
         """
         if not self.rows:
             raise ValueError("nothing has been recorded yet: let the simulation run, push it, and save again")
@@ -87,9 +90,9 @@ class HistoryBuffer:
 
 @dataclass(frozen=True)
 class RecordedData:
-    """Smoothed states, velocities [1/s] and inputs of every frame; ``segments`` are its clips.
+    """Smoothed states, velocities [1/s] and inputs of every recorded frame; ``segments`` are the clips.
 
-    A clip of one frame has velocity zero. ``names`` and ``units`` are those of the inputs.
+    The velocity of a clip of one frame is zero. ``names`` and ``units`` belong to the inputs.
     """
 
     q: Float64[np.ndarray, "T d"]
@@ -100,28 +103,28 @@ class RecordedData:
     units: tuple[str, ...]
 
     @property
-    def frames(self) -> int:
-        """How many there are."""
+    def n_frames(self) -> int:
+        """Number of recorded frames."""
         return len(self.q)
 
-    def after(self, frame: int) -> int:
-        """The next frame of the same clip; after its last one the clip begins again."""
+    def next_frame(self, frame: int) -> int:
+        """The next frame of the same clip; its first one after its last."""
         start, stop = next((a, b) for a, b in self.segments if a <= frame < b)
         return frame + 1 if frame + 1 < stop else start
 
-    def require(self, frame: int) -> int:
-        """``frame``, if it is one of a clip.
+    def check_frame(self, frame: int) -> int:
+        """Return ``frame`` if a clip contains it.
 
         Raises:
-            ValueError: it is not.
+            ValueError: no clip contains it.
         """
         if not any(a <= frame < b for a, b in self.segments):
-            raise ValueError(f"frame {frame} is not in the recording of frames 0 to {self.frames - 1}")
+            raise ValueError(f"frame {frame} is not in the recording of frames 0 to {self.n_frames - 1}")
         return frame
 
 
 def read_recorded_data(chart: Chart, *, names: tuple[str, ...], units: tuple[str, ...]) -> RecordedData:
-    """The whole recording, smoothed as the dynamics were fitted; velocities are central differences."""
+    """Read the recording of a chart, smoothed as for the fit; velocities are central differences."""
     whole = chart.whole.smoothed(chart.smoothing_frames)
     v = np.zeros_like(whole.latents)
     for a, b in whole.segments:
@@ -131,13 +134,14 @@ def read_recorded_data(chart: Chart, *, names: tuple[str, ...], units: tuple[str
 
 
 POINTS = 400
-"""States that stand for all of the training part; they are spread by always adding the farthest one."""
+"""Number of states that represent the training part, chosen by farthest-point sampling."""
 
 
 @dataclass(frozen=True)
 class TrainingCoverage:
-    """Balls of one ``radius`` around ``points`` (n, d), in coordinates ``q @ root`` in which a distance is a
-    change of the picture.
+    """The states that the recording covers: balls of ``radius`` around ``points`` (n, d).
+
+    Points and radius are in coordinates ``q @ root``, where a distance is a change of the image.
     """
 
     points: Float64[np.ndarray, "n d"]
@@ -145,20 +149,19 @@ class TrainingCoverage:
     radius: float
 
     def distance(self, q: Float64[np.ndarray, " d"]) -> float:
-        """From the nearest known state, in radii: beyond 1 the recording never was."""
+        """Distance of ``q`` from the nearest covered point in radii; above 1 it is outside the recording."""
         away = self.points - q @ self.root
         return float(np.sqrt(np.square(away).sum(1).min()) / self.radius)
 
 
 def measure_coverage(chart: Chart, *, beyond: float) -> TrainingCoverage:
-    """What the training states cover; ``beyond`` is a share of their rms spread that is granted around
-    them."""
+    """Measure what the training states cover, with a margin of ``beyond`` times their rms spread."""
     values, vectors = np.linalg.eigh(chart.metric)
     root = vectors * np.sqrt(np.clip(values, 0.0, None))
-    seen = chart.train.latents @ root
-    spread = float(np.sqrt(np.square(seen - seen.mean(0)).sum(1).mean()))
-    chosen, left = [0], np.linalg.norm(seen - seen[0], axis=1)
-    while len(chosen) < min(POINTS, len(seen)):
-        chosen.append(int(left.argmax()))
-        left = np.minimum(left, np.linalg.norm(seen - seen[chosen[-1]], axis=1))
-    return TrainingCoverage(seen[chosen], root, float(left.max()) + beyond * spread)
+    states = chart.train.latents @ root
+    spread = float(np.sqrt(np.square(states - states.mean(0)).sum(1).mean()))
+    chosen, distance = [0], np.linalg.norm(states - states[0], axis=1)
+    while len(chosen) < min(POINTS, len(states)):
+        chosen.append(int(distance.argmax()))
+        distance = np.minimum(distance, np.linalg.norm(states - states[chosen[-1]], axis=1))
+    return TrainingCoverage(states[chosen], root, float(distance.max()) + beyond * spread)

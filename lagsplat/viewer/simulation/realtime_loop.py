@@ -1,8 +1,6 @@
-"""How many steps of the dynamics are due: model time runs with the wall's, or with a multiple of it.
+"""The real-time loop: one thread steps a session in time with the clock, another draws its latest snapshot.
 
-Two clocks: one thread steps a session in real time, another draws its latest snapshot as fast as it may.
-
-Whoever else wants something of the session leaves a command; commands take effect between two steps.
+Everything else reaches the session as a command, which is executed between two steps.
 """
 
 import logging
@@ -16,121 +14,127 @@ from typing import Any
 from lagsplat.viewer.simulation.session import Session, Snapshot
 
 LATEST_S = 0.25
-"""Of the wall: what is due for longer is forgotten, so that a pause of the machine is not made up in a
-leap."""
+"""Longest backlog [s] of wall-clock time: older steps are dropped, so that the model does not leap after a
+pause of the machine."""
 
 
 class StepClock:
-    """Model time in steps of ``dt_s``, ``speed`` times as fast as the wall's clock [s]."""
+    """Counts the due steps of ``dt_s`` while model time runs ``speed`` times as fast as the clock."""
 
     def __init__(self, dt_s: float, *, now_s: float) -> None:
         self.dt_s, self.speed = dt_s, 1.0
-        self.owed, self.seen_s, self.forgotten = 0.0, now_s, 0
+        self.backlog, self.last_s, self.dropped_steps = 0.0, now_s, 0
 
-    def due(self, now_s: float, *, running: bool = True) -> int:
-        """Whole steps due by now; they count as done. While not ``running`` none falls due."""
-        passed, self.seen_s = max(0.0, now_s - self.seen_s), now_s
+    def steps_due(self, now_s: float, *, running: bool = True) -> int:
+        """Whole steps due at ``now_s``, counted as done from then on; none while not ``running``."""
+        passed, self.last_s = max(0.0, now_s - self.last_s), now_s
         if not running:
             return 0
-        self.owed += passed * self.speed / self.dt_s
+        self.backlog += passed * self.speed / self.dt_s
         most = max(1.0, LATEST_S * self.speed / self.dt_s)
-        if self.owed > most:
-            self.forgotten += int(self.owed - most)
-            self.owed = most
-        steps = int(self.owed + 1e-9)  # a step is due although sums of times are rounded
-        self.owed = max(0.0, self.owed - steps)
+        if self.backlog > most:
+            self.dropped_steps += int(self.backlog - most)
+            self.backlog = most
+        steps = int(self.backlog + 1e-9)  # tolerates the rounding of summed times
+        self.backlog = max(0.0, self.backlog - steps)
         return steps
 
     def wait_s(self) -> float:
-        """How long until the next step falls due."""
-        return (1.0 - self.owed) * self.dt_s / self.speed
+        """Time until the next step is due [s]."""
+        return (1.0 - self.backlog) * self.dt_s / self.speed
 
 
 IDLE_S = 0.25
+"""Longest wait for a command or a snapshot [s]."""
 RATE_S = 1.0
+"""Window over which the rates are counted [s]."""
 log = logging.getLogger(__name__)
 Command = Callable[[Session], Any]
 
 
 class RealtimeLoop:
-    """Runs a session until `stop`.
+    """Runs a session in two threads from `start` until `stop`.
 
-    ``show`` is called with snapshots in a thread of its own, never with two at once and at most
-    ``pictures_hz`` times a second; what happens in between is skipped. ``refuse`` is told why a command was
-    refused.
+    Args:
+        session: the session; nobody else may call it while the loop runs.
+        draw: called with snapshots in a thread of its own, never twice at once; snapshots that come faster
+            than it draws are skipped.
+        pictures_hz: largest number of calls of ``draw`` a second.
+        report_error: called with the reason why a command was refused.
     """
 
     def __init__(
         self,
         session: Session,
-        show: Callable[[Snapshot], None],
+        draw: Callable[[Snapshot], None],
         *,
         pictures_hz: float,
-        refuse: Callable[[str], None] = log.warning,
+        report_error: Callable[[str], None] = log.warning,
     ) -> None:
-        self.session, self.show, self.refuse, self.period_s = session, show, refuse, 1.0 / pictures_hz
+        self.session, self.draw, self.report_error = session, draw, report_error
+        self.period_s = 1.0 / pictures_hz
         self.clock = StepClock(session.dt_s, now_s=time.perf_counter())
         self.commands: queue.SimpleQueue[Command] = queue.SimpleQueue()
-        self.over = threading.Event()
-        self.fresh, self.latest = threading.Condition(), session.snapshot()
-        self.stepped: deque[tuple[float, int]] = deque()
-        self.drawn: deque[float] = deque()
+        self.stopping = threading.Event()
+        self.updated, self.latest = threading.Condition(), session.snapshot()
+        self.step_log: deque[tuple[float, int]] = deque()
+        self.frame_log: deque[float] = deque()
         self.threads = [
-            threading.Thread(target=self._dynamics, name="dynamics", daemon=True),
-            threading.Thread(target=self._pictures, name="pictures", daemon=True),
+            threading.Thread(target=self._run_dynamics, name="dynamics", daemon=True),
+            threading.Thread(target=self._run_drawing, name="pictures", daemon=True),
         ]
 
     def start(self) -> None:
-        """Begin to run."""
+        """Start both threads."""
         for thread in self.threads:
             thread.start()
 
     def stop(self) -> None:
-        """End both threads, and wait for them."""
-        self.over.set()
-        self.tell(lambda session: None)
-        with self.fresh:
-            self.fresh.notify_all()
+        """Stop both threads and wait for them."""
+        self.stopping.set()
+        self.submit(lambda session: None)
+        with self.updated:
+            self.updated.notify_all()
         for thread in self.threads:
             thread.join(timeout=5.0)
 
-    def tell(self, command: Command) -> None:
-        """Have ``command`` called with the session between two steps; from any thread, at once."""
+    def submit(self, command: Command) -> None:
+        """Queue ``command``, which is called with the session between two steps; from any thread."""
         self.commands.put(command)
 
     def rates(self) -> tuple[float, float]:
-        """Steps and pictures of the last second."""
+        """Steps and frames of the last second."""
         now = time.perf_counter()
-        steps = sum(count for at, count in list(self.stepped) if at > now - RATE_S)
-        return steps / RATE_S, sum(at > now - RATE_S for at in list(self.drawn)) / RATE_S
+        steps = sum(count for at, count in list(self.step_log) if at > now - RATE_S)
+        return steps / RATE_S, sum(at > now - RATE_S for at in list(self.frame_log)) / RATE_S
 
-    def _dynamics(self) -> None:
-        while not self.over.is_set():
+    def _run_dynamics(self) -> None:
+        while not self.stopping.is_set():
             running = self.session.status == "running"
             wait_s = self.clock.wait_s() if running else IDLE_S
-            changed = self._obey(wait_s)
+            changed = self._run_commands(wait_s)
             now = time.perf_counter()
-            due = self.clock.due(now, running=running)
+            due = self.clock.steps_due(now, running=running)
             self._step(due)
             if due:
-                self.stepped.append((now, due))
-                while self.stepped[0][0] < now - RATE_S:
-                    self.stepped.popleft()
+                self.step_log.append((now, due))
+                while self.step_log[0][0] < now - RATE_S:
+                    self.step_log.popleft()
             if due or changed:
-                with self.fresh:
+                with self.updated:
                     self.latest = self.session.snapshot()
-                    self.fresh.notify_all()
+                    self.updated.notify_all()
 
     def _step(self, times: int) -> None:
         try:
             for _ in range(times):
                 self.session.step()
-        except Exception:  # without its thread the page would stand still and say nothing
+        except Exception:  # else the thread would end and the page freeze without a message
             log.exception("a step failed; the session stopped")
-            self.session.halt()
+            self.session.stop()
 
-    def _obey(self, wait_s: float) -> bool:
-        """Carry out what was asked for, waiting for a first command; whether there was any."""
+    def _run_commands(self, wait_s: float) -> bool:
+        """Execute the queued commands after waiting for a first one; return whether there was any."""
         try:
             command = self.commands.get(timeout=max(0.0, wait_s))
         except queue.Empty:
@@ -139,36 +143,39 @@ class RealtimeLoop:
             try:
                 command(self.session)
             except ValueError as error:
-                self._tell_why(str(error))
-            except Exception:  # a command must not end the session of everyone else
+                self._report(str(error))
+            except Exception:  # a command of one visitor must not end the session of the others
                 log.exception("a command failed; the session goes on")
-                self._tell_why("That failed inside; the session goes on. The server's log says why.")
+                self._report("That failed inside; the session goes on. The server's log says why.")
             try:
                 command = self.commands.get_nowait()
             except queue.Empty:
                 return True
 
-    def _tell_why(self, refusal: str) -> None:
+    def _report(self, refusal: str) -> None:
         try:
-            self.refuse(refusal)
-        except Exception:  # who asked may have left meanwhile
-            log.exception("a refusal could not be told; the session goes on")
+            self.report_error(refusal)
+        except Exception:  # the visitor may have left
+            log.exception("a refusal could not be reported; the session goes on")
 
-    def _pictures(self) -> None:
-        shown: Snapshot | None = None
-        while not self.over.is_set():
-            with self.fresh:
-                self.fresh.wait_for(lambda: self.latest is not shown or self.over.is_set(), timeout=IDLE_S)  # noqa: B023
+    def _run_drawing(self) -> None:
+        drawn_snapshot: Snapshot | None = None
+        while not self.stopping.is_set():
+            with self.updated:
+                self.updated.wait_for(
+                    lambda: self.latest is not drawn_snapshot or self.stopping.is_set(),  # noqa: B023
+                    timeout=IDLE_S,
+                )
                 snapshot = self.latest
-            if snapshot is shown or self.over.is_set():
+            if snapshot is drawn_snapshot or self.stopping.is_set():
                 continue
             began = time.perf_counter()
             try:
-                self.show(snapshot)
-            except Exception:  # a picture that fails must not end the simulation
-                log.exception("a picture failed; the session goes on")
-            shown = snapshot
-            self.drawn.append(began)
-            while self.drawn[0] < began - RATE_S:
-                self.drawn.popleft()
-            self.over.wait(max(0.0, self.period_s - (time.perf_counter() - began)))
+                self.draw(snapshot)
+            except Exception:  # a frame that fails must not end the simulation
+                log.exception("a frame failed; the session goes on")
+            drawn_snapshot = snapshot
+            self.frame_log.append(began)
+            while self.frame_log[0] < began - RATE_S:
+                self.frame_log.popleft()
+            self.stopping.wait(max(0.0, self.period_s - (time.perf_counter() - began)))

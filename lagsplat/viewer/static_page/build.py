@@ -1,7 +1,4 @@
-"""A run to be pushed as one page that needs no server and no network.
-
-What a page needs of a run, as plain data: the law's numbers, the Gaussians, and where a session begins.
-"""
+"""Builds one self-contained HTML page from a session: law, Gaussians and recording as JSON in the page."""
 
 import base64
 import html
@@ -23,39 +20,39 @@ from lagsplat.viewer.simulation.history import RecordedData
 from lagsplat.viewer.simulation.session import Session
 
 MECHANICS = ("law.js", "hand.js", "plane.js", "depth.js", "space.js", "session.js")
-"""What needs no browser."""
+"""Scripts that also run without a browser."""
 SCRIPTS = (*MECHANICS, "splats.js", "chart.js", "pointer.js", "app.js")
 LARGEST_BYTES = 15_000_000
 
 
 def read_asset(name: str) -> str:
-    """A file of ``lagsplat/viewer/static_page/assets``."""
+    """Read a file of ``lagsplat/viewer/static_page/assets``."""
     return files("lagsplat.viewer.static_page").joinpath("assets", name).read_text(encoding="utf-8")
 
 
 def render_page(session: Session, *, title: str, subtitle: str) -> str:
-    """The whole page.
+    """Render the page of a session as HTML.
 
     Raises:
         ValueError: as `pack_page`.
     """
-    # in a script element only "</" could end it early
+    # only "</" could end a script element early
     run = json.dumps(pack_page(session), allow_nan=False, separators=(",", ":")).replace("</", "<\\/")
     return Template(read_asset("index.html")).render(
         title=html.escape(title),
         subtitle=html.escape(subtitle),
         style=read_asset("style.css"),
         script="\n".join(read_asset(name) for name in SCRIPTS),
-        space=session.held.kinematics.space,
+        space=session.operating_point.kinematics.space,
         run=run,
     )
 
 
 def save_page(path: Path, session: Session, *, title: str, subtitle: str) -> None:
-    """Write the page to ``path``, whole or not at all.
+    """Write the page of a session to ``path`` atomically.
 
     Raises:
-        ValueError: as `pack_page`, or a page beyond what mail and phones take.
+        ValueError: as `pack_page`, or the page is larger than `LARGEST_BYTES`.
     """
     page = render_page(session, title=title, subtitle=subtitle)
     size = len(page.encode())
@@ -68,33 +65,34 @@ def save_page(path: Path, session: Session, *, title: str, subtitle: str) -> Non
 
 
 FRAMES = 3600
-"""Recorded frames that a page carries at most."""
+"""Largest number of recorded frames in a page."""
 TEXEL = 4
+"""Numbers per texel of the texture that holds the Gaussians."""
 SWING = 2.0
-"""Cells that the fastest recorded motion is drawn long."""
+"""Length of the arrow of the fastest recorded motion in cells."""
 
 
 def pack_page(session: Session) -> dict[str, Any]:
-    """The run of a session, ready for JSON.
+    """Pack the run of a session as plain data for JSON.
 
     Raises:
-        ValueError: the law's mass is induced by the decoder, which pages do not compute.
+        ValueError: the mass is induced by the decoder, which a page cannot compute.
     """
-    held, recorded = session.held, session.recorded
-    law = make_fast_lagrangian(held.law)
+    operating_point, recorded = session.operating_point, session.recorded
+    law = make_fast_lagrangian(operating_point.law)
     if not isinstance(law, NumpyLagrangian):
         raise ValueError(
             "the mass of this run is induced by its decoder: a page does not compute that; export a run "
             "whose mass is learned or constant, or push this one with lagsplat view"
         )
     return {
-        "d": held.law.d,
+        "d": operating_point.law.d,
         "dt": session.dt_s,
-        "rest": held.rest.tolist(),
-        "reach": held.reach,
+        "rest": operating_point.rest.tolist(),
+        "reach": operating_point.visited_radius,
         "divergence": session.config.divergence,
-        "gain": session.touch.gain,
-        "brush": session.touch.radius_px,
+        "gain": session.grasp_model.gain,
+        "brush": session.grasp_model.radius_px,
         "law": pack_law(law),
         "splats": _splats(session),
         "coverage": {
@@ -104,13 +102,13 @@ def pack_page(session: Session) -> dict[str, Any]:
         },
         "inputs": _inputs(session),
         "recorded": _recorded(recorded),
-        "outline": [np.round(line, 2).tolist() for line in trace_rest_outline(held)],
+        "outline": [np.round(line, 2).tolist() for line in trace_rest_outline(operating_point)],
         "field": _field(session),
     }
 
 
 def pack_law(law: NumpyLagrangian) -> dict[str, Any]:
-    """Every number of a law, under the names of ``page/law.js``."""
+    """Pack the numbers of a law under the names that ``assets/law.js`` reads."""
     names = ("inner", "innerBias", "outer", "outerBias")
     blocks = [dict(zip(names, (part.tolist() for part in block), strict=True)) for block in law.blocks]
     return {
@@ -132,11 +130,12 @@ def pack_law(law: NumpyLagrangian) -> dict[str, Any]:
 
 
 def pack_gaussians(session: Session) -> Float32[np.ndarray, "K row"]:
-    """Of every Gaussian, in whitened coordinates and pixels of the training resolution: place at ``q = 0``,
-    Jacobian of x, of y and, in space, of z, offset and factor of the gate, opacity, colour, covariance;
-    filled up to whole texels.
+    """Pack the Gaussians in whitened coordinates and pixels of the training resolution, one row each.
+
+    A row holds the position at ``q = 0``, the Jacobian of x, y and, in space, z, offset and factor of the
+    gate, opacity, colour and covariance, padded to whole texels.
     """
-    kinematics, gaussians = session.held.kinematics, session.held.autoencoder.gaussians
+    kinematics, gaussians = session.operating_point.kinematics, session.operating_point.autoencoder.gaussians
     geometry = kinematics.geometry
     with torch.no_grad():
         color, covariance = gaussians.color_logit.sigmoid().cpu(), gaussians.covariance().cpu()
@@ -155,10 +154,10 @@ def pack_gaussians(session: Session) -> Float32[np.ndarray, "K row"]:
 
 
 def _splats(session: Session) -> dict[str, Any]:
-    kinematics = session.held.kinematics
+    kinematics = session.operating_point.kinematics
     table = pack_gaussians(session)
     with torch.no_grad():
-        background = session.held.autoencoder.gaussians.background().cpu().tolist()
+        background = session.operating_point.autoencoder.gaussians.background().cpu().tolist()
     return {
         "constants": base64.b64encode(table.astype("<f4").tobytes()).decode(),
         "count": len(table),
@@ -172,21 +171,19 @@ def _splats(session: Session) -> dict[str, Any]:
 
 
 def _camera(session: Session) -> dict[str, Any]:
-    """Of the film, where Gaussians live in space; which of them can be dragged, for beside them a drag turns
-    the view; and how far ahead these are, by their median at rest.
-    """
-    held, moves = session.held, select_moving(session.held.kinematics)
-    shown = moves & (held.kinematics.presence(held.rest[None])[0].numpy() > PRESENT)
-    depth = held.kinematics.places(held.rest[None])[0, :, 2].numpy()
+    """Pack the recording camera, the Gaussians that can be dragged and their median depth at rest."""
+    operating_point, moves = session.operating_point, select_moving(session.operating_point.kinematics)
+    visible = moves & (operating_point.kinematics.presence(operating_point.rest[None])[0].numpy() > PRESENT)
+    depth = operating_point.kinematics.places(operating_point.rest[None])[0, :, 2].numpy()
     return {
-        "lens": held.autoencoder.lens,
+        "lens": operating_point.autoencoder.lens,
         "moves": np.flatnonzero(moves).tolist(),
-        "depth": float(np.median(depth[shown if shown.any() else moves])),
+        "depth": float(np.median(depth[visible if visible.any() else moves])),
     }
 
 
 def _inputs(session: Session) -> dict[str, Any]:
-    recorded, mean = session.recorded, session.held.u.numpy()
+    recorded, mean = session.recorded, session.operating_point.u.numpy()
     stacked = np.concatenate([recorded.u, mean[None]])
     return {
         "names": list(recorded.names),
@@ -205,14 +202,14 @@ def _recorded(recorded: RecordedData) -> dict[str, Any]:
 
 
 def _field(session: Session) -> dict[str, Any]:
-    field = AccelerationField(session.held)
+    field = AccelerationField(session.operating_point)
     swing = np.abs(session.recorded.v).max(0)
     fastest = float(np.linalg.norm(field.along(swing), axis=1).max(initial=1e-12))
     return {"chosen": field.chosen.tolist(), "scale": SWING * field.cell / fastest}
 
 
 def pack_convex_net(net: ConvexNet | None) -> dict[str, Any] | None:
-    """The weights of a convex network of a `NumpyLagrangian` as plain lists; None of None."""
+    """Pack the weights of a convex network as lists; None for no network."""
     if net is None:
         return None
     return {
@@ -226,7 +223,7 @@ def pack_convex_net(net: ConvexNet | None) -> dict[str, Any] | None:
 
 
 def pack_spd_field(field: SpdField | ConstantSpd) -> dict[str, Any]:
-    """The numbers of a mass or damping matrix as plain lists; no ``net`` if it is constant."""
+    """Pack a mass or damping matrix as lists; ``net`` is None if it is constant."""
     names = ("first", "firstBias", "second", "secondBias", "third")
     net = None if field.net is None else {n: w.tolist() for n, w in zip(names, field.net, strict=True)}
     return {"lower": field.lower.tolist(), "floor": field.floor, "net": net}

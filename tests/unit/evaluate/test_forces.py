@@ -105,7 +105,7 @@ def test_an_answer_the_wrong_way_has_no_scale() -> None:
     load = grip.pull_back(torch.tensor([0.0, 1.0], dtype=torch.float64)).numpy()
     way = 0.1 * grip.jacobian.numpy()[None, :, 0]
     scale = fit_energy_scale(held, load, grip.jacobian.numpy()[None], way)
-    q = held.settled(scale * torch.from_numpy(load)[None])
+    q = held.equilibria(scale * torch.from_numpy(load)[None])
     assert float(q[0, 0]) == pytest.approx(0.1, rel=1e-2)
     with pytest.raises(NoScaleError, match="against the measured way"):
         fit_energy_scale(held, load, grip.jacobian.numpy()[None], -way)

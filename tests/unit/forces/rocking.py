@@ -47,9 +47,19 @@ def _held(places: torch.Tensor, jacobian: torch.Tensor, on: torch.Tensor, *, fra
     eye, time_s = np.eye(d), np.arange(frames) / 60
     swing = np.stack([np.sin((3.0 + 2.0 * i) * time_s) for i in range(d)], 1)
     chart = Chart(
-        mean=np.zeros(d), whiten=eye, unwhiten=eye, metric=eye, metric_scale=1.0, latents=swing,
-        inputs=np.zeros((frames, 1)), time_s=time_s, rest=np.zeros(d), n_train=frames,
+        mean=np.zeros(d),
+        whiten=eye,
+        unwhiten=eye,
+        metric=eye,
+        metric_scale=1.0,
+        latents=swing,
+        inputs=np.zeros((frames, 1)),
+        time_s=time_s,
+        rest=np.zeros(d),
+        n_train=frames,
         segments=((0, frames),),
-        smoothing_frames=1.0, condition=1.0, intrinsic_dimension=float(d),
-    )  # fmt: skip
+        smoothing_frames=1.0,
+        condition=1.0,
+        intrinsic_dimension=float(d),
+    )
     return hold_at_load(model.eval(), chart, lagrangian(d))

@@ -24,9 +24,15 @@ def turning(*, frames: int = 60) -> OperatingPoint:
     turn = torch.stack([-arm[:, 1], arm[:, 0], torch.zeros(len(places))], 1)[:, :, None]
     size = {"height": HEIGHT, "width": WIDTH}
     model = Autoencoder(
-        d=1, n_gaussians=len(places), kernel=12, channels=2, background="black",
-        lens=[FOCAL, FOCAL, WIDTH / 2, HEIGHT / 2], backend="auto", **size,
-    )  # fmt: skip
+        d=1,
+        n_gaussians=len(places),
+        kernel=12,
+        channels=2,
+        background="black",
+        lens=[FOCAL, FOCAL, WIDTH / 2, HEIGHT / 2],
+        backend="auto",
+        **size,
+    )
     gaussians = model.gaussians
     with torch.no_grad():
         gaussians.center.copy_(places)
@@ -37,11 +43,21 @@ def turning(*, frames: int = 60) -> OperatingPoint:
     eye, time_s = np.eye(1), np.arange(frames) / 60
     swing = np.sin(3.0 * time_s)[:, None]
     chart = Chart(
-        mean=np.zeros(1), whiten=eye, unwhiten=eye, metric=eye, metric_scale=1.0, latents=swing,
-        inputs=np.zeros((frames, 1)), time_s=time_s, rest=np.zeros(1), n_train=frames,
+        mean=np.zeros(1),
+        whiten=eye,
+        unwhiten=eye,
+        metric=eye,
+        metric_scale=1.0,
+        latents=swing,
+        inputs=np.zeros((frames, 1)),
+        time_s=time_s,
+        rest=np.zeros(1),
+        n_train=frames,
         segments=((0, frames),),
-        smoothing_frames=1.0, condition=1.0, intrinsic_dimension=1.0,
-    )  # fmt: skip
+        smoothing_frames=1.0,
+        condition=1.0,
+        intrinsic_dimension=1.0,
+    )
     return hold_at_load(model.eval(), chart, lagrangian(1))
 
 

@@ -10,7 +10,7 @@ from lagsplat.forces.grasp import (
     NoMatterError,
     compute_kinematics,
     grasp_brush,
-    nearest_place,
+    grasp_nearest,
 )
 from lagsplat.stage2.decoder_mass import DecoderGeometry
 from tests.unit.evaluate.tiny_run import autoencoder, chart, recording
@@ -51,16 +51,16 @@ def test_the_selection_follows_the_matter():
 
 
 def test_the_nearest_is_one_gaussian():
-    grip = nearest_place(two(), STILL, (7.0, 9.0))
+    grip = grasp_nearest(two(), STILL, (7.0, 9.0))
     assert grip.weights.tolist() == [0.0, 1.0]
     assert float(grip.pull_back(torch.ones(2, dtype=torch.float64))) == 0.0
 
 
 @pytest.mark.parametrize(
-    "take", [lambda *a: grasp_brush(*a, radius=1.0), nearest_place], ids=["brush", "nearest"]
+    "take", [lambda *a: grasp_brush(*a, radius=1.0), grasp_nearest], ids=["brush", "nearest"]
 )
 def test_a_point_outside_and_a_state_where_nothing_is_drawn_are_refused(take):
-    with pytest.raises(NoMatterError, match="outside the picture of 20 x 10 px"):
+    with pytest.raises(NoMatterError, match="outside the image of 20 x 10 px"):
         take(two(), STILL, (20.5, 5.0))
     with pytest.raises(NoMatterError, match="no Gaussian is present at the state"):
         take(two(), STILL + 9.0, (4.0, 5.0))

@@ -5,7 +5,8 @@ import math
 import pytest
 import torch
 
-from lagsplat.forces.loaded_lagrangian import LawEdits, LoadedLagrangian
+from lagsplat.forces.loaded_lagrangian import LoadedLagrangian
+from lagsplat.stage2.lagrangian import LawEdits
 from tests.stage2_problems import random_lagrangian
 
 

@@ -7,9 +7,11 @@ from tests.unit.forces.rocking import rocking
 
 
 def test_the_disc_is_cut_out_of_the_wall():
-    held = rocking()
-    scene = find_moving_parts(held.autoencoder, held.chart, held.rest.numpy())
-    seen = draw_outline(held.pictures(held.rest[None], scale=2)[0], scene)
+    operating_point = rocking()
+    scene = find_moving_parts(
+        operating_point.autoencoder, operating_point.chart, operating_point.rest.numpy()
+    )
+    seen = draw_outline(operating_point.render_images(operating_point.rest[None], scale=2)[0], scene)
     assert seen.shape == (48, 64)
     assert seen[24, 32]
     assert not seen[:4].any()

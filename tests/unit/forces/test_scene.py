@@ -14,8 +14,10 @@ from tests.unit.forces.rocking import CLAMP, CONTACT, hanging, rocking
 
 
 def test_each_pixel_shows_how_its_matter_moves():
-    held = rocking()
-    scene = find_moving_parts(held.autoencoder, held.chart, held.rest.numpy())
+    operating_point = rocking()
+    scene = find_moving_parts(
+        operating_point.autoencoder, operating_point.chart, operating_point.rest.numpy()
+    )
     x, y = 20, 9
     expected = 0.1 * np.array([-(y + 0.5 - CONTACT[1]), x + 0.5 - CONTACT[0]])
     assert scene.jacobian[y, x, :, 0] == pytest.approx(expected, rel=0.25)
@@ -25,16 +27,20 @@ def test_each_pixel_shows_how_its_matter_moves():
 
 
 def test_levers_grow_away_from_the_centre_of_rotation_and_change_sign():
-    held = rocking()
-    scene = find_moving_parts(held.autoencoder, held.chart, held.rest.numpy())
+    operating_point = rocking()
+    scene = find_moving_parts(
+        operating_point.autoencoder, operating_point.chart, operating_point.rest.numpy()
+    )
     arms = [x - CONTACT[0] for x, _ in choose_lever_points(scene, margin=1.0)]
     assert arms[0] > arms[1] > arms[2]
     assert arms[0] < 0 < arms[3]
 
 
 def test_background_points_lie_apart_and_off_the_object():
-    held = rocking()
-    scene = find_moving_parts(held.autoencoder, held.chart, held.rest.numpy())
+    operating_point = rocking()
+    scene = find_moving_parts(
+        operating_point.autoencoder, operating_point.chart, operating_point.rest.numpy()
+    )
     points = np.array(choose_background_points(scene, 3, margin=1.0))
     assert len(points) == 3
     assert all(np.hypot(x - 16.0, y - 12.0) > 8.0 for x, y in points)
@@ -42,8 +48,10 @@ def test_background_points_lie_apart_and_off_the_object():
 
 
 def test_an_arm_has_a_middle_a_tip_and_a_direction():
-    held = hanging()
-    scene = find_moving_parts(held.autoencoder, held.chart, held.rest.numpy())
+    operating_point = hanging()
+    scene = find_moving_parts(
+        operating_point.autoencoder, operating_point.chart, operating_point.rest.numpy()
+    )
     middle, tip, along = choose_hanging_points(scene)
     assert middle[0] == pytest.approx(CLAMP[0], abs=0.5)
     assert CLAMP[1] < middle[1] < tip[1] < 22

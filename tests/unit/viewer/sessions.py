@@ -8,11 +8,11 @@ from tests.unit.forces.rocking import hanging, rocking
 from tests.unit.forces.solid import turning
 
 
-def session(held: OperatingPoint | None = None, *overrides: str) -> Session:
-    held = held or rocking()
+def session(operating_point: OperatingPoint | None = None, *overrides: str) -> Session:
+    operating_point = operating_point or rocking()
     settings = compose("system=toy", *overrides)
-    recorded = read_recorded_data(held.chart, names=("push",), units=("N",))
-    return Session(held, recorded, settings.viewer, settings.forces)
+    recorded = read_recorded_data(operating_point.chart, names=("push",), units=("N",))
+    return Session(operating_point, recorded, settings.viewer, settings.forces)
 
 
 def strip() -> Session:

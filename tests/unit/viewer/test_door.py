@@ -11,7 +11,7 @@ from websockets.exceptions import ConnectionClosed
 
 from lagsplat.cli.main import main
 from lagsplat.config.compose import compose
-from lagsplat.viewer.server.access_control import foreign, warn_of_open_host
+from lagsplat.viewer.server.access_control import is_foreign_origin, warn_of_open_host
 from lagsplat.viewer.server.server import ViewerContent, ViewerServer
 from tests.unit.forces.rocking import rocking
 from tests.unit.forces.solid import turning
@@ -21,17 +21,19 @@ from tests.unit.viewer.visitors import camera, dragged, hostile, send, visit
 FLAT, SPACE = "/picture", "/matter"
 
 
-def opened(held, folder):
+def opened(operating_point, folder):
     settings = compose("system=toy", "viewer.port=0", "viewer.window=64")
     frame = np.zeros((24, 32, 3), np.uint8)
-    return ViewerServer(ViewerContent(session(held), "disc", lambda number: frame, folder), settings.viewer)
+    return ViewerServer(
+        ViewerContent(session(operating_point), "disc", lambda number: frame, folder), settings.viewer
+    )
 
 
 @pytest.fixture(scope="module", params=[FLAT, SPACE], ids=["picture", "space"])
 def any_live(request, tmp_path_factory):
     """A live page, and the name of what can be dragged there."""
-    held = rocking() if request.param == FLAT else turning()
-    one = opened(held, tmp_path_factory.mktemp("live"))
+    operating_point = rocking() if request.param == FLAT else turning()
+    one = opened(operating_point, tmp_path_factory.mktemp("live"))
     yield one, request.param
     one.stop()
 
@@ -65,36 +67,38 @@ def test_no_message_executes_anything_ends_the_session_or_moves_a_file(
         except ConnectionClosed:
             pass
     heard = threading.Event()
-    live.loop.tell(lambda s: (s.to_rest(), heard.set()))
+    live.loop.submit(lambda s: (s.to_rest(), heard.set()))
     assert heard.wait(10.0)
-    one, steps = live.show.session, live.show.session.steps
-    live.loop.tell(lambda s: s.pause(False))
+    one, steps = live.content.session, live.content.session.steps
+    live.loop.submit(lambda s: s.pause(False))
     time.sleep(0.3)
     assert one.steps > steps
     assert np.isfinite(one.q).all()
     assert {uuid: list(handle._impl.update_cb) for uuid, handle in handles.items()} == callbacks
     assert live.server._share_tunnel is None
     assert list(tmp_path.iterdir()) == []
-    assert {path.stem.rstrip("0123456789") for path in live.show.folder.glob("*.mcap")} <= {"session_"}
-    assert {path.suffix for path in live.show.folder.iterdir()} <= {".mcap", ".mp4", ".gif"}
+    assert {path.stem.rstrip("0123456789") for path in live.content.folder.glob("*.mcap")} <= {"session_"}
+    assert {path.suffix for path in live.content.folder.iterdir()} <= {".mcap", ".mp4", ".gif"}
 
 
 def test_after_all_that_a_drag_still_pushes(live) -> None:
-    grab = tuple(live.stage.board.plane.to_scene(np.array([16.0, 8.0])).tolist())
-    tip = tuple(live.stage.board.plane.to_scene(np.array([22.0, 8.0])).tolist())
+    grab = tuple(live.scene_view.canvas.image_plane.to_scene(np.array([16.0, 8.0])).tolist())
+    tip = tuple(live.scene_view.canvas.image_plane.to_scene(np.array([22.0, 8.0])).tolist())
     with visit(live) as client:
         send(client, camera())
         time.sleep(0.3)
         send(client, *(dragged(phase, grab, tip) for phase in ("start", "update")))
         end = time.monotonic() + 10.0
-        while live.show.session.hand is None and time.monotonic() < end:
+        while live.content.session.active_grasp is None and time.monotonic() < end:
             time.sleep(0.02)
-        np.testing.assert_allclose(live.show.session.hand.grip.at, (16.0, 8.0), atol=1e-6)
-        np.testing.assert_allclose(live.show.session.hand.force, (6.0 * live.show.session.touch.gain, 0.0))
+        np.testing.assert_allclose(live.content.session.active_grasp.grasp_point.at, (16.0, 8.0), atol=1e-6)
+        np.testing.assert_allclose(
+            live.content.session.active_grasp.force, (6.0 * live.content.session.grasp_model.gain, 0.0)
+        )
     end = time.monotonic() + 10.0
-    while live.show.session.hand is not None and time.monotonic() < end:
+    while live.content.session.active_grasp is not None and time.monotonic() < end:
         time.sleep(0.02)
-    assert live.show.session.hand is None
+    assert live.content.session.active_grasp is None
 
 
 def test_a_page_of_another_site_is_turned_away(live) -> None:
@@ -106,7 +110,7 @@ def test_a_page_of_another_site_is_turned_away(live) -> None:
 
 
 @pytest.mark.parametrize(
-    ("origin", "host", "alone", "wanted"),
+    ("origin", "host", "loopback_only", "expected"),
     [
         (None, "127.0.0.1:8080", True, False),
         ("http://localhost:8080", "localhost:8080", True, False),
@@ -118,9 +122,9 @@ def test_a_page_of_another_site_is_turned_away(live) -> None:
     ],
     ids=["program", "own", "other site", "name that points here", "network", "file", "no host"],
 )
-def test_who_counts_as_foreign(origin, host, alone, wanted) -> None:
+def test_who_counts_as_foreign(origin, host, loopback_only, expected) -> None:
     headers = {key: value for key, value in (("Origin", origin), ("Host", host)) if value is not None}
-    assert foreign(headers, alone=alone) is wanted
+    assert is_foreign_origin(headers, loopback_only=loopback_only) is expected
 
 
 @pytest.mark.parametrize("path", ["/../../../../etc/passwd", "/%2e%2e/%2e%2e/etc/passwd", "/..\\..\\etc"])

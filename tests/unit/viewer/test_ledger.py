@@ -17,16 +17,16 @@ def left_over(dt_s: float) -> tuple[float, float]:
     for i in range(round(1.0 / dt_s)):
         if i == round(0.5 / dt_s):
             law = make_fast_lagrangian(base, edits=LawEdits(stiffness=1.5, inertia=0.8, damping=2.0))
-            books.edit(law, q, v)
+            books.record_edit(law, q, v)
         u, load = np.array([0.6 * (i * dt_s > 0.2)]), np.array([0.4, -0.1]) * (i * dt_s < 0.7)
         after = law.step(q, v, u, load, dt_s=dt_s)
-        books.book(law, (q, v), after, u, load, dt_s=dt_s)
+        books.record_step(law, (q, v), after, u, load, dt_s=dt_s)
         q, v = after
-    told = books.told()
-    flows = [abs(told.hand), abs(told.inputs), abs(told.edits), told.dissipated]
+    terms = books.terms()
+    flows = [abs(terms.hand_work), abs(terms.input_work), abs(terms.edit_work), terms.dissipated]
     assert min(flows) > 0.0
-    assert told.total == pytest.approx(law.kinetic(q, v) + law.potential(q))
-    return told.error, max(flows)
+    assert terms.total == pytest.approx(law.kinetic(q, v) + law.potential(q))
+    return terms.error, max(flows)
 
 
 def test_nothing_is_left_over_but_an_error_of_second_order():

@@ -11,14 +11,14 @@ from tests.unit.viewer.sessions import session
 
 def test_steps_fall_due_with_the_wall_and_what_is_late_is_forgotten():
     clock = StepClock(0.02, now_s=0.0)
-    assert clock.due(0.1) == 5
-    assert [clock.due(0.11), clock.due(0.12)] == [0, 1]
+    assert clock.steps_due(0.1) == 5
+    assert [clock.steps_due(0.11), clock.steps_due(0.12)] == [0, 1]
     clock.speed = 2.0
-    assert clock.due(0.2) == 8
-    assert clock.due(9.0) == 25
-    assert clock.forgotten > 800
-    assert clock.due(10.0, running=False) == 0
-    assert clock.due(10.1) <= 10
+    assert clock.steps_due(0.2) == 8
+    assert clock.steps_due(9.0) == 25
+    assert clock.dropped_steps > 800
+    assert clock.steps_due(10.0, running=False) == 0
+    assert clock.steps_due(10.1) <= 10
 
 
 def test_real_time_is_kept_while_pictures_take_their_own():
@@ -29,7 +29,7 @@ def test_real_time_is_kept_while_pictures_take_their_own():
         time.sleep(0.05)
 
     one = session()
-    loop = RealtimeLoop(one, show, pictures_hz=100.0, refuse=refused.append)
+    loop = RealtimeLoop(one, show, pictures_hz=100.0, report_error=refused.append)
     loop.start()
     began, first = time.perf_counter(), one.steps
     time.sleep(1.0)
@@ -45,13 +45,13 @@ def test_real_time_is_kept_while_pictures_take_their_own():
 def test_a_command_that_fails_is_told_and_the_session_goes_on():
     refused, heard = [], threading.Event()
     one = session()
-    loop = RealtimeLoop(one, lambda snapshot: None, pictures_hz=50.0, refuse=refused.append)
+    loop = RealtimeLoop(one, lambda snapshot: None, pictures_hz=50.0, report_error=refused.append)
     loop.start()
-    loop.tell(lambda s: s.grasp((-5.0, 0.0)))
-    loop.tell(lambda s: 1 / 0)
-    loop.tell(lambda s: heard.set())
+    loop.submit(lambda s: s.grasp((-5.0, 0.0)))
+    loop.submit(lambda s: 1 / 0)
+    loop.submit(lambda s: heard.set())
     assert heard.wait(5.0)
-    assert "outside the picture" in refused[0]
+    assert "outside the image" in refused[0]
     assert "failed inside" in refused[1]
     steps = one.steps
     time.sleep(0.3)
@@ -64,10 +64,10 @@ def test_a_refusal_that_reaches_nobody_ends_nothing():
         raise UserWarning("queued on a closed connection")
 
     one, heard = session(), threading.Event()
-    loop = RealtimeLoop(one, lambda snapshot: None, pictures_hz=50.0, refuse=gone)
+    loop = RealtimeLoop(one, lambda snapshot: None, pictures_hz=50.0, report_error=gone)
     loop.start()
-    loop.tell(lambda s: s.grasp((-5.0, 0.0)))
-    loop.tell(lambda s: heard.set())
+    loop.submit(lambda s: s.grasp((-5.0, 0.0)))
+    loop.submit(lambda s: heard.set())
     assert heard.wait(5.0)
     assert loop.threads[0].is_alive()
     loop.stop()
@@ -76,7 +76,7 @@ def test_a_refusal_that_reaches_nobody_ends_nothing():
 def test_a_step_that_fails_stops_the_session_and_says_so_and_rest_begins_anew(monkeypatch):
     one = session()
     loop = RealtimeLoop(one, lambda snapshot: None, pictures_hz=50.0)
-    monkeypatch.setattr(one.ledger, "book", lambda *booked, **more: 1 / 0)
+    monkeypatch.setattr(one.energy, "record_step", lambda *booked, **more: 1 / 0)
     loop.start()
     end = time.monotonic() + 5.0
     while one.status != "stopped" and time.monotonic() < end:
@@ -84,7 +84,7 @@ def test_a_step_that_fails_stops_the_session_and_says_so_and_rest_begins_anew(mo
     assert "stopped" in one.snapshot().banner
     monkeypatch.undo()
     heard = threading.Event()
-    loop.tell(lambda s: (s.to_rest(), heard.set()))
+    loop.submit(lambda s: (s.to_rest(), heard.set()))
     assert heard.wait(5.0)
     time.sleep(0.3)
     assert one.status == "running"
@@ -96,11 +96,11 @@ def test_paused_it_stands_still_and_still_obeys():
     one = session()
     loop = RealtimeLoop(one, lambda snapshot: None, pictures_hz=50.0)
     loop.start()
-    loop.tell(lambda s: s.pause(True))
+    loop.submit(lambda s: s.pause(True))
     time.sleep(0.2)
     steps = one.steps
     done = threading.Event()
-    loop.tell(lambda s: (s.step(), done.set()))
+    loop.submit(lambda s: (s.step(), done.set()))
     assert done.wait(2.0)
     time.sleep(0.2)
     assert one.steps == steps + 1

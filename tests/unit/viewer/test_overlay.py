@@ -10,9 +10,9 @@ from tests.unit.forces.rocking import rocking
 from tests.unit.forces.solid import FRONT, turning
 
 
-@pytest.mark.parametrize(("held", "space"), [(rocking, 2), (turning, 3)], ids=["picture", "space"])
-def test_arrows_stand_on_what_moves_and_point_where_it_goes(held, space: int) -> None:
-    field = AccelerationField(held())
+@pytest.mark.parametrize(("operating_point", "space"), [(rocking, 2), (turning, 3)], ids=["picture", "space"])
+def test_arrows_stand_on_what_moves_and_point_where_it_goes(operating_point, space: int) -> None:
+    field = AccelerationField(operating_point())
     arrows = field.arrows(np.zeros(1), np.ones(1), largest=1.0)
     assert arrows.shape[1:] == (2, space)
     assert len(arrows) > 3
@@ -21,18 +21,18 @@ def test_arrows_stand_on_what_moves_and_point_where_it_goes(held, space: int) ->
 
 
 def test_the_wall_gets_no_arrow() -> None:
-    held = turning()
-    assert (held.kinematics.center[select_moving(held.kinematics), 2] == FRONT).all()
-    np.testing.assert_allclose(AccelerationField(held).places(np.zeros(1))[:, 2], FRONT)
+    operating_point = turning()
+    assert (operating_point.kinematics.center[select_moving(operating_point.kinematics), 2] == FRONT).all()
+    np.testing.assert_allclose(AccelerationField(operating_point).places(np.zeros(1))[:, 2], FRONT)
 
 
 def test_a_stray_that_moves_alone_is_no_object() -> None:
-    held = turning()
-    before = select_moving(held.kinematics)
-    center = held.kinematics.center.clone()
+    operating_point = turning()
+    before = select_moving(operating_point.kinematics)
+    center = operating_point.kinematics.center.clone()
     stray = int(np.flatnonzero(before)[0])
     center[stray] += 40.0
-    after = select_moving(replace(held.kinematics, center=center))
+    after = select_moving(replace(operating_point.kinematics, center=center))
     assert before[stray]
     assert not after[stray]
     assert after.sum() == before.sum() - 1

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from lagsplat.cli.main import main
-from lagsplat.stage2.numpy_lagrangian import NumpyLagrangian
 from lagsplat.stage2.lagrangian import LawEdits
+from lagsplat.stage2.numpy_lagrangian import NumpyLagrangian
 from lagsplat.viewer.simulation.session import Session
 from lagsplat.viewer.static_page.build import (
     LARGEST_BYTES,
@@ -85,7 +85,7 @@ def test_a_push_of_ten_seconds_is_the_same_in_the_page(make) -> None:
     at, steps = (16.0, 8.0), round(SECONDS / one.dt_s)
     drags = [None if i > 0.6 * steps else [3.0 * np.sin(0.05 * i), 0.5] for i in range(steps)]
     data = {"run": pack_page(one), "at": at, "drags": drags}
-    told = run_script(MECHANICS, SESSION, data)
+    result = run_script(MECHANICS, SESSION, data)
     one.grasp(at)
     path = []
     for drag in drags:
@@ -93,9 +93,9 @@ def test_a_push_of_ten_seconds_is_the_same_in_the_page(make) -> None:
         one.step()
         path.append(one.q)
     assert np.abs(path).max() > 0.01
-    np.testing.assert_allclose(told["path"], path, atol=1e-4 * np.abs(path).max())
-    assert told["unexplained"] == pytest.approx(one.snapshot().energy.error, rel=0.05, abs=1e-6)
-    assert told["covered"] == pytest.approx(one.snapshot().covered, rel=1e-3, abs=1e-6)
+    np.testing.assert_allclose(result["path"], path, atol=1e-4 * np.abs(path).max())
+    assert result["unexplained"] == pytest.approx(one.snapshot().energy.error, rel=0.05, abs=1e-6)
+    assert result["covered"] == pytest.approx(one.snapshot().coverage_distance, rel=1e-3, abs=1e-6)
 
 
 def test_the_page_needs_nothing_from_anywhere(tmp_path) -> None:
@@ -113,7 +113,7 @@ def test_the_page_needs_nothing_from_anywhere(tmp_path) -> None:
 def test_a_mass_that_the_decoder_induces_is_refused() -> None:
     one = session()
     law = random_lagrangian(1, 1, 0, mass="induced")
-    object.__setattr__(one.held, "law", law)
+    object.__setattr__(one.operating_point, "law", law)
     with pytest.raises(ValueError, match="push this one with lagsplat view"):
         render_page(one, title="", subtitle="")
 
@@ -122,4 +122,4 @@ def test_the_command_says_what_is_missing(tmp_path, capsys) -> None:
     assert main(["export", str(tmp_path), "--html"]) == 2
     assert "no recording.safetensors there" in capsys.readouterr().err
     assert main(["export", str(tmp_path), "--pdf"]) == 2
-    assert "--mcap|--html" in capsys.readouterr().err
+    assert "unrecognized arguments: --pdf" in capsys.readouterr().err

@@ -58,48 +58,53 @@ def one() -> Session:
 
 
 def seen_from(one: Session, side: tuple[float, float, float]) -> Camera:
-    camera = turn_camera(one.held, *side[:2])
+    camera = turn_camera(one.operating_point, *side[:2])
     return replace(camera, focal=(side[2] * camera.focal[0], side[2] * camera.focal[1]))
 
 
 def test_from_every_side_the_same_is_near_and_is_met(one: Session) -> None:
-    q = one.held.rest + 0.4
+    q = one.operating_point.rest + 0.4
     pixels = [(x, y) for y in np.arange(2.0, HEIGHT, 5.0) for x in np.arange(2.0, WIDTH, 5.0)]
     data = {"run": pack_page(one), "q": q.tolist(), "sides": SIDES, "pixels": pixels}
-    for side, told in zip(SIDES, run_script(MECHANICS, VIEW, data), strict=True):
+    for side, result in zip(SIDES, run_script(MECHANICS, VIEW, data), strict=True):
         view = make_view([seen_from(one, side)])
-        ahead = compute_depths(one.held.kinematics.places(q[None]).float(), view)[0].numpy()
-        drawn = ahead[told["order"]]
-        assert sorted(told["order"]) == list(range(len(ahead)))
+        ahead = compute_depths(one.operating_point.kinematics.places(q[None]).float(), view)[0].numpy()
+        drawn = ahead[result["order"]]
+        assert sorted(result["order"]) == list(range(len(ahead)))
         assert np.diff(drawn).max() < 1e-4  # from far to near
         ties = np.diff(drawn) == 0.0
         if side[:2] == (0.0, 0.0):  # then the wall is one depth, and the first one in front
             assert ties.sum() > 10
-            assert (np.diff(told["order"])[ties] < 0).all()
-        np.testing.assert_allclose(told["seen"], pixels, atol=1e-9)
+            assert (np.diff(result["order"])[ties] < 0).all()
+        np.testing.assert_allclose(result["seen"], pixels, atol=1e-9)
         found = 0
-        for pixel, met in zip(pixels, told["met"], strict=True):
+        for pixel, gaussian in zip(pixels, result["met"], strict=True):
             try:
-                hit = cast_ray(one.held.autoencoder, one.held.chart, q, view, pixel)
+                hit = cast_ray(one.operating_point.autoencoder, one.operating_point.chart, q, view, pixel)
             except NoMatterError:
-                assert met is None
+                assert gaussian is None
                 continue
             found += 1
-            assert met["k"] == hit.gaussian
-            assert met["depth"] == pytest.approx(hit.depth, abs=1e-4)
+            assert gaussian["k"] == hit.gaussian
+            assert gaussian["depth"] == pytest.approx(hit.depth, abs=1e-4)
         assert found > len(pixels) // 2
 
 
 def taken(one: Session, camera: Camera, pixel: tuple[float, float]) -> tuple[GraspPoint, float]:
     """What a press takes hold of, and its depth."""
-    held = one.held
-    hit = cast_ray(held.autoencoder, held.chart, held.rest, make_view([camera]), pixel)
+    operating_point = one.operating_point
+    hit = cast_ray(
+        operating_point.autoencoder, operating_point.chart, operating_point.rest, make_view([camera]), pixel
+    )
     at = camera.position + hit.depth * camera.ray(pixel)
     try:
-        return grasp_brush(held.kinematics, held.rest, tuple(at), radius=one.touch.radius_px), hit.depth
+        return grasp_brush(
+            operating_point.kinematics, operating_point.rest, tuple(at), radius=one.grasp_model.radius_px
+        ), hit.depth
     except NoMatterError:
         return replace(
-            grasp_along_ray(held.kinematics, held.rest, hit.gaussian), at=torch.from_numpy(at)
+            grasp_along_ray(operating_point.kinematics, operating_point.rest, hit.gaussian),
+            at=torch.from_numpy(at),
         ), hit.depth
 
 
@@ -110,21 +115,21 @@ def test_a_push_of_ten_seconds_is_the_same_in_the_page(one: Session, side) -> No
     pixel = tuple(camera.project(up[None])[0].tolist())
     drags = [None if i > 0.6 * steps else [3.0 * np.sin(0.05 * i), 0.5] for i in range(steps)]
     data = {"run": pack_page(one), "side": side, "from": pixel, "drags": drags}
-    told = run_script(MECHANICS, PUSH, data)
-    grip, depth = taken(one, camera, pixel)
-    np.testing.assert_allclose(told["at"], grip.at, atol=1e-3)
-    q, v, path = one.held.rest.numpy(), np.zeros(1), []
+    result = run_script(MECHANICS, PUSH, data)
+    grasp_point, depth = taken(one, camera, pixel)
+    np.testing.assert_allclose(result["at"], grasp_point.at, atol=1e-3)
+    q, v, path = one.operating_point.rest.numpy(), np.zeros(1), []
     for drag in drags:
         force = np.zeros(3)
         if drag is not None:
-            ways = one.touch.gain * depth * np.array(drag) / np.array(camera.focal)
+            ways = one.grasp_model.gain * depth * np.array(drag) / np.array(camera.focal)
             force = ways @ camera.rotation[:2]
-        load = grip.pull_back(torch.from_numpy(force)).numpy()
+        load = grasp_point.pull_back(torch.from_numpy(force)).numpy()
         q, v = one.law.step(q, v, one.u, load, dt_s=one.dt_s)
         path.append(q)
     assert np.abs(path).max() > 0.01
-    np.testing.assert_allclose(told["path"], path, atol=1e-4 * np.abs(path).max())
-    assert abs(told["unexplained"]) < 1e-3
+    np.testing.assert_allclose(result["path"], path, atol=1e-4 * np.abs(path).max())
+    assert abs(result["unexplained"]) < 1e-3
 
 
 def test_beside_the_object_there_is_nothing_to_hold(one: Session) -> None:

@@ -25,20 +25,20 @@ def test_a_push_moves_the_grasped_matter_with_it_and_it_returns():
     one.grasp(TOP)
     one.pull(RIGHT)
     pushed = run(one, 20)
-    assert pushed.hand.place(pushed.q)[0] > TOP[0] + 0.1
+    assert pushed.active_grasp.place(pushed.q)[0] > TOP[0] + 0.1
     one.release()
     one.edit(damping=5.0)
     settled = run(one, 900)
-    assert settled.hand is None
+    assert settled.active_grasp is None
     np.testing.assert_allclose(settled.q, rest, atol=1e-3)
 
 
 def test_a_drag_of_the_given_reach_drives_the_given_response():
     one = session()
     one.grasp(TOP)
-    one.pull(np.array([one.config.reach * one.held.kinematics.width, 0.0]))
-    q = one.held.settled(torch.from_numpy(one.hand.load)[None])[0]
-    share = float((q - one.held.rest).norm()) / one.held.reach
+    one.pull(np.array([one.config.reach * one.operating_point.kinematics.width, 0.0]))
+    q = one.operating_point.equilibria(torch.from_numpy(one.active_grasp.load)[None])[0]
+    share = float((q - one.operating_point.rest).norm()) / one.operating_point.visited_radius
     assert 0.3 * one.forces.response < share < 3.0 * one.forces.response
 
 
@@ -47,39 +47,43 @@ def test_in_space_a_push_moves_the_matter_with_it_and_one_across_the_motion_does
         one = plate()
         one.grasp((0.0, -3.0, FRONT))
         one.pull(force)
-        way = run(one, 20).hand.place(one.q) - (0.0, -3.0, FRONT)
-        assert (way[0] > 0.05) == moves
-        np.testing.assert_allclose(way[2], 0.0, atol=1e-9)
+        displacement = run(one, 20).active_grasp.place(one.q) - (0.0, -3.0, FRONT)
+        assert (displacement[0] > 0.05) == moves
+        np.testing.assert_allclose(displacement[2], 0.0, atol=1e-9)
 
 
 def test_where_no_centre_is_under_the_brush_the_gaussian_that_was_met_is_held():
     one = plate()
-    one.touch.radius_px = 0.05
+    one.grasp_model.radius_px = 0.05
     with pytest.raises(NoMatterError, match="nothing is present within a brush"):
         one.grasp((0.6, -3.4, FRONT))
-    met = int(one.held.kinematics.center.sub(torch.tensor([0.9, -2.7, FRONT])).norm(dim=1).argmin())
-    hand = one.grasp((0.6, -3.4, FRONT), met=met)
-    np.testing.assert_array_equal(hand.grip.jacobian, one.held.kinematics.geometry.jacobian[met])
-    np.testing.assert_allclose(hand.place(one.q), (0.6, -3.4, FRONT))
+    gaussian = int(
+        one.operating_point.kinematics.center.sub(torch.tensor([0.9, -2.7, FRONT])).norm(dim=1).argmin()
+    )
+    grasp = one.grasp((0.6, -3.4, FRONT), gaussian=gaussian)
+    np.testing.assert_array_equal(
+        grasp.grasp_point.jacobian, one.operating_point.kinematics.geometry.jacobian[gaussian]
+    )
+    np.testing.assert_allclose(grasp.place(one.q), (0.6, -3.4, FRONT))
 
 
 def test_a_hold_on_the_wall_is_told_and_moves_nothing():
     one = session()
-    hand = one.grasp((2.0, 3.0))
+    grasp = one.grasp((2.0, 3.0))
     one.pull(RIGHT)
-    assert hand.still
-    np.testing.assert_allclose(run(one, 60).q, one.held.rest.numpy(), atol=1e-6)
+    assert grasp.is_background
+    np.testing.assert_allclose(run(one, 60).q, one.operating_point.rest.numpy(), atol=1e-6)
 
 
 def test_the_motion_is_that_of_the_rollout():
     one = strip()
     one.grasp((16.0, 20.0))
     one.pull(RIGHT)
-    load = torch.from_numpy(one.hand.load)
+    load = torch.from_numpy(one.active_grasp.load)
     start = torch.from_numpy(np.stack([one.q, one.v]))
     u = torch.from_numpy(one.u).expand(1, 31, -1)
     expected, _ = rollout_under_force(
-        one.held.law, start[:1], start[1:], u, load.expand(1, 31, 2), dt_s=one.dt_s
+        one.operating_point.law, start[:1], start[1:], u, load.expand(1, 31, 2), dt_s=one.dt_s
     )
     np.testing.assert_allclose(run(one, 30).q, expected[0, 30].numpy(), rtol=1e-6, atol=1e-8)
 
@@ -92,7 +96,7 @@ def test_resets_go_to_rest_and_to_recorded_frames():
     assert one.snapshot().frame == 7
     assert run(one, 1).frame == 8
     one.to_rest()
-    np.testing.assert_allclose(one.q, one.held.rest.numpy(), atol=1e-9)
+    np.testing.assert_allclose(one.q, one.operating_point.rest.numpy(), atol=1e-9)
     with pytest.raises(ValueError, match="frames 0 to 59"):
         one.to_frame(60)
 
@@ -111,7 +115,7 @@ def test_recorded_inputs_are_followed_and_begin_again_after_the_clip():
 def test_beyond_the_recording_there_is_a_banner():
     one = session()
     assert one.snapshot().banner == ""
-    one.q = one.q + 2.0 * one.held.reach
+    one.q = one.q + 2.0 * one.operating_point.visited_radius
     assert "Beyond the recording" in one.snapshot().banner
 
 
@@ -134,15 +138,15 @@ def test_what_is_taped_can_be_done_again():
     one.edit(damping=2.0)
     one.to_frame(3)
     run(one, 20)
-    taped = one.tape.read()
-    assert taped.segments == ((0, 20), (20, 40))
+    history = one.history.read()
+    assert history.segments == ((0, 20), (20, 40))
     again = strip()
-    again.replay(taped)
+    again.replay(history)
     run(again, 40)
-    assert again.playing is None
-    np.testing.assert_allclose(again.tape.read().q, taped.q, atol=1e-12)
+    assert again.replaying is None
+    np.testing.assert_allclose(again.history.read().q, history.q, atol=1e-12)
     with pytest.raises(ValueError, match="open the run"):
-        session().replay(taped)
+        session().replay(history)
 
 
 def test_one_poke_tells_the_energy_scale():
@@ -152,8 +156,10 @@ def test_one_poke_tells_the_energy_scale():
     one.grasp(TOP)
     one.pull(RIGHT)
     kappa = one.calibrate(force=2.0, moved_px=1.0)
-    along = one.hand.grip.jacobian.numpy()[0]
-    answer = one.held.settled(torch.from_numpy(2.0 * kappa * along)[None]) - one.held.rest
+    along = one.active_grasp.grasp_point.jacobian.numpy()[0]
+    answer = (
+        one.operating_point.equilibria(torch.from_numpy(2.0 * kappa * along)[None]) - one.operating_point.rest
+    )
     assert float(along @ answer[0].numpy()) == pytest.approx(1.0, rel=0.05)
 
 
@@ -177,4 +183,4 @@ def test_what_makes_no_sense_is_refused_and_changes_nothing(act):
         act(one)
     assert one.edits == before.edits
     assert (one.u == before.u).all()
-    assert one.hand is None or not one.hand.force.any()
+    assert one.active_grasp is None or not one.active_grasp.force.any()

@@ -7,7 +7,7 @@ import pytest
 from lagsplat.diagnose.simulators.sources import find_sources, read_sources
 from lagsplat.io.mcap.write import read_session
 from lagsplat.viewer.rendering.renderer import open_renderer
-from lagsplat.viewer.server.session_export import export_session, load_history, pointed
+from lagsplat.viewer.server.session_export import draw_drag_arrow, export_session, load_history
 from tests.unit.viewer.sessions import plate, session, strip
 
 RIGHT = np.array([5.0, 1.0])
@@ -26,23 +26,28 @@ def saved(tmp_path_factory):
     one.to_frame(5)
     for _ in range(20):
         one.step()
-    easel, small = (open_renderer(one.held.autoencoder, one.held.chart, side=side) for side in (64, 32))
+    renderer, small_renderer = (
+        open_renderer(one.operating_point.autoencoder, one.operating_point.chart, side=side)
+        for side in (64, 32)
+    )
     stem = tmp_path_factory.mktemp("session") / "session_001"
     meta = {"inputs": ["push"], "title": "strip"}
-    paths = export_session(stem, one.tape.read(), easel, meta, gain=one.touch.gain, small=small)
+    paths = export_session(
+        stem, one.history.read(), renderer, meta, gain=one.grasp_model.gain, small_renderer=small_renderer
+    )
     return one, paths
 
 
 def test_it_comes_back_to_the_last_bit_and_does_the_same_again(saved):
     one, (mcap, _, _) = saved
-    taped, kept = load_history(mcap), one.tape.read()
+    history, kept = load_history(mcap), one.history.read()
     for name in ("q", "v", "u", "load", "force", "place", "edits", "energy", "clip"):
-        np.testing.assert_array_equal(getattr(taped, name), getattr(kept, name), err_msg=name)
+        np.testing.assert_array_equal(getattr(history, name), getattr(kept, name), err_msg=name)
     again = strip()
-    again.replay(taped)
-    for _ in range(len(taped)):
+    again.replay(history)
+    for _ in range(len(history)):
         again.step()
-    np.testing.assert_array_equal(again.tape.read().q, kept.q)
+    np.testing.assert_array_equal(again.history.read().q, kept.q)
 
 
 def test_it_is_a_motion_for_a_diagnosis_with_its_pushes_as_inputs(saved):
@@ -52,8 +57,8 @@ def test_it_is_a_motion_for_a_diagnosis_with_its_pushes_as_inputs(saved):
     (motion,) = read_sources(sources)
     assert motion.u_names == ("push", "push0", "push1")
     assert motion.segments == ((0, 70), (70, 90))
-    np.testing.assert_array_equal(motion.q, one.tape.read().q)
-    np.testing.assert_array_equal(motion.u[:, 1:], one.tape.read().load)
+    np.testing.assert_array_equal(motion.q, one.history.read().q)
+    np.testing.assert_array_equal(motion.u[:, 1:], one.history.read().load)
 
 
 def test_the_film_shows_the_motion_and_the_arrow(saved):
@@ -69,9 +74,9 @@ def test_the_film_shows_the_motion_and_the_arrow(saved):
 
 def test_an_arrow_points_along_the_drag(saved):
     one, _ = saved
-    easel = open_renderer(one.held.autoencoder, one.held.chart, side=64)
-    plain = easel.draw(one.q)
-    drawn = pointed(plain, easel, np.array([10.0, 12.0]), np.array([8.0, 0.0]))
+    renderer = open_renderer(one.operating_point.autoencoder, one.operating_point.chart, side=64)
+    plain = renderer.draw(one.q)
+    drawn = draw_drag_arrow(plain, renderer, np.array([10.0, 12.0]), np.array([8.0, 0.0]))
     _, columns = np.nonzero(np.abs(drawn.astype(int) - plain).sum(2) > 60)
     assert 17 <= columns.min() < columns.max() <= 42
 
@@ -82,20 +87,24 @@ def test_a_session_in_space_is_kept_with_its_forces_and_belongs_there(tmp_path):
     one.pull(np.array([4.0, 0.0, 2.0]))
     for _ in range(30):
         one.step()
-    easel = open_renderer(one.held.autoencoder, one.held.chart, side=64)
-    export_session(tmp_path / "s", one.tape.read(), easel, {}, gain=one.touch.gain, small=easel)
-    taped = load_history(tmp_path / "s.mcap")
-    assert taped.force.shape == taped.place.shape == (30, 3)
-    np.testing.assert_array_equal(taped.force[-1], one.hand.force)
+    renderer = open_renderer(one.operating_point.autoencoder, one.operating_point.chart, side=64)
+    export_session(
+        tmp_path / "s", one.history.read(), renderer, {}, gain=one.grasp_model.gain, small_renderer=renderer
+    )
+    history = load_history(tmp_path / "s.mcap")
+    assert history.force.shape == history.place.shape == (30, 3)
+    np.testing.assert_array_equal(history.force[-1], one.active_grasp.force)
     again = plate()
-    again.replay(taped)
+    again.replay(history)
     for _ in range(30):
         again.step()
-    np.testing.assert_array_equal(again.tape.read().q, taped.q)
+    np.testing.assert_array_equal(again.history.read().q, history.q)
     with pytest.raises(ValueError, match="forces in 3 dimensions"):
-        session().replay(taped)
-    drawn = pointed(easel.draw(one.q), easel, np.array([0.0, -3.0, 90.0]), np.array([8.0, 0.0, 0.0]))
-    _, columns = np.nonzero(np.abs(drawn.astype(int) - easel.draw(one.q)).sum(2) > 60)
+        session().replay(history)
+    drawn = draw_drag_arrow(
+        renderer.draw(one.q), renderer, np.array([0.0, -3.0, 90.0]), np.array([8.0, 0.0, 0.0])
+    )
+    _, columns = np.nonzero(np.abs(drawn.astype(int) - renderer.draw(one.q)).sum(2) > 60)
     assert 28 <= columns.min() < columns.max() <= 54  # 8 px a tenth nearer than the pivot, twice as large
 
 
@@ -109,6 +118,8 @@ def test_what_is_no_session_is_told(saved, tmp_path):
     (tmp_path / "short.mcap").write_bytes(mcap.read_bytes()[:2000])
     with pytest.raises(ValueError, match="MCAP file"):
         read_session(tmp_path / "short.mcap")
-    easel = open_renderer(saved[0].held.autoencoder, saved[0].held.chart, side=16)
+    renderer = open_renderer(saved[0].operating_point.autoencoder, saved[0].operating_point.chart, side=16)
     with pytest.raises(FileExistsError, match="left as it is"):
-        export_session(mcap.with_suffix(""), saved[0].tape.read(), easel, {}, gain=1.0, small=easel)
+        export_session(
+            mcap.with_suffix(""), saved[0].history.read(), renderer, {}, gain=1.0, small_renderer=renderer
+        )

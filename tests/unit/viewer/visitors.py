@@ -16,8 +16,8 @@ def visit(live: ViewerServer, **settings):
     return connect(url, subprotocols=[PROTOCOL], open_timeout=10, **settings)
 
 
-def send(client, *told: dict) -> None:
-    for message in told:
+def send(client, *messages: dict) -> None:
+    for message in messages:
         client.send(msgspec.msgpack.encode(message))
 
 
@@ -29,10 +29,19 @@ def camera(**changes) -> dict:
 
 def dragged(phase: str, start, end, name: str = "/picture", **changes) -> dict:
     return {
-        "type": "SceneNodeDragMessage", "phase": phase, "name": name, "instance_index": None,
-        "start_position": start, "start_screen_pos": (0, 0), "end_position": end, "end_screen_pos": (0, 0),
-        "button": "left", "modifier": None, "owner": "", **changes,
-    }  # fmt: skip
+        "type": "SceneNodeDragMessage",
+        "phase": phase,
+        "name": name,
+        "instance_index": None,
+        "start_position": start,
+        "start_screen_pos": (0, 0),
+        "end_position": end,
+        "end_screen_pos": (0, 0),
+        "button": "left",
+        "modifier": None,
+        "owner": "",
+        **changes,
+    }
 
 
 def hostile(live: ViewerServer, name: str) -> list[bytes | str]:
@@ -40,9 +49,17 @@ def hostile(live: ViewerServer, name: str) -> list[bytes | str]:
     updates = [
         {"type": "GuiUpdateMessage", "uuid": uuid, "updates": updates}
         for uuid in list(live.server.gui._gui_input_handle_from_uuid)
-        for updates in ({"update_cb": []}, {"removed": True}, {"value": "__import__('os').abort()"},
-                        {"value": NAN}, {"value": 1e308}, {"value": None}, {"gui_api": 0}, {"value": []})
-    ]  # fmt: skip
+        for updates in (
+            {"update_cb": []},
+            {"removed": True},
+            {"value": "__import__('os').abort()"},
+            {"value": NAN},
+            {"value": 1e308},
+            {"value": None},
+            {"gui_api": 0},
+            {"value": []},
+        )
+    ]
     drags = [
         dragged("start", (NAN, 0, 0), (0, 0, 0), name, start_screen_pos=(NAN, 0.5)),
         dragged("update", (0, 0, 0), (1e308, -1e308, 0), name, end_screen_pos=(1e308, -1e308)),
@@ -51,21 +68,41 @@ def hostile(live: ViewerServer, name: str) -> list[bytes | str]:
         dragged("start", (0, 0, 0), (0, 0, 9), name, start_screen_pos=(-9, 1e308)),
     ]
     cameras = [
-        camera(wxyz=(NAN, 0, 0, 0)), camera(wxyz=(0, 0, 0, 0)), camera(wxyz=("a", None, {}, [])),
-        camera(position=(1e308, -1e308, NAN)), camera(fov=0.0), camera(fov=-1e308), camera(fov="wide"),
-        camera(image_width=10**18, image_height=1), camera(image_width=0, image_height=0),
-        camera(image_width=-5), camera(position=(0, 0)), camera(look_at=(NAN, NAN, NAN)),
-    ]  # fmt: skip
+        camera(wxyz=(NAN, 0, 0, 0)),
+        camera(wxyz=(0, 0, 0, 0)),
+        camera(wxyz=("a", None, {}, [])),
+        camera(position=(1e308, -1e308, NAN)),
+        camera(fov=0.0),
+        camera(fov=-1e308),
+        camera(fov="wide"),
+        camera(image_width=10**18, image_height=1),
+        camera(image_width=0, image_height=0),
+        camera(image_width=-5),
+        camera(position=(0, 0)),
+        camera(look_at=(NAN, NAN, NAN)),
+    ]
     others = [
         {"type": "ShareUrlRequest"},
-        {"type": "FileTransferStartUpload", "source_component_uuid": "../../x", "transfer_uuid": "../y",
-         "filename": "../../../../tmp/evil", "mime_type": "text/plain", "part_count": 1, "size_bytes": 4},
-        {"type": "FileTransferPart", "source_component_uuid": None, "transfer_uuid": "../y", "part_index": 0,
-         "content": b"evil"},
+        {
+            "type": "FileTransferStartUpload",
+            "source_component_uuid": "../../x",
+            "transfer_uuid": "../y",
+            "filename": "../../../../tmp/evil",
+            "mime_type": "text/plain",
+            "part_count": 1,
+            "size_bytes": 4,
+        },
+        {
+            "type": "FileTransferPart",
+            "source_component_uuid": None,
+            "transfer_uuid": "../y",
+            "part_index": 0,
+            "content": b"evil",
+        },
         {"type": "NoSuchMessage"},
         {"type": "ResetGuiMessage"},
         {"type": "RunJavascriptMessage", "source": "1"},
         {},
-    ]  # fmt: skip
+    ]
     packed = [msgspec.msgpack.encode(message) for message in (*updates, *drags, *cameras, *others)]
     return [*packed, b"", b"\xc1", bytes(range(256)), b"\x80" * 4096, "text where bytes are meant"]
