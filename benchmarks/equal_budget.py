@@ -21,7 +21,7 @@ import numpy as np
 from lagsplat.config.compose import compose
 from lagsplat.config.schema import Config
 from lagsplat.evaluate.aggregate import paired_margin
-from lagsplat.io.files.json_files import load_json
+from lagsplat.io.files.atomic import load_json
 from lagsplat.report.tables.benchmark import MARGIN_SCORE
 
 ARMS = ("krauss_1seg", "krauss_2seg")

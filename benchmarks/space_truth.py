@@ -14,7 +14,7 @@ import numpy as np
 from lagsplat.config.compose import compose
 from lagsplat.forces.equilibrium import hold_at_load
 from lagsplat.runs.run import open_run
-from lagsplat.systems.novel_views import make_space
+from lagsplat.systems.video import make_space
 
 PRESENT = 0.1
 FLANK_M = 0.001

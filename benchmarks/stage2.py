@@ -36,8 +36,8 @@ def published_size() -> Lagrangian:
     )
     ones = torch.ones(N_INPUTS, D, dtype=torch.float64)
     curvature = 0.1 * eye.expand(N_INPUTS, D, D)
-    bend = InputStiffness(curvature, 0.0 * curvature, InputRange(ones[:, 0], 0.0 * ones[:, 0]))
-    start = Coefficients(eye, 0.2 * eye, eye, ones, 0.0 * eye[0], bend)
+    input_stiffness = InputStiffness(curvature, 0.0 * curvature, InputRange(ones[:, 0], 0.0 * ones[:, 0]))
+    start = Coefficients(eye, 0.2 * eye, eye, ones, 0.0 * eye[0], input_stiffness)
     return Lagrangian(start, form=form, floors=Floors(1e-2, 1e-3, 1e-2), time_unit_s=0.1, seed=0)
 
 

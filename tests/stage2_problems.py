@@ -32,11 +32,11 @@ def bent(n_inputs: int, d: int, generator: torch.Generator, *, negative: float =
     return split(0.3 * (factor + factor.mT), InputRange(largest, negative * largest))
 
 
-def split(curvature: torch.Tensor, reach: InputRange) -> InputStiffness:
+def split(curvature: torch.Tensor, input_range: InputRange) -> InputStiffness:
     """Curvatures as the sum of what their positive and their negative eigenvalues do."""
     values, vectors = torch.linalg.eigh(curvature)
     stiffer, softer = ((vectors * part.clamp(min=0)[..., None, :]) @ vectors.mT for part in (values, -values))
-    return InputStiffness(stiffer, softer, reach)
+    return InputStiffness(stiffer, softer, input_range)
 
 
 def random_lagrangian(

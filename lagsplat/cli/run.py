@@ -81,7 +81,7 @@ def simulate(given: Namespace) -> None:
             f"simulate takes {', '.join(FITTED_RUN_KEYS)} alone, not {rest[0]!r}: a run keeps its settings"
         )
     _require_one_duration(keys)
-    from lagsplat.io.files.json_files import load_inputs
+    from lagsplat.io.files.atomic import load_inputs
     from lagsplat.runs.run import open_run, rollout
 
     run = open_run(Path(keys["run"]))
@@ -128,7 +128,7 @@ def _require_one_duration(keys: dict[str, str]) -> None:
 def _save_states(
     out: str, time_s: Float64[np.ndarray, " N"], q: Float64[np.ndarray, "N d"], v: Float64[np.ndarray, "N d"]
 ) -> None:
-    from lagsplat.io.files.json_files import save_csv
+    from lagsplat.io.files.atomic import save_csv
 
     rows = [
         {"t": t}
@@ -143,7 +143,7 @@ def _save_states(
 def evaluate(given: Namespace) -> None:
     """Score a fitted run."""
     keys, changes = split_words(given.words, needed=("run", "out"), allowed=("run", "out"))
-    from lagsplat.io.files.json_files import save_json
+    from lagsplat.io.files.atomic import save_json
     from lagsplat.pipelines.evaluate import evaluate_run, read_protocol
     from lagsplat.runs.run import open_run
 

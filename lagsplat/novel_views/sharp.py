@@ -30,7 +30,7 @@ from lagsplat.novel_views.sharp_tool import (
 )
 from lagsplat.splat.point_cloud import PointCloudScene, build_point_cloud, merge_clouds
 from lagsplat.systems.config import ReleaseConfig
-from lagsplat.systems.novel_views import render_true_views
+from lagsplat.systems.video import render_true_views
 from lagsplat.views.camera import Camera, ViewSpace, arrange_cameras, center_camera
 from lagsplat.views.config import ArrangementConfig, SharpConfig, ViewsConfig
 from lagsplat.views.novel import KNOWN, NovelViews, cameras_bytes, collect_filmed_views

@@ -26,7 +26,7 @@ from jaxtyping import Float32, UInt8
 from PIL import Image
 
 from lagsplat.io.files.artifact import load_artifact, save_artifact
-from lagsplat.io.files.json_files import load_json, save_json
+from lagsplat.io.files.atomic import load_json, save_json
 from lagsplat.io.files.ply import is_whole
 from lagsplat.views.config import SharpConfig
 

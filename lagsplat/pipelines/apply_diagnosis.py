@@ -15,7 +15,7 @@ from lagsplat.diagnose.simulators.projection import ProjectedModel
 from lagsplat.diagnose.simulators.python_model import load_python, project_python
 from lagsplat.diagnose.simulators.sources import find_sources
 from lagsplat.io.files.artifact import read_header
-from lagsplat.io.files.json_files import load_json
+from lagsplat.io.files.atomic import load_json
 
 AUGMENTED_FILE = "augmented.safetensors"
 
@@ -44,27 +44,27 @@ def apply_diagnosis(
         FileNotFoundError: no diagnosis, or no augmented sim beside it.
         ValueError: the sim is given by recordings, or has other coordinates or inputs.
     """
-    said = load_json(diagnosis)
-    beside = diagnosis.parent / AUGMENTED_FILE
-    if not beside.is_file():
+    stored = load_json(diagnosis)
+    path = diagnosis.parent / AUGMENTED_FILE
+    if not path.is_file():
         raise FileNotFoundError(
-            f"{beside}: not there (verdict {said.get('verdict')!r}); keep the folder of a diagnosis "
+            f"{path}: not there (verdict {stored.get('verdict')!r}); keep the folder of a diagnosis "
             "together, or diagnose again"
         )
-    one, header = load_augmented(beside), read_header(beside)
+    augmented, header = load_augmented(path), read_header(path)
     if sim is not None:
         kinds = {source.kind for source in find_sources(sim)}
         if not kinds <= {"mujoco", "python", "run", "model"}:
             raise ValueError(
                 f"sim={sim}: a sim known by its recordings was identified by the diagnosis and is in "
-                f"{beside}; leave sim= out to get it with its effects"
+                f"{path}; leave sim= out to get it with its effects"
             )
-        found = sample_simulator(sim, one.region, joints=joints, actuators=actuators)
-        one = transfer_effects(one, found.model)
-        header = {**header, "sim": sim, "sim_error": found.error}
+        projected = sample_simulator(sim, augmented.region, joints=joints, actuators=actuators)
+        augmented = transfer_effects(augmented, projected.model)
+        header = {**header, "sim": sim, "sim_error": projected.error}
     header.pop("stamp", None)
-    save_augmented(out, one, {**header, "diagnosis": str(diagnosis)})
-    return one
+    save_augmented(out, augmented, {**header, "diagnosis": str(diagnosis)})
+    return augmented
 
 
 def sample_simulator(

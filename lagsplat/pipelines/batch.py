@@ -17,8 +17,7 @@ from lagsplat.chart.chart import require_trained_autoencoder
 from lagsplat.chart.config import ChartConfig
 from lagsplat.chart.visibility import fit_whitening
 from lagsplat.diagnose.core.config import DiagnoseConfig
-from lagsplat.io.files.atomic import sha256_of, write_text
-from lagsplat.io.files.json_files import load_json, save_csv, save_json
+from lagsplat.io.files.atomic import load_json, save_csv, save_json, sha256_of, write_text
 from lagsplat.io.krauss import read_krauss_npz
 from lagsplat.io.recording.recording import Recording
 from lagsplat.pipelines.diagnosis import run_diagnosis

@@ -167,11 +167,11 @@ def _adapt_settings(inputs: DiagnosisInputs, config: DiagnoseConfig) -> Diagnose
 def locate_with_verdict(where: ResidualLocation, found: DiagnosisRun) -> ResidualLocation:
     """Combine verdict and residual: named components get its probability, the residual shares the rest."""
     chosen = [effect.effect for effect in found.chosen.effects]
-    sure = found.diagnosis.candidates[0].probability
-    own = [effect.component for effect in chosen if effect.component is not None]
-    shares = {name: (1.0 - sure if own else 1.0) * share for name, share in where.components.items()}
-    for name in own:
-        shares[name] = shares.get(name, 0.0) + sure / len(own)
+    probability = found.diagnosis.candidates[0].probability
+    named = [effect.component for effect in chosen if effect.component is not None]
+    shares = {name: (1.0 - probability if named else 1.0) * share for name, share in where.components.items()}
+    for name in named:
+        shares[name] = shares.get(name, 0.0) + probability / len(named)
     return replace(where, level=chosen[0].level, components=shares)
 
 
@@ -266,8 +266,8 @@ def _explain_failure(checked: DataCheck, error: ValueError) -> str:
 
 def _add_warnings(diagnosis: Diagnosis, caught: Sequence[warnings.WarningMessage]) -> Diagnosis:
     """Add the user warnings that were raised on the way; those for programmers are dropped."""
-    said = [str(one.message) for one in caught if one.category is UserWarning]
-    new = [text for text in dict.fromkeys(said) if text not in diagnosis.warnings]
+    texts = [str(caught_one.message) for caught_one in caught if caught_one.category is UserWarning]
+    new = [text for text in dict.fromkeys(texts) if text not in diagnosis.warnings]
     return replace(diagnosis, warnings=(*diagnosis.warnings, *new))
 
 

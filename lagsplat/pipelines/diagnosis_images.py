@@ -149,24 +149,25 @@ class _BlockRenderer:
 
     def _stages(self, seen: RenderedBlocks, rollout: float) -> dict[str, float] | None:
         """Share of the rollouts' squared error that each stage adds; see `compute_stage_shares`."""
-        one = next((s for s in self.smoothed if s.motion.source == seen.recorded.motion.source), None)
-        if one is None or seen.recorded.recording is None:
+        estimate = next((s for s in self.smoothed if s.motion.source == seen.recorded.motion.source), None)
+        if estimate is None or seen.recorded.recording is None:
             return None
-        recording, motion = seen.recorded.recording, one.motion
+        recording, motion = seen.recorded.recording, estimate.motion
         begins = {start for start, _ in motion.segments}
         inside = np.array([i for i in choose_evenly(motion.n, MAX_COMPARED_FRAMES) if i not in begins])
         real = read_frames(recording, find_nearest_frames(recording, motion.time_s[inside]))
         before = np.stack([inside - 1, inside], axis=1)
         step = forecast_positions(
             self.inputs.sim.model,
-            one.q[inside - 1],
-            one.v[inside - 1],
+            estimate.q[inside - 1],
+            estimate.v[inside - 1],
             motion.time_s[before],
             motion.u[before],
             finest_s=self.period_s / 50.0,
         )[:, 1]
         errors = [
-            float(np.mean(image_errors(self.draw(q), real))) for q in (motion.q[inside], one.q[inside], step)
+            float(np.mean(image_errors(self.draw(q), real)))
+            for q in (motion.q[inside], estimate.q[inside], step)
         ]
         shares = compute_stage_shares(
             decoded=errors[0], smoothed=errors[1], one_step=errors[2], rollout=max(rollout**2, *errors)
@@ -175,32 +176,32 @@ class _BlockRenderer:
 
     def place(self) -> tuple[ForceLocalization | None, BodyPoints | None]:
         """Find the point at which a force explains the residual best; None where there is no residual."""
-        one = max(self.smoothed, key=lambda s: float(np.mean(s.residual**2)))
-        if not one.active.any():
+        estimate = max(self.smoothed, key=lambda s: float(np.mean(s.residual**2)))
+        if not estimate.active.any():
             return None, None
         body = find_body_points(self.run.autoencoder, self.run.chart)
-        at = choose_evenly(one.motion.n, MAX_FORCE_SAMPLES)
-        force = one.residual[at]
+        at = choose_evenly(estimate.motion.n, MAX_FORCE_SAMPLES)
+        force = estimate.residual[at]
         # a force too small to be detected is not known to be zero
         least = MIN_FORCE_SHARE * float(np.sqrt(np.mean(force**2)))
-        covariance = one.covariance[at] + least**2 * np.eye(force.shape[1])
-        felt = body.jacobian / compute_rest_inertia(self.inputs.sim.model)[None, :, None]
-        reach = np.broadcast_to(felt, (len(at), *felt.shape))
-        return localize_force(force, covariance, reach, one.v[at]), body
+        covariance = estimate.covariance[at] + least**2 * np.eye(force.shape[1])
+        effect_of_force = body.jacobian / compute_rest_inertia(self.inputs.sim.model)[None, :, None]
+        reach = np.broadcast_to(effect_of_force, (len(at), *effect_of_force.shape))
+        return localize_force(force, covariance, reach, estimate.v[at]), body
 
     def force(self, seen: RenderedBlocks, place: ForceLocalization, body: BodyPoints) -> ImageForceMap:
         """The force at the instant of its maximum, on the frame of that instant."""
-        one = max(self.smoothed, key=lambda s: float(np.mean(s.residual**2)))
-        times = one.motion.time_s[choose_evenly(one.motion.n, MAX_FORCE_SAMPLES)]
+        estimate = max(self.smoothed, key=lambda s: float(np.mean(s.residual**2)))
+        times = estimate.motion.time_s[choose_evenly(estimate.motion.n, MAX_FORCE_SAMPLES)]
         main = 0 if place.force is None else int(np.argmax(np.linalg.norm(place.force, axis=1)))
         recorded = next(
-            (s for s in self.recordings.real_recordings if s.motion.source == one.motion.source),
+            (s for s in self.recordings.real_recordings if s.motion.source == estimate.motion.source),
             seen.recorded,
         )
         recording = recorded.recording or seen.recorded.recording
         assert recording is not None
         at = find_nearest_frames(recording, times[[main]])
-        q = one.q[choose_evenly(one.motion.n, MAX_FORCE_SAMPLES)][[main]]
+        q = estimate.q[choose_evenly(estimate.motion.n, MAX_FORCE_SAMPLES)][[main]]
         forces = np.zeros((len(place.explained), 2))
         for number, force in zip(place.near, place.forces, strict=True):
             forces[number] = force[main]

@@ -76,7 +76,7 @@ def open_diagnosis_inputs(sim: str, real: str, config: DiagnoseConfig) -> Diagno
     if models and len(sims) > 1:
         raise ValueError(f"sim={sim}: name one model, or recordings; {models[0].path} is a {models[0].kind}")
     nominal: tuple[Trajectory, ...] = ()
-    own, recordings = False, None
+    same_recording, recordings = False, None
     if models and models[0].kind == "run":
         from lagsplat.pipelines.diagnosis_videos import (
             open_recording_pair,  # torch, which the other sims do without
@@ -85,7 +85,7 @@ def open_diagnosis_inputs(sim: str, real: str, config: DiagnoseConfig) -> Diagno
         recordings = open_recording_pair(
             Path(models[0].path), real, columns=config.columns, longest_s=config.reference_longest_s
         )
-        nominal, motions, own = recordings.nominal, recordings.real, recordings.same_recording
+        nominal, motions, same_recording = recordings.nominal, recordings.real, recordings.same_recording
     else:
         motions = read_sources(find_sources(real), columns=config.columns)
         if not models:
@@ -104,22 +104,22 @@ def open_diagnosis_inputs(sim: str, real: str, config: DiagnoseConfig) -> Diagno
             noise=checked.real.noise,
             closed_loop=checked.closed_loop,
         )
-    known = _open_simulator(
+    simulator = _open_simulator(
         models, checked, config, recordings.null_motion if recordings is not None else None
     )
     hold = None
     if not models and config.input_hold == "linear":
-        held = _try_held_inputs(checked, config, known)
-        if held is not None:
-            known, hold = held, "zoh"
+        with_hold = _try_held_inputs(checked, config, simulator)
+        if with_hold is not None:
+            simulator, hold = with_hold, "zoh"
             checked = replace(checked, findings=(*checked.findings, _held_inputs_finding(sim)))
-    findings = _simulator_findings(known, sim, () if models else nominal)
+    findings = _simulator_findings(simulator, sim, () if models else nominal)
     checked = replace(checked, findings=(*checked.findings, *findings))
-    return DiagnosisInputs(known, checked, excitation, own, recordings, hold)
+    return DiagnosisInputs(simulator, checked, excitation, same_recording, recordings, hold)
 
 
 def _simulator_findings(known: EstimatedSimulator, sim: str, nominal: Sequence[Trajectory]) -> list[Finding]:
-    """Findings on the simulator; ``nominal`` are the recordings it was estimated from, none for a given one."""
+    """Findings on the simulator; ``nominal`` are recordings it was estimated from, empty if given."""
     findings = []
     if known.misfit > ESTIMATED_SIMULATOR.diverged_misfit:
         lost = _lost_recordings_finding(known, nominal) if nominal else _lost_model_finding(known, sim)
@@ -133,14 +133,18 @@ def _simulator_findings(known: EstimatedSimulator, sim: str, nominal: Sequence[T
 
 def _decimate(checked: DataCheck, *, hold: str) -> DataCheck:
     """Average samples that are denser than the motion needs; findings of repeats in them no longer hold."""
-    real, told = average_dense_samples(checked.real.motions, hold=hold)
+    real, notes = average_dense_samples(checked.real.motions, hold=hold)
     checked = replace(checked, real=replace(checked.real, motions=real))
     if checked.sim is not None:
-        own, more = average_dense_samples(checked.sim.motions, hold=hold)
-        checked, told = replace(checked, sim=replace(checked.sim, motions=own)), (*told, *more)
-    fine = {one.source for one in told}
-    kept = [one for one in checked.findings if one.check != REPEATED_SAMPLES_CHECK or one.source not in fine]
-    return replace(checked, findings=(*kept, *told))
+        nominal, nominal_notes = average_dense_samples(checked.sim.motions, hold=hold)
+        checked, notes = replace(checked, sim=replace(checked.sim, motions=nominal)), (*notes, *nominal_notes)
+    averaged = {finding.source for finding in notes}
+    kept = [
+        finding
+        for finding in checked.findings
+        if finding.check != REPEATED_SAMPLES_CHECK or finding.source not in averaged
+    ]
+    return replace(checked, findings=(*kept, *notes))
 
 
 def _try_held_inputs(
@@ -157,14 +161,16 @@ def _try_held_inputs(
         or np.mean(change[:, change.any(axis=0)] == 0.0) < CALIBRATION_CHECKS.min_repeated_share
     ):
         return None
-    held = estimate_simulator(checked.sim.motions, replace(config, input_hold="zoh"))
-    alike = held.window_scale == known.window_scale and held.outlier_spans == known.outlier_spans
-    better = (
-        held.bic < known.bic - CALIBRATION_CHECKS.min_criterion_gain
-        if alike
-        else held.misfit < CALIBRATION_CHECKS.max_misfit_share * known.misfit
+    with_hold = estimate_simulator(checked.sim.motions, replace(config, input_hold="zoh"))
+    same_windows = (
+        with_hold.window_scale == known.window_scale and with_hold.outlier_spans == known.outlier_spans
     )
-    return held if better else None
+    better = (
+        with_hold.bic < known.bic - CALIBRATION_CHECKS.min_criterion_gain
+        if same_windows
+        else with_hold.misfit < CALIBRATION_CHECKS.max_misfit_share * known.misfit
+    )
+    return with_hold if better else None
 
 
 def _held_inputs_finding(source: str) -> Finding:
@@ -181,7 +187,7 @@ def _held_inputs_finding(source: str) -> Finding:
 
 def _recalibrated_finding(sim: EstimatedSimulator, source: str) -> Finding:
     assert sim.original is not None
-    given, left = (np.sqrt(max(one.misfit, 0.0)) for one in (sim.original, sim))
+    given, left = (np.sqrt(max(simulator.misfit, 0.0)) for simulator in (sim.original, sim))
     return Finding(
         "warn",
         "law of the run",
@@ -194,15 +200,15 @@ def _recalibrated_finding(sim: EstimatedSimulator, source: str) -> Finding:
 
 
 def _disturbed_finding(sim: EstimatedSimulator) -> Finding:
-    at: dict[str, list[str]] = {}
-    for one in sim.outlier_spans:
-        at.setdefault(one.file, []).append(f"{one.start_s:.4g} to {one.stop_s:.4g} s")
-    told = ", ".join(f"{file} from {' and '.join(found)}" for file, found in at.items())
+    spans_by_file: dict[str, list[str]] = {}
+    for span in sim.outlier_spans:
+        spans_by_file.setdefault(span.file, []).append(f"{span.start_s:.4g} to {span.stop_s:.4g} s")
+    spans = ", ".join(f"{file} from {' and '.join(times)}" for file, times in spans_by_file.items())
     return Finding(
         "warn",
         "disturbed sim",
         "sim",
-        f"no law fits {told} together with the rest; the sim was estimated without these outliers",
+        f"no law fits {spans} together with the rest; the sim was estimated without these outliers",
         "something acted there that no column records, as a push by hand, or the mechanism was different",
         "look at what happened there, and cut it out",
     )
@@ -248,22 +254,27 @@ def _open_simulator(
         joints=config.joints,
         actuators=config.actuators,
     )
-    bare = EstimatedSimulator.exact(sampled.model)
+    projected = EstimatedSimulator.exact(sampled.model)
     if checked.sim is None:
-        return bare
-    told = checked.sim.motions
-    known = _calibrate(bare, null_motion, told, config)
-    if known.misfit < CALIBRATION_CHECKS.missed_misfit:
-        return known
-    moved = recalibrate_simulator(known, told, config)
-    return known if moved is known else _calibrate(moved, null_motion, told, config)
+        return projected
+    nominal = checked.sim.motions
+    calibrated = _calibrate(projected, null_motion, nominal, config)
+    if calibrated.misfit < CALIBRATION_CHECKS.missed_misfit:
+        return calibrated
+    recalibrated = recalibrate_simulator(calibrated, nominal, config)
+    return (
+        calibrated if recalibrated is calibrated else _calibrate(recalibrated, null_motion, nominal, config)
+    )
 
 
 def _calibrate(
-    sim: EstimatedSimulator, null_motion: Trajectory | None, own: Sequence[Trajectory], config: DiagnoseConfig
+    sim: EstimatedSimulator,
+    null_motion: Trajectory | None,
+    nominal: Sequence[Trajectory],
+    config: DiagnoseConfig,
 ) -> EstimatedSimulator:
     """Measure the sim's misfit on a reference that no fit used, or on all recordings if it is too short."""
     if null_motion is not None:
         with contextlib.suppress(ValueError):
             return calibrate_misfit(sim, [null_motion], config)
-    return calibrate_misfit(sim, own, config)
+    return calibrate_misfit(sim, nominal, config)

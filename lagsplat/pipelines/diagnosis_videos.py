@@ -133,11 +133,11 @@ class RecordingPair:
 
         A camera that is still during the run's own recording did not move between its two parts either.
         """
-        seen = [recorded.camera for recorded in self.real_recordings]
-        still = all(one is not None and one.still_within for one in seen)
-        there = still and self.same_recording
-        there = there or all(one is not None and one.still_between for one in seen)
-        impossible = (MOVED[0],) * still + (MOVED[1],) * there
+        shifts = [recorded.camera for recorded in self.real_recordings]
+        still_within = all(shift is not None and shift.still_within for shift in shifts)
+        still_between = still_within and self.same_recording
+        still_between = still_between or all(shift is not None and shift.still_between for shift in shifts)
+        impossible = (MOVED[0],) * still_within + (MOVED[1],) * still_between
         return tuple(effect.name for effect in list_effects() if effect.camera in impossible)
 
     @property
@@ -196,15 +196,15 @@ def open_recording_pair(
     run = open_run(folder)
     names = tuple(run.recording.input_names)
     nominal = (_rename_inputs(read_chart_trajectory(run.chart, held_out=False), names),)
-    found = () if real == HELD_OUT else find_sources(real)
-    real_recordings = [_read_trajectory(folder, run, source, columns) for source in found]
-    own = [recorded is None for recorded in real_recordings]
-    if any(own) and not all(own):
+    sources = () if real == HELD_OUT else find_sources(real)
+    real_recordings = [_read_trajectory(folder, run, source, columns) for source in sources]
+    is_own = [recorded is None for recorded in real_recordings]
+    if any(is_own) and not all(is_own):
         raise ValueError(
             f"real={real}: some of these are the recording the run was fitted to, and others are not; give "
             "one kind at a time"
         )
-    if not real_recordings or any(own):
+    if not real_recordings or any(is_own):
         return RecordingPair(run, nominal, (_open_holdout(run, names, longest_s),), same_recording=True)
     kept = [recorded for recorded in real_recordings if recorded is not None]
     named = tuple(replace(recorded, motion=_rename_inputs(recorded.motion, names)) for recorded in kept)
@@ -215,9 +215,9 @@ def _open_holdout(run: FittedRun, names: tuple[str, ...], longest_s: float) -> R
     motion = _rename_inputs(
         leading_samples(read_chart_trajectory(run.chart, held_out=True), longest_s), names
     )
-    train, held = run.recording.split()
-    shift = measure_camera_shift(held, train, run.autoencoder, run.chart)
-    return RecordedTrajectory(motion, held, shift, tuple(check_camera(shift, source=motion.source)))
+    train, holdout = run.recording.split()
+    shift = measure_camera_shift(holdout, train, run.autoencoder, run.chart)
+    return RecordedTrajectory(motion, holdout, shift, tuple(check_camera(shift, source=motion.source)))
 
 
 def _read_trajectory(
@@ -236,11 +236,11 @@ def _read_trajectory(
     recording = _read_video(folder, run, source)
     if recording.meta.get("sha256") == run.recording.meta.get("sha256"):
         return None
-    size, own = recording.frames.shape[1:3], run.recording.frames.shape[1:3]
-    if size != own:
+    size, expected = recording.frames.shape[1:3], run.recording.frames.shape[1:3]
+    if size != expected:
         raise ValueError(
-            f"{source.path}: images of {size[0]} x {size[1]} px, but the run was fitted to {own[0]} x "
-            f"{own[1]}; give a recording that was read as the run's own was"
+            f"{source.path}: images of {size[0]} x {size[1]} px, but the run was fitted to {expected[0]} x "
+            f"{expected[1]}; give a recording that was read as the run's own was"
         )
     recording, findings = drop_unusable_frames(recording)
     shift = measure_camera_shift(recording, run.recording.split()[0], run.autoencoder, run.chart)
@@ -261,9 +261,9 @@ def _read_video(folder: Path, run: FittedRun, source: DataSource) -> Recording:
         recording = read_recording(settings)
     footage = recording.meta.get("footage") or []
     known = [sentence for clip in footage for sentence in clip["warnings"]]
-    for one in caught:  # warnings about the video become findings
-        if not any(str(one.message).endswith(sentence) for sentence in known):
-            warnings.warn(str(one.message), one.category, stacklevel=4)
+    for warning in caught:  # warnings about the video become findings
+        if not any(str(warning.message).endswith(sentence) for sentence in known):
+            warnings.warn(str(warning.message), warning.category, stacklevel=4)
     return recording
 
 
@@ -283,5 +283,5 @@ def _check_size(run: FittedRun, d: int, n_u: int, source: str) -> None:
 
 def _rename_inputs(motion: Trajectory, names: Sequence[str]) -> Trajectory:
     """Give the inputs the names of the run's inputs, as far as it has as many."""
-    own = (*names[: motion.n_u], *(f"u{i}" for i in range(len(names), motion.n_u)))
-    return replace(motion, u_names=own)
+    renamed = (*names[: motion.n_u], *(f"u{i}" for i in range(len(names), motion.n_u)))
+    return replace(motion, u_names=renamed)

@@ -10,7 +10,7 @@ from omegaconf import OmegaConf
 from lagsplat.config.compose import ConfigError, rebuild
 from lagsplat.evaluate.config import EvaluateConfig
 from lagsplat.evaluate.evaluate import evaluate as evaluate_models
-from lagsplat.io.files.json_files import load_json
+from lagsplat.io.files.atomic import load_json
 from lagsplat.runs.run import FittedRun, locate_artefact, open_run
 from lagsplat.stage2.fit import load_dynamics
 

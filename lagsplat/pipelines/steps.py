@@ -90,8 +90,8 @@ def simulate_recording(*overrides: str) -> Recording:
 
     Example:
         >>> import lagsplat
-        >>> lagsplat.simulate_recording("system=toy", "simulation.n_frames=60").n_frames
-        60
+        >>> lagsplat.simulate_recording("system=toy", "simulation.n_frames=240").n_frames
+        240
     """
     experiment = compose("recording=simulated", *overrides)
     return split_train_held_out(obtain_recording(experiment)[0], experiment.recording.split)

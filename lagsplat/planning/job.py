@@ -17,8 +17,7 @@ from types import TracebackType
 from typing import Any, Self, TypeVar
 
 from lagsplat.config.compose import rebuild
-from lagsplat.io.files.atomic import sha256_of
-from lagsplat.io.files.json_files import save_json
+from lagsplat.io.files.atomic import save_json, sha256_of
 from lagsplat.provenance import seed_everything, set_threads, stamp
 
 Section = TypeVar("Section")

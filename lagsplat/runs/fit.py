@@ -54,10 +54,10 @@ def fit_run(
 
     Example:
         >>> import lagsplat
-        >>> experiment = lagsplat.compose("profile=toy", "system=toy", "simulation.n_frames=9")
+        >>> experiment = lagsplat.compose("profile=toy", "recording=filmed", "recording.path=gone.npz")
         >>> lagsplat.fit_run(experiment, out="short")
         Traceback (most recent call last):
-        ValueError: ...
+        FileNotFoundError: gone.npz ...
     """
     out = Path(out).expanduser()
     if header is None:
@@ -99,7 +99,7 @@ def fit_run(
         experiment.seeds[0],
         rest=chart.rest,
         geometry=compute_decoder_geometry(autoencoder, chart),
-        listen=lambda row: log.info("%s", row),
+        on_candidate=lambda row: log.info("%s", row),
     )
     save_dynamics(out / "dynamics.safetensors", lagrangian, {**header, "report": asdict(report)})
     checkpoint.unlink(missing_ok=True)

@@ -37,14 +37,14 @@ def fit_dynamics(
     *,
     rest: Float[np.ndarray, " d"],
     geometry: DecoderGeometry | None = None,
-    listen: Callable[[CurveRow], None] = lambda row: None,
+    on_candidate: Callable[[CurveRow], None] = lambda row: None,
 ) -> tuple[Lagrangian, FitReport]:
     """Fit M, C, V and nu to a smoothed training trajectory in whitened latents.
 
     Three stages: constant matrices, networks on the one-step objective, networks on rollouts. The result is
     the candidate with the least rollout error over the clip, the start included, so that no stage can make
     it worse. ``metric`` is the visibility metric without ridge, ``rest`` the encoding of the rest image.
-    ``listen`` hears every graded candidate.
+    ``on_candidate`` hears every graded candidate.
 
     Raises:
         ValueError: segments too short for a window, latents that do not move, or a missing geometry.
@@ -52,22 +52,22 @@ def fit_dynamics(
     Source: paper, "Stage 2: Latent Lagrangian Dynamics".
     """
     torch.manual_seed(seed)
-    run = start_fit(trajectory, metric, config, seed, listen)
-    lagrangian = start_stage(run, torch.from_numpy(rest), seed, geometry)
-    run.grade(lagrangian, "start", 0, float("nan"))
-    run.report.scores["start"] = run.champion.score
-    one_step_stage(run, lagrangian)
-    run.report.scores["one_step"] = run.champion.score
-    shooting_stage(run, lagrangian)
-    run.report.scores["shooting"] = run.champion.score
-    run.champion.restore(lagrangian)
-    report = run.report
-    report.rejected = run.champion.rejected
+    state = start_fit(trajectory, metric, config, seed, on_candidate)
+    lagrangian = start_stage(state, torch.from_numpy(rest), seed, geometry)
+    state.score_candidate(lagrangian, "start", 0, float("nan"))
+    state.report.scores["start"] = state.best.score
+    one_step_stage(state, lagrangian)
+    state.report.scores["one_step"] = state.best.score
+    shooting_stage(state, lagrangian)
+    state.report.scores["shooting"] = state.best.score
+    state.best.restore(lagrangian)
+    report = state.report
+    report.rejected = state.best.rejected
     report.n_parameters = sum(p.numel() for p in lagrangian.parameters() if p.requires_grad)
     mean_input = torch.from_numpy(trajectory.inputs.mean(0))
     report.at_rest = linearize_modes(lagrangian, torch.zeros_like(mean_input))
     report.under_mean_input = linearize_modes(lagrangian, mean_input)
-    report.wall_s = time.perf_counter() - run.began
+    report.wall_s = time.perf_counter() - state.started_s
     return lagrangian, report
 
 
@@ -102,11 +102,11 @@ def load_dynamics(path: Path | str) -> tuple[Lagrangian, dict[str, Any]]:
     d, n_inputs, k = settings["d"], settings["n_inputs"], settings["n_primitives"]
     eye = torch.eye(d, dtype=torch.float64)
     blank = torch.zeros(d, dtype=torch.float64)
-    signed, bend = settings.get("signed", False), None
+    signed, input_stiffness = settings.get("signed", False), None
     if settings["curved"]:
         none = torch.zeros(n_inputs, dtype=torch.float64)
         flat = 0.0 * eye.expand(n_inputs, d, d)
-        bend = InputStiffness(flat, flat, InputRange(none, none + float(signed)))
+        input_stiffness = InputStiffness(flat, flat, InputRange(none, none + float(signed)))
     geometry = None
     if k is not None:
         zeros = torch.zeros(k, 2, d, dtype=torch.float64)
@@ -114,7 +114,7 @@ def load_dynamics(path: Path | str) -> tuple[Lagrangian, dict[str, Any]]:
             zeros, zeros[:, 0], eye.expand(k, d, d), torch.ones(k, dtype=torch.float64)
         )
     lagrangian = Lagrangian(
-        Coefficients(eye, eye, eye, torch.zeros(n_inputs, d, dtype=torch.float64), blank, bend),
+        Coefficients(eye, eye, eye, torch.zeros(n_inputs, d, dtype=torch.float64), blank, input_stiffness),
         form=FormConfig(**settings["form"]),
         floors=Floors(**settings["floors"]),
         time_unit_s=settings["time_unit_s"],

@@ -33,8 +33,8 @@ class InputRange:
 
 def measure_input_range(inputs: Float64[np.ndarray, "T n_u"]) -> InputRange:
     """How far the inputs of a clip go either way."""
-    largest, least = (torch.from_numpy(end) for end in (inputs.max(0), inputs.min(0)))
-    negative = (-least).clamp(min=0.0)
+    largest, smallest = (torch.from_numpy(end) for end in (inputs.max(0), inputs.min(0)))
+    negative = (-smallest).clamp(min=0.0)
     return InputRange(largest.clamp(min=0.0), negative.where(negative > SIGNED * largest.abs(), 0.0))
 
 
@@ -46,7 +46,7 @@ class InputStiffness:
 
     stiffer: Float[Tensor, "n_u d d"]
     softer: Float[Tensor, "n_u d d"]
-    reach: InputRange
+    input_range: InputRange
 
     @property
     def curvature(self) -> Float[Tensor, "n_u d d"]:
@@ -66,30 +66,33 @@ class InputStiffnessPrior(nn.Module):
     largest_input: Tensor
     largest_negative: Tensor | None
 
-    def __init__(self, bend: InputStiffness, *, softening: bool) -> None:
+    def __init__(self, input_stiffness: InputStiffness, *, softening: bool) -> None:
         super().__init__()
-        values, vectors = torch.linalg.eigh(bend.curvature)
+        values, vectors = torch.linalg.eigh(input_stiffness.curvature)
         stiffening, softer = _factor(values, vectors), _factor(-values, vectors)
         # What stiffens and softens alike cancels in the curvature. An input of one sign does without, at the
         # least payment; a signed one keeps it, because the stiffness beside it was fitted together with it.
-        signed = (bend.reach.negative > 0)[:, None, None]
-        stiffening = torch.where(signed, _factor(*torch.linalg.eigh(bend.stiffer)), stiffening)
-        softer = torch.where(signed, _factor(*torch.linalg.eigh(bend.softer)), softer)
-        self.register_buffer("largest_input", bend.reach.positive.clone())
-        self.register_buffer("largest_negative", bend.reach.negative.clone() if bend.reach.signed else None)
+        signed = (input_stiffness.input_range.negative > 0)[:, None, None]
+        stiffening = torch.where(signed, _factor(*torch.linalg.eigh(input_stiffness.stiffer)), stiffening)
+        softer = torch.where(signed, _factor(*torch.linalg.eigh(input_stiffness.softer)), softer)
+        self.register_buffer("largest_input", input_stiffness.input_range.positive.clone())
+        self.register_buffer(
+            "largest_negative",
+            input_stiffness.input_range.negative.clone() if input_stiffness.input_range.signed else None,
+        )
         self.stiffening = nn.Parameter(stiffening)
         self.softening = nn.Parameter(softer) if softening else None
 
     def matrices(self) -> tuple[Float[Tensor, "n_u d d"], Float[Tensor, "d d"]]:
         """The curvatures, and the stiffness that pays for what the inputs soften."""
         stiffer = self.stiffening @ self.stiffening.mT
-        curvature, paid = stiffer, stiffer.new_zeros(stiffer.shape[1:])
+        curvature, compensation = stiffer, stiffer.new_zeros(stiffer.shape[1:])
         if self.softening is not None:
             softer = self.softening @ self.softening.mT
-            curvature, paid = stiffer - softer, stiffness_penalty(softer, self.largest_input)
+            curvature, compensation = stiffer - softer, stiffness_penalty(softer, self.largest_input)
         if self.largest_negative is not None:
-            paid = paid + stiffness_penalty(stiffer, self.largest_negative)
-        return curvature, paid
+            compensation = compensation + stiffness_penalty(stiffer, self.largest_negative)
+        return curvature, compensation
 
 
 def stiffness_penalty(

@@ -25,8 +25,8 @@ from lagsplat.stage2.networks import (
     Icnn,
     MatrixField,
     factor_positive,
-    pull,
-    push,
+    pull_back,
+    push_forward,
 )
 
 
@@ -34,7 +34,7 @@ from lagsplat.stage2.networks import (
 class Coefficients:
     """Constant matrices of a mechanical system in internal time units.
 
-    ``M a + C w + K (q - rest) = sum_c u_c (pressure_map_c - bend.curvature_c (q - rest))``; without ``bend``
+    ``M a + C w + K (q - rest) = sum_c u_c (pressure_map_c - bend.curvature_c (q - rest))``; without ``input_stiffness``
     the system is linear.
     """
 
@@ -43,7 +43,7 @@ class Coefficients:
     stiffness: Float[Tensor, "d d"]
     pressure_map: Float[Tensor, "n_u d"]
     rest: Float[Tensor, " d"]
-    bend: InputStiffness | None = None
+    input_stiffness: InputStiffness | None = None
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,7 @@ class Lagrangian(nn.Module):
         d, n_inputs = start.rest.shape[0], start.pressure_map.shape[0]
         self.d, self.n_inputs, self.form, self.floors = d, n_inputs, form, floors
         self.longest_step = longest_step
-        signed = signed or (start.bend is not None and start.bend.reach.signed)
+        signed = signed or (start.input_stiffness is not None and start.input_stiffness.input_range.signed)
         self.signed = signed and form.actuation != "linear" and n_inputs > 0
         self.register_buffer("time_unit_s", torch.tensor(time_unit_s, dtype=torch.float64))
         self.mass_term = _mass(start.mass, form, floors.mass, generator, geometry, mass_scale)
@@ -121,8 +121,10 @@ class Lagrangian(nn.Module):
             else ConstantMatrix(start.damping, floor=floors.damping)
         )
         self.curvature = _curvature(start, form)
-        paid = 0.0 if self.curvature is None else self.curvature.matrices()[1].detach()
-        self.stiffness_factor = nn.Parameter(factor_positive(start.stiffness - paid, floors.stiffness))
+        compensation = 0.0 if self.curvature is None else self.curvature.matrices()[1].detach()
+        self.stiffness_factor = nn.Parameter(
+            factor_positive(start.stiffness - compensation, floors.stiffness)
+        )
         self.pressure_map = nn.Parameter(start.pressure_map.clone())
         self.rest = nn.Parameter(start.rest.clone(), requires_grad=form.rest == "learned")
         self.diffeo = (
@@ -156,7 +158,7 @@ class Lagrangian(nn.Module):
     def prepare(self) -> PreparedCoefficients:
         """Normalised weights and rest terms; valid until the parameters change."""
         blocks = self.diffeo.blocks() if self.diffeo is not None else []
-        rest_image, _ = push(self.rest[None], blocks)
+        rest_image, _ = push_forward(self.rest[None], blocks)
         between, slope = None, torch.zeros_like(rest_image)
         if self.convex is not None:
             between = self.convex.between_weight()
@@ -165,8 +167,8 @@ class Lagrangian(nn.Module):
         stiffness = lower @ lower.T + self.floors.stiffness * torch.eye(self.d, dtype=lower.dtype)
         curvature = None
         if self.curvature is not None:
-            curvature, paid = self.curvature.matrices()
-            stiffness = stiffness + paid
+            curvature, compensation = self.curvature.matrices()
+            stiffness = stiffness + compensation
         between_volume = None if self.volume_net is None else self.volume_net.between_weight()
         return PreparedCoefficients(blocks, stiffness, rest_image, slope, between, between_volume, curvature)
 
@@ -181,7 +183,7 @@ class Lagrangian(nn.Module):
     def potential(self, q: Latents) -> Float[Tensor, " B"]:
         """``V(q)``, zero at the rest state and positive elsewhere."""
         ready = self.prepare()
-        image, _ = push(q, ready.blocks)
+        image, _ = push_forward(q, ready.blocks)
         offset = image - ready.rest_image
         value = 0.5 * ((offset @ ready.stiffness) * offset).sum(1)
         if self.convex is None:
@@ -194,7 +196,7 @@ class Lagrangian(nn.Module):
         the positive one if none is given.
         """
         ready = self.prepare()
-        image, _ = push(q, ready.blocks)
+        image, _ = push_forward(q, ready.blocks)
         offset = image - ready.rest_image
         value = offset @ self.pressure_map.T
         if ready.curvature is not None:
@@ -209,7 +211,7 @@ class Lagrangian(nn.Module):
 
     def conservative_force(self, q: Latents, u: Inputs, ready: PreparedCoefficients) -> Latents:
         """``-grad_q (V - u.nu)``: elastic force plus the generalised force of the inputs."""
-        image, hidden = push(q, ready.blocks)
+        image, hidden = push_forward(q, ready.blocks)
         offset = image - ready.rest_image
         slope = torch.addmm(-ready.rest_slope, offset, ready.stiffness)
         if self.n_inputs:
@@ -222,7 +224,7 @@ class Lagrangian(nn.Module):
             if self.signed:
                 u = torch.cat([u.clamp(min=0.0), (-u).clamp(min=0.0)], 1)
             slope = slope + self.volume_net.gradient(image, u @ self.volume_net.head, ready.between_volume)
-        return -pull(slope, ready.blocks, hidden)
+        return -pull_back(slope, ready.blocks, hidden)
 
     def acceleration(
         self, q: Latents, v: Latents, u: Inputs, *, ready: PreparedCoefficients | None = None
@@ -237,9 +239,9 @@ class Lagrangian(nn.Module):
 
 
 def _curvature(start: Coefficients, form: FormConfig) -> InputStiffnessPrior | None:
-    if start.bend is None or form.actuation == "linear":
+    if start.input_stiffness is None or form.actuation == "linear":
         return None
-    return InputStiffnessPrior(start.bend, softening=form.actuation == "bounded")
+    return InputStiffnessPrior(start.input_stiffness, softening=form.actuation == "bounded")
 
 
 def _mass(
@@ -282,8 +284,8 @@ def find_equilibrium(lagrangian: Lagrangian, u: Float[Tensor, " n_u"]) -> Float[
         return float(value), slope.numpy()
 
     first = lagrangian.rest.detach().numpy()
-    found = minimize(energy_and_slope, first, jac=True, method="BFGS", options={"gtol": 1e-9})
-    return torch.from_numpy(found.x)
+    optimum = minimize(energy_and_slope, first, jac=True, method="BFGS", options={"gtol": 1e-9})
+    return torch.from_numpy(optimum.x)
 
 
 def linearize_modes(lagrangian: Lagrangian, u: Float[Tensor, " n_u"]) -> LinearizedModes:

@@ -39,7 +39,7 @@ class ConstantFit:
 
     Energy has no observable scale, so that M is held at mean eigenvalue 1; the floors are relative to it and
     to the mean eigenvalue of K. A given ``mass`` is kept; ``learn_rest`` false keeps ``rest``. The volumes
-    are linear until `bend`.
+    are linear until `add_input_stiffness`.
     """
 
     def __init__(
@@ -62,18 +62,20 @@ class ConstantFit:
             "stiffening": torch.zeros(n_inputs, d, d, dtype=torch.float64),
             "softening": torch.zeros(n_inputs, d, d, dtype=torch.float64),
         }
-        self.reach: InputRange | None = None
+        self.input_range: InputRange | None = None
         self.softens = False
         self.shapes = {name: value.shape for name, value in first.items()}
         self.flat = torch.cat([value.reshape(-1) for value in first.values()]).numpy()
         self.rest, self.floor, self.learn_rest, self.mass = rest, floor, learn_rest, mass
 
-    def bend(self, reach: InputRange, *, softening: bool, rng: np.random.Generator) -> None:
+    def add_input_stiffness(
+        self, input_range: InputRange, *, softening: bool, rng: np.random.Generator
+    ) -> None:
         """Let the volumes be of second order from now on, with inputs that ``softening`` lets soften, too."""
-        self.reach, self.softens = reach, softening
-        bent = sum(self.shapes[name].numel() for name in ("stiffening", "softening"))
+        self.input_range, self.softens = input_range, softening
+        n_curvatures = sum(self.shapes[name].numel() for name in ("stiffening", "softening"))
         self.flat = self.flat.copy()
-        self.flat[-bent:] = FIRST_BEND * rng.standard_normal(bent)
+        self.flat[-n_curvatures:] = FIRST_BEND * rng.standard_normal(n_curvatures)
 
     def coefficients(self, flat: Float[Tensor, " n"]) -> tuple[Coefficients, Floors]:
         """The matrices that a flat vector of unknowns stands for, and the floors below them."""
@@ -85,22 +87,22 @@ class ConstantFit:
         floor = self.floor
         unit = (free * (d / torch.trace(free)) + floor.mass * eye) / (1.0 + floor.mass)
         elastic = _square(part["stiffness"])
-        least = floor.stiffness * torch.trace(elastic) / d
-        stiffness, bend = elastic + least * eye, None
-        if self.reach is not None:
+        stiffness_floor = floor.stiffness * torch.trace(elastic) / d
+        stiffness, input_stiffness = elastic + stiffness_floor * eye, None
+        if self.input_range is not None:
             stiffer, softer = _square(part["stiffening"]), _square(part["softening"]) * float(self.softens)
-            stiffness = stiffness + stiffness_penalty(softer, self.reach.positive)
-            stiffness = stiffness + stiffness_penalty(stiffer, self.reach.negative)
-            bend = InputStiffness(stiffer, softer, self.reach)
+            stiffness = stiffness + stiffness_penalty(softer, self.input_range.positive)
+            stiffness = stiffness + stiffness_penalty(stiffer, self.input_range.negative)
+            input_stiffness = InputStiffness(stiffer, softer, self.input_range)
         coefficients = Coefficients(
             mass=unit if self.mass is None else self.mass,
             damping=_square(part["damping"]) + floor.damping * eye,
             stiffness=stiffness,
             pressure_map=part["map"],
             rest=part["rest"] if self.learn_rest else self.rest,
-            bend=bend,
+            input_stiffness=input_stiffness,
         )
-        floors = Floors(floor.mass / (1.0 + floor.mass), floor.damping, float(least.detach()))
+        floors = Floors(floor.mass / (1.0 + floor.mass), floor.damping, float(stiffness_floor.detach()))
         return coefficients, floors
 
     def minimize(self, objective: Callable[[Coefficients], Tensor], *, iterations: int) -> float:
@@ -117,9 +119,9 @@ class ConstantFit:
         scale = 1.0
         scale = max(loss_and_slope(self.flat)[0], 1e-300)
         limits = {"maxiter": iterations, "maxfun": 2 * iterations, "maxcor": 30, "ftol": 1e-12, "gtol": 1e-9}
-        found = minimize(loss_and_slope, self.flat, jac=True, method="L-BFGS-B", options=limits)
-        self.flat = found.x
-        return float(found.fun) * scale
+        optimum = minimize(loss_and_slope, self.flat, jac=True, method="L-BFGS-B", options=limits)
+        self.flat = optimum.x
+        return float(optimum.fun) * scale
 
     def result(self) -> tuple[Coefficients, Floors]:
         """The fitted matrices and their floors."""
@@ -141,7 +143,7 @@ def evaluate_one_step_error(
     """
     d, h = metric.shape[0], windows.step
     if isinstance(h, Tensor):
-        q, v = _Law(c).step(windows.q, windows.v, windows.u, windows.u @ c.pressure_map, h)
+        q, v = _ConstantLaw(c).step(windows.q, windows.v, windows.u, windows.u @ c.pressure_map, h)
     else:
         transition, entry = assemble_step_matrices(c, h)
         push = (windows.u @ c.pressure_map + c.rest @ c.stiffness) @ torch.linalg.inv(c.mass)
@@ -174,12 +176,12 @@ def evaluate_shooting_error(
     """`objective.shooting_error` of a constant system, plus a small price on rates near the frame rate."""
     d = metric.shape[0]
     if isinstance(shots.steps, Tensor):
-        return _priced(_path(c, shots, longest_step), c, shots, metric)
+        return _add_penalties(_roll_out(c, shots, longest_step), c, shots, metric)
     pieces = split_inputs(shots.steps, longest_step)
-    once, enter = assemble_step_matrices(c, shots.steps / pieces)
-    transition, entry = once, enter
+    step_transition, step_entry = assemble_step_matrices(c, shots.steps / pieces)
+    transition, entry = step_transition, step_entry
     for _ in range(pieces - 1):
-        transition, entry = transition @ once, entry @ once + enter
+        transition, entry = transition @ step_transition, entry @ step_transition + step_entry
     inverse = torch.linalg.inv(c.mass)
     force = shots.inputs[:, :-1] @ c.pressure_map + c.rest @ c.stiffness
     drive = force @ (inverse @ entry)
@@ -188,20 +190,20 @@ def evaluate_shooting_error(
     for i in range(drive.shape[1]):
         state = torch.addmm(drive[:, i], state, transition)
         path.append(state)
-    return _priced(torch.stack(path, 1)[:, :, :d], c, shots, metric)
+    return _add_penalties(torch.stack(path, 1)[:, :, :d], c, shots, metric)
 
 
 def evaluate_stiffened_shooting_error(
     c: Coefficients, shots: ShootingTargets, metric: Float[Tensor, "d d"], *, longest_step: float = math.inf
 ) -> Float[Tensor, ""]:
     """The same where the volumes have curvatures: velocity-Verlet steps with one constant mass."""
-    assert c.bend is not None, "call `ConstantFit.bend` first"
-    return _priced(_path(c, shots, longest_step), c, shots, metric)
+    assert c.input_stiffness is not None, "call `ConstantFit.add_input_stiffness` first"
+    return _add_penalties(_roll_out(c, shots, longest_step), c, shots, metric)
 
 
-def _path(c: Coefficients, shots: ShootingTargets, longest_step: float) -> Float[Tensor, "B n d"]:
+def _roll_out(c: Coefficients, shots: ShootingTargets, longest_step: float) -> Float[Tensor, "B n d"]:
     """States after the first, step by step."""
-    law = _Law(c)
+    law = _ConstantLaw(c)
     q, v = shots.q, shots.v
     drive = shots.inputs @ c.pressure_map
     path = []
@@ -214,12 +216,12 @@ def _path(c: Coefficients, shots: ShootingTargets, longest_step: float) -> Float
     return torch.stack(path, 1)
 
 
-class _Law:
+class _ConstantLaw:
     """Velocity-Verlet steps of a constant system with what all of them share."""
 
     def __init__(self, c: Coefficients) -> None:
         self.c, self.inverse = c, torch.linalg.inv(c.mass)
-        self.curvature = None if c.bend is None else c.bend.curvature
+        self.curvature = None if c.input_stiffness is None else c.input_stiffness.curvature
 
     def step(self, q: Tensor, v: Tensor, u: Tensor, drive: Tensor, step: Step) -> tuple[Tensor, Tensor]:
         first = self._acceleration(q, v, u, drive)
@@ -234,7 +236,7 @@ class _Law:
         return (drive - elastic - v @ self.c.damping) @ self.inverse
 
 
-def _priced(
+def _add_penalties(
     path: Float[Tensor, "B n d"], c: Coefficients, shots: ShootingTargets, metric: Float[Tensor, "d d"]
 ) -> Float[Tensor, ""]:
     targets, d = shots.targets[:, 1:], metric.shape[0]
@@ -242,9 +244,11 @@ def _priced(
     step = shots.steps.mean() if isinstance(shots.steps, Tensor) else shots.steps
     fast = (step * c.damping @ inverse).square().sum()
     spread = square_norm(targets - shots.targets.mean((0, 1)), metric).mean() / d
-    price = FAST_RATE_WEIGHT * fast
-    if c.bend is not None:
-        largest = torch.maximum(c.bend.reach.positive, c.bend.reach.negative)
-        loaded = inverse @ (largest[:, None, None] * c.bend.curvature)
-        price = price + BEND_WEIGHT * loaded.square().sum()
-    return square_norm(path - targets, metric).mean() / d + spread * price
+    penalty = FAST_RATE_WEIGHT * fast
+    if c.input_stiffness is not None:
+        largest = torch.maximum(
+            c.input_stiffness.input_range.positive, c.input_stiffness.input_range.negative
+        )
+        loaded = inverse @ (largest[:, None, None] * c.input_stiffness.curvature)
+        penalty = penalty + BEND_WEIGHT * loaded.square().sum()
+    return square_norm(path - targets, metric).mean() / d + spread * penalty

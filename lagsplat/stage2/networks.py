@@ -119,10 +119,10 @@ class Diffeomorphism(nn.Module):
         return list(zip(inner, self.inner_bias, outer, self.outer_bias, strict=True))
 
 
-def push(
+def push_forward(
     x: Float[Tensor, "B d"], blocks: list[Block]
 ) -> tuple[Float[Tensor, "B d"], list[Float[Tensor, "B w"]]]:
-    """Image of ``x`` and the hidden activations `pull` needs. No block: the identity."""
+    """Image of ``x`` and the hidden activations `pull_back` needs. No block: the identity."""
     hidden = []
     for inner, inner_bias, outer, outer_bias in blocks:
         h = torch.tanh(torch.addmm(inner_bias, x, inner.T))
@@ -131,10 +131,10 @@ def push(
     return x, hidden
 
 
-def pull(
+def pull_back(
     covector: Float[Tensor, "B d"], blocks: list[Block], hidden: list[Float[Tensor, "B w"]]
 ) -> Float[Tensor, "B d"]:
-    """Transpose of the Jacobian of `push`, applied to a covector at the image point."""
+    """Transpose of the Jacobian of `push_forward`, applied to a covector at the image point."""
     for (inner, _, outer, _), h in zip(reversed(blocks), reversed(hidden), strict=True):
         covector = covector + ((covector @ outer) * (1.0 - h * h)) @ inner
     return covector
@@ -146,8 +146,8 @@ def factor_positive(matrix: Float[Tensor, "d d"], floor: float) -> Float[Tensor,
     An eigenvalue at or below the floor keeps a thousandth of it above, so that its factor can still move.
     """
     values, vectors = torch.linalg.eigh(matrix)
-    lifted = (values - floor).clamp(min=1e-3 * floor)
-    return torch.linalg.cholesky((vectors * lifted) @ vectors.T)
+    clipped = (values - floor).clamp(min=1e-3 * floor)
+    return torch.linalg.cholesky((vectors * clipped) @ vectors.T)
 
 
 def cholesky_factor(matrix: Float[Tensor, "*B d d"]) -> Float[Tensor, "*B d d"]:

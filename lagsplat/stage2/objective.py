@@ -93,7 +93,7 @@ class Anchor:
     spread: Float[Tensor, " d"]
     speed: Float[Tensor, " d"]  # rms, per internal time unit
 
-    def price(
+    def penalty(
         self, lagrangian: Lagrangian, metric: Float[Tensor, "d d"], rng: np.random.Generator
     ) -> Float[Tensor, ""]:
         """Mean square difference of the accelerations of the two laws, over normal positions and velocities
@@ -122,11 +122,13 @@ def anchor_law(lagrangian: Lagrangian, trajectory: EncodedTrajectory) -> Anchor:
     )
 
 
-def anchored_error(error: Float[Tensor, ""], price: Float[Tensor, ""], *, weight: float) -> Float[Tensor, ""]:
-    """``error``, and for each unit of ``price`` a further ``weight`` times what the error now is.
+def anchored_error(
+    error: Float[Tensor, ""], penalty: Float[Tensor, ""], *, weight: float
+) -> Float[Tensor, ""]:
+    """``error``, and for each unit of ``penalty`` a further ``weight`` times what the error now is.
 
     Its slope is that of ``log(error) + weight * price``, the likelihood of errors whose size only the fit
     tells: the better frames can be followed, the more they count. A price of fixed size is lost in the errors
     of noisy latents and is all that a law of clean ones is fitted to.
     """
-    return error + weight * error.detach() * price
+    return error + weight * error.detach() * penalty

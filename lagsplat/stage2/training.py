@@ -115,8 +115,8 @@ def draw_validation_task(
     velocity = central_velocity(trajectory, at)
     offset = torch.from_numpy(trajectory.latents - trajectory.latents.mean(0))
     rms = float(square_norm(offset, metric).mean().sqrt())
-    taken = cut_shooting_targets(trajectory, at, velocity, n_states=n_states, time_unit_s=1.0)
-    return ValidationTask(taken, metric, rms)
+    targets = cut_shooting_targets(trajectory, at, velocity, n_states=n_states, time_unit_s=1.0)
+    return ValidationTask(targets, metric, rms)
 
 
 @dataclass
@@ -184,22 +184,22 @@ class FitState:
     config: Stage2Config
     time_unit_s: float
     period_frames: int
-    exam: ValidationTask
-    champion: BestCheckpoint
+    validation: ValidationTask
+    best: BestCheckpoint
     report: FitReport
     rng: np.random.Generator
-    listen: Callable[[CurveRow], None]
-    began: float
+    on_candidate: Callable[[CurveRow], None]
+    started_s: float
 
-    def grade(self, lagrangian: Lagrangian, stage: str, step: int, loss: float) -> None:
+    def score_candidate(self, lagrangian: Lagrangian, stage: str, step: int, loss: float) -> None:
         """Score a candidate, keep it if it is the best, and put it on the curve."""
-        score = self.exam.score(lagrangian)
-        self.champion.consider(lagrangian, score)
-        row = CurveRow(stage, step, loss, score, time.perf_counter() - self.began)
+        score = self.validation.score(lagrangian)
+        self.best.consider(lagrangian, score)
+        row = CurveRow(stage, step, loss, score, time.perf_counter() - self.started_s)
         self.report.curve.append(row)
-        self.listen(row)
+        self.on_candidate(row)
 
-    def stretches(self, at: np.ndarray, *, n_states: int) -> ShootingTargets:
+    def cut_targets(self, at: np.ndarray, *, n_states: int) -> ShootingTargets:
         """Rollouts to make from the frames ``at``, with the quieter velocities of training."""
         velocity = central_velocity(self.trajectory, at)
         return cut_shooting_targets(
@@ -212,13 +212,13 @@ def start_fit(
     metric: np.ndarray,
     config: Stage2Config,
     seed: int,
-    listen: Callable[[CurveRow], None],
+    on_candidate: Callable[[CurveRow], None],
 ) -> FitState:
     """Unit of time, metric and examination of a fit."""
     unit = choose_time_unit(trajectory, metric, stride_frames=config.stride_frames)
     period_frames = max(4, round(2.0 * np.pi * unit / trajectory.dt_s))
     bare = torch.from_numpy(metric)
-    exam = draw_validation_task(
+    validation = draw_validation_task(
         trajectory,
         bare,
         starts=config.select.starts,
@@ -232,18 +232,18 @@ def start_fit(
         config,
         unit,
         period_frames,
-        exam,
+        validation,
         BestCheckpoint(),
         FitReport(time_unit_s=unit),
         np.random.default_rng(seed),
-        listen,
+        on_candidate,
         time.perf_counter(),
     )
 
 
-def start_stage(run: FitState, rest: Tensor, seed: int, geometry: DecoderGeometry | None) -> Lagrangian:
+def start_stage(state: FitState, rest: Tensor, seed: int, geometry: DecoderGeometry | None) -> Lagrangian:
     """A Lagrangian whose constant parts are fitted, or isotropic, and whose networks are silent."""
-    config, trajectory = run.config, run.trajectory
+    config, trajectory = state.config, state.trajectory
     d, n_inputs = trajectory.latents.shape[1], trajectory.inputs.shape[1]
     mass, scale = None, 1.0
     if config.form.mass == "induced" and geometry is not None:
@@ -259,20 +259,22 @@ def start_stage(run: FitState, rest: Tensor, seed: int, geometry: DecoderGeometr
             rest, n_inputs, floor=config.floor, learn_rest=config.form.rest == "learned", mass=mass
         )
         windows = list_one_step_windows(
-            trajectory, stride_frames=config.stride_frames, time_unit_s=run.time_unit_s
+            trajectory, stride_frames=config.stride_frames, time_unit_s=state.time_unit_s
         )
         fit.minimize(
-            lambda c: evaluate_one_step_error(c, windows, run.metric, velocity_weight=config.velocity_weight),
+            lambda c: evaluate_one_step_error(
+                c, windows, state.metric, velocity_weight=config.velocity_weight
+            ),
             iterations=config.start.iterations,
         )
         if config.start.shooting_iterations:
-            _shoot_constant(run, fit)
+            _shoot_constant(state, fit)
         start, floors = fit.result()
     return Lagrangian(
         start,
         form=config.form,
         floors=floors,
-        time_unit_s=run.time_unit_s,
+        time_unit_s=state.time_unit_s,
         seed=seed,
         geometry=geometry,
         mass_scale=scale,
@@ -281,26 +283,29 @@ def start_stage(run: FitState, rest: Tensor, seed: int, geometry: DecoderGeometr
     )
 
 
-def _shoot_constant(run: FitState, fit: ConstantFit) -> None:
-    n_states = _horizon(run, 1.0)
-    at = list_starts(run.trajectory, before=2, after=n_states)[:: max(1, n_states // 2)]
-    taken = run.stretches(at, n_states=n_states)
-    iterations, actuation = run.config.start.shooting_iterations, run.config.form.actuation
-    longest = run.config.longest_step
+def _shoot_constant(state: FitState, fit: ConstantFit) -> None:
+    n_states = _horizon(state, 1.0)
+    at = list_starts(state.trajectory, before=2, after=n_states)[:: max(1, n_states // 2)]
+    targets = state.cut_targets(at, n_states=n_states)
+    iterations, actuation = state.config.start.shooting_iterations, state.config.form.actuation
+    longest = state.config.longest_step
     fit.minimize(
-        lambda c: evaluate_shooting_error(c, taken, run.metric, longest_step=longest), iterations=iterations
+        lambda c: evaluate_shooting_error(c, targets, state.metric, longest_step=longest),
+        iterations=iterations,
     )
-    if actuation != "linear" and run.trajectory.inputs.shape[1]:
-        fit.bend(measure_input_range(run.trajectory.inputs), softening=actuation == "bounded", rng=run.rng)
+    if actuation != "linear" and state.trajectory.inputs.shape[1]:
+        fit.add_input_stiffness(
+            measure_input_range(state.trajectory.inputs), softening=actuation == "bounded", rng=state.rng
+        )
         fit.minimize(
-            lambda c: evaluate_stiffened_shooting_error(c, taken, run.metric, longest_step=longest),
+            lambda c: evaluate_stiffened_shooting_error(c, targets, state.metric, longest_step=longest),
             iterations=iterations,
         )
 
 
-def _horizon(run: FitState, periods: float) -> int:
-    longest = max(b - a for a, b in run.trajectory.segments)
-    return max(4, min(round(periods * run.period_frames) + 1, longest - 4))
+def _horizon(state: FitState, periods: float) -> int:
+    longest = max(b - a for a, b in state.trajectory.segments)
+    return max(4, min(round(periods * state.period_frames) + 1, longest - 4))
 
 
 def _mean_induced(
@@ -313,55 +318,55 @@ def _mean_induced(
     return scale * bare + floor * torch.eye(bare.shape[0], dtype=bare.dtype), scale
 
 
-def one_step_stage(run: FitState, lagrangian: Lagrangian) -> None:
+def one_step_stage(state: FitState, lagrangian: Lagrangian) -> None:
     """Train on single velocity-Verlet steps, `Stage2Config.steps` times its effort."""
-    config, steps = run.config, round(run.config.effort * run.config.steps)
+    config, steps = state.config, round(state.config.effort * state.config.steps)
     if not steps:
         return
     windows = list_one_step_windows(
-        run.trajectory, stride_frames=config.stride_frames, time_unit_s=run.time_unit_s
+        state.trajectory, stride_frames=config.stride_frames, time_unit_s=state.time_unit_s
     )
 
     def loss(step: int) -> Tensor:
-        pick = torch.from_numpy(run.rng.integers(0, len(windows), config.batch))
+        pick = torch.from_numpy(state.rng.integers(0, len(windows), config.batch))
         return one_step_error(
-            lagrangian, windows.pick(pick), run.metric, velocity_weight=config.velocity_weight
+            lagrangian, windows.pick(pick), state.metric, velocity_weight=config.velocity_weight
         )
 
-    _descend(run, lagrangian, loss, "one_step", steps=steps, lr=config.lr, every=config.select.every)
+    _descend(state, lagrangian, loss, "one_step", steps=steps, lr=config.lr, every=config.select.every)
 
 
-def shooting_stage(run: FitState, lagrangian: Lagrangian) -> None:
+def shooting_stage(state: FitState, lagrangian: Lagrangian) -> None:
     """Train the best candidate so far on rollouts, whose length doubles up to `ShootConfig.periods`.
 
     The batch halves meanwhile. A step costs much the same, and each leg starts where the one before it has
     the fast part of the law right.
     """
-    shoot, total = run.config.shoot, round(run.config.effort * run.config.shoot.steps)
+    shoot, total = state.config.shoot, round(state.config.effort * state.config.shoot.steps)
     if not total:
         return
-    run.champion.restore(lagrangian)
-    held = anchor_law(lagrangian, run.trajectory) if shoot.anchor else None
+    state.best.restore(lagrangian)
+    anchor = anchor_law(lagrangian, state.trajectory) if shoot.anchor else None
     for leg, shortened in enumerate(SHORTENED_LEGS):
-        n_states = _horizon(run, shoot.periods / shortened)
-        starts = list_starts(run.trajectory, before=2, after=n_states)
+        n_states = _horizon(state, shoot.periods / shortened)
+        starts = list_starts(state.trajectory, before=2, after=n_states)
         batch = shoot.batch * shortened
 
         def loss(_: int, starts: np.ndarray = starts, batch: int = batch, n_states: int = n_states) -> Tensor:
-            taken = run.stretches(run.rng.choice(starts, batch), n_states=n_states)
-            error = shooting_error(lagrangian, taken, run.metric)
-            if held is None:
+            targets = state.cut_targets(state.rng.choice(starts, batch), n_states=n_states)
+            error = shooting_error(lagrangian, targets, state.metric)
+            if anchor is None:
                 return error
-            price = held.price(lagrangian, run.metric, run.rng)
-            return anchored_error(error, price, weight=shoot.anchor)
+            penalty = anchor.penalty(lagrangian, state.metric, state.rng)
+            return anchored_error(error, penalty, weight=shoot.anchor)
 
         steps = total * (leg + 1) // len(SHORTENED_LEGS) - total * leg // len(SHORTENED_LEGS)
         if steps:
-            _descend(run, lagrangian, loss, "shooting", steps=steps, lr=shoot.lr, every=max(1, steps // 10))
+            _descend(state, lagrangian, loss, "shooting", steps=steps, lr=shoot.lr, every=max(1, steps // 10))
 
 
 def _descend(
-    run: FitState,
+    state: FitState,
     lagrangian: Lagrangian,
     loss: Callable[[int], Tensor],
     stage: str,
@@ -370,18 +375,18 @@ def _descend(
     lr: float,
     every: int,
 ) -> None:
-    config = run.config
+    config = state.config
     parameters = [p for p in lagrangian.parameters() if p.requires_grad]
-    undo = StepRollback(parameters)
+    rollback = StepRollback(parameters)
     optimizer = torch.optim.Adam(_rates(lagrangian, lr), fused=True)
     peaks = [group["lr"] for group in optimizer.param_groups]
     for i in range(steps):
-        factor = undo.shortening * _schedule(i / steps, final_fraction=config.final_fraction)
+        factor = rollback.rate_factor * _schedule(i / steps, final_fraction=config.final_fraction)
         for group, peak in zip(optimizer.param_groups, peaks, strict=True):
             group["lr"] = peak * factor
         optimizer.zero_grad()
         value = loss(i)
-        if undo.accepts(float(value.detach())):
+        if rollback.accept(float(value.detach())):
             value.backward()
             size = torch.nn.utils.clip_grad_norm_(parameters, config.gradient_clip)
             if torch.isfinite(size):
@@ -390,8 +395,8 @@ def _descend(
         else:
             optimizer.state.clear()
         if (i + 1) % every == 0 or i + 1 == steps:
-            run.grade(lagrangian, stage, i + 1, float(value.detach()))
-    run.report.taken_back += undo.taken_back
+            state.score_candidate(lagrangian, stage, i + 1, float(value.detach()))
+    state.report.taken_back += rollback.rollbacks
 
 
 def _rates(lagrangian: Lagrangian, lr: float) -> list[dict[str, object]]:
@@ -425,27 +430,27 @@ class StepRollback:
 
     def __init__(self, parameters: Sequence[Tensor]) -> None:
         self.parameters = parameters
-        self.kept = [parameter.detach().clone() for parameter in parameters]
+        self.checkpoint = [parameter.detach().clone() for parameter in parameters]
         self.recent: deque[float] = deque(maxlen=REMEMBERED)
         self.accepted = 0
-        self.taken_back = 0
+        self.rollbacks = 0
 
     @property
-    def shortening(self) -> float:
+    def rate_factor(self) -> float:
         """Factor on the learning rate."""
-        return SHORTENED**self.taken_back
+        return SHORTENED**self.rollbacks
 
-    def accepts(self, loss: float) -> bool:
+    def accept(self, loss: float) -> bool:
         """Whether the present parameters, of this loss, are good; if not, they are replaced by good ones."""
         good = loss < EXPLODED * median(self.recent) if self.recent else loss < float("inf")
         if not good:
-            self.taken_back += 1
+            self.rollbacks += 1
             with torch.no_grad():
-                for parameter, kept in zip(self.parameters, self.kept, strict=True):
-                    parameter.copy_(kept)
+                for parameter, saved in zip(self.parameters, self.checkpoint, strict=True):
+                    parameter.copy_(saved)
             return False
         if self.accepted % KEPT_EVERY == 0:
-            self.kept = [parameter.detach().clone() for parameter in self.parameters]
+            self.checkpoint = [parameter.detach().clone() for parameter in self.parameters]
         self.accepted += 1
         self.recent.append(loss)
         return True

@@ -3,12 +3,13 @@
 A body that rolls to and fro on a circular runner: a rocking toy, a rocking chair.
 """
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.systems.mechanism import Matrix, Poses, Series, Vector
+from lagsplat.systems.config import ReleaseConfig
+from lagsplat.systems.mechanism import Matrix, Mechanism, Poses, Series, Vector
 
 
 @dataclass(frozen=True)
@@ -127,3 +128,12 @@ class Rocker:
         """The runner's centre: above the ground (y = 0) by the radius, and along with the rolling."""
         angle = states[:, 0]
         return np.stack([self.radius * angle, np.full_like(angle, -self.radius), angle], axis=1)[:, None]
+
+
+def make_mechanism(config: ReleaseConfig) -> Mechanism:
+    """The mechanism that these values describe."""
+    if config.rocker is not None:
+        return Rocker(**asdict(config.rocker), gravity=config.gravity)
+    assert config.linkage is not None, "the configuration gives one of the two"
+    links = {name: np.array(values) for name, values in asdict(config.linkage).items()}
+    return Linkage(**links, gravity=config.gravity)

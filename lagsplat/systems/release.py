@@ -12,7 +12,7 @@ from scipy.interpolate import CubicSpline
 from lagsplat.io.files.atomic import sha256_of_arrays
 from lagsplat.io.recording.recording import Recording
 from lagsplat.systems.config import PushConfig, ReleaseConfig, SimulationConfig
-from lagsplat.systems.linkage import Linkage, Rocker
+from lagsplat.systems.linkage import make_mechanism
 from lagsplat.systems.mechanism import (
     STEP,
     Mechanism,
@@ -27,16 +27,7 @@ from lagsplat.systems.truth import Truth, compute_truth
 from lagsplat.systems.video import film_clips
 
 
-def make_mechanism(config: ReleaseConfig) -> Mechanism:
-    """The mechanism that these values describe."""
-    if config.rocker is not None:
-        return Rocker(**asdict(config.rocker), gravity=config.gravity)
-    assert config.linkage is not None, "the configuration gives one of the two"
-    links = {name: np.array(values) for name, values in asdict(config.linkage).items()}
-    return Linkage(**links, gravity=config.gravity)
-
-
-def release(config: ReleaseConfig, *, seed: int) -> tuple[Recording, Truth]:
+def simulate_release(config: ReleaseConfig, *, seed: int) -> tuple[Recording, Truth]:
     """Let the mechanism go once a clip, film it, and read the film back.
 
     One seed gives one recording, bit for bit on one machine with one build of OpenCV. The camera draws from a

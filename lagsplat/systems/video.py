@@ -1,18 +1,22 @@
-"""A scene filmed: seen through a camera, with its noise, through a real codec, and read back as a film is."""
+"""Render a simulated mechanism: video clips from its own camera, and true views from other cameras."""
 
 import tempfile
 from pathlib import Path
 
 import cv2
 import numpy as np
+from jaxtyping import UInt8
 
 from lagsplat.io.recording.recording import Recording
 from lagsplat.io.video.read import read_video
 from lagsplat.systems.config import ReleaseConfig
-from lagsplat.systems.mechanism import Poses
+from lagsplat.systems.linkage import make_mechanism
+from lagsplat.systems.mechanism import Poses, Series
 from lagsplat.systems.rendering.painting import DrawnBody, Picture, backdrop, paint_bodies
 from lagsplat.systems.rendering.textures import SHAPES, photograph
-from lagsplat.views.camera import Camera, look_at
+from lagsplat.views.camera import Camera, ViewSpace, arrange_cameras, look_at
+from lagsplat.views.config import ArrangementConfig
+from lagsplat.views.novel import NovelViews
 
 
 def make_camera(config: ReleaseConfig, *, yaw_deg: float = 0.0, pitch_deg: float = 0.0) -> Camera:
@@ -93,3 +97,36 @@ def _write(
             writer.write(cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
     finally:
         writer.release()
+
+
+FINE = 3
+"""Samples of a pixel, each way."""
+
+
+def make_space(config: ReleaseConfig) -> ViewSpace:
+    """The coordinates of the scene's own camera at the recorded resolution, its target the pivot."""
+    return ViewSpace(make_camera(config).resized(config.height, config.width), config.scene.distance)
+
+
+def render_true_views(config: ReleaseConfig, states: Series, arrangement: ArrangementConfig) -> NovelViews:
+    """Pictures of the states (T, d) from all sides, without noise and codec.
+
+    Source: `lagsplat.systems.video` draws the film itself by the same means.
+    """
+    space = make_space(config)
+    cameras, names, held_out = arrange_cameras(space, arrangement)
+    poses = make_mechanism(config).poses(states)
+    images = np.stack([photograph_scene(config, poses, camera) for camera in cameras], axis=1)
+    return NovelViews(images, None, tuple(cameras), tuple(names), np.array(held_out), space)
+
+
+def photograph_scene(config: ReleaseConfig, poses: Poses, camera: Camera) -> UInt8[np.ndarray, "T H W 3"]:
+    """What a camera sees of the bodies in their poses."""
+    fine = camera.resized(FINE * camera.height, FINE * camera.width)
+    wall, bodies = set_up_scene(config, fine)
+    return np.stack([_small(paint_bodies(wall, bodies, pose, fine), camera) for pose in poses])
+
+
+def _small(picture: np.ndarray, camera: Camera) -> UInt8[np.ndarray, "H W 3"]:
+    small = cv2.resize(picture, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
+    return np.clip(np.rint(255 * small), 0, 255).astype(np.uint8)

@@ -62,8 +62,8 @@ def test_energy_under_a_load_is_convex_along_every_ray_and_rises_in_the_end(
     ray = torch.linspace(0, 1e4, 41, dtype=torch.float64)[:, None] * (away / away.norm())
     for u in loads:
         energy = loaded(lagrangian, lagrangian.rest.detach() + ray, u)
-        bend = energy[2:] - 2 * energy[1:-1] + energy[:-2]
-        assert float(bend.min()) > 0
+        input_stiffness = energy[2:] - 2 * energy[1:-1] + energy[:-2]
+        assert float(input_stiffness.min()) > 0
         assert float(energy[-1]) > float(energy[0])
 
 
@@ -104,9 +104,9 @@ def test_an_input_of_one_sign_gives_the_same_law_and_the_same_file(tmp_path: Pat
 
 def test_what_counts_as_signed() -> None:
     inputs = np.array([[0.0, -1.0, -0.004, -3.0], [2.0, 0.5, 1.0, -1.0]])
-    reach = measure_input_range(inputs)
-    np.testing.assert_array_equal(reach.positive, [2.0, 0.5, 1.0, 0.0])
-    np.testing.assert_array_equal(reach.negative, [0.0, 1.0, 0.0, 3.0])
-    assert reach.signed
+    input_range = measure_input_range(inputs)
+    np.testing.assert_array_equal(input_range.positive, [2.0, 0.5, 1.0, 0.0])
+    np.testing.assert_array_equal(input_range.negative, [0.0, 1.0, 0.0, 3.0])
+    assert input_range.signed
     assert not measure_input_range(inputs[:, [0, 2]]).signed
     assert not measure_input_range(np.zeros((3, 0))).signed

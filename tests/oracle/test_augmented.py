@@ -25,7 +25,7 @@ from lagsplat.diagnose.estimation.nuisance import NuisanceParameters
 from lagsplat.diagnose.mechanics.basis import make_polynomial_basis
 from lagsplat.diagnose.mechanics.model import MechanicalModel
 from lagsplat.io.files.artifact import read_header
-from lagsplat.io.files.json_files import save_json
+from lagsplat.io.files.atomic import save_json
 from lagsplat.pipelines.apply_diagnosis import apply_diagnosis
 
 STIFF, DAMPED, GAIN = 40.0, 0.4, 12.0

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator, estimate_simulator
-from lagsplat.diagnose.inference.problem import natural_periods
+from lagsplat.diagnose.inference.problem import estimate_natural_periods
 from lagsplat.diagnose.mechanics.structure import shift_coefficients
 from lagsplat.io.trajectory.trajectory import Trajectory
 from tests.unit.diagnose.mechanisms import Chain, Duffing, TwoLink, film
@@ -59,7 +59,7 @@ def test_the_acceleration_is_found_where_the_motion_went(name: str, noise: float
     assert error(mechanism, sim, made) < bound
     assert sim.misfit < 1.5
     if name == "duffing":
-        assert natural_periods(sim.model, 1.0).longest_s == pytest.approx(1.0, rel=0.03)
+        assert estimate_natural_periods(sim.model, 1.0).longest_s == pytest.approx(1.0, rel=0.03)
 
 
 def test_the_spring_is_found_where_the_motion_went_and_no_term_that_it_does_not_show() -> None:

@@ -20,7 +20,7 @@ from lagsplat.diagnose.core.result import Finding
 from lagsplat.diagnose.simulators.sources import DataSource
 from lagsplat.io.config import McapConfig, McapInputConfig, RecordingConfig, SplitConfig
 from lagsplat.io.files.artifact import read_header
-from lagsplat.io.files.json_files import load_json
+from lagsplat.io.files.atomic import load_json
 from lagsplat.io.recording.recording import Recording
 from lagsplat.stage1.autoencoder import Autoencoder, encode_frames
 from lagsplat.video_quality.assessment import CAMERA_PX

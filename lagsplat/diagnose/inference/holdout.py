@@ -135,8 +135,8 @@ def estimate_closure(before: np.ndarray, after: np.ndarray, floor: np.ndarray, *
         return (b - a) / np.maximum(b - f, 1e-12)
 
     above = np.sqrt(before[draws].mean(axis=1)) - np.sqrt(floor[draws].mean(axis=1))
-    whole = np.sqrt(before.mean()) - np.sqrt(floor.mean())
-    if whole < 2.0 * above.std() or whole <= 0.0:
+    gap = np.sqrt(before.mean()) - np.sqrt(floor.mean())
+    if gap < 2.0 * above.std() or gap <= 0.0:
         return Interval(None, None, None)
     low, high = np.percentile(share(draws), [2.5, 97.5])
     return Interval(float(share(np.arange(len(before)))), float(low), float(high))
@@ -178,8 +178,8 @@ def forecast_holdout(
     rms = np.std(record.q, axis=0)
     real = blocks.take(record.q)
     n = problem.rollout_model.nuisance.size
-    own = replace(problem, rollout_model=replace(problem.rollout_model, model=given))
-    sim = forecast_blocks(own, blocks, (), np.zeros(n))
+    original = replace(problem, rollout_model=replace(problem.rollout_model, model=given))
+    sim = forecast_blocks(original, blocks, (), np.zeros(n))
     refit = forecast_blocks(problem, blocks, (), fit_half(half, none))
     after = forecast_blocks(problem, blocks, chosen.effects, fit_half(half, chosen))
     errors = {"before": sim.y - real, "refit": refit.y - real, "after": after.y - real}

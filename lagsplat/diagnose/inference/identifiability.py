@@ -70,12 +70,12 @@ def _unexplained_square(problem: EstimationProblem, mark: np.ndarray, other: Hyp
     leaves."""
     fit = other.fit
     spread = make_joint_prior(other.effects, problem.rollout_model).deviation
-    curvature, gradient, _, _, own = eliminate_starts(mark, fit.slopes, fit.start_slopes)
+    curvature, gradient, _, _, start_moves = eliminate_starts(mark, fit.slopes, fit.start_slopes)
     flat = mark.reshape(len(mark), -1)
     # the effect itself has a flat prior, the nuisance parameters keep theirs
     precision = np.where(
         np.arange(len(spread)) < other.n_effect_parameters, 1e-9 * np.diag(curvature), 1.0 / spread**2
     )
     move = np.linalg.lstsq(curvature + np.diag(precision), gradient, rcond=1e-12)[0]
-    started = float(np.sum((flat - np.einsum("wms,ws->wm", fit.start_slopes, own)) ** 2))
+    started = float(np.sum((flat - np.einsum("wms,ws->wm", fit.start_slopes, start_moves)) ** 2))
     return max(started - float(gradient @ move), 0.0)

@@ -60,8 +60,8 @@ def place_effects(
     """
     problem = make_placement_problem(rollout_model, hints, q_names=q_names, u_names=u_names)
     effects = (effect for effect in catalogue().values() if effect.name not in without)
-    placed = [one for effect in effects for one in effect.find_places(problem)]
-    return [one for one in placed if one.scales.reach > 0.0]
+    placed = [place for effect in effects for place in effect.find_places(problem)]
+    return [place for place in placed if place.scales.reach > 0.0]
 
 
 def make_placement_problem(

@@ -225,10 +225,10 @@ def compute_detectable_misfit(freedom: float, nominal: float, config: DiagnoseCo
 def _unknown_probability(
     unexplained: float, before: float, freedom: float, nominal: float, config: DiagnoseConfig
 ) -> float:
-    loud = unexplained - compute_detectable_misfit(freedom, nominal, config)
-    if loud <= 0.0:
+    detectable = unexplained - compute_detectable_misfit(freedom, nominal, config)
+    if detectable <= 0.0:
         return VERDICT.min_unknown
-    share = min(loud / max(before, loud), 1.0)
+    share = min(detectable / max(before, detectable), 1.0)
     return max(
         float(1.0 / (1.0 + (config.unknown_midpoint / share) ** VERDICT.unknown_exponent)),
         VERDICT.min_unknown,
@@ -264,8 +264,8 @@ def judge_hypotheses(
     p_unknown = max(p_unknown, implausibility.chance)
     if best is not None and len(best.effects) > 1:
         top = max(scores.values())
-        own = sorted((e.effect.name for e in best.effects), key=lambda n: -scores.get(n, -np.inf))
-        scores |= {name: top + VERDICT.set_lead - i for i, name in enumerate(own)}
+        members = sorted((e.effect.name for e in best.effects), key=lambda n: -scores.get(n, -np.inf))
+        scores |= {name: top + VERDICT.set_lead - i for i, name in enumerate(members)}
     top = max(scores.values())
     weights = {name: float(np.exp(score - top)) for name, score in scores.items()}
     total = sum(weights.values())

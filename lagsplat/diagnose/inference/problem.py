@@ -124,13 +124,13 @@ def compute_excess_penalty(fit: ShootingFit, noise_inflation: float) -> float:
 def make_joint_prior(effects: Sequence[PlacedEffect], rollout_model: RolloutModel) -> GaussianPrior:
     """Gaussian prior of the parameters of ``effects``, then of the nuisance parameters."""
     priors = [p.prior for e in effects for p in e.effect.parameters]
-    spare = rollout_model.nuisance.deviation
-    deviation = np.concatenate([[p.deviation for p in priors], spare])
+    nuisance = rollout_model.nuisance.deviation
+    deviation = np.concatenate([[p.deviation for p in priors], nuisance])
     return GaussianPrior(
-        np.concatenate([[p.mean for p in priors], np.zeros(len(spare))]),
+        np.concatenate([[p.mean for p in priors], np.zeros(len(nuisance))]),
         deviation,
-        np.concatenate([[p.lowest for p in priors], np.full(len(spare), -np.inf)]),
-        np.concatenate([1e-3 * np.minimum(deviation[: len(priors)], 1.0), 1e-2 * spare]),
+        np.concatenate([[p.lowest for p in priors], np.full(len(nuisance), -np.inf)]),
+        np.concatenate([1e-3 * np.minimum(deviation[: len(priors)], 1.0), 1e-2 * nuisance]),
     )
 
 

@@ -127,19 +127,19 @@ def compute_profiles(
     spread = np.sqrt(np.maximum(np.diag(np.linalg.pinv(curvature)), 0.0))
     count = 0
     for placed in effects:
-        own = hypothesis.parameter_slice(placed)
+        cut = hypothesis.parameter_slice(placed)
         keys = list_published_parameters(
-            placed, placed.to_physical(hypothesis.fit.x[None, own])[0], problem.rollout_model.dataset
+            placed, placed.to_physical(hypothesis.fit.x[None, cut])[0], problem.rollout_model.dataset
         )
         for i, parameter in enumerate(placed.effect.parameters):
             if parameter.name not in keys or count == PROFILES.max_parameters:
                 continue
             count += 1
-            at = own.start + i
+            at = cut.start + i
             x, fall = _profile_parameter(
                 problem, replace(hypothesis, effects=effects), at, spread[at], noise_inflation
             )
-            rows = np.repeat(hypothesis.fit.x[None, own], len(x), axis=0)
+            rows = np.repeat(hypothesis.fit.x[None, cut], len(x), axis=0)
             rows[:, i] = x
             physical = placed.to_physical(rows)
             values = [
@@ -154,7 +154,7 @@ def _profile_parameter(
     problem: EstimationProblem, hypothesis: HypothesisFit, at: int, spread: float, noise_inflation: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Values of one parameter on both sides of the best, and the log likelihood of the best fit at each."""
-    best, held = hypothesis.fit.x[at], problem.prior(hypothesis.effects)
+    best, prior = hypothesis.fit.x[at], problem.prior(hypothesis.effects)
     near = (hypothesis.fit.slopes[..., hypothesis.n_effect_parameters :], hypothesis.fit.start_slopes)
     rows = [(best, 0.0)]
     for side in (-1.0, 1.0):
@@ -162,13 +162,13 @@ def _profile_parameter(
         for k in range(1, PROFILES.points_per_side + 1):
             value = max(
                 best + side * PROFILES.reach_deviations * spread * k / PROFILES.points_per_side,
-                held.lowest[at],
+                prior.lowest[at],
             )
             if value == x[at]:
                 break
-            mean, deviation = held.mean.copy(), held.deviation.copy()
+            mean, deviation = prior.mean.copy(), prior.deviation.copy()
             mean[at], deviation[at] = value, PROFILES.pin_deviation * spread
-            pinned = replace(held, mean=mean, deviation=deviation)
+            pinned = replace(prior, mean=mean, deviation=deviation)
             moved = x.copy()
             moved[at] = value
             fit = fit_multiple_shooting(
@@ -182,7 +182,7 @@ def _profile_parameter(
                 known=near,
             )
             x, starts = fit.x, fit.starts
-            paid = float(compute_penalty(fit.x[None], held)[0])
+            paid = float(compute_penalty(fit.x[None], prior)[0])
             priced = 0.5 * (paid - hypothesis.fit.penalty) / problem.noise_inflation
             lost = 0.5 * (fit.misfit - hypothesis.fit.misfit) / noise_inflation + priced
             rows.append((float(value), -lost))

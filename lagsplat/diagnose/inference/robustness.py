@@ -29,14 +29,16 @@ def inflate_noise(
 
     The median over the windows counts: a push by hand in a few of them is no error of the law.
     """
-    each = [(row[:n] ** 2).mean() for row, n in zip(best.fit.residual, problem.windows.length, strict=True)]
-    left = min(best.fit.misfit / problem.degrees_of_freedom, float(np.median(each)))
-    if left <= ROBUSTNESS.inflation_misfit * budget.nominal:
+    window_misfits = [
+        (row[:n] ** 2).mean() for row, n in zip(best.fit.residual, problem.windows.length, strict=True)
+    ]
+    misfit = min(best.fit.misfit / problem.degrees_of_freedom, float(np.median(window_misfits)))
+    if misfit <= ROBUSTNESS.inflation_misfit * budget.nominal:
         return None
-    alike = compute_autocorrelation_time(best.fit.residual, problem.windows.length)
-    noise_inflation = max(problem.noise_inflation, left * alike)
+    correlation = compute_autocorrelation_time(best.fit.residual, problem.windows.length)
+    noise_inflation = max(problem.noise_inflation, misfit * correlation)
     return replace(problem, noise_inflation=noise_inflation), replace(
-        budget, effective_sample_ratio=max(budget.effective_sample_ratio, alike)
+        budget, effective_sample_ratio=max(budget.effective_sample_ratio, correlation)
     )
 
 
@@ -73,16 +75,16 @@ def check_robustness(
     leading = _leading_fits(ranking, judgement)
     doubted = Implausibility(judgement.probabilities["unknown"] if judgement.implausibility else 0.0, "loose")
     answers = {}
-    for name, shaken, nominal in _perturbed_problems(problem, budget.nominal):
+    for name, perturbed, nominal in _perturbed_problems(problem, budget.nominal):
         again = replace(budget, nominal=nominal)
         ranking_again = _judge_again(
-            shaken, ranking, chain, leading, candidates, again, config, lambda hypothesis: doubted
+            perturbed, ranking, chain, leading, candidates, again, config, lambda hypothesis: doubted
         )
         answers[name] = find_most_probable_name(ranking_again)
-    own = find_most_probable_name(judgement)
-    kin = {own} | find_confusable(own)
+    verdict_name = find_most_probable_name(judgement)
+    agreeing = {verdict_name} | find_confusable(verdict_name)
     return RobustnessCheck(
-        sum(hypothesis in kin for hypothesis in answers.values()) < ROBUSTNESS.min_agreeing, answers
+        sum(hypothesis in agreeing for hypothesis in answers.values()) < ROBUSTNESS.min_agreeing, answers
     )
 
 

@@ -114,8 +114,8 @@ def _score_gain(
     """Misfit that the best amount of a change removes, and that amount, with all other parameters
     refitted."""
     k = derivatives.shape[2]
-    both = np.concatenate([derivatives, group], axis=2)
-    curvature, gradient, *_ = eliminate_starts(residual, both, start_derivatives)
+    all_derivatives = np.concatenate([derivatives, group], axis=2)
+    curvature, gradient, *_ = eliminate_starts(residual, all_derivatives, start_derivatives)
     # the penalty counts as well: an effect gains by letting the nuisance parameters return
     gradient[:k] -= (fit.x - prior.mean) / prior.deviation**2
     n = candidate.effect.amplitudes
@@ -126,14 +126,14 @@ def _score_gain(
         ]
     )
     h = curvature + np.diag(inverse)
-    spare = np.linalg.solve(h[:k, :k], np.concatenate([h[:k, k:], gradient[:k, None]], axis=1))
-    own = h[k:, k:] - h[k:, :k] @ spare[:, :-1]
-    pull = gradient[k:] - h[k:, :k] @ spare[:, -1]
-    amount = np.linalg.lstsq(own, pull, rcond=1e-10)[0]
+    nuisance_moves = np.linalg.solve(h[:k, :k], np.concatenate([h[:k, k:], gradient[:k, None]], axis=1))
+    amount_curvature = h[k:, k:] - h[k:, :k] @ nuisance_moves[:, :-1]
+    amount_gradient = gradient[k:] - h[k:, :k] @ nuisance_moves[:, -1]
+    amount = np.linalg.lstsq(amount_curvature, amount_gradient, rcond=1e-10)[0]
     if n == 0:
         amount = np.clip(amount, 0.0, 1.0)
     for i, p in enumerate(candidate.effect.parameters[:n]):
         if isinstance(p.prior, HalfNormal):
             amount[i] = max(amount[i], 1e-3 * p.prior.deviation)
         amount[i] = np.clip(amount[i], -3.0 * p.prior.deviation, 3.0 * p.prior.deviation)
-    return float(2.0 * amount @ pull - amount @ own @ amount), amount
+    return float(2.0 * amount @ amount_gradient - amount @ amount_curvature @ amount), amount

@@ -41,7 +41,7 @@ from lagsplat.evaluate.spectrum import resample_evenly
 from lagsplat.io.recording.recording import Recording
 from lagsplat.stage1.autoencoder import Autoencoder, decode_latents
 from lagsplat.stage2.lagrangian import Lagrangian, find_equilibrium
-from lagsplat.stage2.numpy_lagrangian import FrozenLaw, roll_out_free
+from lagsplat.stage2.numpy_lagrangian import NumpyLagrangian, roll_out_free
 
 SCHEMA = 1
 Energy = Callable[[np.ndarray, float], np.ndarray]
@@ -324,7 +324,7 @@ RollOut = Callable[[np.ndarray, np.ndarray, int], np.ndarray]
 
 def roll_out_free_motion(lagrangian: Lagrangian, dt_s: float) -> RollOut:
     """Free rollouts of a learned law, one state every ``dt_s`` seconds."""
-    law = FrozenLaw(lagrangian)
+    law = NumpyLagrangian(lagrangian)
 
     def roll_out(q0: np.ndarray, v0: np.ndarray, states: int) -> np.ndarray:
         return roll_out_free(law, q0, v0, states=states, dt_s=dt_s)[0]

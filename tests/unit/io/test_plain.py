@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lagsplat.io.files.json_files import load_inputs, load_json, save_csv, save_json
+from lagsplat.io.files.atomic import load_inputs, load_json, save_csv, save_json
 
 
 def test_json_comes_back(tmp_path: Path) -> None:

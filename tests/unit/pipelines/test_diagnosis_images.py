@@ -16,7 +16,7 @@ from lagsplat.pipelines.diagnosis_images import build_image_content
 from lagsplat.pipelines.diagnosis_videos import RecordedTrajectory, RecordingPair
 from lagsplat.runs.run import FittedRun
 from tests.unit.evaluate import tiny_run
-from tests.unit.report import made_diagnoses
+from tests.unit.report.diagnosis import made_diagnoses
 
 PERIOD_S = 0.5
 

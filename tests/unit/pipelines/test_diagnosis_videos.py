@@ -24,7 +24,7 @@ from lagsplat.pipelines.diagnosis_videos import (
 from lagsplat.stage1.autoencoder import encode_frames, save_autoencoder
 from lagsplat.stage2.fit import save_dynamics
 from tests.unit.evaluate import tiny_run
-from tests.unit.report import made_diagnoses
+from tests.unit.report.diagnosis import made_diagnoses
 
 
 @pytest.fixture(scope="module")

@@ -20,36 +20,38 @@ def clip() -> EncodedTrajectory:
 
 def test_the_law_itself_costs_nothing_and_another_one_does() -> None:
     lagrangian = random_lagrangian(2, 1, 0, amount=0.1)
-    held = anchor_law(lagrangian, clip())
-    assert float(held.price(lagrangian, METRIC, np.random.default_rng(0)).detach()) < 1e-25
+    anchor = anchor_law(lagrangian, clip())
+    assert float(anchor.penalty(lagrangian, METRIC, np.random.default_rng(0)).detach()) < 1e-25
     with torch.no_grad():
         lagrangian.rest += 0.1
-    once = held.price(lagrangian, METRIC, np.random.default_rng(0))
+    once = anchor.penalty(lagrangian, METRIC, np.random.default_rng(0))
     assert float(once.detach()) > 1e-4
     with torch.no_grad():
         lagrangian.rest += 0.1
-    assert float(held.price(lagrangian, METRIC, np.random.default_rng(0)).detach()) > 2 * float(once.detach())
+    assert float(anchor.penalty(lagrangian, METRIC, np.random.default_rng(0)).detach()) > 2 * float(
+        once.detach()
+    )
 
 
 def test_only_the_law_that_is_fitted_is_pulled() -> None:
     lagrangian = random_lagrangian(2, 1, 0, amount=0.1)
-    held = anchor_law(lagrangian, clip())
+    anchor = anchor_law(lagrangian, clip())
     with torch.no_grad():
         lagrangian.rest += 0.1
-    held.price(lagrangian, METRIC, np.random.default_rng(0)).backward()
+    anchor.penalty(lagrangian, METRIC, np.random.default_rng(0)).backward()
     assert lagrangian.rest.grad is not None
     assert float(lagrangian.rest.grad.abs().sum()) > 0
-    assert all(parameter.grad is None for parameter in held.start.parameters())
+    assert all(parameter.grad is None for parameter in anchor.start.parameters())
 
 
 def test_states_are_drawn_around_the_clip_at_its_own_speed() -> None:
     trajectory, lagrangian = clip(), random_lagrangian(2, 1, 0, amount=0.1)
-    held = anchor_law(lagrangian, trajectory)
-    assert held.middle.numpy() == pytest.approx(trajectory.latents.mean(0))
-    assert held.spread.numpy() == pytest.approx(trajectory.latents.std(0), rel=1e-2)
+    anchor = anchor_law(lagrangian, trajectory)
+    assert anchor.middle.numpy() == pytest.approx(trajectory.latents.mean(0))
+    assert anchor.spread.numpy() == pytest.approx(trajectory.latents.std(0), rel=1e-2)
     unit = float(lagrangian.time_unit_s)
     # rms speeds of 3 sin 5t and cos 7t
-    assert held.speed.numpy() == pytest.approx(unit * np.array([15.0, 7.0]) / np.sqrt(2), rel=0.05)
+    assert anchor.speed.numpy() == pytest.approx(unit * np.array([15.0, 7.0]) / np.sqrt(2), rel=0.05)
 
 
 def test_it_never_steps_from_one_segment_to_the_next() -> None:
@@ -65,8 +67,8 @@ def test_the_better_the_frames_are_followed_the_less_the_start_weighs() -> None:
     x = torch.tensor(0.3, dtype=torch.float64, requires_grad=True)
     slopes = []
     for unit in (1.0, 1e-4):
-        error, price = unit * (1.0 + (x - 1.0) ** 2), x**2
-        whole = anchored_error(error, price, weight=0.5)
+        error, penalty = unit * (1.0 + (x - 1.0) ** 2), x**2
+        whole = anchored_error(error, penalty, weight=0.5)
         slopes.append(torch.autograd.grad(whole, x)[0] / error.detach())
     wanted = torch.autograd.grad(torch.log(1.0 + (x - 1.0) ** 2) + 0.5 * x**2, x)[0]
     assert [float(slope) for slope in slopes] == pytest.approx([float(wanted)] * 2)

@@ -24,14 +24,14 @@ ONE_SIGN = InputRange(torch.ones(1, dtype=torch.float64), torch.zeros(1, dtype=t
 def coefficients_of(lagrangian: Lagrangian) -> Coefficients:
     q = torch.zeros(1, lagrangian.d, dtype=torch.float64)
     bent, none = lagrangian.prepare().curvature, torch.zeros(lagrangian.n_inputs, dtype=torch.float64)
-    reach = InputRange(none + 1.0, none)
+    input_range = InputRange(none + 1.0, none)
     return Coefficients(
         lagrangian.mass(q)[0].detach(),
         lagrangian.damping(q)[0].detach(),
         lagrangian.prepare().stiffness.detach(),
         lagrangian.pressure_map.detach(),
         lagrangian.rest.detach(),
-        None if bent is None else split(bent.detach(), reach),
+        None if bent is None else split(bent.detach(), input_range),
     )
 
 
@@ -107,14 +107,17 @@ def test_bending_finds_what_a_linear_map_cannot() -> None:
     shots, metric = own_shots(lagrangian, 60, 40), torch.eye(2, dtype=torch.float64)
     fit = ConstantFit(start.rest, 1, floor=FloorConfig(1e-3, 1e-4, 1e-3), learn_rest=True)
     linear = fit.minimize(lambda c: evaluate_shooting_error(c, shots, metric), iterations=200)
-    fit.bend(ONE_SIGN, softening=True, rng=np.random.default_rng(0))
+    fit.add_input_stiffness(ONE_SIGN, softening=True, rng=np.random.default_rng(0))
     bent = fit.minimize(lambda c: evaluate_stiffened_shooting_error(c, shots, metric), iterations=200)
     found, floors = fit.result()
     assert bent < 0.1 * linear
-    assert found.bend is not None
-    assert float(torch.linalg.eigvalsh(found.bend.curvature[0])[0]) < -0.5
+    assert found.input_stiffness is not None
+    assert float(torch.linalg.eigvalsh(found.input_stiffness.curvature[0])[0]) < -0.5
     # one equilibrium up to the largest load
-    assert float(torch.linalg.eigvalsh(found.stiffness + found.bend.curvature[0])[0]) > floors.stiffness
+    assert (
+        float(torch.linalg.eigvalsh(found.stiffness + found.input_stiffness.curvature[0])[0])
+        > floors.stiffness
+    )
 
 
 def test_rollouts_that_overflow_do_not_end_the_fit() -> None:

@@ -12,38 +12,40 @@ from tests.stage2_problems import bent, split
 
 
 def problem() -> tuple[torch.Tensor, torch.Tensor]:
-    bend = bent(3, 2, torch.Generator().manual_seed(0))
-    return bend.curvature, bend.reach.positive
+    input_stiffness = bent(3, 2, torch.Generator().manual_seed(0))
+    return input_stiffness.curvature, input_stiffness.input_range.positive
 
 
 def test_a_curvature_is_kept_and_its_softening_paid_for() -> None:
     curvature, largest = problem()
-    got, paid = InputStiffnessPrior(
+    got, compensation = InputStiffnessPrior(
         split(curvature, InputRange(2 * largest, 0 * largest)), softening=True
     ).matrices()
     torch.testing.assert_close(got, curvature, atol=3 * SMALLEST, rtol=0)
     values, vectors = torch.linalg.eigh(curvature)
     softer = (vectors * (-values).clamp(min=0)[..., None, :]) @ vectors.mT
-    torch.testing.assert_close(paid, stiffness_penalty(softer, 2 * largest), atol=10 * SMALLEST, rtol=0)
+    torch.testing.assert_close(
+        compensation, stiffness_penalty(softer, 2 * largest), atol=10 * SMALLEST, rtol=0
+    )
     for u in (torch.zeros(3), torch.tensor([2.0, 0.0, 1.0]), 2 * torch.ones(3)):
-        loaded = paid + (u[:, None, None].double() * got).sum(0)
+        loaded = compensation + (u[:, None, None].double() * got).sum(0)
         assert float(torch.linalg.eigvalsh(loaded.detach())[0]) > -1e-9
 
 
 def test_without_softening_every_volume_is_concave_and_nothing_is_paid() -> None:
     curvature, largest = problem()
-    got, paid = InputStiffnessPrior(
+    got, compensation = InputStiffnessPrior(
         split(curvature, InputRange(largest, 0 * largest)), softening=False
     ).matrices()
     assert float(torch.linalg.eigvalsh(got.detach()).min()) > 0
-    assert float(paid.abs().max()) == 0
+    assert float(compensation.abs().max()) == 0
 
 
 def test_zero_curvature_can_still_move() -> None:
     curvature, largest = problem()
     module = InputStiffnessPrior(split(0 * curvature, InputRange(largest, 0 * largest)), softening=True)
-    matrices, paid = module.matrices()
-    (matrices[0, 0, 1] + paid[0, 1]).backward()
+    matrices, compensation = module.matrices()
+    (matrices[0, 0, 1] + compensation[0, 1]).backward()
     assert module.softening is not None
     for factor in (module.stiffening, module.softening):
         assert factor.grad is not None

@@ -13,17 +13,17 @@ def test_the_true_dynamics_scores_near_zero_and_a_diverging_one_infinite() -> No
     q = torch.full((1, 1), 1.0, dtype=torch.float64)
     path, _ = rollout(lagrangian, q, 0 * q, torch.zeros(1, 300, 0, dtype=torch.float64), dt_s=dt)
     trajectory = EncodedTrajectory(path[0].numpy(), np.zeros((300, 0)), dt * np.arange(300), ((0, 300),))
-    exam = draw_validation_task(trajectory, torch.eye(1, dtype=torch.float64), starts=5, n_states=1000)
-    score = exam.score(lagrangian)
+    validation = draw_validation_task(trajectory, torch.eye(1, dtype=torch.float64), starts=5, n_states=1000)
+    score = validation.score(lagrangian)
     assert score < 0.02
-    champion = BestCheckpoint()
-    champion.consider(lagrangian, score)
+    best = BestCheckpoint()
+    best.consider(lagrangian, score)
     kept = lagrangian.rest.detach().clone()
     with torch.no_grad():
         lagrangian.rest.fill_(torch.nan)
-    worse = exam.score(lagrangian)
+    worse = validation.score(lagrangian)
     assert worse == float("inf")
-    champion.consider(lagrangian, worse)
-    assert champion.rejected == 1
-    champion.restore(lagrangian)
+    best.consider(lagrangian, worse)
+    assert best.rejected == 1
+    best.restore(lagrangian)
     assert torch.equal(lagrangian.rest.detach(), kept)

@@ -21,11 +21,13 @@ def test_a_stiffness_that_goes_with_the_torque_is_recovered() -> None:
     """Stiffer under a positive torque and softer under a negative one, in one coordinate, and the reverse in
     another."""
     eye, none = torch.eye(2, dtype=torch.float64), torch.zeros(1, dtype=torch.float64)
-    bend = split(
+    input_stiffness = split(
         torch.diag(torch.tensor([1.2, -0.8], dtype=torch.float64))[None], InputRange(none + 1, none + 1)
     )
     truth = law(
-        Coefficients(eye, 0.3 * eye, 3 * eye, torch.ones(1, 2, dtype=torch.float64), 0 * eye[0], bend),
+        Coefficients(
+            eye, 0.3 * eye, 3 * eye, torch.ones(1, 2, dtype=torch.float64), 0 * eye[0], input_stiffness
+        ),
         Floors(1e-3, 1e-4, 1e-3),
     )
     rng = torch.Generator().manual_seed(0)
@@ -36,15 +38,17 @@ def test_a_stiffness_that_goes_with_the_torque_is_recovered() -> None:
     shots, metric = ShootingTargets(q, v, inputs, path, 0.05), eye
     fit = ConstantFit(0 * eye[0], 1, floor=FloorConfig(1e-3, 1e-4, 1e-3), learn_rest=True)
     linear = fit.minimize(lambda c: evaluate_shooting_error(c, shots, metric), iterations=150)
-    fit.bend(measure_input_range(held[:, 0].numpy()), softening=True, rng=np.random.default_rng(0))
+    fit.add_input_stiffness(
+        measure_input_range(held[:, 0].numpy()), softening=True, rng=np.random.default_rng(0)
+    )
     bent = fit.minimize(lambda c: evaluate_stiffened_shooting_error(c, shots, metric), iterations=200)
     assert bent < 0.1 * linear
     found, floors = fit.result()
-    assert found.bend is not None
-    per_mass = found.bend.curvature[0] @ torch.linalg.inv(found.mass)
-    torch.testing.assert_close(per_mass, bend.curvature[0], atol=0.15, rtol=0)
+    assert found.input_stiffness is not None
+    per_mass = found.input_stiffness.curvature[0] @ torch.linalg.inv(found.mass)
+    torch.testing.assert_close(per_mass, input_stiffness.curvature[0], atol=0.15, rtol=0)
     for u in (-1.0, 1.0):
-        loaded = found.stiffness + u * found.bend.curvature[0]
+        loaded = found.stiffness + u * found.input_stiffness.curvature[0]
         assert float(torch.linalg.eigvalsh(loaded)[0]) > 0
     # the law that starts from the fit keeps it
     again, _ = rollout(law(found, floors), q, v, inputs, dt_s=0.05)

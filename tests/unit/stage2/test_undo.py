@@ -15,31 +15,31 @@ def parameter():
 
 @pytest.mark.parametrize("bad", [100.0, math.inf, math.nan])
 def test_a_step_that_explodes_is_taken_back_and_later_ones_are_shorter(parameter, bad):
-    undo = StepRollback([parameter])
-    assert undo.accepts(1.0)
+    rollback = StepRollback([parameter])
+    assert rollback.accept(1.0)
     parameter.fill_(7.0)
-    assert not undo.accepts(bad)
+    assert not rollback.accept(bad)
     assert parameter.item() == 1.0
-    assert undo.shortening == pytest.approx(SHORTENED)
-    assert undo.taken_back == 1
+    assert rollback.rate_factor == pytest.approx(SHORTENED)
+    assert rollback.rollbacks == 1
 
 
 def test_losses_that_scatter_or_fall_are_accepted(parameter):
-    undo = StepRollback([parameter])
-    assert all(undo.accepts(loss) for loss in (1.0, 2.0, 0.5, 1.5, 0.1, 0.3))
-    assert undo.shortening == 1.0
+    rollback = StepRollback([parameter])
+    assert all(rollback.accept(loss) for loss in (1.0, 2.0, 0.5, 1.5, 0.1, 0.3))
+    assert rollback.rate_factor == 1.0
 
 
 def test_it_goes_back_to_recent_parameters(parameter):
-    undo = StepRollback([parameter])
+    rollback = StepRollback([parameter])
     for step in range(25):
         parameter.fill_(float(step))
-        undo.accepts(1.0)
-    undo.accepts(math.nan)
+        rollback.accept(1.0)
+    rollback.accept(math.nan)
     assert parameter.item() == 20.0
 
 
 def test_a_start_that_has_no_finite_loss_stays_where_it_is(parameter):
-    undo = StepRollback([parameter])
-    assert not undo.accepts(math.inf)
+    rollback = StepRollback([parameter])
+    assert not rollback.accept(math.inf)
     assert parameter.item() == 1.0

@@ -8,8 +8,7 @@ import pytest
 from lagsplat.config.compose import compose
 from lagsplat.systems.arm import build_arm
 from lagsplat.systems.config import PlantedConfig, PlantsConfig
-from lagsplat.systems.injected_effects import lag_input, simulate_planted
-from lagsplat.systems.simulate import simulate
+from lagsplat.systems.simulate import lag_input, simulate, simulate_planted
 
 NOTHING = PlantedConfig(tip_mass=0.0, actuator_lag_s=0.0, dry_friction=0.0)
 

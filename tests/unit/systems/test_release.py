@@ -9,7 +9,8 @@ import pytest
 from lagsplat.config.compose import compose
 from lagsplat.config.schema import options
 from lagsplat.systems.config import PushConfig, ReleaseClipConfig, ReleaseConfig
-from lagsplat.systems.release import make_mechanism, release
+from lagsplat.systems.linkage import make_mechanism
+from lagsplat.systems.release import simulate_release
 from lagsplat.systems.rendering.painting import DrawnBody, paint_bodies
 from lagsplat.systems.rendering.textures import SHAPES, photograph
 from lagsplat.systems.simulate import resize_simulation, simulate_system
@@ -43,7 +44,7 @@ def test_every_release_gives_a_recording_and_its_truth(name: str, tmp_path) -> N
 
 def test_one_seed_is_one_recording_and_another_differs_in_its_noise_alone() -> None:
     config = short("rainbow_rocker")
-    (film, truth), (again, _), (other, moved) = (release(config, seed=seed) for seed in (0, 0, 1))
+    (film, truth), (again, _), (other, moved) = (simulate_release(config, seed=seed) for seed in (0, 0, 1))
     assert film.meta["sha256"] == again.meta["sha256"] != other.meta["sha256"]
     np.testing.assert_array_equal(truth.states, moved.states)
     difference = film.frames.astype(float) - other.frames
@@ -53,7 +54,7 @@ def test_one_seed_is_one_recording_and_another_differs_in_its_noise_alone() -> N
 def test_a_larger_picture_shows_the_same_motion() -> None:
     config = short("double_pendulum")
     large = replace(config, height=2 * config.height, width=2 * config.width)
-    (film, truth), (fine, same) = release(config, seed=0), release(large, seed=0)
+    (film, truth), (fine, same) = simulate_release(config, seed=0), simulate_release(large, seed=0)
     np.testing.assert_array_equal(truth.states, same.states)
     small = np.array(
         [cv2.resize(frame, film.frames.shape[2:0:-1], interpolation=cv2.INTER_AREA) for frame in fine.frames]
@@ -102,8 +103,8 @@ def test_a_push_moves_what_would_have_hung_still() -> None:
     config = short("pendulum", n_frames=30)
     still = replace(config, clips=[ReleaseClipConfig(30, [0.0], [0.0])])
     push = PushConfig(clip=0, start_s=0.1, stop_s=0.3, body=0, at_m=[0.0, 0.44], force_n=[2.0, 0.0])
-    _, calm = release(still, seed=0)
-    _, pushed = release(replace(still, pushes=[push]), seed=0)
+    _, calm = simulate_release(still, seed=0)
+    _, pushed = simulate_release(replace(still, pushes=[push]), seed=0)
     assert np.abs(calm.states).max() < 1e-9
     assert pushed.states[-1, 0] > 0.02
     assert not calm.forces.any()
@@ -113,7 +114,7 @@ def test_a_push_moves_what_would_have_hung_still() -> None:
 def test_a_codec_that_cannot_be_written_is_named() -> None:
     config = short("rainbow_rocker")
     with pytest.raises(ValueError, match=r"OpenCV cannot write 'HFYU' into \.mp4"):
-        release(replace(config, scene=replace(config.scene, codec="HFYU")), seed=0)
+        simulate_release(replace(config, scene=replace(config.scene, codec="HFYU")), seed=0)
 
 
 def test_an_unknown_photograph_is_refused() -> None:
@@ -149,6 +150,6 @@ def test_a_finer_recording_is_of_the_same_film() -> None:
     _, finer = resize_simulation(None, config, height=2 * config.height, width=2 * config.width)
     assert finer is not None
     assert finer.scene.film_scale * finer.height == config.scene.film_scale * config.height
-    (film, _), (fine, _) = release(config, seed=0), release(finer, seed=0)
+    (film, _), (fine, _) = simulate_release(config, seed=0), simulate_release(finer, seed=0)
     blocks = fine.frames.reshape(6, config.height, 2, config.width, 2, 3).mean(axis=(2, 4))
     assert np.abs(blocks - film.frames).max() <= 2, "the same pixels of the same film, averaged"

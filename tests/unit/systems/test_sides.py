@@ -7,9 +7,8 @@ import pytest
 from omegaconf import OmegaConf
 
 from lagsplat.systems.config import ReleaseConfig
-from lagsplat.systems.novel_views import make_space, render_true_views
-from lagsplat.systems.release import make_mechanism
-from lagsplat.systems.video import film_clips
+from lagsplat.systems.linkage import make_mechanism
+from lagsplat.systems.video import film_clips, make_space, render_true_views
 from lagsplat.views.config import ArrangementConfig
 from lagsplat.views.novel import NovelViews
 

@@ -3,7 +3,7 @@
 from lagsplat.baselines.model import load_baseline
 from lagsplat.evaluate.baseline import evaluate_baseline
 from lagsplat.evaluate.config import EvaluateConfig
-from lagsplat.io.files.json_files import save_json
+from lagsplat.io.files.atomic import save_json
 from lagsplat.io.recording.recording import load_recording
 from lagsplat.planning.job import Job
 

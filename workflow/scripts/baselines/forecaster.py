@@ -5,7 +5,7 @@ from pathlib import Path
 from lagsplat.baselines.config import ForecasterConfig
 from lagsplat.baselines.keypoints.fit import fit_forecaster
 from lagsplat.baselines.keypoints.model import save_forecaster
-from lagsplat.io.files.json_files import save_csv
+from lagsplat.io.files.atomic import save_csv
 from lagsplat.io.recording.recording import load_recording
 from lagsplat.io.recording.segments import find_crossing_frames
 from lagsplat.planning.job import Job

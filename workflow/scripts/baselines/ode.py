@@ -5,7 +5,7 @@ from pathlib import Path
 from lagsplat.baselines.config import OdeConfig
 from lagsplat.baselines.neural_ode import fit_ode, save_ode
 from lagsplat.chart.chart import load_chart
-from lagsplat.io.files.json_files import save_csv
+from lagsplat.io.files.atomic import save_csv
 from lagsplat.planning.job import Job
 
 with Job(snakemake) as job:

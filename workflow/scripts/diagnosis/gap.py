@@ -1,7 +1,6 @@
 """Gather the diagnoses of every system in one table."""
 
-from lagsplat.io.files.atomic import write_text
-from lagsplat.io.files.json_files import load_json
+from lagsplat.io.files.atomic import load_json, write_text
 from lagsplat.planning.job import Job
 from lagsplat.report.tables.gap import build_gap_rows, build_gap_table, format_gap_latex
 

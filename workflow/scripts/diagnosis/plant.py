@@ -5,7 +5,7 @@ from dataclasses import replace
 from lagsplat.io.recording.recording import save_recording
 from lagsplat.planning.job import Job
 from lagsplat.systems.config import PlantedConfig, SimulationConfig
-from lagsplat.systems.injected_effects import simulate_planted
+from lagsplat.systems.simulate import simulate_planted
 
 with Job(snakemake) as job:
     config = replace(job.section(SimulationConfig, "simulation"), n_frames=job.params.n_frames)

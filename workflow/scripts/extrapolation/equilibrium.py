@@ -1,6 +1,6 @@
 """Draw where the long rollouts of all models end."""
 
-from lagsplat.io.files.json_files import load_json
+from lagsplat.io.files.atomic import load_json
 from lagsplat.planning.job import Job
 from lagsplat.report.common.style import save_figure
 from lagsplat.report.figures.equilibrium import draw_equilibrium

@@ -4,7 +4,7 @@ from lagsplat.baselines.neural_ode import load_ode
 from lagsplat.chart.chart import load_chart
 from lagsplat.evaluate.config import ExtrapolationConfig
 from lagsplat.evaluate.extrapolation.forecast import extrapolate_ode
-from lagsplat.io.files.json_files import save_json
+from lagsplat.io.files.atomic import save_json
 from lagsplat.io.recording.recording import load_recording
 from lagsplat.planning.job import Job
 from lagsplat.stage1.autoencoder import load_autoencoder

@@ -1,7 +1,6 @@
 """Compare the models past their training frames in one table."""
 
-from lagsplat.io.files.atomic import write_text
-from lagsplat.io.files.json_files import load_json
+from lagsplat.io.files.atomic import load_json, write_text
 from lagsplat.planning.job import Job
 from lagsplat.report.tables.extrapolation import (
     build_extrapolation_table,

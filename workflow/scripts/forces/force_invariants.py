@@ -1,7 +1,6 @@
 """Gather what holds of forces whatever the energy scale is."""
 
-from lagsplat.io.files.atomic import write_text
-from lagsplat.io.files.json_files import load_json
+from lagsplat.io.files.atomic import load_json, write_text
 from lagsplat.planning.job import Job
 from lagsplat.report.tables.forces import build_invariant_rows, build_invariant_table, format_invariant_latex
 

@@ -2,7 +2,7 @@
 
 from lagsplat.chart.chart import load_chart
 from lagsplat.forces.equilibrium import hold_at_load
-from lagsplat.io.files.json_files import load_json
+from lagsplat.io.files.atomic import load_json
 from lagsplat.planning.job import Job
 from lagsplat.report.common.style import save_figure
 from lagsplat.report.figures.forces import draw_force_map
@@ -15,4 +15,6 @@ with Job(snakemake) as job:
     unknown = {"refused": "true answers are known of simulated recordings alone"}
     truth = load_json(job.input.metrics)["truth"] or unknown
     for path in job.output:
-        save_figure(path, draw_force_map(held.render_images(held.rest[None])[0], truth, title=job.params.title))
+        save_figure(
+            path, draw_force_map(held.render_images(held.rest[None])[0], truth, title=job.params.title)
+        )

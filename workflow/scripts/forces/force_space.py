@@ -4,7 +4,7 @@ from lagsplat.chart.chart import load_chart
 from lagsplat.evaluate.forces.motion import push_in_space
 from lagsplat.forces.config import ForcesConfig
 from lagsplat.forces.equilibrium import hold_at_load
-from lagsplat.io.files.json_files import save_json
+from lagsplat.io.files.atomic import save_json
 from lagsplat.planning.job import Job
 from lagsplat.report.common.style import save_figure
 from lagsplat.report.figures.forces import draw_space_push

@@ -1,7 +1,6 @@
 """Compare the answers to known forces with the true ones, system by system."""
 
-from lagsplat.io.files.atomic import write_text
-from lagsplat.io.files.json_files import load_json
+from lagsplat.io.files.atomic import load_json, write_text
 from lagsplat.planning.job import Job
 from lagsplat.report.tables.forces import build_force_rows, build_force_table, format_force_latex
 

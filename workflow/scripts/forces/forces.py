@@ -4,7 +4,7 @@ from lagsplat.chart.chart import load_chart
 from lagsplat.evaluate.forces.motion import measure_forces
 from lagsplat.forces.config import ForcesConfig
 from lagsplat.forces.equilibrium import hold_at_load
-from lagsplat.io.files.json_files import save_json
+from lagsplat.io.files.atomic import save_json
 from lagsplat.planning.job import Job
 from lagsplat.stage1.autoencoder import load_autoencoder
 from lagsplat.stage2.fit import load_dynamics

@@ -1,6 +1,6 @@
 """Draw the image error of every model along the same long rollouts."""
 
-from lagsplat.io.files.json_files import load_json
+from lagsplat.io.files.atomic import load_json
 from lagsplat.planning.job import Job
 from lagsplat.report.common.style import save_figure
 from lagsplat.report.figures.training_curves import draw_horizon

@@ -1,7 +1,6 @@
 """Compare the forms of the mass over one frozen autoencoder in one table."""
 
-from lagsplat.io.files.atomic import write_text
-from lagsplat.io.files.json_files import load_json
+from lagsplat.io.files.atomic import load_json, write_text
 from lagsplat.planning.job import Job
 from lagsplat.report.tables.learned_physics import build_mass_rows, build_mass_table, format_mass_latex
 

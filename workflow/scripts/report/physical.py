@@ -1,7 +1,6 @@
 """Gather the free rollouts of every system in one table."""
 
-from lagsplat.io.files.atomic import write_text
-from lagsplat.io.files.json_files import load_json
+from lagsplat.io.files.atomic import load_json, write_text
 from lagsplat.planning.job import Job
 from lagsplat.report.common.table_rows import build_rows
 from lagsplat.report.tables.learned_physics import build_physical_table, format_physical_latex

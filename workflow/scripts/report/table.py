@@ -1,7 +1,6 @@
 """Gather the scores of every run and of every baseline in one table."""
 
-from lagsplat.io.files.atomic import write_text
-from lagsplat.io.files.json_files import load_json
+from lagsplat.io.files.atomic import load_json, write_text
 from lagsplat.planning.job import Job
 from lagsplat.report.tables.benchmark import (
     build_benchmark_rows,

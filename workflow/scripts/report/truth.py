@@ -1,7 +1,6 @@
 """Compare what was learned of every simulated system with its truth."""
 
-from lagsplat.io.files.atomic import write_text
-from lagsplat.io.files.json_files import load_json
+from lagsplat.io.files.atomic import load_json, write_text
 from lagsplat.planning.job import Job
 from lagsplat.report.tables.learned_physics import build_truth_table, format_truth_latex
 

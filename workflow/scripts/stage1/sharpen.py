@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from lagsplat.chart.chart import load_chart
-from lagsplat.io.files.json_files import save_csv
+from lagsplat.io.files.atomic import save_csv
 from lagsplat.io.recording.recording import load_recording
 from lagsplat.planning.job import Job
 from lagsplat.stage1.autoencoder import save_autoencoder

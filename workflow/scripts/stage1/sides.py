@@ -1,7 +1,7 @@
 """Score and draw what held-out cameras saw."""
 
 from lagsplat.evaluate.novel_views import score_novel_views
-from lagsplat.io.files.json_files import save_json
+from lagsplat.io.files.atomic import save_json
 from lagsplat.io.recording.recording import load_recording
 from lagsplat.planning.job import Job
 from lagsplat.report.common.style import save_figure

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from lagsplat.io.files.json_files import save_csv
+from lagsplat.io.files.atomic import save_csv
 from lagsplat.io.recording.recording import load_recording
 from lagsplat.planning.job import Job
 from lagsplat.stage1.autoencoder import save_autoencoder

@@ -4,7 +4,7 @@ from lagsplat.chart.chart import load_chart
 from lagsplat.evaluate.config import EvaluateConfig
 from lagsplat.evaluate.evaluate import evaluate
 from lagsplat.evaluate.truth import compare_with_truth
-from lagsplat.io.files.json_files import load_json, save_json
+from lagsplat.io.files.atomic import load_json, save_json
 from lagsplat.io.recording.recording import load_recording
 from lagsplat.planning.job import Job
 from lagsplat.stage1.autoencoder import load_autoencoder

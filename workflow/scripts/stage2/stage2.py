@@ -3,7 +3,7 @@
 from dataclasses import asdict
 
 from lagsplat.chart.chart import load_chart
-from lagsplat.io.files.json_files import save_csv
+from lagsplat.io.files.atomic import save_csv
 from lagsplat.planning.job import Job
 from lagsplat.stage1.autoencoder import load_autoencoder
 from lagsplat.stage2.config import Stage2Config
@@ -24,7 +24,7 @@ with Job(snakemake) as job:
         job.seed,
         rest=chart.rest,
         geometry=geometry,
-        listen=job.say,
+        on_candidate=job.say,
     )
     save_dynamics(job.output.dynamics, lagrangian, {**job.header, "report": asdict(report)})
     save_csv(job.output.curve, [asdict(row) for row in report.curve])
