@@ -1,0 +1,170 @@
+"""One page, whole in itself, for every verdict; what comes from outside cannot become markup."""
+
+import base64
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import pytest
+
+from lagsplat.report.diagnosis.content import ReportContent
+from lagsplat.report.diagnosis.html import render_report, save_report
+from lagsplat.report.diagnosis.summary import write_summary
+from tests.unit.report.diagnosis import made_content, made_diagnoses
+
+KINDS = made_diagnoses.every_kind()
+VOID = {"meta", "link", "img", "br", "hr", "input"}
+
+
+class Page(HTMLParser):
+    """Balance, names and the text of paragraphs of a page."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.ids, self.paragraphs, self.sources, self.tags = [], [], [], [], []
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        found = dict(attrs)
+        self.ids += [found["id"]] if "id" in found else []
+        self.sources += [value for name, value in attrs if name in ("src", "href", "xlink:href")]
+        if tag not in VOID:
+            self.open.append(tag)
+        if tag == "p":
+            self.paragraphs.append("")
+
+    def handle_startendtag(self, tag, attrs):
+        self.handle_starttag(tag, attrs)
+        if tag not in VOID:
+            self.handle_endtag(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open and self.open[-1] == "p":
+            self.paragraphs[-1] += data
+
+
+@pytest.fixture(scope="module")
+def full():
+    return render_report(KINDS["single"], made_content.exhibits())
+
+
+def test_the_page_is_whole_in_itself(full):
+    page = Page(full)
+    assert page.open == []
+    assert len(page.ids) == len(set(page.ids))
+    assert all(source.startswith(("#", "data:image/")) for source in page.sources)
+    outside = re.findall(r'(?:src|href)="(?!#|data:)[^"]*|@import|url\((?!#)', full)
+    assert outside == []
+    assert not {"script", "link", "iframe", "object"} & set(page.tags)
+    assert "http" not in re.sub(r'src="data:[^"]*"', "", full)
+    for data in re.findall(r'src="data:image/svg\+xml;base64,([^"]*)"', full):
+        # Names of XML dialects are no addresses that a reader would fetch.
+        rest = re.sub(r'xmlns(?::\w+)?="[^"]*"|<!DOCTYPE[^>]*>', "", base64.b64decode(data).decode())
+        assert "http" not in rest
+
+
+def test_the_first_paragraph_is_the_verdict_in_words(full):
+    said = Page(full).paragraphs[0].replace("\N{NO-BREAK SPACE}", " ")
+    assert said == write_summary(KINDS["single"]).replace("\N{NO-BREAK SPACE}", " ")
+
+
+def test_checks_come_first(full):
+    places = [
+        full.index(part)
+        for part in (
+            "the data</h2>",
+            "Shown well",
+            "What was found",
+            "Record this next",
+            "What it rests on",
+            "All candidates",
+            "effect by effect</h2>",
+            "How to reproduce this</h2>",
+        )
+    ]
+    assert places == sorted(places)
+
+
+def test_everything_is_told(full):
+    for part in (
+        "lagsplat diagnose sim=sim.csv real=swing.csv",
+        "ab" * 32,
+        "0" * 40,
+        "scipy 1.17.1",
+        "the motion jumps by 0.3 at 10 s",
+        "0.771 to 0.832",
+        "input lag",
+        "data:image/webp",
+    ):
+        assert part in full
+    assert ", gsplat" not in full
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_verdict_has_a_page(kind, tmp_path):
+    save_report(tmp_path / "report.html", KINDS[kind], ReportContent())
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert Page(page).open == []
+    visible = re.sub(r'src="[^"]*"|<style>.*?</style>', "", page, flags=re.DOTALL)
+    assert not re.search(r"\bNone\b|\bnan\b|\binf\b|Undefined|\{\{|\{%", visible)
+    assert "0.99" not in visible or not re.search(r"0\.99\d|\b1\.00\b", visible)
+    assert "Not computed" in visible
+
+
+def test_noise_is_told_by_coordinate(full):
+    assert "<b>0.011, 0.0098</b>noise of each coordinate" in full
+    made = replace(KINDS["single"], checks={"noise": {"sigma": [0.25, 0.5], "ar1": [0.1, 0.2]}, "blocks": 16})
+    page = render_report(made, ReportContent())
+    assert "<b>0.25, 0.50</b>" in page
+    assert "The quality of the data was not checked." in page
+
+
+def test_an_unknown_place_is_said(tmp_path):
+    page = render_report(KINDS["undetermined"], ReportContent())
+    assert "level, coordinates, time, frequency, state region, image region, components" in page
+    assert "the recording lasts only 1.4 periods" in page
+
+
+EVIL = '<script>alert("x")</script>&<img src=x onerror=y>{{ 7 * 7 }}$\\frac$'
+
+
+def test_text_from_data_is_never_markup():
+    made = KINDS["push"]
+    first, *rest = made.candidates
+    unit = replace(first.parameters["times"], unit=EVIL)
+    wrong = replace(first, coordinate=EVIL, parameters={EVIL: unit})
+    finding = {"level": EVIL, "source": EVIL, "what": EVIL, "why": EVIL, "remedy": EVIL}
+    row = {"effect": EVIL, "excited": "no", "reason": EVIL, "record": EVIL}
+    bad = replace(
+        made,
+        candidates=(wrong, *rest),
+        excitation=(EVIL,),
+        warnings=(EVIL + "1",),
+        blocks=tuple(replace(one, file=EVIL) for one in made.blocks),
+        checks={EVIL: EVIL, "findings": [finding], "excitation": [row], "note": EVIL},
+        q_names=("q0", EVIL),
+        where={"level": "dynamics", "coordinates": {EVIL: 0.9, "q0": 0.1}},
+    )
+    exhibits = ReportContent(
+        command=EVIL, digests={EVIL: EVIL}, stamp={"commit": EVIL, "versions": {EVIL: EVIL}}
+    )
+    text = render_report(bad, exhibits)
+    assert Page(text).open == []
+    assert "<script" not in text
+    assert "<img src=x" not in text
+    assert "49" not in re.sub(r'src="[^"]*"', "", text)
+
+
+def test_numbers_of_the_fits_stand_at_the_end_and_not_among_the_data():
+    made = KINDS["single"]
+    fitted = {"misfit_none": 75.0, "answers": {"half the noise": "coulomb_friction"}}
+    page = render_report(replace(made, checks={**made.checks, **fitted}), made_content.exhibits())
+    beginning, end = page.split("<h2>All candidates</h2>", 1)
+    assert "misfit none" not in beginning
+    assert "<td>misfit none</td><td>75</td>" in end
+    assert "half the noise: coulomb_friction" in end

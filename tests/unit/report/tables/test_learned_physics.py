@@ -1,0 +1,189 @@
+"""Learned physics in tables: against the truth, by form of the mass, beside the paper's free rollouts."""
+
+import re
+import shutil
+import subprocess
+
+import pytest
+
+from lagsplat.report.common.published_values import SYSTEMS
+from lagsplat.report.common.table_rows import build_rows
+from lagsplat.report.tables.learned_physics import (
+    MASS_COLUMNS,
+    PHYSICAL_COLUMNS,
+    TRUTH_COLUMNS,
+    build_mass_rows,
+    build_mass_table,
+    build_physical_table,
+    build_truth_table,
+    format_mass_latex,
+    format_physical_latex,
+    format_truth_latex,
+)
+from tests.unit.report.tables.test_benchmark import names, run, scored
+
+
+def measured(learned: float | None) -> dict:
+    """Metrics as far as the table reads them."""
+    error = None if learned is None else abs(learned / 2.0 - 1.0)
+    frequency = {"quantity": "frequency, free rollout [Hz]", "learned": learned, "truth": 2.0, "error": error}
+    rest = {"quantity": "equilibrium, angle [rad]", "learned": 0.1, "truth": 0.0, "error": 0.02}
+    rows = [{**frequency, "encoded": 2.01, "residual": None}, {**rest, "encoded": None, "residual": 0.01}]
+    return {"truth": {"rows": rows}}
+
+
+@pytest.fixture
+def table():
+    runs = [names(seed, system="pendulum") for seed in range(3)] + [
+        names(0, system="rocking_chair"),
+        names(0, system="pendulum_pair", recording="filmed"),
+    ]
+    return build_truth_table(runs, [measured(1.9), measured(2.3), measured(2.1), measured(None), {}])
+
+
+def test_a_row_for_each_system_and_quantity_and_none_without_truth(table):
+    assert tuple(table.columns[:5]) == TRUTH_COLUMNS == ("system", "quantity", "learned", "truth", "error")
+    assert table["system"].tolist() == ["pendulum"] * 2 + ["rocking_chair"] * 2
+    with pytest.raises(ValueError, match="no run has a truth"):
+        build_truth_table([names(0, recording="filmed")], [{}])
+
+
+def test_seeds_give_a_median_and_a_range(table):
+    first = table.iloc[0]
+    assert (first["learned"], first["learned_low"], first["learned_high"]) == (2.1, 1.9, 2.3)
+    assert first["error"] == pytest.approx(0.05)
+    assert first["n_seeds"] == 3
+    assert table.iloc[2]["learned"] is None
+
+
+def test_other_dynamics_are_named():
+    runs = [names(0, system="pendulum", stage2="constant")]
+    assert (
+        build_truth_table(runs, [measured(2.0)])["quantity"][0] == "frequency, free rollout [Hz] (constant)"
+    )
+
+
+def test_latex(table):
+    text = format_truth_latex(table, titles={"pendulum": "Pendulum"})
+    assert r"\emph{Pendulum}" in text
+    lines = [line for line in text.splitlines() if line.endswith(r"\\") and "multicolumn" not in line]
+    assert len(lines) == 5
+    assert all(len(re.findall(r"(?<!\\)&", line)) == 5 for line in lines)
+    assert r"$2.1\,{\scriptstyle[1.9,\,2.3]}$ & $2$ & $2.01$ & $5$ & --" in lines[1]
+    assert "-- & $2$ & $2.01$ & -- & --" in lines[3]
+    assert "Brackets: range over seeds" in text
+
+
+def with_inertia(mse: float, seed: int, dependence: float) -> dict:
+    inertia = {"state_dependence": dependence, "span": 1.6, "condition_median": 2.0, "condition_max": 3.0}
+    return scored(mse, seed=seed) | {"inertia": inertia}
+
+
+@pytest.fixture
+def mass_rows() -> list[dict]:
+    runs = [
+        names(seed, stage2=name) for name in ("default", "induced_mass", "constant_mass") for seed in (0, 1)
+    ]
+    errors = (1e-3, 1.1e-3, 2e-3, 2.1e-3, 5e-3, 5e-3)
+    dependence = (0.2, 0.4, 0.1, 0.1, 0.0, 0.0)
+    return build_mass_rows(
+        runs, [with_inertia(*made) for made in zip(errors, range(6), dependence, strict=True)]
+    )
+
+
+def test_each_form_has_a_row_and_its_gain(mass_rows):
+    frame = build_mass_table(mass_rows)
+    assert tuple(frame.columns) == MASS_COLUMNS
+    forms = ["learned", "induced by the decoder", "constant"]
+    assert frame["mass"].tolist() == [
+        *forms,
+        "learned (paper)",
+        "induced by the decoder (paper)",
+        "constant (paper)",
+    ]
+    assert frame["margin"].iloc[0] == pytest.approx(4e-3, rel=0.05)
+    assert frame["margin_low"].iloc[1] > 0
+    assert frame["margin"].iloc[2:].isna().all()
+    assert frame["state_dependence"].iloc[0] == pytest.approx(0.3)
+    assert frame["mse_half_second"].iloc[3:].tolist() == [0.769e-3, 1.33e-3, 4.8e-3]
+
+
+def test_latex_has_nine_cells_a_line_and_says_whose_numbers(mass_rows):
+    text = format_mass_latex(mass_rows, titles={"krauss_2seg": "Two segments"})
+    lines = [line for line in text.splitlines() if line.endswith(r"\\") and "multicolumn" not in line]
+    assert all(line.replace(r"\&", "").count("&") == 8 for line in lines)
+    assert "$2$ ($3$)" in text
+    assert "profile quick" in text
+    assert "filmed, the paper's" in text
+
+
+def test_other_arms_have_no_paper_rows():
+    made = build_mass_rows([names(0, system="krauss_1seg")], [with_inertia(1e-3, 0, 0.1)])
+    assert [row["mass"] for row in made] == ["learned"]
+
+
+@pytest.fixture
+def rows() -> list[dict]:
+    runs = [names(0, system="pendulum"), names(0), names(1), names(0, system="toy")]
+    return build_rows(runs, [run(0, d=1), run(0), run(1, frequency_error=0.04), run(0, d=2)])
+
+
+def test_the_first_ten_columns_are_those_agreed(rows):
+    assert PHYSICAL_COLUMNS == (
+        "system",
+        "d",
+        "frequency_error",
+        "latent_nrmse",
+        "image_ratio",
+        "ae_floor",
+        "diverged",
+        "recording",
+        "profile",
+        "n_seeds",
+    )
+    frame = build_physical_table(rows)
+    assert tuple(frame.columns) == (*PHYSICAL_COLUMNS, "frequency_error_low", "frequency_error_high")
+
+
+def test_every_system_stands_beside_its_row_of_the_paper(rows):
+    frame = build_physical_table(rows)
+    assert frame["system"].tolist() == ["pendulum", "pendulum", "krauss_2seg", "krauss_2seg", "toy"]
+    assert frame["recording"].tolist()[:2] == ["simulated", "filmed, the paper's"]
+    assert frame["frequency_error"].tolist() == pytest.approx([0.02, 0.034, 0.03, 0.057, 0.02])
+    assert (frame["n_seeds"][2], frame["diverged"][2]) == (2, 2)
+
+
+def test_another_dynamics_is_named_in_a_column_of_its_own(rows):
+    runs = [names(0, system="pendulum"), names(0, system="pendulum", stage2="constant")]
+    metrics = [run(0, d=1), run(0, d=1) | {"dynamics": "linear"}]
+    frame = build_physical_table(build_rows(runs, metrics))
+    assert frame.columns[len(PHYSICAL_COLUMNS)] == "dynamics"
+    assert frame["dynamics"].tolist() == ["nonlinear", "linear (constant)", "nonlinear (paper)"]
+
+
+def test_the_paper_has_seven_systems_ordered_by_dimension():
+    assert len(SYSTEMS) == 7
+    assert [values[0] for values in SYSTEMS.values()] == [1, 1, 1, 2, 2, 2, 4]
+
+
+def test_latex_says_units_and_whose_numbers(rows):
+    text = format_physical_latex(rows, titles={"pendulum": "Pendulum & co"})
+    ours, papers = (
+        line for line in text.splitlines() if re.match(r"Pendulum \\& co|\\quad nonl.*\$14\.5", line)
+    )
+    assert "$2$ & $0.19$ & $12.5$ & $0.41$ & 1/101 & simulated" in ours
+    assert (
+        r"\quad nonlinear (paper) & 1 & $3.4$ & $0.308$ & $14.5$ & $0.93$ & -- & filmed, the paper's"
+        in papers
+    )
+    lines = [line for line in text.splitlines() if line.endswith(r"\\")]
+    assert all(len(re.findall(r"(?<!\\)&", line)) == 7 for line in lines)
+
+
+@pytest.mark.skipif(shutil.which("pdflatex") is None, reason="no pdflatex")
+def test_latex_compiles(rows, tmp_path):
+    (tmp_path / "table.tex").write_text(format_physical_latex(rows, titles={}))
+    document = r"\documentclass{article}\begin{document}\input{table}\end{document}"
+    (tmp_path / "paper.tex").write_text(document)
+    command = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "paper.tex"]
+    subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
