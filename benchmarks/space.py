@@ -71,9 +71,12 @@ def render_speed() -> None:
     # The same Gaussians as seen from the front, nearest first and shared by all images, as in the picture.
     flat = project(scene._replace(means=scene.means[:1], opacity=scene.opacity[:1]), view, **size)
     plane = GaussianSlice(
-        flat.means.expand(BATCH, -1, -1).contiguous(), flat.covariance[0],
-        flat.opacity.expand(BATCH, -1).contiguous(), flat.color[0], flat.background,
-    )  # fmt: skip
+        flat.means.expand(BATCH, -1, -1).contiguous(),
+        flat.covariance[0],
+        flat.opacity.expand(BATCH, -1).contiguous(),
+        flat.color[0],
+        flat.background,
+    )
     found = seconds(
         {
             "in space": lambda: rasterize(*project(scene, view, **size), **size),

@@ -188,8 +188,15 @@ def _changes(
         old = float(own.stiffness[2])
         cubic = reach / rms[i] ** 2
         add("cubic_stiffness", f"cubic{i}", old, old - cubic, old + cubic, joint_field(q, "stiffness", 2), i)
-        add("mass_change", f"armature{i}", 0.0, -0.5 * inertia[i], 2.0 * inertia[i],
-            joint_field(q, "armature", None), i)  # fmt: skip
+        add(
+            "mass_change",
+            f"armature{i}",
+            0.0,
+            -0.5 * inertia[i],
+            2.0 * inertia[i],
+            joint_field(q, "armature", None),
+            i,
+        )
     for motor in drawn.spec.actuators:
         i, j = (int(part) for part in motor.name[1:].split("_"))
         gear = float(motor.gear[0])

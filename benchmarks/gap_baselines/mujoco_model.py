@@ -39,8 +39,9 @@ def draw(kind: str, d: int, n_u: int, *, guess_s: float, dt_s: float, size: floa
     step_s = dt_s / np.ceil(dt_s / STEP_S)
     motors = "".join(
         f'<motor name="m{i}_{j}" joint="q{i}" gear="{1.0 if i == j % d else 0.0}"/>'
-        for i in range(d) for j in range(n_u)
-    )  # fmt: skip
+        for i in range(d)
+        for j in range(n_u)
+    )
     sensors = "".join(f'<jointpos name="q{i}" joint="q{i}"/>' for i in range(d))
     spec = mujoco.MjSpec.from_string(
         f'<mujoco><compiler angle="radian" inertiafromgeom="false"/>'

@@ -110,9 +110,19 @@ class World:
         for t0, x0, lead, u in zip(plan.start_s, plan.x0, plan.lead, plan.inputs, strict=True):
             fine = self.drive(u, plan.dt_s, n_sub)
             x = run(
-                m.kind, m.p, m.b, self.inertia, self.which, self.how,
-                self.state(x0), t0 - lead * plan.dt_s, plan.dt_s, len(u), n_sub, fine,
-            )  # fmt: skip
+                m.kind,
+                m.p,
+                m.b,
+                self.inertia,
+                self.which,
+                self.how,
+                self.state(x0),
+                t0 - lead * plan.dt_s,
+                plan.dt_s,
+                len(u),
+                n_sub,
+                fine,
+            )
             if not np.isfinite(x).all() or np.abs(x[:, : m.d] / m.size).max() > 12.0:
                 raise FloatingPointError("the motion left every bound")
             clips.append(Clip(t0, x[lead:], fine[2 * n_sub * lead :], n_sub, u[lead:]))
@@ -141,9 +151,22 @@ class World:
             x0 = np.concatenate([y[starts], _slope(y, starts, dt_s), z], 1)
             fine = clip.fine if self.effects and clip.n_sub == n_sub else self.drive(clip.u, dt_s, n_sub)
             y_hat = forecasts(
-                m.kind, m.p, m.b, self.inertia, self.which, self.how,
-                x0, starts, clip.t0, dt_s, BURN, n, n_sub, fine, y,
-            )  # fmt: skip
+                m.kind,
+                m.p,
+                m.b,
+                self.inertia,
+                self.which,
+                self.how,
+                x0,
+                starts,
+                clip.t0,
+                dt_s,
+                BURN,
+                n,
+                n_sub,
+                fine,
+                y,
+            )
             out.append((k, starts, y_hat))
         return out
 

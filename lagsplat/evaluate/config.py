@@ -193,9 +193,14 @@ class ExtrapolationConfig:
     def __post_init__(self) -> None:
         """Check the domains."""
         for key in (
-            "horizon_s", "shown_s", "looks", "look_periods", "history_periods", "range_error",
+            "horizon_s",
+            "shown_s",
+            "looks",
+            "look_periods",
+            "history_periods",
+            "range_error",
             "range_distance",
-        ):  # fmt: skip
+        ):
             _require_extrapolation(key, getattr(self, key), getattr(self, key) > 0, "must be positive")
         _require_extrapolation(
             "shift_frames", self.shift_frames, self.shift_frames >= 0, "must not be negative"

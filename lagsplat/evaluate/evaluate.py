@@ -64,7 +64,8 @@ def evaluate(
 class EvaluationSubject:
     """A model on the held-out part of a recording, as far as the scores know it.
 
-    ``dynamics`` names the kind of its law, ``describe_external_force`` says where a force given in the image can act.
+    ``dynamics`` names the kind of its law, ``external_force`` says where a force
+    given in the image can act.
     """
 
     d: int

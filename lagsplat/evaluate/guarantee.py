@@ -22,7 +22,7 @@ ORDER = 2  # of the integrator: at half the step a rise that is its own falls to
 
 
 def measure_guarantee(lagrangian: Lagrangian, chart: Chart, config: GuaranteeConfig) -> dict[str, Any]:
-    """`summarize_guarantees` of a law on the chart it was learned on, or the ``reason`` why it cannot be asked."""
+    """The guarantee of a law on the chart it was learned on, or the ``reason`` why it cannot be tested."""
     if lagrangian.form.mass == "induced":
         return {"reason": "a decoder-induced mass has no closed form to roll out for so long"}
     reach = float(np.linalg.norm(chart.latents - chart.rest, axis=1).max())

@@ -86,9 +86,14 @@ def compute_velocity_field(
     colour = torch.as_tensor(np.repeat(speeds[:, None], 3, axis=1), dtype=torch.float32)
     rasterize = choose_rasterizer(backend, "cpu")
     painted = rasterize(
-        scene.means, scene.covariance, scene.opacity, colour, torch.zeros(3),
-        height=field.height, width=field.width,
-    )[0, 0].numpy()  # fmt: skip
+        scene.means,
+        scene.covariance,
+        scene.opacity,
+        colour,
+        torch.zeros(3),
+        height=field.height,
+        width=field.width,
+    )[0, 0].numpy()
     still = estimate_background(frames)
     picture = field.draw([scene], backend=backend)[0].clamp(0, 1).numpy()
     return {

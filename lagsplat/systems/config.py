@@ -218,7 +218,7 @@ class RockerConfig:
 
 @dataclass
 class BodyConfig:
-    """How a body looks: a shape of `lagsplat.systems.rendering.textures.SHAPES`, its sizes and its thickness [m]."""
+    """How a body looks: a shape of `systems.rendering.textures.SHAPES`, its sizes and its thickness [m]."""
 
     shape: str
     size_m: list[float]

@@ -100,9 +100,15 @@ def release_from_rest(
 
     # A push is over sooner than a free swing would need a step, hence the limit.
     solution = solve_ivp(
-        rate, (time_s[0], time_s[-1]), np.concatenate([q, v]), method="DOP853", t_eval=time_s, rtol=rtol,
-        atol=1e-3 * rtol, max_step=0.02,
-    )  # fmt: skip
+        rate,
+        (time_s[0], time_s[-1]),
+        np.concatenate([q, v]),
+        method="DOP853",
+        t_eval=time_s,
+        rtol=rtol,
+        atol=1e-3 * rtol,
+        max_step=0.02,
+    )
     if not solution.success or not np.all(np.isfinite(solution.y)):
         raise RuntimeError(f"integration stopped at t = {solution.t[-1]:.3f} s: {solution.message}")
     states = np.ascontiguousarray(solution.y.T)

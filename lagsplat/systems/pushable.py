@@ -101,9 +101,15 @@ class Pushable:
             return np.concatenate([v, self.acceleration(q, v, force @ self.jacobian(q)[point])])
 
         solution = solve_ivp(
-            rate, (time_s[0], time_s[-1]), np.concatenate([self.rest, np.zeros(d)]), method="RK45",
-            t_eval=time_s, rtol=1e-6, atol=1e-9, max_step=0.05,
-        )  # fmt: skip
+            rate,
+            (time_s[0], time_s[-1]),
+            np.concatenate([self.rest, np.zeros(d)]),
+            method="RK45",
+            t_eval=time_s,
+            rtol=1e-6,
+            atol=1e-9,
+            max_step=0.05,
+        )
         if not solution.success:
             raise RuntimeError(f"the pushed system could not be integrated: {solution.message}")
         return np.ascontiguousarray(solution.y[:d].T)
@@ -152,9 +158,13 @@ def _mechanism(config: ReleaseConfig, points: int) -> Pushable:
         return camera.project(world.reshape(-1, 3)).reshape(*x.shape, 2) / config.scene.film_scale
 
     return Pushable(
-        find_rest_state(mechanism), mechanism.static_force, mechanism.acceleration, mechanism.mass, pixels,
+        find_rest_state(mechanism),
+        mechanism.static_force,
+        mechanism.acceleration,
+        mechanism.mass,
+        pixels,
         np.array(share),
-    )  # fmt: skip
+    )
 
 
 def _covered(sprite: Sprite, points: int) -> list[tuple[float, float]]:
@@ -201,9 +211,13 @@ def _arm(config: SimulationConfig, pressure: Float64[np.ndarray, " n_u"], points
 
     masses = table[:, chain.MASS] + table[:, chain.LINK_MASS]
     return Pushable(
-        arm.equilibrium(pressure), lambda q: arm.static_force(q, pressure), acceleration, arm.mass, pixels,
+        arm.equilibrium(pressure),
+        lambda q: arm.static_force(q, pressure),
+        acceleration,
+        arm.mass,
+        pixels,
         masses[segment] / (points * len(across)),
-    )  # fmt: skip
+    )
 
 
 def _arcs(bend: Float64[np.ndarray, " T"], share: float) -> np.ndarray:

@@ -145,9 +145,13 @@ def draw_pressures(
     """
     n, release = config.n_frames, config.n_frames - config.tail_frames
     signal = draw_random_band(
-        n, len(config.hold_atm), dt_s=config.dt_s, low_hz=config.drive_low_hz, high_hz=config.drive_high_hz,
+        n,
+        len(config.hold_atm),
+        dt_s=config.dt_s,
+        low_hz=config.drive_low_hz,
+        high_hz=config.drive_high_hz,
         generator=generator,
-    )  # fmt: skip
+    )
     drive = 0.5 * config.drive_max_atm * (1 + np.tanh(0.6 * signal))
     start = _smooth_step(n, start=config.rest_frames, length=config.hold_frames)
     hold = _smooth_step(n, start=release - config.hold_frames, length=config.hold_frames)

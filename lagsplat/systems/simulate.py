@@ -37,9 +37,11 @@ def simulate(config: SimulationConfig, *, seed: int) -> tuple[Recording, Truth]:
     pressures = draw_pressures(config, generator=drive)
     states, velocities = _move(arm, pressures, config=config)
     board = paint_board(
-        height=config.height, width=config.width, arm_share=config.arm.half_width / config.view_width,
+        height=config.height,
+        width=config.width,
+        arm_share=config.arm.half_width / config.view_width,
         generator=scene,
-    )  # fmt: skip
+    )
     frames = film_simulation(states, arm=arm, board=board, config=config, generator=camera)
     inputs = pressures + config.pressure_noise_atm * gauge.standard_normal(pressures.shape)
     n_u = pressures.shape[1]
@@ -172,10 +174,16 @@ def integrate(
     try:
         # At rest the solver would stretch its step over the whole beginning of the drive, hence `max_step`.
         solution = solve_ivp(
-            choose_rate, (0.0, times[-1]), np.concatenate([q, v]), method="DOP853", t_eval=times, rtol=rtol,
-            atol=atol, max_step=3 * dt_s,
+            choose_rate,
+            (0.0, times[-1]),
+            np.concatenate([q, v]),
+            method="DOP853",
+            t_eval=times,
+            rtol=rtol,
+            atol=atol,
+            max_step=3 * dt_s,
             args=(spline, dt_s, arm.table, arm.nodes, arm.weights, arm.gravity),
-        )  # fmt: skip
+        )
     except np.linalg.LinAlgError as error:
         raise _out_of_range("the mass matrix is no longer finite") from error
     if not solution.success or not np.all(np.isfinite(solution.y)):
@@ -212,9 +220,11 @@ def simulate_planted(config: SimulationConfig, planted: PlantedConfig, *, seed: 
     felt = lag_input(asked, lag_s=planted.actuator_lag_s, dt_s=config.dt_s)
     states = _move_with_effects(arm, felt, planted, config)
     board = paint_board(
-        height=config.height, width=config.width, arm_share=config.arm.half_width / config.view_width,
+        height=config.height,
+        width=config.width,
+        arm_share=config.arm.half_width / config.view_width,
         generator=painter,
-    )  # fmt: skip
+    )
     frames = film_simulation(states, arm=arm, board=board, config=config, generator=camera)
     inputs = asked + config.pressure_noise_atm * gauge.standard_normal(asked.shape)
     n_u = asked.shape[1]
@@ -268,10 +278,16 @@ def _move_with_effects(
     spline = spline_coefficients(pressures[start:], dt_s=config.dt_s)
     times = np.arange(len(pressures) - start) * config.dt_s
     solution = solve_ivp(
-        _rate_with_effects, (0.0, times[-1]), np.concatenate([rest, np.zeros(arm.d)]), method="DOP853", t_eval=times,
-        rtol=config.rtol, atol=config.atol, max_step=3 * config.dt_s,
+        _rate_with_effects,
+        (0.0, times[-1]),
+        np.concatenate([rest, np.zeros(arm.d)]),
+        method="DOP853",
+        t_eval=times,
+        rtol=config.rtol,
+        atol=config.atol,
+        max_step=3 * config.dt_s,
         args=(spline, config.dt_s, friction, arm.table, arm.nodes, arm.weights, arm.gravity),
-    )  # fmt: skip
+    )
     if not solution.success or not np.all(np.isfinite(solution.y)):
         raise RuntimeError(
             f"integration of the arm stopped at t = {solution.t[-1]:.3f} s ({solution.message}): what was "

@@ -60,13 +60,37 @@ from tests.unit.diagnose.toys import coupled
 EFFECTS = {
     module.EFFECT.name: module.EFFECT
     for module in (
-        camera_change, camera_drift, constant_force, coulomb_friction, creep, cubic_stiffness, end_stop,
-        exposure_blur, external_periodic_force, external_push, frame_drops, hidden_mode, hysteresis,
-        input_backlash, input_dead_zone, input_delay, input_gain, input_lag, input_saturation, joint_backlash,
-        linear_stiffness, load_dependent_friction, mass_change, parameter_drift, quadratic_drag,
-        stribeck_friction, time_jitter, time_offset, viscous_damping,
+        camera_change,
+        camera_drift,
+        constant_force,
+        coulomb_friction,
+        creep,
+        cubic_stiffness,
+        end_stop,
+        exposure_blur,
+        external_periodic_force,
+        external_push,
+        frame_drops,
+        hidden_mode,
+        hysteresis,
+        input_backlash,
+        input_dead_zone,
+        input_delay,
+        input_gain,
+        input_lag,
+        input_saturation,
+        joint_backlash,
+        linear_stiffness,
+        load_dependent_friction,
+        mass_change,
+        parameter_drift,
+        quadratic_drag,
+        stribeck_friction,
+        time_jitter,
+        time_offset,
+        viscous_damping,
     )
-}  # fmt: skip
+}
 UNIT = Scales(coordinate=0.5, velocity=3.0, reach=1.0, frame_s=0.02, duration_s=8.0, stiffness=36.0)
 PASSIVE = sorted(name for name, effect in EFFECTS.items() if effect.passive)
 NOTHING = 690.0
@@ -219,9 +243,14 @@ def work(effect: ForceEffect, theta: np.ndarray, size: np.ndarray, drive: float)
 
 def test_dissipative_effects_are_marked_so() -> None:
     assert {
-        "coulomb_friction", "stribeck_friction", "load_dependent_friction", "quadratic_drag", "creep",
-        "hidden_mode", "end_stop",
-    } <= set(PASSIVE)  # fmt: skip
+        "coulomb_friction",
+        "stribeck_friction",
+        "load_dependent_friction",
+        "quadratic_drag",
+        "creep",
+        "hidden_mode",
+        "end_stop",
+    } <= set(PASSIVE)
     assert not {"external_push", "external_periodic_force", "constant_force", "viscous_damping"} & set(
         PASSIVE
     )
@@ -264,9 +293,15 @@ def test_sizes_scale_with_the_unit_of_the_coordinate() -> None:
         UNIT, coordinate=1e3 * UNIT.coordinate, velocity=1e3 * UNIT.velocity, reach=1e3 * UNIT.reach
     )
     powers = {
-        "acceleration": 1, "coordinate": 1, "velocity": 1, "reach": 1, "drift": 1,
-        "per_coordinate": -1, "slowness": -1, "cubic": -2,
-    }  # fmt: skip
+        "acceleration": 1,
+        "coordinate": 1,
+        "velocity": 1,
+        "reach": 1,
+        "drift": 1,
+        "per_coordinate": -1,
+        "slowness": -1,
+        "cubic": -2,
+    }
     for kind in UNITS:
         assert fine.of(kind) == pytest.approx(UNIT.of(kind) * 1e3 ** powers.get(kind, 0), rel=1e-12), kind
 

@@ -26,9 +26,12 @@ def scene(seed: int) -> GaussianSlice:
     factor = normal(COUNT, 3, 3)
     row, column = torch.tril_indices(3, 3)
     return GaussianSlice(
-        3.0 * normal(1, COUNT, 3), (factor @ factor.mT)[:, row, column], torch.sigmoid(normal(1, COUNT)),
-        torch.sigmoid(normal(COUNT, 3)), torch.sigmoid(normal(3)),
-    )  # fmt: skip
+        3.0 * normal(1, COUNT, 3),
+        (factor @ factor.mT)[:, row, column],
+        torch.sigmoid(normal(1, COUNT)),
+        torch.sigmoid(normal(COUNT, 3)),
+        torch.sigmoid(normal(3)),
+    )
 
 
 def camera(yaw: float = 0.0, pitch: float = 0.0, *, distance: float = 40.0) -> Camera:
@@ -81,9 +84,12 @@ def test_the_order_in_which_gaussians_are_told_says_nothing(seed: int) -> None:
     cloud = scene(seed)
     order = torch.randperm(COUNT, generator=torch.Generator().manual_seed(seed))
     shuffled = GaussianSlice(
-        cloud.means[:, order], cloud.covariance[order], cloud.opacity[:, order], cloud.color[order],
+        cloud.means[:, order],
+        cloud.covariance[order],
+        cloud.opacity[:, order],
+        cloud.color[order],
         cloud.background,
-    )  # fmt: skip
+    )
     torch.testing.assert_close(
         seen(shuffled, camera(20, 10)), seen(cloud, camera(20, 10)), atol=1e-12, rtol=0
     )

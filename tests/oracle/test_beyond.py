@@ -19,8 +19,11 @@ def pendulum(seed: int, push: float, *, seconds: float, rate: float, noise: floa
     """A driven pendulum of 0.7 Hz with a further acceleration ``push`` and damping ``rate`` [1/s]."""
     return film(
         lambda t, q, v, u, z: (-19.6 * np.sin(q) - rate * v + 5.0 * u + push, []),
-        u=wave(seed), start=(0.0, 0.0), seconds=seconds, noise=noise,
-    )  # fmt: skip
+        u=wave(seed),
+        start=(0.0, 0.0),
+        seconds=seconds,
+        noise=noise,
+    )
 
 
 def compared(real: Trajectory) -> Diagnosis:

@@ -118,9 +118,14 @@ def test_a_film_becomes_a_motion_of_the_run() -> None:
     seeing = Autoencoder(d=1, n_gaussians=4, kernel=3, channels=2, height=32, width=32, background="black")
     frames = np.random.default_rng(0).integers(0, 256, (6, 32, 32, 3), dtype=np.uint8)
     film = Recording(
-        frames=frames, time_s=np.arange(6) / 30.0, inputs=np.arange(6.0)[:, None], input_names=("p",),
-        input_units=("atm",), segments=((0, 4), (4, 6)), meta={"origin": "filmed"},
-    )  # fmt: skip
+        frames=frames,
+        time_s=np.arange(6) / 30.0,
+        inputs=np.arange(6.0)[:, None],
+        input_names=("p",),
+        input_units=("atm",),
+        segments=((0, 4), (4, 6)),
+        meta={"origin": "filmed"},
+    )
     motion = encode_recording(seeing, chart(), film)
     np.testing.assert_array_equal(motion.q, make_encoder(seeing, chart(), what="run")(frames))
     assert motion.segments == ((0, 4), (4, 6))

@@ -1,4 +1,4 @@
-"""The learned law in NumPy against the torch one: accelerations, rollouts and energies of one state and of batches."""
+"""The learned law in NumPy against the torch one: accelerations, rollouts, energies."""
 
 import numpy as np
 import pytest

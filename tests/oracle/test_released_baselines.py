@@ -14,8 +14,12 @@ from lagsplat.baselines.networks import (
 from lagsplat.baselines.objective import BaselineBatch, compute_image_rates, compute_loss_terms
 from lagsplat.baselines.released import load_released
 
-MODELS = [f"{law}_{decoder}_{robot}" for law in ("osc", "koopman") for decoder in ("deconv", "abcd")
-          for robot in ("1seg", "2seg")]  # fmt: skip
+MODELS = [
+    f"{law}_{decoder}_{robot}"
+    for law in ("osc", "koopman")
+    for decoder in ("deconv", "abcd")
+    for robot in ("1seg", "2seg")
+]
 EARLIER = ["osc_abcd_1seg_ep150", "osc_abcd_2seg_ep100"]
 LOSSES = {
     "reconstruction": "loss_static_mean_latent",

@@ -127,9 +127,17 @@ def followed(
 
 
 def rolled(
-    model: MechanicalModel, time: np.ndarray, u: np.ndarray, states: np.ndarray, windows: WindowSet,
-    effects: list[PlacedEffect], x: list[float], *, held: bool, steps: int,
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    model: MechanicalModel,
+    time: np.ndarray,
+    u: np.ndarray,
+    states: np.ndarray,
+    windows: WindowSet,
+    effects: list[PlacedEffect],
+    x: list[float],
+    *,
+    held: bool,
+    steps: int,
+) -> tuple[np.ndarray, np.ndarray]:
     """What the kernel says, beginning at the recorded states."""
     d = model.d
     record = Dataset(
@@ -287,9 +295,16 @@ def test_changes_of_input_model_and_camera_act_together() -> None:
     truth = followed(time, inside, True, start, rate)
     windows = WindowSet(np.array([0]), np.array([len(time)]))
     y, _ = rolled(
-        model, time, u, truth, windows, effects, [math.log(limit), math.log(ratio), gain, zoom, shift],
-        held=True, steps=8,
-    )  # fmt: skip
+        model,
+        time,
+        u,
+        truth,
+        windows,
+        effects,
+        [math.log(limit), math.log(ratio), gain, zoom, shift],
+        held=True,
+        steps=8,
+    )
     seen = truth[:, :2].copy()
     seen[:, 1] += zoom * (truth[:, 1] - model.rest[1]) + shift
     assert np.abs(y[0] - seen).max() < 5e-6
@@ -302,9 +317,16 @@ def test_a_rollout_that_leaves_for_good_stays_where_it_is_lost() -> None:
     states = np.tile([0.5, 0.0], (200, 1))
     effect = PlacedEffect(known["viscous_damping"], UNIT, direction=Direction("q", np.ones(1), 1.0))
     y, v = rolled(
-        model, time, np.zeros((200, 0)), states, WindowSet(np.array([0]), np.array([200])), [effect], [-80.0],
-        held=False, steps=1,
-    )  # fmt: skip
+        model,
+        time,
+        np.zeros((200, 0)),
+        states,
+        WindowSet(np.array([0]), np.array([200])),
+        [effect],
+        [-80.0],
+        held=False,
+        steps=1,
+    )
     assert np.isfinite(y).all()
     assert np.isfinite(v).all()
     assert y[0, -1, 0] == model.rest[0] + DIVERGED_SCALES * model.basis.scale[0]

@@ -27,9 +27,13 @@ STAND_IN = Path(__file__).with_name("stand_in_sharp.py")
 def recording(count: int = FRAMES) -> Recording:
     frames, _ = swinging_ball(24)
     return Recording(
-        frames=np.ascontiguousarray(frames[:count]), time_s=np.arange(count) / 30,
-        inputs=np.zeros((count, 0)), input_names=(), input_units=(), meta={"origin": "filmed"},
-    )  # fmt: skip
+        frames=np.ascontiguousarray(frames[:count]),
+        time_s=np.arange(count) / 30,
+        inputs=np.zeros((count, 0)),
+        input_names=(),
+        input_units=(),
+        meta={"origin": "filmed"},
+    )
 
 
 @pytest.fixture
@@ -38,9 +42,13 @@ def sharp(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> SharpConfig:
     monkeypatch.setenv("LIFTED", str(tmp_path / "lifted.txt"))
     return SharpConfig(
         command=f"{shlex.quote(sys.executable)} {shlex.quote(str(STAND_IN))}",
-        checkpoint=str(tmp_path / "weights.pt"), cache=None, focal_35mm=40.0, upscale=4, keep_clouds=False,
+        checkpoint=str(tmp_path / "weights.pt"),
+        cache=None,
+        focal_35mm=40.0,
+        upscale=4,
+        keep_clouds=False,
         blur_px2=0.3,
-    )  # fmt: skip
+    )
 
 
 def lifted(folder: Path) -> int:

@@ -217,8 +217,12 @@ def test_the_gap_of_every_diagnosis_stands_in_a_table(source: Path, results: Pat
     for against in ("held_out", "none", "mass_change"):
         place = results / HERE / "default-0/default-0/gap" / against
         assert {path.name for path in place.iterdir()} >= {
-            "diagnosis.json", "report.html", "rollouts.csv", "augmented.safetensors", "diagnose.json",
-        }  # fmt: skip
+            "diagnosis.json",
+            "report.html",
+            "rollouts.csv",
+            "augmented.safetensors",
+            "diagnose.json",
+        }
         assert "data:image/webp" in (place / "report.html").read_text(encoding="utf-8")
 
 

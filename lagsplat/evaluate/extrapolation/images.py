@@ -64,9 +64,11 @@ class ImagePredictor:
             for a in range(first, stop, AT_ONCE)
         ]
         reading = StateReading(
-            *(np.concatenate([getattr(part, name) for part in parts])
-              for name in ("states", "error", "distance", "inside"))
-        )  # fmt: skip
+            *(
+                np.concatenate([getattr(part, name) for part in parts])
+                for name in ("states", "error", "distance", "inside")
+            )
+        )
         return reading.states, reading
 
 

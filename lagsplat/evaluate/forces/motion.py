@@ -72,9 +72,15 @@ def compare_forces_with_truth(
     usable, field = select_matter(grips, held.law.d)
     found = compare_answers(held, pokes, radius=radius, read=make_state_reader(held, system, truth.states))
     found["in_time"] = respond_in_time(
-        held, system, pokes, grips, field, usable,
-        scale=found["brush"]["scale"], length_s=config.periods / float(truth.natural_frequencies_hz[0]),
-    )  # fmt: skip
+        held,
+        system,
+        pokes,
+        grips,
+        field,
+        usable,
+        scale=found["brush"]["scale"],
+        length_s=config.periods / float(truth.natural_frequencies_hz[0]),
+    )
     found["energy_spans"] = measure_energy_spans(held, system, state_slope(held, truth.states))
     found["at_once"] = respond_at_once(held, system, pokes, grips, field, usable) if held.law.d > 1 else None
     return found

@@ -39,7 +39,7 @@ def fetch_member(archive: ArchiveConfig, member: str) -> Path:
 
     Raises:
         ValueError: the archive does not list the member, is damaged, or the member's SHA-256 differs.
-        FileExistsError, ConnectionError, OSError: as `lagsplat.io.files.download.download`; or too little room.
+        FileExistsError, ConnectionError, OSError: as `download`; or the disk has too little space.
     """
     if member not in archive.member_sha256:
         raise ValueError(

@@ -19,14 +19,41 @@ from lagsplat.io.files.atomic import replace_atomically
 
 HARMONIC = float(np.sqrt(1 / (4 * np.pi)))
 """The spherical harmonic of degree 0."""
-FIELDS = ("x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2",
-          "rot_0", "rot_1", "rot_2", "rot_3")  # fmt: skip
+FIELDS = (
+    "x",
+    "y",
+    "z",
+    "f_dc_0",
+    "f_dc_1",
+    "f_dc_2",
+    "opacity",
+    "scale_0",
+    "scale_1",
+    "scale_2",
+    "rot_0",
+    "rot_1",
+    "rot_2",
+    "rot_3",
+)
 NORMALS = ("nx", "ny", "nz")
 TYPES = {
-    "char": "i1", "uchar": "u1", "short": "<i2", "ushort": "<u2", "int": "<i4", "uint": "<u4", "float": "<f4",
-    "double": "<f8", "int8": "i1", "uint8": "u1", "int16": "<i2", "uint16": "<u2", "int32": "<i4",
-    "uint32": "<u4", "float32": "<f4", "float64": "<f8",
-}  # fmt: skip
+    "char": "i1",
+    "uchar": "u1",
+    "short": "<i2",
+    "ushort": "<u2",
+    "int": "<i4",
+    "uint": "<u4",
+    "float": "<f4",
+    "double": "<f8",
+    "int8": "i1",
+    "uint8": "u1",
+    "int16": "<i2",
+    "uint16": "<u2",
+    "int32": "<i4",
+    "uint32": "<u4",
+    "float32": "<f4",
+    "float64": "<f8",
+}
 HEAD_BYTES = 1 << 16
 
 
@@ -105,9 +132,12 @@ def write_cloud(path: str | os.PathLike[str], cloud: PlyCloud) -> None:
     table = np.zeros(len(cloud.means), dtype=[(name, "<f4") for name in names])
     alpha = np.clip(cloud.opacities, 1e-6, 1 - 1e-6)
     columns = [
-        cloud.means, (cloud.colors - 0.5) / HARMONIC, (np.log(alpha) - np.log1p(-alpha))[:, None],
-        np.log(cloud.scales), cloud.quaternions,
-    ]  # fmt: skip
+        cloud.means,
+        (cloud.colors - 0.5) / HARMONIC,
+        (np.log(alpha) - np.log1p(-alpha))[:, None],
+        np.log(cloud.scales),
+        cloud.quaternions,
+    ]
     for name, column in zip(FIELDS, np.concatenate(columns, axis=1).T, strict=True):
         table[name] = column
     lines = ["ply", "format binary_little_endian 1.0", f"element vertex {len(table)}"]

@@ -146,7 +146,7 @@ def _decompressed(message: Any) -> UInt8[np.ndarray, "h w 3"]:
     picture = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
     if picture is None:
         raise ValueError(
-            f"{data.size} bytes of format {read_field(message, 'format')!r} are no picture that OpenCV decodes "
+            f"{data.size} bytes of format {read_field(message, 'format')!r} are no image that OpenCV decodes "
             "(JPEG, PNG, WebP, TIFF, BMP)"
         )
     return picture

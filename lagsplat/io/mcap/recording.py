@@ -1,7 +1,8 @@
 """Recordings from an MCAP log: one camera topic, and numbers of other topics as inputs.
 
 Times count from the camera's first message. Frames are those the camera sent, and the numbers are
-interpolated to them (`lagsplat.io.recording.alignment`). A damaged file gives what is whole of it, with a warning that says
+interpolated to them (`lagsplat.io.recording.alignment`). A damaged file gives what is whole of it, with a
+warning that says
 what is lost.
 
 What is in an MCAP file: topics, rates, gaps, clocks, pictures and numbers.
@@ -54,7 +55,7 @@ def read_mcap(
 ) -> Recording:
     """The recording in the MCAP file at ``path``.
 
-    Pictures are turned, cut, shrunk and checked as in `lagsplat.io.video.read`. Repeated stamps, pictures that
+    Images are rotated, cropped, resized and checked as in `lagsplat.io.video.read`. Repeated stamps, images that
     cannot be decoded, numbers that are not finite, and frames outside the inputs or in a gap are dropped,
     each with a warning that counts them.
 
@@ -219,10 +220,10 @@ class _Log:
         self.stamps[topic].add(header_ns, log_ns)
         if topic == self.camera.topic:
             self._take_picture(message, schema_name, header_ns if self.topics.clock == "header" else log_ns)
-        for (each, field), values in self._values.items():
+        for (each, path), values in self._values.items():
             if each == topic:
                 try:
-                    values.append(read_number(message, field))
+                    values.append(read_number(message, path))
                 except ValueError as error:
                     raise ValueError(f"topic {topic}, message {len(values)}: {error}") from error
 

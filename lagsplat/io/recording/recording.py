@@ -143,7 +143,7 @@ class Recording:
         """The leading ``n_train`` frames, for training, and the rest, held out.
 
         Raises:
-            ValueError: the recording was never divided (`lagsplat.io.recording.segments.split_train_held_out`).
+            ValueError: the recording was never split (`lagsplat.io.recording.segments`).
         """
         if self.n_train is None:
             raise self._error("n_train", "None", "divide the recording first")

@@ -208,15 +208,19 @@ def _from_text(path: Path) -> Table:
             )
     body = "\n".join(line for _, line in lines[1:])
     decimal = "," if separator == ";" and re.search(r"\d,\d", body) else "."
-    frame = pd.read_csv(
-        io.StringIO(body),
-        sep=separator,
-        names=header,
-        decimal=decimal,
-        skipinitialspace=True,
-        index_col=False,
-        low_memory=False,
-    ) if body else pd.DataFrame({name: [] for name in header})  # fmt: skip
+    frame = (
+        pd.read_csv(
+            io.StringIO(body),
+            sep=separator,
+            names=header,
+            decimal=decimal,
+            skipinitialspace=True,
+            index_col=False,
+            low_memory=False,
+        )
+        if body
+        else pd.DataFrame({name: [] for name in header})
+    )
     return Table(path.name, _plain(frame), np.array([number for number, _ in lines[1:]]), row="line")
 
 

@@ -57,7 +57,8 @@ def find_clips(path: str | os.PathLike[str]) -> tuple[VideoClip, ...]:
         )
     if not films and not images:
         raise ValueError(
-            f"{path}: holds neither a film ({' '.join(VIDEO_SUFFIXES)}) nor an image ({' '.join(IMAGE_SUFFIXES)}); "
+            f"{path}: holds neither a film ({' '.join(VIDEO_SUFFIXES)}) nor an image "
+            f"({' '.join(IMAGE_SUFFIXES)}); "
             "name a film, a folder of films, or a folder of images"
         )
     if films:

@@ -1,4 +1,4 @@
-"""Textured flat bodies: pictures with coverage, drawn once and moved by `lagsplat.systems.rendering.painting`.
+"""Textured flat bodies: images with coverage, drawn once and moved by `painting`.
 
 Every body lies in its own coordinates [m], x to the right and y down, with its hinge, or its runner's centre,
 at the origin. Textures are photographs that come with scikit-image.

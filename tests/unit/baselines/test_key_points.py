@@ -25,9 +25,12 @@ def forecaster() -> Forecaster:
     config = settings()
     model = Forecaster(read_forecaster_architecture(config, height=16, width=20, frames=24), backend="torch")
     scatter_points(
-        model.scene, frames(side=20)[:, 2:18], sigma=0.1, opacity=0.5,
+        model.scene,
+        frames(side=20)[:, 2:18],
+        sigma=0.1,
+        opacity=0.5,
         rng=np.random.default_rng(0),
-    )  # fmt: skip
+    )
     model.keys.gather(model.scene.place.detach(), model.scene.feature.detach(), seed=0)
     return model.eval()
 

@@ -83,8 +83,10 @@ def test_it_comes_back_from_its_file(tmp_path) -> None:
     save_ode(tmp_path / "ode.safetensors", ode, {"wall_s": 2.0})
     again, header = load_ode(tmp_path / "ode.safetensors")
     assert header["wall_s"] == 2.0
-    torch.testing.assert_close(again(torch.zeros(1), torch.ones(1, 2).double()).detach(),
-                               ode(torch.zeros(1), torch.ones(1, 2).double()).detach())  # fmt: skip
+    torch.testing.assert_close(
+        again(torch.zeros(1), torch.ones(1, 2).double()).detach(),
+        ode(torch.zeros(1), torch.ones(1, 2).double()).detach(),
+    )
 
 
 def test_what_cannot_be_fitted_says_why() -> None:

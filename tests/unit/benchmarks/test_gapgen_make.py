@@ -127,10 +127,16 @@ def test_classes_hold_their_own_name_and_merge_only_what_physics_merges() -> Non
 
 def test_what_holds_an_effect_as_a_limit_is_left_out_with_it() -> None:
     assert left_out(["coulomb_friction"]) == [
-        "coulomb_friction", "hysteresis", "load_dependent_friction", "stribeck_friction"
-    ]  # fmt: skip
+        "coulomb_friction",
+        "hysteresis",
+        "load_dependent_friction",
+        "stribeck_friction",
+    ]
     assert left_out(["linear_stiffness", "mass_change"]) == [
-        "creep", "hidden_mode", "linear_stiffness", "mass_change"
-    ]  # fmt: skip
+        "creep",
+        "hidden_mode",
+        "linear_stiffness",
+        "mass_change",
+    ]
     assert left_out(["input_gain"]) == ["camera_change", "input_gain"]
     assert left_out(["end_stop"]) == ["end_stop"]

@@ -23,9 +23,14 @@ INSTANTS, TRAIN = 6, 4
 def run() -> tuple[Autoencoder, Recording, NovelViews]:
     frames, views = swinging_ball(INSTANTS)
     recording = Recording(
-        frames=frames, time_s=np.arange(INSTANTS) / 30, inputs=np.zeros((INSTANTS, 0)), input_names=(),
-        input_units=(), meta={"origin": "simulated"}, n_train=TRAIN,
-    )  # fmt: skip
+        frames=frames,
+        time_s=np.arange(INSTANTS) / 30,
+        inputs=np.zeros((INSTANTS, 0)),
+        input_names=(),
+        input_units=(),
+        meta={"origin": "simulated"},
+        n_train=TRAIN,
+    )
     footage = TrainingFrames(frames, novel=views, supervision=SUPERVISION)
     return initialize_gaussians(footage, small_config(n_gaussians=80), seed=0).eval(), recording, views
 

@@ -39,9 +39,21 @@ def steps(n: int, dt_s: float = 0.1) -> str:
         '"t","q0","u0"\n' + TIDY.partition("\n")[2],
         "# made by savetxt\n# " + TIDY,
     ],
-    ids=["tidy", "bom", "crlf", "spaces", "comments", "remark", "semicolons", "decimal commas", "tabs",
-         "blanks", "quotes", "names in a comment"],
-)  # fmt: skip
+    ids=[
+        "tidy",
+        "bom",
+        "crlf",
+        "spaces",
+        "comments",
+        "remark",
+        "semicolons",
+        "decimal commas",
+        "tabs",
+        "blanks",
+        "quotes",
+        "names in a comment",
+    ],
+)
 def test_one_table_in_many_dresses(tmp_path: Path, text: str) -> None:
     motion = read_trajectory_file(written(tmp_path, text))
     np.testing.assert_array_equal(motion.time_s, [0.0, 0.1, 0.2])

@@ -23,9 +23,14 @@ LATENTS = np.sin(np.arange(40) / 3)[:, None]
 
 def settings(**changes: object) -> FieldConfig:
     values = {
-        "n_gaussians": 40, "hidden": 16, "shift_limit": 1.0, "shape_limit": 3.0, "steps": 60, "batch": 4,
+        "n_gaussians": 40,
+        "hidden": 16,
+        "shift_limit": 1.0,
+        "shape_limit": 3.0,
+        "steps": 60,
+        "batch": 4,
         "neighbours": 3,
-    }  # fmt: skip
+    }
     return FieldConfig(**(values | changes))
 
 

@@ -98,9 +98,13 @@ def test_bending_finds_what_a_linear_map_cannot() -> None:
     """A system whose input softens it, from a start that knows no curvature."""
     eye = torch.eye(2, dtype=torch.float64)
     start = Coefficients(
-        eye, 0.3 * eye, 3 * eye, 2 * torch.ones(1, 2, dtype=torch.float64), 0 * eye[0],
+        eye,
+        0.3 * eye,
+        3 * eye,
+        2 * torch.ones(1, 2, dtype=torch.float64),
+        0 * eye[0],
         split(torch.diag(torch.tensor([-1.5, 2.0], dtype=torch.float64))[None], ONE_SIGN),
-    )  # fmt: skip
+    )
     lagrangian = random_lagrangian(
         2, 1, 0, start=start, amount=0.0, **CONSTANT | {"actuation": "bounded", "damping": "constant"}
     )

@@ -52,9 +52,12 @@ def test_frames_show_the_true_states(load):
     scene = np.random.default_rng(np.random.SeedSequence(0).spawn(4)[3])
     board = paint_board(height=16, width=16, arm_share=share, generator=scene)
     images = paint_arm(
-        truth.states, arm=build_arm(config.arm), half_width=config.arm.half_width,
-        view_width=config.view_width, board=board,
-    )  # fmt: skip
+        truth.states,
+        arm=build_arm(config.arm),
+        half_width=config.arm.half_width,
+        view_width=config.view_width,
+        board=board,
+    )
     assert np.abs(255 * images - recording.frames).max() <= 0.501
 
 

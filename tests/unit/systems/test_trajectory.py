@@ -29,13 +29,11 @@ def test_constant_pressure_settles_at_its_equilibrium(load):
     pressure = np.array([0.6, 0.2])
     q = integrate(
         arm, np.zeros(2), np.zeros(2), np.tile(pressure, (600, 1)), dt_s=DT_S, rtol=1e-9, atol=1e-12
-    )[0]  # fmt: skip
+    )[0]
     np.testing.assert_allclose(q[-1], arm.equilibrium(pressure), atol=1e-7)
 
 
 def test_leaving_the_physical_range_is_said(load):
     arm = build_arm(load("toy", arm={"bending_stiffness": [1e-9], "extension_stiffness": [1e-9]}).arm)
     with pytest.raises(RuntimeError, match="physical range"):
-        integrate(
-            arm, np.zeros(2), np.array([1e160, 0.0]), np.zeros((9, 2)), dt_s=DT_S, rtol=1e-9, atol=1e-9
-        )  # fmt: skip
+        integrate(arm, np.zeros(2), np.array([1e160, 0.0]), np.zeros((9, 2)), dt_s=DT_S, rtol=1e-9, atol=1e-9)

@@ -20,9 +20,16 @@ def linear(mass: np.ndarray) -> MechanicalModel:
         if i + j == 2:
             potential[k] = stiff[0, 1] if i == j else 0.5 * stiff[0 if i else 1, 0 if i else 1]
     return MechanicalModel(
-        basis=basis, mass=mass[None], damping=np.zeros((1, 2, 2)), potential=potential,
-        input_map=np.zeros((0, 0, 2)), dry=np.zeros(2), drag=np.zeros(2), width=np.ones(2), rest=np.zeros(2),
-    )  # fmt: skip
+        basis=basis,
+        mass=mass[None],
+        damping=np.zeros((1, 2, 2)),
+        potential=potential,
+        input_map=np.zeros((0, 0, 2)),
+        dry=np.zeros(2),
+        drag=np.zeros(2),
+        width=np.ones(2),
+        rest=np.zeros(2),
+    )
 
 
 def coefficients(model: MechanicalModel) -> np.ndarray:
