@@ -16,11 +16,11 @@ Input = Float64[np.ndarray, " n_u"]
 
 
 class LoadedLagrangian(Lagrangian):
-    """The law ``base``, its parameters shared, with a generalised force on its right-hand side.
+    """The law ``base`` with a generalised force on its right-hand side; it shares the parameters.
 
-    ``load`` (d,), or (B, d) for a load a sample, in the law's own units of energy per whitened unit. A load
-    that is held is conservative and has the potential ``-load.(q - q_r)``; that of the elastic energy, and
-    not of the inputs, takes the edit of the stiffness.
+    ``load`` (d,), or (B, d) for one per sample, is in the law's energy per whitened unit. A constant load is
+    conservative with the potential ``-load.(q - q_r)``. The edit of the stiffness scales the elastic energy,
+    not the work of the inputs.
 
     Raises:
         ValueError: a load that is not finite.
@@ -46,11 +46,11 @@ class LoadedLagrangian(Lagrangian):
         return self.edits.damping * super().damping(q)
 
     def potential(self, q: Latents) -> Float[Tensor, " B"]:
-        """``V(q)``, edited, less the work of the load since the rest state."""
+        """``V(q)``, edited, less the work of the load from the rest state."""
         return self.edits.stiffness * super().potential(q) - ((q - self.rest) * self.load).sum(1)
 
     def conservative_force(self, q: Latents, u: Inputs, ready: PreparedCoefficients) -> Latents:
-        """Elastic force, edited, plus that of the inputs and the load."""
+        """Elastic force, edited, plus the forces of the inputs and the load."""
         force = super().conservative_force(q, u, ready)
         if self.edits.stiffness != 1.0:
             elastic = super().conservative_force(q, torch.zeros_like(u), ready)
@@ -60,7 +60,7 @@ class LoadedLagrangian(Lagrangian):
     def acceleration(
         self, q: Latents, v: Latents, u: Inputs, *, ready: PreparedCoefficients | None = None
     ) -> Latents:
-        """As the law's own, with load and edits; the velocity forces scale with the inertia and cancel."""
+        """Acceleration under load and edits; the factor of the inertia cancels in the velocity forces."""
         ready = ready or self.prepare()
         force = self.conservative_force(q, u, ready)
         force = force - self.edits.damping * self.damping_term.product(q, v)
@@ -78,7 +78,7 @@ def rollout_under_force(
     dt_s: float,
     edits: LawEdits = UNTOUCHED,
 ) -> tuple[Float[Tensor, "B N d"], Float[Tensor, "B N d"]]:
-    """States and velocities (per second) at ``N`` instants ``dt_s`` apart; the first is the given one.
+    """Roll out states and velocities [1/s] at ``N`` instants ``dt_s`` apart; the first is the given one.
 
     Load ``i`` (see `lagsplat.forces.grasp.GraspPoint.pull_back`) and input ``i`` are constant from state
     ``i`` to ``i + 1``. Never raises on divergence: a row that leaves the finite numbers stays outside them.
@@ -102,9 +102,9 @@ def rollout_under_force(
 
 
 class TorchLagrangian:
-    """A law with its edits for one state at a time, in tensors: for masses induced by the decoder.
+    """A law with its edits for one state at a time, in tensors, for masses induced by the decoder.
 
-    The methods are those of `NumpyLagrangian`.
+    It has the methods of `NumpyLagrangian`.
     """
 
     def __init__(self, law: Lagrangian, *, edits: LawEdits = UNTOUCHED) -> None:
@@ -115,7 +115,7 @@ class TorchLagrangian:
 
     @torch.no_grad()
     def step(self, q: Vector, v: Vector, u: Input, load: Vector, *, dt_s: float) -> tuple[Vector, Vector]:
-        """State and velocity [1/s] ``dt_s`` later, input and generalised force held."""
+        """State and velocity [1/s] ``dt_s`` later under constant input and generalised force."""
         self.law.load = torch.from_numpy(load)
         state, velocity = advance(
             self.law, _row(q), _row(v * self.unit_s), _row(u), step=dt_s / self.unit_s, ready=self.ready
@@ -152,11 +152,11 @@ def _row(x: np.ndarray) -> torch.Tensor:
 
 
 FastLagrangian = NumpyLagrangian | TorchLagrangian
-"""A law with its edits, one state at a time."""
+"""A law with its edits that is fast for one state at a time."""
 
 
 def make_fast_lagrangian(law: Lagrangian, *, edits: LawEdits = UNTOUCHED) -> FastLagrangian:
-    """``law`` with its edits in the faster form that can carry it: arrays, or tensors for an induced mass."""
+    """Convert a law with its edits to arrays, or to tensors where the decoder induces the mass."""
     return (
         TorchLagrangian(law, edits=edits)
         if isinstance(law.mass_term, InducedMass)

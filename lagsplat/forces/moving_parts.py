@@ -1,7 +1,4 @@
-"""What of a picture moves, and where a force can be shown to act: read off the drawn Jacobians.
-
-Where the object is seen to end: for the eye, cut out by colour.
-"""
+"""Moving parts of an image: motion per pixel from drawn Jacobians, points to push, and the outline."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,25 +14,28 @@ from lagsplat.forces.grasp import Point
 from lagsplat.stage1.autoencoder import Autoencoder
 
 OUTLINE = 0.5
-"""Of the largest motion around a pixel: what moves as much belongs to the object, what moves less is the
-ground that it passes over, which a decoder lets move a little, too."""
+"""Share of the largest motion around a pixel from which it belongs to the object. The background beside the
+object moves less, because a decoder lets it move a little, too."""
 SMOOTH = 0.02
-"""Of the longer side: width of the filter before the object is told from the ground."""
+"""Width of the filter before the segmentation, as a share of the longer side."""
 AROUND = 5
-"""Into how many parts the longer side of the picture is cut: a neighbourhood is one of them."""
+"""Neighbourhoods along the longer side of the image."""
 LEAST = 0.15
-"""Of the largest motion of all (98th percentile): where nothing around moves as much there is no object."""
+"""Share of the 98th percentile of all motions: neighbourhoods that move less contain no object."""
 STILL = 0.02
-"""Of the same: what moves less is background."""
+"""Share of the 98th percentile below which a pixel is background."""
 MIDDLE = 0.4
-"""Of the length that is seen to move, which begins below the clamp."""
+"""Position of the middle along the visible moving length, which begins below the clamp."""
 TIP = 0.85
+"""Position of the tip along the same length."""
 
 
 @dataclass(frozen=True)
 class MovingParts:
-    """What the picture shows at a state: ``jacobian`` (H, W, n, d) is how far the matter seen in each pixel
-    moves per whitened unit [px], ``motion`` (H, W) its size relative to the 98th percentile.
+    """Motion of the matter in each pixel at a state.
+
+    ``jacobian`` (H, W, n, d) is its motion per whitened unit [px], ``motion`` (H, W) the norm relative to the
+    98th percentile.
     """
 
     jacobian: Float64[np.ndarray, "H W n d"]
@@ -43,7 +43,7 @@ class MovingParts:
 
     @cached_property
     def relative(self) -> Float64[np.ndarray, "H W"]:
-        """Motion relative to the largest around, near 1 on the object; 0 off its largest connected part."""
+        """Motion relative to the largest nearby, near 1 on the object; 0 on other parts that move."""
         smooth = gaussian_filter(self.motion, SMOOTH * max(self.motion.shape))
         around = maximum_filter(smooth, size=max(3, max(self.motion.shape) // AROUND))
         share = smooth / np.maximum(around, LEAST)
@@ -55,12 +55,12 @@ class MovingParts:
 
     @property
     def object(self) -> Bool[np.ndarray, "H W"]:
-        """Pixels that show what moves."""
+        """Pixels of the object that moves."""
         return self.relative > OUTLINE
 
     @property
     def background(self) -> Bool[np.ndarray, "H W"]:
-        """Pixels that show what does not."""
+        """Pixels that do not move."""
         return self.motion < STILL
 
 
@@ -68,7 +68,7 @@ class MovingParts:
 def find_moving_parts(autoencoder: Autoencoder, chart: Chart, q: Float64[np.ndarray, " d"]) -> MovingParts:
     """Draw the Jacobians of the Gaussians in place of their colours, over a background that does not move.
 
-    Compositing is linear in the colours, so each pixel shows the Jacobian of what is seen in it.
+    Compositing is linear in the colours, so each pixel shows the Jacobian of the matter in it.
     """
     model = autoencoder.gaussians
     z = torch.from_numpy(chart.to_raw(q[None])).to(model.center)
@@ -81,17 +81,17 @@ def find_moving_parts(autoencoder: Autoencoder, chart: Chart, q: Float64[np.ndar
         autoencoder.draw(drawn._replace(color=part.contiguous(), background=nothing))[0]
         for part in padded.split(3, 1)
     ]
-    seen = torch.cat(parts)[: channels.shape[1]].double().cpu().numpy()
-    field = np.moveaxis(seen, 0, 2).reshape(autoencoder.height, autoencoder.width, model.space, -1)
+    channels_drawn = torch.cat(parts)[: channels.shape[1]].double().cpu().numpy()
+    field = np.moveaxis(channels_drawn, 0, 2).reshape(autoencoder.height, autoencoder.width, model.space, -1)
     motion = np.linalg.norm(field, axis=(2, 3))
     return MovingParts(field, motion / max(float(np.quantile(motion, 0.98)), 1e-12))
 
 
 def choose_lever_points(scene: MovingParts, *, margin: float) -> list[Point]:
-    """Three points of growing lever on one side of the centre of rotation and one on the other.
+    """Choose three points of growing lever on one side of the centre of rotation and one on the other.
 
-    The lever is what a downward force is to the first coordinate. Points lie on the object, ``margin`` [px]
-    from the picture's edge, near the middle of the rows that show it.
+    The lever is the downward motion per unit of the first coordinate. Points lie on the object, at least
+    ``margin`` [px] from the image's edge, near the middle of its rows.
 
     Raises:
         ValueError: nothing moves up or down on both sides.
@@ -113,9 +113,7 @@ def choose_lever_points(scene: MovingParts, *, margin: float) -> list[Point]:
 
 
 def choose_background_points(scene: MovingParts, count: int, *, margin: float) -> list[Point]:
-    """Pixels of the background, ``margin`` [px] from the edge and as far from each other and the object as
-    they get; fewer where there is no more room.
-    """
+    """Choose up to ``count`` background pixels far from each other, the object and the edge."""
     usable = scene.background & _inside(scene.motion.shape, margin)
     rows, columns = np.nonzero(usable)
     apart = _distance(rows, columns, np.argwhere(scene.object))
@@ -130,10 +128,10 @@ def choose_background_points(scene: MovingParts, count: int, *, margin: float) -
 
 
 def choose_hanging_points(scene: MovingParts) -> tuple[Point, Point, Float64[np.ndarray, "2"]]:
-    """Middle and tip of what hangs, and its direction between them, unit (x, y).
+    """Choose the middle and the tip of a hanging object and return the unit direction (x, y) between them.
 
-    The centre line is the mean column of the object, row by row; the tip is taken `TIP` of its length down,
-    for a brush at the very end would take hold of what lies behind.
+    The centre line is the mean column of the object in each row. The tip is at `TIP` of its length, because a
+    brush at the very end would grasp the background.
 
     Raises:
         ValueError: nothing moves.
@@ -169,13 +167,14 @@ def _distance(rows: np.ndarray, columns: np.ndarray, others: np.ndarray) -> np.n
 
 
 CORE = 0.9
-"""Of the largest motion around: what moves as much is the object for certain."""
+"""Share of the largest motion nearby from which a pixel certainly belongs to the object."""
 CUTS = 5
+"""Iterations of GrabCut."""
 FOREGROUND = (cv2.GC_FGD, cv2.GC_PR_FGD)
 
 
 def draw_outline(picture: Float[np.ndarray, "h w 3"], scene: MovingParts) -> Bool[np.ndarray, "h w"]:
-    """Which pixels show the object, for the eye alone: cut out by colour from what moves most around it.
+    """Segment the object by colour, starting from its motion; used for figures and outlines only.
 
     Source: Rother, Kolmogorov and Blake, "GrabCut", ACM Transactions on Graphics 23 (2004), as in OpenCV.
     """

@@ -1,4 +1,4 @@
-"""Mass that the decoder's own kinematics induce: every visible primitive carries the same mass."""
+"""The mass induced by the decoder's kinematics, where every visible Gaussian carries the same mass."""
 
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ from lagsplat.stage2.networks import cholesky_solve
 
 @dataclass(frozen=True)
 class DecoderGeometry:
-    """What the mass needs of the decoder, in whitened coordinates (float64).
+    """Geometry of the decoder's Gaussians in whitened coordinates (float64).
 
     ``jacobian`` is the motion of each centre per unit latent [px], ``center`` its latent centre,
     ``precision_factor`` the ``F`` of the gate ``exp(-|F (q - center)|^2 / 2)``, ``opacity`` its base opacity.
@@ -27,7 +27,7 @@ class DecoderGeometry:
 
 
 def compute_decoder_geometry(autoencoder: Autoencoder, chart: Chart) -> DecoderGeometry:
-    """Geometry of a decoder's Gaussians in the whitened coordinates of a chart.
+    """Compute the geometry of a decoder's Gaussians in the whitened coordinates of a chart.
 
     A raw column vector is ``unwhiten^T`` times the whitened one, hence the transpose on both maps.
     """
@@ -45,9 +45,9 @@ def compute_decoder_geometry(autoencoder: Autoencoder, chart: Chart) -> DecoderG
 class InducedMass(nn.Module):
     """``M(q) = m sum_i w_i(q) J_i^T J_i + floor I``, ``w_i`` the presence ``alpha_i gate_i`` over its sum.
 
-    No learned parameter. The gates are an exponential of a quadratic in ``q``, so that all primitives cost
-    one matrix product, and the gradient of ``M`` follows from ``dw_i = w_i (g_i - mean g)`` with
-    ``g_i = -P_i (q - center_i)``, again one product with moments summed once.
+    It has no learned parameter. The gates are exponentials of a quadratic in ``q``, so that all Gaussians
+    cost one matrix product. The gradient of ``M`` follows from ``dw_i = w_i (g_i - mean g)`` with
+    ``g_i = -P_i (q - center_i)``, which is another product with constant moments.
 
     Source: paper eq. (latent-metric) and Appendix, "The same map carries the inertia".
     """

@@ -1,4 +1,4 @@
-"""Stage 2: from a latent trajectory to its Lagrangian, and to a file."""
+"""Fits the Lagrangian to a latent trajectory, saves it and loads it."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -42,9 +42,17 @@ def fit_dynamics(
     """Fit M, C, V and nu to a smoothed training trajectory in whitened latents.
 
     Three stages: constant matrices, networks on the one-step objective, networks on rollouts. The result is
-    the candidate with the least rollout error over the clip, the start included, so that no stage can make
-    it worse. ``metric`` is the visibility metric without ridge, ``rest`` the encoding of the rest image.
-    ``on_candidate`` hears every graded candidate.
+    the candidate with the smallest rollout error over the clip, including the start, so that no stage can
+    make it worse.
+
+    Args:
+        trajectory: smoothed training trajectory.
+        metric: visibility metric without ridge.
+        config: settings of the fit.
+        seed: seed of the weights and of the batches.
+        rest: encoding of the rest image.
+        geometry: geometry of the decoder, for an induced mass.
+        on_candidate: called with every scored candidate.
 
     Raises:
         ValueError: segments too short for a window, latents that do not move, or a missing geometry.
@@ -72,7 +80,7 @@ def fit_dynamics(
 
 
 def save_dynamics(path: Path | str, lagrangian: Lagrangian, header: Mapping[str, Any]) -> None:
-    """Write the parameters with all that decides the system: form, floors and unit of time."""
+    """Write the parameters with form, floors, unit of time and all other settings of the law."""
     geometry = getattr(lagrangian.mass_term, "n_primitives", None)
     settings = {
         "d": lagrangian.d,
@@ -83,7 +91,7 @@ def save_dynamics(path: Path | str, lagrangian: Lagrangian, header: Mapping[str,
         "longest_step": lagrangian.longest_step,
         "n_primitives": geometry,
         "curved": lagrangian.curvature is not None,
-        # only where it is so: a file of one-signed inputs says nothing of signs
+        # stored only if true, as in files from before there were signed inputs
         **({"signed": True} if lagrangian.signed else {}),
     }
     save_artifact(

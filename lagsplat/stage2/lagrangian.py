@@ -1,7 +1,4 @@
-"""The latent Lagrangian: mass, damping, potential and actuation, and the acceleration they prescribe.
-
-What the learned Lagrangian says in physical units: equilibria, natural frequencies and decay rates.
-"""
+"""The latent Lagrangian: mass, damping, potential and actuation, its acceleration and its linear modes."""
 
 import math
 from dataclasses import dataclass
@@ -34,8 +31,8 @@ from lagsplat.stage2.networks import (
 class Coefficients:
     """Constant matrices of a mechanical system in internal time units.
 
-    ``M a + C w + K (q - rest) = sum_c u_c (pressure_map_c - bend.curvature_c (q - rest))``; without ``input_stiffness``
-    the system is linear.
+    ``M a + C w + K (q - rest) = sum_c u_c (pressure_map_c - Q_c (q - rest))`` with ``Q_c`` the curvatures of
+    ``input_stiffness``; without it the system is linear.
     """
 
     mass: Float[Tensor, "d d"]
@@ -48,7 +45,7 @@ class Coefficients:
 
 @dataclass(frozen=True)
 class Floors:
-    """Lower bounds of M, C and of the curvature of V, in the units of the starting matrices."""
+    """Lower bounds of M, C and the curvature of V in the units of the starting matrices."""
 
     mass: float
     damping: float
@@ -57,7 +54,7 @@ class Floors:
 
 @dataclass(frozen=True)
 class PreparedCoefficients:
-    """What depends on the parameters only, computed once per optimiser step."""
+    """Terms that depend on the parameters alone, computed once per optimiser step."""
 
     blocks: list[Block]
     stiffness: Float[Tensor, "d d"]
@@ -74,13 +71,25 @@ class Lagrangian(nn.Module):
     With ``x = Phi(q)`` (the identity unless the potential is invex) and ``x_r = Phi(q_r)``:
     ``V = Bregman_g(x, x_r) + (x - x_r).K (x - x_r) / 2`` and
     ``nu = B (x - x_r) - (x - x_r).Q (x - x_r) / 2 - N(x)``, where ``g`` and ``N`` are convex and ``Q`` is a
-    `InputStiffnessPrior`. Sharing ``Phi`` makes the loaded potential ``V - u.nu`` a strongly convex function of ``x``
-    for every ``u >= 0`` up to the largest input, hence with one equilibrium under any such load, and under
-    any load at all where the volumes are concave. If inputs are ``signed`` (torques, currents) this holds
-    from the largest negative to the largest positive input: a negative one has a convex network of its own,
-    which acts with its size, so that ``-u.nu`` stays convex. ``K``, ``M``, ``C`` have floors. Internally one
-    unit of time is ``time_unit_s`` seconds, and a step of the integrator no longer than ``longest_step`` of
-    them. Every network starts at zero.
+    `InputStiffnessPrior`. Because both share ``Phi``, the loaded potential ``V - u.nu`` is strongly convex in
+    ``x`` for every ``u >= 0`` up to the largest input, and under any load where the volumes are concave.
+    Hence there is one equilibrium. If inputs are ``signed`` (torques, currents), this holds from the largest
+    negative to the largest positive input: negative inputs have a second convex network, weighted by their
+    size, so that ``-u.nu`` stays convex.
+
+    ``K``, ``M`` and ``C`` have floors, and every network starts at zero. The internal unit of time is
+    ``time_unit_s`` seconds; a step of the integrator is at most ``longest_step`` of them.
+
+    Args:
+        start: constant matrices to start from.
+        form: which terms depend on the state, and the sizes of their networks.
+        floors: lower bounds of the matrices.
+        time_unit_s: internal unit of time [s].
+        seed: of the initial weights.
+        geometry: geometry of the decoder, for an induced mass.
+        mass_scale: factor on an induced mass.
+        signed: whether inputs take negative values.
+        longest_step: longest step of the integrator in internal time units.
 
     Source: paper eqs. (EL), (pressure) and Appendix, "Bounded forced response".
 
@@ -192,8 +201,9 @@ class Lagrangian(nn.Module):
         return value + rise - (offset * ready.rest_slope).sum(1)
 
     def volume(self, q: Latents, u: Inputs | None = None) -> Inputs:
-        """``nu(q)``, one latent volume a chamber; a signed input sees the one of the sign it has in ``u``,
-        the positive one if none is given.
+        """Volumes ``nu(q)``, one per chamber; those of signed inputs depend on their sign in ``u``.
+
+        Without ``u`` all inputs count as positive.
         """
         ready = self.prepare()
         image, _ = push_forward(q, ready.blocks)
@@ -229,9 +239,10 @@ class Lagrangian(nn.Module):
     def acceleration(
         self, q: Latents, v: Latents, u: Inputs, *, ready: PreparedCoefficients | None = None
     ) -> Latents:
-        """Solve ``M a = grad T - grad V - (dM/dt) v - C v + grad (u.nu)``, in internal time units.
+        """Solve ``M a = grad T - grad V - (dM/dt) v - C v + grad (u.nu)`` in internal time units.
 
-        A non-finite input gives a non-finite row and never raises. ``ready`` saves `prepare` in a loop.
+        A row that is not finite gives a row that is not finite and never raises. ``ready`` saves the call of
+        `prepare` in a loop.
         """
         ready = ready or self.prepare()
         force = self.conservative_force(q, u, ready) - self.damping_term.product(q, v)
@@ -266,7 +277,7 @@ def _mass(
 
 @dataclass(frozen=True)
 class LinearizedModes:
-    """Small motions about an equilibrium: one entry per eigenvalue with non-negative frequency."""
+    """Modes of small motions about an equilibrium, one per eigenvalue of non-negative frequency."""
 
     equilibrium: list[float]
     frequency_hz: list[float]
@@ -274,7 +285,7 @@ class LinearizedModes:
 
 
 def find_equilibrium(lagrangian: Lagrangian, u: Float[Tensor, " n_u"]) -> Float[Tensor, " d"]:
-    """Where the system settles under a constant input: the minimum of ``V - u.nu``."""
+    """Find the equilibrium under a constant input, the minimum of ``V - u.nu``."""
 
     def energy_and_slope(flat: np.ndarray) -> tuple[float, np.ndarray]:
         q = torch.from_numpy(flat)[None]
@@ -289,10 +300,10 @@ def find_equilibrium(lagrangian: Lagrangian, u: Float[Tensor, " n_u"]) -> Float[
 
 
 def linearize_modes(lagrangian: Lagrangian, u: Float[Tensor, " n_u"]) -> LinearizedModes:
-    """Eigenvalues of the motion linearised at the equilibrium under ``u``.
+    """Linearise the motion at the equilibrium under ``u`` and compute its modes.
 
     Solves ``(M s^2 + C s + K) x = 0`` with ``K`` the Hessian of the loaded potential. An over-damped pair
-    appears as two entries of zero frequency.
+    gives two modes of zero frequency.
     """
     q = find_equilibrium(lagrangian, u)
     ready = lagrangian.prepare()
@@ -313,10 +324,10 @@ def linearize_modes(lagrangian: Lagrangian, u: Float[Tensor, " n_u"]) -> Lineari
 
 @dataclass(frozen=True)
 class LawEdits:
-    """Factors on ``C``, ``M`` and ``V``; 1 leaves a term as it was learned.
+    """Factors on ``C``, ``M`` and ``V``; 1 keeps a term as learned.
 
     Raises:
-        ValueError: a factor that is not positive and finite; damping may be zero.
+        ValueError: a factor is not positive and finite; damping may be zero.
 
     Source: paper, "Interactive loop".
     """

@@ -1,9 +1,9 @@
-"""Constant positive definite M, C, K and chamber volumes of first or second order, fitted in seconds.
+"""Fits constant positive definite M, C, K and chamber volumes of first or second order, in seconds.
 
-First on the one-step objective, which is nearly convex, then on rollouts of one natural period, which
-see the slow drift that one step hides, and last, where the volumes may bend, with their curvatures. All of it
-is a few matrix products a step, so that L-BFGS can afford hundreds of passes over the whole clip. Steps of
-one length are one linear map, made once; on an uneven clock they are written out.
+The fit starts with the one-step objective, which is nearly convex. Rollouts of one natural period follow,
+which show the slow drift that one step hides, and last, the curvatures of the volumes. A step costs a few
+matrix products, so that L-BFGS can make hundreds of passes over the clip. Steps of equal length are one
+linear map.
 """
 
 import math
@@ -22,24 +22,29 @@ from lagsplat.stage2.objective import square_norm
 from lagsplat.stage2.rollout import ShootingTargets, ShootingWindows, Step, choose_step, split_inputs
 
 FAST_RATE_WEIGHT = 1e-2
-"""Weight of ``|h M^-1 C|^2`` beside a shooting error of 1: keeps decay rates below the frame rate, where an
-explicit step would be stable by chance only."""
+"""Weight of ``|h M^-1 C|^2`` relative to a shooting error of 1; it keeps decay rates below the
+frame rate, above which an explicit step is stable only by chance."""
 BEND_WEIGHT = 1e-4
-"""Weight of ``sum_c |M^-1 u_max,c Q_c|^2`` in the same way: keeps curvatures from growing where no load tells
-them apart, and the problem well enough conditioned to be finished."""
+"""Weight of ``sum_c |M^-1 u_max,c Q_c|^2`` in the same way; it keeps unidentified curvatures small and the
+problem well conditioned."""
 FIRST_BEND = 0.05
-"""Deviation of the random factors of the curvatures from which the fit bends the volumes: at zero they would
-have no slope."""
+"""Standard deviation of the initial factors of the curvatures; at zero they would have no gradient."""
 UNUSABLE = 1e6
-"""Times the first objective: what a candidate counts whose rollouts overflow."""
+"""Objective of a candidate whose rollouts overflow, as a multiple of the first objective."""
 
 
 class ConstantFit:
-    """The unknowns of a constant system, and their fit to an objective.
+    """The unknowns of a constant system and their fit to an objective.
 
-    Energy has no observable scale, so that M is held at mean eigenvalue 1; the floors are relative to it and
-    to the mean eigenvalue of K. A given ``mass`` is kept; ``learn_rest`` false keeps ``rest``. The volumes
-    are linear until `add_input_stiffness`.
+    Energy has no observable scale, so M has mean eigenvalue 1. The floors are relative to it and to the mean
+    eigenvalue of K. The volumes are linear until `add_input_stiffness`.
+
+    Args:
+        rest: first or fixed rest state.
+        n_inputs: number of inputs.
+        floor: relative lower bounds.
+        learn_rest: whether the rest state is an unknown.
+        mass: fixed mass; an unknown if not given.
     """
 
     def __init__(
@@ -71,14 +76,14 @@ class ConstantFit:
     def add_input_stiffness(
         self, input_range: InputRange, *, softening: bool, rng: np.random.Generator
     ) -> None:
-        """Let the volumes be of second order from now on, with inputs that ``softening`` lets soften, too."""
+        """Add curvatures of the volumes to the unknowns; ``softening`` also allows inputs that soften."""
         self.input_range, self.softens = input_range, softening
         n_curvatures = sum(self.shapes[name].numel() for name in ("stiffening", "softening"))
         self.flat = self.flat.copy()
         self.flat[-n_curvatures:] = FIRST_BEND * rng.standard_normal(n_curvatures)
 
     def coefficients(self, flat: Float[Tensor, " n"]) -> tuple[Coefficients, Floors]:
-        """The matrices that a flat vector of unknowns stands for, and the floors below them."""
+        """Convert the vector of unknowns to matrices and their floors."""
         pieces = flat.split([shape.numel() for shape in self.shapes.values()])
         part = {n: p.view(s) for (n, s), p in zip(self.shapes.items(), pieces, strict=True)}
         d = self.rest.shape[0]
@@ -106,7 +111,7 @@ class ConstantFit:
         return coefficients, floors
 
     def minimize(self, objective: Callable[[Coefficients], Tensor], *, iterations: int) -> float:
-        """Full-batch L-BFGS from where the unknowns stand; returns the objective reached."""
+        """Minimise ``objective`` by full-batch L-BFGS from the present unknowns; return its value."""
 
         def loss_and_slope(flat: np.ndarray) -> tuple[float, np.ndarray]:
             variable = torch.from_numpy(flat).requires_grad_()
@@ -137,7 +142,7 @@ def _square(part: Tensor) -> Tensor:
 def evaluate_one_step_error(
     c: Coefficients, windows: ShootingWindows, metric: Float[Tensor, "d d"], *, velocity_weight: float
 ) -> Float[Tensor, ""]:
-    """`objective.one_step_error` of a constant system, without solving for each sample.
+    """Compute `objective.one_step_error` of a constant system without a solve per sample.
 
     Source: paper eq. (physics_loss).
     """
@@ -155,7 +160,7 @@ def evaluate_one_step_error(
 
 
 def assemble_step_matrices(c: Coefficients, step: float) -> tuple[Float[Tensor, "s s"], Float[Tensor, "d s"]]:
-    """One velocity-Verlet step as ``(q, v) -> (q, v) @ F + p @ P`` with ``p = M^-1 (force + K rest)``."""
+    """Return F and P of a velocity-Verlet step ``(q, v) @ F + p @ P``, ``p = M^-1 (force + K rest)``."""
     h = step
     inverse = torch.linalg.inv(c.mass)
     stiff, damp = c.stiffness @ inverse, c.damping @ inverse
@@ -173,7 +178,7 @@ def assemble_step_matrices(c: Coefficients, step: float) -> tuple[Float[Tensor, 
 def evaluate_shooting_error(
     c: Coefficients, shots: ShootingTargets, metric: Float[Tensor, "d d"], *, longest_step: float = math.inf
 ) -> Float[Tensor, ""]:
-    """`objective.shooting_error` of a constant system, plus a small price on rates near the frame rate."""
+    """Compute `objective.shooting_error` of a constant system plus its small penalties."""
     d = metric.shape[0]
     if isinstance(shots.steps, Tensor):
         return _add_penalties(_roll_out(c, shots, longest_step), c, shots, metric)
@@ -196,13 +201,13 @@ def evaluate_shooting_error(
 def evaluate_stiffened_shooting_error(
     c: Coefficients, shots: ShootingTargets, metric: Float[Tensor, "d d"], *, longest_step: float = math.inf
 ) -> Float[Tensor, ""]:
-    """The same where the volumes have curvatures: velocity-Verlet steps with one constant mass."""
+    """Compute the shooting error where the volumes have curvatures, by velocity-Verlet steps."""
     assert c.input_stiffness is not None, "call `ConstantFit.add_input_stiffness` first"
     return _add_penalties(_roll_out(c, shots, longest_step), c, shots, metric)
 
 
 def _roll_out(c: Coefficients, shots: ShootingTargets, longest_step: float) -> Float[Tensor, "B n d"]:
-    """States after the first, step by step."""
+    """Roll out the states after the first, step by step."""
     law = _ConstantLaw(c)
     q, v = shots.q, shots.v
     drive = shots.inputs @ c.pressure_map
@@ -217,7 +222,7 @@ def _roll_out(c: Coefficients, shots: ShootingTargets, longest_step: float) -> F
 
 
 class _ConstantLaw:
-    """Velocity-Verlet steps of a constant system with what all of them share."""
+    """Velocity-Verlet steps of a constant system, with the terms that all steps share."""
 
     def __init__(self, c: Coefficients) -> None:
         self.c, self.inverse = c, torch.linalg.inv(c.mass)

@@ -1,13 +1,9 @@
-"""Input-convex network of two hidden layers, with its gradient written out.
+"""Networks of the law: an input-convex network, an invertible residual network, and matrix fields.
 
-The gradient is a forward formula, so that training differentiates through it once instead of twice.
-
-Invertible residual network: a diffeomorphism of the latent space, with its pull-back written out.
-
-Symmetric positive definite matrices over the latent space, and the inertia terms they produce.
-
-A field is ``S(q) = L0 E(q) E(q)^T L0^T + floor I`` with ``E = I + D(q)`` lower triangular and ``D`` a network
-that starts at zero: the deviation is relative to the starting matrix, whatever its scale.
+Gradients and pull-backs are forward formulas, so that training differentiates through them once instead of
+twice. A symmetric positive definite field is ``S(q) = L0 E(q) E(q)^T L0^T + floor I`` with ``E = I + D(q)``
+lower triangular and ``D`` a network that starts at zero, so that the deviation is relative to the starting
+matrix.
 """
 
 import math
@@ -47,16 +43,16 @@ class Icnn(nn.Module):
         self.head = nn.Parameter(torch.zeros(heads, width, dtype=torch.float64))
 
     def project(self) -> None:
-        """Put the head back on the non-negative orthant, where the functions are convex."""
+        """Clip the head to non-negative weights, which keep the functions convex."""
         with torch.no_grad():
             self.head.clamp_(min=0.0)
 
     def between_weight(self) -> Float[Tensor, "h h"]:
-        """Non-negative weight between the hidden layers; computed once per optimiser step."""
+        """Compute the non-negative weights between the hidden layers, once per optimiser step."""
         return softplus(self.between)
 
     def value(self, u: Float[Tensor, "B d"]) -> Float[Tensor, "B heads"]:
-        """The functions ``g_c`` at ``u``."""
+        """Evaluate the functions ``g_c`` at ``u``."""
         h1 = softplus(torch.addmm(self.first_bias, u, self.first.T))
         h2 = softplus(torch.addmm(self.second_bias, u, self.second.T) + h1 @ self.between_weight().T)
         return h2 @ self.head.T
@@ -82,8 +78,8 @@ Block = tuple[Tensor, Tensor, Tensor, Tensor]
 def contract_spectral_norm(weight: Float[Tensor, "blocks a b"]) -> Float[Tensor, "blocks a b"]:
     """Divide each matrix by its largest singular value where that exceeds 1.
 
-    The small Gram matrix gives the singular value exactly, which a power iteration only approaches from
-    below. A matrix inside the unit ball is left alone, so that it may vanish.
+    The Gram matrix gives this value exactly; a power iteration approaches it only from below. A matrix with a
+    smaller norm is unchanged, so that it may vanish.
     """
     a, b = weight.shape[-2:]
     gram = weight @ weight.mT if a <= b else weight.mT @ weight
@@ -113,7 +109,7 @@ class Diffeomorphism(nn.Module):
         self.lipschitz = lipschitz
 
     def blocks(self) -> list[Block]:
-        """Normalised weights of every block."""
+        """Compute the normalised weights of every block."""
         inner = contract_spectral_norm(self.inner)
         outer = self.lipschitz * contract_spectral_norm(self.outer)
         return list(zip(inner, self.inner_bias, outer, self.outer_bias, strict=True))
@@ -122,7 +118,7 @@ class Diffeomorphism(nn.Module):
 def push_forward(
     x: Float[Tensor, "B d"], blocks: list[Block]
 ) -> tuple[Float[Tensor, "B d"], list[Float[Tensor, "B w"]]]:
-    """Image of ``x`` and the hidden activations `pull_back` needs. No block: the identity."""
+    """Map ``x`` through the blocks; also return the hidden activations for `pull_back`."""
     hidden = []
     for inner, inner_bias, outer, outer_bias in blocks:
         h = torch.tanh(torch.addmm(inner_bias, x, inner.T))
@@ -134,16 +130,16 @@ def push_forward(
 def pull_back(
     covector: Float[Tensor, "B d"], blocks: list[Block], hidden: list[Float[Tensor, "B w"]]
 ) -> Float[Tensor, "B d"]:
-    """Transpose of the Jacobian of `push_forward`, applied to a covector at the image point."""
+    """Apply the transposed Jacobian of `push_forward` to a covector at the image point."""
     for (inner, _, outer, _), h in zip(reversed(blocks), reversed(hidden), strict=True):
         covector = covector + ((covector @ outer) * (1.0 - h * h)) @ inner
     return covector
 
 
 def factor_positive(matrix: Float[Tensor, "d d"], floor: float) -> Float[Tensor, "d d"]:
-    """Lower-triangular ``L`` with ``L L^T + floor I`` equal to ``matrix``, eigenvalues clipped to the floor.
+    """Compute a lower-triangular ``L`` with ``L L^T + floor I`` equal to ``matrix``.
 
-    An eigenvalue at or below the floor keeps a thousandth of it above, so that its factor can still move.
+    Eigenvalues are clipped to 1.001 times the floor, so that the factor still has a gradient.
     """
     values, vectors = torch.linalg.eigh(matrix)
     clipped = (values - floor).clamp(min=1e-3 * floor)
@@ -151,12 +147,12 @@ def factor_positive(matrix: Float[Tensor, "d d"], floor: float) -> Float[Tensor,
 
 
 def cholesky_factor(matrix: Float[Tensor, "*B d d"]) -> Float[Tensor, "*B d d"]:
-    """Lower Cholesky factor, without the exception that a non-finite rollout would raise."""
+    """Compute the lower Cholesky factor without raising for a matrix that is not finite."""
     return torch.linalg.cholesky_ex(matrix)[0]
 
 
 def cholesky_solve(matrix: Spd, force: Latents) -> Latents:
-    """``matrix^-1 force``, sample by sample."""
+    """Solve ``matrix x = force`` for each sample."""
     return torch.cholesky_solve(force[:, :, None], cholesky_factor(matrix))[:, :, 0]
 
 

@@ -109,7 +109,7 @@ class NumpyLagrangian:
         *,
         dt_s: float,
     ) -> tuple[States, States]:
-        """State and velocity [1/s] ``dt_s`` later, input and load held.
+        """State and velocity [1/s] ``dt_s`` later under constant input and load.
 
         Takes as many velocity-Verlet steps as `lagsplat.stage2.rollout.advance`.
         """
@@ -119,7 +119,7 @@ class NumpyLagrangian:
     def advance(
         self, q: States, w: States, u: Inputs | None, load: States | float, *, step: float
     ) -> tuple[States, States]:
-        """`step` in internal time units: ``w`` is the velocity in them, ``step`` the time to go."""
+        """Make a `step` in internal time units; ``w`` is the velocity in them."""
         pieces = split_inputs(step, self.longest_step)
         h = step / pieces
         for _ in range(pieces):

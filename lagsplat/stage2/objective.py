@@ -1,7 +1,4 @@
-"""What stage 2 minimises: errors of forecasts, in the ridged visibility metric.
-
-A price on leaving the constant law where the clip has nothing to say.
-"""
+"""Objectives of stage 2: forecast errors in the visibility metric, and a penalty that anchors the law."""
 
 import copy
 from dataclasses import dataclass
@@ -24,10 +21,10 @@ from lagsplat.stage2.rollout import (
 
 
 def add_ridge(metric: Float[Tensor, "d d"], *, ridge: float) -> Float[Tensor, "d d"]:
-    """``G + ridge lambda_max(G) I``, scaled to trace ``d``.
+    """Compute ``G + ridge lambda_max(G) I``, scaled to trace ``d``.
 
-    Caps the ratio of weights between two directions at about ``1 / ridge``, so that a direction nothing can
-    see stays constrained.
+    The ridge caps the ratio of weights between two directions at about ``1 / ridge``, so that an invisible
+    direction stays constrained.
 
     Source: paper eq. (physics_loss) and the text below it.
     """
@@ -38,14 +35,14 @@ def add_ridge(metric: Float[Tensor, "d d"], *, ridge: float) -> Float[Tensor, "d
 
 
 def square_norm(error: Float[Tensor, "*B d"], metric: Float[Tensor, "d d"]) -> Float[Tensor, "*B"]:
-    """``error . metric error``."""
+    """Compute ``error . metric error``."""
     return ((error @ metric) * error).sum(-1)
 
 
 def one_step_error(
     lagrangian: Lagrangian, windows: ShootingWindows, metric: Float[Tensor, "d d"], *, velocity_weight: float
 ) -> Float[Tensor, ""]:
-    """Mean error of one velocity-Verlet step, position plus velocity times the step.
+    """Compute the mean error of one velocity-Verlet step: position plus velocity times the step.
 
     Source: paper eq. (physics_loss).
     """
@@ -60,7 +57,7 @@ def one_step_error(
 def shooting_error(
     lagrangian: Lagrangian, shots: ShootingTargets, metric: Float[Tensor, "d d"]
 ) -> Float[Tensor, ""]:
-    """Mean position error of a rollout over every state after the first."""
+    """Compute the mean position error of a rollout over all states after the first."""
     ready = lagrangian.prepare()
     q, v = shots.q, shots.v
     path = []
@@ -72,19 +69,18 @@ def shooting_error(
 
 
 REACH = 2.5
-"""Spread of the positions asked about, over that of the clip: few lie among its frames, most outside."""
+"""Spread of the sampled positions as a multiple of that of the clip, so that most lie outside its frames."""
 DRAWN = 256
-"""States a price."""
+"""Sampled states per penalty."""
 
 
 @dataclass(frozen=True)
 class Anchor:
-    """The law a descent began with, and the states on which later laws are compared with it.
+    """The law at the start of a descent, and the states at which later laws are compared with it.
 
-    Networks are free wherever no frame contradicts them, above all just outside the clip, where a released
-    mechanism comes to rest. There the law a descent began with, which has few coefficients and hence knows
-    them from all frames, is the better guess. Among the frames their evidence has to outweigh it: see
-    `anchored_error`.
+    Frames do not constrain the networks just outside the clip, where a released mechanism comes to rest.
+    There the starting law is the better guess, because its few coefficients were fitted to all frames. Among
+    the frames the data outweigh it, see `anchored_error`.
     """
 
     start: Lagrangian
@@ -96,20 +92,21 @@ class Anchor:
     def penalty(
         self, lagrangian: Lagrangian, metric: Float[Tensor, "d d"], rng: np.random.Generator
     ) -> Float[Tensor, ""]:
-        """Mean square difference of the accelerations of the two laws, over normal positions and velocities
-        and over inputs of the clip, each drawn by itself.
+        """Compute the mean square difference between the accelerations of ``lagrangian`` and the start.
+
+        Positions and velocities are normal samples, inputs are sampled from the clip.
         """
         draw = torch.from_numpy(rng.standard_normal((2, DRAWN, len(self.middle))))
         q = self.middle + REACH * self.spread * draw[0]
         v = self.speed * draw[1]
         u = torch.from_numpy(self.inputs[rng.integers(len(self.inputs), size=DRAWN)])
         with torch.no_grad():
-            known = self.start.acceleration(q, v, u)
-        return square_norm(lagrangian.acceleration(q, v, u) - known, metric).mean() / metric.shape[0]
+            expected = self.start.acceleration(q, v, u)
+        return square_norm(lagrangian.acceleration(q, v, u) - expected, metric).mean() / metric.shape[0]
 
 
 def anchor_law(lagrangian: Lagrangian, trajectory: EncodedTrajectory) -> Anchor:
-    """Hold on to ``lagrangian`` as it now is."""
+    """Make an anchor of ``lagrangian`` as it is now."""
     q = torch.from_numpy(trajectory.latents)
     at = list_starts(trajectory, before=0, after=1)
     velocity = trajectory.clock.slope(trajectory.latents, at, (1,))
@@ -125,10 +122,10 @@ def anchor_law(lagrangian: Lagrangian, trajectory: EncodedTrajectory) -> Anchor:
 def anchored_error(
     error: Float[Tensor, ""], penalty: Float[Tensor, ""], *, weight: float
 ) -> Float[Tensor, ""]:
-    """``error``, and for each unit of ``penalty`` a further ``weight`` times what the error now is.
+    """Compute ``error + weight * penalty * error``, where the last factor has no gradient.
 
-    Its slope is that of ``log(error) + weight * price``, the likelihood of errors whose size only the fit
-    tells: the better frames can be followed, the more they count. A price of fixed size is lost in the errors
-    of noisy latents and is all that a law of clean ones is fitted to.
+    The gradient is proportional to that of ``log(error) + weight * penalty``, the log likelihood for errors
+    of unknown size: the smaller the error, the more the frames count. A penalty of fixed size would vanish
+    beside the errors of noisy latents and dominate those of clean ones.
     """
     return error + weight * error.detach() * penalty

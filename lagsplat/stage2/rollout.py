@@ -1,9 +1,4 @@
-"""Forecasts of the learned dynamics.
-
-Velocity Verlet for a force that depends on the velocity.
-
-Training samples cut from a latent trajectory, never across a segment.
-"""
+"""Velocity-Verlet rollouts of the learned dynamics, and training windows cut from a trajectory."""
 
 import math
 from dataclasses import dataclass
@@ -18,7 +13,7 @@ from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.stage2.lagrangian import Lagrangian, PreparedCoefficients
 
 Steps = float | Float[Tensor, "*B n"]
-"""Lengths of the steps of a rollout: one number, one a step, or one a sample and step."""
+"""Lengths of the steps of a rollout: one for all, one per step, or one per sample and step."""
 
 
 @torch.no_grad()
@@ -30,11 +25,17 @@ def rollout(
     *,
     dt_s: Steps,
 ) -> tuple[Float[Tensor, "B N d"], Float[Tensor, "B N d"]]:
-    """States and velocities (per second) at ``N`` instants ``dt_s`` apart; the first is the given one.
+    """Roll out states and velocities [1/s] at ``N`` instants ``dt_s`` apart; the first is the given one.
 
-    ``dt_s`` is one number, or where frames are not evenly spaced ``N - 1`` of them, the same for all rows or
-    each row its own. Input ``i`` is held from state ``i`` to ``i + 1``; the last
-    one is unused. Never raises on divergence: a row that leaves the finite numbers is NaN from there on.
+    Input ``i`` is constant from state ``i`` to ``i + 1``; the last one is unused. Divergence never raises: a
+    row that overflows is NaN from there on.
+
+    Args:
+        lagrangian: the law.
+        q0: first states.
+        v0: first velocities [1/s].
+        inputs: inputs at the instants.
+        dt_s: time between instants [s]: one number, or ``N - 1`` for all rows or for each row.
     """
     unit = float(lagrangian.time_unit_s)
     ready = lagrangian.prepare()
@@ -51,16 +52,16 @@ def rollout(
 
 
 Step = float | Float[Tensor, "#B 1"] | Float[Tensor, "1"]
-"""Length of one step (internal time units): the same for all samples, or each its own."""
+"""Length of one step in internal time units: one for all samples, or one per sample."""
 
 
 def choose_step(steps: Steps, i: int) -> Step:
-    """Length of step ``i``."""
+    """Select the length of step ``i``."""
     return steps[..., i, None] if isinstance(steps, Tensor) else steps
 
 
 def split_inputs(step: Step, longest: float) -> int:
-    """Into how many equal pieces no longer than ``longest`` a step is divided, the same for all samples."""
+    """Count the equal pieces, at most ``longest``, into which a step is divided for all samples."""
     length = float(step.max()) if isinstance(step, Tensor) else step
     return max(1, math.ceil(length / longest - 1e-9))
 
@@ -68,10 +69,10 @@ def split_inputs(step: Step, longest: float) -> int:
 def advance(
     lagrangian: Lagrangian, q: Latents, v: Latents, u: Inputs, *, step: Step, ready: PreparedCoefficients
 ) -> tuple[Latents, Latents]:
-    """From one frame to the next, ``step`` later, the input held: as many Verlet steps as it takes.
+    """Advance by ``step`` internal time units under a constant input, in as many Verlet steps as needed.
 
-    An explicit step of length h turns a frequency w into ``w (1 + (w h)^2 / 24)``. Where frames are far apart
-    the law would make up for that, and be wrong by as much, hence `Lagrangian.longest_step`.
+    An explicit step of length h turns a frequency w into ``w (1 + (w h)^2 / 24)``. A law fitted with long
+    steps would compensate for that and be wrong by as much, hence `Lagrangian.longest_step`.
     """
     pieces = split_inputs(step, lagrangian.longest_step)
     for _ in range(pieces):
@@ -82,10 +83,10 @@ def advance(
 def verlet_step(
     lagrangian: Lagrangian, q: Latents, v: Latents, u: Inputs, *, step: Step, ready: PreparedCoefficients
 ) -> tuple[Latents, Latents]:
-    """One step of length ``step`` (internal time units), the input held; of order two.
+    """Make one velocity-Verlet step of order two under a constant input.
 
-    The second evaluation takes the velocity predicted for the end of the step. The half-step velocity that
-    is often used there averages damping at a quarter of the step, which is of order one only.
+    The second evaluation uses the velocity predicted for the end of the step. The usual half-step velocity
+    would evaluate damping at a quarter of the step on average, which is of order one only.
     """
     a = lagrangian.acceleration(q, v, u, ready=ready)
     half = v + (0.5 * step) * a
@@ -96,9 +97,9 @@ def verlet_step(
 
 @dataclass(frozen=True)
 class ShootingWindows:
-    """Pairs of consecutive states ``step`` internal time units apart, and the input held between them.
+    """Pairs of states ``step`` internal time units apart and the input between them.
 
-    ``step`` is one number, or each pair's own where frames are not evenly spaced.
+    ``step`` is one number, or one per pair where frames are not evenly spaced.
     """
 
     q: Latents
@@ -124,18 +125,18 @@ class ShootingWindows:
 
 
 def list_starts(trajectory: EncodedTrajectory, *, before: int, after: int) -> Int[np.ndarray, " n"]:
-    """Frames with ``before`` frames ahead of them and ``after`` behind within their own segment."""
-    runs = [np.arange(a + before, b - after) for a, b in trajectory.segments]
-    return np.concatenate([run for run in runs if len(run)] or [np.arange(0)])
+    """List the frames with ``before`` earlier and ``after`` later frames in their segment."""
+    ranges = [np.arange(a + before, b - after) for a, b in trajectory.segments]
+    return np.concatenate([frames for frames in ranges if len(frames)] or [np.arange(0)])
 
 
 def list_one_step_windows(
     trajectory: EncodedTrajectory, *, stride_frames: int, time_unit_s: float
 ) -> ShootingWindows:
-    """Windows of four samples ``stride_frames`` apart: two states with central velocities.
+    """Cut windows of four samples ``stride_frames`` apart: a state and a target with central velocities.
 
-    The sample 1 and its velocity (2 minus 0) are the state, sample 2 and (3 minus 1) the target; velocities
-    and steps are those of the true times.
+    Sample 1 with the slope from 0 to 2 is the state, sample 2 with the slope from 1 to 3 the target. Slopes
+    and steps use the true times.
 
     Raises:
         ValueError: no segment is as long as a window.
@@ -166,8 +167,9 @@ def list_one_step_windows(
 
 @dataclass(frozen=True)
 class ShootingTargets:
-    """Initial states, the inputs and latents that follow them frame by frame, and the times between these
-    (in the units of the velocities): one number, or each row its own.
+    """Initial states with the inputs and latents that follow them frame by frame.
+
+    ``steps`` is the time between frames in the unit of the velocities: one number, or one row per sample.
     """
 
     q: Latents
@@ -180,14 +182,14 @@ class ShootingTargets:
 def convert_units(
     time_s: float | Float[np.ndarray, "B n"], time_unit_s: float
 ) -> float | Float[Tensor, "B n"]:
-    """Times [s] in units of time."""
+    """Convert times [s] to internal time units."""
     if isinstance(time_s, np.ndarray):
         return torch.from_numpy(time_s / time_unit_s)
     return time_s / time_unit_s
 
 
 def central_velocity(trajectory: EncodedTrajectory, at: Int[np.ndarray, " B"]) -> Latents:
-    """Velocity [1/s] from two frames on either side: the quieter one, for training."""
+    """Estimate velocities [1/s] from two frames on either side; less noisy, used in training."""
     return torch.from_numpy(trajectory.clock.slope(trajectory.latents, at, (-2, -1, 1, 2)))
 
 
@@ -199,7 +201,15 @@ def cut_shooting_targets(
     n_states: int,
     time_unit_s: float,
 ) -> ShootingTargets:
-    """Stretches of ``n_states`` frames from the frames ``at``, with initial velocities [1/s]."""
+    """Cut targets of ``n_states`` frames.
+
+    Args:
+        trajectory: encoded training clip.
+        at: first frames.
+        velocity: initial velocities [1/s].
+        n_states: frames per target.
+        time_unit_s: internal unit of time [s].
+    """
     rows = torch.from_numpy(at)[:, None] + torch.arange(n_states)
     q = torch.from_numpy(trajectory.latents)[rows]
     steps = convert_units(trajectory.clock.steps_s(at, n_states), time_unit_s)

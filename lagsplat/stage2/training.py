@@ -1,10 +1,7 @@
-"""Where the Lagrangian starts: its unit of time, and a start that has not seen the data.
+"""The three stages of a fit: constant matrices, one-step training and training on rollouts.
 
-How good a dynamics is: its rollout error over the training clip, the score models are chosen by.
-
-The three stages of a fit, each started from the best candidate before it.
-
-Taking back steps after which the loss explodes.
+Each stage starts from the best candidate so far, chosen by its rollout error over the training clip. Steps
+after which the loss explodes are rolled back.
 """
 
 import math
@@ -51,11 +48,10 @@ from lagsplat.stage2.rollout import (
 def choose_time_unit(
     trajectory: EncodedTrajectory, metric: Float[np.ndarray, "d d"], *, stride_frames: int
 ) -> float:
-    """Ratio of the rms velocity to the rms acceleration in the metric [s]: about a period over 2 pi.
+    """Compute the ratio of the rms velocity to the rms acceleration in the metric [s], about a period / 2 pi.
 
-    From differences over ``stride_frames`` by their true times. The ratio of position to velocity would be
-    the same for a free oscillation, but a slow drive lengthens it to the drive's own time, several times
-    that of the mechanism.
+    It uses differences over ``stride_frames`` at their true times. The ratio of position to velocity would be
+    the same for a free oscillation, but under a slow drive it becomes the much longer time of the drive.
 
     Raises:
         ValueError: the latents do not move.
@@ -63,11 +59,11 @@ def choose_time_unit(
     k = stride_frames
     at = list_starts(trajectory, before=k, after=k)
     q, clock = trajectory.latents, trajectory.clock
-    # in strides of the median step, of which the ratio is a number
+    # in strides of the median step
     before, after = (clock.elapsed_s(at, ahead) / (k * clock.dt_s) for ahead in (-k, k))
     moved = clock.slope(q, at, (-k, k)) * (k * clock.dt_s)
-    bent = 2.0 * ((q[at + k] - q[at]) / after - (q[at - k] - q[at]) / before) / (after - before)
-    speed, change = (float(np.einsum("ti,ij,tj->", x, metric, x)) for x in (moved, bent))
+    curved = 2.0 * ((q[at + k] - q[at]) / after - (q[at - k] - q[at]) / before) / (after - before)
+    speed, change = (float(np.einsum("ti,ij,tj->", x, metric, x)) for x in (moved, curved))
     if not change > 0.0:
         raise ValueError("the latents of the training clip do not move: there is no dynamics to learn")
     return float(np.sqrt(speed / change)) * k * trajectory.dt_s
@@ -76,7 +72,7 @@ def choose_time_unit(
 def fit_isotropic_law(
     d: int, n_inputs: int, *, damping: float, stiffness: float, rest: Tensor
 ) -> Coefficients:
-    """Multiples of the identity, for comparison with a start that has seen the data."""
+    """Make a start of multiples of the identity, for comparison with a fitted one."""
     eye = torch.eye(d, dtype=torch.float64)
     return Coefficients(
         eye, damping * eye, stiffness * eye, torch.zeros(n_inputs, d, dtype=torch.float64), rest
@@ -85,14 +81,14 @@ def fit_isotropic_law(
 
 @dataclass(frozen=True)
 class ValidationTask:
-    """Rollouts a candidate has to make, and the rms they are measured by."""
+    """The rollouts that score a candidate, and the rms of the clip that normalises their error."""
 
     shots: ShootingTargets
     metric: Tensor
     rms: float
 
     def score(self, lagrangian: Lagrangian) -> float:
-        """Rms rollout error over the rms of the clip; infinite as soon as one rollout diverges."""
+        """Compute the rms rollout error over the rms of the clip; infinite if any rollout diverges."""
         q, _ = rollout(lagrangian, self.shots.q, self.shots.v, self.shots.inputs, dt_s=self.shots.steps)
         error = float(square_norm(q - self.shots.targets, self.metric).mean().sqrt()) / self.rms
         return error if np.isfinite(error) else float("inf")
@@ -101,10 +97,9 @@ class ValidationTask:
 def draw_validation_task(
     trajectory: EncodedTrajectory, metric: Tensor, *, starts: int, n_states: int
 ) -> ValidationTask:
-    """Rollouts of ``n_states`` from ``starts`` frames spread evenly over the clip.
+    """Make a task of rollouts of ``n_states`` from ``starts`` frames spread evenly over the clip.
 
-    Initial velocities are those of training. A horizon longer than every segment is cut to
-    the longest.
+    Initial velocities are those of training. A horizon longer than every segment is cut to the longest one.
 
     Source: paper, "Fitting the dynamics": models are selected on multi-step rollout error.
     """
@@ -121,14 +116,14 @@ def draw_validation_task(
 
 @dataclass
 class BestCheckpoint:
-    """The best candidate so far; those that fail or score worse are counted and forgotten."""
+    """The parameters of the best candidate so far and the number of rejected ones."""
 
     score: float = float("inf")
     state: dict[str, Tensor] = field(default_factory=dict)
     rejected: int = 0
 
     def consider(self, lagrangian: Lagrangian, score: float) -> None:
-        """Keep the parameters if the score is the best seen."""
+        """Keep the parameters if the score is the best so far."""
         if score < self.score:
             self.score = score
             self.state = {k: v.detach().clone() for k, v in lagrangian.state_dict().items()}
@@ -142,9 +137,9 @@ class BestCheckpoint:
 
 CONSTANT_PARTS = ("factor", "stiffness_factor", "pressure_map", "rest", "stiffening", "softening")
 CONSTANT_SHARE = 0.1
-"""Of the learning rate, for the parts that start fitted."""
+"""Share of the learning rate for the parts that start fitted."""
 SHORTENED_LEGS = (2, 1)
-"""Of the final length of a rollout, which training reaches in as many equal legs."""
+"""Divisors of the final rollout length in the legs of the training, which take equally many steps."""
 
 
 @dataclass(frozen=True)
@@ -160,8 +155,9 @@ class CurveRow:
 
 @dataclass
 class FitReport:
-    """What a fit did: the selection score after each stage (rms rollout error over the rms of the training
-    clip; the best up to there), the learned physics, and the curve behind them.
+    """Report of a fit: the best score after each stage, the learned modes and the training curve.
+
+    A score is the rms rollout error over the rms of the training clip.
     """
 
     scores: dict[str, float] = field(default_factory=dict)
@@ -177,7 +173,7 @@ class FitReport:
 
 @dataclass
 class FitState:
-    """What the stages of one fit share."""
+    """Data that the stages of a fit share."""
 
     trajectory: EncodedTrajectory
     metric: Tensor
@@ -192,7 +188,7 @@ class FitState:
     started_s: float
 
     def score_candidate(self, lagrangian: Lagrangian, stage: str, step: int, loss: float) -> None:
-        """Score a candidate, keep it if it is the best, and put it on the curve."""
+        """Score a candidate, keep it if it is the best, and add it to the training curve."""
         score = self.validation.score(lagrangian)
         self.best.consider(lagrangian, score)
         row = CurveRow(stage, step, loss, score, time.perf_counter() - self.started_s)
@@ -200,7 +196,7 @@ class FitState:
         self.on_candidate(row)
 
     def cut_targets(self, at: np.ndarray, *, n_states: int) -> ShootingTargets:
-        """Rollouts to make from the frames ``at``, with the quieter velocities of training."""
+        """Cut rollout targets that start at the frames ``at``."""
         velocity = central_velocity(self.trajectory, at)
         return cut_shooting_targets(
             self.trajectory, at, velocity, n_states=n_states, time_unit_s=self.time_unit_s
@@ -214,7 +210,15 @@ def start_fit(
     seed: int,
     on_candidate: Callable[[CurveRow], None],
 ) -> FitState:
-    """Unit of time, metric and examination of a fit."""
+    """Prepare a fit: unit of time, metric and validation task.
+
+    Args:
+        trajectory: smoothed training trajectory.
+        metric: visibility metric without ridge.
+        config: settings of the fit.
+        seed: seed of the batches.
+        on_candidate: called with every scored candidate.
+    """
     unit = choose_time_unit(trajectory, metric, stride_frames=config.stride_frames)
     period_frames = max(4, round(2.0 * np.pi * unit / trajectory.dt_s))
     bare = torch.from_numpy(metric)
@@ -242,7 +246,7 @@ def start_fit(
 
 
 def start_stage(state: FitState, rest: Tensor, seed: int, geometry: DecoderGeometry | None) -> Lagrangian:
-    """A Lagrangian whose constant parts are fitted, or isotropic, and whose networks are silent."""
+    """Make a Lagrangian with fitted or isotropic constant parts and networks that are zero."""
     config, trajectory = state.config, state.trajectory
     d, n_inputs = trajectory.latents.shape[1], trajectory.inputs.shape[1]
     mass, scale = None, 1.0
@@ -311,7 +315,7 @@ def _horizon(state: FitState, periods: float) -> int:
 def _mean_induced(
     geometry: DecoderGeometry, trajectory: EncodedTrajectory, floor: float
 ) -> tuple[Tensor, float]:
-    # energy has no observable scale: a unit mean mass fixes it, and the fitted stiffness the frequency
+    # energy has no observable scale: a unit mean mass fixes it
     q = torch.from_numpy(trajectory.latents[:: max(1, len(trajectory.latents) // 500)])
     bare = InducedMass(geometry, scale=1.0, floor=0.0).matrix(q).mean(0)
     scale = (1.0 - floor) * bare.shape[0] / float(torch.trace(bare))
@@ -319,7 +323,7 @@ def _mean_induced(
 
 
 def one_step_stage(state: FitState, lagrangian: Lagrangian) -> None:
-    """Train on single velocity-Verlet steps, `Stage2Config.steps` times its effort."""
+    """Train on single velocity-Verlet steps, `Stage2Config.steps` times `Stage2Config.effort` in all."""
     config, steps = state.config, round(state.config.effort * state.config.steps)
     if not steps:
         return
@@ -337,10 +341,10 @@ def one_step_stage(state: FitState, lagrangian: Lagrangian) -> None:
 
 
 def shooting_stage(state: FitState, lagrangian: Lagrangian) -> None:
-    """Train the best candidate so far on rollouts, whose length doubles up to `ShootConfig.periods`.
+    """Train the best candidate on rollouts whose length doubles up to `ShootConfig.periods`.
 
-    The batch halves meanwhile. A step costs much the same, and each leg starts where the one before it has
-    the fast part of the law right.
+    The batch halves meanwhile, so that a step costs about the same. Short rollouts fit the fast part of the
+    law first.
     """
     shoot, total = state.config.shoot, round(state.config.effort * state.config.shoot.steps)
     if not total:
@@ -400,7 +404,7 @@ def _descend(
 
 
 def _rates(lagrangian: Lagrangian, lr: float) -> list[dict[str, object]]:
-    # the constant parts start at the optimum of a stiff problem, where steps fit for a network throw them off
+    # the constant parts start at the optimum of a stiff problem, which steps of a network's size would leave
     parts: dict[bool, list[Tensor]] = {True: [], False: []}
     for name, parameter in lagrangian.named_parameters():
         if parameter.requires_grad:
@@ -421,11 +425,11 @@ SHORTENED = 0.7  # factor on later steps each time one is taken back
 
 
 class StepRollback:
-    """Memory of good parameters during a descent.
+    """Rolls a descent back to good parameters when its loss explodes.
 
-    A rollout by explicit steps turns unstable when its fastest mode comes near the frame rate. Beyond that
-    edge losses are astronomic and their gradients point nowhere, so a descent that stepped over cannot walk
-    back: it is put back, and goes on with shorter steps.
+    A rollout by explicit steps is unstable when its fastest mode comes near the frame rate. Beyond that limit
+    losses are huge and gradients useless, so that the descent cannot return by itself. It is reset and
+    continues with shorter steps.
     """
 
     def __init__(self, parameters: Sequence[Tensor]) -> None:
@@ -441,7 +445,7 @@ class StepRollback:
         return SHORTENED**self.rollbacks
 
     def accept(self, loss: float) -> bool:
-        """Whether the present parameters, of this loss, are good; if not, they are replaced by good ones."""
+        """Return whether the loss is good; if not, reset the parameters to the latest good ones."""
         good = loss < EXPLODED * median(self.recent) if self.recent else loss < float("inf")
         if not good:
             self.rollbacks += 1
