@@ -105,7 +105,9 @@ def diagnose(
 
     Example:
         >>> import lagsplat, pandas
-        >>> quick = dict(families=1, places=1, starts=1, iterations=2, identify_iterations=4)
+        >>> few = ("viscous_damping", "coulomb_friction", "constant_force")
+        >>> others = [effect.name for effect in lagsplat.effects() if effect.name not in few]
+        >>> quick = dict(without=others, places=1, starts=1, iterations=2, identify_iterations=4)
         >>> found = lagsplat.diagnose("sim.csv", pandas.read_csv("real.csv"), **quick)
         >>> found.candidates[0].probability > 0
         True

@@ -111,7 +111,7 @@ def fit_autoencoder(recording: Recording, *overrides: str, seed: int = 0) -> Aut
     Example:
         >>> import lagsplat
         >>> recording = lagsplat.read_recording("run/recording.safetensors")
-        >>> small = ("system=toy", "system.n_gaussians=32", "stage1.steps=2", "stage1.batch=2")
+        >>> small = ("system=toy", "system.n_gaussians=64", "stage1.steps=2", "stage1.batch=2")
         >>> lagsplat.fit_autoencoder(recording, *small).gaussians.n > 0
         True
     """
@@ -157,7 +157,8 @@ def fit_dynamics(autoencoder: Autoencoder, chart: Chart, *overrides: str, seed: 
     Example:
         >>> import lagsplat
         >>> run = lagsplat.open_run("run")
-        >>> short = ("profile=toy", "system=toy", "stage2.steps=0", "stage2.shoot.steps=0")
+        >>> short = ["stage2.steps=0", "stage2.shoot.steps=0", "stage2.start.iterations=2"]
+        >>> short += ["system=toy", "stage2.start.shooting_iterations=0"]
         >>> lagsplat.fit_dynamics(run.autoencoder, run.chart, *short).d
         2
     """
