@@ -259,3 +259,53 @@ def gathered(chosen, output):
 def titles(runs):
     """How tables call the systems of these runs."""
     return {run["system"]: section("system.title")(run) for run in runs}
+
+
+def final_outputs():
+    """What `snakemake` makes without a target: every table and figure that the experiment has runs for."""
+    runs, arms, truths = planned(), krauss_runs(), true_runs()
+    tables = [*rules.physical.output, *rules.margins.output, *rules.guarantee.output]
+    tables += rules.force_invariants.output
+    tables += rules.table.output if arms else []
+    tables += rules.mass.output if masses_are_ablations() else []
+    tables += rules.truth.output if truths else []
+    tables += rules.force_truth.output if pushable(truths) else []
+    return [*tables, *_figures(runs, arms, truths)]
+
+
+def _figures(runs, arms, truths):
+    mechanisms, solids = pushed_mechanisms(), planned_spatial(overrides)
+    figures = [
+        *expand(rules.force.output, mechanism=mechanisms),
+        *expand(rules.force_map.output, mechanism=mechanisms if truths else []),
+        *expand(rules.force_space.output, solid=solids),
+        *expand(rules.figure.output, system=experiment.systems),
+        *expand(
+            [*rules.horizon.output, *rules.gallery.output], system=systems_of(arms)
+        ),
+        *expand(rules.attention.output, system=systems_with_attention()),
+    ]
+    if masses_are_ablations():
+        figures += expand(rules.inertia.output, system=systems_of(mass_runs()))
+    if extrapolated()[0]:
+        for rule in ("extrapolation", "equilibrium", "deformation", "jacobian_field"):
+            figures += getattr(rules, rule).output
+    for rule in ("curve", "reconstruction", "latent"):
+        figures += [getattr(rules, rule).output.figure.format(**run) for run in runs]
+    figures += [
+        rules.baseline_curve.output.figure.format(**run) for run in baseline_runs()
+    ]
+    figures += [
+        rules.sides.output.figure.format(**asdict(run)) for run in solids.values()
+    ]
+    return figures
+
+
+def systems_of(runs):
+    """Systems of these runs, each once."""
+    return list(dict.fromkeys(run["system"] for run in runs))
+
+
+def systems_with_attention():
+    """Systems that have a baseline with attention maps."""
+    return systems_of(run for run in baseline_runs() if "abcd" in run["baseline"])

@@ -10,7 +10,19 @@ with Job(snakemake) as job:
     split = ["--split", f"{path.split}-{path.tier}", "--key", f"@{key}"]
     folder = Path(job.output.seal).parent
     job.command("benchmarks.gapgen.keys", key)
-    job.command("benchmarks.gapgen.make", *split, "--n", job.params.n, "--systems", job.params.systems,
-                "--tier", path.tier, "--out", folder, "--jobs", job.threads)  # fmt: skip
+    job.command(
+        "benchmarks.gapgen.make",
+        *split,
+        "--n",
+        job.params.n,
+        "--systems",
+        job.params.systems,
+        "--tier",
+        path.tier,
+        "--out",
+        folder,
+        "--jobs",
+        job.threads,
+    )
     job.command("benchmarks.gapgen.seal", *split, "--dir", folder)
     job.say(f"{job.output.seal} has SHA-256 {sha256_of(job.output.seal)}")

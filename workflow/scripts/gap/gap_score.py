@@ -15,6 +15,17 @@ with Job(snakemake) as job:
         trees[name] = job.command("benchmarks.gapgen.gather", *words, *folders)
     also = [f"--also={name}={out / 'said' / name}" for name in job.params.baselines]
     key = ["--answers", job.input.seal, "--key", f"@{Path(job.params.key).expanduser()}"]
-    job.command("benchmarks.gapgen.score", *key, *also, "--predictions", out / "said" / "diagnosis",
-                "--left-out", out / "said" / "left_out", "--tree", trees["diagnosis"].strip(),
-                "--out", out, *["--reveal"] * job.params.reveal)  # fmt: skip
+    job.command(
+        "benchmarks.gapgen.score",
+        *key,
+        *also,
+        "--predictions",
+        out / "said" / "diagnosis",
+        "--left-out",
+        out / "said" / "left_out",
+        "--tree",
+        trees["diagnosis"].strip(),
+        "--out",
+        out,
+        *["--reveal"] * job.params.reveal,
+    )

@@ -16,9 +16,14 @@ with Job(snakemake) as job:
     latents = chart.to_raw(chart.train.smoothed(chart.smoothing_frames).latents)
     render, checkpoint = job.section(RenderConfig, "render"), Path(job.params.checkpoint)
     decoder, curve = fit_decoder(
-        train.frames, latents, job.section(Stage1Config), render,
-        seed=job.seed, checkpoint=checkpoint, identity=job.identity,
-    )  # fmt: skip
+        train.frames,
+        latents,
+        job.section(Stage1Config),
+        render,
+        seed=job.seed,
+        checkpoint=checkpoint,
+        identity=job.identity,
+    )
     save_autoencoder(job.output.decoder, decoder, job.header)
     save_csv(job.output.curve, [point._asdict() for point in curve])
     checkpoint.unlink(missing_ok=True)

@@ -16,10 +16,14 @@ with Job(snakemake) as job:
     config, checkpoint = job.section(Stage1Config), Path(job.params.checkpoint)
     views = job.choice(ViewsConfig, "views")
     autoencoder, curve = fit_autoencoder(
-        train.frames, config, seed=job.seed, checkpoint=checkpoint, identity=job.identity,
+        train.frames,
+        config,
+        seed=job.seed,
+        checkpoint=checkpoint,
+        identity=job.identity,
         novel=load_views(job.input.views).first(train.n_frames) if job.input.views else None,
         supervision=None if views is None else views.supervision,
-    )  # fmt: skip
+    )
     save_autoencoder(job.output.autoencoder, autoencoder, job.header)
     save_csv(job.output.curve, [point._asdict() for point in curve])
     checkpoint.unlink(missing_ok=True)
