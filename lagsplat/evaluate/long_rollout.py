@@ -72,7 +72,7 @@ class LongRollout:
     period_s: float | None
     held_s: float | None
     lost_s: float | None
-    recorded: RgbImage
+    recorded: Float[np.ndarray, "h w 3"]
     at_encoded: RgbImage
     at_predicted: RgbImage
     scale: float
@@ -198,7 +198,7 @@ def first_held_out(stretch: FigureWindow, chart: Chart) -> int | None:
 
 
 class _Images(NamedTuple):
-    recorded: RgbImage
+    recorded: Float[np.ndarray, "h w 3"]
     at_encoded: RgbImage
     at_predicted: RgbImage
     floor_mse: float

@@ -32,7 +32,7 @@ FULL_PERIOD = 0.85  # natural periods from which a horizon counts as one
 SUBSTANTIAL_SHARE = 0.5  # misfit of several effects over that of the nearest, below which they are mentioned
 MAX_NAMED = 4  # effects that a sentence lists
 LEVEL_TITLES = {
-    "perception": "The gap arises where the pictures are read, before any physics",
+    "perception": "The gap arises where the images are read, before any physics",
     "chart": "The gap lies in how positions are read, not in the forces",
     "actuation": "The gap lies in how the inputs act",
     "dynamics": "The gap lies in the motion itself",

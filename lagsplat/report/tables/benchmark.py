@@ -10,11 +10,7 @@ import pandas as pd
 
 from lagsplat.baselines.config import BASELINE_TITLES
 from lagsplat.evaluate.aggregate import MEASURED, SERIES, aggregate, paired_margin
-from lagsplat.report.common.formatting import (
-    escape_latex,
-    format_cells,
-    format_grouped_table,
-)
+from lagsplat.report.common.formatting import escape_latex, format_cells, format_grouped_table
 from lagsplat.report.common.published_values import list_paper_baselines, list_paper_rows
 from lagsplat.report.common.table_rows import (
     build_row,

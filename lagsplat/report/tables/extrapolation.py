@@ -136,9 +136,7 @@ PAPER_EXTRAPOLATION: dict[str, dict[str, dict[str, float]]] = {
 
 
 def group_models(
-    runs: Sequence[Mapping[str, Any]],
-    others: Sequence[Mapping[str, Any]],
-    results: Sequence[dict[str, Any]],
+    runs: Sequence[Mapping[str, Any]], others: Sequence[Mapping[str, Any]], results: Sequence[dict[str, Any]]
 ) -> list[ModelResults]:
     """Group the results by system and model; ``results`` are of the runs, then of the others."""
     groups: dict[tuple[str, str, str, str], list[dict[str, Any]]] = {}

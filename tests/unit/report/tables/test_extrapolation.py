@@ -130,10 +130,7 @@ def test_variants_are_named_and_nothing_is_no_table() -> None:
 
 
 def test_the_figure_shows_every_model_and_the_minimum(tmp_path) -> None:
-    models = {
-        "key-point forecaster": [found(decay=0.0), found(decay=0.02)],
-        "neural ODE": [found(decay=0.1)],
-    }
+    models = {"key-point forecaster": [found(decay=0.0), found(decay=0.02)], "neural ODE": [found(decay=0.1)]}
     figure = draw_equilibrium(found(), models, title="free extrapolation")
     save_figure(tmp_path / "equilibrium.png", figure)
     axes = [axis for part in figure.subfigs for axis in part.axes]
