@@ -93,7 +93,7 @@ class EnergyBalance:
                 law.conservative_force(q, u) - law.conservative_force(q, zero) for q, _ in (before, after)
             )
             self.input_work += float(0.5 * (start + end) @ displacement)
-        power = [law.dissipated_power(q, v) for q, v in (before, after)]
+        power = [float(law.dissipated_power(q, v)) for q, v in (before, after)]
         self.dissipated += 0.5 * dt_s * (power[0] + power[1])
         self._evaluate(law, *after)
 
@@ -110,7 +110,7 @@ class EnergyBalance:
         )
 
     def _evaluate(self, law: FastLagrangian, q: Vector, v: Vector) -> None:
-        self.kinetic, self.potential = law.kinetic(q, v), law.potential(q)
+        self.kinetic, self.potential = float(law.kinetic(q, v)), float(law.potential(q))
 
 
 OBJECT = 0.5
