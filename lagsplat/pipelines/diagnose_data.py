@@ -119,10 +119,13 @@ def diagnose(
     config = replace(config, **settings)
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) / "diagnosis" if out is None else Path(out).expanduser()
-        arguments = [
-            _name_sources(data, Path(scratch), name) for name, data in (("sim", sim), ("real", real))
-        ]
-        diagnosis = diagnose_files(*arguments, folder, config, command="lagsplat.diagnose(sim, real)")
+        sim_name, real_name = (
+            _name_sources(sim, Path(scratch), "sim"),
+            _name_sources(real, Path(scratch), "real"),
+        )
+        diagnosis = diagnose_files(
+            sim_name, real_name, folder, config, command="lagsplat.diagnose(sim, real)"
+        )
         page = (folder / "report.html").read_text(encoding="utf-8")
     return DiagnosisReport.of(diagnosis, page)
 

@@ -4,6 +4,7 @@ A run is a folder with one file a stage. In the workflow's results several runs 
 stages, which then lie up to two folders higher.
 """
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -41,7 +42,7 @@ class FittedRun:
     """Where it was opened from or written to."""
 
 
-def open_run(folder: str | Path) -> FittedRun:
+def open_run(folder: str | os.PathLike[str]) -> FittedRun:
     """Open the run that `fit_run` or the workflow left in ``folder``.
 
     Raises:

@@ -288,10 +288,10 @@ def _figures(runs, arms, truths):
     if masses_are_ablations():
         figures += expand(rules.inertia.output, system=systems_of(mass_runs()))
     if extrapolated()[0]:
-        for rule in ("extrapolation", "equilibrium", "deformation", "jacobian_field"):
-            figures += getattr(rules, rule).output
-    for rule in ("curve", "reconstruction", "latent"):
-        figures += [getattr(rules, rule).output.figure.format(**run) for run in runs]
+        for name in ("extrapolation", "equilibrium", "deformation", "jacobian_field"):
+            figures += getattr(rules, name).output
+    for name in ("curve", "reconstruction", "latent"):
+        figures += [getattr(rules, name).output.figure.format(**run) for run in runs]
     figures += [
         rules.baseline_curve.output.figure.format(**run) for run in baseline_runs()
     ]
