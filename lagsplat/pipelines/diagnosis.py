@@ -212,7 +212,7 @@ def diagnose_files(sim: str, real: str, out: Path, config: DiagnoseConfig, *, co
     with warnings.catch_warnings(record=True) as caught, np.errstate(all="ignore"):
         # rollouts of a wrong hypothesis overflow; what is not finite is rejected where it is compared
         warnings.simplefilter("always")
-        inputs, found, exhibits = _diagnose_arguments(sim, real, config)
+        inputs, found, content = _diagnose_arguments(sim, real, config)
     found = replace(found, diagnosis=_add_warnings(found.diagnosis, caught))
     diagnosis = found.diagnosis
     out.mkdir(parents=True, exist_ok=True)
@@ -222,7 +222,7 @@ def diagnose_files(sim: str, real: str, out: Path, config: DiagnoseConfig, *, co
     diagnosis = write_mujoco_patch(sim, out / "patched.xml", added, diagnosis, config)
     # written even without blocks, so that no older file passes for this one's
     save_rollouts(out / "rollouts.csv", diagnosis.blocks, q_names=diagnosis.q_names)
-    save_report(out / "report.html", diagnosis, replace(exhibits, command=command, stamp=stamp()))
+    save_report(out / "report.html", diagnosis, replace(content, command=command, stamp=stamp()))
     save_diagnosis(out / "diagnosis.json", diagnosis)
     return diagnosis
 

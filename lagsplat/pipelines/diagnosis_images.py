@@ -80,14 +80,14 @@ def build_image_content(inputs: "DiagnosisInputs", found: DiagnosisRun) -> tuple
     checks = {**found.diagnosis.checks, "image": renderer.image_gap(seen)}
     diagnosis = replace(found.diagnosis, where=where, checks=checks)
     worst = int(np.argmax(np.mean((seen.sim - seen.real) ** 2, axis=(1, 2, 3))))
-    exhibits = ReportContent(
+    content = ReportContent(
         image_error=ImageErrorMap(
             _to_bytes(seen.real[worst]), np.maximum(excess_error.map, 0.0), excess_error.parts
         ),
         image_force=None if place is None or body is None else renderer.force(seen, place, body),
         video=renderer.film(),
     )
-    return replace(found, diagnosis=diagnosis), exhibits
+    return replace(found, diagnosis=diagnosis), content
 
 
 class _BlockRenderer:

@@ -11,7 +11,7 @@ from lagsplat.diagnose.diagnosis import DiagnosisRun
 from lagsplat.diagnose.estimation.dataset import OperatingRegion
 from lagsplat.diagnose.residual.localization import locate
 from lagsplat.diagnose.simulators.fitted_run import project_run, read_chart_trajectory
-from lagsplat.pipelines.diagnosis import compute_error_stages as ladder
+from lagsplat.pipelines.diagnosis import compute_error_stages
 from lagsplat.pipelines.diagnosis_images import build_image_content
 from lagsplat.pipelines.diagnosis_videos import RecordedTrajectory, RecordingPair
 from lagsplat.runs.run import FittedRun
@@ -66,48 +66,48 @@ def diagnosed(recordings, mechanics):
 
 
 @pytest.fixture(scope="module")
-def shown(recordings, mechanics):
+def image_content(recordings, mechanics):
     pair, found = diagnosed(recordings, mechanics)
     return build_image_content(pair, DiagnosisRun(found.diagnosis, found.problem, None, None))
 
 
-def test_the_ladder_has_every_rung_with_its_floor(recordings, mechanics):
-    rungs = {rung.name: rung for rung in ladder(*diagnosed(recordings, mechanics))}
-    assert list(rungs) == ["perception", "chart", "one step", "rollout"]
-    assert all(rung.floor > 0.0 and rung.low <= rung.value <= rung.high for rung in rungs.values())
+def test_the_error_budget_has_every_stage_with_its_floor(recordings, mechanics):
+    stages = {stage.name: stage for stage in compute_error_stages(*diagnosed(recordings, mechanics))}
+    assert list(stages) == ["perception", "chart", "one step", "rollout"]
+    assert all(stage.floor > 0.0 and stage.low <= stage.value <= stage.high for stage in stages.values())
 
 
-def test_errors_of_pictures_stand_beside_those_of_latents(shown):
-    image = shown[0].diagnosis.checks["image"]
+def test_image_errors_are_in_the_checks(image_content):
+    image = image_content[0].diagnosis.checks["image"]
     assert image["floor"] > 0.0
     assert image["after"] < image["before"]
     assert image["closure"] is None or image["closure"] > 0.5
     assert set(image["stages"]) == {"perception", "chart", "one step", "rollout"}
 
 
-def test_the_picture_shows_where_the_sim_draws_wrongly(shown):
-    _, exhibits = shown
-    assert exhibits.picture.excess.shape == exhibits.picture.picture.shape[:2] == (16, 16)
-    assert exhibits.picture.excess.max() > 0.0
-    assert exhibits.picture.picture.dtype == np.uint8
-    region = shown[0].diagnosis.where.image_region
+def test_the_error_map_covers_the_frame(image_content):
+    _, content = image_content
+    assert content.image_error.excess.shape == content.image_error.frame.shape[:2] == (16, 16)
+    assert content.image_error.excess.max() > 0.0
+    assert content.image_error.frame.dtype == np.uint8
+    region = image_content[0].diagnosis.where.image_region
     assert region["localisable"] in (True, False)
 
 
-def test_the_film_shows_the_blocks_side_by_side(shown, recordings):
-    film = shown[1].film
-    assert film.real.shape == film.sim.shape == film.augmented.shape == (93, 16, 16, 3)
-    np.testing.assert_array_equal(film.real[0], recordings.real_recordings[0].recording.frames[20])
-    assert film.slowed == pytest.approx(1.0 / PERIOD_S)
-    assert film.frames_per_s == pytest.approx(60.0 * PERIOD_S)
+def test_the_video_has_consecutive_blocks(image_content, recordings):
+    video = image_content[1].video
+    assert video.real.shape == video.sim.shape == video.augmented.shape == (93, 16, 16, 3)
+    np.testing.assert_array_equal(video.real[0], recordings.real_recordings[0].recording.frames[20])
+    assert video.slowed == pytest.approx(1.0 / PERIOD_S)
+    assert video.frames_per_s == pytest.approx(60.0 * PERIOD_S)
 
 
-def test_latents_without_pictures_have_a_ladder_without_them(recordings, mechanics):
+def test_latents_without_images_have_no_perception_stage(recordings, mechanics):
     bare = RecordingPair(
         recordings.run, recordings.nominal, (RecordedTrajectory(recordings.real[0]),), same_recording=False
     )
     pair, found = diagnosed(bare, mechanics)
-    assert [rung.name for rung in ladder(pair, found)] == ["chart", "one step", "rollout"]
-    found, exhibits = build_image_content(pair, DiagnosisRun(found.diagnosis, found.problem, None, None))
-    assert exhibits.film is None
+    assert [stage.name for stage in compute_error_stages(pair, found)] == ["chart", "one step", "rollout"]
+    found, content = build_image_content(pair, DiagnosisRun(found.diagnosis, found.problem, None, None))
+    assert content.video is None
     assert "image" not in found.diagnosis.checks
