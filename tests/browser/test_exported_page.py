@@ -61,7 +61,7 @@ def test_a_drag_on_the_wall_moves_nothing(page) -> None:
     page.mouse.up()
 
 
-def test_the_picture_is_the_one_that_python_draws(page) -> None:
+def test_the_image_is_the_one_that_python_draws(page) -> None:
     one, state = disc(), 0.6
     drawn = pixels(page, [state])
     assert drawn.shape == (192, 256, 3)
@@ -127,7 +127,7 @@ def test_beyond_the_recording_and_after_a_divergence_there_is_a_banner(page) -> 
     assert page.evaluate("simulation.session.stopped") is False
 
 
-def test_it_fits_a_phone(chromium, path) -> None:
+def test_the_page_fits_a_phone(chromium, path) -> None:
     context = chromium.new_context(viewport={"width": 390, "height": 780}, has_touch=True, offline=True)
     tab = context.new_page()
     tab.goto(f"file://{path}")
@@ -137,7 +137,7 @@ def test_it_fits_a_phone(chromium, path) -> None:
     context.close()
 
 
-def test_without_webgl2_it_says_so_in_words(chromium, path) -> None:
+def test_without_webgl2_the_page_says_so(chromium, path) -> None:
     context = chromium.new_context(offline=True)
     context.add_init_script(NO_WEBGL)
     tab = context.new_page()

@@ -38,7 +38,7 @@ def looks(page) -> list[float]:
 
 
 @pytest.mark.parametrize("side", SIDES, ids=["the film's camera", "right", "left and near"])
-def test_the_picture_is_the_one_that_python_draws(page, plate, side) -> None:
+def test_the_image_is_the_one_that_python_draws(page, plate, side) -> None:
     state, (yaw, pitch, zoom) = 0.6, side
     page.evaluate(LOOK, side)
     drawn = pixels(page, [state])
@@ -94,7 +94,7 @@ def test_two_fingers_beside_the_object_zoom(page) -> None:
     assert zoom == pytest.approx(28.0 / 24.0, rel=0.05)
 
 
-def test_from_aside_a_push_lies_in_the_plane_of_the_image(page) -> None:
+def test_a_push_from_the_side_lies_in_the_plane_of_the_image(page) -> None:
     page.evaluate(LOOK, (30.0, 0.0, 1.0))
     push = """() => {
       const { session, view } = simulation;

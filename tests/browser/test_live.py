@@ -51,7 +51,7 @@ def drag(page, live, place: tuple[float, float], by: float) -> None:
     drag_from(page, *at(page, live, place), by)
 
 
-def test_a_drag_pushes_the_matter_under_the_pointer_and_its_release_lets_go(page, live) -> None:
+def test_a_drag_pushes_the_matter_under_the_pointer_until_its_release(page, live) -> None:
     session = live.content.session
     drag(page, live, TOP, 60.0)
     grasp = until(
@@ -70,7 +70,7 @@ def test_a_drag_pushes_the_matter_under_the_pointer_and_its_release_lets_go(page
     live.loop.submit(lambda s: s.edit(damping=1.0))
 
 
-def test_what_is_seen_moves_in_the_pushed_direction_and_comes_back(page, live) -> None:
+def test_the_drawn_object_moves_in_the_pushed_direction_and_returns(page, live) -> None:
     before = settled(page)
     drag(page, live, TOP, 60.0)
     until(lambda: live.content.session.active_grasp is not None, "a push")
@@ -130,7 +130,7 @@ def test_controls_reach_the_session(page, live) -> None:
     until(lambda: session.frame is None and not session.v.any(), "rest")
 
 
-def test_a_tab_that_closes_lets_go_and_may_come_back(chromium, live) -> None:
+def test_closing_a_tab_releases_its_grasp_and_it_may_return(chromium, live) -> None:
     session = live.content.session
     tab = opened(chromium, live)
     drag(tab, live, TOP, 60.0)
@@ -148,7 +148,7 @@ def test_a_tab_that_closes_lets_go_and_may_come_back(chromium, live) -> None:
     again.close()
 
 
-def test_two_tabs_see_the_same_and_the_last_hand_holds(chromium, live) -> None:
+def test_two_tabs_see_the_same_and_the_last_grasp_holds(chromium, live) -> None:
     session = live.content.session
     one, two = opened(chromium, live), opened(chromium, live)
     drag(one, live, TOP, 60.0)
@@ -167,7 +167,7 @@ def test_two_tabs_see_the_same_and_the_last_hand_holds(chromium, live) -> None:
     two.close()
 
 
-def test_without_webgl_it_says_so_in_words(chromium, live) -> None:
+def test_without_webgl_the_page_says_so(chromium, live) -> None:
     context = chromium.new_context(viewport=VIEW)
     context.add_init_script(NO_WEBGL)
     tab = context.new_page()

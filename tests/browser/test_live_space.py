@@ -93,7 +93,7 @@ def pushed(page, live, by: float) -> np.ndarray:
     return grasp.force
 
 
-def test_a_drag_moves_what_is_seen_with_it_and_it_comes_back(page, live) -> None:
+def test_a_drag_moves_the_drawn_object_and_it_returns(page, live) -> None:
     before, session = settled(page), live.content.session
     force = pushed(page, live, BY)
     assert force[0] > 0.0
@@ -113,7 +113,7 @@ def test_a_drag_beside_it_turns_the_camera_and_moves_nothing(page, live) -> None
     np.testing.assert_allclose(session.q, before, atol=1e-6)
 
 
-def test_from_the_side_it_can_be_pushed_again_in_the_plane_of_the_screen(page, live) -> None:
+def test_a_push_from_the_side_lies_in_the_plane_of_the_screen(page, live) -> None:
     if np.linalg.norm(looks_from(live)) < 5.0:
         turn(page, live)
     force = pushed(page, live, -BY)
@@ -125,7 +125,7 @@ def test_from_the_side_it_can_be_pushed_again_in_the_plane_of_the_screen(page, l
     until(lambda: live.content.session.active_grasp is None, "the release")
 
 
-def test_a_button_looks_from_the_camera_of_the_film_again(page, live) -> None:
+def test_a_button_returns_to_the_recording_camera(page, live) -> None:
     page.get_by_role("tab", name="View").click()
     page.get_by_label("Outline at rest").dispatch_event("click")
     until(lambda: live.scene_view.canvas.silhouettes.handles, "the outline")
@@ -134,7 +134,7 @@ def test_a_button_looks_from_the_camera_of_the_film_again(page, live) -> None:
     until(lambda: abs(middle(page) / canvas_of(page)["width"] - 0.5) < 0.1, "the picture from there")
 
 
-def test_a_tab_that_closes_while_it_pushes_lets_go(page, live) -> None:
+def test_closing_a_tab_releases_its_grasp(page, live) -> None:
     session = live.content.session
     pushed(page, live, BY)
     page.close()

@@ -27,7 +27,7 @@ def test_a_value_outside_its_domain_is_named_with_its_choices() -> None:
         SelectConfig(0, 1.0, 1)
 
 
-def test_every_file_of_the_group_stands_on_the_default(repository: Path) -> None:
+def test_every_file_of_the_group_inherits_the_default(repository: Path) -> None:
     for path in (repository / "conf" / "stage2").glob("*.yaml"):
         keys = set(OmegaConf.load(path)) - {"defaults"}
         assert keys <= set(OmegaConf.load(repository / "conf" / "stage2" / "default.yaml")), path.name

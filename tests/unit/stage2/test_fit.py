@@ -99,7 +99,7 @@ def test_time_unit_is_that_of_the_mechanism_under_a_slow_drive() -> None:
     assert choose_time_unit(slow, np.eye(1), stride_frames=2) < 4.0 / (2 * np.pi * FREQUENCY_HZ)
 
 
-def test_time_unit_is_the_period_over_two_pi_and_still_latents_are_refused() -> None:
+def test_time_unit_is_the_period_over_two_pi_and_constant_latents_are_refused() -> None:
     trajectory = oscillator(400, driven=False)
     unit = choose_time_unit(trajectory, np.eye(1), stride_frames=2)
     assert unit == pytest.approx(1.0 / (2 * np.pi * FREQUENCY_HZ), rel=0.05)
@@ -114,7 +114,7 @@ def test_effort_is_a_share_of_the_steps() -> None:
         assert max(row.step for row in report.curve if row.stage == "one_step") == steps
 
 
-def test_coarse_frames_do_not_bend_the_physics() -> None:
+def test_a_low_frame_rate_does_not_bias_the_physics() -> None:
     """Ten frames a period: one step a frame would be off by more than a per cent in frequency."""
     fine = oscillator(800, driven=False)
     trajectory = EncodedTrajectory(fine.latents[::4], fine.inputs[::4], fine.time_s[::4], ((0, 200),))

@@ -62,7 +62,7 @@ def seen_from(one: Session, side: tuple[float, float, float]) -> Camera:
     return replace(camera, focal=(side[2] * camera.focal[0], side[2] * camera.focal[1]))
 
 
-def test_from_every_side_the_same_is_near_and_is_met(one: Session) -> None:
+def test_python_and_page_agree_on_depth_and_grasp_from_every_side(one: Session) -> None:
     q = one.operating_point.rest + 0.4
     pixels = [(x, y) for y in np.arange(2.0, HEIGHT, 5.0) for x in np.arange(2.0, WIDTH, 5.0)]
     data = {"run": pack_page(one), "q": q.tolist(), "sides": SIDES, "pixels": pixels}
@@ -132,6 +132,6 @@ def test_a_push_of_ten_seconds_is_the_same_in_the_page(one: Session, side) -> No
     assert abs(result["unexplained"]) < 1e-3
 
 
-def test_beside_the_object_there_is_nothing_to_hold(one: Session) -> None:
+def test_nothing_can_be_grasped_beside_the_object(one: Session) -> None:
     data = {"run": pack_page(one), "pixels": [[16, 8], [2, 2]]}
     assert run_script(MECHANICS, HOLD, data) == [True, False]

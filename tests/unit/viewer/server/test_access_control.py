@@ -1,4 +1,4 @@
-"""Hostile visitors: nothing of what they send executes, ends the session or moves a file."""
+"""Access control: no hostile message executes code, ends the session or moves a file."""
 
 import http.client
 import socket
@@ -81,7 +81,7 @@ def test_no_message_executes_anything_ends_the_session_or_moves_a_file(
     assert {path.suffix for path in live.content.folder.iterdir()} <= {".mcap", ".mp4", ".gif"}
 
 
-def test_after_all_that_a_drag_still_pushes(live) -> None:
+def test_a_drag_still_pushes_after_hostile_messages(live) -> None:
     grab = tuple(live.scene_view.canvas.image_plane.to_scene(np.array([16.0, 8.0])).tolist())
     tip = tuple(live.scene_view.canvas.image_plane.to_scene(np.array([22.0, 8.0])).tolist())
     with visit(live) as client:
@@ -101,7 +101,7 @@ def test_after_all_that_a_drag_still_pushes(live) -> None:
     assert live.content.session.active_grasp is None
 
 
-def test_a_page_of_another_site_is_turned_away(live) -> None:
+def test_a_page_of_another_site_is_refused(live) -> None:
     with visit(live, origin="http://evil.example") as client, pytest.raises(ConnectionClosed) as closed:
         everything(client)
     assert closed.value.rcvd.code == 1008
@@ -122,7 +122,7 @@ def test_a_page_of_another_site_is_turned_away(live) -> None:
     ],
     ids=["program", "own", "other site", "name that points here", "network", "file", "no host"],
 )
-def test_who_counts_as_foreign(origin, host, loopback_only, expected) -> None:
+def test_foreign_origins_are_recognised(origin, host, loopback_only, expected) -> None:
     headers = {key: value for key, value in (("Origin", origin), ("Host", host)) if value is not None}
     assert is_foreign_origin(headers, loopback_only=loopback_only) is expected
 
@@ -136,7 +136,7 @@ def test_files_outside_the_page_are_not_served(live, path: str) -> None:
     assert answer.status in (403, 404)
 
 
-def test_it_listens_on_this_machine_alone_unless_told_with_a_warning() -> None:
+def test_the_server_listens_on_loopback_and_warns_about_any_other_host() -> None:
     assert compose("system=toy").viewer.host == "127.0.0.1"
     assert (
         warn_of_open_host("127.0.0.1") is warn_of_open_host("::1") is warn_of_open_host("localhost") is None
@@ -145,7 +145,7 @@ def test_it_listens_on_this_machine_alone_unless_told_with_a_warning() -> None:
         assert "no password" in (warn_of_open_host(host) or "")
 
 
-def test_an_address_that_is_not_ours_is_told_at_once(tmp_path) -> None:
+def test_an_address_of_another_machine_is_refused_at_once(tmp_path) -> None:
     settings = compose("system=toy", "viewer.host=203.0.113.9")
     show = ViewerContent(session(), "disc", lambda number: np.zeros((24, 32, 3), np.uint8), tmp_path)
     with pytest.raises(OSError, match=r"viewer.host=203.0.113.9: .*this machine"):
@@ -160,7 +160,7 @@ def test_the_socket_is_bound_to_loopback(live) -> None:
         socket.create_connection((outside, live.server.get_port()), timeout=2).close()
 
 
-def test_the_command_says_what_a_run_lacks(tmp_path, capsys) -> None:
+def test_the_command_names_what_a_run_lacks(tmp_path, capsys) -> None:
     assert main(["view", str(tmp_path / "nothing"), "--no-browser"]) == 2
     assert "give run=FOLDER of a finished fit" in capsys.readouterr().err
     assert main(["view"]) == 2

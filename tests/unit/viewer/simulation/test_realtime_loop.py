@@ -1,4 +1,4 @@
-"""The two clocks: steps keep the wall's time, pictures skip, commands cannot end a session."""
+"""The real-time loop: steps keep time, frames are skipped, commands cannot end a session."""
 
 import threading
 import time
@@ -9,7 +9,7 @@ from lagsplat.viewer.simulation.realtime_loop import RealtimeLoop, StepClock
 from tests.unit.viewer.sessions import session
 
 
-def test_steps_fall_due_with_the_wall_and_what_is_late_is_forgotten():
+def test_steps_are_due_with_the_clock_and_a_long_backlog_is_dropped():
     clock = StepClock(0.02, now_s=0.0)
     assert clock.steps_due(0.1) == 5
     assert [clock.steps_due(0.11), clock.steps_due(0.12)] == [0, 1]
@@ -21,7 +21,7 @@ def test_steps_fall_due_with_the_wall_and_what_is_late_is_forgotten():
     assert clock.steps_due(10.1) <= 10
 
 
-def test_real_time_is_kept_while_pictures_take_their_own():
+def test_steps_keep_real_time_while_frames_are_skipped():
     shown, refused = [], []
 
     def show(snapshot):
@@ -42,7 +42,7 @@ def test_real_time_is_kept_while_pictures_take_their_own():
     assert not any(thread.is_alive() for thread in loop.threads)
 
 
-def test_a_command_that_fails_is_told_and_the_session_goes_on():
+def test_a_command_that_fails_is_reported_and_the_session_goes_on():
     refused, heard = [], threading.Event()
     one = session()
     loop = RealtimeLoop(one, lambda snapshot: None, pictures_hz=50.0, report_error=refused.append)
@@ -59,7 +59,7 @@ def test_a_command_that_fails_is_told_and_the_session_goes_on():
     loop.stop()
 
 
-def test_a_refusal_that_reaches_nobody_ends_nothing():
+def test_a_report_that_cannot_be_delivered_ends_nothing():
     def gone(refusal: str) -> None:
         raise UserWarning("queued on a closed connection")
 
@@ -73,7 +73,7 @@ def test_a_refusal_that_reaches_nobody_ends_nothing():
     loop.stop()
 
 
-def test_a_step_that_fails_stops_the_session_and_says_so_and_rest_begins_anew(monkeypatch):
+def test_a_step_that_fails_stops_the_session_until_it_is_reset(monkeypatch):
     one = session()
     loop = RealtimeLoop(one, lambda snapshot: None, pictures_hz=50.0)
     monkeypatch.setattr(one.energy, "record_step", lambda *booked, **more: 1 / 0)
@@ -92,7 +92,7 @@ def test_a_step_that_fails_stops_the_session_and_says_so_and_rest_begins_anew(mo
     loop.stop()
 
 
-def test_paused_it_stands_still_and_still_obeys():
+def test_a_paused_session_still_executes_commands():
     one = session()
     loop = RealtimeLoop(one, lambda snapshot: None, pictures_hz=50.0)
     loop.start()

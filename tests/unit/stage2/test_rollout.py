@@ -24,7 +24,7 @@ def test_windows_hold_states_one_stride_apart_with_exact_velocities() -> None:
     assert len(windows.pick(torch.tensor([3, 4]))) == 2
 
 
-def test_nothing_crosses_a_cut() -> None:
+def test_windows_do_not_cross_a_cut() -> None:
     at = list_starts(parabola(20, ((0, 8), (8, 20))), before=2, after=3)
     np.testing.assert_array_equal(at, [2, 3, 4, 10, 11, 12, 13, 14, 15, 16])
     with pytest.raises(ValueError, match="needs 7"):
@@ -47,7 +47,7 @@ def test_shots_follow_the_trajectory() -> None:
     torch.testing.assert_close(taken.v[:, 0], torch.from_numpy(0.1 * at))
 
 
-def test_on_an_uneven_clock_everything_goes_by_the_true_times() -> None:
+def test_an_uneven_clock_uses_the_true_times() -> None:
     rng = np.random.default_rng(0)
     t = 0.1 * (np.arange(40) + rng.uniform(-0.2, 0.2, 40))[rng.uniform(size=40) > 0.1]
     trajectory = EncodedTrajectory((t**2)[:, None], t[:, None].copy(), t, ((0, len(t)),))

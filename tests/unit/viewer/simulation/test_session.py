@@ -1,4 +1,4 @@
-"""A session without a browser: what a push does, what the books say, and what is refused."""
+"""Sessions without a browser: pushes, resets, edits, replays and refusals."""
 
 import numpy as np
 import pytest
@@ -33,7 +33,7 @@ def test_a_push_moves_the_grasped_matter_with_it_and_it_returns():
     np.testing.assert_allclose(settled.q, rest, atol=1e-3)
 
 
-def test_a_drag_of_the_given_reach_drives_the_given_response():
+def test_a_drag_of_the_configured_length_gives_the_configured_response():
     one = session()
     one.grasp(TOP)
     one.pull(np.array([one.config.reach * one.operating_point.kinematics.width, 0.0]))
@@ -52,7 +52,7 @@ def test_in_space_a_push_moves_the_matter_with_it_and_one_across_the_motion_does
         np.testing.assert_allclose(displacement[2], 0.0, atol=1e-9)
 
 
-def test_where_no_centre_is_under_the_brush_the_gaussian_that_was_met_is_held():
+def test_without_a_centre_under_the_brush_the_gaussian_of_the_ray_is_grasped():
     one = plate()
     one.grasp_model.radius_px = 0.05
     with pytest.raises(NoMatterError, match="nothing is present within a brush"):
@@ -67,7 +67,7 @@ def test_where_no_centre_is_under_the_brush_the_gaussian_that_was_met_is_held():
     np.testing.assert_allclose(grasp.place(one.q), (0.6, -3.4, FRONT))
 
 
-def test_a_hold_on_the_wall_is_told_and_moves_nothing():
+def test_a_grasp_of_the_wall_is_marked_as_background_and_moves_nothing():
     one = session()
     grasp = one.grasp((2.0, 3.0))
     one.pull(RIGHT)
@@ -101,7 +101,7 @@ def test_resets_go_to_rest_and_to_recorded_frames():
         one.to_frame(60)
 
 
-def test_recorded_inputs_are_followed_and_begin_again_after_the_clip():
+def test_recorded_inputs_are_replayed_and_restart_after_the_clip():
     one = session()
     one.recorded.u[:, 0] = np.linspace(0.0, 1.0, 60)
     one.to_frame(58)
@@ -130,7 +130,7 @@ def test_a_motion_that_diverges_stops_says_so_and_can_be_reset():
     assert run(one, 3).status == "running"
 
 
-def test_what_is_taped_can_be_done_again():
+def test_a_history_can_be_replayed():
     one = strip()
     one.grasp((16.0, 20.0))
     one.pull(RIGHT)
@@ -149,7 +149,7 @@ def test_what_is_taped_can_be_done_again():
         session().replay(history)
 
 
-def test_one_poke_tells_the_energy_scale():
+def test_one_measured_push_gives_the_energy_scale():
     one = session()
     with pytest.raises(ValueError, match="push the object once"):
         one.calibrate(force=1.0, moved_px=1.0)
@@ -176,7 +176,7 @@ def test_one_poke_tells_the_energy_scale():
     ],
     ids=["outside", "nan", "massless", "rigid", "nan input", "two inputs", "endless"],
 )
-def test_what_makes_no_sense_is_refused_and_changes_nothing(act):
+def test_invalid_commands_are_refused_and_change_nothing(act):
     one = session()
     before = one.snapshot()
     with pytest.raises((ValueError, NoMatterError)):

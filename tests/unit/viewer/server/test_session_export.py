@@ -1,4 +1,4 @@
-"""A session on disk: read back to the last bit, replayed, and taken as the sim of a diagnosis."""
+"""Saved sessions: read back bit for bit, replayed, and used in a diagnosis."""
 
 import cv2
 import numpy as np
@@ -38,7 +38,7 @@ def saved(tmp_path_factory):
     return one, paths
 
 
-def test_it_comes_back_to_the_last_bit_and_does_the_same_again(saved):
+def test_a_saved_session_is_read_back_bit_for_bit_and_replays_the_same(saved):
     one, (mcap, _, _) = saved
     history, kept = load_history(mcap), one.history.read()
     for name in ("q", "v", "u", "load", "force", "place", "edits", "energy", "clip"):
@@ -50,7 +50,7 @@ def test_it_comes_back_to_the_last_bit_and_does_the_same_again(saved):
     np.testing.assert_array_equal(again.history.read().q, kept.q)
 
 
-def test_it_is_a_motion_for_a_diagnosis_with_its_pushes_as_inputs(saved):
+def test_a_session_is_a_trajectory_for_a_diagnosis_with_its_loads_as_inputs(saved):
     one, (mcap, _, _) = saved
     sources = find_sources(str(mcap))
     assert [source.kind for source in sources] == ["trajectory"]
@@ -61,7 +61,7 @@ def test_it_is_a_motion_for_a_diagnosis_with_its_pushes_as_inputs(saved):
     np.testing.assert_array_equal(motion.u[:, 1:], one.history.read().load)
 
 
-def test_the_film_shows_the_motion_and_the_arrow(saved):
+def test_the_video_shows_the_motion_and_the_arrow(saved):
     _, (_, film, animation) = saved
     reader = cv2.VideoCapture(str(film))
     frames = []
@@ -81,7 +81,7 @@ def test_an_arrow_points_along_the_drag(saved):
     assert 17 <= columns.min() < columns.max() <= 42
 
 
-def test_a_session_in_space_is_kept_with_its_forces_and_belongs_there(tmp_path):
+def test_a_session_in_space_keeps_its_forces_and_is_refused_by_a_planar_run(tmp_path):
     one = plate()
     one.grasp((0.0, -3.0, 90.0))
     one.pull(np.array([4.0, 0.0, 2.0]))
@@ -108,7 +108,7 @@ def test_a_session_in_space_is_kept_with_its_forces_and_belongs_there(tmp_path):
     assert 28 <= columns.min() < columns.max() <= 54  # 8 px a tenth nearer than the pivot, twice as large
 
 
-def test_what_is_no_session_is_told(saved, tmp_path):
+def test_files_that_are_no_session_are_refused(saved, tmp_path):
     with pytest.raises(FileNotFoundError, match="check the path"):
         read_session(tmp_path / "none.mcap")
     (tmp_path / "bad.mcap").write_bytes(b"\x89MCAP0\r\n" + bytes(64))

@@ -94,7 +94,7 @@ def test_shooting_error_vanishes_on_its_own_rollout(bent: bool) -> None:
     assert own < 0.05 * wrong
 
 
-def test_bending_finds_what_a_linear_map_cannot() -> None:
+def test_curvatures_fit_what_a_linear_map_cannot() -> None:
     """A system whose input softens it, from a start that knows no curvature."""
     eye = torch.eye(2, dtype=torch.float64)
     start = Coefficients(
@@ -124,7 +124,7 @@ def test_bending_finds_what_a_linear_map_cannot() -> None:
     )
 
 
-def test_rollouts_that_overflow_do_not_end_the_fit() -> None:
+def test_rollouts_that_overflow_do_not_abort_the_fit() -> None:
     lagrangian = random_lagrangian(2, 1, 1, **CONSTANT)
     shots, metric = own_shots(lagrangian, 3, 12), torch.eye(2, dtype=torch.float64)
     fit = ConstantFit(

@@ -18,11 +18,11 @@ def test_edits_outside_their_domain_are_refused(changes):
         LawEdits(**changes)
 
 
-def test_no_damping_at_all_is_an_edit():
+def test_zero_damping_is_a_valid_edit():
     assert LawEdits(damping=0.0).damping == 0.0
 
 
-def test_a_loaded_law_shares_the_parameters_and_leaves_the_law_alone():
+def test_a_loaded_law_shares_the_parameters_and_does_not_change_the_law():
     law = random_lagrangian(2, 1, 0)
     q, u = torch.zeros(1, 2, dtype=torch.float64), torch.ones(1, 1, dtype=torch.float64)
     before = law.conservative_force(q, u, law.prepare())

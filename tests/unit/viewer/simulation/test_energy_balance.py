@@ -1,4 +1,4 @@
-"""The books of energy: every flow is there, and nothing is left over but the integrator's own error."""
+"""The energy balance closes up to the error of the integrator."""
 
 import numpy as np
 import pytest
@@ -29,7 +29,7 @@ def left_over(dt_s: float) -> tuple[float, float]:
     return terms.error, max(flows)
 
 
-def test_nothing_is_left_over_but_an_error_of_second_order():
+def test_the_energy_balance_closes_up_to_an_error_of_second_order():
     coarse, flow = left_over(0.02)
     fine, _ = left_over(0.01)
     assert abs(coarse) < 0.3 * flow

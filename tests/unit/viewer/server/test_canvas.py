@@ -1,4 +1,4 @@
-"""Space behind every visitor's own window: what each sees, what a drag there does, and who is forgotten."""
+"""Canvases in space: the view of each visitor and drags in it."""
 
 import time
 from contextlib import ExitStack
@@ -42,7 +42,7 @@ def front(live: ViewerServer, **changes) -> dict:
     return camera(**{"wxyz": AHEAD, "position": eye, "fov": fov, **changes})
 
 
-def test_every_visitor_sees_space_from_a_side_of_their_own(live) -> None:
+def test_every_visitor_sees_the_view_of_their_own_camera(live) -> None:
     canvas, q = live.scene_view.canvas, live.content.session.operating_point.rest.numpy()
     live.loop.submit(lambda s: s.pause(True))
     with ExitStack() as stack:
@@ -65,7 +65,7 @@ def test_every_visitor_sees_space_from_a_side_of_their_own(live) -> None:
     assert until(lambda: not canvas.drawn_keys)
 
 
-def test_a_paused_picture_follows_the_camera(live) -> None:
+def test_a_paused_view_follows_the_camera(live) -> None:
     live.loop.submit(lambda s: s.pause(True))
     canvas = live.scene_view.canvas
     with visit(live) as client:
@@ -76,7 +76,7 @@ def test_a_paused_picture_follows_the_camera(live) -> None:
         assert until(lambda: canvas.drawn_keys and canvas.drawn_keys != before)
 
 
-def test_a_drag_on_the_matter_pulls_it_in_the_plane_of_the_screen_and_its_end_lets_go(live) -> None:
+def test_a_drag_on_the_object_pulls_in_the_plane_of_the_screen_and_its_end_releases(live) -> None:
     one = live.content.session
     live.loop.submit(lambda s: (s.to_rest(), s.pause(True)))
     with visit(live) as client:
@@ -147,12 +147,12 @@ def test_the_outline_at_rest_is_drawn_around_the_plate_from_every_side(live) -> 
 @pytest.mark.parametrize(
     "place", [(np.nan, 0.5), ("a", 0.5), (0.5,), ({}, 1.0), None], ids=["nan", "text", "one", "map", "none"]
 )
-def test_a_pointer_that_is_nowhere_is_told(live, place) -> None:
+def test_an_invalid_pointer_is_refused(live, place) -> None:
     with pytest.raises(ValueError, match=r"no number|not on a screen|could not convert"):
         to_pixel(live.scene_view.canvas.renderer.recording_camera, place)
 
 
-def test_a_pointer_far_outside_counts_as_at_the_edge_of_what_a_hand_can_reach(live) -> None:
+def test_a_pointer_far_outside_the_window_is_clipped(live) -> None:
     filmed = live.scene_view.canvas.renderer.recording_camera
     far = to_pixel(filmed, (1e308, -1e308))
     np.testing.assert_allclose(far, (1.5 * filmed.width, -0.5 * filmed.height))

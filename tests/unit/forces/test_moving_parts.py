@@ -1,13 +1,15 @@
-"""Where forces are shown to act."""
+"""Moving parts of an image: motion, points to push, and the outline."""
 
 import numpy as np
 import pytest
+import torch
 
 from lagsplat.forces.moving_parts import (
     MovingParts,
     choose_background_points,
     choose_hanging_points,
     choose_lever_points,
+    draw_outline,
     find_moving_parts,
 )
 from tests.unit.forces.rocking import CLAMP, CONTACT, hanging, rocking
@@ -58,9 +60,21 @@ def test_an_arm_has_a_middle_a_tip_and_a_direction():
     assert along == pytest.approx([0.0, 1.0], abs=0.05)
 
 
-def test_a_picture_in_which_nothing_moves_is_refused():
+def test_an_image_in_which_nothing_moves_is_refused():
     still = MovingParts(np.zeros((8, 8, 2, 1)), np.zeros((8, 8)))
     with pytest.raises(ValueError, match="no lever arms"):
         choose_lever_points(still, margin=1.0)
     with pytest.raises(ValueError, match="nothing moves"):
         choose_hanging_points(still)
+
+
+def test_the_disc_is_segmented_from_the_wall():
+    operating_point = rocking()
+    scene = find_moving_parts(
+        operating_point.autoencoder, operating_point.chart, operating_point.rest.numpy()
+    )
+    seen = draw_outline(operating_point.render_images(operating_point.rest[None], scale=2)[0], scene)
+    assert seen.shape == (48, 64)
+    assert seen[24, 32]
+    assert not seen[:4].any()
+    assert torch.pi * 5.0**2 < seen.sum() / 4 < torch.pi * 9.0**2

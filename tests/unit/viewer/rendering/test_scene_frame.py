@@ -1,15 +1,51 @@
-"""Space in the scene: there and back, the film's camera, and numbers that are no camera's."""
+"""Coordinates of the scene: pixels, lines of sight, and cameras of visitors."""
 
 import numpy as np
 import pytest
 
 from lagsplat.viewer.rendering.scene_frame import ImagePlane, SceneFrame
 
+PLANE = ImagePlane(120, 80)
+
+
+def test_a_pixel_is_recovered_from_any_eye_in_front_of_the_image():
+    places = np.array([[0.0, 0.0], [120.0, 80.0], [33.0, 71.0]])
+    for eye in ((0.0, 0.0, 5.0), (3.0, -2.0, 4.0)):
+        for place in places:
+            # any point on the line of sight means the same place
+            on = PLANE.to_scene(place)
+            between = tuple(0.5 * (on + np.array(eye)))
+            np.testing.assert_allclose(PLANE.to_pixels(between, eye=eye), place, atol=1e-9)
+
+
+def test_the_first_row_is_on_top():
+    top, bottom = PLANE.to_scene(np.array([[60.0, 0.0], [60.0, 80.0]]))
+    assert top[1] > 0.0 > bottom[1]
+    assert PLANE.size == (4.0, pytest.approx(8 / 3))
+
+
+@pytest.mark.parametrize(
+    ("point", "eye"),
+    [
+        ((0.0, 0.0, 6.0), (0.0, 0.0, 5.0)),
+        ((1.0, 0.0, 5.0), (0.0, 0.0, 5.0)),
+        ((np.nan, 0.0, 0.0), (0.0, 0.0, 5.0)),
+        ((1e308, -1e308, 0.0), (0.0, 0.0, 5.0)),
+        ((1e308, 0.0, 0.0), (-1e308, 0.0, 5.0)),
+        ((1.0, 0.0, 5.0 - 1e-300), (0.0, 0.0, 5.0)),
+    ],
+    ids=["behind", "parallel", "nan", "huge", "huge between", "all but parallel"],
+)
+def test_a_line_of_sight_that_misses_the_image_is_refused(point, eye):
+    with pytest.raises(ValueError, match=r"nothing was pushed|turn the view"):
+        PLANE.to_pixels(point, eye=eye)
+
+
 ROOM = SceneFrame(200.0, ImagePlane(120, 80))
 EYE = {"wxyz": np.array([0.0, 1.0, 0.0, 0.0]), "position": np.array(ROOM.eye), "fov": 0.3, "aspect": 1.5}
 
 
-def test_points_are_found_again_and_the_pivot_is_the_middle() -> None:
+def test_scene_and_space_coordinates_are_inverse_and_the_pivot_is_the_origin() -> None:
     points = np.array([[1.0, -2.0, 190.0], [0.0, 0.0, 0.0], [50.0, 7.0, 333.0]])
     np.testing.assert_allclose(ROOM.to_space(ROOM.to_scene(points)), points, atol=1e-12)
     np.testing.assert_array_equal(ROOM.to_scene(ROOM.pivot), np.zeros(3))
@@ -18,7 +54,7 @@ def test_points_are_found_again_and_the_pivot_is_the_middle() -> None:
     np.testing.assert_allclose((right, down, ahead), np.diag([1.0, -1.0, -1.0]), atol=1e-12)
 
 
-def test_who_stands_where_the_film_was_taken_sees_what_it_shows() -> None:
+def test_a_visitor_at_the_recording_camera_has_its_view() -> None:
     camera = ROOM.camera(**EYE, side=96)
     np.testing.assert_allclose(camera.rotation, np.eye(3), atol=1e-12)
     np.testing.assert_allclose(camera.position, np.zeros(3), atol=1e-9)
@@ -26,7 +62,7 @@ def test_who_stands_where_the_film_was_taken_sees_what_it_shows() -> None:
 
 
 @pytest.mark.parametrize("aspect", [0.5, 1.0, 1.5, 3.0])
-def test_the_whole_picture_fits_into_a_window_of_any_shape(aspect: float) -> None:
+def test_the_whole_image_fits_into_a_window_of_any_shape(aspect: float) -> None:
     camera = ROOM.camera(**{**EYE, "fov": ROOM.fov(aspect), "aspect": aspect}, side=200)
     corners = np.array([[-60.0, -40.0, 200.0], [60.0, 40.0, 200.0]])
     (left, top), (right, bottom) = camera.project(corners)
@@ -35,7 +71,7 @@ def test_the_whole_picture_fits_into_a_window_of_any_shape(aspect: float) -> Non
     assert max((right - left) / camera.width, (bottom - top) / camera.height) > 0.85
 
 
-def test_a_slim_window_is_drawn_with_pixels_enough() -> None:
+def test_a_slim_window_keeps_enough_pixels() -> None:
     camera = ROOM.camera(**{**EYE, "aspect": 1e9}, side=256)
     assert (camera.height, camera.width) == (32, 256)
 
@@ -56,6 +92,6 @@ def test_a_slim_window_is_drawn_with_pixels_enough() -> None:
     ],
     ids=["nan", "zero", "huge", "endless", "far", "flat", "behind", "no angle", "negative", "line"],
 )
-def test_numbers_that_are_no_camera_are_refused(changed: dict) -> None:
+def test_invalid_cameras_are_refused(changed: dict) -> None:
     with pytest.raises(ValueError, match="sees nothing"):
         ROOM.camera(**{**EYE, **changed}, side=64)

@@ -8,14 +8,14 @@ from lagsplat.forces.grasp import grasp_brush
 from tests.unit.forces.rocking import rocking
 
 
-def test_it_rests_where_the_law_does_and_knows_how_far_it_has_been():
+def test_an_operating_point_rests_where_the_law_does_and_has_the_visited_radius():
     operating_point = rocking()
     assert operating_point.rest.tolist() == pytest.approx([0.0], abs=1e-9)
     assert operating_point.visited_radius == pytest.approx(1.0, rel=0.01)
     assert operating_point.render_images(operating_point.rest[None], scale=2).shape == (1, 48, 64, 3)
 
 
-def test_a_force_is_as_large_as_the_answer_asks():
+def test_a_force_of_the_found_size_gives_the_requested_response():
     operating_point = rocking()
     grip = grasp_brush(operating_point.kinematics, operating_point.rest, (20.0, 12.0), radius=1.0)
     down = np.array([0.0, 1.0])
@@ -26,7 +26,7 @@ def test_a_force_is_as_large_as_the_answer_asks():
     )
 
 
-def test_a_force_across_the_motion_cannot_be_made_large_enough():
+def test_a_force_across_the_motion_is_refused():
     operating_point = rocking()
     grip = grasp_brush(operating_point.kinematics, operating_point.rest, (2.0, 2.0), radius=1.0)
     with pytest.raises(ValueError, match="moves nothing"):

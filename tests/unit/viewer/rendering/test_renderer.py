@@ -1,4 +1,4 @@
-"""Pictures of states at a size of one's own choice."""
+"""Drawing states at any size."""
 
 from dataclasses import replace
 
@@ -20,7 +20,7 @@ def test_a_state_is_drawn_as_the_decoder_draws_it():
     np.testing.assert_allclose(picture, expected, atol=1.0)
 
 
-def test_space_is_drawn_as_the_decoder_draws_it_from_the_film_and_from_aside():
+def test_space_is_drawn_as_the_decoder_draws_it_from_two_cameras():
     operating_point, q = turning(), torch.tensor([[0.4]], dtype=torch.float64)
     renderer = open_renderer(operating_point.autoencoder, operating_point.chart, side=64)
     aside = turn_camera(operating_point, 25.0, 10.0)
@@ -34,7 +34,7 @@ def test_space_is_drawn_as_the_decoder_draws_it_from_the_film_and_from_aside():
         )
 
 
-def test_places_are_found_in_the_drawn_picture():
+def test_positions_are_projected_to_pixels_of_the_drawn_image():
     flat, deep = (
         open_renderer(operating_point.autoencoder, operating_point.chart, side=64)
         for operating_point in (rocking(), turning())
@@ -45,7 +45,7 @@ def test_places_are_found_in_the_drawn_picture():
     np.testing.assert_allclose(deep.project_points(np.array([deep.center])), [[32.0, 24.0]])
 
 
-def test_a_camera_beyond_the_numbers_sees_the_background_alone():
+def test_a_camera_that_overflows_sees_only_the_background():
     operating_point = turning()
     renderer = open_renderer(operating_point.autoencoder, operating_point.chart, side=16)
     away = replace(renderer.recording_camera, position=np.full(3, 1e300))

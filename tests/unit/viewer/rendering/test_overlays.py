@@ -1,13 +1,59 @@
-"""What can be dragged in space: ellipsoids that are the Gaussians, follow them, and fade with them."""
+"""Overlays: arrows, outlines, and the ellipsoids that can be dragged."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
 
 from lagsplat.splat.projection import SQUARE
-from lagsplat.viewer.rendering.overlays import OPAQUE, DragProxies, make_ball
+from lagsplat.viewer.rendering.overlays import (
+    OPAQUE,
+    AccelerationField,
+    DragProxies,
+    make_ball,
+    select_moving,
+    trace_outlines,
+)
 from lagsplat.viewer.rendering.scene_frame import FLIP
+from tests.unit.forces.rocking import rocking
 from tests.unit.forces.solid import FRONT, turning
+
+
+@pytest.mark.parametrize(("operating_point", "space"), [(rocking, 2), (turning, 3)], ids=["picture", "space"])
+def test_arrows_start_on_moving_matter_and_point_along_its_motion(operating_point, space: int) -> None:
+    field = AccelerationField(operating_point())
+    arrows = field.arrows(np.zeros(1), np.ones(1), largest=1.0)
+    assert arrows.shape[1:] == (2, space)
+    assert len(arrows) > 3
+    ways = arrows[:, 1] - arrows[:, 0]
+    np.testing.assert_allclose(ways / (2.0 * field.cell), field.along(np.ones(1)), atol=1e-9)
+
+
+def test_the_wall_gets_no_arrow() -> None:
+    operating_point = turning()
+    assert (operating_point.kinematics.center[select_moving(operating_point.kinematics), 2] == FRONT).all()
+    np.testing.assert_allclose(AccelerationField(operating_point).places(np.zeros(1))[:, 2], FRONT)
+
+
+def test_a_stray_that_moves_alone_is_no_object() -> None:
+    operating_point = turning()
+    before = select_moving(operating_point.kinematics)
+    center = operating_point.kinematics.center.clone()
+    stray = int(np.flatnonzero(before)[0])
+    center[stray] += 40.0
+    after = select_moving(replace(operating_point.kinematics, center=center))
+    assert before[stray]
+    assert not after[stray]
+    assert after.sum() == before.sum() - 1
+
+
+def test_an_outline_runs_half_way_between_inside_and_outside() -> None:
+    share = np.zeros((20, 30))
+    share[5:15, 8:24] = 1.0
+    (line,) = trace_outlines(share, smooth_px=0.5)
+    np.testing.assert_allclose(line.min(0), (8.0, 5.0), atol=0.1)
+    np.testing.assert_allclose(line.max(0), (24.0, 15.0), atol=0.1)
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +74,7 @@ def test_the_plate_can_be_dragged_and_the_wall_cannot(operating_point) -> None:
     assert (half > 0.05).all()
 
 
-def test_an_ellipsoid_is_where_its_gaussian_stops_so_much_light(operating_point) -> None:
+def test_an_ellipsoid_ends_where_its_gaussian_reaches_the_opacity_threshold(operating_point) -> None:
     matter = DragProxies(operating_point)
     covariance = (
         operating_point.autoencoder.gaussians.covariance()
@@ -44,7 +90,7 @@ def test_an_ellipsoid_is_where_its_gaussian_stops_so_much_light(operating_point)
     np.testing.assert_allclose(left, OPAQUE, rtol=1e-6)
 
 
-def test_it_follows_the_state_and_fades_where_nothing_is_drawn(operating_point) -> None:
+def test_ellipsoids_follow_the_state_and_vanish_where_nothing_is_drawn(operating_point) -> None:
     matter = DragProxies(operating_point)
     q = operating_point.rest.numpy() + 0.7
     place, _ = matter.ellipsoids(q)
@@ -54,7 +100,7 @@ def test_it_follows_the_state_and_fades_where_nothing_is_drawn(operating_point) 
     assert half.max() < 1e-3
 
 
-def test_turns_are_unit_quaternions_of_the_scene(operating_point) -> None:
+def test_orientations_are_unit_quaternions(operating_point) -> None:
     turned = DragProxies(operating_point).orientations(FLIP)
     np.testing.assert_allclose(np.linalg.norm(turned, axis=1), 1.0)
 

@@ -1,4 +1,4 @@
-"""Which states the recording covered."""
+"""The states that a recording covers."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from lagsplat.viewer.simulation.history import measure_coverage
 from tests.unit.forces.rocking import rocking
 
 
-def test_every_training_state_is_covered_and_what_lies_far_is_not():
+def test_training_states_are_covered_and_distant_states_are_not():
     chart = rocking(frames=900).chart
     coverage = measure_coverage(chart, beyond=0.1)
     assert len(coverage.points) == 400

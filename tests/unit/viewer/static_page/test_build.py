@@ -59,7 +59,7 @@ run.coverage) }));
 @pytest.mark.parametrize(
     ("form", "d"), [("default", 1), ("default", 4), ("linear", 2), ("convex", 2), ("signed", 2)]
 )
-def test_ten_seconds_of_a_law_are_the_same(form: str, d: int) -> None:
+def test_ten_seconds_of_a_law_are_the_same_in_the_page(form: str, d: int) -> None:
     law = random_lagrangian(d, 2, 3, **FORMS[form])
     law.longest_step = 0.02 if d == 4 else 0.1  # these laws are stiff
     dt, edits = 1 / 30, LawEdits(damping=2.0, inertia=1.5, stiffness=0.8)
@@ -98,7 +98,7 @@ def test_a_push_of_ten_seconds_is_the_same_in_the_page(make) -> None:
     assert result["covered"] == pytest.approx(one.snapshot().coverage_distance, rel=1e-3, abs=1e-6)
 
 
-def test_the_page_needs_nothing_from_anywhere(tmp_path) -> None:
+def test_the_page_loads_nothing_from_elsewhere(tmp_path) -> None:
     path = tmp_path / "push.html"
     save_page(path, session(), title="A <disc> & more", subtitle="</script><b>")
     page = path.read_text(encoding="utf-8")
@@ -118,7 +118,7 @@ def test_a_mass_that_the_decoder_induces_is_refused() -> None:
         render_page(one, title="", subtitle="")
 
 
-def test_the_command_says_what_is_missing(tmp_path, capsys) -> None:
+def test_the_export_command_names_what_is_missing(tmp_path, capsys) -> None:
     assert main(["export", str(tmp_path), "--html"]) == 2
     assert "no recording.safetensors there" in capsys.readouterr().err
     assert main(["export", str(tmp_path), "--pdf"]) == 2
