@@ -138,7 +138,7 @@ def choose_hanging_points(scene: MovingParts) -> tuple[Point, Point, Float64[np.
     """
     rows = np.flatnonzero(scene.object.any(1))
     if len(rows) < 3:
-        raise ValueError("nothing moves in the picture: there is no arm to push; check stage 1")
+        raise ValueError("nothing moves in the image: there is no arm to push; check stage 1")
     weight = np.where(scene.object, scene.motion, 0.0)[rows]
     columns = weight @ (np.arange(weight.shape[1]) + 0.5) / weight.sum(1)
     length = rows[-1] - rows[0]
@@ -173,12 +173,12 @@ CUTS = 5
 FOREGROUND = (cv2.GC_FGD, cv2.GC_PR_FGD)
 
 
-def draw_outline(picture: Float[np.ndarray, "h w 3"], scene: MovingParts) -> Bool[np.ndarray, "h w"]:
+def draw_outline(image: Float[np.ndarray, "h w 3"], scene: MovingParts) -> Bool[np.ndarray, "h w"]:
     """Segment the object by colour, starting from its motion; used for figures and outlines only.
 
     Source: Rother, Kolmogorov and Blake, "GrabCut", ACM Transactions on Graphics 23 (2004), as in OpenCV.
     """
-    columns_rows = picture.shape[1::-1]
+    columns_rows = image.shape[1::-1]
     near, moves = (
         cv2.resize(part.astype(np.float32), columns_rows, interpolation=cv2.INTER_LINEAR)
         for part in (scene.relative, scene.motion)
@@ -189,7 +189,7 @@ def draw_outline(picture: Float[np.ndarray, "h w 3"], scene: MovingParts) -> Boo
     if not (np.isin(labels, FOREGROUND).any() and (~np.isin(labels, FOREGROUND)).any()):
         return near > OUTLINE
     cv2.setRNGSeed(0)
-    levels = (255 * picture.clip(0.0, 1.0)).astype(np.uint8)
+    levels = (255 * image.clip(0.0, 1.0)).astype(np.uint8)
     ground, thing = np.zeros((1, 65)), np.zeros((1, 65))
     cv2.grabCut(levels, labels, (0, 0, 1, 1), ground, thing, CUTS, cv2.GC_INIT_WITH_MASK)
     return np.isin(labels, FOREGROUND)

@@ -129,7 +129,7 @@ def test_a_button_returns_to_the_recording_camera(page, live) -> None:
     page.get_by_role("tab", name="View").click()
     page.get_by_label("Outline at rest").dispatch_event("click")
     until(lambda: live.scene_view.canvas.silhouettes.handles, "the outline")
-    page.get_by_role("button", name="Look from the film's camera").dispatch_event("click")
+    page.get_by_role("button", name="Look from the recording camera").dispatch_event("click")
     until(lambda: np.linalg.norm(looks_from(live)) < 0.1, "the film's camera")
     until(lambda: abs(middle(page) / canvas_of(page)["width"] - 0.5) < 0.1, "the picture from there")
 

@@ -103,7 +103,7 @@ class Canvas(Protocol):
 class ImageCanvas:
     """A `Canvas` for a run in the image plane: one image for every visitor."""
 
-    reset_view_label = "Face the picture"
+    reset_view_label = "Face the image"
     axes = np.eye(2)
 
     def __init__(
@@ -204,7 +204,7 @@ class PaintedFrame:
 class CameraCanvas:
     """A `Canvas` for a run in space, with one image of ``side`` pixels for each visitor."""
 
-    reset_view_label = "Look from the film's camera"
+    reset_view_label = "Look from the recording camera"
 
     def __init__(
         self,

@@ -56,7 +56,7 @@ class RealtimeLoop:
     """Runs a session in two threads from `start` until `stop`.
 
     Args:
-        session: the session; nobody else may call it while the loop runs.
+        session: the session; no other thread may call it while the loop runs.
         draw: called with snapshots in a thread of its own, never twice at once; snapshots that come faster
             than it draws are skipped.
         pictures_hz: largest number of calls of ``draw`` a second.
@@ -81,7 +81,7 @@ class RealtimeLoop:
         self.frame_log: deque[float] = deque()
         self.threads = [
             threading.Thread(target=self._run_dynamics, name="dynamics", daemon=True),
-            threading.Thread(target=self._run_drawing, name="pictures", daemon=True),
+            threading.Thread(target=self._run_drawing, name="drawing", daemon=True),
         ]
 
     def start(self) -> None:
