@@ -204,7 +204,7 @@ class _Parser(argparse.ArgumentParser):
     """A parser whose errors are exceptions, so that all refusals of the command line look the same."""
 
     def error(self, message: str) -> NoReturn:
-        raise CommandError(f"{message}; see {self.prog} --help")
+        raise CommandError(f"{message}; see {self.prog} --help\nusage: {self.usage}")
 
 
 def verb_parser(name: str, parser: argparse.ArgumentParser | None = None) -> argparse.ArgumentParser:

@@ -1,4 +1,4 @@
-"""The readable rasteriser: the specification of the image model that the fast ones must agree with."""
+"""The reference rasteriser in torch: the specification that the fast ones must match."""
 
 import torch
 from jaxtyping import Float
@@ -17,14 +17,14 @@ def rasterize(
     height: int,
     width: int,
 ) -> Float[Tensor, "B 3 H W"]:
-    """Images of B scenes of K Gaussians, whose shapes and colours are shared or one an image (S = B).
+    """Draw B images of K Gaussians; shapes and colours are shared or per image (S = B).
 
-    ``means`` [px] and ``opacity`` are per image; ``covariance`` holds xx, xy, yy [px^2]. Works in the type
-    of its arguments (float64 for checks), differentiates by autograd, and needs memory for some ten times B
-    K H W numbers.
+    ``means`` [px] and ``opacity`` are per image; ``covariance`` holds xx, xy, yy [px^2]. Works in the dtype
+    of its arguments (float64 for checks), differentiates by autograd, and needs memory for about 10 B K H W
+    numbers.
 
     Raises:
-        ValueError: shapes, types or devices do not fit together.
+        ValueError: shapes, types or devices do not match.
 
     Source: the image model in `lagsplat.splat.image_model`.
 
@@ -60,7 +60,7 @@ def _render(
 ) -> Float[Tensor, "3 H W"]:
     alpha = _alpha(means, covariance, opacity, height, width)
     after = torch.cumprod(1 - alpha, dim=0)
-    # The transmittance only falls, so what this keeps lies in front of the Gaussian that finishes the pixel.
+    # Transmittance never rises, so this keeps the Gaussians in front of the one that finishes the pixel.
     alpha = torch.where(after > TRANSMITTANCE_MIN, alpha, 0)
     after = torch.cumprod(1 - alpha, dim=0)
     ahead = torch.cat([after.new_ones(1, height, width), after])
@@ -75,7 +75,7 @@ def _alpha(
     height: int,
     width: int,
 ) -> Float[Tensor, "K H W"]:
-    """Alpha (K, H, W) of each Gaussian in each pixel, 0 where it is passed over."""
+    """Alpha (K, H, W) of each Gaussian in each pixel, 0 where it is skipped."""
     xx, xy, yy = covariance.double().unbind(1)
     xx, yy = xx + BLUR_PX2, yy + BLUR_PX2
     finite = covariance.isfinite().all(1) & means.isfinite().all(1) & opacity.isfinite()
