@@ -1,4 +1,4 @@
-"""Choice of the rasteriser: a name and a device in, a function out."""
+"""Choose the rasteriser by name and device."""
 
 from collections.abc import Callable
 from importlib.util import find_spec
@@ -8,25 +8,25 @@ from torch import Tensor
 
 Rasterizer = Callable[..., Tensor]
 
-# The kind of device each rasteriser draws on; torch draws on any.
+# The device type each rasteriser runs on; None is any.
 DEVICES = {"torch": None, "numba": "cpu", "gsplat": "cuda"}
 
 
 def choose_device(name: str) -> str:
-    """The kind of device to train on with this rasteriser: CUDA where it can draw there, else the CPU."""
+    """Return the device type to train on with this rasteriser: CUDA if it can run there, else the CPU."""
     if name == "auto":
         return "cuda" if torch.cuda.is_available() and find_spec("gsplat") else "cpu"
     return DEVICES.get(name) or "cpu"
 
 
 def choose_rasterizer(name: str, device: torch.device | str) -> Rasterizer:
-    """The ``rasterize(means, covariance, opacity, color, background, *, height, width)`` of that name.
+    """Return ``rasterize(means, covariance, opacity, color, background, *, height, width)`` by name.
 
-    ``"auto"`` takes gsplat on a CUDA device where it is installed, Numba on the CPU, and torch anywhere
-    else. Only the chosen module is imported.
+    ``"auto"`` takes gsplat on a CUDA device if it is installed, Numba on the CPU, and torch elsewhere. Only
+    the chosen module is imported.
 
     Raises:
-        ValueError: unknown name, or one that cannot draw on ``device``.
+        ValueError: unknown name, or a rasteriser that cannot run on ``device``.
     """
     kind = torch.device(device).type
     if name == "auto":
@@ -37,7 +37,7 @@ def choose_rasterizer(name: str, device: torch.device | str) -> Rasterizer:
         raise ValueError(
             f"the rasteriser {name!r} draws on {DEVICES[name]}, not {kind}: choose 'auto' or 'torch'"
         )
-    # Written as statements, since results depend on these modules and only a statement shows it.
+    # Import statements, because the dependency tracking of results reads only statements.
     if name == "numba":
         from lagsplat.splat.cpu.rasterize import rasterize as on_cpu
 

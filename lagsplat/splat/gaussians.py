@@ -1,4 +1,4 @@
-"""The (n+d)-dimensional Gaussians that tile the space--state volume, and their slice at a latent."""
+"""The (n+d)-dimensional Gaussians of space and latent state, and their slice at a latent."""
 
 from functools import reduce
 from operator import add
@@ -12,9 +12,9 @@ from lagsplat.array_types import Latents
 
 
 class GaussianSlice(NamedTuple):
-    """Gaussians of the plane, ready to be drawn, or of space, ready to be projected.
+    """Gaussians of the plane, ready to draw, or of space, ready to project.
 
-    A batch shares their shapes and colours, not their places; once projected, each image has its own (S = B).
+    A batch shares shapes and colours, not centres; after projection each image has its own (S = B).
     ``covariance`` holds the lower triangle row by row: xx, xy, yy and, in space, xz, yz, zz [px^2].
     """
 
@@ -28,7 +28,7 @@ class GaussianSlice(NamedTuple):
 class Gaussians(nn.Module):
     """``K`` Gaussians in space and state, each with a fixed centre and covariance, an opacity and a colour.
 
-    ``space`` is the number n of spatial dimensions: 2, the picture, or 3, what several cameras see.
+    ``space`` is the number n of spatial dimensions: 2 for the image plane, 3 for several cameras.
 
     The covariance is ``Sigma = L L^T`` with ``L`` lower triangular in the order latent, space::
 
@@ -36,8 +36,8 @@ class Gaussians(nn.Module):
              [B,    S]]        Sigma_sz = B P^-T          Sigma_ss = B B^T + S S^T
 
     In this order the Schur complement needs no inverse: with ``w = P (z - center_z)`` the slice at ``z`` has
-    its mean at ``center + B w``, the covariance ``S S^T`` and the gate ``exp(-w.w / 2)``, so the Jacobian of
-    the mean is ``J = B P``. Lengths are in pixels of the training image; in space one is what a pixel of the
+    mean ``center + B w``, covariance ``S S^T`` and gate ``exp(-w.w / 2)``, so the Jacobian of the mean is
+    ``J = B P``. Lengths are in pixels of the training image; in space the unit is what a pixel of the
     reference camera covers at its pivot, see `lagsplat.views.camera`.
 
     Source: paper eqs. (schur-mean), (schur-cov), (latent_opacity).
@@ -85,18 +85,20 @@ class Gaussians(nn.Module):
         return _lower(self.shape_log_diagonal, self.shape_below)
 
     def jacobian(self) -> Float[Tensor, "K n d"]:
-        """``J``, by which each drawn centre follows the latent [px per unit of z]; constant."""
+        """``J``, the derivative of each drawn centre with respect to the latent [px per unit of z];
+        constant.
+        """
         return self.coupling @ self.precision_factor()
 
     def gate(self, z: Latents) -> Float[Tensor, "B K"]:
-        """Presence of each Gaussian at ``z``, in (0, 1]."""
+        """Factor of each Gaussian's opacity at ``z``, in (0, 1]."""
         factor = self.precision_factor()
         offset = (factor @ self.latent_center[..., None]).flatten()
         whitened = torch.addmm(-offset, z, factor.flatten(0, 1).T).unflatten(1, (self.n, self.d))
         return torch.exp(-0.5 * whitened.square().sum(-1))
 
     def covariance(self) -> Float[Tensor, "K m"]:
-        """Drawn covariance ``S S^T``, its lower triangle row by row [px^2]; the same at every latent."""
+        """Drawn covariance ``S S^T``, lower triangle row by row [px^2]; independent of the latent."""
         diagonal, below = self.shape_log_diagonal.exp().unbind(1), self.shape_below.unbind(1)
         rows = [[*below[i * (i - 1) // 2 :][:i], diagonal[i]] for i in range(self.space)]
         entries = [
@@ -107,11 +109,11 @@ class Gaussians(nn.Module):
         return torch.stack(entries, dim=1)
 
     def background(self) -> Float[Tensor, "3"]:
-        """What is seen where nothing is drawn: one learned colour, or black."""
+        """Background colour: one learned colour, or black."""
         return self.center.new_zeros(3) if self.background_logit is None else self.background_logit.sigmoid()
 
     def condition(self, z: Latents) -> GaussianSlice:
-        """The Gaussians of the plane, or of space, at each latent of the batch."""
+        """Slice the Gaussians at each latent of the batch."""
         jacobian = self.jacobian()
         rest = self.center - (jacobian @ self.latent_center[..., None])[..., 0]
         return GaussianSlice(
@@ -124,7 +126,7 @@ class Gaussians(nn.Module):
 
 
 def _lower(log_diagonal: Float[Tensor, "K m"], below: Float[Tensor, "K _"]) -> Float[Tensor, "K m m"]:
-    """Lower triangular matrices of their diagonals' logarithms and, row by row, what stands below."""
+    """Lower triangular matrices from their log diagonals and, row by row, the entries below."""
     count, size = log_diagonal.shape
     row, column = torch.tril_indices(size, size, offset=-1)
     factor = torch.diag_embed(log_diagonal.exp())

@@ -1,16 +1,15 @@
-"""Numbers and argument checks of the one image model that every rasteriser implements.
+"""Constants and argument checks of the image model that every rasteriser implements.
 
 A Gaussian with centre ``m``, covariance ``S`` and opacity ``o`` covers the pixel centred at ``x`` with
 ``alpha = min(0.999, o exp(-sigma))``, ``sigma = (x - m)^T (S + 0.3 I)^-1 (x - m) / 2``. Gaussians are
-composited front to back in the order of their index. One with ``alpha < 1/255`` is passed over. A pixel is
-finished by the first Gaussian that would bring its transmittance to 1e-4 or less; that one is not
-composited any more. What is left of the transmittance shows the background. This is the "classic" mode of
-gsplat in two dimensions, and as there the clamp at 0.999 passes no gradient on. Gaussians in space are first
-projected and put in order of depth, by `lagsplat.splat.projection`.
+composited front to back in index order; one with ``alpha < 1/255`` is skipped. The first Gaussian that would
+bring a pixel's transmittance to 1e-4 or less finishes the pixel and is not composited. The remaining
+transmittance shows the background. This is gsplat's "classic" mode in two dimensions; as there, the clamp at
+0.999 passes no gradient. Gaussians in space are first projected and sorted by depth, by
+`lagsplat.splat.projection`.
 
-A Gaussian is drawn nowhere, and receives no gradient, when its centre, covariance or opacity is not finite,
-when its opacity is below 1/255, or when its blurred covariance is not positive definite. Opacities belong
-in [0, 1].
+A Gaussian is not drawn, and receives no gradient, if its centre, covariance or opacity is not finite, its
+opacity is below 1/255, or its blurred covariance is not positive definite. Opacities lie in [0, 1].
 
 Source: Kerbl et al. 2023, doi:10.1145/3592433; constants as in gsplat 1.5.
 """
@@ -33,7 +32,7 @@ def require_scene(
     height: int,
     width: int,
 ) -> None:
-    """Refuse a scene whose shapes, types or devices do not fit together.
+    """Check that the shapes, types and devices of a scene match.
 
     Raises:
         ValueError: names the argument, what it is and what it should be.

@@ -1,4 +1,4 @@
-"""Terms of the reconstruction loss. Each returns a scalar, averaged over what it is computed on."""
+"""Terms of the reconstruction loss, each a scalar."""
 
 import math
 from functools import cache
@@ -10,13 +10,13 @@ from torch import Tensor
 from lagsplat.array_types import Images
 
 SSIM_SIGMA = 1.5  # [px], of the window: Wang et al. 2004, doi:10.1109/TIP.2003.819861
-EQUAL_AXES = 1e-9  # of a cosine that is one where two axes of an ellipsoid are equal
+EQUAL_AXES = 1e-9  # margin on a cosine that is 1 where two axes of an ellipsoid are equal
 SSIM_C1, SSIM_C2 = 0.01**2, 0.03**2  # the same, for colours in [0, 1]
 
 
 @cache
 def make_ssim_filter(length: int, window: int) -> Float[Tensor, "valid length"]:
-    """Rows that average ``length`` samples under a Gaussian window, without padding.
+    """Matrix that averages ``length`` samples under a Gaussian window, without padding.
 
     A window wider than the image shrinks to the largest odd one that fits.
     """
@@ -30,10 +30,10 @@ def make_ssim_filter(length: int, window: int) -> Float[Tensor, "valid length"]:
 
 
 def structural_dissimilarity(drawn: Images, truth: Images, *, window: int) -> Float[Tensor, ""]:
-    """``1 - SSIM``, averaged over the positions where the window fits, channels and images.
+    """``1 - SSIM``, averaged over images, channels and the positions where the window fits.
 
-    The window is applied as two matrix products, which on a CPU is several times faster than a depthwise
-    convolution for images this small.
+    Two matrix products apply the window: on a CPU several times faster than a depthwise convolution for
+    images this small.
 
     Source: Wang et al. 2004, doi:10.1109/TIP.2003.819861.
     """
@@ -49,7 +49,7 @@ def structural_dissimilarity(drawn: Images, truth: Images, *, window: int) -> Fl
 
 
 def anisotropy(covariance: Float[Tensor, "K m"], *, limit: float) -> Float[Tensor, ""]:
-    """How far what is drawn is longer than ``limit`` times its width, as a mean log ratio.
+    """Mean log ratio by which drawn Gaussians exceed the aspect ratio ``limit``.
 
     ``covariance`` holds lower triangles row by row, m = 3 in the plane and 6 in space.
 
@@ -61,7 +61,7 @@ def anisotropy(covariance: Float[Tensor, "K m"], *, limit: float) -> Float[Tenso
 
 
 def _extremes_of_plane(covariance: Float[Tensor, "K 3"]) -> tuple[Tensor, Tensor]:
-    """Largest and smallest variance along an axis."""
+    """Largest and smallest variance along an axis, in the plane."""
     xx, xy, yy = covariance.unbind(1)
     middle = (xx + yy) / 2
     # The floor under the root keeps its derivative finite for a circle.
@@ -70,9 +70,10 @@ def _extremes_of_plane(covariance: Float[Tensor, "K 3"]) -> tuple[Tensor, Tensor
 
 
 def _extremes(covariance: Float[Tensor, "K 6"]) -> tuple[Tensor, Tensor]:
-    """The same in space, by the trigonometric solution of the cubic: eigenvalues of a batch take far longer.
+    """Largest and smallest variance in space, by the trigonometric solution of the cubic.
 
-    In float64, for the smallest is a difference of large numbers.
+    Batched eigenvalue solvers take far longer. In float64, because the smallest is a difference of large
+    numbers.
 
     Source: Smith 1961, doi:10.1145/355578.366316.
     """

@@ -1,14 +1,14 @@
-"""Gaussians of space as cameras see them: planar ones, one set an image, nearest first.
+"""Project Gaussians of space into cameras: planar Gaussians, one set per image, nearest first.
 
-A Gaussian with centre ``m`` and covariance ``S`` in camera coordinates is drawn where ``m`` is projected to.
+A Gaussian with centre ``m`` and covariance ``S`` in camera coordinates is drawn at the projection of ``m``.
 Its shape is that of the projection linearised at the centre, ``A S A^T`` with
 
     A = [[f_x / z, 0, -f_x x / z^2],
          [0, f_y / z, -f_y y / z^2]]
 
-in which ``x / z`` and ``y / z`` stop at `MARGIN` of half the picture beyond its edges, for the linearisation
-explodes there. What is nearer than `NEAR` is not drawn. After that a Gaussian of space is one of the plane,
-and `lagsplat.splat.image_model` holds, with the order of depth as that of the index.
+where ``x / z`` and ``y / z`` are clipped at `MARGIN` of half the image beyond its edges, because the
+linearisation diverges there. Gaussians nearer than `NEAR` are not drawn. The result follows
+`lagsplat.splat.image_model`, with depth order as index order.
 
 Source: Zwicker et al. 2002, doi:10.1109/TVCG.2002.1021576; limits as in gsplat 1.5, classic mode.
 """
@@ -40,23 +40,23 @@ class View(NamedTuple):
     middle: Float[Tensor, "B 2"]
 
     def resized(self, across: float, down: float) -> "View":
-        """The same cameras with these times as many pixels over the same pictures."""
+        """The same cameras with ``across`` times as many columns and ``down`` times as many rows."""
         factor = self.focal.new_tensor([across, down])
         return self._replace(focal=self.focal * factor, middle=self.middle * factor)
 
     def of(self, images: Tensor) -> "View":
-        """The cameras with these numbers."""
+        """The cameras of the images with these indices."""
         return View(*(part[images] for part in self))
 
     def unproject(self, pixels: Float[Tensor, "B 2"], depth: Float[Tensor, " B"]) -> Float[Tensor, "B 3"]:
-        """Where in the world an image point of each camera lies, this far ahead of it."""
+        """World points at these image points of each camera, at the given depth."""
         ahead = torch.cat([(pixels - self.middle) / self.focal, torch.ones_like(pixels[:, :1])], dim=1)
         inside = depth[:, None] * ahead - self.translation
         return (self.rotation.mT @ inside[..., None])[..., 0]
 
 
 def make_view(cameras: Sequence[Camera]) -> View:
-    """Cameras as tensors (float32)."""
+    """Convert cameras to float32 tensors."""
     parts = [
         np.stack([camera.rotation for camera in cameras]),
         np.stack([-camera.rotation @ camera.position for camera in cameras]),
@@ -69,11 +69,11 @@ def make_view(cameras: Sequence[Camera]) -> View:
 def project(scene: GaussianSlice, view: View, *, height: int, width: int) -> GaussianSlice:
     """The planar Gaussians that each image's camera sees, nearest first.
 
-    ``view`` has one camera an image, or one for all. Differentiable in all but the order. Whatever stands in
-    place of colours, however many numbers a Gaussian, is put in that order, too.
+    ``view`` has one camera per image, or one for all. Differentiable in all but the order. Colours, of any
+    number of channels, are sorted along.
 
     Raises:
-        ValueError: the Gaussians are planar already, or cameras and images differ in number.
+        ValueError: the Gaussians are planar already, or the numbers of cameras and images differ.
     """
     if scene.means.shape[2] != 3 or len(view.rotation) not in (1, len(scene.means)):
         raise ValueError(
@@ -96,14 +96,14 @@ def project(scene: GaussianSlice, view: View, *, height: int, width: int) -> Gau
 
 
 def compute_depths(means: Float[Tensor, "B K 3"], view: View) -> Float[Tensor, "B K"]:
-    """How far ahead of its camera each centre is."""
+    """Depth of each centre ahead of its camera."""
     return (
         torch.einsum("bki,bi->bk", means, view.rotation[:, 2].expand(len(means), 3)) + view.translation[:, 2:]
     )
 
 
 def _within(means: Float[Tensor, "B K 3"], view: View) -> tuple[Float[Tensor, "B K 3"], Tensor]:
-    """Centres in camera coordinates, and which of them are drawn; the others are put one unit ahead."""
+    """Centres in camera coordinates, and which are drawn; the others are placed one unit ahead."""
     seen = torch.baddbmm(view.translation[:, None], means, view.rotation.mT.expand(len(means), 3, 3))
     drawn = (seen[..., 2] >= NEAR) & seen.isfinite().all(2)
     # Replaced before the division: autograd would turn an unused infinity into NaN.
@@ -113,14 +113,14 @@ def _within(means: Float[Tensor, "B K 3"], view: View) -> tuple[Float[Tensor, "B
 def _flattened(
     covariance: Float[Tensor, "K 6"], seen: Float[Tensor, "B K 3"], view: View, height: int, width: int
 ) -> Float[Tensor, "B K 3"]:
-    """Covariance of the pictures of Gaussians [px^2], as xx, xy, yy."""
+    """Covariance of the projected Gaussians [px^2], as xx, xy, yy."""
     size = seen.new_tensor([width, height])
     slack = MARGIN * 0.5 * size
     slope = seen[..., :2] / seen[..., 2:]
     slope = torch.minimum(slope, ((size - view.middle + slack) / view.focal)[:, None])
     slope = torch.maximum(slope, (-(view.middle + slack) / view.focal)[:, None])
     scale = view.focal[:, None] / seen[..., 2:]
-    # The two rows of A R: a row of R, less the slope times its last.
+    # The two rows of A R: a row of R minus the slope times its last row.
     right, down = (
         scale[..., i, None] * (view.rotation[:, None, i] - slope[..., i, None] * view.rotation[:, None, 2])
         for i in range(2)

@@ -1,8 +1,8 @@
-"""The rasteriser for CUDA devices: gsplat's kernels, given Gaussians that are two-dimensional from the start.
+"""The CUDA rasteriser: gsplat's kernels, on Gaussians that are already two-dimensional.
 
-gsplat projects three-dimensional Gaussians before it rasterises. Only the second half is used here, so
-nothing is lost to a camera: the conics are exact, the images of a batch are gsplat's images, and the depth
-of a Gaussian is its index, which gsplat sorts by as a float32, exactly up to 2^24.
+gsplat projects three-dimensional Gaussians before it rasterises. Only its second half is used here, so no
+camera model adds error: the conics are exact, the batch's images are gsplat's images, and the depth of a
+Gaussian is its index, which gsplat sorts as a float32, exact up to 2^24.
 """
 
 from typing import NamedTuple
@@ -17,7 +17,7 @@ TILE_PX = 16
 
 
 class GsplatScene(NamedTuple):
-    """What gsplat's tile intersection and rasterisation take."""
+    """Arguments of gsplat's tile intersection and rasterisation."""
 
     means: Float[Tensor, "B K 2"]
     radii: Int32[Tensor, "B K 2"]
@@ -37,14 +37,14 @@ def rasterize(
     height: int,
     width: int,
 ) -> Float[Tensor, "B 3 H W"]:
-    """Images of B scenes of K Gaussians, shapes and colours shared or one an image, on CUDA in float32.
+    """Draw B images of K Gaussians on CUDA in float32; shapes and colours are shared or per image (S = B).
 
     ``means`` [px] and ``opacity`` are per image; ``covariance`` holds xx, xy, yy [px^2]. Differentiable
     once, in all five tensors.
 
     Raises:
-        ValueError: shapes, types or devices do not fit together, or the tensors are not float32 on a CUDA
-        device. ImportError: gsplat is not installed, or has no compiled kernels.
+        ValueError: shapes, types or devices do not match, or the tensors are not float32 on a CUDA device.
+        ImportError: gsplat is not installed, or has no compiled kernels.
 
     Source: the image model in `lagsplat.splat.image_model`.
     """
@@ -84,7 +84,7 @@ def embed_in_space(
     opacity: Float[Tensor, "B K"],
     color: Float[Tensor, "*S K 3"],
 ) -> GsplatScene:
-    """The Gaussians as gsplat wants them after its projection; one that is not drawn gets radius 0."""
+    """The Gaussians as gsplat's projection would return them; one that is not drawn gets radius 0."""
     batch, count = opacity.shape
     xx, xy, yy = covariance.double().unbind(-1)
     xx, yy = xx + BLUR_PX2, yy + BLUR_PX2
@@ -109,7 +109,7 @@ def embed_in_space(
 
 
 def _require_gsplat():  # type: ignore[no-untyped-def]
-    """The module gsplat, with its kernels."""
+    """Import gsplat and check that it has its kernels."""
     try:
         import gsplat
         from gsplat.cuda._backend import _C

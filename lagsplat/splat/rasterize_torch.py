@@ -17,11 +17,17 @@ def rasterize(
     height: int,
     width: int,
 ) -> Float[Tensor, "B 3 H W"]:
-    """Draw B images of K Gaussians; shapes and colours are shared or per image (S = B).
+    """Draw B images of K Gaussians with torch, in the dtype of the arguments (float64 for checks).
 
-    ``means`` [px] and ``opacity`` are per image; ``covariance`` holds xx, xy, yy [px^2]. Works in the dtype
-    of its arguments (float64 for checks), differentiates by autograd, and needs memory for about 10 B K H W
-    numbers.
+    Differentiates by autograd, and needs memory for about 10 B K H W numbers.
+
+    Args:
+        means: Centres [px].
+        covariance: xx, xy, yy [px^2], shared by all images or per image (S = B).
+        opacity: In [0, 1].
+        color: RGB, shared or per image like ``covariance``.
+        background: RGB where the transmittance is left.
+        height, width: Size of the images [px].
 
     Raises:
         ValueError: shapes, types or devices do not match.

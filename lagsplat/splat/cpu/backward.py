@@ -1,9 +1,9 @@
 # mypy: ignore-errors
 # (Numba infers the types of kernels.)
-"""Backward kernel: each Gaussian, back to front, is taken out of the pixels it covers.
+"""Backward kernel: remove each Gaussian, back to front, from the pixels it covers.
 
 The transmittance in front of a Gaussian is the one behind it divided by ``1 - alpha``, and the light from
-behind is summed on the way; so the forward pass need not store anything per pair of Gaussian and pixel.
+behind accumulates on the way, so the forward pass stores nothing per Gaussian and pixel.
 """
 
 import numpy as np
@@ -47,9 +47,9 @@ STRIDE = 6 * PITCH
 def backward(spots, slices, color, background, state, grad, workers):
     """Gradients of the loss with respect to the spots' X, Y, OPACITY, and to the slices and colours.
 
-    The former come as (shares, B, K, 3) and the latter, SLOPE, PRECISION_X, PRECISION_Y, red, green, blue, as
-    (workers, 1, K, 6), or (shares, B, K, 6) where each frame has slices of its own; the first axis of each is
-    still to be summed. A frame is split into shares only where there are fewer frames than workers.
+    The first come as (shares, B, K, 3), the others (SLOPE, PRECISION_X, PRECISION_Y, red, green, blue) as
+    (workers, 1, K, 6), or (shares, B, K, 6) where each frame has its own slices. The caller sums over the
+    first axis. A frame is split into shares only if there are fewer frames than workers.
     """
     batch, count = len(spots), slices.shape[1]
     height, width = grad.shape[2:]
@@ -83,7 +83,7 @@ def backward(spots, slices, color, background, state, grad, workers):
 
 @compiled()
 def fill(state, grad, background, top, left, rows, columns):
-    """A tile as the forward kernel left it, with the gradient of the loss in its pixels."""
+    """Restore a tile as the forward kernel left it, with the loss gradient of its pixels."""
     tile = np.zeros(ROWS * STRIDE, np.float32)
     for row in range(rows):
         for column in range(columns):
@@ -102,7 +102,7 @@ def fill(state, grad, background, top, left, rows, columns):
 
 @compiled()
 def undraw(spot_grad, shared_grad, tile, spots, slices, color, top, left, rows, columns):
-    """Take the spots (6, K) of a frame out of one of its tiles, adding to both gradients."""
+    """Remove the spots (6, K) of a frame from one of its tiles and add to both gradients."""
     crossing = np.empty(CROSSING, np.float32)
     for group in range(spots.shape[1] - WIDTH, -1, -WIDTH):
         met = meeting(spots, group, top, left, rows, columns)
@@ -128,7 +128,7 @@ def undraw(spot_grad, shared_grad, tile, spots, slices, color, top, left, rows, 
 
 @compiled()
 def undraw_spot(spot_grad, shared_grad, tile, crossing, first_row, count, widest, spot, shape, color, index):
-    """Take one spot out of the rows of a tile that it crosses."""
+    """Remove one spot from the rows of a tile that it crosses."""
     red, green, blue = color[0], color[1], color[2]
     # Moments of g = dL/dsigma over the pixels: u is the distance from the axis, h the height above the
     # centre.
@@ -163,7 +163,7 @@ def undraw_spot(spot_grad, shared_grad, tile, crossing, first_row, count, widest
 
 @compiled()
 def unblend(tile, at, sigma, opacity, cutoff, index, red, green, blue):
-    """Take one Gaussian out of the ``WIDTH`` pixels from ``at``; returns dL/dsigma and its weight in each."""
+    """Remove one Gaussian from the ``WIDTH`` pixels from ``at``; return dL/dsigma and its weight in each."""
     covered = opacity * exp_minus(sigma)
     live = (sigma <= cutoff) & (index < load(tile, at + STOP))
     alpha = select(live, minimum(covered, splat(ALPHA_MAX)), splat(ZERO))
@@ -174,6 +174,6 @@ def unblend(tile, at, sigma, opacity, cutoff, index, red, green, blue):
     behind = load(tile, at + BEHIND)
     store(tile, at, before)
     store(tile, at + BEHIND, behind + weight * own)
-    # The clamp passes no gradient on, nor do pixels far outside, where `covered` may be anything but alpha
+    # The clamp has no gradient, nor have pixels far outside, where `covered` is arbitrary but alpha
     # is 0.
     return select(covered < ALPHA_MAX, alpha * (behind * inverse - before * own), splat(ZERO)), weight

@@ -1,4 +1,4 @@
-"""How the kernels are compiled, and when a compiled kernel on disk may be used again."""
+"""Compile the kernels, and decide when a compiled kernel on disk is still valid."""
 
 from collections.abc import Callable
 from hashlib import sha256
@@ -11,16 +11,16 @@ OPTIONS = {
     "cache": True,
     "nogil": True,
     "error_model": "numpy",
-    # Nothing that assumes the absence of NaN or infinity: both occur, and are sorted out by comparisons.
+    # No flag that assumes finite numbers: NaN and infinity occur, and comparisons handle them.
     "fastmath": {"contract", "nsz", "arcp"},
 }
 
 
 def compiled(*, parallel: bool = False) -> Callable[[Callable[..., Any]], Any]:
-    """Decorator: compile with Numba on the first call, keep the result on disk.
+    """Decorator: compile with Numba on the first call and cache the result on disk.
 
-    Numba's disk cache looks only at the file of the function itself, so a kernel would go on using an old
-    version of a helper from another file. Here a cached result is void once any source of a kernel changes.
+    Numba's disk cache checks only the function's own file, so a kernel would keep using an old version of a
+    helper from another file. Here any change to a kernel source invalidates the cache.
     """
 
     def decorate(function: Callable[..., Any]) -> Any:
@@ -32,6 +32,6 @@ def compiled(*, parallel: bool = False) -> Callable[[Callable[..., Any]], Any]:
 
 
 def digest(folder: Path) -> str:
-    """SHA-256 of the kernels' sources: the files in ``folder`` and the image model they implement."""
+    """SHA-256 of the kernel sources: the files in ``folder`` and the image model they implement."""
     sources = [*folder.glob("*.py"), folder.parent / "image_model.py"]
     return sha256(b"".join(path.read_bytes() for path in sorted(sources))).hexdigest()

@@ -1,6 +1,6 @@
 # mypy: ignore-errors
 # (Numba infers the types of kernels.)
-"""Forward kernel: each Gaussian, front to back, is blended into the pixels it covers."""
+"""Forward kernel: blend each Gaussian, front to back, into the pixels it covers."""
 
 import numpy as np
 from numba import prange
@@ -37,7 +37,7 @@ STRIDE = 5 * PITCH
 
 @compiled(parallel=True)
 def forward(spots, slices, color, background, height, width):
-    """Images (B, 3, H, W); final transmittance of each pixel and the index that finished it (B, 2, H, W)."""
+    """Images (B, 3, H, W), and for each pixel final transmittance and finishing index (B, 2, H, W)."""
     batch, count = len(spots), slices.shape[1]
     images = np.empty((batch, 3, height, width), np.float32)
     state = np.empty((batch, 2, height, width), np.float32)
@@ -61,7 +61,7 @@ def forward(spots, slices, color, background, height, width):
 
 @compiled()
 def blank(columns, count):
-    """A tile before ``count`` Gaussians are drawn; only its first ``columns`` columns can be drawn upon."""
+    """An empty tile for ``count`` Gaussians; only its first ``columns`` columns are drawn."""
     tile = np.zeros(ROWS * STRIDE, np.float32)
     for row in range(ROWS):
         for column in range(columns):

@@ -1,4 +1,4 @@
-"""The rasteriser for processors: Numba kernels, forward and backward, parallel over the frames of a batch."""
+"""The CPU rasteriser: Numba kernels, forward and backward, in parallel over the frames of a batch."""
 
 from typing import Any
 
@@ -23,14 +23,15 @@ def rasterize(
     height: int,
     width: int,
 ) -> Float[Tensor, "B 3 H W"]:
-    """Images of B scenes of K Gaussians, shapes and colours shared or one an image, on the CPU in float32.
+    """Draw B images of K Gaussians on the CPU in float32; shapes and colours are shared or per image (S =
+    B).
 
     ``means`` [px] and ``opacity`` are per image; ``covariance`` holds xx, xy, yy [px^2]. Differentiable
-    once, in all five tensors. Uses as many threads as ``numba.get_num_threads()`` says. The first call on a
-    machine compiles the kernels (seconds); later processes load them from the disk cache.
+    once, in all five tensors. Uses ``numba.get_num_threads()`` threads. The first call on a machine compiles
+    the kernels (seconds); later processes load them from the disk cache.
 
     Raises:
-        ValueError: shapes, types or devices do not fit together, or the tensors are not float32 on the CPU.
+        ValueError: shapes, types or devices do not match, or the tensors are not float32 on the CPU.
 
     Source: the image model in `lagsplat.splat.image_model`.
     """
@@ -46,7 +47,7 @@ def rasterize(
 
 
 def slices_of(covariance: Float[Tensor, "*S K 3"]) -> Float[Tensor, "*S K 5"]:
-    """The slices of the blurred covariances, as `kernel_tile` defines them.
+    """The slices of the blurred covariances, laid out as in `lagsplat.splat.cpu.tile`.
 
     NaN where there is nothing to draw; the gradient there is zero.
     """

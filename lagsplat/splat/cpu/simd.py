@@ -1,15 +1,13 @@
 # mypy: ignore-errors
 """Eight float32 side by side, as one value inside Numba functions.
 
-Whether LLVM turns a loop into vector instructions depends on alias checks, trip counts and cost tables; a
-rasteriser must not be six times slower because one of them changed. So the width is written down: ``Lanes``
-knows ``+ - * /``, ``<``, ``<=`` and ``>`` with each other and with scalars (rounded to float32), a
-comparison gives a ``Mask`` that knows ``&``, and the functions below do the rest. Processors with narrower
-registers split the operations by themselves.
+Whether LLVM vectorises a loop depends on alias checks, trip counts and cost tables, and a rasteriser must
+not become six times slower when one of them changes. So the width is explicit: ``Lanes`` supports ``+ - *
+/``, ``<``, ``<=`` and ``>`` with each other and with scalars (rounded to float32), a comparison gives a
+``Mask`` that supports ``&``, and the functions below do the rest. Processors with narrower registers split
+the operations themselves.
 
-Numba functions only: none of this can be called from the interpreter.
-
-How the kernels are compiled, and when a compiled kernel on disk may be used again.
+Only Numba functions can call these, not the interpreter.
 """
 
 import operator
@@ -22,7 +20,7 @@ from numba.extending import intrinsic, models, overload, register_model
 WIDTH = 8
 _FLOATS = ir.VectorType(ir.FloatType(), WIDTH)
 _BITS = ir.VectorType(ir.IntType(1), WIDTH)
-# Fused multiply-add is wanted; nothing that assumes the absence of NaN or infinity is.
+# Allow fused multiply-add, but nothing that assumes finite numbers.
 _FLAGS = ("contract", "nsz", "arcp")
 
 
@@ -82,7 +80,7 @@ def _address(context, builder, array_type, array, index):
 
 @intrinsic
 def load(typing, array, index):
-    """The ``WIDTH`` values of a contiguous float32 array that begin at ``index``; nothing is checked."""
+    """The ``WIDTH`` values of a contiguous float32 array from ``index`` on; bounds are not checked."""
 
     def build(context, builder, signature, arguments):
         pointer = _address(context, builder, signature.args[0], *arguments)
@@ -93,7 +91,7 @@ def load(typing, array, index):
 
 @intrinsic
 def store(typing, array, index, value):
-    """Write ``WIDTH`` values to a contiguous float32 array from ``index`` on; nothing is checked."""
+    """Write ``WIDTH`` values to a contiguous float32 array from ``index`` on; bounds are not checked."""
 
     def build(context, builder, signature, arguments):
         pointer = _address(context, builder, signature.args[0], *arguments[:2])
@@ -105,7 +103,7 @@ def store(typing, array, index, value):
 
 @intrinsic
 def select(typing, mask, yes, no):
-    """``yes`` where ``mask`` holds, ``no`` elsewhere; the value not chosen may be anything, NaN included."""
+    """``yes`` where ``mask`` is true, else ``no``; the value not chosen may be anything, NaN included."""
 
     def build(context, builder, signature, arguments):
         return builder.select(*arguments)
@@ -115,7 +113,7 @@ def select(typing, mask, yes, no):
 
 @intrinsic
 def minimum(typing, left, right):
-    """The smaller of two Lanes, place by place."""
+    """The smaller of two Lanes, lane by lane."""
 
     def build(context, builder, signature, arguments):
         return builder.select(builder.fcmp_ordered("<", *arguments), *arguments)
@@ -125,7 +123,7 @@ def minimum(typing, left, right):
 
 @intrinsic
 def maximum(typing, left, right):
-    """The larger of two Lanes, place by place; ``right`` where ``left`` is NaN."""
+    """The larger of two Lanes, lane by lane; ``right`` where ``left`` is NaN."""
 
     def build(context, builder, signature, arguments):
         return builder.select(builder.fcmp_ordered(">", *arguments), *arguments)
@@ -152,7 +150,7 @@ floor = _function("floor")
 
 @intrinsic
 def to_bits(typing, mask):
-    """The mask as an integer: bit i tells whether it holds in lane i."""
+    """The mask as an integer: bit i is set if lane i is true."""
 
     def build(context, builder, signature, arguments):
         word = builder.bitcast(arguments[0], ir.IntType(WIDTH))
@@ -206,7 +204,7 @@ def _both(typing, left, right):
 
 
 def _overload(function, operation):
-    """Let ``function`` act on two Lanes, or on Lanes and a float, by ``operation``."""
+    """Make ``function`` on two Lanes, or on Lanes and a float, run ``operation``."""
 
     def choose(left, right):
         if left is lanes_t and right is lanes_t:

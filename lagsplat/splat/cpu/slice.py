@@ -1,17 +1,12 @@
 # mypy: ignore-errors
-"""The slice of a prepared cloud at one latent: where each Gaussian is, how present, and which are drawn.
+"""Draw a prepared cloud of Gaussians one frame at a time, as the viewer's loop does.
 
-What does not depend on the latent is a ``table`` of rows over the Gaussians, filled up to a multiple of
-``WIDTH``: origin x, y; Jacobian of x, of y; offset of the gate; the lower triangle of its factor, row by
-row; ``ln(255 o)`` and ``o`` of the opacity; extents as in a slice. With ``w = factor z - offset`` the largest
-sigma that is drawn is ``ln(255 o) - w.w / 2``: who has faded is told apart without an exponential.
-
-A cloud of Gaussians prepared for drawing one picture after another, as an interactive loop asks for them.
-
-What does not depend on the latent is worked out once; between two pictures one pass over the Gaussians finds
-those that are present and in the picture, and the rasteriser draws them.
-`lagsplat.splat.gaussians` and `lagsplat.splat.cpu.rasterize` stay the specification;
-`tests/oracle/test_one_picture.py` holds them together.
+Whatever does not depend on the latent is computed once, as a ``table`` of rows over the Gaussians, padded to
+a multiple of ``WIDTH``: origin x, y; Jacobian of x, of y; offset of the gate; the lower triangle of its
+factor, row by row; ``ln(255 o)`` and ``o`` of the opacity; extents as in a slice. With ``w = factor z -
+offset`` the largest sigma that is drawn is ``ln(255 o) - w.w / 2``, so faded Gaussians are skipped without
+an exponential. `lagsplat.splat.gaussians` and `lagsplat.splat.cpu.rasterize` are the specification;
+`tests/oracle/test_one_picture.py` compares with them.
 """
 
 import numpy as np
@@ -41,7 +36,9 @@ from lagsplat.splat.gaussians import Gaussians
 
 @compiled()
 def slice_at(z, table, slices, color, height, width):
-    """Spots (1, 6, M), slices (1, M, 5) and colours (1, M, 3) of those alone that reach into the picture."""
+    """Spots (1, 6, M), slices (1, M, 5) and colours (1, M, 3) of only the Gaussians that reach into the
+    image.
+    """
     count = table.shape[1]
     found = np.empty((6, count), np.float32)
     kept = np.empty(count, np.int32)
@@ -68,7 +65,7 @@ def slice_at(z, table, slices, color, height, width):
 
 @compiled()
 def condition(found, z, table, k, height, width):
-    """Fill in the ``WIDTH`` spots from ``k`` on; which of them are drawn, as bits. NaN is not."""
+    """Fill in the ``WIDTH`` spots from ``k`` on; return as bits which are drawn. Spots with NaN are not."""
     count, d = table.shape[1], len(z)
     x = load(table, k)
     y = load(table, count + k)
@@ -100,7 +97,7 @@ def condition(found, z, table, k, height, width):
 
 @compiled()
 def to_bytes(image):
-    """A picture (3, H, W) of numbers from 0 to 1 as (H, W, 3) of bytes."""
+    """Convert an image (3, H, W) in [0, 1] to uint8 (H, W, 3)."""
     _, height, width = image.shape
     picture = np.empty((height, width, 3), np.uint8)
     for row in range(height):
@@ -112,9 +109,9 @@ def to_bytes(image):
 
 
 class FrameRasterizer:
-    """The Gaussians of a decoder, drawn at ``height`` x ``width`` px on the CPU.
+    """Draws the Gaussians of a decoder at ``height`` x ``width`` px on the CPU.
 
-    ``stretch`` is how many of these pixels make one of the training resolution, along x and y.
+    ``stretch`` is the number of these pixels per pixel of the training resolution, along x and y.
     """
 
     @torch.no_grad()
@@ -131,7 +128,7 @@ class FrameRasterizer:
         self.background = gaussians.background().cpu().numpy().copy()
 
     def draw(self, z: Float64[np.ndarray, " d"]) -> UInt8[np.ndarray, "H W 3"]:
-        """The picture at the raw latent ``z``; one that is not finite shows the background alone."""
+        """Draw the raw latent ``z``; a latent that is not finite gives only the background."""
         scene = slice_at(z.astype(np.float32), self.table, self.slices, self.color, self.height, self.width)
         images, _ = forward(*scene, self.background, self.height, self.width)
         return to_bytes(images[0])
@@ -140,7 +137,7 @@ class FrameRasterizer:
 def _table(
     gaussians: Gaussians, extents: Float32[Tensor, "K 2"], scale: Float32[Tensor, "2"]
 ) -> Float32[np.ndarray, "rows K8"]:
-    """What `lagsplat.splat.cpu.slice` asks for; who is added to fill it up is never drawn."""
+    """The table of `lagsplat.splat.cpu.slice`; the Gaussians that pad it are never drawn."""
     factor, jacobian = gaussians.precision_factor().cpu(), gaussians.jacobian().cpu()
     center, latent = gaussians.center.cpu(), gaussians.latent_center.cpu()[..., None]
     opacity = torch.sigmoid(gaussians.opacity_logit.cpu())

@@ -1,19 +1,18 @@
 # mypy: ignore-errors
 # (Numba infers the types of kernels.)
-"""What the forward and backward kernels share: the tile they work on, and how a Gaussian crosses it.
+"""What the forward and backward kernels share: the tile, and how a Gaussian crosses it.
 
 A tile is a flat float32 array. Row by row it holds strips of ``PITCH`` values: transmittance, the index of
 the Gaussian that finished each pixel, and whatever the kernel adds. The strips of a row lie side by side,
-because planes some multiple of 4 KiB apart would delay each other's loads. Behind the ``COLUMNS`` pixels of
-a row come ``WIDTH`` more that are finished from the start, so that a run of ``WIDTH`` pixels may begin at
-any pixel.
+because planes a multiple of 4 KiB apart delay each other's loads. After the ``COLUMNS`` pixels of a row come
+``WIDTH`` more that are finished from the start, so a run of ``WIDTH`` pixels may begin at any pixel.
 
-Along row ``y`` a Gaussian is a one-dimensional one. With ``dy = y - m_y`` and the blurred covariance ``S``,
+Along row ``y`` a Gaussian is one-dimensional. With ``dy = y - m_y`` and the blurred covariance ``S``,
 
     sigma = dy^2 / (2 S_yy) + (x - m_x - slope dy)^2 / (2 v),  slope = S_xy / S_yy,  v = S_xx - S_xy^2 / S_yy.
 
-That costs one square per pixel, tells exactly where ``sigma <= ln(255 o)``, and loses no digits for thin
-Gaussians, where the inverse covariance would.
+That costs one square per pixel, gives the exact pixels with ``sigma <= ln(255 o)``, and keeps all digits for
+narrow Gaussians, where the inverse covariance would not.
 """
 
 import math
@@ -40,7 +39,7 @@ COLUMNS = 32
 PITCH = COLUMNS + WIDTH
 STOP = PITCH
 
-# Rows of the spots (6, K) of a frame: what each Gaussian is there. K is filled up to a multiple of WIDTH.
+# Rows of the spots (6, K) of a frame. K is padded to a multiple of WIDTH.
 X, Y, OPACITY, CUTOFF, HALF_WIDTH, HALF_HEIGHT = range(6)
 # Columns of a slice (S, K, 5), S = 1 where all frames share their shapes:
 # slope, 1 / (2 v), 1 / (2 S_yy), sqrt(2 S_xx), sqrt(2 S_yy).
@@ -54,13 +53,14 @@ ZERO = np.float32(0.0)
 HALF = np.float32(0.5)
 ONE = np.float32(1.0)
 TWO = np.float32(2.0)
-# The rim is found by a square root, with this much to spare; whether a pixel counts is decided by its sigma.
+# Margin on the edge, which a square root finds; the sigma of a pixel decides whether it counts.
 RIM = np.float32(0.01)
 
 
 @compiled(parallel=True)
 def find_spots(means, opacity, cutoff, slices):
-    """Spots (B, 6, K) of all frames; what is not to be drawn has a half width of NaN, and so meets no tile.
+    """Spots (B, 6, K) of all frames; a Gaussian that is not drawn gets a half width of NaN and meets no
+    tile.
 
     ``cutoff`` is ``ln(255 opacity)``, the largest sigma that is drawn.
     """
@@ -89,7 +89,7 @@ def tiles(height, width):
 
 @compiled()
 def place(tile, height, width):
-    """First row and column of a tile of an image, and its numbers of rows and columns."""
+    """First row and column of a tile in its image, and its numbers of rows and columns."""
     across = (width + COLUMNS - 1) // COLUMNS
     top = tile // across * ROWS
     left = tile % across * COLUMNS
@@ -110,10 +110,10 @@ def meeting(spots, k, top, left, rows, columns):
 
 @compiled()
 def cross(crossing, spot, shape, top, left, rows, columns):
-    """Fill in where a spot with slice ``shape`` crosses the rows of a tile, all in pixels of the tile.
+    """Fill in where a spot with slice ``shape`` crosses the rows of a tile, in pixels of the tile.
 
-    Returns the first row, the number of rows, and the width of the widest [px]. Infinities and NaN end in
-    rows of no width: comparisons with NaN are false, and every bound is clipped to the tile by comparisons.
+    Returns the first row, the number of rows, and the width of the widest [px]. Infinities and NaN give rows
+    of zero width: comparisons with NaN are false, and comparisons clip every bound to the tile.
     """
     x = spot[X] - np.float32(left) - HALF
     y = spot[Y] - np.float32(top) - HALF
@@ -139,7 +139,7 @@ def cross(crossing, spot, shape, top, left, rows, columns):
 
 @compiled()
 def clip(position, size):
-    """The pixels 0 ... size - 1 left of ``position``, counted; 0 where it is NaN."""
+    """How many of the pixels 0 ... size - 1 lie left of ``position``; 0 where it is NaN."""
     position = position if position > ZERO else ZERO
     return int(position if position < np.float32(size) else np.float32(size))
 
