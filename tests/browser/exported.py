@@ -57,7 +57,7 @@ def drag(page, place: tuple[float, float], by: float) -> None:
         page.mouse.move(x + by * i / 5, y)
 
 
-def project_points(page, q: list[float]) -> np.ndarray:
+def pixels(page, q: list[float]) -> np.ndarray:
     """The picture that the page draws at a state, 256 pixels wide (H, W, 3), 0 to 255."""
     height, width, data = page.evaluate(PIXELS, q)
     values = np.frombuffer(base64.b64decode(data), np.uint8).astype(np.float64)
