@@ -1,4 +1,4 @@
-"""The autoencoder: a small encoder and a cloud of Gaussians that a rasteriser draws."""
+"""The autoencoder: a small encoder, and Gaussians that a rasteriser draws."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -21,7 +21,7 @@ CHUNK = 256  # images encoded or drawn at once: bounds memory, not results
 
 
 class Autoencoder(nn.Module):
-    """Encoder and decoder of one recording; it draws at its training resolution unless told otherwise.
+    """Encoder and decoder of one recording; draws at the training resolution by default.
 
     Args:
         d: Latent dimension.
@@ -29,8 +29,8 @@ class Autoencoder(nn.Module):
         kernel, channels: Side [px] and number of the encoder's filters.
         height, width: Training resolution [px].
         background: 'learned' or 'black'.
-        lens: Focal lengths and principal point (x, y, x, y) [px] of the film's camera, where the Gaussians
-            live in space (`lagsplat.views.camera`); None where they live in the picture.
+        lens: Focal lengths and principal point (x, y, x, y) [px] of the recording's camera for Gaussians in
+            space (`lagsplat.views.camera`); None for Gaussians in the image plane.
         backend: Rasteriser, see `lagsplat.splat.backend.choose_rasterizer`.
 
     Example:
@@ -71,13 +71,13 @@ class Autoencoder(nn.Module):
         self.gaussians = Gaussians(n_gaussians, d, space=space, background=background)
 
     def encode(self, images: Images) -> Latents:
-        """Raw latents of a batch of images at the training resolution."""
+        """Encode a batch of images at the training resolution to raw latents."""
         return self.encoder(images)
 
     def decode(
         self, z: Latents, *, view: View | None = None, height: int | None = None, width: int | None = None
     ) -> Images:
-        """Images drawn at the latents, in [0, 1]; at any resolution, since no Gaussian is tied to a pixel."""
+        """Draw the latents as images in [0, 1], at any resolution: no Gaussian is tied to a pixel."""
         return self.draw(self.gaussians.condition(z), view=view, height=height, width=width)
 
     def draw(
@@ -88,13 +88,16 @@ class Autoencoder(nn.Module):
         height: int | None = None,
         width: int | None = None,
     ) -> Images:
-        """Images of slices, in [0, 1], or of what stands in place of their colours.
+        """Draw slices as images in [0, 1], or whatever replaces their colours.
 
-        Gaussians of space are seen by the cameras of ``view``, one an image, of the training resolution; by
-        the film's own where none is given.
+        Args:
+            scene: The Gaussians at each latent.
+            view: Cameras of the training resolution, one per image, for Gaussians in space; None takes the
+                recording's own.
+            height, width: Size of the images [px]; None takes the training resolution.
 
         Raises:
-            ValueError: a view of Gaussians that live in the picture.
+            ValueError: a view of Gaussians in the image plane.
         """
         height, width = height or self.height, width or self.width
         across, down = width / self.width, height / self.height
@@ -112,21 +115,21 @@ class Autoencoder(nn.Module):
         return choose_rasterizer(self.backend, scene.means.device)(*scene, height=height, width=width)
 
     def filmed_view(self, like: Tensor) -> View:
-        """The film's own camera, of which the coordinates of space are."""
+        """The recording's own camera, which defines the coordinates of space."""
         assert self.lens is not None, "only Gaussians of space are seen by cameras"
         lens = like.new_tensor(self.lens)[None]
         return View(torch.eye(3).to(like)[None], like.new_zeros(1, 3), lens[:, :2], lens[:, 2:])
 
 
 def to_images(frames: Frames | Tensor, device: torch.device | str = "cpu") -> Images:
-    """A batch of stored frames as torch images in [0, 1]."""
+    """Convert a batch of stored frames to torch images in [0, 1]."""
     batch = torch.from_numpy(np.array(frames)) if isinstance(frames, np.ndarray) else frames
     return batch.to(device).permute(0, 3, 1, 2).float().div_(255).contiguous()
 
 
 @torch.no_grad()
 def encode_frames(autoencoder: Autoencoder, frames: Frames) -> Float64[np.ndarray, "T d"]:
-    """Raw latents of stored frames."""
+    """Encode stored frames to raw latents."""
     device = next(autoencoder.parameters()).device
     chunks = (frames[first : first + CHUNK] for first in range(0, len(frames), CHUNK))
     encoded = [autoencoder.encode(to_images(np.asarray(chunk), device)).double().cpu() for chunk in chunks]
@@ -140,7 +143,7 @@ def decode_chunks(
     height: int | None = None,
     width: int | None = None,
 ) -> Iterator[Float32[np.ndarray, "chunk 3 H W"]]:
-    """Images drawn at raw latents, a bounded number at a time."""
+    """Draw raw latents in chunks of bounded size."""
     device = next(autoencoder.parameters()).device
     for first in range(0, len(z), CHUNK):
         chunk = torch.as_tensor(z[first : first + CHUNK], dtype=torch.float32, device=device)
@@ -156,7 +159,7 @@ def decode_latents(
     height: int | None = None,
     width: int | None = None,
 ) -> Float32[np.ndarray, "T 3 H W"]:
-    """Images drawn at raw latents, all at once; see `decode_chunks` for long series."""
+    """Draw all raw latents at once; see `decode_chunks` for long series."""
     shape = (0, 3, height or autoencoder.height, width or autoencoder.width)
     return np.concatenate(
         [np.zeros(shape, np.float32), *decode_chunks(autoencoder, z, height=height, width=width)]
@@ -164,13 +167,13 @@ def decode_latents(
 
 
 def save_autoencoder(path: Path, autoencoder: Autoencoder, header: Mapping[str, Any]) -> None:
-    """Write the weights and what is needed to build the same module again."""
+    """Write the weights and the arguments that rebuild the module."""
     header = {"kind": KIND, "schema": SCHEMA, **header, "architecture": autoencoder.architecture}
     save_artifact(path, {name: value.cpu() for name, value in autoencoder.state_dict().items()}, header)
 
 
 def load_autoencoder(path: Path, *, backend: str = "auto") -> tuple[Autoencoder, dict[str, Any]]:
-    """Read an autoencoder and its header; the rasteriser is no part of the weights, and chosen here."""
+    """Read an autoencoder and its header; ``backend`` chooses the rasteriser, which is not stored."""
     tensors, header = load_artifact(path, kind=KIND, schema=SCHEMA)
     autoencoder = Autoencoder(**header["architecture"], backend=backend)
     return restore_module(autoencoder, tensors, path), header

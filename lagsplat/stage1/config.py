@@ -1,14 +1,11 @@
-"""Settings of stage 1: what the autoencoder is, and how it is trained.
-
-Settings of the comparison of two decoders at an equal number of Gaussians. Torch-free.
-"""
+"""Settings of stage 1: the autoencoder, its training, and the decoders compared with it. Torch-free."""
 
 from dataclasses import dataclass
 
 
 @dataclass
 class LossConfig:
-    """Weights of the four terms of the reconstruction loss, and what parametrises them.
+    """Weights and parameters of the four terms of the reconstruction loss.
 
     Source: paper eq. (recon_loss) and Implementation Details.
     """
@@ -40,10 +37,10 @@ class LossConfig:
 
 @dataclass
 class RateConfig:
-    """Adam step sizes. A centre is in pixels and wants far larger steps than a logit."""
+    """Adam step sizes. A centre is in pixels and needs far larger steps than a logit."""
 
     encoder: float
-    latent_step: float | None  # cap on how far one step moves the latents, over their spread; null for none
+    latent_step: float | None  # largest move of the latents in one step, over their spread; null for none
     center: float  # spatial centres and their couplings to the latent [px]
     gaussian: float  # every other parameter of a Gaussian
     warmup_steps: int
@@ -63,9 +60,9 @@ class RateConfig:
 
 @dataclass
 class InitConfig:
-    """Where the parameters start."""
+    """Initial values of the parameters."""
 
-    encoder: str  # 'unfolded': latents start along the motion, see `unfold`; 'plain': torch's default
+    encoder: str  # 'unfolded': `initialize_encoder`, latents along the motion; 'plain': torch's default
     spatial_sigma: float  # of a Gaussian, as a fraction of the image height
     latent_sigma: float  # of a Gaussian, in units of the encoded spread
     opacity: float
@@ -84,13 +81,13 @@ class InitConfig:
 
 @dataclass
 class LifecycleConfig:
-    """When and how a Gaussian that nobody sees gets a second life."""
+    """When and how an invisible Gaussian is recycled."""
 
     every: int  # steps between two reviews; 0 switches the lifecycle off
-    start: float  # fraction of the run before which nothing is recycled
-    stop: float  # fraction of the run after which nothing is recycled
+    start: float  # fraction of the run before which no Gaussian is recycled
+    stop: float  # fraction of the run after which no Gaussian is recycled
     peak_opacity: float  # a Gaussian whose opacity stays below this over the whole clip is recycled
-    split_share: float  # of the recycled go to a split, the others are teleported to an error
+    split_share: float  # of the recycled that split a parent; the others are teleported to large errors
 
     def __post_init__(self) -> None:
         if self.every < 0:
@@ -106,12 +103,12 @@ class LifecycleConfig:
 
 @dataclass
 class RenderConfig:
-    """A second, finer decoder over the frozen chart; what is not said here is as in stage 1.
+    """A second, finer decoder over the frozen chart; other settings are those of stage 1.
 
     Source: paper, Implementation Details (high-resolution renders).
     """
 
-    factor: float  # of the recorded resolution, both ways
+    factor: float  # times the recorded resolution, in height and width
     n_gaussians: int
     steps: int
     batch: int
@@ -131,7 +128,7 @@ class RenderConfig:
 
 @dataclass
 class Stage1Config:
-    """Everything that decides the outcome of stage 1, less the recording and the seed."""
+    """All settings that determine the result of stage 1, except the recording and the seed."""
 
     d: int
     n_gaussians: int
@@ -165,7 +162,7 @@ class Stage1Config:
 
 @dataclass  # not frozen: OmegaConf turns frozen dataclasses into read-only nodes
 class FieldConfig:
-    """A decoder whose Gaussians a network of the latent moves, and the schedule of both decoders.
+    """A decoder whose Gaussians a network of the latent moves, and the training schedule of both decoders.
 
     Raises:
         ValueError: a value outside its domain.
@@ -175,11 +172,11 @@ class FieldConfig:
 
     n_gaussians: int
     hidden: int  # width of the two hidden layers
-    shift_limit: float  # farthest shift of a centre, in half widths of the image
+    shift_limit: float  # largest shift of a centre, in half widths of the image
     shape_limit: float  # largest change of the logarithm of a size
     steps: int
     batch: int  # frames a step
-    neighbours: int  # whose velocities a Gaussian's is held against
+    neighbours: int  # whose velocities a Gaussian's is compared with
 
     def __post_init__(self) -> None:
         """Check the domains."""

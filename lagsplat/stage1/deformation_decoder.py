@@ -1,8 +1,7 @@
-"""Two decoders of one film at equal terms: Gaussians conditioned on the latent, and Gaussians it deforms.
+"""Alternative decoders over frozen latents, fitted under the same conditions as stage 1.
 
-Planar Gaussians that a network of the latent moves and reshapes: the other way to make pictures follow.
-
-A finer decoder over the frozen chart: the latents stay, the Gaussians are fitted to larger frames.
+`DeformationField` compares Gaussians conditioned on the latent with Gaussians that a network of the latent
+deforms (`DeformedGaussians`); `fit_decoder` fits finer Gaussians to larger frames.
 """
 
 import os
@@ -35,7 +34,9 @@ IN_PIXELS = ("center", "coupling")  # parameters with the larger step size
 
 
 class DeformationField(nn.Module):
-    """A decoder and the size of its pictures; ``kind`` says which of the two it is."""
+    """A decoder of planar Gaussians and its image size; ``kind`` says whether they are conditioned or
+    deformed.
+    """
 
     def __init__(self, kind: str, n: int, d: int, config: FieldConfig, *, height: int, width: int) -> None:
         super().__init__()
@@ -52,30 +53,30 @@ class DeformationField(nn.Module):
             raise ValueError(f"there is no decoder {kind!r}: choose {CONDITIONED} or {DEFORMED}")
 
     def slices(self, z: Latents) -> list[GaussianSlice]:
-        """Scenes of the latents: one for all where shapes are shared, else one each."""
+        """Slices of the latents: a single one if all share their shapes, else one per latent."""
         if isinstance(self.gaussians, Gaussians):
             return [self.gaussians.condition(z)]
         return self.gaussians.slices(z)
 
     def draw(self, slices: list[GaussianSlice], *, backend: str) -> Images:
-        """Pictures of scenes."""
+        """Draw the slices as images."""
         rasterize = choose_rasterizer(backend, slices[0].means.device)
         return torch.cat([rasterize(*scene, height=self.height, width=self.width) for scene in slices])
 
     def jacobian(self, z: Tensor) -> Tensor:
-        """How each centre follows the latent at ``z`` (d,), (K, 2, d) [px per unit of z]."""
+        """Derivative of each centre by the latent at ``z`` (d,): (K, 2, d) [px per unit of z]."""
         if isinstance(self.gaussians, Gaussians):
             return self.gaussians.jacobian().detach()
         return self.gaussians.jacobian(z)
 
     @property
     def n_parameters(self) -> int:
-        """Numbers that training moves."""
+        """Number of trained parameters."""
         return sum(parameter.numel() for parameter in self.parameters())
 
 
 class DeformationFitReport(NamedTuple):
-    """What a training came to: its time [s] and its mean loss over the last tenth."""
+    """Training time [s], and mean loss over the last tenth of the steps."""
 
     wall_s: float
     loss: float
@@ -92,11 +93,18 @@ def fit_deformation_field(
 ) -> tuple[DeformationField, DeformationFitReport]:
     """Fit a decoder of one kind to the training frames at their frozen raw latents.
 
-    Both kinds start from the same planar Gaussians and get the same losses, batches, optimiser and step
-    sizes; what the latent does to the Gaussians is the only difference. Nothing is recycled in either.
+    Both kinds start from the same planar Gaussians and use the same losses, batches, optimiser and step
+    sizes; only the effect of the latent on the Gaussians differs. Neither recycles Gaussians.
+
+    Args:
+        kind: Conditioned or deformed Gaussians, see `DeformationField`.
+        frames, latents: Training frames and their raw latents.
+        config: The deformation network and the schedule.
+        stage1: Losses, step sizes and initialisation.
+        seed: Determines initialisation and batches.
 
     Raises:
-        FloatingPointError: the loss stops being finite.
+        FloatingPointError: the loss is no longer finite.
 
     Source: paper, Appendix "Deformation-Field Decoder at Equal Budget".
     """
@@ -135,7 +143,7 @@ def start_deformation_field(
     *,
     seed: int,
 ) -> DeformationField:
-    """A decoder before training; both kinds hold the same planar Gaussians for one seed."""
+    """Build an untrained decoder; with equal seeds both kinds hold the same planar Gaussians."""
     torch.manual_seed(seed)
     _, height, width, _ = frames.shape
     n, d = config.n_gaussians, latents.shape[1]
@@ -167,7 +175,7 @@ def _loss(field: DeformationField, z: Latents, images: Images, stage1: Stage1Con
 
 
 def _optimizer(field: DeformationField, stage1: Stage1Config) -> torch.optim.Adam:
-    """Adam with the step sizes of stage 1; the network has those of the encoder."""
+    """Adam with the step sizes of stage 1; the network gets those of the encoder."""
     groups: dict[str, list[nn.Parameter]] = {"network": [], "pixels": [], "rest": []}
     for name, value in field.gaussians.named_parameters():
         kind = "network" if name.startswith(("trunk", "head")) else "pixels" if name in IN_PIXELS else "rest"
@@ -181,7 +189,7 @@ def _optimizer(field: DeformationField, stage1: Stage1Config) -> torch.optim.Ada
 def save_deformation_field(
     path: str | os.PathLike[str], field: DeformationField, header: Mapping[str, Any]
 ) -> None:
-    """Write the weights of a decoder."""
+    """Write the weights of a decoder with its header."""
     shape = {"kind": field.kind, "height": field.height, "width": field.width}
     save_artifact(path, field.state_dict(), {"kind": KIND, "schema": SCHEMA, **header, "field": shape})
 
@@ -202,9 +210,9 @@ def load_deformation_field(
 class DeformedGaussians(nn.Module):
     """``K`` planar Gaussians whose centres and shapes are free functions of the latent.
 
-    One network takes the latent, in units of its spread, to a shift of every centre and a change of every
-    factor of a covariance, all zero before training and softly limited: shifts to ``shift_limit`` [px],
-    changes of shape to ``shape_limit``. Colours and opacities do not change. Lengths are in pixels.
+    One network maps the latent, in units of its spread, to a shift of every centre and a change of every
+    covariance factor, all zero before training and softly limited: shifts to ``shift_limit`` [px], changes
+    of shape to ``shape_limit``. Colours and opacities do not change. Lengths are in pixels.
 
     Source: paper, Appendix "Deformation-Field Decoder at Equal Budget"; Wu et al. 2024, arXiv:2310.08528.
     """
@@ -233,7 +241,7 @@ class DeformedGaussians(nn.Module):
         return self.center + self._moved(z)[0]
 
     def slices(self, z: Latents) -> list[GaussianSlice]:
-        """The planar Gaussians at each latent: their shapes differ, so each is a scene of its own."""
+        """The planar Gaussians at each latent, one slice each because their shapes differ."""
         shifts, changes = self._moved(z)
         opacity, color = torch.sigmoid(self.opacity_logit)[None], torch.sigmoid(self.color_logit)
         found = []
@@ -246,7 +254,7 @@ class DeformedGaussians(nn.Module):
         return found
 
     def jacobian(self, z: Float[Tensor, " d"]) -> Float[Tensor, "K 2 d"]:
-        """How each centre follows the latent at ``z`` [px per unit of z]."""
+        """Derivative of each centre with respect to the latent at ``z`` [px per unit of z]."""
         columns = [
             torch.func.jvp(lambda x: self.centers(x[None])[0], (z,), (along,))[1]
             for along in torch.eye(len(z), dtype=z.dtype, device=z.device)
@@ -270,14 +278,21 @@ def fit_decoder(
     checkpoint: Path | None = None,
     identity: str = "",
 ) -> tuple[Autoencoder, list[TrainingCurvePoint]]:
-    """Fit Gaussians to ``frames`` at the raw ``latents`` of these frames, which do not change.
+    """Fit Gaussians to ``frames`` at their raw ``latents``, which stay fixed.
 
-    The result draws at the resolution of ``frames``. Its encoder was never trained: encode with the
-    autoencoder that the latents are of. Step sizes in pixels grow with the resolution.
+    The result draws at the resolution of ``frames``. Its encoder is untrained: encode with the autoencoder
+    that made the latents. Step sizes in pixels grow with the resolution.
+
+    Args:
+        frames, latents: Training frames and their raw latents.
+        stage1: Settings of stage 1, for all that ``render`` does not set.
+        render: Resolution, number of Gaussians and schedule.
+        seed: Determines initialisation and batches.
+        checkpoint, identity: As in `fit_autoencoder`.
 
     Raises:
         ValueError: frames and latents differ in number.
-        FloatingPointError: the loss stops being finite.
+        FloatingPointError: the loss is no longer finite.
 
     Source: paper, Implementation Details (high-resolution renders retrain the decoder alone).
     """
@@ -291,7 +306,7 @@ def fit_decoder(
         n_gaussians=render.n_gaussians,
         steps=render.steps,
         batch=render.batch,
-        # the penalty of filters that draw nothing
+        # the encoder is unused, so its filter penalty is off
         loss=replace(stage1.loss, nonlocal_filter=0.0),
         rate=replace(stage1.rate, center=render.factor * stage1.rate.center),
     )

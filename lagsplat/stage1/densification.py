@@ -1,4 +1,4 @@
-"""The Gaussian lifecycle: what nobody sees is split off a busy neighbour, or sent where the error is."""
+"""Recycle invisible Gaussians: split a parent with a large gradient, or teleport to a large error."""
 
 import math
 from collections.abc import Iterator
@@ -16,15 +16,15 @@ from lagsplat.stage1.config import LifecycleConfig
 from lagsplat.stage1.training_data import TrainingFrames, render_depth
 
 SAMPLE = 512  # frames over which the peak opacity is taken
-ERROR_SAMPLE = 64  # frames whose error attracts the teleported
+ERROR_SAMPLE = 64  # frames whose error attracts teleported Gaussians
 SPLIT_OFFSET = 0.5  # of the principal standard deviation, each way: the pair keeps the parent's covariance
 NEWBORN_OPACITY = 0.1
 NEWBORN_SIGMA_PX = 1.0
-NEWBORN_REACH = 0.5  # of the latent spread: it answers for one state, and must not blot out the others
+NEWBORN_REACH = 0.5  # of the latent spread: it fits one state, and must not cover the others
 
 
 def is_due(config: LifecycleConfig, *, step: int, steps: int) -> bool:
-    """Whether the cloud is reviewed after this step."""
+    """Whether Gaussians are recycled after this step."""
     return (
         config.every > 0
         and (step + 1) % config.every == 0
@@ -47,7 +47,7 @@ def densify_and_prune(
     *,
     rng: np.random.Generator,
 ) -> int:
-    """Recycle every Gaussian that stays invisible over a sample of the clip; returns how many there were.
+    """Recycle every Gaussian that stays invisible over a sample of the clip; return their number.
 
     Source: paper, Implementation Details (training): split along the principal eigenvector of the full
     covariance, or teleport to a high-error region.
@@ -74,9 +74,9 @@ def densify_and_prune(
 def largest_gradient(
     gaussians: Gaussians, optimizer: torch.optim.Adam, *, alive: Bool[Tensor, " K"], count: int
 ) -> Tensor:
-    """The visible Gaussians pulled hardest: those of the largest running mean square gradient of the centre.
+    """The visible Gaussians with the largest running mean square gradient of the centre.
 
-    Adam keeps that mean already, so nothing has to be accumulated beside it.
+    Adam already keeps that mean, so no other accumulator is needed.
 
     Source: the densification signal of Kerbl et al. 2023, doi:10.1145/3592433.
     """
@@ -89,7 +89,7 @@ def split_gaussians(gaussians: Gaussians, parents: Tensor, slots: Tensor) -> Non
     """Replace each parent by two along the principal eigenvector of its covariance in latent and space.
 
     The two centres lie half a standard deviation either way and the variance along the axis shrinks by as
-    much, so the pair has the parent's mean and covariance. The two together are as opaque as the parent was.
+    much, so the pair has the parent's mean and covariance, and together the parent's opacity.
     """
     d, size = gaussians.d, gaussians.d + gaussians.space
     factor = torch.zeros(len(parents), size, size, device=parents.device, dtype=torch.float64)
@@ -127,9 +127,9 @@ def split_gaussians(gaussians: Gaussians, parents: Tensor, slots: Tensor) -> Non
 def teleport_gaussians(
     autoencoder: Autoencoder, footage: TrainingFrames, slots: Tensor, rng: np.random.Generator
 ) -> None:
-    """Send each Gaussian to a pixel of a frame, drawn in proportion to the error there, and to its latent.
+    """Move each Gaussian to a pixel of a frame, drawn in proportion to the error there, and to its latent.
 
-    In space frames are of all sides, and the Gaussian goes to the depth of what is seen in the pixel.
+    In space the frames include novel views, and the Gaussian goes to the rendered depth of the pixel.
     """
     gaussians = autoencoder.gaussians
     picked = np.sort(rng.choice(len(footage), min(ERROR_SAMPLE, len(footage)), replace=False))
@@ -160,8 +160,8 @@ def teleport_gaussians(
 def depth_order(n: int, parents: Tensor, children: Tensor) -> Tensor:
     """The order of ``n`` Gaussians in which each child comes right after its parent.
 
-    Gaussians are drawn in the order of their index. A half that keeps the index of the dead one it replaces
-    would be drawn in front of what covered its parent, or behind what its parent covered.
+    Gaussians are drawn in index order. A child at the index of the dead Gaussian it replaces would be drawn
+    in front of what covered its parent, or behind what its parent covered.
     """
     depth = torch.arange(n, dtype=torch.float64, device=parents.device)
     depth[children] = depth[parents] + 0.5
@@ -169,7 +169,7 @@ def depth_order(n: int, parents: Tensor, children: Tensor) -> Tensor:
 
 
 def reorder_gaussians(gaussians: Gaussians, optimizer: torch.optim.Adam, order: Tensor) -> None:
-    """Number the Gaussians anew, and Adam's memory of them with it."""
+    """Renumber the Gaussians, and Adam's state with them."""
     for parameter, state in per_gaussian(gaussians, optimizer):
         parameter.copy_(parameter[order])
         for moment in state:
@@ -179,10 +179,10 @@ def reorder_gaussians(gaussians: Gaussians, optimizer: torch.optim.Adam, order: 
 def transfer_adam_state(
     gaussians: Gaussians, optimizer: torch.optim.Adam, *, parents: Tensor, children: Tensor, strays: Tensor
 ) -> None:
-    """Give the recycled the memory of Adam that fits them.
+    """Reset Adam's state of the recycled Gaussians.
 
-    A child takes over the scale of its parent's gradients. A stray has nobody's. None of them keeps a
-    direction, which belonged to another life.
+    A child takes over the scale of its parent's gradients, a teleported Gaussian (``strays``) starts from
+    zero. No momentum is kept, because its direction belonged to the former place.
     """
     for _, moments in per_gaussian(gaussians, optimizer):
         if moments:
@@ -195,7 +195,7 @@ def transfer_adam_state(
 def per_gaussian(
     gaussians: Gaussians, optimizer: torch.optim.Adam
 ) -> Iterator[tuple[Tensor, tuple[Tensor, ...]]]:
-    """Each parameter that has one row a Gaussian, with Adam's two moments of it, if there are any yet."""
+    """Each parameter with one row per Gaussian, and Adam's two moments of it, if any yet."""
     for name, parameter in gaussians.named_parameters():
         if name != "background_logit":
             state = optimizer.state.get(parameter)

@@ -1,10 +1,9 @@
-"""The continuity-preserving encoder: few, large filters, so that the latent follows motion without steps.
+"""The encoder, and its initial weights: smooth filters and a latent that follows the motion without a fold.
 
-Where the encoder starts: smooth filters, and a latent that already follows the motion without a fold.
-
-Training sharpens a latent and rarely unfolds one: two states of the mechanism that start at one latent tend
-to stay there. A readout of random features, even of their principal components, folds as soon as something
-moves by more than its own size. Distances along the film do not.
+Few, large filters make the latent a continuous function of the motion. Training sharpens a latent but rarely
+unfolds it: two states that start at one latent tend to stay there. A readout of random features, even of
+their principal components, folds as soon as an object moves by more than its size. Geodesic distances along
+the video do not fold.
 """
 
 from collections.abc import Iterator
@@ -26,7 +25,7 @@ POOLED = 4  # the last feature map is pooled to POOLED x POOLED, whatever the im
 class Encoder(nn.Module):
     """Three large convolutions of stride 2 with ELU, a pool to 4x4, one linear layer to the latent.
 
-    There is no normalisation layer and no output activation: the chart reads its own statistics afterwards.
+    No normalisation layer and no output activation: the chart computes its own statistics afterwards.
 
     Source: paper, Implementation Details (architectures).
     """
@@ -41,11 +40,11 @@ class Encoder(nn.Module):
         self.head = nn.Linear(channels * POOLED**2, d)
 
     def filters(self) -> list[Float[Tensor, "_ _ k k"]]:
-        """Weights of the convolutions, first layer first."""
+        """Weights of the convolutions, from first layer to last."""
         return [convolution.weight for convolution in self.convolutions]  # type: ignore[misc]
 
     def features(self, images: Images) -> Tensor:
-        """What the linear layer reads: (B, channels * 16)."""
+        """Input of the linear layer: (B, channels * 16)."""
         hidden = images
         for convolution in self.convolutions:
             hidden = functional.elu(convolution(hidden))
@@ -58,11 +57,11 @@ class Encoder(nn.Module):
 
 @contextmanager
 def measure_small_moves(encoder: Encoder, images: Images, *, limit: float | None) -> Iterator[None]:
-    """Shorten a step of the optimiser that moves the latents of ``images`` by more than ``limit``.
+    """Shorten an optimiser step that moves the latents of ``images`` by more than ``limit``.
 
     ``limit`` is the rms move over the rms distance of these latents from their mean; None allows any step.
-    Without it, one step that agrees in all weights can throw every latent out of the cloud of Gaussians. Then
-    nothing is drawn, no gradient comes back, and training is over.
+    Without it, one step in which all weights agree can push every latent away from the Gaussians. Then
+    nothing is drawn, no gradient flows, and training stalls.
     """
     if limit is None:
         yield
@@ -79,17 +78,18 @@ def measure_small_moves(encoder: Encoder, images: Images, *, limit: float | None
 
 
 BLUR_SHARE = 1 / 6  # standard deviation of the blur of a starting filter, in sides of the filter
-NEIGHBORS = 15  # frames that count as close, from which distances along the film are added up
+NEIGHBORS = 15  # nearest frames, between which geodesic distances are summed
 COMPARED_PX = 48  # longer side of the frames that are compared
-RIDGE = 1e-4  # of the readout, relative to the strongest feature
+RIDGE = 1e-4  # regularisation of the readout, relative to the strongest feature
 
 
 @torch.no_grad()
 def initialize_encoder(encoder: Encoder, images: Images) -> None:
-    """Start the encoder, in place, as the best smooth readout of distances along the film.
+    """Initialise the encoder, in place, as the best smooth readout of geodesic distances along the video.
 
     The random filters are blurred, and the linear layer is the least-squares map from their features to the
-    geodesic coordinates of the images. With fewer distinct images than axes the remaining axes start closed.
+    geodesic coordinates of the images. With fewer distinct images than axes the remaining axes start at
+    zero.
     """
     draw_smooth_filters(encoder)
     features = encoder.features(images).double()
@@ -106,10 +106,10 @@ def initialize_encoder(encoder: Encoder, images: Images) -> None:
 
 @torch.no_grad()
 def draw_smooth_filters(encoder: Encoder) -> None:
-    """Blur the convolutions, in place, keeping the size of each bank's weights.
+    """Blur the convolutions, in place, and keep the norm of each bank's weights.
 
-    A continuous encoder needs smooth filters (Zhu et al. 2025; paper eq. (recon_loss) penalises rough ones);
-    this starts it there.
+    A continuous encoder needs smooth filters (Zhu et al. 2025; paper eq. (recon_loss) penalises rough ones),
+    so it starts with them.
     """
     for bank in encoder.filters():
         side = bank.shape[-1]
@@ -120,7 +120,7 @@ def draw_smooth_filters(encoder: Encoder) -> None:
 
 
 def compute_geodesic_coordinates(images: Images, d: int) -> Float64[np.ndarray, "B d"]:
-    """Coordinates in which straight distances are those along the film, each of zero mean and unit variance.
+    """Coordinates whose Euclidean distances are geodesic along the video, with zero mean and unit variance.
 
     Source: Isomap, Tenenbaum et al. 2000, doi:10.1126/science.290.5500.2319.
     """
@@ -131,7 +131,7 @@ def compute_geodesic_coordinates(images: Images, d: int) -> Float64[np.ndarray, 
     n_axes = min(d, distinct - 1)
     coordinates = np.zeros((len(pixels), d))
     if n_axes > 0:
-        # The dense solver, because the iterative one starts from a random vector.
+        # The dense solver, because the iterative solver starts from a random vector.
         isomap = Isomap(
             n_neighbors=min(NEIGHBORS, len(pixels) - 1), n_components=n_axes, eigen_solver="dense"
         )

@@ -24,11 +24,11 @@ from lagsplat.views.config import SupervisionConfig
 from lagsplat.views.novel import NovelViews
 
 CURVE_POINTS = 400  # rows of the training curve, whatever the length of the run
-PROBED = 16  # frames of a batch on which the move of the latents is measured
+PROBED = 16  # frames of a batch on which the step of the latents is measured
 
 
 class TrainingCurvePoint(NamedTuple):
-    """Means since the previous point."""
+    """Means since the previous point of the training curve."""
 
     step: int
     loss: float
@@ -48,23 +48,24 @@ def fit_autoencoder(
     novel: NovelViews | None = None,
     supervision: SupervisionConfig | None = None,
 ) -> tuple[Autoencoder, list[TrainingCurvePoint]]:
-    """Train encoder and decoder on the training frames, or the decoder alone over given latents.
+    """Train encoder and decoder on the training frames, or the decoder alone on given latents.
 
-    Every random draw is a function of the seed and the step, so a run that goes on from ``checkpoint`` ends
-    with the same bits as one that was never interrupted.
+    Every random draw is a function of the seed and the step, so a run resumed from ``checkpoint`` is
+    bit-identical to one that was never interrupted.
 
     Args:
         frames: Training part of the recording.
         config: Settings.
-        seed: Decides initialisation, batches and lifecycle.
-        checkpoint: Where the state is kept while training; None keeps none.
-        identity: Digest of everything that decides the outcome; a checkpoint of another identity is ignored.
-        latents: Raw latents of the frames, which stay as they are; None trains an encoder.
-        novel: The frames' instants from other sides; with them Gaussians live in space.
-        supervision: What these views teach.
+        seed: Determines initialisation, batches and recycling.
+        checkpoint: File of the training state; None keeps none.
+        identity: Digest of everything that determines the result; a checkpoint of another identity is
+            ignored.
+        latents: Fixed raw latents of the frames; None trains an encoder.
+        novel: Novel views of the same instants; with them Gaussians live in space.
+        supervision: How these views enter the loss.
 
     Raises:
-        FloatingPointError: If the loss stops being finite.
+        FloatingPointError: If the loss is no longer finite.
         ValueError: If the views are of other frames.
     """
     device = choose_device(config.backend)
@@ -91,7 +92,7 @@ def fit_autoencoder(
                 curve.append(TrainingCurvePoint(step + 1, loss, l1, mse, recycled))
                 bar.set_postfix(loss=f"{curve[-1].loss:.4g}", mse=f"{curve[-1].mse:.3g}")
                 sums, counted, recycled = np.zeros(3), 0, 0
-                # Only here are the running means empty, so that a checkpoint need not hold them.
+                # The running means are empty only here, so a checkpoint need not hold them.
                 if checkpoint and time.monotonic() - saved_at > config.checkpoint_every_s:
                     save_training_state(checkpoint, autoencoder, optimizer, curve, identity=identity)
                     saved_at = time.monotonic()
@@ -107,7 +108,7 @@ def train_step(
     latents: Latents | None = None,
     sides: NovelViewTargets | None = None,
 ) -> np.ndarray:
-    """One descent on one batch; returns its loss, mean absolute and mean squared error."""
+    """Take one optimiser step on a batch; return its loss, mean absolute and mean squared error."""
     optimizer.zero_grad(set_to_none=True)
     scores = reconstruct(autoencoder, batch, config.loss, latents=latents, sides=sides)
     scores.loss.backward()
@@ -128,7 +129,7 @@ def train_step(
 
 @contextmanager
 def progress(first: int, steps: int, batch: int) -> Iterator[tqdm]:
-    """A bar that counts images, with their rate and the time left."""
+    """Progress bar that counts images, with their rate and the time left."""
     with tqdm(
         total=steps * batch,
         initial=first * batch,

@@ -1,4 +1,4 @@
-"""Where stage 1 starts: Gaussians on the edges of one frame, latents already unfolded."""
+"""Initial Gaussians of stage 1: on the edges of one frame, spread over the latents."""
 
 import math
 
@@ -15,14 +15,14 @@ from lagsplat.stage1.encoder import initialize_encoder
 from lagsplat.stage1.training_data import TrainingFrames
 
 SAMPLE = 1024  # frames whose encodings set the latent scale
-FLAT_SHARE = 0.2  # probability given to every pixel, edges taking the rest
+FLAT_SHARE = 0.2  # probability spread over all pixels; edges get the rest
 
 
 def initialize_gaussians(footage: TrainingFrames, config: Stage1Config, *, seed: int) -> Autoencoder:
-    """An untrained autoencoder for this footage, the same for the same seed.
+    """Build an untrained autoencoder for these frames, deterministic in the seed.
 
-    With latents of the frames given, its Gaussians spread over these and its encoder serves nothing. With
-    novel views they live in space.
+    If the frames have given latents, the Gaussians spread over these and the encoder is unused. With novel
+    views the Gaussians live in space.
     """
     torch.manual_seed(seed)
     rng = np.random.default_rng(seed)
@@ -52,10 +52,10 @@ def initialize_gaussians(footage: TrainingFrames, config: Stage1Config, *, seed:
 
 @torch.no_grad()
 def lift_to_depth(gaussians: Gaussians, footage: TrainingFrames, rng: np.random.Generator) -> None:
-    """Scatter Gaussians of space, in place, over the first instant's pictures from all sides.
+    """Scatter Gaussians of space, in place, over the images of the first instant from all cameras.
 
-    Each lies on the ray of a pixel of one camera, around the depth of the pivot there, and has the pixel's
-    colour; its size grows with its depth.
+    Each lies on the ray of a pixel of one camera, near the pivot's depth there, and has the pixel's colour;
+    its size grows with its depth.
     """
     novel, supervision = footage.novel, footage.supervision
     assert novel is not None, "Gaussians of space come with novel views"
@@ -105,7 +105,7 @@ def place_gaussians(
 def scatter_latents(
     picture: np.ndarray, count: int, rng: np.random.Generator
 ) -> tuple[Float64[np.ndarray, "N 2"], Float[Tensor, "N 3"]]:
-    """Points [px] of a picture (H, W, 3), most of them at its edges, and the logits of their colours."""
+    """Points [px] of an image (H, W, 3), mostly at its edges, and the logits of their colours."""
     edges = np.abs(np.stack(np.gradient(np.pad(picture.mean(-1), 1, mode="edge")))).sum(0)[1:-1, 1:-1]
     density = (1 - FLAT_SHARE) * edges / max(edges.sum(), 1e-12) + FLAT_SHARE / edges.size
     pixels = rng.choice(edges.size, count, p=(density / density.sum()).ravel())

@@ -1,7 +1,4 @@
-"""The reconstruction loss: what stage 1 minimises.
-
-The step sizes of stage 1 along a run.
-"""
+"""The reconstruction loss that stage 1 minimises, and its optimiser with step size schedule."""
 
 import math
 from typing import NamedTuple
@@ -18,7 +15,7 @@ from lagsplat.stage1.config import LossConfig, RateConfig
 
 
 class ReconstructionLoss(NamedTuple):
-    """The loss to minimise, and the two photometric figures worth watching."""
+    """The loss to minimise, and two photometric errors to monitor."""
 
     loss: Tensor
     l1: Tensor
@@ -26,10 +23,10 @@ class ReconstructionLoss(NamedTuple):
 
 
 class NovelViewTargets(NamedTuple):
-    """The same instants from another camera each, and what an error there counts."""
+    """The same instants, each from one other camera, and the weight of the error there."""
 
     images: Images
-    cover: Float[Tensor, "B 1 H W"] | None  # in [0, 1], how much of a pixel is known; None where all is
+    cover: Float[Tensor, "B 1 H W"] | None  # in [0, 1], known share of a pixel; None if all is known
     view: View
     weight: float
 
@@ -42,9 +39,14 @@ def reconstruct(
     latents: Latents | None,
     sides: NovelViewTargets | None = None,
 ) -> ReconstructionLoss:
-    """Encode, draw and score a batch; with ``latents`` given, these are drawn instead.
+    """Encode, draw and score a batch.
 
-    With ``sides`` the photometric terms count on these views, too, at the latents of the filmed pictures.
+    Args:
+        autoencoder: The model.
+        images: Recorded images.
+        config: Weights of the terms.
+        latents: Raw latents to draw instead of encoded ones.
+        sides: Novel views at the same latents, which add photometric terms.
 
     Source: paper eq. (recon_loss) and "Supervision".
     """
@@ -71,7 +73,7 @@ def reconstruct(
 
 
 def photometric_loss(drawn: Images, images: Images, config: LossConfig) -> Tensor:
-    """Weighted absolute error and structural dissimilarity."""
+    """Weighted sum of absolute error and structural dissimilarity."""
     loss = config.l1 * (drawn - images).abs().mean()
     if config.ssim:
         loss = loss + config.ssim * structural_dissimilarity(drawn, images, window=config.ssim_window)
@@ -79,14 +81,14 @@ def photometric_loss(drawn: Images, images: Images, config: LossConfig) -> Tenso
 
 
 def _filled(sides: NovelViewTargets, drawn: Images) -> Images:
-    """What is wanted of a side; where nothing is known, what is drawn there, and nothing is learned."""
+    """Targets of novel views; where they are unknown the drawn image itself, so the error is zero."""
     if sides.cover is None:
         return sides.images
     return torch.lerp(drawn.detach(), sides.images, sides.cover)
 
 
 def make_optimizer(autoencoder: Autoencoder, config: RateConfig) -> torch.optim.Adam:
-    """Adam with one group for the encoder, one for what is measured in pixels, one for the rest."""
+    """Adam with three groups: encoder, parameters in pixels, other parameters of the Gaussians."""
     in_pixels = ("center", "coupling")
     gaussians = dict(autoencoder.gaussians.named_parameters())
     groups = [
@@ -107,7 +109,7 @@ def set_rates(optimizer: torch.optim.Optimizer, config: RateConfig, *, step: int
 
 
 def rate_factor(config: RateConfig, *, step: int, steps: int) -> float:
-    """The share of its peak that every rate has at a step."""
+    """The share of the peak rate at a step, the same for all groups."""
     warmup = min(1.0, (step + 1) / max(config.warmup_steps, 1))
     cosine = 0.5 * (1 + math.cos(math.pi * step / steps))
     return warmup * (config.final_fraction + (1 - config.final_fraction) * cosine)

@@ -1,7 +1,4 @@
-"""What stage 1 may look at: the filmed frames and, in space, the same instants from other sides.
-
-How far away what a pixel shows is.
-"""
+"""Training data of stage 1: recorded frames and, in space, novel views of the same instants."""
 
 from typing import NamedTuple
 
@@ -19,7 +16,7 @@ from lagsplat.views.novel import NovelViews, require_views
 
 
 class TrainingBatch(NamedTuple):
-    """Some instants, each from one side: pictures, raw latents, cameras; None is the film's own for all."""
+    """Instants, each from one camera: images, raw latents, cameras; None is the recording's own for all."""
 
     images: Images
     latents: Latents
@@ -27,8 +24,14 @@ class TrainingBatch(NamedTuple):
 
 
 class TrainingFrames:
-    """The training frames (T, H, W, 3) on a device, their given ``latents`` if no encoder makes them, and the
-    ``novel`` views with what these are to teach.
+    """Training frames on a device, with latents and novel views if given.
+
+    Args:
+        frames: (T, H, W, 3).
+        device: Where the frames are kept.
+        latents: Given raw latents; None lets an encoder make them.
+        novel: Views of the same instants by other cameras.
+        supervision: How these views enter the loss.
 
     Raises:
         ValueError: views without their settings, or of other frames, see `require_views`.
@@ -58,20 +61,20 @@ class TrainingFrames:
         return len(self.stored)
 
     def images(self, picked: np.ndarray) -> Images:
-        """Filmed pictures of these instants."""
+        """Recorded images at these indices."""
         return to_images(self.stored[torch.as_tensor(picked, device=self.device)], self.device)
 
     def known(self, picked: np.ndarray) -> Latents | None:
-        """Their given latents."""
+        """Given latents at these indices, or None."""
         return None if self.latents is None else self.latents[torch.as_tensor(picked, device=self.device)]
 
     def latents_of(self, autoencoder: Autoencoder, picked: np.ndarray) -> Latents:
-        """Their latents, given or encoded."""
+        """Latents at these indices, given or encoded."""
         known = self.known(picked)
         return autoencoder.encode(self.images(picked)) if known is None else known
 
     def sides(self, picked: np.ndarray, rng: np.random.Generator) -> NovelViewTargets | None:
-        """The same instants, each by one of the cameras that training sees; None where there are none."""
+        """Novel views of these instants, each by a random training camera; None if there are none."""
         if self.novel is None or self.supervision is None:
             return None
         chosen = rng.choice(self.novel.seen, len(picked))
@@ -79,7 +82,7 @@ class TrainingFrames:
         return NovelViewTargets(images, cover, self._view(chosen), self.supervision.weight)
 
     def shots(self, autoencoder: Autoencoder, picked: np.ndarray, rng: np.random.Generator) -> TrainingBatch:
-        """These instants, filmed where there is nothing else, and otherwise every other one from a side."""
+        """Recorded images of these instants; if there are novel views, every other one is replaced by one."""
         images, latents = self.images(picked), self.latents_of(autoencoder, picked)
         if self.novel is None or len(picked) < 2:
             return TrainingBatch(images, latents, None)
@@ -90,7 +93,7 @@ class TrainingFrames:
         for part, other in zip(view, self._view(chosen), strict=True):
             part[aside] = other
         taken, cover = self._taken(picked[aside], chosen)
-        if cover is not None:  # a hole asks for nothing
+        if cover is not None:  # where the view is unknown, the target is the drawn image
             drawn = autoencoder.decode(latents[aside], view=self._view(chosen))
             taken = torch.lerp(drawn, taken, cover)
         images[aside] = taken
@@ -109,15 +112,15 @@ class TrainingFrames:
 
 
 FAINT = 1e-3
-"""Cover below which a pixel shows the background, which is nowhere."""
+"""Cover below which a pixel shows the background, which has no depth."""
 
 
 @torch.no_grad()
 def render_depth(autoencoder: Autoencoder, z: Latents, view: View) -> Float[Tensor, "B H W"]:
-    """Mean depth of what each camera sees in each pixel [unit of space], weighted as its colour is.
+    """Mean depth of each pixel for each camera [unit of space], with the weights of its colours.
 
-    Compositing is linear in the colours, so depths are drawn in their place. Where nothing is, the depth is
-    that of the pivot.
+    Compositing is linear in the colours, so depths replace them. A pixel with no Gaussian gets the pivot's
+    depth.
     """
     scene = autoencoder.gaussians.condition(z)
     ahead = compute_depths(scene.means, view)
