@@ -70,7 +70,6 @@ ROOMS = (
     "config",
     "planning",
     "runs",
-    "export",
     "pipelines",
     "cli",
 )

@@ -183,8 +183,8 @@ def export(given: Namespace) -> None:
 
 
 def _export_log(folder: Path, keys: dict[str, str], changes: list[str], out: Path) -> None:
-    from lagsplat.export.mcap import export_mcap
     from lagsplat.pipelines.evaluate import read_protocol
+    from lagsplat.pipelines.export import export_mcap
     from lagsplat.runs.run import open_run
 
     export_mcap(open_run(folder), read_protocol(folder, changes), out)
@@ -197,7 +197,7 @@ def _export_page(folder: Path, keys: dict[str, str], changes: list[str], out: Pa
 
 
 def _export_gaussians(folder: Path, keys: dict[str, str], changes: list[str], out: Path) -> None:
-    from lagsplat.export.ply import export_ply
+    from lagsplat.pipelines.export import export_ply
     from lagsplat.runs.run import choose_state, open_run
 
     if changes:

@@ -9,7 +9,6 @@ from lagsplat.diagnose.core.config import MATERIALITY, DiagnoseConfig
 from lagsplat.diagnose.core.result import Candidate, Diagnosis
 from lagsplat.diagnose.effects.base import PlacedEffect, SampleEffect
 from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
-from lagsplat.diagnose.inference.evidence import HypothesisFit
 from lagsplat.diagnose.inference.holdout import HoldoutForecasts, estimate_single_closure, forecast_holdout
 from lagsplat.diagnose.inference.model_selection import ModelRanking, SearchBudget, rank_hypotheses
 from lagsplat.diagnose.inference.placement import find_hints, place_effects
@@ -21,7 +20,7 @@ from lagsplat.diagnose.inference.posterior import (
     judge_hypotheses,
     reject_effect,
 )
-from lagsplat.diagnose.inference.problem import EstimationProblem, build_problem
+from lagsplat.diagnose.inference.problem import EstimationProblem, HypothesisFit, build_problem
 from lagsplat.diagnose.inference.profile_likelihood import estimate_parameters
 from lagsplat.diagnose.inference.robustness import check_robustness, inflate_noise
 from lagsplat.diagnose.mechanics.model import MechanicalModel

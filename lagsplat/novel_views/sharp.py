@@ -144,8 +144,11 @@ def _fill(lifting: SharpLifting, space: ViewSpace, frames: dict[str, np.ndarray]
         started = time.monotonic()
         log.info(
             "SHARP: %d of %d frames to lift; each takes some 4 min of a processor core or 1 s of a GPU, and "
-            "%.1f MB", len(todo), len(frames), 4e-6 * len(cameras) * lifting.film.height * lifting.film.width,
-        )  # fmt: skip
+            "%.1f MB",
+            len(todo),
+            len(frames),
+            4e-6 * len(cameras) * lifting.film.height * lifting.film.width,
+        )
         with tqdm(total=len(frames), initial=len(frames) - len(todo), unit="frame", desc="SHARP") as bar:
             for key, ply in run_sharp(todo, lifting.sharp, within=lifting.cache.folder):
                 depth = None if first is None else first.depth

@@ -21,9 +21,8 @@ from lagsplat.diagnose.effects.base import SampleEffect
 from lagsplat.diagnose.effects.registry import list_effects
 from lagsplat.diagnose.estimation.dataset import sample_operating_region
 from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
-from lagsplat.diagnose.inference.identifiability import compute_separability
 from lagsplat.diagnose.inference.problem import measure_misfit
-from lagsplat.diagnose.inference.profile_likelihood import compute_profiles
+from lagsplat.diagnose.inference.profile_likelihood import compute_profiles, compute_separability
 from lagsplat.diagnose.inference.recalibration import calibrate_null_evidence, match_windows
 from lagsplat.diagnose.residual.components import compute_residual_correlations
 from lagsplat.diagnose.residual.error_budget import ErrorStage, PerceptionQuality, measure_error_stages

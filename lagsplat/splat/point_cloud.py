@@ -136,9 +136,13 @@ def covariances_to_quaternions(turns: Float64[np.ndarray, "N 3 3"]) -> Float64[n
     for i in range(4):
         rows[:, i, i] = squares[:, i]
     for (i, j), (a, b, sign) in {
-        (0, 1): (2, 1, -1), (0, 2): (0, 2, -1), (0, 3): (1, 0, -1),
-        (1, 2): (0, 1, 1), (1, 3): (0, 2, 1), (2, 3): (1, 2, 1),
-    }.items():  # fmt: skip
+        (0, 1): (2, 1, -1),
+        (0, 2): (0, 2, -1),
+        (0, 3): (1, 0, -1),
+        (1, 2): (0, 1, 1),
+        (1, 3): (0, 2, 1),
+        (2, 3): (1, 2, 1),
+    }.items():
         rows[:, i, j] = rows[:, j, i] = turns[:, a, b] + sign * turns[:, b, a]
     chosen = rows[np.arange(len(turns)), best]
     return chosen / np.linalg.norm(chosen, axis=1, keepdims=True)

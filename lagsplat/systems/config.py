@@ -181,7 +181,7 @@ class PlantsConfig:
 
 @dataclass  # not frozen: OmegaConf turns frozen dataclasses into read-only nodes
 class LinkageConfig:
-    """Hanging links, one value a link from the pivot on; see `lagsplat.systems.linkage.Linkage`."""
+    """Hanging links, one value a link from the pivot on; see `lagsplat.systems.mechanism.Linkage`."""
 
     length: list[float]
     masses: list[float]
@@ -201,7 +201,7 @@ class LinkageConfig:
 
 @dataclass
 class RockerConfig:
-    """A body on a circular runner; see `lagsplat.systems.linkage.Rocker`."""
+    """A body on a circular runner; see `lagsplat.systems.mechanism.Rocker`."""
 
     radius: float
     depth: float

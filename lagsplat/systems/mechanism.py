@@ -1,16 +1,18 @@
-"""What a planar mechanism without inputs has to say of itself, and its free motion.
+"""Planar mechanisms without inputs: hanging links, rocking bodies, and their free motion.
 
-Positions are metres, x to the right and y down, in the plane of motion. A body's pose is where its own origin
-is and by how much it is turned, clockwise as seen.
+Positions are in metres, x to the right and y down, in the plane of motion. The pose of a body is the place of
+its origin and its angle, clockwise as seen.
 """
 
 from collections.abc import Callable
+from dataclasses import asdict, dataclass
 from typing import Protocol
 
 import numpy as np
 from jaxtyping import Float64
 from scipy.integrate import solve_ivp
 
+from lagsplat.systems.config import ReleaseConfig
 from lagsplat.systems.truth import VibrationModes, compute_vibration_modes
 
 Vector = Float64[np.ndarray, " d"]
@@ -113,3 +115,130 @@ def release_from_rest(
         raise RuntimeError(f"integration stopped at t = {solution.t[-1]:.3f} s: {solution.message}")
     states = np.ascontiguousarray(solution.y.T)
     return states[:, :d].copy(), states[:, d:].copy()
+
+
+@dataclass(frozen=True)
+class Linkage:
+    """Links that hang from one another; the coordinates are their angles from the vertical [rad].
+
+    Per link, from the pivot on: ``length`` [m] to the next hinge, ``mass`` [kg], ``center`` [m] of mass from
+    its hinge, ``inertia`` [kg m^2] about it, and of its hinge ``friction`` [N m s/rad] and ``spring``
+    [N m/rad], both on the angle relative to the link before.
+    """
+
+    length: Float64[np.ndarray, " d"]
+    masses: Float64[np.ndarray, " d"]
+    center: Float64[np.ndarray, " d"]
+    inertia: Float64[np.ndarray, " d"]
+    friction: Float64[np.ndarray, " d"]
+    spring: Float64[np.ndarray, " d"]
+    gravity: float
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Angles of the links."""
+        return tuple(f"angle {i + 1} [rad]" for i in range(len(self.length)))
+
+    @property
+    def _arms(self) -> Float64[np.ndarray, "d d"]:
+        """Row k: how far link i carries the centre of mass of link k."""
+        d = len(self.length)
+        return np.where(np.tri(d, k=-1, dtype=bool), self.length, np.diag(self.center))
+
+    @property
+    def _moments(self) -> Matrix:
+        """``sum_k m_k a_ki a_kj``, and the inertias: the mass matrix of links in line."""
+        return self._arms.T @ (self.masses[:, None] * self._arms) + np.diag(self.inertia)
+
+    def _joints(self, values: Float64[np.ndarray, " d"]) -> Matrix:
+        """A quadratic form of the relative angles as one of the angles."""
+        relative = np.eye(len(values)) - np.eye(len(values), k=-1)
+        return relative.T @ (values[:, None] * relative)
+
+    def mass(self, q: Vector) -> Matrix:
+        """Mass matrix [kg m^2]."""
+        return self._moments * np.cos(q[:, None] - q[None, :])
+
+    def damping(self) -> Matrix:
+        """Constant viscous damping matrix [N m s/rad]."""
+        return self._joints(self.friction)
+
+    def static_force(self, q: Vector) -> Vector:
+        """Moments of weight and springs [N m]."""
+        weight = self.gravity * (self.masses @ self._arms)
+        return -weight * np.sin(q) - self._joints(self.spring) @ q
+
+    def acceleration(self, q: Vector, v: Vector, push: Vector) -> Vector:
+        """Angular accelerations [rad/s^2]; the centrifugal term is the exact one of :meth:`mass`."""
+        centrifugal = (self._moments * np.sin(q[:, None] - q[None, :])) @ v**2
+        force = self.static_force(q) - centrifugal - self.damping() @ v + push
+        return np.linalg.solve(self.mass(q), force)
+
+    def potential_energies(self, states: Series) -> Float64[np.ndarray, " T"]:
+        """Energy [J], zero where all hangs straight down."""
+        weight = self.gravity * (self.masses @ self._arms)
+        elastic = 0.5 * np.einsum("ti,ij,tj->t", states, self._joints(self.spring), states)
+        return (1 - np.cos(states)) @ weight + elastic
+
+    def poses(self, states: Series) -> Poses:
+        """Hinges of the links, from the pivot at (0, 0) on. A positive angle swings to the right."""
+        along = np.stack([np.sin(states), np.cos(states)], axis=2) * self.length[:, None]
+        hinges = np.concatenate([np.zeros_like(along[:, :1]), np.cumsum(along, axis=1)[:, :-1]], axis=1)
+        return np.concatenate([hinges, -states[:, :, None]], axis=2)
+
+
+@dataclass(frozen=True)
+class Rocker:
+    """Rolling without slip on level ground; the coordinate is the angle it has rolled [rad], clockwise.
+
+    ``radius`` [m] of the runner, ``depth`` [m] of the centre of mass below the runner's centre, ``body_mass``
+    [kg], ``inertia`` [kg m^2] about the centre of mass, ``friction`` [N m s/rad] of rolling.
+    """
+
+    radius: float
+    depth: float
+    body_mass: float
+    inertia: float
+    friction: float
+    gravity: float
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """The angle."""
+        return ("angle [rad]",)
+
+    def mass(self, q: Vector) -> Matrix:
+        """Inertia about the point of contact [kg m^2]; it depends on the angle."""
+        reach = self.radius**2 + self.depth**2 - 2 * self.radius * self.depth * np.cos(q[0])
+        return np.array([[self.inertia + self.body_mass * reach]])
+
+    def damping(self) -> Matrix:
+        """Constant viscous damping [N m s/rad]."""
+        return np.array([[self.friction]])
+
+    def static_force(self, q: Vector) -> Vector:
+        """Moment of the weight about the point of contact [N m]."""
+        return -self.body_mass * self.gravity * self.depth * np.sin(q)
+
+    def acceleration(self, q: Vector, v: Vector, push: Vector) -> Vector:
+        """Angular acceleration [rad/s^2]."""
+        centrifugal = self.body_mass * self.radius * self.depth * np.sin(q) * v**2
+        return (self.static_force(q) - centrifugal - self.friction * v + push) / self.mass(q)[0, 0]
+
+    def potential_energies(self, states: Series) -> Float64[np.ndarray, " T"]:
+        """Energy [J], zero at rest."""
+        return self.body_mass * self.gravity * self.depth * (1 - np.cos(states[:, 0]))
+
+    def poses(self, states: Series) -> Poses:
+        """The runner's centre: above the ground (y = 0) by the radius, and along with the rolling."""
+        angle = states[:, 0]
+        return np.stack([self.radius * angle, np.full_like(angle, -self.radius), angle], axis=1)[:, None]
+
+
+def make_mechanism(config: ReleaseConfig) -> Mechanism:
+    """The mechanism that these values describe."""
+    if config.rocker is not None:
+        return Rocker(**asdict(config.rocker), gravity=config.gravity)
+    assert config.linkage is not None, "the configuration gives one of the two"
+    links = {name: np.array(values) for name, values in asdict(config.linkage).items()}
+    return Linkage(**links, gravity=config.gravity)

@@ -15,8 +15,7 @@ from scipy.integrate import solve_ivp
 from lagsplat.systems import chain
 from lagsplat.systems.arm import build_arm
 from lagsplat.systems.config import ReleaseConfig, SimulationConfig
-from lagsplat.systems.linkage import make_mechanism
-from lagsplat.systems.mechanism import STEP, Matrix, Series, Vector, find_rest_state
+from lagsplat.systems.mechanism import STEP, Matrix, Series, Vector, find_rest_state, make_mechanism
 from lagsplat.systems.rendering.painting import TOP
 from lagsplat.systems.rendering.textures import SHAPES, Sprite
 from lagsplat.systems.video import make_camera

@@ -12,7 +12,6 @@ from scipy.interpolate import CubicSpline
 from lagsplat.io.files.atomic import sha256_of_arrays
 from lagsplat.io.recording.recording import Recording
 from lagsplat.systems.config import PushConfig, ReleaseConfig, SimulationConfig
-from lagsplat.systems.linkage import make_mechanism
 from lagsplat.systems.mechanism import (
     STEP,
     Mechanism,
@@ -21,6 +20,7 @@ from lagsplat.systems.mechanism import (
     Vector,
     compute_free_modes,
     find_rest_state,
+    make_mechanism,
     release_from_rest,
 )
 from lagsplat.systems.truth import Truth, compute_truth

@@ -10,8 +10,7 @@ from jaxtyping import UInt8
 from lagsplat.io.recording.recording import Recording
 from lagsplat.io.video.read import read_video
 from lagsplat.systems.config import ReleaseConfig
-from lagsplat.systems.linkage import make_mechanism
-from lagsplat.systems.mechanism import Poses, Series
+from lagsplat.systems.mechanism import Poses, Series, make_mechanism
 from lagsplat.systems.rendering.painting import DrawnBody, Picture, backdrop, paint_bodies
 from lagsplat.systems.rendering.textures import SHAPES, photograph
 from lagsplat.views.camera import Camera, ViewSpace, arrange_cameras, look_at

@@ -87,10 +87,15 @@ def _follow(
     for picture in following:
         # Followed from the first picture each time, so that errors do not add up.
         now, status, residual = cv2.calcOpticalFlowPyrLK(
-            first, picture, start, last.copy(), winSize=(WINDOW, WINDOW), maxLevel=3,
+            first,
+            picture,
+            start,
+            last.copy(),
+            winSize=(WINDOW, WINDOW),
+            maxLevel=3,
             criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 30, 0.003),
             flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
-        )  # fmt: skip
+        )
         lost = (status[:, 0] == 0) | (residual[:, 0] > LARGEST_RESIDUAL)
         last = np.where(lost[:, None, None], last, now)
         found.append(np.where(lost[:, None], np.nan, now[:, 0].astype(np.float64)))

@@ -6,9 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import approx_fprime
 
-from lagsplat.systems.linkage import Linkage, Rocker
 from lagsplat.systems.mechanism import (
+    Linkage,
     Mechanism,
+    Rocker,
     compute_free_modes,
     find_rest_state,
     release_from_rest,

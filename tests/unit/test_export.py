@@ -14,10 +14,10 @@ from lagsplat.chart.chart import save_chart
 from lagsplat.cli.main import main
 from lagsplat.config.compose import compose
 from lagsplat.evaluate.config import EvaluateConfig
-from lagsplat.export.mcap import encoded_motion, energies, export_mcap, predict
 from lagsplat.io.config import McapConfig, McapInputConfig
 from lagsplat.io.mcap.recording import read_mcap
 from lagsplat.io.recording.recording import save_recording
+from lagsplat.pipelines.export import encoded_motion, energies, export_mcap, predict
 from lagsplat.runs.run import FittedRun
 from lagsplat.stage1.autoencoder import decode_latents, save_autoencoder
 from lagsplat.stage2.fit import save_dynamics

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from lagsplat.export.ply import export_ply
 from lagsplat.io.files.ply import read_cloud
+from lagsplat.pipelines.export import export_ply
 from lagsplat.runs.run import FittedRun, choose_state
 from lagsplat.splat.gaussians import GaussianSlice
 from lagsplat.splat.projection import make_view, project

@@ -5,11 +5,11 @@ from pathlib import Path
 import pytest
 
 from lagsplat.config.compose import ConfigError
-from lagsplat.planning.lineage import lineage
 from lagsplat.planning.plan import (
     Overrides,
     compose_for,
     files_of,
+    lineage,
     planned_baselines,
     planned_extrapolations,
     planned_runs,

@@ -5,7 +5,7 @@ from pathlib import Path
 from lagsplat.baselines.config import BASELINE_TITLES
 from lagsplat.config.compose import ConfigError
 from lagsplat.config.schema import options
-from lagsplat.planning.lineage import lineage
+from lagsplat.planning.plan import lineage
 from lagsplat.planning.plan import (
     SUFFIX,
     compose_for,

@@ -20,8 +20,7 @@ from lagsplat.diagnose.estimation.multiple_shooting import (
     differentiate_predictions,
     fit_multiple_shooting,
 )
-from lagsplat.diagnose.inference.evidence import HypothesisFit
-from lagsplat.diagnose.inference.problem import EstimationProblem
+from lagsplat.diagnose.inference.problem import EstimationProblem, HypothesisFit
 from lagsplat.diagnose.mechanics.model import MechanicalModel
 
 

@@ -9,8 +9,7 @@ from scipy.ndimage import label, mean
 from lagsplat.diagnose.core.config import SELECTION, DiagnoseConfig
 from lagsplat.diagnose.effects.base import PlacedEffect, SampleEffect
 from lagsplat.diagnose.estimation.multiple_shooting import ShootingFit
-from lagsplat.diagnose.inference.evidence import HypothesisFit, compute_log_evidence
-from lagsplat.diagnose.inference.problem import EstimationProblem
+from lagsplat.diagnose.inference.problem import EstimationProblem, HypothesisFit, compute_log_evidence
 from lagsplat.diagnose.inference.score_test import ScoreTestResult, score_test
 
 ProgressCallback = Callable[[str], None]

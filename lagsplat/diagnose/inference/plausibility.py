@@ -13,9 +13,8 @@ import numpy as np
 
 from lagsplat.diagnose.core.config import IMPLAUSIBILITY
 from lagsplat.diagnose.effects.base import SampleEffect
-from lagsplat.diagnose.inference.evidence import HypothesisFit, compute_log_evidence
 from lagsplat.diagnose.inference.model_selection import ModelRanking
-from lagsplat.diagnose.inference.problem import EstimationProblem
+from lagsplat.diagnose.inference.problem import EstimationProblem, HypothesisFit, compute_log_evidence
 
 
 @dataclass(frozen=True)

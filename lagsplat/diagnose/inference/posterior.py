@@ -9,7 +9,6 @@ from lagsplat.diagnose.core.config import COMBINATIONS, VERDICT, DiagnoseConfig
 from lagsplat.diagnose.core.result import Verdict
 from lagsplat.diagnose.effects.base import PlacedEffect, SampleEffect
 from lagsplat.diagnose.effects.registry import catalogue, find_confusable
-from lagsplat.diagnose.inference.evidence import HypothesisFit, compute_log_evidence
 from lagsplat.diagnose.inference.model_selection import (
     ModelRanking,
     ProgressCallback,
@@ -17,7 +16,12 @@ from lagsplat.diagnose.inference.model_selection import (
     rank_hypotheses,
 )
 from lagsplat.diagnose.inference.plausibility import Implausibility
-from lagsplat.diagnose.inference.problem import EstimationProblem, compute_excess_penalty
+from lagsplat.diagnose.inference.problem import (
+    EstimationProblem,
+    HypothesisFit,
+    compute_excess_penalty,
+    compute_log_evidence,
+)
 
 
 def combine_effects(

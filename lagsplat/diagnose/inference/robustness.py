@@ -14,11 +14,10 @@ import numpy as np
 from lagsplat.diagnose.core.config import ROBUSTNESS, DiagnoseConfig
 from lagsplat.diagnose.effects.base import PlacedEffect, SampleEffect
 from lagsplat.diagnose.effects.registry import find_confusable
-from lagsplat.diagnose.inference.evidence import HypothesisFit
 from lagsplat.diagnose.inference.model_selection import ModelRanking, SearchBudget, rank_by_evidence
 from lagsplat.diagnose.inference.plausibility import Implausibility
 from lagsplat.diagnose.inference.posterior import Judgement, compute_motionless_misfit, judge_hypotheses
-from lagsplat.diagnose.inference.problem import EstimationProblem, compute_autocorrelation_time
+from lagsplat.diagnose.inference.problem import EstimationProblem, HypothesisFit, compute_autocorrelation_time
 
 
 def inflate_noise(

@@ -15,8 +15,7 @@ import pandas as pd
 from jaxtyping import Float64, UInt8
 
 from lagsplat.diagnose.core.result import Block, Diagnosis
-from lagsplat.diagnose.inference.identifiability import Separability
-from lagsplat.diagnose.inference.profile_likelihood import ProfileLikelihood
+from lagsplat.diagnose.inference.profile_likelihood import ProfileLikelihood, Separability
 from lagsplat.diagnose.residual.components import ResidualCorrelations
 from lagsplat.io.files.atomic import replace_atomically
 from lagsplat.report.common.formatting import format_percent

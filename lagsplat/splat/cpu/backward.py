@@ -9,8 +9,7 @@ behind accumulates on the way, so the forward pass stores nothing per Gaussian a
 import numpy as np
 from numba import prange
 
-from lagsplat.splat.cpu.compile import compiled
-from lagsplat.splat.cpu.simd import WIDTH, iota, load, minimum, select, splat, store, sum_lanes
+from lagsplat.splat.cpu.simd import WIDTH, compiled, iota, load, minimum, select, splat, store, sum_lanes
 from lagsplat.splat.cpu.tile import (
     BASE,
     CROSSING,

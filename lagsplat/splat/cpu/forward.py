@@ -5,8 +5,7 @@
 import numpy as np
 from numba import prange
 
-from lagsplat.splat.cpu.compile import compiled
-from lagsplat.splat.cpu.simd import WIDTH, iota, load, minimum, select, splat, store, to_bits
+from lagsplat.splat.cpu.simd import WIDTH, compiled, iota, load, minimum, select, splat, store, to_bits
 from lagsplat.splat.cpu.tile import (
     BASE,
     CROSSING,

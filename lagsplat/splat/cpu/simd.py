@@ -1,4 +1,3 @@
-# mypy: ignore-errors
 """Eight float32 side by side, as one value inside Numba functions.
 
 Whether LLVM vectorises a loop depends on alias checks, trip counts and cost tables, and a rasteriser must
@@ -8,12 +7,18 @@ not become six times slower when one of them changes. So the width is explicit: 
 the operations themselves.
 
 Only Numba functions can call these, not the interpreter.
+
+`compiled` compiles the kernels and decides when a compiled kernel on disk is still valid.
 """
 
 import operator
+from collections.abc import Callable
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
 
 from llvmlite import ir
-from numba import types
+from numba import njit, types
 from numba.core import cgutils
 from numba.extending import intrinsic, models, overload, register_model
 
@@ -232,3 +237,33 @@ def _mask_and(left, right):
     if left is mask_t and right is mask_t:
         return lambda left, right: _both(left, right)
     return None
+
+
+OPTIONS = {
+    "cache": True,
+    "nogil": True,
+    "error_model": "numpy",
+    # No flag that assumes finite numbers: NaN and infinity occur, and comparisons handle them.
+    "fastmath": {"contract", "nsz", "arcp"},
+}
+
+
+def compiled(*, parallel: bool = False) -> Callable[[Callable[..., Any]], Any]:
+    """Decorator: compile with Numba on the first call and cache the result on disk.
+
+    Numba's disk cache checks only the function's own file, so a kernel would keep using an old version of a
+    helper from another file. Here any change to a kernel source invalidates the cache.
+    """
+
+    def decorate(function: Callable[..., Any]) -> Any:
+        dispatcher = njit(parallel=parallel, **OPTIONS)(function)  # type: ignore[call-overload]
+        dispatcher._cache._cache_file._source_stamp = digest(Path(__file__).parent)
+        return dispatcher
+
+    return decorate
+
+
+def digest(folder: Path) -> str:
+    """SHA-256 of the kernel sources: the files in ``folder`` and the image model they implement."""
+    sources = [*folder.glob("*.py"), folder.parent / "image_model.py"]
+    return sha256(b"".join(path.read_bytes() for path in sorted(sources))).hexdigest()

@@ -14,10 +14,9 @@ import torch
 from jaxtyping import Float32, Float64, UInt8
 from torch import Tensor
 
-from lagsplat.splat.cpu.compile import compiled
 from lagsplat.splat.cpu.forward import forward
 from lagsplat.splat.cpu.rasterize import slices_of
-from lagsplat.splat.cpu.simd import WIDTH, load, maximum, splat, square_root, store, to_bits
+from lagsplat.splat.cpu.simd import WIDTH, compiled, load, maximum, splat, square_root, store, to_bits
 from lagsplat.splat.cpu.tile import (
     CUTOFF,
     EXTENT_X,

@@ -20,9 +20,9 @@ import math
 import numpy as np
 from numba import prange
 
-from lagsplat.splat.cpu.compile import compiled
 from lagsplat.splat.cpu.simd import (
     WIDTH,
+    compiled,
     floor,
     iota,
     load,

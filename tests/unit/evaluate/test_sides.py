@@ -8,7 +8,7 @@ import torch
 
 from lagsplat.evaluate.novel_views import draw_novel_view, score_novel_views
 from lagsplat.io.recording.recording import Recording
-from lagsplat.report.figures.reconstruction import draw_novel_views
+from lagsplat.report.figures.model_comparison import draw_novel_views
 from lagsplat.stage1.autoencoder import Autoencoder, encode_frames
 from lagsplat.stage1.gaussian_initialization import initialize_gaussians
 from lagsplat.stage1.training_data import TrainingFrames

@@ -9,7 +9,7 @@ import pytest
 from lagsplat.config.compose import compose
 from lagsplat.config.schema import options
 from lagsplat.systems.config import PushConfig, ReleaseClipConfig, ReleaseConfig
-from lagsplat.systems.linkage import make_mechanism
+from lagsplat.systems.mechanism import make_mechanism
 from lagsplat.systems.release import simulate_release
 from lagsplat.systems.rendering.painting import DrawnBody, paint_bodies
 from lagsplat.systems.rendering.textures import SHAPES, photograph

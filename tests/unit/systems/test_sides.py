@@ -7,7 +7,7 @@ import pytest
 from omegaconf import OmegaConf
 
 from lagsplat.systems.config import ReleaseConfig
-from lagsplat.systems.linkage import make_mechanism
+from lagsplat.systems.mechanism import make_mechanism
 from lagsplat.systems.video import film_clips, make_space, render_true_views
 from lagsplat.views.config import ArrangementConfig
 from lagsplat.views.novel import NovelViews

@@ -5,7 +5,7 @@ import torch
 from lagsplat.chart.chart import load_chart
 from lagsplat.planning.job import Job
 from lagsplat.report.common.style import save_figure
-from lagsplat.report.figures.inertia import draw_inertia
+from lagsplat.report.figures.equilibrium import draw_inertia
 from lagsplat.report.tables.learned_physics import LEARNED_MASS, MASS_TITLES
 from lagsplat.stage2.fit import load_dynamics
 

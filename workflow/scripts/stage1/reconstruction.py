@@ -3,7 +3,7 @@
 from lagsplat.io.recording.recording import load_recording
 from lagsplat.planning.job import Job
 from lagsplat.report.common.style import save_figure
-from lagsplat.report.figures.reconstruction import draw_reconstruction
+from lagsplat.report.figures.model_comparison import draw_reconstruction
 from lagsplat.stage1.autoencoder import load_autoencoder
 
 with Job(snakemake) as job:

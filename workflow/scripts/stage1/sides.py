@@ -5,7 +5,7 @@ from lagsplat.io.files.atomic import save_json
 from lagsplat.io.recording.recording import load_recording
 from lagsplat.planning.job import Job
 from lagsplat.report.common.style import save_figure
-from lagsplat.report.figures.reconstruction import draw_novel_views
+from lagsplat.report.figures.model_comparison import draw_novel_views
 from lagsplat.stage1.autoencoder import load_autoencoder
 from lagsplat.views.novel import load_views
 

@@ -7,7 +7,6 @@ import pytest
 
 from lagsplat.diagnose.effects.base import Direction, PlacedEffect
 from lagsplat.diagnose.effects.dynamics import linear_stiffness
-from lagsplat.diagnose.inference.evidence import HypothesisFit
 from lagsplat.diagnose.inference.holdout import (
     compute_relative_square_error,
     count_diverged,
@@ -19,7 +18,7 @@ from lagsplat.diagnose.inference.holdout import (
     split_windows,
 )
 from lagsplat.diagnose.inference.placement import measure_motion_scales
-from lagsplat.diagnose.inference.problem import EstimationProblem
+from lagsplat.diagnose.inference.problem import EstimationProblem, HypothesisFit
 from tests.unit.diagnose.toys import OMEGA, RATE, contest, film, own, wave
 
 PERIOD_S = 1.0

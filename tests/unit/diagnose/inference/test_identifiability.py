@@ -7,12 +7,11 @@ from lagsplat.diagnose.core.config import PROFILES
 from lagsplat.diagnose.effects.actuation.external_periodic_force import limit_period
 from lagsplat.diagnose.effects.base import Direction, PlacedEffect
 from lagsplat.diagnose.effects.registry import catalogue
-from lagsplat.diagnose.inference.evidence import HypothesisFit
-from lagsplat.diagnose.inference.identifiability import compute_separability
 from lagsplat.diagnose.inference.placement import measure_largest_motion_scales, measure_motion_scales
-from lagsplat.diagnose.inference.problem import EstimationProblem
+from lagsplat.diagnose.inference.problem import EstimationProblem, HypothesisFit
 from lagsplat.diagnose.inference.profile_likelihood import (
     compute_profiles,
+    compute_separability,
     estimate_parameters,
     format_parameter_unit,
 )

@@ -10,7 +10,6 @@ from lagsplat.diagnose.diagnosis import diagnose
 from lagsplat.diagnose.effects.base import Direction, PlacedEffect
 from lagsplat.diagnose.effects.registry import catalogue
 from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
-from lagsplat.diagnose.inference.evidence import HypothesisFit
 from lagsplat.diagnose.inference.model_selection import ModelRanking
 from lagsplat.diagnose.inference.placement import measure_largest_motion_scales, measure_motion_scales
 from lagsplat.diagnose.inference.plausibility import (
@@ -19,7 +18,7 @@ from lagsplat.diagnose.inference.plausibility import (
     measure_recurrence,
     relaxed_model_log_evidence,
 )
-from lagsplat.diagnose.inference.problem import EstimationProblem
+from lagsplat.diagnose.inference.problem import EstimationProblem, HypothesisFit
 from tests.unit.diagnose.toys import GAIN, OMEGA, RATE, contest, film, oscillator, own, settings, wave
 
 U = wave(2)

@@ -10,7 +10,6 @@ from lagsplat.diagnose.effects.base import PlacedEffect
 from lagsplat.diagnose.effects.parameters import HalfNormal, Normal, Scales
 from lagsplat.diagnose.effects.registry import catalogue
 from lagsplat.diagnose.estimation.multiple_shooting import ShootingFit
-from lagsplat.diagnose.inference.evidence import HypothesisFit
 from lagsplat.diagnose.inference.model_selection import ModelRanking
 from lagsplat.diagnose.inference.plausibility import Implausibility
 from lagsplat.diagnose.inference.posterior import (
@@ -19,6 +18,7 @@ from lagsplat.diagnose.inference.posterior import (
     judge_hypotheses,
     log_posteriors,
 )
+from lagsplat.diagnose.inference.problem import HypothesisFit
 from tests.unit.diagnose.toys import settings
 
 FREEDOM = 1000.0

@@ -4,8 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lagsplat.diagnose.inference.identifiability import Separability
-from lagsplat.diagnose.inference.profile_likelihood import ProfileLikelihood
+from lagsplat.diagnose.inference.profile_likelihood import ProfileLikelihood, Separability
 from lagsplat.diagnose.residual.components import ResidualCorrelations
 from lagsplat.report.diagnosis.content import ImageErrorMap, ImageForceMap, ReportContent, VideoComparison
 from tests.unit.report.diagnosis import made_diagnoses

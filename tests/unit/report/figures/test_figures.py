@@ -18,7 +18,7 @@ from lagsplat.evaluate.long_rollout import (
 )
 from lagsplat.evaluate.protocol import select_held_out
 from lagsplat.report.common.style import save_figure
-from lagsplat.report.figures.reconstruction import draw_reconstruction
+from lagsplat.report.figures.model_comparison import draw_reconstruction
 from lagsplat.report.figures.rollout import draw_rollout
 from lagsplat.report.figures.training_curves import draw_curves, draw_latents, order_by_visibility
 from tests.unit.evaluate import tiny_run

@@ -5,7 +5,7 @@ import pytest
 from matplotlib.collections import EllipseCollection
 
 from lagsplat.report.common.style import save_figure
-from lagsplat.report.figures.inertia import draw_inertia
+from lagsplat.report.figures.equilibrium import draw_inertia
 
 
 def motion(d: int, samples: int = 300) -> np.ndarray:
