@@ -162,7 +162,8 @@ def measure_run(folder: str) -> None:
     latency = statistics.median(taken.values())
     print(
         f"{folder}: d = {operating_point.law.d}, {operating_point.kinematics.center.shape[0]} Gaussians in "
-        f"{operating_point.kinematics.space} dimensions, recording at {1 / session.dt_s:.0f} Hz: up to {steps:.0f} "
+        f"{operating_point.kinematics.space} dimensions, recording at {1 / session.dt_s:.0f} Hz: "
+        f"up to {steps:.0f} "
         f"session steps/s, {pictures:.0f} pictures/s{wide}; live "
         f"{kept[0]:.0f} steps/s and {kept[1]:.0f} pictures/s, drag to picture {latency:.1f} ms median, "
         f"{max(taken.values()):.1f} ms at most of {len(taken)}"
