@@ -1,6 +1,6 @@
-"""The metrics of a fitted run: reconstruction floor, forecasts, frequency, decay, learned physics against
-the truth.
+"""Metrics of a fitted run: reconstruction floor, forecasts, frequency, decay, and learned against true
+physics.
 
 `evaluate.evaluate` scores one run (`evaluate`, `score`) and `aggregate` joins seeds. The rooms
-`extrapolation` and `forces` hold what is measured beyond the clip and under a force.
+`extrapolation` and `forces` measure what happens beyond the clip and under a force.
 """

@@ -1,4 +1,4 @@
-"""Several seeds of one experiment in one row, and two experiments window by window."""
+"""Aggregate the seeds of one experiment into one row, and compare two experiments window by window."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -16,9 +16,9 @@ SERIES = {"mse_half_second": ("forecast", "per_window"), "image_mse": ("latent",
 def aggregate(runs: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Median and spread of the scores over runs that differ by their seed only.
 
-    With several runs ``low`` and ``high`` are the smallest and the largest value, over all of them; with one
-    they are its own interval over windows. ``spread`` says which. A score that is missing in some runs is the
-    median of the others and ``n`` counts these. Diverged rollouts are summed, never averaged away.
+    With several runs ``low`` and ``high`` are the extremes over all runs; with a single run they are its
+    interval over windows. ``spread`` says which. A score that some runs lack is the median of the others,
+    and ``n`` counts these. Diverged rollouts are summed, not averaged.
 
     Raises:
         ValueError: no run, or runs of different recordings, latent dimensions or kinds of dynamics.
@@ -48,7 +48,7 @@ def aggregate(runs: Sequence[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _training(runs: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """What each run was trained with: steps and frames of the first, mean wall time; None where unknown."""
+    """Training budget: steps and frames of the first run, mean wall time; None where unknown."""
     told = [run.get("training") or {} for run in runs]
     wall_s = [spent["wall_s"] for spent in told if spent.get("wall_s") is not None]
     return {
@@ -79,15 +79,19 @@ def paired_margin(
     confidence: float = 0.95,
     seed: int = 0,
 ) -> dict[str, Any]:
-    """How much lower ``first`` errs than ``second`` on the same windows, with a bootstrap interval.
+    """How much lower the error of ``first`` is than that of ``second`` on the same windows.
 
-    ``score`` is ``mse_half_second`` or ``image_mse`` (two periods). Windows are paired by their start and
-    averaged over the seeds of each side. ``value`` is ``mean(second) - mean(first)``, positive where
-    ``first`` is better; ``relative`` divides it by ``mean(second)``. ``decided`` says that the interval
-    excludes zero.
+    Windows are paired by their start and averaged over seeds. ``value`` is ``mean(second) - mean(first)``,
+    positive where ``first`` is better; ``relative`` divides it by ``mean(second)``; ``decided`` says that
+    the bootstrap interval excludes zero.
+
+    Args:
+        first, second: metrics of the runs of each experiment.
+        score: ``mse_half_second`` or ``image_mse`` (two periods).
+        resamples, confidence, seed: of the bootstrap.
 
     Raises:
-        ValueError: the two sides were not scored on the same windows of the same recording.
+        ValueError: the two experiments were not scored on the same windows of the same recording.
     """
     block, key = SERIES[score]
     runs = [*first, *second]

@@ -1,9 +1,7 @@
-"""A baseline under the protocol of every other model.
+"""Score a baseline with the protocol of every other model, and find where it accepts an external force.
 
-Where a force that is given in the image can act: each model is asked, and answers by what it does.
-
-Two things are needed. The decoder has to carry the force back to the coordinates, and the law has to turn
-what arrives there into an acceleration.
+A force given in the image moves a baseline only if its decoder maps the force back to the coordinates and
+its dynamics turn that into an acceleration. Both are tested numerically.
 
 Source: paper, the last column of Table "Krauss".
 """
@@ -26,17 +24,17 @@ from lagsplat.evaluate.evaluate import EvaluationSubject, read_recorded_inputs, 
 from lagsplat.evaluate.protocol import STENCILS, HeldOut, Integrate, Pictures, Render, Velocities
 from lagsplat.io.recording.recording import Recording
 
-CHUNK = 128  # images encoded or drawn at once: bounds memory, not results
-SEEN = 64  # training frames at which the visibility of the coordinates is measured
-STEP = 2e-2  # of those differences, in units of the latent prior
+CHUNK = 128  # images encoded or rendered at once: bounds memory, not results
+SEEN = 64  # training frames on which the visibility of the coordinates is measured
+STEP = 2e-2  # step of the finite differences, in units of the latent prior
 
 
 def evaluate_baseline(baseline: Baseline, recording: Recording, config: EvaluateConfig) -> dict[str, Any]:
     """Every score of a baseline on the held-out part of a recording, ready for JSON.
 
-    States are encoded means and start with the encoder's own velocity, in the direction that the image takes
-    to the next frame where the protocol is ``forward``, as published, and else over the neighbours. Inputs
-    are as measured. Frames, starts and horizons are those of every other model on this recording.
+    States are encoded means with the encoder's velocity estimate: from the image difference to the next
+    frame where the protocol is ``forward``, as published, and over both neighbours otherwise. Inputs are as
+    measured. Frames, starts and horizons are those of every other model on this recording.
 
     Raises:
         ValueError: the model is for frames or inputs of another shape, or the held-out part is too short.
@@ -53,7 +51,7 @@ def evaluate_baseline(baseline: Baseline, recording: Recording, config: Evaluate
 def make_baseline_subject(
     baseline: Baseline, recording: Recording, config: EvaluateConfig
 ) -> EvaluationSubject:
-    """A baseline on the held-out part of a recording, as the scores know it.
+    """Bundle a baseline and the held-out part of a recording for `score`.
 
     Raises:
         ValueError: the model is for frames or inputs of another shape.
@@ -74,7 +72,7 @@ def make_baseline_subject(
 
 
 def require_same_shape(baseline: Baseline, recording: Recording) -> None:
-    """Check that the model can see this recording.
+    """Check that frames and inputs of the recording have the shapes that the model takes.
 
     Raises:
         ValueError: frames or inputs are of another shape.
@@ -91,7 +89,7 @@ def require_same_shape(baseline: Baseline, recording: Recording) -> None:
 def read_held_out(
     baseline: Baseline, recording: Recording, pictures: Pictures, config: EvaluateConfig
 ) -> HeldOut:
-    """The held-out part as this model encodes it: latents not smoothed, inputs with their delays."""
+    """Encode the held-out part with this model: latents not smoothed, inputs stacked with their delays."""
     train, part = recording.split()
     samples, first = baseline.architecture.samples, train.n_frames
     clock = read_time_base(recording.time_s, recording.segments)
@@ -118,7 +116,7 @@ def read_held_out(
 
 @torch.no_grad()
 def encode(baseline: Baseline, pictures: Pictures, frames: np.ndarray) -> np.ndarray:
-    """Encoded means of frames, (N, d)."""
+    """Encoded means (N, d) of the frames with these numbers."""
     rows = [
         baseline.encoder(torch.from_numpy(pictures(part)))[0].double().numpy()
         for part in np.array_split(frames, max(1, len(frames) // CHUNK))
@@ -129,10 +127,10 @@ def encode(baseline: Baseline, pictures: Pictures, frames: np.ndarray) -> np.nda
 def estimate_velocities(
     baseline: Baseline, pictures: Pictures, part: Recording, *, forward: bool
 ) -> Velocities:
-    """The encoder's own velocity at frames of the held-out part, by true times.
+    """A function that returns the encoder's velocity estimate at held-out frames, on true times.
 
-    The image's rate of change is the difference to the next frame, or over both neighbours; at the ends of a
-    clip it is the difference to the one neighbour there is.
+    The image's rate of change is the difference to the next frame (``forward``) or over both neighbours; at
+    the ends of a clip it is the difference to the only neighbour.
     """
     ends = np.concatenate([[start, stop - 1] for start, stop in part.segments])
     first, last = ends[0::2], ends[1::2]
@@ -150,7 +148,7 @@ def estimate_velocities(
 
 
 def make_baseline_renderer(baseline: Baseline) -> Render:
-    """Images drawn at latents."""
+    """A function that renders images at latents."""
 
     @torch.no_grad()
     def render(z: np.ndarray) -> np.ndarray:
@@ -161,7 +159,7 @@ def make_baseline_renderer(baseline: Baseline) -> Render:
 
 
 def make_baseline_integrator(baseline: Baseline) -> Integrate:
-    """Rollouts of the law, which knows steps of one frame only."""
+    """A function that rolls out the baseline's dynamics, one frame a step."""
 
     @torch.no_grad()
     def integrate(
@@ -176,7 +174,8 @@ def make_baseline_integrator(baseline: Baseline) -> Integrate:
 def compute_baseline_modes(baseline: Baseline) -> list[dict[str, float]]:
     """Frequencies and decay rates of the one-step map, slowest first.
 
-    An eigenvalue that does not oscillate has frequency 0; one that has died within a step, an infinite rate.
+    An eigenvalue that does not oscillate has frequency 0; one that vanishes within a step has an infinite
+    rate.
     """
     with torch.no_grad():
         values = np.linalg.eigvals(baseline.dynamics.transition().double().numpy())
@@ -190,17 +189,16 @@ def compute_baseline_modes(baseline: Baseline) -> list[dict[str, float]]:
     return sorted(found, key=lambda mode: (mode["frequency_hz"], mode["rate_per_s"]))
 
 
-ASKED = 8  # states at which a model is asked
+ASKED = 8  # states at which the response to a force is tested
 
 Forces = Float[Tensor, "B G 2"]
 
 
 def pull_back_force(baseline: Baseline, z: Latents, forces: Forces) -> Latents | None:
-    """Forces ``(y, x)`` on the centres of the maps as forces on the coordinates; None where nothing in the
-    decoder has a place.
+    """Map forces ``(y, x)`` on the centres of the attention maps to forces on the coordinates.
 
-    A planar node has one centre for its two coordinates, and their map into the plane is square. One map a
-    coordinate is half of that: it says where the coordinate is drawn, and no planar position is left to push.
+    None where the decoder has no such centres. A planar node has one centre for its two coordinates, so the
+    map between them is square. A decoder with one map per coordinate gives no planar position to push.
     """
     if not isinstance(baseline.decoder, AttentionDecoder) or baseline.decoder.group != 2:
         return None
@@ -208,7 +206,7 @@ def pull_back_force(baseline: Baseline, z: Latents, forces: Forces) -> Latents |
 
 
 def accelerate_baseline(baseline: Baseline, z: Latents, push: Latents) -> Latents | None:
-    """The acceleration [1/s^2] that a force on the coordinates adds; None where the law takes no force."""
+    """The acceleration [1/s^2] that a force on the coordinates adds; None if the dynamics take no force."""
     law = baseline.dynamics
     if not isinstance(law, Oscillators):
         return None
@@ -219,7 +217,7 @@ def accelerate_baseline(baseline: Baseline, z: Latents, push: Latents) -> Latent
 
 @torch.no_grad()
 def baseline_horizon(baseline: Baseline, z: Latents) -> str:
-    """``none``, ``latent only``, or at how many centres: what a push at the states ``z`` brings about."""
+    """Where a push acts at the states ``z``: ``none``, ``latent only``, or at how many centres."""
     answer = accelerate_baseline(baseline, z, torch.ones_like(z))
     if answer is None or not _moves(answer):
         return "none"

@@ -1,6 +1,5 @@
-"""Settings of the evaluation protocol. Torch-free, so that planning stays fast.
-
-Settings of what is measured far past the training window. Torch-free, so that planning stays fast.
+"""Settings of evaluation and of extrapolation past the training window. Torch-free, so that planning is
+fast.
 """
 
 from dataclasses import dataclass
@@ -8,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass  # not frozen: OmegaConf turns frozen dataclasses into read-only nodes
 class FigureConfig:
-    """The one rollout that is drawn, and the rollouts behind the figure of errors over time.
+    """The rollout that is drawn, and the rollouts behind the figure of errors over time.
 
     Raises:
         ValueError: a value outside its domain.
@@ -18,16 +17,17 @@ class FigureConfig:
 
     start: str
     """``held_out``: at the first scored frame of the longest held-out clip; ``boundary``: in the training
-    part, so that the rollout crosses into the held-out end of the same clip."""
+    part, so that the rollout crosses into the held-out end of the same clip.
+    """
     duration_s: float
     """Longest rollout drawn; a clip's end cuts it."""
     horizon_s: float
     """Length of the rollouts whose error is drawn over time; half the longest clip cuts it."""
     horizon_starts: int
-    """How many of them."""
+    """Number of these rollouts."""
 
     def __post_init__(self) -> None:
-        """Check the domains."""
+        """Check that every value is in its domain."""
         known = self.start in ("held_out", "boundary")
         _require("figure.start", self.start, known, "must be held_out or boundary")
         for key in ("duration_s", "horizon_s", "horizon_starts"):
@@ -36,15 +36,15 @@ class FigureConfig:
 
 @dataclass  # not frozen, for the same reason
 class EvaluateConfig:
-    """What is measured on the held-out part, from where, and for how long.
+    """What is measured on the held-out part, from which starts, and for how long.
 
-    Every value lives in ``conf/evaluate/*.yaml``. Durations ending in ``_s`` are seconds, those ending in
+    Every value is set in ``conf/evaluate/*.yaml``. Durations ending in ``_s`` are seconds, those ending in
     ``_frames`` are frames of the recording, fractions are in [0, 1].
 
     Raises:
         ValueError: a value outside its domain.
 
-    Source: facts of the published protocol (0.5 s over 50 starts, two periods, free windows).
+    Source: the published protocol (0.5 s over 50 starts, two periods, free windows).
     """
 
     seed: int
@@ -58,17 +58,18 @@ class EvaluateConfig:
     periods: float
     """Length of the latent forecast in natural periods."""
     velocity: str
-    """Initial velocity of a rollout: ``forward`` over two later frames (as published), ``central`` over two
-    on either side, which is quieter, or ``neighbours``, over one on either side, which agrees with an
-    integrator of one step a frame however few frames a period has."""
+    """Initial velocity of a rollout: ``forward`` over the next two frames (as published), ``central`` over
+    two frames on each side (less noise), or ``neighbours`` over one on each side, which agrees with an
+    integrator of one step a frame even where a period has few frames.
+    """
     period_s: float | None
     """Imposed natural period; null takes the one measured on the free windows."""
     floor_frames: int
-    """Most frames the autoencoder floor is averaged over."""
+    """Maximum number of frames the autoencoder floor is averaged over."""
     divergence_factor: float
-    """A rollout has diverged once its state is longer than this many times the longest encoded one."""
+    """A rollout has diverged once its state is longer than this many times the longest encoded state."""
     bootstrap: int
-    """Resamples of the windows behind each interval."""
+    """Resamples of the windows for each interval."""
     confidence: float
     """Coverage of the intervals."""
     free_rate_fraction: float
@@ -86,11 +87,11 @@ class EvaluateConfig:
     window_min_amplitude: float
     """Windows quieter than this fraction of the clip's RMS are left out."""
     decay_modes: int
-    """Most damped oscillations fitted to one window."""
+    """Maximum number of damped oscillations fitted to one window."""
     figure: FigureConfig
 
     def __post_init__(self) -> None:
-        """Check every domain; the message names the key, the value and the remedy."""
+        """Check that every value is in its domain; the message names the key, the value and the remedy."""
         for key in _POSITIVE:
             _require(key, getattr(self, key), getattr(self, key) > 0, "must be positive")
         for key in ("seed", "skip_s"):
@@ -132,34 +133,34 @@ def _require(key: str, value: object, holds: bool, rule: str) -> None:
 
 @dataclass  # not frozen: OmegaConf turns frozen dataclasses into read-only nodes
 class GuaranteeConfig:
-    """From where, and with what, a learned law is asked whether it always comes to rest.
+    """The starts and forces used to test whether a learned law always comes to rest.
 
     Raises:
         ValueError: a value outside its domain.
     """
 
     starts: int
-    """Rollouts from all around, at rest and moving."""
+    """Rollouts from all directions, at rest and moving."""
     far: float
     """Their distance, in lengths of the longest encoded state."""
     force: float
-    """Largest held force: the one that holds the law at this share of the longest encoded state."""
+    """Largest constant force: the one whose equilibrium lies at this share of the longest encoded state."""
     duration_s: float
-    """Longest they may take to settle."""
+    """Longest time they may take to settle."""
     settled: float
     """Distance from the equilibrium that counts as settled, as a share of the longest encoded state."""
 
     def __post_init__(self) -> None:
-        """Check the domains."""
+        """Check that every value is in its domain."""
         for key, value in vars(self).items():
             _require_extrapolation(f"guarantee.{key}", value, value > 0, "must be positive")
 
 
 @dataclass  # not frozen, for the same reason
 class ExtrapolationConfig:
-    """How far models are rolled out, where they are looked at, and when they count as out of the chart.
+    """How far models are rolled out, where they are compared, and when they leave the chart.
 
-    Every value lives in ``conf/extrapolation/*.yaml``.
+    Every value is set in ``conf/extrapolation/*.yaml``.
 
     Raises:
         ValueError: a value outside its domain.
@@ -170,28 +171,29 @@ class ExtrapolationConfig:
     horizon_s: float
     """Length of the free rollout past the last training frame."""
     shown_s: float
-    """Its first part, looked at in whole."""
+    """First part of the rollout, measured without gaps."""
     looks: int
-    """Short looks after that, at times that grow by a constant factor up to the horizon."""
+    """Short intervals measured after that, at times that grow by a constant factor up to the horizon."""
     look_periods: float
-    """Length of a look, in natural periods."""
+    """Length of such an interval, in natural periods."""
     history_periods: float
     """Training frames from which a law's state is estimated, in natural periods."""
     shift_frames: float
-    """Frames are also compared with what the model shows up to this many frames earlier or later."""
+    """Each frame is also compared with predictions up to this many frames earlier or later."""
     shift_steps: int
-    """How many shifts between the two are tried, where a model can draw between frames."""
+    """Number of shifts tried, where a model can render between frames."""
     range_error: float
-    """A predicted frame is out of range if the autoencoder reproduces it worse than the worst training frame
-    by this factor."""
+    """A predicted frame is out of range if its reconstruction error exceeds that of the worst training frame
+    by this factor.
+    """
     range_distance: float
     """... or if its state lies further from the nearest training state than this share of their rms."""
     least_inside: float
-    """Share of predicted frames in range below which no physics is read off them."""
+    """Share of predicted frames in range below which no physics is measured on them."""
     guarantee: GuaranteeConfig
 
     def __post_init__(self) -> None:
-        """Check the domains."""
+        """Check that every value is in its domain."""
         for key in (
             "horizon_s",
             "shown_s",

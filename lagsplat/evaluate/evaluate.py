@@ -1,7 +1,4 @@
-"""All scores of one trained run, as plain data.
-
-The scores that every model gets alike: the same starts, the same frames, the same estimators.
-"""
+"""All scores of one model, as plain data: the same starts, frames and estimators for every model."""
 
 import time
 from dataclasses import dataclass
@@ -40,13 +37,17 @@ def evaluate(
 ) -> dict[str, Any]:
     """Every score of one trained run on the held-out part of its recording, ready for JSON.
 
-    ``scores`` holds the table's numbers (None where nothing could be measured, and the block of the same
-    name says why), ``intervals`` their 95 % intervals over windows; the other blocks hold the details and
-    the value of every window. Deterministic but for ``wall_time_s``.
+    ``scores`` holds the table's numbers (None where nothing could be measured; the block of the same name
+    says why), ``intervals`` their 95 % intervals over windows; the other blocks hold the details and the
+    value of every window. Deterministic but for ``wall_time_s``.
+
+    Args:
+        autoencoder, chart, lagrangian: the trained run.
+        recording, config: its recording and the evaluation protocol.
 
     Raises:
         ValueError: recording, chart and autoencoder do not belong together, or the held-out part is too
-        short for the protocol.
+            short for the protocol.
 
     Source: paper, Metrics.
     """
@@ -62,10 +63,9 @@ def evaluate(
 
 @dataclass(frozen=True)
 class EvaluationSubject:
-    """A model on the held-out part of a recording, as far as the scores know it.
+    """A model and the held-out part of a recording, in the form that `score` takes.
 
-    ``dynamics`` names the kind of its law, ``external_force`` says where a force
-    given in the image can act.
+    ``dynamics`` names the kind of its law; ``external_force`` says where a force given in the image can act.
     """
 
     d: int
@@ -84,7 +84,11 @@ def make_run_subject(
     recording: Recording,
     config: EvaluateConfig,
 ) -> EvaluationSubject:
-    """A trained run on the held-out part of its recording, as the scores know it.
+    """Bundle a trained run and the held-out part of its recording for `score`.
+
+    Args:
+        autoencoder, chart, lagrangian: the trained run.
+        recording, config: its recording and the evaluation protocol.
 
     Raises:
         ValueError: recording, chart and autoencoder do not belong together.
@@ -102,7 +106,7 @@ def make_run_subject(
 
 
 def describe_dynamics(lagrangian: Lagrangian) -> str:
-    """What kind of law it is: ``linear``, or ``nonlinear`` with its mass named where that is not learned."""
+    """The kind of law: ``linear``, or ``nonlinear`` with the mass named where it is not learned."""
     form = lagrangian.form
     constant = form.mass == "constant"
     plain = form.damping == "constant" and form.potential == "quadratic" and form.actuation == "linear"
@@ -114,8 +118,8 @@ def describe_dynamics(lagrangian: Lagrangian) -> str:
 def describe_external_force(autoencoder: Autoencoder) -> str:
     """Where a force given in the image can act: ``anywhere`` or ``none``.
 
-    A force on a drawn primitive reaches the dynamics through the primitive's Jacobian, so it can act wherever
-    something is drawn as soon as the drawn centres move with the latent.
+    A force on a rendered primitive reaches the dynamics through the primitive's Jacobian. So it can act
+    wherever something is rendered, provided that the centres move with the latent.
     """
     moves = bool((autoencoder.gaussians.jacobian().abs().amax() > 0).item())
     return "anywhere" if moves else "none"
@@ -125,7 +129,7 @@ def require_same_run(autoencoder: Autoencoder, chart: Chart, recording: Recordin
     """Check that the chart was made by this autoencoder from this recording.
 
     Raises:
-        ValueError: lengths differ, or freshly encoded frames are not where the chart has them.
+        ValueError: lengths differ, or freshly encoded frames differ from the chart's latents.
     """
     if len(chart.latents) != recording.n_frames:
         raise ValueError(
@@ -143,7 +147,7 @@ def require_same_run(autoencoder: Autoencoder, chart: Chart, recording: Recordin
 
 
 def read_recorded_inputs(recording: Recording, *, first: int) -> Pictures:
-    """Recorded held-out images in [0, 1] by held-out frame number; ``first`` is the first of them."""
+    """A function that returns recorded images in [0, 1]; frame 0 is frame ``first`` of the recording."""
 
     def pictures(frames: np.ndarray) -> np.ndarray:
         stored = np.asarray(recording.frames[first + frames])
@@ -155,7 +159,12 @@ def read_recorded_inputs(recording: Recording, *, first: int) -> Pictures:
 def make_renderer(
     autoencoder: Autoencoder, chart: Chart, *, height: int | None = None, width: int | None = None
 ) -> Render:
-    """Images rendered at whitened latents, at the training resolution unless told otherwise."""
+    """A function that renders images at whitened latents.
+
+    Args:
+        autoencoder, chart: the decoder and its whitening.
+        height, width: image size [px]; None takes the training resolution.
+    """
 
     def render(q: np.ndarray) -> np.ndarray:
         return decode_latents(autoencoder, chart.to_raw(q), height=height, width=width)
@@ -164,7 +173,7 @@ def make_renderer(
 
 
 def make_integrator(lagrangian: Lagrangian) -> Integrate:
-    """Rollouts of the learned dynamics from numpy to numpy."""
+    """A function that rolls out the learned dynamics, with NumPy arrays in and out."""
 
     def integrate(
         q0: np.ndarray, v0: np.ndarray, inputs: np.ndarray, steps_s: float | np.ndarray
@@ -186,7 +195,7 @@ def score(
     recording: Recording,
     config: EvaluateConfig,
 ) -> dict[str, Any]:
-    """Every score of a model as plain data: the table's numbers, their intervals, the blocks behind them.
+    """Every score of a model as plain data: the table's numbers, their intervals, the details behind them.
 
     Raises:
         ValueError: the held-out part is too short for the protocol.

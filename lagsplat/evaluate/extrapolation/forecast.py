@@ -1,12 +1,7 @@
-"""What a model predicts past its training frames: pictures, oscillation, and what is left of it.
+"""Score predictions past the training frames: image PSNR, oscillation, and the amplitude that remains.
 
-Peak signal-to-noise ratios of predicted frames, as they come and with their phase taken out.
-
-A free neural differential equation far past its training frames.
-
-A trained run far past its training frames: its own law, measured like every other model's.
-
-What the measures of extrapolation ask of a model, and how a law of motion answers.
+PSNR is given frame by frame and with the phase error removed. A model enters as a `Predictor`; the learned
+Lagrangian and the neural ODE share `LawPredictor`.
 """
 
 import time
@@ -49,7 +44,7 @@ Energy = Callable[[np.ndarray, float], np.ndarray]
 
 
 def recorded_frames(recording: Recording) -> Pictures:
-    """Recorded images (N,3,H,W) in [0, 1] by frame number."""
+    """A function that returns recorded images (N,3,H,W) in [0, 1] by frame number."""
 
     def pictures(frames: np.ndarray) -> np.ndarray:
         stored = np.asarray(recording.frames[frames])
@@ -61,7 +56,7 @@ def recorded_frames(recording: Recording) -> Pictures:
 def open_scene(
     autoencoder: Autoencoder, chart: Chart, recording: Recording
 ) -> tuple[BoundaryClip, KnownStates, Pictures]:
-    """The clip that is extrapolated, what the encoder knows, and the recorded pictures.
+    """The clip to extrapolate, the states that the encoder knows, and the recorded images.
 
     Raises:
         ValueError: as `choose_boundary_clip`.
@@ -74,18 +69,17 @@ def open_scene(
 class Predictor(Protocol):
     """A model that was given the training frames of a clip.
 
-    Instants are counted in median spacings of frames since the last training frame: 1 is the first one held
-    out.
+    Instants are counted in median frame spacings from the last training frame: 1 is the first held-out
+    frame.
     """
 
     @property
     def between_frames(self) -> bool:
-        """Whether it can draw at fractions of a frame."""
+        """Whether the model can render at fractions of a frame."""
         ...
 
     def filmed(self) -> Float64[np.ndarray, "T d"]:
-        """States at all frames of the clip: over the training part what the model makes of it, then its
-        prediction."""
+        """States at all frames of the clip: the model's fit over the training part, then its prediction."""
         ...
 
     def draw(self, ahead: np.ndarray) -> np.ndarray:
@@ -93,9 +87,9 @@ class Predictor(Protocol):
         ...
 
     def states(self, first: int, stop: int) -> tuple[Float64[np.ndarray, "N d"], StateReading | None]:
-        """States at the instants ``first`` to ``stop``, and how they were read off pictures, if they were.
+        """States at the instants ``first`` to ``stop``, and how they were read from images, if they were.
 
-        None of a reading means that the pictures are left out of the check, not that they failed it.
+        A reading of None means that the images are left out of the range check, not that they failed it.
         """
         ...
 
@@ -110,11 +104,19 @@ def score_extrapolation(
 ) -> dict[str, Any]:
     """Everything that is compared between models, as plain data.
 
-    ``psnr`` and ``aligned`` are of the held-out frames, ``floor`` what the autoencoder itself makes of these.
+    ``psnr`` and ``aligned`` are of the held-out frames, ``floor`` is the PSNR of the autoencoder on them.
     ``physics`` compares the oscillation over the whole clip with the encoded one, ``held_out`` over its
     held-out end alone. ``left`` is the amplitude at the horizon over that of the clip's first period, and
-    ``looks`` what was seen on the way, each with its energy. ``range`` says how far the predicted frames are
+    ``looks`` the measurements on the way, each with its energy. ``range`` says how many predicted frames are
     in range; where too few are, physics and ``left`` are None and ``reason`` says so.
+
+    Args:
+        predictor: the model.
+        crossing: the clip that runs from training into held-out frames.
+        known: the states and errors of the encoder's training frames.
+        pictures: recorded images by frame number.
+        config: horizon, intervals and range limits.
+        energy: of the learned law, along a series of states.
 
     Raises:
         ValueError: predicted frames of another size than the encoder's.
@@ -159,7 +161,7 @@ def score_extrapolation(
 
 
 def measure_states(crossing: BoundaryClip, config: ExtrapolationConfig) -> list[tuple[int, int]]:
-    """Half-open ranges of frames past the last training frame: the shown part, then the looks."""
+    """Half-open ranges of frames past the last training frame: the first part, then the later intervals."""
     last = round(config.horizon_s / crossing.dt_s)
     shown = round(config.shown_s / crossing.dt_s)
     length = max(round(config.look_periods * crossing.period_s / crossing.dt_s), 16)
@@ -209,7 +211,7 @@ def _share(value: float, of: float) -> float | None:
 
 
 def _unread(seen: dict[str, Any], config: ExtrapolationConfig) -> dict[str, Any]:
-    """The blocks that a forecast which leaves the chart has instead of numbers."""
+    """The blocks, without numbers, of a forecast that leaves the chart."""
     reason = (
         f"only {seen['inside']:.0%} of {seen['frames']} predicted frames are of the kind the encoder knows "
         f"(extrapolation.least_inside={config.least_inside}): no physics is read off them"
@@ -242,10 +244,16 @@ def score_held_out_psnr(draw: Draw, recorded: np.ndarray, ahead: np.ndarray) -> 
 def score_aligned_psnr(
     draw: Draw, recorded: np.ndarray, ahead: np.ndarray, *, shifts: Float64[np.ndarray, " S"]
 ) -> dict[str, Any]:
-    """The same with each recorded frame held against the best of those shown ``shifts`` frames later.
+    """PSNR of each recorded frame against the best prediction within the ``shifts``.
 
-    What is lost only because the model is ahead or behind does not count: what is left is rendering.
-    ``shift`` are the chosen shifts, so that a growing lag shows.
+    This removes the error of a model that is only ahead or behind; what remains is rendering error.
+    ``shift`` lists the chosen shifts, so that a growing lag is visible.
+
+    Args:
+        draw: renders the model at instants.
+        recorded: images (N,3,H,W).
+        ahead: their instants, in frames since the last training frame.
+        shifts: shifts to try, in frames.
     """
     values = np.stack([to_decibels(image_errors(draw(ahead + shift), recorded)) for shift in shifts])
     best = values.argmax(axis=0)
@@ -269,13 +277,16 @@ def extrapolate_ode(
     recording: Recording,
     config: ExtrapolationConfig,
 ) -> dict[str, Any]:
-    """The measures of `score_extrapolation` for a law without structure on the same chart.
+    """The measures of `score_extrapolation` for a neural ODE on the same chart.
 
-    ``lagrangian`` gives the energy by which every model's motion is measured.
+    Args:
+        autoencoder, chart, ode: the decoder, its chart and the fitted neural ODE.
+        lagrangian: gives the energy by which every model's motion is measured.
+        recording, config: the chart's recording, and horizon, intervals and range limits.
 
     Raises:
         ValueError: recording, chart and autoencoder do not belong together, or no clip crosses into the
-        held-out frames.
+            held-out frames.
     """
     require_same_run(autoencoder, chart, recording)
     crossing, known, pictures = open_scene(autoencoder, chart, recording)
@@ -295,11 +306,15 @@ def extrapolate_run(
     recording: Recording,
     config: ExtrapolationConfig,
 ) -> dict[str, Any]:
-    """The measures of `score_extrapolation` for a run, with its ``find_equilibrium`` and its ``guarantee``.
+    """The measures of `score_extrapolation` for a run, with its equilibrium and its ``guarantee``.
+
+    Args:
+        autoencoder, chart, lagrangian: the trained run.
+        recording, config: its recording, and horizon, intervals and range limits.
 
     Raises:
-        ValueError: recording, chart and autoencoder do not belong together, no clip crosses into the held-out
-        frames, or the mass is induced by the decoder.
+        ValueError: recording, chart and autoencoder do not belong together, no clip crosses into the
+            held-out frames, or the mass is induced by the decoder.
     """
     require_same_run(autoencoder, chart, recording)
     crossing, known, pictures = open_scene(autoencoder, chart, recording)
@@ -319,11 +334,11 @@ def extrapolate_run(
 
 
 RollOut = Callable[[np.ndarray, np.ndarray, int], np.ndarray]
-"""(q0 (B,d), v0 (B,d) per second, states) -> q (B,N,d), one state a median spacing of frames."""
+"""(q0 (B,d), v0 (B,d) per second, states) -> q (B,N,d), one state per median frame spacing."""
 
 
 def roll_out_free_motion(lagrangian: Lagrangian, dt_s: float) -> RollOut:
-    """Free rollouts of a learned law, one state every ``dt_s`` seconds."""
+    """A function that rolls out free motion of a learned law, one state every ``dt_s`` seconds."""
     law = NumpyLagrangian(lagrangian)
 
     def roll_out(q0: np.ndarray, v0: np.ndarray, states: int) -> np.ndarray:
@@ -332,14 +347,14 @@ def roll_out_free_motion(lagrangian: Lagrangian, dt_s: float) -> RollOut:
     return roll_out
 
 
-CHECKED = 200  # frames drawn of a law's own states, to see that they are in range
+CHECKED = 200  # frames of a law's states that are rendered to check that they are in range
 
 
 @dataclass(frozen=True)
 class LawPredictor:
-    """A law of motion in the chart, drawn by the decoder.
+    """A law of motion in the chart, rendered by the decoder.
 
-    ``path`` are its states from the last training frame on, one a median spacing; ``past`` those at the
+    ``path`` are its states from the last training frame on, one per median spacing; ``past`` those at the
     frames of the clip, rolled out from its beginning.
     """
 
@@ -355,13 +370,13 @@ class LawPredictor:
         return self.past
 
     def draw(self, ahead: np.ndarray) -> np.ndarray:
-        """Pictures of the law's states, between its steps by a cubic spline."""
+        """Images of the law's states, interpolated between its steps by a cubic spline."""
         last = min(len(self.path), int(np.ceil(ahead.max())) + 4)
         steps = CubicSpline(np.arange(last), np.nan_to_num(self.path[:last]))
         return self.render(steps(np.maximum(ahead, 0.0)))
 
     def states(self, first: int, stop: int) -> tuple[Float64[np.ndarray, "N d"], StateReading | None]:
-        """The law's own states; some of their pictures are read back to see whether they are in range."""
+        """The law's states; some are rendered and encoded again to check that they are in range."""
         part = self.path[first:stop]
         if not np.isfinite(part).all():
             return part, None
@@ -372,10 +387,17 @@ class LawPredictor:
 def make_law_predictor(
     roll_out: RollOut, known: KnownStates, render: Render, crossing: BoundaryClip, config: ExtrapolationConfig
 ) -> LawPredictor:
-    """A law started twice: at the beginning of the clip, and where the training frames end.
+    """Start a law twice: at the beginning of the clip and at the end of its training frames.
 
-    Both states are those whose rollout fits the encoded training frames of ``config.history_periods`` best;
+    Each initial state is the least-squares fit to the encoded training frames of ``config.history_periods``;
     no held-out frame is used.
+
+    Args:
+        roll_out: the law.
+        known: the encoder's training states and their metric.
+        render: renders images at states.
+        crossing: the clip that runs from training into held-out frames.
+        config: gives the length of the fitted history.
     """
     history = crossing.history(config.history_periods)
     places = crossing.places
@@ -401,6 +423,12 @@ def fit_start(
     """State and velocity [1/s] at frame ``at`` of the clip whose rollout fits the next ``frames`` best.
 
     Least squares in the metric, from the first state and the slope of a parabola through the frames.
+
+    Args:
+        roll_out: the law.
+        crossing: the clip.
+        at: frame of the clip where the rollout starts.
+        frames: number of frames to fit.
     """
     latents, d = crossing.latents[at : at + frames], crossing.latents.shape[1]
     places = crossing.places[at : at + frames] - crossing.places[at]
@@ -412,7 +440,7 @@ def fit_start(
     def residuals(rows: np.ndarray) -> np.ndarray:
         paths = roll_out(rows[:, :d], rows[:, d:] / unit, states)
         missed = np.stack([(_at(path, places) - latents) @ root for path in paths])
-        # a start that blows up must look bad, not break the search
+        # a start whose rollout diverges gets a large error, so that the search goes on
         return np.clip(np.nan_to_num(missed, nan=1e6), -1e6, 1e6).reshape(len(rows), -1)
 
     def slopes(start: np.ndarray) -> np.ndarray:
@@ -429,7 +457,7 @@ def fit_start(
 
 
 def _at(path: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """States at ``places``, in steps; the path's own where these are whole."""
+    """States at ``places``, in steps; exact where a place is a whole step."""
     if np.allclose(places, np.round(places), atol=1e-6):
         return path[np.round(places).astype(int)]
     return CubicSpline(np.arange(len(path)), np.nan_to_num(path))(places)

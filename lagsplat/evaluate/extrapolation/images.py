@@ -1,4 +1,4 @@
-"""Models that know pictures and no state: what they predict is read through the frozen encoder."""
+"""Extrapolation of models that predict images without states: the frozen encoder reads their states."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -26,12 +26,13 @@ from lagsplat.io.recording.recording import Recording
 from lagsplat.stage1.autoencoder import Autoencoder
 from lagsplat.stage2.lagrangian import Lagrangian
 
-AT_ONCE = 256  # pictures drawn and read at once: bounds memory, not results
+AT_ONCE = 256  # images rendered and encoded at once: bounds memory, not results
 
 
 @dataclass(frozen=True)
 class ImagePredictor:
-    """A model of pictures: ``fitted`` are its own of the clip's training frames, ``show`` draws what follows.
+    """A model of images: ``fitted`` are its reconstructions of the clip's training frames, ``show``
+    predicts.
 
     ``show`` takes instants in frames since the last training frame.
     """
@@ -44,19 +45,19 @@ class ImagePredictor:
     between_frames: bool
 
     def filmed(self) -> Float64[np.ndarray, "T d"]:
-        """States read off its pictures of the training frames and of its prediction."""
+        """States encoded from its reconstructed training frames and from its prediction."""
         seen = [self.known.to_states(self.fitted), self.known.to_states(self.draw(self.crossing.ahead))]
         return np.concatenate(seen)
 
     def draw(self, ahead: np.ndarray) -> np.ndarray:
-        """Its predicted pictures; before the last training frame, those it fitted."""
+        """Its predicted images; before the last training frame, the reconstructed ones."""
         images = self.show(np.maximum(ahead, 0.0))
         for i in np.flatnonzero(ahead < 0):
             images[i] = self.fitted[max(round(ahead[i]) - 1, -len(self.fitted))]
         return images
 
     def states(self, first: int, stop: int) -> tuple[Float64[np.ndarray, "N d"], StateReading | None]:
-        """States read off its predicted pictures, and whether these are in range."""
+        """States encoded from its predicted images, and whether these are in range."""
         parts = [
             read_states(
                 self.known, self.show(np.arange(a, min(a + AT_ONCE, stop), dtype=np.float64)), self.config
@@ -80,15 +81,21 @@ def extrapolate_forecaster(
     recording: Recording,
     config: ExtrapolationConfig,
 ) -> dict[str, Any]:
-    """The measures of `score_extrapolation` for a key-point forecaster, with its ``own`` ones.
+    """The measures of `score_extrapolation` for a key-point forecaster, and measures of its networks.
 
-    ``own`` holds the PSNR of its pictures of the training frames, of the held-out frames by its motion
-    network asked for times it was never told (``in_time``), and the one-step error of the graph network over
-    the motion from frame to frame. ``lagrangian`` gives the energy by which every model is measured.
+    ``own`` holds the PSNR of its reconstructed training frames, of the held-out frames by its motion network
+    at times it was not trained on (``in_time``), and the one-step error of the graph network over the motion
+    from frame to frame.
+
+    Args:
+        autoencoder, chart: the encoder that reads its images, and its chart.
+        lagrangian: gives the energy by which every model's motion is measured.
+        forecaster: the trained key-point model.
+        recording, config: the chart's recording, and horizon, intervals and range limits.
 
     Raises:
-        ValueError: the forecaster was trained on other frames, recording, chart and autoencoder do not belong
-        together, or no clip crosses into the held-out frames.
+        ValueError: the forecaster was trained on other frames, recording, chart and autoencoder do not
+            belong together, or no clip crosses into the held-out frames.
     """
     require_same_run(autoencoder, chart, recording)
     crossing, known, pictures = open_scene(autoencoder, chart, recording)
@@ -140,15 +147,20 @@ def extrapolate_frames(
     recording: Recording,
     config: ExtrapolationConfig,
 ) -> dict[str, Any]:
-    """The measures of `score_extrapolation` for ``frames`` (N,H,W,3) that another program predicted.
+    """The measures of `score_extrapolation` for ``frames`` that another program predicted.
 
-    The first of them is the first one held out. They hold nothing of the training part, so that there is no
-    oscillation over the whole clip: see ``held_out``. Where they end before the horizon, nothing is said of
-    what is left there.
+    They hold nothing of the training part, so no oscillation is compared over the whole clip: see
+    ``held_out``. If they end before the horizon, no amplitude at the horizon is given.
+
+    Args:
+        autoencoder, chart: the encoder that reads the frames, and its chart.
+        lagrangian: gives the energy by which every model's motion is measured.
+        frames: predicted frames (N,H,W,3); the first is the first held-out frame.
+        recording, config: the chart's recording, and horizon, intervals and range limits.
 
     Raises:
         ValueError: fewer frames than are held out, or frames of another size; recording, chart and
-        autoencoder do not belong together, or no clip crosses into the held-out frames.
+            autoencoder do not belong together, or no clip crosses into the held-out frames.
     """
     require_same_run(autoencoder, chart, recording)
     crossing, known, pictures = open_scene(autoencoder, chart, recording)

@@ -1,6 +1,6 @@
-"""Frequency, decay and what is left of a motion: one estimator each, for every model alike.
+"""Measure frequency, decay and amplitude of a motion, and check that predicted frames suit the encoder.
 
-Whether predicted frames are still of the kind the encoder knows: else its word means nothing.
+Every model gets the same estimators. States of frames unlike the training frames are not meaningful.
 """
 
 from dataclasses import dataclass
@@ -20,20 +20,19 @@ from lagsplat.evaluate.protocol import Pictures
 from lagsplat.stage1.autoencoder import CHUNK, Autoencoder, decode_latents
 
 LEAST_CYCLES = 1.0
-STRONGEST = 0.2  # share of a series' energy below which the fitted oscillation is not its motion
-LAGS = 0.25  # of a series, up to which its residual is looked at for memory
+STRONGEST = 0.2  # share of a series' energy below which the fitted oscillation does not represent its motion
+LAGS = 0.25  # share of a series up to which the autocorrelation of its residual is summed
 
 
 def fit_oscillation(
     series: Float64[np.ndarray, "N d"], *, dt_s: float, metric: Float64[np.ndarray, "d d"]
 ) -> dict[str, float] | None:
-    """The damped oscillation of a series, evenly spaced by ``dt_s``, with one-sigma uncertainties.
+    """Fit a damped oscillation to a series, evenly spaced by ``dt_s``, with one-sigma uncertainties.
 
-    ``rate_per_s`` is the decay rate of the envelope, 1 / tau, and ``frequency_hz`` the mean frequency: one
-    exponential envelope and one phase, whose frequency may drift linearly, as that of a pendulum does while
-    it dies out. Two fixed frequencies would share such a drift and each show a decay that is not the
-    motion's. None where nothing oscillates. Uncertainties are those of least squares, with the memory of the
-    residual counted.
+    ``rate_per_s`` is the decay rate of the envelope, 1 / tau, and ``frequency_hz`` the mean frequency. The
+    model has one exponential envelope and one phase whose frequency may drift linearly, as a pendulum's does
+    while it decays; two fixed frequencies would turn such a drift into a wrong decay. None where nothing
+    oscillates. Uncertainties are those of least squares with the autocorrelation of the residual included.
     """
     if len(series) < 12 or not np.isfinite(series).all():
         return None
@@ -43,7 +42,7 @@ def fit_oscillation(
     if not modes:
         return None
     signal, span_s = (visible - visible.mean()) / scale, (len(visible) - 1) * dt_s
-    time = np.linspace(-0.5, 0.5, len(signal))  # in spans, about the middle: there its terms are independent
+    time = np.linspace(-0.5, 0.5, len(signal))  # in spans, centred: there the phase terms are independent
     start = np.array([_envelope(signal), 2 * np.pi * modes[0].frequency_hz * span_s, 0.0])
     found = least_squares(lambda x: _missed(x, signal, time), start, method="lm", max_nfev=400)
     rate, omega, _ = found.x
@@ -66,7 +65,7 @@ def _envelope(signal: np.ndarray) -> float:
 
 
 def _missed(parameters: np.ndarray, signal: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """What an oscillation of given (decay, phase, drift of the frequency) over the span leaves."""
+    """Residual after an oscillation of given (decay, phase, frequency drift) over the span."""
     rate, omega, drift = parameters
     wave = np.exp(np.clip(-rate * time, -50.0, 50.0)) * np.exp(1j * (omega * time + drift * time**2))
     basis = np.linalg.qr(np.stack([np.ones_like(time), wave.real, wave.imag], axis=1))[0]
@@ -74,7 +73,7 @@ def _missed(parameters: np.ndarray, signal: np.ndarray, time: np.ndarray) -> np.
 
 
 def _noise(residual: np.ndarray) -> float:
-    """Variance of a residual as that of its mean counts it: times one plus twice its correlations."""
+    """Variance of a residual times one plus twice its autocorrelations, as for the variance of a mean."""
     variance = float(np.sum(residual**2)) / max(len(residual) - 6, 1)
     most = max(1, int(LAGS * len(residual)))
     power = float(np.sum(residual**2)) or 1.0
@@ -87,8 +86,8 @@ def compare_oscillations(
 ) -> dict[str, Any]:
     """Relative errors of frequency and decay rate against the encoded motion, each with one sigma.
 
-    The signs stay: a negative ``rate_error`` is too little damping. None where either side shows no
-    oscillation, with the ``reason``.
+    Signs are kept: a negative ``rate_error`` is too little damping. None where either motion does not
+    oscillate, with the ``reason``.
     """
     names = ("frequency_error", "frequency_error_sigma", "rate_error", "rate_error_sigma")
     if encoded is None or predicted is None:
@@ -103,7 +102,7 @@ def compare_oscillations(
             result |= {name: None, f"{name}_sigma": None, "reason": "the encoded motion does not decay"}
             continue
         error = (predicted[value] - encoded[value]) / encoded[value]
-        # of the quotient, to first order
+        # error propagation of the quotient, to first order
         spread = np.hypot(predicted[sigma], encoded[sigma] * predicted[value] / encoded[value])
         result |= {name: float(error), f"{name}_sigma": float(spread / encoded[value])}
     return result
@@ -115,14 +114,15 @@ def measure_amplitude(series: Float64[np.ndarray, "N d"], metric: Float64[np.nda
     return float(np.ptp(visible) / 2) if np.isfinite(visible).all() else float("nan")
 
 
-MOST = 1000  # training frames that say how well the autoencoder reproduces what it knows
+MOST = 1000  # most training frames on which the reconstruction error is measured
 
 
 @dataclass(frozen=True)
 class KnownStates:
-    """What the encoder has seen: its training states and how badly it reproduces its worst training frame.
+    """The training states of an encoder and its reconstruction error on the worst training frame.
 
-    ``scale`` is the rms of the training states about their mean, in the metric, in which distances count.
+    ``scale`` is the rms distance of the training states from their mean, in the metric that measures
+    distances.
     """
 
     autoencoder: Autoencoder
@@ -155,10 +155,10 @@ class KnownStates:
 
 @dataclass(frozen=True)
 class StateReading:
-    """States read off predicted frames, and which of these are in range.
+    """States encoded from predicted frames, and which of these are in range.
 
     ``error`` is the mean squared reconstruction error of each frame over that of the worst training frame,
-    ``distance`` how far its state lies from the nearest training state, over the rms of these.
+    ``distance`` that of its state from the nearest training state over their rms.
     """
 
     states: Float64[np.ndarray, "N d"]
@@ -168,7 +168,7 @@ class StateReading:
 
 
 def collect_known_states(autoencoder: Autoencoder, chart: Chart, pictures: Pictures) -> KnownStates:
-    """What an autoencoder knows of its recording; ``pictures`` gives its training frames by number."""
+    """Collect the training states of an autoencoder; ``pictures`` gives its training frames by number."""
     chosen = np.unique(np.linspace(0, chart.n_train - 1, min(MOST, chart.n_train)).round().astype(np.int64))
     states = chart.train.latents
     errors = [
@@ -185,13 +185,13 @@ def collect_known_states(autoencoder: Autoencoder, chart: Chart, pictures: Pictu
 def read_states(
     known: KnownStates, images: Float32[np.ndarray, "N 3 H W"], config: ExtrapolationConfig
 ) -> StateReading:
-    """Encode predicted images and see whether each is in range.
+    """Encode predicted images and check whether each is in range.
 
     Raises:
         ValueError: the images are of another size than the encoder's.
 
-    Source: paper, "What the Lagrangian prior buys": the reading means something only while the encoder is fed
-    images it can make sense of.
+    Source: paper, "What the Lagrangian prior buys": an encoded state is meaningful only for images like
+    those that the encoder was trained on.
     """
     states = known.to_states(images)
     drawn = decode_latents(known.autoencoder, known.chart.to_raw(states))
@@ -202,7 +202,7 @@ def read_states(
 
 
 def summarize_reading(readings: list[StateReading]) -> dict[str, Any]:
-    """How far the frames of several readings stay in range, as plain data."""
+    """Share of the frames of several readings that are in range, as plain data."""
     error, distance, inside = (
         np.concatenate([getattr(reading, name) for reading in readings])
         for name in ("error", "distance", "inside")
