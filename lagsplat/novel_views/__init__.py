@@ -1,5 +1,5 @@
-"""Novel views of a filmed clip by SHARP, an external tool, and their cache.
+"""Novel views of a recording by SHARP, an external tool, and their cache.
 
-`sharp` makes the views (`make_sharp_views`, `obtain_views`); `sharp_tool` runs the tool and keeps what it
-returned (`SharpCache`).
+`sharp` makes the views (`make_sharp_views`, `obtain_views`); `sharp_tool` runs the tool and caches its
+results (`SharpCache`).
 """

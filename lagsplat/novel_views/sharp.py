@@ -1,7 +1,4 @@
-"""Novel views by SHARP: every frame lifted, aligned in depth, seen by one set of cameras, and kept.
-
-Pictures of a recording's instants from other sides, wherever they come from.
-"""
+"""Make novel views of a recording: simulated, from a rig, or lifted by SHARP frame by frame."""
 
 import hashlib
 import logging
@@ -36,16 +33,16 @@ from lagsplat.views.config import ArrangementConfig, SharpConfig, ViewsConfig
 from lagsplat.views.novel import KNOWN, NovelViews, cameras_bytes, collect_filmed_views
 from lagsplat.views.rig import read_rig
 
-LAYERS = 2  # of Gaussians in a lifted frame: what is seen, and what stands behind it
-FINER = 2  # cells of a merged grid to a pixel, each way
+LAYERS = 2  # of Gaussians in a lifted frame: the visible surface, and the one behind it
+FINER = 2  # cells of a merged grid per pixel, each way
 SAME_FOCAL = 1e-3
-QUIET = 1.5  # times the median spread over time, plus one level: what varies less stands still
+QUIET = 1.5  # times the median spread over time, plus one level, is the limit for still pixels
 log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class SharpLifting:
-    """One clip to be lifted: its settings, its own camera, and which of its pixels stand still."""
+    """A clip to lift: its settings, its own camera, its still pixels and its cache."""
 
     sharp: SharpConfig
     arrangement: ArrangementConfig
@@ -57,15 +54,21 @@ class SharpLifting:
 def make_sharp_views(
     recording: Recording, sharp: SharpConfig, arrangement: ArrangementConfig, folder: Path
 ) -> NovelViews:
-    """Views of every frame, by one focal length, one pivot and one set of cameras for the clip.
+    """Lift every frame and draw it, with one focal length, one pivot and one set of cameras for the clip.
 
-    Frames that the cache in ``folder`` holds are not lifted again, so a killed run goes on where it was. The
-    pivot is the median depth of what moves, in the first frame. Depths of other frames, each a guess of its
-    own, are scaled to agree with the first where nothing moves.
+    Frames in the cache are not lifted again, so a killed run resumes. The pivot is the median depth of the
+    moving pixels of the first frame. The depths of each other frame, an independent estimate, are scaled to
+    agree with the first on still pixels.
+
+    Args:
+        recording: The frames.
+        sharp, arrangement: Settings of the tool and of the cameras.
+        folder: Folder of the cache.
 
     Raises:
-        ValueError: SHARP is not named or not there, it used another focal length, or the cache is of other
-            cameras or settings. RuntimeError: SHARP fails.
+        ValueError: SHARP is not configured or missing, it used another focal length, or the cache has other
+            cameras or settings.
+        RuntimeError: SHARP fails.
     """
     frames = np.asarray(recording.frames)
     height, width = frames.shape[1:3]
@@ -99,7 +102,7 @@ def find_still_pixels(frames: Frames) -> Bool[np.ndarray, "H W"]:
 
 
 def _begin(lifting: SharpLifting, frame: np.ndarray, key: str) -> ViewSpace:
-    """The clip's coordinates: the cache's, or those of the first frame, which is then lifted."""
+    """The clip's coordinates: from the cache, or from the first frame, which is then lifted."""
     there = lifting.cache.manifest()
     started, cloud = time.monotonic(), None
     depth = None if there is None else there.get("pivot_depth")
@@ -132,7 +135,7 @@ def _begin(lifting: SharpLifting, frame: np.ndarray, key: str) -> ViewSpace:
 
 
 def _fill(lifting: SharpLifting, space: ViewSpace, frames: dict[str, np.ndarray], *, reference: str) -> None:
-    """Lift what the cache lacks, the first frame before all others."""
+    """Lift the frames missing from the cache, the first frame first."""
     cameras = arrange_cameras(space, lifting.arrangement)[0]
     missing = {key: frame for key, frame in frames.items() if lifting.cache.find(key) is None}
     for chosen in ({reference} & set(missing), set(missing) - {reference}):
@@ -160,14 +163,14 @@ def _fill(lifting: SharpLifting, space: ViewSpace, frames: dict[str, np.ndarray]
 
 
 def _agree_on_weights(lifting: SharpLifting) -> None:
-    """Refuse to mix the frames of two networks in one cache."""
+    """Check that one network makes all frames of a cache."""
     require_sharp(lifting.sharp)
     checkpoint = Path(str(lifting.sharp.checkpoint)).expanduser()
     lifting.cache.name_weights(sha256_of(checkpoint))
 
 
 def _cloud(ply: Path, lifting: SharpLifting) -> PlyCloud:
-    """A lifted frame, thinned to what its pictures can show."""
+    """Read a lifted frame, merged down to the resolution of its images."""
     found, film, times = read_sharp(ply), lifting.film, lifting.sharp.upscale
     if abs(found.focal / times / film.focal[0] - 1) > SAME_FOCAL or found.width != times * film.width:
         raise ValueError(
@@ -194,7 +197,7 @@ def _seen(
     reference: np.ndarray | None,
     started: float,
 ) -> LiftedFrame:
-    """The frame's views, its depths scaled to the ``reference`` where nothing moves."""
+    """Draw the frame's views, its depths scaled to the ``reference`` on still pixels."""
     blur = lifting.sharp.blur_px2
     own = build_point_cloud(cloud, [lifting.film], blur_px2=blur)
     scale, residual = (1.0, 0.0) if reference is None else align_depths(own, reference, lifting.still)
@@ -208,8 +211,9 @@ def _seen(
 def align_depths(
     own: PointCloudScene, reference: np.ndarray, still: Bool[np.ndarray, "H W"]
 ) -> tuple[float, float]:
-    """The factor on a frame's depths that brings them to the reference's where nothing moves, and the median
-    relative difference that is left; 1 and 0 where nothing can be compared.
+    """Scale a frame's depths to the reference on still pixels.
+
+    Returns the factor and the median relative difference left; 1 and 0 if no pixel can be compared.
     """
     known = still & (own.cover[0] > KNOWN) & (reference > 0) & (own.depth[0] > 0)
     if not known.any():
@@ -231,10 +235,14 @@ def obtain_views(
     states: Series | None,
     cache: Path,
 ) -> NovelViews:
-    """Novel views of ``recording``, which ``source`` describes.
+    """Make the novel views that the settings ask for.
 
-    ``released`` and ``states`` are the stand-in and its true states, where the recording is simulated;
-    ``cache`` is the folder for lifted frames unless the settings name another.
+    Args:
+        config: Kind and settings of the views.
+        recording: The recording to view.
+        source: Settings the recording was read with.
+        released, states: The simulated system and its true states, if the recording is simulated.
+        cache: Folder for lifted frames, unless the settings name another.
 
     Raises:
         ValueError: the kind of views does not suit the recording, or as the source of the views.

@@ -1,9 +1,7 @@
-"""What SHARP made of each frame, kept by the frame's content, and never mixed with that of other cameras.
+"""Run the user's installation of SHARP, which lifts single images to clouds of Gaussians, and cache results.
 
-Running the user's own installation of SHARP, which lifts single pictures to clouds of Gaussians.
-
-Code and weights have licences of their own; the weights are for research only. Nothing of either is part of
-this project, and nothing is fetched.
+The cache is keyed by frame content and never mixes cameras. SHARP's code and weights have their own
+licences, the weights for research only; neither is part of this project or downloaded by it.
 """
 
 import fcntl
@@ -33,13 +31,15 @@ from lagsplat.views.config import SharpConfig
 KIND, SCHEMA = "lifted", 1
 MANIFEST, LOCK = "cache.json", ".lock"
 LIFTING = "lifting-"
-"""How folders begin in which frames are being lifted."""
+"""Prefix of the temporary folders of frames being lifted."""
 
 
 @dataclass(frozen=True)
 class LiftedFrame:
-    """The views of one frame: pictures, their cover in [0, 255], the depth [m] that the film's own camera
-    sees, and ``told``: the ``scale`` that aligned it, what was left of the difference, and its time.
+    """Views of one frame: images, their cover in [0, 255], and the depth [m] from the recording's own
+    camera.
+
+    ``told`` has the ``scale`` that aligned it, the ``residual`` difference, and its time in ``seconds``.
     """
 
     images: UInt8[np.ndarray, "V H W 3"]
@@ -50,13 +50,13 @@ class LiftedFrame:
 
 @dataclass(frozen=True)
 class SharpCache:
-    """A folder with one file a frame and a manifest of what is common to all."""
+    """A folder with one file per frame and a manifest of the common settings."""
 
     folder: Path
 
     @contextmanager
     def held(self) -> Iterator[None]:
-        """Keep others out; the operating system lets go when the process ends, however it ends.
+        """Lock the cache; the operating system releases it when the process ends in any way.
 
         Raises:
             BlockingIOError: another run fills this cache.
@@ -68,19 +68,19 @@ class SharpCache:
             except BlockingIOError as error:
                 raise BlockingIOError(f"another run fills the cache {self.folder}; wait for it") from error
             for left in self.folder.glob(f"{LIFTING}*"):
-                # Of a killed run, whose tool may still be at work and ends for want of its frames.
+                # From a killed run; its tool may still run, and stops without its frames.
                 shutil.rmtree(left, ignore_errors=True)
-            for half in self.folder.glob(".*.safetensors"):  # killed before it was whole
+            for half in self.folder.glob(".*.safetensors"):  # incomplete, from a killed run
                 half.unlink(missing_ok=True)
             yield
 
     def manifest(self) -> dict[str, Any] | None:
-        """What is common to all frames, or None for a new cache."""
+        """Settings common to all frames, or None for a new cache."""
         path = self.folder / MANIFEST
         return load_json(path) if path.is_file() else None
 
     def claim(self, common: dict[str, Any]) -> None:
-        """Write down what is common to all frames, or agree with what is written.
+        """Write the settings common to all frames, or check them against the manifest.
 
         Raises:
             ValueError: the cache was made with other cameras or settings; names them.
@@ -102,10 +102,10 @@ class SharpCache:
             )
 
     def name_weights(self, digest: str) -> None:
-        """Note which weights lift the frames, or agree with what is noted.
+        """Record the digest of the weights that lift the frames, or check it.
 
         Raises:
-            ValueError: frames of other weights are there.
+            ValueError: the cache has frames from other weights.
         """
         common = self.manifest() or {}
         if common.setdefault("weights", digest) != digest:
@@ -116,23 +116,23 @@ class SharpCache:
         save_json(self.folder / MANIFEST, common)
 
     def find(self, key: str) -> LiftedFrame | None:
-        """The views of a frame, or None where there are none, or a file that is no longer whole."""
+        """The views of a frame, or None if there are none or the file is incomplete."""
         path = self._file(key)
         if not path.is_file():
             return None
         try:
             tensors, header = load_artifact(path, kind=KIND, schema=SCHEMA)
         except ValueError:
-            return None  # half-written or of other code: made again, and replaced whole
+            return None  # incomplete or from other code: made again and replaced
         return LiftedFrame(tensors["images"], tensors["cover"], tensors["depth"], header["told"])
 
     def keep(self, key: str, lifted: LiftedFrame) -> None:
-        """Keep the views of a frame, whole or not at all."""
+        """Save the views of a frame atomically."""
         tensors = {"images": lifted.images, "cover": lifted.cover, "depth": lifted.depth}
         save_artifact(self._file(key), tensors, {"kind": KIND, "schema": SCHEMA, "told": lifted.told})
 
     def size_mb(self) -> float:
-        """Megabytes of all files."""
+        """Total size of all files [MB]."""
         return sum(path.stat().st_size for path in self.folder.rglob("*") if path.is_file()) / 1e6
 
     def _file(self, key: str) -> Path:
@@ -140,7 +140,7 @@ class SharpCache:
 
 
 def cache_key(frame: np.ndarray, *settings: object) -> str:
-    """A digest of a frame's pixels and shape, and of the settings by which it is lifted."""
+    """Digest of a frame's pixels and shape, and of the settings it is lifted with."""
     content = np.ascontiguousarray(frame)
     told = json.dumps([content.shape, *settings]).encode()
     return hashlib.sha256(told + content.tobytes()).hexdigest()[:32]
@@ -160,10 +160,10 @@ WHERE = (
 
 
 def require_sharp(config: SharpConfig) -> list[str]:
-    """The words that start the user's SHARP.
+    """The command that starts the user's SHARP, as words.
 
     Raises:
-        ValueError: no command or checkpoint is given, or they are not there; says where to get them.
+        ValueError: command or checkpoint is not given or missing; says where to get them.
     """
     if config.command is None or config.checkpoint is None:
         raise ValueError(f"views=sharp: no installation is named. {WHERE}")
@@ -176,20 +176,21 @@ def require_sharp(config: SharpConfig) -> list[str]:
 
 
 def focal_px(focal_35mm: float, *, height: int, width: int) -> float:
-    """Focal length [px] of a picture by that for 35 mm film, as SHARP converts it: by the diagonals."""
+    """Focal length [px] of an image from its 35 mm equivalent, by the diagonals as SHARP converts it."""
     return focal_35mm * float(np.hypot(height, width)) / DIAGONAL_35MM
 
 
 def run_sharp(
     frames: Mapping[str, np.ndarray], config: SharpConfig, *, within: Path
 ) -> Iterator[tuple[str, Path]]:
-    """Lift pictures (H, W, 3) uint8; yields the name and the PLY of each as soon as it is whole.
+    """Lift images (H, W, 3) uint8; yield the key and the PLY of each as soon as it is complete.
 
-    The PLY is deleted once the next one is asked for. Pictures are enlarged and told their focal length, then
-    handed over together, for the tool loads its network at every start. ``within`` is a folder for both.
+    The PLY is deleted when the next is requested. Images are enlarged, get their focal length as EXIF, and
+    go to the tool together, because it loads its network at every start. ``within`` is the folder for both.
 
     Raises:
-        ValueError: see `require_sharp`. RuntimeError: the tool fails or leaves a picture out.
+        ValueError: see `require_sharp`.
+        RuntimeError: the tool fails or omits an image.
     """
     words, waiting = require_sharp(config), set(frames)
     with tempfile.TemporaryDirectory(prefix=LIFTING, dir=within) as folder:
@@ -208,7 +209,7 @@ def run_sharp(
                 done = sorted(name for name in waiting if is_whole(outputs / f"{name}.ply"))
                 for name in done:
                     yield name, outputs / f"{name}.ply"
-                    (outputs / f"{name}.ply").unlink(missing_ok=True)  # unless it was moved
+                    (outputs / f"{name}.ply").unlink(missing_ok=True)  # missing if the caller moved it
                     waiting.discard(name)
                 if ended and waiting and not done:
                     said = log.read_text()[-LAST_WORDS:].strip()
@@ -224,8 +225,9 @@ def run_sharp(
 
 
 def write_image(path: Path, frame: np.ndarray, config: SharpConfig) -> None:
-    """A frame as SHARP should see it: enlarged, since it samples corners where pixels have centres, and with
-    its focal length in the header, which it reads from JPEG alone.
+    """Write a frame as SHARP needs it: enlarged, with the focal length in the header.
+
+    SHARP samples at the corners of pixels instead of their centres, and reads EXIF from JPEG alone.
     """
     height, width = (config.upscale * side for side in frame.shape[:2])
     large = cv2.resize(np.asarray(frame), (width, height), interpolation=cv2.INTER_CUBIC)

@@ -1,5 +1,5 @@
 """Cameras, calibrated rigs and the views they give of a scene.
 
-`camera` has the pinhole `Camera` and how cameras are arranged, `rig` reads a calibrated rig (`read_rig`),
-and `novel` holds the views that supervise stage 1 (`NovelViews`).
+`camera` has the pinhole `Camera` and arrangements of cameras, `rig` reads a calibrated rig (`read_rig`), and
+`novel` holds the views that supervise stage 1 (`NovelViews`).
 """

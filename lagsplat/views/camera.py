@@ -1,13 +1,9 @@
-"""A pinhole camera, and how it sees points and planes.
+"""Pinhole cameras, their arrangement around a scene, and the coordinates of Gaussians in space.
 
 The convention is OpenCV's: camera coordinates have x to the right, y down and z ahead, and a world point is
-``R (x - position)`` there. The simulated scenes' world is in metres, x to the right, y down, z away from the
-frontal camera: the plane of motion of a planar mechanism is z = 0. Image coordinates follow
+``R (x - position)`` there. The world of simulated scenes is in metres, x to the right, y down, z away from
+the frontal camera: the plane of motion of a planar mechanism is z = 0. Image coordinates follow
 `lagsplat.array_types`: the first pixel's centre is (0.5, 0.5).
-
-Where cameras stand around a scene that only one camera has filmed.
-
-The coordinates in which Gaussians of space live: those of the reference camera, in its own pixels.
 """
 
 from dataclasses import dataclass, replace
@@ -20,18 +16,18 @@ from lagsplat.views.config import ArrangementConfig
 Point = Float64[np.ndarray, "3"]
 Homography = Float64[np.ndarray, "3 3"]
 ROUNDING = 1e-4
-"""By how much a rotation may miss orthonormality: files keep some six digits."""
+"""Largest deviation of a rotation from orthonormality: files keep about six digits."""
 
 
 @dataclass(frozen=True)
 class Camera:
-    """Where a camera stands and how it projects.
+    """Pose and projection of a camera.
 
-    ``rotation`` turns world into camera coordinates, ``position`` is in the world [unit of length]. ``focal``
-    and ``middle``, the principal point, are (x, y) [pixel]; ``height`` and ``width`` [pixel].
+    ``rotation`` turns world into camera coordinates, ``position`` is in the world [unit of length].
+    ``focal`` and ``middle``, the principal point, are (x, y) [pixel]; ``height`` and ``width`` [pixel].
 
     Raises:
-        ValueError: the rotation is none, a focal length or size is not positive, or something is not finite.
+        ValueError: no rotation matrix, a focal length or size that is not positive, or a number not finite.
     """
 
     rotation: Float64[np.ndarray, "3 3"]
@@ -67,7 +63,7 @@ class Camera:
             )
 
     def within(self, points: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, "N 3"]:
-        """World points in camera coordinates; the third is their depth."""
+        """World points in camera coordinates; the third is the depth."""
         return (points - self.position) @ self.rotation.T
 
     def project(self, points: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, "N 2"]:
@@ -76,12 +72,12 @@ class Camera:
         return np.array(self.focal) * seen[:, :2] / seen[:, 2:] + np.array(self.middle)
 
     def ray(self, pixel: tuple[float, float]) -> Point:
-        """Direction, in the world, of what is seen at an image point; its depth grows by one along it."""
+        """World direction of the ray through an image point, scaled to unit depth."""
         ahead = [(at - mid) / focal for at, mid, focal in zip(pixel, self.middle, self.focal, strict=True)]
         return self.rotation.T @ np.array([*ahead, 1.0])
 
     def resized(self, height: int, width: int) -> "Camera":
-        """The same camera with another number of pixels over the same picture."""
+        """The same camera at another resolution."""
         across, down = width / self.width, height / self.height
         return replace(
             self,
@@ -92,7 +88,7 @@ class Camera:
         )
 
     def of_plane(self, origin: Point, right: Point, down: Point) -> Homography:
-        """From (a, b, 1) on the plane ``origin + a right + b down`` to homogeneous image coordinates.
+        """Homography from (a, b, 1) on the plane ``origin + a right + b down`` to image coordinates.
 
         Source: Hartley and Zisserman, Multiple View Geometry, section 8.1.
         """
@@ -108,7 +104,13 @@ class Camera:
 def center_camera(
     rotation: Float64[np.ndarray, "3 3"], position: Point, *, focal: float, height: int, width: int
 ) -> Camera:
-    """A camera with square pixels whose principal point is the middle of the picture."""
+    """A camera with square pixels and the principal point at the image centre.
+
+    Args:
+        rotation, position: World-to-camera rotation, and position in the world.
+        focal: Focal length [pixel].
+        height, width: Size of the image [pixel].
+    """
     return Camera(rotation, position, (focal, focal), (0.5 * width, 0.5 * height), height, width)
 
 
@@ -122,10 +124,14 @@ def look_at(
     height: int,
     width: int,
 ) -> Camera:
-    """A camera ``distance`` [m] from ``target``, which it sees in the middle of the picture.
+    """A camera that sees ``target`` at the image centre.
 
-    ``yaw_deg`` moves it to the right around the target, ``pitch_deg`` up; both zero is the frontal view.
-    ``view_width`` [m] is what fills the picture's width at the target's distance.
+    Args:
+        target: Point in the world [m].
+        distance: From the target [m].
+        yaw_deg, pitch_deg: Move the camera right and up around the target; zero is the frontal view.
+        view_width: Width of the view at the target's distance [m].
+        height, width: Size of the image [pixel].
     """
     turn = turn_camera(yaw_deg, pitch_deg)
     focal = width * distance / view_width
@@ -133,8 +139,8 @@ def look_at(
 
 
 def turn_camera(yaw_deg: float, pitch_deg: float) -> Float64[np.ndarray, "3 3"]:
-    """World-to-camera rotation of a camera that has gone right by ``yaw_deg`` and up by ``pitch_deg`` around
-    what it looks at; both zero is the identity.
+    """World-to-camera rotation after orbiting right by ``yaw_deg`` and up by ``pitch_deg``; zero is the
+    identity.
     """
     yaw, pitch = np.deg2rad([yaw_deg, pitch_deg])
     ahead = np.array([-np.sin(yaw) * np.cos(pitch), np.sin(pitch), np.cos(yaw) * np.cos(pitch)])
@@ -143,23 +149,24 @@ def turn_camera(yaw_deg: float, pitch_deg: float) -> Float64[np.ndarray, "3 3"]:
 
 
 def orbit_camera(camera: Camera, depth: float, *, yaw_deg: float, pitch_deg: float) -> Camera:
-    """``camera`` moved right and up around the point ``depth`` ahead of it, which it keeps in place."""
+    """Move ``camera`` right and up around the point ``depth`` ahead of it, which keeps its image point."""
     pivot = camera.position + depth * camera.rotation[2]
     rotation = turn_camera(yaw_deg, pitch_deg) @ camera.rotation
     return replace(camera, rotation=rotation, position=pivot - depth * rotation[2])
 
 
 BETWEEN = 0.55
-"""Of the extents: the ellipse on which held-out cameras stand, off the rows and columns of the others."""
+"""Share of the extents: ellipse of the held-out cameras, off the rows and columns of the others."""
 START = 0.4
-"""[rad], of the first of them."""
+"""Angle of the first held-out camera [rad]."""
 
 
 @dataclass(frozen=True)
 class ViewSpace:
-    """The axes of the ``reference`` camera with itself at the origin, and lengths in units of what its pixel
-    covers at ``depth`` [unit of the world], where the pivot lies: step sizes in pixels then mean the same in
-    the plane and in space, and the numbers are those of the picture.
+    """Coordinates of Gaussians in space: the axes and origin of the ``reference`` camera.
+
+    The unit of length is what its pixel covers at ``depth`` [unit of the world], where the pivot lies, so
+    step sizes in pixels mean the same in the plane and in space.
 
     Raises:
         ValueError: a depth that is not positive.
@@ -177,20 +184,20 @@ class ViewSpace:
 
     @property
     def unit(self) -> float:
-        """What one unit of length measures in the world."""
+        """One unit of length, in units of the world."""
         return self.depth / self.reference.focal[0]
 
     @property
     def pivot(self) -> Point:
-        """The point ahead of the reference camera at the pivot's depth, in the world."""
+        """The world point ahead of the reference camera at the pivot's depth."""
         return self.reference.position + self.depth * self.reference.rotation[2]
 
     def resized(self, height: int, width: int) -> "ViewSpace":
-        """The coordinates that belong to another size of the reference camera's pictures."""
+        """The coordinates for another resolution of the reference camera."""
         return replace(self, reference=self.reference.resized(height, width))
 
     def seen_by(self, camera: Camera) -> Camera:
-        """A camera of the world, told in these coordinates."""
+        """Convert a camera of the world to these coordinates."""
         return replace(
             camera,
             rotation=camera.rotation @ self.reference.rotation.T,
@@ -198,11 +205,11 @@ class ViewSpace:
         )
 
     def inside(self, points: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, "N 3"]:
-        """World points in these coordinates."""
+        """Convert world points to these coordinates."""
         return self.reference.within(points) / self.unit
 
     def outside(self, points: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, "N 3"]:
-        """Points of these coordinates in the world."""
+        """Convert points of these coordinates to the world."""
         return self.unit * points @ self.reference.rotation + self.reference.position
 
 
@@ -211,8 +218,8 @@ def arrange_cameras(
 ) -> tuple[list[Camera], list[str], list[bool]]:
     """Cameras on a grid of yaws and pitches about the pivot, then the held-out ones between them.
 
-    All are the reference camera moved on a sphere about the pivot of ``space``, which they keep where it is
-    in the picture. Returned with a name and whether it is held out for each.
+    All are the reference camera moved on a sphere about the pivot of ``space``, which keeps its image point.
+    Returns cameras, their names and whether each is held out.
     """
     yaws = _ticks(config.yaw_deg, config.columns)
     pitches = _ticks(config.pitch_deg, config.rows)

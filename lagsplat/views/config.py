@@ -5,16 +5,16 @@ from dataclasses import dataclass
 
 @dataclass  # not frozen: OmegaConf turns frozen dataclasses into read-only nodes
 class ArrangementConfig:
-    """Cameras about the pivot, on a grid of yaws and pitches around the reference view, and some held out."""
+    """Cameras about the pivot, on a grid of yaws and pitches around the reference view, some held out."""
 
     yaw_deg: float
-    """Largest turn to either side."""
+    """Largest yaw to either side."""
     pitch_deg: float
-    """Largest turn up and down."""
+    """Largest pitch up and down."""
     columns: int
     rows: int
     held_out: int
-    """Cameras between the others that score what training made of these."""
+    """Number of cameras between the others, used only for scores."""
 
     def __post_init__(self) -> None:
         """Check the domains."""
@@ -28,12 +28,12 @@ class ArrangementConfig:
 
 @dataclass
 class SupervisionConfig:
-    """What novel views do to stage 1."""
+    """How novel views enter the training of stage 1."""
 
     weight: float
-    """Of their photometric terms, relative to those of the filmed view."""
+    """Weight of their photometric terms, relative to the recorded view's."""
     spread: float
-    """Of the pivot's depth: how far in front of it and behind it Gaussians start."""
+    """Initial range of Gaussians in front of the pivot and behind it, as a share of its depth."""
 
     def __post_init__(self) -> None:
         """Check the domains."""
@@ -45,23 +45,23 @@ class SupervisionConfig:
 class SharpConfig:
     """The user's own installation of SHARP, and how its scenes become views.
 
-    Its weights may be used for research only: they are neither part of this project nor fetched by it.
+    Its weights are for research only: not part of this project, nor downloaded by it.
     """
 
     command: str | None
-    """Program and first words of the command line, such as `sharp`; null asks for it."""
+    """Program and first words of the command line, such as `sharp`; null raises an error that asks for it."""
     checkpoint: str | None
-    """File of the weights; null asks for it."""
+    """File of the weights; null raises an error that asks for it."""
     cache: str | None
-    """Folder of the lifted frames and views; null keeps them beside the recording's results."""
+    """Folder of the lifted frames and views; null puts them beside the recording's results."""
     focal_35mm: float
-    """Focal length of the film's camera as for 35 mm film, by which depths are metric."""
+    """35 mm equivalent focal length of the camera, which makes depths metric."""
     upscale: int
-    """Frames are enlarged this many times before they are lifted."""
+    """Factor by which frames are enlarged before they are lifted."""
     keep_clouds: bool
-    """Whether the lifted frames, 66 MB each, stay in the cache once their views are drawn."""
+    """Whether to keep the lifted frames, 66 MB each, once their views are drawn."""
     blur_px2: float
-    """Variance that is added to drawn covariances; the network's own renders add none."""
+    """Variance added to drawn covariances; the network's own renders add none."""
 
     def __post_init__(self) -> None:
         """Check the domains."""
@@ -72,16 +72,16 @@ class SharpConfig:
 
 @dataclass
 class ViewsConfig:
-    """Where pictures from other sides come from, and what they teach."""
+    """Where novel views come from, and how they enter training."""
 
     kind: str
-    """``simulated``: the stand-in's own scene; ``rig``: calibrated cameras; ``sharp``: a network's guess."""
+    """``simulated``: the simulated scene; ``rig``: calibrated cameras; ``sharp``: estimated by a network."""
     rig: str | None
-    """For kind rig: the JSON that describes the cameras, see `lagsplat.views.rig`."""
+    """For kind rig: the JSON file of the cameras, see `lagsplat.views.rig`."""
     sharp: SharpConfig | None
-    """For kind sharp: how the network is run."""
+    """For kind sharp: settings of the network."""
     arrangement: ArrangementConfig | None
-    """For the other two: where the cameras stand."""
+    """For the other two: the arrangement of the cameras."""
     supervision: SupervisionConfig
 
     def __post_init__(self) -> None:

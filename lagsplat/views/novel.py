@@ -1,7 +1,4 @@
-"""A recording's instants from other sides: pictures, what of them is known, and their cameras.
-
-Novel views from the films of a rig.
-"""
+"""Novel views of a recording's instants: images, their known pixels and their cameras; views from a rig."""
 
 import os
 from collections.abc import Callable, Mapping, Sequence
@@ -21,19 +18,18 @@ from lagsplat.views.rig import Rig, RigCamera
 
 KIND, SCHEMA = "views", 1
 KNOWN = 0.5
-"""Cover above which a pixel says what is there; below it there are holes."""
+"""Cover above which a pixel is known; below it there is a hole."""
 
 
 @dataclass(frozen=True)
 class NovelViews:
-    """``images`` (T, V, H, W, 3) of V cameras at the T instants of a recording, whose own camera is the
-    reference of ``space``.
+    """Images (T, V, H, W, 3) by V cameras at a recording's T instants.
 
-    ``cover`` (T, V, H, W) in [0, 255] is how much of a pixel is known, None where all is. Training sees all
-    cameras but those ``held_out``, which score what it learned.
+    The recording's own camera is the reference of ``space``. ``cover`` (T, V, H, W) in [0, 255] is the known
+    share of a pixel, None if all is known. Training sees all cameras except ``held_out``, which score it.
 
     Raises:
-        ValueError: pictures, cover, cameras and names do not fit together.
+        ValueError: images, cover, cameras and names do not match.
     """
 
     images: UInt8[np.ndarray, "T V H W 3"]
@@ -63,17 +59,17 @@ class NovelViews:
 
     @property
     def seen(self) -> tuple[int, ...]:
-        """Numbers of the cameras that training sees."""
+        """Indices of the cameras that training sees."""
         return tuple(np.flatnonzero(~self.held_out).tolist())
 
     def first(self, count: int) -> "NovelViews":
-        """The views of the first instants."""
+        """The views of the first ``count`` instants."""
         cover = None if self.cover is None else self.cover[:count]
         return NovelViews(self.images[:count], cover, self.cameras, self.names, self.held_out, self.space)
 
 
 def require_views(views: NovelViews, frames: UInt8[np.ndarray, "T H W 3"]) -> None:
-    """Refuse views that are not of these frames' instants and reference camera.
+    """Check that views have these frames' instants and reference camera.
 
     Raises:
         ValueError: says what differs.
@@ -93,7 +89,7 @@ def require_views(views: NovelViews, frames: UInt8[np.ndarray, "T H W 3"]) -> No
 
 
 def save_views(path: str | os.PathLike[str], views: NovelViews, header: Mapping[str, Any]) -> None:
-    """Keep ``views`` at ``path`` as an artefact of kind ``views``."""
+    """Save ``views`` as an artifact of kind ``views``."""
     tensors = {"images": views.images, "held_out": views.held_out}
     if views.cover is not None:
         tensors["cover"] = views.cover
@@ -107,7 +103,7 @@ def save_views(path: str | os.PathLike[str], views: NovelViews, header: Mapping[
 
 
 def load_views(path: str | os.PathLike[str]) -> NovelViews:
-    """The views kept at ``path``; pictures are a read-only memory map.
+    """Load the views at ``path``; images are a read-only memory map.
 
     Raises:
         FileNotFoundError, ValueError: as `lagsplat.io.files.artifact.load_artifact`.
@@ -124,7 +120,7 @@ def load_views(path: str | os.PathLike[str]) -> NovelViews:
 
 
 def read_camera(values: Mapping[str, Any]) -> Camera:
-    """A camera from plain data, as `dataclasses.asdict` leaves it."""
+    """Rebuild a camera from the output of `dataclasses.asdict`."""
     return Camera(
         rotation=np.array(values["rotation"], dtype=np.float64),
         position=np.array(values["position"], dtype=np.float64),
@@ -136,7 +132,7 @@ def read_camera(values: Mapping[str, Any]) -> Camera:
 
 
 def cameras_bytes(cameras: Sequence[Camera]) -> bytes:
-    """All that decides what cameras see, for a digest."""
+    """All parameters of the cameras as bytes, for a digest."""
     rows: list[Float64[np.ndarray, " n"]] = [
         np.array([*c.rotation.ravel(), *c.position, *c.focal, *c.middle, c.height, c.width]) for c in cameras
     ]
@@ -146,12 +142,17 @@ def cameras_bytes(cameras: Sequence[Camera]) -> bytes:
 def collect_filmed_views(
     rig: Rig, recording: Recording, film: Path, read: Callable[[Path], Recording]
 ) -> NovelViews:
-    """The rig's films beside ``recording``, which was read from the reference camera's ``film``.
+    """Read the videos of the rig's other cameras as views of the recording.
 
-    ``read`` reads another film as the recording was read, in its size.
+    Args:
+        rig: The calibrated cameras.
+        recording: Read from the reference camera's video.
+        film: File of that video.
+        read: Reads another video with the recording's settings and size.
 
     Raises:
-        ValueError: a film has another size than its camera says, other instants or another number of them.
+        ValueError: the size of a video differs from its camera's, or its instants differ from the
+            recording's.
     """
     _require_size("the reference", rig.space.reference, film)
     pictures = []

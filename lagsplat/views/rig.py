@@ -1,8 +1,8 @@
 """A calibrated rig of real cameras that filmed the same instants, described by a JSON file.
 
     {"format": "lagsplat rig", "version": 1,
-     "reference": "front",                      the camera whose film is the recording
-     "pivot_depth": 1.35,                       how far ahead of it the mechanism is
+     "reference": "front",                      the camera of the recording
+     "pivot_depth": 1.35,                       depth of the mechanism ahead of it
      "cameras": [
        {"name": "front", "width": 1920, "height": 1080,
         "K": [[1500, 0, 960], [0, 1500, 540], [0, 0, 1]],
@@ -11,10 +11,10 @@
 
 OpenCV's convention, as `cv2.calibrateCamera` and `cv2.stereoCalibrate` give it: ``x_camera = R x_world + t``
 with x to the right, y down, z ahead; lengths in any one unit; ``K`` in pixels of the ``width`` x ``height``
-video. OpenCV counts pixel centres from 0 and this package from 0.5: half a pixel is added to the principal
-point on reading. ``video`` is relative to the JSON's folder. A video of another shape than its camera is
+video. OpenCV counts pixel centres from 0 and this package from 0.5, so reading adds half a pixel to the
+principal point. ``video`` is relative to the JSON's folder. A video whose shape differs from its camera's is
 refused, and so is lens ``distortion`` other than zeros: undistort videos first, with `cv2.undistort`. A
-camera with ``held_out`` scores and does not train.
+camera with ``held_out`` only scores the fit.
 """
 
 import json
@@ -32,7 +32,7 @@ FORMAT, VERSION = "lagsplat rig", 1
 
 @dataclass(frozen=True)
 class RigCamera:
-    """A camera of a rig; ``video`` is None where it is the recording's own."""
+    """A camera of a rig; ``video`` is None for the recording's own."""
 
     name: str
     camera: Camera
@@ -42,18 +42,18 @@ class RigCamera:
 
 @dataclass(frozen=True)
 class Rig:
-    """The other cameras, and the coordinates that the reference camera gives."""
+    """The cameras beside the reference, and the coordinates that the reference defines."""
 
     others: tuple[RigCamera, ...]
     space: ViewSpace
 
 
 def read_rig(path: str | os.PathLike[str]) -> Rig:
-    """The rig that a JSON file describes.
+    """Read a rig from its JSON file.
 
     Raises:
-        FileNotFoundError: there is no such file, or no video of a camera.
-        ValueError: names the camera and what of it is missing or wrong.
+        FileNotFoundError: the file, or the video of a camera, does not exist.
+        ValueError: a key is missing or wrong; names the camera and the key.
     """
     file = Path(path).expanduser()
     try:
