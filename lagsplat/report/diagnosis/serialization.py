@@ -239,7 +239,7 @@ def _to_gap(record: GapRecord) -> Gap | None:
     if record.before is None or record.after is None:
         return None
     # A number that could not be computed, such as the floor, stays visible as not a number.
-    numbers = {
+    numbers: dict[str, Any] = {
         name: NAN if value is None else value for name, value in asdict(record).items() if name != "unit"
     }
     return Gap(**numbers)

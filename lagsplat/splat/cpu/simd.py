@@ -1,3 +1,4 @@
+# mypy: ignore-errors
 """Eight float32 side by side, as one value inside Numba functions.
 
 Whether LLVM vectorises a loop depends on alias checks, trip counts and cost tables, and a rasteriser must
