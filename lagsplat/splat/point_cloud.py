@@ -1,4 +1,4 @@
-"""Pictures of a given cloud of Gaussians, such as a lifted frame: nothing of it is learned."""
+"""Draw a given cloud of Gaussians, such as a frame lifted by SHARP; nothing is learned here."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -22,9 +22,7 @@ LOWER = ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))
 
 
 class PointCloudScene(NamedTuple):
-    """What cameras see of a cloud: colours encoded as sRGB, the share of each pixel that is covered, and the
-    mean depth of what covers it, 0 where nothing does.
-    """
+    """What the cameras see: sRGB colours, covered share of each pixel, mean depth (0 without cover)."""
 
     images: UInt8[np.ndarray, "V H W 3"]
     cover: Float32[np.ndarray, "V H W"]
@@ -35,9 +33,13 @@ class PointCloudScene(NamedTuple):
 def build_point_cloud(
     cloud: PlyCloud, cameras: Sequence[Camera], *, blur_px2: float, backend: str = "auto"
 ) -> PointCloudScene:
-    """Pictures of a cloud whose colours are stored as sRGB and blend in proportion to light, before black.
+    """Draw a cloud whose sRGB colours blend in linear light, on black.
 
-    ``blur_px2`` is added to the drawn covariances in place of the 0.3 of training.
+    Args:
+        cloud: The Gaussians.
+        cameras: One per image.
+        blur_px2: Added to the drawn covariances instead of the 0.3 of training.
+        backend: Rasteriser, see `lagsplat.splat.backend.choose_rasterizer`.
 
     Source: the renderer of SHARP, arXiv:2512.10685.
     """
@@ -59,11 +61,11 @@ def build_point_cloud(
 def _seen(
     scene: GaussianSlice, camera: Camera, blur_px2: float, device: str, backend: str
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Light (1, 3, H, W), cover and depth (1, H, W) by one camera."""
+    """Light (1, 3, H, W), cover and depth (1, H, W) of one camera."""
     size = {"height": camera.height, "width": camera.width}
     view = View(*(part.to(device) for part in make_view([camera])))
     ahead = compute_depths(scene.means, view)
-    # Depth and presence ride along, to be drawn in place of colours.
+    # Depth and presence are drawn in place of colours.
     told = torch.stack([ahead, torch.ones_like(ahead), torch.zeros_like(ahead)], dim=2)
     flat = project(scene._replace(color=torch.cat([scene.color[None], told], dim=2)), view, **size)
     sharp = flat.covariance + torch.tensor([1.0, 0.0, 1.0], device=device) * (blur_px2 - BLUR_PX2)
@@ -77,10 +79,15 @@ def _seen(
 
 
 def merge_clouds(cloud: PlyCloud, *, side: int, by: int, layers: int) -> PlyCloud:
-    """Every ``by`` x ``by`` cells of each layer of a grid of Gaussians as one of equal mean and covariance.
+    """Merge ``by`` x ``by`` cells of each grid of Gaussians into one of equal mean and covariance.
 
-    The cloud holds ``layers`` grids of ``side`` x ``side``, row by row. Weights are the opacities; the merged
-    Gaussian stops as much light as its parts, spread over its own extent.
+    Weights are the opacities; the merged Gaussian stops as much light as its parts, spread over its own
+    extent.
+
+    Args:
+        cloud: ``layers`` grids of ``side`` x ``side`` Gaussians, row by row.
+        side, layers: Size and number of the grids.
+        by: Cells to merge, each way.
 
     Raises:
         ValueError: the number of Gaussians is another, or ``by`` does not divide the side.
@@ -112,25 +119,25 @@ def merge_clouds(cloud: PlyCloud, *, side: int, by: int, layers: int) -> PlyClou
 
 
 def _blocks(values: Float64[np.ndarray, "N c"], layers: int, side: int, by: int) -> np.ndarray:
-    """(blocks, by * by, c)"""
+    """Group rows of a grid by merged cell: (blocks, by * by, c)."""
     few = side // by
     grid = values.reshape(layers, few, by, few, by, -1).transpose(0, 1, 3, 2, 4, 5)
     return grid.reshape(layers * few * few, by * by, values.shape[1])
 
 
 def _face(covariance: np.ndarray, means: np.ndarray) -> np.ndarray:
-    """Size of the face that Gaussians ahead turn to a camera at the origin, up to a factor."""
+    """Area that each Gaussian presents to a camera at the origin, up to a factor."""
     xx, xy, yy = covariance[..., 0, 0], covariance[..., 0, 1], covariance[..., 1, 1]
     return np.sqrt(np.maximum(xx * yy - xy * xy, 0)) / np.maximum(means[..., 2], 1e-6) ** 2
 
 
 def covariances_to_quaternions(turns: Float64[np.ndarray, "N 3 3"]) -> Float64[np.ndarray, "N 4"]:
-    """Unit quaternions (w, x, y, z) of matrices of orthonormal columns, an axis turned about where needed."""
+    """Unit quaternions (w, x, y, z) of orthonormal matrices; reflections are negated first."""
     turns = turns * np.sign(np.linalg.det(turns))[:, None, None]
     diagonal = np.diagonal(turns, axis1=1, axis2=2)
     signs = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
     squares = 1 + diagonal @ signs.T
-    # The column of the largest entry: it loses no digits.
+    # The column of the largest entry loses no digits.
     best = squares.argmax(1)
     rows = np.empty((len(turns), 4, 4))
     for i in range(4):
@@ -149,12 +156,12 @@ def covariances_to_quaternions(turns: Float64[np.ndarray, "N 3 3"]) -> Float64[n
 
 
 def srgb_to_linear(color: np.ndarray) -> np.ndarray:
-    """Light of sRGB colours in [0, 1]. Source: IEC 61966-2-1."""
+    """Convert sRGB colours in [0, 1] to linear light. Source: IEC 61966-2-1."""
     return np.where(color <= 0.04045, color / 12.92, ((color + 0.055) / 1.055) ** 2.4)
 
 
 def linear_to_srgb(light: np.ndarray) -> np.ndarray:
-    """sRGB colours of light in [0, 1]. Source: IEC 61966-2-1."""
+    """Convert linear light in [0, 1] to sRGB colours. Source: IEC 61966-2-1."""
     return np.where(
         light <= 0.0031308, 12.92 * light, 1.055 * np.maximum(light, 0.0031308) ** (1 / 2.4) - 0.055
     )

@@ -1,5 +1,4 @@
-"""What a video's own frames say of it: camera motion, cuts, exposure, loops, frame rate, foreign objects.
+"""Quality checks of a video: camera motion, cuts, exposure, loops, frame rate, foreign objects.
 
-`assessment` asks everything of one video (`assess_video`, `VideoAssessment`); the other modules answer one
-question each.
+`assessment` runs all checks on one video (`assess_video`, `VideoAssessment`); the other modules hold them.
 """

@@ -1,7 +1,4 @@
-"""Whether a film suits the method: what breaks it, measured, with a sentence and a remedy for each.
-
-A hand that lets go: something that is in the picture at the start or the end of a film only.
-"""
+"""Assess whether a video suits the method: each defect measured, with a warning and a remedy."""
 
 import math
 from dataclasses import asdict, dataclass
@@ -30,19 +27,19 @@ from lagsplat.video_quality.frames import (
 
 LEAST_FRAMES = 24
 MOST_PIXELS = 20_000_000  # of all small frames together
-CAMERA_PX = 0.25  # rms [pixel of a frame] that a learner would have to explain...
+CAMERA_PX = 0.25  # camera rms [pixel of a frame] that would disturb a fit...
 CAMERA_ERROR = 0.1  # ...and rms [pixel of a thumbnail] that can be measured
 FLICKER_PERCENT = 2.0
 SAMPLES, NYQUIST_SAMPLES = 8.0, 3.0
-SAME_S = 0.1  # a visit that ends this close to a cut is one event with it...
-CUT_SHARE = 0.25  # ...which is a cut if more of the still pixels look otherwise
+SAME_S = 0.1  # a foreign object that leaves this close to a cut is the same event...
+CUT_SHARE = 0.25  # ...which is a cut if it changes more of the still pixels than this
 
 
 @dataclass(frozen=True)
 class ForeignObject:
-    """Something is in the picture until ``gone_s`` (None: not at the start) and again from ``back_s`` on.
+    """An object that is in view until ``gone_s`` (None: not at the start) and again from ``back_s`` on.
 
-    ``share`` of the pixels that are otherwise still are covered at most.
+    It covers at most ``share`` of the pixels that are otherwise still.
     """
 
     gone_s: float | None
@@ -52,9 +49,9 @@ class ForeignObject:
 
 @dataclass(frozen=True)
 class VideoAssessment:
-    """What was measured on one clip; None where it could not be. Times [s] count from the clip's first frame.
+    """Measurements of one clip, None where impossible. Times [s] count from the clip's first frame.
 
-    The camera's motion is that of the whole picture; everything else is of the frames as they are kept.
+    Camera motion refers to the whole image, everything else to the frames as kept.
     """
 
     camera: CameraMotion | None
@@ -64,19 +61,19 @@ class VideoAssessment:
     visit: ForeignObject | None
     sampling: SamplingRate | None
     camera_limit_px: float
-    """How much rms is too much for the camera [pixel of the film]."""
+    """Largest acceptable rms of the camera motion [pixel of the video]."""
     start_s: float
     stop_s: float
 
     @property
     def numbers(self) -> dict[str, Any]:
-        """All of it as plain data, for a recording's ``meta``, with what follows from it."""
+        """All measurements and conclusions as plain data, for a recording's ``meta``."""
         suggested = {"skip_s": self.skip_s, "end_s": self.end_s, "warnings": list(self.warnings)}
         return {**asdict(self), "cuts": [asdict(cut) for cut in self.cuts], **suggested}
 
     @property
     def skip_s(self) -> float | None:
-        """Where to begin, after an early cut and an early visitor; None leaves the start as it is."""
+        """Where to start, after an early cut or foreign object; None keeps the start."""
         begins = [cut.time_s for cut in self.cuts if not self._late(cut)]
         if self.visit is not None and self.visit.gone_s is not None:
             begins.append(self.visit.gone_s)
@@ -84,7 +81,7 @@ class VideoAssessment:
 
     @property
     def end_s(self) -> float | None:
-        """Where to end, before a late cut, a repetition and a late visitor; None leaves the end as it is."""
+        """Where to stop, before a late cut, repetition or foreign object; None keeps the end."""
         ends = [cut.time_s for cut in self.cuts if self._late(cut)]
         if self.repeat is not None:
             ends.append(self.repeat.start_s)
@@ -94,7 +91,7 @@ class VideoAssessment:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """A sentence for everything that breaks the method, with its numbers and the remedy."""
+        """A sentence for each defect, with its numbers and the remedy."""
         return (*self._of_the_camera(), *self._of_the_cut(), *self._of_the_clock())
 
     def _late(self, cut: SceneCut) -> bool:
@@ -166,10 +163,13 @@ def assess_video(
     *,
     film_per_frame: float,
 ) -> VideoAssessment:
-    """Measure one clip: its ``frames`` as kept, at ``time_s`` since its first frame, and ``thumbnails`` of
-    its whole pictures. ``film_per_frame`` is how many pixels of the film one of a frame covers.
+    """Measure one clip in at most a few seconds; under 24 frames it is too short for any check.
 
-    A clip of fewer than 24 frames is too short for any of it. A few seconds at most.
+    Args:
+        frames: The frames as kept.
+        time_s: Their times since the clip's first frame [s].
+        thumbnails: Of the whole images.
+        film_per_frame: Pixels of the video per pixel of a frame.
     """
     limit = max(CAMERA_PX * film_per_frame, CAMERA_ERROR * thumbnails.scale)
     start_s, stop_s = float(time_s[0]), float(time_s[-1])
@@ -183,7 +183,7 @@ def assess_video(
     if gain is not None:
         grey /= gain[:, None, None].astype(np.float32)
     moves = camera is not None and camera.rms_px > limit
-    # A moving camera covers and uncovers everything.
+    # A moving camera covers and uncovers every pixel.
     cuts, visit = (cuts, None) if moves else _cut_or_visit(cuts, find_foreign_object(grey, time_s))
     return VideoAssessment(
         camera=camera,
@@ -201,7 +201,7 @@ def assess_video(
 def _cut_or_visit(
     cuts: tuple[SceneCut, ...], visit: ForeignObject | None
 ) -> tuple[tuple[SceneCut, ...], ForeignObject | None]:
-    """What happens at one time is either: a cut changes most of the picture, a visitor a part of it."""
+    """Classify one event as either: a cut changes most of the image, a foreign object a part of it."""
     if visit is None:
         return cuts, None
     borders = [time_s for time_s in (visit.gone_s, visit.back_s) if time_s is not None]
@@ -211,25 +211,25 @@ def _cut_or_visit(
     return others, visit
 
 
-LATER = (0.4, 0.8)  # the stretch of the film, as shares of its frames, that shows how it usually looks
-LEVELS = 12.0  # a pixel looks unusual if it differs by so many of 255 levels...
-SPREADS = 6.0  # ...and by so many standard deviations of the usual stretch
-SHARE = 0.002  # of the still pixels must look unusual at once
-LARGEST = 0.5  # a visit lasts at most this share of the film
+LATER = (0.4, 0.8)  # the reference stretch of the video, as shares of its frames
+LEVELS = 12.0  # a pixel is an outlier if it differs by this many of 255 levels...
+SPREADS = 6.0  # ...and by this many standard deviations of the reference stretch
+SHARE = 0.002  # of the still pixels must be outliers at once
+LARGEST = 0.5  # a foreign object stays at most this share of the video
 
 
 def find_foreign_object(
     grey: Float32[np.ndarray, "T h w"], time_s: Float64[np.ndarray, " T"]
 ) -> ForeignObject | None:
-    """What covers still pixels at the start or the end of a film; ``grey`` should be free of flicker.
+    """Find what covers still pixels at the start or end of a video, such as a hand that lets go.
 
-    Where the system itself moves in the middle of the film nothing can be told, so a hand that touches only
-    there goes unseen.
+    ``grey`` should be free of flicker. Where the system itself moves in mid-video no pixel is still, so a
+    hand that touches only there is missed.
     """
     usual_part = grey[int(LATER[0] * len(grey)) : int(LATER[1] * len(grey))]
     usual, spread = np.median(usual_part, axis=0), usual_part.std(axis=0)
     moving = np.ptp(usual_part, axis=0) > LEVELS + SPREADS * float(np.median(spread))
-    # A motion that decays was wider at the start: its surroundings are no witness.
+    # A decaying motion was wider at the start, so pixels around it do not count.
     margin = max(3, max(grey.shape[1:]) // 12)
     still = cv2.dilate(moving.astype(np.uint8), np.ones((2 * margin + 1,) * 2, np.uint8)) == 0
     if still.mean() < 0.05:
@@ -251,7 +251,7 @@ def find_foreign_object(
 
 
 def _leading(there: Bool[np.ndarray, " T"]) -> int:
-    """Frames up to the last of the visit that the first frame belongs to; short gaps are part of it."""
+    """Frames up to the last of the event that holds the first frame; short gaps are part of it."""
     if not there[:3].any():
         return 0
     absent = np.flatnonzero(np.convolve(there, np.ones(6), mode="full")[5:] == 0)

@@ -1,10 +1,8 @@
-"""How the background of a film moves: the camera's own motion, apart from that of what it films.
+"""Measure and undo the camera's motion, from the background of a video.
 
-Corners of the first picture are followed through all others (pyramidal Lucas-Kanade). The background is
-the stillest group of corners that move alike and lie all over the picture: an object that moves more than the
-camera cannot be taken for it, nor can a small one. A static frame or caption drawn around the film would be.
-
-Every picture shifted back onto the first one, by the motion of the background.
+Pyramidal Lucas-Kanade tracks corners of the first image through all others. The background is the stillest
+group of corners that move together and are spread over the image, so neither a small object nor one that
+moves more than the camera is mistaken for it. A static border or caption would be.
 """
 
 from collections.abc import Iterable
@@ -16,21 +14,21 @@ from jaxtyping import Bool, Float64, UInt8
 from scipy.ndimage import uniform_filter1d
 
 MOST_CORNERS = 200
-WINDOW = 15  # pixels of the picture that is searched
-LARGEST_RESIDUAL = 15.0  # mean absolute difference of a corner that is still itself [levels of 255]
-ALIKE = 0.3  # corners of the background agree to this [pixel rms]...
+WINDOW = 15  # pixels of the search window
+LARGEST_RESIDUAL = 15.0  # largest mean absolute difference of a tracked corner [levels of 255]
+ALIKE = 0.3  # corners of the background agree within this [pixel rms]...
 ALIKE_SHARE = 0.15  # ...or to this share of their motion
-FEWEST, SHARE = 6, 0.1  # the background holds so many corners, and this share of all
-SPREAD = 0.2  # its bounding box covers at least this share of the picture
+FEWEST, SHARE = 6, 0.1  # the background has at least this many corners, and this share of all
+SPREAD = 0.2  # its bounding box covers at least this share of the image
 
 
 @dataclass(frozen=True)
 class CameraMotion:
-    """How far the picture moved since its first frame [pixel of the film].
+    """Displacement of the image since the first frame [pixel of the video].
 
-    ``rms_px`` is the spread of the whole path about its mean and ``max_px`` its farthest point. ``drift_px``
-    is the farthest point of the path's running mean over a tenth of the film, ``jitter_px`` the rms of what
-    remains.
+    ``rms_px`` is the spread of the path about its mean, ``max_px`` its largest displacement. ``drift_px`` is
+    the largest displacement of the path's running mean over a tenth of the video, ``jitter_px`` the rms of
+    the rest.
     """
 
     rms_px: float
@@ -40,9 +38,9 @@ class CameraMotion:
 
 
 def track_background(pictures: Iterable[UInt8[np.ndarray, "h w"]]) -> Float64[np.ndarray, "T 2"] | None:
-    """How far (x, y) the background has moved since the first picture [pixel], NaN where it is hidden.
+    """Displacement (x, y) of the background since the first image [pixel], NaN where it is hidden.
 
-    None where no background can be measured: too few corners agree, or all lie in one place.
+    None if no background can be measured: too few corners agree, or all lie in one place.
     """
     corners, shape = _follow(pictures)
     if corners is None:
@@ -58,7 +56,7 @@ def track_background(pictures: Iterable[UInt8[np.ndarray, "h w"]]) -> Float64[np
 
 
 def measure_path(path: Float64[np.ndarray, "T 2"]) -> CameraMotion:
-    """The numbers of a path [pixel]; pictures in which the background is hidden do not count."""
+    """Statistics of a path [pixel]; images with a hidden background do not count."""
     path = path[np.isfinite(path[:, 0])]
     path = path - path[0]
     slow = uniform_filter1d(path, max(1, len(path) // 10), axis=0, mode="nearest")
@@ -85,7 +83,7 @@ def _follow(
         return None, shape
     found, last = [start[:, 0].astype(np.float64)], start.copy()
     for picture in following:
-        # Followed from the first picture each time, so that errors do not add up.
+        # Always tracked from the first image, so that errors do not accumulate.
         now, status, residual = cv2.calcOpticalFlowPyrLK(
             first,
             picture,
@@ -127,10 +125,10 @@ def _stillest_group(
 
 
 def path_to_undo(pictures: Iterable[UInt8[np.ndarray, "h w"]], *, source: str) -> Float64[np.ndarray, "T 2"]:
-    """Shift (x, y) of the background in each grey picture since the first [pixel].
+    """Displacement (x, y) of the background in each grey image since the first [pixel].
 
     Raises:
-        ValueError: the background cannot be measured, in all pictures or in one.
+        ValueError: the background cannot be measured, in all images or in one.
     """
     path = track_background(pictures)
     if path is None:
@@ -152,9 +150,9 @@ def path_to_undo(pictures: Iterable[UInt8[np.ndarray, "h w"]], *, source: str) -
 def shift_back(
     picture: UInt8[np.ndarray, "h w 3"], moved: Float64[np.ndarray, " 2"]
 ) -> UInt8[np.ndarray, "h w 3"]:
-    """``picture`` as it would be had it not moved by (x, y) [pixel]; its border is continued outwards.
+    """Shift ``picture`` back by its displacement (x, y) [pixel]; the border is replicated.
 
-    Only shifts are undone, by cubic interpolation: no turns, and no change of scale.
+    Cubic interpolation; rotation and scale are not corrected.
     """
     back = np.array([[1.0, 0.0, moved[0]], [0.0, 1.0, moved[1]]])
     return cv2.warpAffine(

@@ -1,9 +1,4 @@
-"""Exposure flicker: how the brightness of what stands still goes up and down.
-
-Stretches of a film that were shown before: nothing new to learn from, or to be tested on.
-
-Places where a film jumps: a cut, frames that are missing, or a loop back to an earlier moment.
-"""
+"""Continuity of a video: exposure flicker, loops that repeat earlier frames, and cuts."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -13,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, Float64
 from scipy.signal import periodogram
 
-DARKEST, BRIGHTEST = 20.0, 245.0  # levels between which a camera answers in proportion
+DARKEST, BRIGHTEST = 20.0, 245.0  # levels between which a camera responds linearly
 
 
 @dataclass(frozen=True)
@@ -25,10 +20,10 @@ class ExposureFlicker:
 
 
 def measure_exposure_gain(grey: Float32[np.ndarray, "T h w"]) -> Float64[np.ndarray, " T"] | None:
-    """Brightness of each frame against the median frame, on pixels that do not move; 1 is unchanged.
+    """Brightness of each frame relative to the median frame, on pixels that do not move; 1 is unchanged.
 
-    Moving pixels are told apart after a first guess at the gain, so that flicker does not look like motion.
-    None where hardly a pixel is neither black nor white.
+    Moving pixels are separated after a first estimate of the gain, so that flicker does not look like
+    motion. None if nearly all pixels are black or white.
     """
     usual = np.median(grey[:: max(1, len(grey) // 100)], axis=0)
     usable = (usual > DARKEST) & (usual < BRIGHTEST)
@@ -44,7 +39,7 @@ def measure_exposure_gain(grey: Float32[np.ndarray, "T h w"]) -> Float64[np.ndar
 def find_exposure_flicker(
     gain: Float64[np.ndarray, " T"], time_s: Float64[np.ndarray, " T"]
 ) -> ExposureFlicker:
-    """Spread and dominant frequency of `measure_exposure_gain`."""
+    """Spread and dominant frequency of the gain from `measure_exposure_gain`."""
     even = np.linspace(time_s[0], time_s[-1], len(time_s))
     level = np.interp(even, time_s, gain)
     frequencies, power = periodogram(level, fs=1.0 / (even[1] - even[0]), window="hann", nfft=8 * len(even))
@@ -53,16 +48,16 @@ def find_exposure_flicker(
     )
 
 
-SIDE = 24  # pixels: enough to tell two moments of a motion apart
-CLOSE = 0.25  # frames are the same if they differ by less than this share of a usual step from frame to frame
-MOVING = 0.5  # a stretch counts if it moves at least by this share of a usual step
+SIDE = 24  # pixels: enough to distinguish two instants of a motion
+CLOSE = 0.25  # frames are equal if they differ by less than this share of the median step between frames
+MOVING = 0.5  # a stretch counts if it moves at least by this share of the median step
 LEAST_S, LEAST_FRAMES = 0.5, 12
-MOST_FRAMES = 4000  # all pairs are compared
+MOST_FRAMES = 4000  # limit, because all pairs are compared
 
 
 @dataclass(frozen=True)
 class LoopRepeat:
-    """Frames from ``start_s`` to ``stop_s`` are those from ``original_s`` on, again."""
+    """Frames from ``start_s`` to ``stop_s`` repeat those from ``original_s`` on."""
 
     start_s: float
     stop_s: float
@@ -72,7 +67,7 @@ class LoopRepeat:
 def find_loop(grey: Float32[np.ndarray, "T h w"], time_s: Float64[np.ndarray, " T"]) -> LoopRepeat | None:
     """The longest stretch that repeats an earlier one to well within a step of the motion, or None.
 
-    A motion that is strictly periodic, in whole frames and without noise, repeats itself as well. Films of
+    A strictly periodic motion, in whole frames and without noise, also counts as a repetition. Videos of
     more than 4000 frames are not searched.
     """
     if not 2 * LEAST_FRAMES < len(grey) <= MOST_FRAMES:
@@ -106,16 +101,16 @@ def _longest_run(true: Bool[np.ndarray, " n"]) -> tuple[int, int]:
     return int(edges[2 * longest]), int(edges[2 * longest + 1])
 
 
-RATIO = 5.0  # a jump changes the picture this many times as much as the frames around it...
+RATIO = 5.0  # a cut changes the image this many times as much as the frames around it...
 SHARE = 0.25  # ...and at least this share of the change between two frames taken anywhere
 AROUND = 2  # frames on either side
-SLIGHT = 0.02  # share of that change below which a film stands still
-NOISES, LEVELS = 5.0, 2.0  # medians of the change, and levels of 255, that a pixel may change by noise
+SLIGHT = 0.02  # share of that change below which a video is static
+NOISES, LEVELS = 5.0, 2.0  # medians of the change, and levels of 255, that noise may change a pixel by
 
 
 @dataclass(frozen=True)
 class SceneCut:
-    """A jump between two frames: the time of the later one [s], and how many times the change around it."""
+    """A jump between two frames: time of the later frame [s], and ratio to the change around it."""
 
     time_s: float
     ratio: float
@@ -124,10 +119,10 @@ class SceneCut:
 def find_scene_cuts(
     grey: Float32[np.ndarray, "T h w"], time_s: Float64[np.ndarray, " T"]
 ) -> tuple[SceneCut, ...]:
-    """Jumps that the running motion does not explain; ``grey`` should be free of flicker.
+    """Jumps that the motion does not explain; ``grey`` should be free of flicker.
 
-    A single bright or broken frame is none: the film goes on where it was. A small object that jumps while it
-    moves by a third of its own size a frame changes hardly more pixels than before, and goes unseen.
+    A single bright or broken frame is no cut: the video goes on as before. A small object that jumps while
+    it moves by a third of its own size per frame hardly changes more pixels than before, and is missed.
     """
     half = len(grey) // 2
     usual_change = np.median([np.median(np.abs(later - earlier)) for earlier, later in pairwise(grey)])
@@ -144,5 +139,5 @@ def find_scene_cuts(
 
 
 def _excess(difference: Float32[np.ndarray, "h w"], limit: float) -> float:
-    """Mean change beyond ``limit``, which noise and compression make of a picture that stands still."""
+    """Mean change beyond ``limit``, the change that noise and compression cause in a static image."""
     return float(np.maximum(np.abs(difference) - limit, 0.0).mean(dtype=np.float64))

@@ -1,9 +1,4 @@
-"""How many frames a film has for each period of the motion in it.
-
-From a decoded picture to a frame of a recording: turned, cropped, averaged over areas, RGB.
-
-A few small grey pictures of a film of unknown length, evenly spaced, gathered while it is decoded.
-"""
+"""Prepare frames (rotate, crop, resize, thumbnails) and measure frames per period of the motion."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,18 +8,18 @@ import numpy as np
 from jaxtyping import Float32, Float64, UInt8
 
 SIDE = 32
-MOST_FRAMES = 1200  # of one stretch: all pairs of them are multiplied
+MOST_FRAMES = 1200  # of a stretch: all pairs are multiplied
 COMPONENTS = 5
-BAND = 0.12  # a line and its side lobes: this share of its frequency to either side
-LEAST_SHARE = 0.01  # of the variance that a band must hold to be a motion
-CONTRAST = 3.0  # times as dense as the bands on either side
+BAND = 0.12  # half width of a spectral line with side lobes, as a share of its frequency
+LEAST_SHARE = 0.01  # share of the variance that a band must contain to be a motion
+CONTRAST = 3.0  # ratio to the density of the bands on either side
 SUBHARMONIC = 0.25  # share of a band's power that makes its half or third the fundamental
 PADDING = 8
 
 
 @dataclass(frozen=True)
 class SamplingRate:
-    """Dominant period [s] of the motion, and frames to a period."""
+    """Dominant period [s] of the motion, and frames per period."""
 
     period_s: float
     samples: float
@@ -36,9 +31,9 @@ def measure_samples_per_period(
     """The period at which the leading principal components of the frames have most kinetic energy.
 
     Energy is power times squared frequency: a slow push may be large and still not be the motion. A small
-    object that crosses many pixels has overtones, so a half or a third of the frequency is preferred where
-    it has power; near the Nyquist limit such overtones fold back and can hide the period. None where nothing
-    stands out of the noise.
+    object that crosses many pixels has overtones, so a half or a third of the frequency is preferred if it
+    has power; near the Nyquist limit such overtones alias and can hide the period. None if no band stands
+    out of the noise.
     """
     grey, time_s = grey[:MOST_FRAMES], time_s[:MOST_FRAMES]
     small = np.stack([cv2.resize(frame, (SIDE, SIDE), interpolation=cv2.INTER_AREA) for frame in grey])
@@ -68,7 +63,7 @@ def measure_samples_per_period(
 def _strongest_band(
     frequency: Float64[np.ndarray, " F"], power: Float64[np.ndarray, " F"], slowest: float
 ) -> float | None:
-    """Centre of the band of most kinetic energy among those that stand out, or its subharmonic."""
+    """Centre of the band with most kinetic energy among those that stand out, or its subharmonic."""
 
     def density(low: float, high: float) -> float:
         inside = (frequency > low) & (frequency < high)
@@ -97,7 +92,7 @@ def _strongest_band(
 
 
 TURNS = {90: cv2.ROTATE_90_CLOCKWISE, 180: cv2.ROTATE_180, 270: cv2.ROTATE_90_COUNTERCLOCKWISE}
-HALVED_FROM = 4.0  # pixels of the picture to one of the frame, from which halving first cannot be seen
+HALVED_FROM = 4.0  # pixels of the image per pixel of the frame, above which halving first is invisible
 
 
 def crop_and_resize(
@@ -108,14 +103,17 @@ def crop_and_resize(
     source: str,
     grey: bool = False,
 ) -> UInt8[np.ndarray, "H W 3"]:
-    """The RGB frame that a BGR ``picture`` becomes.
+    """Convert a BGR image to an RGB frame.
 
-    ``crop`` is (x, y, width, height) [pixel]; None keeps the whole picture. ``size`` is (height, width) after
-    averaging over areas; None keeps the cropped size. ``grey`` gives three equal channels, the luma of
-    ITU-R BT.601: a recording is RGB in any case. ``source`` names the picture in errors.
+    Args:
+        picture: The image.
+        crop: (x, y, width, height) [pixel]; None keeps the whole image.
+        size: (height, width) after averaging over areas; None keeps the cropped size.
+        source: Name of the image in errors.
+        grey: Make the three channels equal, the luma of ITU-R BT.601.
 
     Raises:
-        ValueError: the crop reaches outside the picture.
+        ValueError: the crop reaches outside the image.
     """
     rows, columns = picture.shape[:2]
     x, y, width, height = crop if crop is not None else (0, 0, columns, rows)
@@ -133,15 +131,15 @@ def crop_and_resize(
 
 
 def rotate_image(picture: UInt8[np.ndarray, "h w 3"], degrees: int) -> UInt8[np.ndarray, "H W 3"]:
-    """``picture`` turned clockwise by 0, 90, 180 or 270 ``degrees``."""
+    """Rotate ``picture`` clockwise by 0, 90, 180 or 270 ``degrees``."""
     return cv2.rotate(picture, TURNS[degrees]) if degrees else picture
 
 
 def average_areas(picture: UInt8[np.ndarray, "h w *c"], size: tuple[int, int]) -> UInt8[np.ndarray, "H W *c"]:
-    """``picture`` resized to ``size`` (height, width) by averaging over areas.
+    """Resize ``picture`` to ``size`` (height, width) by averaging over areas.
 
-    Even sides that shrink fourfold or more are halved first, by whole pixels: OpenCV does that many times
-    faster than by fractions of pixels, and frames of noise differ by less than one of 255 levels on average.
+    Even sides that shrink fourfold or more are halved first: OpenCV averages whole pixels many times faster
+    than fractions, and frames of noise differ by less than one of 255 levels on average.
     """
     rows, columns = picture.shape[:2]
     if not rows % 2 and not columns % 2 and min(rows / size[0], columns / size[1]) >= HALVED_FROM:
@@ -154,22 +152,23 @@ LONGEST_SIDE = 160  # pixels
 
 
 class Thumbnails:
-    """At most 300 pictures of at most 160 pixels a side, the first one among them.
+    """At most 300 small images of a video of unknown length, evenly spaced, at most 160 pixels a side.
 
-    Every k-th picture is kept; whenever there are too many, every other one goes and k doubles.
+    Every k-th image is kept, the first included; when there are too many, every other one is dropped and k
+    doubles.
     """
 
     def __init__(self) -> None:
         self.pictures: list[UInt8[np.ndarray, "h w"]] = []
-        """The thumbnails, grey, in order."""
+        """Grey thumbnails, in order."""
         self._every, self._seen = 1, 0
         self.scale = 1.0
-        """Pixels of the picture to one of the thumbnail."""
+        """Pixels of the image per pixel of the thumbnail."""
         self.width = 0
-        """Of the pictures [pixel]."""
+        """Size of the images [pixel]."""
 
     def add(self, picture: UInt8[np.ndarray, "H W 3"]) -> None:
-        """Keep ``picture`` (BGR) if its turn has come."""
+        """Keep ``picture`` (BGR) if it is its turn."""
         if self._seen % self._every == 0:
             self.width = picture.shape[1]
             self.scale = max(1.0, max(picture.shape[:2]) / LONGEST_SIDE)
@@ -185,7 +184,7 @@ class Thumbnails:
 
 
 def make_small_grey(frames: UInt8[np.ndarray, "T H W 3"], *, most: int) -> Float32[np.ndarray, "T h w"]:
-    """All ``frames``, grey and so small that they hold ``most`` pixels together and 160 a side."""
+    """All ``frames`` in grey, so small that together they have ``most`` pixels, and at most 160 a side."""
     rows, columns = frames.shape[1:3]
     scale = max(1.0, max(rows, columns) / LONGEST_SIDE, (len(frames) * rows * columns / most) ** 0.5)
     size = (max(1, round(rows / scale)), max(1, round(columns / scale)))
