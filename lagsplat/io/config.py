@@ -1,9 +1,9 @@
-"""Where a recording comes from: the typed form of ``conf/recording/*.yaml``.
+"""Settings of a recording's source: the typed form of ``conf/recording/*.yaml``.
 
-``kind`` chooses the maker: ``simulated`` (drawn by ``lagsplat.systems``, every field below but
-``split`` is then unused), ``krauss`` (an NPZ archive with ``images`` and ``p1..pn``), ``video``
-(any film OpenCV can open, or images) or ``mcap`` (a robot's log with a camera, see `McapConfig`). ``path`` is
-a file or folder of the user's. A Krauss recording without ``path`` is fetched from ``archive``.
+``kind`` chooses the source: ``simulated`` (drawn by ``lagsplat.systems``; every field except ``split`` is
+unused), ``krauss`` (an NPZ archive with ``images`` and ``p1..pn``), ``video`` (any video OpenCV can open, or
+images) or ``mcap`` (a robot's log with a camera, see `McapConfig`). ``path`` is the user's file or folder. A
+Krauss recording without ``path`` is downloaded from ``archive``.
 """
 
 import re
@@ -17,11 +17,11 @@ FIELD_PATH = re.compile(r"[^.\[\]]+(\[[^\[\]]+\])*(\.[^.\[\]]+(\[[^\[\]]+\])*)*"
 
 @dataclass  # not frozen: OmegaConf turns frozen dataclasses into read-only nodes
 class ArchiveConfig:
-    """A public zip archive and the members of it that are wanted.
+    """A public zip archive and the members to extract.
 
-    ``folder`` is where the archive and its extracted members are kept; ``~`` stands for the home folder.
-    ``archive_sha256`` may be null where the publisher gives none: the members are checked in any case.
-    ``member_sha256`` maps each member's path inside the archive to its SHA-256.
+    ``folder`` keeps the archive and its extracted members; ``~`` is the home folder. ``archive_sha256`` may
+    be null if the publisher gives none: the members are always checked. ``member_sha256`` maps each member's
+    path inside the archive to its SHA-256.
     """
 
     url: str
@@ -49,10 +49,10 @@ class ArchiveConfig:
 
 @dataclass  # not frozen, for the same reason
 class SplitConfig:
-    """What is held out of every fit: exactly one of three, the others null.
+    """What is held out of every fit: exactly one of three is set, the others are null.
 
     ``train_fraction`` trains on the leading share of all frames, ``held_out_frames`` on all but the last
-    ones, ``held_out_clips`` on all but the last clips.
+    frames, ``held_out_clips`` on all but the last clips.
     """
 
     train_fraction: float | None
@@ -80,8 +80,8 @@ class SplitConfig:
 class McapInputConfig:
     """One number of a log that drives the mechanism.
 
-    ``field`` leads to it inside a message of ``topic``: ``wrench.force.x``, ``data[2]``, or by a joint's
-    name, ``position[elbow]``. ``name`` and ``unit`` are those of the recording's input.
+    ``field`` is its path inside a message of ``topic``: ``wrench.force.x``, ``data[2]``, or by joint name,
+    ``position[elbow]``. ``name`` and ``unit`` are those of the recording's input.
     """
 
     topic: str
@@ -103,12 +103,12 @@ class McapInputConfig:
 
 @dataclass  # not frozen, for the same reason
 class McapConfig:
-    """What of an MCAP file makes the recording.
+    """How to read a recording from an MCAP file.
 
-    ``camera`` is the topic of the pictures, null where the recording is no MCAP file. ``inputs`` are
-    interpolated linearly to the frames. ``clock`` is ``header`` (the stamps in the messages) or ``log`` (when
-    they were written). A gap of more than ``max_gap_s`` [s] in the camera or in an input is never bridged:
-    frames inside it are dropped and the recording is cut into clips there.
+    ``camera`` is the topic of the images, null if the recording is no MCAP file. ``inputs`` are interpolated
+    linearly to the frames. ``clock`` is ``header`` (the stamps in the messages) or ``log`` (the time of
+    writing). A gap longer than ``max_gap_s`` [s] in the camera or an input is never bridged: frames inside
+    it are dropped and the recording is cut into clips there.
     """
 
     camera: str | None
@@ -128,19 +128,19 @@ class McapConfig:
 
 @dataclass  # not frozen, for the same reason
 class RecordingConfig:
-    """One recording: which maker, which file, which part of it.
+    """One recording: the kind of source, its file, and the part to keep.
 
-    ``path`` is a file, or for films also a folder: each film in it is a clip, or all images together are one.
-    ``dt_s`` is the clock of files that carry no timestamps (Krauss NPZ, images); a film's own timestamps win,
-    so there it is null. ``member`` names the archive's member used when ``path`` is null. ``n_inputs`` is how
-    many pressure channels the system has. ``rotate`` turns a film clockwise [degree], on top of the rotation
-    its file asks for. ``stabilise`` shifts its pictures back onto the first by the motion of the background.
-    ``grey`` drops its colours. ``crop`` is (x, y, width, height) in pixels of the turned film, null for the
-    whole picture. ``skip_s`` and ``end_s`` cut the film [s from its first frame]; ``end_s`` null keeps
-    everything to the end. ``spans_s`` keeps these [start, stop] alone [s from the first frame kept], each
-    as a clip of its own. ``height`` and ``width`` are the size after resizing [pixel], both null to keep
-    the cropped size. ``split`` says what is held out.
-    ``mcap`` says which topics of an MCAP file are used, its list of inputs in place of ``n_inputs``.
+    ``path`` is a file, or for videos also a folder: each video in it is a clip, or all images together are
+    one. ``dt_s`` is the frame spacing of files without timestamps (Krauss NPZ, images); null for a video,
+    which has its own. ``member`` names the archive's member used when ``path`` is null. ``n_inputs`` is the
+    number of pressure channels. ``rotate`` turns a video clockwise [degree], on top of the file's own
+    rotation. ``stabilise`` shifts its images back onto the first by the motion of the background. ``grey``
+    drops its colours. ``crop`` is (x, y, width, height) in pixels of the rotated video, null for the whole
+    image. ``skip_s`` and ``end_s`` cut the video [s from its first frame]; a null ``end_s`` keeps everything
+    to the end. ``spans_s`` keeps only these [start, stop] [s from the first frame kept], each as a clip.
+    ``height`` and ``width`` are the size after resizing [pixel], both null to keep the cropped size.
+    ``split`` says what is held out. ``mcap`` gives the topics of an MCAP file; its inputs replace
+    ``n_inputs``.
     """
 
     kind: str

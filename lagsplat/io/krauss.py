@@ -1,10 +1,8 @@
-"""Recordings of the pneumatic arms of Krauss et al.: one NPZ archive with pictures and chamber pressures.
+"""Recordings of the pneumatic arms of Krauss et al.: an NPZ archive with images and chamber pressures.
 
 Keys: ``images`` (T, 3, H, W), RGB, uint8 or floating point in [0, 1]; ``p1`` to ``pn`` (T,), chamber
-pressures [atm], one value a frame. The archive has no clock; the published ones run at 60000/1001 frames per
-second.
-
-Pictures are unpacked and converted piece by piece, so that memory holds the uint8 frames and little else.
+pressures [atm], one value per frame. The archive has no times; the published ones run at 60000/1001 frames
+per second. Images are read in chunks, so memory holds little more than the uint8 frames.
 """
 
 import math
@@ -31,16 +29,21 @@ REPAIR = "fetch it again, or name another file with recording.path=FILE"
 def read_krauss_npz(
     path: str | os.PathLike[str], *, dt_s: float, expected_inputs: int, licence: str = "unknown"
 ) -> Recording:
-    """The recording in the NPZ archive at ``path``, as one clip with a frame every ``dt_s`` seconds.
+    """Read the NPZ archive at ``path`` as one clip with a frame every ``dt_s`` seconds.
 
-    Floating-point pictures become uint8. Where they are multiples of 1/255, as the published ones, nothing
-    is lost; otherwise a warning gives the largest change. Frames that are entirely black are warned of.
+    Floating-point images become uint8. Multiples of 1/255, as published, lose nothing; otherwise a warning
+    gives the largest change. Entirely black frames cause a warning.
+
+    Args:
+        path: The archive.
+        dt_s: Spacing of the frames [s].
+        expected_inputs: Number of pressures.
+        licence: Kept in the recording's ``meta``.
 
     Raises:
-        FileNotFoundError: nothing is at ``path``.
+        FileNotFoundError: there is no file at ``path``.
         ValueError: the archive is truncated, a key is missing or of the wrong shape, a value is not a number
-        or
-            outside its range, or there are not ``expected_inputs`` pressures.
+            or outside its range, or there are not ``expected_inputs`` pressures.
 
     Source: DOI 10.5281/zenodo.17812071
     """
@@ -64,7 +67,7 @@ def read_krauss_npz(
 
 @contextmanager
 def _damage_named(path: Path) -> Iterator[None]:
-    # NotImplementedError: a compression zipfile lacks. RuntimeError: an encrypted member.
+    # NotImplementedError: a compression that zipfile lacks. RuntimeError: an encrypted member.
     try:
         yield
     except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as error:
@@ -122,7 +125,7 @@ def _chunks(path: Path, archive: zipfile.ZipFile, key: str, shape: tuple[int, ..
     per_row = max(1, math.prod(shape[1:])) * dtype.itemsize
     rows = max(1, CHUNK_BYTES // per_row)
     with stream:
-        if column_major:  # rows are scattered over the whole member then, so there is nothing to stream
+        if column_major:  # each frame is then scattered over the member, so it cannot be streamed
             data = _read_exactly(path, stream, key, shape[0] * per_row)
             yield np.frombuffer(data, dtype).reshape(shape[::-1]).T
             return
@@ -146,7 +149,7 @@ def _read_frames(path: Path, archive: zipfile.ZipFile) -> UInt8[np.ndarray, "T H
         change = max(change, _store(path, chunk, part, start))
         black += int((~part.reshape(len(part), -1).any(axis=1)).sum())
         start += len(chunk)
-    # A number of few digits cannot hold a multiple of 1/255 any closer than this.
+    # A low-precision float cannot represent a multiple of 1/255 more closely than this.
     if dtype.kind == "f" and change > max(0.01, 255.0 * float(np.finfo(dtype).eps)):
         warnings.warn(
             f"{path}: 'images' are not multiples of 1/255; rounding to uint8 changed them by up to "
@@ -159,7 +162,7 @@ def _read_frames(path: Path, archive: zipfile.ZipFile) -> UInt8[np.ndarray, "T H
 
 
 def _store(path: Path, chunk: np.ndarray, out: np.ndarray, first: int) -> float:
-    """Put ``chunk`` (n, 3, H, W) into ``out`` (n, H, W, 3); the largest change by rounding [grey level]."""
+    """Copy ``chunk`` (n, 3, H, W) to ``out`` (n, H, W, 3); return the largest rounding [grey level]."""
     if chunk.dtype == np.uint8:
         out[:] = chunk.transpose(0, 2, 3, 1)
         return 0.0

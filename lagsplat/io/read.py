@@ -1,7 +1,4 @@
-"""From a recording's settings to the recording.
-
-A motion from whichever file holds one: a table, or a session in which a simulation was pushed.
-"""
+"""Read a recording from its settings, or a trajectory from a table or a session's MCAP file."""
 
 import os
 from collections.abc import Mapping
@@ -21,11 +18,10 @@ from lagsplat.io.video.read import read_video
 
 
 def read_recording(config: RecordingConfig) -> Recording:
-    """The filmed recording that ``config`` describes, downloaded first where no file is given.
+    """Read the recording that ``config`` describes; download it if it has no file.
 
-    Where ``spans_s`` is given, only these are kept. Clips are cut at gaps in time by `cut_at_gaps`; a Krauss
-    archive carries no times and has none.
-    Simulated recordings are not read but made, by `lagsplat.systems`.
+    If ``spans_s`` is given, only these are kept. `cut_at_gaps` cuts clips at gaps in time; a Krauss archive
+    has no times and no gaps. Simulated recordings are made by `lagsplat.systems`, not here.
 
     Raises:
         ValueError, FileNotFoundError, OSError: as the reader of ``config.kind``; or no file is given.
@@ -99,7 +95,7 @@ READERS = {"krauss": _krauss, "video": _video, "mcap": _mcap}
 
 
 def read_trajectory(path: str | os.PathLike[str], *, columns: Mapping[str, str] | None = None) -> Trajectory:
-    """The motion in a CSV, Parquet or NPZ file, whose ``columns`` may be named, or in a session's MCAP file.
+    """Read a trajectory from CSV, Parquet or NPZ, whose ``columns`` may be named, or from a session's MCAP.
 
     Raises:
         FileNotFoundError, ValueError: as `read_trajectory_file` and `read_session_motion`.

@@ -1,5 +1,5 @@
-"""Files of every kind that stay whole: artifacts, checkpoints, downloads, PLY clouds, JSON and CSV.
+"""Files written whole or not at all: artifacts, checkpoints, downloads, PLY clouds, JSON and CSV.
 
-`artifact` keeps tensors with a header (`save_artifact`, `load_artifact`), `atomic` replaces files in one
-step, `download` fetches with a checksum and resumes.
+`artifact` saves tensors with a header (`save_artifact`, `load_artifact`), `atomic` replaces files in one
+step, `download` resumes and checks checksums.
 """

@@ -1,30 +1,25 @@
-"""The artefact: one file that holds tensors and tells what made them.
+"""The artifact: one file that holds tensors and a header with what made them.
 
 Format, version 1.
 
-1. An artefact is one valid ``.safetensors`` file.
+1. An artifact is one valid ``.safetensors`` file.
    Why: the format is a table of offsets and raw bytes. Reading it cannot run code, and every tensor can be
    mapped into memory at its offset. A pickle can do neither.
 2. Its ``__metadata__`` has the key ``lagsplat``, whose value is one JSON object, the header.
-   Why: one file cannot be separated from its settings. Metadata values must be text, and JSON keeps nesting.
-3. The header has ``kind`` (text: what the file is) and ``schema`` (integer: which version of that kind).
-   Why: a chart passed where dynamics are expected must be refused by name, not fail on a missing tensor.
-4. The header has ``stamp``: commit, versions, platform, time. It is added on writing where it is absent.
-   Why: a result that cannot say what made it cannot be defended.
-5. Everything a consumer needs to use the tensors (time unit, whitening, resolved config) is in the header.
-   Why: read from today's config, an old result would silently become another system.
+   Why: a single file cannot lose its settings. Metadata values must be text, and JSON keeps nesting.
+3. The header has ``kind`` (text: what the file is) and ``schema`` (integer: version of that kind).
+   Why: a chart passed as dynamics must be refused by name, not fail on a missing tensor.
+4. The header has ``stamp``: commit, versions, platform, time, added on writing if absent.
+   Why: a result must be traceable to what made it.
+5. The header has everything needed to use the tensors (time unit, whitening, resolved config).
+   Why: with today's config, an old result would silently become another system.
 6. Tensors are little-endian, C-contiguous, of the dtypes in ``DTYPES``; names are free.
-   Why: bytes then mean the same on every machine. Objects and text have no such meaning; they belong in the
-   header.
+   Why: bytes then mean the same on every machine. Objects and text belong in the header.
 7. In the header NaN and infinities are the bare words Python's ``json`` writes, tuples become lists, NumPy
    scalars and arrays become plain numbers and lists.
-   Why: the record of a run that diverged must still be written, and read back as it was.
+   Why: the record of a run that diverged must survive writing and reading.
 8. A file is written beside its target, forced to the disk and renamed.
    Why: a killed run leaves earlier results whole, and a file that exists is complete.
-
-From the tensors of an artefact back to the module that they are the weights of.
-
-Plain files that people read: CSV and JSON, each written whole or not at all.
 """
 
 import json
@@ -63,11 +58,12 @@ StrPath = str | os.PathLike[str]
 
 
 def save_artifact(path: StrPath, tensors: Mapping[str, Any], header: Mapping[str, Any]) -> None:
-    """Write ``tensors`` (NumPy arrays or torch tensors on any device) and ``header`` to ``path``, atomically.
+    """Write ``tensors`` (NumPy arrays or torch tensors on any device) and ``header`` to ``path``,
+    atomically.
 
     Raises:
-        ValueError: ``kind`` or ``schema`` is missing, the header is not JSON, or a tensor has no portable
-        dtype. OSError: the file cannot be written; an earlier file at ``path`` is then untouched.
+        ValueError: ``kind`` or ``schema`` is missing, the header is not JSON, or a dtype is not portable.
+        OSError: the file cannot be written; an earlier file at ``path`` is unchanged.
     """
     arrays = {name: _as_array(name, tensor) for name, tensor in tensors.items()}
     text = _header_text(path, header)
@@ -78,16 +74,18 @@ def save_artifact(path: StrPath, tensors: Mapping[str, Any], header: Mapping[str
 def load_artifact(
     path: StrPath, *, kind: str | None = None, schema: int | None = None, mapped: Collection[str] = ()
 ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """The tensors and the header of the artefact at ``path``.
+    """Load the tensors and the header of the artifact at ``path``.
 
-    ``kind`` and ``schema``, where given, must match the header. Tensors named in ``mapped`` come as
-    read-only memory maps and cost nothing until they are indexed; the others are copied into memory and may
-    be changed.
+    Args:
+        path: The file.
+        kind, schema: If given, must match the header.
+        mapped: Tensors to return as read-only memory maps, free until indexed; the others are writable
+            copies.
 
     Raises:
-        FileNotFoundError: nothing is at ``path``.
+        FileNotFoundError: there is no file at ``path``.
         ValueError: the file is truncated, foreign, of another kind or schema, or lacks a tensor of
-        ``mapped``.
+            ``mapped``.
     """
     header = read_header(path, kind=kind, schema=schema)
     layout, data_start = _layout(path)
@@ -104,8 +102,7 @@ def load_artifact(
 
 
 def read_header(path: StrPath, *, kind: str | None = None, schema: int | None = None) -> dict[str, Any]:
-    """The header of the artefact at ``path``, without reading its tensors. Checks and errors as
-    `load_artifact`."""
+    """Read only the header of the artifact at ``path``; checks and errors as in `load_artifact`."""
     if not Path(path).is_file():
         raise FileNotFoundError(f"{path}: no such file; make it first, or check the path")
     try:
@@ -145,7 +142,7 @@ def _check_header(path: StrPath, header: Any, *, kind: str | None, schema: int |
 
 
 def _layout(path: StrPath) -> tuple[dict[str, dict[str, Any]], int]:
-    # The library's NumPy front end copies what it returns, so for memory maps the table of offsets is read
+    # The library's NumPy interface returns copies, so for memory maps the table of offsets is read
     # here: eight bytes of length, little-endian, then that many bytes of JSON. `read_header` has checked it
     # by then.
     with open(path, "rb") as file:
@@ -168,7 +165,7 @@ def _view(path: StrPath, entry: Mapping[str, Any], data_start: int) -> np.ndarra
 
 
 def _as_array(name: str, tensor: Any) -> np.ndarray:
-    # Duck-typed, so that reading and planning need no torch.
+    # Duck typing: reading and planning must not load torch.
     if hasattr(tensor, "detach"):
         tensor = tensor.detach().cpu().numpy()
     array = np.asarray(tensor, order="C")
@@ -210,12 +207,12 @@ M = TypeVar("M", bound="torch.nn.Module")
 
 
 def restore_module(module: M, tensors: Mapping[str, np.ndarray], path: str | os.PathLike[str]) -> M:
-    """``module`` with the ``tensors`` read from ``path`` as its weights, ready to be asked.
+    """Load the ``tensors`` read from ``path`` into ``module`` and return it in evaluation mode.
 
     Raises:
         ValueError: the tensors are not those of this module.
     """
-    import torch  # only here, so that reading and planning need no torch
+    import torch  # here, because reading and planning must not load torch
 
     try:
         module.load_state_dict({name: torch.as_tensor(np.array(value)) for name, value in tensors.items()})

@@ -1,8 +1,8 @@
-"""Write files that are whole or absent (text, JSON, CSV), read them, and take their checksums.
+"""Write files atomically (text, JSON, CSV), read them, and compute checksums.
 
-A run may be killed at any moment, and the next one reads what it leaves behind. So nothing is written in
-place: the content goes to a hidden file beside the target, is forced to the disk and renamed over the target,
-which the operating system does in one step. Neither pandas nor torch is loaded.
+A run may be killed at any moment, and the next one reads what it leaves. So content goes to a hidden file
+beside the target, is forced to the disk and renamed over the target, which the operating system does in one
+step. Loads neither pandas nor torch.
 """
 
 import csv
@@ -22,11 +22,10 @@ from jaxtyping import Float64
 
 @contextmanager
 def replace_atomically(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """A temporary sibling of ``path`` to write to; renamed over ``path`` when the block ends without error.
+    """Yield a temporary sibling of ``path`` to write to; rename it to ``path`` if the block succeeds.
 
-    On any error the temporary file is removed and what stood at ``path`` before is left as it was. The
-    sibling keeps the suffix of ``path``, because some writers choose their format by it. Missing folders are
-    made.
+    On an error the temporary file is removed and ``path`` is unchanged. The sibling keeps the suffix of
+    ``path``, because some writers choose their format by it. Missing folders are created.
 
     Raises:
         OSError: the disk is full or the folder cannot be written; the message names the target.
@@ -52,7 +51,7 @@ def replace_atomically(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:
-    """Write ``text`` as UTF-8 to ``path``, whole or not at all."""
+    """Write ``text`` as UTF-8 to ``path``, atomically."""
     with replace_atomically(path) as temporary:
         temporary.write_text(text, encoding="utf-8", newline="\n")
 
@@ -71,7 +70,7 @@ def _flush(path: Path) -> None:
 
 
 def _explain(error: Exception) -> str | None:
-    # Some writers are compiled and report the operating system's error as text only, hence the search in
+    # Compiled writers report the operating system's error as text only, hence the search for
     # words.
     number = getattr(error, "errno", None)
     words = str(error).lower()
@@ -89,7 +88,7 @@ def sha256_of(path: str | os.PathLike[str]) -> str:
 
 
 def sha256_of_arrays(*arrays: np.ndarray) -> str:
-    """SHA-256 of the arrays' bytes, one after the other, in hexadecimal."""
+    """SHA-256 of the concatenated bytes of the arrays, in hexadecimal."""
     digest = hashlib.sha256()
     for array in arrays:
         digest.update(np.ascontiguousarray(array).data)
@@ -97,10 +96,10 @@ def sha256_of_arrays(*arrays: np.ndarray) -> str:
 
 
 def save_csv(path: str | os.PathLike[str], rows: Sequence[Mapping[str, Any]]) -> None:
-    """Write one line a row under a line of column names, those of the first row; None is an empty cell.
+    """Write rows under the column names of the first row; None is an empty cell.
 
     Raises:
-        ValueError: there is no row, or a row has a column that the first one lacks.
+        ValueError: there is no row, or a row has a column that the first row lacks.
     """
     if not rows:
         raise ValueError(f"{path}: a table without a row has no columns")
@@ -111,15 +110,15 @@ def save_csv(path: str | os.PathLike[str], rows: Sequence[Mapping[str, Any]]) ->
 
 
 def save_json(path: str | os.PathLike[str], content: Mapping[str, Any]) -> None:
-    """Write plain data, indented, so that a difference between two runs can be read."""
+    """Write plain data, indented, so that two runs can be compared line by line."""
     write_text(path, json.dumps(content, indent=1) + "\n")
 
 
 def load_json(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """Plain data written by `save_json`.
+    """Read plain data written by `save_json`.
 
     Raises:
-        FileNotFoundError: nothing is at ``path``.
+        FileNotFoundError: there is no file at ``path``.
         ValueError: the file is not JSON.
     """
     try:
@@ -131,10 +130,10 @@ def load_json(path: str | os.PathLike[str]) -> dict[str, Any]:
 def load_inputs(
     path: str | os.PathLike[str], *, dt_s: float
 ) -> tuple[Float64[np.ndarray, " N"], Float64[np.ndarray, "N n_u"]]:
-    """Inputs from a CSV with columns ``t`` [s], ``u0``, ``u1``, ..., interpolated every ``dt_s``.
+    """Read inputs from a CSV with columns ``t`` [s], ``u0``, ``u1``, ..., interpolated every ``dt_s``.
 
     Raises:
-        FileNotFoundError: nothing is at ``path``.
+        FileNotFoundError: there is no file at ``path``.
         ValueError: a column is missing or not a number, or the times do not increase.
     """
     with open(path, newline="", encoding="utf-8") as file:

@@ -1,9 +1,7 @@
-"""Training state on disk: enough to go on after a kill as if nothing had happened.
+"""Training state on disk, and weights that other programs saved with torch.
 
-A checkpoint is not an artefact. It belongs to one run, is named by the run's identity (a digest of what
-decides its outcome) and is deleted when the run has ended.
-
-Lists of weights that other programs saved with torch, read without running anything in them.
+A checkpoint is not an artifact. It belongs to one run, carries the run's identity (a digest of what
+determines its result) and is deleted when the run ends. A resumed run continues exactly as if uninterrupted.
 """
 
 import logging
@@ -19,7 +17,7 @@ import torch
 log = logging.getLogger(__name__)
 
 
-P = TypeVar("P", bound=tuple[Any, ...])  # a row of a training curve, which begins with the steps done
+P = TypeVar("P", bound=tuple[Any, ...])  # a row of a training curve; the first field is the step
 
 
 def save_training_state(
@@ -30,7 +28,14 @@ def save_training_state(
     *,
     identity: str,
 ) -> None:
-    """Write the state of a training at the last point of its curve."""
+    """Write the state of a training run at the last point of its curve.
+
+    Args:
+        path: The checkpoint.
+        model, optimizer: Modules whose state is written.
+        curve: Training curve so far.
+        identity: Digest of what determines the result.
+    """
     state = {
         "model": model.state_dict(),
         "optimizer": optimizer.state_dict(),
@@ -47,7 +52,16 @@ def load_training_state(
     *,
     identity: str,
 ) -> tuple[int, list[P]]:
-    """Put back what :func:`save_training_state` wrote, if it did; the steps done and the curve so far."""
+    """Restore the state from :func:`save_training_state` if there is one.
+
+    Args:
+        path: The checkpoint; None is none.
+        model, optimizer: Modules to restore.
+        point: Builds a row of the training curve.
+        identity: Digest that the checkpoint must match.
+
+    Returns the number of steps done and the curve so far.
+    """
     state = load_checkpoint(path, identity=identity) if path else None
     if state is None:
         return 0, []
@@ -59,7 +73,7 @@ def load_training_state(
 
 
 def save_checkpoint(path: Path, state: dict[str, Any], *, identity: str) -> None:
-    """Write ``state`` so that a kill at any moment leaves either the old checkpoint or the new one."""
+    """Write ``state`` atomically: a kill leaves either the old checkpoint or the new one."""
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_suffix(".partial")
     with partial.open("wb") as file:
@@ -70,10 +84,10 @@ def save_checkpoint(path: Path, state: dict[str, Any], *, identity: str) -> None
 
 
 def load_checkpoint(path: Path, *, identity: str) -> dict[str, Any] | None:
-    """The state to go on from, or None where there is none that belongs to this run.
+    """Load the state to resume from, or None if there is none of this run.
 
-    A checkpoint of another identity (other settings, code or recording) or a damaged one is left where it is
-    and said to be ignored; the next save replaces it.
+    A checkpoint of another identity (other settings, code or recording) or a damaged one is ignored with a
+    message; the next save replaces it.
     """
     if not path.exists():
         return None
@@ -89,11 +103,11 @@ def load_checkpoint(path: Path, *, identity: str) -> dict[str, Any] | None:
 
 
 def load_weights(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """What a ``.pt`` file holds: plain numbers, texts, dictionaries and tensors, on the CPU.
+    """Load a ``.pt`` file without running code: numbers, text, dictionaries and tensors, on the CPU.
 
     Raises:
-        FileNotFoundError: nothing is at ``path``.
-        ValueError: the file is damaged, holds objects that would have to be run, or no dictionary.
+        FileNotFoundError: there is no file at ``path``.
+        ValueError: the file is damaged, needs code to be run, or holds no dictionary.
     """
     if not Path(path).is_file():
         raise FileNotFoundError(f"{path}: no such file; check the path")

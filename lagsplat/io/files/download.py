@@ -1,11 +1,7 @@
-"""Checksums of files and of arrays.
+"""Resumable downloads, and members of a public zip archive checked by their SHA-256.
 
-Members of a public zip archive: downloaded once, extracted once, checked by their SHA-256.
-
-Downloads that go on where they stopped and are checked.
-
-The content collects in a sibling with the suffix ``.part``, which an interruption leaves for the next call.
-Only what is whole gets the final name.
+Content goes to a sibling with the suffix ``.part``, which the next call continues after an interruption.
+Only a complete file gets the final name.
 """
 
 import fcntl
@@ -31,11 +27,11 @@ COPY_BYTES = 2**20
 
 
 def fetch_member(archive: ArchiveConfig, member: str) -> Path:
-    """The extracted ``member`` of ``archive``, in ``archive.folder``.
+    """Return the extracted ``member`` of ``archive``, in ``archive.folder``; download it if needed.
 
-    A member that is there and has the right SHA-256 is returned without touching the network. Otherwise the
-    archive is downloaded, unless it is there too, and stays: it may be deleted by hand once the members are
-    extracted, or put there by hand. Processes that need the same folder wait for one another.
+    A member with the right SHA-256 is returned without network access. Otherwise the archive is downloaded,
+    unless it is present, and kept: you may delete it once the members are extracted, or put it there
+    yourself. Processes that need the same folder wait for one another.
 
     Raises:
         ValueError: the archive does not list the member, is damaged, or the member's SHA-256 differs.
@@ -61,7 +57,7 @@ def fetch_member(archive: ArchiveConfig, member: str) -> Path:
 
 @contextmanager
 def _alone_in(folder: Path) -> Iterator[None]:
-    # Two jobs of one workflow may want two members of one archive at the same time.
+    # Two jobs of a workflow may need members of the same archive at the same time.
     with open(folder / ".lock", "w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         yield
@@ -109,7 +105,7 @@ def _check_space(target: Path, needed: int) -> None:
 CHUNK_BYTES = 2**16
 ATTEMPTS = 6
 TIMEOUT_S = 30.0
-WORTH_RETRYING = (408, 425, 429)  # the refusals that mean "later"
+WORTH_RETRYING = (408, 425, 429)  # HTTP errors that mean "try again later"
 
 
 def download(
@@ -119,19 +115,23 @@ def download(
     sha256: str | None,
     wait: Callable[[float], object] = time.sleep,
 ) -> Path:
-    """Fetch ``url`` to ``path``, from where an earlier call stopped, and check it; returns ``path``.
+    """Download ``url`` to ``path``, resuming an earlier call, and check it; return ``path``.
 
-    A file already at ``path`` is never changed: with the right ``sha256`` it is the answer, without
-    ``sha256`` it is taken as it is, and with another sum it is an error. A lost connection is tried again
-    after 1, 2, 4, ... seconds, spent by calling ``wait``; whenever content was gained the count of attempts
-    starts anew. Where the server cannot continue, everything is fetched again. ``sha256`` None leaves the
-    length as the only check.
+    A file already at ``path`` is never changed: it is returned if ``sha256`` matches or is None. A lost
+    connection is retried after 1, 2, 4, ... seconds; any progress resets the count. If the server cannot
+    resume, the download restarts.
+
+    Args:
+        url: What to download.
+        path: Where to put it.
+        sha256: Expected digest; None checks only the length.
+        wait: Called with the seconds between attempts.
 
     Raises:
-        ValueError: the SHA-256 differs; what came is removed, because continuing it could not help.
+        ValueError: the SHA-256 differs; the content is removed, because resuming would not help.
         FileExistsError: a file of another SHA-256 is at ``path``.
         ConnectionError: the server refuses or the connection keeps failing; the part is kept.
-        OSError: the disk has less room than the server announces; the part is kept.
+        OSError: the disk has less space than the server announces; the part is kept.
     """
     path = Path(path)
     if path.exists():
@@ -165,7 +165,7 @@ def _fetch_patiently(url: str, part: Path, *, wait: Callable[[float], object]) -
             return _fetch_rest(url, part)
         except (requests.RequestException, EOFError) as error:
             failures = 1 if _size(part) > reached else failures + 1
-            # The best so far, or a server that starts over each time could keep this going for ever.
+            # The largest size so far; otherwise a server that restarts each time would loop for ever.
             reached = max(reached, _size(part))
             if failures >= ATTEMPTS or not _may_pass(error):
                 raise ConnectionError(
@@ -184,13 +184,13 @@ def _may_pass(error: Exception) -> bool:
 
 
 def _fetch_rest(url: str, part: Path) -> str:
-    """Append to ``part`` what it lacks of ``url``; the SHA-256 of the whole.
+    """Append to ``part`` the rest of ``url``; return the SHA-256 of the whole.
 
     Raises:
-        requests.RequestException, EOFError: less came than announced, or nothing; what came is in ``part``.
+        requests.RequestException, EOFError: less arrived than announced, or nothing; ``part`` keeps it.
     """
     start = _size(part)
-    # Compression on the way would make byte positions meaningless.
+    # With compressed transfer, byte positions would not match the file.
     headers = {"Accept-Encoding": "identity"} | ({"Range": f"bytes={start}-"} if start else {})
     with requests.get(url, headers=headers, stream=True, timeout=TIMEOUT_S) as response:
         begin, total = _range(response)
@@ -211,7 +211,7 @@ def _append(response: requests.Response, part: Path, *, begin: int, total: int |
     with open(part, "r+b" if begin else "wb") as file:
         while begin and (block := file.read(CHUNK_BYTES)):
             digest.update(block)
-        # disable=None: no bar where nobody watches, as in a log file.
+        # disable=None: no bar outside a terminal, as in a log file.
         with tqdm(total=total, initial=begin, unit="B", unit_scale=True, desc=part.stem, disable=None) as bar:
             for chunk in response.iter_content(CHUNK_BYTES):
                 file.write(chunk)
@@ -226,7 +226,7 @@ def _append(response: requests.Response, part: Path, *, begin: int, total: int |
 
 
 def _range(response: requests.Response) -> tuple[int, int | None]:
-    """Where the content of ``response`` begins in the file, and how long the file is, if known."""
+    """First byte of the content of ``response`` within the file, and the file's length, if known."""
     match = re.fullmatch(r"bytes (?:(\d+)-\d+|\*)/(\d+|\*)", response.headers.get("Content-Range", ""))
     if match:
         begin, total = match.groups()

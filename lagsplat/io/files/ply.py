@@ -1,10 +1,10 @@
-"""Clouds of Gaussians in PLY files: what SHARP writes, and what viewers of 3D Gaussian Splatting open.
+"""Clouds of Gaussians in PLY files, as SHARP writes them and 3D Gaussian Splatting viewers open them.
 
 The layout is that of Kerbl et al. 2023, without view dependence: an element ``vertex`` with the properties x
 y z (nx ny nz) f_dc_0..2 opacity scale_0..2 rot_0..3, binary little endian, float32. Scales are natural
-logarithms of standard deviations, opacity is a logit, rot a quaternion (w, x, y, z), and a colour is
-``0.5 + f_dc / sqrt(4 pi)``. SHARP adds elements of one property each with the camera (`SharpCloud`); other
-readers skip them.
+logarithms of standard deviations, opacity is a logit, rot a quaternion (w, x, y, z), and a colour is ``0.5 +
+f_dc / sqrt(4 pi)``. SHARP adds elements of one property each with the camera (`SharpCloud`); other readers
+skip them.
 """
 
 import os
@@ -59,8 +59,9 @@ HEAD_BYTES = 1 << 16
 
 @dataclass(frozen=True)
 class PlyCloud:
-    """N Gaussians of space: centres, standard deviations and quaternions (w, x, y, z) of their axes, colours
-    as stored, in [0, 1] or a little outside, and opacities in [0, 1].
+    """N Gaussians in space: centres, standard deviations, quaternions (w, x, y, z), colours, opacities.
+
+    Colours are as stored, in [0, 1] or slightly outside; opacities are in [0, 1].
     """
 
     means: Float64[np.ndarray, "N 3"]
@@ -70,7 +71,7 @@ class PlyCloud:
     opacities: Float64[np.ndarray, " N"]
 
     def covariances(self) -> Float64[np.ndarray, "N 3 3"]:
-        """Covariances of the Gaussians."""
+        """Covariance matrices of the Gaussians."""
         w, x, y, z = (self.quaternions / np.linalg.norm(self.quaternions, axis=1, keepdims=True)).T
         turn = np.array(
             [
@@ -87,7 +88,7 @@ class PlyCloud:
 class SharpCloud:
     """A cloud as SHARP writes it: in the camera's own coordinates [m], colours encoded as sRGB.
 
-    ``focal`` [px] is that of a picture of ``width`` x ``height``, whose middle is the principal point.
+    ``focal`` [px] is that of an image of ``width`` x ``height`` with the principal point at its centre.
     """
 
     cloud: PlyCloud
@@ -97,10 +98,10 @@ class SharpCloud:
 
 
 def read_sharp(path: str | os.PathLike[str]) -> SharpCloud:
-    """A frame that SHARP has lifted.
+    """Read a frame that SHARP lifted.
 
     Raises:
-        ValueError: not a PLY of this layout, half-written, or of linear colours; the message says which.
+        ValueError: not a PLY of this layout, incomplete, or of linear colours; the message says which.
     """
     elements = read_elements(path)
     for name in ("intrinsic", "image_size"):
@@ -118,16 +119,16 @@ def read_sharp(path: str | os.PathLike[str]) -> SharpCloud:
 
 
 def read_cloud(path: str | os.PathLike[str]) -> PlyCloud:
-    """The Gaussians of a PLY in the layout of 3D Gaussian Splatting.
+    """Read the Gaussians of a PLY in the layout of 3D Gaussian Splatting.
 
     Raises:
-        ValueError: as `read_elements`, or the layout is another.
+        ValueError: as `read_elements`, or the layout differs.
     """
     return _cloud(path, read_elements(path))
 
 
 def write_cloud(path: str | os.PathLike[str], cloud: PlyCloud) -> None:
-    """Write a cloud as viewers of 3D Gaussian Splatting expect it, whole or not at all."""
+    """Write a cloud in the layout of 3D Gaussian Splatting, atomically."""
     names = (*FIELDS[:3], *NORMALS, *FIELDS[3:])
     table = np.zeros(len(cloud.means), dtype=[(name, "<f4") for name in names])
     alpha = np.clip(cloud.opacities, 1e-6, 1 - 1e-6)
@@ -147,7 +148,7 @@ def write_cloud(path: str | os.PathLike[str], cloud: PlyCloud) -> None:
 
 
 def is_whole(path: str | os.PathLike[str]) -> bool:
-    """Whether a PLY that someone is writing has all the bytes that its header promises."""
+    """Whether a PLY that another program is writing has all bytes that its header declares."""
     try:
         elements, start = _header(Path(path))
     except (ValueError, FileNotFoundError):
@@ -156,7 +157,7 @@ def is_whole(path: str | os.PathLike[str]) -> bool:
 
 
 def read_elements(path: str | os.PathLike[str]) -> dict[str, np.ndarray]:
-    """Every element of a binary little-endian PLY as a table with a column a property.
+    """Read every element of a binary little-endian PLY as a table with one column per property.
 
     Raises:
         FileNotFoundError: there is no such file.
@@ -204,7 +205,7 @@ def _cloud(path: str | os.PathLike[str], elements: dict[str, np.ndarray]) -> Ply
         told = "vertex" if vertex is None else f"properties {missing}"
         raise ValueError(f"{path}: not Gaussians: no {told}, only {list(names) or list(elements)}")
     table = np.stack([vertex[name].astype(np.float64) for name in FIELDS], axis=1)
-    logit = np.clip(table[:, 6], -700, 700)  # an opacity of exactly 0 or 1 is stored as an infinity
+    logit = np.clip(table[:, 6], -700, 700)  # an opacity of exactly 0 or 1 is stored as infinity
     return PlyCloud(
         means=table[:, :3],
         scales=np.exp(table[:, 7:10]),
