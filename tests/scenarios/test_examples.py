@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 import lagsplat
+from lagsplat.pipelines.diagnose_data import DiagnosisReport
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 TOY = (
@@ -72,6 +73,7 @@ def test_a_run_is_pushed_and_becomes_a_page(place: Path) -> None:
 @pytest.mark.slow
 def test_two_tables_are_diagnosed(place: Path) -> None:
     diagnosis = lagsplat.load_diagnosis(place / "diagnosis")
+    assert isinstance(diagnosis, DiagnosisReport)
     assert diagnosis.gap is not None
     assert "iframe" in diagnosis._repr_html_()
     assert (place / "candidates.png").stat().st_size

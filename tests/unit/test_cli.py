@@ -7,7 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from lagsplat.cli.diagnose import parse_names
 from lagsplat.cli.main import VERBS, main
+from lagsplat.cli.run import FITTED_RUN_KEYS
 from lagsplat.io.mcap.write import ImageTopic, NumberTopic, write_mcap
 
 
@@ -99,6 +101,16 @@ def test_completion_knows_every_verb(shell: str, capsys: pytest.CaptureFixture[s
     script = capsys.readouterr().out
     assert all(verb in script for verb in VERBS)
     assert "no-browser" in script  # tcsh completes it without its dashes
+
+
+def test_names_are_listed_with_or_without_brackets() -> None:
+    assert parse_names("[hip, knee]") == parse_names("hip,knee") == ["hip", "knee"]
+    assert parse_names(None) is None
+
+
+def test_the_help_of_simulate_explains_its_keys() -> None:
+    explained = {key.partition("=")[0] for key, _ in VERBS["simulate"].keys}
+    assert explained >= set(FITTED_RUN_KEYS)
 
 
 def test_the_version_is_that_of_the_distribution(capsys: pytest.CaptureFixture[str]) -> None:

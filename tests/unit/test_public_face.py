@@ -3,11 +3,13 @@
 import inspect
 import subprocess
 import sys
+from pathlib import Path
 from types import ModuleType
 
 import pytest
 
 import lagsplat
+from lagsplat.pipelines.steps import reading_overrides
 
 HEAVY = ("torch", "numpy", "numba", "pandas", "scipy", "matplotlib", "hydra")
 
@@ -66,3 +68,10 @@ def test_a_package_is_also_its_function(name: str, imports: str) -> None:
         "print(*inspect.signature(thing).parameters)"
     )
     assert run(program).startswith({"diagnose": "sim real out", "evaluate": "run overrides"}[name])
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"), [("a.mp4", "video"), ("frames", "video"), ("log.mcap", "mcap"), ("arm.npz", "krauss")]
+)
+def test_a_file_is_read_by_its_kind(name: str, kind: str) -> None:
+    assert f"recording.kind={kind}" in reading_overrides(Path(name))
