@@ -1,11 +1,4 @@
-"""The half-second image forecast of the benchmark, over many starts.
-
-The image error along long rollouts: where a forecast stops being one.
-
-The clip that crosses from training to held-out frames: where extrapolation is measured.
-
-The autoencoder floor: what is lost before any dynamics.
-"""
+"""Errors of forecast images, the autoencoder floor, and the clip on which extrapolation is measured."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -37,20 +30,24 @@ def image_forecast(
 ) -> dict[str, Any]:
     """Image error of short rollouts: state i against recorded frame s + i, the initial state included.
 
-    ``mse`` averages over every window. From the moment a rollout diverges its states are scored with the
-    larger of two errors, of its state pinned at the divergence bound and of the mean frame, so that no
-    divergence is dropped and none lowers the mean; ``diverged`` counts such windows and ``mse_staying`` is
-    the mean over the others (the published treatment). ``mse_ahead`` counts as many states after the initial
-    one, which is not scored: all of them are forecasts. ``hold`` repeats the recorded first frame: a forecast
-    that does not beat it has learned nothing. ``per_window`` belongs to ``starts`` one to one, for paired
-    comparisons.
+    ``mse`` averages over every window. After divergence a state scores the larger of two errors, that of the
+    state pinned at the divergence bound and that of the mean frame, so that divergence never lowers the
+    mean; ``diverged`` counts such windows and ``mse_staying`` is the mean over the others (as published).
+    ``mse_ahead`` leaves the initial state out and counts as many after it. ``hold`` repeats the first
+    recorded frame, the error that a useful forecast must beat. ``per_window`` belongs to ``starts`` one to
+    one, for paired comparisons.
+
+    Args:
+        held: the held-out series.
+        pictures, render, integrate: recorded images, renderer and rollout of the model.
+        config: the evaluation protocol.
 
     Source: paper, Metrics; the 0.5 s image MSE of the Krauss benchmark.
     """
     states = round(config.horizon_s / held.dt_s)
     starts = draw_starts(held, length=states, margin=0, count=config.starts, seed=config.seed)
     q0, v0 = initial_states(held, starts)
-    # One state more than the horizon has, for the other way of counting; starts leave room for it.
+    # ``mse_ahead`` needs one state more than the horizon; starts leave space for it.
     steps_s = held.clock.steps_s(starts, states + 1)
     rollouts = integrate(q0, v0, cut_windows(held.forcing, starts, states + 1), steps_s)
     pinned, gone = pin_diverged(rollouts, bound=config.divergence_factor * held.reach)
@@ -103,7 +100,13 @@ def window_errors(
     render: Render,
     mean_frame: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Image errors of each window: of the rollout, of holding the first frame, of the mean frame."""
+    """Image errors of each window: of the rollout, of repeating the first frame, of the mean frame.
+
+    Args:
+        pinned, gone: rollouts with diverged states pinned, and which states these are.
+        starts: first frame of each window.
+        pictures, render, mean_frame: recorded images, renderer, and mean of the recorded images.
+    """
     parts = frame_errors(pinned, gone, starts, pictures, render, mean_frame)
     error, hold, mean = (part.mean(axis=1) for part in parts)
     return error, hold, mean
@@ -117,7 +120,13 @@ def frame_errors(
     render: Render,
     mean_frame: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The same for each frame of each window, (B, N) each."""
+    """The errors of `window_errors` for each frame of each window, (B, N) each.
+
+    Args:
+        pinned, gone: rollouts with diverged states pinned, and which states these are.
+        starts: first frame of each window.
+        pictures, render, mean_frame: recorded images, renderer, and mean of the recorded images.
+    """
     rows = []
     for states, lost, start in zip(pinned, gone, starts, strict=True):
         recorded = pictures(start + np.arange(len(states)))
@@ -131,7 +140,7 @@ def frame_errors(
 
 
 def standard_error(values: np.ndarray) -> float | None:
-    """Standard error of a mean over windows, or None when one window has no spread."""
+    """Standard error of a mean over windows, or None for a single window."""
     return float(values.std(ddof=1) / np.sqrt(len(values))) if len(values) > 1 else None
 
 
@@ -145,11 +154,16 @@ def error_over_horizon(
     """Image error at each moment of rollouts of ``config.figure.horizon_s``, or of half the longest clip.
 
     ``median``, ``low`` and ``high`` (the central two thirds) are over ``config.figure.horizon_starts``
-    starts, ``hold`` and ``mean_frame`` are the medians of holding the first frame and of the mean frame.
-    Diverged states count as in the forecast.
+    starts; ``hold`` and ``mean_frame`` are the medians of repeating the first frame and of the mean frame.
+    Diverged states count as in `image_forecast`.
+
+    Args:
+        held: the held-out series.
+        pictures, render, integrate: recorded images, renderer and rollout of the model.
+        config: the evaluation protocol.
     """
     first, stop = held.longest
-    # Half a clip leaves room for starts that differ.
+    # Half a clip leaves enough frames for different starts.
     states = min(round(config.figure.horizon_s / held.dt_s), (stop - first) // 2)
     if states < LEAST:
         return {"reason": f"the longest scored clip has {stop - first} frames; hold out more"}
@@ -177,8 +191,8 @@ def error_over_horizon(
 
 @dataclass(frozen=True)
 class BoundaryClip:
-    """One clip as encoded, not smoothed: frames ``start`` to ``stop`` of the recording, held out from
-    ``boundary`` on. ``period_s`` [s] is the natural period of its training part.
+    """Latents of one clip, not smoothed: frames ``start`` to ``stop`` of the recording, of which those from
+    ``boundary`` on are held out. ``period_s`` [s] is the natural period of its training part.
     """
 
     start: int
@@ -193,27 +207,26 @@ class BoundaryClip:
 
     @property
     def n_train(self) -> int:
-        """Training frames of the clip."""
+        """Number of training frames in the clip."""
         return self.boundary - self.start
 
     @property
     def ahead(self) -> Float64[np.ndarray, " held"]:
-        """Instants of the held-out frames, in median spacings since the last training frame: 1, 2, ... on an
-        even clock."""
+        """Instants of the held-out frames, in median spacings from the last training frame."""
         return self.places[self.n_train :] - self.places[self.n_train - 1]
 
     @property
     def places(self) -> Float64[np.ndarray, " T"]:
-        """Instants of all frames, in median spacings since the first."""
+        """Instants of all frames, in median spacings from the first."""
         return (self.time_s - self.time_s[0]) / self.dt_s
 
     @property
     def clock(self) -> TimeBase:
-        """The instants of the frames."""
+        """The time base of the frames."""
         return TimeBase(self.dt_s, None if self.even else self.time_s)
 
     def history(self, periods: float) -> int:
-        """Training frames in so many natural periods: at least four, at most all of them."""
+        """Number of training frames in this many natural periods: at least four, at most all."""
         return int(np.clip(round(periods * self.period_s / self.dt_s), min(4, self.n_train), self.n_train))
 
 
@@ -252,8 +265,14 @@ def measure_autoencoder_floor(
 ) -> dict[str, Any]:
     """Static reconstruction error of the unsmoothed latents, on evenly spaced held-out frames.
 
-    Mean squared error over channels and pixels at the training resolution, colours in [0, 1]. Neighbouring
-    frames err alike, so ``spread`` (standard deviation over frames) is a description and no standard error.
+    Mean squared error over channels and pixels at the training resolution, colours in [0, 1]. Errors of
+    neighbouring frames are correlated, so ``spread`` (standard deviation over frames) is not a standard
+    error.
+
+    Args:
+        held: the held-out series.
+        pictures, render: recorded images, and the renderer.
+        most: maximum number of frames.
 
     Source: paper, Metrics, the AE floor.
     """

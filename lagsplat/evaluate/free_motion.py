@@ -1,8 +1,6 @@
-"""Free motion: where the inputs stand still, cut into windows, with the rollout of each window beside it.
+"""Frequency and decay of free motion, rolled out against encoded, over windows with constant inputs.
 
-Decay of free motion: rolled out against encoded, and the learned law's own modes.
-
-Free-oscillation frequency: rolled out against encoded, over every usable window.
+The modes of the linearised learned law are computed here too.
 """
 
 from collections.abc import Sequence
@@ -25,7 +23,7 @@ LEAST_WINDOW = 16
 
 @dataclass(frozen=True)
 class FreeWindow:
-    """One stretch of free motion as encoded and as rolled out from its first state under frozen inputs."""
+    """A window of free motion as encoded, and rolled out from its first state under constant inputs."""
 
     start: int
     encoded: Float64[np.ndarray, "N d"]
@@ -38,7 +36,7 @@ class FreeWindow:
 
 
 def find_free_segments(held: HeldOut, config: EvaluateConfig) -> list[tuple[int, int]]:
-    """Half-open stretches over which no input moves, longest first.
+    """Half-open ranges of frames over which no input changes, longest first.
 
     On the measured inputs after the skip, never across clips: every change from frame to frame below
     ``free_rate_fraction`` of the largest peak-to-peak amplitude, total excursion below
@@ -65,7 +63,7 @@ def find_free_segments(held: HeldOut, config: EvaluateConfig) -> list[tuple[int,
 
 
 def _still(inputs: np.ndarray, rate: float, excursion: float) -> list[tuple[int, int]]:
-    """Runs of slow frames, each cut anew where its excursion would exceed the limit."""
+    """Runs of slow frames, each split where its excursion would exceed the limit."""
     slow = np.abs(np.diff(inputs, axis=0)).max(axis=1) < rate
     runs, start = [], 0
     low = high = inputs[0]
@@ -82,11 +80,11 @@ def cut_free_windows(
 ) -> tuple[list[FreeWindow], str]:
     """Every usable window of free motion, and a sentence saying why there is none (empty otherwise).
 
-    A window lasts ``window_cycles`` cycles of its segment's own frequency, at least sixteen frames and at
-    most the segment; windows tile it. A segment whose spectrum shows no peak takes that of its strongest
-    fitted oscillation. Windows whose RMS motion is below ``window_min_amplitude`` of the clip's are left out:
-    they show the encoder's jitter. The estimators of frequency and decay need even spacing: on an uneven
-    clock they see each window resampled by `resample_evenly`, the encoded and the rolled-out one alike.
+    A window lasts ``window_cycles`` cycles of its segment's frequency, at least sixteen frames and at most
+    the segment; windows tile it. A segment without a spectral peak takes the frequency of its strongest
+    fitted oscillation. Windows whose RMS motion is below ``window_min_amplitude`` of the clip's are left
+    out: they contain mostly encoder jitter. The estimators of frequency and decay need even spacing: on an
+    uneven clock `resample_evenly` resamples each window, encoded and rolled out.
     """
     segments = find_free_segments(held, config)
     if not segments:
@@ -129,7 +127,7 @@ def _segment_frequency(series: np.ndarray, held: HeldOut, config: EvaluateConfig
 def _roll_out(
     held: HeldOut, integrate: Integrate, starts: np.ndarray, length: int, config: EvaluateConfig
 ) -> list[FreeWindow]:
-    # A window may end with the clip: its velocity stencil then still has its three frames inside it.
+    # A window may end with the clip: the three frames of its velocity stencil still lie inside it.
     q0, v0 = initial_states(held, starts)
     forcing = held.forcing if held.standing is None else held.standing
     frozen = np.repeat(forcing[starts][:, None], length, axis=1)
@@ -171,10 +169,9 @@ def _modes(series: np.ndarray, held: HeldOut, config: EvaluateConfig) -> tuple[M
 def compare_decay(windows: Sequence[FreeWindow], reason: str) -> dict[str, Any]:
     """Decay rates [1/s] of the strongest fitted oscillation of each window, encoded and rolled out.
 
-    ``value`` is the relative error of the rollout's rate, the median over windows in which both sides show a
-    decaying oscillation; the windows, with one-sigma uncertainties and all fitted modes, stand beside it.
-    Windows without one on the rollout's side are counted in ``missing``. None with a ``reason`` if no window
-    has both.
+    ``value`` is the relative error of the rollout's rate, the median over windows in which both have a
+    decaying oscillation; ``windows`` lists them with one-sigma uncertainties and all fitted modes, and
+    ``missing`` counts those whose rollout has none. None with a ``reason`` if no window has both.
     """
     rows: list[dict[str, Any]] = [
         {
@@ -243,11 +240,11 @@ def compare_frequency(windows: Sequence[FreeWindow], reason: str, *, dt_s: float
     """Relative frequency error of the rollouts, with every window listed.
 
     ``value`` is the mean over windows of ``|f_rollout - f_encoded| / f_encoded`` by the spectral peak of the
-    most visible mode. A window counts for an estimator when the encoded side is resolved (the estimate's own
-    uncertainty is below a tenth of it); only if no window is, the damped fit takes over: ``estimator`` says
-    which one speaks. A rollout that shows no oscillation, or diverges, errs by 1. ``low`` and ``high`` are
-    two standard errors: over windows if there are several, else of the one window's two estimates. One window
-    is a point, and ``note`` says so. Without any usable window ``value`` is None and ``reason`` says why.
+    most visible mode. A window counts if the encoded frequency is resolved (uncertainty below a tenth of
+    it); if none is, the damped fit is used, and ``estimator`` names the one in use. A rollout that diverges
+    or does not oscillate counts as an error of 1. ``low`` and ``high`` are two standard errors: over windows
+    if there are several, else of the single window's two estimates; ``note`` marks that case. Without any
+    usable window ``value`` is None and ``reason`` says why.
 
     Source: paper, Metrics, free-oscillation frequency error.
     """
@@ -270,7 +267,7 @@ def compare_frequency(windows: Sequence[FreeWindow], reason: str, *, dt_s: float
 
 
 def measure_natural_period(frequency: dict[str, Any], config: EvaluateConfig) -> float | None:
-    """The natural period [s], imposed or else measured by `compare_frequency`; None without either."""
+    """The natural period [s], imposed or measured by `compare_frequency`; None without either."""
     measured = frequency["encoded_hz"]
     return config.period_s or (1.0 / measured if measured else None)
 
@@ -296,7 +293,7 @@ def _row(window: FreeWindow, dt_s: float) -> dict[str, Any]:
 
 
 def _score(rows: Sequence[dict[str, Any]], estimator: str) -> dict[str, Any] | None:
-    """Mean error of one estimator over the windows whose encoded side it resolves."""
+    """Mean error of one estimator over the windows whose encoded frequency it resolves."""
     pairs = []
     for row in rows:
         (observed, doubt), (predicted, doubt_too) = row["encoded"][estimator], row["rollout"][estimator]

@@ -1,4 +1,4 @@
-"""What a law of this class cannot do otherwise, seen on a trained one: energy falls, all settles."""
+"""Test on a trained law what its class guarantees: energy never rises, and every motion settles."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -15,14 +15,14 @@ from lagsplat.stage2.numpy_lagrangian import NumpyLagrangian, roll_out_free
 from lagsplat.stage2.rollout import split_inputs
 
 HALVINGS = 6
-STRETCH = 400  # states between two looks at whether everything has settled
-LARGE = 0.1  # rise of the energy, likewise, with which no rollout is begun
-NOISE = 1e-9  # rise of the energy, over where it began, that is rounding
-ORDER = 2  # of the integrator: at half the step a rise that is its own falls to a quarter
+STRETCH = 400  # states between two checks that everything has settled
+LARGE = 0.1  # relative rise of the energy above which the step is halved
+NOISE = 1e-9  # rise of the energy, over the initial energy, that is rounding
+ORDER = 2  # of the integrator: halving the step divides its own energy rise by four
 
 
 def measure_guarantee(lagrangian: Lagrangian, chart: Chart, config: GuaranteeConfig) -> dict[str, Any]:
-    """The guarantee of a law on the chart it was learned on, or the ``reason`` why it cannot be tested."""
+    """The guarantee of a law on the chart of its training, or the ``reason`` why it cannot be tested."""
     if lagrangian.form.mass == "induced":
         return {"reason": "a decoder-induced mass has no closed form to roll out for so long"}
     reach = float(np.linalg.norm(chart.latents - chart.rest, axis=1).max())
@@ -31,11 +31,11 @@ def measure_guarantee(lagrangian: Lagrangian, chart: Chart, config: GuaranteeCon
 
 @dataclass(frozen=True)
 class SettlingTest:
-    """Rollouts that were carried on until they had settled or their time was over.
+    """Rollouts that ran until they settled or their time was over.
 
-    ``rise`` is how far the energy ever rose above where it had been, over where it began; the largest of all.
-    ``settled`` counts rollouts that came within the tolerance of where they belong, ``diverged`` those that
-    left the finite numbers, ``step_s`` is the step it took to keep the scheme from adding energy.
+    ``rise`` is the largest rise of the energy above an earlier value, over the initial energy. ``settled``
+    counts rollouts that came within the tolerance of their goal, ``diverged`` those that became non-finite,
+    ``step_s`` is the step at which the scheme added no energy.
     """
 
     ends: Float64[np.ndarray, "B d"]
@@ -49,19 +49,24 @@ class SettlingTest:
 def summarize_guarantees(
     lagrangian: Lagrangian, *, reach: float, dt_s: float, config: GuaranteeConfig, seed: int = 0
 ) -> dict[str, Any]:
-    """Whether a trained law comes to rest from anywhere, under no load and under held forces; plain data.
+    """Whether a trained law comes to rest from anywhere, without load and under constant forces; plain data.
 
-    ``reach`` is the length of the longest encoded state, ``dt_s`` [s] the step. ``free`` starts at ``far``
-    times that length on all sides, at rest and moving, and must end at the minimum of the potential. ``held``
-    is pushed by forces that balance ``dV/dq`` at states of the data's size, and must end where they do.
-    ``rise`` and ``rise_at_half_step`` are of the free rollouts at ``step_s`` and at half of it: what the
-    integrator adds falls to a quarter, what the law added would stay. Far out the workflow's own step may be
-    too long for that to show, and is halved until it does. ``holds`` sums it up.
+    ``free`` starts at ``far`` times ``reach`` in all directions, at rest and moving, and must end at the
+    minimum of the potential. ``held`` is pushed by forces that balance ``dV/dq`` at states of the data's
+    size, and must end at these states. ``rise`` and ``rise_at_half_step`` are of the free rollouts at
+    ``step_s`` and at half of it: the integrator's share falls to a quarter, the law's would not. The step is
+    halved until that is visible. ``holds`` is the conclusion.
+
+    Args:
+        lagrangian: the trained law.
+        reach: length of the longest encoded state.
+        dt_s: longest step [s].
+        config, seed: starts, forces and tolerances, and their random seed.
 
     Source: paper, Appendix "Bounded forced response".
     """
     law = NumpyLagrangian(lagrangian)
-    # The workflow divides a long step into equal pieces; here a step is what the scheme really takes.
+    # The workflow divides a long step into equal pieces; here a step is one step of the scheme.
     dt_s = dt_s / split_inputs(dt_s / law.unit_s, law.longest_step)
     law.longest_step = np.inf
     rest = find_equilibrium(lagrangian, torch.zeros(lagrangian.n_inputs, dtype=torch.float64)).numpy()
@@ -102,8 +107,8 @@ def summarize_guarantees(
 def _step_in_order(
     lagrangian: Lagrangian, law: NumpyLagrangian, q: np.ndarray, v: np.ndarray, dt_s: float
 ) -> tuple[float, float]:
-    """The longest step, halved a few times at most, whose rise of the energy is small and falls by the order
-    of the scheme where the step is halved once more; and the rise at half of it.
+    """The longest step at which the energy rise is small and falls with the scheme's order, and the rise at
+    half of it.
     """
     rise = _rise(lagrangian, law, q, v, dt_s=dt_s)
     for halvings in range(HALVINGS + 1):
@@ -119,7 +124,7 @@ def _falls_in_order(rise: float, half: float) -> bool:
 
 
 def _sides(rng: np.random.Generator, count: int, d: int) -> np.ndarray:
-    """Unit vectors all around; in one dimension the two sides in turn."""
+    """Unit vectors in all directions; in one dimension both directions in turn."""
     if d == 1:
         return np.where(np.arange(count)[:, None] // 2 % 2 == 0, 1.0, -1.0)
     drawn = rng.normal(size=(count, d))
@@ -138,7 +143,7 @@ def _settle(
     *,
     force: np.ndarray | float = 0.0,
 ) -> SettlingTest:
-    """Carry on until all are at their goal; a step at which the scheme adds energy from afar is halved."""
+    """Roll out until all are at their goal; a step at which the scheme adds energy is halved."""
     for _ in range(HALVINGS):
         if _rise(lagrangian, law, q, v, dt_s=dt_s, force=force) < LARGE:
             break
@@ -147,7 +152,7 @@ def _settle(
     while elapsed_s < config.duration_s:
         paths, speeds = roll_out_free(law, q, v, states=STRETCH + 1, dt_s=dt_s, load=force)
         q, v, elapsed_s = paths[:, -1], speeds[:, -1], elapsed_s + STRETCH * dt_s
-        # a passage through the goal is no rest there: the whole stretch must lie at it
+        # a passage through the goal does not count: the whole interval must lie at it
         apart = np.linalg.norm(paths - goal[:, None], axis=2).max(axis=1)
         if not np.isfinite(q).all() or (apart < tolerance).all():
             break
@@ -166,7 +171,7 @@ def _rise(
     force: np.ndarray | float = 0.0,
     states: int = STRETCH + 1,
 ) -> float:
-    """Largest rise of the energy over an earlier moment, over where it began; infinite on divergence."""
+    """Largest rise of the energy over an earlier moment, over the initial energy; infinite on divergence."""
     paths, speeds = roll_out_free(law, q, v, states=states, dt_s=dt_s, load=force)
     if not (np.isfinite(paths).all() and np.isfinite(speeds).all()):
         return float("inf")

@@ -33,11 +33,16 @@ def latent_forecast(
     """Latent NRMSE and image error over ``config.periods`` natural periods of ``period_s`` seconds.
 
     ``nrmse`` is the RMS state error over all windows and states (the initial one included) divided by the
-    RMS of the whole encoded held-out series about its mean, both in the visibility metric without ridge: 1 is
-    no better than predicting the mean. ``image_ratio`` divides the image error by the autoencoder floor at
-    the same frames. Diverged states count as in the image forecast, in the latent with the larger error of
-    the pinned state and of the mean state. ``nrmse_hold`` keeps the initial state. Where no scored clip is as
-    long as the horizon there is a ``reason`` and nothing else.
+    RMS of the encoded held-out series about its mean, both in the visibility metric without ridge;
+    predicting the mean gives 1. ``image_ratio`` divides the image error by the autoencoder floor at the same
+    frames. A diverged state counts with the larger error of the pinned state and of the mean state or frame.
+    ``nrmse_hold`` repeats the initial state. Where no scored clip is as long as the horizon the result is
+    only a ``reason``.
+
+    Args:
+        held: the held-out series.
+        pictures, render, integrate: recorded images, renderer and rollout of the model.
+        config, period_s: the evaluation protocol, and the natural period [s].
 
     Source: paper, Metrics, latent and image error.
     """
@@ -102,7 +107,13 @@ def state_spread(held: HeldOut) -> float:
 
 
 def state_errors(held: HeldOut, pinned: np.ndarray, gone: np.ndarray, encoded: np.ndarray) -> np.ndarray:
-    """Squared error of each state; of a diverged one the larger of the pinned and of the mean state's."""
+    """Squared error of each state; a diverged one takes the larger of the pinned and the mean state's.
+
+    Args:
+        held: the held-out series.
+        pinned, gone: rollouts with diverged states pinned, and which states these are.
+        encoded: the encoded states of the same windows.
+    """
     error = squared_norm(pinned - encoded, held.metric)
     mean = squared_norm(held.encoded.mean(axis=0) - encoded, held.metric)
     return np.where(gone, np.maximum(error, mean), error)

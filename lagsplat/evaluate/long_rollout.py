@@ -1,4 +1,4 @@
-"""One long forecast, never re-anchored, and its last image: what the rollout figure draws."""
+"""One long forecast from a single initial state, and its last image, for the rollout figure."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -30,7 +30,7 @@ MIN_RENDER_PX = 256  # larger side of a render
 
 @dataclass(frozen=True)
 class FineDecoder:
-    """A finer decoder over the same chart, and the finer recording it was fitted to, frame by frame."""
+    """A decoder of higher resolution over the same chart, and the recording it was fitted to."""
 
     decoder: Autoencoder
     recording: Recording
@@ -38,10 +38,11 @@ class FineDecoder:
 
 @dataclass(frozen=True)
 class Inset:
-    """Window (row, column, side in render pixels) and what the prediction does in it.
+    """Window (row, column, side in render pixels) and the prediction error in it.
 
-    ``shift_px`` (down, right) is its shift against the encoding, in render pixels. ``ratio`` is the mean
-    absolute difference of the two renders over that of the render at the encoded state and the recording.
+    ``shift_px`` (down, right) is the prediction's shift against the encoding, in render pixels. ``ratio`` is
+    the mean absolute difference of the two renders over that of the render at the encoded state and the
+    recording.
     """
 
     row: int
@@ -55,10 +56,10 @@ class Inset:
 class LongRollout:
     """One rollout of the learned dynamics and its last state as images.
 
-    ``held_s`` is when the held-out part begins, or None where all of it is; ``lost_s`` is when the rollout
-    diverged, or None. ``nrmse`` is the latent error over the whole stretch and ``held_nrmse`` over its
-    held-out end. Renders are at ``scale`` times the resolution that the latents were encoded at; the mean
-    squared errors are at the resolution of ``recorded``, the floor's from unsmoothed latents.
+    ``held_s`` is when the held-out part begins, or None where all of it is held out; ``lost_s`` is when the
+    rollout diverged, or None. ``nrmse`` is the latent error over the window and ``held_nrmse`` over its
+    held-out end. Renders are at ``scale`` times the resolution of the encoded images; the mean squared
+    errors are at the resolution of ``recorded``, the floor's from unsmoothed latents.
     """
 
     time_s: Float64[np.ndarray, " N"]
@@ -113,8 +114,7 @@ def compute_long_rollout(
     """Roll out over the window that ``config.figure`` asks for, and render its last state.
 
     Args:
-        autoencoder: the image model.
-        chart: its latents.
+        autoencoder, chart: the image model and its latents.
         lagrangian: the learned dynamics.
         recording: the frames.
         config: settings of the figure.
@@ -192,7 +192,7 @@ def choose_figure_window(chart: Chart, config: EvaluateConfig) -> FigureWindow:
 
 
 def first_held_out(stretch: FigureWindow, chart: Chart) -> int | None:
-    """First held-out frame, counted from the start of the stretch; None if all of it is held out."""
+    """First held-out frame, counted from the start of the window; None if all of it is held out."""
     first = chart.n_train - stretch.offset - stretch.start
     return first if first > 0 else None
 
@@ -230,10 +230,10 @@ def _render_last(source: FineDecoder, chart: Chart, ends: np.ndarray, *, frame: 
 def choose_inset(
     at_encoded: RgbImage, at_predicted: RgbImage, reconstruction_error: Float[np.ndarray, "h w"]
 ) -> Inset:
-    """Choose the window where the two renders differ most in excess of the autoencoder's own error there.
+    """Choose the window where the two renders differ most, less the autoencoder's own error there.
 
     ``reconstruction_error`` is the mean absolute error of the render at the encoded state, at the recorded
-    resolution. Both are averaged under the window, by the same Gaussian, before one is taken from the other.
+    resolution. Both are averaged by the same Gaussian before they are subtracted.
 
     Source: paper, Reading the rollout figures.
     """
@@ -256,8 +256,8 @@ def estimate_shift(
 ) -> tuple[float, float]:
     """Estimate the shift (down, right) of ``moved`` against ``reference`` in pixels; zero without structure.
 
-    The taper that hides the window's edges also pulls the estimate towards zero, so ``moved`` is shifted back
-    by the estimate, and the rest is measured again.
+    The taper that hides the window's edges biases the estimate towards zero, so ``moved`` is shifted back by
+    the estimate and the remainder is measured again.
     """
     taper = np.outer(np.hanning(reference.shape[0]), np.hanning(reference.shape[1]))
     first = (reference - reference.mean()) * taper

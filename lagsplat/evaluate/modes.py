@@ -1,8 +1,8 @@
-"""Damped oscillations fitted to a free motion: frequency and decay rate, also where a spectrum shows neither.
+"""Fit damped oscillations to a free motion: frequency and decay rate, even where a spectrum has no peak.
 
-A strongly damped return lasts about a cycle and its spectrum peaks at zero frequency; a sum of damped
+A strongly damped motion lasts about a cycle and its spectrum peaks at zero frequency; a sum of damped
 sinusoids still fits it. Poles come from the shift invariance of the series' signal subspace (ESPRIT), are
-refined by least squares with the amplitudes projected out, and their number is chosen by the BIC.
+refined by least squares with the amplitudes projected out, and the BIC chooses their number.
 """
 
 from dataclasses import dataclass
@@ -36,13 +36,18 @@ def fit_modes(
     metric: Float64[np.ndarray, "d d"],
     most: int,
 ) -> tuple[Mode, ...]:
-    """Damped oscillations of a free motion about a constant, the strongest first; empty if none is found.
+    """Damped oscillations of a free motion about a constant, strongest first; may be empty.
 
-    Samples are ``dt_s`` apart; see `evenly_spaced` for those that are not. At most ``most`` oscillations;
-    non-oscillating relaxations are fitted along and not returned, nor are oscillations of less than half
-    a cycle over the window or damped within a third of a cycle. The covariance is that of least squares,
-    with the residual's own spectral level in the fitted band as noise, so that smoothed jitter is not
-    taken for many independent samples.
+    Non-oscillating relaxations are fitted but not returned, nor are oscillations of less than half a cycle
+    over the window or damped within a third of a cycle. The covariance is that of least squares, with the
+    residual's spectral level in the fitted band as noise, so that smoothed jitter does not count as many
+    independent samples.
+
+    Args:
+        series: states (N, d), evenly spaced; see `resample_evenly` for those that are not.
+        dt_s: spacing of the samples [s].
+        metric: weight of the coordinates (d, d).
+        most: maximum number of oscillations.
 
     Source: DOI 10.1109/29.32276 (ESPRIT); DOI 10.1137/0710036 (variable projection).
     """
@@ -86,7 +91,9 @@ def _esprit(signal: np.ndarray, step_s: float, most: int) -> list[Complex128[np.
 
 
 def _canonical(poles: np.ndarray) -> np.ndarray:
-    """One pole of each conjugate pair (positive imaginary part), and the real ones; none growing fast."""
+    """One pole of each conjugate pair (positive imaginary part) and the real poles; fast-growing ones
+    removed.
+    """
     real = poles[np.abs(poles.imag) < 1e-9].real.astype(complex)
     return np.concatenate([poles[poles.imag >= 1e-9], real])
 
@@ -130,7 +137,7 @@ def _refine(poles: np.ndarray, signal: np.ndarray, time_s: np.ndarray) -> tuple[
     solved = least_squares(residual, start, method="lm", max_nfev=40 * (len(start) + 1))
     left = solved.fun.reshape(signal.shape)
     slopes = solved.jac.reshape(*signal.shape, len(start))
-    # Coordinates of unequal visibility carry unequal noise: each is weighed with its own residual.
+    # Coordinates of unequal visibility have unequal noise: each is weighted by its own residual.
     meat = np.einsum("nci,ncj,c->ij", slopes, slopes, _noise(left, len(start)))
     bread = np.linalg.pinv(solved.jac.T @ solved.jac)
     covariance = bread @ meat @ bread
@@ -142,7 +149,7 @@ def _refine(poles: np.ndarray, signal: np.ndarray, time_s: np.ndarray) -> tuple[
 
 
 def _noise(residual: np.ndarray, parameters: int) -> np.ndarray:
-    """Noise variance of each channel at the frequencies of the motion, at least the residual's own."""
+    """Noise variance of each channel at the frequencies of the motion, at least that of the residual."""
     power = np.abs(np.fft.rfft(residual, axis=0)[1:]) ** 2
     low = power[: max(len(power) // 8, 1)].mean(axis=0)
     colour = np.maximum(low / np.maximum(power.mean(axis=0), 1e-300), 1.0)

@@ -1,4 +1,4 @@
-"""How well a decoder of space shows what cameras saw that it was never trained on."""
+"""Score the images of a spatial decoder for cameras that training did not use."""
 
 from typing import Any
 
@@ -17,12 +17,12 @@ from lagsplat.views.novel import KNOWN, NovelViews, require_views
 def score_novel_views(autoencoder: Autoencoder, recording: Recording, views: NovelViews) -> dict[str, Any]:
     """PSNR [dB] of rendered views at the encoded states, ready for JSON.
 
-    ``held_out`` are the cameras that training did not see, ``seen`` the others and ``filmed`` the film's own;
-    each over the instants that were trained on and over the rest. ``per_camera`` is over all instants. Pixels
-    that a view does not know do not count.
+    ``held_out`` are the cameras that training did not use, ``seen`` the others and ``filmed`` the video's
+    own; each over the training instants and over the rest. ``per_camera`` is over all instants. Pixels that
+    a view does not know do not count.
 
     Raises:
-        ValueError: the views are of another recording, or the Gaussians live in the picture.
+        ValueError: the views are of another recording, or the Gaussians live in the image plane.
     """
     require_views(views, recording.frames)
     latents = encode_frames(autoencoder, recording.frames)
@@ -49,7 +49,7 @@ def score_novel_views(autoencoder: Autoencoder, recording: Recording, views: Nov
 
 @torch.no_grad()
 def draw_novel_view(autoencoder: Autoencoder, latents: np.ndarray, camera: Camera) -> np.ndarray:
-    """Pictures (T, H, W, 3) in [0, 1] at raw latents (T, d), by a camera in the coordinates of space."""
+    """Images (T, H, W, 3) in [0, 1] at raw latents (T, d), by a camera in spatial coordinates."""
     z = torch.as_tensor(latents, dtype=torch.float32)
     drawn = [autoencoder.decode(part, view=make_view([camera])) for part in z.split(CHUNK)]
     return np.moveaxis(torch.cat(drawn).numpy(), 1, 3)
@@ -62,7 +62,13 @@ def view_errors(
     truth: Frames,
     known: np.ndarray | None,
 ) -> np.ndarray:
-    """Mean squared error of each picture (T,) over the pixels ``known`` (T, H, W)."""
+    """Mean squared error (T,) of each rendered image.
+
+    Args:
+        autoencoder, latents, camera: what renders the images.
+        truth: the recorded images.
+        known: pixels (T, H, W) that count; None counts all.
+    """
     wanted = np.moveaxis(to_images(np.asarray(truth)).numpy(), 1, 3)
     square = np.square(draw_novel_view(autoencoder, latents, camera) - wanted).mean(3)
     weight = np.ones_like(square) if known is None else known

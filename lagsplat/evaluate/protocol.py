@@ -1,7 +1,7 @@
-"""What every score shares: the held-out series, the starts, the treatment of divergence, the intervals.
+"""What all scores share: the held-out series, starts, treatment of divergence, bootstrap intervals.
 
-Series here are whitened latents in float64 and inputs in their own units; frame numbers count from the start
-of the held-out part.
+Series are whitened latents in float64 and inputs in their own units; frame numbers count from the start of
+the held-out part.
 """
 
 from collections.abc import Callable
@@ -18,7 +18,8 @@ Latents = Float64[np.ndarray, "N d"]
 Rollouts = Float64[np.ndarray, "B N d"]
 Integrate = Callable[[np.ndarray, np.ndarray, np.ndarray, float | np.ndarray], np.ndarray]
 """(q0 (B,d), v0 (B,d) per second, inputs (B,N,n_u), steps [s], a number or (B,N-1)) -> q (B,N,d); non-finite
-where it diverged."""
+where it diverged.
+"""
 Render = Callable[[np.ndarray], np.ndarray]
 """q (N,d) -> images (N,3,H,W) with colours in [0, 1]."""
 Pictures = Callable[[np.ndarray], np.ndarray]
@@ -31,15 +32,15 @@ STENCILS = {"forward": (1, 2), "central": (-2, -1, 1, 2), "neighbours": (-1, 1)}
 
 @dataclass(frozen=True)
 class HeldOut:
-    """The held-out part as the scores see it.
+    """The held-out part of a recording, as the scores use it.
 
-    ``encoded`` and ``forcing`` are smoothed (initial states, references and forcing are read from them),
-    ``latents`` and ``inputs`` are as encoded and measured. Scores begin at frame ``skip``. ``dt_s`` is the
-    median spacing, by which horizons are counted in frames; ``time_s`` [s] are the instants of the frames
-    where these are not evenly spaced, and velocities and rollouts are of these. ``stencil`` are the frames,
-    counted from a start, whose states give the initial velocity together with the start's own, unless a model
-    measures velocities itself: then they are ``velocities``. Where ``forcing`` holds more than this frame's
-    inputs, ``standing`` is what it would be had they always stood still.
+    ``encoded`` and ``forcing`` are smoothed (for initial states, references and forcing), ``latents`` and
+    ``inputs`` are as encoded and measured. Scores begin at frame ``skip``. ``dt_s`` is the median spacing,
+    by which horizons are counted in frames; ``time_s`` [s] are the instants of unevenly spaced frames, and
+    velocities and rollouts use these. ``stencil`` are the frames, counted from a start, whose states give
+    the initial velocity together with the start's own, unless the model measures ``velocities`` itself.
+    Where ``forcing`` holds more than this frame's inputs, ``standing`` is its value had the inputs always
+    been constant.
     """
 
     encoded: Float64[np.ndarray, "T d"]
@@ -69,12 +70,12 @@ class HeldOut:
 
     @property
     def clock(self) -> TimeBase:
-        """The instants of the frames."""
+        """The time base of the frames."""
         return TimeBase(self.dt_s, self.time_s)
 
     @property
     def n_frames(self) -> int:
-        """Frames of the held-out part, skipped ones included."""
+        """Number of held-out frames, including skipped ones."""
         return self.encoded.shape[0]
 
     @property
@@ -84,10 +85,10 @@ class HeldOut:
 
 
 def select_held_out(chart: Chart, config: EvaluateConfig) -> HeldOut:
-    """The held-out part of a chart, smoothed once for every score as the chart says.
+    """The held-out part of a chart, smoothed once for every score with the chart's smoothing.
 
     Raises:
-        ValueError: nothing is left once ``evaluate.skip_s`` is taken off.
+        ValueError: no frame remains after ``evaluate.skip_s``.
     """
     part = chart.held_out
     skip = round(config.skip_s / chart.dt_s)
@@ -100,7 +101,12 @@ def select_held_out(chart: Chart, config: EvaluateConfig) -> HeldOut:
 
 
 def list_series(chart: Chart, part: EncodedTrajectory, config: EvaluateConfig, *, skip: int) -> HeldOut:
-    """A part of a chart as the scores see it."""
+    """A part of a chart in the form that the scores use.
+
+    Args:
+        chart, part: the chart, and the part of it.
+        config, skip: the evaluation protocol, and the frames to skip.
+    """
     smooth = part.smoothed(chart.smoothing_frames)
     return HeldOut(
         encoded=smooth.latents,
@@ -135,6 +141,11 @@ def draw_starts(held: HeldOut, *, length: int, margin: int, count: int, seed: in
     On a single clip these are ``default_rng(seed).integers(skip, T - length - margin, size=count)``. Drawn
     with replacement, so windows may overlap.
 
+    Args:
+        held: the held-out series.
+        length, margin: states of a window, and frames needed after it.
+        count, seed: number of starts, and the random seed.
+
     Raises:
         ValueError: no clip of the scored part is long enough.
     """
@@ -161,24 +172,24 @@ def initial_states(
 def cut_windows(
     series: Float64[np.ndarray, "T m"], starts: Int64[np.ndarray, " B"], length: int
 ) -> np.ndarray:
-    """The stretches of ``length`` frames that begin at ``starts``, shape (B, length, m)."""
+    """The windows of ``length`` frames that begin at ``starts``, shape (B, length, m)."""
     return series[starts[:, None] + np.arange(length)]
 
 
 def has_diverged(states: Float64[np.ndarray, "*N d"], bound: float) -> Bool[np.ndarray, "*N"]:
     """Which states are not finite or longer than ``bound``."""
-    # Squares of what a diverging rollout passes through overflow long before the rollout itself does.
+    # Squares of a diverging rollout overflow long before the rollout itself does.
     tame = np.clip(np.nan_to_num(states, nan=np.inf), -1e100, 1e100)
     return np.linalg.norm(tame, axis=-1) > bound
 
 
 def pin_diverged(rollouts: Rollouts, *, bound: float) -> tuple[Rollouts, Bool[np.ndarray, "B N"]]:
-    """Rollouts with every state from the first divergence on pinned to the bound, and where that happened.
+    """Pin every state from the first divergence on to the bound; also returns where that happened.
 
-    A state has diverged when it is not finite or longer than ``bound``; so has every state after it, even one
-    that comes back. Pinned states lie at length ``bound`` in the direction of the last finite state, so that
-    they can be rendered and compared. Scores take the larger of a pinned state's error and of the error of
-    the mean prediction: leaving the data never pays.
+    A state has diverged when it is not finite or longer than ``bound``; so has every later state of its
+    rollout. Pinned states lie at length ``bound`` in the direction of the last finite state, so that they
+    can be rendered and compared. Scores take the larger of a pinned state's error and the error of the mean
+    prediction, so that divergence is never rewarded.
     """
     gone = np.logical_or.accumulate(has_diverged(rollouts, bound), axis=1)
     pinned = rollouts.copy()
@@ -200,8 +211,12 @@ def bootstrap_interval(
 ) -> tuple[float, float]:
     """Percentile interval of a statistic over windows drawn with replacement.
 
-    ``statistic`` takes arrays of shape (resamples, B), one for each of ``per_window``, and reduces the last
-    axis. Windows that overlap are treated as independent, so the interval is slightly narrow where they do.
+    Overlapping windows are treated as independent, which makes the interval slightly narrow.
+
+    Args:
+        statistic: takes arrays (resamples, B), one for each of ``per_window``, and reduces the last axis.
+        per_window: values (B,) of each window.
+        resamples, confidence, seed: of the bootstrap.
     """
     count = per_window[0].shape[0]
     draws = np.random.default_rng(seed).integers(0, count, size=(resamples, count))

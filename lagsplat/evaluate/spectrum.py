@@ -1,7 +1,4 @@
-"""The windowed spectral estimator of a free oscillation's frequency, the same for encoded and rolled out.
-
-Evenly spaced series from frames that are not evenly spaced, for estimators that need them so.
-"""
+"""Frequency of a free oscillation by a windowed spectrum, and the even resampling that it needs."""
 
 from dataclasses import dataclass
 
@@ -17,12 +14,12 @@ SUB_LENGTH = 0.75
 
 @dataclass(frozen=True)
 class Peak:
-    """Spectral peaks of one window [Hz]; None where no peak stands inside the band.
+    """Spectral peaks of one window [Hz]; None where the band has no peak.
 
-    ``visible_hz`` is of the projection on the top eigenvector of the metric and is the one to quote,
+    ``visible_hz``, the value to quote, is of the projection on the top eigenvector of the metric,
     ``weighted_hz`` of the power summed in the metric. ``uncertainty_hz`` belongs to ``visible_hz``: the
     standard deviation of the estimate over shorter windows inside this one, None if fewer than three of them
-    show a peak.
+    have a peak.
     """
 
     visible_hz: float | None
@@ -39,10 +36,15 @@ def find_spectral_peak(
 ) -> Peak:
     """Peak frequency of one window, its mean removed, under a symmetric Hann window and without padding.
 
-    Samples are ``dt_s`` apart; see `resample_evenly` for those that are not. Bins below ``min_cycles`` per
-    window are ignored. The uncertainty comes from five sub-windows of three quarters of the length: their
-    smaller length and their overlap nearly cancel in its size, and it also sees a frequency that moves as
-    the motion dies out.
+    The uncertainty comes from five sub-windows of three quarters of the length: the effects of their smaller
+    length and of their overlap nearly cancel, and it includes the drift of the frequency as the motion
+    decays.
+
+    Args:
+        series: states (N, d), evenly spaced; see `resample_evenly` for those that are not.
+        dt_s: spacing of the samples [s].
+        metric: weight of the coordinates (d, d).
+        min_cycles: bins with fewer cycles per window are ignored.
 
     Source: paper, Metrics, the windowed spectral estimator.
     """
@@ -65,9 +67,9 @@ def find_spectral_peak(
 def find_peak_frequency(power: Float64[np.ndarray, " F"], span_s: float, min_cycles: float) -> float | None:
     """Frequency [Hz] of the strongest allowed bin, refined by a parabola through the log power.
 
-    The refinement is taken only where the parabola is concave and moves by at most half a bin. None where
-    the strongest allowed bin is the flank of something below the band (a drift, a strongly damped return), or
-    where there is no motion at all: then nothing oscillates within this window.
+    The refinement is used only where the parabola is concave and moves by at most half a bin. None where the
+    strongest allowed bin is the flank of power below the band (a drift, a strongly damped motion), or where
+    there is no motion at all.
     """
     first = max(int(np.ceil(min_cycles)), 1)
     if len(power) < first + 2 or power[first:].max() <= 0.0:
@@ -99,10 +101,10 @@ def _visible_power(series: np.ndarray, mode: np.ndarray) -> np.ndarray:
 
 
 def resample_evenly(series: Float64[np.ndarray, "N d"], clock: TimeBase, *, start: int) -> np.ndarray:
-    """The series ``dt_s`` apart, (M, d), from the frame ``start`` to its end; itself on an even clock.
+    """Resample a series to spacing ``dt_s``, (M, d), from the frame ``start``; unchanged on an even clock.
 
-    By a cubic spline through the frames at their true times. It has the same span, so that its length may
-    differ by some frames.
+    Uses a cubic spline through the frames at their true times. The span is kept, so the number of samples
+    may differ.
     """
     if clock.time_s is None:
         return series

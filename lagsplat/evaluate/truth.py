@@ -1,10 +1,7 @@
-"""Learned physics against the truth of a simulated recording, which no training saw.
+"""Compare learned physics with the truth of a simulated recording, which training never used.
 
-The same law and kinematics written in other coordinates, to see that the answer does not change.
-
-How much the learned inertia depends on the state, along a trajectory.
-
-A smooth map from latents to true coordinates, read off frames at which both are known.
+Also checks that answers do not depend on the coordinates, and how much the learned inertia depends on the
+state.
 """
 
 from collections.abc import Callable, Sequence
@@ -30,14 +27,13 @@ SAME = (
 )
 Mode = dict[str, float]
 Triple = tuple[Mode, Mode | None, Mode | None]
-"""One oscillation as the true motion, the rollout and the encoded motion show it."""
+"""One oscillation as found in the true motion, the rollout and the encoded motion."""
 RATES = (("frequency_hz", "frequency", "Hz"), ("rate_per_s", "decay rate", "1/s"))
 
 
 @runtime_checkable
 class KnownQuantity(Protocol):
-    """What is needed of the truth: states at the frames with their names and units, the rest state and the
-    modes about it.
+    """True states at the frames with their names and units, the rest state and the modes about it.
 
     Modes are slowest first; one that does not oscillate has frequency 0.
     """
@@ -57,16 +53,20 @@ def compare_with_truth(
 ) -> dict[str, Any]:
     """Frequency and decay of every excited mode, and the equilibrium, each learned and true.
 
-    ``metrics`` are those of `evaluate` for this run.
-    Each of ``rows`` has ``quantity``, ``learned``, ``truth``, ``error`` (relative, or of an equilibrium as a
-    fraction of the motion's rms), ``encoded`` (what the same estimator reads off the encoded motion: an
-    error there is the chart's) and ``residual`` (of the map from latents to coordinates, likewise as a
-    fraction). None where nothing was measured.
+    Each of ``rows`` has ``quantity``, ``learned``, ``truth``, ``error`` (relative, or for an equilibrium as
+    a fraction of the motion's rms), ``encoded`` (the same estimator on the encoded motion, whose error is
+    the chart's) and ``residual`` (of the map from latents to coordinates, as a fraction). None where nothing
+    was measured.
 
-    Modes are numbered as in ``truth``; where no free window shows one, the slowest is compared.
-    ``free rollout`` is fitted on windows of free motion, as is the true motion that it is compared with: a
-    frequency depends on the amplitude, and a fit has a bias of its own. ``linearised law`` is compared with
-    the eigenvalues of the true equations.
+    Modes are numbered as in ``truth``; where no free window excites one, the slowest is compared. ``free
+    rollout`` and the true motion are fitted on the same windows of free motion, because frequency depends on
+    amplitude and the fit has a bias. ``linearised law`` is compared with the eigenvalues of the true
+    equations.
+
+    Args:
+        metrics: result of `evaluate` for this run.
+        truth: of the simulated recording.
+        chart, lagrangian: the trained run.
 
     Raises:
         ValueError: truth and chart are of recordings of different length.
@@ -90,10 +90,9 @@ def compare_with_truth(
 
 
 def _free_windows(metrics: dict[str, Any], truth: KnownQuantity, chart: Chart) -> list[dict[int, Triple]]:
-    """Of each window of free motion the visible true oscillations by number, with what stands for them.
+    """For each window of free motion, the visible true oscillations by number, with their counterparts.
 
-    Coordinates are weighed by their motion in the whole recording, so that one which hardly moves in a window
-    says little of it.
+    Coordinates are weighted by their motion in the recording, so that one which hardly moves counts little.
     """
     metric = np.diag(np.maximum(truth.states.std(axis=0), 1e-12) ** -2.0)
     found = []
@@ -117,7 +116,7 @@ def _visible(modes: Sequence[Mode]) -> list[Mode]:
 
 
 def _matched(modes: Sequence[Mode], frequencies_hz: Sequence[float]) -> list[Mode | None]:
-    """The mode that stands for each frequency, by the least distance in octaves; none stands for two."""
+    """The mode nearest to each frequency in octaves; no mode is matched twice."""
     apart = np.array(
         [[abs(np.log(mode["frequency_hz"] / frequency)) for mode in modes] for frequency in frequencies_hz]
     ).reshape(len(frequencies_hz), len(modes))
@@ -127,7 +126,9 @@ def _matched(modes: Sequence[Mode], frequencies_hz: Sequence[float]) -> list[Mod
 
 
 def _rolled_out(triples: Sequence[Triple], name: str) -> list[dict[str, Any]]:
-    """Medians over the windows in which the true mode is visible; of a side, over those where it is, too."""
+    """Medians over the windows in which the true mode is visible, and for each estimate those where it is
+    too.
+    """
     sides = [[mode for mode in side if mode is not None] for side in zip(*triples, strict=True)]
     rows = []
     for key, quantity, unit in RATES:
@@ -196,11 +197,15 @@ BEND = 0.1
 def has_settled_elsewhere(
     held: OperatingPoint, grip: GraspPoint, force: Float64[np.ndarray, "2"], *, seed: int = 0
 ) -> Float[Tensor, " d"]:
-    """The equilibrium under a force, found in the coordinates ``x`` of ``q = rest + reach (x + x^3/10) A``.
+    """The equilibrium under a force, solved in the coordinates ``x`` of ``q = rest + reach (x + x^3/10) A``.
 
     ``A`` is a random matrix of condition below three. Energy, elastic force and the matter's Jacobian are
     those of the new chart, ``J Psi`` with ``Psi = dq/dx``; the solver is another one (BFGS, then Powell's
     hybrid on the slope). Returned in the chart of the run.
+
+    Args:
+        held, grip: the operating point, and the grasp.
+        force, seed: the force on the grasp, and the seed of ``A``.
 
     Source: paper, Appendix "Invariance to the latent chart".
     """
@@ -230,15 +235,15 @@ def has_settled_elsewhere(
     return torch.from_numpy(back(root(slope, near, tol=1e-13).x))
 
 
-STATES = 2000  # at most so many, evenly spaced
+STATES = 2000  # maximum number of states, evenly spaced
 
 
 def inertia_along(lagrangian: Lagrangian, states: Float64[np.ndarray, "T d"]) -> dict[str, float]:
     """The mass matrix at whitened states, as plain numbers without unit.
 
     ``state_dependence`` is the rms distance of the matrices from their mean over the rms of the matrices
-    (Frobenius norms): 0 for a constant mass. ``span`` is the largest over the smallest eigenvalue relative to
-    the mean matrix, anywhere on the trajectory: 1 for a constant mass, and the same in any chart.
+    (Frobenius norms): 0 for a constant mass. ``span`` is the largest over the smallest eigenvalue relative
+    to the mean matrix, anywhere on the trajectory: 1 for a constant mass, and the same in any chart.
     ``condition_median`` and ``condition_max`` are condition numbers in the whitened chart.
 
     Source: paper, "Decoder-induced inertia".
@@ -270,8 +275,8 @@ def fit_polynomial(
 ) -> Callable[[Float64[np.ndarray, "N d"]], Float64[np.ndarray, "N n"]]:
     """The cubic polynomial of ``q`` that fits ``states`` best, by least squares with a small ridge.
 
-    The ridge is relative to the mean square of the monomials and only keeps directions without motion from
-    being fitted to rounding.
+    The ridge is relative to the mean square of the monomials; it only keeps directions without motion from
+    fitting rounding errors.
 
     Source: Hastie, Tibshirani and Friedman, The Elements of Statistical Learning, section 3.4.1.
     """

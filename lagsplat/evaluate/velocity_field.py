@@ -1,7 +1,4 @@
-"""How the primitives of a decoder move at one state: with the matter they draw, or each for itself.
-
-Painted speeds and pictures of decoders, and their measures, in one file.
-"""
+"""Measure whether a decoder's primitives move with the matter or independently, at one state."""
 
 import os
 from collections.abc import Mapping
@@ -22,13 +19,13 @@ from lagsplat.splat.losses import structural_dissimilarity
 from lagsplat.stage1.autoencoder import to_images
 from lagsplat.stage1.deformation_decoder import DeformationField
 
-STILL = 1.5  # spreads of the quietest pixels within which a pixel counts as background
+STILL = 1.5  # pixels within this factor of the quietest pixels' spread count as background
 AT_ONCE = 32
 
 
 @dataclass(frozen=True)
 class FastestMoment:
-    """The training frame of the fastest motion: its raw latent and the rate of change of it [1/s]."""
+    """The training frame of the fastest motion: its raw latent and the latent's rate of change [1/s]."""
 
     frame: int
     z: Float64[np.ndarray, " d"]
@@ -36,7 +33,9 @@ class FastestMoment:
 
 
 def find_fastest_moment(chart: Chart) -> FastestMoment:
-    """Where the encoded training motion, smoothed, is fastest in the metric; never at the end of a clip."""
+    """The frame where the smoothed encoded training motion is fastest in the metric; never at a clip's
+    end.
+    """
     train = chart.train.smoothed(chart.smoothing_frames)
     inner = np.concatenate([np.arange(start + 1, stop - 1) for start, stop in train.segments])
     slopes = train.clock.slope(train.latents, inner, (-1, 1))
@@ -47,9 +46,9 @@ def find_fastest_moment(chart: Chart) -> FastestMoment:
 
 
 def estimate_background(frames: Frames) -> Bool[np.ndarray, "H W"]:
-    """Pixels that do not change over the frames beyond their noise.
+    """Pixels that change over the frames by no more than their noise.
 
-    The spread over time of the quietest half of the pixels says what noise is.
+    The spread over time of the quietest half of the pixels estimates the noise.
     """
     chosen = np.asarray(frames[:: max(1, len(frames) // 100)], dtype=np.float64)
     spread = chosen.std(axis=0).mean(axis=-1)
@@ -67,13 +66,20 @@ def compute_velocity_field(
     neighbours: int,
     backend: str = "auto",
 ) -> tuple[dict[str, Any], dict[str, Float32[np.ndarray, "..."]]]:
-    """Measures of a decoder, and its picture and painted speeds at a moment.
+    """Measures of a decoder, and its image and rendered speeds at a moment.
 
     ``l1`` and ``dissimilarity`` (1 - SSIM) are over all the frames it was fitted to. ``roughness`` is the
     median over visible primitives of the mean difference of their velocity from those of their nearest
     visible ``neighbours`` [px/s], ``speed`` the median of their own. ``painted_still`` and
-    ``painted_moving`` are the mean speeds [px/s] where the primitives' speeds are drawn like colours, over
-    the still background and over the rest. The maps are ``picture`` (3,H,W) and ``speed`` (H,W).
+    ``painted_moving`` are the mean speeds [px/s], with speeds rendered in place of colours, over the still
+    background and over the rest. The maps are ``picture`` (3,H,W) and ``speed`` (H,W).
+
+    Args:
+        field: the decoder's deformation field.
+        frames, latents: the frames it was fitted to, and their latents (T, d).
+        moment: the state to render.
+        window, neighbours: size of the SSIM window [px], and number of neighbours.
+        backend: the rasteriser.
 
     Source: paper, Appendix "Deformation-Field Decoder at Equal Budget".
     """
@@ -151,7 +157,7 @@ def save_maps(
     measures: Mapping[str, Mapping[str, Any]],
     header: Mapping[str, Any],
 ) -> None:
-    """Write the maps of each decoder, by name, with its measures."""
+    """Write the maps of each decoder, by name, with its measures and a header."""
     tensors = {f"{name}.{key}": value for name, own in maps.items() for key, value in own.items()}
     save_artifact(path, tensors, {"kind": KIND, "schema": SCHEMA, **header, "measures": dict(measures)})
 

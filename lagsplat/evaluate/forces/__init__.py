@@ -1,5 +1,7 @@
-"""How true the answer to a force is, where the simulated system knows it.
+"""Accuracy of the answer to a force, against the truth of a simulated system and against what must hold
+anyway.
 
-`known_forces` simulates the true answer (`simulate_known_forces`), `accuracy` compares ours with it,
-`motion` and `invariants` measure what must hold without a truth (`measure_forces`, `force_invariants`).
+`known_forces` simulates the true answer (`simulate_known_forces`), `accuracy` compares the model's with it,
+`motion` follows it in time, and `invariants` measures what needs no truth (`measure_forces`,
+`force_invariants`).
 """

@@ -1,4 +1,4 @@
-"""The answers of a law that never saw a force, against the true ones."""
+"""Compare the static answers of a law that was trained without forces with the true ones."""
 
 from collections.abc import Callable
 from typing import Any
@@ -12,17 +12,17 @@ from lagsplat.forces.equilibrium import NoScaleError, OperatingPoint, fit_energy
 from lagsplat.forces.grasp import GraspPoint, NoMatterError, Point, grasp_brush, grasp_nearest
 
 OTHERS = 40
-"""Other pokes that are asked which energy scale they would have set."""
+"""Maximum number of other pokes used to estimate the energy scale again."""
 Read = Callable[[Float64[np.ndarray, "n d"]], Float64[np.ndarray, "n P 2"]]
-"""Where the material points are [px] in the pictures of whitened states."""
+"""Maps whitened states to the places of the material points [px] in the image."""
 Errors = dict[str, Float64[np.ndarray, "N L"]]
 
 
 def choose_grasps(
     held: OperatingPoint, places: Float64[np.ndarray, "P 2"], *, radius: float | None
 ) -> list[GraspPoint | None]:
-    """What a click on each material point takes hold of, by a brush or, without ``radius``, as the nearest
-    Gaussian; None where nothing can be had.
+    """The grasp that a click on each material point makes, by a brush of this radius or, without one, by the
+    nearest Gaussian; None where nothing can be grasped.
     """
     found: list[GraspPoint | None] = []
     for x, y in places:
@@ -38,7 +38,7 @@ def choose_grasps(
 def select_matter(
     grips: list[GraspPoint | None], d: int
 ) -> tuple[Bool[np.ndarray, " P"], Float64[np.ndarray, "P 2 d"]]:
-    """Where something is taken hold of, and how it moves [px per whitened unit]; zero elsewhere."""
+    """Which points are grasped, and how they move [px per whitened unit]; zero elsewhere."""
     field = [np.zeros((2, d)) if grip is None else grip.jacobian.numpy() for grip in grips]
     return np.array([grip is not None for grip in grips]), np.stack(field)
 
@@ -46,17 +46,23 @@ def select_matter(
 def compare_answers(held: OperatingPoint, pokes: KnownForces, *, radius: float, read: Read) -> dict[str, Any]:
     """Errors of the static answers, ready for JSON.
 
-    The same force on the same material point for both; the energy scale from one poke, that of the easiest
-    point and direction at the level `KnownForces.reference`. ``inside`` are medians (and 90th percentiles)
-    over pokes whose true answer lies in the visited range, ``levels`` those at each level of force; a
-    ``nearest`` block takes hold of one Gaussian instead of a brush. Of an answer, ``direction_deg`` is the
-    angle between the ways of the pushed point, ``shape`` what is left of the ways of all points after the
-    best factor, over their size, and ``amplitude`` how far that factor is from 1. ``pictured`` errors read
-    the ways off the picture (a map from latents to true coordinates), the others off the matter that the
-    decoder carries along.
+    Law and truth get the same force on the same material point; the energy scale comes from one poke, that
+    of the easiest point and direction at the level `KnownForces.reference`. ``inside`` are medians (and 90th
+    percentiles) over pokes whose true answer lies in the visited range, ``levels`` those at each level of
+    force; a ``nearest`` block grasps one Gaussian instead of a brush. ``direction_deg`` is the angle between
+    the displacements of the pushed point, ``shape`` the relative residual of the displacements of all points
+    after the best factor, and ``amplitude`` the distance of that factor from 1. ``pictured`` errors read the
+    displacements through a map from latents to true coordinates, the others from the matter that the decoder
+    moves.
+
+    Args:
+        held: the operating point of the run.
+        pokes: the known forces and their true answers.
+        radius: of the brush [px].
+        read: places of the material points at whitened states.
 
     Raises:
-        NoScaleError: with a brush, the law answers the reference poke the wrong way.
+        NoScaleError: with a brush, the law answers the reference poke in the wrong direction.
     """
     brushed = choose_grasps(held, pokes.places, radius=radius)
     usable, field = select_matter(brushed, held.law.d)
@@ -89,7 +95,7 @@ def compare_answers(held: OperatingPoint, pokes: KnownForces, *, radius: float, 
 
 
 def list_loads(pokes: KnownForces, grips: list[GraspPoint | None], d: int) -> Float64[np.ndarray, "N L d"]:
-    """The pulled-back forces, for a scale of one; NaN where nothing was taken hold of."""
+    """The pulled-back forces for an energy scale of one; NaN where nothing is grasped."""
     return np.stack(
         [
             np.full((len(forces), d), np.nan) if grip is None else forces @ grip.jacobian.numpy()
@@ -105,10 +111,14 @@ def compare_scales(
     field: np.ndarray,
     usable: np.ndarray,
 ) -> tuple[float, Float64[np.ndarray, " n"]]:
-    """The energy scale by the reference poke, and those that every other poke at its level would give.
+    """The energy scale by the reference poke, and those by the other pokes at its level.
+
+    Args:
+        held, pokes: the operating point, and the known forces.
+        grips, field, usable: grasps, motion of the points, and which are grasped.
 
     Raises:
-        NoScaleError: nothing can be taken hold of, or the law answers the wrong way.
+        NoScaleError: nothing can be grasped, or the law answers in the wrong direction.
     """
     level = pokes.reference
     loads = list_loads(pokes, grips, held.law.d)[:, level]
@@ -136,7 +146,13 @@ def compute_errors(
     scale: float,
     read: Read,
 ) -> Errors:
-    """Every error of every poke; NaN where there is no true answer or nothing was taken hold of."""
+    """Every error of every poke; NaN where there is no true answer or no grasp.
+
+    Args:
+        held, pokes: the operating point, and the known forces.
+        grips, field, usable: the grasp of each point, its motion, and whether it has one.
+        scale, read: the energy scale, and places of the points at whitened states.
+    """
     loads = scale * list_loads(pokes, grips, held.law.d)
     known = np.isfinite(loads).all(2) & np.isfinite(pokes.distance)
     states = np.full((*known.shape, held.law.d), np.nan)
@@ -158,7 +174,9 @@ def compute_errors(
 def are_alike(
     answer: Float64[np.ndarray, "N L P 2"], truth: Float64[np.ndarray, "N L P 2"]
 ) -> tuple[Float64[np.ndarray, "N L"], Float64[np.ndarray, "N L"]]:
-    """Cosine between ways of all points together, and how much of the true ones the answer makes."""
+    """Cosine between the displacements of all points together, and the answer's projection on the truth (1
+    is exact).
+    """
     product = np.einsum("nlpc,nlpc->nl", answer, truth)
     size, true = (np.sqrt(np.einsum("nlpc,nlpc->nl", ways, ways)) for ways in (answer, truth))
     with np.errstate(invalid="ignore", divide="ignore"):

@@ -1,4 +1,4 @@
-"""What must hold of forces in the image whatever the energy scale is: signs, ratios and sums."""
+"""Check what must hold of forces in the image whatever the energy scale is: signs, ratios and sums."""
 
 from typing import Any
 
@@ -14,7 +14,7 @@ from lagsplat.forces.grasp import GraspPoint, NoMatterError, Point, grasp_brush
 from lagsplat.forces.moving_parts import MovingParts, choose_background_points, find_moving_parts
 
 POINTS = 60
-"""Pixels of the object, evenly among them, at which it is pushed."""
+"""Pixels of the object, evenly spaced in their list, at which it is pushed."""
 BACKGROUND = 9
 SMALL = 1e-5
 ANGLES = (0.7, 2.3)
@@ -23,16 +23,16 @@ ANGLES = (0.7, 2.3)
 def force_invariants(held: OperatingPoint, config: ForcesConfig) -> dict[str, Any]:
     """The paper's checks on one run, ready for JSON.
 
-    One size of force throughout: the one that drives the state ``forces.response`` of the visited range away
-    where the object gives way most easily. ``lever`` (one coordinate only): rank correlation of the answer
-    to a downward force with the lever arm about the centre of rotation, and the share of points with its
-    sign. ``background``: the largest answer to a force where nothing moves, and the typical one on the
-    object over it. ``superposition``: relative error of sums, of the pulled-back forces, of the answers and
-    of answers to forces ``SMALL`` as large. ``chart``: change of state [of the range] and of the picture when
-    solved in other coordinates. ``across``: the share of a force that is felt of one across the motion.
+    All forces have one size: the one that drives the state ``forces.response`` of the visited range away at
+    the most compliant point. ``lever`` (one coordinate only): rank correlation of the answer to a downward
+    force with the lever arm about the centre of rotation, and the share of points with its sign.
+    ``background``: the largest answer to a force where nothing moves, and the typical answer on the object
+    over it. ``superposition``: relative error of sums of the pulled-back forces, of the answers, and of
+    answers to forces ``SMALL`` as large. ``chart``: change of state [of the range] and of the image when
+    solved in other coordinates. ``across``: share of a force across the motion that reaches the coordinates.
 
     Raises:
-        ValueError: nothing moves in the picture.
+        ValueError: nothing moves in the image.
 
     Source: paper, "Applying forces".
     """
@@ -53,7 +53,7 @@ def force_invariants(held: OperatingPoint, config: ForcesConfig) -> dict[str, An
 
 
 def centre_of_rotation(grips: list[GraspPoint]) -> Float64[np.ndarray, "2"]:
-    """The point [px] about which matter of one coordinate turns, by least squares."""
+    """The point [px] about which the matter of one coordinate turns, by least squares."""
     rows, values = [], []
     for grip in grips:  # J = w (-(y - cy), x - cx): linear in w, w cx and w cy
         (x, y), (right, down) = grip.at.numpy(), grip.jacobian[:, 0].numpy()

@@ -1,8 +1,6 @@
-"""Known forces on known points of a simulated system, and its true answers.
+"""Simulate true answers to known forces, and compare the energies of a learned law with the true ones.
 
-Whether one factor turns the law's energies into the true ones, or every motion needs its own.
-
-The energy of a learned law, along its own motion or along a motion that is only seen.
+One factor between learned and true energies may fit all motions, or each may need another.
 """
 
 from collections.abc import Callable
@@ -21,23 +19,23 @@ from lagsplat.stage2.lagrangian import Lagrangian
 from lagsplat.systems.pushable import Pushable
 
 ALONG = 0.25
-"""Of the largest answer at a point: directions that move it less, across the motion, are left out."""
+"""Directions whose answer is below this share of the largest one at the point are left out."""
 MOVED = 0.1
-"""Of the largest answer anywhere: points that move less are left out, as those at a centre of rotation."""
+"""Points whose answer is below this share of the largest one, as at a centre of rotation, are left out."""
 
 
 REFERENCE = 0.3
-"""Level nearest to which the one poke is made that gives the energy scale."""
+"""The energy scale comes from a poke at the level nearest to this one."""
 
 
 @dataclass(frozen=True)
 class KnownForces:
-    """``N`` points and directions (unit, right and down), each at ``L`` growing forces [J/px], whose linear
-    answers go ``levels`` of the visited range away.
+    """Forces at ``N`` points and directions (unit, right and down), each at ``L`` growing sizes [J/px] whose
+    linear answers go ``levels`` of the visited range away, and their true answers.
 
-    ``states`` (N, L, d) are the true equilibria, NaN where there is none; ``ways`` (N, L, P, 2) [px] of all
-    material points from their ``places`` (P, 2) at rest; ``distance`` (N, L) of the true state from rest, in
-    visited ranges.
+    ``states`` (N, L, d) are the true equilibria, NaN where there is none; ``ways`` (N, L, P, 2) [px] are the
+    displacements of all material points from their ``places`` (P, 2) at rest; ``distance`` (N, L) is that of
+    the true state from rest, in visited ranges.
     """
 
     levels: tuple[float, ...]
@@ -64,8 +62,9 @@ class KnownForces:
 def simulate_known_forces(
     system: Pushable, visited: Float64[np.ndarray, "T d"], config: ForcesConfig
 ) -> KnownForces:
-    """The true answers, forces being such that the state goes each of ``forces.levels`` away by its linear
-    answer, in units of the range that ``visited``, the true training states, fill (Mahalanobis distance).
+    """Compute the true answers to forces whose linear answers go each of ``forces.levels`` away.
+
+    Levels are Mahalanobis distances in units of the range that ``visited``, the true training states, fill.
     """
     away = visited - system.rest
     metric = np.linalg.pinv(np.atleast_2d(np.cov(visited, rowvar=False)))
@@ -108,13 +107,13 @@ FLOOR = 1e-9
 def measure_energy_spans(
     held: OperatingPoint, system: Pushable, slope: Float64[np.ndarray, "n d"]
 ) -> dict[str, float] | None:
-    """Largest over smallest eigenvalue of matrices at rest relative to the true ones; None with one
-    coordinate, where it says nothing.
+    """Ratio of the largest to the smallest eigenvalue of matrices at rest relative to the true ones.
 
-    1 where one factor makes all energies true. ``mass`` and ``stiffness`` are the law's, ``induced`` the mass
-    that equally heavy Gaussians induce. ``slope`` are the derivatives of the true coordinates by the latents.
-    A free motion tells the ratio of stiffness and mass in each of its modes, and one that follows slow inputs
-    the ratio of stiffness and input: neither tells the energy of one mode from that of another.
+    It is 1 where one factor makes all energies true; the result is None with one coordinate, where it always
+    is. ``mass`` and ``stiffness`` are the law's, ``induced`` the mass that equally heavy Gaussians induce.
+    ``slope`` are the derivatives of the true coordinates by the latents. Free motion identifies the ratio of
+    stiffness and mass in each mode, slow driven motion that of stiffness and input: neither identifies the
+    relative energy of two modes.
     """
     if held.law.d == 1:
         return None
@@ -146,7 +145,7 @@ def _span(matrix: np.ndarray, reference: np.ndarray) -> float:
 def mechanical_energy(
     lagrangian: Lagrangian, q: Float64[np.ndarray, "N d"], v: Float64[np.ndarray, "N d"]
 ) -> Float64[np.ndarray, " N"]:
-    """``v.M v / 2 + V`` at states and velocities [1/s], in the law's own unit of energy."""
+    """``v.M v / 2 + V`` at states and velocities [1/s], in the law's unit of energy."""
     states = torch.from_numpy(np.ascontiguousarray(q))
     w = torch.from_numpy(np.ascontiguousarray(v)) * float(lagrangian.time_unit_s)
     kinetic = 0.5 * torch.einsum("bi,bij,bj->b", w, lagrangian.mass(states), w)
@@ -156,10 +155,10 @@ def mechanical_energy(
 def energy_along_rollout(
     lagrangian: Lagrangian,
 ) -> Callable[[Float64[np.ndarray, "N d"], float], Float64[np.ndarray, " M"]]:
-    """Energy along a series of evenly spaced states [s], with velocities by fourth-order differences.
+    """A function that gives the energy along evenly spaced states [s], by fourth-order differences.
 
-    Two states at either end are left out, for their velocity would look beyond the series. Every model's
-    motion is measured so, whatever it knows of its velocity.
+    Two states at either end are left out, because their differences would need states beyond the series.
+    Every model is measured this way, even one that knows its velocity.
     """
 
     def along(states: np.ndarray, dt_s: float) -> np.ndarray:

@@ -1,8 +1,6 @@
-"""Everything that is measured of forces in the image, on one run.
+"""All measurements of forces in the image on one run: static answers, answers in time, forces in space.
 
-How a law that never saw a force begins to move under one, and how it goes on.
-
-Two forces in space on what one click takes hold of: one that cannot move it, and one that does.
+The forces in space act on one grasp: one cannot move it, the other does.
 """
 
 from collections.abc import Callable
@@ -46,11 +44,18 @@ def measure_forces(
     driven: SimulationConfig | None,
     released: ReleaseConfig | None,
 ) -> dict[str, Any]:
-    """The invariants, and of a simulated system with its ``truth`` the errors against the true answers; in
-    place of the latter the reason where no energy scale makes the law answer the reference poke.
+    """The force invariants and, for a simulated system with its ``truth``, the errors against true answers.
+
+    Where no energy scale makes the law answer the reference poke, the reason replaces these errors.
+
+    Args:
+        held: the operating point of the run.
+        config: sizes and numbers of the forces.
+        truth: true states of a simulated recording.
+        driven, released: how it was simulated; give the one that applies.
 
     Raises:
-        ValueError: nothing moves in the picture.
+        ValueError: nothing moves in the image.
     """
     found: dict[str, Any] = {"d": held.law.d, "invariants": force_invariants(held, config), "truth": None}
     if truth is not None:
@@ -65,7 +70,12 @@ def measure_forces(
 def compare_forces_with_truth(
     held: OperatingPoint, system: Pushable, truth: Truth, config: ForcesConfig
 ) -> dict[str, Any]:
-    """Static answers, answers in time and first motions, against those of the equations."""
+    """Static answers, answers in time and first motions, against those of the true equations.
+
+    Args:
+        held, config: the operating point, and sizes and numbers of the forces.
+        system, truth: the simulated system, and its true states.
+    """
     radius = config.brush * held.kinematics.width
     pokes = simulate_known_forces(system, truth.states[: held.chart.n_train], config)
     grips = choose_grasps(held, pokes.places, radius=radius)
@@ -87,7 +97,9 @@ def compare_forces_with_truth(
 
 
 def make_state_reader(held: OperatingPoint, system: Pushable, states: Float64[np.ndarray, "T n"]) -> Read:
-    """Reads places of material points off latents, through a map fitted to the training frames."""
+    """A function that reads the places of material points from latents, by a map fitted to training
+    frames.
+    """
     to_states = fit_state_map(held, states)
 
     def read(q: Float64[np.ndarray, "n d"]) -> Float64[np.ndarray, "n P 2"]:
@@ -106,18 +118,18 @@ def state_slope(held: OperatingPoint, states: Float64[np.ndarray, "T n"]) -> Flo
 def fit_state_map(
     held: OperatingPoint, states: Float64[np.ndarray, "T n"]
 ) -> Callable[[np.ndarray], np.ndarray]:
-    """From latents to true coordinates, fitted to the training frames."""
+    """Fit a map from latents to true coordinates to the training frames."""
     smooth = held.chart.train.smoothed(held.chart.smoothing_frames).latents
     return fit_polynomial(smooth, states[: len(smooth)])
 
 
 TRIALS = 12
-"""Points whose answer in time is followed: each takes an integration of the truth."""
+"""Points whose answer in time is computed: each takes an integration of the truth."""
 FLOOR = 1e-9
 
 
 def easiest_direction(pokes: KnownForces, grips: list[GraspPoint | None], level: int) -> list[int]:
-    """The poke of least force at every point, as far as it can be taken hold of and has a true answer."""
+    """The poke of least force at every point that can be grasped and has a true answer."""
     usable = np.isfinite(pokes.distance[:, level]) & np.array([grips[p] is not None for p in pokes.point])
     found = []
     for p in np.unique(pokes.point[usable]):
@@ -137,10 +149,17 @@ def respond_in_time(
     scale: float,
     length_s: float,
 ) -> dict[str, Any]:
-    """The answer to a force switched on at rest and held, over ``length_s``, ready for JSON.
+    """The answer to a force switched on at rest and kept on for ``length_s``, ready for JSON.
 
-    ``error`` is the rms difference of the ways of all points over the rms of the true ways, ``shape`` what
-    is left of it after the best factor; medians and 90th percentiles over at most `TRIALS` points.
+    ``error`` is the rms difference of the displacements of all points over the rms of the true ones,
+    ``shape`` the same after the best factor; medians and 90th percentiles over at most `TRIALS` points.
+
+    Args:
+        held, system: the operating point, and the simulated system.
+        pokes: known forces and their true answers.
+        grips, field, usable: the grasp of each point, its motion, and whether it has one.
+        scale: the energy scale.
+        length_s: duration [s].
     """
     level, dt_s = pokes.reference, held.chart.dt_s
     chosen = easiest_direction(pokes, grips, level)
@@ -186,7 +205,12 @@ def respond_at_once(
 
     ``learned`` is the law's own mass, ``uniform`` the one that equally heavy Gaussians induce, ``true`` the
     one that the true masses of the bodies induce, each spread evenly over its body's material points. With
-    one coordinate the three agree: the mass is a factor then.
+    one coordinate the mass is a factor and the three agree.
+
+    Args:
+        held, system: the operating point, and the simulated system.
+        pokes: known forces and their true answers.
+        grips, field, usable: the grasp of each point, its motion, and whether it has one.
 
     Source: paper eq. (latent-metric), "we take the density to be uniform".
     """
@@ -213,17 +237,18 @@ def respond_at_once(
 
 
 AHEAD, DOWN = np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0])
-"""Along the film's line of sight, and down in its picture."""
+"""Along the video camera's line of sight, and down in its image."""
 FELT = 1e-3
-"""Of a unit vector: what is left of it off the motion at least, so that there is a direction across."""
+"""Smallest remainder of a unit vector across the motion for which a direction across is defined."""
 
 
 @dataclass(frozen=True)
 class SpacePush:
-    """A click, what it met, and the answers to forces of one ``size`` [energy per px at the pivot] on it.
+    """A click, its grasp, and the answers to forces of one ``size`` [energy per px at the pivot] on it.
 
-    ``directions`` are unit vectors of space: x to the right, y down, z ahead of the film's camera. ``states``
-    are the equilibria under no force, under the one across the motion and under the one downwards.
+    ``directions`` are unit vectors of space: x to the right, y down, z ahead of the video's camera.
+    ``states`` are the equilibria under no force, under the one across the motion and under the one
+    downwards.
     """
 
     pixel: tuple[float, float]
@@ -234,7 +259,7 @@ class SpacePush:
     states: Float64[np.ndarray, "3 d"]
 
     def numbers(self) -> dict[str, Any]:
-        """What the figure is measured by, ready for JSON.
+        """The numbers of the figure, ready for JSON.
 
         ``felt_across`` is ``|J^T f|`` over ``|J| |f|``, ``pulled_across`` ``|J^T f|`` of the force itself.
         """
@@ -257,9 +282,9 @@ class SpacePush:
 
 
 def push_in_space(held: OperatingPoint, config: ForcesConfig) -> SpacePush:
-    """Click where the film shows the largest motion up and down, and push there across the motion and down.
+    """Click where the video has the largest vertical motion, and push there across the motion and down.
 
-    Both forces are of the size that drives the state ``forces.response`` of the visited range downwards.
+    Both forces have the size that drives the state ``forces.response`` of the visited range downwards.
 
     Raises:
         ValueError: nothing moves up or down, or the state moves the matter in every direction of space.
@@ -283,8 +308,8 @@ def push_in_space(held: OperatingPoint, config: ForcesConfig) -> SpacePush:
 
 
 def push_across(jacobian: Float[Tensor, "3 d"]) -> Float64[np.ndarray, "3"]:
-    """The direction in which the matter never moves, closest to the film's line of sight, or else to its
-    horizontal.
+    """The direction in which the matter never moves, closest to the video's line of sight or, failing that,
+    to its horizontal.
 
     Raises:
         ValueError: the columns of the Jacobian span space.
@@ -292,7 +317,7 @@ def push_across(jacobian: Float[Tensor, "3 d"]) -> Float64[np.ndarray, "3"]:
     ways = np.linalg.qr(jacobian.numpy())[0] if float(jacobian.abs().max()) > 0 else np.zeros((3, 1))
     for start in (AHEAD, np.array([1.0, 0.0, 0.0]), DOWN):
         left = start
-        for _ in range(3):  # once is exact but for rounding, which the next ones take away
+        for _ in range(3):  # one pass is exact but for rounding, which the next ones remove
             left = left - ways @ (ways.T @ left)
         if (size := float(np.linalg.norm(left))) > FELT:
             return left / size
