@@ -1,5 +1,5 @@
 """MCAP logs: images, joint states and numbers of robots, read even if cut short, and sessions written.
 
 `recording` reads a log as a recording (`read_mcap`, `survey_mcap`), `messages` and `images` decode it,
-`recovery` saves what is whole of a damaged file, and `write` writes logs (`write_mcap`).
+`recovery` reads the intact part of a damaged file, and `write` writes logs (`write_mcap`).
 """

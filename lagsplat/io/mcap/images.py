@@ -1,14 +1,9 @@
-"""The camera's messages, turned into shaped pictures as they come: memory holds those and no others.
+"""Decode the camera's messages: ``CompressedImage``, ``Image``, ``RawImage`` and ``CompressedVideo``.
 
-Pictures in the messages of an MCAP log: ``CompressedImage``, ``Image`` and ``RawImage``.
-
-Colours become eight bits a channel, BGR as in OpenCV. Sixteen bits are divided by 257, so that the ends of
-the two ranges meet.
-
-Films in the messages of an MCAP log: ``CompressedVideo``, one coded picture a message.
-
-OpenCV decodes files, not packets. So the packets are put one after another into a temporary file of the kind
-its codec is streamed in, and that file is decoded.
+Images are processed as they arrive, so memory holds only the result. Colours become eight bits per channel,
+BGR as in OpenCV. Sixteen bits are divided by 257, which maps the ends of one range to those of the other.
+OpenCV decodes files, not packets, so the packets of a video are concatenated in a temporary file of the
+codec's stream format, which is then decoded.
 """
 
 import base64
@@ -29,10 +24,11 @@ Shape = Callable[[np.ndarray], np.ndarray]
 
 
 class CameraReader:
-    """Pictures of one topic, by the number of their message.
+    """Images of one topic, by the number of their message.
 
-    ``shape`` takes a BGR picture to the one that is kept. A message that does not make a picture is left out
-    and told of in ``damaged``, unless it is the first one. A context, because films wait in a temporary file.
+    ``shape`` converts a BGR image to the frame that is kept. A message that cannot be decoded is skipped and
+    listed in ``damaged``, unless it is the first. Use as a context, because video packets go to a temporary
+    file.
     """
 
     def __init__(self, topic: str, shape: Shape) -> None:
@@ -50,11 +46,10 @@ class CameraReader:
         self._packets.close()
 
     def add(self, message: Any, schema_name: str, *, wanted: bool) -> None:
-        """Take the next message; its picture is kept where it is ``wanted``.
+        """Take the next message; keep its image if ``wanted``.
 
         Raises:
-            ValueError: the topic holds no pictures, the first one cannot be decoded, or a film changes
-            format.
+            ValueError: the topic has no images, the first cannot be decoded, or a video changes format.
         """
         number = len(self._wanted)
         self._wanted.append(wanted)
@@ -75,10 +70,10 @@ class CameraReader:
             self.damaged.append(f"message {number}: {error}")
 
     def finish(self) -> None:
-        """Decode the film, if it is one.
+        """Decode the video, if the topic is one.
 
         Raises:
-            ValueError: it cannot be decoded, or its pictures are not as many as its packets.
+            ValueError: it cannot be decoded, or the numbers of its images and packets differ.
         """
         if self._packets.count:
             for number, picture in enumerate(self._packets.pictures()):
@@ -110,16 +105,16 @@ LAYOUTS: dict[str, tuple[int, type[np.unsignedinteger], int | None]] = {
     "bayer_gbrg8": (1, np.uint8, cv2.COLOR_BayerGBRG2BGR),
     "bayer_grbg8": (1, np.uint8, cv2.COLOR_BayerGRBG2BGR),
 }
-"""Of each encoding: channels, numbers, and OpenCV's conversion to BGR."""
+"""For each encoding: channels, number type, and OpenCV's conversion to BGR."""
 
 
 def image_kind(schema_name: str) -> str | None:
-    """``compressed``, ``raw`` or ``video`` by the last name of the schema; None where it is no picture."""
+    """``compressed``, ``raw`` or ``video`` by the last name of the schema; None if it is no image."""
     return MESSAGES.get(schema_name.replace("/", ".").rpartition(".")[2])
 
 
 def message_bytes(message: Any) -> bytes:
-    """The field ``data``: bytes, or base64 text where the message is JSON.
+    """The field ``data``: bytes, or base64 text in a JSON message.
 
     Raises:
         ValueError: there is no such field, or it is not base64.
@@ -133,10 +128,10 @@ def message_bytes(message: Any) -> bytes:
 
 
 def decode_image(message: Any, kind: str) -> UInt8[np.ndarray, "h w 3"]:
-    """The picture of a message of kind ``compressed`` or ``raw``, BGR.
+    """Decode a message of kind ``compressed`` or ``raw`` to a BGR image.
 
     Raises:
-        ValueError: the encoding is unknown, or the bytes do not make a picture.
+        ValueError: the encoding is unknown, or the bytes are no valid image.
     """
     return _decompressed(message) if kind == COMPRESSED else _raw(message)
 
@@ -160,9 +155,9 @@ def _raw(message: Any) -> UInt8[np.ndarray, "h w 3"]:
     dtype = np.dtype(numbers).newbyteorder(">" if read_field(message, "is_bigendian") else "<")
     height, width = int(read_field(message, "height") or 0), int(read_field(message, "width") or 0)
     row = width * channels * dtype.itemsize
-    step = int(read_field(message, "step") or 0) or row  # zero stands for rows without padding
+    step = int(read_field(message, "step") or 0) or row  # zero means rows without padding
     data = message_bytes(message)
-    # The padding of the last row may be left out.
+    # The last row may lack its padding.
     if not row or step < row or len(data) < step * (height - 1) + row or not height:
         raise ValueError(
             f"{len(data)} bytes with a step of {step} do not make {width} x {height} pixels of {encoding!r}"
@@ -176,14 +171,14 @@ def _raw(message: Any) -> UInt8[np.ndarray, "h w 3"]:
 
 
 STREAMS = {"h264": (".h264", b""), "h265": (".h265", b""), "vp9": (".ivf", b"VP90"), "av1": (".ivf", b"AV01")}
-"""Suffix of a bare stream of each format, and its four letters where packets are wrapped in an IVF file."""
+"""Suffix of each format's bare stream, and its FourCC if packets are wrapped in an IVF file."""
 IVF_HEAD = struct.Struct("<4sHH4sHHIIII")
 IVF_PACKET = struct.Struct("<IQ")
 TRANSCODE = "transcode the film, for instance to H.264 without B-frames, or to pictures (CompressedImage)"
 
 
 class VideoPackets:
-    """Packets of one film, collected to be decoded at the end, and deleted by `close`.
+    """Packets of one video in a temporary file, decoded at the end and deleted by `close`.
 
     Raises:
         ValueError: the format of a packet is unknown, or changes.
@@ -195,16 +190,16 @@ class VideoPackets:
         self.count = 0
 
     def close(self) -> None:
-        """Delete the packets."""
+        """Delete the temporary file."""
         self._folder.cleanup()
 
     @property
     def path(self) -> Path:
-        """Where the packets are."""
+        """Path of the temporary file."""
         return Path(self._folder.name) / f"film{STREAMS[self.format][0]}"
 
     def add(self, packet: bytes, *, format: str) -> None:
-        """Put one packet behind the others."""
+        """Append one packet."""
         if format not in STREAMS:
             raise ValueError(f"the video format {format!r} is unknown; those read are {', '.join(STREAMS)}")
         if self.count and format != self.format:
@@ -220,10 +215,10 @@ class VideoPackets:
         self.count += 1
 
     def pictures(self) -> Iterator[UInt8[np.ndarray, "h w 3"]]:
-        """The pictures, BGR, one a packet.
+        """Yield the images, BGR, one per packet.
 
         Raises:
-            ValueError: OpenCV cannot decode the film, or it yields more or fewer pictures than packets.
+            ValueError: OpenCV cannot decode the video, or the numbers of images and packets differ.
         """
         found = 0
         with _opened(self.path) as capture:

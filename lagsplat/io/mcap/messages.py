@@ -1,11 +1,8 @@
-"""Messages of an MCAP log: decoded, with their stamps and the numbers inside them.
+"""Decode messages of an MCAP log, and read their time stamps and numbers.
 
-ROS 2, protobuf and JSON messages are read alike: a field is a name, whatever holds it.
-
-Instants of messages on the clock that was asked for, checked to run forwards.
-
-A clock that steps backwards is refused, for no one can tell which side of the step is right. Messages with
-the instant of the one before are dropped, with a warning.
+ROS 2, protobuf and JSON messages have the same interface: a field is a name. A clock that steps backwards is
+refused, because nothing shows which side of the step is right. Messages that repeat the previous instant are
+dropped, with a warning.
 """
 
 import json
@@ -25,27 +22,27 @@ from mcap_ros2.decoder import DecoderFactory as Ros2Decoders
 STAMPS = ("timestamp", "stamp")
 SECONDS, NANOSECONDS = ("sec", "seconds", "secs"), ("nanosec", "nsec", "nanos", "nsecs")
 STEP = re.compile(r"\[([^\[\]]+)\]|([^.\[\]]+)")
-MOST_LISTED = 32  # entries of one array, in a list of fields
+MOST_LISTED = 32  # entries of an array in a list of fields
 
 
 class Decoders:
-    """From the bytes of messages to objects with fields; keeps one decoder a channel."""
+    """Decodes messages to objects with fields; keeps one decoder per channel."""
 
     def __init__(self) -> None:
         self._factories = (Ros2Decoders(), ProtobufDecoders())
         self._known: dict[int, Callable[[bytes], Any]] = {}
 
     def decode(self, schema: Schema | None, channel: Channel, message: Message) -> Any:
-        """The message: a ROS 2 namespace, a protobuf message, or what JSON holds.
+        """Decode a message to a ROS 2 namespace, a protobuf message, or JSON data.
 
         Raises:
-            ValueError: no decoder knows the encoding, or the bytes do not fit the schema.
+            ValueError: no decoder supports the encoding, or the bytes do not match the schema.
         """
         try:
             if channel.id not in self._known:
                 self._known[channel.id] = self._decoder(schema, channel)
             return self._known[channel.id](message.data)
-        except Exception as error:  # every decoder raises errors of its own
+        except Exception as error:  # every decoder raises its own errors
             raise ValueError(
                 f"topic {channel.topic}: the message logged at {message.log_time} ns cannot be decoded: "
                 f"{error}"
@@ -66,7 +63,7 @@ class Decoders:
 
 
 def list_fields(message: Any) -> list[str]:
-    """Names of the fields of a message; none for a number, a text or an array."""
+    """Names of the fields of a message; none for a number, text or array."""
     if isinstance(message, dict):
         return list(message)
     if isinstance(message, Protobuf):
@@ -75,14 +72,14 @@ def list_fields(message: Any) -> list[str]:
 
 
 def read_field(message: Any, name: str) -> Any:
-    """The field ``name`` of a message, or None where it has none of this name."""
+    """The field ``name`` of a message, or None if it has none of this name."""
     if name not in list_fields(message):
         return None
     return message[name] if isinstance(message, dict) else getattr(message, name)
 
 
 def read_stamp_ns(message: Any) -> int | None:
-    """The time in the message's header, or in its ``timestamp`` [ns]; None where it carries none."""
+    """The time in the message's header, or in its ``timestamp`` [ns]; None if it has none."""
     for owner in (read_field(message, "header"), message):
         for name in STAMPS:
             if isinstance(owner, Protobuf) and name in list_fields(owner):
@@ -105,7 +102,7 @@ def _time_ns(stamp: Any) -> int | None:
 
 
 def read_number(message: Any, path: str) -> float:
-    """The number that ``path`` leads to.
+    """Read the number at ``path`` in a message.
 
     A path is names with dots, and indices in brackets; a bracket may also hold the name of an entry, as
     listed in the array ``name`` beside it or in the field ``name`` of the entries themselves.
@@ -145,7 +142,7 @@ def _is_array(value: Any) -> bool:
 
 
 def list_number_paths(message: Any, prefix: str = "") -> Iterator[str]:
-    """Paths of the numbers in a message, of at most the first entries of each array; stamps are left out."""
+    """Paths of the numbers in a message, for the first entries of each array; stamps are left out."""
     labels = read_field(message, "name")
     for name in list_fields(message):
         value, path = read_field(message, name), f"{prefix}{name}"
@@ -167,34 +164,34 @@ def _paths_below(value: Any, path: str, labels: Sequence[str]) -> Iterator[str]:
 
 @dataclass
 class Timestamps:
-    """Both clocks of the messages of one topic [ns]; ``header_ns`` is None where a message has no stamp."""
+    """Both clocks of the messages of one topic [ns]; ``header_ns`` is None for a message without a stamp."""
 
     topic: str
     header_ns: list[int | None] = field(default_factory=list)
     log_ns: list[int] = field(default_factory=list)
 
     def add(self, header_ns: int | None, log_ns: int) -> None:
-        """Append one message."""
+        """Append the times of one message."""
         self.header_ns.append(header_ns)
         self.log_ns.append(log_ns)
 
     def chosen(self, clock: str) -> list[int | None]:
-        """The instants on the clock ``header`` or ``log``."""
+        """The times on the clock ``header`` or ``log``."""
         return self.header_ns if clock == "header" else list(self.log_ns)
 
     def upto(self, count: int) -> "Timestamps":
-        """The first ``count`` messages."""
+        """The times of the first ``count`` messages."""
         return Timestamps(self.topic, self.header_ns[:count], self.log_ns[:count])
 
 
 def choose_timestamps(
     stamps: Timestamps, *, clock: str, source: str
 ) -> tuple[Int64[np.ndarray, " K"], Bool[np.ndarray, " N"]]:
-    """The instants [ns] that strictly increase, and which messages they belong to.
+    """Strictly increasing times [ns], and the mask of the messages they belong to.
 
     Raises:
-        ValueError: a message has no stamp, all stamps are the same, or a stamp lies before the one before;
-        the message names both and says whether the other clock runs forwards.
+        ValueError: a message has no stamp, all stamps are equal, or a stamp is before its predecessor; the
+            message names both and says whether the other clock runs forwards.
     """
     chosen = stamps.chosen(clock)
     where = f"{source}: topic {stamps.topic}"

@@ -1,11 +1,8 @@
-"""Recordings from an MCAP log: one camera topic, and numbers of other topics as inputs.
+"""Read a recording from an MCAP log, or survey its topics: rates, gaps, clocks, images and numbers.
 
-Times count from the camera's first message. Frames are those the camera sent, and the numbers are
-interpolated to them (`lagsplat.io.recording.alignment`). A damaged file gives what is whole of it, with a
-warning that says
-what is lost.
-
-What is in an MCAP file: topics, rates, gaps, clocks, pictures and numbers.
+One camera topic gives the frames, and numbers of other topics are interpolated to them as inputs
+(`lagsplat.io.recording.alignment`). Times count from the camera's first message. The intact part of a
+damaged file is read, with a warning of what is lost.
 """
 
 import difflib
@@ -53,17 +50,22 @@ def read_mcap(
     grey: bool = False,
     licence: str = "unknown",
 ) -> Recording:
-    """The recording in the MCAP file at ``path``.
+    """Read the recording in the MCAP file at ``path``.
 
-    Images are rotated, cropped, resized and checked as in `lagsplat.io.video.read`. Repeated stamps, images that
-    cannot be decoded, numbers that are not finite, and frames outside the inputs or in a gap are dropped,
-    each with a warning that counts them.
+    Dropped, each with a warning that counts them: repeated stamps, images that cannot be decoded, numbers
+    that are not finite, and frames outside the inputs or in a gap.
+
+    Args:
+        path: The file.
+        topics: Camera and inputs.
+        crop, skip_s, size, end_s, rotate, grey: As in `lagsplat.io.video.read.read_video`.
+        licence: Kept in the recording's ``meta``.
 
     Raises:
-        FileNotFoundError: nothing is at ``path``.
-        ValueError: the file is no MCAP; a topic is missing, empty or of another type; a field does not exist;
-        a clock jumps backwards; an encoding or codec is unknown; camera and inputs do not overlap; or no
-        frame is left.
+        FileNotFoundError: there is no file at ``path``.
+        ValueError: the file is no MCAP; a topic is missing, empty or of another type; a field does not
+            exist; a clock jumps backwards; an encoding or codec is unknown; camera and inputs do not
+            overlap; or no frame is left.
     """
     path = Path(path)
     thumbnails = Thumbnails()
@@ -131,7 +133,7 @@ def _stacked(path: Path, pictures: list[np.ndarray]) -> np.ndarray:
 
 
 class _Log:
-    """What one pass over the file gathers: pictures, and the stamps and values of every topic in use."""
+    """Results of one pass over the file: images, and stamps and values of every topic in use."""
 
     def __init__(
         self, path: Path, topics: McapConfig, camera: CameraReader, *, skip_s: float, end_s: float | None
@@ -150,7 +152,7 @@ class _Log:
         self._instants: dict[str, tuple[np.ndarray, np.ndarray]] = {}
 
     def shown(self) -> tuple[Int64[np.ndarray, " T"], Float64[np.ndarray, " T"]]:
-        """Numbers of the camera's messages that gave a picture to keep, and their times [s]."""
+        """Numbers of the camera messages whose image is kept, and their times [s]."""
         frame_ns, fresh = self.instants(self.camera.topic)
         numbers = np.flatnonzero(fresh)
         kept = np.array([int(number) in self.camera.pictures for number in numbers], bool)
@@ -162,7 +164,7 @@ class _Log:
         return numbers[kept], (frame_ns[kept] - self.start_ns) / 1e9
 
     def read(self) -> "_Log":
-        """Go through the file once; returns itself."""
+        """Read the file once; return itself."""
         decoders, losses, last_ns = Decoders(), list[str](), 0
         there: dict[str, int] = {}
         for schema, channel, message in read_whole_messages(self.path, losses):
@@ -191,11 +193,11 @@ class _Log:
         return self
 
     def instants(self, topic: str) -> tuple[Int64[np.ndarray, " K"], Bool[np.ndarray, " N"]]:
-        """The instants of a topic [ns] and the messages they belong to, up to the first one after the cut."""
+        """Times of a topic [ns] and the messages they belong to, up to the first one after the cut."""
         if topic not in self._instants:
             stamps = self.stamps[topic]
             if self._end_ns is not None:
-                # What lies behind the cut is not looked at: it may be why there is a cut.
+                # Messages after the cut are not checked: they may be the reason for the cut.
                 last = self.start_ns + self._end_ns
                 now = enumerate(stamps.chosen(self.topics.clock))
                 late = (i for i, time in now if time is not None and time >= last)
@@ -204,7 +206,7 @@ class _Log:
         return self._instants[topic]
 
     def samples(self, source: McapInputConfig) -> InputLog:
-        """Samples of one input, seconds from the camera's first message."""
+        """Samples of one input, in seconds from the camera's first message."""
         times, fresh = self.instants(source.topic)
         values = np.array(self._values[source.topic, source.field][: len(fresh)])[fresh]
         finite = np.isfinite(values)
@@ -255,12 +257,11 @@ class _Log:
 
 @dataclass
 class TopicSummary:
-    """One topic; times are log times [ns].
+    """Summary of one topic; times are log times [ns].
 
     ``numbers`` are paths of the numbers in its first message, at most 32, and ``moving`` those that change.
-    ``header_ns`` are the stamps of its messages, None where one has none. A topic with more numbers, such as
-    a point cloud, is not looked into any further than its first message. ``problem`` says why no message was
-    decoded.
+    ``header_ns`` are the stamps of its messages, None if missing. For a topic with more numbers, such as a
+    point cloud, only the first message is decoded. ``problem`` says why no message was decoded.
     """
 
     name: str
@@ -274,36 +275,36 @@ class TopicSummary:
 
     @property
     def picture(self) -> str | None:
-        """The kind of pictures it holds, or None."""
+        """The kind of its images, or None."""
         return image_kind(self.schema)
 
     @property
     def rate_hz(self) -> float | None:
-        """Mean rate of its messages, None for fewer than two or for no time between them."""
+        """Mean rate of its messages, None for fewer than two or no time between them."""
         span_ns = max(self.log_ns) - min(self.log_ns)
         return 1e9 * (len(self.log_ns) - 1) / span_ns if span_ns else None
 
     @property
     def longest_gap_s(self) -> float:
-        """The longest time between two messages in the order of the file; 0 for a single message."""
+        """The longest time between two messages in file order; 0 for a single message."""
         return max((b - a for a, b in pairwise(self.log_ns)), default=0) / 1e9
 
     @property
     def backwards(self) -> dict[str, int]:
-        """How many steps of each clock go backwards."""
+        """Number of backward steps of each clock."""
         header = [ns for ns in self.header_ns if ns is not None]
         clocks = {"log": self.log_ns, "header": header}
         return {name: sum(b < a for a, b in pairwise(times)) for name, times in clocks.items()}
 
     @property
     def stamped(self) -> bool:
-        """Whether every message looked at has a stamp, and not all the same one."""
+        """Whether every decoded message has a stamp, and not all the same."""
         return None not in self.header_ns and (len(self.header_ns) < 2 or len(set(self.header_ns)) > 1)
 
 
 @dataclass(frozen=True)
 class McapSurvey:
-    """Topics of a file, by name, and what of it is damaged."""
+    """Topics of a file, by name, and its damage."""
 
     path: Path
     topics: tuple[TopicSummary, ...]
@@ -311,7 +312,7 @@ class McapSurvey:
 
 
 def survey_mcap(path: str | os.PathLike[str]) -> McapSurvey:
-    """Go through the whole file at ``path`` once, whether it is damaged or not.
+    """Summarise every topic of the file at ``path``, damaged or not, in one pass.
 
     Raises:
         FileNotFoundError, ValueError: as `lagsplat.io.mcap.recovery.read_whole_messages`.

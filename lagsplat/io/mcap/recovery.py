@@ -1,8 +1,7 @@
-"""Messages of an MCAP file that may be damaged: what is whole is read, what is lost is said.
+"""Read the intact messages of an MCAP file that may be damaged, and report what is lost.
 
-A log is cut short when its recorder is killed, and then has no index. So the index is never used: the records
-are walked from the start up to the first one that is not whole; of a chunk that is cut, what can be
-decompressed is read.
+A log is cut short when its recorder is killed, and then has no index. So the index is never used: records
+are read from the start up to the first incomplete one; of a cut chunk, whatever can be decompressed is read.
 
 Source: MCAP format specification, https://mcap.dev/spec
 """
@@ -22,7 +21,7 @@ from mcap.records import Channel, Chunk, Message, Schema
 from mcap.stream_reader import breakup_chunk
 
 MAGIC = b"\x89MCAP0\r\n"
-RECORD_HEAD = struct.Struct("<BQ")  # what it is, and how many bytes follow
+RECORD_HEAD = struct.Struct("<BQ")  # type, and number of bytes that follow
 CONTENT = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK)
 PARSERS: dict[int, Callable[[ReadDataStream], Schema | Channel | Chunk]] = {
     Opcode.SCHEMA: Schema.read,
@@ -34,19 +33,19 @@ PARTS: dict[str, Callable[[bytes], bytes]] = {
     "lz4": lambda data: lz4.frame.LZ4FrameDecompressor().decompress(data),
     "zstd": lambda data: zstandard.ZstdDecompressor().decompressobj().decompress(data),
 }
-"""As much as the start of a compressed stream gives."""
+"""Decompressors by codec: return as much as a truncated stream gives."""
 
 
 def read_whole_messages(
     path: str | os.PathLike[str], losses: list[str]
 ) -> Iterator[tuple[Schema | None, Channel, Message]]:
-    """Every whole message with its channel and schema, in the order of the file.
+    """Yield every intact message with its channel and schema, in file order.
 
-    What cannot be read is put into ``losses``, a sentence each: bytes after the last whole record, and chunks
-    whose checksum does not match.
+    Each loss adds a sentence to ``losses``: bytes after the last intact record, and chunks whose checksum
+    does not match.
 
     Raises:
-        FileNotFoundError: nothing is at ``path``.
+        FileNotFoundError: there is no file at ``path``.
         ValueError: the file is no MCAP, or is compressed with an unknown codec.
     """
     path = Path(path)
@@ -58,7 +57,7 @@ def read_whole_messages(
         size = path.stat().st_size
         schemas: dict[int, Schema] = {}
         channels: dict[int, Channel] = {}
-        # The summary repeats schemas and channels, so that losing their chunk does not lose the topic.
+        # The summary repeats schemas and channels, so a topic survives the loss of their chunk.
         for record in _walk(file, len(MAGIC), size, (Opcode.SCHEMA, Opcode.CHANNEL), []):
             _learn(record, schemas, channels)
         orphans = 0
@@ -97,7 +96,7 @@ def _records(
         else:
             try:
                 inner = breakup_chunk(record, validate_crc=True)
-            except Exception as error:  # every codec raises errors of its own
+            except Exception as error:  # every codec raises its own errors
                 span_s = (record.message_end_time - record.message_start_time) / 1e9
                 losses.append(f"a chunk of {span_s:.3f} s is damaged ({error})")
                 continue
@@ -105,9 +104,9 @@ def _records(
 
 
 def _whole_part(chunk: "_Torn", losses: list[str]) -> Iterator[Schema | Channel | Message]:
-    """Records of a chunk that is cut short, as far as its codec can be followed."""
+    """Records of a chunk that is cut short, as far as its codec can decompress."""
     try:
-        # A stream that ends early gives short reads; the data are all there is.
+        # A truncated stream gives short reads; the data end there.
         start = Chunk.read(ReadDataStream(BytesIO(chunk.content)))
         data = PARTS[start.compression](start.data)
     except Exception as error:  # cut within its head, or within the first block of its codec
@@ -123,7 +122,7 @@ def _whole_part(chunk: "_Torn", losses: list[str]) -> Iterator[Schema | Channel 
 
 @dataclass(frozen=True)
 class _Torn:
-    """What there is of a chunk that the end of the file cuts short."""
+    """The start of a chunk that the end of the file cuts short."""
 
     content: bytes
 
@@ -131,13 +130,13 @@ class _Torn:
 def _walk(
     file: BufferedReader | BytesIO, position: int, size: int, wanted: tuple[Opcode, ...], losses: list[str]
 ) -> Iterator[Schema | Channel | Message | Chunk | _Torn]:
-    """Records outside chunks, from ``position`` up to the footer or to the first one that is not whole."""
+    """Records outside chunks, from ``position`` up to the footer or the first incomplete one."""
     opcode = 0
     while opcode != Opcode.FOOTER:
         file.seek(position)
         head = file.read(RECORD_HEAD.size)
         opcode, length = RECORD_HEAD.unpack(head) if len(head) == RECORD_HEAD.size else (0, 0)
-        # Zero is no record: a preallocated file is filled up with it.
+        # Zero is no record type: it pads a preallocated file.
         if opcode == 0 or position + RECORD_HEAD.size + length > size:
             losses.append(
                 f"the file ends without its footer, {size - position} bytes after its last whole record"

@@ -1,10 +1,8 @@
-"""A pushed simulation as an MCAP file, and back: its states, inputs and forces, for Foxglove and for a
-diagnosis.
+"""Write MCAP files that Foxglove opens, and save and read sessions: states, inputs and forces.
 
-MCAP files that Foxglove opens: pictures as ``foxglove.CompressedImage``, numbers as JSON with a schema.
-
-Pictures are PNG, so that a recording read back is the one written. A message's stamp and its log time are the
-same: ``start_ns`` plus its time in seconds, rounded to the nanosecond. Messages stand in the order of time.
+Images are ``foxglove.CompressedImage`` as PNG, so a recording read back is the one written; numbers are JSON
+with a schema. A message's stamp equals its log time: ``start_ns`` plus its time in seconds, rounded to the
+nanosecond. Messages are in time order.
 """
 
 import heapq
@@ -57,7 +55,7 @@ class SessionLog:
 
 @dataclass(frozen=True)
 class ImageTopic:
-    """Pictures of one topic: RGB, uint8 (H, W, 3), as many as there are times [s]; drawn one at a time."""
+    """Images of one topic: RGB, uint8 (H, W, 3), one per time [s]; consumed one by one."""
 
     topic: str
     time_s: Float64[np.ndarray, " N"]
@@ -67,7 +65,7 @@ class ImageTopic:
 def save_session(
     path: str | os.PathLike[str], log: SessionLog, *, pictures: Sequence[ImageTopic] = ()
 ) -> None:
-    """Write a session to a new file; `read_session` gives it back to the last bit.
+    """Write a session to a new file; `read_session` restores it exactly.
 
     Raises:
         FileExistsError, ValueError: as `lagsplat.io.mcap.write.write_mcap`.
@@ -83,7 +81,7 @@ def save_session(
 
 
 def is_session(path: str | os.PathLike[str]) -> bool:
-    """Whether an MCAP file is a session that was saved here."""
+    """Whether an MCAP file was written by `save_session`."""
     try:
         return _metadata(Path(path)).get("kind") == KIND
     except ValueError:
@@ -91,10 +89,10 @@ def is_session(path: str | os.PathLike[str]) -> bool:
 
 
 def read_session(path: str | os.PathLike[str]) -> SessionLog:
-    """A session that `save_session` wrote.
+    """Read a session that `save_session` wrote.
 
     Raises:
-        FileNotFoundError: nothing is at ``path``.
+        FileNotFoundError: there is no file at ``path``.
         ValueError: another kind of file, or a damaged one.
     """
     meta = _metadata(Path(path))
@@ -113,9 +111,9 @@ def read_session(path: str | os.PathLike[str]) -> SessionLog:
 
 
 def read_session_motion(path: str | os.PathLike[str]) -> Trajectory:
-    """A session as a motion, for instance the sim of a diagnosis.
+    """Read a session as a trajectory, for instance the sim of a diagnosis.
 
-    Pushes are inputs, too: where there were any, ``push0, ...`` stand beside the recording's inputs.
+    Pushes are inputs, too: if there were any, ``push0, ...`` follow the recording's inputs.
 
     Raises:
         FileNotFoundError, ValueError: as `read_session`.
@@ -160,7 +158,7 @@ TIME = {
 class NumberTopic:
     """Numbers of one topic: each column is (N,) or (N, k), a number or an array in every message.
 
-    ``about`` says what each column is and in which unit; it stands in the schema.
+    ``about`` describes each column with its unit, for the schema.
     """
 
     topic: str
@@ -177,12 +175,18 @@ def write_mcap(
     metadata: Mapping[str, str],
     start_ns: int = 0,
 ) -> None:
-    """Write the topics to a new file at ``path``, whole or not at all.
+    """Write the topics to a new file at ``path``, atomically.
+
+    Args:
+        path: The file.
+        pictures, numbers: Topics of images and of numbers.
+        metadata: Text kept in the file.
+        start_ns: Log time of time zero [ns].
 
     Raises:
-        FileExistsError: something is at ``path``.
-        ValueError: a time is negative or out of order, a number is not finite, or a topic has fewer pictures
-        than times.
+        FileExistsError: ``path`` exists.
+        ValueError: a time is negative or out of order, a number is not finite, or a topic has fewer images
+            than times.
     """
     if Path(path).exists():
         raise FileExistsError(f"{path}: it is there already and is left as it is; delete it or name another")

@@ -1,5 +1,5 @@
 """Recordings: frames, times and inputs of one mechanism.
 
-`recording` holds one (`Recording`), `alignment` brings a log and frames to one clock (`align_log`), and
-`segments` cuts at gaps and splits training from held-out clips.
+`recording` holds one (`Recording`), `alignment` interpolates logs to the frames (`align_log`), and
+`segments` cuts at gaps and splits training from held-out frames.
 """

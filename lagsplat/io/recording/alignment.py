@@ -1,8 +1,7 @@
-"""Logged numbers at the instants of the frames, and clips where either has a gap.
+"""Interpolate logged numbers to the frames, and cut clips at gaps of either.
 
-Between two samples a number is interpolated linearly. Nothing is extrapolated, and a gap is never bridged:
-frames outside a log or inside a gap are dropped, with a warning that counts them, and the recording is cut
-into clips at every gap.
+Interpolation is linear. Nothing is extrapolated, and no gap is bridged: frames outside a log or inside a gap
+are dropped, with a warning that counts them, and the recording is cut into clips at every gap.
 """
 
 import warnings
@@ -25,7 +24,7 @@ class InputLog:
 
 @dataclass(frozen=True)
 class AlignedInputs:
-    """Which frames have every number, those numbers, and the half-open clips of the frames kept."""
+    """Mask of the frames with every number, these numbers, and half-open clips of the frames kept."""
 
     kept: Bool[np.ndarray, " T"]
     inputs: Float64[np.ndarray, "K n_u"]
@@ -35,14 +34,17 @@ class AlignedInputs:
 def align_log(
     frame_s: Float64[np.ndarray, " T"], logs: Sequence[InputLog], *, max_gap_s: float, source: str
 ) -> AlignedInputs:
-    """The ``logs`` at the frames taken at ``frame_s`` [s], which strictly increase.
+    """Interpolate the ``logs`` to frames at the strictly increasing times ``frame_s`` [s].
 
-    A spacing of more than ``max_gap_s`` [s] is a gap, in a log or in the frames. ``source`` names the
-    recording in warnings and errors.
+    Args:
+        frame_s: Times of the frames.
+        logs: Samples of each input.
+        max_gap_s: Longer spacings, in a log or in the frames, are gaps [s].
+        source: Name of the recording in warnings and errors.
 
     Raises:
         ValueError: a log has fewer than two samples, or no frame has every number; the message gives the
-        ranges.
+            ranges.
     """
     for log in logs:
         _require_overlap(frame_s, log, source)

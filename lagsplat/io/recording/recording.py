@@ -1,8 +1,7 @@
-"""A recording: frames, their times, the inputs that were applied, and where it all comes from.
+"""A recording: frames, their times, the applied inputs, and their origin.
 
-A recording is data, not a file: the readers beside this module make one, and `save_recording` keeps it as an
-artefact of kind ``recording``. Frames may be a memory map, so that a long recording costs nothing until it
-is used.
+A recording is data, not a file: the readers beside this module make it, and `save_recording` saves it as an
+artifact of kind ``recording``. Frames may be a memory map, so a long recording costs nothing until used.
 """
 
 import os
@@ -25,12 +24,12 @@ class Recording:
     """Frames with times [s], inputs with names and units, clips and origin.
 
     ``frames`` is uint8 (T, H, W, 3), RGB; an array or a memory map. ``time_s`` (T,) strictly increases.
-    ``inputs`` is (T, n_u), one row a frame, and may have no column. ``segments`` are half-open ``(start,
-    stop)`` clips that follow one another and cover all frames; nothing may be continued across their
-    borders; empty means one clip. ``states`` is the truth of a simulation, (T, n_x), or None. Numbers other
-    than frames become float64. The first ``n_train`` frames are for training; None before it was decided.
-    ``meta`` has ``origin`` (``simulated`` or ``filmed``), ``source``,
-    ``sha256``, ``licence``, and whatever else the maker knows, as plain data.
+    ``inputs`` is (T, n_u), one row per frame, possibly without columns. ``segments`` are half-open ``(start,
+    stop)`` clips that follow one another and cover all frames, no motion continues across their borders;
+    empty means one clip. ``states`` (T, n_x) are the true states of a simulation, or None. Numbers except
+    frames become float64. The first ``n_train`` frames are for training; None before the split. ``meta`` has
+    ``origin`` (``simulated`` or ``filmed``), ``source``, ``sha256``, ``licence``, and further plain data
+    from the reader.
 
     Raises:
         ValueError: a field breaks one of these rules; the message names the source, the field and the value.
@@ -44,7 +43,7 @@ class Recording:
         3
     """
 
-    # Shapes are not in the annotations, because they are checked in every run, with messages for users.
+    # No shapes in the annotations: `__post_init__` checks them in every run, with messages for users.
     frames: np.ndarray
     time_s: np.ndarray
     inputs: np.ndarray
@@ -103,8 +102,7 @@ class Recording:
         return float(np.median(spacing))
 
     def part(self, start: int, stop: int) -> "Recording":
-        """Frames ``start`` to ``stop`` (exclusive), with their times and clips; frames are a view. It is not
-        divided."""
+        """Frames ``start`` to ``stop`` (exclusive), with times and clips, not split; frames are a view."""
         if not 0 <= start < stop <= self.n_frames:
             raise self._error(
                 "part",
@@ -125,7 +123,7 @@ class Recording:
         )
 
     def pieces(self, clips: Sequence[tuple[int, int]]) -> "Recording":
-        """The half-open ranges of frames ``clips`` alone, in order, each a clip of its own. Not divided."""
+        """Only the half-open frame ranges ``clips``, in order, each a clip of its own; not split."""
         stops = np.cumsum([stop - start for start, stop in clips]).tolist()
         whole = stops[-1] == self.n_frames
         kept = slice(None) if whole else np.concatenate([np.arange(start, stop) for start, stop in clips])
@@ -143,7 +141,7 @@ class Recording:
         """The leading ``n_train`` frames, for training, and the rest, held out.
 
         Raises:
-            ValueError: the recording was never split (`lagsplat.io.recording.segments`).
+            ValueError: the recording is not split yet (`lagsplat.io.recording.segments`).
         """
         if self.n_train is None:
             raise self._error("n_train", "None", "divide the recording first")
@@ -209,7 +207,7 @@ class Recording:
 
 
 def save_recording(path: str | os.PathLike[str], recording: Recording) -> None:
-    """Keep ``recording`` at ``path`` as an artefact of kind ``recording``, atomically."""
+    """Save ``recording`` atomically as an artifact of kind ``recording``."""
     tensors = {"frames": recording.frames, "time_s": recording.time_s, "inputs": recording.inputs}
     if recording.states is not None:
         tensors["states"] = recording.states
@@ -226,7 +224,7 @@ def save_recording(path: str | os.PathLike[str], recording: Recording) -> None:
 
 
 def load_recording(path: str | os.PathLike[str]) -> Recording:
-    """The recording kept at ``path``. Frames are a read-only memory map; the rest is in memory.
+    """Load the recording at ``path``; frames are a read-only memory map.
 
     Raises:
         FileNotFoundError, ValueError: as `load_artifact`.

@@ -1,9 +1,4 @@
-"""Where a clip is torn: gaps in time that no step of the dynamics can bridge.
-
-The parts of a recording that are worth learning from: clips cut out of it by their times.
-
-Which frames of a recording are held out.
-"""
+"""Cut a recording at gaps in time or to chosen spans, and split off its held-out frames."""
 
 import math
 import warnings
@@ -16,21 +11,21 @@ from lagsplat.io.config import SplitConfig
 from lagsplat.io.recording.recording import LEAST_FRAMES, Recording
 
 MAX_GAP_FRAMES = 5.0
-"""Median spacings that a step may last. A camera that drops some frames leaves such gaps, and the true step
-bridges them; over longer ones the held input and the explicit step say nothing any more."""
+"""Longest step in median spacings. Shorter gaps, from dropped frames, are integrated with the true
+step; over longer ones the constant input and the explicit step are not valid."""
 LEAST_PIECE = 8
-"""Frames of a piece worth keeping: it holds a one-step window with room for its velocities."""
+"""Frames of the shortest clip kept: a one-step window and the neighbours for its velocities."""
 
 
 def cut_at_gaps(recording: Recording) -> Recording:
-    """The recording with its clips cut wherever two frames lie more than `MAX_GAP_FRAMES` medians apart.
+    """Cut the clips wherever two frames are more than `MAX_GAP_FRAMES` median spacings apart.
 
-    Pieces of fewer than `LEAST_PIECE` frames are left out. A warning says where it was cut and what is left
-    out. Shorter gaps stay inside their clip: everything later goes by the true times. Pieces are clips like
-    any other from then on. Without such a gap this is the recording itself.
+    Clips of fewer than `LEAST_PIECE` frames are dropped. A warning gives the cuts and losses. Shorter gaps
+    stay inside their clip, because all later steps use the true times. Without a gap, returns the recording
+    itself.
 
     Raises:
-        ValueError: no piece is long enough.
+        ValueError: no clip is long enough.
     """
     if all(stop - start < 2 for start, stop in recording.segments):
         return recording
@@ -64,10 +59,9 @@ def cut_at_gaps(recording: Recording) -> Recording:
 
 
 def cut_spans(recording: Recording, spans_s: Sequence[Sequence[float]]) -> Recording:
-    """The frames from ``start`` up to ``stop`` (exclusive) of every span [s since the first frame].
+    """Keep the frames from ``start`` up to ``stop`` (exclusive) of every span [s since the first frame].
 
-    Each span is a clip of its own, or several where it crosses the border of clips; times stay as they are.
-    What lies between spans is left out.
+    Each span becomes a clip, or several if it crosses the border of clips; times are unchanged.
 
     Raises:
         ValueError: spans overlap or are not in order, or one holds fewer than three frames.
@@ -96,7 +90,7 @@ def cut_spans(recording: Recording, spans_s: Sequence[Sequence[float]]) -> Recor
 
 
 def split_train_held_out(recording: Recording, split: SplitConfig) -> Recording:
-    """The recording with its ``n_train`` set: the end of it is held out, as ``split`` says.
+    """Set ``n_train`` so that the end of the recording is held out, as ``split`` says.
 
     Raises:
         ValueError: either part would have fewer than three frames, or there are too few clips.
@@ -117,7 +111,7 @@ def split_train_held_out(recording: Recording, split: SplitConfig) -> Recording:
         n_train, rule = total - split.held_out_frames, f"held_out_frames = {split.held_out_frames}"
     else:
         assert split.train_fraction is not None, "the configuration gives exactly one rule"
-        # 0.29 * 100 is 28.999..., and the floor of that is not what anyone means.
+        # 0.29 * 100 is 28.999..., whose floor is not the intended 29.
         n_train = math.floor(split.train_fraction * total + 1e-9)
         rule = f"train_fraction = {split.train_fraction}"
     if n_train < LEAST_FRAMES or total - n_train < LEAST_FRAMES:
@@ -130,10 +124,10 @@ def split_train_held_out(recording: Recording, split: SplitConfig) -> Recording:
 
 
 def find_crossing_frames(segments: Sequence[tuple[int, int]], n_train: int) -> tuple[int, int, int]:
-    """Start, first held-out frame and end of the clip that holds both training and held-out frames.
+    """Start, first held-out frame and end of the clip with both training and held-out frames.
 
     Raises:
-        ValueError: the held-out part begins with a clip of its own.
+        ValueError: the held-out part starts with a clip of its own.
     """
     for start, stop in segments:
         if start < n_train < stop:
