@@ -1,7 +1,4 @@
-"""Inputs, pushes and initial states for a simulation, from tables of numbers.
-
-Inputs that stand in a table of their own, beside a film that shows what they did.
-"""
+"""Read inputs, pushes and initial states from tables, for simulations and for videos."""
 
 import os
 import warnings
@@ -14,12 +11,12 @@ from lagsplat.io.trajectory.tables import TIME, Table, count_names, name_columns
 
 
 def read_input_table(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Times [s] (N,), inputs (N, n_u) and pushes (N, n_f) of a table with ``t``, ``u0, ...`` and ``f0, ...``.
+    """Times [s] (N,), inputs (N, n_u) and pushes (N, n_f) of a table with ``t``, ``u0, ...`` and ``f0,
+    ...``.
 
     Raises:
-        FileNotFoundError: nothing is at ``path``.
-        ValueError: no ``t``, a column of another name, a number that is missing, or times that do not
-        increase.
+        FileNotFoundError: there is no file at ``path``.
+        ValueError: no ``t``, an unknown column, a missing number, or times that do not increase.
     """
     table = read_table(Path(path))
     names = {letter: count_names(table, letter) for letter in "uf"}
@@ -40,11 +37,11 @@ def read_input_table(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarr
 def read_initial_state(text: str, d: int) -> tuple[np.ndarray, np.ndarray]:
     """Coordinates and rates (d,) from ``q0,..,v0,..`` or from the first row of a table with such columns.
 
-    Rates may be left out, and are then zero.
+    Missing rates are zero.
 
     Raises:
-        FileNotFoundError: the table is not there.
-        ValueError: another count of numbers, or something that is none.
+        FileNotFoundError: the table does not exist.
+        ValueError: the wrong count of numbers, or text that is no number.
     """
     try:
         numbers = [float(word) for word in text.strip("[]()").split(",")]
@@ -75,8 +72,9 @@ def _block(table: Table, names: tuple[str, ...]) -> np.ndarray:
 def read_input_log(
     path: str | os.PathLike[str], *, columns: Mapping[str, str] | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Times (N,) [s] and inputs (N, n_u) of a table with columns ``t``, ``u0``, ``u1``, ...; rows without a
-    number are left out with a warning.
+    """Times (N,) [s] and inputs (N, n_u) of a table with columns ``t``, ``u0``, ``u1``, ...
+
+    Rows with a missing number are dropped with a warning.
 
     Raises:
         FileNotFoundError, ValueError: as `lagsplat.io.trajectory.trajectory.read_trajectory_file`.

@@ -1,7 +1,4 @@
-"""Which column of a table is time, coordinate, rate or input: by name alone, never by guess.
-
-Tables of numbers from CSV, Parquet and NPZ files, with the place of every row for messages.
-"""
+"""Read tables of numbers from CSV, Parquet and NPZ, and identify their columns by name, never by guess."""
 
 import csv
 import difflib
@@ -25,14 +22,14 @@ USUAL = {
     "u": ("u", "tau", "torque", "force", "input", "cmd", "command", "ctrl", "pressure", "p", "voltage"),
     "segment": ("segment", "clip", "trial", "episode", "release", "run"),
 }
-"""What other tools call such columns: used to propose a setting, never to read one."""
+"""Names of such columns in other tools: used to propose a setting, never to read a column."""
 
 
 @dataclass(frozen=True)
 class Table:
-    """Columns as they stand in a file; ``lines`` (T,) number the rows as an editor or an array would.
+    """Columns as in the file; ``lines`` (T,) number the rows as an editor or an array would.
 
-    ``row`` is what such a number is called: a line of a text, a row of a table or of an array.
+    ``row`` is what such a number counts: a line of text, a row of a table or of an array.
     """
 
     source: str
@@ -41,11 +38,11 @@ class Table:
     row: str = "row"
 
     def place(self, index: int) -> str:
-        """Where row ``index`` stands, for messages."""
+        """Position of row ``index``, for messages."""
         return f"{self.source}, {self.row} {self.lines[index]}"
 
     def numbers(self, name: str) -> np.ndarray:
-        """Column ``name`` as float64 (T,); an empty cell or one that says NaN, null or NA is NaN.
+        """Column ``name`` as float64 (T,); an empty cell, NaN, null or NA is NaN.
 
         Raises:
             ValueError: a cell holds something else; the message names the row and the column.
@@ -66,13 +63,13 @@ class Table:
 
 
 def name_columns(table: Table, columns: Mapping[str, str], *, needed: Sequence[str] = (TIME, "q0")) -> Table:
-    """The table under the names of the contract; ``columns`` maps these to the file's own.
+    """Rename the columns to the standard names; ``columns`` maps these to the file's own.
 
-    Columns of other names are left out, with a warning that lists them.
+    Columns of other names are dropped, with a warning that lists them.
 
     Raises:
-        ValueError: a name that is none of the contract's, a column that the file lacks, or one of ``needed``
-            that is missing; the message lists the columns found and proposes the setting that is nearest.
+        ValueError: an unknown name, a column that the file lacks, or a missing one of ``needed``; the
+            message lists the columns found and proposes the nearest setting.
     """
     found = list(table.columns)
     for name, own in columns.items():
@@ -103,10 +100,10 @@ def name_columns(table: Table, columns: Mapping[str, str], *, needed: Sequence[s
 
 
 def count_names(table: Table, letter: str) -> tuple[str, ...]:
-    """The columns ``letter0, letter1, ...`` of a table under the names of the contract, in that order.
+    """The columns ``letter0, letter1, ...`` of a table with standard names, in that order.
 
     Raises:
-        ValueError: a number is left out, or rates are given of some coordinates only.
+        ValueError: a number is skipped, or only some coordinates have rates.
     """
     numbers = sorted(int(name[1:]) for name in table.columns if re.fullmatch(f"{letter}[0-9]+", name))
     wanted = set(range(len(numbers)))
@@ -125,7 +122,7 @@ def _is_contract(name: str) -> bool:
 
 
 def _proposal(found: list[str]) -> str:
-    """The setting that would read this file, as far as its names tell."""
+    """The most likely setting that would read this file, judged by its column names."""
     proposed: dict[str, str] = {}
     for name in found:
         kind = _kind_of(name)
@@ -155,12 +152,12 @@ KINDS = (".csv", ".txt", ".tsv", ".parquet", ".pq", ".npz")
 
 
 def read_table(path: Path) -> Table:
-    """The table in a CSV (``.csv``, ``.txt``, ``.tsv``), Parquet (``.parquet``, ``.pq``) or NPZ file.
+    """Read a CSV (``.csv``, ``.txt``, ``.tsv``), Parquet (``.parquet``, ``.pq``) or NPZ file.
 
-    In an archive an array ``q``, ``v`` or ``u`` of shape (T, k) stands for columns ``q0`` to ``q{k-1}``.
+    In an NPZ an array ``q``, ``v`` or ``u`` of shape (T, k) gives columns ``q0`` to ``q{k-1}``.
 
     Raises:
-        FileNotFoundError: nothing is at ``path``.
+        FileNotFoundError: there is no file at ``path``.
         ValueError: another kind of file, a damaged one, or one without a header or without rows.
     """
     if not path.is_file():
@@ -189,7 +186,7 @@ def _from_text(path: Path) -> Table:
     separator = max(SEPARATORS, key=lines[0][1].count)
     header = _cells(lines[0][1], separator)
     if all(_is_number(cell) for cell in header):
-        # Some tools write the names as a comment above the numbers.
+        # Some tools write the names in a comment above the numbers.
         above = [line.lstrip("# ") for number, line in every if number < lines[0][0] and line.startswith("#")]
         names = _cells(above[-1], separator) if above else []
         if len(names) != len(header):

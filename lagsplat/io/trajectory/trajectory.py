@@ -1,9 +1,7 @@
-"""A motion: coordinates over time with the inputs that acted, as any simulator or sensor writes it down.
+"""A trajectory: coordinates over time and the inputs that acted, from any simulator or sensor.
 
 The columns of a file are ``t`` [s], ``q0, q1, ...``, optionally ``v0, v1, ...`` (their rates) and ``u0, u1,
-...`` (inputs), and optionally ``segment``, an integer whose change is a cut.
-
-The beginning of a motion, cut at clips.
+...`` (inputs), and optionally ``segment``, an integer whose change starts a new clip.
 """
 
 import os
@@ -17,17 +15,17 @@ import numpy as np
 from lagsplat.io.trajectory.tables import SEGMENT, TIME, Table, count_names, name_columns, read_table
 
 LONGEST_LOSS = 3.0
-"""Median steps that rows without numbers may tear open before nothing is continued across them."""
+"""Longest gap left by dropped rows inside a clip, in median steps."""
 
 
 @dataclass(frozen=True)
 class Trajectory:
     """Coordinates ``q`` (T, d) at ``time_s`` (T,), rates ``v`` (T, d) or None, inputs ``u`` (T, n_u).
 
-    ``time_s`` [s] strictly increases and may be uneven; ``v`` is in units of ``q`` a second. ``n_u``
-    may be 0. ``segments`` are half-open ``(start, stop)`` clips that follow one another and cover all
-    samples; nothing is continued across their borders; empty means one clip. All numbers are finite and
-    become float64.
+    ``time_s`` [s] strictly increases and may be uneven; ``v`` is in units of ``q`` per second. ``n_u`` may
+    be 0. ``segments`` are half-open ``(start, stop)`` clips that follow one another and cover all samples,
+    no motion continues across their borders; empty means one clip. All numbers are finite and become
+    float64.
 
     Raises:
         ValueError: a field breaks one of these rules; the message names the source, the field and the row.
@@ -39,7 +37,7 @@ class Trajectory:
         1
     """
 
-    # Shapes are not in the annotations, because they are checked in every run, with messages for users.
+    # No shapes in the annotations: `__post_init__` checks them in every run, with messages for users.
     time_s: np.ndarray
     q: np.ndarray
     u: np.ndarray
@@ -99,25 +97,25 @@ class Trajectory:
 
     @property
     def duration_s(self) -> float:
-        """Time covered by the clips together [s]; what lies between two clips does not count."""
+        """Total duration of the clips [s], without the gaps between them."""
         return float(sum(self.time_s[stop - 1] - self.time_s[start] for start, stop in self.segments))
 
     @property
     def joined(self) -> np.ndarray:
-        """Which steps between neighbouring samples (T - 1,) lie inside one clip."""
+        """Mask (T - 1,) of the steps between neighbouring samples that lie inside one clip."""
         inside = np.ones(self.n - 1, dtype=bool)
         inside[[start - 1 for start, _ in self.segments[1:]]] = False
         return inside
 
     def clips(self) -> tuple["Trajectory", ...]:
-        """Each clip as a motion of its own, with its own times."""
+        """Each clip as a trajectory, with its original times."""
         return tuple(self.pieces([clip]) for clip in self.segments)
 
     def cut(self, at: Sequence[int]) -> "Trajectory":
-        """The same samples with a new clip beginning at each sample of ``at`` as well.
+        """The same samples, with a new clip also starting at each sample of ``at``.
 
         Raises:
-            ValueError: a sample outside the motion.
+            ValueError: a sample outside the trajectory.
         """
         if any(not 0 <= i < self.n for i in at):
             raise self._error("cut", f"at {list(at)}", f"name samples from 0 to {self.n - 1}")
@@ -125,7 +123,7 @@ class Trajectory:
         return replace(self, segments=tuple(zip(starts, [*starts[1:], self.n], strict=True)))
 
     def pieces(self, clips: Sequence[tuple[int, int]]) -> "Trajectory":
-        """The half-open, ascending sample ranges ``clips`` alone, each a clip of its own.
+        """Only the half-open, ascending sample ranges ``clips``, each a clip of its own.
 
         Raises:
             ValueError: no range, an empty one, or ranges that overlap.
@@ -165,20 +163,20 @@ class Trajectory:
 def read_trajectory_file(
     path: str | os.PathLike[str], *, columns: Mapping[str, str] | None = None
 ) -> Trajectory:
-    """The motion in a CSV, Parquet or NPZ file.
+    """Read the trajectory in a CSV, Parquet or NPZ file.
 
-    ``columns`` names the file's own columns, ``{"t": "time", "q0": "position", "u0": "torque"}``; those that
-    already bear their name need no mention. A file of text may have a byte-order mark, ``#`` comments, spaces
+    ``columns`` maps standard names to the file's own, ``{"t": "time", "q0": "position", "u0": "torque"}``;
+    columns with standard names need no entry. A text file may have a byte-order mark, ``#`` comments, spaces
     around its names, tabs or semicolons for commas, and decimal commas beside semicolons.
 
-    Rows that lack a number are left out with a warning, and the motion is cut there where more than
-    `LONGEST_LOSS` median steps pass. Clips of which each begins its own clock are laid one after another,
+    Rows that lack a number are dropped with a warning, and the trajectory is cut there if more than
+    `LONGEST_LOSS` median steps pass. Clips that each restart their clock are shifted to follow one another,
     a median step apart, with a warning.
 
     Raises:
-        FileNotFoundError: nothing is at ``path``.
-        ValueError: another kind of file, a column that is missing or holds words, times that stand still or
-            run backwards inside a clip; the message names the row.
+        FileNotFoundError: there is no file at ``path``.
+        ValueError: another kind of file, a column that is missing or not numeric, times that do not increase
+            inside a clip; the message names the row.
     """
     path = Path(path)
     table = name_columns(read_table(path), columns or {})
@@ -223,7 +221,7 @@ def _segment_changes(table: Table, segment: np.ndarray, kept: np.ndarray) -> np.
 
 
 def _one_clock(table: Table, time_s: np.ndarray, cuts: np.ndarray, kept: np.ndarray) -> np.ndarray:
-    """Times that increase throughout; a clip may restart its own clock, and is then moved behind the last."""
+    """Strictly increasing times; a clip that restarts its clock is shifted after the previous one."""
     steps = np.diff(time_s)
     inside = np.ones(len(steps), dtype=bool)
     inside[cuts - 1] = False
@@ -251,7 +249,7 @@ def _one_clock(table: Table, time_s: np.ndarray, cuts: np.ndarray, kept: np.ndar
 
 
 def _lost(table: Table, time_s: np.ndarray, cuts: np.ndarray, kept: np.ndarray, *, n: int) -> np.ndarray:
-    """Warn of rows left out, and return the samples at which they tear a clip."""
+    """Warn of dropped rows, and return the samples at which they split a clip."""
     if len(kept) == n:
         return np.zeros(0, int)
     after = 1 + np.flatnonzero(np.diff(kept) > 1)
@@ -272,7 +270,7 @@ def _lost(table: Table, time_s: np.ndarray, cuts: np.ndarray, kept: np.ndarray, 
 
 
 def leading_samples(motion: Trajectory, length_s: float) -> Trajectory:
-    """The first clips of a motion, as many as last ``length_s`` [s] together, the last of them cut."""
+    """The leading clips of a trajectory, ``length_s`` [s] together, the last one cut."""
     pieces: list[tuple[int, int]] = []
     left = length_s
     for start, stop in motion.segments:

@@ -1,4 +1,8 @@
-"""Which files a path stands for: a film, a folder of films, or a folder of images."""
+"""Find the clips of a path: a video, a folder of videos, or a folder of images.
+
+Clips of a folder are sorted by name in natural order (``take2`` before ``take10``). No file is opened, so a
+plan can name every file beforehand.
+"""
 
 import os
 import re
@@ -16,9 +20,9 @@ TIMES = "times.csv"
 
 @dataclass(frozen=True)
 class VideoClip:
-    """One stretch of frames without a break: a film, or the images of a folder.
+    """A continuous sequence of frames: a video, or the images of a folder.
 
-    ``images`` are in their order, and empty for a film. ``times`` is the table of their times, if any.
+    ``images`` are in order, and empty for a video. ``times`` is the table of their times, if any.
     """
 
     path: Path
@@ -27,19 +31,19 @@ class VideoClip:
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """Every file that decides what the clip is."""
+        """Every file that determines the clip's content."""
         own = self.images or (self.path,)
         return own if self.times is None else (*own, self.times)
 
 
 def find_clips(path: str | os.PathLike[str]) -> tuple[VideoClip, ...]:
-    """The clips behind ``path``: a file is one film, whatever its name; a folder holds films or images.
+    """Find the clips at ``path``: a file is one video, whatever its name; a folder holds videos or images.
 
-    Hidden files and files that are neither film nor image are left alone.
+    Hidden files and files that are neither video nor image are ignored.
 
     Raises:
-        FileNotFoundError: nothing is at ``path``.
-        ValueError: a folder with both films and images, or with neither.
+        FileNotFoundError: there is no file at ``path``.
+        ValueError: a folder with both videos and images, or with neither.
     """
     path = Path(path).expanduser()
     if path.is_file():
@@ -68,7 +72,7 @@ def find_clips(path: str | os.PathLike[str]) -> tuple[VideoClip, ...]:
 
 
 def natural_order(path: Path) -> tuple[tuple[int, str], ...]:
-    """A key that sorts names by the numbers in them: ``img2`` before ``img10``."""
+    """Sort key by the numbers in a name: ``img2`` before ``img10``."""
     parts = re.split(r"(\d+)", path.name)
     counted = ((int(part), "") if part.isdigit() else (-1, part.lower()) for part in parts)
     return (*counted, (-1, path.name))

@@ -1,18 +1,9 @@
-"""Whether a film's file is as long as it says.
+"""Decode the images of one clip, each with its time, and detect truncated files and repeated first frames.
 
-Frame counts cannot tell: an edit list may hide frames of a whole file, and then fewer come out than are
-announced. The sizes that the two box formats write into themselves can.
-
-The pictures of one clip, each with its time.
-
-Times of a film are the container's presentation timestamps, read for every frame: the frame rate and frame
-count in a file's header are averages at best and often wrong. AVI has no timestamps; its frames stand at
-multiples of the stream's own time base, which is all that such a file knows. Films are turned as their
-rotation tag says and images as their EXIF tag says, which is OpenCV's default.
-
-Frames that a recorder writes several times before its clock runs.
-
-Two things at once: making items, and working on those already made.
+Times of a video are the container's presentation timestamps, read for every frame: the header's frame rate
+and frame count are averages at best and often wrong. AVI has no timestamps; its frames are at multiples of
+the stream's time base. Videos follow their rotation tag and images their EXIF tag, OpenCV's default. Frame
+counts do not reveal truncation, because an edit list may hide frames of a complete file; box sizes do.
 """
 
 import csv
@@ -36,9 +27,9 @@ LONG_BOX_HEADER = 16
 
 
 def count_missing_bytes(path: str | os.PathLike[str]) -> int | None:
-    """How many bytes the file at ``path`` lacks by its own account; None where its format keeps no account.
+    """Number of bytes the file lacks by its own box sizes; None if its format has none.
 
-    Known are MP4 and QuickTime (ISO/IEC 14496-12, section 4.2) and AVI (RIFF, its outermost chunks).
+    Supports MP4 and QuickTime (ISO/IEC 14496-12, section 4.2) and AVI (RIFF, its outermost chunks).
     """
     total = os.path.getsize(path)
     with open(path, "rb") as file:
@@ -61,7 +52,7 @@ def count_missing_bytes(path: str | os.PathLike[str]) -> int | None:
                 size = int.from_bytes(header[8:16], "big")
             if size == 0:  # "to the end of the file"
                 return 0
-            # A box smaller than its own header is damage; without this floor the walk would stand still.
+            # A box smaller than its header is damaged; without this floor the loop would not advance.
             position += max(size, BOX_HEADER)
     return position - total
 
@@ -72,24 +63,27 @@ Pictures = Iterator[tuple[float, UInt8[np.ndarray, "H W 3"] | None]]
 def decode_frames(
     clip: VideoClip, *, skip_s: float = 0.0, end_s: float | None = None, dt_s: float | None
 ) -> Pictures:
-    """Time [s] and picture (BGR) of each frame up to ``end_s`` (exclusive); None in place of pictures before
-    ``skip_s``. Both count from the clip's first frame.
+    """Yield time [s] and image (BGR) of each frame; None instead of images before ``skip_s``.
 
-    ``dt_s`` is the spacing of images without a table of times; films have times of their own. A film that is
-    cut short gives the frames that are whole, with a warning.
+    A truncated video gives its complete frames, with a warning.
+
+    Args:
+        clip: The clip.
+        skip_s, end_s: Start and (exclusive) end [s from the clip's first frame].
+        dt_s: Spacing of images without a table of times; None for videos.
 
     Raises:
-        ValueError: a file cannot be decoded, times do not strictly increase or are not known, or the images
-            of a folder differ in size.
+        ValueError: a file cannot be decoded, times do not strictly increase or are unknown, or the images of
+            a folder differ in size.
     """
     return _images(clip, skip_s, end_s, dt_s) if clip.images else _film(clip.path, skip_s, end_s, dt_s)
 
 
 def read_frame_size(clip: VideoClip, *, dt_s: float | None) -> tuple[int, int]:
-    """Rows and columns of a clip's first picture, turned as its tag says.
+    """Rows and columns of a clip's first image, rotated as its tag says.
 
     Raises:
-        ValueError: as `decode_frames`; or there is no picture.
+        ValueError: as `decode_frames`; or there is no image.
     """
     pictures = decode_frames(clip, dt_s=dt_s)
     try:
@@ -116,11 +110,11 @@ def _film(path: Path, skip_s: float, end_s: float | None, dt_s: float | None) ->
                 f"{why}. Fetch it again, or re-encode it (ffmpeg -i FILE -c:v libx264 -crf 12 NEW.mp4)"
             )
         times: list[float] = []
-        # The last frame of a file that breaks off may be half a picture, and no decoder tells.
+        # The last frame of a truncated file may be incomplete, and no decoder reports it.
         doubtful = bool(count_missing_bytes(path))
         held: tuple[float, UInt8[np.ndarray, "H W 3"]] | None = None
         while capture.grab():
-            # The position is that of the frame just grabbed; the header's frame rate does not enter.
+            # The position is that of the frame just grabbed, independent of the header's frame rate.
             time_s = capture.get(cv2.CAP_PROP_POS_MSEC) / 1000.0
             if times and not time_s > times[-1]:
                 raise ValueError(
@@ -190,7 +184,7 @@ def _images(clip: VideoClip, skip_s: float, end_s: float | None, dt_s: float | N
 
 
 def _times_of(clip: VideoClip, dt_s: float | None) -> list[float]:
-    """A time [s] for each image: from the table beside them, or every ``dt_s`` from 0."""
+    """Time [s] of each image: from the table beside them, or every ``dt_s`` from 0."""
     if clip.times is None:
         if dt_s is None:
             raise ValueError(
@@ -217,13 +211,13 @@ def _times_of(clip: VideoClip, dt_s: float | None) -> list[float]:
 
 
 LOOKED_AT = 6  # frames
-SHARE = 1 / 50  # of the median difference, below which two frames are one
+SHARE = 1 / 50  # of the median difference, below which two frames are equal
 
 
 def count_duplicates_at_start(frames: Sequence[UInt8[np.ndarray, "H W 3"]]) -> int:
-    """How many leading frames only repeat the one after them.
+    """Number of leading frames that only repeat the next, as some recorders write.
 
-    Two neighbours are one frame if their mean squared difference is below a fiftieth of the median over the
+    Two neighbours are equal if their mean squared difference is below a fiftieth of the median over the
     first six frames.
     """
     first = [np.asarray(frame, dtype=np.float32) for frame in frames[:LOOKED_AT]]
@@ -236,13 +230,13 @@ def count_duplicates_at_start(frames: Sequence[UInt8[np.ndarray, "H W 3"]]) -> i
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
-AHEAD = 4  # items that may wait: more would only fill memory
+AHEAD = 4  # items that may wait; more would only use memory
 
 
 def overlap_decoding(items: Iterable[Item], work: Callable[[Item], Result]) -> Iterator[Result]:
-    """``work`` of each item, in order, done in one other thread while this one makes the next item.
+    """Apply ``work`` to each item, in order, in one other thread while this one makes the next item.
 
-    It pays where both leave Python's lock alone, as OpenCV does. Errors of either come out here.
+    Faster if both release Python's lock, as OpenCV does. Errors of either are raised here.
     """
     with ThreadPoolExecutor(max_workers=1) as worker:
         pending: deque[Future[Result]] = deque()

@@ -1,12 +1,4 @@
-"""Which files a path stands for: a film, a folder of films, or a folder of images.
-
-Several clips of one system lie in one folder and are taken by name, in the order a person would count them
-(``take2`` before ``take10``). This module opens nothing, so that a plan can name every file beforehand.
-
-A clip of one fixed camera in the layout of D-NeRF recordings, for tools that read nothing else.
-
-Numbered pictures that another program predicted.
-"""
+"""Image sequences for external tools: write the D-NeRF layout, and read predicted frames."""
 
 import json
 import os
@@ -29,14 +21,20 @@ def write_dnerf(
     field_of_view_rad: float,
     distance: float,
 ) -> float:
-    """Write frames as numbered PNGs and one listing of them; returns the time that divides them.
+    """Write frames as numbered PNGs with one listing; return the time of the train-test split.
 
-    Times run from 0 to 1 over the clip, in order and evenly. Every frame has the same camera, at ``distance``
-    on the z axis, looking at the origin along -z with x to the right and y up. Frames before the returned
-    time are the first ``n_train``: tools that split one listing by time train on these.
+    Times run evenly from 0 to 1 over the clip. Frames before the returned time are the first ``n_train``:
+    tools that split a listing by time train on these.
+
+    Args:
+        folder: Where to write.
+        frames: The clip, by one fixed camera.
+        n_train: Number of training frames.
+        field_of_view_rad: Of the camera.
+        distance: Of the camera on the z axis; it looks along -z at the origin, x to the right, y up.
 
     Raises:
-        ValueError: nothing is left to train on, or nothing to predict.
+        ValueError: no frame to train on, or none to predict.
     """
     if not 0 < n_train < len(frames):
         raise ValueError(
@@ -68,12 +66,17 @@ def write_dnerf(
 
 
 def read_predicted(folder: str | os.PathLike[str], *, height: int, width: int, at_least: int) -> Frames:
-    """The PNGs ``00000.png``, ``00001.png``, ... of a folder in the order of their numbers, uint8 (N,H,W,3).
+    """Read the PNGs ``00000.png``, ``00001.png``, ... of a folder, in order: uint8 (N, H, W, 3).
+
+    Args:
+        folder: The folder.
+        height, width: Expected size of the images [px].
+        at_least: Smallest number of images.
 
     Raises:
         FileNotFoundError: there is no such folder.
-        ValueError: fewer than ``at_least`` of them, a gap in the numbers, a picture of another size or one
-        that cannot be read.
+        ValueError: fewer than ``at_least``, a gap in the numbers, an image of another size or one that
+            cannot be read.
     """
     place = Path(folder)
     if not place.is_dir():

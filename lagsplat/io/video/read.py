@@ -1,9 +1,7 @@
-"""Recordings from films and from folders of images, by OpenCV.
+"""Read videos and folders of images as recordings, and write small MP4 and GIF videos, with OpenCV.
 
-Pictures are turned, stabilised, cropped, averaged over areas and checked one after another as they are
-decoded, so that no film is held at its full size. Crops are given in the turned picture.
-
-Small films of drawn pictures, for people: an MP4 and a GIF.
+Images are rotated, stabilised, cropped, resized and checked one by one as they are decoded, so no video is
+in memory at full size. Crops are in coordinates of the rotated image.
 """
 
 import hashlib
@@ -35,12 +33,12 @@ from lagsplat.video_quality.frames import Thumbnails, crop_and_resize, rotate_im
 
 Frame = UInt8[np.ndarray, "H W 3"]
 CLIP_GAP_S = 1.0  # between the last frame of a clip and the first of the next
-SAME_SHAPE = 0.01  # relative difference of aspect ratios, and of frame spacings, that is none
+SAME_SHAPE = 0.01  # largest relative difference of equal aspect ratios, and of equal frame spacings
 
 
 @dataclass(frozen=True)
 class _Treatment:
-    """What is done to every picture and clip; fields as in `read_video`."""
+    """Processing of every image and clip; fields as in `read_video`."""
 
     crop: Sequence[int] | None
     skip_s: float
@@ -54,7 +52,7 @@ class _Treatment:
 
 @dataclass(frozen=True)
 class _Film:
-    """One clip as read: frames, their times [s] and the time of the clip's first frame."""
+    """One clip as read: frames, their times [s], quality and metadata."""
 
     frames: UInt8[np.ndarray, "T H W 3"]
     time_s: Float64[np.ndarray, " T"]
@@ -75,21 +73,27 @@ def read_video(
     stabilise: bool = False,
     licence: str = "unknown",
 ) -> Recording:
-    """The film, folder of films or folder of images at ``path``, without inputs.
+    """Read the video, folder of videos or folder of images at ``path``, without inputs.
 
-    Each film of a folder is a clip of its own. ``crop`` is (x, y, width, height) [pixel of the film]. Frames
-    from ``skip_s`` up to ``end_s`` (exclusive) seconds after each clip's first frame are kept. Times are
-    those of the container; later clips are shifted as a whole, to 1 s after the one before. ``size`` is
-    (height, width) after averaging over areas; None keeps the cropped size. ``dt_s`` is the spacing of
-    images that have no times.csv, and is None for films. ``rotate`` turns clockwise [degree], on top of the
-    file's own tag. ``grey`` makes the three channels equal. ``stabilise`` shifts every picture back onto the
-    clip's first by the motion of the background. Leading duplicates are dropped. What breaks the method is
-    warned of and kept in ``meta["footage"]``, by clip.
+    Each video of a folder is a clip. Times are those of the container; each later clip is shifted to start 1
+    s after the previous one. Leading duplicates are dropped. Defects cause warnings and are kept in
+    ``meta["footage"]``, by clip.
+
+    Args:
+        path: A file or folder.
+        crop: (x, y, width, height) [pixel of the rotated video]; None keeps the whole image.
+        skip_s, end_s: Keep frames from and up to (exclusive) these times [s from each clip's first frame].
+        size: (height, width) after averaging over areas; None keeps the cropped size.
+        dt_s: Spacing of images without a times.csv; None for videos.
+        rotate: Clockwise [degree], on top of the file's own tag.
+        grey: Make the three channels equal.
+        stabilise: Shift every image back onto the clip's first by the motion of the background.
+        licence: Kept in ``meta``.
 
     Raises:
-        FileNotFoundError: nothing is at ``path``.
-        ValueError: a file cannot be decoded, holds no frame in the range, goes backwards in time, is smaller
-            than the crop, or its clips differ in shape; the times of images are not known; or there is no
+        FileNotFoundError: there is no file at ``path``.
+        ValueError: a file cannot be decoded, has no frame in the range, goes backwards in time, is smaller
+            than the crop, or its clips differ in shape; the times of images are unknown; or there is no
             background to stabilise on.
     """
     clips = find_clips(path)
@@ -173,19 +177,19 @@ def _decode(clip: VideoClip, treatment: _Treatment) -> Pictures:
 
 
 def _measure_path(clip: VideoClip, treatment: _Treatment) -> Float64[np.ndarray, "T 2"]:
-    """Where the background of each kept picture has gone: a first pass over the whole clip."""
+    """Displacement of the background of each kept image, in a first pass over the clip."""
     pictures = (
         cv2.cvtColor(rotate_image(picture, treatment.rotate), cv2.COLOR_BGR2GRAY)
         for _, picture in _decode(clip, treatment)
         if picture is not None
     )
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # what is missing is said by the second pass
+        warnings.simplefilter("ignore")  # the second pass warns of what is missing
         return path_to_undo(pictures, source=str(clip.path))
 
 
 def _with_common_size(clips: Sequence[VideoClip], treatment: _Treatment) -> _Treatment:
-    """The same treatment, with a size that suits all clips."""
+    """The same processing, with a size that suits all clips."""
     if len(clips) == 1:
         return treatment
     sizes = [read_frame_size(clip, dt_s=treatment.dt_s) for clip in clips]
@@ -230,7 +234,7 @@ def _warn_of_spacings(clips: Sequence[VideoClip], films: Sequence[_Film]) -> Non
 
 
 def _one_clock(films: Sequence[_Film]) -> tuple[Float64[np.ndarray, " T"], list[int]]:
-    """Times [s] of all frames, each clip's after the one before it, and where each clip ends."""
+    """Times [s] of all frames, each clip's after the previous one's, and where each clip ends."""
     times = [films[0].time_s]
     for film in films[1:]:
         times.append(film.time_s - film.time_s[0] + times[-1][-1] + CLIP_GAP_S)
@@ -238,7 +242,7 @@ def _one_clock(films: Sequence[_Film]) -> tuple[Float64[np.ndarray, " T"], list[
 
 
 def _sha256_of_all(clips: Sequence[VideoClip]) -> str:
-    """The file's own digest; of several files, the digest of theirs in order."""
+    """Digest of a single file, or of the digests of several files in order."""
     digests = [sha256_of(file) for clip in clips for file in clip.files]
     return digests[0] if len(digests) == 1 else hashlib.sha256("".join(digests).encode()).hexdigest()
 
@@ -248,10 +252,10 @@ COLORS = 128
 
 
 def save_mp4(path: str | os.PathLike[str], pictures: Iterable[Picture], *, rate_hz: float) -> None:
-    """Write an MPEG-4 film of RGB pictures of one size; an odd side loses its last pixel.
+    """Write RGB images of one size as an MPEG-4 video; an odd side loses its last pixel.
 
     Raises:
-        ValueError: there is no picture, or OpenCV cannot write such a film here.
+        ValueError: there is no image, or OpenCV cannot write such a video here.
     """
     with replace_atomically(path) as temporary:
         writer = None
@@ -267,15 +271,15 @@ def save_mp4(path: str | os.PathLike[str], pictures: Iterable[Picture], *, rate_
 
 
 def save_gif(path: str | os.PathLike[str], pictures: Iterable[Picture], *, rate_hz: float) -> None:
-    """Write an animation that repeats for ever.
+    """Write RGB images as an animation that repeats for ever.
 
     Raises:
-        ValueError: there is no picture.
+        ValueError: there is no image.
     """
     frames = [Image.fromarray(picture).quantize(COLORS) for picture in pictures]
     if not frames:
         raise ValueError(f"{path}: an animation needs a picture")
-    # GIF counts hundredths of a second, and browsers slow down what claims to be faster than 50 Hz
+    # GIF counts hundredths of a second, and browsers slow down animations above 50 Hz.
     pause_ms = 10 * max(2, round(100.0 / rate_hz))
     with replace_atomically(path) as temporary:
         frames[0].save(temporary, save_all=True, append_images=frames[1:], duration=pause_ms, loop=0)
