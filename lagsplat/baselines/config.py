@@ -1,11 +1,4 @@
-"""Settings of the baselines: what they are and how they are trained. Torch-free: planning stays fast.
-
-Where the authors' tool is and how long it is trained. Torch-free: planning stays fast.
-
-Settings of the free neural differential equation. Torch-free: planning stays fast.
-
-Settings of the key-point forecaster. Torch-free: planning stays fast.
-"""
+"""Settings of the baselines: their architecture and their training. Torch-free, so that planning is fast."""
 
 from dataclasses import dataclass
 
@@ -18,19 +11,19 @@ BASELINE_TITLES = {
     "koopman_deconv": "Koopman + deconv",
     "koopman_abcd": "Koopman + ABCD",
 }
-"""What tables and figures call the choices of ``conf/baseline``."""
+"""Names of the choices of ``conf/baseline`` in tables and figures."""
 
 
 @dataclass  # not frozen: OmegaConf turns frozen dataclasses into read-only nodes
 class BaselineLossConfig:
-    """Weights of the terms beside the reconstruction of a frame by itself, which has weight one."""
+    """Weights of the loss terms; the reconstruction of single frames has weight one."""
 
-    divergence: float  # of the encoded distribution from the unit normal one
-    ahead: float  # the next frame, drawn at the state after one step
+    divergence: float  # KL divergence of the encoded distribution from the standard normal
+    ahead: float  # the next frame, rendered at the state after one step
     latent: float  # that state and its velocity times the step, against the encoded ones
-    steady: float  # oscillators: frames at rest lie at the rest and stay there
+    steady: float  # oscillators: frames at rest lie at the rest state and stay there
     attention: float  # attention: maps change only where the image does
-    closing: float  # paired oscillators: nodes approach each other as their maps do
+    closing: float  # paired oscillators: nodes approach each other at the rate of their maps
     closing_early: float  # the same during `closing_from`
     closing_from: float  # fraction of the run
     closing_gradient: float  # share of the last term's gradient that reaches the maps
@@ -45,16 +38,16 @@ class BaselineLossConfig:
 
 @dataclass  # not frozen, for the same reason
 class BaselineRateConfig:
-    """AdamW step size along a run, whose warm-up concerns the encoder and the law only."""
+    """AdamW step size over a run; the warm-up applies to the encoder and the dynamics only."""
 
     peak: float
     weight_decay: float
     warmup: float  # fraction of the run
-    warmup_stairs: int  # equal stairs from `warmup_start` up to, not including, one
+    warmup_stairs: int  # equal steps from `warmup_start` up to, not including, one
     warmup_start: float
-    drop_at: float  # fraction of the run, the warm-up not counted, after which the rate is lower
+    drop_at: float  # fraction of the run, without the warm-up, after which the rate is lower
     drop_factor: float
-    gradient_clip: float  # norm of all gradients together
+    gradient_clip: float  # of the norm of all gradients together
 
     def __post_init__(self) -> None:
         if min(self.peak, self.gradient_clip, self.drop_factor, self.warmup_start) <= 0:
@@ -74,23 +67,23 @@ class BaselineRateConfig:
 
 @dataclass  # not frozen, for the same reason
 class BaselineConfig:
-    """Everything that decides a baseline, less the recording and the seed."""
+    """All settings of a baseline; recording and seed come apart."""
 
     decoder: str  # 'deconv' or 'abcd'
     dynamics: str  # 'oscillators' or 'koopman'
     d: int
-    samples: int  # inputs that the law is fed, this frame's and earlier ones
-    background: float  # logit of the background, of the attention decoder
-    noise: float  # Gumbel noise on the logits in training, in spreads of them
+    samples: int  # inputs that the dynamics see, this frame's and earlier ones
+    background: float  # logit of the background of the attention decoder
+    noise: float  # Gumbel noise on the logits in training, in standard deviations of them
     rest_frames: int  # leading frames of the recording in which the mechanism is at rest
-    steps: dict[str, int]  # by decoder: one with attention costs ten times as much a step
-    batch: int  # consecutive frames a step
-    order: str  # of the batches: 'sequential' or 'shuffled' anew on every pass
+    steps: dict[str, int]  # by decoder: a step with attention costs ten times as much
+    batch: int  # consecutive frames per step
+    order: str  # of the batches: 'sequential', or 'shuffled' on every pass
     checkpoint_every_s: float
     loss: BaselineLossConfig
     rate: BaselineRateConfig
     weights: str | None
-    """Published weights in place of training: a file, or a folder with ``SYSTEM/BASELINE.pt``."""
+    """Published weights instead of training: a file, or a folder with ``SYSTEM/BASELINE.pt``."""
 
     def __post_init__(self) -> None:
         for name, value, known in (
@@ -119,30 +112,30 @@ class BaselineConfig:
 
     @property
     def n_steps(self) -> int:
-        """Steps of this model's training."""
+        """Number of training steps for this decoder."""
         return self.steps[self.decoder]
 
 
 @dataclass  # not frozen: OmegaConf turns frozen dataclasses into read-only nodes
 class AuthorsConfig:
-    """A checkout of GaussianPrediction and its Python, or the frames that it predicted elsewhere.
+    """A checkout of GaussianPrediction and its Python, or frames that it predicted elsewhere.
 
     Raises:
         ValueError: a value outside its domain, or a checkout and frames at once.
     """
 
-    checkout: str | None  # folder with train.py and train_GCN.py; null leaves the tool out
+    checkout: str | None  # folder with train.py and train_GCN.py; null skips the tool
     python: str | None  # its interpreter, with its own CUDA build of torch
     frames: str | None  # folder of predicted PNGs in place of a checkout
     iterations: int
     epochs: int  # of the graph network
-    free_frames: int  # predicted freely after the held-out ones
-    field_of_view_rad: float  # horizontal, of the one declared camera
-    distance: float  # of that camera from the origin, in the tool's own units
-    extent: float  # of the scene: the tool takes it from how far cameras are apart, and one camera has none
+    free_frames: int  # predicted freely after the held-out frames
+    field_of_view_rad: float  # horizontal, of the single declared camera
+    distance: float  # of that camera from the origin, in the tool's units
+    extent: float  # of the scene: the tool derives it from the distances of cameras, and there is only one
 
     def __post_init__(self) -> None:
-        """Check the domains."""
+        """Check that every value is in its domain."""
         for key in ("iterations", "epochs", "free_frames", "field_of_view_rad", "distance", "extent"):
             if getattr(self, key) <= 0:
                 raise ValueError(f"authors.{key}={getattr(self, key)} must be positive; see conf/authors")
@@ -157,25 +150,25 @@ class AuthorsConfig:
 
 @dataclass  # not frozen: OmegaConf turns frozen dataclasses into read-only nodes
 class OdeConfig:
-    """Everything that decides a free neural differential equation, less the chart and the seed.
+    """All settings of a neural ODE; chart and seed come apart.
 
     Raises:
         ValueError: a value outside its domain.
     """
 
     hidden: int
-    layers: int  # hidden ones
+    layers: int  # hidden layers
     method: str  # of torchdiffeq, one step a frame: 'rk4' or 'midpoint'
     steps: int
-    batch: int  # windows a step
-    periods: float  # length of a window in natural periods; it grows to this from a quarter
+    batch: int  # windows per step
+    periods: float  # final length of a window in natural periods; it starts at a quarter of this
     rate: float  # Adam
     final_fraction: float  # of the rate, reached at the last step on a cosine
     gradient_clip: float
     checkpoint_every_s: float
 
     def __post_init__(self) -> None:
-        """Check the domains."""
+        """Check that every value is in its domain."""
         for name in ("hidden", "layers", "steps", "batch"):
             _require_ode(name, getattr(self, name), getattr(self, name) >= 1, "must be at least 1")
         for name in ("periods", "rate", "gradient_clip"):
@@ -195,17 +188,17 @@ PHASES = ("warm_up", "free", "keys", "joint", "graph")
 
 @dataclass  # not frozen: OmegaConf turns frozen dataclasses into read-only nodes
 class MotionConfig:
-    """What moves the Gaussians: a network of their own features, places and the time."""
+    """The network that moves the Gaussians, from their features, places and the time."""
 
-    feature: int  # numbers that tell one moving thing from another
-    octaves: int  # of sines and cosines, of the place and of the time alike
+    feature: int  # dimension of the motion feature
+    octaves: int  # of sines and cosines, for place and time
     hidden: int
-    layers: int  # hidden ones
+    layers: int  # hidden layers
     key_points: int
     neighbours: int  # key points that move one Gaussian
-    feature_weight: float  # of a feature against a place, where neighbours are looked for
-    place_noise: float  # sigma of the noise on the places that the network is told, over half a width
-    feature_penalty: float  # price of a feature's mean absolute value
+    feature_weight: float  # weight of a feature against a place in the search for neighbours
+    place_noise: float  # sigma of the noise on the places that the network sees [half widths]
+    feature_penalty: float  # weight of a feature's mean absolute value in the loss
 
     def __post_init__(self) -> None:
         counts = ("feature", "octaves", "hidden", "layers", "key_points", "neighbours")
@@ -225,7 +218,7 @@ class MotionConfig:
 
 @dataclass  # not frozen, for the same reason
 class ForecasterRateConfig:
-    """Adam step sizes: first and last, falling by a constant factor a step."""
+    """Adam step sizes: first and last, falling by a constant factor per step."""
 
     motion: list[float]  # network, features and key points
     place: list[float]  # of the Gaussians, in half widths
@@ -248,15 +241,15 @@ class ForecasterRateConfig:
 
 @dataclass  # not frozen, for the same reason
 class GraphConfig:
-    """The graph networks that carry key points on, one for their positions and one for their turns."""
+    """The graph networks that predict key points, one for positions and one for rotations."""
 
-    history: int  # frames that a prediction is made from
+    history: int  # frames that a prediction uses
     hidden: int
-    blocks: int  # residual, of two graph convolutions
+    blocks: int  # residual blocks of two graph convolutions
     batch: int
     rate: list[float]  # Adam, first and last, on a half cosine
-    noise: float  # uniform, on the input positions [half widths]; half of it on the turns
-    noise_until: float  # fraction of the training over which it falls to nothing
+    noise: float  # uniform, on the input positions [half widths]; half of it on the rotations
+    noise_until: float  # fraction of the training over which the noise falls to zero
 
     def __post_init__(self) -> None:
         for name in ("history", "hidden", "blocks"):
@@ -277,11 +270,11 @@ class GraphConfig:
 
 @dataclass  # not frozen, for the same reason
 class ForecasterConfig:
-    """Everything that decides a key-point forecaster, less the recording and the seed."""
+    """All settings of a key-point forecaster; recording and seed come apart."""
 
     n_gaussians: int
-    spatial_sigma: float  # of a Gaussian at the start, as a fraction of the image height
-    opacity: float  # of a Gaussian at the start
+    spatial_sigma: float  # initial size of a Gaussian, as a fraction of the image height
+    opacity: float  # initial opacity of a Gaussian
     l1: float
     ssim: float
     ssim_window: int
@@ -309,7 +302,7 @@ class ForecasterConfig:
 
     @property
     def n_steps(self) -> int:
-        """Steps of all phases."""
+        """Steps of all phases together."""
         return sum(self.steps[name] for name in PHASES)
 
 

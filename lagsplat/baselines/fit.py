@@ -1,7 +1,4 @@
-"""The training loop of a baseline.
-
-A baseline for a recording: trained on it, or with weights that were published.
-"""
+"""Train a baseline on a recording, or take its published weights."""
 
 import logging
 import time
@@ -29,12 +26,12 @@ from lagsplat.io.recording.recording import Recording
 from lagsplat.stage1.autoencoder import to_images
 
 log = logging.getLogger(__name__)
-PATIENCE = 10  # batches in a row without a finite gradient
-CURVE_POINTS = 400  # rows of the training curve, whatever the length of the run
+PATIENCE = 10  # maximum number of consecutive batches without a finite gradient
+CURVE_POINTS = 400  # rows of the training curve, for a run of any length
 
 
 class BaselineCurvePoint(NamedTuple):
-    """Means since the previous point; ``seconds`` of training in all, interruptions not counted."""
+    """Means since the previous point; ``seconds`` is the total training time without interruptions."""
 
     step: int
     loss: float
@@ -49,16 +46,16 @@ class BaselineCurvePoint(NamedTuple):
 
 
 class BaselineData(NamedTuple):
-    """The training frames as the loop reads them."""
+    """The training frames in the form that the training loop reads."""
 
     frames: torch.Tensor  # uint8 (T, H, W, 3)
-    inputs: torch.Tensor  # delayed, (T, m)
+    inputs: torch.Tensor  # with delays, (T, m)
     starts: Int64[np.ndarray, " batches"]
     rest_frames: int
 
 
 def choose_architecture(config: BaselineConfig, recording: Recording) -> BaselineArchitecture:
-    """The shape of a baseline for this recording."""
+    """The architecture of a baseline for this recording."""
     return BaselineArchitecture(
         decoder=config.decoder,
         dynamics=config.dynamics,
@@ -83,13 +80,17 @@ def fit_baseline(
 ) -> tuple[Baseline, list[BaselineCurvePoint]]:
     """Train a baseline on the training part of a recording.
 
-    Every random draw is a function of the seed and the step, so a run that goes on from ``checkpoint`` ends
-    with the same bits as one that was never interrupted. The law steps once a median spacing of frames.
+    Every random draw is a function of the seed and the step, so a run resumed from ``checkpoint`` ends with
+    the same bits as an uninterrupted one. The dynamics step once per median frame spacing.
+
+    Args:
+        train, config, seed: training frames, settings, and the random seed.
+        checkpoint, identity: file to resume from, and the string that identifies the run in it.
 
     Raises:
         ValueError: no clip is as long as a batch, the inputs or the frames do not suit the models.
-        FloatingPointError: the gradient is not finite for `PATIENCE` batches in a row. The variance that the
-            encoder gives a frame is unbounded and can overflow; such a batch teaches nothing, and is logged.
+        FloatingPointError: the gradient is not finite for `PATIENCE` batches in a row. The encoder's
+            variance is unbounded and can overflow; such a batch is skipped and logged.
 
     Source: see `lagsplat.baselines.objective`; the published runs trained for 300 passes.
     """
@@ -115,7 +116,7 @@ def fit_baseline(
                 curve.append(BaselineCurvePoint._make([step + 1, *means.tolist(), seconds]))
                 bar.set_postfix(loss=f"{curve[-1].loss:.4g}", mse=f"{curve[-1].reconstruction:.3g}")
                 sums, counted = np.zeros(8), 0
-                # Only here are the running means empty, so that a checkpoint need not hold them.
+                # The running means are empty only here, so a checkpoint need not hold them.
                 if checkpoint and time.monotonic() - saved_at > config.checkpoint_every_s:
                     save_training_state(checkpoint, baseline, optimizer, curve, identity=identity)
                     saved_at = time.monotonic()
@@ -123,7 +124,8 @@ def fit_baseline(
 
 
 def prepare_baseline_data(train: Recording, config: BaselineConfig) -> BaselineData:
-    """The training part cut into batches of consecutive frames, clip by clip; a shorter rest is left out.
+    """Cut the training part into batches of consecutive frames, clip by clip; a shorter remainder is
+    dropped.
 
     Raises:
         ValueError: no clip is as long as a batch, there are no inputs, or fewer frames than at rest.
@@ -158,7 +160,13 @@ def train_step(
     seed: int,
     step: int,
 ) -> Float32[np.ndarray, " terms"] | None:
-    """One descent on one batch; its loss and the unweighted terms, or None where nothing could be learned."""
+    """One gradient step on one batch; its loss and the unweighted terms, or None without a finite gradient.
+
+    Args:
+        baseline, optimizer: the model in training, and its optimiser.
+        footage, config: training frames, and settings.
+        seed, step: decide every random draw.
+    """
     rng = np.random.default_rng([seed, step])
     generator = torch.Generator().manual_seed(int(rng.integers(2**62)))
     scene = _scene(footage, config, _start(footage, config, seed=seed, step=step), rng)
@@ -187,7 +195,7 @@ def _lost(in_a_row: int, step: int) -> int:
 
 
 def _start(footage: BaselineData, config: BaselineConfig, *, seed: int, step: int) -> int:
-    """First frame of this step's batch: in order, or in another order on every pass."""
+    """First frame of this step's batch: in order, or in a new order on every pass."""
     count = len(footage.starts)
     turn, place = divmod(step, count)
     if config.order == "sequential":
@@ -211,10 +219,13 @@ def _scene(
 def obtain_baseline(
     train: Recording, config: BaselineConfig, *, seed: int, checkpoint: Path, identity: str
 ) -> tuple[Baseline, dict[str, Any]]:
-    """The model and the story of its training, for its header; arguments as `fit_baseline`.
+    """The model, trained or from published weights, and how it was trained, for its header.
 
-    The story has ``steps``, ``frames_seen`` and ``wall_s``, None where they were not spent here, ``weights``
-    (the file, or None), ``epoch`` of published weights, and ``curve``, a list of rows.
+    The latter has ``steps``, ``frames_seen`` and ``wall_s`` (None if not trained here), ``weights`` (the
+    file, or None), ``epoch`` of published weights, and ``curve``, a list of rows.
+
+    Args:
+        train, config, seed, checkpoint, identity: as `fit_baseline`.
 
     Raises:
         ValueError, FloatingPointError: as `fit_baseline` and `lagsplat.baselines.released.load_released`;

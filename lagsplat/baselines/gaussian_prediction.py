@@ -1,16 +1,7 @@
-"""From a clip to the frames that the authors' tool predicts of it.
+"""Run the authors' GaussianPrediction on a clip: check the checkout, build its commands, read its frames.
 
-Run a program of the authors' checkout on a scene of one fixed camera.
-
-The tool measures how large a scene is by how far its cameras are apart. One fixed camera is no distance from
-itself: every step size of a place would be zero and all points would be taken for too large. This wrapper
-leaves the checkout as it is and gives the scene an extent when the tool asks. The tool's own interpreter runs
-it from the checkout, as ``python static_camera.py EXTENT PROGRAM ARGUMENTS``; it needs nothing else.
-
-The authors' tool: whether a checkout can be run, its commands, and the run itself.
-
-Nothing of the tool is part of this project: its repository carries no licence. What stands here is how it is
-called, read off its documentation.
+The repository carries no licence, so nothing of it is part of this project; only its documented commands are
+used, through `static_camera`.
 
 Source: facts of github.com/BoMingZhao/GaussianPrediction, commit 301f3d5.
 """
@@ -34,9 +25,13 @@ def predict_frames(
 ) -> UInt8[np.ndarray, "N H W 3"]:
     """Predicted frames from the first held-out one on: at least as many as are held out, uint8 (N,H,W,3).
 
-    With ``config.frames`` they are read from that folder. Else the clip ``frames`` is written below
-    ``place`` in the layout that the tool reads, the tool is trained and asked for a free run, which begins
-    with the held-out frames. What it is doing is told to ``say``.
+    With ``config.frames`` they are read from that folder. Otherwise the clip is written in the layout that
+    the tool reads, the tool is trained and predicts freely, beginning with the held-out frames.
+
+    Args:
+        frames, n_train: the clip, and how many of its frames are for training.
+        config: where the tool is and how long it trains.
+        place, say: folder for the tool's files, and where to report progress.
 
     Raises:
         FileNotFoundError, ValueError: no checkout or folder, submodules not fetched, or predicted frames of
@@ -86,7 +81,7 @@ ASK_CUDA = "import torch; print(torch.__version__, torch.version.cuda, torch.cud
 
 
 def check_checkout(checkout: str) -> Path:
-    """The folder of a checkout that has everything the tool is built from.
+    """The folder of a checkout that has everything the tool needs.
 
     Raises:
         FileNotFoundError: no such folder, or not this tool.
@@ -109,11 +104,11 @@ def check_checkout(checkout: str) -> Path:
 
 
 def check_cuda(python: str) -> str:
-    """What the tool's interpreter says of its torch and of CUDA.
+    """Versions of torch and CUDA in the tool's interpreter.
 
     Raises:
         FileNotFoundError: there is no such interpreter.
-        RuntimeError: it has no torch, or finds no CUDA device, which the tool cannot do without.
+        RuntimeError: it has no torch, or no CUDA device, which the tool needs.
     """
     try:
         done = subprocess.run([python, "-c", ASK_CUDA], capture_output=True, text=True, check=False)
@@ -137,7 +132,7 @@ def check_cuda(python: str) -> str:
 
 
 def make_train_command(config: AuthorsConfig, *, data: Path, model: Path, max_time: float) -> list[str]:
-    """The command that trains Gaussians, motion and key points."""
+    """The command that trains Gaussians, motion and key points; ``max_time`` ends the training part."""
     steps = str(config.iterations)
     return [
         *_program(config, "train.py"),
@@ -152,10 +147,10 @@ def make_train_command(config: AuthorsConfig, *, data: Path, model: Path, max_ti
 
 
 def make_forecast_command(config: AuthorsConfig, *, model: Path, max_time: float, free: bool) -> list[str]:
-    """The command that trains the graph network and predicts the held-out frames, or the free ones after it.
+    """The command that trains the graph network and predicts the held-out frames, or the ``free`` ones after
+    it.
 
-    What was given to the training is given again: the tool would take its own defaults, not what it was
-    trained with.
+    The settings of the training are repeated: the tool would use its defaults, not what it was trained with.
     """
     after = (
         ("--evaluate", "--predict_more", "--frames", str(config.free_frames), "--cam_id", "0")
@@ -174,14 +169,16 @@ def make_forecast_command(config: AuthorsConfig, *, model: Path, max_time: float
 
 
 def find_predicted_folder(config: AuthorsConfig, model: Path, *, free: bool) -> Path:
-    """Where the tool leaves its predicted frames."""
+    """The folder in which the tool writes its predicted frames."""
     what = "Predicted_more_by_GCN" if free else "[metrics]Predicted_by_GCN_on_test_views"
     shown = "renders/view0" if free else "renders"
     return model / EXPERIMENT / what / f"ours_{config.iterations}" / shown
 
 
 def name_model_folder(place: Path) -> Path:
-    """Where the tool keeps a model: it reads D-NeRF recordings only if the path says ``d-nerf``."""
+    """The folder in which the tool keeps a model: it reads D-NeRF recordings only if the path has
+    ``d-nerf``.
+    """
     return place / "d-nerf" / "model"
 
 
@@ -189,7 +186,7 @@ def run_tool(command: Sequence[str], *, checkout: Path) -> None:
     """Run a command from the checkout.
 
     Raises:
-        RuntimeError: it failed; its last words are in the message, all of them in the log.
+        RuntimeError: it failed; the message has the last lines of the log.
     """
     log.info("in %s: %s", checkout, " ".join(command))
     done = subprocess.run(command, cwd=checkout, capture_output=True, text=True, check=False)

@@ -1,11 +1,4 @@
-"""One baseline: encoder, decoder and law of motion, and its file.
-
-A free linear map of state and velocity: the Koopman baseline.
-
-A network of coupled, damped oscillators with a learned force, one symplectic step a frame.
-
-Inputs with their recent past, as both laws of motion take them.
-"""
+"""A baseline: encoder, decoder and one of two dynamics models, oscillators or Koopman, and its file."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -28,10 +21,10 @@ KIND, SCHEMA = "baseline", 1
 
 @dataclass(frozen=True)
 class BaselineArchitecture:
-    """What decides the shape of a baseline, and what of its behaviour no list of weights holds.
+    """What decides the shape of a baseline, and the constants that its weights do not contain.
 
-    ``decoder`` is ``deconv`` or ``abcd``, ``dynamics`` is ``oscillators`` or ``koopman``. ``n_inputs`` counts
-    inputs of the recording, of which the law is fed the last ``samples``. ``dt_s`` [s] is one step.
+    ``decoder`` is ``deconv`` or ``abcd``, ``dynamics`` is ``oscillators`` or ``koopman``. ``n_inputs``
+    counts inputs of the recording, of which the dynamics see the last ``samples``. ``dt_s`` [s] is one step.
     ``background`` and ``noise`` are of the attention decoder.
     """
 
@@ -48,10 +41,10 @@ class BaselineArchitecture:
 
 
 class Baseline(nn.Module):
-    """One of the four models, with weights as they are before training.
+    """One of the four models, with untrained weights.
 
-    Decoder and law meet in one place: oscillators that are drawn by attention are paired into planar nodes,
-    one map each; any other law has one map a coordinate.
+    Oscillators with an attention decoder are paired into planar nodes, one map each; with any other
+    combination each coordinate has a map of its own.
     """
 
     def __init__(self, architecture: BaselineArchitecture) -> None:
@@ -83,7 +76,8 @@ class Baseline(nn.Module):
     ) -> tuple[Float[Tensor, "B N d"], Float[Tensor, "B N d"]]:
         """States and velocities at ``N`` frames, the first as given, under delayed ``inputs``.
 
-        Input ``i`` leads from state ``i`` to ``i + 1``; the last one is unused. Nothing is anchored again.
+        Input ``i`` leads from state ``i`` to ``i + 1``; the last one is unused. No later frame corrects the
+        state.
         """
         z, v = z0, v0
         states, velocities = [z], [v]
@@ -94,7 +88,7 @@ class Baseline(nn.Module):
         return torch.stack(states, 1), torch.stack(velocities, 1)
 
     def step(self, z: Latents, v: Latents, u: Inputs) -> tuple[Latents, Latents]:
-        """State and velocity a frame later."""
+        """State and velocity one frame later."""
         return self.dynamics(z, v, u)
 
     def decode(self, z: Latents) -> Images:
@@ -110,7 +104,7 @@ def _xavier(module: nn.Module) -> None:
 
 
 def save_baseline(path: str | os.PathLike[str], baseline: Baseline, header: Mapping[str, Any]) -> None:
-    """Write the weights and what is needed to build the same model again."""
+    """Write the weights and the architecture."""
     header = {"kind": KIND, "schema": SCHEMA, **header, "architecture": asdict(baseline.architecture)}
     save_artifact(path, baseline.state_dict(), header)
 
@@ -133,8 +127,8 @@ KOOPMAN_WIDTH = 16
 class Koopman(nn.Module):
     """``y -> A y + h(u)`` on ``y = (z, v)``, once a frame.
 
-    Nothing ties ``v`` to the derivative of ``z``, and there is no force in it: what is added to ``y`` is an
-    increment of the state, of which ``A`` gives no mechanical reading.
+    ``v`` is not tied to the derivative of ``z``, and there is no force: what is added to ``y`` is an
+    increment of the state without a mechanical interpretation.
     """
 
     def __init__(self, d: int, *, n_inputs: int) -> None:
@@ -144,31 +138,31 @@ class Koopman(nn.Module):
         self.increment = nn.ModuleList([nn.Linear(n_inputs, KOOPMAN_WIDTH), nn.Linear(KOOPMAN_WIDTH, 2 * d)])
 
     def input_force(self, u: Inputs) -> Float[Tensor, "B n"]:
-        """``h(u)``, of the delayed inputs, n = 2 d."""
+        """``h(u)`` of the delayed inputs, n = 2 d."""
         first, last = self.increment
         return last(functional.leaky_relu(first(u)))
 
     def forward(self, z: Latents, v: Latents, u: Inputs) -> tuple[Latents, Latents]:
-        """State and the second half of ``y`` a frame later."""
+        """State and the second half of ``y`` one frame later."""
         later = torch.cat([z, v], 1) @ self.matrix.T + self.input_force(u)
         return later[:, : self.d], later[:, self.d :]
 
     def transition(self) -> Float[Tensor, "n n"]:
-        """``A``, n = 2 d."""
+        """The matrix ``A``, n = 2 d."""
         return self.matrix
 
 
 OSCILLATOR_WIDTH = 32
 UNDECAYED = ("mass_scale", "stiffness_scale", "mass_damping", "stiffness_damping")
-"""Parameters that weight decay must not pull towards zero: they are logarithms."""
+"""Parameters without weight decay, because they are logarithms."""
 
 
 class Oscillators(nn.Module):
     """``M z'' + D z' + K (z - rest) = g(u)``, with a diagonal ``M`` and Rayleigh damping.
 
-    ``K`` is a weighted graph Laplacian of springs that only attract, plus springs to the ground, and
-    ``D = a M + b K``. Coordinates are numbers on a line with their rest at zero; or, ``paired``, planar
-    positions of nodes, two coordinates each, that share a mass and have a learned rest.
+    ``K`` is a weighted graph Laplacian of attractive springs, plus springs to the ground, and ``D = a M + b
+    K``. Coordinates are scalars with their rest at zero or, if ``paired``, planar positions of nodes, two
+    coordinates each, that share a mass and have a learned rest.
     """
 
     def __init__(self, d: int, *, n_inputs: int, dt_s: float, paired: bool) -> None:
@@ -195,7 +189,7 @@ class Oscillators(nn.Module):
         return entries.repeat_interleave(2) if self.paired else entries
 
     def stiffness(self) -> Float[Tensor, "d d"]:
-        """``K``: symmetric and positive definite."""
+        """The stiffness ``K``: symmetric and positive definite."""
         spring = functional.softplus(self.coupling_raw)
         spring = 0.5 * (spring + spring.T)
         spring = spring - spring.diag().diag()
@@ -203,12 +197,12 @@ class Oscillators(nn.Module):
         return self.stiffness_scale.exp() * ((spring.sum(1) + ground).diag() - spring)
 
     def damping(self) -> Float[Tensor, "d d"]:
-        """``D``: mass damping of the inverse mass's reciprocal, and stiffness damping."""
+        """The damping ``D``, proportional to mass and to stiffness."""
         mass = (1.0 / self.inverse_mass()).diag()
         return self.mass_damping.exp() * mass + self.stiffness_damping.exp() * self.stiffness()
 
     def input_force(self, u: Inputs) -> Latents:
-        """``g(u)``, of the delayed inputs."""
+        """The force ``g(u)`` of the delayed inputs."""
         value: Tensor = u
         for number, layer in enumerate(self.force):
             value = layer(functional.leaky_relu(value) if number else value)
@@ -217,7 +211,7 @@ class Oscillators(nn.Module):
     def forward(
         self, z: Latents, v: Latents, u: Inputs, push: Latents | None = None
     ) -> tuple[Latents, Latents]:
-        """State and velocity [1/s] a frame later; ``push`` is a further force on the coordinates."""
+        """State and velocity [1/s] one frame later; ``push`` is a further force on the coordinates."""
         force = self.input_force(u) - (z - self.rest) @ self.stiffness() - v @ self.damping().T
         if push is not None:
             force = force + push
@@ -238,7 +232,7 @@ def stack_delays(
     """The last ``samples`` inputs of each frame, oldest first, m = samples c; channels stay together.
 
     Before the start of a clip its first input is repeated. Delays are made on the whole recording, so that
-    the first held-out frame knows what came before it.
+    the first held-out frame has its past inputs.
     """
     rows = np.empty((len(inputs), samples * inputs.shape[1]))
     for start, stop in segments:
@@ -249,5 +243,5 @@ def stack_delays(
 
 
 def standing(inputs: Float64[np.ndarray, "T c"], *, samples: int) -> Float64[np.ndarray, "T m"]:
-    """The same as if the input of each frame had always been there."""
+    """Delayed inputs as if the input of each frame had always been constant."""
     return np.tile(inputs, (1, samples))

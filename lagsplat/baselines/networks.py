@@ -1,20 +1,9 @@
-"""The encoder that all four baselines share: a small variational one that also differentiates its mean.
+"""Networks of the baselines: a shared variational encoder, a deconvolutional and an attention decoder.
 
-Networks that act on every pixel alike and know where it is.
-
-Pixels are listed row by row, P = H W of them, and are the last axis but one. Their coordinates are
-``(y, x)``, each from -1 to 1 between the centres of the outermost pixels: these models' own convention,
-which is not the package's.
-
-The deconvolutional decoder: every pixel from the whole state.
-
-Where the attention of each node lies, and how fast it moves.
-
-What training asks of the attention maps: to stand still with the image, and to move as the law says.
-
-A function and its rate of change along a direction, in one pass.
-
-The attention-broadcast decoder (ABCD): each coordinate colours the pixels that its map attends to.
+The attention-broadcast decoder (ABCD) colours the pixels that the map of each node attends to; its centres,
+their velocities and the loss terms on the maps are here too. Pixels are listed row by row, P = H W of them,
+and are the last axis but one. Their coordinates are ``(y, x)``, each from -1 to 1 between the centres of the
+outermost pixels, unlike in the rest of the package.
 """
 
 from collections.abc import Callable
@@ -33,10 +22,10 @@ REDUCTION = 8  # three halvings of each side
 
 
 def require_size(height: int, width: int) -> None:
-    """Check that three halvings of each side are whole.
+    """Check that each side can be halved three times.
 
     Raises:
-        ValueError: they are not.
+        ValueError: a side is no multiple of eight.
     """
     if min(height, width) < REDUCTION or height % REDUCTION or width % REDUCTION:
         raise ValueError(
@@ -48,7 +37,7 @@ def require_size(height: int, width: int) -> None:
 class VariationalEncoder(nn.Module):
     """Three convolutions of kernel 4 and stride 2, and one linear map to a mean and a log-variance.
 
-    ``z`` is the mean everywhere but in the reconstruction of a frame by itself, where it is sampled.
+    ``z`` is the mean, except in the reconstruction of single frames, where it is sampled.
     """
 
     def __init__(self, d: int, *, height: int, width: int) -> None:
@@ -72,7 +61,7 @@ class VariationalEncoder(nn.Module):
     def moving(self, images: Images, rates: Float[Tensor, "B 3 H W"]) -> tuple[Latents, Latents, Latents]:
         """Mean, log-variance, and the velocity [1/s] of the mean while the image changes by ``rates`` [1/s].
 
-        The velocity is the Jacobian of the mean times ``rates``, exact and of one pass.
+        The velocity is the Jacobian of the mean times ``rates``, exact, in one forward pass.
         """
         (mean, log_variance), (velocity, _) = directional_derivative(self.forward, images, rates)
         return mean, log_variance, velocity
@@ -88,7 +77,9 @@ def pixel_places(height: int, width: int) -> Places:
 
 
 class PixelNet(nn.Module):
-    """A perceptron of the same weights at every pixel, fed with ``n_in`` numbers and the pixel's place."""
+    """A perceptron with the same weights at every pixel; its inputs are ``n_in`` numbers and the pixel's
+    place.
+    """
 
     def __init__(self, n_in: int, hidden: tuple[int, ...], n_out: int) -> None:
         super().__init__()
@@ -97,11 +88,11 @@ class PixelNet(nn.Module):
         self.layers = nn.ModuleList(nn.Linear(before, after) for before, after in pairwise(widths))
 
     def forward(self, given: Float[Tensor, "B p n"], places: Places) -> Float[Tensor, "B P m"]:
-        """Outputs at ``places``; ``given`` has one row a pixel, or one for all of them (p = 1)."""
+        """Outputs at ``places``; ``given`` has one row per pixel, or a single one for all of them (p = 1)."""
         first, *rest = self.layers
         assert isinstance(first, nn.Linear)
         weight, bias = first.weight, first.bias
-        # What does not depend on the pixel, or not on the image, is multiplied once.
+        # What does not depend on the pixel, or not on the image, is multiplied only once.
         here = functional.linear(places, weight[:, self.n_in :], bias)
         value = functional.linear(given, weight[:, : self.n_in]) + here
         for layer in rest:
@@ -112,7 +103,7 @@ class PixelNet(nn.Module):
 class DeconvDecoder(nn.Module):
     """One linear map and three transposed convolutions of kernel 4 and stride 2, ending in a sigmoid.
 
-    There is no activation after the linear map. It gives no coordinate a place in the image.
+    The linear map has no activation. No coordinate has a place in the image.
     """
 
     def __init__(self, d: int, *, height: int, width: int) -> None:
@@ -147,7 +138,7 @@ def compute_attention_centres(maps: Maps, places: Places) -> Centres:
 
 
 def compute_moving_centres(maps: Maps, rates: Maps, places: Places) -> tuple[Centres, Centres]:
-    """The same with its velocity [1/s], from the maps and their rates [1/s]."""
+    """Centres of mass and their velocities [1/s], from the maps and their rates [1/s]."""
     weight, change = maps.square(), 2.0 * maps * rates
     mass = weight.sum(-1, keepdim=True) + EPSILON
     moment = weight @ places
@@ -156,11 +147,11 @@ def compute_moving_centres(maps: Maps, rates: Maps, places: Places) -> tuple[Cen
 
 
 class AttentionDecoder(nn.Module):
-    """Nodes of ``group`` coordinates each, a softmax map a node, a background with a map of its own.
+    """Nodes of ``group`` coordinates each, a softmax map per node, and a background with its own map.
 
-    A pixel's colour is a function of its place and of what its maps give it: the embedded coordinates of the
-    nodes, and a learned vector of the background. ``background`` is the background's logit, a constant that
-    no list of weights holds. ``noise`` scales the Gumbel noise of training.
+    A pixel's colour is a function of its place and of what its maps attend to: the embedded coordinates of
+    the nodes, and a learned vector of the background. ``background`` is the background's logit, a constant
+    outside the weights. ``noise`` scales the Gumbel noise of training.
     """
 
     def __init__(
@@ -183,12 +174,12 @@ class AttentionDecoder(nn.Module):
         nn.init.uniform_(self.embed_weight, -bound, bound)
 
     def logits(self, z: Latents) -> Float[Tensor, "B P nodes"]:
-        """What each pixel would attend to, the background last."""
+        """Attention logits of each pixel, the background last."""
         nodes = self.attention(z[:, None], self.places)
         return torch.cat([nodes, torch.full_like(nodes[..., :1], self.background_logit)], -1)
 
     def maps(self, z: Latents) -> Maps:
-        """Attention of the nodes, without the background's."""
+        """Attention of the nodes, without that of the background."""
         return self.logits(z).softmax(-1)[..., :-1].transpose(1, 2)
 
     def forward(self, z: Latents, *, generator: torch.Generator | None = None) -> Images:
@@ -203,7 +194,7 @@ class AttentionDecoder(nn.Module):
 
 
 def compute_centre_jacobian(decoder: AttentionDecoder, z: Latents) -> Float[Tensor, "B G 2 d"]:
-    """How each centre moves with each coordinate."""
+    """Derivative of each centre with respect to each coordinate."""
 
     def place(one: Tensor) -> Tensor:
         return compute_attention_centres(decoder.maps(one[None]), decoder.places)[0]
@@ -212,15 +203,15 @@ def compute_centre_jacobian(decoder: AttentionDecoder, z: Latents) -> Float[Tens
 
 
 TINY = 1e-8
-NEAREST = 1e-6  # least distance of two points whose approach is measured
+NEAREST = 1e-6  # smallest distance of two points whose closing rate is measured
 
 Points = Float[Tensor, "B G 2"]
 
 
 def penalize_unwarranted_change(map_rates: Maps, image_rates: Float[Tensor, "B 3 H W"]) -> Float[Tensor, ""]:
-    """Mean rate of the maps [1/s], weighted by how still each pixel is.
+    """Mean rate of the maps [1/s], weighted by how little each pixel changes.
 
-    A pixel's stillness is one less its rate of change, as a fraction of the largest in the whole batch.
+    A pixel's weight is one minus its rate of change, as a fraction of the largest in the batch.
     """
     change = torch.linalg.vector_norm(image_rates, dim=1).flatten(1)
     stillness = 1.0 - change / (change.max() + TINY)
@@ -242,14 +233,14 @@ def compute_closing_rates(points: Points, velocities: Points) -> Float[Tensor, "
 
 
 def measure_disagreement(first: Float[Tensor, "B G G"], second: Float[Tensor, "B G G"]) -> Float[Tensor, ""]:
-    """Mean squared difference over all ordered pairs of different nodes; zero where there is one node."""
+    """Mean squared difference over all ordered pairs of different nodes; zero for a single node."""
     nodes = first.shape[1]
     pairs = max(nodes * (nodes - 1), 1)
     return (first - second).square().sum((1, 2)).mean() / pairs
 
 
 def _norm(vectors: Tensor) -> Tensor:
-    # The root of zero has no slope.
+    # The root has no finite slope at zero.
     return (vectors.square().sum(-1) + NEAREST**4).sqrt()
 
 
@@ -261,7 +252,7 @@ def directional_derivative(
 ) -> tuple[Values, Values]:
     """Values of ``function`` at ``point``, and their Jacobians times ``direction``.
 
-    Both can be differentiated again, with respect to the point, the direction and what the function holds.
+    Both can be differentiated again, with respect to the point, the direction and the function's parameters.
     """
     both = torch.func.jvp(function, (point,), (direction,))
     return both[0], both[1]
@@ -270,11 +261,11 @@ def directional_derivative(
 FEATURES = 8  # for each coordinate
 CLAMP = 1e-6  # of the uniform numbers behind Gumbel noise
 LARGEST_NOISE = 5.0
-LEAST_SCALE = 1e-3  # of that noise, at pixels where all logits agree
+LEAST_SCALE = 1e-3  # of that noise, at pixels where all logits are equal
 
 
 def _gumbel(logits: Tensor, generator: torch.Generator) -> Tensor:
-    """Standard Gumbel noise times the spread of the logits of each pixel, to which nothing is fed back."""
+    """Standard Gumbel noise times the spread of the logits of each pixel, without gradient."""
     uniform = torch.rand(logits.shape, generator=generator).clamp(CLAMP, 1 - CLAMP)
     noise = (-(-uniform.log()).log()).clamp(-LARGEST_NOISE, LARGEST_NOISE)
     return logits.detach().std(-1, keepdim=True).clamp_min(LEAST_SCALE) * noise

@@ -1,7 +1,4 @@
-"""The training of a free neural differential equation: rollouts over windows of the training part.
-
-A free neural differential equation, and its file.
-"""
+"""A neural ordinary differential equation, its file, and its training on windows of the training part."""
 
 import logging
 import math
@@ -26,12 +23,12 @@ from lagsplat.io.files.artifact import load_artifact, restore_module, save_artif
 from lagsplat.io.files.checkpoint import load_checkpoint, save_checkpoint
 
 log = logging.getLogger(__name__)
-CURVE_POINTS = 400  # rows of the training curve, whatever the length of the run
-EARLY = 0.25  # share of the length of a window at which the training begins
+CURVE_POINTS = 400  # rows of the training curve, for a run of any length
+EARLY = 0.25  # share of the full window length at the start of the training
 
 
 class OdeCurvePoint(NamedTuple):
-    """Mean loss since the previous point, and seconds of training in all."""
+    """Mean loss since the previous point, and total seconds of training."""
 
     step: int
     loss: float
@@ -41,8 +38,8 @@ class OdeCurvePoint(NamedTuple):
 class NeuralOde(nn.Module):
     """``dx/dt = f(x)`` with ``x`` the whitened state and its velocity, and ``f`` any network of both.
 
-    One internal unit of time is ``time_unit_s`` seconds; velocities are per unit. Nothing dissipates, nothing
-    conserves, no state is preferred, and the velocity need not even be that of the state.
+    One internal unit of time is ``time_unit_s`` seconds; velocities are per unit. Nothing enforces
+    dissipation, conservation or an equilibrium, nor that the velocity is the derivative of the state.
     """
 
     def __init__(self, d: int, *, hidden: int, layers: int, method: str, time_unit_s: float) -> None:
@@ -60,7 +57,7 @@ class NeuralOde(nn.Module):
         self.head = nn.Linear(hidden, 2 * d, dtype=torch.float64)
 
     def forward(self, time: Tensor, state: Float[Tensor, "B n"]) -> Float[Tensor, "B n"]:
-        """Rate of change of states ``(q, v)``; the time does not matter."""
+        """Rate of change of states ``(q, v)``, independent of time."""
         value = state
         for layer in self.layers:
             value = torch.tanh(layer(value))
@@ -81,12 +78,16 @@ def fit_ode(
     checkpoint: Path | None = None,
     identity: str = "",
 ) -> tuple[NeuralOde, list[OdeCurvePoint]]:
-    """Fit ``f`` so that rollouts from encoded states stay with the encoded motion.
+    """Fit ``f`` so that rollouts from encoded states follow the encoded motion.
 
-    ``train`` is smoothed; its inputs are not looked at. Windows grow from a quarter of
+    The training part is smoothed and its inputs are ignored. Windows grow from a quarter of
     ``config.periods`` natural periods to all of it. The loss is the squared distance in the metric, of the
-    state and, in natural units, of the velocity. Frames that are not evenly spaced are interpolated first.
-    Checkpoints as in stage 1.
+    state and, in natural units, of the velocity. Unevenly spaced frames are interpolated first.
+
+    Args:
+        train, metric: the training part, and the weight of its coordinates.
+        config, seed: settings, and the random seed.
+        checkpoint, identity: file to resume from, and the string that identifies the run in it.
 
     Raises:
         ValueError: no clip is as long as a window.
@@ -124,7 +125,7 @@ def fit_ode(
                 curve.append(OdeCurvePoint(step + 1, total / counted, seconds))
                 bar.set_postfix(loss=f"{curve[-1].loss:.3g}")
                 total, counted = 0.0, 0
-                # Only here is the running mean empty, so that a checkpoint need not hold it.
+                # The running mean is empty only here, so a checkpoint need not hold it.
                 if checkpoint and time.monotonic() - saved_at > config.checkpoint_every_s:
                     _save(ode, optimizer, curve, checkpoint, identity)
                     saved_at = time.monotonic()
@@ -158,13 +159,13 @@ def _series(train: EncodedTrajectory, ends: tuple[int, int], unit_s: float) -> t
 
 
 def _length(window: int, progress: float) -> int:
-    """States of a window: they grow over the first half of the training."""
+    """Number of states in a window, which grows over the first half of the training."""
     share = min(1.0, EARLY + (1 - EARLY) * 2 * progress)
     return max(4, min(window, math.ceil(share * window)))
 
 
 def _windows(clips: list[torch.Tensor], length: int, batch: int, rng: np.random.Generator) -> torch.Tensor:
-    """Windows drawn from all clips that are long enough, (N, B, 2d)."""
+    """Random windows from all clips that are long enough, (N, B, 2d)."""
     fitting = [clip for clip in clips if len(clip) >= length]
     room = np.array([len(clip) - length + 1 for clip in fitting])
     picked = rng.integers(room.sum(), size=batch)
@@ -243,10 +244,14 @@ def continue_rollout(
     states: int,
     dt_s: float,
 ) -> Float64[np.ndarray, "B N d"]:
-    """States of rollouts from ``q0`` and ``v0`` [1/s]; what leaves the finite numbers stays so.
+    """States of rollouts by the classical Runge-Kutta scheme, one step a frame; divergence stays non-finite.
 
-    By the classical Runge-Kutta scheme, one step a frame, on plain arrays: a thousand seconds in torch would
-    be minutes.
+    It runs on NumPy arrays: a thousand seconds in torch would take minutes.
+
+    Args:
+        ode: the fitted model.
+        q0, v0: initial states, and velocities [1/s].
+        states, dt_s: number of states, and their spacing [s].
     """
     weights = [(layer.weight.detach().numpy().T, layer.bias.detach().numpy()) for layer in ode.layers]  # type: ignore[union-attr,operator]
     head = (ode.head.weight.detach().numpy().T, ode.head.bias.detach().numpy())
@@ -284,18 +289,18 @@ _STEPS = {"rk4": _rk4, "midpoint": _midpoint}
 
 
 def save_ode(path: str | os.PathLike[str], ode: NeuralOde, header: Mapping[str, Any]) -> None:
-    """Write the weights and what is needed to build the same model again."""
+    """Write the weights and the architecture."""
     save_artifact(
         path, ode.state_dict(), {"kind": KIND, "schema": SCHEMA, **header, "architecture": ode.architecture}
     )
 
 
 def load_ode(path: str | os.PathLike[str]) -> tuple[NeuralOde, dict[str, Any]]:
-    """Read a free differential equation and its header.
+    """Read a neural ODE and its header.
 
     Raises:
         FileNotFoundError: nothing is at ``path``.
-        ValueError: the file is none, or one of another schema.
+        ValueError: the file is of another kind or schema.
     """
     tensors, header = load_artifact(path, kind=KIND, schema=SCHEMA)
     ode = NeuralOde(**header["architecture"])

@@ -1,9 +1,7 @@
-"""The loss of one batch of consecutive frames.
+"""Loss and optimiser of a baseline, with the schedule of its step sizes and weights.
 
-The optimiser of a baseline, and its step sizes and weights along a run.
-
-Everything is a fraction of the run, so that a short one passes through the same stages as the published 300
-epochs: warm-up and the early weight are their first five, the drop follows their two hundredth.
+The schedule is in fractions of the run, so that a short run has the same stages as the published 300 epochs:
+warm-up and the early weight are the first five, the drop follows the two hundredth.
 """
 
 import math
@@ -63,10 +61,15 @@ def compute_loss_terms(
     generator: torch.Generator | None,
     closing_gradient: float = 1.0,
 ) -> BaselineLossTerms:
-    """Every term for one batch. Without a generator nothing is sampled: latents are means, maps noiseless.
+    """Every loss term for one batch.
 
-    The encoded velocity is a constant to the law and to its targets. It is differentiated only where it moves
+    The encoded velocity is a constant for the dynamics and their targets; gradients flow through it only to
     the attention maps.
+
+    Args:
+        baseline, scene: the model, and the batch.
+        generator: of the samples; without it latents are means and maps have no noise.
+        closing_gradient: share of the closing term's gradient that reaches the maps.
     """
     dt_s = baseline.architecture.dt_s
     rates = compute_image_rates(scene.images, dt_s)
@@ -97,7 +100,7 @@ def compute_loss_terms(
 
 
 def draw_batch(baseline: Baseline, z: Latents, generator: torch.Generator | None) -> Images:
-    """Images as training draws them: with noise on the attention, where there is attention."""
+    """Images as rendered in training: with noise on the attention, where the decoder has attention."""
     if isinstance(baseline.decoder, AttentionDecoder):
         return baseline.decoder(z, generator=generator)
     return baseline.decoder(z)
@@ -111,7 +114,7 @@ def sample_latents(mean: Latents, log_variance: Latents, generator: torch.Genera
 
 
 def penalize_unsteadiness(law: Oscillators, z: Latents, u: Inputs) -> Scalar:
-    """How far frames at rest lie from the rest of the law, and what one step from standstill makes of it."""
+    """Distance of frames at rest from the rest of the law, and their motion in one step from standstill."""
     later, velocity = law(z, torch.zeros_like(z), u)
     off = (z - law.rest).square().mean() + (later - law.rest).square().mean()
     return off + law.dt_s**2 * velocity.square().mean()
@@ -132,12 +135,12 @@ def _attention_terms(
 
 
 def soften(value: Tensor, share: float) -> Tensor:
-    """The same value, with a ``share`` of its gradient."""
+    """The same value with a ``share`` of its gradient."""
     return share * value + (1.0 - share) * value.detach()
 
 
 def total_loss(terms: BaselineLossTerms, weights: BaselineLossConfig, *, closing: float) -> Scalar:
-    """The loss; ``closing`` is the present weight of that term."""
+    """The weighted loss; ``closing`` is the present weight of that term."""
     return (
         terms.reconstruction
         + weights.divergence * terms.divergence
@@ -153,7 +156,7 @@ WARMED = ("encoder", "dynamics")
 
 
 def make_baseline_optimizer(baseline: Baseline, config: BaselineRateConfig) -> torch.optim.AdamW:
-    """AdamW with a group a part of the model, and one for logarithms, which do not decay."""
+    """AdamW with one parameter group per part of the model, and one without decay for logarithms."""
     groups = []
     for part in ("encoder", "decoder", "dynamics"):
         named = dict(getattr(baseline, part).named_parameters())
@@ -166,7 +169,7 @@ def make_baseline_optimizer(baseline: Baseline, config: BaselineRateConfig) -> t
 
 
 def set_rates(optimizer: torch.optim.Optimizer, config: BaselineRateConfig, *, step: int, steps: int) -> None:
-    """Stairs of warm-up for the encoder and the law, then one drop for all parts."""
+    """Set the step sizes: warm-up in steps for the encoder and the dynamics, then one drop for all parts."""
     for group in optimizer.param_groups:
         warmed = group["part"] in WARMED
         group["lr"] = config.peak * _factor(config, step / steps, warmed=warmed)
@@ -181,5 +184,5 @@ def _factor(config: BaselineRateConfig, progress: float, *, warmed: bool) -> flo
 
 
 def closing_term_weight(config: BaselineLossConfig, *, step: int, steps: int) -> float:
-    """The present weight of the term that compares approaching nodes with approaching maps."""
+    """The present weight of the term that compares closing rates of nodes and maps."""
     return config.closing_early if step < config.closing_from * steps else config.closing

@@ -1,17 +1,13 @@
-"""Weights that the authors of the baselines published, read into these models.
+"""Fetch the weights that the authors of the baselines published, and read them into these models.
 
-A published file is a dictionary of ``vae_state_dict``, ``latent_dynamics_state_dict`` and ``epoch``. Names
-and shapes decide which of the four models it is. Two things are not in it and stand here: the step of the
-law, and the background's logit, without which the attention decoder draws wrong images and says nothing.
+A published file is a dictionary of ``vae_state_dict``, ``latent_dynamics_state_dict`` and ``epoch``; names
+and shapes decide which of the four models it is. Two constants are missing from it and are set here: the
+step of the dynamics, and the background's logit, without which the attention decoder silently renders wrong
+images. The repository carries no licence, so nothing of it is part of this project, and weights are fetched
+only on request.
 
-Source: the published configurations of the runs (not the defaults beside them, which differ).
-
-Where the authors of the baselines keep their weights, and how to get them.
-
-The repository carries no licence: what is in it may be looked at there, and nobody else may hand it on. So
-nothing of it is part of this project, and nothing is fetched unless it was asked for.
-
-Source: github.com/UThenrik/visual_oscillators_for_SCR, the last epoch of each run.
+Source: github.com/UThenrik/visual_oscillators_for_SCR, the last epoch of each run, with the published
+configurations of the runs (the defaults beside them differ).
 """
 
 import math
@@ -34,7 +30,7 @@ NOISE = 0.1
 BACKGROUND = {"oscillators": 1.0, "koopman": 3.0}
 PARTS = ("vae_state_dict", "latent_dynamics_state_dict")
 UNUSED = ("decoder.coord_scale", "decoder.coord_rotation", "decoder.coord_bias")
-"""Left over in some files from a variant that was never trained."""
+"""Keys in some files from a variant that was never trained."""
 
 LAYERS = {
     "encoder": {
@@ -113,7 +109,7 @@ def _architecture(
 def _renamed(
     images: Mapping[str, Tensor], law: Mapping[str, Tensor], architecture: BaselineArchitecture
 ) -> dict[str, tuple[str, Tensor | None]]:
-    """Our name of every weight, with theirs and its value."""
+    """Our name of every weight, with the published name and its value."""
     names: dict[str, tuple[str, Mapping[str, Tensor]]] = {}
     for kind in ("encoder", architecture.decoder):
         for part, layers in LAYERS[kind].items():

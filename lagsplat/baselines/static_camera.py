@@ -1,9 +1,9 @@
-"""Run a program of the authors' checkout on a scene of one fixed camera.
+"""Run a program of the GaussianPrediction checkout on a scene of one fixed camera.
 
-The tool measures how large a scene is by how far its cameras are apart. One fixed camera is no distance from
-itself: every step size of a place would be zero and all points would be taken for too large. This wrapper
-leaves the checkout as it is and gives the scene an extent when the tool asks. The tool's own interpreter runs
-it from the checkout, as ``python static_camera.py EXTENT PROGRAM ARGUMENTS``; it needs nothing else.
+The tool takes the scene's extent from the distances between cameras. With one camera it is zero: step sizes
+of places would vanish and all points would count as too large. This wrapper leaves the checkout unchanged
+and returns a given extent instead. The tool's own interpreter runs it from the checkout, as ``python
+static_camera.py EXTENT PROGRAM ARGUMENTS``; it needs nothing else.
 """
 
 import importlib
@@ -16,7 +16,7 @@ MEASURE = "getNerfppNorm"
 
 
 def with_extent(extent: float, program: str, *arguments: str) -> None:
-    """Run ``program`` with ``arguments``, the extent of its scene at least ``extent``.
+    """Run ``program`` with ``arguments``, with a scene extent of at least ``extent``.
 
     Raises:
         SystemExit: the checkout has no such function, so it is another version of the tool.

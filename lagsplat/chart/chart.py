@@ -1,7 +1,4 @@
-"""The chart: everything later stages know of a recording and of how its pictures are encoded.
-
-Refusing an autoencoder that learned nothing, before hours are spent on its latents.
-"""
+"""The chart: whitened latents of a recording with their metric, and its file."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -28,7 +25,7 @@ ARRAYS = ("mean", "whiten", "unwhiten", "metric", "latents", "inputs", "time_s",
 
 @dataclass(frozen=True)
 class Chart:
-    """Whitened latents of a whole recording, not smoothed, with the metric they are measured in.
+    """Whitened latents of a recording, not smoothed, with the metric they are measured in.
 
     ``q = (z - mean) @ whiten``, ``z = mean + q @ unwhiten``. ``metric`` has trace ``d`` and no ridge;
     ``metric * metric_scale`` is the mean squared image change per whitened unit, summed over pixels and
@@ -69,7 +66,7 @@ class Chart:
 
     @cached_property
     def whole(self) -> EncodedTrajectory:
-        """The trajectory of the whole recording."""
+        """The trajectory of all frames, not smoothed."""
         return EncodedTrajectory(self.latents, self.inputs, self.time_s, self.segments)
 
     @property
@@ -79,11 +76,11 @@ class Chart:
 
     @property
     def held_out(self) -> EncodedTrajectory:
-        """The part no fit sees, not smoothed."""
+        """The held-out part, which no fit uses, not smoothed."""
         return self.whole.part(self.n_train, len(self.latents))
 
     def to_raw(self, q: Series) -> Series:
-        """Raw latents at whitened ones."""
+        """Raw latents of whitened ones."""
         return self.mean + q @ self.unwhiten
 
     def to_whitened(self, z: Series) -> Series:
@@ -104,13 +101,17 @@ def fit_chart(
     *,
     seed: int = 0,
 ) -> Chart:
-    """Encode a recording, whiten its latents and measure what of them can be seen.
+    """Encode a recording, whiten its latents and measure how visible they are.
 
     Only training frames decide the whitening, the metric and the dimension.
 
+    Args:
+        autoencoder, recording: the trained image model, and the recording that it was trained on.
+        config, seed: settings, and the random seed of the dimension estimate and the visibility frames.
+
     Raises:
-        ValueError: a latent axis without variance, a recording that is not divided, or a metric that
-        cannot be measured.
+        ValueError: a latent axis without variance, a recording that is not divided, or a metric that cannot
+            be measured.
 
     Source: paper, "Reading the chart" and Implementation Details.
     """
@@ -175,16 +176,16 @@ def load_chart(path: Path | str) -> tuple[Chart, dict[str, Any]]:
     return Chart(**settings), header
 
 
-SAMPLE = 256  # frames, evenly spaced over the clip
-LARGEST_SHARE = 0.5  # of the variance of the frames that a reconstruction may leave
+SAMPLE = 256  # maximum number of frames, evenly spaced over the clip
+LARGEST_SHARE = 0.5  # of the variance over time that a reconstruction may leave unexplained
 
 
 def require_trained_autoencoder(autoencoder: Autoencoder, frames: Frames) -> None:
-    """Compare the reconstructions of some frames with the mean of these frames.
+    """Compare reconstructions of some frames with their mean, to reject an untrained autoencoder early.
 
     Raises:
-        ValueError: they leave more than half of the variance over time. The latents then say little about
-            the motion.
+        ValueError: more than half of the variance over time remains; the latents then carry little of the
+            motion.
     """
     at = np.unique(np.linspace(0, len(frames) - 1, SAMPLE).astype(int))
     seen = np.asarray(frames[at])

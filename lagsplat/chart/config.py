@@ -1,19 +1,19 @@
-"""Settings of the chart: how the latent coordinates of a frozen autoencoder are read."""
+"""Settings of the chart: how latent coordinates of a frozen autoencoder are whitened and measured."""
 
 from dataclasses import dataclass
 
 
 @dataclass
 class ChartConfig:
-    """Everything that decides the chart, less the autoencoder, the recording and the seed."""
+    """All settings of the chart; autoencoder, recording and seed come apart."""
 
     smoothing_frames: float  # sigma of the Gaussian that smooths latents and inputs; 0 for none
     rest_frames: int  # first training frames whose per-pixel median is the rest image
-    eigenvalue_floor: float  # smallest latent variance worth a coordinate, as a fraction of the largest
+    eigenvalue_floor: float  # smallest latent variance of a coordinate, as a fraction of the largest
     visibility_frames: int  # training frames over which the visibility metric is averaged
-    visibility_step: float  # of the difference that differentiates the decoder, in whitened units
+    visibility_step: float  # of the finite difference of the decoder, in whitened units
     dimension_frames: int  # training frames the intrinsic dimension is estimated on
-    dimension_neighbours: int  # of each frame in that estimate
+    dimension_neighbours: int  # neighbours of each frame in that estimate
 
     def __post_init__(self) -> None:
         if self.smoothing_frames < 0:

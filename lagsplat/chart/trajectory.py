@@ -1,9 +1,4 @@
-"""A latent trajectory: whitened states, the inputs that drove them and the instants they were filmed.
-
-The instants of the frames, even or not, and what is measured by them: steps and velocities.
-
-Smoothing of series that leaves a motion its amplitude, never across a cut.
-"""
+"""Latent trajectories: whitened states with inputs and times, their time base, and smoothing within clips."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -21,14 +16,14 @@ from lagsplat.array_types import Series
 class TimeBase:
     """Frames ``dt_s`` [s] apart, or at the instants ``time_s`` where that is not None.
 
-    On an even clock every result is the one of exact multiples of ``dt_s``, and steps are plain numbers.
+    On an even clock every time is an exact multiple of ``dt_s``, and steps are plain numbers.
     """
 
     dt_s: float
     time_s: Float64[np.ndarray, " T"] | None = None
 
     def elapsed_s(self, at: Int[np.ndarray, " B"], ahead: int) -> float | Float64[np.ndarray, "B 1"]:
-        """Time [s] from each frame to the one ``ahead`` of it; negative ``ahead`` looks back."""
+        """Time [s] from each frame to the one ``ahead`` of it; negative ``ahead`` counts back."""
         if self.time_s is None:
             return ahead * self.dt_s
         return (self.time_s[at + ahead] - self.time_s[at])[:, None]
@@ -50,8 +45,9 @@ class TimeBase:
     ) -> Float64[np.ndarray, "B m"]:
         """Slope [1/s] at frames of the polynomial through them and the frames ``stencil`` away from each.
 
-        Its order is the length of the stencil: ``(1, 2)`` and ``(-1, 1)`` are of second order and
-        ``(-2, -1, 1, 2)`` is of fourth, on true times; on an even clock they are the textbook differences.
+        The polynomial's order is the length of the stencil: ``(1, 2)`` and ``(-1, 1)`` are of second order
+        and ``(-2, -1, 1, 2)`` is of fourth, on true times; on an even clock these are the textbook
+        differences.
         """
         away = {ahead: self.elapsed_s(at, ahead) for ahead in stencil}
         slope = np.zeros((len(at), series.shape[1]))
@@ -85,7 +81,7 @@ class EncodedTrajectory:
 
     @cached_property
     def clock(self) -> TimeBase:
-        """The instants of the frames, even or not."""
+        """The time base of the frames, even or not."""
         return read_time_base(self.time_s, self.segments)
 
     @property
@@ -94,9 +90,10 @@ class EncodedTrajectory:
         return self.clock.dt_s
 
     def smoothed(self, sigma_frames: float) -> "EncodedTrajectory":
-        """The same with latents and inputs smoothed by `smooth_trajectory`, by their true times.
+        """The trajectory with latents and inputs smoothed by `smooth_trajectory`, on true times.
 
-        Inputs keep their range: behind a step the filter would swing over, and a pressure becomes a suction.
+        Inputs keep their range: without that, the filter overshoots at a step and turns a pressure into
+        suction.
         """
         latents, inputs = (
             smooth_trajectory(series, sigma_frames=sigma_frames, segments=self.segments, clock=self.clock)
@@ -118,12 +115,13 @@ class EncodedTrajectory:
 
 
 EVEN = 1e-4
-"""Deviation from the median spacing, relative to it, up to which a clock counts as even: a frequency is then
-off by no more than that."""
+"""Relative deviation from the median spacing up to which a clock counts as even; it bounds the relative
+error of a frequency.
+"""
 
 
 def read_time_base(time_s: Float64[np.ndarray, " T"], segments: Sequence[tuple[int, int]]) -> TimeBase:
-    """The clock of frames at ``time_s`` [s]; times between two clips do not count.
+    """The time base of frames at ``time_s`` [s]; times between two clips do not count.
 
     Raises:
         ValueError: no two frames are in one clip.
@@ -149,15 +147,18 @@ def smooth_trajectory(
     segments: Sequence[tuple[int, int]],
     clock: TimeBase | None = None,
 ) -> Series:
-    """Each column smoothed by a Gaussian of ``sigma_frames`` and, likewise, what that took away put back.
+    """Smooth each column by a Gaussian of ``sigma_frames``, and add the smoothed residual back (twicing).
 
-    A Gaussian alone shrinks a swing of 20 sigma a period by 5 %, and with it what a law learns of how its
-    frequency depends on amplitude; twiced, it shrinks it by 0.2 %. It is cut at 4 sigma, every segment on its
-    own. Beyond its ends a segment goes on turned about them, so that a steady motion stays steady: repeating
-    the last sample would slow it down. The filter is not causal.
-    ``sigma_frames = 0`` returns a copy. Samples outside every segment are returned as they are. On an uneven
-    ``clock`` sigma is that many median spacings, the weights are those of the true times, and the value is
-    that of a line fitted with them; on an even one this is the plain filter.
+    A Gaussian alone shrinks an oscillation of 20 sigma a period by 5 %, and so biases how the learned
+    frequency depends on amplitude; twicing shrinks it by 0.2 %. The kernel is cut at 4 sigma and each
+    segment is smoothed alone, continued beyond its ends by point reflection, so that a steady motion stays
+    steady. The filter is not causal. Samples outside every segment are unchanged. On an uneven clock the
+    value is that of a line fitted with weights at the true times.
+
+    Args:
+        series: (T, m).
+        sigma_frames: in median spacings; 0 returns a copy.
+        segments, clock: half-open clips, and the time base (None is even).
 
     Source: twicing, Tukey 1977, "Exploratory Data Analysis", section 16.
     """
@@ -191,9 +192,9 @@ def _local_lines(series: Series, time: np.ndarray, sigma: float) -> Series:
     taps = np.arange(len(series))[:, None] + np.arange(2 * reach + 1)
     x = time[taps] - time[reach : len(time) - reach, None]
     weight = np.exp(-0.5 * (x / sigma) ** 2)
-    # A plain weighted mean belongs to the mean of its times, which on an uneven clock is not the frame's own:
-    # it would turn the jitter of the clock into jitter of the state. The line takes that out; weights in
-    # frames would have the same fault, and a length that changes with the clock on top.
+    # A weighted mean belongs to the mean of its times, which on an uneven clock is not the frame's time;
+    # the jitter of the clock would become jitter of the state. A local line removes that. Weights by frame
+    # number would have the same fault, and a kernel width that changes with the clock besides.
     zeroth, first, second = (np.sum(weight * x**power, axis=1, keepdims=True) for power in range(3))
     spread = zeroth * second - first**2
     lone = spread <= 1e-12 * zeroth**2
@@ -202,7 +203,7 @@ def _local_lines(series: Series, time: np.ndarray, sigma: float) -> Series:
 
 
 def _beyond(series: np.ndarray, reach: int) -> np.ndarray:
-    """``series`` with ``reach`` more samples at either end, point reflections of those inside."""
+    """``series`` with ``reach`` more samples at either end, by point reflection."""
     around = ((reach, reach), (0, 0))
     if len(series) == 1:
         return np.pad(series, around, mode="edge")

@@ -1,9 +1,4 @@
-"""The visibility metric: how strongly each latent direction moves the picture.
-
-Intrinsic dimension of the encoded trajectory, a check on the chosen d.
-
-PCA whitening of the latents, frozen on the training frames.
-"""
+"""PCA whitening of latents, the visibility metric and the intrinsic dimension."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -21,7 +16,7 @@ Decode = Callable[[Float[Tensor, "B d"]], Tensor]
 
 CHUNK = 32
 LARGEST_ERROR = 0.3
-"""Of the two-step comparison, relative to the metric: above it the differences measure noise or curvature."""
+"""Maximum relative difference of the two step sizes: above it noise or curvature dominates."""
 
 
 @dataclass(frozen=True)
@@ -40,13 +35,13 @@ class Visibility:
 def measure_visibility(decode: Decode, q: Series, *, step: float) -> Visibility:
     """Average of ``(dI/dq)^T (dI/dq)`` over the whitened latents ``q``, by central differences.
 
-    Differences of width ``step`` and ``2 step`` are combined by Richardson's rule, exact to fourth order. The
-    rasteriser drops a Gaussian below 1/255 of opacity: the square of such a jump over a short step grows as
-    the step shrinks, while over a long one the picture bends. On 2048 trained Gaussians at 32x32 the trace
-    is level within 2 % between 0.01 and 0.04 whitened units and 9 % low at 0.16.
+    Differences of width ``step`` and ``2 step`` are combined by Richardson's rule, exact to fourth order.
+    The rasteriser drops a Gaussian below 1/255 of opacity: the effect of such a jump grows as the step
+    shrinks, while a long step sees curvature. On 2048 trained Gaussians at 32x32 the trace is level within 2
+    % between 0.01 and 0.04 whitened units and 9 % low at 0.16.
 
     Raises:
-        ValueError: the two steps give metrics that differ by three tenths, or the picture does not change.
+        ValueError: the two steps give metrics that differ by three tenths, or the image does not change.
 
     Source: paper eq. (visibility).
     """
@@ -71,7 +66,7 @@ def measure_visibility(decode: Decode, q: Series, *, step: float) -> Visibility:
 
 
 def measure_exact_visibility(decode: Decode, q: Series) -> Visibility:
-    """The same by reverse-mode differentiation of one image at a time; slow, where the decoder allows."""
+    """The visibility by reverse-mode differentiation of one image at a time; exact, but slow."""
     total = np.zeros((q.shape[1], q.shape[1]))
     for row in torch.from_numpy(np.ascontiguousarray(q)):
         slope = torch.autograd.functional.jacobian(lambda x: decode(x[None])[0].double(), row)
@@ -101,10 +96,14 @@ def _gram(slope: Float[Tensor, "B d P"]) -> Float64[np.ndarray, "d d"]:
 
 
 def estimate_intrinsic_dimension(q: Series, *, frames: int, neighbours: int, seed: int) -> float:
-    """Maximum-likelihood dimension of a random subsample of whitened latents.
+    """Maximum-likelihood dimension of a random subsample of whitened latents; 1 for a single coordinate.
 
-    One coordinate has dimension 1 by definition and is not estimated. The estimate depends on the scale of
-    the neighbourhood: noise raises it, a coordinate that hardly moves lowers it.
+    The estimate depends on the scale of the neighbourhood: noise raises it, a coordinate that hardly moves
+    lowers it.
+
+    Args:
+        q: whitened latents (T, d).
+        frames, neighbours, seed: size of the sample, neighbours of each frame, and random seed.
 
     Raises:
         ValueError: fewer different frames than neighbours.
@@ -114,7 +113,7 @@ def estimate_intrinsic_dimension(q: Series, *, frames: int, neighbours: int, see
     if q.shape[1] == 1:
         return 1.0
     rng = np.random.default_rng(seed)
-    # Equal frames, at rest say, have no distance to take the logarithm of.
+    # Equal frames, as at rest, have distance zero, whose logarithm does not exist.
     sample = np.unique(q[rng.choice(len(q), min(frames, len(q)), replace=False)], axis=0)
     if len(sample) <= neighbours:
         raise ValueError(
@@ -138,12 +137,12 @@ class Whitening:
 def fit_whitening(z: Series, *, eigenvalue_floor: float) -> Whitening:
     """Whiten by the principal axes of ``z``, the largest variance first.
 
-    Rows are samples, so that the factor on the right is ``V diag(l)^-1/2``, without transpose. The sign of
-    an axis makes its largest component positive: the same latents always give the same chart.
+    Rows are samples, so the factor on the right is ``V diag(l)^-1/2``, without transpose. The largest
+    component of an axis is positive, so the same latents always give the same chart.
 
     Raises:
-        ValueError: an axis has less than ``eigenvalue_floor`` of the largest variance, so that whitening it
-            would blow noise up to the size of the motion.
+        ValueError: an axis has less than ``eigenvalue_floor`` of the largest variance, so that whitening
+            would amplify its noise to the size of the motion.
 
     Source: paper, Implementation Details.
     """

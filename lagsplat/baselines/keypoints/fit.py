@@ -1,4 +1,4 @@
-"""The training loop of a key-point forecaster."""
+"""Train a key-point forecaster, phase by phase."""
 
 import logging
 import time
@@ -23,11 +23,11 @@ from lagsplat.baselines.keypoints.phases import (
 from lagsplat.io.files.checkpoint import load_checkpoint, save_checkpoint
 
 log = logging.getLogger(__name__)
-CURVE_POINTS = 400  # rows of the training curve, whatever the length of the run
+CURVE_POINTS = 400  # rows of the training curve, for a run of any length
 
 
 class ForecasterCurvePoint(NamedTuple):
-    """Means since the previous point; ``seconds`` of training in all, interruptions not counted.
+    """Means since the previous point; ``seconds`` is the total training time without interruptions.
 
     ``error`` is the mean absolute colour error, in the last phase the distance of key points [half widths].
     """
@@ -47,17 +47,21 @@ def fit_forecaster(
     checkpoint: Path | None = None,
     identity: str = "",
 ) -> tuple[Forecaster, list[ForecasterCurvePoint]]:
-    """Train pictures, key points and graph networks on the consecutive training frames of one clip.
+    """Train scene, key points and graph networks on the consecutive training frames of one clip.
 
-    Every random draw is a function of the seed and the step, so a run that goes on from ``checkpoint`` ends
-    with the same bits as one that was never interrupted.
+    Every random draw is a function of the seed and the step, so a run resumed from ``checkpoint`` ends with
+    the same bits as an uninterrupted one.
+
+    Args:
+        frames, config, seed: training frames, settings, and the random seed.
+        checkpoint, identity: file to resume from, and the string that identifies the run in it.
 
     Raises:
         ValueError: fewer frames than the graph networks need for one example.
         FloatingPointError: the loss stops being finite.
 
-    Source: facts of the published forecaster: its phases and their lengths in proportion, its losses. The
-    number of Gaussians does not grow.
+    Source: the published forecaster: its phases, their relative lengths, its losses. The number of Gaussians
+    does not grow.
     """
     fitting = _begin(frames, config, seed)
     first, curve = _restore(fitting, checkpoint, identity)
@@ -80,7 +84,7 @@ def fit_forecaster(
                 )
                 bar.set_postfix(phase=moment.phase, error=f"{curve[-1].error:.3g}")
                 sums, counted = np.zeros(2), 0
-                # Only here are the running means empty, so that a checkpoint need not hold them.
+                # The running means are empty only here, so a checkpoint need not hold them.
                 if checkpoint and time.monotonic() - saved_at > config.checkpoint_every_s:
                     _save(fitting, curve, checkpoint, identity)
                     saved_at = time.monotonic()
@@ -105,7 +109,7 @@ def _begin(frames: Frames, config: ForecasterConfig, seed: int) -> ForecasterFit
 
 
 def train_step(fitting: ForecasterFit, moment: TrainingMoment, step: int) -> np.ndarray:
-    """One descent; returns its loss and error."""
+    """One gradient step; returns its loss and error."""
     rng = np.random.default_rng([fitting.seed, step])
     set_rates(fitting, moment)
     fitting.optimizer.zero_grad(set_to_none=True)

@@ -1,4 +1,4 @@
-"""Key points carried on by the graph networks, and the pictures that follow."""
+"""Predict key points by the graph networks, and render the frames that follow."""
 
 from typing import NamedTuple
 
@@ -11,7 +11,7 @@ from lagsplat.baselines.keypoints.model import Forecaster
 
 
 class KeyPointPath(NamedTuple):
-    """Positions [half widths] and turns (cosine, sine) of the key points at consecutive frames."""
+    """Positions [half widths] and rotations (cosine, sine) of the key points at consecutive frames."""
 
     places: Float32[np.ndarray, "N K 2"]
     turns: Float32[np.ndarray, "N K 2"]
@@ -19,10 +19,9 @@ class KeyPointPath(NamedTuple):
 
 @torch.no_grad()
 def fit_path(forecaster: Forecaster, frames: Float[np.ndarray, " N"]) -> KeyPointPath:
-    """The key points as the motion network has them at these frames, those past the training included.
+    """The key points by the motion network at these frames.
 
-    Within the training frames this is what was fitted; beyond them it is the network asked for a time it has
-    never been told.
+    Within the training frames this is the fit; beyond them the network extrapolates in time.
     """
     places, turns = [], []
     for frame in frames:
@@ -34,9 +33,9 @@ def fit_path(forecaster: Forecaster, frames: Float[np.ndarray, " N"]) -> KeyPoin
 
 @torch.no_grad()
 def continue_path(forecaster: Forecaster, steps: int) -> KeyPointPath:
-    """The last training frame and ``steps`` frames after it, every prediction fed back.
+    """The last training frame and ``steps`` frames after it, with every prediction fed back.
 
-    Cosines and sines are brought back to the circle after every step.
+    Cosines and sines are normalised to unit length after every step.
     """
     of = forecaster.architecture
     past = fit_path(forecaster, np.arange(of.frames - of.history, of.frames, dtype=np.float64))
@@ -50,7 +49,7 @@ def continue_path(forecaster: Forecaster, steps: int) -> KeyPointPath:
 
 
 def wrap_angle(turns: Float[Tensor, "*B nodes"]) -> Float[Tensor, "*B nodes"]:
-    """Pairs of cosine and sine, brought to length one."""
+    """Pairs of cosine and sine, normalised to length one."""
     pairs = turns.unflatten(-1, (-1, 2))
     return (pairs / pairs.norm(dim=-1, keepdim=True).clamp_min(1e-6)).flatten(-2)
 
@@ -59,8 +58,9 @@ def wrap_angle(turns: Float[Tensor, "*B nodes"]) -> Float[Tensor, "*B nodes"]:
 def draw_path(
     forecaster: Forecaster, path: KeyPointPath, at: Float[np.ndarray, " N"]
 ) -> Float32[np.ndarray, "N 3 H W"]:
-    """Pictures at places along a path, counted in its steps; between two of them linearly, and held beyond
-    its ends."""
+    """Images at positions along a path, counted in its steps; linear between two steps, constant beyond its
+    ends.
+    """
     nearest, images = forecaster.nearest(), []
     last = len(path.places) - 1
     for place in np.clip(at, 0, last):

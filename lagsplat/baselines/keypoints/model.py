@@ -1,10 +1,7 @@
-"""The key-point forecaster as a whole, and its file.
+"""The key-point forecaster: Gaussians, the motion network and key points that move them, graph networks.
 
-Where things go: a network of what they are, where and when; and key points that others follow.
-
-The graph network that carries key points on from their last frames.
-
-Planar Gaussians with a place, a shape, a colour and a motion feature: the forecaster's picture.
+The Gaussians are planar, each with a place, a shape, a colour and a motion feature. The module also reads
+and writes the forecaster's file.
 """
 
 import math
@@ -30,7 +27,7 @@ KIND, SCHEMA = "forecaster", 1
 
 @dataclass(frozen=True)
 class ForecasterArchitecture:
-    """What decides the shape of a forecaster; ``frames`` are those it was trained on."""
+    """What decides the shape of a forecaster; ``frames`` is the number of its training frames."""
 
     n_gaussians: int
     feature: int
@@ -51,7 +48,7 @@ class ForecasterArchitecture:
 def read_forecaster_architecture(
     config: ForecasterConfig, *, height: int, width: int, frames: int
 ) -> ForecasterArchitecture:
-    """The shape of a forecaster for a clip of ``frames`` training frames."""
+    """The shape of a forecaster for a clip of ``frames`` training frames of this size [px]."""
     motion, graph = config.motion, config.graph
     return ForecasterArchitecture(
         n_gaussians=config.n_gaussians,
@@ -72,15 +69,15 @@ def read_forecaster_architecture(
 
 
 Shift = tuple[Float[Tensor, "_ 2"], Float[Tensor, "_ 1"]]
-"""Displacements [half widths] and turns [rad]."""
+"""Displacements [half widths] and rotations [rad]."""
 
 
 class Forecaster(nn.Module):
-    """Gaussians that follow key points, and two graph networks that carry the key points on.
+    """Gaussians that follow key points, and two graph networks that predict the key points.
 
-    ``places`` and ``turns`` are the graph networks, for positions and for (cosine, sine) of the turns.
+    ``places`` and ``turns`` are the graph networks, for positions and for (cosine, sine) of the rotations.
 
-    Source: facts of Zhao et al. 2024, arXiv:2405.19745, written anew for two dimensions and one camera.
+    Source: Zhao et al. 2024, arXiv:2405.19745, reimplemented for two dimensions and one camera.
     """
 
     def __init__(self, of: ForecasterArchitecture, *, backend: str = "auto") -> None:
@@ -101,23 +98,24 @@ class Forecaster(nn.Module):
         )
 
     def free_shift(self, frame: float, *, noise: Float[Tensor, "N 2"] | float = 0.0) -> Shift:
-        """What every Gaussian does at a frame by its own feature; ``noise`` is added to where it is told to
-        be."""
+        """The motion of every Gaussian at a frame by its own feature; ``noise`` is added to its input
+        place.
+        """
         told = self.scene.place.detach() + noise
         return self.motion(self.scene.feature, told, normalize_time(frame, self.architecture.frames))
 
     def key_shift(self, frame: float, *, noise: Float[Tensor, "K 2"] | float = 0.0) -> Shift:
-        """What the key points do at a frame."""
+        """The motion of the key points at a frame."""
         told = self.keys.place.detach() + noise
         return self.motion(self.keys.feature, told, normalize_time(frame, self.architecture.frames))
 
     def draw(self, shift: Shift) -> Float[Tensor, "1 3 H W"]:
-        """The picture with every Gaussian displaced and turned."""
+        """The image with every Gaussian displaced and rotated."""
         moved, turned = shift
         return self.scene.draw(self.scene.place + moved, self.scene.angle + turned, backend=self.backend)
 
     def draw_keys(self, shift: Shift, nearest: Tensor) -> Float[Tensor, "1 3 H W"]:
-        """The picture with the key points displaced and turned and the Gaussians following them."""
+        """The image with the key points displaced and rotated and the Gaussians following them."""
         return self.draw(self.keys.blend(nearest, shift))
 
     def nearest(self) -> Tensor:
@@ -126,7 +124,7 @@ class Forecaster(nn.Module):
 
 
 def save_forecaster(path: str | os.PathLike[str], forecaster: Forecaster, header: Mapping[str, Any]) -> None:
-    """Write the weights and what is needed to build the same model again."""
+    """Write the weights and the architecture."""
     header = {"kind": KIND, "schema": SCHEMA, **header, "architecture": asdict(forecaster.architecture)}
     save_artifact(path, forecaster.state_dict(), header)
 
@@ -146,15 +144,15 @@ def load_forecaster(
 
 
 def fourier_features(value: Float[Tensor, "N m"], octaves: int) -> Float[Tensor, "N w"]:
-    """Sines and cosines of ``2^k value`` for ``octaves`` values of k; the value itself is not among them."""
+    """Sines and cosines of ``2^k value`` for ``octaves`` values of k, without the value itself."""
     scaled = (value[:, :, None] * 2.0 ** torch.arange(octaves, device=value.device)).flatten(1)
     return torch.cat((scaled.sin(), scaled.cos()), dim=1)
 
 
 class MotionNet(nn.Module):
-    """Displacement and turn from a feature, a place and a time; it starts without any motion.
+    """Displacement and rotation from a feature, a place and a time; initially zero.
 
-    Source: facts of the published forecaster, its deformation network in two dimensions.
+    Source: the published forecaster, its deformation network in two dimensions.
     """
 
     def __init__(self, feature: int, *, octaves: int, hidden: int, layers: int) -> None:
@@ -167,7 +165,7 @@ class MotionNet(nn.Module):
         nn.init.zeros_(self.head.bias)
 
     def forward(self, feature: Float[Tensor, "N f"], place: Float[Tensor, "N 2"], time: float) -> Shift:
-        """Displacement and turn at ``time``, which runs from 0 to 1 over the clip."""
+        """Displacement and rotation at ``time``, which runs from 0 to 1 over the clip."""
         when = fourier_features(place.new_full((1, 1), time), self.octaves).expand(len(place), -1)
         value = torch.cat((feature, fourier_features(place, self.octaves), when), dim=1)
         for layer in self.layers:
@@ -179,9 +177,9 @@ class MotionNet(nn.Module):
 class KeyPoints(nn.Module):
     """``K`` points that the motion network moves, and how much each Gaussian follows each of them.
 
-    A Gaussian follows its nearest points in the joint space of place and feature, shifted by one blend of
-    their displacements and turned by another. A logit for every pair stands in place of the published hash
-    grid: pairs that are no neighbours do not count.
+    A Gaussian follows its nearest points in the joint space of place and feature; one blend of their motions
+    displaces it and another rotates it. A logit for every pair replaces the published hash grid: pairs that
+    are not neighbours have no effect.
     """
 
     def __init__(self, n: int, k: int, feature: int, *, neighbours: int, feature_weight: float) -> None:
@@ -193,7 +191,7 @@ class KeyPoints(nn.Module):
 
     @torch.no_grad()
     def gather(self, place: Float[Tensor, "N 2"], feature: Float[Tensor, "N f"], *, seed: int) -> None:
-        """Put the points where Gaussians that move alike are, by k-means on place and feature."""
+        """Initialise the points by k-means on place and feature of the Gaussians."""
         joint = torch.cat((place, feature), 1).double().numpy()
         found = KMeans(len(self.place), n_init=1, random_state=seed).fit(joint)
         centres = torch.as_tensor(found.cluster_centers_).to(self.place)
@@ -204,7 +202,7 @@ class KeyPoints(nn.Module):
         self.blend_logit.copy_((-0.5 * apart.square() / spread)[:, :, None].expand(-1, -1, 2))
 
     def distances(self, place: Float[Tensor, "N 2"], feature: Float[Tensor, "N f"]) -> Float[Tensor, "N K"]:
-        """Distances in the joint space."""
+        """Distances between Gaussians and key points in the joint space."""
         gaussians = torch.cat((place, self.feature_weight * feature), 1)
         return torch.cdist(gaussians, torch.cat((self.place, self.feature_weight * self.feature), 1))
 
@@ -214,10 +212,10 @@ class KeyPoints(nn.Module):
         return self.distances(place, feature).topk(self.neighbours, largest=False).indices
 
     def blend(self, nearest: Int64[Tensor, "N k"], shift: Shift) -> Shift:
-        """What the Gaussians do while the key points do ``shift``.
+        """The motion of the Gaussians when the key points move by ``shift``.
 
-        Places are blended by one softmax over the neighbours and turns by another; a turn of a key point does
-        not carry its followers around it.
+        One softmax over the neighbours blends places and another rotations; a key point's rotation does not
+        carry its followers around it.
         """
         logits = self.blend_logit.gather(1, nearest[:, :, None].expand(-1, -1, 2))
         weight = torch.softmax(logits, dim=1)
@@ -234,7 +232,7 @@ def normalize_time(frame: float, frames: int) -> float:
 
 
 class GraphConvolution(nn.Module):
-    """``A (X W) + b`` with a dense matrix ``A`` between nodes, learned freely."""
+    """``A (X W) + b`` with a dense, learned matrix ``A`` between nodes."""
 
     def __init__(self, nodes: int, n_in: int, n_out: int) -> None:
         super().__init__()
@@ -249,7 +247,7 @@ class GraphConvolution(nn.Module):
 
 
 class Layer(nn.Module):
-    """A graph convolution, normalised over the batch node by node and feature by feature, and a tanh."""
+    """A graph convolution, batch normalisation by node and feature, and a tanh."""
 
     def __init__(self, nodes: int, n_in: int, n_out: int) -> None:
         super().__init__()
@@ -265,9 +263,9 @@ class Layer(nn.Module):
 class GraphNet(nn.Module):
     """The next value of every node from its last ``history`` ones: absolute, no skip from the last frame.
 
-    Nothing in it contracts: carried on for long, it may come to rest, decay or orbit.
+    The map need not be a contraction: a long rollout may come to rest, decay or orbit.
 
-    Source: facts of the published forecaster, its graph network.
+    Source: the published forecaster, its graph network.
     """
 
     def __init__(self, nodes: int, *, history: int, hidden: int, blocks: int) -> None:
@@ -287,14 +285,14 @@ class GraphNet(nn.Module):
 
 
 FEATURE_START = 1e-3
-FLAT_SHARE = 0.2  # probability given to every pixel, edges and moving pixels taking the rest
+FLAT_SHARE = 0.2  # probability spread over all pixels; edges and moving pixels share the rest
 
 
 class KeyPointScene(nn.Module):
     """``N`` Gaussians in half widths of the image: x from -1 to 1, y likewise about the middle row.
 
-    Sizes are in pixels. Only places and angles move with time; colour, opacity and size never do. They are
-    drawn in the order of their index by the image model of the whole package.
+    Sizes are in pixels. Only places and angles change with time, not colour, opacity or size. They are
+    rendered in the order of their index by the package's image model.
     """
 
     def __init__(self, n: int, feature: int, *, height: int, width: int) -> None:
@@ -311,7 +309,7 @@ class KeyPointScene(nn.Module):
     def draw(
         self, place: Float[Tensor, "N 2"], angle: Float[Tensor, "N 1"], *, backend: str
     ) -> Float[Tensor, "1 3 H W"]:
-        """The picture with its Gaussians at ``place`` [half widths], turned to ``angle`` [rad]."""
+        """The image with its Gaussians at ``place`` [half widths], rotated to ``angle`` [rad]."""
         half = self.width / 2
         means = place * half + place.new_tensor([half, self.height / 2])
         return choose_rasterizer(backend, place.device)(
@@ -342,9 +340,12 @@ class KeyPointScene(nn.Module):
 def scatter_points(
     scene: KeyPointScene, frames: Frames, *, sigma: float, opacity: float, rng: np.random.Generator
 ) -> None:
-    """Place the Gaussians where the first frame has edges and where frames differ, in the colours there.
+    """Place the Gaussians where the first frame has edges and where frames differ, with the colours there.
 
-    ``sigma`` is their size over the image height.
+    Args:
+        scene, frames: the scene to initialise, and the training frames.
+        sigma, opacity: initial size over the image height, and opacity.
+        rng: draws the places.
     """
     first, n = np.asarray(frames[0]) / 255.0, len(scene.place)
     spread = np.asarray(frames[:: max(1, len(frames) // 50)]).std(axis=0).mean(-1)

@@ -1,4 +1,4 @@
-"""The phases of training a forecaster: what is fitted in each, by which loss, at which step sizes."""
+"""The training phases of a forecaster: what each one fits, its loss and its step sizes."""
 
 import math
 from dataclasses import dataclass
@@ -14,11 +14,11 @@ from lagsplat.baselines.keypoints.model import Forecaster
 from lagsplat.splat.losses import structural_dissimilarity
 from lagsplat.stage1.autoencoder import to_images
 
-FRESH_NEIGHBOURS = 100  # steps after which it is looked up again which key points a Gaussian follows
+FRESH_NEIGHBOURS = 100  # steps between two searches for the nearest key points
 
 
 class TrainingMoment(NamedTuple):
-    """A step of the training: its phase, and how many steps of this are done and to be done in all."""
+    """A step of the training: its phase, the step within it, and the length of the phase."""
 
     phase: str
     inner: int
@@ -36,7 +36,7 @@ def choose_moment(config: ForecasterConfig, step: int) -> TrainingMoment:
 
 @dataclass
 class ForecasterFit:
-    """A forecaster in training, with what lives as long as a phase: optimiser, neighbours, series."""
+    """A forecaster in training, with what lasts for one phase: optimiser, neighbours, series."""
 
     forecaster: Forecaster
     frames: Tensor  # uint8 (T, H, W, 3)
@@ -48,7 +48,7 @@ class ForecasterFit:
 
 
 def open_phase(fitting: ForecasterFit, moment: TrainingMoment) -> None:
-    """Begin a phase, or go on within it: a fresh optimiser, and the key points where they begin."""
+    """Begin or resume a phase: a new optimiser and, where a phase needs it, initial key points."""
     forecaster = fitting.forecaster
     if moment.phase == "keys" and moment.inner == 0:
         scene = forecaster.scene
@@ -86,7 +86,7 @@ def _optimizer(forecaster: Forecaster, config: ForecasterConfig, phase: str) -> 
 
 
 def set_rates(fitting: ForecasterFit, moment: TrainingMoment) -> None:
-    """Step sizes of this step: a half cosine for graph networks, a constant factor a step for pictures."""
+    """Set the step sizes: a half cosine for graph networks, a constant factor per step for images."""
     config = fitting.config
     pictures = sum(config.steps[name] for name in PHASES[:-1])
     before = sum(config.steps[name] for name in PHASES[: PHASES.index(moment.phase)])
@@ -102,7 +102,7 @@ def set_rates(fitting: ForecasterFit, moment: TrainingMoment) -> None:
 def forecast_loss(
     fitting: ForecasterFit, moment: TrainingMoment, rng: np.random.Generator
 ) -> tuple[Tensor, Tensor]:
-    """The loss of one step, and what of it is an error: mean absolute colour, or half widths."""
+    """The loss of one step, and its error: mean absolute colour, or half widths."""
     if moment.phase == "graph":
         return graph_loss(fitting, moment, rng)
     config, forecaster = fitting.config, fitting.forecaster
@@ -133,7 +133,7 @@ def forecast_loss(
 def _noise(
     place: nn.Parameter, fitting: ForecasterFit, moment: TrainingMoment, rng: np.random.Generator
 ) -> Tensor | float:
-    """Noise on the places that the network is told; gone after the first third of a phase."""
+    """Noise on the places that the network sees; zero after the first third of a phase."""
     sigma = fitting.config.motion.place_noise * max(0.0, 1 - 3 * moment.inner / moment.length)
     if sigma == 0.0:
         return 0.0
@@ -143,7 +143,7 @@ def _noise(
 def graph_loss(
     fitting: ForecasterFit, moment: TrainingMoment, rng: np.random.Generator
 ) -> tuple[Tensor, Tensor]:
-    """Mean distance of the predicted key points, and of the ends of their turned unit vectors."""
+    """Mean distance of the predicted key points, and of the ends of their rotated unit vectors."""
     assert fitting.series is not None, "the phase was opened"
     config, forecaster = fitting.config.graph, fitting.forecaster
     places, turns = fitting.series
@@ -160,7 +160,7 @@ def graph_loss(
         predicted = net(past)
         if net is forecaster.turns:
             predicted = wrap_angle(predicted)
-        # the root's own derivative at nothing is not finite
+        # the root's derivative at zero is not finite
         apart = (predicted - truth).unflatten(1, (-1, 2)).square().sum(-1)
         errors.append((apart + 1e-12).sqrt().mean())
     return errors[0] + errors[1], errors[0].detach()
