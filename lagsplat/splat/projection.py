@@ -28,7 +28,7 @@ NEAR = 0.01
 """[unit of length]"""
 MARGIN = 0.3
 SQUARE = (0, 1, 3, 1, 2, 4, 3, 4, 5)
-"""Where the entries of a symmetric matrix stand in its lower triangle, row by row."""
+"""Position of each entry of a symmetric matrix in its lower triangle, row by row."""
 
 
 class View(NamedTuple):
@@ -67,10 +67,14 @@ def make_view(cameras: Sequence[Camera]) -> View:
 
 
 def project(scene: GaussianSlice, view: View, *, height: int, width: int) -> GaussianSlice:
-    """The planar Gaussians that each image's camera sees, nearest first.
+    """Project Gaussians of space to the planar ones that each image's camera sees, nearest first.
 
-    ``view`` has one camera per image, or one for all. Differentiable in all but the order. Colours, of any
-    number of channels, are sorted along.
+    Differentiable in all but the order. Colours, of any number of channels, are sorted along.
+
+    Args:
+        scene: Gaussians of space.
+        view: One camera per image, or one for all.
+        height, width: Size of the images [px].
 
     Raises:
         ValueError: the Gaussians are planar already, or the numbers of cameras and images differ.

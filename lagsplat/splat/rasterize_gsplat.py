@@ -37,16 +37,13 @@ def rasterize(
     height: int,
     width: int,
 ) -> Float[Tensor, "B 3 H W"]:
-    """Draw B images of K Gaussians on CUDA in float32; shapes and colours are shared or per image (S = B).
+    """Draw B images of K Gaussians on CUDA in float32, differentiable once in all five tensors.
 
-    ``means`` [px] and ``opacity`` are per image; ``covariance`` holds xx, xy, yy [px^2]. Differentiable
-    once, in all five tensors.
+    Args: as `lagsplat.splat.rasterize_torch.rasterize`.
 
     Raises:
         ValueError: shapes, types or devices do not match, or the tensors are not float32 on a CUDA device.
         ImportError: gsplat is not installed, or has no compiled kernels.
-
-    Source: the image model in `lagsplat.splat.image_model`.
     """
     require_scene(means, covariance, opacity, color, background, height=height, width=width)
     if means.dtype != torch.float32 or means.device.type != "cuda":

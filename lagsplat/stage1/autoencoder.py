@@ -77,7 +77,12 @@ class Autoencoder(nn.Module):
     def decode(
         self, z: Latents, *, view: View | None = None, height: int | None = None, width: int | None = None
     ) -> Images:
-        """Draw the latents as images in [0, 1], at any resolution: no Gaussian is tied to a pixel."""
+        """Draw the latents as images in [0, 1].
+
+        Args:
+            z: Raw latents.
+            view, height, width: As in `draw`; any resolution, because no Gaussian is tied to a pixel.
+        """
         return self.draw(self.gaussians.condition(z), view=view, height=height, width=width)
 
     def draw(
@@ -143,7 +148,13 @@ def decode_chunks(
     height: int | None = None,
     width: int | None = None,
 ) -> Iterator[Float32[np.ndarray, "chunk 3 H W"]]:
-    """Draw raw latents in chunks of bounded size."""
+    """Draw raw latents in chunks of bounded size.
+
+    Args:
+        autoencoder: The model.
+        z: Raw latents (T, d).
+        height, width: Size of the images [px]; None takes the training resolution.
+    """
     device = next(autoencoder.parameters()).device
     for first in range(0, len(z), CHUNK):
         chunk = torch.as_tensor(z[first : first + CHUNK], dtype=torch.float32, device=device)
@@ -159,7 +170,7 @@ def decode_latents(
     height: int | None = None,
     width: int | None = None,
 ) -> Float32[np.ndarray, "T 3 H W"]:
-    """Draw all raw latents at once; see `decode_chunks` for long series."""
+    """Draw all raw latents at once; arguments as `decode_chunks`, which suits long series."""
     shape = (0, 3, height or autoencoder.height, width or autoencoder.width)
     return np.concatenate(
         [np.zeros(shape, np.float32), *decode_chunks(autoencoder, z, height=height, width=width)]

@@ -143,7 +143,10 @@ def start_deformation_field(
     *,
     seed: int,
 ) -> DeformationField:
-    """Build an untrained decoder; with equal seeds both kinds hold the same planar Gaussians."""
+    """Build an untrained decoder; with equal seeds both kinds hold the same planar Gaussians.
+
+    Args: as `fit_deformation_field`.
+    """
     torch.manual_seed(seed)
     _, height, width, _ = frames.shape
     n, d = config.n_gaussians, latents.shape[1]

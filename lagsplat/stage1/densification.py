@@ -49,6 +49,12 @@ def densify_and_prune(
 ) -> int:
     """Recycle every Gaussian that stays invisible over a sample of the clip; return their number.
 
+    Args:
+        autoencoder, optimizer: Modified in place.
+        footage: Frames to sample.
+        config: Threshold and share of splits.
+        rng: Source of the samples.
+
     Source: paper, Implementation Details (training): split along the principal eigenvector of the full
     covariance, or teleport to a high-error region.
     """
@@ -74,9 +80,12 @@ def densify_and_prune(
 def largest_gradient(
     gaussians: Gaussians, optimizer: torch.optim.Adam, *, alive: Bool[Tensor, " K"], count: int
 ) -> Tensor:
-    """The visible Gaussians with the largest running mean square gradient of the centre.
+    """The visible Gaussians with the largest mean square gradient of the centre, which Adam keeps.
 
-    Adam already keeps that mean, so no other accumulator is needed.
+    Args:
+        gaussians, optimizer: Gaussians and their optimiser.
+        alive: Which are visible.
+        count: How many to return.
 
     Source: the densification signal of Kerbl et al. 2023, doi:10.1145/3592433.
     """
@@ -130,6 +139,12 @@ def teleport_gaussians(
     """Move each Gaussian to a pixel of a frame, drawn in proportion to the error there, and to its latent.
 
     In space the frames include novel views, and the Gaussian goes to the rendered depth of the pixel.
+
+    Args:
+        autoencoder: Modified in place.
+        footage: Frames with the errors.
+        slots: Indices of the Gaussians to move.
+        rng: Source of the draws.
     """
     gaussians = autoencoder.gaussians
     picked = np.sort(rng.choice(len(footage), min(ERROR_SAMPLE, len(footage)), replace=False))
@@ -179,10 +194,14 @@ def reorder_gaussians(gaussians: Gaussians, optimizer: torch.optim.Adam, order: 
 def transfer_adam_state(
     gaussians: Gaussians, optimizer: torch.optim.Adam, *, parents: Tensor, children: Tensor, strays: Tensor
 ) -> None:
-    """Reset Adam's state of the recycled Gaussians.
+    """Reset Adam's moments of recycled Gaussians and their parents.
 
-    A child takes over the scale of its parent's gradients, a teleported Gaussian (``strays``) starts from
-    zero. No momentum is kept, because its direction belonged to the former place.
+    No momentum is kept, because its direction belonged to the former place.
+
+    Args:
+        gaussians, optimizer: Gaussians and their optimiser.
+        parents, children: Indices; a child takes over its parent's mean square gradient.
+        strays: Indices of teleported Gaussians, whose mean square is zeroed.
     """
     for _, moments in per_gaussian(gaussians, optimizer):
         if moments:

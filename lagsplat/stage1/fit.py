@@ -108,7 +108,15 @@ def train_step(
     latents: Latents | None = None,
     sides: NovelViewTargets | None = None,
 ) -> np.ndarray:
-    """Take one optimiser step on a batch; return its loss, mean absolute and mean squared error."""
+    """Take one optimiser step on a batch; return its loss, mean absolute and mean squared error.
+
+    Args:
+        autoencoder, optimizer: Modified in place.
+        batch: Recorded images.
+        config: Settings.
+        step: Index of the step, which sets the rates.
+        latents, sides: As in `reconstruct`.
+    """
     optimizer.zero_grad(set_to_none=True)
     scores = reconstruct(autoencoder, batch, config.loss, latents=latents, sides=sides)
     scores.loss.backward()

@@ -103,7 +103,13 @@ def make_optimizer(autoencoder: Autoencoder, config: RateConfig) -> torch.optim.
 
 
 def set_rates(optimizer: torch.optim.Optimizer, config: RateConfig, *, step: int, steps: int) -> None:
-    """Linear warm-up, then a half cosine from each group's peak rate down to its final fraction."""
+    """Set each group's rate: linear warm-up, then a half cosine from the peak to its final fraction.
+
+    Args:
+        optimizer: Modified in place.
+        config: Rates and schedule.
+        step, steps: Index of the step, and number of steps.
+    """
     for group in optimizer.param_groups:
         group["lr"] = group["peak"] * rate_factor(config, step=step, steps=steps)
 

@@ -149,7 +149,13 @@ def turn_camera(yaw_deg: float, pitch_deg: float) -> Float64[np.ndarray, "3 3"]:
 
 
 def orbit_camera(camera: Camera, depth: float, *, yaw_deg: float, pitch_deg: float) -> Camera:
-    """Move ``camera`` right and up around the point ``depth`` ahead of it, which keeps its image point."""
+    """Move ``camera`` around a point ahead of it, which keeps its image point.
+
+    Args:
+        camera: The camera.
+        depth: Distance of the point [unit of the world].
+        yaw_deg, pitch_deg: To the right and up [degree].
+    """
     pivot = camera.position + depth * camera.rotation[2]
     rotation = turn_camera(yaw_deg, pitch_deg) @ camera.rotation
     return replace(camera, rotation=rotation, position=pivot - depth * rotation[2])

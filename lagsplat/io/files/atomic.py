@@ -70,8 +70,7 @@ def _flush(path: Path) -> None:
 
 
 def _explain(error: Exception) -> str | None:
-    # Compiled writers report the operating system's error as text only, hence the search for
-    # words.
+    # Compiled writers report the operating system's error as text only.
     number = getattr(error, "errno", None)
     words = str(error).lower()
     if number in (errno.ENOSPC, errno.EDQUOT) or "no space left" in words or "quota exceeded" in words:

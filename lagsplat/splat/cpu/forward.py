@@ -36,7 +36,16 @@ STRIDE = 5 * PITCH
 
 @compiled(parallel=True)
 def forward(spots, slices, color, background, height, width):
-    """Images (B, 3, H, W), and for each pixel final transmittance and finishing index (B, 2, H, W)."""
+    """Draw all frames in parallel.
+
+    Args:
+        spots: (B, 6, K), see `find_spots`.
+        slices, color: (S, K, 5) and (S, K, 3), with S = 1 or B.
+        background: (3,).
+        height, width: Size of the images [px].
+
+    Returns the images (B, 3, H, W), and final transmittance and finishing index (B, 2, H, W).
+    """
     batch, count = len(spots), slices.shape[1]
     images = np.empty((batch, 3, height, width), np.float32)
     state = np.empty((batch, 2, height, width), np.float32)

@@ -23,17 +23,15 @@ def rasterize(
     height: int,
     width: int,
 ) -> Float[Tensor, "B 3 H W"]:
-    """Draw B images of K Gaussians on the CPU in float32; shapes and colours are shared or per image (S =
-    B).
+    """Draw B images of K Gaussians on the CPU in float32, differentiable once in all five tensors.
 
-    ``means`` [px] and ``opacity`` are per image; ``covariance`` holds xx, xy, yy [px^2]. Differentiable
-    once, in all five tensors. Uses ``numba.get_num_threads()`` threads. The first call on a machine compiles
-    the kernels (seconds); later processes load them from the disk cache.
+    Uses ``numba.get_num_threads()`` threads. The first call on a machine compiles the kernels (seconds);
+    later processes load them from the disk cache.
+
+    Args: as `lagsplat.splat.rasterize_torch.rasterize`.
 
     Raises:
         ValueError: shapes, types or devices do not match, or the tensors are not float32 on the CPU.
-
-    Source: the image model in `lagsplat.splat.image_model`.
     """
     require_scene(means, covariance, opacity, color, background, height=height, width=width)
     if means.dtype != torch.float32 or means.device.type != "cpu":
