@@ -1,5 +1,4 @@
 """Readers and writers: recordings, trajectories, videos, MCAP logs and artifacts.
 
-`read` opens any of them (`read_recording`, `read_trajectory`). Only this package reads and writes user
-files.
+`read` opens any of them (`read_recording`, `read_trajectory`). Only this package touches user files.
 """

@@ -36,8 +36,7 @@ LIFTING = "lifting-"
 
 @dataclass(frozen=True)
 class LiftedFrame:
-    """Views of one frame: images, their cover in [0, 255], and the depth [m] from the recording's own
-    camera.
+    """Views of one frame: images, their cover in [0, 255], and depth [m] from the recording's camera.
 
     ``told`` has the ``scale`` that aligned it, the ``residual`` difference, and its time in ``seconds``.
     """

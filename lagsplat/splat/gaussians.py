@@ -85,9 +85,7 @@ class Gaussians(nn.Module):
         return _lower(self.shape_log_diagonal, self.shape_below)
 
     def jacobian(self) -> Float[Tensor, "K n d"]:
-        """``J``, the derivative of each drawn centre with respect to the latent [px per unit of z];
-        constant.
-        """
+        """``J``, the derivative of each drawn centre by the latent [px per unit of z]; constant."""
         return self.coupling @ self.precision_factor()
 
     def gate(self, z: Latents) -> Float[Tensor, "B K"]:

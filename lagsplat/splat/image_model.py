@@ -5,8 +5,7 @@ A Gaussian with centre ``m``, covariance ``S`` and opacity ``o`` covers the pixe
 composited front to back in index order; one with ``alpha < 1/255`` is skipped. The first Gaussian that would
 bring a pixel's transmittance to 1e-4 or less finishes the pixel and is not composited. The remaining
 transmittance shows the background. This is gsplat's "classic" mode in two dimensions; as there, the clamp at
-0.999 passes no gradient. Gaussians in space are first projected and sorted by depth, by
-`lagsplat.splat.projection`.
+0.999 passes no gradient. `lagsplat.splat.projection` first projects Gaussians in space and sorts them.
 
 A Gaussian is not drawn, and receives no gradient, if its centre, covariance or opacity is not finite, its
 opacity is below 1/255, or its blurred covariance is not positive definite. Opacities lie in [0, 1].

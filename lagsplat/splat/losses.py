@@ -72,8 +72,7 @@ def _extremes_of_plane(covariance: Float[Tensor, "K 3"]) -> tuple[Tensor, Tensor
 def _extremes(covariance: Float[Tensor, "K 6"]) -> tuple[Tensor, Tensor]:
     """Largest and smallest variance in space, by the trigonometric solution of the cubic.
 
-    Batched eigenvalue solvers take far longer. In float64, because the smallest is a difference of large
-    numbers.
+    Batched eigenvalue solvers take far longer. In float64 against cancellation in the smallest.
 
     Source: Smith 1961, doi:10.1145/355578.366316.
     """

@@ -81,8 +81,7 @@ def _seen(
 def merge_clouds(cloud: PlyCloud, *, side: int, by: int, layers: int) -> PlyCloud:
     """Merge ``by`` x ``by`` cells of each grid of Gaussians into one of equal mean and covariance.
 
-    Weights are the opacities; the merged Gaussian stops as much light as its parts, spread over its own
-    extent.
+    Weights are the opacities; the merged Gaussian stops the light of its parts, spread over its extent.
 
     Args:
         cloud: ``layers`` grids of ``side`` x ``side`` Gaussians, row by row.

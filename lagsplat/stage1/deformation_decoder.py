@@ -34,9 +34,7 @@ IN_PIXELS = ("center", "coupling")  # parameters with the larger step size
 
 
 class DeformationField(nn.Module):
-    """A decoder of planar Gaussians and its image size; ``kind`` says whether they are conditioned or
-    deformed.
-    """
+    """Decoder of planar Gaussians, conditioned or deformed (``kind``), and its image size."""
 
     def __init__(self, kind: str, n: int, d: int, config: FieldConfig, *, height: int, width: int) -> None:
         super().__init__()

@@ -88,8 +88,7 @@ def initialize_encoder(encoder: Encoder, images: Images) -> None:
     """Initialise the encoder, in place, as the best smooth readout of geodesic distances along the video.
 
     The random filters are blurred, and the linear layer is the least-squares map from their features to the
-    geodesic coordinates of the images. With fewer distinct images than axes the remaining axes start at
-    zero.
+    geodesic coordinates of the images. With fewer distinct images than axes the others start at zero.
     """
     draw_smooth_filters(encoder)
     features = encoder.features(images).double()

@@ -114,7 +114,7 @@ def train_step(
         autoencoder, optimizer: Modified in place.
         batch: Recorded images.
         config: Settings.
-        step: Index of the step, which sets the rates.
+        step: Index of the step, for the error message.
         latents, sides: As in `reconstruct`.
     """
     optimizer.zero_grad(set_to_none=True)

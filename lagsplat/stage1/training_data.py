@@ -119,8 +119,7 @@ FAINT = 1e-3
 def render_depth(autoencoder: Autoencoder, z: Latents, view: View) -> Float[Tensor, "B H W"]:
     """Mean depth of each pixel for each camera [unit of space], with the weights of its colours.
 
-    Compositing is linear in the colours, so depths replace them. A pixel with no Gaussian gets the pivot's
-    depth.
+    Compositing is linear, so depths replace the colours. Empty pixels get the pivot's depth.
     """
     scene = autoencoder.gaussians.condition(z)
     ahead = compute_depths(scene.means, view)

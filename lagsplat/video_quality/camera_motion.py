@@ -26,9 +26,8 @@ SPREAD = 0.2  # its bounding box covers at least this share of the image
 class CameraMotion:
     """Displacement of the image since the first frame [pixel of the video].
 
-    ``rms_px`` is the spread of the path about its mean, ``max_px`` its largest displacement. ``drift_px`` is
-    the largest displacement of the path's running mean over a tenth of the video, ``jitter_px`` the rms of
-    the rest.
+    ``rms_px`` is the spread of the path about its mean, ``max_px`` its largest displacement. ``drift_px``
+    the largest of its running mean over a tenth of the video, ``jitter_px`` the remaining rms.
     """
 
     rms_px: float

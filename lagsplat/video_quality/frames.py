@@ -154,8 +154,7 @@ LONGEST_SIDE = 160  # pixels
 class Thumbnails:
     """At most 300 small images of a video of unknown length, evenly spaced, at most 160 pixels a side.
 
-    Every k-th image is kept, the first included; when there are too many, every other one is dropped and k
-    doubles.
+    Every k-th image is kept, the first included; beyond 300, every other one is dropped and k doubles.
     """
 
     def __init__(self) -> None:

@@ -139,9 +139,7 @@ def look_at(
 
 
 def turn_camera(yaw_deg: float, pitch_deg: float) -> Float64[np.ndarray, "3 3"]:
-    """World-to-camera rotation after orbiting right by ``yaw_deg`` and up by ``pitch_deg``; zero is the
-    identity.
-    """
+    """World-to-camera rotation after orbiting right by ``yaw_deg`` and up by ``pitch_deg``."""
     yaw, pitch = np.deg2rad([yaw_deg, pitch_deg])
     ahead = np.array([-np.sin(yaw) * np.cos(pitch), np.sin(pitch), np.cos(yaw) * np.cos(pitch)])
     right = np.array([np.cos(yaw), 0.0, np.sin(yaw)])

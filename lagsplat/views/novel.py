@@ -151,8 +151,7 @@ def collect_filmed_views(
         read: Reads another video with the recording's settings and size.
 
     Raises:
-        ValueError: the size of a video differs from its camera's, or its instants differ from the
-            recording's.
+        ValueError: a video has another size than its camera, or other instants than the recording.
     """
     _require_size("the reference", rig.space.reference, film)
     pictures = []

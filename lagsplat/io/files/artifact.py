@@ -58,8 +58,7 @@ StrPath = str | os.PathLike[str]
 
 
 def save_artifact(path: StrPath, tensors: Mapping[str, Any], header: Mapping[str, Any]) -> None:
-    """Write ``tensors`` (NumPy arrays or torch tensors on any device) and ``header`` to ``path``,
-    atomically.
+    """Write ``tensors`` (NumPy, or torch on any device) and ``header`` to ``path``, atomically.
 
     Raises:
         ValueError: ``kind`` or ``schema`` is missing, the header is not JSON, or a dtype is not portable.
@@ -79,13 +78,11 @@ def load_artifact(
     Args:
         path: The file.
         kind, schema: If given, must match the header.
-        mapped: Tensors to return as read-only memory maps, free until indexed; the others are writable
-            copies.
+        mapped: Tensors to return as read-only memory maps, free until indexed; others are copies.
 
     Raises:
         FileNotFoundError: there is no file at ``path``.
-        ValueError: the file is truncated, foreign, of another kind or schema, or lacks a tensor of
-            ``mapped``.
+        ValueError: the file is truncated, foreign, of another kind or schema, or lacks a tensor.
     """
     header = read_header(path, kind=kind, schema=schema)
     layout, data_start = _layout(path)

@@ -3,8 +3,7 @@
 The layout is that of Kerbl et al. 2023, without view dependence: an element ``vertex`` with the properties x
 y z (nx ny nz) f_dc_0..2 opacity scale_0..2 rot_0..3, binary little endian, float32. Scales are natural
 logarithms of standard deviations, opacity is a logit, rot a quaternion (w, x, y, z), and a colour is ``0.5 +
-f_dc / sqrt(4 pi)``. SHARP adds elements of one property each with the camera (`SharpCloud`); other readers
-skip them.
+f_dc / sqrt(4 pi)``. SHARP adds elements of one property each with the camera (`SharpCloud`).
 """
 
 import os

@@ -27,8 +27,7 @@ class CameraReader:
     """Images of one topic, by the number of their message.
 
     ``shape`` converts a BGR image to the frame that is kept. A message that cannot be decoded is skipped and
-    listed in ``damaged``, unless it is the first. Use as a context, because video packets go to a temporary
-    file.
+    listed in ``damaged``, unless it is the first. Use it in a ``with`` block: it may make a temporary file.
     """
 
     def __init__(self, topic: str, shape: Shape) -> None:

@@ -185,8 +185,7 @@ def write_mcap(
 
     Raises:
         FileExistsError: ``path`` exists.
-        ValueError: a time is negative or out of order, a number is not finite, or a topic has fewer images
-            than times.
+        ValueError: a time is negative or out of order, a number is not finite, or images are too few.
     """
     if Path(path).exists():
         raise FileExistsError(f"{path}: it is there already and is left as it is; delete it or name another")

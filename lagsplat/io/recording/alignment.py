@@ -43,8 +43,7 @@ def align_log(
         source: Name of the recording in warnings and errors.
 
     Raises:
-        ValueError: a log has fewer than two samples, or no frame has every number; the message gives the
-            ranges.
+        ValueError: a log has fewer than two samples, or no frame has every number.
     """
     for log in logs:
         _require_overlap(frame_s, log, source)

@@ -21,8 +21,7 @@ def cut_at_gaps(recording: Recording) -> Recording:
     """Cut the clips wherever two frames are more than `MAX_GAP_FRAMES` median spacings apart.
 
     Clips of fewer than `LEAST_PIECE` frames are dropped. A warning gives the cuts and losses. Shorter gaps
-    stay inside their clip, because all later steps use the true times. Without a gap, returns the recording
-    itself.
+    stay inside their clip, because all later steps use the true times. Without a gap nothing changes.
 
     Raises:
         ValueError: no clip is long enough.

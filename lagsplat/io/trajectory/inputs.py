@@ -11,8 +11,7 @@ from lagsplat.io.trajectory.tables import TIME, Table, count_names, name_columns
 
 
 def read_input_table(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Times [s] (N,), inputs (N, n_u) and pushes (N, n_f) of a table with ``t``, ``u0, ...`` and ``f0,
-    ...``.
+    """Times [s] (N,), inputs (N, n_u), pushes (N, n_f) of a table with ``t``, ``u0, ...`` and ``f0, ...``.
 
     Raises:
         FileNotFoundError: there is no file at ``path``.

@@ -35,9 +35,7 @@ from lagsplat.splat.gaussians import Gaussians
 
 @compiled()
 def slice_at(z, table, slices, color, height, width):
-    """Spots (1, 6, M), slices (1, M, 5) and colours (1, M, 3) of only the Gaussians that reach into the
-    image.
-    """
+    """Spots (1, 6, M), slices (1, M, 5) and colours (1, M, 3) of the Gaussians inside the image."""
     count = table.shape[1]
     found = np.empty((6, count), np.float32)
     kept = np.empty(count, np.int32)

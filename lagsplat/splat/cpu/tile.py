@@ -59,8 +59,7 @@ RIM = np.float32(0.01)
 
 @compiled(parallel=True)
 def find_spots(means, opacity, cutoff, slices):
-    """Spots (B, 6, K) of all frames; a Gaussian that is not drawn gets a half width of NaN and meets no
-    tile.
+    """Spots (B, 6, K) of all frames; a Gaussian not drawn gets a half width of NaN and meets no tile.
 
     ``cutoff`` is ``ln(255 opacity)``, the largest sigma that is drawn.
     """
