@@ -2,10 +2,10 @@
 """Eight float32 side by side, as one value inside Numba functions.
 
 Whether LLVM vectorises a loop depends on alias checks, trip counts and cost tables, and a rasteriser must
-not become six times slower when one of them changes. So the width is explicit: ``Lanes`` supports ``+ - *
-/``, ``<``, ``<=`` and ``>`` with each other and with scalars (rounded to float32), a comparison gives a
-``Mask`` that supports ``&``, and the functions below do the rest. Processors with narrower registers split
-the operations themselves.
+not become six times slower when one of them changes. So the width is explicit. ``Lanes`` support arithmetic,
+``<``, ``<=`` and ``>`` with each other and with scalars (rounded to float32), a comparison gives a ``Mask``
+that supports ``&``, and the functions below do the rest. Processors with narrower registers split the
+operations themselves.
 
 Only Numba functions can call these, not the interpreter.
 

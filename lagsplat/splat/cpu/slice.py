@@ -4,8 +4,8 @@
 Whatever does not depend on the latent is computed once, as a ``table`` of rows over the Gaussians, padded to
 a multiple of ``WIDTH``: origin x, y; Jacobian of x, of y; offset of the gate; the lower triangle of its
 factor, row by row; ``ln(255 o)`` and ``o`` of the opacity; extents as in a slice. With ``w = factor z -
-offset`` the largest sigma that is drawn is ``ln(255 o) - w.w / 2``, so faded Gaussians are skipped without
-an exponential. `lagsplat.splat.gaussians` and `lagsplat.splat.cpu.rasterize` are the specification;
+offset`` the largest sigma that is drawn is ``ln(255 o) - w.w / 2``, so skipping faded Gaussians needs no
+exponential. `lagsplat.splat.gaussians` and `lagsplat.splat.cpu.rasterize` are the specification;
 `tests/oracle/test_one_picture.py` compares with them.
 """
 
