@@ -1,4 +1,4 @@
-"""The arm as a mechanical system: energies, forces, equilibrium and linear modes, all of them the truth."""
+"""The pneumatic arm as a mechanical system: energies, forces, equilibrium and linear modes."""
 
 from dataclasses import dataclass
 
@@ -15,7 +15,9 @@ N_NODES = 8
 
 @dataclass(frozen=True)
 class Arm:
-    """A hanging arm with coordinates ``(theta_1, eps_1, ...)``: bending angle [rad] and strain, a segment."""
+    """A hanging arm with coordinates ``(theta_1, eps_1, ...)``: bending angle [rad] and strain per
+    segment.
+    """
 
     table: Table
     nodes: Float64[np.ndarray, " n_nodes"]
@@ -24,7 +26,7 @@ class Arm:
 
     @property
     def d(self) -> int:
-        """Number of coordinates, two a segment; also the number of chambers."""
+        """Number of coordinates, two per segment; also the number of chambers."""
         return 2 * self.table.shape[0]
 
     @property
@@ -34,7 +36,7 @@ class Arm:
         return tuple(name for i in segments for name in (f"bend {i} [rad]", f"strain {i}"))
 
     def mass(self, q: Vector) -> Matrix:
-        """Mass matrix; rows and columns in SI units of the coordinates."""
+        """Mass matrix at ``q``, in SI units of the coordinates."""
         return chain.chain_inertia(q, np.zeros_like(q), self.table, self.nodes, self.weights, self.gravity)[0]
 
     def coriolis(self, q: Vector, v: Vector) -> Vector:
@@ -58,7 +60,7 @@ class Arm:
         return chain.acceleration(q, v, pressure, self.table, self.nodes, self.weights, self.gravity)
 
     def volumes(self, q: Vector) -> Vector:
-        """Chamber volumes [m^3], two a segment, the left one first."""
+        """Chamber volumes [m^3], two per segment, the left one first."""
         return chain.chamber_volumes(q, self.table)[0]
 
     def potential_energies(self, states: Float64[np.ndarray, "T d"]) -> Float64[np.ndarray, " T"]:
@@ -77,10 +79,10 @@ class Arm:
         return float(0.5 * v @ self.mass(q) @ v)
 
     def equilibrium(self, pressure: Vector) -> Vector:
-        """Rest pose under constant ``pressure`` [atm], by Newton from the straight arm.
+        """Rest pose under constant ``pressure`` [atm], by Newton's method from the straight arm.
 
         Raises:
-            ValueError: no stable equilibrium is found, as under pressures the springs cannot hold.
+            ValueError: no stable equilibrium is found, as under pressures that the springs cannot balance.
         """
         q = np.zeros(self.d)
         for _ in range(50):
@@ -118,7 +120,7 @@ class Arm:
         for row, bend, ext in zip(self.table, states[:, 0::2].T, states[:, 1::2].T, strict=True):
             length = row[chain.LENGTH] * (1 + ext)
             for node, weight in zip(self.nodes, self.weights, strict=True):
-                # Quadrature, not `chain.arc`: a way to the energy that shares nothing with the forces.
+                # Quadrature instead of `chain.arc`: independent of the code behind the forces.
                 arc = np.exp(1j * bend[:, None] * node * 0.5 * (fine + 1)) @ weights * 0.5 * node
                 total += row[chain.MASS] * weight * (origin + orientation * length * arc).real
             arc = np.exp(1j * bend[:, None] * 0.5 * (fine + 1)) @ weights * 0.5
@@ -131,7 +133,7 @@ class Arm:
 
 
 def build_arm(config: ArmConfig) -> Arm:
-    """The arm that these values describe. Sections are filled rectangles in the plane of motion."""
+    """The arm that this configuration describes, with filled rectangular sections in the plane of motion."""
     n = len(config.length)
     gyration = config.half_width**2 / 3
     table = np.zeros((n, chain.N_COLUMNS))

@@ -1,13 +1,12 @@
 """Compiled mechanics of a hanging chain of arcs and rigid links.
 
 The plane is complex: the real axis points down, the imaginary axis to the right of the image. A segment of
-bending angle ``theta`` and strain ``eps`` is the arc ``l f(theta, s)``, ``l = length (1 + eps)``,
-``f = int_0^s exp(i theta sigma) d sigma``, carried by the orientation ``E = exp(i phi)`` of its base. The
-coordinates are ``q = (theta_1, eps_1, theta_2, eps_2, ...)``. Mass is spread evenly over the reference length
-and summed at Gauss-Legendre nodes, so ``M = sum m J^T J`` and the Coriolis force ``sum m J^T (dJ/dt v)`` is
-the exact derivative of that ``M``.
-
-A row of ``table`` is a segment: see the column numbers below.
+bending angle ``theta`` and strain ``eps`` is the arc ``l f(theta, s)``, ``l = length (1 + eps)``, ``f =
+int_0^s exp(i theta sigma) d sigma``, rotated by the orientation ``E = exp(i phi)`` of its base. The
+coordinates are ``q = (theta_1, eps_1, theta_2, eps_2, ...)``. Mass is spread evenly over the reference
+length and summed at Gauss-Legendre nodes, so ``M = sum m J^T J`` and the Coriolis force
+``sum m J^T (dJ/dt v)`` is the exact derivative of that ``M``. A row of ``table`` is a segment, with the
+columns below.
 
 Source: Renda et al., doi:10.1109/TRO.2018.2868815 (piecewise constant strain), in the plane.
 """
@@ -69,7 +68,12 @@ def _add_body(mass, inertia, jacobian, turning, convective, gravity, m, c, force
 def chain_inertia(
     q: Vector, v: Vector, table: Table, nodes: Nodes, weights: Nodes, gravity: float
 ) -> tuple[Matrix, Vector, Vector]:
-    """Mass matrix, Coriolis force ``C(q, v) v`` and generalised weight at ``q``, ``v``."""
+    """Mass matrix, Coriolis force ``C(q, v) v`` and generalised weight at ``q``, ``v``.
+
+    Args:
+        q, v, table: coordinates, their velocities, and the segments.
+        nodes, weights, gravity: Gauss-Legendre nodes and weights on (0, 1), and gravity [m/s^2].
+    """
     d = q.size
     m, c, force = np.zeros((d, d)), np.zeros(d), np.zeros(d)
     origin = np.zeros(d, dtype=np.complex128)
@@ -116,10 +120,10 @@ def chain_inertia(
 @njit(cache=True)
 @no_type_check
 def chamber_volumes(q: Vector, table: Table) -> tuple[Vector, Matrix]:
-    """Volumes [m^3] of the chambers (two a segment) and their derivatives ``b(q)``, shape ``(n_u, d)``.
+    """Volumes [m^3] of the chambers (two per segment) and their derivatives ``b(q)``, shape ``(n_u, d)``.
 
-    A chamber of stretch ``x = 1 + eps +- offset theta / length`` wound with inextensible fibre holds
-    ``A length x (limit^2 - x^2) / (limit^2 - 1)``. The first chamber of a pair lies left of a hanging arm.
+    A chamber of stretch ``x = 1 + eps +- offset theta / length`` wound with inextensible fibre holds ``A
+    length x (limit^2 - x^2) / (limit^2 - 1)``. The first chamber of a pair lies left of a hanging arm.
 
     Source: Chou and Hannaford, doi:10.1109/70.481753, eq. 4 (volume of a braided cylinder).
     """
@@ -157,7 +161,12 @@ def elastic_force(q: Vector, table: Table) -> Vector:
 def acceleration(
     q: Vector, v: Vector, pressure: Vector, table: Table, nodes: Nodes, weights: Nodes, gravity: float
 ) -> Vector:
-    """``M^-1 (b^T p + weight + elastic - D v - C v)``; ``pressure`` [atm], result per second squared."""
+    """``M^-1 (b^T p + weight + elastic - D v - C v)`` in 1/s^2.
+
+    Args:
+        q, v, pressure, table: coordinates, their velocities, pressures [atm], and the segments.
+        nodes, weights, gravity: as `chain_inertia`.
+    """
     m, c, weight = chain_inertia(q, v, table, nodes, weights, gravity)
     slopes = chamber_volumes(q, table)[1]
     force = weight + elastic_force(q, table) - c

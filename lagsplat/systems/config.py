@@ -1,8 +1,5 @@
-"""Values of a simulated arm: its mechanics, its inputs and its pictures. Imports no torch.
-
-Values of effects that are planted in a simulated arm to be found again. Imports no torch.
-
-Values of a mechanism that is let go and filmed: its mechanics, its clips and its pictures. No torch.
+"""Settings of the simulated arm, of effects injected into it, and of mechanisms released from a pose. No
+torch.
 """
 
 from dataclasses import dataclass
@@ -15,14 +12,14 @@ def _require(condition: bool, message: str) -> None:
 
 @dataclass  # not frozen: OmegaConf turns frozen dataclasses into read-only nodes
 class ArmConfig:
-    """Mechanics of a planar hanging arm; every list holds one value a segment, base first.
+    """Mechanics of a planar hanging arm; every list holds one value per segment, base first.
 
     Lengths [m], masses [kg], rotary inertias [kg m^2]. ``bending_stiffness`` [N m/rad] acts on the bending
-    angle of a whole segment, ``extension_stiffness`` [J] on its strain; a hardening ``h`` turns the restoring
-    force ``k x`` into ``k x (1 + h x^2)``. Each damping coefficient is its stiffness times
-    ``retardation_s`` (Kelvin-Voigt). Behind a segment sits a rigid link: the connector, then the tip cap.
-    ``chamber_area`` [m^2], ``chamber_offset`` [m] from the backbone; ``chamber_limit`` is the ratio of the
-    reinforcing fibre's length to the chamber's rest length: the bore narrows as the chamber stretches.
+    angle of a segment, ``extension_stiffness`` [J] on its strain; a hardening ``h`` turns the restoring
+    force ``k x`` into ``k x (1 + h x^2)``. Each damping coefficient is its stiffness times ``retardation_s``
+    (Kelvin-Voigt). Behind a segment is a rigid link: the connector, or the tip cap. ``chamber_area`` [m^2],
+    ``chamber_offset`` [m] from the backbone; ``chamber_limit`` is the ratio of the reinforcing fibre's
+    length to the chamber's rest length: the bore narrows as the chamber stretches.
     """
 
     length: list[float]
@@ -79,8 +76,8 @@ class SimulationConfig:
     """A recording to simulate. Counts in frames, ``dt_s`` [s], pressures [atm], ``view_width`` [m].
 
     ``camera_noise_levels`` is the standard deviation of the camera in grey levels of 255 and
-    ``pressure_noise_atm`` that of the logged pressures; the arm itself feels the pressures without noise.
-    ``hold_atm`` is the pose the drive settles into before all pressures are released.
+    ``pressure_noise_atm`` that of the logged pressures; the arm moves under the pressures without noise. The
+    drive settles into ``hold_atm`` before all pressures are released.
     """
 
     height: int
@@ -147,10 +144,11 @@ class SimulationConfig:
 
 @dataclass  # not frozen: OmegaConf turns frozen dataclasses into read-only nodes
 class PlantedConfig:
-    """What one recording has and the unmodified arm has not; zeros change nothing.
+    """Effects injected into one recording and absent from the nominal arm; zeros change nothing.
 
-    ``tip_mass`` [kg] more in the tip cap; pressures reach the chambers by a first-order lag of
-    ``actuator_lag_s`` [s]; each bend rubs with a torque that ``dry_friction`` [rad] of bending would balance.
+    ``tip_mass`` [kg] is added to the tip cap; pressures reach the chambers by a first-order lag of
+    ``actuator_lag_s`` [s]; each segment's bending has the friction torque that ``dry_friction`` [rad] of
+    bending would balance.
     """
 
     tip_mass: float
@@ -167,7 +165,7 @@ class PlantedConfig:
 class PlantsConfig:
     """Second recordings of an arm, ``n_frames`` each, driven by ``seed``; one for each of ``effects``.
 
-    An effect bears the name under which a diagnosis should find it again, or ``none``.
+    The key is the name under which a diagnosis should find the effect, or ``none``.
     """
 
     n_frames: int
@@ -181,7 +179,7 @@ class PlantsConfig:
 
 @dataclass  # not frozen: OmegaConf turns frozen dataclasses into read-only nodes
 class LinkageConfig:
-    """Hanging links, one value a link from the pivot on; see `lagsplat.systems.mechanism.Linkage`."""
+    """Hanging links, one value per link from the pivot on; see `lagsplat.systems.mechanism.Linkage`."""
 
     length: list[float]
     masses: list[float]
@@ -218,7 +216,7 @@ class RockerConfig:
 
 @dataclass
 class BodyConfig:
-    """How a body looks: a shape of `systems.rendering.textures.SHAPES`, its sizes and its thickness [m]."""
+    """Appearance of a body: a shape of `systems.rendering.textures.SHAPES`, its sizes and thickness [m]."""
 
     shape: str
     size_m: list[float]
@@ -228,7 +226,7 @@ class BodyConfig:
 
 @dataclass
 class ReleaseClipConfig:
-    """One take: its number of frames and the state it begins with [rad, rad/s]."""
+    """One clip: its number of frames and its initial state [rad, rad/s]."""
 
     n_frames: int
     state: list[float]
@@ -237,7 +235,7 @@ class ReleaseClipConfig:
 
 @dataclass
 class PushConfig:
-    """A force on a body during one clip, a smooth pulse of ``force_n`` = (right, down) [N] at its height.
+    """A force on a body during one clip, a smooth pulse with the peak ``force_n`` = (right, down) [N].
 
     It acts from ``start_s`` to ``stop_s`` of the clip at ``at_m``, a point in the body's own coordinates.
     """
@@ -252,7 +250,7 @@ class PushConfig:
 
 @dataclass
 class SceneConfig:
-    """The place and the camera. The camera stands ``distance`` [m] from ``target``, (x, y) [m]."""
+    """The background and the camera, which is ``distance`` [m] from ``target``, (x, y) [m]."""
 
     background: str  # a photograph of scikit-image
     background_width: float  # of the photograph on the wall [m]
@@ -261,16 +259,16 @@ class SceneConfig:
     distance: float
     yaw_deg: float
     pitch_deg: float
-    view_width: float  # filled by the picture at the target [m]
-    film_scale: int  # pixels of the film for one of the recording, along each axis
-    noise_levels: float  # standard deviation of the camera, in levels of 255, on the film
+    view_width: float  # of the image at the target [m]
+    film_scale: int  # pixels of the video per pixel of the recording, along each axis
+    noise_levels: float  # standard deviation of the camera, in levels of 255, in the video
     codec: str  # four letters of a codec OpenCV can write into the container
-    container: str  # suffix of the film's file
+    container: str  # suffix of the video file
 
 
 @dataclass
 class ReleaseConfig:
-    """A stand-in: either a linkage or a rocker, its clips, forces, scene and film."""
+    """A released mechanism: either a linkage or a rocker, with its clips, forces, scene and video."""
 
     height: int
     width: int

@@ -33,7 +33,7 @@ class Mechanism(Protocol):
         """Name and unit of each coordinate."""
 
     def mass(self, q: Vector) -> Matrix:
-        """Mass matrix."""
+        """Mass matrix at ``q``."""
 
     def damping(self) -> Matrix:
         """Constant viscous damping matrix."""
@@ -48,11 +48,11 @@ class Mechanism(Protocol):
         """Elastic plus gravitational energy [J] of each state."""
 
     def poses(self, states: Series) -> Poses:
-        """Where the bodies are."""
+        """Poses of all bodies in each state."""
 
 
 def find_rest_state(mechanism: Mechanism) -> Vector:
-    """The stable rest state, by Newton from zero.
+    """The stable rest state, by Newton's method from zero.
 
     Raises:
         ValueError: there is none near zero.
@@ -89,8 +89,13 @@ def release_from_rest(
 ) -> tuple[Series, Series]:
     """Coordinates and velocities at ``time_s`` from ``(q, v)`` at the first of them.
 
+    Args:
+        mechanism: the equations of motion.
+        q, v, time_s: initial state, and the times of the result [s].
+        push, rtol: generalised force at a time and state, and tolerance of the solver.
+
     Raises:
-        RuntimeError: the solver gave up.
+        RuntimeError: the solver failed.
 
     Source: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I (DOP853).
     """
@@ -100,7 +105,7 @@ def release_from_rest(
         now, speed = state[:d], state[d:]
         return np.concatenate([speed, mechanism.acceleration(now, speed, push(t, now))])
 
-    # A push is over sooner than a free swing would need a step, hence the limit.
+    # The step limit keeps the solver from stepping over a short push.
     solution = solve_ivp(
         rate,
         (time_s[0], time_s[-1]),
@@ -119,7 +124,7 @@ def release_from_rest(
 
 @dataclass(frozen=True)
 class Linkage:
-    """Links that hang from one another; the coordinates are their angles from the vertical [rad].
+    """Links in a hanging chain; the coordinates are their angles from the vertical [rad].
 
     Per link, from the pivot on: ``length`` [m] to the next hinge, ``mass`` [kg], ``center`` [m] of mass from
     its hinge, ``inertia`` [kg m^2] about it, and of its hinge ``friction`` [N m s/rad] and ``spring``
@@ -136,12 +141,12 @@ class Linkage:
 
     @property
     def coordinates(self) -> tuple[str, ...]:
-        """Angles of the links."""
+        """Names of the link angles, with their unit."""
         return tuple(f"angle {i + 1} [rad]" for i in range(len(self.length)))
 
     @property
     def _arms(self) -> Float64[np.ndarray, "d d"]:
-        """Row k: how far link i carries the centre of mass of link k."""
+        """Row k: derivative of the centre of mass of link k by the angle of link i, in line [m]."""
         d = len(self.length)
         return np.where(np.tri(d, k=-1, dtype=bool), self.length, np.diag(self.center))
 
@@ -151,7 +156,7 @@ class Linkage:
         return self._arms.T @ (self.masses[:, None] * self._arms) + np.diag(self.inertia)
 
     def _joints(self, values: Float64[np.ndarray, " d"]) -> Matrix:
-        """A quadratic form of the relative angles as one of the angles."""
+        """Turn a diagonal form of the relative angles into a matrix on the angles."""
         relative = np.eye(len(values)) - np.eye(len(values), k=-1)
         return relative.T @ (values[:, None] * relative)
 
@@ -175,13 +180,13 @@ class Linkage:
         return np.linalg.solve(self.mass(q), force)
 
     def potential_energies(self, states: Series) -> Float64[np.ndarray, " T"]:
-        """Energy [J], zero where all hangs straight down."""
+        """Energy [J], zero where all links hang straight down."""
         weight = self.gravity * (self.masses @ self._arms)
         elastic = 0.5 * np.einsum("ti,ij,tj->t", states, self._joints(self.spring), states)
         return (1 - np.cos(states)) @ weight + elastic
 
     def poses(self, states: Series) -> Poses:
-        """Hinges of the links, from the pivot at (0, 0) on. A positive angle swings to the right."""
+        """Hinges of the links, the pivot at (0, 0). A positive angle swings to the right."""
         along = np.stack([np.sin(states), np.cos(states)], axis=2) * self.length[:, None]
         hinges = np.concatenate([np.zeros_like(along[:, :1]), np.cumsum(along, axis=1)[:, :-1]], axis=1)
         return np.concatenate([hinges, -states[:, :, None]], axis=2)
@@ -189,10 +194,10 @@ class Linkage:
 
 @dataclass(frozen=True)
 class Rocker:
-    """Rolling without slip on level ground; the coordinate is the angle it has rolled [rad], clockwise.
+    """Rolling without slip on level ground; the coordinate is the rolled angle [rad], clockwise.
 
-    ``radius`` [m] of the runner, ``depth`` [m] of the centre of mass below the runner's centre, ``body_mass``
-    [kg], ``inertia`` [kg m^2] about the centre of mass, ``friction`` [N m s/rad] of rolling.
+    ``radius`` [m] of the runner, ``depth`` [m] of the centre of mass below the runner's centre,
+    ``body_mass`` [kg], ``inertia`` [kg m^2] about the centre of mass, ``friction`` [N m s/rad] of rolling.
     """
 
     radius: float
@@ -204,7 +209,7 @@ class Rocker:
 
     @property
     def coordinates(self) -> tuple[str, ...]:
-        """The angle."""
+        """Name of the rolled angle, with its unit."""
         return ("angle [rad]",)
 
     def mass(self, q: Vector) -> Matrix:
@@ -230,13 +235,13 @@ class Rocker:
         return self.body_mass * self.gravity * self.depth * (1 - np.cos(states[:, 0]))
 
     def poses(self, states: Series) -> Poses:
-        """The runner's centre: above the ground (y = 0) by the radius, and along with the rolling."""
+        """The runner's centre: ``radius`` above the ground (y = 0), moving with the rolling."""
         angle = states[:, 0]
         return np.stack([self.radius * angle, np.full_like(angle, -self.radius), angle], axis=1)[:, None]
 
 
 def make_mechanism(config: ReleaseConfig) -> Mechanism:
-    """The mechanism that these values describe."""
+    """The mechanism that this configuration describes."""
     if config.rocker is not None:
         return Rocker(**asdict(config.rocker), gravity=config.gravity)
     assert config.linkage is not None, "the configuration gives one of the two"

@@ -1,8 +1,8 @@
-"""A simulated system at an operating point, seen by its camera: what a known force on a known point does.
+"""Simulate the true answer to a known force on a known point of a system, as its camera sees it.
 
-Forces are given in the picture, as energy per pixel [J/px]: such a force does the work ``f.dx`` along a way
-``dx`` [px] of the point it acts on. Where the picture is parallel to the motion it is the force in newton
-times the metres of a pixel.
+Forces are given in the image, as energy per pixel [J/px]: such a force does the work ``f.dx`` over a
+displacement ``dx`` [px] of its point. Where the image is parallel to the motion it is the force in newton
+times the metres per pixel.
 """
 
 from collections.abc import Callable
@@ -31,8 +31,8 @@ class Pushable:
     """Equations of motion in the true coordinates, and ``P`` material points spread over the bodies.
 
     ``pixels`` gives their places (T, P, 2) [px] at states (T, d), in pixels of the recording; ``share`` (P,)
-    is the mass [kg] each stands for. ``force`` is the generalised force at rest of weight, springs and held
-    inputs; ``acceleration`` takes position, velocity and a generalised force from outside.
+    is the mass [kg] that each represents. ``force`` is the generalised force at rest of weight, springs and
+    constant inputs; ``acceleration`` takes position, velocity and an external generalised force.
     """
 
     rest: Vector
@@ -43,7 +43,7 @@ class Pushable:
     share: Float64[np.ndarray, " P"]
 
     def jacobian(self, q: Vector) -> Float64[np.ndarray, "P 2 d"]:
-        """How the points move in the picture [px per unit of each coordinate]."""
+        """Derivative of the points' places in the image [px per unit of each coordinate]."""
         nearby = q + STEP * np.concatenate([np.eye(len(q)), -np.eye(len(q))])
         ahead, behind = np.split(self.pixels(nearby), 2)
         return np.moveaxis((ahead - behind) / (2 * STEP), 0, 2)
@@ -54,10 +54,10 @@ class Pushable:
         return np.stack(columns, axis=1)
 
     def settled(self, point: int, forces: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n d"]:
-        """Equilibria under a force on one point that grows from one row to the next [J/px].
+        """Equilibria under a force on one point that grows from row to row [J/px].
 
-        Newton's method, each row from the one before, so that the branch that starts at rest is followed. A
-        row is NaN where no stable equilibrium is found, as of what tips over, and so are those after it.
+        Newton's method starts each row from the last, and so follows the branch that starts at rest. A row
+        without a stable equilibrium is NaN, as after tipping over, and so are those after it.
         """
         found = np.full((len(forces), len(self.rest)), np.nan)
         q = self.rest
@@ -91,7 +91,7 @@ class Pushable:
         """States at ``time_s`` after a force on one point is switched on at the first of them, from rest.
 
         Raises:
-            RuntimeError: the solver gave up.
+            RuntimeError: the solver failed.
         """
         d = len(self.rest)
 
@@ -121,9 +121,12 @@ def make_pushable(
     pressure: Float64[np.ndarray, " n_u"],
     points: int,
 ) -> Pushable:
-    """The simulated system behind a recording, with ``points`` by ``points`` material points over each body.
+    """The simulated system behind a recording, with material points on a grid over each body.
 
-    ``pressure`` [atm] is held; a mechanism that is let go has none.
+    Args:
+        driven, released: the simulated arm or mechanism; give one.
+        pressure: constant inputs [atm]; a released mechanism has none.
+        points: number of grid points along each side of a body.
 
     Raises:
         ValueError: neither system is given, or it has no rest state.
@@ -167,7 +170,7 @@ def _mechanism(config: ReleaseConfig, points: int) -> Pushable:
 
 
 def _covered(sprite: Sprite, points: int) -> list[tuple[float, float]]:
-    """Points [m] of a body's own coordinates, on a grid over its extent, where the sprite covers."""
+    """Points [m] in a body's coordinates, on a grid over its extent, where its sprite is opaque."""
     cover = sprite.rgba[:, :, 3]
     rows, columns = (np.flatnonzero((cover > COVERED).any(axis)) for axis in (1, 0))
     middles = (np.arange(points) + 0.5) / points

@@ -1,7 +1,4 @@
-"""A simulated recording of a mechanism that is let go: its motion, its film, and the truth behind both.
-
-Chamber pressures: rest, a band-limited random drive, a held pose, and the release into free decay.
-"""
+"""Simulate a recording of a released mechanism (motion, video, truth), and draw chamber pressures."""
 
 from dataclasses import asdict, replace
 
@@ -28,10 +25,10 @@ from lagsplat.systems.video import film_clips
 
 
 def simulate_release(config: ReleaseConfig, *, seed: int) -> tuple[Recording, Truth]:
-    """Let the mechanism go once a clip, film it, and read the film back.
+    """Release the mechanism once per clip, record a video of each, and read the videos back.
 
-    One seed gives one recording, bit for bit on one machine with one build of OpenCV. The camera draws from a
-    stream of its own, and the motion from none: pictures of another size show the same motion.
+    One seed gives one recording, bit for bit on one machine with one build of OpenCV. Only the camera draws
+    random numbers, so the image size does not change the motion.
 
     Raises:
         ValueError: the mechanism has no rest state, or OpenCV cannot write the codec.
@@ -67,7 +64,7 @@ def simulate_release(config: ReleaseConfig, *, seed: int) -> tuple[Recording, Tr
 
 
 def _move(mechanism: Mechanism, config: ReleaseConfig, index: int) -> tuple[Series, Series, Series]:
-    """States, velocities and generalised forces from outside at the frames of one clip."""
+    """States, velocities and external generalised forces at the frames of one clip."""
     clip = config.clips[index]
     time_s = np.arange(clip.n_frames) * config.dt_s
     push = _pulses(mechanism, [push for push in config.pushes if push.clip == index])
@@ -93,7 +90,7 @@ def _pulses(mechanism: Mechanism, pushes: list[PushConfig]) -> Push:
 def compute_jacobian(
     mechanism: Mechanism, q: Vector, body: int, at_m: Float64[np.ndarray, "2"]
 ) -> Float64[np.ndarray, "2 d"]:
-    """How a body's point ``at_m``, in the body's coordinates [m], moves with the coordinates of ``q``."""
+    """Derivative of a body's point ``at_m`` [m], in the body's coordinates, with respect to ``q``."""
     nearby = q + STEP * np.concatenate([np.eye(len(q)), -np.eye(len(q))])
     x, y, angle = mechanism.poses(nearby)[:, body].T
     offset = (at_m[0] + 1j * at_m[1]) * np.exp(1j * angle)
@@ -115,8 +112,12 @@ def draw_random_band(
 ) -> Float64[np.ndarray, "n_frames n_inputs"]:
     """Independent Gaussian signals of unit variance, zero outside the band, amplitude falling as 1/f inside.
 
-    The period is at least four of the lowest frequency, so that a short record still has a continuous-looking
-    spectrum; the record is a part of it.
+    The signal is a part of one with at least four periods of the lowest frequency, so that a short signal
+    still has a nearly continuous spectrum.
+
+    Args:
+        n_frames, n_inputs, dt_s: shape of the result, and its spacing [s].
+        low_hz, high_hz, generator: the band, and the source of random numbers.
     """
     period = max(n_frames, int(np.ceil(4 / (low_hz * dt_s))))
     frequency = np.fft.rfftfreq(period, dt_s)
@@ -137,7 +138,7 @@ def _smooth_step(n_frames: int, *, start: int, length: int) -> Float64[np.ndarra
 def draw_pressures(
     config: SimulationConfig, *, generator: np.random.Generator
 ) -> Float64[np.ndarray, "n_frames n_inputs"]:
-    """The true pressures at the frames [atm], one column a chamber.
+    """The true pressures at the frames [atm], one column per chamber.
 
     Zero for ``rest_frames``; a smooth start over ``hold_frames``; the drive ``max (1 + tanh(0.6 x)) / 2``,
     which keeps 90 % of the samples within 0.12-0.88 of the maximum; a blend into ``hold_atm`` over
@@ -163,5 +164,5 @@ def draw_pressures(
 def spline_coefficients(
     pressures: Float64[np.ndarray, "n_frames n_inputs"], *, dt_s: float
 ) -> Float64[np.ndarray, "4 n_intervals n_inputs"]:
-    """Cubic spline through the frames: the smooth function of time the arm feels, powers from 3 down to 0."""
+    """Cubic spline through the pressures at the frames, as the arm receives them; powers from 3 down to 0."""
     return np.ascontiguousarray(CubicSpline(np.arange(len(pressures)) * dt_s, pressures, bc_type="natural").c)

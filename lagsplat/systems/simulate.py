@@ -1,4 +1,4 @@
-"""Simulate the pneumatic arms: recordings under random pressures, with and without injected effects."""
+"""Simulate recordings of the arms under random pressures, with and without effects, and of mechanisms."""
 
 from dataclasses import asdict, replace
 from typing import no_type_check
@@ -22,12 +22,13 @@ CHUNK_FRAMES = 1024
 
 
 def simulate(config: SimulationConfig, *, seed: int) -> tuple[Recording, Truth]:
-    """Drive the arm at random, film it, log the pressures.
+    """Drive the arm at random, render its video and log the pressures.
 
-    The recording holds what a laboratory would have: frames with camera noise and pressures with gauge
-    noise. Its ``states`` are None; the truth is apart. One seed gives one recording, bit for bit on one
-    machine; pressures, gauge, camera and background draw from streams of their own, so that changing the
-    picture leaves the motion as it was. ``meta["sha256"]`` is that of the frames' and the inputs' bytes.
+    The recording holds what a laboratory would measure: frames with camera noise and pressures with gauge
+    noise. Its ``states`` are None; the truth is returned separately. One seed gives one recording, bit for
+    bit on one machine; pressures, gauge, camera and background have separate random streams, so that
+    changing the image leaves the motion as it was. ``meta["sha256"]`` is that of the frames' and the inputs'
+    bytes.
 
     Raises:
         ValueError, RuntimeError: the arm has no rest pose, or its drive takes it out of its physical range.
@@ -80,7 +81,12 @@ def film_simulation(
     config: SimulationConfig,
     generator: np.random.Generator,
 ) -> UInt8[np.ndarray, "T H W 3"]:
-    """Frames as the camera delivers them: Gaussian noise of ``camera_noise_levels``, then rounding."""
+    """Frames with Gaussian camera noise of ``camera_noise_levels``, rounded to 8 bits.
+
+    Args:
+        states, arm, board: coordinates (T, d), the arm, and its background.
+        config, generator: size and noise of the images, and the source of random numbers.
+    """
     frames = np.empty((len(states), *board.shape), np.uint8)
     for start in range(0, len(states), CHUNK_FRAMES):
         part = slice(start, start + CHUNK_FRAMES)
@@ -98,7 +104,7 @@ def _move(
 ) -> tuple[Float64[np.ndarray, "T d"], Float64[np.ndarray, "T d"]]:
     """States and velocities at the frames. The arm hangs at its rest pose until the first pressure."""
     rest = arm.equilibrium(np.zeros(arm.d))
-    # An error estimate of exactly zero makes the solver divide zero by zero, hence not from the first frame.
+    # The motion starts after rest, because an error estimate of exactly zero makes the solver divide by zero.
     start = config.rest_frames
     states, velocities = np.tile(rest, (len(pressures), 1)), np.zeros((len(pressures), arm.d))
     states[start:], velocities[start:] = integrate(
@@ -110,7 +116,7 @@ def _move(
 def simulate_system(
     driven: SimulationConfig | None, released: ReleaseConfig | None, *, seed: int
 ) -> tuple[Recording, Truth]:
-    """The recording of a driven arm or of a mechanism that is let go, and its truth.
+    """The recording of a driven arm or of a released mechanism, and its truth.
 
     Raises:
         ValueError: neither is given, or as `simulate` and `simulate_release`.
@@ -125,7 +131,7 @@ def simulate_system(
 def resize_simulation(
     driven: SimulationConfig | None, released: ReleaseConfig | None, *, height: int, width: int
 ) -> tuple[SimulationConfig | None, ReleaseConfig | None]:
-    """The same motion in frames of another size [pixel]; a film stays as large as it was, if it can."""
+    """The same motion in frames of ``height`` by ``width`` [px]; the video keeps its size if it can."""
     if driven is not None:
         driven = replace(driven, height=height, width=width)
     if released is not None:
@@ -162,17 +168,20 @@ def integrate(
 ) -> tuple[Float64[np.ndarray, "n_frames d"], Float64[np.ndarray, "n_frames d"]]:
     """Coordinates and velocities at the frames, from the state ``(q, v)`` at the first one.
 
-    ``pressures`` [atm] at the frames act as their cubic spline between them.
+    Args:
+        arm, q, v: the arm, and its initial state.
+        pressures, dt_s: inputs [atm] at the frames, interpolated by a cubic spline, and their spacing [s].
+        rtol, atol: tolerances of the solver.
 
     Raises:
-        RuntimeError: the solver gave up, which means that the arm left its physical range.
+        RuntimeError: the solver failed, because the arm left its physical range.
 
     Source: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I (DOP853).
     """
     spline = spline_coefficients(pressures, dt_s=dt_s)
     times = np.arange(len(pressures)) * dt_s
     try:
-        # At rest the solver would stretch its step over the whole beginning of the drive, hence `max_step`.
+        # `max_step` keeps the solver at rest from stepping over the beginning of the drive.
         solution = solve_ivp(
             choose_rate,
             (0.0, times[-1]),
@@ -200,14 +209,18 @@ def _out_of_range(found: str) -> RuntimeError:
 
 
 CREEP_RAD_S = 0.05
-"""Bending rate from which on dry friction is nearly whole; below, it is viscous and can be integrated."""
+"""Bending rate at which dry friction is nearly full; below, it is viscous and can be integrated."""
 
 
 def simulate_planted(config: SimulationConfig, planted: PlantedConfig, *, seed: int, scene: int) -> Recording:
-    """A recording of the arm with the effect, before the background of the recording of seed ``scene``.
+    """A recording of the arm with injected effects, before the background of the seed ``scene``.
 
-    Its inputs are the pressures that were asked for, with the gauge's noise; what a lag makes of them is
-    withheld, and so is all else that was planted.
+    Its inputs are the commanded pressures with gauge noise; the lagged pressures and all other effects are
+    hidden.
+
+    Args:
+        config, planted: the recording, and the injected effects.
+        seed, scene: random seeds of drive and noise, and of the background.
 
     Raises:
         ValueError, RuntimeError: the arm has no rest pose, or is driven out of its physical range.
@@ -249,7 +262,7 @@ def simulate_planted(config: SimulationConfig, planted: PlantedConfig, *, seed: 
 def lag_input(
     pressures: Float64[np.ndarray, "T n_u"], *, lag_s: float, dt_s: float
 ) -> Float64[np.ndarray, "T n_u"]:
-    """Pressures behind a first-order lag, exact where they are straight between frames; zero lag is none."""
+    """Pressures behind a first-order lag, exact for piecewise linear inputs; unchanged without lag."""
     if lag_s == 0.0:
         return pressures
     times = dt_s * np.arange(len(pressures))

@@ -1,7 +1,4 @@
-"""The truth behind a simulated recording, kept in a file of its own that training never opens.
-
-Linear free modes of a mechanism at rest.
-"""
+"""The truth behind a simulated recording, in a file of its own that training never opens."""
 
 import os
 from collections.abc import Mapping
@@ -20,12 +17,12 @@ MASS_STRIDE_FRAMES = 20
 
 @dataclass(frozen=True)
 class Truth:
-    """States at the frames, and what the system's equations say about them.
+    """States at the frames, and quantities from the system's equations.
 
     ``coordinates`` names each column of ``states`` with its unit, ``velocities`` are the same per second.
-    ``pressures`` [atm] are free of noise and have no column without chambers; ``forces`` are generalised ones
-    from outside. Energies [J], ``mass_matrices`` of the frames ``mass_frames``. Free modes linearised
-    about ``rest``, slowest first: ``damped_frequencies_hz`` is what a decaying record shows,
+    ``pressures`` [atm] are free of noise and have no column without chambers; ``forces`` are external
+    generalised forces. Energies [J], ``mass_matrices`` of the frames ``mass_frames``. Free modes linearised
+    about ``rest``, slowest first: ``damped_frequencies_hz`` are the frequencies of a decaying motion,
     ``natural_frequencies_hz`` the modulus of the eigenvalue over 2 pi, ``decay_rates_per_s`` the rate of the
     envelope.
     """
@@ -47,14 +44,14 @@ class Truth:
 
 
 class EnergyModel(Protocol):
-    """What the truth asks of a system."""
+    """What `compute_truth` needs of a system."""
 
     @property
     def coordinates(self) -> tuple[str, ...]:
         """Name and unit of each coordinate."""
 
     def mass(self, q: Float64[np.ndarray, " d"]) -> Float64[np.ndarray, "d d"]:
-        """Mass matrix."""
+        """Mass matrix at ``q``."""
 
     def potential_energies(self, states: Float64[np.ndarray, "T d"]) -> Float64[np.ndarray, " T"]:
         """Potential energy [J] of each state."""
@@ -64,8 +61,8 @@ class EnergyModel(Protocol):
 class VibrationModes:
     """Linear free modes at rest, slowest first.
 
-    ``natural_hz`` is ``|lambda| / 2 pi``, ``damped_hz`` the frequency a decaying record shows,
-    ``decay_per_s`` its envelope's rate and ``damping_ratio = decay / |lambda|``.
+    ``natural_hz`` is ``|lambda| / 2 pi``, ``damped_hz`` the frequency of a decaying motion, ``decay_per_s``
+    its envelope's rate and ``damping_ratio = decay / |lambda|``.
     """
 
     natural_hz: Float64[np.ndarray, " n_modes"]
@@ -84,7 +81,13 @@ def compute_truth(
     rest: Float64[np.ndarray, " d"],
     modes: VibrationModes,
 ) -> Truth:
-    """All that the equations of ``system`` say of this trajectory."""
+    """Evaluate the equations of ``system`` along a trajectory.
+
+    Args:
+        system, rest, modes: the equations, the rest state, and the modes about it.
+        states, velocities: coordinates (T, d), and the same per second.
+        pressures, forces: inputs [atm], and external generalised forces.
+    """
     frames = np.arange(0, len(states), MASS_STRIDE_FRAMES)
     return Truth(
         coordinates=system.coordinates,
@@ -107,14 +110,14 @@ def compute_truth(
 
 
 def save_truth(path: str | os.PathLike[str], truth: Truth, header: Mapping[str, Any]) -> None:
-    """Keep ``truth`` at ``path`` as an artefact of kind ``truth``, with the configuration in ``header``."""
+    """Write ``truth`` to ``path`` as an artefact of kind ``truth``, with the configuration in ``header``."""
     tensors = asdict(truth)
     names = {"coordinates": tensors.pop("coordinates")}
     save_artifact(path, tensors, {**header, **names, "kind": KIND, "schema": SCHEMA})
 
 
 def load_truth(path: str | os.PathLike[str]) -> tuple[Truth, dict[str, Any]]:
-    """The truth kept at ``path``, and its header.
+    """Read the truth at ``path`` and its header.
 
     Raises:
         FileNotFoundError, ValueError: as `load_artifact`.

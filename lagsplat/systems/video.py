@@ -19,7 +19,7 @@ from lagsplat.views.novel import NovelViews
 
 
 def make_camera(config: ReleaseConfig, *, yaw_deg: float = 0.0, pitch_deg: float = 0.0) -> Camera:
-    """The scene's camera at the film's resolution, moved on around its target by these angles."""
+    """The scene's camera at the video's resolution, orbited around its target by these angles."""
     scene = config.scene
     return look_at(
         np.array([*scene.target, 0.0]),
@@ -35,10 +35,14 @@ def make_camera(config: ReleaseConfig, *, yaw_deg: float = 0.0, pitch_deg: float
 def film_clips(
     config: ReleaseConfig, poses: list[Poses], *, seed: int, camera: Camera | None = None
 ) -> Recording:
-    """Every clip as the scene's camera, or another one, delivers it: a film each, read back as any films are.
+    """A recording of every clip by the scene's camera or another one, read back from encoded video files.
+
+    Args:
+        config, poses: the scene, and the poses of the bodies in each clip.
+        seed, camera: seed of the noise, and the camera (None is the scene's).
 
     Raises:
-        ValueError: OpenCV cannot write the codec into the container, or gives back fewer frames.
+        ValueError: OpenCV cannot write the codec into the container, or returns fewer frames.
     """
     camera = camera or make_camera(config)
     scene, generator = config.scene, np.random.default_rng(seed)
@@ -58,7 +62,7 @@ def film_clips(
 
 
 def set_up_scene(config: ReleaseConfig, camera: Camera) -> tuple[Picture, list[DrawnBody]]:
-    """The wall as a camera sees it, and the bodies at its scale."""
+    """The wall from a camera, and the bodies at its scale."""
     scene, scale = config.scene, camera.focal[0] / config.scene.distance
     wall = backdrop(
         photograph(scene.background),
@@ -99,18 +103,18 @@ def _write(
 
 
 FINE = 3
-"""Samples of a pixel, each way."""
+"""Samples per pixel along each axis."""
 
 
 def make_space(config: ReleaseConfig) -> ViewSpace:
-    """The coordinates of the scene's own camera at the recorded resolution, its target the pivot."""
+    """The coordinates of the scene's camera at the recorded resolution, with its target as pivot."""
     return ViewSpace(make_camera(config).resized(config.height, config.width), config.scene.distance)
 
 
 def render_true_views(config: ReleaseConfig, states: Series, arrangement: ArrangementConfig) -> NovelViews:
-    """Pictures of the states (T, d) from all sides, without noise and codec.
+    """Images of the states (T, d) from the arranged cameras, without noise and codec.
 
-    Source: `lagsplat.systems.video` draws the film itself by the same means.
+    Source: `lagsplat.systems.video` renders the video itself in the same way.
     """
     space = make_space(config)
     cameras, names, held_out = arrange_cameras(space, arrangement)
@@ -120,7 +124,7 @@ def render_true_views(config: ReleaseConfig, states: Series, arrangement: Arrang
 
 
 def photograph_scene(config: ReleaseConfig, poses: Poses, camera: Camera) -> UInt8[np.ndarray, "T H W 3"]:
-    """What a camera sees of the bodies in their poses."""
+    """Render the bodies in their poses for a camera."""
     fine = camera.resized(FINE * camera.height, FINE * camera.width)
     wall, bodies = set_up_scene(config, fine)
     return np.stack([_small(paint_bodies(wall, bodies, pose, fine), camera) for pose in poses])

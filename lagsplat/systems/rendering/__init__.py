@@ -1,5 +1,4 @@
-"""Drawn frames of the simulated systems.
+"""Rendered frames of the simulated systems.
 
-`arm` paints the pneumatic arms, `bodies` rigid bodies before a background, and `textures` what they look
-like.
+`painting` renders the pneumatic arms and rigid bodies before a background; `textures` holds the sprites.
 """

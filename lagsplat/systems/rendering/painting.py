@@ -1,14 +1,10 @@
-"""Pictures of the arm: a shaded soft arm before a textured board, antialiased at any resolution.
+"""Render simulated systems: a shaded soft arm before a board, and flat bodies before a photograph.
 
-Every sample of a pixel is carried back to the material coordinates of each part (arc length ``s``, lateral
-offset ``n``), so shading and rings follow the deformation exactly and the picture is a continuous function of
-the state: a part's edge is a linear ramp one sample wide, and the samples of a pixel tile it, so coverage has
-no steps. Lengths in metres; the clamp hangs from the middle of the upper edge.
-
-Pictures of flat bodies before a photograph, through a camera.
-
-A body is a sprite on a plane parallel to the plane of motion; one with a thickness is a pile of them, painted
-from the back to the front, so that a camera from the side sees its flank.
+Each sample of an arm's pixel is mapped to the material coordinates of each part (arc length ``s``, lateral
+offset ``n``), so shading follows the deformation exactly. A part's edge is a linear ramp one sample wide, so
+the image is continuous in the state at any resolution. Lengths in metres; the clamp is at the middle of the
+upper edge. A rigid body is a sprite on a plane parallel to the plane of motion, or a stack of them if it has
+a thickness, rendered back to front, so that a camera from the side sees its flank.
 """
 
 from dataclasses import dataclass
@@ -37,10 +33,14 @@ Board = Float32[np.ndarray, "H W 3"]
 
 
 def paint_board(*, height: int, width: int, arm_share: float, generator: np.random.Generator) -> Board:
-    """The static background in [0, 1]: a softly lit, mottled board and the clamp the arm hangs from.
+    """The static background in [0, 1]: a softly lit, mottled board and the clamp of the arm.
 
-    ``arm_share`` is the arm's half width over the picture's. The mottle is a fixed sum of waves of three to
-    twelve periods across the picture, so one seed shows one board at every resolution.
+    The mottle is a fixed sum of waves of three to twelve periods across the image, so one seed gives the
+    same board at every resolution.
+
+    Args:
+        height, width: size [px].
+        arm_share, generator: the arm's half width over the image's, and the source of random numbers.
     """
     count, fine = 40, 8
     direction = generator.uniform(0, 2 * np.pi, count)
@@ -65,7 +65,7 @@ def paint_board(*, height: int, width: int, arm_share: float, generator: np.rand
 def _material(down, right, part, widest):
     """Arc length and lateral offset of a point in the frame of a part, smooth through zero curvature.
 
-    The arc length of points further out than ``widest`` is not computed but returned as minus infinity.
+    Points further out than ``widest`` get the arc length minus infinity.
     """
     dx, dy = down - part[0], right - part[1]
     along, across = dx * part[2] + dy * part[3], dy * part[2] - dx * part[3]
@@ -115,7 +115,7 @@ def _shade(arc_length, offset, part, half_width, rings):
 @njit(cache=True)
 @no_type_check
 def _blend_parts(down, right, parts, near, n_near, half_width, step, colors, color):
-    """Lay the near parts over ``color`` at one point, the segments first."""
+    """Blend the near parts over ``color`` at one point, the segments first."""
     n_segments = len(parts) // 2
     for i in range(n_near):
         k = near[i]
@@ -174,7 +174,12 @@ def _paint(states, table, half_width, board, colors, view_width, images):
 def paint_arm(
     states: Float64[np.ndarray, "T d"], *, arm: Arm, half_width: float, view_width: float, board: Board
 ) -> Float32[np.ndarray, "T H W 3"]:
-    """Noise-free pictures in [0, 1] of the arm in these states, at the board's resolution."""
+    """Noise-free images in [0, 1] of the arm in these states, at the board's resolution.
+
+    Args:
+        states, arm: coordinates (T, d), and the arm.
+        half_width, view_width, board: of the arm [m], of the image [m], and the background.
+    """
     n = states.shape[1] // 2
     segments = [SEGMENT_COLORS[i % len(SEGMENT_COLORS)] for i in range(n)]
     links = [CONNECTOR_COLOR] * (n - 1) + [CAP_COLOR]
@@ -186,12 +191,12 @@ def paint_arm(
 
 Picture = Float32[np.ndarray, "H W 3"]
 FLANK = 0.72
-"""Brightness of a pile's inner layers, which only its flank shows."""
+"""Brightness of a stack's inner layers, which only its flank shows."""
 
 
 @dataclass(frozen=True)
 class DrawnBody:
-    """A sprite and how thick it is [m]; ``layers`` sprites make a pile, one none."""
+    """A sprite and its thickness [m]; ``layers`` sprites make a stack, a single one has no thickness."""
 
     sprite: Sprite
     thickness: float
@@ -229,7 +234,7 @@ def paint_bodies(
 
 
 def _blend_sprite(picture: Picture, rgba: np.ndarray, map_: Homography, light: float) -> None:
-    """Lay a sprite over ``picture``, in place, touching only the rectangle it can reach."""
+    """Blend a sprite into ``picture``, in place, within the rectangle that it can reach."""
     height, width = picture.shape[:2]
     rows, columns = rgba.shape[:2]
     corners = np.array([[0, 0, 1], [columns, 0, 1], [0, rows, 1], [columns, rows, 1]]) @ map_.T
@@ -244,7 +249,7 @@ def _blend_sprite(picture: Picture, rgba: np.ndarray, map_: Homography, light: f
 
 
 def _warp(image: np.ndarray, map_: Homography, box: tuple[int, int, int, int], border: int) -> np.ndarray:
-    """What of a plane's image falls into ``box``: left, top, right, bottom [pixel]."""
+    """The part of a plane's image inside ``box``: left, top, right, bottom [pixel]."""
     left, top, right, bottom = box
     # OpenCV counts pixel centres from 0, the camera from 0.5.
     to_centers = np.array([[1, 0, -0.5 - left], [0, 1, -0.5 - top], [0, 0, 1.0]])

@@ -1,7 +1,7 @@
 """Textured flat bodies: images with coverage, drawn once and moved by `painting`.
 
-Every body lies in its own coordinates [m], x to the right and y down, with its hinge, or its runner's centre,
-at the origin. Textures are photographs that come with scikit-image.
+Every body has its own coordinates [m], x to the right and y down, with its hinge, or its runner's centre, at
+the origin. Textures are photographs from scikit-image.
 """
 
 from collections.abc import Callable
@@ -22,7 +22,7 @@ Color = tuple[float, float, float]
 class Sprite:
     """Colours times coverage, and coverage, in [0, 1].
 
-    ``origin`` is the body's origin in the picture [pixel], ``scale`` pixels per metre.
+    ``origin`` is the body's origin in the image [pixel], ``scale`` pixels per metre.
     """
 
     rgba: Float32[np.ndarray, "h w 4"]
@@ -34,7 +34,7 @@ def photograph(name: str) -> Float32[np.ndarray, "h w 3"]:
     """A photograph of scikit-image by its name, colours in [0, 1].
 
     Raises:
-        ValueError: scikit-image ships no such picture.
+        ValueError: scikit-image has no such image.
     """
     if name not in PHOTOGRAPHS:
         raise ValueError(f"no photograph {name!r}; choose one of {', '.join(PHOTOGRAPHS)}")
@@ -43,11 +43,11 @@ def photograph(name: str) -> Float32[np.ndarray, "h w 3"]:
 
 
 PHOTOGRAPHS = ("astronaut", "brick", "cat", "coffee", "grass", "gravel", "rocket")
-"""Those that are installed with the library and need no download."""
+"""Images that are installed with the library and need no download."""
 
 
 class Drawing:
-    """A canvas on which a body is put together from plain shapes, later ones over earlier ones.
+    """A canvas for a body made of plain shapes, later ones over earlier ones.
 
     Lengths are in units of ``unit_m`` [m]; ``reach`` is the canvas's (left, top, right, bottom).
     """
@@ -62,13 +62,13 @@ class Drawing:
         self.cover = np.zeros((height, width), np.float32)
 
     def polygon(self, points: np.ndarray, color: Color) -> None:
-        """A filled polygon."""
+        """Draw a filled polygon."""
         mask = np.zeros(self.cover.shape, np.uint8)
         cv2.fillPoly(mask, [np.round((points - self.corner) * self.fine).astype(np.int32)], 255)
         self._add(mask > 0, color)
 
     def line(self, start: tuple[float, float], stop: tuple[float, float], width: float, color: Color) -> None:
-        """A straight bar with round ends."""
+        """Draw a straight bar with round ends."""
         ends = np.array([start, stop])
         along = ends[1] - ends[0]
         side = 0.5 * width * np.array([-along[1], along[0]]) / np.hypot(*along)
@@ -85,7 +85,7 @@ class Drawing:
         *,
         lower_half: bool = False,
     ) -> None:
-        """An annulus, or only what of it lies below its middle."""
+        """Draw an annulus, or only its lower half."""
         rows, columns = np.indices(self.cover.shape, dtype=np.float32)
         x = (columns + 0.5) / self.fine + self.corner[0] - middle[0]
         y = (rows + 0.5) / self.fine + self.corner[1] - middle[1]
@@ -112,7 +112,7 @@ class Drawing:
 
 
 def bob(size_m: list[float], scale: float) -> Sprite:
-    """A rod of the length ``size_m[0]`` with a ball of the radius ``size_m[1]`` at its end."""
+    """A rod of length ``size_m[0]`` with a ball of radius ``size_m[1]`` at its end."""
     rod = size_m[0] / size_m[1]
     drawing = Drawing((-1.3, -1.0, 1.3, rod + 1.3), unit_m=size_m[1], scale=scale)
     drawing.line((0.0, 0.0), (0.0, rod), 0.22, (0.75, 0.74, 0.72))
@@ -122,7 +122,7 @@ def bob(size_m: list[float], scale: float) -> Sprite:
 
 
 def link(size_m: list[float], scale: float) -> Sprite:
-    """A bar of the length ``size_m[0]`` and the width ``size_m[1]``, a coloured cap at its end."""
+    """A bar of length ``size_m[0]`` and width ``size_m[1]`` with a coloured cap at its end."""
     bar = size_m[0] / size_m[1]
     drawing = Drawing((-1.0, -1.0, 1.0, bar + 1.0), unit_m=size_m[1], scale=scale)
     drawing.line((0.0, 0.0), (0.0, bar), 1.0, (0.78, 0.62, 0.36))
@@ -132,7 +132,7 @@ def link(size_m: list[float], scale: float) -> Sprite:
 
 
 def strap(size_m: list[float], scale: float) -> Sprite:
-    """A handle of the length ``size_m[0]`` and the width ``size_m[1]``: two bands."""
+    """A handle of length ``size_m[0]`` and width ``size_m[1]``: two bands."""
     band = size_m[0] / size_m[1]
     drawing = Drawing((-1.0, -0.3, 1.0, band + 0.3), unit_m=size_m[1], scale=scale)
     for side in (-0.35, 0.35):
@@ -141,7 +141,9 @@ def strap(size_m: list[float], scale: float) -> Sprite:
 
 
 def bag(size_m: list[float], scale: float) -> Sprite:
-    """A backpack of the width ``size_m[0]`` and the height ``size_m[1]``, hung by its upper edge's middle."""
+    """A backpack of width ``size_m[0]`` and height ``size_m[1]``, suspended at the middle of its upper
+    edge.
+    """
     wide = size_m[0] / size_m[1]
     drawing = Drawing((-0.6 * wide, -0.06, 0.6 * wide, 1.06), unit_m=size_m[1], scale=scale)
     half = np.array([[0.34, 0.0], [0.5, 0.16], [0.5, 0.9], [0.4, 1.0]]) * [wide, 1.0]
@@ -155,7 +157,7 @@ def bag(size_m: list[float], scale: float) -> Sprite:
 
 
 def rainbow(size_m: list[float], scale: float) -> Sprite:
-    """Half rings from the radius ``size_m[0]`` down to ``size_m[1]``, open side up, with a handle."""
+    """Half rings from radius ``size_m[0]`` down to ``size_m[1]``, open side up, with a handle."""
     drawing = Drawing((-1.08, -0.45, 1.08, 1.08), unit_m=size_m[0], scale=scale)
     edges = np.linspace(1.0, size_m[1] / size_m[0], len(RAINBOW) + 1)
     for color, (big, small) in zip(RAINBOW, pairwise(edges), strict=True):
@@ -165,7 +167,7 @@ def rainbow(size_m: list[float], scale: float) -> Sprite:
 
 
 def chair(size_m: list[float], scale: float) -> Sprite:
-    """A rocking chair, from the side, on runners of the radius ``size_m[0]``, ``size_m[1]`` high."""
+    """A rocking chair from the side, ``size_m[1]`` high, on runners of radius ``size_m[0]``."""
     radius = size_m[0] / size_m[1]
     drawing = Drawing((-0.75, radius - 1.05, 0.75, radius + 0.05), unit_m=size_m[1], scale=scale)
     wood, dark, cloth = (0.62, 0.40, 0.22), (0.45, 0.28, 0.16), (0.70, 0.24, 0.20)
