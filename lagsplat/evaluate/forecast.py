@@ -123,9 +123,7 @@ def frame_errors(
     """The errors of `window_errors` for each frame of each window, (B, N) each.
 
     Args:
-        pinned, gone: rollouts with diverged states pinned, and which states these are.
-        starts: first frame of each window.
-        pictures, render, mean_frame: recorded images, renderer, and mean of the recorded images.
+        pinned, gone, starts, pictures, render, mean_frame: as `window_errors`.
     """
     rows = []
     for states, lost, start in zip(pinned, gone, starts, strict=True):
@@ -158,9 +156,7 @@ def error_over_horizon(
     Diverged states count as in `image_forecast`.
 
     Args:
-        held: the held-out series.
-        pictures, render, integrate: recorded images, renderer and rollout of the model.
-        config: the evaluation protocol.
+        held, pictures, render, integrate, config: as `image_forecast`.
     """
     first, stop = held.longest
     # Half a clip leaves enough frames for different starts.

@@ -59,8 +59,7 @@ def summarize_guarantees(
 
     Args:
         lagrangian: the trained law.
-        reach: length of the longest encoded state.
-        dt_s: longest step [s].
+        reach, dt_s: length of the longest encoded state, and longest step [s].
         config, seed: starts, forces and tolerances, and their random seed.
 
     Source: paper, Appendix "Bounded forced response".

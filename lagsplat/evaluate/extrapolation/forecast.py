@@ -111,12 +111,10 @@ def score_extrapolation(
     in range; where too few are, physics and ``left`` are None and ``reason`` says so.
 
     Args:
-        predictor: the model.
+        predictor, energy: the model, and the energy of the learned law along a series of states.
         crossing: the clip that runs from training into held-out frames.
-        known: the states and errors of the encoder's training frames.
-        pictures: recorded images by frame number.
+        known, pictures: training states of the encoder, and recorded images by frame number.
         config: horizon, intervals and range limits.
-        energy: of the learned law, along a series of states.
 
     Raises:
         ValueError: predicted frames of another size than the encoder's.
@@ -250,10 +248,8 @@ def score_aligned_psnr(
     ``shift`` lists the chosen shifts, so that a growing lag is visible.
 
     Args:
-        draw: renders the model at instants.
-        recorded: images (N,3,H,W).
-        ahead: their instants, in frames since the last training frame.
-        shifts: shifts to try, in frames.
+        draw, recorded: renders the model at instants, and recorded images (N,3,H,W).
+        ahead, shifts: their instants since the last training frame, and shifts to try, in frames.
     """
     values = np.stack([to_decibels(image_errors(draw(ahead + shift), recorded)) for shift in shifts])
     best = values.argmax(axis=0)
@@ -393,10 +389,8 @@ def make_law_predictor(
     no held-out frame is used.
 
     Args:
-        roll_out: the law.
-        known: the encoder's training states and their metric.
-        render: renders images at states.
-        crossing: the clip that runs from training into held-out frames.
+        roll_out, render: the law, and the renderer of its states.
+        known, crossing: training states of the encoder, and the clip that runs into held-out frames.
         config: gives the length of the fitted history.
     """
     history = crossing.history(config.history_periods)
@@ -425,10 +419,8 @@ def fit_start(
     Least squares in the metric, from the first state and the slope of a parabola through the frames.
 
     Args:
-        roll_out: the law.
-        crossing: the clip.
-        at: frame of the clip where the rollout starts.
-        frames: number of frames to fit.
+        roll_out, crossing: the law, and the clip.
+        at, frames: frame of the clip where the rollout starts, and number of frames to fit.
     """
     latents, d = crossing.latents[at : at + frames], crossing.latents.shape[1]
     places = crossing.places[at : at + frames] - crossing.places[at]

@@ -88,10 +88,8 @@ def extrapolate_forecaster(
     from frame to frame.
 
     Args:
-        autoencoder, chart: the encoder that reads its images, and its chart.
-        lagrangian: gives the energy by which every model's motion is measured.
+        autoencoder, chart, lagrangian, recording, config: as `extrapolate_run`.
         forecaster: the trained key-point model.
-        recording, config: the chart's recording, and horizon, intervals and range limits.
 
     Raises:
         ValueError: the forecaster was trained on other frames, recording, chart and autoencoder do not
@@ -153,10 +151,8 @@ def extrapolate_frames(
     ``held_out``. If they end before the horizon, no amplitude at the horizon is given.
 
     Args:
-        autoencoder, chart: the encoder that reads the frames, and its chart.
-        lagrangian: gives the energy by which every model's motion is measured.
+        autoencoder, chart, lagrangian, recording, config: as `extrapolate_run`.
         frames: predicted frames (N,H,W,3); the first is the first held-out frame.
-        recording, config: the chart's recording, and horizon, intervals and range limits.
 
     Raises:
         ValueError: fewer frames than are held out, or frames of another size; recording, chart and

@@ -56,10 +56,8 @@ def compare_answers(held: OperatingPoint, pokes: KnownForces, *, radius: float, 
     moves.
 
     Args:
-        held: the operating point of the run.
-        pokes: the known forces and their true answers.
-        radius: of the brush [px].
-        read: places of the material points at whitened states.
+        held, pokes: the operating point of the run, and the known forces with their true answers.
+        radius, read: of the brush [px], and places of the material points at whitened states.
 
     Raises:
         NoScaleError: with a brush, the law answers the reference poke in the wrong direction.
@@ -149,8 +147,7 @@ def compute_errors(
     """Every error of every poke; NaN where there is no true answer or no grasp.
 
     Args:
-        held, pokes: the operating point, and the known forces.
-        grips, field, usable: the grasp of each point, its motion, and whether it has one.
+        held, pokes, grips, field, usable: as `compare_scales`.
         scale, read: the energy scale, and places of the points at whitened states.
     """
     loads = scale * list_loads(pokes, grips, held.law.d)

@@ -49,8 +49,7 @@ def measure_forces(
     Where no energy scale makes the law answer the reference poke, the reason replaces these errors.
 
     Args:
-        held: the operating point of the run.
-        config: sizes and numbers of the forces.
+        held, config: the operating point of the run, and sizes and numbers of the forces.
         truth: true states of a simulated recording.
         driven, released: how it was simulated; give the one that applies.
 
@@ -158,8 +157,7 @@ def respond_in_time(
         held, system: the operating point, and the simulated system.
         pokes: known forces and their true answers.
         grips, field, usable: the grasp of each point, its motion, and whether it has one.
-        scale: the energy scale.
-        length_s: duration [s].
+        scale, length_s: the energy scale, and the duration [s].
     """
     level, dt_s = pokes.reference, held.chart.dt_s
     chosen = easiest_direction(pokes, grips, level)
@@ -208,9 +206,7 @@ def respond_at_once(
     one coordinate the mass is a factor and the three agree.
 
     Args:
-        held, system: the operating point, and the simulated system.
-        pokes: known forces and their true answers.
-        grips, field, usable: the grasp of each point, its motion, and whether it has one.
+        held, system, pokes, grips, field, usable: as `respond_in_time`.
 
     Source: paper eq. (latent-metric), "we take the density to be uniform".
     """
