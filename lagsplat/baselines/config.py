@@ -135,7 +135,6 @@ class AuthorsConfig:
     extent: float  # of the scene: the tool derives it from the distances of cameras, and there is only one
 
     def __post_init__(self) -> None:
-        """Check that every value is in its domain."""
         for key in ("iterations", "epochs", "free_frames", "field_of_view_rad", "distance", "extent"):
             if getattr(self, key) <= 0:
                 raise ValueError(f"authors.{key}={getattr(self, key)} must be positive; see conf/authors")
@@ -168,7 +167,6 @@ class OdeConfig:
     checkpoint_every_s: float
 
     def __post_init__(self) -> None:
-        """Check that every value is in its domain."""
         for name in ("hidden", "layers", "steps", "batch"):
             _require_ode(name, getattr(self, name), getattr(self, name) >= 1, "must be at least 1")
         for name in ("periods", "rate", "gradient_clip"):

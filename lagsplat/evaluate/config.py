@@ -27,7 +27,6 @@ class FigureConfig:
     """Number of these rollouts."""
 
     def __post_init__(self) -> None:
-        """Check that every value is in its domain."""
         known = self.start in ("held_out", "boundary")
         _require("figure.start", self.start, known, "must be held_out or boundary")
         for key in ("duration_s", "horizon_s", "horizon_starts"):
@@ -151,7 +150,6 @@ class GuaranteeConfig:
     """Distance from the equilibrium that counts as settled, as a share of the longest encoded state."""
 
     def __post_init__(self) -> None:
-        """Check that every value is in its domain."""
         for key, value in vars(self).items():
             _require_extrapolation(f"guarantee.{key}", value, value > 0, "must be positive")
 
@@ -193,7 +191,6 @@ class ExtrapolationConfig:
     guarantee: GuaranteeConfig
 
     def __post_init__(self) -> None:
-        """Check that every value is in its domain."""
         for key in (
             "horizon_s",
             "shown_s",
