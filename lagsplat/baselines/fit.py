@@ -124,8 +124,7 @@ def fit_baseline(
 
 
 def prepare_baseline_data(train: Recording, config: BaselineConfig) -> BaselineData:
-    """Cut the training part into batches of consecutive frames, clip by clip; a shorter remainder is
-    dropped.
+    """Cut the training part into batches of consecutive frames, clip by clip, and drop shorter remainders.
 
     Raises:
         ValueError: no clip is as long as a batch, there are no inputs, or fewer frames than at rest.

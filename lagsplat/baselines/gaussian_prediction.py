@@ -176,9 +176,7 @@ def find_predicted_folder(config: AuthorsConfig, model: Path, *, free: bool) -> 
 
 
 def name_model_folder(place: Path) -> Path:
-    """The folder in which the tool keeps a model: it reads D-NeRF recordings only if the path has
-    ``d-nerf``.
-    """
+    """The folder in which the tool keeps a model: its path needs ``d-nerf`` for D-NeRF recordings."""
     return place / "d-nerf" / "model"
 
 

@@ -76,8 +76,7 @@ class Baseline(nn.Module):
     ) -> tuple[Float[Tensor, "B N d"], Float[Tensor, "B N d"]]:
         """States and velocities at ``N`` frames, the first as given, under delayed ``inputs``.
 
-        Input ``i`` leads from state ``i`` to ``i + 1``; the last one is unused. No later frame corrects the
-        state.
+        Input ``i`` leads from state ``i`` to ``i + 1``; the last one is unused. No later frame is used.
         """
         z, v = z0, v0
         states, velocities = [z], [v]

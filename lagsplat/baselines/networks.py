@@ -77,9 +77,7 @@ def pixel_places(height: int, width: int) -> Places:
 
 
 class PixelNet(nn.Module):
-    """A perceptron with the same weights at every pixel; its inputs are ``n_in`` numbers and the pixel's
-    place.
-    """
+    """A perceptron with the same weights at every pixel, on ``n_in`` numbers and the pixel's place."""
 
     def __init__(self, n_in: int, hidden: tuple[int, ...], n_out: int) -> None:
         super().__init__()

@@ -184,8 +184,7 @@ def require_trained_autoencoder(autoencoder: Autoencoder, frames: Frames) -> Non
     """Compare reconstructions of some frames with their mean, to reject an untrained autoencoder early.
 
     Raises:
-        ValueError: more than half of the variance over time remains; the latents then carry little of the
-            motion.
+        ValueError: more than half of the variance over time remains; the latents then hold little motion.
     """
     at = np.unique(np.linspace(0, len(frames) - 1, SAMPLE).astype(int))
     seen = np.asarray(frames[at])

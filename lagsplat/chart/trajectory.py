@@ -46,8 +46,7 @@ class TimeBase:
         """Slope [1/s] at frames of the polynomial through them and the frames ``stencil`` away from each.
 
         The polynomial's order is the length of the stencil: ``(1, 2)`` and ``(-1, 1)`` are of second order
-        and ``(-2, -1, 1, 2)`` is of fourth, on true times; on an even clock these are the textbook
-        differences.
+        and ``(-2, -1, 1, 2)`` is of fourth, on true times; on an even clock, textbook differences.
         """
         away = {ahead: self.elapsed_s(at, ahead) for ahead in stencil}
         slope = np.zeros((len(at), series.shape[1]))
@@ -92,8 +91,7 @@ class EncodedTrajectory:
     def smoothed(self, sigma_frames: float) -> "EncodedTrajectory":
         """The trajectory with latents and inputs smoothed by `smooth_trajectory`, on true times.
 
-        Inputs keep their range: without that, the filter overshoots at a step and turns a pressure into
-        suction.
+        Inputs keep their range: otherwise the filter turns a pressure step into suction.
         """
         latents, inputs = (
             smooth_trajectory(series, sigma_frames=sigma_frames, segments=self.segments, clock=self.clock)

@@ -1,5 +1,4 @@
-"""Metrics of a fitted run: reconstruction floor, forecasts, frequency, decay, and learned against true
-physics.
+"""Metrics of a fitted run: reconstruction floor, forecasts, frequency, decay, learned against true physics.
 
 `evaluate.evaluate` scores one run (`evaluate`, `score`) and `aggregate` joins seeds. The rooms
 `extrapolation` and `forces` measure what happens beyond the clip and under a force.

@@ -174,8 +174,7 @@ def make_baseline_integrator(baseline: Baseline) -> Integrate:
 def compute_baseline_modes(baseline: Baseline) -> list[dict[str, float]]:
     """Frequencies and decay rates of the one-step map, slowest first.
 
-    An eigenvalue that does not oscillate has frequency 0; one that vanishes within a step has an infinite
-    rate.
+    An eigenvalue that does not oscillate has frequency 0; one that vanishes within a step, an infinite rate.
     """
     with torch.no_grad():
         values = np.linalg.eigvals(baseline.dynamics.transition().double().numpy())

@@ -1,6 +1,4 @@
-"""Settings of evaluation and of extrapolation past the training window. Torch-free, so that planning is
-fast.
-"""
+"""Settings of evaluation and of extrapolation past the training window. Torch-free for fast planning."""
 
 from dataclasses import dataclass
 

@@ -262,8 +262,7 @@ def measure_autoencoder_floor(
     """Static reconstruction error of the unsmoothed latents, on evenly spaced held-out frames.
 
     Mean squared error over channels and pixels at the training resolution, colours in [0, 1]. Errors of
-    neighbouring frames are correlated, so ``spread`` (standard deviation over frames) is not a standard
-    error.
+    neighbouring frames are correlated, so ``spread`` (standard deviation) is not a standard error.
 
     Args:
         held: the held-out series.

@@ -106,8 +106,8 @@ def summarize_guarantees(
 def _step_in_order(
     lagrangian: Lagrangian, law: NumpyLagrangian, q: np.ndarray, v: np.ndarray, dt_s: float
 ) -> tuple[float, float]:
-    """The longest step at which the energy rise is small and falls with the scheme's order, and the rise at
-    half of it.
+    """The longest step at which the energy rise is small and of the scheme's order, and the rise at half of
+    it.
     """
     rise = _rise(lagrangian, law, q, v, dt_s=dt_s)
     for halvings in range(HALVINGS + 1):

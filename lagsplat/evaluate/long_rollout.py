@@ -41,8 +41,7 @@ class Inset:
     """Window (row, column, side in render pixels) and the prediction error in it.
 
     ``shift_px`` (down, right) is the prediction's shift against the encoding, in render pixels. ``ratio`` is
-    the mean absolute difference of the two renders over that of the render at the encoded state and the
-    recording.
+    the mean absolute difference of the two renders over that of the encoded state's render and the recording.
     """
 
     row: int

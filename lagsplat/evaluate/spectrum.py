@@ -18,8 +18,7 @@ class Peak:
 
     ``visible_hz``, the value to quote, is of the projection on the top eigenvector of the metric,
     ``weighted_hz`` of the power summed in the metric. ``uncertainty_hz`` belongs to ``visible_hz``: the
-    standard deviation of the estimate over shorter windows inside this one, None if fewer than three of them
-    have a peak.
+    standard deviation of the estimate over shorter windows inside this one, None if fewer than three peak.
     """
 
     visible_hz: float | None
@@ -37,8 +36,7 @@ def find_spectral_peak(
     """Peak frequency of one window, its mean removed, under a symmetric Hann window and without padding.
 
     The uncertainty comes from five sub-windows of three quarters of the length: the effects of their smaller
-    length and of their overlap nearly cancel, and it includes the drift of the frequency as the motion
-    decays.
+    length and of their overlap nearly cancel, and it includes the drift of the frequency.
 
     Args:
         series: states (N, d), evenly spaced; see `resample_evenly` for those that are not.
@@ -103,8 +101,7 @@ def _visible_power(series: np.ndarray, mode: np.ndarray) -> np.ndarray:
 def resample_evenly(series: Float64[np.ndarray, "N d"], clock: TimeBase, *, start: int) -> np.ndarray:
     """Resample a series to spacing ``dt_s``, (M, d), from the frame ``start``; unchanged on an even clock.
 
-    Uses a cubic spline through the frames at their true times. The span is kept, so the number of samples
-    may differ.
+    Uses a cubic spline through the frames at their true times. The span is kept; the length may differ.
     """
     if clock.time_s is None:
         return series

@@ -1,7 +1,6 @@
 """Compare learned physics with the truth of a simulated recording, which training never used.
 
-Also checks that answers do not depend on the coordinates, and how much the learned inertia depends on the
-state.
+Also tests that answers do not depend on the coordinates, and how far the inertia depends on the state.
 """
 
 from collections.abc import Callable, Sequence
@@ -55,13 +54,11 @@ def compare_with_truth(
 
     Each of ``rows`` has ``quantity``, ``learned``, ``truth``, ``error`` (relative, or for an equilibrium as
     a fraction of the motion's rms), ``encoded`` (the same estimator on the encoded motion, whose error is
-    the chart's) and ``residual`` (of the map from latents to coordinates, as a fraction). None where nothing
-    was measured.
+    the chart's) and ``residual`` (of the map to coordinates, as a fraction). None where nothing was measured.
 
     Modes are numbered as in ``truth``; where no free window excites one, the slowest is compared. ``free
     rollout`` and the true motion are fitted on the same windows of free motion, because frequency depends on
-    amplitude and the fit has a bias. ``linearised law`` is compared with the eigenvalues of the true
-    equations.
+    amplitude and the fit has a bias. ``linearised law`` is compared with the true eigenvalues.
 
     Args:
         metrics: result of `evaluate` for this run.
@@ -126,9 +123,7 @@ def _matched(modes: Sequence[Mode], frequencies_hz: Sequence[float]) -> list[Mod
 
 
 def _rolled_out(triples: Sequence[Triple], name: str) -> list[dict[str, Any]]:
-    """Medians over the windows in which the true mode is visible, and for each estimate those where it is
-    too.
-    """
+    """Medians over windows with a visible true mode; of each estimate, over those where it has one too."""
     sides = [[mode for mode in side if mode is not None] for side in zip(*triples, strict=True)]
     rows = []
     for key, quantity, unit in RATES:

@@ -33,9 +33,7 @@ class FastestMoment:
 
 
 def find_fastest_moment(chart: Chart) -> FastestMoment:
-    """The frame where the smoothed encoded training motion is fastest in the metric; never at a clip's
-    end.
-    """
+    """The frame where the smoothed encoded training motion is fastest in the metric; never at a cut."""
     train = chart.train.smoothed(chart.smoothing_frames)
     inner = np.concatenate([np.arange(start + 1, stop - 1) for start, stop in train.segments])
     slopes = train.clock.slope(train.latents, inner, (-1, 1))

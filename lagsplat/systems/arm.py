@@ -15,9 +15,7 @@ N_NODES = 8
 
 @dataclass(frozen=True)
 class Arm:
-    """A hanging arm with coordinates ``(theta_1, eps_1, ...)``: bending angle [rad] and strain per
-    segment.
-    """
+    """A hanging arm; coordinates ``(theta_1, eps_1, ...)`` are bending angle [rad] and strain per segment."""
 
     table: Table
     nodes: Float64[np.ndarray, " n_nodes"]

@@ -1,6 +1,4 @@
-"""Settings of the simulated arm, of effects injected into it, and of mechanisms released from a pose. No
-torch.
-"""
+"""Settings of the simulated arm, of injected effects, and of mechanisms released from a pose. No torch."""
 
 from dataclasses import dataclass
 

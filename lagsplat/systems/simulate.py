@@ -27,8 +27,7 @@ def simulate(config: SimulationConfig, *, seed: int) -> tuple[Recording, Truth]:
     The recording holds what a laboratory would measure: frames with camera noise and pressures with gauge
     noise. Its ``states`` are None; the truth is returned separately. One seed gives one recording, bit for
     bit on one machine; pressures, gauge, camera and background have separate random streams, so that
-    changing the image leaves the motion as it was. ``meta["sha256"]`` is that of the frames' and the inputs'
-    bytes.
+    changing the image leaves the motion as it was. ``meta["sha256"]`` is that of frames and inputs.
 
     Raises:
         ValueError, RuntimeError: the arm has no rest pose, or its drive takes it out of its physical range.
@@ -215,8 +214,7 @@ CREEP_RAD_S = 0.05
 def simulate_planted(config: SimulationConfig, planted: PlantedConfig, *, seed: int, scene: int) -> Recording:
     """A recording of the arm with injected effects, before the background of the seed ``scene``.
 
-    Its inputs are the commanded pressures with gauge noise; the lagged pressures and all other effects are
-    hidden.
+    Its inputs are the commanded pressures with gauge noise; lagged pressures and effects are hidden.
 
     Args:
         config, planted: the recording, and the injected effects.

@@ -23,8 +23,7 @@ class Truth:
     ``pressures`` [atm] are free of noise and have no column without chambers; ``forces`` are external
     generalised forces. Energies [J], ``mass_matrices`` of the frames ``mass_frames``. Free modes linearised
     about ``rest``, slowest first: ``damped_frequencies_hz`` are the frequencies of a decaying motion,
-    ``natural_frequencies_hz`` the modulus of the eigenvalue over 2 pi, ``decay_rates_per_s`` the rate of the
-    envelope.
+    ``natural_frequencies_hz`` the eigenvalue's modulus over 2 pi, ``decay_rates_per_s`` minus its real part.
     """
 
     coordinates: tuple[str, ...]

@@ -58,7 +58,7 @@ def wrap_angle(turns: Float[Tensor, "*B nodes"]) -> Float[Tensor, "*B nodes"]:
 def draw_path(
     forecaster: Forecaster, path: KeyPointPath, at: Float[np.ndarray, " N"]
 ) -> Float32[np.ndarray, "N 3 H W"]:
-    """Images at positions along a path, counted in its steps; linear between two steps, constant beyond its
+    """Images at positions along a path, counted in its steps: linear between steps, constant beyond its
     ends.
     """
     nearest, images = forecaster.nearest(), []

@@ -98,9 +98,7 @@ class Forecaster(nn.Module):
         )
 
     def free_shift(self, frame: float, *, noise: Float[Tensor, "N 2"] | float = 0.0) -> Shift:
-        """The motion of every Gaussian at a frame by its own feature; ``noise`` is added to its input
-        place.
-        """
+        """The motion of every Gaussian at a frame by its own feature; ``noise`` is added to its place."""
         told = self.scene.place.detach() + noise
         return self.motion(self.scene.feature, told, normalize_time(frame, self.architecture.frames))
 

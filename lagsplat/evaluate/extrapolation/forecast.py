@@ -69,8 +69,7 @@ def open_scene(
 class Predictor(Protocol):
     """A model that was given the training frames of a clip.
 
-    Instants are counted in median frame spacings from the last training frame: 1 is the first held-out
-    frame.
+    Instants are counted in median frame spacings from the last training frame; the first held-out one is 1.
     """
 
     @property

@@ -31,8 +31,7 @@ AT_ONCE = 256  # images rendered and encoded at once: bounds memory, not results
 
 @dataclass(frozen=True)
 class ImagePredictor:
-    """A model of images: ``fitted`` are its reconstructions of the clip's training frames, ``show``
-    predicts.
+    """A model of images: ``fitted`` reconstructs the clip's training frames, ``show`` predicts.
 
     ``show`` takes instants in frames since the last training frame.
     """

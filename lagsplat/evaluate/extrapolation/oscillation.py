@@ -121,8 +121,7 @@ MOST = 1000  # most training frames on which the reconstruction error is measure
 class KnownStates:
     """The training states of an encoder and its reconstruction error on the worst training frame.
 
-    ``scale`` is the rms distance of the training states from their mean, in the metric that measures
-    distances.
+    ``scale`` is the rms distance of the training states from their mean, in the metric.
     """
 
     autoencoder: Autoencoder

@@ -21,8 +21,8 @@ Errors = dict[str, Float64[np.ndarray, "N L"]]
 def choose_grasps(
     held: OperatingPoint, places: Float64[np.ndarray, "P 2"], *, radius: float | None
 ) -> list[GraspPoint | None]:
-    """The grasp that a click on each material point makes, by a brush of this radius or, without one, by the
-    nearest Gaussian; None where nothing can be grasped.
+    """The grasp of a click on each material point, by a brush or the nearest Gaussian; None if there is
+    none.
     """
     found: list[GraspPoint | None] = []
     for x, y in places:
@@ -52,8 +52,7 @@ def compare_answers(held: OperatingPoint, pokes: KnownForces, *, radius: float, 
     force; a ``nearest`` block grasps one Gaussian instead of a brush. ``direction_deg`` is the angle between
     the displacements of the pushed point, ``shape`` the relative residual of the displacements of all points
     after the best factor, and ``amplitude`` the distance of that factor from 1. ``pictured`` errors read the
-    displacements through a map from latents to true coordinates, the others from the matter that the decoder
-    moves.
+    displacements through a map from latents to true coordinates, the others from the decoder's matter.
 
     Args:
         held, pokes: the operating point of the run, and the known forces with their true answers.
@@ -171,8 +170,8 @@ def compute_errors(
 def are_alike(
     answer: Float64[np.ndarray, "N L P 2"], truth: Float64[np.ndarray, "N L P 2"]
 ) -> tuple[Float64[np.ndarray, "N L"], Float64[np.ndarray, "N L"]]:
-    """Cosine between the displacements of all points together, and the answer's projection on the truth (1
-    is exact).
+    """Cosine between the displacements of all points, and the answer's projection on the truth (1 is
+    exact).
     """
     product = np.einsum("nlpc,nlpc->nl", answer, truth)
     size, true = (np.sqrt(np.einsum("nlpc,nlpc->nl", ways, ways)) for ways in (answer, truth))

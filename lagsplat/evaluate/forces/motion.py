@@ -96,9 +96,7 @@ def compare_forces_with_truth(
 
 
 def make_state_reader(held: OperatingPoint, system: Pushable, states: Float64[np.ndarray, "T n"]) -> Read:
-    """A function that reads the places of material points from latents, by a map fitted to training
-    frames.
-    """
+    """A function that reads places of material points from latents, by a map fitted to training frames."""
     to_states = fit_state_map(held, states)
 
     def read(q: Float64[np.ndarray, "n d"]) -> Float64[np.ndarray, "n P 2"]:
@@ -243,8 +241,7 @@ class SpacePush:
     """A click, its grasp, and the answers to forces of one ``size`` [energy per px at the pivot] on it.
 
     ``directions`` are unit vectors of space: x to the right, y down, z ahead of the video's camera.
-    ``states`` are the equilibria under no force, under the one across the motion and under the one
-    downwards.
+    ``states`` are the equilibria under no force, under the one across the motion and the one down.
     """
 
     pixel: tuple[float, float]

@@ -141,9 +141,7 @@ def strap(size_m: list[float], scale: float) -> Sprite:
 
 
 def bag(size_m: list[float], scale: float) -> Sprite:
-    """A backpack of width ``size_m[0]`` and height ``size_m[1]``, suspended at the middle of its upper
-    edge.
-    """
+    """A backpack of width ``size_m[0]`` and height ``size_m[1]``, hung by the middle of its upper edge."""
     wide = size_m[0] / size_m[1]
     drawing = Drawing((-0.6 * wide, -0.06, 0.6 * wide, 1.06), unit_m=size_m[1], scale=scale)
     half = np.array([[0.34, 0.0], [0.5, 0.16], [0.5, 0.9], [0.4, 1.0]]) * [wide, 1.0]
