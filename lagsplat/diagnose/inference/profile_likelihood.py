@@ -1,4 +1,4 @@
-"""Fitted parameters with units, intervals and profile likelihoods, and which effects the data could separate."""
+"""Fitted parameters with units, intervals and profile likelihoods, and which effects could be separated."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace

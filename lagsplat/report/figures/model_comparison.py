@@ -1,4 +1,4 @@
-"""Figures of images: models side by side, attention maps, reconstructions and novel views with their errors."""
+"""Figures of images: models side by side, attention maps, reconstructions, novel views and their errors."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
