@@ -162,8 +162,7 @@ def train_step(
     """One gradient step on one batch; its loss and the unweighted terms, or None without a finite gradient.
 
     Args:
-        baseline, optimizer: the model in training, and its optimiser.
-        footage, config: training frames, and settings.
+        baseline, optimizer, footage, config: the model in training, its optimiser, frames and settings.
         seed, step: decide every random draw.
     """
     rng = np.random.default_rng([seed, step])

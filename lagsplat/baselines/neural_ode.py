@@ -249,8 +249,7 @@ def continue_rollout(
     It runs on NumPy arrays: a thousand seconds in torch would take minutes.
 
     Args:
-        ode: the fitted model.
-        q0, v0: initial states, and velocities [1/s].
+        ode, q0, v0: the fitted model, and initial states and velocities [1/s].
         states, dt_s: number of states, and their spacing [s].
     """
     weights = [(layer.weight.detach().numpy().T, layer.bias.detach().numpy()) for layer in ode.layers]  # type: ignore[union-attr,operator]

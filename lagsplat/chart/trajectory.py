@@ -154,8 +154,7 @@ def smooth_trajectory(
     value is that of a line fitted with weights at the true times.
 
     Args:
-        series: (T, m).
-        sigma_frames: in median spacings; 0 returns a copy.
+        series, sigma_frames: (T, m), and sigma in median spacings; 0 returns a copy.
         segments, clock: half-open clips, and the time base (None is even).
 
     Source: twicing, Tukey 1977, "Exploratory Data Analysis", section 16.

@@ -87,8 +87,7 @@ def make_run_subject(
     """Bundle a trained run and the held-out part of its recording for `score`.
 
     Args:
-        autoencoder, chart, lagrangian: the trained run.
-        recording, config: its recording and the evaluation protocol.
+        autoencoder, chart, lagrangian, recording, config: as `evaluate`.
 
     Raises:
         ValueError: recording, chart and autoencoder do not belong together.

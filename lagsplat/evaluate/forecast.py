@@ -265,8 +265,7 @@ def measure_autoencoder_floor(
     neighbouring frames are correlated, so ``spread`` (standard deviation) is not a standard error.
 
     Args:
-        held: the held-out series.
-        pictures, render: recorded images, and the renderer.
+        held, pictures, render: the held-out series, recorded images and the renderer.
         most: maximum number of frames.
 
     Source: paper, Metrics, the AE floor.

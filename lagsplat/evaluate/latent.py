@@ -40,9 +40,8 @@ def latent_forecast(
     only a ``reason``.
 
     Args:
-        held: the held-out series.
-        pictures, render, integrate: recorded images, renderer and rollout of the model.
-        config, period_s: the evaluation protocol, and the natural period [s].
+        held, pictures, render, integrate, config: as `lagsplat.evaluate.forecast.image_forecast`.
+        period_s: the natural period [s].
 
     Source: paper, Metrics, latent and image error.
     """
@@ -110,9 +109,8 @@ def state_errors(held: HeldOut, pinned: np.ndarray, gone: np.ndarray, encoded: n
     """Squared error of each state; a diverged one takes the larger of the pinned and the mean state's.
 
     Args:
-        held: the held-out series.
+        held, encoded: the held-out series, and the encoded states of the windows.
         pinned, gone: rollouts with diverged states pinned, and which states these are.
-        encoded: the encoded states of the same windows.
     """
     error = squared_norm(pinned - encoded, held.metric)
     mean = squared_norm(held.encoded.mean(axis=0) - encoded, held.metric)

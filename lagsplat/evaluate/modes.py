@@ -44,10 +44,8 @@ def fit_modes(
     independent samples.
 
     Args:
-        series: states (N, d), evenly spaced; see `resample_evenly` for those that are not.
-        dt_s: spacing of the samples [s].
-        metric: weight of the coordinates (d, d).
-        most: maximum number of oscillations.
+        series, dt_s: states (N, d), evenly spaced (see `resample_evenly`), and their spacing [s].
+        metric, most: weight of the coordinates (d, d), and maximum number of oscillations.
 
     Source: DOI 10.1109/29.32276 (ESPRIT); DOI 10.1137/0710036 (variable projection).
     """

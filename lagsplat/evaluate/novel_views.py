@@ -66,8 +66,7 @@ def view_errors(
 
     Args:
         autoencoder, latents, camera: what renders the images.
-        truth: the recorded images.
-        known: pixels (T, H, W) that count; None counts all.
+        truth, known: the recorded images, and the pixels (T, H, W) that count (None is all).
     """
     wanted = np.moveaxis(to_images(np.asarray(truth)).numpy(), 1, 3)
     square = np.square(draw_novel_view(autoencoder, latents, camera) - wanted).mean(3)

@@ -142,8 +142,7 @@ def draw_starts(held: HeldOut, *, length: int, margin: int, count: int, seed: in
     with replacement, so windows may overlap.
 
     Args:
-        held: the held-out series.
-        length, margin: states of a window, and frames needed after it.
+        held, length, margin: the series, states of a window, and frames needed after it.
         count, seed: number of starts, and the random seed.
 
     Raises:
@@ -214,8 +213,7 @@ def bootstrap_interval(
     Overlapping windows are treated as independent, which makes the interval slightly narrow.
 
     Args:
-        statistic: takes arrays (resamples, B), one for each of ``per_window``, and reduces the last axis.
-        per_window: values (B,) of each window.
+        statistic: reduces the last axis of arrays (resamples, B), one for each of ``per_window`` (B,).
         resamples, confidence, seed: of the bootstrap.
     """
     count = per_window[0].shape[0]

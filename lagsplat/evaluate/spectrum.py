@@ -39,10 +39,8 @@ def find_spectral_peak(
     length and of their overlap nearly cancel, and it includes the drift of the frequency.
 
     Args:
-        series: states (N, d), evenly spaced; see `resample_evenly` for those that are not.
-        dt_s: spacing of the samples [s].
-        metric: weight of the coordinates (d, d).
-        min_cycles: bins with fewer cycles per window are ignored.
+        series, dt_s: states (N, d), evenly spaced (see `resample_evenly`), and their spacing [s].
+        metric, min_cycles: weight of the coordinates (d, d), and fewest cycles per window of a bin.
 
     Source: paper, Metrics, the windowed spectral estimator.
     """

@@ -73,11 +73,9 @@ def compute_velocity_field(
     background and over the rest. The maps are ``picture`` (3,H,W) and ``speed`` (H,W).
 
     Args:
-        field: the decoder's deformation field.
+        field, moment, backend: the decoder's deformation field, the state to render, and the rasteriser.
         frames, latents: the frames it was fitted to, and their latents (T, d).
-        moment: the state to render.
         window, neighbours: size of the SSIM window [px], and number of neighbours.
-        backend: the rasteriser.
 
     Source: paper, Appendix "Deformation-Field Decoder at Equal Budget".
     """

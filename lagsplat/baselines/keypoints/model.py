@@ -341,9 +341,8 @@ def scatter_points(
     """Place the Gaussians where the first frame has edges and where frames differ, with the colours there.
 
     Args:
-        scene, frames: the scene to initialise, and the training frames.
+        scene, frames, rng: the scene to initialise, the training frames, and what draws the places.
         sigma, opacity: initial size over the image height, and opacity.
-        rng: draws the places.
     """
     first, n = np.asarray(frames[0]) / 255.0, len(scene.place)
     spread = np.asarray(frames[:: max(1, len(frames) // 50)]).std(axis=0).mean(-1)
