@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 
 from lagsplat.cli.main import main
+from lagsplat.diagnose.core.config import WITHHELD
 from lagsplat.diagnose.core.result import Candidate, Diagnosis, Finding, Verdict
 from lagsplat.diagnose.data_quality.checks import DataCheck, PreparedSide
 from lagsplat.diagnose.data_quality.compatibility import MOSTLY_OUTSIDE_CHECK
@@ -18,7 +19,7 @@ from lagsplat.diagnose.effects.registry import catalogue
 from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
 from lagsplat.diagnose.residual.error_budget import PerceptionQuality
 from lagsplat.io.trajectory.trajectory import Trajectory
-from lagsplat.pipelines.diagnosis import UNSURE, discount_image_error, flag_extrapolation, withhold_verdict
+from lagsplat.pipelines.diagnosis import discount_image_error, flag_extrapolation, withhold_verdict
 from lagsplat.pipelines.diagnosis_inputs import LAWLESS
 from tests.unit.diagnose.toys import film, oscillator, own, wave
 
@@ -129,7 +130,7 @@ def test_a_verdict_that_the_data_forbid_keeps_no_name_above_the_rest() -> None:
     assert flat.combination == ()
     assert sum(one.probability for one in flat.candidates) == pytest.approx(1.0)
     assert [one.name for one in flat.candidates] == [one.name for one in rows]
-    assert max(one.probability for one in flat.candidates) == pytest.approx(UNSURE)
+    assert max(one.probability for one in flat.candidates) == pytest.approx(WITHHELD.max_probability)
 
 
 @pytest.mark.parametrize(
