@@ -73,10 +73,10 @@ def build_image_content(inputs: "DiagnosisInputs", found: DiagnosisRun) -> tuple
         return found, ReportContent()
     excess_error = compute_excess_error(seen.real, seen.sim, seen.encoded)
     place, body = renderer.place()
-    where = replace(
-        found.diagnosis.where,
-        image_region=describe_image_region(excess_error, place, None if body is None else body.at(seen.q)),
-    )
+    where = found.diagnosis.where
+    if where is not None:
+        points = None if body is None else body.at(seen.q)
+        where = replace(where, image_region=describe_image_region(excess_error, place, points))
     checks = {**found.diagnosis.checks, "image": renderer.image_gap(seen)}
     diagnosis = replace(found.diagnosis, where=where, checks=checks)
     worst = int(np.argmax(np.mean((seen.sim - seen.real) ** 2, axis=(1, 2, 3))))
@@ -100,8 +100,9 @@ class _BlockRenderer:
 
     @cached_property
     def smoothed(self) -> Sequence[LatentForceEstimate]:
-        """The real trajectories with the force that the sim lacks."""
-        return self.found.diagnosis.where.smoothed
+        """The real trajectories with the force that the sim lacks; none where that force is not finite."""
+        where = self.found.diagnosis.where
+        return () if where is None else where.smoothed
 
     def draw(self, q: np.ndarray) -> np.ndarray:
         """Render latents (T, d) as images (T, H, W, 3)."""
@@ -176,6 +177,8 @@ class _BlockRenderer:
 
     def place(self) -> tuple[ForceLocalization | None, BodyPoints | None]:
         """Find the point at which a force explains the residual best; None where there is no residual."""
+        if not self.smoothed:
+            return None, None
         estimate = max(self.smoothed, key=lambda s: float(np.mean(s.residual**2)))
         if not estimate.active.any():
             return None, None

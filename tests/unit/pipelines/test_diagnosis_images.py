@@ -111,3 +111,13 @@ def test_latents_without_images_have_no_perception_stage(recordings, mechanics):
     found, content = build_image_content(pair, DiagnosisRun(found.diagnosis, found.problem, None, None))
     assert content.video is None
     assert "image" not in found.diagnosis.checks
+
+
+def test_where_the_gap_is_not_located_the_frames_are_compared_all_the_same(recordings, mechanics):
+    pair, found = diagnosed(recordings, mechanics)
+    lost = replace(found.diagnosis, where=None)
+    run, content = build_image_content(pair, DiagnosisRun(lost, found.problem, None, None))
+    assert run.diagnosis.where is None
+    assert content.image_force is None
+    assert content.image_error.excess.max() > 0.0
+    assert "stages" not in run.diagnosis.checks["image"]
