@@ -77,8 +77,9 @@ def test_law_and_thirty_steps(published):
     check(velocity, told["step1_z_dot"])
     check(law.input_force(u[:, 0]), told["control_net_u_roll0"])
     states, velocities = baseline.rollout(z, v, torch.cat([u, u[:, -1:]], 1))
-    check(states[:, 1:], told["roll_z"])
-    check(velocities[:, 1:], told["roll_z_dot"])
+    # Thirty steps in float32 add thirty roundings, which processors order differently.
+    check(states[:, 1:], told["roll_z"], atol=3e-5)
+    check(velocities[:, 1:], told["roll_z_dot"], atol=3e-5)
     check(baseline.decode(states[:, 1:].flatten(0, 1)), told["roll_images"].flatten(0, 1))
     if isinstance(law, Oscillators):
         check(law.inverse_mass().diag(), told["M_inv"])

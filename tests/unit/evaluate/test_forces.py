@@ -107,7 +107,7 @@ def test_an_answer_the_wrong_way_has_no_scale() -> None:
     scale = fit_energy_scale(held, load, grip.jacobian.numpy()[None], way)
     q = held.equilibria(scale * torch.from_numpy(load)[None])
     assert float(q[0, 0]) == pytest.approx(0.1, rel=1e-2)
-    with pytest.raises(NoScaleError, match="against the measured way"):
+    with pytest.raises(NoScaleError, match="against the measured displacement"):
         fit_energy_scale(held, load, grip.jacobian.numpy()[None], -way)
 
 

@@ -85,8 +85,8 @@ def test_compressed_pictures(suffix: str) -> None:
         (raw("rgb8", RGB, data=""), RAW, "0 bytes"),
         (raw("rgb8", RGB, data="§"), RAW, "ASCII"),
         ({"encoding": "rgb8", "height": 4, "width": 6}, RAW, "no bytes in a field 'data'"),
-        ({"format": "jpeg", "data": "AAAA"}, COMPRESSED, "3 bytes of format 'jpeg' are no picture"),
-        ({"format": "jpeg", "data": ""}, COMPRESSED, "0 bytes of format 'jpeg' are no picture"),
+        ({"format": "jpeg", "data": "AAAA"}, COMPRESSED, "3 bytes of format 'jpeg' are no image"),
+        ({"format": "jpeg", "data": ""}, COMPRESSED, "0 bytes of format 'jpeg' are no image"),
     ],
 )
 def test_what_is_no_picture(message: dict, kind: str, reason: str) -> None:

@@ -27,9 +27,9 @@ def watch(event, args):
         if path.is_relative_to(forbidden) and not path.is_relative_to(allowed):
             raise PermissionError(f"{path} is none of a diagnosis's business")
 sys.addaudithook(watch)
-from lagsplat.pipelines.batch import predict
+from lagsplat.pipelines.batch import predict_recording
 from lagsplat.config.compose import compose
-assert predict(allowed, out, compose("profile=toy").diagnose), (out / "failed.txt").read_text()
+assert predict_recording(allowed, out, compose("profile=toy").diagnose), (out / "failed.txt").read_text()
 """
 
 

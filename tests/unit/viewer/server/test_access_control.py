@@ -77,6 +77,9 @@ def test_no_message_executes_anything_ends_the_session_or_moves_a_file(
     assert {uuid: list(handle._impl.update_cb) for uuid, handle in handles.items()} == callbacks
     assert live.server._share_tunnel is None
     assert list(tmp_path.iterdir()) == []
+    began = time.monotonic()
+    while list(live.content.folder.glob(".*")) and time.monotonic() - began < 20.0:
+        time.sleep(0.05)  # a file is hidden until it is whole
     assert {path.stem.rstrip("0123456789") for path in live.content.folder.glob("*.mcap")} <= {"session_"}
     assert {path.suffix for path in live.content.folder.iterdir()} <= {".mcap", ".mp4", ".gif"}
 
