@@ -122,8 +122,8 @@ def test_a_killed_run_goes_on_where_it_was(sharp: SharpConfig, tmp_path: Path) -
         "from pathlib import Path; from lagsplat.io.recording.recording import load_recording\n"
         "from lagsplat.novel_views.sharp import make_sharp_views\n"
         f"from lagsplat.views.config import ArrangementConfig, SharpConfig\n"
-        f"make_sharp_views(load_recording({str(tmp_path / 'film.safetensors')!r}), {sharp!r}, {ARRANGEMENT!r}, "
-        f"Path({str(tmp_path / 'cache')!r}))\n"
+        f"make_sharp_views(load_recording({str(tmp_path / 'film.safetensors')!r}), {sharp!r}, "
+        f"{ARRANGEMENT!r}, Path({str(tmp_path / 'cache')!r}))\n"
     )
     whole, half = "[!.]*.safetensors", ".killed.safetensors"
     environment = {
