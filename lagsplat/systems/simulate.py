@@ -1,7 +1,7 @@
 """Simulate recordings of the arms under random pressures, with and without effects, and of mechanisms."""
 
 from dataclasses import asdict, replace
-from typing import no_type_check
+from typing import Any, no_type_check
 
 import numpy as np
 from jaxtyping import Float64, UInt8
@@ -36,29 +36,8 @@ def simulate(config: SimulationConfig, *, seed: int) -> tuple[Recording, Truth]:
     arm = build_arm(config.arm)
     pressures = draw_pressures(config, generator=drive)
     states, velocities = _move(arm, pressures, config=config)
-    board = paint_board(
-        height=config.height,
-        width=config.width,
-        arm_share=config.arm.half_width / config.view_width,
-        generator=scene,
-    )
-    frames = film_simulation(states, arm=arm, board=board, config=config, generator=camera)
-    inputs = pressures + config.pressure_noise_atm * gauge.standard_normal(pressures.shape)
-    n_u = pressures.shape[1]
-    recording = Recording(
-        frames=frames,
-        time_s=np.arange(config.n_frames) * config.dt_s,
-        inputs=inputs,
-        input_names=tuple(f"p{i + 1}" for i in range(n_u)),
-        input_units=("atm",) * n_u,
-        meta={
-            "origin": "simulated",
-            "source": f"lagsplat.systems.simulate, {n_u // 2} segment(s), seed {seed}",
-            "sha256": sha256_of_arrays(frames, inputs),
-            "licence": "BSD-3-Clause",
-            "simulation": asdict(config),
-            "seed": seed,
-        },
+    recording = _film_recording(
+        states, pressures, arm=arm, config=config, gauge=gauge, camera=camera, painter=scene, seed=seed
     )
     truth = compute_truth(
         arm,
@@ -70,6 +49,46 @@ def simulate(config: SimulationConfig, *, seed: int) -> tuple[Recording, Truth]:
         modes=arm.modes(),
     )
     return recording, truth
+
+
+def _film_recording(
+    states: Float64[np.ndarray, "T d"],
+    pressures: Float64[np.ndarray, "T n_u"],
+    *,
+    arm: Arm,
+    config: SimulationConfig,
+    gauge: np.random.Generator,
+    camera: np.random.Generator,
+    painter: np.random.Generator,
+    seed: int,
+    **meta: Any,
+) -> Recording:
+    """Film the states, and log the pressures [atm] with the gauge's noise; ``meta`` joins the metadata."""
+    board = paint_board(
+        height=config.height,
+        width=config.width,
+        arm_share=config.arm.half_width / config.view_width,
+        generator=painter,
+    )
+    frames = film_simulation(states, arm=arm, board=board, config=config, generator=camera)
+    inputs = pressures + config.pressure_noise_atm * gauge.standard_normal(pressures.shape)
+    n_u = pressures.shape[1]
+    return Recording(
+        frames=frames,
+        time_s=np.arange(config.n_frames) * config.dt_s,
+        inputs=inputs,
+        input_names=tuple(f"p{i + 1}" for i in range(n_u)),
+        input_units=("atm",) * n_u,
+        meta={
+            "origin": "simulated",
+            "source": f"lagsplat.systems.simulate, {n_u // 2} segment(s), seed {seed}",
+            "sha256": sha256_of_arrays(frames, inputs),
+            "licence": "BSD-3-Clause",
+            "simulation": asdict(config),
+            **meta,
+            "seed": seed,
+        },
+    )
 
 
 def film_simulation(
@@ -230,30 +249,16 @@ def simulate_planted(config: SimulationConfig, planted: PlantedConfig, *, seed: 
     asked = draw_pressures(config, generator=drive)
     felt = lag_input(asked, lag_s=planted.actuator_lag_s, dt_s=config.dt_s)
     states = _move_with_effects(arm, felt, planted, config)
-    board = paint_board(
-        height=config.height,
-        width=config.width,
-        arm_share=config.arm.half_width / config.view_width,
-        generator=painter,
-    )
-    frames = film_simulation(states, arm=arm, board=board, config=config, generator=camera)
-    inputs = asked + config.pressure_noise_atm * gauge.standard_normal(asked.shape)
-    n_u = asked.shape[1]
-    return Recording(
-        frames=frames,
-        time_s=np.arange(config.n_frames) * config.dt_s,
-        inputs=inputs,
-        input_names=tuple(f"p{i + 1}" for i in range(n_u)),
-        input_units=("atm",) * n_u,
-        meta={
-            "origin": "simulated",
-            "source": f"lagsplat.systems.simulate, {n_u // 2} segment(s), seed {seed}",
-            "sha256": sha256_of_arrays(frames, inputs),
-            "licence": "BSD-3-Clause",
-            "simulation": asdict(config),
-            "planted": asdict(planted),
-            "seed": seed,
-        },
+    return _film_recording(
+        states,
+        asked,
+        arm=arm,
+        config=config,
+        gauge=gauge,
+        camera=camera,
+        painter=painter,
+        seed=seed,
+        planted=asdict(planted),
     )
 
 

@@ -239,11 +239,6 @@ def move_functions_last(coefficients: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(np.moveaxis(coefficients, 1, -1) if coefficients.ndim > 2 else coefficients)
 
 
-def count_substeps(dt_s: float, period_s: float, per_period: float) -> int:
-    """Substeps between frames ``dt_s`` apart, so that a period has at least ``per_period`` of them."""
-    return max(1, int(np.ceil(dt_s / (period_s / per_period))))
-
-
 @dataclass(frozen=True)
 class SensitivityColumns:
     """The columns of a sensitivity: coefficients that always change by the same amount share a column."""

@@ -44,7 +44,6 @@ PAPER_DECODERS: dict[str, dict[str, dict[str, float]]] = {
     }
 }
 PAPER_PRIMITIVES = 15000
-MAPS = ("picture", "speed")
 
 
 def build_deformation_table(
