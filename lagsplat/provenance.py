@@ -18,11 +18,9 @@ from pathlib import Path
 from typing import Any
 
 PACKAGE = "lagsplat"
-BESIDE = ("benchmarks",)
-"""Folders of modules beside the package whose code makes results, too."""
+BESIDE = ("benchmarks",)  # folders of modules beside the package whose code makes results, too
 ROOT = Path(__file__).resolve().parent
-TEMPLATES = "templates"
-"""Folder of page templates beside a package's ``__init__.py``."""
+TEMPLATES = "templates"  # folder of page templates beside a package's `__init__.py`
 MOST_ANSWERS = 20_000
 """More of them are deleted: answers about files that have changed since are never asked for again."""
 LIBRARIES = ("numpy", "scipy", "torch", "numba", "safetensors", "opencv-python-headless", "gsplat")

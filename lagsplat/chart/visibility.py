@@ -11,8 +11,7 @@ from torch import Tensor
 
 from lagsplat.array_types import Series
 
-Decode = Callable[[Float[Tensor, "B d"]], Tensor]
-"""Images ``(B, 3, H, W)`` at whitened latents ``(B, d)``."""
+Decode = Callable[[Float[Tensor, "B d"]], Tensor]  # images `(B, 3, H, W)` at whitened latents `(B, d)`
 
 CHUNK = 32
 LARGEST_ERROR = 0.3

@@ -27,15 +27,11 @@ class Verb:
     """One verb of the command line and its help."""
 
     summary: str
-    usage: tuple[str, ...]
-    """Ways to call it, without ``lagsplat`` and the verb."""
-    keys: tuple[tuple[str, str], ...]
-    """Each ``key=VALUE`` it takes, and what it is for."""
+    usage: tuple[str, ...]  # ways to call it, without `lagsplat` and the verb
+    keys: tuple[tuple[str, str], ...]  # each `key=VALUE` it takes, and what it is for
     example: str
-    handler: str
-    """``module:function``; it takes the parsed arguments."""
-    flags: tuple[tuple[str, str], ...] = ()
-    """Each ``--flag`` it takes, and what it does."""
+    handler: str  # `module:function`; it takes the parsed arguments
+    flags: tuple[tuple[str, str], ...] = ()  # each `--flag` it takes, and what it does
 
 
 CONFIGURATION = ("KEY=VALUE", "any key of conf/, in Hydra's grammar: stage1.steps=9000 system=rainbow_rocker")

@@ -19,8 +19,7 @@ from lagsplat.config import schema
 from lagsplat.config.schema import GROUPS, Config
 from lagsplat.provenance import code_digest, recall, sha256_hex
 
-OPEN_TABLES = ("diagnose.columns",)
-"""Tables of ``conf/`` whose keys are the user's own."""
+OPEN_TABLES = ("diagnose.columns",)  # tables of `conf/` whose keys are the user's own
 Section = TypeVar("Section")
 
 

@@ -56,17 +56,12 @@ def options(group: str) -> list[str]:
 class SystemConfig:
     """What is known of a mechanism before anything is learned."""
 
-    title: str
-    """How captions and tables call it."""
-    film: str
-    """Kind of its filmed recording: ``krauss`` or ``video``."""
-    d: int
-    """Latent dimension: its number of degrees of freedom."""
+    title: str  # how captions and tables call it
+    film: str  # kind of its filmed recording: `krauss` or `video`
+    d: int  # latent dimension: its number of degrees of freedom
     n_gaussians: int
-    batch: int
-    """Frames a step of stage 1: fewer where frames are large."""
-    encoder_rate: float
-    """Step size of the encoder in stage 1: smaller where fast steps would bend the chart."""
+    batch: int  # frames a step of stage 1: fewer where frames are large
+    encoder_rate: float  # step size of the encoder in stage 1: smaller where fast steps would bend the chart
 
     def __post_init__(self) -> None:
         """Check the counts; stage 1 checks them again where they are used."""
@@ -81,32 +76,21 @@ class SystemConfig:
 class Config:
     """An experiment. Every value comes from ``conf/`` or from an override, none from here."""
 
-    systems: list[str]
-    """Systems of the tables and figures."""
-    ablations: list[str]
-    """Choices of ``conf/stage2`` that get a row beside the chosen dynamics."""
-    baselines: list[str]
-    """Choices of ``conf/baseline`` that get a row in the benchmark table of the arms."""
-    baseline_seeds: list[int]
-    """Seeds of the baselines."""
-    spatial: list[str]
-    """Systems that are pushed in space: they have novel views."""
+    systems: list[str]  # systems of the tables and figures
+    ablations: list[str]  # choices of `conf/stage2` that get a row beside the chosen dynamics
+    baselines: list[str]  # choices of `conf/baseline` that get a row in the benchmark table of the arms
+    baseline_seeds: list[int]  # seeds of the baselines
+    spatial: list[str]  # systems that are pushed in space: they have novel views
     extrapolated: list[str]
     """Systems of the table of extrapolation: they move freely, and the end of a clip is held out."""
-    forecasters: list[str]
-    """Choices of ``conf/forecaster`` that stand in it."""
-    forecaster_seeds: list[int]
-    """Seeds of the forecasters and of the free differential equation."""
-    autoencoder_seeds: list[int]
-    """Seeds of stage 1."""
-    seeds: list[int]
-    """Seeds of stage 2, for each autoencoder."""
-    choices: dict[str, str]
-    """Name of the file chosen in each group; filled in by :func:`compose`."""
+    forecasters: list[str]  # choices of `conf/forecaster` that stand in it
+    forecaster_seeds: list[int]  # seeds of the forecasters and of the free differential equation
+    autoencoder_seeds: list[int]  # seeds of stage 1
+    seeds: list[int]  # seeds of stage 2, for each autoencoder
+    choices: dict[str, str]  # name of the file chosen in each group; filled in by :func:`compose`
     system: SystemConfig
     recording: RecordingConfig
-    simulation: SimulationConfig | None
-    """The simulated stand-in of a driven arm; null where there is none."""
+    simulation: SimulationConfig | None  # the simulated stand-in of a driven arm; null where there is none
     release: ReleaseConfig | None
     """The simulated stand-in of a mechanism that is let go; null where there is none."""
     stage1: Stage1Config
@@ -119,16 +103,14 @@ class Config:
     deformation: FieldConfig
     evaluate: EvaluateConfig
     extrapolation: ExtrapolationConfig
-    forces: ForcesConfig
-    """How forces given in the image take hold, and which ones are shown and checked."""
+    forces: ForcesConfig  # how forces given in the image take hold, and which ones are shown and checked
     render: RenderConfig | None
     """A finer decoder for the figures; null draws them with the one that was trained."""
     views: ViewsConfig | None
     """Pictures from other sides, by which Gaussians live in space; null trains on the film alone."""
     diagnose: DiagnoseConfig
     blind: BlindConfig
-    planted: PlantsConfig
-    """Effects to be found again: what the second recordings of a simulated arm have."""
+    planted: PlantsConfig  # effects to be found again: what the second recordings of a simulated arm have
     viewer: ViewerConfig
 
     def __post_init__(self) -> None:

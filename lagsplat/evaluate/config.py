@@ -17,12 +17,9 @@ class FigureConfig:
     """``held_out``: at the first scored frame of the longest held-out clip; ``boundary``: in the training
     part, so that the rollout crosses into the held-out end of the same clip.
     """
-    duration_s: float
-    """Longest rollout drawn; a clip's end cuts it."""
-    horizon_s: float
-    """Length of the rollouts whose error is drawn over time; half the longest clip cuts it."""
-    horizon_starts: int
-    """Number of these rollouts."""
+    duration_s: float  # longest rollout drawn; a clip's end cuts it
+    horizon_s: float  # length of the rollouts whose error is drawn over time; half the longest clip cuts it
+    horizon_starts: int  # number of these rollouts
 
     def __post_init__(self) -> None:
         known = self.start in ("held_out", "boundary")
@@ -44,47 +41,32 @@ class EvaluateConfig:
     Source: the published protocol (0.5 s over 50 starts, two periods, free windows).
     """
 
-    seed: int
-    """Seed of the window starts and of the bootstrap."""
-    skip_s: float
-    """Start of the held-out part left out of every score."""
-    starts: int
-    """Rollouts per forecast score."""
-    horizon_s: float
-    """Length of the image forecast; the initial state counts as its first state."""
-    periods: float
-    """Length of the latent forecast in natural periods."""
+    seed: int  # seed of the window starts and of the bootstrap
+    skip_s: float  # start of the held-out part left out of every score
+    starts: int  # rollouts per forecast score
+    horizon_s: float  # length of the image forecast; the initial state counts as its first state
+    periods: float  # length of the latent forecast in natural periods
     velocity: str
     """Initial velocity of a rollout: ``forward`` over the next two frames (as published), ``central`` over
     two frames on each side (less noise), or ``neighbours`` over one on each side, which agrees with an
     integrator of one step a frame even where a period has few frames.
     """
-    period_s: float | None
-    """Imposed natural period; null takes the one measured on the free windows."""
-    floor_frames: int
-    """Maximum number of frames the autoencoder floor is averaged over."""
+    period_s: float | None  # imposed natural period; null takes the one measured on the free windows
+    floor_frames: int  # maximum number of frames the autoencoder floor is averaged over
     divergence_factor: float
     """A rollout has diverged once its state is longer than this many times the longest encoded state."""
-    bootstrap: int
-    """Resamples of the windows for each interval."""
-    confidence: float
-    """Coverage of the intervals."""
+    bootstrap: int  # resamples of the windows for each interval
+    confidence: float  # coverage of the intervals
     free_rate_fraction: float
     """Largest input change per frame of a free segment, as a fraction of the input's range."""
     free_excursion_fraction: float
     """Largest input excursion over a free segment, as a fraction of the input's range."""
-    free_min_s: float
-    """Shortest free segment."""
-    free_max_segments: int
-    """Free segments kept, longest first."""
-    window_cycles: float
-    """Length of a spectral window in cycles of its segment's own frequency."""
-    window_min_cycles: float
-    """Lowest bin that may hold the peak, in cycles per window."""
-    window_min_amplitude: float
-    """Windows quieter than this fraction of the clip's RMS are left out."""
-    decay_modes: int
-    """Maximum number of damped oscillations fitted to one window."""
+    free_min_s: float  # shortest free segment
+    free_max_segments: int  # free segments kept, longest first
+    window_cycles: float  # length of a spectral window in cycles of its segment's own frequency
+    window_min_cycles: float  # lowest bin that may hold the peak, in cycles per window
+    window_min_amplitude: float  # windows quieter than this fraction of the clip's RMS are left out
+    decay_modes: int  # maximum number of damped oscillations fitted to one window
     figure: FigureConfig
 
     def __post_init__(self) -> None:
@@ -136,14 +118,11 @@ class GuaranteeConfig:
         ValueError: a value outside its domain.
     """
 
-    starts: int
-    """Rollouts from all directions, at rest and moving."""
-    far: float
-    """Their distance, in lengths of the longest encoded state."""
+    starts: int  # rollouts from all directions, at rest and moving
+    far: float  # their distance, in lengths of the longest encoded state
     force: float
     """Largest constant force: the one whose equilibrium lies at this share of the longest encoded state."""
-    duration_s: float
-    """Longest time they may take to settle."""
+    duration_s: float  # longest time they may take to settle
     settled: float
     """Distance from the equilibrium that counts as settled, as a share of the longest encoded state."""
 
@@ -164,28 +143,22 @@ class ExtrapolationConfig:
     Source: paper, Table "Extrapolation past the training window".
     """
 
-    horizon_s: float
-    """Length of the free rollout past the last training frame."""
-    shown_s: float
-    """First part of the rollout, measured without gaps."""
+    horizon_s: float  # length of the free rollout past the last training frame
+    shown_s: float  # first part of the rollout, measured without gaps
     looks: int
     """Short intervals measured after that, at times that grow by a constant factor up to the horizon."""
-    look_periods: float
-    """Length of such an interval, in natural periods."""
-    history_periods: float
-    """Training frames from which a law's state is estimated, in natural periods."""
+    look_periods: float  # length of such an interval, in natural periods
+    history_periods: float  # training frames from which a law's state is estimated, in natural periods
     shift_frames: float
     """Each frame is also compared with predictions up to this many frames earlier or later."""
-    shift_steps: int
-    """Number of shifts tried, where a model can render between frames."""
+    shift_steps: int  # number of shifts tried, where a model can render between frames
     range_error: float
     """A predicted frame is out of range if its reconstruction error exceeds that of the worst training frame
     by this factor.
     """
     range_distance: float
     """... or if its state lies further from the nearest training state than this share of their rms."""
-    least_inside: float
-    """Share of predicted frames in range below which no physics is measured on them."""
+    least_inside: float  # share of predicted frames in range below which no physics is measured on them
     guarantee: GuaranteeConfig
 
     def __post_init__(self) -> None:

@@ -20,8 +20,7 @@ Integrate = Callable[[np.ndarray, np.ndarray, np.ndarray, float | np.ndarray], n
 """(q0 (B,d), v0 (B,d) per second, inputs (B,N,n_u), steps [s], a number or (B,N-1)) -> q (B,N,d); non-finite
 where it diverged.
 """
-Render = Callable[[np.ndarray], np.ndarray]
-"""q (N,d) -> images (N,3,H,W) with colours in [0, 1]."""
+Render = Callable[[np.ndarray], np.ndarray]  # q (N,d) -> images (N,3,H,W) with colours in [0, 1]
 Pictures = Callable[[np.ndarray], np.ndarray]
 """held-out frame numbers (N,) -> the recorded images (N,3,H,W) with colours in [0, 1]."""
 Velocities = Callable[[np.ndarray], np.ndarray]

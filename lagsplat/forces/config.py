@@ -11,18 +11,12 @@ class ForcesConfig:
         ValueError: a value outside its domain.
     """
 
-    brush: float
-    """Radius of the brush as a share of the image's width."""
-    response: float
-    """Distance that the force of a figure moves the state, as a share of the visited radius."""
-    points: int
-    """Material points per body along each direction at which the truth is computed."""
-    directions: int
-    """Directions of the force at each point, evenly spaced."""
-    levels: list[float]
-    """Distances that the forces move the true state, as shares of the visited radius."""
-    periods: float
-    """Length of the response to a sudden force in slowest natural periods."""
+    brush: float  # radius of the brush as a share of the image's width
+    response: float  # distance that the force of a figure moves the state, as a share of the visited radius
+    points: int  # material points per body along each direction at which the truth is computed
+    directions: int  # directions of the force at each point, evenly spaced
+    levels: list[float]  # distances that the forces move the true state, as shares of the visited radius
+    periods: float  # length of the response to a sudden force in slowest natural periods
 
     def __post_init__(self) -> None:
         """Check the domains."""

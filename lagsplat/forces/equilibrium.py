@@ -22,14 +22,11 @@ from lagsplat.stage2.lagrangian import UNTOUCHED, Lagrangian, LawEdits, Prepared
 ITERATIONS = 200
 TOLERANCE = 1e-10
 """Largest remaining force, relative to the load plus the force of a whitened unit at the start."""
-LEAST_CURVATURE = 1e-6
-"""Smallest curvature in a Newton step, relative to the largest."""
-DECREASE = 1e-4
-"""Armijo's constant: share of the predicted decrease that a step must reach."""
+LEAST_CURVATURE = 1e-6  # smallest curvature in a Newton step, relative to the largest
+DECREASE = 1e-4  # Armijo's constant: share of the predicted decrease that a step must reach
 UNRESOLVED = 1e-12
 """Predicted decrease, relative to 1 plus the energy, that rounding hides: the step is accepted."""
-SHORTEST = 2.0**-40
-"""Smallest factor on a Newton step."""
+SHORTEST = 2.0**-40  # smallest factor on a Newton step
 
 
 class NotSettledError(ValueError):
@@ -142,14 +139,10 @@ def _polish(
     return torch.where((remaining < force.norm(dim=1))[:, None], closer, q)
 
 
-VISITED = 0.99
-"""Quantile of the distances of the training states from rest that gives the visited radius."""
-MAGNITUDES = 60
-"""Forces among which the requested one is interpolated."""
-SPAN = 1e4
-"""Ratio of the largest to the smallest of these forces."""
-STILL = 1e-6
-"""Share of the largest Jacobian below which matter does not move."""
+VISITED = 0.99  # quantile of the distances of the training states from rest that gives the visited radius
+MAGNITUDES = 60  # forces among which the requested one is interpolated
+SPAN = 1e4  # ratio of the largest to the smallest of these forces
+STILL = 1e-6  # share of the largest Jacobian below which matter does not move
 
 
 @dataclass(frozen=True)
@@ -227,10 +220,8 @@ def hold_at_load(
     )
 
 
-SIZES = 81
-"""Energy scales among which the answer is interpolated."""
-SCALE_SPAN = 1e4
-"""Ratio of the largest to the smallest of these scales."""
+SIZES = 81  # energy scales among which the answer is interpolated
+SCALE_SPAN = 1e4  # ratio of the largest to the smallest of these scales
 
 
 class NoScaleError(ValueError):

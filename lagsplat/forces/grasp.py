@@ -14,8 +14,7 @@ from lagsplat.splat.projection import View, compute_depths, project
 from lagsplat.stage1.autoencoder import Autoencoder
 from lagsplat.stage2.decoder_mass import DecoderGeometry, compute_decoder_geometry
 
-Point = tuple[float, float]
-"""x to the right and y down [px]; the first pixel's centre is (0.5, 0.5)."""
+Point = tuple[float, float]  # x to the right and y down [px]; the first pixel's centre is (0.5, 0.5)
 Place = tuple[float, float, float]
 """x, y and z in space, z pointing away from the recording camera [px at the pivot]."""
 
@@ -190,8 +189,7 @@ def compute_kinematics(autoencoder: Autoencoder, chart: Chart) -> MatterKinemati
     )
 
 
-STOPPED = 0.5
-"""Transmittance below which a ray has hit the Gaussian that the pixel shows."""
+STOPPED = 0.5  # transmittance below which a ray has hit the Gaussian that the pixel shows
 
 
 @dataclass(frozen=True)

@@ -16,18 +16,12 @@ from lagsplat.stage1.autoencoder import Autoencoder
 OUTLINE = 0.5
 """Share of the largest motion around a pixel from which it belongs to the object. The background beside the
 object moves less, because a decoder lets it move a little, too."""
-SMOOTH = 0.02
-"""Width of the filter before the segmentation, as a share of the longer side."""
-AROUND = 5
-"""Neighbourhoods along the longer side of the image."""
-LEAST = 0.15
-"""Share of the 98th percentile of all motions: neighbourhoods that move less contain no object."""
-STILL = 0.02
-"""Share of the 98th percentile below which a pixel is background."""
-MIDDLE = 0.4
-"""Position of the middle along the visible moving length, which begins below the clamp."""
-TIP = 0.85
-"""Position of the tip along the same length."""
+SMOOTH = 0.02  # width of the filter before the segmentation, as a share of the longer side
+AROUND = 5  # neighbourhoods along the longer side of the image
+LEAST = 0.15  # share of the 98th percentile of all motions: neighbourhoods that move less contain no object
+STILL = 0.02  # share of the 98th percentile below which a pixel is background
+MIDDLE = 0.4  # position of the middle along the visible moving length, which begins below the clamp
+TIP = 0.85  # position of the tip along the same length
 
 
 @dataclass(frozen=True)
@@ -166,10 +160,8 @@ def _distance(rows: np.ndarray, columns: np.ndarray, others: np.ndarray) -> np.n
     return away.min(1)
 
 
-CORE = 0.9
-"""Share of the largest motion nearby from which a pixel certainly belongs to the object."""
-CUTS = 5
-"""Iterations of GrabCut."""
+CORE = 0.9  # share of the largest motion nearby from which a pixel certainly belongs to the object
+CUTS = 5  # iterations of GrabCut
 FOREGROUND = (cv2.GC_FGD, cv2.GC_PR_FGD)
 
 

@@ -30,8 +30,7 @@ from lagsplat.views.config import SharpConfig
 
 KIND, SCHEMA = "lifted", 1
 MANIFEST, LOCK = "cache.json", ".lock"
-LIFTING = "lifting-"
-"""Prefix of the temporary folders of frames being lifted."""
+LIFTING = "lifting-"  # prefix of the temporary folders of frames being lifted
 
 
 @dataclass(frozen=True)

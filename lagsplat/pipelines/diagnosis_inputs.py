@@ -26,8 +26,7 @@ if TYPE_CHECKING:
     from lagsplat.pipelines.diagnosis_videos import RecordingPair
 
 MODELS = ("run", "model", "mujoco", "python")
-LAWLESS = "a law that is true nowhere"
-"""Name of the finding that a run's law misses its own recordings."""
+LAWLESS = "a law that is true nowhere"  # name of the finding that a run's law misses its own recordings
 
 
 @dataclass(frozen=True)
@@ -37,12 +36,10 @@ class DiagnosisInputs:
     sim: EstimatedSimulator
     checked: DataCheck
     excitation: tuple[Excitation, ...]
-    same_recording: bool
-    """Whether the sim was fitted to the very recording that is diagnosed."""
+    same_recording: bool  # whether the sim was fitted to the very recording that is diagnosed
     recordings: "RecordingPair | None" = None
     """The recordings with their images, where the sim is a fitted run."""
-    hold: str | None = None
-    """Inputs between samples, where the sim's own recordings contradict the settings."""
+    hold: str | None = None  # inputs between samples, where the sim's own recordings contradict the settings
 
     @property
     def real(self) -> tuple[Trajectory, ...]:

@@ -164,10 +164,8 @@ def _energies(
     return NumberTopic(topic, time_s[motion.frames], energies(lagrangian, motion.q, motion.v), about)
 
 
-THIN = 1e-3
-"""[px] Thickness of Gaussians of the picture, and their distance from each other in their order."""
-FLAT = 1e-9
-"""[px^2] Least variance that is told."""
+THIN = 1e-3  # [px] Thickness of Gaussians of the picture, and their distance from each other in their order
+FLAT = 1e-9  # [px^2] Least variance that is told
 
 
 def export_ply(autoencoder: Autoencoder, chart: Chart, q: Float64[np.ndarray, " d"], out: Path) -> None:

@@ -296,8 +296,7 @@ def script_digest(script: Path, *commands: str) -> str:
 
 
 SUFFIX = "_3d"
-SHORT = {"rainbow_rocker": "rocker"}
-"""How figures call a system whose name is long."""
+SHORT = {"rainbow_rocker": "rocker"}  # how figures call a system whose name is long
 
 
 def planned_spatial(overrides: Overrides) -> dict[str, PlannedRun]:
@@ -346,8 +345,7 @@ def files_of_rig(path: str) -> list[str]:
     return [str(Path(path).expanduser()), *(str(each.video) for each in rig.others)]
 
 
-Road = dict[str, tuple[object, str]]
-"""Settings and script of each stage, in order."""
+Road = dict[str, tuple[object, str]]  # settings and script of each stage, in order
 
 
 def lineage(overrides: Overrides, scripts: Path, stage: str, **choices: str) -> str:

@@ -15,8 +15,7 @@ from lagsplat.splat.image_model import BLUR_PX2
 from lagsplat.splat.projection import View, compute_depths, make_view, project
 from lagsplat.views.camera import Camera
 
-FAINT = 0.005
-"""Opacity below which a Gaussian is left out."""
+FAINT = 0.005  # opacity below which a Gaussian is left out
 OPAQUE = 0.99
 LOWER = ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))
 

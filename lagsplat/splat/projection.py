@@ -24,8 +24,7 @@ from torch import Tensor
 from lagsplat.splat.gaussians import GaussianSlice
 from lagsplat.views.camera import Camera
 
-NEAR = 0.01
-"""[unit of length]"""
+NEAR = 0.01  # [unit of length]
 MARGIN = 0.3
 SQUARE = (0, 1, 3, 1, 2, 4, 3, 4, 5)
 """Position of each entry of a symmetric matrix in its lower triangle, row by row."""

@@ -111,8 +111,7 @@ class TrainingFrames:
         return images.to(self.device), torch.from_numpy(cover)[:, None].to(self.device) / 255
 
 
-FAINT = 1e-3
-"""Cover below which a pixel shows the background, which has no depth."""
+FAINT = 1e-3  # cover below which a pixel shows the background, which has no depth
 
 
 @torch.no_grad()

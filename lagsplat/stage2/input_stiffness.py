@@ -9,8 +9,7 @@ from torch import Tensor, nn
 
 from lagsplat.array_types import Inputs, Latents
 
-SMALLEST = 1e-4
-"""Smallest eigenvalue of each part of a curvature, so that its factor still has a gradient."""
+SMALLEST = 1e-4  # smallest eigenvalue of each part of a curvature, so that its factor still has a gradient
 
 
 SIGNED = 1e-2

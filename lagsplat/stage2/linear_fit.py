@@ -29,8 +29,7 @@ BEND_WEIGHT = 1e-4
 problem well conditioned."""
 FIRST_BEND = 0.05
 """Standard deviation of the initial factors of the curvatures; at zero they would have no gradient."""
-UNUSABLE = 1e6
-"""Objective of a candidate whose rollouts overflow, as a multiple of the first objective."""
+UNUSABLE = 1e6  # objective of a candidate whose rollouts overflow, as a multiple of the first objective
 
 
 class ConstantFit:

@@ -70,8 +70,7 @@ def shooting_error(
 
 REACH = 2.5
 """Spread of the sampled positions as a multiple of that of the clip, so that most lie outside its frames."""
-DRAWN = 256
-"""Sampled states per penalty."""
+DRAWN = 256  # sampled states per penalty
 
 
 @dataclass(frozen=True)

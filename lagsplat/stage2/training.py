@@ -136,8 +136,7 @@ class BestCheckpoint:
 
 
 CONSTANT_PARTS = ("factor", "stiffness_factor", "pressure_map", "rest", "stiffening", "softening")
-CONSTANT_SHARE = 0.1
-"""Share of the learning rate for the parts that start fitted."""
+CONSTANT_SHARE = 0.1  # share of the learning rate for the parts that start fitted
 SHORTENED_LEGS = (2, 1)
 """Divisors of the final rollout length in the legs of the training, which take equally many steps."""
 

@@ -18,10 +18,8 @@ from lagsplat.systems.truth import VibrationModes, compute_vibration_modes
 Vector = Float64[np.ndarray, " d"]
 Matrix = Float64[np.ndarray, "d d"]
 Series = Float64[np.ndarray, "T d"]
-Poses = Float64[np.ndarray, "T n_bodies 3"]
-"""x [m], y [m] and angle [rad] of every body."""
-Push = Callable[[float, Vector], Vector]
-"""Generalised force at a time [s] and state."""
+Poses = Float64[np.ndarray, "T n_bodies 3"]  # x [m], y [m] and angle [rad] of every body
+Push = Callable[[float, Vector], Vector]  # generalised force at a time [s] and state
 STEP = 1e-5
 
 

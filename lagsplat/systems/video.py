@@ -102,8 +102,7 @@ def _write(
         writer.release()
 
 
-FINE = 3
-"""Samples per pixel along each axis."""
+FINE = 3  # samples per pixel along each axis
 
 
 def make_space(config: ReleaseConfig) -> ViewSpace:

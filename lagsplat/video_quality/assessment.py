@@ -60,8 +60,7 @@ class VideoAssessment:
     repeat: LoopRepeat | None
     visit: ForeignObject | None
     sampling: SamplingRate | None
-    camera_limit_px: float
-    """Largest acceptable rms of the camera motion [pixel of the video]."""
+    camera_limit_px: float  # largest acceptable rms of the camera motion [pixel of the video]
     start_s: float
     stop_s: float
 

@@ -11,26 +11,18 @@ class ViewerConfig:
         ValueError: a value outside its domain.
     """
 
-    host: str
-    """Address that the server listens on; any other than loopback opens it to the network."""
-    port: int
-    """First port to try; the next free one is taken."""
-    pictures_hz: float
-    """Largest number of frames a second; the dynamics keep the rate of the recording."""
-    side: int
-    """Longer side of the drawn image [px]."""
-    window: int
-    """Longer side of the image that each visitor sees of a run in space [px]."""
-    reach: float
-    """Drag, as a share of the image's width, that moves the state by ``forces.response``."""
+    host: str  # address that the server listens on; any other than loopback opens it to the network
+    port: int  # first port to try; the next free one is taken
+    pictures_hz: float  # largest number of frames a second; the dynamics keep the rate of the recording
+    side: int  # longer side of the drawn image [px]
+    window: int  # longer side of the image that each visitor sees of a run in space [px]
+    reach: float  # drag, as a share of the image's width, that moves the state by `forces.response`
     beyond: float
     """Distance from the recorded states that still counts as covered, as a share of their rms spread."""
     divergence: float
     """Distance from rest at which the integration stops, as a multiple of the visited radius."""
-    history_s: float
-    """Time span of the live plots [s]."""
-    log_s: float
-    """Time span of a session that is kept for a file [s]; older steps are dropped."""
+    history_s: float  # time span of the live plots [s]
+    log_s: float  # time span of a session that is kept for a file [s]; older steps are dropped
 
     def __post_init__(self) -> None:
         """Check the domains."""

@@ -15,8 +15,7 @@ from lagsplat.views.config import ArrangementConfig
 
 Point = Float64[np.ndarray, "3"]
 Homography = Float64[np.ndarray, "3 3"]
-ROUNDING = 1e-4
-"""Largest deviation of a rotation from orthonormality: files keep about six digits."""
+ROUNDING = 1e-4  # largest deviation of a rotation from orthonormality: files keep about six digits
 
 
 @dataclass(frozen=True)
@@ -161,8 +160,7 @@ def orbit_camera(camera: Camera, depth: float, *, yaw_deg: float, pitch_deg: flo
 
 BETWEEN = 0.55
 """Share of the extents: ellipse of the held-out cameras, off the rows and columns of the others."""
-START = 0.4
-"""Angle of the first held-out camera [rad]."""
+START = 0.4  # angle of the first held-out camera [rad]
 
 
 @dataclass(frozen=True)

@@ -7,14 +7,11 @@ from dataclasses import dataclass
 class ArrangementConfig:
     """Cameras about the pivot, on a grid of yaws and pitches around the reference view, some held out."""
 
-    yaw_deg: float
-    """Largest yaw to either side."""
-    pitch_deg: float
-    """Largest pitch up and down."""
+    yaw_deg: float  # largest yaw to either side
+    pitch_deg: float  # largest pitch up and down
     columns: int
     rows: int
-    held_out: int
-    """Number of cameras between the others, used only for scores."""
+    held_out: int  # number of cameras between the others, used only for scores
 
     def __post_init__(self) -> None:
         """Check the domains."""
@@ -30,10 +27,8 @@ class ArrangementConfig:
 class SupervisionConfig:
     """How novel views enter the training of stage 1."""
 
-    weight: float
-    """Weight of their photometric terms, relative to the recorded view's."""
-    spread: float
-    """Initial range of Gaussians in front of the pivot and behind it, as a share of its depth."""
+    weight: float  # weight of their photometric terms, relative to the recorded view's
+    spread: float  # initial range of Gaussians in front of the pivot and behind it, as a share of its depth
 
     def __post_init__(self) -> None:
         """Check the domains."""
@@ -50,18 +45,12 @@ class SharpConfig:
 
     command: str | None
     """Program and first words of the command line, such as `sharp`; null raises an error that asks for it."""
-    checkpoint: str | None
-    """File of the weights; null raises an error that asks for it."""
-    cache: str | None
-    """Folder of the lifted frames and views; null puts them beside the recording's results."""
-    focal_35mm: float
-    """35 mm equivalent focal length of the camera, which makes depths metric."""
-    upscale: int
-    """Factor by which frames are enlarged before they are lifted."""
-    keep_clouds: bool
-    """Whether to keep the lifted frames, 66 MB each, once their views are drawn."""
-    blur_px2: float
-    """Variance added to drawn covariances; the network's own renders add none."""
+    checkpoint: str | None  # file of the weights; null raises an error that asks for it
+    cache: str | None  # folder of the lifted frames and views; null puts them beside the recording's results
+    focal_35mm: float  # 35 mm equivalent focal length of the camera, which makes depths metric
+    upscale: int  # factor by which frames are enlarged before they are lifted
+    keep_clouds: bool  # whether to keep the lifted frames, 66 MB each, once their views are drawn
+    blur_px2: float  # variance added to drawn covariances; the network's own renders add none
 
     def __post_init__(self) -> None:
         """Check the domains."""
@@ -74,14 +63,10 @@ class SharpConfig:
 class ViewsConfig:
     """Where novel views come from, and how they enter training."""
 
-    kind: str
-    """``simulated``: the simulated scene; ``rig``: calibrated cameras; ``sharp``: estimated by a network."""
-    rig: str | None
-    """For kind rig: the JSON file of the cameras, see `lagsplat.views.rig`."""
-    sharp: SharpConfig | None
-    """For kind sharp: settings of the network."""
-    arrangement: ArrangementConfig | None
-    """For the other two: the arrangement of the cameras."""
+    kind: str  # `simulated`: the simulated scene; `rig`: calibrated cameras; `sharp`: estimated by a network
+    rig: str | None  # for kind rig: the JSON file of the cameras, see `lagsplat.views.rig`
+    sharp: SharpConfig | None  # for kind sharp: settings of the network
+    arrangement: ArrangementConfig | None  # for the other two: the arrangement of the cameras
     supervision: SupervisionConfig
 
     def __post_init__(self) -> None:

@@ -17,8 +17,7 @@ from lagsplat.views.camera import Camera, ViewSpace
 from lagsplat.views.rig import Rig, RigCamera
 
 KIND, SCHEMA = "views", 1
-KNOWN = 0.5
-"""Cover above which a pixel is known; below it there is a hole."""
+KNOWN = 0.5  # cover above which a pixel is known; below it there is a hole
 
 
 @dataclass(frozen=True)

@@ -68,8 +68,7 @@ def read_forecaster_architecture(
     )
 
 
-Shift = tuple[Float[Tensor, "_ 2"], Float[Tensor, "_ 1"]]
-"""Displacements [half widths] and rotations [rad]."""
+Shift = tuple[Float[Tensor, "_ 2"], Float[Tensor, "_ 1"]]  # displacements [half widths] and rotations [rad]
 
 
 class Forecaster(nn.Module):

@@ -39,21 +39,16 @@ class AugmentedSimulator:
     """A mechanical model with effects and their fitted unknowns."""
 
     model: MechanicalModel
-    nuisance: NuisanceParameters
-    """What a fit may change of the model itself."""
+    nuisance: NuisanceParameters  # what a fit may change of the model itself
     effects: tuple[PlacedEffect, ...]
     x: Float64[np.ndarray, " k"]
     """Unknowns of the effects, one after the other, followed by the nuisance parameters."""
-    held: bool
-    """Inputs are held between samples instead of interpolated."""
-    step_s: float
-    """Longest step of the integration [s]."""
-    dt_s: float
-    """Time between samples of the real recording [s]."""
+    held: bool  # inputs are held between samples instead of interpolated
+    step_s: float  # longest step of the integration [s]
+    dt_s: float  # time between samples of the real recording [s]
     q_names: tuple[str, ...]
     u_names: tuple[str, ...]
-    region: OperatingRegion
-    """States and inputs of the real recording."""
+    region: OperatingRegion  # states and inputs of the real recording
 
     def parameters(self, n: int) -> dict[str, float]:
         """Parameters of effect number ``n`` in the units of the recording."""

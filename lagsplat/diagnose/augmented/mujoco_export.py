@@ -23,8 +23,7 @@ from lagsplat.diagnose.simulators.mujoco_model import (
     require_mujoco,
 )
 
-WEAK_SPRING = 1e-6
-"""Stiffness, relative to its force, of a spring that stands for a constant force."""
+WEAK_SPRING = 1e-6  # stiffness, relative to its force, of a spring that stands for a constant force
 
 
 @dataclass(frozen=True)
@@ -34,22 +33,16 @@ class MujocoElement:
     Methods that change the specification return what they changed, for people, or nothing if they cannot.
     """
 
-    spec: Any
-    """The ``mujoco.MjSpec``."""
+    spec: Any  # the `mujoco.MjSpec`
     selection: MujocoSelection
     """The compiled model, with the joints and actuators that are coordinates and inputs."""
-    joint: Any
-    """None where the effect acts on all of several joints."""
+    joint: Any  # none where the effect acts on all of several joints
     actuator: Any
-    inertia: float
-    """Reference inertia: diagonal of the mass matrix at rest."""
-    compliance: float
-    """Diagonal of the inverse mass matrix at rest."""
-    rest: float
-    """Coordinate at rest."""
+    inertia: float  # reference inertia: diagonal of the mass matrix at rest
+    compliance: float  # diagonal of the inverse mass matrix at rest
+    rest: float  # coordinate at rest
     variant: str
-    stiffness: float
-    """What stiffness ratios of the effect are counted in [1/s^2]."""
+    stiffness: float  # what stiffness ratios of the effect are counted in [1/s^2]
 
     @property
     def mujoco(self) -> Any:

@@ -18,64 +18,36 @@ from dataclasses import dataclass
 class DiagnoseConfig:
     """What a user sets of a diagnosis: ``conf/diagnose/default.yaml`` gives units, ranges and sources."""
 
-    input_hold: str
-    """Inputs between samples: ``linear`` or ``zoh`` (zero-order hold)."""
-    columns: dict[str, str]
-    """Columns of a table that have other names: ``{t: time, q0: angle, u0: torque}``."""
-    joints: list[str] | None
-    """Joints of a MuJoCo model that are the coordinates; None for all."""
-    actuators: list[str] | None
-    """Actuators of a MuJoCo model that are the inputs; None for all."""
-    without: list[str]
-    """Effects that are left out of the catalogue."""
-    window_periods: float
-    """Length of a simulated window [natural periods]."""
-    steps_per_period: float
-    """Integration steps in the shortest natural period, at least [count]."""
-    identify_iterations: int
-    """Iterations that fit a simulator to its own recordings [count]."""
-    identify_ridge: float
-    """Ridge penalty of the regression that this fit starts from [1]."""
-    families: int
-    """Effects that are fitted in full after a score test, the best first [count]."""
-    places: int
-    """Coordinates or inputs at which each of them is fitted [count]."""
-    starts: int
-    """Starting points of each fit [count]."""
-    iterations: int
-    """Iterations of each fit [count]."""
-    tolerance: float
-    """Gain of a step that ends a fit, as a share of the misfit [1]."""
-    always_fitted: list[str]
-    """Effects that are fitted whatever the score test says."""
-    effective_sample_ratio: float
-    """Samples of a residual that count as one independent sample, at least [1]."""
-    potential: float
-    """Prior standard deviation of the simulator's potential, relative [1]."""
-    damping: float
-    """Prior standard deviation of its damping rate [natural angular frequencies]."""
-    inputs: float
-    """Prior standard deviation of each input gain, relative [1]."""
-    offset: float
-    """Prior standard deviation of a constant force [rms of the motion's acceleration]."""
-    warp: float
-    """Prior standard deviation of a smooth distortion of the coordinates [their range]."""
-    learned_factor: float
-    """Factor on these five where the simulator was learned from a video [1]."""
-    reference_longest_s: float
-    """Duration of a simulator's own recordings that is used, at most [s]."""
-    materiality: float
-    """Share of the gap that an effect must remove to be named [1]."""
-    prior_none: float
-    """Prior probability that nothing is missing [1]."""
-    prior_unknown: float
-    """Prior probability that what is missing is not in the catalogue [1]."""
-    unknown_midpoint: float
-    """Share of the excess misfit left at which `unknown` is as likely as not [1]."""
+    input_hold: str  # inputs between samples: `linear` or `zoh` (zero-order hold)
+    columns: dict[str, str]  # columns of a table that have other names: `{t: time, q0: angle, u0: torque}`
+    joints: list[str] | None  # joints of a MuJoCo model that are the coordinates; None for all
+    actuators: list[str] | None  # actuators of a MuJoCo model that are the inputs; None for all
+    without: list[str]  # effects that are left out of the catalogue
+    window_periods: float  # length of a simulated window [natural periods]
+    steps_per_period: float  # integration steps in the shortest natural period, at least [count]
+    identify_iterations: int  # iterations that fit a simulator to its own recordings [count]
+    identify_ridge: float  # ridge penalty of the regression that this fit starts from [1]
+    families: int  # effects that are fitted in full after a score test, the best first [count]
+    places: int  # coordinates or inputs at which each of them is fitted [count]
+    starts: int  # starting points of each fit [count]
+    iterations: int  # iterations of each fit [count]
+    tolerance: float  # gain of a step that ends a fit, as a share of the misfit [1]
+    always_fitted: list[str]  # effects that are fitted whatever the score test says
+    effective_sample_ratio: float  # samples of a residual that count as one independent sample, at least [1]
+    potential: float  # prior standard deviation of the simulator's potential, relative [1]
+    damping: float  # prior standard deviation of its damping rate [natural angular frequencies]
+    inputs: float  # prior standard deviation of each input gain, relative [1]
+    offset: float  # prior standard deviation of a constant force [rms of the motion's acceleration]
+    warp: float  # prior standard deviation of a smooth distortion of the coordinates [their range]
+    learned_factor: float  # factor on these five where the simulator was learned from a video [1]
+    reference_longest_s: float  # duration of a simulator's own recordings that is used, at most [s]
+    materiality: float  # share of the gap that an effect must remove to be named [1]
+    prior_none: float  # prior probability that nothing is missing [1]
+    prior_unknown: float  # prior probability that what is missing is not in the catalogue [1]
+    unknown_midpoint: float  # share of the excess misfit left at which `unknown` is as likely as not [1]
     sufficient_share: float
     """Share left below which no further effect is needed, and that a set must reach [1]."""
-    second_effect_share: float
-    """Share of the excess misfit that a second effect must remove [1]."""
+    second_effect_share: float  # share of the excess misfit that a second effect must remove [1]
 
     def __post_init__(self) -> None:
         if self.input_hold not in ("linear", "zoh"):
@@ -111,28 +83,18 @@ class DiagnoseConfig:
 class BlindConfig:
     """A sealed split of the benchmark, and who predicts it."""
 
-    split: str
-    """Name of the split. A revealed one is spent; another name draws another split."""
-    keys: str
-    """Folder of the secret keys, one a split, outside of everything that a prediction may read."""
-    systems: str
-    """Group of mechanisms that the generator draws from."""
-    t0: int
-    """Recordings that are trajectories [count]; 0 leaves this tier out."""
-    t1: int
-    """Recordings that are videos [count]; 0 leaves this tier out."""
-    film_steps: int
-    """Steps of stage 1 on each nominal video [count]."""
-    film_gaussians: int
-    """Gaussians that render it [count]."""
-    batch: int
-    """Recordings in a job [count]."""
+    split: str  # name of the split. A revealed one is spent; another name draws another split.
+    keys: str  # folder of the secret keys, one a split, outside of everything that a prediction may read
+    systems: str  # group of mechanisms that the generator draws from
+    t0: int  # recordings that are trajectories [count]; 0 leaves this tier out
+    t1: int  # recordings that are videos [count]; 0 leaves this tier out
+    film_steps: int  # steps of stage 1 on each nominal video [count]
+    film_gaussians: int  # Gaussians that render it [count]
+    batch: int  # recordings in a job [count]
     left_out: int
     """Recordings, at most, that are diagnosed again without their effect in the catalogue [count]."""
-    baselines: list[str]
-    """Other methods in the table."""
-    reveal: bool
-    """Write the outcome of every recording, after which the split is spent."""
+    baselines: list[str]  # other methods in the table
+    reveal: bool  # write the outcome of every recording, after which the split is spent
 
     def __post_init__(self) -> None:
         for name in ("t0", "t1", "left_out"):
@@ -171,12 +133,9 @@ class ClosedLoopThresholds:
     min_power_growth: float = 1.2
     """Growth of the power from one more difference [1]; white noise gives 3.7, a smooth signal less than
     1."""
-    step_ratio: float = 8.0
-    """Change between two samples, in usual changes [1], from which an input steps."""
-    max_controller_lag: int = 4
-    """Samples that a controller may take to respond [count]."""
-    min_explained_share: float = 0.1
-    """Share of an input's own error that the errors of q must explain [1]."""
+    step_ratio: float = 8.0  # change between two samples, in usual changes [1], from which an input steps
+    max_controller_lag: int = 4  # samples that a controller may take to respond [count]
+    min_explained_share: float = 0.1  # share of an input's own error that the errors of q must explain [1]
     max_p_value: float = 1e-6
     """Probability that chance alone explains as much [1]: a false-alarm rate of one in a million tests."""
     min_static_share: float = 0.95
@@ -194,8 +153,7 @@ CLOSED_LOOP = ClosedLoopThresholds()
 class CompatibilityThresholds:
     """Whether the real motion lies where the simulator was seen, and in the same units. Commit d06fac6."""
 
-    region_factor: float = 1.5
-    """Size of the simulator's region, in its 99 % quantile of the distance [1]."""
+    region_factor: float = 1.5  # size of the simulator's region, in its 99 % quantile of the distance [1]
     warning_outside_share: float = 0.05
     """Share of real samples outside the region that is worth a warning [1]."""
     undetermined_outside_share: float = 0.5
@@ -204,8 +162,7 @@ class CompatibilityThresholds:
     """Distance of the two motions' middles, in the simulator's standard deviations [1]."""
     unit_ratio_tolerance: float = 0.35
     """Relative error within which a ratio of sizes counts as a known ratio of units [1]."""
-    striking_size_ratio: float = 20.0
-    """Ratio of sizes that asks for an explanation [1]."""
+    striking_size_ratio: float = 20.0  # ratio of sizes that asks for an explanation [1]
 
 
 COMPATIBILITY = CompatibilityThresholds()
@@ -216,43 +173,28 @@ class DiscontinuityThresholds:
     """Where a trajectory is not continued: cuts, gaps and holds before a release. Commit d06fac6 and
     71ca292."""
 
-    polynomial_samples: int = 8
-    """Samples of the polynomial on either side of a border, at most [count]."""
-    polynomial_periods: float = 0.15
-    """Duration of that polynomial, at most [natural periods]."""
-    jump_standard_errors: float = 8.0
-    """Jump, in standard errors [1], from which it is significant."""
-    knock_ratio: float = 2.0
-    """Jump over what a knock between two samples could displace [1]."""
+    polynomial_samples: int = 8  # samples of the polynomial on either side of a border, at most [count]
+    polynomial_periods: float = 0.15  # duration of that polynomial, at most [natural periods]
+    jump_standard_errors: float = 8.0  # jump, in standard errors [1], from which it is significant
+    knock_ratio: float = 2.0  # jump over what a knock between two samples could displace [1]
     mismatch_ratio: float = 3.0
     """Jump over the usual mismatch around it [1]; the usual mismatch comes from the curvature of the
     motion."""
-    mismatch_quantile: float = 0.9
-    """Quantile of the mismatches around a jump that counts as usual [1]."""
-    neighborhood_lengths: int = 6
-    """Polynomial lengths to either side that count as around [1]."""
+    mismatch_quantile: float = 0.9  # quantile of the mismatches around a jump that counts as usual [1]
+    neighborhood_lengths: int = 6  # polynomial lengths to either side that count as around [1]
     isolated_step_share: float = 0.5
     """Share of the jump by which the step must exceed its neighbors [1]; a swing takes several samples."""
-    min_range_share: float = 0.03
-    """Jump over the range of the motion around it [1]."""
-    rate_mismatch_ratio: float = 0.4
-    """Difference of the rates on both sides, in typical speeds [1]."""
-    max_cuts_per_period: float = 0.5
-    """Cuts in one natural period above which they are no cuts [count]."""
-    max_lost_frames: float = 10.5
-    """Frames that a camera loses at once, at most [count]."""
-    min_gap_steps: float = 3.0
-    """Length of a gap, in sampling steps [1]."""
-    min_gap_periods: float = 0.125
-    """Length of a gap, in natural periods [1]; a gap exceeds both."""
-    min_hold_periods: float = 0.4
-    """Duration of a hold [natural periods]."""
+    min_range_share: float = 0.03  # jump over the range of the motion around it [1]
+    rate_mismatch_ratio: float = 0.4  # difference of the rates on both sides, in typical speeds [1]
+    max_cuts_per_period: float = 0.5  # cuts in one natural period above which they are no cuts [count]
+    max_lost_frames: float = 10.5  # frames that a camera loses at once, at most [count]
+    min_gap_steps: float = 3.0  # length of a gap, in sampling steps [1]
+    min_gap_periods: float = 0.125  # length of a gap, in natural periods [1]; a gap exceeds both
+    min_hold_periods: float = 0.4  # duration of a hold [natural periods]
     min_hold_offset: float = 0.7
     """Distance of a hold from the middle of the swing after it, in its amplitudes [1]."""
-    max_hold_motion: float = 0.2
-    """Motion during a hold, in amplitudes of the swing after it [1]."""
-    min_swing_noise_ratio: float = 12.0
-    """Amplitude of that swing over the noise [1]."""
+    max_hold_motion: float = 0.2  # motion during a hold, in amplitudes of the swing after it [1]
+    min_swing_noise_ratio: float = 12.0  # amplitude of that swing over the noise [1]
 
 
 DISCONTINUITIES = DiscontinuityThresholds()
@@ -262,30 +204,20 @@ DISCONTINUITIES = DiscontinuityThresholds()
 class RepeatedFrameThresholds:
     """Samples that repeat an earlier one, as from a camera that lost frames. Commit d06fac6 and 71ca292."""
 
-    same_image_steps: float = 3.0
-    """Step, in those that noise makes, up to which an image is the same [1]."""
-    jump_steps: float = 6.0
-    """Step, in those that noise makes, from which the image has jumped [1]."""
-    max_repeats: int = 200
-    """Samples in a row that an image may stay the same [count]."""
-    curvature_lag: int = 3
-    """Samples over which the curvature of the motion is measured [count]."""
-    curvature_quantile: float = 0.95
-    """Quantile of the curvature that counts as usual [1]."""
-    neighbor_samples: int = 5
-    """Samples on either side of a repeat through which a polynomial is laid [count]."""
-    polynomial_degree: int = 3
-    """Degree of that polynomial [1]."""
+    same_image_steps: float = 3.0  # step, in those that noise makes, up to which an image is the same [1]
+    jump_steps: float = 6.0  # step, in those that noise makes, from which the image has jumped [1]
+    max_repeats: int = 200  # samples in a row that an image may stay the same [count]
+    curvature_lag: int = 3  # samples over which the curvature of the motion is measured [count]
+    curvature_quantile: float = 0.95  # quantile of the curvature that counts as usual [1]
+    neighbor_samples: int = 5  # samples on either side of a repeat through which a polynomial is laid [count]
+    polynomial_degree: int = 3  # degree of that polynomial [1]
     significant_miss: float = 5.0
     """Distance of a repeat from the polynomial, in noise steps [1], from which it is a repeat."""
-    curvature_margin: float = 1.3
-    """Curvature during the repeat over the usual one [1]."""
+    curvature_margin: float = 1.3  # curvature during the repeat over the usual one [1]
     neighbor_misfit_share: float = 0.1
     """Share of that distance by which the neighbors may miss the polynomial [1]."""
-    min_certain_repeats: int = 5
-    """Certain repeats from which shorter ones count too [count]."""
-    min_uncertain_length: int = 4
-    """Samples of such a shorter repeat [count]."""
+    min_certain_repeats: int = 5  # certain repeats from which shorter ones count too [count]
+    min_uncertain_length: int = 4  # samples of such a shorter repeat [count]
 
 
 REPEATED_FRAMES = RepeatedFrameThresholds()
@@ -295,17 +227,13 @@ REPEATED_FRAMES = RepeatedFrameThresholds()
 class ExcitationThresholds:
     """What counts as motion, rest and a level when excitation is measured. Commit d06fac6."""
 
-    swing_noise_ratio: float = 5.0
-    """Swing over the noise's standard deviation [1] from which it is one."""
-    slow_rate_share: float = 0.1
-    """Rate, as a share of its rms [1], below which the motion is slow."""
+    swing_noise_ratio: float = 5.0  # swing over the noise's standard deviation [1] from which it is one
+    slow_rate_share: float = 0.1  # rate, as a share of its rms [1], below which the motion is slow
     rest_rate_share: float = 0.03
     """Rate, as a share of its rms [1], below which the motion rests; the noise of the rate if that is
     larger."""
-    min_rest_periods: float = 0.5
-    """Duration of a rest [natural periods]."""
-    level_separation: float = 0.1
-    """Distance of two holds or input levels, as a share of the range [1]."""
+    min_rest_periods: float = 0.5  # duration of a rest [natural periods]
+    level_separation: float = 0.1  # distance of two holds or input levels, as a share of the range [1]
     constant_tolerance: float = 1e-6
     """Variation of a constant input, as a share of its size [1]: rounding of printed numbers."""
 
@@ -317,24 +245,17 @@ EXCITATION = ExcitationThresholds()
 class NaturalPeriodThresholds:
     """Weak-form regression of a linear law for the natural period. Commit d06fac6."""
 
-    lengths_per_decade: int = 14
-    """Lengths of test functions tried in a decade [count]."""
-    min_test_samples: int = 9
-    """Samples of the shortest test function [count]."""
-    max_samples: int = 6000
-    """Samples of all clips together; longer ones are decimated [count]."""
+    lengths_per_decade: int = 14  # lengths of test functions tried in a decade [count]
+    min_test_samples: int = 9  # samples of the shortest test function [count]
+    max_samples: int = 6000  # samples of all clips together; longer ones are decimated [count]
     min_explained_share: float = 0.3
     """Share of the weighted accelerations that the linear law must explain [1]."""
     min_surplus: float = 2.0
     """Independent test functions beyond the unknowns [count]; with fewer, any law fits."""
-    max_stiffness_error: float = 0.15
-    """Relative standard error of a stiffness [1] from which it is dropped."""
-    turn_size: float = 0.1
-    """Return of the motion, in its standard deviations [1], that counts as a turn."""
-    min_mode_share: float = 0.08
-    """Share of the motion that the slowest mode must carry [1]."""
-    min_spectrum_samples: int = 16
-    """Samples of the shortest clip whose spectrum is taken [count]."""
+    max_stiffness_error: float = 0.15  # relative standard error of a stiffness [1] from which it is dropped
+    turn_size: float = 0.1  # return of the motion, in its standard deviations [1], that counts as a turn
+    min_mode_share: float = 0.08  # share of the motion that the slowest mode must carry [1]
+    min_spectrum_samples: int = 16  # samples of the shortest clip whose spectrum is taken [count]
     step_period_ratio: float = 1.6
     """Period of the coordinates over that of their rates [1] from which the motion steps."""
 
@@ -346,16 +267,11 @@ NATURAL_PERIOD = NaturalPeriodThresholds()
 class NoiseEstimationSettings:
     """Moving-window polynomial fit that separates noise from motion. Commit d06fac6."""
 
-    polynomial_degree: int = 5
-    """Degree of the polynomial in a window [1]."""
-    min_window: int = 9
-    """Samples of the shortest window [count]."""
-    max_window: int = 24
-    """Samples of the longest window [count]."""
-    max_window_periods: float = 0.25
-    """Duration of a window, at most [natural periods]."""
-    max_windows: int = 600
-    """Windows looked at, evenly over the motions [count]."""
+    polynomial_degree: int = 5  # degree of the polynomial in a window [1]
+    min_window: int = 9  # samples of the shortest window [count]
+    max_window: int = 24  # samples of the longest window [count]
+    max_window_periods: float = 0.25  # duration of a window, at most [natural periods]
+    max_windows: int = 600  # windows looked at, evenly over the motions [count]
     student_t_freedom: float = 4.0
     """Degrees of freedom of Student's t [1]; heavy tails, because kinks of the motion fall into some
     windows."""
@@ -381,28 +297,18 @@ class SamplingThresholds:
     repeat_noise_ratio: float = 4.0
     """Step, in standard deviations of noise [1], that the motion must make before an equal value is a
     repeat."""
-    coarse_samples_per_period: float = 8.0
-    """Samples in a period below which a warning is due [count]."""
-    min_samples_per_period: float = 4.0
-    """Samples in a period below which nothing is computed [count]."""
+    coarse_samples_per_period: float = 8.0  # samples in a period below which a warning is due [count]
+    min_samples_per_period: float = 4.0  # samples in a period below which nothing is computed [count]
     quantization_share: float = 0.1
     """Quantization step over the rms of the coordinate [1] that is worth a note."""
-    clipped_share: float = 0.02
-    """Share of samples at an extreme [1] from which a sensor saturates."""
-    clipped_run: int = 4
-    """Samples in a row at that extreme [count]."""
-    max_repeats: int = 10
-    """Repeats in a row that are a lost frame [count]; more are a rest."""
-    rest_noise_ratio: float = 3.0
-    """Motion over the noise [1] below which nothing moves."""
-    block_periods: float = 1.5
-    """Duration of a block whose sampling is judged [natural periods]."""
-    block_samples: int = 60
-    """Samples of such a block, at least [count]."""
-    min_blocks: int = 8
-    """Blocks from which a comparison is made [count]."""
-    min_periods: float = 2.5
-    """Duration of a recording [natural periods] below which too little repeats."""
+    clipped_share: float = 0.02  # share of samples at an extreme [1] from which a sensor saturates
+    clipped_run: int = 4  # samples in a row at that extreme [count]
+    max_repeats: int = 10  # repeats in a row that are a lost frame [count]; more are a rest
+    rest_noise_ratio: float = 3.0  # motion over the noise [1] below which nothing moves
+    block_periods: float = 1.5  # duration of a block whose sampling is judged [natural periods]
+    block_samples: int = 60  # samples of such a block, at least [count]
+    min_blocks: int = 8  # blocks from which a comparison is made [count]
+    min_periods: float = 2.5  # duration of a recording [natural periods] below which too little repeats
 
 
 SAMPLING = SamplingThresholds()
@@ -412,22 +318,16 @@ SAMPLING = SamplingThresholds()
 class TimeAlignmentThresholds:
     """Whether inputs and coordinates share a clock. Commit d06fac6."""
 
-    max_shift_periods: float = 3.0
-    """Shift of the inputs, at most [natural periods]."""
-    shifts_per_period: int = 16
-    """Shifts tried in one natural period [count]."""
+    max_shift_periods: float = 3.0  # shift of the inputs, at most [natural periods]
+    shifts_per_period: int = 16  # shifts tried in one natural period [count]
     gross_shift_periods: float = 0.5
     """Shift [natural periods] that no delay of a mechanism or a line explains."""
-    poor_explained_share: float = 0.6
-    """Share explained [1] below which the given times are questioned."""
-    min_share_gain: float = 0.35
-    """Gain of the explained share [1] that decides for a shift."""
-    min_periods: float = 6.0
-    """Duration of a recording [natural periods] below which chance fits some shift."""
+    poor_explained_share: float = 0.6  # share explained [1] below which the given times are questioned
+    min_share_gain: float = 0.35  # gain of the explained share [1] that decides for a shift
+    min_periods: float = 6.0  # duration of a recording [natural periods] below which chance fits some shift
     fair_explained_share: float = 0.85
     """Share explained [1] below which the times are questioned if `min_error_ratio` is reached as well."""
-    min_error_ratio: float = 4.0
-    """Ratio by which a shift must shrink what is not explained [1]."""
+    min_error_ratio: float = 4.0  # ratio by which a shift must shrink what is not explained [1]
 
 
 TIME_ALIGNMENT = TimeAlignmentThresholds()
@@ -440,22 +340,14 @@ TIME_ALIGNMENT = TimeAlignmentThresholds()
 class ChangePointSettings:
     """Events: stretches in which the residual is larger than around them. Commit 09186ef."""
 
-    stride_periods: float = 0.125
-    """Distance of the levels among which changes are sought [natural periods]."""
-    window_periods: float = 0.5
-    """Moving window [natural periods] over which the square of a swing is level."""
-    log_level_variance: float = 0.5
-    """Variance of a level's logarithm where nothing changes [1]."""
-    merge_log_ratio: float = 2.0
-    """Difference of two neighbors' log levels [1] below which they are one event."""
-    edge_share: float = 0.25
-    """Share of its peak [1] at which an event begins and ends."""
-    min_energy_share: float = 0.02
-    """Share of the residual's energy below which an event is not reported [1]."""
-    false_discovery_rate: float = 0.05
-    """Rate of false discoveries [1]."""
-    max_events: int = 5
-    """Events that are reported, at most [count]."""
+    stride_periods: float = 0.125  # distance of the levels among which changes are sought [natural periods]
+    window_periods: float = 0.5  # moving window [natural periods] over which the square of a swing is level
+    log_level_variance: float = 0.5  # variance of a level's logarithm where nothing changes [1]
+    merge_log_ratio: float = 2.0  # difference of two neighbors' log levels [1] below which they are one event
+    edge_share: float = 0.25  # share of its peak [1] at which an event begins and ends
+    min_energy_share: float = 0.02  # share of the residual's energy below which an event is not reported [1]
+    false_discovery_rate: float = 0.05  # rate of false discoveries [1]
+    max_events: int = 5  # events that are reported, at most [count]
 
 
 CHANGE_POINTS = ChangePointSettings()
@@ -465,12 +357,10 @@ CHANGE_POINTS = ChangePointSettings()
 class ComponentSettings:
     """Kernel regression of the residual on groups of features. Commit 09186ef."""
 
-    ridges: tuple[float, ...] = (1e-5, 1e-3, 1e-1)
-    """Ridge penalties tried by cross-validation [1]."""
+    ridges: tuple[float, ...] = (1e-5, 1e-3, 1e-1)  # ridge penalties tried by cross-validation [1]
     width_factors: tuple[float, ...] = (1.0, 3.0)
     """Kernel widths tried, over the root of the number of features [1]."""
-    max_samples: int = 400
-    """Samples of the regression, at most [count]."""
+    max_samples: int = 400  # samples of the regression, at most [count]
     correlation_z: float = 1.96
     """Standard deviations of a correlation that chance exceeds with probability 0.05 [1]: the normal quantile
     of 0.975."""
@@ -483,20 +373,15 @@ COMPONENTS = ComponentSettings()
 class ErrorBudgetSettings:
     """Shares of the forecast error by stage, and whether images can be trusted. Commit 6e0f2c7."""
 
-    bootstrap_draws: int = 999
-    """Draws of the block bootstrap [count]."""
-    coverage: float = 0.95
-    """Coverage of its intervals [1]."""
+    bootstrap_draws: int = 999  # draws of the block bootstrap [count]
+    coverage: float = 0.95  # coverage of its intervals [1]
     suspect_error_ratio: float = 2.0
     """Error of the real images over that of the nominal ones [1] from which perception is suspect."""
     suspect_outside_share: float = 0.05
     """Share of frames outside the nominal latents [1] from which perception is suspect."""
-    outside_quantile: float = 0.999
-    """Quantile of the nominal distances beyond which a frame is outside [1]."""
-    max_relative_error: float = 1e3
-    """Error that a diverged forecast counts with [rms of the coordinate]."""
-    max_step_share: float = 0.02
-    """Step of the forecast's integrator, as a share of the horizon, at most [1]."""
+    outside_quantile: float = 0.999  # quantile of the nominal distances beyond which a frame is outside [1]
+    max_relative_error: float = 1e3  # error that a diverged forecast counts with [rms of the coordinate]
+    max_step_share: float = 0.02  # step of the forecast's integrator, as a share of the horizon, at most [1]
 
 
 ERROR_BUDGET = ErrorBudgetSettings()
@@ -506,16 +391,11 @@ ERROR_BUDGET = ErrorBudgetSettings()
 class ResidualFeatureSettings:
     """Features that the residual is regressed on. Commit 09186ef."""
 
-    lags_periods: tuple[float, ...] = (0.125, 0.25, 0.5, 1.0)
-    """Lags of memory features [natural periods]."""
-    reversal_rate_share: float = 0.05
-    """Rate, as a share of its rms [1], below which the motion reverses."""
-    block_periods: float = 0.75
-    """Length of a block of the cross-validation [natural periods]."""
-    folds: int = 5
-    """Folds of the cross-validation [count]."""
-    max_samples: int = 800
-    """Samples of the regression, at most [count]."""
+    lags_periods: tuple[float, ...] = (0.125, 0.25, 0.5, 1.0)  # lags of memory features [natural periods]
+    reversal_rate_share: float = 0.05  # rate, as a share of its rms [1], below which the motion reverses
+    block_periods: float = 0.75  # length of a block of the cross-validation [natural periods]
+    folds: int = 5  # folds of the cross-validation [count]
+    max_samples: int = 800  # samples of the regression, at most [count]
 
 
 RESIDUAL_FEATURES = ResidualFeatureSettings()
@@ -525,12 +405,9 @@ RESIDUAL_FEATURES = ResidualFeatureSettings()
 class LatentForceSettings:
     """Smoother of the force that the simulator lacks. Commit 6c919a8."""
 
-    length_scales_periods: tuple[float, ...] = (0.125, 0.5, 2.0)
-    """Length scales tried [natural periods]."""
-    path_tolerance: float = 1e-3
-    """Change of the path, over its rms [1], that ends the iteration."""
-    max_iterations: int = 5
-    """Relinearizations, at most [count]."""
+    length_scales_periods: tuple[float, ...] = (0.125, 0.5, 2.0)  # length scales tried [natural periods]
+    path_tolerance: float = 1e-3  # change of the path, over its rms [1], that ends the iteration
+    max_iterations: int = 5  # relinearizations, at most [count]
     start_force_share: float = 0.01
     """Variance of the force where its fit starts, over that of the acceleration [1]."""
     min_log_likelihood_gain: float = 3.0
@@ -544,8 +421,7 @@ LATENT_FORCE = LatentForceSettings()
 class LinearizationSettings:
     """Transition matrices along a path. Commit 6c919a8."""
 
-    max_step_rad: float = 0.5
-    """Runge-Kutta step, at most [rad of the fastest mode]."""
+    max_step_rad: float = 0.5  # Runge-Kutta step, at most [rad of the fastest mode]
 
 
 LINEARIZATION = LinearizationSettings()
@@ -557,20 +433,13 @@ class LocalizationThresholds:
 
     min_actuation_share: float = 0.4
     """Share of all that is explained that functions of the inputs must explain [1]."""
-    min_actuation_residual_share: float = 0.1
-    """Share of the residual that they must explain [1]."""
-    min_chart_share: float = 0.5
-    """Share that distorted coordinates must explain [1]."""
-    min_chart_lead: float = 0.1
-    """Lead of that share over any kind of force [1]."""
-    min_speed_noise_share: float = 0.3
-    """Share of the noise that must grow with speed [1]."""
-    max_speed_noise_p: float = 0.01
-    """Probability of that growth by chance [1]."""
-    max_event_time_share: float = 0.2
-    """Share of the time that brief events fill, at most [1]."""
-    min_event_energy_share: float = 0.7
-    """Share of the residual's energy that brief events hold, at least [1]."""
+    min_actuation_residual_share: float = 0.1  # share of the residual that they must explain [1]
+    min_chart_share: float = 0.5  # share that distorted coordinates must explain [1]
+    min_chart_lead: float = 0.1  # lead of that share over any kind of force [1]
+    min_speed_noise_share: float = 0.3  # share of the noise that must grow with speed [1]
+    max_speed_noise_p: float = 0.01  # probability of that growth by chance [1]
+    max_event_time_share: float = 0.2  # share of the time that brief events fill, at most [1]
+    min_event_energy_share: float = 0.7  # share of the residual's energy that brief events hold, at least [1]
 
 
 LOCALIZATION = LocalizationThresholds()
@@ -580,8 +449,7 @@ LOCALIZATION = LocalizationThresholds()
 class MeasurementModelSettings:
     """Tests of the measurement against the force. Commit 09186ef."""
 
-    sign_flips: int = 999
-    """Random sign flips of the permutation test [count]."""
+    sign_flips: int = 999  # random sign flips of the permutation test [count]
 
 
 MEASUREMENT_MODEL = MeasurementModelSettings()
@@ -591,26 +459,17 @@ MEASUREMENT_MODEL = MeasurementModelSettings()
 class SpectrumSettings:
     """Multitaper spectrum of the residual (Thomson 1982, doi:10.1109/PROC.1982.12433). Commit 09186ef."""
 
-    half_bandwidth: float = 3.0
-    """Time-bandwidth product of the tapers [1]."""
-    tapers: int = 5
-    """Number of tapers [count]: twice the product less one."""
+    half_bandwidth: float = 3.0  # time-bandwidth product of the tapers [1]
+    tapers: int = 5  # number of tapers [count]: twice the product less one
     padding: int = 6
     """Zero padding of the transform [1], so that a line between two frequencies is not taken for noise."""
-    min_clip_periods: float = 3.0
-    """Duration of a clip that has a spectrum [natural periods]."""
-    max_frequency_ratio: float = 12.0
-    """Highest frequency, in natural frequencies [1]."""
-    line_false_alarm_rate: float = 0.01
-    """Probability of a false line [1]."""
-    band_edge_share: float = 0.1
-    """Share of its peak [1] at which a band begins and ends."""
-    min_band_share: float = 0.05
-    """Share of the power below which a band is not reported [1]."""
-    min_relative_power: float = 1e-3
-    """Power over the largest one [1] below which coherence means nothing."""
-    max_bands: int = 5
-    """Bands that are reported, at most [count]."""
+    min_clip_periods: float = 3.0  # duration of a clip that has a spectrum [natural periods]
+    max_frequency_ratio: float = 12.0  # highest frequency, in natural frequencies [1]
+    line_false_alarm_rate: float = 0.01  # probability of a false line [1]
+    band_edge_share: float = 0.1  # share of its peak [1] at which a band begins and ends
+    min_band_share: float = 0.05  # share of the power below which a band is not reported [1]
+    min_relative_power: float = 1e-3  # power over the largest one [1] below which coherence means nothing
+    max_bands: int = 5  # bands that are reported, at most [count]
 
 
 SPECTRUM = SpectrumSettings()
@@ -620,16 +479,11 @@ SPECTRUM = SpectrumSettings()
 class StateMapSettings:
     """Cluster permutation test on maps over position and velocity. Commit 09186ef."""
 
-    map_bins: int = 8
-    """Bins of a map in each direction [count]."""
-    profile_bins: int = 12
-    """Bins of a profile [count]."""
-    sign_flips: int = 999
-    """Random sign flips of the permutation test [count]."""
-    significance: float = 0.05
-    """Level of that test [1]."""
-    cluster_standard_errors: float = 2.0
-    """Standard errors at which a bin joins a cluster [1]."""
+    map_bins: int = 8  # bins of a map in each direction [count]
+    profile_bins: int = 12  # bins of a profile [count]
+    sign_flips: int = 999  # random sign flips of the permutation test [count]
+    significance: float = 0.05  # level of that test [1]
+    cluster_standard_errors: float = 2.0  # standard errors at which a bin joins a cluster [1]
     min_blocks: int = 6
     """Blocks of a test [count]: 2^6 sign patterns are the fewest that can reach a level of 0.05."""
 
@@ -644,12 +498,10 @@ STATE_MAPS = StateMapSettings()
 class DatasetSettings:
     """How recordings become the data of an estimation. Commit 66f7fa5."""
 
-    min_relative_noise: float = 1e-3
-    """Assumed noise, at least, over the rms of the coordinate [1]."""
+    min_relative_noise: float = 1e-3  # assumed noise, at least, over the rms of the coordinate [1]
     noise_window_periods: float = 0.15
     """Width of the local cubic whose residual is the noise [natural periods]: about a seventh of a period."""
-    region_margin: float = 0.15
-    """Margin around the visited region, as a share of half its range [1]."""
+    region_margin: float = 0.15  # margin around the visited region, as a share of half its range [1]
 
 
 DATASET = DatasetSettings()
@@ -659,10 +511,8 @@ DATASET = DatasetSettings()
 class ShootingSettings:
     """Gauss-Newton iterations of multiple shooting (Bock 1983). Commit 66f7fa5."""
 
-    max_stale_steps: int = 4
-    """Steps after which all derivatives are computed anew [count]."""
-    max_attempts: int = 6
-    """Damping factors tried for one step before the fit ends [count]."""
+    max_stale_steps: int = 4  # steps after which all derivatives are computed anew [count]
+    max_attempts: int = 6  # damping factors tried for one step before the fit ends [count]
 
 
 SHOOTING = ShootingSettings()
@@ -677,12 +527,10 @@ class EstimatedSimulatorSettings:
 
     diverged_misfit: float = 50.0
     """Mean square residual beyond which a window is too long to follow [noise variances]."""
-    fit_tolerance: float = 1e-4
-    """Gain of a step that ends the fit, as a share of the misfit [1]."""
+    fit_tolerance: float = 1e-4  # gain of a step that ends the fit, as a share of the misfit [1]
     window_scales: tuple[float, float] = (0.35, 0.12)
     """Lengths of shorter windows, as shares of the usual one [1], for motion about an unstable rest."""
-    min_window_frames: int = 12
-    """Frames of a window, at least [count]."""
+    min_window_frames: int = 12  # frames of a window, at least [count]
 
 
 ESTIMATED_SIMULATOR = EstimatedSimulatorSettings()
@@ -699,14 +547,10 @@ class NoveltyThresholds:
     """Mean square residual above which outlier windows are looked for [noise variances]."""
     good_misfit: float = 1.5
     """Mean square residual below which the remaining windows are explained [noise variances]."""
-    outlier_ratio: float = 4.0
-    """Mean square of an outlier window over the median [1]."""
-    max_remaining_share: float = 0.25
-    """Share of the mean square that the other windows may leave [1]."""
-    max_outliers: int = 3
-    """Outlier windows, at most [count]."""
-    min_windows_per_outlier: int = 4
-    """Windows for each outlier, at least [count]."""
+    outlier_ratio: float = 4.0  # mean square of an outlier window over the median [1]
+    max_remaining_share: float = 0.25  # share of the mean square that the other windows may leave [1]
+    max_outliers: int = 3  # outlier windows, at most [count]
+    min_windows_per_outlier: int = 4  # windows for each outlier, at least [count]
     min_windows: int = 8
     """Windows from which outliers are looked for [count]; the median of fewer is unreliable."""
 
@@ -740,8 +584,7 @@ STRUCTURE_SEARCH = StructureSearchSettings()
 class ProjectionThresholds:
     """Projection of a given simulator on polynomial fields. Commit 3c11127."""
 
-    warning_error: float = 0.02
-    """Relative error of the acceleration above which a warning is due [1]."""
+    warning_error: float = 0.02  # relative error of the acceleration above which a warning is due [1]
 
 
 PROJECTION = ProjectionThresholds()
@@ -751,12 +594,10 @@ PROJECTION = ProjectionThresholds()
 class ProjectionFieldSettings:
     """Fields of that projection. Commit 692b79f."""
 
-    tolerance: float = 0.003
-    """Relative error of the acceleration below which no field is added [1]."""
+    tolerance: float = 0.003  # relative error of the acceleration below which no field is added [1]
     default_friction_width: float = 0.02
     """Width of smooth dry friction unless another fits better [rms of the speed]."""
-    friction_widths: tuple[float, ...] = (0.02, 0.05, 0.1, 0.2)
-    """Widths tried [rms of the speed]."""
+    friction_widths: tuple[float, ...] = (0.02, 0.05, 0.1, 0.2)  # widths tried [rms of the speed]
 
 
 PROJECTION_FIELDS = ProjectionFieldSettings()
@@ -773,12 +614,9 @@ class ImageLocalizationThresholds:
     """Contrast between the best point and the worst that moves [1], below which no point is reported."""
     equivalent_share: float = 0.02
     """Difference of the explained share [1] within which points explain as well."""
-    pixel_z: float = 6.0
-    """Robust standard deviations at which a pixel is an outlier [1]."""
-    min_region_pixels: int = 4
-    """Pixels of a region [count]."""
-    max_regions: int = 5
-    """Regions that are reported, at most [count]."""
+    pixel_z: float = 6.0  # robust standard deviations at which a pixel is an outlier [1]
+    min_region_pixels: int = 4  # pixels of a region [count]
+    max_regions: int = 5  # regions that are reported, at most [count]
 
 
 IMAGE_LOCALIZATION = ImageLocalizationThresholds()
@@ -788,12 +626,9 @@ IMAGE_LOCALIZATION = ImageLocalizationThresholds()
 class ImageRenderingSettings:
     """Which frames and Gaussians are looked at. Commit d32643f."""
 
-    max_frames: int = 240
-    """Frames of a recording whose reconstruction is measured, at most [count]."""
-    max_points: int = 64
-    """Points of the moving body, at most [count]."""
-    body_share: float = 0.9
-    """Share of all visible motion that the fewest Gaussians of the body make up [1]."""
+    max_frames: int = 240  # frames of a recording whose reconstruction is measured, at most [count]
+    max_points: int = 64  # points of the moving body, at most [count]
+    body_share: float = 0.9  # share of all visible motion that the fewest Gaussians of the body make up [1]
 
 
 IMAGE_RENDERING = ImageRenderingSettings()
@@ -803,12 +638,9 @@ IMAGE_RENDERING = ImageRenderingSettings()
 class VideoCheckSettings:
     """Checks of a video that a fitted run is compared with. Commit 3858606."""
 
-    max_frames: int = 300
-    """Frames looked at where the video file is not there [count]."""
-    shifted_frames: int = 24
-    """Frames on which a shift of the image is expressed in latents [count]."""
-    min_clip_frames: int = 20
-    """Frames of a clip that is kept [count]."""
+    max_frames: int = 300  # frames looked at where the video file is not there [count]
+    shifted_frames: int = 24  # frames on which a shift of the image is expressed in latents [count]
+    min_clip_frames: int = 20  # frames of a clip that is kept [count]
 
 
 VIDEO_CHECKS = VideoCheckSettings()
@@ -839,8 +671,7 @@ PROBLEM = EstimationProblemSettings()
 class SelectionSettings:
     """Search over effects and their fits."""
 
-    refined_fits: int = 3
-    """Best fits that are refined to convergence [count]. Commit c12aa78."""
+    refined_fits: int = 3  # best fits that are refined to convergence [count]. Commit c12aa78.
     refined_iterations: int = 5
     """Iterations of a refined fit, over those of the first fit [1]. Commit c12aa78."""
     refined_tolerance: float = 0.03
@@ -868,10 +699,8 @@ SELECTION = SelectionSettings()
 class CombinationSettings:
     """Sets of several effects."""
 
-    max_effects: int = 3
-    """Effects in a set, at most [count]. Commit 0e95f8e."""
-    max_first_effects: int = 3
-    """Single effects beside which a second one is sought [count]. Commit 0e95f8e."""
+    max_effects: int = 3  # effects in a set, at most [count]. Commit 0e95f8e.
+    max_first_effects: int = 3  # single effects beside which a second one is sought [count]. Commit 0e95f8e.
     min_excess: float = 0.1
     """Excess mean square residual from which a further effect is sought [noise variances]. Commit 123f88b."""
 
@@ -889,21 +718,18 @@ class VerdictSettings:
     elastic_creep_share: float = 0.5
     """Time constant of creep, as a share of the recording [1], from which it acts as a spring. Commit
     88ac3e6."""
-    elastic_creep_penalty: float = 4.0
-    """Log prior of such creep, lowered by [nat]. Commit 88ac3e6."""
+    elastic_creep_penalty: float = 4.0  # log prior of such creep, lowered by [nat]. Commit 88ac3e6.
     equivalent_log_evidence: float = 3.0
     """Difference of log evidence within which two effects are equivalent [nat]; twice that within one class.
     Commit 0e95f8e."""
-    max_probability: float = 0.98
-    """Probability that no name exceeds [1]. Commit 8360ea4."""
+    max_probability: float = 0.98  # probability that no name exceeds [1]. Commit 8360ea4.
     law_error: float = 0.03
     """Mean square residual that a right law may leave by its own errors, as a share of the nominal one [1].
     Commit 0fc4d5b."""
     detectable_deviations: float = 2.5
     """Standard deviations of a mean square residual from which an excess is detectable [1]: the one-sided
     false-alarm rate of a normal variable is 0.006."""
-    min_unknown: float = 0.015
-    """Probability of `unknown`, at least [1]. Commit 8360ea4."""
+    min_unknown: float = 0.015  # probability of `unknown`, at least [1]. Commit 8360ea4.
     unknown_exponent: float = 2.5
     """Exponent of the unexplained share in the odds of `unknown` [1]. Commit df5bf1f."""
     deviation_factor: float = 1.5
@@ -926,18 +752,15 @@ class ImplausibilitySettings:
 
     unrepeated_chance: float = 0.7
     """P(unknown) where no state recurs without the external force [1]. Commit 0fc4d5b."""
-    flexible_chance: float = 0.6
-    """P(unknown) where two flexible effects are needed [1]. Commit 0fc4d5b."""
+    flexible_chance: float = 0.6  # p(unknown) where two flexible effects are needed [1]. Commit 0fc4d5b.
     relaxed_lead: float = 0.0
     """Log evidence by which the relaxed simulator leads at even odds [nat]. Commit 3570551."""
-    relaxed_scatter: float = 2.0
-    """Width of the logistic in that lead [nat]. Commit 3570551."""
+    relaxed_scatter: float = 2.0  # width of the logistic in that lead [nat]. Commit 3570551.
     state_distance: float = 0.3
     """Distance of two equal states [rms of position and velocity]. Commit dd24cef."""
     passage_periods: float = 0.25
     """Time between a push and a separate passage of the same state [natural periods]. Commit 0fc4d5b."""
-    certain_cycles: float = 4.0
-    """Cycles from which a force is surely periodic [count]. Commit 0fc4d5b."""
+    certain_cycles: float = 4.0  # cycles from which a force is surely periodic [count]. Commit 0fc4d5b.
     min_push_share: float = 0.1
     """Strength of a push over the strongest [1] below which it is none. Commit 0fc4d5b."""
     relaxation: float = 60.0
@@ -959,12 +782,9 @@ class PlacementSettings:
 
     max_joint_coordinates: int = 3
     """Coordinates up to which effects are tried between each two [count]. Commit 71ce7a9."""
-    free_memory_clips: int = 3
-    """Clips, the longest, whose memory starts free [count]. Commit c12aa78."""
-    max_lines: int = 5
-    """Spectral lines tried as a periodic force [count]. Commit 66f7fa5."""
-    max_line_frequency: float = 0.2
-    """Highest line, over the frame rate [1]. Commit efdf4b2."""
+    free_memory_clips: int = 3  # clips, the longest, whose memory starts free [count]. Commit c12aa78.
+    max_lines: int = 5  # spectral lines tried as a periodic force [count]. Commit 66f7fa5.
+    max_line_frequency: float = 0.2  # highest line, over the frame rate [1]. Commit efdf4b2.
 
 
 PLACEMENT = PlacementSettings()
@@ -974,14 +794,10 @@ PLACEMENT = PlacementSettings()
 class ProfileSettings:
     """Profile likelihoods of fitted parameters."""
 
-    points_per_side: int = 4
-    """Points on each side of the best value [count]. Commit c57c528."""
-    reach_deviations: float = 3.5
-    """Reach on each side [standard deviations]. Commit c57c528."""
-    iterations: int = 4
-    """Iterations of each fit [count]. Commit c57c528."""
-    max_parameters: int = 4
-    """Parameters that are profiled, at most [count]. Commit c57c528."""
+    points_per_side: int = 4  # points on each side of the best value [count]. Commit c57c528.
+    reach_deviations: float = 3.5  # reach on each side [standard deviations]. Commit c57c528.
+    iterations: int = 4  # iterations of each fit [count]. Commit c57c528.
+    max_parameters: int = 4  # parameters that are profiled, at most [count]. Commit c57c528.
     pin_deviation: float = 1e-4
     """Prior standard deviation that pins the parameter [its standard deviations]. Commit c57c528."""
 
@@ -993,8 +809,7 @@ PROFILES = ProfileSettings()
 class IdentifiabilitySettings:
     """Which effects a recording could separate."""
 
-    max_effects: int = 8
-    """Effects that are compared, at most [count]. Commit c57c528."""
+    max_effects: int = 8  # effects that are compared, at most [count]. Commit c57c528.
 
 
 IDENTIFIABILITY = IdentifiabilitySettings()
@@ -1009,8 +824,7 @@ class HoldoutSettings:
     min_period_share: float = 0.25
     """Length of a block, at least [natural periods], where the simulator cannot be followed longer. Commit
     0fc4d5b."""
-    min_block_samples: int = 20
-    """Samples of the shortest block [count]. Commit 0e95f8e."""
+    min_block_samples: int = 20  # samples of the shortest block [count]. Commit 0e95f8e.
     diverged_error: float = 10.0
     """Error from which a forecast has diverged [rms of the coordinate]. Commit 6c6edb9."""
 
@@ -1037,10 +851,8 @@ class RecalibrationSettings:
     937389d."""
     max_remaining_misfit: float = 0.9
     """Misfit on windows that were not fitted, over that before [1]. Commit 937389d."""
-    direction_samples: int = 400
-    """Samples on which moves are compared [count]. Commit 937389d."""
-    direction_step: float = 1e-6
-    """Finite-difference step of a move [1]. Commit 937389d."""
+    direction_samples: int = 400  # samples on which moves are compared [count]. Commit 937389d.
+    direction_step: float = 1e-6  # finite-difference step of a move [1]. Commit 937389d.
     direction_cutoff: float = 1e-8
     """Eigenvalue, over the largest one [1], below which a move changes nothing. Commit 937389d."""
 
@@ -1054,14 +866,11 @@ class RobustnessSettings:
 
     inflation_misfit: float = 4.0
     """Mean square residual, over the nominal one [1], from which the noise is inflated. Commit 97c6964."""
-    min_agreeing: int = 4
-    """Repeats of the five that must agree with the verdict [count]. Commit e6e25e8."""
+    min_agreeing: int = 4  # repeats of the five that must agree with the verdict [count]. Commit e6e25e8.
     refitted_effects: int = 3
     """Effects that are fitted again beside those of the verdict [count]. Commit e6e25e8."""
-    iterations: int = 4
-    """Iterations of each repeated fit [count]. Commit e6e25e8."""
-    noise_seeds: tuple[int, ...] = (101, 102)
-    """Seeds of the added noise. Commit e6e25e8."""
+    iterations: int = 4  # iterations of each repeated fit [count]. Commit e6e25e8.
+    noise_seeds: tuple[int, ...] = (101, 102)  # seeds of the added noise. Commit e6e25e8.
     frozen_warp_share: float = 1e-6
     """Share of the coordinates' prior warp that is left where none is allowed [1]. Commit e6e25e8."""
 
@@ -1081,8 +890,7 @@ class MaterialitySettings:
     overestimated_noise_misfit: float = 0.5
     """Mean square residual [noise variances] below which the noise was overestimated and no effect is
     needed. Commit 620ccf8."""
-    max_closures: int = 4
-    """Candidates whose own closure is computed [count]. Commit 0e95f8e."""
+    max_closures: int = 4  # candidates whose own closure is computed [count]. Commit 0e95f8e.
 
 
 MATERIALITY = MaterialitySettings()
@@ -1112,8 +920,7 @@ CALIBRATION_CHECKS = CalibrationThresholds()
 class VideoLimits:
     """When images or a moved camera forbid a verdict."""
 
-    max_latents: int = 4000
-    """Nominal latents that a real latent is compared with, at most [count]."""
+    max_latents: int = 4000  # nominal latents that a real latent is compared with, at most [count]
     unreadable_error_ratio: float = 5.0
     """Error of the real images, over the nominal one [1], from which states cannot be read."""
     max_camera_share: float = 0.5
@@ -1127,8 +934,7 @@ VIDEO_LIMITS = VideoLimits()
 class WithheldVerdictSettings:
     """Probabilities where the data forbid a verdict."""
 
-    max_probability: float = 0.4
-    """Probability that no name exceeds there [1]."""
+    max_probability: float = 0.4  # probability that no name exceeds there [1]
 
 
 WITHHELD = WithheldVerdictSettings()

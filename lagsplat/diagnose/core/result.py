@@ -52,8 +52,7 @@ def refuse(findings: Sequence[Finding]) -> None:
         raise ValueError("\n".join(grave))
 
 
-SCHEMA = 1
-"""Version of the layout of ``diagnosis.json``."""
+SCHEMA = 1  # version of the layout of `diagnosis.json`
 Verdict = Literal["effect", "none", "unknown", "undetermined"]
 
 
@@ -86,31 +85,22 @@ class Candidate:
     input: str | None = None
     parameters: Mapping[str, Parameter] = field(default_factory=dict)
     closure: Interval | None = None
-    log_evidence: float = 0.0
-    """Over ``none`` [nat]."""
-    misfit: float | None = None
-    """Mean square of its residual, in units of the noise."""
-    places: tuple[str, ...] = ()
-    """The coordinates or inputs, where the effect acts at several at once."""
+    log_evidence: float = 0.0  # over `none` [nat]
+    misfit: float | None = None  # mean square of its residual, in units of the noise
+    places: tuple[str, ...] = ()  # the coordinates or inputs, where the effect acts at several at once
 
 
 @dataclass(frozen=True)
 class Gap:
     """Root mean square errors of held-out forecasts [rms of each coordinate]."""
 
-    before: float
-    """The sim as given."""
-    refit: float
-    """The sim with its nuisance parameters fitted, and no effect."""
-    after: float
-    """With the chosen effects."""
-    floor: float
-    """The error of the true model, by the measurement noise."""
+    before: float  # the sim as given
+    refit: float  # the sim with its nuisance parameters fitted, and no effect
+    after: float  # with the chosen effects
+    floor: float  # the error of the true model, by the measurement noise
     horizon_s: float
-    closure: Interval
-    """Share of the gap above the floor that the chosen effects and the refit remove."""
-    blocks: int = 0
-    """Number of forecasts, each over the horizon."""
+    closure: Interval  # share of the gap above the floor that the chosen effects and the refit remove
+    blocks: int = 0  # number of forecasts, each over the horizon
     diverged: Mapping[str, int] = field(default_factory=dict)
     """Number of forecasts that diverged, by ``before``, ``refit`` and ``after``; the errors include them."""
 

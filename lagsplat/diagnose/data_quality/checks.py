@@ -17,8 +17,7 @@ from lagsplat.diagnose.data_quality.sampling import check_length, check_samples,
 from lagsplat.diagnose.data_quality.time_alignment import check_time_offset
 from lagsplat.io.trajectory.trajectory import Trajectory
 
-FULL_TURNS = (2.0 * np.pi, 360.0)
-"""A whole turn in radians and in degrees."""
+FULL_TURNS = (2.0 * np.pi, 360.0)  # a whole turn in radians and in degrees
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,7 @@ from scipy.stats import chi2
 from lagsplat.diagnose.core.config import NOISE_ESTIMATION
 from lagsplat.io.trajectory.trajectory import Trajectory
 
-CHUNK_SAMPLES = 4096
-"""Samples fitted at once, which bounds memory."""
+CHUNK_SAMPLES = 4096  # samples fitted at once, which bounds memory
 
 
 @dataclass(frozen=True)

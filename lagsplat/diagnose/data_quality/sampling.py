@@ -16,8 +16,7 @@ from lagsplat.diagnose.data_quality.natural_period import compute_rms_period_s
 from lagsplat.diagnose.data_quality.noise import MeasurementNoise, fit_locally
 from lagsplat.io.trajectory.trajectory import Trajectory
 
-REPEATED_SAMPLES_CHECK = "repeated samples"
-"""Name of the check for samples that repeat the one before."""
+REPEATED_SAMPLES_CHECK = "repeated samples"  # name of the check for samples that repeat the one before
 
 
 def average_dense_samples(

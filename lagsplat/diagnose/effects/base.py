@@ -29,19 +29,14 @@ Component = Literal["inertial", "conservative", "dissipative", "actuation", "exo
 class EffectDescription:
     """An effect in words that need no training in mechanics."""
 
-    title: str
-    """Completes "the cause is ..."."""
+    title: str  # completes "the cause is ..."
     kind: Literal["parameter", "mechanism", "outside", "observation", "verdict"]
     """A number of the simulation that is off, physics that it lacks, something that acts on the mechanism
     from elsewhere, or camera and clock; "verdict" for `none` and `unknown`."""
-    what: str
-    """What the effect is, one sentence."""
-    symptom: str
-    """How it shows in a recording, one sentence."""
-    remedy: str
-    """What to do about it, one sentence."""
-    short_title: str = ""
-    """Its name in a label, by default the effect's name with spaces for underscores."""
+    what: str  # what the effect is, one sentence
+    symptom: str  # how it shows in a recording, one sentence
+    remedy: str  # what to do about it, one sentence
+    short_title: str = ""  # its name in a label, by default the effect's name with spaces for underscores
 
 
 class Grade(NamedTuple):
@@ -49,8 +44,7 @@ class Grade(NamedTuple):
 
     excited: Literal["yes", "weak", "no"]
     reason: str
-    record: str
-    """What to record instead, with its length."""
+    record: str  # what to record instead, with its length
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -138,8 +132,7 @@ class ForceEffect(Effect):
 
     law: Any
     n_memory: int = 0
-    memory_start: tuple[str, ...] = ()
-    """What each memory holds where a clip begins: ``zero``, ``s`` or ``v``."""
+    memory_start: tuple[str, ...] = ()  # what each memory holds where a clip begins: `zero`, `s` or `v`
     memory_kinds: tuple[ParameterKind, ...] = ()
     """What each memory is counted in, if it may begin elsewhere where a clip begins in mid-motion."""
     free_clips: tuple[int, ...] = ()
@@ -209,8 +202,7 @@ class SampleEffect(Effect):
     """
 
     explain: Any
-    repeats: bool = False
-    """It makes samples that repeat an earlier one."""
+    repeats: bool = False  # it makes samples that repeat an earlier one
 
 
 @dataclass(frozen=True)
@@ -220,8 +212,7 @@ class Direction:
     name: str | None
     covector: Float64[np.ndarray, " d"]
     inertia: float
-    rest: float = 0.0
-    """``p.rest``."""
+    rest: float = 0.0  # `p.rest`
 
 
 def make_direction(
@@ -285,8 +276,7 @@ class DisturbanceHints:
 
     pushes: tuple[tuple[float, float], ...]
     """Start and end [s] on the clock of the dataset, the strongest first."""
-    lines_hz: tuple[float, ...]
-    """Frequencies of the highest spectral lines."""
+    lines_hz: tuple[float, ...]  # frequencies of the highest spectral lines
 
 
 @dataclass(frozen=True)
@@ -294,18 +284,13 @@ class PlacementProblem:
     """The mechanism and the recording at hand, as far as effects need them to be placed."""
 
     coordinates: tuple[Direction, ...]
-    pairs: tuple[Direction, ...]
-    """Along the difference of each two coordinates; empty where there are many."""
-    hints: tuple[DisturbanceHints, ...]
-    """One of each coordinate."""
-    inputs: tuple[tuple[int, str, Scales], ...]
-    """Channel, name and scales of each input that moves."""
+    pairs: tuple[Direction, ...]  # along the difference of each two coordinates; empty where there are many
+    hints: tuple[DisturbanceHints, ...]  # one of each coordinate
+    inputs: tuple[tuple[int, str, Scales], ...]  # channel, name and scales of each input that moves
     measure: Callable[[Direction, str], Scales]
     """Scales of the motion along a direction; the variants ``upper`` and ``lower`` look at one side alone."""
-    whole: Scales
-    """Scales of the coordinate that moves most."""
-    longest_clips: tuple[int, ...]
-    """Clips long enough to show where a memory began."""
+    whole: Scales  # scales of the coordinate that moves most
+    longest_clips: tuple[int, ...]  # clips long enough to show where a memory began
     constant_inertia: bool
 
 

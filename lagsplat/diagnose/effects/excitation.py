@@ -23,13 +23,10 @@ class Excitation:
     """Whether a recording excites one effect."""
 
     effect: str
-    excited: str
-    """``yes``, ``weak`` or ``no``."""
+    excited: str  # `yes`, `weak` or `no`
     reason: str
-    record: str
-    """What to record next; empty where the effect is excited."""
-    inputs: tuple[str, ...] = ()
-    """Inputs that excite it, if it is an effect of an input."""
+    record: str  # what to record next; empty where the effect is excited
+    inputs: tuple[str, ...] = ()  # inputs that excite it, if it is an effect of an input
 
 
 def assess_excitation(

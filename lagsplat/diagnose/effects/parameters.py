@@ -54,22 +54,14 @@ UNITS: Mapping[ParameterKind, str] = {
 class Scales:
     """Sizes of a motion along one direction, and of one input; they make up the units of parameters."""
 
-    coordinate: float
-    """Root mean square of the distance from rest."""
-    velocity: float
-    """Root mean square of its rate [1/s]."""
-    reach: float
-    """Largest distance from rest that is reached on the side in question."""
-    frame_s: float
-    """Median time between two samples [s]."""
-    duration_s: float
-    """Length of the recording [s]."""
-    stiffness: float = 1.0
-    """Second derivative of the potential at rest over the reference inertia [1/s^2]."""
-    input: float = 1.0
-    """Root mean square of the input."""
-    input_reach: float = 1.0
-    """Largest absolute value of the input."""
+    coordinate: float  # root mean square of the distance from rest
+    velocity: float  # root mean square of its rate [1/s]
+    reach: float  # largest distance from rest that is reached on the side in question
+    frame_s: float  # median time between two samples [s]
+    duration_s: float  # length of the recording [s]
+    stiffness: float = 1.0  # second derivative of the potential at rest over the reference inertia [1/s^2]
+    input: float = 1.0  # root mean square of the input
+    input_reach: float = 1.0  # largest absolute value of the input
 
     def of(self, kind: ParameterKind) -> float:
         """The size of one unit of a parameter of ``kind``, in the units of the recording."""
@@ -100,8 +92,7 @@ class Normal:
 
     deviation: float
     mean: float = 0.0
-    lowest: float = -math.inf
-    """Smallest value that the unknown may take."""
+    lowest: float = -math.inf  # smallest value that the unknown may take
 
     def value(self, x: Any) -> Any:
         """The parameter of unknown ``x``."""
@@ -141,8 +132,7 @@ class LogNormal(Normal):
         return math.log(value)
 
 
-LARGEST_EXPONENT = 690.0
-"""Largest logarithm whose exponential is neither zero nor infinite."""
+LARGEST_EXPONENT = 690.0  # largest logarithm whose exponential is neither zero nor infinite
 
 
 def log_normal(median: float, spread: float) -> LogNormal:
@@ -157,7 +147,5 @@ class EffectParameter:
     name: str
     kind: ParameterKind
     prior: Normal
-    grid: tuple[float, ...] = ()
-    """Values that the search tries first; empty for an amplitude."""
-    label: str = ""
-    """How it is called in a sentence, by default its name."""
+    grid: tuple[float, ...] = ()  # values that the search tries first; empty for an amplitude
+    label: str = ""  # how it is called in a sentence, by default its name

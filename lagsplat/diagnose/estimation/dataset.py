@@ -15,31 +15,25 @@ from lagsplat.diagnose.core.config import DATASET
 from lagsplat.diagnose.data_quality.noise import estimate_noise_level, fit_local_cubic
 from lagsplat.io.trajectory.trajectory import Trajectory
 
-FILE_BREAK_S = 10.0
-"""Pause [s] put between files whose clocks do not continue from one to the next."""
+FILE_BREAK_S = 10.0  # pause [s] put between files whose clocks do not continue from one to the next
 CUBIC_WIDTHS = ((0.004, 0.12), (0.015, 0.2), (np.inf, 0.28))
 """Width of the local cubic in natural periods, by the noise, relative to the rms, that it is used below."""
-REGION_POINTS = 600
-"""Points of an operating region, for no coordinate and again for each."""
+REGION_POINTS = 600  # points of an operating region, for no coordinate and again for each
 
 
 @dataclass(frozen=True)
 class Dataset:
     """``N`` frames of one or more files, joined along a common clock that starts with the first file."""
 
-    time: Float64[np.ndarray, " N"]
-    """Common clock [s]."""
+    time: Float64[np.ndarray, " N"]  # common clock [s]
     q: Float64[np.ndarray, "N d"]
     v: Float64[np.ndarray, "N d"]
     """Velocity estimates to start from [1/s]; see `lagsplat.diagnose.data_quality.noise.fit_local_cubic`."""
     u: Float64[np.ndarray, "N n_u"]
-    clips: Int64[np.ndarray, "C 2"]
-    """First frame and end of each clip; there is a cut between clips."""
+    clips: Int64[np.ndarray, "C 2"]  # first frame and end of each clip; there is a cut between clips
     files: tuple[str, ...]
-    file_of: Int64[np.ndarray, " C"]
-    """Number of the file of each clip."""
-    shifts_s: tuple[float, ...]
-    """What each file's clock shows at zero of the common one [s]."""
+    file_of: Int64[np.ndarray, " C"]  # number of the file of each clip
+    shifts_s: tuple[float, ...]  # what each file's clock shows at zero of the common one [s]
 
     @property
     def d(self) -> int:
@@ -183,14 +177,10 @@ class InputSignal:
 
     time: Float64[np.ndarray, " M"]
     values: Float64[np.ndarray, " M"]
-    begins: Bool[np.ndarray, " M"]
-    """Where a clip begins."""
-    clip: np.ndarray
-    """Number of the clip of each instant (M,)."""
-    logged: tuple[tuple[np.ndarray, np.ndarray], ...]
-    """Times and values of the log, clip by clip."""
-    held: bool
-    """Held between samples of the log (zero-order hold) instead of linear."""
+    begins: Bool[np.ndarray, " M"]  # where a clip begins
+    clip: np.ndarray  # number of the clip of each instant (M,)
+    logged: tuple[tuple[np.ndarray, np.ndarray], ...]  # times and values of the log, clip by clip
+    held: bool  # held between samples of the log (zero-order hold) instead of linear
 
     def at(self, time: Float64[np.ndarray, " M"]) -> Float64[np.ndarray, " M"]:
         """The logged input at other instants [s]; outside a clip its nearest sample."""
@@ -238,12 +228,9 @@ class PreparedDataset:
     """A dataset with what was estimated from it."""
 
     dataset: Dataset
-    smooth: Float64[np.ndarray, "N d"]
-    """Smoothed coordinates."""
-    acceleration: Float64[np.ndarray, "N d"]
-    """Accelerations [1/s^2]."""
-    sigma: Float64[np.ndarray, " d"]
-    """Standard deviation of the measurement noise."""
+    smooth: Float64[np.ndarray, "N d"]  # smoothed coordinates
+    acceleration: Float64[np.ndarray, "N d"]  # accelerations [1/s^2]
+    sigma: Float64[np.ndarray, " d"]  # standard deviation of the measurement noise
 
 
 def prepare_dataset(trajectories: Sequence[Trajectory], *, period_s: float) -> PreparedDataset:

@@ -28,8 +28,7 @@ class GaussianPrior:
     mean: Float64[np.ndarray, " k"]
     deviation: Float64[np.ndarray, " k"]
     lowest: Float64[np.ndarray, " k"]
-    step: Float64[np.ndarray, " k"]
-    """Steps of finite differences."""
+    step: Float64[np.ndarray, " k"]  # steps of finite differences
 
 
 @dataclass(frozen=True)
@@ -39,8 +38,7 @@ class ShootingData:
     y: Float64[np.ndarray, "W L d"]
     weight: Float64[np.ndarray, "W L d"]
     """One over the standard deviation of a sample, zero where there is none."""
-    start_step: Float64[np.ndarray, " s"]
-    """Steps of finite differences of the initial state, (2 d,)."""
+    start_step: Float64[np.ndarray, " s"]  # steps of finite differences of the initial state, (2 d,)
 
 
 LinearizationFunction = Callable[
@@ -53,25 +51,18 @@ LinearizationFunction = Callable[
 class ShootingFit:
     """The result of multiple shooting."""
 
-    x: Float64[np.ndarray, " k"]
-    """Parameters."""
-    starts: Float64[np.ndarray, "W s"]
-    """Initial states of the windows."""
-    residual: Float64[np.ndarray, "W L d"]
-    """Weighted residual."""
-    misfit: float
-    """Sum of squares of the weighted residual."""
+    x: Float64[np.ndarray, " k"]  # parameters
+    starts: Float64[np.ndarray, "W s"]  # initial states of the windows
+    residual: Float64[np.ndarray, "W L d"]  # weighted residual
+    misfit: float  # sum of squares of the weighted residual
     penalty: float
     """Sum of squares of the parameters' distances from their prior means, in standard deviations."""
     curvature: Float64[np.ndarray, "k k"]
     """Gauss-Newton curvature of half the misfit by the parameters, initial states eliminated."""
-    log_det_starts: float
-    """Log determinant of the curvature by the initial states."""
+    log_det_starts: float  # log determinant of the curvature by the initial states
     iterations: int
-    slopes: Float64[np.ndarray, "W M k"]
-    """Derivatives of the weighted prediction by the parameters; M = L d."""
-    start_slopes: Float64[np.ndarray, "W M s"]
-    """The same by the initial states."""
+    slopes: Float64[np.ndarray, "W M k"]  # derivatives of the weighted prediction by the parameters; M = L d
+    start_slopes: Float64[np.ndarray, "W M s"]  # the same by the initial states
 
     @property
     def cost(self) -> float:

@@ -21,18 +21,13 @@ class NuisanceParameters:
     Parameters ``x`` (n,) are unknowns of a fit; zero is the simulator as it is.
     """
 
-    potential: float
-    """Relative error of the potential."""
-    damping: float
-    """Error of the damping rate [1/s]."""
-    inputs: float
-    """Relative error of each input's gain."""
+    potential: float  # relative error of the potential
+    damping: float  # error of the damping rate [1/s]
+    inputs: float  # relative error of each input's gain
     offset: Float64[np.ndarray, " d"]
     """Constant acceleration along every coordinate [unit of the coordinate per s^2]."""
-    warp: float
-    """Curvature of the measurement, ``y = q + warp (q - rest)^2 / scale``."""
-    n_u: int
-    """Number of inputs."""
+    warp: float  # curvature of the measurement, `y = q + warp (q - rest)^2 / scale`
+    n_u: int  # number of inputs
     directions: Float64[np.ndarray, "R K"]
     """Changes of all coefficients that identification leaves open, each of one standard deviation."""
 

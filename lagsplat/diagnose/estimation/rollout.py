@@ -28,8 +28,7 @@ from lagsplat.diagnose.mechanics.structure import COEFFICIENT_FIELDS, shift_coef
 from lagsplat.diagnose.solvers.runge_kutta import integrate_memory, roll_out_batch, zero_force
 from lagsplat.diagnose.solvers.runge_kutta_sensitivity import roll_out_with_sensitivities
 
-FORCE_SLOTS = 3
-"""Forces that act at once; the kernel is compiled for so many, or so many for each coordinate."""
+FORCE_SLOTS = 3  # forces that act at once; the kernel is compiled for so many, or so many for each coordinate
 
 
 @dataclass(frozen=True)
@@ -39,10 +38,8 @@ class RolloutModel:
     model: MechanicalModel
     dataset: Dataset
     nuisance: NuisanceParameters
-    steps: int
-    """Substeps of a rollout between two frames."""
-    held: bool
-    """Inputs are held between samples (zero-order hold) instead of interpolated."""
+    steps: int  # substeps of a rollout between two frames
+    held: bool  # inputs are held between samples (zero-order hold) instead of interpolated
     smooth: Float64[np.ndarray, "N d"] = field(repr=False)
     """Smoothed coordinates, along which memories of effects are carried to the windows' starts."""
 
@@ -245,8 +242,7 @@ class SensitivityColumns:
 
     of: tuple[np.ndarray, ...]
     """Column of each coefficient, shaped as `COEFFICIENT_FIELDS`; -1 where none changes it."""
-    moves: Float64[np.ndarray, "n C"]
-    """How far each of ``n`` moves takes the coefficients of each column."""
+    moves: Float64[np.ndarray, "n C"]  # how far each of `n` moves takes the coefficients of each column
 
     @classmethod
     def along(cls, moves: Float64[np.ndarray, "n K"], model: MechanicalModel) -> "SensitivityColumns":
@@ -278,10 +274,8 @@ class ParameterSensitivity:
     windows: WindowSet
     moves: Float64[np.ndarray, "n K"]
     smooth: Float64[np.ndarray, "N d"]
-    steps: int
-    """Substeps between two frames."""
-    held: bool
-    """Inputs are held between samples (zero-order hold) instead of interpolated."""
+    steps: int  # substeps between two frames
+    held: bool  # inputs are held between samples (zero-order hold) instead of interpolated
 
     @cached_property
     def rollout_model(self) -> RolloutModel:

@@ -31,10 +31,8 @@ class EstimatedSimulator:
     model: MechanicalModel
     uncertainty_directions: Float64[np.ndarray, "R K"]
     """Changes of all coefficients, each of one standard deviation."""
-    misfit: float
-    """Mean square residual on its own recordings, in units of their noise."""
-    correlation: float = 1.0
-    """Samples of that residual that count as one independent sample."""
+    misfit: float  # mean square residual on its own recordings, in units of their noise
+    correlation: float = 1.0  # samples of that residual that count as one independent sample
     window_scale: float = 1.0
     """Length of the windows that it can predict, as a share of the length in the settings."""
     original: "EstimatedSimulator | None" = None
@@ -43,8 +41,7 @@ class EstimatedSimulator:
     """Recognises the motion it was fitted to, where other windows are to be left out."""
     outlier_spans: tuple[FileSpan, ...] = ()
     """Parts of its own recordings that were left out, because no law fits them together with the rest."""
-    bic: float = np.nan
-    """Bayesian information criterion of the model, if it was identified."""
+    bic: float = np.nan  # Bayesian information criterion of the model, if it was identified
 
     @classmethod
     def exact(cls, model: MechanicalModel) -> "EstimatedSimulator":

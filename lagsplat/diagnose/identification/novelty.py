@@ -25,14 +25,10 @@ from lagsplat.diagnose.identification.structure_search import IdentifiedModel
 class NoveltyDetector:
     """A simulator's own windows as points in a space of standardised features."""
 
-    mean: Float64[np.ndarray, " f"]
-    """Means of the features."""
-    spread: Float64[np.ndarray, " f"]
-    """Standard deviations of the features."""
-    points: KDTree
-    """The standardised features of the windows."""
-    max_distance: float
-    """Distance to the nearest point beyond which a window is novel."""
+    mean: Float64[np.ndarray, " f"]  # means of the features
+    spread: Float64[np.ndarray, " f"]  # standard deviations of the features
+    points: KDTree  # the standardised features of the windows
+    max_distance: float  # distance to the nearest point beyond which a window is novel
 
     @classmethod
     def from_recordings(

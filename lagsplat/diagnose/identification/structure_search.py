@@ -52,30 +52,23 @@ class IdentifiedModel:
 
     model: MechanicalModel
     structure: ModelStructure
-    misfit: float
-    """Mean square residual over the windows, in units of the noise."""
+    misfit: float  # mean square residual over the windows, in units of the noise
     uncertainty_directions: Float64[np.ndarray, "R K"]
     """Changes of all coefficients, each of one standard deviation, the largest first."""
     fit: ShootingFit
     windows: WindowSet
-    bic: float
-    """Bayesian information criterion."""
+    bic: float  # Bayesian information criterion
 
 
 @dataclass(frozen=True)
 class IdentificationSettings:
     """How a simulator is identified, from ``conf/diagnose``."""
 
-    steps_per_period: float
-    """Runge-Kutta steps in a natural period at least."""
-    ridge: float
-    """Penalty of the weak-form regression in standardised columns."""
-    iterations: int
-    """Steps of each fit at most."""
-    tolerance: float
-    """Relative gain of a step below which a fit has converged."""
-    test_s: float = 0.0
-    """Width of a test function [s]."""
+    steps_per_period: float  # Runge-Kutta steps in a natural period at least
+    ridge: float  # penalty of the weak-form regression in standardised columns
+    iterations: int  # steps of each fit at most
+    tolerance: float  # relative gain of a step below which a fit has converged
+    test_s: float = 0.0  # width of a test function [s]
 
 
 @dataclass(frozen=True)
@@ -83,16 +76,12 @@ class IdentificationProblem:
     """The recordings of a simulator, ready for multiple shooting."""
 
     dataset: Dataset
-    smooth: Float64[np.ndarray, "N d"]
-    """Smoothed coordinates."""
-    speed: Float64[np.ndarray, " d"]
-    """Standard deviation of the velocities."""
+    smooth: Float64[np.ndarray, "N d"]  # smoothed coordinates
+    speed: Float64[np.ndarray, " d"]  # standard deviation of the velocities
     windows: WindowSet
     data: ShootingData
-    steps: int
-    """Substeps between two frames."""
-    held: bool
-    """Inputs are held between samples (zero-order hold) instead of interpolated."""
+    steps: int  # substeps between two frames
+    held: bool  # inputs are held between samples (zero-order hold) instead of interpolated
     setting: IdentificationSettings
 
     @property
@@ -187,11 +176,9 @@ def list_uncertain_directions(
 class PredictedGain:
     """A larger structure and its predicted benefit."""
 
-    gain: float
-    """Reduction of the misfit, to first order."""
+    gain: float  # reduction of the misfit, to first order
     structure: ModelStructure
-    n: int
-    """Number of free coefficients."""
+    n: int  # number of free coefficients
 
 
 def predict_gains(
@@ -289,13 +276,11 @@ def fit_first_model(
 class StructureFit:
     """A model of a certain structure, refined by multiple shooting."""
 
-    bic: float
-    """Bayesian information criterion."""
+    bic: float  # Bayesian information criterion
     model: MechanicalModel
     structure: ModelStructure
     fit: ShootingFit
-    moves: Float64[np.ndarray, "n K"]
-    """Direction in the space of all coefficients of each unknown of the fit."""
+    moves: Float64[np.ndarray, "n K"]  # direction in the space of all coefficients of each unknown of the fit
 
 
 def search_structure(

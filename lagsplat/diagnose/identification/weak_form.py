@@ -25,8 +25,7 @@ class WeakFormSamples:
     dataset: Dataset
     q: Float64[np.ndarray, "N d"]
     v: Float64[np.ndarray, "N d"]
-    width: Float64[np.ndarray, " d"]
-    """Speed below which dry friction is linear."""
+    width: Float64[np.ndarray, " d"]  # speed below which dry friction is linear
     tests: tuple[tuple[slice, np.ndarray, np.ndarray], ...]
     """Frames of each test function, and its values and its time derivative there, both times the step [s]."""
 

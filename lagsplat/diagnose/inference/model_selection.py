@@ -19,18 +19,13 @@ ProgressCallback = Callable[[str], None]
 class SearchBudget:
     """How many hypotheses are fitted in full, and what their evidence is measured against."""
 
-    families: int
-    """Effects that are fitted [count]."""
-    places: int
-    """Coordinates or inputs at which each is fitted [count]."""
-    starts: int
-    """Starting points of each fit [count]."""
-    always_fitted: tuple[str, ...]
-    """Effects that are fitted whatever the score test says."""
+    families: int  # effects that are fitted [count]
+    places: int  # coordinates or inputs at which each is fitted [count]
+    starts: int  # starting points of each fit [count]
+    always_fitted: tuple[str, ...]  # effects that are fitted whatever the score test says
     effective_sample_ratio: float
     """Samples of the residual that count as one independent sample, at least [1]."""
-    nominal: float
-    """Mean square residual of the sim on its own recordings [noise variances]."""
+    nominal: float  # mean square residual of the sim on its own recordings [noise variances]
     log_evidence_offset: float = 0.0
     """Log evidence that effects gain by the sim's own errors [nat]; it is subtracted."""
 
@@ -56,8 +51,7 @@ class ModelRanking:
 
     none: HypothesisFit
     found: tuple[HypothesisFit, ...]
-    noise_inflation: float
-    """Factor on the variance of the noise [1] at which the best hypothesis fits."""
+    noise_inflation: float  # factor on the variance of the noise [1] at which the best hypothesis fits
 
     def best_fit(self, name: str) -> HypothesisFit | None:
         """The fit of one effect with the largest evidence, over all places."""

@@ -148,10 +148,8 @@ class Judgement:
     verdict: Verdict
     probabilities: Mapping[str, float]
     equivalent: tuple[tuple[str, ...], ...]
-    unexplained: float
-    """Share of the excess misfit that the best explanation leaves."""
-    best: HypothesisFit | None
-    """The best explanation, whether or not the verdict names it."""
+    unexplained: float  # share of the excess misfit that the best explanation leaves
+    best: HypothesisFit | None  # the best explanation, whether or not the verdict names it
     implausibility: str | None = None
     """The reason against it, where the verdict is `unknown` although it explains the gap."""
 

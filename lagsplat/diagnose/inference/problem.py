@@ -47,8 +47,7 @@ class EstimationProblem:
     noise_inflation: float = 1.0
     """Factor on the noise variance in fits: what the sim leaves of its own recordings, and its
     correlation."""
-    excluded_windows: int = 0
-    """Number of windows that are left out because the sim was never seen to move so."""
+    excluded_windows: int = 0  # number of windows that are left out because the sim was never seen to move so
 
     @cached_property
     def repeats(self) -> Bool[np.ndarray, "W L"]:
@@ -289,8 +288,7 @@ class HypothesisFit:
 
     effects: tuple[PlacedEffect, ...]
     fit: ShootingFit
-    log_evidence: float = float("nan")
-    """Log evidence over `none` [nat]."""
+    log_evidence: float = float("nan")  # log evidence over `none` [nat]
     noise: dict[str, tuple[float, float, float]] = field(default_factory=dict)
     """Parameters of an effect on single samples: estimate and both ends of the 90 % interval."""
 

@@ -23,8 +23,7 @@ class ScoreTestResult:
 
     placed: PlacedEffect
     gain: float
-    starts: tuple[np.ndarray, ...]
-    """Parameters of the effect to start from, the best first."""
+    starts: tuple[np.ndarray, ...]  # parameters of the effect to start from, the best first
 
 
 def score_test(

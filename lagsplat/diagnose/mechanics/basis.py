@@ -19,14 +19,10 @@ POWER, COSINE, SINE = 0, 1, 2  # the kinds of basis functions, as the compiled c
 class Basis:
     """``K`` functions of ``d`` coordinates, the constant first."""
 
-    kind: Int64[np.ndarray, " K"]
-    """`POWER`, `COSINE` or `SINE`."""
-    order: Int64[np.ndarray, "K d"]
-    """Powers of a monomial, or integer multiples of the angles."""
-    centre: Float64[np.ndarray, " d"]
-    """Middle of the region [unit of the coordinate]."""
-    scale: Float64[np.ndarray, " d"]
-    """Half the width of the region [unit of the coordinate]."""
+    kind: Int64[np.ndarray, " K"]  # `POWER`, `COSINE` or `SINE`
+    order: Int64[np.ndarray, "K d"]  # powers of a monomial, or integer multiples of the angles
+    centre: Float64[np.ndarray, " d"]  # middle of the region [unit of the coordinate]
+    scale: Float64[np.ndarray, " d"]  # half the width of the region [unit of the coordinate]
 
     @property
     def size(self) -> int:

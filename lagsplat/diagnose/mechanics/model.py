@@ -96,8 +96,7 @@ class MechanicalModel:
     damping: Float64[np.ndarray, "Kc d d"]
     potential: Float64[np.ndarray, " Kv"]
     input_map: Float64[np.ndarray, "Kb n_u d"]
-    dry: Float64[np.ndarray, " d"]
-    """Dry friction of each coordinate, a generalised force."""
+    dry: Float64[np.ndarray, " d"]  # dry friction of each coordinate, a generalised force
     drag: Float64[np.ndarray, " d"]
     """Quadratic drag of each coordinate, a generalised force over the squared velocity."""
     width: Float64[np.ndarray, " d"]

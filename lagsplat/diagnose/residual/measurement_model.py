@@ -13,8 +13,7 @@ from lagsplat.diagnose.residual.components import compute_explained_share
 from lagsplat.diagnose.residual.features import ResidualFeatures
 from lagsplat.diagnose.residual.latent_force import LatentForceEstimate
 
-DIFFERENCE_STEP = 1e-4
-"""Step of central differences, over the standard deviation of a coordinate."""
+DIFFERENCE_STEP = 1e-4  # step of central differences, over the standard deviation of a coordinate
 
 
 @dataclass(frozen=True)

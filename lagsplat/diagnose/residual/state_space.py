@@ -17,14 +17,11 @@ from lagsplat.diagnose.residual.linearization import LinearSteps
 
 FORCE_BOUNDS = (1e-10, 1e4)
 """Range of a force's variance, over the square of the acceleration that swings the motion."""
-NOISE_BOUNDS = (1e-14, 1.0)
-"""Range of the measurement noise's variance, over the motion's."""
-START_POSITION_VARIANCE = 1.0
-"""Variance of position at a clip's start, over the motion's."""
+NOISE_BOUNDS = (1e-14, 1.0)  # range of the measurement noise's variance, over the motion's
+START_POSITION_VARIANCE = 1.0  # variance of position at a clip's start, over the motion's
 START_VELOCITY_VARIANCE = 25.0
 """Variance of velocity at a clip's start, over the square of the motion's size over ``unit_s``."""
-MAX_OPTIMIZER_STEPS = 40
-"""Steps of L-BFGS over the logarithms of the variances."""
+MAX_OPTIMIZER_STEPS = 40  # steps of L-BFGS over the logarithms of the variances
 FOURTH_DIFFERENCE_GAIN = 70.0
 """Variance of a fourth difference of white noise, over the noise's: 1 + 16 + 36 + 16 + 1."""
 

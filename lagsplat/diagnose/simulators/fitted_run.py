@@ -17,8 +17,7 @@ from lagsplat.stage1.autoencoder import Autoencoder, encode_frames
 from lagsplat.stage2.fit import load_dynamics
 from lagsplat.stage2.lagrangian import Lagrangian
 
-BATCH_SIZE = 256
-"""Points that the networks evaluate at once, which bounds their memory."""
+BATCH_SIZE = 256  # points that the networks evaluate at once, which bounds their memory
 """States that a network evaluates at once, to bound the memory."""
 
 

@@ -25,12 +25,9 @@ class MujocoSelection:
     data: Any
     joints: tuple[str, ...]
     actuators: tuple[str, ...]
-    at_q: np.ndarray
-    """Positions of the coordinates in ``qpos``."""
-    at_v: np.ndarray
-    """Positions of the coordinates in ``qvel``."""
-    at_u: np.ndarray
-    """Positions of the inputs in ``ctrl``."""
+    at_q: np.ndarray  # positions of the coordinates in `qpos`
+    at_v: np.ndarray  # positions of the coordinates in `qvel`
+    at_u: np.ndarray  # positions of the inputs in `ctrl`
 
 
 def require_mujoco() -> Any:

@@ -23,8 +23,7 @@ from lagsplat.diagnose.mechanics.structure import build_candidate_bases, list_fi
 
 EXACT_ERROR = 1e-6
 """Relative error of the acceleration below which a projection is exact but for the regression's rounding."""
-MAX_DEGREE = {1: 9, 2: 8, 3: 4}
-"""Highest degree of the polynomials by number of coordinates."""
+MAX_DEGREE = {1: 9, 2: 8, 3: 4}  # highest degree of the polynomials by number of coordinates
 
 
 @dataclass(frozen=True)
@@ -34,12 +33,9 @@ class FieldFunctions:
     ``c`` follows from ``M``. Forces may have any unit.
     """
 
-    mass: Callable[[np.ndarray], np.ndarray]
-    """(N, d) to (N, d, d)."""
-    potential_gradient: Callable[[np.ndarray], np.ndarray]
-    """Gradient of the potential, (N, d) to (N, d)."""
-    input_map: Callable[[np.ndarray], np.ndarray]
-    """(N, d) to (N, n_u, d)."""
+    mass: Callable[[np.ndarray], np.ndarray]  # (N, d) to (N, d, d)
+    potential_gradient: Callable[[np.ndarray], np.ndarray]  # gradient of the potential, (N, d) to (N, d)
+    input_map: Callable[[np.ndarray], np.ndarray]  # (N, d) to (N, n_u, d)
     dissipation: Callable[[np.ndarray, np.ndarray], np.ndarray]
     """Damping and friction, from ``q`` and ``v`` (N, d) to (N, d)."""
 
@@ -66,8 +62,7 @@ class ProjectedModel:
     """A model that stands for a given simulator over a region."""
 
     model: MechanicalModel
-    error: float
-    """Root mean square error of its acceleration, relative to that of the acceleration itself."""
+    error: float  # root mean square error of its acceleration, relative to that of the acceleration itself
 
 
 def project_fields(mechanics: FieldFunctions, region: OperatingRegion, *, what: str) -> ProjectedModel:

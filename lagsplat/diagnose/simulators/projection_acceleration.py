@@ -31,10 +31,8 @@ from lagsplat.diagnose.simulators.projection import (
     rank_projection,
 )
 
-RIDGE = 1e-10
-"""Penalty in standardised columns, towards unit inertia where the accelerations leave it open."""
-MAX_ACCELERATION_DEGREE = {1: 7, 2: 5, 3: 3}
-"""Highest degree of the polynomials by number of coordinates."""
+RIDGE = 1e-10  # penalty in standardised columns, towards unit inertia where the accelerations leave it open
+MAX_ACCELERATION_DEGREE = {1: 7, 2: 5, 3: 3}  # highest degree of the polynomials by number of coordinates
 
 
 @dataclass(frozen=True)
@@ -44,14 +42,10 @@ class AccelerationTerms:
     basis: Basis
     region: OperatingRegion
     acceleration: Float64[np.ndarray, "N d"]
-    mass: np.ndarray
-    """(N, d, K, P): by function and symmetric matrix."""
-    potential: np.ndarray
-    """(N, d, K - 1): by function, without the constant."""
-    damping: np.ndarray
-    """(N, d, K, P): by function and symmetric matrix."""
-    input_map: np.ndarray
-    """(N, d, K, n_u d): by function, input and coordinate."""
+    mass: np.ndarray  # (N, d, K, P): by function and symmetric matrix
+    potential: np.ndarray  # (N, d, K - 1): by function, without the constant
+    damping: np.ndarray  # (N, d, K, P): by function and symmetric matrix
+    input_map: np.ndarray  # (N, d, K, n_u d): by function, input and coordinate
 
 
 class _Candidate(NamedTuple):
@@ -59,8 +53,7 @@ class _Candidate(NamedTuple):
 
     error: float
     structure: ModelStructure
-    width: float
-    """Width of dry friction, relative to the root mean square speed."""
+    width: float  # width of dry friction, relative to the root mean square speed
     model: MechanicalModel
 
 

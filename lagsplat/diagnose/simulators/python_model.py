@@ -104,16 +104,11 @@ class PointwiseFunction:
     """A user's function of a single point or of many, of NumPy or of torch, called with many NumPy points."""
 
     function: Callable[..., Any]
-    shape: tuple[int, ...]
-    """Shape of the result at a single point."""
-    what: str
-    """The simulator's name in messages."""
-    name: str
-    """The function's name in messages."""
-    torch: bool = False
-    """Whether it takes torch tensors."""
-    many: bool = False
-    """Whether it takes many points at once."""
+    shape: tuple[int, ...]  # shape of the result at a single point
+    what: str  # the simulator's name in messages
+    name: str  # the function's name in messages
+    torch: bool = False  # whether it takes torch tensors
+    many: bool = False  # whether it takes many points at once
 
     def probe(self, *points: np.ndarray) -> None:
         """Find out from the first few of ``points`` what the function takes, and check its result's shape.

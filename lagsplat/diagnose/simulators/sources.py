@@ -18,28 +18,22 @@ from lagsplat.io.trajectory.inputs import read_input_log
 from lagsplat.io.trajectory.trajectory import Trajectory
 from lagsplat.io.video.clips import IMAGE_SUFFIXES, VIDEO_SUFFIXES, natural_order
 
-TABLES = (".csv", ".txt", ".tsv", ".parquet", ".pq")
-"""Suffixes of trajectory files that are tables."""
+TABLES = (".csv", ".txt", ".tsv", ".parquet", ".pq")  # suffixes of trajectory files that are tables
 VIDEO_KINDS = ("video", "mcap", "krauss", "recording")
 """Kinds of sources that hold frames, and need an encoder to become a trajectory."""
-KINDS = ("trajectory", *VIDEO_KINDS, "run", "model", "mujoco", "python")
-"""All kinds of sources."""
+KINDS = ("trajectory", *VIDEO_KINDS, "run", "model", "mujoco", "python")  # all kinds of sources
 PYTHON_OBJECT = r"(?P<module>[A-Za-z_][\w.]*|.+\.py):(?P<attribute>[A-Za-z_][\w.]*)"
 """Pattern of ``module:attribute`` and ``file.py:attribute``."""
-LatentEncoder = Callable[[np.ndarray], np.ndarray]
-"""From frames (T, H, W, 3), uint8, to latents (T, d)."""
+LatentEncoder = Callable[[np.ndarray], np.ndarray]  # from frames (T, H, W, 3), uint8, to latents (T, d)
 
 
 @dataclass(frozen=True)
 class DataSource:
     """A file, folder or Python object that ``sim`` or ``real`` names."""
 
-    kind: str
-    """One of `KINDS`."""
-    path: str
-    """A path, or ``module:attribute``."""
-    inputs: str | None = None
-    """Table of the inputs that belong to a video."""
+    kind: str  # one of `KINDS`
+    path: str  # a path, or `module:attribute`
+    inputs: str | None = None  # table of the inputs that belong to a video
 
 
 def find_sources(argument: str) -> tuple[DataSource, ...]:

@@ -23,10 +23,8 @@ FORCE_LAW_SIGNATURE = float64(
 """``law(t, s, v, spring, drive, memory, theta, d_memory) -> acceleration``; writes the rate of its memory."""
 DIVERGED_SCALES = 1e6
 """Distance from rest, in units of the scale of a coordinate, beyond which a rollout counts as diverged."""
-MEMORY_STEPS = 8
-"""Midpoint steps of a force law's memory between two frames."""
-MIN_PIVOT = 1e-12
-"""Floor of a squared pivot, so that a mass matrix that is not positive gives no NaN."""
+MEMORY_STEPS = 8  # midpoint steps of a force law's memory between two frames
+MIN_PIVOT = 1e-12  # floor of a squared pivot, so that a mass matrix that is not positive gives no NaN
 
 
 def take_runge_kutta_step(

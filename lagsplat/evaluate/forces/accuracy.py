@@ -11,8 +11,7 @@ from lagsplat.evaluate.forces.known_forces import KnownForces
 from lagsplat.forces.equilibrium import NoScaleError, OperatingPoint, fit_energy_scale
 from lagsplat.forces.grasp import GraspPoint, NoMatterError, Point, grasp_brush, grasp_nearest
 
-OTHERS = 40
-"""Maximum number of other pokes used to estimate the energy scale again."""
+OTHERS = 40  # maximum number of other pokes used to estimate the energy scale again
 Read = Callable[[Float64[np.ndarray, "n d"]], Float64[np.ndarray, "n P 2"]]
 """Maps whitened states to the places of the material points [px] in the image."""
 Errors = dict[str, Float64[np.ndarray, "N L"]]

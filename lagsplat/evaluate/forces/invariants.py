@@ -13,8 +13,7 @@ from lagsplat.forces.equilibrium import OperatingPoint
 from lagsplat.forces.grasp import GraspPoint, NoMatterError, Point, grasp_brush
 from lagsplat.forces.moving_parts import MovingParts, choose_background_points, find_moving_parts
 
-POINTS = 60
-"""Pixels of the object, evenly spaced in their list, at which it is pushed."""
+POINTS = 60  # pixels of the object, evenly spaced in their list, at which it is pushed
 BACKGROUND = 9
 SMALL = 1e-5
 ANGLES = (0.7, 2.3)

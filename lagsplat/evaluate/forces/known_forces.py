@@ -18,14 +18,12 @@ from lagsplat.stage2.decoder_mass import InducedMass
 from lagsplat.stage2.lagrangian import Lagrangian
 from lagsplat.systems.pushable import Pushable
 
-ALONG = 0.25
-"""Directions whose answer is below this share of the largest one at the point are left out."""
+ALONG = 0.25  # directions whose answer is below this share of the largest one at the point are left out
 MOVED = 0.1
 """Points whose answer is below this share of the largest one, as at a centre of rotation, are left out."""
 
 
-REFERENCE = 0.3
-"""The energy scale comes from a poke at the level nearest to this one."""
+REFERENCE = 0.3  # the energy scale comes from a poke at the level nearest to this one
 
 
 @dataclass(frozen=True)

@@ -120,8 +120,7 @@ def fit_state_map(
     return fit_polynomial(smooth, states[: len(smooth)])
 
 
-TRIALS = 12
-"""Points whose answer in time is computed: each takes an integration of the truth."""
+TRIALS = 12  # points whose answer in time is computed: each takes an integration of the truth
 FLOOR = 1e-9
 
 
@@ -232,8 +231,7 @@ def respond_at_once(
 
 AHEAD, DOWN = np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0])
 """Along the video camera's line of sight, and down in its image."""
-FELT = 1e-3
-"""Smallest remainder of a unit vector across the motion for which a direction across is defined."""
+FELT = 1e-3  # smallest remainder of a unit vector across the motion for which a direction across is defined
 
 
 @dataclass(frozen=True)

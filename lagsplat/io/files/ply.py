@@ -16,8 +16,7 @@ from jaxtyping import Float64
 
 from lagsplat.io.files.atomic import replace_atomically
 
-HARMONIC = float(np.sqrt(1 / (4 * np.pi)))
-"""The spherical harmonic of degree 0."""
+HARMONIC = float(np.sqrt(1 / (4 * np.pi)))  # the spherical harmonic of degree 0
 FIELDS = (
     "x",
     "y",

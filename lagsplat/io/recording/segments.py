@@ -13,8 +13,7 @@ from lagsplat.io.recording.recording import LEAST_FRAMES, Recording
 MAX_GAP_FRAMES = 5.0
 """Longest step in median spacings. Shorter gaps, from dropped frames, are integrated with the true
 step; over longer ones the constant input and the explicit step are not valid."""
-LEAST_PIECE = 8
-"""Frames of the shortest clip kept: a one-step window and the neighbours for its velocities."""
+LEAST_PIECE = 8  # frames of the shortest clip kept: a one-step window and the neighbours for its velocities
 
 
 def cut_at_gaps(recording: Recording) -> Recording:

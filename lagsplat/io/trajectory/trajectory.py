@@ -14,8 +14,7 @@ import numpy as np
 
 from lagsplat.io.trajectory.tables import SEGMENT, TIME, Table, count_names, name_columns, read_table
 
-LONGEST_LOSS = 3.0
-"""Longest gap left by dropped rows inside a clip, in median steps."""
+LONGEST_LOSS = 3.0  # longest gap left by dropped rows inside a clip, in median steps
 
 
 @dataclass(frozen=True)

@@ -26,8 +26,7 @@ SEVERITY = {"refuse": 0, "undetermined": 1, "warn": 2}
 REQUIRED_FIELDS = ("level", "coordinates", "time_s", "frequency_hz", "state_region", "image_region")
 """Fields of ``where`` in every `diagnosis.json`."""
 OPTIONAL_FIELDS = ("components", "memory_index", "evidence")
-MIN_EVENT_SHARE = 0.5
-"""Share of the residual from which the summary mentions a short event."""
+MIN_EVENT_SHARE = 0.5  # share of the residual from which the summary mentions a short event
 FORECAST_KINDS = ("real", "sim", "augmented")
 
 

@@ -33,8 +33,7 @@ from lagsplat.report.diagnosis.content import (
     to_plain_data,
 )
 
-PROBABILITY_TOLERANCE = 1e-6
-"""Largest distance of the sum of all probabilities from one."""
+PROBABILITY_TOLERANCE = 1e-6  # largest distance of the sum of all probabilities from one
 Number = int | float | None
 NAN = float("nan")
 NO_INTERVAL = Interval(None, None, None)

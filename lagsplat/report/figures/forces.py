@@ -28,20 +28,15 @@ from lagsplat.splat.projection import View, make_view
 from lagsplat.views.camera import Camera, orbit_camera
 
 FORCE_COLOUR = "#AA1E1E"
-MAX_ARROW_SHARE = 0.3
-"""Length of the longest arrow over the smaller side of the image."""
+MAX_ARROW_SHARE = 0.3  # length of the longest arrow over the smaller side of the image
 VIEW_ANGLES_DEG = ((0.0, 0.0), (-12.0, 4.0), (12.0, -4.0))
 """Yaw and pitch of the columns [degree], about the pivot."""
-ARROW_SHARE = 0.4
-"""Length of an arrow over the smaller side of the image, at the depth of the pivot."""
-MIN_PRINTED_SHIFT = 1e-3
-"""Smaller shifts are printed by their order of magnitude."""
-SUPERSAMPLING = 4
-"""Pixels rendered in place of one of the recording, each way."""
+ARROW_SHARE = 0.4  # length of an arrow over the smaller side of the image, at the depth of the pivot
+MIN_PRINTED_SHIFT = 1e-3  # smaller shifts are printed by their order of magnitude
+SUPERSAMPLING = 4  # pixels rendered in place of one of the recording, each way
 DOWN, RIGHT = np.array([0.0, 1.0]), np.array([1.0, 0.0])
 OBLIQUE = np.array([np.sqrt(0.5), np.sqrt(0.5)])
-MIN_WIDTH_PX = 384
-"""Smallest width of a rendered image."""
+MIN_WIDTH_PX = 384  # smallest width of a rendered image
 N_BACKGROUND = 3
 MAPPED_ERRORS = (
     ("direction_deg", "direction of the pushed point (degrees)", 1.0, 60.0),

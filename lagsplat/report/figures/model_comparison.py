@@ -29,8 +29,7 @@ class AttentionMaps(NamedTuple):
     name: str
     picture: Float32[np.ndarray, "3 H W"]
     maps: Float[np.ndarray, "G H W"]
-    centres: Float[np.ndarray, "G 2"]
-    """``(row, column)`` in pixels, counted from the centre of the first one."""
+    centres: Float[np.ndarray, "G 2"]  # `(row, column)` in pixels, counted from the centre of the first one
 
 
 def choose_frames(subject: EvaluationSubject) -> np.ndarray:
@@ -116,8 +115,7 @@ def draw_attention(models: Sequence[AttentionMaps], *, title: str) -> Figure:
     return figure
 
 
-N_COLUMNS = 6
-"""Columns of novel views: the cameras in turn, each at another instant."""
+N_COLUMNS = 6  # columns of novel views: the cameras in turn, each at another instant
 QUANTILES = (0.0, 0.25, 0.5, 0.75, 0.95, 1.0)
 QUANTILE_TITLES = ("best", "25 %", "median", "75 %", "95 %", "worst")
 MAX_CANDIDATES = 300

@@ -190,8 +190,7 @@ def paint_arm(
 
 
 Picture = Float32[np.ndarray, "H W 3"]
-FLANK = 0.72
-"""Brightness of a stack's inner layers, which only its flank shows."""
+FLANK = 0.72  # brightness of a stack's inner layers, which only its flank shows
 
 
 @dataclass(frozen=True)

@@ -31,18 +31,13 @@ def to_segments(line: Float64[np.ndarray, "n k"]) -> Float64[np.ndarray, "m 2 k"
     return np.stack([line[:-1], line[1:]], axis=1)
 
 
-REST = (64, 196, 255)
-"""Colour of the outline at rest."""
+REST = (64, 196, 255)  # colour of the outline at rest
 
 
-OPAQUE = 0.3
-"""Opacity at the boundary of a drag proxy."""
-MOST = 1200
-"""Number of Gaussians that a browser keeps track of; the largest are taken."""
-NOWHERE = 1e-4
-"""Half axis of a faded proxy [px]; a browser does not draw a scale of zero."""
-STATES = 16
-"""Recorded states at which the opacity of the Gaussians is checked."""
+OPAQUE = 0.3  # opacity at the boundary of a drag proxy
+MOST = 1200  # number of Gaussians that a browser keeps track of; the largest are taken
+NOWHERE = 1e-4  # half axis of a faded proxy [px]; a browser does not draw a scale of zero
+STATES = 16  # recorded states at which the opacity of the Gaussians is checked
 
 
 class DragProxies:
@@ -97,22 +92,14 @@ def make_ball() -> tuple[Float64[np.ndarray, "12 3"], Int64[np.ndarray, "20 3"]]
     return corners, ConvexHull(corners).simplices.astype(np.int64)
 
 
-CELLS = 14
-"""Cells along the longer side of the image; each has at most one arrow."""
-PRESENT = 0.2
-"""Opacity at rest from which a Gaussian gets an arrow."""
-MOVES = 0.1
-"""Share of the largest motion: a Gaussian that moves less is background and cannot be dragged."""
-LARGEST = 0.98
-"""Quantile of the motions that is taken as the largest."""
-COMPANY = 4
-"""Neighbour whose distance decides whether a Gaussian is a stray."""
-STRAY = 3.0
-"""Multiple of the median distance to that neighbour from which a moving Gaussian is a stray."""
-FINER = 2
-"""Multiple of the training resolution at which the outline is traced."""
-SHORT = 12
-"""Outlines of at most as many corners are specks."""
+CELLS = 14  # cells along the longer side of the image; each has at most one arrow
+PRESENT = 0.2  # opacity at rest from which a Gaussian gets an arrow
+MOVES = 0.1  # share of the largest motion: a Gaussian that moves less is background and cannot be dragged
+LARGEST = 0.98  # quantile of the motions that is taken as the largest
+COMPANY = 4  # neighbour whose distance decides whether a Gaussian is a stray
+STRAY = 3.0  # multiple of the median distance to that neighbour from which a moving Gaussian is a stray
+FINER = 2  # multiple of the training resolution at which the outline is traced
+SHORT = 12  # outlines of at most as many corners are specks
 
 
 def trace_rest_outline(operating_point: OperatingPoint) -> list[Float64[np.ndarray, "n 2"]]:
@@ -183,12 +170,9 @@ class AccelerationField:
         return np.stack([feet, feet + self.along(rate) * (2.0 * self.cell / max(largest, 1e-12))], axis=1)
 
 
-COARSE = 2
-"""Pixels of a visitor's image per pixel of the mask that is outlined, each way."""
-SMOOTH_PX = 0.7
-"""Width of the filter on the mask."""
-THICK = 0.014
-"""Thickness of the outline in the unit of the scene, at the distance of the recording camera."""
+COARSE = 2  # pixels of a visitor's image per pixel of the mask that is outlined, each way
+SMOOTH_PX = 0.7  # width of the filter on the mask
+THICK = 0.014  # thickness of the outline in the unit of the scene, at the distance of the recording camera
 
 
 class Silhouettes:

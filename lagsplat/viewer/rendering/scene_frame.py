@@ -8,8 +8,7 @@ from viser.transforms import SO3
 
 from lagsplat.views.camera import Camera
 
-LONG = 4.0
-"""Length of the longer side of the image in the scene."""
+LONG = 4.0  # length of the longer side of the image in the scene
 Vector3 = tuple[float, float, float]
 
 
@@ -58,12 +57,9 @@ class ImagePlane:
 
 FLIP = np.array([1.0, -1.0, -1.0])
 """The scene has y up and z towards the recording camera, space has y down and z away from it."""
-ROOM = 1.12
-"""Size of the view from the front, as a multiple of the recorded image."""
-FARTHEST = 1e6
-"""Largest coordinate of a visitor's camera in the scene."""
-SLIM = 8.0
-"""Largest ratio of the sides of a window; a slimmer one is drawn with this ratio."""
+ROOM = 1.12  # size of the view from the front, as a multiple of the recorded image
+FARTHEST = 1e6  # largest coordinate of a visitor's camera in the scene
+SLIM = 8.0  # largest ratio of the sides of a window; a slimmer one is drawn with this ratio
 
 
 @dataclass(frozen=True)

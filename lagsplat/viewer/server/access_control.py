@@ -16,10 +16,8 @@ from viser import _messages as messages
 from viser import infra
 
 log = logging.getLogger(__name__)
-LARGEST = 1e9
-"""Largest number that a control accepts."""
-LONGEST = 200
-"""Longest text that a control accepts."""
+LARGEST = 1e9  # largest number that a control accepts
+LONGEST = 200  # longest text that a control accepts
 WARNING = (
     "WARNING: listening on {host}, which is not this machine alone. Whoever reaches it over the network can "
     "push the simulation, change its settings and make it write session files. There is no password. "

@@ -31,17 +31,12 @@ from lagsplat.viewer.rendering.scene_frame import FLIP, ImagePlane, SceneFrame
 from lagsplat.views.camera import Camera
 
 MATTER = "/matter"
-BEYOND = 0.5
-"""How far outside a window a pointer still counts, as a share of its size."""
+BEYOND = 0.5  # how far outside a window a pointer still counts, as a share of its size
 IMAGE = "/picture"
-QUALITY = 90
-"""JPEG quality of the images [percent]."""
-FOV = 0.75
-"""Vertical field of view [rad]."""
-UPRIGHT = (0.0, 1.0, 0.0, 0.0)
-"""Turns an image upright: viser puts its rows along +y."""
-FRONT = 0.02
-"""Distance between an overlay and the image below it."""
+QUALITY = 90  # JPEG quality of the images [percent]
+FOV = 0.75  # vertical field of view [rad]
+UPRIGHT = (0.0, 1.0, 0.0, 0.0)  # turns an image upright: viser puts its rows along +y
+FRONT = 0.02  # distance between an overlay and the image below it
 Pointer = Float64[np.ndarray, "2"]
 
 
@@ -71,12 +66,10 @@ the number of the client."""
 class Canvas(Protocol):
     """Shows a run in the scene and receives drags on it."""
 
-    size: tuple[float, float]
-    """Width and height of the recorded image in the scene."""
+    size: tuple[float, float]  # width and height of the recorded image in the scene
     axes: Float64[np.ndarray, "2 n"]
     """Directions to the right and down in the latest drag, in the coordinates of the run."""
-    reset_view_label: str
-    """Label of the button that resets the view."""
+    reset_view_label: str  # label of the button that resets the view
 
     def paint(self, q: Float64[np.ndarray, " d"]) -> Any:
         """Draw a state for every visitor; pass the result to `send`."""

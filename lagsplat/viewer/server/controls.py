@@ -15,10 +15,8 @@ from lagsplat.viewer.simulation.realtime_loop import RealtimeLoop
 from lagsplat.viewer.simulation.session import Session, Snapshot
 
 HELP = Path(__file__).with_name("help.md")
-REFRESH_S = 0.25
-"""Time between two updates of plots and rates [s]."""
-WIDEST = 0.2
-"""Largest radius of the brush as a share of the image's width."""
+REFRESH_S = 0.25  # time between two updates of plots and rates [s]
+WIDEST = 0.2  # largest radius of the brush as a share of the image's width
 THEME: Any = {
     "show_logo": False,
     "show_share_button": False,

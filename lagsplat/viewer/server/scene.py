@@ -16,14 +16,10 @@ from lagsplat.viewer.server.canvas import QUALITY, UPRIGHT, CameraCanvas, Canvas
 from lagsplat.viewer.simulation.session import Session, Snapshot
 
 FORCE, BRUSH, FIELD, RESIDUAL = (240, 84, 0), (255, 255, 255), (120, 230, 150), (240, 90, 200)
-CORNERS = 48
-"""Corners of the circle that shows the brush."""
-LATENCIES = 200
-"""Latest drags over which the latency is measured."""
-SHORTEST_PX = 0.15
-"""Arrows that are shorter are hidden."""
-GAP = 1.06
-"""Distance of the recorded frame from the image, in widths of the image."""
+CORNERS = 48  # corners of the circle that shows the brush
+LATENCIES = 200  # latest drags over which the latency is measured
+SHORTEST_PX = 0.15  # arrows that are shorter are hidden
+GAP = 1.06  # distance of the recorded frame from the image, in widths of the image
 EMPTY = np.zeros((1, 2, 3))
 
 

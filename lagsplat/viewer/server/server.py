@@ -26,8 +26,7 @@ from lagsplat.viewer.simulation.history import SessionHistory
 from lagsplat.viewer.simulation.realtime_loop import RealtimeLoop
 from lagsplat.viewer.simulation.session import Session, Snapshot
 
-PATIENCE_S = 20.0
-"""Longest wait for the history of the session [s]."""
+PATIENCE_S = 20.0  # longest wait for the history of the session [s]
 log = logging.getLogger(__name__)
 
 

@@ -14,8 +14,7 @@ from lagsplat.viewer.rendering.renderer import FrameRenderer
 from lagsplat.viewer.simulation.history import SessionHistory
 
 VIDEO_HZ, GIF_HZ = 30.0, 15.0
-GIF_S = 12.0
-"""Length of the animation [s]: the end of the session."""
+GIF_S = 12.0  # length of the animation [s]: the end of the session
 ARROW = (255, 122, 26)
 FRACTION_BITS = 4  # of a position in OpenCV, so that an arrow moves smoothly
 

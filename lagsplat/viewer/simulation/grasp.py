@@ -115,10 +115,8 @@ class EnergyBalance:
 
 OBJECT = 0.5
 """Share of the largest motion: the Gaussians that move at least as much set the strength of a drag."""
-PRESENT = 0.1
-"""Opacity above which a Gaussian counts as visible at rest."""
-LARGEST = 0.98
-"""Quantile of the motions that is taken as the largest, so that a few outliers do not set it."""
+PRESENT = 0.1  # opacity above which a Gaussian counts as visible at rest
+LARGEST = 0.98  # quantile of the motions that is taken as the largest, so that a few outliers do not set it
 WEAKEST = 1e-6
 """Share of the largest stiffness: lower bound on every stiffness, and the size of an unstable one."""
 

@@ -133,8 +133,7 @@ def read_recorded_data(chart: Chart, *, names: tuple[str, ...], units: tuple[str
     return RecordedData(whole.latents, v, whole.inputs, whole.segments, names, units)
 
 
-POINTS = 400
-"""Number of states that represent the training part, chosen by farthest-point sampling."""
+POINTS = 400  # number of states that represent the training part, chosen by farthest-point sampling
 
 
 @dataclass(frozen=True)

@@ -44,10 +44,8 @@ class StepClock:
         return (1.0 - self.backlog) * self.dt_s / self.speed
 
 
-IDLE_S = 0.25
-"""Longest wait for a command or a snapshot [s]."""
-RATE_S = 1.0
-"""Window over which the rates are counted [s]."""
+IDLE_S = 0.25  # longest wait for a command or a snapshot [s]
+RATE_S = 1.0  # window over which the rates are counted [s]
 log = logging.getLogger(__name__)
 Command = Callable[[Session], Any]
 

@@ -64,12 +64,9 @@ def save_page(path: Path, session: Session, *, title: str, subtitle: str) -> Non
     write_text(path, page)
 
 
-FRAMES = 3600
-"""Largest number of recorded frames in a page."""
-TEXEL = 4
-"""Numbers per texel of the texture that holds the Gaussians."""
-SWING = 2.0
-"""Length of the arrow of the fastest recorded motion in cells."""
+FRAMES = 3600  # largest number of recorded frames in a page
+TEXEL = 4  # numbers per texel of the texture that holds the Gaussians
+SWING = 2.0  # length of the arrow of the fastest recorded motion in cells
 
 
 def pack_page(session: Session) -> dict[str, Any]:

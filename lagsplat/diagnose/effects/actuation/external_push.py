@@ -23,8 +23,7 @@ from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, Scales, log_normal
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
-N_PUSHES = 3
-"""Most pushes in one recording; the law below is compiled for as many."""
+N_PUSHES = 3  # most pushes in one recording; the law below is compiled for as many
 
 
 @compile_force_law

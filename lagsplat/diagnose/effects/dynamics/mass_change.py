@@ -21,8 +21,7 @@ from lagsplat.diagnose.effects.base import (
 from lagsplat.diagnose.effects.excitation import ask_for_steps, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal
 
-WEIGHT = "weight"
-"""Variant in which the mass hangs, so that gravity acts on it."""
+WEIGHT = "weight"  # variant in which the mass hangs, so that gravity acts on it
 
 
 def change(

@@ -10,8 +10,7 @@ from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal
 
 SHARES = np.geomspace(0.0005, 0.3, 30)
 """Grid of the share of frames that are late [1], for the maximum of the likelihood."""
-LATE = (0.4, 0.25, 0.15, 0.1, 0.06, 0.04)
-"""How often a late frame is one, two, three ... frames late."""
+LATE = (0.4, 0.25, 0.15, 0.1, 0.06, 0.04)  # how often a late frame is one, two, three ... frames late.
 
 
 def explain(

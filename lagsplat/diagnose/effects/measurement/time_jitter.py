@@ -8,12 +8,9 @@ from lagsplat.diagnose.effects.base import EffectDescription, Grade, SampleEffec
 from lagsplat.diagnose.effects.excitation import grade_timing
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal
 
-SIZES = np.geomspace(0.003, 3.0, 80)
-"""Grid of the jitter [frames], for the maximum of the likelihood."""
-LEVELS = np.geomspace(0.05, 1.0, 16)
-"""Grid of the remaining noise [assumed standard deviations]."""
-INSIDE = 1.353
-"""Nats below the best at which the 90 % interval of one parameter ends."""
+SIZES = np.geomspace(0.003, 3.0, 80)  # grid of the jitter [frames], for the maximum of the likelihood
+LEVELS = np.geomspace(0.05, 1.0, 16)  # grid of the remaining noise [assumed standard deviations]
+INSIDE = 1.353  # nats below the best at which the 90 % interval of one parameter ends
 
 
 def explain(
