@@ -1,6 +1,26 @@
-"""Settings of the baselines: their architecture and their training. Torch-free, so that planning is fast."""
+"""Settings of the baselines: their architecture and their training. Torch-free, so that planning is fast.
+
+Dataclasses are not frozen: OmegaConf turns frozen ones into read-only nodes.
+"""
 
 from dataclasses import dataclass
+
+
+def _require(key: str, value: object, holds: bool, rule: str) -> None:
+    if not holds:
+        raise ValueError(f"{key}={value} {rule}; set it in conf/{key.split('.')[0]} or with {key}=...")
+
+
+def _require_least(config: object, group: str, least: int, *names: str) -> None:
+    for name in names:
+        value = getattr(config, name)
+        _require(f"{group}.{name}", value, value >= least, f"must be at least {least}")
+
+
+def _require_positive(config: object, group: str, *names: str) -> None:
+    for name in names:
+        _require(f"{group}.{name}", getattr(config, name), getattr(config, name) > 0, "must be positive")
+
 
 DECODERS = ("deconv", "abcd")
 LAWS = ("oscillators", "koopman")
@@ -14,7 +34,7 @@ BASELINE_TITLES = {
 """Names of the choices of ``conf/baseline`` in tables and figures."""
 
 
-@dataclass  # not frozen: OmegaConf turns frozen dataclasses into read-only nodes
+@dataclass
 class BaselineLossConfig:
     """Weights of the loss terms; the reconstruction of single frames has weight one."""
 
@@ -29,14 +49,12 @@ class BaselineLossConfig:
     closing_gradient: float  # share of the last term's gradient that reaches the maps
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if value < 0:
-                raise ValueError(f"baseline.loss.{name}={value} must not be negative")
-        if self.closing_from > 1:
-            raise ValueError(f"baseline.loss.closing_from={self.closing_from} is a fraction of the run")
+        _require_least(self, "baseline.loss", 0, *vars(self))
+        share = self.closing_from
+        _require("baseline.loss.closing_from", share, share <= 1, "is a fraction of the run")
 
 
-@dataclass  # not frozen, for the same reason
+@dataclass
 class BaselineRateConfig:
     """AdamW step size over a run; the warm-up applies to the encoder and the dynamics only."""
 
@@ -50,22 +68,14 @@ class BaselineRateConfig:
     gradient_clip: float  # of the norm of all gradients together
 
     def __post_init__(self) -> None:
-        if min(self.peak, self.gradient_clip, self.drop_factor, self.warmup_start) <= 0:
-            raise ValueError(
-                "baseline.rate.peak, .gradient_clip, .drop_factor and .warmup_start must be positive"
-            )
-        if not (0 <= self.warmup < 1 and 0 < self.drop_at <= 1):
-            raise ValueError(
-                f"baseline.rate.warmup={self.warmup} and .drop_at={self.drop_at} are fractions of the run"
-            )
-        if self.weight_decay < 0 or self.warmup_stairs < 1:
-            raise ValueError(
-                f"baseline.rate.weight_decay={self.weight_decay} must not be negative and "
-                f".warmup_stairs={self.warmup_stairs} must be at least 1"
-            )
+        _require_positive(self, "baseline.rate", "peak", "gradient_clip", "drop_factor", "warmup_start")
+        _require_least(self, "baseline.rate", 0, "weight_decay")
+        _require_least(self, "baseline.rate", 1, "warmup_stairs")
+        _require("baseline.rate.warmup", self.warmup, 0 <= self.warmup < 1, "is a fraction of the run")
+        _require("baseline.rate.drop_at", self.drop_at, 0 < self.drop_at <= 1, "is a fraction of the run")
 
 
-@dataclass  # not frozen, for the same reason
+@dataclass
 class BaselineConfig:
     """All settings of a baseline; recording and seed come apart."""
 
@@ -86,29 +96,18 @@ class BaselineConfig:
     """Published weights instead of training: a file, or a folder with ``SYSTEM/BASELINE.pt``."""
 
     def __post_init__(self) -> None:
-        for name, value, known in (
-            ("decoder", self.decoder, DECODERS),
-            ("dynamics", self.dynamics, LAWS),
-            ("order", self.order, ORDERS),
-        ):
-            if value not in known:
-                raise ValueError(f"baseline.{name}={value!r}: choose one of {', '.join(known)}")
-        if set(self.steps) != set(DECODERS) or min(self.steps.values()) < 1:
-            raise ValueError(
-                f"baseline.steps={self.steps}: give a number of steps, at least 1, for each of "
-                f"{', '.join(DECODERS)}"
-            )
-        for name in ("d", "samples", "rest_frames"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"baseline.{name}={getattr(self, name)} must be at least 1")
-        if self.batch < 3:
-            raise ValueError(f"baseline.batch={self.batch}: a rate of change in a batch needs three frames")
-        if self.noise < 0:
-            raise ValueError(f"baseline.noise={self.noise} must not be negative")
-        if (self.decoder, self.dynamics) == ("abcd", "oscillators") and self.d % 2:
-            raise ValueError(
-                f"baseline.d={self.d}: oscillators drawn by attention are planar nodes; d must be even"
-            )
+        for name, known in (("decoder", DECODERS), ("dynamics", LAWS), ("order", ORDERS)):
+            value = getattr(self, name)
+            _require(f"baseline.{name}", value, value in known, f"is none of {', '.join(known)}")
+        enough = set(self.steps) == set(DECODERS) and min(self.steps.values()) >= 1
+        _require("baseline.steps", self.steps, enough, f"needs at least 1 for each of {', '.join(DECODERS)}")
+        _require_least(self, "baseline", 1, "d", "samples", "rest_frames")
+        rule = "is too small: a rate of change in a batch needs three frames"
+        _require("baseline.batch", self.batch, self.batch >= 3, rule)
+        _require_least(self, "baseline", 0, "noise")
+        planar = (self.decoder, self.dynamics) == ("abcd", "oscillators")
+        rule = "must be even: oscillators with an attention decoder are planar nodes"
+        _require("baseline.d", self.d, not planar or self.d % 2 == 0, rule)
 
     @property
     def n_steps(self) -> int:
@@ -116,13 +115,9 @@ class BaselineConfig:
         return self.steps[self.decoder]
 
 
-@dataclass  # not frozen: OmegaConf turns frozen dataclasses into read-only nodes
+@dataclass
 class AuthorsConfig:
-    """A checkout of GaussianPrediction and its Python, or frames that it predicted elsewhere.
-
-    Raises:
-        ValueError: a value outside its domain, or a checkout and frames at once.
-    """
+    """A checkout of GaussianPrediction and its Python, or frames that it predicted elsewhere."""
 
     checkout: str | None  # folder with train.py and train_GCN.py; null skips the tool
     python: str | None  # its interpreter, with its own CUDA build of torch
@@ -135,9 +130,8 @@ class AuthorsConfig:
     extent: float  # of the scene: the tool derives it from the distances of cameras, and there is only one
 
     def __post_init__(self) -> None:
-        for key in ("iterations", "epochs", "free_frames", "field_of_view_rad", "distance", "extent"):
-            if getattr(self, key) <= 0:
-                raise ValueError(f"authors.{key}={getattr(self, key)} must be positive; see conf/authors")
+        _require_positive(self, "authors", "iterations", "epochs", "free_frames")
+        _require_positive(self, "authors", "field_of_view_rad", "distance", "extent")
         if self.checkout is not None and self.frames is not None:
             raise ValueError("authors.checkout and authors.frames: give one of them, the other null")
         if self.checkout is not None and self.python is None:
@@ -147,13 +141,9 @@ class AuthorsConfig:
             )
 
 
-@dataclass  # not frozen: OmegaConf turns frozen dataclasses into read-only nodes
+@dataclass
 class OdeConfig:
-    """All settings of a neural ODE; chart and seed come apart.
-
-    Raises:
-        ValueError: a value outside its domain.
-    """
+    """All settings of a neural ODE; chart and seed come apart."""
 
     hidden: int
     layers: int  # hidden layers
@@ -167,24 +157,17 @@ class OdeConfig:
     checkpoint_every_s: float
 
     def __post_init__(self) -> None:
-        for name in ("hidden", "layers", "steps", "batch"):
-            _require_ode(name, getattr(self, name), getattr(self, name) >= 1, "must be at least 1")
-        for name in ("periods", "rate", "gradient_clip"):
-            _require_ode(name, getattr(self, name), getattr(self, name) > 0, "must be positive")
-        _require_ode("method", self.method, self.method in ("rk4", "midpoint"), "must be rk4 or midpoint")
-        share = 0 < self.final_fraction <= 1
-        _require_ode("final_fraction", self.final_fraction, share, "must lie in (0, 1]")
-
-
-def _require_ode(key: str, value: object, holds: bool, rule: str) -> None:
-    if not holds:
-        raise ValueError(f"ode.{key}={value} {rule}; set it in conf/ode or with ode.{key}=...")
+        _require_least(self, "ode", 1, "hidden", "layers", "steps", "batch")
+        _require_positive(self, "ode", "periods", "rate", "gradient_clip")
+        _require("ode.method", self.method, self.method in ("rk4", "midpoint"), "must be rk4 or midpoint")
+        share = self.final_fraction
+        _require("ode.final_fraction", share, 0 < share <= 1, "must lie in (0, 1]")
 
 
 PHASES = ("warm_up", "free", "keys", "joint", "graph")
 
 
-@dataclass  # not frozen: OmegaConf turns frozen dataclasses into read-only nodes
+@dataclass
 class MotionConfig:
     """The network that moves the Gaussians, from their features, places and the time."""
 
@@ -200,21 +183,13 @@ class MotionConfig:
 
     def __post_init__(self) -> None:
         counts = ("feature", "octaves", "hidden", "layers", "key_points", "neighbours")
-        for name in counts:
-            _require_forecaster(
-                f"motion.{name}", getattr(self, name), getattr(self, name) >= 1, "must be at least 1"
-            )
-        fits = self.neighbours <= self.key_points
-        _require_forecaster(
-            "motion.neighbours", self.neighbours, fits, f"exceeds motion.key_points={self.key_points}"
-        )
-        for name in ("feature_weight", "place_noise", "feature_penalty"):
-            _require_forecaster(
-                f"motion.{name}", getattr(self, name), getattr(self, name) >= 0, "must not be negative"
-            )
+        _require_least(self, "forecaster.motion", 1, *counts)
+        rule = f"exceeds forecaster.motion.key_points={self.key_points}"
+        _require("forecaster.motion.neighbours", self.neighbours, self.neighbours <= self.key_points, rule)
+        _require_least(self, "forecaster.motion", 0, "feature_weight", "place_noise", "feature_penalty")
 
 
-@dataclass  # not frozen, for the same reason
+@dataclass
 class ForecasterRateConfig:
     """Adam step sizes: first and last, falling by a constant factor per step."""
 
@@ -226,18 +201,16 @@ class ForecasterRateConfig:
     blend: float  # logits by which key points share a Gaussian
 
     def __post_init__(self) -> None:
-        for name in ("motion", "place"):
-            value = getattr(self, name)
-            _require_forecaster(
-                f"rate.{name}", value, len(value) == 2 and min(value) > 0, "is [first, last], positive"
-            )
-        for name in ("colour", "opacity", "scale", "blend"):
-            _require_forecaster(
-                f"rate.{name}", getattr(self, name), getattr(self, name) > 0, "must be positive"
-            )
+        _require_ends("forecaster.rate.motion", self.motion)
+        _require_ends("forecaster.rate.place", self.place)
+        _require_positive(self, "forecaster.rate", "colour", "opacity", "scale", "blend")
 
 
-@dataclass  # not frozen, for the same reason
+def _require_ends(key: str, rates: list[float]) -> None:
+    _require(key, rates, len(rates) == 2 and min(rates) > 0, "is [first, last], positive")
+
+
+@dataclass
 class GraphConfig:
     """The graph networks that predict key points, one for positions and one for rotations."""
 
@@ -250,23 +223,17 @@ class GraphConfig:
     noise_until: float  # fraction of the training over which the noise falls to zero
 
     def __post_init__(self) -> None:
-        for name in ("history", "hidden", "blocks"):
-            _require_forecaster(
-                f"graph.{name}", getattr(self, name), getattr(self, name) >= 1, "must be at least 1"
-            )
-        _require_forecaster(
-            "graph.batch", self.batch, self.batch >= 2, "must be at least 2: it is normalised by its own mean"
-        )
-        positive = len(self.rate) == 2 and min(self.rate) > 0
-        _require_forecaster("graph.rate", self.rate, positive, "is [first, last], positive")
-        _require_forecaster("graph.noise", self.noise, self.noise >= 0, "must not be negative")
-        share = 0 < self.noise_until <= 1
-        _require_forecaster(
-            "graph.noise_until", self.noise_until, share, "is a fraction of the training: in (0, 1]"
-        )
+        _require_least(self, "forecaster.graph", 1, "history", "hidden", "blocks")
+        rule = "must be at least 2: it is normalised by its own mean"
+        _require("forecaster.graph.batch", self.batch, self.batch >= 2, rule)
+        _require_ends("forecaster.graph.rate", self.rate)
+        _require_least(self, "forecaster.graph", 0, "noise")
+        share = self.noise_until
+        rule = "is a fraction of the training: in (0, 1]"
+        _require("forecaster.graph.noise_until", share, 0 < share <= 1, rule)
 
 
-@dataclass  # not frozen, for the same reason
+@dataclass
 class ForecasterConfig:
     """All settings of a key-point forecaster; recording and seed come apart."""
 
@@ -285,27 +252,17 @@ class ForecasterConfig:
 
     def __post_init__(self) -> None:
         enough = self.n_gaussians >= self.motion.key_points
-        rule = f"must be at least motion.key_points={self.motion.key_points}"
-        _require_forecaster("n_gaussians", self.n_gaussians, enough, rule)
-        known = set(self.steps) == set(PHASES) and min(self.steps.values()) >= 1
-        _require_forecaster("steps", self.steps, known, f"needs at least 1 for each of {', '.join(PHASES)}")
-        _require_forecaster(
-            "opacity", self.opacity, 0 < self.opacity < 1, "must lie strictly between 0 and 1"
-        )
-        _require_forecaster("spatial_sigma", self.spatial_sigma, self.spatial_sigma > 0, "must be positive")
+        rule = f"must be at least forecaster.motion.key_points={self.motion.key_points}"
+        _require("forecaster.n_gaussians", self.n_gaussians, enough, rule)
+        each = set(self.steps) == set(PHASES) and min(self.steps.values()) >= 1
+        _require("forecaster.steps", self.steps, each, f"needs at least 1 for each of {', '.join(PHASES)}")
+        _require("forecaster.opacity", self.opacity, 0 < self.opacity < 1, "must lie in (0, 1)")
+        _require_positive(self, "forecaster", "spatial_sigma")
         weights = min(self.l1, self.ssim) >= 0 and self.l1 + self.ssim > 0
-        _require_forecaster(
-            "l1", self.l1, weights, f"and ssim={self.ssim} must not be negative, nor both be zero"
-        )
+        rule = f"and ssim={self.ssim} must not be negative, nor both be zero"
+        _require("forecaster.l1", self.l1, weights, rule)
 
     @property
     def n_steps(self) -> int:
         """Steps of all phases together."""
         return sum(self.steps[name] for name in PHASES)
-
-
-def _require_forecaster(key: str, value: object, holds: bool, rule: str) -> None:
-    if not holds:
-        raise ValueError(
-            f"forecaster.{key}={value} {rule}; set it in conf/forecaster or with forecaster.{key}=..."
-        )

@@ -1,14 +1,13 @@
 """Train a baseline on a recording, or take its published weights."""
 
 import logging
-import time
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from jaxtyping import Float32, Int64
-from tqdm import tqdm
 
 from lagsplat.baselines.config import BaselineConfig
 from lagsplat.baselines.model import Baseline, BaselineArchitecture, stack_delays
@@ -21,13 +20,13 @@ from lagsplat.baselines.objective import (
     total_loss,
 )
 from lagsplat.baselines.released import load_released
+from lagsplat.baselines.training import run_training
 from lagsplat.io.files.checkpoint import load_training_state, save_training_state
 from lagsplat.io.recording.recording import Recording
 from lagsplat.stage1.autoencoder import to_images
 
 log = logging.getLogger(__name__)
 PATIENCE = 10  # maximum number of consecutive batches without a finite gradient
-CURVE_POINTS = 400  # rows of the training curve, for a run of any length
 
 
 class BaselineCurvePoint(NamedTuple):
@@ -94,41 +93,38 @@ def fit_baseline(
 
     Source: see `lagsplat.baselines.objective`; the published runs trained for 300 passes.
     """
-    footage = prepare_baseline_data(train, config)
+    data = prepare_baseline_data(train, config)
     torch.manual_seed(seed)
     baseline = Baseline(choose_architecture(config, train))
     optimizer = make_baseline_optimizer(baseline, config.rate)
-    first, curve = load_training_state(checkpoint, baseline, optimizer, BaselineCurvePoint, identity=identity)
-    sums, counted, lost, saved_at = np.zeros(8), 0, 0, time.monotonic()
-    spent, resumed_at = curve[-1].seconds if curve else 0.0, time.monotonic()
-    with tqdm(total=config.n_steps, initial=first, unit="step", desc="baseline", mininterval=1.0) as bar:
-        for step in range(first, config.n_steps):
-            set_rates(optimizer, config.rate, step=step, steps=config.n_steps)
-            terms = train_step(baseline, optimizer, footage, config, seed=seed, step=step)
-            if terms is None:
-                lost = _lost(lost + 1, step)
-            else:
-                sums, counted, lost = sums + terms, counted + 1, 0
-            bar.update()
-            if (step + 1) % max(1, config.n_steps // CURVE_POINTS) == 0 or step + 1 == config.n_steps:
-                seconds = spent + time.monotonic() - resumed_at
-                means = sums / counted if counted else np.full(8, np.nan)
-                curve.append(BaselineCurvePoint._make([step + 1, *means.tolist(), seconds]))
-                bar.set_postfix(loss=f"{curve[-1].loss:.4g}", mse=f"{curve[-1].reconstruction:.3g}")
-                sums, counted = np.zeros(8), 0
-                # The running means are empty only here, so a checkpoint need not hold them.
-                if checkpoint and time.monotonic() - saved_at > config.checkpoint_every_s:
-                    save_training_state(checkpoint, baseline, optimizer, curve, identity=identity)
-                    saved_at = time.monotonic()
+    _, curve = load_training_state(checkpoint, baseline, optimizer, BaselineCurvePoint, identity=identity)
+    lost = 0
+
+    def take_step(step: int) -> np.ndarray | None:
+        nonlocal lost
+        set_rates(optimizer, config.rate, step=step, steps=config.n_steps)
+        terms = train_step(baseline, optimizer, data, config, seed=seed, step=step)
+        lost = _count_lost(lost + 1, step) if terms is None else 0
+        return terms
+
+    save = None
+    if checkpoint:
+        save = partial(save_training_state, checkpoint, baseline, optimizer, curve, identity=identity)
+    run_training(
+        take_step,
+        curve,
+        BaselineCurvePoint,
+        n_terms=len(BaselineCurvePoint._fields) - 2,
+        ends=[config.n_steps],
+        title="baseline",
+        save=save,
+        save_every_s=config.checkpoint_every_s,
+    )
     return baseline.eval(), curve
 
 
 def prepare_baseline_data(train: Recording, config: BaselineConfig) -> BaselineData:
-    """Cut the training part into batches of consecutive frames, clip by clip, and drop shorter remainders.
-
-    Raises:
-        ValueError: no clip is as long as a batch, there are no inputs, or fewer frames than at rest.
-    """
+    """Cut the training part into batches of consecutive frames, clip by clip, and drop shorter remainders."""
     if not train.inputs.shape[1]:
         raise ValueError(
             f"recording {train.meta.get('source')}: no inputs, but the baselines are driven models; leave "
@@ -153,21 +149,16 @@ def prepare_baseline_data(train: Recording, config: BaselineConfig) -> BaselineD
 def train_step(
     baseline: Baseline,
     optimizer: torch.optim.Optimizer,
-    footage: BaselineData,
+    data: BaselineData,
     config: BaselineConfig,
     *,
     seed: int,
     step: int,
 ) -> Float32[np.ndarray, " terms"] | None:
-    """One gradient step on one batch; its loss and the unweighted terms, or None without a finite gradient.
-
-    Args:
-        baseline, optimizer, footage, config: the model in training, its optimiser, frames and settings.
-        seed, step: decide every random draw.
-    """
+    """One gradient step: the loss and its unweighted terms, or None without a finite gradient."""
     rng = np.random.default_rng([seed, step])
     generator = torch.Generator().manual_seed(int(rng.integers(2**62)))
-    scene = _scene(footage, config, _start(footage, config, seed=seed, step=step), rng)
+    scene = _scene(data, config, _start(data, config, seed=seed, step=step), rng)
     optimizer.zero_grad(set_to_none=True)
     terms = compute_loss_terms(
         baseline, scene, generator=generator, closing_gradient=config.loss.closing_gradient
@@ -182,7 +173,7 @@ def train_step(
     return torch.stack([loss, *terms]).detach().numpy()
 
 
-def _lost(in_a_row: int, step: int) -> int:
+def _count_lost(in_a_row: int, step: int) -> int:
     if in_a_row >= PATIENCE:
         raise FloatingPointError(
             f"the baseline lost its footing before step {step}: {in_a_row} batches in a row have no finite "
@@ -192,38 +183,33 @@ def _lost(in_a_row: int, step: int) -> int:
     return in_a_row
 
 
-def _start(footage: BaselineData, config: BaselineConfig, *, seed: int, step: int) -> int:
+def _start(data: BaselineData, config: BaselineConfig, *, seed: int, step: int) -> int:
     """First frame of this step's batch: in order, or in a new order on every pass."""
-    count = len(footage.starts)
+    count = len(data.starts)
     turn, place = divmod(step, count)
     if config.order == "sequential":
-        return int(footage.starts[place])
-    return int(np.random.default_rng([seed, turn, count]).permutation(footage.starts)[place])
+        return int(data.starts[place])
+    return int(np.random.default_rng([seed, turn, count]).permutation(data.starts)[place])
 
 
-def _scene(
-    footage: BaselineData, config: BaselineConfig, start: int, rng: np.random.Generator
-) -> BaselineBatch:
+def _scene(data: BaselineData, config: BaselineConfig, start: int, rng: np.random.Generator) -> BaselineBatch:
     frames = slice(start, start + config.batch)
-    at_rest = rng.permutation(footage.rest_frames)[: config.batch]
+    at_rest = rng.permutation(data.rest_frames)[: config.batch]
     return BaselineBatch(
-        images=to_images(footage.frames[frames]),
-        inputs=footage.inputs[frames],
-        rest_images=to_images(footage.frames[at_rest]),
-        rest_inputs=footage.inputs[at_rest],
+        images=to_images(data.frames[frames]),
+        inputs=data.inputs[frames],
+        rest_images=to_images(data.frames[at_rest]),
+        rest_inputs=data.inputs[at_rest],
     )
 
 
 def obtain_baseline(
     train: Recording, config: BaselineConfig, *, seed: int, checkpoint: Path, identity: str
 ) -> tuple[Baseline, dict[str, Any]]:
-    """The model, trained or from published weights, and how it was trained, for its header.
+    """The model, trained (see `fit_baseline`) or from published weights, and facts for its header.
 
-    The latter has ``steps``, ``frames_seen`` and ``wall_s`` (None if not trained here), ``weights`` (the
-    file, or None), ``epoch`` of published weights, and ``curve``, a list of rows.
-
-    Args:
-        train, config, seed, checkpoint, identity: as `fit_baseline`.
+    These are ``steps``, ``frames_seen`` and ``wall_s`` (None if not trained here), ``weights`` (the file, or
+    None), ``epoch`` of published weights, and ``curve``, a list of rows.
 
     Raises:
         ValueError, FloatingPointError: as `fit_baseline` and `lagsplat.baselines.released.load_released`;
@@ -235,11 +221,12 @@ def obtain_baseline(
         spent = {"steps": config.n_steps, "frames_seen": config.n_steps * config.batch}
         return baseline, {**spent, "wall_s": curve[-1].seconds, "weights": None, "epoch": None, "curve": rows}
     baseline, epoch = load_released(config.weights)
-    found, wanted = baseline.architecture, (config.decoder, config.dynamics)
-    if (found.decoder, found.dynamics) != wanted:
+    loaded = baseline.architecture
+    if (loaded.decoder, loaded.dynamics) != (config.decoder, config.dynamics):
         raise ValueError(
-            f"{config.weights}: holds {found.dynamics} with {found.decoder}, but {wanted[1]} with "
-            f"{wanted[0]} are wanted; choose with baselines=[...], or give a folder with SYSTEM/BASELINE.pt"
+            f"{config.weights}: holds {loaded.dynamics} with {loaded.decoder}, but {config.dynamics} with "
+            f"{config.decoder} are wanted; choose with baselines=[...], or give a folder with "
+            "SYSTEM/BASELINE.pt"
         )
     unknown = dict.fromkeys(("steps", "frames_seen", "wall_s"))
     return baseline, {**unknown, "weights": str(config.weights), "epoch": epoch, "curve": []}

@@ -23,15 +23,11 @@ from lagsplat.io.video.image_sequence import read_predicted, write_dnerf
 def predict_frames(
     frames: Frames, config: AuthorsConfig, *, n_train: int, place: Path, say: Callable[[object], None]
 ) -> UInt8[np.ndarray, "N H W 3"]:
-    """Predicted frames from the first held-out one on: at least as many as are held out, uint8 (N,H,W,3).
+    """Predicted frames from the first held-out one on: at least as many as are held out.
 
-    With ``config.frames`` they are read from that folder. Otherwise the clip is written in the layout that
-    the tool reads, the tool is trained and predicts freely, beginning with the held-out frames.
-
-    Args:
-        frames, n_train: the clip, and how many of its frames are for training.
-        config: where the tool is and how long it trains.
-        place, say: folder for the tool's files, and where to report progress.
+    With ``config.frames`` they are read from that folder. Otherwise the clip, of which the first ``n_train``
+    frames are for training, is written in the layout that the tool reads, the tool is trained and predicts
+    freely, beginning with the held-out frames. ``place`` is a folder for its files, ``say`` reports progress.
 
     Raises:
         FileNotFoundError, ValueError: no checkout or folder, submodules not fetched, or predicted frames of
@@ -39,20 +35,15 @@ def predict_frames(
         RuntimeError: no CUDA, or the tool failed.
     """
     _, height, width, _ = frames.shape
-    held = len(frames) - n_train
+    wanted = {"height": height, "width": width, "at_least": len(frames) - n_train}
     if config.frames is not None:
-        folder = Path(config.frames).expanduser()
-        return read_predicted(folder, height=height, width=width, at_least=held)
+        return read_predicted(Path(config.frames).expanduser(), **wanted)
     checkout = check_checkout(str(config.checkout))
     say(f"the authors' tool in {checkout}, torch, CUDA and a device: {check_cuda(str(config.python))}")
-    data, model = place.resolve() / "data", name_model_folder(place.resolve())
-    max_time = write_dnerf(
-        data,
-        frames,
-        n_train=n_train,
-        field_of_view_rad=config.field_of_view_rad,
-        distance=config.distance,
-    )
+    data = place.resolve() / "data"
+    model = place.resolve() / "d-nerf" / "model"  # the tool reads D-NeRF data only where the path says so
+    camera = {"field_of_view_rad": config.field_of_view_rad, "distance": config.distance}
+    max_time = write_dnerf(data, frames, n_train=n_train, **camera)
     for command in (
         make_train_command(config, data=data, model=model, max_time=max_time),
         make_forecast_command(config, model=model, max_time=max_time, free=False),
@@ -60,11 +51,8 @@ def predict_frames(
     ):
         say(" ".join(command))
         run_tool(command, checkout=checkout)
-    tested = find_predicted_folder(config, model, free=False)
-    read_predicted(tested, height=height, width=width, at_least=held)
-    return read_predicted(
-        find_predicted_folder(config, model, free=True), height=height, width=width, at_least=held
-    )
+    read_predicted(find_predicted_folder(config, model, free=False), **wanted)
+    return read_predicted(find_predicted_folder(config, model, free=True), **wanted)
 
 
 log = logging.getLogger(__name__)
@@ -81,18 +69,13 @@ ASK_CUDA = "import torch; print(torch.__version__, torch.version.cuda, torch.cud
 
 
 def check_checkout(checkout: str) -> Path:
-    """The folder of a checkout that has everything the tool needs.
-
-    Raises:
-        FileNotFoundError: no such folder, or not this tool.
-        ValueError: submodules were not fetched.
-    """
+    """The folder of a checkout that has everything the tool needs."""
     place = Path(checkout).expanduser()
     missing = [name for name in PROGRAMS if not (place / name).is_file()]
     if missing:
-        found = f"no {missing[0]} in it" if place.is_dir() else "no such folder"
+        reason = f"no {missing[0]} in it" if place.is_dir() else "no such folder"
         raise FileNotFoundError(
-            f"authors.checkout={checkout}: {found}; give a clone of github.com/BoMingZhao/GaussianPrediction"
+            f"authors.checkout={checkout}: {reason}; give a clone of github.com/BoMingZhao/GaussianPrediction"
         )
     empty = [name for name in SUBMODULES if not (place / name).is_dir() or not any((place / name).iterdir())]
     if empty:
@@ -104,12 +87,7 @@ def check_checkout(checkout: str) -> Path:
 
 
 def check_cuda(python: str) -> str:
-    """Versions of torch and CUDA in the tool's interpreter.
-
-    Raises:
-        FileNotFoundError: there is no such interpreter.
-        RuntimeError: it has no torch, or no CUDA device, which the tool needs.
-    """
+    """Versions of torch and CUDA in the tool's interpreter."""
     try:
         done = subprocess.run([python, "-c", ASK_CUDA], capture_output=True, text=True, check=False)
     except FileNotFoundError as error:
@@ -117,18 +95,17 @@ def check_cuda(python: str) -> str:
             f"authors.python={python}: no such interpreter; give the tool's own"
         ) from error
     if done.returncode:
-        said = done.stderr.strip().splitlines()[-1:]
         raise RuntimeError(
-            f"authors.python={python}: has no torch {said}; give the interpreter of the "
-            "environment that the tool's README makes"
+            f"authors.python={python}: has no torch {done.stderr.strip().splitlines()[-1:]}; give the "
+            "interpreter of the environment that the tool's README makes"
         )
-    told = done.stdout.strip()
-    if not told.endswith("True"):
+    versions = done.stdout.strip()
+    if not versions.endswith("True"):
         raise RuntimeError(
-            f"authors.python={python}: torch {told.split()[0]} finds no CUDA device, and the tool runs on "
-            "nothing else; run it on another machine and give its frames with authors.frames=FOLDER"
+            f"authors.python={python}: torch {versions.split()[0]} finds no CUDA device, and the tool runs "
+            "on nothing else; run it on another machine and give its frames with authors.frames=FOLDER"
         )
-    return told
+    return versions
 
 
 def make_train_command(config: AuthorsConfig, *, data: Path, model: Path, max_time: float) -> list[str]:
@@ -147,16 +124,11 @@ def make_train_command(config: AuthorsConfig, *, data: Path, model: Path, max_ti
 
 
 def make_forecast_command(config: AuthorsConfig, *, model: Path, max_time: float, free: bool) -> list[str]:
-    """The command that trains the graph network and predicts the held-out frames, or the ``free`` ones after
-    it.
+    """The command that trains the graph network and predicts the held-out frames, or freely from these on.
 
     The settings of the training are repeated: the tool would use its defaults, not what it was trained with.
     """
-    after = (
-        ("--evaluate", "--predict_more", "--frames", str(config.free_frames), "--cam_id", "0")
-        if free
-        else ("--metrics",)
-    )
+    freely = ("--evaluate", "--predict_more", "--frames", str(config.free_frames), "--cam_id", "0")
     return [
         *_program(config, "train_GCN.py"),
         *("-m", f"{model}/", "--ckpt_iteration", str(config.iterations), "--max_time", repr(max_time)),
@@ -164,34 +136,25 @@ def make_forecast_command(config: AuthorsConfig, *, model: Path, max_time: float
         *("--num_stage", "6", "--noise_step", "100", "--noise_init", "0", "--input_size", "10"),
         *("--epoch", str(config.epochs), "--exp_name", EXPERIMENT),
         *SHARED,
-        *after,
+        *(freely if free else ("--metrics",)),
     ]
 
 
 def find_predicted_folder(config: AuthorsConfig, model: Path, *, free: bool) -> Path:
     """The folder in which the tool writes its predicted frames."""
-    what = "Predicted_more_by_GCN" if free else "[metrics]Predicted_by_GCN_on_test_views"
-    shown = "renders/view0" if free else "renders"
-    return model / EXPERIMENT / what / f"ours_{config.iterations}" / shown
-
-
-def name_model_folder(place: Path) -> Path:
-    """The folder in which the tool keeps a model: its path needs ``d-nerf`` for D-NeRF recordings."""
-    return place / "d-nerf" / "model"
+    kind = "Predicted_more_by_GCN" if free else "[metrics]Predicted_by_GCN_on_test_views"
+    images = "renders/view0" if free else "renders"
+    return model / EXPERIMENT / kind / f"ours_{config.iterations}" / images
 
 
 def run_tool(command: Sequence[str], *, checkout: Path) -> None:
-    """Run a command from the checkout.
-
-    Raises:
-        RuntimeError: it failed; the message has the last lines of the log.
-    """
+    """Run a command from the checkout; a failure is quoted with the last lines of the log."""
     log.info("in %s: %s", checkout, " ".join(command))
     done = subprocess.run(command, cwd=checkout, capture_output=True, text=True, check=False)
     log.info("%s%s", done.stdout, done.stderr)
     if done.returncode:
-        words = (done.stderr.strip() or done.stdout.strip() or "no reason given")[-600:]
-        raise RuntimeError(f"{command[3]} of {checkout} failed: {words}")
+        reason = (done.stderr.strip() or done.stdout.strip() or "no reason given")[-600:]
+        raise RuntimeError(f"{command[3]} of {checkout} failed: {reason}")
 
 
 def _program(config: AuthorsConfig, name: str) -> list[str]:

@@ -49,8 +49,7 @@ class Baseline(nn.Module):
 
     def __init__(self, architecture: BaselineArchitecture) -> None:
         super().__init__()
-        self.architecture = architecture
-        of = architecture
+        self.architecture = of = architecture
         size = {"height": of.height, "width": of.width}
         paired = (of.decoder, of.dynamics) == ("abcd", "oscillators")
         self.encoder = VariationalEncoder(of.d, **size)
@@ -109,12 +108,7 @@ def save_baseline(path: str | os.PathLike[str], baseline: Baseline, header: Mapp
 
 
 def load_baseline(path: str | os.PathLike[str]) -> tuple[Baseline, dict[str, Any]]:
-    """Read a baseline and its header.
-
-    Raises:
-        FileNotFoundError: nothing is at ``path``.
-        ValueError: the file is no baseline, or one of another schema.
-    """
+    """Read a baseline and its header; errors as `lagsplat.io.files.artifact.load_artifact`."""
     tensors, header = load_artifact(path, kind=KIND, schema=SCHEMA)
     baseline = Baseline(BaselineArchitecture(**header["architecture"]))
     return restore_module(baseline, tensors, path), header

@@ -21,12 +21,7 @@ WIDTHS = (3, 32, 64, 128)
 REDUCTION = 8  # three halvings of each side
 
 
-def require_size(height: int, width: int) -> None:
-    """Check that each side can be halved three times.
-
-    Raises:
-        ValueError: a side is no multiple of eight.
-    """
+def _require_size(height: int, width: int) -> None:
     if min(height, width) < REDUCTION or height % REDUCTION or width % REDUCTION:
         raise ValueError(
             f"frames of {height} x {width} pixels: the baselines halve each side three times, so both must "
@@ -42,7 +37,7 @@ class VariationalEncoder(nn.Module):
 
     def __init__(self, d: int, *, height: int, width: int) -> None:
         super().__init__()
-        require_size(height, width)
+        _require_size(height, width)
         self.d = d
         self.convolutions = nn.ModuleList(
             nn.Conv2d(n_in, n_out, 4, stride=2, padding=1) for n_in, n_out in pairwise(WIDTHS)
@@ -194,8 +189,8 @@ class AttentionDecoder(nn.Module):
 def compute_centre_jacobian(decoder: AttentionDecoder, z: Latents) -> Float[Tensor, "B G 2 d"]:
     """Derivative of each centre with respect to each coordinate."""
 
-    def place(one: Tensor) -> Tensor:
-        return compute_attention_centres(decoder.maps(one[None]), decoder.places)[0]
+    def place(state: Tensor) -> Tensor:
+        return compute_attention_centres(decoder.maps(state[None]), decoder.places)[0]
 
     return torch.func.vmap(torch.func.jacrev(place))(z)
 

@@ -1,10 +1,9 @@
 """A neural ordinary differential equation, its file, and its training on windows of the training part."""
 
-import logging
 import math
 import os
-import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,15 +14,14 @@ from jaxtyping import Float, Float64
 from scipy.interpolate import CubicSpline
 from torch import Tensor, nn
 from torchdiffeq import odeint
-from tqdm import tqdm
 
 from lagsplat.baselines.config import OdeConfig
+from lagsplat.baselines.training import run_training
 from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.io.files.artifact import load_artifact, restore_module, save_artifact
-from lagsplat.io.files.checkpoint import load_checkpoint, save_checkpoint
+from lagsplat.io.files.checkpoint import load_training_state, save_training_state
 
-log = logging.getLogger(__name__)
-CURVE_POINTS = 400  # rows of the training curve, for a run of any length
+KIND, SCHEMA = "neural_ode", 1
 EARLY = 0.25  # share of the full window length at the start of the training
 
 
@@ -44,13 +42,8 @@ class NeuralOde(nn.Module):
 
     def __init__(self, d: int, *, hidden: int, layers: int, method: str, time_unit_s: float) -> None:
         super().__init__()
-        self.architecture = {
-            "d": d,
-            "hidden": hidden,
-            "layers": layers,
-            "method": method,
-            "time_unit_s": time_unit_s,
-        }
+        sizes = {"d": d, "hidden": hidden, "layers": layers}
+        self.architecture = {**sizes, "method": method, "time_unit_s": time_unit_s}
         self.d, self.method, self.time_unit_s = d, method, time_unit_s
         widths = [2 * d, *[hidden] * layers]
         self.layers = nn.ModuleList(nn.Linear(a, b, dtype=torch.float64) for a, b in pairwise(widths))
@@ -85,8 +78,7 @@ def fit_ode(
     state and, in natural units, of the velocity. Unevenly spaced frames are interpolated first.
 
     Args:
-        train, metric: the training part, and the weight of its coordinates.
-        config, seed: settings, and the random seed.
+        train, metric, config, seed: the training part, the weight of its coordinates, settings and seed.
         checkpoint, identity: file to resume from, and the string that identifies the run in it.
 
     Raises:
@@ -109,26 +101,27 @@ def fit_ode(
     )
     optimizer = torch.optim.Adam(ode.parameters(), lr=config.rate)
     weight = torch.from_numpy(np.kron(np.eye(2), metric))
-    first, curve = _restore(ode, optimizer, checkpoint, identity)
-    total, counted, saved_at = 0.0, 0, time.monotonic()
-    spent, resumed_at = curve[-1].seconds if curve else 0.0, time.monotonic()
-    with tqdm(total=config.steps, initial=first, unit="step", desc="neural ODE", mininterval=1.0) as bar:
-        for step in range(first, config.steps):
-            _set_rate(optimizer, config, step)
-            length = _length(window, step / config.steps)
-            batch = _windows(clips, length, config.batch, np.random.default_rng([seed, step]))
-            total += _descend(ode, optimizer, batch, weight, config, dt_s=train.dt_s, step=step)
-            counted += 1
-            bar.update()
-            if (step + 1) % max(1, config.steps // CURVE_POINTS) == 0 or step + 1 == config.steps:
-                seconds = spent + time.monotonic() - resumed_at
-                curve.append(OdeCurvePoint(step + 1, total / counted, seconds))
-                bar.set_postfix(loss=f"{curve[-1].loss:.3g}")
-                total, counted = 0.0, 0
-                # The running mean is empty only here, so a checkpoint need not hold it.
-                if checkpoint and time.monotonic() - saved_at > config.checkpoint_every_s:
-                    _save(ode, optimizer, curve, checkpoint, identity)
-                    saved_at = time.monotonic()
+    _, curve = load_training_state(checkpoint, ode, optimizer, OdeCurvePoint, identity=identity)
+
+    def take_step(step: int) -> np.ndarray:
+        _set_rate(optimizer, config, step)
+        length = _length(window, step / config.steps)
+        batch = _windows(clips, length, config.batch, np.random.default_rng([seed, step]))
+        return np.array([_descend(ode, optimizer, batch, weight, config, dt_s=train.dt_s, step=step)])
+
+    save = None
+    if checkpoint:
+        save = partial(save_training_state, checkpoint, ode, optimizer, curve, identity=identity)
+    run_training(
+        take_step,
+        curve,
+        OdeCurvePoint,
+        n_terms=1,
+        ends=[config.steps],
+        title="neural ODE",
+        save=save,
+        save_every_s=config.checkpoint_every_s,
+    )
     return ode.eval(), curve
 
 
@@ -205,37 +198,6 @@ def _set_rate(optimizer: torch.optim.Optimizer, config: OdeConfig, step: int) ->
         group["lr"] = config.rate * (config.final_fraction + (1 - config.final_fraction) * wave)
 
 
-def _restore(
-    ode: NeuralOde, optimizer: torch.optim.Optimizer, checkpoint: Path | None, identity: str
-) -> tuple[int, list[OdeCurvePoint]]:
-    state = load_checkpoint(checkpoint, identity=identity) if checkpoint else None
-    if state is None:
-        return 0, []
-    ode.load_state_dict(state["ode"])
-    optimizer.load_state_dict(state["optimizer"])
-    curve = [OdeCurvePoint(*row) for row in state["curve"]]
-    log.info("going on from %s at step %d", checkpoint, curve[-1].step)
-    return curve[-1].step, curve
-
-
-def _save(
-    ode: NeuralOde,
-    optimizer: torch.optim.Optimizer,
-    curve: list[OdeCurvePoint],
-    checkpoint: Path,
-    identity: str,
-) -> None:
-    state: dict[str, Any] = {
-        "ode": ode.state_dict(),
-        "optimizer": optimizer.state_dict(),
-        "curve": [tuple(point) for point in curve],
-    }
-    save_checkpoint(checkpoint, state, identity=identity)
-
-
-KIND, SCHEMA = "neural_ode", 1
-
-
 def continue_rollout(
     ode: NeuralOde,
     q0: Float64[np.ndarray, "B d"],
@@ -246,17 +208,15 @@ def continue_rollout(
 ) -> Float64[np.ndarray, "B N d"]:
     """States of rollouts by the classical Runge-Kutta scheme, one step a frame; divergence stays non-finite.
 
-    It runs on NumPy arrays: a thousand seconds in torch would take minutes.
-
-    Args:
-        ode, q0, v0: the fitted model, and initial states and velocities [1/s].
-        states, dt_s: number of states, and their spacing [s].
+    ``q0`` and ``v0`` [1/s] begin ``states`` instants, ``dt_s`` [s] apart. It runs on NumPy arrays: a thousand
+    seconds in torch would take minutes.
     """
-    weights = [(layer.weight.detach().numpy().T, layer.bias.detach().numpy()) for layer in ode.layers]  # type: ignore[union-attr,operator]
-    head = (ode.head.weight.detach().numpy().T, ode.head.bias.detach().numpy())
+    *hidden, head = (
+        (layer.weight.detach().numpy().T, layer.bias.detach().numpy()) for layer in (*ode.layers, ode.head)
+    )
 
     def rate(x: np.ndarray) -> np.ndarray:
-        for weight, bias in weights:
+        for weight, bias in hidden:
             x = np.tanh(x @ weight + bias)
         return x @ head[0] + head[1]
 
@@ -271,7 +231,10 @@ def continue_rollout(
     return np.moveaxis(path[:, :, : ode.d], 0, 1)
 
 
-def _rk4(rate: Any, x: np.ndarray, h: float) -> np.ndarray:
+Rate = Callable[[np.ndarray], np.ndarray]
+
+
+def _rk4(rate: Rate, x: np.ndarray, h: float) -> np.ndarray:
     """The three-eighths rule, which is what torchdiffeq calls rk4."""
     k1 = rate(x)
     k2 = rate(x + h / 3 * k1)
@@ -280,7 +243,7 @@ def _rk4(rate: Any, x: np.ndarray, h: float) -> np.ndarray:
     return x + h / 8 * (k1 + 3 * (k2 + k3) + k4)
 
 
-def _midpoint(rate: Any, x: np.ndarray, h: float) -> np.ndarray:
+def _midpoint(rate: Rate, x: np.ndarray, h: float) -> np.ndarray:
     return x + h * rate(x + 0.5 * h * rate(x))
 
 
@@ -289,18 +252,12 @@ _STEPS = {"rk4": _rk4, "midpoint": _midpoint}
 
 def save_ode(path: str | os.PathLike[str], ode: NeuralOde, header: Mapping[str, Any]) -> None:
     """Write the weights and the architecture."""
-    save_artifact(
-        path, ode.state_dict(), {"kind": KIND, "schema": SCHEMA, **header, "architecture": ode.architecture}
-    )
+    header = {"kind": KIND, "schema": SCHEMA, **header, "architecture": ode.architecture}
+    save_artifact(path, ode.state_dict(), header)
 
 
 def load_ode(path: str | os.PathLike[str]) -> tuple[NeuralOde, dict[str, Any]]:
-    """Read a neural ODE and its header.
-
-    Raises:
-        FileNotFoundError: nothing is at ``path``.
-        ValueError: the file is of another kind or schema.
-    """
+    """Read a neural ODE and its header; errors as `lagsplat.io.files.artifact.load_artifact`."""
     tensors, header = load_artifact(path, kind=KIND, schema=SCHEMA)
     ode = NeuralOde(**header["architecture"])
     return restore_module(ode, tensors, path), header

@@ -61,15 +61,10 @@ def compute_loss_terms(
     generator: torch.Generator | None,
     closing_gradient: float = 1.0,
 ) -> BaselineLossTerms:
-    """Every loss term for one batch.
+    """Every loss term for one batch; without a ``generator`` latents are means and maps have no noise.
 
     The encoded velocity is a constant for the dynamics and their targets; gradients flow through it only to
-    the attention maps.
-
-    Args:
-        baseline, scene: the model, and the batch.
-        generator: of the samples; without it latents are means and maps have no noise.
-        closing_gradient: share of the closing term's gradient that reaches the maps.
+    the attention maps. ``closing_gradient`` is the share of the closing term's gradient that reaches them.
     """
     dt_s = baseline.architecture.dt_s
     rates = compute_image_rates(scene.images, dt_s)
@@ -79,9 +74,7 @@ def compute_loss_terms(
     zero = mean.new_zeros(())
     attention = closing = steady = zero
     if isinstance(baseline.decoder, AttentionDecoder):
-        attention, closing = _attention_terms(
-            baseline.decoder, mean, moving, rates, closing_gradient=closing_gradient
-        )
+        attention, closing = _attention_terms(baseline.decoder, mean, moving, rates, closing_gradient)
     if isinstance(baseline.dynamics, Oscillators):
         rest, _ = baseline.encoder(scene.rest_images)
         steady = penalize_unsteadiness(baseline.dynamics, rest, scene.rest_inputs)
@@ -121,7 +114,7 @@ def penalize_unsteadiness(law: Oscillators, z: Latents, u: Inputs) -> Scalar:
 
 
 def _attention_terms(
-    decoder: AttentionDecoder, z: Latents, velocity: Latents, rates: Images, *, closing_gradient: float
+    decoder: AttentionDecoder, z: Latents, velocity: Latents, rates: Images, closing_gradient: float
 ) -> tuple[Scalar, Scalar]:
     (maps,), (map_rates,) = directional_derivative(lambda z: (decoder.maps(z),), z, velocity)
     attention = penalize_unwarranted_change(map_rates, rates)

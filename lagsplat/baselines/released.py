@@ -29,22 +29,15 @@ SIDE = 32
 NOISE = 0.1
 BACKGROUND = {"oscillators": 1.0, "koopman": 3.0}
 PARTS = ("vae_state_dict", "latent_dynamics_state_dict")
-UNUSED = ("decoder.coord_scale", "decoder.coord_rotation", "decoder.coord_bias")
-"""Keys in some files from a variant that was never trained."""
+UNUSED = ("decoder.coord_scale", "decoder.coord_rotation", "decoder.coord_bias")  # of an untrained variant
 
 LAYERS = {
-    "encoder": {
-        "encoder": {"convolutions.0": "0", "convolutions.1": "2", "convolutions.2": "4", "head": "7"}
-    },
-    "deconv": {
-        "decoder": {"expand": "0", "convolutions.0": "2", "convolutions.1": "4", "convolutions.2": "6"}
-    },
+    "encoder": {"convolutions.0": "0", "convolutions.1": "2", "convolutions.2": "4", "head": "7"},
+    "deconv": {"expand": "0", "convolutions.0": "2", "convolutions.1": "4", "convolutions.2": "6"},
     "abcd": {
-        "decoder": {
-            f"{ours}.layers.{layer}": f"{theirs}.{2 * layer}"
-            for ours, theirs in (("attention", "attention_net"), ("color", "decoder"))
-            for layer in range(4)
-        }
+        f"{ours}.layers.{layer}": f"{theirs}.{2 * layer}"
+        for ours, theirs in (("attention", "attention_net"), ("color", "decoder"))
+        for layer in range(4)
     },
 }
 OSCILLATORS = {
@@ -89,8 +82,8 @@ def _architecture(
     if head is None or first is None:
         lacking = "'encoder.7.bias'" if head is None else f"'{fed}'"
         raise ValueError(
-            f"{path}: no tensor {lacking}, so the size of the model cannot be told; the file is of "
-            "another version of the baselines, only those with delayed pressures are read"
+            f"{path}: no tensor {lacking}, which gives the size of the model; the file is of another version "
+            "of the baselines, only those with delayed pressures are read"
         )
     return BaselineArchitecture(
         decoder="abcd" if "decoder.background_features" in images else "deconv",
@@ -111,15 +104,14 @@ def _renamed(
 ) -> dict[str, tuple[str, Tensor | None]]:
     """Our name of every weight, with the published name and its value."""
     names: dict[str, tuple[str, Mapping[str, Tensor]]] = {}
-    for kind in ("encoder", architecture.decoder):
-        for part, layers in LAYERS[kind].items():
-            for ours, theirs in layers.items():
-                for what in ("weight", "bias"):
-                    names[f"{part}.{ours}.{what}"] = (f"{part}.{theirs}.{what}", images)
+    for part, kind in (("encoder", "encoder"), ("decoder", architecture.decoder)):
+        for ours, theirs in LAYERS[kind].items():
+            for what in ("weight", "bias"):
+                names[f"{part}.{ours}.{what}"] = (f"{part}.{theirs}.{what}", images)
     if architecture.decoder == "abcd":
         names["decoder.background"] = ("decoder.background_features", images)
     names |= {ours: (theirs, law) for ours, theirs in _law_names(architecture).items()}
-    found: dict[str, tuple[str, Tensor | None]] = {
+    tensors: dict[str, tuple[str, Tensor | None]] = {
         ours: (theirs, source.get(theirs)) for ours, (theirs, source) in names.items()
     }
     if architecture.decoder == "abcd":
@@ -127,8 +119,8 @@ def _renamed(
             each = [f"decoder.latent_expanders.{i}.{what}" for i in range(architecture.d)]
             rows = [images[name].reshape(-1) for name in each if name in images]
             complete = torch.stack(rows) if len(rows) == architecture.d else None
-            found[f"decoder.embed_{what}"] = (each[0][: each[0].rindex("0")] + f"*.{what}", complete)
-    return found
+            tensors[f"decoder.embed_{what}"] = (each[0][: each[0].rindex("0")] + f"*.{what}", complete)
+    return tensors
 
 
 def _law_names(architecture: BaselineArchitecture) -> dict[str, str]:
@@ -226,11 +218,7 @@ def release_url(system: str, baseline: str) -> str:
 
 
 def fetch_weights(folder: str | os.PathLike[str]) -> list[Path]:
-    """All published weights as ``folder/SYSTEM/BASELINE.pt``, for ``baseline.weights=folder``; checked.
-
-    Raises:
-        ValueError, FileExistsError, ConnectionError, OSError: as `lagsplat.io.files.download.download`.
-    """
+    """All published weights as ``folder/SYSTEM/BASELINE.pt``, for ``baseline.weights=folder``; checked."""
     return [
         download(release_url(system, name), Path(folder) / system / f"{name}.pt", sha256=digest)
         for (system, name), (_, digest) in FILES.items()

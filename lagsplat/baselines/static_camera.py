@@ -16,11 +16,7 @@ MEASURE = "getNerfppNorm"
 
 
 def with_extent(extent: float, program: str, *arguments: str) -> None:
-    """Run ``program`` with ``arguments``, with a scene extent of at least ``extent``.
-
-    Raises:
-        SystemExit: the checkout has no such function, so it is another version of the tool.
-    """
+    """Run ``program`` with ``arguments``, with a scene extent of at least ``extent``."""
     sys.path.insert(0, "")
     readers = importlib.import_module(READERS)
     measured = getattr(readers, MEASURE, None)
@@ -30,9 +26,8 @@ def with_extent(extent: float, program: str, *arguments: str) -> None:
         )
 
     def at_least(cameras: Any) -> Any:
-        found = dict(measured(cameras))
-        found["radius"] = max(float(found["radius"]), extent)
-        return found
+        norm = dict(measured(cameras))
+        return norm | {"radius": max(float(norm["radius"]), extent)}
 
     setattr(readers, MEASURE, at_least)
     sys.argv = [program, *arguments]

@@ -1,16 +1,15 @@
 """Train a key-point forecaster, phase by phase."""
 
 import logging
-import time
+from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import torch
-from tqdm import tqdm
 
 from lagsplat.array_types import Frames
-from lagsplat.baselines.config import ForecasterConfig
+from lagsplat.baselines.config import PHASES, ForecasterConfig
 from lagsplat.baselines.keypoints.model import Forecaster, read_forecaster_architecture, scatter_points
 from lagsplat.baselines.keypoints.phases import (
     ForecasterFit,
@@ -20,10 +19,10 @@ from lagsplat.baselines.keypoints.phases import (
     open_phase,
     set_rates,
 )
+from lagsplat.baselines.training import run_training
 from lagsplat.io.files.checkpoint import load_checkpoint, save_checkpoint
 
 log = logging.getLogger(__name__)
-CURVE_POINTS = 400  # rows of the training curve, for a run of any length
 
 
 class ForecasterCurvePoint(NamedTuple):
@@ -64,30 +63,27 @@ def fit_forecaster(
     does not grow.
     """
     fitting = _begin(frames, config, seed)
-    first, curve = _restore(fitting, checkpoint, identity)
-    sums, counted, saved_at = np.zeros(2), 0, time.monotonic()
-    spent, resumed_at = curve[-1].seconds if curve else 0.0, time.monotonic()
-    every = max(1, config.n_steps // CURVE_POINTS)
-    with tqdm(total=config.n_steps, initial=first, unit="step", desc="forecaster", mininterval=1.0) as bar:
-        for step in range(first, config.n_steps):
-            moment = choose_moment(config, step)
-            if moment.inner == 0:
-                open_phase(fitting, moment)
-            sums += train_step(fitting, moment, step)
-            counted += 1
-            bar.update()
-            ends = moment.inner + 1 == moment.length
-            if (step + 1) % every == 0 or ends:
-                seconds = spent + time.monotonic() - resumed_at
-                curve.append(
-                    ForecasterCurvePoint._make([step + 1, moment.phase, *(sums / counted).tolist(), seconds])
-                )
-                bar.set_postfix(phase=moment.phase, error=f"{curve[-1].error:.3g}")
-                sums, counted = np.zeros(2), 0
-                # The running means are empty only here, so a checkpoint need not hold them.
-                if checkpoint and time.monotonic() - saved_at > config.checkpoint_every_s:
-                    _save(fitting, curve, checkpoint, identity)
-                    saved_at = time.monotonic()
+    curve = _restore(fitting, checkpoint, identity)
+
+    def take_step(step: int) -> np.ndarray:
+        moment = choose_moment(config, step)
+        if moment.inner == 0:
+            open_phase(fitting, moment)
+        return train_step(fitting, moment, step)
+
+    def make_point(step: int, loss: float, error: float, seconds: float) -> ForecasterCurvePoint:
+        return ForecasterCurvePoint(step, choose_moment(config, step - 1).phase, loss, error, seconds)
+
+    run_training(
+        take_step,
+        curve,
+        make_point,
+        n_terms=2,
+        ends=np.cumsum([config.steps[phase] for phase in PHASES]).tolist(),
+        title="forecaster",
+        save=partial(_save, fitting, curve, checkpoint, identity) if checkpoint else None,
+        save_every_s=config.checkpoint_every_s,
+    )
     return fitting.forecaster.eval(), curve
 
 
@@ -125,27 +121,24 @@ def train_step(fitting: ForecasterFit, moment: TrainingMoment, step: int) -> np.
     return values
 
 
-def _restore(
-    fitting: ForecasterFit, checkpoint: Path | None, identity: str
-) -> tuple[int, list[ForecasterCurvePoint]]:
+def _restore(fitting: ForecasterFit, checkpoint: Path | None, identity: str) -> list[ForecasterCurvePoint]:
     state = load_checkpoint(checkpoint, identity=identity) if checkpoint else None
     if state is None:
-        return 0, []
+        return []
     fitting.forecaster.load_state_dict(state["forecaster"])
     curve = [ForecasterCurvePoint(*row) for row in state["curve"]]
-    moment = (
-        choose_moment(fitting.config, curve[-1].step) if curve[-1].step < fitting.config.n_steps else None
-    )
+    done = curve[-1].step
+    moment = choose_moment(fitting.config, done) if done < fitting.config.n_steps else None
     if moment is not None and moment.inner:
         open_phase(fitting, moment)
         fitting.optimizer.load_state_dict(state["optimizer"])
         fitting.nearest = state["nearest"]
-    log.info("going on from %s at step %d", checkpoint, curve[-1].step)
-    return curve[-1].step, curve
+    log.info("going on from %s at step %d", checkpoint, done)
+    return curve
 
 
 def _save(fitting: ForecasterFit, curve: list[ForecasterCurvePoint], checkpoint: Path, identity: str) -> None:
-    state: dict[str, Any] = {
+    state = {
         "forecaster": fitting.forecaster.state_dict(),
         "optimizer": fitting.optimizer.state_dict(),
         "nearest": fitting.nearest,

@@ -25,7 +25,7 @@ def fit_path(forecaster: Forecaster, frames: Float[np.ndarray, " N"]) -> KeyPoin
     """
     places, turns = [], []
     for frame in frames:
-        moved, turned = forecaster.key_shift(float(frame))
+        moved, turned = forecaster.shift(forecaster.keys, float(frame))
         places.append(forecaster.keys.place + moved)
         turns.append(torch.cat((turned.cos(), turned.sin()), 1))
     return KeyPointPath(torch.stack(places).numpy(), torch.stack(turns).numpy())
@@ -58,9 +58,7 @@ def wrap_angle(turns: Float[Tensor, "*B nodes"]) -> Float[Tensor, "*B nodes"]:
 def draw_path(
     forecaster: Forecaster, path: KeyPointPath, at: Float[np.ndarray, " N"]
 ) -> Float32[np.ndarray, "N 3 H W"]:
-    """Images at positions along a path, counted in its steps: linear between steps, constant beyond its
-    ends.
-    """
+    """Images at positions along a path, in its steps: linear between them, constant beyond its ends."""
     nearest, images = forecaster.nearest(), []
     last = len(path.places) - 1
     for place in np.clip(at, 0, last):

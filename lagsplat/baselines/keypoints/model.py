@@ -50,15 +50,10 @@ def read_forecaster_architecture(
 ) -> ForecasterArchitecture:
     """The shape of a forecaster for a clip of ``frames`` training frames of this size [px]."""
     motion, graph = config.motion, config.graph
+    names = ("feature", "octaves", "hidden", "layers", "key_points", "neighbours", "feature_weight")
     return ForecasterArchitecture(
         n_gaussians=config.n_gaussians,
-        feature=motion.feature,
-        octaves=motion.octaves,
-        hidden=motion.hidden,
-        layers=motion.layers,
-        key_points=motion.key_points,
-        neighbours=motion.neighbours,
-        feature_weight=motion.feature_weight,
+        **{name: getattr(motion, name) for name in names},
         history=graph.history,
         graph_hidden=graph.hidden,
         graph_blocks=graph.blocks,
@@ -84,27 +79,19 @@ class Forecaster(nn.Module):
         self.architecture, self.backend = of, backend
         self.scene = KeyPointScene(of.n_gaussians, of.feature, height=of.height, width=of.width)
         self.motion = MotionNet(of.feature, octaves=of.octaves, hidden=of.hidden, layers=of.layers)
-        self.keys = KeyPoints(
-            of.n_gaussians,
-            of.key_points,
-            of.feature,
-            neighbours=of.neighbours,
-            feature_weight=of.feature_weight,
-        )
+        sizes = (of.n_gaussians, of.key_points, of.feature)
+        self.keys = KeyPoints(*sizes, neighbours=of.neighbours, feature_weight=of.feature_weight)
         self.places, self.turns = (
             GraphNet(2 * of.key_points, history=of.history, hidden=of.graph_hidden, blocks=of.graph_blocks)
             for _ in range(2)
         )
 
-    def free_shift(self, frame: float, *, noise: Float[Tensor, "N 2"] | float = 0.0) -> Shift:
-        """The motion of every Gaussian at a frame by its own feature; ``noise`` is added to its place."""
-        told = self.scene.place.detach() + noise
-        return self.motion(self.scene.feature, told, normalize_time(frame, self.architecture.frames))
-
-    def key_shift(self, frame: float, *, noise: Float[Tensor, "K 2"] | float = 0.0) -> Shift:
-        """The motion of the key points at a frame."""
-        told = self.keys.place.detach() + noise
-        return self.motion(self.keys.feature, told, normalize_time(frame, self.architecture.frames))
+    def shift(
+        self, points: "KeyPointScene | KeyPoints", frame: float, *, noise: Float[Tensor, "_ 2"] | float = 0.0
+    ) -> Shift:
+        """The motion at a frame of every Gaussian or key point; ``noise`` is added to its place."""
+        time = frame / max(self.architecture.frames - 1, 1)  # from 0 to 1 over the training frames
+        return self.motion(points.feature, points.place.detach() + noise, time)
 
     def draw(self, shift: Shift) -> Float[Tensor, "1 3 H W"]:
         """The image with every Gaussian displaced and rotated."""
@@ -129,12 +116,7 @@ def save_forecaster(path: str | os.PathLike[str], forecaster: Forecaster, header
 def load_forecaster(
     path: str | os.PathLike[str], *, backend: str = "auto"
 ) -> tuple[Forecaster, dict[str, Any]]:
-    """Read a forecaster and its header.
-
-    Raises:
-        FileNotFoundError: nothing is at ``path``.
-        ValueError: the file is no forecaster, or one of another schema.
-    """
+    """Read a forecaster and its header; errors as `lagsplat.io.files.artifact.load_artifact`."""
     tensors, header = load_artifact(path, kind=KIND, schema=SCHEMA)
     forecaster = Forecaster(ForecasterArchitecture(**header["architecture"]), backend=backend)
     return restore_module(forecaster, tensors, path), header
@@ -190,8 +172,8 @@ class KeyPoints(nn.Module):
     def gather(self, place: Float[Tensor, "N 2"], feature: Float[Tensor, "N f"], *, seed: int) -> None:
         """Initialise the points by k-means on place and feature of the Gaussians."""
         joint = torch.cat((place, feature), 1).double().numpy()
-        found = KMeans(len(self.place), n_init=1, random_state=seed).fit(joint)
-        centres = torch.as_tensor(found.cluster_centers_).to(self.place)
+        clusters = KMeans(len(self.place), n_init=1, random_state=seed).fit(joint)
+        centres = torch.as_tensor(clusters.cluster_centers_).to(self.place)
         self.place.copy_(centres[:, :2])
         self.feature.copy_(centres[:, 2:])
         apart = self.distances(place, feature)
@@ -217,15 +199,7 @@ class KeyPoints(nn.Module):
         logits = self.blend_logit.gather(1, nearest[:, :, None].expand(-1, -1, 2))
         weight = torch.softmax(logits, dim=1)
         moved, turned = shift
-        return (
-            (weight[:, :, :1] * moved[nearest]).sum(1),
-            (weight[:, :, 1:] * turned[nearest]).sum(1),
-        )
-
-
-def normalize_time(frame: float, frames: int) -> float:
-    """The time of a frame in a clip of ``frames`` frames, which ends at 1."""
-    return frame / max(frames - 1, 1)
+        return (weight[:, :, :1] * moved[nearest]).sum(1), (weight[:, :, 1:] * turned[nearest]).sum(1)
 
 
 class GraphConvolution(nn.Module):
@@ -323,14 +297,8 @@ class KeyPointScene(nn.Module):
         """Covariances xx, xy, yy [px^2] at these angles."""
         first, second = self.log_scale.mul(2).exp().unbind(1)
         cos, sin = torch.cos(angle[:, 0]), torch.sin(angle[:, 0])
-        return torch.stack(
-            (
-                cos * cos * first + sin * sin * second,
-                cos * sin * (first - second),
-                sin * sin * first + cos * cos * second,
-            ),
-            dim=1,
-        )
+        xx, xy = cos * cos * first + sin * sin * second, cos * sin * (first - second)
+        return torch.stack((xx, xy, sin * sin * first + cos * cos * second), dim=1)
 
 
 @torch.no_grad()
@@ -339,9 +307,7 @@ def scatter_points(
 ) -> None:
     """Place the Gaussians where the first frame has edges and where frames differ, with the colours there.
 
-    Args:
-        scene, frames, rng: the scene to initialise, the training frames, and what draws the places.
-        sigma, opacity: initial size over the image height, and opacity.
+    ``sigma`` is their initial size over the image height.
     """
     first, n = np.asarray(frames[0]) / 255.0, len(scene.place)
     spread = np.asarray(frames[:: max(1, len(frames) // 50)]).std(axis=0).mean(-1)

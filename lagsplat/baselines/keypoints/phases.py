@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from lagsplat.baselines.config import PHASES, ForecasterConfig, GraphConfig
+from lagsplat.baselines.config import PHASES, ForecasterConfig
 from lagsplat.baselines.keypoints.forecast import fit_path, wrap_angle
 from lagsplat.baselines.keypoints.model import Forecaster
 from lagsplat.splat.losses import structural_dissimilarity
@@ -69,7 +69,7 @@ def _optimizer(forecaster: Forecaster, config: ForecasterConfig, phase: str) -> 
         {"params": [scene.log_scale, scene.angle], "ends": [rate.scale, rate.scale]},
     ]
     moves = [{"params": list(forecaster.motion.parameters()), "ends": list(rate.motion)}]
-    own = [{"params": [scene.feature], "ends": list(rate.motion)}]
+    features = [{"params": [scene.feature], "ends": list(rate.motion)}]
     points = [
         {"params": [keys.place, keys.feature], "ends": list(rate.motion)},
         {"params": [keys.blend_logit], "ends": [rate.blend, rate.blend]},
@@ -77,7 +77,7 @@ def _optimizer(forecaster: Forecaster, config: ForecasterConfig, phase: str) -> 
     nets = [*forecaster.places.parameters(), *forecaster.turns.parameters()]
     groups = {
         "warm_up": looks,
-        "free": [*looks, *moves, *own],
+        "free": [*looks, *moves, *features],
         "keys": [*moves, *points],
         "joint": [*looks, *moves, *points],
         "graph": [{"params": nets, "ends": list(config.graph.rate)}],
@@ -88,7 +88,7 @@ def _optimizer(forecaster: Forecaster, config: ForecasterConfig, phase: str) -> 
 def set_rates(fitting: ForecasterFit, moment: TrainingMoment) -> None:
     """Set the step sizes: a half cosine for graph networks, a constant factor per step for images."""
     config = fitting.config
-    pictures = sum(config.steps[name] for name in PHASES[:-1])
+    n_image_steps = sum(config.steps[name] for name in PHASES[:-1])
     before = sum(config.steps[name] for name in PHASES[: PHASES.index(moment.phase)])
     for group in fitting.optimizer.param_groups:
         first, last = group["ends"]
@@ -96,7 +96,7 @@ def set_rates(fitting: ForecasterFit, moment: TrainingMoment) -> None:
             wave = 0.5 * (1 + math.cos(math.pi * moment.inner / moment.length))
             group["lr"] = last + (first - last) * wave
         else:
-            group["lr"] = first * (last / first) ** ((before + moment.inner) / pictures)
+            group["lr"] = first * (last / first) ** ((before + moment.inner) / n_image_steps)
 
 
 def forecast_loss(
@@ -113,14 +113,13 @@ def forecast_loss(
         still = torch.zeros(len(scene.place), 3)
         drawn = forecaster.draw((still[:, :2], still[:, 2:]))
     elif moment.phase == "free":
-        drawn = forecaster.draw(
-            forecaster.free_shift(float(frame), noise=_noise(scene.place, fitting, moment, rng))
-        )
+        noise = _noise(scene.place, fitting, moment, rng)
+        drawn = forecaster.draw(forecaster.shift(scene, float(frame), noise=noise))
     else:
         if moment.inner % FRESH_NEIGHBOURS == 0 or fitting.nearest is None:
             fitting.nearest = forecaster.nearest()
         noise = _noise(keys.place, fitting, moment, rng) if moment.phase == "keys" else 0.0
-        drawn = forecaster.draw_keys(forecaster.key_shift(float(frame), noise=noise), fitting.nearest)
+        drawn = forecaster.draw_keys(forecaster.shift(keys, float(frame), noise=noise), fitting.nearest)
     error = (drawn - truth).abs().mean()
     loss = config.l1 * error
     if config.ssim:
@@ -149,7 +148,7 @@ def graph_loss(
     places, turns = fitting.series
     starts = rng.integers(len(places) - config.history, size=config.batch)
     taps = starts[:, None] + np.arange(config.history + 1)
-    noise = _input_noise(config, moment)
+    noise = config.noise * max(0.0, 1 - moment.inner / (config.noise_until * moment.length))
     errors = []
     for net, series, share in ((forecaster.places, places, 1.0), (forecaster.turns, turns, 0.5)):
         windows = series[torch.from_numpy(taps)]
@@ -164,7 +163,3 @@ def graph_loss(
         apart = (predicted - truth).unflatten(1, (-1, 2)).square().sum(-1)
         errors.append((apart + 1e-12).sqrt().mean())
     return errors[0] + errors[1], errors[0].detach()
-
-
-def _input_noise(config: GraphConfig, moment: TrainingMoment) -> float:
-    return config.noise * max(0.0, 1 - moment.inner / (config.noise_until * moment.length))

@@ -33,7 +33,7 @@ from lagsplat.evaluate.extrapolation.oscillation import (
 )
 from lagsplat.evaluate.forces.known_forces import energy_along_rollout
 from lagsplat.evaluate.forecast import choose_boundary_clip
-from tests.unit.baselines import key_points
+from tests.unit.baselines.keypoints import problems as key_points
 from tests.unit.evaluate import swing
 
 EYE = np.eye(1)

@@ -10,7 +10,7 @@ import lagsplat.baselines.keypoints.fit as fit
 from lagsplat.baselines.keypoints.fit import fit_forecaster
 from lagsplat.baselines.keypoints.forecast import continue_path, draw_path, fit_path
 from lagsplat.baselines.keypoints.phases import choose_moment
-from tests.unit.baselines.key_points import STEPS, frames, settings
+from tests.unit.baselines.keypoints.problems import STEPS, frames, settings
 
 
 def error_of(images: np.ndarray, truth: np.ndarray) -> float:

@@ -7,7 +7,7 @@ from omegaconf import OmegaConf
 
 from lagsplat.baselines.config import ForecasterConfig
 
-CONF = Path(__file__).parents[3] / "conf" / "forecaster" / "keypoints.yaml"
+CONF = Path(__file__).parents[4] / "conf" / "forecaster" / "keypoints.yaml"
 STEPS = {"warm_up": 10, "free": 40, "keys": 30, "joint": 30, "graph": 60}
 
 

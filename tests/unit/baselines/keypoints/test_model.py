@@ -12,12 +12,11 @@ from lagsplat.baselines.keypoints.model import (
     MotionNet,
     fourier_features,
     load_forecaster,
-    normalize_time,
     read_forecaster_architecture,
     save_forecaster,
     scatter_points,
 )
-from tests.unit.baselines.key_points import frames, settings
+from tests.unit.baselines.keypoints.problems import frames, settings
 
 
 @pytest.fixture
@@ -58,12 +57,11 @@ def test_a_quarter_turn_swaps_the_axes(forecaster: Forecaster) -> None:
 
 
 def test_nothing_moves_before_training(forecaster: Forecaster) -> None:
-    moved, turned = forecaster.free_shift(7.0)
+    moved, turned = forecaster.shift(forecaster.scene, 7.0)
     assert float(moved.abs().max().detach()) == float(turned.abs().max().detach()) == 0.0
     assert fourier_features(torch.zeros(3, 2), 6).shape == (3, 24)
     net = MotionNet(4, octaves=6, hidden=8, layers=2)
     assert net.layers[0].in_features == 4 + 24 + 12
-    assert (normalize_time(0.0, 24), normalize_time(23.0, 24)) == (0.0, 1.0)
 
 
 def test_gaussians_follow_their_nearest_points_and_no_others() -> None:
