@@ -22,7 +22,7 @@ from lagsplat.report.diagnosis.figure_residual import draw_forecast_comparison, 
 from lagsplat.report.diagnosis.summary import select_chosen, write_summary
 
 PathLike = str | os.PathLike[str]
-Motion = PathLike | pd.DataFrame | Trajectory | Mapping[str, Any]
+Motion = PathLike | pd.DataFrame | Trajectory | Mapping[str, Any] | np.ndarray
 FIGURES = {"candidates": draw_posterior, "forecasts": draw_forecast_comparison, "time": draw_time_strip}
 
 
@@ -91,6 +91,7 @@ def diagnose(
         sim: The simulator: its trajectories, a MuJoCo ``.xml``, ``"file.py:attribute"``, or the folder of a
             fitted run. Trajectories are files (CSV, Parquet, NPZ, MCAP), DataFrames or mappings with columns
             ``t`` [s], ``q0, q1, ...`` and inputs ``u0, ...``; or ``t`` (T,), ``q`` (T, d) and ``u`` (T, n_u).
+            An array (T, 1 + d) holds time and coordinates; a mechanism with inputs needs named columns.
         real: Trajectories of the real mechanism, likewise.
         out: Folder for ``diagnosis.json``, ``report.html`` and the augmented simulator; without it nothing
             is kept.
@@ -157,18 +158,32 @@ def _name_sources(data: Motion | Sequence[Motion], scratch: Path, name: str) -> 
         parts = [_name_sources(item, scratch, f"{name}{number}") for number, item in enumerate(data)]
         return "[" + ",".join(f'"{part}"' for part in parts) + "]"
     path = scratch / f"{name}.csv"
-    _to_table(data).to_csv(path, index=False)
+    to_table(data).to_csv(path, index=False)
     return str(path)
 
 
-def _to_table(data: Any) -> pd.DataFrame:
+def to_table(data: Any) -> pd.DataFrame:
+    """Columns ``t``, ``q0, ...`` and ``u0, ...`` of a trajectory in memory, in any form `diagnose` takes.
+
+    Raises:
+        ValueError: it is none of these forms.
+    """
     if isinstance(data, pd.DataFrame):
         return data
     if isinstance(data, Trajectory):
         data = {"t": data.time_s, "q": data.q, "u": data.u}
+    if isinstance(data, np.ndarray):
+        if data.dtype.names:
+            return pd.DataFrame(data)
+        if data.ndim != 2 or data.shape[1] < 2:
+            raise ValueError(
+                f"an array of shape {data.shape} is no trajectory: give (T, 1 + d), its first column time [s]"
+            )
+        data = {"t": data[:, 0], "q": data[:, 1:]}
     if not isinstance(data, Mapping):
         raise ValueError(
-            f"{type(data).__name__} is no trajectory: give a file, a DataFrame, or a mapping with t, q and u"
+            f"{type(data).__name__} is no trajectory: give a file, a DataFrame, an array (T, 1 + d), "
+            "or a mapping with t, q and u"
         )
     columns: dict[str, np.ndarray] = {}
     for name, values in data.items():

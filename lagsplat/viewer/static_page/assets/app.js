@@ -19,7 +19,7 @@ function start() {
   const picture = byId("picture");
   const view = viewOf(run.splats);
   const splats = new Splats(byId("drawn"), run.splats, view);
-  const session = new Session(run, new Law(run.law), view);
+  const session = new PageSession(run, new Law(run.law), view);
   const lines = run.outline.map((line) => line.map((at) => view.under(at)));
   const page = { run, picture, view, splats, session, lines, latency: [], frames: 0, steps: 0 };
   window.simulation = page; // for tests, and for who likes to look
@@ -28,9 +28,9 @@ function start() {
   new Pointers(page, (stamp) => (page.asked = page.asked || stamp));
   listenToControls(page);
   page.charts = {
-    state: new Chart(byId("chart-state"), run.rest.map((_, i) => `q${i}`), 10),
-    energy: new Chart(byId("chart-energy"), ["kinetic", "potential", "total"], 10),
-    books: new Chart(byId("chart-books"), ["hand", "inputs", "dissipated", "unexplained"], 10),
+    state: new LineChart(byId("chart-state"), run.rest.map((_, i) => `q${i}`), 10),
+    energy: new LineChart(byId("chart-energy"), ["kinetic", "potential", "total"], 10),
+    books: new LineChart(byId("chart-books"), ["hand", "inputs", "dissipated", "unexplained"], 10),
   };
   page.seen = performance.now();
   page.counted = page.seen;

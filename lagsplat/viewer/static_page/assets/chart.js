@@ -3,7 +3,7 @@
 
 const told = (x) => (x !== 0 && Math.abs(x) < 0.005 ? x.toExponential(0) : String(Number(x.toPrecision(2))));
 
-class Chart {
+class LineChart {
   constructor(canvas, names, span) {
     Object.assign(this, { canvas, names, span, rows: [] });
     const legend = canvas.parentElement.querySelector("figcaption .legend");

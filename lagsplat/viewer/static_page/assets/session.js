@@ -1,7 +1,7 @@
 "use strict";
-// A run that is being pushed, without a picture: lagsplat/viewer/session.py in few words.
+// A run that is being pushed, without a picture: the JavaScript of lagsplat/viewer/simulation/session.py.
 
-class Session {
+class PageSession {
   constructor(run, law, view) {
     Object.assign(this, { run, law, view, d: run.d, dt: run.dt, speed: 1, strength: 1, radius: run.brush });
     this.u = run.inputs.mean.slice();

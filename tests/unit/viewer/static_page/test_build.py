@@ -43,7 +43,7 @@ console.log(JSON.stringify(path));
 """
 SESSION = """
 const { run, at, drags } = JSON.parse(require("fs").readFileSync(0, "utf8"));
-const session = new Session(decode(run), new Law(run.law), viewOf(run.splats));
+const session = new PageSession(decode(run), new Law(run.law), viewOf(run.splats));
 session.grasp(at);
 const path = drags.map((drag) => {
   if (drag === null) session.release();
