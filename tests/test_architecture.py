@@ -24,6 +24,7 @@ PAGES = [
 ]
 ROOMS = (
     "array_types",
+    "setting_checks",
     "provenance",
     "video_quality",
     "io.config",

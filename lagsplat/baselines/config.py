@@ -5,22 +5,7 @@ Dataclasses are not frozen: OmegaConf turns frozen ones into read-only nodes.
 
 from dataclasses import dataclass
 
-
-def _require(key: str, value: object, holds: bool, rule: str) -> None:
-    if not holds:
-        raise ValueError(f"{key}={value} {rule}; set it in conf/{key.split('.')[0]} or with {key}=...")
-
-
-def _require_least(config: object, group: str, least: int, *names: str) -> None:
-    for name in names:
-        value = getattr(config, name)
-        _require(f"{group}.{name}", value, value >= least, f"must be at least {least}")
-
-
-def _require_positive(config: object, group: str, *names: str) -> None:
-    for name in names:
-        _require(f"{group}.{name}", getattr(config, name), getattr(config, name) > 0, "must be positive")
-
+from lagsplat.setting_checks import require_least, require_positive, require_setting
 
 DECODERS = ("deconv", "abcd")
 LAWS = ("oscillators", "koopman")
@@ -49,9 +34,9 @@ class BaselineLossConfig:
     closing_gradient: float  # share of the last term's gradient that reaches the maps
 
     def __post_init__(self) -> None:
-        _require_least(self, "baseline.loss", 0, *vars(self))
+        require_least(self, "baseline.loss", 0, *vars(self))
         share = self.closing_from
-        _require("baseline.loss.closing_from", share, share <= 1, "is a fraction of the run")
+        require_setting("baseline.loss.closing_from", share, share <= 1, "is a fraction of the run")
 
 
 @dataclass
@@ -68,11 +53,13 @@ class BaselineRateConfig:
     gradient_clip: float  # of the norm of all gradients together
 
     def __post_init__(self) -> None:
-        _require_positive(self, "baseline.rate", "peak", "gradient_clip", "drop_factor", "warmup_start")
-        _require_least(self, "baseline.rate", 0, "weight_decay")
-        _require_least(self, "baseline.rate", 1, "warmup_stairs")
-        _require("baseline.rate.warmup", self.warmup, 0 <= self.warmup < 1, "is a fraction of the run")
-        _require("baseline.rate.drop_at", self.drop_at, 0 < self.drop_at <= 1, "is a fraction of the run")
+        require_positive(self, "baseline.rate", "peak", "gradient_clip", "drop_factor", "warmup_start")
+        require_least(self, "baseline.rate", 0, "weight_decay")
+        require_least(self, "baseline.rate", 1, "warmup_stairs")
+        require_setting("baseline.rate.warmup", self.warmup, 0 <= self.warmup < 1, "is a fraction of the run")
+        require_setting(
+            "baseline.rate.drop_at", self.drop_at, 0 < self.drop_at <= 1, "is a fraction of the run"
+        )
 
 
 @dataclass
@@ -98,16 +85,18 @@ class BaselineConfig:
     def __post_init__(self) -> None:
         for name, known in (("decoder", DECODERS), ("dynamics", LAWS), ("order", ORDERS)):
             value = getattr(self, name)
-            _require(f"baseline.{name}", value, value in known, f"is none of {', '.join(known)}")
+            require_setting(f"baseline.{name}", value, value in known, f"is none of {', '.join(known)}")
         enough = set(self.steps) == set(DECODERS) and min(self.steps.values()) >= 1
-        _require("baseline.steps", self.steps, enough, f"needs at least 1 for each of {', '.join(DECODERS)}")
-        _require_least(self, "baseline", 1, "d", "samples", "rest_frames")
+        require_setting(
+            "baseline.steps", self.steps, enough, f"needs at least 1 for each of {', '.join(DECODERS)}"
+        )
+        require_least(self, "baseline", 1, "d", "samples", "rest_frames")
         rule = "is too small: a rate of change in a batch needs three frames"
-        _require("baseline.batch", self.batch, self.batch >= 3, rule)
-        _require_least(self, "baseline", 0, "noise")
+        require_setting("baseline.batch", self.batch, self.batch >= 3, rule)
+        require_least(self, "baseline", 0, "noise")
         planar = (self.decoder, self.dynamics) == ("abcd", "oscillators")
         rule = "must be even: oscillators with an attention decoder are planar nodes"
-        _require("baseline.d", self.d, not planar or self.d % 2 == 0, rule)
+        require_setting("baseline.d", self.d, not planar or self.d % 2 == 0, rule)
 
     @property
     def n_steps(self) -> int:
@@ -130,8 +119,8 @@ class AuthorsConfig:
     extent: float  # of the scene: the tool derives it from the distances of cameras, and there is only one
 
     def __post_init__(self) -> None:
-        _require_positive(self, "authors", "iterations", "epochs", "free_frames")
-        _require_positive(self, "authors", "field_of_view_rad", "distance", "extent")
+        require_positive(self, "authors", "iterations", "epochs", "free_frames")
+        require_positive(self, "authors", "field_of_view_rad", "distance", "extent")
         if self.checkout is not None and self.frames is not None:
             raise ValueError("authors.checkout and authors.frames: give one of them, the other null")
         if self.checkout is not None and self.python is None:
@@ -157,11 +146,13 @@ class OdeConfig:
     checkpoint_every_s: float
 
     def __post_init__(self) -> None:
-        _require_least(self, "ode", 1, "hidden", "layers", "steps", "batch")
-        _require_positive(self, "ode", "periods", "rate", "gradient_clip")
-        _require("ode.method", self.method, self.method in ("rk4", "midpoint"), "must be rk4 or midpoint")
+        require_least(self, "ode", 1, "hidden", "layers", "steps", "batch")
+        require_positive(self, "ode", "periods", "rate", "gradient_clip")
+        require_setting(
+            "ode.method", self.method, self.method in ("rk4", "midpoint"), "must be rk4 or midpoint"
+        )
         share = self.final_fraction
-        _require("ode.final_fraction", share, 0 < share <= 1, "must lie in (0, 1]")
+        require_setting("ode.final_fraction", share, 0 < share <= 1, "must lie in (0, 1]")
 
 
 PHASES = ("warm_up", "free", "keys", "joint", "graph")
@@ -183,10 +174,12 @@ class MotionConfig:
 
     def __post_init__(self) -> None:
         counts = ("feature", "octaves", "hidden", "layers", "key_points", "neighbours")
-        _require_least(self, "forecaster.motion", 1, *counts)
+        require_least(self, "forecaster.motion", 1, *counts)
         rule = f"exceeds forecaster.motion.key_points={self.key_points}"
-        _require("forecaster.motion.neighbours", self.neighbours, self.neighbours <= self.key_points, rule)
-        _require_least(self, "forecaster.motion", 0, "feature_weight", "place_noise", "feature_penalty")
+        require_setting(
+            "forecaster.motion.neighbours", self.neighbours, self.neighbours <= self.key_points, rule
+        )
+        require_least(self, "forecaster.motion", 0, "feature_weight", "place_noise", "feature_penalty")
 
 
 @dataclass
@@ -203,11 +196,11 @@ class ForecasterRateConfig:
     def __post_init__(self) -> None:
         _require_ends("forecaster.rate.motion", self.motion)
         _require_ends("forecaster.rate.place", self.place)
-        _require_positive(self, "forecaster.rate", "colour", "opacity", "scale", "blend")
+        require_positive(self, "forecaster.rate", "colour", "opacity", "scale", "blend")
 
 
 def _require_ends(key: str, rates: list[float]) -> None:
-    _require(key, rates, len(rates) == 2 and min(rates) > 0, "is [first, last], positive")
+    require_setting(key, rates, len(rates) == 2 and min(rates) > 0, "is [first, last], positive")
 
 
 @dataclass
@@ -223,14 +216,14 @@ class GraphConfig:
     noise_until: float  # fraction of the training over which the noise falls to zero
 
     def __post_init__(self) -> None:
-        _require_least(self, "forecaster.graph", 1, "history", "hidden", "blocks")
+        require_least(self, "forecaster.graph", 1, "history", "hidden", "blocks")
         rule = "must be at least 2: it is normalised by its own mean"
-        _require("forecaster.graph.batch", self.batch, self.batch >= 2, rule)
+        require_setting("forecaster.graph.batch", self.batch, self.batch >= 2, rule)
         _require_ends("forecaster.graph.rate", self.rate)
-        _require_least(self, "forecaster.graph", 0, "noise")
+        require_least(self, "forecaster.graph", 0, "noise")
         share = self.noise_until
         rule = "is a fraction of the training: in (0, 1]"
-        _require("forecaster.graph.noise_until", share, 0 < share <= 1, rule)
+        require_setting("forecaster.graph.noise_until", share, 0 < share <= 1, rule)
 
 
 @dataclass
@@ -253,14 +246,16 @@ class ForecasterConfig:
     def __post_init__(self) -> None:
         enough = self.n_gaussians >= self.motion.key_points
         rule = f"must be at least forecaster.motion.key_points={self.motion.key_points}"
-        _require("forecaster.n_gaussians", self.n_gaussians, enough, rule)
+        require_setting("forecaster.n_gaussians", self.n_gaussians, enough, rule)
         each = set(self.steps) == set(PHASES) and min(self.steps.values()) >= 1
-        _require("forecaster.steps", self.steps, each, f"needs at least 1 for each of {', '.join(PHASES)}")
-        _require("forecaster.opacity", self.opacity, 0 < self.opacity < 1, "must lie in (0, 1)")
-        _require_positive(self, "forecaster", "spatial_sigma")
+        require_setting(
+            "forecaster.steps", self.steps, each, f"needs at least 1 for each of {', '.join(PHASES)}"
+        )
+        require_setting("forecaster.opacity", self.opacity, 0 < self.opacity < 1, "must lie in (0, 1)")
+        require_positive(self, "forecaster", "spatial_sigma")
         weights = min(self.l1, self.ssim) >= 0 and self.l1 + self.ssim > 0
         rule = f"and ssim={self.ssim} must not be negative, nor both be zero"
-        _require("forecaster.l1", self.l1, weights, rule)
+        require_setting("forecaster.l1", self.l1, weights, rule)
 
     @property
     def n_steps(self) -> int:

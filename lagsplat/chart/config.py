@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+from lagsplat.setting_checks import require_least, require_positive, require_setting
+
 
 @dataclass
 class ChartConfig:
@@ -16,24 +18,10 @@ class ChartConfig:
     dimension_neighbours: int  # neighbours of each frame in that estimate
 
     def __post_init__(self) -> None:
-        if self.smoothing_frames < 0:
-            raise ValueError(
-                f"chart.smoothing_frames={self.smoothing_frames} is a standard deviation: 0 (none) or more"
-            )
-        if not 0 < self.eigenvalue_floor < 1:
-            raise ValueError(
-                f"chart.eigenvalue_floor={self.eigenvalue_floor} is a fraction of the largest latent "
-                "variance: choose it in (0, 1), such as 1e-5"
-            )
-        if self.visibility_step <= 0:
-            raise ValueError(
-                f"chart.visibility_step={self.visibility_step} must be a positive length in whitened units"
-            )
-        if self.dimension_neighbours < 3:
-            raise ValueError(
-                f"chart.dimension_neighbours={self.dimension_neighbours}: the maximum-likelihood dimension "
-                "needs at least 3 neighbours"
-            )
-        for name in ("rest_frames", "visibility_frames", "dimension_frames"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"chart.{name}={getattr(self, name)} must be at least 1 frame")
+        require_least(self, "chart", 0, "smoothing_frames")
+        floor = self.eigenvalue_floor
+        rule = "is a fraction of the largest latent variance: choose it in (0, 1), such as 1e-5"
+        require_setting("chart.eigenvalue_floor", floor, 0 < floor < 1, rule)
+        require_positive(self, "chart", "visibility_step")
+        require_least(self, "chart", 3, "dimension_neighbours")
+        require_least(self, "chart", 1, "rest_frames", "visibility_frames", "dimension_frames")

@@ -2,14 +2,12 @@
 
 from dataclasses import dataclass
 
+from lagsplat.setting_checks import require_least, require_positive, require_setting
+
 
 @dataclass  # not frozen: OmegaConf turns frozen dataclasses into read-only nodes
 class ForcesConfig:
-    """Size of the brush and the forces that figures and checks apply.
-
-    Raises:
-        ValueError: a value outside its domain.
-    """
+    """Size of the brush and the forces that figures and checks apply."""
 
     brush: float  # radius of the brush as a share of the image's width
     response: float  # distance that the force of a figure moves the state, as a share of the visited radius
@@ -19,16 +17,10 @@ class ForcesConfig:
     periods: float  # length of the response to a sudden force in slowest natural periods
 
     def __post_init__(self) -> None:
-        """Check the domains."""
         for key in ("brush", "response"):
-            _require(key, getattr(self, key), 0.0 < getattr(self, key) <= 1.0, "must lie in (0, 1]")
-        for key, least in (("points", 2), ("directions", 2)):
-            _require(key, getattr(self, key), getattr(self, key) >= least, f"must be at least {least}")
-        _require("periods", self.periods, self.periods > 0, "must be positive")
+            value = getattr(self, key)
+            require_setting(f"forces.{key}", value, 0.0 < value <= 1.0, "must lie in (0, 1]")
+        require_least(self, "forces", 2, "points", "directions")
+        require_positive(self, "forces", "periods")
         fine = len(self.levels) > 0 and min(self.levels) > 0 and self.levels == sorted(set(self.levels))
-        _require("levels", self.levels, fine, "must be positive and increasing, at least one")
-
-
-def _require(key: str, value: object, holds: bool, rule: str) -> None:
-    if not holds:
-        raise ValueError(f"forces.{key}={value} {rule}; set it in conf/forces or with forces.{key}=...")
+        require_setting("forces.levels", self.levels, fine, "must be positive and increasing, at least one")

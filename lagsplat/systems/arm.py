@@ -8,7 +8,12 @@ from jaxtyping import Float64
 from lagsplat.systems import chain
 from lagsplat.systems.chain import Matrix, Table, Vector
 from lagsplat.systems.config import ArmConfig
-from lagsplat.systems.truth import VibrationModes, compute_vibration_modes
+from lagsplat.systems.truth import (
+    VibrationModes,
+    compute_stiffness,
+    compute_vibration_modes,
+    find_stable_rest,
+)
 
 N_NODES = 8
 
@@ -37,29 +42,21 @@ class Arm:
         """Mass matrix at ``q``, in SI units of the coordinates."""
         return chain.chain_inertia(q, np.zeros_like(q), self.table, self.nodes, self.weights, self.gravity)[0]
 
-    def coriolis(self, q: Vector, v: Vector) -> Vector:
-        """Coriolis and centrifugal force ``C(q, v) v``, the exact one of :meth:`mass`."""
-        return chain.chain_inertia(q, v, self.table, self.nodes, self.weights, self.gravity)[1]
-
     def damping(self) -> Matrix:
         """Constant viscous damping matrix."""
         return np.diag(self.table[:, [chain.C_BEND, chain.C_EXT]].ravel())
 
     def static_force(self, q: Vector, pressure: Vector) -> Vector:
         """Generalised weight, elastic and chamber force at rest; ``pressure`` [atm]."""
-        weight = chain.chain_inertia(q, np.zeros_like(q), self.table, self.nodes, self.weights, self.gravity)[
-            2
-        ]
+        _, _, weight = chain.chain_inertia(
+            q, np.zeros_like(q), self.table, self.nodes, self.weights, self.gravity
+        )
         work = chain.chamber_volumes(q, self.table)[1].T @ pressure
         return weight + chain.elastic_force(q, self.table) + chain.ATMOSPHERE_PA * work
 
     def acceleration(self, q: Vector, v: Vector, pressure: Vector) -> Vector:
         """Second derivative of the coordinates [1/s^2]; ``pressure`` [atm]."""
         return chain.acceleration(q, v, pressure, self.table, self.nodes, self.weights, self.gravity)
-
-    def volumes(self, q: Vector) -> Vector:
-        """Chamber volumes [m^3], two per segment, the left one first."""
-        return chain.chamber_volumes(q, self.table)[0]
 
     def potential_energies(self, states: Float64[np.ndarray, "T d"]) -> Float64[np.ndarray, " T"]:
         """Elastic plus gravitational energy [J] of each state; zero when undeformed at the clamp's height."""
@@ -68,42 +65,25 @@ class Arm:
         elastic = np.sum(0.5 * k * x**2 + 0.25 * k * h * x**4, axis=(1, 2))
         return elastic - self.gravity * self._mass_times_depth(states)
 
-    def potential_energy(self, q: Vector) -> float:
-        """Elastic plus gravitational energy [J] of one state, as `potential_energies`."""
-        return float(self.potential_energies(q[None])[0])
-
-    def kinetic_energy(self, q: Vector, v: Vector) -> float:
-        """Kinetic energy [J]."""
-        return float(0.5 * v @ self.mass(q) @ v)
-
     def equilibrium(self, pressure: Vector) -> Vector:
         """Rest pose under constant ``pressure`` [atm], by Newton's method from the straight arm.
 
         Raises:
             ValueError: no stable equilibrium is found, as under pressures that the springs cannot balance.
         """
-        q = np.zeros(self.d)
-        for _ in range(50):
-            step = np.linalg.solve(self.stiffness(q, pressure), self.static_force(q, pressure))
-            q = q + np.clip(step, -0.3, 0.3)
-            if np.max(np.abs(step)) < 1e-12:
-                break
-        stiffness = self.stiffness(q, pressure)
-        if np.max(np.abs(step)) < 1e-12 and np.linalg.eigvalsh(0.5 * (stiffness + stiffness.T))[0] > 0:
-            return q
-        raise ValueError(
-            f"no stable rest pose found under pressures {pressure} atm: the springs cannot hold the arm; "
-            "lower the pressures or raise arm.bending_stiffness and arm.extension_stiffness."
+        rest = find_stable_rest(
+            lambda q: self.static_force(q, pressure), lambda q: self.stiffness(q, pressure), self.d
         )
+        if rest is None:
+            raise ValueError(
+                f"no stable rest pose under pressures {pressure} atm: the springs cannot hold the arm; lower "
+                "the pressures or raise arm.bending_stiffness and arm.extension_stiffness"
+            )
+        return rest
 
     def stiffness(self, q: Vector, pressure: Vector) -> Matrix:
-        """Minus the derivative of the static force, by central differences (relative error near 1e-10)."""
-        step, columns = 1e-5, []
-        for direction in np.eye(self.d):
-            ahead = self.static_force(q + step * direction, pressure)
-            behind = self.static_force(q - step * direction, pressure)
-            columns.append((behind - ahead) / (2 * step))
-        return np.stack(columns, axis=1)
+        """Minus the derivative of the static force."""
+        return compute_stiffness(lambda x: self.static_force(x, pressure), q)
 
     def modes(self) -> VibrationModes:
         """Free modes of the arm linearised about its rest pose without pressure."""
@@ -142,13 +122,12 @@ def build_arm(config: ArmConfig) -> Arm:
     table[:, chain.H_BEND] = config.bending_hardening
     table[:, chain.K_EXT] = config.extension_stiffness
     table[:, chain.H_EXT] = config.extension_hardening
-    table[:, chain.C_BEND] = config.retardation_s * table[:, chain.K_BEND]
-    table[:, chain.C_EXT] = config.retardation_s * table[:, chain.K_EXT]
     table[:, chain.AREA] = config.chamber_area
     table[:, chain.OFFSET] = config.chamber_offset
     table[:, chain.LIMIT] = config.chamber_limit
     table[:, chain.LINK_LENGTH] = config.link_length
     table[:, chain.LINK_MASS] = config.link_mass
+    table[:, [chain.C_BEND, chain.C_EXT]] = config.retardation_s * table[:, [chain.K_BEND, chain.K_EXT]]
     link = table[:, chain.LINK_LENGTH] ** 2 / 12 + gyration
     table[:, chain.LINK_INERTIA] = table[:, chain.LINK_MASS] * link
     nodes, weights = np.polynomial.legendre.leggauss(N_NODES)

@@ -1,14 +1,14 @@
-"""Settings of the simulated arm, of injected effects, and of mechanisms released from a pose. No torch."""
+"""Settings of the simulated arm, of injected effects, and of mechanisms released from a pose. No torch.
+
+Dataclasses are not frozen: OmegaConf turns frozen ones into read-only nodes.
+"""
 
 from dataclasses import dataclass
 
-
-def _require(condition: bool, message: str) -> None:
-    if not condition:
-        raise ValueError(message)
+from lagsplat.setting_checks import require_least, require_positive, require_setting
 
 
-@dataclass  # not frozen: OmegaConf turns frozen dataclasses into read-only nodes
+@dataclass
 class ArmConfig:
     """Mechanics of a planar hanging arm; every list holds one value per segment, base first.
 
@@ -36,37 +36,19 @@ class ArmConfig:
     gravity: float
 
     def __post_init__(self) -> None:
+        positive = ("length", "mass", "bending_stiffness", "extension_stiffness", "chamber_area")
         n = len(self.length)
-        for name in (
-            "mass",
-            "bending_stiffness",
-            "extension_stiffness",
-            "chamber_area",
-            "link_length",
-            "link_mass",
-        ):
+        for name in (*positive, "link_length", "link_mass"):
             values = getattr(self, name)
-            _require(
-                len(values) == n,
-                f"arm.{name} has {len(values)} values for {n} segments (arm.length): give one a segment, "
-                "base first.",
-            )
-        for name in ("length", "mass", "bending_stiffness", "extension_stiffness", "chamber_area"):
-            _require(
-                all(value > 0 for value in getattr(self, name)),
-                f"arm.{name} = {getattr(self, name)} must be positive: a segment without it has no dynamics.",
-            )
-        _require(self.half_width > 0, f"arm.half_width = {self.half_width} m must be positive.")
-        _require(
-            self.chamber_limit > 3**0.5,
-            f"arm.chamber_limit = {self.chamber_limit} must exceed sqrt(3) = 1.732: below it a pressurised "
-            "chamber shortens instead of lengthening.",
-        )
-        _require(
-            min(self.bending_hardening, self.extension_hardening, self.retardation_s) >= 0,
-            "arm.bending_hardening, arm.extension_hardening and arm.retardation_s must not be negative: the "
-            "arm would soften without bound or gain energy.",
-        )
+            rule = f"has {len(values)} values for {n} segments (arm.length): give one a segment, base first"
+            require_setting(f"simulation.arm.{name}", values, len(values) == n, rule)
+            enough = name not in positive or min(values) > 0
+            require_setting(f"simulation.arm.{name}", values, enough, "must be positive")
+        require_positive(self, "simulation.arm", "half_width")
+        rule = "must exceed sqrt(3) = 1.732: below it a pressurised chamber shortens instead of lengthening"
+        require_setting("simulation.arm.chamber_limit", self.chamber_limit, self.chamber_limit > 3**0.5, rule)
+        gains = ("bending_hardening", "extension_hardening", "retardation_s")
+        require_least(self, "simulation.arm", 0, *gains)  # else the arm softens without bound or gains energy
 
 
 @dataclass
@@ -97,50 +79,31 @@ class SimulationConfig:
     arm: ArmConfig
 
     def __post_init__(self) -> None:
-        _require(
-            min(self.height, self.width) >= 8,
-            f"simulation.height x width = {self.height} x {self.width}: an arm needs at least 8 x 8 pixels.",
-        )
-        _require(
-            min(self.rest_frames, self.hold_frames, self.tail_frames) >= 1,
-            f"simulation.rest_frames, hold_frames, tail_frames = {self.rest_frames}, {self.hold_frames}, "
-            f"{self.tail_frames}: each must be at least 1.",
-        )
+        require_least(self, "simulation", 8, "height", "width")
+        require_least(self, "simulation", 1, "rest_frames", "hold_frames", "tail_frames")
         needed = self.rest_frames + 2 * self.hold_frames + self.tail_frames
-        _require(
-            self.n_frames > needed,
-            f"simulation.n_frames = {self.n_frames} leaves no driven frames beside rest_frames = "
-            f"{self.rest_frames}, two blends of hold_frames = {self.hold_frames} and tail_frames = "
-            f"{self.tail_frames}: use more than {needed} frames or shorten these.",
+        rule = (
+            f"leaves no driven frames beside rest_frames={self.rest_frames}, two blends of "
+            f"hold_frames={self.hold_frames} and tail_frames={self.tail_frames}: use more than {needed}"
         )
-        _require(self.dt_s > 0, f"simulation.dt_s = {self.dt_s} s must be positive.")
-        _require(
-            0 < self.drive_low_hz < self.drive_high_hz < 0.5 / self.dt_s,
-            f"simulation drive band {self.drive_low_hz}-{self.drive_high_hz} Hz must be increasing and lie "
-            f"below half the frame rate ({0.5 / self.dt_s:.3g} Hz).",
+        require_setting("simulation.n_frames", self.n_frames, self.n_frames > needed, rule)
+        require_positive(self, "simulation", "dt_s", "drive_low_hz", "view_width", "rtol", "atol")
+        half_rate = 0.5 / self.dt_s
+        rule = (
+            f"must lie between drive_low_hz={self.drive_low_hz} and half the frame rate ({half_rate:.3g} Hz)"
         )
-        _require(
-            len(self.hold_atm) == 2 * len(self.arm.length),
-            f"simulation.hold_atm has {len(self.hold_atm)} pressures for {len(self.arm.length)} segments: "
-            "give two a segment.",
-        )
-        _require(
-            all(0 <= pressure <= self.drive_max_atm for pressure in self.hold_atm),
-            f"simulation.hold_atm = {self.hold_atm} must lie in 0..drive_max_atm = {self.drive_max_atm} atm.",
-        )
-        _require(
-            min(self.pressure_noise_atm, self.camera_noise_levels) >= 0,
-            f"simulation.pressure_noise_atm = {self.pressure_noise_atm} and camera_noise_levels = "
-            f"{self.camera_noise_levels} are standard deviations and must not be negative.",
-        )
-        _require(self.view_width > 0, f"simulation.view_width = {self.view_width} m must be positive.")
-        _require(
-            self.rtol > 0 and self.atol > 0,
-            f"simulation.rtol = {self.rtol} and atol = {self.atol} must be positive.",
-        )
+        band = self.drive_low_hz < self.drive_high_hz < half_rate
+        require_setting("simulation.drive_high_hz", self.drive_high_hz, band, rule)
+        rule = f"has not two pressures for each of {len(self.arm.length)} segments"
+        two_each = len(self.hold_atm) == 2 * len(self.arm.length)
+        require_setting("simulation.hold_atm", self.hold_atm, two_each, rule)
+        within = all(0 <= pressure <= self.drive_max_atm for pressure in self.hold_atm)
+        rule = f"must lie in 0..drive_max_atm={self.drive_max_atm} atm"
+        require_setting("simulation.hold_atm", self.hold_atm, within, rule)
+        require_least(self, "simulation", 0, "pressure_noise_atm", "camera_noise_levels")
 
 
-@dataclass  # not frozen: OmegaConf turns frozen dataclasses into read-only nodes
+@dataclass
 class PlantedConfig:
     """Effects injected into one recording and absent from the nominal arm; zeros change nothing.
 
@@ -154,12 +117,10 @@ class PlantedConfig:
     dry_friction: float
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if value < 0:
-                raise ValueError(f"planted.{name} = {value}: give 0 for none, or a positive amount.")
+        require_least(self, "planted.effects.NAME", 0, *vars(self))
 
 
-@dataclass  # not frozen, for the same reason
+@dataclass
 class PlantsConfig:
     """Second recordings of an arm, ``n_frames`` each, driven by ``seed``; one for each of ``effects``.
 
@@ -171,11 +132,11 @@ class PlantsConfig:
     effects: dict[str, PlantedConfig]
 
     def __post_init__(self) -> None:
-        if self.seed == 0:
-            raise ValueError("planted.seed = 0 is the drive the sim was fitted to; choose another.")
+        rule = "is the drive that the simulation was fitted to: choose another"
+        require_setting("planted.seed", self.seed, self.seed != 0, rule)
 
 
-@dataclass  # not frozen: OmegaConf turns frozen dataclasses into read-only nodes
+@dataclass
 class LinkageConfig:
     """Hanging links, one value per link from the pivot on; see `lagsplat.systems.mechanism.Linkage`."""
 
@@ -188,11 +149,9 @@ class LinkageConfig:
 
     def __post_init__(self) -> None:
         for name, values in vars(self).items():
-            _require(
-                len(values) == len(self.length) and min(values) >= 0,
-                f"linkage.{name} = {values}: give one value, not negative, for each of the "
-                f"{len(self.length)} links of linkage.length.",
-            )
+            each = len(values) == len(self.length) and min(values) >= 0
+            rule = f"needs one value, not negative, for each of the {len(self.length)} links"
+            require_setting(f"release.linkage.{name}", values, each, rule)
 
 
 @dataclass
@@ -206,10 +165,8 @@ class RockerConfig:
     friction: float
 
     def __post_init__(self) -> None:
-        _require(
-            min(self.radius, self.depth, self.body_mass, self.inertia) > 0 and self.friction >= 0,
-            f"rocker: {vars(self)}: all but the friction must be positive, or it does not come back.",
-        )
+        require_positive(self, "release.rocker", "radius", "depth", "body_mass", "inertia")
+        require_least(self, "release.rocker", 0, "friction")
 
 
 @dataclass
@@ -281,32 +238,23 @@ class ReleaseConfig:
     scene: SceneConfig
 
     def __post_init__(self) -> None:
-        _require(
-            (self.linkage is None) != (self.rocker is None),
-            "release: give either a linkage or a rocker, and null for the other.",
-        )
+        if (self.linkage is None) == (self.rocker is None):
+            raise ValueError("release: give either a linkage or a rocker, and null for the other")
         d = len(self.linkage.length) if self.linkage else 1
-        _require(
-            len(self.bodies) == d,
-            f"release.bodies has {len(self.bodies)} for {d} moving part(s): give one look each.",
+        rule = f"needs one look for each of the {d} moving part(s)"
+        require_setting("release.bodies", self.bodies, len(self.bodies) == d, rule)
+        require_setting(
+            "release.clips", self.clips, len(self.clips) > 0, "is empty: there is nothing to record"
         )
-        _require(len(self.clips) > 0, "release.clips is empty: there is nothing to film.")
         for clip in self.clips:
-            _require(
-                clip.n_frames >= 3 and len(clip.state) == len(clip.velocity) == d,
-                f"release.clips: {vars(clip)}: at least 3 frames, and {d} values of state and velocity.",
-            )
+            whole = clip.n_frames >= 3 and len(clip.state) == len(clip.velocity) == d
+            rule = f"needs at least 3 frames, and {d} values of state and velocity"
+            require_setting("release.clips", vars(clip), whole, rule)
         for push in self.pushes:
-            _require(
-                0 <= push.clip < len(self.clips) and 0 <= push.body < d and push.start_s < push.stop_s,
-                f"release.pushes: {vars(push)}: no such clip or body, or it ends before it begins.",
-            )
-        _require(
-            min(self.dt_s, self.rtol, self.scene.distance, self.scene.view_width, self.gravity) > 0,
-            "release: dt_s, rtol, gravity, scene.distance and scene.view_width must be positive.",
-        )
-        _require(
-            min(self.height, self.width) >= 8 and self.scene.film_scale >= 1,
-            f"release.height x width = {self.height} x {self.width}, film_scale {self.scene.film_scale}: at "
-            "least 8 x 8 pixels and a scale of 1.",
-        )
+            exists = 0 <= push.clip < len(self.clips) and 0 <= push.body < d and push.start_s < push.stop_s
+            rule = "names no such clip or body, or ends before it begins"
+            require_setting("release.pushes", vars(push), exists, rule)
+        require_positive(self, "release", "dt_s", "rtol", "gravity")
+        require_positive(self.scene, "release.scene", "distance", "view_width")
+        require_least(self, "release", 8, "height", "width")
+        require_least(self.scene, "release.scene", 1, "film_scale")

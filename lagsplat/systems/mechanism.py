@@ -13,25 +13,23 @@ from jaxtyping import Float64
 from scipy.integrate import solve_ivp
 
 from lagsplat.systems.config import ReleaseConfig
-from lagsplat.systems.truth import VibrationModes, compute_vibration_modes
+from lagsplat.systems.truth import (
+    EnergyModel,
+    Matrix,
+    Series,
+    Vector,
+    VibrationModes,
+    compute_stiffness,
+    compute_vibration_modes,
+    find_stable_rest,
+)
 
-Vector = Float64[np.ndarray, " d"]
-Matrix = Float64[np.ndarray, "d d"]
-Series = Float64[np.ndarray, "T d"]
 Poses = Float64[np.ndarray, "T n_bodies 3"]  # x [m], y [m] and angle [rad] of every body
 Push = Callable[[float, Vector], Vector]  # generalised force at a time [s] and state
-STEP = 1e-5
 
 
-class Mechanism(Protocol):
+class Mechanism(EnergyModel, Protocol):
     """A mechanical system with the coordinates of a vector ``q``; SI units."""
-
-    @property
-    def coordinates(self) -> tuple[str, ...]:
-        """Name and unit of each coordinate."""
-
-    def mass(self, q: Vector) -> Matrix:
-        """Mass matrix at ``q``."""
 
     def damping(self) -> Matrix:
         """Constant viscous damping matrix."""
@@ -42,55 +40,36 @@ class Mechanism(Protocol):
     def acceleration(self, q: Vector, v: Vector, push: Vector) -> Vector:
         """Second derivative of the coordinates under a generalised force ``push``."""
 
-    def potential_energies(self, states: Series) -> Float64[np.ndarray, " T"]:
-        """Elastic plus gravitational energy [J] of each state."""
-
     def poses(self, states: Series) -> Poses:
         """Poses of all bodies in each state."""
 
 
 def find_rest_state(mechanism: Mechanism) -> Vector:
-    """The stable rest state, by Newton's method from zero.
-
-    Raises:
-        ValueError: there is none near zero.
-    """
-    q = np.zeros(len(mechanism.coordinates))
-    for _ in range(50):
-        step = np.linalg.solve(rest_stiffness(mechanism, q), mechanism.static_force(q))
-        q = q + np.clip(step, -0.3, 0.3)
-        if np.max(np.abs(step)) < 1e-12:
-            break
-    if np.max(np.abs(step)) < 1e-12 and np.linalg.eigvalsh(rest_stiffness(mechanism, q))[0] > 0:
-        return q
-    raise ValueError("the mechanism has no stable rest state near zero; check its geometry and masses")
+    """The stable rest state nearest to zero, where Newton's method begins."""
+    d = len(mechanism.coordinates)
+    rest = find_stable_rest(mechanism.static_force, lambda q: compute_rest_stiffness(mechanism, q), d)
+    if rest is None:
+        raise ValueError("the mechanism has no stable rest state near zero; check its geometry and masses")
+    return rest
 
 
-def rest_stiffness(mechanism: Mechanism, q: Vector) -> Matrix:
-    """Minus the derivative of the static force, by central differences, symmetric."""
-    columns = [
-        (mechanism.static_force(q - STEP * e) - mechanism.static_force(q + STEP * e)) / (2 * STEP)
-        for e in np.eye(len(q))
-    ]
-    matrix = np.stack(columns, axis=1)
+def compute_rest_stiffness(mechanism: Mechanism, q: Vector) -> Matrix:
+    """The stiffness of the static force, symmetric."""
+    matrix = compute_stiffness(mechanism.static_force, q)
     return 0.5 * (matrix + matrix.T)
 
 
 def compute_free_modes(mechanism: Mechanism) -> VibrationModes:
     """Linear modes about the rest state."""
     rest = find_rest_state(mechanism)
-    return compute_vibration_modes(mechanism.mass(rest), mechanism.damping(), rest_stiffness(mechanism, rest))
+    stiffness = compute_rest_stiffness(mechanism, rest)
+    return compute_vibration_modes(mechanism.mass(rest), mechanism.damping(), stiffness)
 
 
 def release_from_rest(
     mechanism: Mechanism, q: Vector, v: Vector, *, time_s: Float64[np.ndarray, " T"], push: Push, rtol: float
 ) -> tuple[Series, Series]:
-    """Coordinates and velocities at ``time_s`` from ``(q, v)`` at the first of them.
-
-    Args:
-        mechanism: the equations of motion.
-        q, v, time_s: initial state, and the times of the result [s].
-        push, rtol: generalised force at a time and state, and tolerance of the solver.
+    """Coordinates and velocities at ``time_s`` from ``(q, v)`` at the first of them, under ``push``.
 
     Raises:
         RuntimeError: the solver failed.

@@ -15,9 +15,10 @@ from scipy.integrate import solve_ivp
 from lagsplat.systems import chain
 from lagsplat.systems.arm import build_arm
 from lagsplat.systems.config import ReleaseConfig, SimulationConfig
-from lagsplat.systems.mechanism import STEP, Matrix, Series, Vector, find_rest_state, make_mechanism
+from lagsplat.systems.mechanism import find_rest_state, make_mechanism
 from lagsplat.systems.rendering.painting import TOP
 from lagsplat.systems.rendering.textures import SHAPES, Sprite
+from lagsplat.systems.truth import STEP, Matrix, Series, Vector, compute_stiffness
 from lagsplat.systems.video import make_camera
 
 COVERED = 0.5
@@ -50,8 +51,7 @@ class Pushable:
 
     def stiffness(self, q: Vector) -> Matrix:
         """Minus the derivative of ``force``."""
-        columns = [(self.force(q - STEP * e) - self.force(q + STEP * e)) / (2 * STEP) for e in np.eye(len(q))]
-        return np.stack(columns, axis=1)
+        return compute_stiffness(self.force, q)
 
     def settled(self, point: int, forces: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n d"]:
         """Equilibria under a force on one point that grows from row to row [J/px].
@@ -59,23 +59,21 @@ class Pushable:
         Newton's method starts each row from the last, and so follows the branch that starts at rest. A row
         without a stable equilibrium is NaN, as after tipping over, and so are those after it.
         """
-        found = np.full((len(forces), len(self.rest)), np.nan)
+        equilibria = np.full((len(forces), len(self.rest)), np.nan)
         q = self.rest
         for i, force in enumerate(forces):
             q = self._balanced(q, point, force)
             if not np.isfinite(q).all():
                 break
-            found[i] = q
-        return found
+            equilibria[i] = q
+        return equilibria
 
     def _balanced(self, q: Vector, point: int, force: Float64[np.ndarray, "2"]) -> Vector:
         def left(x: Vector) -> Vector:
             return self.force(x) + force @ self.jacobian(x)[point]
 
         for _ in range(ITERATIONS):
-            slope = np.stack(
-                [(left(q - STEP * e) - left(q + STEP * e)) / (2 * STEP) for e in np.eye(len(q))], 1
-            )
+            slope = compute_stiffness(left, q)
             step = np.linalg.solve(slope, left(q)) if np.isfinite(slope).all() else np.full(len(q), np.nan)
             q = q + np.clip(step, -LONGEST, LONGEST)
             if not np.isfinite(q).all():
@@ -121,12 +119,9 @@ def make_pushable(
     pressure: Float64[np.ndarray, " n_u"],
     points: int,
 ) -> Pushable:
-    """The simulated system behind a recording, with material points on a grid over each body.
+    """The simulated arm or mechanism behind a recording, with ``points`` by ``points`` on each body.
 
-    Args:
-        driven, released: the simulated arm or mechanism; give one.
-        pressure: constant inputs [atm]; a released mechanism has none.
-        points: number of grid points along each side of a body.
+    ``pressure`` [atm] is constant; a released mechanism has none.
 
     Raises:
         ValueError: neither system is given, or it has no rest state.
@@ -140,10 +135,9 @@ def make_pushable(
 
 def _mechanism(config: ReleaseConfig, points: int) -> Pushable:
     mechanism, camera = make_mechanism(config), make_camera(config)
-    masses = [config.rocker.body_mass] if config.rocker is not None else None
-    if config.linkage is not None:
-        masses = config.linkage.masses
-    assert masses is not None, "the configuration gives one of the two"
+    masses = config.linkage.masses if config.linkage else []
+    if config.rocker:
+        masses = [config.rocker.body_mass]
     bodies, places, depth, share = [], [], [], []
     for number, (body, mass) in enumerate(zip(config.bodies, masses, strict=True)):
         on = _covered(SHAPES[body.shape](body.size_m, camera.focal[0] / config.scene.distance), points)
@@ -151,11 +145,11 @@ def _mechanism(config: ReleaseConfig, points: int) -> Pushable:
         places += on
         depth += [-0.5 * body.thickness_m if body.layers > 1 else 0.0] * len(on)
         share += [mass / len(on)] * len(on)
-    own, z = np.array(places) @ np.array([1.0, 1.0j]), np.array(depth)
+    places_m, z = np.array(places) @ np.array([1.0, 1.0j]), np.array(depth)
 
     def pixels(states: Series) -> Float64[np.ndarray, "T P 2"]:
         x, y, angle = np.moveaxis(mechanism.poses(states)[:, bodies], 2, 0)
-        turned = own * np.exp(1j * angle)
+        turned = places_m * np.exp(1j * angle)
         world = np.stack([x + turned.real, y + turned.imag, np.broadcast_to(z, x.shape)], axis=2)
         return camera.project(world.reshape(-1, 3)).reshape(*x.shape, 2) / config.scene.film_scale
 
@@ -198,10 +192,10 @@ def _arm(config: SimulationConfig, pressure: Float64[np.ndarray, " n_u"], points
         base, heading = np.zeros(len(states), complex), np.ones(len(states), complex)
         for i in range(n):
             bend, length = states[:, 2 * i], table[i, chain.LENGTH] * (1 + states[:, 2 * i + 1])
-            own = segment == i
-            inside = np.stack([_arcs(bend, share) for share in s[own]], axis=1)
-            normal = 1j * heading[:, None] * np.exp(1j * bend[:, None] * s[own])
-            place[:, own] = (base + 0j)[:, None] + (heading * length)[:, None] * inside + offset[own] * normal
+            on = segment == i
+            inside = np.stack([_arcs(bend, share) for share in s[on]], axis=1)
+            normal = 1j * heading[:, None] * np.exp(1j * bend[:, None] * s[on])
+            place[:, on] = (base + 0j)[:, None] + (heading * length)[:, None] * inside + offset[on] * normal
             base = base + heading * length * _arcs(bend, 1.0)
             heading = heading * np.exp(1j * bend)
             base = base + heading * table[i, chain.LINK_LENGTH]

@@ -10,17 +10,14 @@ from lagsplat.io.files.atomic import sha256_of_arrays
 from lagsplat.io.recording.recording import Recording
 from lagsplat.systems.config import PushConfig, ReleaseConfig, SimulationConfig
 from lagsplat.systems.mechanism import (
-    STEP,
     Mechanism,
     Push,
-    Series,
-    Vector,
     compute_free_modes,
     find_rest_state,
     make_mechanism,
     release_from_rest,
 )
-from lagsplat.systems.truth import Truth, compute_truth
+from lagsplat.systems.truth import STEP, Series, Truth, Vector, compute_truth
 from lagsplat.systems.video import film_clips
 
 
@@ -37,25 +34,25 @@ def simulate_release(config: ReleaseConfig, *, seed: int) -> tuple[Recording, Tr
     mechanism = make_mechanism(config)
     motions = [_move(mechanism, config, i) for i in range(len(config.clips))]
     states, velocities, forces = (np.concatenate(part) for part in zip(*motions, strict=True))
-    film = film_clips(config, [mechanism.poses(clip[0]) for clip in motions], seed=seed)
+    recording = film_clips(config, [mechanism.poses(clip[0]) for clip in motions], seed=seed)
     looks = " and ".join(body.shape for body in config.bodies)
     recording = replace(
-        film,
+        recording,
         meta={
             "origin": "simulated",
             "source": f"lagsplat.systems.release, {looks}, seed {seed}",
-            "sha256": sha256_of_arrays(film.frames),
+            "sha256": sha256_of_arrays(recording.frames),
             "licence": "BSD-3-Clause",
             "simulation": asdict(config),
             "seed": seed,
-            "footage": film.meta["footage"],
+            "footage": recording.meta["footage"],
         },
     )
     truth = compute_truth(
         mechanism,
         states,
         velocities,
-        pressures=film.inputs,
+        pressures=recording.inputs,
         forces=forces,
         rest=find_rest_state(mechanism),
         modes=compute_free_modes(mechanism),
@@ -114,10 +111,6 @@ def draw_random_band(
 
     The signal is a part of one with at least four periods of the lowest frequency, so that a short signal
     still has a nearly continuous spectrum.
-
-    Args:
-        n_frames, n_inputs, dt_s: shape of the result, and its spacing [s].
-        low_hz, high_hz, generator: the band, and the source of random numbers.
     """
     period = max(n_frames, int(np.ceil(4 / (low_hz * dt_s))))
     frequency = np.fft.rfftfreq(period, dt_s)
@@ -145,14 +138,8 @@ def draw_pressures(
     ``hold_frames``; released within eight frames from frame ``n_frames - tail_frames`` on.
     """
     n, release = config.n_frames, config.n_frames - config.tail_frames
-    signal = draw_random_band(
-        n,
-        len(config.hold_atm),
-        dt_s=config.dt_s,
-        low_hz=config.drive_low_hz,
-        high_hz=config.drive_high_hz,
-        generator=generator,
-    )
+    band = {"low_hz": config.drive_low_hz, "high_hz": config.drive_high_hz}
+    signal = draw_random_band(n, len(config.hold_atm), dt_s=config.dt_s, **band, generator=generator)
     drive = 0.5 * config.drive_max_atm * (1 + np.tanh(0.6 * signal))
     start = _smooth_step(n, start=config.rest_frames, length=config.hold_frames)
     hold = _smooth_step(n, start=release - config.hold_frames, length=config.hold_frames)

@@ -4,7 +4,6 @@ from dataclasses import asdict, replace
 from typing import Any, no_type_check
 
 import numpy as np
-from jaxtyping import Float64, UInt8
 from numba import njit
 from scipy.integrate import solve_ivp
 from scipy.signal import lsim, lti
@@ -15,8 +14,8 @@ from lagsplat.systems import chain
 from lagsplat.systems.arm import Arm, build_arm
 from lagsplat.systems.config import PlantedConfig, ReleaseConfig, SimulationConfig
 from lagsplat.systems.release import draw_pressures, simulate_release, spline_coefficients
-from lagsplat.systems.rendering.painting import Board, paint_arm, paint_board
-from lagsplat.systems.truth import Truth, compute_truth
+from lagsplat.systems.rendering.painting import paint_arm, paint_board
+from lagsplat.systems.truth import Series, Truth, Vector, compute_truth
 
 CHUNK_FRAMES = 1024
 
@@ -35,7 +34,7 @@ def simulate(config: SimulationConfig, *, seed: int) -> tuple[Recording, Truth]:
     drive, gauge, camera, scene = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(4))
     arm = build_arm(config.arm)
     pressures = draw_pressures(config, generator=drive)
-    states, velocities = _move(arm, pressures, config=config)
+    states, velocities = _move(arm, pressures, config)
     recording = _film_recording(
         states, pressures, arm=arm, config=config, gauge=gauge, camera=camera, painter=scene, seed=seed
     )
@@ -52,8 +51,8 @@ def simulate(config: SimulationConfig, *, seed: int) -> tuple[Recording, Truth]:
 
 
 def _film_recording(
-    states: Float64[np.ndarray, "T d"],
-    pressures: Float64[np.ndarray, "T n_u"],
+    states: Series,
+    pressures: Series,
     *,
     arm: Arm,
     config: SimulationConfig,
@@ -70,7 +69,15 @@ def _film_recording(
         arm_share=config.arm.half_width / config.view_width,
         generator=painter,
     )
-    frames = film_simulation(states, arm=arm, board=board, config=config, generator=camera)
+    frames = np.empty((len(states), *board.shape), np.uint8)
+    for start in range(0, len(states), CHUNK_FRAMES):
+        part = slice(start, start + CHUNK_FRAMES)
+        clean = paint_arm(
+            states[part], arm=arm, half_width=config.arm.half_width, view_width=config.view_width, board=board
+        )
+        noise = camera.standard_normal(clean.shape, dtype=np.float32)
+        levels = 255 * clean + np.float32(config.camera_noise_levels) * noise
+        frames[part] = np.clip(np.rint(levels), 0, 255).astype(np.uint8)
     inputs = pressures + config.pressure_noise_atm * gauge.standard_normal(pressures.shape)
     n_u = pressures.shape[1]
     return Recording(
@@ -91,42 +98,17 @@ def _film_recording(
     )
 
 
-def film_simulation(
-    states: Float64[np.ndarray, "T d"],
-    *,
-    arm: Arm,
-    board: Board,
-    config: SimulationConfig,
-    generator: np.random.Generator,
-) -> UInt8[np.ndarray, "T H W 3"]:
-    """Frames with Gaussian camera noise of ``camera_noise_levels``, rounded to 8 bits.
-
-    Args:
-        states, arm, board: coordinates (T, d), the arm, and its background.
-        config, generator: size and noise of the images, and the source of random numbers.
-    """
-    frames = np.empty((len(states), *board.shape), np.uint8)
-    for start in range(0, len(states), CHUNK_FRAMES):
-        part = slice(start, start + CHUNK_FRAMES)
-        clean = paint_arm(
-            states[part], arm=arm, half_width=config.arm.half_width, view_width=config.view_width, board=board
-        )
-        noise = generator.standard_normal(clean.shape, dtype=np.float32)
-        levels = 255 * clean + np.float32(config.camera_noise_levels) * noise
-        frames[part] = np.clip(np.rint(levels), 0, 255).astype(np.uint8)
-    return frames
-
-
 def _move(
-    arm: Arm, pressures: Float64[np.ndarray, "T n_u"], *, config: SimulationConfig
-) -> tuple[Float64[np.ndarray, "T d"], Float64[np.ndarray, "T d"]]:
+    arm: Arm, pressures: Series, config: SimulationConfig, *, friction: Vector | None = None
+) -> tuple[Series, Series]:
     """States and velocities at the frames. The arm hangs at its rest pose until the first pressure."""
     rest = arm.equilibrium(np.zeros(arm.d))
     # The motion starts after rest, because an error estimate of exactly zero makes the solver divide by zero.
     start = config.rest_frames
+    tolerances = {"rtol": config.rtol, "atol": config.atol}
     states, velocities = np.tile(rest, (len(pressures), 1)), np.zeros((len(pressures), arm.d))
     states[start:], velocities[start:] = integrate(
-        arm, rest, np.zeros(arm.d), pressures[start:], dt_s=config.dt_s, rtol=config.rtol, atol=config.atol
+        arm, rest, np.zeros(arm.d), pressures[start:], dt_s=config.dt_s, friction=friction, **tolerances
     )
     return states, velocities
 
@@ -176,32 +158,35 @@ def choose_rate(t, state, spline, dt_s, table, nodes, weights, gravity):
 
 def integrate(
     arm: Arm,
-    q: Float64[np.ndarray, " d"],
-    v: Float64[np.ndarray, " d"],
-    pressures: Float64[np.ndarray, "n_frames n_inputs"],
+    q: Vector,
+    v: Vector,
+    pressures: Series,
     *,
     dt_s: float,
     rtol: float,
     atol: float,
-) -> tuple[Float64[np.ndarray, "n_frames d"], Float64[np.ndarray, "n_frames d"]]:
+    friction: Vector | None = None,
+) -> tuple[Series, Series]:
     """Coordinates and velocities at the frames, from the state ``(q, v)`` at the first one.
 
     Args:
         arm, q, v: the arm, and its initial state.
         pressures, dt_s: inputs [atm] at the frames, interpolated by a cubic spline, and their spacing [s].
         rtol, atol: tolerances of the solver.
+        friction: dry friction of each coordinate; None is none.
 
     Raises:
         RuntimeError: the solver failed, because the arm left its physical range.
 
     Source: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I (DOP853).
     """
-    spline = spline_coefficients(pressures, dt_s=dt_s)
+    mechanics = (arm.table, arm.nodes, arm.weights, arm.gravity)
+    drive = (spline_coefficients(pressures, dt_s=dt_s), dt_s)
     times = np.arange(len(pressures)) * dt_s
     try:
         # `max_step` keeps the solver at rest from stepping over the beginning of the drive.
         solution = solve_ivp(
-            choose_rate,
+            choose_rate if friction is None else _rate_with_friction,
             (0.0, times[-1]),
             np.concatenate([q, v]),
             method="DOP853",
@@ -209,7 +194,7 @@ def integrate(
             rtol=rtol,
             atol=atol,
             max_step=3 * dt_s,
-            args=(spline, dt_s, arm.table, arm.nodes, arm.weights, arm.gravity),
+            args=(*drive, *mechanics) if friction is None else (*drive, friction, *mechanics),
         )
     except np.linalg.LinAlgError as error:
         raise _out_of_range("the mass matrix is no longer finite") from error
@@ -219,10 +204,10 @@ def integrate(
     return states[:, : arm.d].copy(), states[:, arm.d :].copy()
 
 
-def _out_of_range(found: str) -> RuntimeError:
+def _out_of_range(reason: str) -> RuntimeError:
     return RuntimeError(
-        f"integration of the arm stopped ({found}): it was driven out of its physical range; lower "
-        "simulation.drive_max_atm or stiffen the arm."
+        f"integration of the arm stopped ({reason}): it was driven out of its physical range; lower "
+        "simulation.drive_max_atm or planted.effects, or stiffen the arm"
     )
 
 
@@ -233,11 +218,8 @@ CREEP_RAD_S = 0.05
 def simulate_planted(config: SimulationConfig, planted: PlantedConfig, *, seed: int, scene: int) -> Recording:
     """A recording of the arm with injected effects, before the background of the seed ``scene``.
 
-    Its inputs are the commanded pressures with gauge noise; lagged pressures and effects are hidden.
-
-    Args:
-        config, planted: the recording, and the injected effects.
-        seed, scene: random seeds of drive and noise, and of the background.
+    Its inputs are the commanded pressures with gauge noise; lagged pressures and effects are hidden. ``seed``
+    is that of drive and noise.
 
     Raises:
         ValueError, RuntimeError: the arm has no rest pose, or is driven out of its physical range.
@@ -246,12 +228,14 @@ def simulate_planted(config: SimulationConfig, planted: PlantedConfig, *, seed: 
     painter = np.random.default_rng(np.random.SeedSequence(scene).spawn(4)[3])
     loads = [*config.arm.link_mass[:-1], config.arm.link_mass[-1] + planted.tip_mass]
     arm = build_arm(replace(config.arm, link_mass=loads))
-    asked = draw_pressures(config, generator=drive)
-    felt = lag_input(asked, lag_s=planted.actuator_lag_s, dt_s=config.dt_s)
-    states = _move_with_effects(arm, felt, planted, config)
+    commanded = draw_pressures(config, generator=drive)
+    lagged = lag_input(commanded, lag_s=planted.actuator_lag_s, dt_s=config.dt_s)
+    friction = np.zeros(arm.d)
+    friction[0::2] = planted.dry_friction * arm.table[:, chain.K_BEND]
+    states, _ = _move(arm, lagged, config, friction=friction)
     return _film_recording(
         states,
-        asked,
+        commanded,
         arm=arm,
         config=config,
         gauge=gauge,
@@ -262,9 +246,7 @@ def simulate_planted(config: SimulationConfig, planted: PlantedConfig, *, seed: 
     )
 
 
-def lag_input(
-    pressures: Float64[np.ndarray, "T n_u"], *, lag_s: float, dt_s: float
-) -> Float64[np.ndarray, "T n_u"]:
+def lag_input(pressures: Series, *, lag_s: float, dt_s: float) -> Series:
     """Pressures behind a first-order lag, exact for piecewise linear inputs; unchanged without lag."""
     if lag_s == 0.0:
         return pressures
@@ -275,38 +257,10 @@ def lag_input(
 
 @njit(cache=True)
 @no_type_check
-def _rate_with_effects(t, state, spline, dt_s, friction, table, nodes, weights, gravity):
+def _rate_with_friction(t, state, spline, dt_s, friction, table, nodes, weights, gravity):
     d = state.size // 2
     q, v = state[:d], state[d:]
     out = choose_rate(t, state, spline, dt_s, table, nodes, weights, gravity)
     rubbing = -friction * np.tanh(v / CREEP_RAD_S)
     out[d:] += np.linalg.solve(chain.chain_inertia(q, v, table, nodes, weights, gravity)[0], rubbing)
     return out
-
-
-def _move_with_effects(
-    arm: Arm, pressures: Float64[np.ndarray, "T n_u"], planted: PlantedConfig, config: SimulationConfig
-) -> Float64[np.ndarray, "T d"]:
-    """States at the frames; the arm hangs at rest until the first pressure."""
-    rest, start = arm.equilibrium(np.zeros(arm.d)), config.rest_frames
-    friction = np.zeros(arm.d)
-    friction[0::2] = planted.dry_friction * arm.table[:, chain.K_BEND]
-    spline = spline_coefficients(pressures[start:], dt_s=config.dt_s)
-    times = np.arange(len(pressures) - start) * config.dt_s
-    solution = solve_ivp(
-        _rate_with_effects,
-        (0.0, times[-1]),
-        np.concatenate([rest, np.zeros(arm.d)]),
-        method="DOP853",
-        t_eval=times,
-        rtol=config.rtol,
-        atol=config.atol,
-        max_step=3 * config.dt_s,
-        args=(spline, config.dt_s, friction, arm.table, arm.nodes, arm.weights, arm.gravity),
-    )
-    if not solution.success or not np.all(np.isfinite(solution.y)):
-        raise RuntimeError(
-            f"integration of the arm stopped at t = {solution.t[-1]:.3f} s ({solution.message}): what was "
-            "planted takes it out of its physical range; lower planted.effects"
-        )
-    return np.concatenate([np.tile(rest, (start, 1)), solution.y[: arm.d].T])

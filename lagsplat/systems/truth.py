@@ -1,7 +1,7 @@
 """The truth behind a simulated recording, in a file of its own that training never opens."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, Protocol
 
@@ -13,6 +13,11 @@ from lagsplat.io.files.artifact import load_artifact, save_artifact
 KIND = "truth"
 SCHEMA = 2
 MASS_STRIDE_FRAMES = 20
+STEP = 1e-5  # of a coordinate in central differences
+
+Vector = Float64[np.ndarray, " d"]
+Matrix = Float64[np.ndarray, "d d"]
+Series = Float64[np.ndarray, "T d"]
 
 
 @dataclass(frozen=True)
@@ -49,11 +54,11 @@ class EnergyModel(Protocol):
     def coordinates(self) -> tuple[str, ...]:
         """Name and unit of each coordinate."""
 
-    def mass(self, q: Float64[np.ndarray, " d"]) -> Float64[np.ndarray, "d d"]:
+    def mass(self, q: Vector) -> Matrix:
         """Mass matrix at ``q``."""
 
-    def potential_energies(self, states: Float64[np.ndarray, "T d"]) -> Float64[np.ndarray, " T"]:
-        """Potential energy [J] of each state."""
+    def potential_energies(self, states: Series) -> Float64[np.ndarray, " T"]:
+        """Elastic plus gravitational energy [J] of each state."""
 
 
 @dataclass(frozen=True)
@@ -72,21 +77,15 @@ class VibrationModes:
 
 def compute_truth(
     system: EnergyModel,
-    states: Float64[np.ndarray, "T d"],
-    velocities: Float64[np.ndarray, "T d"],
+    states: Series,
+    velocities: Series,
     *,
     pressures: Float64[np.ndarray, "T n_u"],
-    forces: Float64[np.ndarray, "T d"],
-    rest: Float64[np.ndarray, " d"],
+    forces: Series,
+    rest: Vector,
     modes: VibrationModes,
 ) -> Truth:
-    """Evaluate the equations of ``system`` along a trajectory.
-
-    Args:
-        system, rest, modes: the equations, the rest state, and the modes about it.
-        states, velocities: coordinates (T, d), and the same per second.
-        pressures, forces: inputs [atm], and external generalised forces.
-    """
+    """Evaluate the equations of ``system`` along a trajectory; see `Truth` for the arguments."""
     frames = np.arange(0, len(states), MASS_STRIDE_FRAMES)
     return Truth(
         coordinates=system.coordinates,
@@ -116,20 +115,32 @@ def save_truth(path: str | os.PathLike[str], truth: Truth, header: Mapping[str, 
 
 
 def load_truth(path: str | os.PathLike[str]) -> tuple[Truth, dict[str, Any]]:
-    """Read the truth at ``path`` and its header.
-
-    Raises:
-        FileNotFoundError, ValueError: as `load_artifact`.
-    """
+    """Read the truth at ``path`` and its header; errors as `load_artifact`."""
     tensors, header = load_artifact(path, kind=KIND, schema=SCHEMA)
     return Truth(coordinates=tuple(header["coordinates"]), **tensors), header
 
 
-def compute_vibration_modes(
-    mass: Float64[np.ndarray, "d d"],
-    damping: Float64[np.ndarray, "d d"],
-    stiffness: Float64[np.ndarray, "d d"],
-) -> VibrationModes:
+def compute_stiffness(force: Callable[[Vector], Vector], q: Vector) -> Matrix:
+    """Minus the derivative of a force, by central differences (relative error near 1e-10)."""
+    columns = [(force(q - STEP * e) - force(q + STEP * e)) / (2 * STEP) for e in np.eye(len(q))]
+    return np.stack(columns, axis=1)
+
+
+def find_stable_rest(
+    force: Callable[[Vector], Vector], stiffness: Callable[[Vector], Matrix], d: int
+) -> Vector | None:
+    """The zero of ``force`` by Newton's method from zero, or None if it does not converge to a stable one."""
+    q = np.zeros(d)
+    for _ in range(50):
+        step = np.linalg.solve(stiffness(q), force(q))
+        q = q + np.clip(step, -0.3, 0.3)
+        if np.max(np.abs(step)) < 1e-12:
+            slope = stiffness(q)
+            return q if np.linalg.eigvalsh(0.5 * (slope + slope.T))[0] > 0 else None
+    return None
+
+
+def compute_vibration_modes(mass: Matrix, damping: Matrix, stiffness: Matrix) -> VibrationModes:
     """Oscillating solutions of ``M x'' + C x' + K x = 0``; overdamped directions are left out."""
     d = len(mass)
     inverse = np.linalg.inv(mass)

@@ -10,9 +10,10 @@ from jaxtyping import UInt8
 from lagsplat.io.recording.recording import Recording
 from lagsplat.io.video.read import read_video
 from lagsplat.systems.config import ReleaseConfig
-from lagsplat.systems.mechanism import Poses, Series, make_mechanism
-from lagsplat.systems.rendering.painting import DrawnBody, Picture, backdrop, paint_bodies
+from lagsplat.systems.mechanism import Poses, make_mechanism
+from lagsplat.systems.rendering.painting import DrawnBody, Image, backdrop, paint_bodies
 from lagsplat.systems.rendering.textures import SHAPES, photograph
+from lagsplat.systems.truth import Series
 from lagsplat.views.camera import Camera, ViewSpace, arrange_cameras, look_at
 from lagsplat.views.config import ArrangementConfig
 from lagsplat.views.novel import NovelViews
@@ -35,11 +36,7 @@ def make_camera(config: ReleaseConfig, *, yaw_deg: float = 0.0, pitch_deg: float
 def film_clips(
     config: ReleaseConfig, poses: list[Poses], *, seed: int, camera: Camera | None = None
 ) -> Recording:
-    """A recording of every clip by the scene's camera or another one, read back from encoded video files.
-
-    Args:
-        config, poses: the scene, and the poses of the bodies in each clip.
-        seed, camera: seed of the noise, and the camera (None is the scene's).
+    """A recording of every clip by ``camera`` (None is the scene's), read back from encoded video files.
 
     Raises:
         ValueError: OpenCV cannot write the codec into the container, or returns fewer frames.
@@ -52,16 +49,15 @@ def film_clips(
             path = Path(folder) / f"{index}.{scene.container}"
             _write(path, config, camera, wall, bodies, clip, generator)
         recording = read_video(folder, crop=None, skip_s=0.0, size=(config.height, config.width))
-    filmed = sum(len(clip) for clip in poses)
-    if recording.n_frames != filmed:
+    written = sum(len(clip) for clip in poses)
+    if recording.n_frames != written:
         raise ValueError(
-            f"{filmed} frames were filmed and {recording.n_frames} came back; choose another "
-            "release.scene.codec"
+            f"{written} frames were written and {recording.n_frames} read; choose another release.scene.codec"
         )
     return recording
 
 
-def set_up_scene(config: ReleaseConfig, camera: Camera) -> tuple[Picture, list[DrawnBody]]:
+def set_up_scene(config: ReleaseConfig, camera: Camera) -> tuple[Image, list[DrawnBody]]:
     """The wall from a camera, and the bodies at its scale."""
     scene, scale = config.scene, camera.focal[0] / config.scene.distance
     wall = backdrop(
@@ -93,11 +89,10 @@ def _write(
     try:
         for pose in poses:
             noise = generator.standard_normal(wall.shape, dtype=np.float32)
-            levels = (
-                255 * paint_bodies(wall, bodies, pose, camera) + np.float32(config.scene.noise_levels) * noise
-            )
-            picture = np.clip(np.rint(levels), 0, 255).astype(np.uint8)
-            writer.write(cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
+            clean = paint_bodies(wall, bodies, pose, camera)
+            levels = 255 * clean + np.float32(config.scene.noise_levels) * noise
+            image = np.clip(np.rint(levels), 0, 255).astype(np.uint8)
+            writer.write(cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
     finally:
         writer.release()
 
@@ -111,10 +106,7 @@ def make_space(config: ReleaseConfig) -> ViewSpace:
 
 
 def render_true_views(config: ReleaseConfig, states: Series, arrangement: ArrangementConfig) -> NovelViews:
-    """Images of the states (T, d) from the arranged cameras, without noise and codec.
-
-    Source: `lagsplat.systems.video` renders the video itself in the same way.
-    """
+    """Images of the states (T, d) from the arranged cameras, without noise and codec."""
     space = make_space(config)
     cameras, names, held_out = arrange_cameras(space, arrangement)
     poses = make_mechanism(config).poses(states)
@@ -126,9 +118,9 @@ def photograph_scene(config: ReleaseConfig, poses: Poses, camera: Camera) -> UIn
     """Render the bodies in their poses for a camera."""
     fine = camera.resized(FINE * camera.height, FINE * camera.width)
     wall, bodies = set_up_scene(config, fine)
-    return np.stack([_small(paint_bodies(wall, bodies, pose, fine), camera) for pose in poses])
-
-
-def _small(picture: np.ndarray, camera: Camera) -> UInt8[np.ndarray, "H W 3"]:
-    small = cv2.resize(picture, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
-    return np.clip(np.rint(255 * small), 0, 255).astype(np.uint8)
+    size = (camera.width, camera.height)
+    frames = []
+    for pose in poses:
+        image = cv2.resize(paint_bodies(wall, bodies, pose, fine), size, interpolation=cv2.INTER_AREA)
+        frames.append(np.clip(np.rint(255 * image), 0, 255).astype(np.uint8))
+    return np.stack(frames)

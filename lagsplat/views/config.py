@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+from lagsplat.setting_checks import require_least, require_positive, require_setting
+
 
 @dataclass  # not frozen: OmegaConf turns frozen dataclasses into read-only nodes
 class ArrangementConfig:
@@ -14,13 +16,13 @@ class ArrangementConfig:
     held_out: int  # number of cameras between the others, used only for scores
 
     def __post_init__(self) -> None:
-        """Check the domains."""
         for key in ("yaw_deg", "pitch_deg"):
             value = getattr(self, key)
-            _require(key, value, 0 <= value < 90, "is an angle in [0, 90) degrees")
-        for key in ("columns", "rows"):
-            _require(key, getattr(self, key), getattr(self, key) >= 1, "must be at least 1")
-        _require("held_out", self.held_out, self.held_out >= 0, "must not be negative")
+            require_setting(
+                f"views.arrangement.{key}", value, 0 <= value < 90, "is an angle in [0, 90) degrees"
+            )
+        require_least(self, "views.arrangement", 1, "columns", "rows")
+        require_least(self, "views.arrangement", 0, "held_out")
 
 
 @dataclass
@@ -31,9 +33,9 @@ class SupervisionConfig:
     spread: float  # initial range of Gaussians in front of the pivot and behind it, as a share of its depth
 
     def __post_init__(self) -> None:
-        """Check the domains."""
-        _require("weight", self.weight, self.weight > 0, "must be positive; views=none trains without them")
-        _require("spread", self.spread, 0 < self.spread < 1, "must lie in (0, 1)")
+        rule = "must be positive; views=none trains without them"
+        require_setting("views.supervision.weight", self.weight, self.weight > 0, rule)
+        require_setting("views.supervision.spread", self.spread, 0 < self.spread < 1, "must lie in (0, 1)")
 
 
 @dataclass
@@ -43,9 +45,8 @@ class SharpConfig:
     Its weights are for research only: not part of this project, nor downloaded by it.
     """
 
-    command: str | None
-    """Program and first words of the command line, such as `sharp`; null raises an error that asks for it."""
-    checkpoint: str | None  # file of the weights; null raises an error that asks for it
+    command: str | None  # program and first words of the command line, such as `sharp`; null asks for it
+    checkpoint: str | None  # file of the weights; null asks for it
     cache: str | None  # folder of the lifted frames and views; null puts them beside the recording's results
     focal_35mm: float  # 35 mm equivalent focal length of the camera, which makes depths metric
     upscale: int  # factor by which frames are enlarged before they are lifted
@@ -53,10 +54,9 @@ class SharpConfig:
     blur_px2: float  # variance added to drawn covariances; the network's own renders add none
 
     def __post_init__(self) -> None:
-        """Check the domains."""
-        _require("sharp.focal_35mm", self.focal_35mm, self.focal_35mm > 0, "must be positive [mm]")
-        _require("sharp.upscale", self.upscale, self.upscale >= 1, "must be at least 1")
-        _require("sharp.blur_px2", self.blur_px2, self.blur_px2 >= 0, "must not be negative")
+        require_positive(self, "views.sharp", "focal_35mm")
+        require_least(self, "views.sharp", 1, "upscale")
+        require_least(self, "views.sharp", 0, "blur_px2")
 
 
 @dataclass
@@ -70,13 +70,8 @@ class ViewsConfig:
     supervision: SupervisionConfig
 
     def __post_init__(self) -> None:
-        """Check the kind and what it needs."""
         needs = {"simulated": ["arrangement"], "rig": ["rig"], "sharp": ["sharp", "arrangement"]}
-        _require("kind", self.kind, self.kind in needs, f"is none of {', '.join(needs)}")
+        require_setting("views.kind", self.kind, self.kind in needs, f"is none of {', '.join(needs)}")
         for key in needs[self.kind]:
-            _require(key, None, getattr(self, key) is not None, f"but kind {self.kind} needs it")
-
-
-def _require(key: str, value: object, holds: bool, rule: str) -> None:
-    if not holds:
-        raise ValueError(f"views.{key}={value} {rule}; set it in conf/views or with views.{key}=...")
+            given = getattr(self, key) is not None
+            require_setting(f"views.{key}", None, given, f"but kind {self.kind} needs it")

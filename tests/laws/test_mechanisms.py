@@ -11,9 +11,9 @@ from lagsplat.systems.mechanism import (
     Mechanism,
     Rocker,
     compute_free_modes,
+    compute_rest_stiffness,
     find_rest_state,
     release_from_rest,
-    rest_stiffness,
 )
 from lagsplat.systems.release import compute_jacobian
 
@@ -121,7 +121,7 @@ def test_rest_is_where_nothing_pulls(name: str) -> None:
     mechanism = MECHANISMS[name]
     rest = find_rest_state(mechanism)
     np.testing.assert_allclose(mechanism.static_force(rest), 0.0, atol=1e-10)
-    assert np.linalg.eigvalsh(rest_stiffness(mechanism, rest))[0] > 0
+    assert np.linalg.eigvalsh(compute_rest_stiffness(mechanism, rest))[0] > 0
 
 
 def test_the_work_of_a_push_is_the_energy_it_brings() -> None:

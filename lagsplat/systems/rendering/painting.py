@@ -36,11 +36,7 @@ def paint_board(*, height: int, width: int, arm_share: float, generator: np.rand
     """The static background in [0, 1]: a softly lit, mottled board and the clamp of the arm.
 
     The mottle is a fixed sum of waves of three to twelve periods across the image, so one seed gives the
-    same board at every resolution.
-
-    Args:
-        height, width: size [px].
-        arm_share, generator: the arm's half width over the image's, and the source of random numbers.
+    same board at every resolution. ``arm_share`` is the arm's half width over the image's.
     """
     count, fine = 40, 8
     direction = generator.uniform(0, 2 * np.pi, count)
@@ -176,9 +172,7 @@ def paint_arm(
 ) -> Float32[np.ndarray, "T H W 3"]:
     """Noise-free images in [0, 1] of the arm in these states, at the board's resolution.
 
-    Args:
-        states, arm: coordinates (T, d), and the arm.
-        half_width, view_width, board: of the arm [m], of the image [m], and the background.
+    ``half_width`` [m] is of the arm, ``view_width`` [m] of the image.
     """
     n = states.shape[1] // 2
     segments = [SEGMENT_COLORS[i % len(SEGMENT_COLORS)] for i in range(n)]
@@ -189,7 +183,7 @@ def paint_arm(
     return images
 
 
-Picture = Float32[np.ndarray, "H W 3"]
+Image = Float32[np.ndarray, "H W 3"]
 FLANK = 0.72  # brightness of a stack's inner layers, which only its flank shows
 
 
@@ -203,8 +197,8 @@ class DrawnBody:
 
 
 def backdrop(
-    photo: Picture, camera: Camera, *, middle: tuple[float, float], behind: float, width: float
-) -> Picture:
+    photo: Image, camera: Camera, *, middle: tuple[float, float], behind: float, width: float
+) -> Image:
     """A photograph ``width`` [m] wide around ``middle``, on a wall ``behind`` [m] the plane of motion."""
     rows, columns = photo.shape[:2]
     size = width / columns
@@ -215,10 +209,10 @@ def backdrop(
 
 
 def paint_bodies(
-    background: Picture, bodies: list[DrawnBody], poses: Float64[np.ndarray, "n_bodies 3"], camera: Camera
-) -> Picture:
+    background: Image, bodies: list[DrawnBody], poses: Float64[np.ndarray, "n_bodies 3"], camera: Camera
+) -> Image:
     """Bodies in their poses over the background, in [0, 1]; later bodies over earlier ones."""
-    picture = background.copy()
+    image = background.copy()
     for body, (x, y, angle) in zip(bodies, poses, strict=True):
         right = np.array([np.cos(angle), np.sin(angle), 0.0]) / body.sprite.scale
         down = np.array([-np.sin(angle), np.cos(angle), 0.0]) / body.sprite.scale
@@ -228,13 +222,13 @@ def paint_bodies(
             corner = np.array([x, y, depth]) - left_px * right - top_px * down
             map_ = camera.of_plane(corner, right, down)
             light = 1.0 if layer == body.layers - 1 else FLANK
-            _blend_sprite(picture, body.sprite.rgba, map_, light)
-    return picture
+            _blend_sprite(image, body.sprite.rgba, map_, light)
+    return image
 
 
-def _blend_sprite(picture: Picture, rgba: np.ndarray, map_: Homography, light: float) -> None:
-    """Blend a sprite into ``picture``, in place, within the rectangle that it can reach."""
-    height, width = picture.shape[:2]
+def _blend_sprite(image: Image, rgba: np.ndarray, map_: Homography, light: float) -> None:
+    """Blend a sprite into ``image``, in place, within the rectangle that it can reach."""
+    height, width = image.shape[:2]
     rows, columns = rgba.shape[:2]
     corners = np.array([[0, 0, 1], [columns, 0, 1], [0, rows, 1], [columns, rows, 1]]) @ map_.T
     reached = corners[:, :2] / corners[:, 2:]
@@ -243,7 +237,7 @@ def _blend_sprite(picture: Picture, rgba: np.ndarray, map_: Homography, light: f
     if left >= right or top >= bottom:
         return
     seen = _warp(rgba, map_, (left, top, right, bottom), cv2.BORDER_CONSTANT)
-    part = picture[top:bottom, left:right]
+    part = image[top:bottom, left:right]
     part[:] = part * (1 - seen[:, :, 3:]) + light * seen[:, :, :3]
 
 

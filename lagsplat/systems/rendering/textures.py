@@ -14,7 +14,6 @@ from jaxtyping import Float32
 from skimage import data
 
 OVERSAMPLING = 4
-Canvas = np.ndarray
 Color = tuple[float, float, float]
 
 
@@ -38,8 +37,8 @@ def photograph(name: str) -> Float32[np.ndarray, "h w 3"]:
     """
     if name not in PHOTOGRAPHS:
         raise ValueError(f"no photograph {name!r}; choose one of {', '.join(PHOTOGRAPHS)}")
-    picture = np.asarray(getattr(data, name)(), dtype=np.float32) / np.float32(255)
-    return np.ascontiguousarray(np.broadcast_to(np.atleast_3d(picture), (*picture.shape[:2], 3)))
+    image = np.asarray(getattr(data, name)(), dtype=np.float32) / np.float32(255)
+    return np.ascontiguousarray(np.broadcast_to(np.atleast_3d(image), (*image.shape[:2], 3)))
 
 
 PHOTOGRAPHS = ("astronaut", "brick", "cat", "coffee", "grass", "gravel", "rocket")

@@ -126,13 +126,13 @@ def test_an_unknown_photograph_is_refused() -> None:
     ("changes", "message"),
     [
         ({"rocker": None, "linkage": None}, "either a linkage or a rocker"),
-        ({"bodies": []}, "one look each"),
-        ({"clips": []}, "nothing to film"),
+        ({"bodies": []}, "one look for each"),
+        ({"clips": []}, "nothing to record"),
         ({"clips": [ReleaseClipConfig(2, [0.0], [0.0])]}, "at least 3 frames"),
         ({"clips": [ReleaseClipConfig(9, [0.0, 1.0], [0.0])]}, "1 values of state"),
         ({"pushes": [PushConfig(0, 1.0, 0.5, 0, [0.0, 0.0], [1.0, 0.0])]}, "ends before it begins"),
         ({"dt_s": 0.0}, "must be positive"),
-        ({"height": 4}, "at least 8 x 8"),
+        ({"height": 4}, "height=4 must be at least 8"),
     ],
 )
 def test_values_that_cannot_be_filmed_are_refused(changes: dict[str, object], message: str) -> None:
