@@ -41,14 +41,14 @@ VERBS = {
         usage=("FILE|FOLDER [key=value ...]",),
         keys=(CONFIGURATION,),
         example="lagsplat inspect pendulum.mp4",
-        handler="lagsplat.cli.run:inspect_file",
+        handler="lagsplat.cli.verbs:inspect_file",
     ),
     "fit": Verb(
         summary="Fit image model, chart and dynamics to one recording, in one process.",
         usage=("out=FOLDER [key=value ...]",),
         keys=(("out=FOLDER", "where the artefacts are written; required"), CONFIGURATION),
         example="lagsplat fit out=run profile=quick recording=filmed recording.path=arm.npz",
-        handler="lagsplat.cli.run:fit_recording",
+        handler="lagsplat.cli.verbs:fit_recording",
     ),
     "simulate": Verb(
         summary="Simulate a fitted run, or a simulator with its diagnosed effects.",
@@ -68,7 +68,7 @@ VERBS = {
             ("input_hold=...", "linear or zoh, between two samples of the input"),
         ),
         example="lagsplat simulate run=run out=q.csv input=pressures.csv",
-        handler="lagsplat.cli.run:simulate",
+        handler="lagsplat.cli.verbs:simulate",
     ),
     "diagnose": Verb(
         summary="Name the physical effects by which a real mechanism differs from its simulator.",
@@ -83,7 +83,7 @@ VERBS = {
             ("diagnose.KEY=VALUE", "settings of conf/diagnose, such as diagnose.columns.q0=angle"),
         ),
         example="lagsplat diagnose sim=model.xml real=log.csv out=diagnosis",
-        handler="lagsplat.cli.diagnose:diagnose",
+        handler="lagsplat.cli.verbs:diagnose",
     ),
     "apply": Verb(
         summary="Add the effects of a diagnosis to a simulator.",
@@ -96,7 +96,7 @@ VERBS = {
             ("diagnose.actuators=...", "its actuators, in order: [a,b]"),
         ),
         example="lagsplat apply diagnosis=diagnosis/diagnosis.json out=augmented.safetensors",
-        handler="lagsplat.cli.diagnose:apply",
+        handler="lagsplat.cli.verbs:apply",
     ),
     "evaluate": Verb(
         summary="Score a fitted run on the held-out part of its recording.",
@@ -107,7 +107,7 @@ VERBS = {
             ("evaluate.KEY=VALUE", "settings of conf/evaluate that differ from the run's"),
         ),
         example="lagsplat evaluate run=run out=metrics.json evaluate.starts=20",
-        handler="lagsplat.cli.run:evaluate",
+        handler="lagsplat.cli.verbs:evaluate",
     ),
     "view": Verb(
         summary="Push a fitted run in the browser.",
@@ -124,7 +124,7 @@ VERBS = {
         ),
         flags=(("--no-browser", "serve the page without opening a browser"),),
         example="lagsplat view run viewer.port=8081",
-        handler="lagsplat.cli.run:view",
+        handler="lagsplat.cli.verbs:view",
     ),
     "export": Verb(
         summary="Write a fitted run as one web page, as a log for Foxglove, or as Gaussians.",
@@ -145,7 +145,7 @@ VERBS = {
             ("--ply", "one state, for viewers of Gaussians"),
         ),
         example="lagsplat export run --html out=run.html",
-        handler="lagsplat.cli.run:export",
+        handler="lagsplat.cli.verbs:export",
     ),
     "weights": Verb(
         summary="Download the published weights of the baselines.",
@@ -153,7 +153,7 @@ VERBS = {
         keys=(("out=FOLDER", "where they are kept, for baseline.weights=FOLDER"),),
         flags=(("--download", "fetch them; without it only their terms are printed"),),
         example="lagsplat weights --download out=weights",
-        handler="lagsplat.cli.run:download_weights",
+        handler="lagsplat.cli.verbs:download_weights",
     ),
 }
 

@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lagsplat.cli.diagnose import parse_names
 from lagsplat.cli.main import VERBS, main
-from lagsplat.cli.run import FITTED_RUN_KEYS
+from lagsplat.cli.verbs import FITTED_RUN_KEYS, parse_names
 from lagsplat.io.mcap.write import ImageTopic, NumberTopic, write_mcap
 
 
