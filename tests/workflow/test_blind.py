@@ -60,7 +60,8 @@ def test_every_recording_is_predicted_by_everyone(results: Path) -> None:
     assert found["recordings"] == 20
     assert found["missing"] == 0
     assert set(found["others"]) == {"chance", "weak_sindy"}
-    assert found["others"]["chance"]["missing"] == found["others"]["weak_sindy"]["missing"] == 0
+    reasons = [path.read_text(encoding="utf-8") for path in (results / SPLIT).rglob("failed.txt")]
+    assert found["others"]["chance"]["missing"] == found["others"]["weak_sindy"]["missing"] == 0, reasons
     assert found["abstention_left_out"]["n"] == 2
     assert found["submissions"] == 1
 
