@@ -5,6 +5,7 @@ Sources: Messenger and Bortz, "Weak SINDy", 2021, doi:10.1137/20M1343166; Fasel 
 """
 
 from dataclasses import dataclass
+from itertools import compress
 
 import numpy as np
 from pysindy import FROLS, STLSQ, EnsembleOptimizer, IdentityLibrary, WeakPDELibrary
@@ -45,7 +46,8 @@ class Weak:
 def weak_form(residual: Residual, i: int) -> Weak:
     """Integrals of coordinate ``i`` over stretches of half a period, in units of the sim's acceleration.
 
-    PySINDy draws the stretches from NumPy's global generator.
+    PySINDy draws the stretches from NumPy's global generator. A term that is zero in all of them, such as
+    an input that moves once, has no coefficient and is left out.
     """
     terms = residual.terms[i]
     values = np.stack([term.values for term in terms], axis=1)
@@ -65,7 +67,9 @@ def weak_form(residual: Residual, i: int) -> Weak:
         rates.append(np.asarray(library.convert_u_dot_integral(w))[:, 0])
     if not features:
         raise ValueError("no clip is long enough for a weak form; record longer")
-    return Weak(terms, np.concatenate(features), np.concatenate(rates))
+    all_features = np.concatenate(features)
+    excited = np.linalg.norm(all_features, axis=0) > 0.0
+    return Weak(tuple(compress(terms, excited)), all_features[:, excited], np.concatenate(rates))
 
 
 def weak_forms(case: Case, config: DiagnoseConfig) -> tuple[Residual, list[Weak]]:
@@ -81,7 +85,7 @@ def weak_sindy(case: Case, config: DiagnoseConfig) -> Said:
     best: tuple[float, str | None, str | None, str] = (-1.0, None, None, "")
     shares: dict[str, float] = {}
     for i, weak in enumerate(forms):
-        unit = np.sqrt(np.mean(weak.features**2, axis=0)) + 1e-300
+        unit = np.sqrt(np.mean(weak.features**2, axis=0))
         x, y = weak.features / unit, weak.rate / residual.scale[i]
         chosen = FROLS(normalize_columns=True, max_iter=1, alpha=0.0).fit(x, y[:, None]).coef_[0]
         fit = (x.T @ y) ** 2 / (x**2).sum(axis=0)
@@ -100,7 +104,7 @@ def ensemble_sindy(case: Case, config: DiagnoseConfig) -> Said:
     residual, forms = weak_forms(case, config)
     found: list[tuple[float, str, str, str | None, np.ndarray]] = []
     for i, weak in enumerate(forms):
-        unit = np.sqrt(np.mean(weak.features**2, axis=0)) + 1e-300
+        unit = np.sqrt(np.mean(weak.features**2, axis=0))
         level = residual.scale[i] * np.sqrt(np.mean(_window(weak) ** 2))
         sparse = STLSQ(threshold=THRESHOLD, alpha=1e-3, max_iter=20)
         ensemble = EnsembleOptimizer(sparse, bagging=True, n_models=MODELS)
